@@ -22,6 +22,7 @@ from insnav.filter.noise_identification import (
     MOVED,
     InnovationLikelihood,
     NoiseEstimate,
+    climbed,
     identify_noise,
     known_likelihood,
     with_noise,
@@ -39,9 +40,12 @@ SUSPECT = 4.0  # times the in-run bias of the preset: recorded cars have up to 2
 PARTS, SHORTEST = 50, 4.0  # of the record that spans are made of at first, and how long at least [s]
 REACH, STEP = 6.0, 1.0  # about the ends of a span and from one to the next, where it is refined [s]
 ROUNDS, SETTLED = 12, 0.03  # at most, and the part of a rate that ends them
-# twice the gain of the log-likelihood from which a span is looked at, and from which, with the noise beside it, it is a
-# fault: recorded drives without one have up to 47 and 81 [-]
-LOOKED_AT, SURELY = 15.0, 100.0
+# twice the gain of the log-likelihood from which a span is looked at, from which it is worth runs without it, with the
+# noise beside it in what was seen, and from which it is a fault: recorded drives without one have up to 29 and 81 [-]
+LOOKED_AT, WORTH, SURELY = 8.0, 30.0, 90.0
+LONGEST = 0.6  # part of the record; what is off for longer is a bias, and the rest is off
+LINEAR_ROUNDS = 4  # without another run
+TOO_LARGE = 10.0  # scale factors, times those of the kind
 LEAST = 0.3 * DEG  # rate; biases that warm up and what vibration adds on a recorded car, 0.23 deg/s, are none [rad/s]
 ALIKE = 0.3  # part of the largest gain from which an axis is tried: the run with the fault is not linear in it
 SHORTEST_FOUND = 1.5 * STEP  # what is left at the ends of another one is none [s]
@@ -54,25 +58,30 @@ _Seen = tuple[InnovationLikelihood, FloatArray]  # innovations of a run, and the
 
 
 @dataclass(frozen=True, slots=True)
-class GyroFault:
-    """An axis that is off for a while."""
+class Episode:
+    """What is off for a while: a gyro, or the fixes."""
 
-    axis: int
+    cause: int  # axis of the gyro, or what fixes do, as of `InnovationLikelihood.by_spans`
     begin: float  # [s]
     end: float
-    rate: float  # [rad/s]
+    rate: float  # [rad/s], [s], [m]
     gain: float  # twice the gain of the log-likelihood by it [-]
 
-    def near(self, other: GyroFault) -> bool:
+    def near(self, other: Episode) -> bool:
         """Whether another one is the same, as far as the search for it goes."""
         ends = max(abs(self.begin - other.begin), abs(self.end - other.end))
-        return ends <= STEP and abs(self.rate - other.rate) < SETTLED * abs(self.rate)
+        return ends <= STEP + 1e-6 and abs(self.angle - other.angle) < SETTLED * abs(self.angle)
+
+    @property
+    def angle(self) -> float:
+        """In all, which a drive tells better than rate and ends alone [rad]."""
+        return self.rate * (self.end - self.begin)
 
     def taken_off(self, imu: ImuData) -> ImuData:
         """Samples without it."""
         inside, gyro = (imu.time > self.begin) & (imu.time <= self.end), imu.gyro.copy()
         span = strapdown.nominal_interval(imu.time) if imu.sampling == "increment" else 1.0
-        gyro[inside, self.axis] -= self.rate * span
+        gyro[inside, self.cause] -= self.rate * span
         return replace(imu, gyro=gyro)
 
 
@@ -83,52 +92,81 @@ def without_gyro_faults(ready: Prepared, found: NoiseEstimate, spec: ImuSpec) ->
     """
     said, ends = list[Event](), list[StateChange]()
     while len(said) < MOST and found.seen is not None:
-        suspect = found.far_off or found.seen[0].rejected() or _far_larger(found.spec, spec)
-        seen = _opened(ready, found) if suspect else found.seen
+        suspect = (
+            found.far_off or found.seen[0].rejected() or _far_larger("bias_instability", SUSPECT, found.spec, spec)
+        )
+        seen = _opened(ready, found, spec) if suspect else found.seen
         other = None if seen is None else _one(ready, spec, seen, (0, 1, 2) if suspect else (HEADING,))
         if other is None:
             break
         fault, ready, found = other
         rate, when = fault.rate / DEG, moment(fault.begin, fault.end)
         text = (
-            f"gyro {'xyz'[fault.axis]} is off by {rate:+.2g} deg/s from {when}: taken off, standard deviations opened"
+            f"gyro {'xyz'[fault.cause]} is off by {rate:+.2g} deg/s from {when}: taken off, standard deviations opened"
         )
         said.append(Event(fault.begin, EventKind.CONTRADICTION, abs(rate), np.nan, "deg/s", text))
-        opened = OPENED * abs(fault.rate) * np.eye(3)[fault.axis]
+        opened = OPENED * abs(fault.rate) * np.eye(3)[fault.cause]
         ends += [StateChange(at, NAV, opened, fault.gain, -np.inf) for at in (fault.begin, fault.end)]
     changes = sorted((*ready.settings.changes, *ends), key=lambda each: each.time)
     settings = replace(ready.settings, changes=tuple(changes))
     return replace(ready, settings=settings, faults=(*ready.faults, *said)), replace(found, seen=None)
 
 
-def _far_larger(found: ImuSpec, spec: ImuSpec) -> bool:
-    """Whether noise holds what no gyro of the kind has."""
-    size, usual = (float(np.mean(each.gyro.bias_instability**2)) ** 0.5 for each in (found, spec))
-    return bool(size > SUSPECT * usual)
+def _far_larger(key: str, times: float, found: ImuSpec, spec: ImuSpec) -> bool:
+    """Whether a figure of the noise found is so many times what gyros of the kind have: it holds what none has."""
+    size, usual = (float(np.mean(getattr(each.gyro, key) ** 2)) ** 0.5 for each in (found, spec))
+    return bool(size > times * usual)
 
 
 def _one(
     ready: Prepared, spec: ImuSpec, seen: _Seen, axes: tuple[int, ...]
-) -> tuple[GyroFault, Prepared, NoiseEstimate] | None:
+) -> tuple[Episode, Prepared, NoiseEstimate] | None:
     """The fault of one of the `axes` that stands out most in what was `seen`, the recording without it, its noise."""
     alike = set[int]()  # axes of which all runs were looked at as a whole already
     for cut in (True, False):  # what is seen after a run was lost misleads, but may be all that shows a fault
         look = _looked_at(seen, cut)
-        spans = sorted(_spans(look, axes), key=lambda each: -each.gain)
+        spans = sorted(_spans(_plain(look), axes), key=lambda each: -each.gain)
         rival = 0.0 if spans[0].gain < LOOKED_AT else _rival(ready, look)
         for fault in spans:
             if fault.gain < max(LOOKED_AT, ALIKE * max(spans[0].gain, rival)):
                 break
-            if fault.axis in alike:
+            if fault.cause in alike:
                 continue
-            settled, lost = _settled(ready, spec, fault, cut)
+            worth = _worth(look, fault)
+            settled, lost = (None, False) if worth is None else _settled(ready, spec, worth, cut)
             if settled is None:
-                alike |= {fault.axis} if look[0] is seen[0] and not lost else set()
+                alike |= {fault.cause} if look[0] is seen[0] and not lost else set()
                 continue
-            left = _opened(*settled[1:]) if rival > fault.gain else None
+            left = _opened(*settled[1:], spec) if rival > fault.gain else None
             if left is None or _rival(settled[1], _looked_at(left, cut)) < settled[0].gain:
                 return settled
     return None
+
+
+def _worth(look: _Seen, fault: Episode) -> Episode | None:
+    """A fault without which the innovations at hand are likelier, each with the noise that then is likeliest.
+
+    A look without another run: noise found with a fault holds it, so that its own gain is small.
+    """
+    drive, at = look
+    # scale factors that no gyro has stand for what it missed while it turned, and hide it in what is linear
+    if fault.gain > SURELY and _far_larger("scale_factor", TOO_LARGE, drive.spec(at), drive.prior):
+        return fault
+    before, edges = climbed(drive, at)[1], _edges(drive)
+    for _ in range(LINEAR_ROUNDS):
+        there, cost = climbed(drive.without(fault.begin, fault.end, fault.cause, fault.rate), at)
+        if 2.0 * (before - cost) > WORTH:
+            return fault
+        last, fault = fault, _likeliest(*drive.by_spans(there, edges, fault.cause), edges, fault.cause)
+        if fault.near(last):
+            break
+    return None
+
+
+def _plain(look: _Seen) -> _Seen:
+    """What was seen, with gyros that are no worse than those of the kind: noise found with a fault hides it."""
+    most = [p.middle if p.key.startswith("gyro.") else np.inf for p in look[0].parameters]
+    return look[0], np.minimum(look[1], most)
 
 
 def _looked_at(seen: _Seen, cut: bool) -> _Seen:
@@ -136,7 +174,7 @@ def _looked_at(seen: _Seen, cut: bool) -> _Seen:
     return (seen[0].linear(seen[1]), seen[1]) if cut else seen
 
 
-def _spans(look: _Seen, causes: tuple[int, ...]) -> list[GyroFault]:
+def _spans(look: _Seen, causes: tuple[int, ...]) -> list[Episode]:
     """Where each of the causes is likeliest."""
     drive, at = look
     edges = _edges(drive)
@@ -151,10 +189,14 @@ def _rival(ready: Prepared, look: _Seen) -> float:
     return max((o.gain for o, size in zip(others, least, strict=True) if abs(o.rate) > size), default=0.0)
 
 
-def _opened(ready: Prepared, found: NoiseEstimate) -> _Seen | None:
-    """The likelihood of all fixes: what was rejected tells most."""
+def _opened(ready: Prepared, found: NoiseEstimate, spec: ImuSpec) -> _Seen | None:
+    """The likelihood of all fixes, with the noise that was found: what was rejected tells most."""
     open_ = replace(ready, settings=replace(ready.settings, gates=OPEN))
-    return known_likelihood(with_noise(open_, found), found.filter_spec)
+    seen = known_likelihood(with_noise(open_, found), spec)
+    if seen is None or found.seen is None:
+        return None
+    of_imu = sum(not p.key.startswith("gps.") for p in seen[0].parameters)
+    return seen[0], np.concatenate([found.seen[1][:of_imu], seen[1][of_imu:]])
 
 
 def _edges(drive: InnovationLikelihood) -> FloatArray:
@@ -164,8 +206,8 @@ def _edges(drive: InnovationLikelihood) -> FloatArray:
 
 
 def _settled(
-    ready: Prepared, spec: ImuSpec, fault: GyroFault, cut: bool
-) -> tuple[tuple[GyroFault, Prepared, NoiseEstimate] | None, bool]:
+    ready: Prepared, spec: ImuSpec, fault: Episode, cut: bool
+) -> tuple[tuple[Episode, Prepared, NoiseEstimate] | None, bool]:
     """Refine a fault about runs without it, with the noise of these, as long as it changes; none if it does not last.
 
     `cut`: a run that is lost is looked at up to there. A fault that is there until then may be so to the end.
@@ -175,7 +217,7 @@ def _settled(
     for count in range(ROUNDS):
         some = replace(ready, imu=fault.taken_off(ready.imu))
         again = identify_noise(some, spec)
-        seen = None if again is None else _opened(some, again)
+        seen = None if again is None else _opened(some, again, spec)
         if again is None or seen is None:
             break
         drive, at = _looked_at(seen, cut)
@@ -184,23 +226,23 @@ def _settled(
         reach = max(REACH, edges[1] - edges[0])
         near = np.arange(-reach, reach + STEP, STEP)
         edges = np.unique(np.clip(np.concatenate([edges, fault.begin + near, min(fault.end, end) + near]), begin, end))
-        before, fault = fault, _likeliest(*drive.by_spans(at, edges, fault.axis), edges, fault.axis, fault)
+        before, fault = fault, _likeliest(*drive.by_spans(at, edges, fault.cause), edges, fault.cause, fault)
         lost = drive is not seen[0]
         any_lost |= lost
-        if fault.gain < (LOOKED_AT if lost or count == 0 else SURELY) or abs(fault.rate) < LEAST:
+        if fault.gain < (LOOKED_AT if lost or count == 0 else SURELY):
             break
         if lost and fault.end == end:
             fault = replace(fault, end=whole)
         elif not lost and fault.near(before):
-            sure = fault.gain > SURELY and fault.end - fault.begin > SHORTEST_FOUND
+            sure = fault.gain > SURELY and abs(fault.rate) > LEAST and fault.end - fault.begin > SHORTEST_FOUND
             return (fault, some, again) if sure else None, any_lost
     return None, any_lost
 
 
 def _likeliest(
-    e: FloatArray, weight: FloatArray, by: FloatArray, edges: FloatArray, axis: int, before: GyroFault | None = None
-) -> GyroFault:
-    """The span, of all between two of the `edges` (k + 1,), in which an axis is likeliest off; a delay stays.
+    e: FloatArray, weight: FloatArray, by: FloatArray, edges: FloatArray, cause: int, before: Episode | None = None
+) -> Episode:
+    """The span, of all between two of the `edges` (k + 1,), in which a cause is likeliest; a delay stays.
 
     `e`, `weight` (n,): innovations and inverse variances; `by` (k, n): innovations by a rate between edges; `before`:
     what is taken off already.
@@ -210,10 +252,11 @@ def _likeliest(
     whole = np.vstack([np.zeros(e.size), np.cumsum(by, axis=0)])
     fisher, slope = (whole * weight) @ whole.T, -(whole * weight) @ e
     first, last = np.triu_indices(edges.size, 1)
-    if axis == LATER:
-        first, last = first[last == edges.size - 1], last[last == edges.size - 1]
+    passes = edges[last] - edges[first] <= LONGEST * (edges[-1] - edges[0])
+    chosen = last == edges.size - 1 if cause == LATER else passes
+    first, last = first[chosen], last[chosen]
     own = np.maximum(fisher[first, first] + fisher[last, last] - 2.0 * fisher[first, last], 1e-12)
     pull = slope[last] - slope[first]
     best = int(np.argmax(pull**2 / own))
     span = edges[first[best]], edges[last[best]]
-    return GyroFault(axis, float(span[0]), float(span[1]), float((pull / own)[best]), float((pull**2 / own)[best]))
+    return Episode(cause, float(span[0]), float(span[1]), float((pull / own)[best]), float((pull**2 / own)[best]))

@@ -171,6 +171,7 @@ class InnovationLikelihood:
         self._lasting = at.correlated
         self._tape = kernel.tape(rows, at.states, run.model.noise, bridged(imu.time, time))
         self._offered = rows[:, SOURCE] == FIX
+        self._known = np.zeros((1, self._offered.size, NAV))  # errors that each span adds
         h, jitter = self._tape[7], ready.settings.jitter
         # of fixes: what the scatter of the timestamps makes of speed and acceleration, the negatives of the column of
         # the delay; of other aiding: its noise
@@ -200,6 +201,7 @@ class InnovationLikelihood:
         part._other, part._offered, part._sd, part._c = (
             each[:last] for each in (self._other, self._offered, self._sd, self._c)
         )
+        part._known = self._known[:, :last]
         return part
 
     def linear(self, at: FloatArray) -> InnovationLikelihood:
@@ -272,7 +274,7 @@ class InnovationLikelihood:
 
     def normalised(self, at: FloatArray, push: FloatArray | None = None) -> FloatArray:
         """Innovations and variances with a set of figures, and derivatives by `push`, as of `kernel.innovations`."""
-        push = np.zeros((1, self._offered.size, NAV)) if push is None else push
+        push = self._known.copy() if push is None else push
         out = np.empty((1 + push.shape[0], 6 * self._offered.size))
         model = error_model(self.spec(at), self._states)
         position, velocity, correlated = self.fixes_of(at)
@@ -337,6 +339,17 @@ class InnovationLikelihood:
         `cause`: a gyro shows more, 0 to 2 [rad/s]; fixes are later, `LATER` [s], or off to North, East, Down, `MOVED`
         and the two after it [m].
         """
+        e, s, *by = self.normalised(at, self._pushes(edges, cause))
+        return e, weights_of(e, s), np.array(by)
+
+    def without(self, begin: float, end: float, cause: int, size: float) -> InnovationLikelihood:
+        """The same without a cause of a known size between two times [s]; see `by_spans`."""
+        other = copy(self)
+        other._known = size * self._pushes(np.array([begin, end]), cause)[1:]
+        return other
+
+    def _pushes(self, edges: FloatArray, cause: int) -> FloatArray:
+        """Errors that one unit of a cause adds between `edges` in each span, (k + 1, m, 9), the first of nothing."""
         end, push = self.times, [np.zeros((self._offered.size, NAV))]
         off = np.zeros(push[0].shape)
         if cause == LATER:
@@ -351,8 +364,7 @@ class InnovationLikelihood:
             else:
                 inside = np.maximum(np.minimum(end, last) - np.maximum(end - self._tape[0], first), 0.0)
                 push.append(by_turn(-self._c[:, :, cause] * inside[:, None], self._tape[2]))
-        e, s, *by = self.normalised(at, np.array(push))
-        return e, weights_of(e, s), np.array(by)
+        return np.array(push)
 
     def bias_seen(self, at: FloatArray) -> float:
         """Negative log-likelihood of the gyro bias that a static alignment saw."""
@@ -524,6 +536,12 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
         far_off,
         (drive, top),
     )
+
+
+def climbed(drive: InnovationLikelihood, at: FloatArray) -> tuple[FloatArray, float]:
+    """Figures of the noise that are likeliest near others, and what the drive then costs: -log posterior density."""
+    top, _, found = _Posterior([drive]).climb(at, NEAR)
+    return top, found[2]
 
 
 def _misalignment(drives: Sequence[InnovationLikelihood], at: FloatArray, prior_sd: float) -> tuple[Misalignment, bool]:

@@ -35,6 +35,8 @@ def test_what_a_rate_does_to_the_innovations_is_what_samples_with_it_show(axis):
             _, weight, by = known[0].by_spans(known[1], edges, axis)
     change, expected = innovations[1] - innovations[0], -rate * by.sum(axis=0)
     assert np.sum(weight * (change - expected) ** 2) < 0.01 * np.sum(weight * expected**2)
+    without = known[0].without(edges[0], edges[-1], axis, rate).normalised(known[1])[0]
+    assert np.sum(weight * (without - innovations[0]) ** 2) < 0.02 * np.sum(weight * expected**2)
 
 
 def test_what_a_delay_does_to_the_innovations_is_what_later_fixes_show():
@@ -88,6 +90,17 @@ def test_a_gyro_by_which_the_filter_is_lost_is_named(motion, seed, begin, length
     solution, truth = run.smoothed.solution, drive.reference.data
     heading = np.interp(solution.time, truth.time, np.unwrap(truth.rph[:, 2]))
     assert np.abs(wrap_pi(solution.rph[:, 2] - heading)).max() < 6.0 * DEG
+
+
+def test_a_weak_one_that_the_noise_found_with_it_holds_is_named():
+    """0.7 deg/s for half a minute of three: its own gain is 13, a tenth of what it is with the noise without it."""
+    drive = insnav.simulate("round_trip", imu="automotive", gps="single", seed=9168)
+    begin = drive.imu.data.time[0] + 70.0
+    run = insnav.load(off(drive.imu.data, 2, 0.7 * DEG, begin, 30.0), drive.gps.data).navigate().found.run
+    (said,) = (event for event in run.events if event.kind is EventKind.CONTRADICTION)
+    assert "gyro z is off by +" in said.action
+    assert said.value == pytest.approx(0.7, rel=0.15)
+    assert said.time == pytest.approx(begin, abs=3.0)
 
 
 @pytest.mark.parametrize(
