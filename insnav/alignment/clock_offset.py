@@ -43,6 +43,7 @@ SYSTEMATIC = 0.01  # error that lever arm and levelling leave, RMS of simulated 
 # in a flight straight for most of the time it would else be that of every turn
 OUTSIDE = 4.0
 FINE = 2.0  # the offset is refined so far around the lag that was found [s]
+CONTRARY = -0.5  # correlation of accelerations that contradicts turns: gravity was taken from one, banked [-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +79,8 @@ def find_clock_offset(parts: Intervals, gps: GpsData, *, worth: float = 0.0) -> 
         return None
     span = max(SPAN, 2.0 * float(np.median(np.diff(track.time))))
     lag = _best_lag(_rates(imu, span), _rates(track, span))
-    return None if lag is None or abs(lag) < worth - COARSE else _refined(imu, track, lag, span)
+    found = None if lag is None or abs(lag) < worth - COARSE else _refined(imu, track, lag, span)
+    return None if found is not None and found.accelerations < CONTRARY else found
 
 
 def _of_imu(parts: Intervals) -> _Track:
