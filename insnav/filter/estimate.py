@@ -6,7 +6,7 @@ from copy import deepcopy
 
 import numpy as np
 
-from insnav.attitude import dcm_from_rph, quat_from_rph
+from insnav.attitude import dcm_from_quat, dcm_from_rph, quat_from_rph
 from insnav.exceptions import DivergenceError
 from insnav.filter.engine import Engine
 from insnav.filter.error_model import ErrorModel, FilterState, InitialState
@@ -14,7 +14,7 @@ from insnav.filter.parts import Across
 from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import History
-from insnav.filter.state_layout import cross_covariance, layout, reset_correlated
+from insnav.filter.state_layout import cross_covariance, layout, reset_correlated, set_to_fix
 from insnav.kernels import errorstate
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
@@ -165,6 +165,8 @@ class Estimate:
             p[3:6, 3:6] += VELOCITY_RESET_SD**2 * np.eye(3)
         p[6:15, 6:15] += np.diag(np.concatenate([ATTITUDE_RESET_SD, BIAS_RESET_SD]) ** 2)
         errorstate.feed_back(self.x, self.correction, error)
+        by = set_to_fix(self.at, self.x[3:6], dcm_from_quat(self.x[6:]))
+        p = by @ p @ by.T
         self._begin_at_fix(p)
         if self.history is not None:
             self.history.restart(time, *self._seen, p)
@@ -174,8 +176,7 @@ class Estimate:
 
         Sensor errors, delay and lever arm stay, but for what fades; see `insnav.filter.parts`.
         """
-        at, n = self.at, self.at.states
-        sensors, across = slice(NAV, STATES), Across.of(start)
+        n, sensors, across = self.at.states, slice(NAV, STATES), Across.of(start)
         phi, q = np.eye(n), np.zeros((n, n))
         phi[:NAV] = 0.0
         decay, driving = self._noise.decay, self._noise.noise[6:18]
@@ -196,12 +197,10 @@ class Estimate:
         error[:NAV] = -across.slope @ (self.correction - np.concatenate([start.gyro_bias, np.zeros(9)]))
         error[:3] -= start.v_n * self.delay - c @ (self.lever - self._lever_given)
         errorstate.feed_back(x, self.correction, error)
-        if at.delay >= 0:
-            p[:3, :3] += p[at.delay, at.delay] * np.outer(start.v_n, start.v_n)
-        if at.lever >= 0:
-            p[:3, :3] += p[at.lever, at.lever] * np.eye(3)
         self.x[:] = x
         self.motion[:] = 0.0
+        by = set_to_fix(self.at, start.v_n, c)
+        phi, p = by @ phi, by @ p @ by.T
         self._begin_at_fix(p)
         errorstate.reset_transition(self._phi, self._q, self.span)
         if self.history is not None:

@@ -59,35 +59,34 @@ def first_state(start: InitialState, settings: FilterSettings) -> FilterState:
         covariance[at.delay, at.delay] = settings.delay_sd**2
     if settings.correlated is not None:
         reset_correlated(covariance, at.correlated, settings.correlated.sds)
-    if at.lever >= 0:
-        part = slice(at.lever, at.lever + 3)
-        covariance[part, part] = settings.lever_sd**2 * np.eye(3)
+    arms = [slice(first, first + 3) for first in (at.lever, at.shaken) if first >= 0]
+    for part in arms:
+        for other in arms:
+            covariance[part, other] = settings.lever_sd**2 * np.eye(3)
     if at.shaken >= 0:
-        part = slice(at.shaken, at.shaken + 3)
-        covariance[part, part] = (settings.lever_sd**2 + settings.shaken**2) * np.eye(3)
-        if at.lever >= 0:
-            other = slice(at.lever, at.lever + 3)
-            covariance[part, other] = covariance[other, part] = settings.lever_sd**2 * np.eye(3)
+        covariance[part, part] += settings.shaken**2 * np.eye(3)
     if at.lag >= 0:
         covariance[at.lag, at.lag] = settings.lag_sd**2
     if start.from_fix and at.delay >= 0:
-        # the position is that of a fix: wrong by its time-correlated error and by the way travelled in the delay
         if settings.correlated is not None:
             cross_covariance(covariance, at.correlated, settings.correlated.sd)
-        covariance[:3, :3] += settings.delay_sd**2 * np.outer(start.v_n, start.v_n)
-        covariance[:3, at.delay] = covariance[at.delay, :3] = settings.delay_sd**2 * start.v_n
-        if at.lever >= 0:
-            # and by the error of the lever arm: wherever the antenna is, the fix says no more of it
-            covariance[:3, :3] += settings.lever_sd**2 * np.eye(3)
-            for first in {at.lever, at.shaken} - {-1}:
-                arm = slice(first, first + 3)
-                covariance[:3, arm] = -(settings.lever_sd**2) * dcm_from_rph(start.rph)
-                covariance[arm, :3] = covariance[:3, arm].T
+        by = set_to_fix(at, start.v_n, dcm_from_rph(start.rph))
+        covariance = by @ covariance @ by.T
     x = np.concatenate([start.lla, start.v_n, quat_from_rph(start.rph)])
     correction = np.concatenate([start.gyro_bias, np.zeros(9)])
     levers = settings.lever_b.copy(), settings.lever_b.copy()
     lasting = np.zeros(3 if settings.correlated is None else settings.correlated.sds.size)
     return FilterState(start.time, x, correction, 0.0, settings.velocity_lag, lasting, *levers, np.zeros(6), covariance)
+
+
+def set_to_fix(at: Layout, v_n: FloatArray, c: FloatArray) -> FloatArray:
+    """What errors become, (n, n), if a position is set to a fix, at a velocity (3,) [m/s] and ``C_nb`` (3, 3)."""
+    by = np.eye(at.states)
+    if at.delay >= 0:
+        by[:3, at.delay] = v_n
+    if at.lever >= 0:
+        by[:3, at.lever : at.lever + 3] = -c
+    return by
 
 
 def reset_correlated(covariance: FloatArray, at: int, sd: FloatArray) -> None:

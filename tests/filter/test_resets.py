@@ -7,12 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from insnav.attitude import dcm_from_quat
 from insnav.earth import ned_offset
 from insnav.exceptions import DivergenceError
-from insnav.filter import FilterSettings
+from insnav.filter import FilterSettings, Navigator
 from insnav.filter.engine import Engine
 from insnav.filter.navigate import navigate_recording
 from insnav.filter.prepare import Start
+from insnav.kernels.gps_measurement import antenna
 from insnav.simulate import Truth, gps_from_truth, imu_from_truth, reference
 from insnav.types import EventKind, GpsData, Run
 from insnav.units import DEG, DEG_PER_H
@@ -67,6 +69,30 @@ def test_two_spikes_with_a_gap_between_are_no_row(recorded):
 
     run = run_with(recorded, change)
     assert kinds(run) == [EventKind.GATE_POSITION] * 2
+
+
+@pytest.mark.parametrize("gap", [False, True])
+def test_a_position_set_to_a_fix_leaves_the_antenna_as_sure_as_the_fix(gap):
+    """By the derivative of the measurement; the IMU itself is less sure, by lever arm and delay."""
+    start = drives.begin(drives.MODEL, np.random.default_rng(3))
+    initial = replace(start.initial, v_n=np.array([12.0, -5.0, 1.0]))
+    settings = FilterSettings(lever_sd=0.7, delay_sd=0.05)
+    gps = drives.perfect_gps()
+    estimate = Navigator(initial, drives.MODEL, gps, start.alignment, 0.02, settings)._estimate
+    if gap:
+        fix = initial.covariance[:3, :3]
+        estimate.go_on(initial, 10.0)
+    else:
+        fix = 9.0 * 0.1**2 * np.eye(3)
+        estimate.restart(initial.time, np.zeros(6), np.full(3, 0.1), None)
+    z, h = np.zeros(6), np.zeros((6, estimate.at.states))
+    antenna(estimate.x, np.zeros(6), estimate.arm, 0.0, 0.0, gps.lla[0], np.zeros(3), z, h)
+    h[:3, estimate.at.lever : estimate.at.lever + 3] = dcm_from_quat(estimate.x[6:])
+    p = estimate.covariance
+    np.testing.assert_allclose(h[:3] @ p @ h[:3].T, fix, atol=1e-12)
+    np.testing.assert_allclose(
+        p[:3, :3], fix + 0.7**2 * np.eye(3) + 0.05**2 * np.outer(initial.v_n, initial.v_n), atol=1e-12
+    )
 
 
 def test_slow_fixes_reset_too(recorded):
