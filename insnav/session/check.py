@@ -54,7 +54,7 @@ class Problem:
     weight: float  # how much it harms, to order by
     what: str
     why: str
-    fix: str
+    fix: str  # empty where the run takes care of it
 
 
 @dataclass(frozen=True, slots=True)
@@ -349,13 +349,13 @@ def _of_gps(reading: Reading[GpsData], found: Checked, patient: _Patient) -> Non
         patient.mend(
             48.0,
             f"{100 * figures.false_velocities:.1f} % of the velocities are false",
-            f"by up to {figures.worst_velocity:.3g} m/s against what the positions move",
-            "nothing: the filter rejects them",
+            f"by up to {figures.worst_velocity:.3g} m/s against what the positions move; the filter rejects them",
+            "",
         )
     if figures.jumps:
         what = f"the position jumps {figures.jumps} times"
-        why, fix = f"by up to {figures.largest_jump:.3g} m against the velocities", "nothing: the filter weighs them"
-        patient.mend(46.0, what, why, fix)
+        why = f"by up to {figures.largest_jump:.3g} m against the velocities; the filter weighs them"
+        patient.mend(46.0, what, why, "")
     ratio = figures.scatter / figures.reported_sd
     if np.isfinite(ratio).all() and float(ratio.max()) > 3.0:
         what = "positions scatter more than their standard deviations say"
@@ -365,7 +365,7 @@ def _of_gps(reading: Reading[GpsData], found: Checked, patient: _Patient) -> Non
         patient.mend(28.0, what, "the IMU is alone in them", "insnav outage says what that costs")
     if abs(figures.velocity_lag) > max(0.03, 5.0 * figures.velocity_lag_sd):
         what = f"velocities lag positions by {figures.velocity_lag:.3f} s"
-        patient.mend(12.0, what, "mean velocities since the fix before", "nothing: it is corrected")
+        patient.mend(12.0, what, "mean velocities since the fix before; corrected", "")
 
 
 def _run(drive: Drive, patient: _Patient) -> Run | None:

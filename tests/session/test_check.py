@@ -15,8 +15,10 @@ from insnav.errors.evaluated_run import _held
 from insnav.exceptions import InputError
 from insnav.filter.fix_figures import look_at_fixes
 from insnav.imu.inspection import _spectrum, inspect_samples
+from insnav.report.check.page import page
 from insnav.report.run.warnings import run_warnings
-from insnav.session.check import check
+from insnav.result import Result
+from insnav.session.check import REFUSED, Checked, Problem, check
 from insnav.types import GpsData, ImuData, Trajectory
 from tests.input.spellings.imu_files import FLU, SHORT, iso
 from tests.input.spellings.recorded import DEG, GPS_HEADERS, IMU_HEADERS, drive, fixes, samples, table, text
@@ -266,3 +268,11 @@ def test_velocities_that_are_not_there_have_no_figures() -> None:
     found = look_at_fixes(GpsData(time, lla, np.full((60, 3), np.nan), np.full((60, 3), 2.0), np.full((60, 3), np.nan)))
     assert found.jumps is None
     assert np.isnan([found.velocity_lag, found.velocity_lag_sd, found.false_velocities, found.worst_velocity]).all()
+
+
+def test_what_the_run_takes_care_of_is_no_mend():
+    kept = Problem(48.0, "0.7 % of the velocities are false", "by up to 4 m/s; the filter rejects them", "")
+    refused = Problem(REFUSED, "the file ends early", "", "")
+    found = Checked({}, "insnav run log.bin", (refused, kept))
+    summary = page(Result("check", found, {}, {})).summary
+    assert [line.split(":")[0] for line in summary] == ["mend 1", "run"]

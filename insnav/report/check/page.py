@@ -13,7 +13,7 @@ from insnav.quantity import Quantity
 from insnav.report.page import DataFrame, Page, Section, rows_frame
 from insnav.report.terminal import page_text
 from insnav.result import Result
-from insnav.session.check import TO_MEND, Checked
+from insnav.session.check import MENDED, TO_MEND, Checked
 from insnav.session.clock import SIGMAS
 
 _UNITS = {"gyro": ("deg/s", "deg/sqrt(h)"), "accel": ("m/s^2", "m/s/sqrt(h)")}
@@ -23,7 +23,8 @@ def page(result: Result[Checked]) -> Page:
     """Lay out a check."""
     found = _from_start(result)
     sections = [_files(found, result.inputs), *_imu(found), *_gps(found), *_both(found), _problems(found)]
-    first = [f"mend {i}: {each.what} ({each.why}): {each.fix}" for i, each in enumerate(found.problems[:TO_MEND], 1)]
+    left = [each for each in found.problems if each.fix or each.weight >= MENDED][:TO_MEND]
+    first = [f"mend {i}: {each.what} ({each.why}): {each.fix}" for i, each in enumerate(left, 1)]
     run = f"run:  {found.command}" if found.runs else "run:  nothing to copy before mend 1"
     if not found.runs and found.command.count(" --"):
         run += f"; what is known of the line: {found.command}"
