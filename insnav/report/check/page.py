@@ -139,7 +139,7 @@ def _both(found: Checked) -> tuple[Section, ...]:
     items: list[Quantity] = []
     if found.offset is not None:
         items += [
-            Quantity("clock_offset", found.offset.offset, "s", sd=found.offset.sd, meaning="IMU behind GPS, by motion"),
+            Quantity("clock_offset", found.offset.offset, "s", sd=found.offset.sd, meaning="GPS late, by motion"),
             Quantity("turns", found.offset.turns, meaning="correlation of turns"),
             Quantity("accelerations", found.offset.accelerations, meaning="correlation of accelerations"),
             Quantity("overlap", found.offset.overlap, "s"),
@@ -154,7 +154,7 @@ def _both(found: Checked) -> tuple[Section, ...]:
         arm, sd = (found.run.lever_b, found.run.lever_sd) if np.any(found.run.lever_sd) else (None, None)
         unknown = " (not estimated)" * (arm is None)
         items += [
-            Quantity("delay", found.run.gps_delay, "s", sd=found.run.gps_delay_sd, meaning="GPS delay by the filter"),
+            Quantity("delay", found.run.gps_delay, "s", sd=found.run.gps_delay_sd, meaning="GPS late, by the filter"),
             Quantity("lever_arm", arm, "m", sd=sd, meaning=f"lever arm by the filter{unknown}"),
         ]
     if not items:
