@@ -12,6 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from insnav import spill
 from insnav.filter.error_model import InitialState
 from insnav.kernels.dynamics import NAV
 from insnav.types import Alignment, FloatArray, ImuData
@@ -47,5 +48,5 @@ class Across:
 
 def spans(imu: ImuData) -> list[slice]:
     """Rows between long gaps."""
-    edges = [0, *(np.flatnonzero(np.diff(imu.time) > LONGEST_GAP) + 1).tolist(), imu.time.shape[0]]
+    edges = [0, *(np.flatnonzero(spill.steps(imu.time) > LONGEST_GAP) + 1).tolist(), imu.time.shape[0]]
     return [slice(first, last) for first, last in pairwise(edges)]
