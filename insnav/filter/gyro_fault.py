@@ -72,6 +72,11 @@ class Episode:
         ends = max(abs(self.begin - other.begin), abs(self.end - other.end))
         return ends <= STEP + 1e-6 and abs(self.angle - other.angle) < SETTLED * abs(self.angle)
 
+    def part_of(self, other: Episode) -> bool:
+        """Whether it is what another one, larger, has left about itself."""
+        apart = max(self.begin - other.end, other.begin - self.end)
+        return self.cause == other.cause and apart < REACH and abs(self.rate) < abs(other.rate)
+
     @property
     def angle(self) -> float:
         """In all, which a drive tells better than rate and ends alone [rad]."""
@@ -90,8 +95,8 @@ def without_gyro_faults(ready: Prepared, found: NoiseEstimate, spec: ImuSpec) ->
 
     `found`: noise of the recording as it is; `spec`: that it was prepared with.
     """
-    said, ends = list[Event](), list[StateChange]()
-    while len(said) < MOST and found.seen is not None:
+    said, ends, every = list[Event](), list[StateChange](), list[Episode]()
+    while len(every) < MOST and found.seen is not None:
         suspect = (
             found.far_off or found.seen[0].rejected() or _far_larger("bias_instability", SUSPECT, found.spec, spec)
         )
@@ -104,7 +109,9 @@ def without_gyro_faults(ready: Prepared, found: NoiseEstimate, spec: ImuSpec) ->
         text = (
             f"gyro {'xyz'[fault.cause]} is off by {rate:+.2g} deg/s from {when}: taken off, standard deviations opened"
         )
-        said.append(Event(fault.begin, EventKind.CONTRADICTION, abs(rate), np.nan, "deg/s", text))
+        if not any(map(fault.part_of, every)):
+            said.append(Event(fault.begin, EventKind.CONTRADICTION, abs(rate), np.nan, "deg/s", text))
+        every.append(fault)
         opened = OPENED * abs(fault.rate) * np.eye(3)[fault.cause]
         ends += [StateChange(at, NAV, opened, fault.gain, -np.inf) for at in (fault.begin, fault.end)]
     changes = sorted((*ready.settings.changes, *ends), key=lambda each: each.time)
