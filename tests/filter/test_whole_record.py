@@ -10,7 +10,8 @@ import pytest
 
 from insnav.earth import lla_offset, ned_offset
 from insnav.errors.metrics import position_errors
-from insnav.filter import FilterSettings
+from insnav.filter import FilterSettings, navigate
+from insnav.filter.gates import Trust
 from insnav.filter.navigate import Navigated, feed, navigate_recording
 from insnav.filter.prepare import DELAY_SD, prepare
 from insnav.filter.whole_record import residuals, without_ends
@@ -152,3 +153,13 @@ def test_true_fixes_about_those_of_a_jump_are_used():
     left_out = (gps.time >= begin - 15.0) & (gps.time < end + 15.0) | (gps.time < 30.0)
     left = without_ends(left_out, track, jumped, SETTINGS)
     np.testing.assert_array_equal(left, np.any(jumped.lla != gps.lla, axis=1))
+
+
+def test_a_lever_arm_is_no_surer_where_no_fix_is_false(monkeypatch):
+    """Fixes that agree when all are weighed are used by a last run, and its lever arm is not known for that."""
+    gps = recording(1).gps
+    none = Trust(np.zeros((2, gps.time.size), dtype=bool), np.zeros((2, gps.time.size)))
+    monkeypatch.setattr(navigate, "decided", lambda first, fixes, settings, again: (again(fixes, trust=none), ()))
+    free = replace(SETTINGS, lever_sd=1.0)
+    done = navigate_recording(recording(1).imu, gps, load_imu("automotive"), free)
+    assert (done.run.lever_sd > 0.05).all()
