@@ -36,7 +36,7 @@ MARGIN = LOOKAHEAD + strapdown.LOST_WINDOW + 2  # newest samples that must wait 
 SEEN = 0.1  # before and after a fix: what its receiver has smoothed over, at most [s]
 COAST = 1.0  # longest time between filter epochs: the transition is of second order [s]
 BROKEN = 3.0  # a longer time without a rejected fix ends a row of rejections, if fixes come more often [s]
-NOISY = 3.0  # times the RMS of the gyros' white noise: smaller rates may be that
+NOISY, FAR_BEYOND = 3.0, 10.0  # times the RMS of the gyros' white noise: smaller rates, or parts, may be that
 FEWEST_REJECTIONS = 5  # before a reset: at low rates a second or two of multipath must not cause one
 
 
@@ -85,8 +85,10 @@ class Navigator:
         self._grid = np.array([start.time if every > 0 else np.inf, every, start.time])
         self._start, self._done = start.time, -np.inf
         self._next = 0  # first fix not yet processed
-        self._rates, self._motion = np.empty((0, 3)), np.zeros(10)  # at the next fixes; of `Predicted`
-        self._motion[9] = NOISY**2 * float(model.noise[:3].sum()) / nominal
+        self._rates, self._motion = np.empty((0, 3)), np.zeros(11)  # at the next fixes; of `Predicted`
+        noise = float(model.noise[:3].sum()) / nominal
+        mean = 1.0 if self._estimate.at.shaken >= 0 else 0.5 * nominal / SEEN  # of what noise a mean has
+        self._motion[9:] = mean * NOISY**2 * noise, FAR_BEYOND**2 * noise
         self._margin = MARGIN + int(SEEN / nominal)  # newest samples that wait; twice as many processed ones are kept
         self._last_good = start.time  # time of the last accepted position
         often = float(np.median(np.diff(gps.time))) if gps.time.shape[0] > 1 else 1.0
@@ -196,7 +198,7 @@ class Navigator:
             cuts = np.concatenate([[self._start], self._fix_time[self._next :]])
             pieces = strapdown.split(parts, cuts, first, stop)
             inc = strapdown.increments(parts, pieces)
-            if self._estimate.at.shaken >= 0:
+            if self._estimate.at.swung:
                 self._rates = rates_at(self._fix_time[self._next :], parts.end, turned(parts))
             self._process(inc, parts.gap[pieces[0]])
             self._done = parts.end[stop - 1]
@@ -244,7 +246,7 @@ class Navigator:
         estimate = self._estimate
         estimate.predict(time)
         self._motion[:6], self._motion[6:9] = estimate.motion, 0.0
-        if estimate.at.shaken >= 0:
+        if estimate.at.swung:
             self._motion[:3] = (self._rates[number] - estimate.correction[:3]) / (1.0 + estimate.correction[6:9])
             self._motion[6:9] = estimate.motion[:3] - self._motion[:3]
         row = self._fix[self._next]

@@ -30,6 +30,11 @@ class Layout(NamedTuple):
     lag: int
     """Of the velocities of fixes behind their positions."""
 
+    @property
+    def swung(self) -> bool:
+        """Whether turns are to show an arm."""
+        return self.lever >= 0 or self.shaken >= 0
+
 
 def layout(settings: FilterSettings) -> Layout:
     """States that the settings ask for; whatever follows the delay needs its place, if only as a known zero."""

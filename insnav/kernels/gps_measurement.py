@@ -160,8 +160,9 @@ class Predicted(NamedTuple):
     """What the filter believes when a fix arrives; see `antenna`."""
 
     x: np.ndarray  # (10,) state
-    # (10,) body rate [rad/s], acceleration in n [m/s^2]; what vibration adds to the rate [rad/s]; square of a rate so
-    # small that it may be noise of the gyros, which swings no antenna and must show no lever arm [rad^2/s^2]
+    # (11,) body rate [rad/s], acceleration in n [m/s^2]; where turns show an arm, the rate is the mean about the fix,
+    # then what vibration or noise adds to it [rad/s]; squares of rates so small that they may be noise of the gyros,
+    # which swings no antenna and must show no lever arm: of the mean, and of what is added [rad^2/s^2]
     motion: np.ndarray
     arm: np.ndarray  # (12,) see `correct_with_arm`
     shaken: np.ndarray  # (3,) the same as vibration moves it for the receiver [m]
@@ -204,7 +205,11 @@ def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_a
     x, motion, arm, shaken, correlated, delay, p = predicted
     lla, v_n, position_sd, velocity_sd = fix
     z, h, r, s, sd = out
-    antenna(x, motion, arm, delay, lag, lla, v_n, z, h)
+    whole = motion[:6].copy()
+    if shaken_at < 0:  # the antenna is swung by all of the rate
+        for i in range(3):
+            whole[i] += motion[6 + i]
+    antenna(x, whole, arm, delay, lag, lla, v_n, z, h)
     if correlated_at >= 0:
         for i in range(correlated.shape[0]):
             z[i] += correlated[i]
@@ -215,8 +220,15 @@ def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_a
         for i in range(3):
             for j in range(3):
                 h[i, lever_at + j] = rotated[i, j] - arm[3 + 3 * i + j]
+        # A rate that predicts with its noise, and shows the arm by the same number, makes the arm too short (errors in
+        # variables: W. A. Fuller, Measurement Error Models, Wiley 1987, section 1.1). The mean about the fix hardly has
+        # that noise (an instrumental variable, section 1.4); what is beyond it counts where it is far beyond noise.
         turning = motion[0] ** 2 + motion[1] ** 2 + motion[2] ** 2
-        _by_lever(rotated, motion[:3] * (turning / max(turning + motion[9], 1e-30)), lever_at, h)
+        rate = motion[:3] * (turning / max(turning + motion[9], 1e-30))
+        if shaken_at < 0:
+            turning = motion[6] ** 2 + motion[7] ** 2 + motion[8] ** 2
+            rate += motion[6:9] * (turning / max(turning + motion[10], 1e-30)) ** 2
+        _by_lever(rotated, rate, lever_at, h)
     if shaken_at >= 0:
         _by_lever(rotated, motion[6:], shaken_at, h)
         for i in range(3):

@@ -96,7 +96,7 @@ class Assessed:
         x = case("car")
         lla, velocity = predicted(x, 0.0, RATE)
         state = np.concatenate([x.lla, x.v, Rotation.from_matrix(x.c).as_quat(scalar_first=True)])
-        motion, white, none = np.concatenate([RATE, ACCELERATION]), 0.0, np.zeros(3)
+        motion, white, none = np.concatenate([RATE, ACCELERATION, np.zeros(5)]), 0.0, np.zeros(3)
         self.z, self.h, self.r, self.s, self.sd = (np.empty(n) for n in (6, (6, 21), (6, 6), (6, 6), 6))
         self.nis_position, self.nis_velocity, self.distance, self.change = assess(
             Predicted(state, motion, LEVER, none, none, 0.0, p),
