@@ -121,8 +121,8 @@ def _decided(ready: Prepared, first: Run) -> tuple[Run, tuple[Event, ...]]:
         covariance = ready.initial.covariance.copy()
         covariance[:3, :3] += opened**2 * np.eye(3)
         initial = replace(ready.initial, covariance=covariance, from_fix=ready.initial.from_fix and not opened)
-        # false fixes that count would make an arm of 50 m; it is no surer than it was
-        arm_sd = 0.0 if trust is None else float(first.lever_sd.max())
+        # while they are weighed, false fixes that count would make an arm of 50 m
+        arm_sd = 0.0 if trust is None else ready.settings.lever_sd
         trust = unused(changes, fixes, ready.settings.delay, trust)
         every = sorted((*ready.settings.changes, *changes), key=lambda each: each.time)
         settings = replace(ready.settings, gates=gates, trust=trust, changes=tuple(every))
