@@ -78,7 +78,7 @@ def _windows(windows: RecordedBudget) -> tuple[Section, ...]:
 
 
 def _title(budget: Budget) -> str:
-    return f"Error budget of {budget.imu}: {budget.time[budget.chosen[-1]]:g} s of free-inertial navigation"
+    return f"Error budget of {budget.imu}: {budget.time[budget.chosen[-1]]:g} s without GPS"
 
 
 def _origin(result: Result[BudgetStudy]) -> str:
