@@ -199,8 +199,9 @@ class Estimate:
         errorstate.feed_back(x, self.correction, error)
         self.x[:] = x
         self.motion[:] = 0.0
-        by = set_to_fix(self.at, start.v_n, c)
-        phi, p = by @ phi, by @ p @ by.T
+        # independent of delay and lever arm, of which the smoother's transitions know no position
+        by = set_to_fix(self.at, start.v_n, c)[:3, STATES:]
+        p[:3, :3] += by @ p[STATES:, STATES:] @ by.T
         self._begin_at_fix(p)
         errorstate.reset_transition(self._phi, self._q, self.span)
         if self.history is not None:

@@ -81,3 +81,19 @@ def test_noise_of_gyros_makes_an_arm_no_shorter(profile, seed):
     run = insnav.load(*some, imu_model="adxl103-class").navigate().found.run
     assert (np.abs(run.lever_b - ARM) < 3.0 * run.lever_sd).all()
     assert (run.lever_sd < 0.1).all()
+
+
+@pytest.mark.parametrize("seed", [15355, 15310])
+def test_the_smoothed_track_before_a_gap_is_as_good_as_stated(seed):
+    """Where the position after it was told lever arm and delay, and the smoother was not, its sd before was zero."""
+    gps = replace(load_gps("rtk"), lever_b=np.array([-0.2, 0.1, -0.9]))
+    made = plan_of(profiled("figure_eight", seed), {"imu": "consumer", "gps": gps, "seed": seed}).measured()
+    begin = made.imu.time[0]
+    rows = (made.imu.time < begin + 250.0) & (np.abs(made.imu.time - begin - 155.0) > 6.0)
+    fixes = made.gps.rows(made.gps.time < begin + 250.0)
+    run = insnav.load(made.imu.rows(rows), gps=replace(fixes, time=fixes.time + 0.3)).navigate().found.run
+    track = run.smoothed.solution
+    before = track.rows(track.time < begin + 149.0)
+    errors = position_errors(replace(before, time=before.time - 0.3), made.reference)
+    assert np.mean(np.abs(errors.position) <= 3.0 * errors.sd[:, :3]) > 0.97
+    assert before.sd[:, :3].min() > 0.003
