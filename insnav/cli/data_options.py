@@ -236,6 +236,11 @@ def compile_at_first(*files: Path) -> None:
 
     if not hasattr(errorstate.propagate, "stats"):
         note("NUMBA_DISABLE_JIT is set: the numerical kernels are interpreted, a thousand times slower")
+    elif not ahead.kept():
+        note(
+            "the numerical kernels are compiled in each run, up to half a minute: no folder to keep them in can be "
+            "written; give one by NUMBA_CACHE_DIR"
+        )
     elif ahead.needed():
         note(
             "first run on this machine: compiling the numerical kernels, up to half a minute; later runs start at once"

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from importlib import import_module
+from pickle import UnpicklingError
 from typing import Any
 
 from insnav.deferred import deferred
@@ -22,13 +24,22 @@ class _Kept(FunctionCache):
     """Compiled kernels on the disk; what numba knows of numpy is loaded where it has to compile only (0.12 s)."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
+        found = None
         rtsys.initialize(target_context)
-        with self._guard_against_spurious_io_errors():
-            found = self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+        try:
+            with self._guard_against_spurious_io_errors():
+                found = self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+        except (EOFError, UnpicklingError):  # cut short, as by a disk that was full
+            with suppress(OSError):
+                self.flush()  # type: ignore[no-untyped-call]
         if found is None:
             with deferred("scipy.linalg", "scipy.linalg.cython_blas"):  # as above
                 import_module("numba.np.arraymath")
         return found
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        with suppress(OSError):  # a full disk keeps no run from its end: the next one compiles again
+            super().save_overload(sig, data)  # type: ignore[no-untyped-call]
 
 
 # division by zero gives inf or NaN, as in numpy, and C calls no kernel: a tenth less to compile
@@ -41,7 +52,8 @@ def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]
     def compiled(function: Callable[..., Any]) -> Any:
         kernel = _njit(function, **options)
         if cache:
-            kernel._cache = _Kept(function)  # type: ignore[no-untyped-call]
+            with suppress(RuntimeError):  # nowhere to write: every run compiles
+                kernel._cache = _Kept(function)  # type: ignore[no-untyped-call]
         return kernel
 
     return compiled

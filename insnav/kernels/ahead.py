@@ -35,15 +35,20 @@ MOST = 4  # processes: the longest kernel takes as long as a fourth of all
 
 
 def needed() -> bool:
-    """Whether the kernels as they are now have not been compiled ahead on this machine."""
-    return not _mark().exists()
+    """Whether the kernels as they are now have not been compiled ahead on this machine, which can keep them."""
+    return kept() and not _mark().exists()
+
+
+def kept() -> bool:
+    """Whether compiled kernels can be kept for the next run."""
+    return errorstate.propagate.stats.cache_path is not None
 
 
 def _mark() -> Path:
     """File that says so, beside what numba keeps."""
     sources = sorted(Path(__file__).parent.glob("*.py"))
     content = hashlib.sha256(b"".join(source.read_bytes() for source in sources) + numba_version.encode())
-    return Path(errorstate.propagate.stats.cache_path or "") / f"ahead-{content.hexdigest()[:16]}"
+    return Path(errorstate.propagate.stats.cache_path) / f"ahead-{content.hexdigest()[:16]}"
 
 
 def compile_ahead() -> None:
