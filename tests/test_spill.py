@@ -19,6 +19,7 @@ import insnav
 from insnav import spill
 from insnav.exceptions import OutputError
 from insnav.filter import run_recorder, smoother
+from insnav.filter.navigator import rates_at, turned
 from insnav.imu.health import inspect
 from insnav.input import read_imu
 from insnav.input.formats.source import open_source
@@ -61,6 +62,19 @@ def test_blocks_and_files_do_not_change_a_byte(files, small, tmp_path_factory, m
     monkeypatch.undo()
     assert by_blocks == tables(files, place / "whole", output_interval=0.0)
     assert list(small.iterdir()) == []
+
+
+def test_rates_about_fixes_are_alike_wherever_the_samples_begin():
+    rng = np.random.default_rng(6)
+    imu = ImuData(np.arange(40_000) * 0.01, rng.normal(0.3, 1.0, (40_000, 3)), np.zeros((40_000, 3)))
+    fixes = np.sort(rng.uniform(310.0, 390.0, 50))
+    whole = intervals(imu)
+    rates = rates_at(fixes, whole.end, turned(whole))
+    for begin in (1, 777, 30_001):
+        part = intervals(imu.rows(slice(begin, None)), 0.01)
+        np.testing.assert_array_equal(rates_at(fixes, part.end, turned(part)), rates)
+    k = np.searchsorted(imu.time, fixes[7])
+    assert rates[7] == pytest.approx(imu.gyro[k - 10 : k + 10].mean(axis=0), abs=0.15)
 
 
 @pytest.mark.parametrize("sampling", ["mean", "instant", "increment"])

@@ -34,6 +34,7 @@ VELOCITY = (EventKind.GATE_VELOCITY, EventKind.DEWEIGHTED_VELOCITY)
 DEWEIGHTED = (EventKind.DEWEIGHTED_POSITION, EventKind.DEWEIGHTED_VELOCITY)
 MARGIN = LOOKAHEAD + strapdown.LOST_WINDOW + 2  # newest samples that must wait for their neighbours
 SEEN = 0.1  # before and after a fix: what its receiver has smoothed over, at most [s]
+QUANTUM = 2.0**-40  # of angles, far below what any gyro tells [rad]
 COAST = 1.0  # longest time between filter epochs: the transition is of second order [s]
 BROKEN = 3.0  # a longer time without a rejected fix ends a row of rejections, if fixes come more often [s]
 NOISY, FAR_BEYOND = 3.0, 10.0  # times the RMS of the gyros' white noise: smaller rates, or parts, may be that
@@ -199,7 +200,8 @@ class Navigator:
             pieces = strapdown.split(parts, cuts, first, stop)
             inc = strapdown.increments(parts, pieces)
             if self._estimate.at.swung:
-                self._rates = rates_at(self._fix_time[self._next :], parts.end, turned(parts))
+                last_fix = int(np.searchsorted(self._fix_time, parts.end[-1] + strapdown.TIME_TOLERANCE, side="right"))
+                self._rates = rates_at(self._fix_time[self._next : last_fix], parts.end, turned(parts))
             self._process(inc, parts.gap[pieces[0]])
             self._done = parts.end[stop - 1]
         self._tail = buffer.rows(slice(max(0, ready - 2 * self._margin), None))
@@ -373,8 +375,12 @@ class Navigator:
 
 
 def turned(parts: strapdown.Intervals) -> FloatArray:
-    """Angle about each axis from the first of the samples on, at their ends, (n, 3) [rad]."""
-    return np.cumsum(parts.gyro * parts.dt[:, None] if parts.instant else parts.gyro, axis=0)
+    """Angle about each axis from the first of the samples on, at their ends, (n, 3) [rad].
+
+    Differences are to the last bit alike wherever the samples begin: sums of whole numbers of `QUANTUM` are exact.
+    """
+    angles = parts.gyro * parts.dt[:, None] if parts.instant else parts.gyro
+    return QUANTUM * np.cumsum(np.round(angles / QUANTUM), axis=0)
 
 
 def rates_at(times: FloatArray, end: FloatArray, angles: FloatArray, reach: float = SEEN) -> FloatArray:
@@ -383,8 +389,10 @@ def rates_at(times: FloatArray, end: FloatArray, angles: FloatArray, reach: floa
     `end` (n,): of the samples [s]; `angles` (n, 3): as `turned` has them.
     """
     window = np.clip(times + np.array([[-reach], [reach]]), end[0], end[-1])
-    before, after = (strapdown.between(end, angles, each)[1] for each in window)
-    return np.asarray((after - before) / np.maximum(window[1] - window[0], reach)[:, None])
+    row = np.clip(np.searchsorted(end, window), 1, end.size - 1)
+    left = ((end[row] - window) / (end[row] - end[row - 1]))[..., None] * (angles[row] - angles[row - 1])
+    turn = angles[row[1]] - angles[row[0]] - left[1] + left[0]
+    return np.asarray(turn / np.maximum(window[1] - window[0], reach)[:, None])
 
 
 def _rows(inc: Increments, every: float) -> int:
