@@ -28,6 +28,8 @@ def align(
     if as_json:
         result_facts(where)
     else:
+        from insnav.report.terminal import entry
+
         page = outcome.page()
-        warnings = (f"warning     {text}" for text in page.warnings)
-        result("\n".join([*page.summary, *warnings, f"files       {out}: report.html, run.json"]))
+        warnings = (entry("warning", text) for text in page.warnings)
+        result("\n".join([*page.summary, *warnings, entry("files", f"{out}: report.html, run.json")]))

@@ -37,7 +37,8 @@ def with_one_delay(fixes: GpsData | None, navigated: Callable[..., Solved]) -> S
     """
     first = other = navigated(fixes)
     assert fixes is not None  # else there was nothing to navigate
-    late, some, sure, cost = np.zeros(fixes.time.size), fixes, True, _cost(*first, fixes)
+    late, some, sure = np.zeros(fixes.time.size), fixes, True
+    cost = cost_of_first = _cost(*first, fixes)
     for _ in range(ROUNDS):
         smoothed = other[1].run.smoothed
         if smoothed is None or smoothed.delay_step is None:
@@ -52,7 +53,7 @@ def with_one_delay(fixes: GpsData | None, navigated: Callable[..., Solved]) -> S
             break
         sure = sure and (step.sure or other is not first)
         other, late, some, cost = solved, later, tried, by_moved
-    if other is first or cost > _cost(*first, fixes) - _margin(other):
+    if other is first or cost > cost_of_first - _margin(other):
         return first
     found, row = other[1].run.innovations, rows_of(other[1].run, some, other[0].settings)
     false = np.isin(fixes.time - late, some.time[row[np.isfinite(found.nis_position) & ~found.used_position]])
@@ -62,7 +63,7 @@ def with_one_delay(fixes: GpsData | None, navigated: Callable[..., Solved]) -> S
             said = (event for event in _found_in(other) if event not in done.run.events)
             return ready, replace(done, gps=first[1].gps, run=replace(done.run, events=(*done.run.events, *said)))
     drifting = _drifting(first, other, fixes, late, navigated)
-    if drifting is not None and _cost(*drifting, fixes) < _cost(*other, some) + _margin(other):
+    if drifting is not None and _cost(*drifting, fixes) < cost + _margin(other):
         # a delay that was given stays, and is said to contradict the drive
         return drifting if first[0].settings.delay_sd > 0.0 else first
     ready, done = other

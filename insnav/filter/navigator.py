@@ -199,7 +199,7 @@ class Navigator:
             cuts = np.concatenate([[self._start], self._fix_time[self._next :]])
             pieces = strapdown.split(parts, cuts, first, stop)
             inc = strapdown.increments(parts, pieces)
-            if self._estimate.at.swung:
+            if self._estimate.at.has_arm:
                 last_fix = int(np.searchsorted(self._fix_time, parts.end[-1] + strapdown.TIME_TOLERANCE, side="right"))
                 self._rates = rates_at(self._fix_time[self._next : last_fix], parts.end, turned(parts))
             self._process(inc, parts.gap[pieces[0]])
@@ -248,7 +248,7 @@ class Navigator:
         estimate = self._estimate
         estimate.predict(time)
         self._motion[:6], self._motion[6:9] = estimate.motion, 0.0
-        if estimate.at.swung:
+        if estimate.at.has_arm:
             self._motion[:3] = (self._rates[number] - estimate.correction[:3]) / (1.0 + estimate.correction[6:9])
             self._motion[6:9] = estimate.motion[:3] - self._motion[:3]
         row = self._fix[self._next]

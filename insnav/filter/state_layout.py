@@ -31,8 +31,8 @@ class Layout(NamedTuple):
     """Of the velocities of fixes behind their positions."""
 
     @property
-    def swung(self) -> bool:
-        """Whether turns are to show an arm."""
+    def has_arm(self) -> bool:
+        """Whether turns show an arm that is estimated."""
         return self.lever >= 0 or self.shaken >= 0
 
 

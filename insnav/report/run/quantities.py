@@ -18,7 +18,6 @@ from insnav.report.run.short_duration import short_section
 from insnav.sample_statistics import rms, rms_length
 from insnav.types import Alignment, BoolArray, EventKind, FloatArray, Run, SensorErrors, Trajectory
 
-GROUPS = ("position", "velocity")  # of a fix
 PARTS = ("all", "static", "moving")
 SHOWN_STATISTICS = ("rms", "p95", "max")
 SHOWN_ERRORS = tuple(
@@ -164,8 +163,10 @@ def _fixes(run: Run) -> Section:
     fixes = run.innovations
     kinds = Counter(event.kind for event in run.events)
     taken = "" if np.any(run.lever_b) or np.any(run.lever_sd > 0.0) else "(not estimated: taken as zero)"
-    halves = (fixes.innovation[:, :3], fixes.used_position, "m"), (fixes.innovation[:, 3:], fixes.used_velocity, "m/s")
-    groups = {name: _innovations(*half, mean_nis(run, name)) for name, half in zip(GROUPS, halves, strict=True)}
+    groups = {
+        "position": _innovations(fixes.innovation[:, :3], fixes.used_position, "m", mean_nis(run, "position")),
+        "velocity": _innovations(fixes.innovation[:, 3:], fixes.used_velocity, "m/s", mean_nis(run, "velocity")),
+    }
     return Section(
         "fixes",
         "GPS: time offset and lever arm",
@@ -179,14 +180,16 @@ def _fixes(run: Run) -> Section:
     )
 
 
-def mean_nis(run: Run, *groups: str) -> float | None:
+def mean_nis(run: Run, *halves: str) -> float | None:
     """Mean NIS per axis of the accepted fixes, as they were used: one if the stated sd is right.
 
-    A fix that was de-weighted was used with the covariance by which its NIS is the limit of the gate.
+    `halves`: position, velocity, or both if none is given. A fix that was de-weighted was used with the covariance by
+    which its NIS is the limit of the gate.
     """
     fixes, deweighted = run.innovations, (EventKind.DEWEIGHTED_POSITION, EventKind.DEWEIGHTED_VELOCITY)
     limit = min((event.limit for event in run.events if event.kind in deweighted), default=np.inf)
-    sizes = np.concatenate([getattr(fixes, f"nis_{name}")[getattr(fixes, f"used_{name}")] for name in groups])
+    chosen = halves or ("position", "velocity")
+    sizes = np.concatenate([getattr(fixes, f"nis_{name}")[getattr(fixes, f"used_{name}")] for name in chosen])
     known = np.minimum(sizes[np.isfinite(sizes)], limit)
     return float(known.mean()) / 3.0 if known.size else None
 

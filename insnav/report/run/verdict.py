@@ -16,7 +16,7 @@ from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
 from insnav.report.numbers import distance_text, duration_text, number
 from insnav.report.page import LIGHTS, Light, Page, Table, Verdict, cell
-from insnav.report.run.quantities import GROUPS, mean_nis
+from insnav.report.run.quantities import mean_nis
 from insnav.report.run.warnings import HOLDS
 from insnav.report.terminal import WIDTH, table_text
 from insnav.result import Result
@@ -115,7 +115,7 @@ def run_merits(found: EvaluatedRun, mode: str) -> tuple[Quantity, ...]:
         share = inside(errors)
         return *_sizes(whole, "error RMS"), Quantity("inside_3_sd", share, "%", meaning="position inside 3 sd")
     assert sd is not None
-    agree = Quantity("nis_mean_per_axis", mean_nis(found.run, *GROUPS), meaning="mean NIS per axis (1 ideal)")
+    agree = Quantity("nis_mean_per_axis", mean_nis(found.run), meaning="mean NIS per axis (1 ideal)")
     return *_sizes(sd, "sd"), agree
 
 
@@ -147,7 +147,7 @@ def _light(found: EvaluatedRun, warnings: Sequence[str]) -> tuple[Light, str]:
         return "bad", "the errors are larger than stated"
     if diverged:
         return "bad", "innovations and stated sd contradict each other"
-    if found.reference_late and shares and (mean_nis(found.run, *GROUPS) or 0.0) < SCATTER:
+    if found.reference_late and shares and (mean_nis(found.run) or 0.0) < SCATTER:
         best = next(iter(found.errors_on_clock.values()))
         fixes = fixes_are_late(found.reference_late, shown_by_drive(found.run))
         of_fixes = "the solution has the time of the fixes, not that of samples and reference"
@@ -162,7 +162,7 @@ def _light(found: EvaluatedRun, warnings: Sequence[str]) -> tuple[Light, str]:
         if (share := _covered(found)) < MOST:
             return "unknown", f"the reference covers {100.0 * share:.0f} % of the drive; there, errors are as stated"
         return "good", "no warning, and the errors are within what is stated"
-    nis = mean_nis(found.run, *GROUPS)
+    nis = mean_nis(found.run)
     if nis is None:
         return "unknown", "no reference to check against"
     measured = f"NIS {number(nis)} per axis, 1 ideal"
