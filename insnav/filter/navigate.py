@@ -121,13 +121,12 @@ def _decided(ready: Prepared, first: Run) -> tuple[Run, tuple[Event, ...]]:
         covariance = ready.initial.covariance.copy()
         covariance[:3, :3] += opened**2 * np.eye(3)
         initial = replace(ready.initial, covariance=covariance, from_fix=ready.initial.from_fix and not opened)
-        # while they are weighed, false fixes that count would make an arm of 50 m
-        arm_sd = 0.0 if trust is None else ready.settings.lever_sd
+        weighing = gates is OPEN and trust is None and not changes
         trust = unused(changes, fixes, ready.settings.delay, trust)
         every = sorted((*ready.settings.changes, *changes), key=lambda each: each.time)
         settings = replace(ready.settings, gates=gates, trust=trust, changes=tuple(every))
-        if gates is OPEN and trust is None and not changes:
-            settings = replace(settings, lever_b=lever_b, lever_sd=arm_sd)
+        if weighing:  # false fixes that count would make an arm of 50 m
+            settings = replace(settings, lever_b=lever_b, lever_sd=0.0)
         return _run(replace(ready, gps=fixes, settings=settings, initial=initial), None)
 
     return decided(first, ready.gps, ready.settings, again)
