@@ -42,12 +42,13 @@ MISFIT = 0.6  # part of the accelerations that may be left unexplained
 Signs = tuple[int, int, int]
 SIGNS: list[Signs] = [(x, y, z) for x in (1, -1) for y in (1, -1) for z in (1, -1)]
 AS_GIVEN = SIGNS[0]
-ROUNDS = 3  # of Gauss-Newton
-NUDGE = np.diag([1e-3, 1e-3, 1e-3, 0.02])  # steps of its derivatives [rad/s], [s]
+ROUNDS = 10  # of Gauss-Newton, at most
+NUDGE = np.diag([1e-3, 1e-3, 1e-3, 0.02, 0.02, 0.02, 0.02])  # steps of its derivatives [rad/s], [m/s^2], [s]
 LARGEST_BIAS = 0.1  # of gyros that can be used [rad/s]
-# what is known of gyro bias [rad/s] and delay [s] before: a bias turns the accelerations of every window alike, much as
-# the mounting does; at rest it is seen, but may warm up, as on a recorded flight by 0.07 deg/s
-AT_REST, AT_ALL, DELAY_SD = np.deg2rad(0.1), np.deg2rad(0.5), 1.0
+# what is known of gyro bias [rad/s], accelerometer bias [m/s^2] and delay [s] before: a bias turns the accelerations of
+# every window alike, much as the mounting does; at rest that of gyros is seen, but may warm up, as on a recorded flight
+# by 0.07 deg/s
+AT_REST, AT_ALL, FORCE_SD, DELAY_SD = np.deg2rad(0.1), np.deg2rad(0.5), 0.2, 1.0
 _DIRECTIONS = dict(zip("FBRLDU", np.repeat(np.eye(3), 2, axis=0) * np.tile([1.0, -1.0], 3)[:, None], strict=True))
 # right-handed and left-handed sets of axes by their letters
 _SETS: tuple[list[tuple[str, FloatArray]], list[tuple[str, FloatArray]]] = ([], [])
@@ -95,8 +96,8 @@ def find_mounting(parts: Intervals, gps: GpsData) -> Mounting | None:
     if windows is None:
         return None
     rest = stationary_of(parts, gps)
-    still = np.append(summarize(parts, *rest).rate if rest is not None else np.zeros(3), 0.0)
-    still_sd = np.append(np.full(3, AT_ALL if rest is None else AT_REST), DELAY_SD)
+    still = np.append(summarize(parts, *rest).rate if rest is not None else np.zeros(3), np.zeros(4))
+    still_sd = np.repeat([AT_ALL if rest is None else AT_REST, FORCE_SD, DELAY_SD], [3, 3, 1])
     parts, telling = joined([parts]), windows.telling
     signs, mirrored = AS_GIVEN, False
     if telling.bends >= FEWEST:
@@ -125,9 +126,9 @@ def find_mounting(parts: Intervals, gps: GpsData) -> Mounting | None:
 def _refined(
     windows: _Windows, parts: Intervals, before: tuple[FloatArray, FloatArray], signs: Signs, *, mirrored: bool
 ) -> tuple[FloatArray, float]:
-    """Gyro bias [rad/s] and how much later the samples are stamped than the velocities [s], by Gauss-Newton.
+    """Biases [rad/s], [m/s^2], and how much later the samples are stamped than the velocities [s], by Gauss-Newton.
 
-    `before`: mean (4,) and standard deviation (4,) of both before. Returns them, (4,), and the standard deviation of
+    `before`: mean (7,) and standard deviation (7,) of them before. Returns them, (7,), and the standard deviation of
     the yaw by what is not known of them [rad].
     """
 
@@ -140,7 +141,7 @@ def _refined(
     for _ in range(ROUNDS):
         pushed = [fitted(at + step) for step in NUDGE]
         slope = np.column_stack([(each[1] - left) / step.sum() for each, step in zip(pushed, NUDGE, strict=True)])
-        noise = float(np.mean(left**2))
+        noise = float(np.sum(left**2)) / len(windows.turned)  # a window counts once: what is not modelled lasts
         covariance = np.linalg.inv(slope.T @ slope / noise + np.diag(sd**-2))
         turns = [each[0].to_vehicle @ found.to_vehicle.T for each in pushed]
         yaw = np.array([np.arctan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1]) for turn in turns])
@@ -216,14 +217,14 @@ class _Windows:
 def _felt(windows: _Windows, parts: Intervals, given: FloatArray, signs: Signs) -> FloatArray:
     """Specific force, integrated between the times of each window, (w, k, 3) in the axes of its start [m/s].
 
-    `given` (4,): gyro bias [rad/s], and delay of the samples [s].
+    `given` (7,): bias of gyros [rad/s] and accelerometers [m/s^2], and delay of the samples [s].
     """
     sign, lat = np.array(signs, dtype=float), float(windows.lla[0])
-    shifted = np.clip(windows.times + given[3], parts.end[0] - parts.dt[0], parts.end[-1])
+    shifted = np.clip(windows.times + given[6], parts.end[0] - parts.dt[0], parts.end[-1])
     felt = np.empty_like(windows.change)
     after = np.minimum(np.searchsorted(parts.end, shifted[:, -1] - 1e-6) + 1, parts.end.size)
     ends = np.column_stack([np.searchsorted(parts.end, shifted[:, 0] + 1e-6, side="right"), after])
-    bias, w_ie_n = given[:3] * sign, earth_rate_n(lat)
+    bias, w_ie_n = given[:6] * np.append(sign, np.ones(3)), earth_rate_n(lat)
     felt_changes(parts.end, parts.dt, parts.gyro, parts.accel, sign, bias, w_ie_n, shifted, ends, felt)
     return felt
 

@@ -79,8 +79,9 @@ def joined(end, dt, gyro, accel, gap, instant, count, inside, out):  # type: ign
 def felt_changes(end, dt, gyro, accel, turn, bias, w_ie_n, times, ends, out):  # type: ignore[no-untyped-def]
     """Specific force integrated between the times of windows, (w, m + 1) [s], in the axes of the start of each.
 
-    Intervals without the instantaneous form; `turn` (3,): signs of the gyros; `ends` (w, 2): the first interval of each
-    window and the one after its last; `out` (w, m, 3) [m/s].
+    Intervals without the instantaneous form; `turn` (3,): signs of the gyros; `bias` (6,) of gyros
+    and accelerometers [rad/s], [m/s^2]; `ends` (w, 2): the first interval of each window and the one after its last;
+    `out` (w, m, 3) [m/s].
     """
     level, u = np.zeros(4), np.zeros(3)
     level[0] = 1.0
@@ -94,7 +95,7 @@ def felt_changes(end, dt, gyro, accel, turn, bias, w_ie_n, times, ends, out):  #
             part = span[k] / dt[first + k]
             for i in range(3):
                 angles[k, i] = part * gyro[first + k, i] * turn[i] - bias[i] * span[k]
-                forces[k, i] = part * accel[first + k, i]
+                forces[k, i] = part * accel[first + k, i] - bias[3 + i] * span[k]
         attitude, integral = np.zeros((n + 1, 4)), np.zeros((n + 1, 3))
         gyro_history(level, w_ie_n, span, angles, forces, attitude, integral)
         k = 0
