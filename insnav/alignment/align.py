@@ -22,7 +22,7 @@ GIVEN_HEADING_SD = np.deg2rad(2.0)  # of a heading that the user gives: read fro
 STATIC_SPEED = 0.5  # GPS speed of a stationary vehicle, with the noise of a poor receiver [m/s]
 MOVED = 3.0  # standard deviations of the way between two positions from which it is motion
 SOON = 10.0  # a stop that begins this soon after the first fix is the start of the drive [s]
-COURSE_TIME = 0.5  # a course in motion may be off by the turn in this time: half a GPS interval [s]
+COURSE_TIME = 0.5  # a course in motion may be off by the turn in this time, or up to the nearest velocity [s]
 LEVEL_SPAN = 20.0  # of the level from GPS velocity change: longer, gyro drift tilts the frame; shorter, noise [s]
 
 
@@ -179,14 +179,16 @@ def _in_motion(
     rph, level_sd, acceleration = found
     bias = float(np.max(level_bias_sd(spec.accel)))
     gyro = float(np.max(gyro_bias_sd(spec.gyro)))
-    near = np.abs(speed.time - begin) <= 2.0
+    away = np.abs(speed.time - begin)
+    nearest = float(away.min())
+    near = away <= max(2.0, nearest)
     v = speed.v_n[near].mean(axis=0)
     rates, _ = static.rates(parts)
     around = np.abs(parts.end - begin) <= 1.0
     turning = float(np.max(np.abs(rates[around].mean(axis=0)))) if around.any() else 0.0
     # in a turn the course is not that of one instant, nor that of antenna and IMU the same
     across = float(np.hypot(np.median(speed.sd[near]), turning * lever_sd)) / max(np.hypot(v[0], v[1]), 1e-9)
-    course_sd = float(np.sqrt(motion.SLIP_SD**2 + across**2 + (turning * COURSE_TIME) ** 2))
+    course_sd = float(np.sqrt(motion.SLIP_SD**2 + across**2 + (turning * max(COURSE_TIME, nearest)) ** 2))
     method = "GPS course"
     if heading is not None:
         rph[2], course_sd, method = heading, GIVEN_HEADING_SD, "given"

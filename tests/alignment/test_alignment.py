@@ -330,6 +330,17 @@ def test_a_start_in_motion_is_as_sure_as_it_says():
     assert (honest(errors, sds) < 1.5).all()
 
 
+@pytest.mark.parametrize("begin", [533.0, 545.5])  # straight on, and as a bend begins
+def test_a_start_in_motion_from_a_position_every_five_seconds(begin):
+    for seed in range(8):
+        record = since(log(started(heading=0.3 * seed), CAR, seed), begin)
+        gps = record.gps.rows(slice(None, None, 5))
+        unknown = np.full_like(gps.v_n, np.nan)
+        found = aligned(replace(record, gps=replace(gps, v_n=unknown, velocity_sd=unknown)))
+        assert found.static is None
+        assert (np.abs(error(found, record.truth)) <= 3.5 * found.sd).all()
+
+
 # ---- what cannot be aligned
 
 
