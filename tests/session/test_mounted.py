@@ -49,7 +49,9 @@ def test_square_mountings_are_turned_to_the_vehicle_and_told(plain, letters):
 def test_a_yaw_is_told_and_heading_is_that_of_the_imu(plain):
     found = turned(plain, dcm_from_rph(np.array([0.0, 0.0, 30.0 * DEG])).T)
     assert any("heading is that of the IMU; with --imu-axes" in note for note in found.notes)
-    run = found.navigate(output_interval=1.0).found.run
+    result = found.navigate(output_interval=1.0)
+    assert "assumed: the IMU is turned" in result.summary()
+    run = result.found.run
     assert run.smoothed is not None
     true = plain.reference.data
     expected = np.interp(run.smoothed.solution.time, true.time, np.unwrap(true.rph[:, 2])) + 30.0 * DEG

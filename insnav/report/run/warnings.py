@@ -29,7 +29,7 @@ _EXPLAINED = 0.5  # part of the epochs outside 3 sd that a constant difference m
 _LARGEST_SCALE = 0.05  # scale factor error [-]: consumer MEMS sensors are sold with at most 0.03
 _ACROSS = 0.02  # part of what is about the other axes that such sensors show, too [-]
 _PACE = 1.0  # over which turns and accelerations are those of the motion, not of vibration [s]
-_ASSUMED = re.compile(r"\bassumed\b")
+_ASSUMED = re.compile(r"\bassumed\b|--imu-axes|added to the IMU times")  # or done to the samples, as the drive shows
 
 
 def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
@@ -202,11 +202,11 @@ def _motion(track: Trajectory) -> FloatArray:
 
 
 def run_assumptions(result: Result[Any]) -> tuple[str, ...]:
-    """Give lever arm and IMU model unless they were given, and what the files did not say."""
+    """Give what the drive shows of axes and clock, lever arm and IMU model unless given, and what files do not say."""
     evidence = {text: name for name, each in result.inputs.items() for text in each.evidence if _ASSUMED.search(text)}
     notes = tuple(text for text in result.notes if _ASSUMED.search(text))
     files = tuple(f"{name}: {text.replace('(assumed; ', '(')}" for text, name in evidence.items())
-    return (*_not_given(result), *notes, *files)
+    return (*notes, *_not_given(result), *files)
 
 
 def _not_given(result: Result[Any]) -> Iterator[str]:
