@@ -125,8 +125,7 @@ def _from_rest(
     found = replace(align_static(parts, spec, lat, height, rest, heading), time=start)
     if found.sd[2] <= SURE_SD or found.heading_method == "given":
         return found
-    speed = motion.velocity(gps)
-    moving = motion.first_motion(speed, start)
+    speed, moving = motion.sure_motion(gps, start)
     course = None
     if moving is not None:
         end = min(moving + motion.SPAN + 1.0, float(parts.end[-1]))
@@ -157,8 +156,7 @@ def _in_motion(
     parts: Intervals, spec: ImuSpec, gps: GpsData, start: float, heading: float | None, yaw: float, lever_sd: float
 ) -> Alignment:
     """`start`: first fix that the samples cover [s]."""
-    speed = motion.velocity(gps)
-    moving = motion.first_motion(speed, start)
+    speed, moving = motion.sure_motion(gps, start)
     if moving is None:
         raise AlignmentError(
             "the IMU cannot be aligned",

@@ -19,6 +19,7 @@ SPAN = 15.0  # motion that a heading is found from: longer, gyro drift counts [s
 SLIP_SD = np.deg2rad(3.0)  # of the direction of travel against the body's forward axis: slip and mounting
 RATE_SPAN = 0.1  # turn of the lever arm before and after a fix that its velocity is taken from [s]
 DIFFERENCE = 2.0  # base of velocities from positions: 1 m of noise makes 0.7 m/s [s]
+LONGER = 5.0, 10.0  # the same where by it no motion is sure: of positions as poor as those of telephones [s]
 CLEAR_SD = np.deg2rad(20.0)  # of the direction of acceleration, beyond which it decides nothing
 TURNED, REVERSED = np.deg2rad(40.0), np.deg2rad(30.0)  # course and acceleration so far apart, or from opposite
 
@@ -53,16 +54,16 @@ class History:
         return np.clip(np.searchsorted(self.time, time), 0, self.time.shape[0] - 1)
 
 
-def velocity(gps: GpsData) -> Velocity:
-    """Velocity from the receiver where it is given at most epochs, else from positions a few seconds apart."""
+def velocity(gps: GpsData, difference: float = DIFFERENCE) -> Velocity:
+    """Velocity from the receiver where it is given at most epochs, else from positions so many seconds apart."""
     known = np.isfinite(gps.v_n).all(axis=1)
     if known.mean() > 0.5:
         return Velocity(gps.time[known], gps.v_n[known], gps.velocity_sd[known, :2].max(axis=1))
-    ahead = np.searchsorted(gps.time, gps.time + DIFFERENCE - 1e-3)
+    ahead = np.searchsorted(gps.time, gps.time + difference - 1e-3)
     i = np.flatnonzero(ahead < gps.time.shape[0])
     j = ahead[i]
     base = gps.time[j] - gps.time[i]
-    near = base < 2.0 * max(DIFFERENCE, _interval(gps.time))
+    near = base < 2.0 * max(difference, _interval(gps.time))
     i, j, base = i[near], j[near], base[near]
     moved = ned_offset(gps.lla[j], gps.lla[i]) / base[:, None]
     sd = np.hypot(gps.position_sd[i, :2].max(axis=1), gps.position_sd[j, :2].max(axis=1)) / base
@@ -123,6 +124,15 @@ def first_motion(speed: Velocity, start: float) -> float | None:
     first = np.arange(speed.time.shape[0])
     moving = np.flatnonzero((slow[last] == slow[first]) & (last - first >= 2))
     return float(speed.time[moving[0]]) if moving.size else None
+
+
+def sure_motion(gps: GpsData, start: float) -> tuple[Velocity, float | None]:
+    """Velocity, from positions no farther apart than it takes, and when by it the vehicle first is surely moving."""
+    for difference in (DIFFERENCE, *LONGER):
+        speed = velocity(gps, difference)
+        if speed.time.size and (moving := first_motion(speed, start)) is not None:
+            return speed, moving
+    return velocity(gps), None
 
 
 def course_heading(

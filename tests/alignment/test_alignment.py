@@ -341,6 +341,18 @@ def test_a_start_in_motion_from_a_position_every_five_seconds(begin):
         assert (np.abs(error(found, record.truth)) <= 3.5 * found.sd).all()
 
 
+@pytest.mark.parametrize("begin", [0.0, 520.0])
+def test_poor_positions_alone_show_motion_by_a_longer_way(begin):
+    poor = GpsErrors((7.0, 7.0, 12.0))
+    for seed in range(8):
+        truth = started(heading=0.3 * seed)
+        record = since(log(truth, CAR, seed), begin)
+        gps = since(replace(record, gps=corrupt_gps(fixes(truth), poor, (seed, 2))), begin).gps
+        found = aligned(replace(record, gps=gps))
+        assert found.heading_method == "GPS course"
+        assert (np.abs(error(found, truth)) <= 3.5 * found.sd).all()
+
+
 # ---- what cannot be aligned
 
 
