@@ -21,7 +21,7 @@ import numpy as np
 from insnav.exceptions import DivergenceError
 from insnav.filter.error_model import ErrorModel, InitialState, error_model, initial_state
 from insnav.filter.gps_correlation import CorrelatedNoise
-from insnav.filter.gps_noise import OPEN_VELOCITY
+from insnav.filter.gps_noise import ALIKE, OPEN_VELOCITY
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import CORRELATED, Prepared
 from insnav.filter.sensor_axes import Misalignment, by_turn, errors_of_axes, misalignment
@@ -41,6 +41,7 @@ LONGEST = 1800.0  # of the record that is looked at [s]
 SHORT = 600.0  # of it for the first steps, from which the rest is not far [s]
 SPACING = 0.9  # time between the fixes that are looked at, on average at least [s]
 FEWEST = 30  # fixes needed: what fewer show is less than what the prior knows
+MOST_REJECTED = 0.3  # part of them that must have been used, else the gates are wrong
 HUBER = 3.0  # innovations beyond so many standard deviations count less, so that false fixes do not decide
 # what the variance of clean innovations loses by that: 1 - 2 Q(3), the expectation of psi(u) u for standard normal u
 CLEAN = 0.9973
@@ -57,8 +58,10 @@ NEAR = 3.0  # smaller ones end the first steps
 FAR = 5.0  # after a larger one the derivatives serve another step
 OBSERVABLE = 0.8  # a figure is observable if the drive narrows its interval to this part of the prior's
 INTERVAL = np.array([0.0, -1.96, 1.96])  # middle and ends of 95 % of a normal distribution, in its sd
-# times the reported standard deviations: a receiver that is so wrong is wrong in what is not seen, too
-UNDERSTATED = 2.0
+# Where what is seen of the errors of fixes is so many times what came with them, what is not seen is larger, too: the
+# whole is then taken for as many times what is seen, up to `ALIKE`, as that exceeds this. From such factors on it is
+# looked for.
+UNDERSTATED, UNDERSTATED_STARTS = 2.0, (1.0, 5.0, 50.0)
 # a drive is by another IMU if by chance its innovations are so unlikely, and figures so many times and standard
 # deviations off those of all
 CHANCE, UNLIKE, UNLIKE_SD = 1e-4, 2.0, 3.0
@@ -78,6 +81,7 @@ UNITS_SHOWN = {
 # The same of the standard deviation of a position, upwards and downwards. Innovations cannot show that it is smaller:
 # errors that hardly change from fix to fix leave no trace in them. Smaller innovations are time correlation.
 POSITION_PRIOR = (0.6, 0.03)
+LEVELS = "gps.horizontal", "gps.vertical"
 VELOCITY_PRIOR = 0.6
 KINK = 3.0  # sd of the steeper side of a prior from its middle: the other side is what is plausible there
 # By so many times their variance, figures are larger in the mean than where they are likeliest: a correlation time as a
@@ -187,11 +191,19 @@ class InnovationLikelihood:
         unknown = np.full(3, OPEN_VELOCITY)
         self.velocity_sd: FloatArray = np.median(gps.velocity_sd[moving], axis=0) if moving.any() else unknown
         self.fixes = int(np.count_nonzero(self._offered & (self._tape[1] > 0)))
+        self.offered = int(np.count_nonzero((gps.time > imu.time[0]) & (gps.time < imu.time[-1])))
         self.parameters = self._choose()
 
     def again(self, found: NoiseEstimate) -> InnovationLikelihood:
         """The same about another run, with the noise that was found."""
         return InnovationLikelihood(self._ready, self.prior, found)
+
+    def doubted(self, found: NoiseEstimate) -> InnovationLikelihood:
+        """The same if what came with the positions says nothing of their size, where it is far smaller than `found`."""
+        part, seen = copy(self), found.position_factor[1:]
+        middle = dict(zip(LEVELS, np.log(seen * np.minimum(seen / UNDERSTATED, ALIKE)), strict=True))
+        part.parameters = tuple(replace(p, middle=float(middle.get(p.key, p.middle))) for p in self.parameters)
+        return part
 
     def beginning(self, length: float) -> InnovationLikelihood:
         """The same of the innovations of so long from the start only [s]."""
@@ -239,7 +251,7 @@ class InnovationLikelihood:
             for key, sd in IMU_PRIOR.items()
             if np.any(getattr(sensor, key) > 0.0) and not (self._states == 15 and key == "scale_factor")
         ]
-        found += [_Parameter(f"gps.{name}", 0.0, *POSITION_PRIOR) for name in ("horizontal", "vertical")]
+        found += [_Parameter(name, 0.0, *POSITION_PRIOR) for name in LEVELS]
         for axis, name in ((0, "velocity"), (2, "vertical_velocity")):
             if self.velocity_sd[axis] < OPEN_VELOCITY:
                 found.append(_Parameter(f"gps.{name}", 0.0, VELOCITY_PRIOR, VELOCITY_PRIOR))
@@ -500,7 +512,12 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
     white[-2] = -np.inf
     before = posterior.innovations(white)
     lasting = np.array([(np.log(share / (1.0 - share)), np.log(time)) for share, time in STARTS])
-    starts = [np.concatenate([posterior.middle[:-2], each]) for each in lasting]
+    level = np.array([p.key in LEVELS for p in posterior.parameters[:-2]])
+    starts = [
+        np.concatenate([posterior.middle[:-2] + np.log(factor) * level, each])
+        for factor in UNDERSTATED_STARTS
+        for each in lasting
+    ]
     short = _Posterior([drive.beginning(SHORT) for drive in drives])
     first, *_ = short.climb(min(starts, key=lambda at: short.innovations(at)[2]), NEAR)
     top, covariance, (e, s, cost) = posterior.climb(first)
@@ -588,19 +605,25 @@ def _likelihood(ready: Prepared, spec: ImuSpec) -> InnovationLikelihood | None:
     """Innovations of a drive; none where it is too short to tell, or the filter diverges."""
     if _thinned(ready.gps).time.shape[0] < FEWEST:
         return None
-    try:
-        drive = InnovationLikelihood(ready, spec)
-    except DivergenceError:
-        return None
-    return drive if drive.fixes >= FEWEST else None
+    gates = ready.settings.gates
+    # where gates reject most fixes by what came with these, all are looked at
+    for each in (gates, replace(gates, probability=1.0, reset_after=np.inf)):
+        with suppress(DivergenceError):
+            drive = InnovationLikelihood(replace(ready, settings=replace(ready.settings, gates=each)), spec)
+            if drive.fixes >= max(FEWEST, MOST_REJECTED * drive.offered):
+                return drive
+    return None
 
 
 def identify(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
-    """Noise in drives of one IMU, about second runs with what the first showed if one of these is far off."""
+    """Noise in drives of one IMU, about second runs with it if the first are far off or reject fixes."""
     found = maximise(drives)
-    if found.far_off:
+    if found.far_off or np.min(found.position_factor) > UNDERSTATED:
         with suppress(DivergenceError):
-            found = maximise([drive.again(found) for drive in drives])
+            drives = [drive.again(found) for drive in drives]
+            found = maximise(drives)
+    if np.min(found.position_factor) > UNDERSTATED:
+        found = maximise([drive.doubted(found) for drive in drives])
     return found
 
 
@@ -708,8 +731,8 @@ def understated(ready: Prepared, read: GpsData) -> tuple[Event, ...]:
     if max(position, velocity) < UNDERSTATED:
         return ()
     told = (
-        f"the standard deviations of the fixes are too small: by the innovations {position:.2g} times for positions, "
-        f"{velocity:.2g} for velocities; errors that change slowly do not show there, and may be larger than stated"
+        f"the standard deviations of the fixes are too small: taken {position:.2g} times as large for positions, "
+        f"{velocity:.2g} for velocities, by the innovations; errors that change slowly hardly show there"
     )
     kind = EventKind.CONTRADICTION
     return (Event(ready.initial.time, kind, max(position, velocity), UNDERSTATED, "", told),)

@@ -417,6 +417,24 @@ def test_a_short_drive_tells_little_and_a_shorter_one_nothing():
     assert identify_noise(prepared(imu, few, drives.SPEC, 0, laps=1), drives.SPEC) is None
 
 
+@pytest.mark.parametrize("velocities", [True, False])
+@pytest.mark.parametrize("part", [5.0, 100.0])
+def test_positions_far_worse_than_they_say_are_taken_for_what_they_are(part, velocities):
+    """White and lasting errors both: of the latter the innovations of ten minutes show next to nothing."""
+    drive = insnav.simulate("city", imu="industrial", gps="single", seed=4)
+    gps, true = drive.gps.data, drive.reference.data
+    gps = replace(gps, position_sd=gps.position_sd / part)
+    if not velocities:
+        unknown = np.full_like(gps.v_n, np.nan)
+        gps = replace(gps, v_n=unknown, velocity_sd=unknown)
+    result = insnav.load(drive.imu.data, gps).navigate(output_interval=1.0)
+    assert "standard deviations of the fixes are too small" in result.summary()
+    at = result.found.run.smoothed.solution
+    off = ned_offset(at.lla, np.column_stack([np.interp(at.time, true.time, column) for column in true.lla.T]))
+    assert np.mean(np.abs(off) < 3.0 * at.sd[:, :3]) > 0.97
+    assert np.median(at.sd[:, 0]) < 3.0  # of 1.5 m
+
+
 def test_drives_of_one_imu_together_tell_more_than_one(found):
     pool = []
     for seed in range(4):
