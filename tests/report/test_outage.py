@@ -41,9 +41,18 @@ def test_windows_of_every_length_are_judged():
     short, long = outage_windows(error, 3.0, 0.1, 60), outage_windows(error, 1.9, 0.1, 60)
     growth = (*outage_growth(short), *(replace(each, times=6.0 * each.times) for each in outage_growth(long)))
     said = Result("outage", OutageStudy((*short, *long), growth, "the truth")).page().verdict
-    ratio = growth[-1].rms[-1, 0] / np.hypot(growth[-1].predicted[-1, 0], growth[-1].reference[-1, 0])
+    ratio = growth[-1].rms[-1, :2] / np.hypot(growth[-1].predicted[-1, :2], growth[-1].reference[-1, :2])
+    which = ("horizontal", "vertical")[np.argmax(ratio)]
     assert said.light == "attention"
-    assert said.reason.startswith(f"after 60 s the errors are {ratio:.2f} times as large as predicted")
+    assert said.reason.startswith(f"after 60 s the {which} errors are {max(ratio):.2f} times as large as predicted")
+
+
+def test_the_vertical_is_judged_too():
+    error = np.random.default_rng(1).standard_normal((60, 6)) * [3.0, 3.0, 5.4, 3.0, 3.0, 5.4]
+    windows = outage_windows(error, 3.0, 0.1, 60)
+    said = Result("outage", OutageStudy(windows, tuple(outage_growth(windows)), "the truth")).page().verdict
+    assert said.light == "attention"
+    assert "s the vertical errors are 1." in said.reason
 
 
 def test_raw_and_corrected_stand_side_by_side():

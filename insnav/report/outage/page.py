@@ -97,7 +97,7 @@ def _verdict(study: OutageStudy, told: tuple[str, ...]) -> Verdict:
     i, smoothed = found.column("horizontal"), found.column("smoothed horizontal")
     both = [(each, lead) for each in study.growth for lead in _MODES]
     few, length, mode = min((_inside(each, lead), each.length, lead) for each, lead in both)
-    ratio, longer, larger = max((_as_predicted(each, lead), each.length, lead) for each, lead in both)
+    ratio, longer, larger = max((ratio, each.length, name) for each in study.growth for ratio, name in _ratios(each))
     light, words = ("good", "can be relied on") if few >= _INSIDE else ("attention", "is too small")
     if few < _FEW_INSIDE:
         light, words = "bad", "is far too small"
@@ -106,7 +106,7 @@ def _verdict(study: OutageStudy, told: tuple[str, ...]) -> Verdict:
         reason = f"after every length {100.0 * few:.0f} % of the errors or more are inside 3 sd: the stated sd {words}"
     if light == "good" and ratio > _LARGER:
         light = "attention"
-        reason = f"after {longer:g} s the {larger}errors are {ratio:.2f} times as large as predicted; "
+        reason = f"after {longer:g} s the {larger} errors are {ratio:.2f} times as large as predicted; "
         reason += f"{100.0 * few:.0f} % or more are inside 3 sd"
     text = (
         f"After {found.length:g} s without GPS: horizontal error {number(float(found.rms[-1, i]))} m RMS, "
@@ -133,11 +133,12 @@ def _inside(found: Growth, mode: str) -> float:
     return share if np.isfinite(share) else 1.0
 
 
-def _as_predicted(found: Growth, mode: str) -> float:
-    """RMS horizontal error at the end of windows of one length over the predicted, that of the reference in both."""
-    i = found.column(f"{mode}horizontal")
-    predicted = float(np.hypot(found.predicted[-1, i], found.reference[-1, i]))
-    return float(found.rms[-1, i]) / predicted if predicted > 0.0 and np.isfinite(found.rms[-1, i]) else 0.0
+def _ratios(found: Growth) -> list[tuple[float, str]]:
+    """RMS errors at the end of windows of one length over the predicted, that of the reference in both, and of what."""
+    names = [f"{mode}{name}" for mode in _MODES for name in ("horizontal", "vertical")]
+    rms, predicted = found.rms[-1], np.hypot(found.predicted[-1], found.reference[-1])
+    ratio = np.divide(rms, predicted, out=np.zeros_like(rms), where=np.isfinite(rms) & (predicted > 0.0))
+    return [(float(ratio[found.column(name)]), name) for name in names]
 
 
 def _merits(found: Growth) -> tuple[Quantity, ...]:
