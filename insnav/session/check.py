@@ -405,7 +405,8 @@ def _of_both(found: Checked, data: Readings, patient: _Patient) -> None:
     delay, sd = found.run.gps_delay, found.run.gps_delay_sd
     if abs(delay) > WORTH["delay"] and abs(delay) > 4.0 * sd:
         what = f"IMU and GPS are {abs(delay):.3f} ± {sd:.3f} s apart"
-        patient.mend(32.0, what, "by the filter", f"nothing: it is estimated; or --gps-delay {delay:.3f}")
+        why = f"by the filter in {np.ptp(found.run.solution.time):.0f} s; insnav run asks the whole drive"
+        patient.mend(32.0, what, why, f"nothing: it is estimated; or --gps-delay {delay:.3f}")
     lever, lever_sd = found.run.lever_b, found.run.lever_sd
     if data.inputs.get("lever_arm") is None:
         seen = np.linalg.norm(lever) > WORTH["lever"] and bool((np.abs(lever) > 4.0 * lever_sd).any())

@@ -152,9 +152,10 @@ def _both(found: Checked) -> tuple[Section, ...]:
         ]
     if found.run is not None and found.gps is not None:
         arm, sd = (found.run.lever_b, found.run.lever_sd) if np.any(found.run.lever_sd) else (None, None)
-        unknown = " (not estimated)" * (arm is None)
+        unknown, span = " (not estimated)" * (arm is None), np.ptp(found.run.solution.time)
+        late = f"GPS late, by the filter in {span:.0f} s"
         items += [
-            Quantity("delay", found.run.gps_delay, "s", sd=found.run.gps_delay_sd, meaning="GPS late, by the filter"),
+            Quantity("delay", found.run.gps_delay, "s", sd=found.run.gps_delay_sd, meaning=late),
             Quantity("lever_arm", arm, "m", sd=sd, meaning=f"lever arm by the filter{unknown}"),
         ]
     if not items:
