@@ -356,10 +356,9 @@ def _of_gps(reading: Reading[GpsData], found: Checked, patient: _Patient) -> Non
         what = f"the position jumps {figures.jumps} times"
         why = f"by up to {figures.largest_jump:.3g} m against the velocities; the filter weighs them"
         patient.mend(46.0, what, why, "")
-    ratio = figures.scatter / figures.reported_sd
-    if np.isfinite(ratio).all() and float(ratio.max()) > 3.0:
+    if (ratio := figures.understated) > 3.0:
         what = "positions scatter more than their standard deviations say"
-        patient.mend(44.0, what, f"{float(ratio.max()):.1f} times", "scale them, or leave their columns out")
+        patient.mend(44.0, what, f"{ratio:.1f} times", "scale them, or leave their columns out")
     if facts.n_gaps:
         what = f"{facts.n_gaps} gap{'s' * (facts.n_gaps > 1)} in GPS, the longest {facts.longest_gap_s:.3g} s"
         patient.mend(28.0, what, "the IMU is alone in them", "insnav outage says what that costs")

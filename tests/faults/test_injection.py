@@ -59,6 +59,14 @@ def test_n20_a_week_or_a_day_that_ends_within_a_drive_changes_nothing(period):
     np.testing.assert_array_equal(whole.time, wrapped.time)
 
 
+def test_standard_deviations_that_lose_the_filter_are_those_of_the_scatter():
+    (case,) = [case for case in cases() if case.name == "sd factor 0.01"]
+    found = outcome("short", case)
+    assert found.kind in ("warned", "told")
+    assert "scatter" in found.words
+    assert found.largest < 3.0
+
+
 def test_frozen_fixes_in_curves_are_named_and_left_out():
     """Precise fixes: weak at first they let the velocities of a curve be false, and a jump stood for all of it."""
     (case,) = [case for case in cases() if case.name == "frozen [s] 20"]
