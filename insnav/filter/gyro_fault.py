@@ -40,6 +40,7 @@ SUSPECT = 4.0  # times the in-run bias of the preset: recorded cars have up to 2
 PARTS, SHORTEST = 50, 4.0  # of the record that spans are made of at first, and how long at least [s]
 REACH, STEP = 6.0, 1.0  # about the ends of a span and from one to the next, where it is refined [s]
 ROUNDS, SETTLED = 12, 0.03  # at most, and the part of a rate that ends them
+LOST_BY = 2.0  # so soon after its end a run is lost by a fault that goes on [s]
 # twice the gain of the log-likelihood from which a span is looked at, from which it is worth runs without it, with the
 # noise beside it in what was seen, and from which it is a fault: recorded drives without one have up to 29 and 81 [-]
 LOOKED_AT, WORTH, SURELY = 8.0, 30.0, 90.0
@@ -72,10 +73,13 @@ class Episode:
         ends = max(abs(self.begin - other.begin), abs(self.end - other.end))
         return ends <= STEP + 1e-6 and abs(self.angle - other.angle) < SETTLED * abs(self.angle)
 
+    def beside(self, other: Episode) -> bool:
+        """Whether another one of the same gyro is at the same time, or just before or after."""
+        return self.cause == other.cause and max(self.begin - other.end, other.begin - self.end) < REACH
+
     def part_of(self, other: Episode) -> bool:
         """Whether it is what another one, larger, has left about itself."""
-        apart = max(self.begin - other.end, other.begin - self.end)
-        return self.cause == other.cause and apart < REACH and abs(self.rate) < abs(other.rate)
+        return self.beside(other) and abs(self.rate) < abs(other.rate)
 
     @property
     def angle(self) -> float:
@@ -95,7 +99,7 @@ def without_gyro_faults(ready: Prepared, found: NoiseEstimate, spec: ImuSpec) ->
 
     `found`: noise of the recording as it is; `spec`: that it was prepared with.
     """
-    said, ends, every = list[Event](), list[StateChange](), list[Episode]()
+    every = list[Episode]()
     while len(every) < MOST and found.seen is not None:
         suspect = (
             found.far_off or found.seen[0].rejected() or _far_larger("bias_instability", SUSPECT, found.spec, spec)
@@ -105,17 +109,18 @@ def without_gyro_faults(ready: Prepared, found: NoiseEstimate, spec: ImuSpec) ->
         if other is None:
             break
         fault, ready, found = other
+        every.append(fault)
+    changes, said = list(ready.settings.changes), list[Event]()
+    for fault in every:
         rate, when = fault.rate / DEG, moment(fault.begin, fault.end)
         text = (
             f"gyro {'xyz'[fault.cause]} is off by {rate:+.2g} deg/s from {when}: taken off, standard deviations opened"
         )
         if not any(map(fault.part_of, every)):
             said.append(Event(fault.begin, EventKind.CONTRADICTION, abs(rate), np.nan, "deg/s", text))
-        every.append(fault)
         opened = OPENED * abs(fault.rate) * np.eye(3)[fault.cause]
-        ends += [StateChange(at, NAV, opened, fault.gain, -np.inf) for at in (fault.begin, fault.end)]
-    changes = sorted((*ready.settings.changes, *ends), key=lambda each: each.time)
-    settings = replace(ready.settings, changes=tuple(changes))
+        changes += [StateChange(at, NAV, opened, fault.gain, -np.inf) for at in (fault.begin, fault.end)]
+    settings = replace(ready.settings, changes=tuple(sorted(changes, key=lambda each: each.time)))
     return replace(ready, settings=settings, faults=(*ready.faults, *said)), replace(found, seen=None)
 
 
@@ -220,7 +225,7 @@ def _settled(
     `cut`: a run that is lost is looked at up to there. A fault that is there until then may be so to the end.
     Returns: the fault, the recording without it, its noise; and whether one of the runs was cut.
     """
-    whole, any_lost = float(ready.imu.time[-1]), False
+    any_lost, last = False, fault
     for count in range(ROUNDS):
         some = replace(ready, imu=fault.taken_off(ready.imu))
         again = identify_noise(some, spec)
@@ -228,21 +233,24 @@ def _settled(
         if again is None or seen is None:
             break
         drive, at = _looked_at(seen, cut)
+        if drive.times[-1] < fault.begin:  # not by it: false fixes look so, too
+            drive = seen[0]
+        lost = drive is not seen[0]
+        any_lost |= lost
         edges = _edges(drive)
         begin, end = edges[[0, -1]]
         reach = max(REACH, edges[1] - edges[0])
         near = np.arange(-reach, reach + STEP, STEP)
         edges = np.unique(np.clip(np.concatenate([edges, fault.begin + near, min(fault.end, end) + near]), begin, end))
         before, fault = fault, _likeliest(*drive.by_spans(at, edges, fault.cause), edges, fault.cause, fault)
-        lost = drive is not seen[0]
-        any_lost |= lost
         if fault.gain < (LOOKED_AT if lost or count == 0 else SURELY):
             break
-        if lost and fault.end == end:
-            fault = replace(fault, end=whole)
-        elif not lost and fault.near(before):
+        if fault.near(before):
             sure = fault.gain > SURELY and abs(fault.rate) > LEAST and fault.end - fault.begin > SHORTEST_FOUND
             return (fault, some, again) if sure else None, any_lost
+        last, same = fault, fault.near(last)
+        if lost and fault.end > end - LOST_BY and not same:
+            fault = replace(fault, end=float(ready.imu.time[-1]))
     return None, any_lost
 
 
