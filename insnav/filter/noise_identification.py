@@ -58,11 +58,10 @@ NEAR = 3.0  # smaller ones end the first steps
 FAR = 5.0  # after a larger one the derivatives serve another step
 OBSERVABLE = 0.8  # a figure is observable if the drive narrows its interval to this part of the prior's
 INTERVAL = np.array([0.0, -1.96, 1.96])  # middle and ends of 95 % of a normal distribution, in its sd
-# What is seen of the errors of fixes is at most 1.3 times what came with them on 45 random drives with true ones, in
-# height or across no more than 1.2. Where it is more, what is not seen is larger, too: the whole is then taken for as
-# many times what is seen, up to `ALIKE`, as that exceeds this. From further factors it is looked for, and where what
-# came with fixes is so much too small, most may have been rejected.
-DOUBTED = 1.25
+# Where the white part alone of the errors of fixes is so many times what came with these, the lasting part, of which a
+# drive shows little, is larger than that says, too: the whole is then taken for as many times more, up to `ALIKE`, as
+# the white part exceeds it. From further factors it is looked for, as most fixes may have been rejected.
+DOUBTED = 1.15
 UNDERSTATED, UNDERSTATED_STARTS = 2.0, (1.0, 5.0, 50.0)
 # a drive is by another IMU if by chance its innovations are so unlikely, and figures so many times and standard
 # deviations off those of all
@@ -202,8 +201,8 @@ class InnovationLikelihood:
 
     def doubted(self, found: NoiseEstimate) -> InnovationLikelihood:
         """The same if what came with the positions says nothing of their size, where it is far smaller than `found`."""
-        part, seen = copy(self), found.position_factor[1:]
-        middle = dict(zip(LEVELS, np.log(seen * np.clip(seen / DOUBTED, 1.0, ALIKE)), strict=True))
+        part, larger = copy(self), np.clip(_white(found), 1.0, ALIKE)
+        middle = dict(zip(LEVELS, np.log(found.position_factor[1:] * larger), strict=True))
         part.parameters = tuple(replace(p, middle=float(middle.get(p.key, p.middle))) for p in self.parameters)
         return part
 
@@ -617,16 +616,20 @@ def _likelihood(ready: Prepared, spec: ImuSpec) -> InnovationLikelihood | None:
     return None
 
 
+def _white(found: NoiseEstimate) -> FloatArray:
+    """White part of the errors of positions, horizontal and vertical, by what came with them, (2,)."""
+    return np.asarray(found.position_factor[1:] * np.sqrt(1.0 - found.correlated.share))
+
+
 def identify(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
     """Noise in drives of one IMU, about second runs with it if the first are far off or reject fixes."""
     found = maximise(drives)
-    if found.far_off or np.min(found.position_factor) > UNDERSTATED:
+    doubtful = bool(np.min(_white(found)) > DOUBTED)
+    if found.far_off or doubtful:
         with suppress(DivergenceError):
             drives = [drive.again(found) for drive in drives]
             found = maximise(drives)
-    if np.min(found.position_factor) > DOUBTED:
-        found = maximise([drive.doubted(found) for drive in drives])
-    return found
+    return maximise([drive.doubted(found) for drive in drives]) if doubtful else found
 
 
 def unlike(drives: Sequence[InnovationLikelihood], found: NoiseEstimate) -> list[list[NoiseFigure]]:

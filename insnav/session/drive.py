@@ -16,7 +16,7 @@ import numpy as np
 from insnav import spill
 from insnav.alignment import find_stationary
 from insnav.engine import Workers, share_of
-from insnav.errors.evaluated_run import EvaluatedRun, evaluate_run, failure, fixed_epochs
+from insnav.errors.evaluated_run import EvaluatedRun, evaluate_run, fixed_epochs
 from insnav.errors.metrics import at_point
 from insnav.errors.outage.gnss_outage import LENGTHS, outages
 from insnav.errors.outage.window_reference import WindowReference, reference_from_trajectory
@@ -25,7 +25,6 @@ from insnav.exceptions import AlignmentError, ConfigError, InputError, as_keywor
 from insnav.filter import FilterSettings
 from insnav.filter.delay_step import with_one_delay
 from insnav.filter.fine_alignment import FineAlignment, fine_alignment
-from insnav.filter.fix_figures import look_at_fixes
 from insnav.filter.gps_delay import on_time
 from insnav.filter.gps_noise import with_sd
 from insnav.filter.gyro_fault import without_gyro_faults
@@ -45,7 +44,7 @@ from insnav.session.inputs import Inputs
 from insnav.session.mounted import as_mounted
 from insnav.session.read import Readings, read
 from insnav.strapdown import intervals
-from insnav.types import Event, EventKind, FloatArray, GpsData, ImuData, Trajectory
+from insnav.types import Event, FloatArray, GpsData, ImuData, Trajectory
 
 if TYPE_CHECKING:  # what takes long to import is imported where it is used: a run needs no budget
     from insnav.errors.budget.drive_motion import BudgetStudy
@@ -58,7 +57,6 @@ if TYPE_CHECKING:  # what takes long to import is imported where it is used: a r
 
 SLOWEST = 2.5  # rate of an IMU that can be navigated [Hz]
 SHORT_REST = 10.0  # so long may steady motion look like rest [s]
-UNDERSTATED = 10.0  # times their standard deviations that positions scatter where these have lost the filter [-]
 
 
 def load(
@@ -348,18 +346,6 @@ class Drive:
 
         ready, done = with_one_delay(self.fixes, navigated)
         doubts = () if self.gps is None else understated(ready, self.gps.data)
-        if (
-            failure(done.run)
-            and self.fixes is not None
-            and (times := look_at_fixes(self.fixes).understated) > UNDERSTATED
-        ):
-            sds = {key: times * getattr(self.fixes, key) for key in ("position_sd", "velocity_sd")}
-            some = with_one_delay(replace(self.fixes, **sds), navigated)
-            if not failure(some[1].run):
-                said = f"positions scatter {times:.2g} times as much as their standard deviations say, with which the "
-                said += "filter is lost: those of positions and velocities are taken so many times as large"
-                at, kind = some[0].initial.time, EventKind.CONTRADICTION
-                (ready, done), doubts = some, (Event(at, kind, times, UNDERSTATED, "", said),)
         if self.readings.inputs.get("gps_delay") is not None:
             doubts = (*doubts, *delay_contradicted(ready))
         if ready.settings.lever_sd and not self.settings.lever_sd:

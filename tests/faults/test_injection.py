@@ -59,11 +59,11 @@ def test_n20_a_week_or_a_day_that_ends_within_a_drive_changes_nothing(period):
     np.testing.assert_array_equal(whole.time, wrapped.time)
 
 
-def test_standard_deviations_that_lose_the_filter_are_those_of_the_scatter():
+def test_standard_deviations_of_a_hundredth_are_those_of_the_innovations():
     (case,) = [case for case in cases() if case.name == "sd factor 0.01"]
     found = outcome("short", case)
-    assert found.kind in ("warned", "told")
-    assert "scatter" in found.words
+    assert found.kind == "told"
+    assert "too small" in found.words
     assert found.largest < 3.0
 
 
