@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -47,3 +48,29 @@ def test_without_a_folder_every_run_compiles(tmp_path):
     script.write_text(f"exec(compile({SOURCE!r}, '/proc/kernel.py', 'exec'))", encoding="utf-8")
     nowhere = {"NUMBA_CACHE_DIR": "/proc/cache", "HOME": "/proc", "XDG_CACHE_HOME": "/proc"}
     assert ran(script, **nowhere) == ["42.0", "False", "0"]
+
+
+def test_a_kernel_is_compiled_anew_when_one_of_another_file_changes(tmp_path):
+    """It has that one's code in it, and numba looks at the kernel's own file alone."""
+    package, script = Path(__file__).parents[1] / "insnav", tmp_path / "script.py"
+    shutil.copytree(package, tmp_path / "insnav", ignore=shutil.ignore_patterns("__pycache__"))
+    script.write_text(
+        "import numpy as np\n"
+        "from insnav.kernels.errorstate import move_along\n"
+        "state = np.zeros((1, 10))\n"
+        "state[0, 3] = 1.0\n"
+        "move_along(state, np.ones(1))\n"
+        "print(1.0 / state[0, 0], sum(move_along.stats.cache_hits.values()))\n",
+        encoding="utf-8",
+    )
+    places = {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    meridian = 6378137.0 * (1.0 - 6.69437999014e-3)  # radius at the equator [m]: WGS 84
+    radius, hits = ran(script, **places)
+    assert float(radius) == pytest.approx(meridian, abs=1e-3)
+    assert hits == "0"
+    assert ran(script, **places) == [radius, "1"]
+    earth = tmp_path / "insnav" / "kernels" / "earth.py"
+    earth.write_text(earth.read_text("utf-8").replace("6378137.0", "3000000.0"), "utf-8")
+    radius, hits = ran(script, **places)
+    assert float(radius) == pytest.approx(meridian * 3000000.0 / 6378137.0, abs=1e-3)
+    assert hits == "0"

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from importlib import import_module
+from pathlib import Path
 from pickle import UnpicklingError
 from typing import Any
 
@@ -19,9 +21,16 @@ with deferred("yaml"):  # it only looks whether it is there
 from numba.core.caching import FunctionCache
 from numba.core.runtime.nrt import rtsys
 
+CONTENT = hashlib.sha256(b"".join(each.read_bytes() for each in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()
+
 
 class _Kept(FunctionCache):
     """Compiled kernels on the disk; what numba knows of numpy is loaded where it has to compile only (0.12 s)."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)  # type: ignore[no-untyped-call]
+        # numba looks at the file of a kernel alone: kernels of other files are compiled into it
+        self._cache_file._source_stamp = self._cache_file._source_stamp, CONTENT
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         found = None
@@ -53,7 +62,7 @@ def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]
         kernel = _njit(function, **options)
         if cache:
             with suppress(RuntimeError):  # nowhere to write: every run compiles
-                kernel._cache = _Kept(function)  # type: ignore[no-untyped-call]
+                kernel._cache = _Kept(function)
         return kernel
 
     return compiled

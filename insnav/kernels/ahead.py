@@ -7,7 +7,6 @@ cache on the disk, for all others. ``python -m insnav.kernels.ahead`` is such a 
 from __future__ import annotations
 
 import gc
-import hashlib
 import os
 import subprocess
 import sys
@@ -18,6 +17,7 @@ from numba import __version__ as numba_version
 from numba import types
 
 from insnav.kernels import (
+    CONTENT,
     aiding_measurements,
     alignment,
     csv_rows,
@@ -46,9 +46,7 @@ def kept() -> bool:
 
 def _mark() -> Path:
     """File that says so, beside what numba keeps."""
-    sources = sorted(Path(__file__).parent.glob("*.py"))
-    content = hashlib.sha256(b"".join(source.read_bytes() for source in sources) + numba_version.encode())
-    return Path(errorstate.propagate.stats.cache_path) / f"ahead-{content.hexdigest()[:16]}"
+    return Path(errorstate.propagate.stats.cache_path) / f"ahead-{CONTENT[:16]}-{numba_version}"
 
 
 def compile_ahead() -> None:
