@@ -94,10 +94,11 @@ def _substep(x, sums, noise, phi, q, work):  # type: ignore[no-untyped-def]
 
     The noise enters by the trapezoid rule, ``Q <- a (Q + q/2) a' + q/2``; `work` holds how the sensor errors decay.
     """
-    f, a, ab, d, w, y, _, turned_ab = work
+    f, a, ab, d, w, y, f_n, turned_ab = work
     dt = sums[0]
     inv = 1.0 / dt
-    f_n = sums[1:4] * inv
+    for i in range(3):
+        f_n[i] = sums[1 + i] * inv
     system_matrix(x, f_n, f)
     second_order(f, dt, a)
     # ab = [a b]; b = (I + F dt / 2) g dt, with g dt: attitude by gyro errors, velocity by accelerometer errors (error =

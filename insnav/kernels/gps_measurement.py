@@ -205,10 +205,9 @@ def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_a
     x, motion, arm, shaken, correlated, delay, p = predicted
     lla, v_n, position_sd, velocity_sd = fix
     z, h, r, s, sd = out
-    whole = motion[:6].copy()
-    if shaken_at < 0:  # the antenna is swung by all of the rate
-        for i in range(3):
-            whole[i] += motion[6 + i]
+    whole = np.zeros(6)
+    for i in range(6):  # the antenna is swung by all of the rate
+        whole[i] = motion[i] + (motion[6 + i] if i < 3 and shaken_at < 0 else 0.0)
     antenna(x, whole, arm, delay, lag, lla, v_n, z, h)
     if correlated_at >= 0:
         for i in range(correlated.shape[0]):
@@ -224,11 +223,12 @@ def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_a
         # variables: W. A. Fuller, Measurement Error Models, Wiley 1987, section 1.1). The mean about the fix hardly has
         # that noise (an instrumental variable, section 1.4); what is beyond it counts where it is far beyond noise.
         turning = motion[0] ** 2 + motion[1] ** 2 + motion[2] ** 2
-        rate = motion[:3] * (turning / max(turning + motion[9], 1e-30))
-        if shaken_at < 0:
-            turning = motion[6] ** 2 + motion[7] ** 2 + motion[8] ** 2
-            rate += motion[6:9] * (turning / max(turning + motion[10], 1e-30)) ** 2
-        _by_lever(rotated, rate, lever_at, h)
+        beyond = motion[6] ** 2 + motion[7] ** 2 + motion[8] ** 2
+        told = turning / max(turning + motion[9], 1e-30)
+        also = beyond / max(beyond + motion[10], 1e-30) if shaken_at < 0 else 0.0
+        for i in range(3):  # element by element: products of arrays take long to compile
+            whole[i] = motion[i] * told + motion[6 + i] * also**2
+        _by_lever(rotated, whole, lever_at, h)
     if shaken_at >= 0:
         _by_lever(rotated, motion[6:], shaken_at, h)
         for i in range(3):

@@ -247,7 +247,7 @@ def _minute(time, n, cross, ends, out):  # type: ignore[no-untyped-def]
     covariance of its adjoint with that at one of two ends, half a minute apart. `ends` (3, 5, 3): its adjoint now; at
     each end adjoint, information and the time of the end.
     """
-    by, block = np.zeros(3), np.zeros((3, 3))
+    by, block = np.zeros(3), np.zeros((3, 4))[:, :3]  # in memory as parts of `information`: one compiled function
     out[:] = np.nan
     for e in range(2):
         end, at = ends[1 + e], 3 + 3 * e
@@ -370,7 +370,7 @@ def _compare(row, n, p, information, error, hp, by, out):  # type: ignore[no-unt
             if share != 0.0:
                 for j in range(n):
                     hp[i, j] += share * p[a, j]
-    _product(hp, information, 6, by)
+    _product(hp, information, hp.shape[0], by)  # not by a constant: for each there would be a compiled function
     for i in range(6):
         shift, before, told = 0.0, 0.0, 0.0
         for j in range(n):
