@@ -74,7 +74,8 @@ def align(
         raise AlignmentError("no GPS fix lies inside the IMU record", fix="check the time bases of both files")
     first_fix = float(gps.time[covered][0])
     rest = static_span or stationary_of(parts, gps)
-    if rest is not None and (static_span is not None or rest[0] <= first_fix + SOON):
+    # a rest that ends before the first fix says nothing of the attitude at that
+    if rest is not None and (static_span is not None or (rest[0] <= first_fix + SOON and first_fix <= rest[1])):
         return _from_rest(parts, spec, gps, rest, heading, yaw)
     return _in_motion(parts, spec, gps, first_fix, heading, yaw, lever_sd)
 

@@ -353,6 +353,18 @@ def test_poor_positions_alone_show_motion_by_a_longer_way(begin):
         assert (np.abs(error(found, truth)) <= 3.5 * found.sd).all()
 
 
+def test_a_rest_that_ends_before_the_first_fix_is_no_start():
+    record = log(started(), CAR, 6)
+    after = gps_from_truth(record.truth, record.truth.start + np.arange(31.0, record.truth.duration), np.zeros(3))
+    late = replace(record, gps=corrupt_gps(after, RECEIVER, (6, 2)))
+    rest = stationary_of(intervals(late.imu), late.gps)
+    assert rest is not None
+    assert rest[1] < late.gps.time[0]
+    found = aligned(late)
+    assert found.static is None
+    assert (np.abs(error(found, record.truth)) <= 3.5 * found.sd).all()
+
+
 # ---- what cannot be aligned
 
 
