@@ -31,12 +31,17 @@ ATTITUDE_RESET_SD = np.deg2rad([6.0, 6.0, 10.0])
 BIAS_RESET_SD = np.array([*np.deg2rad([0.5, 0.5, 0.5]), 0.2, 0.2, 0.2])  # of such a step [rad/s], [m/s^2]
 VELOCITY_RESET_SD = 5.0  # velocity of a reset by fixes without velocity [m/s]
 CHANGE_KNOWN = 0.3  # part of a change of the IMU by which it may be another [-]
+# A delay and a lever arm ahead move the antenna alike at one speed, and noise of the velocity would tell one from the
+# other: for so long a velocity is carried by the accelerometers, not corrected, before it shows a delay [s]
+SHOWN_BY_IMU = 20.0
+MOST_CORRECTED = 0.3  # more is no noise of the velocity [m/s]
 RESET_FACTOR = 3.0  # the fix of a reset follows many that were rejected: its standard deviation counts so many times
 
 
 class Estimate:
     """State and covariance of the filter.
 
+    `corrected` (3,) is what corrections have made of the velocity within `SHOWN_BY_IMU` [m/s];
     `x`, `correction`, `delay`, `lag`, `correlated`, `lever`, `shaken` and `motion` are those of
     `insnav.filter.error_model.FilterState`, `at` the indices of the states, `span` the time since the last epoch, (1,)
     [s], and `history` what the smoother needs. `coast` is the longest time between filter epochs [s].
@@ -50,7 +55,7 @@ class Estimate:
         self.x, self.correction = start.x.copy(), start.correction.copy()
         self.delay, self.lag, self.correlated = start.delay, start.lag, start.correlated.copy()
         self.arm, self.shaken = np.concatenate([start.lever_b, np.zeros(9)]), start.shaken_b.copy()
-        self.lever, self._swung = self.arm[:3], np.zeros(3)
+        self.lever, self._swung, self.corrected = self.arm[:3], np.zeros(3), np.zeros(3)
         self.motion, self.span = start.motion.copy(), np.zeros(1)
         self._seen = self.x, self.correction, self.arm
         self.history = History(n) if settings.smooth else None
@@ -109,6 +114,7 @@ class Estimate:
             self.correlated *= fade
             for diagonal, value in zip(self._fading, (fade, (1.0 - fade**2) * self._lasting_sd**2), strict=True):
                 diagonal[self._lasting] = value
+        self.corrected *= np.exp(-self.span[0] / SHOWN_BY_IMU)
         while self._changes and self._changes[0].time <= time + TIME_TOLERANCE:
             self._change(self._changes.pop(0))
         if self._swung.any():
@@ -209,7 +215,7 @@ class Estimate:
 
     def _begin_at_fix(self, p: FloatArray) -> None:
         """Set the covariance where the position is that of a fix, with its time-correlated error."""
-        self.arm[3:] = self._swung[:] = 0.0
+        self.arm[3:] = self._swung[:] = self.corrected[:] = 0.0
         if self._gps_noise is not None:
             reset_correlated(p, self.at.correlated, self._lasting_sd)
             cross_covariance(p, self.at.correlated, self._lasting_sd)
@@ -220,7 +226,10 @@ class Estimate:
         """Correct the state by an estimated error (closed loop)."""
         at = self.at
         if at.lever >= 0 and self._settled:
+            self.corrected -= self.x[3:6]
             correct_with_arm(self.x, self.correction, error, at.lever, self.arm, self._swung)
+            self.corrected += self.x[3:6]
+            self.corrected *= min(1.0, MOST_CORRECTED / max(float(np.linalg.norm(self.corrected)), 1e-9))
         else:
             errorstate.feed_back(self.x, self.correction, error)
             if at.lever >= 0:

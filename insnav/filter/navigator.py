@@ -86,10 +86,10 @@ class Navigator:
         self._grid = np.array([start.time if every > 0 else np.inf, every, start.time])
         self._start, self._done = start.time, -np.inf
         self._next = 0  # first fix not yet processed
-        self._rates, self._motion = np.empty((0, 3)), np.zeros(11)  # at the next fixes; of `Predicted`
+        self._rates, self._motion = np.empty((0, 3)), np.zeros(14)  # at the next fixes; of `Predicted`
         noise = float(model.noise[:3].sum()) / nominal
         mean = 1.0 if self._estimate.at.shaken >= 0 else 0.5 * nominal / SEEN  # of what noise a mean has
-        self._motion[9:] = mean * NOISY**2 * noise, FAR_BEYOND**2 * noise
+        self._motion[9:11] = mean * NOISY**2 * noise, FAR_BEYOND**2 * noise
         self._margin = MARGIN + int(SEEN / nominal)  # newest samples that wait; twice as many processed ones are kept
         self._last_good = start.time  # time of the last accepted position
         often = float(np.median(np.diff(gps.time))) if gps.time.shape[0] > 1 else 1.0
@@ -247,7 +247,7 @@ class Navigator:
         """Use a fix; `number`: its row of the rates."""
         estimate = self._estimate
         estimate.predict(time)
-        self._motion[:6], self._motion[6:9] = estimate.motion, 0.0
+        self._motion[:6], self._motion[6:9], self._motion[11:] = estimate.motion, 0.0, estimate.corrected
         if estimate.at.has_arm:
             self._motion[:3] = (self._rates[number] - estimate.correction[:3]) / (1.0 + estimate.correction[6:9])
             self._motion[6:9] = estimate.motion[:3] - self._motion[:3]

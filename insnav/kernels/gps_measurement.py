@@ -160,9 +160,10 @@ class Predicted(NamedTuple):
     """What the filter believes when a fix arrives; see `antenna`."""
 
     x: np.ndarray  # (10,) state
-    # (11,) body rate [rad/s], acceleration in n [m/s^2]; where turns show an arm, the rate is the mean about the fix,
+    # (14,) body rate [rad/s], acceleration in n [m/s^2]; where turns show an arm, the rate is the mean about the fix,
     # then what vibration or noise adds to it [rad/s]; squares of rates so small that they may be noise of the gyros,
-    # which swings no antenna and must show no lever arm: of the mean, and of what is added [rad^2/s^2]
+    # which swings no antenna and must show no lever arm: of the mean, and of what is added [rad^2/s^2]; then what
+    # corrections have lately made of the velocity [m/s], which is no change of velocity and must show no delay
     motion: np.ndarray
     arm: np.ndarray  # (12,) see `correct_with_arm`
     shaken: np.ndarray  # (3,) the same as vibration moves it for the receiver [m]
@@ -209,6 +210,8 @@ def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_a
     for i in range(6):  # the antenna is swung by all of the rate
         whole[i] = motion[i] + (motion[6 + i] if i < 3 and shaken_at < 0 else 0.0)
     antenna(x, whole, arm, delay, lag, lla, v_n, z, h)
+    for i in range(3 if h.shape[1] > STATES else 0):
+        h[i, STATES] += motion[11 + i]
     if correlated_at >= 0:
         for i in range(correlated.shape[0]):
             z[i] += correlated[i]

@@ -96,7 +96,7 @@ class Assessed:
         x = case("car")
         lla, velocity = predicted(x, 0.0, RATE)
         state = np.concatenate([x.lla, x.v, Rotation.from_matrix(x.c).as_quat(scalar_first=True)])
-        motion, white, none = np.concatenate([RATE, ACCELERATION, np.zeros(5)]), 0.0, np.zeros(3)
+        motion, white, none = np.concatenate([RATE, ACCELERATION, np.zeros(8)]), 0.0, np.zeros(3)
         self.z, self.h, self.r, self.s, self.sd = (np.empty(n) for n in (6, (6, 21), (6, 6), (6, 6), 6))
         self.nis_position, self.nis_velocity, self.distance, self.change = assess(
             Predicted(state, motion, LEVER, none, none, 0.0, p),
@@ -141,7 +141,10 @@ def test_lever_arms_of_turns_and_of_vibration_show_in_position_and_velocity(colu
     x, vibration, off = case("car"), np.array([-0.3, 0.5, 0.2]), 2.0 * np.eye(6)[column]
     lla, velocity = predicted(x, 0.0, RATE + vibration)
     state = np.concatenate([x.lla, x.v, Rotation.from_matrix(x.c).as_quat(scalar_first=True)])
-    motion, fix = np.concatenate([RATE, ACCELERATION, vibration, [0.0]]), Fix(lla, velocity, np.ones(3), np.ones(3))
+    motion, fix = (
+        np.concatenate([RATE, ACCELERATION, vibration, np.zeros(5)]),
+        Fix(lla, velocity, np.ones(3), np.ones(3)),
+    )
     found = Assessment(*(np.empty(n) for n in (6, (6, 27), (6, 6), (6, 6), 6)))
     arm, shaken = np.concatenate([LEVER + off[:3], np.zeros(9)]), LEVER + off[3:]
     state = Predicted(state, motion, arm, shaken, np.zeros(3), 0.0, np.eye(27))
