@@ -96,6 +96,12 @@ def filtered(ready: Prepared, *, starts: int | None = None, gates: Gates | None 
         history = navigator.history()
         epochs = history.rows()
         again = with_surer_start(ready, history) if starts else None
+        if starts and again is None and ready.alignment.static is None:  # gates reject what such a start contradicts
+            wide, open_ = _doubted(ready)
+            other_run = replace(wide, settings=replace(settings, gates=open_)).navigator()
+            feed(other_run, ready.imu)
+            again = with_surer_start(wide, other_run.history())
+            again = again and replace(again, gps=ready.gps)
     except DivergenceError:
         return Filtered(ready, settings, None, 0.0, np.inf, 0.0, lever_sd, np.inf)
     if again is not None:
@@ -112,6 +118,13 @@ def filtered(ready: Prepared, *, starts: int | None = None, gates: Gates | None 
         shaken = scale_of(vibration, vibration_cov, other, np.geomspace(LEAST_OTHER, other, SCALES))[1]
     shaken = shaken if shaken > OTHER_WORTH else 0.0
     return Filtered(ready, settings, epochs, *navigator.delay, shaken, lever_sd, navigator.misfit())
+
+
+def _doubted(ready: Prepared) -> tuple[Prepared, Gates]:
+    """A recording whose fixes are hardly precise, and gates that reject none."""
+    position_sd, velocity_sd = np.hypot(ready.gps.position_sd, POOR[0]), np.hypot(ready.gps.velocity_sd, POOR[1])
+    gates = replace(ready.settings.gates, max_speed=np.inf, probability=1.0, reset_after=np.inf)
+    return replace(ready, gps=replace(ready.gps, position_sd=position_sd, velocity_sd=velocity_sd)), gates
 
 
 def _thinned(ready: Prepared) -> Prepared:
@@ -161,11 +174,8 @@ def delay_of(seen: Filtered) -> Found:
     likelihood = LateFixes(seen.ready, seen.settings, seen.epochs) if seen.epochs is not None else None
     plain = likelihood is not None and likelihood.accepted >= TRUE_FIXES
     if not plain:  # seconds late, nearly all fixes look false, and precise ones bend the filter beyond all measure
-        gps, gates = seen.ready.gps, seen.settings.gates
-        position_sd, velocity_sd = np.hypot(gps.position_sd, POOR[0]), np.hypot(gps.velocity_sd, POOR[1])
-        gps = replace(gps, position_sd=position_sd, velocity_sd=velocity_sd)
-        gates = replace(gates, max_speed=np.inf, probability=1.0, reset_after=np.inf)
-        seen = filtered(replace(seen.ready, gps=gps), starts=0, gates=gates)
+        doubted, gates = _doubted(seen.ready)
+        seen = filtered(doubted, starts=0, gates=gates)
         likelihood = LateFixes(seen.ready, seen.settings, seen.epochs) if seen.epochs is not None else None
     nothing = Found(0.0, np.inf, 0.0, seen.settings.velocity_lag, 0.0)
     if likelihood is None or likelihood.blocks < FEWEST_BLOCKS:
@@ -256,9 +266,10 @@ def on_time(
     before, last = (ready, seen), 0.0
     for _ in range(ROUNDS if settings.delay_sd > 0.0 else 0):
         delay, sd, drift, lag, lag_sd = delay_of(further)
-        width = max(settings.delay_sd, min(sd, WIDEST))
         sure = SURE if clock == 0.0 else REFINED
         moved = bool(abs(delay) >= max(WORTH, sure * sd) or drift)
+        left = float(np.hypot(sd, 0.0 if moved else delay))
+        width = max(settings.delay_sd, min(LOOKED * left, WIDEST))
         if moved and abs(last) < settings.delay_sd and delay * last < -BACK * last**2:
             ready, seen = before
             break

@@ -11,6 +11,7 @@ import pytest
 
 import insnav
 from insnav.attitude import dcm_from_quat, quat_from_dcm, skew
+from insnav.earth import lla_offset
 from insnav.errors.ensemble import normalised
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.exceptions import InputError
@@ -18,6 +19,7 @@ from insnav.filter import FilterSettings, error_model
 from insnav.filter.gates import impossible
 from insnav.filter.gps_delay import delay_of, filtered, on_time, scale_of
 from insnav.filter.late_fixes import REACH, LateFixes
+from insnav.filter.navigate import feed
 from insnav.filter.prepare import DELAY_SD, Prepared, prepare
 from insnav.filter.state_layout import layout
 from insnav.kernels import errorstate
@@ -323,7 +325,31 @@ def test_a_correction_of_the_attitude_tells_no_delay_from_a_lever_arm(seed, span
     assert abs(run.gps_delay - delay) < 3.0 * run.gps_delay_sd
     assert (np.abs(run.lever_b - arm) < 3.0 * run.lever_sd).all()
     if speed < np.inf:
-        assert run.gps_delay_sd > 0.4 / np.hypot(1.0 / DELAY_SD, speed / LEVER_SD)
+        assert run.gps_delay_sd > 0.5 / np.hypot(1.0 / DELAY_SD, speed / LEVER_SD)
+
+
+def test_noise_of_the_fixes_shows_no_delay():
+    """Covariances do not depend on what was measured; at one speed they fell to a third, and the delay was 11 sd off.
+
+    The IMU is ideal, so that an exact velocity is to be had, and with it the standard deviation that is right.
+    """
+    plan = plan_of(profiled("aircraft_pattern", 7811), {"imu": "ideal", "gps": "rtk", "seed": 3})
+    made, found = plan.measured(), []
+    begin = made.imu.time[0] + 400.0
+    imu, gps = (each.rows((each.time > begin) & (each.time < begin + 150.0)) for each in (made.imu, made.gps))
+    true = plan.truth.evaluate(gps.time)
+    ready = insnav.load(imu, replace(gps, lla=true.lla, v_n=true.v_n), imu_model="consumer").prepared()
+    ready = replace(ready, settings=replace(ready.settings, settled=True))
+    for noise in (0.0, 1.0, 1.0, 1.0):
+        rng = np.random.default_rng([31, len(found)])
+        off, change = noise * rng.standard_normal((2, *gps.lla.shape))
+        lla, v_n = lla_offset(true.lla, off * ready.gps.position_sd), true.v_n + change * ready.gps.velocity_sd
+        navigator = replace(ready, gps=replace(ready.gps, lla=lla, v_n=v_n)).navigator()
+        feed(navigator, ready.imu)
+        navigator.history()
+        found.append(navigator.delay)
+    (_, exact), noisy = found[0], np.array(found[1:])
+    assert noisy[:, 1].min() > 0.6 * exact
 
 
 @pytest.mark.parametrize(
@@ -347,6 +373,18 @@ def test_a_delay_far_from_where_the_search_begins(profile, seed, grade, gps, arm
     run = insnav.load(imu, replace(fixes, time=fixes.time + delay)).navigate(smooth=False).found.run
     assert abs(run.gps_delay - delay) < 3.0 * run.gps_delay_sd < 0.5
     assert (np.abs(run.lever_b - arm) < 3.0 * run.lever_sd).all()
+
+
+def test_a_start_that_most_fixes_contradict_is_looked_at_with_doubted_ones():
+    """A flight that begins in a turn, its attitude 10 deg off: delay and arm were 7 and 8 sd off, false fixes named."""
+    made = plan_of(profiled("aircraft_pattern", 9105), {"imu": "consumer", "gps": "rtk", "seed": 9105}).measured()
+    since = made.imu.time[0] + np.array([733.46, 896.19])
+    imu, fixes = (each.rows((each.time > since[0]) & (each.time < since[1])) for each in (made.imu, made.gps))
+    drive = insnav.load(imu, replace(fixes, time=fixes.time + 0.3))
+    assert "then filter" in drive.prepared().alignment.level_method
+    run = drive.navigate(smooth=False).found.run
+    assert abs(run.gps_delay - 0.3) < min(3.0 * run.gps_delay_sd, 0.01)
+    assert (np.abs(run.lever_b) < 3.0 * run.lever_sd).all()
 
 
 def test_a_clock_to_which_the_next_look_goes_back_is_not_moved():
