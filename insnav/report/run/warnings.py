@@ -27,6 +27,7 @@ _ROW, _ROW_TIME = 3, 1.9  # rejected fixes in a row, and over so long [s], that 
 _LONG_GAP = 1.0  # of samples [s]: a car turns and brakes in it
 _EXPLAINED = 0.5  # part of the epochs outside 3 sd that a constant difference must not leave, to be their cause
 _LARGEST_SCALE = 0.05  # scale factor error [-]: consumer MEMS sensors are sold with at most 0.03
+_NO_SENSOR = 0.3  # standard deviation of one [-], as found where fixes and IMU do not fit
 _ACROSS = 0.02  # part of what is about the other axes that such sensors show, too [-]
 _PACE = 1.0  # over which turns and accelerations are those of the motion, not of vibration [s]
 _ASSUMED = re.compile(r"\bassumed\b|--imu-axes|added to the IMU times")  # or done to the samples, as the drive shows
@@ -175,6 +176,12 @@ def _impossible_scale(run: Run) -> Iterator[str]:
     An axis about which, or along which, little happens shows no scale factor, but what it senses of the others.
     """
     if len(run.sensor_errors.time) == 0:
+        return
+    if (widest := float(np.max(run.sensor_errors.sd[0, 6:]))) > _NO_SENSOR:
+        yield (
+            f"fixes and IMU agree only if its scale factors are off by {100.0 * widest:.0f} %, which no sensor's are: "
+            "check its units, axes and biases (insnav check); the solution is not to be relied on"
+        )
         return
     value, sd = (each[-1, 6:] for each in (run.sensor_errors.value, run.sensor_errors.sd))
     own = _motion(run.solution)
