@@ -21,7 +21,6 @@ from insnav.output.contents import FACTS_FILE
 from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_events
 from insnav.plain_text import without_exponents
-from insnav.report.html import page_html
 from insnav.report.page import DataFrame, Figure, FigureSpec, Page
 from insnav.report.provenance import provenance
 from insnav.report.run_json import SCHEMA, json_ready, page_facts, versions
@@ -150,6 +149,8 @@ def write_page(
     for name, text in (texts or {}).items():
         folder.path(name).write_text(text, encoding="utf-8", newline="\n")
     if figures != "none":
+        from insnav.report.html import page_html
+
         files = _drawn(folder, page.embedded if figures == "page" else page.figures, figures)
         html = page_html(page, {each.name: files[each.name] for each in page.embedded})
         folder.path("report.html").write_text(html, encoding="utf-8", newline="\n")
