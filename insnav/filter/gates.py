@@ -7,12 +7,14 @@ covariance; a long unbroken row of them leads to one explicit reset.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from insnav.earth import ned_offset
+from insnav.plain_text import moment
 from insnav.sample_statistics import chi2_limit
+from insnav.tabular import runs_of
 from insnav.types import BoolArray, Event, EventKind, FloatArray, GpsData
 
 
@@ -63,6 +65,7 @@ class Gates:
 
 REJECTED = "rejected"
 WHOLE_SD = 3.0  # so many of its standard deviations may a fix step, whatever part of them is white [-]
+FROZEN, UNUSABLE = 30.0, 1e4  # way of the velocities at one position, and standard deviation of those that are none [m]
 _IMPOSSIBLE = "no vehicle moves this fast"
 OF_REFERENCE = -99  # fix type of what is no fix but only compared with, and has none of the errors of fixes
 _CONTRADICTED = "all other fixes and the IMU contradict it"
@@ -102,6 +105,20 @@ def impossible(gates: Gates, gps: GpsData) -> BoolArray:
     limit = gates.max_speed * np.diff(gps.time) + gates.physical_sd * (sd[1:] + sd[:-1])
     far = np.linalg.norm(ned_offset(gps.lla[1:], gps.lla[:-1]), axis=1) > limit
     return np.asarray(np.append(True, far) & np.append(far, True))
+
+
+def without_frozen(gps: GpsData) -> tuple[GpsData, list[Event]]:
+    """Fixes whose positions stay exactly the same while their velocities go on have none, and an event for each row."""
+    position_sd, said = gps.position_sd.copy(), []
+    gone = 0.5 * (gps.v_n[1:] + gps.v_n[:-1]) * np.diff(gps.time)[:, None]
+    for first, last in runs_of((np.diff(gps.lla[:, :2], axis=0) == 0.0).all(axis=1)):
+        far = float(np.linalg.norm(gone[first:last, :2].sum(axis=0)))
+        if far > FROZEN:
+            position_sd[first + 1 : last + 1] = UNUSABLE
+            when = moment(float(gps.time[first]), float(gps.time[last]))
+            text = f"positions of the fixes are frozen from {when}, in which the velocities go {far:.2g} m: not used"
+            said.append(Event(float(gps.time[first]), EventKind.CONTRADICTION, far, FROZEN, "m", text))
+    return replace(gps, position_sd=position_sd) if said else gps, said
 
 
 def statistical(

@@ -14,7 +14,7 @@ from insnav.alignment import in_motion as motion
 from insnav.alignment.align import LEVEL_SPAN
 from insnav.exceptions import AlignmentError, InputError
 from insnav.filter.error_model import ErrorModel, InitialState, error_model, initial_state
-from insnav.filter.gates import Gates
+from insnav.filter.gates import Gates, without_frozen
 from insnav.filter.gps_correlation import correlated_noise
 from insnav.filter.gps_noise import LAG_WORTH, LAGGING_NOTE, velocity_lag, with_sd
 from insnav.filter.measurements.height import HeightAiding
@@ -122,6 +122,7 @@ def prepare(
     _check(imu, gps, start)
     reported = bool(np.isfinite(gps.position_sd).all())
     gps, notes = with_sd(gps)
+    gps, frozen = without_frozen(gps)
     settings, found = _noise_of_fixes(imu, gps, settings, reported=reported)
     model = error_model(spec, states)
     nominal = strapdown.nominal_interval(imu.time)
@@ -149,7 +150,7 @@ def prepare(
 
     imu, parts, told, left_out = _parts(imu, good, aligned, -np.inf if start is None else start.time)
     alignment, initial = parts[0].alignment, parts[0].initial
-    notes, faults = (*notes, *told), [*faults, *left_out]
+    notes, faults = (*notes, *told), [*faults, *frozen, *left_out]
     if settings.fixed_height_sd > 0.0:
         level = HeightAiding(np.array([initial.time]), initial.lla[2:], np.array([settings.fixed_height_sd]))
         settings = replace(settings, aiding=(level,))

@@ -361,7 +361,7 @@ def contradicted(run: Run, gps: GpsData, settings: FilterSettings) -> bool:
     far = np.linalg.norm(off, axis=2) > 2.0 * np.array([[gates.small_position], [gates.small_velocity]])
     if (believed & far & (square > GROSS)).any():
         return True
-    offered = np.isfinite(run.innovations.nis_position)
+    offered = np.isfinite(run.innovations.nis_position) & (gps.position_sd[rows] <= gates.max_sd).all(axis=1)
     supported = np.asarray(offered & ~believed[0] & (square[0] < LIMIT))
     return any(stop - start > LONGEST for start, stop in stretches(run.innovations.time, supported))
 
