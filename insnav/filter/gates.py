@@ -111,7 +111,8 @@ def without_frozen(gps: GpsData) -> tuple[GpsData, list[Event]]:
     """Fixes whose positions stay exactly the same while their velocities go on have none, and an event for each row."""
     position_sd, said = gps.position_sd.copy(), []
     gone = 0.5 * (gps.v_n[1:] + gps.v_n[:-1]) * np.diff(gps.time)[:, None]
-    for first, last in runs_of((np.diff(gps.lla[:, :2], axis=0) == 0.0).all(axis=1)):
+    same = (np.diff(gps.lla[:, :2], axis=0) == 0.0).all(axis=1)
+    for first, last in runs_of(same if gps.fix is None else same & (gps.fix[1:] != 0)):
         far = float(np.linalg.norm(gone[first:last, :2].sum(axis=0)))
         if far > FROZEN:
             position_sd[first + 1 : last + 1] = UNUSABLE

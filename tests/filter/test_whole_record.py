@@ -100,7 +100,12 @@ def test_a_false_first_fix_is_found(seed):
 
 @pytest.mark.parametrize("seconds", [30.0, 120.0])
 def test_positions_that_freeze_are_left_out(seconds):
-    done = navigated(5, frozen(recording(5).gps, seconds))
+    gps = frozen(recording(5).gps, seconds)
+    done = navigated(5, gps)
+    assert horizontal(5, done).max() < 5.0
+    assert sum("frozen" in text for text in told(done)) == 1
+    nearly = gps.lla + np.random.default_rng(1).standard_normal(gps.lla.shape) * [1e-9, 1e-9, 0.0]
+    done = navigated(5, replace(gps, lla=nearly))
     assert horizontal(5, done).max() < 5.0
     assert len(false(done)) >= 0.9 * seconds
 
