@@ -26,7 +26,8 @@ from insnav.types import Event, EventKind, FloatArray, GpsData, Run, StateChange
 
 BETTER = 30.0  # by so much likelier must a further change make the drive [-]
 BESIDE = 30.0  # a change that is found so little before another may be that one [s]
-AROUND = 15.0  # a jump may be that of fixes which are false so long before and after [s]
+# a jump may be that of fixes which are false so long before and after, where gates hide them and where they do not [s]
+AROUND, BRIEF = 15.0, 3.0
 MOST = 8  # changes in one drive
 BACK = 0.3  # part of the largest offset at which fixes are back where they were [-]
 MINORITY = 0.5  # of the fixes may be false between changes
@@ -51,12 +52,12 @@ def changes_of(
     unlikely: Callable[[Run, tuple[StateChange, ...]], float],
     *,
     only_surest: bool = False,
-    passing: bool = True,
+    around: float = AROUND,
 ) -> tuple[Run, tuple[StateChange, ...], Run]:
     """Find changes one after the other, beside those that a run has, while they make it likelier.
 
-    `again`: navigates with changes taken off. What a step of a bias explains as well is no turn of the IMU, and what
-    lasts as well does not pass; nothing does where `passing` is not asked for.
+    `again`: navigates with changes taken off; `around`: what passes may have begun so long before, and end so long
+    after [s]. What a step of a bias explains as well is no turn of the IMU, and what lasts as well does not pass.
     Returns: the run, its changes, and the last run that was tried.
     """
     other = run
@@ -67,7 +68,7 @@ def changes_of(
         elif wanted and wanted[0].first == ATTITUDE:
             wanted += [each for each in run.smoothed.likely[1:] if each.first > ATTITUDE]
         tried = []
-        for more in (more for added in wanted for more in with_(changes, added, passing)):
+        for more in (more for added in wanted for more in with_(changes, added, around)):
             with suppress(DivergenceError):  # what ends so explains nothing
                 tried.append((more, again(changes=more)))
         if not tried:
@@ -92,7 +93,7 @@ def measured(change: StateChange, run: Run) -> StateChange:
     return replace(change, change=np.zeros(3) if back else off)
 
 
-def with_(changes: tuple[StateChange, ...], found: StateChange, passing: bool) -> list[tuple[StateChange, ...]]:
+def with_(changes: tuple[StateChange, ...], found: StateChange, around: float) -> list[tuple[StateChange, ...]]:
     """Changes with another one, and the same without those soon after it: they may only have stood for it.
 
     Jumps that follow each other may be one drag: the positions while it lasts are not used. Nor are those about a jump
@@ -118,8 +119,9 @@ def with_(changes: tuple[StateChange, ...], found: StateChange, passing: bool) -
         rest = [each for each in changes if each not in joined]
         less = [each for each in rest if not one.time < each.time < one.time + BESIDE]
         both = [rest] if len(less) == len(rest) else [rest, less]
-        passed = replace(one, change=np.zeros(3), since=one.begin - AROUND, time=one.time + AROUND)
-        ones = (one, passed) if passing and one.first == 0 else (one,)
+        passed = replace(one, first=0, change=np.zeros(3), since=one.begin - around, time=one.time + around)
+        passes = one.first == 0 or (one.first == VELOCITY and around < AROUND)
+        ones = (one, passed) if passes else (one,)
         more += [tuple(sorted([*some, one], key=lambda each: each.time)) for some in both for one in ones]
     return more
 

@@ -93,7 +93,9 @@ AVERAGED = {"gps.horizontal": 2.0, "gps.vertical": 2.0, "gps.correlation_time": 
 # 9 % are not told from none; taken for none they make smoothed errors twice what is stated (error2/variance 3 to 4).
 SHARE = (0.0, 1.5)
 CORRELATION_TIME = (float(np.log(45.0)), 1.0)  # logarithm of its correlation time [s], and its sd
-LARGEST_SHARE = 0.95  # of code positions: the white rest, a fifth of the sd, is also what the IMU model lacks in a turn
+# Largest share, and that of fixes more than so long apart [s]: their white rest is also what the IMU model lacks in a
+# turn, whose way grows with the square of the time in between.
+ALL, LARGEST_SHARE, FAR_APART = 1.0 - 1e-6, 0.95, 0.5
 # Velocities, too, may have a time-correlated error, as their integral shows against positions: logarithms of its sd by
 # that of a velocity and of its correlation time [s], and their sd. What is alike for seconds only is a receiver's
 # smoothing. From these starts on it is looked for, and taken where innovations become likelier by so much: half the
@@ -144,12 +146,16 @@ class NoiseEstimate:
 
 @dataclass(frozen=True, slots=True)
 class _Parameter:
-    """A figure, as a logarithm: the middle of its prior, and its standard deviation above and below that."""
+    """A figure, as a logarithm: the middle of its prior, and its standard deviation above and below that.
+
+    A share, as log odds, is one of `most`.
+    """
 
     key: str
     middle: float
     sd: float
     sd_below: float
+    most: float = 1.0
 
 
 class InnovationLikelihood:
@@ -256,9 +262,10 @@ class InnovationLikelihood:
         for axis, name in ((0, "velocity"), (2, "vertical_velocity")):
             if self.velocity_sd[axis] < OPEN_VELOCITY:
                 found.append(_Parameter(f"gps.{name}", 0.0, VELOCITY_PRIOR, VELOCITY_PRIOR))
-        for key, (middle, sd) in (("share", SHARE), ("correlation_time", CORRELATION_TIME)):
-            found.append(_Parameter(f"gps.{key}", middle, sd, sd))
-        return tuple(found)
+        near = float(np.quantile(np.diff(self._given), 0.25))  # fixes are looked at in pairs
+        most = LARGEST_SHARE if near > FAR_APART else ALL
+        found.append(_Parameter("gps.share", *SHARE, SHARE[1], most))
+        return (*found, _Parameter("gps.correlation_time", *CORRELATION_TIME, CORRELATION_TIME[1]))
 
     def spec(self, at: FloatArray) -> ImuSpec:
         """IMU of a set of figures."""
@@ -275,7 +282,7 @@ class InnovationLikelihood:
         """Factors of the sd of position and velocity; the time-correlated part of the errors."""
         value = {p.key: float(x) for p, x in zip(self.parameters, at, strict=True)}
         level, down = np.exp(value["gps.horizontal"]), np.exp(value["gps.vertical"])
-        share = LARGEST_SHARE / (1.0 + np.exp(-value["gps.share"]))
+        share = self.parameters[-2].most / (1.0 + np.exp(-value["gps.share"]))
         velocity = np.exp([value.get(f"gps.{name}", 0.0) for name in ("velocity", "velocity", "vertical_velocity")])
         position, time = np.array([level, level, down]), float(np.exp(value["gps.correlation_time"]))
         correlated = CorrelatedNoise(float(share), time, np.sqrt(share) * position * self.median_sd)
@@ -589,7 +596,7 @@ def _figure(parameter: _Parameter, x: FloatArray, spec: ImuSpec) -> NoiseFigure:
     values = np.concatenate([[parameter.middle], x])
     unit = ""
     if key == "share":
-        values = LARGEST_SHARE / (1.0 + np.exp(-values))
+        values = parameter.most / (1.0 + np.exp(-values))
     elif sensor == "gps":
         values = np.exp(values)
         unit = "s" if key.endswith("_time") else ""
@@ -679,7 +686,8 @@ def known_likelihood(ready: Prepared, spec: ImuSpec) -> tuple[InnovationLikeliho
     at, correlated = np.array([p.middle for p in drive.parameters]), ready.settings.correlated
     at[-2] = -np.inf
     if correlated is not None:
-        at[-2:] = np.log([correlated.share / (LARGEST_SHARE - correlated.share), correlated.time])
+        part = min(correlated.share / drive.parameters[-2].most, ALL)
+        at[-2:] = np.log([part / (1.0 - part), correlated.time])
     return drive, at
 
 

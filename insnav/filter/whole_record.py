@@ -29,8 +29,10 @@ from insnav.attitude import dcm_from_rph
 from insnav.earth import lla_offset, ned_offset
 from insnav.exceptions import DivergenceError
 from insnav.filter.changes import (
+    AROUND,
     ATTITUDE,
     BETTER,
+    BRIEF,
     HELD,
     beyond,
     changes_of,
@@ -169,7 +171,7 @@ def decided(
         else:
             changes = ()
     # fixes that no gate and no smoothed track contradicts are not left out
-    run, said, trust = _left_open(found, changes, gps, settings, worth, passing=against)
+    run, said, trust = _left_open(found, changes, gps, settings, worth, AROUND if against else BRIEF)
     if trust is not None:
         run, open_ = false_at_an_end(run, gps, settings, trust)
         said += open_
@@ -203,14 +205,14 @@ def _left_open(
     gps: GpsData,
     settings: FilterSettings,
     worth: Callable[[Run, tuple[StateChange, ...]], float],
-    *,
-    passing: bool,
+    around: float,
 ) -> tuple[Run, list[Event], Trust | None]:
     """Take what stands out in a run as another change, while that makes it likelier, and widen standard deviations.
 
-    `likely`: changes that the run has. Returns: the run, what was found, and all fixes that were left out.
+    `likely`: changes that the run has; `around`: see `changes_of`. Returns: the run, what was found, and all fixes that
+    were left out.
     """
-    run, changes, other = changes_of(found.run, likely, found.again, worth, only_surest=True, passing=passing)
+    run, changes, other = changes_of(found.run, likely, found.again, worth, only_surest=True, around=around)
     assert run.smoothed is not None
     sure = bool(changes) or run.smoothed.surest is None
     if not changes and run.smoothed.surest is not None:

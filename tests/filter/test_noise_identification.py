@@ -10,11 +10,13 @@ import pytest
 import insnav
 from insnav.earth import ned_offset
 from insnav.filter import FilterSettings, error_model, sensor_axes
+from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.noise_identification import (
     InnovationLikelihood,
     NoiseEstimate,
     _thinned,
     identify_noise,
+    known_likelihood,
     maximise,
     with_noise,
 )
@@ -245,6 +247,30 @@ def test_time_correlated_errors_are_found_without_velocities():
     assert estimate is not None
     assert estimate.correlated.share == pytest.approx(1.2**2 / 1.3**2, abs=0.06)
     assert estimate.correlated.time == pytest.approx(60.0, rel=0.5)
+
+
+def test_the_white_part_of_fast_fixes_is_as_small_as_it_is():
+    """Five fixes a second, wrong by a metre for minutes, alike to 8 mm: five per cent white would be 0.22 m."""
+    errors = GpsErrors((0.008, 0.008, 0.016), (1.0, 1.0, 2.0), 300.0)
+    imu = recorded(3, laps=4)[0]
+    gps = corrupt_gps(drives.perfect_gps(0.2, laps=4), errors, 3)
+    gps = replace(gps, position_sd=np.tile(errors.position_sd, (gps.time.size, 1)))
+    estimate = identify_noise(prepared(imu, gps, drives.SPEC, 3, laps=4), drives.SPEC)
+    assert estimate is not None
+    white = np.sqrt(1.0 - estimate.correlated.share) * estimate.position_factor * errors.position_sd
+    assert (white > 0.5 * np.array(errors.position_noise)).all()
+    assert (white < 2.5 * np.array(errors.position_noise)).all()  # 0.014 m: the prior is of a larger one
+
+
+def test_a_share_that_is_the_largest_has_finite_log_odds():
+    imu, gps = recorded(2, laps=2)
+    ready = prepared(imu, gps, drives.SPEC, 2, laps=2)
+    ready = replace(ready, settings=replace(ready.settings, correlated=CorrelatedNoise(0.95, 300.0, np.ones(3))))
+    seen = known_likelihood(ready, drives.SPEC)  # a division by zero
+    assert seen is not None
+    found = seen[0].fixes_of(seen[1])[2]
+    assert found.share == pytest.approx(0.95, abs=1e-5)
+    assert found.time == pytest.approx(300.0)
 
 
 def test_velocities_that_are_off_for_minutes_do_not_lead_heights_away():
