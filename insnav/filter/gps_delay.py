@@ -42,7 +42,7 @@ FIXES = 600  # of it at most
 FEWEST_BLOCKS = 3  # of it; fewer may agree by accident
 WORTH = 0.03  # smaller delays are linear enough for the state of the filter [s]
 WIDEST = 0.5  # standard deviation of a delay with which the filter begins where a drive hardly shows it [s]
-SURE, REFINED = 4.0, 2.0  # delays are believed beyond so many of their standard deviations, once it was moved
+SURE, REFINED = 4.0, 2.0  # delays are believed beyond so many of their standard deviations, or with other evidence
 ROUNDS = 3  # of moving the clock
 BACK = 0.5  # part of a move within the filter's reach by which the next must not go back: neither is believed
 LEAST_OTHER, OTHER_WORTH = 0.03, 0.45  # of an arm of vibration's own: the least, and what is worth states [m]
@@ -266,7 +266,9 @@ def on_time(
     before, last = (ready, seen), 0.0
     for _ in range(ROUNDS if settings.delay_sd > 0.0 else 0):
         delay, sd, drift, lag, lag_sd = delay_of(further)
-        sure = SURE if clock == 0.0 else REFINED
+        # once it was moved, or where the state of the filter, which is linear, goes as surely the same way
+        agrees = further.delay * np.sign(delay) > SURE * further.delay_sd
+        sure = SURE if clock == 0.0 and not agrees else REFINED
         moved = bool(abs(delay) >= max(WORTH, sure * sd) or drift)
         left = float(np.hypot(sd, 0.0 if moved else delay))
         width = max(settings.delay_sd, min(LOOKED * left, WIDEST))

@@ -86,10 +86,12 @@ class Navigator:
         self._grid = np.array([start.time if every > 0 else np.inf, every, start.time])
         self._start, self._done = start.time, -np.inf
         self._next = 0  # first fix not yet processed
-        self._rates, self._motion = np.empty((0, 3)), np.zeros(14)  # at the next fixes; of `Predicted`
+        self._rates, self._motion = np.empty((0, 3)), np.zeros(18)  # at the next fixes; of `Predicted`
+        self._forces = self._rates
         noise = float(model.noise[:3].sum()) / nominal
         mean = 1.0 if self._estimate.at.shaken >= 0 else 0.5 * nominal / SEEN  # of what noise a mean has
         self._motion[9:11] = mean * NOISY**2 * noise, FAR_BEYOND**2 * noise
+        self._motion[17] = NOISY**2 * float(model.noise[3:6].sum()) / (2.0 * SEEN)
         self._margin = MARGIN + int(SEEN / nominal)  # newest samples that wait; twice as many processed ones are kept
         self._last_good = start.time  # time of the last accepted position
         often = float(np.median(np.diff(gps.time))) if gps.time.shape[0] > 1 else 1.0
@@ -199,9 +201,13 @@ class Navigator:
             cuts = np.concatenate([[self._start], self._fix_time[self._next :]])
             pieces = strapdown.split(parts, cuts, first, stop)
             inc = strapdown.increments(parts, pieces)
+            last_fix = int(np.searchsorted(self._fix_time, parts.end[-1] + strapdown.TIME_TOLERANCE, side="right"))
+            times = self._fix_time[self._next : last_fix]
+            # velocities that lag are those of the fix less what has come since: by the acceleration half way
+            half_way = float(np.clip(0.5 * self._settings.velocity_lag, 0.0, SEEN))
+            self._forces = forces_about(times - half_way, parts, max(1, int(SEEN / self._nominal)))
             if self._estimate.at.has_arm:
-                last_fix = int(np.searchsorted(self._fix_time, parts.end[-1] + strapdown.TIME_TOLERANCE, side="right"))
-                self._rates = rates_at(self._fix_time[self._next : last_fix], parts.end, turned(parts))
+                self._rates = rates_at(times, parts.end, turned(parts))
             self._process(inc, parts.gap[pieces[0]])
             self._done = parts.end[stop - 1]
         self._tail = buffer.rows(slice(max(0, ready - 2 * self._margin), None))
@@ -247,7 +253,8 @@ class Navigator:
         """Use a fix; `number`: its row of the rates."""
         estimate = self._estimate
         estimate.predict(time)
-        self._motion[:6], self._motion[6:9], self._motion[11:] = estimate.motion, 0.0, estimate.corrected
+        self._motion[:6], self._motion[6:9], self._motion[11:14] = estimate.motion, 0.0, estimate.corrected
+        self._motion[14:17] = (self._forces[number] - estimate.correction[3:6]) / (1.0 + estimate.correction[9:12])
         if estimate.at.has_arm:
             self._motion[:3] = (self._rates[number] - estimate.correction[:3]) / (1.0 + estimate.correction[6:9])
             self._motion[6:9] = estimate.motion[:3] - self._motion[:3]
@@ -393,6 +400,15 @@ def rates_at(times: FloatArray, end: FloatArray, angles: FloatArray, reach: floa
     left = ((end[row] - window) / (end[row] - end[row - 1]))[..., None] * (angles[row] - angles[row - 1])
     turn = angles[row[1]] - angles[row[0]] - left[1] + left[0]
     return np.asarray(turn / np.maximum(window[1] - window[0], reach)[:, None])
+
+
+def forces_about(times: FloatArray, parts: strapdown.Intervals, number: int) -> FloatArray:
+    """Mean specific force of so many samples before each of the times (k,) [s] and as many after: (k, 3) [m/s^2]."""
+    first = np.searchsorted(parts.end - parts.dt, times - strapdown.TIME_TOLERANCE)
+    rows = np.clip(first[:, None] + np.arange(-number, number), 0, parts.end.size - 1)
+    dt = parts.dt[rows]
+    changes = parts.accel[rows] * dt[..., None] if parts.instant else parts.accel[rows]
+    return np.asarray(changes.sum(axis=1) / dt.sum(axis=1)[:, None])
 
 
 def _rows(inc: Increments, every: float) -> int:

@@ -8,7 +8,7 @@ import numpy as np
 
 from insnav.kernels import inner, njit
 from insnav.kernels.dynamics import NAV
-from insnav.kernels.earth import OMEGA, radii
+from insnav.kernels.earth import OMEGA, gravity_down, radii
 from insnav.kernels.errorstate import STATES, feed_back
 
 LARGEST_TURN = 0.35  # of all corrections together: what is more than an alignment errs is drift [1]
@@ -160,10 +160,11 @@ class Predicted(NamedTuple):
     """What the filter believes when a fix arrives; see `antenna`."""
 
     x: np.ndarray  # (10,) state
-    # (14,) body rate [rad/s], acceleration in n [m/s^2]; where turns show an arm, the rate is the mean about the fix,
+    # (18,) body rate [rad/s], acceleration in n [m/s^2]; where turns show an arm, the rate is the mean about the fix,
     # then what vibration or noise adds to it [rad/s]; squares of rates so small that they may be noise of the gyros,
     # which swings no antenna and must show no lever arm: of the mean, and of what is added [rad^2/s^2]; then what
-    # corrections have lately made of the velocity [m/s], which is no change of velocity and must show no delay
+    # corrections have lately made of the velocity [m/s], which is no change of velocity and must show no delay; then
+    # the mean specific force about the fix [m/s^2] in body axes, and the square of accelerations that may be its noise
     motion: np.ndarray
     arm: np.ndarray  # (12,) see `correct_with_arm`
     shaken: np.ndarray  # (3,) the same as vibration moves it for the receiver [m]
@@ -209,15 +210,24 @@ def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_a
     whole = np.zeros(6)
     for i in range(6):  # the antenna is swung by all of the rate
         whole[i] = motion[i] + (motion[6 + i] if i < 3 and shaken_at < 0 else 0.0)
+    rotated = np.zeros((3, 3))
+    rotation(x, rotated)
+    # An acceleration must show no delay by noise that the velocity at this fix has, too, or at the next: of the mean
+    # about the fix both are as large, with opposite signs. It counts where it is beyond noise (see below).
+    changing = 0.0
+    for i in range(3):
+        whole[3 + i] = gravity_down(np.sin(x[0]), x[2]) if i == 2 else 0.0
+        for j in range(3):
+            whole[3 + i] += rotated[i, j] * motion[14 + j]
+        changing += whole[3 + i] ** 2
     antenna(x, whole, arm, delay, lag, lla, v_n, z, h)
     for i in range(3 if h.shape[1] > STATES else 0):
         h[i, STATES] += motion[11 + i]
+        h[3 + i, STATES] *= changing / max(changing + motion[17], 1e-30)
     if correlated_at >= 0:
         for i in range(correlated.shape[0]):
             z[i] += correlated[i]
             h[i, correlated_at + i] = 1.0
-    rotated = np.zeros((3, 3))
-    rotation(x, rotated)
     if lever_at >= 0:
         for i in range(3):
             for j in range(3):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from insnav.filter.navigator import rates_at, turned
+from insnav.filter.navigator import forces_about, rates_at, turned
 from insnav.kernels.gps_measurement import Assessment, Fix, Predicted, antenna, assess
 from insnav.strapdown import Intervals
 from tests.physics import equations as eq
@@ -32,6 +32,11 @@ def predicted(x: eq.State, delay: float, rate: np.ndarray) -> tuple[np.ndarray, 
     w_ie = eq.OMEGA * np.array([np.cos(x.lla[0]), 0, -np.sin(x.lla[0])])
     velocity = x.v + x.c @ np.cross(rate, LEVER) - np.cross(w_ie, arm)
     return x.lla + (arm - delay * velocity) / eq.metres(x), velocity - (delay + LAG) * ACCELERATION
+
+
+def felt(x: eq.State) -> np.ndarray:
+    """Specific force in body axes [m/s^2] of the acceleration; the north part of gravity is less than 1e-5 of it."""
+    return x.c.T @ (ACCELERATION - [0.0, 0.0, eq.gravity(x.lla[0], x.lla[2])[2]])
 
 
 def case(name: str) -> eq.State:
@@ -90,14 +95,18 @@ def test_without_a_delay_state_there_is_no_column_for_it():
 
 
 class Assessed:
-    """`assess` of a fix on a car in a bend."""
+    """`assess` of a fix on a car in a bend; `NOISE`: square of accelerations that may be noise [m^2/s^4]."""
 
-    def __init__(self, p: np.ndarray, v: np.ndarray, sd_p: np.ndarray, sd_v: np.ndarray, jitter: float = 0.0):
+    NOISE = 0.0
+
+    def __init__(
+        self, p: np.ndarray, v: np.ndarray, sd_p: np.ndarray, sd_v: np.ndarray, jitter: float = 0.0, n: int = 21
+    ):
         x = case("car")
         lla, velocity = predicted(x, 0.0, RATE)
         state = np.concatenate([x.lla, x.v, Rotation.from_matrix(x.c).as_quat(scalar_first=True)])
-        motion, white, none = np.concatenate([RATE, ACCELERATION, np.zeros(8)]), 0.0, np.zeros(3)
-        self.z, self.h, self.r, self.s, self.sd = (np.empty(n) for n in (6, (6, 21), (6, 6), (6, 6), 6))
+        motion, white, none = np.concatenate([RATE, ACCELERATION, np.zeros(8), felt(x), [self.NOISE]]), 0.0, np.zeros(3)
+        self.z, self.h, self.r, self.s, self.sd = (np.empty(n) for n in (6, (6, n), (6, 6), (6, 6), 6))
         self.nis_position, self.nis_velocity, self.distance, self.change = assess(
             Predicted(state, motion, LEVER, none, none, 0.0, p),
             Fix(lla, velocity + v, sd_p, sd_v),
@@ -126,6 +135,26 @@ def test_statistics_are_those_of_the_innovation():
     assert found.change == pytest.approx(np.sqrt(5.25), rel=1e-6)
 
 
+@pytest.mark.parametrize("part", [0.0, 0.5, 2.0])
+def test_an_acceleration_shows_a_delay_as_far_as_it_is_beyond_noise(monkeypatch, part):
+    monkeypatch.setattr(Assessed, "NOISE", part * float(ACCELERATION @ ACCELERATION))
+    found = Assessed(np.eye(22), np.zeros(3), np.ones(3), np.ones(3), n=22)
+    np.testing.assert_allclose(found.h[3:, 21], -ACCELERATION / (1.0 + part), rtol=1e-9)
+    np.testing.assert_allclose(found.z[3:], 0.0, atol=1e-9)  # what is predicted is by all of it
+
+
+@pytest.mark.parametrize("instant", [False, True])
+def test_the_force_about_a_fix_is_the_mean_of_samples_before_and_after(instant):
+    dt = np.full(100, 0.01)
+    f = np.random.default_rng(2).standard_normal((100, 3))
+    none = np.zeros((100, 3))
+    parts = Intervals(np.cumsum(dt), dt, none, f if instant else f * 0.01, np.zeros(100, int), 0.0 * dt, instant)
+    found = forces_about(np.array([0.3, 0.304, 0.999]), parts, 5)
+    np.testing.assert_allclose(found[0], f[25:35].mean(axis=0))
+    np.testing.assert_allclose(found[1], f[26:36].mean(axis=0))
+    assert np.isfinite(found).all()  # at the end of the record, too
+
+
 def test_a_fix_without_velocity_has_no_statistics_of_it():
     unknown = np.full(3, np.nan)
     found = Assessed(np.eye(21), unknown, np.ones(3), unknown)
@@ -142,7 +171,7 @@ def test_lever_arms_of_turns_and_of_vibration_show_in_position_and_velocity(colu
     lla, velocity = predicted(x, 0.0, RATE + vibration)
     state = np.concatenate([x.lla, x.v, Rotation.from_matrix(x.c).as_quat(scalar_first=True)])
     motion, fix = (
-        np.concatenate([RATE, ACCELERATION, vibration, np.zeros(5)]),
+        np.concatenate([RATE, ACCELERATION, vibration, np.zeros(5), felt(x), [0.0]]),
         Fix(lla, velocity, np.ones(3), np.ones(3)),
     )
     found = Assessment(*(np.empty(n) for n in (6, (6, 27), (6, 6), (6, 6), 6)))
