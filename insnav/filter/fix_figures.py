@@ -38,12 +38,6 @@ class FixFigures:
     largest_jump: float  # [m]
     fix_types: Mapping[int, int]  # fixes of each type
 
-    @property
-    def understated(self) -> float:
-        """How many times positions scatter as much as their standard deviations say; 0 where these are not known."""
-        ratio = float(np.max(self.scatter / self.reported_sd))
-        return ratio if np.isfinite(ratio) else 0.0
-
 
 def look_at_fixes(gps: GpsData) -> FixFigures:
     """Look at fixes as they were read."""

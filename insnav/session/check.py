@@ -356,7 +356,8 @@ def _of_gps(reading: Reading[GpsData], found: Checked, patient: _Patient) -> Non
         what = f"the position jumps {figures.jumps} times"
         why = f"by up to {figures.largest_jump:.3g} m against the velocities; the filter weighs them"
         patient.mend(46.0, what, why, "")
-    if (ratio := figures.understated) > 3.0:
+    ratio = float(np.max(figures.scatter / figures.reported_sd))
+    if np.isfinite(ratio) and ratio > 3.0:
         what = "positions scatter more than their standard deviations say"
         patient.mend(44.0, what, f"{ratio:.1f} times", "scale them, or leave their columns out")
     if facts.n_gaps:
