@@ -117,15 +117,20 @@ def test_mounting_angles_are_found_within_a_tenth_of_a_degree():
         assert np.all(np.abs(error) < 3.0 * found.mounting.sd)
 
 
-@pytest.mark.parametrize("seed", [1, 3])
-def test_heading_by_nhc_is_no_surer_than_straight_ahead_is_known(seed):
-    """What is taken for straight ahead is off by the mean heading of the pass it was found in."""
-    drive = insnav.simulate("motorway", imu="tactical", seed=seed)
-    run, true = drive.navigate(aiding="on", output_interval=1.0).found.run, drive.reference.data
-    smoothed = run.smoothed.solution.rows(slice(60, -1))
-    error = wrap_pi(smoothed.rph[:, 2] - np.interp(smoothed.time, true.time, np.unwrap(true.rph[:, 2])))
-    assert {use.name for use in run.aiding} >= {"nhc"}
-    assert 0.1 < np.mean((error / smoothed.sd[:, 8]) ** 2) < 1.25
+def test_heading_by_nhc_is_no_surer_than_straight_ahead_is_known():
+    """What is taken for straight ahead is off by the mean heading of the pass it was found in: alike in all of a drive.
+
+    So one drive tells one number, and the four of them that are far off, of eight, are taken together.
+    """
+    squares = []
+    for seed in (1, 3, 5, 6):
+        drive = insnav.simulate("motorway", imu="tactical", seed=seed)
+        run, true = drive.navigate(aiding="on", output_interval=1.0).found.run, drive.reference.data
+        smoothed = run.smoothed.solution.rows(slice(60, -1))
+        error = wrap_pi(smoothed.rph[:, 2] - np.interp(smoothed.time, true.time, np.unwrap(true.rph[:, 2])))
+        assert {use.name for use in run.aiding} >= {"nhc"}
+        squares.append(np.mean((error / smoothed.sd[:, 8]) ** 2))
+    assert 0.1 < np.mean(squares) < 1.25
 
 
 def test_nhc_and_zupt_reduce_the_drift_and_know_it():
