@@ -108,18 +108,23 @@ def impossible(gates: Gates, gps: GpsData) -> BoolArray:
 
 
 def without_frozen(gps: GpsData) -> tuple[GpsData, list[Event]]:
-    """Fixes whose positions stay exactly the same while their velocities go on have none, and an event for each row."""
-    position_sd, said = gps.position_sd.copy(), []
+    """Fixes whose positions stay exactly the same while their velocities go on have none, and an event for them."""
+    position_sd, frozen = gps.position_sd.copy(), list[tuple[float, int, int]]()
     gone = 0.5 * (gps.v_n[1:] + gps.v_n[:-1]) * np.diff(gps.time)[:, None]
     same = (np.diff(gps.lla[:, :2], axis=0) == 0.0).all(axis=1)
     for first, last in runs_of(same if gps.fix is None else same & (gps.fix[1:] != 0)):
         far = float(np.linalg.norm(gone[first:last, :2].sum(axis=0)))
         if far > FROZEN:
             position_sd[first + 1 : last + 1] = UNUSABLE
-            when = moment(float(gps.time[first]), float(gps.time[last]))
-            text = f"positions of the fixes are frozen from {when}, in which the velocities go {far:.2g} m: not used"
-            said.append(Event(float(gps.time[first]), EventKind.CONTRADICTION, far, FROZEN, "m", text))
-    return replace(gps, position_sd=position_sd) if said else gps, said
+            frozen.append((far, first, last))
+    if not frozen:
+        return gps, []
+    far, first, last = max(frozen)
+    more = f", and {len(frozen) - 1} times for a shorter way" * (len(frozen) > 1)
+    when = moment(float(gps.time[first]), float(gps.time[last]))
+    text = f"positions of the fixes are frozen from {when}, in which the velocities go {far:.2g} m{more}: not used"
+    said = Event(float(gps.time[first]), EventKind.CONTRADICTION, far, FROZEN, "m", text)
+    return replace(gps, position_sd=position_sd), [said]
 
 
 def statistical(

@@ -91,7 +91,8 @@ def _parts(sources: Mapping[str, Any], inputs: Inputs) -> dict[str, Any]:
     if given.get("gps", "") is None and any(key.startswith("gps") for key in logs.get(str(given["imu"]), {})):
         given["gps"] = given["imu"]
     parts = logs.get(str(given["imu"]), {})
-    if given.get("reference", "") is None and "reference" in parts and parts["reference"].name != parts["imu"].name:
+    own = {"imu", "reference"} <= parts.keys() and parts["reference"].name != parts["imu"].name
+    if given.get("reference", "") is None and own:
         given["reference"] = given["imu"]
     for part, each in given.items():
         if isinstance(each, str | Path):

@@ -170,5 +170,8 @@ def test_real_heights_and_what_cannot_be_used():
     for file in ("septentrio/x5_measepoch.sbf", "septentrio/x5_status.sbf"):
         with pytest.raises(InputError, match="neither positions nor samples"):
             open_tables(REAL / file)
-    notes = open_tables(REAL / "novatel" / "propak6_insppp_inspvax_corrimudata.gps")["gps"].notes
+    unsampled = REAL / "novatel" / "propak6_insppp_inspvax_corrimudata.gps"
+    with pytest.raises(InputError, match="no IMU data"):
+        insnav.load(unsampled)
+    notes = open_tables(unsampled)["gps"].notes
     assert any("gravity and Earth rate taken off" in note for note in notes)

@@ -103,7 +103,8 @@ def _verdict(study: OutageStudy, told: tuple[str, ...]) -> Verdict:
         light, words = "bad", "is far too small"
     reason = f"{100.0 * few:.0f} % of the {mode}errors after {length:g} s are inside 3 sd: the stated sd {words}"
     if light == "good":
-        reason = f"after every length {100.0 * few:.0f} % of the errors or more are inside 3 sd: the stated sd {words}"
+        share = "all errors" if few == 1.0 else f"{100.0 * few:.0f} % of the errors or more"
+        reason = f"after every length {share} are inside 3 sd: the stated sd {words}"
     if light == "good" and ratio > _LARGER:
         light = "attention"
         reason = f"after {longer:g} s the {larger} errors are {ratio:.2f} times as large as predicted; "

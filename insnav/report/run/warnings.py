@@ -14,6 +14,7 @@ from insnav.attitude import dcm_from_rph
 from insnav.errors.evaluated_run import SAME_DATA, EvaluatedRun, failure
 from insnav.errors.metrics import TrajectoryErrors, nees
 from insnav.errors.reference_check import LATE
+from insnav.filter.gates import FROZEN
 from insnav.filter.whole_record import stretches
 from insnav.input.readers.reading import not_covered
 from insnav.plain_text import moment
@@ -109,7 +110,9 @@ def _times(count: int) -> str:
 def _many_rejected(run: Run) -> Iterator[str]:
     """So many fixes rejected that the fixes are hardly to blame, and nothing that names them."""
     fixes = run.innovations
-    if any(event.kind in (EventKind.GATE_RECORD_POSITION, EventKind.GATE_RECORD_VELOCITY) for event in run.events):
+    frozen = any(event.kind is EventKind.CONTRADICTION and event.limit == FROZEN for event in run.events)
+    record = EventKind.GATE_RECORD_POSITION, EventKind.GATE_RECORD_VELOCITY
+    if frozen or any(event.kind in record for event in run.events):
         return
     groups, rows = [], []
     for name, first, used in (("position", 0, fixes.used_position), ("velocity", 3, fixes.used_velocity)):
@@ -180,7 +183,7 @@ def _impossible_scale(run: Run) -> Iterator[str]:
     if (widest := float(np.max(run.sensor_errors.sd[0, 6:]))) > _NO_SENSOR:
         yield (
             f"fixes and IMU agree only if its scale factors are off by {100.0 * widest:.0f} %, which no sensor's are: "
-            "check its units, axes and biases (insnav check); the solution is not to be relied on"
+            "check its units, axes and biases (insnav check)"
         )
         return
     value, sd = (each[-1, 6:] for each in (run.sensor_errors.value, run.sensor_errors.sd))
