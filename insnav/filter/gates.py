@@ -66,6 +66,7 @@ class Gates:
 REJECTED = "rejected"
 WHOLE_SD = 3.0  # so many of its standard deviations may a fix step, whatever part of them is white [-]
 FROZEN, UNUSABLE = 30.0, 1e4  # way of the velocities at one position, and standard deviation of those that are none [m]
+HARDLY = 0.01  # part of that way which those who write positions with jitter go [-]
 _IMPOSSIBLE = "no vehicle moves this fast"
 OF_REFERENCE = -99  # fix type of what is no fix but only compared with, and has none of the errors of fixes
 _CONTRADICTED = "all other fixes and the IMU contradict it"
@@ -108,10 +109,11 @@ def impossible(gates: Gates, gps: GpsData) -> BoolArray:
 
 
 def without_frozen(gps: GpsData) -> tuple[GpsData, list[Event]]:
-    """Fixes whose positions stay exactly the same while their velocities go on have none, and an event for them."""
+    """Fixes whose positions stay the same while their velocities go on have none, and an event for them."""
     position_sd, frozen = gps.position_sd.copy(), list[tuple[float, int, int]]()
     gone = 0.5 * (gps.v_n[1:] + gps.v_n[:-1]) * np.diff(gps.time)[:, None]
-    same = (np.diff(gps.lla[:, :2], axis=0) == 0.0).all(axis=1)
+    step = np.linalg.norm(ned_offset(gps.lla[1:], gps.lla[:-1])[:, :2], axis=1)
+    same = (step == 0.0) | (step < HARDLY * np.linalg.norm(gone[:, :2], axis=1))
     for first, last in runs_of(same if gps.fix is None else same & (gps.fix[1:] != 0)):
         far = float(np.linalg.norm(gone[first:last, :2].sum(axis=0)))
         if far > FROZEN:
