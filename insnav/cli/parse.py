@@ -81,11 +81,11 @@ def interval(rate: str) -> float:
 
 
 def columns(text: str | None, option: str) -> dict[str, str] | None:
-    """Quantity to header, ``gyro_x=Gx,time_s=t``."""
+    """Quantity to header, ``gyro_x=Gx,time_s=t``; ``sd_n=`` leaves that one out."""
     if text is None:
         return None
     pairs = [part.split("=", 1) for part in text.split(",")]
-    if any(len(pair) != 2 or not all(pair) for pair in pairs):
+    if any(len(pair) != 2 or not pair[0] for pair in pairs):
         raise ConfigError(f"{text!r} is not a list of names", where=option, fix="write it like gyro_x=Gx,time_s=t")
     return {name.strip(): header.strip() for name, header in pairs}
 

@@ -99,12 +99,15 @@ def test_the_poles_are_possible(tmp_path):
 
 
 @pytest.mark.parametrize("column", ["sd_n_m", "sd_d_m"])
-@pytest.mark.parametrize(("rows", "value", "first"), [(4, -1.0, 6), (slice(None), 0.0, 2)])
-def test_standard_deviations_must_be_positive(tmp_path, column, rows, value, first):
+@pytest.mark.parametrize(
+    ("rows", "value", "first", "fix"),
+    [(4, -1.0, 6, "leave the cell empty"), (slice(None), 0.0, 2, "leave it out, --columns {key}=")],
+)
+def test_standard_deviations_must_be_positive(tmp_path, column, rows, value, first, fix):
     with pytest.raises(InputError, match=column) as caught:
         _gps(tmp_path, _with(column, rows, value))
     assert caught.value.where.endswith(f"gps.csv:{first}:{column}")
-    assert "floor" in caught.value.fix
+    assert fix.format(key=column.removesuffix("_m")) in caught.value.fix
 
 
 def test_standard_deviations_rounded_to_zero_are_raised_to_the_smallest_of_their_column(tmp_path):
@@ -234,3 +237,20 @@ def test_exchanged_angles_are_no_degrees_and_minutes(tmp_path):
         columns = refused.value.gives["columns"]
         assert columns == {"lat": NAMES[2], "lon": NAMES[1]}
         assert len(_gps(tmp_path, west[:, :4], ",".join(NAMES[:4]), columns=columns).data.time) == len(west)
+
+
+def test_fixes_that_a_log_repeats_are_used_once(tmp_path):
+    once = fixes(60)
+    held = np.repeat(once, 10, axis=0)
+    held[:, 0] = once[0, 0] + 0.1 * np.arange(len(held))
+    reading = _gps(tmp_path, held)
+    np.testing.assert_allclose(reading.data.time, held[::10, 0], atol=1e-6)
+    np.testing.assert_array_equal(reading.data.lla, _gps(tmp_path, once).data.lla)
+    assert reading.facts.rate_hz == pytest.approx(1.0)
+    assert "540 of 600 fixes repeat the position before them" in " ".join(reading.facts.evidence)
+
+
+def test_positions_that_repeat_at_rest_are_all_used(tmp_path):
+    rows = fixes(120)
+    rows[:60, 1:4] = rows[0, 1:4]  # of few digits, before the drive
+    assert len(_gps(tmp_path, rows).data.time) == 120

@@ -17,6 +17,7 @@ _RESET_ROWS = 5  # so many rows at the end, all before what came earlier, are a 
 _MAX_SHARED = 0.1  # fraction of rows that may differ and yet share their time with another one
 _DAY, _FEW_STRAY = 86_400.0, 3  # [s], rows
 _MIN_INTERVAL = 1e-9  # shorter ones count as none [s]
+_FEW_RUNS, _MAX_SINGLE = 10, 0.1  # of a log that repeats: at least so many values, and of these at most so many once
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +32,7 @@ class Kinds:
     gap_rows: int
     min_rows: int
     gaps: bool = True  # whether gaps are events
+    held: tuple[str, ...] = ()  # columns by which a row repeats the one before it
 
     def event(self, what: str, time: float, value: float, text: str, limit: float = float("nan")) -> Event:
         """Event at a time [s] with the number of rows that it is about."""
@@ -38,8 +40,9 @@ class Kinds:
 
 
 IMU_KINDS = Kinds("samples", "imu", 5, 3)
-GPS_KINDS = Kinds("fixes", "gps", 2, 3)
-REFERENCE_KINDS = Kinds("rows", "ref", 0, 2, gaps=False)
+_POSITION = ("lat", "lon", "height")
+GPS_KINDS = Kinds("fixes", "gps", 2, 3, held=_POSITION)
+REFERENCE_KINDS = Kinds("rows", "ref", 0, 2, gaps=False, held=_POSITION)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +97,15 @@ def clean(
         if len(kept["time"]) < kinds.min_rows:
             raise _too_few(len(kept["time"]), n, kinds, name)
         dt = spill.steps(kept["time"])
+    if (again := _repeats(kept, kinds.held)).any():
+        count = int(np.count_nonzero(again))
+        notes.append(
+            f"{count} of {len(again)} {kinds.rows} repeat the position before them: assumed to be written more often"
+            " than they are measured, the first of each is used"
+        )
+        events.append(kinds.event("duplicate", kept["time"][int(np.argmax(again))], count, notes[-1]))
+        kept = {key: spill.chosen(column, ~again) for key, column in kept.items()}
+        dt = spill.steps(kept["time"])
     time = kept["time"]
     interval = float(np.median(dt))
     gaps = find_gaps(time, kinds)
@@ -115,6 +127,19 @@ def clean(
     events.sort(key=lambda event: event.time)
     longest = float(dt[gaps].max()) if len(gaps) else 0.0
     return Cleaned(kept, tuple(events), len(gaps), longest, interval, tuple(notes))
+
+
+def _repeats(columns: Mapping[str, FloatArray], keys: tuple[str, ...]) -> BoolArray:
+    """Rows ``(n,)`` with the values of the row before them, where nearly all values stand in several rows each.
+
+    Positions at rest or of few digits repeat, too, but those of motion stand once.
+    """
+    again = np.zeros(len(columns["time"]), np.bool_)
+    if keys and columns.keys() >= set(keys):
+        again[1:] = np.logical_and.reduce([columns[key][1:] == columns[key][:-1] for key in keys])
+    starts = np.flatnonzero(~again)
+    single = np.diff(np.append(starts, len(again))) == 1
+    return again if len(starts) >= _FEW_RUNS and single.mean() <= _MAX_SINGLE else np.zeros_like(again)
 
 
 def find_gaps(time: FloatArray, kinds: Kinds) -> IntArray:

@@ -253,14 +253,16 @@ def _refuse_impossible(
         if (wrong := ~bad & (raw[key] <= 0.0 if sd else np.isinf(raw[key]))).any():
             row = int(np.flatnonzero(wrong)[0])
             what, rule = ("standard deviation", "above zero") if sd else ("velocity", "finite")
-            floor = "0.01 m" if key in _STANDARD_DEVIATIONS[:3] else "0.01 m/s"
+            zero = [each for each in _STANDARD_DEVIATIONS if each in raw and each in found and not raw[each].any()]
+            leave_out = shlex.quote(",".join(f"{each}=" for each in zero))
             raise InputError(
                 f"a {what} is {raw[key][row]:.6g} in column {found[key].header!r}",
                 where=table.place(row, found[key].index),
                 why=f"it must be {rule}; {int(np.count_nonzero(wrong))} rows are not",
-                fix=f"write a realistic floor, such as {floor}, or leave the cell empty if it is not known"
-                if sd
+                fix=f"0 throughout is no standard deviation: leave it out, --columns {leave_out}, or write true ones"
+                if key in zero
                 else "leave the cell empty if it is not known",
+                gives={"columns": dict.fromkeys(zero, "")} if key in zero else None,
             )
 
 
