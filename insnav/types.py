@@ -242,6 +242,7 @@ class EventKind(StrEnum):
     GPS_NAN = "gps.nan"
     GPS_GAP = "gps.gap"
     GPS_CUT_ROW = "gps.cut_row"
+    GPS_FROZEN = "gps.frozen"
     GPS_OUTSIDE = "gps.outside"
     REF_DUPLICATE = "ref.duplicate"
     REF_UNSORTED = "ref.unsorted"

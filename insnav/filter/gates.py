@@ -65,8 +65,10 @@ class Gates:
 
 REJECTED = "rejected"
 WHOLE_SD = 3.0  # so many of its standard deviations may a fix step, whatever part of them is white [-]
-FROZEN, UNUSABLE = 30.0, 1e4  # way of the velocities at one position, and standard deviation of those that are none [m]
-HARDLY = 0.01  # part of that way which those who write positions with jitter go [-]
+UNUSABLE = 1e4  # standard deviation of positions that are none [m]
+# way of the velocities at one position, where that is written with jitter, which goes so small a part of it, and where
+# it is not: in all [m], in steps as well as positions are written, and faster than velocities drift at rest [m/s]
+FROZEN, HARDLY, SAME, STEPS, AT_REST = 30.0, 0.01, 3.0, 10.0, 0.5
 _IMPOSSIBLE = "no vehicle moves this fast"
 OF_REFERENCE = -99  # fix type of what is no fix but only compared with, and has none of the errors of fixes
 _CONTRADICTED = "all other fixes and the IMU contradict it"
@@ -110,22 +112,24 @@ def impossible(gates: Gates, gps: GpsData) -> BoolArray:
 
 def without_frozen(gps: GpsData) -> tuple[GpsData, list[Event]]:
     """Fixes whose positions stay the same while their velocities go on have none, and an event for them."""
-    position_sd, frozen = gps.position_sd.copy(), list[tuple[float, int, int]]()
-    gone = 0.5 * (gps.v_n[1:] + gps.v_n[:-1]) * np.diff(gps.time)[:, None]
-    step = np.linalg.norm(ned_offset(gps.lla[1:], gps.lla[:-1])[:, :2], axis=1)
-    same = (step == 0.0) | (step < HARDLY * np.linalg.norm(gone[:, :2], axis=1))
+    position_sd, frozen = gps.position_sd.copy(), list[tuple[float, float, int, int]]()
+    moved = ned_offset(gps.lla[1:], gps.lla[:-1])[:, :2]
+    gone = 0.5 * (gps.v_n[1:] + gps.v_n[:-1])[:, :2] * np.diff(gps.time)[:, None]
+    step, written = np.linalg.norm(moved, axis=1), float(np.min(np.abs(moved), initial=FROZEN, where=moved != 0.0))
+    same = (step == 0.0) | (step < HARDLY * np.linalg.norm(gone, axis=1))
     for first, last in runs_of(same if gps.fix is None else same & (gps.fix[1:] != 0)):
-        far = float(np.linalg.norm(gone[first:last, :2].sum(axis=0)))
-        if far > FROZEN:
+        far, length = float(np.linalg.norm(gone[first:last].sum(axis=0))), gps.time[last] - gps.time[first]
+        least = FROZEN if step[first:last].any() else max(SAME, STEPS * written, AT_REST * float(length))
+        if far > least:
             position_sd[first + 1 : last + 1] = UNUSABLE
-            frozen.append((far, first, last))
+            frozen.append((far, least, first, last))
     if not frozen:
         return gps, []
-    far, first, last = max(frozen)
+    far, least, first, last = max(frozen)
     more = f", and {len(frozen) - 1} times for a shorter way" * (len(frozen) > 1)
     when = moment(float(gps.time[first]), float(gps.time[last]))
     text = f"positions of the fixes are frozen from {when}, in which the velocities go {far:.2g} m{more}: not used"
-    said = Event(float(gps.time[first]), EventKind.CONTRADICTION, far, FROZEN, "m", text)
+    said = Event(float(gps.time[first]), EventKind.GPS_FROZEN, far, least, "m", text)
     return replace(gps, position_sd=position_sd), [said]
 
 

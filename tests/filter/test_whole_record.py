@@ -11,7 +11,7 @@ import pytest
 from insnav.earth import lla_offset, ned_offset
 from insnav.errors.metrics import position_errors
 from insnav.filter import FilterSettings, navigate
-from insnav.filter.gates import Trust
+from insnav.filter.gates import Trust, without_frozen
 from insnav.filter.navigate import Navigated, feed, navigate_recording
 from insnav.filter.prepare import DELAY_SD, prepare
 from insnav.filter.whole_record import residuals, without_ends
@@ -64,7 +64,8 @@ def frozen(gps: GpsData, length: float) -> GpsData:
 
 
 def told(done: Navigated) -> list[str]:
-    return [event.action for event in done.run.events if event.kind is EventKind.CONTRADICTION]
+    kinds = EventKind.CONTRADICTION, EventKind.GPS_FROZEN
+    return [event.action for event in done.run.events if event.kind in kinds]
 
 
 def false(done: Navigated) -> list[float]:
@@ -109,6 +110,23 @@ def test_positions_that_freeze_are_left_out(seconds):
     done = navigated(5, replace(gps, lla=gps.lla + 2e-7 * jitter))  # by a metre: as others that are false
     assert horizontal(5, done).max() < 5.0
     assert len(false(done)) >= 0.9 * seconds
+
+
+@pytest.mark.parametrize(("coarse", "speed", "named"), [(1e-9, 3.0, True), (1e-5, 3.0, False), (1e-9, 0.3, False)])
+def test_a_short_freeze_is_one_where_positions_are_written_finer_and_velocities_are_those_of_motion(
+    coarse, speed, named
+):
+    """Two seconds in motion, and a minute at rest in which velocities drift by 0.3 m/s."""
+    time, rows = np.arange(120.0), 3 if speed > 1.0 else 61
+    v_n = np.tile([speed, 0.0, 0.0], (120, 1))
+    noise = 0.3 * np.random.default_rng(1).standard_normal((120, 3))
+    lla = lla_offset(np.tile([0.8, 0.2, 100.0], (120, 1)), time[:, None] * v_n + noise)
+    lla[:, :2] = np.deg2rad(coarse) * np.round(np.rad2deg(lla[:, :2]) / coarse)
+    lla[40 : 40 + rows] = lla[40]
+    gps = GpsData(time, lla, v_n, np.ones((120, 3)), np.ones((120, 3)))
+    found, said = without_frozen(gps)
+    assert [event.kind for event in said] == [EventKind.GPS_FROZEN] * named
+    assert np.flatnonzero(found.position_sd[:, 0] > 1.0).tolist() == [41, 42] * named
 
 
 def test_a_velocity_that_lags_contradicts_nothing():

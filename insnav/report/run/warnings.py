@@ -14,7 +14,6 @@ from insnav.attitude import dcm_from_rph
 from insnav.errors.evaluated_run import SAME_DATA, EvaluatedRun, failure
 from insnav.errors.metrics import TrajectoryErrors, nees
 from insnav.errors.reference_check import LATE
-from insnav.filter.gates import FROZEN
 from insnav.filter.whole_record import stretches
 from insnav.input.readers.reading import not_covered
 from insnav.plain_text import moment
@@ -70,7 +69,7 @@ def file_warnings(result: Result[Any]) -> tuple[str, ...]:
 
 def event_warnings(events: Sequence[Event], *, smoothed: bool) -> list[str]:
     """Fixes and samples that cannot both be right, and what was done about it."""
-    found = [event.action for event in events if event.kind == EventKind.CONTRADICTION]
+    found = [event.action for event in events if event.kind in (EventKind.GPS_FROZEN, EventKind.CONTRADICTION)]
     resets = [event for event in events if event.kind == EventKind.RESET]
     if resets:
         first = resets[0]
@@ -110,7 +109,7 @@ def _times(count: int) -> str:
 def _many_rejected(run: Run) -> Iterator[str]:
     """So many fixes rejected that the fixes are hardly to blame, and nothing that names them."""
     fixes = run.innovations
-    frozen = any(event.kind is EventKind.CONTRADICTION and event.limit == FROZEN for event in run.events)
+    frozen = any(event.kind is EventKind.GPS_FROZEN for event in run.events)
     record = EventKind.GATE_RECORD_POSITION, EventKind.GATE_RECORD_VELOCITY
     if frozen or any(event.kind in record for event in run.events):
         return
