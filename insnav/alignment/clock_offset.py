@@ -33,7 +33,7 @@ SLOW = 0.8  # below it the course of GPS velocity is noise [m/s]
 MOVES = 0.1  # RMS of what is compared, below which nothing moved [rad/s], [m/s^2]
 SHORTEST = 20.0  # records must overlap so long [s]
 SHARE = 0.3  # and by that part of the shorter one
-MEMORY = 2.0  # turns and accelerations so far apart are independent [s]
+MEMORY = 2.0  # turns and accelerations so far apart are independent, if they are not of longer spans [s]
 SURE = 15.0  # log-likelihood above which a lag is no accident, among so many lags
 AS_TOLD = 0.3  # part of the best log-likelihood with which the clocks as they are are believed
 APART = 5.0  # other lags are at least so far away [s]
@@ -78,7 +78,7 @@ def find_clock_offset(parts: Intervals, gps: GpsData, *, worth: float = 0.0) -> 
     if track is None or len(imu.time) < 10:
         return None
     span = max(SPAN, 2.0 * float(np.median(np.diff(track.time))))
-    lag = _best_lag(_rates(imu, span), _rates(track, span))
+    lag = _best_lag(_rates(imu, span), _rates(track, span), span)
     found = None if lag is None or abs(lag) < worth - COARSE else _refined(imu, track, lag, span)
     return None if found is not None and found.accelerations < CONTRARY else found
 
@@ -140,8 +140,10 @@ def _covered(track: _Track, flags: BoolArray, ends: tuple[FloatArray, FloatArray
     return np.asarray((bad[last + 1] == bad[first]) & (gap[last] == gap[first]))
 
 
-def _best_lag(imu: tuple[float, FloatArray, BoolArray], gps: tuple[float, FloatArray, BoolArray]) -> float | None:
-    """Lag with the largest likelihood [s], if no other comes near."""
+def _best_lag(
+    imu: tuple[float, FloatArray, BoolArray], gps: tuple[float, FloatArray, BoolArray], span: float
+) -> float | None:
+    """Lag with the largest likelihood [s], if no other comes near; of changes over `span` [s]."""
     n, m = imu[1].shape[1], gps[1].shape[1]
     if min(n, m) * STEP < SHORTEST:
         return None
@@ -152,7 +154,7 @@ def _best_lag(imu: tuple[float, FloatArray, BoolArray], gps: tuple[float, FloatA
         correlation, count = _masked_correlation(x, mx, y, my)
         enough = count * STEP >= max(SHORTEST, SHARE * STEP * min(mx.sum(), my.sum()))
         r = np.where(enough, np.clip(correlation, -0.999, 0.999), 0.0)
-        score -= 0.5 * (count * STEP / MEMORY) * np.log1p(-(r**2))
+        score -= 0.5 * (count * STEP / max(MEMORY, span)) * np.log1p(-(r**2))
     best = int(np.argmax(score))
     around = abs(np.arange(n + m - 1) - best) * STEP < APART
     second = float(np.max(score[~around], initial=0.0))

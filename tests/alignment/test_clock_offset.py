@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import insnav
-from insnav.alignment.clock_offset import find_clock_offset
+from insnav.alignment.clock_offset import STEP, _best_lag, find_clock_offset
 from insnav.alignment.turn_scale import turn_scale
 from insnav.attitude import dcm_from_rph
 from insnav.exceptions import InputError
@@ -82,6 +82,19 @@ def test_a_flight_straight_for_most_of_the_time_is_not_refused_for_its_clock(see
     found = find_clock_offset(intervals(imu), fixes)
     assert found is None or abs(found.offset - 0.3) < 1.0
     insnav.load(imu, fixes)
+
+
+@pytest.mark.parametrize("span", [2.0, 10.0])
+def test_changes_over_long_spans_are_no_more_alike_by_chance(span):
+    """Two independent random walks, 60 times: of fixes every 5 s seven were an offset when 2 s counted as one value."""
+    rng, wide = np.random.default_rng(1), round(span / STEP)
+
+    def changes():
+        walk = np.cumsum(rng.standard_normal((2, 3000 + wide)), axis=1)
+        rates = walk[:, wide:] - walk[:, :-wide]
+        return 0.0, np.array([rates[0], np.abs(rates[1])]), np.ones_like(rates, dtype=np.bool_)
+
+    assert [_best_lag(changes(), changes(), span) for _ in range(60)] == [None] * 60
 
 
 def test_a_wrong_clock_is_refused_with_the_offset_to_give(drives):
