@@ -48,6 +48,7 @@ LONGEST = 0.6  # part of the record; what is off for longer is a bias, and the r
 LINEAR_ROUNDS = 4  # without another run
 TOO_LARGE = 10.0  # scale factors, times those of the kind
 LEAST = 0.3 * DEG  # rate; biases that warm up and what vibration adds on a recorded car, 0.23 deg/s, are none [rad/s]
+GROWS = 0.67  # part of the rate that a fault has before the noise is found without it; 0.73 to 1 in what was injected
 ALIKE = 0.3  # part of the largest gain from which an axis is tried: the run with the fault is not linear in it
 SHORTEST_FOUND = 3.0  # what is shorter is left at ends of another one, or what the model of a recorded car lacks [s]
 OPENED = 0.5  # part of the rate by which the bias is opened where a span begins and ends
@@ -139,12 +140,11 @@ def _one(
         look = _looked_at(seen, cut)
         spans = sorted(_spans(_plain(look), axes), key=lambda each: -each.gain)
         rival = 0.0 if spans[0].gain < LOOKED_AT else _rival(ready, look)
-        for fault in spans:
-            if fault.gain < max(LOOKED_AT, ALIKE * max(spans[0].gain, rival)):
-                break
-            if fault.cause in alike:
-                continue
-            worth = _worth(look, fault)
+        least = max(LOOKED_AT, ALIKE * max(spans[0].gain, rival))
+        likely = [fault for fault in spans if fault.gain >= least and fault.cause not in alike]
+        before = climbed(*look)[1] if likely else np.inf
+        for fault in likely:
+            worth = _worth(look, fault, before)
             settled, lost = (None, False) if worth is None else _settled(ready, spec, worth, cut)
             if settled is None:
                 alike |= {fault.cause} if look[0] is seen[0] and not lost else set()
@@ -155,8 +155,8 @@ def _one(
     return None
 
 
-def _worth(look: _Seen, fault: Episode) -> Episode | None:
-    """A fault without which the innovations at hand are likelier, each with the noise that then is likeliest.
+def _worth(look: _Seen, fault: Episode, before: float) -> Episode | None:
+    """A fault without which the innovations at hand, which cost `before`, are likelier, each with its likeliest noise.
 
     A look without another run: noise found with a fault holds it, so that its own gain is small.
     """
@@ -164,11 +164,11 @@ def _worth(look: _Seen, fault: Episode) -> Episode | None:
     # scale factors that no gyro has stand for what it missed while it turned, and hide it in what is linear
     if fault.gain > SURELY and _far_larger("scale_factor", TOO_LARGE, drive.spec(at), drive.prior):
         return fault
-    before, edges = climbed(drive, at)[1], _edges(drive)
+    edges = _edges(drive)
     for _ in range(LINEAR_ROUNDS):
         there, cost = climbed(drive.without(fault.begin, fault.end, fault.cause, fault.rate), at)
         if 2.0 * (before - cost) > WORTH:
-            return fault
+            return fault if abs(fault.rate) > GROWS * LEAST else None
         last, fault = fault, _likeliest(*drive.by_spans(there, edges, fault.cause), edges, fault.cause)
         if fault.near(last):
             break
