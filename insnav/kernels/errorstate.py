@@ -272,8 +272,12 @@ def propagate(first, last, close, samples, carried, model, phi, q, out, work):  
                 out_state[used[0], i] = x[i]
             if due or ends:
                 known[used[1]] = used[0]
-                for i in range(6):
+                for i in range(3):
                     out_motion[used[1], i] = motion[i]
+                # vibration, too, is late where the clock is: not the mean that `motion` has
+                out_motion[used[1], 3] = (x[3] - vn) * rate
+                out_motion[used[1], 4] = (x[4] - ve) * rate
+                out_motion[used[1], 5] = (x[5] - vd) * rate
                 used[1] += 1
             used[0] += 1
         if due and grid[1] > 0.0:
