@@ -41,13 +41,15 @@ def errors_of_axes(
     edges = np.concatenate([parts.end[:1] - parts.dt[:1], parts.end])
 
     def between(values: FloatArray) -> FloatArray:
-        """Integral of a triad from epoch to epoch less its mean, of which a misalignment makes a bias, (m, 3)."""
+        """Integral of a triad from epoch to epoch, (m, 3)."""
         whole = np.cumsum(values * parts.dt[:, None] if parts.instant else values, axis=0)
         at = np.column_stack([np.interp(time, edges, np.concatenate([[0.0], column])) for column in whole.T])
-        at -= (time - time[0])[:, None] * (at[-1] - at[0]) / (time[-1] - time[0])
         return np.diff(at, axis=0, prepend=at[:1])
 
     turned, pushed = between(parts.gyro), between(parts.accel)
+    # What it makes of gravity is a bias, and known as such: see `level_bias`. What it makes of a mean rate is not: good
+    # gyros have far smaller biases.
+    pushed[1:] -= pushed.sum(axis=0) * (np.diff(time) / (time[-1] - time[0]))[:, None]
     found = np.zeros((2 * len(TERMS), time.size, 9))
     for number, (i, j) in enumerate(TERMS):
         speed, accel = c[:, :, i] * pushed[:, j, None], found[len(TERMS) + number]
@@ -74,16 +76,15 @@ class Misalignment:
     evidence: float  # log odds of misalignments, their size averaged over, against none
 
     def corrected(self, imu: ImuData) -> ImuData:
-        """Samples less what the terms make of them beside a bias."""
+        """Samples less what the terms make of them, of specific force beside a bias."""
 
-        def of(values: FloatArray, terms: FloatArray) -> FloatArray:
+        def of(values: FloatArray, terms: FloatArray, mean: FloatArray) -> FloatArray:
             askew = np.zeros((3, 3))
             askew[tuple(np.transpose(TERMS))] = terms
-            mean = spill.mean(values)
             return spill.by_blocks(lambda rows: rows - (rows - mean) @ askew.T, values)
 
-        count = len(TERMS)
-        return replace(imu, gyro=of(imu.gyro, self.terms[:count]), accel=of(imu.accel, self.terms[count:]))
+        gyro, accel = np.split(self.terms, 2)
+        return replace(imu, gyro=of(imu.gyro, gyro, np.zeros(3)), accel=of(imu.accel, accel, spill.mean(imu.accel)))
 
 
 def misalignment(

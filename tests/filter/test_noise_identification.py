@@ -344,12 +344,12 @@ def test_the_size_of_misalignments_is_found_and_the_axes_are_no_surer(true, low,
         assert (estimate.axes.evidence > 0.0) == (true > 0.0)
         size = estimate.spec.gyro.misalignment / 8e-3
         after = with_noise(ready, estimate)
-        assert np.all(after.model.axes_sd < 1.2 * 8e-3 * size)
+        assert np.all(estimate.axes.attitude_sd < 8e-3 * size)
         off.append(np.abs(settled_attitude(after) - settled_attitude(exact)) / after.model.axes_sd)
         assert np.all(level_bias(estimate.spec.accel) > 0.999 * level_bias(estimate.filter_spec.accel))
         sizes.append(float(size[0]))
     assert low < np.sqrt(np.mean(np.square(sizes))) < high, sizes
-    assert true == 0.0 or np.mean(np.square(off)) < 2.0, off
+    assert true == 0.0 or np.mean(np.square(off)) < 1.25, off
 
 
 def test_what_a_misalignment_does_is_what_the_regression_says():
@@ -413,6 +413,10 @@ def test_samples_lose_what_misalignments_make_of_them_beside_a_bias():
     mended = found.corrected(replace(imu, gyro=turned[0], accel=turned[1]))
     for each, true, askew in ((mended.gyro, imu.gyro, turned[0]), (mended.accel, imu.accel, turned[1])):
         assert np.std(each - true, axis=0).max() < 0.02 * np.std(askew - true, axis=0).max()
+    # a mean rate, too: the biases of good gyros are far smaller than what is made of it
+    np.testing.assert_allclose(
+        mended.gyro.sum(axis=0), imu.gyro.sum(axis=0), atol=0.02 * np.abs(imu.gyro.sum(axis=0)).max() * 5e-3
+    )
 
 
 def test_a_run_that_is_far_off_is_run_again_with_the_noise_it_showed():
