@@ -119,8 +119,8 @@ def _plain(imu: ImuData, scale: FloatArray | float) -> bool:
     each, limit = np.broadcast_to(scale, (imu.time.shape[0], 1)), _far(_changes(some))
     largest = change = np.zeros(6)
     for block in spill.blocks(imu.time.shape[0], before=2):
-        high, step, far, thrice = glance(imu.gyro[block], imu.accel[block], np.ravel(each[block]), limit)
-        if far.any() or thrice.any():
+        high, step, odd = glance(imu.gyro[block], imu.accel[block], np.ravel(each[block]), limit)
+        if odd:
             return False
         largest, change = np.maximum(largest, high), np.maximum(change, step)
     return not (change <= CONSTANT * largest).any()

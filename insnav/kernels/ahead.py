@@ -10,6 +10,7 @@ import gc
 import os
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -58,11 +59,8 @@ def compile_ahead() -> None:
     numbers, ours = os.pipe()
     os.write(ours, bytes(range(len(_kernels()))))
     os.close(ours)
-    command = [sys.executable, "-m", __name__]
-    nowhere = subprocess.DEVNULL
-    others = [
-        subprocess.Popen(command, stdin=numbers, stdout=nowhere, stderr=nowhere) for _ in range(1, min(MOST, cores))
-    ]
+    start = partial(subprocess.Popen, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    others = [start([sys.executable, "-m", __name__], stdin=numbers) for _ in range(1, min(MOST, cores))]
     try:
         _compile(numbers)
     except BaseException:
@@ -94,7 +92,7 @@ def _type(given: Any) -> Any:
 
 
 def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
-    """Kernels with the types of their arguments, those that take longest first."""
+    """Kernels with the types of their arguments, those that take longest first, beside those that need the same."""
     d: Any = types.float64
     i, flag = types.int64, types.boolean
     d1, d2, d3, d4, i1 = d[::1], d[:, ::1], d[:, :, ::1], d[:, :, :, ::1], i[::1]
@@ -115,30 +113,38 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
     )
     run = (d1, i1, d3, d4, d2, d2, d2, d3, d2, d2, d2)
     return (
-        ((errorstate.propagate, *propagation),),
-        ((smoother.backward, d2, i, d1, d2, d2, d2, d3, d2, d2, d2, d3, d2, d2),),
-        ((increments.increments, flag, d1, d1, d2, d2, i1, d4, d4, i1, d1, d1, d2, d2, d2, d2),),
+        (
+            (errorstate.propagate, *propagation),
+            (alignment.felt_changes, d1, d1, d2, d2, d1, d1, d1, d2, i[:, ::1], d3),
+            (alignment.gyro_history, d1, d1, d1, d2, d2, d2, d2),
+            *((smoother.correct, d1, d2, d1, d2, d2), (errorstate.feed_back, d1, d1, d1)),
+            (gps_measurement.correct_with_arm, *3 * [d1], i, d1, d1),
+        ),
+        (
+            (smoother.backward, d2, i, d1, d2, d2, d2, d3, d2, d2, d2, d3, d2, d2),
+            (aiding_measurements.innovation, d2, d1, d2, d1, i, i, d2),
+            *((gps_measurement.inverse, d2), (errorstate.at_fix_time, d2, d1, d2)),
+        ),
+        (
+            (increments.increments, flag, d1, d1, d2, d2, i1, d4, d4, i1, d1, d1, d2, d2, d2, d2),
+            *((output.moved, d1, d1, d, d1), (output.add_moved, d2, i1, d2, d, d2)),
+        ),
         ((likelihood.innovations, run, *4 * [d1], i, d1, d1, d2, (d1, d2), d3, d, d2),),
-        ((gps_measurement.assess, *assessment),),
-        ((alignment.felt_changes, d1, d1, d2, d2, d1, d1, d1, d2, i[:, ::1], d3),),
+        (
+            (gps_measurement.assess, *assessment),
+            (aiding_measurements.zero_velocity, d1, d1, d1, d1, d2),
+            (aiding_measurements.vehicle_velocity, d1, d1, d2, d1, d, d1, d2),
+        ),
         ((alignment.level_history, d1, d2, d2, d, d1, d2),),
-        ((alignment.gyro_history, d1, d1, d1, d2, d2, d2, d2),),
-        ((smoother.correct, d1, d2, d1, d2, d2), (errorstate.feed_back, d1, d1, d1)),
-        ((output.deviations, d1, i1, d2, d1, d2, d2), (output.sides, d2, d2, d2), (output.moved, d1, d1, d, d1)),
-        ((output.add_moved, d2, i1, d2, d, d2), (errorstate.variances, d2, d1, d1)),
-        ((csv_rows.rows_as_text, d2, d1, types.uint8[::1]),),
-        ((health.glance, d2, d2, d1, d1),),
-        ((alignment.joined, d1, d1, d2, d2, d1, flag, i, i, d2),),
-        ((aiding_measurements.zero_velocity, d1, d1, d1, d1, d2),),
-        ((aiding_measurements.innovation, d2, d1, d2, d1, i, i, d2),),
-        ((aiding_measurements.vehicle_velocity, d1, d1, d2, d1, d, d1, d2),),
+        ((csv_rows.rows_as_text, d2, d1, types.uint64[::1], types.uint8[::1]),),
+        ((output.deviations, d1, i1, d2, d1, d2, d2), (output.sides, d2, d2, d2)),
         ((smoother.keep, d1, d, *3 * [d1], d2, d2), (smoother.keep_state, *4 * [d1])),
-        ((gps_measurement.correct_with_arm, *3 * [d1], i, d1, d1), (gps_measurement.swing, d2, d1)),
+        ((alignment.joined, d1, d1, d2, d2, d1, flag, i, i, d2),),
+        ((health.glance, d2, d2, d1, d1),),
+        ((errorstate.move_along, d2, d1), (errorstate.reset_transition, d2, d2, d1)),
         ((smoother.keep_measurement, d1, i, i, d1, d2, d2),),
-        ((gps_measurement.inverse, d2), (gps_measurement.covariance_fault, d2)),
-        ((gps_measurement.measurement_fault, d1, d2, d2),),
-        ((errorstate.at_fix_time, d2, d1, d2), (errorstate.move_along, d2, d1)),
-        ((errorstate.reset_transition, d2, d2, d1),),
+        ((gps_measurement.measurement_fault, d1, d2, d2), (gps_measurement.covariance_fault, d2)),
+        ((gps_measurement.swing, d2, d1), (errorstate.variances, d2, d1, d1)),
     )
 
 

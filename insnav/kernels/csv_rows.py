@@ -14,29 +14,21 @@ _PAIRS = np.frombuffer(b"".join(b"%02d" % i for i in range(100)), np.uint8).copy
 
 
 @njit(cache=True)
-def rows_as_text(values, scale, out):  # type: ignore[no-untyped-def]
-    """Write numbers (k, n) as n rows, each column rounded to parts of one by its `scale` (k,), into bytes `out`.
+def rows_as_text(values, scale, places, out):  # type: ignore[no-untyped-def]
+    """Write numbers (k, n) as n rows, each column rounded to `places` (k,) decimals, into bytes `out`.
 
-    What is not finite is an empty cell; `out` has room for `WIDEST` bytes a number.
+    `scale` (k,): ten to the power of `places`. What is not finite is an empty cell; `out` has `WIDEST` bytes a number.
     Returns: number of bytes; -1 if a number needs an exponent or more digits.
     """
     at, one = np.uint64(0), np.uint64(1)  # places without a sign need no look whether they count from the end
-    columns = values.shape[0]
-    most, least, places = np.empty(columns), np.empty(columns), np.empty(columns, np.uint64)
-    for column in range(columns):
-        most[column], least[column] = min(_EXACT, LARGEST * scale[column]), SMALLEST * scale[column]
-        power, places[column] = 1.0, 0
-        while power < scale[column]:
-            power *= 10.0
-            places[column] += one
     ten, hundred, myriad = np.uint64(10), np.uint32(100), np.uint64(10000)
     for row in range(values.shape[1]):
-        for column in range(columns):
+        for column in range(values.shape[0]):
             value = values[column, row]
             if np.isfinite(value):
                 parts = np.rint(value * scale[column])
                 size = abs(parts)
-                if size >= most[column] or 0.0 < size < least[column]:
+                if size >= min(_EXACT, LARGEST * scale[column]) or 0.0 < size < SMALLEST * scale[column]:
                     return -1
                 if parts < 0.0:
                     out[at] = 45

@@ -116,16 +116,14 @@ def innovations(  # type: ignore[no-untyped-def]
     means = np.zeros((each, n))
     mean = means[0]
     wide = 4 * ((n + 3) // 4)  # whole registers, of which the rest stays zero
-    p = np.zeros((wide, wide))
+    p, fades, work = np.zeros((wide, wide)), np.zeros((n, n)), np.zeros((20, wide))
+    w, ph, moved = work[:9], work[9:15], work[15]
+    fade, pace, last, inverse = work[16], work[17], work[18], work[19]
     for i in range(n):
-        mean[i] = start[0][i]
+        mean[i], fade[i] = start[0][i], 1.0
         for j in range(n):
             p[i, j] = start[1][i, j]
     lasts = lasting_sd.shape[0] if lasting > 0 else 0
-    work = np.zeros((19, wide))
-    w, ph, moved = work[:9], work[9:15], work[15]
-    fade, pace, last, inverse = np.ones(wide), work[16], work[17], work[18]
-    fades = np.ones((n, n))
     usual, count = -1.0, 0
     for k in range(span.shape[0]):
         dt = span[k]

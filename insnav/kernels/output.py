@@ -40,7 +40,7 @@ def moved(state, motion, delay_sd, out):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def add_moved(state, rows, motion, delay_sd, variance):  # type: ignore[no-untyped-def]
     """Add what `moved` says of some `rows` (m,) of the states to their variances (m, 12); `motion` (m, 6)."""
-    by = np.empty(9)
+    by = np.zeros(9)
     for m in range(rows.shape[0]):
         moved(state[rows[m]], motion[m], delay_sd, by)
         for i in range(9):

@@ -81,24 +81,31 @@ def keep_measurement(row, kind, source, z, h, r):  # type: ignore[no-untyped-def
             row[JACOBIAN + n * i + j] = h[i, j]
 
 
-@njit(cache=True, fastmath=REORDERED)
-def used(row, n, p, z, h, hp):  # type: ignore[no-untyped-def]
+@inner()
+def _zeros(rows, columns):  # type: ignore[no-untyped-def]
+    """Work space; numpy's function would be compiled once more for kernels that reorder sums."""
+    return np.zeros((rows, columns))
+
+
+@inner(fastmath=REORDERED)
+def _used(row, n, p, z, h, hp, chosen):  # type: ignore[no-untyped-def]
     """Measurement of an epoch by the rows that were used of it: ``z``, ``H`` and ``H P``; inverse of ``H P H' + R``.
 
-    `row` (width(n),); `p` (n, n): covariance before it; filled from the front: `z` (6,), `h`, `hp` (6, n).
+    `row` (width(n),); `p` (n, n): covariance before it; filled from the front: `z` (6,), `h`, `hp` (6, n);
+    `chosen` (6,): work space.
     Returns: inverse (m, m), of no rows at an epoch without a measurement.
     """
-    rows = np.zeros(6, dtype=np.int64)
-    m = 0
+    m, kind = 0, int(row[KIND])
     for i in range(6):
-        if int(row[KIND]) > COAST and int(row[KIND]) & (1 << i):
-            rows[m] = i
+        if kind > COAST and kind & (1 << i):
+            chosen[m] = i
             m += 1
-    s = np.zeros((m, m))
+    s = _zeros(m, m)
     for i in range(m):
-        z[i] = row[RESIDUAL + rows[i]]
+        at = int(chosen[i])
+        z[i] = row[RESIDUAL + at]
         for j in range(n):
-            h[i, j] = row[JACOBIAN + n * rows[i] + j]
+            h[i, j] = row[JACOBIAN + n * at + j]
             hp[i, j] = 0.0
         for a in range(n):
             share = h[i, a]
@@ -106,7 +113,7 @@ def used(row, n, p, z, h, hp):  # type: ignore[no-untyped-def]
                 for j in range(n):
                     hp[i, j] += share * p[a, j]
         for j in range(i + 1):
-            total = row[NOISE + 6 * rows[i] + rows[j]]
+            total = row[NOISE + 6 * at + int(chosen[j])]
             for a in range(n):
                 total += hp[i, a] * h[j, a]
             s[i, j] = s[j, i] = total
@@ -148,9 +155,9 @@ def backward(  # type: ignore[no-untyped-def]
     biases of gyros and accelerometers, and a minute of drag that begins at the epoch; `late` (m, 2): twice the gain of
     a change of the delay, and the change [s], or zero without that state.
     """
-    p, part, kept = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
-    z, h, hp, weight, by = np.zeros(6), np.zeros((6, n)), np.zeros((6, n)), np.zeros((6, n)), np.zeros((6, n))
-    pull, x, moved, rows = np.zeros(6), np.zeros(10), np.zeros(n), min(n, STATES + 1)
+    p, part, kept, lines = _zeros(n, n), _zeros(n, n), _zeros(n, n), _zeros(4, n)
+    h, hp, weight, by = _zeros(6, n), _zeros(6, n), _zeros(6, n), _zeros(6, n)
+    z, pull, x, moved, rows = lines[0], lines[1], lines[2], lines[3], min(n, STATES + 1)
     for k in range(history.shape[0] - 1, -1, -1):
         row = history[k]
         at = JACOBIAN + 6 * n + NAV * STATES + n - NAV
@@ -158,7 +165,7 @@ def backward(  # type: ignore[no-untyped-def]
             for j in range(i + 1):
                 p[i, j] = p[j, i] = row[at]
                 at += 1
-        s = used(row, n, p, z, h, hp)
+        s = _used(row, n, p, z, h, hp, pull)
         m = s.shape[0]
         # (I - K H)' on the adjoint, where K = P H' S^-1, and H' S^-1 z to it
         for i in range(m):

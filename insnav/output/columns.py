@@ -54,9 +54,9 @@ def write_numbers(columns: Mapping[str, NDArray[Any]], decimals: Decimals, strea
     numbers = np.empty((len(columns), len(next(iter(columns.values())))))
     for row, (name, values) in zip(numbers, columns.items(), strict=True):
         row[:] = rounded(name, values, decimals) if name == "heading_deg" else values
-    scale = [1.0 if v.dtype.kind == "i" else 10.0 ** _places(name, decimals) for name, v in columns.items()]
+    places = [0 if v.dtype.kind == "i" else _places(name, decimals) for name, v in columns.items()]
     text = np.empty(numbers.size * WIDEST, np.uint8)
-    size = rows_as_text(numbers, np.array(scale), text)
+    size = rows_as_text(numbers, 10.0 ** np.array(places), np.array(places, np.uint64), text)
     if size < 0:
         table = arrow_table({name: rounded(name, values, decimals) for name, values in columns.items()})
         write_csv(table, stream, header=header)
