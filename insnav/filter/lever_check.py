@@ -20,6 +20,9 @@ WRONG, SURE = 0.4, 6.0  # smallest error that is said [m], and in standard devia
 MARGIN = 3.0  # further ones by which what is surely seen exceeds that: noise found with an error in it is larger
 LATE, LATE_SURE = 0.03, 10.0  # smallest error of a delay that is said [s], and in standard deviations of what was found
 OPENED_DELAY = 0.5  # standard deviation of the delay in the pass that looks for it [s]
+# Part of what is known of a lever arm that noise of the gyros may pretend, from which it is said; and for about how
+# long noise turns the attitude before fixes show it [s]
+PRETENDED, SHOWN_AFTER = 0.2, 10.0
 WRONG_HEADING = 3.0  # standard deviations of a heading given from which another one that the drive shows is tried
 
 
@@ -49,11 +52,36 @@ def with_right_lever(given: Prepared, alone: Callable[[], Prepared]) -> Prepared
     """A recording as prepared with a lever arm that was given, or `alone`, without it, if the drive shows another."""
     arm, run = given.settings.lever_b, looked(given, lever_sd=OPENED)
     off, limit = np.abs(run.lever_b - arm), np.maximum(WRONG, SURE * run.lever_sd)
-    if not (off > limit).any():
+    if not (off > limit).any() or pretended(given, run) > PRETENDED:
         seen = _three(limit + MARGIN * run.lever_sd)
         note = f"errors of the lever arm given that this drive would not show are smaller than {seen} m (x, y, z)"
         return replace(given, notes=(*given.notes, note))
     return alone()
+
+
+def pretended(ready: Prepared, run: Run) -> float:
+    """Part of what a run knows of its lever arm, where it knows least, that noise of the gyros may pretend.
+
+    What the gyros' noise turns is no turn, but shows an arm as one does: like that of no length, as the antenna does
+    not move (errors in variables: W. A. Fuller, Measurement Error Models, Wiley 1987, section 1.1). Of each fix that
+    is twice the variance of the attitude by that noise over that of the innovation, for each axis.
+    """
+    row = np.searchsorted(run.epochs.time, run.innovations.time).clip(max=run.epochs.time.size - 1)
+    attitude = np.diagonal(run.epochs.covariance, axis1=1, axis2=2)[row, 6:]
+    turned = np.minimum(attitude, SHOWN_AFTER * ready.model.noise[:3].mean()).mean(axis=1)
+    told = 2.0 * turned / np.mean(run.innovations.sd[:, :3] ** 2, axis=1)
+    return float(told[run.innovations.used_position].sum() * np.max(run.lever_sd) ** 2)
+
+
+def hidden_by_noise(ready: Prepared, run: Run) -> tuple[Event, ...]:
+    """An event if the lever arm that a run has found may be noise of its gyros."""
+    part, noise = pretended(ready, run), 60.0 * np.rad2deg(np.sqrt(ready.model.noise[:3].mean()))
+    text = (
+        f"noise of the gyros, {noise:.2g} deg/√h, hides lever arm and delay: both, and with them the positions, are less "
+        "sure than their standard deviations; give --lever-arm and --gps-delay"
+    )
+    kind = EventKind.CONTRADICTION
+    return (Event(float(run.solution.time[0]), kind, part, PRETENDED, "", text),) * bool(part > PRETENDED)
 
 
 def lever_contradicted(arm: FloatArray, run: Run) -> Event:

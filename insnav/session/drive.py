@@ -28,7 +28,13 @@ from insnav.filter.fine_alignment import FineAlignment, fine_alignment
 from insnav.filter.gps_delay import on_time
 from insnav.filter.gps_noise import with_sd
 from insnav.filter.gyro_fault import without_gyro_faults
-from insnav.filter.lever_check import delay_contradicted, lever_contradicted, with_right_heading, with_right_lever
+from insnav.filter.lever_check import (
+    delay_contradicted,
+    hidden_by_noise,
+    lever_contradicted,
+    with_right_heading,
+    with_right_lever,
+)
 from insnav.filter.navigate import AidingChoice, Navigated, dense, navigate_prepared, thinned
 from insnav.filter.noise_identification import identify_noise, understated, with_known_noise, with_noise
 from insnav.filter.prepare import DELAY_SD, Prepared, Start, prepare
@@ -348,6 +354,8 @@ class Drive:
         doubts = () if self.gps is None else understated(ready, self.gps.data)
         if self.readings.inputs.get("gps_delay") is not None:
             doubts = (*doubts, *delay_contradicted(ready))
+        if ready.settings.lever_sd:
+            doubts = (*doubts, *hidden_by_noise(done.ready or ready, done.run))
         if ready.settings.lever_sd and not self.settings.lever_sd:
             doubts = (*doubts, lever_contradicted(self.settings.lever_b, done.run))
         done = replace(done, run=replace(done.run, events=self._events((*doubts, *done.run.events))))
