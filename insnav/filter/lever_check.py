@@ -77,7 +77,7 @@ def hidden_by_noise(ready: Prepared, run: Run) -> tuple[Event, ...]:
     """An event if the lever arm that a run has found may be noise of its gyros."""
     part, noise = pretended(ready, run), 60.0 * np.rad2deg(np.sqrt(ready.model.noise[:3].mean()))
     text = (
-        f"noise of the gyros, {noise:.2g} deg/√h, hides lever arm and delay: both, and with them the positions, are less "
+        f"noise of the gyros, {noise:.2g} deg/√h, hides lever arm and delay: they, and the positions, are less "
         "sure than their standard deviations; give --lever-arm and --gps-delay"
     )
     kind = EventKind.CONTRADICTION

@@ -89,7 +89,7 @@ class Navigator:
         self._rates, self._motion = np.empty((0, 3)), np.zeros(18)  # at the next fixes; of `Predicted`
         self._forces = self._rates
         noise = float(model.noise[:3].sum()) / nominal
-        mean = 1.0 if self._estimate.at.shaken >= 0 else 0.5 * nominal / SEEN  # of what noise a mean has
+        mean = 0.5 * nominal / SEEN  # of what noise a mean has
         self._motion[9:11] = mean * NOISY**2 * noise, FAR_BEYOND**2 * noise
         self._motion[17] = NOISY**2 * float(model.noise[3:6].sum()) / (2.0 * SEEN)
         self._margin = MARGIN + int(SEEN / nominal)  # newest samples that wait; twice as many processed ones are kept

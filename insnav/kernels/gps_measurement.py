@@ -237,7 +237,7 @@ def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_a
         # that noise (an instrumental variable, section 1.4); what is beyond it counts where it is far beyond noise.
         turning = motion[0] ** 2 + motion[1] ** 2 + motion[2] ** 2
         beyond = motion[6] ** 2 + motion[7] ** 2 + motion[8] ** 2
-        told = turning / max(turning + motion[9], 1e-30)
+        told = turning**2 / max(turning**2 + motion[9] ** 2, 1e-30)
         also = beyond / max(beyond + motion[10], 1e-30) if shaken_at < 0 else 0.0
         for i in range(3):  # element by element: products of arrays take long to compile
             whole[i] = motion[i] * told + motion[6 + i] * also**2

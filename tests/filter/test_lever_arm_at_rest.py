@@ -12,6 +12,7 @@ from insnav.errors.metrics import position_errors
 from insnav.kernels.gps_measurement import antenna, correct_with_arm
 from insnav.session.simulation import plan_of, profiled
 from insnav.simulate.gps_file import load_gps
+from insnav.units import DEG
 
 ARM = np.array([2.2, 0.5, -1.6])
 AT = 22
@@ -81,6 +82,22 @@ def test_noise_of_gyros_makes_an_arm_no_shorter(profile, seed):
     run = insnav.load(*some, imu_model="adxl103-class").navigate().found.run
     assert (np.abs(run.lever_b - ARM) < 3.0 * run.lever_sd).all()
     assert (run.lever_sd < 0.1).all()
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.0 * DEG])
+def test_noise_of_gyros_that_hides_an_arm_is_said_and_takes_none_that_is_given(noise):
+    """Of an aircraft, by RTK: fixes show an arm of a fifth of its length then, however long they go on."""
+    gps = replace(load_gps("rtk"), lever_b=ARM)
+    made = plan_of(profiled("aircraft_pattern", 42), {"imu": "industrial", "gps": gps, "seed": 42}).measured()
+    end = made.imu.time[0] + 300.0
+    imu, fixes = made.imu.rows(made.imu.time < end), made.gps.rows(made.gps.time < end)
+    imu = replace(imu, gyro=imu.gyro + noise * np.random.default_rng(1).standard_normal(imu.gyro.shape))
+    free, given = (insnav.load(imu, fixes, **arm).navigate() for arm in ({}, {"lever_arm": tuple(ARM)}))
+    assert any("hides lever arm and delay" in text for text in free.page().warnings) == bool(noise)
+    assert not given.page().warnings
+    np.testing.assert_array_equal(given.found.run.lever_b, ARM)
+    run = free.found.run
+    assert (np.abs(run.lever_b - ARM) < 3.0 * run.lever_sd).all() == (not noise)  # what is said of noise is true
 
 
 @pytest.mark.parametrize("seed", [15355, 15310])
