@@ -21,9 +21,15 @@ FLOAT, FLOAT_SD = 2, 0.3  # ambiguities not fixed: decimetres at best, whatever 
 FIXED, DGPS = 1, 4  # further fix types; with corrections of a satellite system 1.0 m CEP, same data sheet
 BY_FIX = {FIXED: (POSITION_FLOOR,) * 3, FLOAT: (FLOAT_SD, FLOAT_SD, 2.0 * FLOAT_SD), DGPS: (1.0, 1.0, 2.0)}  # [m]
 OPEN_VELOCITY = 100.0  # of a vertical velocity that was not measured: it counts as nothing [m/s]
+OPEN_HEIGHT = 100.0  # the same of heights: as poor as a fix may be to be used [m]
 BY_SCATTER = "as estimated from successive fixes"
 LAG_WORTH = 0.03  # a smaller lag is not corrected: at 2 m/s^2 it makes 0.06 m/s, the noise of a good velocity [s]
 LAGGING_NOTE = "GPS velocity lags position by"
+
+
+def heights_measured(lla: FloatArray) -> bool:
+    """Whether heights are more than a number that stands in every row (n, 3) while the vehicle moves."""
+    return len(lla) < 2 or bool(np.ptp(lla[:, 2]) > 0.0 or np.ptp(lla[:, 0]) == 0.0)
 
 
 def velocity_lag(gps: GpsData) -> tuple[float, float]:
@@ -152,6 +158,8 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
             position_sd = np.where(sure[:, None], np.maximum(position_sd, FLOAT_SD), position_sd)
             raised = f"reported sigma below {FLOAT_SD:g} m raised to {FLOAT_SD:g} m"
             notes.append(f"{sure.sum()} float solutions (fix = {FLOAT}): {raised}")
+    if not heights_measured(gps.lla):
+        position_sd = np.where([False, False, True], OPEN_HEIGHT, position_sd)
     v_n = gps.v_n
     level = np.isfinite(v_n[:, :2]).all(axis=1) & np.isnan(v_n[:, 2])
     if level.any():

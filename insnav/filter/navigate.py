@@ -9,8 +9,9 @@ from typing import Literal
 import numpy as np
 
 from insnav import spill
-from insnav.filter.changes import unused
+from insnav.filter.changes import unused, with_wider_sd
 from insnav.filter.gates import Gates, Trust
+from insnav.filter.gps_noise import heights_measured
 from insnav.filter.measurements import measurements_from_drive
 from insnav.filter.measurements.first_pass import FirstPass
 from insnav.filter.measurements.non_holonomic import NonHolonomic
@@ -25,6 +26,7 @@ AidingChoice = Literal["auto", "on", "off"]
 ABSORBED = 1.5  # times what a model shows: noise that is found anew, with the fault in it, hides a part of it
 GAP_WORTH = 3.0  # a GPS gap from which other aiding is worth a second pass: less drifts by centimetres [s]
 PLAUSIBLE = 3.0  # a lever arm found within so many standard deviations of the one given, or none, is believed
+UNKNOWN_HEIGHT = 1000.0  # standard deviation where fixes have none [m]
 DENSE = 0.1  # of the solution from which aiding is calibrated, and with which fixes are compared [s]
 
 
@@ -81,6 +83,8 @@ def navigate_prepared(
     outside = _outside(ready.gps.time - ready.settings.delay, ready.initial.time, float(ready.imu.time[-1]))
     events = (*ready.faults, *found, *run.events, *outside)
     run = replace(thinned(run, every), events=events, gps_delay=run.gps_delay + ready.clock)
+    if not heights_measured(ready.gps.lla) and ready.settings.fixed_height_sd <= 0.0:
+        run = with_wider_sd(run, lambda _, sd: np.hypot(sd, UNKNOWN_HEIGHT * np.eye(9)[2]))
     if run.smoothed is not None and run.smoothed.delay_step is not None:
         step = run.smoothed.delay_step
         step = replace(step, before=step.before + ready.clock, after=step.after + ready.clock)

@@ -14,6 +14,7 @@ from insnav.attitude import dcm_from_rph
 from insnav.errors.evaluated_run import SAME_DATA, EvaluatedRun, failure
 from insnav.errors.metrics import TrajectoryErrors, nees
 from insnav.errors.reference_check import LATE
+from insnav.filter.gps_noise import heights_measured
 from insnav.filter.whole_record import stretches
 from insnav.input.readers.reading import not_covered
 from insnav.plain_text import moment
@@ -83,9 +84,9 @@ def event_warnings(events: Sequence[Event], *, smoothed: bool) -> list[str]:
 
 
 def _no_heights(found: EvaluatedRun) -> Iterator[str]:
-    lla = np.empty((0, 3)) if found.gps is None else found.gps.lla
-    if len(lla) > 1 and np.ptp(lla[:, 2]) == 0.0 and np.ptp(lla[:, 0]) != 0.0:
-        yield f"GPS heights are all {lla[0, 2]:g} m: not measured, and so is nothing vertical"
+    if found.gps is not None and not heights_measured(found.gps.lla):
+        height = f"{found.gps.lla[0, 2]:g} m"
+        yield f"GPS heights are all {height}: taken for not measured and not used; heights of the solution are unknown"
 
 
 def _samples_lost(run: Run) -> Iterator[str]:
