@@ -213,7 +213,7 @@ def delay_of(seen: Filtered) -> Found:
     lag, lag_sd = likelihood.lag, 0.0
     if likelihood.velocities:
         (other, along), covariance, evidence = _with_lag(likelihood, delay, drift)
-        share = 1.0 / (1.0 + np.exp(-evidence) * (1.0 - LAGGING) / LAGGING)
+        share = 1.0 / (1.0 + np.exp(min(-evidence, 500.0)) * (1.0 - LAGGING) / LAGGING)
         apart = share * (1.0 - share)
         sd = float(np.sqrt(share * max(covariance[0, 0], sd**2) + (1.0 - share) * sd**2 + apart * (other - delay) ** 2))
         delay += share * (other - delay)

@@ -23,13 +23,14 @@ from insnav.filter.noise_identification import (
     InnovationLikelihood,
     NoiseEstimate,
     climbed,
+    cost_at,
     identify_noise,
     known_likelihood,
     with_noise,
 )
 from insnav.filter.prepare import Prepared
 from insnav.filter.shocks import LATE_START, LEAST_LATE
-from insnav.filter.whole_record import OPEN
+from insnav.filter.whole_record import OPEN, UNUSED
 from insnav.imu.specification import ImuSpec
 from insnav.kernels.dynamics import NAV
 from insnav.plain_text import moment
@@ -106,7 +107,7 @@ def without_gyro_faults(ready: Prepared, found: NoiseEstimate, spec: ImuSpec) ->
             found.far_off or found.seen[0].rejected() or _far_larger("bias_instability", SUSPECT, found.spec, spec)
         )
         seen = _opened(ready, found, spec) if suspect else found.seen
-        other = None if seen is None else _one(ready, spec, seen, (0, 1, 2) if suspect else (HEADING,))
+        other = None if seen is None else _one(ready, spec, seen, found.seen, (0, 1, 2) if suspect else (HEADING,))
         if other is None:
             break
         fault, ready, found = other
@@ -132,9 +133,12 @@ def _far_larger(key: str, times: float, found: ImuSpec, spec: ImuSpec) -> bool:
 
 
 def _one(
-    ready: Prepared, spec: ImuSpec, seen: _Seen, axes: tuple[int, ...]
+    ready: Prepared, spec: ImuSpec, seen: _Seen, gated: _Seen, axes: tuple[int, ...]
 ) -> tuple[Episode, Prepared, NoiseEstimate] | None:
-    """The fault of one of the `axes` that stands out most in what was `seen`, the recording without it, its noise."""
+    """The fault of one of the `axes` that stands out most in what was `seen`, the recording without it, its noise.
+
+    `gated`: what was seen with what gates reject left out.
+    """
     alike = set[int]()  # axes of which all runs were looked at as a whole already
     for cut in (True, False):  # what is seen after a run was lost misleads, but may be all that shows a fault
         look = _looked_at(seen, cut)
@@ -149,8 +153,11 @@ def _one(
             if settled is None:
                 alike |= {fault.cause} if look[0] is seen[0] and not lost else set()
                 continue
-            left = _opened(*settled[1:], spec) if rival > fault.gain else None
-            if left is None or _rival(settled[1], _looked_at(left, cut)) < settled[0].gain:
+            left = _opened(*settled[1:], spec)
+            # what was lost already may be so far off that anything fits it; fixes that gates reject explain more then
+            if left is not None and look[0] is seen[0] and _dearer(left, gated):
+                continue
+            if left is None or rival <= fault.gain or _rival(settled[1], _looked_at(left, cut)) < settled[0].gain:
                 return settled
     return None
 
@@ -173,6 +180,13 @@ def _worth(look: _Seen, fault: Episode, before: float) -> Episode | None:
         if fault.near(last):
             break
     return None
+
+
+def _dearer(left: _Seen, gated: _Seen) -> bool:
+    """Whether all innovations that are `left` cost more than those that gates pass, with as much for the others."""
+    most, used = cost_at(*gated), gated[0].fixes
+    most += max(gated[0].offered - used, 0) * (most / used + UNUSED) + SURELY
+    return cost_at(*left) > most and climbed(*left)[1] > most
 
 
 def _plain(look: _Seen) -> _Seen:

@@ -21,7 +21,7 @@ import numpy as np
 from insnav.exceptions import DivergenceError
 from insnav.filter.error_model import ErrorModel, InitialState, error_model, initial_state
 from insnav.filter.gps_correlation import CorrelatedNoise
-from insnav.filter.gps_noise import ALIKE, OPEN_VELOCITY
+from insnav.filter.gps_noise import ALIKE, OPEN_HEIGHT, OPEN_VELOCITY
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import CORRELATED, Prepared
 from insnav.filter.sensor_axes import Misalignment, by_turn, errors_of_axes, misalignment
@@ -569,6 +569,11 @@ def climbed(drive: InnovationLikelihood, at: FloatArray) -> tuple[FloatArray, fl
     return top, found[2]
 
 
+def cost_at(drive: InnovationLikelihood, at: FloatArray) -> float:
+    """What a drive costs with figures of the noise: -log posterior density."""
+    return _Posterior([drive]).innovations(at)[2]
+
+
 def _misalignment(drives: Sequence[InnovationLikelihood], at: FloatArray, prior_sd: float) -> tuple[Misalignment, bool]:
     """Misalignments of the IMU of all drives, attitude is that of the first; and whether a run was far off."""
     prior = drives[0].prior
@@ -715,7 +720,7 @@ def _refined(ready: Prepared, found: NoiseEstimate) -> Prepared:
     model = error_model(found.filter_spec, STATES if ready.model.sd[6:].any() else STATES - 6)
     gps = replace(
         ready.gps,
-        position_sd=ready.gps.position_sd * found.position_factor,
+        position_sd=ready.gps.position_sd * np.where(ready.gps.position_sd < OPEN_HEIGHT, found.position_factor, 1.0),
         velocity_sd=ready.gps.velocity_sd * found.velocity_factor,
     )
 

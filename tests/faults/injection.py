@@ -119,6 +119,7 @@ DRIVES: dict[str, Callable[[], Data]] = {
     "positions": lambda: _simulated("city", "consumer", "single", 15, (100.0, 400.0), "positions"),
     "mountain": lambda: _simulated("mountain_road", "consumer", "dgps", 103, (100.0, 400.0)),
     "figure": lambda: _simulated("figure_eight", "automotive", "rtk", 105, (0.0, 240.0)),
+    "town": lambda: _simulated("city", "automotive", "rtk", 205, (0.0, 240.0)),
     "rtklib": lambda: _recorded("rtklib_drive_20250708", 200.0, 300.0),
     "rtklib_2": lambda: _recorded("rtklib_drive_20250708", 20.0, 180.0),
     "ixr": lambda: _recorded("ixr_tsukishima_20210412", 300.0, 240.0),
