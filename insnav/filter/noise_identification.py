@@ -57,7 +57,7 @@ ENOUGH = 0.6  # smaller gains of the log-likelihood end the search: an interval 
 NEAR = 3.0  # smaller ones end the first steps
 FAR = 5.0  # after a larger one the derivatives serve another step
 OBSERVABLE = 0.8  # a figure is observable if the drive narrows its interval to this part of the prior's
-INTERVAL = np.array([0.0, -1.96, 1.96])  # middle and ends of 95 % of a normal distribution, in its sd
+INTERVAL = np.array([-1.96, 1.96])  # ends of 95 % of a normal distribution, in its sd
 # Where the white part alone of the errors of fixes is so many times what came with these, the lasting part, of which a
 # drive shows little, is larger than that says, too: the whole is then taken for as many times more, up to `ALIKE`, as
 # the white part exceeds it. From further factors it is looked for, as most fixes may have been rejected.
@@ -542,6 +542,7 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
     # are known to a factor, and where they are likeliest is too small
     wide = top + np.diag(covariance) * [AVERAGED.get(p.key, 0.0) for p in posterior.parameters]
     position, velocity, correlated = drive.fixes_of(wide)
+    plausible = np.array([wide, *(top + end * np.sqrt(np.diag(covariance)) for end in INTERVAL)])
     filter_spec = drive.spec(top)
     axes, far_off = _misalignment(posterior.drives, top, IMU_PRIOR["misalignment"])
     return NoiseEstimate(
@@ -552,8 +553,8 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
         velocity,
         correlated,
         tuple(
-            _figure(p, np.log(axes.size) if p.key.endswith("misalignment") else x + INTERVAL * sd, drive.prior)
-            for p, x, sd in zip(posterior.parameters, top, np.sqrt(np.diag(covariance)), strict=True)
+            _figure(p, np.log(axes.size) if p.key.endswith("misalignment") else x, drive.prior)
+            for p, x in zip(posterior.parameters, plausible.T, strict=True)
         ),
         before[2] - cost,
         float(np.mean(before[0] ** 2 / before[1])),
@@ -609,7 +610,7 @@ def _figure(parameter: _Parameter, x: FloatArray, spec: ImuSpec) -> NoiseFigure:
         of_axes = getattr(spec.gyro if sensor == "gyro" else spec.accel, key)
         values = np.exp(values) * float(np.sqrt(np.mean(of_axes**2)))
         unit = UNITS_SHOWN.get(key, ("deg/h", "ug"))[sensor == "accel"]
-    told = bool(np.isfinite(x[0]) and np.ptp(x) < OBSERVABLE * parameter.sd * np.ptp(INTERVAL))
+    told = bool(np.isfinite(x[0]) and np.ptp(x[1:]) < OBSERVABLE * parameter.sd * np.ptp(INTERVAL))
     prior, value, low, high = values.tolist()
     return NoiseFigure(parameter.key, unit, prior, value, low, high, told)
 
@@ -659,7 +660,7 @@ def unlike(drives: Sequence[InnovationLikelihood], found: NoiseEstimate) -> list
         gain, sd = _cost(one, np.where(of_imu, shared, at)) - _cost(one, at), np.sqrt(np.diag(covariance))
         off = of_imu & (np.abs(at - shared) > np.maximum(np.log(UNLIKE), UNLIKE_SD * sd))
         far |= off & (2.0 * gain > chi2_limit(int(of_imu.sum()), CHANCE))
-        values = at[:, None] + np.outer(sd, INTERVAL)
+        values = at[:, None] + np.outer(sd, [0.0, *INTERVAL])
         figures.append([_figure(p, x, drive.prior) for p, x in zip(one.parameters, values, strict=True)])
     return [[each[i] for each in figures] for i in np.flatnonzero(far)]
 

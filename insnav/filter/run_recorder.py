@@ -326,7 +326,7 @@ def _divergence(innovations: Innovations) -> list[Event]:
                     TOO_LARGE,
                     f"mean NIS of {name} / 3",
                     "flagged",
-                    "optimistic sigmas of GPS or IMU file",
+                    "from fix to fix errors are larger there than the noise of GPS or IMU is taken for",
                 )
             )
     return found

@@ -233,6 +233,9 @@ def test_white_fixes_stay_white_and_keep_their_size(found):
         np.testing.assert_allclose(estimate.position_factor, size, atol=0.05)
         np.testing.assert_allclose(estimate.velocity_factor, 1.0, atol=0.05)
         assert estimate.correlated.share < 0.1
+        value = {figure.key: figure.value for figure in estimate.figures}  # as used, and as told in notes
+        assert value["gps.horizontal"] == pytest.approx(estimate.position_factor[0])
+        assert value["gps.correlation_time"] == pytest.approx(estimate.correlated.time)
         assert estimate.gain > 10.0
         assert estimate.mean_after == pytest.approx(1.0, abs=0.05)
 
