@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar, get_args
 
 import numpy as np
 
+from insnav import imu as sensors  # whose calibration files are imported when one is given: 10 ms
 from insnav.exceptions import ConfigError, InputError, InsnavError
-from insnav.imu import correct, load_calibration
 from insnav.input import Reading, ReadingFacts, read_gps, read_imu, read_reference
 from insnav.input.formats.registry import choose_table
 from insnav.input.formats.table import ArrayCells, Table
@@ -127,7 +127,7 @@ def read_samples(imu: Given | Table | ImuData, inputs: Inputs, *, any_way: bool 
     although no axes are given.
     """
     calibration = inputs.get("calibration")
-    known = None if calibration is None else load_calibration(Path(calibration))
+    known = None if calibration is None else sensors.load_calibration(Path(calibration))
     if isinstance(imu, ImuData):
         described = [key for key in _DESCRIBING if inputs.get(key) is not None]
         if described:
@@ -146,7 +146,7 @@ def read_samples(imu: Given | Table | ImuData, inputs: Inputs, *, any_way: bool 
                 raw_scales={triad: scale for triad, scale in scales.items() if scale is not None},
                 any_way=any_way,
             )
-    return reading if known is None else replace(reading, data=correct(reading.data, known))
+    return reading if known is None else replace(reading, data=sensors.correct(reading.data, known))
 
 
 def _read_gps(gps: Given | GpsData, inputs: Inputs) -> Reading[GpsData]:
