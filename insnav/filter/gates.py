@@ -69,6 +69,7 @@ UNUSABLE = 1e4  # standard deviation of positions that are none [m]
 # way of the velocities at one position, where that is written with jitter, which goes so small a part of it, and where
 # it is not: in all [m], in steps as well as positions are written, and faster than velocities drift at rest [m/s]
 FROZEN, HARDLY, SAME, STEPS, AT_REST = 30.0, 0.01, 3.0, 10.0, 0.5
+PARKED = 0.2  # of their sd: positions of a vehicle that rests while its velocities are false scatter by more
 _IMPOSSIBLE = "no vehicle moves this fast"
 OF_REFERENCE = -99  # fix type of what is no fix but only compared with, and has none of the errors of fixes
 _CONTRADICTED = "all other fixes and the IMU contradict it"
@@ -116,7 +117,8 @@ def without_frozen(gps: GpsData) -> tuple[GpsData, list[Event]]:
     moved = ned_offset(gps.lla[1:], gps.lla[:-1])[:, :2]
     gone = 0.5 * (gps.v_n[1:] + gps.v_n[:-1])[:, :2] * np.diff(gps.time)[:, None]
     step, written = np.linalg.norm(moved, axis=1), float(np.min(np.abs(moved), initial=FROZEN, where=moved != 0.0))
-    same = (step == 0.0) | (step < HARDLY * np.linalg.norm(gone, axis=1))
+    jitter = np.minimum(HARDLY * np.linalg.norm(gone, axis=1), PARKED * gps.position_sd[1:, :2].min(axis=1))
+    same = (step == 0.0) | (step < jitter)
     for first, last in runs_of(same if gps.fix is None else same & (gps.fix[1:] != 0)):
         far, length = float(np.linalg.norm(gone[first:last].sum(axis=0))), gps.time[last] - gps.time[first]
         least = FROZEN if step[first:last].any() else max(SAME, STEPS * written, AT_REST * float(length))

@@ -166,6 +166,13 @@ def _frozen(gps: GpsData, inside: np.ndarray) -> GpsData:
     return replace(gps, lla=lla)
 
 
+def _repeated(gps: GpsData, times: int) -> GpsData:
+    """Each fix in so many rows, as in a log that is faster than its receiver."""
+    step = np.diff(gps.time, append=2.0 * gps.time[-1] - gps.time[-2])
+    rows = gps.rows(np.repeat(np.arange(gps.time.size), times))
+    return replace(rows, time=rows.time + np.tile(np.arange(times), gps.time.size) * np.repeat(step, times) / times)
+
+
 def _dragged(gps: GpsData, inside: np.ndarray, rate: float) -> GpsData:
     off = rate * (gps.time - gps.time[inside][0]) * inside
     off[gps.time > gps.time[inside][-1]] = off[inside][-1]
@@ -233,7 +240,7 @@ def cases() -> Iterator[Case]:
     yield from sized("N2", "jump 8 s", ("3m", "20m", "60m"), lambda s: _verb(f"gps-jump:{s}{{b}}+8s"), 0)
     yield from sized("N2", "jump 30 s", ("3m", "30m", "300m"), lambda s: _verb(f"gps-jump:{s}{{b}}+30s"), 0)
     yield from sized("N3", "jump for good", ("3m", "20m", "500m"), lambda s: _verb(f"gps-jump:{s}{{b}}"), 0)
-    yield from sized("N3", "frozen [s]", (5, 20, 60), lambda s: _gps(_frozen, s))
+    yield from sized("N3", "frozen [s]", (2, 5, 20, 60), lambda s: _gps(_frozen, s))
     yield from sized("N4", "drag 60 s", ("0.2m/s", "1m/s", "2m/s"), lambda s: _verb(f"gps-drag:{s}{{b}}+60s"), 2)
     yield from sized("N4", "drag with v", (0.2, 1.0, 5.0), lambda s: _gps(lambda g, i: _dragged(g, i, s), 60.0), 1)
     yield from sized("N5", "outage [s]", (5, 20, 60), lambda s: _verb(f"gps-outage{{b}}+{s}s"))
@@ -243,6 +250,7 @@ def cases() -> Iterator[Case]:
         yield Case("N7", f"latency {late}", _verb(f"gps-latency:{late}s"), shift=late)
     yield from sized("N8", "shuffled [s]", (3, 10, 30), lambda s: _verb(f"gps-shuffle{{b}}+{s}s"))
     yield Case("N9", "fix twice", _verb("gps-duplicate{b}"))
+    yield from sized("N9", "rows a fix", (2, 10), lambda s: lambda data: (data.imu, _repeated(data.gps, s)))
     yield from sized("N9", "samples twice [s]", (0.1, 1, 10), lambda s: _verb(f"imu-duplicate{{b}}+{s}s"))
     yield Case("N10", "clock back", _verb("imu-reverse{b}"))
     yield from sized("N11", "gap [s]", (0.3, 2, 10), lambda s: _verb(f"imu-gap{{b}}+{s}s"))

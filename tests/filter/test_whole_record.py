@@ -129,6 +129,15 @@ def test_a_short_freeze_is_one_where_positions_are_written_finer_and_velocities_
     assert np.flatnonzero(found.position_sd[:, 0] > 1.0).tolist() == [41, 42] * named
 
 
+def test_a_vehicle_at_rest_with_false_velocities_has_no_frozen_positions():
+    """Fixes by RTK, which scatter by half of their standard deviation, while velocities are off by 8 m/s."""
+    noise = 0.01 * np.random.default_rng(2).standard_normal((60, 3))
+    lla = lla_offset(np.tile([0.8, 0.2, 100.0], (60, 1)), noise)
+    v_n = np.tile([8.0, 0.0, 0.0], (60, 1))
+    gps = GpsData(np.arange(60.0), lla, v_n, np.full((60, 3), 0.02), np.ones((60, 3)))
+    assert without_frozen(gps)[1] == []
+
+
 def test_a_velocity_that_lags_contradicts_nothing():
     """A velocity 0.8 s older than its position, as the filter knows, is compared with the track of that time."""
     gps = recording(5).gps
