@@ -34,7 +34,7 @@ def rows_as_text(values, scale, places, out):  # type: ignore[no-untyped-def]
                     out[at] = 45
                     at += one
                 number, each = np.uint64(size), np.uint64(scale[column])
-                whole = number // each
+                whole = np.uint64(size / scale[column])  # exact: both are integers below 2^53
                 rest = number - whole * each
                 count, limit = one, ten
                 while whole >= limit:
