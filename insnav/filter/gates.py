@@ -115,13 +115,14 @@ def without_frozen(gps: GpsData) -> tuple[GpsData, list[Event]]:
     """Fixes whose positions stay the same while their velocities go on have none, and an event for them."""
     position_sd, frozen = gps.position_sd.copy(), list[tuple[float, float, int, int]]()
     moved = ned_offset(gps.lla[1:], gps.lla[:-1])[:, :2]
-    gone = 0.5 * (gps.v_n[1:] + gps.v_n[:-1])[:, :2] * np.diff(gps.time)[:, None]
+    v_n = np.nan_to_num(0.5 * (gps.v_n[1:] + gps.v_n[:-1])[:, :2])
+    gone = v_n * (np.diff(gps.time) * (np.linalg.norm(v_n, axis=1) > AT_REST))[:, None]
     step, written = np.linalg.norm(moved, axis=1), float(np.min(np.abs(moved), initial=FROZEN, where=moved != 0.0))
     jitter = np.minimum(HARDLY * np.linalg.norm(gone, axis=1), PARKED * gps.position_sd[1:, :2].min(axis=1))
     same = (step == 0.0) | (step < jitter)
     for first, last in runs_of(same if gps.fix is None else same & (gps.fix[1:] != 0)):
-        far, length = float(np.linalg.norm(gone[first:last].sum(axis=0))), gps.time[last] - gps.time[first]
-        least = FROZEN if step[first:last].any() else max(SAME, STEPS * written, AT_REST * float(length))
+        far = float(np.linalg.norm(gone[first:last].sum(axis=0)))
+        least = FROZEN if step[first:last].any() else max(SAME, STEPS * written)
         if far > least:
             position_sd[first + 1 : last + 1] = UNUSABLE
             frozen.append((far, least, first, last))
