@@ -46,6 +46,9 @@ SURE, REFINED = 4.0, 2.0  # delays are believed beyond so many of their standard
 ROUNDS = 3  # of moving the clock
 BACK = 0.5  # part of a move within the filter's reach by which the next must not go back: neither is believed
 LEAST_OTHER, OTHER_WORTH = 0.03, 0.45  # of an arm of vibration's own: the least, and what is worth states [m]
+# Moments whose mean lagging velocities are, in lags before the fix: one, as many since the fix before, or those of a
+# low-pass filter of first order
+MOMENTS = (1.0,), tuple(0.25 * np.arange(0.5, 8.0)), tuple(-1.0109 * np.log(1.0 - np.arange(0.5, 32.0) / 32.0))
 LAGS = 0.2 * np.arange(-1, 6)  # of velocities where the search for one begins, from the one assumed on [s]
 NEWTON, LAG_STEP, LARGEST_STEP = 6, 0.005, 0.2  # steps of it, over which derivatives are taken, and at most [s]
 # Part of the receivers whose velocities lag, and by how much: Doppler counted since the fix before lags by half an
@@ -162,6 +165,7 @@ class Found(NamedTuple):
     drift: float  # of it, where it is sure [s/s]
     lag: float  # of velocities behind positions, and its standard deviation [s]
     lag_sd: float
+    moments: tuple[float, ...]  # of `MOMENTS`
 
 
 def delay_of(seen: Filtered) -> Found:
@@ -177,7 +181,7 @@ def delay_of(seen: Filtered) -> Found:
         doubted, gates = _doubted(seen.ready)
         seen = filtered(doubted, starts=0, gates=gates)
         likelihood = LateFixes(seen.ready, seen.settings, seen.epochs) if seen.epochs is not None else None
-    nothing = Found(0.0, np.inf, 0.0, seen.settings.velocity_lag, 0.0)
+    nothing = Found(0.0, np.inf, 0.0, seen.settings.velocity_lag, 0.0, seen.settings.moments)
     if likelihood is None or likelihood.blocks < FEWEST_BLOCKS:
         return nothing
     grid = np.arange(-REACH, REACH + 0.5 * GRID, GRID)
@@ -217,10 +221,14 @@ def delay_of(seen: Filtered) -> Found:
         apart = share * (1.0 - share)
         sd = float(np.sqrt(share * max(covariance[0, 0], sd**2) + (1.0 - share) * sd**2 + apart * (other - delay) ** 2))
         delay += share * (other - delay)
+        costs = []
+        for likelihood.moments in MOMENTS if abs(share * along) > LAG_WORTH else ():
+            costs.append(likelihood.costs(np.array([other]), drift, np.array([along])).sum())
+        likelihood.moments = MOMENTS[np.argmin(costs)] if costs else MOMENTS[0]
         lag, lag_sd = share * along, float(np.sqrt(share * covariance[1, 1] + apart * along**2))
     # to the microsecond: where the arrays of the search lie in memory rounds its sums, and must not round the run
     delay, sd, lag, lag_sd = (round(float(each), 6) for each in (delay - drift * likelihood.half, sd, lag, lag_sd))
-    return Found(delay, sd, drift, lag, lag_sd)
+    return Found(delay, sd, drift, lag, lag_sd, likelihood.moments)
 
 
 def _with_lag(likelihood: LateFixes, delay: float, drift: float) -> tuple[FloatArray, FloatArray, float]:
@@ -262,10 +270,11 @@ def on_time(
     if settings.delay_sd <= 0.0 and settings.lever_sd <= 0.0 and not settings.lever_b.any():
         return ready
     seen = filtered(ready)
-    further, width, lags = seen, settings.delay_sd, (ready.settings.velocity_lag, 0.0)
+    further, width, lags = seen, settings.delay_sd, (ready.settings.velocity_lag, 0.0, ready.settings.moments)
     before, last = (ready, seen), 0.0
     for _ in range(ROUNDS if settings.delay_sd > 0.0 else 0):
-        delay, sd, drift, lag, lag_sd = delay_of(further)
+        found = delay_of(further)
+        delay, sd, drift = found[:3]
         # once it was moved, or where the state of the filter, which is linear, goes as surely the same way
         agrees = further.delay * np.sign(delay) > SURE * further.delay_sd
         sure = SURE if clock == 0.0 and not agrees else REFINED
@@ -275,26 +284,29 @@ def on_time(
         if moved and abs(last) < settings.delay_sd and delay * last < -BACK * last**2:
             ready, seen = before
             break
-        lags = lag, LOOKED * lag_sd if lag_sd > LAG_SD_WORTH else 0.0
-        if not moved and abs(lag - further.settings.velocity_lag) < LAG_WORTH:
+        was, lags = further.settings, found[3:]
+        if not moved and abs(found.lag - was.velocity_lag) < LAG_WORTH and found.moments == was.moments:
             break
         before, last = (ready, seen), 0.0 if drift or not moved else delay
         if moved:
             clock, rate = clock + delay, rate + drift
         there = prepared(clock, rate)
-        there = replace(there, settings=replace(there.settings, velocity_lag=lag))
+        there = replace(there, settings=replace(there.settings, velocity_lag=found.lag, moments=found.moments))
         # within its reach the filter explains a delay as well by its state, but for what is not linear in it
         refined = further is seen and sure == REFINED and abs(delay) < settings.delay_sd and not drift
         further = filtered(there)
         if refined or further.misfit <= seen.misfit + WORSE:  # a large one is found in steps: the first may be worse
             ready, seen = there, further
     arm = replace(ready.settings, shaken=seen.shaken, lever_sd=seen.lever_sd)
-    ready = replace(ready, settings=replace(arm, delay_sd=width, velocity_lag=lags[0], lag_sd=lags[1]))
+    lag_sd = LOOKED * lags[1] if lags[1] > LAG_SD_WORTH else 0.0
+    arm = replace(arm, delay_sd=width, velocity_lag=lags[0], lag_sd=lag_sd, moments=lags[2])
+    ready = replace(ready, settings=arm)
     if seen.ready.clock == ready.clock and not ready.parts:  # of a start in motion
         ready = replace(ready, alignment=seen.ready.alignment, initial=seen.ready.initial)
-    notes = [note for note in ready.notes if not note.startswith(LAGGING_NOTE)]
-    if abs(lags[0]) > LAG_WORTH:
-        notes.append(f"{LAGGING_NOTE} {lags[0]:.3f} s; corrected")
+    lagging, known = abs(lags[0]) > LAG_WORTH, lags[1] > 0.0
+    notes = [note for note in ready.notes if lagging > known or not note.startswith(LAGGING_NOTE)]
+    if lagging and known:
+        notes.append(f"{LAGGING_NOTE} {lags[0]:.3f} ± {max(lags[1], 0.001):.3f} s; corrected")
     if ready.clock != 0.0:
         which = "late" if ready.clock > 0.0 else "early"
         # by how much is said once, by the run, which goes on from there

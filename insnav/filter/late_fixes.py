@@ -53,6 +53,7 @@ class LateFixes:
         self.velocities = bool(velocity.any())
         self.blocks, self.half = np.unique(self._block).size, 0.5 * float(time[-1] - time[0])
         self._away = self._time - time[0] - self.half
+        self.moments = settings.moments
         self._at, self._model, self.lag, self._correlated = at, ready.model, settings.velocity_lag, settings.correlated
         self._variance = np.ones((time.size, 6))
         share = 0.0 if settings.correlated is None else settings.correlated.share
@@ -118,14 +119,10 @@ class LateFixes:
     def measured(self, delay: float, drift: float, lag: float) -> tuple[FloatArray, FloatArray]:
         """Predicted minus measured of each row (m, 6) and how errors show in that (m, 6, n)."""
         at, span = self._at, -(delay + drift * self._away)
-        late = span - lag
-        (_, p, c), (v, _, c_late) = self._since(span), self._since(late)
-        whole, rate = (
-            rates_at(self._time + late, *self._samples, reach) - self._bias[:, :3]
-            for reach in (0.5 * self._nominal, SEEN)
-        )
-        arm, by_lever = _times(c, self._lever), c_late @ skew(rate if at.shaken >= 0 else whole)
-        by_shaken = c_late @ skew(whole - rate)
+        late, (_, p, c) = span - lag, self._since(span)
+        velocities = [self._measured_at(span - each * lag, lag) for each in self.moments]
+        v, q_c, by_lever, by_shaken = (np.mean(each, axis=0) for each in zip(*velocities, strict=True))
+        arm = _times(c, self._lever)
         swing = _times(by_lever, self._lever) + (_times(by_shaken, self._shaken) if at.shaken >= 0 else 0.0)
         # errors are estimate minus truth; see `insnav.kernels.gps_measurement`
         z, h = np.zeros((self._kind.size, 6)), np.zeros((self._kind.size, 6, at.states))
@@ -135,7 +132,7 @@ class LateFixes:
         own[:, :3, :3] = own[:, 3:, 3:6] = np.eye(3)
         own[:, :3, 3:6] = s[..., None] * np.eye(3)
         own[:, :3, 6:9], own[:, 3:, 6:9] = skew(p + arm), skew(v + swing)
-        own[:, :3, 12:15], own[:, 3:, 12:15] = -0.5 * s[..., None] ** 2 * c, -q[..., None] * c_late
+        own[:, :3, 12:15], own[:, 3:, 12:15] = -0.5 * s[..., None] ** 2 * c, -q_c
         if self._correlated is not None:
             size = self._correlated.sds.size
             own[:, :, at.correlated : at.correlated + size] = np.eye(6)[:, :size]
@@ -146,6 +143,16 @@ class LateFixes:
         z[self._rows] += self._lasting
         h[self._rows] = own
         return z, h
+
+    def _measured_at(self, late: FloatArray, lag: float) -> tuple[FloatArray, ...]:
+        """Velocity since the epoch, ``C_nb`` times the time, and what lever arms make of turns then, (k, 3, 3)."""
+        v, _, c = self._since(late)
+        reach = max(0.5 * self._nominal, abs(lag) * (len(self.moments) - 1) / len(self.moments) ** 2)
+        whole, rate = (
+            rates_at(self._time + late, *self._samples, r) - self._bias[:, :3] for r in (reach, max(reach, SEEN))
+        )
+        by_lever = c @ skew(rate if self._at.shaken >= 0 else whole)
+        return v, late[:, None, None] * c, by_lever, c @ skew(whole - rate)
 
     def innovations(self, delay: float, drift: float, lag: float) -> FloatArray:
         """Innovations and their variances, (2, n), with a delay in the middle of the record [s], drift and lag."""

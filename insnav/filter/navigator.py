@@ -18,11 +18,12 @@ from insnav.filter import gates as gate
 from insnav.filter.aiding_updates import AidingUpdates
 from insnav.filter.error_model import ErrorModel, FilterState, InitialState
 from insnav.filter.estimate import Estimate
+from insnav.filter.gps_noise import LAG_WORTH
 from insnav.filter.measurements.measurement import INTERVAL
 from insnav.filter.parts import Part
 from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
-from insnav.filter.smoother import History, SmoothedErrors
+from insnav.filter.smoother import History
 from insnav.filter.state_layout import first_state
 from insnav.kernels.errorstate import Outputs, Samples
 from insnav.kernels.gps_measurement import Assessment, Fix, Predicted, assess
@@ -72,6 +73,9 @@ class Navigator:
         self._gps = gps
         self._fix = np.flatnonzero(later)
         self._fix_time = gps.time[later] - settings.delay
+        own = np.full(gps.time.shape[0], True) if gps.fix is None else gps.fix != gate.OF_REFERENCE
+        # by which velocities are older [s]; a smaller lag is linear enough
+        self._late = own[later] * (settings.velocity_lag if abs(settings.velocity_lag) > LAG_WORTH else 0.0)
         self._settings, self._model, self._nominal, self._alignment = settings, model, nominal, alignment
         self._marks, self.kept = marks, dict[int, FilterState]()
         self._coast = COAST if settings.aiding is None else INTERVAL
@@ -86,13 +90,14 @@ class Navigator:
         self._grid = np.array([start.time if every > 0 else np.inf, every, start.time])
         self._start, self._done = start.time, -np.inf
         self._next = 0  # first fix not yet processed
-        self._rates, self._motion = np.empty((0, 3)), np.zeros(18)  # at the next fixes; of `Predicted`
-        self._forces = self._rates
+        self._rates, self._motion = np.empty((0, 3)), np.zeros(25)  # at the next fixes; of `Predicted`
+        self._forces = self._swings = self._older = self._rates
         noise = float(model.noise[:3].sum()) / nominal
         mean = 0.5 * nominal / SEEN  # of what noise a mean has
         self._motion[9:11] = mean * NOISY**2 * noise, FAR_BEYOND**2 * noise
         self._motion[17] = NOISY**2 * float(model.noise[3:6].sum()) / (2.0 * SEEN)
-        self._margin = MARGIN + int(SEEN / nominal)  # newest samples that wait; twice as many processed ones are kept
+        # newest samples that wait; twice as many processed ones are kept
+        self._margin = MARGIN + int((SEEN + max(settings.moments) * abs(settings.velocity_lag)) / nominal)
         self._last_good = start.time  # time of the last accepted position
         often = float(np.median(np.diff(gps.time))) if gps.time.shape[0] > 1 else 1.0
         self._broken = max(BROKEN, 2.5 * often)
@@ -173,10 +178,6 @@ class Navigator:
         """How unlikely positions were so far, on average; see `Record.misfit`."""
         return self._record.misfit()
 
-    def smoothed_errors(self) -> SmoothedErrors:
-        """Process the samples still waiting, smooth, and compare every fix, accepted or not, with the result."""
-        return self.history().smooth()
-
     def history(self) -> History:
         """Process the samples still waiting and return every epoch."""
         if self._tail is not None:
@@ -186,7 +187,8 @@ class Navigator:
         return self._estimate.history
 
     def _advance(self, imu: ImuData | None, *, last: bool) -> None:
-        buffer = _join(self._tail, imu)
+        buffer = self._tail if imu is None else imu if self._tail is None else self._tail.joined(imu)
+        assert buffer is not None
         n = buffer.time.shape[0]
         ready = n if last else n - self._margin
         if ready < 2:
@@ -203,11 +205,17 @@ class Navigator:
             inc = strapdown.increments(parts, pieces)
             last_fix = int(np.searchsorted(self._fix_time, parts.end[-1] + strapdown.TIME_TOLERANCE, side="right"))
             times = self._fix_time[self._next : last_fix]
-            # velocities that lag are those of the fix less what has come since: by the acceleration half way
-            half_way = float(np.clip(0.5 * self._settings.velocity_lag, 0.0, SEEN))
-            self._forces = forces_about(times - half_way, parts, max(1, int(SEEN / self._nominal)))
-            if self._estimate.at.has_arm:
-                self._rates = rates_at(times, parts.end, turned(parts))
+            late, half = self._late[self._next : last_fix], 0.5 * self._nominal
+            measured, angles = times - late, turned(parts)
+            self._forces = forces_about(measured, parts, max(1, int(SEEN / self._nominal)))
+            self._rates = rates_at(measured, parts.end, angles)
+            if late.any():
+                several = [each * late for each in self._settings.moments]
+                reach = max(half, np.abs(late).max() * (len(several) - 1) / len(several) ** 2)
+                swings = [rates_at(times - each - half, parts.end, angles, reach) for each in several]
+                self._swings = np.mean(swings, axis=0)
+                self._older = np.mean([since(times, each, parts) for each in several], axis=0)
+                self._rates = self._rates if len(several) == 1 else self._swings
             self._process(inc, parts.gap[pieces[0]])
             self._done = parts.end[stop - 1]
         self._tail = buffer.rows(slice(max(0, ready - 2 * self._margin), None))
@@ -218,7 +226,8 @@ class Navigator:
         fixes, before = self._fix_time[self._next :], self._next
         at = np.searchsorted(inc.time, fixes - strapdown.TIME_TOLERANCE)
         at = at[at < inc.time.shape[0]]
-        out = self._record.reserve(inc.time.shape[0] if self._grid[1] == 0.0 else _rows(inc, self._grid[1]), self._grid)
+        rows = 3 + int((inc.time[-1] - inc.time[0]) / self._grid[1]) if self._grid[1] > 0.0 else inc.time.shape[0]
+        out = self._record.reserve(rows, self._grid)
         samples = Samples(inc.time, inc.dt, inc.dtheta, inc.dvel, inc.coning, inc.sculling, gap)
         k = begin
         for i in at:
@@ -253,11 +262,17 @@ class Navigator:
         """Use a fix; `number`: its row of the rates."""
         estimate = self._estimate
         estimate.predict(time)
-        self._motion[:6], self._motion[6:9], self._motion[11:14] = estimate.motion, 0.0, estimate.corrected
-        self._motion[14:17] = (self._forces[number] - estimate.correction[3:6]) / (1.0 + estimate.correction[9:12])
+        bias, scale, late = estimate.correction[:6], 1.0 + estimate.correction[6:], self._late[self._next]
+        motion = self._motion
+        motion[:6], motion[6:9], motion[11:14], motion[18:] = estimate.motion, 0.0, estimate.corrected, 0.0
+        motion[14:17] = (self._forces[number] - bias[3:]) / scale[3:]
+        if late:
+            motion[:3] = (self._swings[number] - bias[:3]) / scale[:3]
+            motion[18:24], motion[24] = (self._older[number] - late * bias) / scale, late
+            motion[21:24] += 0.5 * late * np.cross(bias[:3], motion[21:24])  # the gyro bias has turned it, too
         if estimate.at.has_arm:
-            self._motion[:3] = (self._rates[number] - estimate.correction[:3]) / (1.0 + estimate.correction[6:9])
-            self._motion[6:9] = estimate.motion[:3] - self._motion[:3]
+            mean = (self._rates[number] - bias[:3]) / scale[:3]
+            motion[:3], motion[6:9] = mean, motion[:3] - mean
         row = self._fix[self._next]
         z, h, r = self._z, self._h, self._r
         nis_position, nis_velocity, distance, change = self._assess(row)
@@ -317,7 +332,7 @@ class Navigator:
                 estimate.covariance,
             ),
             Fix(gps.lla[row], gps.v_n[row], gps.position_sd[row], gps.velocity_sd[row]),
-            estimate.lag if own else 0.0,
+            estimate.lag - self._late[self._next] if own else 0.0,
             settings.jitter,
             settings.correlated.share if settings.correlated is not None else 0.0,
             estimate.at.correlated if own else -1,
@@ -411,13 +426,20 @@ def forces_about(times: FloatArray, parts: strapdown.Intervals, number: int) -> 
     return np.asarray(changes.sum(axis=1) / dt.sum(axis=1)[:, None])
 
 
-def _rows(inc: Increments, every: float) -> int:
-    return int((inc.time[-1] - inc.time[0]) / every) + 3
+def since(times: FloatArray, late: FloatArray, parts: strapdown.Intervals) -> FloatArray:
+    """Angle turned and velocity gained by specific force since so long before each time (k,) [s]: (k, 6) [rad], [m/s].
 
-
-def _join(tail: ImuData | None, block: ImuData | None) -> ImuData:
-    if tail is None or block is None:
-        both = tail if block is None else block
-        assert both is not None
-        return both
-    return tail.joined(block)
+    `late` (k,), negative for what comes after [s]. In body axes of the times; turns are small.
+    """
+    begin, end = np.sort([times, times - late], axis=0)[..., None]
+    first, last = np.searchsorted(parts.end, begin), np.searchsorted(parts.end, end)
+    rows = first + np.arange(np.max(last - first) + 1)
+    inside, rows = rows < parts.end.size, np.minimum(rows, parts.end.size - 1)
+    until = parts.end[rows].clip(begin, end)
+    part = np.sign(late)[:, None] * inside * (until - (parts.end - parts.dt)[rows].clip(begin, until))
+    part = (part if parts.instant else part / parts.dt[rows])[..., None]
+    turn, gain = part * parts.gyro[rows], part * parts.accel[rows]
+    whole, angle = turn.sum(axis=1), np.cumsum(turn, axis=1) - 0.5 * turn
+    angle = np.where(part.sum(axis=1, keepdims=True) > 0.0, whole[:, None] - angle, angle)  # on to the time
+    once = np.cross(gain, angle)
+    return np.hstack([whole, (gain + once + 0.5 * np.cross(once, angle)).sum(axis=1)])

@@ -26,6 +26,7 @@ class FilterSettings:
     delay_sd: float = 0.0  # of that [s]; estimated, it puts the solution into the time of the fixes
     velocity_lag: float = 0.0  # of the velocity of a fix behind its position [s]; see `gps_delay.delay_of`
     lag_sd: float = 0.0  # of that [s]
+    moments: tuple[float, ...] = (1.0,)  # whose mean velocities are, in lags before the fix [-]
     # of the timestamps of samples against fixes [s]; times speed and acceleration it adds to the noise of every fix
     jitter: float = 0.0
     settled: bool = True  # how late fixes are is known; see `insnav.kernels.gps_measurement.correct_with_arm`

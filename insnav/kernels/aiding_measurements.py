@@ -6,7 +6,8 @@ import numpy as np
 
 from insnav.kernels import njit
 from insnav.kernels.earth import OMEGA
-from insnav.kernels.gps_measurement import inverse, rotation
+from insnav.kernels.gps_measurement import crossed, inverse
+from insnav.kernels.mechanization import rotation
 
 
 @njit(cache=True)
@@ -20,30 +21,18 @@ def vehicle_velocity(x, rate, to_vehicle, lever, speed, z, h):  # type: ignore[n
     ``z = C_vb (C_bn v + w x lever)``; with ``C_hat = (I - [phi x]) C`` the derivative by velocity is ``C_vb C_bn``, by
     attitude ``-C_vb C_bn [v x]``, by gyro bias ``C_vb [lever x]``.
     """
-    c = np.zeros((3, 3))
-    rotation(x, c)
-    swing = np.zeros(3)
-    swing[0] = rate[1] * lever[2] - rate[2] * lever[1]
-    swing[1] = rate[2] * lever[0] - rate[0] * lever[2]
-    swing[2] = rate[0] * lever[1] - rate[1] * lever[0]
-    vn, ve, vd = x[3], x[4], x[5]
+    c, seen = np.zeros((3, 3)), np.zeros((3, 3))
+    rotation(x, c.reshape(9))
+    h[:3] = 0.0
+    crossed(to_vehicle, lever, 0, 9, h)
     for i in range(3):
-        for j in range(h.shape[1]):
-            h[i, j] = 0.0
-        total = 0.0
+        z[i] = 0.0
         for j in range(3):
-            total += to_vehicle[i, j] * swing[j]
             for k in range(3):
-                h[i, 3 + k] += to_vehicle[i, j] * c[k, j]
-        a, b, d = h[i, 3], h[i, 4], h[i, 5]
-        z[i] = total + a * vn + b * ve + d * vd
-        h[i, 6] = -(b * vd - d * ve)
-        h[i, 7] = -(d * vn - a * vd)
-        h[i, 8] = -(a * ve - b * vn)
-        t0, t1, t2 = to_vehicle[i, 0], to_vehicle[i, 1], to_vehicle[i, 2]
-        h[i, 9] = t1 * lever[2] - t2 * lever[1]
-        h[i, 10] = t2 * lever[0] - t0 * lever[2]
-        h[i, 11] = t0 * lever[1] - t1 * lever[0]
+                seen[i, j] += to_vehicle[i, k] * c[j, k]
+            h[i, 3 + j] = seen[i, j]
+            z[i] += seen[i, j] * x[3 + j] - h[i, 9 + j] * rate[j]
+    crossed(seen, -x[3:6], 0, 6, h)
     z[0] -= speed
 
 
@@ -55,19 +44,15 @@ def zero_velocity(x, bias, rate, z, h):  # type: ignore[no-untyped-def]
     predicted minus measured, ``h``, (6, n), its derivative by the error states.
     """
     c = np.zeros((3, 3))
-    rotation(x, c)
-    north, down = OMEGA * np.cos(x[0]), -OMEGA * np.sin(x[0])
+    rotation(x, c.reshape(9))
+    earth = OMEGA * np.array([np.cos(x[0]), 0.0, -np.sin(x[0])])
     h[:] = 0.0
+    crossed(c.T.copy(), -earth, 3, 6, h)  # -C_bn [w_ie x]
     for i in range(3):
         z[i] = x[3 + i]
         h[i, 3 + i] = 1.0
-        a, b, d = c[0, i], c[1, i], c[2, i]
-        z[3 + i] = bias[i] + a * north + d * down - rate[i]
+        z[3 + i] = bias[i] + c[0, i] * earth[0] + c[2, i] * earth[2] - rate[i]
         h[3 + i, 9 + i] = 1.0
-        # -C_bn [w_ie x]
-        h[3 + i, 6] = -b * down
-        h[3 + i, 7] = -(d * north - a * down)
-        h[3 + i, 8] = b * north
 
 
 @njit(cache=True)
@@ -77,7 +62,7 @@ def body_heading(x, heading, z, h):  # type: ignore[no-untyped-def]
     ``C_hat = (I - [phi x]) C`` turns the body by ``-phi``; the derivative of ``atan2(C_hat_10, C_hat_00)`` follows.
     """
     c = np.zeros((3, 3))
-    rotation(x, c)
+    rotation(x, c.reshape(9))
     for j in range(h.shape[1]):
         h[0, j] = 0.0
     level2 = c[0, 0] * c[0, 0] + c[1, 0] * c[1, 0]  # squared cosine of the pitch

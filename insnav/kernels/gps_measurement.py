@@ -10,45 +10,53 @@ from insnav.kernels import inner, njit
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.earth import OMEGA, gravity_down, radii
 from insnav.kernels.errorstate import STATES, feed_back
+from insnav.kernels.mechanization import rotation
 
 LARGEST_TURN = 0.35  # of all corrections together: what is more than an alignment errs is drift [1]
 
 
-@njit(cache=True)
-def rotation(x, c):  # type: ignore[no-untyped-def]
-    """``C_nb`` of the state, (3, 3)."""
-    q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
-    c[0, 0] = q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3
-    c[0, 1] = 2.0 * (q1 * q2 - q0 * q3)
-    c[0, 2] = 2.0 * (q1 * q3 + q0 * q2)
-    c[1, 0] = 2.0 * (q1 * q2 + q0 * q3)
-    c[1, 1] = q0 * q0 - q1 * q1 + q2 * q2 - q3 * q3
-    c[1, 2] = 2.0 * (q2 * q3 - q0 * q1)
-    c[2, 0] = 2.0 * (q1 * q3 - q0 * q2)
-    c[2, 1] = 2.0 * (q2 * q3 + q0 * q1)
-    c[2, 2] = q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3
+@inner()
+def crossed(matrix, vector, row, at, out):  # type: ignore[no-untyped-def]
+    """``matrix [vector x]``, (3, 3), into `out` from a row and a column on."""
+    for i in range(3):
+        out[row + i, at] = matrix[i, 1] * vector[2] - matrix[i, 2] * vector[1]
+        out[row + i, at + 1] = matrix[i, 2] * vector[0] - matrix[i, 0] * vector[2]
+        out[row + i, at + 2] = matrix[i, 0] * vector[1] - matrix[i, 1] * vector[0]
+
+
+@inner()
+def _before(c, turn, earlier):  # type: ignore[no-untyped-def]
+    """``C_nb`` (3, 3) before a small `turn` (3,) [rad], to second order."""
+    once, twice = np.zeros((3, 3)), np.zeros((3, 3))
+    crossed(c, turn, 0, 0, once)
+    crossed(once, turn, 0, 0, twice)
+    for i in range(3):  # element by element: sums of arrays take long to compile
+        for j in range(3):
+            earlier[i, j] = c[i, j] - once[i, j] + 0.5 * twice[i, j]
 
 
 @njit(cache=True)
-def antenna(x, motion, lever, delay, lag, lla, v_n, z, h):  # type: ignore[no-untyped-def]
+def antenna(x, motion, older, lever, delay, lag, lla, v_n, z, h):  # type: ignore[no-untyped-def]
     """Predicted minus measured antenna position and velocity, and their derivative by the error states.
 
-    `x` (10,): state; `motion` (6,): body rate [rad/s] and acceleration in n [m/s^2]; `lever` (3,): antenna from the
-    IMU, body axes [m]; `delay`: how much older the fix is than its timestamp [s], beyond what its time accounts for;
-    `lag`: by which its velocity lags its position [s]; `lla` (3,), `v_n` (3,): measured, the velocity may be ``NaN``.
+    `x` (10,): state; `motion` (6,): body rate [rad/s] and acceleration in n [m/s^2] when the velocity was measured;
+    `older` (7,): angle turned since then [rad] and velocity gained by specific force [m/s], body axes, and how long ago
+    that is [s]; `lever` (3,): antenna from the IMU, body axes [m]; `delay`: how much older the fix is than its
+    timestamp [s], beyond what its time accounts for; `lag`: by which its velocity lags its position beyond that [s];
+    `lla` (3,), `v_n` (3,): measured, the velocity may be ``NaN``.
     Filled: `z` (6,), position N, E, D [m], velocity N, E, D [m/s]; `h` (6, n), with a 22nd state that is the delay [s].
     Lever arm: Groves (2013), section 14.3.1, with errors as estimate minus truth.
     """
-    c = np.zeros((3, 3))
-    rotation(x, c)
-    wx, wy, wz = motion[0], motion[1], motion[2]
-    lx, ly, lz = lever[0], lever[1], lever[2]
-    sx, sy, sz = wy * lz - wz * ly, wz * lx - wx * lz, wx * ly - wy * lx  # w x lever
-    arm = np.zeros(3)
-    swing = np.zeros(3)
+    c, earlier, turning = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
+    rotation(x, c.reshape(9))
+    _before(c, older[:3], earlier)
+    crossed(earlier, motion, 0, 0, turning)
+    arm, swing, moved, felt, unity = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((3, 3))
     for i in range(3):
-        arm[i] = c[i, 0] * lx + c[i, 1] * ly + c[i, 2] * lz
-        swing[i] = c[i, 0] * sx + c[i, 1] * sy + c[i, 2] * sz
+        for j in range(3):
+            arm[i] += c[i, j] * lever[j]
+            swing[i] += turning[i, j] * lever[j]
+            moved[i] -= c[i, j] * older[3 + j]
     sin_lat, cos_lat = np.sin(x[0]), np.cos(x[0])
     # the velocity is against the turning Earth
     en, ed = OMEGA * cos_lat, -OMEGA * sin_lat
@@ -62,58 +70,29 @@ def antenna(x, motion, lever, delay, lag, lla, v_n, z, h):  # type: ignore[no-un
         east -= 2.0 * np.pi
     elif east < -np.pi:
         east += 2.0 * np.pi
-    vn, ve, vd = x[3] + swing[0], x[4] + swing[1], x[5] + swing[2]
-    z[0] = (x[0] - lla[0]) * (rm + x[2]) + arm[0] - delay * vn
-    z[1] = east * (rn + x[2]) * cos_lat + arm[1] - delay * ve
-    z[2] = lla[2] - x[2] + arm[2] - delay * vd
-    z[3] = vn - v_n[0] - (delay + lag) * motion[3]
-    z[4] = ve - v_n[1] - (delay + lag) * motion[4]
-    z[5] = vd - v_n[2] - (delay + lag) * motion[5]
+    z[0], z[1], z[2] = (x[0] - lla[0]) * (rm + x[2]), east * (rn + x[2]) * cos_lat, lla[2] - x[2]
+    z[3], z[4], z[5] = -v_n[0], -v_n[1], -v_n[2] - older[6] * gravity_down(sin_lat, x[2])
 
     h[:] = 0.0
     for i in range(6):
         h[i, i] = 1.0
-    # d(C l) = (C l) x phi
-    h[0, 7], h[0, 8] = -arm[2], arm[1]
-    h[1, 6], h[1, 8] = arm[2], -arm[0]
-    h[2, 6], h[2, 7] = -arm[1], arm[0]
-    h[3, 7], h[3, 8] = -swing[2], swing[1]
-    h[4, 6], h[4, 8] = swing[2], -swing[0]
-    h[5, 6], h[5, 7] = -swing[1], swing[0]
-    # w_hat = (w_measured - bias) / (1 + scale): d(w x l) = l x (d bias + w d scale)
     for i in range(3):
-        h[3 + i, 9] = c[i, 1] * lz - c[i, 2] * ly
-        h[3 + i, 10] = c[i, 2] * lx - c[i, 0] * lz
-        h[3 + i, 11] = c[i, 0] * ly - c[i, 1] * lx
-        h[3 + i, 15] = h[3 + i, 9] * wx
-        h[3 + i, 16] = h[3 + i, 10] * wy
-        h[3 + i, 17] = h[3 + i, 11] * wz
-    if h.shape[1] > STATES:
-        h[0, STATES], h[1, STATES], h[2, STATES] = -vn, -ve, -vd
-        h[3, STATES], h[4, STATES], h[5, STATES] = -motion[3], -motion[4], -motion[5]
-
-
-@inner()
-def _nis(z, s, o):  # type: ignore[no-untyped-def]
-    """``z' s^-1 z`` of three numbers from index `o` on, by Cholesky's decomposition; ``NaN`` if not measured."""
-    a = np.sqrt(s[o, o])
-    b, d = s[o + 1, o] / a, s[o + 2, o] / a
-    c = np.sqrt(s[o + 1, o + 1] - b * b)
-    e = (s[o + 2, o + 1] - d * b) / c
-    f = np.sqrt(s[o + 2, o + 2] - d * d - e * e)
-    x = z[o] / a
-    y = (z[o + 1] - b * x) / c
-    w = (z[o + 2] - d * x - e * y) / f
-    return x * x + y * y + w * w
-
-
-@inner()
-def _by_lever(rotated, rate, at, h):  # type: ignore[no-untyped-def]
-    """Derivative of the antenna's velocity by a lever arm, ``C_nb [w x]``, from column `at` on; `rotated`: ``C_nb``."""
+        unity[i, i] = 1.0
+        felt[i] = swing[i] + moved[i]
+    crossed(unity, arm, 0, 6, h)  # d(C l) = (C l) x phi
+    crossed(unity, felt, 3, 6, h)
+    # w_hat = (w_measured - bias) / (1 + scale): d(w x l) = l x (d bias + w d scale); likewise the velocity gained
+    crossed(earlier, lever, 3, 9, h)
     for i in range(3):
-        h[3 + i, at] = rotated[i, 1] * rate[2] - rotated[i, 2] * rate[1]
-        h[3 + i, at + 1] = rotated[i, 2] * rate[0] - rotated[i, 0] * rate[2]
-        h[3 + i, at + 2] = rotated[i, 0] * rate[1] - rotated[i, 1] * rate[0]
+        velocity = x[3 + i] + swing[i]
+        z[i] += arm[i] - delay * velocity
+        z[3 + i] += velocity + moved[i] - (delay + lag) * motion[3 + i]
+        for j in range(3):
+            h[3 + i, 12 + j] = older[6] * c[i, j]
+            h[3 + i, 15 + j] = h[3 + i, 9 + j] * motion[j]
+            h[3 + i, 18 + j] = older[3 + j] * c[i, j]
+        if h.shape[1] > STATES:
+            h[i, STATES], h[3 + i, STATES] = -velocity, -motion[3 + i]
 
 
 @njit(cache=True)
@@ -129,9 +108,9 @@ def correct_with_arm(x, correction, error, at, arm, swung):  # type: ignore[no-u
     attitude is then corrected for that, and the arm is seen anew.
     """
     before, after, moved, square = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(STATES), 0.0
-    rotation(x, before)
+    rotation(x, before.reshape(9))
     feed_back(x, correction, error)
-    rotation(x, after)
+    rotation(x, after.reshape(9))
     for i in range(3):
         for j in range(3):
             swung[i] += after[i, j] * (arm[j] - error[at + j]) - before[i, j] * arm[j]
@@ -160,11 +139,12 @@ class Predicted(NamedTuple):
     """What the filter believes when a fix arrives; see `antenna`."""
 
     x: np.ndarray  # (10,) state
-    # (18,) body rate [rad/s], acceleration in n [m/s^2]; where turns show an arm, the rate is the mean about the fix,
+    # (25,) body rate [rad/s], acceleration in n [m/s^2]; where turns show an arm, the rate is the mean about the fix,
     # then what vibration or noise adds to it [rad/s]; squares of rates so small that they may be noise of the gyros,
     # which swings no antenna and must show no lever arm: of the mean, and of what is added [rad^2/s^2]; then what
     # corrections have lately made of the velocity [m/s], which is no change of velocity and must show no delay; then
-    # the mean specific force about the fix [m/s^2] in body axes, and the square of accelerations that may be its noise
+    # the mean specific force about the fix [m/s^2] in body axes, and the square of accelerations that may be its noise;
+    # then `older` of `antenna`. Rates and force are of the time of the velocity, where that is older
     motion: np.ndarray
     arm: np.ndarray  # (12,) see `correct_with_arm`
     shaken: np.ndarray  # (3,) the same as vibration moves it for the receiver [m]
@@ -196,7 +176,7 @@ class Assessment(NamedTuple):
 def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_at, lag_at, out):  # type: ignore[no-untyped-def]
     """Everything about a fix that the gates and the filter need.
 
-    `predicted`; `fix`; `lag`: how much older than its position the velocity of the fix is [s]; `jitter`: standard
+    `predicted`; `fix`; `lag`: how much older the velocity of the fix is than `older` has it [s]; `jitter`: standard
     deviation of the timestamps [s]; `share`: share of the time-correlated error in the variance of a fix, which is not
     white [-]; `correlated_at`, `lever_at`, `shaken_at`, `lag_at`: first state of the time-correlated error, of the
     lever arm, of that by which vibration moves the antenna, of the lag; negative where not estimated; `out`.
@@ -210,17 +190,18 @@ def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_a
     whole = np.zeros(6)
     for i in range(6):  # the antenna is swung by all of the rate
         whole[i] = motion[i] + (motion[6 + i] if i < 3 and shaken_at < 0 else 0.0)
-    rotated = np.zeros((3, 3))
-    rotation(x, rotated)
+    rotated, earlier = np.zeros((3, 3)), np.zeros((3, 3))
+    rotation(x, rotated.reshape(9))
+    _before(rotated, motion[18:21], earlier)
     # An acceleration must show no delay by noise that the velocity at this fix has, too, or at the next: of the mean
     # about the fix both are as large, with opposite signs. It counts where it is beyond noise (see below).
     changing = 0.0
     for i in range(3):
         whole[3 + i] = gravity_down(np.sin(x[0]), x[2]) if i == 2 else 0.0
         for j in range(3):
-            whole[3 + i] += rotated[i, j] * motion[14 + j]
+            whole[3 + i] += earlier[i, j] * motion[14 + j]
         changing += whole[3 + i] ** 2
-    antenna(x, whole, arm, delay, lag, lla, v_n, z, h)
+    antenna(x, whole, motion[18:], arm, delay, lag, lla, v_n, z, h)
     for i in range(3 if h.shape[1] > STATES else 0):
         h[i, STATES] += motion[11 + i]
         h[3 + i, STATES] *= changing / max(changing + motion[17], 1e-30)
@@ -241,9 +222,9 @@ def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_a
         also = beyond / max(beyond + motion[10], 1e-30) if shaken_at < 0 else 0.0
         for i in range(3):  # element by element: products of arrays take long to compile
             whole[i] = motion[i] * told + motion[6 + i] * also**2
-        _by_lever(rotated, whole, lever_at, h)
+        crossed(earlier, whole, 3, lever_at, h)
     if shaken_at >= 0:
-        _by_lever(rotated, motion[6:], shaken_at, h)
+        crossed(earlier, motion[6:], 3, shaken_at, h)
         for i in range(3):
             for j in range(3):
                 z[3 + i] += h[3 + i, shaken_at + j] * shaken[j]
@@ -274,9 +255,15 @@ def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_a
         sd[i] = np.sqrt(s[i, i]) if np.isfinite(z[i]) else np.nan
     distance = np.sqrt(z[0] ** 2 + z[1] ** 2 + z[2] ** 2)
     change = np.sqrt(z[3] ** 2 + z[4] ** 2 + z[5] ** 2)
-    half = np.zeros(2)
-    for i in range(2):  # not by constants: for each of these there would be a compiled function
-        half[i] = _nis(z, s, 3 * i)
+    half, part = np.zeros(2), np.zeros((3, 3))
+    for i in range(2):
+        for j in range(3):
+            for k in range(3):
+                part[j, k] = s[3 * i + j, 3 * i + k]
+        inv = inverse(part)
+        for j in range(3):
+            for k in range(3):
+                half[i] += z[3 * i + j] * inv[j, k] * z[3 * i + k]
     return half[0], half[1], distance, change
 
 

@@ -119,6 +119,21 @@ def polar_step(x, dt, un, ue, ud, px, py, pz, north, hold, height, v_down):  # t
 
 
 @njit(cache=True)
+def rotation(x, c):  # type: ignore[no-untyped-def]
+    """``C_nb`` of the state, row by row (9,)."""
+    q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
+    c[0] = q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3
+    c[1] = 2.0 * (q1 * q2 - q0 * q3)
+    c[2] = 2.0 * (q1 * q3 + q0 * q2)
+    c[3] = 2.0 * (q1 * q2 + q0 * q3)
+    c[4] = q0 * q0 - q1 * q1 + q2 * q2 - q3 * q3
+    c[5] = 2.0 * (q2 * q3 - q0 * q1)
+    c[6] = 2.0 * (q1 * q3 - q0 * q2)
+    c[7] = 2.0 * (q2 * q3 + q0 * q1)
+    c[8] = q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3
+
+
+@njit(cache=True)
 def step(x, dt, tx, ty, tz, vx, vy, vz, coning, sculling, k, c, north, hold, height, v_down):  # type: ignore[no-untyped-def]
     """Advance the state by one interval and return the velocity increment of the specific force, ``(3,)`` in n.
 
@@ -136,17 +151,7 @@ def step(x, dt, tx, ty, tz, vx, vy, vz, coning, sculling, k, c, north, hold, hei
     """
     px, py, pz = tx + coning[k, 0], ty + coning[k, 1], tz + coning[k, 2]
     sx, sy, sz = sculling[k, 0], sculling[k, 1], sculling[k, 2]
-    q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
-    c[0] = q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3
-    c[1] = 2.0 * (q1 * q2 - q0 * q3)
-    c[2] = 2.0 * (q1 * q3 + q0 * q2)
-    c[3] = 2.0 * (q1 * q2 + q0 * q3)
-    c[4] = q0 * q0 - q1 * q1 + q2 * q2 - q3 * q3
-    c[5] = 2.0 * (q2 * q3 - q0 * q1)
-    c[6] = 2.0 * (q1 * q3 - q0 * q2)
-    c[7] = 2.0 * (q2 * q3 + q0 * q1)
-    c[8] = q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3
-
+    rotation(x, c)
     f1, f2 = turn_factors(tx * tx + ty * ty + tz * tz)
     kx, ky, kz = ty * vz - tz * vy, tz * vx - tx * vz, tx * vy - ty * vx
     bx = vx + f1 * kx + f2 * (ty * kz - tz * ky) + sx

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -59,12 +60,31 @@ def by_likelihood(ready: Prepared) -> tuple[float, float, float]:
     return delay_of(filtered(ready))[:3]
 
 
-def lagging(lag: float, noise: float) -> Prepared:
-    """Velocities that are older than positions, which scatter."""
+def of_one_moment(before: float) -> float:
+    return float(before == 1.0)
+
+
+def since_the_fix_before(before: float) -> float:
+    return float(before < 2.0)
+
+
+def low_pass(before: float) -> float:
+    return float(np.exp(-before))
+
+
+def lagging(lag: float, noise: float, weight: Callable[[float], float] = of_one_moment) -> Prepared:
+    """Velocities that are older than positions, which scatter; `weight`: of what they were so many lags before."""
     ready, motion = recorded(), drives.truth(LAPS)
     gps = drives.perfect_gps(laps=LAPS)
-    older, own = (gps_from_truth(motion, gps.time - by, drives.LEVER_B).v_n for by in (lag, 0.0))
-    gps = replace(gps, v_n=gps.v_n + older - own, position_sd=np.full_like(gps.lla, noise))
+    before = [1.0] if weight is of_one_moment else list(0.05 * np.arange(0.5, 160.0))
+    share = np.array([weight(each) for each in before])
+    older = [
+        gps_from_truth(motion, np.maximum(gps.time - each * lag, motion.start), drives.LEVER_B).v_n for each in before
+    ]
+    own = gps_from_truth(motion, gps.time, drives.LEVER_B).v_n
+    gps = replace(
+        gps, v_n=gps.v_n + np.tensordot(share / share.sum(), older, 1) - own, position_sd=np.full_like(gps.lla, noise)
+    )
     return replace(ready, gps=drives.noisy_gps(gps, np.random.default_rng([11, round(100 * lag)])))
 
 
@@ -89,6 +109,17 @@ def test_the_filter_is_no_surer_of_the_delay_than_of_the_lag():
     run = insnav.load(ready.imu, gps=ready.gps).navigate().found.run
     assert abs(run.gps_delay - 0.1) < 3.0 * run.gps_delay_sd
     assert 0.003 < run.gps_delay_sd < 0.03
+
+
+@pytest.mark.parametrize(
+    ("noise", "weight"), [(0.02, of_one_moment), (1.5, of_one_moment), (0.02, since_the_fix_before), (0.02, low_pass)]
+)
+def test_velocities_that_lag_bend_neither_delay_nor_lever_arm(noise, weight):
+    ready = late(lagging(0.3, noise, weight), 0.1)
+    run = insnav.load(ready.imu, gps=ready.gps).navigate().found.run
+    assert abs(run.gps_delay - 0.1) < 3.0 * run.gps_delay_sd
+    assert (np.abs(run.lever_b - drives.LEVER_B) < 3.0 * run.lever_sd).all()
+    assert run.lever_sd.max() < 0.3
 
 
 @pytest.mark.parametrize("delay", [-1.3, -0.4, -0.1, 0.0, 0.1, 0.3, 1.0, 1.7])

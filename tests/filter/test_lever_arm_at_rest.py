@@ -29,7 +29,7 @@ def test_a_correction_moves_the_antenna_as_its_derivative_says():
     quaternion = x[6:].copy()
     correct_with_arm(x, correction, error, AT, arm, swung)
     assert np.abs(x[6:] - quaternion).max() > 0.01
-    antenna(x, np.zeros(6), arm, 0.0, 0.0, lla, none, z, h)
+    antenna(x, np.zeros(6), np.zeros(7), arm, 0.0, 0.0, lla, none, z, h)
     q0, q = quaternion[0], quaternion[1:]
     by_arm = 2.0 * q0 * np.cross(q, error[AT:], axis=0) + 2.0 * np.cross(q, np.cross(q, error[AT:])) + error[AT:]
     np.testing.assert_allclose(z[:3], -error[:3] - by_arm, atol=1e-5)

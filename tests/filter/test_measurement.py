@@ -6,32 +6,45 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from insnav.filter.navigator import forces_about, rates_at, turned
+from insnav.filter.navigator import forces_about, rates_at, since, turned
 from insnav.kernels.gps_measurement import Assessment, Fix, Predicted, antenna, assess
 from insnav.strapdown import Intervals
 from tests.physics import equations as eq
 
 LEVER, LAG, DELAY = np.array([1.2, -0.7, -1.5]), 0.02, 0.03
 RATE, ACCELERATION = np.array([0.2, -0.1, 0.4]), np.array([1.0, -2.0, 0.3])
+# since the velocity was measured: turned [rad], gained by specific force [m/s], time [s]
+OLDER = np.array([0.004, -0.003, 0.008, 0.3, -0.5, -2.9, 0.3])
 CASES = {
     "car": ([0.8, 0.2, 300.0], [12.0, -7.0, 0.5], [0.05, -0.03, 5.7]),
     "date line": ([-0.5, np.pi - 1e-8, 10.0], [-3.0, 9.0, 0.1], [0.6, 0.2, 2.2]),
 }
 
 
-def kernel(x: eq.State, delay: float, lever: np.ndarray, rate: np.ndarray, fix: np.ndarray, v: np.ndarray, n: int = 22):
+def kernel(
+    x: eq.State,
+    delay: float,
+    lever: np.ndarray,
+    rate: np.ndarray,
+    fix: np.ndarray,
+    v: np.ndarray,
+    older: np.ndarray = OLDER,
+    n: int = 22,
+):
     state = np.concatenate([x.lla, x.v, Rotation.from_matrix(x.c).as_quat(scalar_first=True)])
     z, h = np.empty(6), np.empty((6, n))
-    antenna(state, np.concatenate([rate, ACCELERATION]), lever, delay, LAG, fix, v, z, h)
+    antenna(state, np.concatenate([rate, ACCELERATION]), older, lever, delay, LAG, fix, v, z, h)
     return z, h
 
 
-def predicted(x: eq.State, delay: float, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def predicted(x: eq.State, delay: float, rate: np.ndarray, older: np.ndarray = OLDER) -> tuple[np.ndarray, np.ndarray]:
     """Antenna position [rad, rad, m] and velocity [m/s], `delay` ago, written out independently."""
     arm = x.c @ LEVER
+    earlier = x.c @ Rotation.from_rotvec(-older[:3]).as_matrix()
     w_ie = eq.OMEGA * np.array([np.cos(x.lla[0]), 0, -np.sin(x.lla[0])])
-    velocity = x.v + x.c @ np.cross(rate, LEVER) - np.cross(w_ie, arm)
-    return x.lla + (arm - delay * velocity) / eq.metres(x), velocity - (delay + LAG) * ACCELERATION
+    velocity = x.v + earlier @ np.cross(rate, LEVER) - np.cross(w_ie, arm)
+    gained = x.c @ older[3:6] + older[6] * np.array([0.0, 0.0, eq.gravity(x.lla[0], x.lla[2])[2]])
+    return x.lla + (arm - delay * velocity) / eq.metres(x), velocity - gained - (delay + LAG) * ACCELERATION
 
 
 def felt(x: eq.State) -> np.ndarray:
@@ -62,13 +75,14 @@ def test_predicted_minus_measured(axis):
     np.testing.assert_allclose(z, [*off, *off], atol=1e-5)
 
 
+@pytest.mark.parametrize("since_velocity", [0.0, 1.0])
 @pytest.mark.parametrize("name", CASES)
-def test_h_is_the_derivative(name):
-    x = case(name)
-    lla, v = predicted(x, DELAY, RATE)
+def test_h_is_the_derivative(name, since_velocity):
+    x, before = case(name), since_velocity * OLDER
+    lla, v = predicted(x, DELAY, RATE, before)
     lla[1] = (lla[1] + np.pi) % (2 * np.pi) - np.pi
-    _, h = kernel(x, DELAY, LEVER, RATE, lla, v)
-    step = np.concatenate([np.repeat([1.0, 0.1, 1e-4, 1e-4, 1.0, 1e-4, 1.0], 3), [1e-3]])
+    _, h = kernel(x, DELAY, LEVER, RATE, lla, v, before)
+    step = np.concatenate([np.repeat([1.0, 0.1, 1e-4, 1e-4, 1.0, 1e-4, 1e-4], 3), [1e-3]])
     numerical = np.empty((6, 22))
     for j in range(22):
         ends = []
@@ -76,12 +90,15 @@ def test_h_is_the_derivative(name):
             error = np.zeros(22)
             error[j] = sign * step[j]
             # w_hat = (w_measured - b_hat) / (1 + s_hat); the delay error is of the estimated delay
-            rate = (RATE - error[9:12]) / (1 + error[15:18])
-            ends.append(kernel(eq.disturbed(x, error[:9]), DELAY + error[21], LEVER, rate, lla, v)[0])
+            rate, older = (RATE - error[9:12]) / (1 + error[15:18]), before.copy()
+            older[3:6] = (older[3:6] - older[6] * error[12:15]) / (1 + error[18:21])
+            ends.append(kernel(eq.disturbed(x, error[:9]), DELAY + error[21], LEVER, rate, lla, v, older)[0])
         numerical[:, j] = (ends[1] - ends[0]) / (2 * step[j])
     # the delay of 0.03 s leaves its own small share of velocity and attitude in position, which is left out of H
     tolerance = np.full((6, 22), 2e-4)
-    tolerance[:3] += DELAY * 1.01 * np.abs(numerical[3:]) + 1e-3 * (np.arange(22) < 3)
+    share = numerical[3:].copy()  # of the velocity at the fix, without what was gained since
+    share[:, 6:9] -= h[3:, 6:9] - kernel(x, DELAY, LEVER, RATE, lla, v, np.append(before[:3], np.zeros(4)))[1][3:, 6:9]
+    tolerance[:3] += DELAY * 1.01 * np.abs(share) + 1e-3 * (np.arange(22) < 3)
     assert (np.abs(h - numerical) <= tolerance).all(), np.argwhere(np.abs(h - numerical) > tolerance)
 
 
@@ -103,9 +120,10 @@ class Assessed:
         self, p: np.ndarray, v: np.ndarray, sd_p: np.ndarray, sd_v: np.ndarray, jitter: float = 0.0, n: int = 21
     ):
         x = case("car")
-        lla, velocity = predicted(x, 0.0, RATE)
+        lla, velocity = predicted(x, 0.0, RATE, np.zeros(7))
         state = np.concatenate([x.lla, x.v, Rotation.from_matrix(x.c).as_quat(scalar_first=True)])
         motion, white, none = np.concatenate([RATE, ACCELERATION, np.zeros(8), felt(x), [self.NOISE]]), 0.0, np.zeros(3)
+        motion = np.append(motion, np.zeros(7))
         self.z, self.h, self.r, self.s, self.sd = (np.empty(n) for n in (6, (6, n), (6, 6), (6, 6), 6))
         self.nis_position, self.nis_velocity, self.distance, self.change = assess(
             Predicted(state, motion, LEVER, none, none, 0.0, p),
@@ -155,6 +173,31 @@ def test_the_force_about_a_fix_is_the_mean_of_samples_before_and_after(instant):
     assert np.isfinite(found).all()  # at the end of the record, too
 
 
+@pytest.mark.parametrize("late", [0.283, 0.004, -0.117])
+@pytest.mark.parametrize("instant", [False, True])
+def test_what_was_turned_and_gained_since_is_that_of_the_motion(instant, late):
+    """Of a body that turns about a moving axis and feels gravity, against small steps of exact rotations."""
+    fine = 1e-4 * np.arange(10_001)
+    rate = np.column_stack([0.5 * np.sin(2.0 * fine), 0.3 * np.cos(2.0 * fine), 0.4 + 0.2 * np.sin(fine)])
+    force = np.column_stack([np.sin(5.0 * fine), 2.0 * np.cos(3.0 * fine), -9.8 + np.sin(9.0 * fine)])
+    end, dt = fine[100::100], np.full(100, 0.01)
+    gyro, accel = (each[1:].reshape(100, 100, 3).mean(axis=1) * (1.0 if instant else 0.01) for each in (rate, force))
+    parts = Intervals(end, dt, gyro, accel, np.zeros(100, int), 0.0 * dt, instant)
+    times = np.array([0.5, 0.7031])
+    for time, found in zip(times, since(times, np.full(2, late), parts), strict=True):
+        first, last = np.sort(np.round(1e4 * np.array([time, time - late])).astype(int))
+        steps = Rotation.from_rotvec(1e-4 * rate[first + 1 : last + 1])
+        sign, turn, gain = np.sign(late), Rotation.identity(), np.zeros(3)
+        for step, f in zip(
+            steps[::-1] if late > 0.0 else steps, force[first + 1 : last + 1][:: -int(sign)], strict=True
+        ):
+            turn = step * turn if late > 0.0 else turn * step
+            gain += sign * 1e-4 * (turn.inv() if late > 0.0 else turn).apply(f)
+        # the angle lacks the turn of its axis in the time: rate cross its change, time^3 / 12 (Bortz)
+        np.testing.assert_allclose(found[:3], sign * turn.as_rotvec(), atol=0.05 * abs(late) ** 3 + 1e-4)
+        np.testing.assert_allclose(found[3:], gain, atol=5e-4)
+
+
 def test_a_fix_without_velocity_has_no_statistics_of_it():
     unknown = np.full(3, np.nan)
     found = Assessed(np.eye(21), unknown, np.ones(3), unknown)
@@ -168,10 +211,10 @@ def test_a_fix_without_velocity_has_no_statistics_of_it():
 def test_lever_arms_of_turns_and_of_vibration_show_in_position_and_velocity(column):
     """A rigid antenna is moved by both parts of the rate; here by 2 m more about one axis of one of them."""
     x, vibration, off = case("car"), np.array([-0.3, 0.5, 0.2]), 2.0 * np.eye(6)[column]
-    lla, velocity = predicted(x, 0.0, RATE + vibration)
+    lla, velocity = predicted(x, 0.0, RATE + vibration, np.zeros(7))
     state = np.concatenate([x.lla, x.v, Rotation.from_matrix(x.c).as_quat(scalar_first=True)])
     motion, fix = (
-        np.concatenate([RATE, ACCELERATION, vibration, np.zeros(5), felt(x), [0.0]]),
+        np.concatenate([RATE, ACCELERATION, vibration, np.zeros(5), felt(x), np.zeros(8)]),
         Fix(lla, velocity, np.ones(3), np.ones(3)),
     )
     found = Assessment(*(np.empty(n) for n in (6, (6, 27), (6, 6), (6, 6), 6)))

@@ -86,7 +86,7 @@ def test_a_position_set_to_a_fix_is_as_unsure_as_lever_arm_and_delay(gap):
         fix = 9.0 * 0.1**2 * np.eye(3)
         estimate.restart(initial.time, np.zeros(6), np.full(3, 0.1), None)
     z, h = np.zeros(6), np.zeros((6, estimate.at.states))
-    antenna(estimate.x, np.zeros(6), estimate.arm, 0.0, 0.0, gps.lla[0], np.zeros(3), z, h)
+    antenna(estimate.x, np.zeros(6), np.zeros(7), estimate.arm, 0.0, 0.0, gps.lla[0], np.zeros(3), z, h)
     h[:3, estimate.at.lever : estimate.at.lever + 3] = dcm_from_quat(estimate.x[6:])
     p = estimate.covariance
     if gap:  # the smoother's transition to it has no delay and no lever arm: the position is independent of both

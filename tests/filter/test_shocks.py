@@ -43,7 +43,7 @@ def navigated(seed: int, kind: str, size: float) -> tuple[SmoothedErrors, Innova
     wrong = WRONG[kind](gps, size) if kind in WRONG else gps
     navigator = Navigator(start.initial, drives.MODEL, wrong, start.alignment, 0.02, settings)
     navigator.feed(imu)
-    found = navigator.smoothed_errors()
+    found = navigator.history().smooth()
     rows = found.innovations[np.isfinite(found.innovations[:, 0])]
     noise = np.concatenate([gps.position_sd[0], gps.velocity_sd[0]])
     some = np.ones(rows.shape[0])

@@ -113,7 +113,7 @@ def _window(reference: GpsData | None, course: FloatArray, job: tuple[Prepared, 
     # no longer output than needed: only the epochs count
     settings = replace(ready.settings, output_interval=1.0, smooth=True)
     navigator = Navigator(state, ready.model, gps, ready.alignment, ready.nominal, settings)
-    found = feed(navigator, ready.imu).smoothed_errors()
+    found = feed(navigator, ready.imu).history().smooth()
     at = np.searchsorted(found.time, gps.time[inside] - delay - 1e-6)
     at = at[at < found.time.shape[0]]
     values = found.innovations[at]
