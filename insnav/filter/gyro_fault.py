@@ -106,7 +106,7 @@ def without_gyro_faults(ready: Prepared, found: NoiseEstimate, spec: ImuSpec) ->
         suspect = (
             found.far_off or found.seen[0].rejected() or _far_larger("bias_instability", SUSPECT, found.spec, spec)
         )
-        seen = _opened(ready, found, spec) if suspect else found.seen
+        seen = _opened(ready, found) if suspect else found.seen
         other = None if seen is None else _one(ready, spec, seen, found.seen, (0, 1, 2) if suspect else (HEADING,))
         if other is None:
             break
@@ -153,7 +153,7 @@ def _one(
             if settled is None:
                 alike |= {fault.cause} if look[0] is seen[0] and not lost else set()
                 continue
-            left = _opened(*settled[1:], spec)
+            left = _opened(*settled[1:])
             # what was lost already may be so far off that anything fits it; fixes that gates reject explain more then
             if left is not None and look[0] is seen[0] and _dearer(left, gated):
                 continue
@@ -215,10 +215,10 @@ def _rival(ready: Prepared, look: _Seen) -> float:
     return max((o.gain for o, size in zip(others, least, strict=True) if abs(o.rate) > size), default=0.0)
 
 
-def _opened(ready: Prepared, found: NoiseEstimate, spec: ImuSpec) -> _Seen | None:
+def _opened(ready: Prepared, found: NoiseEstimate) -> _Seen | None:
     """The likelihood of all fixes, with the noise that was found: what was rejected tells most."""
     open_ = replace(ready, settings=replace(ready.settings, gates=OPEN))
-    seen = known_likelihood(with_noise(open_, found), spec)
+    seen = None if found.seen is None else known_likelihood(with_noise(open_, found), found.seen[0].prior)
     if seen is None or found.seen is None:
         return None
     of_imu = sum(not p.key.startswith("gps.") for p in seen[0].parameters)
@@ -243,7 +243,7 @@ def _settled(
     for count in range(ROUNDS):
         some = replace(ready, imu=fault.taken_off(ready.imu))
         again = identify_noise(some, spec)
-        seen = None if again is None else _opened(some, again, spec)
+        seen = None if again is None else _opened(some, again)
         if again is None or seen is None:
             break
         drive, at = _looked_at(seen, cut)

@@ -66,11 +66,16 @@ UNDERSTATED, UNDERSTATED_STARTS = 2.0, (1.0, 5.0, 50.0)
 # a drive is by another IMU if by chance its innovations are so unlikely, and figures so many times and standard
 # deviations off those of all
 CHANCE, UNLIKE, UNLIKE_SD = 1e-4, 2.0, 3.0
+# the figures of a drive are those of another kind of IMU where these make them so much likelier [-]; tried so often
+OTHER_KIND, KINDS_TRIED = 2.0, 2
 FACTOR_WORTH = 0.1  # a smaller change of a standard deviation is not told
 
 # how far figures of an IMU may be from those of the nearest grade, one sd of their logarithm: datasheets of parts of
 # one grade differ by factors of two to three in noise, by ten in what is called in-run bias
 IMU_PRIOR = {"random_walk": 0.8} | dict.fromkeys(("bias_instability", "bias", "scale_factor", "misalignment"), 1.5)
+# Of misalignments as the constants they are: datasheets of one kind differ by a factor of two. With a wider prior the
+# two or three that a drive tells, small by chance, made all others small.
+SIZE_PRIOR = 0.7
 # The same of white noise of gyros where a rest of at least so long [s] has shown it at the frequencies that count
 # between fixes: motion adds to it. What a rest shows at higher ones, which chose the preset, may be an idle engine.
 REST, REST_PRIOR = 60.0, (0.5, 0.3)
@@ -211,6 +216,13 @@ class InnovationLikelihood:
         middle = dict(zip(LEVELS, np.log(found.position_factor[1:] * larger), strict=True))
         part.parameters = tuple(replace(p, middle=float(middle.get(p.key, p.middle))) for p in self.parameters)
         return part
+
+    def of(self, kind: ImuSpec) -> InnovationLikelihood:
+        """The same by another kind of IMU, with its figures for the prior."""
+        other, of_imu = copy(self), sum(not p.key.startswith("gps.") for p in self.parameters)
+        other.prior = kind
+        other.parameters = (*other._choose()[:of_imu], *self.parameters[of_imu:])
+        return other
 
     def beginning(self, length: float) -> InnovationLikelihood:
         """The same of the innovations of so long from the start only [s]."""
@@ -544,7 +556,7 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
     position, velocity, correlated = drive.fixes_of(wide)
     plausible = np.array([wide, *(top + end * np.sqrt(np.diag(covariance)) for end in INTERVAL)])
     filter_spec = drive.spec(top)
-    axes, far_off = _misalignment(posterior.drives, top, IMU_PRIOR["misalignment"])
+    axes, far_off = _misalignment(posterior.drives, top, SIZE_PRIOR)
     return NoiseEstimate(
         _turned(drive.prior, filter_spec, axes.size[0]),
         filter_spec,
@@ -634,15 +646,47 @@ def _white(found: NoiseEstimate) -> FloatArray:
     return np.asarray(found.position_factor[1:] * np.sqrt(1.0 - found.correlated.share))
 
 
-def identify(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
-    """Noise in drives of one IMU, about second runs with it if the first are far off or reject fixes."""
+def kind_of(found: NoiseEstimate, kinds: Sequence[ImuSpec]) -> ImuSpec:
+    """The kind of IMU, of some or that of the prior, by which the figures found are likeliest: their evidence.
+
+    Innovations tell the logarithm of a figure with an error, a normal one each, which is what the posterior density has
+    beside the prior; for IMUs of one kind it is normally distributed about that of the kind.
+    """
+    assert found.seen is not None
+    drive, kinds = found.seen[0], [found.seen[0].prior, *kinds]
+    worth = np.zeros(len(kinds))
+    for figure, p in zip(found.figures, drive.parameters, strict=True):
+        sensor, key = figure.key.split(".")
+        if not figure.observable or sensor == "gps" or key == "misalignment":
+            continue
+        error = 1.0 / ((np.ptp(INTERVAL) / np.log(figure.high / figure.low)) ** 2 - p.sd**-2.0)
+        told = np.log(figure.value) + np.log(figure.value / figure.prior) * error / p.sd**2
+        usual = [0.5 * np.log(np.mean(getattr(getattr(kind, sensor), key) ** 2)) for kind in kinds]
+        worth -= 0.5 * (told - usual) ** 2 / (IMU_PRIOR[key] ** 2 + error)
+    best = int(np.argmax(worth))
+    return kinds[best if worth[best] > worth[0] + OTHER_KIND else 0]
+
+
+def identify(drives: Sequence[InnovationLikelihood], kinds: Sequence[ImuSpec] = ()) -> NoiseEstimate:
+    """Noise in drives of one IMU, about second runs with it if the first are far off or reject fixes.
+
+    `kinds`: what IMU it may also be, if its figures tell so.
+    """
     found = maximise(drives)
     doubtful = bool(np.min(_white(found)) > DOUBTED)
     if found.far_off or doubtful:
         with suppress(DivergenceError):
             drives = [drive.again(found) for drive in drives]
             found = maximise(drives)
-    return maximise([drive.doubted(found) for drive in drives]) if doubtful else found
+    if doubtful:
+        drives = [drive.doubted(found) for drive in drives]
+        found = maximise(drives)
+    for _ in range(KINDS_TRIED):
+        kind = kind_of(found, kinds)
+        if found.seen is None or kind is found.seen[0].prior:
+            break
+        found = maximise([drive.of(kind) for drive in drives])
+    return found
 
 
 def unlike(drives: Sequence[InnovationLikelihood], found: NoiseEstimate) -> list[list[NoiseFigure]]:
@@ -675,7 +719,7 @@ def identify_noise(ready: Prepared, spec: ImuSpec) -> NoiseEstimate | None:
     `spec`: IMU error specification it was prepared with: the prior.
     """
     drive = _likelihood(ready, spec)
-    return None if drive is None else identify([drive])
+    return None if drive is None else identify([drive], ready.kinds)
 
 
 def with_known_noise(ready: Prepared, spec: ImuSpec) -> Prepared:

@@ -68,6 +68,7 @@ class Prepared:
     notes: tuple[str, ...]  # what was found, and what was done about it
     faults: tuple[Event, ...] = ()  # samples that were replaced or taken out
     noise: NoiseEstimate | None = None  # as found in the innovations of the drive
+    kinds: tuple[ImuSpec, ...] = ()  # what IMU it may be beside that of the model, where none was given
     parts: tuple[Part, ...] = ()  # where the filter goes on after a long gap of the samples
     clock: float = 0.0  # by which the samples were moved into the time of the fixes [s]: their delay as it was found
     rate: float = 0.0  # by which their clock was made faster [s/s]

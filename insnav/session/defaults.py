@@ -13,6 +13,7 @@ from insnav.filter.prepare import DELAY_SD, first_stationary
 from insnav.imu import identify, load_imu
 from insnav.imu.imu_file import part_of
 from insnav.imu.library import completed
+from insnav.imu.presets import PRESETS
 from insnav.imu.specification import ImuSpec
 from insnav.input import Reading
 from insnav.input.interpret.velocities import fit_velocities
@@ -102,6 +103,13 @@ def refuse_confused(
             why="displacements fit the velocities only so",
             fix=f"name the right columns and units with {option}, or mend the file",
         )
+
+
+def better_kinds(inputs: Inputs, chosen: ImuSpec) -> tuple[ImuSpec, ...]:
+    """What IMU it may be beside the one chosen, if none was given: no poorer one, whose noise would hold faults."""
+    if inputs.get("imu_model") is not None:
+        return ()
+    return tuple(map(load_imu, PRESETS[PRESETS.index(chosen.name) + 1 :]))
 
 
 def noise_is_estimated(inputs: Inputs, gps: Reading[GpsData] | None) -> bool:

@@ -260,6 +260,7 @@ class Drive:
         ready = self.prepared(states)
         if not defaults.noise_is_estimated(self.readings.inputs, self.gps):
             return with_known_noise(ready, self.imu_spec), self.imu_spec
+        ready = replace(ready, kinds=defaults.better_kinds(self.readings.inputs, self.imu_spec))
         found = identify_noise(ready, self.imu_spec)
         if found is None:
             said = ["IMU noise as in the preset: the drive is too short to tell more"]

@@ -16,6 +16,7 @@ from insnav.filter.noise_identification import (
     identify,
     unlike,
 )
+from insnav.session import defaults
 from insnav.session.drive import Drive, load
 from insnav.session.inputs import Inputs
 
@@ -50,7 +51,7 @@ def tune(
         likelihoods.append(one)
     if len({tuple(each.key for each in one.parameters) for one in likelihoods}) > 1:
         raise InputError("some drives have GPS velocities and some have none", fix="tune them apart")
-    found = identify(likelihoods)
+    found = identify(likelihoods, defaults.better_kinds(inputs, drives[0].imu_spec))
     name = f"{drives[0].imu_spec.name}, from {len(drives)} drives" if len(drives) > 1 else found.spec.name
     off = []
     for figures in unlike(likelihoods, found) if len(drives) > 1 else ():

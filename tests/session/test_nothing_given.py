@@ -63,7 +63,9 @@ def test_the_imu_as_found_can_be_given(result, tmp_path):
 def test_a_budget_uses_the_noise_that_was_found():
     drive = insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv", SAMPLE / "ref.csv")
     found = drive.budget(windows=WindowSettings(replicas=0))
-    assert found.imu_model[0].name == f"{drive.imu_spec.name}, as found"
+    assert (
+        found.imu_model[0].name == "automotive, as found"
+    )  # as it is; its noise at rest is that of consumer grade, too
     assert any("noise from the innovations" in note for note in found.notes)
     horizontal = found.found.windows.calibrated.verdicts[-1]
     assert horizontal.low < horizontal.predicted < horizontal.high
