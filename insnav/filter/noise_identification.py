@@ -52,6 +52,8 @@ REJECTED = 3.5  # times the usual interval between fixes that are used, beyond w
 SETTLING = 4  # the attitude of a filter settles in this part of a drive, one in so many
 ENOUGH_FOR_AXES = 900.0  # of the record, where nothing else is looked for [s]
 WORTH_TURNING = 0.5  # of what is not known of attitude: if misalignments that are known do more, samples are corrected
+# Largest scale factor error [-]: consumer sensors are sold with 0.03; a larger one explains noise by itself
+LARGEST_SCALE = 0.05
 LARGEST_STEP = 1.5  # of a round, in logarithms
 ENOUGH = 0.6  # smaller gains of the log-likelihood end the search: an interval of 95 % is two wide
 NEAR = 3.0  # smaller ones end the first steps
@@ -284,9 +286,9 @@ class InnovationLikelihood:
         factor = {p.key: float(np.exp(x)) for p, x in zip(self.parameters, at, strict=True)}
 
         def scaled(sensor: SensorSpec, name: str) -> SensorSpec:
-            return replace(
-                sensor, **{key: getattr(sensor, key) * factor.get(f"{name}.{key}", 1.0) for key in IMU_PRIOR}
-            )
+            found = {key: getattr(sensor, key) * factor.get(f"{name}.{key}", 1.0) for key in IMU_PRIOR}
+            found["scale_factor"] = np.minimum(found["scale_factor"], np.maximum(sensor.scale_factor, LARGEST_SCALE))
+            return replace(sensor, **found)
 
         return replace(self.prior, gyro=scaled(self.prior.gyro, "gyro"), accel=scaled(self.prior.accel, "accel"))
 

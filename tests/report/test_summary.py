@@ -172,9 +172,10 @@ def test_a_scale_factor_that_no_sensor_has_is_pointed_out(driven):
     bad = replace(run, sensor_errors=replace(run.sensor_errors, value=value, sd=sd))
     assert not any("scale factor" in line for line in run_warnings(EvaluatedRun(bad)))
     assert not any("scale factor" in line for line in run_warnings(EvaluatedRun(run)))
-    found = replace(run.sensor_errors, sd=np.where(np.arange(12) >= 6, 3.0, sd))
-    (said,) = [line for line in run_warnings(EvaluatedRun(replace(run, sensor_errors=found))) if "scale factor" in line]
-    assert "off by 300 %, which no sensor's are" in said
+    for first, says in ((6, True), (9, True), (12, False)):
+        found = replace(run.sensor_errors, sd=np.where(np.arange(12) >= first, 0.05, sd))
+        said = [line for line in run_warnings(EvaluatedRun(replace(run, sensor_errors=found))) if "agree only" in line]
+        assert ["accelerometers are off by 5 % or more" in line for line in said] == [True] * says
 
 
 def test_the_shortest_run_is_summed_up(bare):

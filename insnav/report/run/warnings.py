@@ -15,6 +15,7 @@ from insnav.errors.evaluated_run import SAME_DATA, EvaluatedRun, failure
 from insnav.errors.metrics import TrajectoryErrors, nees
 from insnav.errors.reference_check import LATE
 from insnav.filter.gps_noise import heights_measured
+from insnav.filter.noise_identification import LARGEST_SCALE
 from insnav.filter.whole_record import stretches
 from insnav.input.readers.reading import not_covered
 from insnav.plain_text import moment
@@ -27,8 +28,7 @@ _MANY = 0.1  # share of rejected fixes that wants an explanation
 _ROW, _ROW_TIME = 3, 1.9  # rejected fixes in a row, and over so long [s], that are more than chance
 _LONG_GAP = 1.0  # of samples [s]: a car turns and brakes in it
 _EXPLAINED = 0.5  # part of the epochs outside 3 sd that a constant difference must not leave, to be their cause
-_LARGEST_SCALE = 0.05  # scale factor error [-]: consumer MEMS sensors are sold with at most 0.03
-_NO_SENSOR = 0.3  # standard deviation of one [-], as found where fixes and IMU do not fit
+_AT_THE_LIMIT = 0.99  # part of the largest scale factor error that was looked for, where fixes and IMU do not fit
 _ACROSS = 0.02  # part of what is about the other axes that such sensors show, too [-]
 _PACE = 1.0  # over which turns and accelerations are those of the motion, not of vibration [s]
 _ASSUMED = re.compile(r"\bassumed\b|--imu-axes|added to the IMU times")  # or done to the samples, as the drive shows
@@ -180,10 +180,10 @@ def _impossible_scale(run: Run) -> Iterator[str]:
     """
     if len(run.sensor_errors.time) == 0:
         return
-    if (widest := float(np.max(run.sensor_errors.sd[0, 6:]))) > _NO_SENSOR:
+    if float(np.max(run.sensor_errors.sd[0, 9:])) > _AT_THE_LIMIT * LARGEST_SCALE:
         yield (
-            f"fixes and IMU agree only if its scale factors are off by {100.0 * widest:.0f} %, which no sensor's are: "
-            "check its units, axes and biases (insnav check)"
+            "fixes and IMU agree only if the scale factors of its accelerometers are off by "
+            f"{100.0 * LARGEST_SCALE:.0f} % or more, which none are: check its units, axes and biases (insnav check)"
         )
         return
     value, sd = (each[-1, 6:] for each in (run.sensor_errors.value, run.sensor_errors.sd))
@@ -191,7 +191,7 @@ def _impossible_scale(run: Run) -> Iterator[str]:
     across = np.sqrt(np.repeat(np.sum(own.reshape(2, 3) ** 2, axis=1), 3) - own**2)
     sd = np.hypot(sd, _ACROSS * across / np.maximum(own, 1e-9))
     names = [f"{sensor} {axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz"]
-    sure = np.abs(value) > np.maximum(_LARGEST_SCALE, run.sensor_errors.sd[0, 6:]) + 3.0 * sd
+    sure = np.abs(value) > np.maximum(LARGEST_SCALE, run.sensor_errors.sd[0, 6:]) + 3.0 * sd
     found = [f"{name} {100.0 * error:+.0f} %" for name, error, said in zip(names, value, sure, strict=True) if said]
     if found:
         yield (
