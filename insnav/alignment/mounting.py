@@ -35,7 +35,10 @@ TURN = np.deg2rad(25.0)  # of the course, from which a window shows a bend
 TELLING = 30  # bends, and straight windows, that the signs of the gyros are looked for in
 SUDDEN = 15.0  # no vehicle accelerates more: the velocities are false [m/s^2]
 SCATTER = np.deg2rad(8.0)  # standard deviation of the yaw beyond which nothing is said
-HANDED = 0.6  # signs are wrong if others leave less than that part of the residuals ...
+TRIED, HANDED = (
+    0.75,
+    0.6,
+)  # signs are wrong if others leave less than that part of the residuals, at first and after ...
 FITS = 0.4  # ... and they leave more of the accelerations; in level turns of an aircraft both kinds of axes fit [-]
 SURE_SD = np.deg2rad(1.0)  # slip and scale factors leave no yaw better known [rad]
 MISFIT = 0.6  # part of the accelerations that may be left unexplained
@@ -108,7 +111,7 @@ def find_mounting(parts: Intervals, gps: GpsData) -> Mounting | None:
                 misfit = _fit(telling, felt, other, mirrored=reflected)[0].misfit
                 if other == AS_GIVEN and not reflected:
                     given = best = misfit
-                elif given > FITS and misfit < min(best, HANDED * given):
+                elif given > FITS and misfit < min(best, TRIED * given):
                     signs, mirrored, best = other, reflected, misfit
 
     def refined(signs: Signs, mirrored: bool) -> Mounting:

@@ -52,11 +52,12 @@ def with_right_lever(given: Prepared, alone: Callable[[], Prepared]) -> Prepared
     """A recording as prepared with a lever arm that was given, or `alone`, without it, if the drive shows another."""
     arm, run = given.settings.lever_b, looked(given, lever_sd=OPENED)
     off, limit = np.abs(run.lever_b - arm), np.maximum(WRONG, SURE * run.lever_sd)
-    if not (off > limit).any() or pretended(given, run) > PRETENDED:
-        seen = _three(limit + MARGIN * run.lever_sd)
+    seen, note = _three(limit + MARGIN * run.lever_sd), ""
+    if not (off > limit).any():
         note = f"errors of the lever arm given that this drive would not show are smaller than {seen} m (x, y, z)"
-        return replace(given, notes=(*given.notes, note))
-    return alone()
+    elif pretended(given, run) > PRETENDED:
+        note = f"the lever arm given is used: noise of the gyros may pretend the one that fixes show, {_three(run.lever_b)}"
+    return replace(given, notes=(*given.notes, note)) if note else alone()
 
 
 def pretended(ready: Prepared, run: Run) -> float:

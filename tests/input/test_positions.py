@@ -250,6 +250,13 @@ def test_fixes_that_a_log_repeats_are_used_once(tmp_path):
     assert "540 of 600 fixes repeat the position before them" in " ".join(reading.facts.evidence)
 
 
+def test_fixes_that_a_log_with_holes_repeats_are_used_once(tmp_path):
+    twice = np.repeat(fixes(300), 2, axis=0)
+    twice[:, 0] = twice[0, 0] + 0.5 * np.arange(len(twice))
+    left = np.random.default_rng(3).random(len(twice)) > 0.2
+    assert len(_gps(tmp_path, twice[left]).data.time) == len(np.unique(twice[left, 1]))
+
+
 def test_positions_that_repeat_at_rest_are_all_used(tmp_path):
     rows = fixes(120)
     rows[:60, 1:4] = rows[0, 1:4]  # of few digits, before the drive

@@ -17,7 +17,9 @@ _RESET_ROWS = 5  # so many rows at the end, all before what came earlier, are a 
 _MAX_SHARED = 0.1  # fraction of rows that may differ and yet share their time with another one
 _DAY, _FEW_STRAY = 86_400.0, 3  # [s], rows
 _MIN_INTERVAL = 1e-9  # shorter ones count as none [s]
-_FEW_RUNS, _MAX_SINGLE = 10, 0.1  # of a log that repeats: at least so many values, and of these at most so many once
+# Of a log that repeats: at least so many values, and of these at most so many once, as where a fifth of the rows of a
+# log that is written twice a fix are missing
+_FEW_RUNS, _MAX_SINGLE = 10, 0.4
 
 
 @dataclass(frozen=True, slots=True)
