@@ -38,8 +38,8 @@ SCATTER = np.deg2rad(8.0)  # standard deviation of the yaw beyond which nothing 
 TRIED, HANDED = (
     0.75,
     0.6,
-)  # signs are wrong if others leave less than that part of the residuals, at first and after ...
-FITS = 0.4  # ... and they leave more of the accelerations; in level turns of an aircraft both kinds of axes fit [-]
+)  # signs are wrong if others leave less than so much of the residuals, at first and in the end
+FITS = 0.4  # and they leave more of the accelerations; in level turns of an aircraft both kinds of axes fit [-]
 SURE_SD = np.deg2rad(1.0)  # slip and scale factors leave no yaw better known [rad]
 MISFIT = 0.6  # part of the accelerations that may be left unexplained
 Signs = tuple[int, int, int]

@@ -56,7 +56,8 @@ def with_right_lever(given: Prepared, alone: Callable[[], Prepared]) -> Prepared
     if not (off > limit).any():
         note = f"errors of the lever arm given that this drive would not show are smaller than {seen} m (x, y, z)"
     elif pretended(given, run) > PRETENDED:
-        note = f"the lever arm given is used: noise of the gyros may pretend the one that fixes show, {_three(run.lever_b)}"
+        seen = _three(run.lever_b)
+        note = f"the lever arm given is used: noise of the gyros may pretend the one that fixes show, {seen} m"
     return replace(given, notes=(*given.notes, note)) if note else alone()
 
 
