@@ -49,7 +49,6 @@ LONGEST = 0.6  # part of the record; what is off for longer is a bias, and the r
 LINEAR_ROUNDS = 4  # without another run
 TOO_LARGE = 10.0  # scale factors, times those of the kind
 LEAST = 0.3 * DEG  # rate; biases that warm up and what vibration adds on a recorded car, 0.23 deg/s, are none [rad/s]
-GROWS = 0.67  # part of the rate that a fault has before the noise is found without it; 0.73 to 1 in what was injected
 ALIKE = 0.3  # part of the largest gain from which an axis is tried: the run with the fault is not linear in it
 SHORTEST_FOUND = 3.0  # what is shorter is left at ends of another one, or what the model of a recorded car lacks [s]
 OPENED = 0.5  # part of the rate by which the bias is opened where a span begins and ends
@@ -175,7 +174,7 @@ def _worth(look: _Seen, fault: Episode, before: float) -> Episode | None:
     for _ in range(LINEAR_ROUNDS):
         there, cost = climbed(drive.without(fault.begin, fault.end, fault.cause, fault.rate), at)
         if 2.0 * (before - cost) > WORTH:
-            return fault if abs(fault.rate) > GROWS * LEAST else None
+            return fault
         last, fault = fault, _likeliest(*drive.by_spans(there, edges, fault.cause), edges, fault.cause)
         if fault.near(last):
             break
