@@ -35,10 +35,8 @@ TURN = np.deg2rad(25.0)  # of the course, from which a window shows a bend
 TELLING = 30  # bends, and straight windows, that the signs of the gyros are looked for in
 SUDDEN = 15.0  # no vehicle accelerates more: the velocities are false [m/s^2]
 SCATTER = np.deg2rad(8.0)  # standard deviation of the yaw beyond which nothing is said
-TRIED, HANDED = (
-    0.75,
-    0.6,
-)  # signs are wrong if others leave less than so much of the residuals, at first and in the end
+# signs are wrong if others leave less than so much of the residuals, at first and with bias and delay
+TRIED, HANDED = 0.75, 0.6
 FITS = 0.4  # and they leave more of the accelerations; in level turns of an aircraft both kinds of axes fit [-]
 SURE_SD = np.deg2rad(1.0)  # slip and scale factors leave no yaw better known [rad]
 MISFIT = 0.6  # part of the accelerations that may be left unexplained

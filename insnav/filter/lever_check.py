@@ -52,13 +52,15 @@ def with_right_lever(given: Prepared, alone: Callable[[], Prepared]) -> Prepared
     """A recording as prepared with a lever arm that was given, or `alone`, without it, if the drive shows another."""
     arm, run = given.settings.lever_b, looked(given, lever_sd=OPENED)
     off, limit = np.abs(run.lever_b - arm), np.maximum(WRONG, SURE * run.lever_sd)
-    seen, note = _three(limit + MARGIN * run.lever_sd), ""
     if not (off > limit).any():
+        seen = _three(limit + MARGIN * run.lever_sd)
         note = f"errors of the lever arm given that this drive would not show are smaller than {seen} m (x, y, z)"
     elif pretended(given, run) > PRETENDED:
         seen = _three(run.lever_b)
         note = f"the lever arm given is used: noise of the gyros may pretend the one that fixes show, {seen} m"
-    return replace(given, notes=(*given.notes, note)) if note else alone()
+    else:
+        return alone()
+    return replace(given, notes=(*given.notes, note))
 
 
 def pretended(ready: Prepared, run: Run) -> float:
