@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import glob
+import hashlib
 import json
 import os
 import re
@@ -19,10 +20,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from insnav.exceptions import InputError, OutputError, writing
-from insnav.output.contents import FACTS_FILE, file_sha256, files_in, read_facts, verify_folder
 from insnav.plain_text import plain_text
-
-__all__ = ["FACTS_FILE", "RunFolder", "file_sha256", "read_facts", "verify_folder"]
 
 _DROPPINGS = {".DS_Store", "Thumbs.db", "desktop.ini"}  # left by file managers, nobody's work
 _FULL = {
@@ -33,6 +31,67 @@ _FULL = {
 _LONGEST_NAME = 230  # with what a folder has beside it while it is built, file systems take 255 bytes
 _MARK = re.compile(r"\.(tmp|old)-(\d+)$")
 _NOT_HERE, _ELSEWHERE = "cannot write a run folder here", "choose a folder you may write to with --out"
+FACTS_FILE = "run.json"
+
+
+def read_facts(folder: Path) -> dict[str, Any]:
+    """Read the ``run.json`` of a run folder.
+
+    Raises: InputError: not a run folder, or ``run.json`` is damaged.
+    """
+    path = folder / FACTS_FILE
+    try:
+        facts = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(
+            "this is not a run folder",
+            where=str(path),
+            why=error.strerror or str(error),
+            fix="give a folder that `insnav run` has written",
+        ) from error
+    except ValueError as error:
+        raise InputError("run.json is damaged", where=str(path), why=str(error), fix="make the run again") from error
+    if not isinstance(facts, dict) or not isinstance(facts.get("files"), dict):
+        raise InputError("run.json is damaged", where=str(path), why="it lists no files", fix="make the run again")
+    return facts
+
+
+def verify_folder(folder: Path) -> dict[str, Any]:
+    """Check that a run folder holds exactly the files it was written with; its ``run.json``.
+
+    Raises: InputError: not a run folder, or a file is missing, changed or added.
+    """
+    facts = read_facts(folder)
+    found = files_in(folder)
+    listed = facts["files"]
+    wrong = [f"{name} is missing" for name in listed if name not in found]
+    wrong += [f"{name} was added" for name in found if name not in listed]
+    wrong += [
+        f"{name} was changed"
+        for name, entry in listed.items()
+        if name in found and (not isinstance(entry, dict) or file_sha256(found[name]) != entry.get("sha256"))
+    ]
+    if wrong:
+        raise InputError(
+            "the run folder is not as it was written",
+            where=str(folder),
+            why="; ".join(wrong),
+            fix="make the run again",
+        )
+    return facts
+
+
+def file_sha256(path: Path) -> str:
+    """Return the SHA-256 digest of a file as hexadecimal digits."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def files_in(folder: Path) -> dict[str, Path]:
+    """Every file below a folder but ``run.json``, by its name with forward slashes, sorted."""
+    paths = sorted(p for p in folder.rglob("*") if p.is_symlink() or not p.is_dir())
+    names = {p.relative_to(folder).as_posix(): p for p in paths}
+    return {name: path for name, path in names.items() if name != FACTS_FILE}
 
 
 class RunFolder:

@@ -10,10 +10,10 @@ import numpy as np
 
 from insnav.attitude import rph_from_quat
 from insnav.errors.metrics import MOVING_M_S
-from insnav.errors.outage.window_reference import WindowReference
 from insnav.errors.outage.windows import (
     NavigatedDrive,
     StartChoice,
+    WindowReference,
     comparison_only,
     forward_start,
     free_inertial_settings,

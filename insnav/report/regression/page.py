@@ -9,10 +9,9 @@ from pathlib import Path
 from insnav.exceptions import writing
 from insnav.quantity import Quantity
 from insnav.regression.accuracy_metrics import BY_KEY, FAILS_FROM
-from insnav.regression.baseline import Baseline, write_text
+from insnav.regression.baseline import Baseline, Origin, write_text
 from insnav.regression.history import Entry
 from insnav.regression.peers.run_peers import PeerRow
-from insnav.regression.provenance import Origin
 from insnav.regression.published.replicas import Compared, FieldFactor
 from insnav.regression.run_corpus import CaseResult, Result
 from insnav.regression.verdict import Change, Comparison
