@@ -34,7 +34,8 @@ def orders() -> list[Check]:
     line = tuple((name, abs(float(integral(x, 2.0 * x, name)[-1]) - 9.0)) for name in NAMES)
     sine = {each.integrator: each.order for each in sine_convergence()}
     turn = circle(np.array([48.0 * DEG, 11.0 * DEG, 3000.0]), 150.0, 0.02, 320.0)
-    turned = {name: _order_on(turn, name) for name in NAMES}
+    errors = {name: [_worst(turn, even(turn.duration, 1.0 / step), name) for step in _STEPS] for name in NAMES}
+    turned = {name: Convergence(name, np.array(_STEPS), np.array(each)).order for name, each in errors.items()}
     return [
         Check(_TOPIC, "y = 2x from 0 to 3 in 30 steps, error of 9", "1", 1e-12, line),
         *(
@@ -145,8 +146,3 @@ def _worst(truth: Truth, time: FloatArray, name: Integrator, vertical: Vertical 
     """Largest distance from the truth [m]."""
     off = ned_offset(_flown(truth, time, name, vertical).solution.lla, truth.evaluate(time).lla)
     return float(np.linalg.norm(off, axis=1).max())
-
-
-def _order_on(truth: Truth, name: Integrator) -> float:
-    errors = np.array([_worst(truth, even(truth.duration, 1.0 / step), name) for step in _STEPS])
-    return Convergence(name, np.array(_STEPS), errors).order

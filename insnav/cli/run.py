@@ -58,7 +58,8 @@ def run(
 ) -> None:
     """Navigate a recorded drive."""
     interval = parse.interval(rate)
-    _check_limit(fail_above)
+    if fail_above is not None and parse.finite(fail_above, "--fail-above") <= 0.0:
+        raise ConfigError(f"{fail_above:g} is not a limit", where="--fail-above", fix="give metres, above zero")
     with working(out, force) as (folder, stage):
         drive = data.load(stage)
         if fail_above is not None and drive.reference is None:
@@ -93,15 +94,6 @@ def run(
     _check_failure(outcome.found.run)
     if fail_above is not None and outcome.found.errors is not None:
         _check_accuracy(outcome.found.errors, fail_above)
-
-
-def _check_limit(fail_above: float | None) -> None:
-    """Refuse a limit that makes no sense."""
-    if fail_above is None:
-        return
-    parse.finite(fail_above, "--fail-above")
-    if fail_above <= 0.0:
-        raise ConfigError(f"{fail_above:g} is not a limit", where="--fail-above", fix="give metres, above zero")
 
 
 def _check_failure(run: Run) -> None:

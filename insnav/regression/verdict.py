@@ -77,7 +77,11 @@ def _shifts(name: str, now: CaseResult, then: CaseResult) -> list[tuple[str, Met
     before, after = then.measured.values, now.measured.values
     found = []
     for metric in (each for each in METRICS if each.key in before and each.key in after):
-        old, new = _both(before[metric.key], after[metric.key])
+        # values of the drives that both have
+        n = min(len(before[metric.key]), len(after[metric.key]))
+        old, new = before[metric.key][:n], after[metric.key][:n]
+        known = np.isfinite(old) & np.isfinite(new)
+        old, new = old[known], new[known]
         change = _cpu(old, new) if metric.kind == "cpu" else shift(old, new, metric, pieces=now.pieces)
         if np.isfinite(change.change):
             found.append((name, metric, metric.typical(old), metric.typical(new), change))
@@ -89,13 +93,6 @@ def _cpu(old: FloatArray, new: FloatArray) -> Shift:
     change = float(np.median(new / old)) - 1.0 if len(old) and (old > 0.0).all() else float("nan")
     few = len(old) < FEWEST
     return Shift(change, -1.0 if few else change, float("inf") if few else change, 1.0)
-
-
-def _both(old: FloatArray, new: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Values of the drives that both have."""
-    n = min(len(old), len(new))
-    known = np.isfinite(old[:n]) & np.isfinite(new[:n])
-    return old[:n][known], new[:n][known]
 
 
 def _change(case: str, metric: Metric, old: float, new: float, change: Shift, adjusted: float) -> Change:

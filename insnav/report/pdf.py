@@ -33,21 +33,16 @@ def write_pdf(page: Page, file: Path, pages: Mapping[str, Sequence[str]]) -> Non
     with drawing(), PdfPages(file, metadata={"CreationDate": None, "Creator": None, "Producer": None}) as pdf:
         for number, (title, names) in enumerate(pages.items(), 1):
             sheet = Figure(figsize=(WIDTH, HEIGHT))
-            top = _heading(sheet, f"{page.title}: {title}")
+            short = textwrap.shorten(plain_text(f"{page.title}: {title}"), 70, placeholder="…")
+            head = (HEIGHT - _MARGIN) / HEIGHT
+            sheet.text(_MARGIN / WIDTH, head, short, va="top", fontsize=14.0, fontweight="bold")
+            top = HEIGHT - _MARGIN - 0.4
             if number == 1:
                 top = _first(sheet, page, top)
             _figures(sheet, [known[name] for name in names if name in known][:2], top)
             foot = f"insnav {__version__}   page {number} of {len(pages)}"
             sheet.text(0.5, 0.35 / HEIGHT, foot, ha="center", fontsize=8.0, color="#555555")
             pdf.savefig(sheet)
-
-
-def _heading(sheet: Figure, title: str) -> float:
-    """Write the title of a page; the height that is left below it [inch]."""
-    top = HEIGHT - _MARGIN
-    short = textwrap.shorten(plain_text(title), 70, placeholder="…")
-    sheet.text(_MARGIN / WIDTH, top / HEIGHT, short, va="top", fontsize=14.0, fontweight="bold")
-    return top - 0.4
 
 
 def _first(sheet: Figure, page: Page, top: float) -> float:

@@ -52,10 +52,12 @@ def on_one_clock(
     found = None if given is not None else clock_offset(parts, fixes, worth=WORTH)
     if found is not None and abs(found.offset) > max(WORTH, SIGMAS * found.sd):
         offset = round(offset + found.offset, 3)
+        first, last = np.array([imu.data.time[[0, -1]], gps.data.time[[0, -1]]])
+        spans = f"IMU from {first[0]:.3f} to {first[1]:.3f} s, GPS from {last[0]:.3f} to {last[1]:.3f} s"
         raise InputError(
             "IMU and GPS have no time in common" if apart else "the clocks of IMU and GPS differ",
             where=f"{imu.facts.path}, {gps.facts.path}",
-            why=f"{_spans(imu, gps)}; {evidence(found)}",
+            why=f"{spans}; {evidence(found)}",
             fix=f"say --imu-time-offset {offset:.3f}, which is added to the times of the IMU",
             gives={"time_offset": offset},
         )
@@ -112,8 +114,3 @@ def _moved(imu: Reading[ImuData], logs: Mapping[str, Log], offset: float) -> tup
     return Reading(
         replace(imu.data, time=spill.by_blocks(lambda time: time + offset, imu.data.time)), events, facts
     ), beside
-
-
-def _spans(imu: Reading[ImuData], gps: Reading[GpsData]) -> str:
-    first, last = np.array([imu.data.time[[0, -1]], gps.data.time[[0, -1]]])
-    return f"IMU from {first[0]:.3f} to {first[1]:.3f} s, GPS from {last[0]:.3f} to {last[1]:.3f} s"

@@ -125,12 +125,6 @@ class Budget:
         return bias - 1.0, drift - 1.0
 
 
-def _lowest(sources: tuple[Source, ...], motion: SampledMotion) -> float:
-    """Lowest frequency of flicker noise [Hz]: that of the slowest of its processes."""
-    decays = [process[2] for s in sources if s.kind == "flicker" and s.sd > 0.0 for process in processes(s, motion)]
-    return min(decays) / (2.0 * math.pi) if decays else math.nan
-
-
 def budget(
     spec: ImuSpec,
     motion: SampledMotion,
@@ -165,6 +159,7 @@ def budget(
     analytic_sd = analytic(sources, motion, rows, hold=hold)
     parts = covariance(sources, motion, rows, hold=hold)
     variance = np.einsum("msii->msi", parts)
+    decays = [process[2] for s in sources if s.kind == "flicker" and s.sd > 0.0 for process in processes(s, motion)]
     found = Budget(
         imu=spec.name,
         motion=motion.description,
@@ -180,7 +175,7 @@ def budget(
         schuler_rate=schuler_rate(motion),
         absent=tuple(key for key in not_given(spec) if not (known and _AT_START.match(key))),
         ignored=left_out(spec),
-        flicker_lowest=_lowest(sources, motion),
+        flicker_lowest=min(decays) / (2.0 * math.pi) if decays else math.nan,
     )
     if runs == 0:
         return found

@@ -18,7 +18,7 @@ from insnav.engine import Workers, every
 from insnav.errors.budget.sampled_motion import SampledMotion
 from insnav.errors.budget.sources import SENSORS, STATES, Source
 from insnav.imu import ErrorTerms, ImuErrors, ImuSpec, InitialSpec, SensorSpec, sample_errors
-from insnav.imu.error_terms import ErrorTerm, Sensor, terms_of
+from insnav.imu.error_terms import terms_of
 from insnav.kernels import error_propagation as _kernel
 from insnav.simulate.imu_errors import flicker, further_errors
 from insnav.types import FloatArray, IntArray
@@ -78,7 +78,10 @@ def _states(
     carried = np.array([source.sd * np.array(source.joint) for source in known]).reshape(len(known), STATES)
     dt, changes = motion.dt[:n], _changes(motion, n) if spec.clock.offset or spec.clock.drift else None
     some = changes is not None or any(
-        np.any(getattr(getattr(spec, each), t.key)) for each in SENSORS for t in _made(each)
+        np.any(getattr(getattr(spec, each), term.key))
+        for each in SENSORS
+        for term in terms_of(each)
+        if term.in_budget and term.key not in _IN_KERNEL
     )
     more, of_spec = np.zeros((0, 6)), _of_spec(spec)
     rngs = [np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(run,))) for run in numbers]
@@ -145,11 +148,6 @@ def _starts(
         error[:, [2, 5]] = 0.0
     q_hat = quat_multiply(quat_from_rotvec(-error[:, 6:]), quat_from_rph(motion.truth.rph[0]))
     return np.hstack([lla_offset(motion.truth.lla[0], error[:, :3]), motion.truth.v_n[0] + error[:, 3:6], q_hat])
-
-
-def _made(sensor: Sensor) -> list[ErrorTerm]:
-    """Terms of a sensor that the kernel does not make."""
-    return [term for term in terms_of(sensor) if term.in_budget and term.key not in _IN_KERNEL]
 
 
 def _changes(motion: SampledMotion, n: int) -> FloatArray:

@@ -79,7 +79,10 @@ def diagnose(windows: Windows, model: ErrorModel) -> Diagnosis:
     if not steady or effective_count(windows.start[smooth], windows.length) < FEWEST:
         smooth[:] = True
     windows = windows.only(smooth)
-    predicted = _predicted(windows)
+    # covariance of velocity, acceleration and jerk (n, 2, 3, 3) from that of the filter at each start
+    shown = map(growth_by_start_error, windows.q_nb[:, 0], windows.lla)
+    starts = zip(shown, windows.start_covariance, strict=True)
+    predicted = np.array([shows @ start @ np.swapaxes(shows, 1, 2) for shows, start in starts])
     C_nb = dcm_from_quat(windows.q_nb[:, 0])
     found = []
     for axis, name in enumerate(AXES):
@@ -98,15 +101,6 @@ def _fitted(windows: Windows, i: int, axis: int, model: ErrorModel, gravity: flo
     accel_noise, gyro_noise = float(model.noise[3:6].mean()), float(model.noise[:3].mean())
     noise = about_the_curve(windows.elapsed[i], reference, at_start, accel_noise, gyro_noise, gravity)
     return fit_curve(windows.elapsed[i], windows.error[i, :, axis], windows.error[i, :, 3 + axis], noise)
-
-
-def _predicted(windows: Windows) -> FloatArray:
-    """Covariance of velocity, acceleration and jerk from that of the filter at each start, (n, 2, 3, 3)."""
-    out = np.empty((windows.count, 2, 3, 3))
-    for i in range(windows.count):
-        shows = growth_by_start_error(windows.q_nb[i, 0], windows.lla[i])
-        out[i] = shows @ windows.start_covariance[i] @ np.swapaxes(shows, 1, 2)
-    return out
 
 
 def _axis(

@@ -87,7 +87,10 @@ def fit_sensors(windows: Windows, model: ErrorModel) -> SensorFit:
     level = 1.0 - np.mean(dcm_from_quat(windows.q_nb[:, 0])[:, 2] ** 2, axis=0)
     variance[:3] += level * tilt * float(gravity_n(*windows.lla[0, [0, 2]])[2]) ** 2
     sd = np.sqrt(variance)
-    return SensorFit(found[:3], sd[:3], found[3:], sd[3:], spread_ratio, _headings_differ(windows))
+    # unit vectors ahead, whose mean is short where headings differ: a tilt that all have in common then averages out
+    ahead = dcm_from_quat(windows.q_nb)[..., :2, 0].reshape(-1, 2).mean(axis=0)
+    differ = float(np.linalg.norm(ahead)) < _DIFFERENT
+    return SensorFit(found[:3], sd[:3], found[3:], sd[3:], spread_ratio, differ)
 
 
 def _responses(windows: Windows, i: int) -> tuple[FloatArray, FloatArray]:
@@ -134,10 +137,3 @@ def _noise(windows: Windows, i: int, at: np.ndarray, model: ErrorModel) -> Float
         rows = np.concatenate([np.arange(k) + axis * k, np.arange(k) + (3 + axis) * k])
         total[np.ix_(rows, rows)] = own
     return total
-
-
-def _headings_differ(windows: Windows) -> bool:
-    """Whether the mean forward vector over all windows is short: a common tilt then averages out."""
-    c = dcm_from_quat(windows.q_nb[:, :, :])
-    ahead = c[..., :2, 0].reshape(-1, 2).mean(axis=0)
-    return float(np.linalg.norm(ahead)) < _DIFFERENT

@@ -69,7 +69,8 @@ class TextCells:
     def read(self, indices: Sequence[int]) -> Numbers:
         """See `insnav.input.formats.table.Cells`."""
         if self.dialect.delimiter == " ":
-            text = _semicolons(self.text[self.dialect.offset :])
+            rows = re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", self.text[self.dialect.offset :])
+            text = re.sub(rb"[ \t]+", b";", rows)
             return replace(self, text=text, dialect=replace(self.dialect, delimiter=";", offset=0)).read(indices)
         texts = self._texts(indices)
         plain = [i for i in indices if i not in texts]
@@ -222,12 +223,6 @@ def _options(dialect: Dialect, indices: Sequence[int], kind: Any, **how: Any) ->
         "parse_options": csv.ParseOptions(delimiter=dialect.delimiter),
         "convert_options": csv.ConvertOptions(column_types=types, include_columns=wanted, **how),
     }
-
-
-def _semicolons(data: bytes) -> bytes:
-    """Rows separated by semicolons instead of blanks."""
-    data = re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", data)
-    return re.sub(rb"[ \t]+", b";", data)
 
 
 def _as_numbers(values: list[list[float]], indices: Sequence[int], cut: str) -> Numbers:

@@ -82,7 +82,8 @@ def sniff(head: bytes, *, whole: bool, where: str) -> Dialect:
     if not rows:
         raise InputError("the file has no table", where=where, why="there are only blank lines and comments")
     body = rows[1:]
-    sample = [lines[i] for i in _without_cut(body, whole, head)][:_SAMPLE_ROWS]
+    cut = whole and not head.endswith((b"\n", b"\r")) and len(body) > 1  # a last row without a line end may be
+    sample = [lines[i] for i in (body[:-1] if cut else body)][:_SAMPLE_ROWS]
     header_line = rows[0]
     delimiter = _delimiter(lines[header_line], sample)
     names = split_line(lines[header_line], delimiter)
@@ -128,12 +129,6 @@ def _decode(line: bytes) -> str:
         return line.decode("utf-8")
     except UnicodeDecodeError:
         return line.decode("latin-1")
-
-
-def _without_cut(body: Sequence[int], whole: bool, head: bytes) -> Sequence[int]:
-    """Rows fit to judge the table by: not a last one without a line end, which may be cut off."""
-    cut = whole and not head.endswith((b"\n", b"\r")) and len(body) > 1
-    return body[:-1] if cut else body
 
 
 def _bare_comment(line: str) -> str:

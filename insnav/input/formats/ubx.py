@@ -286,7 +286,8 @@ def _sensors(tag: Any, value: Any, sensor: Any, at: Any) -> tuple[dict[str, Floa
     if not all((sensor == each).any() for each in names):
         return {}, np.empty(0), np.empty(0, dtype=np.int64)
     first = sensor == _GYRO_TYPES[0]
-    tags = _unwrapped(tag)
+    turns = np.concatenate(([0], np.cumsum(np.diff(tag) < -(1 << 31))))  # time tags overflow at 32 bits
+    tags = np.asarray(tag + turns * float(1 << 32), dtype=np.float64)
     wanted = tags[first]
     columns = {}
     for each, column in names.items():
@@ -296,12 +297,6 @@ def _sensors(tag: Any, value: Any, sensor: Any, at: Any) -> tuple[dict[str, Floa
     if warm.any():
         columns["temperature_c"] = at_times(wanted, tags[warm], value[warm] * _SCALES[_TEMPERATURE])
     return columns, wanted, at[first]
-
-
-def _unwrapped(tag: Any) -> FloatArray:
-    """Time tags without their overflow at 32 bits."""
-    turns = np.concatenate(([0], np.cumsum(np.diff(tag) < -(1 << 31))))
-    return np.asarray(tag + turns * float(1 << 32), dtype=np.float64)
 
 
 def _sensor_time(tags: FloatArray, places: Any, clock: _Clock, *, raw: bool) -> tuple[FloatArray, str]:

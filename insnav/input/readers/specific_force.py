@@ -74,7 +74,9 @@ def read_specific_force(
     cleaned = rows.clean()
     _refuse_gaps(cleaned, name)
     unit, unit_evidence = _unit(cleaned, [found[column] for column in chosen.values()], name)
-    f_n = _level(cleaned, ALL_UNITS[unit][1])
+    data = cleaned.columns
+    down = data["f_down"] if "f_down" in data else -data.get("f_up", np.full(len(data["time"]), np.nan))
+    f_n = np.asarray(ALL_UNITS[unit][1] * np.column_stack([data["f_north"], data["f_east"], down]))
     _refuse_impossible(cleaned.columns["time"], f_n, name)
     vertical = "" if "f_up" in chosen or "f_down" in chosen else "there is no vertical axis"
     return rows.reading(
@@ -151,7 +153,8 @@ def _unit(cleaned: Cleaned, found: list[Found], name: str) -> tuple[str, str]:
             why=", ".join(each.describe() for each in found),
             fix="bring them to one unit",
         )
-    vertical = _vertical(cleaned)
+    held = {key: float(np.median(cleaned.columns[key])) for key in ("f_up", "f_down") if key in cleaned.columns}
+    vertical = held["f_up"] if "f_up" in held else -held["f_down"] if held else None  # upwards
     if stated:
         unit = str(next(iter(stated)))
         evidence = f"specific force in {unit}: as stated"
@@ -178,22 +181,8 @@ def _unit(cleaned: Cleaned, found: list[Found], name: str) -> tuple[str, str]:
     )
 
 
-def _vertical(cleaned: Cleaned) -> float | None:
-    """Median upwards, in the unit of the file."""
-    for key, sign in (("f_up", 1.0), ("f_down", -1.0)):
-        if key in cleaned.columns:
-            return sign * float(np.median(cleaned.columns[key]))
-    return None
-
-
 def _is_gravity(value: float) -> bool:
     return _GRAVITY[0] < value < _GRAVITY[1]
-
-
-def _level(cleaned: Cleaned, factor: float) -> FloatArray:
-    data = cleaned.columns
-    down = data["f_down"] if "f_down" in data else -data.get("f_up", np.full(len(data["time"]), np.nan))
-    return np.asarray(factor * np.column_stack([data["f_north"], data["f_east"], down]))
 
 
 def _refuse_impossible(time: FloatArray, f_n: FloatArray, name: str) -> None:

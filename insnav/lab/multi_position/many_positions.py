@@ -80,7 +80,9 @@ def calibrate_poses(imu: ImuData, g: float, *, counts: bool = False) -> PosesCal
     turns = gyro_rotations.prepare(replace(imu, gyro=imu.gyro - felt @ rest.g_sensitivity.T), poses, damaged)
     fine = gyro_rotations.fit_turns(turns, rest.bias, coarse.matrix, up, turns.use)
     covariance = _whole_covariance(imu, poses, damaged, fine, fit, rest)
-    matrix_sd = _matrix_sd(coarse.matrix, covariance)
+    # of `coarse (I + E)`, from the covariance of E by rows
+    square = np.einsum("ik,il,kjlj->ij", coarse.matrix, coarse.matrix, covariance.reshape(3, 3, 3, 3))
+    matrix_sd = np.asarray(np.sqrt(square))
     gyro = Triad(rest.bias, fine.matrix, np.sqrt(rest.covariance[:, 0, 0]), matrix_sd, fine.normal.condition)
     _refuse_gyro_units(gyro, counts)
     nominal = np.zeros(3) if not counts else rest.mean
@@ -278,12 +280,6 @@ def _steps(covariance: FloatArray) -> FloatArray:
     """Vectors, (k, k), whose outer products add up to a covariance; also to one without noise, which is singular."""
     value, vector = np.linalg.eigh(covariance)
     return np.asarray((vector * np.sqrt(np.maximum(value, 0.0))).T)
-
-
-def _matrix_sd(start: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Standard deviations of ``start (I + E)`` from the covariance of E by rows, (3, 3)."""
-    c = covariance.reshape(3, 3, 3, 3)
-    return np.asarray(np.sqrt(np.einsum("ik,il,kjlj->ij", start, start, c)))
 
 
 def _left_out(error: FloatArray, without: Callable[[BoolArray], FloatArray]) -> FloatArray:

@@ -115,7 +115,8 @@ def calibrate_nine(
             fix="see whether rows or angles are exchanged, or a position was disturbed",
         )
     pairs = opposite_pairs(force, gravity)
-    gyro_rows = _tilted(force, gravity)
+    # neither level nor upright, where every product is zero
+    gyro_rows = np.flatnonzero(np.abs(force).max(axis=1) <= (1.0 - OPPOSITE) * gravity)
 
     def estimate(values: FloatArray) -> FloatArray:
         return _estimate(values.reshape(measured.shape), force, pairs, gyro_rows)
@@ -181,12 +182,6 @@ def _triad(free: FloatArray) -> FloatArray:
 def _products(free: FloatArray) -> FloatArray:
     """Product of the two accelerometers of each module, (n, 3)."""
     return np.column_stack([free[:, a] * free[:, b] for a, b in PRODUCTS])
-
-
-def _tilted(force: FloatArray, gravity: float) -> IntArray:
-    """Positions 2 to 9: neither level nor upright, where every product is zero."""
-    level = np.abs(force).max(axis=1) > (1.0 - OPPOSITE) * gravity
-    return np.flatnonzero(~level)
 
 
 def _affine(force: FloatArray, measured: FloatArray, where: str) -> tuple[Fit, ...]:

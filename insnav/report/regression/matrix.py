@@ -16,7 +16,6 @@ from insnav.regression.verdict import Change, Comparison
 from insnav.report.numbers import number
 from insnav.report.page import Cell, Matrix, Table
 from insnav.report.regression.tables import change_head
-from insnav.types import FloatArray
 
 _VERSIONS, _DRIVES = 8, 40  # shown of a history, and of the drives behind a cell
 _STEPS = (0.05, 0.2)  # relative changes from which a colour is stronger
@@ -105,14 +104,10 @@ def _behind(change: Change, result: Result, baseline: Baseline, history: Sequenc
         tables.append(Table("over the versions", ("version", "date", label, "95 %", ""), tuple(rows)))
     old, new = (each[name].measured.values[metric.key] for each in (baseline.cases, result.cases))
     what = "piece" if result.cases[name].pieces else "drive"
-    return (*tables, _drives(f"{what}s, baseline and now", what, old, new))
-
-
-def _drives(title: str, what: str, old: FloatArray, new: FloatArray) -> Table:
     pairs = list(zip(old.tolist(), new.tolist(), strict=False))[:_DRIVES]
     columns = (what, *(str(k) for k in range(1, len(pairs) + 1)))
     then, now = (tuple(number(each) for each in side) for side in zip(*pairs, strict=True))
-    return Table(title, columns, (("baseline", *then), ("now", *now)))
+    return (*tables, Table(f"{what}s, baseline and now", columns, (("baseline", *then), ("now", *now))))
 
 
 def peer_matrix(peers: Sequence[PeerRow]) -> Matrix | None:

@@ -60,7 +60,9 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
     inside_band = dict(zip(GROUPS, map(float, share), strict=False))
     horizontal = columns["rms_horizontal"]
     positions, rejected, resets = (int(columns[name].sum()) for name in _COUNTS)
-    failed = _failure_lines(runs)
+    failed = [f"run {each.number} (seed {each.seed}): {each.reason}" for each in runs.failures[:_SHOWN]]
+    more = len(runs.failures) - _SHOWN
+    failed += [f"and {more} more: see run.json"] if more > 0 else []
     failures = tuple(
         (Quantity("run", each.number), Quantity("seed", each.seed), Quantity("reason", each.reason))
         for each in runs.failures
@@ -106,7 +108,7 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
             recording.sensor_section(plan),
             *recording.motion_drawings(plan, time, motion),
         ),
-        failed,
+        tuple(failed),
         ("every run has an IMU, noise and fixes of its own; the motion is the same in all",),
         verdict=_verdict(plan, horizontal, nees, failed),
         merits=(
@@ -154,12 +156,6 @@ def correlation_notes(gps: GpsSpec | None, nees: Mapping[str, float]) -> tuple[s
         f"{100.0 * share:.0f} % of the position variance of {gps.name} is time-correlated over about "
         f"{gps.errors.correlation_time:g} s; a filter that takes it as white, as on a short drive, is over-confident",
     )
-
-
-def _failure_lines(runs: Runs) -> tuple[str, ...]:
-    failed = runs.failures
-    lines = [f"run {each.number} (seed {each.seed}): {each.reason}" for each in failed[:_SHOWN]]
-    return (*lines, *([f"and {len(failed) - _SHOWN} more: see run.json"] if len(failed) > _SHOWN else []))
 
 
 def _errors(found: Ensemble) -> Section:
@@ -244,12 +240,8 @@ def nees_panels(found: Ensemble) -> tuple[Panel, ...]:
             Curve("mean of the runs and axes", time, columns[:, row], colour),
         )
         title = f"Normalised error squared of {name}: {100.0 * share[row]:.0f} % of the fixes inside"
-        note, limits = "" if row else "1 if the stated covariance is right", (0.0, _top(columns[:, row], columns[:, 4]))
+        known = columns[np.isfinite(columns[:, row]), row]
+        top = max(float(np.percentile(known, 99.5)) if known.size else 1.0, float(np.nanmax(columns[:, 4])))
+        note, limits = "" if row else "1 if the stated covariance is right", (0.0, 1.1 * top)
         panels.append(Panel(f"nees_{name}", title, "NEES / 3 [-]", clock.label, curves, "time", note, limits=limits))
     return tuple(panels)
-
-
-def _top(value: FloatArray, limit: FloatArray) -> float:
-    """Upper end of the axis: nearly all values, and the band."""
-    known = value[np.isfinite(value)]
-    return 1.1 * max(float(np.percentile(known, 99.5)) if known.size else 1.0, float(np.nanmax(limit)))

@@ -315,7 +315,8 @@ def motion_drawings(plan: Plan, time: FloatArray, motion: Kinematics) -> tuple[S
 
 def simulated_track(time: FloatArray, motion: Kinematics, key: str = "track") -> Track:
     """Draw the track at times (n,) [s] seen from above, coloured by speed."""
-    north, east = _on_map(motion.lla)
+    r_e = earth_from_lla(motion.lla)  # on the plane that touches the Earth at the first place: no pole is special on it
+    north, east, _ = dcm_from_quat(quat_earth_from_level(motion.lla[:1]))[0].T @ (r_e - r_e[0]).T
     shade = Shade("speed [m/s]", np.linalg.norm(motion.v_n, axis=1))
     lat, lon = np.degrees(motion.lla[0, :2])
     note = f"start at latitude {lat:.5f}°, longitude {lon:.5f}°, height {motion.lla[0, 2]:.1f} m; exact, without errors"
@@ -351,10 +352,3 @@ def track_length(time: FloatArray, motion: Kinematics) -> float:
     """Length of the track [m], by the trapezoidal rule."""
     speed = np.linalg.norm(motion.v_n, axis=1)
     return float(np.sum(0.5 * (speed[1:] + speed[:-1]) * np.diff(time)))
-
-
-def _on_map(lla: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """North and East of the first place, on the plane that touches the Earth there [m]: no pole is special on it."""
-    r_e = earth_from_lla(lla)
-    north, east, _ = dcm_from_quat(quat_earth_from_level(lla[:1]))[0].T @ (r_e - r_e[0]).T
-    return north, east
