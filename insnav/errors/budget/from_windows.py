@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from insnav.engine import Workers, share_of
-from insnav.errors.diagnosis.causes import Diagnosis, diagnose
-from insnav.errors.diagnosis.equivalent_sensor_errors import SensorFit, fit_sensors
+from insnav.errors.diagnosis.causes import Diagnosis, SensorFit, diagnose, fit_sensors
 from insnav.errors.diagnosis.simulated_replica import FEWEST, Replicas, replica_task, replicas
 from insnav.errors.outage.free_inertial import Windows, free_window_starts, free_windows
 from insnav.errors.outage.statistics import Growth, by_motion, columns_at, components, growth, table_times

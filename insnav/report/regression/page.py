@@ -19,8 +19,16 @@ from insnav.report.html import filled, page_html
 from insnav.report.numbers import number
 from insnav.report.page import Page, Section, Verdict, drawn, only_json, section_tables
 from insnav.report.regression import tables
-from insnav.report.regression.matrix import change_matrix, figures_tested, peer_matrix, unclear_changes
-from insnav.report.regression.panels import COLUMNS, growth_panels, history_panels, predicted_panels
+from insnav.report.regression.panels import (
+    COLUMNS,
+    change_matrix,
+    figures_tested,
+    growth_panels,
+    history_panels,
+    peer_matrix,
+    predicted_panels,
+    unclear_changes,
+)
 from insnav.report.style import drawing, save
 
 PAGE, SECTION = "accuracy.html", "accuracy.md"
