@@ -116,7 +116,11 @@ class RunFolder:
         self._committing = self._committed = False
 
     def __enter__(self) -> Self:
-        self._place = _resolved(self.target)
+        try:
+            self._place = self.target.resolve()
+        except (OSError, RuntimeError) as error:
+            where, why = str(self.target), str(error)
+            raise OutputError("the output folder cannot be found", where=where, why=why) from error
         for name in self._place.parts:
             _check_name(name)
         with contextlib.suppress(OSError):
@@ -139,8 +143,11 @@ class RunFolder:
     ) -> None:
         if self._committed:
             return
-        written = _bytes_in(self._aside)
-        free = _bytes_free(self._place.parent)
+        written = free = 0
+        with contextlib.suppress(OSError):
+            written = sum(each.stat().st_size for each in self._aside.rglob("*") if each.is_file())
+        with contextlib.suppress(OSError):
+            free = shutil.disk_usage(self._place.parent).free
         shutil.rmtree(self._aside, ignore_errors=True)
         with contextlib.suppress(OSError):  # another has written there
             for each in self._made:
@@ -218,13 +225,6 @@ class RunFolder:
             f"{written} bytes written so far, {free} bytes were free then",
             fix="make room or choose another disk with --out; --format parquet needs a third of the space",
         )
-
-
-def _resolved(target: Path) -> Path:
-    try:
-        return target.resolve()
-    except (OSError, RuntimeError) as error:
-        raise OutputError("the output folder cannot be found", where=str(target), why=str(error)) from error
 
 
 def _check_name(name: str) -> None:
@@ -305,18 +305,6 @@ def _alive(pid: int) -> bool:
     except (PermissionError, OverflowError):
         return True
     return True
-
-
-def _bytes_in(folder: Path) -> int:
-    with contextlib.suppress(OSError):
-        return sum(p.stat().st_size for p in folder.rglob("*") if p.is_file())
-    return 0
-
-
-def _bytes_free(folder: Path) -> int:
-    with contextlib.suppress(OSError):
-        return shutil.disk_usage(folder).free
-    return 0
 
 
 def _sync(path: Path) -> None:

@@ -11,8 +11,14 @@ import numpy as np
 from insnav.exceptions import InputError
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import schema
-from insnav.lab.bench_data.bench_tables import BenchTable, read_bench
-from insnav.lab.bench_data.dwells import Dwells, default_limit, dwell_warnings, reduce_dwells
+from insnav.lab.bench_data.bench_tables import (
+    BenchTable,
+    Dwells,
+    default_limit,
+    dwell_warnings,
+    read_bench,
+    reduce_dwells,
+)
 from insnav.lab.calibration import WRONG_UNIT, common_unit
 from insnav.lab.least_squares import Fit
 from insnav.lab.single_axis.rate_table import FEWEST, Dropped
