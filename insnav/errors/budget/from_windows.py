@@ -1,4 +1,4 @@
-"""The recorded half of an error budget: windows, prediction, diagnosis, simulated replicas, regression, verdict."""
+"""The recorded half of an error budget: windows, prediction, diagnosis, simulated replicas, verdict."""
 
 from __future__ import annotations
 
@@ -8,68 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from insnav.engine import Workers, share_of
-from insnav.errors.diagnosis.causes import Diagnosis, SensorFit, diagnose, fit_sensors
+from insnav.errors.diagnosis.causes import Diagnosis, diagnose
+from insnav.errors.diagnosis.equivalent_sensor_errors import SensorFit, fit_sensors
+from insnav.errors.diagnosis.error_regression import Regression, regression
 from insnav.errors.diagnosis.simulated_replica import FEWEST, Replicas, replica_task, replicas
 from insnav.errors.outage.free_inertial import Windows, free_window_starts, free_windows
-from insnav.errors.outage.statistics import Growth, by_motion, columns_at, components, growth, table_times
+from insnav.errors.outage.statistics import Growth, by_motion, growth, table_times
 from insnav.errors.outage.windows import StartChoice, WindowReference, navigated_drive, reference_from_fixes
 from insnav.exceptions import ConfigError
 from insnav.filter.error_model import ErrorModel
 from insnav.filter.prepare import Prepared
 from insnav.imu import ImuSpec
-from insnav.sample_statistics import CONFIDENCE, chi_square, effective_count, interval
-from insnav.types import FloatArray, Trajectory
+from insnav.sample_statistics import CONFIDENCE, chi_square
+from insnav.types import Trajectory
 
 MINUTE = 60.0  # [s]
-_MEAN_SIZE = np.sqrt(2.0 / np.pi)  # of a normal number, by its standard deviation
-_ONE_SENSOR = 1.7  # numbers that the turn-on errors of two level axes are, unequal as they are (201 simulated drives)
-
-
-@dataclass(frozen=True, slots=True)
-class Regression:
-    """Size of the recorded error by its predicted standard deviation."""
-
-    slope: float  # one if the prediction is right, two if errors are twice as large
-    # 95 % confidence interval: the wider of a block bootstrap and of chi-square with two axes of as many windows as are
-    # independent, one if all have the same turn-on errors; ``NaN`` if the effective sample size is too small
-    low: float
-    high: float
-    # share of the variation of the sizes that the line explains [-]: at most about 0.6 for normal errors of very
-    # different predicted size, and less the more alike the predictions are
-    r_squared: float
-    # (m,) the points: predicted standard deviation, reference included, and size of the error over the mean size of a
-    # standard normal number [m]
-    predicted: FloatArray
-    recorded: FloatArray
-
-
-def regression(windows: Windows) -> Regression:
-    """Regress North and East errors at the times of the tables on their prediction, through the origin.
-
-    The points are weighted by the inverse of their predicted variance, as the scatter grows with the size.
-    """
-    at = columns_at(windows, table_times(windows))
-    error, variance, reference = (values[:, at, :2] for values in components(windows))
-    predicted = np.sqrt(variance + reference)
-    recorded = np.abs(error) / _MEAN_SIZE
-
-    ratio, known = recorded / predicted, np.isfinite(recorded)
-    total, count = np.where(known, ratio, 0.0).sum(axis=(1, 2)), known.sum(axis=(1, 2))
-
-    def slope(weights: FloatArray) -> FloatArray:
-        return np.asarray((weights @ total) / (weights @ count))
-
-    low, high = interval(windows.start, windows.length, slope)
-    found = float(np.mean(ratio[known]))
-    freedom = _ONE_SENSOR if windows.uncalibrated else 2.0 * effective_count(windows.start, windows.length)
-    ends = (chi_square(freedom, 0.5 + sign * 0.5 * CONFIDENCE) for sign in (1.0, -1.0))
-    narrow, wide = (found * np.sqrt(freedom / end) for end in ends)
-    low, high = np.minimum(low, narrow), np.maximum(high, wide)
-    x, y = predicted[known], recorded[known]
-    left = float(np.sum((y - found * x) ** 2 / x**2))
-    mean = float(np.sum(y / x**2) / np.sum(1.0 / x**2))
-    about = float(np.sum((y - mean) ** 2 / x**2))
-    return Regression(found, float(low), float(high), 1.0 - left / about if about > 0.0 else np.nan, x, y)
 
 
 @dataclass(frozen=True, slots=True)

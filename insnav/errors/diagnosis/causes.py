@@ -1,16 +1,10 @@
-"""What makes the errors of free-inertial windows: velocity, tilt or bias, drift; against filter and specification.
-
-`fit_sensors` looks for the constant biases that best explain the errors of all windows, turns included: a bias keeps
-its direction in the body, a tilt at the start its direction on the ground. Windows on several headings, or with turns,
-make the two separately observable; a single straight one does not.
-"""
+"""What makes the errors of free-inertial windows: velocity, tilt or bias, drift; against filter and specification."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from insnav.attitude import dcm_from_quat
 from insnav.earth import gravity_n
@@ -24,8 +18,6 @@ from insnav.types import FloatArray
 AXES = ("north", "east")
 CAUSES = ("velocity", "acceleration", "drift")
 ROUGH = 10.0  # residuals this much larger than noise explains follow no curve [-]
-_EVERY = 5.0  # points of a window that are used, apart [s]
-_DIFFERENT = 0.8  # mean of the unit vectors ahead, below which the headings differ [-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,119 +142,3 @@ def _axis(
         terms[label] = terms.get(label, 0) + 1
     assert len(TERMS) == len(causes)
     return AxisDiagnosis(name, tuple(causes), tuple(curves), terms, int(np.argmax(part)))
-
-
-@dataclass(frozen=True, slots=True)
-class SensorFit:
-    """Constant errors of the sensors, body axes, that were not corrected in the windows."""
-
-    # (3,) accelerometer bias [m/s^2]
-    accel: FloatArray
-    accel_sd: FloatArray
-    # (3,) gyro bias [rad/s]
-    gyro: FloatArray
-    gyro_sd: FloatArray
-    spread: float  # misfit over its expectation [-]; above one, the standard deviations are already widened by its root
-    # headings differ enough to separate the level accelerometers' bias from a tilt that all starts have in common
-    level_observable: bool
-
-
-def fit_sensors(windows: Windows, model: ErrorModel) -> SensorFit:
-    """Fit six biases to all windows together.
-
-    The errors of each start, with the covariance of the filter, are estimated along.
-
-    Notes
-    -----
-    Error model: ``d phi = -C w dt``, ``d v = (f x phi + C b) dt``, ``d p = v dt`` for biases b and w that are in the
-    samples (Groves 2013, section 14.2.4, without the terms of the Earth's rotation and curvature, which take 0.05 % in
-    a minute).
-    """
-    normal, right, misfit, points = np.zeros((6, 6)), np.zeros(6), 0.0, 0
-    each: list[tuple[FloatArray, FloatArray]] = []  # normal matrix and right side of every window
-    stride = max(1, round(_EVERY / float(windows.grid[0])))
-    at = np.arange(len(windows.grid) - 1, -1, -stride)[::-1]
-    for i in range(windows.count):
-        bias, start = _responses(windows, i)
-        bias, start = bias[:, at], start[:, at]
-        observed = np.concatenate([windows.error[i, at, :3].T.ravel(), windows.error[i, at, 3:].T.ravel()])
-        known = np.isfinite(observed)
-        design, own = _stacked(bias)[known], _stacked(start)[known]
-        spread = _noise(windows, i, at, model)[np.ix_(known, known)]
-        spread += own @ windows.start_covariance[i, :9, :9] @ own.T
-        factor = cho_factor(spread, lower=True)
-        weighted = cho_solve(factor, design)
-        each.append((design.T @ weighted, weighted.T @ observed[known]))
-        normal += each[-1][0]
-        right += each[-1][1]
-        misfit += float(observed[known] @ cho_solve(factor, observed[known]))
-        points += int(known.sum())
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    inverse = np.linalg.pinv(normal * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale)
-    found = inverse @ right
-    misfit -= float(right @ found)
-    spread_ratio = misfit / max(points - 6, 1)
-    # overlapping windows repeat themselves
-    repeated = windows.count / effective_count(windows.start, windows.length)
-    # what the model lacks, such as misalignment in turns, is alike within a window: the scatter from window to window
-    # shows it (Liang and Zeger, Biometrika 73 (1986) 13-22, with the windows as clusters)
-    scores = np.array([b - n @ found for n, b in each])
-    count = effective_count(windows.start, windows.length)
-    robust = np.diag(inverse @ scores.T @ scores @ inverse) * repeated * count / max(count - 1.0, 1.0)
-    variance = np.maximum(np.diag(inverse) * max(spread_ratio, 1.0) * repeated, robust)
-    # a tilt that turns with the body through all starts, as the filter makes of a bias that it does not know, looks
-    # like the bias itself
-    tilt = float(np.mean(np.einsum("nii->n", windows.start_covariance[:, 6:8, 6:8]))) / 2.0
-    level = 1.0 - np.mean(dcm_from_quat(windows.q_nb[:, 0])[:, 2] ** 2, axis=0)
-    variance[:3] += level * tilt * float(gravity_n(*windows.lla[0, [0, 2]])[2]) ** 2
-    sd = np.sqrt(variance)
-    # unit vectors ahead, whose mean is short where headings differ: a tilt that all have in common then averages out
-    ahead = dcm_from_quat(windows.q_nb)[..., :2, 0].reshape(-1, 2).mean(axis=0)
-    differ = float(np.linalg.norm(ahead)) < _DIFFERENT
-    return SensorFit(found[:3], sd[:3], found[3:], sd[3:], spread_ratio, differ)
-
-
-def _responses(windows: Windows, i: int) -> tuple[FloatArray, FloatArray]:
-    """Position and velocity errors of window i by biases, (6, k, 6), and by the errors of its start, (6, k, 9)."""
-    time = np.concatenate([[0.0], windows.elapsed[i]])
-    c = dcm_from_quat(windows.q_nb[i])
-    gravity = gravity_n(windows.lla[i, 0], windows.lla[i, 2])
-    f = np.gradient(windows.v_n[i], time, axis=0) - gravity
-    cross = np.zeros((len(time), 3, 3))  # f x
-    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -f[:, 2], f[:, 1], -f[:, 0]
-    cross -= np.swapaxes(cross, 1, 2)
-    eye = np.tile(np.eye(3), (len(time), 1, 1))
-    turned = -_integral(time, c)  # attitude by gyro bias
-    v = np.concatenate([_integral(time, c), _integral(time, cross @ turned)], axis=2)
-    p = _integral(time, v)
-    v_start = np.concatenate([np.zeros_like(eye), eye, _integral(time, cross)], axis=2)
-    p_start = np.concatenate([eye, time[:, None, None] * eye, _integral(time, v_start[:, :, 6:])], axis=2)
-    bias, start = np.concatenate([p, v], axis=1), np.concatenate([p_start, v_start], axis=1)
-    return np.moveaxis(bias[1:], 1, 0), np.moveaxis(start[1:], 1, 0)
-
-
-def _integral(time: FloatArray, values: FloatArray) -> FloatArray:
-    """Integral from the first time to each, by the trapezoid rule with the end correction of the slopes."""
-    step = np.diff(time)[:, None, None]
-    slope = np.gradient(values, time, axis=0)
-    parts = 0.5 * step * (values[1:] + values[:-1]) - step**2 / 12.0 * (slope[1:] - slope[:-1])
-    return np.concatenate([np.zeros_like(values[:1]), np.cumsum(parts, axis=0)])
-
-
-def _stacked(columns: FloatArray) -> FloatArray:
-    """Rows of `fit_sensors`: all of North, East, Down, then of the velocities."""
-    return columns.reshape(-1, columns.shape[-1])
-
-
-def _noise(windows: Windows, i: int, at: np.ndarray, model: ErrorModel) -> FloatArray:
-    """Covariance from reference and white noise, (6 k, 6 k)."""
-    k = len(at)
-    total = np.zeros((6 * k, 6 * k))
-    gravity = float(gravity_n(windows.lla[i, 0], windows.lla[i, 2])[2])
-    for axis in range(3):
-        reference = np.concatenate([windows.reference_sd[i, at, axis], windows.reference_sd[i, at, 3 + axis]]) ** 2
-        turning = float(model.noise[:3].mean()) if axis < 2 else 0.0
-        own = about_the_curve(windows.elapsed[i, at], reference, 0.0, float(model.noise[3:6].mean()), turning, gravity)
-        rows = np.concatenate([np.arange(k) + axis * k, np.arange(k) + (3 + axis) * k])
-        total[np.ix_(rows, rows)] = own
-    return total

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from insnav.errors.budget.from_windows import regression
+from insnav.errors.diagnosis.error_regression import regression
 from insnav.errors.outage.gnss_outage import Outage
 from insnav.errors.outage.statistics import growth, outage_growth
 from tests.errors.outage import drives
