@@ -12,7 +12,7 @@ import pytest
 from insnav.imu import correct, load_calibration
 from insnav.imu.higher_order import ErrorTerms
 from insnav.input import read_imu
-from insnav.input.interpret.axes import axes_matrix
+from insnav.input.interpret.physics import axes_matrix
 from insnav.output.folder import read_facts, verify_folder
 from insnav.types import ImuData
 from tests.cli.conftest import Cli

@@ -16,8 +16,7 @@ import numpy as np
 
 from insnav.exceptions import ConfigError, InputError
 from insnav.imu.dynamic_map import AxisMap, DynamicMap
-from insnav.imu.model import ImuErrors
-from insnav.imu.raw_outputs import RawScale
+from insnav.imu.model import ImuErrors, RawScale
 from insnav.input.formats.table import Table
 from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, condition_warnings, measured
 from insnav.lab.least_squares import Fit, linear_fit
