@@ -13,6 +13,7 @@ again without what began there.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from operator import itemgetter
 
 import numpy as np
 
@@ -47,7 +48,6 @@ LOST_BY = 2.0  # so soon after its end a run is lost by a fault that goes on [s]
 LOOKED_AT, WORTH, SURELY = 8.0, 30.0, 90.0
 LONGEST = 0.6  # part of the record; what is off for longer is a bias, and the rest is off
 LINEAR_ROUNDS = 4  # without another run
-TOO_LARGE = 10.0  # scale factors, times those of the kind
 LEAST = 0.3 * DEG  # rate; biases that warm up and what vibration adds on a recorded car, 0.23 deg/s, are none [rad/s]
 ALIKE = 0.3  # part of the largest gain from which an axis is tried: the run with the fault is not linear in it
 SHORTEST_FOUND = 3.0  # what is shorter is left at ends of another one, or what the model of a recorded car lacks [s]
@@ -102,9 +102,7 @@ def without_gyro_faults(ready: Prepared, found: NoiseEstimate, spec: ImuSpec) ->
     """
     every = list[Episode]()
     while len(every) < MOST and found.seen is not None:
-        suspect = (
-            found.far_off or found.seen[0].rejected() or _far_larger("bias_instability", SUSPECT, found.spec, spec)
-        )
+        suspect = found.far_off or found.seen[0].rejected() or _in_run_bias(found.spec) > SUSPECT * _in_run_bias(spec)
         seen = _opened(ready, found) if suspect else found.seen
         other = None if seen is None else _one(ready, spec, seen, found.seen, (0, 1, 2) if suspect else (HEADING,))
         if other is None:
@@ -125,10 +123,8 @@ def without_gyro_faults(ready: Prepared, found: NoiseEstimate, spec: ImuSpec) ->
     return replace(ready, settings=settings, faults=(*ready.faults, *said)), replace(found, seen=None)
 
 
-def _far_larger(key: str, times: float, found: ImuSpec, spec: ImuSpec) -> bool:
-    """Whether a figure of the noise found is so many times what gyros of the kind have: it holds what none has."""
-    size, usual = (float(np.mean(getattr(each.gyro, key) ** 2)) ** 0.5 for each in (found, spec))
-    return bool(size > times * usual)
+def _in_run_bias(spec: ImuSpec) -> float:
+    return float(np.sqrt(np.mean(spec.gyro.bias_instability**2)))
 
 
 def _one(
@@ -141,38 +137,40 @@ def _one(
     alike = set[int]()  # axes of which all runs were looked at as a whole already
     for cut in (True, False):  # what is seen after a run was lost misleads, but may be all that shows a fault
         look = _looked_at(seen, cut)
-        spans = sorted(_spans(_plain(look), axes), key=lambda each: -each.gain)
+        plain = _plain(look)
+        spans = sorted(_spans(plain, axes), key=lambda each: -each.gain)
         rival = 0.0 if spans[0].gain < LOOKED_AT else _rival(ready, look)
         least = max(LOOKED_AT, ALIKE * max(spans[0].gain, rival))
         likely = [fault for fault in spans if fault.gain >= least and fault.cause not in alike]
-        before = climbed(*look)[1] if likely else np.inf
-        for fault in likely:
-            worth = _worth(look, fault, before)
-            settled, lost = (None, False) if worth is None else _settled(ready, spec, worth, cut)
+        # noise found with a fault is a summit of its own
+        tops = [climbed(*each) for each in ((look, plain) if (plain[1] < look[1]).any() else (look,)) if likely]
+        tried = [_worth(look, fault, tops) for fault in likely]
+        if look[0] is not seen[0]:  # what shows it may be cut off
+            tried += [fault for fault, worth in zip(likely, tried, strict=True) if worth is None]
+        for fault in filter(None, tried):
+            settled, lost = _settled(ready, spec, fault, cut)
             if settled is None:
                 alike |= {fault.cause} if look[0] is seen[0] and not lost else set()
                 continue
             left = _opened(*settled[1:])
             # what was lost already may be so far off that anything fits it; fixes that gates reject explain more then
-            if left is not None and look[0] is seen[0] and _dearer(left, gated):
+            if left is not None and _dearer(left, gated):
                 continue
             if left is None or rival <= fault.gain or _rival(settled[1], _looked_at(left, cut)) < settled[0].gain:
                 return settled
     return None
 
 
-def _worth(look: _Seen, fault: Episode, before: float) -> Episode | None:
-    """A fault without which the innovations at hand, which cost `before`, are likelier, each with its likeliest noise.
+def _worth(look: _Seen, fault: Episode, tops: list[tuple[FloatArray, float]]) -> Episode | None:
+    """A fault without which the innovations at hand are likelier, each with its likeliest noise, near `tops` with it.
 
     A look without another run: noise found with a fault holds it, so that its own gain is small.
     """
-    drive, at = look
-    # scale factors that no gyro has stand for what it missed while it turned, and hide it in what is linear
-    if fault.gain > SURELY and _far_larger("scale_factor", TOO_LARGE, drive.spec(at), drive.prior):
-        return fault
-    edges = _edges(drive)
+    drive = look[0]
+    edges, before = _edges(drive), min(cost for _, cost in tops)
     for _ in range(LINEAR_ROUNDS):
-        there, cost = climbed(drive.without(fault.begin, fault.end, fault.cause, fault.rate), at)
+        without = drive.without(fault.begin, fault.end, fault.cause, fault.rate)
+        there, cost = min((climbed(without, top) for top, _ in tops), key=itemgetter(1))
         if 2.0 * (before - cost) > WORTH:
             return fault
         last, fault = fault, _likeliest(*drive.by_spans(there, edges, fault.cause), edges, fault.cause)
@@ -246,8 +244,6 @@ def _settled(
         if again is None or seen is None:
             break
         drive, at = _looked_at(seen, cut)
-        if drive.times[-1] < fault.begin:  # not by it: false fixes look so, too
-            drive = seen[0]
         lost = drive is not seen[0]
         any_lost |= lost
         edges = _edges(drive)

@@ -49,7 +49,7 @@ ROUNDS = 12  # of Fisher scoring at most
 STEP = 0.01  # of numerical derivatives, in logarithms
 FAR_OFF, FAR_OFF_SHARE = np.deg2rad(5.0), 0.1  # attitude error whose square counts [rad], in this part of a drive [-]
 REJECTED = 3.5  # times the usual interval between fixes that are used, beyond which others are missing
-SETTLING = 4  # the attitude of a filter settles in this part of a drive, one in so many
+SETTLING, SETTLED = 4, 60.0  # the attitude of a filter settles in this part of a drive, one in so many, or so soon [s]
 ENOUGH_FOR_AXES = 900.0  # of the record, where nothing else is looked for [s]
 WORTH_TURNING = 0.5  # of what is not known of attitude: if misalignments that are known do more, samples are corrected
 # Largest scale factor error [-]: consumer sensors are sold with 0.03; a larger one explains noise by itself
@@ -244,9 +244,9 @@ class InnovationLikelihood:
         square = np.concatenate([[0.0], np.cumsum(e**2 / s)])[many]
         first = np.searchsorted(self.times, self.times - AFTER)
         mean = (square[1:] - square[first]) / np.maximum(many[1:] - many[first], 1)
-        lost = mean > LOST
-        row = int(np.argmax(lost))
-        if not lost.any() or row < mean.size // SETTLING:  # it has not settled: what is wrong is all over
+        settled = min(mean.size // SETTLING, int(np.searchsorted(self.times, self.times[0] + SETTLED)))
+        row = settled + int(np.argmax(mean[settled:] > LOST))
+        if row == settled:  # never, or before it has settled: what is wrong is all over
             return self
         return self.beginning(float(self.times[row] - self._run.initial.time))
 
@@ -358,7 +358,7 @@ class InnovationLikelihood:
     def rejected(self) -> bool:
         """Whether several fixes in a row were rejected in the run, positions or velocities."""
         kind = self._tape[1]
-        used = self.times[kind == kind.max()]
+        used = np.append(self.times[kind == kind.max()], self.times[-1])
         step, offered = np.diff(used), np.diff(np.searchsorted(self._given, used + 1e-4))
         return bool(((step > REJECTED * np.median(step)) & (offered > REJECTED)).any())
 

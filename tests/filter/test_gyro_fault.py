@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -10,8 +11,10 @@ import pytest
 import insnav
 from insnav.attitude import wrap_pi
 from insnav.filter.noise_identification import LATER, known_likelihood
+from insnav.input import read_gps, read_imu
 from insnav.types import EventKind, ImuData
 from insnav.units import DEG
+from tests.shared import recorded
 
 
 def off(imu: ImuData, axis: int, rate: float, begin: float, length: float) -> ImuData:
@@ -75,14 +78,27 @@ def test_gyros_do_not_stand_for_fixes_that_begin_to_lag():
     assert said.value == pytest.approx(1.0, abs=0.2)
 
 
-@pytest.mark.parametrize(("motion", "seed", "begin", "length"), [("bends", 1, 120.0, 30.0), ("city", 4, 200.0, 40.0)])
-def test_a_gyro_by_which_the_filter_is_lost_is_named(motion, seed, begin, length):
-    """Heading is off by 150 deg and more, where innovations are no linear function of the rate."""
-    drive = insnav.simulate(motion, imu="automotive", gps="single", seed=seed)
-    run = insnav.load(off(drive.imu.data, 2, -5.0 * DEG, begin, length), drive.gps.data).navigate().found.run
+@pytest.mark.parametrize(
+    ("motion", "imu", "gps", "seed", "axis", "rate", "begin", "length"),
+    [
+        ("bends", "automotive", "single", 1, 2, -5.0, 120.0, 30.0),
+        ("city", "automotive", "single", 4, 2, -5.0, 200.0, 40.0),
+        # all fixes are rejected from then on to the end
+        ("bends", "automotive", "rtk", 9202, 0, 4.0, 100.0, 20.0),
+        # lost in the first quarter of the drive, before anything of it is seen
+        ("motorway", "consumer", "dgps", 9203, 2, 2.0, 120.0, 30.0),
+        # what is seen at first begins too late: without that the run is lost before
+        ("city", "tactical", "rtk", 9204, 2, -4.0, 100.0, 25.0),
+    ],
+)
+def test_a_gyro_by_which_the_filter_is_lost_is_named(motion, imu, gps, seed, axis, rate, begin, length):
+    """Heading is off by 16 to 150 deg, where innovations are no linear function of the rate."""
+    drive = insnav.simulate(motion, imu=imu, gps=gps, seed=seed)
+    begin += drive.imu.data.time[0]
+    run = insnav.load(off(drive.imu.data, axis, rate * DEG, begin, length), drive.gps.data).navigate().found.run
     (said,) = (event for event in run.events if event.kind is EventKind.CONTRADICTION)
-    assert "gyro z is off by -" in said.action
-    assert said.value == pytest.approx(5.0, rel=0.05)
+    assert f"gyro {'xyz'[axis]} is off by {np.sign(rate) * said.value:+.2g} deg/s" in said.action
+    assert said.value == pytest.approx(abs(rate), rel=0.05)
     assert said.time == pytest.approx(begin, abs=2.0)
     solution, truth = run.smoothed.solution, drive.reference.data
     heading = np.interp(solution.time, truth.time, np.unwrap(truth.rph[:, 2]))
@@ -98,6 +114,19 @@ def test_a_weak_one_that_the_noise_found_with_it_holds_is_named():
     assert "gyro z is off by +" in said.action
     assert said.value == pytest.approx(0.7, rel=0.15)
     assert said.time == pytest.approx(begin, abs=3.0)
+
+
+def test_one_that_vibration_hides_in_a_recorded_car_is_named():
+    """In-run bias is found for it, in place of the noise that vibration adds; biases then seem to step three times."""
+    folder = recorded("rtklib_drive_20250708")
+    imu, gps = read_imu(folder / "imu.csv.gz").data, read_gps(folder / "gps.csv").data
+    first = max(imu.time[0], gps.time[0]) + 250.0
+    imu, gps = (each.rows((each.time >= first) & (each.time <= first + 290.0)) for each in (imu, gps))
+    run = insnav.load(off(imu, 2, 1.0 * DEG, first + 120.0, 40.0), gps).navigate().found.run
+    (said,) = (event for event in run.events if re.search("gyro (.|bias) (is|steps)", event.action))
+    assert "gyro z is off by +" in said.action
+    assert said.value == pytest.approx(1.0, rel=0.15)
+    assert said.time == pytest.approx(first + 120.0, abs=3.0)
 
 
 @pytest.mark.parametrize(
