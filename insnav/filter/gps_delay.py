@@ -40,7 +40,7 @@ DRIFT_WORTH, LARGEST_DRIFT = 0.02, 4e-4  # a smaller one is not moved by [s], la
 LONGEST = 900.0  # of the record that is looked at [s]
 FIXES = 600  # of it at most
 FEWEST_BLOCKS = 3  # of it; fewer may agree by accident
-WORTH = 0.03  # smaller delays are linear enough for the state of the filter [s]
+WORTH, REFINED_BY = 0.03, 0.01  # smaller delays the state of the filter finds; where velocities lag by a shape [s]
 WIDEST = 0.5  # standard deviation of a delay with which the filter begins where a drive hardly shows it [s]
 SURE, REFINED = 4.0, 2.0  # delays are believed beyond so many of their standard deviations, or with other evidence
 ROUNDS = 3  # of moving the clock
@@ -216,15 +216,18 @@ def delay_of(seen: Filtered) -> Found:
     sd = max(1.0 / float(np.sqrt(curvature)), width, scatter)
     lag, lag_sd = likelihood.lag, 0.0
     if likelihood.velocities:
+        began = likelihood.moments
         (other, along), covariance, evidence = _with_lag(likelihood, delay, drift)
         share = 1.0 / (1.0 + np.exp(min(-evidence, 500.0)) * (1.0 - LAGGING) / LAGGING)
-        apart = share * (1.0 - share)
-        sd = float(np.sqrt(share * max(covariance[0, 0], sd**2) + (1.0 - share) * sd**2 + apart * (other - delay) ** 2))
-        delay += share * (other - delay)
         costs = []
         for likelihood.moments in MOMENTS if abs(share * along) > LAG_WORTH else ():
             costs.append(likelihood.costs(np.array([other]), drift, np.array([along])).sum())
         likelihood.moments = MOMENTS[np.argmin(costs)] if costs else MOMENTS[0]
+        if likelihood.moments != began:
+            (other, along), covariance, _ = _with_lag(likelihood, other, drift)
+        apart = share * (1.0 - share)
+        sd = float(np.sqrt(share * max(covariance[0, 0], sd**2) + (1.0 - share) * sd**2 + apart * (other - delay) ** 2))
+        delay += share * (other - delay)
         lag, lag_sd = share * along, float(np.sqrt(share * covariance[1, 1] + apart * along**2))
     # to the microsecond: where the arrays of the search lie in memory rounds its sums, and must not round the run
     delay, sd, lag, lag_sd = (round(float(each), 6) for each in (delay - drift * likelihood.half, sd, lag, lag_sd))
@@ -278,18 +281,20 @@ def on_time(
         # once it was moved, or where the state of the filter, which is linear, goes as surely the same way
         agrees = further.delay * np.sign(delay) > SURE * further.delay_sd
         sure = SURE if clock == 0.0 and not agrees else REFINED
-        moved = bool(abs(delay) >= max(WORTH, sure * sd) or drift)
+        was, lags = further.settings, found[3:]
+        lagging = abs(found.lag - was.velocity_lag) >= LAG_WORTH or found.moments != was.moments
+        least = REFINED_BY if len(was.moments) > 1 else WORTH
+        # within its reach a run with that lag tells the delay, which one with another lag has bent
+        moved = bool(abs(delay) >= max(least, sure * sd) or drift) and not (lagging and abs(delay) < settings.delay_sd)
         left = float(np.hypot(sd, 0.0 if moved else delay))
         width = max(settings.delay_sd, min(LOOKED * left, WIDEST))
         if moved and abs(last) < settings.delay_sd and delay * last < -BACK * last**2:
             ready, seen = before
             break
-        was, lags = further.settings, found[3:]
-        if not moved and abs(found.lag - was.velocity_lag) < LAG_WORTH and found.moments == was.moments:
+        if not moved and not lagging:
             break
         before, last = (ready, seen), 0.0 if drift or not moved else delay
-        if moved:
-            clock, rate = clock + delay, rate + drift
+        clock, rate = (clock + delay, rate + drift) if moved else (clock, rate)
         there = prepared(clock, rate)
         there = replace(there, settings=replace(there.settings, velocity_lag=found.lag, moments=found.moments))
         # within its reach the filter explains a delay as well by its state, but for what is not linear in it

@@ -64,10 +64,9 @@ class LateFixes:
         self._off = ned_offset(x[:, :3], self._fixes.lla) + fed[good, :3]
         self._v = x[:, 3:6] + fed[good, 3:6]
         taken = np.cumsum(np.vstack([np.zeros(at.states), fed[:-1]]), axis=0)[good]
-        none = np.zeros((self._rows.size, 3))
-        self._lever, self._shaken = (
-            settings.lever_b - (taken[:, first : first + 3] if first >= 0 else none) for first in (at.lever, at.shaken)
-        )
+        taken = np.hstack([taken, np.zeros((self._rows.size, 3))])  # at -1, where an arm is no state
+        arms = (at.lever, max(at.shaken, at.lever))
+        self._lever, self._shaken = (settings.lever_b - taken[:, k:][:, :3] for k in arms)
         self._lasting = np.zeros((self._rows.size, 6))
         if settings.correlated is not None:  # what was fed back fades from its epoch on
             size = settings.correlated.times.size
@@ -123,7 +122,7 @@ class LateFixes:
         velocities = [self._measured_at(span - each * lag, lag) for each in self.moments]
         v, q_c, by_lever, by_shaken = (np.mean(each, axis=0) for each in zip(*velocities, strict=True))
         arm = _times(c, self._lever)
-        swing = _times(by_lever, self._lever) + (_times(by_shaken, self._shaken) if at.shaken >= 0 else 0.0)
+        swing = _times(by_lever, self._lever) + _times(by_shaken, self._shaken)
         # errors are estimate minus truth; see `insnav.kernels.gps_measurement`
         z, h = np.zeros((self._kind.size, 6)), np.zeros((self._kind.size, 6, at.states))
         s, q, own = span[:, None], late[:, None], np.zeros((self._rows.size, 6, at.states))
@@ -149,9 +148,10 @@ class LateFixes:
         v, _, c = self._since(late)
         reach = max(0.5 * self._nominal, abs(lag) * (len(self.moments) - 1) / len(self.moments) ** 2)
         whole, rate = (
-            rates_at(self._time + late, *self._samples, r) - self._bias[:, :3] for r in (reach, max(reach, SEEN))
+            rates_at(self._time + late, *self._samples, r) - self._bias[:, :3] for r in (reach, max(abs(lag), SEEN))
         )
-        by_lever = c @ skew(rate if self._at.shaken >= 0 else whole)
+        rate = rate if self._at.shaken >= 0 or len(self.moments) > 1 else whole
+        by_lever = c @ skew(rate)
         return v, late[:, None, None] * c, by_lever, c @ skew(whole - rate)
 
     def innovations(self, delay: float, drift: float, lag: float) -> FloatArray:

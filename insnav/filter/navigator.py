@@ -95,7 +95,10 @@ class Navigator:
         noise = float(model.noise[:3].sum()) / nominal
         mean = 0.5 * nominal / SEEN  # of what noise a mean has
         self._motion[9:11] = mean * NOISY**2 * noise, FAR_BEYOND**2 * noise
-        self._motion[17] = NOISY**2 * float(model.noise[3:6].sum()) / (2.0 * SEEN)
+        if len(settings.moments) > 1:  # how a receiver smooths fast turns is not known: they show no arm
+            self._motion[10] = np.inf
+        if not self._late.any():  # older velocities have other noise than that of the mean
+            self._motion[17] = NOISY**2 * float(model.noise[3:6].sum()) / (2.0 * SEEN)
         # newest samples that wait; twice as many processed ones are kept
         self._margin = MARGIN + int((SEEN + max(settings.moments) * abs(settings.velocity_lag)) / nominal)
         self._last_good = start.time  # time of the last accepted position
@@ -205,17 +208,17 @@ class Navigator:
             inc = strapdown.increments(parts, pieces)
             last_fix = int(np.searchsorted(self._fix_time, parts.end[-1] + strapdown.TIME_TOLERANCE, side="right"))
             times = self._fix_time[self._next : last_fix]
-            late, half = self._late[self._next : last_fix], 0.5 * self._nominal
-            measured, angles = times - late, turned(parts)
-            self._forces = forces_about(measured, parts, max(1, int(SEEN / self._nominal)))
-            self._rates = rates_at(measured, parts.end, angles)
+            late, half, number = self._late[self._next : last_fix], 0.5 * self._nominal, int(SEEN / self._nominal)
+            angles, several, slow = turned(parts), [times], SEEN
             if late.any():
-                several = [each * late for each in self._settings.moments]
+                several = [times - each * late for each in self._settings.moments]
+                slow = SEEN if len(several) == 1 else max(SEEN, np.abs(late).max())
                 reach = max(half, np.abs(late).max() * (len(several) - 1) / len(several) ** 2)
-                swings = [rates_at(times - each - half, parts.end, angles, reach) for each in several]
-                self._swings = np.mean(swings, axis=0)
-                self._older = np.mean([since(times, each, parts) for each in several], axis=0)
-                self._rates = self._rates if len(several) == 1 else self._swings
+                self._swings = np.mean([rates_at(each - half, parts.end, angles, reach) for each in several], axis=0)
+                self._older = np.mean([since(times, times - each, parts) for each in several], axis=0)
+            # an acceleration of another shape than the velocity has would show less delay than there is
+            self._forces = np.mean([forces_about(each, parts, max(1, number)) for each in several], axis=0)
+            self._rates = np.mean([rates_at(each, parts.end, angles, slow) for each in several], axis=0)
             self._process(inc, parts.gap[pieces[0]])
             self._done = parts.end[stop - 1]
         self._tail = buffer.rows(slice(max(0, ready - 2 * self._margin), None))
