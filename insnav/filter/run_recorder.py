@@ -185,7 +185,7 @@ class Record:
             *self._nis[:n].T,
             *self._use[:n].T,
         )
-        self._events += _divergence(innovations)
+        self._events += _divergence(innovations, settings.gates.nis_limit)
         # an offset that was estimated, not given, is attributed to the IMU clock: GPS time is the better one
         clock = delay if settings.delay_sd > 0 else 0.0
         delay_sd = float(np.sqrt(covariance[STATES, STATES])) if at.delay >= 0 else 0.0
@@ -305,8 +305,11 @@ def _smoothed(track: Trajectory, found: SmoothedErrors, clock: float, moved: Flo
     )
 
 
-def _divergence(innovations: Innovations) -> list[Event]:
-    """Minutes in which accepted measurements are, on average, farther from their predictions than expected."""
+def _divergence(innovations: Innovations, limit: float) -> list[Event]:
+    """Minutes in which accepted measurements are, on average, farther from their predictions than expected.
+
+    `limit`: NIS to which the gates de-weight what is small: a few such fixes are no divergence, a minute of them is.
+    """
     found: list[Event] = []
     if innovations.time.size == 0:
         return found
@@ -316,7 +319,7 @@ def _divergence(innovations: Innovations) -> list[Event]:
         ("velocity", innovations.nis_velocity, innovations.used_velocity),
     ):
         count = np.bincount(window, weights=used)
-        mean = np.bincount(window, weights=np.where(used, nis, 0.0)) / np.maximum(count, 1)
+        mean = np.bincount(window, weights=np.where(used, np.minimum(nis, limit), 0.0)) / np.maximum(count, 1)
         for w in np.flatnonzero((count >= 20) & (mean / 3.0 > TOO_LARGE)):
             found.append(
                 Event(

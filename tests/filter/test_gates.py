@@ -205,3 +205,14 @@ def test_a_step_within_the_whole_error_of_a_fix_is_no_false_fix():
     gates = Gates()
     assert gates.small_of(np.full(3, 0.1)) == gates.small_position
     assert gates.small_of(np.array([1.5, 1.5, 3.0])) == pytest.approx(4.5)
+
+
+@pytest.mark.parametrize(("every", "diverged"), [(12, False), (1, True)])
+def test_fixes_that_gates_de_weight_are_a_divergence_where_they_are_the_rule(recorded, every, diverged):
+    """Five fixes a minute off by 0.35 m, claimed to 1 cm, hardly move the solution; all off by 0.17 m do."""
+    rng, rows = np.random.default_rng(7), slice(SPIKED, None, every)
+    perfect = drives.perfect_gps(laps=3)
+    sure = replace(perfect, position_sd=np.full_like(perfect.position_sd, 0.01))
+    off = (0.1 if diverged else 0.2) * rng.choice([-1.0, 1.0], (len(sure.time[rows]), 3))
+    run = run_with(recorded, lambda _: moved(sure, rows, off), smooth=False)
+    assert (EventKind.DIVERGED in kinds(run)) is diverged
