@@ -40,6 +40,7 @@ import insnav
 from insnav.attitude import dcm_from_rph
 from insnav.earth import lla_offset, ned_offset
 from insnav.exceptions import InsnavError
+from insnav.filter.navigate import ABSORBED
 from insnav.input import read_gps, read_imu, read_reference
 from insnav.output.data_files import write_data
 from insnav.report.run.warnings import failure
@@ -358,7 +359,7 @@ def _number(text: str) -> float:
 def _seen(result: Any, of: int | str) -> float:
     """Size that a run states it would not show."""
     if isinstance(of, int):
-        return float(result.found.run.smoothed.smallest_seen[of])
+        return ABSORBED * float(result.found.run.smoothed.smallest_seen[of])  # as the note has it
     return next((_number(note.removeprefix(of)) for note in result.notes if note.startswith(of)), 0.0)
 
 
