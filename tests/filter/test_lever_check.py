@@ -11,9 +11,11 @@ import pytest
 import insnav
 from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.earth import lla_offset, ned_offset
+from insnav.input import read_gps, read_imu
 from insnav.session.simulation import plan_of, profiled
 from insnav.types import GpsData, ImuData
 from insnav.units import DEG
+from tests.shared import recorded
 
 
 @pytest.mark.parametrize(
@@ -116,3 +118,17 @@ def test_a_long_lever_arm_is_found_and_not_called_wrong_where_the_imu_vibrates(d
     assert abs(run.lever_b[0] - metres) < 0.2 or run.lever_sd[0] > 0.1
     said = insnav.load(imu, gps, lever_arm=(metres, 0.0, 0.0)).navigate(smooth=False).events
     assert not [event for event in said if "the antenna seems" in event.action]
+
+
+@pytest.mark.parametrize(("metres", "kept"), [(1.0, True), (2.0, False)])
+def test_a_wrong_lever_arm_beside_noisy_gyros_is_said_or_not_used(metres, kept):
+    """Vibration, 8 deg/√h, may pretend half of an arm: 1 m too long is kept with a warning, 2 m are not noise."""
+    folder = recorded("rtklib_drive_20250708")
+    imu, gps = read_imu(folder / "imu.csv.gz").data, read_gps(folder / "gps.csv").data
+    first = imu.time[0] + 20.0
+    imu, gps = (each.rows((each.time >= first) & (each.time <= first + 180.0)) for each in (imu, gps))
+    found = insnav.load(imu, gps, lever_arm=(metres, 0.0, 0.0)).navigate(smooth=False)
+    said = " ".join(event.action for event in found.events)
+    assert ("the lever arm given is used, though fixes show" in said) is kept
+    assert ("the antenna seems to be at" in said) is not kept
+    assert bool(found.found.run.lever_b[0] == metres) is kept
