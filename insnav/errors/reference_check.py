@@ -24,6 +24,7 @@ FARTHEST, STEP = 30.0, 0.25  # errors of the clock looked for, and steps of the 
 LEAST_CLOCK, CLEAR = 0.03, 5.0  # what is said: errors so large [s], and so many standard deviations
 MOST_EPOCHS = 500  # of the search: a drive shows its turns in as many
 LATE = 0.1  # delay of the fixes that receivers and loggers do not make by themselves [s]
+SURE_LATE = 2.0  # standard deviations of a delay from which a drive shows one
 STEADY = 1.0  # scatter of the speed below which an error of the clock is like one of the position [m/s]
 FAST = 2.0  # speed above which the course is a heading [m/s]
 LEAST_HEADING, LEAST_TURN, SURE = 1.0 * DEG, 5.0 * DEG, 5.0  # that contradict: all, some, and standard deviations
@@ -207,9 +208,15 @@ def check_reference(
     return replace(reference, time=given), said
 
 
+def delay_shown(run: Run) -> float:
+    """Delay of the fixes that a drive shows surely, and that was not given and is not small, else zero [s]."""
+    delay, sd = run.gps_delay, run.gps_delay_sd
+    return delay if sd and abs(delay) >= max(LATE, SURE_LATE * sd) else 0.0
+
+
 def shown_by_drive(run: Run) -> dict[str, float]:
     """What a drive itself shows, by unit: under ``s`` the delay of the fixes, or NaN if it contradicts that given."""
-    found = {"s": run.gps_delay} if run.gps_delay_sd and abs(run.gps_delay) >= LATE else {}
+    found = {"s": delay} if (delay := delay_shown(run)) else {}
     given = [event for event in run.events if event.kind == EventKind.CONTRADICTION and np.isfinite(event.limit)]
     return {**found, **{event.unit: np.nan for event in given}}
 

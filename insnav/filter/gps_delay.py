@@ -182,7 +182,7 @@ def delay_of(seen: Filtered) -> Found:
         seen = filtered(doubted, starts=0, gates=gates)
         likelihood = LateFixes(seen.ready, seen.settings, seen.epochs) if seen.epochs is not None else None
     nothing = Found(0.0, np.inf, 0.0, seen.settings.velocity_lag, 0.0, seen.settings.moments)
-    if likelihood is None or likelihood.blocks < FEWEST_BLOCKS:
+    if likelihood is None or likelihood.blocks < FEWEST_BLOCKS or not likelihood.moves:
         return nothing
     grid = np.arange(-REACH, REACH + 0.5 * GRID, GRID)
     coarse = likelihood.costs(grid).sum(axis=1)

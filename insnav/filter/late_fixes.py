@@ -23,6 +23,7 @@ from insnav.filter.settings import FilterSettings
 from insnav.filter.state_layout import first_state, layout
 from insnav.kernels import noise_likelihood
 from insnav.kernels.dynamics import NAV
+from insnav.kernels.gps_measurement import STILL
 from insnav.kernels.smoother import ARM, COAST, CORRECTION, KIND, POSITION, STATE, TIME, VELOCITY
 from insnav.strapdown import TIME_TOLERANCE
 from insnav.types import FloatArray
@@ -63,6 +64,9 @@ class LateFixes:
         x, fed = epochs[good, STATE : STATE + 10], self._tape[8]
         self._off = ned_offset(x[:, :3], self._fixes.lla) + fed[good, :3]
         self._v = x[:, 3:6] + fed[good, 3:6]
+        covariance = epochs.shape[1] - at.states * (at.states + 1) // 2  # its lower triangle
+        unsure = epochs[good][:, covariance + np.array([9, 14, 20])]
+        self.moves = bool(np.sum(self._v**2) > STILL * np.sum(unsure))
         taken = np.cumsum(np.vstack([np.zeros(at.states), fed[:-1]]), axis=0)[good]
         taken = np.hstack([taken, np.zeros((self._rows.size, 3))])  # at -1, where an arm is no state
         arms = (at.lever, max(at.shaken, at.lever))

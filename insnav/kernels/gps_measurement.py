@@ -12,6 +12,7 @@ from insnav.kernels.earth import OMEGA, gravity_down, radii
 from insnav.kernels.errorstate import STATES, feed_back
 from insnav.kernels.mechanization import rotation
 
+STILL = 9.0  # square of a velocity, times the variance of its error, that may be none and shows no delay
 LARGEST_TURN = 0.35  # of all corrections together: what is more than an alignment errs is drift [1]
 
 
@@ -202,9 +203,13 @@ def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_a
             whole[3 + i] += earlier[i, j] * motion[14 + j]
         changing += whole[3 + i] ** 2
     antenna(x, whole, motion[18:], arm, delay, lag, lla, v_n, z, h)
+    moving, unsure = 0.0, 0.0
     for i in range(3 if h.shape[1] > STATES else 0):
         h[i, STATES] += motion[11 + i]
         h[3 + i, STATES] *= changing / max(changing + motion[17], 1e-30)
+        moving, unsure = moving + h[i, STATES] ** 2, unsure + STILL * p[3 + i, 3 + i]
+    for i in range(3 if h.shape[1] > STATES else 0):  # nor must a velocity that may be none
+        h[i, STATES] *= moving**2 / max(moving**2 + unsure**2, 1e-30)
     if correlated_at >= 0:
         for i in range(correlated.shape[0]):
             z[i] += correlated[i]

@@ -13,7 +13,7 @@ import numpy as np
 from insnav.attitude import dcm_from_rph
 from insnav.errors.evaluated_run import SAME_DATA, EvaluatedRun, failure
 from insnav.errors.metrics import TrajectoryErrors, nees
-from insnav.errors.reference_check import LATE
+from insnav.errors.reference_check import delay_shown
 from insnav.filter.gps_noise import heights_measured
 from insnav.filter.noise_identification import LARGEST_SCALE
 from insnav.filter.whole_record import stretches
@@ -133,8 +133,7 @@ def _many_rejected(run: Run) -> Iterator[str]:
 
 def _late(run: Run) -> Iterator[str]:
     """Clocks of samples and fixes so far apart that the time of the solution is a question."""
-    delay = run.gps_delay
-    if run.gps_delay_sd and abs(delay) >= LATE:  # neither as given nor small
+    if delay := delay_shown(run):
         yield (
             f"the fixes are {abs(delay):.3f} s {'late' if delay > 0.0 else 'early'} against the samples: the solution "
             f"has the time of the fixes; where that of the samples is right, give --gps-delay {delay:.3f}"
