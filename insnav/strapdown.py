@@ -71,7 +71,7 @@ def nominal_interval(time: FloatArray) -> float:
 
 def _lost(time: FloatArray, nominal: float) -> BoolArray:
     """Steps in which samples are missing: too long, and not made up for by shorter ones around as jitter is."""
-    lost = np.diff(time) > GAP * nominal
+    lost = spill.by_blocks(lambda now, then: then - now > GAP * nominal, time[:-1], time[1:])
     k = np.flatnonzero(lost)
     first, last = np.maximum(k - LOST_WINDOW, 0), np.minimum(k + LOST_WINDOW + 1, time.shape[0] - 1)
     # up to 4 ms of jitter at 100 Hz moves the ends of the window by 0.8 of a step
@@ -82,16 +82,18 @@ def _lost(time: FloatArray, nominal: float) -> BoolArray:
 def _interval_ends(imu: ImuData, nominal: float) -> tuple[FloatArray, FloatArray]:
     """Start and end of each sample's interval [s], whatever end of it the timestamp marks."""
     t = imu.time
-    step = np.diff(t)
     gap = _lost(t, nominal)
-    whole = np.where(gap, nominal, step)  # after a gap the interval is the nominal one
+
+    def moved(times: FloatArray, sign: float) -> FloatArray:  # after a gap the interval is the nominal one
+        return spill.by_blocks(
+            lambda time, now, then, after: time + sign * np.where(after, nominal, then - now), times, t[:-1], t[1:], gap
+        )
+
     if imu.sampling == "instant" or imu.stamp == "end":
-        length = np.concatenate([[nominal], whole])
-        return t - length, t
+        return spill.joined([t[:1] - nominal, moved(t[1:], -1.0)]), t
     if imu.stamp == "start":
-        length = np.concatenate([whole, [nominal]])
-        return t, t + length
-    middle = t[:-1] + 0.5 * step
+        return t, spill.joined([moved(t[:-1], 1.0), t[-1:] + nominal])
+    middle = t[:-1] + 0.5 * np.diff(t)
     start = np.concatenate([[t[0] - 0.5 * nominal], np.where(gap, t[1:] - 0.5 * nominal, middle)])
     end = np.concatenate([np.where(gap, t[:-1] + 0.5 * nominal, middle), [t[-1] + 0.5 * nominal]])
     return start, end
@@ -118,7 +120,8 @@ def intervals(imu: ImuData, nominal: float | None = None) -> Intervals:
     start, end = _interval_ends(imu, nominal)
     segment = np.zeros(end.shape[0], dtype=np.int64)
     gap = np.zeros(end.shape[0])
-    gaps = np.flatnonzero(start[1:] - end[:-1] > (GAP - 1.0) * nominal)
+    least = (GAP - 1.0) * nominal
+    gaps = np.flatnonzero(spill.by_blocks(lambda then, before: then - before > least, start[1:], end[:-1]))
     gyro, accel = imu.gyro, imu.accel
     if gaps.size:
         # rates are what is continued across a gap; the samples themselves keep every bit
@@ -142,7 +145,7 @@ def intervals(imu: ImuData, nominal: float | None = None) -> Intervals:
         accel = np.insert(accel, where, np.concatenate(new_accel), axis=0)
         gap = np.insert(gap, where, np.concatenate(new_gap))
         segment = np.concatenate([[0], np.cumsum(gap[1:] != gap[:-1])]).astype(np.int64)
-    dt = np.diff(end, prepend=start[0])
+    dt = spill.joined([end[:1] - start[0], spill.steps(end)])
     if instant:
         dt[0] = 0.0
     elif gaps.size or imu.sampling == "mean":

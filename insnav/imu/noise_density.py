@@ -29,6 +29,7 @@ from insnav.units import DEG_PER_H, DEG_PER_SQRT_H, M_S_PER_SQRT_H
 BAND = 4.0, 0.5, 10.0
 # That of the noise between fixes: an idle engine shakes above it, and what shakes to and fro adds up to no angle.
 SLOW = 20.0, 0.1, 0.5
+PIECES = 64  # after so many memory is let go
 NYQUIST_PART = 0.8  # of the Nyquist frequency: nearer to it anti-aliasing filters lower the floor
 QUANTILE = 0.25
 
@@ -58,7 +59,7 @@ def white_noise(
     """
     rows = _rows(imu, start, end)
     count = rows.stop - rows.start
-    interval = float(np.median(np.diff(imu.time[rows]))) if count > 1 else math.inf
+    interval = float(np.median(np.diff(imu.time[rows][: spill.ROWS]))) if count > 1 else math.inf
     segment, lowest, highest = band
     length, highest = round(segment / interval), min(highest, NYQUIST_PART * 0.5 / interval)
     if length > count or highest < 2.0 * lowest:
@@ -85,11 +86,13 @@ def _floor(imu: ImuData, rows: slice, interval: float, length: int, band: tuple[
     count = (rows.stop - rows.start - length) // step + 1
     power = np.zeros((length // 2 + 1, 6))
     took = sample_intervals(imu)[:, None] if imu.sampling == "increment" else None
-    for first in range(rows.start, rows.start + count * step, step):
+    for number, first in enumerate(range(rows.start, rows.start + count * step, step)):
         some = slice(first, first + length)
         piece = np.hstack([imu.gyro[some], imu.accel[some]])
         if took is not None:
             piece /= took[some]
+        if number % PIECES == 0:  # of a rest that may last for days
+            spill.release()
         power += np.abs(np.fft.rfft((piece - piece.mean(axis=0)) * window, axis=0)) ** 2
     power *= interval / (count * float(np.sum(window**2)))
     frequency = np.fft.rfftfreq(length, interval)

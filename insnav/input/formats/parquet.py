@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
+from insnav import spill
 from insnav.deferred import library
 from insnav.exceptions import InputError
 from insnav.input.formats.conventions import damaged
@@ -60,15 +59,18 @@ class _ParquetCells:
                     )
             size = 8 * file.metadata.num_rows * len(indices)
             refuse_bomb("parquet file", self.source.name, len(self.source.data), size, "write it as CSV")
-            arrow = file.read([schema.names[i] for i in indices], use_threads=False)
-            cast = {i: arrow.column(schema.names[i]) for i in indices}
-            cast = {i: column.cast(pa.float64(), safe=False) for i, column in cast.items() if i not in stamps}
-            columns = {
-                i: np.concatenate([np.empty(0), *(arrow_floats(chunk) for chunk in column.chunks)])
-                for i, column in cast.items()
-            }
+            count = file.metadata.num_rows
+            columns = {i: spill.empty((count,)) for i in indices if i not in stamps}
+            at = 0
+            for some in file.iter_batches(spill.ROWS, columns=[schema.names[i] for i in columns], use_threads=False):
+                for i, column in columns.items():
+                    cells = some.column(schema.names[i]).cast(pa.float64(), safe=False)
+                    column[at : at + len(cells)] = arrow_floats(cells)
+                at += len(some)
+                spill.release()
+            arrow = file.read([schema.names[i] for i in stamps], use_threads=False)
         texts = {}
         for i in stamps:
             texts[i] = seconds_of_stamps(arrow.column(schema.names[i]))
             columns[i] = texts[i].values
-        return Numbers(columns, arrow.num_rows, texts=texts)
+        return Numbers(columns, count, texts=texts)

@@ -99,7 +99,7 @@ def clean(
         if len(kept["time"]) < kinds.min_rows:
             raise _too_few(len(kept["time"]), n, kinds, name)
         dt = spill.steps(kept["time"])
-    if (again := _repeats(kept, kinds.held)).any():
+    if kinds.held and (again := _repeats(kept, kinds.held)).any():
         count = int(np.count_nonzero(again))
         notes.append(
             f"{count} of {len(again)} {kinds.rows} repeat the position before them: assumed to be written more often"
@@ -137,7 +137,7 @@ def _repeats(columns: Mapping[str, FloatArray], keys: tuple[str, ...]) -> BoolAr
     Positions at rest or of few digits repeat, too, but those of motion stand once.
     """
     again = np.zeros(len(columns["time"]), np.bool_)
-    if keys and columns.keys() >= set(keys):
+    if columns.keys() >= set(keys):
         again[1:] = np.logical_and.reduce([columns[key][1:] == columns[key][:-1] for key in keys])
     starts = np.flatnonzero(~again)
     single = np.diff(np.append(starts, len(again))) == 1

@@ -274,8 +274,9 @@ def clock_digits(time: FloatArray) -> FloatArray | None:
     known = time if known.all() else time[known]
     if len(known) < _MIN_STEPS or known.min() < 0.0 or known.max() >= 240_000.0:
         return None
-    if (known % 100.0 >= 60.0).any() or (known // 100.0 % 100.0 >= 60.0).any():
-        return None
+    for some in spill.blocks(len(known)):
+        if (known[some] % 100.0 >= 60.0).any() or (known[some] // 100.0 % 100.0 >= 60.0).any():
+            return None
     jumps = np.diff(known) > 40.0
     time = np.where(np.isfinite(time), time, np.nan)
     seconds = 3600.0 * (time // 10_000.0) + 60.0 * (time // 100.0 % 100.0) + time % 100.0
