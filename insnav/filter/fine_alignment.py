@@ -32,11 +32,7 @@ class FineAlignment:
 
 
 def fine_alignment(
-    imu: ImuData,
-    spec: ImuSpec,
-    lla: FloatArray,
-    rest: tuple[float, float],
-    heading: float | None = None,
+    imu: ImuData, spec: ImuSpec, lla: FloatArray, rest: tuple[float, float], heading: float | None = None
 ) -> FineAlignment:
     """Align a stationary record, first from means, then by the filter with zero velocity and fixed position.
 
@@ -69,21 +65,12 @@ def fine_alignment(
         return FineAlignment(coarse, None, latitude, float(lla[0]))
     time = np.asarray(start.time + INTERVAL * np.arange(1, n + 1), dtype=float)
     still = GpsData(
-        time,
-        np.tile(lla, (n, 1)),
-        np.zeros((n, 3)),
-        np.full((n, 3), POSITION_SD),
-        np.full((n, 3), VELOCITY_SD),
+        time, np.tile(lla, (n, 1)), np.zeros((n, 3)), np.full((n, 3), POSITION_SD), np.full((n, 3), VELOCITY_SD)
     )
     model = error_model(spec, 15)  # scale factors are not observable while stationary
     initial = initial_state(start, model, lla, np.zeros(3), np.full(3, POSITION_SD), np.full(3, VELOCITY_SD))
     navigator = Navigator(
-        initial,
-        model,
-        still,
-        start,
-        strapdown.nominal_interval(imu.time),
-        FilterSettings(output_interval=1.0),
+        initial, model, still, start, strapdown.nominal_interval(imu.time), FilterSettings(output_interval=1.0)
     )
     navigator.feed(imu)
     run = navigator.finish()

@@ -104,12 +104,7 @@ def _fitted(windows: Windows, i: int, axis: int, model: ErrorModel, gravity: flo
 
 
 def _axis(
-    name: str,
-    curves: list[Curve],
-    predicted: FloatArray,
-    spec_sd: FloatArray,
-    windows: Windows,
-    gravity: float,
+    name: str, curves: list[Curve], predicted: FloatArray, spec_sd: FloatArray, windows: Windows, gravity: float
 ) -> AxisDiagnosis:
     value = np.array([curve.value for curve in curves])
     fit = np.array([curve.sd for curve in curves])

@@ -114,11 +114,7 @@ class ReplicaTask:
 
 
 def replica_task(
-    drive: NavigatedDrive,
-    reference: WindowReference,
-    spec: ImuSpec,
-    windows: Sequence[Windows],
-    times: FloatArray,
+    drive: NavigatedDrive, reference: WindowReference, spec: ImuSpec, windows: Sequence[Windows], times: FloatArray
 ) -> ReplicaTask:
     """Make the motion of the replica from the smoothed drive, and what perfect sensors measure of it.
 
