@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import position_errors
+from insnav.filter.noise_identification import NoiseFigure
 from insnav.plain_text import moment
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.numbers import number
@@ -176,6 +178,33 @@ def test_a_scale_factor_that_no_sensor_has_is_pointed_out(driven):
         found = replace(run.sensor_errors, sd=np.where(np.arange(12) >= first, 0.05, sd))
         said = [line for line in run_warnings(EvaluatedRun(replace(run, sensor_errors=found))) if "agree only" in line]
         assert ["accelerometers are off by 5 % or more" in line for line in said] == [True] * says
+
+
+def test_a_heading_that_turns_about_the_course_by_an_impossible_bias_is_lost(driven):
+    """Of a car that drives forward and backward, a plane in wind, and a gyro that is as specified it is none."""
+    run, _, _ = driven
+    track, value = run.solution, run.sensor_errors.value.copy()
+    moving = np.hypot(*track.v_n[:, :2].T) > 3.0
+    course = np.arctan2(track.v_n[:, 1], track.v_n[:, 0])
+    phase = np.linspace(0.0, 1.0, track.time.size)
+    prior = np.deg2rad(0.5)
+    noise = SimpleNamespace(figures=(NoiseFigure("gyro.bias", "deg/h", prior, prior, 0.1 * prior, prior, False),))
+
+    def said(apart, bias):
+        rph = np.column_stack([track.rph[:, :2], course + apart])
+        value[-1, :3] = 0.0, 0.0, -bias * prior
+        bad = replace(run, solution=replace(track, rph=rph), smoothed=None)
+        bad = replace(bad, sensor_errors=replace(run.sensor_errors, value=value))
+        return [line for line in run_warnings(EvaluatedRun(bad, noise=noise)) if "heading is lost" in line]
+
+    assert moving.mean() > 0.3
+    (line,) = said(np.deg2rad(250.0) * phase, 3.6)
+    assert "a gyro bias of 1.8 deg/s, 3.6 times that of such an IMU" in line
+    assert not said(np.deg2rad(250.0) * phase, 1.5)
+    for apart in (0.0 * phase + 0.7, np.pi * (phase > 0.6), np.deg2rad(30.0) * np.sin(20.0 * phase)):
+        assert not said(apart, 3.6)
+    at_rest = np.where(moving, 0.0, 50.0 * phase)  # where a course is noise
+    assert not said(at_rest, 3.6)
 
 
 def test_the_shortest_run_is_summed_up(bare):

@@ -22,6 +22,7 @@ from insnav.plain_text import moment
 from insnav.report.series import Clock
 from insnav.result import Result
 from insnav.types import Event, EventKind, FloatArray, Run, Trajectory
+from insnav.units import DEG
 
 HOLDS = 0.95  # share of errors inside 3 sd that needs no word
 _MANY = 0.1  # share of rejected fixes that wants an explanation
@@ -30,6 +31,8 @@ _LONG_GAP = 1.0  # of samples [s]: a car turns and brakes in it
 _EXPLAINED = 0.5  # part of the epochs outside 3 sd that a constant difference must not leave, to be their cause
 _AT_THE_LIMIT = 0.99  # part of the largest scale factor error that was looked for, where fixes and IMU do not fit
 _ACROSS = 0.02  # part of what is about the other axes that such sensors show, too [-]
+_TURN_ON = 2.0  # times the turn-on bias of such an IMU, that is none: clean drives have 1.4, of navigation grade 4 [-]
+_ALONG, _MOVING = 0.5, 3.0  # resultant of what has no axis along the course, clean drives have 0.84 [-]; where, [m/s]
 _PACE = 1.0  # over which turns and accelerations are those of the motion, not of vibration [s]
 _ASSUMED = re.compile(r"\bassumed\b|--imu-axes|added to the IMU times")  # or done to the samples, as the drive shows
 
@@ -39,9 +42,10 @@ def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
     stated, same = found.errors_on_clock, found.reference_is_gps
     names = {"filtered": "position", "smoothed": "smoothed position"}
     too_sure = [text for key, name in names.items() for text in overconfident(name, stated.get(key), same_data=same)]
-    why = failure(found.run)
+    why, lost = failure(found.run), tuple(_lost_heading(found))
     warnings = (
         *([f"the solution is not to be used: {why}; IMU and fixes contradict each other"] if why else []),
+        *lost,
         *([SAME_DATA] if found.reference_is_gps else []),
         *event_warnings(found.run.events, smoothed=found.run.smoothed is not None),
         *_late(found.run),
@@ -49,7 +53,7 @@ def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
         *_many_rejected(found.run),
         *too_sure[:1],
         *_diverged(found.run),
-        *_impossible_scale(found.run),
+        *(() if lost else _impossible_scale(found.run)),
         *_samples_lost(found.run),
         *_no_heights(found),
     )
@@ -110,9 +114,8 @@ def _times(count: int) -> str:
 def _many_rejected(run: Run) -> Iterator[str]:
     """So many fixes rejected that the fixes are hardly to blame, and nothing that names them."""
     fixes = run.innovations
-    frozen = any(event.kind is EventKind.GPS_FROZEN for event in run.events)
-    record = EventKind.GATE_RECORD_POSITION, EventKind.GATE_RECORD_VELOCITY
-    if frozen or any(event.kind in record for event in run.events):
+    named = EventKind.GPS_FROZEN, EventKind.GATE_RECORD_POSITION, EventKind.GATE_RECORD_VELOCITY
+    if any(event.kind in named for event in run.events):
         return
     groups, rows = [], []
     for name, first, used in (("position", 0, fixes.used_position), ("velocity", 3, fixes.used_velocity)):
@@ -169,6 +172,24 @@ def _diverged(run: Run) -> Iterator[str]:
         yield (
             f"innovations inconsistent with their predicted sd in {len(found)} window{'s' * (len(found) > 1)} of "
             f"1 min, first at {moment(first.time)}: {first.unit} = {first.value:.2g}; {first.hint}"
+        )
+
+
+def _lost_heading(found: EvaluatedRun) -> Iterator[str]:
+    """A heading that turns about the course, with a gyro bias that such an IMU does not have.
+
+    What drives forward and backward, or flies in wind, has its course near an axis: doubled angles have a long mean
+    resultant (K. V. Mardia, P. E. Jupp, "Directional Statistics", Wiley 2000, 1.1). Drones may turn: the bias tells.
+    """
+    bias = np.max(np.abs(found.run.sensor_errors.value[-1:, :3]), initial=0.0)
+    usual = [figure.prior for figure in found.noise.figures if figure.key == "gyro.bias"] if found.noise else []
+    track = found.best.rows(np.hypot(*found.best.v_n[:, :2].T) > _MOVING)
+    apart = track.rph[:, 2] - np.arctan2(track.v_n[:, 1], track.v_n[:, 0])
+    if usual and apart.size and bias > _TURN_ON * usual[0] and abs(np.mean(np.exp(2j * apart))) < _ALONG:
+        yield (
+            f"the heading is lost: it turns about the direction of travel, with a gyro bias of {bias / DEG:.2g} deg/s, "
+            f"{bias / usual[0]:.2g} times that of such an IMU. Attitude and its standard deviations are not to be "
+            "used; likely causes: a gyro that is off for a while, or wrong axes, units or timestamps"
         )
 
 
