@@ -177,12 +177,13 @@ def delay_of(seen: Filtered) -> Found:
     """
     likelihood = LateFixes(seen.ready, seen.settings, seen.epochs) if seen.epochs is not None else None
     plain = likelihood is not None and likelihood.accepted >= TRUE_FIXES
-    if not plain:  # seconds late, nearly all fixes look false, and precise ones bend the filter beyond all measure
+    still = likelihood is not None and not likelihood.moves
+    if not (plain or still):  # seconds late, nearly all fixes look false, and precise ones bend the filter too much
         doubted, gates = _doubted(seen.ready)
         seen = filtered(doubted, starts=0, gates=gates)
         likelihood = LateFixes(seen.ready, seen.settings, seen.epochs) if seen.epochs is not None else None
     nothing = Found(0.0, np.inf, 0.0, seen.settings.velocity_lag, 0.0, seen.settings.moments)
-    if likelihood is None or likelihood.blocks < FEWEST_BLOCKS or not likelihood.moves:
+    if likelihood is None or likelihood.blocks < FEWEST_BLOCKS or still:
         return nothing
     grid = np.arange(-REACH, REACH + 0.5 * GRID, GRID)
     coarse = likelihood.costs(grid).sum(axis=1)
