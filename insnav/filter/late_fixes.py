@@ -151,9 +151,8 @@ class LateFixes:
         """Velocity since the epoch, ``C_nb`` times the time, and what lever arms make of turns then, (k, 3, 3)."""
         v, _, c = self._since(late)
         reach = max(0.5 * self._nominal, abs(lag) * (len(self.moments) - 1) / len(self.moments) ** 2)
-        whole, rate = (
-            rates_at(self._time + late, *self._samples, r) - self._bias[:, :3] for r in (reach, max(abs(lag), SEEN))
-        )
+        slow = max(abs(lag) if len(self.moments) > 1 else reach, SEEN)
+        whole, rate = (rates_at(self._time + late, *self._samples, r) - self._bias[:, :3] for r in (reach, slow))
         rate = rate if self._at.shaken >= 0 or len(self.moments) > 1 else whole
         by_lever = c @ skew(rate)
         return v, late[:, None, None] * c, by_lever, c @ skew(whole - rate)

@@ -12,7 +12,7 @@ from insnav.kernels.earth import OMEGA, gravity_down, radii
 from insnav.kernels.errorstate import STATES, feed_back
 from insnav.kernels.mechanization import rotation
 
-STILL = 9.0  # square of a velocity, times the variance of its error, that may be none and shows no delay
+STILL = 4.0  # square of a velocity, times the variance of its error, that may be none and shows no delay
 LARGEST_TURN = 0.35  # of all corrections together: what is more than an alignment errs is drift [1]
 
 

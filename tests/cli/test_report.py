@@ -28,7 +28,9 @@ def test_figures_and_figures_of_merit_are_those_of_the_run(drive: Path, cli: Cli
     for name in png:
         old, new = (np.asarray(Image.open(Path(folder, name)).convert("L"), dtype=float) for folder in ("run", "again"))
         assert old.shape == new.shape
-        assert np.mean(np.abs(old - new) > 30.0) < 1e-3, name  # tables are rounded: a point may move by a pixel
+        # tables are rounded: a point may move by a pixel
+        moved = [np.abs(old - np.roll(new, (down, right), (0, 1))) for down in (-1, 0, 1) for right in (-1, 0, 1)]
+        assert np.mean(np.min(moved, axis=0) > 30.0) < 1e-3, name
     for facts in (first, again):
         assert facts["kind"] == "run"
     for keys in (
