@@ -7,7 +7,7 @@ import pytest
 
 from insnav import strapdown
 from insnav.earth import gravity_n, ned_offset, radii
-from insnav.errors.short_duration_errors import navigate_short
+from insnav.short_duration import navigate_short
 from insnav.simulate import imu_from_truth, straight
 from insnav.types import Increments
 

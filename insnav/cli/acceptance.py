@@ -48,7 +48,7 @@ def acceptance(
         )
         stage("writing")
         from insnav.report.acceptance.page import acceptance_page
-        from insnav.report.calibration.page import bench_input
+        from insnav.report.calibration.common import bench_input
         from insnav.report.save import write_page
 
         page = acceptance_page(found, files)

@@ -25,7 +25,7 @@ def drift(
         found, table = studied(file, columns=parse.columns(columns, "--columns"))
         stage("writing")
         from insnav.imu import calibration_to_toml
-        from insnav.report.calibration.page import bench_input
+        from insnav.report.calibration.common import bench_input
         from insnav.report.drift.page import drift_page, rates_csv
         from insnav.report.save import write_page
 

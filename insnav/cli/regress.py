@@ -74,8 +74,8 @@ def regress(
             progress=lambda fraction: stage("navigating", fraction),
         )
         stage("comparing")
-        from insnav.regression.baseline import origin
         from insnav.regression.history import HISTORY_FILE, entry, read_history, with_entry, write_history
+        from insnav.regression.provenance import origin
         from insnav.regression.verdict import compare
         from insnav.report.regression.tables import regression_lines
 

@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from insnav.errors.metrics import TrajectoryErrors, on_clock, position_errors
-from insnav.errors.reference_check import ReferenceOffset, check_reference, reference_offset, shown_by_drive
+from insnav.errors.reference_check import check_reference, shown_by_drive
+from insnav.errors.reference_offset import ReferenceOffset, reference_offset
 from insnav.errors.short_duration_errors import ShortWindow
 from insnav.filter.navigate import Navigated
 from insnav.filter.noise_identification import NoiseEstimate

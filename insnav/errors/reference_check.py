@@ -1,4 +1,4 @@
-"""What of a reference cannot be right (clock, velocities of the fixes, headings), or is of another point or datum.
+"""What of a reference cannot be right: its clock, velocities that are those of the fixes, its headings.
 
 Each is compared with the solution, which knows what gyros and fixes say, and said with what was done about it.
 """
@@ -6,7 +6,7 @@ Each is compared with the solution, which knows what gyros and fixes say, and sa
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
@@ -14,10 +14,11 @@ import numpy as np
 from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.earth import ned_offset
 from insnav.errors.metrics import TrajectoryErrors, position_errors
+from insnav.errors.reference_offset import FEWEST, WORTH, jackknifed, offset_notes, reference_offset, rows_at
 from insnav.filter.gps_noise import velocity_lag
 from insnav.input.interpret.velocities import fit_velocities
 from insnav.sample_statistics import rms
-from insnav.types import BoolArray, Event, EventKind, FloatArray, GpsData, IntArray, Run, Trajectory
+from insnav.types import Event, EventKind, FloatArray, GpsData, Run, Trajectory
 from insnav.units import DEG
 
 FARTHEST, STEP = 30.0, 0.25  # errors of the clock looked for, and steps of the search [s]
@@ -30,102 +31,6 @@ FAST = 2.0  # speed above which the course is a heading [m/s]
 LEAST_HEADING, LEAST_TURN, SURE = 1.0 * DEG, 5.0 * DEG, 5.0  # that contradict: all, some, and standard deviations
 _MOST = 0.9  # share of epochs that stands for all
 _SAME = 0.5  # of an error of the clock by which the delay of the fixes may differ and be most of its cause
-FEWEST = 100  # epochs; fewer tell nothing
-BLOCKS = 10  # of the jackknife: errors of neighbouring epochs are alike
-TURNED = 0.3  # smallest change of the direction, as the RMS distance of the mean of unit vectors from all [-]
-LEAST = 0.05  # another point is told that is so far away at least [m] and `CLEAR` standard deviations ...
-WORTH = 0.8  # ... if with it the difference falls to this part: a run that is metres off has offsets, too
-GEOID = 10.0  # a mean difference of the heights that no navigation makes [m]
-
-
-@dataclass(frozen=True, slots=True)
-class ReferenceOffset:
-    """Constant parts of the difference between a run and its reference."""
-
-    body: FloatArray  # (2,) forward, right: the point of the reference seen from that it was compared with [m]
-    body_sd: FloatArray  # (2,)
-    horizontal_rms: float  # of the difference as it is [m]
-    horizontal_rms_without: float  # with that point moved [m]
-    down: float  # mean difference of the heights, positive where the reference is the higher [m]
-
-    @property
-    def clear(self) -> bool:
-        """Whether the point is another one, beyond doubt."""
-        explained = self.horizontal_rms_without < WORTH * self.horizontal_rms
-        return explained and bool((np.abs(self.body) > np.maximum(LEAST, CLEAR * self.body_sd)).any())
-
-    @property
-    def geoid(self) -> bool:
-        """Whether heights differ by as much as ellipsoid and mean sea level do."""
-        return abs(self.down) > GEOID
-
-
-def reference_offset(errors: TrajectoryErrors, track: Trajectory) -> ReferenceOffset | None:
-    """Fit a body-fixed and a local offset to the horizontal errors.
-
-    Error = estimate - reference, so that a reference elsewhere on the vehicle makes ``-C b``; a constant of the datum
-    does not turn with it.
-
-    Returns: none where there are few epochs, or the vehicle does not turn.
-    """
-    known: BoolArray = np.asarray(np.isfinite(errors.position).all(axis=1))
-    position = errors.position[known]
-    if position.shape[0] < FEWEST:
-        return None
-    row = rows_at(track, errors.time[known])
-    c = dcm_from_rph(track.rph[row])[:, :2, :2]
-    if np.sqrt(np.sum(np.var(c[:, :, 0], axis=0))) < TURNED:
-        return None
-    terms = np.concatenate([-c, np.broadcast_to(np.eye(2), c.shape)], axis=2)  # body forward, right; north, east
-    value, value_sd = jackknifed(terms, position[:, :2])
-    body, sd = value[:2], value_sd[:2]
-    moved = position[:, :2] + c @ body
-    return ReferenceOffset(
-        body,
-        sd,
-        rms(np.hypot(position[:, 0], position[:, 1])),
-        rms(np.hypot(moved[:, 0], moved[:, 1])),
-        float(position[:, 2].mean()),
-    )
-
-
-def rows_at(track: Trajectory, time: FloatArray) -> IntArray:
-    """Row of a track at each time, or the next."""
-    return np.searchsorted(track.time, time).clip(max=len(track.time) - 1)
-
-
-def jackknifed(terms: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Fit k unknowns to pairs of values ``(n, 2)`` by their `terms` ``(n, 2, k)``, with standard deviations.
-
-    These are of a jackknife over ten parts of the drive, as errors are alike for long (Efron and Tibshirani, "An
-    Introduction to the Bootstrap", 1993, chapter 11).
-    """
-    normal, right = np.swapaxes(terms, 1, 2) @ terms, np.einsum("nij,ni->nj", terms, values)
-    parts = np.array_split(np.arange(len(values)), BLOCKS)
-    sums = [(normal[part].sum(axis=0), right[part].sum(axis=0)) for part in parts]
-    whole = sum(each[0] for each in sums), sum(each[1] for each in sums)
-    found = np.linalg.lstsq(*whole, rcond=None)[0]
-    left_out = np.array([np.linalg.lstsq(whole[0] - a, whole[1] - b, rcond=None)[0] for a, b in sums])
-    return found, np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((left_out - left_out.mean(axis=0)) ** 2, axis=0))
-
-
-def offset_notes(found: ReferenceOffset, taken: FloatArray) -> list[str]:
-    """What it is, and what to do about it, in words; `taken` (3,): the point compared with, from the IMU [m]."""
-    notes = []
-    if found.clear:
-        (forward, right), sd = found.body, found.body_sd
-        point = ",".join(f"{each:.2f}" for each in (*(taken[:2] + found.body), taken[2]))
-        notes.append(
-            f"the reference is of another point of the vehicle: {forward:+.2f} ± {sd[0]:.2f} m forward, {right:+.2f} ± "
-            f"{sd[1]:.2f} m right; horizontal RMS difference {found.horizontal_rms:.3g} m, "
-            f"{found.horizontal_rms_without:.3g} m with that moved: --ref-lever-arm={point}"
-        )
-    if found.geoid:
-        notes.append(
-            f"heights differ from the reference by {abs(found.down):.1f} m on average: the undulation of the geoid? "
-            "One of the two may be above mean sea level (--gps-height msl)"
-        )
-    return notes
 
 
 def check_reference(

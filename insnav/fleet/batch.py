@@ -15,7 +15,7 @@ from typing import Any
 from insnav import __version__
 from insnav.engine import Failed, Workers, attempt, each
 from insnav.exceptions import ConfigError, InputError, OutputError, writing
-from insnav.output.folder import FACTS_FILE, file_sha256, files_in, read_facts
+from insnav.output.contents import FACTS_FILE, file_sha256, files_in, read_facts
 
 DRIVES = "drives"  # folder of the run folders, within that of the fleet
 _OWN = {DRIVES, FACTS_FILE, "report.html", "fleet.csv"}  # what a fleet folder holds

@@ -14,7 +14,7 @@ from insnav.fleet.batch import Drive
 from insnav.input.formats.recording_folder import NO_DATA
 from insnav.input.formats.registry import open_tables, suffixes
 from insnav.input.readers.kinds import kinds_of
-from insnav.output.folder import FACTS_FILE, read_facts
+from insnav.output.contents import FACTS_FILE, read_facts
 
 _FIX = "give the folder that holds the recordings, or a drives.toml; one drive is for insnav run"
 _ROLE = re.compile(r"(^|[-_. ])(imu|gps|gnss|gnns|ref|reference|truth|fixes|samples)\d*(?=$|[-_. ])", re.IGNORECASE)

@@ -31,7 +31,8 @@ from insnav.exceptions import ConfigError
 from insnav.imu.dynamic_map import AxisMap, DynamicMap
 from insnav.imu.error_terms import Sensor, terms_of
 from insnav.imu.higher_order import ErrorTerms
-from insnav.imu.model import ImuErrors, RawScale
+from insnav.imu.model import ImuErrors
+from insnav.imu.raw_outputs import RawScale
 from insnav.units import si_unit
 
 

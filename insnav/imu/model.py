@@ -15,61 +15,11 @@ from insnav import spill
 from insnav.exceptions import ConfigError, InputError
 from insnav.imu.dynamic_map import DynamicMap
 from insnav.imu.higher_order import REFERENCE_TEMPERATURE, ErrorTerms, size_effect, zero_matrix, zeros
+from insnav.imu.raw_outputs import RawScale
 from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.types import FloatArray, ImuData
-from insnav.units import UNITS, units_of
 
 MAX_CONDITION = 1e6  # beyond it the inverse of the matrix would lose what sensors can resolve
-
-
-@dataclass(frozen=True, slots=True)
-class RawScale:
-    """Straight line of each sensor of a triad: ``value = (output - zero) / scale``.
-
-    It turns the columns of a file into rates [rad/s] or specific forces [m/s^2] where they are read, before axes are
-    exchanged and known errors corrected.
-
-    Raises ConfigError: another unit, another shape, a value that is not finite, or a scale of zero.
-    """
-
-    unit: str  # of the output: ``V``, ``mV``, ``uV`` or ``LSB``
-    zero: FloatArray  # (3,) output without input, x, y, z [unit]
-    # (3,) output per input [unit/(rad/s)] or [unit/(m/s^2)]; negative for a sensor mounted upside down
-    scale: FloatArray
-
-    def __post_init__(self) -> None:
-        if self.unit not in units_of("signal"):
-            raise ConfigError(
-                f"{self.unit!r} is not a unit of a raw output",
-                where="raw.unit",
-                fix=f"use one of {', '.join(units_of('signal'))}",
-            )
-        if np.shape(self.zero) != (3,) or np.shape(self.scale) != (3,):
-            raise ConfigError("raw outputs need a zero and a scale for x, y, z", where="raw.zero, raw.scale")
-        if not (np.isfinite(self.zero).all() and np.isfinite(self.scale).all() and (self.scale != 0.0).all()):
-            raise ConfigError(
-                "a raw zero or scale cannot be used",
-                where="raw.zero, raw.scale",
-                why=f"zero {np.asarray(self.zero).tolist()}, scale {np.asarray(self.scale).tolist()}",
-                fix="both must be finite, and no scale may be 0",
-            )
-
-    def value(self, output: FloatArray, axis: int, unit: str | None = None) -> FloatArray:
-        """Rate [rad/s] or specific force [m/s^2] of the outputs of one sensor.
-
-        output (n,): its outputs; axis: 0, 1, 2 for x, y, z; unit: unit of `output` if it is another than `unit`, such
-        as mV for V. Raises ConfigError: counts where volts are needed, or volts where counts are.
-        """
-        factor = 1.0
-        if unit is not None and unit != self.unit:
-            if "LSB" in (unit, self.unit):
-                raise ConfigError(
-                    f"the calibration is of outputs in {self.unit}, and the file holds {unit}",
-                    where="raw.unit",
-                    fix="use the calibration of these outputs",
-                )
-            factor = UNITS[unit][1] / UNITS[self.unit][1]
-        return np.asarray((output * factor - self.zero[axis]) / self.scale[axis])
 
 
 def _eye() -> FloatArray:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import glob
-import hashlib
 import json
 import os
 import re
@@ -20,7 +19,10 @@ from types import TracebackType
 from typing import Any, Self
 
 from insnav.exceptions import InputError, OutputError, writing
+from insnav.output.contents import FACTS_FILE, file_sha256, files_in, read_facts, verify_folder
 from insnav.plain_text import plain_text
+
+__all__ = ["FACTS_FILE", "RunFolder", "file_sha256", "read_facts", "verify_folder"]
 
 _DROPPINGS = {".DS_Store", "Thumbs.db", "desktop.ini"}  # left by file managers, nobody's work
 _FULL = {
@@ -31,67 +33,6 @@ _FULL = {
 _LONGEST_NAME = 230  # with what a folder has beside it while it is built, file systems take 255 bytes
 _MARK = re.compile(r"\.(tmp|old)-(\d+)$")
 _NOT_HERE, _ELSEWHERE = "cannot write a run folder here", "choose a folder you may write to with --out"
-FACTS_FILE = "run.json"
-
-
-def read_facts(folder: Path) -> dict[str, Any]:
-    """Read the ``run.json`` of a run folder.
-
-    Raises: InputError: not a run folder, or ``run.json`` is damaged.
-    """
-    path = folder / FACTS_FILE
-    try:
-        facts = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(
-            "this is not a run folder",
-            where=str(path),
-            why=error.strerror or str(error),
-            fix="give a folder that `insnav run` has written",
-        ) from error
-    except ValueError as error:
-        raise InputError("run.json is damaged", where=str(path), why=str(error), fix="make the run again") from error
-    if not isinstance(facts, dict) or not isinstance(facts.get("files"), dict):
-        raise InputError("run.json is damaged", where=str(path), why="it lists no files", fix="make the run again")
-    return facts
-
-
-def verify_folder(folder: Path) -> dict[str, Any]:
-    """Check that a run folder holds exactly the files it was written with; its ``run.json``.
-
-    Raises: InputError: not a run folder, or a file is missing, changed or added.
-    """
-    facts = read_facts(folder)
-    found = files_in(folder)
-    listed = facts["files"]
-    wrong = [f"{name} is missing" for name in listed if name not in found]
-    wrong += [f"{name} was added" for name in found if name not in listed]
-    wrong += [
-        f"{name} was changed"
-        for name, entry in listed.items()
-        if name in found and (not isinstance(entry, dict) or file_sha256(found[name]) != entry.get("sha256"))
-    ]
-    if wrong:
-        raise InputError(
-            "the run folder is not as it was written",
-            where=str(folder),
-            why="; ".join(wrong),
-            fix="make the run again",
-        )
-    return facts
-
-
-def file_sha256(path: Path) -> str:
-    """Return the SHA-256 digest of a file as hexadecimal digits."""
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
-
-
-def files_in(folder: Path) -> dict[str, Path]:
-    """Every file below a folder but ``run.json``, by its name with forward slashes, sorted."""
-    paths = sorted(p for p in folder.rglob("*") if p.is_symlink() or not p.is_dir())
-    names = {p.relative_to(folder).as_posix(): p for p in paths}
-    return {name: path for name, path in names.items() if name != FACTS_FILE}
 
 
 class RunFolder:
@@ -116,11 +57,7 @@ class RunFolder:
         self._committing = self._committed = False
 
     def __enter__(self) -> Self:
-        try:
-            self._place = self.target.resolve()
-        except (OSError, RuntimeError) as error:
-            where, why = str(self.target), str(error)
-            raise OutputError("the output folder cannot be found", where=where, why=why) from error
+        self._place = _resolved(self.target)
         for name in self._place.parts:
             _check_name(name)
         with contextlib.suppress(OSError):
@@ -143,11 +80,8 @@ class RunFolder:
     ) -> None:
         if self._committed:
             return
-        written = free = 0
-        with contextlib.suppress(OSError):
-            written = sum(each.stat().st_size for each in self._aside.rglob("*") if each.is_file())
-        with contextlib.suppress(OSError):
-            free = shutil.disk_usage(self._place.parent).free
+        written = _bytes_in(self._aside)
+        free = _bytes_free(self._place.parent)
         shutil.rmtree(self._aside, ignore_errors=True)
         with contextlib.suppress(OSError):  # another has written there
             for each in self._made:
@@ -225,6 +159,13 @@ class RunFolder:
             f"{written} bytes written so far, {free} bytes were free then",
             fix="make room or choose another disk with --out; --format parquet needs a third of the space",
         )
+
+
+def _resolved(target: Path) -> Path:
+    try:
+        return target.resolve()
+    except (OSError, RuntimeError) as error:
+        raise OutputError("the output folder cannot be found", where=str(target), why=str(error)) from error
 
 
 def _check_name(name: str) -> None:
@@ -305,6 +246,18 @@ def _alive(pid: int) -> bool:
     except (PermissionError, OverflowError):
         return True
     return True
+
+
+def _bytes_in(folder: Path) -> int:
+    with contextlib.suppress(OSError):
+        return sum(p.stat().st_size for p in folder.rglob("*") if p.is_file())
+    return 0
+
+
+def _bytes_free(folder: Path) -> int:
+    with contextlib.suppress(OSError):
+        return shutil.disk_usage(folder).free
+    return 0
 
 
 def _sync(path: Path) -> None:

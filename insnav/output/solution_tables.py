@@ -18,7 +18,7 @@ import pyarrow.csv
 
 from insnav import spill
 from insnav.exceptions import InputError
-from insnav.output.data_files import TEXT_ROWS, Decimals, arrow_table, rounded, write_csv, write_numbers
+from insnav.output.columns import TEXT_ROWS, Decimals, arrow_table, rounded, write_csv, write_numbers
 from insnav.plain_text import cell_text, plain_text
 from insnav.tabular import Tabular, unit_of
 from insnav.types import Event, EventKind, GpsData, Innovations, SensorErrors, Trajectory

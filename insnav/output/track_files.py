@@ -6,84 +6,23 @@ Times are what the format wants: UTC in GPX, GeoJSON, NMEA, bags and CSV, GPS ti
 from __future__ import annotations
 
 import json
-import struct
-import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from html import escape
-from pathlib import Path
 
 import numpy as np
-import pymap3d
 from numpy.typing import NDArray
 
-from insnav.attitude import dcm_from_quat, quat_from_dcm, quat_from_rph, quat_multiply
-from insnav.earth_fixed import quat_earth_from_level
 from insnav.exceptions import ConfigError
 from insnav.output.kml import kml_text
+from insnav.output.ros import bag
+from insnav.output.tum import tangent_poses, tum_files
 from insnav.plain_text import plain_text
 from insnav.types import FloatArray, Trajectory
 from insnav.units import DEG
 
 _KNOT = 1852.0 / 3600.0
 _FIXED_SD, _FLOAT_SD = 0.1, 1.0  # horizontal deviations up to which a .pos row is of quality 1, 2; else 5 [m]
-_FIX, _TWIST, _ODOMETRY = "sensor_msgs/msg/NavSatFix", "geometry_msgs/msg/TwistStamped", "nav_msgs/msg/Odometry"
-_TOPICS = {_FIX: "/fix", _TWIST: "/vel", _ODOMETRY: "/odom"}
-_HALF_ROLL = np.array([0.0, 1.0, 0.0, 0.0])  # quaternion from Forward-Left-Up to Forward-Right-Down
-_NED_TO_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-_HEAD = "# time [s], East, North, Up [m] from {:.9f} {:.9f} deg {:.4f} m, qx qy qz qw of Forward-Right-Down axes"
-
-
-def tum_files(
-    reference: Trajectory, time: FloatArray, errors: Mapping[str, tuple[FloatArray, FloatArray]]
-) -> dict[str, str]:
-    """Text of the reference and of each run at their common epochs, by the name of the file.
-
-    `time` (n,): the epochs [s]; `errors` (n, 3): name of each run, its position errors North, East, Down [m] and
-    attitude errors roll, pitch, heading [rad]. The format (``time x y z qx qy qz qw``) is that of evo and others.
-    Positions are East, North, Up in the tangent plane at the first epoch, attitude turns body axes (Forward, Right,
-    Down) into these. Every pose stands where the error, in metres North, East, Down at its epoch, puts it from the
-    reference: so the distances between two files are the errors that insnav counts, to rounding.
-    """
-    rows = np.searchsorted(reference.time, time)
-    lla, rph = reference.lla[rows], reference.rph[rows]
-    origin = lla[0] / np.array([DEG, DEG, 1.0])
-    place = np.column_stack(pymap3d.geodetic2enu(*(lla / [DEG, DEG, 1.0]).T, *origin))
-    turn = _to_tangent(lla, lla[0])
-    head = _HEAD.format(*origin)
-    files = {"reference.tum": _tum_text(head, time, place, turn, rph)}
-    for name, (position, attitude) in errors.items():
-        moved = place + (turn @ position[:, :, None])[:, :, 0]
-        files[f"{name}.tum"] = _tum_text(head, time, moved, turn, rph + attitude)
-    return files
-
-
-def _to_tangent(lla: FloatArray, origin: FloatArray) -> FloatArray:
-    """Matrices that turn local North, East, Down at each place into East, North, Up at the origin, (n, 3, 3)."""
-    here, there = (dcm_from_quat(quat_earth_from_level(place)) for place in (lla, origin[None]))
-    return np.asarray(_NED_TO_ENU @ np.swapaxes(there, 1, 2) @ here)
-
-
-def _tum_text(head: str, time: FloatArray, place: FloatArray, turn: FloatArray, rph: FloatArray) -> str:
-    q = _attitude(turn, rph)
-    lines = (" ".join(map(repr, row)) for row in np.column_stack([time, place, q[:, 1:], q[:, :1]]).tolist())
-    return "\n".join([head, *lines]) + "\n"
-
-
-def _attitude(turn: FloatArray, rph: FloatArray) -> FloatArray:
-    """Quaternions from body axes to the tangent plane, scalar first; none where the attitude is not known, (n, 4)."""
-    known = np.isfinite(rph).all(axis=1)
-    q = np.tile([1.0, 0.0, 0.0, 0.0], (len(rph), 1))
-    q[known] = quat_multiply(quat_from_dcm(turn[known]), quat_from_rph(rph[known]))
-    return q
-
-
-def tangent_poses(track: Trajectory) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Positions East, North, Up of the first epoch ``(n, 3)`` [m], quaternions scalar first, velocities [m/s]."""
-    origin = track.lla[0] / np.array([DEG, DEG, 1.0])
-    place = np.column_stack(pymap3d.geodetic2enu(*(track.lla / [DEG, DEG, 1.0]).T, *origin))
-    turn = _to_tangent(track.lla, track.lla[0])
-    return place, _attitude(turn, track.rph), np.einsum("nij,nj->ni", turn, track.v_n)
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +104,7 @@ def geojson(track: Track) -> str:
 
 
 def tum(track: Track) -> str:
-    """TUM, see `insnav.output.track_files`."""
+    """TUM, see `insnav.output.tum`."""
     return tum_files(track.trajectory, track.trajectory.time, {})["reference.tum"]
 
 
@@ -249,6 +188,11 @@ def csv(track: Track) -> str:
     return "\n".join([*lines, ""])
 
 
+WRITERS: dict[str, Callable[[Track], str | bytes]] = {
+    each.__name__: each for each in (gpx, kml, geojson, tum, euroc, pos, nmea, bag, csv)
+}
+
+
 def _minutes(angle: float, digits: int) -> str:
     """Degrees and minutes, as NMEA has them."""
     total = round(abs(angle) * 60.0, 7)
@@ -257,57 +201,3 @@ def _minutes(angle: float, digits: int) -> str:
 
 def _checksum(text: str) -> int:
     return int(np.bitwise_xor.reduce(np.frombuffer(plain_text(text).encode("ascii"), dtype=np.uint8)))
-
-
-def bag(track: Track) -> bytes:
-    """ROS 1 bag: NavSatFix with the heights of the run, the velocity, and Odometry from its first epoch.
-
-    Raises: ConfigError: no date is known, or `rosbags` is not installed.
-
-    References
-    ----------
-    ROS sensor_msgs, geometry_msgs and nav_msgs, noetic: how messages are written; REP-103, REP-105 (axes: East, North,
-    Up; Forward, Left, Up).
-    """
-    try:
-        from rosbags.rosbag1 import Writer
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError as error:
-        raise ConfigError(
-            "writing a ROS bag needs a package that is not installed", why=str(error), fix="pip install 'insnav[ros]'"
-        ) from error
-    instants = (track.instants("utc") - np.datetime64(0, "ns")).astype(np.int64).tolist()
-    place, q, v = tangent_poses(track.trajectory)
-    q = quat_multiply(q, _HALF_ROLL)
-    level = track.trajectory.v_n[:, [1, 0, 2]] * [1.0, 1.0, -1.0]  # East, North, Up here, not at the first epoch
-    body = np.einsum("nji,nj->ni", dcm_from_quat(q), v)
-    sd = track.sd[:, [1, 0, 2]]  # rows of covariances are East, North, Up
-    known = np.asarray(np.isfinite(sd).all(axis=1))
-    variance = np.where(known[:, None], sd, 0.0) ** 2
-    store = get_typestore(Stores.ROS1_NOETIC)
-    with tempfile.TemporaryDirectory(prefix="insnav-") as folder:
-        path = Path(folder) / "track.bag"
-        with Writer(path) as writer:
-            to = {kind: writer.add_connection(topic, kind, typestore=store) for kind, topic in _TOPICS.items()}
-            for i, (ns, lla) in enumerate(zip(instants, track.degrees.tolist(), strict=True)):
-                head = struct.pack("<III", i, *divmod(ns, 10**9))
-                covariance = np.diag(variance[i])
-                fix = struct.pack("<bH12dB", 0, 1, *lla, *covariance.ravel(), 2 if known[i] else 0)
-                twist, pose = np.zeros((6, 6)), np.zeros((6, 6))
-                pose[:3, :3] = covariance
-                odometry = (*place[i], *q[i, [1, 2, 3, 0]], *pose.ravel(), *body[i], 0.0, 0.0, 0.0, *twist.ravel())
-                writer.write(to[_FIX], ns, head + _text("gps") + fix)
-                writer.write(to[_TWIST], ns, head + _text("enu") + struct.pack("<6d", *level[i], 0.0, 0.0, 0.0))
-                writer.write(
-                    to[_ODOMETRY], ns, head + _text("enu") + _text("base_link") + struct.pack("<85d", *odometry)
-                )
-        return path.read_bytes()
-
-
-def _text(text: str) -> bytes:
-    return struct.pack("<I", len(text)) + text.encode()
-
-
-WRITERS: dict[str, Callable[[Track], str | bytes]] = {
-    each.__name__: each for each in (gpx, kml, geojson, tum, euroc, pos, nmea, bag, csv)
-}

@@ -11,9 +11,11 @@ import numpy as np
 
 from insnav.exceptions import InputError
 from insnav.regression.accuracy_metrics import BY_KEY, METRICS
-from insnav.regression.baseline import Origin, kept_text, short, write_text
+from insnav.regression.baseline import kept_text, short, write_text
+from insnav.regression.paired_tests import interval
+from insnav.regression.provenance import Origin
 from insnav.regression.run_corpus import Result
-from insnav.regression.verdict import Comparison, Verdict, interval
+from insnav.regression.verdict import Comparison, Verdict
 
 HISTORY_FILE = "history.jsonl"
 _DIGITS = 4  # of the figures kept

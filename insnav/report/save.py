@@ -17,7 +17,8 @@ from typing import Any, Literal, cast
 from insnav.exceptions import ConfigError, InputError, writing
 from insnav.imu.imu_file import load_imu
 from insnav.input.readers.reading import ReadingFacts
-from insnav.output.folder import FACTS_FILE, RunFolder, read_facts
+from insnav.output.contents import FACTS_FILE
+from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_events
 from insnav.plain_text import without_exponents
 from insnav.report.page import DataFrame, Figure, FigureSpec, Page

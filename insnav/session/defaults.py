@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from insnav.alignment import find_stationary
-from insnav.errors.outage.windows import is_stationary, stationary_fixes
+from insnav.errors.outage.window_reference import is_stationary, stationary_fixes
 from insnav.exceptions import InputError
 from insnav.filter import FilterSettings
 from insnav.filter.gps_noise import with_sd

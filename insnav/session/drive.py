@@ -19,7 +19,7 @@ from insnav.engine import Workers, share_of
 from insnav.errors.evaluated_run import EvaluatedRun, evaluate_run, fixed_epochs
 from insnav.errors.metrics import at_point
 from insnav.errors.outage.gnss_outage import LENGTHS, outages
-from insnav.errors.outage.windows import WindowReference, reference_from_trajectory
+from insnav.errors.outage.window_reference import WindowReference, reference_from_trajectory
 from insnav.errors.short_duration_errors import short_windows
 from insnav.exceptions import AlignmentError, ConfigError, InputError, as_keywords
 from insnav.filter import FilterSettings

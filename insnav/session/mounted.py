@@ -10,7 +10,8 @@ from insnav import spill
 from insnav.alignment import Mounting, find_mounting
 from insnav.exceptions import InputError
 from insnav.input import Reading
-from insnav.input.interpret.physics import axes_matrix, check_axes, quiet_part
+from insnav.input.interpret.axes import axes_matrix
+from insnav.input.interpret.physics import check_axes, quiet_part
 from insnav.session.inputs import Inputs
 from insnav.strapdown import intervals
 from insnav.types import Event, EventKind, GpsData, ImuData

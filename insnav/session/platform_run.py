@@ -12,7 +12,8 @@ import numpy as np
 from insnav.exceptions import ConfigError, InputError
 from insnav.gimbal import INTEGRATORS, Integrator, PlatformErrors, PlatformRun, Vertical, navigate_platform
 from insnav.input import Reading, ReadingFacts, read_reference
-from insnav.input.readers.specific_force import Heights, SpecificForce, read_heights, read_specific_force
+from insnav.input.readers.heights import Heights, read_heights
+from insnav.input.readers.specific_force import SpecificForce, read_specific_force
 from insnav.session.read import one_from_stdin
 from insnav.types import FloatArray, Trajectory
 from insnav.units import DEG

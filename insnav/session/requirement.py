@@ -11,18 +11,22 @@ import numpy as np
 from insnav.engine import Workers
 from insnav.errors.budget.sampled_motion import REST, first_movement, sampled
 from insnav.errors.requirement.aided import aided_covariances, propagation
-from insnav.errors.requirement.allocation import Component, Requirement, allocate
+from insnav.errors.requirement.allocation import allocate
+from insnav.errors.requirement.limit import Component, Requirement
 from insnav.errors.requirement.parts import candidates, remedies
-from insnav.errors.requirement.study import LARGER, RequirementStudy, Verified, start_shares, verify
+from insnav.errors.requirement.sensitivity import start_shares
+from insnav.errors.requirement.study import RequirementStudy
+from insnav.errors.requirement.verification import LARGER, Verified, verify
 from insnav.exceptions import ConfigError
 from insnav.imu import ImuSpec, load_imu
 from insnav.imu.library import completed, find_part, parts
 from insnav.result import Result
 from insnav.session.budget import LONGEST_FREE
 from insnav.session.checked_inputs import one_of
+from insnav.simulate.closed_forms import straight
 from insnav.simulate.motion import load_profile
 from insnav.simulate.recording import MOTION_STREAM
-from insnav.simulate.truth import Truth, straight
+from insnav.simulate.truth import Truth
 from insnav.units import parse_quantity
 
 BEFORE = 300.0  # GPS before the outage, where the motion is long enough [s]

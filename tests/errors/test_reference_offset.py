@@ -9,7 +9,7 @@ import pytest
 
 from insnav.earth import lla_offset
 from insnav.errors.metrics import at_point, position_errors
-from insnav.errors.reference_check import offset_notes, reference_offset
+from insnav.errors.reference_offset import offset_notes, reference_offset
 from insnav.simulate import reference
 from insnav.types import FloatArray, Trajectory
 from tests.filter import drives

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from insnav.exceptions import InputError
-from insnav.input.readers.specific_force import read_heights
+from insnav.input.readers.heights import read_heights
 from tests.input.files import write
 
 T = np.arange(50) / 2.0

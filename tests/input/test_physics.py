@@ -7,7 +7,7 @@ import pytest
 
 from insnav.exceptions import ConfigError, InputError
 from insnav.input import read_imu
-from insnav.input.interpret.physics import axes_matrix
+from insnav.input.interpret.axes import axes_matrix
 from insnav.input.readers.imu import parse_units
 from tests.input.files import IMU_HEADER, G, rolling, write
 

@@ -9,7 +9,7 @@ import pytest
 
 from insnav.exceptions import ConfigError, InputError
 from insnav.imu import ImuErrors, calibration_to_toml, load_calibration
-from insnav.imu.model import RawScale
+from insnav.imu.raw_outputs import RawScale
 from insnav.input import read_imu
 
 GYRO = RawScale("V", np.array([0.2, -0.1, 0.0]), np.array([2.8, 2.7, -2.9]))

@@ -8,7 +8,7 @@ import pytest
 from insnav.imu import ImuErrors
 from insnav.imu.dynamic_map import AxisMap, DynamicMap
 from insnav.imu.higher_order import ErrorTerms
-from insnav.imu.model import RawScale
+from insnav.imu.raw_outputs import RawScale
 from insnav.lab.calibration import CalibrationSd
 from insnav.lab.navigation_impact import MINUTE, navigation_impact
 from insnav.units import DEG, G0, UG

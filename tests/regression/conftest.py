@@ -13,9 +13,10 @@ from insnav import strapdown
 from insnav.attitude import dcm_from_rph
 from insnav.earth import gravity_n
 from insnav.regression import run_corpus as run
-from insnav.regression.baseline import Baseline, Origin, renewed
+from insnav.regression.baseline import Baseline, renewed
 from insnav.regression.cases import Material
 from insnav.regression.corpus import Corpus, load_corpus
+from insnav.regression.provenance import Origin
 from insnav.regression.run_corpus import CaseResult, Result, run_corpus
 
 LIBRARY = Path(__file__).parents[2] / "trajectories"

@@ -12,9 +12,10 @@ import pytest
 
 from insnav.exceptions import InputError
 from insnav.regression.accuracy_metrics import BY_KEY
-from insnav.regression.baseline import Baseline, origin
+from insnav.regression.baseline import Baseline
 from insnav.regression.history import Entry, entry, read_history, with_entry, write_history
 from insnav.regression.peers.run_peers import PeerRow
+from insnav.regression.provenance import origin
 from insnav.regression.run_corpus import Result
 from insnav.regression.verdict import compare
 from insnav.report.colours import VERMILLION

@@ -10,12 +10,13 @@ import pytest
 from insnav.regression.accuracy_metrics import BY_KEY
 from insnav.regression.baseline import Baseline
 from insnav.regression.history import entry
+from insnav.regression.paired_tests import ALPHA, POWER, detectable, shift
 from insnav.regression.peers.run_peers import PeerRow
 from insnav.regression.run_corpus import Result
-from insnav.regression.verdict import ALPHA, POWER, compare, detectable, shift
+from insnav.regression.verdict import compare
 from insnav.report.html import page_html
+from insnav.report.regression.matrix import change_matrix, figures_tested, is_unclear, peer_matrix
 from insnav.report.regression.page import regression_page
-from insnav.report.regression.panels import change_matrix, figures_tested, is_unclear, peer_matrix
 from tests.regression.conftest import THEN, with_values
 
 KEY = "cep50_m"

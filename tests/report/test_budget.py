@@ -14,19 +14,10 @@ from insnav.errors.budget.error_budget import Budget, RecordedColumn, budget
 from insnav.errors.budget.sampled_motion import at_rest
 from insnav.errors.budget.sources import families, sources_of
 from insnav.imu import load_imu
+from insnav.report.budget.contributions import effect, growth, horizontal, ranked, saved, shares, size
 from insnav.report.budget.headline import estimates_section
 from insnav.report.budget.page import page, warnings
-from insnav.report.budget.quantities import (
-    contributions_section,
-    effect,
-    growth,
-    horizontal,
-    positions_section,
-    ranked,
-    saved,
-    shares,
-    size,
-)
+from insnav.report.budget.quantities import contributions_section, positions_section
 from insnav.report.numbers import number
 from insnav.report.page import section_tables
 from insnav.report.run_json import page_facts

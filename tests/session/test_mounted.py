@@ -14,7 +14,7 @@ import insnav
 from insnav.alignment import find_mounting
 from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.exceptions import InputError
-from insnav.input.interpret.physics import axes_matrix
+from insnav.input.interpret.axes import axes_matrix
 from insnav.strapdown import intervals
 from insnav.units import DEG
 

@@ -14,8 +14,9 @@ from scipy.integrate import quad_vec, solve_ivp
 from scipy.spatial.transform import Rotation
 
 from insnav.exceptions import ConfigError
+from insnav.simulate.closed_forms import circle, straight
 from insnav.simulate.ideal_sensors import imu_from_truth
-from insnav.simulate.truth import Truth, circle, straight
+from insnav.simulate.truth import Truth
 from tests.simulate.motions import PLACE, town
 
 OMEGA = 7.292115e-5

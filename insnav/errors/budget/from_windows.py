@@ -14,7 +14,8 @@ from insnav.errors.diagnosis.error_regression import Regression, regression
 from insnav.errors.diagnosis.simulated_replica import FEWEST, Replicas, replica_task, replicas
 from insnav.errors.outage.free_inertial import Windows, free_window_starts, free_windows
 from insnav.errors.outage.statistics import Growth, by_motion, growth, table_times
-from insnav.errors.outage.windows import StartChoice, WindowReference, navigated_drive, reference_from_fixes
+from insnav.errors.outage.window_reference import WindowReference, reference_from_fixes
+from insnav.errors.outage.windows import StartChoice, navigated_drive
 from insnav.exceptions import ConfigError
 from insnav.filter.error_model import ErrorModel
 from insnav.filter.prepare import Prepared

@@ -19,7 +19,7 @@ from insnav.attitude import skew
 from insnav.errors.budget.covariance import disturbance, integrated, steps_of
 from insnav.errors.budget.sampled_motion import sampled
 from insnav.errors.budget.sources import BODY, SENSORS, Source
-from insnav.errors.requirement.allocation import Requirement
+from insnav.errors.requirement.limit import Requirement
 from insnav.imu import ImuSpec
 from insnav.imu.error_terms import ELEMENTS
 from insnav.kernels import error_propagation as _kernel

@@ -11,7 +11,7 @@ import numpy as np
 
 from insnav.errors.budget.sources import families, sources_of
 from insnav.errors.requirement.aided import Aiding, Propagation, error_curves
-from insnav.errors.requirement.allocation import Requirement
+from insnav.errors.requirement.limit import Requirement
 from insnav.imu import ImuSpec, load_imu
 from insnav.imu.error_terms import Sensor, terms_of
 from insnav.imu.library import Part, completed

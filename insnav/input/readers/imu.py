@@ -11,20 +11,14 @@ import numpy as np
 
 from insnav import spill
 from insnav.exceptions import ConfigError, InputError
-from insnav.imu.model import RawScale
+from insnav.imu.raw_outputs import RawScale
 from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
+from insnav.input.interpret.axes import axes_matrix
 from insnav.input.interpret.clean import IMU_KINDS
 from insnav.input.interpret.columns import Found, find_unit, require, understand
 from insnav.input.interpret.headerless import imu_columns, is_headerless
-from insnav.input.interpret.physics import (
-    axes_matrix,
-    check_axes,
-    find_accel_unit,
-    find_gyro_unit,
-    quiet_part,
-    turn_ratio,
-)
+from insnav.input.interpret.physics import check_axes, find_accel_unit, find_gyro_unit, quiet_part, turn_ratio
 from insnav.input.interpret.schema import ALL_UNITS, IMU_SCHEMA, Quantity
 from insnav.input.readers.raw_columns import SI_UNITS, from_outputs, raw_schema
 from insnav.input.readers.reading import Reading

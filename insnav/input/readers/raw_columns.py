@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from insnav.exceptions import ConfigError, InputError
-from insnav.imu.model import RawScale
+from insnav.imu.raw_outputs import RawScale
 from insnav.input.interpret.columns import Found
 from insnav.input.interpret.schema import IMU_SCHEMA, Quantity
 from insnav.types import FloatArray

@@ -1,4 +1,4 @@
-"""Specific force along level axes, as a platform measures it, and heights over time, from files."""
+"""Specific force along level axes, as the accelerometers of a platform measure it, from a file."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import numpy as np
 from insnav.exceptions import ConfigError, InputError
 from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
-from insnav.input.interpret.clean import IMU_KINDS, REFERENCE_KINDS, Cleaned
+from insnav.input.interpret.clean import IMU_KINDS, Cleaned
 from insnav.input.interpret.columns import Found, require, understand
-from insnav.input.interpret.schema import ALL_UNITS, IMU_SCHEMA, REFERENCE_SCHEMA, schema
+from insnav.input.interpret.schema import ALL_UNITS, schema
 from insnav.input.readers.reading import Reading
 from insnav.input.readers.rows import read_rows
 from insnav.types import FloatArray
@@ -26,11 +26,6 @@ _SENSIBLE = 1e3  # larger specific force is damage [m/s^2]
 _GRAVITY = (9.0, 10.6)  # what the vertical axis shows in the middle of a record, in flight too [m/s^2]
 SPECIFIC_FORCE_SCHEMA = schema("specific_force")
 _ORDER = {"ENU": ("f_east", "f_north", "f_up"), "NED": ("f_north", "f_east", "f_down")}
-_SLOWEST_HEIGHTS = 1000.0  # longest interval between their rows [s]
-_HEIGHT_KEYS = ("height", "baro", "height_msl")  # the first there is counts
-_HEIGHT_SCHEMA = tuple(
-    {q.key: q for q in (*REFERENCE_SCHEMA, *IMU_SCHEMA) if q.key in ("time", *_HEIGHT_KEYS)}.values()
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,36 +190,3 @@ def _refuse_impossible(time: FloatArray, f_n: FloatArray, name: str) -> None:
             why=f"{f_n[row][wild[row]][0]:.4g} m/s^2; {int(np.count_nonzero(wild.any(axis=1)))} samples are as wild",
             fix="mend the samples, or write the right unit into the header",
         )
-
-
-@dataclass(frozen=True, slots=True)
-class Heights:
-    """Heights over time."""
-
-    time: FloatArray  # (n,) [s], strictly increasing
-    height: FloatArray  # (n,) as in the file [m]
-
-
-def read_heights(path: str | Path) -> Reading[Heights]:
-    """Read a time and a height from a data file; whatever else it holds is not looked at.
-
-    Raises: InputError: the file cannot be used.
-    """
-    table = open_table(path)
-    name = table.name
-    found, notes = understand(table.headers, table.units, _HEIGHT_SCHEMA, where=name)
-    key = next((key for key in _HEIGHT_KEYS if key in found), None)
-    if key is None or "time" not in found:
-        raise InputError(
-            "a time and a height are needed",
-            where=name,
-            why=f"found: {', '.join(header for header in table.headers if header)}",
-            fix="name the columns time_s and height_m",
-        )
-    rows = read_rows(table, found, ("time", key), REFERENCE_KINDS, slowest=_SLOWEST_HEIGHTS)
-    rows.columns["height"] = rows.columns.pop(key) * found[key].factor
-    cleaned = rows.clean()
-    time, height = cleaned.columns["time"], cleaned.columns["height"]
-    longest = f"heights between rows are interpolated; the longest step is {np.diff(time).max():.3g} s"
-    columns = {"time_s": found["time"].describe(rows.time_unit), "height_m": found[key].describe()}
-    return rows.reading("heights", Heights(time, height), cleaned, columns, (longest, *notes), gaps=False)

@@ -68,7 +68,8 @@ def calibrate_poses(imu: ImuData, g: float, *, counts: bool = False) -> PosesCal
     activity = measure_activity(imu)
     factor, poses, fit, start = _best_poses(imu, activity, g, counts)
     force = np.array([pose.force for pose in poses])
-    _refuse_accelerometers(fit, g, counts)
+    _refuse_norm(fit, g)
+    _refuse_bias(fit.triad, g, counts)
     up = _directions(fit.triad, force)
     rest = _rest(poses, fit.triad)
     damaged = clipped(imu.gyro, activity.ratio > factor * factor)
@@ -167,17 +168,21 @@ def refuse_force_units(force: FloatArray, g: float) -> None:
         )
 
 
-def _refuse_accelerometers(fit: gravity_norm.GravityFit, g: float, counts: bool) -> None:
+def _refuse_norm(fit: gravity_norm.GravityFit, g: float) -> None:
     if fit.sd > WRONG_NORM * g:
         raise InputError(
             "the specific force at rest is not that of gravity",
             why=f"whatever the calibration, its length varies by {fit.sd:.3g} m/s^2 from pose to pose",
             fix="check that the columns are those of the accelerometers, and that the sensor was at rest",
         )
-    if not counts and float(np.abs(fit.triad.bias).max()) > WRONG_UNIT * g:
+
+
+def _refuse_bias(accel: Triad, g: float, counts: bool) -> None:
+    worst = float(np.abs(accel.bias).max())
+    if not counts and worst > WRONG_UNIT * g:
         raise InputError(
             "the accelerometers are not in m/s^2 from zero",
-            why=f"their estimated biases are {', '.join(f'{b:.3g}' for b in fit.triad.bias)} m/s^2",
+            why=f"their estimated biases are {', '.join(f'{b:.3g}' for b in accel.bias)} m/s^2",
             fix="give specific force, gravity not subtracted; or --counts for raw units",
         )
 

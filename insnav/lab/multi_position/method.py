@@ -10,9 +10,10 @@ import numpy as np
 
 from insnav.exceptions import ConfigError
 from insnav.imu.higher_order import ErrorTerms
-from insnav.imu.model import ImuErrors, RawScale
+from insnav.imu.model import ImuErrors
+from insnav.imu.raw_outputs import RawScale
 from insnav.input.formats.table import Table
-from insnav.input.interpret.physics import axes_matrix
+from insnav.input.interpret.axes import axes_matrix
 from insnav.input.readers.imu import read_counts, read_imu
 from insnav.input.readers.reading import Reading
 from insnav.lab.calibration import BADLY_CONDITIONED, BenchOptions, Calibration, CalibrationSd

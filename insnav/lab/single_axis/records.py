@@ -1,7 +1,7 @@
 """Files of benches with one sensor at a time, and what the calibrations of such sensors have in common.
 
 The output is in volts, counts, or already in the unit of what is sensed. Volts and counts become a line in the
-calibration file (`insnav.imu.model`), anything else a bias and a scale factor.
+calibration file (`insnav.imu.raw_outputs`), anything else a bias and a scale factor.
 """
 
 from __future__ import annotations
@@ -14,17 +14,12 @@ from typing import Any, Literal, Protocol, TypeVar
 import numpy as np
 
 from insnav.exceptions import InputError
-from insnav.imu.model import ImuErrors, RawScale
+from insnav.imu.model import ImuErrors
+from insnav.imu.raw_outputs import RawScale
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import Quantity
-from insnav.lab.bench_data.bench_tables import (
-    BenchTable,
-    Dwells,
-    default_limit,
-    dwell_warnings,
-    read_bench,
-    reduce_dwells,
-)
+from insnav.lab.bench_data.bench_tables import BenchTable, read_bench
+from insnav.lab.bench_data.dwells import Dwells, default_limit, dwell_warnings, reduce_dwells
 from insnav.lab.calibration import (
     STANDARD,
     WRONG_UNIT,

@@ -11,7 +11,7 @@ from insnav.lab.acceptance.figures_of_merit import BENCH_UNIT, Spread, Stability
 from insnav.lab.bench_data.records import SI, BenchRecord
 from insnav.lab.calibration import condition_warnings
 from insnav.quantity import Quantity
-from insnav.report.calibration.page import quality_rows, quality_section
+from insnav.report.calibration.common import quality_rows, quality_section
 from insnav.report.calibration.panels import Series, residual_panels
 from insnav.report.colours import AXIS_COLOURS, BLACK, GREY
 from insnav.report.page import Page, Section, by_warnings, cell, drawn, only_json

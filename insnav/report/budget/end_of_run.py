@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from insnav.errors.diagnosis.growth_curves import EndAxis
+from insnav.errors.diagnosis.end_of_run import EndAxis
 from insnav.imu import ImuSpec
 from insnav.quantity import Quantity
 from insnav.report.numbers import number

@@ -9,7 +9,7 @@ import numpy as np
 from insnav.errors.budget.error_budget import Budget, SimulatedColumn
 from insnav.errors.budget.from_windows import RecordedBudget
 from insnav.quantity import Quantity
-from insnav.report.budget.quantities import horizontal, ranked, shares, size
+from insnav.report.budget.contributions import horizontal, ranked, shares, size
 from insnav.report.numbers import number
 from insnav.report.outage.windows import BELOW, below_noise
 from insnav.report.page import Light, Section, Verdict, by_warnings

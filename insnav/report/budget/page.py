@@ -20,8 +20,8 @@ from insnav.output.stored import store
 from insnav.quantity import Quantity
 from insnav.report.budget import headline, quantities
 from insnav.report.budget import windows as recorded
+from insnav.report.budget.contributions import extent, ranked, shares
 from insnav.report.budget.panels import budget_panels
-from insnav.report.budget.quantities import extent, ranked, shares
 from insnav.report.budget.windows_quantities import windows_sections
 from insnav.report.numbers import number
 from insnav.report.page import DataFrame, Figure, FigureSpec, Page, Section, only_json, rows_frame, section_tables

@@ -7,7 +7,7 @@ import numpy as np
 from insnav.errors.budget.error_budget import Budget
 from insnav.errors.budget.from_windows import RecordedBudget, RecordedPart, Verdict
 from insnav.errors.outage.statistics import COMPONENTS, components
-from insnav.report.budget.quantities import horizontal, ranked, saved, shares, source_texts
+from insnav.report.budget.contributions import horizontal, ranked, saved, shares, source_texts
 from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION
 from insnav.report.numbers import number
 from insnav.report.outage.windows import below_noise, power_lines, thin_lines

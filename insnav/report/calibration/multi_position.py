@@ -14,7 +14,7 @@ from insnav.lab.multi_position.method import Found
 from insnav.lab.multi_position.six_positions import POSITIONS, TURN_SD, TURNS, SixPositions
 from insnav.lab.multi_position.triad import AXES, Triad
 from insnav.quantity import Quantity
-from insnav.report.calibration.page import corrected_section, impact_section
+from insnav.report.calibration.common import corrected_section, impact_section
 from insnav.report.calibration.panels import poses_panels, positions_panels
 from insnav.report.numbers import number
 from insnav.report.page import Page, Section, drawn, only_json

@@ -9,7 +9,7 @@ import numpy as np
 from insnav.lab.calibration import Calibration
 from insnav.lab.nine_position.method import AXIS, SENSORS, NinePositions, NineRecord
 from insnav.quantity import Quantity
-from insnav.report.calibration.page import corrected_section, impact_section, quality_rows, quality_section
+from insnav.report.calibration.common import corrected_section, impact_section, quality_rows, quality_section
 from insnav.report.calibration.panels import Series, residual_panels
 from insnav.report.numbers import number
 from insnav.report.page import Page, Section, drawn, only_json

@@ -1,23 +1,17 @@
-"""The report of a calibration, by whatever method, and what those of all methods have in common."""
+"""The report of a calibration, by whatever method."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from importlib import import_module
 from typing import Any, cast
 
-import numpy as np
-
-from insnav.imu.model import ImuErrors
 from insnav.input.readers.reading import Reading
 from insnav.lab.bench_data.bench_tables import BenchTable
-from insnav.lab.calibration import Calibration, measured
-from insnav.lab.least_squares import Fit
-from insnav.quantity import Quantity
-from insnav.report.page import Page, Section, by_warnings
-from insnav.types import FloatArray
-from insnav.units import DEG, G0
+from insnav.lab.calibration import Calibration
+from insnav.report.calibration.common import bench_input
+from insnav.report.page import Page, by_warnings
 
 # name in run.json, function of the page, tables that it was read from
 _METHODS: Mapping[str, tuple[str, str, Callable[[Any], Sequence[BenchTable]]]] = {
@@ -29,84 +23,6 @@ _METHODS: Mapping[str, tuple[str, str, Callable[[Any], Sequence[BenchTable]]]] =
     "rotor": ("rotor", "rotor_inertia.rotor_page", lambda tables: tables),
 }
 _MERITS = 6
-
-
-def quality_rows(
-    fits: Mapping[str, Fit], unit: str, settings: Mapping[str, Sequence[str]], factor: float = 1.0
-) -> tuple[tuple[Quantity, ...], ...]:
-    """How well each fit holds: scatter, worst residual, condition."""
-    return tuple(
-        (
-            Quantity("name", name, meaning="fit"),
-            Quantity("points", fit.residual.size),
-            Quantity("degrees_of_freedom", fit.dof),
-            measured("rms", fit.rms * factor, unit),
-            measured("sd", fit.sigma * factor, unit),
-            measured("worst", abs(float(fit.residual[fit.worst])) * factor, unit),
-            Quantity("worst_at", settings[name][fit.worst]),
-            Quantity("condition", fit.condition),
-        )
-        for name, fit in fits.items()
-    )
-
-
-def quality_section(rows: Iterable[tuple[Quantity, ...]]) -> Section:
-    """Give rows of `quality_rows`, of fits in any unit, as a section."""
-    note = (
-        "rms: root of the sum of squares over the number of points; sd: over the degrees of freedom. Condition: of the "
-        "design with columns of equal length, 1 at best."
-    )
-    return Section("fits", "Residuals", rows=tuple(rows), note=note)
-
-
-def impact_section(calibration: Calibration[Any, Any], note: str = "") -> Section:
-    """Position error in one minute of navigation without and with the calibration."""
-    rows = tuple(
-        (
-            Quantity("motion", item.motion, meaning="one minute, free inertial"),
-            Quantity("without", item.without, "m", meaning="without calibration"),
-            Quantity("with", item.corrected, "m", meaning="with calibration", digits=2),
-            Quantity("ratio", item.without / item.corrected if item.corrected > 0.0 else None, digits=2),
-        )
-        for item in calibration.impact
-    )
-    method = (
-        "Horizontal position error after 60 s, RMS, simulated: true errors sampled about the calibrated ones with "
-        "their uncertainty, no other errors, exact initial state, height held. "
-    )
-    # what "without" means where the output is in volts or counts
-    errors, sd = calibration.errors or ImuErrors(), calibration.sd
-    raw = (errors.gyro_raw and sd.gyro_bias.any()) or (errors.accel_raw and sd.accel_bias.any())
-    note = note or "Without: zero output taken as 0, scale factor known." * bool(raw)
-    return Section("navigation_impact", "Impact on navigation", rows=rows, note=(method + note).rstrip())
-
-
-def corrected_section(calibration: Calibration[Any, Any]) -> Section:
-    """Uncertainty of corrected rates and specific forces that comes from the calibration."""
-    errors, spread = calibration.sensed or calibration.errors or ImuErrors(), calibration.sd
-    still, diagonal, g = np.zeros((1, 3)), np.full((1, 3), 1.0 / np.sqrt(3.0)), np.array([[0.0, 0.0, -G0]])
-    at_rest, up = spread.corrected(errors, still, g)
-    turning, _ = spread.corrected(errors, 100.0 * DEG * diagonal, g)
-    cases: list[tuple[str, FloatArray, str]] = [
-        ("rate at rest, z down", at_rest, "deg/s"),
-        ("rate at 100 deg/s about (1, 1, 1)", turning, "deg/s"),
-        ("specific force at rest, z down", up, "mg"),
-    ]
-    rows = tuple(
-        (
-            Quantity("case", what),
-            *(Quantity(f"sd_{axis}", float(sd[0, k]), unit, digits=2) for k, axis in enumerate("xyz")),
-        )
-        for what, sd, unit in cases
-        if np.any(sd)
-    )
-    note = "1 sd from the uncertainty of the calibration alone, without noise and drift after it."
-    return Section("corrected", "Uncertainty of corrected data", rows=rows, note=note)
-
-
-def bench_input(tables: Sequence[BenchTable]) -> list[dict[str, Any]]:
-    """Files of the bench, for ``run.json``."""
-    return [{"path": table.name, "sha256": table.sha256, "units": dict(table.units)} for table in tables]
 
 
 def calibration_page(calibration: Calibration[Any, Any]) -> Page:

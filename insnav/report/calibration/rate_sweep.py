@@ -10,7 +10,7 @@ from insnav.lab.calibration import Calibration
 from insnav.lab.rate_sweep.method import SweepCalibration
 from insnav.lab.rate_sweep.records import SweepRecord
 from insnav.quantity import Quantity
-from insnav.report.calibration.page import corrected_section, impact_section, quality_rows, quality_section
+from insnav.report.calibration.common import corrected_section, impact_section, quality_rows, quality_section
 from insnav.report.calibration.panels import sweep_panels
 from insnav.report.numbers import number
 from insnav.report.page import Page, Section, drawn, only_json

@@ -6,7 +6,7 @@ from insnav.lab.bench_data.bench_tables import BenchTable
 from insnav.lab.calibration import Calibration, fitted
 from insnav.lab.rotor_inertia import Inertia, Inertias
 from insnav.quantity import Quantity
-from insnav.report.calibration.page import quality_rows, quality_section
+from insnav.report.calibration.common import quality_rows, quality_section
 from insnav.report.calibration.panels import line_panels
 from insnav.report.numbers import number
 from insnav.report.page import Page, Section, drawn, only_json

@@ -11,7 +11,7 @@ from insnav.lab.single_axis.rate_table import RateTable
 from insnav.lab.single_axis.records import Record
 from insnav.lab.single_axis.tumble import Tumble, harmonics
 from insnav.quantity import Quantity
-from insnav.report.calibration.page import impact_section, quality_rows, quality_section
+from insnav.report.calibration.common import impact_section, quality_rows, quality_section
 from insnav.report.calibration.panels import Series, residual_panels
 from insnav.report.numbers import number
 from insnav.report.page import Page, Section, drawn, only_json

@@ -9,9 +9,10 @@ from pathlib import Path
 from insnav.exceptions import writing
 from insnav.quantity import Quantity
 from insnav.regression.accuracy_metrics import BY_KEY, FAILS_FROM
-from insnav.regression.baseline import Baseline, Origin, write_text
+from insnav.regression.baseline import Baseline, write_text
 from insnav.regression.history import Entry
 from insnav.regression.peers.run_peers import PeerRow
+from insnav.regression.provenance import Origin
 from insnav.regression.published.replicas import Compared, FieldFactor
 from insnav.regression.run_corpus import CaseResult, Result
 from insnav.regression.verdict import Change, Comparison
@@ -19,16 +20,8 @@ from insnav.report.html import filled, page_html
 from insnav.report.numbers import number
 from insnav.report.page import Page, Section, Verdict, drawn, only_json, section_tables
 from insnav.report.regression import tables
-from insnav.report.regression.panels import (
-    COLUMNS,
-    change_matrix,
-    figures_tested,
-    growth_panels,
-    history_panels,
-    peer_matrix,
-    predicted_panels,
-    unclear_changes,
-)
+from insnav.report.regression.matrix import change_matrix, figures_tested, peer_matrix, unclear_changes
+from insnav.report.regression.panels import COLUMNS, growth_panels, history_panels, predicted_panels
 from insnav.report.style import drawing, save
 
 PAGE, SECTION = "accuracy.html", "accuracy.md"

@@ -10,10 +10,12 @@ import numpy as np
 
 from insnav.quantity import Quantity
 from insnav.regression.accuracy_metrics import BY_KEY, FAILS_FROM, LIKELY
-from insnav.regression.baseline import Baseline, Origin
+from insnav.regression.baseline import Baseline
+from insnav.regression.paired_tests import ALPHA, POWER, detectable_apart, interval
 from insnav.regression.peers.run_peers import LATEST, LONGEST, PeerRow
+from insnav.regression.provenance import Origin
 from insnav.regression.run_corpus import Result
-from insnav.regression.verdict import ALPHA, CPU_FAILS_FROM, POWER, Change, Comparison, detectable_apart, interval
+from insnav.regression.verdict import CPU_FAILS_FROM, Change, Comparison
 from insnav.report.numbers import number
 from insnav.report.page import Section, section_tables
 from insnav.report.terminal import table_text

@@ -16,8 +16,9 @@ from insnav.earth_fixed import earth_from_lla, quat_earth_from_level
 from insnav.simulate.curves import Spline, spline_through
 from insnav.simulate.earthfixed import EarthTruth, Turns
 from insnav.simulate.imu_errors import Seed
-from insnav.simulate.motion.kinds import Kind, Vibration, shaken
+from insnav.simulate.motion.kinds import Kind
 from insnav.simulate.motion.moves import Move
+from insnav.simulate.motion.vibration import Vibration, shaken
 from insnav.simulate.truth import LevelTruth, Truth
 from insnav.types import FloatArray
 from insnav.units import G0

@@ -11,16 +11,16 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, PlainValidator
 from pydantic_core import PydanticCustomError
-from scipy.interpolate import PchipInterpolator, make_interp_spline
 
 from insnav.config_file import Table, checked, quantity, read_toml, refuse, scalar, signed_scalar
-from insnav.earth import ned_offset
 from insnav.exceptions import ConfigError
 from insnav.simulate.imu_errors import Seed
 from insnav.simulate.motion.assemble import Commands, Start, commands_of, spacing_of, truth_of
-from insnav.simulate.motion.kinds import KINDS, Kind, Vibration
+from insnav.simulate.motion.kinds import KINDS, Kind
 from insnav.simulate.motion.moves import Move, State
 from insnav.simulate.motion.segments import SEGMENTS, Impossible, Repeat, Segment
+from insnav.simulate.motion.vibration import Vibration
+from insnav.simulate.motion.waypoints import way_through
 from insnav.simulate.truth import Truth
 from insnav.types import FloatArray
 
@@ -28,71 +28,6 @@ _LONGEST = 48.0 * 3600.0  # [s]
 _MAX_MOVES = 20_000
 _HIGHEST_VIBRATION = 100.0  # [Hz]
 _NEEDED = (("start", "[start] with lat and lon"), ("segment", "[[segment]], or [[waypoint]]"))
-_SMOOTHING = 2.0  # time over which a change of acceleration is spread [s]
-_FINE = 4001
-
-
-def way_through(lla: FloatArray, speed: FloatArray, spacing: float, vehicle: Kind) -> tuple[Commands | None, list[str]]:
-    """Make the way through points at even instants `spacing` apart [s], or say what keeps it from being driven.
-
-    Speeds of zero at the first and the last of the points `lla` make a drive from rest to rest. The problems name
-    their points.
-
-    Notes
-    -----
-    The line is a cubic spline through the points over the length of the chords, without curvature at its ends; between
-    two points the square of the speed changes evenly with the way, that is at constant acceleration, and the speed over
-    time is then smoothed. Heights follow a monotone interpolation: no hill where there is none.
-    """
-    offset = ned_offset(lla, lla[0])
-    chords = np.linalg.norm(np.diff(offset[:, :2], axis=0), axis=1)
-    problems = [f"waypoints {i + 1} and {i + 2} are at the same place" for i in np.flatnonzero(chords < 1e-3)]
-    both = (speed[:-1] == 0.0) & (speed[1:] == 0.0)
-    problems += [f"waypoints {i + 1} and {i + 2}: no speed from one to the other" for i in np.flatnonzero(both)]
-    acceleration = np.abs(np.diff(speed**2)) / np.maximum(2.0 * chords, 1e-3)
-    problems += [
-        f"waypoints {i + 1} and {i + 2}: {acceleration[i]:.3g} m/s^2 is more than a {vehicle.name} can"
-        for i in np.flatnonzero(acceleration > vehicle.forward)
-    ]
-    problems += [
-        f"waypoint {i + 1}: {speed[i]:.4g} m/s is faster than a {vehicle.name} goes: {vehicle.speed:.3g}"
-        for i in np.flatnonzero(speed > vehicle.speed)
-    ]
-    if problems:
-        return None, problems
-    chord = np.concatenate([[0.0], np.cumsum(chords)])
-    line = make_interp_spline(chord, offset[:, :2], k=3, bc_type="natural") if len(chord) > 2 else None
-    fine = np.linspace(0.0, chord[-1], max(_FINE, 20 * len(chord)))
-    slope = line(fine, nu=1) if line is not None else np.tile(offset[1, :2] / chord[1], (len(fine), 1))
-    bend = line(fine, nu=2) if line is not None else np.zeros_like(slope)
-    stretch = np.linalg.norm(slope, axis=1)
-    curvature = np.abs(slope[:, 0] * bend[:, 1] - slope[:, 1] * bend[:, 0]) / stretch**3
-    square = np.interp(fine, chord, speed**2)
-    sideways = curvature * square
-    worst = int(np.argmax(sideways))
-    if sideways[worst] > vehicle.sideways:
-        number = int(np.searchsorted(chord, fine[worst], side="right"))
-        text = f"near waypoint {number}: {sideways[worst]:.3g} m/s^2 across the way, and a {vehicle.name} bears"
-        return None, [f"{text} {vehicle.sideways:.3g}: drive slower, or give more points"]
-    # along the line: its length, and the time, exact for constant acceleration between neighbouring instants
-    length = np.concatenate([[0.0], np.cumsum(0.5 * (stretch[1:] + stretch[:-1]) * np.diff(fine))])
-    v = np.sqrt(square)
-    when = np.concatenate([[0.0], np.cumsum(np.diff(length) * 2.0 / np.maximum(v[1:] + v[:-1], 1e-9))])
-    count = int(np.ceil((when[-1] + 2.0 * _SMOOTHING) / spacing)) + 1
-    t: FloatArray = spacing * np.arange(count, dtype=np.float64)
-    # the smoothed speed is even about each instant: the whole way stays as long as it was
-    half = max(1, round(0.5 * _SMOOTHING / spacing))
-    x = np.arange(-half, half + 1) / (half + 1.0)
-    kernel = (1.0 - x**2) ** 4
-    pace = np.interp(t - _SMOOTHING, when, v, left=float(v[0]), right=float(v[-1]))
-    smooth = np.convolve(np.pad(pace, half, mode="edge"), kernel / kernel.sum(), mode="valid")
-    travelled = np.concatenate([[0.0], np.cumsum(0.5 * (smooth[1:] + smooth[:-1]) * spacing)])
-    travelled -= v[0] * _SMOOTHING
-    at = np.interp(travelled, length, fine)
-    course = np.unwrap(np.arctan2(slope[:, 1], slope[:, 0]))
-    rise = PchipInterpolator(chord, lla[:, 2])(at, nu=1) / np.interp(at, fine, stretch)
-    heading = np.interp(at, fine, course)
-    return Commands(t, smooth, heading, np.arctan(rise), np.zeros_like(t), float(t[-1])), []
 
 
 def _latitude(value: object) -> float:

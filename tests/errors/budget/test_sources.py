@@ -12,7 +12,7 @@ from insnav.errors.budget.sampled_motion import at_rest
 from insnav.errors.budget.sources import families, left_out, not_given, only, sources_of
 from insnav.imu import ImuSpec, SensorSpec, error_terms, load_imu
 from insnav.imu.error_terms import ErrorTerm
-from insnav.report.budget.quantities import effect, growth, size
+from insnav.report.budget.contributions import effect, growth, size
 from insnav.types import FloatArray
 from tests.errors.budget.imus import plain, whole
 

@@ -1,0 +1,110 @@
+"""What of the difference to a reference is constant: another point of the vehicle, another datum, another height."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.attitude import dcm_from_rph
+from insnav.errors.metrics import TrajectoryErrors
+from insnav.sample_statistics import rms
+from insnav.types import BoolArray, FloatArray, IntArray, Trajectory
+
+FEWEST = 100  # epochs; fewer tell nothing
+BLOCKS = 10  # of the jackknife: errors of neighbouring epochs are alike
+TURNED = 0.3  # smallest change of the direction, as the RMS distance of the mean of unit vectors from all [-]
+CLEAR = 5.0  # standard deviations beyond which another point is told ...
+LEAST = 0.05  # so far away at least [m] ...
+WORTH = 0.8  # ... if with it the difference falls to this part: a run that is metres off has offsets, too
+GEOID = 10.0  # a mean difference of the heights that no navigation makes [m]
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceOffset:
+    """Constant parts of the difference between a run and its reference."""
+
+    body: FloatArray  # (2,) forward, right: the point of the reference seen from that it was compared with [m]
+    body_sd: FloatArray  # (2,)
+    horizontal_rms: float  # of the difference as it is [m]
+    horizontal_rms_without: float  # with that point moved [m]
+    down: float  # mean difference of the heights, positive where the reference is the higher [m]
+
+    @property
+    def clear(self) -> bool:
+        """Whether the point is another one, beyond doubt."""
+        explained = self.horizontal_rms_without < WORTH * self.horizontal_rms
+        return explained and bool((np.abs(self.body) > np.maximum(LEAST, CLEAR * self.body_sd)).any())
+
+    @property
+    def geoid(self) -> bool:
+        """Whether heights differ by as much as ellipsoid and mean sea level do."""
+        return abs(self.down) > GEOID
+
+
+def reference_offset(errors: TrajectoryErrors, track: Trajectory) -> ReferenceOffset | None:
+    """Fit a body-fixed and a local offset to the horizontal errors.
+
+    Error = estimate - reference, so that a reference elsewhere on the vehicle makes ``-C b``; a constant of the datum
+    does not turn with it.
+
+    Returns: none where there are few epochs, or the vehicle does not turn.
+    """
+    known: BoolArray = np.asarray(np.isfinite(errors.position).all(axis=1))
+    position = errors.position[known]
+    if position.shape[0] < FEWEST:
+        return None
+    row = rows_at(track, errors.time[known])
+    c = dcm_from_rph(track.rph[row])[:, :2, :2]
+    if np.sqrt(np.sum(np.var(c[:, :, 0], axis=0))) < TURNED:
+        return None
+    terms = np.concatenate([-c, np.broadcast_to(np.eye(2), c.shape)], axis=2)  # body forward, right; north, east
+    value, value_sd = jackknifed(terms, position[:, :2])
+    body, sd = value[:2], value_sd[:2]
+    moved = position[:, :2] + c @ body
+    return ReferenceOffset(
+        body,
+        sd,
+        rms(np.hypot(position[:, 0], position[:, 1])),
+        rms(np.hypot(moved[:, 0], moved[:, 1])),
+        float(position[:, 2].mean()),
+    )
+
+
+def rows_at(track: Trajectory, time: FloatArray) -> IntArray:
+    """Row of a track at each time, or the next."""
+    return np.searchsorted(track.time, time).clip(max=len(track.time) - 1)
+
+
+def jackknifed(terms: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Fit k unknowns to pairs of values ``(n, 2)`` by their `terms` ``(n, 2, k)``, with standard deviations.
+
+    These are of a jackknife over ten parts of the drive, as errors are alike for long (Efron and Tibshirani, "An
+    Introduction to the Bootstrap", 1993, chapter 11).
+    """
+    normal, right = np.swapaxes(terms, 1, 2) @ terms, np.einsum("nij,ni->nj", terms, values)
+    parts = np.array_split(np.arange(len(values)), BLOCKS)
+    sums = [(normal[part].sum(axis=0), right[part].sum(axis=0)) for part in parts]
+    whole = sum(each[0] for each in sums), sum(each[1] for each in sums)
+    found = np.linalg.lstsq(*whole, rcond=None)[0]
+    left_out = np.array([np.linalg.lstsq(whole[0] - a, whole[1] - b, rcond=None)[0] for a, b in sums])
+    return found, np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((left_out - left_out.mean(axis=0)) ** 2, axis=0))
+
+
+def offset_notes(found: ReferenceOffset, taken: FloatArray) -> list[str]:
+    """What it is, and what to do about it, in words; `taken` (3,): the point compared with, from the IMU [m]."""
+    notes = []
+    if found.clear:
+        (forward, right), sd = found.body, found.body_sd
+        point = ",".join(f"{each:.2f}" for each in (*(taken[:2] + found.body), taken[2]))
+        notes.append(
+            f"the reference is of another point of the vehicle: {forward:+.2f} ± {sd[0]:.2f} m forward, {right:+.2f} ± "
+            f"{sd[1]:.2f} m right; horizontal RMS difference {found.horizontal_rms:.3g} m, "
+            f"{found.horizontal_rms_without:.3g} m with that moved: --ref-lever-arm={point}"
+        )
+    if found.geoid:
+        notes.append(
+            f"heights differ from the reference by {abs(found.down):.1f} m on average: the undulation of the geoid? "
+            "One of the two may be above mean sea level (--gps-height msl)"
+        )
+    return notes

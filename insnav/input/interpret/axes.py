@@ -1,0 +1,57 @@
+"""Directions of a sensor's axes in letters or as angles, and the way from there to Forward, Right, Down."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from insnav.attitude import dcm_from_rph
+from insnav.exceptions import ConfigError
+from insnav.types import FloatArray
+
+_DIRECTIONS = {
+    "F": (1.0, 0.0, 0.0),
+    "B": (-1.0, 0.0, 0.0),
+    "R": (0.0, 1.0, 0.0),
+    "L": (0.0, -1.0, 0.0),
+    "D": (0.0, 0.0, 1.0),
+    "U": (0.0, 0.0, -1.0),
+}
+
+
+def axes_matrix(axes: str) -> FloatArray:
+    """Matrix from sensor axes to Forward, Right, Down.
+
+    `axes`: where the sensor's x, y and z point: three letters of F/B, R/L, D/U, such as ``FLU``; or roll, pitch and yaw
+    of the sensor in the vehicle [deg], such as ``0,0,30``.
+    Returns: (3, 3): ``v_frd = axes_matrix(axes) @ v_sensor``; a rotation.
+    Raises: ConfigError: neither letters nor angles, one direction twice, or a left-handed set.
+    """
+    letters = axes.strip().upper()
+    fix = "name where x, y and z point, such as FRD, FLU or RFU: F or B, R or L, D or U; or angles, such as 0,0,30"
+    angles = _angles(letters)
+    if angles is not None:
+        return dcm_from_rph(np.deg2rad(angles))
+    if len(letters) != 3 or any(letter not in _DIRECTIONS for letter in letters):
+        raise ConfigError(f"{axes!r} are not three directions", where="imu-axes", fix=fix)
+    matrix = np.array([_DIRECTIONS[letter] for letter in letters]).T + 0.0
+    determinant = round(float(np.linalg.det(matrix)))
+    if determinant == 0:
+        raise ConfigError(f"{axes!r} names one direction twice", where="imu-axes", fix=fix)
+    if determinant < 0:
+        other = "".join((letters[1], letters[0], letters[2]))
+        raise ConfigError(
+            f"{axes!r} is a left-handed set of axes",
+            where="imu-axes",
+            why="x cross y must be z, else rotations have the wrong sign",
+            fix=f"one direction must be the opposite one; or did you mean {other}?",
+        )
+    return matrix
+
+
+def _angles(text: str) -> FloatArray | None:
+    """Three angles between commas [deg]."""
+    try:
+        angles = np.array([float(each) for each in text.split(",")])
+    except ValueError:
+        return None
+    return angles if angles.shape == (3,) and bool(np.all(np.abs(angles) <= 360.0)) else None

@@ -1,0 +1,165 @@
+"""Whether rate sweeps can be used: which rates there are, where a gyro is saturated, whether columns are exchanged."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.lab.calibration import WRONG_UNIT
+from insnav.lab.least_squares import Fit
+from insnav.lab.single_axis.rate_table import FEWEST, Dropped
+from insnav.types import BoolArray, FloatArray, IntArray
+from insnav.units import DEG
+
+USUAL = 31  # rates about an axis, from which pieces are distinguishable from noise
+FEWEST_FOR_MAP = 12  # with fewer no pieces are sought
+MOST_CROSSED = 0.3  # of the rate about another axis, over that about its own
+FLAT = 0.5  # of its usual slope: a gyro that grows less with the rate is saturated
+_SURE = 4.0  # standard deviations
+_AT_STOP = 0.05  # of its usual growth: an output that grows less stands at its stop
+
+
+def check_rates(rate: FloatArray, own: Sequence[IntArray], where: str) -> tuple[str, ...]:
+    """Refuse sweeps that leave an axis out; warnings of what is unusual.
+
+    rate (n, 3): rates of the table [rad/s]; own (k,): dwells about each axis alone.
+    """
+    warnings = []
+    for axis, rows in zip("xyz", own, strict=True):
+        different = np.unique(rate[rows, "xyz".index(axis)])
+        if different.size < FEWEST:
+            raise InputError(
+                f"there is no sweep about {axis}" if different.size < 2 else f"the sweep about {axis} is too short",
+                where=where,
+                why=f"{different.size} different rates about {axis} alone; {FEWEST} are needed",
+                fix=f"turn the table about {axis}, for example from -300 to 300 deg/s in steps of 10",
+            )
+        if different[0] >= 0.0 or different[-1] <= 0.0:
+            raise InputError(
+                f"the sweep about {axis} has one sense of rotation only",
+                where=where,
+                why=f"its rates are from {different[0] / DEG:g} to {different[-1] / DEG:g} deg/s; bias and what "
+                "differs between the senses cannot be separated",
+                fix="sweep through zero",
+            )
+        if different.size < FEWEST_FOR_MAP:
+            warnings.append(
+                f"the sweep about {axis} has {different.size} rates, too few to see what the matrix leaves over the "
+                "rate: nothing of that is compensated"
+            )
+        elif different.size < USUAL:
+            warnings.append(
+                f"the sweep about {axis} has {different.size} rates; with fewer than {USUAL} what the matrix leaves is "
+                "hardly distinguishable from noise"
+            )
+        if -different[0] < 0.5 * different[-1] or different[-1] < -0.5 * different[0]:
+            warnings.append(
+                f"the sweep about {axis} is one-sided: {different[0] / DEG:g} to {different[-1] / DEG:g} deg/s"
+            )
+    return tuple(warnings)
+
+
+def saturated(rate: FloatArray, output: FloatArray, sd: FloatArray) -> tuple[BoolArray, tuple[Dropped, ...]]:
+    """Find the ends of a sweep where the output hardly grows with the rate any more.
+
+    A non-linear gyro leaves a straight line long before its range ends; saturated it is where its slope falls below
+    half of the usual, and beyond.
+
+    rate (n,): about the gyro's own axis [deg/s]; output (n,): mean outputs; sd (n,): their standard deviations.
+    Returns lost (n,).
+    """
+    different, which = np.unique(rate, return_inverse=True)
+    count = np.bincount(which)
+    mean = np.bincount(which, output) / count
+    noise = np.sqrt(np.bincount(which, sd**2)) / count
+    slope = np.diff(mean) / np.diff(different)
+    usual = float(np.median(slope))
+    if usual == 0.0:
+        return np.zeros(rate.size, dtype=np.bool_), ()
+    share = slope / usual
+    unsure = np.hypot(noise[1:], noise[:-1]) / (np.diff(different) * abs(usual))
+    flat = share + _SURE * unsure < FLAT
+    lost = np.zeros(rate.size, dtype=np.bool_)
+    dropped = []
+    for sense in (1.0, -1.0):
+        outer = different[1:] if sense > 0.0 else -different[:-1]  # of each step, the end farther out in this sense
+        ends = outer[flat & (outer > 0.0)]
+        if ends.size == 0:
+            continue
+        first = float(ends.min())
+        # the rate before it may stand at the stop already, on the way to which the output still grew
+        at = int(np.flatnonzero(different == sense * first)[0])
+        before = at - int(sense)
+        if abs(mean[at] - mean[before]) < max(
+            _AT_STOP * abs(usual * (different[at] - different[before])),
+            _SURE * float(np.hypot(noise[at], noise[before])),
+        ):
+            first = sense * float(different[before])
+        lost |= sense * rate >= first
+        for value in different[sense * different >= first]:
+            short = float(mean[different == value][0] - _extended(different, mean, sense * first, sense, float(value)))
+            reason = "saturated: the output grows less than half as much with the rate as elsewhere"
+            dropped.append(Dropped(float(value), short, float("nan"), reason))
+    return lost, tuple(sorted(dropped, key=lambda item: item.rate))
+
+
+def _extended(rate: FloatArray, output: FloatArray, first: float, sense: float, at: float) -> float:
+    """Straight line through the rates within, at a rate beyond."""
+    inside = sense * rate < sense * first
+    if np.count_nonzero(inside) < 2:
+        return float("nan")
+    return float(np.polyval(np.polyfit(rate[inside], output[inside], 1), at))
+
+
+def refuse_crossed(fits: Sequence[Fit], raw: bool, where: str) -> None:
+    """Refuse gyros that follow another axis than their own, or are not in their unit.
+
+    fits: sensitivities to x, y, z and bias of each gyro; raw: whether the outputs are in volts or counts.
+    """
+    for i, (axis, fit) in enumerate(zip("xyz", fits, strict=True)):
+        own, others = float(fit.value[i]), np.delete(fit.value[:3], i)
+        follows = ", ".join(f"{value:.3g}" for value in fit.value[:3])
+        if np.abs(others).max() > MOST_CROSSED * abs(own):
+            raise InputError(
+                f"gyro {axis} does not show the rate about {axis}",
+                where=where,
+                why=f"it follows the rates about x, y, z by {follows}",
+                fix="columns or files exchanged? give the sweeps about x, y, z in this order, and check the headers",
+            )
+        if abs(own) < 5.0 * fit.sd[i]:
+            raise InputError(
+                f"gyro {axis} does not follow the rate about {axis}",
+                where=where,
+                why=f"its sensitivity is {own:.3g} ± {fit.sd[i]:.2g}",
+                fix="check that the columns of rate and output are what their headers state",
+            )
+        if not raw and abs(own - 1.0) > WRONG_UNIT:
+            raise InputError(
+                f"gyro {axis} does not show a rate in the unit of its column",
+                where=where,
+                why=f"its scale factor is estimated as {own:.4g}",
+                fix="turn the sign of the table or of the gyro" if own < 0.0 else "check the units in the headers",
+            )
+
+
+def shifted_zeros(error: FloatArray, own: Sequence[IntArray]) -> tuple[str, ...]:
+    """Name gyros whose zero differs between the sweeps about the other two axes.
+
+    error (n, 3): of the corrected rates [rad/s]; NaN where not known; own (k,): dwells about each axis alone.
+    """
+    warnings = []
+    for i, axis in enumerate("xyz"):
+        j, k = (a for a in range(3) if a != i)
+        sides = [values[np.isfinite(values)] for values in (error[own[j], i], error[own[k], i])]
+        if min(side.size for side in sides) < FEWEST:
+            continue
+        shift = float(sides[1].mean() - sides[0].mean())
+        sd = float(np.hypot(*(side.std(ddof=1) / np.sqrt(side.size) for side in sides)))
+        if abs(shift) > 5.0 * sd + 1e-9 * float(np.abs(error[np.isfinite(error)]).max()):
+            warnings.append(
+                f"gyro {axis}: its zero differs by {abs(shift) / DEG:.3g} deg/s between the sweeps about {'xyz'[j]} "
+                f"and {'xyz'[k]}: drift, temperature, or sensitivity to gravity, if the sensor was mounted anew"
+            )
+    return tuple(warnings)

@@ -1,0 +1,72 @@
+"""What a run folder holds: its facts, and the digest of every file in it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+from insnav.exceptions import InputError
+
+FACTS_FILE = "run.json"
+
+
+def read_facts(folder: Path) -> dict[str, Any]:
+    """Read the ``run.json`` of a run folder.
+
+    Raises: InputError: not a run folder, or ``run.json`` is damaged.
+    """
+    path = folder / FACTS_FILE
+    try:
+        facts = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(
+            "this is not a run folder",
+            where=str(path),
+            why=error.strerror or str(error),
+            fix="give a folder that `insnav run` has written",
+        ) from error
+    except ValueError as error:
+        raise InputError("run.json is damaged", where=str(path), why=str(error), fix="make the run again") from error
+    if not isinstance(facts, dict) or not isinstance(facts.get("files"), dict):
+        raise InputError("run.json is damaged", where=str(path), why="it lists no files", fix="make the run again")
+    return facts
+
+
+def verify_folder(folder: Path) -> dict[str, Any]:
+    """Check that a run folder holds exactly the files it was written with; its ``run.json``.
+
+    Raises: InputError: not a run folder, or a file is missing, changed or added.
+    """
+    facts = read_facts(folder)
+    found = files_in(folder)
+    listed = facts["files"]
+    wrong = [f"{name} is missing" for name in listed if name not in found]
+    wrong += [f"{name} was added" for name in found if name not in listed]
+    wrong += [
+        f"{name} was changed"
+        for name, entry in listed.items()
+        if name in found and (not isinstance(entry, dict) or file_sha256(found[name]) != entry.get("sha256"))
+    ]
+    if wrong:
+        raise InputError(
+            "the run folder is not as it was written",
+            where=str(folder),
+            why="; ".join(wrong),
+            fix="make the run again",
+        )
+    return facts
+
+
+def file_sha256(path: Path) -> str:
+    """Return the SHA-256 digest of a file as hexadecimal digits."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def files_in(folder: Path) -> dict[str, Path]:
+    """Every file below a folder but ``run.json``, by its name with forward slashes, sorted."""
+    paths = sorted(p for p in folder.rglob("*") if p.is_symlink() or not p.is_dir())
+    names = {p.relative_to(folder).as_posix(): p for p in paths}
+    return {name: path for name, path in names.items() if name != FACTS_FILE}
