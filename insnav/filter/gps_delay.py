@@ -295,7 +295,8 @@ def on_time(
         if not moved and not lagging:
             break
         before, last = (ready, seen), 0.0 if drift or not moved else delay
-        clock, rate = (clock + delay, rate + drift) if moved else (clock, rate)
+        if moved:
+            clock, rate = clock + delay, rate + drift
         there = prepared(clock, rate)
         there = replace(there, settings=replace(there.settings, velocity_lag=found.lag, moments=found.moments))
         # within its reach the filter explains a delay as well by its state, but for what is not linear in it

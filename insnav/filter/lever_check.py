@@ -56,10 +56,12 @@ def with_right_lever(given: Prepared, alone: Callable[[], Prepared]) -> Prepared
         seen = _three(limit + MARGIN * run.lever_sd)
         note = f"errors of the lever arm given that this drive would not show are smaller than {seen} m (x, y, z)"
         return replace(given, notes=(*given.notes, note))
-    other, part = alone(), pretended(given, run)
+    other = alone()
+    if pretended(given, run) <= PRETENDED:
+        return other
     run = looked(other)  # noise found with a wrong arm holds it
     hidden = min(pretended(other, run), 1.0) * np.abs(arm)
-    if part <= PRETENDED or (np.abs(run.lever_b - arm) > limit + hidden).any():
+    if (np.abs(run.lever_b - arm) > limit + hidden).any():
         return other
     text = (
         f"the lever arm given is used, though fixes show {_three(run.lever_b)} m: noise of the gyros may pretend that; "
