@@ -47,6 +47,7 @@ LOST_BY = 2.0  # so soon after its end a run is lost by a fault that goes on [s]
 # noise beside it in what was seen, and from which it is a fault: recorded drives without one have up to 29 and 81 [-]
 LOOKED_AT, WORTH, SURELY = 8.0, 30.0, 90.0
 LONGEST = 0.6  # part of the record; what is off for longer is a bias, and the rest is off
+STAYS = 2.0  # twice the gain of the log-likelihood by which its ends do not move: they went to and fro [-]
 LINEAR_ROUNDS = 4  # without another run
 LEAST = 0.3 * DEG  # rate; biases that warm up and what vibration adds on a recorded car, 0.23 deg/s, are none [rad/s]
 ALIKE = 0.3  # part of the largest gain from which an axis is tried: the run with the fault is not linear in it
@@ -244,6 +245,8 @@ def _settled(
         if again is None or seen is None:
             break
         drive, at = _looked_at(seen, cut)
+        if drive.times[-1] < fault.begin:  # which shows nothing of it
+            drive = seen[0]
         lost = drive is not seen[0]
         any_lost |= lost
         edges = _edges(drive)
@@ -281,6 +284,11 @@ def _likeliest(
     first, last = first[chosen], last[chosen]
     own = np.maximum(fisher[first, first] + fisher[last, last] - 2.0 * fisher[first, last], 1e-12)
     pull = slope[last] - slope[first]
-    best = int(np.argmax(pull**2 / own))
+    gain = pull**2 / own
+    best = int(np.argmax(gain))
+    if before is not None:
+        moved = np.maximum(np.abs(edges[first] - before.begin), np.abs(edges[last] - before.end))
+        stays = (moved < 1e-6) & (gain > gain[best] - STAYS)
+        best = int(np.argmax(stays)) if stays.any() else best
     span = edges[first[best]], edges[last[best]]
-    return Episode(cause, float(span[0]), float(span[1]), float((pull / own)[best]), float((pull**2 / own)[best]))
+    return Episode(cause, float(span[0]), float(span[1]), float((pull / own)[best]), float(gain[best]))
