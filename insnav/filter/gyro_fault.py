@@ -46,7 +46,7 @@ LOST_BY = 2.0  # so soon after its end a run is lost by a fault that goes on [s]
 # twice the gain of the log-likelihood from which a span is looked at, from which it is worth runs without it, with the
 # noise beside it in what was seen, and from which it is a fault: recorded drives without one have up to 29 and 81 [-]
 LOOKED_AT, WORTH, SURELY = 8.0, 30.0, 90.0
-LONGEST = 0.6  # part of the record; what is off for longer is a bias, and the rest is off
+LONGEST = 0.6  # part of the record; what is off for longer, but not to the end, is a bias, and the rest is off
 STAYS = 2.0  # twice the gain of the log-likelihood by which its ends do not move: they went to and fro [-]
 LINEAR_ROUNDS = 4  # without another run
 LEAST = 0.3 * DEG  # rate; biases that warm up and what vibration adds on a recorded car, 0.23 deg/s, are none [rad/s]
@@ -279,8 +279,9 @@ def _likeliest(
     whole = np.vstack([np.zeros(e.size), np.cumsum(by, axis=0)])
     fisher, slope = (whole * weight) @ whole.T, -(whole * weight) @ e
     first, last = np.triu_indices(edges.size, 1)
-    passes = edges[last] - edges[first] <= LONGEST * (edges[-1] - edges[0])
-    chosen = last == edges.size - 1 if cause == LATER else passes
+    to_the_end, length = last == edges.size - 1, edges[last] - edges[first]
+    passes = (length <= LONGEST * (edges[-1] - edges[0])) | to_the_end & (first > 0)
+    chosen = to_the_end if cause == LATER else passes
     first, last = first[chosen], last[chosen]
     own = np.maximum(fisher[first, first] + fisher[last, last] - 2.0 * fisher[first, last], 1e-12)
     pull = slope[last] - slope[first]
