@@ -50,6 +50,7 @@ LONGEST = 0.6  # part of the record; what is off for longer, but not to the end,
 STAYS = 2.0  # twice the gain of the log-likelihood by which its ends do not move: they went to and fro [-]
 LINEAR_ROUNDS = 4  # without another run
 LEAST = 0.3 * DEG  # rate; biases that warm up and what vibration adds on a recorded car, 0.23 deg/s, are none [rad/s]
+SLIGHT = 0.25  # part of that by which a gyro that is off may seem so about a run without it
 ALIKE = 0.3  # part of the largest gain from which an axis is tried: the run with the fault is not linear in it
 SHORTEST_FOUND = 3.0  # what is shorter is left at ends of another one, or what the model of a recorded car lacks [s]
 OPENED = 0.5  # part of the rate by which the bias is opened where a span begins and ends
@@ -255,7 +256,7 @@ def _settled(
         near = np.arange(-reach, reach + STEP, STEP)
         edges = np.unique(np.clip(np.concatenate([edges, fault.begin + near, min(fault.end, end) + near]), begin, end))
         before, fault = fault, _likeliest(*drive.by_spans(at, edges, fault.cause), edges, fault.cause, fault)
-        if fault.gain < (LOOKED_AT if lost or count == 0 else SURELY):
+        if fault.gain < (LOOKED_AT if lost or count == 0 else SURELY) or abs(fault.rate) < SLIGHT * LEAST:
             break
         if fault.near(before):
             sure = fault.gain > SURELY and abs(fault.rate) > LEAST and fault.end - fault.begin > SHORTEST_FOUND
