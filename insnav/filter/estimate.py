@@ -44,11 +44,12 @@ class Estimate:
     `corrected` (3,) is what corrections have made of the velocity within `SHOWN_BY_IMU` [m/s];
     `x`, `correction`, `delay`, `lag`, `correlated`, `lever`, `shaken` and `motion` are those of
     `insnav.filter.error_model.FilterState`, `at` the indices of the states, `span` the time since the last epoch, (1,)
-    [s], and `history` what the smoother needs. `coast` is the longest time between filter epochs [s].
+    [s], and `history` what the smoother needs. `coast` is the longest time between filter epochs [s]; until
+    `rest` the vehicle is known to stay where it is [s].
     """
 
     def __init__(
-        self, start: FilterState, model: ErrorModel, settings: FilterSettings, record: Record, coast: float
+        self, start: FilterState, model: ErrorModel, settings: FilterSettings, record: Record, coast: float, rest: float
     ) -> None:
         self.at, self._coast = layout(settings), coast
         n = self.at.states
@@ -71,7 +72,7 @@ class Estimate:
         self._work = errorstate.scratch()
         self.before = np.zeros(12)  # variances predicted for the last epoch
         self._changes = [change for change in settings.changes if change.time > start.time]
-        self._noise = errorstate.Model(np.array([SUBSTEP, coast]), model.noise, GAP_NOISE, model.decay)
+        self._noise = errorstate.Model(np.array([SUBSTEP, coast, rest]), model.noise, GAP_NOISE, model.decay)
         if self.history is not None:
             self.history.epoch(start.time, *self._seen, self._phi, self.covariance)
 

@@ -12,13 +12,14 @@ from insnav import strapdown
 from insnav.alignment import align, stationary_of
 from insnav.alignment import in_motion as motion
 from insnav.alignment.align import LEVEL_SPAN
+from insnav.earth import ned_offset
 from insnav.exceptions import AlignmentError, InputError
 from insnav.filter.error_model import ErrorModel, InitialState, error_model, initial_state
 from insnav.filter.gates import Gates, without_frozen
 from insnav.filter.gps_correlation import correlated_noise
 from insnav.filter.gps_noise import LAG_WORTH, LAGGING_NOTE, velocity_lag, with_sd
 from insnav.filter.measurements.height import HeightAiding
-from insnav.filter.navigator import Navigator
+from insnav.filter.navigator import LONG_REST, Navigator
 from insnav.filter.parts import LONGEST_GAP, SHORTEST, Part, spans
 from insnav.filter.settings import FilterSettings
 from insnav.imu.health import inspect
@@ -36,6 +37,8 @@ ACCELERATION = 2.0  # vehicles seldom accelerate faster [m/s^2]
 CORRELATED = "time-correlated GPS position errors"
 FEWEST_FIXES = 5  # of a part of the record that is aligned by itself
 ROUNDS = 3  # of alignment, and of fixes less the lever arm that it turns
+AWAY, AWAY_SD = 50.0, 6.0  # from the first fix, beyond which a vehicle has left its place [m], [sd]
+LONGEST_REST = 3600.0  # that searches go beyond [s]
 START_VELOCITY_SD = 0.1  # lever arm and turn between antenna and IMU at the start, on top of the fix [m/s]
 
 
@@ -95,10 +98,27 @@ class Prepared:
         rows = (self.imu.time > begin) & (self.imu.time <= ends[number])
         return replace(self, imu=self.imu.rows(rows), alignment=alignment, initial=initial, parts=())
 
+    def rest(self) -> float:
+        """How long the vehicle stays where it is at first, where that is long: of what rests little is to be found [s].
+
+        As fixes have it, or 0.
+        """
+        time = self.gps.time - self.initial.time
+        gps = self.gps.rows(np.flatnonzero((time > 0.0) & (time < LONGEST_REST)))
+        if gps.time.shape[0] == 0:
+            return 0.0
+        way = np.linalg.norm(ned_offset(gps.lla, gps.lla[0])[:, :2], axis=1)
+        left = np.flatnonzero(way > AWAY + AWAY_SD * np.linalg.norm(gps.position_sd[:, :2], axis=1))
+        length = float(gps.time[left[0]] - self.initial.time) if left.size else 0.0
+        return length if length > LONG_REST else 0.0
+
     def beginning(self, length: float) -> Prepared:
-        """The first `length` seconds of the longest part, for searches: samples joined, unless some are missing."""
+        """The first `length` seconds of the longest part, for searches: samples joined, unless some are missing.
+
+        A long rest is there in addition.
+        """
         part = self.longest_part()
-        imu = part.imu.rows(part.imu.time <= part.initial.time + length)
+        imu = part.imu.rows(part.imu.time <= part.initial.time + part.rest() + length)
         part = replace(part, imu=imu)
         samples = strapdown.joined([strapdown.intervals(imu, self.nominal)])
         if samples.gap.any() or samples.end.shape[0] == imu.time.shape[0]:

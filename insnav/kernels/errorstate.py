@@ -49,7 +49,8 @@ class Carried(NamedTuple):
 class Model(NamedTuple):
     """Noise of the sensors."""
 
-    limit: np.ndarray  # (2,) longest sub-step, and longest time without a filter epoch [s]
+    # (3,) longest sub-step, longest time without a filter epoch, and until when the vehicle rests [s]
+    limit: np.ndarray
     # (20,) spectral densities: gyro, accelerometer white noise, driving noise of the twelve sensor errors; then the
     # squared misalignment of gyros and accelerometers times the length of a manoeuvre [rad^2 s]
     noise: np.ndarray
@@ -265,6 +266,8 @@ def propagate(first, last, close, samples, carried, model, phi, q, out, work):  
                 correction[j] *= kept[j]
             ig0, ig1, ig2 = 1.0 / (1.0 + correction[6]), 1.0 / (1.0 + correction[7]), 1.0 / (1.0 + correction[8])
             ia0, ia1, ia2 = 1.0 / (1.0 + correction[9]), 1.0 / (1.0 + correction[10]), 1.0 / (1.0 + correction[11])
+            if time[k] <= limit[2]:  # what is felt horizontally is noise
+                sums[1] = sums[2] = 0.0
             _substep(x, sums, noise, phi, q, work)
         if due or grid[1] == 0.0:
             out_time[used[0]] = time[k]

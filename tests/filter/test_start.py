@@ -7,13 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from insnav.attitude import dcm_from_rph
+import insnav
+from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.earth import lla_offset, ned_offset
 from insnav.exceptions import InputError
 from insnav.filter import FilterSettings, initial_state
 from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.navigate import navigate_recording
 from insnav.filter.prepare import DELAY_SD, Start, prepare
+from insnav.session.simulation import plan_of, profiled
 from insnav.simulate import GpsErrors, corrupt_gps, reference
 from insnav.types import EventKind, GpsData, ImuData, Run
 from insnav.units import DEG
@@ -148,3 +150,45 @@ def test_the_state_starts_at_the_imu_not_at_the_antenna():
     error = ned_offset(ready.initial.lla, reference(motion, np.array([ready.initial.time])).lla[0])
     print(error, ready.alignment.heading_method)
     assert np.linalg.norm(error) < 0.1  # the antenna is 1.2 m away
+
+
+PARKED = """purpose = "Parked for a quarter of an hour, then bends"
+[start]
+lat = "48 deg"
+lon = "11 deg"
+[[segment]]
+kind = "static"
+duration = "900 s"
+[[segment]]
+kind = "accelerate"
+to = "12 m/s"
+[[segment]]
+kind = "repeat"
+count = 4
+segment = [
+  { kind = "turn", angle = "90 deg", rate = "15 deg/s" },
+  { kind = "cruise", duration = "12 s" },
+  { kind = "turn", angle = "-60 deg", rate = "15 deg/s" },
+  { kind = "cruise", duration = "12 s" },
+]
+"""
+
+
+def test_fixes_show_no_heading_while_a_vehicle_is_parked(tmp_path):
+    """Fixes of what rests do not depend on it, so that only gyros change how well it is known: less and less."""
+    (tmp_path / "parked.toml").write_text(PARKED)
+    plan = plan_of(profiled(tmp_path / "parked.toml", 3), {"imu": "consumer", "gps": "single", "seed": 3})
+    measured = plan.measured()
+    run = insnav.load(measured.imu, measured.gps).navigate(output_interval=1.0).found.run
+    solution, smoothed = run.solution, run.smoothed.solution
+    parked = solution.time < 890.0
+    heading_sd = solution.sd[parked, 8] / DEG
+    print(f"heading sd {heading_sd[0]:.1f} deg at the start, least {heading_sd.min():.1f} deg while parked")
+    assert heading_sd[0] > 2.0
+    assert heading_sd.min() > 0.98 * heading_sd[0]
+    truth = plan.truth.evaluate(smoothed.time)
+    off = np.abs(ned_offset(smoothed.lla, truth.lla))
+    turned = np.abs(wrap_pi(smoothed.rph[:, 2] - truth.rph[:, 2]))
+    print(f"smoothed {np.sqrt(np.mean(off**2, axis=0)).round(3)} m, heading {np.rad2deg(turned.max()):.2f} deg at most")
+    assert np.mean(off < 3.0 * smoothed.sd[:, :3]) > 0.97
+    assert np.mean(turned < 3.0 * smoothed.sd[:, 8]) > 0.97
