@@ -96,8 +96,9 @@ def test_what_the_fixes_say_of_noise_is_looked_for_about_a_run_that_is_near() ->
 
 
 def test_how_dense_the_solution_is_wanted_changes_no_decision() -> None:
-    drive = insnav.load(recorded(NAME) / "imu.csv.gz", gps=recorded(NAME) / "gps.csv")
+    drive = insnav.load(recorded(NAME) / "imu.csv.gz", gps=recorded(NAME) / "gps.csv").beginning(300.0)
     dense, sparse = (drive.navigate(output_interval=every).found.run for every in (0.1, 1.0))
+    assert len(dense.events) > 5
     assert [str(event) for event in sparse.events] == [str(event) for event in dense.events]
     for few, all_ in ((sparse.solution, dense.solution), (sparse.smoothed, dense.smoothed)):
         few, all_ = (getattr(each, "solution", each) for each in (few, all_))
