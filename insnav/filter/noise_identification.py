@@ -55,7 +55,7 @@ WORTH_TURNING = 0.5  # of what is not known of attitude: if misalignments that a
 # Largest scale factor error [-]: consumer sensors are sold with 0.03; a larger one explains noise by itself
 LARGEST_SCALE = 0.05
 LARGEST_STEP = 1.5  # of a round, in logarithms
-ENOUGH = 0.6
+ENOUGH = 0.6  # smaller gains of the log-likelihood end the search: an interval of 95 % is two wide
 NEAR = 3.0  # smaller ones end the first steps
 FAR = 5.0  # after a larger one the derivatives serve another step
 OBSERVABLE = 0.8  # a figure is observable if the drive narrows its interval to this part of the prior's
