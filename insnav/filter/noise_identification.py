@@ -490,7 +490,7 @@ class _Posterior:
     def climb(self, at: FloatArray, settled: float = ENOUGH) -> tuple[FloatArray, FloatArray, _Seen]:
         """Where the posterior density is largest, covariance and innovations there: Fisher scoring, damped (Levenberg).
 
-        Along the last step the curvature is what the slope shows: on a ridge, as of errors that last long, scoring
+        Along the last step the curvature is what the slope shows: on a ridge, as of time-correlated errors, scoring
         alone goes from side to side and ends up to 80 nats too low.
         In a round the derivatives of the innovations are those of its start, as long as steps with them gain enough.
         """

@@ -99,9 +99,9 @@ class Prepared:
         return replace(self, imu=self.imu.rows(rows), alignment=alignment, initial=initial, parts=())
 
     def rest(self) -> float:
-        """How long the vehicle stays where it is at first, where that is long: of what rests little is to be found [s].
+        """How long the vehicle is stationary at first, as fixes have it, or 0 where that is short [s].
 
-        As fixes have it, or 0.
+        In that time a drive tells little of delay, lever arm and noise.
         """
         time = self.gps.time - self.initial.time
         gps = self.gps.rows(np.flatnonzero((time > 0.0) & (time < LONGEST_REST)))
