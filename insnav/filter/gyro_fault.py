@@ -256,7 +256,7 @@ def _settled(
         near = np.arange(-reach, reach + STEP, STEP)
         edges = np.unique(np.clip(np.concatenate([edges, fault.begin + near, min(fault.end, end) + near]), begin, end))
         before, fault = fault, _likeliest(*drive.by_spans(at, edges, fault.cause), edges, fault.cause, fault)
-        if fault.gain < (LOOKED_AT if lost or count == 0 else SURELY) or abs(fault.rate) < SLIGHT * LEAST:
+        if fault.gain < (LOOKED_AT if lost or count == 0 else WORTH) or abs(fault.rate) < SLIGHT * LEAST:
             break
         if fault.near(before):
             sure = fault.gain > SURELY and abs(fault.rate) > LEAST and fault.end - fault.begin > SHORTEST_FOUND

@@ -495,7 +495,7 @@ class _Posterior:
         In a round the derivatives of the innovations are those of its start, as long as steps with them gain enough.
         """
         e, s, cost = self.innovations(at)
-        damping, steps, last = 1e-3, STEP * np.eye(at.size), (at, np.zeros(at.size))
+        damping, steps, last, moved = 1e-3, STEP * np.eye(at.size), np.zeros(at.size), np.zeros(at.size)
         for _ in range(ROUNDS):
             by_e, by_s, slope = np.empty((at.size, e.size)), np.empty((at.size, e.size)), np.empty(at.size)
             for i, step in enumerate(steps):
@@ -504,7 +504,7 @@ class _Posterior:
             clean = by_e / np.sqrt(s * np.maximum(np.abs(e) / np.sqrt(s) / HUBER, 1.0))
             weight = self.weight(at)
             fisher = clean @ clean.T + 0.5 * by_s @ by_s.T + np.diag(weight)
-            curvature, last = _bent(fisher, at - last[0], slope - last[1]), (at, slope)
+            curvature, last, moved = _bent(fisher, moved, slope - last), slope, np.zeros(at.size)
             start, gained = cost, np.inf
             while gained > FAR and damping < 1e4:
                 if start != cost:
@@ -518,7 +518,7 @@ class _Posterior:
                 e1, s1, cost1 = self.innovations(there)
                 if cost1 < cost:
                     gained = cost - cost1
-                    at, e, s, cost = there, e1, s1, cost1
+                    at, e, s, cost, moved = there, e1, s1, cost1, moved + move
                     damping = max(1e-6, 0.1 * damping)
                 elif start == cost:
                     damping = 10.0 * max(damping, 1e-3)

@@ -15,6 +15,8 @@ from insnav.filter.noise_identification import (
     InnovationLikelihood,
     NoiseEstimate,
     _thinned,
+    climbed,
+    cost_at,
     identify_noise,
     known_likelihood,
     maximise,
@@ -274,6 +276,19 @@ def test_a_share_that_is_the_largest_has_finite_log_odds():
     found = seen[0].fixes_of(seen[1])[2]
     assert found.share == pytest.approx(0.95, abs=1e-5)
     assert found.time == pytest.approx(300.0)
+
+
+def test_the_search_climbs_from_fixes_that_are_known_to_be_white():
+    """Whose log odds of a time-correlated share are minus infinity, before a step and after it."""
+    imu, gps = recorded(2, laps=2)
+    gps = replace(gps, position_sd=3.0 * gps.position_sd)
+    seen = known_likelihood(prepared(imu, gps, drives.SPEC, 2, laps=2), drives.SPEC)
+    assert seen is not None
+    assert seen[1][-2] == -np.inf
+    top, cost = climbed(*seen)
+    print(f"cost {cost_at(*seen):.1f} -> {cost:.1f}")
+    assert cost < cost_at(*seen) - 10.0
+    assert np.isfinite(top[:-2]).all()
 
 
 def test_velocities_that_are_off_for_minutes_do_not_lead_heights_away():
