@@ -181,7 +181,7 @@ class InnovationLikelihood:
         self._ready, self._run, self.prior = ready, run, spec
         self._states = STATES if ready.model.sd[6:].any() else STATES - 6
         navigator = Navigator(run.initial, run.model, _thinned(run.gps), ready.alignment, ready.nominal, self._settings)
-        imu = ready.imu.rows(ready.imu.time <= ready.initial.time + ready.rest() + LONGEST)
+        imu = ready.first(LONGEST)
         navigator.feed(imu)
         rows = navigator.history().rows()
         time = rows[:, TIME]

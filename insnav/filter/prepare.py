@@ -98,11 +98,8 @@ class Prepared:
         rows = (self.imu.time > begin) & (self.imu.time <= ends[number])
         return replace(self, imu=self.imu.rows(rows), alignment=alignment, initial=initial, parts=())
 
-    def rest(self) -> float:
-        """How long the vehicle is stationary at first, as fixes have it, or 0 where that is short [s].
-
-        In that time a drive tells little of delay, lever arm and noise.
-        """
+    def _rest(self) -> float:
+        """How long the vehicle is stationary at first, as fixes have it, or 0 where that is short [s]."""
         time = self.gps.time - self.initial.time
         gps = self.gps.rows(np.flatnonzero((time > 0.0) & (time < LONGEST_REST)))
         if gps.time.shape[0] == 0:
@@ -112,13 +109,14 @@ class Prepared:
         length = float(gps.time[left[0]] - self.initial.time) if left.size else 0.0
         return length if length > LONG_REST else 0.0
 
-    def beginning(self, length: float) -> Prepared:
-        """The first `length` seconds of the longest part, for searches: samples joined, unless some are missing.
+    def first(self, length: float) -> ImuData:
+        """Samples of the first `length` seconds, and of a long rest before: it tells little of delay, arm and noise."""
+        return self.imu.rows(self.imu.time <= self.initial.time + self._rest() + length)
 
-        A long rest is there in addition.
-        """
+    def beginning(self, length: float) -> Prepared:
+        """The first `length` seconds of the longest part, for searches: samples joined, unless some are missing."""
         part = self.longest_part()
-        imu = part.imu.rows(part.imu.time <= part.initial.time + part.rest() + length)
+        imu = part.first(length)
         part = replace(part, imu=imu)
         samples = strapdown.joined([strapdown.intervals(imu, self.nominal)])
         if samples.gap.any() or samples.end.shape[0] == imu.time.shape[0]:
