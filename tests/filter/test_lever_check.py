@@ -120,7 +120,7 @@ def test_a_long_lever_arm_is_found_and_not_called_wrong_where_the_imu_vibrates(d
     assert not [event for event in said if "the antenna seems" in event.action]
 
 
-@pytest.mark.parametrize(("metres", "kept"), [(1.0, True), (5.0, False)])
+@pytest.mark.parametrize(("metres", "kept"), [(1.0, True), (2.0, False), (5.0, False)])
 def test_a_wrong_lever_arm_beside_noisy_gyros_is_said_or_not_used(metres, kept):
     """Vibration, 8 deg/√h, may pretend half of an arm: 1 m too long is kept with a warning, 5 m are not noise."""
     folder = recorded("rtklib_drive_20250708")
