@@ -293,6 +293,9 @@ class Alignment:
     # in words: how roll and pitch, and how heading, were found
     level_method: str
     heading_method: str
+    # By how much level and heading change in a long static interval, at most, the sensors' drift with it [rad]: a boat
+    # at its mooring, a car that is loaded. Zero where that is not looked at.
+    swing: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -49,7 +49,8 @@ def align_static(
     if method == "gyrocompass":  # the rates have given the heading and cannot give the bias again
         bias, bias_sd = np.zeros(3), np.full(3, np.inf)
     tilt = static.tilt_sd(at, spec, lat, height)
-    return Alignment(rest[0], rph, np.array([*tilt, heading_sd]), bias, bias_sd, rest, "static", method)
+    sd = np.array([*tilt, heading_sd])
+    return Alignment(rest[0], rph, sd, bias, bias_sd, rest, "static", method, static.swing(parts, at))
 
 
 def align(
@@ -131,10 +132,10 @@ def _from_rest(
     if moving is not None:
         end = min(moving + motion.SPAN + 1.0, float(parts.end[-1]))
         rph = np.array([found.rph[0], found.rph[1], 0.0])
-        # gyros carry the heading only after their stationary mean is subtracted
+        # gyros carry the heading only after their stationary mean is subtracted; through a long rest it stays
         at = static.summarize(parts, *rest)
         bias, bias_sd = static.gyro_bias(at, spec, rph, np.inf, lat)
-        track = motion.history(parts, start, end, rph, bias, lat)
+        track = motion.history(parts, max(start, static.rests_until(found)), end, rph, bias, lat)
         # the horizontal Earth rate, unknown with the heading, is in the bias sd but does not turn the heading
         drift = float(min(bias_sd[2], np.max(gyro_bias_sd(spec.gyro))))
         course = motion.course_heading(track, speed, moving, drift, float(found.sd[0]), yaw)
@@ -150,7 +151,7 @@ def _from_rest(
     rph[2] = wrap_two_pi(course.heading)
     bias, bias_sd = static.gyro_bias(at, spec, rph, course.sd, lat)
     sd = np.array([found.sd[0], found.sd[1], course.sd])
-    return Alignment(start, rph, sd, bias, bias_sd, rest, "static", course.method)
+    return replace(found, rph=rph, sd=sd, gyro_bias=bias, gyro_bias_sd=bias_sd, heading_method=course.method)
 
 
 def _in_motion(

@@ -18,7 +18,8 @@ from insnav.exceptions import AlignmentError
 from insnav.imu.specification import ImuSpec, gyro_bias_sd, level_bias_sd
 from insnav.strapdown import Intervals
 from insnav.tabular import runs_of
-from insnav.types import BoolArray, FloatArray
+from insnav.types import Alignment, BoolArray, FloatArray
+from insnav.units import G0
 
 WINDOW = 0.5  # length of the windows that are classified: several periods of an idling engine [s]
 BLOCK = 4096  # windows whose samples are looked at together
@@ -32,6 +33,10 @@ PUSHED = 0.2  # change of mean specific force from window to window that is a mo
 # A soft departure changes them by less, but for longer: means so many robust standard deviations, or so much [m/s^2],
 # [rad/s], from those of the rest, for so long [s]. An IMU that is quieter sees it earlier.
 DEPARTED, DEPARTED_ACCEL, DEPARTED_GYRO, DEPARTED_TIME = 6.0, 1e-3, 1e-5, 2.0
+# In a longer rest at the start the attitude stays: gyros that drift would turn a lever arm that is not known, and show
+# it, and noise that is felt horizontally the heading, 25 -> 5 deg in 15 min, where transitions are linear about them
+# (see `insnav.filter.gps_delay.with_surer_start`). By how much it may change is seen in means of so long [s].
+LONG_REST, SWUNG = 300.0, 10.0
 CONTRADICTED = 5.0  # a mean rate so many sd from the Earth's rotation has a bias that the IMU model does not have
 
 
@@ -73,6 +78,26 @@ def summarize(parts: Intervals, start: float, end: float) -> StationaryMeans:
     return StationaryMeans(start, end, spill.mean(rate), spill.mean(force), scatter(rate), scatter(force))
 
 
+def swing(parts: Intervals, at: StationaryMeans) -> tuple[float, float]:
+    """By how much level and heading change in a long rest at most, beside its mean rate [rad]."""
+    if at.end - at.start < LONG_REST:
+        return 0.0, 0.0
+    first, last = np.searchsorted(parts.end, [at.start, at.end], side="right")
+    step = float(np.median(parts.dt[1 : 1 << 16]))
+    size = max(4, round(SWUNG / step))
+    rate, _, force, _ = _windows(parts, (last - first) // size, size, first)
+    up = at.force / np.linalg.norm(at.force)
+    turned = np.cumsum((rate - at.rate) @ up) * size * step
+    tilted = np.linalg.norm(np.cross(force - at.force, up), axis=1) / G0
+    return float(tilted.max()), float(np.abs(turned).max())
+
+
+def rests_until(alignment: Alignment) -> float:
+    """End of the long rest that a drive begins with, or minus infinity [s]."""
+    begin, end = alignment.static or (0.0, 0.0)
+    return end if end - begin >= LONG_REST else -np.inf
+
+
 def find_stationary(parts: Intervals, slow: BoolArray | None = None) -> tuple[float, float] | None:
     """First stationary interval.
 
@@ -110,12 +135,14 @@ def find_stationary(parts: Intervals, slow: BoolArray | None = None) -> tuple[fl
     return None
 
 
-def _windows(parts: Intervals, n: int, size: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Rate of `n` windows: mean (n, 3), length of the standard deviation (n,); the same of specific force."""
+def _windows(
+    parts: Intervals, n: int, size: int, begin: int = 0
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Rate of `n` windows from a row on: mean (n, 3), length of the sd (n,); the same of specific force."""
     mean, loud = np.empty((2, n, 3)), np.empty((2, n))
     for first in range(0, n, BLOCK):  # a rest may last for days
         some = slice(first, min(first + BLOCK, n))
-        for i, values in enumerate(rates(parts, slice(some.start * size, some.stop * size))):
+        for i, values in enumerate(rates(parts, slice(begin + some.start * size, begin + some.stop * size))):
             window = values.reshape(-1, size, 3)
             mean[i, some] = (
                 np.einsum("ijk->ik", window) / size

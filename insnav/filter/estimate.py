@@ -6,6 +6,7 @@ from copy import deepcopy
 
 import numpy as np
 
+from insnav.alignment.static import rests_until
 from insnav.attitude import dcm_from_quat, dcm_from_rph, quat_from_rph
 from insnav.exceptions import DivergenceError
 from insnav.filter.engine import Engine
@@ -20,7 +21,7 @@ from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
 from insnav.kernels.gps_measurement import correct_with_arm, swing
 from insnav.strapdown import TIME_TOLERANCE
-from insnav.types import Event, EventKind, FloatArray, StateChange
+from insnav.types import Alignment, Event, EventKind, FloatArray, StateChange
 
 SUBSTEP = 0.1  # longest sub-step of transition and noise: a car turns by less than 6 deg in it [s]
 # unseen change of rate [rad/s^2] and specific force [m/s^3] in a gap, and the most assumed of it [rad], [m/s]
@@ -44,12 +45,17 @@ class Estimate:
     `corrected` (3,) is what corrections have made of the velocity within `SHOWN_BY_IMU` [m/s];
     `x`, `correction`, `delay`, `lag`, `correlated`, `lever`, `shaken` and `motion` are those of
     `insnav.filter.error_model.FilterState`, `at` the indices of the states, `span` the time since the last epoch, (1,)
-    [s], and `history` what the smoother needs. `coast` is the longest time between filter epochs [s]; until
-    `rest` the vehicle is known to stay where it is [s].
+    [s], and `history` what the smoother needs. `coast` is the longest time between filter epochs [s].
     """
 
     def __init__(
-        self, start: FilterState, model: ErrorModel, settings: FilterSettings, record: Record, coast: float, rest: float
+        self,
+        start: FilterState,
+        model: ErrorModel,
+        settings: FilterSettings,
+        record: Record,
+        coast: float,
+        alignment: Alignment,
     ) -> None:
         self.at, self._coast = layout(settings), coast
         n = self.at.states
@@ -72,7 +78,9 @@ class Estimate:
         self._work = errorstate.scratch()
         self.before = np.zeros(12)  # variances predicted for the last epoch
         self._changes = [change for change in settings.changes if change.time > start.time]
-        self._noise = errorstate.Model(np.array([SUBSTEP, coast, rest]), model.noise, GAP_NOISE, model.decay)
+        rest = rests_until(alignment)
+        limit = np.array([SUBSTEP, coast, rest, *np.square(alignment.swing) / max(rest - start.time, 1.0)])
+        self._noise = errorstate.Model(limit, model.noise, GAP_NOISE, model.decay)
         if self.history is not None:
             self.history.epoch(start.time, *self._seen, self._phi, self.covariance)
 

@@ -13,6 +13,7 @@ from collections.abc import Container, Sequence
 import numpy as np
 
 from insnav import strapdown
+from insnav.alignment.static import rests_until
 from insnav.exceptions import ConfigError
 from insnav.filter import gates as gate
 from insnav.filter.aiding_updates import AidingUpdates
@@ -36,9 +37,6 @@ DEWEIGHTED = (EventKind.DEWEIGHTED_POSITION, EventKind.DEWEIGHTED_VELOCITY)
 MARGIN = LOOKAHEAD + strapdown.LOST_WINDOW + 2  # newest samples that must wait for their neighbours
 SEEN = 0.1  # before and after a fix: what its receiver has smoothed over, at most [s]
 QUANTUM = 2.0**-40  # of angles, far below what any gyro tells [rad]
-# In a longer rest at the start noise that is felt horizontally shows no heading: where transitions are linear about it,
-# a filter gets surer of what it cannot see, 25 -> 5 deg in 15 min (see `insnav.filter.gps_delay.with_surer_start`) [s]
-LONG_REST = 300.0
 COAST = 1.0  # longest time between filter epochs: the transition is of second order [s]
 BROKEN = 3.0  # a longer time without a rejected fix ends a row of rejections, if fixes come more often [s]
 NOISY, FAR_BEYOND = 3.0, 10.0  # times the RMS of the gyros' white noise: smaller rates, or parts, may be that
@@ -83,9 +81,8 @@ class Navigator:
         self._marks, self.kept = marks, dict[int, FilterState]()
         self._coast = COAST if settings.aiding is None else INTERVAL
         self._record = Record(self._fix.shape[0])
-        begin, end = alignment.static or (0.0, 0.0)
-        rest = end if end - begin > LONG_REST else -np.inf
-        self._estimate = Estimate(start, model, settings, self._record, self._coast, rest)
+        self._rest = rests_until(alignment)
+        self._estimate = Estimate(start, model, settings, self._record, self._coast, alignment)
         self._record.epoch(start.time, self._estimate)
         self._aiding = AidingUpdates(self._estimate, settings, self._record, gps, start.time)
         n = self._estimate.at.states
@@ -281,6 +278,8 @@ class Navigator:
         if estimate.at.has_arm:
             mean = (self._rates[number] - bias[:3]) / scale[:3]
             motion[:3], motion[6:9] = mean, motion[:3] - mean
+        if time <= self._rest:  # all turns are noise
+            motion[:3] = motion[6:9] = 0.0
         row = self._fix[self._next]
         z, h, r = self._z, self._h, self._r
         nis_position, nis_velocity, distance, change = self._assess(row)

@@ -12,6 +12,7 @@ from insnav import strapdown
 from insnav.alignment import align, stationary_of
 from insnav.alignment import in_motion as motion
 from insnav.alignment.align import LEVEL_SPAN
+from insnav.alignment.static import LONG_REST
 from insnav.earth import ned_offset
 from insnav.exceptions import AlignmentError, InputError
 from insnav.filter.error_model import ErrorModel, InitialState, error_model, initial_state
@@ -19,7 +20,7 @@ from insnav.filter.gates import Gates, without_frozen
 from insnav.filter.gps_correlation import correlated_noise
 from insnav.filter.gps_noise import LAG_WORTH, LAGGING_NOTE, velocity_lag, with_sd
 from insnav.filter.measurements.height import HeightAiding
-from insnav.filter.navigator import LONG_REST, Navigator
+from insnav.filter.navigator import Navigator
 from insnav.filter.parts import LONGEST_GAP, SHORTEST, Part, spans
 from insnav.filter.settings import FilterSettings
 from insnav.imu.health import inspect

@@ -14,8 +14,8 @@ import numpy as np
 
 from insnav.kernels import inner, njit
 from insnav.kernels.dynamics import NAV, second_order, system_matrix
-from insnav.kernels.earth import radii
-from insnav.kernels.mechanization import quaternion_step, step
+from insnav.kernels.earth import OMEGA, radii
+from insnav.kernels.mechanization import quaternion_step, rotation, step
 
 SENSOR = 12  # sensor errors
 STATES = NAV + SENSOR
@@ -49,7 +49,8 @@ class Carried(NamedTuple):
 class Model(NamedTuple):
     """Noise of the sensors."""
 
-    # (3,) longest sub-step, longest time without a filter epoch, and until when the vehicle rests [s]
+    # (5,) longest sub-step, longest time without a filter epoch, and until when the vehicle rests [s]; then how fast
+    # level and heading may change till then [rad^2/s]
     limit: np.ndarray
     # (20,) spectral densities: gyro, accelerometer white noise, driving noise of the twelve sensor errors; then the
     # squared misalignment of gyros and accelerometers times the length of a manoeuvre [rad^2 s]
@@ -73,7 +74,7 @@ class Outputs(NamedTuple):
 
 
 @inner()
-def _half_of_the_noise(sums, noise, q):  # type: ignore[no-untyped-def]
+def _half_of_the_noise(sums, noise, q, limit, resting):  # type: ignore[no-untyped-def]
     """Add half of a sub-step's white and driving noise: one half enters before the transition, one after it."""
     half = 0.5 / sums[0]
     for i in range(3):
@@ -84,19 +85,25 @@ def _half_of_the_noise(sums, noise, q):  # type: ignore[no-untyped-def]
                 gyro += c * noise[k]
                 accel += c * noise[3 + k]
             q[3 + i, 3 + j] += accel
-            q[6 + i, 6 + j] += gyro
+            if not resting:
+                q[6 + i, 6 + j] += gyro
+            elif i == j:
+                q[6 + i, 6 + i] += 0.5 * sums[0] * limit[3 + i // 2]
     for j in range(SENSOR):
         q[NAV + j, NAV + j] += 0.5 * noise[6 + j] * sums[0]
 
 
 @inner()
-def _substep(x, sums, noise, phi, q, work):  # type: ignore[no-untyped-def]
+def _substep(x, sums, noise, phi, q, work, limit, resting):  # type: ignore[no-untyped-def]
     """Close a sub-step: second-order transition from the sums, folded into `phi` and `q`.
 
-    The noise enters by the trapezoid rule, ``Q <- a (Q + q/2) a' + q/2``; `work` holds how the sensor errors decay.
+    The noise enters by the trapezoid rule, ``Q <- a (Q + q/2) a' + q/2``; `work` holds how the sensor errors decay. In
+    a vehicle that is `resting` what is felt horizontally is noise, and no error of the gyros turns it.
     """
     f, a, ab, d, w, y, f_n, turned_ab = work
     dt = sums[0]
+    if resting:
+        sums[1] = sums[2] = 0.0
     inv = 1.0 / dt
     for i in range(3):
         f_n[i] = sums[1 + i] * inv
@@ -124,7 +131,11 @@ def _substep(x, sums, noise, phi, q, work):  # type: ignore[no-untyped-def]
             ab[3 + i, 18 + j] -= sums[22 + 3 * i + j]
             ab[6 + i, 9 + j] = sums[4 + 3 * i + j]
             ab[6 + i, 15 + j] = sums[13 + 3 * i + j]
-    _half_of_the_noise(sums, noise, q)
+    if resting:
+        for i in range(6, NAV):
+            for j in range(STATES):
+                ab[i, j] = 1.0 if i == j else 0.0
+    _half_of_the_noise(sums, noise, q, limit, resting)
     # misalignment turns rotations and accelerations into errors that last as long as a manoeuvre
     turned = 0.0
     for i in range(13, 22):
@@ -168,7 +179,7 @@ def _substep(x, sums, noise, phi, q, work):  # type: ignore[no-untyped-def]
     for k in range(SENSOR):
         phi[NAV + k, NAV + k] *= d[k]
         q[NAV + k, NAV + k] *= d[k] * d[k]
-    _half_of_the_noise(sums, noise, q)
+    _half_of_the_noise(sums, noise, q, limit, resting)
     for i in range(SUMS):
         sums[i] = 0.0
 
@@ -229,6 +240,10 @@ def propagate(first, last, close, samples, carried, model, phi, q, out, work):  
         vx = (dvel[k, 0] - correction[3] * h) * ia0
         vy = (dvel[k, 1] - correction[4] * h) * ia1
         vz = (dvel[k, 2] - correction[5] * h) * ia2
+        if time[k] <= limit[2]:  # there is the turn of the Earth only
+            rotation(x, c)
+            north, down = OMEGA * np.cos(x[0]) * h, -OMEGA * np.sin(x[0]) * h
+            tx, ty, tz = c[0] * north + c[6] * down, c[1] * north + c[7] * down, c[2] * north + c[8] * down
         vn, ve, vd = x[3], x[4], x[5]
         un, ue, ud = step(x, h, tx, ty, tz, vx, vy, vz, coning, sculling, k, c, 1.0, False, 0.0, 0.0)
         sums[0] += h
@@ -266,9 +281,7 @@ def propagate(first, last, close, samples, carried, model, phi, q, out, work):  
                 correction[j] *= kept[j]
             ig0, ig1, ig2 = 1.0 / (1.0 + correction[6]), 1.0 / (1.0 + correction[7]), 1.0 / (1.0 + correction[8])
             ia0, ia1, ia2 = 1.0 / (1.0 + correction[9]), 1.0 / (1.0 + correction[10]), 1.0 / (1.0 + correction[11])
-            if time[k] <= limit[2]:  # what is felt horizontally is noise
-                sums[1] = sums[2] = 0.0
-            _substep(x, sums, noise, phi, q, work)
+            _substep(x, sums, noise, phi, q, work, limit, time[k] <= limit[2])
         if due or grid[1] == 0.0:
             out_time[used[0]] = time[k]
             for i in range(10):  # element by element: assigning slices takes seconds to compile

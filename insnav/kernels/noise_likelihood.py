@@ -38,9 +38,10 @@ def tape(history: np.ndarray, n: int, noise: np.ndarray, bridged: np.ndarray) ->
     `insnav.kernels.errorstate`; `bridged` (m,): a gap of the samples was bridged on the way to the epoch.
     Returns, for each epoch: span since the one before [s]; kind, as in the history; transition (9, 21); noise of unit
     density, of gyros and accelerometers (2, 9, 9), and so many times that of misalignment of one rad^2 s (2,); variance
-    that bridging added to velocity, attitude (2,); measurement (6,), predicted minus measured, and derivative (6, n);
-    error that the run took off its state (n,); sensor errors it used from then on (12,); variances of position,
-    velocity, attitude and biases that an explicit reset set or added (15,), zero elsewhere.
+    that bridging, or what moves a vehicle at rest, added to velocity and attitude (6,); measurement (6,), predicted
+    minus measured, and derivative (6, n); error that the run took off its state (n,); sensor errors it used from then
+    on (12,); variances of position, velocity, attitude and biases that an explicit reset set or added (15,), zero
+    elsewhere.
     """
     m, kind, time = history.shape[0], history[:, KIND].astype(np.int64), history[:, TIME]
     span = np.diff(time, prepend=time[:1])
@@ -64,14 +65,16 @@ def tape(history: np.ndarray, n: int, noise: np.ndarray, bridged: np.ndarray) ->
     told = np.swapaxes(gain[:, :, :STATES], 1, 2) @ hp[:, :, :STATES]
     after = np.roll(before[:, :STATES, :STATES] - told, 1, axis=0)  # the epoch before
     gyro, accel = _white(phi, span, 6), _white(phi, span, 3)
+    still = (phi[:, 6:9, 9:12] == 0.0).all(axis=(1, 2))  # a vehicle at rest, which no gyro turns
+    gyro[still] = 0.0
     by_gyro, own = (np.diagonal(each, axis1=1, axis2=2) for each in (gyro, before))
-    # what white noise and driving noise leave of the whole is that of misalignment, or of a bridged gap
+    # what white noise and driving noise leave of the whole is that of misalignment, or of a bridged gap or a rest
     rest = own[:, :NAV] - noise[0] * by_gyro - noise[3] * np.diagonal(accel, axis1=1, axis2=2)
     rest -= np.sum(phi @ after * phi, axis=2)
     rest[span <= 0.0] = 0.0
     pushed, turned = (np.maximum(0.0, rest[:, i : i + 3].sum(axis=1)) / 3.0 for i in (3, 6))
-    bridge = bridged[:, None] * np.column_stack([pushed, turned])
-    share, open_span = np.zeros((m, 2)), ~bridged & (span > 0.0)
+    bridge = (bridged | still)[:, None] * np.maximum(0.0, rest[:, 3:])
+    share, open_span = np.zeros((m, 2)), ~bridged & ~still & (span > 0.0)
     if noise[18] > 0.0:
         share[open_span, 0] = (turned / noise[18])[open_span] / span[open_span]
         pushed = np.maximum(0.0, pushed - noise[18] * share[:, 0] * by_gyro[:, 3:6].sum(axis=1) / 3.0)
@@ -163,9 +166,8 @@ def innovations(  # type: ignore[no-untyped-def]
                     w[i, NAV + j] = w[i, NAV + j] * fade[NAV + j] + 0.5 * dt * driving[j] * phi[k, i, NAV + j]
                 for j in range(NAV, n):
                     p[i, j] = p[j, i] = w[i, j] * (fade[j] if j >= STATES else 1.0)
-            for i in range(3):
-                p[3 + i, 3 + i] += bridge[k, 0]
-                p[6 + i, 6 + i] += bridge[k, 1]
+            for i in range(6):
+                p[3 + i, 3 + i] += bridge[k, i]
             for i in range(NAV, n):
                 for j in range(NAV, n):
                     p[i, j] *= fades[i, j]

@@ -84,7 +84,7 @@ def random_run(rng: np.random.Generator, n: int, m: int) -> tuple[FloatArray, ..
     phi += 0.1 * rng.standard_normal(phi.shape)
     root = 0.3 * rng.standard_normal((m, 2, 9, 9))
     white = root @ np.swapaxes(root, 2, 3)
-    bridge = rng.uniform(0.0, 0.1, (m, 2))
+    bridge = rng.uniform(0.0, 0.1, (m, 6))
     z, h = rng.standard_normal((m, 6)), rng.standard_normal((m, 6, n))
     fed = 0.1 * rng.standard_normal((m, n)) * (kind[:, None] > 0)
     share, correction = rng.uniform(0.0, 1.0, (m, 2)), rng.standard_normal((m, 12))
@@ -122,8 +122,8 @@ def test_the_likelihood_is_that_of_a_textbook_filter():
             fade = np.exp(-dt / time)
             f[lasting:, lasting:], q[lasting:, lasting:] = np.diag(fade), np.diag((1.0 - fade**2) * sd**2)
             for i in range(3):
-                q[3 + i, 3 + i] += bridge[k, 0]
-                q[6 + i, 6 + i] += bridge[k, 1]
+                q[3 + i, 3 + i] += bridge[k, i]
+                q[6 + i, 6 + i] += bridge[k, 3 + i]
             q[:9, :9] += np.einsum("g,gij->ij", density[:2] + density[2:] * share[k], white[k])
             q[9:21, 9:21] = np.diag(driving * dt)
             q[:9, 9:21] = 0.5 * dt * phi[k][:, 9:] * driving
