@@ -404,3 +404,22 @@ def test_helpers_agree_on_the_sign_of_phi():
     found = Alignment(0.0, np.array([0, 0, 1.1]), np.ones(3), np.zeros(3), np.ones(3), None, "", "")
     np.testing.assert_allclose(error(found, truth), [0, 0, -0.1], atol=1e-12)
     np.testing.assert_allclose(rph_from_quat(quat_from_rph(found.rph)), found.rph)
+
+
+def test_a_boat_that_swings_and_lists_in_a_long_rest_is_known_to():
+    """By 0.2 deg to one side and 9 deg of heading, each half way through: half of that, and noise of the means."""
+    truth = straight(PLACE, 0.0, 1.0, 600.0)
+    imu = corrupt_imu(perfect(truth, 20.0), replace(CAR, gyro=replace(CAR.gyro, bias_instability=np.zeros(3))), 1).imu
+    time = imu.time - imu.time[0]
+    listed, swung = 0.2 * DEG * (time > 300.0), 9.0 * DEG * np.clip((time - 290.0) / 20.0, 0.0, 1.0)
+    c = dcm_from_rph(np.column_stack([listed, np.zeros_like(time), swung]))
+    rate = np.einsum("nji,nj->ni", c, imu.gyro)
+    rate[:, 2] += np.gradient(swung) / (1.0 if imu.sampling == "increment" else 1.0 / 20.0)
+    imu = replace(imu, gyro=rate, accel=np.einsum("nji,nj->ni", c, imu.accel))
+    found = align_static(intervals(imu), CAR, PLACE[0], PLACE[2], (0.0, 600.0), heading=1.0)
+    level, heading = np.rad2deg(found.swing)
+    print(f"level {level:.3f} deg, heading {heading:.2f} deg")
+    assert level == pytest.approx(0.1, abs=0.04)
+    assert heading == pytest.approx(4.5, abs=0.5)
+    short = align_static(intervals(imu), CAR, PLACE[0], PLACE[2], (0.0, 200.0), heading=1.0)
+    assert short.swing == (0.0, 0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +17,8 @@ from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.navigate import navigate_recording
 from insnav.filter.prepare import DELAY_SD, Start, prepare
 from insnav.session.simulation import plan_of, profiled
-from insnav.simulate import GpsErrors, corrupt_gps, reference
+from insnav.simulate import GpsErrors, Truth, corrupt_gps, reference
+from insnav.simulate.gps_file import load_gps
 from insnav.types import EventKind, GpsData, ImuData, Run
 from insnav.units import DEG
 from tests.filter import drives
@@ -174,21 +176,53 @@ segment = [
 """
 
 
-def test_fixes_show_no_heading_while_a_vehicle_is_parked(tmp_path):
-    """Fixes of what rests do not depend on it, so that only gyros change how well it is known: less and less."""
+ARM = np.array([0.3, 0.4, 1.2])
+
+
+def parked(tmp_path: Path, imu: str, gps: str, swings: float = 0.0) -> tuple[Run, Truth]:
+    """Navigate with nothing configured; `swings`: by how far the heading goes to both sides while parked [rad]."""
     (tmp_path / "parked.toml").write_text(PARKED)
-    plan = plan_of(profiled(tmp_path / "parked.toml", 3), {"imu": "consumer", "gps": "single", "seed": 3})
+    receiver = replace(load_gps(gps), lever_b=ARM if gps == "rtk" else np.zeros(3), rate=1.0)
+    plan = plan_of(profiled(tmp_path / "parked.toml", 3), {"imu": imu, "gps": receiver, "seed": 3})
     measured = plan.measured()
-    run = insnav.load(measured.imu, measured.gps).navigate(output_interval=1.0).found.run
+    samples, time = measured.imu, measured.imu.time - measured.imu.time[0]
+    angle = np.where(time < 800.0, swings * np.sin(2.0 * np.pi * time / 800.0), 0.0)
+    turned = np.einsum("nji,nj->ni", dcm_from_rph(angle[:, None] * [0.0, 0.0, 1.0]), samples.gyro)
+    turned[:, 2] += np.gradient(angle) / (1.0 if samples.sampling == "increment" else np.median(np.diff(time)))
+    level = np.einsum("nji,nj->ni", dcm_from_rph(angle[:, None] * [0.0, 0.0, 1.0]), samples.accel)
+    samples = replace(samples, gyro=turned, accel=level)
+    return insnav.load(samples, measured.gps).navigate(output_interval=1.0).found.run, plan.truth
+
+
+def test_fixes_show_no_heading_while_a_vehicle_is_parked(tmp_path):
+    """Fixes of what rests do not depend on it, so that it is known less and less."""
+    run, motion = parked(tmp_path, "consumer", "single")
     solution, smoothed = run.solution, run.smoothed.solution
-    parked = solution.time < 890.0
-    heading_sd = solution.sd[parked, 8] / DEG
+    heading_sd = solution.sd[solution.time < 890.0, 8] / DEG
     print(f"heading sd {heading_sd[0]:.1f} deg at the start, least {heading_sd.min():.1f} deg while parked")
     assert heading_sd[0] > 2.0
     assert heading_sd.min() > 0.98 * heading_sd[0]
-    truth = plan.truth.evaluate(smoothed.time)
+    truth = motion.evaluate(smoothed.time)
     off = np.abs(ned_offset(smoothed.lla, truth.lla))
     turned = np.abs(wrap_pi(smoothed.rph[:, 2] - truth.rph[:, 2]))
     print(f"smoothed {np.sqrt(np.mean(off**2, axis=0)).round(3)} m, heading {np.rad2deg(turned.max()):.2f} deg at most")
     assert np.mean(off < 3.0 * smoothed.sd[:, :3]) > 0.97
     assert np.mean(turned < 3.0 * smoothed.sd[:, 8]) > 0.97
+
+
+@pytest.mark.parametrize("swings", [0.0, 20.0 * DEG])
+def test_nor_a_lever_arm_not_even_of_a_boat_that_swings_at_its_mooring(tmp_path, swings):
+    """Gyros that drift turned an arm that is not known: it was 6 m off after half an hour, with an sd of 0.7 m."""
+    run, motion = parked(tmp_path, "automotive", "rtk", swings)
+    at = run.alignment
+    print(
+        f"level within {at.swing[0] / DEG:.2f} deg, heading within {at.swing[1] / DEG:.1f} deg; {run.lever_b - ARM} m"
+    )
+    assert at.swing[1] > swings
+    assert (np.abs(run.lever_b - ARM) < 3.0 * run.lever_sd).all()
+    for solution in (run.solution, run.smoothed.solution):
+        truth = motion.evaluate(solution.time)
+        assert np.mean(np.abs(ned_offset(solution.lla, truth.lla)) < 3.0 * solution.sd[:, :3]) > 0.97
+        away = solution.time > 905.0
+        turned = np.abs(wrap_pi(solution.rph[:, 2] - truth.rph[:, 2]))[away]
+        assert np.mean(turned < 3.0 * solution.sd[away, 8]) > 0.97
