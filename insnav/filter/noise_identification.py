@@ -52,8 +52,14 @@ REJECTED = 3.5  # times the usual interval between fixes that are used, beyond w
 SETTLING, SETTLED = 4, 60.0  # the attitude of a filter settles in this part of a drive, one in so many, or so soon [s]
 ENOUGH_FOR_AXES = 900.0  # of the record, where nothing else is looked for [s]
 WORTH_TURNING = 0.5  # of what is not known of attitude: if misalignments that are known do more, samples are corrected
-# Largest scale factor error [-]: consumer sensors are sold with 0.03; a larger one explains noise by itself
-LARGEST_SCALE = 0.05
+# Largest figures, where the preset has no larger ones. Consumer sensors are sold with scale factors of 0.03, biases of
+# 3 deg/s and 0.5 m/s^2 at most; what is larger explains noise, or faults, by itself.
+LARGEST = {
+    "scale_factor": {"gyro": 0.05, "accel": 0.05},
+    "misalignment": {"gyro": 0.1, "accel": 0.1},
+    "bias": {"gyro": 0.1, "accel": 1.0},
+    "bias_instability": {"gyro": 0.02, "accel": 0.3},
+}
 LARGEST_STEP = 1.5  # of a round, in logarithms
 ENOUGH = 0.6  # smaller gains of the log-likelihood end the search: an interval of 95 % is two wide
 NEAR = 3.0  # smaller ones end the first steps
@@ -287,8 +293,8 @@ class InnovationLikelihood:
 
         def scaled(sensor: SensorSpec, name: str) -> SensorSpec:
             found = {key: getattr(sensor, key) * factor.get(f"{name}.{key}", 1.0) for key in IMU_PRIOR}
-            found["scale_factor"] = np.minimum(found["scale_factor"], np.maximum(sensor.scale_factor, LARGEST_SCALE))
-            return replace(sensor, **found)
+            most = {key: np.maximum(getattr(sensor, key), largest[name]) for key, largest in LARGEST.items()}
+            return replace(sensor, **found | {key: np.minimum(found[key], each) for key, each in most.items()})
 
         return replace(self.prior, gyro=scaled(self.prior.gyro, "gyro"), accel=scaled(self.prior.accel, "accel"))
 

@@ -336,10 +336,13 @@ def feed_back(x, correction, error):  # type: ignore[no-untyped-def]
     x[4] -= error[4]
     x[5] -= error[5]
     # C = (I + [phi x]) C_hat: the navigation-side factor of quaternion_step is q(-r)
-    angle = np.sqrt(error[6] ** 2 + error[7] ** 2 + error[8] ** 2)
-    parts = int(angle / 0.05) + 1  # its half-angle series is for small angles
+    angle, share = np.sqrt(error[6] ** 2 + error[7] ** 2 + error[8] ** 2), 1.0
+    if angle > np.pi:  # whole turns are none, and of a smoother that is lost there may be milliards
+        share = 1.0 - 2.0 * np.pi / angle * np.floor(angle / (2.0 * np.pi) + 0.5)
+    north, east, down = share * error[6], share * error[7], share * error[8]
+    parts = int(abs(share) * angle / 0.05) + 1  # its half-angle series is for small angles
     for _ in range(parts):
-        quaternion_step(x, -error[6] / parts, -error[7] / parts, -error[8] / parts, 0.0, 0.0, 0.0)
+        quaternion_step(x, -north / parts, -east / parts, -down / parts, 0.0, 0.0, 0.0)
     norm = np.sqrt(x[6] ** 2 + x[7] ** 2 + x[8] ** 2 + x[9] ** 2)
     for i in range(6, 10):
         x[i] /= norm

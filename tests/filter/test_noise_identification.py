@@ -12,6 +12,7 @@ from insnav.earth import ned_offset
 from insnav.filter import FilterSettings, error_model, sensor_axes
 from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.noise_identification import (
+    LARGEST,
     InnovationLikelihood,
     NoiseEstimate,
     _thinned,
@@ -456,6 +457,22 @@ def test_a_run_that_is_far_off_is_run_again_with_the_noise_it_showed():
         assert figure.low < 100.0 * figure.prior < figure.high
         widths.append(np.log(figure.high / figure.low))
     assert widths[1] < 0.8 * widths[0]
+
+
+def test_no_figure_is_larger_than_any_sensor_has():
+    """An accelerometer 5 m/s^2 off for a minute has no in-run bias of 4 m/s^2; others ended at 4e6."""
+    imu, gps = recorded(1, laps=4)
+    off = ((imu.time > imu.time[0] + 60.0) & (imu.time < imu.time[0] + 120.0))[:, None] * [5.0, 0.0, 0.0]
+    imu = replace(imu, accel=imu.accel + off * (0.02 if imu.sampling == "increment" else 1.0))
+    found = identify_noise(prepared(imu, gps, drives.SPEC, 1, laps=4), drives.SPEC)
+    assert found is not None
+    reached = []
+    for key, largest in LARGEST.items():
+        for name, most in largest.items():
+            value = float(np.max(getattr(getattr(found.spec, name), key)))
+            reached.append(value / most)
+    print("largest by what is the largest possible:", np.round(reached, 3))
+    assert max(reached) == pytest.approx(1.0)
 
 
 def test_the_kind_of_imu_is_that_whose_figures_the_drive_shows():

@@ -186,3 +186,20 @@ def test_feeding_back_an_error_takes_it_off():
     assert np.abs(left[:6]).max() < 1e-5
     assert np.abs(left[6:]).max() < 1e-5
     np.testing.assert_array_equal(correction, -error[9:])
+
+
+@pytest.mark.parametrize("turns", [1, -1, 10**12])
+def test_whole_turns_are_fed_back_as_none(turns):
+    """A smoother that is lost may find a milliard of them: a part of a turn at a time they took minutes."""
+    x, _ = case("aircraft")
+    start = np.concatenate([x.lla, x.v, Rotation.from_matrix(x.c).as_quat(scalar_first=True)])
+    axis, angle = np.array([0.6, 0.0, -0.8]), 0.5
+    fed = [start.copy(), start.copy()]
+    for state, total in zip(fed, (angle, angle + 2.0 * np.pi * turns), strict=True):
+        error = np.zeros(21)
+        error[6:9] = axis * total
+        errorstate.feed_back(state, np.zeros(12), error)
+    rotated = Rotation.from_rotvec(axis * angle).as_matrix() @ x.c
+    found = Rotation.from_quat(fed[1][6:], scalar_first=True).as_matrix()
+    np.testing.assert_allclose(found, rotated, atol=1e-9 if abs(turns) == 1 else 1e-2)  # of 1e12 turns 3e-4 are known
+    np.testing.assert_allclose(fed[0][6:], fed[1][6:], atol=1e-9 if abs(turns) == 1 else 1e-2)

@@ -15,7 +15,7 @@ from insnav.errors.evaluated_run import SAME_DATA, EvaluatedRun, failure
 from insnav.errors.metrics import TrajectoryErrors, nees
 from insnav.errors.reference_check import delay_shown
 from insnav.filter.gps_noise import heights_measured
-from insnav.filter.noise_identification import LARGEST_SCALE
+from insnav.filter.noise_identification import LARGEST
 from insnav.filter.whole_record import stretches
 from insnav.input.readers.reading import not_covered
 from insnav.plain_text import moment
@@ -25,6 +25,7 @@ from insnav.types import Event, EventKind, FloatArray, Run, Trajectory
 from insnav.units import DEG
 
 HOLDS = 0.95  # share of errors inside 3 sd that needs no word
+_LARGEST_SCALE = LARGEST["scale_factor"]["accel"]
 _MANY = 0.1  # share of rejected fixes that wants an explanation
 _ROW, _ROW_TIME = 3, 1.9  # rejected fixes in a row, and over so long [s], that are more than chance
 _LONG_GAP = 1.0  # of samples [s]: a car turns and brakes in it
@@ -200,10 +201,10 @@ def _impossible_scale(run: Run) -> Iterator[str]:
     """
     if len(run.sensor_errors.time) == 0:
         return
-    if float(np.max(run.sensor_errors.sd[0, 9:])) > _AT_THE_LIMIT * LARGEST_SCALE:
+    if float(np.max(run.sensor_errors.sd[0, 9:])) > _AT_THE_LIMIT * _LARGEST_SCALE:
         yield (
             "fixes and IMU agree only if the scale factors of its accelerometers are off by "
-            f"{100.0 * LARGEST_SCALE:.0f} % or more, which none are: check its units, axes and biases (insnav check)"
+            f"{100.0 * _LARGEST_SCALE:.0f} % or more, which none are: check its units, axes and biases (insnav check)"
         )
         return
     value, sd = (each[-1, 6:] for each in (run.sensor_errors.value, run.sensor_errors.sd))
@@ -211,7 +212,7 @@ def _impossible_scale(run: Run) -> Iterator[str]:
     across = np.sqrt(np.repeat(np.sum(own.reshape(2, 3) ** 2, axis=1), 3) - own**2)
     sd = np.hypot(sd, _ACROSS * across / np.maximum(own, 1e-9))
     names = [f"{sensor} {axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz"]
-    sure = np.abs(value) > np.maximum(LARGEST_SCALE, run.sensor_errors.sd[0, 6:]) + 3.0 * sd
+    sure = np.abs(value) > np.maximum(_LARGEST_SCALE, run.sensor_errors.sd[0, 6:]) + 3.0 * sd
     found = [f"{name} {100.0 * error:+.0f} %" for name, error, said in zip(names, value, sure, strict=True) if said]
     if found:
         yield (
