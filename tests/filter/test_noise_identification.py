@@ -24,7 +24,7 @@ from insnav.filter.noise_identification import (
     with_noise,
 )
 from insnav.filter.prepare import Prepared
-from insnav.imu.specification import ImuSpec, level_bias
+from insnav.imu.specification import ImuSpec, SensorSpec, level_bias
 from insnav.kernels import noise_likelihood as kernel
 from insnav.simulate import GpsErrors, corrupt_gps
 from insnav.simulate.imu_errors import gauss_markov
@@ -460,19 +460,27 @@ def test_a_run_that_is_far_off_is_run_again_with_the_noise_it_showed():
 
 
 def test_no_figure_is_larger_than_any_sensor_has():
-    """An accelerometer 5 m/s^2 off for a minute has no in-run bias of 4 m/s^2; others ended at 4e6."""
+    """Where a gyro was off for a while a search ended at accelerometer biases of 4e6 m/s^2."""
     imu, gps = recorded(1, laps=4)
-    off = ((imu.time > imu.time[0] + 60.0) & (imu.time < imu.time[0] + 120.0))[:, None] * [5.0, 0.0, 0.0]
-    imu = replace(imu, accel=imu.accel + off * (0.02 if imu.sampling == "increment" else 1.0))
-    found = identify_noise(prepared(imu, gps, drives.SPEC, 1, laps=4), drives.SPEC)
-    assert found is not None
-    reached = []
-    for key, largest in LARGEST.items():
-        for name, most in largest.items():
-            value = float(np.max(getattr(getattr(found.spec, name), key)))
-            reached.append(value / most)
-    print("largest by what is the largest possible:", np.round(reached, 3))
-    assert max(reached) == pytest.approx(1.0)
+    one = np.ones(3)
+    sensors = {
+        name: SensorSpec(
+            random_walk=1e-3 * one,
+            bias=0.5 * LARGEST["bias"][name] * one,
+            scale_factor=2.0 * one,
+            misalignment=0.01 * one,
+        )
+        for name in ("gyro", "accel")
+    }
+    spec = ImuSpec("of any kind", **sensors)
+    drive = InnovationLikelihood(prepared(imu, gps, spec, 1, laps=4), spec)
+    larger = drive.spec(np.full(len(drive.parameters), 15.0))
+    for name in ("gyro", "accel"):
+        found = getattr(larger, name)
+        np.testing.assert_array_equal(found.bias, LARGEST["bias"][name])
+        np.testing.assert_array_equal(found.misalignment, LARGEST["misalignment"][name])
+        np.testing.assert_array_equal(found.scale_factor, 2.0)  # as the preset has it
+        assert found.random_walk[0] == pytest.approx(1e-3 * np.exp(15.0))
 
 
 def test_the_kind_of_imu_is_that_whose_figures_the_drive_shows():
