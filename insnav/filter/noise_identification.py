@@ -698,8 +698,9 @@ def identify(drives: Sequence[InnovationLikelihood], kinds: Sequence[ImuSpec] = 
     doubtful = bool(np.min(_white(found)) > DOUBTED)
     if found.far_off or doubtful:
         with suppress(DivergenceError):
-            drives = [drive.again(found) for drive in drives]
-            found = maximise(drives)
+            again = [drive.again(found) for drive in drives]
+            if min(drive.fixes for drive in again) >= FEWEST:  # gates may reject all that this noise is none of
+                drives, found = again, maximise(again)
     if doubtful:
         drives = [drive.doubted(found) for drive in drives]
         found = maximise(drives)

@@ -48,6 +48,14 @@ def test_false_fixes_of_a_receiver_good_to_centimetres_are_no_gyro_fault():
     assert "gyro" not in found.words
 
 
+def test_fixes_of_which_gates_reject_all_are_refused():
+    """By the noise that was found first, they rejected what it was to be found in again: a division by none."""
+    (case,) = [case for case in cases() if case.name == "flapping 300m"]
+    found = outcome("positions", case)
+    assert found.kind == "refused", found
+    assert "the filter rejected 100 % of the positions" in found.words
+
+
 def test_gyros_in_degrees_are_named_where_nothing_rests():
     data = drive("short")
     with pytest.raises(InputError, match="deg/s"):
