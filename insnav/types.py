@@ -293,9 +293,9 @@ class Alignment:
     # in words: how roll and pitch, and how heading, were found
     level_method: str
     heading_method: str
-    # By how much level and heading change in a long static interval, at most, the sensors' drift with it [rad]: a boat
-    # at its mooring, a car that is loaded. Zero where that is not looked at.
-    swing: tuple[float, float] = (0.0, 0.0)
+    # (k, 2) by how much level and heading change from part to part of a long static interval, drift of the sensors with
+    # it [rad]: a boat at its mooring, a car that is loaded; none in a short one
+    sway: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -50,7 +50,7 @@ def align_static(
         bias, bias_sd = np.zeros(3), np.full(3, np.inf)
     tilt = static.tilt_sd(at, spec, lat, height)
     sd = np.array([*tilt, heading_sd])
-    return Alignment(rest[0], rph, sd, bias, bias_sd, rest, "static", method, static.swing(parts, at))
+    return Alignment(rest[0], rph, sd, bias, bias_sd, rest, "static", method, static.sway(parts, at))
 
 
 def align(

@@ -36,7 +36,7 @@ DEPARTED, DEPARTED_ACCEL, DEPARTED_GYRO, DEPARTED_TIME = 6.0, 1e-3, 1e-5, 2.0
 # In a longer rest at the start the attitude stays: gyros that drift would turn a lever arm that is not known, and show
 # it, and noise that is felt horizontally the heading, 25 -> 5 deg in 15 min, where transitions are linear about them
 # (see `insnav.filter.gps_delay.with_surer_start`). By how much it may change is seen in means of so long [s].
-LONG_REST, SWUNG = 300.0, 10.0
+LONG_REST, SWAYED = 300.0, 10.0
 CONTRADICTED = 5.0  # a mean rate so many sd from the Earth's rotation has a bias that the IMU model does not have
 
 
@@ -78,18 +78,18 @@ def summarize(parts: Intervals, start: float, end: float) -> StationaryMeans:
     return StationaryMeans(start, end, spill.mean(rate), spill.mean(force), scatter(rate), scatter(force))
 
 
-def swing(parts: Intervals, at: StationaryMeans) -> tuple[float, float]:
-    """By how much level and heading change in a long rest at most, beside its mean rate [rad]."""
+def sway(parts: Intervals, at: StationaryMeans) -> FloatArray:
+    """By how much level, and heading beside its mean rate, change from part to part of a long rest, (k, 2) [rad]."""
     if at.end - at.start < LONG_REST:
-        return 0.0, 0.0
+        return np.empty((0, 2))
     first, last = np.searchsorted(parts.end, [at.start, at.end], side="right")
     step = float(np.median(parts.dt[1 : 1 << 16]))
-    size = max(4, round(SWUNG / step))
+    size = max(4, round(SWAYED / step))
     rate, _, force, _ = _windows(parts, (last - first) // size, size, first)
-    up = at.force / np.linalg.norm(at.force)
-    turned = np.cumsum((rate - at.rate) @ up) * size * step
-    tilted = np.linalg.norm(np.cross(force - at.force, up), axis=1) / G0
-    return float(tilted.max()), float(np.abs(turned).max())
+    down = -at.force / np.linalg.norm(at.force)
+    turned = 0.5 * (rate[1:] + rate[:-1] - 2.0 * at.rate) @ down * size * step
+    tilted = np.linalg.norm(np.cross(np.diff(force, axis=0), down), axis=1) / G0
+    return np.column_stack([tilted, turned])
 
 
 def rests_until(alignment: Alignment) -> float:

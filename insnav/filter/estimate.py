@@ -78,9 +78,11 @@ class Estimate:
         self._work = errorstate.scratch()
         self.before = np.zeros(12)  # variances predicted for the last epoch
         self._changes = [change for change in settings.changes if change.time > start.time]
-        rest = rests_until(alignment)
-        limit = np.array([SUBSTEP, coast, rest, *np.square(alignment.swing) / max(rest - start.time, 1.0)])
-        self._noise = errorstate.Model(limit, model.noise, GAP_NOISE, model.decay)
+        rest, parts = rests_until(alignment), len(alignment.sway) + 1  # changes are from part to part
+        begin = alignment.static[0] if alignment.static else rest
+        sway = alignment.sway**2 * parts / (rest - begin) if parts > 1 else np.zeros((1, 2))
+        limit = np.array([SUBSTEP, coast, begin, rest])
+        self._noise = errorstate.Model(limit, model.noise, GAP_NOISE, model.decay, sway)
         if self.history is not None:
             self.history.epoch(start.time, *self._seen, self._phi, self.covariance)
 

@@ -100,7 +100,7 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
         *(i, i, flag),
         errorstate.Samples(*(d1, d1, d2, d2, d2, d2, d1)),
         errorstate.Carried(*5 * [d1]),
-        errorstate.Model(*4 * [d1]),
+        errorstate.Model(*(d1, d1, d1, d1, d2)),
         *(d2, d2),
         errorstate.Outputs(d1, i1, d1, d2, i1, d2),  # type: ignore[arg-type]
         (d2, d2, d2, d1, d2, d2, d1, d2),

@@ -49,8 +49,7 @@ class Carried(NamedTuple):
 class Model(NamedTuple):
     """Noise of the sensors."""
 
-    # (5,) longest sub-step, longest time without a filter epoch, and until when the vehicle rests [s]; then how fast
-    # level and heading may change till then [rad^2/s]
+    # (4,) longest sub-step, longest time without a filter epoch, from when and until when the vehicle rests [s]
     limit: np.ndarray
     # (20,) spectral densities: gyro, accelerometer white noise, driving noise of the twelve sensor errors; then the
     # squared misalignment of gyros and accelerometers times the length of a manoeuvre [rad^2 s]
@@ -60,6 +59,9 @@ class Model(NamedTuple):
     # which a linear filter makes no sense [rad], [m/s]
     gap: np.ndarray
     decay: np.ndarray  # (12,) inverse correlation times of the sensor errors [1/s]
+    sway: (
+        np.ndarray
+    )  # (k, 2) how fast level and heading may change from each of k + 1 parts of a rest to the next [rad^2/s]
 
 
 class Outputs(NamedTuple):
@@ -74,7 +76,7 @@ class Outputs(NamedTuple):
 
 
 @inner()
-def _half_of_the_noise(sums, noise, q, limit, resting):  # type: ignore[no-untyped-def]
+def _half_of_the_noise(sums, noise, q, resting, sway):  # type: ignore[no-untyped-def]
     """Add half of a sub-step's white and driving noise: one half enters before the transition, one after it."""
     half = 0.5 / sums[0]
     for i in range(3):
@@ -88,17 +90,17 @@ def _half_of_the_noise(sums, noise, q, limit, resting):  # type: ignore[no-untyp
             if not resting:
                 q[6 + i, 6 + j] += gyro
             elif i == j:
-                q[6 + i, 6 + i] += 0.5 * sums[0] * limit[3 + i // 2]
+                q[6 + i, 6 + i] += 0.5 * sums[0] * sway[i // 2]
     for j in range(SENSOR):
         q[NAV + j, NAV + j] += 0.5 * noise[6 + j] * sums[0]
 
 
 @inner()
-def _substep(x, sums, noise, phi, q, work, limit, resting):  # type: ignore[no-untyped-def]
+def _substep(x, sums, noise, phi, q, work, resting, sway):  # type: ignore[no-untyped-def]
     """Close a sub-step: second-order transition from the sums, folded into `phi` and `q`.
 
     The noise enters by the trapezoid rule, ``Q <- a (Q + q/2) a' + q/2``; `work` holds how the sensor errors decay. In
-    a vehicle that is `resting` what is felt horizontally is noise, and no error of the gyros turns it.
+    a vehicle that is `resting` what is felt horizontally is noise, and no error of the gyros turns it, but `sway` (2,).
     """
     f, a, ab, d, w, y, f_n, turned_ab = work
     dt = sums[0]
@@ -135,7 +137,7 @@ def _substep(x, sums, noise, phi, q, work, limit, resting):  # type: ignore[no-u
         for i in range(6, NAV):
             for j in range(STATES):
                 ab[i, j] = 1.0 if i == j else 0.0
-    _half_of_the_noise(sums, noise, q, limit, resting)
+    _half_of_the_noise(sums, noise, q, resting, sway)
     # misalignment turns rotations and accelerations into errors that last as long as a manoeuvre
     turned = 0.0
     for i in range(13, 22):
@@ -179,7 +181,7 @@ def _substep(x, sums, noise, phi, q, work, limit, resting):  # type: ignore[no-u
     for k in range(SENSOR):
         phi[NAV + k, NAV + k] *= d[k]
         q[NAV + k, NAV + k] *= d[k] * d[k]
-    _half_of_the_noise(sums, noise, q, limit, resting)
+    _half_of_the_noise(sums, noise, q, resting, sway)
     for i in range(SUMS):
         sums[i] = 0.0
 
@@ -225,7 +227,8 @@ def propagate(first, last, close, samples, carried, model, phi, q, out, work):  
     """
     time, dt, dtheta, dvel, coning, sculling, gap = samples
     x, correction, motion, sums, span = carried
-    limit, noise, gap_noise, decay = model
+    limit, noise, gap_noise, decay, sway = model
+    part = (limit[3] - limit[2]) / (sway.shape[0] + 1)
     grid, used, out_time, out_state, known, out_motion = out
     kept, c = work[3], work[6]
     ig0, ig1, ig2 = 1.0 / (1.0 + correction[6]), 1.0 / (1.0 + correction[7]), 1.0 / (1.0 + correction[8])
@@ -240,7 +243,8 @@ def propagate(first, last, close, samples, carried, model, phi, q, out, work):  
         vx = (dvel[k, 0] - correction[3] * h) * ia0
         vy = (dvel[k, 1] - correction[4] * h) * ia1
         vz = (dvel[k, 2] - correction[5] * h) * ia2
-        if time[k] <= limit[2]:  # there is the turn of the Earth only
+        resting = time[k] <= limit[3]
+        if resting:  # there is the turn of the Earth only
             rotation(x, c)
             north, down = OMEGA * np.cos(x[0]) * h, -OMEGA * np.sin(x[0]) * h
             tx, ty, tz = c[0] * north + c[6] * down, c[1] * north + c[7] * down, c[2] * north + c[8] * down
@@ -281,7 +285,8 @@ def propagate(first, last, close, samples, carried, model, phi, q, out, work):  
                 correction[j] *= kept[j]
             ig0, ig1, ig2 = 1.0 / (1.0 + correction[6]), 1.0 / (1.0 + correction[7]), 1.0 / (1.0 + correction[8])
             ia0, ia1, ia2 = 1.0 / (1.0 + correction[9]), 1.0 / (1.0 + correction[10]), 1.0 / (1.0 + correction[11])
-            _substep(x, sums, noise, phi, q, work, limit, time[k] <= limit[2])
+            row = int((time[k] - limit[2]) / part - 0.5) if resting else 0
+            _substep(x, sums, noise, phi, q, work, resting, sway[max(0, min(row, sway.shape[0] - 1))])
         if due or grid[1] == 0.0:
             out_time[used[0]] = time[k]
             for i in range(10):  # element by element: assigning slices takes seconds to compile

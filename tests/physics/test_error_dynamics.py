@@ -76,10 +76,11 @@ class Interval:
         self.correction = np.zeros(12) if correction is None else correction.copy()
         zero, empty, none = np.zeros((n, 3)), np.empty(0), np.zeros(0, np.int64)
         model = errorstate.Model(
-            np.array([0.1, 1e9]),
+            np.array([0.1, 1e9, -np.inf, -np.inf]),
             np.zeros(20) if noise is None else noise,
             np.zeros(2),
             np.zeros(12) if decay is None else decay,
+            np.zeros((1, 2)),
         )
         turned, pushed = np.tile(rate / rate_hz, (n, 1)), np.tile(force / rate_hz, (n, 1))
         stop = errorstate.propagate(
