@@ -49,8 +49,7 @@ def align_static(
     if method == "gyrocompass":  # the rates have given the heading and cannot give the bias again
         bias, bias_sd = np.zeros(3), np.full(3, np.inf)
     tilt = static.tilt_sd(at, spec, lat, height)
-    sd = np.array([*tilt, heading_sd])
-    return Alignment(rest[0], rph, sd, bias, bias_sd, rest, "static", method, static.sway(parts, at))
+    return Alignment(rest[0], rph, np.array([*tilt, heading_sd]), bias, bias_sd, rest, "static", method)
 
 
 def align(
@@ -125,7 +124,10 @@ def _from_rest(
     here = gps.lla[int(np.searchsorted(gps.time, start))]
     lat, height = float(here[0]), float(here[2])
     found = replace(align_static(parts, spec, lat, height, rest, heading), time=start)
-    if found.sd[2] <= SURE_SD or found.heading_method == "given":
+    at = static.summarize(parts, *rest)
+    if found.heading_method == "given":
+        return replace(found, sway=static.sway(parts, at))
+    if found.sd[2] <= SURE_SD:
         return found
     speed, moving = motion.sure_motion(gps, start)
     course = None
@@ -133,15 +135,15 @@ def _from_rest(
         end = min(moving + motion.SPAN + 1.0, float(parts.end[-1]))
         rph = np.array([found.rph[0], found.rph[1], 0.0])
         # gyros carry the heading only after their stationary mean is subtracted; through a long rest it stays
-        at = static.summarize(parts, *rest)
+        found = replace(found, sway=static.sway(parts, at))
         bias, bias_sd = static.gyro_bias(at, spec, rph, np.inf, lat)
-        track = motion.history(parts, max(start, static.rests_until(found)), end, rph, bias, lat)
+        track = motion.history(parts, max(start, static.stays_until(found)), end, rph, bias, lat)
         # the horizontal Earth rate, unknown with the heading, is in the bias sd but does not turn the heading
         drift = float(min(bias_sd[2], np.max(gyro_bias_sd(spec.gyro))))
         course = motion.course_heading(track, speed, moving, drift, float(found.sd[0]), yaw)
     if course is None or course.sd >= found.sd[2]:
-        if np.isfinite(found.sd[2]):
-            return found
+        if np.isfinite(found.sd[2]):  # gyros that find the heading drift little
+            return replace(found, sway=np.empty((0, 2)))
         raise AlignmentError(
             "the heading cannot be found",
             why="the gyros are too poor for a gyrocompass and the vehicle never moves faster than "

@@ -35,8 +35,9 @@ PUSHED = 0.2  # change of mean specific force from window to window that is a mo
 DEPARTED, DEPARTED_ACCEL, DEPARTED_GYRO, DEPARTED_TIME = 6.0, 1e-3, 1e-5, 2.0
 # In a longer rest at the start the attitude stays: gyros that drift would turn a lever arm that is not known, and show
 # it, and noise that is felt horizontally the heading, 25 -> 5 deg in 15 min, where transitions are linear about them
-# (see `insnav.filter.gps_delay.with_surer_start`). By how much it may change is seen in means of so long [s].
-LONG_REST, SWAYED = 300.0, 10.0
+# (see `insnav.filter.gps_delay.with_surer_start`). By how much it may change is seen in means of so long, and where the
+# vehicle has not left so soon after it, it is no start of a drive [s].
+LONG_REST, SWAYED, LEFT = 300.0, 10.0, 1.0
 CONTRADICTED = 5.0  # a mean rate so many sd from the Earth's rotation has a bias that the IMU model does not have
 
 
@@ -79,8 +80,11 @@ def summarize(parts: Intervals, start: float, end: float) -> StationaryMeans:
 
 
 def sway(parts: Intervals, at: StationaryMeans) -> FloatArray:
-    """By how much level, and heading beside its mean rate, change from part to part of a long rest, (k, 2) [rad]."""
-    if at.end - at.start < LONG_REST:
+    """By how much level, and heading beside its mean rate, change from part to part of a long rest, (k, 2) [rad].
+
+    None of a short one, and none where the vehicle does not leave: filters track their gyros' biases there.
+    """
+    if at.end - at.start < LONG_REST or at.end > parts.end[-1] - LEFT:
         return np.empty((0, 2))
     first, last = np.searchsorted(parts.end, [at.start, at.end], side="right")
     step = float(np.median(parts.dt[1 : 1 << 16]))
@@ -92,10 +96,9 @@ def sway(parts: Intervals, at: StationaryMeans) -> FloatArray:
     return np.column_stack([tilted, turned])
 
 
-def rests_until(alignment: Alignment) -> float:
-    """End of the long rest that a drive begins with, or minus infinity [s]."""
-    begin, end = alignment.static or (0.0, 0.0)
-    return end if end - begin >= LONG_REST else -np.inf
+def stays_until(alignment: Alignment) -> float:
+    """End of the long rest that a drive begins with, in which the attitude stays, or minus infinity [s]."""
+    return alignment.static[1] if alignment.static and alignment.sway.size else -np.inf
 
 
 def find_stationary(parts: Intervals, slow: BoolArray | None = None) -> tuple[float, float] | None:

@@ -6,7 +6,7 @@ from copy import deepcopy
 
 import numpy as np
 
-from insnav.alignment.static import rests_until
+from insnav.alignment.static import LONG_REST
 from insnav.attitude import dcm_from_quat, dcm_from_rph, quat_from_rph
 from insnav.exceptions import DivergenceError
 from insnav.filter.engine import Engine
@@ -78,10 +78,10 @@ class Estimate:
         self._work = errorstate.scratch()
         self.before = np.zeros(12)  # variances predicted for the last epoch
         self._changes = [change for change in settings.changes if change.time > start.time]
-        rest, parts = rests_until(alignment), len(alignment.sway) + 1  # changes are from part to part
-        begin = alignment.static[0] if alignment.static else rest
-        sway = alignment.sway**2 * parts / (rest - begin) if parts > 1 else np.zeros((1, 2))
-        limit = np.array([SUBSTEP, coast, begin, rest])
+        begin, rest = alignment.static or (-np.inf, -np.inf)
+        part = (rest - begin) / (len(alignment.sway) + 1)  # changes are from part to part
+        sway = alignment.sway**2 / part
+        limit = np.array([SUBSTEP, coast, begin, rest if rest - begin >= LONG_REST else -np.inf])
         self._noise = errorstate.Model(limit, model.noise, GAP_NOISE, model.decay, sway)
         if self.history is not None:
             self.history.epoch(start.time, *self._seen, self._phi, self.covariance)

@@ -49,7 +49,8 @@ class Carried(NamedTuple):
 class Model(NamedTuple):
     """Noise of the sensors."""
 
-    # (4,) longest sub-step, longest time without a filter epoch, from when and until when the vehicle rests [s]
+    # (4,) longest sub-step, longest time without a filter epoch, from when and until when the vehicle rests, in which
+    # what is felt horizontally is noise [s]
     limit: np.ndarray
     # (20,) spectral densities: gyro, accelerometer white noise, driving noise of the twelve sensor errors; then the
     # squared misalignment of gyros and accelerometers times the length of a manoeuvre [rad^2 s]
@@ -76,7 +77,7 @@ class Outputs(NamedTuple):
 
 
 @inner()
-def _half_of_the_noise(sums, noise, q, resting, sway):  # type: ignore[no-untyped-def]
+def _half_of_the_noise(sums, noise, q, stays, sway):  # type: ignore[no-untyped-def]
     """Add half of a sub-step's white and driving noise: one half enters before the transition, one after it."""
     half = 0.5 / sums[0]
     for i in range(3):
@@ -87,7 +88,7 @@ def _half_of_the_noise(sums, noise, q, resting, sway):  # type: ignore[no-untype
                 gyro += c * noise[k]
                 accel += c * noise[3 + k]
             q[3 + i, 3 + j] += accel
-            if not resting:
+            if not stays:
                 q[6 + i, 6 + j] += gyro
             elif i == j:
                 q[6 + i, 6 + i] += 0.5 * sums[0] * sway[i // 2]
@@ -96,16 +97,14 @@ def _half_of_the_noise(sums, noise, q, resting, sway):  # type: ignore[no-untype
 
 
 @inner()
-def _substep(x, sums, noise, phi, q, work, resting, sway):  # type: ignore[no-untyped-def]
+def _substep(x, sums, noise, phi, q, work, stays, sway):  # type: ignore[no-untyped-def]
     """Close a sub-step: second-order transition from the sums, folded into `phi` and `q`.
 
     The noise enters by the trapezoid rule, ``Q <- a (Q + q/2) a' + q/2``; `work` holds how the sensor errors decay. In
-    a vehicle that is `resting` what is felt horizontally is noise, and no error of the gyros turns it, but `sway` (2,).
+    a vehicle that `stays` as it is no error of the gyros turns it, but `sway` (2,) does.
     """
     f, a, ab, d, w, y, f_n, turned_ab = work
     dt = sums[0]
-    if resting:
-        sums[1] = sums[2] = 0.0
     inv = 1.0 / dt
     for i in range(3):
         f_n[i] = sums[1 + i] * inv
@@ -133,11 +132,11 @@ def _substep(x, sums, noise, phi, q, work, resting, sway):  # type: ignore[no-un
             ab[3 + i, 18 + j] -= sums[22 + 3 * i + j]
             ab[6 + i, 9 + j] = sums[4 + 3 * i + j]
             ab[6 + i, 15 + j] = sums[13 + 3 * i + j]
-    if resting:
+    if stays:
         for i in range(6, NAV):
             for j in range(STATES):
                 ab[i, j] = 1.0 if i == j else 0.0
-    _half_of_the_noise(sums, noise, q, resting, sway)
+    _half_of_the_noise(sums, noise, q, stays, sway)
     # misalignment turns rotations and accelerations into errors that last as long as a manoeuvre
     turned = 0.0
     for i in range(13, 22):
@@ -181,7 +180,7 @@ def _substep(x, sums, noise, phi, q, work, resting, sway):  # type: ignore[no-un
     for k in range(SENSOR):
         phi[NAV + k, NAV + k] *= d[k]
         q[NAV + k, NAV + k] *= d[k] * d[k]
-    _half_of_the_noise(sums, noise, q, resting, sway)
+    _half_of_the_noise(sums, noise, q, stays, sway)
     for i in range(SUMS):
         sums[i] = 0.0
 
@@ -230,7 +229,7 @@ def propagate(first, last, close, samples, carried, model, phi, q, out, work):  
     limit, noise, gap_noise, decay, sway = model
     part = (limit[3] - limit[2]) / (sway.shape[0] + 1)
     grid, used, out_time, out_state, known, out_motion = out
-    kept, c = work[3], work[6]
+    kept, c, none = work[3], work[6], np.zeros(2)
     ig0, ig1, ig2 = 1.0 / (1.0 + correction[6]), 1.0 / (1.0 + correction[7]), 1.0 / (1.0 + correction[8])
     ia0, ia1, ia2 = 1.0 / (1.0 + correction[9]), 1.0 / (1.0 + correction[10]), 1.0 / (1.0 + correction[11])
     for k in range(first, last):
@@ -244,7 +243,8 @@ def propagate(first, last, close, samples, carried, model, phi, q, out, work):  
         vy = (dvel[k, 1] - correction[4] * h) * ia1
         vz = (dvel[k, 2] - correction[5] * h) * ia2
         resting = time[k] <= limit[3]
-        if resting:  # there is the turn of the Earth only
+        stays = resting and sway.shape[0] > 0
+        if stays:  # there is the turn of the Earth only
             rotation(x, c)
             north, down = OMEGA * np.cos(x[0]) * h, -OMEGA * np.sin(x[0]) * h
             tx, ty, tz = c[0] * north + c[6] * down, c[1] * north + c[7] * down, c[2] * north + c[8] * down
@@ -285,8 +285,10 @@ def propagate(first, last, close, samples, carried, model, phi, q, out, work):  
                 correction[j] *= kept[j]
             ig0, ig1, ig2 = 1.0 / (1.0 + correction[6]), 1.0 / (1.0 + correction[7]), 1.0 / (1.0 + correction[8])
             ia0, ia1, ia2 = 1.0 / (1.0 + correction[9]), 1.0 / (1.0 + correction[10]), 1.0 / (1.0 + correction[11])
-            row = int((time[k] - limit[2]) / part - 0.5) if resting else 0
-            _substep(x, sums, noise, phi, q, work, resting, sway[max(0, min(row, sway.shape[0] - 1))])
+            if resting:
+                sums[1] = sums[2] = 0.0
+            row = max(0, min(int((time[k] - limit[2]) / part - 0.5), sway.shape[0] - 1)) if stays else 0
+            _substep(x, sums, noise, phi, q, work, stays, sway[row] if stays else none)
         if due or grid[1] == 0.0:
             out_time[used[0]] = time[k]
             for i in range(10):  # element by element: assigning slices takes seconds to compile
