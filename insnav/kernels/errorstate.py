@@ -60,9 +60,9 @@ class Model(NamedTuple):
     # which a linear filter makes no sense [rad], [m/s]
     gap: np.ndarray
     decay: np.ndarray  # (12,) inverse correlation times of the sensor errors [1/s]
-    sway: (
-        np.ndarray
-    )  # (k, 2) how fast level and heading may change from each of k + 1 parts of a rest to the next [rad^2/s]
+    # (k, 2) how fast level and heading may change from each of k + 1 parts of a rest to the next [rad^2/s]; none where
+    # they do not stay
+    sway: np.ndarray
 
 
 class Outputs(NamedTuple):
