@@ -124,26 +124,27 @@ def _from_rest(
     here = gps.lla[int(np.searchsorted(gps.time, start))]
     lat, height = float(here[0]), float(here[2])
     found = replace(align_static(parts, spec, lat, height, rest, heading), time=start)
-    at = static.summarize(parts, *rest)
-    if found.heading_method == "given":
-        return replace(found, sway=static.sway(parts, at))
-    if found.sd[2] <= SURE_SD:
+    given = found.heading_method == "given"
+    if found.sd[2] <= SURE_SD and not given:
         return found
+    at = static.summarize(parts, *rest)
+    sway = static.sway(parts, at)
+    if given:
+        return replace(found, sway=sway)
     speed, moving = motion.sure_motion(gps, start)
     course = None
     if moving is not None:
         end = min(moving + motion.SPAN + 1.0, float(parts.end[-1]))
         rph = np.array([found.rph[0], found.rph[1], 0.0])
         # gyros carry the heading only after their stationary mean is subtracted; through a long rest it stays
-        found = replace(found, sway=static.sway(parts, at))
         bias, bias_sd = static.gyro_bias(at, spec, rph, np.inf, lat)
-        track = motion.history(parts, max(start, static.stays_until(found)), end, rph, bias, lat)
+        track = motion.history(parts, rest[1] if sway.size else start, end, rph, bias, lat)
         # the horizontal Earth rate, unknown with the heading, is in the bias sd but does not turn the heading
         drift = float(min(bias_sd[2], np.max(gyro_bias_sd(spec.gyro))))
         course = motion.course_heading(track, speed, moving, drift, float(found.sd[0]), yaw)
     if course is None or course.sd >= found.sd[2]:
         if np.isfinite(found.sd[2]):  # gyros that find the heading drift little
-            return replace(found, sway=np.empty((0, 2)))
+            return found
         raise AlignmentError(
             "the heading cannot be found",
             why="the gyros are too poor for a gyrocompass and the vehicle never moves faster than "
@@ -153,7 +154,7 @@ def _from_rest(
     rph[2] = wrap_two_pi(course.heading)
     bias, bias_sd = static.gyro_bias(at, spec, rph, course.sd, lat)
     sd = np.array([found.sd[0], found.sd[1], course.sd])
-    return replace(found, rph=rph, sd=sd, gyro_bias=bias, gyro_bias_sd=bias_sd, heading_method=course.method)
+    return replace(found, rph=rph, sd=sd, gyro_bias=bias, gyro_bias_sd=bias_sd, heading_method=course.method, sway=sway)
 
 
 def _in_motion(
