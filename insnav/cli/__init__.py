@@ -64,6 +64,8 @@ def commands(*names: str) -> Any:
 # options of earlier versions, which went by private words
 COMPLETE = "_INSNAV_COMPLETE"
 QUIET, VERBOSE = {"-q", "--quiet"}, {"-v", "--verbose"}
+# matrices are small: threads of the linear algebra wait for each other in a third of the CPU time of a run
+THREADS = "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"
 LEAST_MEMORY = 1200 << 20  # of addresses, of which a third is used [bytes]
 RENAMED = {"--twins": "--replicas", "--raw": "--uncalibrated", "--workers": "--engine"}
 
@@ -87,6 +89,8 @@ def _common(
 
 def main() -> None:
     """Run the command line and end the process with its exit code."""
+    for name in THREADS:  # read when numpy is imported: later than here
+        os.environ.setdefault(name, "1")
     gc.set_threshold(200_000, 50)  # what is imported lasts (125 000): looking for garbage among it takes 3 % of a run
     words = list(itertools.takewhile(lambda text: text != "--", sys.argv[1:]))  # these may stand anywhere before it
     debug = "--debug" in words

@@ -80,6 +80,24 @@ def test_a_signal_stops_at_once_and_leaves_nothing(
     assert min(taken) < 0.5 * undisturbed
 
 
+@pytest.mark.parametrize("asked", [None, "2"])
+def test_linear_algebra_has_one_thread_unless_others_are_asked_for(asked: str | None):
+    """Threads of small matrices wait for each other, which costs CPU time and no one sees why."""
+    code = """
+import os, sys
+from insnav import cli
+assert "numpy" not in sys.modules
+cli._run = lambda _: print(os.environ["OPENBLAS_NUM_THREADS"])
+cli.main()
+"""
+    environment = _environment()
+    environment.pop("OPENBLAS_NUM_THREADS", None)
+    if asked is not None:
+        environment["OPENBLAS_NUM_THREADS"] = asked
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
+    assert done.stdout.strip() == (asked or "1"), done.stderr
+
+
 @posix
 @pytest.mark.usefixtures("undisturbed")
 def test_long_work_names_its_stages_on_a_terminal(drive: Path):
