@@ -238,10 +238,10 @@ def _settled(
     `cut`: a run that is lost is looked at up to there. A fault that is there until then may be so to the end.
     Returns: the fault, the recording without it, its noise; and whether one of the runs was cut.
     """
-    any_lost, last = False, fault
+    any_lost, last, again = False, fault, None
     for count in range(ROUNDS):
         some = replace(ready, imu=fault.taken_off(ready.imu))
-        again = identify_noise(some, spec)
+        again = identify_noise(some, spec, again)
         seen = None if again is None else _opened(some, again)
         if again is None or seen is None:
             break

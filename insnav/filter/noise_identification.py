@@ -47,6 +47,7 @@ HUBER = 3.0  # innovations beyond so many standard deviations count less, so tha
 CLEAN = 0.9973
 ROUNDS = 12  # of Fisher scoring at most
 STEP = 0.01  # of numerical derivatives, in logarithms
+DIGITS = 4  # of these logarithms that count, so that what is found does not hang on how sums are rounded
 FAR_OFF, FAR_OFF_SHARE = np.deg2rad(5.0), 0.1  # attitude error whose square counts [rad], in this part of a drive [-]
 REJECTED = 3.5  # times the usual interval between fixes that are used, beyond which others are missing
 SETTLING, SETTLED = 4, 60.0  # the attitude of a filter settles in this part of a drive, one in so many, or so soon [s]
@@ -477,6 +478,16 @@ class _Posterior:
         self.middle = np.array([p.middle for p in self.parameters])
         self._sd = np.array([[p.sd, p.sd_below] for p in self.parameters]).T
 
+    @property
+    def can_be_wider(self) -> bool:
+        """Whether velocities may have a time-correlated error, too."""
+        keys = {p.key for p in self.parameters}
+        return "gps.velocity" in keys and "gps.velocity_correlated" not in keys
+
+    def wider(self) -> _Posterior:
+        """The same with a time-correlated error of the velocities."""
+        return _Posterior([drive.with_correlated_velocities() for drive in self.drives])
+
     def weight(self, at: FloatArray) -> FloatArray:
         """Curvature of the prior."""
         curvature: FloatArray = np.where(at >= self.middle, self._sd[0], self._sd[1]) ** -2.0
@@ -520,7 +531,7 @@ class _Posterior:
                     slope += np.array([self._before(at + step) - before for step in steps]) / STEP
                 move = -np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), slope)
                 move *= min(1.0, LARGEST_STEP / float(np.max(np.abs(move))))
-                there = at + move
+                there = np.asarray(np.round(at + move, DIGITS), dtype=np.float64)
                 e1, s1, cost1 = self.innovations(there)
                 if cost1 < cost:
                     gained = cost - cost1
@@ -547,12 +558,8 @@ def _bent(curvature: FloatArray, step: FloatArray, change: FloatArray) -> FloatA
     return curvature + np.outer(change, change) / (step @ change) - np.outer(along, along) / (step @ along)
 
 
-def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
-    """Figures with the largest posterior density; several drives share one set."""
-    posterior = _Posterior(drives)
-    white = posterior.middle.copy()
-    white[-2] = -np.inf
-    before = posterior.innovations(white)
+def _begun(posterior: _Posterior) -> FloatArray:
+    """Figures from which the largest density is near: of several starts the likeliest, by the first of the record."""
     lasting = np.array([(np.log(share / (1.0 - share)), np.log(time)) for share, time in STARTS])
     level = np.array([p.key in LEVELS for p in posterior.parameters[:-2]])
     starts = [
@@ -560,11 +567,22 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
         for factor in UNDERSTATED_STARTS
         for each in lasting
     ]
-    short = _Posterior([drive.beginning(SHORT) for drive in drives])
-    first, *_ = short.climb(min(starts, key=lambda at: short.innovations(at)[2]), NEAR)
+    short = _Posterior([drive.beginning(SHORT) for drive in posterior.drives])
+    return short.climb(min(starts, key=lambda at: short.innovations(at)[2]), NEAR)[0]
+
+
+def maximise(drives: Sequence[InnovationLikelihood], near: NoiseEstimate | None = None) -> NoiseEstimate:
+    """Figures with the largest posterior density, or with the largest `near` others; several drives share one set."""
+    posterior = _Posterior(drives)
+    white = posterior.middle.copy()
+    white[-2] = -np.inf
+    before = posterior.innovations(white)
+    first = _begun(posterior) if near is None or near.seen is None else near.seen[1]
+    if first.size > posterior.middle.size:
+        posterior = posterior.wider()
     top, covariance, (e, s, cost) = posterior.climb(first)
-    if any(p.key == "gps.velocity" for p in posterior.parameters):
-        wider = _Posterior([drive.with_correlated_velocities() for drive in drives])
+    if posterior.can_be_wider:
+        wider = posterior.wider()
         starts = [np.concatenate([top[:-2], each, top[-2:]]) for each in VELOCITY_STARTS]
         costs = [wider.innovations(at)[2] for at in starts]
         if min(costs) < cost:
@@ -689,26 +707,34 @@ def kind_of(found: NoiseEstimate, kinds: Sequence[ImuSpec]) -> ImuSpec:
     return kinds[best if worth[best] > worth[0] + OTHER_KIND else 0]
 
 
-def identify(drives: Sequence[InnovationLikelihood], kinds: Sequence[ImuSpec] = ()) -> NoiseEstimate:
+def identify(
+    drives: Sequence[InnovationLikelihood], kinds: Sequence[ImuSpec] = (), near: NoiseEstimate | None = None
+) -> NoiseEstimate:
     """Noise in drives of one IMU, about second runs with it if the first are far off or reject fixes.
 
-    `kinds`: what IMU it may also be, if its figures tell so.
+    `kinds`: what IMU it may also be, if its figures tell so; `near`: as was found with samples that hardly differ.
     """
-    found = maximise(drives)
+    if near is not None and near.seen is not None:
+        drives = [drive.of(near.seen[0].prior) for drive in drives]
+
+    def likeliest(drives: Sequence[InnovationLikelihood], last: NoiseEstimate) -> NoiseEstimate:
+        return maximise(drives, None if near is None else last)
+
+    found = maximise(drives, near)
     doubtful = bool(np.min(_white(found)) > DOUBTED)
     if found.far_off or doubtful:
         with suppress(DivergenceError):
             again = [drive.again(found) for drive in drives]
             if min(drive.fixes for drive in again) >= FEWEST:  # gates may reject all that this noise is none of
-                drives, found = again, maximise(again)
+                drives, found = again, likeliest(again, found)
     if doubtful:
         drives = [drive.doubted(found) for drive in drives]
-        found = maximise(drives)
+        found = likeliest(drives, found)
     for _ in range(KINDS_TRIED):
         kind = kind_of(found, kinds)
         if found.seen is None or kind is found.seen[0].prior:
             break
-        found = maximise([drive.of(kind) for drive in drives])
+        found = likeliest([drive.of(kind) for drive in drives], found)
     return found
 
 
@@ -736,13 +762,13 @@ def _cost(drive: InnovationLikelihood, at: FloatArray) -> float:
     return cost_of(*drive.normalised(at)) + drive.bias_seen(at)
 
 
-def identify_noise(ready: Prepared, spec: ImuSpec) -> NoiseEstimate | None:
+def identify_noise(ready: Prepared, spec: ImuSpec, near: NoiseEstimate | None = None) -> NoiseEstimate | None:
     """Noise of IMU and fixes from the innovations of one drive; none where it tells none.
 
-    `spec`: IMU error specification it was prepared with: the prior.
+    `spec`: IMU error specification it was prepared with: the prior; `near`: see `identify`.
     """
     drive = _likelihood(ready, spec)
-    return None if drive is None else identify([drive], ready.kinds)
+    return None if drive is None else identify([drive], ready.kinds, near)
 
 
 def with_known_noise(ready: Prepared, spec: ImuSpec) -> Prepared:
