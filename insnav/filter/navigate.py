@@ -121,11 +121,12 @@ def _decided(ready: Prepared, first: Run) -> tuple[Run, tuple[Event, ...]]:
         opened: float = 0.0,
         changes: tuple[StateChange, ...] = (),
         gates: Gates = OPEN,
+        *,
+        weighing: bool = False,
     ) -> Run:
         covariance = ready.initial.covariance.copy()
         covariance[:3, :3] += opened**2 * np.eye(3)
         initial = replace(ready.initial, covariance=covariance, from_fix=ready.initial.from_fix and not opened)
-        weighing = gates is OPEN and trust is None and not changes
         trust = unused(changes, fixes, ready.settings.delay, trust)
         every = sorted((*ready.settings.changes, *changes), key=lambda each: each.time)
         settings = replace(ready.settings, gates=gates, trust=trust, changes=tuple(every))

@@ -128,7 +128,8 @@ def decided(
     """Let the whole record decide which fixes were false, or what changed and stayed so; only where it contradicts.
 
     `first`: with `settings`; one that is not smoothed stays as it is; `again`: navigates once more: fixes, which of
-    them to leave out, a standard deviation to be added to the first position [m], changes, and gates.
+    them to leave out, a standard deviation to be added to the first position [m], changes, gates, and whether false
+    fixes may still count.
     Returns: the run to be believed, and what was found.
     """
     if first.smoothed is None:
@@ -156,18 +157,20 @@ def decided(
     changes: tuple[StateChange, ...] = ()
     step = first.smoothed.delay_step
     if against or any(each.first == ATTITUDE for each in first.smoothed.likely[:1]):  # else gates hide nothing
+        beside = of_moments(found.trust, gps)  # whatever else changes
         with suppress(DivergenceError):
-            ungated = again(gps)
+            ungated = again(gps, trust=beside, weighing=True)
             step = (ungated.smoothed and ungated.smoothed.delay_step) or step
-            _, changes, _ = changes_of(ungated, (), partial(again, gps), worth)
+            _, changes, _ = changes_of(ungated, (), partial(again, gps, trust=beside), worth)
     if changes:
         ways = [partial(again, gps, gates=gates) for gates in (settings.gates, OPEN)]
-        runs = [way(changes=changes) for way in ways]
+        runs = [way(changes=changes, trust=beside) for way in ways]
         best = int(np.argmin([worth(run, changes) for run in runs]))
         # where false fixes explain it, changes must explain much more
         margin = BETTER if found.run is first else max(BETTER, SURELY * first.innovations.time.size)
         if worth(runs[best], changes) <= worth(found.run) - margin:
-            found, others = Explained(runs[best], ways[best]), []
+            said_of = () if beside is None else tuple(told_false(gps, beside))
+            found, others = Explained(runs[best], ways[best], said_of, beside), []
         else:
             changes = ()
     # fixes that no gate and no smoothed track contradicts are not left out
@@ -181,6 +184,16 @@ def decided(
     run = mixed(run, resets) if resets else run
     assert run.smoothed is not None
     return replace(run, smoothed=replace(run.smoothed, delay_step=step)), (*found.events, *said)
+
+
+def of_moments(trust: Trust | None, gps: GpsData) -> Trust | None:
+    """Of what is not trusted the velocities that are false for a moment only, which are no change of anything."""
+    if trust is None:
+        return None
+    brief = np.zeros_like(trust.false)
+    for start, stop in runs_of(trust.false[1]):
+        brief[1, start:stop] = gps.time[stop - 1] - gps.time[start] < LONGEST
+    return replace(trust, false=brief) if brief.any() else None
 
 
 def false_at_an_end(run: Run, gps: GpsData, settings: FilterSettings, trust: Trust) -> tuple[Run, list[Event]]:
@@ -274,7 +287,7 @@ def reconcile(
     weights = np.ones((2, 1)) if fades else open_
     for left, strictness in zip(np.linspace(1.0, 0.0, len(STRICTNESS)), STRICTNESS, strict=True):
         wide, limit = (_weighted(gps, open_**left), LIMIT) if fades else (gps, LIMIT * strictness)
-        run = again(_weighted(wide, weights), opened=OPEN_START)
+        run = again(_weighted(wide, weights), opened=OPEN_START, weighing=True)
         off, square = residuals(run, wide, settings)
         square = square / scale[:, None]
         weights = np.where(np.isfinite(square), (limit / (limit + square)) ** 2, 1.0)

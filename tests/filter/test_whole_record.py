@@ -14,7 +14,7 @@ from insnav.filter import FilterSettings, navigate
 from insnav.filter.gates import Trust, without_frozen
 from insnav.filter.navigate import Navigated, feed, navigate_recording
 from insnav.filter.prepare import DELAY_SD, prepare
-from insnav.filter.whole_record import residuals, without_ends
+from insnav.filter.whole_record import of_moments, residuals, without_ends
 from insnav.imu import load_imu
 from insnav.simulate import gps_from_truth
 from insnav.simulate.faults import gps_jump, gps_spike
@@ -186,6 +186,22 @@ def test_true_fixes_about_those_of_a_jump_are_used():
     left_out = (gps.time >= begin - 15.0) & (gps.time < end + 15.0) | (gps.time < 30.0)
     left = without_ends(left_out, track, jumped, SETTINGS)
     np.testing.assert_array_equal(left, np.any(jumped.lla != gps.lla, axis=1))
+
+
+def test_velocities_that_are_false_for_a_moment_are_no_change_of_what_lasts():
+    """They stay left out where lasting changes are looked for: in a recorded flight these stood for them, 1.6 km."""
+    gps = recording(1).gps
+    false = np.zeros((2, gps.time.size), dtype=bool)
+    false[1, [20, 40, 41, 42]] = True  # one, and three of two seconds
+    moments = false[1].copy()
+    false[:, 60:80] = True  # twenty seconds may be a change that passes
+    found = of_moments(Trust(false, np.zeros(false.shape)), gps)
+    assert found is not None
+    assert not found.false[0].any()
+    assert (found.false[1] == moments).all()
+    false[1, moments] = False
+    assert of_moments(Trust(false, np.zeros(false.shape)), gps) is None
+    assert of_moments(None, gps) is None
 
 
 def test_a_lever_arm_is_no_surer_where_no_fix_is_false(monkeypatch):
