@@ -28,6 +28,7 @@ STEEPEST = 1.55  # latitude, north or south, beyond which the course turns with 
 STEP = 0.1  # of the grid on which records are compared [s]
 SPAN = 1.0  # over which turns and changes of velocity are taken, at least [s]
 LEVELLING = 30.0  # time constant with which gravity is found; longer than accelerations last [s]
+PASSES = 3  # each leaves of the gyro bias what it has not pulled gravity by, a tenth in five minutes
 LONG = 8.0 * LEVELLING  # records longer than that can do without their beginning [s]
 SLOW = 0.8  # below it the course of GPS velocity is noise [m/s]
 MOVES = 0.1  # RMS of what is compared, below which nothing moved [rad/s], [m/s^2]
@@ -87,7 +88,9 @@ def _of_imu(parts: Intervals) -> _Track:
     scale = parts.dt[:, None] if parts.instant else 1.0
     n = len(parts.dt)
     turn, change = np.empty(n + 1), np.empty((n + 1, 2))
-    level_history(parts.dt, parts.gyro * scale, parts.accel * scale, LEVELLING, turn, change)
+    bias = np.zeros(3)  # a consumer gyro's would tilt gravity by 18 deg, which accelerations then add to or take from
+    for _ in range(PASSES):
+        level_history(parts.dt, parts.gyro * scale, parts.accel * scale, bias, LEVELLING, turn, change)
     time = np.concatenate([[parts.end[0] - parts.dt[0]], parts.end])
     spill.release()
     known = np.concatenate([[True], parts.gap == 0.0])

@@ -135,7 +135,7 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
             (aiding_measurements.zero_velocity, d1, d1, d1, d1, d2),
             (aiding_measurements.vehicle_velocity, d1, d1, d2, d1, d, d1, d2),
         ),
-        ((alignment.level_history, d1, d2, d2, d, d1, d2),),
+        ((alignment.level_history, d1, d2, d2, d1, d, d1, d2),),
         ((csv_rows.rows_as_text, d2, d1, types.uint64[::1], types.uint8[::1]),),
         ((output.deviations, d1, i1, d2, d1, d2, d2), (output.sides, d2, d2, d2)),
         ((smoother.keep, d1, d, *3 * [d1], d2, d2), (smoother.keep_state, *4 * [d1])),

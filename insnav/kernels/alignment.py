@@ -111,14 +111,15 @@ def felt_changes(end, dt, gyro, accel, turn, bias, w_ie_n, times, ends, out):  #
 
 
 @njit(cache=True)
-def level_history(dt, dtheta, dvel, time_constant, turn, change):  # type: ignore[no-untyped-def]
+def level_history(dt, dtheta, dvel, bias, time_constant, turn, change):  # type: ignore[no-untyped-def]
     """Turn about the vertical and horizontal specific force, integrated, without knowing how the IMU is mounted.
 
     The down axis in the body is carried by the gyros and pulled towards the specific force with a `time_constant` [s];
-    a horizontal axis is carried with it and turns with no vehicle. Increments (n, 3) [rad], [m/s]; `turn` (n + 1,)
-    [rad] and `change` (n + 1, 2) [m/s] are integrals from zero.
+    a horizontal axis is carried with it and turns with no vehicle. Increments (n, 3) [rad], [m/s]; `bias` (3,) of the
+    gyros [rad/s], to which is added what pulls the axis on average, as accelerations of a vehicle do not; `turn`
+    (n + 1,) [rad] and `change` (n + 1, 2) [m/s] are integrals from zero.
     """
-    d, h = np.zeros(3), np.zeros(3)
+    d, h, pulled, length = np.zeros(3), np.zeros(3), np.zeros(3), 0.0
     for k in range(min(dt.shape[0], 25)):  # a start; the constant draws it in
         for i in range(3):
             d[i] -= dvel[k, i]
@@ -134,12 +135,16 @@ def level_history(dt, dtheta, dvel, time_constant, turn, change):  # type: ignor
     h[flat] = 1.0
     turn[0] = change[0, 0] = change[0, 1] = 0.0
     for k in range(dt.shape[0]):
-        wx, wy, wz = dtheta[k, 0], dtheta[k, 1], dtheta[k, 2]
+        wx, wy, wz = dtheta[k, 0] - bias[0] * dt[k], dtheta[k, 1] - bias[1] * dt[k], dtheta[k, 2] - bias[2] * dt[k]
         fx, fy, fz = dvel[k, 0], dvel[k, 1], dvel[k, 2]
         norm = np.sqrt(fx * fx + fy * fy + fz * fz)
         gain = min(dt[k] / time_constant, 0.1) / norm if norm > 0.0 else 0.0
         # fixed directions seen from a turning body: v' = v x w
         x, y, z = d[0], d[1], d[2]
+        pulled[0] += gain * (y * fz - z * fy)
+        pulled[1] += gain * (z * fx - x * fz)
+        pulled[2] += gain * (x * fy - y * fx)
+        length += dt[k]
         d[0] = x + y * wz - z * wy - gain * fx
         d[1] = y + z * wx - x * wz - gain * fy
         d[2] = z + x * wy - y * wx - gain * fz
@@ -161,3 +166,5 @@ def level_history(dt, dtheta, dvel, time_constant, turn, change):  # type: ignor
         # d x h completes the level axes
         cx, cy, cz = d[1] * h[2] - d[2] * h[1], d[2] * h[0] - d[0] * h[2], d[0] * h[1] - d[1] * h[0]
         change[k + 1, 1] = change[k, 1] + fx * cx + fy * cy + fz * cz
+    for i in range(3):
+        bias[i] -= pulled[i] / length
