@@ -22,7 +22,7 @@ from insnav.exceptions import DivergenceError
 from insnav.filter.error_model import initial_state
 from insnav.filter.gates import Gates
 from insnav.filter.gps_noise import LAG_WORTH, LAGGING_NOTE
-from insnav.filter.late_fixes import REACH, LateFixes
+from insnav.filter.late_fixes import BLOCKS, REACH, LateFixes
 from insnav.filter.navigate import feed
 from insnav.filter.noise_identification import HUBER
 from insnav.filter.prepare import Prepared
@@ -39,7 +39,6 @@ DRIFTS = 0.02 * np.arange(-10, 11)  # of the delay, from the middle to the ends 
 DRIFT_WORTH, LARGEST_DRIFT = 0.02, 4e-4  # a smaller one is not moved by [s], larger ones no crystal has [s/s]
 LONGEST = 900.0  # of the record that is looked at [s]
 FIXES = 600  # of it at most
-FEWEST_BLOCKS = 3  # of it; fewer may agree by accident
 WORTH, REFINED_BY = 0.03, 0.01  # smaller delays the state of the filter finds; where velocities lag by a shape [s]
 WIDEST = 0.5  # standard deviation of a delay with which the filter begins where a drive hardly shows it [s]
 SURE, REFINED = 4.0, 2.0  # delays are believed beyond so many of their standard deviations, or with other evidence
@@ -183,7 +182,7 @@ def delay_of(seen: Filtered) -> Found:
         seen = filtered(doubted, starts=0, gates=gates)
         likelihood = LateFixes(seen.ready, seen.settings, seen.epochs) if seen.epochs is not None else None
     nothing = Found(0.0, np.inf, 0.0, seen.settings.velocity_lag, 0.0, seen.settings.moments)
-    if likelihood is None or likelihood.blocks < FEWEST_BLOCKS or still:
+    if likelihood is None or likelihood.blocks < BLOCKS or still:  # fewer may agree by accident
         return nothing
     grid = np.arange(-REACH, REACH + 0.5 * GRID, GRID)
     coarse = likelihood.costs(grid).sum(axis=1)

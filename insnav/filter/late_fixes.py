@@ -31,7 +31,7 @@ from insnav.units import DEG
 
 REACH = 2.0  # delays looked for, early and late [s]
 EDGE = REACH + 1.0  # fixes so near to the ends of the record may be of a time outside [s]
-BLOCK = 20.0  # parts whose errors are independent [s]
+BLOCK, BLOCKS = (10.0, 20.0), 3  # parts whose errors are independent: how long, and so many of a short record [s]
 OPEN_START = 20.0, 2.0, 5.0 * DEG  # sd of position [m], velocity [m/s], attitude at the start, which is late, too
 
 
@@ -49,7 +49,8 @@ class LateFixes:
         self._fixes, self._time, self._rows = gps.rows(own[good]), time[good], np.flatnonzero(good)
         velocity = good & np.isfinite(gps.v_n[own]).all(axis=1)
         self._kind = np.where(velocity, POSITION + VELOCITY, np.where(good, POSITION, COAST))
-        self._block = np.repeat(((time - time[0]) / BLOCK).astype(int), np.bitwise_count(self._kind))
+        length = np.clip((time[-1] - time[0]) / BLOCKS, *BLOCK)
+        self._block = np.repeat(((time - time[0]) / length).astype(int), np.bitwise_count(self._kind))
         self.accepted = float(np.mean(epochs[good, KIND] == self._kind[good])) if good.any() else 0.0
         self.velocities = bool(velocity.any())
         self.blocks, self.half = np.unique(self._block).size, 0.5 * float(time[-1] - time[0])

@@ -771,6 +771,16 @@ def identify_noise(ready: Prepared, spec: ImuSpec, near: NoiseEstimate | None = 
     return None if drive is None else identify([drive], ready.kinds, near)
 
 
+def with_usual_noise(ready: Prepared) -> Prepared:
+    """The recording prepared with what is likely of receivers and not shown by a short drive: how long errors last."""
+    if ready.settings.correlated is not None:
+        return ready
+    share, time = 1.0 / (1.0 + np.exp(-SHARE[0])), float(np.exp(CORRELATION_TIME[0] + 0.5 * CORRELATION_TIME[1] ** 2))
+    usual = CorrelatedNoise(share, time, np.sqrt(share) * np.median(ready.gps.position_sd, axis=0))
+    note = f"{CORRELATED}: {100 * share:.0f} % of the variance, for about {time:.0f} s, assumed as usual of receivers"
+    return replace(ready, settings=replace(ready.settings, correlated=usual), notes=(*ready.notes, note))
+
+
 def with_known_noise(ready: Prepared, spec: ImuSpec) -> Prepared:
     """The recording prepared with the misalignments that it tells, all noise as it is specified."""
     known = known_likelihood(ready.beginning(ENOUGH_FOR_AXES), spec) if ready.model.axes_sd.any() else None

@@ -36,7 +36,13 @@ from insnav.filter.lever_check import (
     with_right_lever,
 )
 from insnav.filter.navigate import AidingChoice, Navigated, dense, navigate_prepared, thinned
-from insnav.filter.noise_identification import identify_noise, understated, with_known_noise, with_noise
+from insnav.filter.noise_identification import (
+    identify_noise,
+    understated,
+    with_known_noise,
+    with_noise,
+    with_usual_noise,
+)
 from insnav.filter.prepare import DELAY_SD, Prepared, Start, prepare
 from insnav.filter.whole_record import without_rejected
 from insnav.imu import load_imu
@@ -263,13 +269,8 @@ class Drive:
         ready = replace(ready, kinds=defaults.better_kinds(self.readings.inputs, self.imu_spec))
         found = identify_noise(ready, self.imu_spec)
         if found is None:
-            said = ["IMU noise as in the preset: the drive is too short to tell more"]
-            if ready.settings.correlated is None:
-                said.append(
-                    "errors of fixes assumed white: the drive does not show how long they last; if they do, "
-                    "positions are worse than stated"
-                )
-            return replace(ready, notes=(*ready.notes, *said)), self.imu_spec
+            said = "IMU noise as in the preset: the drive is too short to tell more"
+            return with_usual_noise(replace(ready, notes=(*ready.notes, said))), self.imu_spec
         ready, found = without_gyro_faults(ready, found, self.imu_spec)
         return with_noise(ready, found), found.spec
 
