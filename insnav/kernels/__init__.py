@@ -22,6 +22,7 @@ from numba.core.caching import FunctionCache
 from numba.core.runtime.nrt import rtsys
 
 CONTENT = hashlib.sha256(b"".join(each.read_bytes() for each in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()
+_NAMED = "numba.cpython.numbers", "numba.np.arrayobj", "numba.np.npyimpl"
 
 
 class _Kept(FunctionCache):
@@ -36,7 +37,8 @@ class _Kept(FunctionCache):
         found = None
         rtsys.initialize(target_context)
         try:
-            with self._guard_against_spurious_io_errors():
+            # a kernel names them as where functions within it come from, and needs nothing of them
+            with self._guard_against_spurious_io_errors(), deferred(*_NAMED):
                 found = self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
         except (EOFError, UnpicklingError):  # cut short, as by a disk that was full
             with suppress(OSError):
