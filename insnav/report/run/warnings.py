@@ -184,9 +184,11 @@ def _lost_heading(found: EvaluatedRun) -> Iterator[str]:
     """
     bias = np.max(np.abs(found.run.sensor_errors.value[-1:, :3]), initial=0.0)
     usual = [figure.prior for figure in found.noise.figures if figure.key == "gyro.bias"] if found.noise else []
+    if not (usual and bias > _TURN_ON * usual[0]):
+        return
     track = found.best.rows(np.hypot(*found.best.v_n[:, :2].T) > _MOVING)
     apart = track.rph[:, 2] - np.arctan2(track.v_n[:, 1], track.v_n[:, 0])
-    if usual and apart.size and bias > _TURN_ON * usual[0] and abs(np.mean(np.exp(2j * apart))) < _ALONG:
+    if apart.size and abs(np.mean(np.exp(2j * apart))) < _ALONG:
         yield (
             f"the heading is lost: it turns about the direction of travel, with a gyro bias of {bias / DEG:.2g} deg/s, "
             f"{bias / usual[0]:.2g} times that of such an IMU. Attitude and its standard deviations are not to be "
