@@ -17,6 +17,7 @@ from insnav.kernels.errorstate import SENSOR, STATES
 from insnav.kernels.smoother import COAST, CORRECTION, JACOBIAN, KIND, NOISE, RESIDUAL, RESTART, TIME
 
 OPENED = 15  # states that a reset opens: navigation errors and biases
+MOST = 40  # states, of which a filter has up to 35: compilers like a row of known length
 
 
 def _white(phi: np.ndarray, span: np.ndarray, column: int) -> np.ndarray:
@@ -118,8 +119,8 @@ def innovations(  # type: ignore[no-untyped-def]
     each, n = push.shape[0], start[0].shape[0]
     means = np.zeros((each, n))
     mean = means[0]
-    wide = 4 * ((n + 3) // 4)  # whole registers, of which the rest stays zero
-    p, fades, work = np.zeros((wide, wide)), np.zeros((n, n)), np.zeros((20, wide))
+    wide = 8 * ((n + 7) // 8)  # whole registers, two at a time, of which the rest stays zero
+    p, fades, work = np.zeros((wide, MOST)), np.zeros((n, n)), np.zeros((20, MOST))
     w, ph, moved = work[:9], work[9:15], work[15]
     fade, pace, last, inverse = work[16], work[17], work[18], work[19]
     for i in range(n):
