@@ -33,8 +33,8 @@ def rows_as_text(values, scale, places, out):  # type: ignore[no-untyped-def]
                 if parts < 0.0:
                     out[at] = 45
                     at += one
-                number, each = np.uint64(size), np.uint64(scale[column])
-                whole = np.uint64(size / scale[column])  # exact: both are integers below 2^53
+                number, each = np.uint64(np.int64(size)), np.uint64(np.int64(scale[column]))  # signed: one instruction
+                whole = np.uint64(np.int64(size / scale[column]))  # exact: both are integers below 2^53
                 rest = number - whole * each
                 count, limit = one, ten
                 while whole >= limit:
@@ -42,11 +42,12 @@ def rows_as_text(values, scale, places, out):  # type: ignore[no-untyped-def]
                     limit *= ten
                 at += count
                 i = at
-                for _ in range(count):
+                while whole >= ten:
                     i -= one
                     tenth = whole // ten
                     out[i] = np.uint8(48) + np.uint8(whole - tenth * ten)
                     whole = tenth
+                out[i - one] = np.uint8(48) + np.uint8(whole)
                 if rest > 0:
                     out[at] = 46
                     odd = places[column] & one
@@ -57,13 +58,13 @@ def rows_as_text(values, scale, places, out):  # type: ignore[no-untyped-def]
                         left = rest // myriad
                         four = np.uint32(rest - left * myriad)
                         two = four // hundred
-                        pair, low = 2 * two, 2 * (four - two * hundred)
-                        out[i], out[i + one] = _PAIRS[low], _PAIRS[low + 1]
-                        out[i - one - one], out[i - one] = _PAIRS[pair], _PAIRS[pair + 1]
+                        pair, low = np.uint64(2 * two), np.uint64(2 * (four - two * hundred))
+                        out[i], out[i + one] = _PAIRS[low], _PAIRS[low + one]
+                        out[i - one - one], out[i - one] = _PAIRS[pair], _PAIRS[pair + one]
                         rest = left
                         i -= np.uint64(4)
                     if i > at:
-                        out[i], out[i + one] = _PAIRS[2 * rest], _PAIRS[2 * rest + 1]
+                        out[i], out[i + one] = _PAIRS[rest + rest], _PAIRS[rest + rest + one]
                     at += places[column]
                     while out[at] == 48:
                         at -= one
