@@ -189,12 +189,11 @@ def increments(  # type: ignore[no-untyped-def]
             continue
         if k != last:
             last = k
-            left = 0
-            while left < wanted - 1 and k - left > 0 and segment[k - left - 1] == segment[k]:
-                left += 1
-            right = 0
-            while right < wanted - 1 and k + right < n - 1 and segment[k + right + 1] == segment[k]:
-                right += 1
+            left, right = min(wanted - 1, k), min(wanted - 1, n - 1 - k)
+            while segment[k - left] != segment[k]:
+                left -= 1
+            while segment[k + right] != segment[k]:
+                right -= 1
             size = min(wanted, left + right + 1)
             offset = min(left, max(before, size - 1 - right))
             a = k - offset
