@@ -24,7 +24,7 @@ from insnav.exceptions import OutputError
 
 LARGE = 64 << 20  # bytes of an array that never stays in memory
 SMALL = 1 << 20  # bytes of one that always does
-MOST = 128 << 20  # bytes of those between that do together: page faults of a file cost more
+MOST = 192 << 20  # bytes of those between that do together: page faults of a file cost more
 ROWS = 1 << 16  # of a block
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _mapped: weakref.WeakSet[mmap.mmap] = weakref.WeakSet()
