@@ -119,7 +119,8 @@ def _plain(imu: ImuData, scale: FloatArray | float) -> bool:
     each, limit = np.broadcast_to(scale, (imu.time.shape[0], 1)), _far(_changes(some))
     largest = change = np.zeros(6)
     for block in spill.blocks(imu.time.shape[0], before=2):
-        high, step, odd = glance(imu.gyro[block], imu.accel[block], np.ravel(each[block]), limit)
+        # copied: what is broadcast may not be written to, for which another kernel would be compiled
+        high, step, odd = glance(imu.gyro[block], imu.accel[block], each[block].flatten(), limit)
         if odd:
             return False
         largest, change = np.maximum(largest, high), np.maximum(change, step)
