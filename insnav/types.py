@@ -293,9 +293,10 @@ class Alignment:
     # in words: how roll and pitch, and how heading, were found
     level_method: str
     heading_method: str
-    # (k, 2) by how much level and heading change from part to part of a long static interval, drift of the sensors with
-    # it [rad]: a boat at its mooring, a car that is loaded; none in a short one
+    # (k, 2) by how much level and heading change from part to part of a long rest, drift of the sensors with it [rad]:
+    # a boat at its mooring, a car that is loaded; NaN where people board; none in a short one
     sway: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    left: float = -np.inf  # end of that rest, which begins with the static interval [s]
 
 
 @dataclass(frozen=True, slots=True)

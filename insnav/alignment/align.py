@@ -13,13 +13,14 @@ from insnav.earth import ned_offset
 from insnav.exceptions import AlignmentError
 from insnav.imu.specification import ImuSpec, gyro_bias_sd, level_bias_sd
 from insnav.strapdown import Intervals
-from insnav.types import Alignment, BoolArray, GpsData
+from insnav.types import Alignment, BoolArray, FloatArray, GpsData
 from insnav.units import G0
 
 GYROCOMPASS_SD = np.deg2rad(15.0)  # beyond it the filter's small-angle errors no longer hold
 SURE_SD = np.deg2rad(3.0)  # a gyrocompass as good as the course of a car needs no course
 GIVEN_HEADING_SD = np.deg2rad(2.0)  # of a heading that the user gives: read from a map or a compass
 STATIC_SPEED = 0.5  # GPS speed of a stationary vehicle, with the noise of a poor receiver [m/s]
+SWUNG = 10.0  # from where it rests, and standard deviations of fixes on top, beyond which a vehicle has left [m]
 MOVED = 3.0  # standard deviations of the way between two positions from which it is motion
 SOON = 10.0  # a stop that begins this soon after the first fix is the start of the drive [s]
 COURSE_TIME = 0.5  # a course in motion may be off by the turn in this time, or up to the nearest velocity [s]
@@ -76,7 +77,10 @@ def align(
     rest = static_span or stationary_of(parts, gps)
     # a rest that ends before the first fix says nothing of the attitude at that
     if rest is not None and (static_span is not None or (rest[0] <= first_fix + SOON and first_fix <= rest[1])):
-        return _from_rest(parts, spec, gps, rest, heading, yaw)
+        still = np.array([rest]) if static_span else still_of(parts, gps, rest)
+        found = _from_rest(parts, spec, gps, still, heading, yaw)
+        if found is not None:
+            return found
     return _in_motion(parts, spec, gps, first_fix, heading, yaw, lever_sd)
 
 
@@ -88,6 +92,21 @@ def stationary_of(parts: Intervals, gps: GpsData) -> tuple[float, float] | None:
         slow &= (parts.end < found[0]) | (parts.end > found[1])
         found = static.find_stationary(parts, slow)
     return found
+
+
+def still_of(parts: Intervals, gps: GpsData, rest: tuple[float, float]) -> FloatArray:
+    """Stationary intervals from the first until GPS sees the vehicle leave, people boarding in between, (m, 2) [s]."""
+    slow = _slow(parts, motion.velocity(gps))
+    if slow is None:
+        return np.array([rest])
+    here = gps.rows(np.flatnonzero(gps.time >= rest[0]))
+    way = np.linalg.norm(ned_offset(here.lla, here.lla[0])[:, :2], axis=1)
+    away = here.time[way > SWUNG + MOVED * np.linalg.norm(here.position_sd[:, :2] + here.position_sd[0, :2], axis=1)]
+    until = min([*away[:1], *parts.end[(parts.end > rest[1]) & ~slow][:1], parts.end[-1]])
+    if until < max(rest[0] + static.LONG_REST, rest[1] + static.SHORTEST):
+        return np.array([rest])
+    more = (each for each in static.stationary(parts, slow) if rest[1] <= each[0] and each[1] <= until)
+    return np.array([rest, *more])
 
 
 def _moved(gps: GpsData, begin: float, end: float) -> bool:
@@ -111,8 +130,10 @@ def _slow(parts: Intervals, speed: motion.Velocity) -> BoolArray | None:
 
 
 def _from_rest(
-    parts: Intervals, spec: ImuSpec, gps: GpsData, rest: tuple[float, float], heading: float | None, yaw: float
-) -> Alignment:
+    parts: Intervals, spec: ImuSpec, gps: GpsData, still: FloatArray, heading: float | None, yaw: float
+) -> Alignment | None:
+    """`still` (m, 2): stationary intervals of the rest [s]."""
+    rest = float(still[0, 0]), float(still[0, 1])
     fixes = gps.time[(gps.time >= rest[0]) & (gps.time <= rest[1])]
     if fixes.size == 0:
         raise AlignmentError(
@@ -127,18 +148,20 @@ def _from_rest(
     given = found.heading_method == "given"
     if found.sd[2] <= SURE_SD and not given:
         return found
-    at = static.summarize(parts, *rest)
-    sway = static.sway(parts, at)
+    at, sway = static.sway(parts, still)
+    long = replace(found, sway=sway, left=at.end)
     if given:
-        return replace(found, sway=sway)
+        return long
     speed, moving = motion.sure_motion(gps, start)
+    if moving is not None and np.isnan(sway).sum() > 0.5 * sway.size:  # a boat that rocks is still by chance
+        return None
     course = None
     if moving is not None:
         end = min(moving + motion.SPAN + 1.0, float(parts.end[-1]))
         rph = np.array([found.rph[0], found.rph[1], 0.0])
         # gyros carry the heading only after their stationary mean is subtracted; through a long rest it stays
         bias, bias_sd = static.gyro_bias(at, spec, rph, np.inf, lat)
-        track = motion.history(parts, rest[1] if sway.size else start, end, rph, bias, lat)
+        track = motion.history(parts, at.end if sway.size else start, end, rph, bias, lat)
         # the horizontal Earth rate, unknown with the heading, is in the bias sd but does not turn the heading
         drift = float(min(bias_sd[2], np.max(gyro_bias_sd(spec.gyro))))
         course = motion.course_heading(track, speed, moving, drift, float(found.sd[0]), yaw)
@@ -154,7 +177,7 @@ def _from_rest(
     rph[2] = wrap_two_pi(course.heading)
     bias, bias_sd = static.gyro_bias(at, spec, rph, course.sd, lat)
     sd = np.array([found.sd[0], found.sd[1], course.sd])
-    return replace(found, rph=rph, sd=sd, gyro_bias=bias, gyro_bias_sd=bias_sd, heading_method=course.method, sway=sway)
+    return replace(long, rph=rph, sd=sd, gyro_bias=bias, gyro_bias_sd=bias_sd, heading_method=course.method)
 
 
 def _in_motion(

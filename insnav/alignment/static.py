@@ -7,6 +7,7 @@ Groves, "Principles of GNSS, Inertial, and Multisensor Integrated Navigation Sys
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,6 +39,7 @@ DEPARTED, DEPARTED_ACCEL, DEPARTED_GYRO, DEPARTED_TIME = 6.0, 1e-3, 1e-5, 2.0
 # (see `insnav.filter.gps_delay.with_surer_start`). By how much it may change is seen in means of so long, and where the
 # vehicle has not left so soon after it, it is no start of a drive [s].
 LONG_REST, SWAYED, LEFT = 300.0, 10.0, 1.0
+ROCKS = np.deg2rad(0.5)  # change of the level from part to part that people who board do not make [rad]
 CONTRADICTED = 5.0  # a mean rate so many sd from the Earth's rotation has a bias that the IMU model does not have
 
 
@@ -70,6 +72,10 @@ def summarize(parts: Intervals, start: float, end: float) -> StationaryMeans:
             why=f"{rate.shape[0]} from {start:.3f} to {end:.3f} s",
             fix="give a longer one inside the record with --static START:END",
         )
+    return _means(start, end, rate, force)
+
+
+def _means(start: float, end: float, rate: FloatArray, force: FloatArray) -> StationaryMeans:
     n = max(2, min(10, rate.shape[0]))
 
     def scatter(values: FloatArray) -> FloatArray:
@@ -79,48 +85,64 @@ def summarize(parts: Intervals, start: float, end: float) -> StationaryMeans:
     return StationaryMeans(start, end, spill.mean(rate), spill.mean(force), scatter(rate), scatter(force))
 
 
-def sway(parts: Intervals, at: StationaryMeans) -> FloatArray:
-    """By how much level, and heading beside its mean rate, change from part to part of a long rest, (k, 2) [rad].
+def sway(parts: Intervals, still: FloatArray) -> tuple[StationaryMeans, FloatArray]:
+    """Means of a long rest, and by how much level and heading change from part to part of it, (k, 2) [rad].
 
-    None of a short one, and none where the vehicle does not leave: filters track their gyros' biases there.
+    Changes of the heading are those beside the mean rate. They are none of a short rest, nor where the vehicle does not
+    leave: filters track their gyros' biases there; and not a number next to a part in which the vehicle is shaken.
+    `still` (m, 2): stationary intervals of the rest [s]. Means are of the parts that lie in them, if there are enough.
     """
-    if at.end - at.start < LONG_REST or at.end > parts.end[-1] - LEFT:
-        return np.empty((0, 2))
-    first, last = np.searchsorted(parts.end, [at.start, at.end], side="right")
+    start, end = float(still[0, 0]), float(still[-1, 1])
+    if end - start < LONG_REST or end > parts.end[-1] - LEFT:
+        return summarize(parts, *still[0]), np.empty((0, 2))
+    first, last = np.searchsorted(parts.end, [start, end], side="right")
     step = float(np.median(parts.dt[1 : 1 << 16]))
     size = max(4, round(SWAYED / step))
     rate, _, force, _ = _windows(parts, (last - first) // size, size, first)
+    ends = parts.end[first + size - 1 : last : size]
+    run = np.searchsorted(still[:, 1], ends)
+    stays = ends - size * step > still[run, 0] - step
+    at = _means(start, end, *((rate[stays], force[stays]) if stays.sum() >= FEWEST else (rate, force)))
     down = -at.force / np.linalg.norm(at.force)
     turned = 0.5 * (rate[1:] + rate[:-1] - 2.0 * at.rate) @ down * size * step
     tilted = np.linalg.norm(np.cross(np.diff(force, axis=0), down), axis=1) / G0
-    return np.column_stack([tilted, turned])
+    stays = stays[1:] & stays[:-1] & (tilted < ROCKS)
+    return at, np.where(stays[:, None], np.column_stack([tilted, turned]), np.nan)
 
 
-def stays_until(alignment: Alignment) -> float:
-    """End of the long rest that a drive begins with, in which the attitude stays, or minus infinity [s]."""
-    return alignment.static[1] if alignment.static and alignment.sway.size else -np.inf
+def stays(alignment: Alignment, time: float) -> bool:
+    """Whether the attitude stays: in the long rest that a drive begins with, where the vehicle is not shaken."""
+    if alignment.static is None or time > alignment.left or not alignment.sway.size:
+        return False
+    begin, changes = alignment.static[0], alignment.sway[:, 0]
+    row = int((time - begin) * (changes.size + 1) / (alignment.left - begin) - 0.5)
+    return bool(np.isfinite(changes[min(max(row, 0), changes.size - 1)]))
 
 
 def find_stationary(parts: Intervals, slow: BoolArray | None = None) -> tuple[float, float] | None:
-    """First stationary interval.
+    """First stationary interval, see `stationary`: start and end [s]."""
+    return next(((start, stop) for start, stop in stationary(parts, slow) if stop - start >= SHORTEST - WINDOW), None)
+
+
+def stationary(parts: Intervals, slow: BoolArray | None = None) -> Iterator[tuple[float, float]]:
+    """Stationary intervals one after the other, of any length: start and end [s].
 
     Windows of half a second are stationary where the mean rate is that of the other quiet windows, the mean specific
     force does not change, and `slow` is true. Without `slow`, specific force and rate must also scatter little, or
     little more than in the quietest tenth of the record; with it an idling engine does no harm.
 
     `slow` (n,): false where another sensor has seen motion.
-    Returns: start and end [s].
     """
     size = max(4, round(WINDOW / float(np.median(parts.dt[1 : 1 << 16]))))
     n = parts.end.shape[0] // size
     if n < 2:
-        return None
+        return
     mean_w, loud_w, mean_f, loud_f = _windows(parts, n, size)
     quiet = (loud_f < LOUD_ACCEL) & (loud_w < LOUD_GYRO)
     if slow is not None:
         quiet &= slow[: n * size].reshape(n, size).all(axis=1)
     if not quiet.any():
-        return None
+        return
     if slow is None:
         quiet &= loud_f <= max(CALM_ACCEL, QUIET_FACTOR * float(np.quantile(loud_f[quiet], 0.1)))
         quiet &= loud_w <= max(CALM_GYRO, QUIET_FACTOR * float(np.quantile(loud_w[quiet], 0.1)))
@@ -132,10 +154,8 @@ def find_stationary(parts: Intervals, slow: BoolArray | None = None) -> tuple[fl
         end = last if slow is None else begin + _before_departure(mean_f[begin:last], mean_w[begin:last])
         start = float(parts.end[begin * size] - parts.dt[begin * size])
         stop = float(parts.end[end * size - 1])
-        if stop - start >= SHORTEST:
-            # the last window may already hold the start of the motion
-            return start, stop - (WINDOW if end < n else 0.0)
-    return None
+        # the last window may already hold the start of the motion
+        yield start, stop - (WINDOW if end < n else 0.0)
 
 
 def _windows(

@@ -79,6 +79,7 @@ class Estimate:
         self.before = np.zeros(12)  # variances predicted for the last epoch
         self._changes = [change for change in settings.changes if change.time > start.time]
         begin, rest = alignment.static or (-np.inf, -np.inf)
+        rest = max(rest, alignment.left)
         part = (rest - begin) / (len(alignment.sway) + 1)  # changes are from part to part
         sway = alignment.sway**2 / part
         limit = np.array([SUBSTEP, coast, begin, rest if rest - begin >= LONG_REST else -np.inf])

@@ -13,7 +13,7 @@ from collections.abc import Container, Sequence
 import numpy as np
 
 from insnav import strapdown
-from insnav.alignment.static import stays_until
+from insnav.alignment.static import stays
 from insnav.exceptions import ConfigError
 from insnav.filter import gates as gate
 from insnav.filter.aiding_updates import AidingUpdates
@@ -81,7 +81,6 @@ class Navigator:
         self._marks, self.kept = marks, dict[int, FilterState]()
         self._coast = COAST if settings.aiding is None else INTERVAL
         self._record = Record(self._fix.shape[0])
-        self._stays = stays_until(alignment)
         self._estimate = Estimate(start, model, settings, self._record, self._coast, alignment)
         self._record.epoch(start.time, self._estimate)
         self._aiding = AidingUpdates(self._estimate, settings, self._record, gps, start.time)
@@ -278,7 +277,7 @@ class Navigator:
         if estimate.at.has_arm:
             mean = (self._rates[number] - bias[:3]) / scale[:3]
             motion[:3], motion[6:9] = mean, motion[:3] - mean
-        if time <= self._stays:  # all turns are noise
+        if stays(self._alignment, time):  # all turns are noise
             motion[:3] = motion[6:9] = 0.0
         row = self._fix[self._next]
         z, h, r = self._z, self._h, self._r

@@ -171,6 +171,8 @@ def prepare(
     imu, parts, told, left_out = _parts(imu, good, aligned, -np.inf if start is None else start.time)
     alignment, initial = parts[0].alignment, parts[0].initial
     notes, faults = (*notes, *told), [*faults, *frozen, *left_out]
+    if start is None and initial.time - max(imu.time[0], good.time[0]) > LONG_REST:
+        notes = (*notes, f"navigated from {moment(initial.time)} on: before, the vehicle was neither at rest nor moved")
     if settings.fixed_height_sd > 0.0:
         level = HeightAiding(np.array([initial.time]), initial.lla[2:], np.array([settings.fixed_height_sd]))
         settings = replace(settings, aiding=(level,))

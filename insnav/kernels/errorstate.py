@@ -60,8 +60,8 @@ class Model(NamedTuple):
     # which a linear filter makes no sense [rad], [m/s]
     gap: np.ndarray
     decay: np.ndarray  # (12,) inverse correlation times of the sensor errors [1/s]
-    # (k, 2) how fast level and heading may change from each of k + 1 parts of a rest to the next [rad^2/s]; none where
-    # they do not stay
+    # (k, 2) how fast level and heading may change from each of k + 1 parts of a rest to the next [rad^2/s]; none or
+    # NaN where they do not stay
     sway: np.ndarray
 
 
@@ -243,7 +243,8 @@ def propagate(first, last, close, samples, carried, model, phi, q, out, work):  
         vy = (dvel[k, 1] - correction[4] * h) * ia1
         vz = (dvel[k, 2] - correction[5] * h) * ia2
         resting = time[k] <= limit[3]
-        stays = resting and sway.shape[0] > 0
+        row = max(0, min(int((time[k] - limit[2]) / part - 0.5), sway.shape[0] - 1)) if resting else 0
+        stays = resting and sway.shape[0] > 0 and not np.isnan(sway[row, 0])
         if stays:  # there is the turn of the Earth only
             rotation(x, c)
             north, down = OMEGA * np.cos(x[0]) * h, -OMEGA * np.sin(x[0]) * h
@@ -287,7 +288,6 @@ def propagate(first, last, close, samples, carried, model, phi, q, out, work):  
             ia0, ia1, ia2 = 1.0 / (1.0 + correction[9]), 1.0 / (1.0 + correction[10]), 1.0 / (1.0 + correction[11])
             if resting:
                 sums[1] = sums[2] = 0.0
-            row = max(0, min(int((time[k] - limit[2]) / part - 0.5), sway.shape[0] - 1)) if stays else 0
             _substep(x, sums, noise, phi, q, work, stays, sway[row] if stays else none)
         if due or grid[1] == 0.0:
             out_time[used[0]] = time[k]

@@ -10,8 +10,8 @@ import pytest
 
 import insnav
 from insnav.alignment import align, align_static, find_stationary
-from insnav.alignment.align import stationary_of
-from insnav.alignment.static import summarize, sway
+from insnav.alignment.align import stationary_of, still_of
+from insnav.alignment.static import sway
 from insnav.attitude import (
     dcm_from_rph,
     quat_conjugate,
@@ -418,7 +418,7 @@ def test_a_boat_that_swings_and_lists_in_a_long_rest_is_known_to():
     rate[:, 2] += np.gradient(swung) / (1.0 if imu.sampling == "increment" else 1.0 / 20.0)
     imu = replace(imu, gyro=rate, accel=np.einsum("nji,nj->ni", c, imu.accel))
     parts = intervals(imu)
-    level, heading = np.rad2deg(sway(parts, summarize(parts, 0.0, 590.0))).T
+    level, heading = np.rad2deg(sway(parts, np.array([[0.0, 590.0]]))[1]).T
     print(f"level {level.max():.3f} deg, heading {heading.max():.2f} deg")
     assert level.shape == (58,)  # windows of ten seconds, from one to the next
     assert level[29] == pytest.approx(0.2, abs=0.01)
@@ -426,4 +426,26 @@ def test_a_boat_that_swings_and_lists_in_a_long_rest_is_known_to():
     assert heading[[28, 29, 30]] == pytest.approx([2.1, 4.35, 2.1], abs=0.1)  # less 0.15 by the mean rate
     assert np.delete(heading, [28, 29, 30]) == pytest.approx(-0.15, abs=0.1)
     for end in (200.0, 600.0):  # not long, and not left
-        assert sway(parts, summarize(parts, 0.0, end)).size == 0
+        assert sway(parts, np.array([[0.0, end]]))[1].size == 0
+
+
+def test_people_who_board_break_a_long_rest_where_they_do():
+    """By 3 deg to one side within two seconds, and 10 deg of heading, which is no bias of the gyros."""
+    record = log(straight(PLACE, 0.0, 1.0, 600.0), CAR, 1)
+    time = record.imu.time - record.imu.time[0]
+    tilt = 3.0 * DEG * np.clip(0.5 * (time - 204.0), 0.0, 1.0)
+    c, step = dcm_from_rph(np.column_stack([tilt, 0.0 * tilt, 0.0 * tilt])), np.median(np.diff(time))
+    shaken = np.einsum("nji,nj->ni", c, record.imu.gyro)
+    turns = np.column_stack([np.gradient(tilt), 0.0 * tilt, 5.0 * DEG * step * ((time > 204.0) & (time < 206.0))])
+    shaken += turns / (1.0 if record.imu.sampling == "increment" else step)
+    imu = replace(record.imu, gyro=shaken, accel=np.einsum("nji,nj->ni", c, record.imu.accel))
+    parts, start = intervals(imu), float(record.imu.time[0])
+    rest = stationary_of(parts, record.gps)
+    still = still_of(parts, record.gps, rest)
+    print("still", (still - start).round(2))
+    assert rest[1] - start == pytest.approx(204.0, abs=1.0)
+    still[-1, 1] = min(still[-1, 1], start + 598.0)  # as of a vehicle that leaves
+    at, changes = sway(parts, still)
+    plain = sway(intervals(record.imu), np.array([[start, start + 598.0]]))[0]
+    assert np.flatnonzero(np.isnan(changes[:, 0])).tolist() == [19, 20]
+    np.testing.assert_allclose(at.rate, plain.rate, atol=3.0 * np.linalg.norm(plain.rate_sd) + 1e-6)
