@@ -20,6 +20,7 @@ from insnav.filter import FilterSettings, initial_state
 from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.navigate import navigate_recording
 from insnav.filter.prepare import DELAY_SD, Start, prepare
+from insnav.report.run.warnings import run_warnings
 from insnav.result import Result
 from insnav.session.simulation import plan_of, profiled
 from insnav.simulate import GpsErrors, Truth, corrupt_gps, reference
@@ -264,6 +265,20 @@ def test_a_boat_that_rocks_before_the_drive_is_never_at_rest(tmp_path):
     assert any(note.startswith("navigated from t = 90") for note in result.notes)
     assert np.mean(turned < 3.0 * solution.sd[:, 8]) > 0.97
     assert np.mean(np.abs(ned_offset(solution.lla, truth.lla)) < 3.0 * solution.sd[:, :3]) > 0.97
+
+
+@pytest.mark.parametrize("rate", [0.0, 0.05 * DEG])
+def test_a_slow_turn_all_through_a_rest_is_warned_of(tmp_path, rate):
+    """To the gyros it is a bias, but one that they do not have in the drive."""
+
+    def turning(time: np.ndarray) -> np.ndarray:
+        return rate * np.minimum(time - 890.0, 0.0)
+
+    result, _ = navigated(tmp_path, "tactical", "rtk", turning)
+    found = [text for text in run_warnings(result.found) if "may have turned by" in text]
+    print(found)
+    assert len(found) == (rate > 0.0)
+    assert all("turned by 44 deg" in text or "turned by 45 deg" in text for text in found)
 
 
 @pytest.mark.parametrize("swings", [0.0, 20.0 * DEG])

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from insnav.alignment.static import CONTRADICTED, LONG_REST
 from insnav.attitude import dcm_from_rph
 from insnav.errors.evaluated_run import SAME_DATA, EvaluatedRun, failure
 from insnav.errors.metrics import TrajectoryErrors, nees
@@ -34,6 +35,7 @@ _AT_THE_LIMIT = 0.99  # part of the largest scale factor error that was looked f
 _ACROSS = 0.02  # part of what is about the other axes that such sensors show, too [-]
 _TURN_ON = 2.0  # times the turn-on bias of such an IMU, that is none: clean drives have 1.4, of navigation grade 4 [-]
 _ALONG, _MOVING = 0.5, 3.0  # resultant of what has no axis along the course, clean drives have 0.84 [-]; where, [m/s]
+_TURNED = 5.0 * DEG  # that headings in a rest may be off unseen [rad]
 _PACE = 1.0  # over which turns and accelerations are those of the motion, not of vibration [s]
 _ASSUMED = re.compile(r"\bassumed\b|--imu-axes|added to the IMU times")  # or done to the samples, as the drive shows
 
@@ -54,6 +56,7 @@ def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
         *_many_rejected(found.run),
         *too_sure[:1],
         *_diverged(found.run),
+        *_turned_at_rest(found.run),
         *(() if lost else _impossible_scale(found.run)),
         *_samples_lost(found.run),
         *_no_heights(found),
@@ -173,6 +176,26 @@ def _diverged(run: Run) -> Iterator[str]:
         yield (
             f"innovations inconsistent with their predicted sd in {len(found)} window{'s' * (len(found) > 1)} of "
             f"1 min, first at {moment(first.time)}: {first.unit} = {first.value:.2g}; {first.hint}"
+        )
+
+
+def _turned_at_rest(run: Run) -> Iterator[str]:
+    """A long rest whose mean rate the drive contradicts: a steady turn looks like a bias of the gyros.
+
+    What is compared is the bias about down in the minutes after the vehicle has left.
+    """
+    at, errors = run.alignment, (run.smoothed or run).sensor_errors
+    after = (errors.time > at.left) & (errors.time < at.left + LONG_REST)
+    if at.static is None or not at.sway.size or not after.any():
+        return
+    down = dcm_from_rph(at.rph)[2]
+    rate = float((at.gyro_bias - np.median(errors.value[after, :3], axis=0)) @ down)
+    sd = float(np.hypot(at.gyro_bias_sd @ np.abs(down), np.median(errors.sd[after, :3], axis=0) @ np.abs(down)))
+    turn = abs(rate) * (at.left - at.static[0])
+    if abs(rate) > CONTRADICTED * sd and turn > _TURNED:
+        yield (
+            f"the gyros' bias about down is {abs(rate) / DEG:.2g} deg/s off in the drive from that in the rest before: "
+            f"the vehicle may have turned by {turn / DEG:.0f} deg in it, which headings there do not show"
         )
 
 
