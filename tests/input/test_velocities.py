@@ -24,6 +24,7 @@ CONFUSED = {
     "mph": lambda gps: replace(gps, v_n=gps.v_n / 0.44704),
     "longitude are exchanged": lambda gps: replace(gps, lla=gps.lla[:, [1, 0, 2]]),
     "radians": lambda gps: replace(gps, lla=gps.lla * [np.pi / 180.0, np.pi / 180.0, 1.0]),
+    "heights are in feet": lambda gps: replace(gps, lla=gps.lla * [1.0, 1.0, 1.0 / 0.3048]),
     "vertical velocity is up": lambda gps: replace(gps, v_n=gps.v_n * [1.0, 1.0, -1.0]),
 }
 
@@ -62,11 +63,12 @@ def test_each_confusion_has_its_name(name):
 RECORDED = ("rtklib_drive_20250708", "ixr_tsukishima_20210412", "umn_thor75_uav")
 
 
-@pytest.mark.parametrize("name", RECORDED)
-def test_a_velocity_up_is_told_on_recorded_drives(name):
-    gps = read_gps(recorded(name) / "gps.csv").data
+@pytest.mark.parametrize("drive", RECORDED)
+def test_a_velocity_up_and_feet_are_told_on_recorded_drives(drive):
+    gps = read_gps(recorded(drive) / "gps.csv").data
     assert confusion(gps) == ""
-    assert "vertical velocity is up" in confusion(CONFUSED["vertical velocity is up"](gps))
+    for name in ("vertical velocity is up", "heights are in feet"):
+        assert name in confusion(CONFUSED[name](gps))
 
 
 def test_heights_that_wander_before_the_start_of_a_flight_accuse_nobody():

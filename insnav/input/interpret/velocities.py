@@ -18,9 +18,11 @@ _FITS, _WRONG, _BETTER = 0.2, 0.35, 0.35
 _UNITS = {unit: ALL_UNITS[unit][1] for unit in ("m/s", "km/h", "knot", "cm/s", "mm/s", "ft/s", "mph")}
 _LEAST_CLIMB = 0.01  # moves in height that tell which way is up [m]
 _CLIMBS = (2.0, 8.0, 32.0)  # lengths of moves in height: noise of heights hides short ones [s]
-_OUTSIDE = 5.0  # times the median difference from either sign, beyond which a move is that of a false velocity
+_OUTSIDE = 5.0  # times the median difference from any of these, beyond which a move is that of a false velocity
 _RISES = 5.0  # standard deviations by which the slope of climb by vertical velocity is not one; good drives: 2.7
 _FALLS = 3.0  # and by which it is negative: heights wander, and a flight before its start had -2.5
+_UP, _FEET, _NEAR = -1.0, 3.2808, 0.25  # that slope for a velocity up and heights in feet, and how near that is,
+_CLEAR = 4.0  # so many standard deviations from one
 _RADIANS = 180.0 / np.pi
 _EARTH_RADIUS = 6.37e6  # a rough one will do [m]
 
@@ -33,9 +35,14 @@ class Fit:
     signs: tuple[float, float]
     unit: str  # unit of all three
     ratio: float  # how many times as far as in m/s the positions move
-    upward: bool = False  # the third column is a velocity up, not down
+    climb: float = 1.0  # how many times as far as it falls by the third column, read as m/s down, in what is read as m
     radians: bool = False  # the positions are radians, not degrees
     exchanged: bool = False  # latitudes are longitudes
+
+    @property
+    def upward(self) -> bool:
+        """Whether the third column is a velocity up, not down."""
+        return self.climb == _UP
 
     @property
     def as_named(self) -> bool:
@@ -53,6 +60,8 @@ class Fit:
             return f"the velocities are others than their names say: {self.renamed}"
         if self.unit != "m/s":
             return f"the velocities are in {self.unit}"
+        if self.climb == _FEET:
+            return "the heights are in feet, read as m"
         return "the vertical velocity is up, read as down" if self.upward else ""
 
     @property
@@ -105,7 +114,7 @@ def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | 
     ratio = float(np.median(size / np.maximum(np.linalg.norm(said[:, :2], axis=1), 1e-9)))
     given = difference((0, 1), (1.0, 1.0), 1.0)
     if given < _WRONG:
-        return Fit((0, 1), (1.0, 1.0), "m/s", ratio, _upward(t, lla[known, 2], gone[:, 2]))
+        return Fit((0, 1), (1.0, 1.0), "m/s", ratio, _climb(t, lla[known, 2], gone[:, 2]))
     orders: tuple[tuple[int, int], ...] = ((0, 1), (1, 0))
     across = np.column_stack([lla[known, 1], lla[known, 0] * np.cos(lla[known[0], 1])]) * _EARTH_RADIUS
     other = (across[stop] - across[start])[firm]
@@ -122,7 +131,7 @@ def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | 
     if best[0] > min(_FITS, _BETTER * given):
         return None
     factor = _UNITS[best[3]]
-    return Fit(best[1], (best[2][0], best[2][1]), best[3], ratio, _upward(t, lla[known, 2], gone[:, 2] * factor))
+    return Fit(best[1], (best[2][0], best[2][1]), best[3], ratio, _climb(t, lla[known, 2], gone[:, 2] * factor))
 
 
 def _scatter(path: FloatArray) -> float:
@@ -132,8 +141,8 @@ def _scatter(path: FloatArray) -> float:
     return float(1.4826 * np.median(np.abs(np.diff(path, n=3, axis=0))) / np.sqrt(20.0))
 
 
-def _upward(time: FloatArray, height: FloatArray, fallen: FloatArray) -> bool:
-    """Whether heights rise where the third velocity is positive, over moves of some length; `fallen`: its integral."""
+def _climb(time: FloatArray, height: FloatArray, fallen: FloatArray) -> float:
+    """How far heights fall by the third velocity, over moves of some length, if not as far; `fallen`: its integral."""
     for span in _CLIMBS:
         stop = np.searchsorted(time, time + span)
         start = np.flatnonzero(stop < len(time))
@@ -141,7 +150,7 @@ def _upward(time: FloatArray, height: FloatArray, fallen: FloatArray) -> bool:
         near = time[stop] - time[start] < 2.0 * span
         start, stop = start[near], stop[near]
         said, moved = fallen[stop] - fallen[start], height[start] - height[stop]
-        apart = np.minimum(np.abs(moved - said), np.abs(moved + said))  # false velocities are neither
+        apart = np.min([np.abs(moved - by * said) for by in (1.0, _UP, _FEET)], axis=0)  # false velocities are none
         kept = apart <= _OUTSIDE * np.median(apart) if len(apart) else apart < 0.0
         said, moved = said[kept], moved[kept]
         power = float(np.sum(said**2))
@@ -151,5 +160,7 @@ def _upward(time: FloatArray, height: FloatArray, fallen: FloatArray) -> bool:
         scatter = float(np.std(moved - slope * said)) * np.sqrt(float(np.median(stop - start)))  # they overlap
         sd = scatter / np.sqrt(power)
         if slope < -0.5 and slope < min(1.0 - _RISES * sd, -_FALLS * sd):
-            return True
-    return False
+            return _UP
+        if abs(slope / _FEET - 1.0) < _NEAR and slope > 1.0 + _CLEAR * sd:
+            return _FEET
+    return 1.0
