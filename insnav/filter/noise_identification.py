@@ -772,7 +772,7 @@ def identify_noise(ready: Prepared, spec: ImuSpec, near: NoiseEstimate | None = 
 
 
 def with_usual_noise(ready: Prepared) -> Prepared:
-    """The recording prepared with what is likely of receivers and not shown by a short drive: how long errors last."""
+    """The recording prepared with time-correlated errors of positions as receivers have them: it tells none itself."""
     if ready.settings.correlated is not None:
         return ready
     share, time = 1.0 / (1.0 + np.exp(-SHARE[0])), float(np.exp(CORRELATION_TIME[0] + 0.5 * CORRELATION_TIME[1] ** 2))

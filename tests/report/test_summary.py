@@ -56,6 +56,17 @@ def test_warnings_count_from_the_start_of_the_run(driven):
     assert not any("from the start" in text for text in early)  # a record that begins at zero
 
 
+@pytest.mark.parametrize(("share", "said"), [(0.2, False), (0.5, True)])
+def test_fixes_before_a_late_start_are_pointed_out_where_they_are_many(driven, share, said):
+    run, gps, _ = driven
+    used, begin = run.innovations.time.size, float(run.solution.time[0])
+    early = round(share / (1.0 - share) * used)
+    outside = Event(begin, EventKind.GPS_OUTSIDE, float(early), np.nan, "fixes", "not used: before the start")
+    after = replace(outside, time=begin + 600.0, value=9.0 * used)
+    found = run_warnings(EvaluatedRun(replace(run, events=(outside, after)), gps))
+    assert any(f"the first {early} of {early + used} fixes are not used" in text for text in found) == said
+
+
 def test_a_constant_difference_is_named_as_what_it_is(driven, navigated):
     """A base station 5 sd lower, and a few epochs that are far off."""
     run, gps, _ = driven

@@ -15,6 +15,7 @@ from insnav.alignment import find_mounting
 from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.exceptions import InputError
 from insnav.input.interpret.axes import axes_matrix
+from insnav.session.mounted import UNTOLD
 from insnav.strapdown import intervals
 from insnav.units import DEG
 
@@ -58,6 +59,17 @@ def test_a_yaw_is_told_and_heading_is_that_of_the_imu(plain):
     off = np.abs(wrap_pi(run.smoothed.solution.rph[:, 2] - expected))
     assert np.median(off) < 1.5 * DEG
     assert np.mean(off < 3.0 * run.smoothed.solution.sd[:, 8]) > 0.97
+
+
+def test_what_a_drive_does_not_tell_of_the_mounting_is_an_assumption(plain):
+    """Straight on for 40 s without velocities, turned by 90 deg: the heading was as wrong, and nothing was said."""
+    assert UNTOLD not in plain.notes
+    imu, gps, begin = plain.imu.data, plain.gps.data, plain.imu.data.time[0] + 75.0
+    gps = replace(gps, v_n=np.full_like(gps.v_n, np.nan), velocity_sd=np.full_like(gps.v_n, np.nan))
+    imu, gps = (each.rows((each.time >= begin) & (each.time < begin + 40.0)) for each in (imu, gps))
+    assert UNTOLD in insnav.load(imu, gps).notes
+    still = replace(gps, lla=gps.lla[:1] + 0.0 * gps.lla)
+    assert UNTOLD not in insnav.load(imu, still).notes
 
 
 def test_check_and_run_give_the_mounting_with_the_same_signs(plain):

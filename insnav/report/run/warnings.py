@@ -35,6 +35,7 @@ _AT_THE_LIMIT = 0.99  # part of the largest scale factor error that was looked f
 _ACROSS = 0.02  # part of what is about the other axes that such sensors show, too [-]
 _TURN_ON = 2.0  # times the turn-on bias of such an IMU, that is none: clean drives have 1.4, of navigation grade 4 [-]
 _ALONG, _MOVING = 0.5, 3.0  # resultant of what has no axis along the course, clean drives have 0.84 [-]; where, [m/s]
+_UNUSED = 0.3  # part of the fixes that may lie before the start of navigation unsaid
 _TURNED = 5.0 * DEG  # that headings in a rest may be off unseen [rad]
 _PACE = 1.0  # over which turns and accelerations are those of the motion, not of vibration [s]
 _ASSUMED = re.compile(r"\bassumed\b|--imu-axes|added to the IMU times")  # or done to the samples, as the drive shows
@@ -58,6 +59,7 @@ def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
         *_diverged(found.run),
         *_turned_at_rest(found.run),
         *(() if lost else _impossible_scale(found.run)),
+        *_begun_late(found),
         *_samples_lost(found.run),
         *_no_heights(found),
     )
@@ -95,6 +97,19 @@ def _no_heights(found: EvaluatedRun) -> Iterator[str]:
     if found.gps is not None and not heights_measured(found.gps.lla):
         height = f"{found.gps.lla[0, 2]:g} m"
         yield f"GPS heights are all {height}: taken for not measured and not used; heights of the solution are unknown"
+
+
+def _begun_late(found: EvaluatedRun) -> Iterator[str]:
+    """A start long after the first fix, before which there is no solution: the drive did not tell the attitude."""
+    begin = found.run.solution.time[0]
+    outside = (event for event in found.run.events if event.kind is EventKind.GPS_OUTSIDE)
+    early = sum(event.value for event in outside if event.time <= begin)
+    every = early + found.run.innovations.time.size
+    if early > _UNUSED * every:
+        yield (
+            f"the first {early:.0f} of {every:.0f} fixes are not used: the attitude is known only from then on; "
+            "--static START:END or --initial FILE begin earlier"
+        )
 
 
 def _samples_lost(run: Run) -> Iterator[str]:
