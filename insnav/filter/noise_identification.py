@@ -47,7 +47,7 @@ HUBER = 3.0  # innovations beyond so many standard deviations count less, so tha
 CLEAN = 0.9973
 ROUNDS = 12  # of Fisher scoring at most
 STEP = 0.01  # of numerical derivatives, in logarithms
-DIGITS = 4  # of these logarithms that count, so that what is found does not hang on how sums are rounded
+DIGITS = 6  # of these logarithms that count: what is found does not hang on how sums are rounded, which is far less
 FAR_OFF, FAR_OFF_SHARE = np.deg2rad(5.0), 0.1  # attitude error whose square counts [rad], in this part of a drive [-]
 REJECTED = 3.5  # times the usual interval between fixes that are used, beyond which others are missing
 SETTLING, SETTLED = 4, 60.0  # the attitude of a filter settles in this part of a drive, one in so many, or so soon [s]
@@ -775,7 +775,8 @@ def with_usual_noise(ready: Prepared) -> Prepared:
     """The recording prepared with time-correlated errors of positions as receivers have them: it tells none itself."""
     if ready.settings.correlated is not None:
         return ready
-    share, time = 1.0 / (1.0 + np.exp(-SHARE[0])), float(np.exp(CORRELATION_TIME[0] + 0.5 * CORRELATION_TIME[1] ** 2))
+    (middle, sd), share = CORRELATION_TIME, 1.0 / (1.0 + np.exp(-SHARE[0]))
+    time = float(np.exp(middle + AVERAGED["gps.correlation_time"] * sd**2))
     usual = CorrelatedNoise(share, time, np.sqrt(share) * np.median(ready.gps.position_sd, axis=0))
     note = f"{CORRELATED}: {100 * share:.0f} % of the variance, for about {time:.0f} s, assumed as usual of receivers"
     return replace(ready, settings=replace(ready.settings, correlated=usual), notes=(*ready.notes, note))
