@@ -96,14 +96,14 @@ def stationary_of(parts: Intervals, gps: GpsData) -> tuple[float, float] | None:
 
 def still_of(parts: Intervals, gps: GpsData, rest: tuple[float, float]) -> FloatArray:
     """Stationary intervals from the first until GPS sees the vehicle leave, people boarding in between, (m, 2) [s]."""
-    slow = _slow(parts, motion.velocity(gps))
-    if slow is None:
-        return np.array([rest])
     here = gps.rows(np.flatnonzero(gps.time >= rest[0]))
-    way = np.linalg.norm(ned_offset(here.lla, here.lla[0])[:, :2], axis=1)
-    away = here.time[way > SWUNG + MOVED * np.linalg.norm(here.position_sd[:, :2] + here.position_sd[0, :2], axis=1)]
-    until = min([*away[:1], *parts.end[(parts.end > rest[1]) & ~slow][:1], parts.end[-1]])
-    if until < max(rest[0] + static.LONG_REST, rest[1] + static.SHORTEST):
+    way = np.linalg.norm(ned_offset(here.lla, here.lla[:1])[:, :2], axis=1)
+    away = here.time[way > SWUNG + MOVED * np.linalg.norm(here.position_sd[:, :2] + here.position_sd[:1, :2], axis=1)]
+    until, least = min([*away[:1], parts.end[-1]]), max(rest[0] + static.LONG_REST, rest[1] + static.SHORTEST)
+    slow = _slow(parts, motion.velocity(gps)) if until >= least else None
+    if slow is not None:
+        until = min([*parts.end[(parts.end > rest[1]) & ~slow][:1], until])
+    if slow is None or until < least:
         return np.array([rest])
     more = (each for each in static.stationary(parts, slow) if rest[1] <= each[0] and each[1] <= until)
     return np.array([rest, *more])

@@ -88,9 +88,10 @@ def _of_imu(parts: Intervals) -> _Track:
     scale = parts.dt[:, None] if parts.instant else 1.0
     n = len(parts.dt)
     turn, change = np.empty(n + 1), np.empty((n + 1, 2))
+    gyro, accel = parts.gyro * scale, parts.accel * scale
     bias = np.zeros(3)  # a consumer gyro's would tilt gravity by 18 deg, which accelerations then add to or take from
     for _ in range(PASSES):
-        level_history(parts.dt, parts.gyro * scale, parts.accel * scale, bias, LEVELLING, turn, change)
+        level_history(parts.dt, gyro, accel, bias, LEVELLING, turn, change)
     time = np.concatenate([[parts.end[0] - parts.dt[0]], parts.end])
     spill.release()
     known = np.concatenate([[True], parts.gap == 0.0])

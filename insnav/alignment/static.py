@@ -121,11 +121,11 @@ def stays(alignment: Alignment, time: float) -> bool:
 
 def find_stationary(parts: Intervals, slow: BoolArray | None = None) -> tuple[float, float] | None:
     """First stationary interval, see `stationary`: start and end [s]."""
-    return next(((start, stop) for start, stop in stationary(parts, slow) if stop - start >= SHORTEST - WINDOW), None)
+    return next(stationary(parts, slow, SHORTEST), None)
 
 
-def stationary(parts: Intervals, slow: BoolArray | None = None) -> Iterator[tuple[float, float]]:
-    """Stationary intervals one after the other, of any length: start and end [s].
+def stationary(parts: Intervals, slow: BoolArray | None = None, shortest: float = 0.0) -> Iterator[tuple[float, float]]:
+    """Stationary intervals of some length, one after the other: start and end [s].
 
     Windows of half a second are stationary where the mean rate is that of the other quiet windows, the mean specific
     force does not change, and `slow` is true. Without `slow`, specific force and rate must also scatter little, or
@@ -154,8 +154,9 @@ def stationary(parts: Intervals, slow: BoolArray | None = None) -> Iterator[tupl
         end = last if slow is None else begin + _before_departure(mean_f[begin:last], mean_w[begin:last])
         start = float(parts.end[begin * size] - parts.dt[begin * size])
         stop = float(parts.end[end * size - 1])
-        # the last window may already hold the start of the motion
-        yield start, stop - (WINDOW if end < n else 0.0)
+        if stop - start >= shortest:
+            # the last window may already hold the start of the motion
+            yield start, stop - (WINDOW if end < n else 0.0)
 
 
 def _windows(

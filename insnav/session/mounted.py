@@ -8,7 +8,7 @@ import numpy as np
 
 from insnav import spill
 from insnav.alignment import Mounting, find_mounting
-from insnav.alignment.in_motion import velocity
+from insnav.alignment.in_motion import sure_motion
 from insnav.exceptions import InputError
 from insnav.input import Reading
 from insnav.input.interpret.axes import axes_matrix
@@ -22,7 +22,6 @@ LOOK = 1800.0  # a drive of that length tells the mounting [s]
 TURNED = 10.0 * DEG  # a smaller yaw is within what slip and wind make of the course [rad]
 WORDS = {"F": "forward", "B": "back", "R": "right", "L": "left", "D": "down", "U": "up"}
 UPRIGHT = "FRD"
-MOVES, SURE = 1.0, 5.0  # a vehicle is faster than that, beyond so many standard deviations of its speed [m/s]
 UNTOLD = (
     "x of the IMU is assumed to point forward, as the drive does not tell how it is mounted: if it is turned, heading "
     "by the course is as wrong (--imu-axes)"
@@ -48,10 +47,8 @@ def as_mounted(
             scale = 1.0 / float(np.median(np.diff(data.time))) if data.sampling == "increment" else 1.0
             quiet = quiet_part(data.gyro, data.accel, interval=1.0 / imu.facts.rate_hz, scale=scale)
             check_axes(quiet, None, where=imu.facts.path)
-        speed = velocity(fixes)
-        if given is not None or not (np.hypot(*speed.v_n[:, :2].T) > MOVES + SURE * speed.sd).any():
-            return imu, 0.0, ()
-        return imu, 0.0, (UNTOLD,)
+        moves = given is None and sure_motion(fixes, float(data.time[0]))[1] is not None
+        return imu, 0.0, (UNTOLD,) * moves
     if not found.right_handed:
         raise _left_handed(found, imu.facts.path)
     how = f"GPS course and accelerations, {found.windows} windows"

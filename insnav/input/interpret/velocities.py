@@ -21,8 +21,8 @@ _CLIMBS = (2.0, 8.0, 32.0)  # lengths of moves in height: noise of heights hides
 _OUTSIDE = 5.0  # times the median difference from any of these, beyond which a move is that of a false velocity
 _RISES = 5.0  # standard deviations by which the slope of climb by vertical velocity is not one; good drives: 2.7
 _FALLS = 3.0  # and by which it is negative: heights wander, and a flight before its start had -2.5
-_UP, _FEET, _NEAR = -1.0, 3.2808, 0.25  # that slope for a velocity up and heights in feet, and how near that is,
-_CLEAR = 4.0  # so many standard deviations from one
+_UP, _FEET = -1.0, 1.0 / 0.3048  # that slope for a velocity up, and for heights in feet
+_NEAR, _CLEAR = 0.25, 4.0  # part of the latter that it may differ by, and standard deviations from one of good drives
 _RADIANS = 180.0 / np.pi
 _EARTH_RADIUS = 6.37e6  # a rough one will do [m]
 

@@ -59,7 +59,7 @@ def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
         *_diverged(found.run),
         *_turned_at_rest(found.run),
         *(() if lost else _impossible_scale(found.run)),
-        *_begun_late(found),
+        *_begun_late(found.run),
         *_samples_lost(found.run),
         *_no_heights(found),
     )
@@ -99,12 +99,11 @@ def _no_heights(found: EvaluatedRun) -> Iterator[str]:
         yield f"GPS heights are all {height}: taken for not measured and not used; heights of the solution are unknown"
 
 
-def _begun_late(found: EvaluatedRun) -> Iterator[str]:
+def _begun_late(run: Run) -> Iterator[str]:
     """A start long after the first fix, before which there is no solution: the drive did not tell the attitude."""
-    begin = found.run.solution.time[0]
-    outside = (event for event in found.run.events if event.kind is EventKind.GPS_OUTSIDE)
-    early = sum(event.value for event in outside if event.time <= begin)
-    every = early + found.run.innovations.time.size
+    outside = (event for event in run.events if event.kind is EventKind.GPS_OUTSIDE)
+    early = sum(event.value for event in outside if event.time <= run.solution.time[0])
+    every = early + run.innovations.time.size
     if early > _UNUSED * every:
         yield (
             f"the first {early:.0f} of {every:.0f} fixes are not used: the attitude is known only from then on; "
