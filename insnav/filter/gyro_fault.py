@@ -53,7 +53,7 @@ LEAST = 0.3 * DEG  # rate; biases that warm up and what vibration adds on a reco
 SLIGHT = 0.25  # part of that by which a gyro that is off may seem so about a run without it
 ALIKE = 0.3  # part of the largest gain from which an axis is tried: the run with the fault is not linear in it
 SHORTEST_FOUND = 3.0  # what is shorter is left at ends of another one, or what the model of a recorded car lacks [s]
-OPENED = 0.5  # part of the rate by which the bias is opened where a span begins and ends
+OPENED = 1.0  # part of the rate by which the bias is opened where a span begins and ends, known to about a second
 MOST = 3  # in one drive
 HEADING = 2  # the axis that is looked at in every drive: weak fixes hardly show a heading, tilts they do
 
@@ -253,7 +253,7 @@ def _settled(
         edges = _edges(drive)
         begin, end = edges[[0, -1]]
         reach = max(REACH, edges[1] - edges[0])
-        near = np.arange(-reach, reach + STEP, STEP)
+        near = STEP * np.arange(-np.ceil(reach / STEP), np.ceil(reach / STEP) + 1.0)  # the ends themselves among them
         edges = np.unique(np.clip(np.concatenate([edges, fault.begin + near, min(fault.end, end) + near]), begin, end))
         before, fault = fault, _likeliest(*drive.by_spans(at, edges, fault.cause), edges, fault.cause, fault)
         if fault.gain < (LOOKED_AT if lost or count == 0 else WORTH) or abs(fault.rate) < SLIGHT * LEAST:

@@ -142,6 +142,8 @@ def test_a_gyro_that_is_off_for_a_while_is_named_and_heading_is_as_good_as_state
         assert f"gyro {'xyz'[axis]} is off by {np.sign(rate) * event.value:+.2g} deg/s" in event.action
         assert event.value == pytest.approx(abs(rate), rel=0.25)
         assert event.time == pytest.approx(begin, abs=3.0)
+        first, last = map(float, re.findall(r"t = ([\d.]+) to ([\d.]+) s", event.action)[0])
+        assert event.value * (last - first) == pytest.approx(abs(rate) * length, rel=0.04)  # in all: shown best
     solution, truth = run.smoothed.solution, drive.reference.data
     heading = np.interp(solution.time, truth.time, np.unwrap(truth.rph[:, 2]))
     errors = np.abs(wrap_pi(solution.rph[:, 2] - heading)) / solution.sd[:, 8]
