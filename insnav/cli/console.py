@@ -9,7 +9,7 @@ import shutil
 import sys
 import textwrap
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from insnav.result import Result
 
 DELAY = 1.0  # work shorter than this shows no progress bar [s]
+LOGGED = 15.0  # where there is no terminal, after this, twice this and so on a line says what is being done [s]
 WIDTH = 110  # largest of a line of the log
 _COLOURS = {"good": 32, "needs attention": 33, "not to be relied on": 31, "warning": 33}  # of the terminal
 
@@ -172,7 +173,7 @@ def working(out: Path, force: bool) -> Iterator[tuple[RunFolder, Stages]]:
 
 
 class Stages:
-    """Names what is being done, with a bar, on a terminal and once the work has taken a second.
+    """Names what is being done: with a bar on a terminal once the work has taken a second, else by a line now and then.
 
     Use it as a context manager, inside the one that removes what is half written. Call it with a name at the start of
     each stage, and with `fraction` where the stage knows how far it is.
@@ -188,11 +189,14 @@ class Stages:
         self._lock = threading.Lock()
 
     def __enter__(self) -> Self:
-        if level >= 0 and sys.stderr.isatty():
-            self._timer = threading.Timer(DELAY, self._show)
-            self._timer.daemon = True
-            self._timer.start()
+        if level >= 0:
+            self._begin(*((DELAY, self._show) if sys.stderr.isatty() else (LOGGED, self._log, LOGGED)))
         return self
+
+    def _begin(self, delay: float, what: Callable[..., None], *more: float) -> None:
+        self._timer = threading.Timer(delay, what, more)
+        self._timer.daemon = True
+        self._timer.start()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -219,6 +223,12 @@ class Stages:
             total = None if self._fraction is None else 1.0
             count = f" {round((self._fraction or 0.0) * self._total)}/{self._total}" if self._total else ""
             self._bar.update(self._task, description=self._name + count, total=total, completed=self._fraction or 0.0)
+
+    def _log(self, since: float) -> None:
+        with self._lock:
+            if self._timer is not None:
+                note(f"{self._name}: {since:.0f} s so far")
+                self._begin(since, self._log, 2.0 * since)
 
     def _show(self) -> None:
         from rich import progress

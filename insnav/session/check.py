@@ -28,7 +28,7 @@ from insnav.input.readers.kinds import data_files, kinds_of
 from insnav.input.readers.reading import not_covered
 from insnav.plain_text import moment
 from insnav.result import Result
-from insnav.session.clock import clock_offset
+from insnav.session.clock import SHOWN, clock_offset
 from insnav.session.defaults import stationary_part
 from insnav.session.drive import Drive, drive_of
 from insnav.session.inputs import INPUTS, Inputs
@@ -256,7 +256,10 @@ def _examined(found: Checked, data: Readings, drive: Drive | None, patient: _Pat
         _of_gps(data.gps, found, patient)
     if together and drive is not None and fixes is not None and data.gps is not None:
         parts = intervals(imu.rows(slice(int(np.searchsorted(imu.time, imu.time[0] + BEGIN)))))
-        found = replace(found, offset=clock_offset(joined([parts]), fixes), mounting=find_mounting(parts, fixes))
+        offset = clock_offset(joined([parts]), fixes)
+        if offset is not None and max(abs(offset.turns), offset.accelerations) > SHOWN:
+            found = replace(found, offset=offset)
+        found = replace(found, mounting=find_mounting(parts, fixes))
     if drive is not None and drive.fixes is not None:
         found = replace(found, run=_run(drive, patient))
     if data.gps is not None:
@@ -311,8 +314,9 @@ def _of_imu(reading: Reading[ImuData], found: Checked, patient: _Patient) -> Non
         patient.mend(55.0, what, "turns and vibration within a sample are lost", "record at 100 Hz or more")
     if figures.jitter * facts.rate_hz > 0.05:
         what = f"timestamps of the IMU scatter by {1e3 * figures.jitter:.2g} ms"
-        why, fix = f"{100 * figures.jitter * facts.rate_hz:.0f} % of the interval", "stamp them by the sensor's clock"
-        patient.mend(20.0, what, why, fix)
+        part = figures.jitter * facts.rate_hz
+        why = f"{100 * part:.0f} % of the interval" if part < 1.0 else "more than the interval"
+        patient.mend(20.0, what, why, "stamp them by the sensor's clock")
     coarse = [each for each in figures.axes if each.resolution > 0.0 and not np.isnan(each.noise)]
     noisy = [each.name for each in coarse if each.resolution > 3.0 * each.noise * np.sqrt(facts.rate_hz)]
     if noisy:
@@ -406,7 +410,7 @@ def _of_both(found: Checked, data: Readings, patient: _Patient) -> None:
     if abs(delay) > WORTH["delay"] and abs(delay) > 4.0 * sd:
         what = f"IMU and GPS are {abs(delay):.3f} ± {sd:.3f} s apart"
         why = f"by the filter in {np.ptp(found.run.solution.time):.0f} s; insnav run asks the whole drive"
-        patient.mend(32.0, what, why, f"nothing: it is estimated; or --gps-delay {delay:.3f}")
+        patient.mend(32.0, what, why, f"insnav run estimates it; --gps-delay {delay:.3f} gives it")
     lever, lever_sd = found.run.lever_b, found.run.lever_sd
     if data.inputs.get("lever_arm") is None:
         seen = np.linalg.norm(lever) > WORTH["lever"] and bool((np.abs(lever) > 4.0 * lever_sd).any())

@@ -22,6 +22,7 @@ from insnav.units import DEG
 WORTH = 1.5  # smaller offsets are the delay that the filter looks for [s]
 SURE, FACTOR = 0.7, 1.5  # correlation of turns, and error of a scale, with which units are told
 SIGMAS = 6.0  # by which an offset must differ from none
+SHOWN = 0.3  # correlation from which turns or accelerations show an offset [-]
 
 Log = Reading[SensorLog]
 
@@ -94,7 +95,7 @@ def clock_offset(parts: Intervals, fixes: GpsData, *, worth: float = 0.0) -> Clo
 def evidence(found: ClockOffset) -> str:
     """What an offset was found from."""
     seen = (("turns", abs(found.turns)), ("accelerations", found.accelerations))
-    shown = " and ".join(f"{name} (r = {r:.2f})" for name, r in seen if r > 0.3)
+    shown = " and ".join(f"{name} (r = {r:.2f})" for name, r in seen if r > SHOWN)
     return (
         f"{shown} agree for {found.overlap:.0f} s if {found.offset:+.3f} ± {found.sd:.3f} s are added to the IMU times"
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -133,3 +134,16 @@ def test_progress_counts_what_can_be_counted():
     assert shown[-1] == {"description": "navigating 75/300", "total": 1.0, "completed": 0.25}
     stage("writing")
     assert shown[-1] == {"description": "writing", "total": None, "completed": 0.0}
+
+
+def test_work_that_takes_long_is_named_where_there_is_no_terminal(monkeypatch, capsys):
+    from insnav.cli import console
+
+    monkeypatch.setattr(console, "LOGGED", 0.05)
+    monkeypatch.setattr(console, "level", 0)
+    with console.Stages() as stage:
+        stage("navigating")
+        time.sleep(0.5)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "insnav: navigating: 0 s so far"
+    assert 2 <= len(lines) <= 4  # ever more rarely: after once, twice, four, eight times as long
