@@ -45,7 +45,7 @@ ROUNDS, SETTLED = 12, 0.03  # at most, and the part of a rate that ends them
 LOST_BY = 2.0  # so soon after its end a run is lost by a fault that goes on [s]
 # twice the gain of the log-likelihood from which a span is looked at, from which it is worth runs without it, with the
 # noise beside it in what was seen, and from which it is a fault: recorded drives without one have up to 29 and 81 [-]
-LOOKED_AT, WORTH, SURELY = 8.0, 30.0, 90.0
+LOOKED_AT, WORTH, SURELY = 8.0, 20.0, 90.0
 LONGEST = 0.6  # part of the record; what is off for longer, but not to the end, is a bias, and the rest is off
 STAYS = 2.0  # twice the gain of the log-likelihood by which its ends do not move: they went to and fro [-]
 LINEAR_ROUNDS = 4  # without another run
