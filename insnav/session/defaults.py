@@ -95,7 +95,7 @@ def refuse_confused(
     `velocities`: also where it is these that are wrong.
     """
     fit = fit_velocities(read.data.time, read.data.lla, read.data.v_n)
-    if fit is not None and fit.confusion and (velocities or fit.radians or fit.exchanged):
+    if fit is not None and fit.confusion and (velocities or fit.misplaced):
         raise InputError(
             f"positions and velocities of the {'fixes' if velocities else 'reference'} contradict each other: it looks "
             f"as if {fit.confusion}",

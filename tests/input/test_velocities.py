@@ -90,3 +90,12 @@ def test_a_confused_file_is_refused():
     with pytest.raises(InputError, match="exchanged") as caught:
         insnav.load(drive.imu.data, CONFUSED["longitude are exchanged"](drive.gps.data))
     assert caught.value.exit_code == 3
+
+
+def test_a_reference_whose_heights_are_in_feet_is_refused():
+    """Its velocities are right: it is the heights by which the solution would be judged."""
+    drive = insnav.simulate("aircraft_pattern", seed=1)
+    truth = drive.reference.data
+    confused = replace(truth, lla=truth.lla * [1.0, 1.0, 1.0 / 0.3048])
+    with pytest.raises(InputError, match=r"reference contradict each other: .* the heights are in feet"):
+        insnav.load(drive.imu.data, drive.gps.data, ref=confused)

@@ -65,6 +65,11 @@ class Fit:
         return "the vertical velocity is up, read as down" if self.upward else ""
 
     @property
+    def misplaced(self) -> bool:
+        """Whether it is the positions that are confused."""
+        return self.radians or self.exchanged or self.climb == _FEET
+
+    @property
     def renamed(self) -> str:
         """How order and signs of the horizontal columns differ from their names."""
         signs = " and ".join(word for word, sign in zip(("north", "east"), self.signs, strict=True) if sign < 0)
