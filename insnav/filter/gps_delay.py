@@ -21,7 +21,7 @@ from insnav.attitude import rph_from_quat
 from insnav.exceptions import DivergenceError
 from insnav.filter.error_model import initial_state
 from insnav.filter.gates import Gates
-from insnav.filter.gps_noise import LAG_WORTH, LAGGING_NOTE
+from insnav.filter.gps_noise import LAG_WORTH, LAGGING_NOTE, velocity_lag
 from insnav.filter.late_fixes import BLOCKS, REACH, LateFixes
 from insnav.filter.navigate import feed
 from insnav.filter.noise_identification import HUBER
@@ -53,6 +53,8 @@ NEWTON, LAG_STEP, LARGEST_STEP = 6, 0.005, 0.2  # steps of it, over which deriva
 # Part of the receivers whose velocities lag, and by how much: Doppler counted since the fix before lags by half an
 # interval, what a filter in the receiver smooths by its time constant [s]
 LAGGING, LAG_SD = 0.1, 0.2
+# Times the standard deviation of the lag that fixes alone show, and the least [s]: it may be eight of them off in a town
+ALONE, ALONE_LEAST = 3.0, 0.02
 LAG_SD_WORTH = 0.003  # a smaller standard deviation is no state: at 2 m/s^2 it makes 6 mm/s [s]
 SCALES = 50  # steps of the search for a standard deviation
 OPENED, FREEDOM = 2.0, 3.0  # times the scale of the prior of a lever arm at first; its degrees of freedom
@@ -167,12 +169,14 @@ class Found(NamedTuple):
     moments: tuple[float, ...]  # of `MOMENTS`
 
 
-def delay_of(seen: Filtered) -> Found:
+def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Found:
     """Delay of the fixes and lag of their velocities.
 
     Most receivers have no lag, and velocities then tell the delay far better than positions do; with one they tell a
     wrong delay. Both are held possible, each as likely as the fixes have it against the odds before (Bayesian model
     averaging: J. A. Hoeting, D. Madigan, A. E. Raftery and C. T. Volinsky, Statistical Science 14 (1999) 382-417).
+    `alone`: the lag that the fixes show without the IMU, whose scatter is theirs whatever their stated one, and its
+    standard deviation [s]: in a minute a delay explains the same.
     """
     likelihood = LateFixes(seen.ready, seen.settings, seen.epochs) if seen.epochs is not None else None
     plain = likelihood is not None and likelihood.accepted >= TRUE_FIXES
@@ -217,14 +221,14 @@ def delay_of(seen: Filtered) -> Found:
     lag, lag_sd = likelihood.lag, 0.0
     if likelihood.velocities:
         began = likelihood.moments
-        (other, along), covariance, evidence = _with_lag(likelihood, delay, drift)
+        (other, along), covariance, evidence = _with_lag(likelihood, delay, drift, alone)
         share = 1.0 / (1.0 + np.exp(min(-evidence, 500.0)) * (1.0 - LAGGING) / LAGGING)
         costs = []
         for likelihood.moments in MOMENTS if abs(share * along) > LAG_WORTH else ():
             costs.append(likelihood.costs(np.array([other]), drift, np.array([along])).sum())
         likelihood.moments = MOMENTS[np.argmin(costs)] if costs else MOMENTS[0]
         if likelihood.moments != began:
-            (other, along), covariance, _ = _with_lag(likelihood, other, drift)
+            (other, along), covariance, _ = _with_lag(likelihood, other, drift, alone)
         apart = share * (1.0 - share)
         sd = float(np.sqrt(share * max(covariance[0, 0], sd**2) + (1.0 - share) * sd**2 + apart * (other - delay) ** 2))
         delay += share * (other - delay)
@@ -234,19 +238,23 @@ def delay_of(seen: Filtered) -> Found:
     return Found(delay, sd, drift, lag, lag_sd, likelihood.moments)
 
 
-def _with_lag(likelihood: LateFixes, delay: float, drift: float) -> tuple[FloatArray, FloatArray, float]:
+def _with_lag(
+    likelihood: LateFixes, delay: float, drift: float, alone: tuple[float, float]
+) -> tuple[FloatArray, FloatArray, float]:
     """Delay and lag of velocities where both together are likeliest, with the prior of a lag, by Gauss and Newton.
 
     `delay`: with the lag that was assumed [s].
     Returns: delay and lag (2,) [s], their covariance, and by how much that is likelier than no lag (Laplace).
     """
     start = np.array([(delay - by * lag, likelihood.lag + lag) for by in (0.0, 1.0) for lag in LAGS])
-    at = start[np.argmin(likelihood.costs(start[:, 0], drift, start[:, 1]).sum(axis=1))]
-    known = np.array([REACH, LAG_SD]) ** -2.0
+    shown, weight = alone[0], float(np.hypot(ALONE * alone[1], ALONE_LEAST)) ** -2.0
+    off = 0.5 * weight * (start[:, 1] - shown) ** 2
+    at = start[np.argmin(likelihood.costs(start[:, 0], drift, start[:, 1]).sum(axis=1) + off)]
+    known = np.array([REACH, LAG_SD]) ** -2.0 + [0.0, weight]
     for _ in range(NEWTON):
         slopes, curvature = likelihood.slopes(at[0], drift, at[1], LAG_STEP)
         covariance = np.linalg.inv(curvature + np.diag(known))
-        step = -covariance @ (slopes.sum(axis=1) + known * [0.0, at[1]])
+        step = -covariance @ (slopes.sum(axis=1) + [0.0, known[1] * at[1] - weight * shown])
         at = at + np.clip(step, -LARGEST_STEP, LARGEST_STEP)
         if np.abs(step).max() < LAG_STEP:
             break
@@ -254,9 +262,9 @@ def _with_lag(likelihood: LateFixes, delay: float, drift: float) -> tuple[FloatA
     ratio = np.maximum(np.diag(scatter) / np.diag(covariance), 1.0)
     none = np.array([delay, delay + likelihood.lag, at[0] + at[1], at[0]])
     costs = likelihood.costs(none, drift, np.append(np.zeros(3), at[1])).sum(axis=1)
-    gain = (costs[:3].min() - costs[3]) / ratio[1] - 0.5 * known[1] * at[1] ** 2
+    gain = (costs[:3].min() - costs[3]) / ratio[1] - 0.5 * (known[1] * at[1] - 2.0 * weight * shown) * at[1]
     covariance = covariance * np.sqrt(np.outer(ratio, ratio))
-    return at, covariance, float(gain + 0.5 * np.log(min(known[1] * covariance[1, 1], 1.0)))
+    return at, covariance, float(gain + 0.5 * np.log(min(covariance[1, 1] / LAG_SD**2, 1.0)))
 
 
 def on_time(
@@ -274,9 +282,9 @@ def on_time(
         return ready
     seen = filtered(ready)
     further, width, lags = seen, settings.delay_sd, (ready.settings.velocity_lag, 0.0, ready.settings.moments)
-    before, last = (ready, seen), 0.0
+    before, last, alone = (ready, seen), 0.0, velocity_lag(ready.gps)
     for _ in range(ROUNDS if settings.delay_sd > 0.0 else 0):
-        found = delay_of(further)
+        found = delay_of(further, alone)
         delay, sd, drift = found[:3]
         # once it was moved, or where the state of the filter, which is linear, goes as surely the same way
         agrees = further.delay * np.sign(delay) > SURE * further.delay_sd
