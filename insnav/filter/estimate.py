@@ -65,10 +65,10 @@ class Estimate:
         self.lever, self._swung, self.corrected = self.arm[:3], np.zeros(3), np.zeros(3)
         self.motion, self.span = start.motion.copy(), np.zeros(1)
         self._seen = self.x, self.correction, self.arm
-        self.history = History(n) if settings.smooth else None
+        self.history = History(n, settings.surest) if settings.smooth else None
         self._engine = Engine(start.covariance)
         self._record, self._lever_given, self._gps_noise = record, settings.lever_b, settings.correlated
-        self._settled = settings.settled
+        self._settled, self._surest = settings.settled, settings.surest
         if self._gps_noise is not None:
             self._lasting_sd, self._lasting_time = self._gps_noise.sds, self._gps_noise.times
             self._lasting = slice(self.at.correlated, self.at.correlated + self._lasting_sd.size)
@@ -112,6 +112,11 @@ class Estimate:
         )
         return k
 
+    def stated(self) -> FloatArray:
+        """Covariance with the delay no surer than is plausible; that of the filter makes its gains."""
+        found: FloatArray = errorstate.less_sure(self.covariance, self._surest)
+        return found
+
     def predict(self, time: float) -> None:
         """Carry the covariance to `time`: a filter epoch."""
         if abs(self.x[0]) > NEXT_TO_POLE:
@@ -132,7 +137,7 @@ class Estimate:
         if self._swung.any():
             swing(self._phi, self._swung)
         self._note_repair(time, self._engine.predict(self._phi, self._q, time))
-        errorstate.variances(self.covariance, self.x, self.before)
+        errorstate.variances(self.stated(), self.x, self.before)
         if self.history is not None:
             self.history.epoch(time, *self._seen, self._phi, self.covariance)
         errorstate.reset_transition(self._phi, self._q, self.span)

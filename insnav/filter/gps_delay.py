@@ -53,7 +53,7 @@ NEWTON, LAG_STEP, LARGEST_STEP = 6, 0.005, 0.2  # steps of it, over which deriva
 # Part of the receivers whose velocities lag, and by how much: Doppler counted since the fix before lags by half an
 # interval, what a filter in the receiver smooths by its time constant [s]
 LAGGING, LAG_SD = 0.1, 0.2
-# Times the standard deviation of the lag that fixes alone show, and the least [s]: it may be eight of them off in a town
+# Times the standard deviation of the lag that fixes alone show, and the least [s]: in a town it was eight of them off
 ALONE, ALONE_LEAST = 3.0, 0.02
 LAG_SD_WORTH = 0.003  # a smaller standard deviation is no state: at 2 m/s^2 it makes 6 mm/s [s]
 SCALES = 50  # steps of the search for a standard deviation
@@ -254,7 +254,7 @@ def _with_lag(
     for _ in range(NEWTON):
         slopes, curvature = likelihood.slopes(at[0], drift, at[1], LAG_STEP)
         covariance = np.linalg.inv(curvature + np.diag(known))
-        step = -covariance @ (slopes.sum(axis=1) + [0.0, known[1] * at[1] - weight * shown])
+        step = -covariance @ (slopes.sum(axis=1) + known * at * [0.0, 1.0] - [0.0, weight * shown])
         at = at + np.clip(step, -LARGEST_STEP, LARGEST_STEP)
         if np.abs(step).max() < LAG_STEP:
             break
@@ -282,10 +282,11 @@ def on_time(
         return ready
     seen = filtered(ready)
     further, width, lags = seen, settings.delay_sd, (ready.settings.velocity_lag, 0.0, ready.settings.moments)
-    before, last, alone = (ready, seen), 0.0, velocity_lag(ready.gps)
+    before, last, alone, surest = (ready, seen), 0.0, velocity_lag(ready.gps), 0.0
     for _ in range(ROUNDS if settings.delay_sd > 0.0 else 0):
         found = delay_of(further, alone)
         delay, sd, drift = found[:3]
+        surest = sd if sd < np.inf else 0.0
         # once it was moved, or where the state of the filter, which is linear, goes as surely the same way
         agrees = further.delay * np.sign(delay) > SURE * further.delay_sd
         sure = SURE if clock == 0.0 and not agrees else REFINED
@@ -313,7 +314,7 @@ def on_time(
             ready, seen = there, further
     arm = replace(ready.settings, shaken=seen.shaken, lever_sd=seen.lever_sd)
     lag_sd = LOOKED * lags[1] if lags[1] > LAG_SD_WORTH else 0.0
-    arm = replace(arm, delay_sd=width, velocity_lag=lags[0], lag_sd=lag_sd, moments=lags[2])
+    arm = replace(arm, delay_sd=width, surest=surest, velocity_lag=lags[0], lag_sd=lag_sd, moments=lags[2])
     ready = replace(ready, settings=arm)
     if seen.ready.clock == ready.clock and not ready.parts:  # of a start in motion
         ready = replace(ready, alignment=seen.ready.alignment, initial=seen.ready.initial)

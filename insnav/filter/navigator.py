@@ -174,7 +174,7 @@ class Navigator:
             estimate.lever,
             self._model.axes_sd,
             estimate.delay,
-            estimate.covariance,
+            estimate.stated(),
             estimate.history.smooth() if estimate.history is not None else None,
         )
 

@@ -78,7 +78,7 @@ class Record:
             self._epochs = np.concatenate([self._epochs, np.empty_like(self._epochs)])
         row = self._epochs[self._epoch]
         row[0], row[1:13], row[25] = time, estimate.before, estimate.delay
-        variances(estimate.covariance, estimate.x, row[13:25])
+        variances(estimate.stated(), estimate.x, row[13:25])
         self._epoch += 1
 
     def event(self, event: Event) -> None:
@@ -105,7 +105,7 @@ class Record:
         self._time[i] = time
         self._innovation[i], self._sd[i], self._nis[i], self._use[i] = predicted, sd, nis, use
         self._state[i, :10], self._state[i, 10:], self._delays[i] = estimate.x, estimate.motion, estimate.delay
-        at_fix_time(estimate.covariance, estimate.x, self._covariance[i])
+        at_fix_time(estimate.stated(), estimate.x, self._covariance[i])
         self._sensor[i], self._sensor_sd[i] = estimate.correction, estimate.covariance.diagonal()[NAV:STATES]
         self._count += 1
 

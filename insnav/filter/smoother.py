@@ -37,8 +37,8 @@ class SmoothedErrors:
 class History:
     """Every filter epoch, in blocks."""
 
-    def __init__(self, states: int) -> None:
-        self._states = states
+    def __init__(self, states: int, surest: float = 0.0) -> None:
+        self._states, self._surest = states, surest
         self._width = kernel.width(states)
         self._blocks: list[FloatArray] = []
         self._used = ROWS
@@ -96,6 +96,7 @@ class History:
             kernel.backward(
                 block,
                 n,
+                self._surest,
                 adjoint,
                 information,
                 after[part],

@@ -121,9 +121,9 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
             (gps_measurement.correct_with_arm, *3 * [d1], i, d1, d1),
         ),
         (
-            (smoother.backward, d2, i, d1, d2, d2, d2, d3, d2, d2, d2, d3, d2, d2),
+            (smoother.backward, d2, i, d, d1, d2, d2, d2, d3, d2, d2, d2, d3, d2, d2),
             (aiding_measurements.innovation, d2, d1, d2, d1, i, i, d2),
-            *((gps_measurement.inverse, d2), (errorstate.at_fix_time, d2, d1, d2)),
+            *((gps_measurement.inverse, d2), (errorstate.at_fix_time, d2, d1, d2), (errorstate.less_sure, d2, d)),
         ),
         (
             (increments.increments, flag, d1, d1, d2, d2, i1, d4, d4, i1, d1, d1, d2, d2, d2, d2),

@@ -186,6 +186,22 @@ def _substep(x, sums, noise, phi, q, work, stays, sway):  # type: ignore[no-unty
 
 
 @njit(cache=True)
+def less_sure(p, surest):  # type: ignore[no-untyped-def]
+    """A covariance (n, n) with the delay no surer than `surest` [s], and all else with it.
+
+    What is known of that with a delay given stays (law of total covariance): ``P + (s^2 - P_dd) P_d P_d' / P_dd^2``.
+    """
+    n = p.shape[0]
+    if n <= STATES or p[STATES, STATES] >= surest * surest:
+        return p
+    out, more = p.copy(), (surest / p[STATES, STATES]) ** 2 - 1.0 / p[STATES, STATES]
+    for i in range(n):
+        for j in range(n):
+            out[i, j] += more * p[i, STATES] * p[STATES, j]
+    return out
+
+
+@njit(cache=True)
 def at_fix_time(p, x, out):  # type: ignore[no-untyped-def]
     """Covariance (9, 9) in the time of the fixes of a covariance `p` (n, n) in that of the samples, state `x` (10,).
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from insnav.kernels import inner, njit
 from insnav.kernels.dynamics import NAV
-from insnav.kernels.errorstate import SENSOR, STATES, at_fix_time, feed_back
+from insnav.kernels.errorstate import SENSOR, STATES, at_fix_time, feed_back, less_sure
 from insnav.kernels.gps_measurement import inverse
 
 # columns of a row of the history
@@ -139,14 +139,14 @@ def _product(a, b, rows, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, fastmath=REORDERED)
 def backward(  # type: ignore[no-untyped-def]
-    history, n, adjoint, information, after, before, covariance, variance, innovations, cross, ends, shocks, late
+    history, n, least, adjoint, information, after, before, covariance, variance, innovations, cross, ends, shocks, late
 ):
     """Carry the adjoint backwards through some epochs, and find the smoothed errors there.
 
-    `history` (m, width(n)): epochs in order of time; `adjoint` (n,), `information` (n, n): just after the last of
-    these, zero at the end of the record; on return just after the epoch before the first. `cross` (9, n + 3), `ends`
-    (3, 5, 3): the same of drags, zero at the end, but for the time before the first epoch in ``ends[0, 4, 0]`` and
-    ``NaN`` in ``ends[1:, 4, 0]``; see `_minute`.
+    `history` (m, width(n)): epochs in order of time; `least`: `surest` of `less_sure`; `adjoint` (n,), `information`
+    (n, n): just after the last of these, zero at the end of the record; on return just after the epoch before the first.
+    `cross` (9, n + 3), `ends` (3, 5, 3): the same of drags, zero at the end, but for the time before the first epoch in
+    ``ends[0, 4, 0]`` and ``NaN`` in ``ends[1:, 4, 0]``; see `_minute`.
     Filled: `after`, `before` (m, 21): smoothed error of the filter's state after and before the measurement;
     `covariance` (m, 9, 9) of smoothed position, velocity and attitude, as in `at_fix_time`; `variance` (m, 12) of the
     smoothed sensor errors; `innovations` (m, 25): where there was a fix, predicted minus measured and the variance of
@@ -230,7 +230,7 @@ def backward(  # type: ignore[no-untyped-def]
             variance[k, i] = kept[NAV + i, NAV + i]
         for i in range(10):
             x[i] = row[STATE + i]
-        at_fix_time(kept, x, covariance[k])
+        at_fix_time(less_sure(kept, least), x, covariance[k])
         _compare(row, n, p, information, moved, h, by, innovations[k])
         for i in range(5):
             j = 3 * i

@@ -99,7 +99,7 @@ def backward(rows, n):
     ]
     ends = np.full((3, 5, 3), np.nan)
     ends[0] = rows[0, kernel.TIME] * (np.arange(5) == 4)[:, None]
-    kernel.backward(rows, n, np.zeros(n), np.zeros((n, n)), *out[:5], np.zeros((9, n + 3)), ends, *out[5:])
+    kernel.backward(rows, n, 0.0, np.zeros(n), np.zeros((n, n)), *out[:5], np.zeros((9, n + 3)), ends, *out[5:])
     return out
 
 
