@@ -125,6 +125,6 @@ def delay_contradicted(ready: Prepared) -> tuple[Event, ...]:
 
 def looked(ready: Prepared, **opened: float) -> Run:
     """The begin of a drive, navigated with other settings."""
-    settings = replace(ready.settings, smooth=False, **opened)  # type: ignore[arg-type]
+    settings = replace(ready.settings, smooth=False, surest=0.0, **opened)  # type: ignore[arg-type]
     some = replace(ready.beginning(LOOK), settings=settings)
     return feed(some.navigator(), some.imu).finish()

@@ -143,8 +143,8 @@ def backward(  # type: ignore[no-untyped-def]
 ):
     """Carry the adjoint backwards through some epochs, and find the smoothed errors there.
 
-    `history` (m, width(n)): epochs in order of time; `least`: `surest` of `less_sure`; `adjoint` (n,), `information`
-    (n, n): just after the last of these, zero at the end of the record; on return just after the epoch before the first.
+    `history` (m, width(n)): epochs in order of time; `least`: for `less_sure`; `adjoint` (n,), `information` (n, n):
+    just after the last of these, zero at the end of the record; on return just after the epoch before the first.
     `cross` (9, n + 3), `ends` (3, 5, 3): the same of drags, zero at the end, but for the time before the first epoch in
     ``ends[0, 4, 0]`` and ``NaN`` in ``ends[1:, 4, 0]``; see `_minute`.
     Filled: `after`, `before` (m, 21): smoothed error of the filter's state after and before the measurement;
