@@ -2,11 +2,12 @@
 
 In windows of a few seconds the gyros carry the specific force into the axes of the window's start, where its integrals
 must be the changes of GPS velocity less gravity (compare Wu and Pan, "Velocity/position integration formula part I:
-application to in-flight coarse alignment", IEEE Trans. AES 49 (2013) 1006-1023). The rotation between the two sets of
-vectors (Wahba, "A least squares estimate of satellite attitude", SIAM Review 7 (1965) 409; Markley, J. Astronautical
-Sciences 36 (1988) 245-258: by singular values) is the attitude of the IMU, and nothing but the data tells it; against
-the course over ground it is the mounting. Where a reflection fits far better than any rotation, or gyros of other signs
-than those given, the axes are no right-handed set.
+application to in-flight coarse alignment", IEEE Trans. AES 49 (2013) 1006-1023), or, integrated twice, those of
+positions from a place and a velocity that are left open. The rotation between the two sets of vectors (Wahba, "A least
+squares estimate of satellite attitude", SIAM Review 7 (1965) 409; Markley, J. Astronautical Sciences 36 (1988) 245-258:
+by singular values) is the attitude of the IMU, and nothing but the data tells it; against the course over ground it is
+the mounting. Where a reflection fits far better than any rotation, or gyros of other signs than those given, the axes
+are no right-handed set.
 """
 
 from __future__ import annotations
@@ -17,17 +18,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from insnav.alignment.align import stationary_of
-from insnav.alignment.in_motion import SLOWEST, Velocity, velocity
+from insnav.alignment.in_motion import SLOWEST, velocity
 from insnav.alignment.static import summarize
 from insnav.attitude import quat_from_dcm, rph_from_quat, wrap_pi
-from insnav.earth import earth_rate_n, gravity_n
-from insnav.kernels.alignment import felt_changes
+from insnav.earth import earth_rate_n, gravity_n, ned_offset
+from insnav.kernels.alignment import felt_windows
 from insnav.strapdown import Intervals, joined
 from insnav.types import FloatArray, GpsData, IntArray
 
 WINDOW = 8.0  # longer, gyro drift counts; shorter, there are too few changes of velocity [s]
 STEP = 1.0  # of GPS velocity: shorter ones drown in noise [s]
 NOISY, LONGEST = 3.0, 3.0  # both are so many times longer per m/s of noise, but not more
+PLACED, LONGEST_PLACED = 2.0, 5.0  # windows of positions, per root of a metre: their change grows with time squared
+BASE = 4.0  # of the course by positions [s]
+OVERLAP = 2  # windows in which each second is
 MOST = 200  # windows, those with the largest accelerations
 FEWEST = 5  # windows that can tell
 LIVELY = 0.3  # RMS acceleration of a window that tells a direction [m/s^2]
@@ -89,11 +93,16 @@ class Mounting:
 
 
 def find_mounting(parts: Intervals, gps: GpsData) -> Mounting | None:
-    """Mounting of an IMU from a drive; None if the drive does not tell it.
+    """Mounting of an IMU from a drive, by velocities or else by positions; None if the drive does not tell it.
 
     `parts`: samples as intervals, in the axes they were given in; `gps`: fixes, with standard deviations.
     """
-    windows = _Windows.of(parts, velocity(gps), gps.lla[0])
+    found = _find(parts, gps, placed=False) if np.isfinite(gps.v_n).all(axis=1).mean() > 0.5 else None
+    return found or _find(parts, replace(gps, v_n=np.full_like(gps.v_n, np.nan)), placed=True)
+
+
+def _find(parts: Intervals, gps: GpsData, *, placed: bool) -> Mounting | None:
+    windows = _Windows.of(parts, gps, placed=placed)
     if windows is None:
         return None
     rest = stationary_of(parts, gps)
@@ -142,7 +151,9 @@ def _refined(
     for _ in range(ROUNDS):
         pushed = [fitted(at + step) for step in NUDGE]
         slope = np.column_stack([(each[1] - left) / step.sum() for each, step in zip(pushed, NUDGE, strict=True)])
-        noise = float(np.sum(left**2)) / len(windows.turned)  # a window counts once: what is not modelled lasts
+        noise = (
+            OVERLAP * float(np.sum(left**2)) / len(windows.turned)
+        )  # a window counts once: what is not modelled lasts
         covariance = np.linalg.inv(slope.T @ slope / noise + np.diag(sd**-2))
         turns = [each[0].to_vehicle @ found.to_vehicle.T for each in pushed]
         yaw = np.array([np.arctan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1]) for turn in turns])
@@ -159,11 +170,13 @@ def _refined(
 class _Windows:
     """Spans of a drive with accelerations, by GPS."""
 
-    times: FloatArray  # (w, k + 1) of GPS velocities [s]
-    change: FloatArray  # (w, k, 3) change of velocity less gravity between them, forward, right, down [m/s]
+    times: FloatArray  # (w, k) of fixes [s]
+    compared: FloatArray  # (w, m, k) sums over them: changes of velocity, or of positions what no steady way makes
+    change: FloatArray  # (w, m, 3) those of GPS less gravity, forward, right, down [m/s] or [m]
     strength: FloatArray  # sum of squared horizontal changes
     turned: FloatArray  # change of the course from its start to its end [rad]
     lla: FloatArray  # of the first fix
+    placed: bool  # whether positions are compared, not velocities
 
     @property
     def telling(self) -> _Windows:
@@ -178,56 +191,69 @@ class _Windows:
         return int((np.abs(self.turned) > TURN).sum())
 
     def _rows(self, rows: IntArray) -> _Windows:
-        return _Windows(self.times[rows], self.change[rows], self.strength[rows], self.turned[rows], self.lla)
+        times, compared, change = self.times[rows], self.compared[rows], self.change[rows]
+        return _Windows(times, compared, change, self.strength[rows], self.turned[rows], self.lla, self.placed)
 
     @classmethod
-    def of(cls, parts: Intervals, speed: Velocity, lla: FloatArray) -> _Windows | None:
+    def of(cls, parts: Intervals, gps: GpsData, *, placed: bool) -> _Windows | None:
         """The liveliest windows, if there are enough."""
-        inside = (speed.time > parts.end[0]) & (speed.time < parts.end[-1])
-        time, v_n, sd = speed.time[inside], speed.v_n[inside], speed.sd[inside]
-        if time.size < FEWEST * 3:
+        speed, lla = velocity(gps, BASE), gps.lla[0]
+        time = gps.time if placed else speed.time
+        inside = (time > parts.end[0]) & (time < parts.end[-1])
+        if inside.sum() < FEWEST * 3 or speed.time.size < 2:
             return None
+        time, sd = time[inside], np.interp(time[inside], speed.time, speed.sd)
+        v_n = np.column_stack([np.interp(time, speed.time, each) for each in speed.v_n.T])
+        value = ned_offset(gps.lla[inside], lla) if placed else v_n
+        noise = gps.position_sd[inside, :2].max(axis=1) if placed else sd
         longer = float(np.clip(NOISY * np.median(sd), 1.0, LONGEST))
-        step = max(1, round(longer * STEP / max(float(np.median(np.diff(time))), 1e-3)))
-        time, v_n, sd = time[::step], v_n[::step], sd[::step]
-        rows = max(3, round(longer * WINDOW / max(float(np.median(np.diff(time))), 1e-3)))
+        seconds = STEP * longer
+        if placed:
+            longer, seconds = float(np.clip(PLACED * np.sqrt(np.median(noise)), 1.0, LONGEST_PLACED)), STEP
+        step = max(1, round(seconds / max(float(np.median(np.diff(time))), 1e-3)))
+        time, v_n, sd, value, noise = (each[::step] for each in (time, v_n, sd, value, noise))
+        rows = max(3 + placed, round(longer * WINDOW / max(float(np.median(np.diff(time))), 1e-3)))
         gravity = gravity_n(lla[0], lla[2])
-        times, changes, strength, turned = [], [], [], []
-        for first in range(0, time.size - rows, rows):
-            t, v = time[first : first + rows + 1], v_n[first : first + rows + 1]
-            moved = np.diff(v, axis=0)
-            power = float(np.sum(moved[:, :2] ** 2)) - 4.0 * rows * float(np.mean(sd[first : first + rows + 1] ** 2))
-            span = float(t[-1] - t[0])
-            if np.hypot(*v[0, :2]) < max(SLOWEST, 5.0 * sd[first]) or span > 2.0 * longer * WINDOW:
+        windows = []
+        for first in range(0, time.size - rows, rows // OVERLAP):
+            some = slice(first, first + rows + 1)
+            since, v = time[some] - time[first], v_n[some]
+            if np.hypot(*v[0, :2]) < max(SLOWEST, 5.0 * sd[first]) or since[-1] > 2.0 * longer * WINDOW:
                 continue
-            if float(np.max(np.abs(moved) / np.diff(t)[:, None])) > SUDDEN:
+            if float(np.max(np.abs(np.diff(v, axis=0)) / np.diff(since)[:, None])) > SUDDEN:
                 continue
-            if power < (LIVELY * span / rows) ** 2 * rows:
+            compared, unit = np.diff(np.eye(rows + 1), axis=0), since  # what an acceleration of one makes
+            if placed:
+                steady = np.column_stack([np.ones(rows + 1), since])
+                compared, unit = np.linalg.qr(steady, mode="complete")[0][:, 2:].T, 0.5 * since**2
+            power = float(np.sum((compared @ value[some, :2]) ** 2))
+            power -= 2.0 * float(np.sum(compared**2)) * float(np.mean(noise[some] ** 2))
+            if power < LIVELY**2 * float(np.sum((compared @ unit) ** 2)):
                 continue
             course = np.arctan2(v[0, 1], v[0, 0])
-            times.append(t)
-            changes.append((moved - gravity * np.diff(t)[:, None]) @ _about_down(course))
-            strength.append(power)
-            turned.append(float(wrap_pi(np.arctan2(v[-1, 1], v[-1, 0]) - course)))
-        if len(times) < FEWEST:
+            change = compared @ (value[some] - gravity * unit[:, None]) @ _about_down(course)
+            bend = float(wrap_pi(np.arctan2(v[-1, 1], v[-1, 0]) - course))
+            windows.append((time[some], compared, change, power, bend))
+        if len(windows) < FEWEST:
             return None
-        every = cls(np.array(times), np.array(changes), np.array(strength), np.array(turned), lla)
-        return every._rows(np.argsort(strength)[-MOST:])
+        times, sums, changes, strength, turned = (np.array(each) for each in zip(*windows, strict=True))
+        return cls(times, sums, changes, strength, turned, lla, placed)._rows(np.argsort(strength)[-MOST:])
 
 
 def _felt(windows: _Windows, parts: Intervals, given: FloatArray, signs: Signs) -> FloatArray:
-    """Specific force, integrated between the times of each window, (w, k, 3) in the axes of its start [m/s].
+    """Specific force, integrated to the times of each window and compared, (w, m, 3) in the axes of its start.
 
     `given` (7,): bias of gyros [rad/s] and accelerometers [m/s^2], and delay of the samples [s].
     """
     sign, lat = np.array(signs, dtype=float), float(windows.lla[0])
     shifted = np.clip(windows.times + given[6], parts.end[0] - parts.dt[0], parts.end[-1])
-    felt = np.empty_like(windows.change)
+    felt = np.empty((*shifted.shape, 3))
     after = np.minimum(np.searchsorted(parts.end, shifted[:, -1] - 1e-6) + 1, parts.end.size)
     ends = np.column_stack([np.searchsorted(parts.end, shifted[:, 0] + 1e-6, side="right"), after])
     bias, w_ie_n = given[:6] * np.append(sign, np.ones(3)), earth_rate_n(lat)
-    felt_changes(parts.end, parts.dt, parts.gyro, parts.accel, sign, bias, w_ie_n, shifted, ends, felt)
-    return felt
+    samples = parts.end, parts.dt, parts.gyro, parts.accel
+    felt_windows(*samples, sign, bias, w_ie_n, shifted, ends, windows.placed, felt)
+    return np.asarray(windows.compared @ felt)
 
 
 def _fit(windows: _Windows, felt: FloatArray, signs: Signs, *, mirrored: bool) -> tuple[Mounting, FloatArray]:
@@ -249,7 +275,7 @@ def _fit(windows: _Windows, felt: FloatArray, signs: Signs, *, mirrored: bool) -
     turned = np.array([_about_down(-angle) for angle in off]) @ matrices
     left = (windows.change - felt @ np.swapaxes(turned, 1, 2)) / weight[:, None, None]
     squares = np.minimum(np.sum(left**2, axis=(1, 2)), 1.0)
-    sd = max(SURE_SD, 1.25 * scatter / np.sqrt(len(left)))
+    sd = max(SURE_SD, 1.25 * scatter * np.sqrt(OVERLAP / len(left)))
     mounting = Mounting(mean, sd, len(left), float(np.sqrt(np.mean(squares))), signs, mirrored)
     return mounting, np.clip(left, -1.0, 1.0).ravel()
 

@@ -115,7 +115,7 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
     return (
         (
             (errorstate.propagate, *propagation),
-            (alignment.felt_changes, d1, d1, d2, d2, d1, d1, d1, d2, i[:, ::1], d3),
+            (alignment.felt_windows, d1, d1, d2, d2, d1, d1, d1, d2, i[:, ::1], flag, d3),
             (alignment.gyro_history, d1, d1, d1, d2, d2, d2, d2),
             *((smoother.correct, d1, d2, d1, d2, d2), (errorstate.feed_back, d1, d1, d1)),
             (gps_measurement.correct_with_arm, *3 * [d1], i, d1, d1),

@@ -76,14 +76,14 @@ def joined(end, dt, gyro, accel, gap, instant, count, inside, out):  # type: ign
 
 
 @njit(cache=True)
-def felt_changes(end, dt, gyro, accel, turn, bias, w_ie_n, times, ends, out):  # type: ignore[no-untyped-def]
-    """Specific force integrated between the times of windows, (w, m + 1) [s], in the axes of the start of each.
+def felt_windows(end, dt, gyro, accel, turn, bias, w_ie_n, times, ends, twice, out):  # type: ignore[no-untyped-def]
+    """Specific force integrated, once or `twice`, from the start of windows to their times, (w, m) [s], in its axes.
 
     Intervals without the instantaneous form; `turn` (3,): signs of the gyros; `bias` (6,) of gyros
     and accelerometers [rad/s], [m/s^2]; `ends` (w, 2): the first interval of each window and the one after its last;
-    `out` (w, m, 3) [m/s].
+    `out` (w, m, 3) [m/s] or [m].
     """
-    level, u = np.zeros(4), np.zeros(3)
+    level, path = np.zeros(4), np.zeros(3)
     level[0] = 1.0
     for w in range(times.shape[0]):
         first, n = ends[w, 0], ends[w, 1] - ends[w, 0]
@@ -99,15 +99,16 @@ def felt_changes(end, dt, gyro, accel, turn, bias, w_ie_n, times, ends, out):  #
         attitude, integral = np.zeros((n + 1, 4)), np.zeros((n + 1, 3))
         gyro_history(level, w_ie_n, span, angles, forces, attitude, integral)
         k = 0
+        path[:] = 0.0
         for m in range(times.shape[1]):
             while k < n - 1 and end[first + k] < times[w, m]:
+                for i in range(3):
+                    path[i] += 0.5 * span[k] * (integral[k, i] + integral[k + 1, i])
                 k += 1
             share = min(max(1.0 - (end[first + k] - times[w, m]) / span[k], 0.0), 1.0)
             for i in range(3):
                 here = integral[k, i] + share * (integral[k + 1, i] - integral[k, i])
-                if m > 0:
-                    out[w, m - 1, i] = here - u[i]
-                u[i] = here
+                out[w, m, i] = path[i] + 0.5 * share * span[k] * (integral[k, i] + here) if twice else here
 
 
 @njit(cache=True)

@@ -85,6 +85,54 @@ def test_any_yaw_is_found_as_well_as_it_says(yaw):
         assert found.sd < 3.0 * DEG
 
 
+def without_velocities(gps: GpsData) -> GpsData:
+    return replace(gps, v_n=np.full_like(gps.v_n, np.nan), velocity_sd=np.full_like(gps.v_n, np.nan))
+
+
+@pytest.mark.parametrize("gps", ["single", "dgps", "rtk", "urban"])
+def test_positions_alone_tell_it_as_well_as_they_say(gps):
+    for seed in range(3):
+        drive = insnav.simulate("city", imu=["consumer", "industrial", "tactical"][seed], gps=gps, seed=40 + seed)
+        found = find_mounting(intervals(drive.imu.data), without_velocities(drive.gps.data))
+        assert found is not None
+        assert found.right_handed
+        assert found.letters == "FRD"
+        assert abs(found.angles[2]) < 3.0 * found.sd
+
+
+def test_positions_tell_it_where_velocities_are_useless():
+    imu, gps = sensed(axes_matrix("BLD").T)
+    wild = gps.v_n + 3.0 * np.random.default_rng(7).standard_normal(gps.v_n.shape)
+    found = find_mounting(intervals(imu), replace(gps, v_n=wild))
+    assert found is not None
+    assert found.letters == "BLD"
+
+
+def test_a_minute_of_a_drive_tells_it_mostly():
+    """Three of seven did in windows of which none overlapped another."""
+    drive = insnav.simulate("city", imu="industrial", gps="single", seed=3)
+    imu, gps, letters = drive.imu.data, drive.gps.data, []
+    for begin in imu.time[0] + 60.0 * np.arange(7):
+        some, fixes = (each.rows((each.time >= begin) & (each.time < begin + 60.0)) for each in (imu, gps))
+        found = find_mounting(intervals(some), fixes)
+        letters += [found.letters] if found is not None else []
+    assert letters == ["FRD"] * len(letters)
+    assert len(letters) >= 6
+
+
+def test_a_drone_that_flies_any_side_ahead_is_no_turned_imu():
+    """It keeps its heading wherever it goes."""
+    drive = insnav.simulate("city", imu="tactical", gps="rtk", seed=5)
+    imu, true = drive.imu.data, drive.reference.data
+    heading = np.interp(imu.time, true.time, np.unwrap(true.rph[:, 2]))
+    zero = np.zeros_like(heading)
+    kept = dcm_from_rph(np.column_stack([zero, zero, heading]))
+    down = np.array([0.0, 0.0, 1.0])
+    gyro = np.einsum("nij,nj->ni", kept, imu.gyro - np.gradient(heading, imu.time)[:, None] * down)
+    drone = replace(imu, gyro=gyro, accel=np.einsum("nij,nj->ni", kept, imu.accel))
+    assert find_mounting(intervals(drone), without_velocities(drive.gps.data)) is None
+
+
 def test_a_gyro_bias_and_a_late_clock_do_no_harm():
     imu, gps = sensed(dcm_from_rph(np.array([0.0, 0.0, 30.0]) * DEG).T)
     imu = replace(imu, gyro=imu.gyro + np.array([0.5, -0.8, 0.6]) * DEG * 0.02, time=imu.time + 0.25)
