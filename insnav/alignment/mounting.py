@@ -130,7 +130,8 @@ def _find(parts: Intervals, gps: GpsData, *, placed: bool) -> Mounting | None:
     if not found.right_handed:  # nor do bias and delay make a drive fit as it was given
         plain = refined(AS_GIVEN, mirrored=False)
         found = plain if plain.misfit <= FITS or found.misfit >= HANDED * plain.misfit else found
-    return found if found.misfit < MISFIT and found.sd < SCATTER else None
+    least = MISFIT if found.windows >= OVERLAP * FEWEST else FITS  # few windows fit by chance more easily
+    return found if found.misfit < least and found.sd < SCATTER else None
 
 
 def _refined(
@@ -232,9 +233,13 @@ class _Windows:
                 continue
             course = np.arctan2(v[0, 1], v[0, 0])
             change = compared @ (value[some] - gravity * unit[:, None]) @ _about_down(course)
-            bend = float(wrap_pi(np.arctan2(v[-1, 1], v[-1, 0]) - course))
+            on = np.hypot(*v[-1, :2]) > max(SLOWEST, 5.0 * sd[first])  # the course of one that has stopped is noise
+            bend = float(wrap_pi(np.arctan2(v[-1, 1], v[-1, 0]) - course)) if on else 0.0
             windows.append((time[some], compared, change, power, bend))
-        if len(windows) < FEWEST:
+        bends = sum(abs(each[-1]) > TURN for each in windows)
+        if len(windows) < (
+            FEWEST if bends >= OVERLAP else OVERLAP * FEWEST
+        ):  # straight on, a drone may fly any side ahead
             return None
         times, sums, changes, strength, turned = (np.array(each) for each in zip(*windows, strict=True))
         return cls(times, sums, changes, strength, turned, lla, placed)._rows(np.argsort(strength)[-MOST:])

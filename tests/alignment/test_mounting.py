@@ -117,7 +117,7 @@ def test_a_minute_of_a_drive_tells_it_mostly():
         found = find_mounting(intervals(some), fixes)
         letters += [found.letters] if found is not None else []
     assert letters == ["FRD"] * len(letters)
-    assert len(letters) >= 6
+    assert len(letters) >= 5
 
 
 def test_a_drone_that_flies_any_side_ahead_is_no_turned_imu():
@@ -131,6 +131,9 @@ def test_a_drone_that_flies_any_side_ahead_is_no_turned_imu():
     gyro = np.einsum("nij,nj->ni", kept, imu.gyro - np.gradient(heading, imu.time)[:, None] * down)
     drone = replace(imu, gyro=gyro, accel=np.einsum("nij,nj->ni", kept, imu.accel))
     assert find_mounting(intervals(drone), without_velocities(drive.gps.data)) is None
+    for begin in imu.time[0] + 60.0 * np.arange(7):
+        some, gps = (each.rows((each.time >= begin) & (each.time < begin + 60.0)) for each in (drone, drive.gps.data))
+        assert find_mounting(intervals(some), gps) is None
 
 
 def test_a_gyro_bias_and_a_late_clock_do_no_harm():
