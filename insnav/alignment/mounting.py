@@ -152,9 +152,8 @@ def _refined(
     for _ in range(ROUNDS):
         pushed = [fitted(at + step) for step in NUDGE]
         slope = np.column_stack([(each[1] - left) / step.sum() for each, step in zip(pushed, NUDGE, strict=True)])
-        noise = (
-            OVERLAP * float(np.sum(left**2)) / len(windows.turned)
-        )  # a window counts once: what is not modelled lasts
+        # a window counts once, as what is not modelled lasts, and half as its halves are those of others
+        noise = OVERLAP * float(np.sum(left**2)) / len(windows.turned)
         covariance = np.linalg.inv(slope.T @ slope / noise + np.diag(sd**-2))
         turns = [each[0].to_vehicle @ found.to_vehicle.T for each in pushed]
         yaw = np.array([np.arctan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1]) for turn in turns])
@@ -237,9 +236,7 @@ class _Windows:
             bend = float(wrap_pi(np.arctan2(v[-1, 1], v[-1, 0]) - course)) if on else 0.0
             windows.append((time[some], compared, change, power, bend))
         bends = sum(abs(each[-1]) > TURN for each in windows)
-        if len(windows) < (
-            FEWEST if bends >= OVERLAP else OVERLAP * FEWEST
-        ):  # straight on, a drone may fly any side ahead
+        if len(windows) < FEWEST * (1 if bends >= OVERLAP else OVERLAP):  # straight on, a drone may fly any side ahead
             return None
         times, sums, changes, strength, turned = (np.array(each) for each in zip(*windows, strict=True))
         return cls(times, sums, changes, strength, turned, lla, placed)._rows(np.argsort(strength)[-MOST:])
