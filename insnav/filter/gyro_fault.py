@@ -122,6 +122,8 @@ def without_gyro_faults(ready: Prepared, found: NoiseEstimate, spec: ImuSpec) ->
         opened = OPENED * abs(fault.rate) * np.eye(3)[fault.cause]
         changes += [StateChange(at, NAV, opened, fault.gain, -np.inf) for at in (fault.begin, fault.end)]
     settings = replace(ready.settings, changes=tuple(sorted(changes, key=lambda each: each.time)))
+    if every:  # because of these parts of the drive disagreed
+        settings = replace(settings, surest=0.0)
     return replace(ready, settings=settings, faults=(*ready.faults, *said)), replace(found, seen=None)
 
 
@@ -255,12 +257,16 @@ def _settled(
         reach = max(REACH, edges[1] - edges[0])
         near = STEP * np.arange(-np.ceil(reach / STEP), np.ceil(reach / STEP) + 1.0)  # the ends themselves among them
         edges = np.unique(np.clip(np.concatenate([edges, fault.begin + near, min(fault.end, end) + near]), begin, end))
-        before, fault = fault, _likeliest(*drive.by_spans(at, edges, fault.cause), edges, fault.cause, fault)
+        spans = drive.by_spans(at, edges, fault.cause)
+        before, fault = fault, _likeliest(*spans, edges, fault.cause, fault)
         if fault.gain < (LOOKED_AT if lost or count == 0 else WORTH) or abs(fault.rate) < SLIGHT * LEAST:
             break
         if fault.near(before):
+            fault = _likeliest(*spans, edges, fault.cause, before, 0.0)
+            some = replace(ready, imu=fault.taken_off(ready.imu))
+            again = identify_noise(some, spec, again)
             sure = fault.gain > SURELY and abs(fault.rate) > LEAST and fault.end - fault.begin > SHORTEST_FOUND
-            return (fault, some, again) if sure else None, any_lost
+            return (fault, some, again) if sure and again is not None else None, any_lost
         last, same = fault, fault.near(last)
         if lost and fault.end > end - LOST_BY and not same:
             fault = replace(fault, end=float(ready.imu.time[-1]))
@@ -268,12 +274,18 @@ def _settled(
 
 
 def _likeliest(
-    e: FloatArray, weight: FloatArray, by: FloatArray, edges: FloatArray, cause: int, before: Episode | None = None
+    e: FloatArray,
+    weight: FloatArray,
+    by: FloatArray,
+    edges: FloatArray,
+    cause: int,
+    before: Episode | None = None,
+    least: float = STAYS,
 ) -> Episode:
     """The span, of all between two of the `edges` (k + 1,), in which a cause is likeliest; a delay stays.
 
     `e`, `weight` (n,): innovations and inverse variances; `by` (k, n): innovations by a rate between edges; `before`:
-    what is taken off already.
+    what is taken off already, whose ends move for a gain of `least` only.
     """
     if before is not None:
         e = e - before.rate * by[(edges[:-1] >= before.begin - 1e-6) & (edges[1:] <= before.end + 1e-6)].sum(axis=0)
@@ -290,7 +302,7 @@ def _likeliest(
     best = int(np.argmax(gain))
     if before is not None:
         moved = np.maximum(np.abs(edges[first] - before.begin), np.abs(edges[last] - before.end))
-        stays = (moved < 1e-6) & (gain > gain[best] - STAYS)
+        stays = (moved < 1e-6) & (gain > gain[best] - least)
         best = int(np.argmax(stays)) if stays.any() else best
     span = edges[first[best]], edges[last[best]]
     return Episode(cause, float(span[0]), float(span[1]), float((pull / own)[best]), float(gain[best]))
