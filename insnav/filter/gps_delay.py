@@ -238,6 +238,12 @@ def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Foun
     return Found(delay, sd, drift, lag, lag_sd, likelihood.moments)
 
 
+def surest_of(ready: Prepared) -> float:
+    """Least standard deviation of the delay that a recording shows, or 0 if it shows none [s]."""
+    sd = delay_of(filtered(ready), velocity_lag(ready.gps)).sd
+    return sd if sd < np.inf else 0.0
+
+
 def _with_lag(
     likelihood: LateFixes, delay: float, drift: float, alone: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray, float]:

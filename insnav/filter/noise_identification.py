@@ -853,9 +853,10 @@ def understated(ready: Prepared, read: GpsData) -> tuple[Event, ...]:
     position = float(found.position_factor.max())
     if max(position, velocity) < UNDERSTATED:
         return ()
+    velocities = f", {velocity:.2g} for velocities" * bool(np.isfinite(read.v_n).any())
     told = (
-        f"the standard deviations of the fixes are too small: taken {position:.2g} times as large for positions, "
-        f"{velocity:.2g} for velocities, by the innovations; errors that change slowly hardly show there"
+        f"the standard deviations of the fixes are too small: taken {position:.2g} times as large for positions"
+        f"{velocities}, by the innovations; errors that change slowly hardly show there"
     )
     kind = EventKind.CONTRADICTION
     return (Event(ready.initial.time, kind, max(position, velocity), UNDERSTATED, "", told),)

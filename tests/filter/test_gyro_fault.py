@@ -148,3 +148,15 @@ def test_a_gyro_that_is_off_for_a_while_is_named_and_heading_is_as_good_as_state
     heading = np.interp(solution.time, truth.time, np.unwrap(truth.rph[:, 2]))
     errors = np.abs(wrap_pi(solution.rph[:, 2] - heading)) / solution.sd[:, 8]
     assert np.mean(errors < 3.0) > 0.98
+
+
+def test_a_drive_without_its_gyro_fault_is_no_surer_of_the_lever_arm_than_its_parts_agree():
+    """The antenna is on the IMU; an arm of 0.33 m was stated with an sd of 0.02."""
+    folder = recorded("rtklib_drive_20250708")
+    imu, gps = read_imu(folder / "imu.csv.gz").data, read_gps(folder / "gps.csv").data
+    first = imu.time[0] + 200.0
+    imu, gps = (each.rows((each.time >= first) & (each.time < first + 200.0)) for each in (imu, gps))
+    gps = gps.rows(np.abs(gps.time % 1.0 - 0.5) < 0.01)
+    run = insnav.load(off(imu, 0, 4.0 * DEG, first + 100.0, 10.0), gps).navigate().found.run
+    assert any("gyro x is off by +" in event.action for event in run.events)
+    assert (np.abs(run.lever_b) < 3.0 * run.lever_sd).all()

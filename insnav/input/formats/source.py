@@ -169,7 +169,7 @@ def _similar(path: Path) -> str:
         names = [p.name for p in folder.iterdir()]
     except OSError:
         return f"the folder {plain_text(folder)} does not exist or cannot be read"
-    close = difflib.get_close_matches(path.name, names, n=1)
+    close = difflib.get_close_matches(path.name, names, n=1, cutoff=0.7)
     return f"did you mean {plain_text(folder / close[0])}?" if close else "check the name and the folder"
 
 
