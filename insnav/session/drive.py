@@ -53,7 +53,7 @@ from insnav.session import defaults
 from insnav.session.checked_inputs import one_of, options_of, reference_point, reference_sd
 from insnav.session.clock import on_one_clock
 from insnav.session.inputs import Inputs
-from insnav.session.mounted import as_mounted
+from insnav.session.mounted import as_mounted, untold
 from insnav.session.read import Readings, read
 from insnav.strapdown import intervals
 from insnav.types import Event, FloatArray, GpsData, ImuData, Trajectory
@@ -360,6 +360,7 @@ class Drive:
             doubts = (*doubts, *hidden_by_noise(done.ready or ready, done.run))
         if ready.settings.lever_sd and not self.settings.lever_sd:
             doubts = (*doubts, lever_contradicted(self.settings.lever_b, done.run))
+        doubts = (*untold(self.notes, done.run.events), *doubts)
         done = replace(done, run=replace(done.run, events=self._events((*doubts, *done.run.events))))
         point = None if self.reference is None else reference_point(self.readings.inputs, self.reference.data)
         found, notes = evaluate_run(done, self.reference, done.run.lever_b if point is None else point)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -26,6 +28,20 @@ UNTOLD = (
     "x of the IMU is assumed to point forward, as the drive does not tell how it is mounted: if it is turned, heading "
     "by the course is as wrong (--imu-axes)"
 )
+# what is said of an IMU whose axes are others
+OF_THE_IMU = re.compile("gyro|accelerometer bias|IMU turns|er than the others")
+
+
+def untold(notes: tuple[str, ...], events: Sequence[Event]) -> tuple[Event, ...]:
+    """An event if an IMU whose mounting nothing tells contradicts the fixes, which one in wrong axes does."""
+    found = [each for each in events if each.kind == EventKind.CONTRADICTION and OF_THE_IMU.search(each.action)]
+    if UNTOLD not in notes or not found:
+        return ()
+    text = (
+        "nothing tells how the IMU is mounted, and fixes contradict it: if its x does not point forward, what follows "
+        "of its gyros and biases, delay and headings is that of wrong axes: --imu-axes"
+    )
+    return (Event(found[0].time, EventKind.CONTRADICTION, float(len(found)), 0.0, "", text),)
 
 
 def as_mounted(

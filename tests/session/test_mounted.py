@@ -15,8 +15,9 @@ from insnav.alignment import find_mounting
 from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.exceptions import InputError
 from insnav.input.interpret.axes import axes_matrix
-from insnav.session.mounted import UNTOLD
+from insnav.session.mounted import UNTOLD, untold
 from insnav.strapdown import intervals
+from insnav.types import Event, EventKind
 from insnav.units import DEG
 
 
@@ -80,6 +81,17 @@ def test_positions_alone_tell_the_mounting_as_velocities_do(gps, letters):
     heading, true = found.navigate(output_interval=1.0).found.run.smoothed.solution, plain.reference.data
     expected = np.interp(heading.time, true.time, np.unwrap(true.rph[:, 2]))
     assert np.sqrt(np.mean(wrap_pi(heading.rph[:, 2] - expected) ** 2)) < 0.5 * DEG
+
+
+def test_what_contradicts_an_imu_that_nothing_tells_the_mounting_of_may_be_its_axes():
+    """A town turned by 90 deg: a gyro was named that was right, and headings were 86 deg off."""
+    gyro = Event(9.0, EventKind.CONTRADICTION, 4.4, np.nan, "deg/s", "gyro z is off by +4.4 deg/s")
+    fix = Event(9.0, EventKind.CONTRADICTION, 30.0, np.nan, "m", "30 position fixes contradict the whole record")
+    (said,) = untold((UNTOLD,), (fix, gyro))
+    assert said.time == gyro.time
+    assert "--imu-axes" in said.action
+    assert not untold((), (gyro,))  # the mounting is known
+    assert not untold((UNTOLD,), (fix,))
 
 
 def test_what_a_drive_does_not_tell_of_the_mounting_is_an_assumption(plain):
