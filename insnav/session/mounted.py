@@ -29,7 +29,7 @@ UNTOLD = (
     "by the course is as wrong (--imu-axes)"
 )
 # what is said of an IMU whose axes are others
-OF_THE_IMU = re.compile("gyro|accelerometer bias|IMU turns|er than the others")
+OF_THE_IMU = re.compile("gyro . is off|gyros lose|bias steps|IMU turns|er than the others")
 
 
 def untold(notes: tuple[str, ...], events: Sequence[Event]) -> tuple[Event, ...]:

@@ -91,7 +91,7 @@ def test_what_contradicts_an_imu_that_nothing_tells_the_mounting_of_may_be_its_a
     assert said.time == gyro.time
     assert "--imu-axes" in said.action
     assert not untold((), (gyro,))  # the mounting is known
-    assert not untold((UNTOLD,), (fix,))
+    assert not untold((UNTOLD,), (fix, replace(gyro, action="noise of the gyros may pretend that")))
 
 
 def test_what_a_drive_does_not_tell_of_the_mounting_is_an_assumption(plain):
