@@ -25,7 +25,9 @@ if TYPE_CHECKING:
     from insnav.result import Result
 
 DELAY = 1.0  # work shorter than this shows no progress bar [s]
-LOGGED = 15.0  # where there is no terminal, after this, twice this and so on a line says what is being done [s]
+LOGGED = (
+    15.0  # where there is no terminal, after this, twice, four times this and so on a line says what is being done [s]
+)
 WIDTH = 110  # largest of a line of the log
 _COLOURS = {"good": 32, "needs attention": 33, "not to be relied on": 31, "warning": 33}  # of the terminal
 
@@ -190,7 +192,10 @@ class Stages:
 
     def __enter__(self) -> Self:
         if level >= 0:
-            self._begin(*((DELAY, self._show) if sys.stderr.isatty() else (LOGGED, self._log, LOGGED)))
+            if sys.stderr.isatty():
+                self._begin(DELAY, self._show)
+            else:
+                self._begin(LOGGED, self._say, LOGGED)
         return self
 
     def _begin(self, delay: float, what: Callable[..., None], *more: float) -> None:
@@ -224,11 +229,11 @@ class Stages:
             count = f" {round((self._fraction or 0.0) * self._total)}/{self._total}" if self._total else ""
             self._bar.update(self._task, description=self._name + count, total=total, completed=self._fraction or 0.0)
 
-    def _log(self, since: float) -> None:
+    def _say(self, since: float) -> None:
         with self._lock:
             if self._timer is not None:
                 note(f"{self._name}: {since:.0f} s so far")
-                self._begin(since, self._log, 2.0 * since)
+                self._begin(since, self._say, 2.0 * since)
 
     def _show(self) -> None:
         from rich import progress

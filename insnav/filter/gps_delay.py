@@ -168,6 +168,11 @@ class Found(NamedTuple):
     lag_sd: float
     moments: tuple[float, ...]  # of `MOMENTS`
 
+    @property
+    def surest(self) -> float:
+        """Least standard deviation of the delay that is stated, or 0 if nothing tells it [s]."""
+        return self.sd if self.sd < np.inf else 0.0
+
 
 def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Found:
     """Delay of the fixes and lag of their velocities.
@@ -239,9 +244,8 @@ def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Foun
 
 
 def surest_of(ready: Prepared) -> float:
-    """Least standard deviation of the delay that a recording shows, or 0 if it shows none [s]."""
-    sd = delay_of(filtered(ready), velocity_lag(ready.gps)).sd
-    return sd if sd < np.inf else 0.0
+    """Least standard deviation of the delay of a recording that is stated, or 0 if nothing tells it [s]."""
+    return delay_of(filtered(ready), velocity_lag(ready.gps)).surest
 
 
 def _with_lag(
@@ -288,11 +292,12 @@ def on_time(
         return ready
     seen = filtered(ready)
     further, width, lags = seen, settings.delay_sd, (ready.settings.velocity_lag, 0.0, ready.settings.moments)
-    before, last, alone, surest = (ready, seen), 0.0, velocity_lag(ready.gps), 0.0
+    before, last, surest = (ready, seen), 0.0, 0.0
+    alone = velocity_lag(ready.gps) if settings.delay_sd > 0.0 else (0.0, np.inf)
     for _ in range(ROUNDS if settings.delay_sd > 0.0 else 0):
         found = delay_of(further, alone)
         delay, sd, drift = found[:3]
-        surest = sd if sd < np.inf else 0.0
+        surest = found.surest
         # once it was moved, or where the state of the filter, which is linear, goes as surely the same way
         agrees = further.delay * np.sign(delay) > SURE * further.delay_sd
         sure = SURE if clock == 0.0 and not agrees else REFINED

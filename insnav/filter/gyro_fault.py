@@ -264,10 +264,11 @@ def _settled(
             break
         if fault.near(before):
             fault = _likeliest(*spans, edges, fault.cause, before, 0.0)
+            if fault.gain <= SURELY or abs(fault.rate) <= LEAST or fault.end - fault.begin <= SHORTEST_FOUND:
+                break
             some = replace(ready, imu=fault.taken_off(ready.imu))
             again = identify_noise(some, spec, again)
-            sure = fault.gain > SURELY and abs(fault.rate) > LEAST and fault.end - fault.begin > SHORTEST_FOUND
-            return (fault, some, again) if sure and again is not None else None, any_lost
+            return None if again is None else (fault, some, again), any_lost
         last, same = fault, fault.near(last)
         if lost and fault.end > end - LOST_BY and not same:
             fault = replace(fault, end=float(ready.imu.time[-1]))

@@ -28,7 +28,7 @@ from insnav.input.readers.kinds import data_files, kinds_of
 from insnav.input.readers.reading import not_covered
 from insnav.plain_text import moment
 from insnav.result import Result
-from insnav.session.clock import SHOWN, clock_offset
+from insnav.session.clock import clock_offset, shown_by
 from insnav.session.defaults import stationary_part
 from insnav.session.drive import Drive, drive_of
 from insnav.session.inputs import INPUTS, Inputs
@@ -257,9 +257,8 @@ def _examined(found: Checked, data: Readings, drive: Drive | None, patient: _Pat
     if together and drive is not None and fixes is not None and data.gps is not None:
         parts = intervals(imu.rows(slice(int(np.searchsorted(imu.time, imu.time[0] + BEGIN)))))
         offset = clock_offset(joined([parts]), fixes)
-        if offset is not None and max(abs(offset.turns), offset.accelerations) > SHOWN:
-            found = replace(found, offset=offset)
-        found = replace(found, mounting=find_mounting(parts, fixes))
+        shown = offset if offset is not None and shown_by(offset) else None
+        found = replace(found, offset=shown, mounting=find_mounting(parts, fixes))
     if drive is not None and drive.fixes is not None:
         found = replace(found, run=_run(drive, patient))
     if data.gps is not None:
@@ -312,9 +311,9 @@ def _of_imu(reading: Reading[ImuData], found: Checked, patient: _Patient) -> Non
     if facts.rate_hz < 40.0:
         what = f"the IMU has only {facts.rate_hz:.3g} Hz"
         patient.mend(55.0, what, "turns and vibration within a sample are lost", "record at 100 Hz or more")
-    if figures.jitter * facts.rate_hz > 0.05:
+    part = figures.jitter * facts.rate_hz
+    if part > 0.05:
         what = f"timestamps of the IMU scatter by {1e3 * figures.jitter:.2g} ms"
-        part = figures.jitter * facts.rate_hz
         why = f"{100 * part:.0f} % of the interval" if part < 1.0 else "more than the interval"
         patient.mend(20.0, what, why, "stamp them by the sensor's clock")
     coarse = [each for each in figures.axes if each.resolution > 0.0 and not np.isnan(each.noise)]

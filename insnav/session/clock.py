@@ -92,10 +92,15 @@ def clock_offset(parts: Intervals, fixes: GpsData, *, worth: float = 0.0) -> Clo
     return replace(found, offset=found.offset - lag) if abs(lag) > max(LAG_WORTH, 5.0 * sd) else found
 
 
+def shown_by(found: ClockOffset) -> list[str]:
+    """What shows an offset."""
+    seen = (("turns", abs(found.turns)), ("accelerations", found.accelerations))
+    return [f"{name} (r = {r:.2f})" for name, r in seen if r > SHOWN]
+
+
 def evidence(found: ClockOffset) -> str:
     """What an offset was found from."""
-    seen = (("turns", abs(found.turns)), ("accelerations", found.accelerations))
-    shown = " and ".join(f"{name} (r = {r:.2f})" for name, r in seen if r > SHOWN)
+    shown = " and ".join(shown_by(found))
     return (
         f"{shown} agree for {found.overlap:.0f} s if {found.offset:+.3f} ± {found.sd:.3f} s are added to the IMU times"
     )

@@ -482,13 +482,15 @@ def test_noise_of_the_fixes_shows_no_delay():
 
 
 @pytest.mark.parametrize(
-    ("profile", "seed", "grade", "gps", "arm", "span", "delay"),
+    ("profile", "seed", "grade", "gps", "arm", "span", "delay", "most"),
     [
-        ("aircraft_pattern", 9214, "consumer", "dgps", (-1.5, 0.6, -0.9), (396.6, 630.6), 1.0),  # found in three steps
-        ("round_trip", 9216, "tactical", "single", (0.0, 0.0, 0.0), (0.0, 900.0), 0.3),  # hardly shown: 0.1 s sure
+        # found in three steps
+        ("aircraft_pattern", 9214, "consumer", "dgps", (-1.5, 0.6, -0.9), (396.6, 630.6), 1.0, 0.5),
+        # hardly shown: parts of the drive agree on it to 0.19 s
+        ("round_trip", 9216, "tactical", "single", (0.0, 0.0, 0.0), (0.0, 900.0), 0.3, 0.6),
     ],
 )
-def test_a_delay_far_from_where_the_search_begins(profile, seed, grade, gps, arm, span, delay):
+def test_a_delay_far_from_where_the_search_begins(profile, seed, grade, gps, arm, span, delay, most):
     """The first step made positions unlikelier, or the filter began surer than the drive shows: 1 and 0.2 s off."""
     plan = plan_of(profiled(profile, seed), {"imu": grade, "gps": replace(load_gps(gps), lever_b=arm), "seed": seed})
     made = plan.measured()
@@ -500,7 +502,7 @@ def test_a_delay_far_from_where_the_search_begins(profile, seed, grade, gps, arm
         none = np.full_like(fixes.v_n, np.nan)
         fixes = replace(fixes, v_n=none, velocity_sd=none)
     run = insnav.load(imu, replace(fixes, time=fixes.time + delay)).navigate(smooth=False).found.run
-    assert abs(run.gps_delay - delay) < 3.0 * run.gps_delay_sd < 0.6
+    assert abs(run.gps_delay - delay) < 3.0 * run.gps_delay_sd < most
     assert (np.abs(run.lever_b - arm) < 3.0 * run.lever_sd).all()
 
 
