@@ -213,7 +213,7 @@ class _Windows:
         step = max(1, round(seconds / max(float(np.median(np.diff(time))), 1e-3)))
         time, v_n, sd, value, noise = (each[::step] for each in (time, v_n, sd, value, noise))
         rows = max(3 + placed, round(longer * WINDOW / max(float(np.median(np.diff(time))), 1e-3)))
-        gravity = gravity_n(lla[0], lla[2])
+        gravity, changes = gravity_n(lla[0], lla[2]), np.diff(np.eye(rows + 1), axis=0)
         windows = []
         for first in range(0, time.size - rows, rows // OVERLAP):
             some = slice(first, first + rows + 1)
@@ -222,7 +222,7 @@ class _Windows:
                 continue
             if float(np.max(np.abs(np.diff(v, axis=0)) / np.diff(since)[:, None])) > SUDDEN:
                 continue
-            compared, unit = np.diff(np.eye(rows + 1), axis=0), since  # what an acceleration of one makes
+            compared, unit = changes, since  # what an acceleration of one makes
             if placed:
                 steady = np.column_stack([np.ones(rows + 1), since])
                 compared, unit = np.linalg.qr(steady, mode="complete")[0][:, 2:].T, 0.5 * since**2

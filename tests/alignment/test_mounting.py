@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
 
@@ -85,15 +86,18 @@ def test_any_yaw_is_found_as_well_as_it_says(yaw):
         assert found.sd < 3.0 * DEG
 
 
-def without_velocities(gps: GpsData) -> GpsData:
-    return replace(gps, v_n=np.full_like(gps.v_n, np.nan), velocity_sd=np.full_like(gps.v_n, np.nan))
+def cuts(imu: ImuData, gps: GpsData, begins: np.ndarray, length: float) -> Iterator[tuple[ImuData, GpsData]]:
+    """Parts of a recording, each so long, that begin so long after its first sample [s]."""
+    for begin in imu.time[0] + begins:
+        some, fixes = (each.rows((each.time >= begin) & (each.time < begin + length)) for each in (imu, gps))
+        yield some, fixes
 
 
 @pytest.mark.parametrize("gps", ["single", "dgps", "rtk", "urban"])
 def test_positions_alone_tell_it_as_well_as_they_say(gps):
     for seed in range(3):
         drive = insnav.simulate("city", imu=["consumer", "industrial", "tactical"][seed], gps=gps, seed=40 + seed)
-        found = find_mounting(intervals(drive.imu.data), without_velocities(drive.gps.data))
+        found = find_mounting(intervals(drive.imu.data), drives.without_velocities(drive.gps.data))
         assert found is not None
         assert found.right_handed
         assert found.letters == "FRD"
@@ -111,10 +115,9 @@ def test_positions_tell_it_where_velocities_are_useless():
 def test_a_minute_of_a_drive_tells_it_mostly():
     """Three of seven did in windows of which none overlapped another."""
     drive = insnav.simulate("city", imu="industrial", gps="single", seed=3)
-    imu, gps, letters = drive.imu.data, drive.gps.data, []
-    for begin in imu.time[0] + 60.0 * np.arange(7):
-        some, fixes = (each.rows((each.time >= begin) & (each.time < begin + 60.0)) for each in (imu, gps))
-        found = find_mounting(intervals(some), fixes)
+    letters = []
+    for imu, gps in cuts(drive.imu.data, drive.gps.data, 60.0 * np.arange(7), 60.0):
+        found = find_mounting(intervals(imu), gps)
         letters += [found.letters] if found is not None else []
     assert letters == ["FRD"] * len(letters)
     assert len(letters) >= 5
@@ -130,9 +133,8 @@ def test_a_drone_that_flies_any_side_ahead_is_no_turned_imu():
     down = np.array([0.0, 0.0, 1.0])
     gyro = np.einsum("nij,nj->ni", kept, imu.gyro - np.gradient(heading, imu.time)[:, None] * down)
     drone = replace(imu, gyro=gyro, accel=np.einsum("nij,nj->ni", kept, imu.accel))
-    assert find_mounting(intervals(drone), without_velocities(drive.gps.data)) is None
-    for begin in imu.time[0] + 60.0 * np.arange(7):
-        some, gps = (each.rows((each.time >= begin) & (each.time < begin + 60.0)) for each in (drone, drive.gps.data))
+    assert find_mounting(intervals(drone), drives.without_velocities(drive.gps.data)) is None
+    for some, gps in cuts(drone, drive.gps.data, 60.0 * np.arange(7), 60.0):
         assert find_mounting(intervals(some), gps) is None
 
 
@@ -172,10 +174,9 @@ def test_axes_that_are_not_square_do_not_pass_for_a_gyro_bias():
 def test_steady_turns_of_an_aircraft_are_no_turned_imu():
     """Banked, at one speed: gyro and accelerometer bias look like a mounting of 17 standard deviations, 55 deg."""
     flight = insnav.simulate("aircraft_pattern", imu="consumer", gps="rtk", seed=7806)
-    imu, gps, far = flight.imu.data, flight.gps.data, []
-    for begin in imu.time[0] + 100.0 * np.arange(8):
-        some, fixes = (each.rows((each.time >= begin) & (each.time < begin + 200.0)) for each in (imu, gps))
-        found = find_mounting(intervals(some), fixes)
+    far = []
+    for imu, gps in cuts(flight.imu.data, flight.gps.data, 100.0 * np.arange(8), 200.0):
+        found = find_mounting(intervals(imu), gps)
         if found is not None:
             far.append(found.angles[2] / found.sd)
     assert len(far) > 2

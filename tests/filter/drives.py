@@ -164,3 +164,9 @@ def attitude_error(q_nb: FloatArray, rph: FloatArray) -> FloatArray:
 
 MODEL = error_model(SPEC, 21)
 UNFAILING = Gates(probability=1 - 1e-9)  # keeps every fix that is what it claims to be
+
+
+def without_velocities(gps: GpsData) -> GpsData:
+    """Fixes that are positions alone."""
+    none = np.full_like(gps.v_n, np.nan)
+    return replace(gps, v_n=none, velocity_sd=none)

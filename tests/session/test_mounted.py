@@ -19,6 +19,7 @@ from insnav.session.mounted import UNTOLD, untold
 from insnav.strapdown import intervals
 from insnav.types import Event, EventKind
 from insnav.units import DEG
+from tests.filter.drives import without_velocities
 
 
 @pytest.fixture(scope="module")
@@ -30,11 +31,6 @@ def turned(plain, matrix: np.ndarray, **inputs) -> insnav.Drive:
     imu = plain.imu.data
     imu = replace(imu, gyro=imu.gyro @ matrix.T, accel=imu.accel @ matrix.T)
     return insnav.load(imu, plain.gps.data, **inputs)
-
-
-def placed(gps: insnav.types.GpsData) -> insnav.types.GpsData:
-    """Fixes without velocities."""
-    return replace(gps, v_n=np.full_like(gps.v_n, np.nan), velocity_sd=np.full_like(gps.v_n, np.nan))
 
 
 def test_an_imu_as_it_should_be_is_left_alone(plain):
@@ -71,7 +67,9 @@ def test_a_yaw_is_told_and_heading_is_that_of_the_imu(plain):
 def test_positions_alone_tell_the_mounting_as_velocities_do(gps, letters):
     """Headings of an IMU turned by 90 or 180 deg were 54 to 176 deg off."""
     plain = insnav.simulate("city", imu="industrial", gps=gps, seed=11)
-    plain = replace(plain, readings=replace(plain.readings, gps=replace(plain.gps, data=placed(plain.gps.data))))
+    plain = replace(
+        plain, readings=replace(plain.readings, gps=replace(plain.gps, data=without_velocities(plain.gps.data)))
+    )
     found = turned(plain, axes_matrix(letters).T)
     np.testing.assert_allclose(found.imu.data.gyro, plain.imu.data.gyro, rtol=0, atol=1e-12)
     assert any(f"--imu-axes {letters}" in note for note in found.notes) == (letters != "FRD")
@@ -97,7 +95,7 @@ def test_what_contradicts_an_imu_that_nothing_tells_the_mounting_of_may_be_its_a
 def test_what_a_drive_does_not_tell_of_the_mounting_is_an_assumption(plain):
     """Without velocities headings of a turned IMU were 54 to 176 deg off, and nothing was said."""
     assert UNTOLD not in plain.notes
-    imu, gps, begin = plain.imu.data, placed(plain.gps.data), plain.imu.data.time[0] + 75.0
+    imu, gps, begin = plain.imu.data, without_velocities(plain.gps.data), plain.imu.data.time[0] + 75.0
     imu, gps = (each.rows((each.time >= begin) & (each.time < begin + 40.0)) for each in (imu, gps))
     assert UNTOLD in insnav.load(imu, gps).notes
     still = replace(gps, lla=gps.lla[:1] + 0.0 * gps.lla)
