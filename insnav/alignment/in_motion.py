@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from insnav.attitude import dcm_from_quat, quat_from_rotvec, quat_from_rph, quat_multiply, rph_from_quat, wrap_pi
 from insnav.earth import earth_rate_n, gravity_n, lla_offset, ned_offset
 from insnav.kernels.alignment import gyro_history
-from insnav.strapdown import Intervals
+from insnav.strapdown import Intervals, between
 from insnav.types import Alignment, FloatArray, GpsData, IntArray
 from insnav.units import G0
 
@@ -33,7 +34,7 @@ class Velocity:
     sd: FloatArray  # (n,) standard deviation of each horizontal component [m/s]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class History:
     """Attitude by gyros alone and integrated specific force, at interval ends from a start."""
 
@@ -47,7 +48,13 @@ class History:
 
     def integral(self, time: FloatArray) -> FloatArray:
         """Integrated specific force at `time` [m/s], linear between interval ends."""
-        return np.column_stack([np.interp(time, self.time, self.u_n[:, i]) for i in range(3)])
+        return between(self.time, self.u_n, time)[1]
+
+    @cached_property
+    def way(self) -> FloatArray:
+        """Specific force integrated twice, at interval ends (n, 3) [m]."""
+        moved = np.cumsum(0.5 * (self.u_n[1:] + self.u_n[:-1]) * np.diff(self.time)[:, None], axis=0)
+        return np.vstack([np.zeros(3), moved])
 
     def nearest(self, time: FloatArray) -> IntArray:
         """Rows at interval ends, the first that are not before `time`."""
@@ -103,6 +110,25 @@ def at_imu(gps: GpsData, parts: Intervals, found: Alignment, lever_b: FloatArray
     (before, first), (after, last) = arm(gps.time - RATE_SPAN), arm(gps.time + RATE_SPAN)
     change = (last - first) / np.maximum(after - before, 1e-9)[:, None]
     return replace(gps, lla=lla_offset(gps.lla, -arm(gps.time)[1]), v_n=gps.v_n - change)
+
+
+def start_velocity(parts: Intervals, found: Alignment, gps: GpsData, lever_sd: float) -> tuple[FloatArray, FloatArray]:
+    """Velocity at the first fix of an alignment, from positions and specific force, and its sd, (3,) [m/s].
+
+    The way to another fix is ``v t + 1/2 g t^2``, and the specific force integrated twice. The longer it takes, the
+    less the noise of positions counts, and the more the level of the alignment: the fix of the best is taken.
+    `lever_sd`: standard deviation of the lever arm, with which turns move the antenna otherwise than the IMU [m].
+    """
+    later = gps.rows(np.flatnonzero((gps.time >= found.time - 1e-6) & (gps.time <= parts.end[-1])))
+    track = history(parts, found.time, float(later.time[-1]), found.rph, found.gyro_bias, gps.lla[0, 0])
+    time, rows, before = later.time[1:] - later.time[0], track.nearest(later.time[1:]), track.integral(later.time[:1])
+    pushed = np.diff(between(track.time, track.way, later.time)[1], axis=0).cumsum(axis=0) - before * time[:, None]
+    pushed += 0.5 * gravity_n(later.lla[0, 0], later.lla[0, 2]) * time[:, None] ** 2
+    turned = np.linalg.norm(dcm_from_quat(track.q_nb[rows]) - dcm_from_quat(track.q_nb[0]), axis=(1, 2))
+    noise = np.hypot(later.position_sd[1:], later.position_sd[0]) + (turned * lever_sd)[:, None]
+    sd = np.hypot(noise / time[:, None], 0.5 * G0 * np.hypot(*found.sd[:2]) * time[:, None])
+    best = int(np.argmin(np.linalg.norm(sd, axis=1)))
+    return (ned_offset(later.lla[1 + best], later.lla[0]) - pushed[best]) / time[best], sd[best]
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike
 
 from insnav.attitude import rph_from_quat
 from insnav.exceptions import DivergenceError
-from insnav.filter.error_model import initial_state
 from insnav.filter.gates import Gates
 from insnav.filter.gps_noise import LAG_WORTH, LAGGING_NOTE, velocity_lag
 from insnav.filter.late_fixes import BLOCKS, REACH, LateFixes
@@ -104,8 +103,7 @@ def filtered(ready: Prepared, *, starts: int | None = None, gates: Gates | None 
             wide, open_ = _doubted(ready)
             other_run = replace(wide, settings=replace(settings, gates=open_)).navigator()
             feed(other_run, ready.imu)
-            again = with_surer_start(wide, other_run.history())
-            again = again and replace(again, gps=ready.gps)
+            again = with_surer_start(ready, other_run.history())
     except DivergenceError:
         return Filtered(ready, settings, None, 0.0, np.inf, 0.0, lever_sd, np.inf)
     if again is not None:
@@ -350,7 +348,7 @@ def with_surer_start(ready: Prepared, history: History) -> Prepared | None:
     which show the arm surely and wrongly (G. P. Huang, A. I. Mourikis and S. I. Roumeliotis, "Observability-based rules
     for designing consistent EKF SLAM estimators", Int. J. Robotics Research 29 (2010) 502-528).
     """
-    alignment, initial = ready.alignment, ready.initial
+    alignment = ready.alignment
     if alignment.static is not None or alignment.heading_method == "given":
         return None
     found, time = history.smooth(), ready.gps.time - ready.settings.delay
@@ -369,7 +367,4 @@ def with_surer_start(ready: Prepared, history: History) -> Prepared | None:
         level_method=f"{alignment.level_method}, then filter",
         heading_method=f"{alignment.heading_method}, then filter",
     )
-    own = np.sqrt(np.diagonal(initial.covariance)[:6])
-    place = initial.lla, initial.v_n, own[:3], own[3:]
-    initial = initial_state(alignment, ready.model, *place, from_fix=initial.from_fix)
-    return replace(ready, alignment=alignment, initial=initial)
+    return ready.started(alignment)

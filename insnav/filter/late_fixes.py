@@ -86,8 +86,7 @@ class LateFixes:
         bias = np.median(epochs[time.size // 2 :, CORRECTION : CORRECTION + 3], axis=0)
         track = in_motion.history(parts, begin, float(parts.end[-1]), rph, bias, gps.lla[0, 0])
         u, c = track.u_n, dcm_from_quat(track.q_nb).reshape(-1, 9)
-        moved = np.cumsum(0.5 * (u[1:] + u[:-1]) * np.diff(track.time)[:, None], axis=0)
-        self._track = track.time, np.hstack([u, np.vstack([np.zeros(3), moved]), c])
+        self._track = track.time, np.hstack([u, track.way, c])
         self._here = strapdown.between(*self._track, self._time)[1]
         back = np.swapaxes(self._here[:, 6:].reshape(-1, 3, 3), 1, 2)
         self._turn = (np.eye(3) - skew(fed[good, 6:9])) @ dcm_from_quat(x[:, 6:]) @ back

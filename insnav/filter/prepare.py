@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 STILL_SD = 0.05  # velocity of a vehicle that the alignment found stationary, its engine running [m/s]
 JITTER_WORTH = 1e-4  # a smaller scatter of the timestamps is rounding; at 30 m/s it makes 3 mm [s]
 DELAY_SD = 0.05  # how well receivers and loggers agree on time if nothing else is known [s]
-ACCELERATION = 2.0  # vehicles seldom accelerate faster [m/s^2]
 CORRELATED = "time-correlated GPS position errors"
 FEWEST_FIXES = 5  # of a part of the record that is aligned by itself
 ROUNDS = 3  # of alignment, and of fixes less the lever arm that it turns
@@ -110,6 +109,13 @@ class Prepared:
         length = float(gps.time[left[0]] - self.initial.time) if left.size else 0.0
         return length if length > LONG_REST else 0.0
 
+    def started(self, alignment: Alignment) -> Prepared:
+        """The same recording with another alignment, at the time of its own."""
+        good = _good(replace(self.gps, time=self.gps.time - self.settings.delay), self.settings.gates)
+        parts = strapdown.intervals(_first_part(self.imu, good), self.nominal)
+        initial = _at_fix(alignment, parts, good, self.model, self.settings)
+        return replace(self, alignment=alignment, initial=initial)
+
     def first(self, length: float) -> ImuData:
         """Samples of the first `length` seconds, and of a long rest before: it tells little of delay, arm and noise."""
         return self.imu.rows(self.imu.time <= self.initial.time + self._rest() + length)
@@ -166,7 +172,7 @@ def prepare(
             )
             if settings.lever_b.any():
                 fixes = motion.at_imu(here, intervals, found, settings.lever_b)
-        return found, _at_fix(found, fixes, model, settings)
+        return found, _at_fix(found, intervals, here, model, settings)
 
     imu, parts, told, left_out = _parts(imu, good, aligned, -np.inf if start is None else start.time)
     alignment, initial = parts[0].alignment, parts[0].initial
@@ -301,8 +307,12 @@ def _first_part(imu: ImuData, gps: GpsData) -> ImuData:
     return imu.rows(slice(int(np.searchsorted(imu.time, moving + 2.0 * motion.SPAN + LEVEL_SPAN))))
 
 
-def _at_fix(alignment: Alignment, gps: GpsData, model: ErrorModel, settings: FilterSettings) -> InitialState:
-    """Initial state at the fix the alignment was made for; `gps`: as of an antenna at the IMU."""
+def _at_fix(
+    alignment: Alignment, parts: strapdown.Intervals, gps: GpsData, model: ErrorModel, settings: FilterSettings
+) -> InitialState:
+    """Initial state at the fix the alignment was made for."""
+    if settings.lever_b.any():
+        gps = motion.at_imu(gps, parts, alignment, settings.lever_b)
     row = int(np.argmin(np.abs(gps.time - alignment.time)))
     alignment = replace(alignment, time=float(gps.time[row]))
     # an uncertain heading swings the horizontal part of the lever arm, by its length at most
@@ -313,9 +323,6 @@ def _at_fix(alignment: Alignment, gps: GpsData, model: ErrorModel, settings: Fil
     elif np.isfinite(gps.v_n[row]).all():
         v_n, velocity_sd = gps.v_n[row], np.hypot(gps.velocity_sd[row], START_VELOCITY_SD)
     else:
-        speed = motion.velocity(gps)
-        near = np.argsort(np.abs(speed.time - alignment.time))[:3]
-        v_n = speed.v_n[near].mean(axis=0)
-        away = float(np.abs(speed.time[near].mean() - alignment.time))
-        velocity_sd = np.full(3, np.hypot(np.median(speed.sd[near]), ACCELERATION * away))
+        v_n, velocity_sd = motion.start_velocity(parts, alignment, gps, settings.lever_sd)
+        velocity_sd = np.hypot(velocity_sd, START_VELOCITY_SD)
     return initial_state(alignment, model, gps.lla[row], v_n, position_sd, velocity_sd, from_fix=True)

@@ -11,6 +11,7 @@ import pytest
 import insnav
 from insnav.alignment import align, align_static, find_stationary
 from insnav.alignment.align import stationary_of, still_of
+from insnav.alignment.in_motion import start_velocity
 from insnav.alignment.static import sway
 from insnav.attitude import (
     dcm_from_rph,
@@ -352,6 +353,35 @@ def test_poor_positions_alone_show_motion_by_a_longer_way(begin):
         found = aligned(replace(record, gps=gps))
         assert found.heading_method == "GPS course"
         assert (np.abs(error(found, truth)) <= 3.5 * found.sd).all()
+
+
+@pytest.mark.parametrize(("noise", "least", "begin"), [(0.01, 0.7, 533.0), (0.01, 0.7, 545.5), (2.0, 3.0, 533.0)])
+def test_the_velocity_at_a_start_by_positions_alone_is_as_sure_as_it_says(noise, least, begin):
+    """A car that gains 1.7 m/s^2: the mean velocity of the positions about its start is metres per second off."""
+    errors, sds = [], []
+    for seed in range(20):
+        truth = started(heading=0.3 * seed)
+        record = log(truth, CAR, seed)
+        receiver = GpsErrors((noise, noise, noise))
+        record = since(replace(record, gps=corrupt_gps(fixes(truth), receiver, (seed, 2))), begin)
+        v_n, sd = start_velocity(intervals(record.imu), aligned(record), record.gps, 0.0)
+        errors.append(v_n - truth.evaluate(record.gps.time[:1]).v_n[0])
+        sds.append(sd)
+    assert (np.abs(np.array(errors)) <= 3.5 * np.array(sds)).all()
+    assert (honest(errors, sds) < 1.5).all()
+    assert (np.array(sds)[:, :2] < least).all()
+
+
+def test_the_velocity_at_a_start_is_exact_where_all_else_is():
+    truth = started()
+    time = truth.start + np.arange(34.506, 60.0)  # between two samples
+    gps = gps_from_truth(truth, time, np.zeros(3))
+    gps = replace(gps, position_sd=np.full_like(gps.lla, 0.01))
+    rph = truth.evaluate(time[:1]).rph[0]
+    found = Alignment(float(time[0]), rph, np.full(3, 0.1 * DEG), np.zeros(3), np.zeros(3), None, "given", "given")
+    v_n, sd = start_velocity(intervals(perfect(truth, 50.0)), found, gps, 0.0)
+    np.testing.assert_allclose(v_n, truth.evaluate(time[:1]).v_n[0], atol=0.01)
+    assert (sd < 0.03).all()
 
 
 def test_a_rest_that_ends_before_the_first_fix_is_no_start():
