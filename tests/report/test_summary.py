@@ -172,6 +172,13 @@ def test_many_rejected_fixes_are_pointed_out_and_few_are_not(driven, navigated):
     every_other = np.arange(len(run.innovations.time)) % 2 == 0
     bad = replace(run, innovations=replace(run.innovations, used_position=every_other))
     assert "warning: many fixes were rejected, 50 % of position:" in result_of(bad).summary()
+    fixes = run.innovations
+    row = np.arange(fixes.time.size) // (fixes.time.size // 5) == 2  # a fifth of the drive, whatever else is named
+    event = Event(0.0, EventKind.GATE_RECORD_POSITION, 1.0, 1.0, "-", "not used")
+    bad = replace(run, innovations=replace(fixes, used_velocity=~row), events=(*run.events, event))
+    (told,) = [line for line in run_warnings(EvaluatedRun(bad)) if "rejected" in line]
+    assert "every velocity from" in told
+    assert "was rejected: false fixes, or false samples" in told
 
 
 def test_a_scale_factor_that_no_sensor_has_is_pointed_out(driven):

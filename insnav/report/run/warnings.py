@@ -28,6 +28,7 @@ from insnav.units import DEG
 HOLDS = 0.95  # share of errors inside 3 sd that needs no word
 _LARGEST_SCALE = LARGEST["scale_factor"]["accel"]
 _MANY = 0.1  # share of rejected fixes that wants an explanation
+_MOST, _ONE_ROW = 0.5, 0.8  # the same where so large a part of them is one row: a fault that ended
 _ROW, _ROW_TIME = 3, 1.9  # rejected fixes in a row, and over so long [s], that are more than chance
 _LONG_GAP = 1.0  # of samples [s]: a car turns and brakes in it
 _EXPLAINED = 0.5  # part of the epochs outside 3 sd that a constant difference must not leave, to be their cause
@@ -132,22 +133,27 @@ def _times(count: int) -> str:
 def _many_rejected(run: Run) -> Iterator[str]:
     """So many fixes rejected that the fixes are hardly to blame, and nothing that names them."""
     fixes = run.innovations
-    named = EventKind.GPS_FROZEN, EventKind.GATE_RECORD_POSITION, EventKind.GATE_RECORD_VELOCITY
-    if any(event.kind in named for event in run.events):
-        return
+    named = {event.kind for event in run.events}
     groups, rows = [], []
-    for name, first, used in (("position", 0, fixes.used_position), ("velocity", 3, fixes.used_velocity)):
+    for name, first, used, by in (
+        ("position", 0, fixes.used_position, {EventKind.GPS_FROZEN, EventKind.GATE_RECORD_POSITION}),
+        ("velocity", 3, fixes.used_velocity, {EventKind.GPS_FROZEN, EventKind.GATE_RECORD_VELOCITY}),
+    ):
+        if named & by:
+            continue
         processed = np.isfinite(fixes.innovation[:, first : first + 3]).any(axis=1)
-        if processed.any() and (share := float(np.mean(~used[processed]))) > _MANY:
+        time, rejected = fixes.time[processed], ~used[processed]
+        found = [(int(np.sum((time >= a) & (time <= b))), name, a, b) for a, b in stretches(time, rejected)]
+        rows += [each for each in found if each[0] >= _ROW and each[3] - each[2] >= _ROW_TIME]
+        share = rejected.mean() if processed.any() else 0.0
+        row = max(found)[0] if found else 0
+        if share > (_MOST if row > _ONE_ROW * rejected.sum() else _MANY):
             groups.append(f"{100.0 * share:.0f} % of {name}")
-        time = fixes.time[processed]
-        found = [(name, a, b) for a, b in stretches(time, ~used[processed]) if b - a >= _ROW_TIME]
-        rows += [each for each in found if np.sum((time >= each[1]) & (time <= each[2])) >= _ROW]
     if groups:
         causes = "is a heading, lever arm, axis, clock or standard deviation wrong?"
         yield f"many fixes were rejected, {' and '.join(groups)}: {causes} See innovations and events"
     elif rows:
-        name, start, stop = max(rows, key=lambda row: row[2] - row[1])
+        _, name, start, stop = max(rows, key=lambda row: row[3] - row[2])
         more = f", and so it was {_times(len(rows) - 1)} for a shorter time" * (len(rows) > 1)
         yield f"every {name} from {moment(start, stop)} was rejected{more}: false fixes, or false samples"
 
