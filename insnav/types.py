@@ -446,6 +446,8 @@ class Run:
         The smoothed solution, if there is one.
     aiding : tuple of AidingUse
         Aiding measurements besides fixes.
+    lever_sd_alone : (3,) array
+        `lever_sd` as the filter has it: parts of the drive may agree less on the delay, and with it on the arm [m].
     """
 
     solution: Trajectory
@@ -460,3 +462,4 @@ class Run:
     lever_sd: FloatArray = field(default_factory=lambda: np.zeros(3))
     smoothed: Smoothed | None = None
     aiding: tuple[AidingUse, ...] = ()
+    lever_sd_alone: FloatArray = field(default_factory=lambda: np.zeros(3))

@@ -82,7 +82,7 @@ def pretended(ready: Prepared, run: Run) -> float:
     attitude = np.diagonal(run.epochs.covariance, axis1=1, axis2=2)[row, 6:]
     turned = np.minimum(attitude, SHOWN_AFTER * ready.model.noise[:3].mean()).mean(axis=1)
     told = 2.0 * turned / np.mean(run.innovations.sd[:, :3] ** 2, axis=1)
-    return float(told[run.innovations.used_position].sum() * np.max(run.lever_sd) ** 2)
+    return float(told[run.innovations.used_position].sum() * np.max(run.lever_sd_alone) ** 2)
 
 
 def hidden_by_noise(ready: Prepared, run: Run) -> tuple[Event, ...]:

@@ -175,6 +175,7 @@ class Navigator:
             self._model.axes_sd,
             estimate.delay,
             estimate.stated(),
+            estimate.covariance,
             estimate.history.smooth() if estimate.history is not None else None,
         )
 

@@ -14,7 +14,7 @@ from insnav.filter.measurements.measurement import Measurement
 from insnav.filter.settings import FilterSettings
 from insnav.filter.shocks import shocks
 from insnav.filter.smoother import SmoothedErrors
-from insnav.filter.state_layout import layout
+from insnav.filter.state_layout import Layout, layout
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import SENSOR, STATES, Outputs, at_fix_time, feed_back, move_along, variances
 from insnav.kernels.output import add_moved, deviations, moved, sides
@@ -168,9 +168,10 @@ class Record:
         axes_sd: FloatArray,
         delay: float,
         covariance: FloatArray,
+        alone: FloatArray,
         found: SmoothedErrors | None,
     ) -> Run:
-        """Put everything into shape."""
+        """Put everything into shape; `covariance` as stated, `alone` as the filter has it."""
         n, at = self._count, layout(settings)
         if not any(room.used[0] for room in self._rooms):
             raise InputError(
@@ -240,9 +241,14 @@ class Record:
             gps_delay_sd=float(np.sqrt(covariance[STATES, STATES])) if covariance.shape[0] > STATES else 0.0,
             smoothed=smoothed,
             lever_b=lever_b.copy(),
-            lever_sd=np.sqrt(covariance.diagonal()[at.lever : at.lever + 3]) if at.lever >= 0 else np.zeros(3),
+            lever_sd=_of_lever(at, covariance),
+            lever_sd_alone=_of_lever(at, alone),
             aiding=tuple(_aiding_use(*what, np.array(rows)) for what, rows in sorted(self._aiding.items())),
         )
+
+
+def _of_lever(at: Layout, covariance: FloatArray) -> FloatArray:
+    return np.sqrt(covariance.diagonal()[at.lever : at.lever + 3]) if at.lever >= 0 else np.zeros(3)
 
 
 def _aiding_use(name: str, unit: str, rows: FloatArray) -> AidingUse:

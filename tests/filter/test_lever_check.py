@@ -11,6 +11,7 @@ import pytest
 import insnav
 from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.earth import lla_offset, ned_offset
+from insnav.filter.navigate import feed
 from insnav.input import read_gps, read_imu
 from insnav.session.simulation import plan_of, profiled
 from insnav.types import GpsData, ImuData
@@ -132,3 +133,14 @@ def test_a_wrong_lever_arm_beside_noisy_gyros_is_said_or_not_used(metres, kept):
     assert ("the lever arm given is used, though fixes show" in said) is kept
     assert ("the antenna seems to be at" in said) is not kept
     assert bool(found.found.run.lever_b[0] == metres) is kept
+
+
+def test_what_parts_of_the_drive_disagree_on_leaves_the_lever_arm_of_the_filter():
+    drive = insnav.simulate("round_trip", imu="automotive", gps="rtk", seed=3)
+    ready = insnav.load(drive.imu.data, drive.gps.data).prepared()
+    runs = []
+    for surest in (0.0, 0.3):
+        some = replace(ready, settings=replace(ready.settings, surest=surest, smooth=False))
+        runs.append(feed(some.navigator(), some.imu).finish())
+    assert (runs[1].lever_sd > 1.2 * runs[0].lever_sd).any()
+    np.testing.assert_array_equal(runs[1].lever_sd_alone, runs[0].lever_sd)

@@ -159,6 +159,22 @@ def test_a_lever_arm_of_zero_is_an_assumption_unless_it_was_given(driven, naviga
     assert not any("lever arm" in text for text in given)
 
 
+def test_what_was_not_given_is_said_as_the_drive_shows_it(driven, navigated):
+    run, gps, _ = driven
+    arm, sd = np.array([1.0, 0.0, -0.5]), np.array([0.1, 0.02, 0.003])
+    shown = replace(run, gps_delay=-0.069, gps_delay_sd=0.004, lever_b=arm, lever_sd=sd)
+    page = replace(
+        navigated.page(), notes=("the clock of the IMU is 292 ppm fast against GPS time: corrected", "other")
+    )
+    (said,) = [line for line in brief_lines(page, EvaluatedRun(shown, gps), None) if line.startswith("found")]
+    assert (
+        "the fixes are 0.069 ± 0.004 s early; lever arm x, y, z 1.00 ± 0.10, 0.00 ± 0.02, -0.50 ± 0.01 m; the " in said
+    )
+    assert said.endswith("292 ppm fast against GPS time: corrected")
+    given = replace(run, gps_delay_sd=0.0, lever_sd=np.zeros(3))
+    assert not any(line.startswith("found") for line in brief_lines(navigated.page(), EvaluatedRun(given, gps)))
+
+
 def test_standard_deviations_that_were_assumed_are_listed(navigated):
     note = "600 fixes without position sigma: assumed as of a receiver without corrections"
     page = replace(navigated, notes=(note, "another")).page()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from insnav.report.run.warnings import HOLDS
 from insnav.report.terminal import WIDTH, table_text
 from insnav.result import Result
 from insnav.sample_statistics import rms, rms_length
-from insnav.types import EventKind, FloatArray
+from insnav.types import EventKind, FloatArray, Run
 
 SCATTER = 2.0  # mean NIS per axis from which on fixes and solution contradict each other
 MOST = 0.5  # of the drive that the reference must cover to say something of the whole
@@ -32,7 +32,7 @@ _PARTS = (
     ("tilt", "deg", slice(6, 8)),
     ("heading", "deg", slice(8, 9)),
 )
-_WARNINGS, _ASSUMED = 3, 6  # rows of each at most; the others are on the page
+_WARNINGS, _FOUND, _ASSUMED = 3, 2, 6  # rows of each at most, of the last two together; the others are on the page
 LINES = 20  # of title 2, verdict 2, table 7, warnings and assumptions; the command adds the files
 
 
@@ -203,8 +203,21 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = WIDTH) -> l
     best, *others = rated(found) or [""]
     table = _table({best: page.merits} | {mode: run_merits(found, mode) for mode in others})
     warnings = _listed("warning", page.warnings, _WARNINGS, width)
-    assumed = _listed("assumed", page.assumptions, _ASSUMED, width)
-    return [*title, *verdict, *table, *warnings, *assumed]
+    told = "; ".join(_found(found.run, page.notes))
+    shown = _rows(f"found: {told}", _FOUND, width) if told else []
+    assumed = _listed("assumed", page.assumptions, _ASSUMED - len(shown), width)
+    return [*title, *verdict, *table, *warnings, *shown, *assumed]
+
+
+def _found(run: Run, notes: Sequence[str]) -> Iterator[str]:
+    """What was not given, and what the drive shows of it."""
+    if 0.0 < run.gps_delay_sd < np.inf:
+        late = "late" if run.gps_delay > 0.0 else "early"
+        yield f"the fixes are {abs(run.gps_delay):.3f} ± {max(run.gps_delay_sd, 0.001):.3f} s {late}"
+    if (run.lever_sd > 0.0).any():
+        arm = ", ".join(f"{x:.2f} ± {max(sd, 0.01):.2f}" for x, sd in zip(run.lever_b, run.lever_sd, strict=True))
+        yield f"lever arm x, y, z {arm} m"
+    yield from (note for note in notes if note.endswith("corrected"))
 
 
 def _table(merits: dict[str, tuple[Quantity, ...]]) -> list[str]:
