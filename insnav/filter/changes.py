@@ -40,8 +40,8 @@ TOLD = {
     0: ("fixes jump by {:.2g} m", "m", 1.0),
     VELOCITY: ("the velocity of the fixes changes by {:.2g} m/s", "m/s", 1.0),
     ATTITUDE: ("the IMU turns by {:.2g} deg in its place, or its gyros miss as much", "deg", float(np.rad2deg(1.0))),
-    NAV: ("the gyro bias steps by {:.2g} deg/s", "deg/s", float(np.rad2deg(1.0))),
-    NAV + 3: ("the accelerometer bias steps by {:.2g} m/s^2", "m/s^2", 1.0),
+    NAV: ("the gyro bias steps by {:.2g} deg/s, most of it about {axis},", "deg/s", float(np.rad2deg(1.0))),
+    NAV + 3: ("the accelerometer bias steps by {:.2g} m/s^2, most of it along {axis},", "m/s^2", 1.0),
 }
 
 
@@ -250,7 +250,8 @@ def told(changes: tuple[StateChange, ...], why: str) -> list[Event]:
     def event(each: StateChange) -> Event:
         text, unit, scale = TOLD[each.first]
         size = scale * float(np.linalg.norm(each.change))
-        said = f"{text.format(size)} at {moment(each.time)}"
+        axis = "xyz"[int(np.argmax(np.abs(each.change)))]
+        said = f"{text.format(size, axis=axis)} at {moment(each.time)}"
         if np.isfinite(each.since):
             said = f"positions drift from {moment(each.since, each.time)}, unlike the velocities, {size:.2g} m in all"
         return Event(each.begin, EventKind.CONTRADICTION, size, np.nan, unit, f"{said}: {why}")

@@ -49,6 +49,7 @@ def test_a_gyro_bias_that_steps_is_found_and_taken_into_account(seed, axis):
     assert not any(event.kind is EventKind.RESET for event in done.run.events)
     (event,) = (event for event in done.run.events if event.kind is EventKind.CONTRADICTION)
     assert "gyro bias steps" in event.action
+    assert f"most of it about {'xyz'[axis]}" in event.action
     assert event.time == pytest.approx(imu.time[0] + AT, abs=2.0)
     assert event.value == pytest.approx(0.5, rel=0.1)
 

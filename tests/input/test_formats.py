@@ -81,6 +81,11 @@ def test_the_supported_formats_are_named_where_nothing_reads_a_file(tmp_path):
         assert suffix in caught.value.fix
 
 
+def test_an_empty_folder_is_said_to_be_one(tmp_path):
+    with pytest.raises(InputError, match="the folder is empty"):
+        read_imu(tmp_path)
+
+
 def test_a_folder_names_the_data_files_in_it(tmp_path):
     for name in ("drive.csv.gz", "rover.pos", "notes.md"):
         (tmp_path / name).write_text("x")

@@ -121,6 +121,13 @@ def _folder_members(folder: Path, name: str) -> dict[str, Callable[[], Source]]:
                 found[(inner / file).as_posix()] = functools.partial(open_source, Path(place) / file)
         if len(found) > _MAX_FILES:
             raise InputError("the folder has too many files", where=name, fix="give the folder of one recording")
+    if not found:
+        raise InputError(
+            "the folder is empty",
+            where=name,
+            why="it holds no file",
+            fix="give the folder of one recording, or its files",
+        )
     return found
 
 
