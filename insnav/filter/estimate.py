@@ -65,10 +65,10 @@ class Estimate:
         self.lever, self._swung, self.corrected = self.arm[:3], np.zeros(3), np.zeros(3)
         self.motion, self.span = start.motion.copy(), np.zeros(1)
         self._seen = self.x, self.correction, self.arm
-        self.history = History(n, settings.surest) if settings.smooth else None
+        self.history = History(n) if settings.smooth else None
         self._engine = Engine(start.covariance)
         self._record, self._lever_given, self._gps_noise = record, settings.lever_b, settings.correlated
-        self._settled, self._surest = settings.settled, settings.surest
+        self._settled, self._surest, self._shown = settings.settled, settings.surest, settings.shown
         if self._gps_noise is not None:
             self._lasting_sd, self._lasting_time = self._gps_noise.sds, self._gps_noise.times
             self._lasting = slice(self.at.correlated, self.at.correlated + self._lasting_sd.size)
@@ -112,9 +112,14 @@ class Estimate:
         )
         return k
 
+    @property
+    def surest(self) -> float:
+        """Least standard deviation of the delay that is plausible [s]: search and filter may not agree so well."""
+        return max(self._surest, abs(self.delay - self._shown) - self._surest) if self._surest > 0.0 else 0.0
+
     def stated(self) -> FloatArray:
         """Covariance with the delay no surer than is plausible; that of the filter makes its gains."""
-        found: FloatArray = errorstate.less_sure(self.covariance, self._surest)
+        found: FloatArray = errorstate.less_sure(self.covariance, self.surest)
         return found
 
     def predict(self, time: float) -> None:

@@ -122,6 +122,11 @@ def filtered(ready: Prepared, *, starts: int | None = None, gates: Gates | None 
     return Filtered(ready, settings, epochs, *navigator.delay, shaken, lever_sd, navigator.misfit())
 
 
+def _half(ready: Prepared) -> float:
+    """Half the length of what is looked at of a record [s]."""
+    return 0.5 * min(float(np.ptp(ready.imu.time)), LONGEST)
+
+
 def _doubted(ready: Prepared) -> tuple[Prepared, Gates]:
     """A recording whose fixes are hardly precise, and gates that reject none."""
     position_sd, velocity_sd = np.hypot(ready.gps.position_sd, POOR[0]), np.hypot(ready.gps.velocity_sd, POOR[1])
@@ -241,9 +246,10 @@ def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Foun
     return Found(delay, sd, drift, lag, lag_sd, likelihood.moments)
 
 
-def surest_of(ready: Prepared) -> float:
-    """Least standard deviation of the delay of a recording that is stated, or 0 if nothing tells it [s]."""
-    return delay_of(filtered(ready), velocity_lag(ready.gps)).surest
+def shown_again(ready: Prepared) -> FilterSettings:
+    """Settings with the delay that the search shows now, and the least standard deviation of it that is stated."""
+    found = delay_of(filtered(ready), velocity_lag(ready.gps))
+    return replace(ready.settings, surest=found.surest, shown=found.delay + found.drift * _half(ready))
 
 
 def _with_lag(
@@ -285,17 +291,17 @@ def on_time(
     [s/s]; `settings`: of the filter; a delay that is given is not looked for; `at_first`: where the search begins.
     """
     ready = prepared(*at_first)
-    clock, rate = at_first
+    clock, rate = own = at_first
     if settings.delay_sd <= 0.0 and settings.lever_sd <= 0.0 and not settings.lever_b.any():
         return ready
     seen = filtered(ready)
     further, width, lags = seen, settings.delay_sd, (ready.settings.velocity_lag, 0.0, ready.settings.moments)
-    before, last, surest = (ready, seen), 0.0, 0.0
+    before, last, surest, shown, half = (ready, seen, at_first), 0.0, 0.0, 0.0, _half(ready)
     alone = velocity_lag(ready.gps) if settings.delay_sd > 0.0 else (0.0, np.inf)
     for _ in range(ROUNDS if settings.delay_sd > 0.0 else 0):
         found = delay_of(further, alone)
         delay, sd, drift = found[:3]
-        surest = found.surest
+        surest, shown = found.surest, clock + delay + half * (rate + drift)
         # once it was moved, or where the state of the filter, which is linear, goes as surely the same way
         agrees = further.delay * np.sign(delay) > SURE * further.delay_sd
         sure = SURE if clock == 0.0 and not agrees else REFINED
@@ -307,11 +313,11 @@ def on_time(
         left = float(np.hypot(sd, 0.0 if moved else delay))
         width = max(settings.delay_sd, min(LOOKED * left, WIDEST))
         if moved and abs(last) < settings.delay_sd and delay * last < -BACK * last**2:
-            ready, seen = before
+            ready, seen, own = before
             break
         if not moved and not lagging:
             break
-        before, last = (ready, seen), 0.0 if drift or not moved else delay
+        before, last = (ready, seen, own), 0.0 if drift or not moved else delay
         if moved:
             clock, rate = clock + delay, rate + drift
         there = prepared(clock, rate)
@@ -320,10 +326,18 @@ def on_time(
         refined = further is seen and sure == REFINED and abs(delay) < settings.delay_sd and not drift
         further = filtered(there)
         if refined or further.misfit <= seen.misfit + WORSE:  # a large one is found in steps: the first may be worse
-            ready, seen = there, further
+            ready, seen, own = there, further, (clock, rate)
     arm = replace(ready.settings, shaken=seen.shaken, lever_sd=seen.lever_sd)
     lag_sd = LOOKED * lags[1] if lags[1] > LAG_SD_WORTH else 0.0
-    arm = replace(arm, delay_sd=width, surest=surest, velocity_lag=lags[0], lag_sd=lag_sd, moments=lags[2])
+    arm = replace(
+        arm,
+        delay_sd=width,
+        surest=surest,
+        shown=shown - own[0] - half * own[1],
+        velocity_lag=lags[0],
+        lag_sd=lag_sd,
+        moments=lags[2],
+    )
     ready = replace(ready, settings=arm)
     if seen.ready.clock == ready.clock and not ready.parts:  # of a start in motion
         ready = replace(ready, alignment=seen.ready.alignment, initial=seen.ready.initial)

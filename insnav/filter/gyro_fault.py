@@ -18,7 +18,7 @@ from operator import itemgetter
 import numpy as np
 
 from insnav import strapdown
-from insnav.filter.gps_delay import surest_of
+from insnav.filter.gps_delay import shown_again
 from insnav.filter.noise_identification import (
     LATER,
     MOVED,
@@ -122,9 +122,10 @@ def without_gyro_faults(ready: Prepared, found: NoiseEstimate, spec: ImuSpec) ->
             said.append(Event(fault.begin, EventKind.CONTRADICTION, abs(rate), np.nan, "deg/s", text))
         opened = OPENED * abs(fault.rate) * np.eye(3)[fault.cause]
         changes += [StateChange(at, NAV, opened, fault.gain, -np.inf) for at in (fault.begin, fault.end)]
-    settings = replace(ready.settings, changes=tuple(sorted(changes, key=lambda each: each.time)))
+    settings = ready.settings
     if every and settings.surest > 0.0:  # because of these parts of the drive disagreed
-        settings = replace(settings, surest=surest_of(ready))
+        settings = shown_again(ready)
+    settings = replace(settings, changes=tuple(sorted(changes, key=lambda each: each.time)))
     return replace(ready, settings=settings, faults=(*ready.faults, *said)), replace(found, seen=None)
 
 

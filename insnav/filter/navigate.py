@@ -23,8 +23,8 @@ from insnav.imu.specification import ImuSpec
 from insnav.types import Event, EventKind, FloatArray, GpsData, ImuData, Run, StateChange, Trajectory
 
 AidingChoice = Literal["auto", "on", "off"]
-# Times what a model shows: noise found anew, with the fault in it, hides a part. Drags that two of 14 drives hid were 1.9
-# and 2.2 times that.
+# Times what a model shows: noise found anew, with the fault in it, hides a part. Drags that two of 14 drives hid were
+# 1.9 and 2.2 times that.
 ABSORBED = 2.5
 GAP_WORTH = 3.0  # a GPS gap from which other aiding is worth a second pass: less drifts by centimetres [s]
 PLAUSIBLE = 3.0  # a lever arm found within so many standard deviations of the one given, or none, is believed

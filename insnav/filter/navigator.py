@@ -176,7 +176,7 @@ class Navigator:
             estimate.delay,
             estimate.stated(),
             estimate.covariance,
-            estimate.history.smooth() if estimate.history is not None else None,
+            estimate.history.smooth(estimate.surest) if estimate.history is not None else None,
         )
 
     def misfit(self) -> float:

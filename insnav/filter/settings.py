@@ -24,7 +24,10 @@ class FilterSettings:
     shaken: float = 0.0  # of the arm by which vibration moves the antenna, for the receiver, less that one [m]
     delay: float = 0.0  # how much older the fixes are than their timestamps [s]
     delay_sd: float = 0.0  # of that [s]; estimated, it puts the solution into the time of the fixes
-    surest: float = 0.0  # least standard deviation of the delay that is stated [s]; see `errorstate.less_sure`
+    # least standard deviation of the delay that is stated, and the delay that the search for one has shown, beyond the
+    # one given [s]; see `Estimate.surest`
+    surest: float = 0.0
+    shown: float = 0.0
     velocity_lag: float = 0.0  # of the velocity of a fix behind its position [s]; see `gps_delay.delay_of`
     lag_sd: float = 0.0  # of that [s]
     moments: tuple[float, ...] = (1.0,)  # whose mean velocities are, in lags before the fix [-]

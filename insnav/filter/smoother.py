@@ -37,8 +37,8 @@ class SmoothedErrors:
 class History:
     """Every filter epoch, in blocks."""
 
-    def __init__(self, states: int, surest: float = 0.0) -> None:
-        self._states, self._surest = states, surest
+    def __init__(self, states: int) -> None:
+        self._states = states
         self._width = kernel.width(states)
         self._blocks: list[FloatArray] = []
         self._used = ROWS
@@ -76,8 +76,8 @@ class History:
         """Every epoch in one array."""
         return np.concatenate([*self._blocks[:-1], self._blocks[-1][: self._used]])
 
-    def smooth(self) -> SmoothedErrors:
-        """Go backwards over all epochs."""
+    def smooth(self, surest: float = 0.0) -> SmoothedErrors:
+        """Go backwards over all epochs; `surest`: least standard deviation of the delay that is stated [s]."""
         count = (len(self._blocks) - 1) * ROWS + self._used
         n, m = self._states, STATES
         adjoint, information = np.zeros(n), np.zeros((n, n))
@@ -96,7 +96,7 @@ class History:
             kernel.backward(
                 block,
                 n,
-                self._surest,
+                surest,
                 adjoint,
                 information,
                 after[part],
