@@ -212,8 +212,9 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = WIDTH) -> l
 def _found(run: Run, notes: Sequence[str]) -> Iterator[str]:
     """What was not given, and what the drive shows of it."""
     if 0.0 < run.gps_delay_sd < np.inf:
-        late = "late" if run.gps_delay > 0.0 else "early"
-        yield f"the fixes are {abs(run.gps_delay):.3f} ± {max(run.gps_delay_sd, 0.001):.3f} s {late}"
+        size, sd = abs(run.gps_delay), max(run.gps_delay_sd, 0.001)
+        late = f"{size:.3f} ± {sd:.3f} s {'late' if run.gps_delay > 0.0 else 'early'}"
+        yield f"the fixes are {late if size > 2.0 * sd else f'on time to ± {sd:.3f} s'}"
     if (run.lever_sd > 0.0).any():
         arm = ", ".join(f"{x:.2f} ± {max(sd, 0.01):.2f}" for x, sd in zip(run.lever_b, run.lever_sd, strict=True))
         yield f"lever arm x, y, z {arm} m"
