@@ -125,7 +125,9 @@ def drive_of(readings: Readings) -> Drive:
     imu, sensor_logs, clocks = on_one_clock(readings.imu, readings.gps, readings.logs, inputs)
     readings, samples = replace(readings, imu=imu, logs=sensor_logs), imu.data
     fixes, assumed = defaults.complete_fixes(samples, readings.gps, readings.reference, inputs)
-    mounted, yaw, turned = as_mounted(readings.imu, fixes, inputs)
+    # what changes slowly does not hide accelerations: fixes without a standard deviation are as good as they scatter
+    short = fixes if readings.gps is None else with_sd(readings.gps.data)[0]
+    mounted, yaw, turned = as_mounted(readings.imu, short, inputs)
     readings, samples = replace(readings, imu=mounted), mounted.data
     spec, chosen = given_model or defaults.imu_from_rest(samples, defaults.stationary_part(samples, fixes, inputs))
     logs = tuple(log.data for log in readings.logs.values())
