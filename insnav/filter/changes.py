@@ -38,7 +38,7 @@ LEAST = 0.2  # probability of either explanation, at least: half of three standa
 VELOCITY, ATTITUDE = 3, 6  # first of their error states
 TOLD = {
     0: ("fixes jump by {:.2g} m", "m", 1.0),
-    VELOCITY: ("the velocity of the fixes changes by {:.2g} m/s", "m/s", 1.0),
+    VELOCITY: ("the velocity by the fixes changes by {:.2g} m/s", "m/s", 1.0),
     ATTITUDE: ("the IMU turns by {:.2g} deg in its place, or its gyros miss as much", "deg", float(np.rad2deg(1.0))),
     NAV: ("the gyro bias steps by {:.2g} deg/s, most of it about {axis},", "deg/s", float(np.rad2deg(1.0))),
     NAV + 3: ("the accelerometer bias steps by {:.2g} m/s^2, most of it along {axis},", "m/s^2", 1.0),

@@ -344,14 +344,14 @@ def on_time(
     lagging, known = abs(lags[0]) > LAG_WORTH, lags[1] > 0.0
     notes = [note for note in ready.notes if lagging > known or not note.startswith(LAGGING_NOTE)]
     if lagging and known:
-        notes.append(f"{LAGGING_NOTE} {lags[0]:.3f} ± {max(lags[1], 0.001):.3f} s; corrected")
+        notes.append(f"{LAGGING_NOTE} {lags[0]:.3f} ± {max(lags[1], 0.001):.3f} s, corrected")
     if ready.clock != 0.0:
         which = "late" if ready.clock > 0.0 else "early"
         # by how much is said once, by the run, which goes on from there
         notes.append(f"the fixes are {which}: IMU time is moved into that of the fixes")
     if ready.rate != 0.0:
         which = "slow" if ready.rate > 0.0 else "fast"
-        notes.append(f"the clock of the IMU is {abs(1e6 * ready.rate):.0f} ppm {which} against GPS time: corrected")
+        notes.append(f"the clock of the IMU is {abs(1e6 * ready.rate):.0f} ppm {which} against GPS time, corrected")
     return replace(ready, notes=tuple(notes))
 
 

@@ -72,6 +72,7 @@ INTERVAL = np.array([-1.96, 1.96])  # ends of 95 % of a normal distribution, in 
 # the white part exceeds it. From further factors it is looked for, as most fixes may have been rejected.
 DOUBTED = 1.15
 UNDERSTATED, UNDERSTATED_STARTS = 2.0, (1.0, 5.0, 50.0)
+NO_NOISE = 10.0  # times from which it may be more than a remark on the receiver [-]
 # a drive is by another IMU if by chance its innovations are so unlikely, and figures so many times and standard
 # deviations off those of all
 CHANCE, UNLIKE, UNLIKE_SD = 1e-4, 2.0, 3.0
@@ -849,17 +850,20 @@ def understated(ready: Prepared, read: GpsData) -> tuple[Event, ...]:
     found = ready.noise
     if found is None or not np.isfinite(read.position_sd).all():
         return ()
-    velocity = float(found.velocity_factor.max()) if np.isfinite(read.velocity_sd).all() else 1.0
-    position = float(found.position_factor.max())
-    if max(position, velocity) < UNDERSTATED:
+    known = bool(np.isfinite(read.velocity_sd).all())
+    level, height = float(found.position_factor[:2].max()), float(found.position_factor[2])
+    factors = {"positions": level, "heights": height, "velocities": float(found.velocity_factor.max()) * known}
+    large = {name: factor for name, factor in factors.items() if factor >= UNDERSTATED}
+    if not large:
         return ()
-    velocities = f", {velocity:.2g} for velocities" * bool(np.isfinite(read.v_n).any())
-    told = (
-        f"the standard deviations of the fixes are too small: taken {position:.2g} times as large for positions"
-        f"{velocities}, by the innovations; errors that change slowly hardly show there"
+    most, size = (
+        max(large.values()),
+        " and ".join(f"{each:.2g} times as large for {name}" for name, each in large.items()),
     )
-    kind = EventKind.CONTRADICTION
-    return (Event(ready.initial.time, kind, max(position, velocity), UNDERSTATED, "", told),)
+    told = f"the standard deviations of the fixes are too small: taken {size}, by the innovations"
+    told += "; or a scale, clock or axis is wrong, or it is another drive" * (most > NO_NOISE)
+    told += "; errors that change slowly hardly show there"
+    return (Event(ready.initial.time, EventKind.CONTRADICTION, most, UNDERSTATED, "", told),)
 
 
 def figure_words(figure: NoiseFigure) -> str:

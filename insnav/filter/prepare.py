@@ -272,7 +272,7 @@ def _noise_of_fixes(
     lag, lag_sd = velocity_lag(gps)
     if abs(lag) > max(LAG_WORTH, 5.0 * lag_sd):
         settings = replace(settings, velocity_lag=lag)
-        notes.append(f"{LAGGING_NOTE} {lag:.3f} ± {max(lag_sd, 0.001):.3f} s; corrected")
+        notes.append(f"{LAGGING_NOTE} {lag:.3f} ± {max(lag_sd, 0.001):.3f} s, corrected")
     correlated = correlated_noise(gps, settings.velocity_lag, reported=reported)
     if correlated is not None:
         settings = replace(settings, correlated=correlated)

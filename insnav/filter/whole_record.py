@@ -400,10 +400,11 @@ def told_false(gps: GpsData, trust: Trust) -> list[Event]:
         if false.any():
             spans = [moment(start, stop) for start, stop in stretches(gps.time, false)]
             listed = ", ".join(spans[:3]) + (f" and {len(spans) - 3} more" if len(spans) > 3 else "")
-            largest = float(np.nanmax(size[false]))
+            largest = float(np.max(np.nan_to_num(size[false])))  # none is known of one outside the track
             several = false.sum() > 1
             told = f"{int(false.sum())} {name} " + ("fixes contradict" if several else "fix contradicts")
-            told += f" the whole record by up to {largest:.3g} {unit} and {'were' if several else 'was'} not used: "
+            told += " the whole record" + f" by up to {largest:.3g} {unit}" * (largest > 0.0)
+            told += f" and {'were' if several else 'was'} not used: "
             begin = float(gps.time[false][0])
             found.append(Event(begin, EventKind.CONTRADICTION, largest, float("nan"), unit, told + listed))
     return found

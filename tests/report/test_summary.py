@@ -164,13 +164,13 @@ def test_what_was_not_given_is_said_as_the_drive_shows_it(driven, navigated):
     arm, sd = np.array([1.0, 0.0, -0.5]), np.array([0.1, 0.02, 0.003])
     shown = replace(run, gps_delay=-0.069, gps_delay_sd=0.004, lever_b=arm, lever_sd=sd)
     page = replace(
-        navigated.page(), notes=("the clock of the IMU is 292 ppm fast against GPS time: corrected", "other")
+        navigated.page(), notes=("the clock of the IMU is 292 ppm fast against GPS time, corrected", "other")
     )
     (said,) = [line for line in brief_lines(page, EvaluatedRun(shown, gps), None) if line.startswith("found")]
     assert (
         "the fixes are 0.069 ± 0.004 s early; lever arm x, y, z 1.00 ± 0.10, 0.00 ± 0.02, -0.50 ± 0.01 m; the " in said
     )
-    assert said.endswith("292 ppm fast against GPS time: corrected")
+    assert said.endswith("292 ppm fast against GPS time, corrected")
     unsure = replace(shown, gps_delay_sd=0.05)
     assert any("on time to ± 0.050 s; lever" in line for line in brief_lines(page, EvaluatedRun(unsure, gps), None))
     given = replace(run, gps_delay_sd=0.0, lever_sd=np.zeros(3))

@@ -33,6 +33,7 @@ _PARTS = (
     ("heading", "deg", slice(8, 9)),
 )
 _WARNINGS, _FOUND, _ASSUMED = 3, 2, 6  # rows of each at most, of the last two together; the others are on the page
+_HARDLY, _UNKNOWN = 0.1, 0.7  # from which a delay [s] and an arm [m] that are found are hardly known
 LINES = 20  # of title 2, verdict 2, table 7, warnings and assumptions; the command adds the files
 
 
@@ -213,10 +214,16 @@ def _found(run: Run, notes: Sequence[str]) -> Iterator[str]:
     """What was not given, and what the drive shows of it."""
     if 0.0 < run.gps_delay_sd < np.inf:
         size, sd = abs(run.gps_delay), max(run.gps_delay_sd, 0.001)
-        late = f"{size:.3f} ± {sd:.3f} s {'late' if run.gps_delay > 0.0 else 'early'}"
-        yield f"the fixes are {late if size > 2.0 * sd else f'on time to ± {sd:.3f} s'}"
+        late = f"the fixes are {size:.3f} ± {sd:.3f} s {'late' if run.gps_delay > 0.0 else 'early'}"
+        none = (
+            f"the fixes are on time to ± {sd:.3f} s" if sd < _HARDLY else f"delay of the fixes not told, ± {sd:.1f} s"
+        )
+        yield late if size > 2.0 * sd else none
     if (run.lever_sd > 0.0).any():
-        arm = ", ".join(f"{x:.2f} ± {max(sd, 0.01):.2f}" for x, sd in zip(run.lever_b, run.lever_sd, strict=True))
+        arm = ", ".join(
+            f"{x:.2f} ± {max(sd, 0.01):.2f}" if sd < _UNKNOWN else "not told"
+            for x, sd in zip(run.lever_b, run.lever_sd, strict=True)
+        )
         yield f"lever arm x, y, z {arm} m"
     yield from (note for note in notes if note.endswith("corrected"))
 
