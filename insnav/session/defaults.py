@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from insnav.alignment import find_stationary
@@ -16,11 +18,11 @@ from insnav.imu.library import completed
 from insnav.imu.presets import PRESETS
 from insnav.imu.specification import ImuSpec
 from insnav.input import Reading
-from insnav.input.interpret.velocities import fit_velocities
+from insnav.input.interpret.velocities import fit_velocities, scales
 from insnav.session.checked_inputs import vector
 from insnav.session.inputs import Inputs
 from insnav.strapdown import intervals
-from insnav.types import GpsData, ImuData, SensorLog, Trajectory
+from insnav.types import Event, EventKind, GpsData, ImuData, SensorLog, Trajectory
 
 SHORTEST_REST = 5.0  # shorter ones do not show the noise of an IMU [s]
 BENCH_SD = (0.01, 0.005)  # how well a place that is not left is known [m], [m/s]
@@ -85,6 +87,22 @@ def complete_fixes(
     return stationary_fixes(reference.data.lla[0], begin, end, *BENCH_SD), (
         "No GPS: the reference says the vehicle never moves",
     )
+
+
+def with_scales_told(gps: Reading[GpsData] | None) -> Reading[GpsData] | None:
+    """Fixes with an event if their positions do not move as far as the velocities beside them say."""
+    data = None if gps is None else gps.data
+    wrong = [] if data is None else scales(data.time, data.lla, data.v_n)
+    if gps is None or data is None or not wrong:
+        return gps
+    far = " and ".join(f"{size:.2f} ± {max(sd, 0.01):.2f} times as far {name}" for name, size, sd in wrong)
+    told = (
+        f"positions of the fixes move {far} as the velocities beside them say: a scale of either is wrong, and the "
+        "solution follows what is stated to be more precise"
+    )
+    largest = max(abs(size - 1.0) for _, size, _ in wrong)
+    event = Event(float(data.time[0]), EventKind.CONTRADICTION, largest, float("nan"), "", told)
+    return replace(gps, events=(*gps.events, event))
 
 
 def refuse_confused(

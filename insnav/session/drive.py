@@ -124,6 +124,7 @@ def drive_of(readings: Readings) -> Drive:
         )
     imu, sensor_logs, clocks = on_one_clock(readings.imu, readings.gps, readings.logs, inputs)
     readings, samples = replace(readings, imu=imu, logs=sensor_logs), imu.data
+    readings = replace(readings, gps=defaults.with_scales_told(readings.gps))
     fixes, assumed = defaults.complete_fixes(samples, readings.gps, readings.reference, inputs)
     # what changes slowly does not hide accelerations: fixes without a standard deviation are as good as they scatter
     short = fixes if readings.gps is None else with_sd(readings.gps.data)[0]

@@ -11,7 +11,7 @@ import pytest
 import insnav
 from insnav.exceptions import InputError
 from insnav.input import read_gps
-from insnav.input.interpret.velocities import fit_velocities
+from insnav.input.interpret.velocities import fit_velocities, scales
 from insnav.types import GpsData
 from tests.filter import drives
 from tests.shared import recorded
@@ -99,3 +99,40 @@ def test_a_reference_whose_heights_are_in_feet_is_refused():
     confused = replace(truth, lla=truth.lla * [1.0, 1.0, 1.0 / 0.3048])
     with pytest.raises(InputError, match=r"reference contradict each other: .* the heights are in feet"):
         insnav.load(drive.imu.data, drive.gps.data, ref=confused)
+
+
+def moved_otherwise(gps: GpsData, north: float = 1.0, east: float = 1.0, up: float = 1.0) -> GpsData:
+    """Fixes whose positions move so many times as far from the first."""
+    return replace(gps, lla=gps.lla[0] + (gps.lla - gps.lla[0]) * [north, east, up])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_scale_of_positions_against_velocities_is_told_for_its_axis(seed):
+    gps = fixes(seed)
+    assert not scales(gps.time, gps.lla, gps.v_n)
+    for factors in ({"north": 0.9}, {"east": 1.1}, {"north": 1.06, "east": 1.06}):
+        found = scales(gps.time, moved_otherwise(gps, **factors).lla, gps.v_n)
+        assert {name for name, _, _ in found} == set(factors)
+        for name, size, sd in found:
+            assert abs(size - factors[name]) < max(3.0 * sd, 0.015)
+    slower = replace(gps, v_n=0.9 * gps.v_n)
+    assert {"north", "east"} <= {name for name, _, _ in scales(slower.time, slower.lla, slower.v_n)}
+
+
+@pytest.mark.parametrize("drive", ["rtklib_drive_20250708", "ixr_tsukishima_20210412", "umn_thor75_uav"])
+def test_recorded_fixes_have_one_scale_in_any_three_minutes(drive):
+    gps = read_gps(recorded(drive) / "gps.csv").data
+    for begin in np.arange(gps.time[0], gps.time[-1] - 180.0, 60.0):
+        some = gps.rows(np.flatnonzero((gps.time >= begin) & (gps.time < begin + 180.0)))
+        assert not scales(some.time, some.lla, some.v_n)
+    assert scales(gps.time, moved_otherwise(gps, east=0.95).lla, gps.v_n)[0][0] == "east"
+
+
+def test_heights_that_move_twice_as_far_as_velocities_say_are_a_warning():
+    drive = insnav.simulate("mountain_road", imu="automotive", gps="rtk", seed=4)
+    gps = drive.gps.data
+    first = gps.rows(gps.time < gps.time[0] + 200.0)
+    imu = drive.imu.data.rows(drive.imu.data.time < gps.time[0] + 200.0)
+    said = insnav.load(imu, moved_otherwise(first, up=2.0)).navigate().page().warnings
+    assert any("times as far up and down as the velocities beside them say" in text for text in said)
+    assert not any("times as far" in text for text in insnav.load(imu, first).navigate().page().warnings)

@@ -23,6 +23,11 @@ _RISES = 5.0  # standard deviations by which the slope of climb by vertical velo
 _FALLS = 3.0  # and by which it is negative: heights wander, and a flight before its start had -2.5
 _UP, _FEET = -1.0, 1.0 / 0.3048  # that slope for a velocity up, and for heights in feet
 _NEAR, _CLEAR = 0.25, 4.0  # part of the latter that it may differ by, and standard deviations from one of good drives
+# moves whose scale is compared [s], how large they are [m], and how often without those of false fixes
+_MOVE, _LEAST_MOVE, _TRIMMED = 8.0, 1.0, 3
+_LONG_ENOUGH = 60.0  # velocities that lag move less far in a start alone [s]
+# least scale error that is said, the same in standard deviations, and times its variance by errors that last
+_SCALED, _SURE, _LASTING = 0.03, 6.0, 4.0
 _RADIANS = 180.0 / np.pi
 _EARTH_RADIUS = 6.37e6  # a rough one will do [m]
 
@@ -137,6 +142,48 @@ def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | 
         return None
     factor = _UNITS[best[3]]
     return Fit(best[1], (best[2][0], best[2][1]), best[3], ratio, _climb(t, lla[known, 2], gone[:, 2] * factor))
+
+
+def scales(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> list[tuple[str, float, float]]:
+    """Axes along which positions surely move otherwise than velocities say: name, how many times as far, and its sd.
+
+    Both have noise, which makes the slope of moves by velocities too small, and that of velocities by moves: the true
+    one lies between the first and the inverse of the second (W. A. Fuller, "Measurement Error Models", Wiley 1987,
+    section 1.1), and both must tell another scale than one.
+    """
+    known = np.flatnonzero(np.isfinite(v_n).all(axis=1))
+    if known.size < 2 * _FEWEST or np.ptp(time[known]) < _LONG_ENOUGH:
+        return []
+    t, v, at = time[known], v_n[known], lla[known]
+    path = np.column_stack([at[:, 0], np.unwrap(at[:, 1]) * np.cos(at[:, 0].mean()), -at[:, 2] / _EARTH_RADIUS])
+    gone = np.vstack([np.zeros(3), np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t)[:, None], axis=0)])
+    stop = np.searchsorted(t, t + _MOVE)
+    start = np.flatnonzero(stop < len(t))
+    stop = stop[start]
+    start, stop = (each[t[stop] - t[start] < 1.5 * _MOVE] for each in (start, stop))
+    found = []
+    for axis, name in enumerate(("north", "east", "up and down")):
+        said, moved = gone[stop, axis] - gone[start, axis], _EARTH_RADIUS * (path[stop, axis] - path[start, axis])
+        if axis == 2 and said.size:  # receivers climb by centimetres a second at rest
+            said, moved = said - said.mean(), moved - moved.mean()
+        for _ in range(_TRIMMED):  # false fixes do not count
+            both = float(said @ moved)
+            if said.size < _FEWEST or both <= 0.0:
+                break
+            slope = float(np.sqrt((moved @ moved) / (said @ said)))
+            apart = np.abs(moved - slope * said)
+            kept = apart <= _OUTSIDE * np.median(apart)
+            said, moved = said[kept], moved[kept]
+        if min(moved @ moved, said @ said) < said.size * _LEAST_MOVE**2 or (both := float(said @ moved)) <= 0.0:
+            continue
+        low, high = both / float(said @ said), float(moved @ moved) / both
+        size = low if low > 1.0 else min(high, 1.0)
+        # moves overlap, and errors of fixes last
+        scatter = float(np.std(moved - size * said)) * np.sqrt(max(float(np.median(stop - start)), 1.0) * _LASTING)
+        sd = scatter / float(np.linalg.norm(said))
+        if abs(size - 1.0) > max(_SCALED, _SURE * sd):
+            found.append((name, size, sd))
+    return found
 
 
 def _scatter(path: FloatArray) -> float:
