@@ -193,9 +193,12 @@ def _in_motion(
         )
     later = gps.time[gps.time >= max(start, moving)]
     begin = float(later[0]) if later.size else max(start, moving)
-    end = min(begin + LEVEL_SPAN, float(parts.end[-1]) - 0.5, float(speed.time[-1]))
+    interval = motion.interval_of(gps.time)
+    end = min(begin + max(LEVEL_SPAN, 2.0 * interval), float(parts.end[-1]) - 0.5, float(speed.time[-1]))
     lla = gps.lla[np.searchsorted(gps.time, start)]
     found = motion.level_in_motion(parts, begin, end, speed, lla, yaw) if end - begin > 5.0 else None
+    if found is None and interval > 5.0:
+        raise motion.too_sparse(interval)
     if found is None:
         raise AlignmentError(
             "the IMU cannot be aligned in motion",

@@ -9,6 +9,7 @@ import numpy as np
 
 from insnav.attitude import dcm_from_quat, quat_from_rotvec, quat_from_rph, quat_multiply, rph_from_quat, wrap_pi
 from insnav.earth import earth_rate_n, gravity_n, lla_offset, ned_offset
+from insnav.exceptions import AlignmentError
 from insnav.kernels.alignment import gyro_history
 from insnav.strapdown import Intervals, between
 from insnav.types import Alignment, FloatArray, GpsData, IntArray
@@ -21,6 +22,7 @@ SLIP_SD = np.deg2rad(3.0)  # of the direction of travel against the body's forwa
 RATE_SPAN = 0.1  # turn of the lever arm before and after a fix that its velocity is taken from [s]
 DIFFERENCE = 2.0  # base of velocities from positions: 1 m of noise makes 0.7 m/s [s]
 LONGER = 5.0, 10.0  # the same where by it no motion is sure: of positions as poor as those of telephones [s]
+APART = 0.1  # part of a span that the mean times of the velocities at its ends must be apart
 CLEAR_SD = np.deg2rad(20.0)  # of the direction of acceleration, beyond which it decides nothing
 TURNED, REVERSED = np.deg2rad(40.0), np.deg2rad(30.0)  # course and acceleration so far apart, or from opposite
 
@@ -70,14 +72,24 @@ def velocity(gps: GpsData, difference: float = DIFFERENCE) -> Velocity:
     i = np.flatnonzero(ahead < gps.time.shape[0])
     j = ahead[i]
     base = gps.time[j] - gps.time[i]
-    near = base < 2.0 * max(difference, _interval(gps.time))
+    near = base < 2.0 * max(difference, interval_of(gps.time))
     i, j, base = i[near], j[near], base[near]
     moved = ned_offset(gps.lla[j], gps.lla[i]) / base[:, None]
     sd = np.hypot(gps.position_sd[i, :2].max(axis=1), gps.position_sd[j, :2].max(axis=1)) / base
     return Velocity(0.5 * (gps.time[i] + gps.time[j]), moved, sd)
 
 
-def _interval(time: FloatArray) -> float:
+def too_sparse(interval: float) -> AlignmentError:
+    """What to say of fixes so far apart [s] that they show no change of velocity."""
+    return AlignmentError(
+        "the IMU cannot be aligned in motion",
+        why=f"the fixes are {interval:.3g} s apart: no change of velocity is seen",
+        fix="give an initial state with --initial FILE, or begin at rest",
+    )
+
+
+def interval_of(time: FloatArray) -> float:
+    """Median interval of some times, 0 of one [s]."""
     return float(np.median(np.diff(time))) if time.size > 1 else 0.0
 
 
@@ -118,8 +130,11 @@ def start_velocity(parts: Intervals, found: Alignment, gps: GpsData, lever_sd: f
     The way to another fix is ``v t + 1/2 g t^2``, and the specific force integrated twice. The longer it takes, the
     less the noise of positions counts, and the more the level of the alignment: the fix of the best is taken.
     `lever_sd`: standard deviation of the lever arm, with which turns move the antenna otherwise than the IMU [m].
+    Raises: AlignmentError: no other fix lies in the samples.
     """
     later = gps.rows(np.flatnonzero((gps.time >= found.time - 1e-6) & (gps.time <= parts.end[-1])))
+    if later.time.size < 2:
+        raise too_sparse(interval_of(gps.time))
     track = history(parts, found.time, float(later.time[-1]), found.rph, found.gyro_bias, gps.lla[0, 0])
     time, rows, before = later.time[1:] - later.time[0], track.nearest(later.time[1:]), track.integral(later.time[:1])
     pushed = np.diff(between(track.time, track.way, later.time)[1], axis=0).cumsum(axis=0) - before * time[:, None]
@@ -142,7 +157,7 @@ class Course:
 
 def first_motion(speed: Velocity, start: float) -> float | None:
     """Time at which the vehicle first is surely moving: for `SURELY` seconds at every epoch, two at least [s]."""
-    surely = max(SURELY, 1.5 * _interval(speed.time))
+    surely = max(SURELY, 1.5 * interval_of(speed.time))
     fast = np.hypot(speed.v_n[:, 0], speed.v_n[:, 1]) > np.maximum(SLOWEST, 5.0 * speed.sd)
     fast &= speed.time >= start
     slow = np.concatenate([[0], np.cumsum(~fast)])
@@ -235,13 +250,15 @@ def _level(
     parts: Intervals, start: float, end: float, speed: Velocity, lla: FloatArray, yaw: float
 ) -> tuple[FloatArray, float, float] | None:
     """Attitude from one span, and the standard deviation and size of the mean acceleration [m/s^2]."""
-    near = max(1.5, 1.5 * _interval(speed.time))
+    near = max(1.5, 1.5 * interval_of(speed.time))
     first = np.abs(speed.time - start) <= near
     last = np.abs(speed.time - end) <= near
     if not first.any() or not last.any():
         return None
     t0, v0 = speed.time[first].mean(), speed.v_n[first].mean(axis=0)
     t1, v1 = speed.time[last].mean(), speed.v_n[last].mean(axis=0)
+    if t1 - t0 < APART * (end - start):  # fixes so far apart that both ends have the same
+        return None
     slope = (v1 - v0) / (t1 - t0)
     heading = course = float(np.arctan2(v0[1], v0[0])) + yaw
     g = gravity_n(lla[0], lla[2])

@@ -372,6 +372,23 @@ def test_the_velocity_at_a_start_by_positions_alone_is_as_sure_as_it_says(noise,
     assert (np.array(sds)[:, :2] < least).all()
 
 
+@pytest.mark.parametrize(("every", "sees"), [(12, True), (20, True), (45, False), (70, False)])
+def test_positions_far_apart_make_a_start_in_motion_or_say_that_they_are(every, sees):
+    """Mean velocities at both ends of the span may be the same ones: the filter had no covariance that is finite."""
+    made = insnav.simulate("motorway", imu="tactical", gps="dgps", seed=3)
+    imu, gps = made.imu.data, made.gps.data.rows(slice(0, None, every))
+    imu = imu.rows(imu.time > imu.time[0] + 100.0)
+    unknown = np.full_like(gps.v_n, np.nan)
+    drive = insnav.load(imu, replace(gps, v_n=unknown, velocity_sd=unknown))
+    if not sees:
+        with pytest.raises(AlignmentError, match=f"{every} s apart"):
+            drive.prepared()
+        return
+    ready, true = drive.prepared(), made.reference.data
+    wrong = ready.initial.v_n - np.array([np.interp(ready.initial.time, true.time, each) for each in true.v_n.T])
+    assert (np.abs(wrong) < 3.5 * np.sqrt(np.diagonal(ready.initial.covariance)[3:6])).all()
+
+
 def test_the_velocity_at_a_start_is_exact_where_all_else_is():
     truth = started()
     time = truth.start + np.arange(34.506, 60.0)  # between two samples
