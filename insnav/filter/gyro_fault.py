@@ -51,6 +51,7 @@ LONGEST = 0.6  # part of the record; what is off for longer, but not to the end,
 STAYS = 2.0  # twice the gain of the log-likelihood by which its ends do not move: they went to and fro [-]
 LINEAR_ROUNDS = 4  # without another run
 LEAST = 0.3 * DEG  # rate; biases that warm up and what vibration adds on a recorded car, 0.23 deg/s, are none [rad/s]
+LARGEST = 500.0 * DEG  # more is that of a run that is lost, no gyro's: 7000 deg/s of one with false fixes [rad/s]
 SLIGHT = 0.25  # part of that by which a gyro that is off may seem so about a run without it
 ALIKE = 0.3  # part of the largest gain from which an axis is tried: the run with the fault is not linear in it
 SHORTEST_FOUND = 3.0  # what is shorter is left at ends of another one, or what the model of a recorded car lacks [s]
@@ -261,7 +262,10 @@ def _settled(
         edges = np.unique(np.clip(np.concatenate([edges, fault.begin + near, min(fault.end, end) + near]), begin, end))
         spans = drive.by_spans(at, edges, fault.cause)
         before, fault = fault, _likeliest(*spans, edges, fault.cause, fault)
-        if fault.gain < (LOOKED_AT if lost or count == 0 else WORTH) or abs(fault.rate) < SLIGHT * LEAST:
+        if (
+            fault.gain < (LOOKED_AT if lost or count == 0 else WORTH)
+            or not SLIGHT * LEAST <= abs(fault.rate) <= LARGEST
+        ):
             break
         if fault.near(before):
             fault = _likeliest(*spans, edges, fault.cause, before, 0.0)
