@@ -58,6 +58,8 @@ LAG_SD_WORTH = 0.003  # a smaller standard deviation is no state: at 2 m/s^2 it 
 SCALES = 50  # steps of the search for a standard deviation
 OPENED, FREEDOM = 2.0, 3.0  # times the scale of the prior of a lever arm at first; its degrees of freedom
 STARTS = 2  # of a start in motion by the run before
+# The same for the start that it has found: with 2, heading sds of recorded minutes were half to a quarter of the errors
+LOOKED_START = 5.0
 LOOKED = 2.0  # times the standard deviation of the first run for the second: its measurements count little twice
 LEAST_START = 0.5 * DEG  # least standard deviation of attitude from there [rad]
 TRUE_FIXES = 0.9  # part of the fixes that the first look must have accepted for that
@@ -371,13 +373,13 @@ def with_surer_start(ready: Prepared, history: History) -> Prepared | None:
         return None
     x, correction = found.state[0].copy(), found.correction[0].copy()
     feed_back(x, correction, found.after[0])
-    sd = LOOKED * np.sqrt(np.diagonal(found.covariance[0])[6:])
+    sd = LOOKED_START * np.sqrt(np.diagonal(found.covariance[0])[6:])
     alignment = replace(
         alignment,
         rph=rph_from_quat(x[6:10]),
         sd=np.minimum(np.maximum(sd, LEAST_START), alignment.sd),
         gyro_bias=correction[:3],
-        gyro_bias_sd=LOOKED * np.sqrt(found.variance[0, :3]),
+        gyro_bias_sd=LOOKED_START * np.sqrt(found.variance[0, :3]),
         level_method=f"{alignment.level_method}, then filter",
         heading_method=f"{alignment.heading_method}, then filter",
     )

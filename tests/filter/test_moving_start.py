@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import pytest
 
@@ -10,10 +12,13 @@ from insnav.attitude import wrap_pi
 from insnav.earth import ned_offset
 from insnav.filter import FilterSettings
 from insnav.filter.navigate import navigate_recording
+from insnav.input import read_gps, read_imu
 from insnav.session.simulation import plan_of, profiled
 from insnav.simulate import reference
 from insnav.types import GpsData, ImuData, Trajectory
+from insnav.units import DEG
 from tests.filter import drives
+from tests.shared import recorded
 
 LAPS = 4
 FIRST = 60.0  # [s]
@@ -74,3 +79,26 @@ def test_a_lever_arm_is_not_seen_in_an_attitude_that_is_corrected_on_the_way(gra
     solution = run.smoothed.solution
     true = np.column_stack([np.interp(solution.time, made.reference.time, each) for each in made.reference.lla.T])
     assert np.mean(np.abs(ned_offset(solution.lla, true)) < 3.0 * solution.sd[:, :3]) > 0.97
+
+
+@pytest.mark.parametrize("begin", [88.0, 151.0, 209.0, 222.0])
+def test_the_heading_of_a_recorded_piece_begun_in_motion_is_as_sure_as_it_says(begin):
+    """Three quarters of a minute by RTK, against the whole drive by four times as many fixes a second."""
+    imu, gps, whole = recorded_drive()
+    some = (imu.time >= imu.time[0] + begin) & (imu.time < imu.time[0] + begin + 45.0)
+    inside = np.flatnonzero((gps.time >= imu.time[0] + begin) & (gps.time < imu.time[0] + begin + 45.0))
+    run = insnav.load(imu.rows(some), gps.rows(inside[::4])).navigate().found.run
+    assert run.alignment.static is None
+    assert run.smoothed is not None
+    track = run.smoothed.solution
+    wrong = wrap_pi(track.rph[:, 2] - np.interp(track.time, whole.time, np.unwrap(whole.rph[:, 2])))
+    assert np.mean(np.abs(wrong) < 3.0 * track.sd[:, 8]) > 0.97
+    assert np.sqrt(np.mean(wrong**2)) < 2.5 * DEG
+
+
+@lru_cache(maxsize=1)
+def recorded_drive() -> tuple[ImuData, GpsData, Trajectory]:
+    folder = recorded("rtklib_drive_20250708")
+    imu, gps = read_imu(folder / "imu.csv.gz").data, read_gps(folder / "gps.csv").data
+    smoothed = insnav.load(imu, gps).navigate().found.run.smoothed
+    return imu, gps, smoothed.solution
