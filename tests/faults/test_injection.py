@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -48,12 +49,14 @@ def test_false_fixes_of_a_receiver_good_to_centimetres_are_no_gyro_fault():
     assert "gyro" not in found.words
 
 
-def test_fixes_of_which_gates_reject_all_are_refused():
-    """By the noise that was found first, they rejected what it was to be found in again: a division by none."""
+def test_fixes_of_which_gates_reject_most_are_refused():
+    """By the noise found first, they rejected what it was to be found in again: once all, a division by none."""
     (case,) = [case for case in cases() if case.name == "flapping 300m"]
     found = outcome("positions", case)
     assert found.kind == "refused", found
-    assert "the filter rejected 100 % of the positions" in found.words
+    rejected = re.search(r"the filter rejected (\d+) % of the positions", found.words)
+    assert rejected is not None
+    assert int(rejected[1]) > 50
 
 
 def test_gyros_in_degrees_are_named_where_nothing_rests():
