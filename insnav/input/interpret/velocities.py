@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from insnav.earth import ned_offset
 from insnav.input.interpret.schema import ALL_UNITS
-from insnav.types import FloatArray
+from insnav.types import FloatArray, IntArray
 
 SPAN = 2.0  # moves are taken over so long: the noise of positions counts less, turns little [s]
 _FEWEST = 5  # moves that can tell
@@ -95,12 +96,8 @@ def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | 
     north = lla[known, 0] * _EARTH_RADIUS
     east = (np.unwrap(lla[known, 1])) * np.cos(lla[known[0], 0]) * _EARTH_RADIUS
     path = np.column_stack([north, east, -lla[known, 2]])
-    gone = np.vstack([np.zeros(3), np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t)[:, None], axis=0)])
-    far = np.searchsorted(t, t + max(SPAN, 2.5 * float(np.median(np.diff(t)))) - 1e-9)
-    start = np.flatnonzero(far < len(t))
-    stop = far[start]
-    near = t[stop] - t[start] < 3.0 * max(SPAN, 2.5 * float(np.median(np.diff(t))))
-    start, stop = start[near], stop[near]
+    gone, length = _gone(t, v), max(SPAN, 2.5 * float(np.median(np.diff(t))))
+    start, stop = _moves(t, length - 1e-9, 3.0 * length)
     if start.size < _FEWEST:
         return None
     span = t[stop] - t[start]
@@ -154,17 +151,12 @@ def scales(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> list[tuple[str
     known = np.flatnonzero(np.isfinite(v_n).all(axis=1))
     if known.size < 2 * _FEWEST or np.ptp(time[known]) < _LONG_ENOUGH:
         return []
-    t, v, at = time[known], v_n[known], lla[known]
-    path = np.column_stack([at[:, 0], np.unwrap(at[:, 1]) * np.cos(at[:, 0].mean()), -at[:, 2] / _EARTH_RADIUS])
-    gone = np.vstack([np.zeros(3), np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t)[:, None], axis=0)])
-    stop = np.searchsorted(t, t + _MOVE)
-    start = np.flatnonzero(stop < len(t))
-    stop = stop[start]
-    start, stop = (each[t[stop] - t[start] < 1.5 * _MOVE] for each in (start, stop))
+    gone, at = _gone(time[known], v_n[known]), lla[known]
+    start, stop = _moves(time[known], _MOVE, 1.5 * _MOVE)
+    by_velocity, by_position = gone[stop] - gone[start], ned_offset(at[stop], at[start])
     found = []
-    for axis, name in enumerate(("north", "east", "up and down")):
-        said, moved = gone[stop, axis] - gone[start, axis], _EARTH_RADIUS * (path[stop, axis] - path[start, axis])
-        if axis == 2 and said.size:  # receivers climb by centimetres a second at rest
+    for name, said, moved in zip(("north", "east", "up and down"), by_velocity.T, by_position.T, strict=True):
+        if name == "up and down" and said.size:  # receivers climb by centimetres a second at rest
             said, moved = said - said.mean(), moved - moved.mean()
         for _ in range(_TRIMMED):  # false fixes do not count
             both = float(said @ moved)
@@ -186,6 +178,20 @@ def scales(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> list[tuple[str
     return found
 
 
+def _gone(time: FloatArray, v_n: FloatArray) -> FloatArray:
+    """Velocities, integrated from the first on (n, 3) [m]."""
+    return np.vstack([np.zeros(3), np.cumsum(0.5 * (v_n[1:] + v_n[:-1]) * np.diff(time)[:, None], axis=0)])
+
+
+def _moves(time: FloatArray, least: float, most: float) -> tuple[IntArray, IntArray]:
+    """First and last row of each move that lasts so long [s]."""
+    stop = np.searchsorted(time, time + least)
+    start = np.flatnonzero(stop < len(time))
+    stop = stop[start]
+    near = time[stop] - time[start] < most
+    return start[near], stop[near]
+
+
 def _scatter(path: FloatArray) -> float:
     """Noise of a smooth track, by third differences (variance 20 times that of the noise) [m]."""
     if len(path) < 8:
@@ -196,11 +202,7 @@ def _scatter(path: FloatArray) -> float:
 def _climb(time: FloatArray, height: FloatArray, fallen: FloatArray) -> float:
     """How far heights fall by the third velocity, over moves of some length, if not as far; `fallen`: its integral."""
     for span in _CLIMBS:
-        stop = np.searchsorted(time, time + span)
-        start = np.flatnonzero(stop < len(time))
-        stop = stop[start]
-        near = time[stop] - time[start] < 2.0 * span
-        start, stop = start[near], stop[near]
+        start, stop = _moves(time, span, 2.0 * span)
         said, moved = fallen[stop] - fallen[start], height[start] - height[stop]
         apart = np.min([np.abs(moved - by * said) for by in (1.0, _UP, _FEET)], axis=0)  # false velocities are none
         kept = apart <= _OUTSIDE * np.median(apart) if len(apart) else apart < 0.0
