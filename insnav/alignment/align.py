@@ -24,6 +24,7 @@ SWUNG = 10.0  # from where it rests, and standard deviations of fixes on top, be
 MOVED = 3.0  # standard deviations of the way between two positions from which it is motion
 SOON = 10.0  # a stop that begins this soon after the first fix is the start of the drive [s]
 COURSE_TIME = 0.5  # a course in motion may be off by the turn in this time, or up to the nearest velocity [s]
+SPARSE = 5.0  # fixes farther apart show no change of velocity in a short record [s]
 LEVEL_SPAN = 20.0  # of the level from GPS velocity change: longer, gyro drift tilts the frame; shorter, noise [s]
 
 
@@ -197,9 +198,9 @@ def _in_motion(
     end = min(begin + max(LEVEL_SPAN, 2.0 * interval), float(parts.end[-1]) - 0.5, float(speed.time[-1]))
     lla = gps.lla[np.searchsorted(gps.time, start)]
     found = motion.level_in_motion(parts, begin, end, speed, lla, yaw) if end - begin > 5.0 else None
-    if found is None and interval > 5.0:
-        raise motion.too_sparse(interval)
     if found is None:
+        if interval > SPARSE:
+            raise motion.too_sparse(interval)
         raise AlignmentError(
             "the IMU cannot be aligned in motion",
             why=f"only {end - begin:.1f} s of GPS velocity follow the start",

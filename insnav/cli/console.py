@@ -25,9 +25,8 @@ if TYPE_CHECKING:
     from insnav.result import Result
 
 DELAY = 1.0  # work shorter than this shows no progress bar [s]
-LOGGED = (
-    15.0  # where there is no terminal, after this, twice, four times this and so on a line says what is being done [s]
-)
+# where there is no terminal, after this, twice, four times this and so on a line says what is being done [s]
+LOGGED = 15.0
 WIDTH = 110  # largest of a line of the log
 _COLOURS = {"good": 32, "needs attention": 33, "not to be relied on": 31, "warning": 33}  # of the terminal
 

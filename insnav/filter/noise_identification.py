@@ -856,10 +856,8 @@ def understated(ready: Prepared, read: GpsData) -> tuple[Event, ...]:
     large = {name: factor for name, factor in factors.items() if factor >= UNDERSTATED}
     if not large:
         return ()
-    most, size = (
-        max(large.values()),
-        " and ".join(f"{each:.2g} times as large for {name}" for name, each in large.items()),
-    )
+    most = max(large.values())
+    size = " and ".join(f"{each:.2g} times as large for {name}" for name, each in large.items())
     told = f"the standard deviations of the fixes are too small: taken {size}, by the innovations"
     told += "; or a scale, clock or axis is wrong, or it is another drive" * (most > NO_NOISE)
     told += "; errors that change slowly hardly show there"

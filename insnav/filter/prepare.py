@@ -160,7 +160,7 @@ def prepare(
             return _as_given(start, model)
         inside = static_span is not None and some.time[0] - nominal <= static_span[0] < some.time[-1]
         intervals, fixes = strapdown.intervals(_first_part(some, here), nominal), here
-        for _ in range(ROUNDS if settings.lever_b.any() else 1):  # the course is that of the antenna, in a turn
+        for left in reversed(range(ROUNDS if settings.lever_b.any() else 1)):
             found = align(
                 intervals,
                 spec,
@@ -170,7 +170,7 @@ def prepare(
                 yaw=settings.mounting_yaw,
                 lever_sd=settings.lever_sd,
             )
-            if settings.lever_b.any():
+            if left:  # the course is that of the antenna, in a turn
                 fixes = motion.at_imu(here, intervals, found, settings.lever_b)
         return found, _at_fix(found, intervals, here, model, settings)
 

@@ -11,7 +11,7 @@ from insnav import spill
 from insnav.alignment.clock_offset import ClockOffset, find_clock_offset
 from insnav.alignment.turn_scale import turn_scale
 from insnav.exceptions import InputError
-from insnav.filter.gps_noise import LAG_WORTH, velocity_lag, with_sd
+from insnav.filter.gps_noise import LAG_WORTH, velocity_lag
 from insnav.input import Reading, check_overlap
 from insnav.input.interpret.overlap import epoch_offset, overlap
 from insnav.session.inputs import Inputs
@@ -28,14 +28,19 @@ Log = Reading[SensorLog]
 
 
 def on_one_clock(
-    imu: Reading[ImuData], gps: Reading[GpsData] | None, logs: Mapping[str, Log], inputs: Inputs
+    imu: Reading[ImuData],
+    gps: Reading[GpsData] | None,
+    fixes: GpsData | None,
+    logs: Mapping[str, Log],
+    inputs: Inputs,
 ) -> tuple[Reading[ImuData], Mapping[str, Log], tuple[str, ...]]:
     """Samples, and logs that were recorded with them, in the time of the fixes; and notes.
 
+    `fixes`: those of `gps`, each with the standard deviation of its scatter.
     Raises: InputError: they have no time in common, or another one than their motion says; with the offset to give.
     """
     given = inputs.get("time_offset")
-    if gps is None:
+    if gps is None or fixes is None:
         return (imu, logs, ()) if given is None else (*_moved(imu, logs, given), ())
     offset, notes = given or 0.0, []
     if given is None and overlap(imu.data, gps.data) == 0.0:
@@ -45,7 +50,7 @@ def on_one_clock(
             notes.append(f"{offset:+.0f} s added to the IMU times: {why}")
     if offset:
         imu, logs = _moved(imu, logs, offset)
-    parts, fixes = joined(pieces(imu.data)), with_sd(gps.data)[0]
+    parts = joined(pieces(imu.data))
     fixes = replace(fixes, time=fixes.time - (inputs.get("gps_delay") or 0.0))
     apart = overlap(imu.data, gps.data) == 0.0
     if not apart:  # first: turns that are too large by far fit at another time

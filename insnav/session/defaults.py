@@ -91,9 +91,7 @@ def complete_fixes(
 
 def with_scales_told(gps: Reading[GpsData] | None) -> Reading[GpsData] | None:
     """Fixes with an event if their positions do not move as far as the velocities beside them say."""
-    data = None if gps is None else gps.data
-    wrong = [] if data is None else scales(data.time, data.lla, data.v_n)
-    if gps is None or data is None or not wrong:
+    if gps is None or not (wrong := scales(gps.data.time, gps.data.lla, gps.data.v_n)):
         return gps
     far = " and ".join(f"{size:.2f} ± {max(sd, 0.01):.2f} times as far {name}" for name, size, sd in wrong)
     told = (
@@ -101,7 +99,7 @@ def with_scales_told(gps: Reading[GpsData] | None) -> Reading[GpsData] | None:
         "solution follows what is stated to be more precise"
     )
     largest = max(abs(size - 1.0) for _, size, _ in wrong)
-    event = Event(float(data.time[0]), EventKind.CONTRADICTION, largest, float("nan"), "", told)
+    event = Event(float(gps.data.time[0]), EventKind.CONTRADICTION, largest, float("nan"), "", told)
     return replace(gps, events=(*gps.events, event))
 
 

@@ -122,13 +122,13 @@ def drive_of(readings: Readings) -> Drive:
             why=f"{1.0 / readings.imu.facts.rate_hz:.3g} s; the turns in between are not known",
             fix="export the sensors at their full rate (50 Hz or more), not merged to that of the fixes",
         )
-    imu, sensor_logs, clocks = on_one_clock(readings.imu, readings.gps, readings.logs, inputs)
+    # what changes slowly hides no motion: fixes without a standard deviation are as good as they scatter
+    scattered = None if readings.gps is None else with_sd(readings.gps.data)[0]
+    imu, sensor_logs, clocks = on_one_clock(readings.imu, readings.gps, scattered, readings.logs, inputs)
     readings, samples = replace(readings, imu=imu, logs=sensor_logs), imu.data
-    readings = replace(readings, gps=defaults.with_scales_told(readings.gps))
     fixes, assumed = defaults.complete_fixes(samples, readings.gps, readings.reference, inputs)
-    # what changes slowly does not hide accelerations: fixes without a standard deviation are as good as they scatter
-    short = fixes if readings.gps is None else with_sd(readings.gps.data)[0]
-    mounted, yaw, turned = as_mounted(readings.imu, short, inputs)
+    readings = replace(readings, gps=defaults.with_scales_told(readings.gps))
+    mounted, yaw, turned = as_mounted(readings.imu, scattered or fixes, inputs)
     readings, samples = replace(readings, imu=mounted), mounted.data
     spec, chosen = given_model or defaults.imu_from_rest(samples, defaults.stationary_part(samples, fixes, inputs))
     logs = tuple(log.data for log in readings.logs.values())

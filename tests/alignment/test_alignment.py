@@ -38,6 +38,7 @@ from insnav.simulate.motion.kinds import Vehicle
 from insnav.strapdown import intervals
 from insnav.types import Alignment, GpsData, ImuData
 from insnav.units import DEG, DEG_PER_H, DEG_PER_SQRT_H, M_S_PER_SQRT_H, PPM, UG
+from tests.filter.drives import without_velocities
 from tests.simulate.motions import Segment, drive
 
 PLACE = np.array([50.0 * DEG, -4.0 * DEG, 120.0])
@@ -378,8 +379,7 @@ def test_positions_far_apart_make_a_start_in_motion_or_say_that_they_are(every, 
     made = insnav.simulate("motorway", imu="tactical", gps="dgps", seed=3)
     imu, gps = made.imu.data, made.gps.data.rows(slice(0, None, every))
     imu = imu.rows(imu.time > imu.time[0] + 100.0)
-    unknown = np.full_like(gps.v_n, np.nan)
-    drive = insnav.load(imu, replace(gps, v_n=unknown, velocity_sd=unknown))
+    drive = insnav.load(imu, without_velocities(gps))
     if not sees:
         with pytest.raises(AlignmentError, match=f"{every} s apart"):
             drive.prepared()

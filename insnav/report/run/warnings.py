@@ -17,11 +17,11 @@ from insnav.errors.metrics import TrajectoryErrors, nees
 from insnav.errors.reference_check import delay_shown
 from insnav.filter.gps_noise import heights_measured
 from insnav.filter.noise_identification import LARGEST
-from insnav.filter.whole_record import stretches
 from insnav.input.readers.reading import not_covered
 from insnav.plain_text import moment
 from insnav.report.series import Clock
 from insnav.result import Result
+from insnav.tabular import runs_of
 from insnav.types import Event, EventKind, FloatArray, Run, Trajectory
 from insnav.units import DEG
 
@@ -143,7 +143,7 @@ def _many_rejected(run: Run) -> Iterator[str]:
             continue
         processed = np.isfinite(fixes.innovation[:, first : first + 3]).any(axis=1)
         time, rejected = fixes.time[processed], ~used[processed]
-        found = [(int(np.sum((time >= a) & (time <= b))), name, a, b) for a, b in stretches(time, rejected)]
+        found = [(stop - start, name, time[start], time[stop - 1]) for start, stop in runs_of(rejected)]
         rows += [each for each in found if each[0] >= _ROW and each[3] - each[2] >= _ROW_TIME]
         share = rejected.mean() if processed.any() else 0.0
         row = max(found)[0] if found else 0
