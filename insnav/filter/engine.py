@@ -6,7 +6,6 @@ enters or leaves here unchecked.
 
 from __future__ import annotations
 
-import math
 from importlib import import_module
 from typing import Any
 
@@ -14,7 +13,7 @@ import numpy as np
 
 from insnav.deferred import deferred
 from insnav.exceptions import DivergenceError
-from insnav.kernels.gps_measurement import covariance_fault, inverse, measurement_fault
+from insnav.kernels.gps_measurement import NOT_FINITE, fault_of, inverse, measurement_fault
 from insnav.types import FloatArray
 
 MAX_REPAIRS = 10  # rounding costs one or two in hours; more are a defect of model or data
@@ -49,7 +48,7 @@ class Engine:
         Raises: DivergenceError: a number that is not finite, or too many repairs.
         """
         self._filter.predict(F=transition, Q=noise)
-        return self._check(time)
+        return self._check(time, self._zero[:, 0])
 
     def update(self, z: FloatArray, h: FloatArray, r: FloatArray, time: float) -> tuple[FloatArray, bool]:
         """Use a measurement: predicted minus measured, (m,), its derivative by the error state, (m, n), its covariance.
@@ -68,21 +67,18 @@ class Engine:
         self._filter.update(z.reshape(-1, 1), R=r, H=h)
         error: FloatArray = self._filter.x[:, 0]
         self._filter.x = self._zero
-        repaired = self._check(time)
-        if not math.isfinite(math.fsum(error.tolist())):
-            raise DivergenceError("the filter's state is not finite", where=f"time {time:.3f} s")
-        return error, repaired
+        return error, self._check(time, error)
 
     def replace_covariance(self, covariance: FloatArray) -> None:
         """Set the covariance, at an explicit reset."""
         self._filter.P = covariance.copy()
 
-    def _check(self, time: float) -> bool:
-        fault = covariance_fault(self._filter.P)
+    def _check(self, time: float, error: FloatArray) -> bool:
+        fault = fault_of(self._filter.P, error)
         if fault == 0:
             return False
-        if fault == 1:
-            raise DivergenceError("the filter's covariance is not finite", where=f"time {time:.3f} s")
+        if fault == NOT_FINITE:
+            raise DivergenceError("the filter's state or covariance is not finite", where=f"time {time:.3f} s")
         self.repairs += 1
         if self.repairs > MAX_REPAIRS:
             raise DivergenceError(

@@ -16,10 +16,10 @@ from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import History
 from insnav.filter.state_layout import cross_covariance, layout, reset_correlated, set_to_fix
-from insnav.kernels import errorstate
+from insnav.kernels import epoch, errorstate
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
-from insnav.kernels.gps_measurement import correct_with_arm, swing
+from insnav.kernels.gps_measurement import swing
 from insnav.strapdown import TIME_TOLERANCE
 from insnav.types import Alignment, Event, EventKind, FloatArray, StateChange
 
@@ -32,20 +32,17 @@ ATTITUDE_RESET_SD = np.deg2rad([6.0, 6.0, 10.0])
 BIAS_RESET_SD = np.array([*np.deg2rad([0.5, 0.5, 0.5]), 0.2, 0.2, 0.2])  # of such a step [rad/s], [m/s^2]
 VELOCITY_RESET_SD = 5.0  # velocity of a reset by fixes without velocity [m/s]
 CHANGE_KNOWN = 0.3  # part of a change of the IMU by which it may be another [-]
-# A delay and a lever arm ahead move the antenna alike at one speed, and noise of the velocity would tell one from the
-# other: for so long a velocity is carried by the accelerometers, not corrected, before it shows a delay [s]
-SHOWN_BY_IMU = 20.0
-MOST_CORRECTED = 0.3  # more is no noise of the velocity [m/s]
+NONE = np.empty(0)  # row of no history
 RESET_FACTOR = 3.0  # the fix of a reset follows many that were rejected: its standard deviation counts so many times
 
 
 class Estimate:
     """State and covariance of the filter.
 
-    `corrected` (3,) is what corrections have made of the velocity within `SHOWN_BY_IMU` [m/s];
-    `x`, `correction`, `delay`, `lag`, `correlated`, `lever`, `shaken` and `motion` are those of
-    `insnav.filter.error_model.FilterState`, `at` the indices of the states, `span` the time since the last epoch, (1,)
-    [s], and `history` what the smoother needs. `coast` is the longest time between filter epochs [s].
+    `all` is what it estimates, see `insnav.kernels.epoch`, of which `x`, `correction`, `motion`, `shaken`, `lever` (3,)
+    [m] and `delay` [s] are parts; `doubt`: how sure the delay is at most, see there; `at` the indices of the states,
+    `places` the same with the number of the time-correlated ones, `span` the time since the last epoch, (1,) [s], and
+    `history` what the smoother needs. `coast` is the longest time between filter epochs [s].
     """
 
     def __init__(
@@ -59,22 +56,27 @@ class Estimate:
     ) -> None:
         self.at, self._coast = layout(settings), coast
         n = self.at.states
-        self.x, self.correction = start.x.copy(), start.correction.copy()
-        self.delay, self.lag, self.correlated = start.delay, start.lag, start.correlated.copy()
-        self.arm, self.shaken = np.concatenate([start.lever_b, np.zeros(9)]), start.shaken_b.copy()
-        self.lever, self._swung, self.corrected = self.arm[:3], np.zeros(3), np.zeros(3)
-        self.motion, self.span = start.motion.copy(), np.zeros(1)
+        self.all = np.zeros(epoch.ESTIMATED)
+        self.x, self.correction, self.motion, self.lasting, self.shaken = (
+            self.all[part] for part in (epoch.STATE, epoch.CORRECTION, epoch.MOTION, epoch.LASTING, epoch.SHAKEN)
+        )
+        self.arm, self._swung, self._clock = (self.all[part] for part in (epoch.ARM, epoch.SWUNG, epoch.CLOCK))
+        self.x[:], self.correction[:], self.motion[:] = start.x, start.correction, start.motion
+        self.arm[:3], self.shaken[:], self._clock[:] = start.lever_b, start.shaken_b, (start.delay, start.lag)
+        self.lasting = self.lasting[: start.correlated.size]
+        self.lasting[:] = start.correlated
+        self.lever, self.span, self.places = self.arm[:3], np.zeros(1), np.array([*self.at, self.lasting.size])
         self._seen = self.x, self.correction, self.arm
         self.history = History(n) if settings.smooth else None
         self._engine = Engine(start.covariance)
         self._record, self._lever_given, self._gps_noise = record, settings.lever_b, settings.correlated
-        self._settled, self._surest, self._shown = settings.settled, settings.surest, settings.shown
+        self._settled, self.doubt = settings.settled, np.array([settings.surest, settings.shown])
+        self._lasting_sd = self._lasting_time = np.empty(0)
         if self._gps_noise is not None:
             self._lasting_sd, self._lasting_time = self._gps_noise.sds, self._gps_noise.times
             self._lasting = slice(self.at.correlated, self.at.correlated + self._lasting_sd.size)
         self._carried = errorstate.Carried(self.x, self.correction, self.motion, np.zeros(errorstate.SUMS), self.span)
         self._phi, self._q, self._unity = np.eye(n), np.zeros((n, n)), np.eye(n)
-        self._fading = self._phi.reshape(-1)[:: n + 1], self._q.reshape(-1)[:: n + 1]
         self._work = errorstate.scratch()
         self.before = np.zeros(12)  # variances predicted for the last epoch
         self._changes = [change for change in settings.changes if change.time > start.time]
@@ -92,6 +94,11 @@ class Estimate:
         """Of the error states, (n, n); do not change it."""
         return self._engine.covariance
 
+    @property
+    def delay(self) -> float:
+        """How much older the fixes are, beyond what was given [s]."""
+        return float(self._clock[0])
+
     def kept(self, time: float) -> FilterState:
         """Copy of everything, to go on from."""
         levers, p = (self.lever, self.shaken), self.covariance.copy()
@@ -100,7 +107,7 @@ class Estimate:
             phi[:3, self.at.lever : self.at.lever + 3] = -self.arm[3:].reshape(3, 3)
             swing(phi, self._swung.copy())
             p = phi @ p @ phi.T
-        state = (self.x, self.correction, self.delay, self.lag, self.correlated, *levers, self.motion, p)
+        state = (self.x, self.correction, *self._clock.tolist(), self.lasting, *levers, self.motion, p)
         return FilterState(time, *deepcopy(state))
 
     def propagate(
@@ -108,14 +115,15 @@ class Estimate:
     ) -> int:
         """Carry the state over samples from `first`, at most to `last`; see `errorstate.propagate`."""
         k: int = errorstate.propagate(
-            first, last, close, samples, self._carried, self._noise, self._phi, self._q, out, self._work
+            *(first, last, close, *samples, *self._carried, *self._noise, self._phi, self._q, *out, *self._work)
         )
         return k
 
     @property
     def surest(self) -> float:
         """Least standard deviation of the delay that is plausible [s]: search and filter may not agree so well."""
-        return max(self._surest, abs(self.delay - self._shown) - self._surest) if self._surest > 0.0 else 0.0
+        found: float = epoch.surest(self.all, self.doubt)
+        return found
 
     def stated(self) -> FloatArray:
         """Covariance with the delay no surer than is plausible; that of the filter makes its gains."""
@@ -131,21 +139,13 @@ class Estimate:
                 why="heading and longitude have no meaning there",
                 fix="cut the recording before it",
             )
-        if self._gps_noise is not None:
-            fade = np.exp(-self.span[0] / self._lasting_time)
-            self.correlated *= fade
-            for diagonal, value in zip(self._fading, (fade, (1.0 - fade**2) * self._lasting_sd**2), strict=True):
-                diagonal[self._lasting] = value
-        self.corrected *= np.exp(-self.span[0] / SHOWN_BY_IMU)
+        at, times, sds = self.at.correlated, self._lasting_time, self._lasting_sd
+        epoch.fade(self.all, at, times, sds, self._phi, self._q, self.span)
         while self._changes and self._changes[0].time <= time + TIME_TOLERANCE:
             self._change(self._changes.pop(0))
-        if self._swung.any():
-            swing(self._phi, self._swung)
         self._note_repair(time, self._engine.predict(self._phi, self._q, time))
-        errorstate.variances(self.stated(), self.x, self.before)
-        if self.history is not None:
-            self.history.epoch(time, *self._seen, self._phi, self.covariance)
-        errorstate.reset_transition(self._phi, self._q, self.span)
+        row = NONE if self.history is None else self.history.new_row()
+        epoch.predicted(row, time, self.all, self.doubt, self.covariance, self._phi, self._q, self.span, self.before)
 
     def _change(self, found: StateChange) -> None:
         """Take a change off the state, and open the covariance for what is not known of it."""
@@ -170,10 +170,9 @@ class Estimate:
     def correct(self, time: float, z: FloatArray, h: FloatArray, r: FloatArray) -> None:
         """Use a measurement: predicted minus measured, its derivative by the error states, its covariance."""
         error, repaired = self._engine.update(z, h, r, time)
-        self._take(error)
+        row = NONE if self.history is None else self.history.last
+        epoch.take(row, self.all, error, self.places, self._settled)
         self._note_repair(time, repaired)
-        if self.history is not None:
-            self.history.updated(*self._seen)
 
     def restart(self, time: float, z: FloatArray, position_sd: FloatArray, velocity_sd: FloatArray | None) -> None:
         """Set position, and velocity if its standard deviation is given, to a fix, with a covariance to match.
@@ -237,33 +236,12 @@ class Estimate:
 
     def _begin_at_fix(self, p: FloatArray) -> None:
         """Set the covariance where the position is that of a fix, with its time-correlated error."""
-        self.arm[3:] = self._swung[:] = self.corrected[:] = 0.0
+        self.arm[3:] = self._swung[:] = self.all[epoch.CORRECTED] = 0.0
         if self._gps_noise is not None:
             reset_correlated(p, self.at.correlated, self._lasting_sd)
             cross_covariance(p, self.at.correlated, self._lasting_sd)
-            self.correlated[:] = 0.0
+            self.lasting[:] = 0.0
         self._engine.replace_covariance(p)
-
-    def _take(self, error: FloatArray) -> None:
-        """Correct the state by an estimated error (closed loop)."""
-        at = self.at
-        if at.lever >= 0 and self._settled:
-            self.corrected -= self.x[3:6]
-            correct_with_arm(self.x, self.correction, error, at.lever, self.arm, self._swung)
-            self.corrected += self.x[3:6]
-            self.corrected *= min(1.0, MOST_CORRECTED / max(float(np.linalg.norm(self.corrected)), 1e-9))
-        else:
-            errorstate.feed_back(self.x, self.correction, error)
-            if at.lever >= 0:
-                self.lever -= error[at.lever : at.lever + 3]
-        if at.delay >= 0:
-            self.delay -= error[at.delay]
-        if at.lag >= 0:
-            self.lag -= error[at.lag]
-        if at.correlated >= 0:
-            self.correlated -= error[at.correlated : at.correlated + self.correlated.size]
-        if at.shaken >= 0:
-            self.shaken -= error[at.shaken : at.shaken + 3]
 
     def _note_repair(self, time: float, repaired: bool) -> None:
         if repaired:

@@ -26,8 +26,8 @@ from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import History
 from insnav.filter.state_layout import first_state
+from insnav.kernels.epoch import assess_fix, felt
 from insnav.kernels.errorstate import Outputs, Samples
-from insnav.kernels.gps_measurement import Assessment, Fix, Predicted, assess
 from insnav.kernels.increments import LOOKAHEAD
 from insnav.types import Alignment, Event, EventKind, FloatArray, GpsData, ImuData, Increments, Run
 
@@ -91,8 +91,8 @@ class Navigator:
         self._grid = np.array([start.time if every > 0 else np.inf, every, start.time])
         self._start, self._done = start.time, -np.inf
         self._next = 0  # first fix not yet processed
-        self._rates, self._motion = np.empty((0, 3)), np.zeros(25)  # at the next fixes; of `Predicted`
-        self._forces = self._swings = self._older = self._rates
+        none = np.empty((0, 3))
+        self._sensed, self._motion = (none, none, none, none), np.zeros(25)  # see `felt`
         noise = float(model.noise[:3].sum()) / nominal
         mean = 0.5 * nominal / SEEN  # of what noise a mean has
         self._motion[9:11] = mean * NOISY**2 * noise, FAR_BEYOND**2 * noise
@@ -212,15 +212,17 @@ class Navigator:
             times = self._fix_time[self._next : last_fix]
             late, half, number = self._late[self._next : last_fix], 0.5 * self._nominal, int(SEEN / self._nominal)
             angles, several, slow = turned(parts), [times], SEEN
+            swings = older = self._sensed[3]
             if late.any():
                 several = [times - each * late for each in self._settings.moments]
                 slow = SEEN if len(several) == 1 else max(SEEN, np.abs(late).max())
                 reach = max(half, np.abs(late).max() * (len(several) - 1) / len(several) ** 2)
-                self._swings = np.mean([rates_at(each - half, parts.end, angles, reach) for each in several], axis=0)
-                self._older = np.mean([since(times, times - each, parts) for each in several], axis=0)
+                swings = np.mean([rates_at(each - half, parts.end, angles, reach) for each in several], axis=0)
+                older = np.mean([since(times, times - each, parts) for each in several], axis=0)
             # an acceleration of another shape than the velocity has would show less delay than there is
-            self._forces = np.mean([forces_about(each, parts, max(1, number)) for each in several], axis=0)
-            self._rates = np.mean([rates_at(each, parts.end, angles, slow) for each in several], axis=0)
+            forces = np.mean([forces_about(each, parts, max(1, number)) for each in several], axis=0)
+            rates = np.mean([rates_at(each, parts.end, angles, slow) for each in several], axis=0)
+            self._sensed = rates, forces, swings, older
             self._process(inc, parts.gap[pieces[0]])
             self._done = parts.end[stop - 1]
         self._tail = buffer.rows(slice(max(0, ready - 2 * self._margin), None))
@@ -267,19 +269,9 @@ class Navigator:
         """Use a fix; `number`: its row of the rates."""
         estimate = self._estimate
         estimate.predict(time)
-        bias, scale, late = estimate.correction[:6], 1.0 + estimate.correction[6:], self._late[self._next]
-        motion = self._motion
-        motion[:6], motion[6:9], motion[11:14], motion[18:] = estimate.motion, 0.0, estimate.corrected, 0.0
-        motion[14:17] = (self._forces[number] - bias[3:]) / scale[3:]
-        if late:
-            motion[:3] = (self._swings[number] - bias[:3]) / scale[:3]
-            motion[18:24], motion[24] = (self._older[number] - late * bias) / scale, late
-            motion[21:24] += 0.5 * late * np.cross(bias[:3], motion[21:24])  # the gyro bias has turned it, too
-        if estimate.at.has_arm:
-            mean = (self._rates[number] - bias[:3]) / scale[:3]
-            motion[:3], motion[6:9] = mean, motion[:3] - mean
-        if stays(self._alignment, time):  # all turns are noise
-            motion[:3] = motion[6:9] = 0.0
+        late, at = self._late[self._next], estimate.at
+        still = stays(self._alignment, time)  # all turns are noise
+        felt(estimate.all, *self._sensed, number, late, at.has_arm, still, self._motion)
         row = self._fix[self._next]
         z, h, r = self._z, self._h, self._r
         nis_position, nis_velocity, distance, change = self._assess(row)
@@ -327,26 +319,12 @@ class Navigator:
     def _assess(self, row: int) -> tuple[float, float, float, float]:
         """Innovation of a fix, its covariance, NIS of position and velocity, and their lengths."""
         gps, settings, estimate = self._gps, self._settings, self._estimate
-        own = gps.fix is None or gps.fix[row] != gate.OF_REFERENCE
-        found: tuple[float, float, float, float] = assess(
-            Predicted(
-                estimate.x,
-                self._motion,
-                estimate.arm,
-                estimate.shaken,
-                estimate.correlated,
-                estimate.delay,
-                estimate.covariance,
-            ),
-            Fix(gps.lla[row], gps.v_n[row], gps.position_sd[row], gps.velocity_sd[row]),
-            estimate.lag - self._late[self._next] if own else 0.0,
-            settings.jitter,
-            settings.correlated.share if settings.correlated is not None else 0.0,
-            estimate.at.correlated if own else -1,
-            estimate.at.lever,
-            estimate.at.shaken,
-            estimate.at.lag if own else -1,
-            Assessment(self._z, self._h, self._r, self._s, self._sd),
+        found: tuple[float, float, float, float] = assess_fix(
+            *(estimate.all, estimate.covariance, self._motion),
+            *(gps.lla, gps.v_n, gps.position_sd, gps.velocity_sd, row),
+            *(gps.fix is None or gps.fix[row] != gate.OF_REFERENCE, self._late[self._next], settings.jitter),
+            *(settings.correlated.share if settings.correlated is not None else 0.0, estimate.places),
+            *(self._z, self._h, self._r, self._s, self._sd),
         )
         return found
 

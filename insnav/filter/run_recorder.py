@@ -14,9 +14,11 @@ from insnav.filter.measurements.measurement import Measurement
 from insnav.filter.settings import FilterSettings
 from insnav.filter.shocks import shocks
 from insnav.filter.smoother import SmoothedErrors
-from insnav.filter.state_layout import Layout, layout
+from insnav.filter.state_layout import layout
+from insnav.kernels import epoch
 from insnav.kernels.dynamics import NAV
-from insnav.kernels.errorstate import SENSOR, STATES, Outputs, at_fix_time, feed_back, move_along, variances
+from insnav.kernels.epoch import Layout
+from insnav.kernels.errorstate import SENSOR, STATES, Outputs, feed_back, move_along
 from insnav.kernels.output import add_moved, deviations, moved, sides
 from insnav.kernels.smoother import correct
 from insnav.strapdown import TIME_TOLERANCE
@@ -57,11 +59,7 @@ class Record:
         self._events: list[Event] = []
         self._aiding: dict[tuple[str, str], list[tuple[float, float, float]]] = {}
         self._count = 0
-        self._time, self._innovation, self._sd = np.empty(fixes), np.empty((fixes, 6)), np.empty((fixes, 6))
-        self._nis, self._use = np.empty((fixes, 2)), np.zeros((fixes, 2), dtype=bool)
-        self._state, self._covariance = np.empty((fixes, 16)), spill.empty((fixes, NAV, NAV))
-        self._delays = np.empty(fixes)
-        self._sensor, self._sensor_sd = np.empty((fixes, 12)), np.empty((fixes, 12))
+        self._fixes = spill.empty((fixes, epoch.FIX_WIDTH))
 
     def reserve(self, rows: int, grid: FloatArray) -> Outputs:
         """Room for at most `rows` more outputs at the times of a `grid`, see there."""
@@ -77,8 +75,7 @@ class Record:
         if self._epoch == len(self._epochs):
             self._epochs = np.concatenate([self._epochs, np.empty_like(self._epochs)])
         row = self._epochs[self._epoch]
-        row[0], row[1:13], row[25] = time, estimate.before, estimate.delay
-        variances(estimate.stated(), estimate.x, row[13:25])
+        epoch.note_epoch(row, time, estimate.before, estimate.all, estimate.doubt, estimate.covariance)
         self._epoch += 1
 
     def event(self, event: Event) -> None:
@@ -101,17 +98,14 @@ class Record:
         estimate: Estimate,
     ) -> None:
         """Note the innovation of a fix, as predicted minus measured, and the state after it."""
-        i = self._count
-        self._time[i] = time
-        self._innovation[i], self._sd[i], self._nis[i], self._use[i] = predicted, sd, nis, use
-        self._state[i, :10], self._state[i, 10:], self._delays[i] = estimate.x, estimate.motion, estimate.delay
-        at_fix_time(estimate.stated(), estimate.x, self._covariance[i])
-        self._sensor[i], self._sensor_sd[i] = estimate.correction, estimate.covariance.diagonal()[NAV:STATES]
+        row, at = self._fixes[self._count], estimate
+        epoch.note_fix(row, time, predicted, sd, *nis, *use, at.all, at.doubt, at.covariance)
         self._count += 1
 
     def misfit(self) -> float:
         """Twice the negative log-likelihood of a fix's innovations, on average; false ones limited."""
-        nis, sd = self._nis[: self._count], self._sd[: self._count].reshape(-1, 2, 3)
+        rows = self._fixes[: self._count]
+        nis, sd = rows[:, epoch.FIX_NIS], rows[:, epoch.FIX_SD].reshape(-1, 2, 3)
         each = np.minimum(nis, FALSE_FROM) + 2.0 * np.log(sd).sum(axis=2)
         return float(np.nansum(each) / max(self._count, 1))
 
@@ -172,7 +166,9 @@ class Record:
         found: SmoothedErrors | None,
     ) -> Run:
         """Put everything into shape; `covariance` as stated, `alone` as the filter has it."""
-        n, at = self._count, layout(settings)
+        at, fixes = layout(settings), self._fixes[: self._count]
+        time, state = fixes[:, epoch.FIX_TIME].copy(), fixes[:, epoch.FIX_STATE].copy()
+        fix_covariance = fixes[:, epoch.FIX_COVARIANCE].reshape(-1, NAV, NAV)
         if not any(room.used[0] for room in self._rooms):
             raise InputError(
                 "no sample lies after the start of navigation",
@@ -180,18 +176,15 @@ class Record:
                 fix="give a longer record, or check the time bases of both files",
             )
         innovations = Innovations(
-            self._time[:n],
-            -self._innovation[:n],
-            self._sd[:n],
-            *self._nis[:n].T,
-            *self._use[:n].T,
+            *(time, -fixes[:, epoch.FIX_INNOVATION], fixes[:, epoch.FIX_SD].copy()),
+            *(*fixes[:, epoch.FIX_NIS].T.copy(), *fixes[:, epoch.FIX_USE].T.astype(bool)),
         )
         self._events += _divergence(innovations, settings.gates.nis_limit)
         # an offset that was estimated, not given, is attributed to the IMU clock: GPS time is the better one
         clock = delay if settings.delay_sd > 0 else 0.0
         delay_sd = float(np.sqrt(covariance[STATES, STATES])) if at.delay >= 0 else 0.0
         if clock != 0.0:  # the offset as estimated at the time has put the state elsewhere along its velocity
-            move_along(self._state[:n], clock - self._delays[:n])
+            move_along(state, clock - fixes[:, epoch.FIX_DELAY])
         epochs, self._epochs = np.asfortranarray(self._epochs[: self._epoch]), self._epochs[:0]
         filtered = self._trajectory(
             epochs[:, 0],
@@ -200,12 +193,12 @@ class Record:
             (clock, delay_sd, axes_sd),
             found is None,
         )
-        for block in spill.blocks(n):
-            self._covariance[block] += _squared(_moved(self._state[block], delay_sd))
+        for block in spill.blocks(self._count):
+            fix_covariance[block] += _squared(_moved(state[block], delay_sd))
         smoothed = None
         if found is not None:
-            rows = np.searchsorted(self._time[:n], found.time[found.used] - 1e-6)
-            moved = _moved(self._state[rows], delay_sd)
+            rows = np.searchsorted(time, found.time[found.used] - 1e-6)
+            moved = _moved(state[rows], delay_sd)
             shown = shocks(found, innovations)
             both = np.ascontiguousarray(found.covariance[:, [*range(NAV), 6, 6, 7], [*range(NAV), 7, 8, 8]])
             track = self._trajectory(
@@ -223,20 +216,15 @@ class Record:
             smoothed = replace(
                 smoothed, smallest_seen=shown.smallest, surest=shown.surest, likely=shown.likely, delay_step=step
             )
+        sensor, variance = fixes[:, epoch.FIX_SENSOR], fixes[:, epoch.FIX_VARIANCE]
         spill.release()
         return Run(
             solution=filtered,
             innovations=innovations,
-            sensor_errors=SensorErrors(self._time[:n] + clock, self._sensor[:n], np.sqrt(self._sensor_sd[:n])),
+            sensor_errors=SensorErrors(time + clock, sensor.copy(), np.sqrt(variance)),
             events=tuple(sorted(self._events, key=lambda event: event.time)),
             alignment=alignment,
-            epochs=Epochs(
-                self._time[:n] + clock,
-                self._state[:n, :3],
-                self._state[:n, 3:6],
-                self._state[:n, 6:10],
-                self._covariance[:n],
-            ),
+            epochs=Epochs(time + clock, state[:, :3], state[:, 3:6], state[:, 6:10], fix_covariance),
             gps_delay=settings.delay + delay,
             gps_delay_sd=float(np.sqrt(covariance[STATES, STATES])) if covariance.shape[0] > STATES else 0.0,
             smoothed=smoothed,

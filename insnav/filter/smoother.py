@@ -43,34 +43,40 @@ class History:
         self._blocks: list[FloatArray] = []
         self._used = ROWS
 
+    def new_row(self) -> FloatArray:
+        """Row of another epoch, for `insnav.kernels.smoother.keep`."""
+        if self._used == ROWS:
+            self._blocks.append(spill.empty((ROWS, self._width)))
+            self._used = 0
+        self._used += 1
+        return self.last
+
+    @property
+    def last(self) -> FloatArray:
+        """Row of the last epoch."""
+        row: FloatArray = self._blocks[-1][self._used - 1]
+        return row
+
     def epoch(
         self, time: float, x: FloatArray, correction: FloatArray, arm: FloatArray, phi: FloatArray, p: FloatArray
     ) -> None:
         """Note state and covariance before a measurement, and the transition that led there."""
-        if self._used == ROWS:
-            self._blocks.append(spill.empty((ROWS, self._width)))
-            self._used = 0
-        kernel.keep(self._blocks[-1][self._used], time, x, correction, arm, phi, p)
-        self._used += 1
+        kernel.keep(self.new_row(), time, x, correction, arm, phi, p)
 
     def measurement(self, position: bool, velocity: bool, z: FloatArray, h: FloatArray, r: FloatArray) -> None:
         """Note what of a fix was used at the last epoch: predicted minus measured, its derivative and covariance."""
         kind = (kernel.POSITION if position else 0) + (kernel.VELOCITY if velocity else 0)
-        kernel.keep_measurement(self._blocks[-1][self._used - 1], kind, kernel.FIX, z, h, r)
+        kernel.keep_measurement(self.last, kind, kernel.FIX, z, h, r)
 
     def aiding(self, part: slice, z: FloatArray, h: FloatArray, r: FloatArray) -> None:
         """Note which rows of an aiding measurement were used at the last epoch."""
         kind = (1 << part.stop) - (1 << part.start)
-        kernel.keep_measurement(self._blocks[-1][self._used - 1], kind, kernel.AIDING, z, h, r)
-
-    def updated(self, x: FloatArray, correction: FloatArray, arm: FloatArray) -> None:
-        """Note the state after the measurement of the last epoch."""
-        kernel.keep_state(self._blocks[-1][self._used - 1], x, correction, arm)
+        kernel.keep_measurement(self.last, kind, kernel.AIDING, z, h, r)
 
     def restart(self, time: float, x: FloatArray, correction: FloatArray, arm: FloatArray, p: FloatArray) -> None:
         """Note a reset: what follows says nothing of what was before."""
         self.epoch(time, x, correction, arm, np.eye(self._states), p)
-        self._blocks[-1][self._used - 1, kernel.KIND] = kernel.RESTART
+        self.last[kernel.KIND] = kernel.RESTART
 
     def rows(self) -> FloatArray:
         """Every epoch in one array."""
@@ -85,7 +91,7 @@ class History:
         after, before, variance = spill.empty((count, m)), spill.empty((count, m)), np.empty((count, SENSOR))
         covariance, innovations = spill.empty((count, NAV, NAV)), spill.empty((count, 25))
         shocks, cross, ends = spill.empty((count, 6 * kernel.SHOCK)), np.zeros((9, n + 3)), np.zeros((3, 5, 3))
-        late, arm = np.empty((count, 2)), self._blocks[-1][self._used - 1, kernel.ARM : kernel.ARM + 3].copy()
+        late, arm = np.empty((count, 2)), self.last[kernel.ARM : kernel.ARM + 3].copy()
         ends[1:, 4] = np.nan
         for number in range(len(self._blocks) - 1, -1, -1):
             last = min(count, (number + 1) * ROWS)

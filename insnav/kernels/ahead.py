@@ -22,6 +22,7 @@ from insnav.kernels import (
     aiding_measurements,
     alignment,
     csv_rows,
+    epoch,
     errorstate,
     gps_measurement,
     health,
@@ -98,19 +99,14 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
     d1, d2, d3, d4, i1 = d[::1], d[:, ::1], d[:, :, ::1], d[:, :, :, ::1], i[::1]
     propagation = (
         *(i, i, flag),
-        errorstate.Samples(*(d1, d1, d2, d2, d2, d2, d1)),
-        errorstate.Carried(*5 * [d1]),
-        errorstate.Model(*(d1, d1, d1, d1, d2)),
+        *(d1, d1, d2, d2, d2, d2, d1),
+        *5 * [d1],
+        *(d1, d1, d1, d1, d2),
         *(d2, d2),
-        errorstate.Outputs(d1, i1, d1, d2, i1, d2),  # type: ignore[arg-type]
+        *(d1, i1, d1, d2, i1, d2),
         (d2, d2, d2, d1, d2, d2, d1, d2),
     )
-    assessment = (
-        gps_measurement.Predicted(d1, d1, d1, d1, d1, d, d2),
-        gps_measurement.Fix(d1, d1, d1, d1),
-        *(d, d, d, i, i, i, i),
-        gps_measurement.Assessment(d1, d2, d2, d2, d1),
-    )
+    assessment = (d1, d2, d1, *4 * [d2], i, flag, d, d, d, i1, d1, d2, d2, d2, d1)
     run = (d1, i1, d3, d4, d2, d2, d2, d3, d2, d2, d2)
     return (
         (
@@ -118,12 +114,13 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
             (alignment.felt_windows, d1, d1, d2, d2, d1, d1, d1, d2, i[:, ::1], flag, d3),
             (alignment.gyro_history, d1, d1, d1, d2, d2, d2, d2),
             *((smoother.correct, d1, d2, d1, d2, d2), (errorstate.feed_back, d1, d1, d1)),
-            (gps_measurement.correct_with_arm, *3 * [d1], i, d1, d1),
+            (epoch.take, *3 * [d1], i1, flag),
         ),
         (
             (smoother.backward, d2, i, d, d1, d2, d2, d2, d3, d2, d2, d2, d3, d2, d2),
             (aiding_measurements.innovation, d2, d1, d2, d1, i, i, d2),
-            *((gps_measurement.inverse, d2), (errorstate.at_fix_time, d2, d1, d2), (errorstate.less_sure, d2, d)),
+            *((gps_measurement.inverse, d2), (errorstate.less_sure, d2, d), (epoch.surest, d1, d1)),
+            (epoch.note_fix, d1, d, d1, d1, d, d, flag, flag, d1, d1, d2),
         ),
         (
             (increments.increments, flag, d1, d1, d2, d2, i1, d4, d4, i1, d1, d1, d2, d2, d2, d2),
@@ -131,20 +128,21 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
         ),
         ((likelihood.innovations, run, *4 * [d1], i, d1, d1, d2, (d1, d2), d3, d, d2),),
         (
-            (gps_measurement.assess, *assessment),
+            (epoch.assess_fix, *assessment),
             (aiding_measurements.zero_velocity, d1, d1, d1, d1, d2),
             (aiding_measurements.vehicle_velocity, d1, d1, d2, d1, d, d1, d2),
         ),
         ((alignment.level_history, d1, d2, d2, d1, d, d1, d2),),
         ((csv_rows.rows_as_text, d2, d1, types.uint64[::1], types.uint8[::1]),),
         ((output.deviations, d1, i1, d2, d1, d2, d2), (output.sides, d2, d2, d2)),
-        ((smoother.keep, d1, d, *3 * [d1], d2, d2), (smoother.keep_state, *4 * [d1])),
+        ((smoother.keep, d1, d, *3 * [d1], d2, d2), (epoch.predicted, d1, d, d1, d1, d2, d2, d2, d1, d1)),
         ((alignment.joined, d1, d1, d2, d2, d1, flag, i, i, d2),),
         ((health.glance, d2, d2, d1, d1),),
         ((errorstate.move_along, d2, d1), (errorstate.reset_transition, d2, d2, d1)),
         ((smoother.keep_measurement, d1, i, i, d1, d2, d2),),
-        ((gps_measurement.measurement_fault, d1, d2, d2), (gps_measurement.covariance_fault, d2)),
-        ((gps_measurement.swing, d2, d1), (errorstate.variances, d2, d1, d1)),
+        ((gps_measurement.measurement_fault, d1, d2, d2), (gps_measurement.fault_of, d2, d1)),
+        ((epoch.fade, d1, i, d1, d1, d2, d2, d1), (epoch.note_epoch, d1, d, *3 * [d1], d2)),
+        ((epoch.felt, d1, *4 * [d2], i, d, flag, flag, d1),),
     )
 
 

@@ -232,19 +232,46 @@ def variances(p, x, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def propagate(first, last, close, samples, carried, model, phi, q, out, work):  # type: ignore[no-untyped-def]
+def propagate(  # type: ignore[no-untyped-def]
+    first,
+    last,
+    close,
+    time,
+    dt,
+    dtheta,
+    dvel,
+    coning,
+    sculling,
+    gap,
+    x,
+    correction,
+    motion,
+    sums,
+    span,
+    limit,
+    noise,
+    gap_noise,
+    decay,
+    sway,
+    phi,
+    q,
+    grid,
+    used,
+    out_time,
+    out_state,
+    known,
+    out_motion,
+    *work,
+):
     """Carry state, transition and noise through intervals `first` to `last` - 1.
 
-    `close`: a filter epoch follows: end the sub-step at `last`; else it stays open for the next call; `carried` and
-    `phi`, `q` (n, n), transition and noise since the last epoch, change in place; `out` is filled further; `work`: from
-    `scratch`.
+    `close`: a filter epoch follows: end the sub-step at `last`; else it stays open for the next call; then the parts of
+    `Samples`, of `Carried`, which change in place, and of `Model`, one by one, as tuples take a tenth of the time;
+    `phi`, `q` (n, n), transition and noise since the last epoch, change in place; then those of `Outputs`, filled
+    further; `work`: from `scratch`.
     Returns: first interval not processed, `last` or earlier if the model's limit asks for a filter epoch.
     """
-    time, dt, dtheta, dvel, coning, sculling, gap = samples
-    x, correction, motion, sums, span = carried
-    limit, noise, gap_noise, decay, sway = model
     part = (limit[3] - limit[2]) / (sway.shape[0] + 1)
-    grid, used, out_time, out_state, known, out_motion = out
     kept, c, none = work[3], work[6], np.zeros(2)
     ig0, ig1, ig2 = 1.0 / (1.0 + correction[6]), 1.0 / (1.0 + correction[7]), 1.0 / (1.0 + correction[8])
     ia0, ia1, ia2 = 1.0 / (1.0 + correction[9]), 1.0 / (1.0 + correction[10]), 1.0 / (1.0 + correction[11])

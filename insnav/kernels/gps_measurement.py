@@ -13,6 +13,7 @@ from insnav.kernels.errorstate import STATES, feed_back
 from insnav.kernels.mechanization import rotation
 
 STILL = 4.0  # square of a velocity, times the variance of its error, that may be none and shows no delay
+NOT_FINITE, NEGATIVE = 1, 2  # faults of a covariance
 LARGEST_TURN = 0.35  # of all corrections together: what is more than an alignment errs is drift [1]
 
 
@@ -318,13 +319,14 @@ def measurement_fault(z, h, r):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def covariance_fault(p):  # type: ignore[no-untyped-def]
-    """Whether a covariance has a number that is not finite (1) or a negative variance (2); symmetrised in place."""
+def fault_of(p, error):  # type: ignore[no-untyped-def]
+    """Whether covariance (n, n) or state (n,) are not finite, or a variance is negative; symmetrises in place."""
     n, fault, total = p.shape[0], 0, 0.0
     for i in range(n):
+        total += error[i]
         if p[i, i] < 0.0:
-            fault = 2
+            fault = NEGATIVE
         for j in range(i + 1):
             p[i, j] = p[j, i] = 0.5 * (p[i, j] + p[j, i])
             total += p[i, j]
-    return fault if np.isfinite(total) else 1
+    return fault if np.isfinite(total) else NOT_FINITE

@@ -87,13 +87,13 @@ class Interval:
             0,
             n,
             True,
-            errorstate.Samples(np.cumsum(dt), dt, turned, pushed, zero, zero, np.zeros(n)),
-            errorstate.Carried(self.x, self.correction, np.zeros(6), np.zeros(errorstate.SUMS), np.zeros(1)),
-            model,
+            *errorstate.Samples(np.cumsum(dt), dt, turned, pushed, zero, zero, np.zeros(n)),
+            *errorstate.Carried(self.x, self.correction, np.zeros(6), np.zeros(errorstate.SUMS), np.zeros(1)),
+            *model,
             self.phi,
             self.q,
-            errorstate.Outputs(np.array([np.inf, 1.0, 0.0]), none, empty, np.empty((0, 10)), none, np.empty((0, 6))),
-            errorstate.scratch(),
+            *errorstate.Outputs(np.array([np.inf, 1.0, 0.0]), none, empty, np.empty((0, 10)), none, np.empty((0, 6))),
+            *errorstate.scratch(),
         )
         assert stop == n
 
