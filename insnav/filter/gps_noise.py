@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from insnav import spill
 from insnav.earth import ned_offset
 from insnav.spline import Spline
 from insnav.types import BoolArray, FloatArray, GpsData
 
 POSITION_FLOOR, VELOCITY_FLOOR = 0.03, 0.05  # smallest standard deviation assumed [m], [m/s]
 ALIKE = 2.0  # so many times the scatter from fix to fix is the whole error of fixes without a size of their own [-]
+AT_ONCE = 1 << 16  # numbers of each component that are sorted at a time
 WINDOW = 10.0  # scatter is taken over this long before and after: shorter is noise, longer misses a tunnel's end [s]
 # Of a receiver on its own [m], [m/s]: most of the position error changes over minutes and does not show in the scatter
 # of successive fixes. Data sheet of the ZED-F9P (UBX-17051259): horizontal 1.5 m CEP, which is 1.177 sd of one axis.
@@ -105,12 +107,16 @@ def _scatter(
     sd_floor: FloatArray = np.full(3, floor)
     if overall[:2].max() > least_scatter:  # a receiver's own smoothing hides metres of slow error from this measure
         sd_floor = np.maximum(floor, default)
-    begin = np.searchsorted(middle, time - WINDOW)
-    end = np.searchsorted(middle, time + WINDOW)
-    sd = np.empty((n, 3))
-    for i in range(n):
-        few = end[i] - begin[i] < 5
-        sd[i] = overall if few else np.maximum(overall, np.median(third[begin[i] : end[i]], axis=0))
+    begin, end = np.searchsorted(middle, [time - WINDOW, time + WINDOW])
+    count = end - begin
+    most, sd = int(count.max()), np.empty((n, 3))
+    for block in spill.blocks(n, size=1 + AT_ONCE // (most + 1)):
+        rows = begin[block, None] + np.arange(most)
+        near = np.where((rows < end[block, None])[..., None], third[np.minimum(rows, third.shape[0] - 1)], np.inf)
+        near.sort(axis=1)
+        low, high = (np.maximum(count[block, None, None] + i, 0) // 2 for i in (-1, 0))
+        median = 0.5 * (np.take_along_axis(near, low, axis=1) + np.take_along_axis(near, high, axis=1))[:, 0]
+        sd[block] = np.where(count[block, None] < 5, overall, np.maximum(overall, median))
     return np.asarray(np.maximum(sd, sd_floor))
 
 
