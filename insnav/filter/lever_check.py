@@ -23,6 +23,7 @@ OPENED_DELAY = 0.5  # standard deviation of the delay in the pass that looks for
 # Part of what is known of a lever arm that noise of the gyros may pretend, from which it is said; and for about how
 # long noise turns the attitude before fixes show it [s]
 PRETENDED, SHOWN_AFTER = 0.2, 10.0
+NO_GYROS = 30.0  # noise that no gyros have: on hard mounts in vehicles it was up to 8 [deg/√h]
 WRONG_HEADING = 3.0  # standard deviations of a heading given from which another one that the drive shows is tried
 
 
@@ -86,14 +87,22 @@ def pretended(ready: Prepared, run: Run) -> float:
 
 
 def hidden_by_noise(ready: Prepared, run: Run) -> tuple[Event, ...]:
-    """An event if the lever arm that a run has found may be noise of its gyros."""
+    """An event if the lever arm that a run has found may be noise of its gyros, or if no gyros have such noise."""
     part, noise = pretended(ready, run), 60.0 * np.rad2deg(np.sqrt(ready.model.noise[:3].mean()))
     text = (
         f"noise of the gyros, {noise:.2g} deg/√h, hides lever arm and delay: they, and the positions, are less "
         "sure than their standard deviations; give --lever-arm and --gps-delay"
     )
-    kind = EventKind.CONTRADICTION
-    return (Event(float(run.solution.time[0]), kind, part, PRETENDED, "", text),) * bool(part > PRETENDED)
+    value, limit, unit = part, PRETENDED, ""
+    if noise > NO_GYROS:
+        value, limit, unit = noise, NO_GYROS, "deg/√h"
+        text = (
+            f"noise of the gyros, {noise:.0f} deg/√h, is more than any have: IMU and fixes contradict each other, as "
+            "those of two drives do, or with a wrong axis, scale or clock; the result is not to be relied on"
+        )
+    return (Event(float(run.solution.time[0]), EventKind.CONTRADICTION, value, limit, unit, text),) * bool(
+        value > limit
+    )
 
 
 def lever_contradicted(arm: FloatArray, run: Run) -> Event:

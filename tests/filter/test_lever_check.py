@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import pytest
 import insnav
 from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.earth import lla_offset, ned_offset
+from insnav.filter.lever_check import hidden_by_noise
 from insnav.filter.navigate import feed
 from insnav.input import read_gps, read_imu
 from insnav.session.simulation import plan_of, profiled
@@ -119,6 +121,17 @@ def test_a_long_lever_arm_is_found_and_not_called_wrong_where_the_imu_vibrates(d
     assert abs(run.lever_b[0] - metres) < 0.2 or run.lever_sd[0] > 0.1
     said = insnav.load(imu, gps, lever_arm=(metres, 0.0, 0.0)).navigate(smooth=False).events
     assert not [event for event in said if "the antenna seems" in event.action]
+
+
+@pytest.mark.parametrize(("noise", "words"), [(0.3, None), (20.0, None), (160.0, "more than any have")])
+def test_noise_that_no_gyros_have_is_said(noise, words):
+    """The IMU of one drive with the fixes of another: found to be 160 deg/√h, and the exit code was 0."""
+    drive = insnav.simulate("figure_eight", imu="automotive", gps="dgps", seed=1)
+    run = insnav.load(drive.imu.data, drive.gps.data).navigate().found.run
+    model = SimpleNamespace(noise=np.full(20, (noise * DEG / 60.0) ** 2))
+    said = [event.action for event in hidden_by_noise(SimpleNamespace(model=model), run)]
+    assert len(said) == (words is not None)
+    assert all(words in text for text in said)
 
 
 @pytest.mark.parametrize(("metres", "kept"), [(1.0, True), (2.0, False), (5.0, False)])
