@@ -154,6 +154,8 @@ def _one(
         tried = [_worth(look, fault, tops) for fault in likely]
         if look[0] is not seen[0]:  # what shows it may be cut off
             tried += [fault for fault, worth in zip(likely, tried, strict=True) if worth is None]
+        elif not any(tried):  # the whole is what was looked at
+            return None
         for fault in filter(None, tried):
             settled, lost = _settled(ready, spec, fault, cut)
             if settled is None:
