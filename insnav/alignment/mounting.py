@@ -16,13 +16,14 @@ import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from insnav.alignment.align import stationary_of
 from insnav.alignment.in_motion import SLOWEST, velocity
 from insnav.alignment.static import summarize
 from insnav.attitude import quat_from_dcm, rph_from_quat, wrap_pi
 from insnav.earth import earth_rate_n, gravity_n, ned_offset
-from insnav.kernels.alignment import felt_windows
+from insnav.kernels.alignment import felt_windows, mean_rotation
 from insnav.strapdown import Intervals, joined
 from insnav.types import FloatArray, GpsData, IntArray
 
@@ -213,33 +214,29 @@ class _Windows:
         step = max(1, round(seconds / max(float(np.median(np.diff(time))), 1e-3)))
         time, v_n, sd, value, noise = (each[::step] for each in (time, v_n, sd, value, noise))
         rows = max(3 + placed, round(longer * WINDOW / max(float(np.median(np.diff(time))), 1e-3)))
-        gravity, changes = gravity_n(lla[0], lla[2]), np.diff(np.eye(rows + 1), axis=0)
-        windows = []
-        for first in range(0, time.size - rows, rows // OVERLAP):
-            some = slice(first, first + rows + 1)
-            since, v = time[some] - time[first], v_n[some]
-            if np.hypot(*v[0, :2]) < max(SLOWEST, 5.0 * sd[first]) or since[-1] > 2.0 * longer * WINDOW:
-                continue
-            if float(np.max(np.abs(np.diff(v, axis=0)) / np.diff(since)[:, None])) > SUDDEN:
-                continue
-            compared, unit = changes, since  # what an acceleration of one makes
-            if placed:
-                steady = np.column_stack([np.ones(rows + 1), since])
-                compared, unit = np.linalg.qr(steady, mode="complete")[0][:, 2:].T, 0.5 * since**2
-            power = float(np.sum((compared @ value[some, :2]) ** 2))
-            power -= 2.0 * float(np.sum(compared**2)) * float(np.mean(noise[some] ** 2))
-            if power < LIVELY**2 * float(np.sum((compared @ unit) ** 2)):
-                continue
-            course = np.arctan2(v[0, 1], v[0, 0])
-            change = compared @ (value[some] - gravity * unit[:, None]) @ _about_down(course)
-            on = np.hypot(*v[-1, :2]) > max(SLOWEST, 5.0 * sd[first])  # the course of one that has stopped is noise
-            bend = float(wrap_pi(np.arctan2(v[-1, 1], v[-1, 0]) - course)) if on else 0.0
-            windows.append((time[some], compared, change, power, bend))
-        bends = sum(abs(each[-1]) > TURN for each in windows)
-        if len(windows) < FEWEST * (1 if bends >= OVERLAP else OVERLAP):  # straight on, a drone may fly any side ahead
-            return None
-        times, sums, changes, strength, turned = (np.array(each) for each in zip(*windows, strict=True))
-        return cls(times, sums, changes, strength, turned, lla, placed)._rows(np.argsort(strength)[-MOST:])
+        first = np.arange(0, time.size - rows, rows // OVERLAP)
+        some = first[:, None] + np.arange(rows + 1)
+        since, v, least = time[some] - time[first, None], v_n[some], np.maximum(SLOWEST, 5.0 * sd[first])
+        sudden = np.max(np.abs(np.diff(v, axis=1)) / np.diff(since)[..., None], axis=(1, 2)) > SUDDEN
+        fast = np.hypot(v[:, 0, 0], v[:, 0, 1]) >= least
+        use = np.flatnonzero(fast & ~sudden & (since[:, -1] <= 2.0 * longer * WINDOW))
+        some, since, v, least = some[use], since[use], v[use], least[use]
+        compared, unit = np.broadcast_to(np.diff(np.eye(rows + 1), axis=0), (use.size, rows, rows + 1)), since
+        if placed:
+            steady = np.stack([np.ones_like(since), since], axis=-1)
+            compared, unit = np.swapaxes(np.linalg.qr(steady, mode="complete")[0][..., 2:], 1, 2), 0.5 * since**2
+        unit = unit[..., None]  # what an acceleration of one makes
+        power = np.sum((compared @ value[some, :2]) ** 2, axis=(1, 2))
+        power -= 2.0 * np.sum(compared**2, axis=(1, 2)) * np.mean(noise[some] ** 2, axis=1)
+        course, end = np.arctan2(v[:, 0, 1], v[:, 0, 0]), v[:, -1]
+        change = compared @ (value[some] - gravity_n(lla[0], lla[2]) * unit) @ _about_down(course)
+        turned = np.asarray(wrap_pi(np.arctan2(end[:, 1], end[:, 0]) - course))
+        turned[np.hypot(end[:, 0], end[:, 1]) <= least] = 0.0  # the course of one that has stopped is noise
+        windows = cls(time[some], compared, change, power, turned, lla, placed)
+        windows = windows._rows(np.flatnonzero(power >= LIVELY**2 * np.sum((compared @ unit) ** 2, axis=(1, 2))))
+        if windows.strength.size < FEWEST * (1 if windows.bends >= OVERLAP else OVERLAP):
+            return None  # straight on, a drone may fly any side ahead
+        return windows._rows(np.argsort(windows.strength)[-MOST:])
 
 
 def _felt(windows: _Windows, parts: Intervals, given: FloatArray, signs: Signs) -> FloatArray:
@@ -263,18 +260,16 @@ def _fit(windows: _Windows, felt: FloatArray, signs: Signs, *, mirrored: bool) -
 
     `felt`: by `_felt`, with gyros of these `signs`.
     """
-    matrices = _wahba(np.swapaxes(windows.change, 1, 2) @ felt, mirrored)
-    weight = np.sqrt(windows.strength)
-    mean = _wahba(np.tensordot(weight, matrices, 1), mirrored)
-    for _ in range(10):  # windows in reverse, or with wheels that slip, do not count
-        away = np.maximum(np.linalg.norm(matrices - mean, axis=(1, 2)), 0.05)
-        mean = _wahba(np.tensordot(weight / away, matrices, 1), mirrored)
+    weight, matrices, mean = np.sqrt(windows.strength), np.empty((len(felt), 3, 3)), np.empty((3, 3))
+    away = np.empty(len(felt))
+    # windows in reverse, or with wheels that slip, do not count
+    mean_rotation(windows.change, felt, weight, -1.0 if mirrored else 1.0, matrices, mean, away)
     axis = int(np.argmin(np.abs(mean[2])))  # the least vertical: its direction is the yaw
     yaw = np.arctan2(matrices[:, 1, axis], matrices[:, 0, axis])
     off = np.asarray(wrap_pi(yaw - np.arctan2(mean[1, axis], mean[0, axis])))
-    apart = np.linalg.norm(matrices - mean, axis=(1, 2)) / np.sqrt(8.0)
-    scatter = 1.4826 * float(np.median(2.0 * np.arcsin(np.minimum(apart, 1.0))))  # of an aircraft: banks, too
-    turned = np.array([_about_down(-angle) for angle in off]) @ matrices
+    apart = 2.0 * np.arcsin(np.minimum(away / np.sqrt(8.0), 1.0))
+    scatter = 1.4826 * float(np.median(apart))  # of an aircraft: banks, too
+    turned = _about_down(-off) @ matrices
     left = (windows.change - felt @ np.swapaxes(turned, 1, 2)) / weight[:, None, None]
     squares = np.minimum(np.sum(left**2, axis=(1, 2)), 1.0)
     sd = max(SURE_SD, 1.25 * scatter * np.sqrt(OVERLAP / len(left)))
@@ -282,15 +277,11 @@ def _fit(windows: _Windows, felt: FloatArray, signs: Signs, *, mirrored: bool) -
     return mounting, np.clip(left, -1.0, 1.0).ravel()
 
 
-def _wahba(b: FloatArray, mirrored: bool) -> FloatArray:
-    """Rotation, or reflection, nearest to a sum of outer products, (3, 3), or to each of many, (n, 3, 3)."""
-    u, _, vt = np.linalg.svd(b)
-    size = np.ones(b.shape[:-1])
-    size[..., 2] = np.linalg.det(u) * np.linalg.det(vt) * (-1.0 if mirrored else 1.0)
-    return np.asarray(u @ (size[..., None] * np.eye(3)) @ vt)
-
-
-def _about_down(angle: float) -> FloatArray:
-    """Rotation of vectors about the down axis [rad]."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+def _about_down(angle: ArrayLike) -> FloatArray:
+    """Rotation of vectors about the down axis by each angle [rad], (..., 3, 3)."""
+    turn = np.zeros((*np.shape(angle), 3, 3))
+    turn[..., 0, 0] = turn[..., 1, 1] = np.cos(angle)
+    turn[..., 1, 0] = np.sin(angle)
+    turn[..., 0, 1] = -turn[..., 1, 0]
+    turn[..., 2, 2] = 1.0
+    return turn

@@ -1,11 +1,14 @@
-"""Attitude history and integrated specific force from gyros alone, for alignment."""
+"""Attitude history and integrated specific force from gyros alone, and rotations between vectors, for alignment."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from insnav.kernels import njit
+from insnav.kernels import inner, njit
 from insnav.kernels.mechanization import quaternion_step
+
+SWEEPS = 20  # of Jacobi's rotations, at most; five or so do
+REWEIGHTED, NEAR = 10, 0.05  # rounds of a mean in which what is far off counts less, and what counts wholly [-]
 
 
 @njit(cache=True)
@@ -109,6 +112,86 @@ def felt_windows(end, dt, gyro, accel, turn, bias, w_ie_n, times, ends, twice, o
             for i in range(3):
                 here = integral[k, i] + share * (integral[k + 1, i] - integral[k, i])
                 out[w, m, i] = path[i] + 0.5 * share * span[k] * (integral[k, i] + here) if twice else here
+
+
+@inner()
+def _nearest(b, sign, k, v, out):  # type: ignore[no-untyped-def]
+    """Rotation, (3, 3), times a `sign`, nearest to that times a sum of outer products `b`; `k`, `v` (4, 4): room.
+
+    Davenport's q-method (Markley and Mortari, J. Astronautical Sciences 48 (2000) 359-380): its quaternion is the
+    eigenvector of the largest eigenvalue, here by Jacobi's rotations.
+    """
+    k[0, 0] = sign * (b[0, 0] + b[1, 1] + b[2, 2])
+    for i in range(3):
+        j, m = (i + 1) % 3, (i + 2) % 3
+        k[0, i + 1] = k[i + 1, 0] = sign * (b[m, j] - b[j, m])
+        k[i + 1, i + 1] = 2.0 * sign * b[i, i] - k[0, 0]
+        k[i + 1, j + 1] = k[j + 1, i + 1] = sign * (b[i, j] + b[j, i])
+    size = 0.0
+    for i in range(4):
+        for j in range(4):
+            v[i, j] = 1.0 if i == j else 0.0
+            size += k[i, j] ** 2
+    for _ in range(SWEEPS):
+        off = 0.0
+        for i in range(3):
+            for j in range(i + 1, 4):
+                off += k[i, j] ** 2
+                if k[i, j] == 0.0:
+                    continue
+                half = 0.5 * (k[j, j] - k[i, i]) / k[i, j]
+                t = (1.0 if half >= 0.0 else -1.0) / (abs(half) + np.sqrt(half * half + 1.0))
+                c = 1.0 / np.sqrt(t * t + 1.0)
+                s = t * c
+                for m in range(4):
+                    k[m, i], k[m, j] = c * k[m, i] - s * k[m, j], s * k[m, i] + c * k[m, j]
+                for m in range(4):
+                    k[i, m], k[j, m] = c * k[i, m] - s * k[j, m], s * k[i, m] + c * k[j, m]
+                    v[m, i], v[m, j] = c * v[m, i] - s * v[m, j], s * v[m, i] + c * v[m, j]
+        if off <= 1e-32 * size:
+            break
+    most = 0
+    for i in range(1, 4):
+        if k[i, i] > k[most, most]:
+            most = i
+    q0, q1, q2, q3 = v[0, most], v[1, most], v[2, most], v[3, most]
+    out[0, 0] = sign * (q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3)
+    out[1, 1] = sign * (q0 * q0 - q1 * q1 + q2 * q2 - q3 * q3)
+    out[2, 2] = sign * (q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3)
+    out[0, 1], out[1, 0] = sign * 2.0 * (q1 * q2 - q0 * q3), sign * 2.0 * (q1 * q2 + q0 * q3)
+    out[0, 2], out[2, 0] = sign * 2.0 * (q1 * q3 + q0 * q2), sign * 2.0 * (q1 * q3 - q0 * q2)
+    out[1, 2], out[2, 1] = sign * 2.0 * (q2 * q3 - q0 * q1), sign * 2.0 * (q2 * q3 + q0 * q1)
+
+
+@njit(cache=True)
+def mean_rotation(seen, felt, weight, sign, each, mean, away):  # type: ignore[no-untyped-def]
+    """Rotation, times a `sign`, of what is `felt` to what is `seen` (w, m, 3), of each window and of all.
+
+    Windows far off the mean count the less, as `weight` (w,) over their distance; `each` (w, 3, 3), `mean` (3, 3) and
+    `away` (w,), how far each is from the mean in the norm of Frobenius, are filled.
+    """
+    k, v, b = np.zeros((4, 4)), np.zeros((4, 4)), np.zeros((3, 3))
+    for w in range(seen.shape[0]):
+        for i in range(3):
+            for j in range(3):
+                b[i, j] = 0.0
+                for m in range(seen.shape[1]):
+                    b[i, j] += seen[w, m, i] * felt[w, m, j]
+        _nearest(b, sign, k, v, each[w])
+        away[w] = 1.0
+    for _ in range(1 + REWEIGHTED):
+        for i in range(3):
+            for j in range(3):
+                b[i, j] = 0.0
+                for w in range(seen.shape[0]):
+                    b[i, j] += weight[w] / max(away[w], NEAR) * each[w, i, j]
+        _nearest(b, sign, k, v, mean)
+        for w in range(seen.shape[0]):
+            square = 0.0
+            for i in range(3):
+                for j in range(3):
+                    square += (each[w, i, j] - mean[i, j]) ** 2
+            away[w] = np.sqrt(square)
 
 
 @njit(cache=True)
