@@ -92,7 +92,12 @@ class LateFixes:
         self._turn = (np.eye(3) - skew(fed[good, 6:9])) @ dcm_from_quat(x[:, 6:]) @ back
         self._start = first_state(ready.initial, settings).covariance
         self._start[:NAV, :NAV] += np.diag(np.repeat(OPEN_START, 3) ** 2)
-        self._out = np.empty((2, 6 * time.size))
+        # made once, as every delay fills the same places
+        self._out, self._z, self._h = (
+            np.zeros(each) for each in ((2, 6 * time.size), (time.size, 6), (time.size, 6, at.states))
+        )
+        noise = ready.model.noise
+        self._density = np.array([np.mean(noise[:3]), np.mean(noise[3:6]), *noise[18:]])
 
     def _since(self, span: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """What specific force adds to velocity and position in a time (k,) from the epoch on [s], and ``C_nb`` then."""
@@ -120,29 +125,33 @@ class LateFixes:
         return np.array([np.bincount(self._block, each * weight * e) for each in by]), (by * weight) @ by.T
 
     def measured(self, delay: float, drift: float, lag: float) -> tuple[FloatArray, FloatArray]:
-        """Predicted minus measured of each row (m, 6) and how errors show in that (m, 6, n)."""
+        """Predicted minus measured of each row (m, 6) and how errors show in that (m, 6, n), until the next call."""
         at, span = self._at, -(delay + drift * self._away)
-        late, (_, p, c) = span - lag, self._since(span)
-        velocities = [self._measured_at(span - each * lag, lag) for each in self.moments]
-        v, q_c, by_lever, by_shaken = (np.mean(each, axis=0) for each in zip(*velocities, strict=True))
-        arm = _times(c, self._lever)
-        swing = _times(by_lever, self._lever) + _times(by_shaken, self._shaken)
+        _, p, c = self._since(span)
+        arm, s, own = _times(c, self._lever), span[:, None], np.zeros((self._rows.size, 6, at.states))
         # errors are estimate minus truth; see `insnav.kernels.gps_measurement`
-        z, h = np.zeros((self._kind.size, 6)), np.zeros((self._kind.size, 6, at.states))
-        s, q, own = span[:, None], late[:, None], np.zeros((self._rows.size, 6, at.states))
+        z, h = self._z, self._h
         z[self._rows, :3] = self._off + self._v * s + p + 0.5 * self._gravity * s**2 + arm
-        z[self._rows, 3:] = np.nan_to_num(self._v + v + self._gravity * q + swing - self._fixes.v_n)
-        own[:, :3, :3] = own[:, 3:, 3:6] = np.eye(3)
+        own[:, :3, :3] = np.eye(3)
         own[:, :3, 3:6] = s[..., None] * np.eye(3)
-        own[:, :3, 6:9], own[:, 3:, 6:9] = skew(p + arm), skew(v + swing)
-        own[:, :3, 12:15], own[:, 3:, 12:15] = -0.5 * s[..., None] ** 2 * c, -q_c
+        own[:, :3, 6:9], own[:, :3, 12:15] = skew(p + arm), -0.5 * s[..., None] ** 2 * c
+        if at.lever >= 0:
+            own[:, :3, at.lever : at.lever + 3] = c
+        if self.velocities:
+            late = span - lag
+            q, seen = late[:, None], [self._measured_at(span - each * lag, lag) for each in self.moments]
+            v, q_c, by_lever, by_shaken = (np.mean(each, axis=0) for each in zip(*seen, strict=True))
+            swing = _times(by_lever, self._lever) + _times(by_shaken, self._shaken)
+            z[self._rows, 3:] = np.nan_to_num(self._v + v + self._gravity * q + swing - self._fixes.v_n)
+            own[:, 3:, 3:6] = np.eye(3)
+            own[:, 3:, 6:9], own[:, 3:, 12:15] = skew(v + swing), -q_c
+            if at.lever >= 0:
+                own[:, 3:, at.lever : at.lever + 3] = by_lever
+            if at.shaken >= 0:
+                own[:, 3:, at.shaken : at.shaken + 3] = by_shaken
         if self._correlated is not None:
             size = self._correlated.sds.size
             own[:, :, at.correlated : at.correlated + size] = np.eye(6)[:, :size]
-        if at.lever >= 0:
-            own[:, :3, at.lever : at.lever + 3], own[:, 3:, at.lever : at.lever + 3] = c, by_lever
-        if at.shaken >= 0:
-            own[:, 3:, at.shaken : at.shaken + 3] = by_shaken
         z[self._rows] += self._lasting
         h[self._rows] = own
         return z, h
@@ -160,13 +169,13 @@ class LateFixes:
     def innovations(self, delay: float, drift: float, lag: float) -> FloatArray:
         """Innovations and their variances, (2, n), with a delay in the middle of the record [s], drift and lag."""
         at, (z, h) = self._at, self.measured(delay, drift, lag)
-        (time, _, *before), noise, decay = self._tape, self._model.noise, self._model.decay
+        (time, _, *before), decay = self._tape, self._model.decay
         correlated = self._correlated
         count = noise_likelihood.innovations(
             (time, self._kind, *before[:4], z, h, *before[6:]),
             decay,
-            np.array([np.mean(noise[:3]), np.mean(noise[3:6]), *noise[18:]]),
-            noise[6:18],
+            self._density,
+            self._model.noise[6:18],
             decay,
             at.correlated,
             np.ones(3) if correlated is None else correlated.sds,
