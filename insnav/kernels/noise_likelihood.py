@@ -120,7 +120,7 @@ def innovations(  # type: ignore[no-untyped-def]
     means = np.zeros((each, n))
     mean = means[0]
     wide = 8 * ((n + 7) // 8)  # whole registers, two at a time, of which the rest stays zero
-    p, fades, work = np.zeros((wide, MOST)), np.zeros((n, n)), np.zeros((20, MOST))
+    p, work = np.zeros((wide, MOST)), np.zeros((20, MOST))
     w, ph, moved = work[:9], work[9:15], work[15]
     fade, pace, last, inverse = work[16], work[17], work[18], work[19]
     for i in range(n):
@@ -135,12 +135,11 @@ def innovations(  # type: ignore[no-untyped-def]
             if abs(dt - usual) > 1e-9:
                 usual = dt
                 for j in range(SENSOR):
-                    fade[NAV + j], pace[j] = np.exp(-dt * decay[j]), np.exp(-dt * nominal_decay[j])
+                    fade[NAV + j] = pace[j] = np.exp(-dt * decay[j])
+                    if nominal_decay[j] != decay[j]:
+                        pace[j] = np.exp(-dt * nominal_decay[j])
                 for j in range(lasts):
                     fade[lasting + j] = np.exp(-dt / lasting_time[j])
-                for i in range(n):
-                    for j in range(n):
-                        fades[i, j] = fade[i] * fade[j]
             gyro = density[0] + density[2] * share[k, 0]
             accel = density[1] + density[3] * share[k, 1]
             for i in range(NAV):
@@ -151,9 +150,10 @@ def innovations(  # type: ignore[no-untyped-def]
                     w[i, j] = total
             for c in range(each):
                 for i in range(NAV):
-                    moved[i] = push[c, k, i]
+                    total = push[c, k, i]
                     for a in range(STATES):
-                        moved[i] += phi[k, i, a] * means[c, a]
+                        total += phi[k, i, a] * means[c, a]
+                    moved[i] = total
                 for i in range(NAV):
                     means[c, i] = moved[i]
             for i in range(NAV):
@@ -162,16 +162,21 @@ def innovations(  # type: ignore[no-untyped-def]
                     for a in range(STATES):
                         total += w[i, a] * phi[k, j, a]
                     p[i, j] = p[j, i] = total
-                # noise that drives the sensor errors shows in the navigation errors with half a span's delay
-                for j in range(SENSOR):
-                    w[i, NAV + j] = w[i, NAV + j] * fade[NAV + j] + 0.5 * dt * driving[j] * phi[k, i, NAV + j]
-                for j in range(NAV, n):
-                    p[i, j] = p[j, i] = w[i, j] * (fade[j] if j >= STATES else 1.0)
             for i in range(6):
                 p[3 + i, 3 + i] += bridge[k, i]
             for i in range(NAV, n):
-                for j in range(NAV, n):
-                    p[i, j] *= fades[i, j]
+                by = fade[i]
+                for j in range(8, wide):  # whole registers: column 8 is that of a navigation error, and follows
+                    p[i, j] *= by * fade[j]
+            for i in range(NAV):
+                for j in range(NAV, wide):
+                    p[i, j] = w[i, j] * fade[j]
+                # noise that drives the sensor errors shows in the navigation errors with half a span's delay
+                for j in range(SENSOR):
+                    p[i, NAV + j] += 0.5 * dt * driving[j] * phi[k, i, NAV + j]
+            for j in range(NAV, n):
+                for i in range(NAV):
+                    p[j, i] = p[i, j]
             for c in range(1, each):
                 for j in range(NAV, n):
                     means[c, j] *= fade[j]
@@ -181,7 +186,7 @@ def innovations(  # type: ignore[no-untyped-def]
                 mean[NAV + j] = fade[NAV + j] * mean[NAV + j] + (pace[j] - fade[NAV + j]) * last[j]
             for j in range(lasts):
                 at = lasting + j
-                p[at, at] += (1.0 - fades[at, at]) * lasting_sd[j] ** 2
+                p[at, at] += (1.0 - fade[at] ** 2) * lasting_sd[j] ** 2
                 mean[at] *= fade[at]
         if kind[k] == RESTART:
             for i in range(n):
