@@ -15,6 +15,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from insnav import spill
 from insnav.alignment.in_motion import velocity
@@ -179,19 +180,20 @@ def _masked_correlation(x: FloatArray, mx: BoolArray, y: FloatArray, my: BoolArr
     size = len(x) + len(y) - 1
     size = min(m << math.ceil(math.log2(size / m)) for m in (1, 3, 5, 9, 15))  # of small factors: their FFT is fast
     x, y = np.where(mx, x - x[mx].mean(), 0.0), np.where(my, y - y[my].mean(), 0.0)
+    # of each its values, their squares and how many there are: six transforms
+    of_x, square_x, ones_x = (np.fft.rfft(each[::-1], size) for each in (x, x**2, mx.astype(np.float64)))
+    of_y, square_y, ones_y = (np.fft.rfft(each, size) for each in (y, y**2, my.astype(np.float64)))
 
-    def sums(a: FloatArray, b: FloatArray) -> FloatArray:
-        found = np.fft.irfft(np.fft.rfft(b, size) * np.fft.rfft(a[::-1], size), size)
-        return np.asarray(found[: len(x) + len(y) - 1])
+    def sums(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> FloatArray:
+        return np.asarray(np.fft.irfft(b * a, size)[: len(x) + len(y) - 1])
 
-    ones_x, ones_y = mx.astype(np.float64), my.astype(np.float64)
     count = np.maximum(np.round(sums(ones_x, ones_y)), 1e-9)
-    sum_x, sum_y = sums(x, ones_y), sums(ones_x, y)
-    power_x = np.maximum(sums(x**2, ones_y) - sum_x**2 / count, 0.0)
-    power_y = np.maximum(sums(ones_x, y**2) - sum_y**2 / count, 0.0)
+    sum_x, sum_y = sums(of_x, ones_y), sums(ones_x, of_y)
+    power_x = np.maximum(sums(square_x, ones_y) - sum_x**2 / count, 0.0)
+    power_y = np.maximum(sums(ones_x, square_y) - sum_y**2 / count, 0.0)
     power = np.sqrt(power_x * power_y)
     least = 1e-3 * float(power.max(initial=0.0))
-    return np.where(power > least, (sums(x, y) - sum_x * sum_y / count) / np.maximum(power, 1e-300), 0.0), count
+    return np.where(power > least, (sums(of_x, of_y) - sum_x * sum_y / count) / np.maximum(power, 1e-300), 0.0), count
 
 
 def _refined(imu: _Track, gps: _Track, lag: float, span: float) -> ClockOffset | None:
