@@ -37,7 +37,11 @@ def align_static(
     heading [rad]; by default it is found by gyrocompass if the gyros allow it.
     Returns: with a heading of zero and an infinite standard deviation where it cannot be found.
     """
-    at = static.summarize(parts, *rest)
+    return _of_means(static.summarize(parts, *rest), spec, lat, height, heading)
+
+
+def _of_means(at: static.StationaryMeans, spec: ImuSpec, lat: float, height: float, heading: float | None) -> Alignment:
+    """The same from means over the stationary interval."""
     roll, pitch = static.level(at.force)
     compass, compass_sd = static.gyrocompass(at, spec, lat)
     if heading is not None:
@@ -51,7 +55,8 @@ def align_static(
     if method == "gyrocompass":  # the rates have given the heading and cannot give the bias again
         bias, bias_sd = np.zeros(3), np.full(3, np.inf)
     tilt = static.tilt_sd(at, spec, lat, height)
-    return Alignment(rest[0], rph, np.array([*tilt, heading_sd]), bias, bias_sd, rest, "static", method)
+    sd = np.array([*tilt, heading_sd])
+    return Alignment(at.start, rph, sd, bias, bias_sd, (at.start, at.end), "static", method)
 
 
 def align(
@@ -145,11 +150,12 @@ def _from_rest(
     start = float(fixes[0])
     here = gps.lla[int(np.searchsorted(gps.time, start))]
     lat, height = float(here[0]), float(here[2])
-    found = replace(align_static(parts, spec, lat, height, rest, heading), time=start)
+    at = static.summarize(parts, *rest)
+    found = replace(_of_means(at, spec, lat, height, heading), time=start)
     given = found.heading_method == "given"
     if found.sd[2] <= SURE_SD and not given:
         return found
-    at, sway = static.sway(parts, still)
+    at, sway = static.sway(parts, still, at)
     long = replace(found, sway=sway, left=at.end)
     if given:
         return long

@@ -17,6 +17,7 @@ from insnav.attitude import dcm_from_rph, wrap_two_pi
 from insnav.earth import OMEGA_EARTH, earth_rate_n, gravity_n
 from insnav.exceptions import AlignmentError
 from insnav.imu.specification import ImuSpec, gyro_bias_sd, level_bias_sd
+from insnav.kernels.alignment import window_scatter
 from insnav.strapdown import Intervals
 from insnav.tabular import runs_of
 from insnav.types import Alignment, BoolArray, FloatArray
@@ -85,16 +86,17 @@ def _means(start: float, end: float, rate: FloatArray, force: FloatArray) -> Sta
     return StationaryMeans(start, end, spill.mean(rate), spill.mean(force), scatter(rate), scatter(force))
 
 
-def sway(parts: Intervals, still: FloatArray) -> tuple[StationaryMeans, FloatArray]:
+def sway(parts: Intervals, still: FloatArray, at: StationaryMeans | None = None) -> tuple[StationaryMeans, FloatArray]:
     """Means of a long rest, and by how much level and heading change from part to part of it, (k, 2) [rad].
 
     Changes of the heading are those beside the mean rate. They are none of a short rest, nor where the vehicle does not
     leave: filters track their gyros' biases there; and not a number next to a part in which the vehicle is shaken.
-    `still` (m, 2): stationary intervals of the rest [s]. Means are of the parts that lie in them, if there are enough.
+    `still` (m, 2): stationary intervals of the rest [s]; `at`: means over the first, which are those of a short rest.
+    Means are of the parts that lie in them, if there are enough.
     """
     start, end = float(still[0, 0]), float(still[-1, 1])
     if end - start < LONG_REST or end > parts.end[-1] - LEFT:
-        return summarize(parts, *still[0]), np.empty((0, 2))
+        return at or summarize(parts, *still[0]), np.empty((0, 2))
     first, last = np.searchsorted(parts.end, [start, end], side="right")
     step = float(np.median(parts.dt[1 : 1 << 16]))
     size = max(4, round(SWAYED / step))
@@ -164,15 +166,9 @@ def _windows(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Rate of `n` windows from a row on: mean (n, 3), length of the sd (n,); the same of specific force."""
     mean, loud = np.empty((2, n, 3)), np.empty((2, n))
-    for first in range(0, n, BLOCK):  # a rest may last for days
-        some = slice(first, min(first + BLOCK, n))
-        for i, values in enumerate(rates(parts, slice(begin + some.start * size, begin + some.stop * size))):
-            window = values.reshape(-1, size, 3)
-            mean[i, some] = (
-                np.einsum("ijk->ik", window) / size
-            )  # sums over the middle axis take numpy five times as long
-            away = window - mean[i, some, None]
-            loud[i, some] = np.sqrt(np.einsum("ijk,ijk->i", away, away) / size)
+    for some in spill.blocks(n, size=BLOCK):  # a rest may last for days
+        samples = parts.dt, parts.gyro, parts.accel, parts.instant
+        window_scatter(*samples, size, begin, some.start, some.stop, mean, loud)
     return mean[0], loud[0], mean[1], loud[1]
 
 

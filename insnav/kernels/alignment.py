@@ -114,6 +114,32 @@ def felt_windows(end, dt, gyro, accel, turn, bias, w_ie_n, times, ends, twice, o
                 out[w, m, i] = path[i] + 0.5 * share * span[k] * (integral[k, i] + here) if twice else here
 
 
+@njit(cache=True)
+def window_scatter(dt, gyro, accel, instant, size, begin, first, last, mean, loud):  # type: ignore[no-untyped-def]
+    """Means and scatter of rate and specific force in windows of `size` intervals, the first from row `begin` on.
+
+    Of the windows from `first` to `last`, not included, are filled `mean` (2, n, 3) and `loud` (2, n), the length of
+    the standard deviation [rad/s], [m/s^2].
+    """
+    here = np.zeros((size, 6))
+    for w in range(first, last):
+        row = begin + w * size
+        for k in range(size):
+            scale = 1.0 if instant else 1.0 / dt[row + k]
+            for i in range(3):
+                here[k, i], here[k, 3 + i] = scale * gyro[row + k, i], scale * accel[row + k, i]
+        for s in range(2):
+            square = 0.0
+            for i in range(3):
+                total = 0.0
+                for k in range(size):
+                    total += here[k, 3 * s + i]
+                mean[s, w, i] = total / size
+                for k in range(size):
+                    square += (here[k, 3 * s + i] - mean[s, w, i]) ** 2
+            loud[s, w] = np.sqrt(square / size)
+
+
 @inner()
 def _nearest(b, sign, k, v, out):  # type: ignore[no-untyped-def]
     """Rotation, (3, 3), times a `sign`, nearest to that times a sum of outer products `b`; `k`, `v` (4, 4): room.
