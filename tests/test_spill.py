@@ -111,7 +111,7 @@ def test_helpers_give_what_numpy_gives(small):
     np.testing.assert_array_equal(spill.joined([values, values[:10]]), np.concatenate([values, values[:10]]))
     np.testing.assert_array_equal(spill.by_blocks(np.multiply, values, values), values * values)
     time = np.cumsum(np.where(rng.random(5000) < 0.01, 0.2, 0.01))
-    np.testing.assert_array_equal(find_gaps(time, IMU_KINDS), np.flatnonzero(np.diff(time) > 0.1))
+    np.testing.assert_array_equal(find_gaps(spill.steps(time), 0.01, IMU_KINDS), np.flatnonzero(np.diff(time) > 0.1))
 
 
 @pytest.mark.parametrize("pack", [gzip.compress, bz2.compress, lzma.compress, bytes])

@@ -118,7 +118,8 @@ class Prepared:
 
     def first(self, length: float) -> ImuData:
         """Samples of the first `length` seconds, and of a long rest before: it tells little of delay, arm and noise."""
-        return self.imu.rows(self.imu.time <= self.initial.time + self._rest() + length)
+        until = self.initial.time + self._rest() + length
+        return self.imu.rows(slice(int(np.searchsorted(self.imu.time, until, side="right"))))  # a view: they are many
 
     def beginning(self, length: float) -> Prepared:
         """The first `length` seconds of the longest part, for searches: samples joined, unless some are missing."""

@@ -304,11 +304,12 @@ def in_memory(data: T, kind: str, name: str = "data in memory") -> Reading[T]:
     """
     time: Any = data.time
     _sound(data)
-    if len(time) < 2 or not (np.diff(time) > 0.0).all():
+    steps = np.diff(time)
+    if len(time) < 2 or not (steps > 0.0).all():
         raise ConfigError(f"the {kind} data need two rows or more, in order of time", where=type(data).__name__)
     digest = hashlib.sha256(b"".join(value.tobytes() for value in data._arrays().values())).hexdigest()
-    step = float(np.median(np.diff(time)))
-    gaps = find_gaps(time, _KINDS[kind])
+    step = float(np.median(steps))
+    gaps = find_gaps(steps, step, _KINDS[kind])
     facts = ReadingFacts(
         kind=kind,
         path=name,
@@ -319,7 +320,7 @@ def in_memory(data: T, kind: str, name: str = "data in memory") -> Reading[T]:
         end_s=float(time[-1]),
         rate_hz=1.0 / step,
         n_gaps=len(gaps),
-        longest_gap_s=float(np.diff(time)[gaps].max(initial=0.0)),
+        longest_gap_s=float(steps[gaps].max(initial=0.0)),
         columns={},
     )
     if isinstance(data, ImuData):

@@ -110,7 +110,7 @@ def clean(
         dt = spill.steps(kept["time"])
     time = kept["time"]
     interval = float(np.median(dt))
-    gaps = find_gaps(time, kinds)
+    gaps = find_gaps(dt, interval, kinds)
     if kinds.gaps:
         events += [
             Event(
@@ -144,12 +144,9 @@ def _repeats(columns: Mapping[str, FloatArray], keys: tuple[str, ...]) -> BoolAr
     return again if len(starts) >= _FEW_RUNS and single.mean() <= _MAX_SINGLE else np.zeros_like(again)
 
 
-def find_gaps(time: FloatArray, kinds: Kinds) -> IntArray:
-    """Rows ``(n,)`` [s] after which more rows are missing than happens by chance."""
-    if not kinds.gaps:
-        return np.empty(0, np.int64)
-    step = spill.steps(time)
-    return np.flatnonzero(step > (kinds.gap_rows + 1.5) * np.median(step))
+def find_gaps(step: FloatArray, interval: float, kinds: Kinds) -> IntArray:
+    """Rows ``(n,)`` after which more are missing than happens by chance, by their steps and the median of these [s]."""
+    return np.flatnonzero(step > (kinds.gap_rows + 1.5) * interval) if kinds.gaps else np.empty(0, np.int64)
 
 
 def cut_event(kinds: Kinds, time: float, why: str) -> Event:

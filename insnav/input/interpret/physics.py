@@ -52,10 +52,11 @@ def quiet_part(gyro: FloatArray, accel: FloatArray, *, interval: float, scale: f
     n = len(accel) // width
     step = -(-n // _MAX_BLOCKS)
     blocks = spill.every(accel[: n * width].reshape(n, width, 3), step)
-    shake = blocks.std(axis=1).sum(axis=1)
-    mean = blocks.mean(axis=1)[shake <= np.median(shake)]
+    mean = blocks.mean(axis=1, keepdims=True)
+    shake = blocks.std(axis=1, mean=mean).sum(axis=1)
     sample = np.abs(spill.every(gyro, -(-len(gyro) // _MAX_SAMPLES)))
-    return Quiet(mean * scale, np.quantile(sample, 0.999, axis=0) * scale)
+    quiet = mean[shake <= np.median(shake), 0]
+    return Quiet(quiet * scale, np.quantile(sample, 0.999, axis=0) * scale)
 
 
 def find_accel_unit(
