@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from typer.core import TyperCommand, TyperGroup
 
@@ -25,7 +25,7 @@ def help_of(command: str) -> dict[str, Any]:
 
 
 class _Light:
-    """Without pydantic, which takes a tenth of a second to import, where typer uses that for texts, paths, defaults."""
+    """Without pydantic, slow to import, where typer uses that for texts, paths, words to choose from and defaults."""
 
     def get_params(self, ctx: Any) -> list[Any]:
         params: list[Any] = super().get_params(ctx)  # type: ignore[misc]
@@ -65,6 +65,8 @@ def _processed(param: Any, ctx: Any, value: Any) -> Any:
         return type(param).process_value(param, ctx, value)
     if isinstance(value, str) and kind in (str, Path):
         value = kind(value)
+    elif value in get_args(kind):  # one of the words that it may be
+        pass
     elif source.name != "DEFAULT":
         return type(param).process_value(param, ctx, value)
     return value if param.callback is None else param.callback(ctx, param, value)
