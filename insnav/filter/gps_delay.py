@@ -138,8 +138,9 @@ def _doubted(ready: Prepared) -> tuple[Prepared, Gates]:
 
 def _thinned(ready: Prepared) -> Prepared:
     """Take so many fixes as are needed."""
-    span = (ready.gps.time[-1] - ready.gps.time[0]) / FIXES
-    number = np.floor((ready.gps.time - ready.gps.time[0]) / span + 1e-6)
+    time, samples = ready.gps.time, ready.imu.time
+    span = (min(time[-1], samples[-1]) - max(time[0], samples[0])) / FIXES
+    number = np.floor((time - time[0]) / span + 1e-6)
     return replace(ready, gps=ready.gps.rows(np.flatnonzero(np.diff(number, prepend=-1.0) > 0.0)))
 
 
