@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, NoReturn, Self, TypeVar
 
@@ -183,7 +183,9 @@ def text(value: ArrayLike, unit: str) -> Any:
     return f"{number!r} {unit}" if factor == 1.0 and float(short) != number else f"{short} {unit}"
 
 
-def preset_or_file(given: str, folder: Path, presets: Sequence[str], what: str, option: str, more: str = "") -> Path:
+def preset_or_file(
+    given: str, folder: Path, presets: Sequence[str], what: str, option: str, more: Callable[[], str] = str
+) -> Path:
     """File of a preset in a folder, or the file itself.
 
     `given`: name of a preset or path; `what`, `option`, `more`: what it is, the option that gives it and what else this
@@ -203,7 +205,7 @@ def preset_or_file(given: str, folder: Path, presets: Sequence[str], what: str, 
     raise ConfigError(
         f"{given[:200]!r} is neither {what} preset nor a file",
         where=option,
-        fix=f"did you mean {close[0]!r}?" if close else f"presets are {', '.join(presets)}{more}",
+        fix=f"did you mean {close[0]!r}?" if close else f"presets are {', '.join(presets)}{more()}",
     )
 
 

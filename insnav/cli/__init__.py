@@ -91,6 +91,7 @@ def main() -> None:
     """Run the command line and end the process with its exit code."""
     for name in THREADS:  # read when numpy is imported: later than here
         os.environ.setdefault(name, "1")
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # it would look for some in all that is installed
     gc.set_threshold(200_000, 50)  # what is imported lasts (125 000): looking for garbage among it takes 3 % of a run
     words = list(itertools.takewhile(lambda text: text != "--", sys.argv[1:]))  # these may stand anywhere before it
     debug = "--debug" in words

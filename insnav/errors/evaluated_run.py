@@ -5,18 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from insnav.errors.metrics import TrajectoryErrors, on_clock, position_errors
 from insnav.errors.reference_check import check_reference, shown_by_drive
 from insnav.errors.reference_offset import ReferenceOffset, reference_offset
-from insnav.errors.short_duration_errors import ShortWindow
 from insnav.filter.navigate import Navigated
 from insnav.filter.noise_identification import NoiseEstimate
 from insnav.input.readers.reading import Reading
 from insnav.types import EventKind, FloatArray, GpsData, Run, Trajectory
+
+if TYPE_CHECKING:
+    from insnav.errors.short_duration_errors import ShortWindow
 
 _FEW, _MOST, _SAME = 10, 0.9, 1e-10  # epochs in common, and share of them that are the same [rad]: half a millimetre
 _REJECTED = 0.5  # share of rejected positions of a filter that is lost ...

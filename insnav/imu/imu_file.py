@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import tomli_w
@@ -28,9 +28,11 @@ from insnav.config_file import (
 )
 from insnav.exceptions import ConfigError
 from insnav.imu.error_terms import Sensor, terms_of
-from insnav.imu.library import Part, close_names, find_part
 from insnav.imu.presets import FOLDER, PRESETS
 from insnav.imu.specification import ClockSpec, ImuSpec, InitialSpec, SensorSpec
+
+if TYPE_CHECKING:  # a run that is given no part reads no file of one
+    from insnav.imu.library import Part
 
 
 class _Sensor(Table):
@@ -93,6 +95,8 @@ def part_of(preset_or_path: str) -> Part | None:
     """Real part that a name means; None if it is a preset, a file or unknown."""
     if preset_or_path in PRESETS or Path(preset_or_path).suffix == ".toml":
         return None
+    from insnav.imu.library import find_part
+
     return find_part(preset_or_path)
 
 
@@ -118,9 +122,7 @@ def load_imu(preset_or_path: str) -> ImuSpec:
     part = part_of(preset_or_path)
     if part is not None:
         return part.spec
-    path = preset_or_file(
-        preset_or_path, FOLDER, PRESETS, "an IMU", "--imu", f"; real parts: {close_names(preset_or_path)}"
-    )
+    path = preset_or_file(preset_or_path, FOLDER, PRESETS, "an IMU", "--imu", lambda: _parts_like(preset_or_path))
     content = read_toml(path)
     sensors = [table for table in (content.get("gyro"), content.get("accel")) if isinstance(table, dict)]
     if any("matrix" in table or "raw" in table for table in sensors):
@@ -145,6 +147,12 @@ def load_imu(preset_or_path: str) -> ImuSpec:
         raise ConfigError("lost_every and lost_length go together", where=f"{path}: clock", fix="give both, above zero")
     positions = np.array((file.accel and file.accel.positions) or np.zeros((3, 3)))
     return ImuSpec(file.name or path.stem, gyro, accel, initial, file.source.strip(), tuple(absent), clock, positions)
+
+
+def _parts_like(name: str) -> str:
+    from insnav.imu.library import close_names
+
+    return f"; real parts: {close_names(name)}"
 
 
 def _sensor(name: Sensor, table: _Sensor | None, absent: list[str]) -> SensorSpec:

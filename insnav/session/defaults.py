@@ -14,7 +14,6 @@ from insnav.filter.gps_noise import with_sd
 from insnav.filter.prepare import DELAY_SD, first_stationary
 from insnav.imu import identify, load_imu
 from insnav.imu.imu_file import part_of
-from insnav.imu.library import completed
 from insnav.imu.presets import PRESETS
 from insnav.imu.specification import ImuSpec
 from insnav.input import Reading
@@ -39,6 +38,8 @@ def given_imu(model: object) -> tuple[ImuSpec, str] | None:
         return None
     part = None if isinstance(model, ImuSpec) else part_of(str(model))
     if part is not None:
+        from insnav.imu.library import completed
+
         spec, taken = completed(part, load_imu(part.grade))
         said = f"; of the class {part.grade}, as its documents do not give it: {', '.join(taken)}" if taken else ""
         return spec, f"from --imu {model}{said}"

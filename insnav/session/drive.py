@@ -18,13 +18,11 @@ from insnav.alignment import find_stationary
 from insnav.engine import Workers, share_of
 from insnav.errors.evaluated_run import EvaluatedRun, evaluate_run, fixed_epochs
 from insnav.errors.metrics import at_point
-from insnav.errors.outage.gnss_outage import LENGTHS, outages
 from insnav.errors.outage.window_reference import WindowReference, reference_from_trajectory
-from insnav.errors.short_duration_errors import short_windows
+from insnav.errors.outage.windows import LENGTHS
 from insnav.exceptions import AlignmentError, ConfigError, InputError, as_keywords
 from insnav.filter import FilterSettings
 from insnav.filter.delay_step import with_one_delay
-from insnav.filter.fine_alignment import FineAlignment, fine_alignment
 from insnav.filter.gps_delay import on_time
 from insnav.filter.gps_noise import with_sd
 from insnav.filter.gyro_fault import without_gyro_faults
@@ -63,6 +61,7 @@ if TYPE_CHECKING:  # what takes long to import is imported where it is used: a r
     from insnav.errors.budget.from_windows import WindowSettings
     from insnav.errors.outage.gnss_outage import OutageStudy
     from insnav.errors.requirement.study import RequirementStudy
+    from insnav.filter.fine_alignment import FineAlignment
     from insnav.session.budget import BudgetOptions, BudgetSettings
     from insnav.session.read import Given
     from insnav.session.requirement import RequirementOptions
@@ -318,6 +317,8 @@ class Drive:
 
         ready, found, notes = self._evaluated(states, aiding, smooth, output_interval, progress)
         if mechanization == "short":
+            from insnav.errors.short_duration_errors import short_windows
+
             windows = short_windows(ready.imu, found.run.solution, found.run.sensor_errors)
             found = replace(found, short_duration=tuple(windows))
         options = {
@@ -406,7 +407,7 @@ class Drive:
         ConfigError, InputError, AlignmentError
             Windows that make no sense, or data that cannot be navigated.
         """
-        from insnav.errors.outage.gnss_outage import OutageStudy
+        from insnav.errors.outage.gnss_outage import OutageStudy, outages
         from insnav.errors.outage.statistics import outage_growth
 
         lengths = [float(length) for length in np.ravel(lengths)]
@@ -539,6 +540,8 @@ class Drive:
         AlignmentError
             No stationary part, or the data do not determine the attitude.
         """
+        from insnav.filter.fine_alignment import fine_alignment
+
         inputs, notes = self.readings.inputs, list(self.notes)
         span = inputs.get("static")
         rest = span or find_stationary(intervals(self.imu.data))

@@ -111,7 +111,7 @@ def load_gps(preset_or_path: str) -> GpsSpec:
     `preset_or_path`: ``single``, ``dgps``, ``rtk``, ``urban``, or a receiver file.
     Raises: ConfigError: no such preset or file, no TOML, or wrong keys or values: all of them at once.
     """
-    path = preset_or_file(preset_or_path, _FOLDER, PRESETS, "a receiver", "--gps", ", ideal")
+    path = preset_or_file(preset_or_path, _FOLDER, PRESETS, "a receiver", "--gps", lambda: ", ideal")
     file = validate(_GpsFile, read_toml(path), str(path))
     velocity = (1.0, 1.0, 1.0) if file.velocity is None else file.velocity.white
     outage, multipath, degraded = file.outage or _Outage(), file.multipath, file.degraded

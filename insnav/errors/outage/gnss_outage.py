@@ -15,7 +15,7 @@ import numpy as np
 
 from insnav.attitude import rph_from_quat, wrap_pi
 from insnav.engine import Workers, every, share_of
-from insnav.errors.outage.windows import comparison_only, navigated_drive, part_of, valid, window_starts
+from insnav.errors.outage.windows import LENGTHS, comparison_only, navigated_drive, part_of, valid, window_starts
 from insnav.exceptions import ConfigError
 from insnav.filter.error_model import FilterState
 from insnav.filter.gates import OF_REFERENCE
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from insnav.errors.outage.statistics import Growth
 
 RECOVERY = 60.0  # time after the window whose fixes the smoother gets [s]
-LENGTHS = (5.0, 10.0, 15.0, 30.0, 60.0, 120.0)  # [s]
 _STATES = ("north_m", "east_m", "down_m", "v_north_m_s", "v_east_m_s", "v_down_m_s")
 _COMPARED = 0.25  # a reference that comes more often is thinned to this interval [s]
 

@@ -20,6 +20,7 @@ from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
 from insnav.types import BoolArray, FloatArray, GpsData, IntArray, Run
 
+LENGTHS = (5.0, 10.0, 15.0, 30.0, 60.0, 120.0)  # of GNSS outages, if none are chosen [s]
 SETTLED = 60.0  # no window begins earlier after the start of navigation, if the drive is long enough [s]
 COUNT = 60  # windows that fit with the default spacing
 CLOSEST = 2.0  # the default spacing is not less [s]

@@ -35,6 +35,8 @@ def read(source: Source) -> Mapping[str, Table]:
 
 @dataclass(frozen=True, slots=True)
 class _ParquetCells:
+    """Rows of a file, read by columns."""
+
     source: Source
     headers: tuple[str, ...]
 

@@ -59,6 +59,8 @@ _NANOSECONDS = 1e15  # times beyond are Unix time in nanoseconds
 
 @dataclass(frozen=True, slots=True)
 class _File:
+    """A file of the folder."""
+
     source: Source
     text: TextColumns
     time: FloatArray  # (n,) [s]

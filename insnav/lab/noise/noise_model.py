@@ -66,6 +66,8 @@ class NoiseModel:
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
+    """A model, and how well it fits."""
+
     squares: FloatArray  # (6,)
     time: float
     likelihood: float  # -2 ln, with the penalty of Akaike's criterion

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,9 +20,7 @@ from insnav.output.kml import write_kml
 from insnav.report.page import DataFrame, Figure, FigureSpec, Later, Page, Section
 from insnav.report.run.backdrop import FILE as BACKDROP
 from insnav.report.run.backdrop import read_backdrop, write_backdrop
-from insnav.report.run.panels import run_panels
 from insnav.report.run.quantities import run_sections
-from insnav.report.run.short_duration import short_columns
 from insnav.report.run.verdict import brief_lines, rated, run_circles, run_line, run_merits, run_verdict
 from insnav.report.run.warnings import file_warnings, run_assumptions, run_warnings
 from insnav.report.series import Clock
@@ -40,6 +38,9 @@ from insnav.types import (
     Smoothed,
 )
 from insnav.units import DEG, DEG_PER_H
+
+if TYPE_CHECKING:
+    from insnav.report.panels import Drawing
 
 PDF_PAGES = {
     "summary": ("track",),
@@ -71,7 +72,7 @@ def page(result: Result[EvaluatedRun], *, sections: bool = True) -> Page:
 def _sections(found: EvaluatedRun, reference: str) -> tuple[Section, ...]:
     accuracy, *others = run_sections(found, reference)
     return (
-        Section("", panels=Later(partial(run_panels, found)), figures=run_figures(found), show="page"),
+        Section("", panels=Later(partial(_panels, found)), figures=run_figures(found), show="page"),
         Section("", "Accuracy, stationary and moving", parts=(accuracy,), folded=True),
         Section("", "All figures of the run", parts=tuple(others), folded=True),
     )
@@ -103,6 +104,12 @@ def run_figures(found: EvaluatedRun) -> tuple[FigureSpec, ...]:
     if np.isfinite(run.sensor_errors.value).any():
         names["biases"] = "Estimated sensor errors"
     return tuple(FigureSpec(name, caption, partial(_draw, name, found)) for name, caption in names.items())
+
+
+def _panels(found: EvaluatedRun) -> Sequence[Drawing]:
+    from insnav.report.run.panels import run_panels  # needed by no run without a page
+
+    return run_panels(found)
 
 
 def _draw(name: str, found: EvaluatedRun) -> Figure:
@@ -137,6 +144,8 @@ def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: s
     if found.backdrop is not None:
         write_backdrop(found.backdrop, folder.path(BACKDROP))
     if found.short_duration:
+        from insnav.report.run.short_duration import short_columns
+
         write_table(folder.path("short.csv"), short_columns(found.short_duration))
 
 

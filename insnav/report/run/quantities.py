@@ -14,7 +14,6 @@ from insnav.errors.reference_offset import ReferenceOffset
 from insnav.filter.noise_identification import NoiseEstimate
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.page import Section, one_each, only_json
-from insnav.report.run.short_duration import short_section
 from insnav.sample_statistics import rms, rms_length
 from insnav.types import Alignment, BoolArray, EventKind, FloatArray, Run, SensorErrors, Trajectory
 
@@ -65,9 +64,17 @@ def run_sections(found: EvaluatedRun, reference: str = "") -> tuple[Section, ...
         Section("sensor_errors", "Estimated sensor errors at the end", _sensor_errors(run.sensor_errors)),
         *((noise_section(found.noise),) if found.noise is not None else ()),
         Section("alignment", "Initial alignment", alignment_items(run.alignment), show="page"),
-        *((short_section(found.short_duration),) if found.short_duration else ()),
+        *_short_duration(found),
         _only("events", dict(sorted(kinds.items())), "events.csv has each of them", "page"),
     )
+
+
+def _short_duration(found: EvaluatedRun) -> tuple[Section, ...]:
+    if not found.short_duration:
+        return ()
+    from insnav.report.run.short_duration import short_section
+
+    return (short_section(found.short_duration),)
 
 
 def _only(key: str, value: Any, note: str = "", show: Any = "json") -> Section:
