@@ -258,6 +258,12 @@ class InnovationLikelihood:
             return self
         return self.beginning(float(self.times[row] - self._run.initial.time))
 
+    def of_lasting_errors(self) -> InnovationLikelihood:
+        """The same with no figures but how much of the errors of positions lasts, and how long."""
+        same = copy(self)
+        same.parameters = self.parameters[-2:]
+        return same
+
     def with_correlated_velocities(self) -> InnovationLikelihood:
         """The same if velocities have a time-correlated error: three more states, which the run took for zero."""
         wider, at, tape = copy(self), self._lasting + 3, list(self._tape)
@@ -303,7 +309,7 @@ class InnovationLikelihood:
     def fixes_of(self, at: FloatArray) -> tuple[FloatArray, FloatArray, CorrelatedNoise]:
         """Factors of the sd of position and velocity; the time-correlated part of the errors."""
         value = {p.key: float(x) for p, x in zip(self.parameters, at, strict=True)}
-        level, down = np.exp(value["gps.horizontal"]), np.exp(value["gps.vertical"])
+        level, down = (np.exp(value.get(key, 0.0)) for key in LEVELS)
         share = self.parameters[-2].most / (1.0 + np.exp(-value["gps.share"]))
         velocity = np.exp([value.get(f"gps.{name}", 0.0) for name in ("velocity", "velocity", "vertical_velocity")])
         position, time = np.array([level, level, down]), float(np.exp(value["gps.correlation_time"]))
@@ -494,6 +500,18 @@ class _Posterior:
         curvature: FloatArray = np.where(at >= self.middle, self._sd[0], self._sd[1]) ** -2.0
         return curvature
 
+    def plausible(self, top: FloatArray, covariance: FloatArray) -> FloatArray:
+        """Mean variances and mean correlation time over what is plausible, and the ends of the interval: (3, k).
+
+        Of errors that last as long as the drive these are known to a factor, and where they are likeliest is too small.
+        """
+        wide = top + np.diag(covariance) * [AVERAGED.get(p.key, 0.0) for p in self.parameters]
+        return np.array([wide, *(top + end * np.sqrt(np.diag(covariance)) for end in INTERVAL)])
+
+    def figures(self, plausible: FloatArray, spec: ImuSpec) -> list[NoiseFigure]:
+        """Figures of what is `plausible`."""
+        return [_figure(p, x, spec) for p, x in zip(self.parameters, plausible.T, strict=True)]
+
     def innovations(self, at: FloatArray) -> _Seen:
         """Innovations, their variances, and the cost of a set of figures."""
         parts = [drive.normalised(at) for drive in self.drives]
@@ -591,11 +609,8 @@ def maximise(drives: Sequence[InnovationLikelihood], near: NoiseEstimate | None 
             if found[2] < cost - VELOCITY_WORTH:
                 posterior, top, covariance, (e, s, cost) = wider, at, of_at, found
     drive = posterior.drives[0]
-    # mean variances and mean correlation time over what is plausible: of errors that last as long as the drive these
-    # are known to a factor, and where they are likeliest is too small
-    wide = top + np.diag(covariance) * [AVERAGED.get(p.key, 0.0) for p in posterior.parameters]
-    position, velocity, correlated = drive.fixes_of(wide)
-    plausible = np.array([wide, *(top + end * np.sqrt(np.diag(covariance)) for end in INTERVAL)])
+    plausible = posterior.plausible(top, covariance)
+    position, velocity, correlated = drive.fixes_of(plausible[0])
     filter_spec = drive.spec(top)
     axes, far_off = _misalignment(posterior.drives, top, SIZE_PRIOR)
     return NoiseEstimate(
@@ -783,10 +798,27 @@ def with_usual_noise(ready: Prepared) -> Prepared:
     return replace(ready, settings=replace(ready.settings, correlated=usual), notes=(*ready.notes, note))
 
 
-def with_known_noise(ready: Prepared, spec: ImuSpec) -> Prepared:
-    """The recording prepared with the misalignments that it tells, all noise as it is specified."""
-    known = known_likelihood(ready.beginning(ENOUGH_FOR_AXES), spec) if ready.model.axes_sd.any() else None
-    return ready if known is None else _with_axes(ready, _misalignment([known[0]], known[1], 0.0)[0])
+def with_known_noise(ready: Prepared, spec: ImuSpec, *, lasting: bool) -> Prepared:
+    """The recording prepared with the misalignments that it tells, all noise as it is specified.
+
+    `lasting`: but for how much of the errors of positions lasts, and how long, which the drive is asked for.
+    """
+    lasting &= ready.settings.correlated is None
+    needed = lasting or ready.model.axes_sd.any()
+    known = known_likelihood(ready.beginning(ENOUGH_FOR_AXES), spec) if needed else None
+    if known is None:
+        return ready
+    if ready.model.axes_sd.any():
+        ready = _with_axes(ready, _misalignment([known[0]], known[1], 0.0)[0])
+    if not lasting:
+        return ready
+    posterior = _Posterior([known[0].of_lasting_errors()])
+    starts = [np.array([np.log(share / (1.0 - share)), np.log(time)]) for share, time in STARTS]
+    top, covariance, _ = posterior.climb(min(starts, key=lambda at: posterior.innovations(at)[2]), NEAR)
+    plausible = posterior.plausible(top, covariance)
+    correlated = posterior.drives[0].fixes_of(plausible[0])[2]
+    notes = (*ready.notes, _lasting_words(correlated, posterior.figures(plausible, spec)))
+    return replace(ready, settings=replace(ready.settings, correlated=correlated), notes=notes)
 
 
 def known_likelihood(ready: Prepared, spec: ImuSpec) -> tuple[InnovationLikelihood, FloatArray] | None:
@@ -881,9 +913,13 @@ def _words(found: NoiseEstimate) -> list[str]:
         notes.append(
             f"time-correlated GPS velocity errors: {size:.2g} m/s, for about {time:.0f} s; estimated as states"
         )
-    time = found.correlated.time
-    lasting = f"correlation time about {time:.0f} s" if time < LONGEST else "lasting longer than the drive tells"
-    hardly = {"gps.share", "gps.correlation_time"} & {figure.key for figure in found.figures if not figure.observable}
+    return [*notes, _lasting_words(found.correlated, found.figures)]
+
+
+def _lasting_words(found: CorrelatedNoise, figures: Sequence[NoiseFigure]) -> str:
+    lasting = (
+        f"correlation time about {found.time:.0f} s" if found.time < LONGEST else "lasting longer than the drive tells"
+    )
+    hardly = {"gps.share", "gps.correlation_time"} & {figure.key for figure in figures if not figure.observable}
     how = "mean of what is plausible, as the drive hardly tells" if hardly else "from the innovations"
-    share = f"{100 * found.correlated.share:.0f} % of the variance"
-    return [*notes, f"{CORRELATED}: {share}, {lasting}, {how}; estimated as states"]
+    return f"{CORRELATED}: {100 * found.share:.0f} % of the variance, {lasting}, {how}; estimated as states"

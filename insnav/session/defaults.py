@@ -19,7 +19,7 @@ from insnav.imu.specification import ImuSpec
 from insnav.input import Reading
 from insnav.input.interpret.velocities import fit_velocities, scales
 from insnav.session.checked_inputs import vector
-from insnav.session.inputs import Inputs
+from insnav.session.inputs import Inputs, NoiseChoice
 from insnav.strapdown import intervals
 from insnav.types import Event, EventKind, GpsData, ImuData, SensorLog, Trajectory
 
@@ -129,10 +129,11 @@ def better_kinds(inputs: Inputs, chosen: ImuSpec) -> tuple[ImuSpec, ...]:
     return tuple(map(load_imu, PRESETS[PRESETS.index(chosen.name) + 1 :]))
 
 
-def noise_is_estimated(inputs: Inputs, gps: Reading[GpsData] | None) -> bool:
-    """Whether the noise is looked for in the innovations: as given, else without an IMU model."""
-    how = inputs.get("noise") or ("estimate" if inputs.get("imu_model") is None else "model")
-    return how == "estimate" and gps is not None
+def noise_wanted(inputs: Inputs, gps: Reading[GpsData] | None) -> NoiseChoice:
+    """What is looked for in the innovations: as given, else all; with an IMU model what lasts of the fixes' errors."""
+    if gps is None:
+        return "model"
+    return inputs.get("noise") or ("estimate" if inputs.get("imu_model") is None else "fixes")
 
 
 def filter_settings(inputs: Inputs, logs: tuple[SensorLog, ...], gps: Reading[GpsData] | None) -> FilterSettings:

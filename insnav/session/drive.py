@@ -266,8 +266,9 @@ class Drive:
         spec : ImuSpec
         """
         ready = self.prepared(states)
-        if not defaults.noise_is_estimated(self.readings.inputs, self.gps):
-            return with_known_noise(ready, self.imu_spec), self.imu_spec
+        wanted = defaults.noise_wanted(self.readings.inputs, self.gps)
+        if wanted != "estimate":
+            return with_known_noise(ready, self.imu_spec, lasting=wanted == "fixes"), self.imu_spec
         ready = replace(ready, kinds=defaults.better_kinds(self.readings.inputs, self.imu_spec))
         found = identify_noise(ready, self.imu_spec)
         if found is None:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from insnav.input.readers.positions import Height
     from insnav.types import FloatArray, Sampling, Stamp
 
+NoiseChoice = Literal["estimate", "fixes", "model"]
 Kind = Literal["text", "file", "number", "numbers", "vector", "span", "columns"]
 
 
@@ -57,7 +58,7 @@ class Inputs(TypedDict, total=False):
     """
 
     imu_model: str | Path | ImuSpec | None
-    noise: Literal["estimate", "model"] | None
+    noise: NoiseChoice | None
     calibration: str | Path | None
     axes: str | None
     units: Mapping[str, str] | str | None

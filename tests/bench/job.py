@@ -43,6 +43,8 @@ class Job:
             str(self.path("gps.csv")),
             "--imu",
             str(self.path("imu.toml")),
+            "--noise",
+            "model",
         ]
         lever = "--lever-arm=" + ",".join(f"{x:g}" for x in self.start["lever_b_m"])
         start = ["--initial", str(self.path("start.json"))] if given_start else []
