@@ -1,0 +1,45 @@
+"""Kernels of the alignment against scipy and numpy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from insnav.kernels.alignment import mean_rotation, window_scatter
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_rotation_between_vectors_is_that_of_scipy(sign):
+    rng = np.random.default_rng(3)
+    felt, true = rng.normal(size=(6, 12, 3)), Rotation.random(6, rng=rng)
+    seen = sign * np.array([turn.apply(some) for turn, some in zip(true, felt, strict=True)])
+    seen += 0.05 * rng.normal(size=seen.shape)
+    each, mean, away = np.empty((6, 3, 3)), np.empty((3, 3)), np.empty(6)
+    mean_rotation(seen, felt, np.ones(6), sign, each, mean, away)
+    for found, a, b in zip(each, seen, felt, strict=True):
+        np.testing.assert_allclose(found, sign * Rotation.align_vectors(sign * a, b)[0].as_matrix(), atol=1e-12)
+    assert np.linalg.det(mean) == pytest.approx(sign)
+    np.testing.assert_allclose(away, np.linalg.norm(each - mean, axis=(1, 2)), atol=1e-12)
+
+
+def test_a_window_that_is_turned_does_not_turn_the_mean():
+    """One of ten by 90 deg, which would turn the mean by 6 deg if it counted as the others do."""
+    rng = np.random.default_rng(4)
+    felt = rng.normal(size=(10, 12, 3))
+    seen = felt + 0.001 * rng.normal(size=felt.shape)
+    seen[3] = felt[3] @ np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    mean = np.empty((3, 3))
+    mean_rotation(seen, felt, np.ones(10), 1.0, np.empty((10, 3, 3)), mean, np.empty(10))
+    assert Rotation.from_matrix(mean).magnitude() < np.deg2rad(0.5)
+
+
+@pytest.mark.parametrize("instant", [True, False])
+def test_means_and_scatter_of_windows_are_those_of_numpy(instant):
+    rng = np.random.default_rng(5)
+    dt, samples = rng.uniform(0.01, 0.02, 43), rng.normal(3.0, 1.0, (2, 43, 3))
+    mean, loud = np.empty((2, 4, 3)), np.empty((2, 4))
+    window_scatter(dt, *samples, instant, 10, 3, 0, 4, mean, loud)
+    rates = (samples if instant else samples / dt[:, None])[:, 3:].reshape(2, 4, 10, 3)
+    np.testing.assert_allclose(mean, rates.mean(axis=2), rtol=1e-13)
+    np.testing.assert_allclose(loud, np.linalg.norm(rates.std(axis=2), axis=-1), rtol=1e-12)
