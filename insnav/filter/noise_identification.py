@@ -275,9 +275,9 @@ class InnovationLikelihood:
         return wider
 
     def _choose(self) -> tuple[_Parameter, ...]:
-        static, at_rest = self._ready.alignment.static, {}
-        if static is not None and static[1] - static[0] >= REST:
-            seen, of_prior = white_noise(self._ready.imu, *static, SLOW)[0], self.prior.gyro.random_walk
+        static, at_rest, of_prior = self._ready.alignment.static, {}, self.prior.gyro.random_walk
+        if static is not None and static[1] - static[0] >= REST and of_prior.any():
+            seen = white_noise(self._ready.imu, *static, SLOW)[0]
             middle = 0.5 * float(np.log(np.mean(seen**2) / np.mean(of_prior**2)))
             at_rest["gyro.random_walk"] = _Parameter("gyro.random_walk", middle, *REST_PRIOR)
         found = [
