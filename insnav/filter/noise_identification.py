@@ -51,6 +51,7 @@ DIGITS = 6  # of these logarithms that count: what is found does not hang on how
 FAR_OFF, FAR_OFF_SHARE = np.deg2rad(5.0), 0.1  # attitude error whose square counts [rad], in this part of a drive [-]
 REJECTED = 3.5  # times the usual interval between fixes that are used, beyond which others are missing
 SETTLING, SETTLED = 4, 60.0  # the attitude of a filter settles in this part of a drive, one in so many, or so soon [s]
+TOO_SMALL = 1.5  # mean square of innovations by their variance with noise that is given: true ones have up to 1.1 [-]
 ENOUGH_FOR_AXES = 900.0  # of the record, where nothing else is looked for [s]
 WORTH_TURNING = 0.5  # of what is not known of attitude: if misalignments that are known do more, samples are corrected
 # Largest figures, where the preset has no larger ones. Consumer sensors are sold with scale factors of 0.03, biases of
@@ -259,7 +260,7 @@ class InnovationLikelihood:
         return self.beginning(float(self.times[row] - self._run.initial.time))
 
     def of_lasting_errors(self) -> InnovationLikelihood:
-        """The same with no figures but how much of the errors of positions lasts, and how long."""
+        """The same with no figures but those of the time-correlated errors of positions."""
         same = copy(self)
         same.parameters = self.parameters[-2:]
         return same
@@ -503,7 +504,7 @@ class _Posterior:
     def plausible(self, top: FloatArray, covariance: FloatArray) -> FloatArray:
         """Mean variances and mean correlation time over what is plausible, and the ends of the interval: (3, k).
 
-        Of errors that last as long as the drive these are known to a factor, and where they are likeliest is too small.
+        Of time-correlated errors as long as the drive they are known to a factor, and the likeliest ones are too small.
         """
         wide = top + np.diag(covariance) * [AVERAGED.get(p.key, 0.0) for p in self.parameters]
         return np.array([wide, *(top + end * np.sqrt(np.diag(covariance)) for end in INTERVAL)])
@@ -801,20 +802,31 @@ def with_usual_noise(ready: Prepared) -> Prepared:
 def with_known_noise(ready: Prepared, spec: ImuSpec, *, lasting: bool) -> Prepared:
     """The recording prepared with the misalignments that it tells, all noise as it is specified.
 
-    `lasting`: but for how much of the errors of positions lasts, and how long, which the drive is asked for.
+    `lasting`: but for the time-correlated errors of positions, which the drive is asked for.
     """
     lasting &= ready.settings.correlated is None
     needed = lasting or ready.model.axes_sd.any()
     known = known_likelihood(ready.beginning(ENOUGH_FOR_AXES), spec) if needed else None
     if known is None:
         return ready
+    (drive, at), posterior = known, _Posterior([known[0].of_lasting_errors()])
     if ready.model.axes_sd.any():
-        ready = _with_axes(ready, _misalignment([known[0]], known[1], 0.0)[0])
+        ready = _with_axes(ready, _misalignment([drive], at, 0.0)[0])
+    e, s = drive.normalised(at)[:2]
+    if lasting:
+        starts = [np.array([np.log(share / (1.0 - share)), np.log(time)]) for share, time in STARTS]
+        best = min(starts, key=lambda each: posterior.innovations(each)[2])
+        top, covariance, (e, s, _) = posterior.climb(best, NEAR)
+    size = float(np.mean(np.minimum(e**2 / s, HUBER**2)))  # false fixes count little
+    if size > TOO_SMALL:  # what lasts would stand for other noise
+        text = (
+            "innovations are larger than the IMU model given and the standard deviations of the fixes allow: one of "
+            "them is too small; --noise estimate finds the noise of both"
+        )
+        event = Event(ready.initial.time, EventKind.CONTRADICTION, size, TOO_SMALL, "", text)
+        return replace(ready, faults=(*ready.faults, event))
     if not lasting:
         return ready
-    posterior = _Posterior([known[0].of_lasting_errors()])
-    starts = [np.array([np.log(share / (1.0 - share)), np.log(time)]) for share, time in STARTS]
-    top, covariance, _ = posterior.climb(min(starts, key=lambda at: posterior.innovations(at)[2]), NEAR)
     plausible = posterior.plausible(top, covariance)
     correlated = posterior.drives[0].fixes_of(plausible[0])[2]
     notes = (*ready.notes, _lasting_words(correlated, posterior.figures(plausible, spec)))

@@ -52,6 +52,18 @@ def test_with_all_given_but_what_lasts_of_the_errors_of_fixes_that_is_found():
     assert any(note.startswith("time-correlated GPS position errors: 6 %") for note in found.notes)
 
 
+@pytest.mark.parametrize(
+    ("model", "factor", "said"), [("automotive", 1.0, False), ("navigation", 1.0, True), ("automotive", 0.3, True)]
+)
+def test_noise_that_is_given_too_small_is_said(model, factor, said):
+    """An IMU better than it is: 297 m; three times surer fixes: all rejected. Neither pointed to the noise."""
+    drive = insnav.simulate("figure_eight", imu="automotive", gps="single", seed=11)
+    fixes = drive.gps.data
+    fixes = replace(fixes, position_sd=factor * fixes.position_sd, velocity_sd=factor * fixes.velocity_sd)
+    warnings = insnav.load(drive.imu.data, fixes, imu_model=model).navigate().page().warnings
+    assert any("--noise estimate" in text for text in warnings) == said
+
+
 def test_lever_arm_and_delay_are_found(result):
     run = result.found.run
     assert (np.abs(run.lever_b - LEVER) <= 3.0 * run.lever_sd).all()
