@@ -124,7 +124,7 @@ VELOCITY_STARTS = np.log([(share, time) for time in (30.0, 150.0) for share in (
 VELOCITY_WORTH = 20.0
 LATER, MOVED = 3, 4  # first of the causes that innovations are looked at for, beside three gyros
 LOST, AFTER = 9.0, 5.0  # mean square of normalised innovations of so long [s] beyond which a run is no start
-STARTS = [(share, time) for time in (8.0, 40.0, 150.0) for share in (0.1, 0.5, 0.85)]
+STARTS = [np.log([share / (1.0 - share), time]) for time in (8.0, 40.0, 150.0) for share in (0.1, 0.5, 0.85)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -580,12 +580,11 @@ def _bent(curvature: FloatArray, step: FloatArray, change: FloatArray) -> FloatA
 
 def _begun(posterior: _Posterior) -> FloatArray:
     """Figures from which the largest density is near: of several starts the likeliest, by the first of the record."""
-    lasting = np.array([(np.log(share / (1.0 - share)), np.log(time)) for share, time in STARTS])
     level = np.array([p.key in LEVELS for p in posterior.parameters[:-2]])
     starts = [
         np.concatenate([posterior.middle[:-2] + np.log(factor) * level, each])
         for factor in UNDERSTATED_STARTS
-        for each in lasting
+        for each in STARTS
     ]
     short = _Posterior([drive.beginning(SHORT) for drive in posterior.drives])
     return short.climb(min(starts, key=lambda at: short.innovations(at)[2]), NEAR)[0]
@@ -809,28 +808,31 @@ def with_known_noise(ready: Prepared, spec: ImuSpec, *, lasting: bool) -> Prepar
     known = known_likelihood(ready.beginning(ENOUGH_FOR_AXES), spec) if needed else None
     if known is None:
         return ready
-    (drive, at), posterior = known, _Posterior([known[0].of_lasting_errors()])
+    drive, at = known
     if ready.model.axes_sd.any():
         ready = _with_axes(ready, _misalignment([drive], at, 0.0)[0])
-    e, s = drive.normalised(at)[:2]
-    if lasting:
-        starts = [np.array([np.log(share / (1.0 - share)), np.log(time)]) for share, time in STARTS]
-        best = min(starts, key=lambda each: posterior.innovations(each)[2])
-        top, covariance, (e, s, _) = posterior.climb(best, NEAR)
-    size = float(np.mean(np.minimum(e**2 / s, HUBER**2)))  # false fixes count little
-    if size > TOO_SMALL:  # what lasts would stand for other noise
-        text = (
-            "innovations are larger than the IMU model given and the standard deviations of the fixes allow: one of "
-            "them is too small; --noise estimate finds the noise of both"
-        )
-        event = Event(ready.initial.time, EventKind.CONTRADICTION, size, TOO_SMALL, "", text)
-        return replace(ready, faults=(*ready.faults, event))
     if not lasting:
-        return ready
+        return replace(ready, faults=(*ready.faults, *_too_small(ready, *drive.normalised(at)[:2])))
+    posterior = _Posterior([drive.of_lasting_errors()])
+    top, covariance, (e, s, _) = posterior.climb(min(STARTS, key=lambda each: posterior.innovations(each)[2]), NEAR)
+    faults = _too_small(ready, e, s)
+    if faults:  # time-correlated errors would stand for other noise
+        return replace(ready, faults=(*ready.faults, *faults))
     plausible = posterior.plausible(top, covariance)
     correlated = posterior.drives[0].fixes_of(plausible[0])[2]
     notes = (*ready.notes, _lasting_words(correlated, posterior.figures(plausible, spec)))
     return replace(ready, settings=replace(ready.settings, correlated=correlated), notes=notes)
+
+
+def _too_small(ready: Prepared, innovation: FloatArray, variance: FloatArray) -> tuple[Event, ...]:
+    """An event if innovations are larger than the noise given allows; false fixes count little."""
+    size = float(np.mean(np.minimum(innovation**2 / variance, HUBER**2)))
+    text = (
+        "innovations are larger than the IMU model given and the standard deviations of the fixes allow: one of "
+        "them is too small; --noise estimate finds the noise of both"
+    )
+    event = Event(ready.initial.time, EventKind.CONTRADICTION, size, TOO_SMALL, "", text)
+    return (event,) * bool(size > TOO_SMALL)
 
 
 def known_likelihood(ready: Prepared, spec: ImuSpec) -> tuple[InnovationLikelihood, FloatArray] | None:
