@@ -14,10 +14,9 @@ from insnav.filter.measurements.measurement import Measurement
 from insnav.filter.settings import FilterSettings
 from insnav.filter.shocks import shocks
 from insnav.filter.smoother import SmoothedErrors
-from insnav.filter.state_layout import layout
+from insnav.filter.state_layout import Layout, layout
 from insnav.kernels import epoch
 from insnav.kernels.dynamics import NAV
-from insnav.kernels.epoch import Layout
 from insnav.kernels.errorstate import SENSOR, STATES, Outputs, feed_back, move_along
 from insnav.kernels.output import add_moved, deviations, moved, sides
 from insnav.kernels.smoother import correct

@@ -2,14 +2,38 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from insnav.attitude import dcm_from_rph, quat_from_rph
 from insnav.filter.error_model import FilterState, InitialState
 from insnav.filter.settings import FilterSettings
-from insnav.kernels.epoch import Layout
 from insnav.kernels.errorstate import STATES
 from insnav.types import FloatArray
+
+
+class Layout(NamedTuple):
+    """Number of states, and the first index of those that are optional; -1 where they are absent."""
+
+    states: int
+    delay: int
+    correlated: int
+    """Those of the time-correlated GPS error: three of position, and three of velocity where it has one."""
+    lever: int
+    """The three of the lever arm, body axes."""
+    shaken: int
+    """The three of the lever arm by which vibration moves the antenna for the receiver.
+
+    A receiver measures velocity over its own 20 to 200 ms, and what shakes an IMU need not move the antenna.
+    """
+    lag: int
+    """Of the velocities of fixes behind their positions."""
+
+    @property
+    def has_arm(self) -> bool:
+        """Whether turns show an arm that is estimated."""
+        return self.lever >= 0 or self.shaken >= 0
 
 
 def layout(settings: FilterSettings) -> Layout:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from insnav.kernels import njit
@@ -16,29 +14,6 @@ from insnav.kernels.smoother import keep, keep_state
 # other: for so long a velocity is carried by the accelerometers, not corrected, before it shows a delay [s]
 SHOWN_BY_IMU = 20.0
 MOST_CORRECTED = 0.3  # more is no noise of the velocity [m/s]
-
-
-class Layout(NamedTuple):
-    """Number of states, and the first index of those that are optional; -1 where they are absent."""
-
-    states: int
-    delay: int
-    correlated: int
-    """Those of the time-correlated GPS error: three of position, and three of velocity where it has one."""
-    lever: int
-    """The three of the lever arm, body axes."""
-    shaken: int
-    """The three of the lever arm by which vibration moves the antenna for the receiver.
-
-    A receiver measures velocity over its own 20 to 200 ms, and what shakes an IMU need not move the antenna.
-    """
-    lag: int
-    """Of the velocities of fixes behind their positions."""
-
-    @property
-    def has_arm(self) -> bool:
-        """Whether turns show an arm that is estimated."""
-        return self.lever >= 0 or self.shaken >= 0
 
 
 # All that the filter estimates, in one array that changes in place, see `insnav.filter.error_model.FilterState`: a call
@@ -138,8 +113,8 @@ def assess_fix(  # type: ignore[no-untyped-def]
 ):
     """Assess row `row` of the fixes; see `insnav.kernels.gps_measurement.assess`, which this is with plain arrays.
 
-    `own`: whether it has the errors of fixes; `late`: by how much its velocity is older [s]; `at` (7,): `Layout`, and
-    how many time-correlated errors there are.
+    `own`: whether it has the errors of fixes; `late`: by how much its velocity is older [s]; `at` (7,):
+    `insnav.filter.state_layout.Layout`, and how many time-correlated errors there are.
     """
     clock, lasting = estimated[CLOCK], estimated[LASTING][: at[6]]
     correlated, lever, shaken, lag = at[2], at[3], at[4], at[5]
@@ -206,12 +181,14 @@ def note_epoch(row, time, before, estimated, doubt, p):  # type: ignore[no-untyp
 def note_fix(row, time, z, sd, nis_position, nis_velocity, position, velocity, estimated, doubt, p):  # type: ignore[no-untyped-def]
     """Fill `row` (139,) of a fix: innovation (6,), its standard deviation (6,), NIS, what was used, the state after."""
     x, motion, correction = estimated[STATE], estimated[MOTION], estimated[CORRECTION]
-    row[FIX_TIME], row[FIX_DELAY], row[2], row[3] = time, estimated[CLOCK][0], nis_position, nis_velocity
-    row[4], row[5] = position, velocity
+    nis, use, state, innovation = row[FIX_NIS], row[FIX_USE], row[FIX_STATE], row[FIX_INNOVATION]
+    deviation, sensor, variance = row[FIX_SD], row[FIX_SENSOR], row[FIX_VARIANCE]
+    row[FIX_TIME], row[FIX_DELAY] = time, estimated[CLOCK][0]
+    nis[0], nis[1], use[0], use[1] = nis_position, nis_velocity, position, velocity
     for k in range(6):
-        row[6 + k], row[12 + k], row[28 + k] = z[k], sd[k], motion[k]
+        innovation[k], deviation[k], state[10 + k] = z[k], sd[k], motion[k]
     for k in range(10):
-        row[18 + k] = x[k]
+        state[k] = x[k]
     for k in range(SENSOR):
-        row[34 + k], row[46 + k] = correction[k], p[NAV + k, NAV + k]
+        sensor[k], variance[k] = correction[k], p[NAV + k, NAV + k]
     at_fix_time(less_sure(p, surest(estimated, doubt)), x, row[FIX_COVARIANCE].reshape(NAV, NAV))
