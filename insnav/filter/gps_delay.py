@@ -37,7 +37,7 @@ FINE, FINE_STEPS = 0.02, 5  # steps about the best of these to either side; the 
 DRIFTS = 0.02 * np.arange(-10, 11)  # of the delay, from the middle to the ends of the record [s]
 DRIFT_WORTH, LARGEST_DRIFT = 0.02, 4e-4  # a smaller one is not moved by [s], larger ones no crystal has [s/s]
 LONGEST = 900.0  # of the record that is looked at [s]
-FIXES = 600  # of it at most
+FIXES = 600  # of it at most, besides those of a long rest before
 WORTH, REFINED_BY = 0.03, 0.01  # smaller delays the state of the filter finds; where velocities lag by a shape [s]
 WIDEST = 0.5  # standard deviation of a delay with which the filter begins where a drive hardly shows it [s]
 SURE, REFINED = 4.0, 2.0  # delays are believed beyond so many of their standard deviations, or with other evidence
@@ -137,10 +137,9 @@ def _doubted(ready: Prepared) -> tuple[Prepared, Gates]:
 
 
 def _thinned(ready: Prepared) -> Prepared:
-    """Take so many fixes as are needed."""
-    time, samples = ready.gps.time, ready.imu.time
-    span = (min(time[-1], samples[-1]) - max(time[0], samples[0])) / FIXES
-    number = np.floor((time - time[0]) / span + 1e-6)
+    """Take so many fixes as are needed of what is looked at."""
+    time = ready.gps.time
+    number = np.floor((time - time[0]) / (min(time[-1] - time[0], LONGEST) / FIXES) + 1e-6)
     return replace(ready, gps=ready.gps.rows(np.flatnonzero(np.diff(number, prepend=-1.0) > 0.0)))
 
 
