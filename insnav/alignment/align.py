@@ -22,6 +22,9 @@ GIVEN_HEADING_SD = np.deg2rad(2.0)  # of a heading that the user gives: read fro
 STATIC_SPEED = 0.5  # GPS speed of a stationary vehicle, with the noise of a poor receiver [m/s]
 SWUNG = 10.0  # from where it rests, and standard deviations of fixes on top, beyond which a vehicle has left [m]
 MOVED = 3.0  # standard deviations of the way between two positions from which it is motion
+# Before fixes see a vehicle leave they may miss it for so long [s]. Steady acceleration, or speed, looks like a rest
+# then: none that follows on a change of velocity by more than STATIC_SPEED and this for each second [m/s^2]
+UNSEEN, LEVEL_DRIFT = 30.0, 0.05
 SOON = 10.0  # a stop that begins this soon after the first fix is the start of the drive [s]
 COURSE_TIME = 0.5  # a course in motion may be off by the turn in this time, or up to the nearest velocity [s]
 SPARSE = 5.0  # fixes farther apart show no change of velocity in a short record [s]
@@ -109,10 +112,23 @@ def still_of(parts: Intervals, gps: GpsData, rest: tuple[float, float]) -> Float
     slow = _slow(parts, motion.velocity(gps)) if until >= least else None
     if slow is not None:
         until = min([*parts.end[(parts.end > rest[1]) & ~slow][:1], until])
-    if slow is None or until < least:
-        return np.array([rest])
-    more = (each for each in static.stationary(parts, slow) if rest[1] <= each[0] and each[1] <= until)
-    return np.array([rest, *more])
+    still = [rest]
+    for each in static.stationary(parts, slow, static.WINDOW) if slow is not None and until >= least else ():
+        if each[1] > until or (each[0] > max(rest[1], until - UNSEEN) and _left(parts, still, each[1])):
+            break
+        if each[0] >= rest[1]:
+            still.append(each)
+    return np.array(still)
+
+
+def _left(parts: Intervals, still: list[tuple[float, float]], time: float) -> bool:
+    """Whether gyros and accelerometers see the vehicle leave between its last rest and a time [s]."""
+    end = still[-1][1]
+    rows = slice(*np.searchsorted(parts.end, [max(still[-1][0], end - LEVEL_SPAN), end], side="right"))
+    rph = np.array([*static.level(static.rates(parts, rows)[1].mean(axis=0)), 0.0])
+    # the Earth's rotation is in the mean rate
+    track = motion.history(parts, end, time, rph, static.summarize(parts, *still[0]).rate, None)
+    return bool(np.hypot(*track.u_n[-1, :2]) > STATIC_SPEED + LEVEL_DRIFT * (time - end))
 
 
 def _moved(gps: GpsData, begin: float, end: float) -> bool:

@@ -93,15 +93,18 @@ def interval_of(time: FloatArray) -> float:
     return float(np.median(np.diff(time))) if time.size > 1 else 0.0
 
 
-def history(parts: Intervals, start: float, end: float, rph: FloatArray, bias: FloatArray, lat: float) -> History:
-    """Integrate gyros and specific force from `rph` at `start` to `end`."""
+def history(
+    parts: Intervals, start: float, end: float, rph: FloatArray, bias: FloatArray, lat: float | None
+) -> History:
+    """Integrate gyros and specific force from `rph` at `start` to `end`; `lat`: None if Earth's rate is in `bias`."""
     first, last = np.searchsorted(parts.end, [start + 1e-6, end], side="right")
     dt = parts.dt[first:last]
     scale = dt[:, None] if parts.instant else 1.0
     dtheta = parts.gyro[first:last] * scale - bias * dt[:, None]
     n = dt.shape[0]
     q, u = np.empty((n + 1, 4)), np.empty((n + 1, 3))
-    gyro_history(quat_from_rph(rph), earth_rate_n(lat), dt, dtheta, parts.accel[first:last] * scale, q, u)
+    earth = np.zeros(3) if lat is None else earth_rate_n(lat)
+    gyro_history(quat_from_rph(rph), earth, dt, dtheta, parts.accel[first:last] * scale, q, u)
     return History(np.concatenate([[parts.end[first] - dt[0]], parts.end[first:last]]), q, u)
 
 

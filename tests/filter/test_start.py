@@ -267,6 +267,23 @@ def test_a_boat_that_rocks_before_the_drive_is_never_at_rest(tmp_path):
     assert np.mean(np.abs(ned_offset(solution.lla, truth.lla)) < 3.0 * solution.sd[:, :3]) > 0.97
 
 
+@pytest.mark.parametrize("by", ["1.5 m/s^2", "0.5 m/s^2"])
+def test_a_steady_departure_that_positions_do_not_see_is_no_rest(tmp_path, by):
+    """It was, for 1.5 s of 1.5 m/s^2: a bias stepped ten seconds before, and 73 % of the attitudes were inside 3 sd."""
+    (tmp_path / "parked.toml").write_text(PARKED.replace('to = "12 m/s"', f'to = "12 m/s"\nacceleration = "{by}"'))
+    plan = plan_of(profiled(tmp_path / "parked.toml", 3), {"imu": "automotive", "gps": load_gps("single"), "seed": 3})
+    measured = plan.measured()
+    gps = replace(measured.gps, v_n=np.full_like(measured.gps.lla, np.nan))
+    found = insnav.load(measured.imu, gps).navigate(output_interval=1.0).found
+    leaves = float(measured.imu.time[0]) + 900.0
+    print(f"at rest until {found.run.alignment.left - leaves:+.2f} s of departure")
+    assert -10.0 < found.run.alignment.left - leaves < 1.0
+    assert not [event for event in found.run.events if event.kind is EventKind.CONTRADICTION]
+    truth = plan.truth.evaluate(found.run.smoothed.solution.time)
+    off = np.abs(wrap_pi(found.run.smoothed.solution.rph - truth.rph))
+    assert np.mean(off < 3.0 * found.run.smoothed.solution.sd[:, 6:]) > 0.97
+
+
 @pytest.mark.parametrize("rate", [0.0, 0.05 * DEG])
 def test_a_slow_turn_all_through_a_rest_is_warned_of(tmp_path, rate):
     """To the gyros it is a bias, but one that they do not have in the drive."""
