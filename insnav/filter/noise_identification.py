@@ -24,7 +24,7 @@ from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.gps_noise import ALIKE, OPEN_HEIGHT, OPEN_VELOCITY
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import CORRELATED, Prepared
-from insnav.filter.sensor_axes import Misalignment, by_turn, errors_of_axes, misalignment
+from insnav.filter.sensor_axes import Misalignment, by_turn, errors_of_axes, held, misalignment
 from insnav.filter.state_layout import first_state, layout
 from insnav.imu.noise_density import SLOW, white_noise
 from insnav.imu.specification import ImuSpec, SensorSpec, level_bias
@@ -358,9 +358,11 @@ class InnovationLikelihood:
 
         That is the error of roll, pitch and heading by each (12, k, 3) [-]. Last, whether the attitude of the run was
         so far off so long that the innovations are no linear function of it. All is of the settled filter: while the
-        heading is off by degrees, its products with tilts count as much as misalignments.
+        heading is off by degrees, its products with tilts count as much as misalignments. A long rest, where these do
+        nothing to the filter, would make what they do seem less.
         """
-        push, settled = np.insert(self._axes, 0, 0.0, axis=0), slice(self._offered.size // SETTLING, None)
+        push, rest = np.insert(self._axes, 0, 0.0, axis=0), np.flatnonzero(held(self._tape[2])).max(initial=-1) + 1
+        settled = slice(int(rest + (self._offered.size - rest) // SETTLING), None)
         e, s, *by = self.normalised(at, push)
         tilt = -push[1:, settled, 6:]
         turned = np.concatenate([np.einsum("kji,akj->aki", self._c[settled], tilt)[..., :2], tilt[..., 2:]], axis=-1)

@@ -20,7 +20,7 @@ import numpy as np
 from insnav import spill, strapdown
 from insnav.attitude import dcm_from_quat
 from insnav.kernels.smoother import STATE, TIME
-from insnav.types import FloatArray, ImuData
+from insnav.types import BoolArray, FloatArray, ImuData
 
 TERMS = tuple((i, j) for i in range(3) for j in range(3) if i != j)  # axis i senses a part of what is about axis j
 GRID = np.linspace(-7.0, 4.0, 221)  # logarithm of the size, by the prior's
@@ -58,8 +58,17 @@ def errors_of_axes(
     return found, c
 
 
+def held(transition: FloatArray) -> BoolArray:
+    """Where the filter holds the attitude by its transitions (m, 9, 21): no error of the gyros turns it in a long rest."""
+    return np.asarray(~transition[:, 6:9, 9:12].any(axis=(1, 2)))
+
+
 def by_turn(tilt: FloatArray, transition: FloatArray) -> FloatArray:
-    """Errors of position, velocity and attitude, (m, 9), by a `tilt` (m, 3) [rad] that grows from epoch to epoch."""
+    """Errors of position, velocity and attitude, (m, 9), by a `tilt` (m, 3) [rad] that grows from epoch to epoch.
+
+    None while the filter holds the attitude.
+    """
+    tilt = np.where(held(transition)[:, None], 0.0, tilt)
     # spread evenly over the span, an error acts on the next one for half of it, on the one after for a third
     parts = (transition[:, :3, 6:9] / 3.0, transition[:, 3:6, 6:9] / 2.0)
     return np.hstack([*(np.einsum("kij,kj->ki", part, tilt) for part in parts), tilt])
