@@ -46,7 +46,7 @@ class EvaluatedRun:
     @property
     def reference_offset(self) -> ReferenceOffset | None:
         """Constant parts of the filter's errors, if there is a reference that tells them."""
-        return None if self.errors is None else reference_offset(self.errors, self.run.solution)
+        return None if self.errors is None else reference_offset(self.errors, self.run.solution, self.run.lever_sd)
 
     @property
     def solutions(self) -> dict[str, Trajectory]:
@@ -95,7 +95,7 @@ def evaluate_run(
         good = _held(good, best.time)
         if not same:
             point = done.run.lever_b if lever_b is None else lever_b
-            good, doubts = check_reference(good, best, done.gps, point, shown_by_drive(done.run))
+            good, doubts = check_reference(good, best, done.gps, point, shown_by_drive(done.run), done.run.lever_sd)
             events = tuple(sorted((*doubts, *events), key=lambda event: event.time))
             done = replace(done, run=replace(done.run, events=events))
         errors = position_errors(done.run.solution, good, lever_b=lever_b)

@@ -14,7 +14,15 @@ import numpy as np
 from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.earth import ned_offset
 from insnav.errors.metrics import TrajectoryErrors, position_errors
-from insnav.errors.reference_offset import FEWEST, WORTH, jackknifed, offset_notes, reference_offset, rows_at
+from insnav.errors.reference_offset import (
+    FEWEST,
+    WORTH,
+    jackknifed,
+    offset_notes,
+    reference_offset,
+    rows_at,
+    stated_weights,
+)
 from insnav.filter.gps_noise import velocity_lag
 from insnav.input.interpret.velocities import fit_velocities
 from insnav.sample_statistics import rms
@@ -29,6 +37,7 @@ SURE_LATE = 2.0  # standard deviations of a delay from which a drive shows one
 STEADY = 1.0  # scatter of the speed below which an error of the clock is like one of the position [m/s]
 FAST = 2.0  # speed above which the course is a heading [m/s]
 LEAST_HEADING, LEAST_TURN, SURE = 1.0 * DEG, 5.0 * DEG, 5.0  # that contradict: all, some, and standard deviations
+HORIZONTAL = slice(2)
 _MOST = 0.9  # share of epochs that stands for all
 _SAME = 0.5  # of an error of the clock by which the delay of the fixes may differ and be most of its cause
 
@@ -39,11 +48,13 @@ def check_reference(
     gps: GpsData | None,
     lever_b: FloatArray,
     shown: Mapping[str, float] = MappingProxyType({}),
+    lever_sd: FloatArray | None = None,
 ) -> tuple[Trajectory, list[Event]]:
     """Leave out of a reference what cannot be right, and say it; its clock is said, but not moved to flatter us.
 
-    `lever_b` (3,): point of the reference seen from the IMU, body axes [m]; `shown`: as of `shown_by_drive`. Raises:
-    InputError: no time in common.
+    `lever_b` (3,): point of the reference seen from the IMU, body axes [m]; `shown`: as of `shown_by_drive`;
+    `lever_sd` (3,): of the lever arm of the track, if that is not known [m].
+    Raises: InputError: no time in common.
     """
     said: list[Event] = []
 
@@ -107,7 +118,7 @@ def check_reference(
             f"headings of the reference are up to {largest:.0f} deg off {first} and right later, which no turn of the "
             "gyros explains: not used until then",
         )
-    offset = reference_offset(errors, track)
+    offset = reference_offset(errors, track, lever_sd)
     for action in () if offset is None else offset_notes(offset, lever_b):
         say(0.0, 0.0, "", action)
     return replace(reference, time=given), said
@@ -144,30 +155,34 @@ def clock_error(
     """How far the clock of a reference is ahead [s]; horizontal RMS difference as it is, and with that corrected [m].
 
     By the lag with which the two tracks lie closest, then by least squares with a constant offset and another point of
-    the vehicle, which a clock must not be taken for. `errors`: of the track against the reference as it is.
+    the vehicle, which a clock must not be taken for; epochs count by the standard deviations that the track states, as
+    one that has drifted for minutes tells no clock. `errors`: of the track against the reference as it is.
     Returns: zeros where the difference is small, or not clear.
     """
-    before = rms(errors.horizontal)
-    late, sd, after = _coarse(reference, track), np.inf, before
+    as_it_is = rms(errors.horizontal)
+    before = rms(errors.horizontal * stated_weights(errors, HORIZONTAL))
+    late, sd, after = _coarse(reference, track), np.inf, as_it_is
+    difference = before
     for _ in range(3):
         moved = replace(reference, time=reference.time - late)
         if moved.time[-1] < track.time[0] or moved.time[0] > track.time[-1]:
             return 0.0, 0.0, 0.0
         if late:
             errors = position_errors(track, moved, lever_b=lever_b)
-        after = rms(errors.horizontal)
+        weight = stated_weights(errors, HORIZONTAL)
+        after, difference = rms(errors.horizontal), rms(errors.horizontal * weight)
         row = rows_at(track, errors.time)
         v = track.v_n[row, :2]
         if len(v) < FEWEST or float(np.std(np.hypot(v[:, 0], v[:, 1]))) < STEADY:
             return 0.0, 0.0, 0.0
         c = dcm_from_rph(track.rph[row])[:, :2, :2]
         terms = np.concatenate([v[:, :, None], -c, np.broadcast_to(np.eye(2), c.shape)], axis=2)
-        value, value_sd = jackknifed(terms, errors.position[:, :2])
+        value, value_sd = jackknifed(terms * weight[:, None, None], errors.position[:, :2] * weight[:, None])
         late, sd = late + float(value[0]), float(value_sd[0])
-        if abs(late) < 0.5 * LEAST_CLOCK:  # no further step makes it worth saying
+        if not 0.5 * LEAST_CLOCK <= abs(late) <= FARTHEST:  # no further step makes it worth saying
             return 0.0, 0.0, 0.0
-    clear = abs(late) > max(LEAST_CLOCK, CLEAR * sd) and after < WORTH * before
-    return (round(late, 3), before, after) if clear else (0.0, 0.0, 0.0)
+    clear = abs(late) > max(LEAST_CLOCK, CLEAR * sd) and difference < WORTH * before
+    return (round(late, 3), as_it_is, after) if clear else (0.0, 0.0, 0.0)
 
 
 def _coarse(reference: Trajectory, track: Trajectory) -> float:

@@ -29,6 +29,7 @@ class ReferenceOffset:
     horizontal_rms: float  # of the difference as it is [m]
     horizontal_rms_without: float  # with that point moved [m]
     down: float  # mean difference of the heights, positive where the reference is the higher [m]
+    surest_down: float  # the same, epochs weighted by their stated variances: heights drift without fixes [m]
 
     @property
     def clear(self) -> bool:
@@ -39,14 +40,16 @@ class ReferenceOffset:
     @property
     def geoid(self) -> bool:
         """Whether heights differ by as much as ellipsoid and mean sea level do."""
-        return abs(self.down) > GEOID
+        return abs(self.surest_down) > GEOID
 
 
-def reference_offset(errors: TrajectoryErrors, track: Trajectory) -> ReferenceOffset | None:
+def reference_offset(
+    errors: TrajectoryErrors, track: Trajectory, lever_sd: FloatArray | None = None
+) -> ReferenceOffset | None:
     """Fit a body-fixed and a local offset to the horizontal errors.
 
     Error = estimate - reference, so that a reference elsewhere on the vehicle makes ``-C b``; a constant of the datum
-    does not turn with it.
+    does not turn with it. An error of the lever arm of the run turns with it as well: `lever_sd` (3,) [m].
 
     Returns: none where there are few epochs, or the vehicle does not turn.
     """
@@ -59,8 +62,9 @@ def reference_offset(errors: TrajectoryErrors, track: Trajectory) -> ReferenceOf
     if np.sqrt(np.sum(np.var(c[:, :, 0], axis=0))) < TURNED:
         return None
     terms = np.concatenate([-c, np.broadcast_to(np.eye(2), c.shape)], axis=2)  # body forward, right; north, east
-    value, value_sd = jackknifed(terms, position[:, :2])
-    body, sd = value[:2], value_sd[:2]
+    weight = stated_weights(errors, slice(2))[known, None]
+    value, value_sd = jackknifed(terms * weight[..., None], position[:, :2] * weight)
+    body, sd = value[:2], value_sd[:2] if lever_sd is None else np.hypot(value_sd[:2], lever_sd[:2])
     moved = position[:, :2] + c @ body
     return ReferenceOffset(
         body,
@@ -68,7 +72,17 @@ def reference_offset(errors: TrajectoryErrors, track: Trajectory) -> ReferenceOf
         rms(np.hypot(position[:, 0], position[:, 1])),
         rms(np.hypot(moved[:, 0], moved[:, 1])),
         float(position[:, 2].mean()),
+        float(np.average(position[:, 2], weights=stated_weights(errors, slice(2, 3))[known] ** 2)),
     )
+
+
+def stated_weights(errors: TrajectoryErrors, axes: slice) -> FloatArray:
+    """Weight of each epoch by the standard deviation of its position that is stated, 1 that of the surest, (m,).
+
+    What has drifted for minutes without fixes tells no constant. All are 1 where one has none.
+    """
+    sd = np.zeros(1) if errors.sd is None else np.linalg.norm(errors.sd[:, axes], axis=1)
+    return np.asarray(sd.min() / sd) if (sd > 0.0).all() else np.ones(len(errors.time))
 
 
 def rows_at(track: Trajectory, time: FloatArray) -> IntArray:
@@ -104,7 +118,7 @@ def offset_notes(found: ReferenceOffset, taken: FloatArray) -> list[str]:
         )
     if found.geoid:
         notes.append(
-            f"heights differ from the reference by {abs(found.down):.1f} m on average: the undulation of the geoid? "
-            "One of the two may be above mean sea level (--gps-height msl)"
+            f"heights differ from the reference by {abs(found.surest_down):.1f} m on average: the undulation of the "
+            "geoid? One of the two may be above mean sea level (--gps-height msl)"
         )
     return notes

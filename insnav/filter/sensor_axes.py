@@ -59,7 +59,7 @@ def errors_of_axes(
 
 
 def held(transition: FloatArray) -> BoolArray:
-    """Where the filter holds the attitude by its transitions (m, 9, 21): no error of the gyros turns it in a long rest."""
+    """Where the filter holds the attitude by its transitions (m, 9, 21): in a long rest the gyros turn nothing."""
     return np.asarray(~transition[:, 6:9, 9:12].any(axis=(1, 2)))
 
 

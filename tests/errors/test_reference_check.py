@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from insnav.earth import lla_offset
 from insnav.errors.metrics import on_clock, position_errors
 from insnav.errors.reference_check import check_reference
 from insnav.types import GpsData, Trajectory
@@ -68,6 +69,21 @@ def test_another_point_of_the_vehicle_is_no_clock(pair: tuple[Trajectory, Trajec
     found, (event,) = check_reference(moved(truth, np.array([3.0, 0.0, 0.0])), track, None, HERE)
     assert "another point of the vehicle" in event.action
     np.testing.assert_array_equal(found.time, truth.time)
+
+
+def test_a_solution_that_drifted_without_fixes_blames_neither_clock_nor_heights(pair: tuple[Trajectory, Trajectory]):
+    """25 fixes, then minutes of inertial navigation: the clock of a right reference was said to be 150.9 s off."""
+    track, truth = pair
+    age = np.maximum(track.time - track.time[0] - 25.0, 0.0)[:, None]
+    drift = age**2 * np.array([0.0, 0.0, 0.002]) + np.minimum(age, 10.0) * track.v_n * 0.1
+    sd = track.sd + np.pad(np.abs(drift), ((0, 0), (0, 6)))
+    drifted = replace(track, lla=lla_offset(track.lla, drift), sd=sd)
+    assert np.mean(drift[:, 2]) > 10.0
+    assert check_reference(truth, drifted, None, HERE)[1] == []
+    unsaid = replace(drifted, sd=None)  # it is what is stated that tells
+    blamed = " ".join(each.action for each in check_reference(truth, unsaid, None, HERE)[1])
+    assert "the clock of the reference" in blamed
+    assert "heights differ" in blamed
 
 
 @pytest.mark.parametrize("wrong", [-4.0, 73.0, 180.0])

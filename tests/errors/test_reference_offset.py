@@ -70,6 +70,13 @@ def test_an_error_of_the_run_is_no_other_point():
         assert offset_notes(found, np.zeros(3)) == []
 
 
+def test_a_lever_arm_that_is_not_known_is_no_other_point():
+    track, truth = driven(1, 0.3)
+    errors = position_errors(track, moved(truth, POINT))
+    for lever_sd, clear in ((np.full(3, 0.05), True), (np.full(3, 0.5), False)):
+        assert reference_offset(errors, track, lever_sd).clear == clear
+
+
 def test_without_turns_nothing_is_told():
     track, truth = driven(1, 0.1)
     errors = position_errors(track, truth)
