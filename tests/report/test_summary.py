@@ -14,7 +14,7 @@ from insnav.filter.noise_identification import NoiseFigure
 from insnav.plain_text import moment
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.numbers import number
-from insnav.report.page import Section, cell, section_tables
+from insnav.report.page import Section, Verdict, cell, section_tables
 from insnav.report.run.verdict import LINES, brief_lines
 from insnav.report.run.warnings import run_warnings
 from insnav.report.series import Clock
@@ -171,6 +171,8 @@ def test_what_was_not_given_is_said_as_the_drive_shows_it(driven, navigated):
         "the fixes are 0.069 ± 0.004 s early; lever arm x, y, z 1.00 ± 0.10, 0.00 ± 0.02, -0.50 ± 0.01 m; the " in said
     )
     assert said.endswith("292 ppm fast against GPS time, corrected")
+    bad = replace(page, verdict=Verdict("bad", "the errors are larger than stated", ""))
+    assert any(line.startswith("found (doubtful") for line in brief_lines(bad, EvaluatedRun(shown, gps), None))
     unsure = replace(shown, gps_delay_sd=0.05)
     assert any("on time to ± 0.050 s; lever" in line for line in brief_lines(page, EvaluatedRun(unsure, gps), None))
     given = replace(run, gps_delay_sd=0.0, lever_sd=np.zeros(3))

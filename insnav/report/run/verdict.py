@@ -205,7 +205,8 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = WIDTH) -> l
     table = _table({best: page.merits} | {mode: run_merits(found, mode) for mode in others})
     warnings = _listed("warning", page.warnings, _WARNINGS, width)
     told = "; ".join(_found(found.run, page.notes))
-    shown = _rows(f"found: {told}", _FOUND, width) if told else []
+    doubtful = " (doubtful, as the run is)" * (page.verdict is not None and page.verdict.light == "bad")
+    shown = _rows(f"found{doubtful}: {told}", _FOUND, width) if told else []
     assumed = _listed("assumed", page.assumptions, _ASSUMED - len(shown), width)
     return [*title, *verdict, *table, *warnings, *shown, *assumed]
 
