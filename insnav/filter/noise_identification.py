@@ -20,18 +20,19 @@ import numpy as np
 
 from insnav.exceptions import DivergenceError
 from insnav.filter.error_model import ErrorModel, InitialState, error_model, initial_state
+from insnav.filter.gates import Gates
 from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.gps_noise import ALIKE, OPEN_HEIGHT, OPEN_VELOCITY
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import CORRELATED, Prepared
-from insnav.filter.sensor_axes import Misalignment, by_turn, errors_of_axes, held, misalignment
+from insnav.filter.sensor_axes import Misalignment, by_turn, errors_of_axes, held, informed, misalignment
 from insnav.filter.state_layout import first_state, layout
 from insnav.imu.noise_density import SLOW, white_noise
 from insnav.imu.specification import ImuSpec, SensorSpec, level_bias
 from insnav.kernels import noise_likelihood as kernel
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
-from insnav.kernels.smoother import COAST, FIX, NOISE, SOURCE, TIME
+from insnav.kernels.smoother import COAST, FIX, NOISE, RESTART, SOURCE, TIME
 from insnav.plain_text import without_exponents
 from insnav.sample_statistics import chi2_limit
 from insnav.types import Alignment, Event, EventKind, FloatArray, GpsData
@@ -41,6 +42,7 @@ LONGEST = 1800.0  # of the record that is looked at [s]
 SHORT = 600.0  # of it for the first steps, from which the rest is not far [s]
 SPACING = 0.9  # time between the fixes that are looked at, on average at least [s]
 FEWEST = 30  # fixes needed: what fewer show is less than what the prior knows
+NOT_LOST = 0.95  # part of the fixes used with resets that a run uses without them, or it is lost
 MOST_REJECTED = 0.3  # part of them that must have been used, else the gates are wrong
 HUBER = 3.0  # innovations beyond so many standard deviations count less, so that false fixes do not decide
 # what the variance of clean innovations loses by that: 1 - 2 Q(3), the expectation of psi(u) u for standard normal u
@@ -361,16 +363,27 @@ class InnovationLikelihood:
         heading is off by degrees, its products with tilts count as much as misalignments. A long rest, where these do
         nothing to the filter, would make what they do seem less.
         """
-        push, rest = np.insert(self._axes, 0, 0.0, axis=0), np.flatnonzero(held(self._tape[2])).max(initial=-1) + 1
+        push = np.insert(self._axes, 0, 0.0, axis=0)
+        rest = np.flatnonzero(held(self._tape[2]) & (self._tape[0] > 0.0)).max(initial=-1) + 1
         settled = slice(int(rest + (self._offered.size - rest) // SETTLING), None)
         e, s, *by = self.normalised(at, push)
         tilt = -push[1:, settled, 6:]
         turned = np.concatenate([np.einsum("kji,akj->aki", self._c[settled], tilt)[..., :2], tilt[..., 2:]], axis=-1)
         kind = self._tape[1][: settled.start]
         late = slice(int(np.bitwise_count(kind[kind > COAST]).sum()), None)
-        weighted = np.array(by) * weights_of(e, s)
         far_off = float(np.mean(np.abs(push[0, :, 6:]).max(axis=1) > FAR_OFF)) > FAR_OFF_SHARE
-        return weighted[:, late] @ np.transpose(by)[late], -weighted[:, late] @ e[late], turned, far_off
+        found = informed(e[late], np.array(by)[:, late], weights_of(e[late], s[late]), self.misalignment_sd)
+        return *found, turned, far_off
+
+    @property
+    def reset(self) -> bool:
+        """Whether the run was reset to fixes."""
+        return bool((self._tape[1] == RESTART).any())
+
+    @property
+    def misalignment_sd(self) -> FloatArray:
+        """Standard deviations of the twelve misalignments by the prior [rad]."""
+        return np.concatenate([np.repeat(sensor.misalignment, 2) for sensor in (self.prior.gyro, self.prior.accel)])
 
     def rejected(self) -> bool:
         """Whether several fixes in a row were rejected in the run, positions or velocities."""
@@ -647,10 +660,9 @@ def cost_at(drive: InnovationLikelihood, at: FloatArray) -> float:
 
 def _misalignment(drives: Sequence[InnovationLikelihood], at: FloatArray, prior_sd: float) -> tuple[Misalignment, bool]:
     """Misalignments of the IMU of all drives, attitude is that of the first; and whether a run was far off."""
-    prior = drives[0].prior
-    sd = np.concatenate([np.repeat(sensor.misalignment, 2) for sensor in (prior.gyro, prior.accel)])
     fisher, slope, turned, far_off = zip(*(drive.by_axes(at) for drive in drives), strict=True)
-    return misalignment(np.sum(fisher, axis=0), np.sum(slope, axis=0), turned[0], sd, prior_sd), any(far_off)
+    fisher, slope = np.sum(fisher, axis=0), np.sum(slope, axis=0)
+    return misalignment(fisher, slope, turned[0], drives[0].misalignment_sd, prior_sd), any(far_off)
 
 
 def _turned(prior: ImuSpec, found: ImuSpec, size: float) -> ImuSpec:
@@ -689,14 +701,24 @@ def _likelihood(ready: Prepared, spec: ImuSpec) -> InnovationLikelihood | None:
     """Innovations of a drive; none where it is too short to tell, or the filter diverges."""
     if _thinned(ready.gps).time.shape[0] < FEWEST:
         return None
-    gates = ready.settings.gates
     # where gates reject most fixes by what came with these, all are looked at
-    for each in (gates, replace(gates, probability=1.0, reset_after=np.inf)):
+    for gates in (ready.settings.gates, replace(ready.settings.gates, probability=1.0, reset_after=np.inf)):
         with suppress(DivergenceError):
-            drive = InnovationLikelihood(replace(ready, settings=replace(ready.settings, gates=each)), spec)
+            drive = _with_gates(ready, spec, gates)
             if drive.fixes >= max(FEWEST, MOST_REJECTED * drive.offered):
                 return drive
     return None
+
+
+def _with_gates(ready: Prepared, spec: ImuSpec, gates: Gates) -> InnovationLikelihood:
+    """Innovations of a run with some gates, without resets if it is not lost so: they forget what sensor errors did."""
+    drive = InnovationLikelihood(replace(ready, settings=replace(ready.settings, gates=gates)), spec)
+    if drive.reset:
+        with suppress(DivergenceError):
+            without = _with_gates(ready, spec, replace(gates, reset_after=np.inf))
+            if without.fixes > NOT_LOST * drive.fixes:
+                return without
+    return drive
 
 
 def _white(found: NoiseEstimate) -> FloatArray:

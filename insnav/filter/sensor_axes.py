@@ -23,6 +23,7 @@ from insnav.kernels.smoother import STATE, TIME
 from insnav.types import BoolArray, FloatArray, ImuData
 
 TERMS = tuple((i, j) for i in range(3) for j in range(3) if i != j)  # axis i senses a part of what is about axis j
+BLOCKS, BY_CHANCE = 20, 2.0  # parts of a drive, and scatter of what they say, by that expected, that is none by chance
 GRID = np.linspace(-7.0, 4.0, 221)  # logarithm of the size, by the prior's
 
 
@@ -72,6 +73,31 @@ def by_turn(tilt: FloatArray, transition: FloatArray) -> FloatArray:
     # spread evenly over the span, an error acts on the next one for half of it, on the one after for a third
     parts = (transition[:, :3, 6:9] / 3.0, transition[:, 3:6, 6:9] / 2.0)
     return np.hstack([*(np.einsum("kij,kj->ki", part, tilt) for part in parts), tilt])
+
+
+def informed(
+    innovation: FloatArray, by: FloatArray, weight: FloatArray, sd: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Curvature (k, k) and slope (k,) of the log-likelihood by terms of which one adds `by` (k, n) to an innovation.
+
+    Innovations that err together, as in multipath, say less than as many that err each by itself: slopes of parts of
+    the drive then scatter more than their curvature allows, and count as much less (the "sandwich" covariance: P. J.
+    Huber, "The behavior of maximum likelihood estimates under nonstandard conditions", 5th Berkeley Symp. 1 (1967)
+    221-233; by blocks: W. K. Newey, K. D. West, Econometrica 55 (1987) 703-708).
+
+    `innovation`, `weight` (n,): innovations and their inverse variances; `sd` (k,): of the terms before.
+    """
+    scale = np.where(sd > 0.0, sd, 1.0)
+    by = by * scale[:, None]
+    fisher, slope = (by * weight) @ by.T, -(by * weight) @ innovation
+    left = weight * (innovation + np.linalg.solve(fisher + np.eye(sd.size), slope) @ by)
+    parts = np.array([by[:, part] @ left[part] for part in np.array_split(np.arange(left.size), BLOCKS)])
+    scatter = BLOCKS * np.var(parts, axis=0, ddof=1) / np.maximum(np.diag(fisher), 1e-9)
+    less = 1.0 / np.sqrt(np.where(scatter > BY_CHANCE, scatter, 1.0))
+    if (less < 1.0).any():
+        part = fisher @ (less[:, None] * np.linalg.inv(fisher + 1e-6 * np.eye(sd.size)) * less)
+        fisher, slope = part @ fisher, part @ slope
+    return fisher / np.outer(scale, scale), slope / scale
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import insnav
-from insnav.earth import ned_offset
+from insnav.earth import lla_offset, ned_offset
 from insnav.filter import FilterSettings, error_model, sensor_axes
+from insnav.filter.gates import Gates
 from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.noise_identification import (
     LARGEST,
@@ -391,6 +392,41 @@ def test_what_a_misalignment_does_is_what_the_regression_says():
     np.testing.assert_allclose(attitudes[1] - attitudes[0], 5e-3 * does[row].mean(axis=0), atol=0.1 * 5e-3)
     assert np.abs(does[row].mean(axis=0)).max() > 0.5
     np.testing.assert_allclose(slopes[1] - slopes[0], 5e-3 * fisher[row], atol=0.1 * 5e-3 * fisher[row, row])
+
+
+def test_false_fixes_that_reset_the_filter_do_not_make_it_forget_the_axes():
+    """At rest after a reset, what a misalignment had done seemed nothing, and no attitude was as sure as stated."""
+    imu, gps = recorded(5, laps=8)
+    false = (gps.time > gps.time[0] + 60.0) & (gps.time < gps.time[0] + 80.0)
+    false_lla = lla_offset(gps.lla, np.array([40.0, -30.0, 20.0]))
+    ready = prepared(imu, replace(gps, lla=np.where(false[:, None], false_lla, gps.lla)), drives.SPEC, 5, laps=8)
+    ready = replace(ready, settings=replace(ready.settings, gates=Gates()))
+    assert InnovationLikelihood(ready, drives.SPEC).reset
+    drive, at = known_likelihood(ready, drives.SPEC)
+    assert not drive.reset
+    does = drive.by_axes(at)[2]
+    assert np.abs(does[sensor_axes.TERMS.index((1, 2))].mean(axis=0)).max() > 0.5
+
+
+@pytest.mark.parametrize(("together", "plain"), [(1, 1.0), (12, 12.0)])
+def test_innovations_that_err_together_say_less_of_the_axes(together, plain):
+    """Errors that come as many at a time, as in multipath: squares of what is found wrong, by those that are stated."""
+    rng = np.random.default_rng(8)
+    n, sd, squares = 2400, np.full(4, 0.01), []
+    for _ in range(200):
+        by = 30.0 * np.repeat(rng.standard_normal((4, n // 12)), 12, axis=1)
+        error = np.repeat(rng.standard_normal(n // together), together)
+        truth = sd * rng.standard_normal(4)
+        innovation, before = error - truth @ by, np.diag(sd**-2.0)
+        said = sensor_axes.informed(innovation, by, np.ones(n), sd)
+        squares.append([])
+        for fisher, slope in (said, (by @ by.T, -by @ innovation)):
+            off = np.linalg.solve(fisher + before, slope) - truth
+            squares[-1].append(off @ (fisher + before) @ off / 4.0)
+    mean, mean_plain = np.mean(squares, axis=0)
+    print(f"{mean:.2f} times those stated, without that {mean_plain:.2f}")
+    assert mean_plain == pytest.approx(plain, rel=0.3)
+    assert 0.8 < mean < 1.6
 
 
 @pytest.mark.parametrize("prior_sd", [0.0, 1.0])
