@@ -15,6 +15,7 @@ from insnav.filter.gps_noise import heights_measured
 from insnav.filter.measurements import measurements_from_drive
 from insnav.filter.measurements.first_pass import FirstPass
 from insnav.filter.measurements.non_holonomic import NonHolonomic
+from insnav.filter.measurements.zero_velocity import ZeroVelocity
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import Prepared, Start, prepare
 from insnav.filter.settings import FilterSettings
@@ -29,6 +30,8 @@ ABSORBED = 2.5
 GAP_WORTH = 3.0  # a GPS gap from which other aiding is worth a second pass: less drifts by centimetres [s]
 PLAUSIBLE = 3.0  # a lever arm found within so many standard deviations of the one given, or none, is believed
 UNKNOWN_HEIGHT = 1000.0  # standard deviation where fixes have none [m]
+ASSUMED = NonHolonomic, ZeroVelocity  # what no sensor measures: how vehicles move
+WEAKER = 5.0  # standard deviations of that where fixes and IMU contradict it, by those found: it holds in gaps still
 DENSE = 0.1  # of the solution from which aiding is calibrated, and with which fixes are compared [s]
 
 
@@ -125,6 +128,7 @@ def _decided(ready: Prepared, first: Run) -> tuple[Run, tuple[Event, ...]]:
         gates: Gates = OPEN,
         *,
         weighing: bool = False,
+        doubting: bool = False,
     ) -> Run:
         covariance = ready.initial.covariance.copy()
         covariance[:3, :3] += opened**2 * np.eye(3)
@@ -134,6 +138,12 @@ def _decided(ready: Prepared, first: Run) -> tuple[Run, tuple[Event, ...]]:
         settings = replace(ready.settings, gates=gates, trust=trust, changes=tuple(every))
         if weighing:  # false fixes that count would make an arm of 50 m
             settings = replace(settings, lever_b=lever_b, lever_sd=0.0)
+        if doubting:
+            aiding = (
+                replace(each, sd=WEAKER * each.sd) if isinstance(each, ASSUMED) else each
+                for each in settings.aiding or ()
+            )
+            settings = replace(settings, aiding=tuple(aiding))
         return _run(replace(ready, gps=fixes, settings=settings, initial=initial), None)
 
     return decided(first, ready.gps, ready.settings, again)

@@ -74,6 +74,10 @@ ENDS = 0.2  # a fix so little before or after the track is compared with its end
 LARGEST, UNUSED, EPISODE = 30.0, 10.0, 30.0
 SURELY = 1.0  # twice the log-likelihood of a fix, on average, by which another explanation is better [-]
 LONG = 5.0  # so long false fixes at begin or end may be those before or after a jump for good [s]
+UNLIKE = (
+    "fixes and IMU contradict how vehicles are assumed to move (NHC, ZUPT): the standard deviations of that are taken "
+    "five times as large"
+)
 OPEN_START = 3000.0  # standard deviation of a first position that may be false [m]
 
 
@@ -128,8 +132,8 @@ def decided(
     """Let the whole record decide which fixes were false, or what changed and stayed so; only where it contradicts.
 
     `first`: with `settings`; one that is not smoothed stays as it is; `again`: navigates once more: fixes, which of
-    them to leave out, a standard deviation to be added to the first position [m], changes, gates, and whether false
-    fixes may still count.
+    them to leave out, a standard deviation to be added to the first position [m], changes, gates, whether false fixes
+    may still count, and whether it is doubted that a vehicle moves as it is assumed to.
     Returns: the run to be believed, and what was found.
     """
     if first.smoothed is None:
@@ -138,10 +142,12 @@ def decided(
     def worth(run: Run, changes: tuple[StateChange, ...] = ()) -> float:
         return unlikely(run, gps, settings, unused(changes, gps, settings.delay))
 
+    found = Explained(first, partial(again, gps, gates=settings.gates))
+    if _unlike(found, settings):
+        return _doubting(gps, settings, again)
     against = contradicted(first, gps, settings)
     if not against and first.smoothed.surest is None:
         return first, ()
-    found = Explained(first, partial(again, gps, gates=settings.gates))
     others = list[Run]()
     starts = STARTS if np.isfinite(gps.v_n).any() else ALONE
     for start in starts if against else ():
@@ -173,6 +179,8 @@ def decided(
             found, others = Explained(runs[best], ways[best], said_of, beside), []
         else:
             changes = ()
+    if not changes and found.run is not first and _unlike(found, settings):
+        return _doubting(gps, settings, again)
     # fixes that no gate and no smoothed track contradicts are not left out
     run, said, trust = _left_open(found, changes, gps, settings, worth, AROUND if against else BRIEF)
     if trust is not None:
@@ -184,6 +192,26 @@ def decided(
     run = mixed(run, resets) if resets else run
     assert run.smoothed is not None
     return replace(run, smoothed=replace(run.smoothed, delay_step=step)), (*found.events, *said)
+
+
+def _unlike(found: Explained, settings: FilterSettings) -> bool:
+    """Whether fixes part from the IMU only where it is assumed how a vehicle moves."""
+    surest = None if found.run.smoothed is None else found.run.smoothed.surest
+    if not settings.aiding or surest is None or of_the_imu(surest):
+        return False
+    with suppress(DivergenceError):
+        bare = found.navigate(trust=found.trust, doubting=True).smoothed
+        return bare is not None and bare.surest is None
+    return False
+
+
+def _doubting(gps: GpsData, settings: FilterSettings, again: Callable[..., Run]) -> tuple[Run, tuple[Event, ...]]:
+    """Let the whole record decide where what is assumed of a vehicle's motion counts little."""
+    again = partial(again, doubting=True)
+    first = again(gps, gates=settings.gates)
+    run, events = decided(first, gps, replace(settings, aiding=()), again)
+    begin = float(first.innovations.time[0])
+    return run, (*events, Event(begin, EventKind.CONTRADICTION, np.nan, np.nan, "", UNLIKE))
 
 
 def of_moments(trust: Trust | None, gps: GpsData) -> Trust | None:

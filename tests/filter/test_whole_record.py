@@ -12,9 +12,11 @@ from insnav.earth import lla_offset, ned_offset
 from insnav.errors.metrics import position_errors
 from insnav.filter import FilterSettings, navigate
 from insnav.filter.gates import Trust, without_frozen
+from insnav.filter.measurements.measurement import NOTHING, FilterView
+from insnav.filter.measurements.non_holonomic import NonHolonomic
 from insnav.filter.navigate import Navigated, feed, navigate_recording
 from insnav.filter.prepare import DELAY_SD, prepare
-from insnav.filter.whole_record import of_moments, residuals, without_ends
+from insnav.filter.whole_record import UNLIKE, of_moments, residuals, without_ends
 from insnav.imu import load_imu
 from insnav.simulate import gps_from_truth
 from insnav.simulate.faults import gps_jump, gps_spike
@@ -202,6 +204,26 @@ def test_velocities_that_are_false_for_a_moment_are_no_change_of_what_lasts():
     false[1, moments] = False
     assert of_moments(Trust(false, np.zeros(false.shape)), gps) is None
     assert of_moments(None, gps) is None
+
+
+class Sliding(NonHolonomic):
+    """A vehicle that slides sideways for a while, and is assumed not to."""
+
+    def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:
+        rows = super().observe(at, z, h)
+        if rows != NOTHING and AT < at.time < AT + 15.0:
+            z[1] += 0.6
+        return rows
+
+
+def test_fixes_do_not_part_from_the_imu_where_a_vehicle_slides():
+    """A change of the velocity of the fixes was found for it, and standard deviations held 24 m of nothing."""
+    made = recording(5)
+    settings = replace(SETTINGS, aiding=(Sliding(np.eye(3), np.zeros(3), np.array([0.05, 0.05])),))
+    done = navigate_recording(made.imu, made.gps, load_imu("automotive"), settings, aiding="off")
+    print(told(done), done.run.smoothed.solution.sd[:, :2].max())
+    assert told(done) == [UNLIKE]
+    assert done.run.smoothed.solution.sd[:, :2].max() < 3.0
 
 
 def test_a_lever_arm_is_no_surer_where_no_fix_is_false(monkeypatch):
