@@ -11,6 +11,7 @@ import pytest
 import insnav
 from insnav.attitude import wrap_pi
 from insnav.earth import ned_offset
+from insnav.filter.gyro_fault import Episode
 from insnav.filter.noise_identification import LATER, known_likelihood
 from insnav.input import read_gps, read_imu
 from insnav.types import EventKind, ImuData
@@ -114,6 +115,18 @@ def test_a_weak_one_that_the_noise_found_with_it_holds_is_named():
     assert "gyro z is off by +" in said.action
     assert said.value == pytest.approx(0.7, rel=0.15)
     assert said.time == pytest.approx(begin, abs=3.0)
+
+
+def test_no_vehicle_turns_far_faster_while_a_gyro_is_off():
+    """About a run that was lost between houses a gyro was off by 150 deg/s for nine seconds, which was taken off."""
+    imu = insnav.simulate("round_trip", imu="automotive", gps="single", seed=9168).imu.data
+    begin = float(imu.time[0]) + 70.0
+    fault = Episode(2, begin, begin + 9.0, 5.0 * DEG, 100.0)
+    assert fault.bearable(off(imu, 2, 5.0 * DEG, begin, 9.0))
+    assert not replace(fault, rate=-150.0 * DEG).bearable(imu)
+    clipped = replace(fault, rate=-60.0 * DEG)  # what is not there while the vehicle turns as fast as elsewhere
+    turning = replace(imu, gyro=imu.gyro + 60.0 * DEG * (imu.time % 20.0 < 9.0)[:, None])
+    assert clipped.bearable(off(turning, 2, -60.0 * DEG, begin, 9.0))
 
 
 def test_one_that_vibration_hides_in_a_recorded_car_is_named():
