@@ -116,7 +116,7 @@ def still_of(parts: Intervals, gps: GpsData, rest: tuple[float, float]) -> Float
     for each in static.stationary(parts, slow, static.WINDOW) if slow is not None and until >= least else ():
         if each[1] > until or (each[0] > max(rest[1], until - UNSEEN) and _left(parts, still, each[1])):
             break
-        if each[0] >= rest[1]:
+        if each[0] >= rest[1] and each[1] > each[0]:
             still.append(each)
     return np.array(still)
 

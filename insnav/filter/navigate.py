@@ -19,7 +19,7 @@ from insnav.filter.measurements.zero_velocity import ZeroVelocity
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import Prepared, Start, prepare
 from insnav.filter.settings import FilterSettings
-from insnav.filter.whole_record import OPEN, decided
+from insnav.filter.whole_record import OPEN, WEAKER, decided
 from insnav.imu.specification import ImuSpec
 from insnav.types import Event, EventKind, FloatArray, GpsData, ImuData, Run, StateChange, Trajectory
 
@@ -31,7 +31,6 @@ GAP_WORTH = 3.0  # a GPS gap from which other aiding is worth a second pass: les
 PLAUSIBLE = 3.0  # a lever arm found within so many standard deviations of the one given, or none, is believed
 UNKNOWN_HEIGHT = 1000.0  # standard deviation where fixes have none [m]
 ASSUMED = NonHolonomic, ZeroVelocity  # what no sensor measures: how vehicles move
-WEAKER = 5.0  # standard deviations of that where fixes and IMU contradict it, by those found: it holds in gaps still
 DENSE = 0.1  # of the solution from which aiding is calibrated, and with which fixes are compared [s]
 
 

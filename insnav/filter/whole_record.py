@@ -74,9 +74,12 @@ ENDS = 0.2  # a fix so little before or after the track is compared with its end
 LARGEST, UNUSED, EPISODE = 30.0, 10.0, 30.0
 SURELY = 1.0  # twice the log-likelihood of a fix, on average, by which another explanation is better [-]
 LONG = 5.0  # so long false fixes at begin or end may be those before or after a jump for good [s]
+WEAKER = (
+    5.0  # times the standard deviations of how vehicles are assumed to move where it is doubted: gaps need it still
+)
 UNLIKE = (
-    "fixes and IMU contradict how vehicles are assumed to move (NHC, ZUPT): the standard deviations of that are taken "
-    "five times as large"
+    "fixes and IMU contradict how vehicles are assumed to move (NHC, ZUPT): its standard deviations are taken "
+    f"{WEAKER:g} times as large"
 )
 OPEN_START = 3000.0  # standard deviation of a first position that may be false [m]
 
