@@ -173,6 +173,8 @@ def test_what_was_not_given_is_said_as_the_drive_shows_it(driven, navigated):
     assert said.endswith("292 ppm fast against GPS time, corrected")
     bad = replace(page, verdict=Verdict("bad", "the errors are larger than stated", ""))
     assert any(line.startswith("found (doubtful") for line in brief_lines(bad, EvaluatedRun(shown, gps), None))
+    wrong = replace(shown, events=(*shown.events, Event(0.0, EventKind.REF_CONTRADICTION, 0.0, 0.0, "", "heights")))
+    assert not any(line.startswith("found (doubtful") for line in brief_lines(bad, EvaluatedRun(wrong, gps), None))
     unsure = replace(shown, gps_delay_sd=0.05)
     assert any("on time to ± 0.050 s; lever" in line for line in brief_lines(page, EvaluatedRun(unsure, gps), None))
     given = replace(run, gps_delay_sd=0.0, lever_sd=np.zeros(3))

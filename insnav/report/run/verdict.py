@@ -205,10 +205,15 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = WIDTH) -> l
     table = _table({best: page.merits} | {mode: run_merits(found, mode) for mode in others})
     warnings = _listed("warning", page.warnings, _WARNINGS, width)
     told = "; ".join(_found(found.run, page.notes))
-    doubtful = " (doubtful, as the run is)" * (page.verdict is not None and page.verdict.light == "bad")
-    shown = _rows(f"found{doubtful}: {told}", _FOUND, width) if told else []
+    doubtful = page.verdict is not None and page.verdict.light == "bad" and not _wrong_reference(found.run)
+    shown = _rows(f"found{' (doubtful, as the run is)' * doubtful}: {told}", _FOUND, width) if told else []
     assumed = _listed("assumed", page.assumptions, _ASSUMED - len(shown), width)
     return [*title, *verdict, *table, *warnings, *shown, *assumed]
+
+
+def _wrong_reference(run: Run) -> bool:
+    """Whether the reference is contradicted, so that errors against it need not be those of the run."""
+    return any(event.kind is EventKind.REF_CONTRADICTION for event in run.events)
 
 
 def _found(run: Run, notes: Sequence[str]) -> Iterator[str]:
