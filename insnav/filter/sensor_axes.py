@@ -23,7 +23,7 @@ from insnav.kernels.smoother import STATE, TIME
 from insnav.types import BoolArray, FloatArray, ImuData
 
 TERMS = tuple((i, j) for i in range(3) for j in range(3) if i != j)  # axis i senses a part of what is about axis j
-# Parts of a drive, and largest scatter of what they say of a term, by that expected, that is not one by chance
+# Parts of a drive, and scatter of what they say of a term, by that expected, from which it is none by chance
 BLOCKS, BY_CHANCE = 20, 2.5
 GRID = np.linspace(-7.0, 4.0, 221)  # logarithm of the size, by the prior's
 
@@ -82,7 +82,7 @@ def informed(
     """Curvature (k, k) and slope (k,) of the log-likelihood by terms of which one adds `by` (k, n) to an innovation.
 
     Innovations that err together, as in multipath, say less than as many that err each by itself: slopes of parts of
-    the drive then scatter more than their curvature allows, and all count as much less (the "sandwich" covariance:
+    the drive then scatter more than their curvature allows, and count as much less (the "sandwich" covariance:
     P. J. Huber, "The behavior of maximum likelihood estimates under nonstandard conditions", 5th Berkeley Symp. 1
     (1967) 221-233; by blocks: W. K. Newey, K. D. West, Econometrica 55 (1987) 703-708).
 
@@ -94,9 +94,10 @@ def informed(
     left = weight * (innovation + np.linalg.solve(fisher + np.eye(sd.size), slope) @ by)
     parts = np.array([by[:, part] @ left[part] for part in np.array_split(np.arange(left.size), BLOCKS)])
     scatter = BLOCKS * np.var(parts, axis=0, ddof=1) / np.maximum(np.diag(fisher), 1e-9)
-    most = float(scatter.max())
-    if most > BY_CHANCE:
-        fisher, slope = fisher / most, slope / most
+    less = 1.0 / np.sqrt(np.where(scatter > BY_CHANCE, scatter, 1.0))
+    if (less < 1.0).any():
+        part = fisher @ (less[:, None] * np.linalg.inv(fisher + 1e-6 * np.eye(sd.size)) * less)
+        fisher, slope = part @ fisher, part @ slope
     return fisher / np.outer(scale, scale), slope / scale
 
 
