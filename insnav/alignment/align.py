@@ -113,7 +113,9 @@ def still_of(parts: Intervals, gps: GpsData, rest: tuple[float, float]) -> Float
     if slow is not None:
         until = min([*parts.end[(parts.end > rest[1]) & ~slow][:1], until])
     still = [rest]
-    for each in static.stationary(parts, slow, static.WINDOW) if slow is not None and until >= least else ():
+    if slow is None or until < least:
+        return np.array(still)
+    for each in static.stationary(parts, slow, static.WINDOW):
         if each[1] > until or (each[0] > max(rest[1], until - UNSEEN) and _left(parts, still, each[1])):
             break
         if each[0] >= rest[1] and each[1] > each[0]:

@@ -16,6 +16,7 @@ from insnav.earth import ned_offset
 from insnav.errors.metrics import TrajectoryErrors, position_errors
 from insnav.errors.reference_offset import (
     FEWEST,
+    HORIZONTAL,
     WORTH,
     jackknifed,
     offset_notes,
@@ -37,7 +38,6 @@ SURE_LATE = 2.0  # standard deviations of a delay from which a drive shows one
 STEADY = 1.0  # scatter of the speed below which an error of the clock is like one of the position [m/s]
 FAST = 2.0  # speed above which the course is a heading [m/s]
 LEAST_HEADING, LEAST_TURN, SURE = 1.0 * DEG, 5.0 * DEG, 5.0  # that contradict: all, some, and standard deviations
-HORIZONTAL = slice(2)
 _MOST = 0.9  # share of epochs that stands for all
 _SAME = 0.5  # of an error of the clock by which the delay of the fixes may differ and be most of its cause
 

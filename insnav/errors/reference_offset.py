@@ -17,6 +17,7 @@ TURNED = 0.3  # smallest change of the direction, as the RMS distance of the mea
 CLEAR = 5.0  # standard deviations beyond which another point is told ...
 LEAST = 0.05  # so far away at least [m] ...
 WORTH = 0.8  # ... if with it the difference falls to this part: a run that is metres off has offsets, too
+HORIZONTAL, VERTICAL = slice(2), slice(2, 3)  # axes of a position
 GEOID = 10.0  # a mean difference of the heights that no navigation makes [m]
 
 
@@ -62,7 +63,7 @@ def reference_offset(
     if np.sqrt(np.sum(np.var(c[:, :, 0], axis=0))) < TURNED:
         return None
     terms = np.concatenate([-c, np.broadcast_to(np.eye(2), c.shape)], axis=2)  # body forward, right; north, east
-    weight = stated_weights(errors, slice(2))[known, None]
+    weight = stated_weights(errors, HORIZONTAL)[known, None]
     value, value_sd = jackknifed(terms * weight[..., None], position[:, :2] * weight)
     body, sd = value[:2], value_sd[:2] if lever_sd is None else np.hypot(value_sd[:2], lever_sd[:2])
     moved = position[:, :2] + c @ body
@@ -72,7 +73,7 @@ def reference_offset(
         rms(np.hypot(position[:, 0], position[:, 1])),
         rms(np.hypot(moved[:, 0], moved[:, 1])),
         float(position[:, 2].mean()),
-        float(np.average(position[:, 2], weights=stated_weights(errors, slice(2, 3))[known] ** 2)),
+        float(np.average(position[:, 2], weights=stated_weights(errors, VERTICAL)[known] ** 2)),
     )
 
 

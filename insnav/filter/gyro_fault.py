@@ -98,14 +98,13 @@ class Episode:
         """Whether the vehicle would not turn far faster without it than in as long times before and after."""
         span = strapdown.nominal_interval(imu.time) if imu.sampling == "increment" else 1.0
         first, last = np.searchsorted(imu.time, [self.begin, self.end], side="right")
-        turned = np.concatenate([[0.0], np.cumsum(imu.gyro[:, self.cause] / span)])
+        turned = np.concatenate([[0.0], np.cumsum(self.taken_off(imu).gyro[:, self.cause] / span)])
         length = int(last - first)
         if length == 0:
             return False
         means = np.abs(turned[length:] - turned[:-length]) / length
         elsewhere = np.concatenate([means[: max(first - length + 1, 0)], means[last:]])
-        without = abs((turned[last] - turned[first]) / length - self.rate)
-        return bool(without < FASTER * float(elsewhere.max(initial=0.0)) + TURNING)
+        return bool(means[first] < FASTER * float(elsewhere.max(initial=0.0)) + TURNING)
 
     def taken_off(self, imu: ImuData) -> ImuData:
         """Samples without it."""

@@ -25,7 +25,7 @@ from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.gps_noise import ALIKE, OPEN_HEIGHT, OPEN_VELOCITY
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import CORRELATED, Prepared
-from insnav.filter.sensor_axes import Misalignment, by_turn, errors_of_axes, held, informed, misalignment
+from insnav.filter.sensor_axes import Misalignment, by_turn, errors_of_axes, informed, misalignment
 from insnav.filter.state_layout import first_state, layout
 from insnav.imu.noise_density import SLOW, white_noise
 from insnav.imu.specification import ImuSpec, SensorSpec, level_bias
@@ -364,7 +364,7 @@ class InnovationLikelihood:
         nothing to the filter, would make what they do seem less.
         """
         push = np.insert(self._axes, 0, 0.0, axis=0)
-        rest = np.flatnonzero(held(self._tape[2]) & (self._tape[0] > 0.0)).max(initial=-1) + 1
+        rest = np.flatnonzero(kernel.held(self._tape[2]) & (self._tape[0] > 0.0)).max(initial=-1) + 1
         settled = slice(int(rest + (self._offered.size - rest) // SETTLING), None)
         e, s, *by = self.normalised(at, push)
         tilt = -push[1:, settled, 6:]

@@ -19,8 +19,9 @@ import numpy as np
 
 from insnav import spill, strapdown
 from insnav.attitude import dcm_from_quat
+from insnav.kernels.noise_likelihood import held
 from insnav.kernels.smoother import STATE, TIME
-from insnav.types import BoolArray, FloatArray, ImuData
+from insnav.types import FloatArray, ImuData
 
 TERMS = tuple((i, j) for i in range(3) for j in range(3) if i != j)  # axis i senses a part of what is about axis j
 # Parts of a drive, and scatter of what they say of a term, by that expected, from which it is none by chance
@@ -58,11 +59,6 @@ def errors_of_axes(
         found[number], accel[:, 3:6] = by_turn(-c[:, :, i] * turned[:, j, None], transition), speed
         accel[:, :3] = np.einsum("kij,kj->ki", transition[:, :3, 3:6], speed) / 2.0
     return found, c
-
-
-def held(transition: FloatArray) -> BoolArray:
-    """Where the filter holds the attitude by its transitions (m, 9, 21): in a long rest the gyros turn nothing."""
-    return np.asarray(~transition[:, 6:9, 9:12].any(axis=(1, 2)))
 
 
 def by_turn(tilt: FloatArray, transition: FloatArray) -> FloatArray:

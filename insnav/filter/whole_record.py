@@ -74,9 +74,7 @@ ENDS = 0.2  # a fix so little before or after the track is compared with its end
 LARGEST, UNUSED, EPISODE = 30.0, 10.0, 30.0
 SURELY = 1.0  # twice the log-likelihood of a fix, on average, by which another explanation is better [-]
 LONG = 5.0  # so long false fixes at begin or end may be those before or after a jump for good [s]
-WEAKER = (
-    5.0  # times the standard deviations of how vehicles are assumed to move where it is doubted: gaps need it still
-)
+WEAKER = 5.0  # times the sd of how vehicles are assumed to move, where that is doubted: gaps need it still [-]
 UNLIKE = (
     "fixes and IMU contradict how vehicles are assumed to move (NHC, ZUPT): its standard deviations are taken "
     f"{WEAKER:g} times as large"
@@ -146,8 +144,9 @@ def decided(
         return unlikely(run, gps, settings, unused(changes, gps, settings.delay))
 
     found = Explained(first, partial(again, gps, gates=settings.gates))
-    if _unlike(found, settings):
-        return _doubting(gps, settings, again)
+    bare = _without_parting(found, settings)
+    if bare is not None:
+        return _doubting(bare, gps, settings, again)
     against = contradicted(first, gps, settings)
     if not against and first.smoothed.surest is None:
         return first, ()
@@ -182,8 +181,8 @@ def decided(
             found, others = Explained(runs[best], ways[best], said_of, beside), []
         else:
             changes = ()
-    if not changes and found.run is not first and _unlike(found, settings):
-        return _doubting(gps, settings, again)
+    if not changes and found.run is not first and _without_parting(found, settings) is not None:
+        return _doubting(again(gps, gates=settings.gates, doubting=True), gps, settings, again)
     # fixes that no gate and no smoothed track contradicts are not left out
     run, said, trust = _left_open(found, changes, gps, settings, worth, AROUND if against else BRIEF)
     if trust is not None:
@@ -197,22 +196,23 @@ def decided(
     return replace(run, smoothed=replace(run.smoothed, delay_step=step)), (*found.events, *said)
 
 
-def _unlike(found: Explained, settings: FilterSettings) -> bool:
-    """Whether fixes part from the IMU only where it is assumed how a vehicle moves."""
+def _without_parting(found: Explained, settings: FilterSettings) -> Run | None:
+    """The run that doubts how a vehicle is assumed to move, if fixes part from the IMU only where it does not."""
     surest = None if found.run.smoothed is None else found.run.smoothed.surest
     if not settings.aiding or surest is None or of_the_imu(surest):
-        return False
+        return None
     with suppress(DivergenceError):
-        bare = found.navigate(trust=found.trust, doubting=True).smoothed
-        return bare is not None and bare.surest is None
-    return False
+        bare = found.navigate(trust=found.trust, doubting=True)
+        if bare.smoothed is not None and bare.smoothed.surest is None:
+            return bare
+    return None
 
 
-def _doubting(gps: GpsData, settings: FilterSettings, again: Callable[..., Run]) -> tuple[Run, tuple[Event, ...]]:
-    """Let the whole record decide where what is assumed of a vehicle's motion counts little."""
-    again = partial(again, doubting=True)
-    first = again(gps, gates=settings.gates)
-    run, events = decided(first, gps, replace(settings, aiding=()), again)
+def _doubting(
+    first: Run, gps: GpsData, settings: FilterSettings, again: Callable[..., Run]
+) -> tuple[Run, tuple[Event, ...]]:
+    """Let the whole record decide where what is assumed of a vehicle's motion counts little; `first`: a run with it."""
+    run, events = decided(first, gps, replace(settings, aiding=()), partial(again, doubting=True))
     begin = float(first.innovations.time[0])
     return run, (*events, Event(begin, EventKind.CONTRADICTION, np.nan, np.nan, "", UNLIKE))
 

@@ -32,6 +32,11 @@ def _white(phi: np.ndarray, span: np.ndarray, column: int) -> np.ndarray:
     return np.asarray(share * (injected @ np.swapaxes(injected, 1, 2)))
 
 
+def held(transition: np.ndarray) -> np.ndarray:
+    """Where the filter holds the attitude by its transitions (m, 9, 21): in a long rest the gyros turn nothing."""
+    return np.asarray((transition[:, 6:9, 9:12] == 0.0).all(axis=(1, 2)))
+
+
 def tape(history: np.ndarray, n: int, noise: np.ndarray, bridged: np.ndarray) -> tuple[np.ndarray, ...]:
     """Take from the history of a run what the likelihood of its innovations needs.
 
@@ -66,7 +71,7 @@ def tape(history: np.ndarray, n: int, noise: np.ndarray, bridged: np.ndarray) ->
     told = np.swapaxes(gain[:, :, :STATES], 1, 2) @ hp[:, :, :STATES]
     after = np.roll(before[:, :STATES, :STATES] - told, 1, axis=0)  # the epoch before
     gyro, accel = _white(phi, span, 6), _white(phi, span, 3)
-    still = (phi[:, 6:9, 9:12] == 0.0).all(axis=(1, 2))  # a vehicle at rest, which no gyro turns
+    still = held(phi)
     gyro[still] = 0.0
     by_gyro, own = (np.diagonal(each, axis1=1, axis2=2) for each in (gyro, before))
     # what white noise and driving noise leave of the whole is that of misalignment, or of a bridged gap or a rest
