@@ -35,6 +35,7 @@ PUSHED = 0.2  # change of mean specific force from window to window that is a mo
 # A soft departure changes them by less, but for longer: means so many robust standard deviations, or so much [m/s^2],
 # [rad/s], from those of the rest, for so long [s]. An IMU that is quieter sees it earlier.
 DEPARTED, DEPARTED_ACCEL, DEPARTED_GYRO, DEPARTED_TIME = 6.0, 1e-3, 1e-5, 2.0
+COMPARED, LOUDER = 60.0, 2.0  # means and scatter of windows are compared with those of so long before [s], [-]
 # In a longer rest at the start the attitude stays: gyros that drift would turn a lever arm that is not known, and show
 # it, and noise that is felt horizontally the heading, 25 -> 5 deg in 15 min, where transitions are linear about them
 # (see `insnav.filter.gps_delay.with_surer_start`). By how much it may change is seen in means of so long, and where the
@@ -184,6 +185,28 @@ def _before_departure(force: FloatArray, rate: FloatArray) -> int:
     lasting: BoolArray = np.asarray(np.lib.stride_tricks.sliding_window_view(off, row).all(axis=1))
     lasting[: off.size // 2] = False
     return int(np.argmax(lasting)) if lasting.any() else off.size
+
+
+def departure(parts: Intervals, rest: tuple[float, float]) -> float:
+    """When the IMU alone sees a vehicle leave after a rest [s]: windows unlike those just before it, for long."""
+    size = max(4, round(WINDOW / float(np.median(parts.dt[1 : 1 << 16]))))
+    begin, now = np.searchsorted(parts.end, rest, side="right")
+    number, lasting = round(COMPARED / WINDOW), round(DEPARTED_TIME / WINDOW)
+    begin = max(begin, now - number * size)
+    before = _windows(parts, (now - begin) // size, size, begin)
+    while now + lasting * size <= parts.end.size:
+        here = _windows(parts, min(number, (parts.end.size - now) // size), size, now)
+        off = np.zeros(here[1].size, dtype=bool)
+        for row, least in ((0, DEPARTED_GYRO), (2, DEPARTED_ACCEL)):
+            usual, loud = np.median(before[row], axis=0), np.median(before[row + 1])
+            away = DEPARTED * 1.4826 * np.median(np.abs(before[row] - usual), axis=0)
+            off |= (np.abs(here[row] - usual) > np.maximum(away, least)).any(axis=1) | (here[row + 1] > LOUDER * loud)
+        for first, last in runs_of(off):
+            if last - first >= lasting or (first == 0 and last == off.size):
+                return float(parts.end[now + first * size - 1])
+        more = off.size - int(np.argmin(off[::-1])) if off[-1] else off.size  # begins the next ones
+        before, now = here, now + more * size
+    return float(parts.end[-1])
 
 
 def level(force: FloatArray) -> tuple[float, float]:

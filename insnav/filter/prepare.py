@@ -12,6 +12,7 @@ from insnav import strapdown
 from insnav.alignment import align, stationary_of
 from insnav.alignment import in_motion as motion
 from insnav.alignment.align import LEVEL_SPAN
+from insnav.alignment.false_motion import without_false_motion
 from insnav.alignment.static import LONG_REST
 from insnav.earth import ned_offset
 from insnav.exceptions import AlignmentError, InputError
@@ -111,7 +112,7 @@ class Prepared:
 
     def started(self, alignment: Alignment) -> Prepared:
         """The same recording with another alignment, at the time of its own."""
-        good = _good(replace(self.gps, time=self.gps.time - self.settings.delay), self.settings.gates)
+        good = _good(self.imu, replace(self.gps, time=self.gps.time - self.settings.delay), self.settings.gates)
         parts = strapdown.intervals(_first_part(self.imu, good), self.nominal)
         initial = _at_fix(alignment, parts, good, self.model, self.settings)
         return replace(self, alignment=alignment, initial=initial)
@@ -153,7 +154,7 @@ def prepare(
     settings, found = _noise_of_fixes(imu, gps, settings, reported=reported)
     model = error_model(spec, states)
     nominal = strapdown.nominal_interval(imu.time)
-    good = _good(replace(gps, time=gps.time - settings.delay), settings.gates) if start is None else gps
+    good = _good(imu, replace(gps, time=gps.time - settings.delay), settings.gates) if start is None else gps
 
     def aligned(some: ImuData, here: GpsData, *, first: bool) -> tuple[Alignment, InitialState]:
         """Initial state of a part of the record."""
@@ -244,7 +245,7 @@ def _parts(
 
 def first_stationary(imu: ImuData, gps: GpsData) -> tuple[float, float] | None:
     """First stationary interval of a recording, by IMU and GPS: start and end [s], or None."""
-    gps = _good(with_sd(gps)[0], Gates())
+    gps = _good(imu, with_sd(gps)[0], Gates())
     return stationary_of(strapdown.intervals(_first_part(imu, gps), strapdown.nominal_interval(imu.time)), gps)
 
 
@@ -290,14 +291,17 @@ def _noise_of_fixes(
     return settings, notes
 
 
-def _good(gps: GpsData, gates: Gates) -> GpsData:
-    """Fixes that pass the quality gate; a start is made from no others."""
+def _good(imu: ImuData, gps: GpsData, gates: Gates) -> GpsData:
+    """Fixes that pass the quality gate, without what they move while the IMU rests; a start is made from no others."""
     keep = gps.position_sd.max(axis=1) <= gates.max_sd
     if gps.fix is not None:
         keep &= gps.fix != 0
     if not keep.any():
         raise AlignmentError("no GPS fix is good enough to start from", fix="check fix types and standard deviations")
-    return gps.rows(keep)
+    gps, nominal = gps.rows(keep), strapdown.nominal_interval(imu.time)
+    rest = stationary_of(strapdown.intervals(_first_part(imu, gps), nominal), gps)
+    start = imu.rows(slice(int(np.searchsorted(imu.time, imu.time[0] + LONGEST_REST))))
+    return without_false_motion(strapdown.intervals(start, nominal), gps, rest)
 
 
 def _first_part(imu: ImuData, gps: GpsData) -> ImuData:
