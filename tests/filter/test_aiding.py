@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import insnav
+from insnav.alignment.in_motion import velocity
 from insnav.attitude import dcm_from_rph, quat_from_rotvec, quat_from_rph, quat_multiply, wrap_pi
 from insnav.earth import lla_offset, ned_offset
 from insnav.filter import FilterSettings, Navigator
@@ -176,7 +177,7 @@ def test_a_skid_is_rejected_by_name():
 
 def test_stops_are_those_of_the_drive():
     imu, fixes, _ = recording(2)
-    stretches, rate_sd, note = find_stops(imu, fixes, drives.SPEC)
+    stretches, rate_sd, note = find_stops(imu, velocity(fixes), drives.SPEC)
     print(note)
     motion = drives.truth()
     middle = 0.5 * stretches.sum(axis=1)
@@ -188,7 +189,7 @@ def test_stops_are_those_of_the_drive():
 
 def test_zupt_holds_the_velocity_and_finds_the_gyro_bias():
     imu, fixes, start = recording(3)
-    stretches, rate_sd, _ = find_stops(imu, fixes, drives.SPEC)
+    stretches, rate_sd, _ = find_stops(imu, velocity(fixes), drives.SPEC)
     wide = replace(fixes, velocity_sd=10.0 * fixes.velocity_sd, position_sd=10.0 * fixes.position_sd)
     plain, helped = run(imu, wide, start), run(imu, wide, start, zupt(stretches, rate_sd))
     last = stretches[-1]
@@ -316,7 +317,7 @@ def test_rows_at_the_epochs_hold_what_came_of_them():
     """Where fix and rest are used at the same time, too: the smoother counts on it."""
     _, fixes, start = recording(3)
     imu = drives.perfect_imu(100.0)  # rest is used four times a second: at every fix, too
-    stretches, rate_sd, _ = find_stops(imu, fixes, drives.SPEC)
+    stretches, rate_sd, _ = find_stops(imu, velocity(fixes), drives.SPEC)
     settings = FilterSettings(aiding=zupt(stretches, rate_sd), lever_b=drives.LEVER_B)
     every = range(fixes.time.shape[0])
     navigator = Navigator(start.initial, drives.MODEL, fixes, start.alignment, 0.01, settings, marks=every)
@@ -356,7 +357,7 @@ def test_aiding_is_calibrated_in_the_time_of_the_samples(late, given):
     found = {each.name: each for each in done.settings.aiding}
     assert np.abs(found["odometer"].time - imu.time).max() < 0.03
     assert np.linalg.norm(found["nhc"].lever_b) < 0.1
-    stops, _, _ = find_stops(imu, fixes, drives.SPEC)
+    stops, _, _ = find_stops(imu, velocity(fixes), drives.SPEC)
     np.testing.assert_allclose(found["zupt"].stops, stops, rtol=0, atol=0.6)
     run = done.navigator()
     feed(run, imu)

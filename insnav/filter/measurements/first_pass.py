@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from insnav.alignment.in_motion import Velocity, velocity
 from insnav.attitude import dcm_from_rph
 from insnav.filter.measurements.measurement import INTERVAL
 from insnav.filter.measurements.mounting import Mounting, mounting
@@ -37,6 +38,14 @@ class FirstPass:
     def v_b(self) -> FloatArray:
         """Velocity in the axes of the IMU, (n, 3) [m/s]."""
         return np.asarray(np.einsum("nji,nj->ni", dcm_from_rph(self.solution.rph), self.solution.v_n))
+
+    @cached_property
+    def speed(self) -> Velocity:
+        """Velocity by the receiver, or where it gives none by the solution: of that by positions most is noise."""
+        at = self.solution
+        if at.sd is None or np.isfinite(self.gps.v_n).all(axis=1).mean() > 0.5:
+            return velocity(self.gps)
+        return Velocity(at.time, at.v_n, at.sd[:, 3:5].max(axis=1))
 
     @cached_property
     def fast(self) -> BoolArray:

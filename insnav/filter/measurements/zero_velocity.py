@@ -7,16 +7,16 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from insnav.alignment import in_motion as motion
+from insnav.alignment.in_motion import Velocity
 from insnav.filter.measurements.first_pass import FirstPass
 from insnav.filter.measurements.measurement import INTERVAL, NOTHING, FilterView
 from insnav.imu.specification import ImuSpec
 from insnav.kernels.aiding_measurements import zero_velocity
 from insnav.tabular import runs_of
-from insnav.types import BoolArray, FloatArray, GpsData, ImuData
+from insnav.types import BoolArray, FloatArray, ImuData
 
 WINDOW = 0.5  # length of the windows that are classified: several periods of an idling engine [s]
-STATIONARY, MOVING = 0.15, 1.0  # GPS speed below, or above, which there is no doubt [m/s]
+STATIONARY, MOVING = 0.15, 1.0  # speed below, or above, which there is no doubt [m/s]
 FALSE_STOPS = 0.002  # share of moving windows that may be taken for stationary: a false ZUPT costs metres
 FEWEST_STOPS = 0.5  # share of stationary windows that must be found for it to be worth while
 VELOCITY_SD = 0.02  # of a vehicle that stands with its engine running [m/s]
@@ -47,14 +47,14 @@ class ZeroVelocity:
     @classmethod
     def from_drive(cls, first: FirstPass) -> tuple[Self | None, str]:
         """See `Measurement`."""
-        stops, rate_sd, note = find_stops(first.imu, first.gps, first.spec)
+        stops, rate_sd, note = find_stops(first.imu, first.speed, first.spec)
         return (cls(stops, np.array([*[VELOCITY_SD] * 3, *rate_sd])) if stops.size else None), note
 
 
-def find_stops(imu: ImuData, gps: GpsData, spec: ImuSpec) -> tuple[FloatArray, FloatArray, str]:
-    """Stationary intervals by the IMU alone, with limits found where GPS shows that the vehicle stands, or moves.
+def find_stops(imu: ImuData, speed: Velocity, spec: ImuSpec) -> tuple[FloatArray, FloatArray, str]:
+    """Stationary intervals by the IMU alone, with limits found where a speed shows that the vehicle stands, or moves.
 
-    Fixes are in the time of the samples.
+    It is in the time of the samples.
 
     Returns: `stops` (k, 2): begin and end [s]; none if standing and moving cannot be told apart; `rate_sd` (3,):
     standard deviation of the mean gyro output over `INTERVAL` at a stop [rad/s].
@@ -64,15 +64,14 @@ def find_stops(imu: ImuData, gps: GpsData, spec: ImuSpec) -> tuple[FloatArray, F
     step = float(np.median(np.diff(imu.time)))
     size = max(4, round(WINDOW / step))
     n = imu.time.shape[0] // size
-    speed = motion.velocity(gps)
     if n < 20 or speed.time.shape[0] < 10:
         return none, no_sd, "ZUPT: not used, the record is too short"
     scale = 1.0 / step if imu.sampling == "increment" else 1.0
     blocks = [v[: n * size].reshape(n, size, 3) * scale for v in (imu.gyro, imu.accel)]
     begin, end = imu.time[: n * size : size] - step, imu.time[size - 1 : n * size : size]
-    still, moving = _seen_by_gps(speed, begin, end)
+    still, moving = _seen(speed, begin, end)
     if still.sum() < 10 or moving.sum() < 50:
-        return none, no_sd, "ZUPT: not used, GPS shows too little of stops and of motion"
+        return none, no_sd, "ZUPT: not used, the speed shows too little of stops and of motion"
     stationary = np.ones(n, dtype=bool)
     for feature in np.log([np.linalg.norm(b.std(axis=1), axis=1) + 1e-9 for b in blocks]):
         high, low = np.quantile(feature[still], 0.9), np.quantile(feature[moving], 0.01)
@@ -98,7 +97,7 @@ def find_stops(imu: ImuData, gps: GpsData, spec: ImuSpec) -> tuple[FloatArray, F
     return stops, rate_sd, f"ZUPT: {stops.shape[0]} stops, {total:.0f} s; {rates}"
 
 
-def _seen_by_gps(speed: motion.Velocity, begin: FloatArray, end: FloatArray) -> tuple[BoolArray, BoolArray]:
+def _seen(speed: Velocity, begin: FloatArray, end: FloatArray) -> tuple[BoolArray, BoolArray]:
     """Windows in which the vehicle stands, and in which it moves, without doubt."""
     fast = np.linalg.norm(speed.v_n, axis=1)
     margin = np.maximum(0.5, 0.6 * float(np.median(np.diff(speed.time))))
