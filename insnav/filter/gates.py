@@ -51,6 +51,10 @@ class Gates:
         limit = chi2_limit(3, 1.0 - self.probability) if self.probability < 1.0 else math.inf
         object.__setattr__(self, "nis_limit", limit)
 
+    def believing(self) -> Gates:
+        """The same without statistics, which errors that last mislead, and so without resets by them."""
+        return replace(self, probability=1.0, reset_after=math.inf)
+
     def small_of(self, position_sd: FloatArray) -> float:
         """Length of an innovation that is never rejected [m], for a fix of `position_sd` (3,).
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
 from insnav import spill
-from insnav.filter.changes import unused, with_wider_sd
+from insnav.exceptions import DivergenceError
+from insnav.filter.changes import resets_of, unused, with_wider_sd
 from insnav.filter.gates import Gates, Trust
 from insnav.filter.gps_noise import heights_measured
 from insnav.filter.measurements import measurements_from_drive
@@ -19,7 +21,7 @@ from insnav.filter.measurements.zero_velocity import ZeroVelocity
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import Prepared, Start, prepare
 from insnav.filter.settings import FilterSettings
-from insnav.filter.whole_record import OPEN, WEAKER, decided
+from insnav.filter.whole_record import OPEN, WEAKER, decided, unlikely
 from insnav.imu.specification import ImuSpec
 from insnav.types import Event, EventKind, FloatArray, GpsData, ImuData, Run, StateChange, Trajectory
 
@@ -151,7 +153,7 @@ def _decided(ready: Prepared, first: Run) -> tuple[Run, tuple[Event, ...]]:
 def aided(ready: Prepared, spec: ImuSpec, progress: Callable[[float], None] | None = None) -> Prepared:
     """Navigate once, calibrate the aiding by the smoothed solution, and add it to the settings, with notes on it."""
     settings = replace(ready.settings, smooth=True, output_interval=DENSE)
-    run = _run(replace(ready, settings=settings), progress)
+    run = _likelier(replace(ready, settings=settings), progress)
     assert run.smoothed is not None
     # the solution is in the time of the fixes, moved by the delay found beyond the one given; the samples are not
     clock = run.gps_delay - ready.settings.delay
@@ -227,6 +229,16 @@ def feed(navigator: Navigator, imu: ImuData, progress: Callable[[float], None] |
 
 def _run(ready: Prepared, progress: Callable[[float], None] | None) -> Run:
     return feed(ready.navigator(), ready.imu, progress).finish()
+
+
+def _likelier(ready: Prepared, progress: Callable[[float], None] | None) -> Run:
+    """Navigate; where false fixes reset the filter, as between houses, believe them all if that makes them likelier."""
+    run, settings = _run(ready, progress), ready.settings
+    if resets_of(run):
+        with suppress(DivergenceError):
+            other = _run(replace(ready, settings=replace(settings, gates=settings.gates.believing())), None)
+            run = min(run, other, key=lambda each: unlikely(each, ready.gps, settings))
+    return run
 
 
 def _half_of(progress: Callable[[float], None], before: float) -> Callable[[float], None]:

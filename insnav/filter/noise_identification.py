@@ -702,7 +702,7 @@ def _likelihood(ready: Prepared, spec: ImuSpec) -> InnovationLikelihood | None:
     if _thinned(ready.gps).time.shape[0] < FEWEST:
         return None
     # where gates reject most fixes by what came with these, all are looked at
-    for gates in (ready.settings.gates, replace(ready.settings.gates, probability=1.0, reset_after=np.inf)):
+    for gates in (ready.settings.gates, ready.settings.gates.believing()):
         with suppress(DivergenceError):
             drive = _with_gates(ready, spec, gates)
             if drive.fixes >= max(FEWEST, MOST_REJECTED * drive.offered):

@@ -66,7 +66,7 @@ GROSS = chi2_limit(3, 1e-9)  # of an accepted fix: filter and smoother contradic
 MEDIAN = chi2_limit(3, 0.5)
 AGREEMENT = 2.0  # median squared residual, in parts of what it should be, up to which weights have made fixes agree
 MOST = 0.5  # share of fixes that may be false: beyond it they are not what the others contradict
-FAR = 300.0  # false positions nearer than that are not told from true ones without velocities [m]
+FAR = 300.0  # false positions nearer are not told from true ones without velocities, but by a run without resets [m]
 LONGEST = 3.0  # fixes that the smoothed track supports may be rejected for so long [s]
 ENDS = 0.2  # a fix so little before or after the track is compared with its end [s]
 # likelihood of runs, twice its negative logarithm: from where on the NIS of a fix counts by its logarithm, what a
@@ -162,6 +162,11 @@ def decided(
             break
         found = replace(found, events=weighed.events)
         others.append(weighed.run)
+    if resets_of(first):
+        believing = partial(again, gps, gates=settings.gates.believing())
+        with suppress(DivergenceError):
+            if worth(run := believing()) < worth(found.run) - BETTER:
+                found, others = Explained(run, believing), []
     changes: tuple[StateChange, ...] = ()
     step = first.smoothed.delay_step
     if against or any(each.first == ATTITUDE for each in first.smoothed.likely[:1]):  # else gates hide nothing
@@ -330,7 +335,7 @@ def reconcile(
             "no weighting of the fixes makes them agree: half of the residuals from the smoothed track exceed "
             f"{np.sqrt(agreement):.2g} times their size"
         )
-    elif start in ALONE and float(np.max(size[0][false[0]], initial=0.0)) < FAR:
+    elif start in ALONE and not resets_of(first) and float(np.max(size[0][false[0]], initial=0.0)) < FAR:
         reason = "without GPS velocities it cannot be told which are false"
     elif false[0].any() and float(np.mean(false[1][false[0]])) > MOST:
         reason = "positions and velocities of the same fixes are false: either may be wrong"
