@@ -105,7 +105,7 @@ def deteriorations() -> Corpus:
 
 @pytest.fixture(scope="session")
 def before(deteriorations: Corpus) -> Baseline:
-    return renewed(None, run_corpus(deteriorations, NOWHERE), THEN)
+    return renewed(None, run_corpus(deteriorations, NOWHERE, quick=True), THEN)
 
 
 @pytest.fixture(scope="session")
