@@ -261,10 +261,10 @@ class InnovationLikelihood:
             return self
         return self.beginning(float(self.times[row] - self._run.initial.time))
 
-    def of_lasting_errors(self) -> InnovationLikelihood:
-        """The same with no figures but those of the time-correlated errors of positions."""
+    def of_positions(self, *, sizes: bool) -> InnovationLikelihood:
+        """The same with no figures but what part of the errors of positions lasts, how long, and their `sizes`."""
         same = copy(self)
-        same.parameters = self.parameters[-2:]
+        same.parameters = (*(p for p in self.parameters if sizes and p.key in LEVELS), *self.parameters[-2:])
         return same
 
     def with_correlated_velocities(self) -> InnovationLikelihood:
@@ -822,12 +822,13 @@ def with_usual_noise(ready: Prepared) -> Prepared:
     return replace(ready, settings=replace(ready.settings, correlated=usual), notes=(*ready.notes, note))
 
 
-def with_known_noise(ready: Prepared, spec: ImuSpec, *, lasting: bool) -> Prepared:
+def with_known_noise(ready: Prepared, spec: ImuSpec, *, lasting: bool, sizes: bool) -> Prepared:
     """The recording prepared with the misalignments that it tells, all noise as it is specified.
 
-    `lasting`: but for the time-correlated errors of positions, which the drive is asked for.
+    `lasting`: but for the time-correlated errors of positions, which the drive is asked for, and for the `sizes` of all
+    errors of them, where these are assumed.
     """
-    lasting &= ready.settings.correlated is None
+    lasting &= sizes or ready.settings.correlated is None
     needed = lasting or ready.model.axes_sd.any()
     known = known_likelihood(ready.beginning(ENOUGH_FOR_AXES), spec) if needed else None
     if known is None:
@@ -837,15 +838,20 @@ def with_known_noise(ready: Prepared, spec: ImuSpec, *, lasting: bool) -> Prepar
         ready = _with_axes(ready, _misalignment([drive], at, 0.0)[0])
     if not lasting:
         return replace(ready, faults=(*ready.faults, *_too_small(ready, *drive.normalised(at)[:2])))
-    posterior = _Posterior([drive.of_lasting_errors()])
-    top, covariance, (e, s, _) = posterior.climb(min(STARTS, key=lambda each: posterior.innovations(each)[2]), NEAR)
+    posterior = _Posterior([drive.of_positions(sizes=sizes)])
+    starts = [np.concatenate([posterior.middle[:-2], each]) for each in STARTS]
+    top, covariance, (e, s, _) = posterior.climb(min(starts, key=lambda each: posterior.innovations(each)[2]), NEAR)
     faults = _too_small(ready, e, s)
     if faults:  # time-correlated errors would stand for other noise
         return replace(ready, faults=(*ready.faults, *faults))
     plausible = posterior.plausible(top, covariance)
-    correlated = posterior.drives[0].fixes_of(plausible[0])[2]
-    notes = (*ready.notes, _lasting_words(correlated, posterior.figures(plausible, spec)))
-    return replace(ready, settings=replace(ready.settings, correlated=correlated), notes=notes)
+    position, _, correlated = posterior.drives[0].fixes_of(plausible[0])
+    if sizes:
+        ready = _with_fixes(ready, ready.model, position, np.ones(3))
+    said = *_factor_words("position", position), _lasting_words(correlated, posterior.figures(plausible, spec))
+    return replace(
+        ready, settings=replace(ready.settings, correlated=correlated), notes=(*_without_correlated(ready.notes), *said)
+    )
 
 
 def _too_small(ready: Prepared, innovation: FloatArray, variance: FloatArray) -> tuple[Event, ...]:
@@ -894,24 +900,33 @@ def with_noise(ready: Prepared, found: NoiseEstimate) -> Prepared:
 
 def _refined(ready: Prepared, found: NoiseEstimate) -> Prepared:
     model = error_model(found.filter_spec, STATES if ready.model.sd[6:].any() else STATES - 6)
-    gps = replace(
-        ready.gps,
-        position_sd=ready.gps.position_sd * np.where(ready.gps.position_sd < OPEN_HEIGHT, found.position_factor, 1.0),
-        velocity_sd=ready.gps.velocity_sd * found.velocity_factor,
+    return replace(
+        _with_fixes(ready, model, found.position_factor, found.velocity_factor),
+        model=model,
+        settings=replace(ready.settings, correlated=found.correlated),
+        notes=(*_without_correlated(ready.notes), *_words(found)),
+        noise=found,
     )
 
-    def start(initial: InitialState, alignment: Alignment) -> InitialState:
-        return _start(initial, alignment, model, found.position_factor)
 
+def _without_correlated(notes: tuple[str, ...]) -> list[str]:
+    return [each for each in notes if not each.startswith(CORRELATED)]
+
+
+def _with_fixes(ready: Prepared, model: ErrorModel, position: FloatArray, velocity: FloatArray) -> Prepared:
+    """Fixes, and starts by them with an IMU, whose standard deviations are so many times as large, (3,) each [-]."""
+    gps = replace(
+        ready.gps,
+        position_sd=ready.gps.position_sd * np.where(ready.gps.position_sd < OPEN_HEIGHT, position, 1.0),
+        velocity_sd=ready.gps.velocity_sd * velocity,
+    )
     return replace(
         ready,
         gps=gps,
-        model=model,
-        settings=replace(ready.settings, correlated=found.correlated),
-        initial=start(ready.initial, ready.alignment),
-        parts=tuple(replace(part, initial=start(part.initial, part.alignment)) for part in ready.parts),
-        notes=(*(each for each in ready.notes if not each.startswith(CORRELATED)), *_words(found)),
-        noise=found,
+        initial=_start(ready.initial, ready.alignment, model, position),
+        parts=tuple(
+            replace(part, initial=_start(part.initial, part.alignment, model, position)) for part in ready.parts
+        ),
     )
 
 
@@ -943,15 +958,20 @@ def figure_words(figure: NoiseFigure) -> str:
 def _words(found: NoiseEstimate) -> list[str]:
     told = [figure_words(each) for each in found.figures if each.observable and not each.key.startswith("gps.")]
     notes = [f"noise from the innovations: {', '.join(told) or 'IMU as in the preset'}"]
-    for name, (level, _, down) in (("position", found.position_factor), ("velocity", found.velocity_factor)):
-        if max(abs(level - 1.0), abs(down - 1.0)) > FACTOR_WORTH:
-            notes.append(f"GPS {name} sd times {level:.2f} horizontally, {down:.2f} vertically, from the innovations")
+    for name, factor in (("position", found.position_factor), ("velocity", found.velocity_factor)):
+        notes += _factor_words(name, factor)
     if found.correlated.velocity_sd is not None:
         size, time = float(np.max(found.correlated.velocity_sd)), found.correlated.velocity_time
         notes.append(
             f"time-correlated GPS velocity errors: {size:.2g} m/s, for about {time:.0f} s; estimated as states"
         )
     return [*notes, _lasting_words(found.correlated, found.figures)]
+
+
+def _factor_words(name: str, factor: FloatArray) -> list[str]:
+    level, _, down = factor
+    told = f"GPS {name} sd times {level:.2f} horizontally, {down:.2f} vertically, from the innovations"
+    return [told] if max(abs(level - 1.0), abs(down - 1.0)) > FACTOR_WORTH else []
 
 
 def _lasting_words(found: CorrelatedNoise, figures: Sequence[NoiseFigure]) -> str:

@@ -268,7 +268,9 @@ class Drive:
         ready = self.prepared(states)
         wanted = defaults.noise_wanted(self.readings.inputs, self.gps)
         if wanted != "estimate":
-            return with_known_noise(ready, self.imu_spec, lasting=wanted == "fixes"), self.imu_spec
+            claimed = self.gps is None or bool(np.isfinite(self.gps.data.position_sd).all())
+            known = with_known_noise(ready, self.imu_spec, lasting=wanted == "fixes", sizes=not claimed)
+            return known, self.imu_spec
         ready = replace(ready, kinds=defaults.better_kinds(self.readings.inputs, self.imu_spec))
         found = identify_noise(ready, self.imu_spec)
         if found is None:
