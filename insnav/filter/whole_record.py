@@ -73,6 +73,7 @@ ENDS = 0.2  # a fix so little before or after the track is compared with its end
 # fix costs that was not used, and as much more a row of them, however long: a false one is seldom alone [-]
 LARGEST, UNUSED, EPISODE = 30.0, 10.0, 30.0
 SURELY = 1.0  # twice the log-likelihood of a fix, on average, by which another explanation is better [-]
+PATIENT = 60.0  # fixes between houses may be false for so long, which a filter that is good lives through [s]
 LONG = 5.0  # so long false fixes at begin or end may be those before or after a jump for good [s]
 WEAKER = 5.0  # times the sd of how vehicles are assumed to move, where that is doubted: gaps need it still [-]
 UNLIKE = (
@@ -163,10 +164,11 @@ def decided(
         found = replace(found, events=weighed.events)
         others.append(weighed.run)
     if resets_of(first):
-        believing = partial(again, gps, gates=settings.gates.believing())
-        with suppress(DivergenceError):
-            if worth(run := believing()) < worth(found.run) - BETTER:
-                found, others = Explained(run, believing), []
+        for gates in (settings.gates.believing(), replace(settings.gates, reset_after=PATIENT)):
+            patient = partial(again, gps, gates=gates)
+            with suppress(DivergenceError):
+                if worth(run := patient()) < worth(found.run) - BETTER:
+                    found, others = Explained(run, patient), []
     changes: tuple[StateChange, ...] = ()
     step = first.smoothed.delay_step
     if against or any(each.first == ATTITUDE for each in first.smoothed.likely[:1]):  # else gates hide nothing
