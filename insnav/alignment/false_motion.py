@@ -12,28 +12,33 @@ from insnav.strapdown import Intervals
 from insnav.types import FloatArray, GpsData
 
 LONGER = 10.0  # a rest that is longer than fixes have it by less says nothing of them [s]
-AWAY, AWAY_SD = 50.0, 6.0  # from where the vehicle rests, beyond which it has left its place [m], [sd]
+# From where the vehicle rests, beyond which it has left its place if more than this part of the fixes are there [m],
+# [sd], [-]; and way from the first quarter of the rest to the last that a current makes [m].
+AWAY, AWAY_SD, MOST, DRIFT = 50.0, 6.0, 0.1, 10.0
 
 
 def without_false_motion(parts: Intervals, gps: GpsData, rest: tuple[float, float] | None) -> GpsData:
     """Fixes as an alignment is to see them: while the IMU goes on resting they are where most of them are.
 
     What is to move must be pushed: where neither mean nor scatter of gyros and accelerometers changes from those of the
-    rest before, positions that leave for some tens of metres are false.
+    rest before, positions that leave for some tens of metres, and come back, are false. Receivers that give velocities
+    know that themselves.
 
     `rest`: first stationary interval by IMU and fixes [s], or None.
     """
-    if rest is None:
+    if rest is None or np.isfinite(gps.v_n).all(axis=1).mean() > 0.5:
         return gps
     end = static.departure(parts, rest)
     rows = np.flatnonzero((gps.time >= rest[0]) & (gps.time < end))
-    if end < rest[1] + LONGER or rows.size == 0:
+    if end < rest[1] + LONGER or rows.size < 4:
         return gps
-    lla, v_n = gps.lla.copy(), gps.v_n.copy()
-    place: FloatArray = np.median(lla[rows], axis=0)
-    way = np.linalg.norm(ned_offset(lla[rows], place)[:, :2], axis=1)
-    if (way > AWAY + AWAY_SD * np.linalg.norm(gps.position_sd[rows, :2], axis=1)).any():
+    place: FloatArray = np.median(gps.lla[rows], axis=0)
+    off = ned_offset(gps.lla[rows], place)[:, :2]
+    far = np.linalg.norm(off, axis=1) > AWAY + AWAY_SD * np.linalg.norm(gps.position_sd[rows, :2], axis=1)
+    quarter = rows.size // 4
+    drift = np.median(off[-quarter:], axis=0) - np.median(off[:quarter], axis=0)
+    if far.mean() > MOST or np.hypot(*drift) > DRIFT:
         return gps
+    lla = gps.lla.copy()
     lla[rows] = place
-    v_n[rows] *= 0.0
-    return replace(gps, lla=lla, v_n=v_n)
+    return replace(gps, lla=lla)

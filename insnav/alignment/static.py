@@ -35,7 +35,8 @@ PUSHED = 0.2  # change of mean specific force from window to window that is a mo
 # A soft departure changes them by less, but for longer: means so many robust standard deviations, or so much [m/s^2],
 # [rad/s], from those of the rest, for so long [s]. An IMU that is quieter sees it earlier.
 DEPARTED, DEPARTED_ACCEL, DEPARTED_GYRO, DEPARTED_TIME = 6.0, 1e-3, 1e-5, 2.0
-COMPARED, LOUDER = 60.0, 2.0  # means and scatter of windows are compared with those of so long before [s], [-]
+# means and scatter of windows are compared with those of so long before, of so many at least [s], [-]
+COMPARED, LOUDER, FEWEST_WINDOWS = 60.0, 2.0, 6
 # In a longer rest at the start the attitude stays: gyros that drift would turn a lever arm that is not known, and show
 # it, and noise that is felt horizontally the heading, 25 -> 5 deg in 15 min, where transitions are linear about them
 # (see `insnav.filter.gps_delay.with_surer_start`). By how much it may change is seen in means of so long, and where the
@@ -189,10 +190,13 @@ def _before_departure(force: FloatArray, rate: FloatArray) -> int:
 
 def departure(parts: Intervals, rest: tuple[float, float]) -> float:
     """When the IMU alone sees a vehicle leave after a rest [s]: windows unlike those just before it, for long."""
-    size = max(4, round(WINDOW / float(np.median(parts.dt[1 : 1 << 16]))))
+    step = float(np.median(parts.dt[1 : 1 << 16])) if parts.end.size > 1 else WINDOW
+    size = max(4, round(WINDOW / step))
+    number, lasting = (max(2, round(span / (size * step))) for span in (COMPARED, DEPARTED_TIME))
     begin, now = np.searchsorted(parts.end, rest, side="right")
-    number, lasting = round(COMPARED / WINDOW), round(DEPARTED_TIME / WINDOW)
     begin = max(begin, now - number * size)
+    if now - begin < FEWEST_WINDOWS * size:
+        return rest[1]
     before = _windows(parts, (now - begin) // size, size, begin)
     while now + lasting * size <= parts.end.size:
         here = _windows(parts, min(number, (parts.end.size - now) // size), size, now)
@@ -202,9 +206,9 @@ def departure(parts: Intervals, rest: tuple[float, float]) -> float:
             away = DEPARTED * 1.4826 * np.median(np.abs(before[row] - usual), axis=0)
             off |= (np.abs(here[row] - usual) > np.maximum(away, least)).any(axis=1) | (here[row + 1] > LOUDER * loud)
         for first, last in runs_of(off):
-            if last - first >= lasting or (first == 0 and last == off.size):
+            if last - first >= lasting:
                 return float(parts.end[now + first * size - 1])
-        more = off.size - int(np.argmin(off[::-1])) if off[-1] else off.size  # begins the next ones
+        more = off.size - int(np.argmin(off[::-1])) if off[-1] else off.size  # a run at the end begins the next ones
         before, now = here, now + more * size
     return float(parts.end[-1])
 

@@ -232,7 +232,7 @@ def _run(ready: Prepared, progress: Callable[[float], None] | None) -> Run:
 
 
 def _likelier(ready: Prepared, progress: Callable[[float], None] | None) -> Run:
-    """Navigate; where false fixes reset the filter, as between houses, believe them all if that makes them likelier."""
+    """Navigate; where fixes reset the filter, as false ones between houses do, believe all if that is likelier."""
     run, settings = _run(ready, progress), ready.settings
     if resets_of(run):
         with suppress(DivergenceError):

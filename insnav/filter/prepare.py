@@ -112,7 +112,7 @@ class Prepared:
 
     def started(self, alignment: Alignment) -> Prepared:
         """The same recording with another alignment, at the time of its own."""
-        good = _good(self.imu, replace(self.gps, time=self.gps.time - self.settings.delay), self.settings.gates)
+        good = _good(replace(self.gps, time=self.gps.time - self.settings.delay), self.settings.gates)
         parts = strapdown.intervals(_first_part(self.imu, good), self.nominal)
         initial = _at_fix(alignment, parts, good, self.model, self.settings)
         return replace(self, alignment=alignment, initial=initial)
@@ -154,14 +154,15 @@ def prepare(
     settings, found = _noise_of_fixes(imu, gps, settings, reported=reported)
     model = error_model(spec, states)
     nominal = strapdown.nominal_interval(imu.time)
-    good = _good(imu, replace(gps, time=gps.time - settings.delay), settings.gates) if start is None else gps
+    good = _good(replace(gps, time=gps.time - settings.delay), settings.gates) if start is None else gps
 
     def aligned(some: ImuData, here: GpsData, *, first: bool) -> tuple[Alignment, InitialState]:
         """Initial state of a part of the record."""
         if start is not None and first:
             return _as_given(start, model)
         inside = static_span is not None and some.time[0] - nominal <= static_span[0] < some.time[-1]
-        intervals, fixes = strapdown.intervals(_first_part(some, here), nominal), here
+        seen = fixes = _resting(some, here)
+        intervals = strapdown.intervals(_first_part(some, seen), nominal)
         for left in reversed(range(ROUNDS if settings.lever_b.any() else 1)):
             found = align(
                 intervals,
@@ -173,7 +174,7 @@ def prepare(
                 lever_sd=settings.lever_sd,
             )
             if left:  # the course is that of the antenna, in a turn
-                fixes = motion.at_imu(here, intervals, found, settings.lever_b)
+                fixes = motion.at_imu(seen, intervals, found, settings.lever_b)
         return found, _at_fix(found, intervals, here, model, settings)
 
     imu, parts, told, left_out = _parts(imu, good, aligned, -np.inf if start is None else start.time)
@@ -245,7 +246,7 @@ def _parts(
 
 def first_stationary(imu: ImuData, gps: GpsData) -> tuple[float, float] | None:
     """First stationary interval of a recording, by IMU and GPS: start and end [s], or None."""
-    gps = _good(imu, with_sd(gps)[0], Gates())
+    gps = _resting(imu, _good(with_sd(gps)[0], Gates()))
     return stationary_of(strapdown.intervals(_first_part(imu, gps), strapdown.nominal_interval(imu.time)), gps)
 
 
@@ -291,14 +292,19 @@ def _noise_of_fixes(
     return settings, notes
 
 
-def _good(imu: ImuData, gps: GpsData, gates: Gates) -> GpsData:
-    """Fixes that pass the quality gate, without what they move while the IMU rests; a start is made from no others."""
+def _good(gps: GpsData, gates: Gates) -> GpsData:
+    """Fixes that pass the quality gate; a start is made from no others."""
     keep = gps.position_sd.max(axis=1) <= gates.max_sd
     if gps.fix is not None:
         keep &= gps.fix != 0
     if not keep.any():
         raise AlignmentError("no GPS fix is good enough to start from", fix="check fix types and standard deviations")
-    gps, nominal = gps.rows(keep), strapdown.nominal_interval(imu.time)
+    return gps.rows(keep)
+
+
+def _resting(imu: ImuData, gps: GpsData) -> GpsData:
+    """Fixes without what moves them, but not the samples, in the rest at the start."""
+    nominal = strapdown.nominal_interval(imu.time)
     rest = stationary_of(strapdown.intervals(_first_part(imu, gps), nominal), gps)
     start = imu.rows(slice(int(np.searchsorted(imu.time, imu.time[0] + LONGEST_REST))))
     return without_false_motion(strapdown.intervals(start, nominal), gps, rest)

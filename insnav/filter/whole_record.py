@@ -74,6 +74,8 @@ ENDS = 0.2  # a fix so little before or after the track is compared with its end
 LARGEST, UNUSED, EPISODE = 30.0, 10.0, 30.0
 SURELY = 1.0  # twice the log-likelihood of a fix, on average, by which another explanation is better [-]
 PATIENT = 60.0  # fixes between houses may be false for so long, which a filter that is good lives through [s]
+STREETS = "fixes that reset the filter are likelier to have errors that last, as between houses, than it is to be lost"
+BELIEVED, ENDURED = "all are believed", f"they are rejected for up to {PATIENT:g} s"
 LONG = 5.0  # so long false fixes at begin or end may be those before or after a jump for good [s]
 WEAKER = 5.0  # times the sd of how vehicles are assumed to move, where that is doubted: gaps need it still [-]
 UNLIKE = (
@@ -164,11 +166,14 @@ def decided(
         found = replace(found, events=weighed.events)
         others.append(weighed.run)
     if resets_of(first):
-        for gates in (settings.gates.believing(), replace(settings.gates, reset_after=PATIENT)):
+        begin, believing = float(first.innovations.time[0]), settings.gates.believing()
+        for gates, how in ((believing, BELIEVED), (replace(settings.gates, reset_after=PATIENT), ENDURED)):
             patient = partial(again, gps, gates=gates)
             with suppress(DivergenceError):
-                if worth(run := patient()) < worth(found.run) - BETTER:
-                    found, others = Explained(run, patient), []
+                run = patient()
+                if worth(run) < worth(found.run) - BETTER and _diverged(run) <= _diverged(first):
+                    why = Event(begin, EventKind.CONTRADICTION, np.nan, np.nan, "", f"{STREETS}: {how}")
+                    found, others = Explained(run, patient, (why,)), []
     changes: tuple[StateChange, ...] = ()
     step = first.smoothed.delay_step
     if against or any(each.first == ATTITUDE for each in first.smoothed.likely[:1]):  # else gates hide nothing

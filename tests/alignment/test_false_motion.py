@@ -66,6 +66,11 @@ def test_a_vehicle_that_is_elsewhere_has_moved_whatever_its_samples_say(parked):
         kept.lla[~inside & (some.time > truth.start + REST + 3.0)], some.lla[some.time > truth.start + REST + 3.0]
     )
     assert np.linalg.norm(ned_offset(kept.lla[:1], gps.lla[:1])) < 6.0
+    spike = some.lla.copy()
+    spike[100] = lla_offset(spike[100], np.array([150.0, 0.0, 0.0]))
+    assert np.ptp(without_false_motion(parts, replace(some, lla=spike), rest).lla[inside], axis=0).max() == 0.0
+    drifting = replace(gps, lla=lla_offset(gps.lla, np.outer(gps.time - truth.start, [0.3, 0.0, 0.0])))
+    assert without_false_motion(parts, drifting, rest) is drifting
     far = wandering(gps, truth, 300.0)
     assert without_false_motion(parts, far, rest) is far
     assert without_false_motion(parts, some, None) is some
@@ -82,8 +87,9 @@ def test_soft_departures_and_steps_of_a_second_are_told_apart(parked):
     imu, _, truth = parked
     pushed, knocked = imu.accel.copy(), imu.accel.copy()
     since = imu.time - truth.start
-    pushed[(since > 100.0)] += [0.05, 0.0, 0.0]  # seen by an IMU of this grade, by fixes much later
-    knocked[(since > 100.0) & (since < 101.0)] += [1.0, 0.0, 0.0]
+    step = float(np.median(np.diff(imu.time)))  # samples are increments
+    pushed[(since > 100.0)] += [0.03 * step, 0.0, 0.0]  # seen by an IMU of this grade, by fixes much later
+    knocked[(since > 100.0) & (since < 101.0)] += [0.4 * step, 0.0, 0.0]
     rest = (truth.start, truth.start + 30.0)
     assert departure(intervals(replace(imu, accel=pushed)), rest) - truth.start == pytest.approx(100.0, abs=1.0)
     assert departure(intervals(replace(imu, accel=knocked)), rest) - truth.start > REST - 1.0
