@@ -47,8 +47,8 @@ LOST_BY = 2.0  # so soon after its end a run is lost by a fault that goes on [s]
 # twice the gain of the log-likelihood from which a span is looked at, from which it is worth runs without it, with the
 # noise beside it in what was seen, and from which it is a fault: recorded drives without one have up to 29 and 81 [-]
 LOOKED_AT, WORTH, SURELY = 8.0, 20.0, 90.0
-# After so many runs one that may be a fault has this gain: all that were had 100 and more
-# then, and none that had less than 30 became one [-]
+# After so many runs one that may be a fault has this gain: all that were had 100 and more then, and none that had less
+# than 30 became one [-]
 SOON, PROMISING = 2, 45.0
 LONGEST = 0.6  # part of the record; what is off for longer, but not to the end, is a bias, and the rest is off
 STAYS = 2.0  # twice the gain of the log-likelihood by which its ends do not move: they went to and fro [-]
