@@ -1,4 +1,4 @@
-"""Motion that positions show while the IMU is at rest: a receiver parked between houses wanders by tens of metres."""
+"""Motion that positions show while the IMU is at rest: one parked between houses has multipath of tens of metres."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ class Gates:
         object.__setattr__(self, "nis_limit", limit)
 
     def believing(self) -> Gates:
-        """The same without statistics, which errors that last mislead, and so without resets by them."""
+        """The same without statistics, which time-correlated errors mislead, and so without resets by them."""
         return replace(self, probability=1.0, reset_after=math.inf)
 
     def small_of(self, position_sd: FloatArray) -> float:

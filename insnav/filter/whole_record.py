@@ -74,7 +74,7 @@ ENDS = 0.2  # a fix so little before or after the track is compared with its end
 LARGEST, UNUSED, EPISODE = 30.0, 10.0, 30.0
 SURELY = 1.0  # twice the log-likelihood of a fix, on average, by which another explanation is better [-]
 PATIENT = 60.0  # fixes between houses may be false for so long, which a filter that is good lives through [s]
-STREETS = "fixes that reset the filter are likelier to have errors that last, as between houses, than it is to be lost"
+STREETS = "fixes that reset the filter are likelier to have time-correlated errors, as between houses"
 BELIEVED, ENDURED = "all are believed", f"they are rejected for up to {PATIENT:g} s"
 LONG = 5.0  # so long false fixes at begin or end may be those before or after a jump for good [s]
 WEAKER = 5.0  # times the sd of how vehicles are assumed to move, where that is doubted: gaps need it still [-]
@@ -187,7 +187,7 @@ def decided(
         runs = [way(changes=changes, trust=beside) for way in ways]
         best = int(np.argmin([worth(run, changes) for run in runs]))
         # where false fixes explain it, changes must explain much more
-        margin = BETTER if found.run is first else max(BETTER, SURELY * first.innovations.time.size)
+        margin = BETTER if found.trust is None else max(BETTER, SURELY * first.innovations.time.size)
         if worth(runs[best], changes) <= worth(found.run) - margin:
             said_of = () if beside is None else tuple(told_false(gps, beside))
             found, others = Explained(runs[best], ways[best], said_of, beside), []
