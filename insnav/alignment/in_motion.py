@@ -63,10 +63,15 @@ class History:
         return np.clip(np.searchsorted(self.time, time), 0, self.time.shape[0] - 1)
 
 
+def gives_velocities(gps: GpsData) -> bool:
+    """Whether the receiver gives a velocity at most epochs."""
+    return bool(np.isfinite(gps.v_n).all(axis=1).mean() > 0.5)
+
+
 def velocity(gps: GpsData, difference: float = DIFFERENCE) -> Velocity:
     """Velocity from the receiver where it is given at most epochs, else from positions so many seconds apart."""
-    known = np.isfinite(gps.v_n).all(axis=1)
-    if known.mean() > 0.5:
+    if gives_velocities(gps):
+        known = np.isfinite(gps.v_n).all(axis=1)
         return Velocity(gps.time[known], gps.v_n[known], gps.velocity_sd[known, :2].max(axis=1))
     ahead = np.searchsorted(gps.time, gps.time + difference - 1e-3)
     i = np.flatnonzero(ahead < gps.time.shape[0])

@@ -137,7 +137,7 @@ def stationary(parts: Intervals, slow: BoolArray | None = None, shortest: float 
 
     `slow` (n,): false where another sensor has seen motion.
     """
-    size = max(4, round(WINDOW / float(np.median(parts.dt[1 : 1 << 16]))))
+    size = _samples_in_window(parts)
     n = parts.end.shape[0] // size
     if n < 2:
         return
@@ -163,6 +163,10 @@ def stationary(parts: Intervals, slow: BoolArray | None = None, shortest: float 
             yield start, stop - (WINDOW if end < n else 0.0)
 
 
+def _samples_in_window(parts: Intervals) -> int:
+    return max(4, round(WINDOW / float(np.median(parts.dt[1 : 1 << 16]))))
+
+
 def _windows(
     parts: Intervals, n: int, size: int, begin: int = 0
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -178,8 +182,7 @@ def _before_departure(force: FloatArray, rate: FloatArray) -> int:
     """Windows before a slow departure in the second half of a rest, from the means of specific force and rate."""
     off = np.zeros(force.shape[0], dtype=bool)
     for means, least in ((force, DEPARTED_ACCEL), (rate, DEPARTED_GYRO)):
-        away = np.abs(means - np.median(means, axis=0))
-        off |= (away > np.maximum(DEPARTED * 1.4826 * np.median(away, axis=0), least)).any(axis=1)
+        off |= _unlike(means, means, least)
     row = round(DEPARTED_TIME / WINDOW)
     if off.size < 2 * row:
         return off.size
@@ -188,11 +191,20 @@ def _before_departure(force: FloatArray, rate: FloatArray) -> int:
     return int(np.argmax(lasting)) if lasting.any() else off.size
 
 
+def _unlike(means: FloatArray, rest: FloatArray, least: float) -> BoolArray:
+    """Windows whose means (m, 3) are not those of a rest (k, 3), from `least` on."""
+    usual = np.median(rest, axis=0)
+    limit = np.maximum(DEPARTED * 1.4826 * np.median(np.abs(rest - usual), axis=0), least)
+    return np.asarray((np.abs(means - usual) > limit).any(axis=1))
+
+
 def departure(parts: Intervals, rest: tuple[float, float]) -> float:
     """When the IMU alone sees a vehicle leave after a rest [s]: windows unlike those just before it, for long."""
-    step = float(np.median(parts.dt[1 : 1 << 16])) if parts.end.size > 1 else WINDOW
-    size = max(4, round(WINDOW / step))
-    number, lasting = (max(2, round(span / (size * step))) for span in (COMPARED, DEPARTED_TIME))
+    if parts.end.size < FEWEST:
+        return rest[1]
+    size = _samples_in_window(parts)
+    length = size * float(np.median(parts.dt[1 : 1 << 16]))
+    number, lasting = (max(2, round(span / length)) for span in (COMPARED, DEPARTED_TIME))
     begin, now = np.searchsorted(parts.end, rest, side="right")
     begin = max(begin, now - number * size)
     if now - begin < FEWEST_WINDOWS * size:
@@ -202,9 +214,7 @@ def departure(parts: Intervals, rest: tuple[float, float]) -> float:
         here = _windows(parts, min(number, (parts.end.size - now) // size), size, now)
         off = np.zeros(here[1].size, dtype=bool)
         for row, least in ((0, DEPARTED_GYRO), (2, DEPARTED_ACCEL)):
-            usual, loud = np.median(before[row], axis=0), np.median(before[row + 1])
-            away = DEPARTED * 1.4826 * np.median(np.abs(before[row] - usual), axis=0)
-            off |= (np.abs(here[row] - usual) > np.maximum(away, least)).any(axis=1) | (here[row + 1] > LOUDER * loud)
+            off |= _unlike(here[row], before[row], least) | (here[row + 1] > LOUDER * np.median(before[row + 1]))
         for first, last in runs_of(off):
             if last - first >= lasting:
                 return float(parts.end[now + first * size - 1])

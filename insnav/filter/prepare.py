@@ -12,9 +12,8 @@ from insnav import strapdown
 from insnav.alignment import align, stationary_of
 from insnav.alignment import in_motion as motion
 from insnav.alignment.align import LEVEL_SPAN
-from insnav.alignment.false_motion import without_false_motion
+from insnav.alignment.false_motion import away, without_false_motion
 from insnav.alignment.static import LONG_REST
-from insnav.earth import ned_offset
 from insnav.exceptions import AlignmentError, InputError
 from insnav.filter.error_model import ErrorModel, InitialState, error_model, initial_state
 from insnav.filter.gates import Gates, without_frozen
@@ -38,7 +37,6 @@ DELAY_SD = 0.05  # how well receivers and loggers agree on time if nothing else 
 CORRELATED = "time-correlated GPS position errors"
 FEWEST_FIXES = 5  # of a part of the record that is aligned by itself
 ROUNDS = 3  # of alignment, and of fixes less the lever arm that it turns
-AWAY, AWAY_SD = 50.0, 6.0  # from the first fix, beyond which a vehicle has left its place [m], [sd]
 LONGEST_REST = 3600.0  # that searches go beyond [s]
 START_VELOCITY_SD = 0.1  # lever arm and turn between antenna and IMU at the start, on top of the fix [m/s]
 
@@ -105,8 +103,7 @@ class Prepared:
         gps = self.gps.rows(np.flatnonzero((time > 0.0) & (time < LONGEST_REST)))
         if gps.time.shape[0] == 0:
             return 0.0
-        way = np.linalg.norm(ned_offset(gps.lla, gps.lla[0])[:, :2], axis=1)
-        left = np.flatnonzero(way > AWAY + AWAY_SD * np.linalg.norm(gps.position_sd[:, :2], axis=1))
+        left = np.flatnonzero(away(gps, gps.lla[0]))
         length = float(gps.time[left[0]] - self.initial.time) if left.size else 0.0
         return length if length > LONG_REST else 0.0
 
@@ -303,7 +300,9 @@ def _good(gps: GpsData, gates: Gates) -> GpsData:
 
 
 def _resting(imu: ImuData, gps: GpsData) -> GpsData:
-    """Fixes without what moves them, but not the samples, in the rest at the start."""
+    """Fixes without what moves them, but not the samples, in the rest at the start; velocities tell that themselves."""
+    if motion.gives_velocities(gps):
+        return gps
     nominal = strapdown.nominal_interval(imu.time)
     rest = stationary_of(strapdown.intervals(_first_part(imu, gps), nominal), gps)
     start = imu.rows(slice(int(np.searchsorted(imu.time, imu.time[0] + LONGEST_REST))))

@@ -166,14 +166,9 @@ def decided(
         found = replace(found, events=weighed.events)
         others.append(weighed.run)
     if resets_of(first):
-        begin, believing = float(first.innovations.time[0]), settings.gates.believing()
-        for gates, how in ((believing, BELIEVED), (replace(settings.gates, reset_after=PATIENT), ENDURED)):
-            patient = partial(again, gps, gates=gates)
-            with suppress(DivergenceError):
-                run = patient()
-                if worth(run) < worth(found.run) - BETTER and _diverged(run) <= _diverged(first):
-                    why = Event(begin, EventKind.CONTRADICTION, np.nan, np.nan, "", f"{STREETS}: {how}")
-                    found, others = Explained(run, patient, (why,)), []
+        for patient in _without_resets(first, settings.gates, partial(again, gps)):
+            if worth(patient.run) < worth(found.run) - BETTER and _diverged(patient.run) <= _diverged(first):
+                found, others = patient, []
     changes: tuple[StateChange, ...] = ()
     step = first.smoothed.delay_step
     if against or any(each.first == ATTITUDE for each in first.smoothed.likely[:1]):  # else gates hide nothing
@@ -206,6 +201,16 @@ def decided(
     run = mixed(run, resets) if resets else run
     assert run.smoothed is not None
     return replace(run, smoothed=replace(run.smoothed, delay_step=step)), (*found.events, *said)
+
+
+def _without_resets(first: Run, gates: Gates, again: Callable[..., Run]) -> list[Explained]:
+    """Runs that believe what reset the first one, and that endure it."""
+    begin, found = float(first.innovations.time[0]), list[Explained]()
+    for other, how in ((gates.believing(), BELIEVED), (replace(gates, reset_after=PATIENT), ENDURED)):
+        said = Event(begin, EventKind.CONTRADICTION, np.nan, np.nan, "", f"{STREETS}: {how}")
+        with suppress(DivergenceError):
+            found.append(Explained(again(gates=other), partial(again, gates=other), (said,)))
+    return found
 
 
 def _without_parting(found: Explained, settings: FilterSettings) -> Run | None:

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from insnav.alignment.in_motion import Velocity, velocity
+from insnav.alignment.in_motion import Velocity, gives_velocities, velocity
 from insnav.attitude import dcm_from_rph
 from insnav.filter.measurements.measurement import INTERVAL
 from insnav.filter.measurements.mounting import Mounting, mounting
@@ -43,7 +43,7 @@ class FirstPass:
     def speed(self) -> Velocity:
         """Velocity by the receiver, or where it gives none by the solution: of that by positions most is noise."""
         at = self.solution
-        if at.sd is None or np.isfinite(self.gps.v_n).all(axis=1).mean() > 0.5:
+        if at.sd is None or gives_velocities(self.gps):
             return velocity(self.gps)
         return Velocity(at.time, at.v_n, at.sd[:, 3:5].max(axis=1))
 
