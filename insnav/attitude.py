@@ -30,9 +30,11 @@ def wrap_two_pi(angle: ArrayLike) -> FloatArray:
 
 def skew(v: ArrayLike) -> FloatArray:
     """Matrix (..., 3, 3) of the cross product with v (..., 3): ``skew(v) @ u = v x u`` (Groves 2013, eq. 2.50)."""
-    x, y, z = np.moveaxis(np.asarray(v, dtype=float), -1, 0)
-    o = np.zeros_like(x)
-    return np.stack([np.stack([o, -z, y], -1), np.stack([z, o, -x], -1), np.stack([-y, x, o], -1)], -2)
+    v = np.asarray(v, dtype=float)
+    of = np.zeros((*v.shape, 3))
+    of[..., [2, 0, 1], [1, 2, 0]] = v
+    of[..., [1, 2, 0], [2, 0, 1]] = -v
+    return of
 
 
 def quat_multiply(p: ArrayLike, q: ArrayLike) -> FloatArray:

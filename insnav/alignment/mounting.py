@@ -48,7 +48,7 @@ MISFIT = 0.6  # part of the accelerations that may be left unexplained
 Signs = tuple[int, int, int]
 SIGNS: list[Signs] = [(x, y, z) for x in (1, -1) for y in (1, -1) for z in (1, -1)]
 AS_GIVEN = SIGNS[0]
-ROUNDS = 10  # of Gauss-Newton, at most
+ROUNDS, SETTLED = 10, 0.999  # of Gauss-Newton, at most; as large a part of the misfit of the round before ends them
 NUDGE = np.diag([1e-3, 1e-3, 1e-3, 0.02, 0.02, 0.02, 0.02])  # steps of its derivatives [rad/s], [m/s^2], [s]
 LARGEST_BIAS = 0.1  # of gyros that can be used [rad/s]
 # what is known of gyro bias [rad/s], accelerometer bias [m/s^2] and delay [s] before: a bias turns the accelerations of
@@ -163,7 +163,10 @@ def _refined(
         other, other_left = fitted(at + change)
         if np.abs(change[:3]).max() > LARGEST_BIAS or other.misfit >= found.misfit:
             break
+        settled = other.misfit > SETTLED * found.misfit
         at, found, left = at + change, other, other_left
+        if settled:
+            break
     return at, float(np.sqrt(yaw @ covariance @ yaw))
 
 

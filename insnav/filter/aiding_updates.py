@@ -22,7 +22,7 @@ class AidingUpdates:
         self, estimate: Estimate, settings: FilterSettings, record: Record, gps: GpsData, start: float
     ) -> None:
         self._estimate, self._gates, self._record = estimate, settings.gates, record
-        self._every = settings.aiding
+        self._every, self._interval = settings.aiding, settings.aided_every
         self._with_fixes: list[Measurement] = []
         if settings.heading_sd > 0.0 and gps.heading is not None:
             sd = np.array([settings.heading_sd])
@@ -47,30 +47,30 @@ class AidingUpdates:
             self._use(each, self._view(time, time, np.zeros(3)))
 
     def at_epoch(self, time: float) -> None:
-        """Use all others, at most once in `INTERVAL`."""
-        if self._every is None or time - self._last < 0.9 * INTERVAL:
+        """Use all others, at most once in the interval of the settings, and then as surely as those left out."""
+        if self._every is None or time - self._last < 0.9 * self._interval:
             return
         view = self._view(self._last, time, self._turned[:3] / self._turned[3])
         self._turned[:] = 0.0
         self._last = time
         seen: set[str] = set()
         for each in self._every:
-            if not each.excluded_by & seen and self._use(each, view):
+            if not each.excluded_by & seen and self._use(each, view, INTERVAL / self._interval):
                 seen.add(each.name)
 
     def _view(self, begin: float, time: float, mean_gyro: FloatArray) -> FilterView:
         at = self._estimate
         return FilterView(begin, time, at.x, at.correction, at.motion[:3], mean_gyro, float(np.hypot(at.x[3], at.x[4])))
 
-    def _use(self, measurement: Measurement, at: FilterView) -> bool:
-        """Use a measurement unless its gate rejects it; whether it had something to say."""
+    def _use(self, measurement: Measurement, at: FilterView, noise: float = 1.0) -> bool:
+        """Use a measurement, with so much of its noise, unless its gate rejects it; whether it had anything to say."""
         z, h, r, estimate = self._z, self._h, self._r, self._estimate
         part = measurement.observe(at, z, h)
         m = part.stop - part.start
         if m == 0:
             return False
         variance = np.ones(6)
-        variance[part] = measurement.sd[:m] ** 2
+        variance[part] = noise * measurement.sd[:m] ** 2
         nis = innovation(estimate.covariance, z, h, variance, part.start, part.stop, np.empty((m, m)))
         limit = self._gates.limit(m)
         self._record.aiding(measurement, z[part], nis, nis <= limit)

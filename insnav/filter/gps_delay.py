@@ -199,8 +199,7 @@ def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Foun
     if likelihood is None or likelihood.blocks < BLOCKS or still:  # fewer may agree by accident
         return nothing
     grid = np.arange(-REACH, REACH + 0.5 * GRID, GRID)
-    coarse = likelihood.costs(grid).sum(axis=1)
-    best = int(np.argmin(coarse))
+    best = likelihood.likeliest(grid, likelihood.lag)
     if best in (0, grid.size - 1):  # no top, or one beyond the grid
         return nothing
     near = grid[best] + FINE * np.arange(-FINE_STEPS, FINE_STEPS + 1)
@@ -224,7 +223,7 @@ def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Foun
     delay = float(near[middle]) + away
     # the curvature at the top of an uneven likelihood is not its width: no delay at all must be as unlikely, too, and
     # parts must agree: the variance of the sum of their slopes, by their scatter (White, Econometrica 50 (1982) 1-25)
-    gain = max(float(coarse[grid.size // 2] - top.sum()), 1e-9)
+    gain = max(float(likelihood.costs(np.zeros(1)).sum() - top.sum()), 1e-9)
     width = abs(delay) / float(np.sqrt(2.0 * gain)) if abs(delay) > WORTH and not drift else 0.0
     scatter = float(np.sqrt(bend.size * np.var(slopes + away * bend, ddof=1))) / curvature
     sd = max(1.0 / float(np.sqrt(curvature)), width, scatter)
@@ -265,7 +264,7 @@ def _with_lag(
     start = np.array([(delay - by * lag, likelihood.lag + lag) for by in (0.0, 1.0) for lag in LAGS])
     shown, weight = alone[0], float(np.hypot(ALONE * alone[1], ALONE_LEAST)) ** -2.0
     off = 0.5 * weight * (start[:, 1] - shown) ** 2
-    at = start[np.argmin(likelihood.costs(start[:, 0], drift, start[:, 1]).sum(axis=1) + off)]
+    at = start[likelihood.likeliest(start[:, 0], start[:, 1], off, drift)]
     known = np.array([REACH, LAG_SD]) ** -2.0 + [0.0, weight]
     for _ in range(NEWTON):
         slopes, curvature = likelihood.slopes(at[0], drift, at[1], LAG_STEP)

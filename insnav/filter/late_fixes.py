@@ -9,7 +9,11 @@ attitude and biases, of which a wrong delay makes others, are free in it, from a
 
 from __future__ import annotations
 
+from copy import copy
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from insnav import strapdown
 from insnav.alignment import in_motion
@@ -31,8 +35,29 @@ from insnav.units import DEG
 
 REACH = 2.0  # delays looked for, early and late [s]
 EDGE = REACH + 1.0  # fixes so near to the ends of the record may be of a time outside [s]
+# Part of the fixes, from the start on, by which no case is the likeliest that another one is likelier than by so much
+SOON, UNLIKELY = 0.3, 50.0
 BLOCK, BLOCKS = (10.0, 20.0), 3  # parts whose errors are independent: how long, and so many of a short record [s]
 OPEN_START = 20.0, 2.0, 5.0 * DEG  # sd of position [m], velocity [m/s], attitude at the start, which is late, too
+
+
+_Since = tuple[FloatArray, FloatArray, FloatArray]  # velocity and position gained by specific force, and ``C_nb`` then
+
+
+class _Seen(NamedTuple):
+    """Each of the fixes, against the state of its epoch before the measurement."""
+
+    time: FloatArray  # of the epoch [s]
+    away: FloatArray  # the same from the middle of the record on
+    v_n: FloatArray  # measured [m/s]
+    off: FloatArray  # position, predicted minus measured [m]
+    v: FloatArray  # velocity of the state [m/s]
+    lever: FloatArray  # arm that turns show [m]
+    shaken: FloatArray  # the one that vibration shows [m]
+    lasting: FloatArray  # time-correlated error that was fed back, (k, 6) [m], [m/s]
+    bias: FloatArray  # sensor errors (k, 12)
+    here: FloatArray  # the track of gyros and accelerometers alone (k, 15)
+    turn: FloatArray  # from that to the attitude of the state (k, 3, 3)
 
 
 class LateFixes:
@@ -46,7 +71,7 @@ class LateFixes:
         good &= (gps.position_sd[own].max(axis=1) <= settings.gates.max_sd) & (gps.fix is None or gps.fix[own] != 0)
         good &= ~impossible(settings.gates, gps)[own]  # one of 100 km would decide alone
         good &= (time > time[0] + EDGE) & (time < time[-1] - EDGE)
-        self._fixes, self._time, self._rows = gps.rows(own[good]), time[good], np.flatnonzero(good)
+        fixes, seen, self._rows = gps.rows(own[good]), time[good], np.flatnonzero(good)
         velocity = good & np.isfinite(gps.v_n[own]).all(axis=1)
         self._kind = np.where(velocity, POSITION + VELOCITY, np.where(good, POSITION, COAST))
         length = np.clip((time[-1] - time[0]) / BLOCKS, *BLOCK)
@@ -54,32 +79,29 @@ class LateFixes:
         self.accepted = float(np.mean(epochs[good, KIND] == self._kind[good])) if good.any() else 0.0
         self.velocities = bool(velocity.any())
         self.blocks, self.half = np.unique(self._block).size, 0.5 * float(time[-1] - time[0])
-        self._away = self._time - time[0] - self.half
         self.moments = settings.moments
         self._at, self._model, self.lag, self._correlated = at, ready.model, settings.velocity_lag, settings.correlated
         self._variance = np.ones((time.size, 6))
         share = 0.0 if settings.correlated is None else settings.correlated.share
-        self._variance[good, :3] = (1.0 - share) * self._fixes.position_sd**2
-        self._variance[good, 3:] = np.nan_to_num(self._fixes.velocity_sd**2, nan=1.0)
+        self._variance[good, :3] = (1.0 - share) * fixes.position_sd**2
+        self._variance[good, 3:] = np.nan_to_num(fixes.velocity_sd**2, nan=1.0)
         # the state before the measurement is the one after it and what was fed back
         x, fed = epochs[good, STATE : STATE + 10], self._tape[8]
-        self._off = ned_offset(x[:, :3], self._fixes.lla) + fed[good, :3]
-        self._v = x[:, 3:6] + fed[good, 3:6]
+        v = x[:, 3:6] + fed[good, 3:6]
         covariance = epochs.shape[1] - at.states * (at.states + 1) // 2  # its lower triangle
         unsure = epochs[good][:, covariance + np.array([9, 14, 20])]
-        self.moves = bool(np.sum(self._v**2) > STILL * np.sum(unsure))
+        self.moves = bool(np.sum(v**2) > STILL * np.sum(unsure))
         taken = np.cumsum(np.vstack([np.zeros(at.states), fed[:-1]]), axis=0)[good]
         taken = np.hstack([taken, np.zeros((self._rows.size, 3))])  # at -1, where an arm is no state
-        arms = (at.lever, max(at.shaken, at.lever))
-        self._lever, self._shaken = (settings.lever_b - taken[:, k:][:, :3] for k in arms)
-        self._lasting = np.zeros((self._rows.size, 6))
+        lever, shaken = (settings.lever_b - taken[:, k:][:, :3] for k in (at.lever, max(at.shaken, at.lever)))
+        lasting = np.zeros((self._rows.size, 6))
         if settings.correlated is not None:  # what was fed back fades from its epoch on
             size = settings.correlated.times.size
             left = np.zeros((time.size, size))
             for k, fade in enumerate(np.exp(-np.diff(time)[:, None] / settings.correlated.times)):
                 left[k + 1] = (left[k] + fed[k, at.correlated : at.correlated + size]) * fade
-            self._lasting[:, :size] = -left[good]
-        parts, self._bias = strapdown.intervals(ready.imu, ready.nominal), epochs[good, CORRECTION:ARM]
+            lasting[:, :size] = -left[good]
+        parts = strapdown.intervals(ready.imu, ready.nominal)
         self._samples = parts.end, turned(parts)
         self._nominal, self._gravity = ready.nominal, gravity_n(gps.lla[0, 0], gps.lla[0, 2])
         begin, rph = float(time[0]), rph_from_quat(epochs[0, STATE + 6 : STATE + 10])
@@ -87,25 +109,44 @@ class LateFixes:
         track = in_motion.history(parts, begin, float(parts.end[-1]), rph, bias, gps.lla[0, 0])
         u, c = track.u_n, dcm_from_quat(track.q_nb).reshape(-1, 9)
         self._track = track.time, np.hstack([u, track.way, c])
-        self._here = strapdown.between(*self._track, self._time)[1]
-        back = np.swapaxes(self._here[:, 6:].reshape(-1, 3, 3), 1, 2)
-        self._turn = (np.eye(3) - skew(fed[good, 6:9])) @ dcm_from_quat(x[:, 6:]) @ back
+        here = strapdown.between(*self._track, seen)[1]
+        back = np.swapaxes(here[:, 6:].reshape(-1, 3, 3), 1, 2)
+        turn = (np.eye(3) - skew(fed[good, 6:9])) @ dcm_from_quat(x[:, 6:]) @ back
+        off, away = ned_offset(x[:, :3], fixes.lla) + fed[good, :3], seen - time[0] - self.half
+        self._seen = _Seen(
+            seen, away, fixes.v_n, off, v, lever, shaken, lasting, epochs[good, CORRECTION:ARM], here, turn
+        )
         self._start = first_state(ready.initial, settings).covariance
         self._start[:NAV, :NAV] += np.diag(np.repeat(OPEN_START, 3) ** 2)
         # made once, as every delay fills the same places
         self._out, self._z, self._h = (
             np.zeros(each) for each in ((2, 6 * time.size), (time.size, 6), (time.size, 6, at.states))
         )
+        measured = 6 if self.velocities else 3
+        self._h[self._rows, :measured, :measured] = np.eye(measured)
+        if settings.correlated is not None:
+            lasts = settings.correlated.sds.size
+            self._h[self._rows, :, at.correlated : at.correlated + lasts] = np.eye(6)[:, :lasts]
         noise = ready.model.noise
         self._density = np.array([np.mean(noise[:3]), np.mean(noise[3:6]), *noise[18:]])
 
-    def _since(self, span: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _beginning(self) -> LateFixes:
+        """The same of the first fixes only."""
+        part, fixes = copy(self), max(1, int(self._rows.size * SOON))
+        epochs = int(self._rows[fixes - 1]) + 1
+        part._seen, part._rows = _Seen(*(each[:fixes] for each in self._seen)), self._rows[:fixes]
+        part._tape, part._kind = tuple(each[:epochs] for each in self._tape), self._kind[:epochs]
+        part._block = self._block[: np.bitwise_count(part._kind).sum()]
+        return part
+
+    def _since(self, span: FloatArray) -> _Since:
         """What specific force adds to velocity and position in a time (k,) from the epoch on [s], and ``C_nb`` then."""
-        there, s = strapdown.between(*self._track, self._time + span)[1], span[:, None]
-        v, p = there[:, :3] - self._here[:, :3], there[:, 3:6] - self._here[:, 3:6] - self._here[:, :3] * s
-        c = self._turn @ there[:, 6:].reshape(-1, 3, 3)
-        push = _times(c, self._bias[:, 3:6])
-        return _times(self._turn, v) - push * s, _times(self._turn, p) - 0.5 * push * s**2, c
+        seen, s = self._seen, span[:, None]
+        there = strapdown.between(*self._track, seen.time + span)[1]
+        v, p = there[:, :3] - seen.here[:, :3], there[:, 3:6] - seen.here[:, 3:6] - seen.here[:, :3] * s
+        c = seen.turn @ there[:, 6:].reshape(-1, 3, 3)
+        push = _times(c, seen.bias[:, 3:6])
+        return _times(seen.turn, v) - push * s, _times(seen.turn, p) - 0.5 * push * s**2, c
 
     def costs(self, delays: FloatArray, drift: FloatArray | float = 0.0, lag: FloatArray | None = None) -> FloatArray:
         """Negative log-likelihood of each block of the record, (k, blocks), with delays in its middle [s].
@@ -117,6 +158,13 @@ class LateFixes:
         every = [costs_of(*self.innovations(*each)) for each in cases]
         return np.array([np.bincount(self._block, each) for each in every])
 
+    def likeliest(self, delays: FloatArray, lags: ArrayLike, off: ArrayLike = 0.0, drift: float = 0.0) -> int:
+        """The case of least cost, see `costs`, of which each has a cost `off` besides; most are unlikely soon."""
+        _, lags, off = np.broadcast_arrays(delays, lags, off)
+        soon = self._beginning().costs(delays, drift, lags).sum(axis=1) + off
+        left = np.flatnonzero(soon <= soon.min() + UNLIKELY)
+        return int(left[np.argmin(self.costs(delays[left], drift, lags[left]).sum(axis=1) + off[left])])
+
     def slopes(self, delay: float, drift: float, lag: float, step: float) -> tuple[FloatArray, FloatArray]:
         """Slopes of the cost of each block by delay and lag, (2, blocks), and its curvature (2, 2), Gauss-Newton's."""
         e, s = self.innovations(delay, drift, lag)
@@ -126,42 +174,41 @@ class LateFixes:
 
     def measured(self, delay: float, drift: float, lag: float) -> tuple[FloatArray, FloatArray]:
         """Predicted minus measured of each row (m, 6) and how errors show in that (m, 6, n), until the next call."""
-        at, span = self._at, -(delay + drift * self._away)
-        _, p, c = self._since(span)
-        arm, s, own = _times(c, self._lever), span[:, None], np.zeros((self._rows.size, 6, at.states))
+        at, seen, rows = self._at, self._seen, self._rows
+        span = -(delay + drift * seen.away)
+        since = v, p, c = self._since(span)
+        arm, s = _times(c, seen.lever), span[:, None]
         # errors are estimate minus truth; see `insnav.kernels.gps_measurement`
         z, h = self._z, self._h
-        z[self._rows, :3] = self._off + self._v * s + p + 0.5 * self._gravity * s**2 + arm
-        own[:, :3, :3] = np.eye(3)
-        own[:, :3, 3:6] = s[..., None] * np.eye(3)
-        own[:, :3, 6:9], own[:, :3, 12:15] = skew(p + arm), -0.5 * s[..., None] ** 2 * c
+        z[rows, :3] = seen.off + seen.v * s + p + 0.5 * self._gravity * s**2 + arm + seen.lasting[:, :3]
+        h[rows, :3, 3:6] = s[..., None] * np.eye(3)
+        h[rows, :3, 6:9], h[rows, :3, 12:15] = skew(p + arm), -0.5 * s[..., None] ** 2 * c
         if at.lever >= 0:
-            own[:, :3, at.lever : at.lever + 3] = c
+            h[rows, :3, at.lever : at.lever + 3] = c
         if self.velocities:
             late = span - lag
-            q, seen = late[:, None], [self._measured_at(span - each * lag, lag) for each in self.moments]
-            v, q_c, by_lever, by_shaken = (np.mean(each, axis=0) for each in zip(*seen, strict=True))
-            swing = _times(by_lever, self._lever) + _times(by_shaken, self._shaken)
-            z[self._rows, 3:] = np.nan_to_num(self._v + v + self._gravity * q + swing - self._fixes.v_n)
-            own[:, 3:, 3:6] = np.eye(3)
-            own[:, 3:, 6:9], own[:, 3:, 12:15] = skew(v + swing), -q_c
+            each = [self._measured_at(span - by * lag, lag, since if lag == 0.0 else None) for by in self.moments]
+            v, q_c, by_lever, by_shaken = (np.mean(of, axis=0) for of in zip(*each, strict=True))
+            swing = _times(by_lever, seen.lever) + _times(by_shaken, seen.shaken)
+            gained = self._gravity * late[:, None]
+            z[rows, 3:] = np.nan_to_num(seen.v + v + gained + swing - seen.v_n) + seen.lasting[:, 3:]
+            h[rows, 3:, 6:9], h[rows, 3:, 12:15] = skew(v + swing), -q_c
             if at.lever >= 0:
-                own[:, 3:, at.lever : at.lever + 3] = by_lever
+                h[rows, 3:, at.lever : at.lever + 3] = by_lever
             if at.shaken >= 0:
-                own[:, 3:, at.shaken : at.shaken + 3] = by_shaken
-        if self._correlated is not None:
-            size = self._correlated.sds.size
-            own[:, :, at.correlated : at.correlated + size] = np.eye(6)[:, :size]
-        z[self._rows] += self._lasting
-        h[self._rows] = own
+                h[rows, 3:, at.shaken : at.shaken + 3] = by_shaken
         return z, h
 
-    def _measured_at(self, late: FloatArray, lag: float) -> tuple[FloatArray, ...]:
-        """Velocity since the epoch, ``C_nb`` times the time, and what lever arms make of turns then, (k, 3, 3)."""
-        v, _, c = self._since(late)
+    def _measured_at(self, late: FloatArray, lag: float, since: _Since | None) -> tuple[FloatArray, ...]:
+        """Velocity since the epoch, ``C_nb`` times the time, and what lever arms make of turns then, (k, 3, 3).
+
+        `since`: what specific force adds in that time, if it is known.
+        """
+        v, _, c = since or self._since(late)
         reach = max(0.5 * self._nominal, abs(lag) * (len(self.moments) - 1) / len(self.moments) ** 2)
         slow = max(abs(lag) if len(self.moments) > 1 else reach, SEEN)
-        whole, rate = (rates_at(self._time + late, *self._samples, r) - self._bias[:, :3] for r in (reach, slow))
+        time, bias = self._seen.time + late, self._seen.bias[:, :3]
+        whole, rate = (rates_at(time, *self._samples, r) - bias for r in (reach, slow))
         rate = rate if self._at.shaken >= 0 or len(self.moments) > 1 else whole
         by_lever = c @ skew(rate)
         return v, late[:, None, None] * c, by_lever, c @ skew(whole - rate)

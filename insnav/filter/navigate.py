@@ -33,6 +33,7 @@ GAP_WORTH = 3.0  # a GPS gap from which other aiding is worth a second pass: les
 PLAUSIBLE = 3.0  # a lever arm found within so many standard deviations of the one given, or none, is believed
 UNKNOWN_HEIGHT = 1000.0  # standard deviation where fixes have none [m]
 ASSUMED = NonHolonomic, ZeroVelocity  # what no sensor measures: how vehicles move
+WEIGHED_EVERY = 1.0  # aiding while fixes are weighed: most of the time goes into it otherwise [s]
 DENSE = 0.1  # of the solution from which aiding is calibrated, and with which fixes are compared [s]
 
 
@@ -138,7 +139,7 @@ def _decided(ready: Prepared, first: Run) -> tuple[Run, tuple[Event, ...]]:
         every = sorted((*ready.settings.changes, *changes), key=lambda each: each.time)
         settings = replace(ready.settings, gates=gates, trust=trust, changes=tuple(every))
         if weighing:  # false fixes that count would make an arm of 50 m
-            settings = replace(settings, lever_b=lever_b, lever_sd=0.0)
+            settings = replace(settings, lever_b=lever_b, lever_sd=0.0, aided_every=WEIGHED_EVERY)
         if doubting:
             aiding = (
                 replace(each, sd=WEAKER * each.sd) if isinstance(each, ASSUMED) else each

@@ -20,7 +20,6 @@ from insnav.filter.aiding_updates import AidingUpdates
 from insnav.filter.error_model import ErrorModel, FilterState, InitialState
 from insnav.filter.estimate import Estimate
 from insnav.filter.gps_noise import LAG_WORTH
-from insnav.filter.measurements.measurement import INTERVAL
 from insnav.filter.parts import Part
 from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
@@ -79,7 +78,7 @@ class Navigator:
         self._late = own[later] * (settings.velocity_lag if abs(settings.velocity_lag) > LAG_WORTH else 0.0)
         self._settings, self._model, self._nominal, self._alignment = settings, model, nominal, alignment
         self._marks, self.kept = marks, dict[int, FilterState]()
-        self._coast = COAST if settings.aiding is None else INTERVAL
+        self._coast = COAST if settings.aiding is None else settings.aided_every
         self._record = Record(self._fix.shape[0])
         self._estimate = Estimate(start, model, settings, self._record, self._coast, alignment)
         self._record.epoch(start.time, self._estimate)

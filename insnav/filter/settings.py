@@ -8,7 +8,7 @@ import numpy as np
 
 from insnav.filter.gates import Gates, Trust
 from insnav.filter.gps_correlation import CorrelatedNoise
-from insnav.filter.measurements.measurement import Measurement
+from insnav.filter.measurements.measurement import INTERVAL, Measurement
 from insnav.types import FloatArray, SensorLog, StateChange
 
 
@@ -42,6 +42,7 @@ class FilterSettings:
     fixed_height_sd: float = 0.0  # the vehicle stays so near to the height of its first fix [m]; zero: not assumed
     logs: tuple[SensorLog, ...] = ()  # of further sensors; the first pass over a drive makes measurements of them
     aiding: tuple[Measurement, ...] | None = None  # besides fixes, in the order of use; None: not looked for
+    aided_every: float = INTERVAL  # so often, of what has its noise anew every `INTERVAL` [s]
     smooth: bool = True  # backward over the recording at its end; see `insnav.filter.smoother`
     changes: tuple[StateChange, ...] = ()  # in order of time; see `insnav.filter.changes`
     trust: Trust | None = None  # fixes to leave out, found by `insnav.filter.whole_record`
