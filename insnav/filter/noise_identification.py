@@ -11,12 +11,14 @@ innovations: R. K. Mehra, "On the identification of variances and adaptive Kalma
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from numba.core.config import NUMBA_NUM_THREADS  # type: ignore[attr-defined]
 
 from insnav.exceptions import DivergenceError
 from insnav.filter.error_model import ErrorModel, InitialState, error_model, initial_state
@@ -534,6 +536,11 @@ class _Posterior:
         e, s = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
         return e, s, cost_of(e, s) + self._before(at)
 
+    def _side_by_side(self, cases: FloatArray) -> list[_Seen]:
+        """The same of several sets, in as many threads as numba may have: its kernel waits for none."""
+        with ThreadPoolExecutor(min(len(cases), NUMBA_NUM_THREADS)) as pool:
+            return list(pool.map(self.innovations, cases))
+
     def _before(self, at: FloatArray) -> float:
         """What the cost of a set of figures is without any innovation."""
         off = np.where(np.isfinite(at), at - self.middle, 0.0)
@@ -550,8 +557,7 @@ class _Posterior:
         damping, steps, last, moved = 1e-3, STEP * np.eye(at.size), np.zeros(at.size), np.zeros(at.size)
         for _ in range(ROUNDS):
             by_e, by_s, slope = np.empty((at.size, e.size)), np.empty((at.size, e.size)), np.empty(at.size)
-            for i, step in enumerate(steps):
-                e1, s1, cost1 = self.innovations(at + step)
+            for i, (e1, s1, cost1) in enumerate(self._side_by_side(at + steps)):
                 by_e[i], by_s[i], slope[i] = (e1 - e) / STEP, (s1 - s) / STEP / s, (cost1 - cost) / STEP
             clean = by_e / np.sqrt(s * np.maximum(np.abs(e) / np.sqrt(s) / HUBER, 1.0))
             weight = self.weight(at)

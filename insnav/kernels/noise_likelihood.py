@@ -102,7 +102,7 @@ def tape(history: np.ndarray, n: int, noise: np.ndarray, bridged: np.ndarray) ->
     )
 
 
-@njit(cache=True, fastmath={"reassoc", "contract", "nsz"})
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
 def innovations(  # type: ignore[no-untyped-def]
     run, nominal_decay, density, driving, decay, lasting, lasting_sd, lasting_time, variance, start, push, limit, out
 ):
