@@ -207,6 +207,21 @@ def test_aiding_changes_nothing_in_the_result_for_other_block_sizes():
     np.testing.assert_allclose(whole.solution.lla, parts.solution.lla, rtol=0, atol=1e-15)
 
 
+def test_aiding_that_is_used_once_a_second_says_as_much():
+    begin = drives.truth().start + 180.0
+    imu, fixes, start, found, _ = first_pass(4, without_fixes(drives.perfect_gps(), begin, begin + 30.0))
+    aiding = measurements_from_drive(found)[0]
+    often, seldom = (run(imu, fixes, start, aiding, aided_every=each) for each in (0.25, 1.0))
+    for each, other in zip(often.aiding, seldom.aiding, strict=True):
+        assert 2.5 < each.processed / other.processed < 5.0, each.name  # NHC counts where ZUPT does not
+    one, other = (each.smoothed.solution for each in (often, seldom))
+    gap = (one.time > begin) & (one.time < begin + 30.0)
+    ratio = other.sd[gap] / one.sd[gap]
+    print("standard deviations in a gap by those with four times as many", np.round(ratio.mean(axis=0), 3))
+    assert np.abs(ratio[:, 3:6].mean(axis=0) - 1.0).max() < 0.05
+    assert (np.abs(ned_offset(other.lla, one.lla))[gap] < 0.5 * one.sd[gap, :3]).all()
+
+
 def test_the_lever_arm_of_the_axle_shows_only_in_turns():
     x = np.concatenate([[0.8, 0.1, 200.0, 10.0, 0.0, 0.0], quat_from_rph(np.zeros(3))])
     z, h = np.empty(6), np.empty((6, STATES))
