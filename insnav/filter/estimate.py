@@ -101,12 +101,12 @@ class Estimate:
 
     def kept(self, time: float) -> FilterState:
         """Copy of everything, to go on from."""
-        levers, p = (self.lever, self.shaken), self.covariance.copy()
+        levers, phi = (self.lever, self.shaken), self._unity.copy()
+        epoch.turn(phi, self.all.copy())
         if self.at.lever >= 0:
-            phi = self._unity.copy()
             phi[:3, self.at.lever : self.at.lever + 3] = -self.arm[3:].reshape(3, 3)
             swing(phi, self._swung.copy())
-            p = phi @ p @ phi.T
+        p = phi @ self.covariance @ phi.T
         state = (self.x, self.correction, *self._clock.tolist(), self.lasting, *levers, self.motion, p)
         return FilterState(time, *deepcopy(state))
 
@@ -236,7 +236,7 @@ class Estimate:
 
     def _begin_at_fix(self, p: FloatArray) -> None:
         """Set the covariance where the position is that of a fix, with its time-correlated error."""
-        self.arm[3:] = self._swung[:] = self.all[epoch.CORRECTED] = 0.0
+        self.arm[3:] = self._swung[:] = self.all[epoch.CORRECTED] = self.all[epoch.TURNED] = 0.0
         if self._gps_noise is not None:
             reset_correlated(p, self.at.correlated, self._lasting_sd)
             cross_covariance(p, self.at.correlated, self._lasting_sd)
