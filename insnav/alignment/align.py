@@ -28,6 +28,7 @@ UNSEEN, LEVEL_DRIFT = 30.0, 0.05
 SOON = 10.0  # a stop that begins this soon after the first fix is the start of the drive [s]
 COURSE_TIME = 0.5  # a course in motion may be off by the turn in this time, or up to the nearest velocity [s]
 SPARSE = 5.0  # fixes farther apart show no change of velocity in a short record [s]
+LATER = 10.0  # fixes that go on for longer than the samples may have seen what these have not [s]
 LEVEL_SPAN = 20.0  # of the level from GPS velocity change: longer, gyro drift tilts the frame; shorter, noise [s]
 
 
@@ -195,14 +196,24 @@ def _from_rest(
             return found
         raise AlignmentError(
             "the heading cannot be found",
-            why="the gyros are too poor for a gyrocompass and the vehicle never moves faster than "
-            f"{motion.SLOWEST:g} m/s for the course",
+            why=f"the gyros are too poor for a gyrocompass and for the course {_never_fast(parts, gps)}",
             fix="give it with --heading DEGREES, to within some 2 deg: it is believed",
         )
     rph[2] = wrap_two_pi(course.heading)
     bias, bias_sd = static.gyro_bias(at, spec, rph, course.sd, lat)
     sd = np.array([found.sd[0], found.sd[1], course.sd])
     return replace(long, rph=rph, sd=sd, gyro_bias=bias, gyro_bias_sd=bias_sd, heading_method=course.method)
+
+
+def _never_fast(parts: Intervals, gps: GpsData) -> str:
+    """Words for fixes that show no course while there are samples."""
+    return f"the vehicle never moves faster than {motion.SLOWEST:g} m/s{_until(parts, gps)}"
+
+
+def _until(parts: Intervals, gps: GpsData) -> str:
+    """Words for samples that end long before the fixes."""
+    later = float(gps.time[-1] - parts.end[-1])
+    return f" until the samples end, {later:.0f} s before the fixes do" * (later > LATER)
 
 
 def _in_motion(
@@ -213,7 +224,7 @@ def _in_motion(
     if moving is None:
         raise AlignmentError(
             "the IMU cannot be aligned",
-            why=f"no static interval was found, and the vehicle never moves faster than {motion.SLOWEST:g} m/s",
+            why=f"no static interval was found, and {_never_fast(parts, gps)}",
             fix="give a static interval with --static START:END, or an initial state with --initial FILE",
         )
     later = gps.time[gps.time >= max(start, moving)]
@@ -227,7 +238,7 @@ def _in_motion(
             raise motion.too_sparse(interval)
         raise AlignmentError(
             "the IMU cannot be aligned in motion",
-            why=f"only {end - begin:.1f} s of GPS velocity follow the start",
+            why=f"only {max(end - begin, 0.0):.1f} s of GPS velocity follow the start{_until(parts, gps)}",
             fix="give an initial state with --initial FILE",
         )
     rph, level_sd, acceleration = found

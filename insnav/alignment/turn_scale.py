@@ -34,9 +34,11 @@ def turn_scale(parts: Intervals, gps: GpsData) -> tuple[float, float]:
     seen = course[last] - course[first]
     felt = np.interp(speed.time[last], parts.end, turn) - np.interp(speed.time[first], parts.end, turn)
     small = np.abs(seen) < SHARP
+    if np.count_nonzero(small) < FEWEST:
+        return 0.0, 0.0
     seen, felt = seen[small] - seen[small].mean(), felt[small] - felt[small].mean()
     power = float(np.sum(felt**2))
-    if seen.size < FEWEST or float(np.std(seen)) < TURNS or power == 0.0:
+    if float(np.std(seen)) < TURNS or power == 0.0:
         return 0.0, 0.0
     both = float(np.sum(seen * felt))
     return both / power, both / float(np.sqrt(power * np.sum(seen**2)))

@@ -23,6 +23,7 @@ from insnav.units import DEG, G0, UNITS, parse_quantity
 
 NORTH_EAST = np.array([0.6, 0.8, 0.0])
 _AXES = ("gyro-x", "gyro-y", "gyro-z", "accel-x", "accel-y", "accel-z")
+_ALWAYS = "imu-units", "imu-axes"  # of all samples
 _DIRECTIONS = {"F": (0, 1.0), "B": (0, -1.0), "R": (1, 1.0), "L": (1, -1.0), "D": (2, 1.0), "U": (2, -1.0)}
 
 
@@ -69,6 +70,8 @@ def parse_fault(text: str) -> Fault:
     if (found[2] is None) != (verb.size is None):
         wrong = "needs a size" if verb.size is not None else "has no size"
         raise ConfigError(f"{name} {wrong}", where=f"--fault {text}", fix=fix)
+    if found[3] is not None and name in _ALWAYS:
+        raise ConfigError(f"{name} is for the whole drive", where=f"--fault {text}", fix=fix)
     if found[3] is None and "@" in verb.example:
         raise ConfigError(f"{name} needs a time", where=f"--fault {text}", fix=fix)
     if found[4] is None and "+" in verb.example and name != "gps-jump":
@@ -111,6 +114,19 @@ def gps_flap(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
     off[rows] = float(size) * np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
     off[rows[::5]] = 0.0
     return replace(gps, lla=lla_offset(gps.lla, off))
+
+
+def gps_latency(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
+    """Stamp the fixes in `span` so much later."""
+    late = gps.time + size * _inside(gps.time, span)
+    order = np.argsort(late, kind="stable")
+    return replace(gps.rows(order), time=late[order])
+
+
+def gps_sd(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
+    """Report standard deviations in `span` so many times as large."""
+    factor = np.where(_inside(gps.time, span), size, 1.0)[:, None]
+    return replace(gps, position_sd=gps.position_sd * factor, velocity_sd=gps.velocity_sd * factor)
 
 
 def gps_duplicate(gps: GpsData, size: None, span: tuple[float, float]) -> GpsData:
@@ -252,12 +268,8 @@ _ALL = (
     Verb("gps-drag:1m/s@120s+60s", _quantity("velocity"), gps_drag),
     Verb("gps-outage@120s+30s", None, lambda gps, _, span: without_fixes(gps, span[0] - 1e-6, span[1] - 1e-6)),
     Verb("gps-flap:50m@120s+60s", _quantity("length"), gps_flap),
-    Verb("gps-latency:0.3s", _quantity("time"), lambda gps, size, _: replace(gps, time=gps.time + size)),
-    Verb(
-        "gps-sd:0.1",
-        _factor,
-        lambda gps, size, _: replace(gps, position_sd=gps.position_sd * size, velocity_sd=gps.velocity_sd * size),
-    ),
+    Verb("gps-latency:0.3s", _quantity("time"), gps_latency),
+    Verb("gps-sd:0.1", _factor, gps_sd),
     Verb("gps-duplicate@120s", None, gps_duplicate),
     Verb("gps-shuffle@120s+10s", None, gps_shuffle),
     Verb("imu-gap@120s+0.5s", None, lambda imu, _, span: imu.rows(~_inside(imu.time, span))),

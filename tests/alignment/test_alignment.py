@@ -182,6 +182,13 @@ def test_gyrocompass_works_on_either_hemisphere(lat_deg):
     assert np.abs(error(found, truth)).max() < 1e-6
 
 
+def test_samples_that_end_before_the_vehicle_moves_are_named():
+    made = insnav.simulate("city", imu="consumer", gps="single", seed=1)
+    imu = made.imu.data.rows(made.imu.data.time < made.imu.data.time[0] + 8.0)
+    with pytest.raises(AlignmentError, match=r"until the samples end, \d+ s before the fixes do"):
+        insnav.load(imu, made.gps.data).prepared()
+
+
 def test_a_given_heading_is_taken():
     truth = straight(PLACE, 0.0, 1.0, 30.0)
     imu = corrupt_imu(perfect(truth, 50.0), CAR, 1).imu

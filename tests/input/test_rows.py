@@ -71,6 +71,11 @@ def test_disorder_is_refused(tmp_path):
     assert caught.value.where.endswith(f"imu.csv:{first + 2}")
 
 
+def test_a_file_that_runs_backwards_is_called_that(tmp_path):
+    with pytest.raises(InputError, match="run backwards in time"):
+        _read(tmp_path, ROWS[::-1])
+
+
 @pytest.mark.parametrize(("at", "back"), [(600, 300.0), (600, 2.0), (993, 50.0)])
 def test_a_clock_set_back_is_refused_naming_the_row(tmp_path, at, back):
     rows = ROWS.copy()

@@ -60,7 +60,12 @@ def test_other_faults_of_receivers(imu, gps):
         100 + k for k in (*range(5), *range(8, 20))
     ]
     np.testing.assert_allclose(parse_fault("gps-latency:300 ms").apply(imu, gps)[1].time, gps.time + 0.3)
+    late = parse_fault("gps-latency:1.5s@5s+3s").apply(imu, gps)[1]
+    assert late.time[4:10].tolist() == [104.0, 106.5, 107.5, 108.0, 108.5, 109.0]
+    np.testing.assert_array_equal(late.lla[[5, 6, 8]], gps.lla[5:8])
     np.testing.assert_allclose(parse_fault("gps-sd:0.1").apply(imu, gps)[1].position_sd, 0.1)
+    sd = parse_fault("gps-sd:0.1@5s+3s").apply(imu, gps)[1].position_sd[:, 0] / gps.position_sd[:, 0]
+    np.testing.assert_allclose(sd, [1.0] * 5 + [0.1] * 3 + [1.0] * 12)
     twice = parse_fault("gps-duplicate@5s").apply(imu, gps)[1]
     assert twice.time.tolist() == sorted([*gps.time, 105.0])
     back = parse_fault("gps-shuffle@5s+3s").apply(imu, gps)[1]
@@ -134,6 +139,7 @@ def test_every_verb_is_in_the_manual_and_its_example_is_understood():
         ("imu-axes:FFU", "three directions"),
         ("imu-clip:5m@1s+1s", "write it like imu-clip"),
         ("gps-sd:-1", "above zero"),
+        ("imu-axes:FLU@1s+1s", "for the whole drive"),
     ],
 )
 def test_what_cannot_be_meant_is_refused(text, words):

@@ -271,6 +271,13 @@ def _refuse_disorder(
         for key, column in columns.items()
     )
     tolerated = _tolerated(len(time))
+    if 2 * len(back) > len(time):
+        raise InputError(
+            "the rows run backwards in time",
+            where=place(int(rows[back[0]])),
+            why=f"{len(back)} of {len(time)} rows are earlier than the one before",
+            fix="sort the file by time",
+        )
     if twice or (tail and length >= _RESET_ROWS) or (n_late > tolerated >= len(back)):
         raise InputError(
             "the time jumps back",
