@@ -143,6 +143,13 @@ def test_fixes_without_a_position_are_skipped(tmp_path):
     assert reading.facts.n_used == 26
 
 
+def test_zero_zero_all_along_is_no_position(tmp_path):
+    rows = ROWS.copy()
+    rows[:, 1:3] = 0.0
+    with pytest.raises(InputError, match="no position in the others"):
+        _gps(tmp_path, rows)
+
+
 def test_zero_zero_is_a_place_when_others_are_near(tmp_path):
     rows = ROWS.copy()
     rows[:, 1] -= 48.0

@@ -88,7 +88,7 @@ def clean(
         good = ~bad
         kept = {key: spill.chosen(column, good) for key, column in kept.items()}
         if len(kept["time"]) < kinds.min_rows:
-            raise _too_few(len(kept["time"]), n, kinds, name)
+            raise _too_few(len(kept["time"]), n, kinds, name, f" ({bad_action} in the others)")
     dt = spill.steps(kept["time"])
     if dt.min() <= _MIN_INTERVAL:
         rows = np.flatnonzero(~bad)
@@ -169,8 +169,8 @@ def _stray(time: FloatArray) -> BoolArray:
     return np.asarray(far) if few and float(np.ptp(time[known & ~far])) < _DAY else none
 
 
-def _too_few(used: int, read: int, kinds: Kinds, name: str) -> InputError:
-    why = f"there are {read} rows" if used == read else f"of {read} rows only {used} can be used"
+def _too_few(used: int, read: int, kinds: Kinds, name: str, others: str = "") -> InputError:
+    why = f"there are {read} rows" if used == read else f"of {read} rows only {used} can be used{others}"
     return InputError(
         f"the file has too few {kinds.rows}",
         where=name,

@@ -200,7 +200,8 @@ def _no_position(raw: dict[str, FloatArray]) -> BoolArray:
     if not origin.any():
         return bad
     others = ~bad & ~origin
-    far = bool(others.any()) and float(np.min(np.abs(lat[others]) + np.abs(lon[others]))) > _FAR
+    nearest = float(np.min(np.abs(lat[others]) + np.abs(lon[others]), initial=np.inf))
+    far = nearest > _FAR and bool(others.any() or np.count_nonzero(origin) > 1)  # no receiver is twice exactly there
     no_fix = raw["fix"] == 0.0 if "fix" in raw else np.zeros_like(bad)
     bad |= origin & (no_fix | far)
     return bad
