@@ -104,7 +104,8 @@ class Estimate:
     def kept(self, time: float) -> FilterState:
         """Copy of everything, to go on from."""
         levers, phi = (self.lever, self.shaken), self._unity.copy()
-        epoch.turn(phi, self.all.copy())
+        if time <= self._levelled:
+            epoch.turn(phi, self.all.copy())
         if self.at.lever >= 0:
             phi[:3, self.at.lever : self.at.lever + 3] = -self.arm[3:].reshape(3, 3)
             swing(phi, self._swung.copy())
