@@ -34,7 +34,7 @@ class Fault:
     verb: str  # what goes wrong; see `VERBS`
     # how much, in SI units; an axis, a unit or three directions for the faults that want them
     size: float | str | None = None
-    begin: float = 0.0  # when it begins, after the first sample [s]
+    begin: float = -math.inf  # when it begins, after the first sample [s]; all data if not given
     length: float = math.inf  # how long it lasts [s]; infinite if not given
 
     def apply(self, imu: ImuData, gps: GpsData, start: float | None = None) -> tuple[ImuData, GpsData]:
@@ -44,7 +44,7 @@ class Fault:
         may be what is wrong.
         """
         begin = self.begin + (float(imu.time[0]) if start is None else start)
-        span = begin, begin + self.length
+        span = (begin, begin + self.length) if begin > -math.inf else (-math.inf, math.inf)
         change = VERBS[self.verb].change
         if self.verb.startswith("gps-"):
             return imu, change(gps, self.size, span)
@@ -78,11 +78,11 @@ def parse_fault(text: str) -> Fault:
         raise ConfigError(f"{name} needs a length", where=f"--fault {text}", fix=fix)
     try:
         size = verb.size(found[2]) if verb.size is not None else None
-        begin = 0.0 if found[3] is None else _seconds(found[3])
+        begin = -math.inf if found[3] is None else _seconds(found[3])
         length = math.inf if found[4] is None else _seconds(found[4])
     except ConfigError as error:
         raise ConfigError(error.what, where=f"--fault {text}", why=error.why, fix=fix) from None
-    if begin < 0.0 or length <= 0.0:
+    if (found[3] is not None and begin < 0.0) or length <= 0.0:
         raise ConfigError("times are zero or more and lengths above zero", where=f"--fault {text}", fix=fix)
     return Fault(name, size, begin, length)
 

@@ -73,8 +73,8 @@ def simulate_recording(
             raise ConfigError(
                 f"the fault {fault.verb} changes nothing",
                 where="--fault",
-                why=f"it begins {fault.begin:g} s after the start; the motion lasts {truth.duration:.1f} s, and what "
-                "it acts on may not be measured then",
+                why=f"it begins {max(fault.begin, 0.0):g} s after the start; the motion lasts {truth.duration:.1f} s, "
+                "and what it acts on may not be measured then",
                 fix="choose a time within the motion",
             )
     return Recording(samples, fixes, reference(truth, times(truth, REFERENCE_RATE)), errors, lever_b)

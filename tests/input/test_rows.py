@@ -74,6 +74,10 @@ def test_disorder_is_refused(tmp_path):
 def test_a_file_that_runs_backwards_is_called_that(tmp_path):
     with pytest.raises(InputError, match="run backwards in time"):
         _read(tmp_path, ROWS[::-1])
+    for seed in range(6):
+        with pytest.raises(InputError) as shuffled:
+            _read(tmp_path, np.random.default_rng(seed).permutation(ROWS))
+        assert "backwards" not in shuffled.value.what
 
 
 @pytest.mark.parametrize(("at", "back"), [(600, 300.0), (600, 2.0), (993, 50.0)])

@@ -60,6 +60,8 @@ def test_other_faults_of_receivers(imu, gps):
         100 + k for k in (*range(5), *range(8, 20))
     ]
     np.testing.assert_allclose(parse_fault("gps-latency:300 ms").apply(imu, gps)[1].time, gps.time + 0.3)
+    early = replace(gps, time=gps.time - 10.0)  # half of the fixes before the first sample
+    np.testing.assert_allclose(parse_fault("gps-latency:300 ms").apply(imu, early)[1].time, early.time + 0.3)
     late = parse_fault("gps-latency:1.5s@5s+3s").apply(imu, gps)[1]
     assert late.time[4:10].tolist() == [104.0, 106.5, 107.5, 108.0, 108.5, 109.0]
     np.testing.assert_array_equal(late.lla[[5, 6, 8]], gps.lla[5:8])

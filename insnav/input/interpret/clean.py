@@ -13,6 +13,7 @@ from insnav.tabular import runs_of
 from insnav.types import BoolArray, Event, FloatArray, IntArray
 
 MAX_UNSORTED = 0.01  # fraction of rows that may be out of order
+_BACKWARDS = 0.75  # more of the rows before the one before them: half are in a file that is shuffled
 _RESET_ROWS = 5  # so many rows at the end, all before what came earlier, are a clock that was set back
 _MAX_SHARED = 0.1  # fraction of rows that may differ and yet share their time with another one
 _DAY, _FEW_STRAY = 86_400.0, 3  # [s], rows
@@ -259,6 +260,13 @@ def _refuse_disorder(
     """Refuse a clock that was set back, and a file in disorder."""
     time, n_late = columns["time"], int(np.count_nonzero(late))
     back = np.flatnonzero(np.diff(time) < 0.0) + 1
+    if len(back) > _BACKWARDS * len(time):
+        raise InputError(
+            "the rows run backwards in time",
+            where=place(int(rows[back[0]])),
+            why=f"{len(back)} of {len(time)} rows are earlier than the one before",
+            fix="sort the file by time",
+        )
     worst = int(back[np.argmin(time[back] - time[back - 1])])
     length = len(time) - worst if late[worst:].all() else int(np.argmin(late[worst:]))
     tail = worst + length == len(time)
@@ -271,13 +279,6 @@ def _refuse_disorder(
         for key, column in columns.items()
     )
     tolerated = _tolerated(len(time))
-    if 2 * len(back) > len(time):
-        raise InputError(
-            "the rows run backwards in time",
-            where=place(int(rows[back[0]])),
-            why=f"{len(back)} of {len(time)} rows are earlier than the one before",
-            fix="sort the file by time",
-        )
     if twice or (tail and length >= _RESET_ROWS) or (n_late > tolerated >= len(back)):
         raise InputError(
             "the time jumps back",
