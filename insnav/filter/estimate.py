@@ -143,8 +143,8 @@ class Estimate:
                 fix="cut the recording before it",
             )
         at, times, sds = self.at.correlated, self._lasting_time, self._lasting_sd
-        if time > self._levelled:
-            self.all[epoch.TURNED] = 0.0
+        if time <= self._levelled:
+            epoch.turn(self._phi, self.all)
         epoch.fade(self.all, at, times, sds, self._phi, self._q, self.span)
         while self._changes and self._changes[0].time <= time + TIME_TOLERANCE:
             self._change(self._changes.pop(0))

@@ -223,8 +223,9 @@ def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Foun
     delay = float(near[middle]) + away
     # the curvature at the top of an uneven likelihood is not its width: no delay at all must be as unlikely, too, and
     # parts must agree: the variance of the sum of their slopes, by their scatter (White, Econometrica 50 (1982) 1-25)
-    gain = max(float(likelihood.costs(np.zeros(1)).sum() - top.sum()), 1e-9)
-    width = abs(delay) / float(np.sqrt(2.0 * gain)) if abs(delay) > WORTH and not drift else 0.0
+    width = 0.0
+    if abs(delay) > WORTH and not drift:
+        width = abs(delay) / float(np.sqrt(2.0 * max(likelihood.costs(np.zeros(1)).sum() - top.sum(), 1e-9)))
     scatter = float(np.sqrt(bend.size * np.var(slopes + away * bend, ddof=1))) / curvature
     sd = max(1.0 / float(np.sqrt(curvature)), width, scatter)
     lag, lag_sd = likelihood.lag, 0.0

@@ -74,7 +74,6 @@ def fade(estimated, at, times, sds, phi, q, span):  # type: ignore[no-untyped-de
     for i in range(3):
         corrected[i] *= kept
         moved = moved or swung[i] != 0.0
-    turn(phi, estimated)
     if moved:
         swing(phi, swung)
 
