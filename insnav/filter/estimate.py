@@ -31,7 +31,6 @@ NEXT_TO_POLE = np.pi / 2 - 1.6e-4  # latitude beyond which a local-level frame i
 ATTITUDE_RESET_SD = np.deg2rad([6.0, 6.0, 10.0])
 BIAS_RESET_SD = np.array([*np.deg2rad([0.5, 0.5, 0.5]), 0.2, 0.2, 0.2])  # of such a step [rad/s], [m/s^2]
 VELOCITY_RESET_SD = 5.0  # velocity of a reset by fixes without velocity [m/s]
-LEVELLED = 30.0  # after the rest in which it was levelled the heading is known, by which tilts turn until then [s]
 CHANGE_KNOWN = 0.3  # part of a change of the IMU by which it may be another [-]
 NONE = np.empty(0)  # row of no history
 RESET_FACTOR = 3.0  # the fix of a reset follows many that were rejected: its standard deviation counts so many times
@@ -85,7 +84,6 @@ class Estimate:
         rest = max(rest, alignment.left)
         part = (rest - begin) / (len(alignment.sway) + 1)  # changes are from part to part
         sway = alignment.sway**2 / part
-        self._levelled = rest + LEVELLED
         limit = np.array([SUBSTEP, coast, begin, rest if rest - begin >= LONG_REST else -np.inf])
         self._noise = errorstate.Model(limit, model.noise, GAP_NOISE, model.decay, sway)
         if self.history is not None:
@@ -103,13 +101,12 @@ class Estimate:
 
     def kept(self, time: float) -> FilterState:
         """Copy of everything, to go on from."""
-        levers, phi = (self.lever, self.shaken), self._unity.copy()
-        if time <= self._levelled:
-            epoch.turn(phi, self.all.copy())
+        levers, p = (self.lever, self.shaken), self.covariance.copy()
         if self.at.lever >= 0:
+            phi = self._unity.copy()
             phi[:3, self.at.lever : self.at.lever + 3] = -self.arm[3:].reshape(3, 3)
             swing(phi, self._swung.copy())
-        p = phi @ self.covariance @ phi.T
+            p = phi @ p @ phi.T
         state = (self.x, self.correction, *self._clock.tolist(), self.lasting, *levers, self.motion, p)
         return FilterState(time, *deepcopy(state))
 
@@ -143,8 +140,6 @@ class Estimate:
                 fix="cut the recording before it",
             )
         at, times, sds = self.at.correlated, self._lasting_time, self._lasting_sd
-        if time <= self._levelled:
-            epoch.turn(self._phi, self.all)
         epoch.fade(self.all, at, times, sds, self._phi, self._q, self.span)
         while self._changes and self._changes[0].time <= time + TIME_TOLERANCE:
             self._change(self._changes.pop(0))
@@ -241,7 +236,7 @@ class Estimate:
 
     def _begin_at_fix(self, p: FloatArray) -> None:
         """Set the covariance where the position is that of a fix, with its time-correlated error."""
-        self.arm[3:] = self._swung[:] = self.all[epoch.CORRECTED] = self.all[epoch.TURNED] = 0.0
+        self.arm[3:] = self._swung[:] = self.all[epoch.CORRECTED] = 0.0
         if self._gps_noise is not None:
             reset_correlated(p, self.at.correlated, self._lasting_sd)
             cross_covariance(p, self.at.correlated, self._lasting_sd)

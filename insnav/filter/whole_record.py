@@ -34,6 +34,7 @@ from insnav.filter.changes import (
     BETTER,
     BRIEF,
     HELD,
+    VELOCITY,
     beyond,
     changes_of,
     either,
@@ -278,7 +279,10 @@ def _left_open(
     sure = bool(changes) or run.smoothed.surest is None
     if not changes and run.smoothed.surest is not None:
         changes = (run.smoothed.surest,)
-    of_imu, of_fixes = (tuple(each for each in changes if of_the_imu(each) is imu) for imu in (True, False))
+    # an IMU that was off for a while elsewhere has missed a change of velocity, which no receiver makes up
+    missed = {VELOCITY} if settings.changes else set()
+    of_imu = tuple(each for each in changes if of_the_imu(each) or each.first in missed)
+    of_fixes = tuple(each for each in changes if each not in of_imu)
     perhaps = "against all fixes, which may be false; standard deviations hold both"
     said = told(of_imu, "likelier than false fixes; taken into account" if sure else perhaps)
     sd = run.smoothed.solution.sd

@@ -23,8 +23,7 @@ CORRECTED = slice(28, 31)  # what corrections have made of the velocity within `
 ARM, SWUNG = slice(31, 43), slice(43, 46)  # see `insnav.kernels.gps_measurement.correct_with_arm`
 SHAKEN, CLOCK = slice(46, 49), slice(49, 51)  # [m]; delay, and lag of velocities behind positions [s]
 LASTING = slice(51, 57)  # time-correlated errors of fixes [m], [m/s]
-TURNED = 57  # by which corrections have turned the heading since the last epoch [rad]
-ESTIMATED = 58
+ESTIMATED = 57
 # Columns of a row for each fix: time, delay [s], NIS of position and velocity, whether they were used, innovation as
 # predicted minus measured [m], [m/s], its standard deviation, state and motion, sensor errors, their variances, and
 # covariance (9, 9) in the time of the fixes
@@ -44,25 +43,10 @@ def surest(estimated, doubt):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def turn(phi, estimated):  # type: ignore[no-untyped-def]
-    """Let a transition (n, n) begin with the heading that corrections have `TURNED`, which becomes zero.
-
-    What tilts is in the axes of the IMU: an error of the accelerometers stands against a tilt about axes that turn with
-    the heading as it gets known. With those of the first guess, degrees off, tilt and error seem known, which only
-    turns tell apart (A. Barrau and S. Bonnabel, IEEE Trans. Autom. Control 62 (2017) 1797-1812: errors in the body).
-    """
-    sine, cosine = np.sin(estimated[TURNED]), np.cos(estimated[TURNED])
-    for i in range(NAV):
-        north, east = phi[i, 6], phi[i, 7]
-        phi[i, 6], phi[i, 7] = cosine * north + sine * east, cosine * east - sine * north
-    estimated[TURNED] = 0.0
-
-
-@njit(cache=True)
 def fade(estimated, at, times, sds, phi, q, span):  # type: ignore[no-untyped-def]
     """Before a predict: what fades within `span` (1,) [s] does, and the transition begins with what has swung.
 
-    `estimated` (58,); `at`: first state of the time-correlated errors of fixes; `times`, `sds`: their correlation times
+    `estimated` (57,); `at`: first state of the time-correlated errors of fixes; `times`, `sds`: their correlation times
     [s] and standard deviations, (0,) where there are none; `phi`, `q` (n, n): transition and noise.
     """
     lasting, corrected, swung = estimated[LASTING], estimated[CORRECTED], estimated[SWUNG]
@@ -82,7 +66,7 @@ def fade(estimated, at, times, sds, phi, q, span):  # type: ignore[no-untyped-de
 def predicted(row, time, estimated, doubt, p, phi, q, span, before):  # type: ignore[no-untyped-def]
     """After a predict to `time` [s]: note the epoch in `row` of the history, if it is not empty, and begin a new one.
 
-    `estimated` (58,); `doubt`: see `surest`; `p` (n, n): covariance; `phi`, `q`, `span`: see `fade`; `before` (12,) is
+    `estimated` (57,); `doubt`: see `surest`; `p` (n, n): covariance; `phi`, `q`, `span`: see `fade`; `before` (12,) is
     filled with the variances, see `insnav.kernels.errorstate.variances`.
     """
     variances(less_sure(p, surest(estimated, doubt)), estimated[STATE], before)
@@ -95,7 +79,7 @@ def predicted(row, time, estimated, doubt, p, phi, q, span, before):  # type: ig
 def felt(estimated, rates, forces, swings, older, number, late, has_arm, stays, motion):  # type: ignore[no-untyped-def]
     """Fill `motion` (25,) of `insnav.kernels.gps_measurement.Predicted` for a fix, but for its limits of noise.
 
-    `estimated` (58,); about each of the next fixes, sensor errors included: `rates` (k, 3) mean body rate [rad/s],
+    `estimated` (57,); about each of the next fixes, sensor errors included: `rates` (k, 3) mean body rate [rad/s],
     `forces` (k, 3) mean specific force [m/s^2], `swings` (k, 3) the rate at the time of the velocity, `older` (k, 6)
     angle turned and velocity gained since then [rad], [m/s], which count where that is older; `number`: row of these;
     `late`: by how much the velocity is older [s]; `stays`: whether all turns are noise.
@@ -152,7 +136,7 @@ def assess_fix(  # type: ignore[no-untyped-def]
 def take(row, estimated, error, at, settled):  # type: ignore[no-untyped-def]
     """After an update: take the estimated error (n,) off the state (closed loop), and note that in `row`, see there.
 
-    `estimated` (58,); `at`: see `assess_fix`; `settled`: how late fixes are is known, see
+    `estimated` (57,); `at`: see `assess_fix`; `settled`: how late fixes are is known, see
     `insnav.kernels.gps_measurement.correct_with_arm`.
     """
     x, correction, arm, corrected = estimated[STATE], estimated[CORRECTION], estimated[ARM], estimated[CORRECTED]
@@ -172,7 +156,6 @@ def take(row, estimated, error, at, settled):  # type: ignore[no-untyped-def]
         feed_back(x, correction, error)
         for i in range(3 if lever >= 0 else 0):
             arm[i] -= error[lever + i]
-    estimated[TURNED] += error[8]
     if delay >= 0:
         clock[0] -= error[delay]
     if lag >= 0:

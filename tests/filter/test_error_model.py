@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from insnav.alignment.static import level
-from insnav.attitude import dcm_from_rph, quat_from_rph, rph_from_quat
+from insnav.attitude import dcm_from_rph
 from insnav.earth import OMEGA_EARTH, gravity_n
 from insnav.filter import FilterSettings, Gates, Navigator, error_model, initial_state
 from insnav.imu.specification import ImuSpec, SensorSpec
-from insnav.kernels import epoch
 from insnav.types import Alignment, GpsData, ImuData
 from insnav.units import DEG, DEG_PER_H, UG
 from tests.filter import drives
@@ -21,16 +20,9 @@ LLA = np.array([0.8, 0.1, 100.0])
 RPH = np.array([0.02, -0.03, 2.0])
 
 
-def initial_covariance(heading_method: str, turned: float = 0.0) -> np.ndarray:
+def initial_covariance(heading_method: str) -> np.ndarray:
     alignment = Alignment(
-        0.0,
-        RPH + turned * np.eye(3)[2],
-        np.full(3, 1e-9),
-        np.zeros(3),
-        np.full(3, np.inf),
-        (0.0, 60.0),
-        "static",
-        heading_method,
+        0.0, RPH, np.full(3, 1e-9), np.zeros(3), np.full(3, np.inf), (0.0, 60.0), "static", heading_method
     )
     model = error_model(drives.SPEC, 21)
     return initial_state(alignment, model, LLA, np.zeros(3), np.ones(3), np.ones(3)).covariance
@@ -77,20 +69,6 @@ def test_the_heading_of_a_gyrocompass_goes_with_its_gyro_bias(axis: int):
     by_bias = p[6:9, 9:12] / np.diag(p)[9:12]
     assert abs(error[2]) < 0.1 * DEG
     np.testing.assert_allclose((by_bias @ -bias)[2], error[2], rtol=1e-3, atol=1e-9)
-
-
-def test_a_correction_of_the_heading_turns_what_tilts_with_the_accelerometers():
-    """As if the levelled IMU had begun with that heading."""
-    estimated, error, phi = np.zeros(epoch.ESTIMATED), np.zeros(21), np.eye(21)
-    estimated[epoch.STATE] = *LLA, *np.zeros(3), *quat_from_rph(RPH)
-    error[8] = 0.3
-    epoch.take(np.empty(0), estimated, error, np.array([21, -1, -1, -1, -1, -1, 0]), True)
-    heading = rph_from_quat(estimated[epoch.STATE][6:])[2]
-    epoch.turn(phi, estimated)
-    expected = initial_covariance("given", heading - RPH[2])
-    np.testing.assert_allclose(phi @ initial_covariance("given") @ phi.T, expected, rtol=1e-9, atol=1e-15)
-    assert abs(heading - RPH[2]) > 0.29
-    assert estimated[epoch.TURNED] == 0.0
 
 
 @pytest.mark.parametrize("seen_sd", [1e-6, 3e-5, 1e-2])
