@@ -1,11 +1,19 @@
-"""The fast tier: `-m "not slow"` leaves out the tests that take most of the time; and no network for any test."""
+"""The fast tier: `-m "not slow"` leaves out the tests that take most of the time; and no network for any test.
+
+Linear algebra has one thread, as on the command line: threads of small matrices wait for each other, a third of the CPU
+time, and the more the more tests run at once.
+"""
 
 from __future__ import annotations
 
+import os
 import socket
 from typing import Any
 
 import pytest
+
+for threads in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(threads, "1")  # before NumPy is loaded, and for the processes that tests start
 
 SLOW = (
     "tests/alignment/test_robust_start.py",
