@@ -98,7 +98,7 @@ def test_what_the_fixes_say_of_noise_is_looked_for_about_a_run_that_is_near() ->
 
 
 def test_how_dense_the_solution_is_wanted_changes_no_decision() -> None:
-    drive = insnav.load(recorded(NAME) / "imu.csv.gz", gps=recorded(NAME) / "gps.csv").beginning(300.0)
+    drive = insnav.load(recorded(NAME) / "imu.csv.gz", gps=recorded(NAME) / "gps.csv").beginning(240.0)
     dense, sparse = (drive.navigate(output_interval=every).found.run for every in (0.1, 1.0))
     assert len(dense.events) > 5
     assert [str(event) for event in sparse.events] == [str(event) for event in dense.events]
