@@ -74,11 +74,9 @@ def test_the_filter_itself_predicts_the_same() -> None:
     truth = load_profile("city").truth((1, 0))
     for aiding, mine in (("off", Aiding()), ("on", Aiding(nhc=True))):
         windows = drive.outage(lengths=(30,), first=150, spacing=20, aiding=aiding, workers=1).found.windows
-        ratio = []
-        for window in windows:
-            begin = window.start - truth.start
-            own = aided_covariances(propagation(truth, [begin], 30.0), [spec], mine)[1][0, 0, 30]
-            ratio.append(math.hypot(*window.sd[-1, :2]) / horizontal(own))
+        moved = propagation(truth, [window.start - truth.start for window in windows], 30.0)
+        own = aided_covariances(moved, [spec], mine)[1][:, 0, 30]
+        ratio = [math.hypot(*window.sd[-1, :2]) / horizontal(each) for window, each in zip(windows, own, strict=True)]
         assert 0.6 < float(np.median(ratio)) < 1.6, (aiding, ratio)
 
 
