@@ -25,7 +25,7 @@ from insnav.types import Event, EventKind, FloatArray, GpsData, ImuData, StateCh
 from tests.filter.test_shocks import AT as SHOCK
 from tests.filter.test_shocks import drives, shown
 from tests.filter.test_shocks import navigated as smoothed
-from tests.filter.test_whole_record import AT, SETTINGS, false, navigated, recording, span, told
+from tests.filter.test_whole_record import AT, SETTINGS, false, navigated, recording, span, told, undisturbed
 
 
 def ratios(done: Navigated, truth) -> FloatArray:
@@ -164,7 +164,7 @@ def test_fixes_that_come_back_were_false_and_others_leave_it_open():
 
 def test_the_variance_of_a_jump_is_that_of_both_explanations():
     """A third of the record before it: the later fixes are false with that probability."""
-    run = navigated(5, recording(5).gps).run
+    run = undisturbed(5).run
     time = run.smoothed.solution.time
     at = time[0] + np.ptp(time) / 3.0
     wider = mixed(run, (jump(at, 30.0),))
@@ -174,7 +174,7 @@ def test_the_variance_of_a_jump_is_that_of_both_explanations():
 
 
 def test_a_reset_counts_as_a_jump_of_the_fixes_that_were_rejected():
-    run = navigated(5, recording(5).gps).run
+    run = undisturbed(5).run
     found, used = run.innovations, run.innovations.used_position.copy()
     used[240:251] = False
     reset = Event(float(found.time[250]), EventKind.RESET, 20.0, 10.0, "m", "")
@@ -186,7 +186,7 @@ def test_a_reset_counts_as_a_jump_of_the_fixes_that_were_rejected():
 
 @pytest.mark.parametrize(("part", "word"), [(slice(20), "begin"), (slice(-20, None), "end"), (slice(100, 120), "")])
 def test_fixes_left_out_at_an_end_of_the_record_may_be_the_true_ones(part, word):
-    gps, run = recording(5).gps, navigated(5, recording(5).gps).run
+    gps, run = recording(5).gps, undisturbed(5).run
     wrong = np.zeros((2, gps.time.size), dtype=np.bool_)
     wrong[0, part] = True
     far = replace(gps, lla=lla_offset(gps.lla, np.outer(wrong[0], [0.0, 30.0, 0.0])))
@@ -197,7 +197,7 @@ def test_fixes_left_out_at_an_end_of_the_record_may_be_the_true_ones(part, word)
 
 
 def test_what_standard_deviations_hold_is_no_contradiction():
-    run = navigated(5, recording(5).gps).run
+    run = undisturbed(5).run
     solution = run.smoothed.solution
     at, sd = float(solution.time[2000]), solution.sd[2000, 0]
     small, large, drag = jump(at, 2.9 * sd), jump(at, 3.1 * sd), replace(jump(at, 0.1), first=VELOCITY)
