@@ -1,7 +1,7 @@
 """The fast tier: `-m "not slow"` leaves out the tests that take most of the time; and no network for any test.
 
 Linear algebra has one thread, as on the command line: threads of small matrices wait for each other, a third of the CPU
-time, and the more the more tests run at once.
+time of tests that navigate with nothing configured.
 """
 
 from __future__ import annotations
