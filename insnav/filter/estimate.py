@@ -62,6 +62,7 @@ class Estimate:
         )
         self.arm, self._swung, self._clock = (self.all[part] for part in (epoch.ARM, epoch.SWUNG, epoch.CLOCK))
         self.x[:], self.correction[:], self.motion[:] = start.x, start.correction, start.motion
+        self.all[epoch.BEGAN] = self.x[3:5]
         self.arm[:3], self.shaken[:], self._clock[:] = start.lever_b, start.shaken_b, (start.delay, start.lag)
         self.lasting = self.lasting[: start.correlated.size]
         self.lasting[:] = start.correlated
@@ -101,12 +102,12 @@ class Estimate:
 
     def kept(self, time: float) -> FilterState:
         """Copy of everything, to go on from."""
-        levers, p = (self.lever, self.shaken), self.covariance.copy()
+        levers, phi = (self.lever, self.shaken), self._unity.copy()
+        epoch.turn(phi, self.all.copy())
         if self.at.lever >= 0:
-            phi = self._unity.copy()
             phi[:3, self.at.lever : self.at.lever + 3] = -self.arm[3:].reshape(3, 3)
             swing(phi, self._swung.copy())
-            p = phi @ p @ phi.T
+        p = phi @ self.covariance @ phi.T
         state = (self.x, self.correction, *self._clock.tolist(), self.lasting, *levers, self.motion, p)
         return FilterState(time, *deepcopy(state))
 
@@ -140,6 +141,8 @@ class Estimate:
                 fix="cut the recording before it",
             )
         at, times, sds = self.at.correlated, self._lasting_time, self._lasting_sd
+        epoch.turn(self._phi, self.all)
+        epoch.not_linear(self._q, self.all, self.covariance)
         epoch.fade(self.all, at, times, sds, self._phi, self._q, self.span)
         while self._changes and self._changes[0].time <= time + TIME_TOLERANCE:
             self._change(self._changes.pop(0))
@@ -236,7 +239,9 @@ class Estimate:
 
     def _begin_at_fix(self, p: FloatArray) -> None:
         """Set the covariance where the position is that of a fix, with its time-correlated error."""
-        self.arm[3:] = self._swung[:] = self.all[epoch.CORRECTED] = 0.0
+        self.arm[3:] = self._swung[:] = 0.0
+        self.all[epoch.CORRECTED] = self.all[epoch.TURNED] = self.all[epoch.SQUARES] = 0.0
+        self.all[epoch.BEGAN] = self.x[3:5]
         if self._gps_noise is not None:
             reset_correlated(p, self.at.correlated, self._lasting_sd)
             cross_covariance(p, self.at.correlated, self._lasting_sd)

@@ -127,6 +127,7 @@ VELOCITY_CORRELATED = {
 VELOCITY_STARTS = np.log([(share, time) for time in (30.0, 150.0) for share in (0.1, 0.3)])
 VELOCITY_WORTH = 20.0
 LATER, MOVED = 3, 4  # first of the causes that innovations are looked at for, beside three gyros
+SHOWN = 2.0  # so long after it is lost a run shows by what [s]
 LOST, AFTER = 9.0, 5.0  # mean square of normalised innovations of so long [s] beyond which a run is no start
 STARTS = [np.log([share / (1.0 - share), time]) for time in (8.0, 40.0, 150.0) for share in (0.1, 0.5, 0.85)]
 
@@ -251,7 +252,7 @@ class InnovationLikelihood:
         return part
 
     def linear(self, at: FloatArray) -> InnovationLikelihood:
-        """The same up to where the run is lost, beyond which innovations are no linear function of what is wrong."""
+        """The same until the run is lost, soon after which innovations are no linear function of what is wrong."""
         e, s = self.normalised(at)[:2]
         many = np.concatenate([[0], np.cumsum(np.bitwise_count(np.maximum(self._tape[1], COAST)).astype(int))])
         square = np.concatenate([[0.0], np.cumsum(e**2 / s)])[many]
@@ -261,7 +262,7 @@ class InnovationLikelihood:
         row = settled + int(np.argmax(mean[settled:] > LOST))
         if row == settled:  # never, or before it has settled: what is wrong is all over
             return self
-        return self.beginning(float(self.times[row] - self._run.initial.time))
+        return self.beginning(float(self.times[row] + SHOWN - self._run.initial.time))
 
     def of_positions(self, *, sizes: bool) -> InnovationLikelihood:
         """The same with no figures but what part of the errors of positions lasts, how long, and their `sizes`."""

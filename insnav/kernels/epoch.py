@@ -23,7 +23,10 @@ CORRECTED = slice(28, 31)  # what corrections have made of the velocity within `
 ARM, SWUNG = slice(31, 43), slice(43, 46)  # see `insnav.kernels.gps_measurement.correct_with_arm`
 SHAKEN, CLOCK = slice(46, 49), slice(49, 51)  # [m]; delay, and lag of velocities behind positions [s]
 LASTING = slice(51, 57)  # time-correlated errors of fixes [m], [m/s]
-ESTIMATED = 57
+TURNED = 57  # by which corrections have turned the heading since the last epoch [rad]
+BEGAN = slice(58, 60)  # horizontal velocity with which the span since that began [m/s]
+SQUARES = slice(60, 63)  # see `second_order`
+ESTIMATED = 63
 # Columns of a row for each fix: time, delay [s], NIS of position and velocity, whether they were used, innovation as
 # predicted minus measured [m], [m/s], its standard deviation, state and motion, sensor errors, their variances, and
 # covariance (9, 9) in the time of the fixes
@@ -43,10 +46,65 @@ def surest(estimated, doubt):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def turn(phi, estimated):  # type: ignore[no-untyped-def]
+    """Let a transition (n, n) begin with the heading that corrections have `TURNED`, which becomes zero.
+
+    What tilts, and what changes the velocity, is in the axes of the IMU: an error of the accelerometers stands against
+    both about axes that turn with the heading as it gets known. With those of the first guess, degrees off, tilt and
+    error seem known, which only turns tell apart (A. Barrau and S. Bonnabel, IEEE Trans. Autom. Control 62 (2017)
+    1797-1812: errors of attitude and velocity in the body). Errors of positions are those of fixes, which do not turn.
+    """
+    sine, cosine = np.sin(estimated[TURNED]), np.cos(estimated[TURNED])
+    for first in (3, 6):
+        for i in range(NAV):
+            north, east = phi[i, first], phi[i, first + 1]
+            phi[i, first], phi[i, first + 1] = cosine * north + sine * east, cosine * east - sine * north
+    estimated[TURNED] = 0.0
+
+
+@njit(cache=True)
+def second_order(squares, heading, accel):  # type: ignore[no-untyped-def]
+    """Variances of velocity and accelerometer bias by what an extended filter leaves out of second order.
+
+    An error of the heading changes the velocity along its change, too, by ``(1 - cos error) change``: that of a
+    normally distributed one. And a rest says that biases of the accelerometers stand against the tilt, and that none is
+    vertical: with every correction of the tilt another axis is, as if it had been measured (A. H. Jazwinski,
+    "Stochastic Processes and Filtering Theory" (1970), section 9.3).
+
+    `squares` (3,): of the change of the horizontal velocity in the span [m^2/s^2], of corrections of the tilt before it
+    [rad^2], and of these times corrections of the biases [m^2/s^4]; `heading`, `accel`: variances of heading and of all
+    biases at its beginning [rad^2], [m^2/s^4].
+    """
+    part = 0.75 * heading**2
+    if heading > 1e-3:
+        part = 1.5 - 2.0 * np.exp(-0.5 * heading) + 0.5 * np.exp(-2.0 * heading)
+    return part * squares[0], squares[1] * accel + squares[2]
+
+
+@njit(cache=True)
+def not_linear(q, estimated, p):  # type: ignore[no-untyped-def]
+    """Add to the noise (n, n) of a span what is of second order; `p` (n, n): covariance at its beginning.
+
+    That of the velocity to both axes: across its change it is little beside what the transition has.
+    """
+    velocity, began, squares = estimated[STATE][3:5], estimated[BEGAN], estimated[SQUARES]
+    squares[0] = (velocity[0] - began[0]) ** 2 + (velocity[1] - began[1]) ** 2
+    known = 0.0
+    for i in range(NAV + 3, NAV + 6):
+        known += p[i, i]
+    along, shown = second_order(squares, p[8, 8], known)
+    q[3, 3] += along
+    q[4, 4] += along
+    for i in range(NAV + 3, NAV + 6):
+        q[i, i] += shown
+    squares[:] = 0.0
+
+
+@njit(cache=True)
 def fade(estimated, at, times, sds, phi, q, span):  # type: ignore[no-untyped-def]
     """Before a predict: what fades within `span` (1,) [s] does, and the transition begins with what has swung.
 
-    `estimated` (57,); `at`: first state of the time-correlated errors of fixes; `times`, `sds`: their correlation times
+    `estimated` (63,); `at`: first state of the time-correlated errors of fixes; `times`, `sds`: their correlation times
     [s] and standard deviations, (0,) where there are none; `phi`, `q` (n, n): transition and noise.
     """
     lasting, corrected, swung = estimated[LASTING], estimated[CORRECTED], estimated[SWUNG]
@@ -66,20 +124,21 @@ def fade(estimated, at, times, sds, phi, q, span):  # type: ignore[no-untyped-de
 def predicted(row, time, estimated, doubt, p, phi, q, span, before):  # type: ignore[no-untyped-def]
     """After a predict to `time` [s]: note the epoch in `row` of the history, if it is not empty, and begin a new one.
 
-    `estimated` (57,); `doubt`: see `surest`; `p` (n, n): covariance; `phi`, `q`, `span`: see `fade`; `before` (12,) is
+    `estimated` (63,); `doubt`: see `surest`; `p` (n, n): covariance; `phi`, `q`, `span`: see `fade`; `before` (12,) is
     filled with the variances, see `insnav.kernels.errorstate.variances`.
     """
     variances(less_sure(p, surest(estimated, doubt)), estimated[STATE], before)
     if row.shape[0] > 0:
         keep(row, time, estimated[STATE], estimated[CORRECTION], estimated[ARM], phi, p)
     reset_transition(phi, q, span)
+    estimated[BEGAN] = estimated[STATE][3:5]
 
 
 @njit(cache=True)
 def felt(estimated, rates, forces, swings, older, number, late, has_arm, stays, motion):  # type: ignore[no-untyped-def]
     """Fill `motion` (25,) of `insnav.kernels.gps_measurement.Predicted` for a fix, but for its limits of noise.
 
-    `estimated` (57,); about each of the next fixes, sensor errors included: `rates` (k, 3) mean body rate [rad/s],
+    `estimated` (63,); about each of the next fixes, sensor errors included: `rates` (k, 3) mean body rate [rad/s],
     `forces` (k, 3) mean specific force [m/s^2], `swings` (k, 3) the rate at the time of the velocity, `older` (k, 6)
     angle turned and velocity gained since then [rad], [m/s], which count where that is older; `number`: row of these;
     `late`: by how much the velocity is older [s]; `stays`: whether all turns are noise.
@@ -136,7 +195,7 @@ def assess_fix(  # type: ignore[no-untyped-def]
 def take(row, estimated, error, at, settled):  # type: ignore[no-untyped-def]
     """After an update: take the estimated error (n,) off the state (closed loop), and note that in `row`, see there.
 
-    `estimated` (57,); `at`: see `assess_fix`; `settled`: how late fixes are is known, see
+    `estimated` (63,); `at`: see `assess_fix`; `settled`: how late fixes are is known, see
     `insnav.kernels.gps_measurement.correct_with_arm`.
     """
     x, correction, arm, corrected = estimated[STATE], estimated[CORRECTION], estimated[ARM], estimated[CORRECTED]
@@ -156,6 +215,13 @@ def take(row, estimated, error, at, settled):  # type: ignore[no-untyped-def]
         feed_back(x, correction, error)
         for i in range(3 if lever >= 0 else 0):
             arm[i] -= error[lever + i]
+    estimated[TURNED] += error[8]
+    squares, tilt, square = estimated[SQUARES], error[6] ** 2 + error[7] ** 2, 0.0
+    for i in range(NAV + 3, NAV + 6):
+        square += error[i] ** 2
+    squares[1] += tilt
+    squares[2] += tilt * square
+    estimated[BEGAN] = x[3:5]
     if delay >= 0:
         clock[0] -= error[delay]
     if lag >= 0:

@@ -13,8 +13,9 @@ import numpy as np
 
 from insnav.kernels import njit
 from insnav.kernels.dynamics import NAV
+from insnav.kernels.epoch import second_order
 from insnav.kernels.errorstate import SENSOR, STATES
-from insnav.kernels.smoother import COAST, CORRECTION, JACOBIAN, KIND, NOISE, RESIDUAL, RESTART, TIME
+from insnav.kernels.smoother import COAST, CORRECTION, JACOBIAN, KIND, NOISE, RESIDUAL, RESTART, STATE, TIME
 
 OPENED = 15  # states that a reset opens: navigation errors and biases
 MOST = 40  # states, of which a filter has up to 35: compilers like a row of known length
@@ -44,7 +45,8 @@ def tape(history: np.ndarray, n: int, noise: np.ndarray, bridged: np.ndarray) ->
     `insnav.kernels.errorstate`; `bridged` (m,): a gap of the samples was bridged on the way to the epoch.
     Returns, for each epoch: span since the one before [s]; kind, as in the history; transition (9, 21); noise of unit
     density, of gyros and accelerometers (2, 9, 9), and so many times that of misalignment of one rad^2 s (2,); variance
-    that bridging, or what moves a vehicle at rest, added to velocity and attitude (6,); measurement (6,), predicted
+    that bridging, or what moves a vehicle at rest, added to velocity and attitude, and then squares of what noise of
+    second order goes by, see `second_order` of `insnav.kernels.epoch` (9,); measurement (6,), predicted
     minus measured, and derivative (6, n); error that the run took off its state (n,); sensor errors it used from then
     on (12,); variances of position, velocity, attitude and biases that an explicit reset set or added (15,), zero
     elsewhere.
@@ -77,9 +79,17 @@ def tape(history: np.ndarray, n: int, noise: np.ndarray, bridged: np.ndarray) ->
     # what white noise and driving noise leave of the whole is that of misalignment, or of a bridged gap or a rest
     rest = own[:, :NAV] - noise[0] * by_gyro - noise[3] * np.diagonal(accel, axis1=1, axis2=2)
     rest -= np.sum(phi @ after * phi, axis=2)
+    fed, state = np.einsum("mi,mij->mj", z, gain), history[:, STATE : STATE + 10]
+    change = state[1:, 3:5] + fed[1:, 3:5] - state[:-1, 3:5]
+    change = np.sum(np.insert(change, 0, 0.0, axis=0) ** 2, axis=1) * (kind != RESTART)
+    corrected = np.roll(fed, 1, axis=0)
+    tilted = np.sum(corrected[:, 6:8] ** 2, axis=1)
+    squares = np.column_stack([change, tilted, tilted * np.sum(corrected[:, 12:15] ** 2, axis=1)])
+    second = np.array([second_order(*each)[0] for each in zip(squares, after[:, 8, 8], np.zeros(m), strict=True)])
+    rest[:, 3:5] -= second[:, None]
     rest[span <= 0.0] = 0.0
     pushed, turned = (np.maximum(0.0, rest[:, i : i + 3].sum(axis=1)) / 3.0 for i in (3, 6))
-    bridge = (bridged | still)[:, None] * np.maximum(0.0, rest[:, 3:])
+    bridge = np.hstack([(bridged | still)[:, None] * np.maximum(0.0, rest[:, 3:]), squares])
     share, open_span = np.zeros((m, 2)), ~bridged & ~still & (span > 0.0)
     if noise[18] > 0.0:
         share[open_span, 0] = (turned / noise[18])[open_span] / span[open_span]
@@ -96,7 +106,7 @@ def tape(history: np.ndarray, n: int, noise: np.ndarray, bridged: np.ndarray) ->
         bridge,
         z,
         h,
-        np.einsum("mi,mij->mj", z, gain),
+        fed,
         history[:, CORRECTION : CORRECTION + SENSOR].copy(),
         restart * (kind == RESTART)[:, None],
     )
@@ -145,6 +155,8 @@ def innovations(  # type: ignore[no-untyped-def]
                         pace[j] = np.exp(-dt * nominal_decay[j])
                 for j in range(lasts):
                     fade[lasting + j] = np.exp(-dt / lasting_time[j])
+            of_accel = p[NAV + 3, NAV + 3] + p[NAV + 4, NAV + 4] + p[NAV + 5, NAV + 5]
+            second, shown = second_order(bridge[k, 6:], p[8, 8] + mean[8] ** 2, of_accel)
             gyro = density[0] + density[2] * share[k, 0]
             accel = density[1] + density[3] * share[k, 1]
             for i in range(NAV):
@@ -168,7 +180,7 @@ def innovations(  # type: ignore[no-untyped-def]
                         total += w[i, a] * phi[k, j, a]
                     p[i, j] = p[j, i] = total
             for i in range(6):
-                p[3 + i, 3 + i] += bridge[k, i]
+                p[3 + i, 3 + i] += bridge[k, i] + (second if i < 2 else 0.0)
             for i in range(NAV, n):
                 by = fade[i]
                 for j in range(8, wide):  # whole registers: column 8 is that of a navigation error, and follows
@@ -186,7 +198,7 @@ def innovations(  # type: ignore[no-untyped-def]
                 for j in range(NAV, n):
                     means[c, j] *= fade[j]
             for j in range(SENSOR):
-                p[NAV + j, NAV + j] += dt * driving[j]
+                p[NAV + j, NAV + j] += dt * driving[j] + (shown if 3 <= j < 6 else 0.0)
                 # the nominal run let its correction decay at its own pace
                 mean[NAV + j] = fade[NAV + j] * mean[NAV + j] + (pace[j] - fade[NAV + j]) * last[j]
             for j in range(lasts):

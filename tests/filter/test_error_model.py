@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from insnav.alignment.static import level
-from insnav.attitude import dcm_from_rph
+from insnav.attitude import dcm_from_rph, quat_from_rph, rph_from_quat
 from insnav.earth import OMEGA_EARTH, gravity_n
 from insnav.filter import FilterSettings, Gates, Navigator, error_model, initial_state
 from insnav.imu.specification import ImuSpec, SensorSpec
+from insnav.kernels import epoch
 from insnav.types import Alignment, GpsData, ImuData
 from insnav.units import DEG, DEG_PER_H, UG
 from tests.filter import drives
@@ -20,9 +21,16 @@ LLA = np.array([0.8, 0.1, 100.0])
 RPH = np.array([0.02, -0.03, 2.0])
 
 
-def initial_covariance(heading_method: str) -> np.ndarray:
+def initial_covariance(heading_method: str, turned: float = 0.0) -> np.ndarray:
     alignment = Alignment(
-        0.0, RPH, np.full(3, 1e-9), np.zeros(3), np.full(3, np.inf), (0.0, 60.0), "static", heading_method
+        0.0,
+        RPH + turned * np.eye(3)[2],
+        np.full(3, 1e-9),
+        np.zeros(3),
+        np.full(3, np.inf),
+        (0.0, 60.0),
+        "static",
+        heading_method,
     )
     model = error_model(drives.SPEC, 21)
     return initial_state(alignment, model, LLA, np.zeros(3), np.ones(3), np.ones(3)).covariance
@@ -69,6 +77,36 @@ def test_the_heading_of_a_gyrocompass_goes_with_its_gyro_bias(axis: int):
     by_bias = p[6:9, 9:12] / np.diag(p)[9:12]
     assert abs(error[2]) < 0.1 * DEG
     np.testing.assert_allclose((by_bias @ -bias)[2], error[2], rtol=1e-3, atol=1e-9)
+
+
+def test_a_correction_of_the_heading_turns_what_accelerometers_have_done():
+    """As if the levelled IMU had begun with that heading."""
+    estimated, error, phi = np.zeros(epoch.ESTIMATED), np.zeros(21), np.eye(21)
+    estimated[epoch.STATE] = *LLA, *np.zeros(3), *quat_from_rph(RPH)
+    error[8] = 0.3
+    epoch.take(np.empty(0), estimated, error, np.array([21, -1, -1, -1, -1, -1, 0]), True)
+    heading = rph_from_quat(estimated[epoch.STATE][6:])[2]
+    epoch.turn(phi, estimated)
+    expected = initial_covariance("given", heading - RPH[2])
+    np.testing.assert_allclose(phi @ initial_covariance("given") @ phi.T, expected, rtol=1e-9, atol=1e-15)
+    # and so the velocity: any relation of it in the axes of the IMU is the same one before and after
+    in_body = np.random.default_rng(1).normal(size=(3, 12))
+    before, after = (dcm_from_rph(RPH + turned * np.eye(3)[2]) @ in_body for turned in (0.0, heading - RPH[2]))
+    np.testing.assert_allclose(phi[3:6, 3:6] @ before, after, atol=1e-9)
+    assert abs(heading - RPH[2]) > 0.29
+    assert estimated[epoch.TURNED] == 0.0
+
+
+@pytest.mark.parametrize("sd", [1e-6, 0.05, 0.3, 2.0])
+def test_what_is_not_known_of_the_heading_changes_the_velocity_along_its_change_too(sd: float):
+    """Mean square over headings that are normally distributed, by quadrature."""
+    estimated, q = np.zeros(epoch.ESTIMATED), np.zeros((21, 21))
+    estimated[epoch.STATE][3:5], estimated[epoch.BEGAN] = (7.0, -2.0), (3.0, 1.0)
+    epoch.not_linear(q, estimated, np.diag(np.where(np.arange(21) == 8, sd**2, 0.0)))
+    at, weight = np.polynomial.hermite_e.hermegauss(60)
+    expected = 25.0 * (weight @ (1.0 - np.cos(sd * at)) ** 2) / weight.sum()
+    np.testing.assert_allclose(np.diagonal(q)[3:5], expected, rtol=2e-3)
+    assert np.count_nonzero(q) <= 2
 
 
 @pytest.mark.parametrize("seen_sd", [1e-6, 3e-5, 1e-2])

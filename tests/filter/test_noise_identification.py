@@ -86,7 +86,7 @@ def random_run(rng: np.random.Generator, n: int, m: int) -> tuple[FloatArray, ..
     phi += 0.1 * rng.standard_normal(phi.shape)
     root = 0.3 * rng.standard_normal((m, 2, 9, 9))
     white = root @ np.swapaxes(root, 2, 3)
-    bridge = rng.uniform(0.0, 0.1, (m, 6))
+    bridge = rng.uniform(0.0, 0.1, (m, 9))
     z, h = rng.standard_normal((m, 6)), rng.standard_normal((m, 6, n))
     fed = 0.1 * rng.standard_normal((m, n)) * (kind[:, None] > 0)
     share, correction = rng.uniform(0.0, 1.0, (m, 2)), rng.standard_normal((m, 12))
@@ -128,6 +128,10 @@ def test_the_likelihood_is_that_of_a_textbook_filter():
                 q[6 + i, 6 + i] += bridge[k, 3 + i]
             q[:9, :9] += np.einsum("g,gij->ij", density[:2] + density[2:] * share[k], white[k])
             q[9:21, 9:21] = np.diag(driving * dt)
+            moved, tilted, more_tilted = bridge[k, 6:]
+            spread = p[8, 8] + mean[8] ** 2
+            q[3:5, 3:5] += moved * np.eye(2) * (1.5 - 2.0 * np.exp(-spread / 2.0) + 0.5 * np.exp(-2.0 * spread))
+            q[12:15, 12:15] += (tilted * np.trace(p[12:15, 12:15]) + more_tilted) * np.eye(3)
             q[:9, 9:21] = 0.5 * dt * phi[k][:, 9:] * driving
             q[9:21, :9] = q[:9, 9:21].T
             known, more = np.concatenate([pushed[:, k], np.zeros((2, n - 9))], axis=1)

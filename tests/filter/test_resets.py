@@ -175,8 +175,9 @@ def test_a_hole_is_bridged_as_surely_as_it_says(begin, length):
         assert RESET not in kinds(run)
         assert run.solution.sd[:, 8].max() < 1.0  # not so unsure that a linear filter makes no sense
     print(f"inside 3 sd: {np.mean(np.array(ratios) <= 3.0):.3f}, largest {np.max(ratios):.1f} sd")
-    assert np.mean(np.array(ratios) <= 3.0) >= 0.98
-    assert np.max(ratios) < 6.0
+    # without noise of second order down to 0.979, and 6.9 sd
+    assert np.mean(np.array(ratios) <= 3.0) >= 0.99
+    assert np.max(ratios) < 5.0
 
 
 def driven_at(lat_deg: float) -> tuple[Run, Truth]:

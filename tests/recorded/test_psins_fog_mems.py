@@ -25,8 +25,6 @@ NAME = "psins_fog_mems_100s"
 SEEDS = range(6)
 GPS_SD = 1.0  # [m]
 SETTLED = 30.0  # [s]
-# larger sd of roll or pitch is not yet convergence: 0.6 deg beside the turn of the axes by 10 mrad [deg]
-WORTH = float(np.hypot(0.6, np.degrees(0.01)))
 MOUNTING = (-5.3, 2.5, -17.6)  # right, forward, up [arcmin]
 GYRO_BIAS = (-214.0, 159.0, 84.0)  # right, forward, up [deg/h]
 
@@ -52,10 +50,11 @@ def test_attitude_errors_are_inside_three_sd(runs: list[Navigated], reference: T
         errors = position_errors(done.run.solution, reference)
         assert errors.sd is not None
         error, sd = np.degrees(errors.attitude), np.degrees(errors.sd[:, 6:])
-        counted = (errors.time > reference.time[0] + SETTLED) & (sd[:, :2] <= WORTH).all(axis=1)
+        counted = errors.time > reference.time[0] + SETTLED
         inside.append(np.abs(error[counted]) <= 3.0 * sd[counted])
-        print(f"seed {seed}: {counted.sum()} epochs with roll and pitch sd <= {WORTH} deg, smallest pitch sd", end=" ")
-        print(f"{sd[:, 1].min():.2f} deg; at the end error {error[-1].round(3)}, sd {sd[-1].round(3)} deg")
+        print(f"seed {seed}: at the end error {error[-1].round(3)}, sd {sd[-1].round(3)} deg")
+        assert sd[-1, 0] < 0.7
+        assert sd[-1, 1] < 1.2  # that of the bias alone: the drive hardly turns
     share = np.concatenate(inside).mean(axis=0)
     print(f"inside 3 sd: roll, pitch, heading {(100.0 * share).round(1)} % of {sum(map(len, inside))} epochs")
     assert sum(map(len, inside)) > 500

@@ -93,8 +93,9 @@ def test_what_the_fixes_say_of_noise_is_looked_for_about_a_run_that_is_near() ->
     nis = np.mean((run.innovations.innovation[used, 3:] / run.innovations.sd[used, 3:]) ** 2)
     print(f"normalised innovations of velocity squared {nis:.2f}")
     assert 0.62 < nis < 1.2  # 0.59 about that run; 0.65 with the gyro that is off for a while, found since
-    # a velocity that changes by 5.8 m/s is what that IMU has missed: as fixes that are dragged it made 2.2 km of it
-    assert run.smoothed.solution.sd[:, :2].max() < 30.0
+    # with a gyro that was off, but not on the ground, standard deviations were 2.2 km, and 23 % of the fixes false
+    assert run.smoothed.solution.sd[:, :2].max() < 3.0
+    assert run.innovations.used_position.mean() > 0.98
 
 
 def test_how_dense_the_solution_is_wanted_changes_no_decision() -> None:
