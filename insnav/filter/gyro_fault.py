@@ -18,6 +18,7 @@ from operator import itemgetter
 import numpy as np
 
 from insnav import strapdown
+from insnav.alignment.static import stationary, summarize
 from insnav.filter.gps_delay import shown_again
 from insnav.filter.noise_identification import (
     LATER,
@@ -58,6 +59,7 @@ LARGEST = 500.0 * DEG  # more is that of a run that is lost, no gyro's: 7000 deg
 # So many times as fast as at any other time, and so much faster, no vehicle turns while a gyro is off: about a run that
 # was lost between houses one of 150 deg/s was found [rad/s]
 FASTER, TURNING = 1.5, 10.0 * DEG
+AT_REST = 0.5  # least part of it that a rest within it must show
 SLIGHT = 0.25  # part of that by which a gyro that is off may seem so about a run without it
 ALIKE = 0.3  # part of the largest gain from which an axis is tried: the run with the fault is not linear in it
 SHORTEST_FOUND = 3.0  # what is shorter is left at ends of another one, or what the model of a recorded car lacks [s]
@@ -90,7 +92,7 @@ class Episode:
 
     def part_of(self, other: Episode) -> bool:
         """Whether it is what another one, larger, has left about itself."""
-        return self.beside(other) and abs(self.rate) < abs(other.rate)
+        return self.beside(other) and abs(self.angle) < abs(other.angle)
 
     @property
     def angle(self) -> float:
@@ -108,6 +110,17 @@ class Episode:
         means = np.abs(turned[length:] - turned[:-length]) / length
         elsewhere = np.concatenate([means[: max(first - length + 1, 0)], means[last:]])
         return bool(means[first] < FASTER * float(elsewhere.max(initial=0.0)) + TURNING)
+
+    def seen_at_rest(self, ready: Prepared) -> bool:
+        """Whether the longest rest within it, if there is one, has another rate than the longest before or after."""
+        parts = strapdown.intervals(ready.imu, ready.nominal)
+        rests = sorted(stationary(parts, shortest=SHORTEST), key=lambda each: each[0] - each[1])
+        within = next((each for each in rests if self.begin < each[0] and each[1] < self.end), None)
+        beside = next((each for each in rests if each[1] < self.begin or self.end < each[0]), None)
+        if within is None or beside is None:
+            return True
+        rate, usual = (summarize(parts, *each).rate[self.cause] for each in (within, beside))
+        return bool((rate - usual) / self.rate > AT_REST)
 
     def taken_off(self, imu: ImuData) -> ImuData:
         """Samples without it."""
@@ -285,11 +298,13 @@ def _settled(
         least = LOOKED_AT if lost or count == 0 else WORTH if count < SOON else PROMISING
         if fault.gain < least or not SLIGHT * LEAST <= abs(fault.rate) <= LARGEST:
             break
-        if fault.near(before):
+        settled = fault.near(before)
+        if settled:
             fault = _likeliest(*spans, edges, fault.cause, before, 0.0)
-            if fault.gain <= SURELY or abs(fault.rate) <= LEAST or fault.end - fault.begin <= SHORTEST_FOUND:
+        if settled or count == ROUNDS - 1:  # what goes to and fro may be as sure
+            if fault.gain <= SURELY or abs(fault.rate) <= LEAST or fault.end - fault.begin < SHORTEST_FOUND - 1e-6:
                 break
-            if not fault.bearable(ready.imu):
+            if not (fault.bearable(ready.imu) and fault.seen_at_rest(ready)):
                 break
             some = replace(ready, imu=fault.taken_off(ready.imu))
             again = identify_noise(some, spec, again)
