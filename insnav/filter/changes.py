@@ -25,6 +25,7 @@ from insnav.plain_text import moment
 from insnav.types import Event, EventKind, FloatArray, GpsData, Run, StateChange, Trajectory
 
 BETTER = 30.0  # by so much likelier must a further change make the drive [-]
+AT_END = 6.0  # so well are begin and end of a gyro that is off known [s]
 BESIDE = 30.0  # a change that is found so little before another may be that one [s]
 # a jump may be that of fixes which are false so long before and after, where gates hide them and where they do not [s]
 AROUND, BRIEF = 15.0, 3.0
@@ -242,6 +243,16 @@ def with_wider_sd(run: Run, wider: Callable[[Trajectory, FloatArray], FloatArray
 
     smoothed = run.smoothed and replace(run.smoothed, solution=changed(run.smoothed.solution))
     return replace(run, solution=changed(run.solution), smoothed=smoothed)
+
+
+def at_an_end(change: StateChange, known: tuple[StateChange, ...]) -> bool:
+    """Whether a step of a gyro bias is begin or end of a gyro that is known to be off, which is said already."""
+
+    def axis(each: StateChange) -> int:
+        return int(np.argmax(np.abs(each.change)))
+
+    ends = (each for each in known if each.first == NAV == change.first and axis(each) == axis(change))
+    return any(abs(each.time - change.time) < AT_END for each in ends)
 
 
 def told(changes: tuple[StateChange, ...], why: str) -> list[Event]:

@@ -35,6 +35,7 @@ from insnav.filter.changes import (
     BRIEF,
     HELD,
     VELOCITY,
+    at_an_end,
     beyond,
     changes_of,
     either,
@@ -284,7 +285,8 @@ def _left_open(
     of_imu = tuple(each for each in changes if of_the_imu(each) or each.first in missed)
     of_fixes = tuple(each for each in changes if each not in of_imu)
     perhaps = "against all fixes, which may be false; standard deviations hold both"
-    said = told(of_imu, "likelier than false fixes; taken into account" if sure else perhaps)
+    news = tuple(each for each in of_imu if not at_an_end(each, settings.changes))
+    said = told(news, "likelier than false fixes; taken into account" if sure else perhaps)
     sd = run.smoothed.solution.sd
     assert sd is not None
     held = HELD * float(np.linalg.norm(np.median(sd[:, :3], axis=0)))

@@ -26,7 +26,9 @@ LASTING = slice(51, 57)  # time-correlated errors of fixes [m], [m/s]
 TURNED = 57  # by which corrections have turned the heading since the last epoch [rad]
 BEGAN = slice(58, 60)  # horizontal velocity with which the span since that began [m/s]
 SQUARES = slice(60, 63)  # see `second_order`
-ESTIMATED = 63
+TILTED = slice(63, 67)  # by all corrections so far, North, East [rad]; the largest square, and what was counted [rad^2]
+TO_AND_FRO = 5.0  # so many times the square of the largest tilt by corrections count those of all: others are noise [-]
+ESTIMATED = 67
 # Columns of a row for each fix: time, delay [s], NIS of position and velocity, whether they were used, innovation as
 # predicted minus measured [m], [m/s], its standard deviation, state and motion, sensor errors, their variances, and
 # covariance (9, 9) in the time of the fixes
@@ -68,12 +70,12 @@ def second_order(squares, heading, accel):  # type: ignore[no-untyped-def]
 
     An error of the heading changes the velocity along its change, too, by ``(1 - cos error) change``: that of a
     normally distributed one. And a rest says that biases of the accelerometers stand against the tilt, and that none is
-    vertical: with every correction of the tilt another axis is, as if it had been measured (A. H. Jazwinski,
-    "Stochastic Processes and Filtering Theory" (1970), section 9.3).
+    vertical: when corrections tilt the IMU farther than before another axis is, as if it had been measured (A. H.
+    Jazwinski, "Stochastic Processes and Filtering Theory" (1970), section 9.3).
 
-    `squares` (3,): of the change of the horizontal velocity in the span [m^2/s^2], of corrections of the tilt before it
-    [rad^2], and of these times corrections of the biases [m^2/s^4]; `heading`, `accel`: variances of heading and of all
-    biases at its beginning [rad^2], [m^2/s^4].
+    `squares` (3,): of the change of the horizontal velocity in the span [m^2/s^2], by how much that of all corrections
+    of the tilt was larger before it than ever [rad^2], and that times corrections of the biases [m^2/s^4]; `heading`,
+    `accel`: variances of heading and of all biases at its beginning [rad^2], [m^2/s^4].
     """
     part = 0.75 * heading**2
     if heading > 1e-3:
@@ -104,7 +106,7 @@ def not_linear(q, estimated, p):  # type: ignore[no-untyped-def]
 def fade(estimated, at, times, sds, phi, q, span):  # type: ignore[no-untyped-def]
     """Before a predict: what fades within `span` (1,) [s] does, and the transition begins with what has swung.
 
-    `estimated` (63,); `at`: first state of the time-correlated errors of fixes; `times`, `sds`: their correlation times
+    `estimated` (67,); `at`: first state of the time-correlated errors of fixes; `times`, `sds`: their correlation times
     [s] and standard deviations, (0,) where there are none; `phi`, `q` (n, n): transition and noise.
     """
     lasting, corrected, swung = estimated[LASTING], estimated[CORRECTED], estimated[SWUNG]
@@ -124,7 +126,7 @@ def fade(estimated, at, times, sds, phi, q, span):  # type: ignore[no-untyped-de
 def predicted(row, time, estimated, doubt, p, phi, q, span, before):  # type: ignore[no-untyped-def]
     """After a predict to `time` [s]: note the epoch in `row` of the history, if it is not empty, and begin a new one.
 
-    `estimated` (63,); `doubt`: see `surest`; `p` (n, n): covariance; `phi`, `q`, `span`: see `fade`; `before` (12,) is
+    `estimated` (67,); `doubt`: see `surest`; `p` (n, n): covariance; `phi`, `q`, `span`: see `fade`; `before` (12,) is
     filled with the variances, see `insnav.kernels.errorstate.variances`.
     """
     variances(less_sure(p, surest(estimated, doubt)), estimated[STATE], before)
@@ -138,7 +140,7 @@ def predicted(row, time, estimated, doubt, p, phi, q, span, before):  # type: ig
 def felt(estimated, rates, forces, swings, older, number, late, has_arm, stays, motion):  # type: ignore[no-untyped-def]
     """Fill `motion` (25,) of `insnav.kernels.gps_measurement.Predicted` for a fix, but for its limits of noise.
 
-    `estimated` (63,); about each of the next fixes, sensor errors included: `rates` (k, 3) mean body rate [rad/s],
+    `estimated` (67,); about each of the next fixes, sensor errors included: `rates` (k, 3) mean body rate [rad/s],
     `forces` (k, 3) mean specific force [m/s^2], `swings` (k, 3) the rate at the time of the velocity, `older` (k, 6)
     angle turned and velocity gained since then [rad], [m/s], which count where that is older; `number`: row of these;
     `late`: by how much the velocity is older [s]; `stays`: whether all turns are noise.
@@ -195,7 +197,7 @@ def assess_fix(  # type: ignore[no-untyped-def]
 def take(row, estimated, error, at, settled):  # type: ignore[no-untyped-def]
     """After an update: take the estimated error (n,) off the state (closed loop), and note that in `row`, see there.
 
-    `estimated` (63,); `at`: see `assess_fix`; `settled`: how late fixes are is known, see
+    `estimated` (67,); `at`: see `assess_fix`; `settled`: how late fixes are is known, see
     `insnav.kernels.gps_measurement.correct_with_arm`.
     """
     x, correction, arm, corrected = estimated[STATE], estimated[CORRECTION], estimated[ARM], estimated[CORRECTED]
@@ -216,12 +218,16 @@ def take(row, estimated, error, at, settled):  # type: ignore[no-untyped-def]
         for i in range(3 if lever >= 0 else 0):
             arm[i] -= error[lever + i]
     estimated[TURNED] += error[8]
-    squares, tilt, square = estimated[SQUARES], error[6] ** 2 + error[7] ** 2, 0.0
+    squares, tilted, accel = estimated[SQUARES], estimated[TILTED], 0.0
+    for i in range(2):
+        tilted[i] += error[6 + i]
     for i in range(NAV + 3, NAV + 6):
-        square += error[i] ** 2
-    squares[1] += tilt
-    squares[2] += tilt * square
-    estimated[BEGAN] = x[3:5]
+        accel += error[i] ** 2
+    tilted[2] = max(tilted[2], tilted[0] ** 2 + tilted[1] ** 2)
+    counted = min(error[6] ** 2 + error[7] ** 2, max(0.0, TO_AND_FRO * tilted[2] - tilted[3]))
+    tilted[3] += counted
+    squares[1] += counted
+    squares[2] += counted * accel
     if delay >= 0:
         clock[0] -= error[delay]
     if lag >= 0:

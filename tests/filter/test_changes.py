@@ -10,13 +10,24 @@ import pytest
 from insnav.attitude import dcm_from_rph
 from insnav.earth import lla_offset, ned_offset
 from insnav.errors.metrics import position_errors
-from insnav.filter.changes import FASTEST, VELOCITY, beyond, false_between, mixed, of_the_imu, offset, resets_of
+from insnav.filter.changes import (
+    FASTEST,
+    VELOCITY,
+    at_an_end,
+    beyond,
+    false_between,
+    mixed,
+    of_the_imu,
+    offset,
+    resets_of,
+)
 from insnav.filter.changes import told as said
 from insnav.filter.gates import Trust
 from insnav.filter.navigate import Navigated, navigate_recording
 from insnav.filter.shocks import shocks
 from insnav.filter.whole_record import false_at_an_end
 from insnav.imu import load_imu
+from insnav.kernels.dynamics import NAV
 from insnav.simulate.faults import gps_drag, gps_jump
 from insnav.simulate.gps_file import load_gps
 from insnav.simulate.motion import load_profile
@@ -194,6 +205,16 @@ def test_fixes_left_out_at_an_end_of_the_record_may_be_the_true_ones(part, word)
     assert [word in event.action for event in events] == [True] * bool(word)
     sd, before = (each.smoothed.solution.sd[:, 1] for each in (wider, run))
     assert (3.0 * sd > 30.0).all() if word else (sd == before).all()
+
+
+def test_where_a_gyro_fault_ends_no_bias_steps_beside_it():
+    known = (StateChange(100.0, NAV, np.array([0.05, 0.0, 0.0]), 900.0, -np.inf),)
+    step = StateChange(101.2, NAV, np.array([0.07, 0.01, 0.0]), 300.0)
+    assert at_an_end(step, known)
+    assert not at_an_end(step, ())
+    assert not at_an_end(replace(step, time=120.0), known)
+    assert not at_an_end(replace(step, change=np.array([0.01, 0.07, 0.0])), known)  # another gyro
+    assert not at_an_end(replace(step, first=NAV + 3), known)  # no gyro at all
 
 
 def test_what_standard_deviations_hold_is_no_contradiction():

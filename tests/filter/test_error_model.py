@@ -109,6 +109,24 @@ def test_what_is_not_known_of_the_heading_changes_the_velocity_along_its_change_
     assert np.count_nonzero(q) <= 2
 
 
+def test_a_tilt_that_is_corrected_makes_another_axis_vertical_and_noise_to_and_fro_none():
+    """By a tilt t, sin(t) of a horizontal bias is vertical: its square times the variance, however many steps it takes.
+
+    One that goes to and fro, as of fixes with too small a standard deviation, comes back to the same axes.
+    """
+    tilt, p, at = 0.02, np.diag(np.where(np.arange(21) == 12, 0.3**2, 0.0)), np.array([21, -1, -1, -1, -1, -1, 0])
+    for steps in ([1.0], [1.0, -1.0] * 500):
+        estimated, added = np.zeros(epoch.ESTIMATED), np.zeros((21, 21))
+        estimated[epoch.STATE] = *LLA, *np.zeros(3), *quat_from_rph(RPH)
+        for step in steps:
+            error = np.zeros(21)
+            error[7] = step * tilt
+            epoch.take(np.empty(0), estimated, error, at, True)
+            epoch.not_linear(added, estimated, p)
+        expected = (np.sin(tilt) * 0.3) ** 2 * (1.0 if len(steps) == 1 else epoch.TO_AND_FRO)
+        np.testing.assert_allclose(np.diagonal(added)[12:15], expected, rtol=1e-3)
+
+
 @pytest.mark.parametrize("seen_sd", [1e-6, 3e-5, 1e-2])
 def test_the_first_gyro_bias_is_the_mean_of_specification_and_alignment(seen_sd: float):
     """Drawn from the specification, seen with noise: its error is as large as stated, and no estimate is better."""
