@@ -25,7 +25,7 @@ SHAKEN, CLOCK = slice(46, 49), slice(49, 51)  # [m]; delay, and lag of velocitie
 LASTING = slice(51, 57)  # time-correlated errors of fixes [m], [m/s]
 TURNED = 57  # by which corrections have turned the heading since the last epoch [rad]
 BEGAN = slice(58, 60)  # horizontal velocity with which the span since that began [m/s]
-SQUARES = slice(60, 63)  # see `second_order`
+SQUARES = slice(60, 63)  # see `beyond_linear`
 TILTED = slice(63, 67)  # by all corrections so far, North, East [rad]; the largest square, and what was counted [rad^2]
 TO_AND_FRO = 5.0  # so many times the square of the largest tilt by corrections count those of all: others are noise [-]
 ESTIMATED = 67
@@ -65,20 +65,20 @@ def turn(phi, estimated):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def second_order(squares, heading, accel):  # type: ignore[no-untyped-def]
+def beyond_linear(squares, heading, accel):  # type: ignore[no-untyped-def]
     """Variances of velocity and accelerometer bias by what an extended filter leaves out of second order.
 
     An error of the heading changes the velocity along its change, too, by ``(1 - cos error) change``: that of a
     normally distributed one. And a rest says that biases of the accelerometers stand against the tilt, and that none is
-    vertical: when corrections tilt the IMU farther than before another axis is, as if it had been measured (A. H.
-    Jazwinski, "Stochastic Processes and Filtering Theory" (1970), section 9.3).
+    vertical: when corrections tilt the IMU another axis is, as if it had been measured (A. H. Jazwinski, "Stochastic
+    Processes and Filtering Theory" (1970), section 9.3).
 
-    `squares` (3,): of the change of the horizontal velocity in the span [m^2/s^2], by how much that of all corrections
-    of the tilt was larger before it than ever [rad^2], and that times corrections of the biases [m^2/s^4]; `heading`,
-    `accel`: variances of heading and of all biases at its beginning [rad^2], [m^2/s^4].
+    `squares` (3,): of the change of the horizontal velocity in the span [m^2/s^2], of corrections of the tilt before it
+    [rad^2], as far as these count, and of these times corrections of the biases [m^2/s^4]; `heading`, `accel`:
+    variances of heading and of all biases at its beginning [rad^2], [m^2/s^4].
     """
     part = 0.75 * heading**2
-    if heading > 1e-3:
+    if heading > 1e-3:  # below, the whole is a small difference of large numbers
         part = 1.5 - 2.0 * np.exp(-0.5 * heading) + 0.5 * np.exp(-2.0 * heading)
     return part * squares[0], squares[1] * accel + squares[2]
 
@@ -94,7 +94,7 @@ def not_linear(q, estimated, p):  # type: ignore[no-untyped-def]
     known = 0.0
     for i in range(NAV + 3, NAV + 6):
         known += p[i, i]
-    along, shown = second_order(squares, p[8, 8], known)
+    along, shown = beyond_linear(squares, p[8, 8], known)
     q[3, 3] += along
     q[4, 4] += along
     for i in range(NAV + 3, NAV + 6):

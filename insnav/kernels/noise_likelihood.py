@@ -13,7 +13,7 @@ import numpy as np
 
 from insnav.kernels import njit
 from insnav.kernels.dynamics import NAV
-from insnav.kernels.epoch import TO_AND_FRO, second_order
+from insnav.kernels.epoch import TO_AND_FRO, beyond_linear
 from insnav.kernels.errorstate import SENSOR, STATES
 from insnav.kernels.smoother import COAST, CORRECTION, JACOBIAN, KIND, NOISE, RESIDUAL, RESTART, STATE, TIME
 
@@ -55,7 +55,7 @@ def tape(history: np.ndarray, n: int, noise: np.ndarray, bridged: np.ndarray) ->
     Returns, for each epoch: span since the one before [s]; kind, as in the history; transition (9, 21); noise of unit
     density, of gyros and accelerometers (2, 9, 9), and so many times that of misalignment of one rad^2 s (2,); variance
     that bridging, or what moves a vehicle at rest, added to velocity and attitude, and then squares of what noise of
-    second order goes by, see `second_order` of `insnav.kernels.epoch` (9,); measurement (6,), predicted
+    second order goes by, see `beyond_linear` of `insnav.kernels.epoch` (9,); measurement (6,), predicted
     minus measured, and derivative (6, n); error that the run took off its state (n,); sensor errors it used from then
     on (12,); variances of position, velocity, attitude and biases that an explicit reset set or added (15,), zero
     elsewhere.
@@ -95,7 +95,7 @@ def tape(history: np.ndarray, n: int, noise: np.ndarray, bridged: np.ndarray) ->
     counted = capped(tilted, TO_AND_FRO * np.maximum.accumulate(most))
     corrected = np.roll([counted, counted * np.sum(fed[:, 12:15] ** 2, axis=1)], 1, axis=1)
     squares = np.column_stack([change, *corrected])
-    second = np.array([second_order(*each)[0] for each in zip(squares, after[:, 8, 8], np.zeros(m), strict=True)])
+    second = np.array([beyond_linear(*each)[0] for each in zip(squares, after[:, 8, 8], np.zeros(m), strict=True)])
     rest[:, 3:5] -= second[:, None]
     rest[span <= 0.0] = 0.0
     pushed, turned = (np.maximum(0.0, rest[:, i : i + 3].sum(axis=1)) / 3.0 for i in (3, 6))
@@ -166,7 +166,7 @@ def innovations(  # type: ignore[no-untyped-def]
                 for j in range(lasts):
                     fade[lasting + j] = np.exp(-dt / lasting_time[j])
             of_accel = p[NAV + 3, NAV + 3] + p[NAV + 4, NAV + 4] + p[NAV + 5, NAV + 5]
-            second, shown = second_order(bridge[k, 6:], p[8, 8] + mean[8] ** 2, of_accel)
+            second, shown = beyond_linear(bridge[k, 6:], p[8, 8] + mean[8] ** 2, of_accel)
             gyro = density[0] + density[2] * share[k, 0]
             accel = density[1] + density[3] * share[k, 1]
             for i in range(NAV):
