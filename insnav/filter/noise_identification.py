@@ -127,6 +127,7 @@ VELOCITY_CORRELATED = {
 VELOCITY_STARTS = np.log([(share, time) for time in (30.0, 150.0) for share in (0.1, 0.3)])
 VELOCITY_WORTH = 20.0
 LATER, MOVED = 3, 4  # first of the causes that innovations are looked at for, beside three gyros
+SENSELESS = 1e6  # no misalignment moves fixes so far [m], [m/s]
 SHOWN = 2.0  # so long after it is lost a run shows by what [s]
 LOST, AFTER = 9.0, 5.0  # mean square of normalised innovations of so long [s] beyond which a run is no start
 STARTS = [np.log([share / (1.0 - share), time]) for time in (8.0, 40.0, 150.0) for share in (0.1, 0.5, 0.85)]
@@ -375,7 +376,13 @@ class InnovationLikelihood:
         kind = self._tape[1][: settled.start]
         late = slice(int(np.bitwise_count(kind[kind > COAST]).sum()), None)
         far_off = float(np.mean(np.abs(push[0, :, 6:]).max(axis=1) > FAR_OFF)) > FAR_OFF_SHARE
-        found = informed(e[late], np.array(by)[:, late], weights_of(e[late], s[late]), self.misalignment_sd)
+        of_terms = np.array(by)[:, late]
+        if not float(np.abs(of_terms).max(initial=0.0)) * self.misalignment_sd.max() < SENSELESS:
+            raise DivergenceError(
+                "what misalignments do to the innovations has no end",
+                why="this noise leaves so little of the covariance that rounding decides",
+            )
+        found = informed(e[late], of_terms, weights_of(e[late], s[late]), self.misalignment_sd)
         return *found, turned, far_off
 
     @property
@@ -781,7 +788,10 @@ def identify(
         kind = kind_of(found, kinds)
         if found.seen is None or kind is found.seen[0].prior:
             break
-        found = likeliest([drive.of(kind) for drive in drives], found)
+        try:
+            found = likeliest([drive.of(kind) for drive in drives], found)
+        except DivergenceError:
+            break
     return found
 
 
@@ -815,7 +825,9 @@ def identify_noise(ready: Prepared, spec: ImuSpec, near: NoiseEstimate | None = 
     `spec`: IMU error specification it was prepared with: the prior; `near`: see `identify`.
     """
     drive = _likelihood(ready, spec)
-    return None if drive is None else identify([drive], ready.kinds, near)
+    with suppress(DivergenceError):
+        return None if drive is None else identify([drive], ready.kinds, near)
+    return None
 
 
 def with_usual_noise(ready: Prepared) -> Prepared:
@@ -842,7 +854,8 @@ def with_known_noise(ready: Prepared, spec: ImuSpec, *, lasting: bool, sizes: bo
         return ready
     drive, at = known
     if ready.model.axes_sd.any():
-        ready = _with_axes(ready, _misalignment([drive], at, 0.0)[0])
+        with suppress(DivergenceError):
+            ready = _with_axes(ready, _misalignment([drive], at, 0.0)[0])
     if not lasting:
         return replace(ready, faults=(*ready.faults, *_too_small(ready, *drive.normalised(at)[:2])))
     posterior = _Posterior([drive.of_positions(sizes=sizes)])

@@ -274,7 +274,7 @@ class Drive:
         ready = replace(ready, kinds=defaults.better_kinds(self.readings.inputs, self.imu_spec))
         found = identify_noise(ready, self.imu_spec)
         if found is None:
-            said = "IMU noise as in the preset: the drive is too short to tell more"
+            said = "IMU noise as in the preset: the drive tells no more"
             return with_usual_noise(replace(ready, notes=(*ready.notes, said))), self.imu_spec
         ready, found = without_gyro_faults(ready, found, self.imu_spec)
         return with_noise(ready, found), found.spec

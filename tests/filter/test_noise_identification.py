@@ -580,3 +580,22 @@ def test_drives_of_one_imu_together_tell_more_than_one(found):
         assert 0.7 < by_truth < 1.4
         widths = [np.log(each[key].high / each[key].low) for each in (together, alone)]
         assert widths[0] < 0.7 * widths[1]
+
+
+@pytest.mark.parametrize("model", [None, "consumer"])
+def test_where_rounding_decides_what_misalignments_do_the_drive_tells_no_noise(monkeypatch, model):
+    """Consumer gyros at rest for five minutes, then RTK positions: effects of 1e20 m ended with a singular matrix."""
+    plain = InnovationLikelihood.normalised
+
+    def endless(self: InnovationLikelihood, at: FloatArray, push: FloatArray | None = None) -> FloatArray:
+        found = plain(self, at, push)
+        found[2:] *= 1e25
+        return found
+
+    monkeypatch.setattr(InnovationLikelihood, "normalised", endless)
+    drive = insnav.simulate("bends", imu="consumer", gps="dgps", seed=3)
+    found = insnav.load(drive.imu.data, drive.gps.data, imu_model=model).navigate().found
+    assert found.noise is None
+    sd = found.run.solution.sd
+    assert sd is not None
+    assert np.isfinite(sd).all()
