@@ -191,7 +191,7 @@ def test_a_drive_without_its_gyro_fault_is_no_surer_of_the_lever_arm_than_its_pa
     first = imu.time[0] + 200.0
     imu, gps = (each.rows((each.time >= first) & (each.time < first + 200.0)) for each in (imu, gps))
     gps = gps.rows(np.abs(gps.time % 1.0 - 0.5) < 0.01)
-    run = insnav.load(off(imu, 0, 4.0 * DEG, first + 100.0, 10.0), gps).navigate().found.run
+    run = insnav.load(off(imu, 0, 2.0 * DEG, first + 100.0, 10.0), gps).navigate().found.run
     assert any("gyro x is off by +" in event.action for event in run.events)
     assert (np.abs(run.lever_b) < 3.0 * run.lever_sd).all()
 
