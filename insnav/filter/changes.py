@@ -245,13 +245,14 @@ def with_wider_sd(run: Run, wider: Callable[[Trajectory, FloatArray], FloatArray
     return replace(run, solution=changed(run.solution), smoothed=smoothed)
 
 
+def _axis(change: StateChange) -> int:
+    """Along or about which most of it is."""
+    return int(np.argmax(np.abs(change.change)))
+
+
 def at_an_end(change: StateChange, known: tuple[StateChange, ...]) -> bool:
     """Whether a step of a gyro bias is begin or end of a gyro that is known to be off, which is said already."""
-
-    def axis(each: StateChange) -> int:
-        return int(np.argmax(np.abs(each.change)))
-
-    ends = (each for each in known if each.first == NAV == change.first and axis(each) == axis(change))
+    ends = (each for each in known if each.first == NAV == change.first and _axis(each) == _axis(change))
     return any(abs(each.time - change.time) < AT_END for each in ends)
 
 
@@ -261,8 +262,7 @@ def told(changes: tuple[StateChange, ...], why: str) -> list[Event]:
     def event(each: StateChange) -> Event:
         text, unit, scale = TOLD[each.first]
         size = scale * float(np.linalg.norm(each.change))
-        axis = "xyz"[int(np.argmax(np.abs(each.change)))]
-        said = f"{text.format(size, axis=axis)} at {moment(each.time)}"
+        said = f"{text.format(size, axis='xyz'[_axis(each)])} at {moment(each.time)}"
         if np.isfinite(each.since):
             said = f"positions drift from {moment(each.since, each.time)}, unlike the velocities, {size:.2g} m in all"
         return Event(each.begin, EventKind.CONTRADICTION, size, np.nan, unit, f"{said}: {why}")

@@ -144,7 +144,7 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
         ((gps_measurement.measurement_fault, d1, d2, d2), (gps_measurement.fault_of, d2, d1)),
         ((epoch.fade, d1, i, d1, d1, d2, d2, d1), (epoch.note_epoch, d1, d, *3 * [d1], d2)),
         ((epoch.felt, d1, *4 * [d2], i, d, flag, flag, d1), (epoch.turn, d2, d1), (epoch.not_linear, d2, d1, d2)),
-        ((epoch.beyond_linear, d1, d, d),),
+        ((epoch.beyond_linear, d1, d, d), (epoch.count_tilt, d1, d, d)),
     )
 
 

@@ -65,6 +65,17 @@ def turn(phi, estimated):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def count_tilt(tilted, north, east):  # type: ignore[no-untyped-def]
+    """Note in `tilted` (4,), see `TILTED`, a correction of the tilt [rad]; returns what of its square counts."""
+    tilted[0] += north
+    tilted[1] += east
+    tilted[2] = max(tilted[2], tilted[0] ** 2 + tilted[1] ** 2)
+    counted = min(north**2 + east**2, max(0.0, TO_AND_FRO * tilted[2] - tilted[3]))
+    tilted[3] += counted
+    return counted
+
+
+@njit(cache=True)
 def beyond_linear(squares, heading, accel):  # type: ignore[no-untyped-def]
     """Variances of velocity and accelerometer bias by what an extended filter leaves out of second order.
 
@@ -219,13 +230,9 @@ def take(row, estimated, error, at, settled):  # type: ignore[no-untyped-def]
             arm[i] -= error[lever + i]
     estimated[TURNED] += error[8]
     squares, tilted, accel = estimated[SQUARES], estimated[TILTED], 0.0
-    for i in range(2):
-        tilted[i] += error[6 + i]
     for i in range(NAV + 3, NAV + 6):
         accel += error[i] ** 2
-    tilted[2] = max(tilted[2], tilted[0] ** 2 + tilted[1] ** 2)
-    counted = min(error[6] ** 2 + error[7] ** 2, max(0.0, TO_AND_FRO * tilted[2] - tilted[3]))
-    tilted[3] += counted
+    counted = count_tilt(tilted, error[6], error[7])
     squares[1] += counted
     squares[2] += counted * accel
     if delay >= 0:

@@ -13,7 +13,7 @@ import numpy as np
 
 from insnav.kernels import njit
 from insnav.kernels.dynamics import NAV
-from insnav.kernels.epoch import TO_AND_FRO, beyond_linear
+from insnav.kernels.epoch import beyond_linear, count_tilt
 from insnav.kernels.errorstate import SENSOR, STATES
 from insnav.kernels.smoother import COAST, CORRECTION, JACOBIAN, KIND, NOISE, RESIDUAL, RESTART, STATE, TIME
 
@@ -36,15 +36,6 @@ def _white(phi: np.ndarray, span: np.ndarray, column: int) -> np.ndarray:
 def held(transition: np.ndarray) -> np.ndarray:
     """Where the filter holds the attitude by its transitions (m, 9, 21): in a long rest the gyros turn nothing."""
     return np.asarray((transition[:, 6:9, 9:12] == 0.0).all(axis=(1, 2)))
-
-
-def capped(added: np.ndarray, most: np.ndarray) -> np.ndarray:
-    """What is counted of `added` (m,), so that their sum stays below `most` (m,), which grows."""
-    counted, total = np.zeros_like(added), 0.0
-    for k, each in enumerate(added):
-        counted[k] = min(each, max(0.0, most[k] - total))
-        total += counted[k]
-    return counted
 
 
 def tape(history: np.ndarray, n: int, noise: np.ndarray, bridged: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -91,8 +82,8 @@ def tape(history: np.ndarray, n: int, noise: np.ndarray, bridged: np.ndarray) ->
     fed, state = np.einsum("mi,mij->mj", z, gain), history[:, STATE : STATE + 10]
     change = state[1:, 3:5] + fed[1:, 3:5] - state[:-1, 3:5]
     change = np.sum(np.insert(change, 0, 0.0, axis=0) ** 2, axis=1) * (kind != RESTART)
-    tilted, most = np.sum(fed[:, 6:8] ** 2, axis=1), np.sum(np.cumsum(fed[:, 6:8], axis=0) ** 2, axis=1)
-    counted = capped(tilted, TO_AND_FRO * np.maximum.accumulate(most))
+    tilted = np.zeros(4)
+    counted = np.array([count_tilt(tilted, *each) for each in fed[:, 6:8]])
     corrected = np.roll([counted, counted * np.sum(fed[:, 12:15] ** 2, axis=1)], 1, axis=1)
     squares = np.column_stack([change, *corrected])
     second = np.array([beyond_linear(*each)[0] for each in zip(squares, after[:, 8, 8], np.zeros(m), strict=True)])
