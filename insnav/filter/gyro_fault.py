@@ -12,7 +12,9 @@ again without what began there.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache, partial
 from operator import itemgetter
 
 import numpy as np
@@ -45,9 +47,11 @@ PARTS, SHORTEST = 50, 4.0  # of the record that spans are made of at first, and 
 REACH, STEP = 6.0, 1.0  # about the ends of a span and from one to the next, where it is refined [s]
 ROUNDS, SETTLED = 12, 0.03  # at most, and the part of a rate that ends them
 LOST_BY = 2.0  # so soon after its end a run is lost by a fault that goes on [s]
-# twice the gain of the log-likelihood from which a span is looked at, from which it is worth runs without it, with the
-# noise beside it in what was seen, and from which it is a fault: recorded drives without one have up to 29 and 81 [-]
-LOOKED_AT, WORTH, SURELY = 8.0, 20.0, 90.0
+# twice the gain of the log-likelihood from which a span is looked at, and is worth runs without it, with the noise
+# beside it in what was seen, and from which it is a fault: recorded drives without one have up to 29 and 81, hours of
+# simulated ones up to 12, 36 random faults in bends 27 and more [-]
+WORTH, SURELY = 20.0, 90.0
+SOME = 8.0  # that which a run that is lost, or the first without it, must leave [-]
 # After so many runs one that may be a fault has this gain: all that were had 100 and more then, and none that had less
 # than 30 became one [-]
 SOON, PROMISING = 2, 45.0
@@ -176,12 +180,13 @@ def _one(
     for cut in (True, False):  # what is seen after a run was lost misleads, but may be all that shows a fault
         look = _looked_at(seen, cut)
         plain = _plain(look)
-        spans = sorted(_spans(plain, axes), key=lambda each: -each.gain)
-        rival = 0.0 if spans[0].gain < LOOKED_AT else _rival(ready, look)
-        least = max(LOOKED_AT, ALIKE * max(spans[0].gain, rival))
-        likely = [fault for fault in spans if fault.gain >= least and fault.cause not in alike]
-        # noise found with a fault is a summit of its own
-        tops = [climbed(*each) for each in ((look, plain) if (plain[1] < look[1]).any() else (look,)) if likely]
+        spans, rival = list[Episode](), 0.0
+        if max(each.gain for each in _spans(look, axes)) >= WORTH:
+            spans, rival = _spans(plain, axes), _rival(ready, look)
+        least = max(WORTH, ALIKE * max((each.gain for each in spans), default=0.0), ALIKE * rival)
+        likely = [each for each in spans if each.gain >= least and each.cause not in alike]
+        likely.sort(key=lambda each: -each.gain)
+        tops = cache(partial(_tops, look, plain))
         tried = [_worth(look, fault, tops) for fault in likely]
         if look[0] is not seen[0]:  # what shows it may be cut off
             tried += [fault for fault, worth in zip(likely, tried, strict=True) if worth is None]
@@ -201,20 +206,26 @@ def _one(
     return None
 
 
-def _worth(look: _Seen, fault: Episode, tops: list[tuple[FloatArray, float]]) -> Episode | None:
+def _tops(look: _Seen, plain: _Seen) -> list[tuple[FloatArray, float]]:
+    """Likeliest noise near both, and what the drive costs with it: noise found with a fault is a summit of its own."""
+    return [climbed(*each) for each in ((look, plain) if (plain[1] < look[1]).any() else (look,))]
+
+
+def _worth(look: _Seen, fault: Episode, tops: Callable[[], list[tuple[FloatArray, float]]]) -> Episode | None:
     """A fault without which the innovations at hand are likelier, each with its likeliest noise, near `tops` with it.
 
-    A look without another run: noise found with a fault holds it, so that its own gain is small.
+    A look without another run: noise found with a fault holds it, so that its own gain is small. Without that noise all
+    that the model lacks seems a fault; one that is worth nothing with it is looked for there.
     """
-    drive = look[0]
-    edges, before = _edges(drive), min(cost for _, cost in tops)
+    (drive, at), edges, cost_now = look, _edges(look[0]), cost_at(*look)
     for _ in range(LINEAR_ROUNDS):
-        without = drive.without(fault.begin, fault.end, fault.cause, fault.rate)
-        there, cost = min((climbed(without, top) for top, _ in tops), key=itemgetter(1))
-        if 2.0 * (before - cost) > WORTH:
-            return fault
+        without, there = drive.without(fault.begin, fault.end, fault.cause, fault.rate), at
+        if 2.0 * (cost_now - cost_at(without, at)) > WORTH:
+            there, cost = min((climbed(without, top) for top, _ in tops()), key=itemgetter(1))
+            if 2.0 * (min(before for _, before in tops()) - cost) > WORTH:
+                return fault
         last, fault = fault, _likeliest(*drive.by_spans(there, edges, fault.cause), edges, fault.cause)
-        if fault.near(last):
+        if fault.near(last) or fault.gain < WORTH:
             break
     return None
 
@@ -295,7 +306,7 @@ def _settled(
         edges = np.unique(np.clip(np.concatenate([edges, fault.begin + near, min(fault.end, end) + near]), begin, end))
         spans = drive.by_spans(at, edges, fault.cause)
         before, fault = fault, _likeliest(*spans, edges, fault.cause, fault)
-        least = LOOKED_AT if lost or count == 0 else WORTH if count < SOON else PROMISING
+        least = SOME if lost or count == 0 else WORTH if count < SOON else PROMISING
         if fault.gain < least or not SLIGHT * LEAST <= abs(fault.rate) <= LARGEST:
             break
         settled = fault.near(before)
