@@ -48,6 +48,9 @@ MISFIT = 0.6  # part of the accelerations that may be left unexplained
 Signs = tuple[int, int, int]
 SIGNS: list[Signs] = [(x, y, z) for x in (1, -1) for y in (1, -1) for z in (1, -1)]
 AS_GIVEN = SIGNS[0]
+Order = tuple[int, int, int]
+IN_ORDER: Order = (0, 1, 2)
+OTHER_ORDERS: list[Order] = [(0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)]
 ROUNDS, SETTLED = 10, 0.999  # of Gauss-Newton, at most; as large a part of the misfit of the round before ends them
 NUDGE = np.diag([1e-3, 1e-3, 1e-3, 0.02, 0.02, 0.02, 0.02])  # steps of its derivatives [rad/s], [m/s^2], [s]
 LARGEST_BIAS = 0.1  # of gyros that can be used [rad/s]
@@ -74,6 +77,7 @@ class Mounting:
     misfit: float  # part of the accelerations that the IMU does not show [-]
     gyro_signs: Signs  # of the gyros with which the windows fit; other than 1, 1, 1: no rotation
     mirrored: bool  # whether the accelerometers fit only in a left-handed set of axes
+    gyro_order: Order = IN_ORDER  # which gyro, as given, turns about each axis of the accelerometers
 
     @property
     def letters(self) -> str:
@@ -90,7 +94,7 @@ class Mounting:
     @property
     def right_handed(self) -> bool:
         """Whether a rotation brings the axes to those of the vehicle, and the gyros turn as they should."""
-        return not self.mirrored and self.gyro_signs == AS_GIVEN
+        return not self.mirrored and self.gyro_signs == AS_GIVEN and self.gyro_order == IN_ORDER
 
 
 def find_mounting(parts: Intervals, gps: GpsData) -> Mounting | None:
@@ -122,15 +126,20 @@ def _find(parts: Intervals, gps: GpsData, *, placed: bool) -> Mounting | None:
                 elif given > FITS and misfit < min(best, TRIED * given):
                     signs, mirrored, best = other, reflected, misfit
 
-    def refined(signs: Signs, mirrored: bool) -> Mounting:
-        at, sd = _refined(telling, parts, (still, still_sd), signs, mirrored=mirrored)
-        found = _fit(windows, _felt(windows, parts, at, signs), signs, mirrored=mirrored)[0]
-        return replace(found, sd=float(np.hypot(found.sd, sd)))
+    def refined(signs: Signs, mirrored: bool, order: Order = IN_ORDER) -> Mounting:
+        before, ordered = still.copy(), replace(parts, gyro=parts.gyro[:, order])
+        before[:3] = still[list(order)]
+        at, sd = _refined(telling, ordered, (before, still_sd), signs, mirrored=mirrored)
+        found = _fit(windows, _felt(windows, ordered, at, signs), signs, mirrored=mirrored)[0]
+        return replace(found, sd=float(np.hypot(found.sd, sd)), gyro_order=order)
 
     found = refined(signs, mirrored)
     if not found.right_handed:  # nor do bias and delay make a drive fit as it was given
         plain = refined(AS_GIVEN, mirrored=False)
         found = plain if plain.misfit <= FITS or found.misfit >= HANDED * plain.misfit else found
+    if found.misfit >= FITS and telling.bends >= FEWEST:  # gyros may be in another order than accelerometers
+        exchanged = min((refined(AS_GIVEN, False, order) for order in OTHER_ORDERS), key=lambda each: each.misfit)
+        found = exchanged if exchanged.misfit < min(FITS, HANDED * found.misfit) else found
     least = MISFIT if found.windows >= OVERLAP * FEWEST else FITS  # few windows fit by chance more easily
     return found if found.misfit < least and found.sd < SCATTER else None
 

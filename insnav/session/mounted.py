@@ -11,6 +11,7 @@ import numpy as np
 from insnav import spill
 from insnav.alignment import Mounting, find_mounting
 from insnav.alignment.in_motion import sure_motion
+from insnav.alignment.mounting import IN_ORDER
 from insnav.exceptions import InputError
 from insnav.input import Reading
 from insnav.input.interpret.axes import axes_matrix
@@ -119,6 +120,11 @@ def _left_handed(found: Mounting, where: str) -> InputError:
     why = "accelerations by GPS fit only with all signs of the accelerometers changed"
     if found.mirrored and len(flipped) == 3:
         what, fix, flipped = "the accelerometers are inverted", "change the signs of the accelerometers in the file", []
+    elif found.gyro_order != IN_ORDER:
+        what, flipped = "the gyros are in another order than the accelerometers", []
+        about = ", ".join("xyz"[found.gyro_order.index(gyro)] for gyro in range(3))
+        why = f"accelerations by GPS fit only if gyros x, y, z turn about {about} of the accelerometers"
+        fix = "put the columns of the gyros in the file in the order of the axes they turn about"
     elif found.mirrored:
         what = "the axes of the IMU are left-handed"
         why = f"accelerations by GPS fit only if x, y, z point {_words(found.letters)}"

@@ -75,6 +75,18 @@ def test_gyros_that_turn_against_the_accelerometers_are_found(signs):
     assert found.gyro_signs[2] == -1
 
 
+@pytest.mark.parametrize("order", [(0, 2, 1), (1, 2, 0), (2, 0, 1), (2, 1, 0)])
+@pytest.mark.parametrize("positions", [False, True], ids=["velocities", "positions alone"])
+def test_gyros_in_another_order_are_found(order, positions):
+    """In bends on a plain: x and y, which hardly turn, may be exchanged unseen."""
+    imu, gps = sensed(np.eye(3), gyro=np.eye(3)[list(order)])
+    found = find_mounting(intervals(imu), drives.without_velocities(gps) if positions else gps)
+    assert found is not None
+    assert not found.right_handed
+    assert found.gyro_order == tuple(order.index(axis) for axis in range(3))
+    assert found.letters == "FRD"
+
+
 @pytest.mark.parametrize("yaw", [-150.0, -30.0, 4.0, 30.0, 75.0])
 def test_any_yaw_is_found_as_well_as_it_says(yaw):
     for seed in range(3):

@@ -148,6 +148,13 @@ def test_left_handed_axes_are_refused(plain):
     assert "forward, left, down" in caught.value.why
 
 
+def test_gyros_with_their_columns_exchanged_are_refused(plain):
+    wrong = replace(plain.imu.data, gyro=plain.imu.data.gyro[:, [2, 1, 0]])
+    with pytest.raises(InputError, match="in another order than the accelerometers") as caught:
+        insnav.load(wrong, plain.gps.data)
+    assert "gyros x, y, z turn about z, y, x of the accelerometers" in caught.value.why
+
+
 def test_level_turns_of_an_aircraft_are_not_left_handed():
     """Coordinated turns fit a mirrored set of axes, too, and by chance better: a good flight was refused."""
     flight = insnav.simulate("aircraft_pattern", imu="tactical", gps="single", seed=904)
