@@ -13,7 +13,7 @@ from insnav.errors.metrics import TrajectoryErrors, on_clock, position_errors
 from insnav.errors.reference_check import check_reference, shown_by_drive
 from insnav.errors.reference_offset import ReferenceOffset, reference_offset
 from insnav.filter.navigate import Navigated
-from insnav.filter.noise_identification import NoiseEstimate
+from insnav.filter.noise_estimate import NoiseEstimate
 from insnav.input.readers.reading import Reading
 from insnav.types import EventKind, FloatArray, GpsData, Run, Trajectory
 

@@ -21,9 +21,9 @@ from insnav.attitude import rph_from_quat
 from insnav.exceptions import DivergenceError
 from insnav.filter.gates import Gates
 from insnav.filter.gps_noise import LAG_WORTH, LAGGING_NOTE, velocity_lag
+from insnav.filter.innovation_likelihood import HUBER
 from insnav.filter.late_fixes import BLOCKS, REACH, LateFixes
 from insnav.filter.navigate import feed
-from insnav.filter.noise_identification import HUBER
 from insnav.filter.prepare import Prepared
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import History

@@ -22,17 +22,10 @@ import numpy as np
 from insnav import strapdown
 from insnav.alignment.static import stationary, summarize
 from insnav.filter.gps_delay import shown_again
-from insnav.filter.noise_identification import (
-    LATER,
-    MOVED,
-    InnovationLikelihood,
-    NoiseEstimate,
-    climbed,
-    cost_at,
-    identify_noise,
-    known_likelihood,
-    with_noise,
-)
+from insnav.filter.innovation_likelihood import LATER, MOVED, InnovationLikelihood
+from insnav.filter.noise_estimate import NoiseEstimate
+from insnav.filter.noise_identification import identify_noise, known_likelihood, with_noise
+from insnav.filter.noise_search import climbed, cost_at
 from insnav.filter.prepare import Prepared
 from insnav.filter.shocks import LATE_START, LEAST_LATE
 from insnav.filter.whole_record import OPEN, UNUSED

@@ -20,8 +20,8 @@ from insnav.alignment import in_motion
 from insnav.attitude import dcm_from_quat, rph_from_quat, skew
 from insnav.earth import gravity_n, ned_offset
 from insnav.filter.gates import impossible
+from insnav.filter.innovation_likelihood import HUBER, bridged, costs_of, weights_of
 from insnav.filter.navigator import SEEN, rates_at, turned
-from insnav.filter.noise_identification import HUBER, bridged, costs_of, weights_of
 from insnav.filter.prepare import Prepared
 from insnav.filter.settings import FilterSettings
 from insnav.filter.state_layout import first_state, layout

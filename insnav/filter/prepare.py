@@ -29,7 +29,7 @@ from insnav.plain_text import moment
 from insnav.types import Alignment, Event, EventKind, FloatArray, GpsData, ImuData
 
 if TYPE_CHECKING:
-    from insnav.filter.noise_identification import NoiseEstimate
+    from insnav.filter.noise_estimate import NoiseEstimate
 
 STILL_SD = 0.05  # velocity of a vehicle that the alignment found stationary, its engine running [m/s]
 JITTER_WORTH = 1e-4  # a smaller scatter of the timestamps is rounding; at 30 m/s it makes 3 mm [s]

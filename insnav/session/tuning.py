@@ -8,14 +8,10 @@ from pathlib import Path
 from typing import Unpack
 
 from insnav.exceptions import InputError
-from insnav.filter.noise_identification import (
-    FEWEST,
-    InnovationLikelihood,
-    NoiseEstimate,
-    figure_words,
-    identify,
-    unlike,
-)
+from insnav.filter.innovation_likelihood import InnovationLikelihood
+from insnav.filter.noise_estimate import NoiseEstimate
+from insnav.filter.noise_identification import figure_words
+from insnav.filter.noise_search import FEWEST, identify, unlike
 from insnav.session import defaults
 from insnav.session.drive import Drive, load
 from insnav.session.inputs import Inputs

@@ -12,7 +12,8 @@ import insnav
 from insnav.attitude import wrap_pi
 from insnav.earth import ned_offset
 from insnav.filter.gyro_fault import Episode
-from insnav.filter.noise_identification import LATER, known_likelihood
+from insnav.filter.innovation_likelihood import LATER
+from insnav.filter.noise_identification import known_likelihood
 from insnav.input import read_gps, read_imu
 from insnav.tabular import runs_of
 from insnav.types import EventKind, ImuData

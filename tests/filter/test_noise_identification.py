@@ -12,18 +12,10 @@ from insnav.earth import lla_offset, ned_offset
 from insnav.filter import FilterSettings, error_model, sensor_axes
 from insnav.filter.gates import Gates
 from insnav.filter.gps_correlation import CorrelatedNoise
-from insnav.filter.noise_identification import (
-    LARGEST,
-    InnovationLikelihood,
-    NoiseEstimate,
-    _thinned,
-    climbed,
-    cost_at,
-    identify_noise,
-    known_likelihood,
-    maximise,
-    with_noise,
-)
+from insnav.filter.innovation_likelihood import LARGEST, InnovationLikelihood, thinned
+from insnav.filter.noise_estimate import NoiseEstimate
+from insnav.filter.noise_identification import identify_noise, known_likelihood, with_noise
+from insnav.filter.noise_search import climbed, cost_at, maximise
 from insnav.filter.prepare import Prepared
 from insnav.imu.specification import ImuSpec, SensorSpec, level_bias
 from insnav.kernels import noise_likelihood as kernel
@@ -189,7 +181,7 @@ def test_the_beginning_of_a_drive_has_the_first_of_its_innovations():
 def test_fixes_that_are_looked_at_come_in_pairs_once_a_second_on_average(rate, between):
     time = np.arange(0.0, 90.0, 1.0 / rate)
     three = np.zeros((time.size, 3))
-    found = _thinned(GpsData(time, three, three, three, three)).time
+    found = thinned(GpsData(time, three, three, three, three)).time
     assert np.unique(np.diff(found).round(6)) == pytest.approx(between)
     assert found.size == pytest.approx(90.0 / np.mean(between), abs=2.0)
 

@@ -10,7 +10,7 @@ import pytest
 
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import position_errors
-from insnav.filter.noise_identification import NoiseFigure
+from insnav.filter.noise_estimate import NoiseFigure
 from insnav.plain_text import moment
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.numbers import number

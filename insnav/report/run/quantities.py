@@ -11,7 +11,7 @@ import numpy as np
 from insnav.errors.evaluated_run import EvaluatedRun, outages
 from insnav.errors.metrics import MOVING_M_S, TrajectoryErrors, accuracy_by_motion, nees, travelled
 from insnav.errors.reference_offset import ReferenceOffset
-from insnav.filter.noise_identification import NoiseEstimate
+from insnav.filter.noise_estimate import NoiseEstimate
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.page import Section, one_each, only_json
 from insnav.sample_statistics import rms, rms_length

@@ -16,7 +16,7 @@ from insnav.errors.evaluated_run import SAME_DATA, EvaluatedRun, failure
 from insnav.errors.metrics import TrajectoryErrors, nees
 from insnav.errors.reference_check import delay_shown
 from insnav.filter.gps_noise import heights_measured
-from insnav.filter.noise_identification import LARGEST
+from insnav.filter.innovation_likelihood import LARGEST
 from insnav.input.readers.reading import not_covered
 from insnav.plain_text import moment
 from insnav.report.series import Clock

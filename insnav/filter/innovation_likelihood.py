@@ -1,0 +1,405 @@
+"""Likelihood of the innovations of one drive as a function of the noise of IMU and fixes.
+
+The filter runs once with a preset. Its innovations have a likelihood for every other set of noise figures, found by
+covariance algebra at the fixes alone (`insnav.kernels.noise_likelihood`). Beside it stands what IMUs of this grade, and
+receivers, are like: the prior of each figure.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from insnav.exceptions import DivergenceError
+from insnav.filter.error_model import error_model
+from insnav.filter.gps_correlation import CorrelatedNoise
+from insnav.filter.gps_noise import ALIKE, OPEN_VELOCITY
+from insnav.filter.navigator import Navigator
+from insnav.filter.noise_estimate import NoiseEstimate, applied, start_by
+from insnav.filter.prepare import Prepared
+from insnav.filter.sensor_axes import by_turn, errors_of_axes, informed
+from insnav.filter.state_layout import first_state, layout
+from insnav.imu.noise_density import SLOW, white_noise
+from insnav.imu.specification import ImuSpec, SensorSpec
+from insnav.kernels import noise_likelihood as kernel
+from insnav.kernels.dynamics import NAV
+from insnav.kernels.errorstate import STATES
+from insnav.kernels.smoother import COAST, FIX, NOISE, RESTART, SOURCE, TIME
+from insnav.types import FloatArray, GpsData
+
+LONGEST = 1800.0  # of the record that is looked at [s]
+SPACING = 0.9  # time between the fixes that are looked at, on average at least [s]
+HUBER = 3.0  # innovations beyond so many standard deviations count less, so that false fixes do not decide
+# what the variance of clean innovations loses by that: 1 - 2 Q(3), the expectation of psi(u) u for standard normal u
+CLEAN = 0.9973
+FAR_OFF, FAR_OFF_SHARE = np.deg2rad(5.0), 0.1  # attitude error whose square counts [rad], in this part of a drive [-]
+REJECTED = 3.5  # times the usual interval between fixes that are used, beyond which others are missing
+SETTLING, SETTLED = 4, 60.0  # the attitude of a filter settles in this part of a drive, one in so many, or so soon [s]
+LATER, MOVED = 3, 4  # first of the causes that innovations are looked at for, beside three gyros
+SENSELESS = 1e6  # no misalignment moves fixes so far [m], [m/s]
+SHOWN = 2.0  # so long after it is lost a run shows by what [s]
+LOST, AFTER = 9.0, 5.0  # mean square of normalised innovations of so long [s] beyond which a run is no start
+# Largest figures, where the preset has no larger ones. Consumer sensors are sold with scale factors of 0.03, biases of
+# 3 deg/s and 0.5 m/s^2 at most; what is larger explains noise, or faults, by itself.
+LARGEST = {
+    "scale_factor": {"gyro": 0.05, "accel": 0.05},
+    "misalignment": {"gyro": 0.1, "accel": 0.1},
+    "bias": {"gyro": 0.1, "accel": 1.0},
+    "bias_instability": {"gyro": 0.02, "accel": 0.3},
+}
+
+# how far figures of an IMU may be from those of the nearest grade, one sd of their logarithm: datasheets of parts of
+# one grade differ by factors of two to three in noise, by ten in what is called in-run bias
+IMU_PRIOR = {"random_walk": 0.8} | dict.fromkeys(("bias_instability", "bias", "scale_factor", "misalignment"), 1.5)
+# The same of white noise of gyros where a rest of at least so long [s] has shown it at the frequencies that count
+# between fixes: motion adds to it. What a rest shows at higher ones, which chose the preset, may be an idle engine.
+REST, REST_PRIOR = 60.0, (0.5, 0.3)
+# The same of the standard deviation of a position, upwards and downwards. Innovations cannot show that it is smaller:
+# errors that hardly change from fix to fix leave no trace in them. Smaller innovations are time correlation.
+POSITION_PRIOR = (0.6, 0.03)
+LEVELS = "gps.horizontal", "gps.vertical"
+VELOCITY_PRIOR = 0.6
+# Log odds of the time-correlated share of the variance of a position, and their sd: it is never none. In seven minutes
+# 9 % are not told from none; taken for none they make smoothed errors twice what is stated (error2/variance 3 to 4).
+SHARE = (0.0, 1.5)
+CORRELATION_TIME = (float(np.log(45.0)), 1.0)  # logarithm of its correlation time [s], and its sd
+# Largest share, and that of fixes more than so long apart [s]: their white rest is also what the IMU model lacks in a
+# turn, whose way grows with the square of the time in between.
+ALL, LARGEST_SHARE, FAR_APART = 1.0 - 1e-6, 0.95, 0.5
+# Velocities, too, may have a time-correlated error, as their integral shows against positions: logarithms of its sd by
+# that of a velocity and of its correlation time [s], and their sd. What is alike for seconds only is a receiver's
+# smoothing.
+VELOCITY_CORRELATED = {
+    "velocity_correlated": (float(np.log(0.3)), 1.0),
+    "velocity_correlation_time": (float(np.log(100.0)), 0.3),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A figure, as a logarithm: the middle of its prior, and its standard deviation above and below that.
+
+    A share, as log odds, is one of `most`.
+    """
+
+    key: str
+    middle: float
+    sd: float
+    sd_below: float
+    most: float = 1.0
+
+
+class InnovationLikelihood:
+    """Innovations of one drive as a function of the noise; `about`: noise of the run they are a linear function of."""
+
+    def __init__(self, ready: Prepared, spec: ImuSpec, about: NoiseEstimate | None = None) -> None:
+        ready = ready.longest_part()
+        run = ready if about is None else applied(ready, about)
+        gps = thinned(ready.gps)
+        self.median_sd: FloatArray = np.median(gps.position_sd, axis=0)
+        correlated = run.settings.correlated
+        if correlated is None:  # the nominal run needs the states, whatever their size
+            correlated = CorrelatedNoise(0.1, 40.0, np.sqrt(0.1) * self.median_sd)
+        correlated = replace(correlated, velocity_sd=None)
+        self._settings = replace(ready.settings, correlated=correlated, aiding=None, smooth=True, output_interval=10.0)
+        self._ready, self._run, self.prior = ready, run, spec
+        self._states = STATES if ready.model.sd[6:].any() else STATES - 6
+        navigator = Navigator(run.initial, run.model, thinned(run.gps), ready.alignment, ready.nominal, self._settings)
+        imu = ready.first(LONGEST)
+        navigator.feed(imu)
+        rows = navigator.history().rows()
+        time = rows[:, TIME]
+        at = layout(self._settings)
+        self._lasting = at.correlated
+        self._tape = kernel.tape(rows, at.states, run.model.noise, bridged(imu.time, time))
+        self._offered = rows[:, SOURCE] == FIX
+        self._known = np.zeros((1, self._offered.size, NAV))  # errors that each span adds
+        h, jitter = self._tape[7], ready.settings.jitter
+        # of fixes: what the scatter of the timestamps makes of speed and acceleration, the negatives of the column of
+        # the delay; of other aiding: its noise
+        measured = rows[:, SOURCE, None] != 0.0
+        self._other = np.where(measured, rows[:, NOISE : NOISE + 36 : 7], 0.0)
+        self._other[self._offered] = (jitter * h[self._offered][:, :, STATES]) ** 2
+        self._given = gps.time - ready.settings.delay
+        fix = np.searchsorted(self._given, time - 1e-4)
+        fix = np.minimum(fix, gps.time.shape[0] - 1)
+        self._sd = np.nan_to_num(np.hstack([gps.position_sd[fix], gps.velocity_sd[fix]]), nan=1.0)
+        self._axes, self._c = errors_of_axes(rows, self._tape[2], imu, ready.nominal)
+        moving = np.isfinite(gps.v_n).all(axis=1)
+        unknown = np.full(3, OPEN_VELOCITY)
+        self.velocity_sd: FloatArray = np.median(gps.velocity_sd[moving], axis=0) if moving.any() else unknown
+        self.fixes = int(np.count_nonzero(self._offered & (self._tape[1] > 0)))
+        self.offered = int(np.count_nonzero((gps.time > imu.time[0]) & (gps.time < imu.time[-1])))
+        self.parameters = self._choose()
+
+    def again(self, found: NoiseEstimate) -> InnovationLikelihood:
+        """The same about another run, with the noise that was found."""
+        return InnovationLikelihood(self._ready, self.prior, found)
+
+    def doubted(self, found: NoiseEstimate) -> InnovationLikelihood:
+        """The same if what came with the positions says nothing of their size, where it is far smaller than `found`."""
+        part, larger = copy(self), np.clip(found.white, 1.0, ALIKE)
+        middle = dict(zip(LEVELS, np.log(found.position_factor[1:] * larger), strict=True))
+        part.parameters = tuple(replace(p, middle=float(middle.get(p.key, p.middle))) for p in self.parameters)
+        return part
+
+    def of(self, kind: ImuSpec) -> InnovationLikelihood:
+        """The same by another kind of IMU, with its figures for the prior."""
+        other, of_imu = copy(self), sum(not p.key.startswith("gps.") for p in self.parameters)
+        other.prior = kind
+        other.parameters = (*other._choose()[:of_imu], *self.parameters[of_imu:])
+        return other
+
+    def beginning(self, length: float) -> InnovationLikelihood:
+        """The same of the innovations of so long from the start only [s]."""
+        part = copy(self)
+        last = int(np.searchsorted(np.cumsum(self._tape[0]), length))
+        part._tape = tuple(each[:last] for each in self._tape)
+        part._other, part._offered, part._sd, part._c = (
+            each[:last] for each in (self._other, self._offered, self._sd, self._c)
+        )
+        part._known = self._known[:, :last]
+        return part
+
+    def linear(self, at: FloatArray) -> InnovationLikelihood:
+        """The same until the run is lost, soon after which innovations are no linear function of what is wrong."""
+        e, s = self.normalised(at)[:2]
+        many = np.concatenate([[0], np.cumsum(np.bitwise_count(np.maximum(self._tape[1], COAST)).astype(int))])
+        square = np.concatenate([[0.0], np.cumsum(e**2 / s)])[many]
+        first = np.searchsorted(self.times, self.times - AFTER)
+        mean = (square[1:] - square[first]) / np.maximum(many[1:] - many[first], 1)
+        settled = min(mean.size // SETTLING, int(np.searchsorted(self.times, self.times[0] + SETTLED)))
+        row = settled + int(np.argmax(mean[settled:] > LOST))
+        if row == settled:  # never, or before it has settled: what is wrong is all over
+            return self
+        return self.beginning(float(self.times[row] + SHOWN - self._run.initial.time))
+
+    def of_positions(self, *, sizes: bool) -> InnovationLikelihood:
+        """The same with no figures but what part of the errors of positions lasts, how long, and their `sizes`."""
+        same = copy(self)
+        same.parameters = (*(p for p in self.parameters if sizes and p.key in LEVELS), *self.parameters[-2:])
+        return same
+
+    def with_correlated_velocities(self) -> InnovationLikelihood:
+        """The same if velocities have a time-correlated error: three more states, which the run took for zero."""
+        wider, at, tape = copy(self), self._lasting + 3, list(self._tape)
+        tape[7], tape[8] = (np.insert(each, [at] * 3, 0.0, axis=-1) for each in self._tape[7:9])
+        tape[7][:, range(3, 6), range(at, at + 3)] = self._offered[:, None]
+        wider._tape = tuple(tape)
+        more = (Parameter(f"gps.{key}", middle, sd, sd) for key, (middle, sd) in VELOCITY_CORRELATED.items())
+        wider.parameters = (*self.parameters[:-2], *more, *self.parameters[-2:])
+        return wider
+
+    def _choose(self) -> tuple[Parameter, ...]:
+        static, at_rest, of_prior = self._ready.alignment.static, {}, self.prior.gyro.random_walk
+        if static is not None and static[1] - static[0] >= REST and of_prior.any():
+            seen = white_noise(self._ready.imu, *static, SLOW)[0]
+            middle = 0.5 * float(np.log(np.mean(seen**2) / np.mean(of_prior**2)))
+            at_rest["gyro.random_walk"] = Parameter("gyro.random_walk", middle, *REST_PRIOR)
+        found = [
+            at_rest.get(f"{name}.{key}", Parameter(f"{name}.{key}", 0.0, sd, sd))
+            for name, sensor in (("gyro", self.prior.gyro), ("accel", self.prior.accel))
+            for key, sd in IMU_PRIOR.items()
+            if np.any(getattr(sensor, key) > 0.0) and not (self._states == 15 and key == "scale_factor")
+        ]
+        found += [Parameter(name, 0.0, *POSITION_PRIOR) for name in LEVELS]
+        for axis, name in ((0, "velocity"), (2, "vertical_velocity")):
+            if self.velocity_sd[axis] < OPEN_VELOCITY:
+                found.append(Parameter(f"gps.{name}", 0.0, VELOCITY_PRIOR, VELOCITY_PRIOR))
+        near = float(np.quantile(np.diff(self._given), 0.25))  # fixes are looked at in pairs
+        most = LARGEST_SHARE if near > FAR_APART else ALL
+        found.append(Parameter("gps.share", *SHARE, SHARE[1], most))
+        return (*found, Parameter("gps.correlation_time", *CORRELATION_TIME, CORRELATION_TIME[1]))
+
+    def spec(self, at: FloatArray) -> ImuSpec:
+        """IMU of a set of figures."""
+        factor = {p.key: float(np.exp(x)) for p, x in zip(self.parameters, at, strict=True)}
+
+        def scaled(sensor: SensorSpec, name: str) -> SensorSpec:
+            found = {key: getattr(sensor, key) * factor.get(f"{name}.{key}", 1.0) for key in IMU_PRIOR}
+            most = {key: np.maximum(getattr(sensor, key), largest[name]) for key, largest in LARGEST.items()}
+            return replace(sensor, **found | {key: np.minimum(found[key], each) for key, each in most.items()})
+
+        return replace(self.prior, gyro=scaled(self.prior.gyro, "gyro"), accel=scaled(self.prior.accel, "accel"))
+
+    def fixes_of(self, at: FloatArray) -> tuple[FloatArray, FloatArray, CorrelatedNoise]:
+        """Factors of the sd of position and velocity; the time-correlated part of the errors."""
+        value = {p.key: float(x) for p, x in zip(self.parameters, at, strict=True)}
+        level, down = (np.exp(value.get(key, 0.0)) for key in LEVELS)
+        share = self.parameters[-2].most / (1.0 + np.exp(-value["gps.share"]))
+        velocity = np.exp([value.get(f"gps.{name}", 0.0) for name in ("velocity", "velocity", "vertical_velocity")])
+        position, time = np.array([level, level, down]), float(np.exp(value["gps.correlation_time"]))
+        correlated = CorrelatedNoise(float(share), time, np.sqrt(share) * position * self.median_sd)
+        if "gps.velocity_correlated" in value:
+            size, time = (float(np.exp(value[f"gps.{key}"])) for key in VELOCITY_CORRELATED)
+            measured = np.where(self.velocity_sd < OPEN_VELOCITY, self.velocity_sd, 0.0)
+            correlated = replace(correlated, velocity_sd=size * measured, velocity_time=time)
+        return position, velocity, correlated
+
+    def normalised(self, at: FloatArray, push: FloatArray | None = None) -> FloatArray:
+        """Innovations and variances with a set of figures, and derivatives by `push`, as of `kernel.innovations`."""
+        push = self._known.copy() if push is None else push
+        out = np.empty((1 + push.shape[0], 6 * self._offered.size))
+        model = error_model(self.spec(at), self._states)
+        position, velocity, correlated = self.fixes_of(at)
+        start = first_state(
+            start_by(self._ready.initial, self._ready.alignment, model, position),
+            replace(self._settings, correlated=correlated),
+        )
+        mean = np.zeros(start.covariance.shape[0])
+        mean[NAV : NAV + 3] = self._run.initial.gyro_bias - start.correction[:3]
+        factor = np.concatenate([np.sqrt(1.0 - correlated.share) * position, velocity])
+        factor = np.where(self._sd < OPEN_VELOCITY, factor, 1.0)  # what was not measured says nothing of it
+        variance = self._other + self._offered[:, None] * (factor * self._sd) ** 2
+        count = kernel.innovations(
+            self._tape,
+            self._run.model.decay,
+            np.array([np.mean(model.noise[:3]), np.mean(model.noise[3:6]), *model.noise[18:]]),
+            model.noise[6:18],
+            model.decay,
+            self._lasting,
+            correlated.sds,
+            correlated.times,
+            variance,
+            (mean, start.covariance),
+            push,
+            HUBER,
+            out,
+        )
+        return out[:, :count]
+
+    def by_axes(self, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
+        """Curvature (12, 12) and slope (12,) of the log-likelihood by the misalignments [rad], and what these do.
+
+        That is the error of roll, pitch and heading by each (12, k, 3) [-]. Last, whether the attitude of the run was
+        so far off so long that the innovations are no linear function of it. All is of the settled filter: while the
+        heading is off by degrees, its products with tilts count as much as misalignments. A long rest, where these do
+        nothing to the filter, would make what they do seem less.
+        """
+        push = np.insert(self._axes, 0, 0.0, axis=0)
+        rest = np.flatnonzero(kernel.held(self._tape[2]) & (self._tape[0] > 0.0)).max(initial=-1) + 1
+        settled = slice(int(rest + (self._offered.size - rest) // SETTLING), None)
+        e, s, *by = self.normalised(at, push)
+        tilt = -push[1:, settled, 6:]
+        turned = np.concatenate([np.einsum("kji,akj->aki", self._c[settled], tilt)[..., :2], tilt[..., 2:]], axis=-1)
+        kind = self._tape[1][: settled.start]
+        late = slice(int(np.bitwise_count(kind[kind > COAST]).sum()), None)
+        far_off = float(np.mean(np.abs(push[0, :, 6:]).max(axis=1) > FAR_OFF)) > FAR_OFF_SHARE
+        of_terms = np.array(by)[:, late]
+        if not float(np.abs(of_terms).max(initial=0.0)) * self.misalignment_sd.max() < SENSELESS:
+            raise DivergenceError(
+                "what misalignments do to the innovations has no end",
+                why="this noise leaves so little of the covariance that rounding decides",
+            )
+        found = informed(e[late], of_terms, weights_of(e[late], s[late]), self.misalignment_sd)
+        return *found, turned, far_off
+
+    @property
+    def reset(self) -> bool:
+        """Whether the run was reset to fixes."""
+        return bool((self._tape[1] == RESTART).any())
+
+    @property
+    def misalignment_sd(self) -> FloatArray:
+        """Standard deviations of the twelve misalignments by the prior [rad]."""
+        return np.concatenate([np.repeat(sensor.misalignment, 2) for sensor in (self.prior.gyro, self.prior.accel)])
+
+    def rejected(self) -> bool:
+        """Whether several fixes in a row were rejected in the run, positions or velocities."""
+        kind = self._tape[1]
+        used = np.append(self.times[kind == kind.max()], self.times[-1])
+        step, offered = np.diff(used), np.diff(np.searchsorted(self._given, used + 1e-4))
+        return bool(((step > REJECTED * np.median(step)) & (offered > REJECTED)).any())
+
+    @property
+    def times(self) -> FloatArray:
+        """Of the epochs, (m,) [s]."""
+        return np.asarray(self._run.initial.time + np.cumsum(self._tape[0]))
+
+    def by_spans(self, at: FloatArray, edges: FloatArray, cause: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Innovations (n,), their weights (n,), and what one unit of a cause between `edges` (k + 1,) [s] adds, (k, n).
+
+        `cause`: a gyro shows more, 0 to 2 [rad/s]; fixes are later, `LATER` [s], or off to North, East, Down, `MOVED`
+        and the two after it [m].
+        """
+        e, s, *by = self.normalised(at, self._pushes(edges, cause))
+        return e, weights_of(e, s), np.array(by)
+
+    def without(self, begin: float, end: float, cause: int, size: float) -> InnovationLikelihood:
+        """The same without a cause of a known size between two times [s]; see `by_spans`."""
+        other = copy(self)
+        other._known = size * self._pushes(np.array([begin, end]), cause)[1:]
+        return other
+
+    def _pushes(self, edges: FloatArray, cause: int) -> FloatArray:
+        """Errors that one unit of a cause adds between `edges` in each span, (k + 1, m, 9), the first of nothing."""
+        end, push = self.times, [np.zeros((self._offered.size, NAV))]
+        off = np.zeros(push[0].shape)
+        if cause == LATER:
+            off[:, :6] = -self._tape[7][:, :, STATES]  # by the speed
+        else:
+            off[:, cause - MOVED] = -1.0
+        for first, last in pairwise(edges):
+            if cause >= LATER:  # errors that are there only as long as the fixes are off
+                now = off * ((end > first) & (end <= last))[:, None]
+                before = np.vstack([push[0][:1], now[:-1]])
+                push.append(now - np.einsum("kij,kj->ki", self._tape[2][:, :, :NAV], before))
+            else:
+                inside = np.maximum(np.minimum(end, last) - np.maximum(end - self._tape[0], first), 0.0)
+                push.append(by_turn(-self._c[:, :, cause] * inside[:, None], self._tape[2]))
+        return np.array(push)
+
+    def bias_seen(self, at: FloatArray) -> float:
+        """Negative log-likelihood of the gyro bias that a static alignment saw."""
+        known = self._ready.alignment.gyro_bias_sd
+        if not np.isfinite(known).all():
+            return 0.0
+        gyro = self.spec(at).gyro
+        variance = gyro.bias**2 + gyro.bias_instability**2 + known**2
+        return 0.5 * float(np.sum(np.log(variance) + self._ready.alignment.gyro_bias**2 / variance))
+
+
+def cost_of(innovation: FloatArray, variance: FloatArray) -> float:
+    """Negative log-likelihood of innovations, robust: beyond three sd it grows with their size, not with its square.
+
+    `innovation`, `variance` (k,): innovations and their variances.
+    """
+    if not (variance > 0.0).all():  # rounding, where errors of the model are far too large
+        return np.inf
+    return float(np.sum(costs_of(innovation, variance)))
+
+
+def costs_of(innovation: FloatArray, variance: FloatArray) -> FloatArray:
+    """The same of each innovation (k,)."""
+    u = np.abs(innovation) / np.sqrt(variance)
+    square = np.where(u <= HUBER, 0.5 * u * u, HUBER * u - 0.5 * HUBER**2)
+    return np.asarray(square + 0.5 * CLEAN * np.log(variance))
+
+
+def weights_of(innovation: FloatArray, variance: FloatArray) -> FloatArray:
+    """Curvature of `costs_of` by each innovation (k,), in iteratively reweighted least squares."""
+    return np.asarray(1.0 / (variance * np.maximum(np.abs(innovation) / np.sqrt(variance) / HUBER, 1.0)))
+
+
+def bridged(samples: FloatArray, epochs: FloatArray) -> FloatArray:
+    """Whether a gap of the samples lies before each epoch."""
+    step = np.diff(samples)
+    gap = samples[1:][step > 2.5 * np.median(step)]
+    count = np.searchsorted(gap, epochs + 0.5)
+    return np.asarray(np.diff(count, prepend=0) > 0)
+
+
+def thinned(gps: GpsData) -> GpsData:
+    """Fixes in pairs of neighbours, two `SPACING` from pair to pair.
+
+    Noise that is new in each fix is told from what the IMU adds in between only if the times in between differ.
+    """
+    keep, begin, single = [], -np.inf, False
+    for row, time in enumerate(gps.time.tolist()):
+        if (single or time - begin >= 2.0 * SPACING - 1e-6) and (gps.fix is None or gps.fix[row] != 0):
+            begin, single = (begin, False) if single else (time, True)
+            keep.append(row)
+    return gps.rows(np.array(keep, dtype=int))

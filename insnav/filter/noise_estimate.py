@@ -1,0 +1,93 @@
+"""What the innovations of a drive say about noise, and a recording prepared with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from insnav.filter.error_model import ErrorModel, InitialState, error_model, initial_state
+from insnav.filter.gps_correlation import CorrelatedNoise
+from insnav.filter.gps_noise import OPEN_HEIGHT
+from insnav.filter.prepare import Prepared
+from insnav.filter.sensor_axes import Misalignment
+from insnav.imu.specification import ImuSpec
+from insnav.kernels.errorstate import STATES
+from insnav.types import Alignment, FloatArray
+
+if TYPE_CHECKING:
+    from insnav.filter.innovation_likelihood import InnovationLikelihood
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseFigure:
+    """One figure of the noise, as found."""
+
+    key: str  # its dotted name, such as ``gyro.random_walk`` or ``gps.share``
+    unit: str  # unit to show it in
+    # of the nearest grade, as found, and its interval of 95 %; RMS of the axes; factors of reported sd [SI]
+    prior: float
+    value: float
+    low: float
+    high: float
+    observable: bool  # the drive tells it; otherwise it is the prior's
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseEstimate:
+    """What the innovations of a drive say about noise."""
+
+    spec: ImuSpec  # the IMU
+    filter_spec: ImuSpec  # the same with the misalignment whose noise is that of the innovations
+    axes: Misalignment  # its misalignments
+    position_factor: FloatArray  # (3,) of the standard deviations of positions, North, East, Down [-]
+    velocity_factor: FloatArray  # (3,) of those of velocities [-]
+    correlated: CorrelatedNoise  # time-correlated part of the position error
+    figures: tuple[NoiseFigure, ...]  # what was found, with intervals
+    gain: float  # log-likelihood gained over the prior's figures
+    # mean square of the normalised innovations with the figures before and with those found [-]
+    mean_before: float
+    mean_after: float
+    far_off: bool  # the attitude of the run was so far off that the innovations are no linear function of it
+    seen: tuple[InnovationLikelihood, FloatArray] | None = None  # what it was found in, and the logarithms of figures
+
+    @property
+    def white(self) -> FloatArray:
+        """White part of the errors of positions, horizontal and vertical, by what came with them, (2,)."""
+        return np.asarray(self.position_factor[1:] * np.sqrt(1.0 - self.correlated.share))
+
+
+def applied(ready: Prepared, found: NoiseEstimate) -> Prepared:
+    """The recording prepared with the noise that was found, but for misalignments."""
+    model = error_model(found.filter_spec, STATES if ready.model.sd[6:].any() else STATES - 6)
+    return replace(
+        with_fixes(ready, model, found.position_factor, found.velocity_factor),
+        model=model,
+        settings=replace(ready.settings, correlated=found.correlated),
+        noise=found,
+    )
+
+
+def with_fixes(ready: Prepared, model: ErrorModel, position: FloatArray, velocity: FloatArray) -> Prepared:
+    """Fixes, and starts by them with an IMU, whose standard deviations are so many times as large, (3,) each [-]."""
+    gps = replace(
+        ready.gps,
+        position_sd=ready.gps.position_sd * np.where(ready.gps.position_sd < OPEN_HEIGHT, position, 1.0),
+        velocity_sd=ready.gps.velocity_sd * velocity,
+    )
+    return replace(
+        ready,
+        gps=gps,
+        initial=start_by(ready.initial, ready.alignment, model, position),
+        parts=tuple(
+            replace(part, initial=start_by(part.initial, part.alignment, model, position)) for part in ready.parts
+        ),
+    )
+
+
+def start_by(initial: InitialState, alignment: Alignment, model: ErrorModel, factor: FloatArray) -> InitialState:
+    """Initial state for another error model: alignment errors by the sensor errors change with these, others stay."""
+    sd = np.sqrt(np.diag(initial.covariance)[:6])
+    place = initial.lla, initial.v_n, sd[:3] * factor if initial.from_fix else sd[:3], sd[3:]
+    return initial_state(alignment, model, *place, own=initial.own, from_fix=initial.from_fix)

@@ -1,0 +1,365 @@
+"""The noise of IMU and fixes that is likeliest by the innovations of drives, given what IMUs of this grade are like.
+
+Figures with the largest posterior density are found by Fisher scoring; curvature gives their intervals. Noise from
+innovations: R. K. Mehra, "On the identification of variances and adaptive Kalman filtering", IEEE Trans. Autom. Control
+15 (1970) 175-184; by what is measured rather than by truth: P. Abbeel, A. Coates, M. Montemerlo, A. Y. Ng, S. Thrun,
+"Discriminative training of Kalman filters", Robotics: Science and Systems (2005).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+from numba.core.config import NUMBA_NUM_THREADS  # type: ignore[attr-defined]
+
+from insnav.exceptions import DivergenceError
+from insnav.filter.innovation_likelihood import (
+    CLEAN,
+    HUBER,
+    IMU_PRIOR,
+    LEVELS,
+    InnovationLikelihood,
+    Parameter,
+    cost_of,
+)
+from insnav.filter.noise_estimate import NoiseEstimate, NoiseFigure
+from insnav.filter.sensor_axes import Misalignment, misalignment
+from insnav.imu.specification import ImuSpec, level_bias
+from insnav.sample_statistics import chi2_limit
+from insnav.types import FloatArray
+from insnav.units import G0
+
+FEWEST = 30  # fixes needed: what fewer show is less than what the prior knows
+SHORT = 600.0  # of a record for the first steps, from which the rest is not far [s]
+ROUNDS = 12  # of Fisher scoring at most
+STEP = 0.01  # of numerical derivatives, in logarithms
+DIGITS = 6  # of these logarithms that count: what is found does not hang on how sums are rounded, which is far less
+LARGEST_STEP = 1.5  # of a round, in logarithms
+ENOUGH = 0.6  # smaller gains of the log-likelihood end the search: an interval of 95 % is two wide
+NEAR = 3.0  # smaller ones end the first steps
+FAR = 5.0  # after a larger one the derivatives serve another step
+OBSERVABLE = 0.8  # a figure is observable if the drive narrows its interval to this part of the prior's
+INTERVAL = np.array([-1.96, 1.96])  # ends of 95 % of a normal distribution, in its sd
+KINK = 3.0  # sd of the steeper side of a prior from its middle: the other side is what is plausible there
+# By so many times their variance, figures are larger in the mean than where they are likeliest: a correlation time as a
+# log-normal one is; a size by twice that: the mean variance that n errors tell, n = 1 / (2 sd^2), is n / (n - 2) of it
+# (inverse gamma).
+AVERAGED = {"gps.horizontal": 2.0, "gps.vertical": 2.0, "gps.correlation_time": 0.5}
+# Of misalignments as the constants they are: datasheets of one kind differ by a factor of two. With a wider prior the
+# two or three that a drive tells, small by chance, made all others small.
+SIZE_PRIOR = 0.7
+UNITS_SHOWN = {
+    "random_walk": ("deg/sqrt(h)", "m/s/sqrt(h)"),
+    "scale_factor": ("ppm", "ppm"),
+    "misalignment": ("mrad", "mrad"),
+}
+# log odds of the share of time-correlated errors of positions and logarithm of their correlation time [s]
+STARTS = [np.log([share / (1.0 - share), time]) for time in (8.0, 40.0, 150.0) for share in (0.1, 0.5, 0.85)]
+# From these starts on a time-correlated error of velocities is looked for, and taken where innovations become likelier
+# by so much: half the logarithm of their number for each of its two figures, 10, and as much again, as a minute of
+# positions that drift gains 15.
+VELOCITY_STARTS = np.log([(share, time) for time in (30.0, 150.0) for share in (0.1, 0.3)])
+VELOCITY_WORTH = 20.0
+# Where the white part alone of the errors of fixes is so many times what came with these, the lasting part, of which a
+# drive shows little, is larger than that says, too: the whole is then taken for as many times more, up to `ALIKE`, as
+# the white part exceeds it. From further factors it is looked for, as most fixes may have been rejected.
+DOUBTED = 1.15
+UNDERSTATED, UNDERSTATED_STARTS = 2.0, (1.0, 5.0, 50.0)
+# a drive is by another IMU if by chance its innovations are so unlikely, and figures so many times and standard
+# deviations off those of all
+CHANCE, UNLIKE, UNLIKE_SD = 1e-4, 2.0, 3.0
+# the figures of a drive are those of another kind of IMU where these make them so much likelier [-]; tried so often
+OTHER_KIND, KINDS_TRIED = 2.0, 2
+
+_Seen = tuple[FloatArray, FloatArray, float]  # innovations, their variances, and the cost of a set of figures
+
+
+class Posterior:
+    """Innovation likelihood of drives that share one IMU, with the prior."""
+
+    def __init__(self, drives: Sequence[InnovationLikelihood]) -> None:
+        self.drives, self.parameters = drives, drives[0].parameters
+        self.middle = np.array([p.middle for p in self.parameters])
+        self._sd = np.array([[p.sd, p.sd_below] for p in self.parameters]).T
+
+    @property
+    def can_be_wider(self) -> bool:
+        """Whether velocities may have a time-correlated error, too."""
+        keys = {p.key for p in self.parameters}
+        return "gps.velocity" in keys and "gps.velocity_correlated" not in keys
+
+    def wider(self) -> Posterior:
+        """The same with a time-correlated error of the velocities."""
+        return Posterior([drive.with_correlated_velocities() for drive in self.drives])
+
+    def weight(self, at: FloatArray) -> FloatArray:
+        """Curvature of the prior."""
+        curvature: FloatArray = np.where(at >= self.middle, self._sd[0], self._sd[1]) ** -2.0
+        return curvature
+
+    def plausible(self, top: FloatArray, covariance: FloatArray) -> FloatArray:
+        """Mean variances and mean correlation time over what is plausible, and the ends of the interval: (3, k).
+
+        Of time-correlated errors as long as the drive they are known to a factor, and the likeliest ones are too small.
+        """
+        wide = top + np.diag(covariance) * [AVERAGED.get(p.key, 0.0) for p in self.parameters]
+        return np.array([wide, *(top + end * np.sqrt(np.diag(covariance)) for end in INTERVAL)])
+
+    def figures(self, plausible: FloatArray, spec: ImuSpec) -> list[NoiseFigure]:
+        """Figures of what is `plausible`."""
+        return [_figure(p, x, spec) for p, x in zip(self.parameters, plausible.T, strict=True)]
+
+    def innovations(self, at: FloatArray) -> _Seen:
+        """Innovations, their variances, and the cost of a set of figures."""
+        parts = [drive.normalised(at) for drive in self.drives]
+        e, s = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
+        return e, s, cost_of(e, s) + self._before(at)
+
+    def _side_by_side(self, cases: FloatArray) -> list[_Seen]:
+        """The same of several sets, in as many threads as numba may have: its kernel waits for none."""
+        with ThreadPoolExecutor(min(len(cases), NUMBA_NUM_THREADS)) as pool:
+            return list(pool.map(self.innovations, cases))
+
+    def _before(self, at: FloatArray) -> float:
+        """What the cost of a set of figures is without any innovation."""
+        off = np.where(np.isfinite(at), at - self.middle, 0.0)
+        return 0.5 * float(np.sum(self.weight(at) * off**2)) + sum(drive.bias_seen(at) for drive in self.drives)
+
+    def climb(self, at: FloatArray, settled: float = ENOUGH) -> tuple[FloatArray, FloatArray, _Seen]:
+        """Where the posterior density is largest, covariance and innovations there: Fisher scoring, damped (Levenberg).
+
+        Along the last step the curvature is what the slope shows: on a ridge, as of time-correlated errors, scoring
+        alone goes from side to side and ends up to 80 nats too low.
+        In a round the derivatives of the innovations are those of its start, as long as steps with them gain enough.
+        """
+        e, s, cost = self.innovations(at)
+        damping, steps, last, moved = 1e-3, STEP * np.eye(at.size), np.zeros(at.size), np.zeros(at.size)
+        for _ in range(ROUNDS):
+            by_e, by_s, slope = np.empty((at.size, e.size)), np.empty((at.size, e.size)), np.empty(at.size)
+            for i, (e1, s1, cost1) in enumerate(self._side_by_side(at + steps)):
+                by_e[i], by_s[i], slope[i] = (e1 - e) / STEP, (s1 - s) / STEP / s, (cost1 - cost) / STEP
+            clean = by_e / np.sqrt(s * np.maximum(np.abs(e) / np.sqrt(s) / HUBER, 1.0))
+            weight = self.weight(at)
+            fisher = clean @ clean.T + 0.5 * by_s @ by_s.T + np.diag(weight)
+            curvature, last, moved = _bent(fisher, moved, slope - last), slope, np.zeros(at.size)
+            start, gained = cost, np.inf
+            while gained > FAR and damping < 1e4:
+                if start != cost:
+                    u, before = e / np.sqrt(s), self._before(at)
+                    pull = np.clip(u, -HUBER, HUBER)
+                    slope = by_e @ (pull / np.sqrt(s)) + 0.5 * by_s @ (CLEAN - pull * u)
+                    slope += np.array([self._before(at + step) - before for step in steps]) / STEP
+                move = -np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), slope)
+                move *= min(1.0, LARGEST_STEP / float(np.max(np.abs(move))))
+                there = np.asarray(np.round(at + move, DIGITS), dtype=np.float64)
+                e1, s1, cost1 = self.innovations(there)
+                if cost1 < cost:
+                    gained = cost - cost1
+                    at, e, s, cost, moved = there, e1, s1, cost1, moved + move
+                    damping = max(1e-6, 0.1 * damping)
+                elif start == cost:
+                    damping = 10.0 * max(damping, 1e-3)
+                else:
+                    break
+            if start - cost < settled:
+                break
+        fisher += np.diag(self.weight(at + KINK * self._sd[1]) - weight)
+        return at, np.linalg.inv(fisher).astype(np.float64), (e, s, cost)
+
+
+def _bent(curvature: FloatArray, step: FloatArray, change: FloatArray) -> FloatArray:
+    """Curvature by which a step changes the slope as it did, as of BFGS.
+
+    J. Nocedal, S. J. Wright, Numerical Optimization, 2nd ed., Springer 2006, eq. (6.19).
+    """
+    if step @ change <= 0.0:
+        return curvature
+    along = curvature @ step
+    return curvature + np.outer(change, change) / (step @ change) - np.outer(along, along) / (step @ along)
+
+
+def _begun(posterior: Posterior) -> FloatArray:
+    """Figures from which the largest density is near: of several starts the likeliest, by the first of the record."""
+    level = np.array([p.key in LEVELS for p in posterior.parameters[:-2]])
+    starts = [
+        np.concatenate([posterior.middle[:-2] + np.log(factor) * level, each])
+        for factor in UNDERSTATED_STARTS
+        for each in STARTS
+    ]
+    short = Posterior([drive.beginning(SHORT) for drive in posterior.drives])
+    return short.climb(min(starts, key=lambda at: short.innovations(at)[2]), NEAR)[0]
+
+
+def maximise(drives: Sequence[InnovationLikelihood], near: NoiseEstimate | None = None) -> NoiseEstimate:
+    """Figures with the largest posterior density, or with the largest `near` others; several drives share one set."""
+    posterior = Posterior(drives)
+    white = posterior.middle.copy()
+    white[-2] = -np.inf
+    before = posterior.innovations(white)
+    first = _begun(posterior) if near is None or near.seen is None else near.seen[1]
+    if first.size > posterior.middle.size:
+        posterior = posterior.wider()
+    top, covariance, (e, s, cost) = posterior.climb(first)
+    if posterior.can_be_wider:
+        wider = posterior.wider()
+        starts = [np.concatenate([top[:-2], each, top[-2:]]) for each in VELOCITY_STARTS]
+        costs = [wider.innovations(at)[2] for at in starts]
+        if min(costs) < cost:
+            at, of_at, found = wider.climb(starts[int(np.argmin(costs))])
+            if found[2] < cost - VELOCITY_WORTH:
+                posterior, top, covariance, (e, s, cost) = wider, at, of_at, found
+    drive = posterior.drives[0]
+    plausible = posterior.plausible(top, covariance)
+    position, velocity, correlated = drive.fixes_of(plausible[0])
+    filter_spec = drive.spec(top)
+    axes, far_off = misalignments(posterior.drives, top, SIZE_PRIOR)
+    return NoiseEstimate(
+        _turned(drive.prior, filter_spec, axes.size[0]),
+        filter_spec,
+        axes,
+        position,
+        velocity,
+        correlated,
+        tuple(
+            _figure(p, np.log(axes.size) if p.key.endswith("misalignment") else x, drive.prior)
+            for p, x in zip(posterior.parameters, plausible.T, strict=True)
+        ),
+        before[2] - cost,
+        float(np.mean(before[0] ** 2 / before[1])),
+        float(np.mean(e**2 / s)),
+        far_off,
+        (drive, top),
+    )
+
+
+def climbed(drive: InnovationLikelihood, at: FloatArray) -> tuple[FloatArray, float]:
+    """Figures of the noise that are likeliest near others, and what the drive then costs: -log posterior density."""
+    top, _, found = Posterior([drive]).climb(at, NEAR)
+    return top, found[2]
+
+
+def cost_at(drive: InnovationLikelihood, at: FloatArray) -> float:
+    """What a drive costs with figures of the noise: -log posterior density."""
+    return Posterior([drive]).innovations(at)[2]
+
+
+def misalignments(drives: Sequence[InnovationLikelihood], at: FloatArray, prior_sd: float) -> tuple[Misalignment, bool]:
+    """Misalignments of the IMU of all drives, attitude is that of the first; and whether a run was far off."""
+    fisher, slope, turned, far_off = zip(*(drive.by_axes(at) for drive in drives), strict=True)
+    fisher, slope = np.sum(fisher, axis=0), np.sum(slope, axis=0)
+    return misalignment(fisher, slope, turned[0], drives[0].misalignment_sd, prior_sd), any(far_off)
+
+
+def _turned(prior: ImuSpec, found: ImuSpec, size: float) -> ImuSpec:
+    """IMU as found, with misalignments of a size by those of the prior; what gravity makes of them stays, as a bias."""
+    gyro, accel = (size * sensor.misalignment for sensor in (prior.gyro, prior.accel))
+    bias = np.sqrt(np.maximum(level_bias(found.accel) ** 2 - (G0 * accel) ** 2, (0.1 * found.accel.bias) ** 2))
+    return replace(
+        found,
+        name=f"{prior.name}, as found",
+        source=f"By maximum likelihood from the innovations of a drive (insnav), prior: {prior.name}. {prior.source}",
+        gyro=replace(found.gyro, misalignment=gyro),
+        accel=replace(found.accel, misalignment=accel, bias=bias),
+    )
+
+
+def _figure(parameter: Parameter, x: FloatArray, spec: ImuSpec) -> NoiseFigure:
+    """Figure of a parameter and of the ends of its interval of 95 %, `x` (3,)."""
+    sensor, key = parameter.key.split(".")
+    values = np.concatenate([[parameter.middle], x])
+    unit = ""
+    if key == "share":
+        values = parameter.most / (1.0 + np.exp(-values))
+    elif sensor == "gps":
+        values = np.exp(values)
+        unit = "s" if key.endswith("_time") else ""
+    else:
+        of_axes = getattr(spec.gyro if sensor == "gyro" else spec.accel, key)
+        values = np.exp(values) * float(np.sqrt(np.mean(of_axes**2)))
+        unit = UNITS_SHOWN.get(key, ("deg/h", "ug"))[sensor == "accel"]
+    told = bool(np.isfinite(x[0]) and np.ptp(x[1:]) < OBSERVABLE * parameter.sd * np.ptp(INTERVAL))
+    prior, value, low, high = values.tolist()
+    return NoiseFigure(parameter.key, unit, prior, value, low, high, told)
+
+
+def kind_of(found: NoiseEstimate, kinds: Sequence[ImuSpec]) -> ImuSpec:
+    """The kind of IMU, of some or that of the prior, by which the figures found are likeliest: their evidence.
+
+    Innovations tell the logarithm of a figure with an error, a normal one each, which is what the posterior density has
+    beside the prior; for IMUs of one kind it is normally distributed about that of the kind.
+    """
+    assert found.seen is not None
+    drive, kinds = found.seen[0], [found.seen[0].prior, *kinds]
+    worth = np.zeros(len(kinds))
+    for figure, p in zip(found.figures, drive.parameters, strict=True):
+        sensor, key = figure.key.split(".")
+        if not figure.observable or sensor == "gps" or key == "misalignment":
+            continue
+        error = 1.0 / ((np.ptp(INTERVAL) / np.log(figure.high / figure.low)) ** 2 - p.sd**-2.0)
+        told = np.log(figure.value) + np.log(figure.value / figure.prior) * error / p.sd**2
+        usual = [0.5 * np.log(np.mean(getattr(getattr(kind, sensor), key) ** 2)) for kind in kinds]
+        worth -= 0.5 * (told - usual) ** 2 / (IMU_PRIOR[key] ** 2 + error)
+    best = int(np.argmax(worth))
+    return kinds[best if worth[best] > worth[0] + OTHER_KIND else 0]
+
+
+def identify(
+    drives: Sequence[InnovationLikelihood], kinds: Sequence[ImuSpec] = (), near: NoiseEstimate | None = None
+) -> NoiseEstimate:
+    """Noise in drives of one IMU, about second runs with it if the first are far off or reject fixes.
+
+    `kinds`: what IMU it may also be, if its figures tell so; `near`: as was found with samples that hardly differ.
+    """
+    if near is not None and near.seen is not None:
+        drives = [drive.of(near.seen[0].prior) for drive in drives]
+
+    def likeliest(drives: Sequence[InnovationLikelihood], last: NoiseEstimate) -> NoiseEstimate:
+        return maximise(drives, None if near is None else last)
+
+    found = maximise(drives, near)
+    doubtful = bool(np.min(found.white) > DOUBTED)
+    if found.far_off or doubtful:
+        with suppress(DivergenceError):
+            again = [drive.again(found) for drive in drives]
+            if min(drive.fixes for drive in again) >= FEWEST:  # gates may reject all that this noise is none of
+                drives, found = again, likeliest(again, found)
+    if doubtful:
+        drives = [drive.doubted(found) for drive in drives]
+        found = likeliest(drives, found)
+    for _ in range(KINDS_TRIED):
+        kind = kind_of(found, kinds)
+        if found.seen is None or kind is found.seen[0].prior:
+            break
+        try:
+            found = likeliest([drive.of(kind) for drive in drives], found)
+        except DivergenceError:
+            break
+    return found
+
+
+def unlike(drives: Sequence[InnovationLikelihood], found: NoiseEstimate) -> list[list[NoiseFigure]]:
+    """Figures of the IMU that one of several drives has of its own, each in every drive; see `identify`.
+
+    `found`: in all of them together. Drives by one IMU share its figures, not those of their fixes: it is another one
+    where its own figures make the innovations so much likelier that chance does not, and are far from those of all.
+    """
+    assert found.seen is not None
+    shared, figures, far = found.seen[1], [], np.zeros(found.seen[1].size, dtype=np.bool_)
+    for drive in drives:
+        one = drive if len(drive.parameters) == shared.size else drive.with_correlated_velocities()
+        of_imu = np.array([not p.key.startswith("gps.") and not p.key.endswith("misalignment") for p in one.parameters])
+        at, covariance, _ = Posterior([one]).climb(shared)
+        gain, sd = _cost(one, np.where(of_imu, shared, at)) - _cost(one, at), np.sqrt(np.diag(covariance))
+        off = of_imu & (np.abs(at - shared) > np.maximum(np.log(UNLIKE), UNLIKE_SD * sd))
+        far |= off & (2.0 * gain > chi2_limit(int(of_imu.sum()), CHANCE))
+        values = at[:, None] + np.outer(sd, [0.0, *INTERVAL])
+        figures.append([_figure(p, x, drive.prior) for p, x in zip(one.parameters, values, strict=True)])
+    return [[each[i] for each in figures] for i in np.flatnonzero(far)]
+
+
+def _cost(drive: InnovationLikelihood, at: FloatArray) -> float:
+    return cost_of(*drive.normalised(at)) + drive.bias_seen(at)
