@@ -41,13 +41,14 @@ REACH, STEP = 6.0, 1.0  # about the ends of a span and from one to the next, whe
 ROUNDS, SETTLED = 12, 0.03  # at most, and the part of a rate that ends them
 LOST_BY = 2.0  # so soon after its end a run is lost by a fault that goes on [s]
 # twice the gain of the log-likelihood from which a span is looked at, and is worth runs without it, with the noise
-# beside it in what was seen, and from which it is a fault: recorded drives without one have up to 29 and 81, hours of
-# simulated ones up to 12, 36 random faults in bends 27 and more [-]
-WORTH, SURELY = 20.0, 90.0
+# beside it in what was seen, and from which it is a fault: recorded drives without one have up to 29 and 92, hours of
+# simulated ones up to 12, 36 random faults in bends 27 and more, and 1610 and more [-]
+WORTH, SURELY = 20.0, 120.0
 SOME = 8.0  # that which a run that is lost, or the first without it, must leave [-]
 # After so many runs one that may be a fault has this gain: all that were had 100 and more then, and none that had less
 # than 30 became one [-]
 SOON, PROMISING = 2, 45.0
+GROWN = 1.5  # and is so long: that of a run that is lost at once begins with one sample and grows with each run [s]
 LONGEST = 0.6  # part of the record; what is off for longer, but not to the end, is a bias, and the rest is off
 STAYS = 2.0  # twice the gain of the log-likelihood by which its ends do not move: they went to and fro [-]
 LINEAR_ROUNDS = 4  # without another run
@@ -301,6 +302,8 @@ def _settled(
         before, fault = fault, _likeliest(*spans, edges, fault.cause, fault)
         least = SOME if lost or count == 0 else WORTH if count < SOON else PROMISING
         if fault.gain < least or not SLIGHT * LEAST <= abs(fault.rate) <= LARGEST:
+            break
+        if count >= SOON and fault.end - fault.begin < GROWN:
             break
         settled = fault.near(before)
         if settled:
