@@ -50,7 +50,8 @@ SIGNS: list[Signs] = [(x, y, z) for x in (1, -1) for y in (1, -1) for z in (1, -
 AS_GIVEN = SIGNS[0]
 Order = tuple[int, int, int]
 IN_ORDER: Order = (0, 1, 2)
-OTHER_ORDERS: list[Order] = [(0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)]
+# x and y, which hardly turn on a plain, may be exchanged unseen
+OTHER_ORDERS: list[Order] = [(0, 2, 1), (1, 2, 0), (2, 0, 1), (2, 1, 0)]
 ROUNDS, SETTLED = 10, 0.999  # of Gauss-Newton, at most; as large a part of the misfit of the round before ends them
 NUDGE = np.diag([1e-3, 1e-3, 1e-3, 0.02, 0.02, 0.02, 0.02])  # steps of its derivatives [rad/s], [m/s^2], [s]
 LARGEST_BIAS = 0.1  # of gyros that can be used [rad/s]
