@@ -42,5 +42,9 @@ def moment(start: float, stop: float | None = None) -> str:
 
 def moments(text: str, told: Callable[[float], str], unit: str) -> str:
     """Text with its times of the record as they stand on another axis."""
-    replaced = _MOMENT.sub(lambda at: " to ".join(told(float(each)) for each in at.groups() if each) + f" {unit}", text)
-    return without_exponents(replaced)
+
+    def there(at: re.Match[str]) -> str:
+        shown = " to ".join(told(float(each)) for each in at.groups() if each)
+        return f"{shown} {unit}" if not shown.startswith("-") else f"{shown.lstrip('-')} {unit} before the start"
+
+    return without_exponents(_MOMENT.sub(there, text))

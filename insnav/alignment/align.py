@@ -225,7 +225,8 @@ def _in_motion(
         raise AlignmentError(
             "the IMU cannot be aligned",
             why=f"no static interval was found, and {_never_fast(parts, gps)}",
-            fix="give a static interval with --static START:END, or an initial state with --initial FILE",
+            fix="give a static interval and, as no course tells it, the heading there: --static START:END --heading "
+            "DEGREES; or an initial state with --initial FILE",
         )
     later = gps.time[gps.time >= max(start, moving)]
     begin = float(later[0]) if later.size else max(start, moving)

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -50,8 +51,11 @@ SIGNS: list[Signs] = [(x, y, z) for x in (1, -1) for y in (1, -1) for z in (1, -
 AS_GIVEN = SIGNS[0]
 Order = tuple[int, int, int]
 IN_ORDER: Order = (0, 1, 2)
-# x and y, which hardly turn on a plain, may be exchanged unseen
-OTHER_ORDERS: list[Order] = [(0, 2, 1), (1, 2, 0), (2, 0, 1), (2, 1, 0)]
+# Orders of gyros, and of accelerometers with two axes exchanged, a reflection. x and y, which hardly turn on a plain,
+# may be exchanged unseen.
+_ORDERS: list[Order] = [(0, 2, 1), (1, 2, 0), (2, 0, 1), (2, 1, 0)]
+EXCHANGED: list[tuple[Signs, bool, Order]] = [(AS_GIVEN, False, order) for order in _ORDERS]
+EXCHANGED += [((-1, -1, -1), True, order) for order in (_ORDERS[0], _ORDERS[-1])]
 ROUNDS, SETTLED = 10, 0.999  # of Gauss-Newton, at most; as large a part of the misfit of the round before ends them
 NUDGE = np.diag([1e-3, 1e-3, 1e-3, 0.02, 0.02, 0.02, 0.02])  # steps of its derivatives [rad/s], [m/s^2], [s]
 LARGEST_BIAS = 0.1  # of gyros that can be used [rad/s]
@@ -127,20 +131,22 @@ def _find(parts: Intervals, gps: GpsData, *, placed: bool) -> Mounting | None:
                 elif given > FITS and misfit < min(best, TRIED * given):
                     signs, mirrored, best = other, reflected, misfit
 
-    def refined(signs: Signs, mirrored: bool, order: Order = IN_ORDER) -> Mounting:
+    def refined(signs: Signs, mirrored: bool, order: Order = IN_ORDER) -> tuple[Mounting, float]:
+        """Mounting by all windows, and what the telling ones leave."""
         before, ordered = still.copy(), replace(parts, gyro=parts.gyro[:, order])
         before[:3] = still[list(order)]
         at, sd = _refined(telling, ordered, (before, still_sd), signs, mirrored=mirrored)
-        found = _fit(windows, _felt(windows, ordered, at, signs), signs, mirrored=mirrored)[0]
-        return replace(found, sd=float(np.hypot(found.sd, sd)), gyro_order=order)
+        felt = (_felt(some, ordered, at, signs) for some in (windows, telling))
+        found, told = (_fit(*each, signs, mirrored=mirrored)[0] for each in zip((windows, telling), felt, strict=True))
+        return replace(found, sd=float(np.hypot(found.sd, sd)), gyro_order=order), told.misfit
 
-    found = refined(signs, mirrored)
+    found, left = refined(signs, mirrored)
     if not found.right_handed:  # nor do bias and delay make a drive fit as it was given
-        plain = refined(AS_GIVEN, mirrored=False)
-        found = plain if plain.misfit <= FITS or found.misfit >= HANDED * plain.misfit else found
-    if found.misfit >= FITS and telling.bends >= FEWEST:  # gyros may be in another order than accelerometers
-        exchanged = min((refined(AS_GIVEN, False, order) for order in OTHER_ORDERS), key=lambda each: each.misfit)
-        found = exchanged if exchanged.misfit < min(FITS, HANDED * found.misfit) else found
+        plain, as_given = refined(AS_GIVEN, mirrored=False)
+        found, left = (plain, as_given) if as_given <= FITS or left >= HANDED * as_given else (found, left)
+    if left > FITS and telling.bends >= FEWEST:  # gyros may be in another order than accelerometers
+        exchanged, least = min((refined(*each) for each in EXCHANGED), key=itemgetter(1))
+        found = exchanged if least < min(FITS, HANDED * left) else found
     least = MISFIT if found.windows >= OVERLAP * FEWEST else FITS  # few windows fit by chance more easily
     return found if found.misfit < least and found.sd < SCATTER else None
 

@@ -39,6 +39,7 @@ TOO_SMALL = 1.5  # mean square of innovations by their variance with noise that 
 ENOUGH_FOR_AXES = 900.0  # of the record, where nothing else is looked for [s]
 WORTH_TURNING = 0.5  # of what is not known of attitude: if misalignments that are known do more, samples are corrected
 NO_NOISE = 10.0  # times from which it may be more than a remark on the receiver [-]
+FEET, ALIKE_IN_METRES = (2.7, 4.0), 2.0  # factor of heights as of feet (3.28), and by that of horizontal positions [-]
 FACTOR_WORTH = 0.1  # a smaller change of a standard deviation is not told
 
 
@@ -185,6 +186,7 @@ def understated(ready: Prepared, read: GpsData) -> tuple[Event, ...]:
     size = " and ".join(f"{each:.2g} times as large for {name}" for name, each in large.items())
     told = f"the standard deviations of the fixes are too small: taken {size}, by the innovations"
     told += "; or a scale, clock or axis is wrong, or it is another drive" * (most > NO_NOISE)
+    told += "; or heights are in feet" * (FEET[0] < height < FEET[1] and height > ALIKE_IN_METRES * level)
     told += "; errors that change slowly hardly show there"
     return (Event(ready.initial.time, EventKind.CONTRADICTION, most, UNDERSTATED, "", told),)
 

@@ -62,6 +62,13 @@ def white_noise(
     interval = float(np.median(np.diff(imu.time[rows][: spill.ROWS]))) if count > 1 else math.inf
     segment, lowest, highest = band
     length, highest = round(segment / interval), min(highest, NYQUIST_PART * 0.5 / interval)
+    if count == 0:
+        raise InputError(
+            "the static stretch is outside the record",
+            where=f"{start:.3f} s to {end:.3f} s",
+            why=f"the record is from {imu.time[0]:.3f} s to {imu.time[-1]:.3f} s",
+            fix=f"give times of the file, such as --static {imu.time[0]:.0f}:{imu.time[0] + end - start:.0f}",
+        )
     if length > count or highest < 2.0 * lowest:
         raise InputError(
             "the static stretch is too short or too slow to estimate the noise of the IMU from it",

@@ -13,8 +13,9 @@ from insnav.alignment.turn_scale import turn_scale
 from insnav.exceptions import InputError
 from insnav.filter.gps_noise import LAG_WORTH, velocity_lag
 from insnav.input import Reading, check_overlap
-from insnav.input.interpret.overlap import epoch_offset, overlap
+from insnav.input.interpret.overlap import epoch_offset, named_offset, overlap
 from insnav.session.inputs import Inputs
+from insnav.session.mounted import refuse_other_order
 from insnav.strapdown import Intervals, joined, pieces
 from insnav.types import GpsData, ImuData, SensorLog
 from insnav.units import DEG
@@ -57,13 +58,15 @@ def on_one_clock(
         _check_gyro_unit(imu.facts.path, parts, fixes)
     found = None if given is not None else clock_offset(parts, fixes, worth=WORTH)
     if found is not None and abs(found.offset) > max(WORTH, SIGMAS * found.sd):
-        offset = round(offset + found.offset, 3)
+        if not apart:  # an axis that is none of the turns seems to turn at another time
+            refuse_other_order(imu, fixes)
+        offset, name = named_offset(offset + found.offset, found.sd)
         first, last = np.array([imu.data.time[[0, -1]], gps.data.time[[0, -1]]])
         spans = f"IMU from {first[0]:.3f} to {first[1]:.3f} s, GPS from {last[0]:.3f} to {last[1]:.3f} s"
         raise InputError(
             "IMU and GPS have no time in common" if apart else "the clocks of IMU and GPS differ",
             where=f"{imu.facts.path}, {gps.facts.path}",
-            why=f"{spans}; {evidence(found)}",
+            why=f"{spans}; {evidence(found)}{name}",
             fix=f"say --imu-time-offset {offset:.3f}, which is added to the times of the IMU",
             gives={"time_offset": offset},
         )

@@ -55,8 +55,7 @@ def as_mounted(
     """
     if fixes is None:
         return imu, 0.0, ()
-    data = imu.data
-    found = find_mounting(intervals(data.rows(slice(int(np.searchsorted(data.time, data.time[0] + LOOK))))), fixes)
+    data, found = imu.data, _found(imu, fixes)
     given = inputs.get("axes")
     if found is None:
         from_file = bool(imu.facts.columns)  # whose axes are anybody's guess
@@ -110,6 +109,19 @@ def as_mounted(
     return imu, yaw, tuple(notes)
 
 
+def refuse_other_order(imu: Reading[ImuData], fixes: GpsData) -> None:
+    """Refuse gyros that are in another order than the accelerometers."""
+    found = _found(imu, fixes)
+    if found is not None and found.gyro_order != IN_ORDER:
+        raise _left_handed(found, imu.facts.path)
+
+
+def _found(imu: Reading[ImuData], fixes: GpsData) -> Mounting | None:
+    """Mounting by the first half an hour."""
+    data = imu.data
+    return find_mounting(intervals(data.rows(slice(int(np.searchsorted(data.time, data.time[0] + LOOK))))), fixes)
+
+
 def _words(letters: str) -> str:
     return ", ".join(WORDS[letter] for letter in letters)
 
@@ -124,7 +136,7 @@ def _left_handed(found: Mounting, where: str) -> InputError:
         what, flipped = "the gyros are in another order than the accelerometers", []
         about = ", ".join("xyz"[found.gyro_order.index(gyro)] for gyro in range(3))
         why = f"accelerations by GPS fit only if gyros x, y, z turn about {about} of the accelerometers"
-        fix = "put the columns of the gyros in the file in the order of the axes they turn about"
+        fix = "put the columns of the gyros, or those of the accelerometers, in the file in the order of the others"
     elif found.mirrored:
         what = "the axes of the IMU are left-handed"
         why = f"accelerations by GPS fit only if x, y, z point {_words(found.letters)}"

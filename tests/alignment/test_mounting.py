@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ import pytest
 import insnav
 from insnav.alignment import find_mounting
 from insnav.attitude import dcm_from_rph, wrap_pi
+from insnav.input import read_gps, read_imu
 from insnav.input.interpret.axes import axes_matrix
 from insnav.simulate import gps_from_truth, imu_from_truth, straight
 from insnav.strapdown import intervals
@@ -85,6 +87,27 @@ def test_gyros_in_another_order_are_found(order, positions):
     assert not found.right_handed
     assert found.gyro_order == tuple(order.index(axis) for axis in range(3))
     assert found.letters == "FRD"
+
+
+@pytest.mark.parametrize("order", [(0, 2, 1), (2, 1, 0)])
+def test_accelerometers_with_two_axes_exchanged_are_found(order):
+    imu, gps = sensed(np.eye(3)[list(order)], gyro=np.eye(3))
+    found = find_mounting(intervals(imu), gps)
+    assert found is not None
+    assert not found.right_handed
+    assert found.gyro_order == order
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+def test_on_a_plain_only_the_gyro_about_the_vertical_shows_its_sign(axis):
+    """Of the sample drive, the windows of which fit worse as a whole than those the signs are told by."""
+    sample = Path(__file__).parents[2] / "trajectories" / "sample"
+    imu, gps = read_imu(sample / "imu.csv.gz").data, read_gps(sample / "gps.csv").data
+    turned = imu.gyro * np.where(np.arange(3) == "xyz".index(axis), -1.0, 1.0)
+    found = find_mounting(intervals(replace(imu, gyro=turned)), gps)
+    assert found is not None
+    assert found.gyro_signs == ((1, 1, -1) if axis == "z" else (1, 1, 1))
+    assert found.gyro_order == (0, 1, 2)
 
 
 @pytest.mark.parametrize("yaw", [-150.0, -30.0, 4.0, 30.0, 75.0])

@@ -15,6 +15,7 @@ from insnav.units import UNITS
 
 _BRACKETS = re.compile(r"^(?P<base>[^\[\](){}]+?)\s*[\[({](?P<unit>[^\[\](){}]*)[\])}]\s*$")
 _INDEXED = re.compile(r"^(?P<base>.+?)\[(?P<index>\d)\]$")
+_QUATERNION = re.compile(r"q(uat(ernion)?)?[ _.]?[wxyz0-3]", re.IGNORECASE)
 _COUNTED = re.compile(r"^(?P<base>.*?[A-Za-z_ ]\[?)(?P<index>[0-3])(?P<rest>(?:[\s_\[\](].*)?)$")
 _MEANT = {
     "verticalaccuracydeg": "vertical accuracy (m)",  # phyphox writes degrees for metres
@@ -169,6 +170,12 @@ def understand(
             )
         found[key] = best[1]
         notes += [f"{c.header!r} could be {key} too: not used, {best[1].header!r} is" for _, c in candidates[1:]]
+    turned = [header for header in unused if _QUATERNION.fullmatch(header.strip())]
+    if len(turned) == 4 and "heading" in {q.key for q in schema} and not {"roll", "pitch", "heading"} & found.keys():
+        notes.append(
+            f"columns {', '.join(turned)} are not read, attitude is assumed not to be given: give roll_deg, "
+            "pitch_deg, heading_deg"
+        )
     if unused and not is_headerless(headers):
         notes.append(f"columns not used: {_listed(unused, 12)}")
     return found, tuple(notes)

@@ -23,6 +23,7 @@ _MAX_SENSOR_RATE = 70.0  # and no usual sensor has more [rad/s]
 _MAX_TURN_RATIO = 4.0  # a lever arm or a swaying vehicle may falsify the comparison with gravity by so much
 _MAX_BLOCKS = 1000
 _MIN_STEPS = 10
+_REPEATED = 0.5  # part of the rows with the time of the one before, of a clock without digits
 _MAX_SAMPLES = 50_000
 _MAX_GROUPS = 2000
 _MIN_GROUPS = 10
@@ -252,7 +253,8 @@ def find_time_unit(time: FloatArray, stated: str | None, *, slowest: float, wher
     if step == 0.0:
         raise InputError("the time does not advance", where=where, why="no row is later than the one before it")
     fitting = [unit for unit in _TIME_UNITS if slowest * 1e-4 <= step * ALL_UNITS[unit][1] < slowest]
-    few = len(time) < _MIN_STEPS  # too few rows to say that the steps are too long
+    # too few rows to say that the steps are too long, or too few digits: that is told of the rows
+    few = len(time) < _MIN_STEPS or float(np.mean(np.diff(time[:_MAX_SAMPLES]) == 0.0)) > _REPEATED
     guess = "s" if step < slowest or few else (fitting[0] if fitting else None)
     if stated is not None:
         if step * ALL_UNITS[stated][1] >= slowest and not few:

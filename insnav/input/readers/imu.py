@@ -317,13 +317,17 @@ def _common_unit(found: dict[str, Found], keys: tuple[str, ...], name: str) -> s
 def _damaged(
     columns: Mapping[str, FloatArray], keys: Sequence[str], found: Mapping[str, Found], name: str
 ) -> BoolArray:
-    """Rows with a cell that is not a sensible number; a column without any number is refused."""
+    """Rows with a cell that is not a sensible number, or zero in all; a column without any number is refused."""
     bad = np.zeros(len(columns["time"]), dtype=np.bool_)
     for key in keys:
         column = columns[key]
         if not (len(column) and column.min() > -_SENSIBLE and column.max() < _SENSIBLE):  # NaN fails both
             bad |= ~(np.abs(column) < _SENSIBLE)
         spill.release()
+    early = np.flatnonzero(columns["time"] == 0.0)  # written before there was anything
+    empty = np.logical_and.reduce([columns[key][early] == 0.0 for key in keys])
+    if np.count_nonzero(empty) < len(bad) / 2:
+        bad[early[empty]] = True
     if len(bad) and bad.all():
         for key in keys:
             if not np.isfinite(columns[key]).any():

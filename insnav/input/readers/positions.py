@@ -313,7 +313,7 @@ def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tu
             "the velocities do not fit the positions",
             where=name,
             why=f"the positions move as they say if {fit.renamed}",
-            fix=("change the sign in the file" + (f", and {fix}" if fit.order == (1, 0) else "")) if mirrored else fix,
+            fix=(_mirrored(fit, found) + (f", and {fix}" if fit.order == (1, 0) else "")) if mirrored else fix,
             gives={} if mirrored else {"columns": right},
         )
     if fit.upward and "vd" in found:
@@ -337,6 +337,13 @@ def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tu
             fix=f"put the right unit into the header, such as {stated.quantity.key} [{fit.unit}]",
         )
     return ALL_UNITS[fit.unit][1], [f"velocities in {fit.unit}: {why}"]
+
+
+def _mirrored(fit: Fit, found: Mapping[str, Found]) -> str:
+    """Which columns are to change their sign: velocities, or the positions they are compared with."""
+    pairs = zip(("vn", "ve"), ("lat", "lon"), fit.signs, strict=True)
+    wrong = [(found[v].header if v in found else v, found[p].header) for v, p, sign in pairs if sign < 0.0]
+    return "change the sign of " + " and ".join(f"{v!r}, or of {p!r}," for v, p in wrong) + " in the file"
 
 
 def _exchanged(found: Mapping[str, Found], where: str, why: str) -> InputError:

@@ -81,8 +81,10 @@ def not_covered(imu: ReadingFacts, gps: ReadingFacts) -> list[str]:
         ):
             if lost > max(LOST, LOST_SHARE * length):
                 names = [Path(each.path).name for each in (part, whole)]
-                share = f"{100.0 * lost / length:.0f} % of {what}"
-                found.append(f"{names[0]} {how.format(f'{lost:.3g}')} {names[1]}, {share}: is a file cut off?")
+                share, left = f"{100.0 * lost / length:.0f} % of {what}", part.n_rows - part.n_used
+                many = left / part.rate_hz > 0.5 * lost
+                why = f"{left} of its rows have no values and are left out" if many else "is a file cut off?"
+                found.append(f"{names[0]} {how.format(f'{lost:.3g}')} {names[1]}, {share}: {why}")
     return found
 
 

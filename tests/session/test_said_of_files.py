@@ -1,0 +1,123 @@
+"""What a user is told of files with a fault that everybody makes once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import insnav
+from insnav.exceptions import InputError
+from insnav.input.interpret.overlap import named_offset
+
+SAMPLE = Path(__file__).parents[2] / "trajectories" / "sample"
+
+
+def warned(drive: insnav.Drive) -> str:
+    """The warnings, on one line."""
+    told = " ".join(drive.navigate().summary().split())
+    return told[told.index("warning") : told.index("found:")]
+
+
+def changed(tmp_path, name: str, change) -> Path:
+    """File of the sample with its table changed by a function."""
+    source = SAMPLE / (f"{name}.csv" if name != "imu" else "imu.csv.gz")
+    path = tmp_path / f"{name}.csv"
+    change(pd.read_csv(source)).to_csv(path, index=False)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("offset", "sd", "named", "words"),
+    [
+        (17.957, 0.1, 18.0, "+18 s: leap seconds"),
+        (-28800.04, 0.1, -28800.0, "-8 h: a time zone"),
+        (7181.96, 0.1, 7182.0, "+2 h: a time zone, -18 s: leap seconds"),
+        (19799.9, 0.1, 19800.0, "+5.5 h: a time zone"),
+        (-1.982, 0.26, -1.982, ""),
+        (905.0, 0.1, 905.0, ""),
+    ],
+)
+def test_offsets_of_clocks_have_the_names_they_have_elsewhere(offset, sd, named, words):
+    found, said = named_offset(offset, sd)
+    assert found == pytest.approx(named)
+    assert words in said
+    assert bool(said) == bool(words)
+
+
+def test_times_in_utc_are_named_and_brought_to_the_whole_second(tmp_path):
+    gps = changed(tmp_path, "gps", lambda table: table.assign(time_s=table["time_s"] + 18.0))
+    with pytest.raises(InputError, match="clocks of IMU and GPS differ") as caught:
+        insnav.load(SAMPLE / "imu.csv.gz", gps)
+    assert caught.value.gives == {"time_offset": 18.0}
+    assert "leap seconds" in caught.value.why
+
+
+def test_accelerometers_with_two_axes_exchanged_are_no_clock_that_is_off(tmp_path):
+    y, z = "accel_y_m_s2", "accel_z_m_s2"
+    imu = changed(tmp_path, "imu", lambda table: table.rename(columns={y: z, z: y}))
+    with pytest.raises(InputError, match="in another order"):
+        insnav.load(imu, SAMPLE / "gps.csv")
+
+
+def test_a_changed_sign_of_longitudes_names_the_columns(tmp_path):
+    gps = changed(tmp_path, "gps", lambda table: table.assign(lon_deg=-table["lon_deg"]))
+    with pytest.raises(InputError, match="velocities do not fit") as caught:
+        insnav.load(SAMPLE / "imu.csv.gz", gps)
+    assert caught.value.fix == "change the sign of 've_m_s', or of 'lon_deg', in the file"
+
+
+def test_whole_seconds_are_too_coarse_not_milliseconds(tmp_path):
+    imu = changed(tmp_path, "imu", lambda table: table.assign(time_s=np.floor(table["time_s"]).astype(int)))
+    with pytest.raises(InputError, match="too coarse"):
+        insnav.load(imu, SAMPLE / "gps.csv")
+
+
+def test_rows_of_zeros_before_there_was_anything_are_no_samples(tmp_path):
+    imu = changed(tmp_path, "imu", lambda table: table.where(table.index.to_series() >= 500, 0.0))
+    drive = insnav.load(imu, SAMPLE / "gps.csv")
+    assert len(drive.imu.data.time) == drive.imu.facts.n_rows - 500
+    assert drive.imu.events[0].action.startswith("500 samples left out")
+
+
+def test_a_late_start_of_fixes_says_that_rows_are_left_out(tmp_path):
+    place = ["lat_deg", "lon_deg", "height_m"]
+
+    def without_place(table):
+        table.loc[:60, place] = 0.0
+        return table
+
+    warning = warned(insnav.load(SAMPLE / "imu.csv.gz", changed(tmp_path, "gps", without_place)))
+    assert "61 of its rows have no values and are left out" in warning
+
+
+def test_heights_in_feet_are_named_where_they_are_that_much_worse(tmp_path):
+    gps = changed(tmp_path, "gps", lambda table: table.assign(height_m=table["height_m"] / 0.3048))
+    assert "or heights are in feet" in warned(insnav.load(SAMPLE / "imu.csv.gz", gps))
+
+
+def test_a_reference_with_quaternions_says_that_they_are_not_read(tmp_path):
+    names = dict(zip(("roll_deg", "pitch_deg", "heading_deg"), ("qx", "qy", "qz"), strict=True))
+    ref = changed(tmp_path, "ref", lambda table: table.rename(columns=names).assign(qw=1.0))
+    drive = insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv", ref=ref)
+    assert drive.reference is not None
+    assert any("not read, attitude is assumed" in each for each in drive.reference.facts.evidence)
+
+
+def test_a_static_stretch_outside_the_record_says_so():
+    with pytest.raises(InputError, match="outside the record") as caught:
+        insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv", static=(0.0, 5.0)).navigate()
+    assert "--static 100000:100005" in caught.value.fix
+
+
+def test_what_was_before_the_start_has_no_negative_time():
+    drive = insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv")
+    imu = drive.imu.data
+    stuck = replace(imu, gyro=imu.gyro.copy(), accel=imu.accel.copy())
+    stuck.gyro[:500], stuck.accel[:500] = 0.0, 0.0
+    warning = warned(insnav.load(stuck, SAMPLE / "gps.csv"))
+    assert "s before the start" in warning
+    assert " -" not in warning
