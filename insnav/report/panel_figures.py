@@ -94,7 +94,7 @@ def draw_panel(axes: Axes, panel: Panel, mode: str = "", *, heading: bool = True
             handlelength=1.4,
         )
     elif len(entries) > 1 or (entries and panel.levels):
-        beside = len(panel.title) * heading + length < 2.2 * letters
+        beside = len(panel.title) * heading + length < 2.0 * letters
         legend_above(axes, lift=1.0 if beside else 1.0 + 21.6 / panel.height)
 
 
