@@ -97,6 +97,11 @@ def check_reference(
             say(late, LEAST_CLOCK, "s", f"{what}: accuracy is against it as it is; {how}")
         reference = replace(reference, time=given - late)
         errors = position_errors(track, reference, lever_b=lever_b)
+    misread = misread_headings(errors, track)
+    if misread:
+        reference = replace(reference, rph=np.full_like(reference.rph, np.nan))
+        errors = position_errors(track, reference, lever_b=lever_b)
+        say(0.0, 0.0, "", f"headings of the reference fit only as {misread}: its attitude is not used")
     until, constant, by_course = heading_error(errors, track)
     heading = np.arange(3) == 2
     if constant:
@@ -200,6 +205,25 @@ def _coarse(reference: Trajectory, track: Trajectory) -> float:
 
     best = min(np.arange(-FARTHEST, FARTHEST + STEP, STEP), key=scatter)
     return float(best) if scatter(float(best)) < WORTH * scatter(0.0) else 0.0
+
+
+def misread_headings(errors: TrajectoryErrors, track: Trajectory) -> str:
+    """As what headings of a reference fit the solution if they do not as they are; empty if they do, or never."""
+    known = np.isfinite(errors.attitude[:, 2])
+    if np.count_nonzero(known) < FEWEST:
+        return ""
+    mine = track.rph[rows_at(track, errors.time[known]), 2]
+    given = mine - errors.attitude[known, 2]
+    if _middle(given - mine)[1] < LEAST_TURN:  # constant, or right
+        return ""
+    others = {
+        "angles from East, counter-clockwise": 0.5 * np.pi - given,
+        "angles counter-clockwise": -given,
+        "radians": wrap_pi(given) / DEG,
+    }
+    apart = {name: float(np.median(np.abs(wrap_pi(each - mine)))) for name, each in others.items()}
+    best = min(apart, key=lambda name: apart[name])
+    return best if apart[best] < LEAST_TURN else ""
 
 
 def heading_error(errors: TrajectoryErrors, track: Trajectory) -> tuple[float | None, float, bool]:

@@ -14,6 +14,7 @@ from insnav.exceptions import InputError
 from insnav.input.interpret.overlap import named_offset
 
 SAMPLE = Path(__file__).parents[2] / "trajectories" / "sample"
+ANGLES = "roll_deg", "pitch_deg", "heading_deg"
 
 
 def warned(drive: insnav.Drive) -> str:
@@ -121,3 +122,20 @@ def test_what_was_before_the_start_has_no_negative_time():
     warning = warned(insnav.load(stuck, SAMPLE / "gps.csv"))
     assert "s before the start" in warning
     assert " -" not in warning
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (lambda table: table.assign(heading_deg=(90.0 - table["heading_deg"]) % 360.0), "from East, counter-clockwise"),
+        (lambda table: table.assign(heading_deg=-table["heading_deg"]), "as angles counter-clockwise"),
+        (lambda table: table.assign(**{key: np.deg2rad(table[key]) for key in ANGLES}), "as radians"),
+    ],
+)
+def test_headings_of_a_reference_that_are_read_wrong_are_named(tmp_path, wrong, words):
+    drive = insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv", ref=changed(tmp_path, "ref", wrong))
+    result = drive.navigate()
+    told = " ".join(result.summary().split())
+    assert words in told
+    assert "attitude is not used" in told
+    assert "heading error" not in told
