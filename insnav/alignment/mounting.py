@@ -133,8 +133,9 @@ def _find(parts: Intervals, gps: GpsData, *, placed: bool) -> Mounting | None:
 
     def refined(signs: Signs, mirrored: bool, order: Order = IN_ORDER) -> tuple[Mounting, float]:
         """Mounting by all windows, and what the telling ones leave."""
-        before, ordered = still.copy(), replace(parts, gyro=parts.gyro[:, order])
-        before[:3] = still[list(order)]
+        before, ordered = still.copy(), parts
+        if order != IN_ORDER:
+            before[:3], ordered = still[list(order)], replace(parts, gyro=np.ascontiguousarray(parts.gyro[:, order]))
         at, sd = _refined(telling, ordered, (before, still_sd), signs, mirrored=mirrored)
         felt = (_felt(some, ordered, at, signs) for some in (windows, telling))
         found, told = (_fit(*each, signs, mirrored=mirrored)[0] for each in zip((windows, telling), felt, strict=True))

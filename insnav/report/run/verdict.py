@@ -24,6 +24,7 @@ from insnav.sample_statistics import rms, rms_length
 from insnav.types import EventKind, FloatArray, Run
 
 SCATTER = 2.0  # mean NIS per axis from which on fixes and solution contradict each other
+CAREFUL = 3.0  # times the errors of positions from which on what is stated is much more
 MOST = 0.5  # of the drive that the reference must cover to say something of the whole
 _PARTS = (
     ("horizontal", "m", slice(0, 2)),
@@ -106,7 +107,7 @@ def rated(found: EvaluatedRun) -> list[str]:
 
 
 def run_merits(found: EvaluatedRun, mode: str) -> tuple[Quantity, ...]:
-    """Six figures of merit of a solution.
+    """Figures of merit of a solution.
 
     RMS errors, or standard deviations where there is no reference; and whether they agree with what is stated.
     """
@@ -114,7 +115,11 @@ def run_merits(found: EvaluatedRun, mode: str) -> tuple[Quantity, ...]:
     if errors is not None:
         whole = np.hstack((errors.position, errors.velocity, errors.attitude))
         share = inside(errors)
-        return *_sizes(whole, "error RMS"), Quantity("inside_3_sd", share, "%", meaning="position inside 3 sd")
+        within = Quantity("inside_3_sd", share, "%", meaning="position inside 3 sd")
+        if errors.sd is None:
+            return *_sizes(whole, "error RMS"), within
+        stated = Quantity("horizontal_sd", rms_length(errors.sd[:, :2]), "m", meaning="horizontal sd stated")
+        return *_sizes(whole, "error RMS"), stated, within
     assert sd is not None
     agree = Quantity("nis_mean_per_axis", mean_nis(found.run), meaning="mean NIS per axis (1 ideal)")
     return *_sizes(sd, "sd"), agree
@@ -162,7 +167,7 @@ def _light(found: EvaluatedRun, warnings: Sequence[str]) -> tuple[Light, str]:
     if shares:
         if (share := _covered(found)) < MOST:
             return "unknown", f"the reference covers {100.0 * share:.0f} % of the drive; there, errors are as stated"
-        return "good", "no warning, and the errors are within what is stated"
+        return "good", f"no warning, and the errors are within what is stated{_careful(found)}"
     nis = mean_nis(found.run)
     if nis is None:
         return "unknown", "no reference to check against"
@@ -171,6 +176,14 @@ def _light(found: EvaluatedRun, warnings: Sequence[str]) -> tuple[Light, str]:
         return "attention", f"the fixes scatter more than the solution states ({measured})"
     agree = "fixes and solution agree" if nis > 1.0 / SCATTER else "the fixes scatter less than stated"
     return "unknown", f"no reference to check against; {agree} ({measured})"
+
+
+def _careful(found: EvaluatedRun) -> str:
+    """How many times as large as the errors of positions is what is stated, where it is much."""
+    errors = next(iter(found.errors_on_clock.values()))
+    assert errors.sd is not None
+    times = rms_length(errors.sd[:, :3]) / max(rms_length(errors.position), 1e-9)
+    return f", {number(times)} times their size" if times > CAREFUL else ""
 
 
 def _covered(found: EvaluatedRun) -> float:
