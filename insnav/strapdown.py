@@ -60,7 +60,7 @@ def nominal_interval(time: FloatArray) -> float:
     if time.shape[0] < 2:
         raise InputError(
             "too few IMU samples",
-            why=f"{time.shape[0]} samples do not make an interval",
+            why=f"{time.shape[0]} of the two that make an interval",
             fix="give a longer record",
         )
     step = np.diff(time[: 1 << 16])

@@ -136,7 +136,7 @@ def _told(sd: FloatArray, kind: str, how: str, floor: float, unit: str) -> str:
     """Note on standard deviations that were filled in, (k, 3)."""
     middle = "/".join(f"{each:.2f}" for each in np.median(sd, axis=0))
     sizes = f"median N/E/D {middle} {unit} (floor {floor:g} {unit})"
-    return f"{sd.shape[0]} fixes without {kind} sigma: assumed {how}, {sizes}"
+    return f"{sd.shape[0]} fix{'es' * (len(sd) > 1)} without {kind} sigma: assumed {how}, {sizes}"
 
 
 def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple[str, ...]]:

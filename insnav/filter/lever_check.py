@@ -23,6 +23,7 @@ OPENED_DELAY = 0.5  # standard deviation of the delay in the pass that looks for
 # Part of what is known of a lever arm that noise of the gyros may pretend, from which it is said; and for about how
 # long noise turns the attitude before fixes show it [s]
 PRETENDED, SHOWN_AFTER = 0.2, 10.0
+HIDES = "hides lever arm and delay"  # what such noise does, as it is said
 NO_GYROS = 30.0  # noise that no gyros have: on hard mounts in vehicles it was up to 8 [deg/√h]
 WRONG_HEADING = 3.0  # standard deviations of a heading given from which another one that the drive shows is tried
 
@@ -90,7 +91,7 @@ def hidden_by_noise(ready: Prepared, run: Run) -> tuple[Event, ...]:
     """An event if the lever arm that a run has found may be noise of its gyros, or if no gyros have such noise."""
     part, noise = pretended(ready, run), 60.0 * np.rad2deg(np.sqrt(ready.model.noise[:3].mean()))
     text = (
-        f"noise of the gyros, {noise:.2g} deg/√h, hides lever arm and delay: they, and the positions, are less "
+        f"noise of the gyros, {noise:.2g} deg/√h, {HIDES}: they, and the positions, are less "
         "sure than their standard deviations; give --lever-arm and --gps-delay"
     )
     value, limit, unit = part, PRETENDED, ""

@@ -142,7 +142,7 @@ def test_gaps_are_events_when_longer_than_five_samples(tmp_path, missing, event)
         assert reading.facts.longest_gap_s == pytest.approx((missing + 1) / 100.0)
         assert f"about {missing} samples" in reading.events[0].action
     else:
-        assert any("1 short gaps" in text for text in reading.facts.evidence)
+        assert any("1 short gap " in text for text in reading.facts.evidence)
 
 
 @pytest.mark.parametrize("period", [604800.0, 86400.0])

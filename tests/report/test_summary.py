@@ -15,7 +15,7 @@ from insnav.plain_text import moment
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.numbers import number
 from insnav.report.page import Section, Verdict, cell, section_tables
-from insnav.report.run.verdict import LINES, brief_lines
+from insnav.report.run.verdict import LINES, brief_lines, run_merits
 from insnav.report.run.warnings import run_warnings
 from insnav.report.series import Clock
 from insnav.report.terminal import WIDTH
@@ -33,6 +33,16 @@ def test_a_few_lines_say_what_matters(navigated):
         assert words in text
     row = next(line for line in lines if line.strip().startswith("horizontal error RMS [m]"))
     assert row.split()[-1] == number(rms(navigated.found.errors.horizontal))
+
+
+def test_errors_far_within_what_is_stated_are_said_so(navigated):
+    found = navigated.found
+    assert navigated.page().verdict.reason.endswith("within what is stated")
+    careful = replace(found.errors, sd=10.0 * found.errors.sd)
+    far = replace(found, errors=careful, smoothed_errors=None)
+    assert "times their size" in replace(navigated, found=far).page().verdict.reason
+    (stated,) = [each for each in run_merits(far, "filtered") if each.key == "horizontal_sd"]
+    assert stated.value == pytest.approx(10.0 * float(np.sqrt(np.mean(np.sum(found.errors.sd[:, :2] ** 2, axis=1)))))
 
 
 def test_times_in_a_text_stand_on_the_axis_of_the_plots_and_lengths_as_they_are():
@@ -175,6 +185,11 @@ def test_what_was_not_given_is_said_as_the_drive_shows_it(driven, navigated):
     assert any(line.startswith("found (doubtful") for line in brief_lines(bad, EvaluatedRun(shown, gps), None))
     wrong = replace(shown, events=(*shown.events, Event(0.0, EventKind.REF_CONTRADICTION, 0.0, 0.0, "", "heights")))
     assert not any(line.startswith("found (doubtful") for line in brief_lines(bad, EvaluatedRun(wrong, gps), None))
+    noise = Event(0.0, EventKind.CONTRADICTION, 0.3, 0.2, "", "noise of the gyros hides lever arm and delay")
+    hidden = EvaluatedRun(replace(shown, events=(*shown.events, noise)), gps)
+    assert any(line.startswith("found (less sure than it says") for line in brief_lines(page, hidden, None))
+    untold = EvaluatedRun(replace(shown, lever_sd=np.full(3, 9.0)), gps)
+    assert any("early; lever arm not told; the" in line for line in brief_lines(page, untold, None))
     unsure = replace(shown, gps_delay_sd=0.05)
     assert any("on time to ± 0.050 s; lever" in line for line in brief_lines(page, EvaluatedRun(unsure, gps), None))
     given = replace(run, gps_delay_sd=0.0, lever_sd=np.zeros(3))

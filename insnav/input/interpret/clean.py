@@ -126,7 +126,7 @@ def clean(
         ]
         short = int(np.count_nonzero(dt > 1.5 * interval)) - len(gaps)
         if short:
-            notes.append(f"{short} short gaps of at most {kinds.gap_rows} missing {kinds.rows}")
+            notes.append(f"{short} short gap{'s' * (short > 1)} of at most {kinds.gap_rows} missing {kinds.rows}")
     events.sort(key=lambda event: event.time)
     longest = float(dt[gaps].max()) if len(gaps) else 0.0
     return Cleaned(kept, tuple(events), len(gaps), longest, interval, tuple(notes))

@@ -11,6 +11,7 @@ import numpy as np
 from insnav.errors.evaluated_run import EvaluatedRun, outages
 from insnav.errors.metrics import TrajectoryErrors, nees, travelled
 from insnav.errors.reference_check import fixes_are_late, shown_by_drive
+from insnav.filter.lever_check import HIDES
 from insnav.input.readers.reading import ReadingFacts
 from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
@@ -219,7 +220,9 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = WIDTH) -> l
     warnings = _listed("warning", page.warnings, _WARNINGS, width)
     told = "; ".join(_found(found.run, page.notes))
     doubtful = page.verdict is not None and page.verdict.light == "bad" and not _wrong_reference(found.run)
-    shown = _rows(f"found{' (doubtful, as the run is)' * doubtful}: {told}", _FOUND, width) if told else []
+    hidden = any(HIDES in event.action for event in found.run.events)
+    doubt = " (doubtful, as the run is)" if doubtful else " (less sure than it says, as warned)" * hidden
+    shown = _rows(f"found{doubt}: {told}", _FOUND, width) if told else []
     assumed = _listed("assumed", page.assumptions, _ASSUMED - len(shown), width)
     return [*title, *verdict, *table, *warnings, *shown, *assumed]
 
@@ -243,7 +246,7 @@ def _found(run: Run, notes: Sequence[str]) -> Iterator[str]:
             f"{x:.2f} ± {max(sd, 0.01):.2f}" if sd < _UNKNOWN else "not told"
             for x, sd in zip(run.lever_b, run.lever_sd, strict=True)
         )
-        yield f"lever arm x, y, z {arm} m"
+        yield f"lever arm x, y, z {arm} m" if (run.lever_sd < _UNKNOWN).any() else "lever arm not told"
     yield from (note for note in notes if note.endswith("corrected"))
 
 
