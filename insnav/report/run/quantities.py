@@ -86,7 +86,10 @@ def noise_section(found: NoiseEstimate) -> Section:
     items = []
     for figure in found.figures:
         told = "" if figure.observable else ", not observable: the prior"
-        name, interval = f"{figure.key.replace('.', ' ').replace('_', ' ')}{told}", (figure.low, figure.high)
+        name, interval = figure.key.replace(".", " ").replace("_", " "), (figure.low, figure.high)
+        if figure.key.startswith("gps.") and not figure.unit:  # of the sd that came with the fixes, or of a variance
+            name += " of the variance that lasts" if figure.key == "gps.share" else ", factor of sd"
+        name += told
         items.append(Quantity(figure.key.replace(".", "_"), figure.value, figure.unit, None, interval, name))
     words = "mean square of normalised innovations"
     items += [
