@@ -62,7 +62,7 @@ def white_noise(
     interval = float(np.median(np.diff(imu.time[rows][: spill.ROWS]))) if count > 1 else math.inf
     segment, lowest, highest = band
     length, highest = round(segment / interval), min(highest, NYQUIST_PART * 0.5 / interval)
-    if count == 0:
+    if start > imu.time[-1] or start <= end < imu.time[0]:
         raise InputError(
             "the static stretch is outside the record",
             where=f"{start:.3f} s to {end:.3f} s",

@@ -78,6 +78,12 @@ def test_only_the_stretch_counts() -> None:
     assert np.min(white_noise(imu, 1040.0, 1060.0)[0]) > 100 * ARW
 
 
+@pytest.mark.parametrize(("start", "end"), [(0.0, 60.0), (1060.0, 1100.0)])
+def test_a_stretch_outside_the_record_is_refused(start: float, end: float) -> None:
+    with pytest.raises(InputError, match="outside the record"):
+        white_noise(still(60.0, 100.0), start, end)
+
+
 @pytest.mark.parametrize(("end", "rate"), [(1002.0, 100.0), (1060.0, 2.0), (900.0, 100.0), (1000.0, 100.0)])
 def test_too_short_or_too_slow_a_stretch_is_refused(end: float, rate: float) -> None:
     with pytest.raises(InputError, match="too short or too slow"):
