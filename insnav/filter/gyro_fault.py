@@ -21,6 +21,7 @@ import numpy as np
 
 from insnav import strapdown
 from insnav.alignment.static import stationary, summarize
+from insnav.filter.changes import AT_END
 from insnav.filter.gps_delay import shown_again
 from insnav.filter.innovation_likelihood import LATER, MOVED, InnovationLikelihood
 from insnav.filter.noise_estimate import NoiseEstimate
@@ -37,7 +38,7 @@ from insnav.units import DEG
 
 SUSPECT = 4.0  # times the in-run bias of the preset: recorded cars have up to 2.5
 PARTS, SHORTEST = 50, 4.0  # of the record that spans are made of at first, and how long at least [s]
-REACH, STEP = 6.0, 1.0  # about the ends of a span and from one to the next, where it is refined [s]
+STEP = 1.0  # from one end of a span to the next, where it is refined: `AT_END` about each [s]
 ROUNDS, SETTLED = 12, 0.03  # at most, and the part of a rate that ends them
 LOST_BY = 2.0  # so soon after its end a run is lost by a fault that goes on [s]
 # twice the gain of the log-likelihood from which a span is looked at, and is worth runs without it, with the noise
@@ -86,7 +87,7 @@ class Episode:
 
     def beside(self, other: Episode) -> bool:
         """Whether another one of the same gyro is at the same time, or just before or after."""
-        return self.cause == other.cause and max(self.begin - other.end, other.begin - self.end) < REACH
+        return self.cause == other.cause and max(self.begin - other.end, other.begin - self.end) < AT_END
 
     def part_of(self, other: Episode) -> bool:
         """Whether it is what another one, larger, has left about itself."""
@@ -295,7 +296,7 @@ def _settled(
         any_lost |= lost
         edges = _edges(drive)
         begin, end = edges[[0, -1]]
-        reach = max(REACH, edges[1] - edges[0])
+        reach = max(AT_END, edges[1] - edges[0])
         near = STEP * np.arange(-np.ceil(reach / STEP), np.ceil(reach / STEP) + 1.0)  # the ends themselves among them
         edges = np.unique(np.clip(np.concatenate([edges, fault.begin + near, min(fault.end, end) + near]), begin, end))
         spans = drive.by_spans(at, edges, fault.cause)
