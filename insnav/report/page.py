@@ -307,7 +307,7 @@ def _with_sd(value: float | None, sd: Any, each: Quantity) -> str:
     if value is None or not np.isfinite(value):
         return number(None)
     if each.decimals is not None:
-        text = f"{value:.{each.decimals}f}"
+        text = f"{round(float(value), each.decimals) + 0.0:.{each.decimals}f}"  # no -0.0
     elif sd is not None and np.isfinite(sd) and sd > 0.0:
         text = rounded(float(value), float(sd))
     else:

@@ -12,8 +12,10 @@ import pytest
 import insnav
 from insnav.exceptions import InputError
 from insnav.input.interpret.overlap import named_offset
+from insnav.input.readers.reading import not_covered
 
 SAMPLE = Path(__file__).parents[2] / "trajectories" / "sample"
+NO_UNITS = {"roll_deg": "roll", "pitch_deg": "pitch", "heading_deg": "yaw"}
 ANGLES = "roll_deg", "pitch_deg", "heading_deg"
 
 
@@ -139,3 +141,18 @@ def test_headings_of_a_reference_that_are_read_wrong_are_named(tmp_path, wrong, 
     assert words in told
     assert "attitude is not used" in told
     assert "heading error" not in told
+
+
+def test_files_without_any_time_in_common_are_no_files_cut_off():
+    facts = insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv").readings.facts
+    imu, gps = facts["imu"], facts["gps"]
+    assert not_covered(imu, replace(gps, start_s=imu.start_s + 2000.0, end_s=imu.end_s + 2000.0)) == []
+    (said,) = not_covered(imu, replace(gps, end_s=imu.end_s - 200.0))
+    assert said.startswith("gps.csv ends 200 s before imu.csv.gz, 42 % of the samples have no fixes")
+
+
+def test_columns_of_attitude_without_a_value_are_not_said_to_be_taken(tmp_path):
+    ref = changed(tmp_path, "ref", lambda table: table.rename(columns=NO_UNITS).assign(roll=np.nan, pitch=np.nan, yaw=np.nan))
+    reference = insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv", ref=ref).reference
+    assert reference is not None
+    assert not any("yaw" in line for line in reference.facts.evidence)

@@ -168,7 +168,8 @@ def read_positions(
         v_n *= unit
         for key in set(data) & {"sd_vn", "sd_ve", "sd_vd"}:
             data[key] = data[key] * unit
-    evidence = (height_evidence, angles, *words, *_words(found), *notes)
+    filled = {key: each for key, each in found.items() if key not in data or np.isfinite(data[key]).any()}
+    evidence = (height_evidence, angles, *words, *_words(filled), *notes)
     columns_read = {
         found[key].quantity.name: found[key].describe(rows.time_unit if key == "time" else None) for key in keys
     }

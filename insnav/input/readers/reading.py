@@ -79,7 +79,7 @@ def not_covered(imu: ReadingFacts, gps: ReadingFacts) -> list[str]:
             (part.start_s - whole.start_s, "begins {} s after"),
             (whole.end_s - part.end_s, "ends {} s before"),
         ):
-            if lost > max(LOST, LOST_SHARE * length):
+            if max(LOST, LOST_SHARE * length) < lost < length:  # without any time in common it is the clocks
                 names = [Path(each.path).name for each in (part, whole)]
                 share, left = f"{100.0 * lost / length:.0f} % of {what}", part.n_rows - part.n_used
                 many = left / part.rate_hz > 0.5 * lost
