@@ -41,7 +41,8 @@ def changed(tmp_path, name: str, change) -> Path:
         (7181.96, 0.1, 7182.0, "+2 h: a time zone, -18 s: leap seconds"),
         (19799.9, 0.1, 19800.0, "+5.5 h: a time zone"),
         (-1.982, 0.26, -1.982, ""),
-        (905.0, 0.1, 905.0, ""),
+        (900.1, 0.1, 900.1, ""),
+        (3610.0, 20.0, 3610.0, ""),
     ],
 )
 def test_offsets_of_clocks_have_the_names_they_have_elsewhere(offset, sd, named, words):

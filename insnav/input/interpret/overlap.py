@@ -9,7 +9,7 @@ from insnav.input.formats.time_scales import DAY, UNIX_DAYS, WEEK
 from insnav.types import GpsData, ImuData
 
 GPS_EPOCH = UNIX_DAYS * DAY  # 6 January 1980 in Unix time [s]
-HOUR, ZONE = 3600.0, 900.0
+HOUR, ZONE = 3600.0, 1800.0
 LEAP = 18.0  # GPS minus UTC since 2017 [s]
 _MAX_OFFSET = 4e9  # between clocks that count seconds [s]
 _MIN_SHARE = 0.5  # of the shorter recording that a likely offset makes overlap
@@ -63,11 +63,11 @@ def epoch_offset(imu: ImuData, gps: GpsData) -> tuple[float, str] | None:
 def named_offset(offset: float, sd: float) -> tuple[float, str]:
     """An offset of clocks [s] as leap seconds and time zones have it, if it is that within its sd, and its name.
 
-    Time zones differ from UTC by whole quarters of an hour.
+    Time zones differ from UTC by halves of an hour, but for three small ones.
     """
     for leap in (0.0, LEAP, -LEAP):
         zone = ZONE * round((offset - leap) / ZONE)
-        if abs(zone) <= 14 * HOUR and (zone or leap) and abs(offset - leap - zone) < max(0.3, 3.0 * sd):
+        if abs(zone) <= 14 * HOUR and (zone or leap) and abs(offset - leap - zone) < np.clip(3.0 * sd, 0.3, 1.0):
             parts = [f"{zone / HOUR:+.4g} h: a time zone"] * bool(zone)
             parts += [f"{leap:+.0f} s: leap seconds of UTC against GPS time"] * bool(leap)
             return zone + leap, f"; that is {', '.join(parts)}"
