@@ -153,7 +153,8 @@ def test_files_without_any_time_in_common_are_no_files_cut_off():
 
 
 def test_columns_of_attitude_without_a_value_are_not_said_to_be_taken(tmp_path):
-    ref = changed(tmp_path, "ref", lambda table: table.rename(columns=NO_UNITS).assign(roll=np.nan, pitch=np.nan, yaw=np.nan))
+    empty = dict.fromkeys(NO_UNITS.values(), np.nan)
+    ref = changed(tmp_path, "ref", lambda table: table.rename(columns=NO_UNITS).assign(**empty))
     reference = insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv", ref=ref).reference
     assert reference is not None
     assert not any("yaw" in line for line in reference.facts.evidence)
