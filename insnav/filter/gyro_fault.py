@@ -12,9 +12,7 @@ again without what began there.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache, partial
 from operator import itemgetter
 
 import numpy as np
@@ -181,7 +179,8 @@ def _one(
         least = max(WORTH, ALIKE * max((each.gain for each in spans), default=0.0), ALIKE * rival)
         likely = [each for each in spans if each.gain >= least and each.cause not in alike]
         likely.sort(key=lambda each: -each.gain)
-        tops = cache(partial(_tops, look, plain))
+        # noise found with a fault is a summit of its own
+        tops = [climbed(*each) for each in ((look, plain) if (plain[1] < look[1]).any() else (look,)) if likely]
         tried = [_worth(look, fault, tops) for fault in likely]
         if look[0] is not seen[0]:  # what shows it may be cut off
             tried += [fault for fault, worth in zip(likely, tried, strict=True) if worth is None]
@@ -201,26 +200,20 @@ def _one(
     return None
 
 
-def _tops(look: _Seen, plain: _Seen) -> list[tuple[FloatArray, float]]:
-    """Likeliest noise near both, and what the drive costs with it: noise found with a fault is a summit of its own."""
-    return [climbed(*each) for each in ((look, plain) if (plain[1] < look[1]).any() else (look,))]
-
-
-def _worth(look: _Seen, fault: Episode, tops: Callable[[], list[tuple[FloatArray, float]]]) -> Episode | None:
+def _worth(look: _Seen, fault: Episode, tops: list[tuple[FloatArray, float]]) -> Episode | None:
     """A fault without which the innovations at hand are likelier, each with its likeliest noise, near `tops` with it.
 
-    A look without another run: noise found with a fault holds it, so that its own gain is small. Without that noise all
-    that the model lacks seems a fault; one that is worth nothing with it is looked for there.
+    A look without another run: noise found with a fault holds it, so that its own gain is small.
     """
-    (drive, at), edges, cost_now = look, _edges(look[0]), cost_at(*look)
+    drive = look[0]
+    edges, before = _edges(drive), min(cost for _, cost in tops)
     for _ in range(LINEAR_ROUNDS):
-        without, there = drive.without(fault.begin, fault.end, fault.cause, fault.rate), at
-        if 2.0 * (cost_now - cost_at(without, at)) > WORTH:
-            there, cost = min((climbed(without, top) for top, _ in tops()), key=itemgetter(1))
-            if 2.0 * (min(before for _, before in tops()) - cost) > WORTH:
-                return fault
+        without = drive.without(fault.begin, fault.end, fault.cause, fault.rate)
+        there, cost = min((climbed(without, top) for top, _ in tops), key=itemgetter(1))
+        if 2.0 * (before - cost) > WORTH:
+            return fault
         last, fault = fault, _likeliest(*drive.by_spans(there, edges, fault.cause), edges, fault.cause)
-        if fault.near(last) or fault.gain < WORTH:
+        if fault.near(last):
             break
     return None
 
