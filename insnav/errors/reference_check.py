@@ -33,6 +33,7 @@ from insnav.units import DEG
 FARTHEST, STEP = 30.0, 0.25  # errors of the clock looked for, and steps of the search [s]
 LEAST_CLOCK, CLEAR = 0.03, 5.0  # what is said: errors so large [s], and so many standard deviations
 MOST_EPOCHS = 500  # of the search: a drive shows its turns in as many
+SPARSE = 2.0  # of epochs so far apart positions do not tell what velocities were in between [s]
 LATE = 0.1  # delay of the fixes that receivers and loggers do not make by themselves [s]
 SURE_LATE = 2.0  # standard deviations of a delay from which a drive shows one
 STEADY = 1.0  # scatter of the speed below which an error of the clock is like one of the position [m/s]
@@ -71,7 +72,8 @@ def check_reference(
     lag, lag_sd = velocity_lag(
         GpsData(reference.time, reference.lla, reference.v_n, *np.full((2, *reference.lla.shape), np.nan))
     )
-    if abs(lag) > max(LEAST_CLOCK, CLEAR * lag_sd):
+    dense = len(reference.time) > 1 and float(np.median(np.diff(reference.time))) <= SPARSE
+    if dense and abs(lag) > max(LEAST_CLOCK, CLEAR * lag_sd):
         at = reference.time + lag
         moved = [np.interp(at, reference.time, each, left=np.nan, right=np.nan) for each in reference.v_n.T]
         reference = replace(reference, v_n=np.transpose(moved))

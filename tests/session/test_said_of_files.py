@@ -42,6 +42,7 @@ def changed(tmp_path, name: str, change) -> Path:
         (19799.9, 0.1, 19800.0, "+5.5 h: a time zone"),
         (-1.982, 0.26, -1.982, ""),
         (900.1, 0.1, 900.1, ""),
+        (17.71, 0.01, 17.71, ""),
         (3610.0, 20.0, 3610.0, ""),
     ],
 )
@@ -125,6 +126,23 @@ def test_what_was_before_the_start_has_no_negative_time():
     warning = warned(insnav.load(stuck, SAMPLE / "gps.csv"))
     assert "s before the start" in warning
     assert " -" not in warning
+
+
+def test_a_sparse_reference_has_no_velocities_that_lag(tmp_path):
+    """Between epochs five seconds apart a straight line is no motion: exact velocities were moved by 0.21 s."""
+    drive = insnav.simulate("motorway", imu="automotive", gps="dgps", seed=3)
+    truth = drive.reference.data
+    few = truth.rows(np.searchsorted(truth.time, np.arange(truth.time[0], truth.time[-1], 5.0)))
+    told = " ".join(insnav.load(drive.imu.data, drive.gps.data, ref=few).navigate().summary().split())
+    assert "velocities of the reference" not in told
+
+
+def test_two_epochs_of_a_reference_decide_nothing():
+    drive = insnav.simulate("bends", imu="consumer", gps="single", seed=1)
+    truth = drive.reference.data
+    two = truth.rows(np.array([len(truth.time) // 2, len(truth.time) - 5]))
+    told = " ".join(insnav.load(drive.imu.data, drive.gps.data, ref=two).navigate().summary().split())
+    assert "the reference has 2 epochs within the drive, which tell little" in told
 
 
 @pytest.mark.parametrize(

@@ -67,7 +67,7 @@ def named_offset(offset: float, sd: float) -> tuple[float, str]:
     """
     for leap in (0.0, LEAP, -LEAP):
         zone = ZONE * round((offset - leap) / ZONE)
-        if abs(zone) <= 14 * HOUR and (zone or leap) and abs(offset - leap - zone) < np.clip(3.0 * sd, 0.3, 1.0):
+        if abs(zone) <= 14 * HOUR and (zone or leap) and abs(offset - leap - zone) < np.clip(3.0 * sd, 0.1, 1.0):
             parts = [f"{zone / HOUR:+.4g} h: a time zone"] * bool(zone)
             parts += [f"{leap:+.0f} s: leap seconds of UTC against GPS time"] * bool(leap)
             return zone + leap, f"; that is {', '.join(parts)}"

@@ -26,6 +26,7 @@ from insnav.types import EventKind, FloatArray, Run
 
 SCATTER = 2.0  # mean NIS per axis from which on fixes and solution contradict each other
 CAREFUL = 3.0  # times the errors of positions from which on what is stated is much more
+FEW = 10  # epochs of a reference, fewer of which tell nothing of a whole drive
 MOST = 0.5  # of the drive that the reference must cover to say something of the whole
 _PARTS = (
     ("horizontal", "m", slice(0, 2)),
@@ -150,6 +151,9 @@ def _too_sure(found: EvaluatedRun) -> list[str]:
 def _light(found: EvaluatedRun, warnings: Sequence[str]) -> tuple[Light, str]:
     shares = [share for each in found.errors_on_clock.values() if (share := inside(each)) is not None]
     diverged = any(event.kind is EventKind.DIVERGED for event in found.run.events)
+    epochs = max((len(each.time) for each in found.errors_on_clock.values()), default=0)
+    if 0 < epochs < FEW:
+        return "unknown", f"the reference has {epochs} epoch{'s' * (epochs > 1)} within the drive, which tell little"
     if any(share < HOLDS for share in shares):
         return "bad", "the errors are larger than stated"
     if diverged:
