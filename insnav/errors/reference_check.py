@@ -33,6 +33,8 @@ from insnav.units import DEG
 FARTHEST, STEP = 30.0, 0.25  # errors of the clock looked for, and steps of the search [s]
 LEAST_CLOCK, CLEAR = 0.03, 5.0  # what is said: errors so large [s], and so many standard deviations
 MOST_EPOCHS = 500  # of the search: a drive shows its turns in as many
+STANDS, FOLLOWS = 0.2, 0.9  # speed of a vehicle at rest [m/s], and resultant of heading by course of one that rolls [-]
+IN_PLACE, TIGHTEST = 5.0 * DEG, 4.0  # turn without way that no such vehicle makes [rad], and radius of its bends [m]
 SPARSE = 2.0  # of epochs so far apart positions do not tell what velocities were in between [s]
 LATE = 0.1  # delay of the fixes that receivers and loggers do not make by themselves [s]
 SURE_LATE = 2.0  # standard deviations of a delay from which a drive shows one
@@ -113,7 +115,9 @@ def check_reference(
             reference = replace(reference, rph=np.where(heading, np.nan, reference.rph))
             how = "as much off the course: of other axes, or another north; not used"
         say(constant / DEG, LEAST_HEADING / DEG, "deg", f"{size}, {how}")
-    if until is not None and not by_course:
+    turn = turned_in_place(track)
+    own = until is not None and turn is not None and turn[0] < until < turn[1]  # what the solution did by itself
+    if until is not None and not by_course and not own:
         largest = float(np.nanmax(np.abs(errors.attitude[errors.time < until, 2]))) / DEG
         rows = (reference.time < until)[:, None]
         reference = replace(reference, rph=np.where(rows & heading, np.nan, reference.rph))
@@ -129,6 +133,32 @@ def check_reference(
     for action in () if offset is None else offset_notes(offset, lever_b):
         say(0.0, 0.0, "", action)
     return replace(reference, time=given), said
+
+
+def turned_in_place(track: Trajectory) -> tuple[float, float, float] | None:
+    """Where a vehicle that rolls turns most without way to do so: begin, end [s], and by how much [rad]; or none.
+
+    In motion it follows its course, which a drone or one who walks need not.
+    """
+    speed, time = np.hypot(track.v_n[:, 0], track.v_n[:, 1]), track.time
+    fast = speed > FAST
+    apart = track.rph[fast, 2] - np.arctan2(track.v_n[fast, 1], track.v_n[fast, 0])
+    if apart.size < FEWEST or abs(np.mean(np.exp(1j * apart))) < FOLLOWS:
+        return None
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], speed < STANDS, [0]])))
+    first, last = edges[::2], edges[1::2] - 1
+    if not first.size:
+        return None
+    step = np.diff(time, prepend=time[:1])
+    turned, way = np.unwrap(track.rph[:, 2]), np.cumsum(speed * step)
+    turns = turned[last] - turned[first]
+    beyond = np.abs(turns) - (way[last] - way[first]) / TIGHTEST
+    most = int(np.argmax(beyond))
+    if beyond[most] < IN_PLACE:
+        return None
+    rate = np.abs(np.diff(turned[first[most] : last[most] + 1], prepend=turned[first[most]]))
+    there = first[most] + np.flatnonzero(rate > 0.1 * rate.max())
+    return float(time[there[0]]), float(time[there[-1]]), float(turns[most])
 
 
 def delay_shown(run: Run) -> float:

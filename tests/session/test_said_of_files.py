@@ -13,6 +13,8 @@ import insnav
 from insnav.exceptions import InputError
 from insnav.input.interpret.overlap import named_offset
 from insnav.input.readers.reading import not_covered
+from insnav.units import DEG
+from tests.filter.test_gyro_fault import off
 
 SAMPLE = Path(__file__).parents[2] / "trajectories" / "sample"
 NO_UNITS = {"roll_deg": "roll", "pitch_deg": "pitch", "heading_deg": "yaw"}
@@ -135,6 +137,18 @@ def test_a_sparse_reference_has_no_velocities_that_lag(tmp_path):
     few = truth.rows(np.searchsorted(truth.time, np.arange(truth.time[0], truth.time[-1], 5.0)))
     told = " ".join(insnav.load(drive.imu.data, drive.gps.data, ref=few).navigate().summary().split())
     assert "velocities of the reference" not in told
+
+
+@pytest.mark.parametrize(("rate", "begin", "length"), [(3.0, 15.0, 10.0), (-2.0, 30.0, 20.0)])
+def test_a_car_that_turns_where_it_stands_is_named_and_no_reference_blamed(rate, begin, length):
+    drive = insnav.simulate("bends", imu="industrial", gps="dgps", seed=11)
+    imu, truth = drive.imu.data, drive.reference.data
+    wrong = off(imu, 2, rate * DEG, float(imu.time[0]) + begin, length)
+    told = " ".join(insnav.load(wrong, drive.gps.data, ref=truth).navigate().summary().split())
+    assert f"turns by {abs(rate * length):.0f} deg: in its place, or a gyro was off" in told
+    assert "headings of the reference" not in told
+    right = insnav.load(imu, drive.gps.data, ref=truth).navigate().summary()
+    assert "in its place" not in right
 
 
 def test_two_epochs_of_a_reference_decide_nothing():

@@ -14,7 +14,7 @@ from insnav.alignment.static import CONTRADICTED, LONG_REST
 from insnav.attitude import dcm_from_rph
 from insnav.errors.evaluated_run import SAME_DATA, EvaluatedRun, failure
 from insnav.errors.metrics import TrajectoryErrors, nees
-from insnav.errors.reference_check import delay_shown
+from insnav.errors.reference_check import delay_shown, turned_in_place
 from insnav.filter.gps_noise import heights_measured
 from insnav.filter.innovation_likelihood import LARGEST
 from insnav.input.readers.reading import not_covered
@@ -59,6 +59,7 @@ def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
         *too_sure[:1],
         *_diverged(found.run),
         *_turned_at_rest(found.run),
+        *_turned_in_place(found.best),
         *(() if lost else _impossible_scale(found.run)),
         *_begun_late(found.run),
         *_samples_lost(found.run),
@@ -216,6 +217,17 @@ def _turned_at_rest(run: Run) -> Iterator[str]:
         yield (
             f"the gyros' bias about down is {abs(rate) / DEG:.2g} deg/s off in the drive from that in the rest before: "
             f"the vehicle may have turned by {turn / DEG:.0f} deg in it, which headings there do not show"
+        )
+
+
+def _turned_in_place(track: Trajectory) -> Iterator[str]:
+    """A vehicle that rolls, and turns where it stands."""
+    turn = turned_in_place(track)
+    if turn is not None:
+        begin, end, angle = turn
+        yield (
+            f"the vehicle stands from {moment(begin, end)} and turns by {abs(angle) / DEG:.0f} deg: in its place, or a "
+            "gyro was off, as headings before are then"
         )
 
 
