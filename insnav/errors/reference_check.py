@@ -35,6 +35,7 @@ LEAST_CLOCK, CLEAR = 0.03, 5.0  # what is said: errors so large [s], and so many
 MOST_EPOCHS = 500  # of the search: a drive shows its turns in as many
 STANDS, FOLLOWS = 0.2, 0.9  # speed of a vehicle at rest [m/s], and resultant of heading by course of one that rolls [-]
 IN_PLACE, TIGHTEST = 5.0 * DEG, 4.0  # turn without way that no such vehicle makes [rad], and radius of its bends [m]
+DENSE, GAP = 0.1, 2.0  # so dense rows show turns, and so far apart none [s]
 SPARSE = 2.0  # of epochs so far apart positions do not tell what velocities were in between [s]
 LATE = 0.1  # delay of the fixes that receivers and loggers do not make by themselves [s]
 SURE_LATE = 2.0  # standard deviations of a delay from which a drive shows one
@@ -140,16 +141,21 @@ def turned_in_place(track: Trajectory) -> tuple[float, float, float] | None:
 
     In motion it follows its course, which a drone or one who walks need not.
     """
+    if len(track.time) < FEWEST:
+        return None
+    # a day at the full rate of the samples stays small
+    track = track.rows(slice(None, None, max(1, round(DENSE / float(np.median(np.diff(track.time[:1000])))))))
     speed, time = np.hypot(track.v_n[:, 0], track.v_n[:, 1]), track.time
     fast = speed > FAST
     apart = track.rph[fast, 2] - np.arctan2(track.v_n[fast, 1], track.v_n[fast, 0])
     if apart.size < FEWEST or abs(np.mean(np.exp(1j * apart))) < FOLLOWS:
         return None
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], speed < STANDS, [0]])))
+    step = np.diff(time, prepend=time[:1])
+    stands = (speed < STANDS) & (step < GAP)  # what was not recorded tells nothing
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], stands, [0]])))
     first, last = edges[::2], edges[1::2] - 1
     if not first.size:
         return None
-    step = np.diff(time, prepend=time[:1])
     turned, way = np.unwrap(track.rph[:, 2]), np.cumsum(speed * step)
     turns = turned[last] - turned[first]
     beyond = np.abs(turns) - (way[last] - way[first]) / TIGHTEST
