@@ -11,6 +11,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from insnav import spill
 from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.earth import ned_offset
 from insnav.errors.metrics import TrajectoryErrors, position_errors
@@ -144,7 +145,9 @@ def turned_in_place(track: Trajectory) -> tuple[float, float, float] | None:
     if len(track.time) < FEWEST:
         return None
     # a day at the full rate of the samples stays small
-    track = track.rows(slice(None, None, max(1, round(DENSE / float(np.median(np.diff(track.time[:1000])))))))
+    every = max(1, round(DENSE / float(np.median(np.diff(track.time[:1000])))))
+    track = track.rows(np.arange(0, len(track.time), every))
+    spill.release()
     speed, time = np.hypot(track.v_n[:, 0], track.v_n[:, 1]), track.time
     fast = speed > FAST
     apart = track.rph[fast, 2] - np.arctan2(track.v_n[fast, 1], track.v_n[fast, 0])
