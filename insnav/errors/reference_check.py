@@ -28,6 +28,7 @@ from insnav.errors.reference_offset import (
 from insnav.filter.gps_noise import velocity_lag
 from insnav.input.interpret.velocities import fit_velocities
 from insnav.sample_statistics import rms
+from insnav.tabular import runs_of
 from insnav.types import Event, EventKind, FloatArray, GpsData, Run, Trajectory
 from insnav.units import DEG
 
@@ -37,7 +38,6 @@ MOST_EPOCHS = 500  # of the search: a drive shows its turns in as many
 STANDS, FOLLOWS = 0.2, 0.9  # speed of a vehicle at rest [m/s], and resultant of heading by course of one that rolls [-]
 IN_PLACE, TIGHTEST = 5.0 * DEG, 4.0  # turn without way that no such vehicle makes [rad], and radius of its bends [m]
 DENSE, GAP = 0.1, 2.0  # so dense rows show turns, and so far apart none [s]
-SPARSE = 2.0  # of epochs so far apart positions do not tell what velocities were in between [s]
 LATE = 0.1  # delay of the fixes that receivers and loggers do not make by themselves [s]
 SURE_LATE = 2.0  # standard deviations of a delay from which a drive shows one
 STEADY = 1.0  # scatter of the speed below which an error of the clock is like one of the position [m/s]
@@ -76,8 +76,7 @@ def check_reference(
     lag, lag_sd = velocity_lag(
         GpsData(reference.time, reference.lla, reference.v_n, *np.full((2, *reference.lla.shape), np.nan))
     )
-    dense = len(reference.time) > 1 and float(np.median(np.diff(reference.time))) <= SPARSE
-    if dense and abs(lag) > max(LEAST_CLOCK, CLEAR * lag_sd):
+    if abs(lag) > max(LEAST_CLOCK, CLEAR * lag_sd):
         at = reference.time + lag
         moved = [np.interp(at, reference.time, each, left=np.nan, right=np.nan) for each in reference.v_n.T]
         reference = replace(reference, v_n=np.transpose(moved))
@@ -117,7 +116,7 @@ def check_reference(
             reference = replace(reference, rph=np.where(heading, np.nan, reference.rph))
             how = "as much off the course: of other axes, or another north; not used"
         say(constant / DEG, LEAST_HEADING / DEG, "deg", f"{size}, {how}")
-    turn = turned_in_place(track)
+    turn = None if until is None else turned_in_place(track)
     own = until is not None and turn is not None and turn[0] < until < turn[1]  # what the solution did by itself
     if until is not None and not by_course and not own:
         largest = float(np.nanmax(np.abs(errors.attitude[errors.time < until, 2]))) / DEG
@@ -155,10 +154,9 @@ def turned_in_place(track: Trajectory) -> tuple[float, float, float] | None:
         return None
     step = np.diff(time, prepend=time[:1])
     stands = (speed < STANDS) & (step < GAP)  # what was not recorded tells nothing
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], stands, [0]])))
-    first, last = edges[::2], edges[1::2] - 1
-    if not first.size:
+    if not stands.any():
         return None
+    first, last = (runs_of(stands) - [0, 1]).T
     turned, way = np.unwrap(track.rph[:, 2]), np.cumsum(speed * step)
     turns = turned[last] - turned[first]
     beyond = np.abs(turns) - (way[last] - way[first]) / TIGHTEST

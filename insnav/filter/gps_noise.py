@@ -25,6 +25,7 @@ BY_FIX = {FIXED: (POSITION_FLOOR,) * 3, FLOAT: (FLOAT_SD, FLOAT_SD, 2.0 * FLOAT_
 OPEN_VELOCITY = 100.0  # of a vertical velocity that was not measured: it counts as nothing [m/s]
 OPEN_HEIGHT = 100.0  # the same of heights: as poor as a fix may be to be used [m]
 BY_SCATTER = "as estimated from successive fixes"
+SPARSE = 2.0  # positions so far apart do not tell what the velocity was in between [s]
 LAG_WORTH = 0.03  # a smaller lag is not corrected: at 2 m/s^2 it makes 0.06 m/s, the noise of a good velocity [s]
 LAGGING_NOTE = "GPS velocity lags position by"
 
@@ -41,7 +42,8 @@ def velocity_lag(gps: GpsData) -> tuple[float, float]:
     velocity and the slope of a spline through the positions is then the lag times the acceleration; a robust straight
     line through the horizontal components finds it.
 
-    Returns: `lag`, `sd` [s]; the standard deviation is infinite where there are too few fixes or no accelerations.
+    Returns: `lag`, `sd` [s]; the standard deviation is infinite where there are too few fixes, or too far apart to tell
+    what the velocity was in between, or no accelerations.
     """
     usable = np.isfinite(gps.v_n).all(axis=1)
     if gps.fix is not None:
@@ -50,6 +52,8 @@ def velocity_lag(gps: GpsData) -> tuple[float, float]:
     if t.shape[0] < 50:
         return 0.0, np.inf
     step = np.diff(t)
+    if np.median(step) > SPARSE:
+        return 0.0, np.inf
     gone = ned_offset(gps.lla[usable][1:], gps.lla[usable][:-1])[:, :2]  # fix by fix: the track may be long
     position = Spline(t, np.vstack([np.zeros(2), np.cumsum(gone, axis=0)]))
     even: BoolArray = np.asarray(np.abs(step / np.median(step) - 1.0) < 0.1)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import insnav
 from insnav.filter import FilterSettings
 from insnav.filter.gps_noise import velocity_lag, with_sd
 from insnav.filter.noise_identification import identify_noise
@@ -123,3 +124,11 @@ def test_an_open_velocity_says_nothing_of_the_noise():
     found = identify_noise(ready, drives.SPEC)
     assert found is not None
     assert found.velocity_factor[0] == pytest.approx(1.0, abs=0.07)
+
+
+@pytest.mark.parametrize("profile", ["motorway", "bends"])
+def test_fixes_five_seconds_apart_tell_no_lag_of_velocities(profile):
+    """A spline through them is no motion: lags of 0.20 and -0.17 s with six and three standard deviations were found."""
+    gps = insnav.simulate(profile, imu="automotive", gps="dgps", seed=3).gps.data
+    assert np.isfinite(velocity_lag(gps)[1])
+    assert velocity_lag(gps.rows(slice(None, None, 5))) == (0.0, np.inf)
