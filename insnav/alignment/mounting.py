@@ -136,10 +136,9 @@ def _find(parts: Intervals, gps: GpsData, *, placed: bool) -> Mounting | None:
         before, ordered = still.copy(), parts
         if order != IN_ORDER:
             before[:3], ordered = still[list(order)], replace(parts, gyro=np.ascontiguousarray(parts.gyro[:, order]))
-        at, sd = _refined(telling, ordered, (before, still_sd), signs, mirrored=mirrored)
-        felt = (_felt(some, ordered, at, signs) for some in (windows, telling))
-        found, told = (_fit(*each, signs, mirrored=mirrored)[0] for each in zip((windows, telling), felt, strict=True))
-        return replace(found, sd=float(np.hypot(found.sd, sd)), gyro_order=order), told.misfit
+        at, sd, left = _refined(telling, ordered, (before, still_sd), signs, mirrored=mirrored)
+        found = _fit(windows, _felt(windows, ordered, at, signs), signs, mirrored=mirrored)[0]
+        return replace(found, sd=float(np.hypot(found.sd, sd)), gyro_order=order), left
 
     found, left = refined(signs, mirrored)
     if not found.right_handed:  # nor do bias and delay make a drive fit as it was given
@@ -154,11 +153,11 @@ def _find(parts: Intervals, gps: GpsData, *, placed: bool) -> Mounting | None:
 
 def _refined(
     windows: _Windows, parts: Intervals, before: tuple[FloatArray, FloatArray], signs: Signs, *, mirrored: bool
-) -> tuple[FloatArray, float]:
+) -> tuple[FloatArray, float, float]:
     """Biases [rad/s], [m/s^2], and how much later the samples are stamped than the velocities [s], by Gauss-Newton.
 
-    `before`: mean (7,) and standard deviation (7,) of them before. Returns them, (7,), and the standard deviation of
-    the yaw by what is not known of them [rad].
+    `before`: mean (7,) and standard deviation (7,) of them before. Returns them, (7,), the standard deviation of the
+    yaw by what is not known of them [rad], and the misfit that they leave.
     """
 
     def fitted(at: FloatArray) -> tuple[Mounting, FloatArray]:
@@ -184,7 +183,7 @@ def _refined(
         at, found, left = at + change, other, other_left
         if settled:
             break
-    return at, float(np.sqrt(yaw @ covariance @ yaw))
+    return at, float(np.sqrt(yaw @ covariance @ yaw)), found.misfit
 
 
 @dataclass(frozen=True, slots=True)

@@ -177,8 +177,8 @@ def _one(
         if max(each.gain for each in _spans(look, axes)) >= WORTH:
             spans, rival = _spans(plain, axes), _rival(ready, look)
         least = max(WORTH, ALIKE * max((each.gain for each in spans), default=0.0), ALIKE * rival)
-        likely = [each for each in spans if each.gain >= least and each.cause not in alike]
-        likely.sort(key=lambda each: -each.gain)
+        spans.sort(key=lambda each: -each.gain)
+        likely = [fault for fault in spans if fault.gain >= least and fault.cause not in alike]
         # noise found with a fault is a summit of its own
         tops = [climbed(*each) for each in ((look, plain) if (plain[1] < look[1]).any() else (look,)) if likely]
         tried = [_worth(look, fault, tops) for fault in likely]

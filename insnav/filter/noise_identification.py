@@ -25,7 +25,7 @@ from insnav.filter.innovation_likelihood import (
     thinned,
 )
 from insnav.filter.noise_estimate import NoiseEstimate, NoiseFigure, applied, with_fixes
-from insnav.filter.noise_search import AVERAGED, FEWEST, NEAR, STARTS, UNDERSTATED, Posterior, identify, misalignments
+from insnav.filter.noise_search import AVERAGED, FEWEST, NEAR, STARTS, Posterior, identify, misalignments
 from insnav.filter.prepare import CORRELATED, Prepared
 from insnav.filter.sensor_axes import Misalignment
 from insnav.imu.specification import ImuSpec
@@ -38,6 +38,7 @@ MOST_REJECTED = 0.3  # part of them that must have been used, else the gates are
 TOO_SMALL = 1.5  # mean square of innovations by their variance with noise that is given: true ones have up to 1.1 [-]
 ENOUGH_FOR_AXES = 900.0  # of the record, where nothing else is looked for [s]
 WORTH_TURNING = 0.5  # of what is not known of attitude: if misalignments that are known do more, samples are corrected
+UNDERSTATED = 2.0  # times what came with the fixes from which their standard deviations are said to be too small [-]
 NO_NOISE = 10.0  # times from which it may be more than a remark on the receiver [-]
 FEET, ALIKE_IN_METRES = (2.7, 4.0), 2.0  # factor of heights as of feet (3.28), and by that of horizontal positions [-]
 FACTOR_WORTH = 0.1  # a smaller change of a standard deviation is not told

@@ -66,9 +66,9 @@ VELOCITY_STARTS = np.log([(share, time) for time in (30.0, 150.0) for share in (
 VELOCITY_WORTH = 20.0
 # Where the white part alone of the errors of fixes is so many times what came with these, the lasting part, of which a
 # drive shows little, is larger than that says, too: the whole is then taken for as many times more, up to `ALIKE`, as
-# the white part exceeds it. From further factors it is looked for, as most fixes may have been rejected.
+# the white part exceeds it.
 DOUBTED = 1.15
-UNDERSTATED, UNDERSTATED_STARTS = 2.0, (1.0, 5.0, 50.0)
+UNDERSTATED_STARTS = 1.0, 5.0, 50.0  # factors it is looked for from: most fixes may have been rejected
 # a drive is by another IMU if by chance its innovations are so unlikely, and figures so many times and standard
 # deviations off those of all
 CHANCE, UNLIKE, UNLIKE_SD = 1e-4, 2.0, 3.0

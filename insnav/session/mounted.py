@@ -50,8 +50,8 @@ def as_mounted(
 ) -> tuple[Reading[ImuData], float, tuple[str, ...]]:
     """Samples in the axes of the vehicle if none were given, the yaw of the IMU that is left [rad], and notes.
 
-    Raises: InputError: the axes are left-handed, the gyros turn against the accelerometers, or z points up and nothing
-    tells how the other axes point.
+    Raises: InputError: the axes are left-handed, the gyros turn against the accelerometers or are in another order, or
+    z points up and nothing tells how the other axes point.
     """
     if fixes is None:
         return imu, 0.0, ()
