@@ -128,7 +128,7 @@ def test_an_open_velocity_says_nothing_of_the_noise():
 
 @pytest.mark.parametrize("profile", ["motorway", "bends"])
 def test_fixes_five_seconds_apart_tell_no_lag_of_velocities(profile):
-    """A spline through them is no motion: lags of 0.20 and -0.17 s with six and three standard deviations were found."""
+    """A spline through them is no motion: lags of 0.20 and -0.17 s, seven and three standard deviations, were found."""
     gps = insnav.simulate(profile, imu="automotive", gps="dgps", seed=3).gps.data
     assert np.isfinite(velocity_lag(gps)[1])
     assert velocity_lag(gps.rows(slice(None, None, 5))) == (0.0, np.inf)
