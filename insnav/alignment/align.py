@@ -128,6 +128,8 @@ def _left(parts: Intervals, still: list[tuple[float, float]], time: float) -> bo
     """Whether gyros and accelerometers see the vehicle leave between its last rest and a time [s]."""
     end = still[-1][1]
     rows = slice(*np.searchsorted(parts.end, [max(still[-1][0], end - LEVEL_SPAN), end], side="right"))
+    if rows.start == rows.stop:  # a rest of one fix
+        return False
     rph = np.array([*static.level(static.rates(parts, rows)[1].mean(axis=0)), 0.0])
     # the Earth's rotation is in the mean rate
     track = motion.history(parts, end, time, rph, static.summarize(parts, *still[0]).rate, None)

@@ -381,6 +381,7 @@ def costs_of(innovation: FloatArray, variance: FloatArray) -> FloatArray:
 
 def weights_of(innovation: FloatArray, variance: FloatArray) -> FloatArray:
     """Curvature of `costs_of` by each innovation (k,), in iteratively reweighted least squares."""
+    variance = np.where(variance > 0.0, variance, np.inf)  # see `cost_of`
     return np.asarray(1.0 / (variance * np.maximum(np.abs(innovation) / np.sqrt(variance) / HUBER, 1.0)))
 
 

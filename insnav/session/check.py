@@ -257,7 +257,7 @@ def _examined(found: Checked, data: Readings, drive: Drive | None, patient: _Pat
     if together and drive is not None and fixes is not None and data.gps is not None:
         parts = intervals(imu.rows(slice(int(np.searchsorted(imu.time, imu.time[0] + BEGIN)))))
         offset = clock_offset(joined([parts]), fixes)
-        shown = offset if offset is not None and shown_by(offset) else None
+        shown = offset if isinstance(offset, ClockOffset) and shown_by(offset) else None
         found = replace(found, offset=shown, mounting=find_mounting(parts, fixes))
     if drive is not None and drive.fixes is not None:
         found = replace(found, run=_run(drive, patient))

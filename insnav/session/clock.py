@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from insnav import spill
-from insnav.alignment.clock_offset import ClockOffset, find_clock_offset
+from insnav.alignment.clock_offset import ClockOffset, Unlike, find_clock_offset
 from insnav.alignment.turn_scale import turn_scale
 from insnav.exceptions import InputError
 from insnav.filter.gps_noise import LAG_WORTH, velocity_lag
 from insnav.input import Reading, check_overlap
 from insnav.input.interpret.overlap import epoch_offset, named_offset, overlap
 from insnav.session.inputs import Inputs
-from insnav.session.mounted import refuse_other_order
+from insnav.session.mounted import explained, refuse_other_order
 from insnav.strapdown import Intervals, joined, pieces
 from insnav.types import GpsData, ImuData, SensorLog
 from insnav.units import DEG
@@ -57,7 +57,21 @@ def on_one_clock(
     if not apart:  # first: turns that are too large by far fit at another time
         _check_gyro_unit(imu.facts.path, parts, fixes)
     found = None if given is not None else clock_offset(parts, fixes, worth=WORTH)
-    if found is not None and abs(found.offset) > max(WORTH, SIGMAS * found.sd):
+    if isinstance(found, Unlike) and not apart and not explained(imu, fixes):
+        raise InputError(
+            "IMU and GPS are not of one drive",
+            where=f"{imu.facts.path}, {gps.facts.path}",
+            why=(
+                f"in the {found.overlap:.0f} s that they have in common nothing turns or accelerates as the fixes do "
+                f"(r = {found.turns:.2f} and {found.accelerations:.2f}; of one drive, 0.7 and more), nor at any other "
+                "offset of the clocks"
+            ),
+            fix=(
+                "give the files that were recorded together; if these were, look whether the columns are what their "
+                "names say; --imu-time-offset 0 navigates them as they are"
+            ),
+        )
+    if isinstance(found, ClockOffset) and abs(found.offset) > max(WORTH, SIGMAS * found.sd):
         if not apart:  # an axis that is none of the turns seems to turn at another time
             refuse_other_order(imu, fixes)
         offset, name = named_offset(offset + found.offset, found.sd)
@@ -88,14 +102,14 @@ def _check_gyro_unit(path: str, parts: Intervals, fixes: GpsData) -> None:
             )
 
 
-def clock_offset(parts: Intervals, fixes: GpsData, *, worth: float = 0.0) -> ClockOffset | None:
-    """How far the clock of the IMU is behind that of the positions; None if the motion does not tell it.
+def clock_offset(parts: Intervals, fixes: GpsData, *, worth: float = 0.0) -> ClockOffset | Unlike | None:
+    """How far the clock of the IMU is behind that of the positions, or that no clock explains them; None if not told.
 
     `parts`: samples as intervals; `fixes`: with standard deviations; `worth`: smaller offsets may be None too [s].
     """
     found = find_clock_offset(parts, fixes, worth=worth)
-    if found is None:
-        return None
+    if not isinstance(found, ClockOffset):
+        return found
     lag, sd = velocity_lag(fixes)
     return replace(found, offset=found.offset - lag) if abs(lag) > max(LAG_WORTH, 5.0 * sd) else found
 

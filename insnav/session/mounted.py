@@ -116,6 +116,11 @@ def refuse_other_order(imu: Reading[ImuData], fixes: GpsData) -> None:
         raise _left_handed(found, imu.facts.path)
 
 
+def explained(imu: Reading[ImuData], fixes: GpsData) -> bool:
+    """Whether some axes explain the fixes, those that no IMU has too."""
+    return _found(imu, fixes) is not None
+
+
 def _found(imu: Reading[ImuData], fixes: GpsData) -> Mounting | None:
     """Mounting by the first half an hour."""
     data = imu.data

@@ -150,3 +150,35 @@ def test_gyros_in_degrees_show_in_the_course(drives):
     assert correlation > 0.95
     with pytest.raises(InputError, match="look like deg/s"):
         insnav.load(replace(imu, gyro=np.degrees(imu.gyro)), fixes)
+
+
+TWO_DRIVES = [("city", 1, "motorway", 2), ("mountain_road", 3, "city", 1), ("tunnel", 4, "city", 5)]
+
+
+@pytest.mark.parametrize("gps", ["rtk", "single"])
+@pytest.mark.parametrize(("one", "seed", "other", "its"), TWO_DRIVES)
+def test_files_of_two_drives_are_refused(one, seed, other, its, gps):
+    """With and without velocities. They were navigated to a solution with an sd of 0.07 m, or 1800 km, or for minutes.
+
+    Others were told the offset of the clocks at which two drives are least unlike.
+    """
+    imu = insnav.simulate(one, imu="automotive", gps="rtk", seed=seed, rate=50.0).imu.data
+    fixes = insnav.simulate(other, imu="automotive", gps=gps, seed=its, rate=50.0).fixes
+    for v_n in (fixes.v_n, np.full_like(fixes.v_n, np.nan)):
+        with pytest.raises(InputError, match="not of one drive") as caught:
+            insnav.load(imu, replace(fixes, v_n=v_n))
+        assert "time_offset" in str(caught.value)
+        insnav.load(imu, replace(fixes, v_n=v_n), time_offset=0.0)
+
+
+@pytest.mark.parametrize("profile", ["city", "bends", "round_trip", "aircraft_pattern", "balloon"])
+@pytest.mark.parametrize("claim", [None, 0.01])
+@pytest.mark.parametrize("gps", ["single", "urban"])
+def test_noisy_fixes_are_those_of_the_drive(profile, claim, gps):
+    """Positions alone, in which accelerations are hardly seen, whatever accuracy they claim."""
+    made = insnav.simulate(profile, imu="consumer", gps=gps, seed=2, rate=50.0)
+    none = np.full_like(made.fixes.v_n, np.nan)
+    sd = made.fixes.position_sd if claim is None else np.full_like(none, claim)
+    fixes = replace(made.fixes, v_n=none, velocity_sd=none, position_sd=sd)
+    found = find_clock_offset(intervals(made.imu.data), fixes)
+    assert found is None or abs(found.offset) < 1.0
