@@ -172,7 +172,10 @@ def _covered(track: _Track, flags: BoolArray, ends: tuple[FloatArray, FloatArray
 
 
 def _best_lag(
-    imu: tuple[float, FloatArray, BoolArray], gps: tuple[float, FloatArray, BoolArray], span: float, least: float = np.inf
+    imu: tuple[float, FloatArray, BoolArray],
+    gps: tuple[float, FloatArray, BoolArray],
+    span: float,
+    least: float = np.inf,
 ) -> float | Unlike | None:
     """Lag with the largest likelihood [s], if no other comes near; of changes over `span` [s].
 
