@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 _FEW, _MOST, _SAME = 10, 0.9, 1e-10  # epochs in common, and share of them that are the same [rad]: half a millimetre
 _REJECTED = 0.5  # share of rejected positions of a filter that is lost ...
 _LOST, _LOST_RESETS = 0.2, 3  # ... or after so many resets
+_UNKNOWN = 300.0  # standard deviation at fixes that are used, beyond that of all receivers [m]
 SAME_DATA = "the reference has the positions of the fixes: its errors say how closely the run follows them, no more"
 SHORTEST_OUTAGE_S = 2.0
 MISSED_FIXES = 3.0  # median intervals without a used position fix make an outage
@@ -143,6 +144,12 @@ def failure(run: Run) -> str:
         return f"the filter rejected {100.0 * lost:.0f} % of the positions"
     if resets >= _LOST_RESETS and lost > _LOST:
         return f"the filter was reset {resets} times, and {100.0 * lost:.0f} % of the positions were rejected"
+    known, sd = run.solution.time, run.solution.sd
+    if sd is not None and len(known) and fixes.used_position.any():
+        rows = np.clip(np.searchsorted(known, fixes.time[fixes.used_position]), 0, len(known) - 1)
+        middle = float(np.median(np.hypot(*sd[rows, :2].T)))
+        if middle > _UNKNOWN:
+            return f"beside the fixes that were used it is known to {middle:.2g} m (1 sd) only"
     return ""
 
 

@@ -138,9 +138,15 @@ def _sorted(files: Sequence[str | Path], patient: _Patient, roles: Mapping[Path,
             patient.roles[str(each)] = "not readable"
             patient.refused(error)
     given: dict[str, str | Path] = {}
-    # fixes are better than none, and what is known comes first
+    # fixes are better than none, and what is known comes first, then the longest
     order = {
-        path: ("imu" not in kinds, Path(path) not in roles, not kinds, kinds == {"reference"})
+        path: (
+            "imu" not in kinds,
+            Path(path) not in roles,
+            not kinds,
+            kinds == {"reference"},
+            -Path(path).stat().st_size,
+        )
         for path, kinds in held.items()
     }
     for each, kinds in sorted(held.items(), key=lambda item: order[item[0]]):

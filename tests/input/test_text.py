@@ -199,6 +199,7 @@ USELESS = {
     "one row": ("\n".join(TEXT.splitlines()[:2]).encode(), "too few samples"),
     "two rows": ("\n".join(TEXT.splitlines()[:3]).encode(), "too few samples"),
     "one column": (b"a\n1\n2\n3\n", "only one column"),
+    "decimal commas between commas": (b"a,b\n1,5,2,5\n3,5,4,5\n", "decimal points, or with semicolons"),
     "header does not fit": (b"time gyro x\n1 2 3 4\n1 2 3 4\n", "does not fit"),
     "prose": (b"Dear reader,\nthis is a letter.\nIt has no numbers.\nNone at all.\n", "column"),
     "PNG": (b"\x89PNG\r\n\x1a\n" + bytes(range(256)), "PNG"),

@@ -28,3 +28,11 @@ def test_a_lost_filter_is_a_failure(rejected, resets, lost):
         events=tuple(reset(10.0 * number) for number in range(resets)),
     )
     assert bool(failure(run)) == lost
+
+
+def test_a_solution_that_is_known_to_kilometres_beside_its_fixes_is_a_failure():
+    run = healthy(0).run
+    solution = run.solution
+    assert solution.sd is not None
+    lost = replace(run, solution=replace(solution, sd=solution.sd + np.r_[2000.0, 1500.0, np.zeros(7)]))
+    assert failure(lost) == "beside the fixes that were used it is known to 2.5e+03 m (1 sd) only"

@@ -16,6 +16,7 @@ _SAMPLE_ROWS = 20
 _COMMENT = ("#", "%", "//")
 # In order of preference where several would do; blank stands for any run of blanks and tabs.
 _DELIMITERS = (",", ";", "\t", "|", " ")
+_WHOLE = re.compile(r"\s*[+-]?\d+\s*")
 _DECIMAL_COMMA = re.compile(r"^[-+]?\d+,\d+([eE][-+]?\d+)?$")
 _UNITS = {word for table in UNIT_SPELLINGS.values() for word in table}
 
@@ -189,12 +190,13 @@ def _check_width(names: Sequence[str], sample: Sequence[str], delimiter: str, wh
         )
     counts = [len(split_line(row, delimiter)) for row in sample]
     if counts and all(n != len(names) for n in counts):
-        raise InputError(
-            "the header does not fit the rows",
-            where=f"{where}:{line}",
-            why=f"{len(names)} names, but {counts[0]} cells in the first row",
-            fix="give every column one name; put names with blanks into quotes or use commas",
-        )
+        why = f"{len(names)} names, but {counts[0]} cells in the first row"
+        fix = "give every column one name; put names with blanks into quotes or use commas"
+        whole = all(_WHOLE.fullmatch(cell) for cell in split_line(sample[0], delimiter))
+        if delimiter == "," and whole and len(names) < counts[0] <= 2 * len(names):
+            why += ", all of them whole numbers, as commas between columns and within numbers make them"
+            fix = "export with decimal points, or with semicolons between the columns"
+        raise InputError("the header does not fit the rows", where=f"{where}:{line}", why=why, fix=fix)
 
 
 def _decimal(sample: Sequence[str], delimiter: str) -> str:

@@ -13,6 +13,7 @@ from insnav.types import FloatArray
 _ROWS = 50_000  # that are looked at
 _GRAVITIES = (9.8, 1.0, 1000.0)  # in m/s^2, g and mg
 _TOLERANCE = 0.05
+_SAME = 0.8  # correlation of a velocity with the change of positions, with their noise
 _LAT, _LON, _HEIGHT, _SPAN = 90.0, 360.0, 1e5, 20.0
 
 
@@ -46,7 +47,10 @@ def imu_columns(table: Table) -> dict[str, str]:
 
 
 def position_columns(table: Table) -> dict[str, str]:
-    """Headers of the columns that may hold time, and latitude, longitude and height in this order."""
+    """Headers of the columns that may hold time, and latitude, longitude and height in this order.
+
+    And those of velocities North, East, and Down if known, by which positions change.
+    """
     columns = _columns(table)
     times = [i for i, values in enumerate(columns) if _advances(values)]
     for at in range(times[0] + 1, len(columns) - 2) if times else ():
@@ -56,9 +60,21 @@ def position_columns(table: Table) -> dict[str, str]:
             for values, limit in ((lat, _LAT), (lon, _LON), (height, _HEIGHT))
         )
         if limits and max(np.ptp(lat), np.ptp(lon)) < _SPAN and not (lat == np.round(lat)).all():
-            names = (table.headers[i] for i in (times[0], at, at + 1, at + 2))
-            return dict(zip(("time", "lat", "lon", "height"), names, strict=True))
+            found = dict(zip(("time", "lat", "lon", "height"), (times[0], at, at + 1, at + 2), strict=True))
+            slopes = [np.gradient(each, columns[times[0]]) for each in (lat, lon, -height)]
+            for k in range(at + 3, len(columns) - 1):
+                alike = [_correlation(a, b) > _SAME for a, b in zip(slopes, columns[k : k + 3], strict=False)]
+                if alike[0] and alike[1]:
+                    found |= {key: k + i for i, key in enumerate(("vn", "ve", "vd")) if i < 2 or alike[2:] == [True]}
+                    break
+            return {key: table.headers[i] for key, i in found.items()}
     return {}
+
+
+def _correlation(one: FloatArray, other: FloatArray) -> float:
+    known = np.isfinite(one) & np.isfinite(other)
+    one, other = (each[known] - np.mean(each[known]) if known.any() else np.zeros(1) for each in (one, other))
+    return float(one @ other) / max(float(np.linalg.norm(one) * np.linalg.norm(other)), 1e-300)
 
 
 def _columns(table: Table) -> list[FloatArray]:

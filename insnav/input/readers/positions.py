@@ -110,6 +110,9 @@ def read_reference(path: str | Path | Table, *, columns: Mapping[str, str] | Non
     return Reading(data, reading.events, reading.facts, reading.fix)
 
 
+WORDS = {"lat": "latitude", "lon": "longitude", "vn": "velocity North", "ve": "East", "vd": "Down"}
+
+
 def read_positions(
     path: str | Path | Table,
     kind: str,
@@ -129,7 +132,7 @@ def read_positions(
         hint = "this looks like inertial data: give it as the IMU file"
     elif not {"time", "lat"} <= found.keys() and (held := position_columns(table)):
         guess = {key: header for key, header in held.items() if key not in found}
-        names = ", ".join({"lat": "latitude", "lon": "longitude"}.get(key, key) for key in guess)
+        names = ", ".join(WORDS.get(key, key) for key in guess)
         numbers = shlex.quote(",".join(f"{key}={header}" for key, header in guess.items()))
         hint = f"if {'these are' if len(guess) > 1 else 'this is'} {names}, say --columns {numbers}"
         gives = {"columns": guess}

@@ -288,10 +288,10 @@ REFUSED: dict[str, tuple[Callable[[Path], object], str, dict[str, object] | None
         "lat=lon,lon=lat",
         {"gps_columns": {"lat": "lon", "lon": "lat"}},
     ),
-    "no header": (
-        lambda folder: table(folder / "gps.csv", fixes(PLAIN), header=False),
-        "--gps-columns time=1,lat=2,lon=3,height=4",
-        {"gps_columns": {"time": "1", "lat": "2", "lon": "3", "height": "4"}},
+    "no header, with velocities": (
+        lambda folder: table(folder / "gps.csv", fixes("time,lat,lon,height,vn,ve,vd"), header=False),
+        "--gps-columns time=1,lat=2,lon=3,height=4,vn=5,ve=6",
+        {"gps_columns": {"time": "1", "lat": "2", "lon": "3", "height": "4", "vn": "5", "ve": "6"}},
     ),
     "arrays in radians": (_arrays, "give degrees", None),
     "radians without velocities": (_with(PLAIN, lat=_angle(0, DEG), lon=_angle(1, DEG)), "lat_rad", None),
