@@ -53,6 +53,7 @@ SEEN = 1.5
 ALIKE, UNLIKE = 0.6, 0.4  # correlation from which motion that is seen is the same, and below which it is another [-]
 LONG_ENOUGH = 60.0  # time in common after which two drives are told from one [s]
 AS_IS = 3.0  # offsets that are none, but a delay [s]
+DENSE = 6.0  # changes over longer spans may be whole circles: a flight with a fix every 10 s has r = 0.3 [s]
 BEYOND = 1.5  # times what any sample feels, what fixes show is false
 NOISE = 2.0  # times the RMS of what samples feel, what fixes show is noise, whatever they claim
 LEAST = 0.5  # correlation of turns or accelerations, refined, that tells an offset [-]
@@ -199,7 +200,7 @@ def _best_lag(
         alike[i], common[i] = r, count * STEP
     best = int(np.argmax(score))
     both = float(np.sqrt(np.average(alike[:, best] ** 2, weights=common[:, best] + 1e-9)))
-    if max(least, MOVES) < seen < NOISE * felt and both < ALIKE:
+    if span < DENSE and max(least, MOVES) < seen < NOISE * felt and both < ALIKE:
         near = np.flatnonzero((abs(lags) < AS_IS) & (common[1] >= LONG_ENOUGH))
         turns, accelerations = (float(max(each[near], key=abs, default=1.0)) for each in alike)
         if max(abs(turns), abs(accelerations)) < UNLIKE:
