@@ -187,12 +187,12 @@ def _best_lag(
         return None
     lags = gps[0] - imu[0] + (np.arange(n + m - 1) - (n - 1)) * STEP
     score, alike, common = np.zeros(n + m - 1), np.zeros((2, n + m - 1)), np.zeros((2, n + m - 1))
-    felt = seen = 0.0  # acceleration, RMS [m/s^2]
+    felt, seen = np.zeros(2), np.zeros(2)  # RMS [rad/s], [m/s^2]
     for i, (x, mx, y, my) in enumerate(zip(imu[1], imu[2], gps[1], gps[2], strict=True)):
         my = my & (np.abs(y) < BEYOND * np.max(np.abs(x), where=mx, initial=0.0))
         if not (mx.any() and my.any()) or float(np.std(y[my])) < 0.1 * MOVES:
             continue
-        felt, seen = float(np.std(x[mx])), float(np.std(y[my]))  # accelerations come last
+        felt[i], seen[i] = np.std(x[mx]), np.std(y[my])
         correlation, count = _masked_correlation(x, mx, y, my)
         enough = count * STEP >= max(SHORTEST, SHARE * STEP * min(mx.sum(), my.sum()))
         r = np.where(enough, np.clip(correlation, -0.999, 0.999), 0.0)
@@ -200,7 +200,7 @@ def _best_lag(
         alike[i], common[i] = r, count * STEP
     best = int(np.argmax(score))
     both = float(np.sqrt(np.average(alike[:, best] ** 2, weights=common[:, best] + 1e-9)))
-    if span < DENSE and max(least, MOVES) < seen < NOISE * felt and both < ALIKE:
+    if span < DENSE and max(least, MOVES) < seen[1] < NOISE * felt[1] and both < ALIKE:
         near = np.flatnonzero((abs(lags) < AS_IS) & (common[1] >= LONG_ENOUGH))
         turns, accelerations = (float(max(each[near], key=abs, default=1.0)) for each in alike)
         if max(abs(turns), abs(accelerations)) < UNLIKE:

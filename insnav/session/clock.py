@@ -38,7 +38,8 @@ def on_one_clock(
     """Samples, and logs that were recorded with them, in the time of the fixes; and notes.
 
     `fixes`: those of `gps`, each with the standard deviation of its scatter.
-    Raises: InputError: they have no time in common, or another one than their motion says; with the offset to give.
+    Raises: InputError: they have no time in common, or another one than their motion says, with the offset to give; or
+    no motion in common.
     """
     given = inputs.get("time_offset")
     if gps is None or fixes is None:
@@ -58,19 +59,7 @@ def on_one_clock(
         _check_gyro_unit(imu.facts.path, parts, fixes)
     found = None if given is not None else clock_offset(parts, fixes, worth=WORTH)
     if isinstance(found, Unlike) and not apart and not explained(imu, fixes):
-        raise InputError(
-            "IMU and GPS are not of one drive",
-            where=f"{imu.facts.path}, {gps.facts.path}",
-            why=(
-                f"in the {found.overlap:.0f} s that they have in common nothing turns or accelerates as the fixes do "
-                f"(r = {found.turns:.2f} and {found.accelerations:.2f}; of one drive, 0.7 and more), nor at any other "
-                "offset of the clocks"
-            ),
-            fix=(
-                "give the files that were recorded together; if these were, look whether the columns are what their "
-                "names say; --imu-time-offset 0 navigates them as they are"
-            ),
-        )
+        raise _two_drives(found, f"{imu.facts.path}, {gps.facts.path}")
     if isinstance(found, ClockOffset) and abs(found.offset) > max(WORTH, SIGMAS * found.sd):
         if not apart:  # an axis that is none of the turns seems to turn at another time
             refuse_other_order(imu, fixes)
@@ -86,6 +75,23 @@ def on_one_clock(
         )
     check_overlap(imu.data, gps.data)
     return imu, logs, tuple(notes)
+
+
+def _two_drives(found: Unlike, where: str) -> InputError:
+    """What is wrong with samples and fixes that have no motion in common."""
+    return InputError(
+        "IMU and GPS are not of one drive",
+        where=where,
+        why=(
+            f"in the {found.overlap:.0f} s that they have in common nothing turns or accelerates as the fixes do "
+            f"(r = {found.turns:.2f} and {found.accelerations:.2f}; of one drive, 0.7 and more), nor at any other "
+            "offset of the clocks"
+        ),
+        fix=(
+            "give the files that were recorded together; if these were, look whether the columns are what their names "
+            "say; --imu-time-offset 0 navigates them as they are"
+        ),
+    )
 
 
 def _check_gyro_unit(path: str, parts: Intervals, fixes: GpsData) -> None:

@@ -8,12 +8,13 @@ import numpy as np
 
 from insnav.exceptions import InputError
 from insnav.input.formats.table import Table
+from insnav.input.interpret.velocities import fit_velocities
 from insnav.types import FloatArray
+from insnav.units import DEG
 
 _ROWS = 50_000  # that are looked at
 _GRAVITIES = (9.8, 1.0, 1000.0)  # in m/s^2, g and mg
 _TOLERANCE = 0.05
-_SAME = 0.8  # correlation of a velocity with the change of positions, with their noise
 _LAT, _LON, _HEIGHT, _SPAN = 90.0, 360.0, 1e5, 20.0
 
 
@@ -49,7 +50,7 @@ def imu_columns(table: Table) -> dict[str, str]:
 def position_columns(table: Table) -> dict[str, str]:
     """Headers of the columns that may hold time, and latitude, longitude and height in this order.
 
-    And those of velocities North, East, and Down if known, by which positions change.
+    And of the first velocities North and East by which these positions move.
     """
     columns = _columns(table)
     times = [i for i, values in enumerate(columns) if _advances(values)]
@@ -61,20 +62,14 @@ def position_columns(table: Table) -> dict[str, str]:
         )
         if limits and max(np.ptp(lat), np.ptp(lon)) < _SPAN and not (lat == np.round(lat)).all():
             found = dict(zip(("time", "lat", "lon", "height"), (times[0], at, at + 1, at + 2), strict=True))
-            slopes = [np.gradient(each, columns[times[0]]) for each in (lat, lon, -height)]
-            for k in range(at + 3, len(columns) - 1):
-                alike = [_correlation(a, b) > _SAME for a, b in zip(slopes, columns[k : k + 3], strict=False)]
-                if alike[0] and alike[1]:
-                    found |= {key: k + i for i, key in enumerate(("vn", "ve", "vd")) if i < 2 or alike[2:] == [True]}
+            lla = np.column_stack([lat * DEG, lon * DEG, height])
+            for k in range(at + 3, len(columns) - 2):
+                fit = fit_velocities(columns[times[0]], lla, np.column_stack(columns[k : k + 3]))
+                if fit is not None and fit.as_named and not fit.misplaced:
+                    found |= {"vn": k, "ve": k + 1}
                     break
             return {key: table.headers[i] for key, i in found.items()}
     return {}
-
-
-def _correlation(one: FloatArray, other: FloatArray) -> float:
-    known = np.isfinite(one) & np.isfinite(other)
-    one, other = (each[known] - np.mean(each[known]) if known.any() else np.zeros(1) for each in (one, other))
-    return float(one @ other) / max(float(np.linalg.norm(one) * np.linalg.norm(other)), 1e-300)
 
 
 def _columns(table: Table) -> list[FloatArray]:

@@ -33,6 +33,7 @@ _MAX_HEIGHT = 1e5  # [m]
 _MIN_HEIGHT = -1e4
 _FAR = 0.1 * DEG  # a fix at (0, 0) is a placeholder if all others are farther than this
 _ROOM = {"px", "prsrx", "posx", "positionx"}  # headers of EuRoC, TUM-VI, and programs like them
+_WORDS = {"lat": "latitude", "lon": "longitude", "vn": "velocity North", "ve": "East"}
 # formats that do not define what heights are above; an empty name is that of data in memory
 _ANY_HEIGHT = {"", *(each.name for each in (delimited_text, kf_gins, matlab, parquet, phone_folder))}
 _STANDARD_DEVIATIONS = ("sd_n", "sd_e", "sd_d", "sd_vn", "sd_ve", "sd_vd")
@@ -110,9 +111,6 @@ def read_reference(path: str | Path | Table, *, columns: Mapping[str, str] | Non
     return Reading(data, reading.events, reading.facts, reading.fix)
 
 
-WORDS = {"lat": "latitude", "lon": "longitude", "vn": "velocity North", "ve": "East", "vd": "Down"}
-
-
 def read_positions(
     path: str | Path | Table,
     kind: str,
@@ -132,7 +130,7 @@ def read_positions(
         hint = "this looks like inertial data: give it as the IMU file"
     elif not {"time", "lat"} <= found.keys() and (held := position_columns(table)):
         guess = {key: header for key, header in held.items() if key not in found}
-        names = ", ".join(WORDS.get(key, key) for key in guess)
+        names = ", ".join(_WORDS.get(key, key) for key in guess)
         numbers = shlex.quote(",".join(f"{key}={header}" for key, header in guess.items()))
         hint = f"if {'these are' if len(guess) > 1 else 'this is'} {names}, say --columns {numbers}"
         gives = {"columns": guess}
