@@ -6,6 +6,7 @@ from that name.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -73,7 +74,9 @@ class Tabular:
         columns: dict[str, NDArray[Any]] = {}
         for field, values in self._arrays().items():
             table = np.sqrt(np.diagonal(values, axis1=1, axis2=2)) if values.ndim == 3 else values
-            for name, column in zip(self.COLUMNS[field], table.reshape(len(table), -1).T, strict=True):
+            for name, column in zip(
+                self.COLUMNS[field], table.reshape(len(table), math.prod(table.shape[1:])).T, strict=True
+            ):
                 factor = unit_of(name)
                 columns[name] = column if factor == 1.0 else column / factor
         return columns

@@ -72,6 +72,14 @@ def test_rows_keep_what_is_absent_absent(kind: type[Tabular]) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+def test_no_rows_are_columns_without_rows(kind: type[Tabular]) -> None:
+    """A solution whose every fix was rejected has none: its table ended as a defect."""
+    columns = _filled(kind).rows(slice(0)).columns()
+    assert list(columns) == list(_filled(kind).columns())
+    assert {len(column) for column in columns.values()} == {0}
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
 def test_rows_cut_in_two_and_joined_are_the_same(kind: type[Tabular]) -> None:
     data = _filled(kind)
     again = data.rows(slice(3)).joined(data.rows(slice(3, None)))
