@@ -220,3 +220,30 @@ def test_a_row_of_another_week_is_left_out(tmp_path, row):
     assert len(reading.data.time) == 399
     assert reading.facts.n_gaps == 0
     assert any("more than a day from all others" in event.action for event in reading.events)
+
+
+def _clock(seconds: np.ndarray) -> np.ndarray:
+    return 10000.0 * (seconds // 3600) + 100.0 * (seconds // 60 % 60) + seconds % 60
+
+
+@pytest.mark.parametrize("step", [0.2, 1.0, 5.0, 20.0])
+@pytest.mark.parametrize("gap", [False, True])
+def test_times_as_digits_of_a_clock_are_read_and_said(tmp_path, step, gap):
+    seconds = 43_100.0 + step * np.arange(round(900.0 / step))
+    seconds = np.delete(seconds, slice(3, round(90.0 / step))) if gap else seconds
+    rows = fixes(len(seconds))
+    rows[:, 0] = _clock(seconds)
+    reading = read_gps(write(tmp_path / "gps.csv", rows[:, :4], "time,lat,lon,alt"))
+    np.testing.assert_allclose(reading.data.time, seconds, atol=1e-6)
+    assert "hhmmss (assumed; else write time_s in the header)" in " ".join(reading.facts.evidence)
+
+
+@pytest.mark.parametrize(("step", "header"), [(1.0, "time"), (0.2, "time"), (1.0, "time_s"), (20.0, "time_s")])
+def test_plain_seconds_with_gaps_are_no_digits_of_a_clock(tmp_path, step, header):
+    """Of none, by chance, the last two digits are 60 to 99: 30 is followed by 101, and no second is lost."""
+    seconds = np.arange(0.0, 900.0, step)
+    seconds = seconds[seconds % 100.0 <= (30.0 if header == "time" else 59.0)]
+    rows = fixes(len(seconds))
+    rows[:, 0] = seconds
+    reading = read_gps(write(tmp_path / "gps.csv", rows[:, :4], f"{header},lat,lon,alt"))
+    np.testing.assert_allclose(reading.data.time, seconds, atol=1e-6)

@@ -222,7 +222,8 @@ def check_axes(quiet: Quiet, axes: str | None, *, where: str, any_way: bool = Fa
 def clock_digits(time: FloatArray) -> FloatArray | None:
     """Seconds since midnight of times ``(n,)`` written as hhmmss.s; None if they are not.
 
-    They are if minutes and seconds stay below 60 and every step of 41 or more is one from :59 to :00.
+    They are if minutes and seconds stay below 60 and most steps of 41 or more are as long as all others, as one from
+    :59 to :00 is: plain seconds with gaps may stay below :60, too.
     """
     known = np.isfinite(time)
     known = time if known.all() else time[known]
@@ -235,7 +236,8 @@ def clock_digits(time: FloatArray) -> FloatArray | None:
     time = np.where(np.isfinite(time), time, np.nan)
     seconds = 3600.0 * (time // 10_000.0) + 60.0 * (time // 100.0 % 100.0) + time % 100.0
     clean = np.diff(seconds[np.isfinite(time)])
-    return seconds if jumps.any() and clean.max() < 40.0 and (np.diff(known)[jumps] < 4100.0).all() else None
+    step = float(np.median(clean))
+    return seconds if jumps.any() and float(np.mean(np.abs(clean[jumps] - step) < 0.5 * step)) > 0.5 else None
 
 
 def find_time_unit(time: FloatArray, stated: str | None, *, slowest: float, where: str) -> tuple[str, str]:

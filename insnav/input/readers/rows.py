@@ -105,7 +105,7 @@ def read_rows(
     forms = {key: numbers.texts[found[key].index] for key in columns if found[key].index in numbers.texts}
     _refuse_texts(forms, found, table)
     day, fraction = columns.pop("date", None), columns.pop("time_fraction", None)
-    unit, evidence, week = "s", "", table.week
+    unit, evidence, digits, week = "s", "", "", table.week
     if "time" in forms:
         evidence, week = forms["time"].note, forms["time"].week
         if forms["time"].form == "time of day" and day is not None and "date" in forms:
@@ -115,11 +115,15 @@ def read_rows(
     elif fraction is not None:
         columns["time"] = columns["time"] + fraction * found["time_fraction"].factor
         evidence = f"time in s: {found['time'].header} and {found['time_fraction'].header}"
-    elif "time" in columns and numbers.n_rows > 1 and (clock := clock_digits(columns["time"])) is not None:
-        columns["time"], evidence = clock, "times are hours, minutes and seconds in one number: seconds since midnight"
     elif "time" in columns and numbers.n_rows > 1:
         stated = time_unit or found["time"].unit
+        if stated is None and (clock := clock_digits(columns["time"])) is not None:
+            columns["time"], stated = clock, "s"
+            digits = (
+                "times are hours, minutes, seconds in one number, hhmmss (assumed; else write time_s in the header)"
+            )
         unit, evidence = find_time_unit(columns["time"], stated, slowest=slowest, where=table.name)
+        evidence = digits or evidence
         if ALL_UNITS[unit][1] != 1.0:
             columns["time"] = spill.by_blocks(lambda time: time * ALL_UNITS[unit][1], columns["time"])
     return Rows(table, kinds, columns, numbers.n_rows, numbers.cut, unit, evidence, week)
