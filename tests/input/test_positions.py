@@ -64,6 +64,17 @@ def test_positions_that_may_be_degrees_or_radians_are_refused(tmp_path):
         _gps(tmp_path, np.column_stack([rows, fixes(60)[:, 4:]]), "time,lat_deg,lon_deg,alt,vn,ve,vd,sd_n,sd_e,sd_d")
 
 
+@pytest.mark.parametrize(("column", "name"), [(1, "latitudes"), (2, "longitudes")])
+def test_one_angle_in_radians_beside_the_other_in_degrees_is_refused(tmp_path, column, name):
+    """Longitudes so navigated to a solution 846 km off, without a warning."""
+    rows = fixes(60)
+    rows[:, 2] = 11.0 + 2e-5 * (rows[:, 0] - rows[0, 0])
+    rows[:, 5] = 1.48
+    rows[:, column] = np.radians(rows[:, column])
+    with pytest.raises(InputError, match=f"the {name} look like radians"):
+        _gps(tmp_path, rows, "time,lat_deg,lon_deg,alt,vn,ve,vd,sd_n,sd_e,sd_d")
+
+
 def test_degrees_near_the_origin_are_accepted(tmp_path):
     rows = fixes(60)
     rows[:, 1] -= 47.5

@@ -30,6 +30,15 @@ def test_a_lost_filter_is_a_failure(rejected, resets, lost):
     assert bool(failure(run)) == lost
 
 
+def test_positions_that_all_others_contradict_are_a_failure_if_they_are_the_most():
+    """A run that used no fix for seven of its eight minutes had no warning and rc 0."""
+    run = healthy(0).run
+    used = np.arange(len(run.innovations.time)) >= 0.6 * len(run.innovations.time)
+    event = Event(10.0, EventKind.GATE_RECORD_POSITION, 1e6, np.nan, "m", "not used")
+    run = replace(run, innovations=replace(run.innovations, used_position=used), events=(event,))
+    assert failure(run) == "the IMU and the others contradict 60 % of the positions"
+
+
 def test_a_solution_that_is_known_to_kilometres_beside_its_fixes_is_a_failure():
     run = healthy(0).run
     solution = run.solution

@@ -42,7 +42,7 @@ class Fit:
     unit: str  # unit of all three
     ratio: float  # how many times as far as in m/s the positions move
     climb: float = 1.0  # how many times as far as it falls by the third column, read as m/s down, in what is read as m
-    radians: bool = False  # the positions are radians, not degrees
+    radians: str = ""  # what is in radians, not degrees: "positions", "latitudes" or "longitudes"; empty if nothing is
     exchanged: bool = False  # latitudes are longitudes
 
     @property
@@ -59,7 +59,7 @@ class Fit:
     def confusion(self) -> str:
         """What is confused in data taken as they are named; empty if nothing is."""
         if self.radians:
-            return "the positions are in radians, read as degrees"
+            return f"the {self.radians} are in radians, read as degrees"
         if self.exchanged:
             return "latitude and longitude are exchanged"
         if not self.as_named:
@@ -73,7 +73,7 @@ class Fit:
     @property
     def misplaced(self) -> bool:
         """Whether it is the positions that are confused."""
-        return self.radians or self.exchanged or self.climb == _FEET
+        return bool(self.radians) or self.exchanged or self.climb == _FEET
 
     @property
     def renamed(self) -> str:
@@ -104,11 +104,13 @@ def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | 
     moved, said = path[stop] - path[start], gone[stop] - gone[start]
     level = np.linalg.norm(said[:, :2], axis=1)
     firm = np.linalg.norm(moved[:, :2], axis=1) > np.maximum(_SLOWEST * span, _FIRM * _scatter(path[:, :2]))
-    fast = level > _SLOWEST * span
-    if fast.sum() >= _FEWEST:
-        times = level[fast] / np.maximum(np.linalg.norm(moved[fast, :2], axis=1), 1e-9)
-        if 0.7 < float(np.median(times)) / _RADIANS < 1.4:
-            return Fit((0, 1), (1.0, 1.0), "m/s", 1.0, radians=True)
+    sizes = (level, *np.abs(said[:, :2].T)), (np.linalg.norm(moved[:, :2], axis=1), *np.abs(moved[:, :2].T))
+    for name, should, does in zip(("positions", "latitudes", "longitudes"), *sizes, strict=True):
+        fast = should > _SLOWEST * span
+        if fast.sum() >= _FEWEST:
+            times = should[fast] / np.maximum(does[fast], 1e-9)
+            if 0.7 < float(np.median(times)) / _RADIANS < 1.4:
+                return Fit((0, 1), (1.0, 1.0), "m/s", 1.0, radians=name)
     if np.count_nonzero(firm) < _FEWEST:
         return None
     moved, said = moved[firm], said[firm]

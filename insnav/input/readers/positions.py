@@ -276,6 +276,16 @@ def _angles(lla: FloatArray, fit: Fit | None, found: Mapping[str, Found], name: 
     """
     stated = found["lat"].unit
     fix = "name the columns lat_rad and lon_rad, or lat_deg and lon_deg if they are degrees"
+    if fit is not None and fit.radians in ("latitudes", "longitudes"):
+        column, other = (
+            found[key].header for key in (("lat", "lon") if fit.radians == "latitudes" else ("lon", "lat"))
+        )
+        raise InputError(
+            f"the {fit.radians} look like radians",
+            where=name,
+            why=f"in column {column!r} they change 57 times slower than the velocity columns say, unlike {other!r}",
+            fix=f"write {column!r} in degrees too, or the unit into its name",
+        )
     in_deg = np.abs(lla[:, :2]) / DEG
     large = (in_deg[:, 0] > 0.5 * np.pi).any() or (in_deg[:, 1] > np.pi).any()
     if stated not in (None, "deg"):
