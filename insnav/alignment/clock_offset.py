@@ -57,6 +57,9 @@ DENSE = 6.0  # changes over longer spans may be whole circles: a flight with a f
 BEYOND = 1.5  # times what any sample feels, what fixes show is false
 NOISE = 2.0  # times the RMS of what samples feel, what fixes show is noise, whatever they claim
 LEAST = 0.5  # correlation of turns or accelerations, refined, that tells an offset [-]
+# An IMU at rest: what its means over such a time differ by at most, and what fixes that move differ by in theirs; a
+# consumer's wander by 0.03 m/s^2 and 0.001 rad/s in ten minutes, and a ship of 5 m/s stops within 100 s.
+MEAN, STILL, STILL_TURN, MOVED = 10.0, 0.05, 0.005, 5.0  # [s], [m/s^2], [rad/s], [m/s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +80,7 @@ class Unlike:
     turns: float  # correlation of turn rates, the best near no offset [-]
     accelerations: float  # of horizontal accelerations [-]
     overlap: float  # of the records [s]
+    at_rest: bool = False  # whether the IMU stands and the fixes move
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +95,20 @@ class _Track:
     sd: float = 0.0  # scatter of `change`, each component [m/s]
 
 
+@dataclass(frozen=True, slots=True)
+class _Compared:
+    """Turns and accelerations of samples and fixes, correlated at every lag."""
+
+    span: float  # that changes are over [s]
+    lags: FloatArray  # (k,) [s]
+    alike: FloatArray  # (2, k) correlation of turns and of accelerations [-]
+    common: FloatArray  # (2, k) time that both know [s]
+    score: FloatArray  # (k,) log-likelihood
+    most: float  # of both correlations, weighted by time, where the likelihood is largest [-]
+    felt: float  # acceleration by samples, RMS [m/s^2]
+    seen: float  # and by fixes
+
+
 def find_clock_offset(parts: Intervals, gps: GpsData, *, worth: float = 0.0) -> ClockOffset | Unlike | None:
     """Offset of the clocks, or what says that there is none; None if the records show neither beyond doubt.
 
@@ -100,14 +118,58 @@ def find_clock_offset(parts: Intervals, gps: GpsData, *, worth: float = 0.0) -> 
     imu, track = _of_imu(parts), _of_gps(gps)
     if track is None or len(imu.time) < 10:
         return None
-    span = max(SPAN, 2.0 * float(np.median(np.diff(track.time))))
-    lag = _best_lag(_rates(imu, span), _rates(track, span), span, SEEN * math.sqrt(2.0) * track.sd / span)
-    if isinstance(lag, Unlike):
-        return lag
-    found = None if lag is None or abs(lag) < worth - COARSE else _refined(imu, track, lag, span)
+    if common := _at_rest(parts, track):
+        return Unlike(0.0, 0.0, common, at_rest=True)
+    compared = _compared(_rates(imu, span := _span(track)), _rates(track, span), span)
+    if compared is None:
+        return None
+    shown = max(MOVES, SEEN * math.sqrt(2.0) * track.sd / compared.span) < compared.seen < NOISE * compared.felt
+    if shown and compared.span < DENSE and compared.most < ALIKE:
+        unlike = Unlike(*_near(compared))
+        return unlike if max(abs(unlike.turns), abs(unlike.accelerations)) < UNLIKE else None
+    lag = _best_lag(compared)
+    found = None if lag is None or abs(lag) < worth - COARSE else _refined(imu, track, lag, compared.span)
     if found is None or found.accelerations < CONTRARY or max(abs(found.turns), found.accelerations) < LEAST:
         return None
     return found
+
+
+def likeness(parts: Intervals, gps: GpsData) -> float:
+    """Correlation of accelerations by samples and fixes with the clocks as they are; zero if none is known [-]."""
+    imu, track = _of_imu(parts), _of_gps(gps)
+    if track is None or len(imu.time) < 10:
+        return 0.0
+    compared = _compared(_rates(imu, span := _span(track)), _rates(track, span), span)
+    if compared is None:
+        return 0.0
+    _, accelerations, common = _near(compared)
+    return accelerations if common else 0.0
+
+
+def _at_rest(parts: Intervals, track: _Track) -> float:
+    """Time in common [s] if the IMU stands in all of it while the fixes move; zero if not."""
+    first, last = max(parts.end[0], track.time[0]), min(parts.end[-1], track.time[-1])
+    starts = np.arange(first, last - MEAN, MEAN)
+    if last - first < LONG_ENOUGH or not _moves(track, starts):
+        return 0.0
+    least, most = np.full((2, 3), np.inf), np.full((2, 3), -np.inf)
+    for rows in map(slice, *np.searchsorted(parts.end, (starts, starts + MEAN))):
+        duration = parts.dt[rows].sum()
+        if duration > 0.0:
+            weights = parts.dt[rows] if parts.instant else np.ones(rows.stop - rows.start)
+            mean = np.array([weights @ each[rows] for each in (parts.accel, parts.gyro)]) / duration
+            least, most = np.minimum(least, mean), np.maximum(most, mean)
+            if (most - least > np.array([[STILL], [STILL_TURN]])).any():
+                return 0.0
+    return float(last - first)
+
+
+def _moves(track: _Track, starts: FloatArray) -> bool:
+    """Whether the mean velocity by fixes after these times changes by more than `MOVED`, but for a few of them."""
+    v = track.change
+    gone = np.vstack([[0.0, 0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(track.time)[:, None], axis=0)])
+    at = [np.column_stack([np.interp(each, track.time, axis) for axis in gone.T]) for each in (starts, starts + MEAN)]
+    return bool((np.ptp(np.percentile((at[1] - at[0]) / MEAN, (5.0, 95.0), axis=0), axis=0) > MOVED).any())
 
 
 def _of_imu(parts: Intervals) -> _Track:
@@ -148,6 +210,11 @@ def _of_gps(gps: GpsData) -> _Track | None:
     return _Track(speed.time, turn, v, np.asarray(fast), known, scatter)
 
 
+def _span(fixes: _Track) -> float:
+    """Time over which changes are taken [s]."""
+    return max(SPAN, 2.0 * float(np.median(np.diff(fixes.time))))
+
+
 def _rates(track: _Track, span: float) -> tuple[float, FloatArray, BoolArray]:
     """Turn rate and size of acceleration over spans, on a grid: its start [s], (2, m) values and (2, m) masks."""
     grid = np.arange(track.time[0] + 0.5 * span, track.time[-1] - 0.5 * span, STEP)
@@ -172,41 +239,43 @@ def _covered(track: _Track, flags: BoolArray, ends: tuple[FloatArray, FloatArray
     return np.asarray((bad[last + 1] == bad[first]) & (gap[last] == gap[first]))
 
 
-def _best_lag(
-    imu: tuple[float, FloatArray, BoolArray],
-    gps: tuple[float, FloatArray, BoolArray],
-    span: float,
-    least: float = np.inf,
-) -> float | Unlike | None:
-    """Lag with the largest likelihood [s], if no other comes near; of changes over `span` [s].
-
-    `least`: accelerations by GPS [m/s^2] so large are seen, so that none is like those of the IMU in two drives only.
-    """
+def _compared(
+    imu: tuple[float, FloatArray, BoolArray], gps: tuple[float, FloatArray, BoolArray], span: float
+) -> _Compared | None:
+    """Correlate turns and accelerations, changes over `span` [s], at every lag; None if they are too short."""
     n, m = imu[1].shape[1], gps[1].shape[1]
     if min(n, m) * STEP < SHORTEST:
         return None
     lags = gps[0] - imu[0] + (np.arange(n + m - 1) - (n - 1)) * STEP
     score, alike, common = np.zeros(n + m - 1), np.zeros((2, n + m - 1)), np.zeros((2, n + m - 1))
-    felt, seen = np.zeros(2), np.zeros(2)  # RMS [rad/s], [m/s^2]
+    rms = np.zeros((2, 2))
     for i, (x, mx, y, my) in enumerate(zip(imu[1], imu[2], gps[1], gps[2], strict=True)):
         my = my & (np.abs(y) < BEYOND * np.max(np.abs(x), where=mx, initial=0.0))
         if not (mx.any() and my.any()) or float(np.std(y[my])) < 0.1 * MOVES:
             continue
-        felt[i], seen[i] = np.std(x[mx]), np.std(y[my])
+        rms[i] = np.std(x[mx]), np.std(y[my])
         correlation, count = _masked_correlation(x, mx, y, my)
         enough = count * STEP >= max(SHORTEST, SHARE * STEP * min(mx.sum(), my.sum()))
         r = np.where(enough, np.clip(correlation, -0.999, 0.999), 0.0)
         score -= 0.5 * (count * STEP / max(MEMORY, span)) * np.log1p(-(r**2))
         alike[i], common[i] = r, count * STEP
     best = int(np.argmax(score))
-    both = float(np.sqrt(np.average(alike[:, best] ** 2, weights=common[:, best] + 1e-9)))
-    if span < DENSE and max(least, MOVES) < seen[1] < NOISE * felt[1] and both < ALIKE:
-        near = np.flatnonzero((abs(lags) < AS_IS) & (common[1] >= LONG_ENOUGH))
-        turns, accelerations = (float(max(each[near], key=abs, default=1.0)) for each in alike)
-        if max(abs(turns), abs(accelerations)) < UNLIKE:
-            return Unlike(turns, accelerations, float(common[1, near].max()))
-        return None
-    around = abs(np.arange(n + m - 1) - best) * STEP < APART
+    most = float(np.sqrt(np.average(alike[:, best] ** 2, weights=common[:, best] + 1e-9)))
+    return _Compared(span, lags, alike, common, score, most, float(rms[1, 0]), float(rms[1, 1]))
+
+
+def _near(compared: _Compared) -> tuple[float, float, float]:
+    """Correlation of turns and of accelerations with the clocks as they are, 1 if too short; and time in common [s]."""
+    near = np.flatnonzero((abs(compared.lags) < AS_IS) & (compared.common[1] >= LONG_ENOUGH))
+    turns, accelerations = (float(max(each[near], key=abs, default=1.0)) for each in compared.alike)
+    return turns, accelerations, float(compared.common[1, near].max(initial=0.0))
+
+
+def _best_lag(compared: _Compared) -> float | None:
+    """Lag with the largest likelihood [s], if no other comes near."""
+    lags, score = compared.lags, compared.score
+    best = int(np.argmax(score))
+    around = abs(np.arange(len(lags)) - best) * STEP < APART
     second = float(np.max(score[~around], initial=0.0))
     if score[best] < SURE or score[best] < second + 0.5 * SURE:
         return None

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from insnav import spill
-from insnav.alignment.clock_offset import ClockOffset, Unlike, find_clock_offset
+from insnav.alignment.clock_offset import ClockOffset, Unlike, find_clock_offset, likeness
 from insnav.alignment.turn_scale import turn_scale
 from insnav.exceptions import InputError
 from insnav.filter.gps_noise import LAG_WORTH, velocity_lag
@@ -23,6 +23,8 @@ from insnav.units import DEG
 WORTH = 1.5  # smaller offsets are the delay that the filter looks for [s]
 SURE, FACTOR = 0.7, 1.5  # correlation of turns, and error of a scale, with which units are told
 SIGMAS = 6.0  # by which an offset must differ from none
+EXPLAINS = 0.5  # part of what another unit leaves unexplained that this one may leave
+BOTH = 0.6  # correlation of turns and of accelerations that only one drive has: ten true offsets had 0.68 and more [-]
 SHOWN = 0.3  # correlation from which turns or accelerations show an offset [-]
 
 Log = Reading[SensorLog]
@@ -57,6 +59,8 @@ def on_one_clock(
     apart = overlap(imu.data, gps.data) == 0.0
     if not apart:  # first: turns that are too large by far fit at another time
         _check_gyro_unit(imu.facts.path, parts, fixes)
+        if given is None:
+            _check_radians(gps.facts.path, parts, fixes)
     found = None if given is not None else clock_offset(parts, fixes, worth=WORTH)
     if isinstance(found, Unlike) and not apart and not explained(imu, fixes):
         raise _two_drives(found, f"{imu.facts.path}, {gps.facts.path}")
@@ -65,12 +69,14 @@ def on_one_clock(
             refuse_other_order(imu, fixes)
         offset, name = named_offset(offset + found.offset, found.sd)
         first, last = np.array([imu.data.time[[0, -1]], gps.data.time[[0, -1]]])
+        sure = min(abs(found.turns), found.accelerations) > BOTH
+        doubt = "" if sure else "; or the files are not of one drive: then give those recorded together"
         spans = f"IMU from {first[0]:.3f} to {first[1]:.3f} s, GPS from {last[0]:.3f} to {last[1]:.3f} s"
         raise InputError(
             "IMU and GPS have no time in common" if apart else "the clocks of IMU and GPS differ",
             where=f"{imu.facts.path}, {gps.facts.path}",
             why=f"{spans}; {evidence(found)}{name}",
-            fix=f"say --imu-time-offset {offset:.3f}, which is added to the times of the IMU",
+            fix=f"say --imu-time-offset {offset:.3f}, which is added to the times of the IMU{doubt}",
             gives={"time_offset": offset},
         )
     check_overlap(imu.data, gps.data)
@@ -79,14 +85,17 @@ def on_one_clock(
 
 def _two_drives(found: Unlike, where: str) -> InputError:
     """What is wrong with samples and fixes that have no motion in common."""
+    why = (
+        f"in the {found.overlap:.0f} s that they have in common nothing turns or accelerates as the fixes do "
+        f"(r = {found.turns:.2f} and {found.accelerations:.2f}; of one drive, 0.7 and more), nor at any other "
+        "offset of the clocks"
+    )
+    if found.at_rest:
+        why = f"in all of the {found.overlap:.0f} s that they have in common the IMU is at rest while the fixes move"
     return InputError(
         "IMU and GPS are not of one drive",
         where=where,
-        why=(
-            f"in the {found.overlap:.0f} s that they have in common nothing turns or accelerates as the fixes do "
-            f"(r = {found.turns:.2f} and {found.accelerations:.2f}; of one drive, 0.7 and more), nor at any other "
-            "offset of the clocks"
-        ),
+        why=why,
         fix=(
             "give the files that were recorded together; if these were, look whether the columns are what their names "
             "say; --imu-time-offset 0 navigates them as they are"
@@ -106,6 +115,22 @@ def _check_gyro_unit(path: str, parts: Intervals, fixes: GpsData) -> None:
                 fix=f"say --imu-units gyro={unit}, or put the right unit into the header",
                 gives={"units": {"gyro": unit}},
             )
+
+
+def _check_radians(path: str, parts: Intervals, fixes: GpsData) -> None:
+    """Refuse latitudes or longitudes that accelerate as the samples do only if they are radians."""
+    for column, name in enumerate(("latitudes", "longitudes")):
+        if np.max(np.abs(fixes.lla[:, column])) < (0.5 * np.pi, np.pi)[column] * DEG:
+            lla = fixes.lla.copy()
+            lla[:, column] /= DEG
+            as_read, as_radians = likeness(parts, fixes), likeness(parts, replace(fixes, lla=lla))
+            if as_radians > SURE and 1.0 - as_radians**2 < EXPLAINS * (1.0 - as_read**2):
+                raise InputError(
+                    f"the {name} look like radians",
+                    where=path,
+                    why=f"only so the fixes accelerate as the samples do (r = {as_radians:.2f}, not {as_read:.2f})",
+                    fix="write them in degrees, as the others are, or the unit into the name of the column",
+                )
 
 
 def clock_offset(parts: Intervals, fixes: GpsData, *, worth: float = 0.0) -> ClockOffset | Unlike | None:
