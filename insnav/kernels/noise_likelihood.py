@@ -113,7 +113,9 @@ def tape(history: np.ndarray, n: int, noise: np.ndarray, bridged: np.ndarray) ->
     )
 
 
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
+# Without "fastmath", a tenth slower: the order of sums that the compiler would choose is another after every compilation,
+# and a search that follows the last digits ended at other noise: a flight had errors of 0.872 m, or of 0.874 m.
+@njit(cache=True, nogil=True)
 def innovations(  # type: ignore[no-untyped-def]
     run, nominal_decay, density, driving, decay, lasting, lasting_sd, lasting_time, variance, start, push, limit, out
 ):
