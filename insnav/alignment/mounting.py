@@ -43,6 +43,7 @@ SUDDEN = 15.0  # no vehicle accelerates more: the velocities are false [m/s^2]
 SCATTER = np.deg2rad(8.0)  # standard deviation of the yaw beyond which nothing is said
 # signs are wrong if others leave less than so much of the residuals, at first and with bias and delay
 TRIED, HANDED = 0.75, 0.6
+ALIKE = 1.1  # times the least residuals; of such signs those are taken that change the fewest
 FITS = 0.4  # and they leave more of the accelerations; in level turns of an aircraft both kinds of axes fit [-]
 SURE_SD = np.deg2rad(1.0)  # slip and scale factors leave no yaw better known [rad]
 MISFIT = 0.6  # part of the accelerations that may be left unexplained
@@ -64,6 +65,8 @@ LARGEST_BIAS = 0.1  # of gyros that can be used [rad/s]
 # by 0.07 deg/s
 AT_REST, AT_ALL, FORCE_SD, DELAY_SD = np.deg2rad(0.1), np.deg2rad(0.5), 0.2, 1.0
 _DIRECTIONS = dict(zip("FBRLDU", np.repeat(np.eye(3), 2, axis=0) * np.tile([1.0, -1.0], 3)[:, None], strict=True))
+_OPPOSITE = dict(zip("FBRLDU", "BFLRUD", strict=True))
+UPRIGHT = ("FRD", "FLU")  # in which IMUs are mounted if in none that is known
 # right-handed and left-handed sets of axes by their letters
 _SETS: tuple[list[tuple[str, FloatArray]], list[tuple[str, FloatArray]]] = ([], [])
 for _letters in itertools.permutations(_DIRECTIONS, 3):
@@ -97,6 +100,22 @@ class Mounting:
         return np.asarray(wrap_pi(angles))
 
     @property
+    def inverted(self) -> list[str]:
+        """Axes whose gyros turn the wrong way in the set of axes that the accelerometers fit in.
+
+        If that is left-handed because one accelerometer is inverted, and its gyro is not, it is that axis.
+        """
+        return [axis for axis, sign in zip("xyz", self.gyro_signs, strict=True) if (sign < 0) != self.mirrored]
+
+    @property
+    def changes(self) -> int:
+        """How many columns, at least, are to change their signs."""
+        if self.mirrored and len(self.inverted) == 1:
+            at = "xyz".index(self.inverted[0])
+            return 1 if self.letters[:at] + _OPPOSITE[self.letters[at]] + self.letters[at + 1 :] in UPRIGHT else 4
+        return {0: 2, 3: 3}.get(len(self.inverted), 4) if self.mirrored else len(self.inverted)
+
+    @property
     def right_handed(self) -> bool:
         """Whether a rotation brings the axes to those of the vehicle, and the gyros turn as they should."""
         return not self.mirrored and self.gyro_signs == AS_GIVEN and self.gyro_order == IN_ORDER
@@ -121,15 +140,15 @@ def _find(parts: Intervals, gps: GpsData, *, placed: bool) -> Mounting | None:
     parts, telling = joined([parts]), windows.telling
     signs, mirrored = AS_GIVEN, False
     if telling.bends >= FEWEST:
-        given = best = np.inf
-        for other in SIGNS:
-            felt = _felt(telling, parts, still, other)
-            for reflected in (False, True):
-                misfit = _fit(telling, felt, other, mirrored=reflected)[0].misfit
-                if other == AS_GIVEN and not reflected:
-                    given = best = misfit
-                elif given > FITS and misfit < min(best, TRIED * given):
-                    signs, mirrored, best = other, reflected, misfit
+        felt = [_felt(telling, parts, still, other) for other in SIGNS]
+        tried = [
+            _fit(telling, *each, mirrored=way)[0] for each in zip(felt, SIGNS, strict=True) for way in (False, True)
+        ]
+        given, best = tried[0].misfit, min(each.misfit for each in tried)
+        if given > FITS and best < TRIED * given:  # what hardly turns, as about x on a plain, has any sign
+            alike = [each for each in tried if each.misfit < ALIKE * best]
+            chosen = min(alike, key=lambda each: (each.changes, each.misfit))
+            signs, mirrored = chosen.gyro_signs, chosen.mirrored
 
     def refined(signs: Signs, mirrored: bool, order: Order = IN_ORDER) -> tuple[Mounting, float]:
         """Mounting by all windows, and what the telling ones leave."""

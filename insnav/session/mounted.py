@@ -133,23 +133,26 @@ def _words(letters: str) -> str:
 
 def _left_handed(found: Mounting, where: str) -> InputError:
     """What is wrong with axes that no rotation brings to those of the vehicle."""
-    flipped = [axis for axis, sign in zip("xyz", found.gyro_signs, strict=True) if (sign < 0) != found.mirrored]
+    inverted = found.inverted
     why = "accelerations by GPS fit only with all signs of the accelerometers changed"
-    if found.mirrored and len(flipped) == 3:
-        what, fix, flipped = "the accelerometers are inverted", "change the signs of the accelerometers in the file", []
-    elif found.gyro_order != IN_ORDER:
-        what, flipped = "the gyros are in another order than the accelerometers", []
+    if found.gyro_order != IN_ORDER:
+        what = "the gyros are in another order than the accelerometers"
         about = ", ".join("xyz"[found.gyro_order.index(gyro)] for gyro in range(3))
         why = f"accelerations by GPS fit only if gyros x, y, z turn about {about} of the accelerometers"
         fix = "put the columns of the gyros, or those of the accelerometers, in the file in the order of the others"
+    elif found.mirrored and len(inverted) == 3:
+        what, fix = "the accelerometers are inverted", "change the signs of the accelerometers in the file"
     elif found.mirrored:
         what = "the axes of the IMU are left-handed"
         why = f"accelerations by GPS fit only if x, y, z point {_words(found.letters)}"
         fix = "change the sign of one axis of the accelerometers, and of the same axis of the gyros, in the file"
+        if found.changes == 1:
+            what, fix = f"accelerometer {inverted[0]} is inverted", "change its sign in the file"
+        elif inverted:
+            fix += f"; of the gyros as they are, {', '.join(inverted)} contradict{'s' * (len(inverted) == 1)} the rest"
     else:
-        what = "the gyros turn the wrong way"
+        one = len(inverted) == 1
+        what = f"gyro {inverted[0]} turns the wrong way" if one else "the gyros turn the wrong way"
         why = "with them the accelerations do not fit those of GPS; with other signs they do"
-        fix = "change the signs of the gyros in the file"
-    if flipped:
-        fix += f"; of the gyros as they are, {', '.join(flipped)} contradict{'s' * (len(flipped) == 1)} the rest"
+        fix = f"change the sign{'s' * (not one)} of gyro{'s' * (not one)} {', '.join(inverted)} in the file"
     return InputError(what, where=where, why=f"{why} ({found.windows} windows of the drive)", fix=fix)
