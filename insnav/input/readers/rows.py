@@ -104,6 +104,7 @@ def read_rows(
     columns = {key: numbers.columns[found[key].index] for key in (*keys, *parts)}
     forms = {key: numbers.texts[found[key].index] for key in columns if found[key].index in numbers.texts}
     _refuse_texts(forms, found, table)
+    _refuse_marks(columns, found, table)
     day, fraction = columns.pop("date", None), columns.pop("time_fraction", None)
     unit, evidence, digits, week = "s", "", "", table.week
     if "time" in forms:
@@ -129,6 +130,23 @@ def read_rows(
     return Rows(table, kinds, columns, numbers.n_rows, numbers.cut, unit, evidence, week)
 
 
+def _refuse_marks(columns: Mapping[str, FloatArray], found: Mapping[str, Found], table: Table) -> None:
+    """Refuse numbers that programs write for what is not known: some rows have exactly one, far from all others."""
+    for key, values in columns.items():
+        for mark in {float(end.reduce(values, initial=0.0)) for end in (np.fmin, np.fmax)} & _MARKS:
+            rows = np.flatnonzero(values == mark)
+            others = float(np.fmax.reduce(np.abs(values[values != mark]), initial=0.0))
+            if len(rows) > 1 and 0.0 < others < _FAR * abs(mark):
+                raise InputError(
+                    f"{mark:g} in column {found[key].header!r} stands for what is not known",
+                    where=table.place(int(rows[0]), found[key].index),
+                    why=f"{len(rows)} rows have exactly that, and all others are within {others:.4g}",
+                    fix="leave these cells empty",
+                )
+
+
+_MARKS = {sign * 10.0**digits - sign for sign in (-1.0, 1.0) for digits in (3, 4, 5, 6)}  # -999, 9999, ...
+_FAR = 0.2  # part of such a number beyond which others may be, too
 _FORMS = {
     "time": ("date and time", "time of day"),
     "date": ("date",),
