@@ -14,6 +14,7 @@ from insnav.exceptions import InputError
 from insnav.filter.gps_noise import LAG_WORTH, velocity_lag
 from insnav.input import Reading, check_overlap
 from insnav.input.interpret.overlap import epoch_offset, named_offset, overlap
+from insnav.input.interpret.physics import odd_one, one_gyro
 from insnav.session.inputs import Inputs
 from insnav.session.mounted import explained, refuse_other_order
 from insnav.strapdown import Intervals, joined, pieces
@@ -58,7 +59,7 @@ def on_one_clock(
     fixes = replace(fixes, time=fixes.time - (inputs.get("gps_delay") or 0.0))
     apart = overlap(imu.data, gps.data) == 0.0
     if not apart:  # first: turns that are too large by far fit at another time
-        _check_gyro_unit(imu.facts.path, parts, fixes)
+        _check_gyro_unit(imu, parts, fixes)
         if given is None:
             _check_radians(gps.facts.path, parts, fixes)
     found = None if given is not None else clock_offset(parts, fixes, worth=WORTH)
@@ -103,15 +104,18 @@ def _two_drives(found: Unlike, where: str) -> InputError:
     )
 
 
-def _check_gyro_unit(path: str, parts: Intervals, fixes: GpsData) -> None:
+def _check_gyro_unit(imu: Reading[ImuData], parts: Intervals, fixes: GpsData) -> None:
     """Refuse gyros that turn so many times as far as the course as units differ: rad/s, deg/s, and mrad/s as deg/s."""
     scale, correlation = turn_scale(parts, fixes)
     for factor, unit in ((DEG, "deg/s"), (1.0 / DEG, "rad/s"), (1e-3 / DEG, "mrad/s")):
         if correlation > SURE and 1.0 / FACTOR < scale / factor < FACTOR:
+            turned = f"they turn {1.0 / scale:.3g} times as far as the course by GPS (r = {correlation:.2f})"
+            if (odd := odd_one(list(imu.data.gyro.T))) is not None:
+                raise one_gyro(f"gyro {'xyz'[odd]}", f"{turned}, and its noise is not like the others'", imu.facts.path)
             raise InputError(
                 f"the gyros look like {unit}",
-                where=path,
-                why=f"they turn {1.0 / scale:.3g} times as far as the course by GPS (r = {correlation:.2f})",
+                where=imu.facts.path,
+                why=turned,
                 fix=f"say --imu-units gyro={unit}, or put the right unit into the header",
                 gives={"units": {"gyro": unit}},
             )

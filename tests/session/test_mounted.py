@@ -148,6 +148,28 @@ def test_left_handed_axes_are_refused(plain):
     assert "forward, left, down" in caught.value.why
 
 
+@pytest.mark.parametrize(("sensor", "axis"), [("accelerometer", "x"), ("accelerometer", "y"), ("gyro", "z")])
+def test_one_inverted_sensor_is_named(plain, sensor, axis):
+    """About x a car hardly turns: x and z of the gyros, or two axes of the accelerometers, were said to contradict."""
+    wrong = 1.0 - 2.0 * (np.array(list("xyz")) == axis)
+    imu = plain.imu.data
+    imu = replace(imu, accel=imu.accel * wrong) if sensor == "accelerometer" else replace(imu, gyro=imu.gyro * wrong)
+    with pytest.raises(InputError, match=f"^{sensor} {axis} (is inverted|turns the wrong way)") as caught:
+        insnav.load(imu, plain.gps.data)
+    assert caught.value.fix in ("change its sign in the file", f"change the sign of gyro {axis} in the file")
+
+
+@pytest.mark.parametrize("axis", [0, 2])
+def test_one_gyro_in_another_unit_is_named(plain, axis):
+    """All three were said to be in deg/s: by gravity, or by the course."""
+    imu = plain.imu.data
+    columns = np.column_stack([imu.time, imu.gyro * np.where(np.arange(3) == axis, np.rad2deg(1.0), 1.0), imu.accel])
+    names = [f"gyro_{each}_rad_s" for each in "xyz"] + [f"accel_{each}_m_s2" for each in "xyz"]
+    frame = pd.DataFrame(columns, columns=["time_s", *names])
+    with pytest.raises(InputError, match=f"gyro.{'xyz'[axis]}.* is in another unit than the other gyros"):
+        insnav.load(frame, plain.gps.data)
+
+
 def test_gyros_with_their_columns_exchanged_are_refused(plain):
     wrong = replace(plain.imu.data, gyro=plain.imu.data.gyro[:, [2, 1, 0]])
     with pytest.raises(InputError, match="in another order than the accelerometers") as caught:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +30,8 @@ _MAX_GROUPS = 2000
 _MIN_GROUPS = 10
 _TURN_BLOCK = 0.2  # length over which rotation and gravity are compared [s]
 _MIN_CORRELATION = 0.15
+# changes of two gyros from sample to sample are alike within that factor, and those of one in deg/s differ by so much
+_LIKE, _OTHER = 8.0, 20.0
 _LEVEL = 0.8  # cosine of the angle within which an axis counts as vertical
 
 _ACCEL_UNITS = ("m/s^2", "g", "mg", "ug", "mm/s^2", "ft/s^2")
@@ -153,12 +156,28 @@ def turn_ratio(time: FloatArray, gyro: FloatArray, accel: FloatArray) -> tuple[f
     return both / expected2, correlation
 
 
+def odd_one(gyros: Sequence[FloatArray]) -> int | None:
+    """Which of three gyros, each ``(n,)``, changes from sample to sample as if in another unit than the others."""
+    step = [float(np.median(np.abs(np.diff(gyro[:_MAX_SAMPLES])))) for gyro in gyros]
+    low, middle, high = sorted(step)
+    for odd, other, one in ((high, middle, low), (low, middle, high)):
+        if low > 0.0 and max(other / one, one / other) < _LIKE and max(odd / other, other / odd) > _OTHER:
+            return step.index(odd)
+    return None
+
+
+def one_gyro(column: str, why: str, where: str) -> InputError:
+    """What is wrong with gyros one of which is in another unit."""
+    fix = "write all three in the same unit"
+    return InputError(f"{column} is in another unit than the other gyros", where=where, why=why, fix=fix)
+
+
 def find_gyro_unit(
-    quiet: Quiet, ratio: float, correlation: float, stated: str | None, *, increments: bool, where: str
+    quiet: Quiet, ratio: float, correlation: float, stated: str | None, *, increments: bool, where: str, odd: str = ""
 ) -> tuple[str, str]:
     """Unit of the gyros, by what vehicles can do and by how gravity turns, and the evidence.
 
-    `ratio` and `correlation` are from `turn_ratio`, for the numbers as in the file.
+    `ratio` and `correlation` are from `turn_ratio`, for the numbers as in the file; `odd`: column by `odd_one`.
 
     Raises: InputError: the stated unit contradicts the evidence.
     """
@@ -176,6 +195,8 @@ def find_gyro_unit(
     if shown is None and fastest * ALL_UNITS[stated or usual[0]][1] > limit:
         shown, why = usual[1], f"they reach {fastest:.3g}, too much for {stated or usual[0]}"
     if stated is not None and shown not in (None, stated):
+        if odd:
+            raise one_gyro(odd, f"{why}, and the noise of this one is that of another unit than the others'", where)
         raise InputError(
             f"the gyros are not in {stated}",
             where=where,

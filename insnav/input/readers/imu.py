@@ -18,7 +18,7 @@ from insnav.input.interpret.axes import axes_matrix
 from insnav.input.interpret.clean import IMU_KINDS
 from insnav.input.interpret.columns import Found, find_unit, require, understand
 from insnav.input.interpret.headerless import imu_columns, is_headerless
-from insnav.input.interpret.physics import check_axes, find_accel_unit, find_gyro_unit, quiet_part, turn_ratio
+from insnav.input.interpret.physics import check_axes, find_accel_unit, find_gyro_unit, odd_one, quiet_part, turn_ratio
 from insnav.input.interpret.schema import ALL_UNITS, IMU_SCHEMA, Quantity
 from insnav.input.readers.raw_columns import SI_UNITS, from_outputs, raw_schema
 from insnav.input.readers.reading import Reading
@@ -107,6 +107,8 @@ def read_imu(
     rows.columns.clear()  # a day of samples is there only once
     time = cleaned.columns["time"]
     scale = 1.0 / cleaned.interval if increments else 1.0
+    one = odd_one([cleaned.columns[key] for key in gyro_keys])
+    odd = "" if one is None else f"column {found[gyro_keys[one]].header!r}"
     gyro = _in_body(cleaned.columns, gyro_keys, matrix)
     accel = _in_body(cleaned.columns, accel_keys, matrix)
     quiet = quiet_part(gyro, accel, interval=cleaned.interval, scale=scale)
@@ -115,7 +117,7 @@ def read_imu(
     )
     ratio, correlation = turn_ratio(time, gyro, accel)
     gyro_unit, gyro_evidence = find_gyro_unit(
-        quiet, ratio / scale, correlation, stated["gyro"], increments=increments, where=name
+        quiet, ratio / scale, correlation, stated["gyro"], increments=increments, where=name, odd=odd
     )
     axes_evidence = check_axes(quiet, axes, where=name, any_way=any_way)
     if by_format:
