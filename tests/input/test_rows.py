@@ -249,16 +249,6 @@ def test_plain_seconds_with_gaps_are_no_digits_of_a_clock(tmp_path, step, header
     np.testing.assert_allclose(reading.data.time, seconds, atol=1e-6)
 
 
-@pytest.mark.parametrize("word", ["N/A", "null", "-", "NA", "None"])
-def test_words_for_what_is_not_known_are_empty_cells(tmp_path, word):
-    lines = as_text(fixes(40), GPS_HEADER).splitlines()
-    lines[5:9] = [",".join([line.split(",")[0], *[word] * (line.count(","))]) for line in lines[5:9]]
-    (tmp_path / "gps.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    reading = read_gps(tmp_path / "gps.csv")
-    np.testing.assert_allclose(reading.data.time, np.delete(fixes(40)[:, 0], slice(4, 8)))
-    assert any("no position" in event.action or "position" in event.action for event in reading.events)
-
-
 def test_a_header_that_is_repeated_is_no_row(tmp_path):
     lines = as_text(fixes(40), GPS_HEADER).splitlines()
     (tmp_path / "gps.csv").write_text("\n".join([*lines[:20], lines[0], *lines[20:]]) + "\n", encoding="utf-8")

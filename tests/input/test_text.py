@@ -160,7 +160,7 @@ def _with_cell(text: str, line: int, column: int, cell: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-@pytest.mark.parametrize("cell", ["n.a", "#", "1e", "---", "1.2.3", "0x10", "1_000", "2024-01-01T00:00:00", "nul"])
+@pytest.mark.parametrize("cell", ["N/A", "#", "1e", "--", "1.2.3", "0x10", "1_000", "2024-01-01T00:00:00", "null"])
 def test_text_in_a_number_column_names_the_first_bad_cell(tmp_path, cell):
     text = "# remark\n" + TEXT
     bad = _with_cell(_with_cell(text, 60, 5, cell), 300, 2, "later")

@@ -19,7 +19,7 @@ from insnav.deferred import library
 from insnav.exceptions import InputError
 from insnav.input.formats.source import Source, decoded, text_of
 from insnav.input.formats.table import Numbers, Table, arrow_floats
-from insnav.input.formats.text_dialect import MISSING, SNIFF_BYTES, Dialect, is_comment, parse_number, sniff, split_line
+from insnav.input.formats.text_dialect import SNIFF_BYTES, Dialect, is_comment, parse_number, sniff, split_line
 from insnav.input.formats.text_values import form_of, values_of
 from insnav.input.formats.unsupported import unsupported
 from insnav.plain_text import plain_text
@@ -190,7 +190,7 @@ def _read_fast(data: object, dialect: Dialect, indices: Sequence[int]) -> Number
     body = pa.py_buffer(data).slice(dialect.offset)
     if body.size == 0:
         return Numbers({i: np.empty(0) for i in indices}, 0)
-    how = {"null_values": MISSING, "decimal_point": dialect.decimal, "check_utf8": False}
+    how = {"null_values": [""], "decimal_point": dialect.decimal, "check_utf8": False}
     stream = csv.open_csv(pa.BufferReader(body), **_options(dialect, indices, pa.float64(), **how))
     start = bytes(body[:_SAMPLE_BYTES])
     rows = int(1.1 * body.size / len(start) * (start.count(b"\n") + 1)) + 1  # memory is taken as it is filled

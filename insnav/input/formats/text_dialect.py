@@ -49,14 +49,10 @@ def split_line(line: str, delimiter: str) -> list[str]:
     return [cell.strip() for cell in cells]
 
 
-# what programs write for a number that is not known
-MISSING = ("", "N/A", "n/a", "#N/A", "NA", "<NA>", "null", "NULL", "None", "none", "-", "--")
-
-
 def parse_number(cell: str, decimal: str) -> float:
-    """Parse a cell as a number, NaN for one that is `MISSING`; a `ValueError` if it is none."""
+    """Parse a cell as a number, NaN for an empty one; a `ValueError` if it is none."""
     cell = cell.strip()
-    if cell in MISSING:
+    if not cell:
         return float("nan")
     if "_" in cell or (decimal == "," and "." in cell):
         raise ValueError(cell)
@@ -68,7 +64,7 @@ def _is_number(cell: str) -> bool:
         parse_number(cell, ".")
     except ValueError:
         return False
-    return cell not in MISSING
+    return bool(cell)
 
 
 def sniff(head: bytes, *, whole: bool, where: str) -> Dialect:
