@@ -249,6 +249,7 @@ class EventKind(StrEnum):
     REF_NAN = "ref.nan"
     REF_CUT_ROW = "ref.cut_row"
     REF_CONTRADICTION = "ref.contradiction"
+    REF_OTHER = "ref.other_drive"
     GATE_QUALITY = "gate.quality"
     GATE_PHYSICAL_POSITION = "gate.physical.position"
     GATE_PHYSICAL_VELOCITY = "gate.physical.velocity"

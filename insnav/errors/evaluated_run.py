@@ -72,6 +72,11 @@ class EvaluatedRun:
         found = (each for each in self.run.events if each.kind == EventKind.REF_CONTRADICTION and each.unit == "s")
         return next((each.value for each in found), 0.0)
 
+    @property
+    def other_drive(self) -> bool:
+        """Whether the reference is of another drive, so that its errors say nothing."""
+        return any(event.kind == EventKind.REF_OTHER for event in self.run.events)
+
     @cached_property
     def errors_on_clock(self) -> dict[str, TrajectoryErrors]:
         """As `known_errors`, with the clock of the reference corrected."""

@@ -15,6 +15,7 @@ from insnav import spill
 from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.earth import ned_offset
 from insnav.errors.metrics import TrajectoryErrors, position_errors
+from insnav.errors.reference_identity import no_time_in_common, other_drive
 from insnav.errors.reference_offset import (
     FEWEST,
     HORIZONTAL,
@@ -42,6 +43,7 @@ LATE = 0.1  # delay of the fixes that receivers and loggers do not make by thems
 SURE_LATE = 2.0  # standard deviations of a delay from which a drive shows one
 STEADY = 1.0  # scatter of the speed below which an error of the clock is like one of the position [m/s]
 FAST = 2.0  # speed above which the course is a heading [m/s]
+LEAST_TILT = 0.3 * DEG  # scatter of roll and pitch apart from the solution's that is looked at [rad]
 LEAST_HEADING, LEAST_TURN, SURE = 1.0 * DEG, 5.0 * DEG, 5.0  # that contradict: all, some, and standard deviations
 _MOST = 0.9  # share of epochs that stands for all
 _SAME = 0.5  # of an error of the clock by which the delay of the fixes may differ and be most of its cause
@@ -66,6 +68,14 @@ def check_reference(
     def say(value: float, limit: float, unit: str, action: str) -> None:
         said.append(Event(float(track.time[0]), EventKind.REF_CONTRADICTION, value, limit, unit, action))
 
+    if reference.time[-1] < track.time[0] or reference.time[0] > track.time[-1]:
+        raise no_time_in_common(reference, track)
+    if far := other_drive(reference, track, gps):
+        text = (
+            f"the reference is of another drive, or of another time: it is {far:.3g} m from the fixes, moving otherwise"
+        )
+        said.append(Event(float(track.time[0]), EventKind.REF_OTHER, far, 0.0, "m", f"{text}; its errors say nothing"))
+        return reference, said
     fit = fit_velocities(reference.time, reference.lla, reference.v_n)
     if fit is not None and fit.confusion:
         reference = replace(reference, v_n=np.full_like(reference.v_n, np.nan))
@@ -102,11 +112,11 @@ def check_reference(
             say(late, LEAST_CLOCK, "s", f"{what}: accuracy is against it as it is; {how}")
         reference = replace(reference, time=given - late)
         errors = position_errors(track, reference, lever_b=lever_b)
-    misread = misread_headings(errors, track)
+    misread = misread_headings(errors, track) or misread_tilts(reference, track)
     if misread:
         reference = replace(reference, rph=np.full_like(reference.rph, np.nan))
         errors = position_errors(track, reference, lever_b=lever_b)
-        say(0.0, 0.0, "", f"headings of the reference fit only as {misread}: its attitude is not used")
+        say(0.0, 0.0, "", f"{misread}: its attitude is not used")
     until, constant, by_course = heading_error(errors, track)
     heading = np.arange(3) == 2
     if constant:
@@ -262,7 +272,31 @@ def misread_headings(errors: TrajectoryErrors, track: Trajectory) -> str:
     }
     apart = {name: float(np.median(np.abs(wrap_pi(each - mine)))) for name, each in others.items()}
     best = min(apart, key=lambda name: apart[name])
-    return best if apart[best] < LEAST_TURN else ""
+    return f"headings of the reference fit only as {best}" if apart[best] < LEAST_TURN else ""
+
+
+def misread_tilts(reference: Trajectory, track: Trajectory) -> str:
+    """As what roll and pitch of a reference move as the solution's if they do not as they are; empty if they do."""
+    inside = (reference.time >= track.time[0]) & (reference.time <= track.time[-1])
+    rows = np.flatnonzero(inside & np.isfinite(reference.rph[:, :2]).all(axis=1))
+    rows = rows[:: max(1, len(rows) // MOST_EPOCHS)]
+    if len(rows) < FEWEST:
+        return ""
+    mine = track.rph[rows_at(track, reference.time[rows]), :2]
+    roll, pitch = reference.rph[rows, :2].T
+    others = {
+        "": (roll, pitch),
+        "pitch of the reference fits only with its sign changed": (roll, -pitch),
+        "roll of the reference fits only with its sign changed": (-roll, pitch),
+        "roll and pitch of the reference fit only with their signs changed": (-roll, -pitch),
+        "roll and pitch of the reference fit only exchanged": (pitch, roll),
+        "roll and pitch of the reference fit only exchanged, with their signs changed": (-pitch, -roll),
+        "roll and pitch of the reference fit only as radians": (roll / DEG, pitch / DEG),
+    }
+    # but for a constant difference, of the mounting
+    apart = {name: float(np.linalg.norm(np.std(np.transpose(each) - mine, axis=0))) for name, each in others.items()}
+    best = min(apart, key=lambda name: apart[name])
+    return best if apart[""] > LEAST_TILT and apart[best] < 0.5 * apart[""] else ""
 
 
 def heading_error(errors: TrajectoryErrors, track: Trajectory) -> tuple[float | None, float, bool]:

@@ -10,7 +10,8 @@ import pytest
 from insnav.earth import lla_offset
 from insnav.errors.metrics import on_clock, position_errors
 from insnav.errors.reference_check import check_reference
-from insnav.types import GpsData, Trajectory
+from insnav.exceptions import InputError
+from insnav.types import EventKind, FloatArray, GpsData, Trajectory
 from insnav.units import DEG
 from tests.errors.test_reference_offset import driven, moved
 
@@ -141,3 +142,60 @@ def test_velocities_under_wrong_names_are_not_used(pair: tuple[Trajectory, Traje
     found, (event,) = check_reference(replace(truth, v_n=truth.v_n[:, [1, 0, 2]]), track, None, HERE)
     assert "north and east are exchanged" in event.action
     assert np.isnan(found.v_n).all()
+
+
+def fixes_of(track: Trajectory) -> GpsData:
+    one = np.ones((len(track.time), 3))
+    return GpsData(track.time, track.lla, track.v_n, one, 0.1 * one)
+
+
+def test_another_drive_is_named_and_nothing_else_of_it(pair: tuple[Trajectory, Trajectory]):
+    """Its heights were those of a geoid, and the sigmas of the fixes optimistic."""
+    track, truth = pair
+    back = replace(truth, lla=truth.lla[::-1])
+    moved_away = replace(truth, lla=truth.lla[::-1] + np.array([0.1, 0.0, 70.0]))
+    for other in (back, moved_away):
+        found, (event,) = check_reference(other, track, fixes_of(track), HERE)
+        assert found is other
+        assert event.kind == EventKind.REF_OTHER
+        assert "of another drive" in event.action
+    # a reference elsewhere that moves alike has another datum, and one that a lost solution leaves is no other drive's
+    shifted = replace(truth, lla=truth.lla + np.array([0.1, 0.0, 0.0]))
+    lost = replace(track, lla=track.lla[::-1])
+    for reference, mine in ((shifted, track), (truth, track), (truth, lost)):
+        events = check_reference(reference, mine, fixes_of(track), HERE)[1]
+        assert EventKind.REF_OTHER not in [event.kind for event in events]
+
+
+@pytest.mark.parametrize("off", [3600.0, -86400.0, 7.0 * 86400.0 - 18.0, 5400.0 + 18.0])
+def test_whole_hours_and_leap_seconds_that_mend_its_clock_are_told(pair: tuple[Trajectory, Trajectory], off: float):
+    track, truth = pair
+    with pytest.raises(InputError, match="no time in common") as caught:
+        check_reference(replace(truth, time=truth.time + off), track, fixes_of(track), HERE)
+    assert caught.value.fix.startswith(f"add {-off:+.0f} s to its times: so it is 0.")
+    with pytest.raises(InputError, match="no time in common") as caught:
+        check_reference(replace(truth, time=truth.time + off, lla=truth.lla[::-1]), track, fixes_of(track), HERE)
+    assert "time base" in caught.value.fix
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (np.diag([1.0, -1.0]), "pitch of the reference fits only with its sign changed"),
+        (np.diag([-1.0, 1.0]), "roll of the reference fits only with its sign changed"),
+        (-np.eye(2), "fit only with their signs changed"),
+        (np.eye(2)[::-1], "fit only exchanged:"),
+        (np.eye(2) * DEG, "only as radians"),
+        (np.eye(2), ""),
+    ],
+)
+def test_roll_and_pitch_of_other_axes_are_not_used(pair: tuple[Trajectory, Trajectory], wrong: FloatArray, said: str):
+    """But for a constant difference, which a mounting makes."""
+    track, truth = pair
+    tilt = np.column_stack([3.0 * np.sin(0.3 * truth.time), 2.0 * np.cos(0.17 * truth.time)]) * DEG
+    mine = np.column_stack([np.interp(track.time, truth.time, each) for each in tilt.T])
+    track = replace(track, rph=np.column_stack([mine, track.rph[:, 2]]))
+    wrongly = replace(truth, rph=np.column_stack([tilt @ wrong.T + [0.03, -0.02], truth.rph[:, 2]]))
+    found, events = check_reference(wrongly, track, None, HERE)
+    assert [said in event.action for event in events] == [True] * bool(said)
+    assert np.isnan(found.rph).all() == bool(said)

@@ -154,6 +154,8 @@ def _light(found: EvaluatedRun, warnings: Sequence[str]) -> tuple[Light, str]:
     epochs = max((len(each.time) for each in found.errors_on_clock.values()), default=0)
     if 0 < epochs < FEW:
         return "unknown", f"the reference has {epochs} epoch{'s' * (epochs > 1)} within the drive, which tell little"
+    if found.other_drive:
+        return "unknown", "the reference is of another drive"
     if any(share < HOLDS for share in shares):
         return "bad", "the errors are larger than stated"
     if diverged:

@@ -39,6 +39,7 @@ _ALONG, _MOVING = 0.5, 3.0  # resultant of what has no axis along the course, cl
 _UNUSED = 0.3  # part of the fixes that may lie before the start of navigation unsaid
 _TURNED = 5.0 * DEG  # that headings in a rest may be off unseen [rad]
 _PACE = 1.0  # over which turns and accelerations are those of the motion, not of vibration [s]
+_OF_REFERENCE = (EventKind.REF_CONTRADICTION, EventKind.REF_OTHER)
 _ASSUMED = re.compile(r"\bassumed\b|--imu-axes|added to the IMU times")  # or done to the samples, as the drive shows
 
 
@@ -54,9 +55,9 @@ def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
         *([SAME_DATA] if found.reference_is_gps else []),
         *event_warnings(found.run.events, smoothed=found.run.smoothed is not None),
         *_late(found.run),
-        *(event.action for event in found.run.events if event.kind == EventKind.REF_CONTRADICTION),
+        *(event.action for event in found.run.events if event.kind in _OF_REFERENCE),
         *_many_rejected(found.run),
-        *too_sure[:1],
+        *(() if found.other_drive else too_sure[:1]),
         *_diverged(found.run),
         *_turned_at_rest(found.run),
         *_turned_in_place(found.best),
