@@ -57,9 +57,9 @@ DENSE = 6.0  # changes over longer spans may be whole circles: a flight with a f
 BEYOND = 1.5  # times what any sample feels, what fixes show is false
 NOISE = 2.0  # times the RMS of what samples feel, what fixes show is noise, whatever they claim
 LEAST = 0.5  # correlation of turns or accelerations, refined, that tells an offset [-]
-# An IMU at rest: what its means over such a time differ by at most, and what fixes that move differ by in theirs; a
-# consumer's wander by 0.03 m/s^2 and 0.001 rad/s in ten minutes, and a ship of 5 m/s stops within 100 s.
-MEAN, STILL, STILL_TURN, MOVED = 10.0, 0.05, 0.005, 5.0  # [s], [m/s^2], [rad/s], [m/s]
+# An IMU at rest: what its means over such a time differ by at most, and how fast those of fixes that move change; a
+# consumer's wander by 0.03 m/s^2 and 0.001 rad/s in ten minutes, and ships, trains and flights may change no faster.
+MEAN, STILL, STILL_TURN, MOVED = 10.0, 0.05, 0.005, 0.3  # [s], [m/s^2], [rad/s], [m/s^2]
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,11 +165,12 @@ def _at_rest(parts: Intervals, track: _Track) -> float:
 
 
 def _moves(track: _Track, starts: FloatArray) -> bool:
-    """Whether the mean velocity by fixes after these times changes by more than `MOVED`, but for a few of them."""
+    """Whether the mean velocity by fixes after these times changes faster than `MOVED` a tenth of the time."""
     v = track.change
     gone = np.vstack([[0.0, 0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(track.time)[:, None], axis=0)])
     at = [np.column_stack([np.interp(each, track.time, axis) for axis in gone.T]) for each in (starts, starts + MEAN)]
-    return bool((np.ptp(np.percentile((at[1] - at[0]) / MEAN, (5.0, 95.0), axis=0), axis=0) > MOVED).any())
+    change = np.linalg.norm(np.diff((at[1] - at[0]) / MEAN, axis=0), axis=1) / MEAN
+    return bool(np.percentile(change, 90.0) > MOVED)
 
 
 def _of_imu(parts: Intervals) -> _Track:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 
 from insnav import spill
 from insnav.earth import ned_offset
+from insnav.kernels.earth import A
 from insnav.spline import Spline
 from insnav.types import BoolArray, FloatArray, GpsData
+from insnav.units import DEG
 
 POSITION_FLOOR, VELOCITY_FLOOR = 0.03, 0.05  # smallest standard deviation assumed [m], [m/s]
 ALIKE = 2.0  # so many times the scatter from fix to fix is the whole error of fixes without a size of their own [-]
@@ -18,6 +21,7 @@ WINDOW = 10.0  # scatter is taken over this long before and after: shorter is no
 # Of a receiver on its own [m], [m/s]: most of the position error changes over minutes and does not show in the scatter
 # of successive fixes. Data sheet of the ZED-F9P (UBX-17051259): horizontal 1.5 m CEP, which is 1.177 sd of one axis.
 DEFAULT_POSITION, DEFAULT_VELOCITY = (1.5, 1.5, 3.0), (0.2, 0.2, 0.3)
+DISTINCT = 5  # latitudes and longitudes that show to what they are rounded
 CARRIER = 0.1  # a larger scatter of positions is not that of carrier-phase fixes [m]
 FLOAT, FLOAT_SD = 2, 0.3  # ambiguities not fixed: decimetres at best, whatever is reported [m]
 FIXED, DGPS = 1, 4  # further fix types; with corrections of a satellite system 1.0 m CEP, same data sheet
@@ -143,6 +147,22 @@ def _told(sd: FloatArray, kind: str, how: str, floor: float, unit: str) -> str:
     return f"{sd.shape[0]} fix{'es' * (len(sd) > 1)} without {kind} sigma: assumed {how}, {sizes}"
 
 
+def _digits(lla: FloatArray) -> int:
+    """Decimals of a degree to which latitudes and longitudes ``(n, 3)`` are rounded; zero if they have more than five.
+
+    Of a receiver that never leaves a step, or with hardly any fixes, nothing is known; a tenth of a metre shows in the
+    innovations by itself.
+    """
+    degrees = lla[:, :2] / DEG
+    if len(np.unique(degrees[:, 0])) < DISTINCT or len(np.unique(degrees[:, 1])) < DISTINCT:
+        return 0
+    for digits in range(2, 6):
+        steps = degrees * 10.0**digits
+        if (np.abs(steps - np.round(steps)) < 1e-4).all():
+            return digits
+    return 0
+
+
 def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple[str, ...]]:
     """Fill in missing standard deviations; also notes on what was assumed.
 
@@ -162,6 +182,13 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
             found = _by_fix(gps, found / ALIKE)
         position_sd = np.where(missing[:, None], found, position_sd)
         notes.append(_told(position_sd[missing], "position", how, POSITION_FLOOR, "m"))
+    if digits := _digits(gps.lla):
+        step = 10.0**-digits * DEG * A * np.array([1.0, math.cos(float(gps.lla[0, 0])), 0.0])
+        if (position_sd < step / math.sqrt(12.0)).any():
+            position_sd = np.maximum(position_sd, step / math.sqrt(12.0))  # errors between half a step more and less
+            least = step[:2].max() / math.sqrt(12.0)
+            rounded = f"positions have {digits} decimals of a degree, {step[0]:.2g} m"
+            notes.append(f"{rounded}: sigma assumed at least {least:.2g} m")
     if gps.fix is not None:
         sure = (gps.fix == FLOAT) & (position_sd.max(axis=1) < FLOAT_SD)
         if sure.any():

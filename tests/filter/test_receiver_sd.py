@@ -10,6 +10,7 @@ import pytest
 from insnav.filter.gps_noise import FLOAT_SD, POSITION_FLOOR, with_sd
 from insnav.simulate import GpsErrors, corrupt_gps
 from insnav.types import GpsData
+from insnav.units import DEG
 from tests.filter import drives
 
 SMOOTH = GpsErrors((0.02, 0.02, 0.03), (1.2, 1.2, 2.0), 300.0, (0.05, 0.05, 0.05))  # metres that hardly change
@@ -40,3 +41,16 @@ def test_fixed_ambiguities_are_centimetres():
 def test_a_large_scatter_counts():
     gps, _ = with_sd(without_sd(NOISY, 4), scatter_alone=False)
     assert np.median(gps.position_sd[:, 0]) > 4.0
+
+
+@pytest.mark.parametrize(("digits", "least"), [(4, 3.2), (5, 0.32), (6, 0.0), (9, 0.0)])
+def test_rounded_positions_have_the_sigma_of_their_rounding(digits, least):
+    """Claims of 1 cm beside steps of 11 m: the filter was lost."""
+    rng = np.random.default_rng(1)
+    degrees = np.round(48.0 + np.cumsum(rng.normal(0.0, 2e-4, (200, 2)), axis=0), digits)
+    lla = np.column_stack([degrees * DEG, np.full(200, 300.0)])
+    one = np.full((200, 3), 0.01)
+    gps, notes = with_sd(GpsData(np.arange(200.0), lla, np.zeros((200, 3)), one, one))
+    assert np.min(gps.position_sd[:, 0]) == pytest.approx(max(least, 0.01), rel=0.02)
+    assert np.all(gps.position_sd[:, 2] == 0.01)
+    assert any(f"{digits} decimals" in note for note in notes) == (least > 0.0)

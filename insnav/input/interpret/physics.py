@@ -257,8 +257,11 @@ def clock_digits(time: FloatArray) -> FloatArray | None:
     time = np.where(np.isfinite(time), time, np.nan)
     seconds = 3600.0 * (time // 10_000.0) + 60.0 * (time // 100.0 % 100.0) + time % 100.0
     clean = np.diff(seconds[np.isfinite(time)])
-    step = float(np.median(clean))
-    return seconds if jumps.any() and float(np.mean(np.abs(clean[jumps] - step) < 0.5 * step)) > 0.5 else None
+    step, late = float(np.median(clean)), float(known.min()) >= 10_000.0  # after one o'clock: no small seconds
+    whole = np.abs(clean[jumps] - step) < 0.5 * step
+    if not jumps.any() or (np.count_nonzero(whole) < 2 and not late):
+        return None
+    return seconds if whole.mean() > 0.5 or (late and clean.max() < 40.0) else None
 
 
 def find_time_unit(time: FloatArray, stated: str | None, *, slowest: float, where: str) -> tuple[str, str]:
