@@ -48,7 +48,7 @@ def test_rounded_positions_have_the_sigma_of_their_rounding(digits, least):
     """Claims of 1 cm beside steps of 11 m: the filter was lost."""
     rng = np.random.default_rng(1)
     degrees = np.round(48.0 + np.cumsum(rng.normal(0.0, 2e-4, (200, 2)), axis=0), digits)
-    lla = np.column_stack([degrees * DEG, np.full(200, 300.0)])
+    lla = np.column_stack([degrees * DEG, 300.0 + rng.normal(0.0, 0.1, 200)])
     one = np.full((200, 3), 0.01)
     gps, notes = with_sd(GpsData(np.arange(200.0), lla, np.zeros((200, 3)), one, one))
     assert np.min(gps.position_sd[:, 0]) == pytest.approx(max(least, 0.01), rel=0.02)
