@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import insnav
-from insnav.alignment.clock_offset import STEP, _best_lag, _compared, find_clock_offset
+from insnav.alignment.clock_offset import STEP, Unlike, _best_lag, _compared, find_clock_offset
 from insnav.alignment.turn_scale import turn_scale
 from insnav.attitude import dcm_from_rph
 from insnav.exceptions import InputError
 from insnav.filter.gps_noise import with_sd
 from insnav.input import read_gps, read_imu
 from insnav.session.clock import clock_offset
-from insnav.strapdown import intervals
+from insnav.strapdown import intervals, joined, pieces
 from tests.shared import recorded
 
 
@@ -218,3 +218,11 @@ def test_fixes_between_which_whole_circles_lie_do_not_tell_two_drives():
     imu, gps = read_imu(folder / "imu.csv.gz").data, read_gps(folder / "gps.csv").data
     found = find_clock_offset(intervals(imu), with_sd(gps.rows(slice(None, None, 10)))[0])
     assert found is None or abs(found.offset) < 1.0
+
+
+def test_one_file_is_of_one_drive():
+    """A slow robot whose fixes show nothing that its IMU felt was refused as two."""
+    bag = recorded("formats") / "ros" / "husky_imu_navsatfix.bag"
+    drive = insnav.load(bag, gps=bag)
+    fixes = with_sd(drive.gps.data)[0]
+    assert isinstance(find_clock_offset(joined(pieces(drive.imu.data)), fixes), Unlike)
