@@ -158,7 +158,7 @@ def _digits(lla: FloatArray) -> int:
         return 0
     for digits in range(2, 6):
         steps = degrees * 10.0**digits
-        if (np.abs(steps - np.round(steps)) < 1e-4).all():
+        if (np.abs(steps - np.round(steps)) < 1e-9 * 10.0**digits).all():
             return digits
     return 0
 
