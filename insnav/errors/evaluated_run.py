@@ -146,8 +146,8 @@ def failure(run: Run) -> str:
     processed = np.isfinite(fixes.innovation[:, :3]).any(axis=1)
     lost = float(np.mean(~fixes.used_position[processed])) if processed.any() else 0.0
     if lost > _REJECTED:
-        by = {event.kind for event in run.events} & {EventKind.GATE_RECORD_POSITION}
-        who = "the IMU and the others contradict" if by else "the filter rejected"
+        by_record = any(event.kind == EventKind.GATE_RECORD_POSITION for event in run.events)
+        who = "the IMU and the others contradict" if by_record else "the filter rejected"
         return f"{who} {100.0 * lost:.0f} % of the positions"
     if resets >= _LOST_RESETS and lost > _LOST:
         return f"the filter was reset {resets} times, and {100.0 * lost:.0f} % of the positions were rejected"

@@ -22,7 +22,7 @@ from insnav.attitude import (
     wrap_pi,
 )
 from insnav.earth import lla_offset, ned_offset
-from insnav.exceptions import InputError
+from insnav.errors.reference_identity import no_time_in_common
 from insnav.sample_statistics import rms
 from insnav.tabular import Tabular, unit_of
 from insnav.types import BoolArray, FloatArray, IntArray, Trajectory
@@ -79,11 +79,7 @@ def position_errors(
         estimate = at_point(estimate, lever_b)
     index, share, covered = _brackets(estimate.time, reference.time)
     if not covered.any():
-        raise InputError(
-            "the reference and the solution have no time in common",
-            why=f"reference {_span(reference.time)}, solution {_span(estimate.time)}",
-            fix="check the time base of the reference (GPS week, Unix time, UTC against GPS time)",
-        )
+        raise no_time_in_common(reference, estimate)
     index, share = index[covered], share[covered]
     truth = np.flatnonzero(covered)
     lla, v_n, rph, sd = _interpolated(estimate, index, share)
@@ -267,10 +263,6 @@ def _attitude(rph: FloatArray, index: IntArray, share: FloatArray) -> FloatArray
     first, second = q[index], q[index + 1]
     turn = rotvec_from_quat(quat_multiply(quat_conjugate(first), second))
     return rph_from_quat(quat_multiply(first, quat_from_rotvec(share * turn)))
-
-
-def _span(time: FloatArray) -> str:
-    return f"{time[0]:.3f} to {time[-1]:.3f} s" if len(time) else "empty"
 
 
 def travelled(solution: Trajectory) -> tuple[float, float, float]:

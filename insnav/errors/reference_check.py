@@ -13,9 +13,8 @@ import numpy as np
 
 from insnav import spill
 from insnav.attitude import dcm_from_rph, wrap_pi
-from insnav.earth import ned_offset
 from insnav.errors.metrics import TrajectoryErrors, position_errors
-from insnav.errors.reference_identity import no_time_in_common, other_drive
+from insnav.errors.reference_identity import EPOCHS, apart, no_time_in_common, other_drive
 from insnav.errors.reference_offset import (
     FEWEST,
     HORIZONTAL,
@@ -35,7 +34,6 @@ from insnav.units import DEG
 
 FARTHEST, STEP = 30.0, 0.25  # errors of the clock looked for, and steps of the search [s]
 LEAST_CLOCK, CLEAR = 0.03, 5.0  # what is said: errors so large [s], and so many standard deviations
-MOST_EPOCHS = 500  # of the search: a drive shows its turns in as many
 STANDS, FOLLOWS = 0.2, 0.9  # speed of a vehicle at rest [m/s], and resultant of heading by course of one that rolls [-]
 IN_PLACE, TIGHTEST = 5.0 * DEG, 4.0  # turn without way that no such vehicle makes [rad], and radius of its bends [m]
 DENSE, GAP = 0.1, 2.0  # so dense rows show turns, and so far apart none [s]
@@ -68,7 +66,7 @@ def check_reference(
     def say(value: float, limit: float, unit: str, action: str) -> None:
         said.append(Event(float(track.time[0]), EventKind.REF_CONTRADICTION, value, limit, unit, action))
 
-    if reference.time[-1] < track.time[0] or reference.time[0] > track.time[-1]:
+    if not (len(reference.time) and len(track.time)):
         raise no_time_in_common(reference, track)
     if far := other_drive(reference, track, gps):
         text = (
@@ -241,16 +239,11 @@ def clock_error(
 
 def _coarse(reference: Trajectory, track: Trajectory) -> float:
     """Lag of a reference with which its track is closest, a constant difference apart; zero if it is no other [s]."""
-    rows = np.unique(np.linspace(0, len(reference.time) - 1, MOST_EPOCHS).astype(np.int64))
-    time, origin = reference.time[rows], track.lla[0]
-    there, here = ned_offset(reference.lla[rows], origin)[:, :2], ned_offset(track.lla, origin)[:, :2]
+    away = apart(reference, track)
 
     def scatter(lag: float) -> float:
-        inside = (time - lag >= track.time[0]) & (time - lag <= track.time[-1])
-        if np.count_nonzero(inside) < FEWEST:
-            return np.inf
-        apart = [there[inside, i] - np.interp(time[inside] - lag, track.time, here[:, i]) for i in range(2)]
-        return float(np.hypot(*(np.std(each) for each in apart)))
+        there = away(lag)
+        return float(np.hypot(*(np.std(each) for each in there.T))) if len(there) >= FEWEST else np.inf
 
     best = min(np.arange(-FARTHEST, FARTHEST + STEP, STEP), key=scatter)
     return float(best) if scatter(float(best)) < WORTH * scatter(0.0) else 0.0
@@ -279,7 +272,7 @@ def misread_tilts(reference: Trajectory, track: Trajectory) -> str:
     """As what roll and pitch of a reference move as the solution's if they do not as they are; empty if they do."""
     inside = (reference.time >= track.time[0]) & (reference.time <= track.time[-1])
     rows = np.flatnonzero(inside & np.isfinite(reference.rph[:, :2]).all(axis=1))
-    rows = rows[:: max(1, len(rows) // MOST_EPOCHS)]
+    rows = rows[:: max(1, len(rows) // EPOCHS)]
     if len(rows) < FEWEST:
         return ""
     mine = track.rph[rows_at(track, reference.time[rows]), :2]

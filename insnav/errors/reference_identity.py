@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from operator import itemgetter
+
 import numpy as np
 
 from insnav.earth import ned_offset
@@ -27,47 +30,60 @@ def other_drive(reference: Trajectory, track: Trajectory, gps: GpsData | None) -
     origin = np.median(fixes, axis=0)
     here = ned_offset(fixes, origin)[:, :2]
     theirs, mine = (_at(time, each.time, ned_offset(each.lla, origin)) - here for each in (reference, track))
-    extent = _spread(here)
-    if _spread(theirs) < max(APART, OTHERWISE * extent) or _spread(mine) > ALIKE * _spread(theirs):
+    if _spread(theirs) < max(APART, OTHERWISE * _spread(here)) or _spread(mine) > ALIKE * _spread(theirs):
         return 0.0
     return float(np.median(np.linalg.norm(theirs, axis=1)))
 
 
 def no_time_in_common(reference: Trajectory, track: Trajectory) -> InputError:
     """What is wrong with a reference of another time, with the whole hours, days and leap seconds that mend it."""
-    spans = [(float(each.time[0]), float(each.time[-1])) for each in (reference, track)]
+    spans = [_span(each.time) for each in (reference, track)]
     fix = "check the time base of the reference (GPS week, Unix time, UTC against GPS time)"
-    offset, apart = _hours_off(reference, track)
+    offset, far = _hours_off(reference, track)
     if offset:
         name = named_offset(offset, 0.0)[1]
-        fix = f"add {offset:+.0f} s to its times: so it is {apart:.2g} m from the solution{name}"
+        fix = f"add {offset:+.0f} s to its times: so it is {far:.2g} m from the solution{name}"
     return InputError(
         "the reference and the solution have no time in common",
-        why="reference {:.3f} to {:.3f} s, solution {:.3f} to {:.3f} s".format(*spans[0], *spans[1]),
+        why=f"reference {spans[0]}, solution {spans[1]}",
         fix=fix,
     )
 
 
-def _hours_off(reference: Trajectory, track: Trajectory) -> tuple[float, float]:
-    """Quarters of an hour and leap seconds with which a reference lies on a track [s], and how far from it then [m]."""
+def apart(reference: Trajectory, track: Trajectory) -> Callable[[float], FloatArray]:
+    """How far some epochs of a reference are from a track, (k, 2) [m], if its clock is ahead by some time [s]."""
     rows = np.unique(np.linspace(0, len(reference.time) - 1, EPOCHS).astype(np.int64))
     time, origin = reference.time[rows], track.lla[0]
-    there, here = ned_offset(reference.lla[rows], origin)[:, :2], ned_offset(track.lla, origin)[:, :2]
-    least, most = track.time[0] - time[-1], track.time[-1] - time[0]
+    there, here = ned_offset(reference.lla[rows], origin)[:, :2], ned_offset(track.lla, origin)
+
+    def at(late: float) -> FloatArray:
+        inside = (time - late >= track.time[0]) & (time - late <= track.time[-1])
+        return np.asarray(there[inside] - _at(time[inside] - late, track.time, here))
+
+    return at
+
+
+def _hours_off(reference: Trajectory, track: Trajectory) -> tuple[float, float]:
+    """Half hours and leap seconds with which a reference lies on a track [s], and how far from it then [m]; or zero."""
+    if not (len(reference.time) and len(track.time)):
+        return 0.0, 0.0
+    away = apart(reference, track)
+    least, most = track.time[0] - reference.time[-1], track.time[-1] - reference.time[0]
     zones = ZONE * np.arange(np.floor((least - LEAP) / ZONE), np.ceil((most + LEAP) / ZONE) + 1.0)
-    found = (0.0, ALIKE * _spread(here))
+    found = (0.0, ALIKE * _spread(ned_offset(track.lla, track.lla[0])[:, :2]))
     for offset in (zones[:, None] + [0.0, LEAP, -LEAP]).ravel():
-        inside = (time + offset >= track.time[0]) & (time + offset <= track.time[-1])
-        if np.count_nonzero(inside) >= FEWEST:
-            away = float(
-                np.median(np.linalg.norm(there[inside] - _at(time[inside] + offset, track.time, here), axis=1))
-            )
-            found = min(found, (float(offset), away), key=lambda each: each[1])
+        if len(there := away(-offset)) >= FEWEST:
+            found = min(found, (float(offset), float(np.median(np.linalg.norm(there, axis=1)))), key=itemgetter(1))
     return found
 
 
 def _at(time: FloatArray, known: FloatArray, place: FloatArray) -> FloatArray:
+    """North and east of a place that is known at other times."""
     return np.column_stack([np.interp(time, known, axis) for axis in place.T[:2]])
+
+
+def _span(time: FloatArray) -> str:
+    return f"{time[0]:.3f} to {time[-1]:.3f} s" if len(time) else "empty"
 
 
 def _spread(place: FloatArray) -> float:

@@ -178,6 +178,14 @@ def test_whole_hours_and_leap_seconds_that_mend_its_clock_are_told(pair: tuple[T
     assert "time base" in caught.value.fix
 
 
+def test_a_reference_or_a_solution_without_rows_has_no_time_in_common(pair: tuple[Trajectory, Trajectory]):
+    track, truth = pair
+    for reference, mine in ((truth.rows(slice(0)), track), (truth, track.rows(slice(0)))):
+        with pytest.raises(InputError, match="no time in common") as caught:
+            check_reference(reference, mine, fixes_of(track), HERE)
+        assert "empty" in caught.value.why
+
+
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
