@@ -120,7 +120,7 @@ def find_clock_offset(parts: Intervals, gps: GpsData, *, worth: float = 0.0) -> 
         return None
     if common := _at_rest(parts, track):
         return Unlike(0.0, 0.0, common, at_rest=True)
-    compared = _compared(_rates(imu, span := _span(track)), _rates(track, span), span)
+    compared = _of_tracks(imu, track)
     if compared is None:
         return None
     shown = max(MOVES, SEEN * math.sqrt(2.0) * track.sd / compared.span) < compared.seen < NOISE * compared.felt
@@ -134,16 +134,15 @@ def find_clock_offset(parts: Intervals, gps: GpsData, *, worth: float = 0.0) -> 
     return found
 
 
-def likeness(parts: Intervals, gps: GpsData) -> float:
-    """Correlation of accelerations by samples and fixes with the clocks as they are; zero if none is known [-]."""
-    imu, track = _of_imu(parts), _of_gps(gps)
-    if track is None or len(imu.time) < 10:
-        return 0.0
-    compared = _compared(_rates(imu, span := _span(track)), _rates(track, span), span)
-    if compared is None:
-        return 0.0
-    _, accelerations, common = _near(compared)
-    return accelerations if common else 0.0
+def likeness(parts: Intervals, *others: GpsData) -> list[float]:
+    """Correlation of accelerations by samples and each of some fixes, the clocks as they are; zero if unknown [-]."""
+    imu, found = _of_imu(parts), []
+    for gps in others:
+        track = _of_gps(gps)
+        compared = None if track is None or len(imu.time) < 10 else _of_tracks(imu, track)
+        _, accelerations, common = (0.0, 0.0, 0.0) if compared is None else _near(compared)
+        found.append(accelerations if common else 0.0)
+    return found
 
 
 def _at_rest(parts: Intervals, track: _Track) -> float:
@@ -211,11 +210,6 @@ def _of_gps(gps: GpsData) -> _Track | None:
     return _Track(speed.time, turn, v, np.asarray(fast), known, scatter)
 
 
-def _span(fixes: _Track) -> float:
-    """Time over which changes are taken [s]."""
-    return max(SPAN, 2.0 * float(np.median(np.diff(fixes.time))))
-
-
 def _rates(track: _Track, span: float) -> tuple[float, FloatArray, BoolArray]:
     """Turn rate and size of acceleration over spans, on a grid: its start [s], (2, m) values and (2, m) masks."""
     grid = np.arange(track.time[0] + 0.5 * span, track.time[-1] - 0.5 * span, STEP)
@@ -240,6 +234,12 @@ def _covered(track: _Track, flags: BoolArray, ends: tuple[FloatArray, FloatArray
     return np.asarray((bad[last + 1] == bad[first]) & (gap[last] == gap[first]))
 
 
+def _of_tracks(imu: _Track, track: _Track) -> _Compared | None:
+    """Samples and fixes, compared over spans that fit the fixes; None if they are too short."""
+    span = max(SPAN, 2.0 * float(np.median(np.diff(track.time))))
+    return _compared(_rates(imu, span), _rates(track, span), span)
+
+
 def _compared(
     imu: tuple[float, FloatArray, BoolArray], gps: tuple[float, FloatArray, BoolArray], span: float
 ) -> _Compared | None:
@@ -249,12 +249,12 @@ def _compared(
         return None
     lags = gps[0] - imu[0] + (np.arange(n + m - 1) - (n - 1)) * STEP
     score, alike, common = np.zeros(n + m - 1), np.zeros((2, n + m - 1)), np.zeros((2, n + m - 1))
-    rms = np.zeros((2, 2))
+    felt = seen = 0.0
     for i, (x, mx, y, my) in enumerate(zip(imu[1], imu[2], gps[1], gps[2], strict=True)):
         my = my & (np.abs(y) < BEYOND * np.max(np.abs(x), where=mx, initial=0.0))
         if not (mx.any() and my.any()) or float(np.std(y[my])) < 0.1 * MOVES:
             continue
-        rms[i] = np.std(x[mx]), np.std(y[my])
+        felt, seen = float(np.std(x[mx])), float(np.std(y[my]))  # accelerations come last
         correlation, count = _masked_correlation(x, mx, y, my)
         enough = count * STEP >= max(SHORTEST, SHARE * STEP * min(mx.sum(), my.sum()))
         r = np.where(enough, np.clip(correlation, -0.999, 0.999), 0.0)
@@ -262,7 +262,7 @@ def _compared(
         alike[i], common[i] = r, count * STEP
     best = int(np.argmax(score))
     most = float(np.sqrt(np.average(alike[:, best] ** 2, weights=common[:, best] + 1e-9)))
-    return _Compared(span, lags, alike, common, score, most, float(rms[1, 0]), float(rms[1, 1]))
+    return _Compared(span, lags, alike, common, score, most, felt, seen)
 
 
 def _near(compared: _Compared) -> tuple[float, float, float]:

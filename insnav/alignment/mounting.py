@@ -66,7 +66,7 @@ LARGEST_BIAS = 0.1  # of gyros that can be used [rad/s]
 AT_REST, AT_ALL, FORCE_SD, DELAY_SD = np.deg2rad(0.1), np.deg2rad(0.5), 0.2, 1.0
 _DIRECTIONS = dict(zip("FBRLDU", np.repeat(np.eye(3), 2, axis=0) * np.tile([1.0, -1.0], 3)[:, None], strict=True))
 _OPPOSITE = dict(zip("FBRLDU", "BFLRUD", strict=True))
-UPRIGHT = ("FRD", "FLU")  # in which IMUs are mounted if in none that is known
+_USUAL = ("FRD", "FLU")  # axes in which IMUs are mounted if nothing else is known
 # right-handed and left-handed sets of axes by their letters
 _SETS: tuple[list[tuple[str, FloatArray]], list[tuple[str, FloatArray]]] = ([], [])
 for _letters in itertools.permutations(_DIRECTIONS, 3):
@@ -112,7 +112,7 @@ class Mounting:
         """How many columns, at least, are to change their signs."""
         if self.mirrored and len(self.inverted) == 1:
             at = "xyz".index(self.inverted[0])
-            return 1 if self.letters[:at] + _OPPOSITE[self.letters[at]] + self.letters[at + 1 :] in UPRIGHT else 4
+            return 1 if self.letters[:at] + _OPPOSITE[self.letters[at]] + self.letters[at + 1 :] in _USUAL else 4
         return {0: 2, 3: 3}.get(len(self.inverted), 4) if self.mirrored else len(self.inverted)
 
     @property

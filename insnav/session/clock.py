@@ -130,7 +130,7 @@ def _check_radians(path: str, parts: Intervals, fixes: GpsData) -> None:
         if np.max(np.abs(fixes.lla[:, column])) < (0.5 * np.pi, np.pi)[column] * DEG:
             lla = fixes.lla.copy()
             lla[:, column] /= DEG
-            as_read, as_radians = likeness(parts, fixes), likeness(parts, replace(fixes, lla=lla))
+            as_read, as_radians = likeness(parts, fixes, replace(fixes, lla=lla))
             if as_radians > SURE and 1.0 - as_radians**2 < EXPLAINS * (1.0 - as_read**2):
                 raise InputError(
                     f"the {name} look like radians",
