@@ -154,13 +154,14 @@ def _digits(lla: FloatArray) -> int:
     innovations by itself.
     """
     degrees = lla[:, :2] / DEG
-    if len(np.unique(degrees[:, 0])) < DISTINCT or len(np.unique(degrees[:, 1])) < DISTINCT:
-        return 0
-    for digits in range(2, 6):
+
+    def whole(digits: int) -> bool:
         steps = degrees * 10.0**digits
-        if (np.abs(steps - np.round(steps)) < 1e-9 * 10.0**digits).all():
-            return digits
-    return 0
+        return bool((np.abs(steps - np.round(steps)) < 1e-9 * 10.0**digits).all())
+
+    if not whole(5) or min(len(np.unique(each)) for each in degrees.T) < DISTINCT:
+        return 0
+    return next(digits for digits in range(2, 6) if whole(digits))
 
 
 def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple[str, ...]]:

@@ -277,9 +277,8 @@ def _angles(lla: FloatArray, fit: Fit | None, found: Mapping[str, Found], name: 
     stated = found["lat"].unit
     fix = "name the columns lat_rad and lon_rad, or lat_deg and lon_deg if they are degrees"
     if fit is not None and fit.radians in ("latitudes", "longitudes"):
-        column, other = (
-            found[key].header for key in (("lat", "lon") if fit.radians == "latitudes" else ("lon", "lat"))
-        )
+        slow, right = ("lat", "lon") if fit.radians == "latitudes" else ("lon", "lat")
+        column, other = found[slow].header, found[right].header
         raise InputError(
             f"the {fit.radians} look like radians",
             where=name,

@@ -106,7 +106,7 @@ def read_rows(
     _refuse_texts(forms, found, table)
     _refuse_marks(columns, found, table)
     day, fraction = columns.pop("date", None), columns.pop("time_fraction", None)
-    unit, evidence, digits, week = "s", "", "", table.week
+    unit, evidence, week = "s", "", table.week
     if "time" in forms:
         evidence, week = forms["time"].note, forms["time"].week
         if forms["time"].form == "time of day" and day is not None and "date" in forms:
@@ -118,13 +118,14 @@ def read_rows(
         evidence = f"time in s: {found['time'].header} and {found['time_fraction'].header}"
     elif "time" in columns and numbers.n_rows > 1:
         stated = time_unit or found["time"].unit
-        if stated is None and (clock := clock_digits(columns["time"])) is not None:
-            columns["time"], stated = clock, "s"
-            digits = (
+        clock = clock_digits(columns["time"]) if stated is None else None
+        if clock is not None:
+            columns["time"] = clock
+            evidence = (
                 "times are hours, minutes, seconds in one number, hhmmss (assumed; else write time_s in the header)"
             )
-        unit, evidence = find_time_unit(columns["time"], stated, slowest=slowest, where=table.name)
-        evidence = digits or evidence
+        else:
+            unit, evidence = find_time_unit(columns["time"], stated, slowest=slowest, where=table.name)
         if ALL_UNITS[unit][1] != 1.0:
             columns["time"] = spill.by_blocks(lambda time: time * ALL_UNITS[unit][1], columns["time"])
     return Rows(table, kinds, columns, numbers.n_rows, numbers.cut, unit, evidence, week)
@@ -133,7 +134,8 @@ def read_rows(
 def _refuse_marks(columns: Mapping[str, FloatArray], found: Mapping[str, Found], table: Table) -> None:
     """Refuse numbers that programs write for what is not known: some rows have exactly one, far from all others."""
     for key, values in columns.items():
-        for mark in {float(end.reduce(values, initial=0.0)) for end in (np.fmin, np.fmax)} & _MARKS:
+        ends = [(np.fmin.reduce(values[rows]), np.fmax.reduce(values[rows])) for rows in spill.blocks(len(values))]
+        for mark in _MARKS.intersection(np.ravel(ends).tolist()):
             rows = np.flatnonzero(values == mark)
             others = float(np.fmax.reduce(np.abs(values[values != mark]), initial=0.0))
             if len(rows) > 1 and 0.0 < others < _FAR * abs(mark):
