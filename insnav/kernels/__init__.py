@@ -53,8 +53,9 @@ class _Kept(FunctionCache):
             super().save_overload(sig, data)  # type: ignore[no-untyped-call]
 
 
-# division by zero gives inf or NaN, as in numpy, and C calls no kernel: a tenth less to compile
-_njit: Any = partial(numba.njit, error_model="numpy", no_cfunc_wrapper=True)
+# division by zero gives inf or NaN, as in numpy, and C calls no kernel: a tenth less to compile. What numba compiles of
+# numpy for one kernel is taken for others: with other liberties in one of them, results depend on which came first.
+_njit: Any = partial(numba.njit, error_model="numpy", no_cfunc_wrapper=True, fastmath={"contract"})
 
 
 def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:

@@ -113,8 +113,6 @@ def tape(history: np.ndarray, n: int, noise: np.ndarray, bridged: np.ndarray) ->
     )
 
 
-# Without "fastmath", a tenth slower: the compiler would choose another order of sums in every second compilation, and a
-# search that follows the last digits ends at other noise: a flight had errors of 0.872 m, or of 0.874 m.
 @njit(cache=True, nogil=True)
 def innovations(  # type: ignore[no-untyped-def]
     run, nominal_decay, density, driving, decay, lasting, lasting_sd, lasting_time, variance, start, push, limit, out

@@ -23,7 +23,6 @@ POSITION, VELOCITY = 7, 56
 FIX, AIDING = 1, 2  # sources of a measurement
 SHOCK = 5  # numbers of a change: see `_change`
 DRAG = 60.0  # duration of the drags that are looked for [s]
-REORDERED = {"reassoc", "contract", "nsz"}  # sums of many numbers at a time
 
 
 def width(n: int) -> int:
@@ -82,12 +81,6 @@ def keep_measurement(row, kind, source, z, h, r):  # type: ignore[no-untyped-def
 
 
 @inner()
-def _zeros(rows, columns):  # type: ignore[no-untyped-def]
-    """Work space; numpy's function would be compiled once more for kernels that reorder sums."""
-    return np.zeros((rows, columns))
-
-
-@inner(fastmath=REORDERED)
 def _used(row, n, p, z, h, hp, chosen):  # type: ignore[no-untyped-def]
     """Measurement of an epoch by the rows that were used of it: ``z``, ``H`` and ``H P``; inverse of ``H P H' + R``.
 
@@ -100,7 +93,7 @@ def _used(row, n, p, z, h, hp, chosen):  # type: ignore[no-untyped-def]
         if kind > COAST and kind & (1 << i):
             chosen[m] = i
             m += 1
-    s = _zeros(m, m)
+    s = np.zeros((m, m))
     for i in range(m):
         at = int(chosen[i])
         z[i] = row[RESIDUAL + at]
@@ -137,7 +130,7 @@ def _product(a, b, rows, out):  # type: ignore[no-untyped-def]
                 out[i, j] += a[i, k] * b[k, j]
 
 
-@njit(cache=True, fastmath=REORDERED)
+@njit(cache=True)
 def backward(  # type: ignore[no-untyped-def]
     history, n, least, adjoint, information, after, before, covariance, variance, innovations, cross, ends, shocks, late
 ):
@@ -155,8 +148,8 @@ def backward(  # type: ignore[no-untyped-def]
     biases of gyros and accelerometers, and a minute of drag that begins at the epoch; `late` (m, 2): twice the gain of
     a change of the delay, and the change [s], or zero without that state.
     """
-    p, part, kept, lines = _zeros(n, n), _zeros(n, n), _zeros(n, n), _zeros(4, n)
-    h, hp, weight, by = _zeros(6, n), _zeros(6, n), _zeros(6, n), _zeros(6, n)
+    p, part, kept, lines = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n)), np.zeros((4, n))
+    h, hp, weight, by = np.zeros((6, n)), np.zeros((6, n)), np.zeros((6, n)), np.zeros((6, n))
     z, pull, x, moved, rows = lines[0], lines[1], lines[2], lines[3], min(n, STATES + 1)
     for k in range(history.shape[0] - 1, -1, -1):
         row = history[k]
