@@ -195,7 +195,9 @@ def _one(
             # what was lost already may be so far off that anything fits it; fixes that gates reject explain more then
             if left is not None and _dearer(left, gated):
                 continue
-            if left is None or rival <= fault.gain or _rival(settled[1], _looked_at(left, cut)) < settled[0].gain:
+            if rival <= fault.gain:
+                return settled
+            if left is not None and _rival(settled[1], _looked_at(left, cut)) < settled[0].gain:
                 return settled
     return None
 
