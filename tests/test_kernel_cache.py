@@ -86,4 +86,5 @@ def test_all_kernels_take_the_same_liberties():
     modules = [import_module(f"insnav.kernels.{each.name}") for each in pkgutil.iter_modules(kernels.__path__)]
     found = {id(each): each for module in modules for each in vars(module).values() if isinstance(each, Dispatcher)}
     assert len(found) > 50
-    assert {str(kernel.targetoptions["fastmath"]) for kernel in found.values()} == {"{'contract'}"}
+    other = [each.__name__ for each in found.values() if each.targetoptions["fastmath"] != {"contract"}]
+    assert other == ["_square_sum"]  # which calls nothing of numpy

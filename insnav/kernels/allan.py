@@ -30,7 +30,8 @@ def running_sum(values, mean, out):  # type: ignore[no-untyped-def]
         out[k + 1] = total
 
 
-@njit(cache=True, nogil=True)
+# the one kernel whose sums may be reordered, many at a time: it calls nothing of numpy that others would then take
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
 def _square_sum(near, middle, far):  # type: ignore[no-untyped-def]
     total = 0.0
     for k in range(near.shape[0]):  # counts from zero: an index that might be negative would keep it from SIMD
