@@ -168,6 +168,28 @@ def test_columns_given_by_the_user_win():
     assert not found
 
 
+@pytest.mark.parametrize(
+    ("key", "header", "unit"),
+    [
+        ("height", "P5 [ft]", "ft"),
+        ("height", "hoehe_ft", "ft"),
+        ("height", "P5", None),
+        ("vn", "nord_m_s", "m/s"),
+        ("time", "zeit_ms", "ms"),
+        ("gyro_x", "w1 (deg/s)", "deg/s"),
+        ("gyro_x_rad_s", "w1 (deg/s)", "rad/s"),
+        ("gyro_x", "turn_x_m", None),
+    ],
+)
+def test_the_unit_of_a_column_that_is_named_is_that_of_its_header(key, header, unit):
+    """Unless one is given with the name: heights in feet were metres, 1161 m off without a word."""
+    found, _ = understand([header, "other"], None, IMU_SCHEMA + GPS_SCHEMA, columns={key: header})
+    (column,) = found.values()
+    assert column.unit == unit
+    below, _ = understand(["P5", "other"], ["ft", ""], GPS_SCHEMA, columns={"height": "P5"})
+    assert below["height"].unit == "ft"
+
+
 def test_wrong_columns_option_suggests():
     with pytest.raises(ConfigError) as caught:
         understand(["wheel"], None, IMU_SCHEMA, columns={"odometer": "whel"})

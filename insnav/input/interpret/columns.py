@@ -14,6 +14,7 @@ from insnav.input.interpret.schema import ALL_UNITS, PREFIXES, UNIT_SPELLINGS, Q
 from insnav.units import UNITS
 
 _BRACKETS = re.compile(r"^(?P<base>[^\[\](){}]+?)\s*[\[({](?P<unit>[^\[\](){}]*)[\])}]\s*$")
+_WORDS = re.compile(r"[^\W_]+")
 _INDEXED = re.compile(r"^(?P<base>.+?)\[(?P<index>\d)\]$")
 _QUATERNION = re.compile(r"q(uat(ernion)?)?[ _.]?[wxyz0-3]", re.IGNORECASE)
 _COUNTED = re.compile(r"^(?P<base>.*?[A-Za-z_ ]\[?)(?P<index>[0-3])(?P<rest>(?:[\s_\[\](].*)?)$")
@@ -140,7 +141,7 @@ def understand(
             why="it is not clear which one is meant",
             fix="rename or remove one of them",
         )
-    given, silent = _given(headers, schema, columns or {}, where)
+    given, silent = _given(headers, units_row, schema, columns or {}, where)
     taken = {found.index for found in given.values()}
     ranked: dict[str, list[tuple[int, Found]]] = {}
     unused = []
@@ -196,7 +197,11 @@ def from_zero(headers: Sequence[str]) -> list[str]:
 
 
 def _given(
-    headers: Sequence[str], schema: Sequence[Quantity], columns: Mapping[str, str], where: str
+    headers: Sequence[str],
+    units_row: Sequence[str] | None,
+    schema: Sequence[Quantity],
+    columns: Mapping[str, str],
+    where: str,
 ) -> tuple[dict[str, Found], set[str]]:
     """Columns that the user names, and keys that the user says are not there."""
     given: dict[str, Found] = {}
@@ -220,8 +225,20 @@ def _given(
                 why=f"{where} has: {_listed(headers)}",
                 fix=_did_you_mean(header, headers),
             )
-        given[quantity.key] = Found(quantity, list(headers).index(header), header, unit)
+        index = list(headers).index(header)
+        unit = unit or _unit_in(header, units_row[index] if units_row else "", quantity.dimension)
+        given[quantity.key] = Found(quantity, index, header, unit)
     return given, silent
+
+
+def _unit_in(header: str, unit_below: str, dimension: str) -> str | None:
+    """Unit that a header states whose name is not known: in brackets, below it, or as its last words."""
+    bracket = _BRACKETS.match(header)
+    words = _WORDS.findall(header)
+    for text in (bracket["unit"] if bracket else "", unit_below, *("_".join(words[i:]) for i in range(1, len(words)))):
+        if text and (unit := find_unit(text.strip(" []()-_"), dimension)) is not None:
+            return unit
+    return None
 
 
 def require(
