@@ -255,7 +255,7 @@ def test_a_header_that_is_repeated_is_no_row(tmp_path):
     np.testing.assert_array_equal(read_gps(tmp_path / "gps.csv").data.time, fixes(40)[:, 0])
 
 
-@pytest.mark.parametrize("mark", [-9999.0, 99999.0])
+@pytest.mark.parametrize("mark", [-9999.0, 99999.0, -99.0])
 def test_numbers_that_stand_for_what_is_not_known_are_named(tmp_path, mark):
     """As rates they were "too much for rad/s: that looks like deg/s"."""
     rows = ROWS.copy()

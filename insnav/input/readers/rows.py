@@ -147,7 +147,8 @@ def _refuse_marks(columns: Mapping[str, FloatArray], found: Mapping[str, Found],
                 )
 
 
-_MARKS = {sign * 10.0**digits - sign for sign in (-1.0, 1.0) for digits in (3, 4, 5, 6)}  # -999, 9999, ...
+# -999, 9999, ..., and -99: 99 may be a standard deviation
+_MARKS = {sign * 10.0**digits - sign for sign in (-1.0, 1.0) for digits in (3, 4, 5, 6)} | {-99.0}
 _FAR = 0.2  # part of such a number beyond which others may be, too
 _FORMS = {
     "time": ("date and time", "time of day"),
