@@ -7,14 +7,13 @@ positions from a place and a velocity that are left open. The rotation between t
 squares estimate of satellite attitude", SIAM Review 7 (1965) 409; Markley, J. Astronautical Sciences 36 (1988) 245-258:
 by singular values) is the attitude of the IMU, and nothing but the data tells it; against the course over ground it is
 the mounting. Where a reflection fits far better than any rotation, or gyros of other signs than those given, the axes
-are no right-handed set.
+are no right-handed set; where gyros fit in another order, or one in another unit, the columns are mixed up.
 """
 
 from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
-from operator import itemgetter
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,6 +26,7 @@ from insnav.earth import earth_rate_n, gravity_n, ned_offset
 from insnav.kernels.alignment import felt_windows, mean_rotation
 from insnav.strapdown import Intervals, joined
 from insnav.types import FloatArray, GpsData, IntArray
+from insnav.units import DEG
 
 WINDOW = 8.0  # longer, gyro drift counts; shorter, there are too few changes of velocity [s]
 STEP = 1.0  # of GPS velocity: shorter ones drown in noise [s]
@@ -57,6 +57,19 @@ IN_ORDER: Order = (0, 1, 2)
 _ORDERS: list[Order] = [(0, 2, 1), (1, 2, 0), (2, 0, 1), (2, 1, 0)]
 EXCHANGED: list[tuple[Signs, bool, Order]] = [(AS_GIVEN, False, order) for order in _ORDERS]
 EXCHANGED += [((-1, -1, -1), True, order) for order in (_ORDERS[0], _ORDERS[-1])]
+# what brings gyros, in another unit than given or one of them in another than two, to one unit
+Units = tuple[float, float, float]
+ALL_ALIKE: Units = (1.0, 1.0, 1.0)
+OTHER_UNITS: list[Units] = [
+    (x, y, z)
+    for factor in (DEG, 1.0 / DEG)
+    for x, y, z in itertools.product((1.0, factor), repeat=3)
+    if (x, y, z) != ALL_ALIKE
+]
+# what is faster in one of a thousand samples: than no vehicle turns, and than one rolls and pitches whose rates may be
+# radians for degrees [rad/s]
+FAST_ONES, FASTEST, HARDLY = 0.999, 12.0, np.deg2rad(1.0)
+AS_IS: tuple[Signs, bool, Order] = (AS_GIVEN, False, IN_ORDER)
 ROUNDS, SETTLED = 10, 0.999  # of Gauss-Newton, at most; as large a part of the misfit of the round before ends them
 NUDGE = np.diag([1e-3, 1e-3, 1e-3, 0.02, 0.02, 0.02, 0.02])  # steps of its derivatives [rad/s], [m/s^2], [s]
 LARGEST_BIAS = 0.1  # of gyros that can be used [rad/s]
@@ -86,6 +99,7 @@ class Mounting:
     gyro_signs: Signs  # of the gyros with which the windows fit; other than 1, 1, 1: no rotation
     mirrored: bool  # whether the accelerometers fit only in a left-handed set of axes
     gyro_order: Order = IN_ORDER  # which gyro, as given, turns about each axis of the accelerometers
+    gyro_units: Units = ALL_ALIKE  # what brings gyros of different units to one
 
     @property
     def letters(self) -> str:
@@ -118,7 +132,8 @@ class Mounting:
     @property
     def right_handed(self) -> bool:
         """Whether a rotation brings the axes to those of the vehicle, and the gyros turn as they should."""
-        return not self.mirrored and self.gyro_signs == AS_GIVEN and self.gyro_order == IN_ORDER
+        as_given = self.gyro_signs == AS_GIVEN and self.gyro_order == IN_ORDER and self.gyro_units == ALL_ALIKE
+        return as_given and not self.mirrored
 
 
 def find_mounting(parts: Intervals, gps: GpsData) -> Mounting | None:
@@ -150,22 +165,37 @@ def _find(parts: Intervals, gps: GpsData, *, placed: bool) -> Mounting | None:
             chosen = min(alike, key=lambda each: (each.changes, each.misfit))
             signs, mirrored = chosen.gyro_signs, chosen.mirrored
 
-    def refined(signs: Signs, mirrored: bool, order: Order = IN_ORDER) -> tuple[Mounting, float]:
+    def refined(
+        signs: Signs, mirrored: bool, order: Order = IN_ORDER, units: Units = ALL_ALIKE
+    ) -> tuple[Mounting, float]:
         """Mounting by all windows, and what the telling ones leave."""
-        before, ordered = still.copy(), parts
-        if order != IN_ORDER:
-            before[:3], ordered = still[list(order)], replace(parts, gyro=np.ascontiguousarray(parts.gyro[:, order]))
-        at, sd, left = _refined(telling, ordered, (before, still_sd), signs, mirrored=mirrored)
-        found = _fit(windows, _felt(windows, ordered, at, signs), signs, mirrored=mirrored)[0]
-        return replace(found, sd=float(np.hypot(found.sd, sd)), gyro_order=order), left
+        before, changed = still.copy(), parts
+        if order != IN_ORDER or units != ALL_ALIKE:
+            before[:3] = (still[:3] * units)[list(order)]
+            changed = replace(parts, gyro=np.ascontiguousarray((parts.gyro * units)[:, order]))
+        at, sd, left = _refined(telling, changed, (before, still_sd), signs, mirrored=mirrored)
+        found = _fit(windows, _felt(windows, changed, at, signs), signs, mirrored=mirrored)[0]
+        found = replace(found, sd=float(np.hypot(found.sd, sd)), gyro_order=order, gyro_units=units)
+        return found, left
 
     found, left = refined(signs, mirrored)
     if not found.right_handed:  # nor do bias and delay make a drive fit as it was given
         plain, as_given = refined(AS_GIVEN, mirrored=False)
         found, left = (plain, as_given) if as_given <= FITS or left >= HANDED * as_given else (found, left)
-    if left > FITS and telling.bends >= FEWEST:  # gyros may be in another order than accelerometers
-        exchanged, least = min((refined(*each) for each in EXCHANGED), key=itemgetter(1))
-        found = exchanged if least < min(FITS, HANDED * left) else found
+    rate = np.quantile(np.abs(parts.gyro / parts.dt[:, None]), FAST_ONES, axis=0)
+    others: list[tuple[Signs, bool, Order, Units]] = []
+    if left > FITS and telling.bends >= FEWEST:  # in another order than accelerometers, or one in another unit
+        others = [(*each, ALL_ALIKE) for each in EXCHANGED]
+        others += [(*AS_IS, units) for units in OTHER_UNITS if float(np.max(rate * units)) < FASTEST]
+    elif found.right_handed and telling.bends >= FEWEST:  # gyros that hardly turn fit in too small a unit, too
+        up = int(np.argmax(np.abs(found.to_vehicle[2])))
+        if float(np.delete(rate, up).max()) < HARDLY:
+            others = [(*AS_IS, units) for units in OTHER_UNITS if units[up] == 1.0 and np.prod(units) > DEG**-1.5]
+    if others:
+        ones = [refined(*each) for each in others]
+        least = min(each[1] for each in ones)
+        if least < min(FITS, HANDED * left):  # of units that fit, all alike if they may be: what hardly turns has any
+            found = min(ones, key=lambda each: (each[1] > ALIKE * least, len({*each[0].gyro_units}), each[1]))[0]
     least = MISFIT if found.windows >= OVERLAP * FEWEST else FITS  # few windows fit by chance more easily
     return found if found.misfit < least and found.sd < SCATTER else None
 

@@ -15,9 +15,9 @@ from insnav.exceptions import InputError
 from insnav.filter.gps_noise import LAG_WORTH, velocity_lag
 from insnav.input import Reading, check_overlap
 from insnav.input.interpret.overlap import epoch_offset, named_offset, overlap
-from insnav.input.interpret.physics import odd_one, one_gyro
+from insnav.input.interpret.physics import gyros_look_like, odd_one, one_gyro
 from insnav.session.inputs import Inputs
-from insnav.session.mounted import explained, refuse_other_order
+from insnav.session.mounted import explained, refuse_unlike_gyros
 from insnav.strapdown import Intervals, joined, pieces
 from insnav.types import GpsData, ImuData, SensorLog
 from insnav.units import DEG
@@ -70,7 +70,7 @@ def on_one_clock(
         raise _two_drives(found, f"{imu.facts.path}, {gps.facts.path}")
     if isinstance(found, ClockOffset) and abs(found.offset) > max(WORTH, SIGMAS * found.sd):
         if not apart:  # an axis that is none of the turns seems to turn at another time
-            refuse_other_order(imu, fixes)
+            refuse_unlike_gyros(imu, fixes)
         offset, name = named_offset(offset + found.offset, found.sd)
         first, last = np.array([imu.data.time[[0, -1]], gps.data.time[[0, -1]]])
         sure = min(abs(found.turns), found.accelerations) > BOTH
@@ -115,13 +115,8 @@ def _check_gyro_unit(imu: Reading[ImuData], parts: Intervals, fixes: GpsData) ->
             turned = f"they turn {1.0 / scale:.3g} times as far as the course by GPS (r = {correlation:.2f})"
             if (odd := odd_one(list(imu.data.gyro.T))) is not None:
                 raise one_gyro(f"gyro {'xyz'[odd]}", f"{turned}, and its noise is not like the others'", imu.facts.path)
-            raise InputError(
-                f"the gyros look like {unit}",
-                where=imu.facts.path,
-                why=turned,
-                fix=f"say --imu-units gyro={unit}, or put the right unit into the header",
-                gives={"units": {"gyro": unit}},
-            )
+            refuse_unlike_gyros(imu, fixes)
+            raise gyros_look_like(unit, turned, imu.facts.path)
 
 
 def _check_radians(path: str, parts: Intervals, fixes: GpsData) -> None:

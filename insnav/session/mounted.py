@@ -11,11 +11,11 @@ import numpy as np
 from insnav import spill
 from insnav.alignment import Mounting, find_mounting
 from insnav.alignment.in_motion import sure_motion
-from insnav.alignment.mounting import IN_ORDER
+from insnav.alignment.mounting import ALL_ALIKE, IN_ORDER
 from insnav.exceptions import InputError
 from insnav.input import Reading
 from insnav.input.interpret.axes import axes_matrix
-from insnav.input.interpret.physics import check_axes, quiet_part
+from insnav.input.interpret.physics import check_axes, gyros_look_like, one_gyro, quiet_part
 from insnav.session.inputs import Inputs
 from insnav.strapdown import intervals
 from insnav.types import Event, EventKind, GpsData, ImuData
@@ -109,10 +109,10 @@ def as_mounted(
     return imu, yaw, tuple(notes)
 
 
-def refuse_other_order(imu: Reading[ImuData], fixes: GpsData) -> None:
-    """Refuse gyros that are in another order than the accelerometers."""
+def refuse_unlike_gyros(imu: Reading[ImuData], fixes: GpsData) -> None:
+    """Refuse gyros in another order than the accelerometers, or one of them in another unit."""
     found = _found(imu, fixes)
-    if found is not None and found.gyro_order != IN_ORDER:
+    if found is not None and (found.gyro_order != IN_ORDER or len({*found.gyro_units}) > 1):
         raise _left_handed(found, imu.facts.path)
 
 
@@ -133,7 +133,17 @@ def _words(letters: str) -> str:
 
 def _left_handed(found: Mounting, where: str) -> InputError:
     """What is wrong with axes that no rotation brings to those of the vehicle."""
-    inverted = found.inverted
+    inverted, told = found.inverted, f"({found.windows} windows of the drive)"
+    if found.gyro_units != ALL_ALIKE:
+        units = ("deg/s", "rad/s") if min(found.gyro_units) < 1.0 else ("rad/s", "deg/s")
+        odd = [axis for axis in range(3) if found.gyro_units.count(found.gyro_units[axis]) == 1]
+        if not odd:
+            why = f"only so the accelerations fit those by GPS {told}"
+            return gyros_look_like(units[0], why, where)
+        if found.gyro_units[odd[0]] == 1.0:
+            units = units[::-1]
+        why = f"accelerations by GPS fit only if it is in {units[0]} and the others are in {units[1]} {told}"
+        return one_gyro(f"gyro {'xyz'[odd[0]]}", why, where)
     why = "accelerations by GPS fit only with all signs of the accelerometers changed"
     if found.gyro_order != IN_ORDER:
         what = "the gyros are in another order than the accelerometers"
@@ -155,4 +165,4 @@ def _left_handed(found: Mounting, where: str) -> InputError:
         what = f"gyro {inverted[0]} turns the wrong way" if one else "the gyros turn the wrong way"
         why = "with them the accelerations do not fit those of GPS; with other signs they do"
         fix = f"change the sign{'s' * (not one)} of gyro{'s' * (not one)} {', '.join(inverted)} in the file"
-    return InputError(what, where=where, why=f"{why} ({found.windows} windows of the drive)", fix=fix)
+    return InputError(what, where=where, why=f"{why} {told}", fix=fix)

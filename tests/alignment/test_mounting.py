@@ -21,6 +21,7 @@ from insnav.strapdown import intervals
 from insnav.types import GpsData, ImuData
 from insnav.units import DEG
 from tests.filter import drives
+from tests.shared import recorded
 
 LAPS = 4
 LETTERS = [
@@ -96,6 +97,25 @@ def test_accelerometers_with_two_axes_exchanged_are_found(order):
     assert found is not None
     assert not found.right_handed
     assert found.gyro_order == order
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("all_as_degrees", [False, True])
+def test_one_gyro_in_another_unit_is_found(axis, all_as_degrees):
+    """On a recorded drive, whose IMU rolls and pitches; without a unit in the header, all are taken for deg/s."""
+    drive = recorded("rtklib_drive_20250708")
+    imu, gps = read_imu(drive / "imu.csv.gz").data, read_gps(drive / "gps.csv").data
+    units = np.ones(3)
+    units[axis] = 180.0 / np.pi
+    units *= np.pi / 180.0 if all_as_degrees else 1.0
+    found = find_mounting(intervals(replace(imu, gyro=imu.gyro * units)), gps)
+    assert found is not None
+    assert not found.right_handed
+    assert np.allclose(np.array(found.gyro_units) / found.gyro_units[axis], units[axis] / units)
+    plain = find_mounting(intervals(imu), gps)
+    assert plain is not None
+    assert plain.right_handed
+    assert found.letters == plain.letters
 
 
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
