@@ -12,6 +12,7 @@ import numpy as np
 from insnav.errors.metrics import TrajectoryErrors, on_clock, position_errors
 from insnav.errors.reference_check import check_reference, shown_by_drive
 from insnav.errors.reference_offset import ReferenceOffset, reference_offset
+from insnav.filter.frozen import UNUSABLE
 from insnav.filter.navigate import Navigated
 from insnav.filter.noise_estimate import NoiseEstimate
 from insnav.input.readers.reading import Reading
@@ -143,7 +144,8 @@ def failure(run: Run) -> str:
     """Why a solution is not to be used: the filter was lost again and again; empty if it was not."""
     resets = sum(event.kind is EventKind.RESET for event in run.events)
     fixes = run.innovations
-    processed = np.isfinite(fixes.innovation[:, :3]).any(axis=1)
+    # frozen ones are none: they contradict nothing
+    processed = np.isfinite(fixes.innovation[:, :3]).any(axis=1) & ~(fixes.sd[:, 0] >= UNUSABLE)
     lost = float(np.mean(~fixes.used_position[processed])) if processed.any() else 0.0
     if lost > _REJECTED:
         by_record = any(event.kind == EventKind.GATE_RECORD_POSITION for event in run.events)

@@ -12,9 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from insnav.earth import ned_offset
-from insnav.plain_text import moment
 from insnav.sample_statistics import chi2_limit
-from insnav.tabular import runs_of
 from insnav.types import BoolArray, Event, EventKind, FloatArray, GpsData
 
 
@@ -69,11 +67,6 @@ class Gates:
 
 REJECTED = "rejected"
 WHOLE_SD = 3.0  # so many of its standard deviations may a fix step, whatever part of them is white [-]
-UNUSABLE = 1e4  # standard deviation of positions that are none [m]
-# way of the velocities at one position, where that is written with jitter, which goes so small a part of it, and where
-# it is not: in all [m], in steps as well as positions are written, and faster than velocities drift at rest [m/s]
-FROZEN, HARDLY, SAME, STEPS, AT_REST = 30.0, 0.01, 3.0, 10.0, 0.5
-PARKED = 0.2  # of their sd: positions of a vehicle that rests while its velocities are false scatter by more
 _IMPOSSIBLE = "no vehicle moves this fast"
 OF_REFERENCE = -99  # fix type of what is no fix but only compared with, and has none of the errors of fixes
 _CONTRADICTED = "all other fixes and the IMU contradict it"
@@ -113,31 +106,6 @@ def impossible(gates: Gates, gps: GpsData) -> BoolArray:
     limit = gates.max_speed * np.diff(gps.time) + gates.physical_sd * (sd[1:] + sd[:-1])
     far = np.linalg.norm(ned_offset(gps.lla[1:], gps.lla[:-1]), axis=1) > limit
     return np.asarray(np.append(True, far) & np.append(far, True))
-
-
-def without_frozen(gps: GpsData) -> tuple[GpsData, list[Event]]:
-    """Fixes whose positions stay the same while their velocities go on have none, and an event for them."""
-    position_sd, frozen = gps.position_sd.copy(), list[tuple[float, float, int, int]]()
-    moved = ned_offset(gps.lla[1:], gps.lla[:-1])[:, :2]
-    v_n = np.nan_to_num(0.5 * (gps.v_n[1:] + gps.v_n[:-1])[:, :2])
-    gone = v_n * (np.diff(gps.time) * (np.linalg.norm(v_n, axis=1) > AT_REST))[:, None]
-    step, written = np.linalg.norm(moved, axis=1), float(np.min(np.abs(moved), initial=FROZEN, where=moved != 0.0))
-    jitter = np.minimum(HARDLY * np.linalg.norm(gone, axis=1), PARKED * gps.position_sd[1:, :2].min(axis=1))
-    same = (step == 0.0) | (step < jitter)
-    for first, last in runs_of(same if gps.fix is None else same & (gps.fix[1:] != 0)):
-        far = float(np.linalg.norm(gone[first:last].sum(axis=0)))
-        least = FROZEN if step[first:last].any() else max(SAME, STEPS * written)
-        if far > least:
-            position_sd[first + 1 : last + 1] = UNUSABLE
-            frozen.append((far, least, first, last))
-    if not frozen:
-        return gps, []
-    far, least, first, last = max(frozen)
-    more = f", and {len(frozen) - 1} times for a shorter way" * (len(frozen) > 1)
-    when = moment(float(gps.time[first]), float(gps.time[last]))
-    text = f"positions of the fixes are frozen from {when}, in which the velocities go {far:.2g} m{more}: not used"
-    said = Event(float(gps.time[first]), EventKind.GPS_FROZEN, far, least, "m", text)
-    return replace(gps, position_sd=position_sd), [said]
 
 
 def statistical(

@@ -16,7 +16,8 @@ from insnav.alignment.false_motion import away, without_false_motion
 from insnav.alignment.static import LONG_REST
 from insnav.exceptions import AlignmentError, InputError
 from insnav.filter.error_model import ErrorModel, InitialState, error_model, initial_state
-from insnav.filter.gates import Gates, without_frozen
+from insnav.filter.frozen import without_frozen
+from insnav.filter.gates import Gates
 from insnav.filter.gps_correlation import correlated_noise
 from insnav.filter.gps_noise import LAG_WORTH, LAGGING_NOTE, velocity_lag, with_sd
 from insnav.filter.measurements.height import HeightAiding
@@ -147,7 +148,7 @@ def prepare(
     _check(imu, gps, start)
     reported = bool(np.isfinite(gps.position_sd).all())
     gps, notes = with_sd(gps)
-    gps, frozen = without_frozen(gps)
+    gps, frozen = without_frozen(gps, imu)
     settings, found = _noise_of_fixes(imu, gps, settings, reported=reported)
     model = error_model(spec, states)
     nominal = strapdown.nominal_interval(imu.time)

@@ -23,6 +23,7 @@ from insnav.errors.outage.windows import LENGTHS
 from insnav.exceptions import AlignmentError, ConfigError, InputError, as_keywords
 from insnav.filter import FilterSettings
 from insnav.filter.delay_step import with_one_delay
+from insnav.filter.frozen import UNUSABLE, without_frozen
 from insnav.filter.gps_delay import on_time
 from insnav.filter.gps_noise import with_sd
 from insnav.filter.gyro_fault import without_gyro_faults
@@ -122,7 +123,10 @@ def drive_of(readings: Readings) -> Drive:
             fix="export the sensors at their full rate (50 Hz or more), not merged to that of the fixes",
         )
     # what changes slowly hides no motion: fixes without a standard deviation are as good as they scatter
-    scattered = None if readings.gps is None else with_sd(readings.gps.data)[0]
+    scattered = None
+    if readings.gps is not None:
+        scattered = without_frozen(with_sd(readings.gps.data)[0], readings.imu.data)[0]
+        scattered = scattered.rows(scattered.position_sd[:, 0] < UNUSABLE)
     imu, sensor_logs, clocks = on_one_clock(readings.imu, readings.gps, scattered, readings.logs, inputs)
     readings, samples = replace(readings, imu=imu, logs=sensor_logs), imu.data
     fixes, assumed = defaults.complete_fixes(samples, readings.gps, readings.reference, inputs)

@@ -11,7 +11,7 @@ import pytest
 from insnav.earth import lla_offset, ned_offset
 from insnav.errors.metrics import position_errors
 from insnav.filter import FilterSettings, navigate
-from insnav.filter.gates import Trust, without_frozen
+from insnav.filter.gates import Trust
 from insnav.filter.measurements.measurement import NOTHING, FilterView
 from insnav.filter.measurements.non_holonomic import NonHolonomic
 from insnav.filter.navigate import Navigated, feed, navigate_recording
@@ -117,32 +117,6 @@ def test_positions_that_freeze_are_left_out(seconds):
     done = navigated(5, replace(gps, lla=gps.lla + 2e-7 * jitter))  # by a metre: as others that are false
     assert horizontal(5, done).max() < 5.0
     assert len(false(done)) >= 0.9 * seconds
-
-
-@pytest.mark.parametrize(("coarse", "speed", "named"), [(1e-9, 2.4, True), (1e-5, 2.4, False), (1e-9, 0.3, False)])
-def test_a_short_freeze_is_one_where_positions_are_written_finer_and_velocities_are_those_of_motion(
-    coarse, speed, named
-):
-    """Five seconds in motion, one fix without velocity, and a minute at rest in which velocities drift by 0.3 m/s."""
-    time, rows = np.arange(120.0), 6 if speed > 1.0 else 61
-    v_n = np.tile([speed, 0.0, 0.0], (120, 1))
-    noise = 0.3 * np.random.default_rng(1).standard_normal((120, 3))
-    lla = lla_offset(np.tile([0.8, 0.2, 100.0], (120, 1)), time[:, None] * v_n + noise)
-    lla[:, :2] = np.deg2rad(coarse) * np.round(np.rad2deg(lla[:, :2]) / coarse)
-    lla[40 : 40 + rows], v_n[42] = lla[40], np.nan
-    gps = GpsData(time, lla, v_n, np.ones((120, 3)), np.ones((120, 3)))
-    found, said = without_frozen(gps)
-    assert [event.kind for event in said] == [EventKind.GPS_FROZEN] * named
-    assert np.flatnonzero(found.position_sd[:, 0] > 1.0).tolist() == [41, 42, 43, 44, 45] * named
-
-
-def test_a_vehicle_at_rest_with_false_velocities_has_no_frozen_positions():
-    """Fixes by RTK, which scatter by half of their standard deviation, while velocities are off by 8 m/s."""
-    noise = 0.01 * np.random.default_rng(2).standard_normal((60, 3))
-    lla = lla_offset(np.tile([0.8, 0.2, 100.0], (60, 1)), noise)
-    v_n = np.tile([8.0, 0.0, 0.0], (60, 1))
-    gps = GpsData(np.arange(60.0), lla, v_n, np.full((60, 3), 0.02), np.ones((60, 3)))
-    assert without_frozen(gps)[1] == []
 
 
 def test_a_velocity_that_lags_contradicts_nothing():

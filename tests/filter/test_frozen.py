@@ -1,0 +1,82 @@
+"""Fixes that a receiver repeats while the vehicle goes on are none; a vehicle that is parked has its own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from insnav.earth import lla_offset
+from insnav.errors.evaluated_run import failure
+from insnav.errors.metrics import position_errors
+from insnav.filter import FilterSettings
+from insnav.filter.frozen import without_frozen
+from insnav.filter.navigate import navigate_recording
+from insnav.filter.prepare import DELAY_SD
+from insnav.imu import load_imu
+from insnav.simulate.gps_file import load_gps
+from insnav.simulate.motion import load_profile
+from insnav.simulate.recording import MOTION_STREAM, simulate_recording
+from insnav.types import EventKind, GpsData, ImuData
+from tests.filter import drives
+
+AT_REST = ImuData(np.arange(0.0, 120.0, 0.1), np.zeros((1200, 3)), np.tile([0.0, 0.0, -9.8], (1200, 1)))
+
+
+@pytest.mark.parametrize(("coarse", "speed", "named"), [(1e-9, 2.4, True), (1e-5, 2.4, False), (1e-9, 0.3, False)])
+def test_a_short_freeze_is_one_where_positions_are_written_finer_and_velocities_are_those_of_motion(
+    coarse, speed, named
+):
+    """Five seconds in motion, one fix without velocity, and a minute at rest in which velocities drift by 0.3 m/s."""
+    time, rows = np.arange(120.0), 6 if speed > 1.0 else 61
+    v_n = np.tile([speed, 0.0, 0.0], (120, 1))
+    noise = 0.3 * np.random.default_rng(1).standard_normal((120, 3))
+    lla = lla_offset(np.tile([0.8, 0.2, 100.0], (120, 1)), time[:, None] * v_n + noise)
+    lla[:, :2] = np.deg2rad(coarse) * np.round(np.rad2deg(lla[:, :2]) / coarse)
+    lla[40 : 40 + rows], v_n[42] = lla[40], np.nan
+    gps = GpsData(time, lla, v_n, np.ones((120, 3)), np.ones((120, 3)))
+    found, said = without_frozen(gps, AT_REST)
+    assert [event.kind for event in said] == [EventKind.GPS_FROZEN] * named
+    assert np.flatnonzero(found.position_sd[:, 0] > 1.0).tolist() == [41, 42, 43, 44, 45] * named
+
+
+def test_a_vehicle_at_rest_with_false_velocities_has_no_frozen_positions():
+    """Fixes by RTK, which scatter by half of their standard deviation, while velocities are off by 8 m/s."""
+    noise = 0.01 * np.random.default_rng(2).standard_normal((60, 3))
+    lla = lla_offset(np.tile([0.8, 0.2, 100.0], (60, 1)), noise)
+    v_n = np.tile([8.0, 0.0, 0.0], (60, 1))
+    gps = GpsData(np.arange(60.0), lla, v_n, np.full((60, 3), 0.02), np.ones((60, 3)))
+    assert without_frozen(gps, AT_REST)[1] == []
+
+
+@pytest.mark.parametrize("velocities", [True, False], ids=["repeated velocities", "positions alone"])
+def test_fixes_that_are_repeated_whole_are_none(velocities):
+    """Velocities at which it stopped carried the solution 2.2 km away; positions alone were used, 0.5 km off."""
+    truth = load_profile("city").truth((5, MOTION_STREAM))
+    made = simulate_recording(truth, load_imu("automotive"), load_gps("single"), 5)
+    stale, gps = slice(200, 320), made.gps if velocities else drives.without_velocities(made.gps)
+    lla, v_n = gps.lla.copy(), gps.v_n.copy()
+    lla[stale], v_n[stale] = lla[200], v_n[200]
+    done = navigate_recording(
+        made.imu, replace(gps, lla=lla, v_n=v_n), load_imu("automotive"), FilterSettings(delay_sd=DELAY_SD)
+    )
+    assert done.run.smoothed is not None
+    errors = position_errors(done.run.smoothed.solution, made.reference)
+    assert np.hypot(*errors.position[:, :2].T).max() < 15.0
+    (said,) = [event for event in done.run.events if event.kind is EventKind.GPS_FROZEN]
+    assert ("the velocities go" if velocities else "the IMU moves") in said.action
+    assert not failure(done.run)
+
+
+def test_a_parked_vehicle_whose_receiver_holds_its_position_has_it():
+    """As many receivers do; driven off after a minute."""
+    time = np.arange(120.0)
+    way = np.maximum(time - 60.0, 0.0)[:, None] * [5.0, 0.0, 0.0]
+    lla = lla_offset(np.tile([0.8, 0.2, 100.0], (120, 1)), way)
+    gps = GpsData(time, lla, np.full((120, 3), np.nan), np.ones((120, 3)), np.full((120, 3), np.nan))
+    assert without_frozen(gps, AT_REST)[1] == []
+    shaken = replace(AT_REST, accel=AT_REST.accel + np.sin(0.3 * AT_REST.time)[:, None] * [1.0, 0.0, 0.0])
+    found, said = without_frozen(gps, shaken)
+    assert len(said) == 1
+    assert np.flatnonzero(found.position_sd[:, 0] > 1.0).tolist() == list(range(1, 61))
