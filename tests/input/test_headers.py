@@ -168,6 +168,20 @@ def test_columns_given_by_the_user_win():
     assert not found
 
 
+def test_what_is_to_be_copied_is_quoted_and_seconds_of_a_minute_are_no_time():
+    headers = ["time stampp", "lat", "lon", "alt"]
+    found, _ = understand(headers, None, GPS_SCHEMA)
+    with pytest.raises(InputError) as caught:
+        require(found, ["time"], headers, GPS_SCHEMA, where="gps.csv", gives={"columns": {"time": "time stampp"}})
+    assert "--columns 'time=time stampp'" in caught.value.fix
+    headers = ["Hour", "Minute", "Second", "lat", "lon", "alt"]
+    found, _ = understand(headers, None, GPS_SCHEMA)
+    with pytest.raises(InputError) as caught:
+        require(found, ["time"], headers, GPS_SCHEMA, where="gps.csv", hint="wrong", gives={"columns": {}})
+    assert caught.value.fix.startswith("write hours, minutes and seconds as one column")
+    assert not caught.value.gives
+
+
 @pytest.mark.parametrize(
     ("key", "header", "unit"),
     [

@@ -113,6 +113,8 @@ def choose_table(tables: Mapping[str, Table], part: str, topics: Collection[str]
     found = " and ".join(sorted({key.partition(":")[0].upper() for key in tables}))
     format_name = next((table.format for table in tables.values()), "file")
     fix = "give the file with IMU data first, and this one with --gps" if part == "imu" and "gps" in tables else ""
+    if part == "gps" and "reference" in tables:
+        fix = "give the fixes with --gps, and this file with --ref"
     lacking = [note for table in tables.values() for note in table.notes if note.startswith("no samples")]
     why = "; ".join([f"{format_name}: it has {found}", *lacking[:1]])
     raise InputError(f"the file holds no {kind} data", where=where, why=why, fix=fix)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
+import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -167,7 +168,7 @@ def understand(
             raise InputError(
                 f"two columns could be {key}: {both}",
                 where=where,
-                fix=f"say which one: --columns {key}={best[1].header}",
+                fix=f"say which one: {as_option({key: best[1].header})}",
             )
         found[key] = best[1]
         notes += [f"{c.header!r} could be {key} too: not used, {best[1].header!r} is" for _, c in candidates[1:]]
@@ -260,12 +261,12 @@ def require(
     if not missing:
         return
     if is_headerless(headers):
-        numbers = ",".join(f"{key}={i + 1}" for i, key in enumerate(keys))
+        numbers = as_option({key: str(i + 1) for i, key in enumerate(keys)})
         raise InputError(
             "the file has no header",
             where=where,
             why=f"its first row is numbers, {len(headers)} of them",
-            fix=hint or f"say which column is what, such as --columns {numbers}",
+            fix=hint or f"say which column is what, such as {numbers}",
             gives=gives,
         )
     used = {f.index for f in found.values()}
@@ -273,11 +274,14 @@ def require(
     fixes = []
     for quantity in missing:
         header = suggest(quantity, free)
-        if header is not None:
+        if quantity.key == "time" and {"hour", "minute"} <= {compact(each).removesuffix("s") for each in free}:
+            hint, gives = "", None
+            fixes.append("write hours, minutes and seconds as one column of seconds, time_s, or as hh:mm:ss")
+        elif header is not None:
             free.remove(header)
-            fixes.append(f"did you mean {header!r}? then say --columns {quantity.key}={header}")
+            fixes.append(f"did you mean {header!r}? then say {as_option({quantity.key: header})}")
     if hint and not (gives and len(fixes) == len(missing)):  # names are the better evidence
-        fixes = [hint] if gives else [hint, *fixes]
+        fixes = [hint]
     if not fixes:
         fixes.append(f"add the column, or say which it is: --columns {missing[0].key}=HEADER")
     raise InputError(
@@ -287,6 +291,11 @@ def require(
         fix="; ".join(fixes),
         gives=gives,
     )
+
+
+def as_option(columns: Mapping[str, str]) -> str:
+    """The option that names columns, to be copied into a shell."""
+    return f"--columns {shlex.quote(','.join(f'{key}={header}' for key, header in columns.items()))}"
 
 
 def suggest(quantity: Quantity, headers: Sequence[str]) -> str | None:

@@ -288,7 +288,12 @@ def find_time_unit(time: FloatArray, stated: str | None, *, slowest: float, wher
     steps = steps[steps > 0.0]
     step = float(np.median(steps)) if len(steps) else 0.0
     if step == 0.0:
-        raise InputError("the time does not advance", where=where, why="no row is later than the one before it")
+        raise InputError(
+            "the time does not advance",
+            where=where,
+            why="no row is later than the one before it",
+            fix="is the right column named time? One epoch is no record",
+        )
     fitting = [unit for unit in _TIME_UNITS if slowest * 1e-4 <= step * ALL_UNITS[unit][1] < slowest]
     # too few rows to say that the steps are too long, or too few digits: that is told of the rows
     few = len(time) < _MIN_STEPS or float(np.mean(np.diff(time[:_MAX_SAMPLES]) == 0.0)) > _REPEATED

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +15,7 @@ from insnav.input.formats import delimited_text, kf_gins, matlab, parquet, phone
 from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
 from insnav.input.interpret.clean import GPS_KINDS, REFERENCE_KINDS, Kinds
-from insnav.input.interpret.columns import Found, require, understand
+from insnav.input.interpret.columns import Found, as_option, require, understand
 from insnav.input.interpret.derived import derive
 from insnav.input.interpret.headerless import position_columns
 from insnav.input.interpret.schema import ALL_UNITS, GPS_SCHEMA, REFERENCE_SCHEMA, Quantity
@@ -131,8 +130,7 @@ def read_positions(
     elif not {"time", "lat"} <= found.keys() and (held := position_columns(table)):
         guess = {key: header for key, header in held.items() if key not in found}
         names = ", ".join(_WORDS.get(key, key) for key in guess)
-        numbers = shlex.quote(",".join(f"{key}={header}" for key, header in guess.items()))
-        hint = f"if {'these are' if len(guess) > 1 else 'this is'} {names}, say --columns {numbers}"
+        hint = f"if {'these are' if len(guess) > 1 else 'this is'} {names}, say {as_option(guess)}"
         gives = {"columns": guess}
     if "lat" not in found and _ROOM & {re.sub(r"\[.*|[\W_]", "", header.lower()) for header in table.headers}:
         raise InputError(
@@ -257,15 +255,15 @@ def _refuse_impossible(
             row = int(np.flatnonzero(wrong)[0])
             what, rule = ("standard deviation", "above zero") if sd else ("velocity", "finite")
             zero = [each for each in _STANDARD_DEVIATIONS if each in raw and each in found and not raw[each].any()]
-            leave_out = shlex.quote(",".join(f"{each}=" for each in zero))
+            left_out = dict.fromkeys(zero, "")
             raise InputError(
                 f"a {what} is {raw[key][row]:.6g} in column {found[key].header!r}",
                 where=table.place(row, found[key].index),
                 why=f"it must be {rule}; {int(np.count_nonzero(wrong))} rows are not",
-                fix=f"0 throughout is no standard deviation: leave it out, --columns {leave_out}, or write true ones"
+                fix=f"0 throughout is no standard deviation: leave it out, {as_option(left_out)}, or write true ones"
                 if key in zero
                 else "leave the cell empty if it is not known",
-                gives={"columns": dict.fromkeys(zero, "")} if key in zero else None,
+                gives={"columns": left_out} if key in zero else None,
             )
 
 
@@ -319,7 +317,7 @@ def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tu
         directions = [("vn", "ve")[i] for i in fit.order] if "vn" in found else []
         mirrored = -1.0 in fit.signs
         right = {key: found[other].header for key, other in zip(("vn", "ve"), directions, strict=False)}
-        fix = f"say --columns {','.join(f'{key}={header}' for key, header in right.items())}" if directions else ""
+        fix = f"say {as_option(right)}" if directions else ""
         raise InputError(
             "the velocities do not fit the positions",
             where=name,
@@ -333,7 +331,7 @@ def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tu
             f"the sign of {header!r} does not fit the heights",
             where=name,
             why="when it is positive the heights rise: it is a velocity up",
-            fix=f"say --columns vu={header}",
+            fix=f"say {as_option({'vu': header})}",
             gives={"columns": {"vu": header}},
         )
     if fit.unit == "m/s":
@@ -360,7 +358,7 @@ def _mirrored(fit: Fit, found: Mapping[str, Found]) -> str:
 def _exchanged(found: Mapping[str, Found], where: str, why: str) -> InputError:
     """Error of latitudes in the column of longitudes and the reverse."""
     right = {"lat": found["lon"].header, "lon": found["lat"].header}
-    fix = f"say --columns lat={right['lat']},lon={right['lon']}"
+    fix = f"say {as_option(right)}"
     return InputError("latitude and longitude are exchanged", where=where, why=why, fix=fix, gives={"columns": right})
 
 

@@ -24,7 +24,7 @@ def page(result: Result[Checked]) -> Page:
     found = _from_start(result)
     sections = [_files(found, result.inputs), *_imu(found), *_gps(found), *_both(found), _problems(found)]
     left = [each for each in found.problems if each.fix or each.weight >= MENDED][:TO_MEND]
-    first = [f"mend {i}: {each.what} ({each.why}): {each.fix}" for i, each in enumerate(left, 1)]
+    first = [f"mend {i}: {each.what} ({each.why}){each.fix and ': '}{each.fix}" for i, each in enumerate(left, 1)]
     run = f"run:  {found.command}" if found.runs else "run:  nothing to copy before mend 1"
     if not found.runs and found.command.count(" --"):
         run += f"; what is known of the line: {found.command}"
