@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import insnav
@@ -90,6 +91,20 @@ def test_a_confused_file_is_refused():
     with pytest.raises(InputError, match="exchanged") as caught:
         insnav.load(drive.imu.data, CONFUSED["longitude are exchanged"](drive.gps.data))
     assert caught.value.exit_code == 3
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("m/s", 1.0), ("km/h", 3.6), ("knot", 1.0 / 0.514444)])
+def test_a_vertical_speed_that_comes_from_the_heights_has_not_the_unit_of_the_speed(unit, factor, tmp_path):
+    """It was divided too, and the heights said to be in feet."""
+    gps = read_gps(Path(__file__).parents[2] / "trajectories" / "sample" / "gps.csv").data
+    speed, course = np.hypot(*gps.v_n[:, :2].T), np.rad2deg(np.arctan2(gps.v_n[:, 1], gps.v_n[:, 0])) % 360.0
+    columns = [gps.time, *np.rad2deg(gps.lla[:, :2].T), gps.lla[:, 2], factor * speed, course]
+    names = ["time", "lat", "lon", "height", "speed", "course"]
+    pd.DataFrame(np.column_stack(columns), columns=names).to_csv(tmp_path / "gps.csv", index=False)
+    read = read_gps(tmp_path / "gps.csv")
+    assert unit == "m/s" or any(f"velocities in {unit}" in line for line in read.facts.evidence)
+    np.testing.assert_allclose(read.data.v_n[:, :2], gps.v_n[:, :2], atol=0.03 * 16.0)
+    assert confusion(read.data) == ""
 
 
 def test_a_reference_whose_heights_are_in_feet_is_refused():

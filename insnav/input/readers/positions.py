@@ -164,9 +164,11 @@ def read_positions(
     lla[:, :2] *= degrees
     unit, words = _velocity_unit(fit, found, name)
     if unit != 1.0:
-        v_n *= unit
-        for key in set(data) & {"sd_vn", "sd_ve", "sd_vd"}:
-            data[key] = data[key] * unit
+        measured = 2 + bool({"vd", "vu"} & found.keys())  # a vertical speed from the heights has their unit
+        v_n[:, :measured] *= unit
+        for key in ("sd_vn", "sd_ve", "sd_vd")[:measured]:
+            if key in data:
+                data[key] = data[key] * unit
     filled = {key: each for key, each in found.items() if key not in data or np.isfinite(data[key]).any()}
     evidence = (height_evidence, angles, *words, *_words(filled), *notes)
     columns_read = {
