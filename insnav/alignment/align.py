@@ -209,7 +209,7 @@ def _from_rest(
 
 def _never_fast(parts: Intervals, gps: GpsData) -> str:
     """Words for fixes that show no course while there are samples."""
-    return f"the vehicle never moves faster than {motion.SLOWEST:g} m/s{_until(parts, gps)}"
+    return f"by the fixes the vehicle is never surely faster than {motion.CRAWL:g} m/s{_until(parts, gps)}"
 
 
 def _until(parts: Intervals, gps: GpsData) -> str:
@@ -256,7 +256,7 @@ def _in_motion(
     turning = float(np.max(np.abs(rates[around].mean(axis=0)))) if around.any() else 0.0
     # in a turn the course is not that of one instant, nor that of antenna and IMU the same
     across = float(np.hypot(np.median(speed.sd[near]), turning * lever_sd)) / max(np.hypot(v[0], v[1]), 1e-9)
-    course_sd = float(np.sqrt(motion.SLIP_SD**2 + across**2 + (turning * max(COURSE_TIME, nearest)) ** 2))
+    course_sd = float(np.sqrt(speed.slip_sd**2 + across**2 + (turning * max(COURSE_TIME, nearest)) ** 2))
     method = "GPS course"
     if heading is not None:
         rph[2], course_sd, method = heading, GIVEN_HEADING_SD, "given"

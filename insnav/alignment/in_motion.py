@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -12,10 +13,11 @@ from insnav.earth import earth_rate_n, gravity_n, lla_offset, ned_offset
 from insnav.exceptions import AlignmentError
 from insnav.kernels.alignment import gyro_history
 from insnav.strapdown import Intervals, between
-from insnav.types import Alignment, FloatArray, GpsData, IntArray
+from insnav.types import Alignment, BoolArray, FloatArray, GpsData, IntArray
 from insnav.units import G0
 
 SLOWEST = 2.0  # below this the noise of GPS velocity turns the course by degrees [m/s]
+CRAWL = 0.7  # the same of robots and boats that are never faster: a course as much less sure is better than none [m/s]
 SURELY = 3.0  # a spike of the positions looks like motion for less than this [s]
 SPAN = 15.0  # motion that a heading is found from: longer, gyro drift counts [s]
 SLIP_SD = np.deg2rad(3.0)  # of the direction of travel against the body's forward axis: slip and mounting
@@ -34,6 +36,17 @@ class Velocity:
     time: FloatArray  # (n,) [s]
     v_n: FloatArray  # (n, 3) North, East, Down [m/s]
     sd: FloatArray  # (n,) standard deviation of each horizontal component [m/s]
+    slowest: float = SLOWEST  # with which the vehicle is said to move [m/s]
+
+    @property
+    def fast(self) -> BoolArray:
+        """Where the vehicle moves, (n,)."""
+        return np.hypot(self.v_n[:, 0], self.v_n[:, 1]) > np.maximum(self.slowest, 5.0 * self.sd)
+
+    @property
+    def slip_sd(self) -> float:
+        """Standard deviation of the direction of travel against the body's forward axis [rad]."""
+        return float(SLIP_SD * SLOWEST / self.slowest)
 
 
 @dataclass(frozen=True)
@@ -166,8 +179,7 @@ class Course:
 def first_motion(speed: Velocity, start: float) -> float | None:
     """Time at which the vehicle first is surely moving: for `SURELY` seconds at every epoch, two at least [s]."""
     surely = max(SURELY, 1.5 * interval_of(speed.time))
-    fast = np.hypot(speed.v_n[:, 0], speed.v_n[:, 1]) > np.maximum(SLOWEST, 5.0 * speed.sd)
-    fast &= speed.time >= start
+    fast = speed.fast & (speed.time >= start)
     slow = np.concatenate([[0], np.cumsum(~fast)])
     last = np.searchsorted(speed.time, speed.time + surely, side="right")
     first = np.arange(speed.time.shape[0])
@@ -177,8 +189,8 @@ def first_motion(speed: Velocity, start: float) -> float | None:
 
 def sure_motion(gps: GpsData, start: float) -> tuple[Velocity, float | None]:
     """Velocity, from positions no farther apart than it takes, and when by it the vehicle first is surely moving."""
-    for difference in (DIFFERENCE, *LONGER):
-        speed = velocity(gps, difference)
+    for slowest, difference in itertools.product((SLOWEST, CRAWL), (DIFFERENCE, *LONGER)):
+        speed = replace(velocity(gps, difference), slowest=slowest)
         if speed.time.size and (moving := first_motion(speed, start)) is not None:
             return speed, moving
     return velocity(gps), None
@@ -197,8 +209,7 @@ def course_heading(
     `drift_sd` is the standard deviation of the gyro bias [rad/s], `tilt` that of the level [rad]. None if there are too
     few epochs in motion.
     """
-    fast = np.hypot(speed.v_n[:, 0], speed.v_n[:, 1]) > np.maximum(SLOWEST, 5.0 * speed.sd)
-    use = fast & (speed.time >= moving) & (speed.time <= min(moving + SPAN, track.time[-1]))
+    use = speed.fast & (speed.time >= moving) & (speed.time <= min(moving + SPAN, track.time[-1]))
     if use.sum() < 2:
         return None
     time, v, sd = speed.time[use], speed.v_n[use], speed.sd[use]
@@ -208,7 +219,7 @@ def course_heading(
     mean = np.arctan2(np.sum(weight * np.sin(angle)), np.sum(weight * np.cos(angle)))
     scatter = np.sqrt(np.sum(weight * wrap_pi(angle - mean) ** 2) / np.sum(weight))
     drift = drift_sd * (time.mean() - track.time[0])
-    course_sd = float(np.sqrt(SLIP_SD**2 + 1.0 / weight.sum() + scatter**2 / min(use.sum(), 5) + drift**2))
+    course_sd = float(np.sqrt(speed.slip_sd**2 + 1.0 / weight.sum() + scatter**2 / min(use.sum(), 5) + drift**2))
 
     window = (speed.time >= max(track.time[0], moving - SPAN)) & (speed.time <= time[-1])
     t, gps_v = speed.time[window], speed.v_n[window, :2]

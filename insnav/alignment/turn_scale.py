@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from insnav.alignment.in_motion import SLOWEST, velocity
+from insnav.alignment.in_motion import velocity
 from insnav.strapdown import Intervals
 from insnav.types import FloatArray, GpsData
 
@@ -20,7 +20,7 @@ def turn_scale(parts: Intervals, gps: GpsData) -> tuple[float, float]:
     Turns are those about the mean specific force, which is near the vertical of all vehicles on the ground.
     """
     speed = velocity(gps)
-    rows = np.flatnonzero(np.hypot(speed.v_n[:, 0], speed.v_n[:, 1]) > np.maximum(SLOWEST, 5.0 * speed.sd))
+    rows = np.flatnonzero(speed.fast)
     if rows.size < FEWEST:
         return 0.0, 0.0
     scale = parts.dt[:, None] if parts.instant else 1.0

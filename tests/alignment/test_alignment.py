@@ -363,6 +363,25 @@ def test_poor_positions_alone_show_motion_by_a_longer_way(begin):
         assert (np.abs(error(found, truth)) <= 3.5 * found.sd).all()
 
 
+@pytest.mark.parametrize("velocities", [True, False])
+@pytest.mark.parametrize("begin", [0.0, 540.0])
+def test_a_robot_that_is_never_fast_has_a_course_that_is_less_sure(velocities, begin):
+    """1.2 m/s at most, from rest and in motion; it was refused below 2 m/s."""
+    receiver, errors, sds = GpsErrors((0.1, 0.1, 0.2), velocity_noise=(0.05, 0.05, 0.05)), [], []
+    way = (Segment(30.0), Segment(6.0, speed=1.0), Segment(9.0), Segment(12.0, turn=70 * DEG), Segment(20.0, speed=1.2))
+    for seed in range(8):
+        truth = drive(way, PLACE, seed=seed, heading=0.3 * seed, roll=0.03, pitch=-0.02, start=500.0, body=STILL)
+        record = replace(log(truth, CAR, seed), gps=corrupt_gps(fixes(truth), receiver, (seed, 2)))
+        record = since(record, begin)
+        found = aligned(record if velocities else replace(record, gps=without_velocities(record.gps)))
+        assert found.heading_method == "GPS course"
+        errors.append(error(found, truth))
+        sds.append(found.sd)
+    assert (np.abs(np.array(errors)) <= 3.5 * np.array(sds)).all()
+    assert (honest(errors, sds) < 1.5).all()
+    assert 5.0 < np.degrees(np.max(sds, axis=0)[2]) < 25.0
+
+
 @pytest.mark.parametrize(("noise", "least", "begin"), [(0.01, 0.7, 533.0), (0.01, 0.7, 545.5), (2.0, 3.0, 533.0)])
 def test_the_velocity_at_a_start_by_positions_alone_is_as_sure_as_it_says(noise, least, begin):
     """A car that gains 1.7 m/s^2: the mean velocity of the positions about its start is metres per second off."""
