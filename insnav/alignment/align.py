@@ -185,7 +185,7 @@ def _from_rest(
         return None
     course = None
     if moving is not None:
-        end = min(moving + motion.SPAN + 1.0, float(parts.end[-1]))
+        end = min(moving + speed.span + 1.0, float(parts.end[-1]))
         rph = np.array([found.rph[0], found.rph[1], 0.0])
         # gyros carry the heading only after their stationary mean is subtracted; through a long rest it stays
         bias, bias_sd = static.gyro_bias(at, spec, rph, np.inf, lat)
@@ -196,6 +196,8 @@ def _from_rest(
     if course is None or course.sd >= found.sd[2]:
         if np.isfinite(found.sd[2]):  # gyros that find the heading drift little
             return found
+        if moving is not None and motion.interval_of(gps.time) > SPARSE:
+            raise motion.too_sparse(motion.interval_of(gps.time))
         raise AlignmentError(
             "the heading cannot be found",
             why=f"the gyros are too poor for a gyrocompass and for the course {_never_fast(parts, gps)}",

@@ -44,6 +44,11 @@ class Velocity:
         return np.hypot(self.v_n[:, 0], self.v_n[:, 1]) > np.maximum(self.slowest, 5.0 * self.sd)
 
     @property
+    def span(self) -> float:
+        """Length of the motion that a heading is found from: two epochs at least [s]."""
+        return max(SPAN, 1.5 * interval_of(self.time))
+
+    @property
     def slip_sd(self) -> float:
         """Standard deviation of the direction of travel against the body's forward axis [rad]."""
         return float(SLIP_SD * SLOWEST / self.slowest)
@@ -205,11 +210,11 @@ def course_heading(
     [rad]. The velocity change seen by the accelerometers, compared with that seen by GPS, needs no such assumption but
     is less precise: it decides between forward and reverse, and takes over where the IMU sits turned in the vehicle.
 
-    `track` starts with heading zero and reaches at least to 15 s after `moving`, the time from `first_motion` [s];
+    `track` starts with heading zero and reaches to `Velocity.span` after `moving`, the time from `first_motion` [s];
     `drift_sd` is the standard deviation of the gyro bias [rad/s], `tilt` that of the level [rad]. None if there are too
     few epochs in motion.
     """
-    use = speed.fast & (speed.time >= moving) & (speed.time <= min(moving + SPAN, track.time[-1]))
+    use = speed.fast & (speed.time >= moving) & (speed.time <= min(moving + speed.span, track.time[-1]))
     if use.sum() < 2:
         return None
     time, v, sd = speed.time[use], speed.v_n[use], speed.sd[use]

@@ -29,7 +29,7 @@ BY_FIX = {FIXED: (POSITION_FLOOR,) * 3, FLOAT: (FLOAT_SD, FLOAT_SD, 2.0 * FLOAT_
 OPEN_VELOCITY = 100.0  # of a vertical velocity that was not measured: it counts as nothing [m/s]
 OPEN_HEIGHT = 100.0  # the same of heights: as poor as a fix may be to be used [m]
 BY_SCATTER = "as estimated from successive fixes"
-SPARSE = 2.0  # positions so far apart do not tell what the velocity was in between [s]
+SPARSE = 2.0  # fixes so far apart do not tell what the velocity was in between: they scatter by the motion [s]
 LAG_WORTH = 0.03  # a smaller lag is not corrected: at 2 m/s^2 it makes 0.06 m/s, the noise of a good velocity [s]
 LAGGING_NOTE = "GPS velocity lags position by"
 
@@ -105,6 +105,8 @@ def _scatter(
     if good.size < 20:
         return np.tile(np.asarray(default), (n, 1))
     t, x = time[good], values[good]
+    if float(np.median(np.diff(t))) > SPARSE:
+        return np.tile(np.asarray(default), (n, 1))
     third = np.abs(np.diff(x, n=3, axis=0)) * (ALIKE * 1.4826 / np.sqrt(20.0))
     step = np.diff(t)
     even = np.max(np.column_stack([step[:-2], step[1:-1], step[2:]]), axis=1) < 1.5 * np.median(step)

@@ -304,11 +304,11 @@ def test_course_from_positions_alone():
     assert (np.abs(error(found, record.truth)) <= 3 * found.sd).all()
 
 
-@pytest.mark.parametrize("velocities", [True, False])
-def test_course_from_a_fix_every_five_seconds(velocities):
+@pytest.mark.parametrize(("velocities", "every"), [(True, 5), (False, 5), (True, 12), (True, 16)])
+def test_course_from_fixes_far_apart(velocities, every):
     for seed in range(8):
         record = log(started(heading=0.7 * seed), CAR, seed)
-        gps = record.gps.rows(slice(seed % 5, None, 5))
+        gps = record.gps.rows(slice(seed % every, None, every))
         if not velocities:
             gps = replace(gps, v_n=np.full_like(gps.v_n, np.nan), velocity_sd=np.full_like(gps.v_n, np.nan))
         found = aligned(replace(record, gps=gps))

@@ -9,7 +9,7 @@ import pytest
 
 import insnav
 from insnav.filter import FilterSettings
-from insnav.filter.gps_noise import velocity_lag, with_sd
+from insnav.filter.gps_noise import DEFAULT_POSITION, DEFAULT_VELOCITY, velocity_lag, with_sd
 from insnav.filter.noise_identification import identify_noise
 from insnav.filter.prepare import Prepared
 from insnav.simulate import GpsErrors, corrupt_gps, gps_from_truth
@@ -132,3 +132,13 @@ def test_fixes_five_seconds_apart_tell_no_lag_of_velocities(profile):
     gps = insnav.simulate(profile, imu="automotive", gps="dgps", seed=3).gps.data
     assert np.isfinite(velocity_lag(gps)[1])
     assert velocity_lag(gps.rows(slice(None, None, 5))) == (0.0, np.inf)
+
+
+@pytest.mark.parametrize("every", [5, 20])
+def test_fixes_far_apart_scatter_by_motion(every):
+    """Velocities of a flight every 10 s had 8 m/s, with which nothing was seen to move."""
+    gps = insnav.simulate("city", imu="automotive", gps="dgps", seed=3).gps.data.rows(slice(None, None, every))
+    unknown = replace(gps, velocity_sd=np.full_like(gps.v_n, np.nan), position_sd=np.full_like(gps.v_n, np.nan))
+    filled, _ = with_sd(unknown)
+    np.testing.assert_allclose(filled.velocity_sd, np.tile(DEFAULT_VELOCITY, (gps.time.size, 1)))
+    np.testing.assert_allclose(filled.position_sd, np.tile(DEFAULT_POSITION, (gps.time.size, 1)))
