@@ -67,7 +67,7 @@ OTHER_UNITS: list[Units] = [
     if (x, y, z) != ALL_ALIKE
 ]
 # what is faster in one of a thousand samples: than no vehicle turns, and than one rolls and pitches whose rates may be
-# radians for degrees [rad/s]
+# radians for degrees; a gyro that is off seems to fit if it is made to turn less [rad/s]
 FAST_ONES, FASTEST, HARDLY = 0.999, 12.0, np.deg2rad(1.0)
 AS_IS: tuple[Signs, bool, Order] = (AS_GIVEN, False, IN_ORDER)
 ROUNDS, SETTLED = 10, 0.999  # of Gauss-Newton, at most; as large a part of the misfit of the round before ends them
@@ -186,7 +186,9 @@ def _find(parts: Intervals, gps: GpsData, *, placed: bool) -> Mounting | None:
     others: list[tuple[Signs, bool, Order, Units]] = []
     if left > FITS and telling.bends >= FEWEST:  # in another order than accelerometers, or one in another unit
         others = [(*each, ALL_ALIKE) for each in EXCHANGED]
-        others += [(*AS_IS, units) for units in OTHER_UNITS if float(np.max(rate * units)) < FASTEST]
+        for units in OTHER_UNITS:
+            if (rate * units > HARDLY).all() and (rate * units < FASTEST).all():
+                others.append((*AS_IS, units))
     elif found.right_handed and telling.bends >= FEWEST:  # gyros that hardly turn fit in too small a unit, too
         up = int(np.argmax(np.abs(found.to_vehicle[2])))
         if float(np.delete(rate, up).max()) < HARDLY:
