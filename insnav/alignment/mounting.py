@@ -57,8 +57,8 @@ IN_ORDER: Order = (0, 1, 2)
 _ORDERS: list[Order] = [(0, 2, 1), (1, 2, 0), (2, 0, 1), (2, 1, 0)]
 EXCHANGED: list[tuple[Signs, bool, Order]] = [(AS_GIVEN, False, order) for order in _ORDERS]
 EXCHANGED += [((-1, -1, -1), True, order) for order in (_ORDERS[0], _ORDERS[-1])]
-# what brings gyros, in another unit than given or one of them in another than two, to one unit
-Units = tuple[float, float, float]
+# what brings gyros, one of which is in another unit than two, or all in another than given, to one
+Units = tuple[float, ...]
 ALL_ALIKE: Units = (1.0, 1.0, 1.0)
 OTHER_UNITS: list[Units] = [
     (x, y, z)
@@ -66,9 +66,10 @@ OTHER_UNITS: list[Units] = [
     for x, y, z in itertools.product((1.0, factor), repeat=3)
     if (x, y, z) != ALL_ALIKE
 ]
-# what is faster in one of a thousand samples: than no vehicle turns, and than one rolls and pitches whose rates may be
-# radians for degrees; a gyro that is off seems to fit if it is made to turn less [rad/s]
-FAST_ONES, FASTEST, HARDLY = 0.999, 12.0, np.deg2rad(1.0)
+# no vehicle turns faster in one of a thousand samples, and none rolls and pitches so little that these rates may be
+# radians for degrees [rad/s]
+FASTEST, HARDLY = 12.0, np.deg2rad(1.0)
+MISSED = 1.2  # times what is left that a gyro leaves which is not used: less, and it may as well be off for a while
 AS_IS: tuple[Signs, bool, Order] = (AS_GIVEN, False, IN_ORDER)
 ROUNDS, SETTLED = 10, 0.999  # of Gauss-Newton, at most; as large a part of the misfit of the round before ends them
 NUDGE = np.diag([1e-3, 1e-3, 1e-3, 0.02, 0.02, 0.02, 0.02])  # steps of its derivatives [rad/s], [m/s^2], [s]
@@ -182,24 +183,35 @@ def _find(parts: Intervals, gps: GpsData, *, placed: bool) -> Mounting | None:
     if not found.right_handed:  # nor do bias and delay make a drive fit as it was given
         plain, as_given = refined(AS_GIVEN, mirrored=False)
         found, left = (plain, as_given) if as_given <= FITS or left >= HANDED * as_given else (found, left)
-    rate = np.quantile(np.abs(parts.gyro / parts.dt[:, None]), FAST_ONES, axis=0)
+    rates = parts.gyro / parts.dt[:, None]
+    fastest = np.quantile(np.abs(rates), 0.999, axis=0)
     others: list[tuple[Signs, bool, Order, Units]] = []
     if left > FITS and telling.bends >= FEWEST:  # in another order than accelerometers, or one in another unit
         others = [(*each, ALL_ALIKE) for each in EXCHANGED]
-        for units in OTHER_UNITS:
-            if (rate * units > HARDLY).all() and (rate * units < FASTEST).all():
-                others.append((*AS_IS, units))
+        others += [(*AS_IS, units) for units in OTHER_UNITS if float(np.max(fastest * units)) < FASTEST]
     elif found.right_handed and telling.bends >= FEWEST:  # gyros that hardly turn fit in too small a unit, too
         up = int(np.argmax(np.abs(found.to_vehicle[2])))
-        if float(np.delete(rate, up).max()) < HARDLY:
+        if float(np.delete(fastest, up).max()) < HARDLY:
             others = [(*AS_IS, units) for units in OTHER_UNITS if units[up] == 1.0 and np.prod(units) > DEG**-1.5]
     if others:
         ones = [refined(*each) for each in others]
         least = min(each[1] for each in ones)
-        if least < min(FITS, HANDED * left):  # of units that fit, all alike if they may be: what hardly turns has any
-            found = min(ones, key=lambda each: (each[1] > ALIKE * least, len({*each[0].gyro_units}), each[1]))[0]
+        # of units that fit, one for all if that may be, as the course tells: what hardly turns has any
+        other = min(ones, key=lambda each: (each[1] > ALIKE * least, len({*each[0].gyro_units}), each[1]))[0]
+        units = np.array(other.gyro_units)
+        told = other.gyro_units == ALL_ALIKE
+        if np.ptp(units) > 0.0:
+            told = _unlike(rates * units) < _unlike(rates)
+            told = told or refined(*AS_IS, tuple(np.where(units == units.min(), 0.0, units)))[1] > MISSED * least
+        found = other if told and least < min(FITS, HANDED * left) else found
     least = MISFIT if found.windows >= OVERLAP * FEWEST else FITS  # few windows fit by chance more easily
     return found if found.misfit < least and found.sd < SCATTER else None
+
+
+def _unlike(rates: FloatArray) -> float:
+    """How much the noise of three gyros (n, 3) differs, by the logarithm of that from sample to sample."""
+    noise = np.median(np.abs(np.diff(rates, axis=0)), axis=0)
+    return float(np.std(np.log(np.maximum(noise, 1e-12))))
 
 
 def _refined(

@@ -15,7 +15,7 @@ from insnav.alignment.mounting import ALL_ALIKE, IN_ORDER
 from insnav.exceptions import InputError
 from insnav.input import Reading
 from insnav.input.interpret.axes import axes_matrix
-from insnav.input.interpret.physics import check_axes, gyros_look_like, one_gyro, quiet_part
+from insnav.input.interpret.physics import check_axes, one_gyro, quiet_part
 from insnav.session.inputs import Inputs
 from insnav.strapdown import intervals
 from insnav.types import Event, EventKind, GpsData, ImuData
@@ -112,7 +112,7 @@ def as_mounted(
 def refuse_unlike_gyros(imu: Reading[ImuData], fixes: GpsData) -> None:
     """Refuse gyros in another order than the accelerometers, or one of them in another unit."""
     found = _found(imu, fixes)
-    if found is not None and (found.gyro_order != IN_ORDER or len({*found.gyro_units}) > 1):
+    if found is not None and (found.gyro_order != IN_ORDER or found.gyro_units != ALL_ALIKE):
         raise _left_handed(found, imu.facts.path)
 
 
@@ -136,14 +136,11 @@ def _left_handed(found: Mounting, where: str) -> InputError:
     inverted, told = found.inverted, f"({found.windows} windows of the drive)"
     if found.gyro_units != ALL_ALIKE:
         units = ("deg/s", "rad/s") if min(found.gyro_units) < 1.0 else ("rad/s", "deg/s")
-        odd = [axis for axis in range(3) if found.gyro_units.count(found.gyro_units[axis]) == 1]
-        if not odd:
-            why = f"only so the accelerations fit those by GPS {told}"
-            return gyros_look_like(units[0], why, where)
-        if found.gyro_units[odd[0]] == 1.0:
+        odd = next(axis for axis in range(3) if found.gyro_units.count(found.gyro_units[axis]) == 1)
+        if found.gyro_units[odd] == 1.0:
             units = units[::-1]
         why = f"accelerations by GPS fit only if it is in {units[0]} and the others are in {units[1]} {told}"
-        return one_gyro(f"gyro {'xyz'[odd[0]]}", why, where)
+        return one_gyro(f"gyro {'xyz'[odd]}", why, where)
     why = "accelerations by GPS fit only with all signs of the accelerometers changed"
     if found.gyro_order != IN_ORDER:
         what = "the gyros are in another order than the accelerometers"
