@@ -13,6 +13,7 @@ are no right-handed set; where gyros fit in another order, or one in another uni
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -70,6 +71,8 @@ OTHER_UNITS: list[Units] = [
 # radians for degrees [rad/s]
 FASTEST, HARDLY = 12.0, np.deg2rad(1.0)
 MISSED = 1.2  # times what is left that a gyro leaves which is not used: less, and it may as well be off for a while
+# part of the difference in noise that gyros keep in their true units, and of what is left where they hardly turn
+NOISE_TELLS, CLOSER = 0.5, 0.99
 AS_IS: tuple[Signs, bool, Order] = (AS_GIVEN, False, IN_ORDER)
 ROUNDS, SETTLED = 10, 0.999  # of Gauss-Newton, at most; as large a part of the misfit of the round before ends them
 NUDGE = np.diag([1e-3, 1e-3, 1e-3, 0.02, 0.02, 0.02, 0.02])  # steps of its derivatives [rad/s], [m/s^2], [s]
@@ -183,29 +186,43 @@ def _find(parts: Intervals, gps: GpsData, *, placed: bool) -> Mounting | None:
     if not found.right_handed:  # nor do bias and delay make a drive fit as it was given
         plain, as_given = refined(AS_GIVEN, mirrored=False)
         found, left = (plain, as_given) if as_given <= FITS or left >= HANDED * as_given else (found, left)
-    rates = parts.gyro / parts.dt[:, None]
-    fastest = np.quantile(np.abs(rates), 0.999, axis=0)
-    others: list[tuple[Signs, bool, Order, Units]] = []
-    if left > FITS and telling.bends >= FEWEST:  # in another order than accelerometers, or one in another unit
-        others = [(*each, ALL_ALIKE) for each in EXCHANGED]
-        others += [(*AS_IS, units) for units in OTHER_UNITS if float(np.max(fastest * units)) < FASTEST]
-    elif found.right_handed and telling.bends >= FEWEST:  # gyros that hardly turn fit in too small a unit, too
-        up = int(np.argmax(np.abs(found.to_vehicle[2])))
-        if float(np.delete(fastest, up).max()) < HARDLY:
-            others = [(*AS_IS, units) for units in OTHER_UNITS if units[up] == 1.0 and np.prod(units) > DEG**-1.5]
-    if others:
-        ones = [refined(*each) for each in others]
-        least = min(each[1] for each in ones)
-        # of units that fit, one for all if that may be, as the course tells: what hardly turns has any
-        other = min(ones, key=lambda each: (each[1] > ALIKE * least, len({*each[0].gyro_units}), each[1]))[0]
-        units = np.array(other.gyro_units)
-        told = other.gyro_units == ALL_ALIKE
-        if np.ptp(units) > 0.0:
-            told = _unlike(rates * units) < _unlike(rates)
-            told = told or refined(*AS_IS, tuple(np.where(units == units.min(), 0.0, units)))[1] > MISSED * least
-        found = other if told and least < min(FITS, HANDED * left) else found
+    if telling.bends >= FEWEST:
+        found = _mixed_up(found, left, parts.gyro / parts.dt[:, None], refined)
     least = MISFIT if found.windows >= OVERLAP * FEWEST else FITS  # few windows fit by chance more easily
     return found if found.misfit < least and found.sd < SCATTER else None
+
+
+def _mixed_up(
+    found: Mounting, left: float, rates: FloatArray, refined: Callable[..., tuple[Mounting, float]]
+) -> Mounting:
+    """Mounting if gyros are in another order than accelerometers, or one in another unit; else that `found`.
+
+    `left`: what it leaves; `rates` (n, 3): of the gyros [rad/s]; `refined`: others, and what they leave.
+    """
+    fastest, others = np.quantile(np.abs(rates), 0.999, axis=0), list[tuple[Signs, bool, Order, Units]]()
+    up, fits = int(np.argmax(np.abs(found.to_vehicle[2]))), left <= FITS
+    for units in OTHER_UNITS:
+        # gyros that hardly turn fit in too small a unit, too
+        small = units[up] == 1.0 and (fastest[np.array(units) > 1.0] < HARDLY).all() and min(units) == 1.0
+        if float(np.max(fastest * units)) < FASTEST and (small or not fits):
+            others.append((*AS_IS, units))
+    if not fits:
+        others += [(*each, ALL_ALIKE) for each in EXCHANGED]
+    if not (others and (found.right_handed or not fits)):
+        return found
+    ones = [refined(*each) for each in others]
+    least = min(each[1] for each in ones)
+    # of units that fit, one for all if that may be, as the course tells: what hardly turns has any
+    other = min(ones, key=lambda each: (each[1] > ALIKE * least, len({*each[0].gyro_units}), each[1]))[0]
+    better, factor = least < min(FITS, HANDED * left), np.array(other.gyro_units)
+    alike = _unlike(rates * factor) < NOISE_TELLS * _unlike(rates)
+    if fits:
+        return other if better or (alike and least < CLOSER * left) else found
+    if np.ptp(factor) == 0.0:
+        better = better and other.gyro_units == ALL_ALIKE
+    elif better and not alike:
+        better = refined(*AS_IS, tuple(np.where(factor == factor.min(), 0.0, factor)))[1] > MISSED * least
+    return other if better else found
 
 
 def _unlike(rates: FloatArray) -> float:

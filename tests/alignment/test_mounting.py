@@ -118,6 +118,28 @@ def test_one_gyro_in_another_unit_is_found(axis, all_as_degrees):
     assert found.letters == plain.letters
 
 
+@pytest.mark.parametrize(("axis", "unit"), [(0, DEG), (1, DEG), (2, 1.0 / DEG)])
+def test_noise_tells_the_unit_of_gyros_that_hardly_turn(axis, unit):
+    """On a plain, read in deg/s as z says: gyros x and y as small as in rad/s fit nearly as well, tilts apart."""
+    sample = Path(__file__).parents[2] / "trajectories" / "sample"
+    imu, gps = read_imu(sample / "imu.csv.gz").data, read_gps(sample / "gps.csv").data
+    units = np.where(np.arange(3) == axis, unit, 1.0) * (DEG if axis == 2 else 1.0)
+    found = find_mounting(intervals(replace(imu, gyro=imu.gyro * units)), gps)
+    assert found is not None
+    assert found.gyro_units[axis] == pytest.approx(found.gyro_units[(axis + 1) % 3] / unit)
+
+
+@pytest.mark.parametrize(("axis", "rate", "length"), [(0, 4.0, 20.0), (1, -30.0, 40.0), (0, 60.0, 40.0)])
+def test_a_gyro_that_is_off_for_a_while_is_in_no_other_unit(axis, rate, length):
+    """It fits in a smaller one, in which it hardly turns."""
+    made = insnav.simulate("motorway", imu="industrial", gps="rtk", seed=3, rate=50.0)
+    imu, gps = made.imu.data, made.gps.data
+    gyro, since = imu.gyro.copy(), imu.time - imu.time[0]
+    gyro[(since > 100.0) & (since < 100.0 + length), axis] += rate * DEG
+    found = find_mounting(intervals(replace(imu, gyro=gyro)), gps)
+    assert found is None or found.gyro_units == (1.0, 1.0, 1.0)
+
+
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
 def test_on_a_plain_only_the_gyro_about_the_vertical_shows_its_sign(axis):
     """Of the sample drive, the windows of which fit worse as a whole than those the signs are told by."""
