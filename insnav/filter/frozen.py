@@ -19,6 +19,7 @@ PARKED = 0.2  # of their sd: positions of a vehicle that rests while its velocit
 # Where velocities are repeated too, or none are given, samples tell motion: for so long [s], means over so long [s]
 # scatter by more than at any rest [m/s^2], in a vehicle that goes so far [m]
 WHILE, MEANS, SHAKEN, JOURNEY = 10.0, 2.0, 0.3, 100.0
+FAR = 10.0  # so many of their sd are positions elsewhere than velocities that stay the same say
 
 
 def without_frozen(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[Event]]:
@@ -47,14 +48,38 @@ def without_frozen(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[Event]]:
             v_n[rows][repeated[first:last]] = np.nan
             frozen.append((far, least, first, last))
     if not frozen:
-        return gps, []
+        return _without_held_velocities(gps, imu)
     far, least, first, last = max(frozen)
     more = f", and {len(frozen) - 1} times for a shorter way" * (len(frozen) > 1)
     shown = f"the velocities go {far:.2g} m" if far > least else "the IMU moves"
     when = moment(float(gps.time[first]), float(gps.time[last]))
     text = f"positions of the fixes are frozen from {when}, in which {shown}{more}: not used"
     said = Event(float(gps.time[first]), EventKind.GPS_FROZEN, far, least, "m", text)
-    return replace(gps, position_sd=position_sd, v_n=v_n), [said]
+    gps, more_said = _without_held_velocities(replace(gps, position_sd=position_sd, v_n=v_n), imu)
+    return gps, [said, *more_said]
+
+
+def _without_held_velocities(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[Event]]:
+    """Fixes without velocities that stay the same, or zero, while their positions go elsewhere; and an event."""
+    v_n, held = gps.v_n.copy(), list[tuple[float, int, int]]()
+    same = (np.diff(v_n, axis=0) == 0.0).all(axis=1)
+    for first, last in runs_of(same):
+        rows = slice(first, last + 1)
+        gone = v_n[first] * (gps.time[rows, None] - gps.time[first])
+        off = np.linalg.norm((ned_offset(gps.lla[rows], gps.lla[first]) - gone)[:, :2], axis=1)
+        far, rests = float(off.max()), not v_n[first].any()
+        if far > max(FROZEN, FAR * float(np.median(gps.position_sd[rows, :2]))) and (
+            not rests or _moves(imu, float(gps.time[first]), float(gps.time[last]))
+        ):
+            v_n[first + (not rests) : last + 1] = np.nan
+            held.append((far, first, last))
+    if not held:
+        return gps, []
+    far, first, last = max(held)
+    when = moment(float(gps.time[first]), float(gps.time[last]))
+    more = f", and {len(held) - 1} times more" * (len(held) > 1)
+    text = f"velocities of the fixes are the same from {when}{more}, and positions go {far:.2g} m elsewhere: not used"
+    return replace(gps, v_n=v_n), [Event(float(gps.time[first]), EventKind.GPS_FROZEN, far, FROZEN, "m", text)]
 
 
 def _moves(imu: ImuData, first: float, last: float) -> bool:

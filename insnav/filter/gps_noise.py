@@ -39,6 +39,13 @@ def heights_measured(lla: FloatArray) -> bool:
     return len(lla) < 2 or bool(np.ptp(lla[:, 2]) > 0.0 or np.ptp(lla[:, 0]) == 0.0)
 
 
+def vertical_measured(v_n: FloatArray) -> bool:
+    """Whether vertical velocities are more than a number that stands in every row (n, 3) beside others that change."""
+    known = v_n[np.isfinite(v_n).all(axis=1)]
+    changes = known.max(axis=0, initial=-np.inf) - known.min(axis=0, initial=np.inf)
+    return bool(changes[2] != 0.0 or not changes[:2].any())
+
+
 def velocity_lag(gps: GpsData) -> tuple[float, float]:
     """Lag of velocities behind positions, from the fixes alone.
 
@@ -200,7 +207,7 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
             notes.append(f"{sure.sum()} float solutions (fix = {FLOAT}): {raised}")
     if not heights_measured(gps.lla):
         position_sd = np.where([False, False, True], OPEN_HEIGHT, position_sd)
-    v_n = gps.v_n
+    v_n = gps.v_n if vertical_measured(gps.v_n) else np.where([True, True, False], gps.v_n, np.nan)
     level = np.isfinite(v_n[:, :2]).all(axis=1) & np.isnan(v_n[:, 2])
     if level.any():
         v_n = np.where(level[:, None] & [False, False, True], 0.0, v_n)

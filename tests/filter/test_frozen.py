@@ -47,7 +47,9 @@ def test_a_vehicle_at_rest_with_false_velocities_has_no_frozen_positions():
     lla = lla_offset(np.tile([0.8, 0.2, 100.0], (60, 1)), noise)
     v_n = np.tile([8.0, 0.0, 0.0], (60, 1))
     gps = GpsData(np.arange(60.0), lla, v_n, np.full((60, 3), 0.02), np.ones((60, 3)))
-    assert without_frozen(gps, AT_REST)[1] == []
+    found, (said,) = without_frozen(gps, AT_REST)
+    np.testing.assert_array_equal(found.position_sd, gps.position_sd)
+    assert "velocities of the fixes are the same" in said.action
 
 
 @pytest.mark.parametrize("velocities", [True, False], ids=["repeated velocities", "positions alone"])
@@ -67,6 +69,36 @@ def test_fixes_that_are_repeated_whole_are_none(velocities):
     (said,) = [event for event in done.run.events if event.kind is EventKind.GPS_FROZEN]
     assert ("the velocities go" if velocities else "the IMU moves") in said.action
     assert not failure(done.run)
+
+
+@pytest.mark.parametrize(("since", "value"), [(0, 0.0), (200, 0.0), (200, None)], ids=["none", "zeros", "held"])
+def test_velocities_that_stay_the_same_in_motion_are_none(since, value):
+    """Loggers write zeros for what is not given: it was refused as never moving, 55 m off, or late by half a second."""
+    truth = load_profile("city").truth((5, MOTION_STREAM))
+    made = simulate_recording(truth, load_imu("automotive"), load_gps("single"), 5)
+    v_n = made.gps.v_n.copy()
+    v_n[since : since + 100 if value is None else None] = v_n[since] if value is None else value
+    done = navigate_recording(
+        made.imu, replace(made.gps, v_n=v_n), load_imu("automotive"), FilterSettings(delay_sd=DELAY_SD)
+    )
+    assert done.run.smoothed is not None
+    errors = position_errors(done.run.smoothed.solution, made.reference)
+    assert np.hypot(*errors.position[:, :2].T).max() < 6.0
+    (said,) = [event for event in done.run.events if event.kind is EventKind.GPS_FROZEN]
+    assert "velocities of the fixes are the same" in said.action
+
+
+def test_velocities_that_are_zero_at_rest_or_steady_in_motion_are_used():
+    """Positions wander by metres; on a straight way they go where the velocity says."""
+    time, noise = np.arange(120.0), np.cumsum(np.random.default_rng(4).standard_normal((120, 3)), axis=0)
+    shaken = replace(AT_REST, accel=AT_REST.accel + np.sin(0.3 * AT_REST.time)[:, None] * [1.0, 0.0, 0.0])
+    for speed in (0.0, 20.0):
+        v_n = np.tile([speed, 0.0, 0.0], (120, 1))
+        lla = lla_offset(np.tile([0.8, 0.2, 100.0], (120, 1)), time[:, None] * v_n + 0.5 * noise)
+        gps = GpsData(time, lla, v_n, np.ones((120, 3)), np.ones((120, 3)))
+        found, said = without_frozen(gps, shaken)
+        assert said == []
+        np.testing.assert_array_equal(found.v_n, v_n)
 
 
 def test_a_parked_vehicle_whose_receiver_holds_its_position_has_it():

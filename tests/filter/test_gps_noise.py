@@ -114,6 +114,17 @@ def test_a_horizontal_velocity_is_used_and_the_vertical_one_left_open():
     assert (sd[1][:2] < 0.8 * sd[2][:2]).all()
 
 
+@pytest.mark.parametrize("value", [0.0, -1.0])
+def test_a_vertical_velocity_that_never_changes_is_not_measured(value):
+    """With zeros in every row heights were 6.7 m off, and accelerometers had a scale factor of 5 %."""
+    gps = drives.noisy_gps(drives.perfect_gps(laps=3), np.random.default_rng(5))
+    same, notes = with_sd(replace(gps, v_n=np.where([True, True, False], gps.v_n, value)))
+    np.testing.assert_array_equal(same.velocity_sd, with_sd(level_only(gps))[0].velocity_sd)
+    assert any("horizontal velocity only" in note for note in notes)
+    still = replace(gps, v_n=np.zeros_like(gps.v_n))
+    np.testing.assert_array_equal(with_sd(still)[0].velocity_sd, gps.velocity_sd)
+
+
 def test_an_open_velocity_says_nothing_of_the_noise():
     rng = np.random.default_rng(6)
     imu = drives.noisy_imu(drives.perfect_imu(laps=8), drives.MODEL, rng)
