@@ -19,6 +19,7 @@ LEAST = 0.05  # so far away at least [m] ...
 WORTH = 0.8  # ... if with it the difference falls to this part: a run that is metres off has offsets, too
 HORIZONTAL, VERTICAL = slice(2), slice(2, 3)  # axes of a position
 GEOID = 10.0  # a mean difference of the heights that no navigation makes [m]
+LARGEST_UNDULATION = 110.0  # of EGM2008 -107 to 86 m [m]
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,8 +119,9 @@ def offset_notes(found: ReferenceOffset, taken: FloatArray) -> list[str]:
             f"{found.horizontal_rms_without:.3g} m with that moved: --ref-lever-arm={point}"
         )
     if found.geoid:
-        notes.append(
-            f"heights differ from the reference by {abs(found.surest_down):.1f} m on average: the undulation of the "
-            "geoid? One of the two may be above mean sea level (--gps-height msl)"
-        )
+        away = abs(found.surest_down)
+        cause = "the undulation of the geoid? One of the two may be above mean sea level (--gps-height msl)"
+        if away > LARGEST_UNDULATION:
+            cause = "more than any undulation of the geoid. One of the two counts from elsewhere, or was not measured"
+        notes.append(f"heights differ from the reference by {away:.1f} m on average: {cause}")
     return notes

@@ -231,6 +231,25 @@ def test_reference(tmp_path):
     np.testing.assert_array_equal(reading.fix, np.ones(30))
 
 
+def test_what_is_zero_in_all_rows_of_a_moving_reference_is_not_given(tmp_path):
+    """Programs write zeros for what they do not know: the errors were those of velocities of 40 m/s."""
+    header = "time_s,lat_deg,lon_deg,height_m,vn_m_s,ve_m_s,vd_m_s,roll_deg,pitch_deg,heading_deg"
+    way, zeros = np.arange(30.0), np.zeros((30, 6))
+    moving = np.column_stack([way, 45.0 + 1e-4 * way, 7.0 + 1e-4 * way, 100.0 + way, zeros])
+    reading = read_reference(write(tmp_path / "moving.csv", moving, header))
+    assert np.isnan(reading.data.v_n).all()
+    assert np.isnan(reading.data.rph).all()
+    assert any("assumed not to be given" in line for line in reading.facts.evidence)
+    level = moving.copy()
+    level[:, 3], level[:, 4] = 100.0, 11.1
+    level[:, 2] = 7.0  # straight north on a plain, all that may be zero
+    reading = read_reference(write(tmp_path / "level.csv", level, header))
+    assert np.isfinite(reading.data.v_n).all()
+    assert np.isfinite(reading.data.rph).all()
+    still = np.column_stack([way, np.tile([45.0, 7.0, 100.0], (30, 1)), zeros])
+    assert np.isfinite(read_reference(write(tmp_path / "still.csv", still, header)).data.v_n).all()
+
+
 def test_reference_of_two_rows_and_without_attitude(tmp_path):
     reading = read_reference(write(tmp_path / "ref.csv", ROWS[[0, 29], :4], "time,lat,lon,alt"))
     np.testing.assert_allclose(reading.data.time, [100.0, 129.0])

@@ -164,6 +164,15 @@ def test_events_come_in_order_of_time(tmp_path):
     assert len(times) == 3
 
 
+def test_a_barometer_that_never_changes_is_none(tmp_path):
+    rows = np.column_stack([rolling(1000), np.zeros(1000)])
+    reading = read_imu(write(tmp_path / "imu.csv", rows, f"{IMU_HEADER},baro_height_m"))
+    assert reading.data.baro is None
+    assert any("'baro_height_m' never changes: not used" in line for line in reading.facts.evidence)
+    rows[:, 7] = 100.0 + 0.01 * np.arange(1000)
+    assert read_imu(write(tmp_path / "imu.csv", rows, f"{IMU_HEADER},baro_height_m")).data.baro is not None
+
+
 def test_temperature_and_odometer(tmp_path):
     header = IMU_HEADER + ",temp,wheel_speed_kmh"
     rows = np.column_stack([ROWS, 20.0 + 0.001 * np.arange(1000), np.full(1000, 36.0)])

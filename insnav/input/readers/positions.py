@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from insnav.earth import ned_offset
 from insnav.exceptions import InputError
 from insnav.input.formats import delimited_text, kf_gins, matlab, parquet, phone_folder
 from insnav.input.formats.registry import open_table
@@ -31,6 +32,7 @@ _SLOWEST = 45.0  # longest interval between fixes that is taken for seconds [s]
 _MAX_HEIGHT = 1e5  # [m]
 _MIN_HEIGHT = -1e4
 _FAR = 0.1 * DEG  # a fix at (0, 0) is a placeholder if all others are farther than this
+_MOVES, _CLIMBS = 100.0, 5.0  # ways of a reference along North or East, and up, in which nothing stays zero [m]
 _ROOM = {"px", "prsrx", "posx", "positionx"}  # headers of EuRoC, TUM-VI, and programs like them
 _WORDS = {"lat": "latitude", "lon": "longitude", "vn": "velocity North", "ve": "East"}
 # formats that do not define what heights are above; an empty name is that of data in memory
@@ -104,10 +106,31 @@ def read_reference(path: str | Path | Table, *, columns: Mapping[str, str] | Non
     read = reading.data
     rph = read.stacked(("roll", "pitch", "heading"))
     rph[:, 2] %= 2.0 * np.pi
+    zeros = _zeros_in_motion(read.lla, read.v_n, rph)
+    if zeros:
+        said = f"{' and '.join(zeros)} are zero in all rows while it moves: assumed not to be given"
+        reading = replace(reading, facts=replace(reading.facts, evidence=(*reading.facts.evidence, said)))
     sd = read.stacked(_STANDARD_DEVIATIONS)
     known = np.hstack([sd, np.full_like(rph, np.nan)]) if np.isfinite(sd).any() else None
     data = Trajectory(read.columns["time"], read.lla, read.v_n, rph, known)
     return Reading(data, reading.events, reading.facts, reading.fix)
+
+
+def _zeros_in_motion(lla: FloatArray, v_n: FloatArray, rph: FloatArray) -> list[str]:
+    """What is zero in all rows of a moving reference, as programs write it that do not know; set to NaN, in place."""
+    moved = np.ptp(ned_offset(lla, lla[0]), axis=0) if len(lla) else np.zeros(3)
+    climbs, turns = float(moved[2]) > _CLIMBS, bool((moved[:2] > _MOVES).all())  # straight north, the heading is zero
+    found = []
+    for name, values, moves in (
+        ("velocities", v_n, bool((moved[:2] > _MOVES).any())),
+        ("vertical velocities", v_n[:, 2:], climbs),
+        ("headings", rph[:, 2:], turns),
+        ("rolls and pitches", rph[:, :2], turns and climbs),
+    ):
+        if moves and not values.any():
+            values[:] = np.nan
+            found.append(name)
+    return found
 
 
 def read_positions(
