@@ -1,4 +1,4 @@
-"""Fixes that stay as they are while the vehicle goes on: a receiver that repeats its last one."""
+"""Fixes that stay as they are while the vehicle goes on: a receiver repeats its last one, a logger writes zeros."""
 
 from __future__ import annotations
 
@@ -39,11 +39,9 @@ def without_frozen(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[Event]]:
     travels = float(np.ptp(ned_offset(gps.lla, gps.lla[0])[:, :2], axis=0).max(initial=0.0)) > JOURNEY
     for first, last in runs_of(same if gps.fix is None else same & (gps.fix[1:] != 0)):
         far, rows = float(np.linalg.norm(gone[first:last].sum(axis=0))), slice(first + 1, last + 1)
-        least, whole = (
-            FROZEN if step[first:last].any() else max(SAME, STEPS * written),
-            bool(repeated[first:last].all()),
-        )
-        if far > least or (whole and travels and _moves(imu, float(gps.time[first]), float(gps.time[last]))):
+        least = FROZEN if step[first:last].any() else max(SAME, STEPS * written)
+        whole = travels and bool(repeated[first:last].all())
+        if far > least or (whole and _moves(imu, float(gps.time[first]), float(gps.time[last]))):
             position_sd[rows] = UNUSABLE
             v_n[rows][repeated[first:last]] = np.nan
             frozen.append((far, least, first, last))
@@ -64,11 +62,11 @@ def _without_held_velocities(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[
     v_n, held = gps.v_n.copy(), list[tuple[float, int, int]]()
     same = (np.diff(v_n, axis=0) == 0.0).all(axis=1)
     for first, last in runs_of(same):
-        rows = slice(first, last + 1)
-        gone = v_n[first] * (gps.time[rows, None] - gps.time[first])
-        off = np.linalg.norm((ned_offset(gps.lla[rows], gps.lla[first]) - gone)[:, :2], axis=1)
-        far, rests = float(off.max()), not v_n[first].any()
-        if far > max(FROZEN, FAR * float(np.median(gps.position_sd[rows, :2]))) and (
+        # fix by fix, as north turns on a long way
+        moved = ned_offset(gps.lla[first + 1 : last + 1], gps.lla[first:last])
+        off = np.cumsum(moved - v_n[first] * np.diff(gps.time[first : last + 1])[:, None], axis=0)
+        far, rests = float(np.linalg.norm(off[:, :2], axis=1).max()), not v_n[first].any()
+        if far > max(FROZEN, FAR * float(np.median(gps.position_sd[first : last + 1, :2]))) and (
             not rests or _moves(imu, float(gps.time[first]), float(gps.time[last]))
         ):
             v_n[first + (not rests) : last + 1] = np.nan
