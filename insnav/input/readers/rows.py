@@ -138,11 +138,13 @@ def _refuse_marks(columns: Mapping[str, FloatArray], found: Mapping[str, Found],
         for mark in _MARKS.intersection(np.ravel(ends).tolist()):
             rows = np.flatnonzero(values == mark)
             others = float(np.fmax.reduce(np.abs(values[values != mark]), initial=0.0))
-            if len(rows) > 1 and 0.0 < others < _FAR * abs(mark):
+            alone = key != "time" and abs(mark) > _LEAST_ALONE
+            if len(rows) > (0 if alone else 1) and 0.0 < others < _FAR * abs(mark):
                 raise InputError(
                     f"{mark:g} in column {found[key].header!r} stands for what is not known",
                     where=table.place(int(rows[0]), found[key].index),
-                    why=f"{len(rows)} rows have exactly that, and all others are within {others:.4g}",
+                    why=f"{len(rows)} row{'s have' if len(rows) > 1 else ' has'} exactly that, and all others are "
+                    f"within {others:.4g}",
                     fix="leave these cells empty",
                 )
 
@@ -150,6 +152,7 @@ def _refuse_marks(columns: Mapping[str, FloatArray], found: Mapping[str, Found],
 # -999, 9999, ..., and -99: 99 may be a standard deviation
 _MARKS = {sign * 10.0**digits - sign for sign in (-1.0, 1.0) for digits in (3, 4, 5, 6)} | {-99.0}
 _FAR = 0.2  # part of such a number beyond which others may be, too
+_LEAST_ALONE = 100.0  # larger ones are none by chance in a single row either, but for a time
 _FORMS = {
     "time": ("date and time", "time of day"),
     "date": ("date",),
