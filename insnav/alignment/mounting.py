@@ -199,16 +199,24 @@ def _mixed_up(
 
     `left`: what it leaves; `rates` (n, 3): of the gyros [rad/s]; `refined`: others, and what they leave.
     """
-    fastest, others = np.quantile(np.abs(rates), 0.999, axis=0), list[tuple[Signs, bool, Order, Units]]()
-    up, fits = int(np.argmax(np.abs(found.to_vehicle[2]))), left <= FITS
-    for units in OTHER_UNITS:
-        # gyros that hardly turn fit in too small a unit, too
-        small = units[up] == 1.0 and (fastest[np.array(units) > 1.0] < HARDLY).all() and min(units) == 1.0
-        if float(np.max(fastest * units)) < FASTEST and (small or not fits):
-            others.append((*AS_IS, units))
+    fits = left <= FITS
+    if fits and not found.right_handed:
+        return found
+    fastest, up = np.quantile(np.abs(rates), 0.999, axis=0), int(np.argmax(np.abs(found.to_vehicle[2])))
+
+    def small(units: Units) -> bool:
+        """Whether only gyros that hardly turn are in a smaller one: these fit as they are, too."""
+        larger = np.array(units) > 1.0
+        return min(units) == 1.0 and not larger[up] and bool((fastest[larger] < HARDLY).all())
+
+    others = [
+        (*AS_IS, units)
+        for units in OTHER_UNITS
+        if float(np.max(fastest * units)) < FASTEST and (not fits or small(units))
+    ]
     if not fits:
         others += [(*each, ALL_ALIKE) for each in EXCHANGED]
-    if not (others and (found.right_handed or not fits)):
+    if not others:
         return found
     ones = [refined(*each) for each in others]
     least = min(each[1] for each in ones)

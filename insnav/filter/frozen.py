@@ -23,6 +23,13 @@ FAR = 10.0  # so many of their sd are positions elsewhere than velocities that s
 
 
 def without_frozen(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[Event]]:
+    """Fixes without positions that stay the same in motion, nor velocities while positions go on; and events."""
+    gps, positions = _without_frozen_positions(gps, imu)
+    gps, velocities = _without_held_velocities(gps, imu)
+    return gps, [*positions, *velocities]
+
+
+def _without_frozen_positions(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[Event]]:
     """Fixes without positions that stay the same in motion, nor velocities that are repeated there; and an event.
 
     Motion shows in the velocities, or in the samples where all of a fix is repeated.
@@ -46,15 +53,14 @@ def without_frozen(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[Event]]:
             v_n[rows][repeated[first:last]] = np.nan
             frozen.append((far, least, first, last))
     if not frozen:
-        return _without_held_velocities(gps, imu)
+        return gps, []
     far, least, first, last = max(frozen)
     more = f", and {len(frozen) - 1} times for a shorter way" * (len(frozen) > 1)
     shown = f"the velocities go {far:.2g} m" if far > least else "the IMU moves"
     when = moment(float(gps.time[first]), float(gps.time[last]))
     text = f"positions of the fixes are frozen from {when}, in which {shown}{more}: not used"
     said = Event(float(gps.time[first]), EventKind.GPS_FROZEN, far, least, "m", text)
-    gps, more_said = _without_held_velocities(replace(gps, position_sd=position_sd, v_n=v_n), imu)
-    return gps, [said, *more_said]
+    return replace(gps, position_sd=position_sd, v_n=v_n), [said]
 
 
 def _without_held_velocities(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[Event]]:

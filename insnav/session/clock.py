@@ -15,7 +15,7 @@ from insnav.exceptions import InputError
 from insnav.filter.gps_noise import LAG_WORTH, velocity_lag
 from insnav.input import Reading, check_overlap
 from insnav.input.interpret.overlap import epoch_offset, named_offset, overlap
-from insnav.input.interpret.physics import gyros_look_like, odd_one, one_gyro
+from insnav.input.interpret.physics import odd_one, one_gyro
 from insnav.session.inputs import Inputs
 from insnav.session.mounted import explained, refuse_unlike_gyros
 from insnav.strapdown import Intervals, joined, pieces
@@ -116,7 +116,13 @@ def _check_gyro_unit(imu: Reading[ImuData], parts: Intervals, fixes: GpsData) ->
             if (odd := odd_one(list(imu.data.gyro.T))) is not None:
                 raise one_gyro(f"gyro {'xyz'[odd]}", f"{turned}, and its noise is not like the others'", imu.facts.path)
             refuse_unlike_gyros(imu, fixes)
-            raise gyros_look_like(unit, turned, imu.facts.path)
+            raise InputError(
+                f"the gyros look like {unit}",
+                where=imu.facts.path,
+                why=turned,
+                fix=f"say --imu-units gyro={unit}, or put the right unit into the header",
+                gives={"units": {"gyro": unit}},
+            )
 
 
 def _check_radians(path: str, parts: Intervals, fixes: GpsData) -> None:

@@ -66,7 +66,7 @@ def as_mounted(
         moves = given is None and sure_motion(fixes, float(data.time[0]))[1] is not None
         return imu, 0.0, (UNTOLD,) * moves
     if not found.right_handed:
-        raise _left_handed(found, imu.facts.path)
+        raise _refused(found, imu.facts.path)
     how = f"GPS course and accelerations, {found.windows} windows"
     matrix, notes = found.to_vehicle, []
     as_read = axes_matrix(given or imu.facts.axes or UPRIGHT)
@@ -113,7 +113,7 @@ def refuse_unlike_gyros(imu: Reading[ImuData], fixes: GpsData) -> None:
     """Refuse gyros in another order than the accelerometers, or one of them in another unit."""
     found = _found(imu, fixes)
     if found is not None and (found.gyro_order != IN_ORDER or found.gyro_units != ALL_ALIKE):
-        raise _left_handed(found, imu.facts.path)
+        raise _refused(found, imu.facts.path)
 
 
 def explained(imu: Reading[ImuData], fixes: GpsData) -> bool:
@@ -131,8 +131,8 @@ def _words(letters: str) -> str:
     return ", ".join(WORDS[letter] for letter in letters)
 
 
-def _left_handed(found: Mounting, where: str) -> InputError:
-    """What is wrong with axes that no rotation brings to those of the vehicle."""
+def _refused(found: Mounting, where: str) -> InputError:
+    """What is wrong with axes that no rotation brings to those of the vehicle, or with gyros of other columns."""
     inverted, told = found.inverted, f"({found.windows} windows of the drive)"
     if found.gyro_units != ALL_ALIKE:
         units = ("deg/s", "rad/s") if min(found.gyro_units) < 1.0 else ("rad/s", "deg/s")

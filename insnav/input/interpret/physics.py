@@ -172,17 +172,6 @@ def one_gyro(column: str, why: str, where: str) -> InputError:
     return InputError(f"{column} is in another unit than the other gyros", where=where, why=why, fix=fix)
 
 
-def gyros_look_like(unit: str, why: str, where: str) -> InputError:
-    """What is wrong with gyros that are all in another unit than was read."""
-    return InputError(
-        f"the gyros look like {unit}",
-        where=where,
-        why=why,
-        fix=f"say --imu-units gyro={unit}, or put the right unit into the header",
-        gives={"units": {"gyro": unit}},
-    )
-
-
 def find_gyro_unit(
     quiet: Quiet, ratio: float, correlation: float, stated: str | None, *, increments: bool, where: str, odd: str = ""
 ) -> tuple[str, str]:

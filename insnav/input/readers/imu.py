@@ -127,7 +127,7 @@ def read_imu(
                 array[block] *= ALL_UNITS[unit][1]
     temperature, temperature_note = _temperature(time, cleaned.columns.get("temperature"))
     odometer, baro = cleaned.columns.get("odometer"), cleaned.columns.get("baro")
-    if baro is not None and np.nanmin(baro) == np.nanmax(baro):
+    if baro is not None and np.fmin.reduce(baro) == np.fmax.reduce(baro):
         notes = (*notes, f"{found['baro'].header!r} never changes: not used")
         baro = None
     data = ImuData(
