@@ -191,17 +191,20 @@ def test_what_is_to_be_copied_is_quoted_and_seconds_of_a_minute_are_no_time():
         ("vn", "nord_m_s", "m/s"),
         ("time", "zeit_ms", "ms"),
         ("gyro_x", "w1 (deg/s)", "deg/s"),
-        ("gyro_x_rad_s", "w1 (deg/s)", "rad/s"),
+        ("gyro_x_deg_s", "w1 (deg/s)", "deg/s"),
+        ("gyro_x_rad_s", "w1", "rad/s"),
         ("gyro_x", "turn_x_m", None),
     ],
 )
 def test_the_unit_of_a_column_that_is_named_is_that_of_its_header(key, header, unit):
-    """Unless one is given with the name: heights in feet were metres, 1161 m off without a word."""
+    """Unless the header has none: heights in feet were metres, 1161 m off without a word."""
     found, _ = understand([header, "other"], None, IMU_SCHEMA + GPS_SCHEMA, columns={key: header})
     (column,) = found.values()
     assert column.unit == unit
     below, _ = understand(["P5", "other"], ["ft", ""], GPS_SCHEMA, columns={"height": "P5"})
     assert below["height"].unit == "ft"
+    with pytest.raises(ConfigError, match="'P5 \\[ft\\]' is in ft by its header, in m by the name given"):
+        understand(["P5 [ft]"], None, GPS_SCHEMA, columns={"height_m": "P5 [ft]"})
 
 
 def test_wrong_columns_option_suggests():

@@ -131,7 +131,7 @@ def understand(
     `columns`: what the user says: name, with or without unit (``gyro_x``, ``gyro_x_dps``), to header; an empty header
     says that the file has no such column.
     Raises: InputError: a duplicate header, two columns for one quantity, or an unknown unit; ConfigError: `columns`
-    names something that does not exist.
+    names something that does not exist, or in another unit than its header.
     """
     named = [h for h in headers if h]
     twice = sorted({h for h in named if named.count(h) > 1})
@@ -227,8 +227,14 @@ def _given(
                 fix=_did_you_mean(header, headers),
             )
         index = list(headers).index(header)
-        unit = unit or _unit_in(header, units_row[index] if units_row else "", quantity.dimension)
-        given[quantity.key] = Found(quantity, index, header, unit)
+        own = _unit_in(header, units_row[index] if units_row else "", quantity.dimension)
+        if unit and own not in (None, unit):
+            raise ConfigError(
+                f"{header!r} is in {own} by its header, in {unit} by the name given",
+                where=f"columns, {name}",
+                fix=f"write {quantity.key} for the unit of the header; if that is wrong, mend the header",
+            )
+        given[quantity.key] = Found(quantity, index, header, unit or own)
     return given, silent
 
 
