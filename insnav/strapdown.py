@@ -356,6 +356,12 @@ def navigate(
     return Trajectory(time, out[:, :3], out[:, 3:6], rph_n)
 
 
+def nearest_rows(time: FloatArray, wanted: FloatArray) -> IntArray:
+    """Row that is nearest in time to each that is wanted; the later one of two as near."""
+    after = np.clip(np.searchsorted(time, wanted), 1, len(time) - 1)
+    return np.asarray(after - (wanted - time[after - 1] < time[after] - wanted))
+
+
 def between(time: FloatArray, values: FloatArray, wanted: FloatArray) -> tuple[IntArray, FloatArray]:
     """Row behind each wanted time, and the values there on straight lines, constant beyond the ends."""
     after = np.clip(np.searchsorted(time, wanted), 1, time.shape[0] - 1)

@@ -68,7 +68,7 @@ def drive(
         moves.append(Move(segment.duration, state, end, *(partial(change, segment.duration, *pair) for pair in pairs)))
         state, grade = end, slope
     begin, vibration = Start(lla, heading, 0.0, roll, pitch, start), Vibration()
-    commands = commands_of(moves, begin, spacing_of(moves, vibration))
+    commands = commands_of(moves, spacing_of(moves, vibration))
     return truth_of(commands, moves, begin, replace(KINDS["car"], body=body), vibration, seed)
 
 
@@ -119,8 +119,12 @@ def main(folder: Path) -> None:
     perfect = imu_from_truth(truth, times(truth, imu["rate_hz"]), "mean")
     spec = load_imu(str(SAMPLE / "imu.toml"))
     seed = settings["seed"]
-    steps = {"gyro_step": imu["gyro_step_rad_s"], "accel_step": imu["accel_step_m_s2"]}
-    write_data(folder / "imu.csv.gz", corrupt_imu(perfect, spec, (seed, 1), **steps).imu)
+    spec = replace(
+        spec,
+        gyro=replace(spec.gyro, resolution=np.full(3, imu["gyro_step_rad_s"])),
+        accel=replace(spec.accel, resolution=np.full(3, imu["accel_step_m_s2"])),
+    )
+    write_data(folder / "imu.csv.gz", corrupt_imu(perfect, spec, (seed, 1)).imu)
 
     errors = GpsErrors(
         position_noise=tuple(gps["position_noise_m"]),

@@ -12,6 +12,7 @@ levelling leave, and for what turns and accelerations differ by.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -210,13 +211,18 @@ def _of_gps(gps: GpsData) -> _Track | None:
     return _Track(speed.time, turn, v, np.asarray(fast), known, scatter)
 
 
+def _over(track: _Track, ends: Sequence[FloatArray]) -> FloatArray:
+    """Turn, and size of the change of velocity, between two times each, (2, m) [rad], [m/s]."""
+    turn = [np.interp(each, track.time, track.turn) for each in ends]
+    change = [np.column_stack([np.interp(each, track.time, track.change[:, i]) for i in range(2)]) for each in ends]
+    return np.array([turn[1] - turn[0], np.linalg.norm(change[1] - change[0], axis=1)])
+
+
 def _rates(track: _Track, span: float) -> tuple[float, FloatArray, BoolArray]:
     """Turn rate and size of acceleration over spans, on a grid: its start [s], (2, m) values and (2, m) masks."""
     grid = np.arange(track.time[0] + 0.5 * span, track.time[-1] - 0.5 * span, STEP)
     ends = grid - 0.5 * span, grid + 0.5 * span
-    turn = [np.interp(each, track.time, track.turn) for each in ends]
-    change = [np.column_stack([np.interp(each, track.time, track.change[:, i]) for i in range(2)]) for each in ends]
-    values = np.array([turn[1] - turn[0], np.linalg.norm(change[1] - change[0], axis=1)]) / span
+    values = _over(track, ends) / span
     return (
         float(grid[0]) if len(grid) else 0.0,
         values,
@@ -326,9 +332,7 @@ def _refined(imu: _Track, gps: _Track, lag: float, span: float) -> ClockOffset |
     def residuals(offset: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         at = [each - offset for each in ends]
         inside = (at[0] > imu.time[0]) & (at[1] < imu.time[-1])
-        turn = [np.interp(each, imu.time, imu.turn) for each in at]
-        change = [np.column_stack([np.interp(each, imu.time, imu.change[:, i]) for i in range(2)]) for each in at]
-        felt = np.array([turn[1] - turn[0], np.linalg.norm(change[1] - change[0], axis=1)]) / length
+        felt = _over(imu, at) / length
         use = known & inside & np.array([_covered(imu, imu.known, (at[0], at[1]))] * 2)
         left, weight, r = np.zeros_like(seen), np.zeros(2), np.zeros(2)
         for i in range(2):
@@ -353,7 +357,7 @@ def _refined(imu: _Track, gps: _Track, lag: float, span: float) -> ClockOffset |
         return left, weight, r
 
     offsets = np.arange(lag - FINE, lag + FINE, 0.05)
-    likelihood = [_likelihood(*residuals(offset)) for offset in offsets]
+    likelihood = [_likelihood(*residuals(offset)[::2]) for offset in offsets]
     at = float(offsets[int(np.argmax(likelihood))])
     sd, apart, step = np.inf, 0.0, 1e-2
     for _ in range(20):
@@ -377,7 +381,7 @@ def _refined(imu: _Track, gps: _Track, lag: float, span: float) -> ClockOffset |
     return ClockOffset(at, float(np.linalg.norm([sd, SYSTEMATIC, 0.5 * apart])), float(r[0]), float(r[1]), common)
 
 
-def _likelihood(left: FloatArray, weight: FloatArray, r: FloatArray) -> float:
+def _likelihood(left: FloatArray, r: FloatArray) -> float:
     """How well the samples explain the fixes: logarithm of the residuals, each kind by the number of its rows."""
     count = np.count_nonzero(left, axis=1)
     return float(np.sum(-0.5 * count * np.log1p(-(np.clip(r, -0.9999, 0.9999) ** 2))))

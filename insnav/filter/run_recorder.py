@@ -225,7 +225,7 @@ class Record:
             alignment=alignment,
             epochs=Epochs(time + clock, state[:, :3], state[:, 3:6], state[:, 6:10], fix_covariance),
             gps_delay=settings.delay + delay,
-            gps_delay_sd=float(np.sqrt(covariance[STATES, STATES])) if covariance.shape[0] > STATES else 0.0,
+            gps_delay_sd=delay_sd,
             smoothed=smoothed,
             lever_b=lever_b.copy(),
             lever_sd=_of_lever(at, covariance),

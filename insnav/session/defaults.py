@@ -71,7 +71,7 @@ def stationary_part(imu: ImuData, fixes: GpsData | None, inputs: Inputs) -> tupl
 
 
 def complete_fixes(
-    imu: ImuData, gps: Reading[GpsData] | None, reference: Reading[Trajectory] | None, inputs: Inputs
+    imu: ImuData, gps: Reading[GpsData] | None, reference: Reading[Trajectory] | None
 ) -> tuple[GpsData | None, tuple[str, ...]]:
     """Fixes with a standard deviation for every value, and what was assumed; None if there is no position.
 

@@ -129,7 +129,7 @@ def drive_of(readings: Readings) -> Drive:
         scattered = scattered.rows(scattered.position_sd[:, 0] < UNUSABLE)
     imu, sensor_logs, clocks = on_one_clock(readings.imu, readings.gps, scattered, readings.logs, inputs)
     readings, samples = replace(readings, imu=imu, logs=sensor_logs), imu.data
-    fixes, assumed = defaults.complete_fixes(samples, readings.gps, readings.reference, inputs)
+    fixes, assumed = defaults.complete_fixes(samples, readings.gps, readings.reference)
     readings = replace(readings, gps=defaults.with_scales_told(readings.gps))
     mounted, yaw, turned = as_mounted(readings.imu, scattered or fixes, inputs)
     readings, samples = replace(readings, imu=mounted), mounted.data

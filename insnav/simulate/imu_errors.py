@@ -43,16 +43,13 @@ def corrupt_imu(
     seed: Seed,
     *,
     temperature: FloatArray | None = None,
-    gyro_step: float = 0.0,
-    accel_step: float = 0.0,
 ) -> ImuSimulation:
     """Sample an IMU from a specification and let it measure.
 
     Constant errors come first (`insnav.imu.corrupt`), then in-run bias, white noise, quantisation, range, rounding,
     timestamps. Every source has a stream of random numbers of its own: switching one on does not change the others.
 
-    `temperature` (n,): of the IMU at each sample [deg C]; `gyro_step`, `accel_step`: resolution of the samples as they
-    are written, in their own unit; zero for none.
+    `temperature` (n,): of the IMU at each sample [deg C].
     Raises: InputError: fewer than two samples, or terms that depend on the temperature without one.
     """
     constant, gyro_seed, accel_seed, gyro_flicker, accel_flicker, clock = np.random.SeedSequence(seed).spawn(6)
@@ -80,7 +77,7 @@ def corrupt_imu(
     gyro = wrong.gyro + (gyro_drift + gyro_noise) * span
     accel = wrong.accel + (accel_drift + accel_noise) * span
     gyro, accel = quantised(gyro, spec.gyro, dt, span), quantised(accel, spec.accel, dt, span)
-    wrong = replace(wrong, gyro=to_steps(gyro, gyro_step), accel=to_steps(accel, accel_step))
+    wrong = replace(wrong, gyro=gyro, accel=accel)
     gyro_bias, accel_bias = errors.gyro_bias + gyro_drift, errors.accel_bias + accel_drift
     if spec.clock == ClockSpec():
         return ImuSimulation(wrong, errors, gyro_bias, accel_bias)
@@ -210,11 +207,6 @@ def drift_and_noise(
     drift = gauss_markov(rng, time, sensor.bias_instability, sensor.correlation_time)
     drift += np.cumsum(rng.standard_normal((len(time), 3)) * (sensor.rate_random_walk * np.sqrt(dt)), axis=0)
     return drift, noise
-
-
-def to_steps(values: FloatArray, step: float) -> FloatArray:
-    """Values rounded to multiples of `step`; as they are if it is zero."""
-    return np.round(values / step) * step if step > 0.0 else values
 
 
 def gauss_markov(rng: np.random.Generator, time: FloatArray, sd: FloatArray, correlation_time: float) -> FloatArray:

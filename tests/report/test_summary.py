@@ -15,13 +15,15 @@ from insnav.plain_text import moment
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.numbers import number
 from insnav.report.page import Section, Verdict, cell, section_tables
-from insnav.report.run.verdict import LINES, brief_lines, run_merits
+from insnav.report.run.verdict import brief_lines, run_merits
 from insnav.report.run.warnings import run_warnings
 from insnav.report.series import Clock
 from insnav.report.terminal import WIDTH
 from insnav.sample_statistics import rms
 from insnav.types import Event, EventKind
 from tests.report.conftest import result_of
+
+LINES = 20  # of title 2, verdict 2, table 7, warnings and assumptions; the command adds the files
 
 
 def test_a_few_lines_say_what_matters(navigated):

@@ -70,7 +70,7 @@ def test_rate_random_walk_grows_with_the_root_of_time():
 
 
 def test_resolution_leaves_multiples_of_the_step():
-    shown = corrupt_imu(still_imu(1000, 0.01), spec(random_walk=triple(1e-3)), 3, gyro_step=1e-3).imu
+    shown = corrupt_imu(still_imu(1000, 0.01), spec(random_walk=triple(1e-3), resolution=triple(1e-3)), 3).imu
     steps = shown.gyro / 1e-3
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
     assert len(np.unique(np.round(steps))) > 10

@@ -30,6 +30,7 @@ from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import Prepared
 from insnav.filter.settings import FilterSettings
 from insnav.kernels.errorstate import STATES
+from insnav.strapdown import nearest_rows
 from insnav.types import BoolArray, FloatArray, GpsData
 
 Motion = Literal["static", "straight", "turning"]
@@ -211,8 +212,7 @@ def _motion(speed: FloatArray, heading: FloatArray) -> Motion:
 
 def _compared(reference: GpsData, wanted: FloatArray, close: float) -> tuple[GpsData, BoolArray]:
     """What a window is compared with at the times of the grid, and whether there is anything so close to each."""
-    after = np.clip(np.searchsorted(reference.time, wanted), 1, len(reference.time) - 1)
-    at = np.where(wanted - reference.time[after - 1] < reference.time[after] - wanted, after - 1, after)
+    at = nearest_rows(reference.time, wanted)
     nearest = reference.time[at]
     known: BoolArray = np.asarray(np.abs(nearest - wanted) <= close + 1e-6)
     known[1:] &= nearest[1:] > nearest[:-1]

@@ -101,7 +101,7 @@ def drift_study(record: DriftRecord) -> DriftStudy:
     corrected = corrected_rates(record, errors)
     factors, notes = _factors(rest.stop, record.interval)
     gyros = tuple(_one(record, rest, models[axis], corrected[axis], factors) for axis in record.axes)
-    return DriftStudy(record, gyros, errors, _warnings(record, gyros), notes)
+    return DriftStudy(record, gyros, errors, _warnings(gyros), notes)
 
 
 def _refuse_gaps(record: DriftRecord) -> None:
@@ -197,7 +197,7 @@ def power_fit(allan: AllanDeviation, own: FloatArray) -> dict[str, PowerCoeffici
     return found
 
 
-def _warnings(record: DriftRecord, gyros: Sequence[GyroDrift]) -> tuple[str, ...]:
+def _warnings(gyros: Sequence[GyroDrift]) -> tuple[str, ...]:
     warnings = []
     for each in gyros:
         name = f"gyro {each.model.axis}"

@@ -18,7 +18,6 @@ from insnav.lab.least_squares import Fit, coverage_factor, linear_fit
 from insnav.types import BoolArray, FloatArray, ImuData
 from insnav.units import DEG, G0
 
-TERMS = ("A", "B", "c_T", "c_g")
 # a term shows only if its cause changes by so much (standard deviation) apart from the causes before it
 SHOWS = {"B": 1.0 * DEG, "c_T": 0.5, "c_g": 0.05 * G0}
 _CAUSES = {"B": "rate", "c_T": "temperature", "c_g": "specific force along the axis"}

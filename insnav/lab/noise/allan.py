@@ -18,11 +18,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.stats import chi2
 
 from insnav.exceptions import ConfigError, InputError
 from insnav.imu.model import sample_intervals
 from insnav.kernels.allan import mean_square_second_difference, running_sum, variance_covariance
+from insnav.sample_statistics import chi_square
 from insnav.types import BoolArray, FloatArray, ImuData, IntArray
 
 AXES = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accel") for axis in "xyz")
@@ -240,6 +240,6 @@ def chi_square_interval(
     5.3).
     """
     tail = 0.5 * (1.0 - confidence)
-    low = value * np.sqrt(degrees / chi2.ppf(1.0 - tail, degrees))
-    high = value * np.sqrt(degrees / np.maximum(chi2.ppf(tail, degrees), np.finfo(float).tiny))
+    low = value * np.sqrt(degrees / chi_square(degrees, 1.0 - tail))
+    high = value * np.sqrt(degrees / np.maximum(chi_square(degrees, tail), np.finfo(float).tiny))
     return low, high

@@ -17,10 +17,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar, nnls
-from scipy.stats import chi2
 
 from insnav.lab.noise.allan import AllanDeviation, chi_square_interval, covariance, freedom
 from insnav.lab.noise.sinusoids import Sinusoid
+from insnav.sample_statistics import CONFIDENCE, chi_square
 from insnav.types import BoolArray, FloatArray, IntArray
 
 NAMES = ("Q", "N", "B", "K", "GM", "R")  # Gauss-Markov before R: the first five are random
@@ -90,33 +90,28 @@ def basis(tau: FloatArray, correlation_time: float) -> FloatArray:
     return np.column_stack([3.0 / tau**2, 1.0 / tau, np.full(tau.size, B_FACTOR**2), tau / 3.0, markov, 0.5 * tau**2])
 
 
-def fit_noise(allan: AllanDeviation, column: int = 0, terms: str = "QNBKRG", confidence: float = 0.95) -> NoiseModel:
+def fit_noise(allan: AllanDeviation, column: int = 0) -> NoiseModel:
     """Fit the noise coefficients of one axis.
 
-    `allan`: from `insnav.lab.noise.allan.allan_deviation`; the column must not be all zero; `terms`: letters of the
-    noises that may be there; G is the Gauss-Markov process. Of B and G the likelier is taken, by Akaike's criterion;
-    then every term is dropped that lowers chi-square by less than 6.63 (significant at 1 %).
+    `allan`: from `insnav.lab.noise.allan.allan_deviation`; the column must not be all zero. Of a floor
+    B and a Gauss-Markov process the likelier is taken, by Akaike's criterion; then every term is dropped that lowers
+    chi-square by less than 6.63 (significant at 1 %).
     """
     rows = _chosen(allan)
-    fits = []
-    for family in ("B", "G"):
-        if family in terms or family == "B":
-            allowed = np.array([name[0] in terms and name not in ("B", "GM") for name in NAMES])
-            allowed[NAMES.index("B" if family == "B" else "GM")] = family in terms
-            fits.append(_Fitter(allan, column, rows).fit(allowed))
+    floor, markov = (_Fitter(allan, column, rows).fit(np.array([n != out for n in NAMES])) for out in ("GM", "B"))
     # a bump must earn its two parameters: short of that a flat floor, or a walk, describes it as well
-    best = fits[1] if len(fits) > 1 and fits[1].likelihood + SIGNIFICANT < fits[0].likelihood else fits[0]
+    best = markov if markov.likelihood + SIGNIFICANT < floor.likelihood else floor
     time = best.time
     sd = math.sqrt(best.spread[-1, -1]) * time if math.isfinite(time) else 0.0
     nothing = np.empty(0)
-    model = NoiseModel(_coefficients(best, confidence), time, sd, best.misfit, nothing, nothing, nothing, nothing)
-    return evaluated(model, allan, column, confidence)
+    model = NoiseModel(_coefficients(best), time, sd, best.misfit, nothing, nothing, nothing, nothing)
+    return evaluated(model, allan, column)
 
 
-def evaluated(model: NoiseModel, allan: AllanDeviation, column: int, confidence: float = 0.95) -> NoiseModel:
+def evaluated(model: NoiseModel, allan: AllanDeviation, column: int) -> NoiseModel:
     """Evaluate a model at the averaging times of a record, with the intervals of the deviations there.
 
-    allan: of the record the model is of, at any times; column: which axis; confidence: of the intervals.
+    allan: of the record the model is of, at any times; column: which axis.
     """
     squares = np.array([model.coefficients[n].value ** 2 if n in model.coefficients else 0.0 for n in NAMES])
     time = model.correlation_time
@@ -127,16 +122,16 @@ def evaluated(model: NoiseModel, allan: AllanDeviation, column: int, confidence:
         variance = variance + lines
         spread += (2.0 * line.amplitude_sd / line.amplitude * lines) ** 2
     degrees = np.maximum(freedom(variance, spread), FEWEST_FREEDOM)
-    low, high = chi_square_interval(allan.deviation[:, column], degrees, confidence)
+    low, high = chi_square_interval(allan.deviation[:, column], degrees, CONFIDENCE)
     return replace(model, variance=variance, freedom=degrees, low=low, high=high)
 
 
-def _coefficients(fit: _Fit, confidence: float) -> dict[str, Coefficient]:
+def _coefficients(fit: _Fit) -> dict[str, Coefficient]:
     found = {}
     for place, index in enumerate(np.flatnonzero(fit.squares)):
         value, variance = float(fit.squares[index]), float(fit.spread[place, place])
         root = math.sqrt(value)
-        low, high = chi_square_interval(root, 2.0 * value**2 / variance, confidence)
+        low, high = chi_square_interval(root, 2.0 * value**2 / variance, CONFIDENCE)
         found[NAMES[index]] = Coefficient(root, 0.5 * math.sqrt(variance) / root, float(low), float(high))
     return found
 
@@ -228,7 +223,7 @@ class _Fitter:
         def excess(misfit: float) -> float:
             return Weights.of(own, misfit * model).chi(self.seen - model) - float(spare)
 
-        if spare <= 0 or (self.misfit == 0.0 and excess(0.0) + spare < chi2.ppf(0.99, spare)):
+        if spare <= 0 or (self.misfit == 0.0 and excess(0.0) + spare < chi_square(spare, 0.99)):
             return False
         if excess(LARGEST_MISFIT) > 0.0:
             self.misfit = LARGEST_MISFIT

@@ -146,11 +146,12 @@ def white_of_steps(step: float, interval: float) -> float:
     return step * math.sqrt(interval / 12.0)
 
 
-def temperature_correlation(values: FloatArray, temperature: FloatArray, bins: int = 60) -> FloatArray:
-    """Correlation of each column with temperature over means of equal parts of the record.
+def temperature_correlation(values: FloatArray, temperature: FloatArray) -> FloatArray:
+    """Correlation of each column with temperature over means of sixty equal parts of the record.
 
-    values (n, c); temperature (n,): [deg C]; bins: number of parts. Returns (c,): zero where nothing varies.
+    values (n, c); temperature (n,): [deg C]. Returns (c,): zero where nothing varies.
     """
+    bins = 60
     length = len(values) // bins
     parts = np.column_stack([values, temperature])[: bins * length].reshape(bins, length, -1).mean(axis=1)
     parts -= parts.mean(axis=0)

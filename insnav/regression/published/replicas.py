@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from scipy.stats import t as student
+import scipy
 
 from insnav.config_file import Table, read_toml, scalar, validate
 from insnav.imu import load_imu
@@ -151,7 +151,7 @@ def field_factor(compared: Sequence[Compared], recorded: Mapping[str, float]) ->
     logs = np.log(list(ratios.values()))
     n = len(logs)
     mean, sd = float(logs.mean()), float(logs.std(ddof=1))
-    quantile = float(student.ppf(0.975, n - 1))
+    quantile = float(scipy.special.stdtrit(n - 1, 0.975))
     own, further = quantile * sd / math.sqrt(n), quantile * sd * math.sqrt(1.0 + 1.0 / n)
     interval, span = ((math.exp(mean - half), math.exp(mean + half)) for half in (own, further))
     return FieldFactor(ratios, math.exp(mean), interval, span)

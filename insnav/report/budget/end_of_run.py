@@ -21,7 +21,7 @@ def end_page(
 
     `gravity` [m/s^2]; `sd`: of the reference [m], [m/s].
     """
-    given = _specified(spec, gravity)
+    given = _specified(spec)
     rows = []
     for axis in axes:
         # a velocity, a tilt, a bias, a drift: the second and third are one acceleration
@@ -47,7 +47,7 @@ def end_page(
     powers = {axis.axis: axis.power for axis in axes}
     return Page(
         f"Error at the end of {time:g} s of free-inertial navigation",
-        tuple(_sentence(axis, time, gravity, given) for axis in axes),
+        tuple(_sentence(axis, gravity, given) for axis in axes),
         (
             Section("causes", "Each cause alone", rows=tuple(rows), note="by specification: in 1 sd of the IMU file"),
             only_json("", Quantity("power_of_time", powers), Quantity("gravity", gravity, "m/s^2")),
@@ -65,7 +65,7 @@ def end_page(
 _FACTOR = {"m/s": 1.0, "mrad": 1e-3, "mg": 1e-3 * G0, "deg/h": DEG_PER_H}
 
 
-def _specified(spec: ImuSpec | None, gravity: float) -> dict[str, float]:
+def _specified(spec: ImuSpec | None) -> dict[str, float]:
     """One standard deviation of each cause by the specification, the largest axis."""
     if spec is None:
         return {}
@@ -75,7 +75,7 @@ def _specified(spec: ImuSpec | None, gravity: float) -> dict[str, float]:
     return found
 
 
-def _sentence(axis: EndAxis, time: float, gravity: float, given: dict[str, float]) -> str:
+def _sentence(axis: EndAxis, gravity: float, given: dict[str, float]) -> str:
     head = f"{axis.axis.capitalize()}, {number(axis.position)} m and {number(axis.velocity)} m/s"
     if len(axis.terms) > 1:
         return f"{head}: no single cause explains both; any two of t, t² and t³ do."

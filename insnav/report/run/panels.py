@@ -15,6 +15,7 @@ from insnav.plain_text import moment
 from insnav.report.colours import AXIS_COLOURS, BLUE, GREY, ORANGE, VERMILLION
 from insnav.report.panels import Curve, Panel, Shade, Track
 from insnav.report.series import Clock, broken_at_gaps, wrapped
+from insnav.strapdown import nearest_rows
 from insnav.types import BoolArray, EventKind, FloatArray, Run, SensorErrors, Trajectory
 from insnav.units import DEG, DEG_PER_H, G0
 
@@ -273,11 +274,11 @@ def run_track(found: EvaluatedRun) -> Track:
     first = {each.name: each for each in reversed([*shades, speed])}  # of the better solution, shown first if it varies
     shades = sorted([*shades, speed], key=lambda each: _even(first[each.name]))
     if gps is not None and gps.fix is not None and len(gps.time):
-        shades.append(Shade("fix", gps.fix[_nearest(gps.time, time)].astype(np.float64), _FIX_TYPES))
+        shades.append(Shade("fix", gps.fix[nearest_rows(gps.time, time)].astype(np.float64), _FIX_TYPES))
     if np.isfinite(run.innovations.nis_position).any():
         known = np.isfinite(run.innovations.nis_position)
         at, nis = run.innovations.time[known], run.innovations.nis_position[known]
-        shades.append(Shade("NIS of position [-]", nis[_nearest(at, time)]))
+        shades.append(Shade("NIS of position [-]", nis[nearest_rows(at, time)]))
     fixes = None if gps is None else ned_offset(gps.lla, origin)[:, [1, 0]]
     behind = _rejected(run, time, position)
     if found.backdrop is not None:
@@ -305,10 +306,3 @@ def _rejected(run: Run, time: FloatArray, position: FloatArray) -> tuple[Curve, 
     at, off = fixes.time[refused], fixes.innovation[refused]
     north, east = (np.interp(at, time, position[:, k]) + off[:, k] for k in (0, 1))
     return (Curve(f"position rejected ({len(at)})", east, north, VERMILLION, "crosses"),)
-
-
-def _nearest(times: FloatArray, wanted: FloatArray) -> np.ndarray:
-    after = np.clip(np.searchsorted(times, wanted), 1, max(len(times) - 1, 1))
-    if len(times) == 1:
-        return np.zeros(len(wanted), dtype=np.intp)
-    return after - (wanted - times[after - 1] < times[after] - wanted)

@@ -17,7 +17,6 @@ from insnav.report.page import Section, one_each, only_json
 from insnav.sample_statistics import rms, rms_length
 from insnav.types import Alignment, BoolArray, EventKind, FloatArray, Run, SensorErrors, Trajectory
 
-PARTS = ("all", "static", "moving")
 SHOWN_STATISTICS = ("rms", "p95", "max")
 SHOWN_ERRORS = tuple(
     Quantity(key, None, unit)

@@ -37,7 +37,6 @@ _PARTS = (
 )
 _WARNINGS, _FOUND, _ASSUMED = 3, 2, 6  # rows of each at most, of the last two together; the others are on the page
 _HARDLY, _UNKNOWN = 0.1, 0.7  # from which a delay [s] and an arm [m] that are found are hardly known
-LINES = 20  # of title 2, verdict 2, table 7, warnings and assumptions; the command adds the files
 
 
 def run_verdict(found: EvaluatedRun, warnings: Sequence[str]) -> Verdict:

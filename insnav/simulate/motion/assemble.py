@@ -64,7 +64,7 @@ def spacing_of(moves: Sequence[Move], vibration: Vibration) -> float:
     return next((spacing for spacing in _SPACINGS if spacing <= needed * (1.0 + 1e-9)), _SPACINGS[-1])
 
 
-def commands_of(moves: Sequence[Move], start: Start, spacing: float) -> Commands:
+def commands_of(moves: Sequence[Move], spacing: float) -> Commands:
     """Put the moves one after the other."""
     edges = np.concatenate([[0.0], np.cumsum([move.duration for move in moves])])
     # knots on round times: those of the samples fall on them and quadrature has no slivers to do

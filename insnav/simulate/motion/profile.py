@@ -98,7 +98,7 @@ class MotionProfile:
 
     def truth(self, seed: Seed) -> Truth:
         """Make the exact motion; only its vibration is random."""
-        commands = self._way or commands_of(self._moves, self._start, spacing_of(self._moves, self._vibration))
+        commands = self._way or commands_of(self._moves, spacing_of(self._moves, self._vibration))
         return truth_of(commands, self._moves, self._start, self._vehicle, self._vibration, seed)
 
 
