@@ -209,7 +209,8 @@ def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Foun
     least = int(np.clip(np.argmin(drifting), 1, rates.size - 2))
     # a single high step is an accident of the weights
     sure = drifting[rates.size // 2] - drifting[least - 1 : least + 2].max() > SURE**2
-    if sure and abs(rates[least]) * likelihood.half > DRIFT_WORTH:
+    wide = abs(float(rates[least])) * likelihood.half
+    if sure and wide > DRIFT_WORTH and likelihood.cost_of_step(near, wide) > drifting[least]:
         drift = float(rates[least])
         fine = likelihood.costs(near, drift)
     middle = int(np.clip(np.argmin(fine.sum(axis=1)), 1, near.size - 2))

@@ -158,6 +158,21 @@ class LateFixes:
         every = [costs_of(*self.innovations(*each)) for each in cases]
         return np.array([np.bincount(self._block, each) for each in every])
 
+    def cost_of_step(self, delays: FloatArray, wider: float) -> float:
+        """Cost with one delay up to the end of a block and another one from there on, which may be any block.
+
+        `delays`: evenly spaced [s]; `wider`: how far below and above them, too [s].
+        """
+        step = delays[1] - delays[0]
+        delays = np.arange(delays[0] - wider, delays[-1] + wider + 0.5 * step, step)
+        until = np.cumsum(self.costs(delays), axis=1)
+        since = until[:, -1:] - until
+        last = int(np.argmin(until.min(axis=0) + since.min(axis=0)))
+        of_fix = self._block[np.cumsum(np.bitwise_count(self._kind))[self._rows] - 1]
+        # what the wrong delay of one part has made of the state is in the costs of the other
+        both = np.where(of_fix <= last, delays[np.argmin(until[:, last])], delays[np.argmin(since[:, last])])
+        return float(costs_of(*self.innovations(both, 0.0, self.lag)).sum()) + float(np.log(self.blocks))
+
     def likeliest(self, delays: FloatArray, lags: ArrayLike, off: ArrayLike = 0.0, drift: float = 0.0) -> int:
         """The case of least cost, see `costs`, of which each has a cost `off` besides; most are unlikely soon."""
         _, lags, off = np.broadcast_arrays(delays, lags, off)
@@ -172,7 +187,7 @@ class LateFixes:
         weight = weights_of(e, s)
         return np.array([np.bincount(self._block, each * weight * e) for each in by]), (by * weight) @ by.T
 
-    def measured(self, delay: float, drift: float, lag: float) -> tuple[FloatArray, FloatArray]:
+    def measured(self, delay: FloatArray | float, drift: float, lag: float) -> tuple[FloatArray, FloatArray]:
         """Predicted minus measured of each row (m, 6) and how errors show in that (m, 6, n), until the next call."""
         at, seen, rows = self._at, self._seen, self._rows
         span = -(delay + drift * seen.away)
@@ -213,8 +228,11 @@ class LateFixes:
         by_lever = c @ skew(rate)
         return v, late[:, None, None] * c, by_lever, c @ skew(whole - rate)
 
-    def innovations(self, delay: float, drift: float, lag: float) -> FloatArray:
-        """Innovations and their variances, (2, n), with a delay in the middle of the record [s], drift and lag."""
+    def innovations(self, delay: FloatArray | float, drift: float, lag: float) -> FloatArray:
+        """Innovations and their variances, (2, n), with a delay in the middle of the record [s], drift and lag.
+
+        `delay`: one, or that of each fix.
+        """
         at, (z, h) = self._at, self.measured(delay, drift, lag)
         (time, _, *before), decay = self._tape, self._model.decay
         correlated = self._correlated
