@@ -121,6 +121,18 @@ def dcm_from_rph(rph: ArrayLike) -> FloatArray:
     return dcm_from_quat(quat_from_rph(rph))
 
 
+def rph_by_turn(dcm: ArrayLike, turn: ArrayLike) -> FloatArray:
+    """Change of roll, pitch, heading by small turns about North, East, Down, not near the vertical.
+
+    `dcm` (..., 3, 3): ``C_nb``; `turn` (..., 3) [rad] (Euler rates: Groves 2013, eq. 2.58). Returns: (..., 3) [rad].
+    """
+    c, turn = np.asarray(dcm, dtype=float), np.asarray(turn, dtype=float)
+    level = np.hypot(c[..., 0, 0], c[..., 1, 0])  # cosine of pitch
+    along = (c[..., 0, 0] * turn[..., 0] + c[..., 1, 0] * turn[..., 1]) / level
+    across = (c[..., 0, 0] * turn[..., 1] - c[..., 1, 0] * turn[..., 0]) / level
+    return np.stack([along / level, across, turn[..., 2] - c[..., 2, 0] * along / level], axis=-1)
+
+
 def quat_from_dcm(dcm: ArrayLike) -> FloatArray:
     """Quaternion of a direction cosine matrix, by the largest of its four components (Shepperd 1978).
 

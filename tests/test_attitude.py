@@ -39,6 +39,15 @@ def test_body_axes_point_where_the_convention_says():
     )  # right down
 
 
+def test_small_turns_change_roll_pitch_and_heading_as_scipys_do():
+    """Banked and pitched, too, where a turn about Down is no change of heading alone."""
+    turn = 1e-6 * RNG.standard_normal((200, 3))
+    after = (Rotation.from_rotvec(turn) * ORACLE).as_euler("ZYX")[:, ::-1]
+    change = (after - ORACLE.as_euler("ZYX")[:, ::-1] + np.pi) % (2 * np.pi) - np.pi
+    flat = np.abs(RPH[:, 1]) < 1.4
+    np.testing.assert_allclose(at.rph_by_turn(ORACLE.as_matrix(), turn)[flat], change[flat], atol=1e-9)
+
+
 def test_product_is_the_second_rotation_first():
     other = Rotation.random(200, random_state=1)
     product = at.quat_multiply(QUAT, other.as_quat(scalar_first=True))

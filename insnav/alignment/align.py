@@ -47,7 +47,8 @@ def align_static(
 def _of_means(at: static.StationaryMeans, spec: ImuSpec, lat: float, height: float, heading: float | None) -> Alignment:
     """The same from means over the stationary interval."""
     roll, pitch = static.level(at.force)
-    compass, compass_sd = static.gyrocompass(at, spec, lat)
+    tilt = static.tilt_sd(at, spec, lat, height)
+    compass, compass_sd = static.gyrocompass(at, spec, lat, float(tilt[0]))
     if heading is not None:
         heading, heading_sd, method = float(wrap_two_pi(heading)), float(GIVEN_HEADING_SD), "given"
     elif compass_sd <= GYROCOMPASS_SD:
@@ -58,7 +59,6 @@ def _of_means(at: static.StationaryMeans, spec: ImuSpec, lat: float, height: flo
     bias, bias_sd = static.gyro_bias(at, spec, rph, heading_sd, lat)
     if method == "gyrocompass":  # the rates have given the heading and cannot give the bias again
         bias, bias_sd = np.zeros(3), np.full(3, np.inf)
-    tilt = static.tilt_sd(at, spec, lat, height)
     sd = np.array([*tilt, heading_sd])
     return Alignment(at.start, rph, sd, bias, bias_sd, (at.start, at.end), "static", method)
 

@@ -235,15 +235,17 @@ def tilt_sd(rest: StationaryMeans, spec: ImuSpec, lat: float, height: float) -> 
     return np.full(2, float(np.sqrt(np.max(level_bias_sd(spec.accel) ** 2 + rest.force_sd**2))) / g + 2e-6)
 
 
-def gyrocompass(rest: StationaryMeans, spec: ImuSpec, lat: float) -> tuple[float, float]:
+def gyrocompass(rest: StationaryMeans, spec: ImuSpec, lat: float, tilt: float) -> tuple[float, float]:
     """Heading and its standard deviation [rad] from the Earth's rotation (Groves 2013, section 5.6.2).
 
-    The standard deviation is infinite at the poles and meaningless above about a radian. The bias across the heading
-    is not seen: where the others contradict the IMU model it is taken as twice theirs (3 sd hold 98.6 % of equal ones).
+    The standard deviation is infinite at the poles and meaningless above about a radian. A `tilt` error (1 sd) [rad]
+    about North turns the vertical part of the rotation into the East. The bias across the heading is not seen: where
+    the others contradict the IMU model it is taken as twice theirs (3 sd hold 98.6 % of equal ones).
     """
     w = _levelled_rate(rest)
     sd = max(_rate_sd(rest, spec), 2.0 * unexplained_rate(rest, spec, lat))
-    return float(wrap_two_pi(np.arctan2(-w[1], w[0]))), sd / (OMEGA_EARTH * max(np.cos(lat), 1e-9))
+    sd = float(np.hypot(sd, OMEGA_EARTH * np.sin(lat) * tilt)) / (OMEGA_EARTH * max(np.cos(lat), 1e-9))
+    return float(wrap_two_pi(np.arctan2(-w[1], w[0]))), sd
 
 
 def unexplained_rate(rest: StationaryMeans, spec: ImuSpec, lat: float) -> float:

@@ -13,6 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from insnav.attitude import rph_by_turn
 from insnav.exceptions import DivergenceError
 from insnav.filter.error_model import error_model
 from insnav.filter.gps_correlation import CorrelatedNoise
@@ -283,8 +284,7 @@ class InnovationLikelihood:
         rest = np.flatnonzero(kernel.held(self._tape[2]) & (self._tape[0] > 0.0)).max(initial=-1) + 1
         settled = slice(int(rest + (self._offered.size - rest) // SETTLING), None)
         e, s, *by = self.normalised(at, push)
-        tilt = -push[1:, settled, 6:]
-        turned = np.concatenate([np.einsum("kji,akj->aki", self._c[settled], tilt)[..., :2], tilt[..., 2:]], axis=-1)
+        turned = rph_by_turn(self._c[settled], -push[1:, settled, 6:])
         kind = self._tape[1][: settled.start]
         late = slice(int(np.bitwise_count(kind[kind > COAST]).sum()), None)
         far_off = float(np.mean(np.abs(push[0, :, 6:]).max(axis=1) > FAR_OFF)) > FAR_OFF_SHARE

@@ -148,6 +148,20 @@ def test_levelling_and_gyrocompass_are_as_sure_as_they_say():
     assert np.mean(sds, axis=0) == pytest.approx([5e-5, 5e-5, 1.5e-3], rel=0.5)
 
 
+def test_a_gyrocompass_is_as_unsure_as_its_level():
+    """At 70 degrees of latitude 1 mg tilts by as much Earth rate as good gyros err by; without it 1.7 sd."""
+    lla, spec = np.deg2rad([70.0, 20.0, 0.0]), navigation_grade()
+    gyro = replace(spec.gyro, random_walk=0.1 * spec.gyro.random_walk)
+    spec = replace(spec, gyro=gyro, accel=replace(spec.accel, bias=np.full(3, 1000.0 * UG)))
+    ratios = []
+    for seed in range(200):
+        truth = straight(lla, 0.0, 2 * np.pi * seed / 200, 60.0)
+        imu = corrupt_imu(perfect(truth, 5.0), spec, seed).imu
+        found = align_static(intervals(imu), spec, lla[0], 0.0, (0.0, 60.0))
+        ratios.append(error(found, truth)[2] / found.sd[2])
+    assert 0.85 < np.sqrt(np.mean(np.square(ratios))) < 1.15
+
+
 def test_misaligned_accelerometers_make_the_level_less_sure():
     """A misalignment of 2 mrad towards gravity tilts by 2 mrad, whatever the bias does."""
     ratios = []
