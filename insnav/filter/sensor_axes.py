@@ -80,7 +80,7 @@ def informed(
     Innovations that err together, as in multipath, say less than as many that err each by itself: slopes of parts of
     the drive then scatter more than their curvature allows, and count as much less (the "sandwich" covariance:
     P. J. Huber, "The behavior of maximum likelihood estimates under nonstandard conditions", 5th Berkeley Symp. 1
-    (1967) 221-233; by blocks: W. K. Newey, K. D. West, Econometrica 55 (1987) 703-708).
+    (1967) 221-233; by blocks: K.-Y. Liang, S. L. Zeger, Biometrika 73 (1986) 13-22).
 
     `innovation`, `weight` (n,): innovations and their inverse variances; `sd` (k,): of the terms before.
     """

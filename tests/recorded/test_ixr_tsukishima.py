@@ -71,8 +71,8 @@ def test_position_is_within_decimetres_of_the_fixed_reference(
     print(f"horizontal error at {len(distance)} epochs: 95 % {p95:.3f} m, 99 % {p99:.3f} m, ", end="")
     print(f"largest {distance.max():.2f} m; of the fixes themselves {through[0]:.3f} and {through[1]:.3f} m")
     assert len(distance) > 6000
-    assert p95 <= 0.10
-    assert p99 <= 0.25
+    assert p95 <= 0.03
+    assert p99 <= 0.07
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

@@ -1,7 +1,7 @@
 """Overlapping Allan deviation of a static record, all axes at once, and how sure it is.
 
 ``sigma^2(tau) = < (x[k + 2m] - 2 x[k + m] + x[k])^2 > / (2 tau^2)`` with x the integral of the signal and tau = m tau0
-(W. J. Riley, Handbook of Frequency Stability Analysis, NIST Special Publication 1065 (2008), section 5.2.5).
+(W. J. Riley, Handbook of Frequency Stability Analysis, NIST Special Publication 1065 (2008), section 5.2.4).
 
 Second differences of a Gaussian signal are Gaussian, so the covariance of two Allan variances is twice the mean of the
 squared covariances of their second differences, which the noise model gives (C. A. Greenhall and W. J. Riley,

@@ -43,7 +43,7 @@ _IN_FILE = {
     "R": "rate_ramp",
 }
 ASSUMPTIONS = (
-    "overlapping Allan deviation, NIST SP 1065 (2008) section 5.2.5; noise terms of IEEE Std 952-1997 annex C",
+    "overlapping Allan deviation, NIST SP 1065 (2008) section 5.2.4; noise terms of IEEE Std 952-1997 annex C",
     "intervals 95 %: chi-square with the degrees of freedom that the fitted noise gives a record of this length "
     "(Greenhall and Riley 2003)",
     "fit by generalised least squares with the correlation between averaging times that the noise itself makes, up to "
