@@ -92,6 +92,11 @@ for _letters in itertools.permutations(_DIRECTIONS, 3):
         _SETS[_size < 0.0].append(("".join(_letters), _matrix))
 
 
+def letters_of(to_vehicle: FloatArray, *, mirrored: bool = False) -> str:
+    """Nearest axes of the vehicle to x, y and z, such as ``FLU``, of a matrix (3, 3) to forward, right, down."""
+    return max(_SETS[mirrored], key=lambda each: float(np.sum(each[1] * to_vehicle)))[0]
+
+
 @dataclass(frozen=True, slots=True)
 class Mounting:
     """The axes of the IMU in the vehicle, which travels along its forward axis."""
@@ -108,8 +113,7 @@ class Mounting:
     @property
     def letters(self) -> str:
         """Nearest axes of the vehicle to x, y and z, such as ``FLU``."""
-        best = max(_SETS[self.mirrored], key=lambda each: float(np.sum(each[1] * self.to_vehicle)))
-        return best[0]
+        return letters_of(self.to_vehicle, mirrored=self.mirrored)
 
     @property
     def angles(self) -> FloatArray:

@@ -52,7 +52,7 @@ from insnav.session import defaults
 from insnav.session.checked_inputs import one_of, options_of, reference_point, reference_sd
 from insnav.session.clock import on_one_clock
 from insnav.session.inputs import Inputs
-from insnav.session.mounted import as_mounted, untold
+from insnav.session.mounted import UNTOLD, as_mounted, in_likely_axes, untold
 from insnav.session.read import Readings, read
 from insnav.strapdown import intervals
 from insnav.types import Event, FloatArray, GpsData, ImuData, Trajectory
@@ -136,8 +136,23 @@ def drive_of(readings: Readings) -> Drive:
     spec, chosen = given_model or defaults.imu_from_rest(samples, defaults.stationary_part(samples, fixes, inputs))
     logs = tuple(log.data for log in readings.logs.values())
     settings = replace(defaults.filter_settings(inputs, logs, readings.gps), mounting_yaw=yaw)
-    notes = (*clocks, *turned, *assumed)
-    return Drive(readings, fixes, spec, chosen, settings, notes)
+    drive = Drive(readings, fixes, spec, chosen, settings, (*clocks, *turned, *assumed))
+    if (
+        UNTOLD not in turned
+        or fixes is None
+        or {"heading", "initial"} & {k for k, v in inputs.items() if v is not None}
+    ):
+        return drive
+
+    def prepared(data: ImuData) -> Prepared:
+        return replace(drive, readings=replace(readings, imu=replace(mounted, data=data)))._prepared(fixes)
+
+    likely = in_likely_axes(mounted, prepared)
+    if likely is None:
+        return drive
+    mounted, yaw, note = likely
+    settings = replace(settings, mounting_yaw=yaw)
+    return replace(drive, readings=replace(readings, imu=mounted), settings=settings, notes=(*clocks, note, *assumed))
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,7 +249,9 @@ class Drive:
         ready = with_heading(given)
         return ready if given is None else with_right_heading(ready, lambda: with_heading(None))
 
-    def _prepared(self, fixes: GpsData, states: int, clock: float, rate: float, heading: float | None) -> Prepared:
+    def _prepared(
+        self, fixes: GpsData, states: int = 21, clock: float = 0.0, rate: float = 0.0, heading: float | None = None
+    ) -> Prepared:
         """Prepare with all that has the time of the samples moved by `clock` at the start [s], and by `rate` [s/s]."""
         inputs, imu = self.readings.inputs, self.imu.data
         initial, span = inputs.get("initial"), inputs.get("static")

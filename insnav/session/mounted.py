@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -11,20 +12,27 @@ import numpy as np
 from insnav import spill
 from insnav.alignment import Mounting, find_mounting
 from insnav.alignment.in_motion import sure_motion
-from insnav.alignment.mounting import ALL_ALIKE, IN_ORDER
-from insnav.exceptions import InputError
+from insnav.alignment.mounting import ALL_ALIKE, IN_ORDER, letters_of
+from insnav.attitude import rph_from_quat
+from insnav.exceptions import AlignmentError, InputError
+from insnav.filter.gps_delay import Filtered, filtered
+from insnav.filter.prepare import Prepared
 from insnav.input import Reading
 from insnav.input.interpret.axes import axes_matrix
 from insnav.input.interpret.physics import check_axes, one_gyro, quiet_part
+from insnav.kernels.smoother import STATE
 from insnav.session.inputs import Inputs
 from insnav.strapdown import intervals
-from insnav.types import Event, EventKind, GpsData, ImuData
+from insnav.types import Event, EventKind, FloatArray, GpsData, ImuData
 from insnav.units import DEG
 
 LOOK = 1800.0  # a drive of that length tells the mounting [s]
 TURNED = 10.0 * DEG  # a smaller yaw is within what slip and wind make of the course [rad]
 WORDS = {"F": "forward", "B": "back", "R": "right", "L": "left", "D": "down", "U": "up"}
 UPRIGHT = "FRD"
+QUARTERS, QUARTER = (UPRIGHT, "RBD", "BLD", "LFD"), 0.5 * np.pi  # x forward, then turned to the right
+POINTED = 0.9  # length of the mean direction of travel in the vehicle of what goes where it points [-]
+LIKELIER = 30.0  # twice the logarithm of how much likelier fixes must be with other axes than with x forward
 UNTOLD = (
     "x of the IMU is assumed to point forward, as the drive does not tell how it is mounted: if it is turned, heading "
     "by the course is as wrong (--imu-axes)"
@@ -70,24 +78,12 @@ def as_mounted(
     how = f"GPS course and accelerations, {found.windows} windows"
     matrix, notes = found.to_vehicle, []
     as_read = axes_matrix(given or imu.facts.axes or UPRIGHT)
-    letters = replace(found, to_vehicle=matrix @ as_read).letters
+    letters = letters_of(matrix @ as_read)
     if found.letters != UPRIGHT and given is None:
         turn = axes_matrix(found.letters)
         matrix, as_read = matrix @ turn.T, turn @ as_read
-        told = tuple(line for line in imu.facts.evidence if not line.startswith("axes taken as"))
-        imu = replace(
-            imu,
-            data=replace(
-                data,
-                gyro=spill.by_blocks(lambda gyro: gyro @ turn.T, data.gyro),
-                accel=spill.by_blocks(lambda accel: accel @ turn.T, data.accel),
-            ),
-            facts=replace(imu.facts, axes=letters, evidence=told),
-        )
-        notes.append(
-            f"the IMU's x, y, z point {_words(letters)} in the vehicle ({how}): samples were turned to forward, "
-            f"right, down; confirm with --imu-axes {letters}"
-        )
+        imu, note = _turned(imu, turn, letters, how)
+        notes.append(note)
     left = replace(found, to_vehicle=matrix)
     yaw = float(left.angles[2])
     if given is not None and left.letters != UPRIGHT:
@@ -107,6 +103,54 @@ def as_mounted(
     else:
         yaw = 0.0
     return imu, yaw, tuple(notes)
+
+
+def in_likely_axes(
+    imu: Reading[ImuData], prepared: Callable[[ImuData], Prepared]
+) -> tuple[Reading[ImuData], float, str] | None:
+    """As `as_mounted` where accelerations tell nothing: by the fixes, with x forward, backward, to the right or left.
+
+    Slow vehicles hardly accelerate, but turn: with x of the IMU taken for that of the vehicle the heading begins wrong
+    by quarters of a turn. Nothing if fixes are no likelier with other axes than with x forward. What does not go where
+    it points, as drones do, keeps its axes, and begins with the likeliest heading. `prepared`: prepares the drive with
+    samples.
+    """
+    seen: dict[str, Filtered] = {}
+    for letters in QUARTERS:
+        with suppress(AlignmentError):
+            seen[letters] = filtered(prepared(_in_axes(imu.data, axes_matrix(letters))))
+    best = min(seen, key=lambda each: seen[each].misfit, default=UPRIGHT)
+    epochs = seen[best].epochs if UPRIGHT in seen else None  # none if all of them diverge
+    if epochs is None or (seen[UPRIGHT].misfit - seen[best].misfit) * seen[best].ready.gps.time.size <= LIKELIER:
+        return None
+    settled = epochs[epochs.shape[0] // 2 :, STATE : STATE + 10]  # a heading that began wrong has come round by then
+    along = settled[:, 3] - 1j * settled[:, 4]
+    ahead = np.exp(1j * rph_from_quat(settled[:, 6:])[:, 2]) * along * np.abs(along)
+    if abs(ahead.sum()) < POINTED * np.sum(np.abs(ahead)):
+        note = "the vehicle does not go where it points: its heading is that of x of the IMU, found by the fixes"
+        return imu, QUARTERS.index(best) * QUARTER, note
+    turn = axes_matrix(QUARTERS[round(float(np.angle(ahead.sum())) / QUARTER) % 4]) @ axes_matrix(best)
+    if np.allclose(turn, np.eye(3)):
+        return None
+    letters = letters_of(turn @ axes_matrix(imu.facts.axes or UPRIGHT))
+    imu, note = _turned(imu, turn, letters, "so fixes are far likelier than with x forward, which nothing else tells")
+    return imu, 0.0, note
+
+
+def _turned(imu: Reading[ImuData], turn: FloatArray, letters: str, how: str) -> tuple[Reading[ImuData], str]:
+    """Samples turned into the axes of the vehicle, and what is said of that."""
+    told = tuple(line for line in imu.facts.evidence if not line.startswith("axes taken as"))
+    facts = replace(imu.facts, axes=letters, evidence=told)
+    note = (
+        f"the IMU's x, y, z point {_words(letters)} in the vehicle ({how}): samples were turned to forward, "
+        f"right, down; confirm with --imu-axes {letters}"
+    )
+    return replace(imu, data=_in_axes(imu.data, turn), facts=facts), note
+
+
+def _in_axes(data: ImuData, turn: FloatArray) -> ImuData:
+    gyro, accel = (spill.by_blocks(lambda values: values @ turn.T, each) for each in (data.gyro, data.accel))
+    return replace(data, gyro=gyro, accel=accel)
 
 
 def refuse_unlike_gyros(imu: Reading[ImuData], fixes: GpsData) -> None:
