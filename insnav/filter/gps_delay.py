@@ -79,7 +79,8 @@ class Filtered:
     # of each component: how vibration moves the antenna otherwise than turns do, and the lever arm as given [m]
     shaken: float
     lever_sd: float
-    misfit: float  # how unlikely positions were, see `Record.misfit`
+    misfit: float  # how unlikely fixes were, see `Record.misfit`
+    squares: float
 
 
 def filtered(ready: Prepared, *, starts: int | None = None, gates: Gates | None = None) -> Filtered:
@@ -107,7 +108,7 @@ def filtered(ready: Prepared, *, starts: int | None = None, gates: Gates | None 
             feed(other_run, ready.imu)
             again = with_surer_start(ready, other_run.history())
     except DivergenceError:
-        return Filtered(ready, settings, None, 0.0, np.inf, 0.0, lever_sd, np.inf)
+        return Filtered(ready, settings, None, 0.0, np.inf, 0.0, lever_sd, np.inf, np.inf)
     if again is not None:
         return filtered(again, starts=starts - 1)
     (arm, vibration), (arm_cov, vibration_cov) = navigator.levers()
@@ -121,7 +122,7 @@ def filtered(ready: Prepared, *, starts: int | None = None, gates: Gates | None 
     if other > 0.0:
         shaken = scale_of(vibration, vibration_cov, other, np.geomspace(LEAST_OTHER, other, SCALES))[1]
     shaken = shaken if shaken > OTHER_WORTH else 0.0
-    return Filtered(ready, settings, epochs, *navigator.delay, shaken, lever_sd, navigator.misfit())
+    return Filtered(ready, settings, epochs, *navigator.delay, shaken, lever_sd, *navigator.misfit())
 
 
 def _half(ready: Prepared) -> float:

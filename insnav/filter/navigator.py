@@ -178,8 +178,8 @@ class Navigator:
             estimate.history.smooth(estimate.surest) if estimate.history is not None else None,
         )
 
-    def misfit(self) -> float:
-        """How unlikely positions were so far, on average; see `Record.misfit`."""
+    def misfit(self) -> tuple[float, float]:
+        """How unlikely fixes were so far, and their mean square; see `Record.misfit`."""
         return self._record.misfit()
 
     def history(self) -> History:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from insnav.alignment.static import LONG_REST
 from insnav.filter.error_model import ErrorModel, InitialState, error_model, initial_state
 from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.gps_noise import OPEN_HEIGHT
@@ -40,6 +41,7 @@ class NoiseEstimate:
 
     spec: ImuSpec  # the IMU
     filter_spec: ImuSpec  # the same with the misalignment whose noise is that of the innovations
+    careful_accel_bias: FloatArray  # (3,) as large as it may be, where the drive tells little of it [m/s^2]
     axes: Misalignment  # its misalignments
     position_factor: FloatArray  # (3,) of the standard deviations of positions, North, East, Down [-]
     velocity_factor: FloatArray  # (3,) of those of velocities [-]
@@ -84,6 +86,19 @@ def with_fixes(ready: Prepared, model: ErrorModel, position: FloatArray, velocit
             replace(part, initial=start_by(part.initial, part.alignment, model, position)) for part in ready.parts
         ),
     )
+
+
+def after_rest(alignment: Alignment, assumed: ImuSpec, found: ImuSpec) -> Alignment:
+    """An alignment at rest with the gyro bias as sure as a smaller in-run instability leaves it until the drive.
+
+    `assumed`: the IMU of the alignment. A larger instability is of the drive: vibration, which was not there at rest.
+    In a long rest a bias changes more than in a drive that may be short.
+    """
+    if alignment.static is None or alignment.static[1] - alignment.static[0] >= LONG_REST:
+        return alignment
+    was, now = assumed.gyro.bias_instability, found.gyro.bias_instability
+    less = was**2 - np.minimum(was, now) ** 2
+    return replace(alignment, gyro_bias_sd=np.sqrt(np.maximum(alignment.gyro_bias_sd**2 - less, 0.0)))
 
 
 def start_by(initial: InitialState, alignment: Alignment, model: ErrorModel, factor: FloatArray) -> InitialState:

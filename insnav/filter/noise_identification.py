@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from insnav.exceptions import DivergenceError
+from insnav.filter.error_model import error_model
 from insnav.filter.gates import Gates
 from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.innovation_likelihood import (
@@ -24,11 +25,12 @@ from insnav.filter.innovation_likelihood import (
     InnovationLikelihood,
     thinned,
 )
-from insnav.filter.noise_estimate import NoiseEstimate, NoiseFigure, applied, with_fixes
+from insnav.filter.noise_estimate import NoiseEstimate, NoiseFigure, after_rest, applied, with_fixes
 from insnav.filter.noise_search import AVERAGED, FEWEST, NEAR, STARTS, Posterior, identify, misalignments
 from insnav.filter.prepare import CORRELATED, Prepared
 from insnav.filter.sensor_axes import Misalignment
 from insnav.imu.specification import ImuSpec
+from insnav.kernels.errorstate import STATES
 from insnav.plain_text import without_exponents
 from insnav.types import Event, EventKind, FloatArray, GpsData
 from insnav.units import UNITS
@@ -96,6 +98,23 @@ def with_noise(ready: Prepared, found: NoiseEstimate) -> Prepared:
     """The recording prepared with the noise that was found."""
     notes = (*_without_correlated(ready.notes), *_words(found))
     return _with_axes(replace(applied(ready, found), notes=notes), found.axes)
+
+
+def with_careful_biases(ready: Prepared, assumed: ImuSpec) -> Prepared:
+    """The recording to navigate: biases as sure as drive and rest make them, not as they are likeliest.
+
+    `assumed`: the IMU of the alignment.
+    """
+    found = ready.noise
+    if found is None:
+        return ready
+    parts = tuple(replace(part, alignment=after_rest(part.alignment, assumed, found.spec)) for part in ready.parts)
+    ready = replace(ready, alignment=after_rest(ready.alignment, assumed, found.spec), parts=parts)
+    accel = np.minimum(found.careful_accel_bias, np.maximum(found.filter_spec.accel.bias, assumed.accel.bias))
+    spec = replace(found.filter_spec, accel=replace(found.filter_spec.accel, bias=accel))
+    states = STATES if ready.model.sd[6:].any() else STATES - 6
+    model = replace(error_model(spec, states), axes_sd=ready.model.axes_sd)
+    return replace(with_fixes(ready, model, np.ones(3), np.ones(3)), model=model)
 
 
 def with_usual_noise(ready: Prepared) -> Prepared:

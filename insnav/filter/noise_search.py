@@ -216,10 +216,13 @@ def maximise(drives: Sequence[InnovationLikelihood], near: NoiseEstimate | None 
     plausible = posterior.plausible(top, covariance)
     position, velocity, correlated = drive.fixes_of(plausible[0])
     filter_spec = drive.spec(top)
+    # one axis shows a bias, on a straight road, and all are taken for alike: mean variance, see `AVERAGED`
+    larger = np.where([p.key == "accel.bias" for p in posterior.parameters], 2.0 * np.diag(covariance), 0.0)
     axes, far_off = misalignments(posterior.drives, top, SIZE_PRIOR)
     return NoiseEstimate(
         _turned(drive.prior, filter_spec, axes.size[0]),
         filter_spec,
+        drive.spec(top + larger).accel.bias,
         axes,
         position,
         velocity,

@@ -101,12 +101,16 @@ class Record:
         epoch.note_fix(row, time, predicted, sd, *nis, *use, at.all, at.doubt, at.covariance)
         self._count += 1
 
-    def misfit(self) -> float:
-        """Twice the negative log-likelihood of a fix's innovations, on average; false ones limited."""
+    def misfit(self) -> tuple[float, float]:
+        """Twice the negative log-likelihood of a fix's innovations, on average, and their mean square.
+
+        False ones are limited.
+        """
         rows = self._fixes[: self._count]
         nis, sd = rows[:, epoch.FIX_NIS], rows[:, epoch.FIX_SD].reshape(-1, 2, 3)
-        each = np.minimum(nis, FALSE_FROM) + 2.0 * np.log(sd).sum(axis=2)
-        return float(np.nansum(each) / max(self._count, 1))
+        square = np.minimum(nis, FALSE_FROM)
+        total = np.nansum(square + 2.0 * np.log(sd).sum(axis=2)) / max(self._count, 1)
+        return float(total), float(np.nansum(square) / max(3 * np.isfinite(nis).sum(), 1))
 
     def _trajectory(
         self,

@@ -38,6 +38,7 @@ from insnav.filter.navigate import AidingChoice, Navigated, dense, navigate_prep
 from insnav.filter.noise_identification import (
     identify_noise,
     understated,
+    with_careful_biases,
     with_known_noise,
     with_noise,
     with_usual_noise,
@@ -376,6 +377,7 @@ class Drive:
             if self.readings.inputs.get("lever_arm") is not None and not ready.settings.lever_sd:
                 free = replace(self.settings, lever_b=np.zeros(3), lever_sd=defaults.LEVER_SD)
                 ready = with_right_lever(ready, lambda: replace(some, settings=free).prepared_with_noise(states)[0])
+            ready = with_careful_biases(ready, self.imu_spec)
             settings = replace(ready.settings, smooth=smooth, output_interval=dense(output_interval))
             ready = replace(ready, settings=settings)
             return ready, navigate_prepared(ready, self._spec(ready), aiding=aiding, progress=progress)

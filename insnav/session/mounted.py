@@ -32,6 +32,7 @@ WORDS = {"F": "forward", "B": "back", "R": "right", "L": "left", "D": "down", "U
 UPRIGHT = "FRD"
 QUARTERS, QUARTER = (UPRIGHT, "RBD", "BLD", "LFD"), 0.5 * np.pi  # x forward, then turned to the right
 POINTED = 0.9  # length of the mean direction of travel in the vehicle of what goes where it points [-]
+LIKELY = 2.0  # mean square of innovations by their variance up to which axes may be right: where they are it is 1 [-]
 LIKELIER = 30.0  # twice the logarithm of how much likelier fixes must be with other axes than with x forward
 UNTOLD = (
     "x of the IMU is assumed to point forward, as the drive does not tell how it is mounted: if it is turned, heading "
@@ -120,7 +121,8 @@ def in_likely_axes(
         with suppress(AlignmentError):
             seen[letters] = filtered(prepared(_in_axes(imu.data, axes_matrix(letters))))
     best = min(seen, key=lambda each: seen[each].misfit, default=UPRIGHT)
-    epochs = seen[best].epochs if UPRIGHT in seen else None  # none if all of them diverge
+    # none if all of them diverge, or are unlikely
+    epochs = seen[best].epochs if UPRIGHT in seen and seen[best].squares < LIKELY else None
     if epochs is None or (seen[UPRIGHT].misfit - seen[best].misfit) * seen[best].ready.gps.time.size <= LIKELIER:
         return None
     settled = epochs[epochs.shape[0] // 2 :, STATE : STATE + 10]  # a heading that began wrong has come round by then
