@@ -118,7 +118,7 @@ def in_likely_axes(
     """
     seen: dict[str, Filtered] = {}
     for letters in QUARTERS:
-        with suppress(AlignmentError):
+        with suppress(AlignmentError, InputError):  # which the drive as it is will tell
             seen[letters] = filtered(prepared(_in_axes(imu.data, axes_matrix(letters))))
     best = min(seen, key=lambda each: seen[each].misfit, default=UPRIGHT)
     # none if all of them diverge, or are unlikely

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar, get_args
@@ -18,8 +18,8 @@ from insnav.input import Reading, ReadingFacts, read_gps, read_imu, read_referen
 from insnav.input.formats.registry import choose_table
 from insnav.input.formats.table import ArrayCells, Table
 from insnav.input.interpret.clean import GPS_KINDS, IMU_KINDS, REFERENCE_KINDS, find_gaps
-from insnav.input.interpret.columns import match_header
-from insnav.input.interpret.schema import IMU_SCHEMA, Quantity
+from insnav.input.interpret.columns import match_header, understand
+from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA, Quantity
 from insnav.input.readers.kinds import open_parts
 from insnav.input.readers.sensor_log import read_sensor_log
 from insnav.plain_text import plain_text
@@ -88,7 +88,10 @@ def _parts(sources: Mapping[str, Any], inputs: Inputs) -> dict[str, Any]:
         return dict(sources)
     topics = _topics(inputs, [key for tables in logs.values() for key in tables])
     given = dict(sources)
-    if given.get("gps", "") is None and any(key.startswith("gps") for key in logs.get(str(given["imu"]), {})):
+    if given.get("gps", "") is None and any(
+        key.startswith("gps") or (key == "" and given.get("reference") is None and _has_positions(table))
+        for key, table in logs.get(str(given["imu"]), {}).items()
+    ):
         given["gps"] = given["imu"]
     parts = logs.get(str(given["imu"]), {})
     own = {"imu", "reference"} <= parts.keys() and parts["reference"].name != parts["imu"].name
@@ -98,6 +101,13 @@ def _parts(sources: Mapping[str, Any], inputs: Inputs) -> dict[str, Any]:
         if isinstance(each, str | Path):
             given[part] = choose_table(logs[str(each)], part, topics, plain_text(each))
     return given
+
+
+def _has_positions(table: Table) -> bool:
+    """Whether a table of samples has fixes in its rows, too."""
+    with suppress(InputError):
+        return {"lat", "lon"} <= understand(table.headers, table.units, GPS_SCHEMA)[0].keys()
+    return False
 
 
 def _topics(inputs: Inputs, parts: Sequence[str]) -> list[str]:

@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import insnav
 from insnav.exceptions import InputError
 from insnav.input import read_gps, read_reference
 from insnav.types import EventKind
@@ -298,3 +299,31 @@ def test_positions_that_repeat_at_rest_are_all_used(tmp_path):
     rows = fixes(120)
     rows[:60, 1:4] = rows[0, 1:4]  # of few digits, before the drive
     assert len(_gps(tmp_path, rows).data.time) == 120
+
+
+def test_what_loggers_write_for_not_known_is_not_known(tmp_path):
+    """Fix types that are all 0, and no heights at all; each was refused."""
+    rows = "time,lat,lon,fix\n" + "".join(f"{t},48.0,{11.0 + 1e-4 * t},0\n" for t in range(20))
+    (tmp_path / "flat.csv").write_text(rows)
+    flat = read_gps(tmp_path / "flat.csv")
+    assert flat.data.fix is None
+    assert not flat.data.lla[:, 2].any()
+    told = ("no column has heights: they are not known", "'fix' is 0 in all rows, and positions change: not used")
+    assert set(told) <= set(flat.facts.evidence)
+    (tmp_path / "other.csv").write_text(rows.replace("fix", "elevation2"))
+    with pytest.raises(InputError, match="no column for height"):
+        read_gps(tmp_path / "other.csv")
+
+
+def test_fixes_in_the_rows_of_the_samples_need_no_gps_file(tmp_path):
+    """They were said not to be there."""
+    drive = insnav.simulate("bends", imu="automotive", gps="single", seed=3, rate=20.0)
+    imu, gps = drive.imu.data, drive.gps.data
+    row = np.maximum(np.searchsorted(gps.time, imu.time, side="right") - 1, 0)
+    place = np.column_stack([np.rad2deg(gps.lla[row, :2]), gps.lla[row, 2]])
+    rows = np.column_stack([imu.time, imu.gyro, imu.accel, place])
+    header = "time_s,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z,lat_deg,lon_deg,height_m"
+    np.savetxt(tmp_path / "merged.csv", rows, delimiter=",", header=header, comments="", fmt="%.10f")
+    found = insnav.load(tmp_path / "merged.csv")
+    assert found.gps is not None
+    assert abs(len(found.gps.data.time) - len(gps.time)) < 3

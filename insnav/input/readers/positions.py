@@ -162,7 +162,10 @@ def read_positions(
             why=f"columns {', '.join(header for header in table.headers[:8] if header)}, and no latitude",
             fix="give positions on Earth: latitude, longitude, height",
         )
-    wanted = ("time", "lat", "lon", height_key)
+    flat = kind == "GPS" and height_key not in found and len(found) == sum(map(bool, table.headers))
+    if flat:
+        height_evidence = "no column has heights: they are not known"
+    wanted = ("time", "lat", "lon", *(() if flat else (height_key,)))
     require(found, wanted, table.headers, schema, where=name, hint=hint, gives=gives)
     keys = [key for key in found if key not in ("height", "height_msl") or key == height_key]
     rows = read_rows(table, found, keys, kinds, slowest=_SLOWEST)
@@ -170,7 +173,7 @@ def read_positions(
     for key in keys[:]:
         if key != "time" and found[key].factor != 1.0:
             raw[key] = raw[key] * found[key].factor
-    raw["height"] = raw.pop(height_key)
+    raw["height"] = np.zeros_like(raw["lat"]) if flat else raw.pop(height_key)
     notes = (*notes, *derive(raw, found))
     bad = ~np.isfinite(raw["time"]) | _no_position(raw)
     notes = (*notes, *_raise_rounded(raw, bad, found))
@@ -197,6 +200,9 @@ def read_positions(
     columns_read = {
         found[key].quantity.name: found[key].describe(rows.time_unit if key == "time" else None) for key in keys
     }
+    if "fix" in data and not data["fix"].any() and np.ptp(lla[:, :2], axis=0).any():
+        del data["fix"]
+        evidence = (*evidence, f"{found['fix'].header!r} is 0 in all rows, and positions change: not used")
     fix = np.where(np.isfinite(data["fix"]), data["fix"], -1.0).astype(np.int64) if "fix" in data else None
     reading = rows.reading(kind, Positions(data, lla, v_n), cleaned, columns_read, evidence, height=height_kind)
     return replace(reading, fix=fix)

@@ -305,7 +305,6 @@ REFUSED: dict[str, tuple[Callable[[Path], object], str, dict[str, object] | None
         "above zero",
         None,
     ),
-    "no height": (_csv("time,lat,lon"), "height", None),
     "local plane": (_csv("time,x,y,z"), "lat", None),
     "UTC seconds of the week": (_csv(time=lambda t: text(t - 18.0, 3)), "--imu-time-offset", {"time_offset": -18.0}),
     "digits of a UTC clock": (_csv(time=digits), "--imu-time-offset", None),
