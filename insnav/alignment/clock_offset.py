@@ -357,7 +357,7 @@ def _refined(imu: _Track, gps: _Track, lag: float, span: float) -> ClockOffset |
         return left, weight, r
 
     offsets = np.arange(lag - FINE, lag + FINE, 0.05)
-    likelihood = [_likelihood(*residuals(offset)[::2]) for offset in offsets]
+    likelihood = [_likelihood(left, r) for left, _, r in map(residuals, offsets)]
     at = float(offsets[int(np.argmax(likelihood))])
     sd, apart, step = np.inf, 0.0, 1e-2
     for _ in range(20):

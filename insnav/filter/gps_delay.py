@@ -79,7 +79,8 @@ class Filtered:
     # of each component: how vibration moves the antenna otherwise than turns do, and the lever arm as given [m]
     shaken: float
     lever_sd: float
-    misfit: float  # how unlikely fixes were, see `Record.misfit`
+    # how unlikely fixes were, and the mean square of their innovations by its variance [-], see `Record.misfit`
+    misfit: float
     squares: float
 
 

@@ -138,11 +138,8 @@ def drive_of(readings: Readings) -> Drive:
     logs = tuple(log.data for log in readings.logs.values())
     settings = replace(defaults.filter_settings(inputs, logs, readings.gps), mounting_yaw=yaw)
     drive = Drive(readings, fixes, spec, chosen, settings, (*clocks, *turned, *assumed))
-    if (
-        UNTOLD not in turned
-        or fixes is None
-        or {"heading", "initial"} & {k for k, v in inputs.items() if v is not None}
-    ):
+    start = inputs.get("heading"), inputs.get("initial")
+    if UNTOLD not in turned or fixes is None or start != (None, None):
         return drive
 
     def prepared(data: ImuData) -> Prepared:

@@ -116,10 +116,10 @@ def in_likely_axes(
     it points, as drones do, keeps its axes, and begins with the likeliest heading. `prepared`: prepares the drive with
     samples.
     """
-    seen: dict[str, Filtered] = {}
+    seen, begin = dict[str, Filtered](), _beginning(imu.data)
     for letters in QUARTERS:
         with suppress(AlignmentError, InputError):  # which the drive as it is will tell
-            seen[letters] = filtered(prepared(_in_axes(imu.data, axes_matrix(letters))))
+            seen[letters] = filtered(prepared(_in_axes(begin, axes_matrix(letters))))
     best = min(seen, key=lambda each: seen[each].misfit, default=UPRIGHT)
     # none if all of them diverge, or are unlikely
     epochs = seen[best].epochs if UPRIGHT in seen and seen[best].squares < LIKELY else None
@@ -168,9 +168,13 @@ def explained(imu: Reading[ImuData], fixes: GpsData) -> bool:
 
 
 def _found(imu: Reading[ImuData], fixes: GpsData) -> Mounting | None:
-    """Mounting by the first half an hour."""
-    data = imu.data
-    return find_mounting(intervals(data.rows(slice(int(np.searchsorted(data.time, data.time[0] + LOOK))))), fixes)
+    """Mounting by the beginning."""
+    return find_mounting(intervals(_beginning(imu.data)), fixes)
+
+
+def _beginning(data: ImuData) -> ImuData:
+    """The first half an hour."""
+    return data.rows(slice(int(np.searchsorted(data.time, data.time[0] + LOOK))))
 
 
 def _words(letters: str) -> str:
