@@ -13,7 +13,7 @@ from insnav import spill
 from insnav.alignment import Mounting, find_mounting
 from insnav.alignment.in_motion import sure_motion
 from insnav.alignment.mounting import ALL_ALIKE, IN_ORDER, letters_of
-from insnav.attitude import rph_from_quat
+from insnav.attitude import rph_from_quat, wrap_pi
 from insnav.exceptions import AlignmentError, InputError
 from insnav.filter.gps_delay import Filtered, filtered
 from insnav.filter.prepare import Prepared
@@ -31,6 +31,7 @@ TURNED = 10.0 * DEG  # a smaller yaw is within what slip and wind make of the co
 WORDS = {"F": "forward", "B": "back", "R": "right", "L": "left", "D": "down", "U": "up"}
 UPRIGHT = "FRD"
 QUARTERS, QUARTER = (UPRIGHT, "RBD", "BLD", "LFD"), 0.5 * np.pi  # x forward, then turned to the right
+SLANTED = 20.0 * DEG  # an IMU turned so far from a quarter is not meant to point along an axis of the vehicle
 POINTED = 0.9  # length of the mean direction of travel in the vehicle of what goes where it points [-]
 LIKELY = 2.0  # mean square of innovations by their variance up to which axes may be right: where they are it is 1 [-]
 LIKELIER = 30.0  # twice the logarithm of how much likelier fixes must be with other axes than with x forward
@@ -131,11 +132,18 @@ def in_likely_axes(
     if abs(ahead.sum()) < POINTED * np.sum(np.abs(ahead)):
         note = "the vehicle does not go where it points: its heading is that of x of the IMU, found by the fixes"
         return imu, QUARTERS.index(best) * QUARTER, note
-    turn = axes_matrix(QUARTERS[round(float(np.angle(ahead.sum())) / QUARTER) % 4]) @ axes_matrix(best)
+    off = float(np.angle(ahead.sum()))
+    quarters = round(off / QUARTER)
+    turn, yaw = axes_matrix(QUARTERS[quarters % 4]) @ axes_matrix(best), off - quarters * QUARTER
+    how = "so fixes are far likelier than with x forward, which nothing else tells"
+    if abs(yaw) > SLANTED:
+        yaw = float(wrap_pi(QUARTERS.index(best) * QUARTER + off))
+        turned = f"about {abs(yaw) / DEG:.0f} deg to the {'right' if yaw > 0.0 else 'left'}"
+        return imu, yaw, f"the IMU is turned {turned} in the vehicle ({how}): heading is that of the IMU"
     if np.allclose(turn, np.eye(3)):
         return None
     letters = letters_of(turn @ axes_matrix(imu.facts.axes or UPRIGHT))
-    imu, note = _turned(imu, turn, letters, "so fixes are far likelier than with x forward, which nothing else tells")
+    imu, note = _turned(imu, turn, letters, how)
     return imu, 0.0, note
 
 

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T", ImuData, GpsData, Trajectory)
 _KINDS = {"IMU": IMU_KINDS, "GPS": GPS_KINDS, "reference": REFERENCE_KINDS}
+MOST_FIXES = 0.5  # part of the rows of samples that may hold a new fix
 _DESCRIBING = ("axes", "units", "columns", "sampling", "stamp")
 _GYRO = ("gyro_x_rad_s", "gyro_y_rad_s", "gyro_z_rad_s")
 _ACCEL = ("accel_x_m_s2", "accel_y_m_s2", "accel_z_m_s2")
@@ -75,7 +76,19 @@ def read(imu: Given | ImuData, gps: Given | GpsData | None, ref: Given | Traject
     reference = None if given["reference"] is None else read_ref(given["reference"], inputs)
     logs = {name: read_sensor_log(_table(log), name) for name, log in given_logs.items()}
     samples = read_samples(given["imu"], inputs, any_way=fixes is not None)
+    if gps is None and fixes is not None and given["gps"] is given["imu"]:
+        _refuse_solution(samples.data, fixes)
     return Readings(samples, fixes, reference, logs, inputs)
+
+
+def _refuse_solution(imu: ImuData, fixes: Reading[GpsData]) -> None:
+    """Refuse positions in the rows of the samples that change as often as these, as those of a solution do."""
+    if fixes.data.time.size > MOST_FIXES * imu.time.size:
+        raise InputError(
+            "the positions in the rows of the samples are new in each of them: a solution, not fixes",
+            where=fixes.facts.path,
+            fix="give the fixes with --gps; this file, if these are fixes",
+        )
 
 
 def _parts(sources: Mapping[str, Any], inputs: Inputs) -> dict[str, Any]:

@@ -303,7 +303,7 @@ def test_positions_that_repeat_at_rest_are_all_used(tmp_path):
 
 def test_what_loggers_write_for_not_known_is_not_known(tmp_path):
     """Fix types that are all 0, and no heights at all; each was refused."""
-    rows = "time,lat,lon,fix\n" + "".join(f"{t},48.0,{11.0 + 1e-4 * t},0\n" for t in range(20))
+    rows = "time,lat,lon,fix,nsat\n" + "".join(f"{t},48.0,{11.0 + 1e-4 * t},0,9\n" for t in range(20))
     (tmp_path / "flat.csv").write_text(rows)
     flat = read_gps(tmp_path / "flat.csv")
     assert flat.data.fix is None
@@ -327,3 +327,7 @@ def test_fixes_in_the_rows_of_the_samples_need_no_gps_file(tmp_path):
     found = insnav.load(tmp_path / "merged.csv")
     assert found.gps is not None
     assert abs(len(found.gps.data.time) - len(gps.time)) < 3
+    rows[:, 7] += 1e-9 * np.arange(len(rows))
+    np.savetxt(tmp_path / "solved.csv", rows, delimiter=",", header=header, comments="", fmt="%.10f")
+    with pytest.raises(InputError, match="a solution, not fixes"):
+        insnav.load(tmp_path / "solved.csv")

@@ -123,12 +123,12 @@ def test_what_a_drive_does_not_tell_of_the_mounting_is_an_assumption(plain):
     assert UNTOLD not in insnav.load(imu, still).notes
 
 
-@pytest.mark.parametrize("letters", ["FRD", "RBD", "BLD", "LFD"])
-def test_a_slow_robot_has_the_axes_that_make_its_fixes_likeliest(letters):
+@pytest.mark.parametrize(("axes", "yaw"), [("FRD", 0.0), ("RBD", 0.0), ("BLD", 0.0), ("LFD", 0.0), ("0,0,60", 60.0)])
+def test_a_slow_robot_has_the_axes_that_make_its_fixes_likeliest(axes, yaw):
     """It hardly accelerates, but turns: with x taken for forward its heading was 114 deg off, and 2.4 deg stated."""
     laps = [Segment(8.0, speed=1.0), *[Segment(12.0), Segment(10.0, turn=80 * DEG), Segment(9.0, turn=-50 * DEG)] * 7]
     truth = drive([Segment(30.0), *laps], np.array([0.8, 0.2, 400.0]), seed=4, heading=1.0, body=STILL)
-    spec, place = load_imu("automotive"), axes_matrix(letters).T
+    spec, place, letters = load_imu("automotive"), axes_matrix(axes).T, "FRD" if yaw else axes
     imu = corrupt_imu(perfect(truth, 50.0), spec, (4, 1)).imu
     fixes = gps_from_truth(truth, truth.start + np.arange(1.0, truth.duration), np.zeros(3))
     gps = corrupt_gps(fixes, GpsErrors((0.3, 0.3, 0.6), velocity_noise=(0.05, 0.05, 0.05)), (4, 2))
@@ -136,8 +136,9 @@ def test_a_slow_robot_has_the_axes_that_make_its_fixes_likeliest(letters):
     assert (found.imu.facts.axes or "FRD") == letters
     assert any(f"--imu-axes {letters}" in note for note in found.notes) is (letters != "FRD")
     smoothed = found.navigate(output_interval=1.0).found.run.smoothed.solution
-    off = wrap_pi(smoothed.rph[:, 2] - truth.evaluate(smoothed.time).rph[:, 2])
+    off = wrap_pi(smoothed.rph[:, 2] - truth.evaluate(smoothed.time).rph[:, 2] - yaw * DEG)
     assert np.mean(np.abs(off) < 3.0 * smoothed.sd[:, 8]) > 0.97
+    assert found.settings.mounting_yaw == pytest.approx(yaw * DEG, abs=10.0 * DEG if yaw else 0.0)
 
 
 def test_check_and_run_give_the_mounting_with_the_same_signs(plain):

@@ -33,6 +33,7 @@ _MAX_HEIGHT = 1e5  # [m]
 _MIN_HEIGHT = -1e4
 _FAR = 0.1 * DEG  # a fix at (0, 0) is a placeholder if all others are farther than this
 _MOVES, _CLIMBS = 100.0, 5.0  # ways of a reference along North or East, and up, in which nothing stays zero [m]
+_NO_HEIGHT = re.compile("sat|sv|dop|provider|qual|status|mode", re.IGNORECASE)  # headers of what else receivers say
 _ROOM = {"px", "prsrx", "posx", "positionx"}  # headers of EuRoC, TUM-VI, and programs like them
 _WORDS = {"lat": "latitude", "lon": "longitude", "vn": "velocity North", "ve": "East"}
 # formats that do not define what heights are above; an empty name is that of data in memory
@@ -162,7 +163,8 @@ def read_positions(
             why=f"columns {', '.join(header for header in table.headers[:8] if header)}, and no latitude",
             fix="give positions on Earth: latitude, longitude, height",
         )
-    flat = kind == "GPS" and height_key not in found and len(found) == sum(map(bool, table.headers))
+    others = set(filter(None, table.headers)) - {each.header for each in found.values()}
+    flat = kind == "GPS" and height_key not in found and all(map(_NO_HEIGHT.search, others))
     if flat:
         height_evidence = "no column has heights: they are not known"
     wanted = ("time", "lat", "lon", *(() if flat else (height_key,)))
