@@ -39,6 +39,7 @@ SHARE = 0.3  # and by that part of the shorter one
 MEMORY = 2.0  # turns and accelerations so far apart are independent, if they are not of longer spans [s]
 SURE = 15.0  # log-likelihood above which a lag is no accident, among so many lags
 AS_TOLD = 0.3  # part of the best log-likelihood with which the clocks as they are are believed
+JUDGED = 0.75  # part of the motion by fixes that must be compared, where the records overlap as they are
 APART = 5.0  # other lags are at least so far away [s]
 BLOCKS = 12  # of the record, in which residuals may be alike
 SYSTEMATIC = 0.01  # error that lever arm and levelling leave, RMS of simulated city drives [s]
@@ -108,6 +109,7 @@ class _Compared:
     most: float  # of both correlations, weighted by time, where the likelihood is largest [-]
     felt: float  # acceleration by samples, RMS [m/s^2]
     seen: float  # and by fixes
+    judged: float  # part of the motion by fixes that samples are compared with, the clocks as they are [-]
 
 
 def find_clock_offset(parts: Intervals, gps: GpsData, *, worth: float = 0.0) -> ClockOffset | Unlike | None:
@@ -129,6 +131,8 @@ def find_clock_offset(parts: Intervals, gps: GpsData, *, worth: float = 0.0) -> 
         unlike = Unlike(*_near(compared))
         return unlike if max(abs(unlike.turns), abs(unlike.accelerations)) < UNLIKE else None
     lag = _best_lag(compared)
+    if compared.span >= DENSE:  # nor are they told to less than that
+        worth = max(worth, compared.span)
     found = None if lag is None or abs(lag) < worth - COARSE else _refined(imu, track, lag, compared.span)
     if found is None or found.accelerations < CONTRARY or max(abs(found.turns), found.accelerations) < LEAST:
         return None
@@ -255,12 +259,16 @@ def _compared(
         return None
     lags = gps[0] - imu[0] + (np.arange(n + m - 1) - (n - 1)) * STEP
     score, alike, common = np.zeros(n + m - 1), np.zeros((2, n + m - 1)), np.zeros((2, n + m - 1))
-    felt = seen = 0.0
+    felt = seen = inside = judged = 0.0
+    at = np.round((gps[0] - imu[0]) / STEP).astype(int) + np.arange(m)
+    within = (at >= 0) & (at < n)
     for i, (x, mx, y, my) in enumerate(zip(imu[1], imu[2], gps[1], gps[2], strict=True)):
         my = my & (np.abs(y) < BEYOND * np.max(np.abs(x), where=mx, initial=0.0))
         if not (mx.any() and my.any()) or float(np.std(y[my])) < 0.1 * MOVES:
             continue
         felt, seen = float(np.std(x[mx])), float(np.std(y[my]))  # accelerations come last
+        motion = np.where(my & within, (y - np.median(y[my])) ** 2, 0.0)
+        inside, judged = inside + motion.sum(), judged + motion[within] @ mx[at[within]]
         correlation, count = _masked_correlation(x, mx, y, my)
         enough = count * STEP >= max(SHORTEST, SHARE * STEP * min(mx.sum(), my.sum()))
         r = np.where(enough, np.clip(correlation, -0.999, 0.999), 0.0)
@@ -268,7 +276,7 @@ def _compared(
         alike[i], common[i] = r, count * STEP
     best = int(np.argmax(score))
     most = float(np.sqrt(np.average(alike[:, best] ** 2, weights=common[:, best] + 1e-9)))
-    return _Compared(span, lags, alike, common, score, most, felt, seen)
+    return _Compared(span, lags, alike, common, score, most, felt, seen, judged / inside if inside > 0.0 else 1.0)
 
 
 def _near(compared: _Compared) -> tuple[float, float, float]:
@@ -289,6 +297,8 @@ def _best_lag(compared: _Compared) -> float | None:
     as_told = float(np.max(score[(np.abs(lags) < APART) & ~around], initial=0.0))
     if abs(lags[best]) >= APART and as_told > max(SURE, AS_TOLD * score[best]):
         return None  # the motion repeats itself, and the clocks as they are explain it too
+    if abs(lags[best]) >= APART and compared.judged < JUDGED:
+        return None  # most of it is where the level of the samples is still looked for
     return float(lags[best])
 
 
