@@ -72,23 +72,22 @@ def read(imu: Given | ImuData, gps: Given | GpsData | None, ref: Given | Traject
     options = {LOGS[name].option: source for name, source in given_logs.items()}
     one_from_stdin({"IMU_FILE": imu, "--gps": gps, "--ref": ref, **options})
     given = _parts({"imu": imu, "gps": gps, "reference": ref}, inputs)
-    fixes = None if given["gps"] is None else _read_gps(given["gps"], inputs)
+    if gps is None and given["gps"] is given["imu"]:
+        fixes = _fixes_beside(given["imu"], inputs)
+    else:
+        fixes = None if given["gps"] is None else _read_gps(given["gps"], inputs)
     reference = None if given["reference"] is None else read_ref(given["reference"], inputs)
     logs = {name: read_sensor_log(_table(log), name) for name, log in given_logs.items()}
     samples = read_samples(given["imu"], inputs, any_way=fixes is not None)
-    if gps is None and fixes is not None and given["gps"] is given["imu"]:
-        _refuse_solution(samples.data, fixes)
     return Readings(samples, fixes, reference, logs, inputs)
 
 
-def _refuse_solution(imu: ImuData, fixes: Reading[GpsData]) -> None:
-    """Refuse positions in the rows of the samples that change as often as these, as those of a solution do."""
-    if fixes.data.time.size > MOST_FIXES * imu.time.size:
-        raise InputError(
-            "the positions in the rows of the samples are new in each of them: a solution, not fixes",
-            where=fixes.facts.path,
-            fix="give the fixes with --gps; this file, if these are fixes",
-        )
+def _fixes_beside(imu: Any, inputs: Inputs) -> Reading[GpsData] | None:
+    """Fixes in the rows of the samples; none where they are new in most: a solution, which may be given with --gps."""
+    with suppress(InputError):  # nobody has said that there are fixes
+        found = _read_gps(imu, inputs)
+        return found if found.facts.n_used < MOST_FIXES * found.facts.n_rows else None
+    return None
 
 
 def _parts(sources: Mapping[str, Any], inputs: Inputs) -> dict[str, Any]:
