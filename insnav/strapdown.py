@@ -12,6 +12,7 @@ from functools import lru_cache
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from insnav import spill
 from insnav.attitude import quat_from_rph, rph_from_quat
@@ -356,8 +357,9 @@ def navigate(
     return Trajectory(time, out[:, :3], out[:, 3:6], rph_n)
 
 
-def nearest_rows(time: FloatArray, wanted: FloatArray) -> IntArray:
+def nearest_rows(time: FloatArray, wanted: ArrayLike) -> IntArray:
     """Row that is nearest in time to each that is wanted; the later one of two as near."""
+    wanted = np.asarray(wanted, dtype=float)
     after = np.clip(np.searchsorted(time, wanted), 1, len(time) - 1)
     return np.asarray(after - (wanted - time[after - 1] < time[after] - wanted))
 

@@ -92,6 +92,10 @@ class ImuData(FromTable):
         names = dict(zip(_GYRO + _ACCEL, _DTHETA + _DVEL, strict=True)) if self.sampling == "increment" else {}
         return {names.get(name, name): column for name, column in Tabular.columns(self).items()}
 
+    def beginning(self, length: float) -> ImuData:
+        """Samples of the first `length` [s]."""
+        return self.rows(slice(int(np.searchsorted(self.time, self.time[0] + length))))
+
     @classmethod
     def from_frame(cls, frame: pd.DataFrame, **others: str) -> Self:
         """As `insnav.tabular.FromTable.from_frame`, of rates or of increments by the columns there are."""

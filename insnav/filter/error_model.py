@@ -30,6 +30,11 @@ class ErrorModel:
     # accelerometers, heading of the gyros. It is not a state.
     axes_sd: FloatArray = field(default_factory=lambda: np.zeros(3))
 
+    @property
+    def states(self) -> int:
+        """21, or 15 where scale factor errors are zero and known."""
+        return STATES if self.sd[6:].any() else STATES - 6
+
 
 @dataclass(frozen=True, slots=True)
 class InitialState:

@@ -107,7 +107,7 @@ class InnovationLikelihood:
         correlated = replace(correlated, velocity_sd=None)
         self._settings = replace(ready.settings, correlated=correlated, aiding=None, smooth=True, output_interval=10.0)
         self._ready, self._run, self.prior = ready, run, spec
-        self._states = STATES if ready.model.sd[6:].any() else STATES - 6
+        self._states = ready.model.states
         navigator = Navigator(run.initial, run.model, thinned(run.gps), ready.alignment, ready.nominal, self._settings)
         imu = ready.first(LONGEST)
         navigator.feed(imu)

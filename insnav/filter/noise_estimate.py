@@ -14,7 +14,6 @@ from insnav.filter.gps_noise import OPEN_HEIGHT
 from insnav.filter.prepare import Prepared
 from insnav.filter.sensor_axes import Misalignment
 from insnav.imu.specification import ImuSpec
-from insnav.kernels.errorstate import STATES
 from insnav.types import Alignment, FloatArray
 
 if TYPE_CHECKING:
@@ -62,7 +61,7 @@ class NoiseEstimate:
 
 def applied(ready: Prepared, found: NoiseEstimate) -> Prepared:
     """The recording prepared with the noise that was found, but for misalignments."""
-    model = error_model(found.filter_spec, STATES if ready.model.sd[6:].any() else STATES - 6)
+    model = error_model(found.filter_spec, ready.model.states)
     return replace(
         with_fixes(ready, model, found.position_factor, found.velocity_factor),
         model=model,

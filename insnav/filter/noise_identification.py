@@ -30,7 +30,6 @@ from insnav.filter.noise_search import AVERAGED, FEWEST, NEAR, STARTS, Posterior
 from insnav.filter.prepare import CORRELATED, Prepared
 from insnav.filter.sensor_axes import Misalignment
 from insnav.imu.specification import ImuSpec
-from insnav.kernels.errorstate import STATES
 from insnav.plain_text import without_exponents
 from insnav.types import Event, EventKind, FloatArray, GpsData
 from insnav.units import UNITS
@@ -112,8 +111,7 @@ def with_careful_biases(ready: Prepared, assumed: ImuSpec) -> Prepared:
     ready = replace(ready, alignment=after_rest(ready.alignment, assumed, found.spec), parts=parts)
     accel = np.minimum(found.careful_accel_bias, np.maximum(found.filter_spec.accel.bias, assumed.accel.bias))
     spec = replace(found.filter_spec, accel=replace(found.filter_spec.accel, bias=accel))
-    states = STATES if ready.model.sd[6:].any() else STATES - 6
-    model = replace(error_model(spec, states), axes_sd=ready.model.axes_sd)
+    model = replace(error_model(spec, ready.model.states), axes_sd=ready.model.axes_sd)
     return replace(with_fixes(ready, model, np.ones(3), np.ones(3)), model=model)
 
 

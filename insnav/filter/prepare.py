@@ -306,8 +306,7 @@ def _resting(imu: ImuData, gps: GpsData) -> GpsData:
         return gps
     nominal = strapdown.nominal_interval(imu.time)
     rest = stationary_of(strapdown.intervals(_first_part(imu, gps), nominal), gps)
-    start = imu.rows(slice(int(np.searchsorted(imu.time, imu.time[0] + LONGEST_REST))))
-    return without_false_motion(strapdown.intervals(start, nominal), gps, rest)
+    return without_false_motion(strapdown.intervals(imu.beginning(LONGEST_REST), nominal), gps, rest)
 
 
 def _first_part(imu: ImuData, gps: GpsData) -> ImuData:

@@ -261,7 +261,7 @@ def _examined(found: Checked, data: Readings, drive: Drive | None, patient: _Pat
         found = replace(found, gps=look_at_fixes(data.gps.data))
         _of_gps(data.gps, found, patient)
     if together and drive is not None and fixes is not None and data.gps is not None:
-        parts = intervals(imu.rows(slice(int(np.searchsorted(imu.time, imu.time[0] + BEGIN)))))
+        parts = intervals(imu.beginning(BEGIN))
         offset = clock_offset(joined([parts]), fixes)
         shown = offset if isinstance(offset, ClockOffset) and shown_by(offset) else None
         found = replace(found, offset=shown, mounting=find_mounting(parts, fixes))

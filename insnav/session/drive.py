@@ -145,12 +145,9 @@ def drive_of(readings: Readings) -> Drive:
     def prepared(data: ImuData) -> Prepared:
         return replace(drive, readings=replace(readings, imu=replace(mounted, data=data)))._prepared(fixes)
 
-    likely = in_likely_axes(mounted, prepared)
-    if likely is None:
-        return drive
-    mounted, yaw, note = likely
+    imu, yaw, note = in_likely_axes(mounted, prepared)
     settings = replace(settings, mounting_yaw=yaw)
-    return replace(drive, readings=replace(readings, imu=mounted), settings=settings, notes=(*clocks, note, *assumed))
+    return replace(drive, readings=replace(readings, imu=imu), settings=settings, notes=(*clocks, note, *assumed))
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,8 +202,7 @@ class Drive:
     def beginning(self, length: float) -> Drive:
         """Give the drive with the samples of its first `length` [s] only."""
         imu = self.readings.imu
-        rows = slice(int(np.searchsorted(imu.data.time, imu.data.time[0] + length)))
-        return replace(self, readings=replace(self.readings, imu=replace(imu, data=imu.data.rows(rows))))
+        return replace(self, readings=replace(self.readings, imu=replace(imu, data=imu.data.beginning(length))))
 
     def prepared(self, states: int = 21) -> Prepared:
         """Align the drive and set the filter up; nothing is navigated yet.

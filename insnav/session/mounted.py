@@ -109,15 +109,15 @@ def as_mounted(
 
 def in_likely_axes(
     imu: Reading[ImuData], prepared: Callable[[ImuData], Prepared]
-) -> tuple[Reading[ImuData], float, str] | None:
+) -> tuple[Reading[ImuData], float, str]:
     """As `as_mounted` where accelerations tell nothing: by the fixes, with x forward, backward, to the right or left.
 
     Slow vehicles hardly accelerate, but turn: with x of the IMU taken for that of the vehicle the heading begins wrong
-    by quarters of a turn. Nothing if fixes are no likelier with other axes than with x forward. What does not go where
+    by quarters of a turn. `UNTOLD` if fixes are no likelier with other axes than with x forward. What does not go where
     it points, as drones do, keeps its axes, and begins with the likeliest heading. `prepared`: prepares the drive with
     samples.
     """
-    seen, begin = dict[str, Filtered](), _beginning(imu.data)
+    seen, begin = dict[str, Filtered](), imu.data.beginning(LOOK)
     for letters in QUARTERS:
         with suppress(AlignmentError, InputError):  # which the drive as it is will tell
             seen[letters] = filtered(prepared(_in_axes(begin, axes_matrix(letters))))
@@ -125,23 +125,23 @@ def in_likely_axes(
     # none if all of them diverge, or are unlikely
     epochs = seen[best].epochs if UPRIGHT in seen and seen[best].squares < LIKELY else None
     if epochs is None or (seen[UPRIGHT].misfit - seen[best].misfit) * seen[best].ready.gps.time.size <= LIKELIER:
-        return None
+        return imu, 0.0, UNTOLD
     settled = epochs[epochs.shape[0] // 2 :, STATE : STATE + 10]  # a heading that began wrong has come round by then
     along = settled[:, 3] - 1j * settled[:, 4]
     ahead = np.exp(1j * rph_from_quat(settled[:, 6:])[:, 2]) * along * np.abs(along)
+    yaw = QUARTERS.index(best) * QUARTER
     if abs(ahead.sum()) < POINTED * np.sum(np.abs(ahead)):
         note = "the vehicle does not go where it points: its heading is that of x of the IMU, found by the fixes"
-        return imu, QUARTERS.index(best) * QUARTER, note
-    off = float(np.angle(ahead.sum()))
-    quarters = round(off / QUARTER)
-    turn, yaw = axes_matrix(QUARTERS[quarters % 4]) @ axes_matrix(best), off - quarters * QUARTER
+        return imu, yaw, note
+    yaw = float(wrap_pi(yaw + np.angle(ahead.sum())))
+    nearest = round(yaw / QUARTER)
     how = "so fixes are far likelier than with x forward, which nothing else tells"
-    if abs(yaw) > SLANTED:
-        yaw = float(wrap_pi(QUARTERS.index(best) * QUARTER + off))
+    if abs(yaw - nearest * QUARTER) > SLANTED:
         turned = f"about {abs(yaw) / DEG:.0f} deg to the {'right' if yaw > 0.0 else 'left'}"
         return imu, yaw, f"the IMU is turned {turned} in the vehicle ({how}): heading is that of the IMU"
-    if np.allclose(turn, np.eye(3)):
-        return None
+    if nearest == 0:
+        return imu, 0.0, UNTOLD
+    turn = axes_matrix(QUARTERS[nearest % 4])
     letters = letters_of(turn @ axes_matrix(imu.facts.axes or UPRIGHT))
     imu, note = _turned(imu, turn, letters, how)
     return imu, 0.0, note
@@ -176,13 +176,8 @@ def explained(imu: Reading[ImuData], fixes: GpsData) -> bool:
 
 
 def _found(imu: Reading[ImuData], fixes: GpsData) -> Mounting | None:
-    """Mounting by the beginning."""
-    return find_mounting(intervals(_beginning(imu.data)), fixes)
-
-
-def _beginning(data: ImuData) -> ImuData:
-    """The first half an hour."""
-    return data.rows(slice(int(np.searchsorted(data.time, data.time[0] + LOOK))))
+    """Mounting by the first half an hour."""
+    return find_mounting(intervals(imu.data.beginning(LOOK)), fixes)
 
 
 def _words(letters: str) -> str:

@@ -13,15 +13,14 @@ from insnav.alignment.turn_scale import turn_scale
 from insnav.attitude import dcm_from_rph
 from insnav.exceptions import InputError
 from insnav.filter.gps_noise import with_sd
-from insnav.imu import load_imu
 from insnav.input import read_gps, read_imu
 from insnav.session.clock import clock_offset
-from insnav.simulate import GpsErrors, corrupt_gps, corrupt_imu, gps_from_truth
+from insnav.simulate import GpsErrors
 from insnav.strapdown import intervals, joined, pieces
-from tests.alignment.test_alignment import STILL, perfect
+from tests.alignment.test_alignment import STILL
 from tests.filter.drives import without_velocities
 from tests.shared import recorded
-from tests.simulate.motions import Segment, drive
+from tests.simulate.motions import Segment, drive, measured
 
 
 @pytest.fixture(scope="module")
@@ -238,10 +237,8 @@ def test_what_moves_only_where_the_level_is_not_known_yet_tells_no_offset(rest, 
     """A straight road after seconds of rest: its only acceleration was found again 9 to 22 s later, and refused."""
     road = [Segment(rest), Segment(10.0, speed=20.0), Segment(400.0)]
     truth = drive(road, np.array([0.8, 0.2, 400.0]), seed=seed, heading=1.5, body=STILL)
-    imu = corrupt_imu(perfect(truth, 100.0), load_imu("automotive"), (seed, 1)).imu
-    fixes = gps_from_truth(truth, truth.start + np.arange(1.0, truth.duration), np.zeros(3))
-    gps = without_velocities(corrupt_gps(fixes, GpsErrors((0.01, 0.01, 0.02)), (seed, 2)))
-    assert find_clock_offset(intervals(imu), with_sd(gps, scatter_alone=False)[0]) is None
+    imu, gps = measured(truth, 100.0, "automotive", GpsErrors((0.01, 0.01, 0.02)), seed)
+    assert find_clock_offset(intervals(imu), with_sd(without_velocities(gps), scatter_alone=False)[0]) is None
 
 
 def test_fixes_ten_seconds_apart_tell_no_offset_of_three():

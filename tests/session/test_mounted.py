@@ -14,18 +14,17 @@ import insnav
 from insnav.alignment import find_mounting
 from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.exceptions import InputError
-from insnav.imu import load_imu
 from insnav.input import read_gps, read_imu
 from insnav.input.interpret.axes import axes_matrix
 from insnav.session.mounted import UNTOLD, untold
-from insnav.simulate import GpsErrors, corrupt_gps, corrupt_imu, gps_from_truth
+from insnav.simulate import GpsErrors
 from insnav.strapdown import intervals
 from insnav.types import Event, EventKind
 from insnav.units import DEG
-from tests.alignment.test_alignment import STILL, perfect
+from tests.alignment.test_alignment import STILL
 from tests.filter.drives import without_velocities
 from tests.shared import recorded
-from tests.simulate.motions import Segment, drive
+from tests.simulate.motions import Segment, drive, measured
 
 
 @pytest.fixture(scope="module")
@@ -128,10 +127,8 @@ def test_a_slow_robot_has_the_axes_that_make_its_fixes_likeliest(axes, yaw):
     """It hardly accelerates, but turns: with x taken for forward its heading was 114 deg off, and 2.4 deg stated."""
     laps = [Segment(8.0, speed=1.0), *[Segment(12.0), Segment(10.0, turn=80 * DEG), Segment(9.0, turn=-50 * DEG)] * 7]
     truth = drive([Segment(30.0), *laps], np.array([0.8, 0.2, 400.0]), seed=4, heading=1.0, body=STILL)
-    spec, place, letters = load_imu("automotive"), axes_matrix(axes).T, "FRD" if yaw else axes
-    imu = corrupt_imu(perfect(truth, 50.0), spec, (4, 1)).imu
-    fixes = gps_from_truth(truth, truth.start + np.arange(1.0, truth.duration), np.zeros(3))
-    gps = corrupt_gps(fixes, GpsErrors((0.3, 0.3, 0.6), velocity_noise=(0.05, 0.05, 0.05)), (4, 2))
+    place, letters = axes_matrix(axes).T, "FRD" if yaw else axes
+    imu, gps = measured(truth, 50.0, "automotive", GpsErrors((0.3, 0.3, 0.6), velocity_noise=(0.05, 0.05, 0.05)), 4)
     found = insnav.load(replace(imu, gyro=imu.gyro @ place.T, accel=imu.accel @ place.T), gps)
     assert (found.imu.facts.axes or "FRD") == letters
     assert any(f"--imu-axes {letters}" in note for note in found.notes) is (letters != "FRD")

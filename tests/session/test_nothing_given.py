@@ -18,11 +18,10 @@ from insnav.fleet.recordings import find_drives
 from insnav.imu import load_imu
 from insnav.result import Result
 from insnav.session.tuning import tune
-from insnav.simulate import GpsErrors, corrupt_gps, corrupt_imu, gps_from_truth
+from insnav.simulate import GpsErrors
 from insnav.units import DEG
-from tests.alignment.test_alignment import perfect
 from tests.filter.drives import without_velocities
-from tests.simulate.motions import Segment, drive
+from tests.simulate.motions import Segment, drive, measured
 
 SAMPLE = Path(__file__).parents[2] / "trajectories" / "sample"
 LEVER = np.array([0.8, -0.3, -1.2])
@@ -180,9 +179,7 @@ def test_a_long_straight_road_makes_neither_tilt_nor_heading_too_sure(grade, vel
     spec = replace(spec, gyro=replace(spec.gyro, bias_instability=0.1 * spec.gyro.bias_instability))
     road = [Segment(30.0), Segment(20.0, speed=30.0), Segment(500.0)]
     truth = drive(road, np.array([0.8, 0.2, 400.0]), seed=1, heading=2.0)
-    imu = corrupt_imu(perfect(truth, 50.0), spec, (1, 1)).imu
-    fixes = gps_from_truth(truth, truth.start + np.arange(1.0, truth.duration), np.zeros(3))
-    gps = corrupt_gps(fixes, GpsErrors((1.0, 1.0, 2.0), velocity_noise=(0.1, 0.1, 0.2)), (1, 2))
+    imu, gps = measured(truth, 50.0, spec, GpsErrors((1.0, 1.0, 2.0), velocity_noise=(0.1, 0.1, 0.2)), 1)
     found = insnav.load(imu, gps if velocities else without_velocities(gps)).navigate(output_interval=1.0)
     at = found.found.run.smoothed.solution
     off = wrap_pi(at.rph - truth.evaluate(at.time).rph)

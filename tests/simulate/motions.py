@@ -7,13 +7,25 @@ from pathlib import Path
 
 import numpy as np
 
+from insnav.imu import load_imu
+from insnav.imu.specification import ImuSpec
+from insnav.simulate import GpsErrors, corrupt_gps, corrupt_imu, gps_from_truth, imu_from_truth
 from insnav.simulate.motion.kinds import Vehicle
 from insnav.simulate.truth import Truth
+from insnav.types import GpsData, ImuData
 
 PLACE = np.array([np.radians(48.0), np.radians(11.0), 500.0])
 _SAMPLE = runpy.run_path(str(Path(__file__).parents[2] / "trajectories" / "make_sample.py"))
 # A car driven as that of the sample: speed, heading and grade change together within a segment.
 Segment, drive = _SAMPLE["Segment"], _SAMPLE["drive"]
+
+
+def measured(truth: Truth, rate: float, imu: str | ImuSpec, gps: GpsErrors, seed: int) -> tuple[ImuData, GpsData]:
+    """Samples at a rate [Hz], and a fix a second, of the place of the IMU."""
+    spec = load_imu(imu) if isinstance(imu, str) else imu
+    samples = imu_from_truth(truth, truth.start + np.arange(round(truth.duration * rate) + 1) / rate)
+    fixes = gps_from_truth(truth, truth.start + np.arange(1.0, truth.duration), np.zeros(3))
+    return corrupt_imu(samples, spec, (seed, 1)).imu, corrupt_gps(fixes, gps, (seed, 2))
 
 
 def town(start: float = 0.0, place: np.ndarray = PLACE, **body: object) -> Truth:

@@ -56,7 +56,7 @@ def end_errors(
 
 def _state(trajectory: Trajectory, time: float) -> tuple[FloatArray, FloatArray]:
     """Position and velocity between two rows: by the velocity from the nearer one, and on a straight line."""
-    at = int(strapdown.nearest_rows(trajectory.time, np.array(time)))
+    at = int(strapdown.nearest_rows(trajectory.time, time))
     after = min(at + 1, len(trajectory.time) - 1)
     first = after - 1
     share = (time - trajectory.time[first]) / (trajectory.time[after] - trajectory.time[first])

@@ -10,6 +10,7 @@ import numpy as np
 from insnav.filter.measurements.first_pass import FirstPass
 from insnav.filter.measurements.measurement import INTERVAL, NOTHING, FilterView
 from insnav.kernels.aiding_measurements import body_heading
+from insnav.strapdown import nearest_rows
 from insnav.types import FloatArray
 
 
@@ -28,8 +29,7 @@ class Heading:
 
     def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:
         """See `Measurement`."""
-        after = int(np.clip(np.searchsorted(self.time, at.time), 1, self.time.shape[0] - 1))
-        row = after - (at.time - self.time[after - 1] < self.time[after] - at.time)
+        row = int(nearest_rows(self.time, at.time))
         if not abs(self.time[row] - at.time) < 0.5 * INTERVAL or not np.isfinite(self.heading[row]):
             return NOTHING
         body_heading(at.x, float(self.heading[row]), z, h)
