@@ -25,6 +25,9 @@ RATE_SPAN = 0.1  # turn of the lever arm before and after a fix that its velocit
 DIFFERENCE = 2.0  # base of velocities from positions: 1 m of noise makes 0.7 m/s [s]
 LONGER = 5.0, 10.0  # the same where by it no motion is sure: of positions as poor as those of telephones [s]
 APART = 0.1  # part of a span that the mean times of the velocities at its ends must be apart
+STEADY = 300.0  # of the motion that the gyro bias is found from by the course: turns tell more than longer ones [s]
+CHANGING = 1.0 / 3.0  # part of the slip that changes in that: a vehicle crabs, or its IMU is turned, all the time
+FEWEST = 10  # epochs of it
 CLEAR_SD = np.deg2rad(20.0)  # of the direction of acceleration, beyond which it decides nothing
 TURNED, REVERSED = np.deg2rad(40.0), np.deg2rad(30.0)  # course and acceleration so far apart, or from opposite
 
@@ -245,6 +248,28 @@ def course_heading(
         sd_turned = float(np.hypot(2.0 * felt_sd, drift))
         return Course(float(agree), sd_turned, "direction of acceleration (the IMU is turned in the vehicle)")
     return Course(float(mean), course_sd, "GPS course")
+
+
+def bias_by_course(parts: Intervals, found: Alignment, speed: Velocity, lat: float) -> tuple[float, float]:
+    """Bias of the gyros about the vertical, and its standard deviation [rad/s], of a vehicle that goes as it points.
+
+    The heading by gyros alone turns from the course by the bias. How much the direction of travel itself does is not to
+    be told from it: what a straight line leaves, as slow as it may be, makes ``sqrt(12) rms / span``, the standard
+    deviation of a slope by errors at its ends. The span ends with the first epoch that is not fast.
+    Returns: zero and infinite where there are too few epochs.
+    """
+    time, fast = speed.time, speed.fast
+    inside = np.flatnonzero((time >= found.time) & (time <= min(found.time + STEADY, parts.end[-1])))
+    slow = inside[~fast[inside]]
+    use = inside[inside < slow[0]] if slow.size else inside
+    if use.size < FEWEST:
+        return 0.0, np.inf
+    time, v_n = time[use], speed.v_n[use]
+    track = history(parts, found.time, float(time[-1]), found.rph, found.gyro_bias, lat)
+    apart = np.unwrap(track.heading(time) - np.arctan2(v_n[:, 1], v_n[:, 0]))
+    slope, offset = np.polyfit(time - time[0], apart, 1)
+    rms = float(np.std(apart - slope * (time - time[0]) - offset))
+    return float(slope), float(np.sqrt(12.0) * np.hypot(rms, CHANGING * speed.slip_sd) / (time[-1] - time[0]))
 
 
 def level_in_motion(

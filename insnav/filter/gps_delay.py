@@ -17,6 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from insnav import strapdown
+from insnav.alignment.in_motion import SPAN, STEADY, bias_by_course, gives_velocities, sure_motion
 from insnav.attitude import rph_from_quat
 from insnav.exceptions import DivergenceError
 from insnav.filter.gates import Gates
@@ -28,8 +30,7 @@ from insnav.filter.prepare import Prepared
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import History
 from insnav.kernels.errorstate import feed_back
-from insnav.strapdown import TIME_TOLERANCE
-from insnav.types import FloatArray
+from insnav.types import Alignment, FloatArray
 from insnav.units import DEG
 
 GRID = 0.1  # first steps: the likelihood of a delay is as wide as a manoeuvre [s]
@@ -371,7 +372,7 @@ def with_surer_start(ready: Prepared, history: History) -> Prepared | None:
     if alignment.static is not None or alignment.heading_method == "given":
         return None
     found, time = history.smooth(), ready.gps.time - ready.settings.delay
-    fixes = np.count_nonzero((time > found.time[0]) & (time <= found.time[-1] + TIME_TOLERANCE))
+    fixes = np.count_nonzero((time > found.time[0]) & (time <= found.time[-1] + strapdown.TIME_TOLERANCE))
     if np.count_nonzero(found.used) < TRUE_FIXES * fixes:
         return None
     x, correction = found.state[0].copy(), found.correction[0].copy()
@@ -386,4 +387,21 @@ def with_surer_start(ready: Prepared, history: History) -> Prepared | None:
         level_method=f"{alignment.level_method}, then filter",
         heading_method=f"{alignment.heading_method}, then filter",
     )
-    return ready.started(alignment)
+    return ready.started(alignment if gives_velocities(ready.gps) else _with_course(ready, alignment))
+
+
+def _with_course(ready: Prepared, alignment: Alignment) -> Alignment:
+    """An alignment with its bias about the vertical also by the course after it: on a straight road nothing else tells.
+
+    What it leaves of the other biases tilts the gyros' frame, and turns them into the vertical.
+    """
+    gps = replace(ready.gps, time=ready.gps.time - ready.settings.delay)
+    rows = slice(*np.searchsorted(ready.imu.time, alignment.time + np.array([-SPAN, STEADY + SPAN])))
+    samples = strapdown.intervals(ready.imu.rows(rows), ready.nominal)
+    bias, sd = bias_by_course(samples, alignment, sure_motion(gps, alignment.time)[0], float(gps.lla[0, 0]))
+    sd = float(np.hypot(sd, alignment.gyro_bias_sd[:2] @ np.abs(np.sin(alignment.rph[1::-1]))))
+    share = 1.0 / (1.0 + (sd / alignment.gyro_bias_sd[2]) ** 2)
+    by, by_sd = alignment.gyro_bias.copy(), alignment.gyro_bias_sd.copy()
+    by[2] += share * bias
+    by_sd[2] *= np.sqrt(1.0 - share)
+    return replace(alignment, gyro_bias=by, gyro_bias_sd=by_sd)

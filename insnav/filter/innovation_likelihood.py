@@ -353,13 +353,12 @@ class InnovationLikelihood:
         return np.array(push)
 
     def bias_seen(self, at: FloatArray) -> float:
-        """Negative log-likelihood of the gyro bias that a static alignment saw."""
+        """Negative log-likelihood of the gyro bias that the alignment saw."""
         known = self._ready.alignment.gyro_bias_sd
-        if not np.isfinite(known).all():
-            return 0.0
+        seen = np.isfinite(known)
         gyro = self.spec(at).gyro
-        variance = gyro.bias**2 + gyro.bias_instability**2 + known**2
-        return 0.5 * float(np.sum(np.log(variance) + self._ready.alignment.gyro_bias**2 / variance))
+        variance = (gyro.bias**2 + gyro.bias_instability**2 + known**2)[seen]
+        return 0.5 * float(np.sum(np.log(variance) + self._ready.alignment.gyro_bias[seen] ** 2 / variance))
 
 
 def cost_of(innovation: FloatArray, variance: FloatArray) -> float:
