@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import insnav
-from insnav.alignment.in_motion import velocity
+from insnav.alignment.in_motion import Velocity, velocity
 from insnav.attitude import dcm_from_rph, quat_from_rotvec, quat_from_rph, quat_multiply, wrap_pi
 from insnav.earth import lla_offset, ned_offset
 from insnav.filter import FilterSettings, Navigator
@@ -23,6 +23,7 @@ from insnav.filter.prepare import DELAY_SD, Prepared, Start
 from insnav.kernels import aiding_measurements as kernel
 from insnav.kernels.errorstate import STATES
 from insnav.simulate import reference, without_fixes
+from insnav.types import ImuData
 from insnav.units import DEG
 from tests.filter import drives
 
@@ -185,6 +186,26 @@ def test_stops_are_those_of_the_drive():
     assert stretches.shape[0] >= 3
     assert speed.max() < 0.05
     assert np.isfinite(rate_sd).all()
+
+
+def test_what_stops_softly_is_no_stop_before_it_stands():
+    """Speed dies away by e in 1.2 s, without vibration below a metre a second; with it stops began at 0.8 m/s."""
+    rng, step, lap = np.random.default_rng(4), 0.01, 90.0
+    time = np.arange(step, 4 * lap, step)
+    into = time % lap
+    speed = 12.0 * np.where(into < 30.0, 1.0, np.exp((30.0 - into) / 1.2) + np.exp((into - 60.0) / 1.2))
+    speed = np.minimum(speed, 12.0)
+    shaken = rng.normal(size=(time.size, 6)) * np.repeat([0.3, 0.01], 3) * (speed > 1.0)[:, None]
+    noise = rng.normal(size=(time.size, 6)) * np.repeat([0.01, 0.001], 3)
+    force = np.column_stack([np.gradient(speed, step), np.zeros(time.size), np.full(time.size, -9.8)])
+    imu = ImuData(time, (shaken + noise)[:, 3:], force + (shaken + noise)[:, :3])
+    seen = np.arange(1.0, time[-1])
+    v_n = np.column_stack([np.interp(seen, time, speed), np.zeros((seen.size, 2))])
+    stops, _, note = find_stops(imu, Velocity(seen, v_n, np.full(seen.size, 0.05)), drives.SPEC)
+    print(note)
+    inside = np.any((time[:, None] > stops[:, 0]) & (time[:, None] <= stops[:, 1]), axis=1)
+    assert speed[inside].max() < 0.1
+    assert inside.sum() * step > 0.7 * (speed < 0.05).sum() * step
 
 
 def test_zupt_holds_the_velocity_and_finds_the_gyro_bias():

@@ -19,6 +19,8 @@ WINDOW = 0.5  # length of the windows that are classified: several periods of an
 STATIONARY, MOVING = 0.15, 1.0  # speed below, or above, which there is no doubt [m/s]
 FALSE_STOPS = 0.002  # share of moving windows that may be taken for stationary: a false ZUPT costs metres
 FEWEST_STOPS = 0.5  # share of stationary windows that must be found for it to be worth while
+# Specific force against that of the rest: what comes to a stop softly, or sets off, shakes no more below 1 m/s [m/s^2]
+STEADY = 0.05
 VELOCITY_SD = 0.02  # of a vehicle that stands with its engine running [m/s]
 
 
@@ -81,6 +83,9 @@ def find_stops(imu: ImuData, speed: Velocity, spec: ImuSpec) -> tuple[FloatArray
     rates = f"{100 * right:.0f} % of stops detected, {100 * wrong:.3g} % false"
     if stationary.all() or wrong > FALSE_STOPS or right < FEWEST_STOPS:
         return none, no_sd, f"ZUPT: not used, {rates}"
+    force = blocks[1].mean(axis=1)
+    for a, b in runs_of(stationary):
+        stationary[a:b] = np.linalg.norm(force[a:b] - np.median(force[a:b], axis=0), axis=1) < STEADY
     # the first and the last window of a stop may hold a moment of braking or starting
     stops = np.array([[begin[a] + 0.5 * WINDOW, end[b - 1] - 0.5 * WINDOW] for a, b in runs_of(stationary)])
     stops = stops[stops[:, 1] - stops[:, 0] >= WINDOW]
