@@ -140,10 +140,12 @@ def _doubted(ready: Prepared) -> tuple[Prepared, Gates]:
 
 
 def _thinned(ready: Prepared) -> Prepared:
-    """Take so many fixes as are needed of what is looked at."""
+    """Take so many fixes as are needed of what is looked at, and that of the start."""
     time = ready.gps.time
     number = np.floor((time - time[0]) / (min(time[-1] - time[0], LONGEST) / FIXES) + 1e-6)
-    return replace(ready, gps=ready.gps.rows(np.flatnonzero(np.diff(number, prepend=-1.0) > 0.0)))
+    wanted = np.diff(number, prepend=-1.0) > 0.0
+    wanted[np.argmin(np.abs(time - ready.settings.delay - ready.initial.time))] = True  # whose attitude is known
+    return replace(ready, gps=ready.gps.rows(np.flatnonzero(wanted)))
 
 
 def scale_of(
