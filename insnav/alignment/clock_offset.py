@@ -212,7 +212,17 @@ def _of_gps(gps: GpsData) -> _Track | None:
     fast &= known
     # what fixes claim may be errors that last, in which no acceleration is hidden; or too little
     scatter = 1.4826 / math.sqrt(6.0) * float(np.median(np.abs(np.diff(v, n=2, axis=0))))
-    return _Track(speed.time, turn, v, np.asarray(fast), known, scatter)
+    return _Track(speed.time, turn, _levelled(speed.time, v), np.asarray(fast), known, scatter)
+
+
+def _levelled(time: FloatArray, v: FloatArray) -> FloatArray:
+    """Velocities less what lasts (n, 2) [m/s]: the level of the samples follows it, and they do not show it."""
+    follows = 1.0 - np.exp(-np.diff(time, prepend=time[0]) / LEVELLING)
+    lasting, at = np.empty_like(v), v[0]
+    for row, share in enumerate(follows.tolist()):
+        at = at + share * (v[row] - at)
+        lasting[row] = at
+    return v - lasting
 
 
 def _over(track: _Track, ends: Sequence[FloatArray]) -> FloatArray:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import insnav
-from insnav.alignment.clock_offset import STEP, Unlike, _best_lag, _compared, find_clock_offset
+from insnav.alignment.clock_offset import STEP, Unlike, _best_lag, _compared, find_clock_offset, likeness
 from insnav.alignment.turn_scale import turn_scale
 from insnav.attitude import dcm_from_rph
 from insnav.exceptions import InputError
@@ -17,8 +17,9 @@ from insnav.input import read_gps, read_imu
 from insnav.session.clock import clock_offset
 from insnav.simulate import GpsErrors
 from insnav.strapdown import intervals, joined, pieces
+from insnav.units import DEG
 from tests.alignment.test_alignment import STILL
-from tests.filter.drives import without_velocities
+from tests.filter.drives import PLACE, without_velocities
 from tests.shared import recorded
 from tests.simulate.motions import Segment, drive, measured
 
@@ -248,3 +249,13 @@ def test_fixes_ten_seconds_apart_tell_no_offset_of_three():
     imu, gps = (each.rows((each.time >= 111184.0) & (each.time < 112084.0)) for each in (imu, gps))
     gps = without_velocities(gps.rows(slice(None, None, 50)))
     assert find_clock_offset(intervals(imu), with_sd(gps)[0]) is None
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_accelerations_that_last_are_those_of_the_samples(seed):
+    """A train takes minutes for its curves, in which the level of the samples follows: files of one were refused."""
+    runs = [Segment(60.0), Segment(80.0, speed=35.0), Segment(120.0, turn=20 * DEG), Segment(100.0, speed=22.0)]
+    runs += [Segment(90.0, turn=-30 * DEG), Segment(60.0, speed=38.0), Segment(100.0, speed=10.0, turn=60 * DEG)]
+    truth = drive([*runs, Segment(60.0, speed=0.0), Segment(40.0)], PLACE, seed=seed, heading=0.4)
+    imu, gps = measured(truth, 50.0, "automotive", GpsErrors((1.0, 1.0, 1.5), velocity_noise=(0.05, 0.05, 0.05)), seed)
+    assert likeness(intervals(imu), with_sd(gps)[0])[0] > 0.9

@@ -61,14 +61,16 @@ def epoch_offset(imu: ImuData, gps: GpsData) -> tuple[float, str] | None:
 
 
 def named_offset(offset: float, sd: float) -> tuple[float, str]:
-    """An offset of clocks [s] as leap seconds and time zones have it, if it is that within its sd, and its name.
+    """An offset of clocks [s] as leap seconds, zones and whole days have it, if it is that within its sd, and its name.
 
     Time zones differ from UTC by halves of an hour, but for three small ones.
     """
     for leap in (0.0, LEAP, -LEAP):
         zone = ZONE * round((offset - leap) / ZONE)
-        if abs(zone) <= 14 * HOUR and (zone or leap) and abs(offset - leap - zone) < np.clip(3.0 * sd, 0.1, 1.0):
-            parts = [f"{zone / HOUR:+.4g} h: a time zone"] * bool(zone)
+        whole = zone % DAY == 0.0  # 86399.998 s is a day, too
+        near = abs(offset - leap - zone) < np.clip(3.0 * sd, 0.1, 1.0)
+        if near and (zone or leap) and (whole or abs(zone) <= 14 * HOUR):
+            parts = [f"{zone / HOUR:+.4g} h: {'whole days' if whole else 'a time zone'}"] * bool(zone)
             parts += [f"{leap:+.0f} s: leap seconds of UTC against GPS time"] * bool(leap)
             return zone + leap, f"; that is {', '.join(parts)}"
     return round(offset, 3), ""
