@@ -147,7 +147,8 @@ def drive_of(readings: Readings) -> Drive:
 
     imu, yaw, note = in_likely_axes(mounted, prepared)
     settings = replace(settings, mounting_yaw=yaw)
-    return replace(drive, readings=replace(readings, imu=imu), settings=settings, notes=(*clocks, note, *assumed))
+    turned = (*turned[:-1], note) if imu is mounted else (note,)
+    return replace(drive, readings=replace(readings, imu=imu), settings=settings, notes=(*clocks, *turned, *assumed))
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,7 +29,7 @@ from insnav.units import DEG
 LOOK = 1800.0  # a drive of that length tells the mounting [s]
 TURNED = 10.0 * DEG  # a smaller yaw is within what slip and wind make of the course [rad]
 WORDS = {"F": "forward", "B": "back", "R": "right", "L": "left", "D": "down", "U": "up"}
-UPRIGHT = "FRD"
+UPRIGHT, INVERTED = "FRD", "FLU"
 QUARTERS, QUARTER = (UPRIGHT, "RBD", "BLD", "LFD"), 0.5 * np.pi  # x forward, then turned to the right
 SLANTED = 20.0 * DEG  # an IMU turned so far from a quarter is not meant to point along an axis of the vehicle
 POINTED = 0.9  # length of the mean direction of travel in the vehicle of what goes where it points [-]
@@ -61,7 +61,7 @@ def as_mounted(
     """Samples in the axes of the vehicle if none were given, the yaw of the IMU that is left [rad], and notes.
 
     Raises: InputError: the axes are left-handed, the gyros turn against the accelerometers or are in another order, or
-    z points up and nothing tells how the other axes point.
+    z points up and the vehicle does not move.
     """
     if fixes is None:
         return imu, 0.0, ()
@@ -69,11 +69,19 @@ def as_mounted(
     given = inputs.get("axes")
     if found is None:
         from_file = bool(imu.facts.columns)  # whose axes are anybody's guess
+        moves = given is None and sure_motion(fixes, float(data.time[0]))[1] is not None
         if given is None and from_file and imu.facts.axes == UPRIGHT:
             scale = 1.0 / float(np.median(np.diff(data.time))) if data.sampling == "increment" else 1.0
             quiet = quiet_part(data.gyro, data.accel, interval=1.0 / imu.facts.rate_hz, scale=scale)
-            check_axes(quiet, None, where=imu.facts.path)
-        moves = given is None and sure_motion(fixes, float(data.time[0]))[1] is not None
+            try:
+                check_axes(quiet, None, where=imu.facts.path)
+            except InputError:
+                if not moves:
+                    raise
+                imu, note = _turned(
+                    imu, axes_matrix(INVERTED), INVERTED, "z reads +9.8 m/s^2 at rest, and x is assumed"
+                )
+                return imu, 0.0, (note, UNTOLD)
         return imu, 0.0, (UNTOLD,) * moves
     if not found.right_handed:
         raise _refused(found, imu.facts.path)
