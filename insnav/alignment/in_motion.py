@@ -196,9 +196,13 @@ def first_motion(speed: Velocity, start: float) -> float | None:
 
 
 def sure_motion(gps: GpsData, start: float) -> tuple[Velocity, float | None]:
-    """Velocity, from positions no farther apart than it takes, and when by it the vehicle first is surely moving."""
-    for slowest, difference in itertools.product((SLOWEST, CRAWL), (DIFFERENCE, *LONGER)):
-        speed = replace(velocity(gps, difference), slowest=slowest)
+    """Velocity, from positions no farther apart than it takes, and when by it the vehicle first is surely moving.
+
+    Velocities that scatter too much for that, as those of a walk five times a second, give way to positions.
+    """
+    unknown = replace(gps, v_n=np.full_like(gps.v_n, np.nan))
+    for by, slowest, difference in itertools.product((gps, unknown), (SLOWEST, CRAWL), (DIFFERENCE, *LONGER)):
+        speed = replace(velocity(by, difference), slowest=slowest)
         if speed.time.size and (moving := first_motion(speed, start)) is not None:
             return speed, moving
     return velocity(gps), None
