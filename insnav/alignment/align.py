@@ -26,6 +26,7 @@ MOVED = 3.0  # standard deviations of the way between two positions from which i
 # then: none that follows on a change of velocity by more than STATIC_SPEED and this for each second [m/s^2]
 UNSEEN, LEVEL_DRIFT = 30.0, 0.05
 SOON = 10.0  # a stop that begins this soon after the first fix is the start of the drive [s]
+HIDDEN = 60.0  # that motion may be hidden for by the noise of positions [s]
 COURSE_TIME = 0.5  # a course in motion may be off by the turn in this time, or up to the nearest velocity [s]
 SPARSE = 5.0  # fixes farther apart show no change of velocity in a short record [s]
 LATER = 10.0  # fixes that go on for longer than the samples may have seen what these have not [s]
@@ -224,7 +225,7 @@ def _in_motion(
     parts: Intervals, spec: ImuSpec, gps: GpsData, start: float, heading: float | None, yaw: float, lever_sd: float
 ) -> Alignment:
     """`start`: first fix that the samples cover [s]."""
-    speed, moving = motion.sure_motion(gps, start)
+    speed, moving = motion.sure_motion(gps, start, HIDDEN)
     if moving is None:
         raise AlignmentError(
             "the IMU cannot be aligned",

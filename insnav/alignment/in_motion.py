@@ -195,16 +195,20 @@ def first_motion(speed: Velocity, start: float) -> float | None:
     return float(speed.time[moving[0]]) if moving.size else None
 
 
-def sure_motion(gps: GpsData, start: float) -> tuple[Velocity, float | None]:
+def sure_motion(gps: GpsData, start: float, hidden: float = np.inf) -> tuple[Velocity, float | None]:
     """Velocity, from positions no farther apart than it takes, and when by it the vehicle first is surely moving.
 
-    Velocities that scatter too much for that, as those of a walk five times a second, give way to positions.
+    Velocities that scatter too much for that, as those of a walk five times a second, give way to positions. Those
+    farther apart, which show the motion of slow ships for longer, are taken if nearer ones hide it longer than `hidden`
+    [s]: what stands may seem to move by them.
     """
     unknown = replace(gps, v_n=np.full_like(gps.v_n, np.nan))
-    for by, slowest, difference in itertools.product((gps, unknown), (SLOWEST, CRAWL), (DIFFERENCE, *LONGER)):
-        speed = replace(velocity(by, difference), slowest=slowest)
-        if speed.time.size and (moving := first_motion(speed, start)) is not None:
-            return speed, moving
+    for by, slowest in itertools.product((gps, unknown), (SLOWEST, CRAWL)):
+        speeds = [replace(velocity(by, difference), slowest=slowest) for difference in (DIFFERENCE, *LONGER)]
+        found = [(speed, moving) for speed in speeds if (moving := first_motion(speed, start)) is not None]
+        if found:
+            soon = min(moving for _, moving in found) + hidden
+            return next((speed, moving) for speed, moving in found if moving <= soon)
     return velocity(gps), None
 
 

@@ -38,6 +38,7 @@ DELAY_SD = 0.05  # how well receivers and loggers agree on time if nothing else 
 CORRELATED = "time-correlated GPS position errors"
 FEWEST_FIXES = 5  # of a part of the record that is aligned by itself
 ROUNDS = 3  # of alignment, and of fixes less the lever arm that it turns
+AFTER = 2.0 * motion.SPAN + LEVEL_SPAN  # the first motion, or the start: no alignment looks farther [s]
 LONGEST_REST = 3600.0  # that searches go beyond [s]
 START_VELOCITY_SD = 0.1  # lever arm and turn between antenna and IMU at the start, on top of the fix [m/s]
 
@@ -111,7 +112,8 @@ class Prepared:
     def started(self, alignment: Alignment) -> Prepared:
         """The same recording with another alignment, at the time of its own."""
         good = _good(replace(self.gps, time=self.gps.time - self.settings.delay), self.settings.gates)
-        parts = strapdown.intervals(_first_part(self.imu, good), self.nominal)
+        until = int(np.searchsorted(self.imu.time, alignment.time + AFTER))
+        parts = strapdown.intervals(self.imu.rows(slice(until)), self.nominal)
         initial = _at_fix(alignment, parts, good, self.model, self.settings)
         return replace(self, alignment=alignment, initial=initial)
 
@@ -310,11 +312,11 @@ def _resting(imu: ImuData, gps: GpsData) -> GpsData:
 
 
 def _first_part(imu: ImuData, gps: GpsData) -> ImuData:
-    """Samples up to a little after the first motion that GPS sees: no alignment looks farther."""
+    """Samples up to a little after the first motion that GPS sees."""
     moving = motion.first_motion(motion.velocity(gps), float(imu.time[0]))
     if moving is None:
         return imu
-    return imu.rows(slice(int(np.searchsorted(imu.time, moving + 2.0 * motion.SPAN + LEVEL_SPAN))))
+    return imu.rows(slice(int(np.searchsorted(imu.time, moving + AFTER))))
 
 
 def _at_fix(

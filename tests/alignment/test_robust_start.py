@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from insnav.alignment import align_static
+from insnav.alignment.in_motion import sure_motion
 from insnav.attitude import wrap_pi
 from insnav.earth import lla_offset
 from insnav.exceptions import AlignmentError
@@ -113,6 +114,17 @@ def test_a_start_in_motion_is_at_a_fix():
     found = aligned(replace(record, gps=replace(gps, v_n=unknown, velocity_sd=unknown)))
     assert found.static is None
     assert np.abs(time - found.time).min() < 1e-9
+
+
+def test_slow_ships_are_seen_to_move_by_positions_farther_apart():
+    """6 m/s, later 8: by positions of 1.75 m two seconds apart it moved from 400 s on only, and the start was there."""
+    time = np.arange(1.0, 900.0)
+    way = np.cumsum(np.where(time < 400.0, 6.0, 8.0))
+    lla = lla_offset(np.tile(PLACE, (time.size, 1)), way[:, None] * np.array([0.8, 0.6, 0.0]))
+    unknown = np.full((time.size, 3), np.nan)
+    gps = GpsData(time, lla, unknown, np.full((time.size, 3), 1.75), unknown)
+    assert sure_motion(gps, 0.0)[1] > 390.0
+    assert sure_motion(gps, 0.0, 60.0)[1] < 10.0
 
 
 @pytest.mark.parametrize("length", [0.05, 0.4, 1.5, 5.0, 11.0])
