@@ -90,7 +90,7 @@ class LateFixes:
         v = x[:, 3:6] + fed[good, 3:6]
         covariance = epochs.shape[1] - at.states * (at.states + 1) // 2  # its lower triangle
         unsure = epochs[good][:, covariance + np.array([9, 14, 20])]
-        self.moves = bool(np.sum(v**2) > STILL * np.sum(unsure))
+        self.moves = bool(np.mean(np.sum(v**2, axis=1) / np.sum(unsure, axis=1)) > STILL)  # after a gap all is unsure
         taken = np.cumsum(np.vstack([np.zeros(at.states), fed[:-1]]), axis=0)[good]
         taken = np.hstack([taken, np.zeros((self._rows.size, 3))])  # at -1, where an arm is no state
         lever, shaken = (settings.lever_b - taken[:, k:][:, :3] for k in (at.lever, max(at.shaken, at.lever)))

@@ -90,6 +90,7 @@ GPS = {
     "sdu(m)": ("sd_d", 1.0),
     "sd_vn_m_s": ("sd_vn", 1.0),
     "std_ve": ("sd_ve", None),
+    "sd_velocity_north_m_s": ("sd_vn", 1.0),
     "yaw": ("heading", None),
     "heading_deg": ("heading", math.pi / 180),
     "fix": ("fix", None),
