@@ -15,6 +15,7 @@ from insnav.input.formats import delimited_text, nmea
 from insnav.input.formats.source import Source, open_source
 from insnav.input.formats.table import Table
 from insnav.input.formats.unsupported import unsupported
+from insnav.input.interpret.composed import composed
 from insnav.plain_text import plain_text
 
 
@@ -58,7 +59,7 @@ def open_table(path: str | Path | Table, part: str = "") -> Table:
     `part` {"", "imu", "gps", "reference"}: which table is wanted if the file holds several.
     Raises: InputError: the file cannot be read, is of no supported format, or does not hold that part.
     """
-    return path if isinstance(path, Table) else choose_table(open_tables(path), part, (), plain_text(path))
+    return composed(path) if isinstance(path, Table) else choose_table(open_tables(path), part, (), plain_text(path))
 
 
 def open_tables(path: str | Path) -> Mapping[str, Table]:
@@ -76,7 +77,8 @@ def tables_of(source: Source) -> Mapping[str, Table]:
         usual = f"give one of the supported formats: {', '.join(suffixes())}, also with .gz, .zip"
         raise InputError(f"the file looks like {what}", where=source.name, why="by its first bytes", fix=fix or usual)
     try:
-        return {part: replace(table, format=table.format or chosen.name) for part, table in chosen.read(source).items()}
+        tables = chosen.read(source)
+        return {part: composed(replace(each, format=each.format or chosen.name)) for part, each in tables.items()}
     except ImportError as error:
         extra = getattr(chosen, "extra", "")
         if not extra:

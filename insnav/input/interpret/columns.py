@@ -25,7 +25,7 @@ _MEANT = {
     "micros": "time (us)",
     "utcnano": "time (ns)",
 }
-_NO_UNITS = {"wgs84"}  # words in brackets that say something else
+_NO_UNITS = {"wgs84", "txt"}  # words in brackets that say something else
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pymap3d
 
-from tests.input.spellings.imu_files import digits, iso
+from tests.input.spellings.imu_files import digits, iso, parts_of_time
 from tests.input.spellings.recorded import DEG, GPS_HEADERS, UNIX, drive, fixes, table, text
 
 SHORT = "time,lat,lon,alt,vn,ve,vd,sdn,sde,sdu"
@@ -115,6 +116,23 @@ def _navsatfix(folder: Path) -> Path:
     columns += [(f"field.position_covariance{i}", text(variances.get(i, np.zeros(n)), 9)) for i in range(9)]
     columns += [("field.position_covariance_type", ["2"] * n)]
     return table(folder / "gps.csv", columns)
+
+
+def _earth_fixed(headers: str, unit: float = 1.0) -> Callable[[Path], Path]:
+    """Positions and velocities as another package turns them."""
+
+    def write(folder: Path) -> Path:
+        made = drive()
+        place = np.array(pymap3d.geodetic2ecef(*made.lla.T))
+        speed = np.array(pymap3d.enu2uvw(made.v[:, 1], made.v[:, 0], -made.v[:, 2], *made.lla[:, :2].T))
+        cells = [text(made.gps_t, 3), *(text(each / unit, 6) for each in (*place, *speed))]
+        return table(folder / "gps.csv", list(zip(headers.split(","), cells, strict=False)))
+
+    return write
+
+
+def _calendar(folder: Path) -> Path:
+    return table(folder / "gps.csv", [*parts_of_time(drive().gps_t), *fixes(SHORT)[1:]])
 
 
 def _phone(folder: Path) -> Path:
@@ -259,6 +277,10 @@ UNDERSTOOD: dict[str, tuple[Callable[[Path], object], str]] = {
     "a row twice": (_rows(lambda lines: [*lines[:5], lines[4], *lines[5:]]), "pvs"),
     "two rows exchanged": (_rows(lambda lines: [*lines[:5], lines[6], lines[5], *lines[7:]]), "pvs"),
     "milliseconds of the week": (_csv("iTOW,lat,lon,height", time=lambda t: text(t * 1e3, 0)), "p"),
+    "date and clock in columns": (_calendar, "pv"),
+    "Earth-fixed": (_earth_fixed("time,ecef_x,ecef_y,ecef_z,ecef_vx,ecef_vy,ecef_vz"), "pv"),
+    "Earth-fixed, kilometres": (_earth_fixed("time,X (km),Y (km),Z (km)", 1e3), "p"),
+    "Earth-fixed, not said": (_earth_fixed("t,x,y,z,vx,vy,vz"), "pv"),
     "ISO": (_csv("time,lat,lon,height", time=iso("%Y-%m-%dT%H:%M:%S.%fZ")), "p"),
     "ISO, local": (
         _csv("time,lat,lon,height", time=iso("%Y-%m-%d %H:%M:%S.%f+02:00", 2.0)),

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.input.spellings.recorded import DEG, G0, IMU_HEADERS, UNIX, drive, samples, table, text
+from tests.input.spellings.recorded import DEG, G0, IMU_HEADERS, START, UNIX, drive, samples, table, text
 
 SHORT = "time,gx,gy,gz,ax,ay,az"
 FLU = np.diag([1.0, -1.0, -1.0])
@@ -81,6 +81,27 @@ def _two_columns(folder: Path) -> Path:
     motion = samples(SHORT)
     date, clock = iso("%Y-%m-%d")(drive().t), iso("%H:%M:%S.%f")(drive().t)
     return table(folder / "imu.csv", [("date", date), ("time", clock), *motion[1:]])
+
+
+def parts_of_time(t: np.ndarray) -> list[tuple[str, list[str]]]:
+    """Columns of date and clock, in UTC, as MT Manager of Xsens writes them."""
+    moments = [datetime.datetime(1970, 1, 1) + datetime.timedelta(seconds=round(UNIX + each, 4)) for each in t]
+    names = ("year", "month", "day", "hour", "minute", "second")
+    columns = [(f"UTC_{name.title()}", [str(getattr(each, name)) for each in moments]) for name in names]
+    return [("UTC_Nano", [str(each.microsecond * 1000) for each in moments]), *columns]
+
+
+def _xsens(folder: Path) -> Path:
+    motion = samples("t,Gyr_X,Gyr_Y,Gyr_Z,Acc_X,Acc_Y,Acc_Z")
+    count = [str(i) for i in range(len(motion[0][1]))]
+    return table(folder / "imu.csv", [("PacketCounter", count), *parts_of_time(drive().t), *motion[1:]])
+
+
+def _ticks(folder: Path) -> Path:
+    """The counter begins anew on the way."""
+    motion, t = samples("t,Gyr_X,Gyr_Y,Gyr_Z,Acc_X,Acc_Y,Acc_Z"), drive().t - START
+    ticks = [str((round(each * 1e4) + 2**32 - 1_000_000) % 2**32) for each in t]
+    return table(folder / "imu.csv", [("SampleTimeFine", ticks), *motion[1:]])
 
 
 def _seconds_and_nanoseconds(folder: Path) -> Path:
@@ -295,6 +316,8 @@ UNDERSTOOD: dict[str, Callable[[Path], object]] = {
     "nanoseconds": _csv(time=_times(1e9)),
     "milliseconds named": _csv(SHORT.replace("time", "time_ms"), time=_times(1e3)),
     "seconds of the week and week": _week,
+    "Xsens, UTC": _xsens,
+    "text of SensorLog": _csv(SHORT.replace("time", "loggingTime(txt)"), time=iso("%Y-%m-%d %H:%M:%S.%f +0000")),
     "ISO with Z": _csv(time=iso("%Y-%m-%dT%H:%M:%S.%fZ")),
     "ISO with offset": _csv(time=iso("%Y-%m-%dT%H:%M:%S.%f+02:00", 2.0)),
     "ISO with offset, no colon": _csv(time=iso("%Y-%m-%dT%H:%M:%S.%f-0530", -5.5)),
@@ -322,6 +345,7 @@ CLOCKS: dict[str, tuple[Callable[[Path], object], Callable[[np.ndarray], list[st
     ),
     "over midnight": (_csv(time=iso("%H:%M:%S.%f", 6.4975)), iso("%H:%M:%S.%f", 6.4975)),
     "ROS stamps": (_seconds_and_nanoseconds, _times(1.0, UNIX, 3)),
+    "ticks of Xsens": (_ticks, _times(1.0, 2.0**32 * 1e-4 - 100.0 - START, 3)),
     "from zero": (_csv(time=_times(1.0, -408640.0, 4)), _times(1.0, -408640.0, 3)),
 }
 # sensors turned in the vehicle: where x, y, z point, or yaw; found from the drive

@@ -1,0 +1,169 @@
+"""Columns that are made of several others before the rest is understood: a time of its parts, a place on Earth.
+
+References
+----------
+Xsens MT Low-Level Communication Protocol: ``SampleTimeFine`` counts 0.1 ms; ``UTC_Nano``: nanoseconds of the second.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from insnav.attitude import dcm_from_quat
+from insnav.earth_fixed import lla_from_earth, quat_earth_from_level
+from insnav.exceptions import InputError
+from insnav.input.formats.table import Cells, Numbers, Table
+from insnav.input.formats.time_scales import Scale, gps_days, seconds_of_week
+from insnav.input.interpret.columns import match_header
+from insnav.input.interpret.schema import IMU_SCHEMA, compact
+from insnav.types import BoolArray, FloatArray
+from insnav.units import DEG
+
+_DATE, _CLOCK, _NANO = ("year", "month", "day"), ("hour", "minute", "second"), "nano"
+_TICKS, _TICK = "sampletimefine", 1e-4  # [s]
+_OF_TIME = re.compile(r"(utc|gps|time)*(year|month|day|hour|minute|min|second|sec|nano)s?(ns)?")
+_OF_PLACE = re.compile(r"(?:ecef|pos|position|field)*(v|vel|velocity)?(?:ecef)?([xyz])(?:ecef)?(?:[kcm]?m|[kcm]?ms)?")
+_EARTH = 6.33e6, 6.48e6  # distances of places from the centre of the Earth, up to 100 km of height [m]
+_SHARE = 0.9  # of the rows that must be such places
+_TIME = tuple(each for each in IMU_SCHEMA if each.key == "time")
+
+
+@dataclass(frozen=True, slots=True)
+class _Composed:
+    """Rows of a table with further columns, made of some of its own; see `Cells`."""
+
+    cells: Cells
+    width: int  # number of its own columns
+    made: tuple[tuple[tuple[int, ...], Callable[..., FloatArray]], ...]  # by what columns, and how
+
+    def read(self, indices: Sequence[int]) -> Numbers:
+        """See `Cells`."""
+        own = [i for i in indices if i < self.width]
+        wanted = {i: self.made[i - self.width] for i in indices if i >= self.width}
+        numbers = self.cells.read(sorted({*own, *(part for parts, _ in wanted.values() for part in parts)}))
+        columns = {i: numbers.columns[i] for i in own}
+        columns |= {i: make(*(numbers.columns[part] for part in parts)) for i, (parts, make) in wanted.items()}
+        return replace(numbers, columns=columns, texts={i: text for i, text in numbers.texts.items() if i in columns})
+
+    def line(self, row: int) -> str:
+        """See `Cells`."""
+        return self.cells.line(row)
+
+
+def composed(table: Table) -> Table:
+    """A table with its time in one column, and latitude, longitude and height, where it has them otherwise."""
+    words = [compact(header) for header in table.headers]
+    table = _timed(table, words)
+    return table if any(word.startswith("lat") for word in words) else _placed(table, words)
+
+
+def _added(
+    table: Table, parts: Sequence[int], columns: dict[str, Callable[..., FloatArray]], note: str, week: float | None
+) -> Table:
+    """A table with columns made of others, whose own headers are none any more."""
+    made = tuple((tuple(parts), make) for make in columns.values())
+    headers = tuple("" if i in parts else header for i, header in enumerate(table.headers))
+    units = None if table.units is None else (*table.units, *[""] * len(columns))
+    cells = _Composed(table.cells, len(headers), made)
+    notes = (*table.notes, note)
+    return replace(table, headers=(*headers, *columns), cells=cells, units=units, notes=notes, week=week or table.week)
+
+
+def _first(table: Table, parts: Sequence[int]) -> list[FloatArray] | None:
+    """Columns of a table; none if they are no numbers."""
+    try:
+        numbers = table.cells.read(parts)
+    except InputError:
+        return None
+    return None if numbers.texts or not numbers.n_rows else [numbers.columns[i] for i in parts]
+
+
+def _timed(table: Table, words: Sequence[str]) -> Table:
+    """With seconds from the parts of date and clock, or from the counter of the samples."""
+    found: dict[str, int] = {}
+    for i, word in enumerate(words):
+        if (named := _OF_TIME.fullmatch(word)) is not None:
+            found.setdefault({"min": "minute", "sec": "second"}.get(named[2], named[2]), i)
+    others = [header for i, header in enumerate(table.headers) if header and i not in found.values()]
+    if any(_is_time(header) for header in others):
+        return table
+    if found.keys() >= {*_DATE, *_CLOCK}:
+        names = [*_DATE, *_CLOCK, *[_NANO] * (_NANO in found)]
+        parts = [found[name] for name in names]
+        values = _first(table, parts)
+        scale: Scale = "GPST" if words[found["year"]].startswith("gps") else "UTC"
+        if values is not None and np.isfinite(_moments(*values)[0]).all():
+            day, second = _moments(*values)
+            first = seconds_of_week(day[:1], second[:1], scale)
+
+            def seconds(*by: FloatArray) -> FloatArray:
+                return seconds_of_week(*_moments(*by), scale, week=first.week).time
+
+            note = f"time from {table.headers[parts[0]]!r} … {table.headers[parts[-1]]!r}: {first.note}"
+            return _added(table, parts, {"time_s": seconds}, note, first.week)
+    if _TICKS in words:
+        ticks = words.index(_TICKS)
+        note = f"time from {table.headers[ticks]!r}, which counts 0.1 ms"
+        return _added(table, [ticks], {"time_s": lambda count: np.unwrap(count, period=2.0**32) * _TICK}, note, None)
+    return table
+
+
+def _is_time(header: str) -> bool:
+    try:
+        return match_header(header, _TIME) is not None
+    except InputError:  # in a unit that is none
+        return True
+
+
+def _moments(*by: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Days since 6 January 1980 and seconds, of year, month, day, hour, minute, second and nanoseconds."""
+    year = np.where(by[0] < 100.0, by[0] + 2000.0, by[0])
+    nano = by[6] * 1e-9 if len(by) > 6 else 0.0
+    return gps_days(year, by[1], by[2]), 3600.0 * by[3] + 60.0 * by[4] + by[5] + nano
+
+
+def _placed(table: Table, words: Sequence[str]) -> Table:
+    """With latitude, longitude, height, and velocity North, East, Down, from Earth-fixed x, y, z."""
+    found: dict[str, int] = {}
+    for i, word in enumerate(words):
+        if part := _OF_PLACE.fullmatch(word):
+            found.setdefault(("v" if part[1] else "") + part[2], i)
+    places, speeds = [found.get(axis, -1) for axis in "xyz"], [found.get(f"v{axis}", -1) for axis in "xyz"]
+    values = _first(table, places) if min(places) >= 0 else None
+    if values is None:
+        return table
+    size = np.linalg.norm(np.column_stack(values), axis=1)
+    fitting = [unit for unit in (1.0, 1e-2, 1e-3, 1e3) if _inside(unit * size).mean() > _SHARE]
+    if not fitting:
+        return table
+    unit = fitting[0]
+
+    def lla(*by: FloatArray) -> FloatArray:
+        r_e = unit * np.column_stack(by[:3])
+        known = _inside(np.linalg.norm(r_e, axis=1))
+        return np.where(known[:, None], lla_from_earth(np.where(known[:, None], r_e, [_EARTH[0], 0.0, 0.0])), np.nan)
+
+    def velocity(*by: FloatArray) -> FloatArray:
+        place = lla(*by)
+        turn = dcm_from_quat(quat_earth_from_level(np.nan_to_num(place)))
+        v_n: FloatArray = np.einsum("nij,ni->nj", turn, unit * np.column_stack(by[3:]))
+        return v_n + 0.0 * place
+
+    def column(of: Callable[..., FloatArray], i: int, scale: float = 1.0) -> Callable[..., FloatArray]:
+        return lambda *by: of(*by)[:, i] / scale
+
+    made = {"lat_deg": column(lla, 0, DEG), "lon_deg": column(lla, 1, DEG), "height_m": column(lla, 2)}
+    parts = places
+    if min(speeds) >= 0 and _first(table, speeds) is not None:
+        parts = [*places, *speeds]
+        made |= {f"v{axis}_m_s": column(velocity, i) for i, axis in enumerate("ned")}
+    named = ", ".join(table.headers[i] for i in parts)
+    return _added(table, parts, made, f"place from Earth-fixed {named}: heights are above the ellipsoid", None)
+
+
+def _inside(size: FloatArray) -> BoolArray:
+    return np.asarray((size > _EARTH[0]) & (size < _EARTH[1]))
