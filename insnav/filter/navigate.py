@@ -21,7 +21,7 @@ from insnav.filter.measurements.zero_velocity import ZeroVelocity
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import Prepared, Start, prepare
 from insnav.filter.settings import FilterSettings
-from insnav.filter.whole_record import OPEN, WEAKER, decided, unlikely
+from insnav.filter.whole_record import OPEN, WEAKER, contradicted, decided, unlikely
 from insnav.imu.specification import ImuSpec
 from insnav.types import Event, EventKind, FloatArray, GpsData, ImuData, Run, StateChange, Trajectory
 
@@ -30,6 +30,7 @@ AidingChoice = Literal["auto", "on", "off"]
 # 1.9 and 2.2 times that.
 ABSORBED = 2.5
 GAP_WORTH = 3.0  # a GPS gap from which other aiding is worth a second pass: less drifts by centimetres [s]
+CREEPS = 10.0  # twice the logarithm of how much likelier fixes must be without the stops that none of them sees
 PLAUSIBLE = 3.0  # a lever arm found within so many standard deviations of the one given, or none, is believed
 UNKNOWN_HEIGHT = 1000.0  # standard deviation where fixes have none [m]
 ASSUMED = NonHolonomic, ZeroVelocity  # what no sensor measures: how vehicles move
@@ -86,7 +87,8 @@ def navigate_prepared(
     if aiding == "on" or (aiding == "auto" and (ready.settings.logs or _longest_gap(ready) > GAP_WORTH)):
         ready = aided(ready, spec, None if progress is None else _half_of(progress, 0.0))
         progress = None if progress is None else _half_of(progress, 0.5)
-    run, found = _decided(ready, _run(ready, progress))
+    ready, run = _standing(ready, _run(ready, progress))
+    run, found = _decided(ready, run)
     outside = _outside(ready.gps.time - ready.settings.delay, ready.initial.time, float(ready.imu.time[-1]))
     events = (*ready.faults, *found, *run.events, *outside)
     run = replace(thinned(run, every), events=events, gps_delay=run.gps_delay + ready.clock)
@@ -174,6 +176,31 @@ def aided(ready: Prepared, spec: ImuSpec, progress: Callable[[float], None] | No
         axes_sd[2] = max(axes_sd[2], first.mounting.sd[1])  # no heading by it is surer than straight ahead is known
     model, settings = replace(ready.model, axes_sd=axes_sd), replace(ready.settings, aiding=aiding)
     return replace(ready, model=model, settings=settings, notes=(*ready.notes, *notes))
+
+
+def _standing(ready: Prepared, run: Run) -> tuple[Prepared, Run]:
+    """Without stops in gaps of the fixes, or without any, if these contradict them: what creeps may not shake."""
+    settings, aiding = ready.settings, ready.settings.aiding or ()
+    zupt = next((each for each in aiding if isinstance(each, ZeroVelocity)), None)
+    if zupt is None or run.smoothed is None or not contradicted(run, ready.gps, settings):
+        return ready, run
+    time = ready.gps.time - settings.delay
+    edges = np.concatenate([[-np.inf], time if ready.gps.fix is None else time[ready.gps.fix != 0], [np.inf]])
+    rows = np.searchsorted(edges, zupt.stops)
+    seen = np.array([np.diff(edges[a - 1 : b + 1]).max() <= GAP_WORTH for a, b in rows])
+    others = tuple(each for each in aiding if each is not zupt)
+    notes = tuple(note for note in ready.notes if not note.startswith("ZUPT"))
+    least, best = unlikely(run, ready.gps, settings) - CREEPS, (ready, run)
+    for kept in ([seen] if seen.any() and not seen.all() else []) + [np.zeros_like(seen)]:
+        some = (replace(zupt, stops=zupt.stops[kept]),) * bool(kept.any())
+        where = f"only where fixes see the vehicle stand, {kept.sum()} of {kept.size} stops" if some else "not used"
+        said = f"ZUPT: {where}, as fixes contradict {'the others' if some else 'it'}: it creeps without shaking"
+        bare = replace(ready, settings=replace(settings, aiding=(*others, *some)), notes=(*notes, said))
+        other = _run(bare, None)
+        cost = unlikely(other, bare.gps, bare.settings)
+        if cost < least:
+            least, best = cost, (bare, other)
+    return best
 
 
 def _axes(run: Run, ready: Prepared) -> tuple[str, ...]:
