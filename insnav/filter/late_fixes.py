@@ -37,6 +37,7 @@ REACH = 2.0  # delays looked for, early and late [s]
 EDGE = REACH + 1.0  # fixes so near to the ends of the record may be of a time outside [s]
 # Part of the fixes, from the start on, by which no case is the likeliest that another one is likelier than by so much
 SOON, UNLIKELY = 0.3, 50.0
+GAP = 100.0  # times the usual variance of a velocity, that of one after a gap of the fixes
 BLOCK, BLOCKS = (10.0, 20.0), 3  # parts whose errors are independent: how long, and so many of a short record [s]
 OPEN_START = 20.0, 2.0, 5.0 * DEG  # sd of position [m], velocity [m/s], attitude at the start, which is late, too
 
@@ -89,8 +90,9 @@ class LateFixes:
         x, fed = epochs[good, STATE : STATE + 10], self._tape[8]
         v = x[:, 3:6] + fed[good, 3:6]
         covariance = epochs.shape[1] - at.states * (at.states + 1) // 2  # its lower triangle
-        unsure = epochs[good][:, covariance + np.array([9, 14, 20])]
-        self.moves = bool(np.mean(np.sum(v**2, axis=1) / np.sum(unsure, axis=1)) > STILL)  # after a gap all is unsure
+        unsure = np.sum(epochs[good][:, covariance + np.array([9, 14, 20])], axis=1)
+        usual = unsure <= GAP * np.median(unsure)  # after a gap it is known to metres a second
+        self.moves = bool(np.sum(v[usual] ** 2) > STILL * np.sum(unsure[usual]))
         taken = np.cumsum(np.vstack([np.zeros(at.states), fed[:-1]]), axis=0)[good]
         taken = np.hstack([taken, np.zeros((self._rows.size, 3))])  # at -1, where an arm is no state
         lever, shaken = (settings.lever_b - taken[:, k:][:, :3] for k in (at.lever, max(at.shaken, at.lever)))

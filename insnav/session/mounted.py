@@ -121,9 +121,9 @@ def in_likely_axes(
     """As `as_mounted` where accelerations tell nothing: by the fixes, with x forward, backward, to the right or left.
 
     Slow vehicles hardly accelerate, but turn: with x of the IMU taken for that of the vehicle the heading begins wrong
-    by quarters of a turn. `UNTOLD` if fixes are no likelier with other axes than with x forward. What does not go where
-    it points, as drones do, keeps its axes, and begins with the likeliest heading. `prepared`: prepares the drive with
-    samples.
+    by quarters of a turn. `UNTOLD` if fixes are no likelier with other axes than with x forward, unless all that are as
+    likely end with the same heading, which is not where the vehicle goes. What does not go where it points, as drones
+    do, keeps its axes, and begins with the likeliest heading. `prepared`: prepares the drive with samples.
     """
     seen, begin = dict[str, Filtered](), imu.data.beginning(LOOK)
     for letters in QUARTERS:
@@ -131,19 +131,22 @@ def in_likely_axes(
             seen[letters] = filtered(prepared(_in_axes(begin, axes_matrix(letters))))
     best = min(seen, key=lambda each: seen[each].misfit, default=UPRIGHT)
     # none if all of them diverge, or are unlikely
-    epochs = seen[best].epochs if UPRIGHT in seen and seen[best].squares < LIKELY else None
-    if epochs is None or (seen[UPRIGHT].misfit - seen[best].misfit) * seen[best].ready.gps.time.size <= LIKELIER:
+    if UPRIGHT not in seen or seen[best].epochs is None or seen[best].squares >= LIKELY:
         return imu, 0.0, UNTOLD
-    settled = epochs[epochs.shape[0] // 2 :, STATE : STATE + 10]  # a heading that began wrong has come round by then
-    along = settled[:, 3] - 1j * settled[:, 4]
-    ahead = np.exp(1j * rph_from_quat(settled[:, 6:])[:, 2]) * along * np.abs(along)
-    yaw = QUARTERS.index(best) * QUARTER
-    if abs(ahead.sum()) < POINTED * np.sum(np.abs(ahead)):
+    most = seen[best].misfit + LIKELIER / seen[UPRIGHT].ready.gps.time.size
+    travels = {each: _travel(seen[each], QUARTERS.index(each)) for each in seen if seen[each].misfit <= most}
+    yaw, share = travels[best]
+    # all the same if the heading has come round to where x points; x forward is as likely as the others else
+    alike = max(abs(wrap_pi(other - yaw)) for other, _ in travels.values()) < SLANTED
+    if UPRIGHT in travels and not (alike and min(share for _, share in travels.values()) > POINTED):
+        return imu, 0.0, UNTOLD
+    if share < POINTED:
         note = "the vehicle does not go where it points: its heading is that of x of the IMU, found by the fixes"
-        return imu, yaw, note
-    yaw = float(wrap_pi(yaw + np.angle(ahead.sum())))
+        return imu, QUARTERS.index(best) * QUARTER, note
     nearest = round(yaw / QUARTER)
     how = "so fixes are far likelier than with x forward, which nothing else tells"
+    if UPRIGHT in travels:
+        how = "the heading that turns show is not where it goes"
     if abs(yaw - nearest * QUARTER) > SLANTED:
         turned = f"about {abs(yaw) / DEG:.0f} deg to the {'right' if yaw > 0.0 else 'left'}"
         return imu, yaw, f"the IMU is turned {turned} in the vehicle ({how}): heading is that of the IMU"
@@ -153,6 +156,24 @@ def in_likely_axes(
     letters = letters_of(turn @ axes_matrix(imu.facts.axes or UPRIGHT))
     imu, note = _turned(imu, turn, letters, how)
     return imu, 0.0, note
+
+
+def _travel(found: Filtered, quarter: int) -> tuple[float, float]:
+    """By how much the IMU is turned against the direction of travel [rad], and how much of the way is along that [-].
+
+    An axis, as a forklift goes backward as well: the mean of doubled angles (Mardia and Jupp, "Directional statistics",
+    2000, section 1.1); forward on it is where it goes more.
+    """
+    if found.epochs is None:
+        return 0.0, 0.0
+    settled = found.epochs[found.epochs.shape[0] // 2 :, STATE : STATE + 10]  # a heading that began wrong is right then
+    along = settled[:, 3] - 1j * settled[:, 4]
+    ahead = np.exp(1j * rph_from_quat(settled[:, 6:])[:, 2]) * along * np.abs(along)
+    size = np.maximum(np.abs(ahead), 1e-12)
+    axis = np.sum(ahead**2 / size)
+    forward = np.exp(0.5j * np.angle(axis))
+    forward *= np.sign(np.sum((ahead / forward).real)) or 1.0
+    return float(wrap_pi(quarter * QUARTER + np.angle(forward))), float(abs(axis) / np.sum(size))
 
 
 def _turned(imu: Reading[ImuData], turn: FloatArray, letters: str, how: str) -> tuple[Reading[ImuData], str]:

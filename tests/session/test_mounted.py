@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -12,11 +13,12 @@ import pytest
 
 import insnav
 from insnav.alignment import find_mounting
-from insnav.attitude import dcm_from_rph, wrap_pi
+from insnav.attitude import dcm_from_rph, quat_from_rph, wrap_pi
 from insnav.exceptions import InputError
 from insnav.input import read_gps, read_imu
 from insnav.input.interpret.axes import axes_matrix
-from insnav.session.mounted import UNTOLD, untold
+from insnav.kernels.smoother import STATE
+from insnav.session.mounted import UNTOLD, _travel, untold
 from insnav.simulate import GpsErrors
 from insnav.strapdown import intervals
 from insnav.types import Event, EventKind
@@ -144,6 +146,37 @@ def test_a_slow_robot_has_the_axes_that_make_its_fixes_likeliest(axes, yaw):
     off = wrap_pi(smoothed.rph[:, 2] - truth.evaluate(smoothed.time).rph[:, 2] - yaw * DEG)
     assert np.mean(np.abs(off) < 3.0 * smoothed.sd[:, 8]) > 0.97
     assert found.settings.mounting_yaw == pytest.approx(yaw * DEG, abs=10.0 * DEG if yaw else 0.0)
+
+
+@pytest.mark.parametrize(("axes", "seed"), [("RBD", 4), ("BRU", 4), ("FRD", 5)])
+def test_a_slow_robot_that_moves_already_is_turned_by_where_it_goes(axes, seed):
+    """Its heading comes round whatever it begins with, and all axes are as likely: it was 90 deg off, 0.3 stated."""
+    laps = [Segment(12.0), Segment(10.0, turn=80 * DEG), Segment(9.0, turn=-50 * DEG)] * 8
+    truth = drive([Segment(6.0, speed=2.0), *laps], np.array([0.8, 0.2, 400.0]), seed=seed, heading=1.0, body=STILL)
+    imu, gps = measured(truth, 50.0, "automotive", GpsErrors((0.3, 0.3, 0.6), velocity_noise=(0.05, 0.05, 0.05)), seed)
+    imu, turn = imu.rows(imu.time > 10.0), np.kron(np.eye(2), axes_matrix(axes))
+    columns = np.column_stack([imu.time, 50.0 * np.hstack([imu.gyro, imu.accel]) @ turn])
+    names = [f"{sensor}_{each}" for sensor, unit in (("gyro", "rad_s"), ("accel", "m_s2")) for each in "xyz"]
+    found = insnav.load(pd.DataFrame(columns, columns=["time_s", *names]), gps)
+    smoothed = found.navigate(output_interval=1.0).found.run.smoothed.solution
+    off = wrap_pi(smoothed.rph[:, 2] - truth.evaluate(smoothed.time).rph[:, 2])
+    assert np.mean(np.abs(off) < 3.0 * smoothed.sd[:, 8]) > 0.97
+    assert np.sqrt(np.mean(off**2)) < 5.0 * DEG
+
+
+def test_a_forklift_goes_along_one_axis_forward_and_backward():
+    """Eight with the IMU turned were 90 or 180 deg off, 0.2 to 1 stated: they "went not where they pointed"."""
+    speed = np.tile(np.repeat([1.0, -1.0], [60, 40]), 8)
+    heading = 0.005 * np.arange(speed.size)
+    epochs = np.zeros((speed.size, STATE + 10))
+    epochs[:, STATE + 3] = speed * np.cos(heading + 0.5 * np.pi)
+    epochs[:, STATE + 4] = speed * np.sin(heading + 0.5 * np.pi)
+    epochs[:, STATE + 6 : STATE + 10] = quat_from_rph(np.outer(heading, [0.0, 0.0, 1.0]))
+    yaw, share = _travel(SimpleNamespace(epochs=epochs), 0)
+    assert yaw == pytest.approx(-0.5 * np.pi, abs=1e-6)
+    assert share > 0.99
+    epochs[:, STATE + 3 : STATE + 5] = np.random.default_rng(1).normal(size=(speed.size, 2))  # a drone
+    assert _travel(SimpleNamespace(epochs=epochs), 0)[1] < 0.3
 
 
 def test_check_and_run_give_the_mounting_with_the_same_signs(plain):
