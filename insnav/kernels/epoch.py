@@ -44,7 +44,7 @@ def surest(estimated, doubt):  # type: ignore[no-untyped-def]
     `doubt` (2,): the least by what parts of the record show, 0: as the filter has it, and the delay that a search
     found, with which the filter may not agree so well [s].
     """
-    return max(doubt[0], abs(estimated[CLOCK][0] - doubt[1]) - doubt[0]) if doubt[0] > 0.0 else 0.0
+    return max(doubt[0], abs(estimated[CLOCK][0] - doubt[1])) if doubt[0] > 0.0 else 0.0
 
 
 @njit(cache=True)
