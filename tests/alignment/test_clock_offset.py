@@ -225,12 +225,12 @@ def test_fixes_between_which_whole_circles_lie_do_not_tell_two_drives():
     assert found is None or abs(found.offset) < 1.0
 
 
-def test_one_file_is_of_one_drive():
-    """A slow robot whose fixes show nothing that its IMU felt was refused as two."""
+def test_a_slow_robot_on_rough_ground_is_of_one_drive():
+    """Its IMU feels much that its fixes do not show, which are near their noise: it was refused as two."""
     bag = recorded("formats") / "ros" / "husky_imu_navsatfix.bag"
     drive = insnav.load(bag, gps=bag)
     fixes = with_sd(drive.gps.data)[0]
-    assert isinstance(find_clock_offset(joined(pieces(drive.imu.data)), fixes), Unlike)
+    assert not isinstance(find_clock_offset(joined(pieces(drive.imu.data)), fixes), Unlike)
 
 
 @pytest.mark.parametrize(("rest", "seed"), [(10.0, 1), (20.0, 1), (20.0, 2)])
