@@ -219,11 +219,11 @@ def _of_gps(gps: GpsData) -> _Track | None:
 def _levelled(time: FloatArray, v: FloatArray) -> FloatArray:
     """Velocities less what lasts (n, 2) [m/s]: the level of the samples follows it, and they do not show it."""
     follows = 1.0 - np.exp(-np.diff(time, prepend=time[0]) / LEVELLING)
-    lasting, at = np.empty_like(v), v[0]
-    for row, share in enumerate(follows.tolist()):
-        at = at + share * (v[row] - at)
-        lasting[row] = at
-    return v - lasting
+    lasting, (north, east) = [], v[0].tolist()
+    for share, (v_north, v_east) in zip(follows.tolist(), v.tolist(), strict=True):
+        north, east = north + share * (v_north - north), east + share * (v_east - east)
+        lasting.append((north, east))
+    return v - np.array(lasting)
 
 
 def _over(track: _Track, ends: Sequence[FloatArray]) -> FloatArray:
