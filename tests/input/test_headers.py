@@ -10,6 +10,9 @@ from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA, REFERENCE_SCHE
 
 # header -> key, and factor to SI (None: the header states no unit)
 IMU = {
+    "UncompAngularRateX": ("gyro_x", None),
+    "UncompAccelZ": ("accel_z", None),
+    "X Gyroscope": ("gyro_x", None),
     "time_s": ("time", 1.0),
     "time": ("time", None),
     "t": ("time", None),
