@@ -29,6 +29,7 @@ _OF_TIME = re.compile(r"(utc|gps|time)*(year|month|day|hour|minute|min|second|se
 _OF_PLACE = re.compile(r"(?:ecef|pos|position|field)*(v|vel|velocity)?(?:ecef)?([xyz])(?:ecef)?(?:[kcm]?m|[kcm]?ms)?")
 _EARTH = 6.33e6, 6.48e6  # distances of places from the centre of the Earth, up to 100 km of height [m]
 _SHARE = 0.9  # of the rows that must be such places
+_HIGH = 2e4  # no height above a map, whose northing may be as long as that: on a map at 57.5 deg it is [m]
 _TIME = tuple(each for each in IMU_SCHEMA if each.key == "time")
 
 
@@ -138,7 +139,8 @@ def _placed(table: Table, words: Sequence[str]) -> Table:
         return table
     size = np.linalg.norm(np.column_stack(values), axis=1)
     fitting = [unit for unit in (1.0, 1e-2, 1e-3, 1e3) if _inside(unit * size).mean() > _SHARE]
-    if not fitting:
+    said = all("ecef" in words[i] for i in places)
+    if not fitting or not (said or float(np.nanmedian(np.abs(values[2]))) * fitting[0] > _HIGH):
         return table
     unit = fitting[0]
 

@@ -328,6 +328,19 @@ REFUSED: dict[str, tuple[Callable[[Path], object], str, dict[str, object] | None
         None,
     ),
     "local plane": (_csv("time,x,y,z"), "lat", None),
+    "a map in the north": (
+        lambda folder: table(
+            folder / "gps.csv",
+            [
+                ("time", text(drive().gps_t, 3)),
+                ("x", text(3.2e5 + 1e5 * drive().lla[:, 1] % 1e3, 3)),
+                ("y", text(6.398e6 + 1e5 * drive().lla[:, 0] % 1e3, 3)),
+                ("z", text(drive().lla[:, 2], 3)),
+            ],
+        ),
+        "lat",
+        None,
+    ),
     "UTC seconds of the week": (_csv(time=lambda t: text(t - 18.0, 3)), "--imu-time-offset", {"time_offset": -18.0}),
     "digits of a UTC clock": (_csv(time=digits), "--imu-time-offset", None),
     "a day off": (_csv(time=lambda t: text(t + 86400.0, 3)), "--imu-time-offset 86400", {"time_offset": 86400.0}),
