@@ -52,7 +52,7 @@ CONTRARY = -0.5  # correlation of accelerations that contradicts turns: gravity 
 # a hundred simulated and recorded drives. Those of 25 pairs of two drives were up to 0.35 with the clocks as they are,
 # up to 0.6 at the best of all offsets.
 SEEN = 1.5
-DRIVES = 0.2  # and this: on rough ground tractors and robots feel twice the 0.15 m/s^2 that fixes show [m/s^2]
+DRIVES = 0.15  # and this: on rough ground tractors and robots feel twice the 0.15 m/s^2 that fixes show [m/s^2]
 ALIKE, UNLIKE = 0.6, 0.4  # correlation from which motion that is seen is the same, and below which it is another [-]
 LONG_ENOUGH = 60.0  # time in common after which two drives are told from one [s]
 AS_IS = 3.0  # offsets that are none, but a delay [s]

@@ -91,7 +91,8 @@ class LateFixes:
         v = x[:, 3:6] + fed[good, 3:6]
         covariance = epochs.shape[1] - at.states * (at.states + 1) // 2  # its lower triangle
         unsure = np.sum(epochs[good][:, covariance + np.array([9, 14, 20])], axis=1)
-        usual = unsure <= GAP * np.median(unsure)  # after a gap it is known to metres a second
+        most = GAP * np.median(unsure) if unsure.size else 0.0  # after a gap it is known to metres a second
+        usual = unsure <= most
         self.moves = bool(np.sum(v[usual] ** 2) > STILL * np.sum(unsure[usual]))
         taken = np.cumsum(np.vstack([np.zeros(at.states), fed[:-1]]), axis=0)[good]
         taken = np.hstack([taken, np.zeros((self._rows.size, 3))])  # at -1, where an arm is no state

@@ -198,7 +198,7 @@ def _standing(ready: Prepared, run: Run) -> tuple[Prepared, Run]:
         bare = replace(ready, settings=replace(settings, aiding=(*others, *some)), notes=(*notes, said))
         other = _run(bare, None)
         cost = unlikely(other, bare.gps, bare.settings)
-        if cost < least:
+        if cost < least and not contradicted(other, bare.gps, bare.settings):  # else fixes are false
             least, best = cost, (bare, other)
     return best
 

@@ -138,8 +138,9 @@ def _placed(table: Table, words: Sequence[str]) -> Table:
     if values is None:
         return table
     size = np.linalg.norm(np.column_stack(values), axis=1)
-    fitting = [unit for unit in (1.0, 1e-2, 1e-3, 1e3) if _inside(unit * size).mean() > _SHARE]
-    said = all("ecef" in words[i] for i in places)
+    said = all("ecef" in words[i] or "km" in words[i] for i in places)
+    units = (1.0, 1e-2, 1e-3, 1e3) if said else (1.0,)  # a plane some kilometres from its origin has those of a map
+    fitting = [unit for unit in units if _inside(unit * size).mean() > _SHARE]
     if not fitting or not (said or float(np.nanmedian(np.abs(values[2]))) * fitting[0] > _HIGH):
         return table
     unit = fitting[0]
