@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from insnav.attitude import quat_multiply, wrap_pi
+from insnav.attitude import dcm_from_quat, quat_multiply, wrap_pi
 from insnav.earth import E2, A, F, radii
 from insnav.types import FloatArray
 
@@ -54,6 +54,11 @@ def quat_earth_from_level(lla: FloatArray) -> FloatArray:
     about_axis = np.column_stack([np.cos(half_lon), zero, zero, np.sin(half_lon)])
     tilt = half_lat + 0.25 * np.pi
     return quat_multiply(about_axis, np.column_stack([np.cos(tilt), zero, -np.sin(tilt), zero]))
+
+
+def level_from_earth(lla: FloatArray) -> FloatArray:
+    """Matrices ``C_ne`` ``(n, 3, 3)`` that turn Earth-fixed vectors to North, East, Down at ``(n, 3)`` positions."""
+    return np.swapaxes(dcm_from_quat(quat_earth_from_level(lla)), 1, 2)
 
 
 def _columns(rows: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

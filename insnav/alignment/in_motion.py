@@ -89,6 +89,11 @@ def gives_velocities(gps: GpsData) -> bool:
     return bool(np.isfinite(gps.v_n).all(axis=1).mean() > 0.5)
 
 
+def positions_alone(gps: GpsData) -> GpsData:
+    """The same fixes without velocities."""
+    return replace(gps, v_n=np.full_like(gps.v_n, np.nan))
+
+
 def velocity(gps: GpsData, difference: float = DIFFERENCE) -> Velocity:
     """Velocity from the receiver where it is given at most epochs, else from positions so many seconds apart."""
     if gives_velocities(gps):
@@ -202,9 +207,10 @@ def sure_motion(gps: GpsData, start: float, hidden: float = np.inf) -> tuple[Vel
     farther apart, which show the motion of slow ships for longer, are taken if nearer ones hide it longer than `hidden`
     [s]: what stands may seem to move by them.
     """
-    unknown = replace(gps, v_n=np.full_like(gps.v_n, np.nan))
-    for by, slowest in itertools.product((gps, unknown), (SLOWEST, CRAWL)):
-        speeds = [replace(velocity(by, difference), slowest=slowest) for difference in (DIFFERENCE, *LONGER)]
+    measured = [[velocity(gps)]] if gives_velocities(gps) else []
+    placed = [velocity(positions_alone(gps), difference) for difference in (DIFFERENCE, *LONGER)]
+    for by, slowest in itertools.product((*measured, placed), (SLOWEST, CRAWL)):
+        speeds = [replace(speed, slowest=slowest) for speed in by]
         found = [(speed, moving) for speed in speeds if (moving := first_motion(speed, start)) is not None]
         if found:
             soon = min(moving for _, moving in found) + hidden

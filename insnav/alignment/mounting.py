@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from insnav.alignment.align import stationary_of
-from insnav.alignment.in_motion import SLOWEST, gives_velocities, velocity
+from insnav.alignment.in_motion import SLOWEST, gives_velocities, positions_alone, velocity
 from insnav.alignment.static import summarize
 from insnav.attitude import quat_from_dcm, rph_from_quat, wrap_pi
 from insnav.earth import earth_rate_n, gravity_n, ned_offset
@@ -150,7 +150,7 @@ def find_mounting(parts: Intervals, gps: GpsData) -> Mounting | None:
     `parts`: samples as intervals, in the axes they were given in; `gps`: fixes, with standard deviations.
     """
     found = _find(parts, gps, placed=False) if gives_velocities(gps) else None
-    return found or _find(parts, replace(gps, v_n=np.full_like(gps.v_n, np.nan)), placed=True)
+    return found or _find(parts, positions_alone(gps), placed=True)
 
 
 def _find(parts: Intervals, gps: GpsData, *, placed: bool) -> Mounting | None:

@@ -184,8 +184,7 @@ def _standing(ready: Prepared, run: Run) -> tuple[Prepared, Run]:
     zupt = next((each for each in aiding if isinstance(each, ZeroVelocity)), None)
     if zupt is None or run.smoothed is None or not contradicted(run, ready.gps, settings):
         return ready, run
-    time = ready.gps.time - settings.delay
-    edges = np.concatenate([[-np.inf], time if ready.gps.fix is None else time[ready.gps.fix != 0], [np.inf]])
+    edges = np.concatenate([[-np.inf], _fix_times(ready) - settings.delay, [np.inf]])
     rows = np.searchsorted(edges, zupt.stops)
     seen = np.array([np.diff(edges[a - 1 : b + 1]).max() <= GAP_WORTH for a, b in rows])
     others = tuple(each for each in aiding if each is not zupt)
@@ -240,10 +239,14 @@ def _unseen(run: Run) -> tuple[str, ...]:
 
 def _longest_gap(ready: Prepared) -> float:
     """Longest time that is navigated without a valid fix, the one after the last fix too [s]."""
-    gps = ready.gps
-    time = gps.time if gps.fix is None else gps.time[gps.fix != 0]
+    time = _fix_times(ready)
     inside = time[(time > ready.initial.time) & (time < ready.imu.time[-1])]
     return float(np.diff(inside, prepend=ready.initial.time, append=ready.imu.time[-1]).max())
+
+
+def _fix_times(ready: Prepared) -> FloatArray:
+    """Times of the fixes that are some [s]."""
+    return ready.gps.time if ready.gps.fix is None else ready.gps.time[ready.gps.fix != 0]
 
 
 def feed(navigator: Navigator, imu: ImuData, progress: Callable[[float], None] | None = None) -> Navigator:

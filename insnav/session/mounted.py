@@ -78,9 +78,8 @@ def as_mounted(
             except InputError:
                 if not moves:
                     raise
-                imu, note = _turned(
-                    imu, axes_matrix(INVERTED), INVERTED, "z reads +9.8 m/s^2 at rest, and x is assumed"
-                )
+                how = "z reads +9.8 m/s^2 at rest, and x is assumed"
+                imu, note = _turned(imu, axes_matrix(INVERTED), INVERTED, how)
                 return imu, 0.0, (note, UNTOLD)
         return imu, 0.0, (UNTOLD,) * moves
     if not found.right_handed:
@@ -144,9 +143,8 @@ def in_likely_axes(
         note = "the vehicle does not go where it points: its heading is that of x of the IMU, found by the fixes"
         return imu, QUARTERS.index(best) * QUARTER, note
     nearest = round(yaw / QUARTER)
-    how = "so fixes are far likelier than with x forward, which nothing else tells"
-    if UPRIGHT in travels:
-        how = "the heading that turns show is not where it goes"
+    likelier = "so fixes are far likelier than with x forward, which nothing else tells"
+    how = "the heading that turns show is not where it goes" if UPRIGHT in travels else likelier
     if abs(yaw - nearest * QUARTER) > SLANTED:
         turned = f"about {abs(yaw) / DEG:.0f} deg to the {'right' if yaw > 0.0 else 'left'}"
         return imu, yaw, f"the IMU is turned {turned} in the vehicle ({how}): heading is that of the IMU"

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from insnav.attitude import dcm_from_quat
-from insnav.earth_fixed import quat_earth_from_level
+from insnav.earth_fixed import level_from_earth
 from insnav.exceptions import InputError, InsnavError
 from insnav.input.formats.messages import at_times
 from insnav.input.formats.source import Source
@@ -144,6 +143,6 @@ def level_covariance(covariance: FloatArray, lla: FloatArray) -> FloatArray:
 
     `lla` (n, 3): latitude, longitude [rad], height [m].
     """
-    turn = np.swapaxes(dcm_from_quat(quat_earth_from_level(lla)), 1, 2)
+    turn = level_from_earth(lla)
     variance: FloatArray = np.einsum("nij,njk,nik->ni", turn, covariance, turn)
     return np.sqrt(np.maximum(variance, 0.0))

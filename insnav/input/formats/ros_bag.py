@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insnav.attitude import dcm_from_quat, quat_from_dcm, rph_from_quat
-from insnav.earth_fixed import earth_from_lla, lla_from_earth, quat_earth_from_level
+from insnav.earth_fixed import earth_from_lla, level_from_earth, lla_from_earth
 from insnav.input.formats.conventions import (
     ACCEL,
     ATTITUDE,
@@ -252,7 +252,7 @@ def _laid_on(source: Source, table: FloatArray, fixes: Table, topic: str) -> tup
     """
     time, lat, lon, height = fixes.cells.read(range(4)).columns.values()
     origin = np.array([[lat[0] * DEG, lon[0] * DEG, height[0]]])
-    to_earth = dcm_from_quat(quat_earth_from_level(origin))[0]
+    to_earth = level_from_earth(origin)[0].T
     there = (earth_from_lla(np.column_stack([lat * DEG, lon * DEG, height])) - earth_from_lla(origin)) @ to_earth
     order = np.argsort(table[:, 0], kind="stable")
     stamp, numbers = table[order, 0], table[order, 4:]
@@ -273,7 +273,7 @@ def _laid_on(source: Source, table: FloatArray, fixes: Table, topic: str) -> tup
     if (np.abs(np.linalg.norm(numbers[:, 3:7], axis=1) - 1.0) < 0.1).all():
         c, s = np.cos(turn), np.sin(turn)
         to_ned = np.array([[s, c, 0.0], [c, -s, 0.0], [0.0, 0.0, -1.0]])  # turned; East, North, Up exchanged
-        level = np.swapaxes(dcm_from_quat(quat_earth_from_level(lla)), 1, 2) @ to_earth
+        level = level_from_earth(lla) @ to_earth
         c_nb = level @ to_ned @ dcm_from_quat(numbers[:, [6, 3, 4, 5]]) @ np.diag(_FLU)
         rph = rph_from_quat(quat_from_dcm(c_nb)) / DEG
         columns |= triad(VELOCITY, np.einsum("nij,nj->ni", c_nb, numbers[:, 43:46] * _FLU))

@@ -16,8 +16,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from insnav.attitude import dcm_from_quat
-from insnav.earth_fixed import earth_from_lla, lla_from_earth, quat_earth_from_level
+from insnav.earth_fixed import earth_from_lla, level_from_earth, lla_from_earth
 from insnav.exceptions import InputError
 from insnav.input.formats.delimited_text import TextCells
 from insnav.input.formats.source import Source, decoded, text_of
@@ -77,7 +76,7 @@ def read(source: Source) -> Mapping[str, Table]:
         r_e, to_earth = _earth_fixed(data, columns, text, rows)
         lla = lla_from_earth(r_e)
         found |= {"lat_deg": lla[:, 0] / DEG, "lon_deg": lla[:, 1] / DEG, "height_m": lla[:, 2]}
-        turn = np.swapaxes(dcm_from_quat(quat_earth_from_level(lla)), 1, 2) @ to_earth
+        turn = level_from_earth(lla) @ to_earth
     found["fix"] = data["Q"]
     with np.errstate(over="ignore", invalid="ignore"):  # numbers out of all range are refused when they are used
         found |= _velocity(data, axes, turn)
@@ -175,8 +174,7 @@ def _earth_fixed(
             fix="write the solution as lat/lon/height (out-solformat=llh)",
         )
     lla = np.array([[numbers[0] * DEG, numbers[1] * DEG, numbers[2]]])
-    north_east_down = dcm_from_quat(quat_earth_from_level(lla))[0]
-    to_earth = north_east_down @ np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    to_earth = level_from_earth(lla)[0].T @ np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
     return earth_from_lla(lla) + position @ to_earth.T, to_earth
 
 

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from insnav.attitude import dcm_from_quat
-from insnav.earth_fixed import lla_from_earth, quat_earth_from_level
+from insnav.earth_fixed import level_from_earth, lla_from_earth
 from insnav.input.formats.conventions import (
     ACCEL,
     GYRO,
@@ -147,8 +146,7 @@ def _cartesian(source: Source, blocks: Mapping[str, _Rows], notes: list[str]) ->
     columns = triad(PLACE, lla / [DEG, DEG, 1.0])
     v = np.column_stack([rows["vx"], rows["vy"], rows["vz"]]).astype(np.float64)
     v = np.where(np.abs(v) < -_UNKNOWN, v, np.nan)
-    turn = np.swapaxes(dcm_from_quat(quat_earth_from_level(lla)), 1, 2)
-    columns |= triad(VELOCITY, np.einsum("nij,nj->ni", turn, v))
+    columns |= triad(VELOCITY, np.einsum("nij,nj->ni", level_from_earth(lla), v))
     for kind, names in (("position", "sd_{}_m"), ("velocity", "sd_v{}_m_s")):
         other = blocks[f"cartesian {kind}"]
         if len(other):

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from insnav.attitude import dcm_from_quat
-from insnav.earth_fixed import lla_from_earth, quat_earth_from_level
+from insnav.earth_fixed import level_from_earth, lla_from_earth
 from insnav.exceptions import InputError
+from insnav.input.formats.conventions import PLACE, VELOCITY
 from insnav.input.formats.table import Cells, Numbers, Table
 from insnav.input.formats.time_scales import Scale, gps_days, seconds_of_week
 from insnav.input.interpret.columns import match_header
@@ -35,19 +35,21 @@ _TIME = tuple(each for each in IMU_SCHEMA if each.key == "time")
 
 @dataclass(frozen=True, slots=True)
 class _Composed:
-    """Rows of a table with further columns, made of some of its own; see `Cells`."""
+    """Rows of a table with further columns, made together of some of its own; see `Cells`."""
 
     cells: Cells
     width: int  # number of its own columns
-    made: tuple[tuple[tuple[int, ...], Callable[..., FloatArray]], ...]  # by what columns, and how
+    parts: tuple[int, ...]  # those of which the others are made
+    make: Callable[..., FloatArray]  # of these, (n, number of the others)
 
     def read(self, indices: Sequence[int]) -> Numbers:
         """See `Cells`."""
-        own = [i for i in indices if i < self.width]
-        wanted = {i: self.made[i - self.width] for i in indices if i >= self.width}
-        numbers = self.cells.read(sorted({*own, *(part for parts, _ in wanted.values() for part in parts)}))
+        own, others = ([i for i in indices if (i >= self.width) == other] for other in (False, True))
+        numbers = self.cells.read(sorted({*own, *(self.parts if others else ())}))
         columns = {i: numbers.columns[i] for i in own}
-        columns |= {i: make(*(numbers.columns[part] for part in parts)) for i, (parts, make) in wanted.items()}
+        if others:
+            made = self.make(*(numbers.columns[part] for part in self.parts))
+            columns |= {i: np.ascontiguousarray(made[:, i - self.width]) for i in others}
         return replace(numbers, columns=columns, texts={i: text for i, text in numbers.texts.items() if i in columns})
 
     def line(self, row: int) -> str:
@@ -63,15 +65,18 @@ def composed(table: Table) -> Table:
 
 
 def _added(
-    table: Table, parts: Sequence[int], columns: dict[str, Callable[..., FloatArray]], note: str, week: float | None
+    table: Table,
+    parts: Sequence[int],
+    names: Sequence[str],
+    make: Callable[..., FloatArray],
+    note: str,
+    week: float | None = None,
 ) -> Table:
     """A table with columns made of others, whose own headers are none any more."""
-    made = tuple((tuple(parts), make) for make in columns.values())
     headers = tuple("" if i in parts else header for i, header in enumerate(table.headers))
-    units = None if table.units is None else (*table.units, *[""] * len(columns))
-    cells = _Composed(table.cells, len(headers), made)
-    notes = (*table.notes, note)
-    return replace(table, headers=(*headers, *columns), cells=cells, units=units, notes=notes, week=week or table.week)
+    units = None if table.units is None else (*table.units, *[""] * len(names))
+    cells, notes = _Composed(table.cells, len(headers), tuple(parts), make), (*table.notes, note)
+    return replace(table, headers=(*headers, *names), cells=cells, units=units, notes=notes, week=week or table.week)
 
 
 def _first(table: Table, parts: Sequence[int]) -> list[FloatArray] | None:
@@ -97,19 +102,19 @@ def _timed(table: Table, words: Sequence[str]) -> Table:
         parts = [found[name] for name in names]
         values = _first(table, parts)
         scale: Scale = "GPST" if words[found["year"]].startswith("gps") else "UTC"
-        if values is not None and np.isfinite(_moments(*values)[0]).all():
-            day, second = _moments(*values)
+        day, second = _moments(*values) if values is not None else (np.full(1, np.nan), np.zeros(1))
+        if np.isfinite(day).all():
             first = seconds_of_week(day[:1], second[:1], scale)
 
             def seconds(*by: FloatArray) -> FloatArray:
-                return seconds_of_week(*_moments(*by), scale, week=first.week).time
+                return seconds_of_week(*_moments(*by), scale, week=first.week).time[:, None]
 
             note = f"time from {table.headers[parts[0]]!r} … {table.headers[parts[-1]]!r}: {first.note}"
-            return _added(table, parts, {"time_s": seconds}, note, first.week)
+            return _added(table, parts, ["time_s"], seconds, note, first.week)
     if _TICKS in words:
         ticks = words.index(_TICKS)
         note = f"time from {table.headers[ticks]!r}, which counts 0.1 ms"
-        return _added(table, [ticks], {"time_s": lambda count: np.unwrap(count, period=2.0**32) * _TICK}, note, None)
+        return _added(table, [ticks], ["time_s"], lambda n: np.unwrap(n, period=2.0**32)[:, None] * _TICK, note)
     return table
 
 
@@ -145,27 +150,20 @@ def _placed(table: Table, words: Sequence[str]) -> Table:
         return table
     unit = fitting[0]
 
-    def lla(*by: FloatArray) -> FloatArray:
+    def level(*by: FloatArray) -> FloatArray:
         r_e = unit * np.column_stack(by[:3])
-        known = _inside(np.linalg.norm(r_e, axis=1))
-        return np.where(known[:, None], lla_from_earth(np.where(known[:, None], r_e, [_EARTH[0], 0.0, 0.0])), np.nan)
+        known = _inside(np.linalg.norm(r_e, axis=1))[:, None]
+        lla = lla_from_earth(np.where(known, r_e, [_EARTH[0], 0.0, 0.0]))
+        found = [lla / [DEG, DEG, 1.0]]
+        if len(by) > 3:
+            found.append(np.einsum("nij,nj->ni", level_from_earth(lla), unit * np.column_stack(by[3:])))
+        return np.where(known, np.hstack(found), np.nan)
 
-    def velocity(*by: FloatArray) -> FloatArray:
-        place = lla(*by)
-        turn = dcm_from_quat(quat_earth_from_level(np.nan_to_num(place)))
-        v_n: FloatArray = np.einsum("nij,ni->nj", turn, unit * np.column_stack(by[3:]))
-        return v_n + 0.0 * place
-
-    def column(of: Callable[..., FloatArray], i: int, scale: float = 1.0) -> Callable[..., FloatArray]:
-        return lambda *by: of(*by)[:, i] / scale
-
-    made = {"lat_deg": column(lla, 0, DEG), "lon_deg": column(lla, 1, DEG), "height_m": column(lla, 2)}
-    parts = places
-    if min(speeds) >= 0 and _first(table, speeds) is not None:
-        parts = [*places, *speeds]
-        made |= {f"v{axis}_m_s": column(velocity, i) for i, axis in enumerate("ned")}
+    moves = min(speeds) >= 0 and _first(table, speeds) is not None
+    parts = [*places, *(speeds if moves else ())]
     named = ", ".join(table.headers[i] for i in parts)
-    return _added(table, parts, made, f"place from Earth-fixed {named}: heights are above the ellipsoid", None)
+    names = [*PLACE, *(VELOCITY if moves else ())]
+    return _added(table, parts, names, level, f"place from Earth-fixed {named}: heights are above the ellipsoid")
 
 
 def _inside(size: FloatArray) -> BoolArray:
