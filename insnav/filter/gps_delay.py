@@ -34,6 +34,7 @@ from insnav.types import Alignment, FloatArray
 from insnav.units import DEG
 
 GRID = 0.1  # first steps: the likelihood of a delay is as wide as a manoeuvre [s]
+COARSE = np.arange(-REACH, REACH + 0.5 * GRID, GRID)
 FINE, FINE_STEPS = 0.02, 5  # steps about the best of these to either side; the rest is a parabola [s]
 DRIFTS = 0.02 * np.arange(-10, 11)  # of the delay, from the middle to the ends of the record [s]
 DRIFT_WORTH, LARGEST_DRIFT = 0.02, 4e-4  # a smaller one is not moved by [s], larger ones no crystal has [s/s]
@@ -65,6 +66,9 @@ LOOKED = 2.0  # times the standard deviation of the first run for the second: it
 LEAST_START = 0.5 * DEG  # least standard deviation of attitude from there [rad]
 TRUE_FIXES = 0.9  # part of the fixes that the first look must have accepted for that
 POOR = 3.0, 0.5  # standard deviations of positions [m] and velocities [m/s] for another look where it has not
+# Mean square of what fixes, all believed, are off by their variance with some delay: recorded RTK had 2 to 4, with one
+# that was dragged away for half a minute 97
+EXPLAINED = 10.0
 WORSE = 0.02  # by which a fix's misfit may grow by chance when the clock is moved rightly (up to 0.0095 seen)
 
 
@@ -105,8 +109,7 @@ def filtered(ready: Prepared, *, starts: int | None = None, gates: Gates | None 
         epochs = history.rows()
         again = with_surer_start(ready, history) if starts else None
         if starts and again is None and ready.alignment.static is None:  # gates reject what such a start contradicts
-            wide, open_ = _doubted(ready)
-            other_run = replace(wide, settings=replace(settings, gates=open_)).navigator()
+            other_run = replace(_doubted(ready), settings=replace(settings, gates=_open_gates(ready))).navigator()
             feed(other_run, ready.imu)
             again = with_surer_start(ready, other_run.history())
     except DivergenceError:
@@ -132,11 +135,15 @@ def _half(ready: Prepared) -> float:
     return 0.5 * min(float(np.ptp(ready.imu.time)), LONGEST)
 
 
-def _doubted(ready: Prepared) -> tuple[Prepared, Gates]:
-    """A recording whose fixes are hardly precise, and gates that reject none."""
+def _open_gates(ready: Prepared) -> Gates:
+    """Gates that reject no fix."""
+    return replace(ready.settings.gates, max_speed=np.inf, probability=1.0, reset_after=np.inf)
+
+
+def _doubted(ready: Prepared) -> Prepared:
+    """A recording whose fixes are hardly precise."""
     position_sd, velocity_sd = np.hypot(ready.gps.position_sd, POOR[0]), np.hypot(ready.gps.velocity_sd, POOR[1])
-    gates = replace(ready.settings.gates, max_speed=np.inf, probability=1.0, reset_after=np.inf)
-    return replace(ready, gps=replace(ready.gps, position_sd=position_sd, velocity_sd=velocity_sd)), gates
+    return replace(ready, gps=replace(ready.gps, position_sd=position_sd, velocity_sd=velocity_sd))
 
 
 def _thinned(ready: Prepared) -> Prepared:
@@ -193,21 +200,36 @@ def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Foun
     `alone`: the lag that the fixes show without the IMU, whose scatter is theirs whatever their stated one, and its
     standard deviation [s]: in a minute a delay explains the same.
     """
-    likelihood = LateFixes(seen.ready, seen.settings, seen.epochs) if seen.epochs is not None else None
-    plain = likelihood is not None and likelihood.accepted >= TRUE_FIXES
-    still = likelihood is not None and not likelihood.moves
-    if not (plain or still):  # seconds late, nearly all fixes look false, and precise ones bend the filter too much
-        doubted, gates = _doubted(seen.ready)
-        seen = filtered(doubted, starts=0, gates=gates)
-        likelihood = LateFixes(seen.ready, seen.settings, seen.epochs) if seen.epochs is not None else None
+    likelihood = _likelihood(seen)
+    moves = likelihood is None or likelihood.moves
+    if not moves or (likelihood is not None and likelihood.accepted >= TRUE_FIXES):
+        return _found(seen, likelihood, alone)
+    # seconds late, nearly all fixes look false, and precise ones bend the filter too much
+    rough = filtered(_doubted(seen.ready), starts=0, gates=_open_gates(seen.ready))
+    found = _found(rough, _likelihood(rough), alone)
+    if found.sd <= WORTH:
+        return found
+    # precise ones tell more, if they are as precise as they claim with some delay
+    believed = filtered(seen.ready, starts=0, gates=_open_gates(seen.ready))
+    likelihood = _likelihood(believed)
+    explains = likelihood is not None and likelihood.off(COARSE) < EXPLAINED
+    return _found(believed, likelihood, alone) if explains else found
+
+
+def _likelihood(seen: Filtered) -> LateFixes | None:
+    """Likelihood of the fixes by a run; none if it diverged."""
+    return None if seen.epochs is None else LateFixes(seen.ready, seen.settings, seen.epochs)
+
+
+def _found(seen: Filtered, likelihood: LateFixes | None, alone: tuple[float, float]) -> Found:
+    """What a run says of the clock of the fixes; see `delay_of`."""
     nothing = Found(0.0, np.inf, 0.0, seen.settings.velocity_lag, 0.0, seen.settings.moments)
-    if likelihood is None or likelihood.blocks < BLOCKS or still:  # fewer may agree by accident
+    if likelihood is None or likelihood.blocks < BLOCKS or not likelihood.moves:  # fewer may agree by accident
         return nothing
-    grid = np.arange(-REACH, REACH + 0.5 * GRID, GRID)
-    best = likelihood.likeliest(grid, likelihood.lag)
-    if best in (0, grid.size - 1):  # no top, or one beyond the grid
+    best = likelihood.likeliest(COARSE, likelihood.lag)
+    if best in (0, COARSE.size - 1):  # no top, or one beyond the grid
         return nothing
-    near = grid[best] + FINE * np.arange(-FINE_STEPS, FINE_STEPS + 1)
+    near = COARSE[best] + FINE * np.arange(-FINE_STEPS, FINE_STEPS + 1)
     fine, drift = likelihood.costs(near), 0.0
     rates = DRIFTS[np.abs(DRIFTS) < LARGEST_DRIFT * likelihood.half + FINE] / likelihood.half
     drifting = likelihood.costs(near[[np.argmin(fine.sum(axis=1))]], rates).sum(axis=1)

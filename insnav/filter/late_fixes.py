@@ -183,6 +183,11 @@ class LateFixes:
         left = np.flatnonzero(soon <= soon.min() + UNLIKELY)
         return int(left[np.argmin(self.costs(delays[left], drift, lags[left]).sum(axis=1) + off[left])])
 
+    def off(self, delays: FloatArray) -> float:
+        """Mean square of what fixes are off by their variance with the likeliest of some delays [-]."""
+        innovation, variance = self.innovations(delays[self.likeliest(delays, self.lag)], 0.0, self.lag)
+        return float(np.mean(innovation**2 / variance))
+
     def slopes(self, delay: float, drift: float, lag: float, step: float) -> tuple[FloatArray, FloatArray]:
         """Slopes of the cost of each block by delay and lag, (2, blocks), and its curvature (2, 2), Gauss-Newton's."""
         e, s = self.innovations(delay, drift, lag)
