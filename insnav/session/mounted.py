@@ -32,6 +32,8 @@ WORDS = {"F": "forward", "B": "back", "R": "right", "L": "left", "D": "down", "U
 UPRIGHT, INVERTED = "FRD", "FLU"
 QUARTERS, QUARTER = (UPRIGHT, "RBD", "BLD", "LFD"), 0.5 * np.pi  # x forward, then turned to the right
 SLANTED = 20.0 * DEG  # an IMU turned so far from a quarter is not meant to point along an axis of the vehicle
+# cosines of how far an IMU may lean from axes of the vehicle that it is said to point along, and from upright else
+LEANING, ON_ITS_SIDE = 0.9, 0.5
 POINTED = 0.9  # length of the mean direction of travel in the vehicle of what goes where it points [-]
 LIKELY = 2.0  # mean square of innovations by their variance up to which axes may be right: where they are it is 1 [-]
 LIKELIER = 30.0  # twice the logarithm of how much likelier fixes must be with other axes than with x forward
@@ -87,9 +89,10 @@ def as_mounted(
     how = f"GPS course and accelerations, {found.windows} windows"
     matrix, notes = found.to_vehicle, []
     as_read = axes_matrix(given or imu.facts.axes or UPRIGHT)
-    letters = letters_of(matrix @ as_read)
-    if found.letters != UPRIGHT and given is None:
-        turn = axes_matrix(found.letters)
+    letters, turn = letters_of(matrix @ as_read), axes_matrix(found.letters)
+    # far from all axes of the vehicle, which wind and banks move further: as it was read, if that is not on its side
+    slanted = given is None and (matrix @ turn.T)[2, 2] < LEANING and matrix[2, 2] > ON_ITS_SIDE
+    if found.letters != UPRIGHT and given is None and not slanted:
         matrix, as_read = matrix @ turn.T, turn @ as_read
         imu, note = _turned(imu, turn, letters, how)
         notes.append(note)
@@ -102,11 +105,16 @@ def as_mounted(
         )
         said = Event(float(data.time[0]), EventKind.CONTRADICTION, yaw, float("nan"), "rad", text)
         imu = replace(imu, events=(*imu.events, said))
+    elif slanted:
+        notes.append(
+            f"the IMU leans in the vehicle, and is turned about {abs(yaw) / DEG:.0f} deg to the "
+            f"{'right' if yaw > 0 else 'left'} ({how}): attitude is that of the IMU"
+        )
     elif abs(yaw) > max(TURNED, 4.0 * found.sd):
         whole = replace(found, to_vehicle=matrix @ as_read).angles / DEG
         notes.append(
             f"the IMU is turned {abs(yaw) / DEG:.1f} ± {found.sd / DEG:.1f} deg to the "
-            f"{'right' if yaw > 0 else 'left'} in the vehicle ({how}): heading is that of the IMU; with --imu-axes "
+            f"{'right' if yaw > 0 else 'left'} in the vehicle ({how}): attitude is that of the IMU; with --imu-axes "
             f"{','.join(f'{angle + 0.0:.1f}' for angle in whole)} it is that of the vehicle"
         )
     else:

@@ -58,7 +58,7 @@ def test_square_mountings_are_turned_to_the_vehicle_and_told(plain, letters):
 
 def test_a_yaw_is_told_and_heading_is_that_of_the_imu(plain):
     found = turned(plain, dcm_from_rph(np.array([0.0, 0.0, 30.0 * DEG])).T)
-    assert any("heading is that of the IMU; with --imu-axes" in note for note in found.notes)
+    assert any("attitude is that of the IMU; with --imu-axes" in note for note in found.notes)
     result = found.navigate(output_interval=1.0)
     assert "assumed: the IMU is turned" in result.summary()
     run = result.found.run
@@ -68,6 +68,24 @@ def test_a_yaw_is_told_and_heading_is_that_of_the_imu(plain):
     off = np.abs(wrap_pi(run.smoothed.solution.rph[:, 2] - expected))
     assert np.median(off) < 1.5 * DEG
     assert np.mean(off < 3.0 * run.smoothed.solution.sd[:, 8]) > 0.97
+
+
+def test_an_imu_that_leans_points_along_no_axis_of_the_vehicle(plain):
+    """Two flights were said to have x, y, z down, forward, right and left, up, forward: attitudes 30 to 70 deg off."""
+    angles = np.array([40.0, 35.0, -50.0]) * DEG
+    found = turned(plain, dcm_from_rph(angles).T)
+    notes = [note for note in found.notes if "in the vehicle" in note]
+    assert len(notes) == 1
+    assert re.search("leans in the vehicle, and is turned about (4[5-9]|5[0-5]) deg to the left", notes[0])
+    result = found.navigate(output_interval=1.0)
+    assert "assumed: the IMU leans" in result.summary()
+    solution = result.found.run.smoothed.solution
+    true = plain.reference.data
+    vehicle = np.column_stack([np.interp(solution.time, true.time, np.unwrap(each)) for each in true.rph.T])
+    expected = dcm_from_rph(vehicle) @ dcm_from_rph(angles)
+    left = dcm_from_rph(solution.rph) @ np.swapaxes(expected, 1, 2)
+    off = np.arccos(np.clip(0.5 * (np.trace(left, axis1=1, axis2=2) - 1.0), -1.0, 1.0))
+    assert np.median(off) < 1.5 * DEG
 
 
 @pytest.mark.parametrize(("gps", "letters"), [("single", "RBD"), ("dgps", "LFD"), ("rtk", "BLD"), ("single", "FRD")])
