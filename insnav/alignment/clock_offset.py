@@ -39,6 +39,7 @@ SHARE = 0.3  # and by that part of the shorter one
 MEMORY = 2.0  # turns and accelerations so far apart are independent, if they are not of longer spans [s]
 SURE = 15.0  # log-likelihood above which a lag is no accident, among so many lags
 AS_TOLD = 0.3  # part of the best log-likelihood with which the clocks as they are are believed
+AS_LIKELY = 0.92  # the same with which hardly any offset is: circles in wind, and slow motion, have no clear one
 JUDGED = 0.75  # part of the motion by fixes that must be compared, where the records overlap as they are
 APART = 5.0  # other lags are at least so far away [s]
 BLOCKS = 12  # of the record, in which residuals may be alike
@@ -305,6 +306,8 @@ def _best_lag(compared: _Compared) -> float | None:
     second = float(np.max(score[~around], initial=0.0))
     if score[best] < SURE or score[best] < second + 0.5 * SURE:
         return None
+    if np.max(score[np.abs(lags) < COARSE], initial=0.0) > AS_LIKELY * score[best]:
+        return None if abs(lags[best]) > COARSE else float(lags[best])
     as_told = float(np.max(score[(np.abs(lags) < APART) & ~around], initial=0.0))
     if abs(lags[best]) >= APART and as_told > max(SURE, AS_TOLD * score[best]):
         return None  # the motion repeats itself, and the clocks as they are explain it too
