@@ -247,11 +247,11 @@ def test_a_heading_that_turns_about_the_course_by_an_impossible_bias_is_lost(dri
     prior = np.deg2rad(0.5)
     noise = SimpleNamespace(figures=(NoiseFigure("gyro.bias", "deg/h", prior, prior, 0.1 * prior, prior, False),))
 
-    def said(apart, bias):
+    def said(apart, bias, alignment=run.alignment):
         rph = np.column_stack([track.rph[:, :2], course + apart])
         value[-1, :3] = 0.0, 0.0, -bias * prior
         bad = replace(run, solution=replace(track, rph=rph), smoothed=None)
-        bad = replace(bad, sensor_errors=replace(run.sensor_errors, value=value))
+        bad = replace(bad, alignment=alignment, sensor_errors=replace(run.sensor_errors, value=value))
         return [line for line in run_warnings(EvaluatedRun(bad, noise=noise)) if "heading is lost" in line]
 
     assert moving.mean() > 0.3
@@ -260,6 +260,8 @@ def test_a_heading_that_turns_about_the_course_by_an_impossible_bias_is_lost(dri
     assert not said(np.deg2rad(250.0) * phase, 1.5)
     for apart in (0.0 * phase + 0.7, np.pi * (phase > 0.6), np.deg2rad(30.0) * np.sin(20.0 * phase)):
         assert not said(apart, 3.6)
+    seen = replace(run.alignment, static=(0.0, 30.0), gyro_bias=np.array([0.0, 0.0, -3.6 * prior]))
+    assert not said(np.deg2rad(250.0) * phase, 3.6, seen)  # a helicopter whose bias was seen at rest
     at_rest = np.where(moving, 0.0, 50.0 * phase)  # where a course is noise
     assert not said(at_rest, 3.6)
 

@@ -239,7 +239,9 @@ def _lost_heading(found: EvaluatedRun) -> Iterator[str]:
     What drives forward and backward, or flies in wind, has its course near an axis: doubled angles have a long mean
     resultant (K. V. Mardia, P. E. Jupp, "Directional Statistics", Wiley 2000, 1.1). Drones may turn: the bias tells.
     """
-    bias = np.max(np.abs(found.run.sensor_errors.value[-1:, :3]), initial=0.0)
+    alignment = found.run.alignment
+    at_rest = alignment.gyro_bias if alignment.static is not None else np.zeros(3)  # seen before, and no doubt of it
+    bias = np.max(np.abs(found.run.sensor_errors.value[-1:, :3] - at_rest), initial=0.0)
     usual = [figure.prior for figure in found.noise.figures if figure.key == "gyro.bias"] if found.noise else []
     if not (usual and bias > _TURN_ON * usual[0]):
         return
