@@ -34,6 +34,7 @@ QUARTERS, QUARTER = (UPRIGHT, "RBD", "BLD", "LFD"), 0.5 * np.pi  # x forward, th
 SLANTED = 20.0 * DEG  # an IMU turned so far from a quarter is not meant to point along an axis of the vehicle
 # cosines of how far an IMU may lean from axes of the vehicle that it is said to point along, and from upright else
 LEANING, ON_ITS_SIDE = 0.9, 0.5
+CLEAR = 4.0 * DEG  # standard deviation of the yaw below which such an IMU has angles to give: flights had 5 and 8
 POINTED = 0.9  # length of the mean direction of travel in the vehicle of what goes where it points [-]
 LIKELY = 2.0  # mean square of innovations by their variance up to which axes may be right: where they are it is 1 [-]
 LIKELIER = 30.0  # twice the logarithm of how much likelier fixes must be with other axes than with x forward
@@ -91,8 +92,9 @@ def as_mounted(
     as_read = axes_matrix(given or imu.facts.axes or UPRIGHT)
     letters, turn = letters_of(matrix @ as_read), axes_matrix(found.letters)
     # far from all axes of the vehicle, which wind and banks move further: as it was read, if that is not on its side
-    slanted = given is None and (matrix @ turn.T)[2, 2] < LEANING and matrix[2, 2] > ON_ITS_SIDE
-    if found.letters != UPRIGHT and given is None and not slanted:
+    other = found.letters != UPRIGHT and given is None
+    slanted = other and bool((matrix @ turn.T)[2, 2] < LEANING and matrix[2, 2] > ON_ITS_SIDE)
+    if other and not slanted:
         matrix, as_read = matrix @ turn.T, turn @ as_read
         imu, note = _turned(imu, turn, letters, how)
         notes.append(note)
@@ -105,17 +107,13 @@ def as_mounted(
         )
         said = Event(float(data.time[0]), EventKind.CONTRADICTION, yaw, float("nan"), "rad", text)
         imu = replace(imu, events=(*imu.events, said))
-    elif slanted:
-        notes.append(
-            f"the IMU leans in the vehicle, and is turned about {abs(yaw) / DEG:.0f} deg to the "
-            f"{'right' if yaw > 0 else 'left'} ({how}): attitude is that of the IMU"
-        )
-    elif abs(yaw) > max(TURNED, 4.0 * found.sd):
+    elif slanted or abs(yaw) > max(TURNED, 4.0 * found.sd):
         whole = replace(found, to_vehicle=matrix @ as_read).angles / DEG
+        size = f"about {abs(yaw) / DEG:.0f}" if slanted else f"{abs(yaw) / DEG:.1f} ± {found.sd / DEG:.1f}"
+        axes = f"; with --imu-axes {','.join(f'{angle + 0.0:.1f}' for angle in whole)} it is that of the vehicle"
         notes.append(
-            f"the IMU is turned {abs(yaw) / DEG:.1f} ± {found.sd / DEG:.1f} deg to the "
-            f"{'right' if yaw > 0 else 'left'} in the vehicle ({how}): attitude is that of the IMU; with --imu-axes "
-            f"{','.join(f'{angle + 0.0:.1f}' for angle in whole)} it is that of the vehicle"
+            f"the IMU {'leans and ' * slanted}is turned {size} deg to the {'right' if yaw > 0 else 'left'} in the "
+            f"vehicle ({how}): attitude is that of the IMU{axes if found.sd < CLEAR or not slanted else ''}"
         )
     else:
         yaw = 0.0

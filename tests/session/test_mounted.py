@@ -76,7 +76,9 @@ def test_an_imu_that_leans_points_along_no_axis_of_the_vehicle(plain):
     found = turned(plain, dcm_from_rph(angles).T)
     notes = [note for note in found.notes if "in the vehicle" in note]
     assert len(notes) == 1
-    assert re.search("leans in the vehicle, and is turned about (4[5-9]|5[0-5]) deg to the left", notes[0])
+    assert re.search("the IMU leans and is turned about (4[5-9]|5[0-5]) deg to the left in the vehicle", notes[0])
+    (told,) = re.findall("with --imu-axes ([-.,0-9]+) it is", notes[0])
+    np.testing.assert_allclose([float(each) for each in told.split(",")], angles / DEG, atol=5.0)
     result = found.navigate(output_interval=1.0)
     assert "assumed: the IMU leans" in result.summary()
     solution = result.found.run.smoothed.solution
