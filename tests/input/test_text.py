@@ -55,6 +55,8 @@ WAYS = {
     "comma and blank": TEXT.replace(",", ", "),
     "bar": as_text(ROWS, IMU_HEADER, delimiter="|"),
     "comments": "# made by a logger\n% and more, with, commas\n\n" + TEXT,
+    "lines of text before the header": "Logger v2\nDate: 2025-07-08, noon\nOperator;none\n\n" + TEXT,
+    "those and a row of units": "Logger v2\n\n" + TEXT.replace("\n", "\ns,rad/s,rad/s,rad/s,m/s^2,m/s^2,m/s^2\n", 1),
     "comments after a byte order mark": b"\xef\xbb\xbf# made by a logger\n" + TEXT.encode(),
     "short units row": TEXT.replace("\n", "\ns,rad/s,rad/s\n", 1),
     "header in a comment": "# a log\n# " + TEXT,

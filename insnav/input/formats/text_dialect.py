@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from insnav.plain_text import plain_text
 
 SNIFF_BYTES = 1 << 16
 _SAMPLE_ROWS = 20
+_FEWEST_NUMBERS = 4  # in a row of a table that lines of text may stand before
 _COMMENT = ("#", "%", "//")
 # In order of preference where several would do; blank stands for any run of blanks and tabs.
 _DELIMITERS = (",", ";", "\t", "|", " ")
@@ -79,9 +81,10 @@ def sniff(head: bytes, *, whole: bool, where: str) -> Dialect:
         raw = raw[:-1]
     lines = [_decode(line).rstrip("\r\n") for line in raw]
     rows = [i for i, line in enumerate(lines) if line.strip() and not is_comment(line)]
-    comments = [i for i, line in enumerate(lines[: rows[0] if rows else None]) if is_comment(line)]
     if not rows:
         raise InputError("the file has no table", where=where, why="there are only blank lines and comments")
+    rows = _from_header(lines, rows)
+    comments = [i for i, line in enumerate(lines[: rows[0]]) if is_comment(line)]
     body = rows[1:]
     cut = whole and not head.endswith((b"\n", b"\r")) and len(body) > 1  # a last row without a line end may be
     sample = [lines[i] for i in (body[:-1] if cut else body)][:_SAMPLE_ROWS]
@@ -111,6 +114,21 @@ def sniff(head: bytes, *, whole: bool, where: str) -> Dialect:
         sum(len(line) for line in raw[:first]),
         first + 1,
     )
+
+
+def _from_header(lines: Sequence[str], rows: list[int]) -> list[int]:
+    """Rows without those before the header, such as name and version of a logger: of another width than the numbers."""
+    for k, (row, after) in enumerate(itertools.pairwise(rows[: _SAMPLE_ROWS + 1])):
+        for delimiter in _DELIMITERS[:-1]:
+            cells, following = split_line(lines[row], delimiter), split_line(lines[after], delimiter)
+            numbers = sum(_is_number(cell) or bool(_DECIMAL_COMMA.match(cell)) for cell in cells)
+            if len(cells) != len(following) or numbers < max(_FEWEST_NUMBERS, 0.7 * len(cells)):
+                continue
+            first = k
+            while first > 0 and abs(len(split_line(lines[rows[first - 1]], delimiter)) - len(cells)) <= 1:
+                first -= 1
+            return rows[first:] if first < k else rows
+    return rows
 
 
 def _headerless(raw: Sequence[bytes], lines: Sequence[str], rows: Sequence[int], sample: Sequence[str]) -> Dialect:
