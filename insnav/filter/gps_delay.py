@@ -209,11 +209,13 @@ def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Foun
     found = _found(rough, _likelihood(rough), alone)
     if found.sd <= WORTH:
         return found
-    # precise ones tell more, if they are as precise as they claim with some delay
+    # precise ones tell it to milliseconds, if they are as precise as they claim with some delay
     believed = filtered(seen.ready, starts=0, gates=_open_gates(seen.ready))
     likelihood = _likelihood(believed)
-    explains = likelihood is not None and likelihood.off(COARSE) < EXPLAINED
-    return _found(believed, likelihood, alone) if explains else found
+    if likelihood is None or likelihood.off(COARSE) >= EXPLAINED:
+        return found
+    told = _found(believed, likelihood, alone)
+    return told if told.sd <= WORTH else found
 
 
 def _likelihood(seen: Filtered) -> LateFixes | None:
