@@ -16,7 +16,7 @@ from insnav.quantity import Quantity, quantity_of
 from insnav.report.numbers import number
 from insnav.report.page import Section, Verdict, cell, section_tables
 from insnav.report.run.verdict import brief_lines, run_merits
-from insnav.report.run.warnings import run_warnings
+from insnav.report.run.warnings import run_assumptions, run_warnings
 from insnav.report.series import Clock
 from insnav.report.terminal import WIDTH
 from insnav.sample_statistics import rms
@@ -264,6 +264,16 @@ def test_a_heading_that_turns_about_the_course_by_an_impossible_bias_is_lost(dri
     assert not said(np.deg2rad(250.0) * phase, 3.6, seen)  # a helicopter whose bias was seen at rest
     at_rest = np.where(moving, 0.0, 50.0 * phase)  # where a course is noise
     assert not said(at_rest, 3.6)
+
+
+def test_how_the_imu_sits_is_assumed_and_what_aiding_found_of_it_is_not(bare):
+    aside = "the IMU is turned about 50 deg to the left in the vehicle (by windows): attitude is that of the IMU"
+    astray = "the vehicle does not go where it points: its heading is that of x of the IMU, found by the fixes"
+    by_aiding = "NHC: lateral 0.11, vertical 0.05 m/s RMS; IMU in the vehicle: pitch -6.64 ± 0.27, yaw 5.23 ± 0.51 deg"
+    assumed = run_assumptions(result_of(bare, notes=(aside, astray, by_aiding)))
+    assert aside in assumed
+    assert astray in assumed
+    assert by_aiding not in assumed
 
 
 def test_the_shortest_run_is_summed_up(bare):

@@ -41,7 +41,7 @@ _TURNED = 5.0 * DEG  # that headings in a rest may be off unseen [rad]
 _PACE = 1.0  # over which turns and accelerations are those of the motion, not of vibration [s]
 _OF_REFERENCE = (EventKind.REF_CONTRADICTION, EventKind.REF_OTHER)
 # or done to the samples, as the drive shows, and how an IMU sits in a vehicle
-_ASSUMED = re.compile(r"\bassumed\b|--imu-axes|added to the IMU times|\bin the vehicle\b|not go where it points")
+_ASSUMED = re.compile(r"\bassumed\b|--imu-axes|added to the IMU times|IMU .*is turned .* in the vehicle|not go where")
 
 
 def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
