@@ -306,8 +306,9 @@ def _best_lag(compared: _Compared) -> float | None:
     second = float(np.max(score[~around], initial=0.0))
     if score[best] < SURE or score[best] < second + 0.5 * SURE:
         return None
-    if np.max(score[np.abs(lags) < COARSE], initial=0.0) > AS_LIKELY * score[best]:
-        return None if abs(lags[best]) > COARSE else float(lags[best])
+    none = float(np.max(score[np.abs(lags) < COARSE], initial=0.0))
+    if abs(lags[best]) > COARSE and none > AS_LIKELY * score[best]:
+        return None
     as_told = float(np.max(score[(np.abs(lags) < APART) & ~around], initial=0.0))
     if abs(lags[best]) >= APART and as_told > max(SURE, AS_TOLD * score[best]):
         return None  # the motion repeats itself, and the clocks as they are explain it too

@@ -201,8 +201,7 @@ def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Foun
     standard deviation [s]: in a minute a delay explains the same.
     """
     likelihood = _likelihood(seen)
-    moves = likelihood is None or likelihood.moves
-    if not moves or (likelihood is not None and likelihood.accepted >= TRUE_FIXES):
+    if likelihood is not None and (likelihood.accepted >= TRUE_FIXES or not likelihood.moves):
         return _found(seen, likelihood, alone)
     # seconds late, nearly all fixes look false, and precise ones bend the filter too much
     rough = filtered(_doubted(seen.ready), starts=0, gates=_open_gates(seen.ready))

@@ -92,9 +92,9 @@ def as_mounted(
     as_read = axes_matrix(given or imu.facts.axes or UPRIGHT)
     letters, turn = letters_of(matrix @ as_read), axes_matrix(found.letters)
     # far from all axes of the vehicle, which wind and banks move further: as it was read, if that is not on its side
-    other = found.letters != UPRIGHT and given is None
-    slanted = other and bool((matrix @ turn.T)[2, 2] < LEANING and matrix[2, 2] > ON_ITS_SIDE)
-    if other and not slanted:
+    elsewhere = found.letters != UPRIGHT and given is None
+    slanted = elsewhere and (matrix @ turn.T)[2, 2] < LEANING and matrix[2, 2] > ON_ITS_SIDE
+    if elsewhere and not slanted:
         matrix, as_read = matrix @ turn.T, turn @ as_read
         imu, note = _turned(imu, turn, letters, how)
         notes.append(note)
@@ -109,12 +109,11 @@ def as_mounted(
         imu = replace(imu, events=(*imu.events, said))
     elif slanted or abs(yaw) > max(TURNED, 4.0 * found.sd):
         whole = replace(found, to_vehicle=matrix @ as_read).angles / DEG
-        size = f"about {abs(yaw) / DEG:.0f}" if slanted else f"{abs(yaw) / DEG:.1f} ± {found.sd / DEG:.1f}"
         axes = f"; with --imu-axes {','.join(f'{angle + 0.0:.1f}' for angle in whole)} it is that of the vehicle"
-        notes.append(
-            f"the IMU {'leans and ' * slanted}is turned {size} deg to the {'right' if yaw > 0 else 'left'} in the "
-            f"vehicle ({how}): attitude is that of the IMU{axes if found.sd < CLEAR or not slanted else ''}"
-        )
+        if slanted:
+            notes.append(_aside(yaw, how, "leans and is turned") + axes * (found.sd < CLEAR))
+        else:
+            notes.append(_aside(yaw, how, sd=found.sd) + axes)
     else:
         yaw = 0.0
     return imu, yaw, tuple(notes)
@@ -152,8 +151,7 @@ def in_likely_axes(
     likelier = "so fixes are far likelier than with x forward, which nothing else tells"
     how = "the heading that turns show is not where it goes" if UPRIGHT in travels else likelier
     if abs(yaw - nearest * QUARTER) > SLANTED:
-        turned = f"about {abs(yaw) / DEG:.0f} deg to the {'right' if yaw > 0.0 else 'left'}"
-        return imu, yaw, f"the IMU is turned {turned} in the vehicle ({how}): heading is that of the IMU"
+        return imu, yaw, _aside(yaw, how)
     if nearest == 0:
         return imu, 0.0, UNTOLD
     turn = axes_matrix(QUARTERS[nearest % 4])
@@ -178,6 +176,13 @@ def _travel(found: Filtered, quarter: int) -> tuple[float, float]:
     forward = np.exp(0.5j * np.angle(axis))
     forward *= np.sign(np.sum((ahead / forward).real)) or 1.0
     return float(wrap_pi(quarter * QUARTER + np.angle(forward))), float(abs(axis) / np.sum(size))
+
+
+def _aside(yaw: float, how: str, sits: str = "is turned", *, sd: float | None = None) -> str:
+    """What is said of an IMU that points along no axis of the vehicle; `sd`: standard deviation of its yaw [rad]."""
+    size = f"about {abs(yaw) / DEG:.0f}" if sd is None else f"{abs(yaw) / DEG:.1f} ± {sd / DEG:.1f}"
+    side = "right" if yaw > 0.0 else "left"
+    return f"the IMU {sits} {size} deg to the {side} in the vehicle ({how}): attitude is that of the IMU"
 
 
 def _turned(imu: Reading[ImuData], turn: FloatArray, letters: str, how: str) -> tuple[Reading[ImuData], str]:

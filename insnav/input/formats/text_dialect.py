@@ -69,6 +69,11 @@ def _is_number(cell: str) -> bool:
     return bool(cell)
 
 
+def _numbers(cells: Sequence[str]) -> int:
+    """How many of some cells are numbers, with either decimal sign."""
+    return sum(_is_number(cell) or bool(_DECIMAL_COMMA.match(cell)) for cell in cells)
+
+
 def sniff(head: bytes, *, whole: bool, where: str) -> Dialect:
     """Find out how a table is written.
 
@@ -91,8 +96,7 @@ def sniff(head: bytes, *, whole: bool, where: str) -> Dialect:
     header_line = rows[0]
     delimiter = _delimiter(lines[header_line], sample)
     names = split_line(lines[header_line], delimiter)
-    numeric = sum(_is_number(cell) or bool(_DECIMAL_COMMA.match(cell)) for cell in names)
-    if 2 * numeric >= sum(map(bool, names)):
+    if 2 * _numbers(names) >= sum(map(bool, names)):
         # The header may be the last comment, as numpy.savetxt and ROS write it.
         sample = [lines[header_line], *sample]
         body = rows
@@ -121,8 +125,7 @@ def _from_header(lines: Sequence[str], rows: list[int]) -> list[int]:
     for k, (row, after) in enumerate(itertools.pairwise(rows[: _SAMPLE_ROWS + 1])):
         for delimiter in _DELIMITERS[:-1]:
             cells, following = split_line(lines[row], delimiter), split_line(lines[after], delimiter)
-            numbers = sum(_is_number(cell) or bool(_DECIMAL_COMMA.match(cell)) for cell in cells)
-            if len(cells) != len(following) or numbers < max(_FEWEST_NUMBERS, 0.7 * len(cells)):
+            if len(cells) != len(following) or _numbers(cells) < max(_FEWEST_NUMBERS, 0.7 * len(cells)):
                 continue
             first = k
             while first > 0 and abs(len(split_line(lines[rows[first - 1]], delimiter)) - len(cells)) <= 1:
