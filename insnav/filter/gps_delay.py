@@ -211,10 +211,12 @@ def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Foun
     # precise ones tell it to milliseconds, if they are as precise as they claim with some delay
     believed = filtered(seen.ready, starts=0, gates=_open_gates(seen.ready))
     likelihood = _likelihood(believed)
-    if likelihood is None or likelihood.off(COARSE) >= EXPLAINED:
+    off = EXPLAINED if likelihood is None else likelihood.off(COARSE)
+    if off >= EXPLAINED:
         return found
     told = _found(believed, likelihood, alone)
-    return told if told.sd <= WORTH else found
+    # what they are off is no noise but what bends the filter, and the lever arm with the delay
+    return told._replace(sd=told.sd * max(1.0, float(np.sqrt(off)))) if told.sd <= WORTH else found
 
 
 def _likelihood(seen: Filtered) -> LateFixes | None:
