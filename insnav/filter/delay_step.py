@@ -21,10 +21,11 @@ from insnav.filter.prepare import Prepared
 from insnav.filter.shocks import scatter
 from insnav.filter.whole_record import rows_of, stretches, unlikely
 from insnav.plain_text import moment
-from insnav.types import DelayStep, Event, EventKind, FloatArray, GpsData, Run
+from insnav.types import DelayStep, Event, EventKind, FloatArray, GpsData, Run, Trajectory
 
 ROUNDS = 5  # of moving fixes
 PARTS = 0.5, 1.0, 1.5  # of the drift of the clock that a step may stand for
+MOVES, SHOWN = 1.0, 10.0  # at rest nothing shows a delay: faster [m/s], and for longer on either side of a step [s]
 SAME = 0.2  # part of the largest move; smaller ones are none
 
 Solved = tuple[Prepared, Navigated]
@@ -44,6 +45,8 @@ def with_one_delay(fixes: GpsData | None, navigated: Callable[..., Solved]) -> S
         if smoothed is None or smoothed.delay_step is None:
             break
         step = smoothed.delay_step
+        if not _shows_both(smoothed.solution, step):
+            break
         later = late + moved(step, fixes.time - other[0].settings.delay - late)
         time = fixes.time - later
         kept = time > np.maximum.accumulate(np.concatenate([[-np.inf], time[:-1]]))
@@ -100,6 +103,13 @@ def _drifting(
         if curve[0] > 0.0 and abs(top) <= LARGEST_DRIFT:
             tried.append(at(float(top)))
     return min(tried, key=lambda each: each[0])[1] if tried else None
+
+
+def _shows_both(track: Trajectory, step: DelayStep) -> bool:
+    """Whether the vehicle moves for long before and after a step: what a departure shows of attitude looks like one."""
+    spent = np.gradient(track.time) * (np.linalg.norm(track.v_n, axis=1) > MOVES)
+    before = float(spent[track.time < step.time].sum())
+    return min(before, float(spent.sum()) - before) > SHOWN
 
 
 def _margin(solved: Solved) -> float:

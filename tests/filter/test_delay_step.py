@@ -13,9 +13,11 @@ from insnav.filter.delay_step import moved, with_one_delay
 from insnav.filter.navigate import navigate_prepared
 from insnav.filter.prepare import prepare
 from insnav.imu import load_imu
+from insnav.input import read_gps, read_imu
 from insnav.types import DelayStep, EventKind
 from tests.filter.test_changes import ratios
 from tests.filter.test_whole_record import AT, SETTINGS, recording, told
+from tests.shared import recorded
 
 
 def navigated(seed, fixes):
@@ -69,6 +71,16 @@ def test_without_one_nothing_is_moved():
     done = navigated(5, recording(5).gps)
     assert done.run.smoothed.delay_step is None
     assert not told(done)
+
+
+def test_a_departure_is_no_step():
+    """Without standard deviations: "fixes from 41 s on are 0.053 s earlier", three seconds after it starts to move."""
+    folder = recorded("rtklib_drive_20250708")
+    imu, gps = read_imu(folder / "imu.csv.gz").data.beginning(200.0), read_gps(folder / "gps.csv").data
+    unknown = np.full_like(gps.lla, np.nan)
+    gps = replace(gps, position_sd=unknown, velocity_sd=unknown).rows(gps.time < imu.time[-1])
+    run = insnav.load(imu, gps).navigate().found.run
+    assert not any("than the others" in event.action for event in run.events)
 
 
 @pytest.mark.parametrize(
