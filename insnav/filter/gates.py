@@ -13,7 +13,7 @@ import numpy as np
 
 from insnav.earth import ned_offset
 from insnav.sample_statistics import chi2_limit
-from insnav.types import BoolArray, Event, EventKind, FloatArray, GpsData
+from insnav.types import BoolArray, Event, EventKind, FloatArray, GpsData, IntArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +68,9 @@ class Gates:
 REJECTED = "rejected"
 WHOLE_SD = 3.0  # so many of its standard deviations may a fix step, whatever part of them is white [-]
 _IMPOSSIBLE = "no vehicle moves this fast"
+MOST_ACCELERATION = 30.0  # of a vehicle from fix to fix, and back [m/s^2]
+IN_A_ROW, ROUNDS = 3, 5  # false fixes looked for together, and how often, without those found
+ON_LINE = 0.25  # part of what they are off within which the fixes around them are on one line; a jump has two thirds
 OF_REFERENCE = -99  # fix type of what is no fix but only compared with, and has none of the errors of fixes
 _CONTRADICTED = "all other fixes and the IMU contradict it"
 
@@ -106,6 +109,44 @@ def impossible(gates: Gates, gps: GpsData) -> BoolArray:
     limit = gates.max_speed * np.diff(gps.time) + gates.physical_sd * (sd[1:] + sd[:-1])
     far = np.linalg.norm(ned_offset(gps.lla[1:], gps.lla[:-1]), axis=1) > limit
     return np.asarray(np.append(True, far) & np.append(far, True))
+
+
+def aside(gates: Gates, gps: GpsData) -> BoolArray:
+    """Find positions beside the line between the fixes around them, farther than any vehicle turns out and back.
+
+    Up to `IN_A_ROW` together, where these fixes are on one line with the next: after a jump that stays they are not.
+    """
+    left = np.arange(gps.time.size)  # a false one hides others
+    for _ in range(ROUNDS):
+        found = _beside(gates, gps.rows(left))
+        if not found.any():
+            break
+        left = left[~found]
+    return ~np.isin(np.arange(gps.time.size), left)
+
+
+def _beside(gates: Gates, gps: GpsData) -> BoolArray:
+    time, sd, found = gps.time, gps.position_sd.max(axis=1), np.zeros(gps.time.size, dtype=np.bool_)
+
+    def off(row: IntArray, first: IntArray, last: IntArray) -> tuple[FloatArray, FloatArray]:
+        """How far a fix is from the line between two others, and what acceleration and errors allow [m]."""
+        since, until = time[row] - time[first], time[last] - time[row]
+        share = (since / (since + until))[:, None]
+        way = ned_offset(gps.lla[row], gps.lla[first]) - share * ned_offset(gps.lla[last], gps.lla[first])
+        errors = gates.physical_sd * (sd[row] + np.maximum(sd[first], sd[last]))
+        return np.linalg.norm(way, axis=1), 0.5 * MOST_ACCELERATION * since * until + errors
+
+    for length in range(1, IN_A_ROW + 1):
+        first = np.arange(1, time.size - length - 2)  # of two fixes before, the nearer one
+        last = first + length + 1
+        least, outside = np.full(first.size, np.inf), np.ones(first.size, dtype=np.bool_)
+        for k in range(1, length + 1):
+            far, limit = off(first + k, first, last)
+            least, outside = np.minimum(least, far), outside & (far > limit)
+        on_line = np.minimum(off(first, first - 1, last)[0], off(last, first, last + 1)[0]) < ON_LINE * least
+        for k in range(1, length + 1):
+            found[(first + k)[outside & on_line]] = True
+    return found
 
 
 def statistical(

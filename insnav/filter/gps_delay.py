@@ -21,7 +21,7 @@ from insnav import strapdown
 from insnav.alignment.in_motion import SPAN, STEADY, bias_by_course, gives_velocities, sure_motion
 from insnav.attitude import rph_from_quat
 from insnav.exceptions import DivergenceError
-from insnav.filter.gates import Gates
+from insnav.filter.gates import Gates, aside
 from insnav.filter.gps_noise import LAG_WORTH, LAGGING_NOTE, velocity_lag
 from insnav.filter.innovation_likelihood import HUBER
 from insnav.filter.late_fixes import BLOCKS, REACH, LateFixes
@@ -147,7 +147,8 @@ def _doubted(ready: Prepared) -> Prepared:
 
 
 def _thinned(ready: Prepared) -> Prepared:
-    """Take so many fixes as are needed of what is looked at, and that of the start."""
+    """Take so many fixes as are needed of what is looked at, and that of the start; none that is surely false."""
+    ready = replace(ready, gps=ready.gps.rows(~aside(ready.settings.gates, ready.gps)))
     time = ready.gps.time
     number = np.floor((time - time[0]) / (min(time[-1] - time[0], LONGEST) / FIXES) + 1e-6)
     wanted = np.diff(number, prepend=-1.0) > 0.0

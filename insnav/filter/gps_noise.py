@@ -9,6 +9,7 @@ import numpy as np
 
 from insnav import spill
 from insnav.earth import ned_offset
+from insnav.filter.gates import Gates, aside
 from insnav.kernels.earth import A
 from insnav.spline import Spline
 from insnav.types import BoolArray, FloatArray, GpsData
@@ -57,22 +58,22 @@ def velocity_lag(gps: GpsData) -> tuple[float, float]:
     what the velocity was in between, or no accelerations.
     """
     usable = np.isfinite(gps.v_n).all(axis=1)
-    if gps.fix is not None:
-        usable &= gps.fix != 0
-    t = gps.time[usable]
+    gps = gps.rows(np.flatnonzero(usable if gps.fix is None else usable & (gps.fix != 0)))
+    gps = gps.rows(~aside(Gates(), gps))
+    t = gps.time
     if t.shape[0] < 50:
         return 0.0, np.inf
     step = np.diff(t)
     if np.median(step) > SPARSE:
         return 0.0, np.inf
-    gone = ned_offset(gps.lla[usable][1:], gps.lla[usable][:-1])[:, :2]  # fix by fix: the track may be long
+    gone = ned_offset(gps.lla[1:], gps.lla[:-1])[:, :2]  # fix by fix: the track may be long
     position = Spline(t, np.vstack([np.zeros(2), np.cumsum(gone, axis=0)]))
     even: BoolArray = np.asarray(np.abs(step / np.median(step) - 1.0) < 0.1)
     inside: BoolArray = np.zeros(t.shape[0], dtype=bool)
     inside[3:-2] = np.asarray(np.lib.stride_tricks.sliding_window_view(even, 5).all(axis=1), dtype=bool)
     if inside.sum() < 40:
         return 0.0, np.inf
-    v = gps.v_n[usable][:, :2]
+    v = gps.v_n[:, :2]
     change = np.zeros_like(v)
     change[1:-1] = (v[2:] - v[:-2]) / (t[2:] - t[:-2])[:, None]
     t, v, instrument = t[inside], v[inside], change[inside].ravel()

@@ -9,6 +9,7 @@ import pytest
 
 from insnav.earth import lla_offset, ned_offset
 from insnav.filter import Gates
+from insnav.filter.gates import aside
 from insnav.simulate import reference
 from insnav.types import EventKind, GpsData, Run
 from tests.filter import drives
@@ -216,3 +217,33 @@ def test_fixes_that_gates_de_weight_are_a_divergence_where_they_are_the_rule(rec
     off = (0.1 if diverged else 0.2) * rng.choice([-1.0, 1.0], (len(sure.time[rows]), 3))
     run = run_with(recorded, lambda _: moved(sure, rows, off), smooth=False)
     assert (EventKind.DIVERGED in kinds(run)) is diverged
+
+
+def turning(time: np.ndarray, gap: float, rate: float) -> GpsData:
+    """Fixes of 1 cm on circles of 2 g at 50 m/s, a fix each `gap`, moved by rows of NED."""
+    circle = (
+        50.0 / (2.0 * 9.8 / 50.0) * np.column_stack([np.sin(rate * time), np.cos(rate * time), np.zeros_like(time)])
+    )
+    size = np.full((time.size, 3), 0.01)
+    nothing = np.full_like(size, np.nan)
+    return GpsData(time, lla_offset(np.array([0.8, 0.1, 300.0]), circle), nothing, size, nothing)
+
+
+@pytest.mark.parametrize("gap", [0.2, 1.0])
+def test_false_fixes_between_true_ones_are_told_from_turns_and_jumps(gap):
+    time = 500.0 + gap * np.arange(200)
+    fixes = turning(time, gap, 2.0 * 9.8 / 50.0)
+    assert not aside(Gates(), fixes).any()
+    rng, off = np.random.default_rng(3), np.zeros((200, 3))
+    for rows in ([20], [40, 42], [60, 61], [80, 81, 82], [100, 103], [197]):
+        off[rows] = 60.0 * rng.standard_normal((1, 3)) / np.sqrt(3.0) + rng.standard_normal((len(rows), 3)) + 90.0
+    false = off.any(axis=1)
+    assert (aside(Gates(), replace(fixes, lla=lla_offset(fixes.lla, off))) == false).all()
+
+
+@pytest.mark.parametrize("size", np.geomspace(1.0, 1e4, 17))
+def test_a_jump_that_stays_leaves_no_fix_aside(size):
+    time = 500.0 + 0.25 * np.arange(60)
+    fixes = turning(time, 0.25, 0.1)
+    off = size * np.outer(time > 507.0, [0.6, 0.8, 0.0])
+    assert not aside(Gates(), replace(fixes, lla=lla_offset(fixes.lla, off))).any()

@@ -150,6 +150,19 @@ def test_false_fixes_do_not_decide():
     assert found == pytest.approx(0.5, abs=0.05)
 
 
+def test_false_fixes_of_a_precise_receiver_do_not_decide():
+    """One in 20 off by 30 m and stated to 1 cm: nothing was found but a lag of 0.115 s, the whole drive 0.12 m off."""
+    folder = shared.recorded("rtklib_drive_20250708")
+    imu, gps = read_imu(folder / "imu.csv.gz").data, read_gps(folder / "gps.csv").data
+    rng, off = np.random.default_rng(4), np.zeros_like(gps.lla)
+    false = rng.random(gps.time.size) < 0.05
+    off[false, :2] = rng.choice([-30.0, 30.0], (int(false.sum()), 2))
+    ready = insnav.load(imu, replace(gps, lla=lla_offset(gps.lla, off))).prepared()
+    assert ready.clock == pytest.approx(-0.071, abs=0.012)
+    assert ready.rate == pytest.approx(-290e-6, abs=60e-6)
+    assert ready.settings.velocity_lag == pytest.approx(0.130, abs=0.005)
+
+
 @pytest.mark.parametrize("row", [0, 1, 200, -1])
 def test_a_fix_where_nothing_can_have_been_does_not_decide(row):
     ready = recorded()
