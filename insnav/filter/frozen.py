@@ -9,12 +9,13 @@ import numpy as np
 from insnav.earth import ned_offset
 from insnav.plain_text import moment
 from insnav.tabular import runs_of
-from insnav.types import Event, EventKind, GpsData, ImuData
+from insnav.types import Event, EventKind, FloatArray, GpsData, ImuData
 
 UNUSABLE = 1e4  # standard deviation of positions that are none [m]
 # way of the velocities at one position, where that is written with jitter, which goes so small a part of it, and where
 # it is not: in all [m], in steps as well as positions are written, and faster than velocities drift at rest [m/s]
 FROZEN, HARDLY, SAME, STEPS, AT_REST = 30.0, 0.01, 3.0, 10.0, 0.5
+KEPT = 0.9  # part of the steps by velocities that must go so far
 PARKED = 0.2  # of their sd: positions of a vehicle that rests while its velocities are false scatter by more
 # Where velocities are repeated too, or none are given, samples tell motion: for so long [s], means over so long [s]
 # scatter by more than at any rest [m/s^2], in a vehicle that goes so far [m]
@@ -45,7 +46,7 @@ def _without_frozen_positions(gps: GpsData, imu: ImuData) -> tuple[GpsData, list
     repeated = (moved == 0.0).all(axis=1) & ((np.diff(v_n, axis=0) == 0.0) | np.isnan(v_n[1:])).all(axis=1)
     travels = float(np.ptp(ned_offset(gps.lla, gps.lla[0])[:, :2], axis=0).max(initial=0.0)) > JOURNEY
     for first, last in runs_of(same if gps.fix is None else same & (gps.fix[1:] != 0)):
-        far, rows = float(np.linalg.norm(gone[first:last].sum(axis=0))), slice(first + 1, last + 1)
+        far, rows = _way(gone[first:last]), slice(first + 1, last + 1)
         least = FROZEN if step[first:last].any() else max(SAME, STEPS * written)
         whole = travels and bool(repeated[first:last].all())
         if far > least or (whole and _moves(imu, float(gps.time[first]), float(gps.time[last]))):
@@ -61,6 +62,12 @@ def _without_frozen_positions(gps: GpsData, imu: ImuData) -> tuple[GpsData, list
     text = f"positions of the fixes are frozen from {when}, in which {shown}{more}: not used"
     said = Event(float(gps.time[first]), EventKind.GPS_FROZEN, far, least, "m", text)
     return replace(gps, position_sd=position_sd, v_n=v_n), [said]
+
+
+def _way(steps: FloatArray) -> float:
+    """How far steps (n, 2) go [m], without the few that are larger than all others: velocities may be false, too."""
+    length = np.linalg.norm(steps, axis=1)
+    return float(np.linalg.norm(steps[np.argsort(length)[: int(KEPT * length.size)]].sum(axis=0)))
 
 
 def _without_held_velocities(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[Event]]:
