@@ -107,7 +107,7 @@ def _drifting(
 
 def _shows_both(track: Trajectory, step: DelayStep) -> bool:
     """Whether the vehicle moves for long before and after a step: what a departure shows of attitude looks like one."""
-    spent = np.gradient(track.time) * (np.linalg.norm(track.v_n, axis=1) > MOVES)
+    spent = np.diff(track.time, append=track.time[-1]) * (np.linalg.norm(track.v_n, axis=1) > MOVES)
     before = float(spent[track.time < step.time].sum())
     return min(before, float(spent.sum()) - before) > SHOWN
 
