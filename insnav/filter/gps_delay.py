@@ -210,7 +210,7 @@ def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Foun
     if found.sd <= WORTH:
         return found
     # precise ones tell it to milliseconds, if they are as precise as they claim with some delay
-    believed = _believed(seen)
+    believed = filtered(seen.ready, starts=0, gates=_open_gates(seen.ready))
     likelihood = _likelihood(believed)
     off = EXPLAINED if likelihood is None else likelihood.off(COARSE)
     if off >= EXPLAINED:
@@ -218,11 +218,6 @@ def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Foun
     told = _found(believed, likelihood, alone)
     # what they are off is no noise but what bends the filter, and the lever arm with the delay
     return told._replace(sd=told.sd * max(1.0, float(np.sqrt(off)))) if told.sd <= WORTH else found
-
-
-def _believed(seen: Filtered) -> Filtered:
-    """The same with no fix rejected."""
-    return filtered(seen.ready, starts=0, gates=_open_gates(seen.ready))
 
 
 def _likelihood(seen: Filtered) -> LateFixes | None:
@@ -241,17 +236,13 @@ def _found(seen: Filtered, likelihood: LateFixes | None, alone: tuple[float, flo
     near = COARSE[best] + FINE * np.arange(-FINE_STEPS, FINE_STEPS + 1)
     fine, drift = likelihood.costs(near), 0.0
     rates = DRIFTS[np.abs(DRIFTS) < LARGEST_DRIFT * likelihood.half + FINE] / likelihood.half
-    one = near[[np.argmin(fine.sum(axis=1))]]
-    drifting = likelihood.costs(one, rates).sum(axis=1)
-    least, apart = float(rates[np.argmin(drifting)]), 0.5 * float(rates[1] - rates[0])
-    before, top, after = likelihood.costs(one, np.array([least - apart, least, least + apart])).sum(axis=1)
+    drifting = likelihood.costs(near[[np.argmin(fine.sum(axis=1))]], rates).sum(axis=1)
+    least = int(np.clip(np.argmin(drifting), 1, rates.size - 2))
     # a single high step is an accident of the weights
-    sure = drifting[rates.size // 2] - max(before, top, after) > SURE**2
-    if (bend := before - 2.0 * top + after) > 0.0:
-        least += apart * float(np.clip(0.5 * (before - after) / bend, -1.0, 1.0))
-    wide = abs(least) * likelihood.half
-    if sure and wide > DRIFT_WORTH and likelihood.cost_of_step(near, wide) > min(before, top, after):
-        drift = least
+    sure = drifting[rates.size // 2] - drifting[least - 1 : least + 2].max() > SURE**2
+    wide = abs(float(rates[least])) * likelihood.half
+    if sure and wide > DRIFT_WORTH and likelihood.cost_of_step(near, wide) > drifting[least]:
+        drift = float(rates[least])
         fine = likelihood.costs(near, drift)
     middle = int(np.clip(np.argmin(fine.sum(axis=1)), 1, near.size - 2))
     before, top, after = fine[middle - 1 : middle + 2]
@@ -368,7 +359,7 @@ def on_time(
         # within its reach the filter explains a delay as well by its state, but for what is not linear in it
         refined = further is seen and sure == REFINED and abs(delay) < settings.delay_sd and not drift
         further = filtered(there)
-        if refined or _no_worse(further, seen):  # a large one is found in steps: the first may be worse
+        if refined or further.misfit <= seen.misfit + WORSE:  # a large one is found in steps: the first may be worse
             ready, seen, own = there, further, (clock, rate)
     arm = replace(ready.settings, shaken=seen.shaken, lever_sd=seen.lever_sd)
     lag_sd = LOOKED * lags[1] if lags[1] > LAG_SD_WORTH else 0.0
@@ -396,17 +387,6 @@ def on_time(
         which = "slow" if ready.rate > 0.0 else "fast"
         notes.append(f"the clock of the IMU is {abs(1e6 * ready.rate):.0f} ppm {which} against GPS time, corrected")
     return replace(ready, notes=tuple(notes))
-
-
-def _no_worse(further: Filtered, seen: Filtered) -> bool:
-    """Whether fixes are no unlikelier than they were; where gates reject many, the others tell nothing: all of them."""
-    if further.misfit <= seen.misfit + WORSE:
-        return True
-    likelihoods = _likelihood(further), _likelihood(seen)
-    if any(each is None for each in likelihoods) or min(each.accepted for each in likelihoods if each) >= TRUE_FIXES:
-        return False
-    now, before = (_believed(each).misfit for each in (further, seen))
-    return now <= before + WORSE and now < np.inf
 
 
 def with_surer_start(ready: Prepared, history: History) -> Prepared | None:
