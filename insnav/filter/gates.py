@@ -116,36 +116,36 @@ def aside(gates: Gates, gps: GpsData) -> BoolArray:
 
     Up to `IN_A_ROW` together, where these fixes are on one line with the next: after a jump that stays they are not.
     """
-    left = np.arange(gps.time.size)  # a false one hides others
-    for _ in range(ROUNDS):
-        found = _beside(gates, gps.rows(left))
-        if not found.any():
+    found, every = np.zeros(gps.time.size, dtype=np.bool_), np.arange(gps.time.size)
+    left = every if gps.fix is None else every[gps.fix != 0]  # one that is none may be anywhere
+    for _ in range(ROUNDS):  # a false one hides others
+        false = _beside(gates, gps.rows(left))
+        if not false.any():
             break
-        left = left[~found]
-    return ~np.isin(np.arange(gps.time.size), left)
+        found[left[false]], left = True, left[~false]
+    return found
 
 
 def _beside(gates: Gates, gps: GpsData) -> BoolArray:
     time, sd, found = gps.time, gps.position_sd.max(axis=1), np.zeros(gps.time.size, dtype=np.bool_)
+    # fix by fix: the track may be long
+    place = np.cumsum(np.vstack([np.zeros(3), ned_offset(gps.lla[1:], gps.lla[:-1])]), axis=0)
 
     def off(row: IntArray, first: IntArray, last: IntArray) -> tuple[FloatArray, FloatArray]:
         """How far a fix is from the line between two others, and what acceleration and errors allow [m]."""
         since, until = time[row] - time[first], time[last] - time[row]
         share = (since / (since + until))[:, None]
-        way = ned_offset(gps.lla[row], gps.lla[first]) - share * ned_offset(gps.lla[last], gps.lla[first])
+        way = place[row] - (1.0 - share) * place[first] - share * place[last]
         errors = gates.physical_sd * (sd[row] + np.maximum(sd[first], sd[last]))
         return np.linalg.norm(way, axis=1), 0.5 * MOST_ACCELERATION * since * until + errors
 
     for length in range(1, IN_A_ROW + 1):
         first = np.arange(1, time.size - length - 2)  # of two fixes before, the nearer one
         last = first + length + 1
-        least, outside = np.full(first.size, np.inf), np.ones(first.size, dtype=np.bool_)
-        for k in range(1, length + 1):
-            far, limit = off(first + k, first, last)
-            least, outside = np.minimum(least, far), outside & (far > limit)
-        on_line = np.minimum(off(first, first - 1, last)[0], off(last, first, last + 1)[0]) < ON_LINE * least
-        for k in range(1, length + 1):
-            found[(first + k)[outside & on_line]] = True
+        far, limit = np.array([off(first + k, first, last) for k in range(1, length + 1)]).swapaxes(0, 1)
+        aligned = np.minimum(off(first, first - 1, last)[0], off(last, first, last + 1)[0])
+        start = first[(far > limit).all(axis=0) & (aligned < ON_LINE * far.min(axis=0))]
+        found[(start[:, None] + np.arange(1, length + 1)).ravel()] = True
     return found
 
 

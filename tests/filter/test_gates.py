@@ -219,8 +219,8 @@ def test_fixes_that_gates_de_weight_are_a_divergence_where_they_are_the_rule(rec
     assert (EventKind.DIVERGED in kinds(run)) is diverged
 
 
-def turning(time: np.ndarray, gap: float, rate: float) -> GpsData:
-    """Fixes of 1 cm on circles of 2 g at 50 m/s, a fix each `gap`, moved by rows of NED."""
+def turning(time: np.ndarray, rate: float) -> GpsData:
+    """Fixes good to 1 cm on a circle, on which 50 m/s are 2 g."""
     circle = (
         50.0 / (2.0 * 9.8 / 50.0) * np.column_stack([np.sin(rate * time), np.cos(rate * time), np.zeros_like(time)])
     )
@@ -232,7 +232,7 @@ def turning(time: np.ndarray, gap: float, rate: float) -> GpsData:
 @pytest.mark.parametrize("gap", [0.2, 1.0])
 def test_false_fixes_between_true_ones_are_told_from_turns_and_jumps(gap):
     time = 500.0 + gap * np.arange(200)
-    fixes = turning(time, gap, 2.0 * 9.8 / 50.0)
+    fixes = turning(time, 2.0 * 9.8 / 50.0)
     assert not aside(Gates(), fixes).any()
     rng, off = np.random.default_rng(3), np.zeros((200, 3))
     for rows in ([20], [40, 42], [60, 61], [80, 81, 82], [100, 103], [197]):
@@ -241,9 +241,23 @@ def test_false_fixes_between_true_ones_are_told_from_turns_and_jumps(gap):
     assert (aside(Gates(), replace(fixes, lla=lla_offset(fixes.lla, off))) == false).all()
 
 
+def test_fixes_that_are_none_leave_none_beside_them_aside():
+    """Rows without a fix hold zeros: what is between two of them is not beside their line."""
+    fixes = turning(500.0 + 0.25 * np.arange(60), 0.1)
+    none = np.arange(60) % 7 < 5
+    lla = np.where(none[:, None], 0.0, fixes.lla)
+    assert not aside(Gates(), replace(fixes, lla=lla, fix=np.where(none, 0, 1))).any()
+    assert aside(Gates(), replace(fixes, lla=lla)).any()
+
+
+@pytest.mark.parametrize("count", range(7))
+def test_a_few_fixes_are_not_aside(count):
+    assert aside(Gates(), turning(500.0 + np.arange(count), 0.1)).tolist() == [False] * count
+
+
 @pytest.mark.parametrize("size", np.geomspace(1.0, 1e4, 17))
 def test_a_jump_that_stays_leaves_no_fix_aside(size):
     time = 500.0 + 0.25 * np.arange(60)
-    fixes = turning(time, 0.25, 0.1)
+    fixes = turning(time, 0.1)
     off = size * np.outer(time > 507.0, [0.6, 0.8, 0.0])
     assert not aside(Gates(), replace(fixes, lla=lla_offset(fixes.lla, off))).any()
