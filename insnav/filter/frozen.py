@@ -67,7 +67,7 @@ def _without_frozen_positions(gps: GpsData, imu: ImuData) -> tuple[GpsData, list
 def _way(steps: FloatArray) -> float:
     """How far steps (n, 2) go [m], without the few that are larger than all others: velocities may be false, too."""
     length = np.linalg.norm(steps, axis=1)
-    return float(np.linalg.norm(steps[np.argsort(length)[: int(KEPT * length.size)]].sum(axis=0)))
+    return float(np.linalg.norm(steps[np.argsort(length)[: max(1, int(KEPT * length.size))]].sum(axis=0)))
 
 
 def _without_held_velocities(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[Event]]:

@@ -52,6 +52,20 @@ def test_a_vehicle_at_rest_with_false_velocities_has_no_frozen_positions():
     assert "velocities of the fixes are the same" in said.action
 
 
+@pytest.mark.parametrize(("speed", "frozen"), [(0.0, []), (20.0, [41])], ids=["at rest", "in motion"])
+def test_a_false_velocity_at_rest_freezes_none_and_a_fix_that_is_repeated_in_motion_is_none(speed, frozen):
+    """Positions written alike for 50 s and one velocity off by 5 m/s; one fix that is that of the second before."""
+    v_n = np.tile([speed, 0.0, 0.0], (60, 1))
+    scatter = 0.1 * np.random.default_rng(3).standard_normal((60, 3))
+    scatter[10:] *= speed > 0.0
+    lla = lla_offset(np.tile([0.8, 0.2, 100.0], (60, 1)), np.arange(60.0)[:, None] * v_n + scatter)
+    lla[41] = lla[40]
+    v_n[20] += 5.0 * (speed == 0.0)
+    gps = GpsData(np.arange(60.0), lla, v_n, np.ones((60, 3)), np.ones((60, 3)))
+    found, _ = without_frozen(gps, AT_REST)
+    assert np.flatnonzero(found.position_sd[:, 0] > 1.0).tolist() == frozen
+
+
 @pytest.mark.parametrize("velocities", [True, False], ids=["repeated velocities", "positions alone"])
 def test_fixes_that_are_repeated_whole_are_none(velocities):
     """Velocities at which it stopped carried the solution 2.2 km away; positions alone were used, 0.5 km off."""
