@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from insnav.earth import lla_offset
 from insnav.exceptions import InputError
 from insnav.simulate.faults import parse_fault
 from insnav.units import DEG
@@ -47,6 +48,18 @@ def test_false_fixes_of_a_receiver_good_to_centimetres_are_no_gyro_fault():
     found = outcome("town", case)
     assert found.kind == "told"
     assert "gyro" not in found.words
+
+
+def test_fixes_of_which_gates_reject_all_are_refused():
+    """By the noise that was found first, they rejected what it was to be found in again: a division by none."""
+
+    def four_of_eight_aside(data):
+        off = np.outer(np.arange(data.gps.time.size) // 4 % 2 == 0, [500.0, 0.0, 0.0])
+        return data.imu, replace(data.gps, lla=lla_offset(data.gps.lla, off))
+
+    found = outcome("positions", Case("N6", "four of eight 500m aside", four_of_eight_aside))
+    assert found.kind == "refused", found
+    assert "the filter rejected 100 % of the positions" in found.words
 
 
 def test_fixes_that_flap_leave_the_delay_and_are_told():
