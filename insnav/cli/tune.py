@@ -41,7 +41,7 @@ def tune(
             one = place.is_file()
             recordings += [(place, data.gps)] if one else [each.files() for each in find_drives(place, out, 1)[0]]
         found, loaded, off = tuned(recordings, **data.inputs)
-        note(f"prior: {loaded[0].imu_spec.name}: {loaded[0].imu_chosen}")
+        note(f"first assumed, {loaded[0].imu_spec.name}: {loaded[0].imu_chosen}")
         stage("writing")
         summary = f"The log-likelihood is {found.gain:.0f} above that of the prior; drives: {len(loaded)}."
         page = Page(f"Noise of an IMU: {found.spec.name}", (summary,), (noise_section(found),), warnings=off)

@@ -14,6 +14,7 @@ from insnav.types import BoolArray, FloatArray, GpsData
 
 FALSE = 1.0  # velocities that differ by more from what the positions move are false [m/s] ...
 SIGMAS = 8.0  # ... if it is that many times what is usual
+MEDIANS = 5.0  # times the usual one that a jump is longer: of one length in 3e7 of normal errors in two directions
 BEND = 0.35  # of the change of slope between fixes: so far a straight line may be off in a bend
 REPORTED = 5.0  # standard deviations of the positions, as reported
 NEAR = 2.5  # intervals, by the median, over which positions tell a velocity
@@ -104,8 +105,8 @@ def _contradictions(
     jump = np.linalg.norm((gone - 0.5 * (v[1:] + v[:-1]) * step[:, None])[:, :2], axis=1)
     # a jump is where the positions, not the velocity, leave the line: velocities on both sides are alike
     smooth = np.linalg.norm((v[1:] - v[:-1])[:, :2], axis=1) < limit
-    apart_by = max(3.0, SIGMAS * float(np.nanmedian(jump[even])))
-    jumped = even & smooth & (jump > apart_by + REPORTED * np.hypot(sd[1:], sd[:-1])[:, :2].max(axis=1))
+    apart_by = max(3.0, MEDIANS * float(np.nanmedian(jump[even])))
+    jumped = even & smooth & (jump > np.maximum(apart_by, REPORTED * np.hypot(sd[1:], sd[:-1])[:, :2].max(axis=1)))
     beside = jumped[1:] | jumped[:-1]
     wrong = usable & beyond & ~beside
     return (

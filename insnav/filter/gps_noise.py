@@ -183,6 +183,8 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
     """
     notes = []
     position_sd, velocity_sd = gps.position_sd, gps.velocity_sd
+    if not heights_measured(gps.lla):
+        position_sd = np.where([False, False, True], OPEN_HEIGHT, position_sd)
     missing: BoolArray = np.asarray(np.isnan(position_sd).any(axis=1))
     if missing.any():
         carrier, how = CARRIER, BY_SCATTER
@@ -191,7 +193,8 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
         found = _scatter(gps.time, ned_offset(gps.lla, gps.lla[0]), POSITION_FLOOR, DEFAULT_POSITION, carrier)
         if not scatter_alone:
             found = _by_fix(gps, found / ALIKE)
-        position_sd = np.where(missing[:, None], found, position_sd)
+        known = np.nanmax(position_sd, axis=1, initial=0.0)[:, None]  # height is no surer than latitude and longitude
+        position_sd = np.where(np.isnan(position_sd), np.maximum(found, known), position_sd)
         notes.append(_told(position_sd[missing], "position", how, POSITION_FLOOR, "m"))
     if digits := _digits(gps.lla):
         step = 10.0**-digits * DEG * A * np.array([1.0, math.cos(float(gps.lla[0, 0])), 0.0])

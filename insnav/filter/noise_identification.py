@@ -16,6 +16,7 @@ from insnav.exceptions import DivergenceError
 from insnav.filter.error_model import error_model
 from insnav.filter.gates import Gates
 from insnav.filter.gps_correlation import CorrelatedNoise
+from insnav.filter.gps_noise import CARRIER
 from insnav.filter.innovation_likelihood import (
     ALL,
     CORRELATION_TIME,
@@ -204,7 +205,8 @@ def understated(ready: Prepared, read: GpsData) -> tuple[Event, ...]:
     size = " and ".join(f"{each:.2g} times as large for {name}" for name, each in large.items())
     told = f"the standard deviations of the fixes are too small: taken {size}, by the innovations"
     told += "; or a scale, clock or axis is wrong, or it is another drive" * (most > NO_NOISE)
-    told += "; or heights are in feet" * (FEET[0] < height < FEET[1] and height > ALIKE_IN_METRES * level)
+    noisy = np.median(read.position_sd[:, 2]) > CARRIER  # else motion, not noise, is that much larger in feet
+    told += "; or heights are in feet" * bool(noisy and FEET[0] < height < FEET[1] and height > ALIKE_IN_METRES * level)
     told += "; errors that change slowly hardly show there"
     return (Event(ready.initial.time, EventKind.CONTRADICTION, most, UNDERSTATED, "", told),)
 

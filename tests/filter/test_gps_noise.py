@@ -9,7 +9,7 @@ import pytest
 
 import insnav
 from insnav.filter import FilterSettings
-from insnav.filter.gps_noise import DEFAULT_POSITION, DEFAULT_VELOCITY, velocity_lag, with_sd
+from insnav.filter.gps_noise import DEFAULT_POSITION, DEFAULT_VELOCITY, OPEN_HEIGHT, velocity_lag, with_sd
 from insnav.filter.noise_identification import identify_noise
 from insnav.filter.prepare import Prepared
 from insnav.simulate import GpsErrors, corrupt_gps, gps_from_truth
@@ -135,6 +135,20 @@ def test_an_open_velocity_says_nothing_of_the_noise():
     found = identify_noise(ready, drives.SPEC)
     assert found is not None
     assert found.velocity_factor[0] == pytest.approx(1.0, abs=0.07)
+
+
+def test_standard_deviations_that_are_given_are_kept_beside_those_that_are_not():
+    """A file without a column for heights: 1 cm North and East was replaced by what is usual of the fix type."""
+    gps = lagging(0.0)
+    sd = np.tile([0.01, 0.02, np.nan], (len(gps.time), 1))
+    level = replace(gps, position_sd=sd, lla=gps.lla * [1.0, 1.0, 0.0])
+    filled, notes = with_sd(level)
+    assert (filled.position_sd == [0.01, 0.02, OPEN_HEIGHT]).all()
+    assert not any("position sigma" in note for note in notes)
+    filled, notes = with_sd(replace(gps, position_sd=100.0 * sd))
+    assert (filled.position_sd[:, :2] == [1.0, 2.0]).all()
+    assert (filled.position_sd[:, 2] >= 2.0).all()
+    assert any("position sigma" in note for note in notes)
 
 
 @pytest.mark.parametrize("profile", ["motorway", "bends"])

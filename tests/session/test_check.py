@@ -107,6 +107,18 @@ def test_fixes_that_contradict_themselves_are_counted(made):
     assert found.largest_jump == pytest.approx(30.0, abs=0.5)
 
 
+def test_jumps_of_fixes_that_are_as_poor_as_they_say_are_counted(made):
+    rough = made.gps.data.rows(slice(None, None, 4))
+    noise = np.random.default_rng(3).normal(0.0, 1.5, (len(rough.time), 2)) / 6.37e6
+    sd = np.full((len(rough.time), 3), 1.5)
+    lla = rough.lla + np.column_stack([noise, np.zeros(len(rough.time))])
+    assert look_at_fixes(replace(rough, lla=lla, position_sd=sd)).jumps == 0
+    lla[100:300:40, 0] += 20.0 / 6.37e6
+    found = look_at_fixes(replace(rough, lla=lla, position_sd=sd))
+    assert found.jumps == 10  # there and back
+    assert found.largest_jump == pytest.approx(20.0, abs=5.0)
+
+
 def test_a_logger_on_a_clock_of_its_own_turned_over(tmp_path):
     imu = table(tmp_path / "log.csv", samples(SHORT, lambda t: text((t - 408_123.45) * 1e3, 0), matrix=FLU))
     gps = table(tmp_path / "rtk.csv", fixes(GPS_HEADERS))

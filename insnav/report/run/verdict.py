@@ -35,7 +35,7 @@ _PARTS = (
     ("tilt", "deg", slice(6, 8)),
     ("heading", "deg", slice(8, 9)),
 )
-_WARNINGS, _FOUND, _ASSUMED = 3, 2, 6  # rows of each at most, of the last two together; the others are on the page
+_WARNINGS, _FOUND, _ASSUMED = 3, 3, 6  # rows of each at most, of the last two together; the others are on the page
 _HARDLY, _UNKNOWN = 0.1, 0.7  # from which a delay [s] and an arm [m] that are found are hardly known
 
 
@@ -238,7 +238,8 @@ def _wrong_reference(run: Run) -> bool:
 
 
 def _found(run: Run, notes: Sequence[str]) -> Iterator[str]:
-    """What was not given, and what the drive shows of it."""
+    """What gates rejected, what was not given, and what the drive shows of it."""
+    yield from _rejected(run)
     if 0.0 < run.gps_delay_sd < np.inf:
         size, sd = abs(run.gps_delay), max(run.gps_delay_sd, 0.001)
         late = f"the fixes are {size:.3f} ± {sd:.3f} s {'late' if run.gps_delay > 0.0 else 'early'}"
@@ -253,6 +254,20 @@ def _found(run: Run, notes: Sequence[str]) -> Iterator[str]:
         )
         yield f"lever arm x, y, z {arm} m" if (run.lever_sd < _UNKNOWN).any() else "lever arm not told"
     yield from (note for note in notes if note.endswith("corrected"))
+
+
+def _rejected(run: Run) -> Iterator[str]:
+    """Fixes that gates rejected one by one, and how far off they were at most."""
+    fixes = run.innovations
+    for name, unit, first, kinds in (
+        ("positions", "m", 0, {EventKind.GATE_POSITION, EventKind.GATE_PHYSICAL_POSITION}),
+        ("velocities", "m/s", 3, {EventKind.GATE_VELOCITY, EventKind.GATE_PHYSICAL_VELOCITY}),
+    ):
+        rows = np.isin(fixes.time, [event.time for event in run.events if event.kind in kinds])
+        every = np.linalg.norm(fixes.innovation[:, first : first + 3], axis=1)
+        if rows.any():
+            most = number(float(np.nanmax(every[rows])))
+            yield f"{rows.sum()} of {np.isfinite(every).sum()} {name}, up to {most} {unit} off, rejected"
 
 
 def _table(merits: dict[str, tuple[Quantity, ...]]) -> list[str]:

@@ -99,8 +99,11 @@ def event_warnings(events: Sequence[Event], *, smoothed: bool) -> list[str]:
 
 def _no_heights(found: EvaluatedRun) -> Iterator[str]:
     if found.gps is not None and not heights_measured(found.gps.lla):
-        height = f"{found.gps.lla[0, 2]:g} m"
-        yield f"GPS heights are all {height}: taken for not measured and not used; heights of the solution are unknown"
+        height = found.gps.lla[0, 2]
+        why = "the fixes have no heights, or 0 m in every row:"
+        if height:
+            why = f"GPS heights are all {height:g} m: taken for not measured and"
+        yield f"{why} not used; heights of the solution are unknown"
 
 
 def _begun_late(run: Run) -> Iterator[str]:
