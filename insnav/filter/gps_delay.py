@@ -69,6 +69,7 @@ POOR = 3.0, 0.5  # standard deviations of positions [m] and velocities [m/s] for
 # Mean square of what fixes, all believed, are off by their variance with some delay: recorded RTK had 2 to 4, with one
 # that was dragged away for half a minute 97
 EXPLAINED = 10.0
+BETTER = 0.5  # by which that of a fix, all believed, must fall with another clock where gates reject many
 WORSE = 0.02  # by which a fix's misfit may grow by chance when the clock is moved rightly (up to 0.0095 seen)
 
 
@@ -185,6 +186,7 @@ class Found(NamedTuple):
     lag: float  # of velocities behind positions, and its standard deviation [s]
     lag_sd: float
     moments: tuple[float, ...]  # of `MOMENTS`
+    misfit: float = np.nan  # how unlikely fixes were in the run that tells it, if gates would reject many [-]
 
     @property
     def surest(self) -> float:
@@ -217,7 +219,8 @@ def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Foun
         return found
     told = _found(believed, likelihood, alone)
     # what they are off is no noise but what bends the filter, and the lever arm with the delay
-    return told._replace(sd=told.sd * max(1.0, float(np.sqrt(off)))) if told.sd <= WORTH else found
+    sd = told.sd * max(1.0, float(np.sqrt(off)))
+    return told._replace(sd=sd, misfit=believed.misfit) if told.sd <= WORTH else found
 
 
 def _likelihood(seen: Filtered) -> LateFixes | None:
@@ -332,8 +335,12 @@ def on_time(
     further, width, lags = seen, settings.delay_sd, (ready.settings.velocity_lag, 0.0, ready.settings.moments)
     before, last, surest, shown, half = (ready, seen, at_first), 0.0, 0.0, 0.0, _half(ready)
     alone = velocity_lag(ready.gps) if settings.delay_sd > 0.0 else (0.0, np.inf)
+    tried, misfit = before, np.nan
     for _ in range(ROUNDS if settings.delay_sd > 0.0 else 0):
         found = delay_of(further, alone)
+        if found.misfit < misfit - BETTER:  # of fixes of which gates reject many, those left tell nothing
+            ready, seen, own = tried
+        misfit = found.misfit
         delay, sd, drift = found[:3]
         surest, shown = found.surest, clock + delay + half * (rate + drift)
         # once it was moved, or where the state of the filter, which is linear, goes as surely the same way
@@ -359,8 +366,9 @@ def on_time(
         # within its reach the filter explains a delay as well by its state, but for what is not linear in it
         refined = further is seen and sure == REFINED and abs(delay) < settings.delay_sd and not drift
         further = filtered(there)
+        tried = there, further, (clock, rate)
         if refined or further.misfit <= seen.misfit + WORSE:  # a large one is found in steps: the first may be worse
-            ready, seen, own = there, further, (clock, rate)
+            ready, seen, own = tried
     arm = replace(ready.settings, shaken=seen.shaken, lever_sd=seen.lever_sd)
     lag_sd = LOOKED * lags[1] if lags[1] > LAG_SD_WORTH else 0.0
     arm = replace(
