@@ -24,6 +24,7 @@ IMU = {
     "gps_time": ("time", None),
     "SOW": ("time", None),
     "tow": ("time", None),
+    "UTC": ("time", None),
     "gyro_x_rad_s": ("gyro_x", 1.0),
     "gyro_x": ("gyro_x", None),
     "GyroX": ("gyro_x", None),

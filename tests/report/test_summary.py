@@ -194,7 +194,7 @@ def test_what_was_not_given_is_said_as_the_drive_shows_it(driven, navigated):
     assert any("early; lever arm not told; the" in line for line in brief_lines(page, untold, None))
     unsure = replace(shown, gps_delay_sd=0.05)
     assert any("on time to ± 0.050 s; lever" in line for line in brief_lines(page, EvaluatedRun(unsure, gps), None))
-    given = replace(run, gps_delay_sd=0.0, lever_sd=np.zeros(3))
+    given = replace(run, gps_delay_sd=0.0, lever_sd=np.zeros(3), events=())
     assert not any(line.startswith("found") for line in brief_lines(navigated.page(), EvaluatedRun(given, gps)))
 
 
@@ -310,3 +310,23 @@ def test_units_of_keys_are_put_in_brackets():
         assert row == (text, "1.00")
     assert cell(Quantity("any", ("1", "a\x1b[0m"))) == "1, a"
     assert cell(Quantity("any", {"a": True})) == "a yes"
+
+
+def test_fixes_that_gates_rejected_are_told(driven, navigated):
+    """12 of 460 fixes were 20 m off, and the run said that fixes and solution agree."""
+    run, gps, _ = driven
+    fixes, kinds = run.innovations, (EventKind.GATE_POSITION, EventKind.GATE_VELOCITY, EventKind.GATE_VELOCITY)
+    rows = np.array([40, 50, 51])
+    innovation = fixes.innovation.copy()
+    innovation[40, :3], innovation[50, 3:], innovation[51, 3:] = (12.0, 16.0, 0.0), (0.0, 3.0, 4.0), 1.0
+    events = [
+        Event(float(time), kind, 99.0, 21.1, "NIS (3 dof)", "rejected")
+        for time, kind in zip(fixes.time[rows], kinds, strict=True)
+    ]
+    other = replace(run, innovations=replace(fixes, innovation=innovation), events=tuple(events), lever_sd=np.zeros(3))
+    (said,) = [
+        line for line in brief_lines(navigated.page(), EvaluatedRun(other, gps), None) if line.startswith("found")
+    ]
+    known = np.isfinite(innovation[:, [0, 3]]).sum(axis=0)
+    assert f"1 of {known[0]} positions, up to {number(20.0)} m off, rejected" in said
+    assert f"2 of {known[1]} velocities, up to {number(5.0)} m/s off, rejected" in said
