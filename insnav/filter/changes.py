@@ -95,7 +95,7 @@ def measured(change: StateChange, run: Run) -> StateChange:
 
 
 def with_(changes: tuple[StateChange, ...], found: StateChange, around: float) -> list[tuple[StateChange, ...]]:
-    """Changes with another one, and the same without those soon after it: they may only have stood for it.
+    """Changes with another one, and without those soon after it, or jumps about it: they may only have stood for it.
 
     Jumps that follow each other may be one drag: the positions while it lasts are not used. Nor are those about a jump
     of no size, after which fixes are back where they were.
@@ -123,7 +123,11 @@ def with_(changes: tuple[StateChange, ...], found: StateChange, around: float) -
         passed = replace(one, first=0, change=np.zeros(3), since=one.begin - around, time=one.time + around)
         passes = one.first == 0 or (one.first == VELOCITY and around < AROUND)
         ones = (one, passed) if passes else (one,)
-        more += [tuple(sorted([*some, one], key=lambda each: each.time)) for some in both for one in ones]
+        every_way = [[*some, each] for some in both for each in ones]
+        # found one fix too early, a jump is followed by another one: that false fix has pulled the track back
+        instead = [each for each in rest if each not in near or np.isfinite(each.since)]
+        every_way += [[*instead, one]] * (len(instead) < len(rest))
+        more += [tuple(sorted(each, key=lambda change: change.time)) for each in every_way]
     return more
 
 
