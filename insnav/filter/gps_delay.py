@@ -346,7 +346,7 @@ def on_time(
         # once it was moved, or where the state of the filter, which is linear, goes as surely the same way
         agrees = further.delay * np.sign(delay) > SURE * further.delay_sd
         sure = SURE if clock == 0.0 and not agrees else REFINED
-        was, lags = further.settings, found[3:]
+        was, lags = further.settings, found[3:6]
         lagging = abs(found.lag - was.velocity_lag) >= LAG_WORTH or found.moments != was.moments
         least = REFINED_BY if len(was.moments) > 1 else WORTH
         # within its reach a run with that lag tells the delay, which one with another lag has bent
