@@ -163,8 +163,13 @@ def _words(key: str, value: Any) -> list[str]:
 
 
 def _absolute(words: Sequence[str], folder: Path) -> list[str]:
-    """Names of files, wherever a worker is."""
-    return [str((folder / word).absolute()) if (folder / word).is_file() else word for word in words]
+    """Names of files, wherever a worker is: of ``--imu=FILE`` a word of their own, as whether they change matters."""
+    found: list[str] = []
+    for word in words:
+        option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
+        place = folder / value
+        found += [*([option] if equals else []), str(place.absolute())] if value and place.is_file() else [word]
+    return found
 
 
 def _parsed(arguments: list[str], where: str) -> None:

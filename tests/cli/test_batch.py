@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from insnav.cli.batch import _absolute
 from insnav.fleet.recordings import _with_broken
 from tests.cli.conftest import QUICK as RUN
 from tests.cli.conftest import ROOT, Cli
@@ -102,6 +103,15 @@ def test_a_drive_with_a_broken_file_is_one_that_failed(name: str, left: int, dri
     assert (first["drive"], first["result"], first["exit_code"]) == ("tuesday", "failed", "3")
     assert ("the file is empty; 0 bytes" if not left else "cut") in first["reason"]
     assert "tuesday" not in str(json.loads(Path("fleet/run.json").read_text())["notes"])
+
+
+def test_a_file_behind_an_equals_sign_is_known_as_one(tmp_path: Path):
+    """A changed ``--imu=FILE`` left results of the old one."""
+    imu = tmp_path / "m.toml"
+    imu.touch()
+    words = ["--imu=m.toml", "--imu", "m.toml", "--lever-arm=1,0,0", "--heading=", "--no-smooth", "x=y"]
+    files = ["--imu", str(imu), "--imu", str(imu)]
+    assert _absolute(words, tmp_path) == [*files, "--lever-arm=1,0,0", "--heading=", "--no-smooth", "x=y"]
 
 
 def test_files_beside_a_drive_that_are_none_are_no_drives(tmp_path: Path):
