@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -163,6 +164,21 @@ def test_a_result_that_cannot_be_printed_is_an_output_error(drive: Path):
     assert done.returncode == 4
     assert "where: standard output" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+@posix
+def test_a_name_that_is_not_utf_8_is_named(drive: Path, tmp_path: Path):
+    place = tmp_path / os.fsdecode(b"v\xe9")
+    try:
+        shutil.copytree(drive, place)
+    except OSError:
+        pytest.skip("this file system has UTF-8 names only")
+    done = subprocess.run(
+        [*COMMAND, place], capture_output=True, text=True, env=_environment(), cwd=tmp_path, check=False
+    )
+    assert done.returncode == 3
+    assert "the name of a file is not UTF-8" in done.stderr
+    assert "\\udce9" in done.stderr
 
 
 def test_a_terminal_without_unicode_and_a_home_that_is_not_there(drive: Path):
