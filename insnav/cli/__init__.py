@@ -175,8 +175,8 @@ def _explain(error: BaseException) -> int:
     if isinstance(error, UnicodeEncodeError) and "surrogate" in error.reason:
         text, at = error.object, error.start  # a name, or all that was to be written
         name = text[text.rfind('"', 0, at) + 1 :].partition('"')[0].encode("utf-8", "backslashreplace").decode()
-        why, fix = ("why", f"it cannot be written into results: {name}"), ("fix", "rename the file or folder")
-        error_block("the name of a file is not UTF-8", (why, fix))
+        why = f"it cannot be written into results: {name}"
+        error_block("the name of a file is not UTF-8", (("why", why), ("fix", "rename the file or folder")))
         return 3
     if isinstance(error, BrokenPipeError):
         discard_output()  # the reader went away, as `| head` does; nothing more can be said there
