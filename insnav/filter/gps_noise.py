@@ -183,9 +183,9 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
     """
     notes = []
     position_sd, velocity_sd = gps.position_sd, gps.velocity_sd
-    if not heights_measured(gps.lla):
-        position_sd = np.where([False, False, True], OPEN_HEIGHT, position_sd)
-    missing: BoolArray = np.asarray(np.isnan(position_sd).any(axis=1))
+    measured = 3 if heights_measured(gps.lla) else 2  # components
+    missing: BoolArray = np.isnan(position_sd)
+    beside = missing & ~missing.all(axis=1, keepdims=True)  # what is given
     if missing.any():
         carrier, how = CARRIER, BY_SCATTER
         if not scatter_alone:
@@ -193,9 +193,11 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
         found = _scatter(gps.time, ned_offset(gps.lla, gps.lla[0]), POSITION_FLOOR, DEFAULT_POSITION, carrier)
         if not scatter_alone:
             found = _by_fix(gps, found / ALIKE)
-        known = np.nanmax(position_sd, axis=1, initial=0.0)[:, None]  # height is no surer than latitude and longitude
-        position_sd = np.where(np.isnan(position_sd), np.maximum(found, known), position_sd)
-        notes.append(_told(position_sd[missing], "position", how, POSITION_FLOOR, "m"))
+        largest = np.fmax.reduce(position_sd, axis=1, keepdims=True)  # of what is given: the others are no surer
+        position_sd = np.where(missing, np.fmax(found, largest), position_sd)
+        rows = missing[:, :measured].any(axis=1)
+        if rows.any():
+            notes.append(_told(position_sd[rows], "position", how, POSITION_FLOOR, "m"))
     if digits := _digits(gps.lla):
         step = 10.0**-digits * DEG * A * np.array([1.0, math.cos(float(gps.lla[0, 0])), 0.0])
         if (position_sd < step / math.sqrt(12.0)).any():
@@ -204,12 +206,12 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
             rounded = f"positions have {digits} decimals of a degree, {step[0]:.2g} m"
             notes.append(f"{rounded}: sigma assumed at least {least:.2g} m")
     if gps.fix is not None:
-        sure = (gps.fix == FLOAT) & (position_sd.max(axis=1) < FLOAT_SD)
+        sure = (gps.fix == FLOAT) & (np.where(beside, 0.0, position_sd).max(axis=1) < FLOAT_SD)
         if sure.any():
             position_sd = np.where(sure[:, None], np.maximum(position_sd, FLOAT_SD), position_sd)
             raised = f"reported sigma below {FLOAT_SD:g} m raised to {FLOAT_SD:g} m"
             notes.append(f"{sure.sum()} float solutions (fix = {FLOAT}): {raised}")
-    if not heights_measured(gps.lla):
+    if measured < 3:
         position_sd = np.where([False, False, True], OPEN_HEIGHT, position_sd)
     v_n = gps.v_n if vertical_measured(gps.v_n) else np.where([True, True, False], gps.v_n, np.nan)
     level = np.isfinite(v_n[:, :2]).all(axis=1) & np.isnan(v_n[:, 2])

@@ -9,7 +9,15 @@ import pytest
 
 import insnav
 from insnav.filter import FilterSettings
-from insnav.filter.gps_noise import DEFAULT_POSITION, DEFAULT_VELOCITY, OPEN_HEIGHT, velocity_lag, with_sd
+from insnav.filter.gps_noise import (
+    DEFAULT_POSITION,
+    DEFAULT_VELOCITY,
+    FLOAT,
+    FLOAT_SD,
+    OPEN_HEIGHT,
+    velocity_lag,
+    with_sd,
+)
 from insnav.filter.noise_identification import identify_noise
 from insnav.filter.prepare import Prepared
 from insnav.simulate import GpsErrors, corrupt_gps, gps_from_truth
@@ -149,6 +157,21 @@ def test_standard_deviations_that_are_given_are_kept_beside_those_that_are_not()
     assert (filled.position_sd[:, :2] == [1.0, 2.0]).all()
     assert (filled.position_sd[:, 2] >= 2.0).all()
     assert any("position sigma" in note for note in notes)
+
+
+def test_heights_that_are_not_measured_make_no_position_poor_or_precise():
+    """Open heights, 100 m, were what is known of each position, and kept float solutions at the 1 cm they claim."""
+    gps = lagging(0.0)
+    unknown, level = np.full((len(gps.time), 3), np.nan), gps.lla * [1.0, 1.0, 0.0]
+    (filled, notes), (with_heights, _) = (
+        with_sd(replace(gps, position_sd=unknown, lla=lla)) for lla in (level, gps.lla)
+    )
+    assert filled.position_sd[:, :2] == pytest.approx(with_heights.position_sd[:, :2], rel=1e-3)
+    assert (filled.position_sd[:, 2] == OPEN_HEIGHT).all()
+    assert any("position sigma" in note for note in notes)
+    sd, kinds = np.tile([0.01, 0.01, np.nan], (len(gps.time), 1)), np.full(len(gps.time), FLOAT)
+    floats, notes = with_sd(replace(gps, position_sd=sd, lla=level, fix=kinds), scatter_alone=False)
+    assert (floats.position_sd[:, :2] >= FLOAT_SD).all()
 
 
 @pytest.mark.parametrize("profile", ["motorway", "bends"])
