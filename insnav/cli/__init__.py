@@ -172,12 +172,6 @@ def _explain(error: BaseException) -> int:
         fix = f"delete what numba keeps in {propagate.stats.cache_path}; it is made again"
         error_block("a compiled kernel cannot be read: its file is damaged", (("why", str(error)), ("fix", fix)))
         return 3
-    if isinstance(error, UnicodeEncodeError) and "surrogate" in error.reason:
-        text, at = error.object, error.start  # a name, or all that was to be written
-        name = text[text.rfind('"', 0, at) + 1 :].partition('"')[0].encode("utf-8", "backslashreplace").decode()
-        why = f"it cannot be written into results: {name}"
-        error_block("the name of a file is not UTF-8", (("why", why), ("fix", "rename the file or folder")))
-        return 3
     if isinstance(error, BrokenPipeError):
         discard_output()  # the reader went away, as `| head` does; nothing more can be said there
         return 141

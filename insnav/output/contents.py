@@ -40,15 +40,7 @@ def verify_folder(folder: Path) -> dict[str, Any]:
     Raises: InputError: not a run folder, or a file is missing, changed or added.
     """
     facts = read_facts(folder)
-    found = files_in(folder)
-    listed = facts["files"]
-    wrong = [f"{name} is missing" for name in listed if name not in found]
-    wrong += [f"{name} was added" for name in found if name not in listed]
-    wrong += [
-        f"{name} was changed"
-        for name, entry in listed.items()
-        if name in found and (not isinstance(entry, dict) or file_sha256(found[name]) != entry.get("sha256"))
-    ]
+    wrong = [*damage(folder), *(f"{name} was added" for name in files_in(folder) if name not in facts["files"])]
     if wrong:
         raise InputError(
             "the run folder is not as it was written",
@@ -57,6 +49,20 @@ def verify_folder(folder: Path) -> dict[str, Any]:
             fix="make the run again",
         )
     return facts
+
+
+def damage(folder: Path) -> list[str]:
+    """What is missing or changed of the files that a run folder was written with.
+
+    Raises: InputError: not a run folder.
+    """
+    listed, found = read_facts(folder)["files"], files_in(folder)
+    wrong = [f"{name} is missing" for name in listed if name not in found]
+    return wrong + [
+        f"{name} was changed"
+        for name, entry in listed.items()
+        if name in found and (not isinstance(entry, dict) or file_sha256(found[name]) != entry.get("sha256"))
+    ]
 
 
 def file_sha256(path: Path) -> str:

@@ -22,8 +22,9 @@ from insnav.exceptions import InputError, OutputError, writing
 from insnav.output.contents import FACTS_FILE, file_sha256, files_in, read_facts, verify_folder
 from insnav.plain_text import plain_text
 
-__all__ = ["FACTS_FILE", "RunFolder", "file_sha256", "read_facts", "verify_folder"]
+__all__ = ["FACTS_FILE", "NOT_UTF8", "RunFolder", "file_sha256", "read_facts", "verify_folder", "write_text"]
 
+NOT_UTF8 = "backslashreplace"  # what becomes of bytes of a file name that are no UTF-8: JSON reads them as they were
 _DROPPINGS = {".DS_Store", "Thumbs.db", "desktop.ini"}  # left by file managers, nobody's work
 _FULL = {
     errno.ENOSPC: "the disk is full",
@@ -119,7 +120,7 @@ class RunFolder:
             for name, path in files_in(self._aside).items()
         }
         text = json.dumps({**facts, "files": files}, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-        (self._aside / FACTS_FILE).write_text(text, encoding="utf-8", newline="\n")
+        (self._aside / FACTS_FILE).write_text(text, encoding="utf-8", newline="\n", errors=NOT_UTF8)
         for path in (*self._aside.rglob("*"), self._aside):
             _sync(path)
         self._move_into_place()
@@ -157,8 +158,25 @@ class RunFolder:
             where=str(self._place),
             why=f"{_FULL.get(error.errno or 0, error.strerror or str(error))}: needs more than the "
             f"{written} bytes written so far, {free} bytes were free then",
-            fix="make room or choose another disk with --out; --format parquet needs a third of the space",
+            fix="make room or choose another disk with --out",
         )
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file aside and move it into its place.
+
+    `path`: its folder is made if need be.
+    Raises: OutputError: it cannot be written.
+    """
+    aside = _beside(path, "tmp")
+    with writing("the file cannot be written", path, "choose another folder with --out"):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            aside.write_text(text, encoding="utf-8", newline="\n", errors=NOT_UTF8)
+            aside.replace(path)
+        except OSError:
+            aside.unlink(missing_ok=True)
+            raise
 
 
 def _resolved(target: Path) -> Path:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -11,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from insnav.exceptions import InputError, writing
+from insnav.exceptions import InputError
+from insnav.output.folder import write_text
 from insnav.regression.accuracy_metrics import BY_KEY
 from insnav.regression.evaluate import NOTHING
 from insnav.regression.provenance import Origin
@@ -90,23 +90,6 @@ def write_baseline(path: Path, baseline: Baseline) -> None:
         comma = "," if number < len(baseline.cases) else ""
         lines.append(f"  {json.dumps(name)}: {{\n" + ",\n".join(rows) + f"\n  }}{comma}")
     write_text(path, "\n".join([*lines, " }", "}"]) + "\n")
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a file aside and move it into its place.
-
-    `path`: its folder is made if need be.
-    Raises: OutputError: it cannot be written.
-    """
-    aside = path.with_name(f".{path.name}.tmp-{os.getpid()}")
-    with writing("the report cannot be written", path, "choose another folder with --out"):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            aside.write_text(text, encoding="utf-8", newline="\n")
-            aside.replace(path)
-        except OSError:
-            aside.unlink(missing_ok=True)
-            raise
 
 
 def short(value: FloatArray, digits: int = _DIGITS) -> Any:

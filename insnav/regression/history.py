@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.output.folder import write_text
 from insnav.regression.accuracy_metrics import BY_KEY, METRICS
-from insnav.regression.baseline import kept_text, short, write_text
+from insnav.regression.baseline import kept_text, short
 from insnav.regression.paired_tests import interval
 from insnav.regression.provenance import Origin
 from insnav.regression.run_corpus import Result

@@ -7,9 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from insnav.exceptions import writing
+from insnav.output.folder import write_text
 from insnav.quantity import Quantity
 from insnav.regression.accuracy_metrics import BY_KEY, FAILS_FROM
-from insnav.regression.baseline import Baseline, write_text
+from insnav.regression.baseline import Baseline
 from insnav.regression.history import Entry
 from insnav.regression.peers.run_peers import PeerRow
 from insnav.regression.provenance import Origin
