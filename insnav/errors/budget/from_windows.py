@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -145,7 +145,7 @@ def recorded_budget(
     assert drive.run.smoothed is not None
     correlated = ready.settings.correlated is not None
     return RecordedBudget(
-        settings,
+        replace(settings, workers=1),  # the same result, whoever worked at it
         reference.name,
         float(solution.time[-1] - solution.time[0]),
         parts[0],

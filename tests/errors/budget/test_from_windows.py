@@ -83,9 +83,9 @@ def test_an_imu_much_worse_than_its_file_does_not():
 def test_replicas_are_the_same_for_any_number_of_workers():
     ready = drives.drawn(11)
     three = replace(FEW, replicas=3)
-    one, two = (
-        recorded_budget(ready, drives.SPEC, None, replace(three, workers=n)).calibrated.replicas for n in (1, 2)
-    )
+    first, second = (recorded_budget(ready, drives.SPEC, None, replace(three, workers=n)) for n in (1, 2))
+    assert first.settings == second.settings  # kept with the result
+    one, two = first.calibrated.replicas, second.calibrated.replicas
     assert one is not None
     assert two is not None
     np.testing.assert_array_equal(one.rms, two.rms)
