@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 SETTINGS = {"ignore_unknown_options": True, "allow_extra_args": True}  # those of run go on to it
 _SHOWN = 20  # drives in the terminal
 _COLUMNS = ("drive", "vehicle", "result", "horizontal_error", "horizontal_sd", "rejected", "outlier", "reason")  # there
+_DETAIL, _CONTINUED = re.compile(r"^  (where|why|fix): +(.*)$", re.MULTILINE), re.compile(r"\n {9}")  # of an error
 _WHY, WIDTH = 20, 120  # least characters of a reason there, and columns where no terminal says how many it has
-_UNSAFE = re.compile(r"[^\w.+-]+")
 
 
 def batch(
@@ -117,8 +117,8 @@ def run_drive(arguments: Sequence[str]) -> None:
     finally:
         console.level = level
     if code:
-        what, *details = said.getvalue().removeprefix("insnav: error: ").splitlines() or [f"exit code {code}"]
-        ended = InsnavError(what, why=" ".join(" ".join(details).split()).removeprefix("why: "))
+        what, _, details = said.getvalue().removeprefix("insnav: error: ").partition("\n")
+        ended = InsnavError(what or f"exit code {code}", **dict(_DETAIL.findall(_CONTINUED.sub(" ", details))))
         ended.exit_code = code
         raise ended
 
@@ -126,7 +126,7 @@ def run_drive(arguments: Sequence[str]) -> None:
 def _read(path: Path) -> list[Drive]:
     """Drives of a TOML file; its paths are from its folder."""
     from insnav.config_file import read_toml
-    from insnav.fleet.batch import Drive
+    from insnav.fleet.batch import Drive, name_of
 
     content = read_toml(path)
     tables = content.get("drive")
@@ -144,7 +144,7 @@ def _read(path: Path) -> list[Drive]:
         words = [word for key, value in table.items() for word in _words(key, value)]
         file, *options = _absolute([str(table["file"]), *words], path.parent)
         _parsed([file, *options], where)
-        name = _UNSAFE.sub("_", str(table.get("name") or Path(file).parent.name)).strip("._") or f"drive{number}"
+        name = name_of(str(table.get("name") or Path(file).parent.name)) or f"drive{number}"
         file = str((path.parent / file).absolute())
         drives.append(Drive(name, str(table.get("vehicle", "")), (file, *options)))
     return drives

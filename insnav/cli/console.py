@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, TextIO
 
 from insnav.cli import signals
 from insnav.exceptions import OutputError
@@ -149,13 +149,13 @@ def detail(text: str, *more: str) -> None:
             _log(each, "        ")
 
 
-def _log(text: str, lead: str) -> None:
+def _log(text: str, lead: str, stream: TextIO | None = None) -> None:
     body = _plain(text)
     width = min(WIDTH, shutil.get_terminal_size((WIDTH, 0)).columns)
     lines = textwrap.wrap(
         body, width, initial_indent=lead, subsequent_indent=" " * 10, break_long_words=False, break_on_hyphens=False
     )
-    print("\n".join(lines), file=sys.stderr, flush=True)
+    print("\n".join(lines), file=stream or sys.stderr, flush=True)
 
 
 def _plain(text: str) -> str:
@@ -188,6 +188,7 @@ class Stages:
         self._task: TaskID | None = None
         self._timer: threading.Timer | None = None
         self._lock = threading.Lock()
+        self._stream = sys.stderr  # that of now: a drive of a fleet is navigated without a word
 
     def __enter__(self) -> Self:
         if level >= 0:
@@ -231,7 +232,7 @@ class Stages:
     def _say(self, since: float) -> None:
         with self._lock:
             if self._timer is not None:
-                note(f"{self._name}: {since:.0f} s so far")
+                _log(f"{self._name}: {since:.0f} s so far", "insnav: ", self._stream)
                 self._begin(since, self._say, 2.0 * since)
 
     def _show(self) -> None:
@@ -244,7 +245,7 @@ class Stages:
         with self._lock:
             if self._timer is None:  # the work ended meanwhile
                 return
-            self._bar = progress.Progress(*columns, console=Console(stderr=True), transient=True)
+            self._bar = progress.Progress(*columns, console=Console(file=self._stream), transient=True)
             self._task = self._bar.add_task(self._name, total=None)
             self._update()
             self._bar.start()

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
+import re
+import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,10 +17,18 @@ from typing import Any
 from insnav import __version__
 from insnav.engine import Failed, Workers, attempt, each
 from insnav.exceptions import ConfigError, InputError, OutputError, writing
-from insnav.output.contents import FACTS_FILE, file_sha256, files_in, read_facts
+from insnav.output.contents import FACTS_FILE, damage, file_sha256, files_in, read_facts
+from insnav.output.folder import write_text
 
 DRIVES = "drives"  # folder of the run folders, within that of the fleet
 _OWN = {DRIVES, FACTS_FILE, "report.html", "fleet.csv"}  # what a fleet folder holds
+_UNSAFE = re.compile(r"[^\w.+-]+")
+_LONGEST = 100  # characters of a name
+
+
+def name_of(text: str) -> str:
+    """Name of a run folder made from a text, fit for every file system; notes beside the folders end in ``.json``."""
+    return _UNSAFE.sub("_", text)[:_LONGEST].removesuffix(".json").strip("._")
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,24 +95,57 @@ def batch(
         files = ", ".join(each.arguments[0] for each in drives if each.name.lower() == several[0])
         raise ConfigError(f"two drives have the name {several[0]!r}", where=files, fix="give each a name of its own")
     check_folder(folder)
+    how = _How(run, folder / DRIVES, again)
+    with _alone(folder):
+        return list(_each(how, drives, workers, progress))
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Hold the folder of a fleet, made if need be; who ends, however, lets go of it.
+
+    Raises: OutputError: another batch has it, or nothing can be written there.
+    """
     with writing("cannot write a fleet", folder, "give another --out"):
         (folder / DRIVES).mkdir(parents=True, exist_ok=True)
-        (folder / DRIVES / f".{os.getpid()}").touch()
-        (folder / DRIVES / f".{os.getpid()}").unlink()
-    how = _How(run, folder / DRIVES, again)
-    done: list[Navigated] = []
+        lock = folder / DRIVES / ".lock"
+        held = lock.open("w")
+    with held:
+        try:
+            if sys.platform == "win32":
+                import msvcrt
+
+                msvcrt.locking(held.fileno(), msvcrt.LK_NBLCK, 1)
+            else:
+                import fcntl
+
+                fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except (BlockingIOError, PermissionError):
+            fix = "wait until it has ended, or give another --out"
+            raise OutputError("another batch is at work in this folder", where=str(folder), fix=fix) from None
+        except OSError:  # a file system without locks
+            pass
+        try:
+            yield
+        finally:
+            with suppress(OSError):
+                lock.unlink()
+
+
+def _each(
+    how: _How, drives: Sequence[Drive], workers: Workers, progress: Callable[[int], None] | None
+) -> Iterator[Navigated]:
     keys = [_digest(drive) for drive in drives]
     finished = [_finished(how, drive, key) for drive, key in zip(drives, keys, strict=True)]
     jobs = [(drive, key) for drive, key, kept in zip(drives, keys, finished, strict=True) if kept is None]
     navigated = each(_navigated, jobs, workers, (how,))
-    for drive, kept in zip(drives, finished, strict=True):
+    for number, (drive, kept) in enumerate(zip(drives, finished, strict=True), start=1):
         outcome = next(navigated) if kept is None else kept
         if isinstance(outcome, Failed):  # its process died
             outcome = Navigated(drive.name, drive.vehicle, "", 0.0, outcome)
-        done.append(_with_facts(outcome, how.place))
+        yield _with_facts(outcome, how.place)
         if progress is not None:
-            progress(len(done))
-    return done
+            progress(number)
 
 
 def check_folder(folder: Path) -> None:
@@ -121,7 +164,7 @@ def _finished(how: _How, drive: Drive, key: str) -> Navigated | None:
     """What became of a drive, if it is finished."""
     finished = None if how.again else _read_note(how.place / f"{drive.name}.json", key)
     if finished is not None and (  # what could not be written, and a defect, may do now
-        (how.place / drive.name / FACTS_FILE).is_file() if finished.failed is None else finished.failed.exit_code < 4
+        attempt(damage, how.place / drive.name) == [] if finished.failed is None else finished.failed.exit_code < 4
     ):
         return replace(finished, kept=True)
     return None
@@ -130,19 +173,19 @@ def _finished(how: _How, drive: Drive, key: str) -> Navigated | None:
 def _navigated(how: _How, job: tuple[Drive, str]) -> Navigated:
     """Navigate a drive, of this digest, and note what became of it."""
     (drive, key), begin = job, time.monotonic()
-    note = how.place / f"{drive.name}.json"
     outcome = attempt(_run, how, drive)
     failed = outcome if isinstance(outcome, Failed) else None
     found = Navigated(drive.name, drive.vehicle, key, round(time.monotonic() - begin, 3), failed)
-    aside = note.with_name(f".{note.name}.{os.getpid()}")
-    aside.write_text(json.dumps(asdict(found), indent=1), encoding="utf-8")
-    aside.replace(note)
+    write_text(how.place / f"{drive.name}.json", json.dumps(asdict(found), indent=1))
     return found
 
 
 def _run(how: _How, drive: Drive) -> None:
     drive.files()
-    how.run([*drive.arguments, "--out", str(how.place / drive.name), "--force"])
+    place = how.place / drive.name
+    if place.is_dir() and isinstance(attempt(read_facts, place), Failed):  # ours by its name; what it holds is kept
+        place.rename(place.with_name(f"{place.name}.damaged-{time.time_ns()}"))
+    how.run([*drive.arguments, "--out", str(place), "--force"])
 
 
 def _digest(drive: Drive) -> str:

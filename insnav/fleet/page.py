@@ -31,7 +31,7 @@ _FIGURES = (
     ("duration", ("solution", "duration_s"), "s", ""),
     ("distance", ("solution", "distance_m"), "m", ""),
     ("horizontal_error", ("best", "all", "horizontal_m", "rms"), "m", "horizontal error RMS"),
-    ("horizontal_sd", ("smoothed", "horizontal_sd_m"), "m", "horizontal sd"),
+    ("horizontal_sd", ("last", "horizontal_sd_m"), "m", "horizontal sd"),
     ("nis_position", ("fixes", "position", "nis_mean_per_axis"), "", "NIS position"),
     ("nis_velocity", ("fixes", "velocity", "nis_mean_per_axis"), "", "NIS velocity"),
     ("rejected", ("fixes", "position", "share_rejected"), "%", "fixes rejected"),
@@ -100,7 +100,12 @@ def modified_z(values: FloatArray) -> FloatArray:
 def _row(drive: Navigated) -> Row:
     if drive.facts is None:
         return Row(drive, "failed", "" if drive.failed is None else drive.failed.reason)
-    facts = {**drive.facts, "best": (drive.facts.get("smoothed") or {}).get("accuracy") or drive.facts.get("accuracy")}
+    smoothed, filtered = (drive.facts.get(name) or {} for name in ("smoothed", "solution"))
+    facts = {
+        **drive.facts,
+        "best": smoothed.get("accuracy") or drive.facts.get("accuracy"),
+        "last": smoothed or filtered,
+    }
     fixes = (facts.get("fixes") or {}).get("position") or {}
     if fixes.get("processed"):
         fixes["share_rejected"] = fixes["rejected"] / fixes["processed"]

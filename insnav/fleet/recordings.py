@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import os
-import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from insnav.engine import Failed, Workers, attempt, each
 from insnav.exceptions import InputError
-from insnav.fleet.batch import Drive
-from insnav.input.formats.recording_folder import NO_DATA
+from insnav.fleet.batch import Drive, name_of
+from insnav.input.formats.recording_folder import NO_DATA, ROLE, unused
 from insnav.input.formats.registry import open_tables, suffixes
 from insnav.input.readers.kinds import kinds_of
 from insnav.output.contents import FACTS_FILE, read_facts
 
 _FIX = "give the folder that holds the recordings, or a drives.toml; one drive is for insnav run"
-_ROLE = re.compile(r"(^|[-_. ])(imu|gps|gnss|gnns|ref|reference|truth|fixes|samples)\d*(?=$|[-_. ])", re.IGNORECASE)
-_UNSAFE = re.compile(r"[^\w.+-]+")
 _PARTS = ("imu", "gps", "ref")
 _NAMED = {"samples": "imu", "gnss": "gps", "gnns": "gps", "fixes": "gps", "reference": "ref", "truth": "ref"}
+_SPARE = {"gps": "fixes of no drive", "ref": "a reference of no drive"}
 _MANY = 200  # files, from which on several processes look at them
 
 _Parts = dict[str, Path]  # file of each part
@@ -47,11 +45,11 @@ def find_drives(folder: Path, without: Path, workers: Workers) -> tuple[list[Dri
             continue
         found = list(_paired(place, _with_broken(roles)))
         used = {path for _, parts, _ in found for path in parts.values()}
-        left += [f"{path}: {role}" for path, role in roles.items() if path not in used]
+        left += [f"{path}: {_SPARE.get(role, role)}" for path, role in roles.items() if path not in used]
         for where, parts, unclear in found:
             inside = where.relative_to(folder.resolve()).parts
             files = [word for part in parts for word in (f"--{part}", str(parts[part])) if part != "imu"]
-            name = _UNSAFE.sub("_", "-".join(inside)).strip("._") or "drive"
+            name = name_of("-".join(inside)) or "drive"
             names[name.lower()] += 1
             if names[name.lower()] > 1:
                 name = f"{name}-{names[name.lower()]}"
@@ -82,9 +80,11 @@ def _places(folder: Path, without: Path, left: list[str]) -> Iterator[list[Path]
         names = sorted(each for each in files if not each.startswith(".") and Path(each).suffix.lower() not in NO_DATA)
         data = [here / each for each in names]
         inner = any(_whole(here / each) for each in folders)  # formats look into the folders of a folder
-        if not inner and here != folder and _whole(here) and sorted(map(_role, data[:4])) != ["gps", "imu", "ref"]:
+        one = not inner and here != folder and _whole(here, len(data))
+        if one and sorted(map(_role, data[:4])) != ["gps", "imu", "ref"]:
             folders.clear()
             data = [here]
+            left.extend(f"{here / each}: its folder has the drive by the names of others" for each in unused(names))
         folders[:] = sorted(each for each in folders if not each.startswith("."))
         if data:
             yield data
@@ -101,12 +101,12 @@ def _result(folder: Path) -> bool:
     return not any(name.startswith("imu.") and not name.endswith(".toml") for name in files)
 
 
-def _whole(folder: Path) -> bool:
+def _whole(folder: Path, files: int = 1) -> bool:
+    """Whether a folder with so many files is one recording: with its fixes, if these can be in another file."""
     try:
-        open_tables(folder)
+        return kinds_of(open_tables(folder)) != {"imu"} or files == 1
     except Exception:  # whatever is wrong with its files: they are looked at one by one
         return False
-    return True
 
 
 def _roles(files: Sequence[Path]) -> dict[Path, str]:
@@ -144,13 +144,13 @@ def _with_broken(roles: dict[Path, str]) -> dict[Path, str]:
 
 def _named(path: Path) -> str:
     """Part that a name says; empty for none."""
-    word = _ROLE.search(_stem(path))
+    word = ROLE.search(_stem(path))
     return _NAMED.get(word[2].lower(), word[2].lower()) if word else ""
 
 
 def _key(path: Path) -> str:
     """Name without what says the part: that of the drive."""
-    return _ROLE.sub("", _stem(path)).strip("-_. ").lower()
+    return ROLE.sub("", _stem(path)).strip("-_. ").lower()
 
 
 def _paired(files: Sequence[Path], roles: dict[Path, str]) -> Iterator[tuple[Path, _Parts, str]]:
@@ -170,11 +170,14 @@ def _paired(files: Sequence[Path], roles: dict[Path, str]) -> Iterator[tuple[Pat
     for part, own in parts.items():
         for path in own:
             named[_key(path)][part].append(path)
+    spare = [path for group in named.values() if not group["imu"] for path in group["gps"]]
     for stem, group in named.items():
         if not group["imu"]:
             continue
         where = group["imu"][0].with_name(stem or _stem(group["imu"][0]))
         several = [path.name for paths in group.values() if len(paths) > 1 for path in paths]
+        if not group["gps"] and not group["ref"]:
+            several += [path.name for path in spare]
         yield where, {part: paths[0] for part, paths in group.items() if paths}, ", ".join(several)
 
 

@@ -15,8 +15,12 @@ from pathlib import Path
 
 import pytest
 
-from insnav.cli.batch import _absolute
-from insnav.fleet.recordings import _with_broken
+from insnav.cli.batch import _absolute, run_drive
+from insnav.cli.console import error_block
+from insnav.exceptions import InputError, InsnavError
+from insnav.fleet.batch import _alone, name_of
+from insnav.fleet.recordings import _with_broken, find_drives
+from insnav.input.formats.registry import open_tables
 from tests.cli.conftest import QUICK as RUN
 from tests.cli.conftest import ROOT, Cli
 
@@ -112,6 +116,86 @@ def test_a_file_behind_an_equals_sign_is_known_as_one(tmp_path: Path):
     words = ["--imu=m.toml", "--imu", "m.toml", "--lever-arm=1,0,0", "--heading=", "--no-smooth", "x=y"]
     files = ["--imu", str(imu), "--imu", str(imu)]
     assert _absolute(words, tmp_path) == [*files, "--lever-arm=1,0,0", "--heading=", "--no-smooth", "x=y"]
+
+
+@pytest.mark.parametrize(
+    ("names", "drives", "left"),
+    [
+        (("imu.csv", "imu_2.csv", "gps.csv"), {"day": ""}, ["imu_2.csv"]),
+        (("imu.csv", "gps.csv", "gps-old.csv"), {"day": ""}, ["gps-old.csv"]),
+        (("imu.csv", "gps.csv", "photo.csv"), {"day": ""}, []),
+        (("imu.csv", "first_gps.csv", "other.csv"), {"day-imu": "first_gps.csv, other.csv"}, None),
+        (("imu.csv", "first_gps.csv"), {"day": ""}, []),
+        (("imu.csv",), {"day": ""}, []),
+    ],
+)
+def test_no_file_is_chosen_in_silence(
+    names: tuple[str, ...], drives: dict[str, str], left: list[str] | None, drive: Path, tmp_path: Path
+):
+    (tmp_path / "week" / "day").mkdir(parents=True)
+    for name in names:
+        shutil.copy(drive / ("imu.csv" if "imu" in name else "gps.csv"), tmp_path / "week" / "day" / name)
+    found, said = find_drives(tmp_path / "week", tmp_path / "fleet", 1)
+    assert {each.name: each.unclear for each in found} == drives
+    for each in found if any(drives.values()) else ():
+        with pytest.raises(InputError, match="not clear"):
+            each.files()
+    if left is not None:
+        assert [Path(each.partition(": ")[0]).name for each in said] == left
+    for name in left or ():
+        notes = open_tables(tmp_path / "week" / "day")["imu"].notes
+        assert f"gps.csv, imu.csv by their names (assumed; {name} is not used)" in notes
+
+
+def test_names_of_run_folders_are_fit_for_all():
+    assert name_of("a/b c.json") == "a_b_c"  # notes beside the folders end so
+    assert name_of("..") == ""
+    assert name_of("é" * 300) == "é" * 100
+    assert name_of("run.2") == "run.2"
+
+
+def test_a_damaged_result_is_made_again_and_what_is_left_of_it_kept(drives: Path, cli: Cli):
+    (drives / "car" / "again").unlink()
+    assert cli("batch", drives / "car", "--out", "fleet", *QUICK, "--no-smooth").code == 0
+    rows = table(Path("fleet"))
+    assert float(rows["tuesday"]["horizontal_sd_m"]) > 0.0  # of the filter
+    place = Path("fleet/drives/tuesday")
+    whole = (place / "solution.csv").read_bytes()
+    with (place / "solution.csv").open("r+b") as file:
+        file.truncate(len(whole) // 2)
+    (Path("fleet/drives/friday") / "run.json").write_bytes(b"\0" * 100)
+    (Path("fleet/drives/friday") / "mine.txt").write_text("mine")
+    again = cli("batch", drives / "car", "--out", "fleet", *QUICK, "--no-smooth")
+    assert again.code == 0
+    assert "0 of 2 were finished already" in again.out
+    assert (place / "solution.csv").read_bytes() == whole
+    (aside,) = Path("fleet/drives").glob("friday.damaged-*")
+    assert (aside / "mine.txt").read_text() == "mine"
+    (place / "mine.txt").write_text("mine")  # what was added is no damage
+    assert "2 of 2" in cli("batch", drives / "car", "--out", "fleet", *QUICK, "--no-smooth").out
+
+
+def test_two_batches_do_not_share_a_folder(drives: Path, cli: Cli):
+    with _alone(Path("fleet").absolute()):
+        shown = cli("batch", drives / "car", "--out", "fleet", *QUICK)
+        assert shown.code == 4
+        assert "another batch is at work" in shown.err
+        assert not list(Path("fleet/drives").glob("*.json"))
+    with _alone(Path("fleet").absolute()):
+        pass
+
+
+def test_an_error_keeps_its_parts(monkeypatch: pytest.MonkeyPatch):
+    def ends(_: object) -> int:
+        error_block("it failed", (("where", "here"), ("why", "of this\nand that"), ("fix", "mend it")))
+        return 1
+
+    monkeypatch.setattr("insnav.cli._run", ends)
+    with pytest.raises(InsnavError) as raised:
+        run_drive(["imu.csv"])
+    error = raised.value
+    assert (error.what, error.where, error.why, error.fix) == ("it failed", "here", "of this and that", "mend it")
+    assert error.exit_code == 1
 
 
 def test_files_beside_a_drive_that_are_none_are_no_drives(tmp_path: Path):

@@ -147,3 +147,16 @@ def test_work_that_takes_long_is_named_where_there_is_no_terminal(monkeypatch, c
     lines = capsys.readouterr().err.splitlines()
     assert lines[0] == "insnav: navigating: 0 s so far"
     assert 2 <= len(lines) <= 4  # ever more rarely: after once, twice, four, eight times as long
+
+
+def test_what_is_done_is_named_while_a_drive_of_a_fleet_is_navigated_here(monkeypatch, capsys):
+    from insnav import cli
+    from insnav.cli import batch, console
+
+    monkeypatch.setattr(console, "LOGGED", 0.05)
+    monkeypatch.setattr(console, "level", 0)
+    monkeypatch.setattr(cli, "_run", lambda _: time.sleep(0.5) or 0)
+    with console.Stages() as stage:
+        stage("navigating")
+        batch.run_drive(["imu.csv"])
+    assert len(capsys.readouterr().err.splitlines()) >= 2

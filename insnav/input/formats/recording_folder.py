@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import PurePosixPath
 
 from insnav.input.formats.source import Source
@@ -11,32 +13,46 @@ from insnav.input.formats.table import Table
 name = "folder of a recording"
 
 NAMES = {"imu": "imu", "gps": "gps", "gnss": "gps", "ref": "reference", "reference": "reference"}
+# what says in the name of a file which part it is
+ROLE = re.compile(r"(^|[-_. ])(imu|gps|gnss|gnns|ref|reference|truth|fixes|samples)\d*(?=$|[-_. ])", re.IGNORECASE)
 # endings of files that are no data
 NO_DATA = {".toml", ".json", ".md", ".yaml", ".html", ".pdf", ".png", ".svg", ".jpg", ".kml", ".tag", ".py", ".ipynb"}
 
 
 def recognise(source: Source) -> bool:
-    return "imu" in _files(source)
+    return "imu" in _files(source.members)
 
 
 def read(source: Source) -> Mapping[str, Table]:
     from insnav.input.formats.registry import tables_of
 
     tables: dict[str, Table] = {}
-    for part, path in _files(source).items():
+    files, more = _files(source.members), ", ".join(unused(source.members))
+    note = (f"{', '.join(sorted(files.values()))} by their names (assumed; {more} is not used)",) * bool(more)
+    for part, path in files.items():
         found = tables_of(source.members[path]())
         table = found.get(part, found.get("gps", found.get("")))
         if table is not None:
-            tables[part] = table
+            tables[part] = replace(table, notes=(*table.notes, *note)) if part == "imu" else table
     return tables
 
 
-def _files(source: Source) -> dict[str, str]:
+def unused(paths: Iterable[str]) -> list[str]:
+    """Files of a folder that has a recording by the names which by theirs could be parts of it, too."""
+    taken = _files(paths)
+    return [path for path in paths if "imu" in taken and path not in taken.values() and ROLE.search(_stem(path))]
+
+
+def _files(paths: Iterable[str]) -> dict[str, str]:
     """File of each part, as far as one stands alone in the folder itself."""
     found: dict[str, list[str]] = {}
-    for path in source.members:
-        file = PurePosixPath(path)
-        part = NAMES.get(file.name.split(".")[0].lower())
-        if part is not None and "/" not in path and file.suffix.lower() not in NO_DATA:
+    for path in paths:
+        part = NAMES.get(_stem(path).lower())
+        if part is not None:
             found.setdefault(part, []).append(path)
     return {part: paths[0] for part, paths in found.items() if len(paths) == 1}
+
+
+def _stem(path: str) -> str:
+    """Name of a file of data in the folder itself, without its endings; empty for others."""
+    return "" if "/" in path or PurePosixPath(path).suffix.lower() in NO_DATA else path.split(".")[0]

@@ -140,6 +140,7 @@ def _solution(solution: Trajectory) -> Section:
             Quantity("distance", distance, "m"),
             Quantity("moving", moving, "s", meaning="in motion", decimals=1),
             Quantity("max_speed", fastest, "m/s"),
+            Quantity("horizontal_sd", None if solution.sd is None else rms_length(solution.sd[:, :2]), "m"),
         ),
         parts=tuple(
             Section(name, f"State at the {name}", _state(solution, row)) for name, row in (("start", 0), ("end", -1))
