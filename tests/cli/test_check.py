@@ -65,7 +65,9 @@ def test_files_may_be_given_as_for_a_run_or_as_a_folder_of_any_names(cli, tmp_pa
 def test_a_folder_of_any_names_is_read_by_what_its_files_hold(tmp_path):
     imu, gps = table(tmp_path / "drive.csv", samples(IMU_HEADERS)), table(tmp_path / "rover.csv", fixes(GPS_HEADERS))
     (tmp_path / "notes.txt").write_text("a fine day\n")
-    assert {part: each.name for part, each in open_parts(tmp_path).items()} == {"imu": str(imu), "gps": str(gps)}
+    for name in ("imu.csv", "drive.csv"):  # by its name a recording without fixes
+        imu = imu.rename(tmp_path / name)
+        assert {part: each.name for part, each in open_parts(tmp_path).items()} == {"imu": str(imu), "gps": str(gps)}
     ref = table(tmp_path / "ref.csv", fixes(GPS_HEADERS))  # only its name says that these are no fixes
     table(tmp_path / "ref_moved.csv", fixes(GPS_HEADERS))
     with pytest.raises(InputError, match="holds no recording"):  # rover or ref_moved?

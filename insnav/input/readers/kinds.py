@@ -40,26 +40,33 @@ def data_files(folder: str | Path) -> list[Path]:
 
 
 def open_parts(path: str | Path) -> Mapping[str, Table]:
-    """Tables of a file by part; of a folder that is no recording by its names, by what its files hold.
+    """Tables of a file by part; of a folder that has no recording, or no fixes, by its names, by what its files hold.
 
     Of several files of a kind that is taken whose name says so; if none does, or several, nothing is.
     """
+    folder = Path(path).is_dir() and os.access(path, os.R_OK | os.X_OK)
     try:
-        return open_tables(path)
+        named = open_tables(path)
     except InputError:
-        if not Path(path).is_dir() or not os.access(path, os.R_OK | os.X_OK):
+        held = _by_content(Path(path)) if folder else {}
+        if not held:
             raise
-        held: dict[tuple[str, bool], list[Table]] = {}  # by kind, and whether the name says it
-        for file in data_files(path):
-            with suppress(InsnavError):
-                tables, said = open_tables(file), NAMES.get(file.name.split(".")[0].lower())
-                kinds = kinds_of(tables)
-                if len(kinds) == len(tables) == 1:
-                    held.setdefault((said or kinds.pop(), said is not None), []).extend(tables.values())
-        chosen = {kind: held.get((kind, True)) or held[kind, False] for kind, _ in held}
-        if not {"imu", "gps"} <= chosen.keys() or any(len(own) != 1 for own in chosen.values()):
-            raise
-        return {kind: own[0] for kind, own in chosen.items()}
+        return held
+    return (folder and named.keys() == {"imu"} and _by_content(Path(path))) or named
+
+
+def _by_content(folder: Path) -> Mapping[str, Table]:
+    """Tables of the one file with samples and the one with fixes, if there are such."""
+    held: dict[tuple[str, bool], list[Table]] = {}  # by kind, and whether the name says it
+    for file in data_files(folder):
+        with suppress(InsnavError):
+            tables, said = open_tables(file), NAMES.get(file.name.split(".")[0].lower())
+            kinds = kinds_of(tables)
+            if len(kinds) == len(tables) == 1:
+                held.setdefault((said or kinds.pop(), said is not None), []).extend(tables.values())
+    chosen = {kind: held.get((kind, True)) or held[kind, False] for kind, _ in held}
+    whole = {"imu", "gps"} <= chosen.keys() and all(len(own) == 1 for own in chosen.values())
+    return {kind: own[0] for kind, own in chosen.items()} if whole else {}
 
 
 def _known(headers: Sequence[str], schema: Sequence[Quantity], words: str) -> bool:
