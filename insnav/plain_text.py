@@ -17,10 +17,10 @@ _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
 def plain_text(text: object) -> str:
-    """Text on one line without terminal escape codes, control or direction-override characters."""
-    kept = _ESCAPE.sub("", str(text))
+    """Text on one line without terminal escape codes, control or direction-override characters, fit for UTF-8."""
+    kept = _ESCAPE.sub("", str(text).encode("utf-8", "backslashreplace").decode())
     spaced = "".join(" " if c in "\t\n\r\v\f\x85\u2028\u2029" else c for c in kept)
-    return "".join(c for c in spaced if unicodedata.category(c) not in ("Cc", "Cf", "Cs"))
+    return "".join(c for c in spaced if unicodedata.category(c) not in ("Cc", "Cf"))
 
 
 def cell_text(text: object) -> str:

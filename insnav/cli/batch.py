@@ -49,7 +49,7 @@ def batch(
     with Stages() as stage:
         stage("finding")
         from insnav.fleet.batch import batch as navigated
-        from insnav.fleet.batch import check_folder
+        from insnav.fleet.batch import check_folder, moved_aside
         from insnav.fleet.page import write_fleet
         from insnav.fleet.recordings import find_drives
 
@@ -74,7 +74,7 @@ def batch(
             note("the drives that are finished are kept: the same command again goes on")
             raise
         stage("writing")
-        page = write_fleet(folder, made, left, {"drives": str(drives), "run": list(common)})
+        page = write_fleet(folder, made, left + moved_aside(folder), {"drives": str(drives), "run": list(common)})
     more = max(len(made) - _SHOWN, 0)
     names = ("drives", f"fleet.csv ({more} drives more)" if more else "fleet.csv")
     shown = _narrow(page.sections[1], shutil.get_terminal_size((WIDTH, 0)).columns)

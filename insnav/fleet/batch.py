@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
 import sys
 import time
@@ -18,17 +19,19 @@ from insnav import __version__
 from insnav.engine import Failed, Workers, attempt, each
 from insnav.exceptions import ConfigError, InputError, OutputError, writing
 from insnav.output.contents import FACTS_FILE, damage, file_sha256, files_in, read_facts
-from insnav.output.folder import write_text
+from insnav.output.folder import foreign_files, write_text
 
 DRIVES = "drives"  # folder of the run folders, within that of the fleet
 _OWN = {DRIVES, FACTS_FILE, "report.html", "fleet.csv"}  # what a fleet folder holds
 _UNSAFE = re.compile(r"[^\w.+-]+")
-_LONGEST = 100  # characters of a name
+_ASIDE = ".aside-"  # in the name of a folder that was in the way of a result
+_LONGEST = 100  # bytes of a name
 
 
 def name_of(text: str) -> str:
     """Name of a run folder made from a text, fit for every file system; notes beside the folders end in ``.json``."""
-    return _UNSAFE.sub("_", text)[:_LONGEST].removesuffix(".json").strip("._")
+    short = _UNSAFE.sub("_", text).encode()[:_LONGEST].decode(errors="ignore")
+    return short.removesuffix(".json").strip("._")
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +67,7 @@ class Navigated:
     failed: Failed | None = None
     facts: Mapping[str, Any] | None = None  # ``run.json`` of its folder, if there is one
     kept: bool = False  # it was finished already
+    file: str = ""  # its samples
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +146,7 @@ def _each(
     for number, (drive, kept) in enumerate(zip(drives, finished, strict=True), start=1):
         outcome = next(navigated) if kept is None else kept
         if isinstance(outcome, Failed):  # its process died
-            outcome = Navigated(drive.name, drive.vehicle, "", 0.0, outcome)
+            outcome = Navigated(drive.name, drive.vehicle, "", 0.0, outcome, file=drive.arguments[0])
         yield _with_facts(outcome, how.place)
         if progress is not None:
             progress(number)
@@ -154,10 +158,19 @@ def check_folder(folder: Path) -> None:
     Raises: OutputError.
     """
     held = {each.name for each in folder.iterdir() if not each.name.startswith(".")} if folder.is_dir() else set()
+    facts = attempt(read_facts, folder)
+    if DRIVES in held and not isinstance(facts, Failed) and facts.get("kind") == "fleet":
+        return  # nothing is taken away that lies beside
     if held - _OWN or (held and DRIVES not in held):
         why = ", ".join(sorted(held - _OWN)[:3]) or f"it has no {DRIVES}"
         what = "the folder holds something else than a fleet"
         raise OutputError(what, where=str(folder), why=why, fix="give another --out")
+
+
+def moved_aside(folder: Path) -> list[str]:
+    """What lies beside the run folders of a fleet because it was none, or damaged."""
+    why = "moved aside: it held more than a result, or a damaged one"
+    return [f"{each}: {why}" for each in sorted((folder / DRIVES).glob(f"*{_ASIDE}*"))]
 
 
 def _finished(how: _How, drive: Drive, key: str) -> Navigated | None:
@@ -175,7 +188,9 @@ def _navigated(how: _How, job: tuple[Drive, str]) -> Navigated:
     (drive, key), begin = job, time.monotonic()
     outcome = attempt(_run, how, drive)
     failed = outcome if isinstance(outcome, Failed) else None
-    found = Navigated(drive.name, drive.vehicle, key, round(time.monotonic() - begin, 3), failed)
+    found = Navigated(
+        drive.name, drive.vehicle, key, round(time.monotonic() - begin, 3), failed, file=drive.arguments[0]
+    )
     write_text(how.place / f"{drive.name}.json", json.dumps(asdict(found), indent=1))
     return found
 
@@ -183,8 +198,8 @@ def _navigated(how: _How, job: tuple[Drive, str]) -> Navigated:
 def _run(how: _How, drive: Drive) -> None:
     drive.files()
     place = how.place / drive.name
-    if place.is_dir() and isinstance(attempt(read_facts, place), Failed):  # ours by its name; what it holds is kept
-        place.rename(place.with_name(f"{place.name}.damaged-{time.time_ns()}"))
+    if place.is_dir() and foreign_files(place):  # or a damaged result: kept, whatever it is
+        place.rename(place.with_name(f"{place.name}{_ASIDE}{time.time_ns()}"))
     how.run([*drive.arguments, "--out", str(place), "--force"])
 
 
@@ -196,7 +211,7 @@ def _digest(drive: Drive) -> str:
         try:
             if path.is_absolute() and path.exists():
                 files = files_in(path) if path.is_dir() else {"": path}
-                digest.update("".join(f"{name} {file_sha256(file)}" for name, file in files.items()).encode())
+                digest.update(os.fsencode("".join(f"{name} {file_sha256(file)}" for name, file in files.items())))
         except OSError as error:
             digest.update(str(error).encode())
     return digest.hexdigest()

@@ -13,6 +13,7 @@ import numpy as np
 
 from insnav.fleet.batch import DRIVES, Navigated
 from insnav.output.folder import RunFolder
+from insnav.plain_text import cell_text
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.colours import BLUE, GREEN, VERMILLION
 from insnav.report.page import LIGHTS, Light, Page, Section, Verdict, one_each
@@ -266,4 +267,4 @@ def _csv_row(row: Row) -> dict[str, Any]:
     known = (fact for each in row.quantities() + row.noise for fact in each.facts().items())
     facts = {name: value for name, value in known if "_interval" not in name}
     code = 0 if row.drive.failed is None else row.drive.failed.exit_code
-    return {**facts, "exit_code": code, "seconds": row.drive.seconds}
+    return {**facts, "exit_code": code, "seconds": row.drive.seconds, "file": cell_text(row.drive.file)}

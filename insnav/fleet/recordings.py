@@ -18,7 +18,7 @@ from insnav.output.contents import FACTS_FILE, read_facts
 _FIX = "give the folder that holds the recordings, or a drives.toml; one drive is for insnav run"
 _PARTS = ("imu", "gps", "ref")
 _NAMED = {"samples": "imu", "gnss": "gps", "gnns": "gps", "fixes": "gps", "reference": "ref", "truth": "ref"}
-_SPARE = {"gps": "fixes of no drive", "ref": "a reference of no drive"}
+_SPARE = {"imu": "samples of no drive", "gps": "fixes of no drive", "ref": "a reference of no drive"}
 _MANY = 200  # files, from which on several processes look at them
 
 _Parts = dict[str, Path]  # file of each part
@@ -80,7 +80,9 @@ def _places(folder: Path, without: Path, left: list[str]) -> Iterator[list[Path]
         names = sorted(each for each in files if not each.startswith(".") and Path(each).suffix.lower() not in NO_DATA)
         data = [here / each for each in names]
         inner = any(_whole(here / each) for each in folders)  # formats look into the folders of a folder
-        one = not inner and here != folder and _whole(here, len(data))
+        parts = [(_named(each), _key(each)) for each in map(Path, unused(names))]
+        pair = any(("gps", key) in parts for part, key in parts if part == "imu")
+        one = not inner and not pair and here != folder and _whole(here, len(data))
         if one and sorted(map(_role, data[:4])) != ["gps", "imu", "ref"]:
             folders.clear()
             data = [here]

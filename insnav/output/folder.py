@@ -22,7 +22,16 @@ from insnav.exceptions import InputError, OutputError, writing
 from insnav.output.contents import FACTS_FILE, file_sha256, files_in, read_facts, verify_folder
 from insnav.plain_text import plain_text
 
-__all__ = ["FACTS_FILE", "NOT_UTF8", "RunFolder", "file_sha256", "read_facts", "verify_folder", "write_text"]
+__all__ = [
+    "FACTS_FILE",
+    "NOT_UTF8",
+    "RunFolder",
+    "file_sha256",
+    "foreign_files",
+    "read_facts",
+    "verify_folder",
+    "write_text",
+]
 
 NOT_UTF8 = "backslashreplace"  # what becomes of bytes of a file name that are no UTF-8: JSON reads them as they were
 _DROPPINGS = {".DS_Store", "Thumbs.db", "desktop.ini"}  # left by file managers, nobody's work
@@ -218,7 +227,7 @@ def _check_target(place: Path, *, force: bool) -> None:
             where=where,
             fix="add --force to replace it, or give another --out",
         )
-    foreign = _foreign_files(place)
+    foreign = foreign_files(place)
     if foreign:
         raise OutputError(
             "--force replaces only run folders, and this one holds something else",
@@ -228,7 +237,7 @@ def _check_target(place: Path, *, force: bool) -> None:
         )
 
 
-def _foreign_files(place: Path) -> list[str]:
+def foreign_files(place: Path) -> list[str]:
     """Names of the files in a folder that no run has written there."""
     found = [name for name in files_in(place) if Path(name).name not in _DROPPINGS]
     try:

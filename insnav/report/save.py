@@ -18,7 +18,7 @@ from insnav.exceptions import ConfigError, InputError, writing
 from insnav.imu.imu_file import load_imu
 from insnav.input.readers.reading import ReadingFacts
 from insnav.output.contents import FACTS_FILE
-from insnav.output.folder import RunFolder, read_facts
+from insnav.output.folder import NOT_UTF8, RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_events
 from insnav.plain_text import without_exponents
 from insnav.report.page import DataFrame, Figure, FigureSpec, Page
@@ -147,7 +147,7 @@ def write_page(
     if len(set(names)) < len(names):
         raise ConfigError("two figures have the same name", where=", ".join(names))
     for name, text in (texts or {}).items():
-        folder.path(name).write_text(text, encoding="utf-8", newline="\n")
+        folder.path(name).write_text(text, encoding="utf-8", newline="\n", errors=NOT_UTF8)
     if figures != "none":
         from insnav.report.html import page_html
 

@@ -127,6 +127,7 @@ def test_a_file_behind_an_equals_sign_is_known_as_one(tmp_path: Path):
         (("imu.csv", "first_gps.csv", "other.csv"), {"day-imu": "first_gps.csv, other.csv"}, None),
         (("imu.csv", "first_gps.csv"), {"day": ""}, []),
         (("imu.csv",), {"day": ""}, []),
+        (("imu.csv", "gps.csv", "b_imu.csv", "b_gps.csv"), {"day-imu": "", "day-b": ""}, []),
     ],
 )
 def test_no_file_is_chosen_in_silence(
@@ -144,13 +145,13 @@ def test_no_file_is_chosen_in_silence(
         assert [Path(each.partition(": ")[0]).name for each in said] == left
     for name in left or ():
         notes = open_tables(tmp_path / "week" / "day")["imu"].notes
-        assert f"gps.csv, imu.csv by their names (assumed; {name} is not used)" in notes
+        assert f"gps.csv, imu.csv by their names (assumed; not used: {name})" in notes
 
 
 def test_names_of_run_folders_are_fit_for_all():
     assert name_of("a/b c.json") == "a_b_c"  # notes beside the folders end so
     assert name_of("..") == ""
-    assert name_of("é" * 300) == "é" * 100
+    assert name_of("漢" * 300) == "漢" * 33  # file systems count bytes
     assert name_of("run.2") == "run.2"
 
 
@@ -169,10 +170,32 @@ def test_a_damaged_result_is_made_again_and_what_is_left_of_it_kept(drives: Path
     assert again.code == 0
     assert "0 of 2 were finished already" in again.out
     assert (place / "solution.csv").read_bytes() == whole
-    (aside,) = Path("fleet/drives").glob("friday.damaged-*")
+    (aside,) = Path("fleet/drives").glob("friday.aside-*")
     assert (aside / "mine.txt").read_text() == "mine"
+    assert f"{aside.absolute()}: moved aside" in again.out
     (place / "mine.txt").write_text("mine")  # what was added is no damage
+    Path("fleet/notes.md").write_text("mine")
     assert "2 of 2" in cli("batch", drives / "car", "--out", "fleet", *QUICK, "--no-smooth").out
+    assert cli("batch", drives / "car", "--out", "fleet", *QUICK, "--no-smooth", "--again").code == 0
+    (aside,) = Path("fleet/drives").glob("tuesday.aside-*")
+    assert (aside / "mine.txt").read_text() == Path("fleet/notes.md").read_text() == "mine"
+    assert table(Path("fleet"))["tuesday"]["file"] == str(drives / "car" / "tuesday_imu.csv")
+
+
+def test_names_that_are_not_utf_8_do_not_end_a_fleet(drive: Path, tmp_path: Path, cli: Cli):
+    place = tmp_path / "week" / os.fsdecode(b"d\xff")
+    try:
+        place.mkdir(parents=True)
+    except OSError:
+        pytest.skip("this file system has UTF-8 names only")
+    shutil.copy(drive / "imu.csv", place / "imu.csv")
+    for name in (b"\xff.csv", b"\xff_gps.csv"):
+        shutil.copy(drive / "gps.csv", place / os.fsdecode(name))
+    shown = cli("batch", tmp_path / "week", "--out", tmp_path / "fleet", *QUICK)
+    assert shown.code == 1
+    (failure,) = json.loads((tmp_path / "fleet" / "run.json").read_text(encoding="utf-8"))["failures"]
+    assert failure["what"] == "it is not clear which files are one drive"
+    assert failure["where"] == str(place / "imu.csv")
 
 
 def test_two_batches_do_not_share_a_folder(drives: Path, cli: Cli):

@@ -28,7 +28,7 @@ def read(source: Source) -> Mapping[str, Table]:
 
     tables: dict[str, Table] = {}
     files, more = _files(source.members), ", ".join(unused(source.members))
-    note = (f"{', '.join(sorted(files.values()))} by their names (assumed; {more} is not used)",) * bool(more)
+    note = (f"{', '.join(sorted(files.values()))} by their names (assumed; not used: {more})",) * bool(more)
     for part, path in files.items():
         found = tables_of(source.members[path]())
         table = found.get(part, found.get("gps", found.get("")))
