@@ -48,6 +48,7 @@ from insnav.filter.whole_record import without_rejected
 from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec
 from insnav.input import Reading
+from insnav.input.readers.kinds import files_with
 from insnav.result import Result
 from insnav.session import defaults
 from insnav.session.checked_inputs import one_of, options_of, reference_point, reference_sd
@@ -228,10 +229,12 @@ class Drive:
             raise ConfigError(f"{states} states are not supported", where="--states", fix="use 21 or 15")
         if self.fixes is None:
             moves = ", and no reference" if self.reference is None else ", and by the reference it moves"
+            imu = Path(self.readings.imu.facts.path)
+            beside = ", ".join(files_with("gps", imu.parent)) if imu.is_file() else ""
             raise ConfigError(
                 "nothing tells where the vehicle was",
                 where="--gps",
-                why=f"there are no fixes{moves}",
+                why=f"there are no fixes{moves}" + f"; beside {imu.name} some are in {beside}" * bool(beside),
                 fix="give fixes with --gps; for a bench, --ref with its place at the start and the end, velocity zero",
             )
         fixes, given = self.fixes, self.readings.inputs.get("heading")

@@ -170,8 +170,9 @@ def test_what_cannot_be_meant_is_refused(
 
 def test_a_place_is_needed_to_navigate_and_to_align(drive: Path) -> None:
     alone = insnav.load("imu.csv", imu_model="automotive")
-    with pytest.raises(ConfigError, match="nothing tells where the vehicle was"):
+    with pytest.raises(ConfigError, match="nothing tells where the vehicle was") as error:
         alone.navigate()
+    assert error.value.why.endswith("; beside imu.csv some are in gps.csv")
     with pytest.raises(ConfigError, match="nothing tells the latitude"):
         alone.align()
     at_a_latitude = insnav.load("imu.csv", imu_model="automotive", lat=np.deg2rad(48.0)).align()

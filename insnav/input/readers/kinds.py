@@ -15,6 +15,8 @@ from insnav.input.interpret.columns import match_header
 from insnav.input.interpret.headerless import imu_columns, is_headerless, position_columns
 from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA, REFERENCE_SCHEMA, Quantity
 
+_LOOKED_AT = 100  # files, to say which could be meant
+
 
 def kinds_of(tables: Mapping[str, Table], *, imu_known: bool = False) -> set[str]:
     """What a file holds, of ``imu``, ``gps`` and ``reference``: as its format says, by its headers, by its numbers."""
@@ -37,6 +39,15 @@ def data_files(folder: str | Path) -> list[Path]:
     """Files in a folder that may hold data."""
     files = sorted(each for each in Path(folder).iterdir() if each.is_file() and each.suffix.lower() not in NO_DATA)
     return [each for each in files if not each.name.startswith(".")]
+
+
+def files_with(kind: str, folder: Path) -> list[str]:
+    """Names of files in a folder, of the first hundred, that hold data of one kind only; see `kinds_of`."""
+    found = []
+    for file in data_files(folder)[:_LOOKED_AT]:
+        with suppress(InsnavError):
+            found += [file.name] * (kinds_of(open_tables(file)) == {kind})
+    return found
 
 
 def open_parts(path: str | Path) -> Mapping[str, Table]:
