@@ -6,6 +6,7 @@ import re
 import unicodedata
 from collections.abc import Callable
 
+NOT_UTF8 = "backslashreplace"  # what becomes of bytes of a file name that are no UTF-8: JSON reads them as they were
 _ESCAPE = re.compile(
     r"\x1b\[[0-?]*[ -/]*[@-~]"  # CSI: colours, cursor
     r"|\x1b[\]PX^_].*?(?:\x07|\x1b\\|$)"  # OSC and other strings: titles, links
@@ -18,7 +19,7 @@ _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 def plain_text(text: object) -> str:
     """Text on one line without terminal escape codes, control or direction-override characters, fit for UTF-8."""
-    kept = _ESCAPE.sub("", str(text).encode("utf-8", "backslashreplace").decode())
+    kept = _ESCAPE.sub("", str(text).encode("utf-8", NOT_UTF8).decode())
     spaced = "".join(" " if c in "\t\n\r\v\f\x85\u2028\u2029" else c for c in kept)
     return "".join(c for c in spaced if unicodedata.category(c) not in ("Cc", "Cf"))
 

@@ -80,13 +80,14 @@ def _places(folder: Path, without: Path, left: list[str]) -> Iterator[list[Path]
         names = sorted(each for each in files if not each.startswith(".") and Path(each).suffix.lower() not in NO_DATA)
         data = [here / each for each in names]
         inner = any(_whole(here / each) for each in folders)  # formats look into the folders of a folder
-        parts = [(_named(each), _key(each)) for each in map(Path, unused(names))]
+        others = [here / each for each in unused(names)]
+        parts = [(_named(each), _key(each)) for each in others]
         pair = any(("gps", key) in parts for part, key in parts if part == "imu")
         one = not inner and not pair and here != folder and _whole(here, len(data))
         if one and sorted(map(_role, data[:4])) != ["gps", "imu", "ref"]:
             folders.clear()
             data = [here]
-            left.extend(f"{here / each}: its folder has the drive by the names of others" for each in unused(names))
+            left.extend(f"{each}: its folder has the drive by the names of others" for each in others)
         folders[:] = sorted(each for each in folders if not each.startswith("."))
         if data:
             yield data

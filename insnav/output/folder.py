@@ -20,20 +20,10 @@ from typing import Any, Self
 
 from insnav.exceptions import InputError, OutputError, writing
 from insnav.output.contents import FACTS_FILE, file_sha256, files_in, read_facts, verify_folder
-from insnav.plain_text import plain_text
+from insnav.plain_text import NOT_UTF8, plain_text
 
-__all__ = [
-    "FACTS_FILE",
-    "NOT_UTF8",
-    "RunFolder",
-    "file_sha256",
-    "foreign_files",
-    "read_facts",
-    "verify_folder",
-    "write_text",
-]
+__all__ = ["FACTS_FILE", "RunFolder", "file_sha256", "foreign_files", "read_facts", "verify_folder", "write_text"]
 
-NOT_UTF8 = "backslashreplace"  # what becomes of bytes of a file name that are no UTF-8: JSON reads them as they were
 _DROPPINGS = {".DS_Store", "Thumbs.db", "desktop.ini"}  # left by file managers, nobody's work
 _FULL = {
     errno.ENOSPC: "the disk is full",

@@ -18,9 +18,9 @@ from insnav.exceptions import ConfigError, InputError, writing
 from insnav.imu.imu_file import load_imu
 from insnav.input.readers.reading import ReadingFacts
 from insnav.output.contents import FACTS_FILE
-from insnav.output.folder import NOT_UTF8, RunFolder, read_facts
+from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_events
-from insnav.plain_text import without_exponents
+from insnav.plain_text import NOT_UTF8, without_exponents
 from insnav.report.page import DataFrame, Figure, FigureSpec, Page
 from insnav.report.provenance import provenance
 from insnav.report.run_json import SCHEMA, json_ready, page_facts, versions

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -43,11 +43,15 @@ def data_files(folder: str | Path) -> list[Path]:
 
 def files_with(kind: str, folder: Path) -> list[str]:
     """Names of files in a folder, of the first hundred, that hold data of one kind only; see `kinds_of`."""
-    found = []
-    for file in data_files(folder)[:_LOOKED_AT]:
+    return [file.name for file, _, kinds in _opened(data_files(folder)[:_LOOKED_AT]) if kinds == {kind}]
+
+
+def _opened(files: Iterable[Path]) -> Iterator[tuple[Path, Mapping[str, Table], set[str]]]:
+    """Files that can be read, their tables and what they hold."""
+    for file in files:
         with suppress(InsnavError):
-            found += [file.name] * (kinds_of(open_tables(file)) == {kind})
-    return found
+            tables = open_tables(file)
+            yield file, tables, kinds_of(tables)
 
 
 def open_parts(path: str | Path) -> Mapping[str, Table]:
@@ -69,12 +73,10 @@ def open_parts(path: str | Path) -> Mapping[str, Table]:
 def _by_content(folder: Path) -> Mapping[str, Table]:
     """Tables of the one file with samples and the one with fixes, if there are such."""
     held: dict[tuple[str, bool], list[Table]] = {}  # by kind, and whether the name says it
-    for file in data_files(folder):
-        with suppress(InsnavError):
-            tables, said = open_tables(file), NAMES.get(file.name.split(".")[0].lower())
-            kinds = kinds_of(tables)
-            if len(kinds) == len(tables) == 1:
-                held.setdefault((said or kinds.pop(), said is not None), []).extend(tables.values())
+    for file, tables, kinds in _opened(data_files(folder)):
+        said = NAMES.get(file.name.split(".")[0].lower())
+        if len(kinds) == len(tables) == 1:
+            held.setdefault((said or kinds.pop(), said is not None), []).extend(tables.values())
     chosen = {kind: held.get((kind, True)) or held[kind, False] for kind, _ in held}
     whole = {"imu", "gps"} <= chosen.keys() and all(len(own) == 1 for own in chosen.values())
     return {kind: own[0] for kind, own in chosen.items()} if whole else {}

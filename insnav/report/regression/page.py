@@ -234,7 +234,6 @@ def write_published(folder: Path, compared: Sequence[Compared], field: FieldFact
     places = sorted({f"{each.case.source.split(',')[0]}: {each.case.where}" for each in compared})
     lists = {"compared": compared, "missing": missing, "places": places}
     path = folder / FILE
-    folder.mkdir(parents=True, exist_ok=True)
     text = filled("published.md.j2", field=field, now=now, number=number, **lists)
-    path.write_text(text, encoding="utf-8", newline="\n")
+    write_text(path, text)
     return path
