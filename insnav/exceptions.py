@@ -86,6 +86,12 @@ class DivergenceError(InsnavError):
     exit_code = 1
 
 
+class CheckError(InsnavError):
+    """A result that is complete, but not to be used, or not as good as asked for."""
+
+    exit_code = 1
+
+
 class OutputError(InsnavError):
     """A result that cannot be written."""
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import re
 import shutil
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,9 +14,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from insnav.cli import console
-from insnav.cli.console import Stages, error_block, note, quiet_figures, result_page
+from insnav.cli.console import Stages, note, quiet_figures, result_page
 from insnav.cli.options import RESULT, Engine, Json, Out, argument, flag
-from insnav.exceptions import ConfigError, InsnavError
+from insnav.exceptions import CheckError, ConfigError, InsnavError
 
 if TYPE_CHECKING:
     from insnav.fleet.batch import Drive
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
 SETTINGS = {"ignore_unknown_options": True, "allow_extra_args": True}  # those of run go on to it
 _SHOWN = 20  # drives in the terminal
 _COLUMNS = ("drive", "vehicle", "result", "horizontal_error", "horizontal_sd", "rejected", "outlier", "reason")  # there
-_DETAIL, _CONTINUED = re.compile(r"^  (where|why|fix): +(.*)$", re.MULTILINE), re.compile(r"\n {9}")  # of an error
 _WHY, WIDTH = 20, 120  # least characters of a reason there, and columns where no terminal says how many it has
 
 
@@ -80,8 +78,7 @@ def batch(
     shown = _narrow(page.sections[1], shutil.get_terminal_size((WIDTH, 0)).columns)
     result_page(folder, replace(page, sections=(shown,)), out, as_json=as_json, more=names)
     if page.verdict is not None and page.verdict.light == "bad":
-        error_block(page.verdict.reason, (("fix", "see the reasons above; insnav check FILES says what to mend"),))
-        raise typer.Exit(1)
+        raise CheckError(page.verdict.reason, fix="see the reasons above; insnav check FILES says what to mend")
 
 
 def _narrow(table: Section, width: int) -> Section:
@@ -107,20 +104,14 @@ def run_drive(arguments: Sequence[str]) -> None:
     from insnav.cli.data_options import as_option
 
     level, console.level = console.level, -1
-    said = io.StringIO()
     try:
-        with contextlib.redirect_stderr(said):
-            code = _run(["run", *arguments])
+        with contextlib.redirect_stderr(io.StringIO()):
+            _run(["run", *arguments])
     except InsnavError as error:
         error.where = as_option(error.where)
         raise
     finally:
         console.level = level
-    if code:
-        what, _, details = said.getvalue().removeprefix("insnav: error: ").partition("\n")
-        ended = InsnavError(what or f"exit code {code}", **dict(_DETAIL.findall(_CONTINUED.sub(" ", details))))
-        ended.exit_code = code
-        raise ended
 
 
 def _read(path: Path) -> list[Drive]:

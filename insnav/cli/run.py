@@ -5,14 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import typer
-
 from insnav.cli import console, parse
 from insnav.cli.console import working
 from insnav.cli.data_options import Data, takes_data
 from insnav.cli.options import RESULT, START, Aiding, Backdrop, Force, Json, Out, Rate, flag, option
 from insnav.cli.report import with_backdrop
-from insnav.exceptions import ConfigError
+from insnav.exceptions import CheckError, ConfigError
 
 if TYPE_CHECKING:
     from insnav.errors.metrics import TrajectoryErrors
@@ -103,8 +101,7 @@ def _check_failure(run: Run) -> None:
     why = failure(run)
     if why:
         fix = "check clocks, axes, units, heading, lever arm and standard deviations; insnav check says what it sees"
-        console.error_block("the solution is not to be used", (("why", why), ("fix", fix)))
-        raise typer.Exit(1)
+        raise CheckError("the solution is not to be used", why=why, fix=fix)
 
 
 def _check_accuracy(errors: TrajectoryErrors, limit: float) -> None:
@@ -113,11 +110,5 @@ def _check_accuracy(errors: TrajectoryErrors, limit: float) -> None:
 
     rms = float(np.sqrt(np.mean(errors.horizontal**2)))
     if rms > limit:
-        console.error_block(
-            "the solution is worse than asked for",
-            (
-                ("where", "--fail-above"),
-                ("why", f"horizontal RMS {rms:.3f} m against the reference, limit {limit:g} m"),
-            ),
-        )
-        raise typer.Exit(1)
+        why = f"horizontal RMS {rms:.3f} m against the reference, limit {limit:g} m"
+        raise CheckError("the solution is worse than asked for", where="--fail-above", why=why)

@@ -16,8 +16,7 @@ from pathlib import Path
 import pytest
 
 from insnav.cli.batch import _absolute, run_drive
-from insnav.cli.console import error_block
-from insnav.exceptions import InputError, InsnavError
+from insnav.exceptions import CheckError, InputError
 from insnav.fleet.batch import _alone, name_of
 from insnav.fleet.recordings import _with_broken, find_drives
 from insnav.input.formats.registry import open_tables
@@ -208,17 +207,15 @@ def test_two_batches_do_not_share_a_folder(drives: Path, cli: Cli):
         pass
 
 
-def test_an_error_keeps_its_parts(monkeypatch: pytest.MonkeyPatch):
-    def ends(_: object) -> int:
-        error_block("it failed", (("where", "here"), ("why", "of this\nand that"), ("fix", "mend it")))
-        return 1
-
-    monkeypatch.setattr("insnav.cli._run", ends)
-    with pytest.raises(InsnavError) as raised:
-        run_drive(["imu.csv"])
-    error = raised.value
-    assert (error.what, error.where, error.why, error.fix) == ("it failed", "here", "of this and that", "mend it")
-    assert error.exit_code == 1
+def test_an_error_keeps_its_parts(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("insnav.errors.evaluated_run.failure", lambda _: "the filter was lost")
+    out = tmp_path / "lost"
+    files = str(drive / "imu.csv"), "--gps", str(drive / "gps.csv"), "--out", str(out)
+    with pytest.raises(CheckError, match="not to be used") as raised:
+        run_drive([*files, "--imu", "automotive", "--figures", "none"])
+    assert raised.value.why == "the filter was lost"
+    assert "insnav check" in raised.value.fix
+    assert (out / "run.json").is_file()
 
 
 def test_files_beside_a_drive_that_are_none_are_no_drives(tmp_path: Path):
