@@ -26,6 +26,7 @@ from insnav.filter.gps_noise import LAG_WORTH, LAGGING_NOTE, velocity_lag
 from insnav.filter.innovation_likelihood import HUBER
 from insnav.filter.late_fixes import BLOCKS, REACH, LateFixes
 from insnav.filter.navigate import feed
+from insnav.filter.noise_identification import usual_time
 from insnav.filter.prepare import Prepared
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import History
@@ -40,7 +41,10 @@ DRIFTS = 0.02 * np.arange(-10, 11)  # of the delay, from the middle to the ends 
 DRIFT_WORTH, LARGEST_DRIFT = 0.02, 4e-4  # a smaller one is not moved by [s], larger ones no crystal has [s/s]
 LONGEST = 900.0  # of the record that is looked at [s]
 FIXES = 600  # of it at most, besides those of a long rest before
-WORTH, REFINED_BY = 0.03, 0.01  # smaller delays the state of the filter finds; where velocities lag by a shape [s]
+# Smaller delays the state of the filter finds: by larger ones turns that vibrate at 8 Hz show a lever arm wrongly, and
+# nothing mends that later [s]
+WORTH = 0.003
+DOUBTFUL = 0.03  # larger delays, and standard deviations of them, are looked at again [s]
 WIDEST = 0.5  # standard deviation of a delay with which the filter begins where a drive hardly shows it [s]
 SURE, REFINED = 4.0, 2.0  # delays are believed beyond so many of their standard deviations, or with other evidence
 ROUNDS = 3  # of moving the clock
@@ -101,8 +105,11 @@ def filtered(ready: Prepared, *, starts: int | None = None, gates: Gates | None 
     gates = gates or replace(ready.settings.gates, reset_after=np.inf)
     lever_sd = ready.settings.lever_sd
     other = float(np.hypot(OPENED * lever_sd, np.linalg.norm(ready.settings.lever_b)))
+    correlated = ready.settings.correlated
+    if correlated is not None and correlated.by_reported:  # which hardly tells its time, and a lag takes its place
+        correlated = replace(correlated, time=usual_time())
     settings = replace(ready.settings, aiding=None, smooth=True, output_interval=10.0, gates=gates, settled=False)
-    settings = replace(settings, lever_sd=OPENED * lever_sd, shaken=other)
+    settings = replace(settings, lever_sd=OPENED * lever_sd, shaken=other, correlated=correlated)
     navigator = replace(ready, settings=settings).navigator()
     try:
         feed(navigator, ready.imu)
@@ -186,6 +193,7 @@ class Found(NamedTuple):
     lag: float  # of velocities behind positions, and its standard deviation [s]
     lag_sd: float
     moments: tuple[float, ...]  # of `MOMENTS`
+    sum_sd: float = np.inf  # of delay and lag together, which is what velocities tell [s]
     misfit: float = np.nan  # how unlikely fixes were in the run that tells it, if gates would reject many [-]
 
     @property
@@ -209,7 +217,7 @@ def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Foun
     # seconds late, nearly all fixes look false, and precise ones bend the filter too much
     rough = filtered(_doubted(seen.ready), starts=0, gates=_open_gates(seen.ready))
     found = _found(rough, _likelihood(rough), alone)
-    if found.sd <= WORTH:
+    if found.sd <= DOUBTFUL:
         return found
     # precise ones tell it to milliseconds, if they are as precise as they claim with some delay
     believed = filtered(seen.ready, starts=0, gates=_open_gates(seen.ready))
@@ -219,8 +227,9 @@ def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Foun
         return found
     told = _found(believed, likelihood, alone)
     # what they are off is no noise but what bends the filter, and the lever arm with the delay
-    sd = told.sd * max(1.0, float(np.sqrt(off)))
-    return told._replace(sd=sd, misfit=believed.misfit) if told.sd <= WORTH else found
+    wider = max(1.0, float(np.sqrt(off)))
+    sure = told._replace(sd=wider * told.sd, sum_sd=wider * told.sum_sd, misfit=believed.misfit)
+    return sure if told.sd <= DOUBTFUL else found
 
 
 def _likelihood(seen: Filtered) -> LateFixes | None:
@@ -259,11 +268,11 @@ def _found(seen: Filtered, likelihood: LateFixes | None, alone: tuple[float, flo
     # the curvature at the top of an uneven likelihood is not its width: no delay at all must be as unlikely, too, and
     # parts must agree: the variance of the sum of their slopes, by their scatter (White, Econometrica 50 (1982) 1-25)
     width = 0.0
-    if abs(delay) > WORTH and not drift:
+    if abs(delay) > DOUBTFUL and not drift:
         width = abs(delay) / float(np.sqrt(2.0 * max(likelihood.costs(np.zeros(1)).sum() - top.sum(), 1e-9)))
     scatter = float(np.sqrt(bend.size * np.var(slopes + away * bend, ddof=1))) / curvature
     sd = max(1.0 / float(np.sqrt(curvature)), width, scatter)
-    lag, lag_sd = likelihood.lag, 0.0
+    lag, lag_sd, sum_sd = likelihood.lag, 0.0, sd
     if likelihood.velocities:
         began = likelihood.moments
         (other, along), covariance, evidence = _with_lag(likelihood, delay, drift, alone)
@@ -275,12 +284,15 @@ def _found(seen: Filtered, likelihood: LateFixes | None, alone: tuple[float, flo
         if likelihood.moments != began:
             (other, along), covariance, _ = _with_lag(likelihood, other, drift, alone)
         apart = share * (1.0 - share)
+        differ = other + along - likelihood.lag - delay
+        sum_sd = float(np.sqrt(share * covariance.sum() + (1.0 - share) * sd**2 + apart * differ**2))
         sd = float(np.sqrt(share * max(covariance[0, 0], sd**2) + (1.0 - share) * sd**2 + apart * (other - delay) ** 2))
         delay += share * (other - delay)
         lag, lag_sd = share * along, float(np.sqrt(share * covariance[1, 1] + apart * along**2))
     # to the microsecond: where the arrays of the search lie in memory rounds its sums, and must not round the run
-    delay, sd, lag, lag_sd = (round(float(each), 6) for each in (delay - drift * likelihood.half, sd, lag, lag_sd))
-    return Found(delay, sd, drift, lag, lag_sd, likelihood.moments)
+    every = delay - drift * likelihood.half, sd, lag, lag_sd, sum_sd
+    delay, sd, lag, lag_sd, sum_sd = (round(float(each), 6) for each in every)
+    return Found(delay, sd, drift, lag, lag_sd, likelihood.moments, sum_sd)
 
 
 def shown_again(ready: Prepared) -> FilterSettings:
@@ -343,28 +355,30 @@ def on_time(
         misfit = found.misfit
         delay, sd, drift = found[:3]
         surest, shown = found.surest, clock + delay + half * (rate + drift)
-        # once it was moved, or where the state of the filter, which is linear, goes as surely the same way
-        agrees = further.delay * np.sign(delay) > SURE * further.delay_sd
-        sure = SURE if clock == 0.0 and not agrees else REFINED
         was, lags = further.settings, found[3:6]
         lagging = abs(found.lag - was.velocity_lag) >= LAG_WORTH or found.moments != was.moments
-        least = REFINED_BY if len(was.moments) > 1 else WORTH
+        # velocities tell delay and lag together; a lag that is too small to be taken off leaves both to the clock
+        ahead, ahead_sd = (delay, sd) if lagging else (delay + found.lag - was.velocity_lag, found.sum_sd)
+        # once it was moved, or where the state of the filter, which is linear, goes as surely the same way
+        agrees = further.delay * np.sign(ahead) > SURE * further.delay_sd
+        sure = SURE if clock == 0.0 and not agrees else REFINED
         # within its reach a run with that lag tells the delay, which one with another lag has bent
-        moved = bool(abs(delay) >= max(least, sure * sd) or drift) and not (lagging and abs(delay) < settings.delay_sd)
-        left = float(np.hypot(sd, 0.0 if moved else delay))
+        near = abs(ahead) < settings.delay_sd
+        moved = bool(abs(ahead) >= max(WORTH, sure * ahead_sd) or drift) and not (lagging and near)
+        left = float(np.hypot(sd, delay - ahead if moved else delay))
         width = max(settings.delay_sd, min(LOOKED * left, WIDEST))
-        if moved and abs(last) < settings.delay_sd and delay * last < -BACK * last**2:
+        if moved and abs(last) < settings.delay_sd and ahead * last < -BACK * last**2:
             ready, seen, own = before
             break
         if not moved and not lagging:
             break
-        before, last = (ready, seen, own), 0.0 if drift or not moved else delay
+        before, last = (ready, seen, own), 0.0 if drift or not moved else ahead
         if moved:
-            clock, rate = clock + delay, rate + drift
+            clock, rate = clock + ahead, rate + drift
         there = prepared(clock, rate)
         there = replace(there, settings=replace(there.settings, velocity_lag=found.lag, moments=found.moments))
         # within its reach the filter explains a delay as well by its state, but for what is not linear in it
-        refined = further is seen and sure == REFINED and abs(delay) < settings.delay_sd and not drift
+        refined = further is seen and sure == REFINED and near and not drift
         further = filtered(there)
         tried = there, further, (clock, rate)
         if refined or further.misfit <= seen.misfit + WORSE:  # a large one is found in steps: the first may be worse

@@ -116,12 +116,17 @@ def with_careful_biases(ready: Prepared, assumed: ImuSpec) -> Prepared:
     return replace(with_fixes(ready, model, np.ones(3), np.ones(3)), model=model)
 
 
+def usual_time() -> float:
+    """Correlation time of positions as receivers have it, where a drive tells none [s]."""
+    middle, sd = CORRELATION_TIME
+    return float(np.exp(middle + AVERAGED["gps.correlation_time"] * sd**2))
+
+
 def with_usual_noise(ready: Prepared) -> Prepared:
     """The recording prepared with time-correlated errors of positions as receivers have them: it tells none itself."""
     if ready.settings.correlated is not None:
         return ready
-    (middle, sd), share = CORRELATION_TIME, 1.0 / (1.0 + np.exp(-SHARE[0]))
-    time = float(np.exp(middle + AVERAGED["gps.correlation_time"] * sd**2))
+    time, share = usual_time(), 1.0 / (1.0 + np.exp(-SHARE[0]))
     usual = CorrelatedNoise(share, time, np.sqrt(share) * np.median(ready.gps.position_sd, axis=0))
     note = f"{CORRELATED}: {100 * share:.0f} % of the variance, for about {time:.0f} s, assumed as usual of receivers"
     return replace(ready, settings=replace(ready.settings, correlated=usual), notes=(*ready.notes, note))

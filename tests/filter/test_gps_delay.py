@@ -16,9 +16,9 @@ from insnav.earth import OMEGA_EARTH, lla_offset, ned_offset
 from insnav.errors.ensemble import normalised
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.exceptions import InputError
-from insnav.filter import FilterSettings, error_model
+from insnav.filter import FilterSettings, error_model, gps_delay
 from insnav.filter.gates import impossible
-from insnav.filter.gps_delay import delay_of, filtered, on_time, scale_of
+from insnav.filter.gps_delay import Found, delay_of, filtered, on_time, scale_of
 from insnav.filter.late_fixes import REACH, LateFixes
 from insnav.filter.navigate import feed
 from insnav.filter.prepare import DELAY_SD, Prepared, prepare
@@ -541,13 +541,30 @@ def test_a_start_that_most_fixes_contradict_is_looked_at_with_doubted_ones():
     assert (np.abs(run.lever_b) < 3.0 * run.lever_sd).all()
 
 
-def test_a_clock_to_which_the_next_look_goes_back_is_not_moved():
+def test_a_clock_to_which_the_next_look_goes_back_is_not_moved(monkeypatch: pytest.MonkeyPatch):
     """A flight by RTK, no delay: looks at it asked for -32, +34 and -34 ms, each 4 sd sure; it ended 19 ms off."""
+    looks = iter((-0.032, 0.034, -0.034))
+    monkeypatch.setattr(gps_delay, "delay_of", lambda *_: Found(next(looks), 0.006, 0.0, 0.0, 0.0, (1.0,), 0.006))
+    ready = recorded()
+    moved = list[float]()
+
+    def prepared(clock: float, _: float) -> Prepared:
+        moved.append(clock)
+        return replace(late(ready, 0.0), clock=clock)
+
+    assert on_time(prepared, ready.settings).clock == 0.0
+    assert moved == [0.0, -0.032]
+
+
+def test_a_flight_by_rtk_without_delay_has_none():
+    """One look at it asks for -30 ms, 5 sd sure."""
     receiver = replace(load_gps("rtk"), lever_b=(0.8, -0.4, -1.3))
     made = plan_of(profiled("aircraft_pattern", 9108), {"imu": "automotive", "gps": receiver, "seed": 9108}).measured()
     since = made.imu.time[0] + np.array([412.13, 565.57])
     imu, fixes = (each.rows((each.time > since[0]) & (each.time < since[1])) for each in (made.imu, made.gps))
-    assert insnav.load(imu, fixes).prepared().clock == 0.0
+    run = insnav.load(imu, fixes).navigate(smooth=False).found.run
+    assert abs(run.gps_delay) < min(run.gps_delay_sd, 0.01)
+    assert (np.abs(run.lever_b - receiver.lever_b) < 3.0 * run.lever_sd).all()
 
 
 @pytest.mark.parametrize("delay", [-0.3, 0.0, 0.2])

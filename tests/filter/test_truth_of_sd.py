@@ -1,8 +1,13 @@
-"""Nothing configured, data of an independent simulator (python-ins): errors are as large as stated, or smaller."""
+"""Nothing configured, data of an independent simulator (python-ins): errors are as large as stated.
+
+What nobody gave is drawn from what is assumed of it: a lever arm of 1 m each axis, fixes late or early by 50 ms, half
+of the variance of their positions lasting for a minute or two. With none of these errors would be smaller than stated.
+"""
 
 from __future__ import annotations
 
 import importlib.util
+from dataclasses import dataclass
 from types import ModuleType
 
 import numpy as np
@@ -12,15 +17,15 @@ import insnav
 from insnav.attitude import wrap_pi
 from insnav.earth import lla_offset, ned_offset
 from insnav.imu import load_imu
-from insnav.types import FloatArray, GpsData, ImuData
+from insnav.types import FloatArray, GpsData, ImuData, Run, Trajectory
 from tests.shared import STANDARD_JOB
 
 RATE, LENGTH, OUTAGE = 100, 420.0, (250.0, 310.0)  # [Hz], [s], [s]
-LEVER_B = np.array([0.6, -0.3, -0.9])
+LATE_SD, LASTING = 0.05, 100.0  # of the fixes, and for how long half of the variance of their positions lasts [s]
 POSITION_SD, VELOCITY_SD = np.array([1.0, 1.0, 2.0]), np.array([0.05, 0.05, 0.1])
 RTK = 0.02  # of that for the better IMUs
 GRADES = "consumer", "tactical", "navigation"
-TOO_LARGE = 1.25  # mean squared error by variance
+TOO_LARGE, TOO_SMALL = 1.25, 0.4  # mean squared error by variance
 SETTLED = 60.0  # after the start [s]
 
 
@@ -37,9 +42,32 @@ def job() -> ModuleType:
     return module
 
 
-def recorded(job: ModuleType, grade: str, moving: bool, seed: int) -> tuple[ImuData, GpsData, FloatArray, FloatArray]:
-    """Samples, fixes, times and truth (n, 9): latitude, longitude [rad], height, velocity, attitude [rad]."""
+@dataclass(frozen=True)
+class Recorded:
+    """A drive, and what is true of it."""
+
+    imu: ImuData
+    gps: GpsData
+    time: FloatArray  # (n,) of the truth [s]
+    truth: FloatArray  # (n, 9) latitude, longitude [rad], height, velocity, attitude [rad]
+    lever_b: FloatArray  # (3,) [m]
+    late: float  # by which the fixes are stamped late [s]
+
+    def normalised(self, track: Trajectory) -> FloatArray:
+        """Errors by standard deviations of position, velocity and attitude, (k, 9), once a second, settled."""
+        each = track.rows(np.flatnonzero((track.time > self.time[0] + SETTLED) & (track.time < self.time[-1] - 1.0)))
+        # the solution is in the time of the fixes
+        true = np.column_stack([np.interp(each.time - self.late, self.time, column) for column in self.truth.T])
+        error = ned_offset(each.lla, true[:, :3]), each.v_n - true[:, 3:6], wrap_pi(each.rph - true[:, 6:])
+        return (np.hstack(error) / each.sd)[:300]
+
+
+def recorded(job: ModuleType, grade: str, moving: bool, seed: int) -> Recorded:
+    """A drive of seven minutes of the standard job, with a minute without fixes."""
     from pyins import sim, transform
+
+    assumed = np.random.default_rng([seed, 9])
+    lever_b = assumed.standard_normal(3)
 
     rng = np.random.default_rng([seed, 77])
     time, v_n, rph, _ = job.motion(np.random.default_rng(seed), 340.0 + LENGTH + 60.0, RATE)
@@ -61,14 +89,26 @@ def recorded(job: ModuleType, grade: str, moving: bool, seed: int) -> tuple[ImuD
     at = np.arange(RATE, n, RATE)
     at = at[(time[at] - time[0] <= OUTAGE[0]) | (time[at] - time[0] > OUTAGE[1])]
     c_nb = transform.mat_from_rph(truth[at, 6:9])
-    away = c_nb @ LEVER_B + factor * POSITION_SD * rng.standard_normal((at.size, 3))
-    swing = np.einsum("nij,nj->ni", c_nb, np.cross(rate[at], LEVER_B))
+    away = c_nb @ lever_b + factor * POSITION_SD * rng.standard_normal((at.size, 3))
+    swing = np.einsum("nij,nj->ni", c_nb, np.cross(rate[at], lever_b))
     speed = truth[at, 3:6] + swing + max(factor, 0.4) * VELOCITY_SD * rng.standard_normal((at.size, 3))
     truth[:, :2], truth[:, 6:] = np.deg2rad(truth[:, :2]), np.unwrap(np.deg2rad(truth[:, 6:]), axis=0)
-    lla = lla_offset(truth[at, :3], away)
-    position_sd = np.tile(factor * POSITION_SD, (at.size, 1))
-    gps = GpsData(time[at], lla, speed, position_sd, np.tile(max(factor, 0.4) * VELOCITY_SD, (at.size, 1)))
-    return ImuData(time[1:], measured[0][1:], measured[1][1:], sampling="increment"), gps, time, truth
+    fade = np.exp(-np.diff(time[at], prepend=time[at[0]]) / LASTING)[:, None]
+    lasting = assumed.standard_normal((at.size, 3))
+    lasting[1:] *= np.sqrt(1.0 - fade[1:] ** 2)
+    for k in range(1, at.size):
+        lasting[k] += fade[k] * lasting[k - 1]
+    lla = lla_offset(truth[at, :3], away + factor * POSITION_SD * lasting)
+    late = LATE_SD * float(assumed.standard_normal())
+    position_sd = np.tile(np.sqrt(2.0) * factor * POSITION_SD, (at.size, 1))
+    velocity_sd = np.tile(max(factor, 0.4) * VELOCITY_SD, (at.size, 1))
+    gps = GpsData(time[at] + late, lla, speed, position_sd, velocity_sd)
+    imu = ImuData(time[1:], measured[0][1:], measured[1][1:], sampling="increment")
+    return Recorded(imu, gps, time, truth, lever_b, late)
+
+
+def navigated(drive: Recorded) -> Run:
+    return insnav.load(drive.imu, gps=drive.gps).navigate(output_interval=1.0).found.run
 
 
 @pytest.fixture(scope="module")
@@ -78,30 +118,26 @@ def squares(job) -> dict[str, FloatArray]:
     for grade in GRADES:
         for moving in (False, True):
             for seed in (1, 2):
-                imu, gps, time, truth = recorded(job, grade, moving, seed)
-                run = insnav.load(imu, gps=gps).navigate(output_interval=1.0).found.run
+                drive = recorded(job, grade, moving, seed)
+                run = navigated(drive)
                 for name, each in (("filter", run.solution), ("smoother", run.smoothed.solution)):
-                    rows = np.flatnonzero((each.time > time[0] + SETTLED) & (each.time < time[-1] - 1.0))[:300]
-                    true = np.column_stack([np.interp(each.time[rows], time, column) for column in truth.T])
-                    error = np.hstack(
-                        [
-                            ned_offset(each.lla[rows], true[:, :3]),
-                            each.v_n[rows] - true[:, 3:6],
-                            wrap_pi(each.rph[rows] - true[:, 6:]),
-                        ]
-                    )
-                    found[name].append((error / each.sd[rows]) ** 2)
+                    found[name].append(drive.normalised(each) ** 2)
     return {name: np.array(each) for name, each in found.items()}
 
 
 @pytest.mark.parametrize("of", ["filter", "smoother"])
-def test_errors_are_no_larger_than_stated(squares, of):
-    """Twelve drives with a minute without GPS. Smaller they may be: a lever arm and lasting errors nobody excludes."""
+def test_errors_are_as_large_as_stated(squares, of):
+    """Twelve drives with a minute without GPS."""
     each = squares[of].reshape(-1, 3, 3).mean(axis=(0, 2))
     assert np.all(each < TOO_LARGE), each
-    assert np.all(each > 0.1), each  # and not by far
-    assert np.mean(squares[of] < 9.0) > 0.98
-    for better in np.split(squares[of], len(GRADES))[1:]:  # where no rest shows it, the drive shows what IMU it is
-        each = better.reshape(-1, 3, 3).mean(axis=(0, 2))
-        assert np.all(each < TOO_LARGE), each
-        assert each[2] > 0.5, each
+    assert np.all(each > TOO_SMALL), each
+    assert np.mean(squares[of] < 9.0) > 0.99
+
+
+@pytest.mark.parametrize(("grade", "moving", "seed"), [("tactical", True, 6), ("automotive", False, 3)])
+def test_turns_that_vibrate_show_the_arm_with_fixes_that_are_hardly_late(job, grade, moving, seed):
+    """Early by 21 ms, the clock left as it is: lever arms down were 5 and 7.6 sd off (0.1 and 0.6 m)."""
+    drive = recorded(job, grade, moving, seed)
+    run = navigated(drive)
+    assert abs(run.gps_delay - drive.late) < 3.0 * run.gps_delay_sd
+    assert (np.abs(run.lever_b - drive.lever_b) < 3.0 * run.lever_sd).all()
