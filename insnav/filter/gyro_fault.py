@@ -52,6 +52,7 @@ LONGEST = 0.6  # part of the record; what is off for longer, but not to the end,
 STAYS = 2.0  # twice the gain of the log-likelihood by which its ends do not move: they went to and fro [-]
 LINEAR_ROUNDS = 4  # without another run
 LEAST = 0.3 * DEG  # rate; biases that warm up and what vibration adds on a recorded car, 0.23 deg/s, are none [rad/s]
+LEFT = 0.5  # of its gain, that by what fixes may do besides where they did more before: without a fault they agree [-]
 LARGEST = 500.0 * DEG  # more is that of a run that is lost, no gyro's: 7000 deg/s of one with false fixes [rad/s]
 # So many times as fast as at any other time, and so much faster, no vehicle turns while a gyro is off: about a run that
 # was lost between houses one of 150 deg/s was found [rad/s]
@@ -197,7 +198,7 @@ def _one(
                 continue
             if rival <= fault.gain:
                 return settled
-            if left is not None and _rival(settled[1], _looked_at(left, cut)) < settled[0].gain:
+            if left is not None and _rival(settled[1], _looked_at(left, cut)) < LEFT * settled[0].gain:
                 return settled
     return None
 
