@@ -313,6 +313,8 @@ def test_what_loggers_write_for_not_known_is_not_known(tmp_path):
     (tmp_path / "other.csv").write_text(rows.replace("fix", "elevation2"))
     with pytest.raises(InputError, match="no column for height"):
         read_gps(tmp_path / "other.csv")
+    (tmp_path / "tow.csv").write_text(rows.replace("nsat", "gps_tow"))
+    assert not read_gps(tmp_path / "tow.csv").data.lla[:, 2].any()
 
 
 def test_fixes_in_the_rows_of_the_samples_need_no_gps_file(tmp_path):

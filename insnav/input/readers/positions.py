@@ -33,7 +33,10 @@ _MAX_HEIGHT = 1e5  # [m]
 _MIN_HEIGHT = -1e4
 _FAR = 0.1 * DEG  # a fix at (0, 0) is a placeholder if all others are farther than this
 _MOVES, _CLIMBS = 100.0, 5.0  # ways of a reference along North or East, and up, in which nothing stays zero [m]
-_NO_HEIGHT = re.compile("sat|sv|dop|provider|qual|status|mode", re.IGNORECASE)  # headers of what else receivers say
+# Headers of what else receivers say
+_NO_HEIGHT = re.compile(
+    "sat|sv|dop|provider|qual|status|mode|time|tow|week|date|utc|epoch|seq|index|course|heading|speed", re.IGNORECASE
+)
 _ROOM = {"px", "prsrx", "posx", "positionx"}  # headers of EuRoC, TUM-VI, and programs like them
 _WORDS = {"lat": "latitude", "lon": "longitude", "vn": "velocity North", "ve": "East"}
 # formats that do not define what heights are above; an empty name is that of data in memory
