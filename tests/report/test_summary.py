@@ -330,3 +330,16 @@ def test_fixes_that_gates_rejected_are_told(driven, navigated):
     known = np.isfinite(innovation[:, [0, 3]]).sum(axis=0)
     assert f"1 of {known[0]} positions, up to {number(20.0)} m off, rejected" in said
     assert f"2 of {known[1]} velocities, up to {number(5.0)} m/s off, rejected" in said
+    innovation[40, 2] = 300.0  # of heights that the fixes do not have
+    flat = replace(gps, lla=gps.lla * [1.0, 1.0, 0.0])
+    text = "\n".join(brief_lines(navigated.page(), EvaluatedRun(other, flat), None))
+    assert f"up to {number(20.0)} m off" in text
+
+
+def test_what_went_wrong_somewhere_is_told_before_remarks_on_the_whole(driven):
+    run, gps, _ = driven
+    begin = float(run.solution.time[0])
+    told = (begin, "sd of the fixes are too small"), (begin + 90.0, "240 position fixes contradict the whole record")
+    events = tuple(Event(time, EventKind.CONTRADICTION, 1.0, 1.0, "", text) for time, text in told)
+    warnings = run_warnings(EvaluatedRun(replace(run, events=events), gps))
+    assert [text[:3] for text in warnings[:2]] == ["240", "sd "]

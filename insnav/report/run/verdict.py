@@ -11,6 +11,7 @@ import numpy as np
 from insnav.errors.evaluated_run import EvaluatedRun, outages
 from insnav.errors.metrics import TrajectoryErrors, nees, travelled
 from insnav.errors.reference_check import fixes_are_late, shown_by_drive
+from insnav.filter.gps_noise import heights_measured
 from insnav.filter.lever_check import HIDES
 from insnav.input.readers.reading import ReadingFacts
 from insnav.plain_text import plain_text
@@ -223,7 +224,7 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = WIDTH) -> l
     best, *others = rated(found) or [""]
     table = _table({best: page.merits} | {mode: run_merits(found, mode) for mode in others})
     warnings = _listed("warning", page.warnings, _WARNINGS, width)
-    told = "; ".join(_found(found.run, page.notes))
+    told = "; ".join(_found(found, page.notes))
     doubtful = page.verdict is not None and page.verdict.light == "bad" and not _wrong_reference(found.run)
     hidden = any(HIDES in event.action for event in found.run.events)
     doubt = " (doubtful, as the run is)" if doubtful else " (less sure than it says, as warned)" * hidden
@@ -237,9 +238,10 @@ def _wrong_reference(run: Run) -> bool:
     return any(event.kind is EventKind.REF_CONTRADICTION for event in run.events)
 
 
-def _found(run: Run, notes: Sequence[str]) -> Iterator[str]:
+def _found(found: EvaluatedRun, notes: Sequence[str]) -> Iterator[str]:
     """What gates rejected, what was not given, and what the drive shows of it."""
-    yield from _rejected(run)
+    run, heights = found.run, found.gps is None or heights_measured(found.gps.lla)
+    yield from _rejected(run, 3 if heights else 2)
     if 0.0 < run.gps_delay_sd < np.inf:
         size, sd = abs(run.gps_delay), max(run.gps_delay_sd, 0.001)
         late = f"the fixes are {size:.3f} ± {sd:.3f} s {'late' if run.gps_delay > 0.0 else 'early'}"
@@ -256,15 +258,15 @@ def _found(run: Run, notes: Sequence[str]) -> Iterator[str]:
     yield from (note for note in notes if note.endswith("corrected"))
 
 
-def _rejected(run: Run) -> Iterator[str]:
-    """Fixes that gates rejected one by one, and how far off they were at most."""
+def _rejected(run: Run, measured: int) -> Iterator[str]:
+    """Fixes that gates rejected one by one, and how far off they were at most, in so many components of positions."""
     fixes = run.innovations
-    for name, unit, first, kinds in (
-        ("positions", "m", 0, {EventKind.GATE_POSITION, EventKind.GATE_PHYSICAL_POSITION}),
-        ("velocities", "m/s", 3, {EventKind.GATE_VELOCITY, EventKind.GATE_PHYSICAL_VELOCITY}),
+    for name, unit, part, kinds in (
+        ("positions", "m", slice(0, measured), {EventKind.GATE_POSITION, EventKind.GATE_PHYSICAL_POSITION}),
+        ("velocities", "m/s", slice(3, 6), {EventKind.GATE_VELOCITY, EventKind.GATE_PHYSICAL_VELOCITY}),
     ):
         rows = np.isin(fixes.time, [event.time for event in run.events if event.kind in kinds])
-        every = np.linalg.norm(fixes.innovation[:, first : first + 3], axis=1)
+        every = np.linalg.norm(fixes.innovation[:, part], axis=1)
         if rows.any():
             most = number(float(np.nanmax(every[rows])))
             yield f"{rows.sum()} of {np.isfinite(every).sum()} {name}, up to {most} {unit} off, rejected"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -53,8 +53,9 @@ def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
     warnings = (
         *([f"the solution is not to be used: {why}; IMU and fixes contradict each other"] if why else []),
         *lost,
+        *(() if lost else _impossible_scale(found.run)),
         *([SAME_DATA] if found.reference_is_gps else []),
-        *event_warnings(found.run.events, smoothed=found.run.smoothed is not None),
+        *event_warnings(found.run),
         *_late(found.run),
         *(event.action for event in found.run.events if event.kind in _OF_REFERENCE),
         *_many_rejected(found.run),
@@ -62,7 +63,6 @@ def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
         *_diverged(found.run),
         *_turned_at_rest(found.run),
         *_turned_in_place(found.best),
-        *(() if lost else _impossible_scale(found.run)),
         *_begun_late(found.run),
         *_samples_lost(found.run),
         *_no_heights(found),
@@ -82,9 +82,13 @@ def file_warnings(result: Result[Any]) -> tuple[str, ...]:
     return (*cut, *(not_covered(result.inputs["imu"], result.inputs["gps"]) if both else ()))
 
 
-def event_warnings(events: Sequence[Event], *, smoothed: bool) -> list[str]:
+def event_warnings(run: Run) -> list[str]:
     """Fixes and samples that cannot both be right, and what was done about it."""
-    found = [event.action for event in events if event.kind in (EventKind.GPS_FROZEN, EventKind.CONTRADICTION)]
+    events = run.events
+    told = [event for event in events if event.kind in (EventKind.GPS_FROZEN, EventKind.CONTRADICTION)]
+    begun = run.solution.time[0] + 1.0
+    # what is so all along, from the start, is a remark beside what went wrong somewhere
+    found = [event.action for event in sorted(told, key=lambda event: bool(event.time < begun))]
     resets = [event for event in events if event.kind == EventKind.RESET]
     if resets:
         first = resets[0]
@@ -92,7 +96,7 @@ def event_warnings(events: Sequence[Event], *, smoothed: bool) -> list[str]:
             f"the filter was reset to the fixes {_times(len(resets))}, first at {moment(first.time)} by "
             f"{first.value:.3g} m, after every position had been rejected for {first.limit:g} s"
             + "; those before or those after are false, smoothed standard deviations hold both"
-            * smoothed
+            * (run.smoothed is not None)
         )
     return found
 
