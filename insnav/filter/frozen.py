@@ -1,4 +1,4 @@
-"""Fixes that stay as they are while the vehicle goes on: a receiver repeats its last one, a logger writes zeros."""
+"""Fixes that measure nothing: a receiver repeats its last one, or goes straight on from it, a logger writes zeros."""
 
 from __future__ import annotations
 
@@ -20,14 +20,19 @@ PARKED = 0.2  # of their sd: positions of a vehicle that rests while its velocit
 # Where velocities are repeated too, or none are given, samples tell motion: for so long [s], means over so long [s]
 # scatter by more than at any rest [m/s^2], in a vehicle that goes so far [m]
 WHILE, MEANS, SHAKEN, JOURNEY = 10.0, 2.0, 0.3, 100.0
+COASTS, FEWEST = 5.0, 4  # for so long [s], and in so many fixes, no vehicle has the same velocity to the last digit
+# Part of the usual distance of a position from where the velocity leads, in what is made of that; and largest part of
+# all fixes in motion, as those without any noise go straight on, too
+EXACT, LARGEST = 0.2, 0.3
 FAR = 10.0  # so many of their sd are positions elsewhere than velocities that stay the same say
 
 
 def without_frozen(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[Event]]:
-    """Fixes without positions that stay the same in motion, nor velocities while positions go on; and events."""
+    """Fixes without positions that stay the same in motion, velocities while positions go on, or both made of these."""
     gps, positions = _without_frozen_positions(gps, imu)
     gps, velocities = _without_held_velocities(gps, imu)
-    return gps, [*positions, *velocities]
+    gps, both = _without_coasting(gps)
+    return gps, [*positions, *velocities, *both]
 
 
 def _without_frozen_positions(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[Event]]:
@@ -91,6 +96,29 @@ def _without_held_velocities(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[
     more = f", and {len(held) - 1} times more" * (len(held) > 1)
     text = f"velocities of the fixes are the same from {when}{more}, and positions go {far:.2g} m elsewhere: not used"
     return replace(gps, v_n=v_n), [Event(float(gps.time[first]), EventKind.GPS_FROZEN, far, FROZEN, "m", text)]
+
+
+def _without_coasting(gps: GpsData) -> tuple[GpsData, list[Event]]:
+    """Fixes without those that go straight on from the last one, as receivers have it in tunnels; and an event."""
+    position_sd, v_n, coasts = gps.position_sd.copy(), gps.v_n.copy(), list[tuple[float, int, int]]()
+    step = np.diff(gps.time)
+    moved, led = ned_offset(gps.lla[1:], gps.lla[:-1]), 0.5 * (v_n[1:] + v_n[:-1]) * step[:, None]
+    off = np.linalg.norm((moved - led)[:, :2], axis=1)
+    same, moves = (np.diff(v_n, axis=0) == 0.0).all(axis=1), np.linalg.norm(v_n[1:, :2], axis=1) > AT_REST
+    usual = moves & ~same & np.isfinite(off)
+    for first, last in runs_of(same & moves) if usual.any() else ():
+        lasts = float(gps.time[last] - gps.time[first])
+        if last - first >= FEWEST and lasts >= COASTS and np.median(off[first:last]) < EXACT * np.median(off[usual]):
+            position_sd[first + 1 : last + 1], v_n[first + 1 : last + 1] = UNUSABLE, np.nan
+            coasts.append((lasts, first, last))
+    if not 0 < sum(last - first for _, first, last in coasts) < LARGEST * np.count_nonzero(moves):
+        return gps, []
+    lasts, first, last = max(coasts)
+    when = moment(float(gps.time[first]), float(gps.time[last]))
+    more = f", and {len(coasts) - 1} times for a shorter time" * (len(coasts) > 1)
+    text = f"the fixes go straight on from {when}{more}, with one velocity to the last digit, as in a tunnel: not used"
+    said = Event(float(gps.time[first]), EventKind.GPS_FROZEN, lasts, COASTS, "s", text)
+    return replace(gps, position_sd=position_sd, v_n=v_n), [said]
 
 
 def _moves(imu: ImuData, first: float, last: float) -> bool:

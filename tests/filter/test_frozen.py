@@ -115,6 +115,44 @@ def test_velocities_that_are_zero_at_rest_or_steady_in_motion_are_used():
         np.testing.assert_array_equal(found.v_n, v_n)
 
 
+def test_fixes_that_go_straight_on_in_a_tunnel_are_none():
+    """40 s of a country road: the delay was 22 sd off, 52 % of velocities inside 3 sd: theirs does not grow."""
+    truth = load_profile("city").truth((5, MOTION_STREAM))
+    made = simulate_recording(truth, load_imu("automotive"), load_gps("single"), 5)
+    first, gps = 220, made.gps
+    coasts, since = slice(first, first + 41), (gps.time - gps.time[first])[first : first + 41, None]
+    lla, v_n = gps.lla.copy(), gps.v_n.copy()
+    v_n[coasts] = v_n[first]
+    assert np.linalg.norm(v_n[first]) > 5.0
+    lla[coasts] = lla_offset(np.tile(lla[first], (41, 1)), since * v_n[first])
+    done = navigate_recording(
+        made.imu, replace(gps, lla=lla, v_n=v_n), load_imu("automotive"), FilterSettings(delay_sd=DELAY_SD)
+    )
+    assert done.run.smoothed is not None
+    errors = position_errors(done.run.smoothed.solution, made.reference)
+    assert np.hypot(*errors.position[:, :2].T).max() < 6.0
+    (said,) = [event for event in done.run.events if event.kind is EventKind.GPS_FROZEN]
+    assert "go straight on" in said.action
+    assert said.value == pytest.approx(40.0)
+
+
+@pytest.mark.parametrize(("scatter", "straight", "named"), [(0.5, 10, True), (0.5, 60, False), (0.0, 10, False)])
+def test_fixes_with_noise_of_their_own_on_a_straight_way_are_used(scatter, straight, named):
+    """Velocities written in steps; and positions without any noise, as of programs, that go straight on for long."""
+    time, rng = np.arange(120.0), np.random.default_rng(6)
+    v_n = np.tile([20.0, 0.0, 0.0], (120, 1)) + 0.1 * rng.standard_normal((120, 3))
+    v_n[40 : 40 + straight] = v_n[40]
+    way = np.cumsum(np.vstack([np.zeros(3), 0.5 * (v_n[1:] + v_n[:-1])]), axis=0)
+    noise = scatter * rng.standard_normal((120, 3))
+    noise[40 : 40 + straight] = noise[40] if scatter else 0.5 * rng.standard_normal((straight, 3))
+    lla = lla_offset(np.tile([0.8, 0.2, 100.0], (120, 1)), way + noise)
+    gps = GpsData(time, lla, v_n, np.ones((120, 3)), np.ones((120, 3)))
+    found, said = without_frozen(gps, AT_REST)
+    assert [event.kind for event in said] == [EventKind.GPS_FROZEN] * named
+    assert np.flatnonzero(found.position_sd[:, 0] > 1.0).tolist() == list(range(41, 50)) * named
+    assert np.isnan(found.v_n[41:50]).all() == named
+
+
 def test_a_parked_vehicle_whose_receiver_holds_its_position_has_it():
     """As many receivers do; driven off after a minute."""
     time = np.arange(120.0)
