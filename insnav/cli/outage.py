@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -29,7 +28,7 @@ def outage(
     for value, name in ((first, "--first"), (spacing, "--spacing")):
         if value is not None:
             parse.finite(value, name, largest=1e5)
-    from insnav.report.page import LIGHTS
+    from insnav.report.outage.page import judged
 
     with working(out, force) as (folder, stage):
         outcome = data.load(stage).outage(
@@ -41,7 +40,4 @@ def outage(
             progress=lambda fraction: stage("navigating", fraction),
         )
         outcome, where = data.save(outcome, folder, stage)
-    page = outcome.page()
-    assert page.verdict is not None
-    judged = f"{LIGHTS[page.verdict.light]}: {page.verdict.reason}"
-    result_page(where, replace(page, summary=(judged, *page.summary)), out, as_json=as_json)
+    result_page(where, judged(outcome.page()), out, as_json=as_json)

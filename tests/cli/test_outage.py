@@ -25,6 +25,8 @@ def test_folder_and_table(drive: Path, cli: Cli):
     assert "predicted" in shown.out
     judged = facts["verdict"]
     assert f"{LIGHTS[judged['light']]}: {judged['reason']}" in shown.out
+    again = cli("report", "outage")
+    assert f"{LIGHTS[judged['light']]}: {judged['reason']}" in again.out
     assert "workers" not in facts["configuration"]
 
 

@@ -16,9 +16,21 @@ from insnav.output.solution_tables import TableFormat, read_run_table, write_eve
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
 from insnav.report.outage.windows import INTERVALS, NOTE, common_text, corrected, corrected_text, outage_panels
+from insnav.report.page import (
+    LIGHTS,
+    DataFrame,
+    Light,
+    Page,
+    Section,
+    Verdict,
+    by_warnings,
+    drawn,
+    only_json,
+    rows_frame,
+)
 from insnav.report.page import STATISTICS as SHOWN
-from insnav.report.page import DataFrame, Light, Page, Section, Verdict, by_warnings, drawn, only_json, rows_frame
 from insnav.report.run.warnings import file_warnings, run_warnings
+from insnav.report.terminal import page_text
 from insnav.result import Result
 from insnav.sample_statistics import rms
 from insnav.units import UNITS
@@ -89,6 +101,18 @@ def page(result: Result[OutageStudy]) -> Page:
             INTERVALS,
         ),
     )
+
+
+def judged(laid_out: Page) -> Page:
+    """The page with its verdict among the sentences, for the terminal."""
+    assert laid_out.verdict is not None
+    said = f"{LIGHTS[laid_out.verdict.light]}: {laid_out.verdict.reason}"
+    return replace(laid_out, summary=(said, *laid_out.summary))
+
+
+def text(result: Result[OutageStudy]) -> str:
+    """Give the report for the terminal."""
+    return page_text(judged(page(result)))
 
 
 def _verdict(study: OutageStudy, told: tuple[str, ...]) -> Verdict:
