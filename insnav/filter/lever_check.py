@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from insnav.attitude import wrap_pi
+from insnav.attitude import dcm_from_quat, quat_from_rph, wrap_pi
 from insnav.exceptions import AlignmentError
+from insnav.filter.changes import with_wider_sd
 from insnav.filter.gps_delay import filtered
 from insnav.filter.navigate import feed
 from insnav.filter.prepare import Prepared
-from insnav.types import Event, EventKind, FloatArray, Run
+from insnav.types import Event, EventKind, FloatArray, Run, Trajectory
 
 LOOK = 600.0  # so much of a drive tells it [s]
 OPENED = 2.0  # standard deviation of each component in the pass that looks for it [m]
@@ -23,7 +24,7 @@ OPENED_DELAY = 0.5  # standard deviation of the delay in the pass that looks for
 # Part of what is known of a lever arm that noise of the gyros may pretend, from which it is said; and for about how
 # long noise turns the attitude before fixes show it [s]
 PRETENDED, SHOWN_AFTER = 0.2, 10.0
-HIDES = "hides lever arm and delay"  # what such noise does, as it is said
+DOUBLED = 2.0  # times the standard deviations then
 NO_GYROS = 30.0  # noise that no gyros have: on hard mounts in vehicles it was up to 8 [deg/√h]
 WRONG_HEADING = 3.0  # standard deviations of a heading given from which another one that the drive shows is tried
 
@@ -87,23 +88,38 @@ def pretended(ready: Prepared, run: Run) -> float:
     return float(told[run.innovations.used_position].sum() * np.max(run.lever_sd_alone) ** 2)
 
 
-def hidden_by_noise(ready: Prepared, run: Run) -> tuple[Event, ...]:
-    """An event if the lever arm that a run has found may be noise of its gyros, or if no gyros have such noise."""
+def with_hidden_lever(ready: Prepared, run: Run) -> tuple[Run, tuple[Event, ...]]:
+    """A run whose lever arm may be noise of its gyros, with the arm, the delay and positions as unsure as that; events.
+
+    Standard deviations are doubled: of short parts of a recorded car by RTK arms were 3 to 4 of them off. Where noise
+    tells more than the drive, the arm is short by that, too. An event as well if no gyros have such noise.
+    """
     part, noise = pretended(ready, run), 60.0 * np.rad2deg(np.sqrt(ready.model.noise[:3].mean()))
-    text = (
-        f"noise of the gyros, {noise:.2g} deg/√h, {HIDES}: they, and the positions, are less "
-        "sure than their standard deviations; give --lever-arm and --gps-delay"
-    )
-    value, limit, unit = part, PRETENDED, ""
+    begin = float(run.solution.time[0])
     if noise > NO_GYROS:
-        value, limit, unit = noise, NO_GYROS, "deg/√h"
         text = (
             f"noise of the gyros, {noise:.0f} deg/√h, is more than any have: IMU and fixes contradict each other, as "
             "those of two drives do, or with a wrong axis, scale or clock; the result is not to be relied on"
         )
-    return (Event(float(run.solution.time[0]), EventKind.CONTRADICTION, value, limit, unit, text),) * bool(
-        value > limit
+        return run, (Event(begin, EventKind.CONTRADICTION, noise, NO_GYROS, "deg/√h", text),)
+    if part <= PRETENDED:
+        return run, ()
+    of_each = part * (run.lever_sd_alone / np.max(run.lever_sd_alone)) ** 2
+    short = np.where(of_each > 1.0, of_each, 0.0) * np.abs(run.lever_b)
+    sd = np.hypot(DOUBLED * run.lever_sd, short)
+    more = sd**2 - run.lever_sd**2
+
+    def wider(solution: Trajectory, of: FloatArray) -> FloatArray:
+        c_nb = dcm_from_quat(quat_from_rph(solution.rph))
+        of[:, :3] = np.sqrt(of[:, :3] ** 2 + c_nb**2 @ more)
+        return of
+
+    text = (
+        f"noise of the gyros, {noise:.2g} deg/√h, hides lever arm and delay: they are stated as twice as unsure "
+        "as the drive shows them, or more, and the positions with them; give --lever-arm and --gps-delay"
     )
+    run = replace(with_wider_sd(run, wider), lever_sd=sd, gps_delay_sd=DOUBLED * run.gps_delay_sd)
+    return run, (Event(begin, EventKind.CONTRADICTION, part, PRETENDED, "", text),)
 
 
 def lever_contradicted(arm: FloatArray, run: Run) -> Event:

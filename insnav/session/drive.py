@@ -29,8 +29,8 @@ from insnav.filter.gps_noise import with_sd
 from insnav.filter.gyro_fault import without_gyro_faults
 from insnav.filter.lever_check import (
     delay_contradicted,
-    hidden_by_noise,
     lever_contradicted,
+    with_hidden_lever,
     with_right_heading,
     with_right_lever,
 )
@@ -384,7 +384,8 @@ class Drive:
         if self.readings.inputs.get("gps_delay") is not None:
             doubts = (*doubts, *delay_contradicted(ready))
         if ready.settings.lever_sd:
-            doubts = (*doubts, *hidden_by_noise(done.ready or ready, done.run))
+            run, hidden = with_hidden_lever(done.ready or ready, done.run)
+            done, doubts = replace(done, run=run), (*doubts, *hidden)
         if ready.settings.lever_sd and not self.settings.lever_sd:
             doubts = (*doubts, lever_contradicted(self.settings.lever_b, done.run))
         doubts = (*untold(self.notes, done.run.events), *doubts)

@@ -12,7 +12,6 @@ from insnav.errors.evaluated_run import EvaluatedRun, outages
 from insnav.errors.metrics import TrajectoryErrors, nees, travelled
 from insnav.errors.reference_check import fixes_are_late, shown_by_drive
 from insnav.filter.gps_noise import heights_measured
-from insnav.filter.lever_check import HIDES
 from insnav.input.readers.reading import ReadingFacts
 from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
@@ -226,8 +225,7 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = WIDTH) -> l
     warnings = _listed("warning", page.warnings, _WARNINGS, width)
     told = "; ".join(_found(found, page.notes))
     doubtful = page.verdict is not None and page.verdict.light == "bad" and not _wrong_reference(found.run)
-    hidden = any(HIDES in event.action for event in found.run.events)
-    doubt = " (doubtful, as the run is)" if doubtful else " (less sure than it says, as warned)" * hidden
+    doubt = " (doubtful, as the run is)" * doubtful
     shown = _rows(f"found{doubt}: {told}", _FOUND, width) if told else []
     assumed = _listed("assumed", page.assumptions, _ASSUMED - len(shown), width)
     return [*title, *verdict, *table, *warnings, *shown, *assumed]
