@@ -106,8 +106,8 @@ def filtered(ready: Prepared, *, starts: int | None = None, gates: Gates | None 
     lever_sd = ready.settings.lever_sd
     other = float(np.hypot(OPENED * lever_sd, np.linalg.norm(ready.settings.lever_b)))
     correlated = ready.settings.correlated
-    if correlated is not None and correlated.by_reported:  # which hardly tells its time, and a lag takes its place
-        correlated = replace(correlated, time=usual_time())
+    if correlated is not None and correlated.by_reported:  # which hardly tells a long time, and a lag takes its place
+        correlated = replace(correlated, time=min(correlated.time, usual_time()))
     settings = replace(ready.settings, aiding=None, smooth=True, output_interval=10.0, gates=gates, settled=False)
     settings = replace(settings, lever_sd=OPENED * lever_sd, shaken=other, correlated=correlated)
     navigator = replace(ready, settings=settings).navigator()

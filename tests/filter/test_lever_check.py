@@ -12,7 +12,7 @@ import pytest
 import insnav
 from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.earth import lla_offset, ned_offset
-from insnav.filter.lever_check import hidden_by_noise
+from insnav.filter.lever_check import with_hidden_lever
 from insnav.filter.navigate import feed
 from insnav.input import read_gps, read_imu
 from insnav.session.simulation import plan_of, profiled
@@ -129,7 +129,9 @@ def test_noise_that_no_gyros_have_is_said(noise, words):
     drive = insnav.simulate("figure_eight", imu="automotive", gps="dgps", seed=1)
     run = insnav.load(drive.imu.data, drive.gps.data).navigate().found.run
     model = SimpleNamespace(noise=np.full(20, (noise * DEG / 60.0) ** 2))
-    said = [event.action for event in hidden_by_noise(SimpleNamespace(model=model), run)]
+    same, events = with_hidden_lever(SimpleNamespace(model=model), run)
+    assert same is run
+    said = [event.action for event in events]
     assert len(said) == (words is not None)
     assert all(words in text for text in said)
 
