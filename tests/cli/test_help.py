@@ -50,6 +50,14 @@ def test_version(cli: Cli):
     assert cli("--version").out == f"insnav {__version__}\n"
 
 
+def _cpu(program: str) -> tuple[float, str]:
+    """Processor time of a Python program [s] (others may be using the machine), and what it prints."""
+    before = os.times()
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    after = os.times()
+    return after.children_user + after.children_system - before.children_user - before.children_system, done.stdout
+
+
 def test_help_needs_no_heavy_import_and_little_time():
     program = (
         "import sys; sys.argv = ['insnav', '--help']\n"
@@ -57,16 +65,11 @@ def test_help_needs_no_heavy_import_and_little_time():
         "try: main()\n"
         "finally: print(*sorted({name.split('.')[0] for name in sys.modules}))"
     )
-    took = []
-    for _ in range(3):
-        before = os.times()
-        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
-        after = os.times()  # processor time: others may be using the machine
-        took.append(after.children_user + after.children_system - before.children_user - before.children_system)
-    modules = set(done.stdout.splitlines()[-1].split())
+    helped, tables = zip(*((_cpu(program), _cpu("import pandas")) for _ in range(3)), strict=True)
+    modules = set(helped[0][1].splitlines()[-1].split())
     assert "insnav" in modules
     assert not modules & {"numpy", "numba", "scipy", "pandas", "matplotlib", "pyarrow", "pydantic", "rich", "filterpy"}
-    assert min(took) <= 0.35
+    assert min(helped)[0] < 0.5 * min(tables)[0]  # a ratio: machines differ; it is .3
 
 
 @pytest.mark.parametrize(

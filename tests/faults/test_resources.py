@@ -58,7 +58,11 @@ def test_f8_ten_gigabytes_of_nothing(tmp_path: Path):
     begin = time.process_time()
     with pytest.raises(InputError, match="no content"):
         source.open_source(tmp_path / "imu.csv")
-    assert time.process_time() - begin < 1.0  # reading it takes half a minute
+    refused = time.process_time()
+    with (tmp_path / "imu.csv").open("rb") as file:
+        for _ in range(256):
+            file.read(1 << 20)
+    assert refused - begin < time.process_time() - refused  # less than reading a fortieth of it takes
 
 
 def test_f9_a_parquet_file_that_is_mostly_nothing(tmp_path: Path):
