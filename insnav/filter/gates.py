@@ -163,11 +163,16 @@ def statistical(
     return Event(time, kinds[0], nis, gates.nis_limit, "NIS (3 dof)", REJECTED, "see innovations.csv")
 
 
-def whole_record(time: float, row: int, trust: Trust) -> tuple[Event | None, Event | None]:
-    """Reject position or velocity of a fix that the whole record contradicts."""
+def whole_record(
+    time: float, row: int, trust: Trust, distance: float, change: float
+) -> tuple[Event | None, Event | None]:
+    """Reject position or velocity of a fix that the whole record contradicts.
+
+    `distance`, `change`: lengths of its innovations, which the events tell [m], [m/s].
+    """
     kinds = (EventKind.GATE_RECORD_POSITION, "m"), (EventKind.GATE_RECORD_VELOCITY, "m/s")
     position, velocity = (
-        Event(time, kind, float(size), float("nan"), unit, REJECTED, _CONTRADICTED) if false else None
-        for (kind, unit), false, size in zip(kinds, trust.false[:, row], trust.residual[:, row], strict=True)
+        Event(time, kind, size, math.nan, unit, REJECTED, _CONTRADICTED) if false else None
+        for (kind, unit), false, size in zip(kinds, trust.false[:, row], (distance, change), strict=True)
     )
     return position, velocity

@@ -340,7 +340,7 @@ class Navigator:
         gates, gps = self._settings.gates, self._gps
         position, velocity = None, None
         if self._settings.trust is not None:
-            position, velocity = gate.whole_record(time, row, self._settings.trust)
+            position, velocity = gate.whole_record(time, row, self._settings.trust, distance, change)
         position = (
             position
             or quality

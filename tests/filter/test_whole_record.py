@@ -77,7 +77,13 @@ def told(done: Navigated) -> list[str]:
 
 
 def false(done: Navigated) -> list[float]:
-    return [event.time for event in done.run.events if event.kind is EventKind.GATE_RECORD_POSITION]
+    """Times of positions left out; each event tells how far the filter was from it."""
+    events = [event for event in done.run.events if event.kind is EventKind.GATE_RECORD_POSITION]
+    found = done.run.innovations
+    rows = np.searchsorted(found.time, [event.time for event in events])
+    off = np.linalg.norm(found.innovation[rows, :3], axis=1)
+    np.testing.assert_allclose([event.value for event in events], off)
+    return [event.time for event in events]
 
 
 @pytest.mark.parametrize("seed", [5, 6])
