@@ -273,6 +273,22 @@ def test_how_the_imu_sits_is_assumed_and_what_aiding_found_of_it_is_not(bare):
     assert by_aiding not in assumed
 
 
+def test_without_velocities_slow_errors_of_positions_are_said_to_be_believed(driven):
+    run = driven[0]
+    alone = replace(run, innovations=replace(run.innovations, nis_velocity=np.full_like(run.innovations.time, np.nan)))
+    lasting = "time-correlated GPS position errors: 35 % of the variance, correlation time about 22 s, ..."
+    filled_in = "9 fixes without position sigma: assumed by fix type, median N/E/D 1.50/1.50/3.00 m (floor 0.03 m)"
+    cases = (
+        (alone, (lasting,), True),
+        (run, (lasting,), False),
+        (alone, (), False),
+        (alone, (lasting, filled_in), False),
+    )
+    for each, notes, said in cases:
+        assumed = run_assumptions(result_of(each, notes=notes))
+        assert any("without velocities the drive shows only how fast" in text for text in assumed) == said
+
+
 def test_the_shortest_run_is_summed_up(bare):
     text = result_of(bare).summary()
     assert "no reference" in text

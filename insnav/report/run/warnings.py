@@ -17,6 +17,7 @@ from insnav.errors.metrics import TrajectoryErrors, nees
 from insnav.errors.reference_check import delay_shown, turned_in_place
 from insnav.filter.gps_noise import heights_measured
 from insnav.filter.innovation_likelihood import LARGEST
+from insnav.filter.prepare import CORRELATED
 from insnav.input.readers.reading import not_covered
 from insnav.plain_text import moment
 from insnav.report.series import Clock
@@ -41,6 +42,10 @@ _TURNED = 5.0 * DEG  # that headings in a rest may be off unseen [rad]
 _PACE = 1.0  # over which turns and accelerations are those of the motion, not of vibration [s]
 _OF_REFERENCE = (EventKind.REF_CONTRADICTION, EventKind.REF_OTHER)
 # or done to the samples, as the drive shows, and how an IMU sits in a vehicle
+SLOW = (
+    "gps: errors of positions that change slowly are as large as the sd of the fixes says; without velocities the "
+    "drive shows only how fast they change"
+)
 _ASSUMED = re.compile(r"\bassumed\b|--imu-axes|added to the IMU times|IMU .*is turned .* in the vehicle|not go where")
 
 
@@ -320,3 +325,7 @@ def _not_given(result: Result[Any]) -> Iterator[str]:
         spec, how = result.imu_model
         if not spec.name.endswith("as found"):  # in the innovations of the drive
             yield f"IMU model {spec.name}: {how}"
+    lasting = any(text.startswith(CORRELATED) for text in result.notes)
+    sizes_given = not any("position sigma" in text for text in result.notes)
+    if errors is None and lasting and sizes_given and not np.isfinite(run.innovations.nis_velocity).any():
+        yield SLOW
