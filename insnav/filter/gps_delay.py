@@ -75,6 +75,9 @@ POOR = 3.0, 0.5  # standard deviations of positions [m] and velocities [m/s] for
 EXPLAINED = 10.0
 BETTER = 0.5  # by which that of a fix, all believed, must fall with another clock where gates reject many
 WORSE = 0.02  # by which a fix's misfit may grow by chance when the clock is moved rightly (up to 0.0095 seen)
+# It grows further where vibration bends a start in motion. The move is believed all the same if the search about the
+# run with it finds no other delay, and all but that free a value costs so much less than without it [-]
+CHEAPER = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,6 +198,9 @@ class Found(NamedTuple):
     moments: tuple[float, ...]  # of `MOMENTS`
     sum_sd: float = np.inf  # of delay and lag together, which is what velocities tell [s]
     misfit: float = np.nan  # how unlikely fixes were in the run that tells it, if gates would reject many [-]
+    # of a value that was measured, the mean cost with the clock as it is, and with what was found [-]
+    cost: float = np.nan
+    least: float = np.nan
 
     @property
     def surest(self) -> float:
@@ -213,7 +219,10 @@ def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Foun
     """
     likelihood = _likelihood(seen)
     if likelihood is not None and (likelihood.accepted >= TRUE_FIXES or not likelihood.moves):
-        return _found(seen, likelihood, alone)
+        found = _found(seen, likelihood, alone)
+        middle = found.delay + found.drift * likelihood.half
+        costs = likelihood.mean_costs(np.array([[0.0, 0.0, likelihood.lag], [middle, found.drift, found.lag]]))
+        return found._replace(cost=costs[0], least=costs[1])
     # seconds late, nearly all fixes look false, and precise ones bend the filter too much
     rough = filtered(_doubted(seen.ready), starts=0, gates=_open_gates(seen.ready))
     found = _found(rough, _likelihood(rough), alone)
@@ -347,12 +356,12 @@ def on_time(
     further, width, lags = seen, settings.delay_sd, (ready.settings.velocity_lag, 0.0, ready.settings.moments)
     before, last, surest, shown, half = (ready, seen, at_first), 0.0, 0.0, 0.0, _half(ready)
     alone = velocity_lag(ready.gps) if settings.delay_sd > 0.0 else (0.0, np.inf)
-    tried, misfit = before, np.nan
+    tried, misfit, cost = before, np.nan, np.nan
     for _ in range(ROUNDS if settings.delay_sd > 0.0 else 0):
         found = delay_of(further, alone)
         if found.misfit < misfit - BETTER:  # of fixes of which gates reject many, those left tell nothing
             ready, seen, own = tried
-        misfit = found.misfit
+        misfit, cost = found.misfit, found.cost if further is seen else cost
         delay, sd, drift = found[:3]
         surest, shown = found.surest, clock + delay + half * (rate + drift)
         was, lags = further.settings, found[3:6]
@@ -371,6 +380,8 @@ def on_time(
             ready, seen, own = before
             break
         if not moved and not lagging:
+            if found.least < cost - CHEAPER:
+                ready, seen, own = tried
             break
         before, last = (ready, seen, own), 0.0 if drift or not moved else ahead
         if moved:
