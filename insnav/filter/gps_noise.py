@@ -22,7 +22,8 @@ WINDOW = 10.0  # scatter is taken over this long before and after: shorter is no
 # Of a receiver on its own [m], [m/s]: most of the position error changes over minutes and does not show in the scatter
 # of successive fixes. Data sheet of the ZED-F9P (UBX-17051259): horizontal 1.5 m CEP, which is 1.177 sd of one axis.
 DEFAULT_POSITION, DEFAULT_VELOCITY = (1.5, 1.5, 3.0), (0.2, 0.2, 0.3)
-DISTINCT = 5  # latitudes and longitudes that show to what they are rounded
+DISTINCT = 5  # latitudes and longitudes, or velocities, that show to what they are rounded
+ON_STEP = 0.1  # of a step: so near are velocities to its multiples, as decimals have them
 CARRIER = 0.1  # a larger scatter of positions is not that of carrier-phase fixes [m]
 FLOAT, FLOAT_SD = 2, 0.3  # ambiguities not fixed: decimetres at best, whatever is reported [m]
 FIXED, DGPS = 1, 4  # further fix types; with corrections of a satellite system 1.0 m CEP, same data sheet
@@ -174,6 +175,28 @@ def _digits(lla: FloatArray) -> int:
     return next(digits for digits in range(2, 6) if whole(digits))
 
 
+def _rounding(values: FloatArray) -> tuple[float, FloatArray]:
+    """Step of which values (n,) are multiples, but for their decimals, and how many in a row are the same; or zero.
+
+    What stays on one of them, not zero, is off alike for as long: the mean of such fixes is no surer than one.
+    """
+    alike = np.ones(values.size)
+    known = np.flatnonzero(np.isfinite(values))
+    distinct, which = np.unique(values[known], return_inverse=True)
+    if distinct.size < 2:
+        return 0.0, alike
+    rows = np.split(known, np.flatnonzero(np.diff(which)) + 1)
+    for row in rows:
+        alike[row] = row.size if values[row[0]] != 0.0 else 1.0
+    if distinct.size < DISTINCT:
+        return 0.0, alike
+    gaps = np.diff(distinct)
+    multiples = np.concatenate([[0.0], np.cumsum(np.round(gaps / gaps.min()))])
+    step = float(multiples @ (distinct - distinct[0]) / (multiples @ multiples))
+    off = np.abs(distinct - distinct[0] - step * multiples)
+    return (step if off.max() < ON_STEP * step else 0.0), alike
+
+
 def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple[str, ...]]:
     """Fill in missing standard deviations; also notes on what was assumed.
 
@@ -226,4 +249,11 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
         found[level, 2] = OPEN_VELOCITY
         velocity_sd = np.where(missing[:, None], found, velocity_sd)
         notes.append(_told(velocity_sd[missing], "velocity", BY_SCATTER, VELOCITY_FLOOR, "m/s"))
+    steps, alike = zip(*map(_rounding, v_n.T), strict=True)
+    step = np.where(steps, steps, max(steps))  # few values: as the others
+    least = step * np.sqrt(np.column_stack(alike) / 12.0)
+    if (velocity_sd < least).any():
+        velocity_sd = np.maximum(velocity_sd, least)
+        size = max(steps) / math.sqrt(12.0)
+        notes.append(f"velocities have steps of {max(steps):.2g} m/s: sigma assumed at least {size:.2g} m/s")
     return replace(gps, v_n=v_n, position_sd=position_sd, velocity_sd=velocity_sd), tuple(notes)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import insnav
+from insnav.earth import ned_offset
 from insnav.filter import FilterSettings
 from insnav.filter.gps_noise import (
     DEFAULT_POSITION,
@@ -20,6 +21,7 @@ from insnav.filter.gps_noise import (
 )
 from insnav.filter.noise_identification import identify_noise
 from insnav.filter.prepare import Prepared
+from insnav.session.simulation import plan_of, profiled
 from insnav.simulate import GpsErrors, corrupt_gps, gps_from_truth
 from insnav.types import GpsData
 from tests.filter import drives
@@ -190,3 +192,36 @@ def test_fixes_far_apart_scatter_by_motion(every):
     filled, _ = with_sd(unknown)
     np.testing.assert_allclose(filled.velocity_sd, np.tile(DEFAULT_VELOCITY, (gps.time.size, 1)))
     np.testing.assert_allclose(filled.position_sd, np.tile(DEFAULT_POSITION, (gps.time.size, 1)))
+
+
+def test_velocities_in_steps_are_no_surer_than_these():
+    """A knot, printed with two decimals: what stays on one of them while moving is off alike for as long."""
+    knot, sd = 0.514444, np.full((60, 3), 0.02)
+    v_n = np.column_stack([np.arange(60) % 20, np.repeat([0.0, 7.0, 8.0], 20), np.arange(60) % 2]) * knot
+    time, lla = (
+        np.arange(60.0),
+        np.column_stack([np.linspace(0.8, 0.8001, 60), np.full(60, 0.2), np.linspace(0, 9, 60)]),
+    )
+    fixes = GpsData(time, lla, np.round(v_n, 2), np.ones((60, 3)), sd)
+    found, notes = with_sd(fixes)
+    assert any("velocities have steps of 0.51 m/s: sigma assumed at least 0.15 m/s" in note for note in notes)
+    least = knot / np.sqrt(12.0)
+    np.testing.assert_allclose(found.velocity_sd[:, [0, 2]], least, rtol=0.01)
+    np.testing.assert_allclose(found.velocity_sd[:, 1], np.repeat(least * np.sqrt([1.0, 20.0, 20.0]), 20), rtol=0.01)
+    smooth = replace(fixes, v_n=np.round(v_n + 0.1 * np.random.default_rng(3).standard_normal(v_n.shape), 2))
+    for each in (smooth, replace(fixes, velocity_sd=10.0 * least * np.ones((60, 3)))):
+        kept, notes = with_sd(each)
+        np.testing.assert_array_equal(kept.velocity_sd, each.velocity_sd)
+        assert not any("steps" in note for note in notes)
+
+
+def test_a_drive_with_velocities_in_knots_is_as_good_as_it_says():
+    """With the 0.05 m/s that they state it was 75 % inside 3 sd, 2.5 m off; of as many decimals as there are 0.8."""
+    made = plan_of(profiled("city", 4), {"imu": "consumer", "gps": "single", "seed": 4}).measured()
+    imu, gps = (each.rows(each.time < made.imu.time[0] + 400.0) for each in (made.imu, made.gps))
+    knots = replace(gps, v_n=np.round(0.514444 * np.round(gps.v_n / 0.514444), 2))
+    solution = insnav.load(imu, knots).navigate().found.run.smoothed.solution
+    lla = np.column_stack([np.interp(solution.time, made.reference.time, each) for each in made.reference.lla.T])
+    off = np.abs(ned_offset(solution.lla, lla))
+    assert np.mean(off < 3.0 * solution.sd[:, :3]) > 0.99
+    assert np.sqrt(np.mean(off[:, :2] ** 2)) < 1.5

@@ -89,7 +89,7 @@ def motorway(seed: int, length: float) -> _Motion:
     course = np.deg2rad(60.0 + np.cumsum(turning) / RATE)
     v_n = np.column_stack([speed * np.cos(course), speed * np.sin(course), shaken(0.08, 1.0, 14.0)])
     v_n[:, :2] += np.column_stack([shaken(0.015, 2.0, 12.0), shaken(0.015, 2.0, 12.0)])
-    level = np.column_stack([shaken(0.22, 0.5, 8.0), shaken(0.18, 0.5, 8.0)]) + [0.9, -1.6]
+    level = np.array([0.9, -1.6]) + np.column_stack([shaken(0.22, 0.5, 8.0), shaken(0.18, 0.5, 8.0)])
     return time, v_n, np.column_stack([level, np.rad2deg(course)])
 
 
