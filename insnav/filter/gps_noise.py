@@ -185,9 +185,8 @@ def _rounding(values: FloatArray) -> tuple[float, FloatArray]:
     distinct, which = np.unique(values[known], return_inverse=True)
     if distinct.size < 2:
         return 0.0, alike
-    rows = np.split(known, np.flatnonzero(np.diff(which)) + 1)
-    for row in rows:
-        alike[row] = row.size if values[row[0]] != 0.0 else 1.0
+    size = np.diff(np.flatnonzero(np.diff(which, prepend=-1, append=-1)))
+    alike[known] = np.where(values[known] == 0.0, 1, np.repeat(size, size))
     if distinct.size < DISTINCT:
         return 0.0, alike
     gaps = np.diff(distinct)
@@ -237,6 +236,12 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
     if measured < 3:
         position_sd = np.where([False, False, True], OPEN_HEIGHT, position_sd)
     v_n = gps.v_n if vertical_measured(gps.v_n) else np.where([True, True, False], gps.v_n, np.nan)
+    half = np.logical_xor(*np.isfinite(v_n[:, :2]).T)
+    if half.any():
+        v_n = np.where(half[:, None], np.nan, v_n)
+        notes.append(
+            f"{half.sum()} fixes have one horizontal velocity, North or East, without the other: it is not used"
+        )
     level = np.isfinite(v_n[:, :2]).all(axis=1) & np.isnan(v_n[:, 2])
     if level.any():
         v_n = np.where(level[:, None] & [False, False, True], 0.0, v_n)

@@ -215,6 +215,14 @@ def test_velocities_in_steps_are_no_surer_than_these():
         assert not any("steps" in note for note in notes)
 
 
+def test_a_velocity_north_without_one_east_is_not_used_and_said_so():
+    v_n = np.tile([1.0, np.nan, 0.1], (9, 1))
+    fixes = GpsData(np.arange(9.0), np.full((9, 3), 0.8), v_n, np.ones((9, 3)), np.full((9, 3), 0.1))
+    found, notes = with_sd(fixes)
+    assert np.isnan(found.v_n).all()
+    assert any("9 fixes have one horizontal velocity, North or East, without the other" in note for note in notes)
+
+
 def test_a_drive_with_velocities_in_knots_is_as_good_as_it_says():
     """With the 0.05 m/s that they state it was 75 % inside 3 sd, 2.5 m off; of as many decimals as there are 0.8."""
     made = plan_of(profiled("city", 4), {"imu": "consumer", "gps": "single", "seed": 4}).measured()

@@ -154,6 +154,14 @@ def test_zeros_at_the_end_are_said(tmp_path):
     assert "5000 zero bytes" in reading.events[0].action
 
 
+def test_zeros_within_a_number_are_said(tmp_path):
+    """They are not printed, so that the number looked like one."""
+    with pytest.raises(InputError, match="is not a number") as caught:
+        _read(tmp_path / "imu.csv", _with_cell(TEXT, 200, 5, "0.14" + "\0" * 40 + "9"))
+    assert "zero bytes" in caught.value.why
+    assert caught.value.fix == "copy it again"
+
+
 def _with_cell(text: str, line: int, column: int, cell: str) -> str:
     lines = text.splitlines()
     cells = lines[line - 1].split(",")

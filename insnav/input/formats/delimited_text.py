@@ -143,7 +143,9 @@ class TextCells:
                         f"{plain_text(cells[i])[:40]!r} is not a number",
                         where=f"{self.name}:{number}:{headers[i]}",
                         why=_why_not_a_number(cells[i]),
-                        fix="write a number, or leave the cell empty if the value is not known",
+                        fix="copy it again"
+                        if "\0" in cells[i]
+                        else "write a number, or leave the cell empty if the value is not known",
                     ) from error
             values.append(row)
         return _as_numbers(values, indices, "")
@@ -240,4 +242,6 @@ def _why_not_a_number(cell: str) -> str:
         return "it looks like a number with a thousands separator"
     if re.match(r"^[-+]?\d+,\d+$", cell):
         return "it looks like a number with a decimal comma: columns must then be separated by semicolons or tabs"
+    if "\0" in cell:
+        return "it holds zero bytes: the file was not written or copied to its end"
     return "every cell of this column must be a number"

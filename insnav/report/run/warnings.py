@@ -46,7 +46,9 @@ SLOW = (
     "gps: errors of positions that change slowly are as large as the sd of the fixes says; without velocities the "
     "drive shows only how fast they change"
 )
-_ASSUMED = re.compile(r"\bassumed\b|--imu-axes|added to the IMU times|IMU .*is turned .* in the vehicle|not go where")
+_ASSUMED = re.compile(
+    r"\bassumed\b|--imu-axes|added to the IMU times|IMU .*is turned .* in the vehicle|not go where|without the other"
+)
 
 
 def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
