@@ -41,11 +41,11 @@ _UNUSED = 0.3  # part of the fixes that may lie before the start of navigation u
 _TURNED = 5.0 * DEG  # that headings in a rest may be off unseen [rad]
 _PACE = 1.0  # over which turns and accelerations are those of the motion, not of vibration [s]
 _OF_REFERENCE = (EventKind.REF_CONTRADICTION, EventKind.REF_OTHER)
-# or done to the samples, as the drive shows, and how an IMU sits in a vehicle
-SLOW = (
+_SLOW = (
     "gps: errors of positions that change slowly are as large as the sd of the fixes says; without velocities the "
     "drive shows only how fast they change"
 )
+# or done to the samples, as the drive shows, and how an IMU sits in a vehicle
 _ASSUMED = re.compile(
     r"\bassumed\b|--imu-axes|added to the IMU times|IMU .*is turned .* in the vehicle|not go where|without the other"
 )
@@ -330,4 +330,4 @@ def _not_given(result: Result[Any]) -> Iterator[str]:
     lasting = any(text.startswith(CORRELATED) for text in result.notes)
     sizes_given = not any("position sigma" in text for text in result.notes)
     if errors is None and lasting and sizes_given and not np.isfinite(run.innovations.nis_velocity).any():
-        yield SLOW
+        yield _SLOW
