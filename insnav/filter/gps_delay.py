@@ -220,6 +220,8 @@ def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Foun
     likelihood = _likelihood(seen)
     if likelihood is not None and (likelihood.accepted >= TRUE_FIXES or not likelihood.moves):
         found = _found(seen, likelihood, alone)
+        if not found.surest:  # perhaps no fix at all
+            return found
         middle = found.delay + found.drift * likelihood.half
         costs = likelihood.mean_costs(np.array([[0.0, 0.0, likelihood.lag], [middle, found.drift, found.lag]]))
         return found._replace(cost=costs[0], least=costs[1])

@@ -24,6 +24,7 @@ WINDOW = 10.0  # scatter is taken over this long before and after: shorter is no
 DEFAULT_POSITION, DEFAULT_VELOCITY = (1.5, 1.5, 3.0), (0.2, 0.2, 0.3)
 DISTINCT = 5  # latitudes and longitudes, or velocities, that show to what they are rounded
 ON_STEP = 0.1  # of a step: so near are velocities to its multiples, as decimals have them
+FINEST = 4  # decimals of velocities in steps that would matter [m/s]
 CARRIER = 0.1  # a larger scatter of positions is not that of carrier-phase fixes [m]
 FLOAT, FLOAT_SD = 2, 0.3  # ambiguities not fixed: decimetres at best, whatever is reported [m]
 FIXED, DGPS = 1, 4  # further fix types; with corrections of a satellite system 1.0 m CEP, same data sheet
@@ -182,11 +183,11 @@ def _rounding(values: FloatArray) -> tuple[float, FloatArray]:
     """
     alike = np.ones(values.size)
     known = np.flatnonzero(np.isfinite(values))
-    distinct, which = np.unique(values[known], return_inverse=True)
+    distinct, which = np.unique(np.round(values[known], FINEST), return_inverse=True)
     if distinct.size < 2:
         return 0.0, alike
     size = np.diff(np.flatnonzero(np.diff(which, prepend=-1, append=-1)))
-    alike[known] = np.where(values[known] == 0.0, 1, np.repeat(size, size))
+    alike[known] = np.where(distinct[which] == 0.0, 1, np.repeat(size, size))
     if distinct.size < DISTINCT:
         return 0.0, alike
     gaps = np.diff(distinct)
