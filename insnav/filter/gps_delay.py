@@ -222,9 +222,9 @@ def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Foun
         found = _found(seen, likelihood, alone)
         if not found.surest:  # perhaps no fix at all
             return found
-        middle = found.delay + found.drift * likelihood.half
-        costs = likelihood.mean_costs(np.array([[0.0, 0.0, likelihood.lag], [middle, found.drift, found.lag]]))
-        return found._replace(cost=costs[0], least=costs[1])
+        there = [found.delay + found.drift * likelihood.half, found.drift, found.lag]
+        cost, least = likelihood.mean_costs(*np.array([[0.0, 0.0, likelihood.lag], there]).T)
+        return found._replace(cost=cost, least=least)
     # seconds late, nearly all fixes look false, and precise ones bend the filter too much
     rough = filtered(_doubted(seen.ready), starts=0, gates=_open_gates(seen.ready))
     found = _found(rough, _likelihood(rough), alone)

@@ -179,8 +179,8 @@ def _one(
             spans, rival = _spans(plain, axes), _rival(ready, look)
         least = max(WORTH, ALIKE * max((each.gain for each in spans), default=0.0), ALIKE * rival)
         spans.sort(key=lambda each: -each.gain)
-        likely = [fault for fault in spans if fault.gain >= least and fault.cause not in alike]
-        likely = [fault for fault in likely if abs(fault.rate) >= SLIGHT * LEAST]
+        likely = [fault for fault in spans if fault.gain >= least and abs(fault.rate) >= SLIGHT * LEAST]
+        likely = [fault for fault in likely if fault.cause not in alike]
         # noise found with a fault is a summit of its own
         tops = [climbed(*each) for each in ((look, plain) if (plain[1] < look[1]).any() else (look,)) if likely]
         tried = [_worth(look, fault, tops) for fault in likely]

@@ -161,9 +161,9 @@ class LateFixes:
         every = [costs_of(*self.innovations(*each)) for each in cases]
         return np.array([np.bincount(self._block, each) for each in every])
 
-    def mean_costs(self, cases: FloatArray) -> list[float]:
-        """Cost of a value that was measured, on average, for cases (k, 3) of delay [s], drift [s/s] and lag [s]."""
-        return [float(np.mean(costs_of(*self.innovations(*case)))) for case in cases.tolist()]
+    def mean_costs(self, delays: FloatArray, drifts: FloatArray, lags: FloatArray) -> FloatArray:
+        """Cost of a value that was measured, on average, (k,); see `costs`."""
+        return np.asarray(self.costs(delays, drifts, lags).sum(axis=1) / self._block.size)
 
     def cost_of_step(self, delays: FloatArray, wider: float) -> float:
         """Cost with one delay up to the end of a block and another one from there on, which may be any block.

@@ -198,11 +198,8 @@ def test_velocities_in_steps_are_no_surer_than_these():
     """A knot, printed with two decimals: what stays on one of them while moving is off alike for as long."""
     knot, sd = 0.514444, np.full((60, 3), 0.02)
     v_n = np.column_stack([np.arange(60) % 20, np.repeat([0.0, 7.0, 8.0], 20), np.arange(60) % 2]) * knot
-    time, lla = (
-        np.arange(60.0),
-        np.column_stack([np.linspace(0.8, 0.8001, 60), np.full(60, 0.2), np.linspace(0, 9, 60)]),
-    )
-    fixes = GpsData(time, lla, np.round(v_n, 2), np.ones((60, 3)), sd)
+    lla = np.column_stack([np.linspace(0.8, 0.8001, 60), np.full(60, 0.2), np.linspace(0, 9, 60)])
+    fixes = GpsData(np.arange(60.0), lla, np.round(v_n, 2), np.ones((60, 3)), sd)
     found, notes = with_sd(fixes)
     assert any("velocities have steps of 0.51 m/s: sigma assumed at least 0.15 m/s" in note for note in notes)
     least = knot / np.sqrt(12.0)

@@ -139,13 +139,12 @@ class TextCells:
                 except ValueError as error:
                     if last and i == width - 1 and not self._ends_line():
                         return _as_numbers(values, indices, f"line {number} ends within a number")
+                    why, fix = _why_not_a_number(cells[i])
                     raise InputError(
                         f"{plain_text(cells[i])[:40]!r} is not a number",
                         where=f"{self.name}:{number}:{headers[i]}",
-                        why=_why_not_a_number(cells[i]),
-                        fix="copy it again"
-                        if "\0" in cells[i]
-                        else "write a number, or leave the cell empty if the value is not known",
+                        why=why,
+                        fix=fix,
                     ) from error
             values.append(row)
         return _as_numbers(values, indices, "")
@@ -235,13 +234,16 @@ def _as_numbers(values: list[list[float]], indices: Sequence[int], cut: str) -> 
     return Numbers({i: array[:, k].copy() for k, i in enumerate(indices)}, len(values), cut)
 
 
-def _why_not_a_number(cell: str) -> str:
-    if re.match(r"^\d{4}-\d\d-\d\d|^\d{1,2}:\d\d:", cell):
-        return "it looks like a date or a time of day; times must be seconds"
-    if re.match(r"^[-+]?\d{1,3}(,\d{3})+(\.\d*)?$", cell):
-        return "it looks like a number with a thousands separator"
-    if re.match(r"^[-+]?\d+,\d+$", cell):
-        return "it looks like a number with a decimal comma: columns must then be separated by semicolons or tabs"
+def _why_not_a_number(cell: str) -> tuple[str, str]:
+    """What is wrong with a cell, and what to do."""
     if "\0" in cell:
-        return "it holds zero bytes: the file was not written or copied to its end"
-    return "every cell of this column must be a number"
+        return "it holds zero bytes: the file was not written or copied to its end", "copy it again"
+    fix = "write a number, or leave the cell empty if the value is not known"
+    why = "every cell of this column must be a number"
+    if re.match(r"^\d{4}-\d\d-\d\d|^\d{1,2}:\d\d:", cell):
+        why = "it looks like a date or a time of day; times must be seconds"
+    elif re.match(r"^[-+]?\d{1,3}(,\d{3})+(\.\d*)?$", cell):
+        why = "it looks like a number with a thousands separator"
+    elif re.match(r"^[-+]?\d+,\d+$", cell):
+        why = "it looks like a number with a decimal comma: columns must then be separated by semicolons or tabs"
+    return why, fix
