@@ -10,11 +10,10 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from insnav.types import FloatArray
-from insnav.units import UNITS
+from insnav.units import UNITS, shown_unit
 
 _One: TypeAlias = "float | int | bool | str | FloatArray | Sequence[float] | Sequence[str] | Sequence[int] | None"
 Value: TypeAlias = "_One | Mapping[str, _One]"
-_PRETTY = (("sqrt(Hz)", "√Hz"), ("sqrt(h)", "√h"), ("sqrt(s)", "√s"), ("^2", "²"), ("^3", "³"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,10 +42,7 @@ class Quantity:
     @property
     def shown_unit(self) -> str:
         """The unit as it is read: ``deg/√h``."""
-        text = self.unit
-        for plain, pretty in _PRETTY:
-            text = text.replace(plain, pretty)
-        return text
+        return shown_unit(self.unit)
 
     def scaled(self, value: Value) -> Any:
         """Bring a value from SI to the unit shown; texts, flags and None stay what they are."""

@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 from insnav.exceptions import as_keywords
+from insnav.findings import Finding
 from insnav.imu.specification import ImuSpec
 from insnav.input.readers.reading import ReadingFacts
 from insnav.output.folder import RunFolder
-from insnav.types import Event
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,7 +45,7 @@ class Result(Generic[F]):
         IMU error specification, and how it was chosen.
     notes : tuple of str
         Assumptions and findings in words, most important first.
-    events : tuple of Event
+    events : tuple of Finding
         Everything out of the ordinary in the data and the filter, in order of time.
     """
 
@@ -55,7 +55,7 @@ class Result(Generic[F]):
     options: Mapping[str, Any] = field(default_factory=dict)
     imu_model: tuple[ImuSpec, str] | None = None
     notes: tuple[str, ...] = ()
-    events: tuple[Event, ...] = ()
+    events: tuple[Finding, ...] = ()
 
     def __repr__(self) -> str:
         sources = ", ".join(facts.path for facts in self.inputs.values())

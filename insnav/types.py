@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import StrEnum
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from insnav.findings import Finding
 from insnav.tabular import FromTable, Tabular
 
 if TYPE_CHECKING:
@@ -227,62 +227,6 @@ class Increments(Tabular):
     sculling: FloatArray
 
 
-class EventKind(StrEnum):
-    """Everything that can happen to the data or the filter and that a user must be able to find again.
-
-    Aiding measurements bring kinds of their own: ``gate.<name>``, such as ``gate.nhc``.
-    """
-
-    IMU_DUPLICATE = "imu.duplicate"
-    IMU_UNSORTED = "imu.unsorted"
-    IMU_NAN = "imu.nan"
-    IMU_GAP = "imu.gap"
-    IMU_CUT_ROW = "imu.cut_row"
-    IMU_SPIKE = "imu.spike"
-    IMU_SATURATED = "imu.saturated"
-    IMU_STUCK = "imu.stuck"
-    GPS_DUPLICATE = "gps.duplicate"
-    GPS_UNSORTED = "gps.unsorted"
-    GPS_NAN = "gps.nan"
-    GPS_GAP = "gps.gap"
-    GPS_CUT_ROW = "gps.cut_row"
-    GPS_FROZEN = "gps.frozen"
-    GPS_OUTSIDE = "gps.outside"
-    REF_DUPLICATE = "ref.duplicate"
-    REF_UNSORTED = "ref.unsorted"
-    REF_NAN = "ref.nan"
-    REF_CUT_ROW = "ref.cut_row"
-    REF_CONTRADICTION = "ref.contradiction"
-    REF_OTHER = "ref.other_drive"
-    GATE_QUALITY = "gate.quality"
-    GATE_PHYSICAL_POSITION = "gate.physical.position"
-    GATE_PHYSICAL_VELOCITY = "gate.physical.velocity"
-    GATE_POSITION = "gate.position"
-    GATE_RECORD_POSITION = "gate.record.position"
-    GATE_RECORD_VELOCITY = "gate.record.velocity"
-    GATE_VELOCITY = "gate.velocity"
-    DEWEIGHTED_POSITION = "deweighted.position"
-    DEWEIGHTED_VELOCITY = "deweighted.velocity"
-    PART = "filter.part"
-    CONTRADICTION = "filter.contradiction"
-    RESET = "filter.reset"
-    REPAIR = "filter.repair"
-    DIVERGED = "filter.diverged"
-
-
-@dataclass(frozen=True, slots=True)
-class Event:
-    """One line of ``events.csv``."""
-
-    time: float  # when [s], in the time of the data
-    kind: str  # what happened, of `EventKind`
-    value: float  # the number that decided [`unit`]
-    limit: float  # the number it was compared with [`unit`]; ``NaN`` if there is none
-    unit: str
-    action: str  # what insnav did about it
-    hint: str = ""  # what the user may want to do, or where to look
-
-
 @dataclass(frozen=True, slots=True)
 class Alignment:
     """Attitude of the body at one time, with its uncertainty and where it came from."""
@@ -437,7 +381,7 @@ class Run:
         Of every fix that the filter processed.
     sensor_errors : SensorErrors
         Estimated biases and scale factors.
-    events : tuple of Event
+    events : tuple of Finding
         Everything out of the ordinary, in order of time.
     alignment : Alignment
         The attitude the filter started from.
@@ -458,7 +402,7 @@ class Run:
     solution: Trajectory
     innovations: Innovations
     sensor_errors: SensorErrors
-    events: tuple[Event, ...]
+    events: tuple[Finding, ...]
     alignment: Alignment
     epochs: Epochs
     gps_delay: float = 0.0

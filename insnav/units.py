@@ -72,7 +72,15 @@ UNITS |= {
     for time, seconds in (("s", 1.0), ("h", HOUR))
 }
 
+_PRETTY = (("sqrt(Hz)", "√Hz"), ("sqrt(h)", "√h"), ("sqrt(s)", "√s"), ("^2", "²"), ("^3", "³"))
 _QUANTITY = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)\s*$")
+
+
+def shown_unit(unit: str) -> str:
+    """Write a unit as it is read: ``deg/√h`` for ``deg/sqrt(h)``."""
+    for plain, pretty in _PRETTY:
+        unit = unit.replace(plain, pretty)
+    return unit
 
 
 def units_of(dimension: str) -> list[str]:

@@ -18,6 +18,7 @@ from insnav.filter.error_model import error_model
 from insnav.filter.navigate import navigate_recording
 from insnav.filter.prepare import DELAY_SD
 from insnav.filter.settings import FilterSettings
+from insnav.findings import Code
 from insnav.imu import ImuSpec
 from insnav.sample_statistics import chi_square
 from insnav.simulate.faults import Fault
@@ -26,7 +27,7 @@ from insnav.simulate.ideal_sensors import reference
 from insnav.simulate.montecarlo import Runs, Sample
 from insnav.simulate.recording import simulate_recording
 from insnav.simulate.truth import Truth
-from insnav.types import BoolArray, Epochs, EventKind, FloatArray, ImuData, IntArray, Run
+from insnav.types import BoolArray, Epochs, FloatArray, ImuData, IntArray, Run
 
 STEP = 1.0  # between epochs of the ensemble [s]
 _STATES = 21  # of the filter
@@ -106,7 +107,7 @@ def reduced(run: Run, truth: Truth, axes_sd: FloatArray) -> Sample:
         *(nees.mean(axis=0) / 3.0 if len(nees) else np.zeros(3)),
         np.count_nonzero(processed),
         np.count_nonzero(processed & ~run.innovations.used_position),
-        sum(event.kind is EventKind.RESET for event in run.events),
+        sum(event.kind is Code.RESET for event in run.events),
     ]
     return Sample(np.array(figures, dtype=np.float64), series)
 

@@ -15,8 +15,9 @@ from insnav.errors.reference_offset import ReferenceOffset, reference_offset
 from insnav.filter.frozen import UNUSABLE
 from insnav.filter.navigate import Navigated
 from insnav.filter.noise_estimate import NoiseEstimate
+from insnav.findings import Code
 from insnav.input.readers.reading import Reading
-from insnav.types import EventKind, FloatArray, GpsData, Run, Trajectory
+from insnav.types import FloatArray, GpsData, Run, Trajectory
 
 if TYPE_CHECKING:
     from insnav.errors.short_duration_errors import ShortWindow
@@ -70,13 +71,13 @@ class EvaluatedRun:
     @property
     def reference_late(self) -> float:
         """How far the clock of the reference is ahead of the solution [s]; zero if that is not known."""
-        found = (each for each in self.run.events if each.kind == EventKind.REF_CONTRADICTION and each.unit == "s")
+        found = (each for each in self.run.events if each.kind == Code.REF_CONTRADICTION and each.unit == "s")
         return next((each.value for each in found), 0.0)
 
     @property
     def other_drive(self) -> bool:
         """Whether the reference is of another drive, so that its errors say nothing."""
-        return any(event.kind == EventKind.REF_OTHER for event in self.run.events)
+        return any(event.kind == Code.REF_OTHER for event in self.run.events)
 
     @cached_property
     def errors_on_clock(self) -> dict[str, TrajectoryErrors]:
@@ -142,13 +143,13 @@ def fixed_epochs(reference: Reading[Trajectory]) -> tuple[Trajectory, tuple[str,
 
 def failure(run: Run) -> str:
     """Why a solution is not to be used: the filter was lost again and again; empty if it was not."""
-    resets = sum(event.kind is EventKind.RESET for event in run.events)
+    resets = sum(event.kind is Code.RESET for event in run.events)
     fixes = run.innovations
     # frozen ones are none: they contradict nothing
     processed = np.isfinite(fixes.innovation[:, :3]).any(axis=1) & ~(fixes.sd[:, 0] >= UNUSABLE)
     lost = float(np.mean(~fixes.used_position[processed])) if processed.any() else 0.0
     if lost > _REJECTED:
-        by_record = any(event.kind == EventKind.GATE_RECORD_POSITION for event in run.events)
+        by_record = any(event.kind == Code.GATE_RECORD_POSITION for event in run.events)
         who = "the IMU and the others contradict" if by_record else "the filter rejected"
         return f"{who} {100.0 * lost:.0f} % of the positions"
     if resets >= _LOST_RESETS and lost > _LOST:

@@ -26,10 +26,11 @@ from insnav.errors.reference_offset import (
     stated_weights,
 )
 from insnav.filter.gps_noise import velocity_lag
+from insnav.findings import Code, Finding, untyped_event
 from insnav.input.interpret.velocities import fit_velocities
 from insnav.sample_statistics import rms
 from insnav.tabular import runs_of
-from insnav.types import Event, EventKind, FloatArray, GpsData, Run, Trajectory
+from insnav.types import FloatArray, GpsData, Run, Trajectory
 from insnav.units import DEG
 
 FARTHEST, STEP = 30.0, 0.25  # errors of the clock looked for, and steps of the search [s]
@@ -54,17 +55,17 @@ def check_reference(
     lever_b: FloatArray,
     shown: Mapping[str, float] = MappingProxyType({}),
     lever_sd: FloatArray | None = None,
-) -> tuple[Trajectory, list[Event]]:
+) -> tuple[Trajectory, list[Finding]]:
     """Leave out of a reference what cannot be right, and say it; its clock is said, but not moved to flatter us.
 
     `lever_b` (3,): point of the reference seen from the IMU, body axes [m]; `shown`: as of `shown_by_drive`;
     `lever_sd` (3,): of the lever arm of the track, if that is not known [m].
     Raises: InputError: no time in common.
     """
-    said: list[Event] = []
+    said: list[Finding] = []
 
     def say(value: float, limit: float, unit: str, action: str) -> None:
-        said.append(Event(float(track.time[0]), EventKind.REF_CONTRADICTION, value, limit, unit, action))
+        said.append(untyped_event(float(track.time[0]), Code.REF_CONTRADICTION, value, limit, unit, action))
 
     if not (len(reference.time) and len(track.time)):
         raise no_time_in_common(reference, track)
@@ -72,7 +73,9 @@ def check_reference(
         text = (
             f"the reference is of another drive, or of another time: it is {far:.3g} m from the fixes, moving otherwise"
         )
-        said.append(Event(float(track.time[0]), EventKind.REF_OTHER, far, 0.0, "m", f"{text}; its errors say nothing"))
+        said.append(
+            untyped_event(float(track.time[0]), Code.REF_OTHER, far, 0.0, "m", f"{text}; its errors say nothing")
+        )
         return reference, said
     fit = fit_velocities(reference.time, reference.lla, reference.v_n)
     if fit is not None and fit.confusion:
@@ -185,7 +188,7 @@ def delay_shown(run: Run) -> float:
 def shown_by_drive(run: Run) -> dict[str, float]:
     """What a drive itself shows, by unit: under ``s`` the delay of the fixes, or NaN if it contradicts that given."""
     found = {"s": delay} if (delay := delay_shown(run)) else {}
-    given = [event for event in run.events if event.kind == EventKind.CONTRADICTION and np.isfinite(event.limit)]
+    given = [event for event in run.events if event.kind == Code.CONTRADICTION and np.isfinite(event.limit)]
     return {**found, **{event.unit: np.nan for event in given}}
 
 

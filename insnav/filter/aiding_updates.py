@@ -10,9 +10,10 @@ from insnav.filter.measurements.heading import Heading
 from insnav.filter.measurements.measurement import INTERVAL, FilterView, Measurement
 from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
+from insnav.findings import untyped_event
 from insnav.kernels.aiding_measurements import innovation
 from insnav.kernels.errorstate import Samples
-from insnav.types import Event, FloatArray, GpsData
+from insnav.types import FloatArray, GpsData
 
 
 class AidingUpdates:
@@ -76,7 +77,7 @@ class AidingUpdates:
         self._record.aiding(measurement, z[part], nis, nis <= limit)
         if nis > limit:
             kind = f"gate.{measurement.name}"
-            self._record.event(Event(at.time, kind, nis, limit, f"NIS ({m} dof)", gate.REJECTED, "see aiding"))
+            self._record.event(untyped_event(at.time, kind, nis, limit, f"NIS ({m} dof)", gate.REJECTED, "see aiding"))
             return True
         np.fill_diagonal(r, variance)
         estimate.epoch(at.time)

@@ -20,9 +20,10 @@ import numpy as np
 from insnav.earth import ned_offset
 from insnav.exceptions import DivergenceError
 from insnav.filter.gates import Trust
+from insnav.findings import Code, Finding, untyped_event
 from insnav.kernels.dynamics import NAV
 from insnav.plain_text import moment
-from insnav.types import Event, EventKind, FloatArray, GpsData, Run, StateChange, Trajectory
+from insnav.types import FloatArray, GpsData, Run, StateChange, Trajectory
 
 BETTER = 30.0  # by so much likelier must a further change make the drive [-]
 AT_END = 6.0  # so well are begin and end of a gyro that is off known [s]
@@ -214,7 +215,7 @@ def resets_of(run: Run) -> tuple[StateChange, ...]:
     """Resets as jumps of the fixes from the first of those that were rejected on."""
     found, changes = run.innovations, list[StateChange]()
     for event in run.events:
-        if event.kind is EventKind.RESET:
+        if event.kind is Code.RESET:
             row = int(np.searchsorted(found.time, event.time - 1e-6))
             first = int(np.flatnonzero(found.used_position[:row]).max(initial=-1)) + 1
             changes.append(StateChange(float(found.time[first]), 0, -found.innovation[row, :3], np.nan))
@@ -260,16 +261,16 @@ def at_an_end(change: StateChange, known: tuple[StateChange, ...]) -> bool:
     return any(abs(each.time - change.time) < AT_END for each in ends)
 
 
-def told(changes: tuple[StateChange, ...], why: str) -> list[Event]:
+def told(changes: tuple[StateChange, ...], why: str) -> list[Finding]:
     """An event for each change, and what was made of it; no IMU is turned several times, but gyros clip."""
 
-    def event(each: StateChange) -> Event:
+    def event(each: StateChange) -> Finding:
         text, unit, scale = TOLD[each.first]
         size = scale * float(np.linalg.norm(each.change))
         said = f"{text.format(size, axis='xyz'[_axis(each)])} at {moment(each.time)}"
         if np.isfinite(each.since):
             said = f"positions drift from {moment(each.since, each.time)}, unlike the velocities, {size:.2g} m in all"
-        return Event(each.begin, EventKind.CONTRADICTION, size, np.nan, unit, f"{said}: {why}")
+        return untyped_event(each.begin, Code.CONTRADICTION, size, np.nan, unit, f"{said}: {why}")
 
     turns = tuple(each for each in changes if each.first == ATTITUDE)
     rest = tuple(each for each in changes if each.first != ATTITUDE)
@@ -283,4 +284,4 @@ def told(changes: tuple[StateChange, ...], why: str) -> list[Event]:
         f"the gyros lose the attitude {len(turns)} times, by up to {size:.2g} deg, from "
         f"{moment(turns[0].time, turns[-1].time)}, as saturated ones do: {why}"
     )
-    return [Event(turns[0].time, EventKind.CONTRADICTION, size, np.nan, "deg", said), *told(rest, why)]
+    return [untyped_event(turns[0].time, Code.CONTRADICTION, size, np.nan, "deg", said), *told(rest, why)]

@@ -20,8 +20,9 @@ from insnav.filter.navigate import Navigated
 from insnav.filter.prepare import Prepared
 from insnav.filter.shocks import scatter
 from insnav.filter.whole_record import rows_of, stretches, unlikely
+from insnav.findings import Code, Finding, untyped_event
 from insnav.plain_text import moment
-from insnav.types import DelayStep, Event, EventKind, FloatArray, GpsData, Run, Trajectory
+from insnav.types import DelayStep, FloatArray, GpsData, Run, Trajectory
 
 ROUNDS = 5  # of moving fixes
 PARTS = 0.5, 1.0, 1.5  # of the drift of the clock that a step may stand for
@@ -125,12 +126,12 @@ def _cost(ready: Prepared, done: Navigated, gps: GpsData) -> float:
     return total + BETTER * sum(map(_contradicts, done.run.events))
 
 
-def _contradicts(event: Event) -> bool:
+def _contradicts(event: Finding) -> bool:
     """Whether an event says that fixes and IMU contradict each other."""
-    return event.kind is EventKind.CONTRADICTION
+    return event.kind is Code.CONTRADICTION
 
 
-def _found_in(solved: Solved) -> list[Event]:
+def _found_in(solved: Solved) -> list[Finding]:
     """What contradicts in a run, but for what was taken off samples before: each preparation finds the same."""
     return [event for event in solved[1].run.events if _contradicts(event) and event not in solved[0].faults]
 
@@ -150,5 +151,5 @@ def _told(run: Run, time: FloatArray, late: FloatArray) -> Run:
         size = float(np.median(late[(time >= begin) & (time <= end)]))
         said = f"fixes from {moment(begin, end)} are {abs(size):.2g} s {'later' if size > 0.0 else 'earlier'} than the"
         said += " others: moved; standard deviations hold both"
-        events.append(Event(begin, EventKind.CONTRADICTION, abs(size), np.nan, "s", said))
+        events.append(untyped_event(begin, Code.CONTRADICTION, abs(size), np.nan, "s", said))
     return replace(widened(run, lambda solution: largest * solution.v_n, 0.0), events=(*events, *run.events))

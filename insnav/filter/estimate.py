@@ -16,12 +16,13 @@ from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import History
 from insnav.filter.state_layout import cross_covariance, layout, reset_correlated, set_to_fix
+from insnav.findings import Code, untyped_event
 from insnav.kernels import epoch, errorstate
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
 from insnav.kernels.gps_measurement import swing
 from insnav.strapdown import TIME_TOLERANCE
-from insnav.types import Alignment, Event, EventKind, FloatArray, StateChange
+from insnav.types import Alignment, FloatArray, StateChange
 
 SUBSTEP = 0.1  # longest sub-step of transition and noise: a car turns by less than 6 deg in it [s]
 # unseen change of rate [rad/s^2] and specific force [m/s^3] in a gap, and the most assumed of it [rad], [m/s]
@@ -250,4 +251,4 @@ class Estimate:
 
     def _note_repair(self, time: float, repaired: bool) -> None:
         if repaired:
-            self._record.event(Event(time, EventKind.REPAIR, 1.0, 0.0, "count", "negative variance set to zero"))
+            self._record.event(untyped_event(time, Code.REPAIR, 1.0, 0.0, "count", "negative variance set to zero"))

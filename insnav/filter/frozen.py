@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from insnav.earth import ned_offset
+from insnav.findings import Code, Finding, untyped_event
 from insnav.plain_text import moment
 from insnav.tabular import runs_of
-from insnav.types import Event, EventKind, FloatArray, GpsData, ImuData
+from insnav.types import FloatArray, GpsData, ImuData
 
 UNUSABLE = 1e4  # standard deviation of positions that are none [m]
 # way of the velocities at one position, where that is written with jitter, which goes so small a part of it, and where
@@ -27,7 +28,7 @@ EXACT, LARGEST = 0.2, 0.3
 FAR = 10.0  # so many of their sd are positions elsewhere than velocities that stay the same say
 
 
-def without_frozen(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[Event]]:
+def without_frozen(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[Finding]]:
     """Fixes without positions that stay the same in motion, velocities while positions go on, or both made of these."""
     gps, positions = _without_frozen_positions(gps, imu)
     gps, velocities = _without_held_velocities(gps, imu)
@@ -35,7 +36,7 @@ def without_frozen(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[Event]]:
     return gps, [*positions, *velocities, *both]
 
 
-def _without_frozen_positions(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[Event]]:
+def _without_frozen_positions(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[Finding]]:
     """Fixes without positions that stay the same in motion, nor velocities that are repeated there; and an event.
 
     Motion shows in the velocities, or in the samples where all of a fix is repeated.
@@ -65,7 +66,7 @@ def _without_frozen_positions(gps: GpsData, imu: ImuData) -> tuple[GpsData, list
     shown = f"the velocities go {far:.2g} m" if far > least else "the IMU moves"
     when = moment(float(gps.time[first]), float(gps.time[last]))
     text = f"positions of the fixes are frozen from {when}, in which {shown}{more}: not used"
-    said = Event(float(gps.time[first]), EventKind.GPS_FROZEN, far, least, "m", text)
+    said = untyped_event(float(gps.time[first]), Code.GPS_FROZEN, far, least, "m", text)
     return replace(gps, position_sd=position_sd, v_n=v_n), [said]
 
 
@@ -75,7 +76,7 @@ def _way(steps: FloatArray) -> float:
     return float(np.linalg.norm(steps[np.argsort(length)[: max(1, int(KEPT * length.size))]].sum(axis=0)))
 
 
-def _without_held_velocities(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[Event]]:
+def _without_held_velocities(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[Finding]]:
     """Fixes without velocities that stay the same, or zero, while their positions go elsewhere; and an event."""
     v_n, held = gps.v_n.copy(), list[tuple[float, int, int]]()
     same = (np.diff(v_n, axis=0) == 0.0).all(axis=1)
@@ -95,10 +96,10 @@ def _without_held_velocities(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[
     when = moment(float(gps.time[first]), float(gps.time[last]))
     more = f", and {len(held) - 1} times more" * (len(held) > 1)
     text = f"velocities of the fixes are the same from {when}{more}, and positions go {far:.2g} m elsewhere: not used"
-    return replace(gps, v_n=v_n), [Event(float(gps.time[first]), EventKind.GPS_FROZEN, far, FROZEN, "m", text)]
+    return replace(gps, v_n=v_n), [untyped_event(float(gps.time[first]), Code.GPS_FROZEN, far, FROZEN, "m", text)]
 
 
-def _without_coasting(gps: GpsData) -> tuple[GpsData, list[Event]]:
+def _without_coasting(gps: GpsData) -> tuple[GpsData, list[Finding]]:
     """Fixes without those that go straight on from the last one, as receivers have it in tunnels; and an event."""
     position_sd, v_n, coasts = gps.position_sd.copy(), gps.v_n.copy(), list[tuple[float, int, int]]()
     step = np.diff(gps.time)
@@ -117,7 +118,7 @@ def _without_coasting(gps: GpsData) -> tuple[GpsData, list[Event]]:
     when = moment(float(gps.time[first]), float(gps.time[last]))
     more = f", and {len(coasts) - 1} times for a shorter time" * (len(coasts) > 1)
     text = f"the fixes go straight on from {when}{more}, with one velocity to the last digit, as in a tunnel: not used"
-    said = Event(float(gps.time[first]), EventKind.GPS_FROZEN, lasts, COASTS, "s", text)
+    said = untyped_event(float(gps.time[first]), Code.GPS_FROZEN, lasts, COASTS, "s", text)
     return replace(gps, position_sd=position_sd, v_n=v_n), [said]
 
 

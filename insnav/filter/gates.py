@@ -12,8 +12,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from insnav.earth import ned_offset
+from insnav.findings import Code, Finding, untyped_event
 from insnav.sample_statistics import chi2_limit
-from insnav.types import BoolArray, Event, EventKind, FloatArray, GpsData, IntArray
+from insnav.types import BoolArray, FloatArray, GpsData, IntArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,32 +76,34 @@ OF_REFERENCE = -99  # fix type of what is no fix but only compared with, and has
 _CONTRADICTED = "all other fixes and the IMU contradict it"
 
 
-def quality(gates: Gates, time: float, fix: int | None, position_sd: FloatArray) -> Event | None:
+def quality(gates: Gates, time: float, fix: int | None, position_sd: FloatArray) -> Finding | None:
     """Reject a fix that is reported as none: type 0, or a standard deviation beyond `Gates.max_sd`."""
     if fix in (0, OF_REFERENCE):
-        return Event(time, EventKind.GATE_QUALITY, 0.0, 1.0, "fix type", REJECTED, "the receiver had no position")
+        return untyped_event(time, Code.GATE_QUALITY, 0.0, 1.0, "fix type", REJECTED, "the receiver had no position")
     worst = max(position_sd.tolist())
     if worst > gates.max_sd:
-        return Event(
-            time, EventKind.GATE_QUALITY, worst, gates.max_sd, "m", REJECTED, "the reported standard deviation"
+        return untyped_event(
+            time, Code.GATE_QUALITY, worst, gates.max_sd, "m", REJECTED, "the reported standard deviation"
         )
     return None
 
 
-def physical_position(gates: Gates, time: float, distance: float, position_sd: FloatArray, gap: float) -> Event | None:
+def physical_position(
+    gates: Gates, time: float, distance: float, position_sd: FloatArray, gap: float
+) -> Finding | None:
     """Reject a position farther from the predicted one than anything can have moved since the last good fix."""
     limit = gates.max_speed * gap + gates.physical_sd * max(position_sd.tolist())
     if distance <= limit:
         return None
-    return Event(time, EventKind.GATE_PHYSICAL_POSITION, distance, limit, "m", REJECTED, _IMPOSSIBLE)
+    return untyped_event(time, Code.GATE_PHYSICAL_POSITION, distance, limit, "m", REJECTED, _IMPOSSIBLE)
 
 
-def physical_velocity(gates: Gates, time: float, v_n: FloatArray) -> Event | None:
+def physical_velocity(gates: Gates, time: float, v_n: FloatArray) -> Finding | None:
     """Reject a velocity beyond `Gates.max_speed`."""
     speed = math.hypot(*v_n.tolist())
     if speed <= gates.max_speed:
         return None
-    return Event(time, EventKind.GATE_PHYSICAL_VELOCITY, speed, gates.max_speed, "m/s", REJECTED, _IMPOSSIBLE)
+    return untyped_event(time, Code.GATE_PHYSICAL_VELOCITY, speed, gates.max_speed, "m/s", REJECTED, _IMPOSSIBLE)
 
 
 def impossible(gates: Gates, gps: GpsData) -> BoolArray:
@@ -150,8 +153,8 @@ def _beside(gates: Gates, gps: GpsData) -> BoolArray:
 
 
 def statistical(
-    gates: Gates, time: float, kinds: tuple[EventKind, EventKind], nis: float, size: float, small: float
-) -> Event | None:
+    gates: Gates, time: float, kinds: tuple[Code, Code], nis: float, size: float, small: float
+) -> Finding | None:
     """Reject an innovation whose NIS is improbable, or de-weight it if its length `size` is `small` [m] or [m/s].
 
     `kinds` are the names of a rejection and of a de-weighting; None if it passes.
@@ -159,20 +162,20 @@ def statistical(
     if nis <= gates.nis_limit:
         return None
     if size <= small:
-        return Event(time, kinds[1], nis, gates.nis_limit, "NIS (3 dof)", "de-weighted", "see innovations.csv")
-    return Event(time, kinds[0], nis, gates.nis_limit, "NIS (3 dof)", REJECTED, "see innovations.csv")
+        return untyped_event(time, kinds[1], nis, gates.nis_limit, "NIS (3 dof)", "de-weighted", "see innovations.csv")
+    return untyped_event(time, kinds[0], nis, gates.nis_limit, "NIS (3 dof)", REJECTED, "see innovations.csv")
 
 
 def whole_record(
     time: float, row: int, trust: Trust, distance: float, change: float
-) -> tuple[Event | None, Event | None]:
+) -> tuple[Finding | None, Finding | None]:
     """Reject position or velocity of a fix that the whole record contradicts.
 
     `distance`, `change`: lengths of its innovations, which the events tell [m], [m/s].
     """
-    kinds = (EventKind.GATE_RECORD_POSITION, "m"), (EventKind.GATE_RECORD_VELOCITY, "m/s")
+    kinds = (Code.GATE_RECORD_POSITION, "m"), (Code.GATE_RECORD_VELOCITY, "m/s")
     position, velocity = (
-        Event(time, kind, size, math.nan, unit, REJECTED, _CONTRADICTED) if false else None
+        untyped_event(time, kind, size, math.nan, unit, REJECTED, _CONTRADICTED) if false else None
         for (kind, unit), false, size in zip(kinds, trust.false[:, row], (distance, change), strict=True)
     )
     return position, velocity

@@ -28,10 +28,11 @@ from insnav.filter.noise_search import climbed, cost_at
 from insnav.filter.prepare import Prepared
 from insnav.filter.shocks import LATE_START, LEAST_LATE
 from insnav.filter.whole_record import OPEN, UNUSED
+from insnav.findings import Code, Finding, untyped_event
 from insnav.imu.specification import ImuSpec
 from insnav.kernels.dynamics import NAV
 from insnav.plain_text import moment
-from insnav.types import Event, EventKind, FloatArray, ImuData, StateChange
+from insnav.types import FloatArray, ImuData, StateChange
 from insnav.units import DEG
 
 SUSPECT = 4.0  # times the in-run bias of the preset: recorded cars have up to 2.5
@@ -142,14 +143,14 @@ def without_gyro_faults(ready: Prepared, found: NoiseEstimate, spec: ImuSpec) ->
             break
         fault, ready, found = other
         every.append(fault)
-    changes, said = list(ready.settings.changes), list[Event]()
+    changes, said = list(ready.settings.changes), list[Finding]()
     for fault in every:
         rate, when = fault.rate / DEG, moment(fault.begin, fault.end)
         text = (
             f"gyro {'xyz'[fault.cause]} is off by {rate:+.2g} deg/s from {when}: taken off, standard deviations opened"
         )
         if not any(map(fault.part_of, every)):
-            said.append(Event(fault.begin, EventKind.CONTRADICTION, abs(rate), np.nan, "deg/s", text))
+            said.append(untyped_event(fault.begin, Code.CONTRADICTION, abs(rate), np.nan, "deg/s", text))
         opened = OPENED * abs(fault.rate) * np.eye(3)[fault.cause]
         changes += [StateChange(at, NAV, opened, fault.gain, -np.inf) for at in (fault.begin, fault.end)]
     settings = ready.settings

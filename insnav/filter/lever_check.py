@@ -13,7 +13,8 @@ from insnav.filter.changes import with_wider_sd
 from insnav.filter.gps_delay import filtered
 from insnav.filter.navigate import feed
 from insnav.filter.prepare import Prepared
-from insnav.types import Event, EventKind, FloatArray, Run, Trajectory
+from insnav.findings import Code, Finding, untyped_event
+from insnav.types import FloatArray, Run, Trajectory
 
 LOOK = 600.0  # so much of a drive tells it [s]
 OPENED = 2.0  # standard deviation of each component in the pass that looks for it [m]
@@ -47,7 +48,7 @@ def with_right_heading(given: Prepared, alone: Callable[[], Prepared]) -> Prepar
             return given
     was, now, sd, off, limit = np.rad2deg([said.rph[2], shown.rph[2], shown.sd[2], off, limit])
     text = f"heading given, {was:.0f} deg, contradicts the drive, which shows {now:.0f} ± {sd:.2g} deg: {how}"
-    event = Event(ready.initial.time, EventKind.CONTRADICTION, off, limit, "deg", f"the {text}")
+    event = untyped_event(ready.initial.time, Code.CONTRADICTION, off, limit, "deg", f"the {text}")
     return replace(ready, faults=(*ready.faults, event), notes=(*ready.notes, text))
 
 
@@ -70,7 +71,7 @@ def with_right_lever(given: Prepared, alone: Callable[[], Prepared]) -> Prepared
         f"the lever arm given is used, though fixes show {_three(run.lever_b)} m: noise of the gyros may pretend that; "
         "without --lever-arm it is found"
     )
-    event = Event(given.initial.time, EventKind.CONTRADICTION, float(off.max()), float(limit.max()), "m", text)
+    event = untyped_event(given.initial.time, Code.CONTRADICTION, float(off.max()), float(limit.max()), "m", text)
     return replace(given, faults=(*given.faults, event))
 
 
@@ -88,7 +89,7 @@ def pretended(ready: Prepared, run: Run) -> float:
     return float(told[run.innovations.used_position].sum() * np.max(run.lever_sd_alone) ** 2)
 
 
-def with_hidden_lever(ready: Prepared, run: Run) -> tuple[Run, tuple[Event, ...]]:
+def with_hidden_lever(ready: Prepared, run: Run) -> tuple[Run, tuple[Finding, ...]]:
     """A run whose lever arm may be noise of its gyros, with the arm, the delay and positions as unsure as that; events.
 
     Standard deviations are doubled: of short parts of a recorded car by RTK arms were 3 to 4 of them off. Where noise
@@ -101,7 +102,7 @@ def with_hidden_lever(ready: Prepared, run: Run) -> tuple[Run, tuple[Event, ...]
             f"noise of the gyros, {noise:.0f} deg/√h, is more than any have: IMU and fixes contradict each other, as "
             "those of two drives do, or with a wrong axis, scale or clock; the result is not to be relied on"
         )
-        return run, (Event(begin, EventKind.CONTRADICTION, noise, NO_GYROS, "deg/√h", text),)
+        return run, (untyped_event(begin, Code.CONTRADICTION, noise, NO_GYROS, "deg/√h", text),)
     if part <= PRETENDED:
         return run, ()
     of_each = part * (run.lever_sd_alone / np.max(run.lever_sd_alone)) ** 2
@@ -119,24 +120,24 @@ def with_hidden_lever(ready: Prepared, run: Run) -> tuple[Run, tuple[Event, ...]
         "as the drive shows them, or more, and the positions with them; give --lever-arm and --gps-delay"
     )
     run = replace(with_wider_sd(run, wider), lever_sd=sd, gps_delay_sd=DOUBLED * run.gps_delay_sd)
-    return run, (Event(begin, EventKind.CONTRADICTION, part, PRETENDED, "", text),)
+    return run, (untyped_event(begin, Code.CONTRADICTION, part, PRETENDED, "", text),)
 
 
-def lever_contradicted(arm: FloatArray, run: Run) -> Event:
+def lever_contradicted(arm: FloatArray, run: Run) -> Finding:
     """An arm (3,) that was given [m], and that a run without it does not have: what to give is the run's own one."""
     text = (
         f"the antenna seems to be at {_three(run.lever_b)} (± {_three(run.lever_sd)}) m from the IMU, forward, right, "
         f"down, not at {_three(arm)} as given, which is not used: --lever-arm {_three(run.lever_b)}"
     )
     off = float(np.abs(run.lever_b - arm).max())
-    return Event(float(run.solution.time[0]), EventKind.CONTRADICTION, off, WRONG, "m", text)
+    return untyped_event(float(run.solution.time[0]), Code.CONTRADICTION, off, WRONG, "m", text)
 
 
 def _three(values: FloatArray) -> str:
     return ",".join(f"{round(float(value), 2) + 0.0:.2f}" for value in values)
 
 
-def delay_contradicted(ready: Prepared) -> tuple[Event, ...]:
+def delay_contradicted(ready: Prepared) -> tuple[Finding, ...]:
     """Navigate the begin of a drive with the delay of the fixes as a state; an event if it ends far from that given.
 
     How far is not said: the noise was found with the error in it, and holds it back.
@@ -146,7 +147,7 @@ def delay_contradicted(ready: Prepared) -> tuple[Event, ...]:
     other = "larger" if run.gps_delay > given else "smaller"
     told = f"the delay of the fixes given, {given:.3f} s, contradicts the drive, which asks for a {other} one"
     said = f"{told}: without --gps-delay it is found"
-    return (Event(ready.initial.time, EventKind.CONTRADICTION, off, limit, "s", said),) * bool(off > limit)
+    return (untyped_event(ready.initial.time, Code.CONTRADICTION, off, limit, "s", said),) * bool(off > limit)
 
 
 def looked(ready: Prepared, **opened: float) -> Run:

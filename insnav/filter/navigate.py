@@ -22,8 +22,9 @@ from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import Prepared, Start, prepare
 from insnav.filter.settings import FilterSettings
 from insnav.filter.whole_record import OPEN, WEAKER, contradicted, decided, unlikely
+from insnav.findings import Code, Finding, untyped_event
 from insnav.imu.specification import ImuSpec
-from insnav.types import Event, EventKind, FloatArray, GpsData, ImuData, Run, StateChange, Trajectory
+from insnav.types import FloatArray, GpsData, ImuData, Run, StateChange, Trajectory
 
 AidingChoice = Literal["auto", "on", "off"]
 # Times what a model shows: noise found anew, with the fault in it, hides a part. Drags that two of 14 drives hid were
@@ -119,7 +120,7 @@ def thinned(run: Run, every: float) -> Run:
     return replace(run, solution=few(run.solution), smoothed=smoothed)
 
 
-def _decided(ready: Prepared, first: Run) -> tuple[Run, tuple[Event, ...]]:
+def _decided(ready: Prepared, first: Run) -> tuple[Run, tuple[Finding, ...]]:
     """See `decided`."""
     off = np.abs(first.lever_b - ready.settings.lever_b)
     lever_b = first.lever_b if (off <= PLAUSIBLE * ready.settings.lever_sd).all() else ready.settings.lever_b
@@ -276,7 +277,7 @@ def _half_of(progress: Callable[[float], None], before: float) -> Callable[[floa
     return lambda done: progress(before + 0.5 * done)
 
 
-def _outside(fixes: FloatArray, start: float, end: float) -> list[Event]:
+def _outside(fixes: FloatArray, start: float, end: float) -> list[Finding]:
     """One event for the fixes before the start of navigation and one for those after the last sample."""
     found = []
     for which, count, time in (
@@ -284,5 +285,7 @@ def _outside(fixes: FloatArray, start: float, end: float) -> list[Event]:
         ("after the last IMU sample", int((fixes > end + 1e-6).sum()), end),
     ):
         if count:
-            found.append(Event(time, EventKind.GPS_OUTSIDE, float(count), float("nan"), "fixes", f"not used: {which}"))
+            found.append(
+                untyped_event(time, Code.GPS_OUTSIDE, float(count), float("nan"), "fixes", f"not used: {which}")
+            )
     return found

@@ -25,14 +25,15 @@ from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import History
 from insnav.filter.state_layout import first_state
+from insnav.findings import Code, Finding, untyped_event
 from insnav.kernels.epoch import assess_fix, felt
 from insnav.kernels.errorstate import Outputs, Samples
 from insnav.kernels.increments import LOOKAHEAD
-from insnav.types import Alignment, Event, EventKind, FloatArray, GpsData, ImuData, Increments, Run
+from insnav.types import Alignment, FloatArray, GpsData, ImuData, Increments, Run
 
-POSITION = (EventKind.GATE_POSITION, EventKind.DEWEIGHTED_POSITION)
-VELOCITY = (EventKind.GATE_VELOCITY, EventKind.DEWEIGHTED_VELOCITY)
-DEWEIGHTED = (EventKind.DEWEIGHTED_POSITION, EventKind.DEWEIGHTED_VELOCITY)
+POSITION = (Code.GATE_POSITION, Code.DEWEIGHTED_POSITION)
+VELOCITY = (Code.GATE_VELOCITY, Code.DEWEIGHTED_VELOCITY)
+DEWEIGHTED = (Code.DEWEIGHTED_POSITION, Code.DEWEIGHTED_VELOCITY)
 MARGIN = LOOKAHEAD + strapdown.LOST_WINDOW + 2  # newest samples that must wait for their neighbours
 SEEN = 0.1  # before and after a fix: what its receiver has smoothed over, at most [s]
 QUANTUM = 2.0**-40  # of angles, far below what any gyro tells [rad]
@@ -334,8 +335,8 @@ class Navigator:
         nis: tuple[float, float],
         distance: float,
         change: float,
-        quality: Event | None,
-    ) -> tuple[Event | None, Event | None]:
+        quality: Finding | None,
+    ) -> tuple[Finding | None, Finding | None]:
         """Why position and velocity are rejected or de-weighted, or None."""
         gates, gps = self._settings.gates, self._gps
         position, velocity = None, None
@@ -366,9 +367,9 @@ class Navigator:
         with_velocity = np.isfinite(z[3:]).all() and gate.physical_velocity(gates, time, gps.v_n[row]) is None
         self._estimate.restart(time, z, gps.position_sd[row], gps.velocity_sd[row] if with_velocity else None)
         self._record.event(
-            Event(
+            untyped_event(
                 time,
-                EventKind.RESET,
+                Code.RESET,
                 float(np.linalg.norm(z[:3])),
                 gates.reset_after,
                 "m (limit: s of rejections)",

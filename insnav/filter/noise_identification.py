@@ -30,9 +30,10 @@ from insnav.filter.noise_estimate import NoiseEstimate, NoiseFigure, after_rest,
 from insnav.filter.noise_search import AVERAGED, FEWEST, NEAR, STARTS, Posterior, identify, misalignments
 from insnav.filter.prepare import CORRELATED, Prepared
 from insnav.filter.sensor_axes import Misalignment
+from insnav.findings import Code, Finding, untyped_event
 from insnav.imu.specification import ImuSpec
 from insnav.plain_text import without_exponents
-from insnav.types import Event, EventKind, FloatArray, GpsData
+from insnav.types import FloatArray, GpsData
 from insnav.units import UNITS
 
 NOT_LOST = 0.95  # part of the fixes used with resets that a run uses without them, or it is lost
@@ -165,14 +166,14 @@ def with_known_noise(ready: Prepared, spec: ImuSpec, *, lasting: bool, sizes: bo
     )
 
 
-def _too_small(ready: Prepared, innovation: FloatArray, variance: FloatArray) -> tuple[Event, ...]:
+def _too_small(ready: Prepared, innovation: FloatArray, variance: FloatArray) -> tuple[Finding, ...]:
     """An event if innovations are larger than the noise given allows; false fixes count little."""
     size = float(np.mean(np.minimum(innovation**2 / variance, HUBER**2)))
     text = (
         "innovations are larger than the IMU model given and the standard deviations of the fixes allow: one of "
         "them is too small; --noise estimate finds the noise of both"
     )
-    event = Event(ready.initial.time, EventKind.CONTRADICTION, size, TOO_SMALL, "", text)
+    event = untyped_event(ready.initial.time, Code.CONTRADICTION, size, TOO_SMALL, "", text)
     return (event,) * bool(size > TOO_SMALL)
 
 
@@ -195,7 +196,7 @@ def _without_correlated(notes: tuple[str, ...]) -> list[str]:
     return [each for each in notes if not each.startswith(CORRELATED)]
 
 
-def understated(ready: Prepared, read: GpsData) -> tuple[Event, ...]:
+def understated(ready: Prepared, read: GpsData) -> tuple[Finding, ...]:
     """An event if innovations are far larger than the standard deviations that came with the fixes `read`."""
     found = ready.noise
     if found is None or not np.isfinite(read.position_sd).all():
@@ -213,7 +214,7 @@ def understated(ready: Prepared, read: GpsData) -> tuple[Event, ...]:
     noisy = np.median(read.position_sd[:, 2]) > CARRIER  # else motion, not noise, is that much larger in feet
     told += "; or heights are in feet" * bool(noisy and FEET[0] < height < FEET[1] and height > ALIKE_IN_METRES * level)
     told += "; errors that change slowly hardly show there"
-    return (Event(ready.initial.time, EventKind.CONTRADICTION, most, UNDERSTATED, "", told),)
+    return (untyped_event(ready.initial.time, Code.CONTRADICTION, most, UNDERSTATED, "", told),)
 
 
 def figure_words(figure: NoiseFigure) -> str:

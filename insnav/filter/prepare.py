@@ -24,10 +24,11 @@ from insnav.filter.measurements.height import HeightAiding
 from insnav.filter.navigator import Navigator
 from insnav.filter.parts import LONGEST_GAP, SHORTEST, Part, spans
 from insnav.filter.settings import FilterSettings
+from insnav.findings import Code, Finding, untyped_event
 from insnav.imu.health import inspect
 from insnav.imu.specification import ImuSpec
 from insnav.plain_text import moment
-from insnav.types import Alignment, Event, EventKind, FloatArray, GpsData, ImuData
+from insnav.types import Alignment, FloatArray, GpsData, ImuData
 
 if TYPE_CHECKING:
     from insnav.filter.noise_estimate import NoiseEstimate
@@ -70,7 +71,7 @@ class Prepared:
     initial: InitialState  # initial state
     nominal: float  # sampling interval [s]
     notes: tuple[str, ...]  # what was found, and what was done about it
-    faults: tuple[Event, ...] = ()  # samples that were replaced or taken out
+    faults: tuple[Finding, ...] = ()  # samples that were replaced or taken out
     noise: NoiseEstimate | None = None  # as found in the innovations of the drive
     kinds: tuple[ImuSpec, ...] = ()  # what IMU it may be beside that of the model, where none was given
     parts: tuple[Part, ...] = ()  # where the filter goes on after a long gap of the samples
@@ -198,7 +199,7 @@ def _as_given(start: Start, model: ErrorModel) -> tuple[Alignment, InitialState]
 
 def _parts(
     imu: ImuData, gps: GpsData, aligned: Callable[..., tuple[Alignment, InitialState]], begin_at: float
-) -> tuple[ImuData, tuple[Part, ...], list[str], list[Event]]:
+) -> tuple[ImuData, tuple[Part, ...], list[str], list[Finding]]:
     """Align the record, and anew after each long gap of the samples.
 
     `aligned`: of samples and fixes, and whether they are the first part; `begin_at`: earlier parts are passed over [s].
@@ -215,7 +216,7 @@ def _parts(
         f"the IMU record has {len(rows) - 1} gap{'s' * (len(rows) > 2)} of more than {LONGEST_GAP:g} s, the longest "
         f"{longest:.1f} s: navigated in parts, each aligned anew; the motion in the gaps is unknown"
     ]
-    events: list[Event] = []
+    events: list[Finding] = []
     errors: list[AlignmentError] = []
     for number, span in enumerate(rows, start=1):
         some = imu.rows(span)
@@ -238,7 +239,7 @@ def _parts(
             told = f"is navigated from {moment(initial.time)} on; level: {alignment.level_method}, heading: {sure}"
             gap, hint = begin - after, "sensor errors are carried across the gap"
         notes.append(f"part {number}, {moment(begin, end)}, {told}")
-        events.append(Event(begin, EventKind.PART, gap, LONGEST_GAP, "s", told, hint))
+        events.append(untyped_event(begin, Code.PART, gap, LONGEST_GAP, "s", told, hint))
     if not parts:
         raise errors[0]
     return imu.rows(kept), tuple(parts), notes, events

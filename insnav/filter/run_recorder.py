@@ -15,6 +15,7 @@ from insnav.filter.settings import FilterSettings
 from insnav.filter.shocks import shocks
 from insnav.filter.smoother import SmoothedErrors
 from insnav.filter.state_layout import Layout, layout
+from insnav.findings import Code, Finding, untyped_event
 from insnav.kernels import epoch
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import SENSOR, STATES, Outputs, feed_back, move_along
@@ -26,8 +27,6 @@ from insnav.types import (
     Alignment,
     DelayStep,
     Epochs,
-    Event,
-    EventKind,
     FloatArray,
     Innovations,
     IntArray,
@@ -55,7 +54,7 @@ class Record:
     def __init__(self, fixes: int) -> None:
         self._rooms: list[Outputs] = []
         self._epochs, self._epoch = np.empty((fixes + 2, 26)), 0  # time, variances before and after, delay
-        self._events: list[Event] = []
+        self._events: list[Finding] = []
         self._aiding: dict[tuple[str, str], list[tuple[float, float, float]]] = {}
         self._count = 0
         self._fixes = spill.empty((fixes, epoch.FIX_WIDTH))
@@ -77,7 +76,7 @@ class Record:
         epoch.note_epoch(row, time, estimate.before, estimate.all, estimate.doubt, estimate.covariance)
         self._epoch += 1
 
-    def event(self, event: Event) -> None:
+    def event(self, event: Finding) -> None:
         """Note an event."""
         self._events.append(event)
 
@@ -302,12 +301,12 @@ def _smoothed(track: Trajectory, found: SmoothedErrors, clock: float, moved: Flo
     )
 
 
-def _divergence(innovations: Innovations, limit: float) -> list[Event]:
+def _divergence(innovations: Innovations, limit: float) -> list[Finding]:
     """Minutes in which accepted measurements are, on average, farther from their predictions than expected.
 
     `limit`: NIS to which the gates de-weight what is small: a few such fixes are no divergence, a minute of them is.
     """
-    found: list[Event] = []
+    found: list[Finding] = []
     if innovations.time.size == 0:
         return found
     window = np.floor((innovations.time - innovations.time[0]) / CONSISTENCY_WINDOW).astype(int)
@@ -319,9 +318,9 @@ def _divergence(innovations: Innovations, limit: float) -> list[Event]:
         mean = np.bincount(window, weights=np.where(used, np.minimum(nis, limit), 0.0)) / np.maximum(count, 1)
         for w in np.flatnonzero((count >= 20) & (mean / 3.0 > TOO_LARGE)):
             found.append(
-                Event(
+                untyped_event(
                     float(innovations.time[0] + w * CONSISTENCY_WINDOW),
-                    EventKind.DIVERGED,
+                    Code.DIVERGED,
                     float(mean[w] / 3.0),
                     TOO_LARGE,
                     f"mean NIS of {name} / 3",

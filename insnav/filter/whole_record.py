@@ -50,10 +50,11 @@ from insnav.filter.changes import (
 from insnav.filter.gates import Gates, Trust
 from insnav.filter.parts import LONGEST_GAP
 from insnav.filter.settings import FilterSettings
+from insnav.findings import Code, Finding, untyped_event
 from insnav.plain_text import moment
 from insnav.sample_statistics import chi2_limit
 from insnav.tabular import runs_of
-from insnav.types import BoolArray, Event, EventKind, FloatArray, GpsData, IntArray, Run, StateChange
+from insnav.types import BoolArray, FloatArray, GpsData, IntArray, Run, StateChange
 
 OPEN = Gates(max_sd=np.inf, max_speed=np.inf, probability=1.0, reset_after=np.inf)  # no gate: the weights decide
 # In the first pass standard deviations are so many times those reported. Positions start the weaker: frozen or shifted
@@ -93,7 +94,7 @@ class Explained:
 
     run: Run
     navigate: Callable[..., Run]  # with the same once more: changes, and which fixes to leave out
-    events: tuple[Event, ...] = ()
+    events: tuple[Finding, ...] = ()
     trust: Trust | None = None  # fixes left out
     agreed: bool = True  # whether it explains anything
 
@@ -134,7 +135,7 @@ def residuals(run: Run, gps: GpsData, settings: FilterSettings) -> tuple[FloatAr
 
 def decided(
     first: Run, gps: GpsData, settings: FilterSettings, again: Callable[..., Run]
-) -> tuple[Run, tuple[Event, ...]]:
+) -> tuple[Run, tuple[Finding, ...]]:
     """Let the whole record decide which fixes were false, or what changed and stayed so; only where it contradicts.
 
     `first`: with `settings`; one that is not smoothed stays as it is; `again`: navigates once more: fixes, which of
@@ -209,7 +210,7 @@ def _without_resets(first: Run, gates: Gates, again: Callable[..., Run]) -> list
     """Runs that believe what reset the first one, and that endure it."""
     begin, found = float(first.innovations.time[0]), list[Explained]()
     for other, how in ((gates.believing(), BELIEVED), (replace(gates, reset_after=PATIENT), ENDURED)):
-        said = Event(begin, EventKind.CONTRADICTION, np.nan, np.nan, "", f"{STREETS}: {how}")
+        said = untyped_event(begin, Code.CONTRADICTION, np.nan, np.nan, "", f"{STREETS}: {how}")
         with suppress(DivergenceError):
             found.append(Explained(again(gates=other), partial(again, gates=other), (said,)))
     return found
@@ -229,11 +230,11 @@ def _without_parting(found: Explained, settings: FilterSettings) -> Run | None:
 
 def _doubting(
     first: Run, gps: GpsData, settings: FilterSettings, again: Callable[..., Run]
-) -> tuple[Run, tuple[Event, ...]]:
+) -> tuple[Run, tuple[Finding, ...]]:
     """Let the whole record decide where what is assumed of a vehicle's motion counts little; `first`: a run with it."""
     run, events = decided(first, gps, replace(settings, aiding=()), partial(again, doubting=True))
     begin = float(first.innovations.time[0])
-    return run, (*events, Event(begin, EventKind.CONTRADICTION, np.nan, np.nan, "", UNLIKE))
+    return run, (*events, untyped_event(begin, Code.CONTRADICTION, np.nan, np.nan, "", UNLIKE))
 
 
 def of_moments(trust: Trust | None, gps: GpsData) -> Trust | None:
@@ -246,7 +247,7 @@ def of_moments(trust: Trust | None, gps: GpsData) -> Trust | None:
     return replace(trust, false=brief) if brief.any() else None
 
 
-def false_at_an_end(run: Run, gps: GpsData, settings: FilterSettings, trust: Trust) -> tuple[Run, list[Event]]:
+def false_at_an_end(run: Run, gps: GpsData, settings: FilterSettings, trust: Trust) -> tuple[Run, list[Finding]]:
     """Fixes that are false from the begin on or to the end, for long, may be true: standard deviations hold both."""
     off, said = residuals(run, gps, settings)[0][0], []
     every = np.flatnonzero(np.isfinite(off).all(axis=1))
@@ -257,7 +258,9 @@ def false_at_an_end(run: Run, gps: GpsData, settings: FilterSettings, trust: Tru
         size = np.sqrt(np.mean(off[some] ** 2, axis=0))
         begin, far = float(gps.time[some].min()), float(np.linalg.norm(size))
         told = f"the {some.size} false fixes of the {end} may be the true ones, and all others {far:.2g} m off"
-        said.append(Event(begin, EventKind.CONTRADICTION, far, np.nan, "m", f"{told}: standard deviations hold both"))
+        said.append(
+            untyped_event(begin, Code.CONTRADICTION, far, np.nan, "m", f"{told}: standard deviations hold both")
+        )
         run = widened(run, lambda _, size=size: size, some.size / rows.size)  # type: ignore[misc]
     return run, said
 
@@ -269,7 +272,7 @@ def _left_open(
     settings: FilterSettings,
     worth: Callable[[Run, tuple[StateChange, ...]], float],
     around: float,
-) -> tuple[Run, list[Event], Trust | None]:
+) -> tuple[Run, list[Finding], Trust | None]:
     """Take what stands out in a run as another change, while that makes it likelier, and widen standard deviations.
 
     `likely`: changes that the run has; `around`: see `changes_of`. Returns: the run, what was found, and all fixes that
@@ -369,13 +372,13 @@ def reconcile(
         reason = "leaving fixes out makes it worse"
     said = f"fixes and IMU contradict each other, and {reason}; the decisions of the filter stand (events.csv)"
     begin_at = float(first.innovations.time[0])
-    event = Event(begin_at, EventKind.CONTRADICTION, float("nan"), float("nan"), "", said)
+    event = untyped_event(begin_at, Code.CONTRADICTION, float("nan"), float("nan"), "", said)
     return Explained(run, again, (event,), agreed=False)
 
 
 def _diverged(run: Run) -> int:
     """Windows whose innovations are far from their predicted size."""
-    return sum(event.kind == EventKind.DIVERGED for event in run.events)
+    return sum(event.kind == Code.DIVERGED for event in run.events)
 
 
 def _scales(run: Run) -> FloatArray:
@@ -390,7 +393,7 @@ def unlikely(run: Run, gps: GpsData, settings: FilterSettings, dragged: Trust | 
     A fix that was not used costs more than those that were, but for positions that were `dragged` all together.
     """
     found, rows = run.innovations, rows_of(run, gps, settings)
-    total = EPISODE * sum(event.kind is EventKind.RESET for event in run.events)
+    total = EPISODE * sum(event.kind is Code.RESET for event in run.events)
     for nis, sd, reported, used in (
         (found.nis_position, found.sd[:, :3], gps.position_sd[rows], found.used_position),
         (found.nis_velocity, found.sd[:, 3:], gps.velocity_sd[rows], found.used_velocity),
@@ -421,7 +424,7 @@ def without_rejected(gps: GpsData, run: Run, settings: FilterSettings) -> GpsDat
 
 def contradicted(run: Run, gps: GpsData, settings: FilterSettings) -> bool:
     """Whether the filter reset, believed a fix that the smoothed track contradicts, or rejected many it supports."""
-    if any(event.kind is EventKind.RESET for event in run.events):
+    if any(event.kind is Code.RESET for event in run.events):
         return True
     gates, rows = settings.gates, rows_of(run, gps, settings)
     off, square = (each[:, rows] for each in residuals(run, gps, settings))
@@ -446,7 +449,7 @@ def stretches(time: FloatArray, chosen: BoolArray) -> list[tuple[float, float]]:
     return [(float(time[start]), float(time[stop - 1])) for start, stop in runs_of(chosen)]
 
 
-def told_false(gps: GpsData, trust: Trust) -> list[Event]:
+def told_false(gps: GpsData, trust: Trust) -> list[Finding]:
     """What was found false, as a warning each."""
     found = []
     kinds = ("position", "m"), ("velocity", "m/s")
@@ -460,5 +463,5 @@ def told_false(gps: GpsData, trust: Trust) -> list[Event]:
             told += " the whole record" + f" by up to {largest:.3g} {unit}" * (largest > 0.0)
             told += f" and {'were' if several else 'was'} not used: "
             begin = float(gps.time[false][0])
-            found.append(Event(begin, EventKind.CONTRADICTION, largest, float("nan"), unit, told + listed))
+            found.append(untyped_event(begin, Code.CONTRADICTION, largest, float("nan"), unit, told + listed))
     return found

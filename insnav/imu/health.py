@@ -12,10 +12,11 @@ import numpy as np
 
 from insnav import spill
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding, untyped_event
 from insnav.imu.model import per_sample
 from insnav.kernels.health import glance
 from insnav.tabular import runs_of
-from insnav.types import BoolArray, Event, EventKind, FloatArray, ImuData, IntArray
+from insnav.types import BoolArray, FloatArray, ImuData, IntArray
 
 SPIKE_GYRO, SPIKE_ACCEL = 1.5, 9.5  # a smaller jump of one sample does no harm worth a search [rad/s], [m/s^2]
 SPIKE_FACTOR = 12.0  # times the usual change from sample to sample
@@ -38,7 +39,7 @@ OUT = "taken out, bridged like a data gap"
 _AXES = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz")
 
 
-def inspect(imu: ImuData) -> tuple[ImuData, list[Event]]:
+def inspect(imu: ImuData) -> tuple[ImuData, list[Finding]]:
     """Replace spikes and take out clipped and stuck samples.
 
     Returns imu: the same object if there is nothing to object to; events: one for each stretch, with what was done.
@@ -50,7 +51,7 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Event]]:
         return imu, []
     each = np.broadcast_to(scale, (imu.time.shape[0], 1))
     values = spill.by_blocks(lambda *some: np.hstack([some[0] / some[2], some[1] / some[2]]), imu.gyro, imu.accel, each)
-    events: list[Event] = []
+    events: list[Finding] = []
     change = _changes(values)
     spikes = _spikes(values, change)
     if spikes[0].size:
@@ -58,7 +59,7 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Event]]:
             mean = 0.5 * (values[row - 1, axis] + values[row + 1, axis])
             unit, limit = ("rad/s", SPIKE_GYRO) if axis < 3 else ("m/s^2", SPIKE_ACCEL)
             size, told = float(values[row, axis] - mean), f"{_AXES[axis]}: replaced by the mean of its neighbours"
-            events.append(Event(float(imu.time[row]), EventKind.IMU_SPIKE, size, limit, unit, told))
+            events.append(untyped_event(float(imu.time[row]), Code.IMU_SPIKE, size, limit, unit, told))
             values[row, axis] = mean
         change = _changes(values)
     # of the samples as they are: divided by intervals, equal increments would differ in their last digits
@@ -93,18 +94,18 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Event]]:
         stuck &= _others_vary(quiet, axis, first, count) & _no_chance(same[:, axis], first, count)
         stuck[stuck] = activity.unusual(column, axis, first[stuck], count[stuck])
         found += [
-            (EventKind.IMU_SATURATED, first[clipped], count[clipped], f"{_AXES[axis]} at the end of its range: {OUT}"),
-            (EventKind.IMU_SATURATED, first[long], count[long], f"{_AXES[axis]} limited for long: used as it is"),
-            (EventKind.IMU_STUCK, first[stuck], count[stuck], f"{_AXES[axis]} does not change: {OUT}"),
+            (Code.IMU_SATURATED, first[clipped], count[clipped], f"{_AXES[axis]} at the end of its range: {OUT}"),
+            (Code.IMU_SATURATED, first[long], count[long], f"{_AXES[axis]} limited for long: used as it is"),
+            (Code.IMU_STUCK, first[stuck], count[stuck], f"{_AXES[axis]} does not change: {OUT}"),
         ]
     if repeats.all():
         frozen = _frozen(imu.time, same, values, activity)
-        found.append((EventKind.IMU_STUCK, *frozen, f"all six axes repeat the same values: {OUT}"))
+        found.append((Code.IMU_STUCK, *frozen, f"all six axes repeat the same values: {OUT}"))
     for kind, first, count, what in found:
         for start, number in zip(first, count, strict=True):
             lost[start : start + number] |= what.endswith(OUT)
             begin, end = float(imu.time[start]), float(imu.time[start + number - 1])
-            events.append(Event(begin, kind, end - begin, float("nan"), "s", what))
+            events.append(untyped_event(begin, kind, end - begin, float("nan"), "s", what))
     if not events:
         return imu, []
     events.sort(key=lambda event: event.time)

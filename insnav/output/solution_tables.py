@@ -18,10 +18,11 @@ import pyarrow.csv
 
 from insnav import spill
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding, untyped_event
 from insnav.output.columns import TEXT_ROWS, Decimals, arrow_table, rounded, write_csv, write_numbers
 from insnav.plain_text import cell_text, plain_text
 from insnav.tabular import Tabular, unit_of
-from insnav.types import Event, EventKind, GpsData, Innovations, SensorErrors, Trajectory
+from insnav.types import GpsData, Innovations, SensorErrors, Trajectory
 
 TableFormat = Literal["csv", "parquet"]
 T = TypeVar("T", bound=Tabular)
@@ -71,7 +72,7 @@ def write_run_table(folder: Path, data: Tabular, file_format: TableFormat = "csv
     return path
 
 
-def write_events(folder: Path, events: Sequence[Event]) -> Path:
+def write_events(folder: Path, events: Sequence[Finding]) -> Path:
     """Write ``events.csv``: every rejection, gap and reset, one a row; text is safe to open in a spreadsheet."""
     values = {
         key: np.array([getattr(event, key.removesuffix("_s")) for event in events], dtype=np.float64)
@@ -136,13 +137,13 @@ def _field(table: Any, field: str, names: Sequence[str]) -> Any:
     return values[:, 0] if len(names) == 1 else values
 
 
-def read_events(folder: Path) -> tuple[Event, ...]:
+def read_events(folder: Path) -> tuple[Finding, ...]:
     """Read ``events.csv`` of a run folder."""
-    kinds = {kind.value: kind for kind in EventKind}
+    kinds = {kind.value: kind for kind in Code}
     text = pa.csv.ConvertOptions(column_types=dict.fromkeys(("kind", "unit", "action", "hint"), pa.string()))
     rows = pa.csv.read_csv(folder / "events.csv", convert_options=text).to_pylist()
     return tuple(
-        Event(
+        untyped_event(
             row["time_s"],
             kinds.get(row["kind"], row["kind"]),
             _number(row["value"]),

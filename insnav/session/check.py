@@ -19,6 +19,7 @@ from insnav.exceptions import DivergenceError, InputError, InsnavError
 from insnav.filter.fix_figures import FixFigures, look_at_fixes
 from insnav.filter.gps_noise import with_sd
 from insnav.filter.lever_check import looked
+from insnav.findings import Code, Finding
 from insnav.imu.health import inspect
 from insnav.imu.inspection import JOLT, ImuFigures, inspect_samples
 from insnav.input import Reading, ReadingFacts, read_gps
@@ -34,7 +35,7 @@ from insnav.session.drive import Drive, drive_of
 from insnav.session.inputs import INPUTS, Inputs
 from insnav.session.read import Readings, read
 from insnav.strapdown import intervals, joined
-from insnav.types import BoolArray, Event, EventKind, GpsData, ImuData, Run
+from insnav.types import BoolArray, GpsData, ImuData, Run
 from insnav.units import G0
 
 TO_MEND = 3
@@ -124,7 +125,7 @@ def check(
     line = _command(patient) if "imu" in given else ""
     as_given = found.run is not None and not patient.refusals
     found = replace(found, command=line, runs=found.run is not None, runs_as_given=as_given, problems=problems)
-    events: tuple[Event, ...] = () if data is None else data.imu.events
+    events: tuple[Finding, ...] = () if data is None else data.imu.events
     return Result("check", found, facts, {}, None, () if drive is None else drive.notes, events)
 
 
@@ -292,9 +293,9 @@ def _faults(imu: ImuData, patient: _Patient) -> None:
         patient.refused(error)
         return
     kinds = (
-        (EventKind.IMU_SATURATED, 70.0, "clipped samples", "take a larger range or a softer mount"),
-        (EventKind.IMU_STUCK, 80.0, "a sensor that is stuck", "look at cable and logger"),
-        (EventKind.IMU_SPIKE, 22.0, "single spikes", "look at cable and logger; they are replaced"),
+        (Code.IMU_SATURATED, 70.0, "clipped samples", "take a larger range or a softer mount"),
+        (Code.IMU_STUCK, 80.0, "a sensor that is stuck", "look at cable and logger"),
+        (Code.IMU_SPIKE, 22.0, "single spikes", "look at cable and logger; they are replaced"),
     )
     for kind, weight, word, fix in kinds:
         some = [event for event in events if event.kind is kind]
@@ -309,7 +310,7 @@ def _of_imu(reading: Reading[ImuData], found: Checked, patient: _Patient) -> Non
     if facts.n_gaps:
         what = f"{facts.n_gaps} gap{'s' * (facts.n_gaps > 1)} in the IMU, the longest {facts.longest_gap_s:.3g} s"
         patient.mend(60.0, what, "the motion in them is not known", "log to a faster medium, or with a larger buffer")
-    for kind, word in ((EventKind.IMU_UNSORTED, "out of order"), (EventKind.IMU_DUPLICATE, "at the time of another")):
+    for kind, word in ((Code.IMU_UNSORTED, "out of order"), (Code.IMU_DUPLICATE, "at the time of another")):
         some = [event for event in reading.events if event.kind is kind]
         if some:
             what = f"{sum(event.value for event in some):.0f} samples {word}"

@@ -177,7 +177,7 @@ def _moved(imu: Reading[ImuData], logs: Mapping[str, Log], offset: float) -> tup
         for name, log in logs.items()
     }
     facts = replace(imu.facts, start_s=imu.facts.start_s + offset, end_s=imu.facts.end_s + offset)
-    events = tuple(replace(event, time=event.time + offset) for event in imu.events)
+    events = tuple(event.later(offset) for event in imu.events)
     return Reading(
         replace(imu.data, time=spill.by_blocks(lambda time: time + offset, imu.data.time)), events, facts
     ), beside

@@ -12,6 +12,7 @@ from insnav.exceptions import InputError
 from insnav.filter import FilterSettings
 from insnav.filter.gps_noise import with_sd
 from insnav.filter.prepare import DELAY_SD, first_stationary
+from insnav.findings import Code, untyped_event
 from insnav.imu import identify, load_imu
 from insnav.imu.imu_file import part_of
 from insnav.imu.presets import PRESETS
@@ -21,7 +22,7 @@ from insnav.input.interpret.velocities import fit_velocities, scales
 from insnav.session.checked_inputs import vector
 from insnav.session.inputs import Inputs, NoiseChoice
 from insnav.strapdown import intervals
-from insnav.types import Event, EventKind, GpsData, ImuData, SensorLog, Trajectory
+from insnav.types import GpsData, ImuData, SensorLog, Trajectory
 
 SHORTEST_REST = 5.0  # shorter ones do not show the noise of an IMU [s]
 BENCH_SD = (0.01, 0.005)  # how well a place that is not left is known [m], [m/s]
@@ -100,7 +101,7 @@ def with_scales_told(gps: Reading[GpsData] | None) -> Reading[GpsData] | None:
         "solution follows what is stated to be more precise"
     )
     largest = max(abs(size - 1.0) for _, size, _ in wrong)
-    event = Event(float(gps.data.time[0]), EventKind.CONTRADICTION, largest, float("nan"), "", told)
+    event = untyped_event(float(gps.data.time[0]), Code.CONTRADICTION, largest, float("nan"), "", told)
     return replace(gps, events=(*gps.events, event))
 
 

@@ -45,6 +45,7 @@ from insnav.filter.noise_identification import (
 )
 from insnav.filter.prepare import DELAY_SD, Prepared, Start, prepare
 from insnav.filter.whole_record import without_rejected
+from insnav.findings import Finding
 from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec
 from insnav.input import Reading
@@ -57,7 +58,7 @@ from insnav.session.inputs import Inputs
 from insnav.session.mounted import UNTOLD, as_mounted, in_likely_axes, untold
 from insnav.session.read import Readings, read
 from insnav.strapdown import intervals
-from insnav.types import Event, FloatArray, GpsData, ImuData, Trajectory
+from insnav.types import FloatArray, GpsData, ImuData, Trajectory
 
 if TYPE_CHECKING:  # what takes long to import is imported where it is used: a run needs no budget
     from insnav.errors.budget.drive_motion import BudgetStudy
@@ -633,7 +634,7 @@ class Drive:
         of = "of the antenna" if point is None else "of the IMU" if not point.any() else "of the point given"
         return f"the positions of {Path(self.reference.facts.path).name} ({of})"
 
-    def _events(self, more: Sequence[Event]) -> tuple[Event, ...]:
+    def _events(self, more: Sequence[Finding]) -> tuple[Finding, ...]:
         """Events of reading and these, in order of time."""
         read_events = [event for reading in self.readings.given().values() for event in reading.events]
         return tuple(sorted([*read_events, *more], key=lambda event: event.time))
@@ -644,7 +645,7 @@ class Drive:
         found: Any,
         options: Mapping[str, object],
         notes: tuple[str, ...],
-        events: tuple[Event, ...],
+        events: tuple[Finding, ...],
         spec: ImuSpec | None = None,
     ) -> Result[Any]:
         given = options_of(self.readings.inputs, **options)

@@ -17,13 +17,14 @@ from insnav.attitude import rph_from_quat, wrap_pi
 from insnav.exceptions import AlignmentError, InputError
 from insnav.filter.gps_delay import Filtered, filtered
 from insnav.filter.prepare import Prepared
+from insnav.findings import Code, Finding, untyped_event
 from insnav.input import Reading
 from insnav.input.interpret.axes import axes_matrix
 from insnav.input.interpret.physics import check_axes, one_gyro, quiet_part
 from insnav.kernels.smoother import STATE
 from insnav.session.inputs import Inputs
 from insnav.strapdown import intervals
-from insnav.types import Event, EventKind, FloatArray, GpsData, ImuData
+from insnav.types import FloatArray, GpsData, ImuData
 from insnav.units import DEG
 
 LOOK = 1800.0  # a drive of that length tells the mounting [s]
@@ -46,16 +47,16 @@ UNTOLD = (
 OF_THE_IMU = re.compile("gyro . is off|gyros lose|bias steps|IMU turns|er than the others")
 
 
-def untold(notes: tuple[str, ...], events: Sequence[Event]) -> tuple[Event, ...]:
+def untold(notes: tuple[str, ...], events: Sequence[Finding]) -> tuple[Finding, ...]:
     """An event if an IMU whose mounting nothing tells contradicts the fixes, which one in wrong axes does."""
-    found = [each for each in events if each.kind == EventKind.CONTRADICTION and OF_THE_IMU.search(each.action)]
+    found = [each for each in events if each.kind == Code.CONTRADICTION and OF_THE_IMU.search(each.action)]
     if UNTOLD not in notes or not found:
         return ()
     text = (
         "nothing tells how the IMU is mounted, and fixes contradict it: if its x does not point forward, what follows "
         "of its gyros and biases, delay and headings is that of wrong axes: --imu-axes"
     )
-    return (Event(found[0].time, EventKind.CONTRADICTION, float(len(found)), 0.0, "", text),)
+    return (untyped_event(found[0].time, Code.CONTRADICTION, float(len(found)), 0.0, "", text),)
 
 
 def as_mounted(
@@ -105,7 +106,7 @@ def as_mounted(
             f"--imu-axes {given} contradicts the drive ({how}), by which x, y, z point {_words(letters)}: roll, pitch "
             "and heading are those of the axes given"
         )
-        said = Event(float(data.time[0]), EventKind.CONTRADICTION, yaw, float("nan"), "rad", text)
+        said = untyped_event(float(data.time[0]), Code.CONTRADICTION, yaw, float("nan"), "rad", text)
         imu = replace(imu, events=(*imu.events, said))
     elif slanted or abs(yaw) > max(TURNED, 4.0 * found.sd):
         whole = replace(found, to_vehicle=matrix @ as_read).angles / DEG

@@ -15,9 +15,10 @@ from insnav.exceptions import AlignmentError
 from insnav.filter import FilterSettings
 from insnav.filter.fine_alignment import fine_alignment
 from insnav.filter.navigate import Navigated, navigate_recording
+from insnav.findings import Code
 from insnav.simulate import corrupt_gps, corrupt_imu, gps_from_truth, reference, straight
 from insnav.strapdown import intervals
-from insnav.types import Alignment, EventKind, GpsData
+from insnav.types import Alignment, GpsData
 from tests.alignment.test_alignment import (
     CAR,
     PLACE,
@@ -71,7 +72,7 @@ def test_spikes_at_rest_are_no_motion(drive, velocities, count):
     assert found.level_method == "static"
     assert found.heading_method == "GPS course"
     assert (np.abs(error(found, drive.truth)) <= 4.0 * found.sd).all()
-    assert EventKind.RESET not in [event.kind for event in run.events]
+    assert Code.RESET not in [event.kind for event in run.events]
 
 
 def test_fixes_that_are_none_make_no_start(drive):
@@ -83,7 +84,7 @@ def test_fixes_that_are_none_make_no_start(drive):
     assert run.alignment.time == pytest.approx(drive.gps.time[5])
     assert_from_rest(run.alignment, drive)
     assert np.abs(run.solution.lla[0, :2] - PLACE[:2]).max() < 1e-6  # six metres
-    assert EventKind.RESET not in [event.kind for event in run.events]
+    assert Code.RESET not in [event.kind for event in run.events]
 
 
 def test_no_good_fix_is_an_error(drive):

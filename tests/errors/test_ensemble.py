@@ -14,10 +14,11 @@ from insnav.errors.ensemble import COMPONENTS, FIGURES, GROUPS, band, ensemble, 
 from insnav.exceptions import InputError
 from insnav.filter import FilterSettings
 from insnav.filter.navigate import navigate_recording
+from insnav.findings import Code, untyped_event
 from insnav.imu import ImuSpec, load_imu
 from insnav.simulate import GpsErrors, Truth, corrupt_gps, corrupt_imu, gps_from_truth, imu_from_truth, reference
 from insnav.simulate.montecarlo import Failure, Runs, Sample, monte_carlo
-from insnav.types import Alignment, Epochs, Event, EventKind, ImuData, Innovations, Run, SensorErrors
+from insnav.types import Alignment, Epochs, ImuData, Innovations, Run, SensorErrors
 from tests.filter import drives
 from tests.simulate.motions import town
 
@@ -40,7 +41,10 @@ def run_with(error: np.ndarray, sd: np.ndarray, *, seconds: int = 60, later: flo
         replace(true, lla=lla, v_n=v_n, rph=rph_from_quat(q_nb), sd=np.tile(sd, (seconds, 1))),
         Innovations(time, fixes, fixes, fixes[:, 0], fixes[:, 0], used, used),
         SensorErrors(NOTHING, np.empty((0, 12)), np.empty((0, 12))),
-        (Event(time[3], EventKind.RESET, 0.0, 0.0, "", ""), Event(time[4], EventKind.GATE_POSITION, 0.0, 0.0, "", "")),
+        (
+            untyped_event(time[3], Code.RESET, 0.0, 0.0, "", ""),
+            untyped_event(time[4], Code.GATE_POSITION, 0.0, 0.0, "", ""),
+        ),
         Alignment(time[0], true.rph[0], sd[6:], NOTHING, NOTHING, None, "", ""),
         Epochs(time, lla, v_n, q_nb, covariance),
     )

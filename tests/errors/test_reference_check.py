@@ -11,7 +11,8 @@ from insnav.earth import lla_offset
 from insnav.errors.metrics import on_clock, position_errors
 from insnav.errors.reference_check import check_reference
 from insnav.exceptions import InputError
-from insnav.types import EventKind, FloatArray, GpsData, Trajectory
+from insnav.findings import Code
+from insnav.types import FloatArray, GpsData, Trajectory
 from insnav.units import DEG
 from tests.errors.test_reference_offset import driven, moved
 
@@ -157,14 +158,14 @@ def test_another_drive_is_named_and_nothing_else_of_it(pair: tuple[Trajectory, T
     for other in (back, moved_away):
         found, (event,) = check_reference(other, track, fixes_of(track), HERE)
         assert found is other
-        assert event.kind == EventKind.REF_OTHER
+        assert event.kind == Code.REF_OTHER
         assert "of another drive" in event.action
     # a reference elsewhere that moves alike has another datum, and one that a lost solution leaves is no other drive's
     shifted = replace(truth, lla=truth.lla + np.array([0.1, 0.0, 0.0]))
     lost = replace(track, lla=track.lla[::-1])
     for reference, mine in ((shifted, track), (truth, track), (truth, lost)):
         events = check_reference(reference, mine, fixes_of(track), HERE)[1]
-        assert EventKind.REF_OTHER not in [event.kind for event in events]
+        assert Code.REF_OTHER not in [event.kind for event in events]
 
 
 @pytest.mark.parametrize("off", [3600.0, -86400.0, 7.0 * 86400.0 - 18.0, 5400.0 + 18.0])

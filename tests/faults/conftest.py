@@ -15,10 +15,11 @@ from insnav.earth import ned_offset
 from insnav.filter import FilterSettings
 from insnav.filter.navigate import feed
 from insnav.filter.prepare import Prepared
+from insnav.findings import Code
 from insnav.imu.health import inspect
 from insnav.simulate import reference
 from insnav.simulate.faults import parse_fault
-from insnav.types import EventKind, GpsData, ImuData, Run
+from insnav.types import GpsData, ImuData, Run
 from tests.filter import drives
 
 LAPS = 8  # ten minutes
@@ -46,7 +47,7 @@ class Drive:
     def error(self) -> np.ndarray:
         return ned_offset(self.run.solution.lla, self.true.lla)
 
-    def kinds(self) -> list[EventKind]:
+    def kinds(self) -> list[Code]:
         return [event.kind for event in self.run.events]
 
 

@@ -12,16 +12,16 @@ from insnav.attitude import wrap_pi
 from insnav.filter import FilterSettings, Gates, gates
 from insnav.filter.navigate import navigate_recording
 from insnav.filter.prepare import DELAY_SD
+from insnav.findings import Code
 from insnav.imu.health import CLIPPED
 from insnav.simulate import gps_from_truth, imu_from_truth, reference
 from insnav.simulate.faults import parse_fault
-from insnav.types import EventKind
 from insnav.units import DEG
 from tests.faults.conftest import LAPS, SD, data, deviation, healthy, navigated
 from tests.filter import drives
 from tests.simulate.motions import Segment, drive
 
-REJECTIONS = {EventKind.GATE_POSITION, EventKind.GATE_PHYSICAL_POSITION}
+REJECTIONS = {Code.GATE_POSITION, Code.GATE_PHYSICAL_POSITION}
 
 
 def test_nothing_is_flagged_without_a_fault():
@@ -43,7 +43,7 @@ def test_n2_multipath(bars):
     for seed in range(4):
         found = navigated(seed, "gps-jump:60m@200s+8s")
         assert (~found.run.innovations.used_position).sum() == bars["N2"]["rejected"]
-        assert EventKind.RESET not in found.kinds()
+        assert Code.RESET not in found.kinds()
         assert deviation(found, seed).max() <= bars["N2"]["deviation_m"]
 
 
@@ -51,7 +51,7 @@ def test_n2_multipath(bars):
 def test_n3_permanent_jump(bars, metres):
     for seed in range(4):
         found = navigated(seed, f"gps-jump:{metres}m@200s")
-        (reset,) = [event for event in found.run.events if event.kind is EventKind.RESET]
+        (reset,) = [event for event in found.run.events if event.kind is Code.RESET]
         before = found.run.solution.time < reset.time - 0.5
         assert deviation(found, seed)[before].max() <= bars["N3"]["deviation_before_m"]
         assert reset.value == pytest.approx(metres, abs=4.0 * SD + 5.0)
@@ -113,7 +113,7 @@ def test_n13_clipped_gyro(bars, limit):
     inside, lengths = [], []
     for seed in range(6):
         found = navigated(seed, f"imu-clip:{limit}deg/s@0s+600s")
-        flags = [event for event in found.run.events if event.kind is EventKind.IMU_SATURATED]
+        flags = [event for event in found.run.events if event.kind is Code.IMU_SATURATED]
         lengths += [event.value for event in flags]
         clipped = np.abs(parse_fault(f"imu-clip:{limit}deg/s@0s+600s").apply(*data(seed))[0].gyro[:, 2]) / 0.02
         at_limit = np.concatenate([[0], clipped > limit * DEG * (1.0 - 1e-9), [0]])
@@ -133,7 +133,7 @@ def test_n13_clipped_gyro(bars, limit):
 def test_n14_stuck_axis(bars, axis):
     for seed in range(4):
         found = navigated(seed, f"imu-stuck:{axis}@200s+2s")
-        (flag,) = [event for event in found.run.events if event.kind is EventKind.IMU_STUCK]
+        (flag,) = [event for event in found.run.events if event.kind is Code.IMU_STUCK]
         assert flag.time == pytest.approx(drives.truth(LAPS).start + 200.0, abs=bars["N14"]["flag_s"])
         assert deviation(found, seed).max() < 10.0
 
@@ -142,7 +142,7 @@ def test_n14_stuck_axis(bars, axis):
 def test_n15_one_sample_off(bars, size):
     for seed in range(4):
         found = navigated(seed, f"imu-spike:{size}@200s")
-        assert found.kinds() == [EventKind.IMU_SPIKE]
+        assert found.kinds() == [Code.IMU_SPIKE]
         assert deviation(found, seed).max() <= bars["N15"]["position_m"]
         turned = wrap_pi(found.run.solution.rph[:, 2] - healthy(seed).run.solution.rph[:, 2])
         assert np.abs(turned).max() <= bars["N15"]["heading_deg"] * DEG
@@ -162,7 +162,7 @@ def test_n12_samples_that_are_no_numbers_are_a_gap(tmp_path):
     assert read.data.time.shape[0] == imu.time.shape[0] - 5
     assert np.isfinite(read.data.gyro).all()
     assert fixes.data.time.shape[0] == gps.time.shape[0] - 1
-    assert {EventKind.IMU_NAN, EventKind.GPS_NAN} <= {event.kind for event in (*read.events, *fixes.events)}
+    assert {Code.IMU_NAN, Code.GPS_NAN} <= {event.kind for event in (*read.events, *fixes.events)}
 
 
 def test_n25_start_in_motion_and_a_heading_told_wrong(bars):
@@ -214,7 +214,7 @@ def test_n27_tiny_and_huge_noise_leave_the_covariance_sound(position_sd, velocit
     )
     start = drives.begin(drives.MODEL, None, LAPS)
     run = drives.navigate(imu, gps, start, drives.MODEL, smooth=False)
-    assert EventKind.REPAIR not in {event.kind for event in run.events}
+    assert Code.REPAIR not in {event.kind for event in run.events}
     assert np.isfinite(run.solution.sd).all()
 
 
@@ -224,7 +224,7 @@ def test_n28_noise_wrong_by_ten_thousand(bars):
         boast = replace(gps, position_sd=gps.position_sd * 1e-2, velocity_sd=gps.velocity_sd)
         start = drives.begin(drives.MODEL, np.random.default_rng([92, seed]), LAPS)
         run = drives.navigate(imu, boast, start, drives.MODEL, smooth=False)
-        kinds = [event for event in run.events if event.kind in REJECTIONS | {EventKind.DIVERGED, EventKind.RESET}]
+        kinds = [event for event in run.events if event.kind in REJECTIONS | {Code.DIVERGED, Code.RESET}]
         assert kinds
         assert kinds[0].time - start.initial.time <= bars["N28"]["detected_s"]
 

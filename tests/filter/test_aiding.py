@@ -20,10 +20,11 @@ from insnav.filter.measurements.non_holonomic import NonHolonomic
 from insnav.filter.measurements.zero_velocity import ZeroVelocity, find_stops
 from insnav.filter.navigate import aided, feed, navigate_recording
 from insnav.filter.prepare import DELAY_SD, Prepared, Start
+from insnav.findings import Code
 from insnav.kernels import aiding_measurements as kernel
 from insnav.kernels.errorstate import STATES
 from insnav.simulate import GpsErrors, Truth, reference, without_fixes
-from insnav.types import EventKind, GpsData, ImuData
+from insnav.types import GpsData, ImuData
 from insnav.units import DEG
 from tests.filter import drives
 from tests.simulate.motions import Segment, drive, measured
@@ -485,4 +486,4 @@ def test_a_car_that_creeps_without_shaking_does_not_stand(seed):
     off = ned_offset(track.lla, reference(motion, track.time).lla)[:, :2]
     assert np.sqrt(np.mean(off**2)) < 1.2
     assert any(note.startswith("ZUPT: only where fixes see") for note in done.notes)
-    assert EventKind.CONTRADICTION not in {event.kind for event in done.found.run.events}
+    assert Code.CONTRADICTION not in {event.kind for event in done.found.run.events}

@@ -26,13 +26,14 @@ from insnav.filter.gates import Trust
 from insnav.filter.navigate import Navigated, navigate_recording
 from insnav.filter.shocks import shocks
 from insnav.filter.whole_record import false_at_an_end
+from insnav.findings import Code, untyped_event
 from insnav.imu import load_imu
 from insnav.kernels.dynamics import NAV
 from insnav.simulate.faults import gps_drag, gps_jump
 from insnav.simulate.gps_file import load_gps
 from insnav.simulate.motion import load_profile
 from insnav.simulate.recording import MOTION_STREAM, simulate_recording
-from insnav.types import Event, EventKind, FloatArray, GpsData, ImuData, StateChange, Trajectory
+from insnav.types import FloatArray, GpsData, ImuData, StateChange, Trajectory
 from tests.filter.test_shocks import AT as SHOCK
 from tests.filter.test_shocks import drives, shown
 from tests.filter.test_shocks import navigated as smoothed
@@ -57,8 +58,8 @@ def test_a_gyro_bias_that_steps_is_found_and_taken_into_account(seed, axis):
     scale = np.median(np.diff(imu.time)) if imu.sampling == "increment" else 1.0
     done = with_imu(seed, replace(imu, gyro=imu.gyro + scale * step[:, None] * np.eye(3)[axis]))
     assert np.mean(ratios(done, recording(seed).reference) < 3.0) > 0.99
-    assert not any(event.kind is EventKind.RESET for event in done.run.events)
-    (event,) = (event for event in done.run.events if event.kind is EventKind.CONTRADICTION)
+    assert not any(event.kind is Code.RESET for event in done.run.events)
+    (event,) = (event for event in done.run.events if event.kind is Code.CONTRADICTION)
     assert "gyro bias steps" in event.action
     assert f"most of it about {'xyz'[axis]}" in event.action
     assert event.time == pytest.approx(imu.time[0] + AT, abs=2.0)
@@ -121,7 +122,7 @@ def test_a_minute_of_drift_by_centimetres_is_in_the_standard_deviations_and_caus
     off = 0.02 * (fixes.time - begin) * ((fixes.time >= begin) & (fixes.time < end))
     dragged = replace(fixes, lla=lla_offset(fixes.lla, np.outer(off, [1.0, 0.0, 0.0])))
     done = navigate_recording(imu, dragged, load_imu("tactical"), SETTINGS)
-    assert not any(event.kind is EventKind.RESET for event in done.run.events)
+    assert not any(event.kind is Code.RESET for event in done.run.events)
     assert np.mean(ratios(done, truth) < 3.0) > 0.99
 
 
@@ -188,7 +189,7 @@ def test_a_reset_counts_as_a_jump_of_the_fixes_that_were_rejected():
     run = undisturbed(5).run
     found, used = run.innovations, run.innovations.used_position.copy()
     used[240:251] = False
-    reset = Event(float(found.time[250]), EventKind.RESET, 20.0, 10.0, "m", "")
+    reset = untyped_event(float(found.time[250]), Code.RESET, 20.0, 10.0, "m", "")
     (change,) = resets_of(replace(run, innovations=replace(found, used_position=used), events=(reset,)))
     assert change.time == found.time[240]
     np.testing.assert_allclose(offset((change,), found.time[[239, 240]])[1], found.innovation[250, :3])

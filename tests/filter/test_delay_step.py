@@ -12,9 +12,10 @@ from insnav.earth import ned_offset
 from insnav.filter.delay_step import moved, with_one_delay
 from insnav.filter.navigate import navigate_prepared
 from insnav.filter.prepare import prepare
+from insnav.findings import Code
 from insnav.imu import load_imu
 from insnav.input import read_gps, read_imu
-from insnav.types import DelayStep, EventKind
+from insnav.types import DelayStep
 from tests.filter.test_changes import ratios
 from tests.filter.test_whole_record import AT, SETTINGS, recording, told
 from tests.shared import recorded
@@ -42,7 +43,7 @@ def test_fixes_that_begin_to_lag_are_moved(seed, seconds):
     done = navigated(seed, wrong)
     ratio = ratios(done, recording(seed).reference)
     assert np.mean(ratio < 3.0) > 0.99
-    (event,) = (event for event in done.run.events if event.kind is EventKind.CONTRADICTION)
+    (event,) = (event for event in done.run.events if event.kind is Code.CONTRADICTION)
     assert event.value == pytest.approx(abs(seconds), abs=0.05)
     assert event.time == pytest.approx(begin, abs=3.0)
     assert ("later" if seconds > 0.0 else "earlier") in event.action
@@ -60,7 +61,7 @@ def test_a_small_step_is_no_drift_of_the_clock():
     """The line through a step of 0.1 s fits better than no drift: 340 ppm, delay and heading wrong without a word."""
     drive = insnav.simulate("city", imu="consumer", gps="dgps", seed=47, faults=["gps-latency:0.1s@240s"])
     run = drive.navigate().found.run
-    (event,) = (event for event in run.events if event.kind is EventKind.CONTRADICTION)
+    (event,) = (event for event in run.events if event.kind is Code.CONTRADICTION)
     assert event.value == pytest.approx(0.1, abs=0.03)
     smoothed, truth = run.smoothed.solution, drive.reference.data
     off = ned_offset(smoothed.lla, np.column_stack([np.interp(smoothed.time, truth.time, x) for x in truth.lla.T]))

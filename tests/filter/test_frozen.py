@@ -14,11 +14,12 @@ from insnav.filter import FilterSettings
 from insnav.filter.frozen import without_frozen
 from insnav.filter.navigate import navigate_recording
 from insnav.filter.prepare import DELAY_SD
+from insnav.findings import Code
 from insnav.imu import load_imu
 from insnav.simulate.gps_file import load_gps
 from insnav.simulate.motion import load_profile
 from insnav.simulate.recording import MOTION_STREAM, simulate_recording
-from insnav.types import EventKind, GpsData, ImuData
+from insnav.types import GpsData, ImuData
 from tests.filter import drives
 
 AT_REST = ImuData(np.arange(0.0, 120.0, 0.1), np.zeros((1200, 3)), np.tile([0.0, 0.0, -9.8], (1200, 1)))
@@ -37,7 +38,7 @@ def test_a_short_freeze_is_one_where_positions_are_written_finer_and_velocities_
     lla[40 : 40 + rows], v_n[42] = lla[40], np.nan
     gps = GpsData(time, lla, v_n, np.ones((120, 3)), np.ones((120, 3)))
     found, said = without_frozen(gps, AT_REST)
-    assert [event.kind for event in said] == [EventKind.GPS_FROZEN] * named
+    assert [event.kind for event in said] == [Code.GPS_FROZEN] * named
     assert np.flatnonzero(found.position_sd[:, 0] > 1.0).tolist() == [41, 42, 43, 44, 45] * named
 
 
@@ -80,7 +81,7 @@ def test_fixes_that_are_repeated_whole_are_none(velocities):
     assert done.run.smoothed is not None
     errors = position_errors(done.run.smoothed.solution, made.reference)
     assert np.hypot(*errors.position[:, :2].T).max() < 15.0
-    (said,) = [event for event in done.run.events if event.kind is EventKind.GPS_FROZEN]
+    (said,) = [event for event in done.run.events if event.kind is Code.GPS_FROZEN]
     assert ("the velocities go" if velocities else "the IMU moves") in said.action
     assert not failure(done.run)
 
@@ -98,7 +99,7 @@ def test_velocities_that_stay_the_same_in_motion_are_none(since, value):
     assert done.run.smoothed is not None
     errors = position_errors(done.run.smoothed.solution, made.reference)
     assert np.hypot(*errors.position[:, :2].T).max() < 6.0
-    (said,) = [event for event in done.run.events if event.kind is EventKind.GPS_FROZEN]
+    (said,) = [event for event in done.run.events if event.kind is Code.GPS_FROZEN]
     assert "velocities of the fixes are the same" in said.action
 
 
@@ -131,7 +132,7 @@ def test_fixes_that_go_straight_on_in_a_tunnel_are_none():
     assert done.run.smoothed is not None
     errors = position_errors(done.run.smoothed.solution, made.reference)
     assert np.hypot(*errors.position[:, :2].T).max() < 6.0
-    (said,) = [event for event in done.run.events if event.kind is EventKind.GPS_FROZEN]
+    (said,) = [event for event in done.run.events if event.kind is Code.GPS_FROZEN]
     assert "go straight on" in said.action
     assert said.value == pytest.approx(40.0)
 
@@ -148,7 +149,7 @@ def test_fixes_with_noise_of_their_own_on_a_straight_way_are_used(scatter, strai
     lla = lla_offset(np.tile([0.8, 0.2, 100.0], (120, 1)), way + noise)
     gps = GpsData(time, lla, v_n, np.ones((120, 3)), np.ones((120, 3)))
     found, said = without_frozen(gps, AT_REST)
-    assert [event.kind for event in said] == [EventKind.GPS_FROZEN] * named
+    assert [event.kind for event in said] == [Code.GPS_FROZEN] * named
     assert np.flatnonzero(found.position_sd[:, 0] > 1.0).tolist() == list(range(41, 50)) * named
     assert np.isnan(found.v_n[41:50]).all() == named
 

@@ -10,8 +10,9 @@ import pytest
 from insnav.earth import lla_offset, ned_offset
 from insnav.filter import Gates
 from insnav.filter.gates import aside
+from insnav.findings import Code
 from insnav.simulate import reference
-from insnav.types import EventKind, GpsData, Run
+from insnav.types import GpsData, Run
 from tests.filter import drives
 
 SPIKED = 100  # the fix that is tampered with: 101 s into the drive, moving
@@ -34,7 +35,7 @@ def untouched(recorded) -> Run:
     return run_with(recorded)
 
 
-def kinds(run: Run) -> list[EventKind]:
+def kinds(run: Run) -> list[Code]:
     return [event.kind for event in run.events]
 
 
@@ -62,7 +63,7 @@ def test_nothing_is_rejected_from_an_honest_drive(untouched):
 @pytest.mark.parametrize("size", [10.0, 100.0, 1e4, 1e5])
 def test_a_single_spike_is_rejected_and_only_it(recorded, untouched, size):
     run = run_with(recorded, lambda gps: moved(gps, [SPIKED], [size, 0.0, 0.0]))
-    expected = EventKind.GATE_PHYSICAL_POSITION if size > 400.0 else EventKind.GATE_POSITION
+    expected = Code.GATE_PHYSICAL_POSITION if size > 400.0 else Code.GATE_POSITION
     assert kinds(run) == [expected]
     (event,) = run.events
     assert event.time == pytest.approx(recorded[1].time[SPIKED])
@@ -77,7 +78,7 @@ def test_a_single_spike_is_rejected_and_only_it(recorded, untouched, size):
 def test_a_row_of_spikes_is_rejected_whole(recorded, untouched):
     rows = np.arange(SPIKED, SPIKED + 8)
     run = run_with(recorded, lambda gps: moved(gps, rows, [0.0, 60.0, 0.0]))
-    assert kinds(run) == [EventKind.GATE_POSITION] * 8
+    assert kinds(run) == [Code.GATE_POSITION] * 8
     assert np.flatnonzero(~run.innovations.used_position).tolist() == rows.tolist()
     assert apart(run, untouched).max() <= 3.0
 
@@ -85,13 +86,13 @@ def test_a_row_of_spikes_is_rejected_whole(recorded, untouched):
 def test_a_permanent_jump_leads_to_one_reset(recorded):
     offset = [300.0, -400.0, 0.0]
     run = run_with(recorded, lambda gps: moved(gps, slice(SPIKED, None), offset))
-    resets = [event for event in run.events if event.kind == EventKind.RESET]
+    resets = [event for event in run.events if event.kind == Code.RESET]
     assert len(resets) == 1
     waited = resets[0].time - recorded[1].time[SPIKED]
     assert 10.0 <= waited <= 12.0
     assert resets[0].value == pytest.approx(500.0, abs=5.0)
     before = [event.kind for event in run.events if event.time <= resets[0].time]
-    assert set(before) <= {EventKind.GATE_PHYSICAL_POSITION, EventKind.GATE_POSITION, EventKind.RESET}
+    assert set(before) <= {Code.GATE_PHYSICAL_POSITION, Code.GATE_POSITION, Code.RESET}
     # afterwards it believes the fixes again
     later = run.innovations.time > resets[0].time
     assert run.innovations.used_position[later].mean() > 0.97
@@ -120,9 +121,7 @@ def test_rejections_do_not_widen_the_covariance(recorded):
     np.testing.assert_allclose(rejected.epochs.covariance[-1], absent.epochs.covariance[-1], rtol=1e-2, atol=1e-8)
 
 
-@pytest.mark.parametrize(
-    ("size", "kind"), [(24.0, EventKind.GATE_VELOCITY), (1000.0, EventKind.GATE_PHYSICAL_VELOCITY)]
-)
+@pytest.mark.parametrize(("size", "kind"), [(24.0, Code.GATE_VELOCITY), (1000.0, Code.GATE_PHYSICAL_VELOCITY)])
 def test_a_false_velocity_is_rejected_and_its_position_used(recorded, untouched, size, kind):
     def change(gps):
         v = gps.v_n.copy()
@@ -143,7 +142,7 @@ def test_a_small_innovation_is_weighted_down_not_rejected(recorded):
 
     run = run_with(recorded, change)
     at = [event.kind for event in run.events if event.time == pytest.approx(recorded[1].time[SPIKED])]
-    assert at == [EventKind.DEWEIGHTED_POSITION]
+    assert at == [Code.DEWEIGHTED_POSITION]
     assert run.innovations.used_position[SPIKED]
 
 
@@ -154,7 +153,7 @@ def test_a_fix_of_type_none_is_not_used_at_all(recorded):
         return replace(gps, fix=fix)
 
     run = run_with(recorded, change)
-    assert set(kinds(run)) == {EventKind.GATE_QUALITY}
+    assert set(kinds(run)) == {Code.GATE_QUALITY}
     assert [event.time for event in run.events] == pytest.approx([recorded[1].time[SPIKED]] * len(run.events))
     assert not run.innovations.used_position[SPIKED]
     assert not run.innovations.used_velocity[SPIKED]
@@ -167,7 +166,7 @@ def test_a_fix_that_admits_to_be_poor_is_not_used(recorded):
         return replace(gps, position_sd=sd)
 
     run = run_with(recorded, change)
-    assert kinds(run) == [EventKind.GATE_QUALITY]
+    assert kinds(run) == [Code.GATE_QUALITY]
     assert (run.events[0].value, run.events[0].limit) == (300.0, 100.0)
     assert run.innovations.used_velocity[SPIKED]
 
@@ -216,7 +215,7 @@ def test_fixes_that_gates_de_weight_are_a_divergence_where_they_are_the_rule(rec
     sure = replace(perfect, position_sd=np.full_like(perfect.position_sd, 0.01))
     off = (0.1 if diverged else 0.2) * rng.choice([-1.0, 1.0], (len(sure.time[rows]), 3))
     run = run_with(recorded, lambda _: moved(sure, rows, off), smooth=False)
-    assert (EventKind.DIVERGED in kinds(run)) is diverged
+    assert (Code.DIVERGED in kinds(run)) is diverged
 
 
 def turning(time: np.ndarray, rate: float) -> GpsData:

@@ -15,9 +15,10 @@ from insnav.filter import gyro_fault
 from insnav.filter.gyro_fault import Episode
 from insnav.filter.innovation_likelihood import LATER
 from insnav.filter.noise_identification import known_likelihood
+from insnav.findings import Code
 from insnav.input import read_gps, read_imu
 from insnav.tabular import runs_of
-from insnav.types import EventKind, ImuData
+from insnav.types import ImuData
 from insnav.units import DEG
 from tests.filter.drives import without_velocities
 from tests.shared import recorded
@@ -79,7 +80,7 @@ def test_gyros_do_not_stand_for_fixes_that_begin_to_lag():
     late = gps.time + 1.0 * (gps.time > begin)
     gps = replace(gps, time=late).rows(np.diff(late, prepend=-np.inf) > 0.0)
     run = insnav.load(drive.imu.data, gps).navigate().found.run
-    (said,) = (event for event in run.events if event.kind is EventKind.CONTRADICTION)
+    (said,) = (event for event in run.events if event.kind is Code.CONTRADICTION)
     assert "later than the others" in said.action
     assert said.value == pytest.approx(1.0, abs=0.2)
 
@@ -120,7 +121,7 @@ def test_a_gyro_by_which_the_filter_is_lost_is_named(motion, imu, gps, seed, axi
     drive = insnav.simulate(motion, imu=imu, gps=gps, seed=seed)
     begin += drive.imu.data.time[0]
     run = insnav.load(off(drive.imu.data, axis, rate * DEG, begin, length), drive.gps.data).navigate().found.run
-    (said,) = (event for event in run.events if event.kind is EventKind.CONTRADICTION)
+    (said,) = (event for event in run.events if event.kind is Code.CONTRADICTION)
     assert f"gyro {'xyz'[axis]} is off by {np.sign(rate) * said.value:+.2g} deg/s" in said.action
     assert said.value == pytest.approx(abs(rate), rel=0.05)
     assert said.time == pytest.approx(begin, abs=2.0)
@@ -134,7 +135,7 @@ def test_a_weak_one_that_the_noise_found_with_it_holds_is_named():
     drive = insnav.simulate("round_trip", imu="automotive", gps="single", seed=9168)
     begin = drive.imu.data.time[0] + 70.0
     run = insnav.load(off(drive.imu.data, 2, 0.7 * DEG, begin, 30.0), drive.gps.data).navigate().found.run
-    (said,) = (event for event in run.events if event.kind is EventKind.CONTRADICTION)
+    (said,) = (event for event in run.events if event.kind is Code.CONTRADICTION)
     assert "gyro z is off by +" in said.action
     assert said.value == pytest.approx(0.7, rel=0.15)
     assert said.time == pytest.approx(begin, abs=3.0)

@@ -16,9 +16,10 @@ from insnav.filter.navigate import Navigated, navigate_prepared, navigate_record
 from insnav.filter.parts import Across
 from insnav.filter.prepare import Prepared, Start, prepare
 from insnav.filter.state_layout import first_state
+from insnav.findings import Code
 from insnav.kernels.dynamics import NAV
 from insnav.simulate import reference
-from insnav.types import Alignment, EventKind, GpsData, ImuData
+from insnav.types import Alignment, GpsData, ImuData
 from insnav.units import DEG
 from tests.filter import drives
 
@@ -62,7 +63,7 @@ def test_every_part_is_as_good_as_it_says(gaps):
             after = solution.time > START + gaps[-1][1] + 30.0
             assert np.hypot(error[after, 0], error[after, 1]).max() < 3.0
             assert np.abs(error[after, 8]).max() < 4.0 * DEG
-        assert EventKind.RESET not in {event.kind for event in run.events}
+        assert Code.RESET not in {event.kind for event in run.events}
     shares = np.mean(np.concatenate(inside), axis=0)
     print(np.round(shares, 4))
     assert shares.min() > 0.98
@@ -75,7 +76,7 @@ def test_parts_are_listed_and_what_was_assumed():
     assert "heading: " in told[1]
     assert "is not navigated: it is 4.0 s long" in told[2]
     assert "3 gaps of more than 3 s, the longest 50.0 s" in next(note for note in found.notes if "gaps" in note)
-    assert len([event for event in found.run.events if event.kind is EventKind.PART]) == 4
+    assert len([event for event in found.run.events if event.kind is Code.PART]) == 4
     fixes = found.run.innovations.time - START
     assert not np.any((fixes > 150.1) & (fixes < 210.0))
 

@@ -15,9 +15,10 @@ from insnav.filter import FilterSettings, Navigator
 from insnav.filter.engine import Engine
 from insnav.filter.navigate import navigate_recording
 from insnav.filter.prepare import Start
+from insnav.findings import Code
 from insnav.kernels.gps_measurement import antenna
 from insnav.simulate import Truth, gps_from_truth, imu_from_truth, reference
-from insnav.types import EventKind, GpsData, Run
+from insnav.types import GpsData, Run
 from insnav.units import DEG, DEG_PER_H
 from tests.filter import drives
 from tests.filter import test_gates as gates
@@ -27,7 +28,7 @@ from tests.simulate.motions import Segment, drive
 
 recorded, untouched = gates.recorded, gates.untouched  # fixtures
 
-RESET = EventKind.RESET
+RESET = Code.RESET
 
 
 def only(gps: GpsData, keep: np.ndarray) -> GpsData:
@@ -44,7 +45,7 @@ def test_a_fix_that_admits_to_be_poor_does_not_lend_its_velocity(recorded, untou
         return replace(gps, v_n=v, position_sd=sd)
 
     run = run_with(recorded, change)
-    assert kinds(run) == [EventKind.GATE_QUALITY, EventKind.GATE_PHYSICAL_VELOCITY]
+    assert kinds(run) == [Code.GATE_QUALITY, Code.GATE_PHYSICAL_VELOCITY]
     assert apart(run, untouched).max() <= 0.5
 
 
@@ -58,7 +59,7 @@ def test_a_receiver_without_a_fix_never_resets(recorded):
         return replace(gps, fix=fix, lla=lla)
 
     run = run_with(recorded, frozen)
-    assert kinds(run) == [EventKind.GATE_QUALITY] * 30
+    assert kinds(run) == [Code.GATE_QUALITY] * 30
     absent = run_with(recorded, lambda gps: only(gps, ~np.isin(np.arange(gps.time.size), np.r_[tunnel])))
     assert apart(run, absent).max() <= 0.01
 
@@ -70,7 +71,7 @@ def test_two_spikes_with_a_gap_between_are_no_row(recorded):
         return only(gps, ~np.isin(np.arange(gps.time.size), np.arange(SPIKED + 1, SPIKED + 20)))
 
     run = run_with(recorded, change)
-    assert kinds(run) == [EventKind.GATE_POSITION] * 2
+    assert kinds(run) == [Code.GATE_POSITION] * 2
 
 
 @pytest.mark.parametrize("gap", [False, True])

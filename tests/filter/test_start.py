@@ -20,12 +20,13 @@ from insnav.filter import FilterSettings, initial_state
 from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.navigate import navigate_recording
 from insnav.filter.prepare import DELAY_SD, Start, prepare
+from insnav.findings import Code
 from insnav.report.run.warnings import run_warnings
 from insnav.result import Result
 from insnav.session.simulation import plan_of, profiled
 from insnav.simulate import GpsErrors, Truth, corrupt_gps, reference
 from insnav.simulate.gps_file import load_gps
-from insnav.types import EventKind, GpsData, ImuData, Run
+from insnav.types import GpsData, ImuData, Run
 from insnav.units import DEG
 from tests.filter import drives
 from tests.filter.drives import without_velocities
@@ -94,7 +95,7 @@ def test_a_clock_offset_is_found_from_a_start_in_motion(velocity):
         assert run.alignment.static is None
         ratios.append((run.gps_delay - 0.05) / run.gps_delay_sd)
         assert run.gps_delay_sd < 0.01
-        assert EventKind.RESET not in [event.kind for event in run.events]
+        assert Code.RESET not in [event.kind for event in run.events]
     print("clock offset, error / sd:", np.round(ratios, 1))
     assert np.abs(ratios).max() < 3.0
 
@@ -294,7 +295,7 @@ def test_a_steady_departure_that_positions_do_not_see_is_no_rest(tmp_path, by):
     leaves = float(measured.imu.time[0]) + 900.0
     print(f"at rest until {found.run.alignment.left - leaves:+.2f} s of departure")
     assert -10.0 < found.run.alignment.left - leaves < 1.0
-    assert not [event for event in found.run.events if event.kind is EventKind.CONTRADICTION]
+    assert not [event for event in found.run.events if event.kind is Code.CONTRADICTION]
     truth = plan.truth.evaluate(found.run.smoothed.solution.time)
     off = np.abs(wrap_pi(found.run.smoothed.solution.rph - truth.rph))
     assert np.mean(off < 3.0 * found.run.smoothed.solution.sd[:, 6:]) > 0.97

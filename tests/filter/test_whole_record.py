@@ -17,13 +17,14 @@ from insnav.filter.measurements.non_holonomic import NonHolonomic
 from insnav.filter.navigate import Navigated, feed, navigate_recording
 from insnav.filter.prepare import DELAY_SD, prepare
 from insnav.filter.whole_record import UNLIKE, of_moments, residuals, without_ends
+from insnav.findings import Code
 from insnav.imu import load_imu
 from insnav.simulate import gps_from_truth
 from insnav.simulate.faults import gps_jump, gps_spike
 from insnav.simulate.gps_file import load_gps
 from insnav.simulate.motion import load_profile
 from insnav.simulate.recording import MOTION_STREAM, Recording, simulate_recording
-from insnav.types import EventKind, FloatArray, GpsData
+from insnav.types import FloatArray, GpsData
 
 SETTINGS = FilterSettings(delay_sd=DELAY_SD)
 AT = 200.0  # begin of the faults, after the first sample [s]
@@ -72,13 +73,13 @@ def frozen(gps: GpsData, length: float) -> GpsData:
 
 
 def told(done: Navigated) -> list[str]:
-    kinds = EventKind.CONTRADICTION, EventKind.GPS_FROZEN
+    kinds = Code.CONTRADICTION, Code.GPS_FROZEN
     return [event.action for event in done.run.events if event.kind in kinds]
 
 
 def false(done: Navigated) -> list[float]:
     """Times of positions left out; each event tells how far the filter was from it."""
-    events = [event for event in done.run.events if event.kind is EventKind.GATE_RECORD_POSITION]
+    events = [event for event in done.run.events if event.kind is Code.GATE_RECORD_POSITION]
     found = done.run.innovations
     rows = np.searchsorted(found.time, [event.time for event in events])
     off = np.linalg.norm(found.innovation[rows, :3], axis=1)
@@ -99,7 +100,7 @@ def test_a_row_of_shifted_fixes_is_left_out(seed, metres):
     done = navigated(seed, gps_jump(gps, metres, span(gps, 30.0)))
     assert horizontal(seed, done).max() < 5.0
     assert len(false(done)) == 30
-    assert not any(event.kind is EventKind.RESET for event in done.run.events)
+    assert not any(event.kind is Code.RESET for event in done.run.events)
     assert any("30 position fixes contradict the whole record" in text for text in told(done))
 
 

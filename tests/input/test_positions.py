@@ -5,8 +5,8 @@ import pytest
 
 import insnav
 from insnav.exceptions import InputError
+from insnav.findings import Code
 from insnav.input import read_gps, read_reference
-from insnav.types import EventKind
 from tests.input.files import GPS_HEADER, IMU_HEADER, fixes, rolling, write
 
 ROWS = fixes()
@@ -148,9 +148,9 @@ def test_fixes_without_a_position_are_skipped(tmp_path):
     rows[20, 1:4] = 0.0
     reading = _gps(tmp_path, rows)
     assert [(e.kind, e.value) for e in reading.events] == [
-        (EventKind.GPS_NAN, 2.0),
-        (EventKind.GPS_NAN, 1.0),
-        (EventKind.GPS_NAN, 1.0),
+        (Code.GPS_NAN, 2.0),
+        (Code.GPS_NAN, 1.0),
+        (Code.GPS_NAN, 1.0),
     ]
     assert reading.facts.n_used == 26
 

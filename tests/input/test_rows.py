@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from insnav.exceptions import InputError
+from insnav.findings import Code
 from insnav.input import read_gps, read_imu
-from insnav.types import EventKind
 from tests.input.files import GPS_HEADER, IMU_HEADER, as_text, fixes, rolling, write
 
 ROWS = rolling(1000)
@@ -33,7 +33,7 @@ def test_rows_without_finite_numbers_are_left_out_run_by_run(tmp_path, value):
     rows[100, 2] = rows[101, 6] = rows[500, 1] = rows[999, 4] = value
     reading = _read(tmp_path, rows)
     _same(reading, np.delete(ROWS, [100, 101, 500, 999], axis=0))
-    assert _kinds(reading) == [EventKind.IMU_NAN] * 3
+    assert _kinds(reading) == [Code.IMU_NAN] * 3
     assert [event.value for event in reading.events] == [2.0, 1.0, 1.0]
     assert reading.events[0].time == pytest.approx(ROWS[100, 0])
     assert (reading.facts.n_rows, reading.facts.n_used) == (1000, 996)
@@ -59,7 +59,7 @@ def test_a_few_late_rows_are_sorted(tmp_path):
     rows[[200, 203]] = rows[[203, 200]]
     reading = _read(tmp_path, rows)
     _same(reading, ROWS)
-    assert _kinds(reading) == [EventKind.IMU_UNSORTED]
+    assert _kinds(reading) == [Code.IMU_UNSORTED]
     assert reading.events[0].value == 3.0  # rows 201, 202 and 200 come after a later one
 
 
@@ -108,7 +108,7 @@ def test_equal_rows_are_dropped_and_counted(tmp_path):
     rows = np.insert(ROWS, [50, 50, 700], ROWS[[49, 49, 699]], axis=0)
     reading = _read(tmp_path, rows)
     _same(reading, ROWS)
-    assert _kinds(reading) == [EventKind.IMU_DUPLICATE]
+    assert _kinds(reading) == [Code.IMU_DUPLICATE]
     assert reading.events[0].value == 3.0
     assert "identical" in reading.events[0].action
 
@@ -136,7 +136,7 @@ def test_gaps_are_events_when_longer_than_five_samples(tmp_path, missing, event)
     _same(reading, rows)
     assert reading.facts.n_gaps == event
     if event:
-        assert _kinds(reading) == [EventKind.IMU_GAP]
+        assert _kinds(reading) == [Code.IMU_GAP]
         assert reading.events[0].value == pytest.approx((missing + 1) / 100.0)
         assert reading.events[0].time == pytest.approx(ROWS[299, 0])
         assert reading.facts.longest_gap_s == pytest.approx((missing + 1) / 100.0)
@@ -216,7 +216,7 @@ def test_rows_of_a_gps_file_are_cleaned_alike(tmp_path):
     path = tmp_path / "gps.csv"
     path.write_text(text[:-30])
     reading = read_gps(path)
-    expected = [EventKind.GPS_UNSORTED, EventKind.GPS_NAN, EventKind.GPS_GAP, EventKind.GPS_CUT_ROW]
+    expected = [Code.GPS_UNSORTED, Code.GPS_NAN, Code.GPS_GAP, Code.GPS_CUT_ROW]
     assert _kinds(reading) == expected
     assert reading.facts.n_used == 48
 

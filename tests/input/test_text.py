@@ -10,10 +10,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from insnav.exceptions import InputError
+from insnav.findings import Code
 from insnav.input import read_imu
 from insnav.input.formats import delimited_text
 from insnav.input.formats.text_dialect import Dialect
-from insnav.types import EventKind
 from tests.input.files import IMU_HEADER, as_text, rolling, write
 
 ROWS = rolling(400)
@@ -143,7 +143,7 @@ CUT = {
 def test_a_cut_last_row_is_left_out_and_said(tmp_path, content):
     reading = _read(tmp_path / "imu.csv", content)
     _same(reading, ROWS[:-1])
-    assert [event.kind for event in reading.events] == [EventKind.IMU_CUT_ROW]
+    assert [event.kind for event in reading.events] == [Code.IMU_CUT_ROW]
     assert reading.facts.n_rows == 400
     assert reading.facts.n_used == 399
 

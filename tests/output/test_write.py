@@ -11,10 +11,11 @@ import pyarrow.parquet
 import pytest
 
 from insnav.exceptions import InputError
+from insnav.findings import Code, untyped_event
 from insnav.output.kml import KML_POINTS, write_kml
 from insnav.output.solution_tables import read_solution, write_events, write_run_table
 from insnav.plain_text import cell_text, plain_text
-from insnav.types import Event, EventKind, Innovations, SensorErrors, Trajectory
+from insnav.types import Innovations, SensorErrors, Trajectory
 
 SOLUTION = [
     *("time_s", "lat_deg", "lon_deg", "height_m", "vn_m_s", "ve_m_s", "vd_m_s"),
@@ -162,7 +163,7 @@ HOSTILE = [
 
 @pytest.mark.parametrize("text", HOSTILE)
 def test_no_text_cell_begins_like_a_formula(tmp_path, text):
-    event = Event(1.0, EventKind.GATE_POSITION, 2.0, float("nan"), text, text, text)
+    event = untyped_event(1.0, Code.GATE_POSITION, 2.0, float("nan"), text, text, text)
     header, rows = cells(write_events(tmp_path, [event]))
     assert header == ["time_s", "kind", "value", "limit", "unit", "action", "hint"]
     for cell in rows[0][4:]:
@@ -173,7 +174,7 @@ def test_no_text_cell_begins_like_a_formula(tmp_path, text):
 
 def test_events_may_be_absent_and_may_hold_any_punctuation(tmp_path):
     assert cells(write_events(tmp_path, []))[1] == []
-    event = Event(1.5, EventKind.RESET, -3.25, 1.0, "-", 'said "no", then; left\nat once', "5 > 3")
+    event = untyped_event(1.5, Code.RESET, -3.25, 1.0, "-", 'said "no", then; left\nat once', "5 > 3")
     assert cells(write_events(tmp_path, [event]))[1] == [
         ["1.5", "filter.reset", "-3.25", "1", "", 'said "no", then; left at once', "5 > 3"]
     ]

@@ -8,9 +8,10 @@ import pytest
 from insnav.earth import lla_offset, ned_offset
 from insnav.errors.metrics import position_errors
 from insnav.filter.navigate import Navigated
+from insnav.findings import Code
 from insnav.imu import ImuSpec
 from insnav.input import read_reference
-from insnav.types import EventKind, FloatArray, GpsData, ImuData, Trajectory
+from insnav.types import FloatArray, GpsData, ImuData, Trajectory
 from tests.recorded.recording import imu_model, navigated, recording, rms
 from tests.shared import recorded
 
@@ -46,7 +47,7 @@ def test_false_doppler_velocities_are_rejected_by_name(done: Navigated, data: tu
     error = velocity_error(gps)
     error[gps.time < imu.time[0]] = np.nan
     false, true = gps.time[error > FALSE_VELOCITY], gps.time[error < 0.5]
-    named = np.array([e.time for e in done.run.events if e.kind is EventKind.GATE_VELOCITY])
+    named = np.array([e.time for e in done.run.events if e.kind is Code.GATE_VELOCITY])
     offered = done.run.innovations
     refused = offered.time[~offered.used_velocity & np.isfinite(offered.nis_velocity)]
     caught, spared = np.isin(false, named), ~np.isin(true, named)

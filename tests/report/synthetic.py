@@ -6,17 +6,8 @@ import numpy as np
 
 from insnav.attitude import quat_from_rph
 from insnav.earth import lla_offset
-from insnav.types import (
-    Alignment,
-    Epochs,
-    Event,
-    EventKind,
-    GpsData,
-    Innovations,
-    Run,
-    SensorErrors,
-    Trajectory,
-)
+from insnav.findings import Code, untyped_event
+from insnav.types import Alignment, Epochs, GpsData, Innovations, Run, SensorErrors, Trajectory
 from insnav.units import DEG, DEG_PER_H, G0
 
 ORIGIN = np.array([45.0 * DEG, 7.6 * DEG, 240.0])
@@ -90,7 +81,7 @@ def drive(
     v_n = true.v_n[rows] + rng.normal(size=(m, 3)) * 0.1 if velocity else np.full((m, 3), np.nan)
     gps = GpsData(t[rows], lla_offset(true.lla[rows], noise), v_n, np.full((m, 3), 1.5), np.full((m, 3), 0.1))
     events = tuple(
-        Event(time, EventKind.GATE_POSITION, float(value), 21.1, "-", "rejected", "multipath?")
+        untyped_event(time, Code.GATE_POSITION, float(value), 21.1, "-", "rejected", "multipath?")
         for time, value in zip(t[rows][~used_p].tolist(), nis[~used_p, :3].sum(axis=1), strict=True)
     )
     alignment = Alignment(

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from insnav.findings import Code, Finding, untyped_event
 from insnav.report.run.warnings import failure
-from insnav.types import Event, EventKind
 from tests.faults.conftest import healthy
 
 
-def reset(time: float) -> Event:
-    return Event(time, EventKind.RESET, 100.0, 10.0, "m", "reset")
+def reset(time: float) -> Finding:
+    return untyped_event(time, Code.RESET, 100.0, 10.0, "m", "reset")
 
 
 @pytest.mark.parametrize(
@@ -34,7 +34,7 @@ def test_positions_that_all_others_contradict_are_a_failure_if_they_are_the_most
     """A run that used no fix for seven of its eight minutes had no warning and rc 0."""
     run = healthy(0).run
     used = np.arange(len(run.innovations.time)) >= 0.6 * len(run.innovations.time)
-    event = Event(10.0, EventKind.GATE_RECORD_POSITION, 1e6, np.nan, "m", "not used")
+    event = untyped_event(10.0, Code.GATE_RECORD_POSITION, 1e6, np.nan, "m", "not used")
     run = replace(run, innovations=replace(run.innovations, used_position=used), events=(event,))
     assert failure(run) == "the IMU and the others contradict 60 % of the positions"
 

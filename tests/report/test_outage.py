@@ -11,12 +11,12 @@ import pytest
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.outage.gnss_outage import OutageStudy
 from insnav.errors.outage.statistics import outage_growth
+from insnav.findings import Code, untyped_event
 from insnav.report.numbers import number
 from insnav.report.page import Page, section_tables
 from insnav.report.run_json import page_facts
 from insnav.report.terminal import table_text
 from insnav.result import Result, open_result
-from insnav.types import Event, EventKind
 from tests.errors.outage.test_statistics import outage_windows
 
 
@@ -104,8 +104,8 @@ def test_smoothed_errors_larger_than_stated_are_no_green_light():
 def test_what_a_run_warns_of_is_said(tmp_path: Path, bare):
     error = np.random.default_rng(1).standard_normal((60, 6)) * 3.0
     windows = outage_windows(error, 3.0, 0.1, 60)
-    gyro = Event(3.0, EventKind.CONTRADICTION, 1.0, 1.0, "-", "gyro z is off by +1.9 deg/s")
-    lost = Event(9.0, EventKind.IMU_CUT_ROW, 1.0, 1.0, "-", "the last row was left out")
+    gyro = untyped_event(3.0, Code.CONTRADICTION, 1.0, 1.0, "-", "gyro z is off by +1.9 deg/s")
+    lost = untyped_event(9.0, Code.IMU_CUT_ROW, 1.0, 1.0, "-", "the last row was left out")
     run = EvaluatedRun(replace(bare, events=(gyro,), gps_delay=0.34, gps_delay_sd=0.01))
     study = OutageStudy(tuple(windows), tuple(outage_growth(windows)), "the truth", run)
     made = Result("outage", study, events=(gyro, lost))

@@ -11,10 +11,10 @@ import pytest
 
 from insnav.errors.evaluated_run import EvaluatedRun, outages
 from insnav.errors.metrics import position_errors
+from insnav.findings import Code, untyped_event
 from insnav.report.run.verdict import run_line
 from insnav.report.run_json import json_ready
 from insnav.result import Result
-from insnav.types import Event, EventKind
 from tests.report.conftest import facts_of
 
 
@@ -68,7 +68,7 @@ def test_a_fix_that_was_deweighted_counts_with_the_covariance_that_it_was_used_w
     run, _, true = driven
     fixes, row, limit = run.innovations, int(np.flatnonzero(run.innovations.used_position)[5]), 21.1
     nis = np.where(np.arange(fixes.time.size) == row, 500.0, fixes.nis_position)
-    event = Event(fixes.time[row], EventKind.DEWEIGHTED_POSITION, 500.0, limit, "NIS (3 dof)", "de-weighted")
+    event = untyped_event(fixes.time[row], Code.DEWEIGHTED_POSITION, 500.0, limit, "NIS (3 dof)", "de-weighted")
     changed = replace(run, innovations=replace(fixes, nis_position=nis), events=(*run.events, event))
     found, before = (each["fixes"] for each in (facts_of(changed, position_errors(run.solution, true)), facts))
     # its covariance times 500 / limit: that by which its squared innovation is the limit
@@ -128,7 +128,7 @@ def test_a_time_with_fixes_that_were_rejected_is_no_outage(driven):
 def test_everything_a_configuration_may_hold_becomes_json():
     value = {
         "path": Path("a/b"),
-        "kind": EventKind.RESET,
+        "kind": Code.RESET,
         "array": np.array([[1.0, np.nan], [np.inf, 2.0]]),
         "scalar": np.float64(np.nan),
         "flag": np.bool_(True),

@@ -8,10 +8,10 @@ from html.parser import HTMLParser
 
 import pytest
 
+from insnav.findings import untyped_event
 from insnav.plain_text import plain_text
 from insnav.report.html import page_html
 from insnav.report.page import Section
-from insnav.types import Event
 from tests.report.conftest import result_of
 
 HOSTILE = [
@@ -109,7 +109,7 @@ def test_a_hostile_name_anywhere_adds_no_element(navigated, tmp_path, name):
 
 def planted(result, name):
     imu = replace(result.inputs["imu"], path=name, columns={name: name}, evidence=(name,))
-    run = replace(result.found.run, events=(Event(1.0, name, 1.0, 1.0, "m", ""),))
+    run = replace(result.found.run, events=(untyped_event(1.0, name, 1.0, 1.0, "m", ""),))
     return replace(
         result,
         found=replace(result.found, run=run),

@@ -11,6 +11,7 @@ import pytest
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import position_errors
 from insnav.filter.noise_estimate import NoiseFigure
+from insnav.findings import Code, untyped_event
 from insnav.plain_text import moment
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.numbers import number
@@ -20,7 +21,6 @@ from insnav.report.run.warnings import run_assumptions, run_warnings
 from insnav.report.series import Clock
 from insnav.report.terminal import WIDTH
 from insnav.sample_statistics import rms
-from insnav.types import Event, EventKind
 from tests.report.conftest import result_of
 
 LINES = 20  # of title 2, verdict 2, table 7, warnings and assumptions; the command adds the files
@@ -57,7 +57,7 @@ def test_times_in_a_text_stand_on_the_axis_of_the_plots_and_lengths_as_they_are(
 def test_warnings_count_from_the_start_of_the_run(driven):
     run, gps, _ = driven
     later = replace(run, solution=replace(run.solution, time=run.solution.time + 1000.0))
-    lost = Event(1012.0, EventKind.IMU_STUCK, 3.0, np.nan, "s", "gyro x stuck: left out")
+    lost = untyped_event(1012.0, Code.IMU_STUCK, 3.0, np.nan, "s", "gyro x stuck: left out")
     (said,) = [text for text in run_warnings(EvaluatedRun(replace(later, events=(lost,)), gps)) if "stuck" in text]
     assert "first at 12.0 s" in said
     assert said.endswith("(times in warnings are from the start)")
@@ -73,7 +73,7 @@ def test_fixes_before_a_late_start_are_pointed_out_where_they_are_many(driven, s
     run, gps, _ = driven
     used, begin = run.innovations.time.size, float(run.solution.time[0])
     early = round(share / (1.0 - share) * used)
-    outside = Event(begin, EventKind.GPS_OUTSIDE, float(early), np.nan, "fixes", "not used: before the start")
+    outside = untyped_event(begin, Code.GPS_OUTSIDE, float(early), np.nan, "fixes", "not used: before the start")
     after = replace(outside, time=begin + 600.0, value=9.0 * used)
     found = run_warnings(EvaluatedRun(replace(run, events=(outside, after)), gps))
     assert any(f"the first {early} of {early + used} fixes are not used" in text for text in found) == said
@@ -144,7 +144,7 @@ def test_the_light_follows_the_harm(driven, navigated):
 def test_a_reference_that_is_late_does_not_condemn_the_solution(driven, navigated):
     run, gps, true = driven
     late = replace(true, time=true.time + 1.0)
-    event = Event(run.solution.time[0], EventKind.REF_CONTRADICTION, 1.0, 0.03, "s", "its clock is ahead")
+    event = untyped_event(run.solution.time[0], Code.REF_CONTRADICTION, 1.0, 0.03, "s", "its clock is ahead")
     found = EvaluatedRun(run, gps, position_errors(run.solution, late))
     assert replace(navigated, found=found).page().verdict.light == "bad"
     said = replace(navigated, found=replace(found, run=replace(run, events=(*run.events, event)))).page()
@@ -185,7 +185,7 @@ def test_what_was_not_given_is_said_as_the_drive_shows_it(driven, navigated):
     assert said.endswith("292 ppm fast against GPS time, corrected")
     bad = replace(page, verdict=Verdict("bad", "the errors are larger than stated", ""))
     assert any(line.startswith("found (doubtful") for line in brief_lines(bad, EvaluatedRun(shown, gps), None))
-    wrong = replace(shown, events=(*shown.events, Event(0.0, EventKind.REF_CONTRADICTION, 0.0, 0.0, "", "heights")))
+    wrong = replace(shown, events=(*shown.events, untyped_event(0.0, Code.REF_CONTRADICTION, 0.0, 0.0, "", "heights")))
     assert not any(line.startswith("found (doubtful") for line in brief_lines(bad, EvaluatedRun(wrong, gps), None))
     untold = EvaluatedRun(replace(shown, lever_sd=np.full(3, 9.0)), gps)
     assert any("early; lever arm not told; the" in line for line in brief_lines(page, untold, None))
@@ -210,7 +210,7 @@ def test_many_rejected_fixes_are_pointed_out_and_few_are_not(driven, navigated):
     assert "warning: many fixes were rejected, 50 % of position:" in result_of(bad).summary()
     fixes = run.innovations
     row = np.arange(fixes.time.size) // (fixes.time.size // 5) == 2  # a fifth of the drive, whatever else is named
-    event = Event(0.0, EventKind.GATE_RECORD_POSITION, 1.0, 1.0, "-", "not used")
+    event = untyped_event(0.0, Code.GATE_RECORD_POSITION, 1.0, 1.0, "-", "not used")
     bad = replace(run, innovations=replace(fixes, used_velocity=~row), events=(*run.events, event))
     (told,) = [line for line in run_warnings(EvaluatedRun(bad)) if "rejected" in line]
     assert "every velocity from" in told
@@ -330,12 +330,12 @@ def test_units_of_keys_are_put_in_brackets():
 def test_fixes_that_gates_rejected_are_told(driven, navigated):
     """12 of 460 fixes were 20 m off, and the run said that fixes and solution agree."""
     run, gps, _ = driven
-    fixes, kinds = run.innovations, (EventKind.GATE_POSITION, EventKind.GATE_VELOCITY, EventKind.GATE_VELOCITY)
+    fixes, kinds = run.innovations, (Code.GATE_POSITION, Code.GATE_VELOCITY, Code.GATE_VELOCITY)
     rows = np.array([40, 50, 51])
     innovation = fixes.innovation.copy()
     innovation[40, :3], innovation[50, 3:], innovation[51, 3:] = (12.0, 16.0, 0.0), (0.0, 3.0, 4.0), 1.0
     events = [
-        Event(float(time), kind, 99.0, 21.1, "NIS (3 dof)", "rejected")
+        untyped_event(float(time), kind, 99.0, 21.1, "NIS (3 dof)", "rejected")
         for time, kind in zip(fixes.time[rows], kinds, strict=True)
     ]
     other = replace(run, innovations=replace(fixes, innovation=innovation), events=tuple(events), lever_sd=np.zeros(3))
@@ -355,6 +355,6 @@ def test_what_went_wrong_somewhere_is_told_before_remarks_on_the_whole(driven):
     run, gps, _ = driven
     begin = float(run.solution.time[0])
     told = (begin, "sd of the fixes are too small"), (begin + 90.0, "240 position fixes contradict the whole record")
-    events = tuple(Event(time, EventKind.CONTRADICTION, 1.0, 1.0, "", text) for time, text in told)
+    events = tuple(untyped_event(time, Code.CONTRADICTION, 1.0, 1.0, "", text) for time, text in told)
     warnings = run_warnings(EvaluatedRun(replace(run, events=events), gps))
     assert [text[:3] for text in warnings[:2]] == ["240", "sd "]

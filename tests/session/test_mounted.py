@@ -15,13 +15,13 @@ import insnav
 from insnav.alignment import find_mounting
 from insnav.attitude import dcm_from_rph, quat_from_rph, wrap_pi
 from insnav.exceptions import InputError
+from insnav.findings import Code, untyped_event
 from insnav.input import read_gps, read_imu
 from insnav.input.interpret.axes import axes_matrix
 from insnav.kernels.smoother import STATE
 from insnav.session.mounted import UNTOLD, _travel, untold
 from insnav.simulate import GpsErrors
 from insnav.strapdown import intervals
-from insnav.types import Event, EventKind
 from insnav.units import DEG
 from tests.alignment.test_alignment import STILL
 from tests.filter.drives import without_velocities
@@ -125,8 +125,8 @@ def test_a_log_without_standard_deviations_tells_it_as_well_as_its_positions_sca
 
 def test_what_contradicts_an_imu_that_nothing_tells_the_mounting_of_may_be_its_axes():
     """A town turned by 90 deg: a gyro was named that was right, and headings were 86 deg off."""
-    gyro = Event(9.0, EventKind.CONTRADICTION, 4.4, np.nan, "deg/s", "gyro z is off by +4.4 deg/s")
-    fix = Event(9.0, EventKind.CONTRADICTION, 30.0, np.nan, "m", "30 position fixes contradict the whole record")
+    gyro = untyped_event(9.0, Code.CONTRADICTION, 4.4, np.nan, "deg/s", "gyro z is off by +4.4 deg/s")
+    fix = untyped_event(9.0, Code.CONTRADICTION, 30.0, np.nan, "m", "30 position fixes contradict the whole record")
     (said,) = untold((UNTOLD,), (fix, gyro))
     assert said.time == gyro.time
     assert "--imu-axes" in said.action

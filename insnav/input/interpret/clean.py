@@ -9,8 +9,9 @@ import numpy as np
 
 from insnav import spill
 from insnav.exceptions import InputError
+from insnav.findings import Finding, untyped_event
 from insnav.tabular import runs_of
-from insnav.types import BoolArray, Event, FloatArray, IntArray
+from insnav.types import BoolArray, FloatArray, IntArray
 
 MAX_UNSORTED = 0.01  # fraction of rows that may be out of order
 _BACKWARDS = 0.75  # more of the rows before the one before them: half are in a file that is shuffled
@@ -37,9 +38,9 @@ class Kinds:
     gaps: bool = True  # whether gaps are events
     held: tuple[str, ...] = ()  # columns by which a row repeats the one before it
 
-    def event(self, what: str, time: float, value: float, text: str, limit: float = float("nan")) -> Event:
+    def event(self, what: str, time: float, value: float, text: str, limit: float = float("nan")) -> Finding:
         """Event at a time [s] with the number of rows that it is about."""
-        return Event(float(time), f"{self.source}.{what}", float(value), limit, "rows", text)
+        return untyped_event(float(time), f"{self.source}.{what}", float(value), limit, "rows", text)
 
 
 IMU_KINDS = Kinds("samples", "imu", 5, 3)
@@ -53,7 +54,7 @@ class Cleaned:
     """Rows in order of time."""
 
     columns: dict[str, FloatArray]  # (n,) the columns, with ``time`` strictly increasing
-    events: tuple[Event, ...]  # what was done, in order of time
+    events: tuple[Finding, ...]  # what was done, in order of time
     n_gaps: int  # number of gaps
     longest_gap: float  # longest of them [s]
     interval: float  # median interval [s]
@@ -78,7 +79,7 @@ def clean(
     n = len(columns["time"])
     if n < kinds.min_rows:
         raise _too_few(n, n, kinds, name)
-    events: list[Event] = []
+    events: list[Finding] = []
     notes: list[str] = []
     kept = dict(columns)
     stray = _stray(kept["time"]) & ~bad
@@ -114,7 +115,7 @@ def clean(
     gaps = find_gaps(dt, interval, kinds)
     if kinds.gaps:
         events += [
-            Event(
+            untyped_event(
                 float(time[i]),
                 f"{kinds.source}.gap",
                 float(dt[i]),
@@ -150,7 +151,7 @@ def find_gaps(step: FloatArray, interval: float, kinds: Kinds) -> IntArray:
     return np.flatnonzero(step > (kinds.gap_rows + 1.5) * interval) if kinds.gaps else np.empty(0, np.int64)
 
 
-def cut_event(kinds: Kinds, time: float, why: str) -> Event:
+def cut_event(kinds: Kinds, time: float, why: str) -> Finding:
     """Event for a last row that was left out, at the time of the row before it [s]."""
     return kinds.event("cut_row", time, 1.0, f"the last row was left out: {why}")
 
@@ -180,7 +181,7 @@ def _too_few(used: int, read: int, kinds: Kinds, name: str, others: str = "") ->
     )
 
 
-def _run_events(time: FloatArray, bad: BoolArray, kinds: Kinds, action: str) -> list[Event]:
+def _run_events(time: FloatArray, bad: BoolArray, kinds: Kinds, action: str) -> list[Finding]:
     """One event for each run of bad rows, at the first of them whose time is known."""
     known = np.flatnonzero(np.isfinite(time))
     if not len(known):
@@ -209,10 +210,10 @@ def _unwrapped(time: FloatArray) -> tuple[FloatArray, list[str]]:
 
 def _ordered(
     columns: dict[str, FloatArray], rows: IntArray, kinds: Kinds, place: Callable[[int], str]
-) -> tuple[dict[str, FloatArray], list[Event]]:
+) -> tuple[dict[str, FloatArray], list[Finding]]:
     """Sort by time and drop rows of equal time."""
     time = columns["time"]
-    events: list[Event] = []
+    events: list[Finding] = []
     latest = np.maximum.accumulate(time)
     late = time < latest
     n_late = int(np.count_nonzero(late))

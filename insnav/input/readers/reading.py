@@ -7,7 +7,8 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from insnav.types import Event, IntArray, Sampling, Stamp
+from insnav.findings import Finding
+from insnav.types import IntArray, Sampling, Stamp
 
 T = TypeVar("T")
 LOST, LOST_SHARE = 10.0, 0.1  # what is worth a word of time that only one of two files covers [s], and of its length
@@ -93,7 +94,7 @@ class Reading(Generic[T]):
     """Data from a file, with everything that happened on the way."""
 
     data: T  # the data
-    events: tuple[Event, ...]  # rows dropped, sorted or missing, in order of time
+    events: tuple[Finding, ...]  # rows dropped, sorted or missing, in order of time
     facts: ReadingFacts  # what was understood
     # (n,) fix type of each row of a reference, if the file has it; -1 where the cell is empty
     fix: IntArray | None = field(default=None)

@@ -11,12 +11,13 @@ import numpy as np
 from insnav.earth import ned_offset
 from insnav.errors.evaluated_run import EvaluatedRun, outages
 from insnav.errors.metrics import TrajectoryErrors
+from insnav.findings import Code
 from insnav.plain_text import moment
 from insnav.report.colours import AXIS_COLOURS, BLUE, GREY, ORANGE, VERMILLION
 from insnav.report.panels import Curve, Panel, Shade, Track
 from insnav.report.series import Clock, broken_at_gaps, wrapped
 from insnav.strapdown import nearest_rows
-from insnav.types import BoolArray, EventKind, FloatArray, Run, SensorErrors, Trajectory
+from insnav.types import BoolArray, FloatArray, Run, SensorErrors, Trajectory
 from insnav.units import DEG, DEG_PER_H, G0
 
 LINK = "time"
@@ -30,10 +31,10 @@ _NED, _RPH, _XYZ = ("north", "east", "down"), ("roll", "pitch", "heading"), ("x"
 GROUPS = (("position", "m", 1.0, _NED), ("velocity", "m/s", 1.0, _NED), ("attitude", "deg", DEG, _RPH))
 _FIX_TYPES = ((1.0, "fixed"), (2.0, "float"), (4.0, "DGPS"), (5.0, "single"), (0.0, "none"))
 _GATES = (
-    EventKind.GATE_POSITION,
-    EventKind.GATE_VELOCITY,
-    EventKind.DEWEIGHTED_POSITION,
-    EventKind.DEWEIGHTED_VELOCITY,
+    Code.GATE_POSITION,
+    Code.GATE_VELOCITY,
+    Code.DEWEIGHTED_POSITION,
+    Code.DEWEIGHTED_VELOCITY,
 )
 
 

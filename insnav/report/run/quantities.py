@@ -12,10 +12,11 @@ from insnav.errors.evaluated_run import EvaluatedRun, outages
 from insnav.errors.metrics import MOVING_M_S, TrajectoryErrors, accuracy_by_motion, nees, travelled
 from insnav.errors.reference_offset import ReferenceOffset
 from insnav.filter.noise_estimate import NoiseEstimate
+from insnav.findings import Code
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.page import Section, one_each, only_json
 from insnav.sample_statistics import rms, rms_length
-from insnav.types import Alignment, BoolArray, EventKind, FloatArray, Run, SensorErrors, Trajectory
+from insnav.types import Alignment, BoolArray, FloatArray, Run, SensorErrors, Trajectory
 
 SHOWN_STATISTICS = ("rms", "p95", "max")
 SHOWN_ERRORS = tuple(
@@ -27,11 +28,11 @@ SHOWN_ERRORS = tuple(
     )
 )
 _REASONS = {
-    EventKind.GATE_QUALITY: "quality",
-    EventKind.GATE_PHYSICAL_POSITION: "physical limit, position",
-    EventKind.GATE_PHYSICAL_VELOCITY: "physical limit, velocity",
-    EventKind.GATE_POSITION: "chi-square, position",
-    EventKind.GATE_VELOCITY: "chi-square, velocity",
+    Code.GATE_QUALITY: "quality",
+    Code.GATE_PHYSICAL_POSITION: "physical limit, position",
+    Code.GATE_PHYSICAL_VELOCITY: "physical limit, velocity",
+    Code.GATE_POSITION: "chi-square, position",
+    Code.GATE_VELOCITY: "chi-square, velocity",
 }
 
 
@@ -196,7 +197,7 @@ def mean_nis(run: Run, *halves: str) -> float | None:
     `halves`: position, velocity, or both if none is given. A fix that was de-weighted was used with the covariance by
     which its NIS is the limit of the gate.
     """
-    fixes, deweighted = run.innovations, (EventKind.DEWEIGHTED_POSITION, EventKind.DEWEIGHTED_VELOCITY)
+    fixes, deweighted = run.innovations, (Code.DEWEIGHTED_POSITION, Code.DEWEIGHTED_VELOCITY)
     limit = min((event.limit for event in run.events if event.kind in deweighted), default=np.inf)
     chosen = halves or ("position", "velocity")
     sizes = np.concatenate([getattr(fixes, f"nis_{name}")[getattr(fixes, f"used_{name}")] for name in chosen])

@@ -12,6 +12,7 @@ from insnav.errors.evaluated_run import EvaluatedRun, outages
 from insnav.errors.metrics import TrajectoryErrors, nees, travelled
 from insnav.errors.reference_check import fixes_are_late, shown_by_drive
 from insnav.filter.gps_noise import heights_measured
+from insnav.findings import Code
 from insnav.input.readers.reading import ReadingFacts
 from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
@@ -22,7 +23,7 @@ from insnav.report.run.warnings import HOLDS
 from insnav.report.terminal import WIDTH, table_text
 from insnav.result import Result
 from insnav.sample_statistics import rms, rms_length
-from insnav.types import EventKind, FloatArray, Run
+from insnav.types import FloatArray, Run
 
 SCATTER = 2.0  # mean NIS per axis from which on fixes and solution contradict each other
 CAREFUL = 3.0  # times the errors of positions from which on what is stated is much more
@@ -149,7 +150,7 @@ def _too_sure(found: EvaluatedRun) -> list[str]:
 
 def _light(found: EvaluatedRun, warnings: Sequence[str]) -> tuple[Light, str]:
     shares = [share for each in found.errors_on_clock.values() if (share := inside(each)) is not None]
-    diverged = any(event.kind is EventKind.DIVERGED for event in found.run.events)
+    diverged = any(event.kind is Code.DIVERGED for event in found.run.events)
     epochs = max((len(each.time) for each in found.errors_on_clock.values()), default=0)
     if 0 < epochs < FEW:
         return "unknown", f"the reference has {epochs} epoch{'s' * (epochs > 1)} within the drive, which tell little"
@@ -233,7 +234,7 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = WIDTH) -> l
 
 def _wrong_reference(run: Run) -> bool:
     """Whether the reference is contradicted, so that errors against it need not be those of the run."""
-    return any(event.kind is EventKind.REF_CONTRADICTION for event in run.events)
+    return any(event.kind is Code.REF_CONTRADICTION for event in run.events)
 
 
 def _found(found: EvaluatedRun, notes: Sequence[str]) -> Iterator[str]:
@@ -260,8 +261,8 @@ def _rejected(run: Run, measured: int) -> Iterator[str]:
     """Fixes that gates rejected one by one, and how far off they were at most, in so many components of positions."""
     fixes = run.innovations
     for name, unit, part, kinds in (
-        ("positions", "m", slice(0, measured), {EventKind.GATE_POSITION, EventKind.GATE_PHYSICAL_POSITION}),
-        ("velocities", "m/s", slice(3, 6), {EventKind.GATE_VELOCITY, EventKind.GATE_PHYSICAL_VELOCITY}),
+        ("positions", "m", slice(0, measured), {Code.GATE_POSITION, Code.GATE_PHYSICAL_POSITION}),
+        ("velocities", "m/s", slice(3, 6), {Code.GATE_VELOCITY, Code.GATE_PHYSICAL_VELOCITY}),
     ):
         rows = np.isin(fixes.time, [event.time for event in run.events if event.kind in kinds])
         every = np.linalg.norm(fixes.innovation[:, part], axis=1)

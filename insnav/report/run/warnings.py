@@ -18,12 +18,13 @@ from insnav.errors.reference_check import delay_shown, turned_in_place
 from insnav.filter.gps_noise import heights_measured
 from insnav.filter.innovation_likelihood import LARGEST
 from insnav.filter.prepare import CORRELATED
+from insnav.findings import Code, Finding
 from insnav.input.readers.reading import not_covered
 from insnav.plain_text import moment
 from insnav.report.series import Clock
 from insnav.result import Result
 from insnav.tabular import runs_of
-from insnav.types import Event, EventKind, FloatArray, Run, Trajectory
+from insnav.types import FloatArray, Run, Trajectory
 from insnav.units import DEG
 
 HOLDS = 0.95  # share of errors inside 3 sd that needs no word
@@ -40,7 +41,7 @@ _ALONG, _MOVING = 0.5, 3.0  # resultant of what has no axis along the course, cl
 _UNUSED = 0.3  # part of the fixes that may lie before the start of navigation unsaid
 _TURNED = 5.0 * DEG  # that headings in a rest may be off unseen [rad]
 _PACE = 1.0  # over which turns and accelerations are those of the motion, not of vibration [s]
-_OF_REFERENCE = (EventKind.REF_CONTRADICTION, EventKind.REF_OTHER)
+_OF_REFERENCE = (Code.REF_CONTRADICTION, Code.REF_OTHER)
 _SLOW = (
     "gps: errors of positions that change slowly are as large as the sd of the fixes says; without velocities the "
     "drive shows only how fast they change"
@@ -92,11 +93,11 @@ def file_warnings(result: Result[Any]) -> tuple[str, ...]:
 def event_warnings(run: Run) -> list[str]:
     """Fixes and samples that cannot both be right, and what was done about it."""
     events = run.events
-    told = [event for event in events if event.kind in (EventKind.GPS_FROZEN, EventKind.CONTRADICTION)]
+    told = [event for event in events if event.kind in (Code.GPS_FROZEN, Code.CONTRADICTION)]
     begun = run.solution.time[0] + 1.0
     # what is so all along, from the start, is a remark beside what went wrong somewhere
     found = [event.action for event in sorted(told, key=lambda event: bool(event.time < begun))]
-    resets = [event for event in events if event.kind == EventKind.RESET]
+    resets = [event for event in events if event.kind == Code.RESET]
     if resets:
         first = resets[0]
         found.append(
@@ -119,7 +120,7 @@ def _no_heights(found: EvaluatedRun) -> Iterator[str]:
 
 def _begun_late(run: Run) -> Iterator[str]:
     """A start long after the first fix, before which there is no solution: the drive did not tell the attitude."""
-    outside = (event for event in run.events if event.kind is EventKind.GPS_OUTSIDE)
+    outside = (event for event in run.events if event.kind is Code.GPS_OUTSIDE)
     early = sum(event.value for event in outside if event.time <= run.solution.time[0])
     every = early + run.innovations.time.size
     if early > _UNUSED * every:
@@ -131,11 +132,11 @@ def _begun_late(run: Run) -> Iterator[str]:
 
 def _samples_lost(run: Run) -> Iterator[str]:
     """Samples that were no measurement, or missing for long: nothing but the uncertainty knows what happened there."""
-    lost: dict[str, list[Event]] = {}
+    lost: dict[str, list[Finding]] = {}
     for event in run.events:
-        if event.kind in (EventKind.IMU_STUCK, EventKind.IMU_SATURATED):
+        if event.kind in (Code.IMU_STUCK, Code.IMU_SATURATED):
             lost.setdefault(event.action, []).append(event)
-        elif event.kind == EventKind.IMU_GAP and event.value > _LONG_GAP:
+        elif event.kind == Code.IMU_GAP and event.value > _LONG_GAP:
             lost.setdefault("samples are missing: bridged like a data gap", []).append(event)
     for text, found in lost.items():
         what, _, how = text.partition(": ")
@@ -153,8 +154,8 @@ def _many_rejected(run: Run) -> Iterator[str]:
     named = {event.kind for event in run.events}
     groups, rows = [], []
     for name, first, used, by in (
-        ("position", 0, fixes.used_position, {EventKind.GPS_FROZEN, EventKind.GATE_RECORD_POSITION}),
-        ("velocity", 3, fixes.used_velocity, {EventKind.GPS_FROZEN, EventKind.GATE_RECORD_VELOCITY}),
+        ("position", 0, fixes.used_position, {Code.GPS_FROZEN, Code.GATE_RECORD_POSITION}),
+        ("velocity", 3, fixes.used_velocity, {Code.GPS_FROZEN, Code.GATE_RECORD_VELOCITY}),
     ):
         if named & by:
             continue
@@ -208,7 +209,7 @@ def overconfident(name: str, errors: TrajectoryErrors | None, *, same_data: bool
 
 
 def _diverged(run: Run) -> Iterator[str]:
-    found = [event for event in run.events if event.kind is EventKind.DIVERGED]
+    found = [event for event in run.events if event.kind is Code.DIVERGED]
     for first in found[:1]:
         yield (
             f"innovations inconsistent with their predicted sd in {len(found)} window{'s' * (len(found) > 1)} of "

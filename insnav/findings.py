@@ -1,0 +1,251 @@
+"""What insnav detects, as data: a code and numbers, never a sentence.
+
+`insnav.messages` turns a finding into words. Nothing else in the package may depend on those words.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from enum import IntEnum, StrEnum
+from typing import Any, Self, TypeAlias
+
+# A number or numbers in SI units and radians, a count, or a name that stands in no language: of a column, option, unit.
+Value: TypeAlias = float | int | str | tuple[float, ...] | tuple[str, ...]
+
+
+class Severity(IntEnum):
+    """How much a finding matters, in rising order."""
+
+    NOTE = 0  # detected, and dealt with
+    ASSUMPTION = 1  # taken for granted: neither the user nor the data said so
+    WARNING = 2  # makes the result worse than it states, or may
+    UNUSABLE = 3  # the result must not be used
+
+
+class Code(StrEnum):
+    """Everything that insnav can detect: one member each, with its usual severity.
+
+    The part before the first dot says where it is detected. ``insnav/messages/en.toml`` has the words of each member.
+    """
+
+    severity: Severity
+
+    def __new__(cls, code: str, severity: Severity = Severity.NOTE) -> Self:
+        """Make a member of its name in files and its usual severity."""
+        member = str.__new__(cls, code)
+        member._value_ = code
+        member.severity = severity
+        return member
+
+    # files
+    IMU_DUPLICATE = "imu.duplicate"
+    IMU_UNSORTED = "imu.unsorted"
+    IMU_NAN = "imu.nan"
+    IMU_GAP = "imu.gap"
+    IMU_CUT_ROW = "imu.cut_row"
+    GPS_DUPLICATE = "gps.duplicate"
+    GPS_UNSORTED = "gps.unsorted"
+    GPS_NAN = "gps.nan"
+    GPS_GAP = "gps.gap"
+    GPS_CUT_ROW = "gps.cut_row"
+    REF_DUPLICATE = "ref.duplicate"
+    REF_UNSORTED = "ref.unsorted"
+    REF_NAN = "ref.nan"
+    REF_CUT_ROW = "ref.cut_row"
+
+    # samples
+    IMU_SPIKE = "imu.spike"
+    IMU_SATURATED = "imu.saturated"
+    IMU_STUCK = "imu.stuck"
+
+    # fixes and filter
+    GPS_FROZEN = "gps.frozen"
+    GPS_OUTSIDE = "gps.outside"
+    GATE_QUALITY = "gate.quality"
+    GATE_PHYSICAL_POSITION = "gate.physical.position"
+    GATE_PHYSICAL_VELOCITY = "gate.physical.velocity"
+    GATE_POSITION = "gate.position"
+    GATE_VELOCITY = "gate.velocity"
+    GATE_RECORD_POSITION = "gate.record.position"
+    GATE_RECORD_VELOCITY = "gate.record.velocity"
+    DEWEIGHTED_POSITION = "deweighted.position"
+    DEWEIGHTED_VELOCITY = "deweighted.velocity"
+    PART = "filter.part"
+    CONTRADICTION = "filter.contradiction"
+    RESET = "filter.reset"
+    REPAIR = "filter.repair"
+    DIVERGED = "filter.diverged"
+
+    # -- H1: alignment, fixes and aiding, as the filter is prepared and runs
+
+    # -- H2a: faults that the filter finds: changes, gyros, clock, lever arm, noise
+
+    # -- H2b: clock, mounting and defaults of a drive, before it is navigated
+
+    # -- H3a: reference
+    REF_CONTRADICTION = "ref.contradiction"
+    REF_OTHER = "ref.other_drive"
+
+    # -- H3b: solution, judged when a run is finished; outage test, comparison
+
+    # -- H4a: how files were read: formats, columns, times
+
+    # -- H4b: how data were understood: units, axes, signs, heights, rates
+
+    # -- H5: bench and laboratory
+
+    # -- H6: budget, requirement, platform, simulation, batch, tuning
+
+    # bridge: not typed yet
+    UNTYPED = "untyped"
+
+    # kept folders of earlier versions
+    STORED_TEXT = "stored.text"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that insnav detected.
+
+    Attributes
+    ----------
+    code : Code
+        What it is.
+    severity : Severity
+        How much it matters; by default as usual for its code.
+    begin, end : float
+        When it begins and ends, in the time of the data [s]; ``NaN`` if it has no time. A moment has the same twice.
+    values : tuple of (str, Value)
+        Named numbers, most important first: SI units and radians, the unit at the end of the name (``delay_s``). A
+        number that decided has its limit beside it, named ``limit`` with the same unit (``limit_s``).
+    subject : str
+        What it is about, by a name that stands in no language: ``imu``, ``gps``, ``gyro x``, a column, a file.
+    """
+
+    code: Code
+    severity: Severity = Severity.NOTE
+    begin: float = math.nan
+    end: float = math.nan
+    values: tuple[tuple[str, Value], ...] = ()
+    subject: str = ""
+
+    @classmethod
+    def of(
+        cls,
+        code: Code,
+        begin: float = math.nan,
+        end: float | None = None,
+        *,
+        subject: str = "",
+        severity: Severity | None = None,
+        **values: Value,
+    ) -> Self:
+        """Make a finding: one moment if `end` is not given, the usual severity of its code unless that is given."""
+        begin = float(begin)
+        begin = math.nan if math.isnan(begin) else begin  # one object, so that findings compare equal
+        return cls(
+            code,
+            code.severity if severity is None else severity,
+            begin,
+            begin if end is None else float(end),
+            tuple((name, _plain(value)) for name, value in values.items()),
+            subject,
+        )
+
+    def __getitem__(self, name: str) -> Any:
+        """Give one of its values by its name."""
+        for key, value in self.values:
+            if key == name:
+                return value
+        raise KeyError(f"{self.code} has no {name}")
+
+    def get(self, name: str, otherwise: Any = None) -> Any:
+        """Give one of its values, or `otherwise` if it has none of this name."""
+        return next((value for key, value in self.values if key == name), otherwise)
+
+    # bridge, until every producer and consumer is typed -----------------------------------------------------------
+    @property
+    def time(self) -> float:
+        """Bridge."""
+        return self.begin
+
+    @property
+    def kind(self) -> Code:
+        """Bridge."""
+        return self.code
+
+    @property
+    def value(self) -> float:
+        """Bridge."""
+        return float(next((v for n, v in self.values if not isinstance(v, str | tuple) and n[:5] != "limit"), math.nan))
+
+    @property
+    def limit(self) -> float:
+        """Bridge."""
+        return float(next((v for n, v in self.values if n[:5] == "limit"), math.nan))  # type: ignore[arg-type]
+
+    @property
+    def unit(self) -> str:
+        """Bridge."""
+        return str(self.get("unit", ""))
+
+    @property
+    def action(self) -> str:
+        """Bridge."""
+        from insnav.messages import sentence
+
+        return str(self.get("action", None) or sentence(self))
+
+    @property
+    def hint(self) -> str:
+        """Bridge."""
+        return str(self.get("hint", ""))
+
+    # end of the bridge ---------------------------------------------------------------------------------------------
+
+    def later(self, offset: float) -> Finding:
+        """Give the same finding on a clock that is ahead by `offset` [s]."""
+        return replace(self, begin=self.begin + offset, end=self.end + offset) if self.timed else self
+
+    @property
+    def timed(self) -> bool:
+        """Whether it happened at a time of the data."""
+        return not math.isnan(self.begin)
+
+
+Note: TypeAlias = Finding | str  # bridge
+
+
+def of_code(findings: Iterable[Finding], *codes: Code) -> Iterator[Finding]:
+    """Choose the findings that have one of some codes."""
+    return (each for each in findings if each.code in codes)
+
+
+def by_time(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Sort findings by time; those without any come first, in their order."""
+    return tuple(sorted(findings, key=lambda each: each.begin if each.timed else -math.inf))
+
+
+def _plain(value: Any) -> Value:
+    """Turn numbers and arrays of numpy into those of Python, which can be hashed."""
+    if isinstance(value, str | bool):
+        return value
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return tuple(value)
+    if isinstance(value, float) and math.isnan(value):
+        return math.nan
+    return value  # type: ignore[no-any-return]
+
+
+def untyped_event(
+    time: float, kind: str, value: float, limit: float, unit: str, action: str, hint: str = ""
+) -> Finding:
+    """Bridge: what was an event."""
+    subject = ""
+    if kind not in set(Code):
+        kind, subject = Code.UNTYPED, kind
+    return Finding.of(Code(kind), time, subject=subject, value=value, limit=limit, unit=unit, action=action, hint=hint)

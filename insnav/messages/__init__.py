@@ -1,0 +1,151 @@
+"""The words of findings: one catalogue a language, and the renderer that puts numbers into it.
+
+An entry of ``<language>.toml`` stands under the code of `insnav.findings.Code` and has up to four texts:
+
+- ``title``: the name of the thing, two to six words, without numbers;
+- ``text``: what was seen, one or two sentences with the numbers that decide;
+- ``done``: what insnav did about it;
+- ``advice``: what the user can do.
+
+A text holds values by name in braces, with a format: ``{delay_s:.3f s}`` (format, then the unit to convert to from SI),
+``{count:count fix|fixes}`` (number and noun), ``{count:plural fix|fixes}`` (noun alone), ``{delay_s:sign late|early}``
+(first word unless negative), ``{delay_s:abs .3f s}`` (without the sign), ``{axis:word}`` (a word of the table
+``[words]``), ``{begin:moment}`` and ``{span}`` (times of the record). ``{subject}`` is the subject. A part in double
+square brackets is left out where one of its values is missing or not finite: ``[[ ± {delay_sd_s:.3f s}]]``.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from string import Formatter
+from typing import Any
+
+from insnav.findings import Finding, Note
+from insnav.plain_text import moment
+from insnav.units import UNITS, shown_unit
+
+LANGUAGES = ("en",)
+PARTS = ("title", "text", "done", "advice")
+_OPTIONAL = re.compile(r"\[\[(.*?)\]\]")
+_FORMATTER = Formatter()
+
+At = Callable[[float, float], str]
+"""How times of the record, from one to another [s], are written."""
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """A finding in words."""
+
+    title: str  # name of the thing
+    text: str  # what was seen
+    done: str = ""  # what insnav did about it
+    advice: str = ""  # what the user can do
+
+    def __str__(self) -> str:
+        return " ".join(part for part in (self.text, self.done, self.advice) if part)
+
+
+def language() -> str:
+    """Give the language of this process, by ``INSNAV_LANG``."""
+    wanted = os.environ.get("INSNAV_LANG", "")[:2].lower()
+    return wanted if wanted in LANGUAGES else "en"
+
+
+@cache
+def catalogue(lang: str) -> Mapping[str, Any]:
+    """Read the catalogue of a language."""
+    return tomllib.loads((Path(__file__).parent / f"{lang}.toml").read_text(encoding="utf-8"))
+
+
+def render(finding: Finding, lang: str | None = None, at: At = moment) -> Message:
+    """Put a finding into words.
+
+    Parameters
+    ----------
+    finding : Finding
+    lang : str, optional
+        A language of `LANGUAGES`; by default that of `language`.
+    at : callable, optional
+        How times of the record are written.
+
+    Returns
+    -------
+    Message
+    """
+    lang = lang or language()
+    entry = catalogue(lang)[finding.code.value]
+    return Message(**{part: _filled(entry[part], finding, lang, at) for part in PARTS if part in entry})
+
+
+def sentence(finding: Note, lang: str | None = None, at: At = moment) -> str:
+    """Put a finding into one line: what was seen, what insnav did, and what the user can do."""
+    if isinstance(finding, str):  # bridge
+        return finding
+    return str(render(finding, lang, at))
+
+
+def _filled(text: str, finding: Finding, lang: str, at: At) -> str:
+    """Put the values of a finding into a text."""
+    values = dict(finding.values) | {"subject": finding.subject, "begin": finding.begin, "end": finding.end}
+
+    def optional(part: re.Match[str]) -> str:
+        names = [name for _, name, _, _ in _FORMATTER.parse(part[1]) if name and name != "span"]
+        return part[1] if all(_known(values.get(name)) for name in names) else ""
+
+    parts = []
+    for literal, name, spec, _ in _FORMATTER.parse(_OPTIONAL.sub(optional, text)):
+        parts.append(literal)
+        if name == "span":
+            parts.append(at(finding.begin, finding.end))
+        elif name is not None:
+            parts.append(_shown(values[name], spec or "", lang, at))
+    return "".join(parts)
+
+
+def _known(value: Any) -> bool:
+    return value not in (None, "", ()) and not (isinstance(value, float) and not math.isfinite(value))
+
+
+def _shown(value: Any, spec: str, lang: str, at: At) -> str:
+    """Write a value by its format."""
+    verb, _, rest = spec.partition(" ")
+    first, _, second = rest.partition("|")
+    match verb:
+        case "moment":
+            return at(value, value)
+        case "word":
+            return str(catalogue(lang)["words"].get(value, value))
+        case "count":
+            return f"{value:g} {first if value == 1 else second}"
+        case "plural":
+            return first if value == 1 else second
+        case "sign":
+            return first if value >= 0.0 else second
+        case "abs":
+            return _shown(abs(value), rest, lang, at)
+    if isinstance(value, tuple):
+        parts = [_number(each, verb, rest) for each in value]
+        return ", ".join(parts) + _unit(rest)
+    return _number(value, verb, rest) + _unit(rest)
+
+
+def _number(value: float | str, spec: str, unit: str) -> str:
+    if isinstance(value, str):
+        return value
+    scaled = value / UNITS[unit][1] if unit in UNITS else value
+    text = format(scaled, spec or ".3g") if not isinstance(scaled, int) or spec else str(scaled)
+    if "e+" in text:  # people write large numbers out
+        text = f"{scaled:.0f}"
+    return text.removeprefix("-") if not text.strip("-0.") else text  # no negative zero
+
+
+def _unit(unit: str) -> str:
+    return f" {shown_unit(unit)}" if unit else ""
