@@ -131,6 +131,11 @@ class Finding:
     values: tuple[tuple[str, Value], ...] = ()
     subject: str = ""
 
+    def __post_init__(self) -> None:
+        for name in ("begin", "end"):
+            if math.isnan(getattr(self, name)):  # one object, so that findings without a time compare equal
+                object.__setattr__(self, name, math.nan)
+
     @classmethod
     def of(
         cls,
@@ -143,13 +148,11 @@ class Finding:
         **values: Value,
     ) -> Self:
         """Make a finding: one moment if `end` is not given, the usual severity of its code unless that is given."""
-        begin = float(begin)
-        begin = math.nan if math.isnan(begin) else begin  # one object, so that findings compare equal
         return cls(
             code,
             code.severity if severity is None else severity,
-            begin,
-            begin if end is None else float(end),
+            float(begin),
+            float(begin if end is None else end),
             tuple((name, _plain(value)) for name, value in values.items()),
             subject,
         )
@@ -177,16 +180,6 @@ class Finding:
         return self.code
 
     @property
-    def value(self) -> float:
-        """Bridge."""
-        return float(next((v for n, v in self.values if not isinstance(v, str | tuple) and n[:5] != "limit"), math.nan))
-
-    @property
-    def limit(self) -> float:
-        """Bridge."""
-        return float(next((v for n, v in self.values if n[:5] == "limit"), math.nan))  # type: ignore[arg-type]
-
-    @property
     def unit(self) -> str:
         """Bridge."""
         return str(self.get("unit", ""))
@@ -204,6 +197,19 @@ class Finding:
         return str(self.get("hint", ""))
 
     # end of the bridge ---------------------------------------------------------------------------------------------
+
+    @property
+    def value(self) -> float:
+        """The number that decided: the first of its values; ``NaN`` if there is none."""
+        return next((float(value) for name, value in self._numbers() if not name.startswith("limit")), math.nan)
+
+    @property
+    def limit(self) -> float:
+        """What that number was compared with; ``NaN`` if there is none."""
+        return next((float(value) for name, value in self._numbers() if name.startswith("limit")), math.nan)
+
+    def _numbers(self) -> Iterator[tuple[str, float]]:
+        return ((name, value) for name, value in self.values if isinstance(value, int | float))
 
     def later(self, offset: float) -> Finding:
         """Give the same finding on a clock that is ahead by `offset` [s]."""

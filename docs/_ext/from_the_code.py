@@ -2,7 +2,8 @@
 
 ``equation``: a numbered equation with its source and the tests that check it; a test that is not there is a warning,
 and so an error of the build. ``equation-table``: all of them. ``commands``: the help of every command. ``messages``:
-every error that insnav can raise, with cause and remedy. ``run-json``: the keys of ``run.json``, by its schema.
+every error that insnav can raise, with cause and remedy. ``findings``: everything that insnav detects. ``run-json``:
+the keys of ``run.json``, by its schema.
 """
 
 from __future__ import annotations
@@ -28,6 +29,9 @@ from sphinx.util.math import get_node_equation_number
 from sphinx.util.nodes import make_refnode
 
 from insnav import exceptions
+from insnav.findings import Code
+from insnav.messages import catalogue
+from insnav.units import shown_unit
 
 ROOT = Path(__file__).parents[2]
 log = logging.getLogger(__name__)
@@ -165,6 +169,46 @@ class Messages(SphinxDirective):
         return found
 
 
+class Findings(SphinxDirective):
+    """Everything that insnav detects: its code, severity, words and remedy, from the catalogue."""
+
+    def run(self) -> list[nodes.Node]:
+        """Read the catalogue, in the order of the codes."""
+        groups: dict[str, list[tuple[nodes.Node, ...]]] = {}
+        for code in Code:
+            entry = catalogue("en")[code.value]
+            text = " ".join(entry[part] for part in ("text", "done") if part in entry)
+            row = (
+                nodes.paragraph("", "", nodes.literal("", code.value)),
+                nodes.paragraph("", code.severity.name.lower()),
+                nodes.paragraph("", "", nodes.strong("", entry["title"]), nodes.Text(f". {_readable(text)}")),
+                nodes.paragraph("", _readable(entry.get("advice", ""))),
+            )
+            groups.setdefault(code.value.partition(".")[0], []).append(row)
+        sections: list[nodes.Node] = []
+        for group, rows in groups.items():
+            section = nodes.section(ids=[f"findings-{group}"])
+            section += nodes.title("", group)
+            section += table(
+                ("code", "severity", "what was detected, and what insnav does", "what to do"), rows, (16, 8, 48, 28)
+            )
+            sections.append(section)
+        return sections
+
+
+def _readable(text: str) -> str:
+    """Text of the catalogue with the unit, or an ellipsis, in the place of each number."""
+
+    def shown(place: re.Match[str]) -> str:
+        verb, _, rest = place[2].partition(" ")
+        if verb in ("count", "plural", "sign"):
+            return ("… " if verb == "count" else "") + rest.replace("|", "/")
+        unit = rest.partition(" ")[2] if verb == "abs" else rest
+        return f"… {shown_unit(unit)}" if unit and verb != "word" else "…"
+
+    return re.sub(r"\{(\w+):?([^}]*)\}", shown, text.replace("[[", "").replace("]]", ""))
+
+
 class RunJson(SphinxDirective):
     """Every key of ``run.json``, from its schema."""
 
@@ -251,6 +295,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.add_directive("equation-table", EquationTable)
     app.add_directive("commands", Commands)
     app.add_directive("messages", Messages)
+    app.add_directive("findings", Findings)
     app.add_directive("run-json", RunJson)
     app.connect("doctree-resolved", fill_tables)
     return {"parallel_read_safe": False, "parallel_write_safe": True}

@@ -27,7 +27,7 @@ from pathlib import Path
 from string import Formatter
 from typing import Any
 
-from insnav.findings import Finding, Note
+from insnav.findings import Code, Finding, Note
 from insnav.plain_text import moment
 from insnav.units import UNITS, shown_unit
 
@@ -81,6 +81,8 @@ def render(finding: Finding, lang: str | None = None, at: At = moment) -> Messag
     Message
     """
     lang = lang or language()
+    if text := finding.get("text"):  # of a folder that an earlier version wrote
+        return Message(catalogue(lang)[Code.STORED_TEXT.value]["title"], text)
     entry = catalogue(lang)[finding.code.value]
     return Message(**{part: _filled(entry[part], finding, lang, at) for part in PARTS if part in entry})
 

@@ -8,7 +8,9 @@ and standard deviations in single precision.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+import json
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -18,14 +20,30 @@ import pyarrow.csv
 
 from insnav import spill
 from insnav.exceptions import InputError
-from insnav.findings import Code, Finding, untyped_event
+from insnav.findings import Code, Finding, Severity, by_time
+from insnav.messages import render
 from insnav.output.columns import TEXT_ROWS, Decimals, arrow_table, rounded, write_csv, write_numbers
 from insnav.plain_text import cell_text, plain_text
+from insnav.quantity import quantity_of
 from insnav.tabular import Tabular, unit_of
 from insnav.types import GpsData, Innovations, SensorErrors, Trajectory
 
 TableFormat = Literal["csv", "parquet"]
 T = TypeVar("T", bound=Tabular)
+
+_EVENT_COLUMNS = [
+    "time_s",
+    "end_s",
+    "code",
+    "severity",
+    "subject",
+    "value",
+    "limit",
+    "unit",
+    "action",
+    "hint",
+    "values",
+]
 
 _NAMES: dict[type, str] = {
     Trajectory: "solution",
@@ -72,22 +90,63 @@ def write_run_table(folder: Path, data: Tabular, file_format: TableFormat = "csv
     return path
 
 
-def write_events(folder: Path, events: Sequence[Finding]) -> Path:
-    """Write ``events.csv``: every rejection, gap and reset, one a row; text is safe to open in a spreadsheet."""
-    values = {
-        key: np.array([getattr(event, key.removesuffix("_s")) for event in events], dtype=np.float64)
-        for key in ("time_s", "value", "limit")
+def write_events(folder: Path, findings: Sequence[Finding]) -> Path:
+    """Write ``events.csv``: every finding that has a time, one a row; text is safe to open in a spreadsheet.
+
+    ``value`` and ``limit`` are the number that decided and its limit in SI, ``values`` all numbers as JSON.
+    """
+    timed = by_time(each for each in findings if each.timed)
+    numbers = {"time_s": "begin", "end_s": "end", "value": "value", "limit": "limit"}
+    columns: dict[str, Any] = {
+        key: rounded(key, np.array([getattr(each, name) for each in timed], dtype=np.float64), _DECIMALS)
+        for key, name in numbers.items()
     }
-    numbers = {key: rounded(key, each, _DECIMALS) for key, each in values.items()}
-    texts = {key: [cell_text(getattr(event, key)) for event in events] for key in ("kind", "action", "hint")}
-    # A dimensionless value has no unit to write; a lone "-" would look like the start of a formula.
-    texts["unit"] = ["" if event.unit == "-" else cell_text(event.unit) for event in events]
-    columns = {**numbers, **texts}
-    order = ("time_s", "kind", "value", "limit", "unit", "action", "hint")
+    messages = [render(each) for each in timed]
+    texts = {
+        "code": [each.code.value for each in timed],
+        "severity": [each.severity.name.lower() for each in timed],
+        "subject": [each.subject for each in timed],
+        # no unit is an empty cell: a lone "-" would look like the start of a formula
+        "unit": [quantity_of(each.values[0][0], 0.0).unit if each.values else "" for each in timed],
+        "action": [" ".join(filter(None, (each.text, each.done))) for each in messages],
+        "hint": [each.advice for each in messages],
+        "values": [values_text(each) for each in timed],
+    }
+    columns |= {key: [cell_text(text) for text in column] for key, column in texts.items()}
     path = folder / "events.csv"
     with path.open("wb") as stream:
-        write_csv(arrow_table({key: columns[key] for key in order}), stream)
+        write_csv(arrow_table({key: columns[key] for key in _EVENT_COLUMNS}), stream)
     return path
+
+
+def values_text(finding: Finding) -> str:
+    """Write the values of a finding as JSON; a number that is not finite is null."""
+    return json.dumps(json_values(finding)) if finding.values else ""
+
+
+def json_values(finding: Finding) -> dict[str, Any]:
+    """Give the values of a finding ready for JSON."""
+    return {name: _finite(value) for name, value in finding.values}
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return [_finite(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def stored_finding(row: Mapping[str, Any], values: Mapping[str, Any]) -> Finding:
+    """Make a finding of what a file holds of it; a code of another version keeps its text."""
+    known, code = set(Code), str(row["code"])
+    severity = str(row.get("severity") or "warning").upper()
+    return Finding.of(
+        Code(code) if code in known else Code.STORED_TEXT,
+        _number(row.get("time_s")),
+        _number(row.get("end_s")),
+        subject=str(row.get("subject") or ""),
+        severity=Severity[severity] if severity in Severity.__members__ else Severity.WARNING,
+        **{name: math.nan if value is None else value for name, value in values.items()},
+    )
 
 
 def has_smoothed(folder: Path) -> bool:
@@ -138,22 +197,27 @@ def _field(table: Any, field: str, names: Sequence[str]) -> Any:
 
 
 def read_events(folder: Path) -> tuple[Finding, ...]:
-    """Read ``events.csv`` of a run folder."""
-    kinds = {kind.value: kind for kind in Code}
-    text = pa.csv.ConvertOptions(column_types=dict.fromkeys(("kind", "unit", "action", "hint"), pa.string()))
-    rows = pa.csv.read_csv(folder / "events.csv", convert_options=text).to_pylist()
-    return tuple(
-        untyped_event(
-            row["time_s"],
-            kinds.get(row["kind"], row["kind"]),
-            _number(row["value"]),
-            _number(row["limit"]),
-            row["unit"] or "-",
-            row["action"],
-            row["hint"],
-        )
-        for row in rows
-    )
+    """Read ``events.csv`` of a run folder, of this version or of 0.2, which had kinds and texts.
+
+    Raises: InputError: it is damaged.
+    """
+    path = folder / "events.csv"
+    texts = dict.fromkeys(("code", "kind", "severity", "subject", "unit", "action", "hint", "values"), pa.string())
+    try:
+        table = pa.csv.read_csv(path, convert_options=pa.csv.ConvertOptions(column_types=texts))
+        return tuple(map(_finding_of_row, table.to_pylist()))
+    except (pa.ArrowException, OSError, KeyError, ValueError, TypeError) as error:
+        raise InputError(
+            "the table of events cannot be read", where=str(path), why=plain_text(error), fix="make the run again"
+        ) from error
+
+
+def _finding_of_row(row: Mapping[str, Any]) -> Finding:
+    if "code" in row:
+        return stored_finding(row, json.loads(row["values"] or "{}"))
+    severity = "note" if row["kind"] in set(Code) else "warning"
+    old = {"code": row["kind"], "time_s": row["time_s"], "severity": severity}
+    return stored_finding(old, {"value": row["value"], "limit": row["limit"], "text": row["action"]})
 
 
 def _number(value: float | None) -> float:

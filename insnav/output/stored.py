@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
+from enum import Enum, EnumType
 from importlib import import_module
 from pathlib import Path
 from typing import Any, cast
@@ -26,6 +27,8 @@ def store(found: object, file: Path) -> None:
         if isinstance(value, np.ndarray):
             arrays.setdefault(id(value), value)
             return {"array": list(arrays).index(id(value))}
+        if isinstance(value, Enum):
+            return {"member": f"{type(value).__module__}:{type(value).__qualname__}", "value": value.value}
         if is_dataclass(value):
             kind = type(value)
             own = {each.name: plain(getattr(value, each.name)) for each in fields(value) if each.init}
@@ -63,12 +66,14 @@ def _restored(value: Any, content: Mapping[str, np.ndarray]) -> Any:
         return content[f"array_{value['array']}"]
     if "mapping" in value:
         return {_restored(key, content): _restored(each, content) for key, each in value["mapping"]}
-    for kind in (tuple, list):
-        if kind.__name__ in value:
-            return kind(_restored(each, content) for each in value[kind.__name__])
-    module, name = value["class"].split(":")
-    found: Any = getattr(import_module(module), name) if module.startswith("insnav.") else None
-    if not is_dataclass(found):
-        raise ValueError(f"{value['class']} is no result of insnav")
-    make = cast(Callable[..., Any], found)
+    for sequence in (tuple, list):
+        if sequence.__name__ in value:
+            return sequence(_restored(each, content) for each in value[sequence.__name__])
+    module, name = value["class" if "class" in value else "member"].split(":")
+    kind: Any = getattr(import_module(module), name) if module.startswith("insnav.") else None
+    if "member" in value and isinstance(kind, EnumType):
+        return kind(value["value"])
+    if "class" not in value or not is_dataclass(kind):
+        raise ValueError(f"{module}:{name} is no result of insnav")
+    make = cast(Callable[..., Any], kind)
     return make(**{key: _restored(each, content) for key, each in value["fields"].items()})

@@ -1,0 +1,188 @@
+"""Findings and their words: the catalogue is complete, its formats work, its sentences can be read."""
+
+from __future__ import annotations
+
+import ast
+import math
+import re
+import string
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from insnav.findings import Code, Finding, Severity
+from insnav.messages import LANGUAGES, PARTS, catalogue, render, sentence
+from insnav.units import UNITS
+
+ROOT = Path(__file__).parents[1] / "insnav"
+VERBS = ("moment", "word", "count", "plural", "sign", "abs")
+# units without a factor to SI that a text may name
+PLAIN_UNITS = {"", "sd", "LSB", "rows"}
+LONGEST = 25  # words of a sentence
+
+
+def fields(text: str) -> Iterator[tuple[str, str]]:
+    """Name and format of each value in a text."""
+    for _, name, spec, _ in string.Formatter().parse(text):
+        if name is not None:
+            yield name, spec or ""
+
+
+def texts(lang: str) -> Iterator[tuple[str, str, str]]:
+    for code, entry in catalogue(lang).items():
+        if code != "words":
+            yield from ((code, part, text) for part, text in entry.items())
+
+
+@pytest.mark.parametrize("lang", LANGUAGES)
+def test_each_code_has_an_entry_and_each_entry_a_code(lang: str):
+    assert set(catalogue(lang)) - {"words"} == {code.value for code in Code}
+    for code in Code:
+        entry = catalogue(lang)[code.value]
+        assert set(entry) <= set(PARTS)
+        assert entry["title"], code
+        assert entry["text"], code
+
+
+def test_each_code_is_used():
+    source = "".join(path.read_text() for path in ROOT.rglob("*.py") if path.name != "findings.py")
+    unused = [code.name for code in Code if not re.search(rf"\bCode\.{code.name}\b", source)]
+    assert unused == []
+
+
+@pytest.mark.parametrize("lang", LANGUAGES)
+def test_formats_are_known(lang: str):
+    for code, part, text in texts(lang):
+        for name, spec in fields(re.sub(r"\[\[|\]\]", "", text)):
+            verb, _, rest = spec.partition(" ")
+            unit = rest.partition(" ")[2] if verb == "abs" else "" if verb in VERBS else rest
+            place = f"{code}: {part}: {{{name}:{spec}}}"
+            assert verb in VERBS or re.fullmatch(r"(\+?,?(\.\d)?[a-z%]?)?", verb), place
+            assert unit in UNITS or unit in PLAIN_UNITS, place
+            if verb in ("count", "plural", "sign"):
+                assert rest.count("|") == 1, place
+
+
+@pytest.mark.parametrize("lang", LANGUAGES)
+def test_languages_show_the_same_values(lang: str):
+    for code, part, text in texts(lang):
+        assert {name for name, _ in fields(text)} <= {
+            name for other in catalogue("en")[code].values() for name, _ in fields(other)
+        }, f"{code}: {part}"
+
+
+def test_sentences_are_short():
+    long = []
+    for code, part, text in texts("en"):
+        plain = re.sub(r"\{[^}]*\}", "1", text.replace("[[", "").replace("]]", ""))
+        long += [
+            f"{code}: {part}: {len(each.split())} words"
+            for each in re.split(r"(?<=[.:?])\s", plain)
+            if len(each.split()) > LONGEST
+        ]
+    assert not long, "\n".join(long)
+
+
+def test_texts_are_sentences():
+    for code, part, text in texts("en"):
+        if part != "title":
+            assert text[-1] in ".?!", f"{code}: {part}"
+            assert text[0].isupper() or text[0] in "{[-", f"{code}: {part}"
+
+
+def test_a_finding_in_words():
+    finding = Finding.of(Code.GATE_POSITION, 12.0, nis=31.5, limit_nis=16.3)
+    assert finding.timed
+    assert finding.value == 31.5
+    assert finding.limit == 16.3
+    assert hash(finding) == hash(Finding.of(Code.GATE_POSITION, 12.0, nis=31.5, limit_nis=16.3))
+    assert finding.later(3.0).begin == 15.0
+    assert Finding.of(Code.GATE_POSITION) == Finding.of(Code.GATE_POSITION, math.nan)
+    message = render(finding)
+    assert message.title
+    assert message.text in sentence(finding)
+
+
+def test_texts_hold_values_as_they_are_asked_to(monkeypatch: pytest.MonkeyPatch):
+    entry = {
+        "title": "Delay",
+        "text": "{count:count fix is|fixes are} {delay_s:abs .3f s} {delay_s:sign late|early}"
+        "[[ ± {sd_s:.3f s}]] from {span}.",
+        "done": "{gyro_rad_s:.2g deg/s} {lever_m:.1f m} {axis:word}",
+    }
+    monkeypatch.setattr("insnav.messages.catalogue", lambda lang: {"gps.gap": entry, "words": {"x": "ex"}})
+    code = Code("gps.gap") if "gps.gap" in set(Code) else next(iter(Code))
+    monkeypatch.setattr("insnav.messages.catalogue", lambda lang: {code.value: entry, "words": {"x": "ex"}})
+    values = {"count": 1, "delay_s": -0.05, "gyro_rad_s": math.radians(2.0), "lever_m": (0.1, -0.04, 2.0), "axis": "x"}
+    message = render(Finding.of(code, 5.0, 7.0, **values))
+    assert message.text == "1 fix is 0.050 s early from t = 5.0 to 7.0 s."
+    assert message.done == "2 deg/s 0.1, 0.0, 2.0 m ex"
+    message = render(Finding.of(code, 5.0, 7.0, **{**values, "sd_s": 0.01}), at=lambda begin, end: f"{begin}/{end}")
+    assert "early ± 0.010 s from 5.0/7.0." in message.text
+
+
+def test_severities_rise():
+    assert Severity.NOTE < Severity.ASSUMPTION < Severity.WARNING < Severity.UNUSABLE
+
+
+# Decisions are made by codes and numbers. Inside the package nothing reads what a finding says.
+TEXT_METHODS = {"startswith", "endswith", "removeprefix", "removesuffix", "partition", "split", "replace", "find"}
+TEXT_FUNCTIONS = {"search", "match", "fullmatch", "findall", "sub", "finditer"}
+RENDERED = {"sentence", "render"}
+
+
+def decisions(tree: ast.AST) -> Iterator[int]:
+    """Lines on which a text that was rendered from a finding is taken apart or compared."""
+    for scope in (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.Module)):
+        names = {
+            target.id
+            for node in ast.walk(scope)
+            if isinstance(node, ast.Assign) and is_rendered(node.value, set())
+            for target in node.targets
+            if isinstance(target, ast.Name)
+        }
+        for node in ast.walk(scope):
+            if isinstance(node, ast.Compare):
+                if any(is_rendered(each, names) for each in (node.left, *node.comparators)):
+                    yield node.lineno
+            elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+                if node.func.attr in TEXT_METHODS and is_rendered(node.func.value, names):
+                    yield node.lineno
+                if node.func.attr in TEXT_FUNCTIONS and any(is_rendered(each, names) for each in node.args):
+                    yield node.lineno
+
+
+def is_rendered(node: ast.AST, names: set[str]) -> bool:
+    """Whether an expression is the text of a finding, or a part of it."""
+    if isinstance(node, ast.Name):
+        return node.id in names
+    if isinstance(node, ast.Attribute):
+        return node.attr in PARTS[1:] and is_rendered(node.value, names)
+    if isinstance(node, ast.Call):
+        if isinstance(node.func, ast.Name) and node.func.id in RENDERED:
+            return True
+        return (
+            isinstance(node.func, ast.Name) and node.func.id == "str" and any(is_rendered(a, names) for a in node.args)
+        )
+    return False
+
+
+def test_no_decision_depends_on_the_text_of_a_finding():
+    found = [
+        f"{path.relative_to(ROOT)}:{line}"
+        for path in sorted(ROOT.rglob("*.py"))
+        if path.parent.name != "messages"
+        for line in decisions(ast.parse(path.read_text()))
+    ]
+    assert not found, found
+
+
+def test_such_a_decision_would_be_noticed():
+    for line in (
+        "if sentence(x).startswith('gyro'): pass",
+        "text = sentence(x)\nif 'gyro' in text: pass",
+        "re.search('gyro', render(x).text)",
+        "message = render(x)\nmessage.done.removeprefix('y')",
+    ):
+        assert list(decisions(ast.parse(line))), line
