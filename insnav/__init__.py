@@ -41,6 +41,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from insnav.version import __version__ as __version__
+
 if TYPE_CHECKING:
     from insnav.errors.metrics import position_errors
     from insnav.exceptions import InsnavError
@@ -56,8 +58,6 @@ if TYPE_CHECKING:
     from insnav.session.simulation import simulate
     from insnav.strapdown import increments, intervals, navigate
     from insnav.types import GpsData, ImuData, Increments, Run, Trajectory
-
-__version__ = "0.2.0"
 
 _NAMES = {
     "insnav.errors.metrics": "position_errors",

@@ -10,8 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar, cast
 
+from insnav.deferred import library
 from insnav.exceptions import as_keywords
 from insnav.findings import Finding
 from insnav.imu.specification import ImuSpec
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     from insnav.report.page import Page
 
 F = TypeVar("F")
+# by name: rooms of results know results, which show themselves late
+_save, _html = library("insnav.report.save"), library("insnav.report.html")
 
 
 @dataclass(frozen=True)
@@ -72,9 +75,7 @@ class Result(Generic[F]):
 
     @cached_property
     def _page(self) -> Page:
-        from insnav.report.save import page_of
-
-        return page_of(self)
+        return cast("Page", _save.page_of(self))
 
     @property
     def laid_out(self) -> Page | None:
@@ -112,10 +113,8 @@ class Result(Generic[F]):
         OutputError
             The folder exists already, or cannot be written.
         """
-        from insnav.report.save import save_result
-
         with RunFolder(Path(folder), force=force) as place:
-            return save_result(self, place, figures=figures, table_format=table_format)
+            return cast(Path, _save.save_result(self, place, figures=figures, table_format=table_format))
 
     def plot(self, name: str) -> Figure:
         """Draw one figure of the page.
@@ -134,9 +133,7 @@ class Result(Generic[F]):
         ConfigError
             The result has no figure of this name; the message lists those it has.
         """
-        from insnav.report.save import figure
-
-        return figure(self, name)
+        return cast("Figure", _save.figure(self, name))
 
     def to_frame(self) -> pd.DataFrame:
         """Give the main table of the result, units in the column names.
@@ -145,9 +142,7 @@ class Result(Generic[F]):
         -------
         pandas.DataFrame
         """
-        from insnav.report.save import frame
-
-        return frame(self)
+        return cast("pd.DataFrame", _save.frame(self))
 
     def summary(self) -> str:
         """Give the result as text, as the command line prints it, but with keywords for its options.
@@ -157,15 +152,11 @@ class Result(Generic[F]):
         str
             Lines without control characters.
         """
-        from insnav.report.save import text_of
-
-        return as_keywords(text_of(self))
+        return as_keywords(_save.text_of(self))
 
     def _repr_html_(self) -> str:
         """Show the result in a notebook: its tables, without the figures."""
-        from insnav.report.html import page_fragment
-
-        return page_fragment(self.page())
+        return str(_html.page_fragment(self.page()))
 
 
 def open_result(folder: str | Path) -> Result[Any]:
@@ -185,6 +176,4 @@ def open_result(folder: str | Path) -> Result[Any]:
     InputError
         Not such a folder, damaged, or of a kind whose tables are not kept.
     """
-    from insnav.report.save import open_folder
-
-    return open_folder(Path(folder))
+    return cast("Result[Any]", _save.open_folder(Path(folder)))

@@ -72,7 +72,7 @@ RENAMED = {"--twins": "--replicas", "--raw": "--uncalibrated", "--workers": "--e
 
 def _version(value: bool) -> None:
     if value:
-        from insnav import __version__
+        from insnav.version import __version__
 
         print(f"insnav {__version__}")
         raise typer.Exit

@@ -15,11 +15,11 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from insnav import __version__
 from insnav.engine import Failed, Workers, attempt, each
 from insnav.exceptions import ConfigError, InputError, OutputError, writing
 from insnav.output.contents import FACTS_FILE, damage, file_sha256, files_in, read_facts
 from insnav.output.folder import foreign_files, write_text
+from insnav.version import __version__
 
 DRIVES = "drives"  # folder of the run folders, within that of the fleet
 _OWN = {DRIVES, FACTS_FILE, "report.html", "fleet.csv"}  # what a fleet folder holds

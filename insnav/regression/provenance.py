@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 
-from insnav import __version__
+from insnav.version import __version__
 
 _PACKAGES = ("numpy", "scipy", "numba", "filterpy", "pandas", "pymap3d")
 _CPUINFO = Path("/proc/cpuinfo")

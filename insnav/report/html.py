@@ -14,10 +14,10 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from insnav import __version__
 from insnav.plain_text import plain_text
 from insnav.report.page import LIGHTS, Page, Section, Show, Table, cell, section_tables
 from insnav.report.panels import modes, panel_data
+from insnav.version import __version__
 
 _MEDIA = {".png": "image/png", ".svg": "image/svg+xml"}
 _TEMPLATES = Path(__file__).parent / "templates"

@@ -11,11 +11,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 
-from insnav import __version__
 from insnav.plain_text import plain_text
 from insnav.report.colours import GREEN, GREY, ORANGE, VERMILLION
 from insnav.report.page import LIGHTS, FigureSpec, Page, cell
 from insnav.report.style import drawing
+from insnav.version import __version__
 
 WIDTH, HEIGHT, _MARGIN = 8.27, 11.69, 0.6  # A4 [inch]
 _DPI = 200

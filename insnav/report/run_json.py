@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from insnav import __version__
 from insnav.report.page import Page, Section
+from insnav.version import __version__
 
 # of ``run.schema.json``: the first number changes when a key goes or changes its meaning, the second when keys come
 SCHEMA = "1.0"
