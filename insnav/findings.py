@@ -57,8 +57,8 @@ class Code(StrEnum):
 
     # samples
     IMU_SPIKE = "imu.spike"
-    IMU_SATURATED = "imu.saturated"
-    IMU_STUCK = "imu.stuck"
+    IMU_SATURATED = "imu.saturated", Severity.WARNING
+    IMU_STUCK = "imu.stuck", Severity.WARNING
 
     # fixes and filter
     GPS_FROZEN = "gps.frozen"
@@ -74,11 +74,74 @@ class Code(StrEnum):
     DEWEIGHTED_VELOCITY = "deweighted.velocity"
     PART = "filter.part"
     CONTRADICTION = "filter.contradiction"
-    RESET = "filter.reset"
+    RESET = "filter.reset", Severity.WARNING
     REPAIR = "filter.repair"
-    DIVERGED = "filter.diverged"
+    DIVERGED = "filter.diverged", Severity.WARNING
 
     # -- H1: alignment, fixes and aiding, as the filter is prepared and runs
+    IMU_LIMITED = "imu.limited", Severity.WARNING
+    IMU_FROZEN = "imu.frozen", Severity.WARNING
+    IMU_JITTER = "imu.jitter"
+    IMU_CLOCK_RATE = "imu.clock_rate"
+    ALIGN_LEVEL_STATIC = "align.level.static"
+    ALIGN_LEVEL_FILTER = "align.level.filter"
+    ALIGN_LEVEL_MOTION = "align.level.motion"
+    ALIGN_LEVEL_MOTION_FILTER = "align.level.motion_filter"
+    ALIGN_LEVEL_GIVEN = "align.level.given"
+    ALIGN_HEADING_GYROCOMPASS = "align.heading.gyrocompass"
+    ALIGN_HEADING_GYROCOMPASS_FILTER = "align.heading.gyrocompass_filter"
+    ALIGN_HEADING_COURSE = "align.heading.course"
+    ALIGN_HEADING_COURSE_FILTER = "align.heading.course_filter"
+    ALIGN_HEADING_REVERSING = "align.heading.reversing"
+    ALIGN_HEADING_ACCELERATION = "align.heading.acceleration"
+    ALIGN_HEADING_GIVEN = "align.heading.given"
+    ALIGN_HEADING_GIVEN_FILTER = "align.heading.given_filter"
+    ALIGN_HEADING_UNKNOWN = "align.heading.unknown"
+    ALIGN_LATE = "align.late"
+    ATTITUDE_AXES = "attitude.axes"
+    PARTS = "filter.parts"
+    PART_BEFORE = "filter.part.before_start"
+    PART_SHORT = "filter.part.short"
+    PART_UNALIGNED = "filter.part.unaligned"
+    GPS_SD_SCATTER = "gps.position_sd.scatter", Severity.ASSUMPTION
+    GPS_SD_FIX_TYPE = "gps.position_sd.fix_type", Severity.ASSUMPTION
+    GPS_SD_STAND_ALONE = "gps.position_sd.stand_alone", Severity.ASSUMPTION
+    GPS_VELOCITY_SD = "gps.velocity_sd.scatter", Severity.ASSUMPTION
+    GPS_ROUNDED_POSITION = "gps.rounded.position", Severity.ASSUMPTION
+    GPS_ROUNDED_VELOCITY = "gps.rounded.velocity", Severity.ASSUMPTION
+    GPS_FLOAT = "gps.float"
+    GPS_VELOCITY_HALF = "gps.velocity.half", Severity.ASSUMPTION
+    GPS_VELOCITY_LEVEL = "gps.velocity.level"
+    GPS_VELOCITY_LAG = "gps.velocity.lag"
+    GPS_DELAY_MOVED = "gps.delay.moved"
+    GPS_CORRELATED_REPORTED = "gps.correlated.reported"
+    GPS_CORRELATED_VELOCITY = "gps.correlated.velocity"
+    GPS_DETECTABLE = "gps.detectable"
+    GATE_AIDING = "gate.aiding"
+    NHC_USED = "nhc.used"
+    NHC_SLOW = "nhc.slow"
+    NHC_LATERAL = "nhc.lateral"
+    NHC_TURNED = "nhc.turned"
+    BAROMETER_USED = "barometer.used"
+    BAROMETER_POOR = "barometer.poor"
+    MAGNETOMETER_USED = "magnetometer.used"
+    MAGNETOMETER_FEW = "magnetometer.few"
+    MAGNETOMETER_POOR = "magnetometer.poor"
+    ODOMETER_USED = "odometer.used"
+    ODOMETER_FEW = "odometer.few"
+    ODOMETER_POOR = "odometer.poor"
+    ODOMETER_SCALE = "odometer.scale"
+    SPEEDOMETER_AXES = "speedometer.axes"
+    SPEEDOMETER_CLOCK = "speedometer.clock"
+    SPEEDOMETER_UNKNOWN = "speedometer.unknown"
+    SPEEDOMETER_OUTLIERS = "speedometer.outliers"
+    ZUPT_USED = "zupt.used"
+    ZUPT_PARTLY = "zupt.partly"
+    ZUPT_CONTRADICTED = "zupt.contradicted"
+    ZUPT_SHORT = "zupt.short"
+    ZUPT_UNSEEN = "zupt.unseen"
+    ZUPT_POOR = "zupt.poor"
+    ZUPT_NONE = "zupt.none"
 
     # -- H2a: faults that the filter finds: changes, gyros, clock, lever arm, noise
 

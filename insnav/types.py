@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from insnav.findings import Finding
+from insnav.findings import Code, Finding
 from insnav.tabular import FromTable, Tabular
 
 if TYPE_CHECKING:
@@ -239,9 +239,9 @@ class Alignment:
     gyro_bias: FloatArray
     gyro_bias_sd: FloatArray
     static: tuple[float, float] | None  # start and end of the static interval used [s]
-    # in words: how roll and pitch, and how heading, were found
-    level_method: str
-    heading_method: str
+    # how roll and pitch, and how heading, were found; in words in folders of earlier versions
+    level_method: Code | str
+    heading_method: Code | str
     # (k, 2) by how much level and heading change from part to part of a long rest, drift of the sensors with it [rad]:
     # a boat at its mooring, a car that is loaded; NaN where people board; none in a short one
     sway: FloatArray = field(default_factory=lambda: np.empty((0, 2)))

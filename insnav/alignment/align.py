@@ -11,6 +11,7 @@ from insnav.alignment import static
 from insnav.attitude import wrap_two_pi
 from insnav.earth import ned_offset
 from insnav.exceptions import AlignmentError
+from insnav.findings import Code
 from insnav.imu.specification import ImuSpec, gyro_bias_sd, level_bias_sd
 from insnav.strapdown import Intervals
 from insnav.types import Alignment, BoolArray, FloatArray, GpsData
@@ -30,6 +31,12 @@ HIDDEN = 60.0  # that motion may be hidden for by the noise of positions [s]
 COURSE_TIME = 0.5  # a course in motion may be off by the turn in this time, or up to the nearest velocity [s]
 SPARSE = 5.0  # fixes farther apart show no change of velocity in a short record [s]
 LATER = 10.0  # fixes that go on for longer than the samples may have seen what these have not [s]
+THEN_FILTER = {  # methods of an alignment that a run of the filter has refined
+    Code.ALIGN_LEVEL_MOTION: Code.ALIGN_LEVEL_MOTION_FILTER,
+    Code.ALIGN_HEADING_COURSE: Code.ALIGN_HEADING_COURSE_FILTER,
+    Code.ALIGN_HEADING_GYROCOMPASS: Code.ALIGN_HEADING_GYROCOMPASS_FILTER,
+    Code.ALIGN_HEADING_GIVEN: Code.ALIGN_HEADING_GIVEN_FILTER,
+}
 LEVEL_SPAN = 20.0  # of the level from GPS velocity change: longer, gyro drift tilts the frame; shorter, noise [s]
 
 
@@ -51,17 +58,17 @@ def _of_means(at: static.StationaryMeans, spec: ImuSpec, lat: float, height: flo
     tilt = static.tilt_sd(at, spec, lat, height)
     compass, compass_sd = static.gyrocompass(at, spec, lat, float(tilt[0]))
     if heading is not None:
-        heading, heading_sd, method = float(wrap_two_pi(heading)), float(GIVEN_HEADING_SD), "given"
+        heading, heading_sd, method = float(wrap_two_pi(heading)), float(GIVEN_HEADING_SD), Code.ALIGN_HEADING_GIVEN
     elif compass_sd <= GYROCOMPASS_SD:
-        heading, heading_sd, method = compass, compass_sd, "gyrocompass"
+        heading, heading_sd, method = compass, compass_sd, Code.ALIGN_HEADING_GYROCOMPASS
     else:
-        heading, heading_sd, method = 0.0, np.inf, "not found"
+        heading, heading_sd, method = 0.0, np.inf, Code.ALIGN_HEADING_UNKNOWN
     rph = np.array([roll, pitch, heading])
     bias, bias_sd = static.gyro_bias(at, spec, rph, heading_sd, lat)
-    if method == "gyrocompass":  # the rates have given the heading and cannot give the bias again
+    if method is Code.ALIGN_HEADING_GYROCOMPASS:  # the rates have given the heading and cannot give the bias again
         bias, bias_sd = np.zeros(3), np.full(3, np.inf)
     sd = np.array([*tilt, heading_sd])
-    return Alignment(at.start, rph, sd, bias, bias_sd, (at.start, at.end), "static", method)
+    return Alignment(at.start, rph, sd, bias, bias_sd, (at.start, at.end), Code.ALIGN_LEVEL_STATIC, method)
 
 
 def align(
@@ -174,7 +181,7 @@ def _from_rest(
     lat, height = float(here[0]), float(here[2])
     at = static.summarize(parts, *rest)
     found = replace(_of_means(at, spec, lat, height, heading), time=start)
-    given = found.heading_method == "given"
+    given = found.heading_method is Code.ALIGN_HEADING_GIVEN
     if found.sd[2] <= SURE_SD and not given:
         return found
     at, sway = static.sway(parts, still, at)
@@ -260,12 +267,12 @@ def _in_motion(
     # in a turn the course is not that of one instant, nor that of antenna and IMU the same
     across = float(np.hypot(np.median(speed.sd[near]), turning * lever_sd)) / max(np.hypot(v[0], v[1]), 1e-9)
     course_sd = float(np.sqrt(speed.slip_sd**2 + across**2 + (turning * max(COURSE_TIME, nearest)) ** 2))
-    method = "GPS course"
+    method = Code.ALIGN_HEADING_COURSE
     if heading is not None:
-        rph[2], course_sd, method = heading, GIVEN_HEADING_SD, "given"
+        rph[2], course_sd, method = heading, GIVEN_HEADING_SD, Code.ALIGN_HEADING_GIVEN
     # gyro bias tilts the frame in which the specific force was averaged; a wrong heading turns the acceleration
     drift = 0.5 * gyro * (end - begin)
     tilt = float(np.linalg.norm([level_sd, bias / G0, drift, acceleration / G0 * course_sd]))
     rph[2] = wrap_two_pi(rph[2])
     sd, none = np.array([tilt, tilt, course_sd]), np.zeros(3)
-    return Alignment(begin, rph, sd, none, np.full(3, np.inf), None, "change of GPS velocity", method)
+    return Alignment(begin, rph, sd, none, np.full(3, np.inf), None, Code.ALIGN_LEVEL_MOTION, method)

@@ -11,6 +11,7 @@ import numpy as np
 from insnav.attitude import dcm_from_quat, quat_from_rotvec, quat_from_rph, quat_multiply, rph_from_quat, wrap_pi
 from insnav.earth import earth_rate_n, gravity_n, lla_offset, ned_offset
 from insnav.exceptions import AlignmentError
+from insnav.findings import Code
 from insnav.kernels.alignment import gyro_history
 from insnav.strapdown import Intervals, between
 from insnav.types import Alignment, BoolArray, FloatArray, GpsData, IntArray
@@ -186,7 +187,7 @@ class Course:
 
     heading: float  # [rad]
     sd: float
-    method: str  # in words
+    method: Code
 
 
 def first_motion(speed: Velocity, start: float) -> float | None:
@@ -258,10 +259,10 @@ def course_heading(
     apart = abs(float(wrap_pi(agree - mean)))
     if felt_sd < CLEAR_SD and apart > max(TURNED, 4.0 * felt_sd):
         if apart > np.pi - max(REVERSED, 3.0 * felt_sd):
-            return Course(float(wrap_pi(mean + np.pi)), course_sd, "GPS course, vehicle reversing")
+            return Course(float(wrap_pi(mean + np.pi)), course_sd, Code.ALIGN_HEADING_REVERSING)
         sd_turned = float(np.hypot(2.0 * felt_sd, drift))
-        return Course(float(agree), sd_turned, "direction of acceleration (the IMU is turned in the vehicle)")
-    return Course(float(mean), course_sd, "GPS course")
+        return Course(float(agree), sd_turned, Code.ALIGN_HEADING_ACCELERATION)
+    return Course(float(mean), course_sd, Code.ALIGN_HEADING_COURSE)
 
 
 def bias_by_course(parts: Intervals, found: Alignment, speed: Velocity, lat: float) -> tuple[float, float]:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from insnav.filter import gates as gate
 from insnav.filter.estimate import Estimate
 from insnav.filter.measurements.heading import Heading
 from insnav.filter.measurements.measurement import INTERVAL, FilterView, Measurement
 from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
-from insnav.findings import untyped_event
+from insnav.findings import Code, Finding
 from insnav.kernels.aiding_measurements import innovation
 from insnav.kernels.errorstate import Samples
 from insnav.types import FloatArray, GpsData
@@ -76,8 +75,8 @@ class AidingUpdates:
         limit = self._gates.limit(m)
         self._record.aiding(measurement, z[part], nis, nis <= limit)
         if nis > limit:
-            kind = f"gate.{measurement.name}"
-            self._record.event(untyped_event(at.time, kind, nis, limit, f"NIS ({m} dof)", gate.REJECTED, "see aiding"))
+            code, name = Code.GATE_AIDING, measurement.name
+            self._record.event(Finding.of(code, at.time, subject=name, nis=nis, limit_nis=limit, dof=m))
             return True
         np.fill_diagonal(r, variance)
         estimate.epoch(at.time)

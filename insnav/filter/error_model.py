@@ -8,6 +8,7 @@ import numpy as np
 
 from insnav.attitude import dcm_from_rph
 from insnav.earth import OMEGA_EARTH, gravity_n
+from insnav.findings import Code
 from insnav.imu.specification import ImuSpec, SensorSpec, level_bias
 from insnav.kernels.errorstate import STATES
 from insnav.types import Alignment, FloatArray
@@ -131,11 +132,11 @@ def initial_state(
     p[9:, 9:] = np.diag(sd**2)
     c = dcm_from_rph(alignment.rph)
     j = np.zeros((3, 12))  # attitude error by sensor errors
-    if alignment.level_method == "static":
+    if alignment.level_method is Code.ALIGN_LEVEL_STATIC:
         # f x phi = C d(bias): the levelled specific force has no horizontal part
         g = float(gravity_n(lla[0], lla[2])[2])
         j[0, 3:6], j[1, 3:6] = -c[1] / g, c[0] / g
-    if alignment.heading_method == "gyrocompass":
+    if alignment.heading_method is Code.ALIGN_HEADING_GYROCOMPASS:
         # the levelled, turned rate has no east part: w_ie_N phi_D = -(C d bias)_E for rate = measured - bias
         j[2, 0:3] = -c[1] / (OMEGA_EARTH * np.cos(lla[0]))
         j[2, 3:6] = -np.tan(lla[0]) * j[0, 3:6]

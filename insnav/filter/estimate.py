@@ -16,7 +16,7 @@ from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import History
 from insnav.filter.state_layout import cross_covariance, layout, reset_correlated, set_to_fix
-from insnav.findings import Code, untyped_event
+from insnav.findings import Code, Finding
 from insnav.kernels import epoch, errorstate
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
@@ -251,4 +251,4 @@ class Estimate:
 
     def _note_repair(self, time: float, repaired: bool) -> None:
         if repaired:
-            self._record.event(untyped_event(time, Code.REPAIR, 1.0, 0.0, "count", "negative variance set to zero"))
+            self._record.event(Finding.of(Code.REPAIR, time))

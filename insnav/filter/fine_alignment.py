@@ -8,11 +8,13 @@ import numpy as np
 
 from insnav import strapdown
 from insnav.alignment import align_static
+from insnav.alignment.align import THEN_FILTER
 from insnav.alignment.static import latitude_from_sensors, summarize, unexplained_rate
 from insnav.exceptions import AlignmentError
 from insnav.filter.error_model import error_model, initial_state
 from insnav.filter.navigator import Navigator
 from insnav.filter.settings import FilterSettings
+from insnav.findings import Code
 from insnav.imu.specification import ImuSpec
 from insnav.types import Alignment, FloatArray, GpsData, ImuData
 
@@ -84,7 +86,7 @@ def fine_alignment(
         sd=last.sd[-1, 6:],
         gyro_bias=bias,
         gyro_bias_sd=bias_sd,
-        level_method="filter, zero velocity",
-        heading_method=f"{start.heading_method}, then filter",
+        level_method=Code.ALIGN_LEVEL_FILTER,
+        heading_method=THEN_FILTER[Code(start.heading_method)],
     )
     return FineAlignment(coarse, fine, latitude, float(lla[0]))

@@ -1,4 +1,4 @@
-"""Which fixes the filter accepts: quality, physics, statistics, each with its own name in the events.
+"""Which fixes the filter accepts: quality, physics, statistics, each with its own code.
 
 A wrong covariance misleads a statistical test, so the physical gate does not look at it. Rejections never widen the
 covariance; a long unbroken row of them leads to one explicit reset.
@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from insnav.earth import ned_offset
-from insnav.findings import Code, Finding, untyped_event
+from insnav.findings import Code, Finding
 from insnav.sample_statistics import chi2_limit
 from insnav.types import BoolArray, FloatArray, GpsData, IntArray
 
@@ -66,25 +66,20 @@ class Gates:
         return self.nis_limit if count == 3 else chi2_limit(count, 1.0 - self.probability)
 
 
-REJECTED = "rejected"
 WHOLE_SD = 3.0  # so many of its standard deviations may a fix step, whatever part of them is white [-]
-_IMPOSSIBLE = "no vehicle moves this fast"
 MOST_ACCELERATION = 30.0  # of a vehicle from fix to fix, and back [m/s^2]
 IN_A_ROW, ROUNDS = 3, 5  # false fixes looked for together, and how often, without those found
 ON_LINE = 0.25  # part of what they are off within which the fixes around them are on one line; a jump has two thirds
 OF_REFERENCE = -99  # fix type of what is no fix but only compared with, and has none of the errors of fixes
-_CONTRADICTED = "all other fixes and the IMU contradict it"
 
 
 def quality(gates: Gates, time: float, fix: int | None, position_sd: FloatArray) -> Finding | None:
     """Reject a fix that is reported as none: type 0, or a standard deviation beyond `Gates.max_sd`."""
     if fix in (0, OF_REFERENCE):
-        return untyped_event(time, Code.GATE_QUALITY, 0.0, 1.0, "fix type", REJECTED, "the receiver had no position")
+        return Finding.of(Code.GATE_QUALITY, time)
     worst = max(position_sd.tolist())
     if worst > gates.max_sd:
-        return untyped_event(
-            time, Code.GATE_QUALITY, worst, gates.max_sd, "m", REJECTED, "the reported standard deviation"
-        )
+        return Finding.of(Code.GATE_QUALITY, time, sd_m=worst, limit_m=gates.max_sd)
     return None
 
 
@@ -95,7 +90,7 @@ def physical_position(
     limit = gates.max_speed * gap + gates.physical_sd * max(position_sd.tolist())
     if distance <= limit:
         return None
-    return untyped_event(time, Code.GATE_PHYSICAL_POSITION, distance, limit, "m", REJECTED, _IMPOSSIBLE)
+    return Finding.of(Code.GATE_PHYSICAL_POSITION, time, distance_m=distance, limit_m=limit)
 
 
 def physical_velocity(gates: Gates, time: float, v_n: FloatArray) -> Finding | None:
@@ -103,7 +98,7 @@ def physical_velocity(gates: Gates, time: float, v_n: FloatArray) -> Finding | N
     speed = math.hypot(*v_n.tolist())
     if speed <= gates.max_speed:
         return None
-    return untyped_event(time, Code.GATE_PHYSICAL_VELOCITY, speed, gates.max_speed, "m/s", REJECTED, _IMPOSSIBLE)
+    return Finding.of(Code.GATE_PHYSICAL_VELOCITY, time, speed_m_s=speed, limit_m_s=gates.max_speed)
 
 
 def impossible(gates: Gates, gps: GpsData) -> BoolArray:
@@ -153,17 +148,15 @@ def _beside(gates: Gates, gps: GpsData) -> BoolArray:
 
 
 def statistical(
-    gates: Gates, time: float, kinds: tuple[Code, Code], nis: float, size: float, small: float
+    gates: Gates, time: float, codes: tuple[Code, Code], nis: float, size: float, small: float
 ) -> Finding | None:
     """Reject an innovation whose NIS is improbable, or de-weight it if its length `size` is `small` [m] or [m/s].
 
-    `kinds` are the names of a rejection and of a de-weighting; None if it passes.
+    `codes` are those of a rejection and of a de-weighting; None if it passes.
     """
     if nis <= gates.nis_limit:
         return None
-    if size <= small:
-        return untyped_event(time, kinds[1], nis, gates.nis_limit, "NIS (3 dof)", "de-weighted", "see innovations.csv")
-    return untyped_event(time, kinds[0], nis, gates.nis_limit, "NIS (3 dof)", REJECTED, "see innovations.csv")
+    return Finding.of(codes[int(size <= small)], time, nis=nis, limit_nis=gates.nis_limit)
 
 
 def whole_record(
@@ -171,11 +164,10 @@ def whole_record(
 ) -> tuple[Finding | None, Finding | None]:
     """Reject position or velocity of a fix that the whole record contradicts.
 
-    `distance`, `change`: lengths of its innovations, which the events tell [m], [m/s].
+    `distance`, `change`: lengths of its innovations [m], [m/s].
     """
-    kinds = (Code.GATE_RECORD_POSITION, "m"), (Code.GATE_RECORD_VELOCITY, "m/s")
-    position, velocity = (
-        untyped_event(time, kind, size, math.nan, unit, REJECTED, _CONTRADICTED) if false else None
-        for (kind, unit), false, size in zip(kinds, trust.false[:, row], (distance, change), strict=True)
+    position, velocity = trust.false[:, row]
+    return (
+        Finding.of(Code.GATE_RECORD_POSITION, time, distance_m=distance) if position else None,
+        Finding.of(Code.GATE_RECORD_VELOCITY, time, speed_m_s=change) if velocity else None,
     )
-    return position, velocity

@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from insnav import strapdown
+from insnav.alignment.align import THEN_FILTER
 from insnav.alignment.in_motion import SPAN, STEADY, bias_by_course, gives_velocities, sure_motion
 from insnav.attitude import rph_from_quat
 from insnav.exceptions import DivergenceError
 from insnav.filter.gates import Gates, aside
-from insnav.filter.gps_noise import LAG_WORTH, LAGGING_NOTE, velocity_lag
+from insnav.filter.gps_noise import LAG_WORTH, name_lag, velocity_lag
 from insnav.filter.innovation_likelihood import HUBER
 from insnav.filter.late_fixes import BLOCKS, REACH, LateFixes
 from insnav.filter.navigate import feed
@@ -30,6 +31,7 @@ from insnav.filter.noise_identification import usual_time
 from insnav.filter.prepare import Prepared
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import History
+from insnav.findings import Code, Finding
 from insnav.kernels.errorstate import feed_back
 from insnav.types import Alignment, FloatArray
 from insnav.units import DEG
@@ -411,16 +413,17 @@ def on_time(
     if seen.ready.clock == ready.clock and not ready.parts:  # of a start in motion
         ready = replace(ready, alignment=seen.ready.alignment, initial=seen.ready.initial)
     lagging, known = abs(lags[0]) > LAG_WORTH, lags[1] > 0.0
-    notes = [note for note in ready.notes if lagging > known or not note.startswith(LAGGING_NOTE)]
+    notes = [
+        note
+        for note in ready.notes
+        if lagging > known or isinstance(note, str) or note.code is not Code.GPS_VELOCITY_LAG
+    ]
     if lagging and known:
-        notes.append(f"{LAGGING_NOTE} {lags[0]:.3f} ± {max(lags[1], 0.001):.3f} s, corrected")
+        notes.append(name_lag(lags[0], lags[1]))
     if ready.clock != 0.0:
-        which = "late" if ready.clock > 0.0 else "early"
-        # by how much is said once, by the run, which goes on from there
-        notes.append(f"the fixes are {which}: IMU time is moved into that of the fixes")
+        notes.append(Finding.of(Code.GPS_DELAY_MOVED, delay_s=ready.clock))
     if ready.rate != 0.0:
-        which = "slow" if ready.rate > 0.0 else "fast"
-        notes.append(f"the clock of the IMU is {abs(1e6 * ready.rate):.0f} ppm {which} against GPS time, corrected")
+        notes.append(Finding.of(Code.IMU_CLOCK_RATE, rate=ready.rate))
     return replace(ready, notes=tuple(notes))
 
 
@@ -432,7 +435,7 @@ def with_surer_start(ready: Prepared, history: History) -> Prepared | None:
     for designing consistent EKF SLAM estimators", Int. J. Robotics Research 29 (2010) 502-528).
     """
     alignment = ready.alignment
-    if alignment.static is not None or alignment.heading_method == "given":
+    if alignment.static is not None or alignment.heading_method is Code.ALIGN_HEADING_GIVEN:
         return None
     found, time = history.smooth(), ready.gps.time - ready.settings.delay
     fixes = np.count_nonzero((time > found.time[0]) & (time <= found.time[-1] + strapdown.TIME_TOLERANCE))
@@ -447,8 +450,8 @@ def with_surer_start(ready: Prepared, history: History) -> Prepared | None:
         sd=np.minimum(np.maximum(sd, LEAST_START), alignment.sd),
         gyro_bias=correction[:3],
         gyro_bias_sd=LOOKED_START * np.sqrt(found.variance[0, :3]),
-        level_method=f"{alignment.level_method}, then filter",
-        heading_method=f"{alignment.heading_method}, then filter",
+        level_method=THEN_FILTER.get(Code(alignment.level_method), alignment.level_method),
+        heading_method=THEN_FILTER.get(Code(alignment.heading_method), alignment.heading_method),
     )
     return ready.started(alignment if gives_velocities(ready.gps) else _with_course(ready, alignment))
 

@@ -10,6 +10,7 @@ import numpy as np
 from insnav import spill
 from insnav.earth import ned_offset
 from insnav.filter.gates import Gates, aside
+from insnav.findings import Code, Finding
 from insnav.kernels.earth import A
 from insnav.spline import Spline
 from insnav.types import BoolArray, FloatArray, GpsData
@@ -31,10 +32,8 @@ FIXED, DGPS = 1, 4  # further fix types; with corrections of a satellite system 
 BY_FIX = {FIXED: (POSITION_FLOOR,) * 3, FLOAT: (FLOAT_SD, FLOAT_SD, 2.0 * FLOAT_SD), DGPS: (1.0, 1.0, 2.0)}  # [m]
 OPEN_VELOCITY = 100.0  # of a vertical velocity that was not measured: it counts as nothing [m/s]
 OPEN_HEIGHT = 100.0  # the same of heights: as poor as a fix may be to be used [m]
-BY_SCATTER = "as estimated from successive fixes"
 SPARSE = 2.0  # fixes so far apart do not tell what the velocity was in between: they scatter by the motion [s]
 LAG_WORTH = 0.03  # a smaller lag is not corrected: at 2 m/s^2 it makes 0.06 m/s, the noise of a good velocity [s]
-LAGGING_NOTE = "GPS velocity lags position by"
 
 
 def heights_measured(lla: FloatArray) -> bool:
@@ -47,6 +46,11 @@ def vertical_measured(v_n: FloatArray) -> bool:
     known = v_n[np.isfinite(v_n).all(axis=1)]
     changes = known.max(axis=0, initial=-np.inf) - known.min(axis=0, initial=np.inf)
     return bool(changes[2] != 0.0 or not changes[:2].any())
+
+
+def name_lag(lag: float, sd: float) -> Finding:
+    """Name the lag of velocities behind positions [s] that insnav corrects."""
+    return Finding.of(Code.GPS_VELOCITY_LAG, lag_s=lag, lag_sd_s=max(sd, 0.001))
 
 
 def velocity_lag(gps: GpsData) -> tuple[float, float]:
@@ -152,13 +156,6 @@ def _by_fix(gps: GpsData, scatter: FloatArray) -> FloatArray:
     return np.asarray(np.maximum(sd, scatter))
 
 
-def _told(sd: FloatArray, kind: str, how: str, floor: float, unit: str) -> str:
-    """Note on standard deviations that were filled in, (k, 3)."""
-    middle = "/".join(f"{each:.2f}" for each in np.median(sd, axis=0))
-    sizes = f"median N/E/D {middle} {unit} (floor {floor:g} {unit})"
-    return f"{sd.shape[0]} fix{'es' * (len(sd) > 1)} without {kind} sigma: assumed {how}, {sizes}"
-
-
 def _digits(lla: FloatArray) -> int:
     """Decimals of a degree to which latitudes and longitudes ``(n, 3)`` are rounded; zero if they have more than five.
 
@@ -197,8 +194,8 @@ def _rounding(values: FloatArray) -> tuple[float, FloatArray]:
     return (step if off.max() < ON_STEP * step else 0.0), alike
 
 
-def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple[str, ...]]:
-    """Fill in missing standard deviations; also notes on what was assumed.
+def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple[Finding, ...]]:
+    """Fill in missing standard deviations; also findings on what was assumed.
 
     `scatter_alone`: positions that hardly scatter are taken for those of carrier phase. Otherwise the whole error is
     that of the fix type, of which scatter from fix to fix shows only the white part: for a filter that tells the two
@@ -210,9 +207,9 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
     missing: BoolArray = np.isnan(position_sd)
     beside = missing & ~missing.all(axis=1, keepdims=True)  # what is given
     if missing.any():
-        carrier, how = CARRIER, BY_SCATTER
+        carrier, code = CARRIER, Code.GPS_SD_SCATTER
         if not scatter_alone:
-            carrier, how = np.inf, "by fix type" if gps.fix is not None else "as of a receiver without corrections"
+            carrier, code = np.inf, Code.GPS_SD_STAND_ALONE if gps.fix is None else Code.GPS_SD_FIX_TYPE
         found = _scatter(gps.time, ned_offset(gps.lla, gps.lla[0]), POSITION_FLOOR, DEFAULT_POSITION, carrier)
         if not scatter_alone:
             found = _by_fix(gps, found / ALIKE)
@@ -220,46 +217,44 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
         position_sd = np.where(missing, np.fmax(found, largest), position_sd)
         rows = missing[:, :measured].any(axis=1)
         if rows.any():
-            notes.append(_told(position_sd[rows], "position", how, POSITION_FLOOR, "m"))
+            middle = np.median(position_sd[rows], axis=0).tolist()
+            notes.append(Finding.of(code, count=rows.sum(), sd_m=middle, floor_m=POSITION_FLOOR))
     if digits := _digits(gps.lla):
         step = 10.0**-digits * DEG * A * np.array([1.0, math.cos(float(gps.lla[0, 0])), 0.0])
         if (position_sd < step / math.sqrt(12.0)).any():
             position_sd = np.maximum(position_sd, step / math.sqrt(12.0))  # errors between half a step more and less
             least = step[:2].max() / math.sqrt(12.0)
-            rounded = f"positions have {digits} decimals of a degree, {step[0]:.2g} m"
-            notes.append(f"{rounded}: sigma assumed at least {least:.2g} m")
+            notes.append(Finding.of(Code.GPS_ROUNDED_POSITION, sd_m=least, step_m=step[0], decimals=digits))
     if gps.fix is not None:
         sure = (gps.fix == FLOAT) & (np.where(beside, 0.0, position_sd).max(axis=1) < FLOAT_SD)
         if sure.any():
             position_sd = np.where(sure[:, None], np.maximum(position_sd, FLOAT_SD), position_sd)
-            raised = f"reported sigma below {FLOAT_SD:g} m raised to {FLOAT_SD:g} m"
-            notes.append(f"{sure.sum()} float solutions (fix = {FLOAT}): {raised}")
+            notes.append(Finding.of(Code.GPS_FLOAT, count=sure.sum(), limit_m=FLOAT_SD))
     if measured < 3:
         position_sd = np.where([False, False, True], OPEN_HEIGHT, position_sd)
     v_n = gps.v_n if vertical_measured(gps.v_n) else np.where([True, True, False], gps.v_n, np.nan)
     half = np.logical_xor(*np.isfinite(v_n[:, :2]).T)
     if half.any():
         v_n = np.where(half[:, None], np.nan, v_n)
-        notes.append(
-            f"{half.sum()} fixes have one horizontal velocity, North or East, without the other: it is not used"
-        )
+        notes.append(Finding.of(Code.GPS_VELOCITY_HALF, count=half.sum()))
     level = np.isfinite(v_n[:, :2]).all(axis=1) & np.isnan(v_n[:, 2])
     if level.any():
         v_n = np.where(level[:, None] & [False, False, True], 0.0, v_n)
         velocity_sd = np.where(level[:, None] & [False, False, True], OPEN_VELOCITY, velocity_sd)
-        notes.append(f"{level.sum()} fixes have a horizontal velocity only: it is used, the vertical one is left open")
+        notes.append(Finding.of(Code.GPS_VELOCITY_LEVEL, count=level.sum()))
     given = np.isfinite(v_n).all(axis=1)
     missing = np.asarray(given & np.isnan(velocity_sd).any(axis=1))
     if missing.any():
         found = _scatter(gps.time, v_n, VELOCITY_FLOOR, DEFAULT_VELOCITY, np.inf)
         found[level, 2] = OPEN_VELOCITY
         velocity_sd = np.where(missing[:, None], found, velocity_sd)
-        notes.append(_told(velocity_sd[missing], "velocity", BY_SCATTER, VELOCITY_FLOOR, "m/s"))
+        middle = np.median(velocity_sd[missing], axis=0).tolist()
+        notes.append(Finding.of(Code.GPS_VELOCITY_SD, count=missing.sum(), sd_m_s=middle, floor_m_s=VELOCITY_FLOOR))
     steps, alike = zip(*map(_rounding, v_n.T), strict=True)
     step = np.where(steps, steps, max(steps))  # few values: as the others
     least = step * np.sqrt(np.column_stack(alike) / 12.0)
     if (velocity_sd < least).any():
         velocity_sd = np.maximum(velocity_sd, least)
-        size = max(steps) / math.sqrt(12.0)
-        notes.append(f"velocities have steps of {max(steps):.2g} m/s: sigma assumed at least {size:.2g} m/s")
+        sd = max(steps) / math.sqrt(12.0)
+        notes.append(Finding.of(Code.GPS_ROUNDED_VELOCITY, sd_m_s=sd, step_m_s=max(steps)))
     return replace(gps, v_n=v_n, position_sd=position_sd, velocity_sd=velocity_sd), tuple(notes)

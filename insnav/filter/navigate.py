@@ -22,7 +22,7 @@ from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import Prepared, Start, prepare
 from insnav.filter.settings import FilterSettings
 from insnav.filter.whole_record import OPEN, WEAKER, contradicted, decided, unlikely
-from insnav.findings import Code, Finding, untyped_event
+from insnav.findings import Code, Finding, Note
 from insnav.imu.specification import ImuSpec
 from insnav.types import FloatArray, GpsData, ImuData, Run, StateChange, Trajectory
 
@@ -45,7 +45,7 @@ class Navigated:
 
     run: Run  # the result
     gps: GpsData  # the fixes as processed, every value with a standard deviation
-    notes: tuple[str, ...] = field(default=())  # what was found, and what was done about it
+    notes: tuple[Note, ...] = field(default=())  # what was detected
     ready: Prepared | None = None  # what was navigated, other aiding included
 
 
@@ -99,7 +99,7 @@ def navigate_prepared(
         step = run.smoothed.delay_step
         step = replace(step, before=step.before + ready.clock, after=step.after + ready.clock)
         run = replace(run, smoothed=replace(run.smoothed, delay_step=step))
-    return Navigated(run, ready.gps, (*ready.notes, *_axes(run, ready), *_unseen(run)), ready)
+    return Navigated(run, ready.gps, (*ready.notes, *_axes(run, ready), *_undetected(run)), ready)
 
 
 def dense(every: float) -> float:
@@ -189,13 +189,13 @@ def _standing(ready: Prepared, run: Run) -> tuple[Prepared, Run]:
     rows = np.searchsorted(edges, zupt.stops)
     seen = np.array([np.diff(edges[a - 1 : b + 1]).max() <= GAP_WORTH for a, b in rows])
     others = tuple(each for each in aiding if each is not zupt)
-    notes = tuple(note for note in ready.notes if not note.startswith("ZUPT"))
+    notes = tuple(note for note in ready.notes if isinstance(note, str) or note.code is not Code.ZUPT_USED)
     least, best = unlikely(run, ready.gps, settings) - CREEPS, (ready, run)
     for kept in ([seen] if seen.any() and not seen.all() else []) + [np.zeros_like(seen)]:
         some = (replace(zupt, stops=zupt.stops[kept]),) * bool(kept.any())
-        where = f"only where fixes see the vehicle stand, {kept.sum()} of {kept.size} stops" if some else "not used"
-        said = f"ZUPT: {where}, as fixes contradict {'the others' if some else 'it'}: it creeps without shaking"
-        bare = replace(ready, settings=replace(settings, aiding=(*others, *some)), notes=(*notes, said))
+        code = Code.ZUPT_PARTLY if some else Code.ZUPT_CONTRADICTED
+        note = Finding.of(code, count=kept.sum(), total=kept.size)
+        bare = replace(ready, settings=replace(settings, aiding=(*others, *some)), notes=(*notes, note))
         other = _run(bare, None)
         cost = unlikely(other, bare.gps, bare.settings)
         if cost < least and not contradicted(other, bare.gps, bare.settings):  # else fixes are false
@@ -203,39 +203,35 @@ def _standing(ready: Prepared, run: Run) -> tuple[Prepared, Run]:
     return best
 
 
-def _axes(run: Run, ready: Prepared) -> tuple[str, ...]:
-    """A note on the part of the attitude's standard deviation that no drive makes smaller, if it is most of it."""
+def _axes(run: Run, ready: Prepared) -> tuple[Finding, ...]:
+    """Name the part of the attitude's standard deviation that no drive makes smaller, if it is most of it."""
     sd = (run.smoothed or run).solution.sd
-    axes = np.rad2deg(ready.model.axes_sd)
+    axes = ready.model.axes_sd
     if sd is None or not axes.any():
         return ()
-    middle = np.rad2deg(np.median(sd[:, 6:], axis=0))
-    own = np.sqrt(np.maximum(middle**2 - axes**2, 0.0))
+    own = np.sqrt(np.maximum(np.median(sd[:, 6:], axis=0) ** 2 - axes**2, 0.0))
     if (own > axes).all():
         return ()
-    by = "IMU model" if ready.noise is None else "innovations"
+    source = "specification" if ready.noise is None else "innovations"
     nhc = any(each.name == NonHolonomic.name for each in ready.settings.aiding or ())
-    by += ", heading also by the mounting" * nhc
     return (
-        f"attitude is that of the IMU, in which the sensors are turned by {axes.max():.2g} deg (1 sd, misalignment by "
-        f"the {by}), all along the same; without that roll and pitch are known to {own[:2].max():.2g} deg, heading to "
-        f"{own[2]:.2g} deg",
+        Finding.of(
+            Code.ATTITUDE_AXES,
+            misalignment_rad=axes.max(),
+            tilt_sd_rad=own[:2].max(),
+            heading_sd_rad=own[2],
+            source=source,
+            aiding=NonHolonomic.name * nhc,
+        ),
     )
 
 
-def _unseen(run: Run) -> tuple[str, ...]:
-    """A note on false fixes that would not be told from true ones."""
-    seen = np.full(3, np.nan) if run.smoothed is None else run.smoothed.smallest_seen
-    forms = (
-        "a jump of {:.2g} m that stays",
-        "a drag by {:.2g} m/s",
-        "one by {:.2g} m/s for a minute beside true velocities",
-    )
-    told = [form.format(ABSORBED * least) for form, least in zip(forms, seen, strict=True) if np.isfinite(least)]
-    if not told:
+def _undetected(run: Run) -> tuple[Finding, ...]:
+    """Name the largest false fixes that would not be detected."""
+    if run.smoothed is None or not np.isfinite(run.smoothed.smallest_seen).any():
         return ()
-    what = "false fixes that this drive would not show, but near start, departure and end, are horizontally smaller"
-    return (f"{what} than about {', '.join(told)}",)
+    jump, drift, minute = ABSORBED * run.smoothed.smallest_seen
+    return (Finding.of(Code.GPS_DETECTABLE, jump_m=jump, drift_m_s=drift, minute_m_s=minute),)
 
 
 def _longest_gap(ready: Prepared) -> float:
@@ -279,13 +275,5 @@ def _half_of(progress: Callable[[float], None], before: float) -> Callable[[floa
 
 def _outside(fixes: FloatArray, start: float, end: float) -> list[Finding]:
     """One event for the fixes before the start of navigation and one for those after the last sample."""
-    found = []
-    for which, count, time in (
-        ("before the start", int((fixes < start - 1e-6).sum()), start),
-        ("after the last IMU sample", int((fixes > end + 1e-6).sum()), end),
-    ):
-        if count:
-            found.append(
-                untyped_event(time, Code.GPS_OUTSIDE, float(count), float("nan"), "fixes", f"not used: {which}")
-            )
-    return found
+    sides = ("before", fixes < start - 1e-6, start), ("after", fixes > end + 1e-6, end)
+    return [Finding.of(Code.GPS_OUTSIDE, time, count=rows.sum(), side=side) for side, rows, time in sides if rows.any()]

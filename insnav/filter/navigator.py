@@ -25,7 +25,7 @@ from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import History
 from insnav.filter.state_layout import first_state
-from insnav.findings import Code, Finding, untyped_event
+from insnav.findings import Code, Finding
 from insnav.kernels.epoch import assess_fix, felt
 from insnav.kernels.errorstate import Outputs, Samples
 from insnav.kernels.increments import LOOKAHEAD
@@ -289,10 +289,10 @@ class Navigator:
             if event is None:
                 continue
             self._record.event(event)
-            if event.kind in DEWEIGHTED:
+            if event.code in DEWEIGHTED:
                 # exactly the noise that brings the NIS down to its limit
                 part = slice(3 * half, 3 * half + 3)
-                r[part, part] += (event.value / event.limit - 1.0) * self._s[part, part]
+                r[part, part] += (event["nis"] / event["limit_nis"] - 1.0) * self._s[part, part]
             else:
                 use[half] = False
         if use[0] or use[1]:
@@ -366,17 +366,8 @@ class Navigator:
         z = self._z
         with_velocity = np.isfinite(z[3:]).all() and gate.physical_velocity(gates, time, gps.v_n[row]) is None
         self._estimate.restart(time, z, gps.position_sd[row], gps.velocity_sd[row] if with_velocity else None)
-        self._record.event(
-            untyped_event(
-                time,
-                Code.RESET,
-                float(np.linalg.norm(z[:3])),
-                gates.reset_after,
-                "m (limit: s of rejections)",
-                "position and velocity set to the fix",
-                "every position had been rejected",
-            )
-        )
+        distance = float(np.linalg.norm(z[:3]))
+        self._record.event(Finding.of(Code.RESET, time, distance_m=distance, limit_s=gates.reset_after))
         self._last_good = time
         self._rejections.clear()
 

@@ -19,15 +19,14 @@ from insnav.filter.error_model import ErrorModel, InitialState, error_model, ini
 from insnav.filter.frozen import without_frozen
 from insnav.filter.gates import Gates
 from insnav.filter.gps_correlation import correlated_noise
-from insnav.filter.gps_noise import LAG_WORTH, LAGGING_NOTE, velocity_lag, with_sd
+from insnav.filter.gps_noise import LAG_WORTH, name_lag, velocity_lag, with_sd
 from insnav.filter.measurements.height import HeightAiding
 from insnav.filter.navigator import Navigator
 from insnav.filter.parts import LONGEST_GAP, SHORTEST, Part, spans
 from insnav.filter.settings import FilterSettings
-from insnav.findings import Code, Finding, untyped_event
+from insnav.findings import Code, Finding, Note
 from insnav.imu.health import inspect
 from insnav.imu.specification import ImuSpec
-from insnav.plain_text import moment
 from insnav.types import Alignment, FloatArray, GpsData, ImuData
 
 if TYPE_CHECKING:
@@ -36,7 +35,7 @@ if TYPE_CHECKING:
 STILL_SD = 0.05  # velocity of a vehicle that the alignment found stationary, its engine running [m/s]
 JITTER_WORTH = 1e-4  # a smaller scatter of the timestamps is rounding; at 30 m/s it makes 3 mm [s]
 DELAY_SD = 0.05  # how well receivers and loggers agree on time if nothing else is known [s]
-CORRELATED = "time-correlated GPS position errors"
+CORRELATED = "time-correlated GPS position errors"  # bridge
 FEWEST_FIXES = 5  # of a part of the record that is aligned by itself
 ROUNDS = 3  # of alignment, and of fixes less the lever arm that it turns
 AFTER = 2.0 * motion.SPAN + LEVEL_SPAN  # the first motion, or the start: no alignment looks farther [s]
@@ -70,7 +69,7 @@ class Prepared:
     alignment: Alignment  # initial attitude
     initial: InitialState  # initial state
     nominal: float  # sampling interval [s]
-    notes: tuple[str, ...]  # what was found, and what was done about it
+    notes: tuple[Note, ...]  # what was detected
     faults: tuple[Finding, ...] = ()  # samples that were replaced or taken out
     noise: NoiseEstimate | None = None  # as found in the innovations of the drive
     kinds: tuple[ImuSpec, ...] = ()  # what IMU it may be beside that of the model, where none was given
@@ -178,71 +177,77 @@ def prepare(
                 fixes = motion.at_imu(seen, intervals, found, settings.lever_b)
         return found, _at_fix(found, intervals, here, model, settings)
 
-    imu, parts, told, left_out = _parts(imu, good, aligned, -np.inf if start is None else start.time)
+    imu, parts, of_parts = _parts(imu, good, aligned, -np.inf if start is None else start.time)
     alignment, initial = parts[0].alignment, parts[0].initial
-    notes, faults = (*notes, *told), [*faults, *frozen, *left_out]
-    if start is None and initial.time - max(imu.time[0], good.time[0]) > LONG_REST:
-        notes = (*notes, f"navigated from {moment(initial.time)} on: before, the vehicle was neither at rest nor moved")
+    notes = (*notes, *of_parts[:1])
+    begin = float(max(imu.time[0], good.time[0]))
+    if start is None and initial.time - begin > LONG_REST:
+        notes = (*notes, Finding.of(Code.ALIGN_LATE, begin, initial.time, duration_s=initial.time - begin))
     if settings.fixed_height_sd > 0.0:
         level = HeightAiding(np.array([initial.time]), initial.lla[2:], np.array([settings.fixed_height_sd]))
         settings = replace(settings, aiding=(level,))
     return Prepared(
-        imu, gps, model, settings, alignment, initial, nominal, (*notes, *found), tuple(faults), parts=parts[1:]
+        *(imu, gps, model, settings, alignment, initial, nominal, (*notes, *found)),
+        faults=(*faults, *frozen, *of_parts[1:]),
+        parts=parts[1:],
     )
 
 
 def _as_given(start: Start, model: ErrorModel) -> tuple[Alignment, InitialState]:
     none, unknown = np.zeros(3), np.full(3, np.inf)
-    alignment = Alignment(start.time, start.rph, start.attitude_sd, none, unknown, None, "given", "given")
+    methods = Code.ALIGN_LEVEL_GIVEN, Code.ALIGN_HEADING_GIVEN
+    alignment = Alignment(start.time, start.rph, start.attitude_sd, none, unknown, None, *methods)
     return alignment, initial_state(alignment, model, start.lla, start.v_n, start.position_sd, start.velocity_sd)
 
 
 def _parts(
     imu: ImuData, gps: GpsData, aligned: Callable[..., tuple[Alignment, InitialState]], begin_at: float
-) -> tuple[ImuData, tuple[Part, ...], list[str], list[Finding]]:
+) -> tuple[ImuData, tuple[Part, ...], list[Finding]]:
     """Align the record, and anew after each long gap of the samples.
 
     `aligned`: of samples and fixes, and whether they are the first part; `begin_at`: earlier parts are passed over [s].
-    Returns: samples of the parts that could be aligned; these parts; notes and events on them, if there is a gap.
+    Returns: samples of the parts that could be aligned; these parts; if there is a gap, findings on all gaps, and
+    then on the parts.
     Raises: AlignmentError: no part can be aligned.
     """
     nominal, rows = strapdown.nominal_interval(imu.time), spans(imu)
     if len(rows) == 1:
-        return imu, (Part(float(imu.time[0]), *aligned(imu, gps, first=True)),), [], []
+        return imu, (Part(float(imu.time[0]), *aligned(imu, gps, first=True)),), []
     kept = np.zeros(imu.time.shape[0], dtype=np.bool_)
     parts: list[Part] = []
     longest = float(np.max(np.diff(imu.time)))
-    notes = [
-        f"the IMU record has {len(rows) - 1} gap{'s' * (len(rows) > 2)} of more than {LONGEST_GAP:g} s, the longest "
-        f"{longest:.1f} s: navigated in parts, each aligned anew; the motion in the gaps is unknown"
-    ]
-    events: list[Finding] = []
+    findings = [Finding.of(Code.PARTS, gap_s=longest, limit_s=LONGEST_GAP, count=len(rows) - 1)]
     errors: list[AlignmentError] = []
     for number, span in enumerate(rows, start=1):
         some = imu.rows(span)
         begin, end = float(some.time[0]), float(some.time[-1])
         here = gps.rows((gps.time >= begin - nominal) & (gps.time <= end))
         after = float(imu.time[kept][-1]) if parts else begin
+        short = end - begin < SHORTEST or here.time.shape[0] < FEWEST_FIXES
         try:
             if end <= begin_at:
                 raise AlignmentError("it lies before the initial state that is given")
-            if end - begin < SHORTEST or here.time.shape[0] < FEWEST_FIXES:
+            if short:
                 raise AlignmentError(f"it is {end - begin:.1f} s long, with {here.time.shape[0]} fixes")
             alignment, initial = aligned(some, here, first=not parts)
         except AlignmentError as error:
             errors.append(error)
-            told, gap, hint = f"is not navigated: {error.what}", float("nan"), error.why
+            code = Code.PART_BEFORE if end <= begin_at else Code.PART_SHORT if short else Code.PART_UNALIGNED
+            fixes = here.time.shape[0]
+            why = error.what if code is Code.PART_UNALIGNED else ""
+            findings.append(Finding.of(code, begin, end, number=number, duration_s=end - begin, count=fixes, why=why))
         else:
             parts.append(Part(after, alignment, initial))
             kept[span] = True
-            sure = f"{alignment.heading_method}, ± {np.rad2deg(alignment.sd[2]):.2g} deg"
-            told = f"is navigated from {moment(initial.time)} on; level: {alignment.level_method}, heading: {sure}"
-            gap, hint = begin - after, "sensor errors are carried across the gap"
-        notes.append(f"part {number}, {moment(begin, end)}, {told}")
-        events.append(untyped_event(begin, Code.PART, gap, LONGEST_GAP, "s", told, hint))
+            tilt, heading, gap = alignment.sd[:2].max(), alignment.sd[2], begin - after if after < begin else np.nan
+            findings += [
+                Finding.of(Code.PART, begin, end, gap_s=gap, limit_s=LONGEST_GAP, number=number),
+                Finding.of(Code(alignment.level_method), initial.time, sd_rad=tilt),
+                Finding.of(Code(alignment.heading_method), initial.time, sd_rad=heading),
+            ]
     if not parts:
         raise errors[0]
-    return imu.rows(kept), tuple(parts), notes, events
+    return imu.rows(kept), tuple(parts), findings
 
 
 def first_stationary(imu: ImuData, gps: GpsData) -> tuple[float, float] | None:
@@ -270,26 +275,23 @@ def _check(imu: ImuData, gps: GpsData, start: Start | None) -> None:
 
 def _noise_of_fixes(
     imu: ImuData, gps: GpsData, settings: FilterSettings, *, reported: bool
-) -> tuple[FilterSettings, list[str]]:
-    """Settings with velocity lag, time-correlated errors and timestamp jitter, and notes on them."""
+) -> tuple[FilterSettings, list[Finding]]:
+    """Settings with velocity lag, time-correlated errors and timestamp jitter, and findings on them."""
     notes = []
     lag, lag_sd = velocity_lag(gps)
     if abs(lag) > max(LAG_WORTH, 5.0 * lag_sd):
         settings = replace(settings, velocity_lag=lag)
-        notes.append(f"{LAGGING_NOTE} {lag:.3f} ± {max(lag_sd, 0.001):.3f} s, corrected")
+        notes.append(name_lag(lag, lag_sd))
     correlated = correlated_noise(gps, settings.velocity_lag, reported=reported)
     if correlated is not None:
         settings = replace(settings, correlated=correlated)
-        by = "that successive fixes lack of the reported one" if correlated.by_reported else "seen against velocity"
-        notes.append(
-            f"{CORRELATED}: {100 * correlated.share:.0f} % of the variance ({by}), correlation "
-            f"time about {correlated.time:.0f} s; estimated as states"
-        )
+        code = Code.GPS_CORRELATED_REPORTED if correlated.by_reported else Code.GPS_CORRELATED_VELOCITY
+        notes.append(Finding.of(code, share=correlated.share, time_s=correlated.time))
     step = np.diff(imu.time[: 1 << 16])
     jitter = float(np.std(step[step < strapdown.GAP * np.median(step)]))
     if jitter > JITTER_WORTH:
         settings = replace(settings, jitter=jitter)
-        notes.append(f"IMU timestamp jitter {1e3 * jitter:.2f} ms; measurement noise increased")
+        notes.append(Finding.of(Code.IMU_JITTER, jitter_s=jitter, limit_s=JITTER_WORTH))
     return settings, notes
 
 

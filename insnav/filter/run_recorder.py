@@ -15,7 +15,7 @@ from insnav.filter.settings import FilterSettings
 from insnav.filter.shocks import shocks
 from insnav.filter.smoother import SmoothedErrors
 from insnav.filter.state_layout import Layout, layout
-from insnav.findings import Code, Finding, untyped_event
+from insnav.findings import Code, Finding, by_time
 from insnav.kernels import epoch
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import SENSOR, STATES, Outputs, feed_back, move_along
@@ -224,7 +224,7 @@ class Record:
             solution=filtered,
             innovations=innovations,
             sensor_errors=SensorErrors(time + clock, sensor.copy(), np.sqrt(variance)),
-            events=tuple(sorted(self._events, key=lambda event: event.time)),
+            events=by_time(self._events),
             alignment=alignment,
             epochs=Epochs(time + clock, state[:, :3], state[:, 3:6], state[:, 6:10], fix_covariance),
             gps_delay=settings.delay + delay,
@@ -317,15 +317,7 @@ def _divergence(innovations: Innovations, limit: float) -> list[Finding]:
         count = np.bincount(window, weights=used)
         mean = np.bincount(window, weights=np.where(used, np.minimum(nis, limit), 0.0)) / np.maximum(count, 1)
         for w in np.flatnonzero((count >= 20) & (mean / 3.0 > TOO_LARGE)):
-            found.append(
-                untyped_event(
-                    float(innovations.time[0] + w * CONSISTENCY_WINDOW),
-                    Code.DIVERGED,
-                    float(mean[w] / 3.0),
-                    TOO_LARGE,
-                    f"mean NIS of {name} / 3",
-                    "flagged",
-                    "from fix to fix errors are larger there than the noise of GPS or IMU is taken for",
-                )
-            )
+            begin, size = float(innovations.time[0] + w * CONSISTENCY_WINDOW), float(mean[w] / 3.0)
+            end = begin + CONSISTENCY_WINDOW
+            found.append(Finding.of(Code.DIVERGED, begin, end, subject=name, nis=size, limit_nis=TOO_LARGE))
     return found

@@ -12,7 +12,7 @@ import numpy as np
 
 from insnav import spill
 from insnav.exceptions import InputError
-from insnav.findings import Code, Finding, untyped_event
+from insnav.findings import Code, Finding
 from insnav.imu.model import per_sample
 from insnav.kernels.health import glance
 from insnav.tabular import runs_of
@@ -35,7 +35,6 @@ LONGEST = 3  # rows of repeats that do not count as usual: a fault is a few long
 OFTEN, FAR_LONGER = 200, 4.0  # ... or up to so many that are all so many times longer than the next
 CONSTANT = 1e-9  # a smaller change, in parts of the largest value, is none
 BY_CHANCE = 1e-6  # expected number of rows that long in the record, as often as values repeat elsewhere
-OUT = "taken out, bridged like a data gap"
 _AXES = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz")
 
 
@@ -57,9 +56,7 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Finding]]:
     if spikes[0].size:
         for row, axis in zip(*spikes, strict=True):
             mean = 0.5 * (values[row - 1, axis] + values[row + 1, axis])
-            unit, limit = ("rad/s", SPIKE_GYRO) if axis < 3 else ("m/s^2", SPIKE_ACCEL)
-            size, told = float(values[row, axis] - mean), f"{_AXES[axis]}: replaced by the mean of its neighbours"
-            events.append(untyped_event(float(imu.time[row]), Code.IMU_SPIKE, size, limit, unit, told))
+            events.append(_spike(float(imu.time[row]), axis, float(values[row, axis] - mean)))
             values[row, axis] = mean
         change = _changes(values)
     # of the samples as they are: divided by intervals, equal increments would differ in their last digits
@@ -94,23 +91,29 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Finding]]:
         stuck &= _others_vary(quiet, axis, first, count) & _no_chance(same[:, axis], first, count)
         stuck[stuck] = activity.unusual(column, axis, first[stuck], count[stuck])
         found += [
-            (Code.IMU_SATURATED, first[clipped], count[clipped], f"{_AXES[axis]} at the end of its range: {OUT}"),
-            (Code.IMU_SATURATED, first[long], count[long], f"{_AXES[axis]} limited for long: used as it is"),
-            (Code.IMU_STUCK, first[stuck], count[stuck], f"{_AXES[axis]} does not change: {OUT}"),
+            (Code.IMU_SATURATED, _AXES[axis], first[clipped], count[clipped]),
+            (Code.IMU_LIMITED, _AXES[axis], first[long], count[long]),
+            (Code.IMU_STUCK, _AXES[axis], first[stuck], count[stuck]),
         ]
     if repeats.all():
-        frozen = _frozen(imu.time, same, values, activity)
-        found.append((Code.IMU_STUCK, *frozen, f"all six axes repeat the same values: {OUT}"))
-    for kind, first, count, what in found:
+        found.append((Code.IMU_FROZEN, "imu", *_frozen(imu.time, same, values, activity)))
+    for code, subject, first, count in found:
         for start, number in zip(first, count, strict=True):
-            lost[start : start + number] |= what.endswith(OUT)
+            lost[start : start + number] |= code is not Code.IMU_LIMITED
             begin, end = float(imu.time[start]), float(imu.time[start + number - 1])
-            events.append(untyped_event(begin, kind, end - begin, float("nan"), "s", what))
+            events.append(Finding.of(code, begin, end, subject=subject, duration_s=end - begin))
     if not events:
         return imu, []
-    events.sort(key=lambda event: event.time)
+    events.sort(key=lambda event: event.begin)
     gyro, accel = (spill.by_blocks(np.multiply, half, each) for half in (values[:, :3], values[:, 3:]))
     return replace(imu, gyro=gyro, accel=accel).rows(~lost), events
+
+
+def _spike(time: float, axis: int, size: float) -> Finding:
+    """Name a jump of one sample of an axis by `size` [rad/s], [m/s^2]."""
+    if axis < 3:
+        return Finding.of(Code.IMU_SPIKE, time, subject=_AXES[axis], rate_rad_s=size, limit_rad_s=SPIKE_GYRO)
+    return Finding.of(Code.IMU_SPIKE, time, subject=_AXES[axis], acceleration_m_s2=size, limit_m_s2=SPIKE_ACCEL)
 
 
 def _plain(imu: ImuData, scale: FloatArray | float) -> bool:

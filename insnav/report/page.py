@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from insnav.findings import Code, Finding
+from insnav.messages import render
 from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
 from insnav.report.numbers import number, rounded
@@ -277,6 +279,8 @@ def _value_text(each: Quantity) -> str:
         members = ((name, cell(replace(each, value=one))) for name, one in each.value.items())
         return ", ".join(f"{plain_text(STATISTICS.get(name, name))} {text}" for name, text in members) or number(None)
     value, sd = each.scaled(each.value), each.scaled(each.sd)
+    if isinstance(value, Code):
+        return render(Finding.of(value)).title
     if isinstance(value, str):
         return plain_text(value) or number(None)
     if isinstance(value, bool):

@@ -8,6 +8,7 @@ from functools import cache
 
 from insnav.filter.measurements.first_pass import FirstPass
 from insnav.filter.measurements.measurement import Measurement
+from insnav.findings import Finding
 
 
 @cache
@@ -23,7 +24,8 @@ def kinds() -> tuple[type[Measurement], ...]:
     return tuple(sorted(found, key=lambda kind: kind.order))
 
 
-def measurements_from_drive(first: FirstPass) -> tuple[tuple[Measurement, ...], tuple[str, ...]]:
-    """Every kind that the drive supports, in the order of use, and notes on all, the most important first."""
+def measurements_from_drive(first: FirstPass) -> tuple[tuple[Measurement, ...], tuple[Finding, ...]]:
+    """Every kind that the drive supports, in the order of use, and findings on all, the most important first."""
     found = [kind.from_drive(first) for kind in kinds()]
-    return tuple(each for each, _ in found if each is not None), tuple(note for _, note in reversed(found) if note)
+    notes = tuple(note for _, note in reversed(found) if note is not None)
+    return tuple(each for each, _ in found if each is not None), notes

@@ -9,6 +9,7 @@ import numpy as np
 
 from insnav.filter.measurements.first_pass import FirstPass
 from insnav.filter.measurements.measurement import INTERVAL, NOTHING, FilterView
+from insnav.findings import Finding
 from insnav.kernels.aiding_measurements import body_heading
 from insnav.strapdown import nearest_rows
 from insnav.types import FloatArray
@@ -36,6 +37,6 @@ class Heading:
         return slice(0, 1)
 
     @classmethod
-    def from_drive(cls, first: FirstPass) -> tuple[Self | None, str]:
+    def from_drive(cls, first: FirstPass) -> tuple[Self | None, Finding | None]:
         """Nothing to find: the user says how good it is, and it is used in the first pass already."""
-        return None, ""
+        return None, None

@@ -10,6 +10,7 @@ import numpy as np
 from insnav.filter.measurements.first_pass import FirstPass
 from insnav.filter.measurements.measurement import FilterView
 from insnav.filter.measurements.residual_noise import time_correlated_sd
+from insnav.findings import Code, Finding
 from insnav.types import FloatArray
 
 LARGEST_RMS = 20.0  # a barometer that misses the height by more is none, or in another unit [m]
@@ -37,18 +38,17 @@ class HeightAiding:
         return slice(0, 1)
 
     @classmethod
-    def from_drive(cls, first: FirstPass) -> tuple[Self | None, str]:
+    def from_drive(cls, first: FirstPass) -> tuple[Self | None, Finding | None]:
         """See `Measurement`."""
         imu, solution = first.imu, first.solution
         if imu.baro is None or not np.isfinite(imu.baro).any():
-            return None, ""
+            return None, None
         known = np.isfinite(imu.baro)
         offset = solution.lla[:, 2] - np.interp(solution.time, imu.time[known], imu.baro[known])
         zero = float(np.median(offset))
         residual = offset - zero
         rms = float(np.sqrt(np.mean(residual**2)))
-        found = f"barometer: residual {rms:.2f} m RMS, zero at {zero:.2f} m"
         if rms > LARGEST_RMS:
-            return None, f"{found}; not used"
+            return None, Finding.of(Code.BAROMETER_POOR, rms_m=rms, limit_m=LARGEST_RMS, zero_m=zero)
         sd = np.array([max(LEAST_SD, time_correlated_sd(residual, first.step))])
-        return cls(imu.time[known], imu.baro[known] + zero, sd), found
+        return cls(imu.time[known], imu.baro[known] + zero, sd), Finding.of(Code.BAROMETER_USED, rms_m=rms, zero_m=zero)

@@ -11,6 +11,7 @@ from insnav.filter.measurements.clock import near_values
 from insnav.filter.measurements.first_pass import FirstPass
 from insnav.filter.measurements.heading import Heading
 from insnav.filter.measurements.residual_noise import time_correlated_sd
+from insnav.findings import Code, Finding
 from insnav.types import BoolArray, FloatArray
 from insnav.units import DEG
 
@@ -32,11 +33,11 @@ class Magnetometer(Heading):
     excluded_by: ClassVar[frozenset[str]] = frozenset({"zupt"})
 
     @classmethod
-    def from_drive(cls, first: FirstPass) -> tuple[Self | None, str]:
+    def from_drive(cls, first: FirstPass) -> tuple[Self | None, Finding | None]:
         """See `insnav.filter.measurements.measurement.Measurement`."""
         log = first.logs.get(cls.name)
         if log is None:
-            return None, ""
+            return None, None
         solution = first.solution
         values = np.column_stack(list(log.values.values()))
         finite = np.isfinite(values).all(axis=1)
@@ -45,11 +46,11 @@ class Magnetometer(Heading):
             seen = near_values(log.time[finite], solution.time)
         known = seen if solution.sd is None else seen & (solution.sd[:, 8] < KNOWN_HEADING)
         if known.sum() < FEWEST:
-            return None, f"{cls.name}: not used, too few values where the heading is known"
+            return None, Finding.of(Code.MAGNETOMETER_FEW, count=known.sum(), limit_count=FEWEST)
         time, rph = solution.time[seen], solution.rph[seen]
         if "heading" in log.values:
             angle = np.unwrap(log.values["heading"][finite])
-            heading, iron = np.interp(time, log.time[finite], angle), ""
+            heading, iron = np.interp(time, log.time[finite], angle), np.nan
         else:
             field_b = np.column_stack([np.interp(time, log.time[finite], column[finite]) for column in values.T])
             heading, iron = _from_field(field_b, rph, known[seen])
@@ -57,15 +58,16 @@ class Magnetometer(Heading):
         declination = float(np.arctan2(np.median(np.sin(offset)), np.median(np.cos(offset))))
         residual = wrap_pi(offset - declination)
         rms = float(np.sqrt(np.mean(residual**2)))
-        found = f"{cls.name}: residual {rms / DEG:.1f} deg RMS, declination {declination / DEG:.1f} deg{iron}"
+        code = Code.MAGNETOMETER_POOR if rms > LARGEST_RMS else Code.MAGNETOMETER_USED
+        found = Finding.of(code, rms_rad=rms, limit_rad=LARGEST_RMS, declination_rad=declination, iron_share=iron)
         if rms > LARGEST_RMS:
-            return None, f"{found}; not used"
+            return None, found
         sd = np.array([max(LEAST_SD, time_correlated_sd(residual, first.step))])
         return cls(time, heading + declination, sd), found
 
 
-def _from_field(field_b: FloatArray, rph: FloatArray, known: BoolArray) -> tuple[FloatArray, str]:
-    """Magnetic heading (n,) from the field in body axes (n, 3), less its hard iron, and words on that.
+def _from_field(field_b: FloatArray, rph: FloatArray, known: BoolArray) -> tuple[FloatArray, float]:
+    """Magnetic heading (n,) from the field in body axes (n, 3), less its hard iron; that as a share of the horizontal.
 
     ``m_b = C_bn m_n + b`` with the constant field ``m_n`` and hard iron ``b`` is linear in both.
     """
@@ -77,4 +79,4 @@ def _from_field(field_b: FloatArray, rph: FloatArray, known: BoolArray) -> tuple
     level[:, 2] = 0.0
     field = np.einsum("nij,nj->ni", dcm_from_rph(level), field_b - found[3:])
     share = float(np.hypot(*found[3:5]) / max(np.hypot(*found[:2]), 1e-12))
-    return -np.arctan2(field[:, 1], field[:, 0]), f", hard iron {share:.2f} of the horizontal field"
+    return -np.arctan2(field[:, 1], field[:, 0]), share

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Protocol, Self
 
+from insnav.findings import Finding
 from insnav.types import FloatArray
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ class Measurement(Protocol):
     """One kind of aiding measurement; each is a file of its own in this folder."""
 
     order: ClassVar[int]  # place among the measurements of one time: the lower come first
-    name: ClassVar[str]  # also that of its event, ``gate.<name>``, and of its row in the result
+    name: ClassVar[str]  # also the subject of what its gate rejects, and of its row in the result
     unit: ClassVar[str]
     excluded_by: ClassVar[frozenset[str]]  # kinds beside which, at the same time, it has nothing to add
 
@@ -47,8 +48,8 @@ class Measurement(Protocol):
         """
 
     @classmethod
-    def from_drive(cls, first: FirstPass) -> tuple[Self | None, str]:
+    def from_drive(cls, first: FirstPass) -> tuple[Self | None, Finding | None]:
         """Find from a first pass over the drive what is unknown, and how good the measurement is.
 
-        Returns: `measurement`: none if there is no such sensor, or the drive does not support it.
+        Returns: `measurement`: none if there is no such sensor, or the drive does not support it; how it went.
         """

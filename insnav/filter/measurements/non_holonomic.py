@@ -7,12 +7,13 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from insnav.filter.measurements.first_pass import FAST, FirstPass
+from insnav.filter.measurements.first_pass import ENOUGH, FAST, FirstPass
 from insnav.filter.measurements.measurement import NOTHING, FilterView
+from insnav.filter.measurements.mounting import LARGEST_RMS, WIDEST
 from insnav.filter.measurements.residual_noise import time_correlated_sd
+from insnav.findings import Code, Finding
 from insnav.kernels.aiding_measurements import vehicle_velocity
 from insnav.types import FloatArray
-from insnav.units import DEG
 
 LEAST_SD = 0.05  # suspension and tyre slip leave no vehicle straighter than this [m/s]
 
@@ -38,20 +39,26 @@ class NonHolonomic:
         return slice(1, 3)
 
     @classmethod
-    def from_drive(cls, first: FirstPass) -> tuple[Self | None, str]:
+    def from_drive(cls, first: FirstPass) -> tuple[Self | None, Finding | None]:
         """See `Measurement`."""
         found = first.mounting
         if found is None:
-            return None, f"NHC: not used, only {first.fast_time:.0f} s are faster than {FAST:g} m/s"
+            return None, Finding.of(Code.NHC_SLOW, duration_s=first.fast_time, limit_s=ENOUGH, speed_m_s=FAST)
         # of the IMU in the vehicle, as everywhere that mounting is told: the other way round than `angles`
-        (right, down), (pitch, yaw), (pitch_sd, yaw_sd) = found.rms, -found.angles / DEG, found.sd / DEG
-        across = f"lateral {right:.2f}, vertical {down:.2f} m/s RMS"
+        (right, down), (pitch, yaw), (pitch_sd, yaw_sd) = found.rms, -found.angles, found.sd
+        if max(found.rms) > LARGEST_RMS:
+            return None, Finding.of(Code.NHC_LATERAL, lateral_m_s=right, vertical_m_s=down, limit_m_s=LARGEST_RMS)
         if not found.holds:
-            return None, f"NHC: not used, {across}"
+            return None, Finding.of(Code.NHC_TURNED, yaw_rad=yaw, pitch_rad=pitch, limit_rad=WIDEST)
         sd = np.maximum(LEAST_SD, [time_correlated_sd(each, first.step) for each in (found.right, found.down)])
-        note = (
-            f"NHC: {across}; "
-            f"IMU in the vehicle: pitch {pitch:z.2f} ± {pitch_sd:.2f}, yaw {yaw:z.2f} ± {yaw_sd:.2f} deg, "
-            f"axle {abs(found.lever_b[0]):.1f} m {'ahead of' if found.lever_b[0] > 0.0 else 'behind'} the IMU"
+        note = Finding.of(
+            Code.NHC_USED,
+            lateral_m_s=right,
+            vertical_m_s=down,
+            pitch_rad=pitch,
+            pitch_sd_rad=pitch_sd,
+            yaw_rad=yaw,
+            yaw_sd_rad=yaw_sd,
+            axle_m=found.lever_b[0],
         )
         return cls(found.to_vehicle, found.lever_b, sd), note

@@ -10,6 +10,7 @@ import numpy as np
 from insnav.filter.measurements.first_pass import FAST, FirstPass
 from insnav.filter.measurements.measurement import NOTHING, FilterView
 from insnav.filter.measurements.residual_noise import time_correlated_sd
+from insnav.findings import Code, Finding
 from insnav.kernels.aiding_measurements import vehicle_velocity
 from insnav.types import BoolArray, FloatArray
 
@@ -47,20 +48,20 @@ class Odometer:
         return slice(0, 1)
 
     @classmethod
-    def from_drive(cls, first: FirstPass) -> tuple[Self | None, str]:
+    def from_drive(cls, first: FirstPass) -> tuple[Self | None, Finding | None]:
         """See `Measurement`."""
         if first.imu.odometer is None or first.mounting is None or not first.mounting.holds:
-            return None, ""
+            return None, None
         known = np.isfinite(first.imu.odometer)
         return cls.fitted(first, first.fast, first.imu.time[known], first.imu.odometer[known], LAGS)
 
     @classmethod
     def fitted(
         cls, first: FirstPass, rows: BoolArray, time: FloatArray, speed: FloatArray, lags: FloatArray
-    ) -> tuple[Self | None, str]:
+    ) -> tuple[Self | None, Finding]:
         """Find scale factor and lag of a speed at `rows` of the solution: of all `lags` [s] the one that fits best."""
         if time.shape[0] < FEWEST:
-            return None, f"{cls.name}: not used, only {time.shape[0]} values"
+            return None, Finding.of(Code.ODOMETER_FEW, subject=cls.name, count=time.shape[0], limit_count=FEWEST)
         assert first.mounting is not None
         at, forward = first.solution.time[rows], first.forward[rows]
         fits = []
@@ -70,9 +71,11 @@ class Odometer:
             fits.append((float(np.sqrt(np.mean((forward - scale * shown) ** 2))), scale))
         best = int(np.argmin([rms for rms, _ in fits]))
         (rms, scale), lag = fits[best], float(lags[best])
-        found = f"{cls.name}: residual {rms:.2f} m/s RMS, lag {lag:.2f} s, scale {scale:.4f}"
-        if rms > LARGEST_RMS or not SCALES[0] < scale < SCALES[1]:
-            return None, f"{found}; not used"
+        code = Code.ODOMETER_USED if SCALES[0] < scale < SCALES[1] else Code.ODOMETER_SCALE
+        code = Code.ODOMETER_POOR if rms > LARGEST_RMS else code
+        found = Finding.of(code, subject=cls.name, rms_m_s=rms, limit_m_s=LARGEST_RMS, lag_s=lag, scale=scale)
+        if code is not Code.ODOMETER_USED:
+            return None, found
         residual = forward - scale * np.interp(at + lag, time, speed)
         sd = np.array([max(LEAST_SD, time_correlated_sd(residual, first.step))])
         return cls(time - lag, scale * speed, first.mounting.to_vehicle, first.mounting.lever_b, sd), found

@@ -9,6 +9,7 @@ import numpy as np
 from insnav.filter.measurements.clock import clock_offset, near_values
 from insnav.filter.measurements.first_pass import FAST, FirstPass
 from insnav.filter.measurements.odometer import FEWEST, Odometer
+from insnav.findings import Code, Finding
 from insnav.types import BoolArray, FloatArray
 
 # Between fixes far apart the first pass drifts, and would spoil scale factor and lag.
@@ -28,30 +29,30 @@ class Speedometer(Odometer):
     name: ClassVar[str] = "speedometer"
 
     @classmethod
-    def from_drive(cls, first: FirstPass) -> tuple[Self | None, str]:
+    def from_drive(cls, first: FirstPass) -> tuple[Self | None, Finding | None]:
         """See `insnav.filter.measurements.measurement.Measurement`."""
         log = first.logs.get(cls.name)
         if log is None:
-            return None, ""
+            return None, None
         if first.mounting is None or not first.mounting.holds:
-            return None, f"{cls.name}: not used, the axes of the vehicle are not known"
+            return None, Finding.of(Code.SPEEDOMETER_AXES)
         known = np.isfinite(log.values["speed"])
         if known.sum() < FEWEST:
-            return None, f"{cls.name}: not used, only {known.sum()} speeds are numbers"
+            return None, Finding.of(Code.ODOMETER_FEW, subject=cls.name, count=known.sum(), limit_count=FEWEST)
         time, speed = log.time[known], log.values["speed"][known]
         horizontal = np.hypot(*first.solution.v_n[:, :2].T)
         offset = clock_offset(first.solution.time, horizontal, time, speed)
         if offset is None:
-            return None, f"{cls.name}: not used, its clock cannot be matched: the speeds do not correlate"
+            return None, Finding.of(Code.SPEEDOMETER_CLOCK)
         sd = first.solution.sd
         sure = first.fast if sd is None else first.fast & (np.hypot(sd[:, 3], sd[:, 4]) < KNOWN_SPEED)
         rows = sure & near_values(time - offset, first.solution.time)
         if rows.sum() < FEWEST:
-            return None, f"{cls.name}: not used, only {rows.sum()} rows where the speed is known"
+            return None, Finding.of(Code.SPEEDOMETER_UNKNOWN, count=rows.sum(), limit_count=FEWEST)
         shown = np.interp(first.solution.time + offset, time, speed)
         wrong = _outliers(first.forward, shown, rows)
         if (share := float(wrong.sum() / rows.sum())) > MOST_OUTLIERS:
-            return None, f"{cls.name}: not used, {100.0 * share:.0f} % of its speeds contradict the drive"
+            return None, Finding.of(Code.SPEEDOMETER_OUTLIERS, share=share, limit_share=MOST_OUTLIERS)
         rows &= ~_spread(wrong, round(2.0 * LAGS[-1] / first.step))
         found, note = cls.fitted(first, rows, time, speed, offset + LAGS)
         if found is not None and "sd" in log.values:

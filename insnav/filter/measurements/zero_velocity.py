@@ -10,6 +10,7 @@ import numpy as np
 from insnav.alignment.in_motion import Velocity
 from insnav.filter.measurements.first_pass import FirstPass
 from insnav.filter.measurements.measurement import INTERVAL, NOTHING, FilterView
+from insnav.findings import Code, Finding
 from insnav.imu.specification import ImuSpec
 from insnav.kernels.aiding_measurements import zero_velocity
 from insnav.tabular import runs_of
@@ -47,19 +48,19 @@ class ZeroVelocity:
         return slice(0, 6 if np.isfinite(self.sd).all() else 3)
 
     @classmethod
-    def from_drive(cls, first: FirstPass) -> tuple[Self | None, str]:
+    def from_drive(cls, first: FirstPass) -> tuple[Self | None, Finding | None]:
         """See `Measurement`."""
         stops, rate_sd, note = find_stops(first.imu, first.speed, first.spec)
         return (cls(stops, np.array([*[VELOCITY_SD] * 3, *rate_sd])) if stops.size else None), note
 
 
-def find_stops(imu: ImuData, speed: Velocity, spec: ImuSpec) -> tuple[FloatArray, FloatArray, str]:
+def find_stops(imu: ImuData, speed: Velocity, spec: ImuSpec) -> tuple[FloatArray, FloatArray, Finding]:
     """Stationary intervals by the IMU alone, with limits found where a speed shows that the vehicle stands, or moves.
 
     It is in the time of the samples.
 
     Returns: `stops` (k, 2): begin and end [s]; none if standing and moving cannot be told apart; `rate_sd` (3,):
-    standard deviation of the mean gyro output over `INTERVAL` at a stop [rad/s].
+    standard deviation of the mean gyro output over `INTERVAL` at a stop [rad/s]; what became of it.
     """
     none = np.empty((0, 2))
     no_sd = np.full(3, np.inf)
@@ -67,22 +68,21 @@ def find_stops(imu: ImuData, speed: Velocity, spec: ImuSpec) -> tuple[FloatArray
     size = max(4, round(WINDOW / step))
     n = imu.time.shape[0] // size
     if n < 20 or speed.time.shape[0] < 10:
-        return none, no_sd, "ZUPT: not used, the record is too short"
+        return none, no_sd, Finding.of(Code.ZUPT_SHORT)
     scale = 1.0 / step if imu.sampling == "increment" else 1.0
     blocks = [v[: n * size].reshape(n, size, 3) * scale for v in (imu.gyro, imu.accel)]
     begin, end = imu.time[: n * size : size] - step, imu.time[size - 1 : n * size : size]
     still, moving = _seen(speed, begin, end)
     if still.sum() < 10 or moving.sum() < 50:
-        return none, no_sd, "ZUPT: not used, the speed shows too little of stops and of motion"
+        return none, no_sd, Finding.of(Code.ZUPT_UNSEEN)
     stationary = np.ones(n, dtype=bool)
     for feature in np.log([np.linalg.norm(b.std(axis=1), axis=1) + 1e-9 for b in blocks]):
         high, low = np.quantile(feature[still], 0.9), np.quantile(feature[moving], 0.01)
         if high < low:
             stationary &= feature < 0.5 * (high + low)
     wrong, right = float(np.mean(stationary[moving])), float(np.mean(stationary[still]))
-    rates = f"{100 * right:.0f} % of stops detected, {100 * wrong:.3g} % false"
     if stationary.all() or wrong > FALSE_STOPS or right < FEWEST_STOPS:
-        return none, no_sd, f"ZUPT: not used, {rates}"
+        return none, no_sd, Finding.of(Code.ZUPT_POOR, share=right, false_share=wrong, limit_false_share=FALSE_STOPS)
     force = blocks[1].mean(axis=1)
     for a, b in runs_of(stationary):
         stationary[a:b] = np.linalg.norm(force[a:b] - np.median(force[a:b], axis=0), axis=1) < STEADY
@@ -90,7 +90,7 @@ def find_stops(imu: ImuData, speed: Velocity, spec: ImuSpec) -> tuple[FloatArray
     stops = np.array([[begin[a] + 0.5 * WINDOW, end[b - 1] - 0.5 * WINDOW] for a, b in runs_of(stationary)])
     stops = stops[stops[:, 1] - stops[:, 0] >= WINDOW]
     if not stops.size:
-        return none, no_sd, "ZUPT: no stops"
+        return none, no_sd, Finding.of(Code.ZUPT_NONE)
     few = max(2, round(INTERVAL / step))
     quiet = blocks[0][still & stationary]
     means = quiet[:, : size // few * few].reshape(quiet.shape[0], -1, few, 3).mean(axis=2)
@@ -99,7 +99,8 @@ def find_stops(imu: ImuData, speed: Velocity, spec: ImuSpec) -> tuple[FloatArray
     # doubled: at a stop people and wind move the vehicle now and then, which the scatter of most windows does not show
     rate_sd = 2.0 * np.hypot(scatter, spec.gyro.random_walk / np.sqrt(INTERVAL))
     total = float(np.sum(stops[:, 1] - stops[:, 0]))
-    return stops, rate_sd, f"ZUPT: {stops.shape[0]} stops, {total:.0f} s; {rates}"
+    note = Finding.of(Code.ZUPT_USED, count=stops.shape[0], duration_s=total, share=right, false_share=wrong)
+    return stops, rate_sd, note
 
 
 def _seen(speed: Velocity, begin: FloatArray, end: FloatArray) -> tuple[BoolArray, BoolArray]:

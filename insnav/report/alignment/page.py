@@ -7,7 +7,9 @@ import numpy as np
 from insnav.alignment.static import CONTRADICTED
 from insnav.earth import OMEGA_EARTH
 from insnav.filter.fine_alignment import FineAlignment
+from insnav.findings import Code, Finding
 from insnav.imu.specification import gyro_bias_sd
+from insnav.messages import render
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
 from insnav.report.page import DataFrame, Page, Section, only_json, rows_frame
@@ -63,7 +65,7 @@ def _summary(found: FineAlignment, sd: float | None) -> tuple[str, ...]:
             roll, pitch = (number(float(angle) / DEG, 4) for angle in each.rph[:2])
             tilt = number(float(max(each.sd[:2])) / DEG, 2)
             lines += [
-                entry(name, f"roll {roll}, pitch {pitch}, each ± {tilt} deg  ({each.level_method})"),
+                entry(name, f"roll {roll}, pitch {pitch}, each ± {tilt} deg  ({_named(each.level_method)})"),
                 entry("", f"heading {_heading(each)}"),
             ]
     text = "not observable: the gyro bias hides the Earth's rotation"
@@ -76,7 +78,12 @@ def _heading(found: Alignment) -> str:
     if not np.isfinite(found.sd[2]):
         return "not found: the gyros do not show the Earth's rotation well enough; give --heading, or a better --imu"
     heading, sd = number(float(found.rph[2]) / DEG % 360.0, 5), number(float(found.sd[2]) / DEG, 2)
-    return f"{heading} ± {sd} deg  ({found.heading_method})"
+    return f"{heading} ± {sd} deg  ({_named(found.heading_method)})"
+
+
+def _named(method: str) -> str:
+    """Name of an alignment method."""
+    return render(Finding.of(Code(method))).title
 
 
 def frame(result: Result[FineAlignment]) -> DataFrame:

@@ -12,6 +12,7 @@ import numpy as np
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import TrajectoryErrors
 from insnav.exceptions import InputError
+from insnav.findings import Code
 from insnav.imu.imu_file import to_toml
 from insnav.output import solution_tables
 from insnav.output.data_files import write_table
@@ -211,8 +212,7 @@ def _alignment(facts: Mapping[str, Any]) -> Alignment:
         bias,
         np.where(np.isnan(bias_sd), np.inf, bias_sd),
         None if facts["static_s"] is None else tuple(facts["static_s"]),
-        facts["level_method"],
-        facts["heading_method"],
+        *(Code(name) if name in set(Code) else name for name in (facts["level_method"], facts["heading_method"])),
     )
 
 
