@@ -23,6 +23,7 @@ from insnav.attitude import (
     rph_from_quat,
 )
 from insnav.exceptions import AlignmentError
+from insnav.findings import Code
 from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.simulate import (
@@ -136,8 +137,8 @@ def test_levelling_and_gyrocompass_are_as_sure_as_they_say():
         truth = straight(PLACE, 0.0, heading, 120.0, roll=0.2 * np.sin(seed), pitch=0.3 * np.cos(3 * seed), start=7.0)
         imu = corrupt_imu(perfect(truth, 20.0), spec, seed).imu
         found = align_static(intervals(imu), spec, PLACE[0], PLACE[2], (7.0, 127.0))
-        assert found.heading_method == "gyrocompass"
-        assert found.level_method == "static"
+        assert found.heading_method is Code.ALIGN_HEADING_GYROCOMPASS
+        assert found.level_method is Code.ALIGN_LEVEL_STATIC
         errors.append(error(found, truth))
         sds.append(found.sd)
     assert (np.abs(np.array(errors)) <= 3 * np.array(sds)).all()
@@ -207,7 +208,7 @@ def test_a_given_heading_is_taken():
     truth = straight(PLACE, 0.0, 1.0, 30.0)
     imu = corrupt_imu(perfect(truth, 50.0), CAR, 1).imu
     found = align_static(intervals(imu), CAR, PLACE[0], PLACE[2], (0.0, 30.0), heading=1.0)
-    assert found.heading_method == "given"
+    assert found.heading_method is Code.ALIGN_HEADING_GIVEN
     assert found.rph[2] == pytest.approx(1.0)
     assert abs(error(found, truth)[0]) <= 3 * found.sd[0]
 
@@ -246,7 +247,7 @@ def test_a_soft_departure_ends_the_rest_of_a_good_imu(noise):
     assert found is not None
     assert found[1] >= 555.0
     assert np.linalg.norm(truth.evaluate(np.array([found[1]])).v_n) < 2e-3
-    assert aligned(record).heading_method == "gyrocompass"
+    assert aligned(record).heading_method is Code.ALIGN_HEADING_GYROCOMPASS
 
 
 def test_a_smooth_drive_is_not_a_rest_where_gps_sees_it():
@@ -273,7 +274,7 @@ def test_course_heading_is_as_sure_as_it_says():
     errors, sds = [], []
     for seed in range(20):
         found = aligned(log(started(heading=0.3 * seed), CAR, seed))
-        assert found.heading_method == "GPS course"
+        assert found.heading_method is Code.ALIGN_HEADING_COURSE
         errors.append(error(found, started(heading=0.3 * seed)))
         sds.append(found.sd)
     assert (np.abs(np.array(errors)) <= 3 * np.array(sds)).all()
@@ -291,7 +292,7 @@ def in_other_axes(record: Log, turned: np.ndarray) -> Log:
 def test_a_reversing_vehicle_is_seen_to_reverse(seed):
     back = dcm_from_rph([0.0, 0.0, np.pi])
     found = aligned(in_other_axes(log(started(), CAR, seed), back))
-    assert found.heading_method == "GPS course, vehicle reversing"
+    assert found.heading_method is Code.ALIGN_HEADING_REVERSING
     assert (np.abs(error(found, started(), back)) <= 3 * found.sd).all()
 
 
@@ -301,7 +302,7 @@ def test_an_imu_turned_in_the_vehicle_is_seen_to_be(angle_deg):
     errors, sds = [], []
     for seed in range(8):
         found = aligned(in_other_axes(log(started(), CAR, seed), turned))
-        assert "turned in the vehicle" in found.heading_method
+        assert found.heading_method is Code.ALIGN_HEADING_ACCELERATION
         errors.append(error(found, started(), turned))
         sds.append(found.sd)
     assert (np.abs(np.array(errors)) <= 3.5 * np.array(sds)).all()
@@ -314,7 +315,7 @@ def test_course_from_positions_alone():
         record.gps, v_n=np.full_like(record.gps.v_n, np.nan), velocity_sd=np.full_like(record.gps.v_n, np.nan)
     )
     found = aligned(replace(record, gps=blind))
-    assert found.heading_method == "GPS course"
+    assert found.heading_method is Code.ALIGN_HEADING_COURSE
     assert (np.abs(error(found, record.truth)) <= 3 * found.sd).all()
 
 
@@ -326,7 +327,7 @@ def test_course_from_fixes_far_apart(velocities, every):
         if not velocities:
             gps = replace(gps, v_n=np.full_like(gps.v_n, np.nan), velocity_sd=np.full_like(gps.v_n, np.nan))
         found = aligned(replace(record, gps=gps))
-        assert found.heading_method == "GPS course"
+        assert found.heading_method is Code.ALIGN_HEADING_COURSE
         assert (np.abs(error(found, record.truth)) <= 3 * found.sd).all()
 
 
@@ -334,7 +335,7 @@ def test_gyrocompass_needs_no_motion():
     spec = navigation_grade()
     truth = straight(PLACE, 0.0, 5.0, 90.0, roll=0.05)
     found = aligned(log(truth, spec, 2, 20.0))
-    assert found.heading_method == "gyrocompass"
+    assert found.heading_method is Code.ALIGN_HEADING_GYROCOMPASS
     assert (np.abs(error(found, truth)) <= 3 * found.sd).all()
 
 
@@ -347,7 +348,7 @@ def test_a_start_in_motion_is_as_sure_as_it_says():
         truth = started(heading=0.3 * seed)
         found = aligned(since(log(truth, CAR, seed), 533.0))
         assert found.static is None
-        assert found.level_method == "change of GPS velocity"
+        assert found.level_method is Code.ALIGN_LEVEL_MOTION
         errors.append(error(found, truth))
         sds.append(found.sd)
     assert (np.abs(np.array(errors)) <= 3.5 * np.array(sds)).all()
@@ -373,7 +374,7 @@ def test_poor_positions_alone_show_motion_by_a_longer_way(begin):
         record = since(log(truth, CAR, seed), begin)
         gps = since(replace(record, gps=corrupt_gps(fixes(truth), poor, (seed, 2))), begin).gps
         found = aligned(replace(record, gps=gps))
-        assert found.heading_method == "GPS course"
+        assert found.heading_method is Code.ALIGN_HEADING_COURSE
         assert (np.abs(error(found, truth)) <= 3.5 * found.sd).all()
 
 
@@ -388,7 +389,7 @@ def test_a_robot_that_is_never_fast_has_a_course_that_is_less_sure(velocities, b
         record = replace(log(truth, CAR, seed), gps=corrupt_gps(fixes(truth), receiver, (seed, 2)))
         record = since(record, begin)
         found = aligned(record if velocities else replace(record, gps=without_velocities(record.gps)))
-        assert found.heading_method == "GPS course"
+        assert found.heading_method is Code.ALIGN_HEADING_COURSE
         errors.append(error(found, truth))
         sds.append(found.sd)
     assert (np.abs(np.array(errors)) <= 3.5 * np.array(sds)).all()
@@ -435,7 +436,8 @@ def test_the_velocity_at_a_start_is_exact_where_all_else_is():
     gps = gps_from_truth(truth, time, np.zeros(3))
     gps = replace(gps, position_sd=np.full_like(gps.lla, 0.01))
     rph = truth.evaluate(time[:1]).rph[0]
-    found = Alignment(float(time[0]), rph, np.full(3, 0.1 * DEG), np.zeros(3), np.zeros(3), None, "given", "given")
+    methods = Code.ALIGN_LEVEL_GIVEN, Code.ALIGN_HEADING_GIVEN
+    found = Alignment(float(time[0]), rph, np.full(3, 0.1 * DEG), np.zeros(3), np.zeros(3), None, *methods)
     v_n, sd = start_velocity(intervals(perfect(truth, 50.0)), found, gps, 0.0)
     np.testing.assert_allclose(v_n, truth.evaluate(time[:1]).v_n[0], atol=0.01)
     assert (sd < 0.03).all()

@@ -50,7 +50,7 @@ def navigated(record: Log, gps: GpsData, **options: object) -> Navigated:
 
 
 def assert_from_rest(found: Alignment, record: Log) -> None:
-    assert found.level_method == "static"
+    assert found.level_method is Code.ALIGN_LEVEL_STATIC
     assert found.static is not None
     assert found.static[1] - found.static[0] > 25.0
     assert (np.abs(error(found, record.truth)) <= 4.0 * found.sd).all()
@@ -69,10 +69,10 @@ def test_spikes_at_rest_are_no_motion(drive, velocities, count):
     found = run.alignment
     # the rest may be cut in two, but the start is one at rest and the heading comes from the drive
     assert found.static is not None
-    assert found.level_method == "static"
-    assert found.heading_method == "GPS course"
+    assert found.level_method is Code.ALIGN_LEVEL_STATIC
+    assert found.heading_method is Code.ALIGN_HEADING_COURSE
     assert (np.abs(error(found, drive.truth)) <= 4.0 * found.sd).all()
-    assert Code.RESET not in [event.kind for event in run.events]
+    assert Code.RESET not in [event.code for event in run.events]
 
 
 def test_fixes_that_are_none_make_no_start(drive):
@@ -84,7 +84,7 @@ def test_fixes_that_are_none_make_no_start(drive):
     assert run.alignment.time == pytest.approx(drive.gps.time[5])
     assert_from_rest(run.alignment, drive)
     assert np.abs(run.solution.lla[0, :2] - PLACE[:2]).max() < 1e-6  # six metres
-    assert Code.RESET not in [event.kind for event in run.events]
+    assert Code.RESET not in [event.code for event in run.events]
 
 
 def test_no_good_fix_is_an_error(drive):

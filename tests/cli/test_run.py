@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from insnav.findings import Code
 from insnav.output.folder import read_facts, verify_folder
 from tests.cli.conftest import QUICK, Cli
 
@@ -190,7 +191,7 @@ def test_an_initial_state_replaces_the_alignment(drive: Path, cli: Cli):
     shown = cli("run", *QUICK, "--initial", "start.json")
     assert shown.code == 0, shown.err
     found = read_facts(Path("run"))["alignment"]
-    assert found["heading_method"] == "given"
+    assert found["heading_method"] == Code.ALIGN_HEADING_GIVEN
     assert found["heading_deg"] == pytest.approx(float(first["heading_deg"]))
 
 

@@ -252,7 +252,8 @@ def test_n29_heading_that_no_turn_shows_stays_uncertain(bars):
 
         rph = at.rph[0] - [0.0, 0.0, error[8]]
         sds = np.array([0.3, 0.3, 5.0]) * DEG
-        alignment = Alignment(20.0, rph, sds, np.zeros(3), np.full(3, np.inf), None, "given", "given")
+        methods = Code.ALIGN_LEVEL_GIVEN, Code.ALIGN_HEADING_GIVEN
+        alignment = Alignment(20.0, rph, sds, np.zeros(3), np.full(3, np.inf), None, *methods)
         initial = initial_state(
             alignment,
             drives.MODEL,

@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 from insnav.attitude import quat_conjugate, quat_from_rotvec, quat_from_rph, quat_multiply, rph_from_quat
 from insnav.earth import lla_offset
 from insnav.filter import ErrorModel, FilterSettings, Gates, InitialState, Navigator, error_model, initial_state
+from insnav.findings import Code
 from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.simulate import Truth, gps_from_truth, imu_from_truth
 from insnav.types import Alignment, FloatArray, GpsData, ImuData, Run
@@ -37,6 +38,9 @@ SPEC = ImuSpec(
         scale_factor=500 * PPM * THREE,
     ),
 )
+
+
+GIVEN = Code.ALIGN_LEVEL_GIVEN, Code.ALIGN_HEADING_GIVEN
 
 
 @lru_cache(maxsize=4)
@@ -133,7 +137,7 @@ def begin(model: ErrorModel, rng: np.random.Generator | None = None, laps: int =
     v_n = at.v_n[0] + error[3:6]
     # C_hat = (I - [phi x]) C
     rph = rph_from_quat(quat_multiply(quat_from_rotvec(-error[6:]), quat_from_rph(at.rph[0])))
-    alignment = Alignment(motion.start, rph, START_SD[6:], np.zeros(3), np.full(3, np.inf), None, "given", "given")
+    alignment = Alignment(motion.start, rph, START_SD[6:], np.zeros(3), np.full(3, np.inf), None, *GIVEN)
     return Begin(initial_state(alignment, model, lla, v_n, START_SD[:3], START_SD[3:6]), alignment)
 
 

@@ -20,7 +20,7 @@ from insnav.filter.measurements.non_holonomic import NonHolonomic
 from insnav.filter.measurements.zero_velocity import ZeroVelocity, find_stops
 from insnav.filter.navigate import aided, feed, navigate_recording
 from insnav.filter.prepare import DELAY_SD, Prepared, Start
-from insnav.findings import Code
+from insnav.findings import Code, of_code
 from insnav.kernels import aiding_measurements as kernel
 from insnav.kernels.errorstate import STATES
 from insnav.simulate import GpsErrors, Truth, reference, without_fixes
@@ -164,7 +164,7 @@ def test_a_vehicle_that_drifts_sideways_has_no_non_holonomic_constraint():
     adrift = replace(solution, v_n=solution.v_n + np.column_stack([wind, wind, 0.0 * wind]))
     found, notes = measurements_from_drive(FirstPass(adrift, imu, fixes, drives.SPEC))
     assert "nhc" not in {each.name for each in found}
-    assert any("NHC: not used" in note for note in notes)
+    assert Code.NHC_LATERAL in {note.code for note in notes}
 
 
 def test_a_skid_is_rejected_by_name():
@@ -175,7 +175,7 @@ def test_a_skid_is_rejected_by_name():
     second = run(imu, fixes, start, (askew,))
     (use,) = second.aiding
     assert use.rejected > 0.3 * use.processed
-    assert any(event.kind == "gate.nhc" for event in second.events)
+    assert any(event.subject == "nhc" for event in of_code(second.events, Code.GATE_AIDING))
 
 
 def test_stops_are_those_of_the_drive():
@@ -441,7 +441,8 @@ def test_velocities_that_lag_are_expected_where_they_were():
         imu, fixes, drives.SPEC, FilterSettings(lever_b=drives.LEVER_B), start=begin, aiding="off"
     )
     print(done.notes)
-    assert any("GPS velocity lags position by 0.19" in note for note in done.notes)
+    (lag,) = of_code(done.notes, Code.GPS_VELOCITY_LAG)
+    assert lag["lag_s"] == pytest.approx(0.195, abs=0.005)
     nis = done.run.innovations.nis_velocity
     print("velocity NIS/3:", np.mean(nis) / 3.0)
     assert np.mean(nis) / 3.0 < 1.5
@@ -467,7 +468,8 @@ def test_false_fixes_after_a_gap_make_no_stop_a_creep():
     lla = np.where(false[:, None], lla_offset(gps.lla, np.tile([30.0, 0.0, 0.0], (gps.time.size, 1))), gps.lla)
     seen = np.flatnonzero((gps.time < 282.0) | (gps.time > 306.0))
     done = insnav.load(imu, replace(gps, lla=lla).rows(seen)).navigate()
-    assert any(note.startswith("ZUPT: 8 stops") for note in done.notes)
+    (note,) = of_code(done.notes, Code.ZUPT_USED)
+    assert note["count"] == 8
     track = done.found.run.smoothed.solution
     track = track.rows((track.time > 282.0) & (track.time < 306.0))
     off = ned_offset(track.lla, reference(motion, track.time).lla)[:, :2]
@@ -485,5 +487,5 @@ def test_a_car_that_creeps_without_shaking_does_not_stand(seed):
     track = track.rows(track.time < 370.0)
     off = ned_offset(track.lla, reference(motion, track.time).lla)[:, :2]
     assert np.sqrt(np.mean(off**2)) < 1.2
-    assert any(note.startswith("ZUPT: only where fixes see") for note in done.notes)
+    assert {note.code for note in done.notes if note.code.startswith("zupt.")} == {Code.ZUPT_PARTLY}
     assert Code.CONTRADICTION not in {event.kind for event in done.found.run.events}

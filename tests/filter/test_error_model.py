@@ -11,6 +11,7 @@ from insnav.alignment.static import level
 from insnav.attitude import dcm_from_rph, quat_from_rph, rph_from_quat
 from insnav.earth import OMEGA_EARTH, gravity_n
 from insnav.filter import FilterSettings, Gates, Navigator, error_model, initial_state
+from insnav.findings import Code
 from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.kernels import epoch
 from insnav.types import Alignment, GpsData, ImuData
@@ -19,9 +20,10 @@ from tests.filter import drives
 
 LLA = np.array([0.8, 0.1, 100.0])
 RPH = np.array([0.02, -0.03, 2.0])
+STATIC = Code.ALIGN_LEVEL_STATIC, Code.ALIGN_HEADING_GIVEN
 
 
-def initial_covariance(heading_method: str, turned: float = 0.0) -> np.ndarray:
+def initial_covariance(heading_method: Code, turned: float = 0.0) -> np.ndarray:
     alignment = Alignment(
         0.0,
         RPH + turned * np.eye(3)[2],
@@ -29,7 +31,7 @@ def initial_covariance(heading_method: str, turned: float = 0.0) -> np.ndarray:
         np.zeros(3),
         np.full(3, np.inf),
         (0.0, 60.0),
-        "static",
+        Code.ALIGN_LEVEL_STATIC,
         heading_method,
     )
     model = error_model(drives.SPEC, 21)
@@ -59,7 +61,7 @@ def test_the_tilt_of_a_levelled_imu_goes_with_its_accelerometer_bias(axis: int):
     bias = 100 * UG * np.eye(3)[axis]
     measured = dcm_from_rph(RPH).T @ -gravity_n(LLA[0], LLA[2]) + bias
     tilt = attitude_error_of(*level(measured), RPH[2])
-    p = initial_covariance("given")
+    p = initial_covariance(Code.ALIGN_HEADING_GIVEN)
     # the estimated bias is zero at first: its error is the negative of the bias
     by_bias = p[6:9, 12:15] / np.diag(p)[12:15]
     np.testing.assert_allclose((by_bias @ -bias)[:2], tilt[:2], rtol=1e-3, atol=3e-7)
@@ -73,7 +75,7 @@ def test_the_heading_of_a_gyrocompass_goes_with_its_gyro_bias(axis: int):
     levelled = dcm_from_rph(np.array([RPH[0], RPH[1], 0.0])) @ rate
     heading = float(np.arctan2(-levelled[1], levelled[0]))
     error = attitude_error_of(RPH[0], RPH[1], heading)
-    p = initial_covariance("gyrocompass")
+    p = initial_covariance(Code.ALIGN_HEADING_GYROCOMPASS)
     by_bias = p[6:9, 9:12] / np.diag(p)[9:12]
     assert abs(error[2]) < 0.1 * DEG
     np.testing.assert_allclose((by_bias @ -bias)[2], error[2], rtol=1e-3, atol=1e-9)
@@ -87,8 +89,10 @@ def test_a_correction_of_the_heading_turns_what_accelerometers_have_done():
     epoch.take(np.empty(0), estimated, error, np.array([21, -1, -1, -1, -1, -1, 0]), True)
     heading = rph_from_quat(estimated[epoch.STATE][6:])[2]
     epoch.turn(phi, estimated)
-    expected = initial_covariance("given", heading - RPH[2])
-    np.testing.assert_allclose(phi @ initial_covariance("given") @ phi.T, expected, rtol=1e-9, atol=1e-15)
+    expected = initial_covariance(Code.ALIGN_HEADING_GIVEN, heading - RPH[2])
+    np.testing.assert_allclose(
+        phi @ initial_covariance(Code.ALIGN_HEADING_GIVEN) @ phi.T, expected, rtol=1e-9, atol=1e-15
+    )
     # and so the velocity: any relation of it in the axes of the IMU is the same one before and after
     in_body = np.random.default_rng(1).normal(size=(3, 12))
     before, after = (dcm_from_rph(RPH + turned * np.eye(3)[2]) @ in_body for turned in (0.0, heading - RPH[2]))
@@ -136,7 +140,7 @@ def test_the_first_gyro_bias_is_the_mean_of_specification_and_alignment(seen_sd:
     seen = true + rng.standard_normal((2000, 3)) * seen_sd
     found = []
     for each in seen:
-        alignment = Alignment(0.0, RPH, np.full(3, 1e-9), each, np.full(3, seen_sd), (0.0, 60.0), "static", "given")
+        alignment = Alignment(0.0, RPH, np.full(3, 1e-9), each, np.full(3, seen_sd), (0.0, 60.0), *STATIC)
         found.append(initial_state(alignment, model, LLA, np.zeros(3), np.ones(3), np.ones(3)))
     error = np.array([state.gyro_bias for state in found]) - true
     sd = np.sqrt(np.diag(found[0].covariance)[9:12])
@@ -147,7 +151,7 @@ def test_the_first_gyro_bias_is_the_mean_of_specification_and_alignment(seen_sd:
 def attitude_variance(spec: ImuSpec, time: np.ndarray, rate: float) -> np.ndarray:
     """Of a filter that starts without errors, turns at `rate` [rad/s] and is given no fix worth the name."""
     model = error_model(spec, 21)
-    start = Alignment(0.0, np.zeros(3), np.full(3, 1e-9), np.zeros(3), np.full(3, np.inf), None, "given", "given")
+    start = Alignment(0.0, np.zeros(3), np.full(3, 1e-9), np.zeros(3), np.full(3, np.inf), None, *drives.GIVEN)
     initial = initial_state(start, model, LLA, np.zeros(3), np.full(3, 1e-6), np.full(3, 1e-6))
     shape = (time.size, 1)
     imu = ImuData(time, np.tile([0.0, 0.0, rate], shape), np.tile([0.0, 0.0, -9.8], shape))

@@ -10,7 +10,7 @@ import pytest
 from insnav.earth import lla_offset, ned_offset
 from insnav.filter import Gates
 from insnav.filter.gates import aside
-from insnav.findings import Code
+from insnav.findings import Code, Severity
 from insnav.simulate import reference
 from insnav.types import GpsData, Run
 from tests.filter import drives
@@ -36,7 +36,7 @@ def untouched(recorded) -> Run:
 
 
 def kinds(run: Run) -> list[Code]:
-    return [event.kind for event in run.events]
+    return [event.code for event in run.events]
 
 
 def apart(one: Run, other: Run) -> np.ndarray:
@@ -67,9 +67,8 @@ def test_a_single_spike_is_rejected_and_only_it(recorded, untouched, size):
     assert kinds(run) == [expected]
     (event,) = run.events
     assert event.time == pytest.approx(recorded[1].time[SPIKED])
-    assert event.value > event.limit > 0.0
-    assert event.unit
-    assert event.action == "rejected"
+    unit = "m" if size > 400.0 else "nis"
+    assert event["distance_m" if size > 400.0 else "nis"] > event[f"limit_{unit}"] > 0.0
     assert np.flatnonzero(~run.innovations.used_position).tolist() == [SPIKED]
     assert run.innovations.used_velocity.all()
     assert apart(run, untouched).max() <= 0.5
@@ -86,12 +85,14 @@ def test_a_row_of_spikes_is_rejected_whole(recorded, untouched):
 def test_a_permanent_jump_leads_to_one_reset(recorded):
     offset = [300.0, -400.0, 0.0]
     run = run_with(recorded, lambda gps: moved(gps, slice(SPIKED, None), offset))
-    resets = [event for event in run.events if event.kind == Code.RESET]
+    resets = [event for event in run.events if event.code == Code.RESET]
     assert len(resets) == 1
     waited = resets[0].time - recorded[1].time[SPIKED]
     assert 10.0 <= waited <= 12.0
-    assert resets[0].value == pytest.approx(500.0, abs=5.0)
-    before = [event.kind for event in run.events if event.time <= resets[0].time]
+    assert resets[0]["limit_s"] == 10.0
+    assert resets[0].severity is Severity.WARNING
+    assert resets[0]["distance_m"] == pytest.approx(500.0, abs=5.0)
+    before = [event.code for event in run.events if event.time <= resets[0].time]
     assert set(before) <= {Code.GATE_PHYSICAL_POSITION, Code.GATE_POSITION, Code.RESET}
     # afterwards it believes the fixes again
     later = run.innovations.time > resets[0].time
@@ -141,7 +142,7 @@ def test_a_small_innovation_is_weighted_down_not_rejected(recorded):
         return moved(gps, [SPIKED], [0.0, 0.3, 0.0])
 
     run = run_with(recorded, change)
-    at = [event.kind for event in run.events if event.time == pytest.approx(recorded[1].time[SPIKED])]
+    at = [event.code for event in run.events if event.time == pytest.approx(recorded[1].time[SPIKED])]
     assert at == [Code.DEWEIGHTED_POSITION]
     assert run.innovations.used_position[SPIKED]
 
@@ -167,7 +168,7 @@ def test_a_fix_that_admits_to_be_poor_is_not_used(recorded):
 
     run = run_with(recorded, change)
     assert kinds(run) == [Code.GATE_QUALITY]
-    assert (run.events[0].value, run.events[0].limit) == (300.0, 100.0)
+    assert (run.events[0]["sd_m"], run.events[0]["limit_m"]) == (300.0, 100.0)
     assert run.innovations.used_velocity[SPIKED]
 
 

@@ -21,6 +21,7 @@ from insnav.filter.gps_noise import (
 )
 from insnav.filter.noise_identification import identify_noise
 from insnav.filter.prepare import Prepared
+from insnav.findings import Code, Severity, of_code
 from insnav.session.simulation import plan_of, profiled
 from insnav.simulate import GpsErrors, corrupt_gps, gps_from_truth
 from insnav.types import GpsData
@@ -111,7 +112,7 @@ def test_a_horizontal_velocity_is_used_and_the_vertical_one_left_open():
     whole = drives.noisy_gps(drives.perfect_gps(laps=3), rng)
     level, notes = with_sd(level_only(whole))
     np.testing.assert_array_equal(with_sd(level)[0].velocity_sd, level.velocity_sd)
-    assert any("horizontal velocity only" in note for note in notes)
+    assert Code.GPS_VELOCITY_LEVEL in {note.code for note in notes}
     np.testing.assert_array_equal(level.velocity_sd[:, :2], whole.velocity_sd[:, :2])
     none = replace(whole, v_n=np.full_like(whole.v_n, np.nan))
     start = drives.begin(drives.MODEL, rng, laps=3)
@@ -130,7 +131,7 @@ def test_a_vertical_velocity_that_never_changes_is_not_measured(value):
     gps = drives.noisy_gps(drives.perfect_gps(laps=3), np.random.default_rng(5))
     same, notes = with_sd(replace(gps, v_n=np.where([True, True, False], gps.v_n, value)))
     np.testing.assert_array_equal(same.velocity_sd, with_sd(level_only(gps))[0].velocity_sd)
-    assert any("horizontal velocity only" in note for note in notes)
+    assert Code.GPS_VELOCITY_LEVEL in {note.code for note in notes}
     still = replace(gps, v_n=np.zeros_like(gps.v_n))
     np.testing.assert_array_equal(with_sd(still)[0].velocity_sd, gps.velocity_sd)
 
@@ -154,11 +155,11 @@ def test_standard_deviations_that_are_given_are_kept_beside_those_that_are_not()
     level = replace(gps, position_sd=sd, lla=gps.lla * [1.0, 1.0, 0.0])
     filled, notes = with_sd(level)
     assert (filled.position_sd == [0.01, 0.02, OPEN_HEIGHT]).all()
-    assert not any("position sigma" in note for note in notes)
+    assert not any(of_code(notes, Code.GPS_SD_SCATTER))
     filled, notes = with_sd(replace(gps, position_sd=100.0 * sd))
     assert (filled.position_sd[:, :2] == [1.0, 2.0]).all()
     assert (filled.position_sd[:, 2] >= 2.0).all()
-    assert any("position sigma" in note for note in notes)
+    assert any(of_code(notes, Code.GPS_SD_SCATTER))
 
 
 def test_heights_that_are_not_measured_make_no_position_poor_or_precise():
@@ -170,7 +171,7 @@ def test_heights_that_are_not_measured_make_no_position_poor_or_precise():
     )
     assert filled.position_sd[:, :2] == pytest.approx(with_heights.position_sd[:, :2], rel=1e-3)
     assert (filled.position_sd[:, 2] == OPEN_HEIGHT).all()
-    assert any("position sigma" in note for note in notes)
+    assert any(of_code(notes, Code.GPS_SD_SCATTER))
     sd, kinds = np.tile([0.01, 0.01, np.nan], (len(gps.time), 1)), np.full(len(gps.time), FLOAT)
     floats, notes = with_sd(replace(gps, position_sd=sd, lla=level, fix=kinds), scatter_alone=False)
     assert (floats.position_sd[:, :2] >= FLOAT_SD).all()
@@ -201,15 +202,18 @@ def test_velocities_in_steps_are_no_surer_than_these():
     lla = np.column_stack([np.linspace(0.8, 0.8001, 60), np.full(60, 0.2), np.linspace(0, 9, 60)])
     fixes = GpsData(np.arange(60.0), lla, np.round(v_n, 2), np.ones((60, 3)), sd)
     found, notes = with_sd(fixes)
-    assert any("velocities have steps of 0.51 m/s: sigma assumed at least 0.15 m/s" in note for note in notes)
+    (note,) = of_code(notes, Code.GPS_ROUNDED_VELOCITY)
     least = knot / np.sqrt(12.0)
+    assert note.severity is Severity.ASSUMPTION
+    assert note["step_m_s"] == pytest.approx(knot, abs=0.005)
+    assert note["sd_m_s"] == pytest.approx(least, abs=0.005)
     np.testing.assert_allclose(found.velocity_sd[:, [0, 2]], least, rtol=0.01)
     np.testing.assert_allclose(found.velocity_sd[:, 1], np.repeat(least * np.sqrt([1.0, 20.0, 20.0]), 20), rtol=0.01)
     smooth = replace(fixes, v_n=np.round(v_n + 0.1 * np.random.default_rng(3).standard_normal(v_n.shape), 2))
     for each in (smooth, replace(fixes, velocity_sd=10.0 * least * np.ones((60, 3)))):
         kept, notes = with_sd(each)
         np.testing.assert_array_equal(kept.velocity_sd, each.velocity_sd)
-        assert not any("steps" in note for note in notes)
+        assert not any(of_code(notes, Code.GPS_ROUNDED_VELOCITY))
 
 
 def test_a_velocity_north_without_one_east_is_not_used_and_said_so():
@@ -217,7 +221,9 @@ def test_a_velocity_north_without_one_east_is_not_used_and_said_so():
     fixes = GpsData(np.arange(9.0), np.full((9, 3), 0.8), v_n, np.ones((9, 3)), np.full((9, 3), 0.1))
     found, notes = with_sd(fixes)
     assert np.isnan(found.v_n).all()
-    assert any("9 fixes have one horizontal velocity, North or East, without the other" in note for note in notes)
+    (note,) = of_code(notes, Code.GPS_VELOCITY_HALF)
+    assert note["count"] == 9
+    assert note.severity is Severity.ASSUMPTION
 
 
 def test_a_drive_with_velocities_in_knots_is_as_good_as_it_says():

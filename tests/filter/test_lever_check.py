@@ -14,6 +14,7 @@ from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.earth import lla_offset, ned_offset
 from insnav.filter.lever_check import with_hidden_lever
 from insnav.filter.navigate import feed
+from insnav.findings import Code
 from insnav.input import read_gps, read_imu
 from insnav.session.simulation import plan_of, profiled
 from insnav.types import GpsData, ImuData
@@ -75,7 +76,7 @@ def test_a_heading_that_the_drive_contradicts_is_not_used(off, said):
     ready = insnav.load(drive.imu.data, drive.gps.data, heading=heading + off * DEG).prepared()
     warned = [event.action for event in ready.faults if event.action.startswith("the heading given")]
     assert bool(warned) == any(note.startswith("heading given") for note in ready.notes) == said
-    assert (ready.alignment.heading_method == "given") != said
+    assert (ready.alignment.heading_method is Code.ALIGN_HEADING_GIVEN) != said
     if said:
         assert abs(wrap_pi(ready.alignment.rph[2] - heading)) < 3.0 * ready.alignment.sd[2]
         assert f"shows {np.rad2deg(ready.alignment.rph[2]):.0f} ±" in warned[0]

@@ -15,6 +15,7 @@ from insnav.filter import FilterSettings
 from insnav.filter.gps_delay import filtered
 from insnav.filter.navigate import navigate_recording
 from insnav.filter.prepare import DELAY_SD, prepare
+from insnav.findings import Code
 from insnav.input import read_gps, read_imu
 from insnav.session.simulation import plan_of, profiled
 from insnav.simulate import GpsErrors, reference
@@ -92,7 +93,7 @@ def test_the_attitude_at_the_start_is_that_of_its_own_fix():
     ready = prepare(imu, gps, drives.SPEC, FilterSettings(lever_b=drives.LEVER_B, delay_sd=DELAY_SD))
     seen = filtered(ready).ready
     assert seen.gps.time.size < gps.time.size
-    assert "then filter" in seen.alignment.level_method
+    assert seen.alignment.level_method is Code.ALIGN_LEVEL_MOTION_FILTER
     assert seen.initial.time == seen.alignment.time == ready.alignment.time
 
 

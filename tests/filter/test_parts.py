@@ -16,7 +16,7 @@ from insnav.filter.navigate import Navigated, navigate_prepared, navigate_record
 from insnav.filter.parts import Across
 from insnav.filter.prepare import Prepared, Start, prepare
 from insnav.filter.state_layout import first_state
-from insnav.findings import Code
+from insnav.findings import Code, of_code
 from insnav.kernels.dynamics import NAV
 from insnav.simulate import reference
 from insnav.types import Alignment, GpsData, ImuData
@@ -63,7 +63,7 @@ def test_every_part_is_as_good_as_it_says(gaps):
             after = solution.time > START + gaps[-1][1] + 30.0
             assert np.hypot(error[after, 0], error[after, 1]).max() < 3.0
             assert np.abs(error[after, 8]).max() < 4.0 * DEG
-        assert Code.RESET not in {event.kind for event in run.events}
+        assert Code.RESET not in {event.code for event in run.events}
     shares = np.mean(np.concatenate(inside), axis=0)
     print(np.round(shares, 4))
     assert shares.min() > 0.98
@@ -71,12 +71,21 @@ def test_every_part_is_as_good_as_it_says(gaps):
 
 def test_parts_are_listed_and_what_was_assumed():
     found = navigated(0, (100.0, 105.0), (150.0, 200.0), (204.0, 210.0))
-    told = [note for note in found.notes if note.startswith("part ")]
-    assert len(told) == 4
-    assert "heading: " in told[1]
-    assert "is not navigated: it is 4.0 s long" in told[2]
-    assert "3 gaps of more than 3 s, the longest 50.0 s" in next(note for note in found.notes if "gaps" in note)
-    assert len([event for event in found.run.events if event.kind is Code.PART]) == 4
+    (gaps,) = of_code(found.notes, Code.PARTS)
+    assert (gaps["count"], gaps["limit_s"]) == (3, 3.0)
+    assert gaps["gap_s"] == pytest.approx(50.0, abs=0.05)
+    events = [event for event in found.run.events if not event.code.startswith("gate.")]
+    headings = {Code.ALIGN_HEADING_COURSE, Code.ALIGN_HEADING_GIVEN, Code.ALIGN_HEADING_GYROCOMPASS}
+    levels = {Code.ALIGN_LEVEL_STATIC, Code.ALIGN_LEVEL_MOTION}
+    assert [event.code for event in of_code(events, Code.PART, Code.PART_SHORT)] == [
+        *(Code.PART, Code.PART, Code.PART_SHORT, Code.PART)
+    ]
+    assert len([*of_code(events, *headings)]) == len([*of_code(events, *levels)]) == 3
+    (short,) = of_code(events, Code.PART_SHORT)
+    assert (short["number"], short["duration_s"]) == (3, pytest.approx(4.0, abs=0.05))
+    parts = [*of_code(events, Code.PART)]
+    assert [part["number"] for part in parts] == [1, 2, 4]
+    assert [part["gap_s"] for part in parts] == pytest.approx([np.nan, 5.0, 60.0], abs=0.1, nan_ok=True)
     fixes = found.run.innovations.time - START
     assert not np.any((fixes > 150.1) & (fixes < 210.0))
 
@@ -119,7 +128,8 @@ def test_the_covariance_of_a_new_alignment_is_that_of_first_state_where_nothing_
 def test_a_bias_that_is_known_by_now_corrects_the_level():
     """Levelling takes the accelerometer bias for a tilt: a bias known by now takes the tilt back."""
     rph = np.array([0.02, -0.03, 0.4])
-    alignment = Alignment(START, rph, np.full(3, 0.01), np.zeros(3), np.full(3, np.inf), None, "static", "given")
+    methods = Code.ALIGN_LEVEL_STATIC, Code.ALIGN_HEADING_GIVEN
+    alignment = Alignment(START, rph, np.full(3, 0.01), np.zeros(3), np.full(3, np.inf), None, *methods)
     initial = initial_state(alignment, drives.MODEL, drives.PLACE, np.zeros(3), np.ones(3), np.full(3, 0.1))
     g = gravity_n(drives.PLACE[0], drives.PLACE[2])
     assert np.linalg.norm(Across.of(initial).slope[6:9, 3:6], axis=1).max() == pytest.approx(1.0 / g[2], rel=1e-3)
@@ -138,8 +148,8 @@ def test_a_given_start_holds_for_its_part_only():
     at = reference(drives.truth(LAPS), np.array([START + 20.0]))
     start = Start(START + 20.0, at.lla[0], at.v_n[0], at.rph[0], np.ones(3), np.full(3, 0.1), np.full(3, DEG))
     ready = prepare(imu, gps, drives.SPEC, SETTINGS, start=start)
-    assert ready.alignment.heading_method == "given"
-    assert [part.alignment.heading_method for part in ready.parts] == ["GPS course"]
+    assert ready.alignment.heading_method is Code.ALIGN_HEADING_GIVEN
+    assert [part.alignment.heading_method for part in ready.parts] == [Code.ALIGN_HEADING_COURSE]
 
 
 def test_no_part_that_can_be_aligned_is_refused_with_the_first_reason():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from insnav.filter.gps_noise import FLOAT_SD, POSITION_FLOOR, with_sd
+from insnav.findings import Code, of_code
 from insnav.simulate import GpsErrors, corrupt_gps
 from insnav.types import GpsData
 from insnav.units import DEG
@@ -29,7 +30,7 @@ def without_sd(errors: GpsErrors, fix: int | None) -> GpsData:
 def test_a_small_scatter_is_never_taken_for_accuracy(fix, expected):
     gps, notes = with_sd(without_sd(SMOOTH, fix), scatter_alone=False)
     np.testing.assert_allclose(np.median(gps.position_sd[:, :2], axis=0), expected, rtol=0.2)
-    assert ("fix type" in notes[0]) == (fix is not None)
+    assert notes[0].code is (Code.GPS_SD_STAND_ALONE if fix is None else Code.GPS_SD_FIX_TYPE)
 
 
 def test_fixed_ambiguities_are_centimetres():
@@ -53,4 +54,5 @@ def test_rounded_positions_have_the_sigma_of_their_rounding(digits, least):
     gps, notes = with_sd(GpsData(np.arange(200.0), lla, np.zeros((200, 3)), one, one))
     assert np.min(gps.position_sd[:, 0]) == pytest.approx(max(least, 0.01), rel=0.02)
     assert np.all(gps.position_sd[:, 2] == 0.01)
-    assert any(f"{digits} decimals" in note for note in notes) == (least > 0.0)
+    rounded = [note["decimals"] for note in of_code(notes, Code.GPS_ROUNDED_POSITION)]
+    assert rounded == [digits] * (least > 0.0)

@@ -125,8 +125,8 @@ def test_a_permanent_jump_resets_once_whatever_the_velocities(recorded, velocity
         return moved(replace(gps, v_n=v), slice(SPIKED, None), jump)
 
     run = run_with(recorded, change)
-    (reset,) = (event for event in run.events if event.kind is RESET)
-    assert reset.value == pytest.approx(500.0, abs=10.0)
+    (reset,) = (event for event in run.events if event.code is RESET)
+    assert reset["distance_m"] == pytest.approx(500.0, abs=10.0)
     true = reference(drives.truth(3), run.solution.time)
     later = run.solution.time > reset.time
     assert np.abs(run.solution.v_n - true.v_n)[later].max() < 12.0
@@ -239,4 +239,4 @@ def test_false_positions_of_streets_without_velocities_lose_no_filter(grade, see
     assert np.sqrt(np.mean(np.sum(off[:, :2] ** 2, axis=1))) < 2.5
     assert np.mean(np.abs(off) < 3.0 * sd) > 0.97
     assert np.sqrt(np.mean(sd[:, :2] ** 2)) < 3.0
-    assert RESET not in {event.kind for event in run.events}
+    assert RESET not in {event.code for event in run.events}

@@ -15,6 +15,7 @@ from insnav.filter import error_model
 from insnav.filter.measurements import kinds, measurements_from_drive
 from insnav.filter.measurements.clock import clock_offset
 from insnav.filter.measurements.first_pass import FirstPass
+from insnav.findings import Code, Finding, of_code
 from insnav.imu.specification import ImuSpec
 from insnav.input.readers.sensor_log import read_sensor_log
 from insnav.session.drive import load
@@ -76,12 +77,12 @@ def rms(values) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def note_of(notes: tuple[str, ...], name: str) -> str:
-    return next(note for note in notes if note.startswith(name))
+def note_of(notes: tuple[Finding, ...], *codes: Code) -> Finding:
+    return next(of_code(notes, *codes))
 
 
-def lag_of(notes: tuple[str, ...]) -> float:
-    return float(note_of(notes, "speedometer").partition("lag ")[2].split()[0])
+def lag_of(notes: tuple[Finding, ...]) -> float:
+    return note_of(notes, Code.ODOMETER_USED)["lag_s"]
 
 
 def test_kinds_are_found_in_their_order():
@@ -98,9 +99,8 @@ def test_a_speedometer_of_another_clock_and_scale_halves_the_drift_in_an_outage(
         run, notes, row = passes(seed, speed_log(seed))
         with_log.append(error(run, row))
         inside.append(error(run, row) < 3.0 * np.hypot(*run.solution.sd[row, :2]))
-        words = note_of(notes, "speedometer").split()
         assert lag_of(notes) == pytest.approx(EPOCH, abs=0.03)
-        assert float(words[words.index("scale") + 1]) == pytest.approx(1.0 / SCALE, abs=0.002)
+        assert note_of(notes, Code.ODOMETER_USED)["scale"] == pytest.approx(1.0 / SCALE, abs=0.002)
         assert {use.name: use.rejected for use in run.aiding}["speedometer"] < 20
     print("after 60 s:", np.round(without, 2), "with speedometer", np.round(with_log, 2))
     assert rms(with_log) < 0.5 * rms(without)
@@ -111,7 +111,7 @@ def test_a_speed_log_of_another_drive_is_refused():
     log = speed_log()
     other = replace(log, values={"speed": np.roll(log.values["speed"][::-1], 300)})
     run, notes, _ = passes(0, other)
-    assert "not used" in note_of(notes, "speedometer")
+    assert note_of(notes, Code.SPEEDOMETER_CLOCK)
     assert "speedometer" not in {use.name for use in run.aiding}
 
 
@@ -120,13 +120,15 @@ def test_a_speed_log_that_contradicts_a_part_of_the_drive_is_refused():
     late = log.time > float(np.quantile(log.time, 0.6))
     wrong = replace(log, values={**log.values, "speed": np.where(late, 0.7, 1.0) * log.values["speed"]})
     _, notes, _ = passes(0, wrong)
-    assert "of its speeds contradict the drive" in note_of(notes, "speedometer")
+    note = note_of(notes, Code.SPEEDOMETER_OUTLIERS)
+    assert note["share"] > note["limit_share"]
 
 
 def test_a_speed_log_without_numbers_is_refused():
     log = speed_log()
     _, notes, _ = passes(0, replace(log, values={**log.values, "speed": np.full_like(log.time, np.nan)}))
-    assert "0 speeds are numbers" in note_of(notes, "speedometer")
+    note = note_of(notes, Code.ODOMETER_FEW)
+    assert (note.subject, note["count"]) == ("speedometer", 0)
 
 
 def test_a_speedometer_that_sticks_in_the_outage_is_rejected():
@@ -137,7 +139,7 @@ def test_a_speedometer_that_sticks_in_the_outage_is_rejected():
     without, _, row = passes(0)
     run, notes, row = passes(0, replace(log, values={"speed": stuck}))
     assert {use.name: use.rejected for use in run.aiding}["speedometer"] > 30
-    assert any(event.kind == "gate.speedometer" for event in run.events)
+    assert any(event.subject == "speedometer" for event in of_code(run.events, Code.GATE_AIDING))
     assert error(run, row) < 2.0 * error(without, row) + 2.0
     assert lag_of(notes) == pytest.approx(EPOCH, abs=0.05)
 
@@ -175,8 +177,8 @@ def test_a_magnetometer_holds_the_heading_of_poor_gyros_in_an_outage():
             run, notes, row = passes(seed, *logs, spec=POOR)
             true = reference(MOTION, run.solution.time[row : row + 1]).rph[0, 2]
             kept.append(float(wrap_pi(run.solution.rph[row, 2] - true)) / DEG)
-        words = note_of(notes, "magnetometer").replace(",", "").split()
-        assert float(words[words.index("declination") + 1]) == pytest.approx(DECLINATION, abs=1.0)
+        declination = note_of(notes, Code.MAGNETOMETER_USED)["declination_rad"]
+        assert declination == pytest.approx(DECLINATION * DEG, abs=1.0 * DEG)
     print("heading error after 60 s [deg]:", np.round(without, 2), "with magnetometer", np.round(with_log, 2))
     assert rms(with_log) < 0.5 * rms(without)
 
@@ -185,7 +187,8 @@ def test_a_magnetometer_beside_moving_steel_is_refused():
     log = field_log()
     steel = {key: value + 0.3 * np.sin(log.time / 11.0 + i) for i, (key, value) in enumerate(log.values.items())}
     run, notes, _ = passes(0, replace(log, values=steel))
-    assert "not used" in note_of(notes, "magnetometer")
+    note = note_of(notes, Code.MAGNETOMETER_POOR)
+    assert note["rms_rad"] > note["limit_rad"]
     assert "magnetometer" not in {use.name for use in run.aiding}
 
 
@@ -196,8 +199,9 @@ def test_a_heading_column_will_do(tmp_path: Path):
     rows = [f"{t:.2f},{h % 360.0:.3f}" for t, h in zip(time, shown, strict=True)]
     path.write_text("\n".join(["time_s,heading_deg", *rows]) + "\n")
     _, notes, _ = passes(1, read_sensor_log(path, "magnetometer").data)
-    words = note_of(notes, "magnetometer").replace(",", "").split()
-    assert float(words[words.index("declination") + 1]) == pytest.approx(4.0, abs=0.5)
+    note = note_of(notes, Code.MAGNETOMETER_USED)
+    assert note["declination_rad"] == pytest.approx(4.0 * DEG, abs=0.5 * DEG)
+    assert np.isnan(note["iron_share"])
 
 
 def test_speed_files_are_read_with_their_units(tmp_path: Path):

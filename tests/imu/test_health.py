@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from insnav.exceptions import InputError
-from insnav.findings import Code
+from insnav.findings import Code, Severity
 from insnav.imu.health import inspect
 from insnav.types import ImuData
 from tests.filter import drives
@@ -43,9 +43,11 @@ def test_a_spike_is_replaced_and_nothing_else(imu, axis, size):
     whole = np.hstack([imu.gyro, imu.accel])
     bad = changed(imu, 700, axis, whole[700, axis] + size)
     found, (event,) = inspect(bad)
-    assert event.kind is Code.IMU_SPIKE
-    assert event.time == imu.time[700]
-    assert event.value == pytest.approx(size, abs=0.5)
+    assert event.code is Code.IMU_SPIKE
+    assert event.begin == imu.time[700]
+    assert event.subject == ("gyro " if axis < 3 else "accelerometer ") + "xyz"[axis % 3]
+    assert event["rate_rad_s" if axis < 3 else "acceleration_m_s2"] == pytest.approx(size, abs=0.5)
+    assert event.severity is Severity.NOTE
     after = np.hstack([found.gyro, found.accel])
     assert after[700, axis] == pytest.approx(whole[699:702:2, axis].mean())
     after[700, axis] = whole[700, axis]
@@ -59,9 +61,9 @@ def test_a_limit_below_the_largest_value_is_one_too(imu):
     bad = changed(imu, rows, 2, np.minimum(imu.gyro[rows, 2], limit))
     bad = changed(bad, 200, 2, 2.0 * abs(limit) + 0.1)
     found, events = inspect(bad)
-    clipped = [event for event in events if event.kind is Code.IMU_SATURATED]
+    clipped = [event for event in events if event.code is Code.IMU_SATURATED]
     assert clipped
-    assert all(imu.time[1000] <= event.time < imu.time[1400] for event in clipped)
+    assert all(imu.time[1000] <= event.begin < imu.time[1400] for event in clipped)
     assert found.time.shape[0] < imu.time.shape[0]
 
 
@@ -69,7 +71,7 @@ def test_increments_are_judged_as_rates(imu):
     step = np.diff(imu.time, prepend=imu.time[0] - 0.02)[:, None]
     bad = changed(imu, 700, 2, 3.0)
     found, (event,) = inspect(replace(bad, gyro=bad.gyro * step, accel=bad.accel * step, sampling="increment"))
-    assert event.kind is Code.IMU_SPIKE
+    assert event.code is Code.IMU_SPIKE
     assert abs(found.gyro[700, 2]) < 0.05
 
 
@@ -78,8 +80,10 @@ def test_a_clipped_stretch_is_taken_out_and_named(imu, seconds):
     rows = slice(3000, 3000 + round(seconds / 0.02))
     bad = changed(imu, rows, 2, 8.0)
     found, (event,) = inspect(bad)
-    assert event.kind is Code.IMU_SATURATED
-    assert event.time == imu.time[3000]
+    assert (event.code, event.severity, event.subject) == (Code.IMU_SATURATED, Severity.WARNING, "gyro z")
+    assert event["duration_s"] == pytest.approx(seconds, abs=0.03)
+    assert event.end == imu.time[rows.stop - 1]
+    assert event.begin == imu.time[3000]
     assert found.time.shape[0] == imu.time.shape[0] - (rows.stop - rows.start)
 
 
@@ -88,8 +92,9 @@ def test_a_stuck_axis_is_taken_out_and_named(imu, axis):
     whole = np.hstack([imu.gyro, imu.accel])
     bad = changed(imu, slice(5000, 5060), axis, whole[4999, axis])
     found, (event,) = inspect(bad)
-    assert event.kind is Code.IMU_STUCK
-    assert event.time == imu.time[4999]
+    assert (event.code, event.severity) == (Code.IMU_STUCK, Severity.WARNING)
+    assert event.subject == {0: "gyro x", 4: "accelerometer y"}[axis]
+    assert event.begin == imu.time[4999]
     assert found.time.shape[0] == imu.time.shape[0] - 61
 
 
@@ -111,9 +116,8 @@ def test_a_logger_that_hangs_is_found(imu, seconds):
     data = np.hstack([imu.gyro, imu.accel])
     data[rows] = data[4999]
     found, (event,) = inspect(replace(imu, gyro=data[:, :3].copy(), accel=data[:, 3:].copy()))
-    assert event.kind is Code.IMU_STUCK
-    assert "all six axes" in event.action
-    assert event.value == pytest.approx(seconds, abs=0.03)
+    assert (event.code, event.severity) == (Code.IMU_FROZEN, Severity.WARNING)
+    assert event["duration_s"] == pytest.approx(seconds, abs=0.03)
     assert found.time.shape[0] == imu.time.shape[0] - (rows.stop - rows.start) - 1
 
 
@@ -151,8 +155,8 @@ def test_a_coarse_sensor_that_is_stuck_in_motion_is_found(axis, seconds):
     first = 20000
     bad = changed(imu, slice(first, first + round(100 * seconds)), axis, np.hstack([imu.gyro, imu.accel])[first, axis])
     (event,) = inspect(bad)[1]
-    assert event.kind is Code.IMU_STUCK
-    assert event.value >= seconds - 0.02
+    assert event.code is Code.IMU_STUCK
+    assert event["duration_s"] >= seconds - 0.02
 
 
 @pytest.mark.parametrize("times", [4, 9])
@@ -164,8 +168,8 @@ def test_an_axis_that_sticks_again_and_again_is_found_each_time(times):
         rows = (data.time >= begin) & (data.time < begin + 2.0)
         gyro[rows, 2] = gyro[np.argmax(rows), 2]
     _, events = inspect(replace(data, gyro=gyro))
-    assert [event.kind for event in events] == [Code.IMU_STUCK] * times
-    np.testing.assert_allclose([event.time for event in events], begins, atol=0.1)
+    assert [event.code for event in events] == [Code.IMU_STUCK] * times
+    np.testing.assert_allclose([event.begin for event in events], begins, atol=0.1)
 
 
 @pytest.mark.parametrize("least", [0.002, 0.01, 0.05])
@@ -174,7 +178,7 @@ def test_gyros_that_report_only_what_changed_are_no_fault(least):
     held = data.gyro.copy()
     for before, now in pairwise(held):
         now[:] = np.where(np.abs(now - before) < least, before, now)
-    assert not [event for event in inspect(replace(data, gyro=held))[1] if event.kind is Code.IMU_STUCK]
+    assert not [event for event in inspect(replace(data, gyro=held))[1] if event.code is Code.IMU_STUCK]
 
 
 def test_an_axis_that_never_changes_is_refused_by_name(imu):

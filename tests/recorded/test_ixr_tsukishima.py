@@ -8,7 +8,7 @@ import pytest
 from insnav.earth import lla_offset, ned_offset
 from insnav.errors.metrics import position_errors
 from insnav.filter.navigate import Navigated
-from insnav.findings import Code
+from insnav.findings import Code, of_code
 from insnav.imu import ImuSpec
 from insnav.input import read_reference
 from insnav.types import FloatArray, GpsData, ImuData, Trajectory
@@ -97,11 +97,10 @@ def test_time_correlated_noise_of_the_fixes_is_reduced(
 
 
 def test_standard_deviations_that_are_missing_come_from_a_stated_rule(done: Navigated) -> None:
-    print("\n".join(done.notes))
-    for kind in ("position", "velocity"):
-        (note,) = (text for text in done.notes if f"without {kind} sigma" in text)
-        assert "estimated from successive fixes" in note
-        assert "floor" in note
+    for code, unit in ((Code.GPS_SD_SCATTER, "m"), (Code.GPS_VELOCITY_SD, "m_s")):
+        (note,) = of_code(done.notes, code)
+        print(note)
+        assert min(note[f"sd_{unit}"]) >= note[f"floor_{unit}"] > 0.0
     assert np.isfinite(done.gps.position_sd).all()
     assert np.isfinite(done.gps.velocity_sd[np.isfinite(done.gps.v_n).all(axis=1)]).all()
 

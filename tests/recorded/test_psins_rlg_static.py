@@ -11,6 +11,7 @@ import pytest
 from insnav.alignment import find_stationary
 from insnav.attitude import wrap_pi
 from insnav.filter.fine_alignment import FineAlignment, fine_alignment
+from insnav.findings import Code
 from insnav.imu import identify, load_imu
 from insnav.input import read_imu, read_reference
 from insnav.strapdown import intervals
@@ -45,7 +46,7 @@ def test_the_whole_record_is_found_to_be_at_rest(imu: ImuData) -> None:
 
 def test_gyrocompass_finds_the_heading(whole: FineAlignment) -> None:
     found = whole.coarse
-    assert found.heading_method == "gyrocompass"
+    assert found.heading_method is Code.ALIGN_HEADING_GYROCOMPASS
     off = np.degrees(wrap_pi(found.rph[2] - np.radians(HEADING)))
     print(f"gyrocompass {_text(found)}, given {HEADING} deg")
     assert abs(off) < 2.5

@@ -12,6 +12,7 @@ from insnav.attitude import wrap_pi
 from insnav.earth import ned_offset
 from insnav.filter.gps_noise import velocity_lag
 from insnav.filter.navigate import Navigated
+from insnav.findings import Code, of_code
 from insnav.types import GpsData
 from tests.filter.drives import without_velocities
 from tests.recorded.recording import imu_model, navigated, recording, rms
@@ -79,7 +80,7 @@ def test_velocities_are_found_to_be_means_since_the_fix_before(done: Navigated, 
     half_interval = 0.5 * float(np.median(np.diff(gps.time)))
     print(f"velocity older than position by {lag:.4f} s, sd {sd:.4f} s; half the interval of fixes {half_interval} s")
     assert lag == pytest.approx(half_interval, abs=0.02)
-    assert any("GPS velocity lags position" in note for note in done.notes)
+    assert any(of_code(done.notes, Code.GPS_VELOCITY_LAG))
 
 
 def test_position_innovations_are_below_those_of_gps_alone(done: Navigated, gps: GpsData) -> None:

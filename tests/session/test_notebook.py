@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 import insnav
 from insnav.errors.metrics import at_point
 from insnav.exceptions import ConfigError, InputError
+from insnav.findings import Code
 from insnav.input.interpret.schema import LOG_SCHEMAS
 from insnav.output.folder import verify_folder
 from insnav.output.solution_tables import read_solution
@@ -126,7 +127,7 @@ def test_what_is_given_about_the_start_holds_for_every_method(drive: Path) -> No
     at_0 = insnav.load("imu.csv", "gps.csv", imu_model="automotive", heading=0.75, static=(100000.0, 100050.0))
     alignment = at_0.prepared().alignment
     assert alignment.rph[2] == pytest.approx(0.75, abs=0.01)
-    assert alignment.heading_method == "given"
+    assert alignment.heading_method is Code.ALIGN_HEADING_GIVEN
     assert alignment.static is not None
     assert alignment.static[1] <= 100050.1
 
