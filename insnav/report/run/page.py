@@ -204,6 +204,9 @@ def read_found(folder: Path) -> EvaluatedRun:
 def _alignment(facts: Mapping[str, Any]) -> Alignment:
     rph = (facts[f"{name}_deg"] for name in ("roll", "pitch", "heading"))
     sd = (facts[f"{name}_sd_deg"] for name in ("tilt_north", "tilt_east", "heading"))
+    level, heading = (
+        Code(name) if name in set(Code) else name for name in (facts["level_method"], facts["heading_method"])
+    )
     bias, bias_sd = (_array(facts[f"gyro_bias{name}_deg_h"]) * DEG_PER_H for name in ("", "_sd"))
     return Alignment(
         facts["time_s"],
@@ -212,7 +215,8 @@ def _alignment(facts: Mapping[str, Any]) -> Alignment:
         bias,
         np.where(np.isnan(bias_sd), np.inf, bias_sd),
         None if facts["static_s"] is None else tuple(facts["static_s"]),
-        *(Code(name) if name in set(Code) else name for name in (facts["level_method"], facts["heading_method"])),
+        level,
+        heading,
     )
 
 
