@@ -61,7 +61,7 @@ class Code(StrEnum):
     IMU_STUCK = "imu.stuck", Severity.WARNING
 
     # fixes and filter
-    GPS_FROZEN = "gps.frozen"
+    GPS_FROZEN = "gps.frozen", Severity.WARNING
     GPS_OUTSIDE = "gps.outside"
     GATE_QUALITY = "gate.quality"
     GATE_PHYSICAL_POSITION = "gate.physical.position"
@@ -144,6 +144,61 @@ class Code(StrEnum):
     ZUPT_NONE = "zupt.none"
 
     # -- H2a: faults that the filter finds: changes, gyros, clock, lever arm, noise
+    # receivers that repeat or extrapolate, or become late
+    GPS_FROZEN_VELOCITY = "gps.frozen_velocity", Severity.WARNING
+    GPS_EXTRAPOLATED = "gps.extrapolated", Severity.WARNING
+    GPS_DELAY_STEP = "gps.delay_step", Severity.WARNING
+    # sensors that change; ambiguous: false fixes explain the record as well
+    GYRO_FAULT = "gyro.fault", Severity.WARNING
+    IMU_TURNED = "imu.turned", Severity.WARNING
+    IMU_TURNED_AMBIGUOUS = "imu.turned_ambiguous", Severity.WARNING
+    IMU_ATTITUDE_LOST = "imu.attitude_lost", Severity.WARNING
+    IMU_ATTITUDE_LOST_AMBIGUOUS = "imu.attitude_lost_ambiguous", Severity.WARNING
+    IMU_GYRO_BIAS_STEP = "imu.gyro_bias_step", Severity.WARNING
+    IMU_GYRO_BIAS_STEP_AMBIGUOUS = "imu.gyro_bias_step_ambiguous", Severity.WARNING
+    IMU_ACCEL_BIAS_STEP = "imu.accel_bias_step", Severity.WARNING
+    IMU_ACCEL_BIAS_STEP_AMBIGUOUS = "imu.accel_bias_step_ambiguous", Severity.WARNING
+    IMU_VELOCITY_MISSED = "imu.velocity_missed", Severity.WARNING
+    IMU_VELOCITY_MISSED_AMBIGUOUS = "imu.velocity_missed_ambiguous", Severity.WARNING
+    # fixes that change and do not come back
+    GPS_JUMP = "gps.jump", Severity.WARNING
+    GPS_DRIFT = "gps.drift", Severity.WARNING
+    GPS_VELOCITY_STEP = "gps.velocity_step", Severity.WARNING
+    # false fixes, by the whole record
+    RECORD_FALSE_POSITIONS = "record.false_positions", Severity.WARNING
+    RECORD_FALSE_VELOCITIES = "record.false_velocities", Severity.WARNING
+    RECORD_AMBIGUOUS_BEGIN = "record.ambiguous_begin", Severity.WARNING
+    RECORD_AMBIGUOUS_END = "record.ambiguous_end", Severity.WARNING
+    RECORD_RESETS_ACCEPTED = "record.resets_accepted", Severity.WARNING
+    RECORD_RESETS_ENDURED = "record.resets_endured", Severity.WARNING
+    RECORD_MOTION = "record.motion", Severity.WARNING
+    RECORD_DISAGREEMENT = "record.disagreement", Severity.WARNING
+    RECORD_WITHOUT_VELOCITIES = "record.without_velocities", Severity.WARNING
+    RECORD_WHOLE_FIXES = "record.whole_fixes", Severity.WARNING
+    RECORD_WORSE = "record.worse", Severity.WARNING
+    # what the user gave and the drive contradicts
+    GIVEN_HEADING_REJECTED = "given.heading_rejected", Severity.WARNING
+    GIVEN_HEADING_KEPT = "given.heading_kept", Severity.WARNING
+    GIVEN_LEVER_ARM_REJECTED = "given.lever_arm_rejected", Severity.WARNING
+    GIVEN_LEVER_ARM_KEPT = "given.lever_arm_kept", Severity.WARNING
+    GIVEN_LEVER_ARM_CHECKED = "given.lever_arm_checked"
+    GIVEN_DELAY = "given.delay", Severity.WARNING
+    GIVEN_NOISE = "given.noise", Severity.WARNING
+    # noise of IMU and fixes, by the innovations
+    NOISE_OF_GYROS = "noise.gyros", Severity.WARNING
+    NOISE_HIDES_LEVER_ARM = "noise.hides_lever_arm", Severity.WARNING
+    NOISE_SD_UNDERSTATED = "noise.sd_understated", Severity.WARNING
+    NOISE_SD_IMPLAUSIBLE = "noise.sd_implausible", Severity.WARNING
+    NOISE_HEIGHTS_IN_FEET = "noise.heights_in_feet", Severity.WARNING
+    NOISE_ESTIMATED = "noise.estimated"
+    NOISE_PRESET = "noise.preset"
+    NOISE_POSITION_SD = "noise.position_sd"
+    NOISE_VELOCITY_SD = "noise.velocity_sd"
+    NOISE_CORRELATED = "noise.correlated"
+    NOISE_CORRELATED_PLAUSIBLE = "noise.correlated_plausible"
+    NOISE_CORRELATED_USUAL = "noise.correlated_usual", Severity.ASSUMPTION
+    NOISE_CORRELATED_VELOCITY = "noise.correlated_velocity"
+    NOISE_MISALIGNMENT = "noise.misalignment"
 
     # -- H2b: clock, mounting and defaults of a drive, before it is navigated
 
@@ -295,6 +350,67 @@ def of_code(findings: Iterable[Finding], *codes: Code) -> Iterator[Finding]:
 def by_time(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Sort findings by time; those without any come first, in their order."""
     return tuple(sorted(findings, key=lambda each: each.begin if each.timed else -math.inf))
+
+
+# -- H2a
+# A wrong value that the user gave, or wrong noise.
+GIVEN_CONTRADICTED = frozenset(
+    {
+        Code.GIVEN_HEADING_REJECTED,
+        Code.GIVEN_HEADING_KEPT,
+        Code.GIVEN_LEVER_ARM_REJECTED,
+        Code.GIVEN_LEVER_ARM_KEPT,
+        Code.GIVEN_DELAY,
+        Code.GIVEN_NOISE,
+        Code.NOISE_OF_GYROS,
+        Code.NOISE_HIDES_LEVER_ARM,
+        Code.NOISE_SD_UNDERSTATED,
+        Code.NOISE_SD_IMPLAUSIBLE,
+        Code.NOISE_HEIGHTS_IN_FEET,
+    }
+)
+# A change of the IMU, or of the delay: an IMU in other axes looks like one.
+OF_THE_IMU = frozenset(
+    {
+        Code.GYRO_FAULT,
+        Code.IMU_TURNED,
+        Code.IMU_TURNED_AMBIGUOUS,
+        Code.IMU_ATTITUDE_LOST,
+        Code.IMU_ATTITUDE_LOST_AMBIGUOUS,
+        Code.IMU_GYRO_BIAS_STEP,
+        Code.IMU_GYRO_BIAS_STEP_AMBIGUOUS,
+        Code.IMU_ACCEL_BIAS_STEP,
+        Code.IMU_ACCEL_BIAS_STEP_AMBIGUOUS,
+        Code.GPS_DELAY_STEP,
+    }
+)
+# Fixes and IMU that disagree, whichever is wrong.
+CONTRADICTIONS = (
+    GIVEN_CONTRADICTED
+    | OF_THE_IMU
+    | {
+        Code.IMU_VELOCITY_MISSED,
+        Code.IMU_VELOCITY_MISSED_AMBIGUOUS,
+        Code.GPS_JUMP,
+        Code.GPS_DRIFT,
+        Code.GPS_VELOCITY_STEP,
+        Code.RECORD_FALSE_POSITIONS,
+        Code.RECORD_FALSE_VELOCITIES,
+        Code.RECORD_AMBIGUOUS_BEGIN,
+        Code.RECORD_AMBIGUOUS_END,
+        Code.RECORD_RESETS_ACCEPTED,
+        Code.RECORD_RESETS_ENDURED,
+        Code.RECORD_MOTION,
+        Code.RECORD_DISAGREEMENT,
+        Code.RECORD_WITHOUT_VELOCITIES,
+        Code.RECORD_WHOLE_FIXES,
+        Code.RECORD_WORSE,
+    }
+)
+# Fixes that a receiver or logger repeats or makes up.
+NOT_MEASURED = frozenset({Code.GPS_FROZEN, Code.GPS_FROZEN_VELOCITY, Code.GPS_EXTRAPOLATED})
+# Time-correlated errors of positions, from whatever source.
+CORRELATED_POSITIONS = frozenset({Code.NOISE_CORRELATED, Code.NOISE_CORRELATED_PLAUSIBLE, Code.NOISE_CORRELATED_USUAL})
 
 
 def _plain(value: Any) -> Value:

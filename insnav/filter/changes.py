@@ -11,18 +11,18 @@ true, and the variance is that of the mixture of both.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from insnav.earth import ned_offset
 from insnav.exceptions import DivergenceError
 from insnav.filter.gates import Trust
-from insnav.findings import Code, Finding, untyped_event
+from insnav.findings import Code, Finding, of_code
 from insnav.kernels.dynamics import NAV
-from insnav.plain_text import moment
 from insnav.types import FloatArray, GpsData, Run, StateChange, Trajectory
 
 BETTER = 30.0  # by so much likelier must a further change make the drive [-]
@@ -38,13 +38,30 @@ FASTEST = 6.0  # drag of fixes; what changes by more, an IMU has missed: a hard 
 HELD = 3.0  # standard deviations of the smoothed position hold so large a jump already
 LEAST = 0.2  # probability of either explanation, at least: half of three standard deviations hold it
 VELOCITY, ATTITUDE = 3, 6  # first of their error states
-TOLD = {
-    0: ("fixes jump by {:.2g} m", "m", 1.0),
-    VELOCITY: ("the velocity by the fixes changes by {:.2g} m/s", "m/s", 1.0),
-    ATTITUDE: ("the IMU turns by {:.2g} deg in its place, or its gyros miss as much", "deg", float(np.rad2deg(1.0))),
-    NAV: ("the gyro bias steps by {:.2g} deg/s, most of it about {axis},", "deg/s", float(np.rad2deg(1.0))),
-    NAV + 3: ("the accelerometer bias steps by {:.2g} m/s^2, most of it along {axis},", "m/s^2", 1.0),
+# what a change is of, and the name of its size, by the first of its error states
+SIZES = {
+    0: ("gps", "distance_m"),
+    VELOCITY: ("", "speed_m_s"),
+    ATTITUDE: ("imu", "angle_rad"),
+    NAV: ("gyro", "rate_rad_s"),
+    NAV + 3: ("accel", "acceleration_m_s2"),
 }
+DRIFT, SEVERAL = -1, -2  # instead of a first state: positions that drift away, several changes of the attitude
+IMU_CHANGED = {
+    VELOCITY: Code.IMU_VELOCITY_MISSED,
+    ATTITUDE: Code.IMU_TURNED,
+    SEVERAL: Code.IMU_ATTITUDE_LOST,
+    NAV: Code.IMU_GYRO_BIAS_STEP,
+    NAV + 3: Code.IMU_ACCEL_BIAS_STEP,
+}
+AMBIGUOUS = {
+    VELOCITY: Code.IMU_VELOCITY_MISSED_AMBIGUOUS,
+    ATTITUDE: Code.IMU_TURNED_AMBIGUOUS,
+    SEVERAL: Code.IMU_ATTITUDE_LOST_AMBIGUOUS,
+    NAV: Code.IMU_GYRO_BIAS_STEP_AMBIGUOUS,
+    NAV + 3: Code.IMU_ACCEL_BIAS_STEP_AMBIGUOUS,
+}
+FIXES_CHANGED = {0: Code.GPS_JUMP, DRIFT: Code.GPS_DRIFT, VELOCITY: Code.GPS_VELOCITY_STEP}
 
 
 def changes_of(
@@ -214,11 +231,10 @@ def beyond(run: Run, changes: tuple[StateChange, ...]) -> tuple[StateChange, ...
 def resets_of(run: Run) -> tuple[StateChange, ...]:
     """Resets as jumps of the fixes from the first of those that were rejected on."""
     found, changes = run.innovations, list[StateChange]()
-    for event in run.events:
-        if event.kind is Code.RESET:
-            row = int(np.searchsorted(found.time, event.time - 1e-6))
-            first = int(np.flatnonzero(found.used_position[:row]).max(initial=-1)) + 1
-            changes.append(StateChange(float(found.time[first]), 0, -found.innovation[row, :3], np.nan))
+    for reset in of_code(run.events, Code.RESET):
+        row = int(np.searchsorted(found.time, reset.begin - 1e-6))
+        first = int(np.flatnonzero(found.used_position[:row]).max(initial=-1)) + 1
+        changes.append(StateChange(float(found.time[first]), 0, -found.innovation[row, :3], np.nan))
     return tuple(changes)
 
 
@@ -261,27 +277,27 @@ def at_an_end(change: StateChange, known: tuple[StateChange, ...]) -> bool:
     return any(abs(each.time - change.time) < AT_END for each in ends)
 
 
-def told(changes: tuple[StateChange, ...], why: str) -> list[Finding]:
-    """An event for each change, and what was made of it; no IMU is turned several times, but gyros clip."""
+def report_changes(changes: tuple[StateChange, ...], codes: Mapping[int, Code]) -> list[Finding]:
+    """Report changes, of the IMU or of the fixes, one finding each; several turns of an IMU are gyros that clip.
 
-    def event(each: StateChange) -> Finding:
-        text, unit, scale = TOLD[each.first]
-        size = scale * float(np.linalg.norm(each.change))
-        said = f"{text.format(size, axis='xyz'[_axis(each)])} at {moment(each.time)}"
-        if np.isfinite(each.since):
-            said = f"positions drift from {moment(each.since, each.time)}, unlike the velocities, {size:.2g} m in all"
-        return untyped_event(each.begin, Code.CONTRADICTION, size, np.nan, unit, f"{said}: {why}")
+    `codes`: by first state, `IMU_CHANGED`, `AMBIGUOUS` or `FIXES_CHANGED`.
+    """
+
+    def report(change: StateChange) -> Finding:
+        sensor, name = SIZES[change.first]
+        size: dict[str, Any] = {name: np.linalg.norm(change.change)}
+        subject = f"{sensor} {'xyz'[_axis(change)]}" if change.first >= NAV else sensor
+        code = codes[DRIFT if np.isfinite(change.since) else change.first]
+        return Finding.of(code, change.begin, change.time, subject=subject, **size)
 
     turns = tuple(each for each in changes if each.first == ATTITUDE)
     rest = tuple(each for each in changes if each.first != ATTITUDE)
     if len(turns) < 2:
-        return [event(each) for each in changes]
+        return [report(each) for each in changes]
     if turns[-1].time - turns[0].time < BESIDE:  # found in parts
         one = replace(turns[0], change=np.sum([each.change for each in turns], axis=0))
-        return [event(one), *told(rest, why)]
-    size = float(np.rad2deg(max(np.linalg.norm(each.change) for each in turns)))
-    said = (
-        f"the gyros lose the attitude {len(turns)} times, by up to {size:.2g} deg, from "
-        f"{moment(turns[0].time, turns[-1].time)}, as saturated ones do: {why}"
-    )
-    return [untyped_event(turns[0].time, Code.CONTRADICTION, size, np.nan, "deg", said), *told(rest, why)]
+        return [report(one), *report_changes(rest, codes)]
+    angle = max(float(np.linalg.norm(each.change)) for each in turns)
+    span = turns[0].time, turns[-1].time
+    lost = Finding.of(codes[SEVERAL], *span, subject="imu", angle_rad=angle, count=len(turns))
+    return [lost, *report_changes(rest, codes)]

@@ -20,8 +20,7 @@ from insnav.filter.navigate import Navigated
 from insnav.filter.prepare import Prepared
 from insnav.filter.shocks import scatter
 from insnav.filter.whole_record import rows_of, stretches, unlikely
-from insnav.findings import Code, Finding, untyped_event
-from insnav.plain_text import moment
+from insnav.findings import CONTRADICTIONS, Code, Finding, of_code
 from insnav.types import DelayStep, FloatArray, GpsData, Run, Trajectory
 
 ROUNDS = 5  # of moving fixes
@@ -64,16 +63,16 @@ def with_one_delay(fixes: GpsData | None, navigated: Callable[..., Solved]) -> S
     if false.any():
         ready, done = navigated(fixes.rows(~false))
         if done.run.smoothed is not None and done.run.smoothed.delay_step is None:  # false fixes looked like one
-            said = (event for event in _found_in(other) if event not in done.run.events)
-            return ready, replace(done, gps=first[1].gps, run=replace(done.run, events=(*done.run.events, *said)))
+            more = (each for each in _contradictions(other) if each not in done.run.events)
+            return ready, replace(done, gps=first[1].gps, run=replace(done.run, events=(*done.run.events, *more)))
     drifting = _drifting(first, other, fixes, late, navigated)
     if drifting is not None and _cost(*drifting, fixes) < cost + _margin(other):
         # a delay that was given stays, and is said to contradict the drive
         return drifting if first[0].settings.delay_sd > 0.0 else first
     ready, done = other
-    run = _told(done.run, fixes.time, late)
+    run = _with_steps(done.run, fixes.time, late)
     if not sure:
-        run = either(replace(run, events=(*run.events, *_found_in(first))), first[1].run)
+        run = either(replace(run, events=(*run.events, *_contradictions(first))), first[1].run)
     return ready, replace(done, run=run)
 
 
@@ -123,17 +122,12 @@ def _cost(ready: Prepared, done: Navigated, gps: GpsData) -> float:
     """How unlikely a drive was, whatever standard deviations its fixes came with, and all that had to be explained."""
     same = np.ones_like(gps.lla)
     total = unlikely(done.run, replace(gps, position_sd=same, velocity_sd=same), ready.settings)
-    return total + BETTER * sum(map(_contradicts, done.run.events))
+    return total + BETTER * sum(1 for _ in of_code(done.run.events, *CONTRADICTIONS))
 
 
-def _contradicts(event: Finding) -> bool:
-    """Whether an event says that fixes and IMU contradict each other."""
-    return event.kind is Code.CONTRADICTION
-
-
-def _found_in(solved: Solved) -> list[Finding]:
-    """What contradicts in a run, but for what was taken off samples before: each preparation finds the same."""
-    return [event for event in solved[1].run.events if _contradicts(event) and event not in solved[0].faults]
+def _contradictions(solved: Solved) -> list[Finding]:
+    """Contradictions in a run that its preparation did not report already: each preparation finds the same."""
+    return [each for each in of_code(solved[1].run.events, *CONTRADICTIONS) if each not in solved[0].faults]
 
 
 def moved(step: DelayStep, time: FloatArray) -> FloatArray:
@@ -143,13 +137,11 @@ def moved(step: DelayStep, time: FloatArray) -> FloatArray:
     return np.asarray(np.where(time >= step.time, change, 0.0) - right)
 
 
-def _told(run: Run, time: FloatArray, late: FloatArray) -> Run:
-    """An event for each stretch of fixes that were moved, and standard deviations that hold them as they were."""
+def _with_steps(run: Run, time: FloatArray, late: FloatArray) -> Run:
+    """Report each stretch of fixes that were moved, with standard deviations that hold them as they were."""
     largest = float(np.abs(late).max())
     events = []
     for begin, end in stretches(time, (np.abs(late) > SAME * largest) & (time >= run.solution.time[0])):
         size = float(np.median(late[(time >= begin) & (time <= end)]))
-        said = f"fixes from {moment(begin, end)} are {abs(size):.2g} s {'later' if size > 0.0 else 'earlier'} than the"
-        said += " others: moved; standard deviations hold both"
-        events.append(untyped_event(begin, Code.CONTRADICTION, abs(size), np.nan, "s", said))
+        events.append(Finding.of(Code.GPS_DELAY_STEP, begin, end, subject="gps", delay_s=size))
     return replace(widened(run, lambda solution: largest * solution.v_n, 0.0), events=(*events, *run.events))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from insnav.earth import ned_offset
-from insnav.findings import Code, Finding, untyped_event
-from insnav.plain_text import moment
+from insnav.findings import Code, Finding
 from insnav.tabular import runs_of
 from insnav.types import FloatArray, GpsData, ImuData
 
@@ -41,7 +42,8 @@ def _without_frozen_positions(gps: GpsData, imu: ImuData) -> tuple[GpsData, list
 
     Motion shows in the velocities, or in the samples where all of a fix is repeated.
     """
-    position_sd, v_n, frozen = gps.position_sd.copy(), gps.v_n.copy(), list[tuple[float, float, int, int]]()
+    position_sd, v_n = gps.position_sd.copy(), gps.v_n.copy()
+    frozen = list[tuple[float, float, int, int, float]]()
     moved = ned_offset(gps.lla[1:], gps.lla[:-1])
     mean = np.nan_to_num(0.5 * (v_n[1:] + v_n[:-1])[:, :2])
     gone = mean * (np.diff(gps.time) * (np.linalg.norm(mean, axis=1) > AT_REST))[:, None]
@@ -55,19 +57,16 @@ def _without_frozen_positions(gps: GpsData, imu: ImuData) -> tuple[GpsData, list
         far, rows = _way(gone[first:last]), slice(first + 1, last + 1)
         least = FROZEN if step[first:last].any() else max(SAME, STEPS * written)
         whole = travels and bool(repeated[first:last].all())
-        if far > least or (whole and _moves(imu, float(gps.time[first]), float(gps.time[last]))):
+        shaken = _scatter(imu, *gps.time[[first, last]]) if whole and far <= least else 0.0
+        if far > least or shaken > SHAKEN:
             position_sd[rows] = UNUSABLE
             v_n[rows][repeated[first:last]] = np.nan
-            frozen.append((far, least, first, last))
+            frozen.append((far, least, first, last, shaken))
     if not frozen:
         return gps, []
-    far, least, first, last = max(frozen)
-    more = f", and {len(frozen) - 1} times for a shorter way" * (len(frozen) > 1)
-    shown = f"the velocities go {far:.2g} m" if far > least else "the IMU moves"
-    when = moment(float(gps.time[first]), float(gps.time[last]))
-    text = f"positions of the fixes are frozen from {when}, in which {shown}{more}: not used"
-    said = untyped_event(float(gps.time[first]), Code.GPS_FROZEN, far, least, "m", text)
-    return replace(gps, position_sd=position_sd, v_n=v_n), [said]
+    far, least, first, last, shaken = max(frozen)
+    shown = {"scatter_m_s2": shaken, "limit_m_s2": SHAKEN} if shaken else {"distance_m": far, "limit_m": least}
+    return replace(gps, position_sd=position_sd, v_n=v_n), [_report(Code.GPS_FROZEN, gps, first, last, frozen, shown)]
 
 
 def _way(steps: FloatArray) -> float:
@@ -86,17 +85,15 @@ def _without_held_velocities(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[
         off = np.cumsum(moved - v_n[first] * np.diff(gps.time[first : last + 1])[:, None], axis=0)
         far, rests = float(np.linalg.norm(off[:, :2], axis=1).max()), not v_n[first].any()
         if far > max(FROZEN, FAR * float(np.median(gps.position_sd[first : last + 1, :2]))) and (
-            not rests or _moves(imu, float(gps.time[first]), float(gps.time[last]))
+            not rests or _scatter(imu, *gps.time[[first, last]]) > SHAKEN
         ):
             v_n[first + (not rests) : last + 1] = np.nan
             held.append((far, first, last))
     if not held:
         return gps, []
     far, first, last = max(held)
-    when = moment(float(gps.time[first]), float(gps.time[last]))
-    more = f", and {len(held) - 1} times more" * (len(held) > 1)
-    text = f"velocities of the fixes are the same from {when}{more}, and positions go {far:.2g} m elsewhere: not used"
-    return replace(gps, v_n=v_n), [untyped_event(float(gps.time[first]), Code.GPS_FROZEN, far, FROZEN, "m", text)]
+    shown = {"distance_m": far, "limit_m": FROZEN}
+    return replace(gps, v_n=v_n), [_report(Code.GPS_FROZEN_VELOCITY, gps, first, last, held, shown)]
 
 
 def _without_coasting(gps: GpsData) -> tuple[GpsData, list[Finding]]:
@@ -115,21 +112,28 @@ def _without_coasting(gps: GpsData) -> tuple[GpsData, list[Finding]]:
     if not 0 < sum(last - first for _, first, last in coasts) < LARGEST * np.count_nonzero(moves):
         return gps, []
     lasts, first, last = max(coasts)
-    when = moment(float(gps.time[first]), float(gps.time[last]))
-    more = f", and {len(coasts) - 1} times for a shorter time" * (len(coasts) > 1)
-    text = f"the fixes go straight on from {when}{more}, with one velocity to the last digit, as in a tunnel: not used"
-    said = untyped_event(float(gps.time[first]), Code.GPS_FROZEN, lasts, COASTS, "s", text)
-    return replace(gps, position_sd=position_sd, v_n=v_n), [said]
+    shown = {"duration_s": lasts, "limit_s": COASTS}
+    coasting = _report(Code.GPS_EXTRAPOLATED, gps, first, last, coasts, shown)
+    return replace(gps, position_sd=position_sd, v_n=v_n), [coasting]
 
 
-def _moves(imu: ImuData, first: float, last: float) -> bool:
-    """Whether specific force changes as in no vehicle at rest."""
+def _report(
+    code: Code, gps: GpsData, first: int, last: int, episodes: Sequence[object], shown: dict[str, Any]
+) -> Finding:
+    """Report the largest of some episodes, by its rows, how many fixes of it repeat, and how many there are."""
+    begin, end = gps.time[[first, last]]
+    more = len(episodes) - 1 or np.nan
+    return Finding.of(code, begin, end, subject="gps", **shown, count=last - first, more_count=more)
+
+
+def _scatter(imu: ImuData, first: float, last: float) -> float:
+    """Standard deviation of the mean specific force [m/s^2]: at rest it is small; zero for a span that is too short."""
     rows = slice(*np.searchsorted(imu.time, [first, last]).tolist())
     time, accel = imu.time[rows], imu.accel[rows]
     if last - first < WHILE or time.size < WHILE:
-        return False
+        return 0.0
     scale = 1.0 / float(np.median(np.diff(time))) if imu.sampling == "increment" else 1.0
     width = max(1, int(time.size * MEANS / (last - first)))
     count = time.size // width
     means = scale * np.einsum("ijk->ik", accel[: count * width].reshape(count, width, 3)) / width
-    return float(np.linalg.norm(np.std(means, axis=0))) > SHAKEN
+    return float(np.linalg.norm(np.std(means, axis=0)))

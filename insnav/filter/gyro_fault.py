@@ -28,10 +28,9 @@ from insnav.filter.noise_search import climbed, cost_at
 from insnav.filter.prepare import Prepared
 from insnav.filter.shocks import LATE_START, LEAST_LATE
 from insnav.filter.whole_record import OPEN, UNUSED
-from insnav.findings import Code, Finding, untyped_event
+from insnav.findings import Code, Finding
 from insnav.imu.specification import ImuSpec
 from insnav.kernels.dynamics import NAV
-from insnav.plain_text import moment
 from insnav.types import FloatArray, ImuData, StateChange
 from insnav.units import DEG
 
@@ -143,21 +142,18 @@ def without_gyro_faults(ready: Prepared, found: NoiseEstimate, spec: ImuSpec) ->
             break
         fault, ready, found = other
         every.append(fault)
-    changes, said = list(ready.settings.changes), list[Finding]()
+    changes, faults = list(ready.settings.changes), list(ready.faults)
     for fault in every:
-        rate, when = fault.rate / DEG, moment(fault.begin, fault.end)
-        text = (
-            f"gyro {'xyz'[fault.cause]} is off by {rate:+.2g} deg/s from {when}: taken off, standard deviations opened"
-        )
         if not any(map(fault.part_of, every)):
-            said.append(untyped_event(fault.begin, Code.CONTRADICTION, abs(rate), np.nan, "deg/s", text))
+            gyro, span = f"gyro {'xyz'[fault.cause]}", (fault.begin, fault.end)
+            faults.append(Finding.of(Code.GYRO_FAULT, *span, subject=gyro, rate_rad_s=fault.rate))
         opened = OPENED * abs(fault.rate) * np.eye(3)[fault.cause]
         changes += [StateChange(at, NAV, opened, fault.gain, -np.inf) for at in (fault.begin, fault.end)]
     settings = ready.settings
     if every and settings.surest > 0.0:  # because of these parts of the drive disagreed
         settings = shown_again(ready)
     settings = replace(settings, changes=tuple(sorted(changes, key=lambda each: each.time)))
-    return replace(ready, settings=settings, faults=(*ready.faults, *said)), replace(found, seen=None)
+    return replace(ready, settings=settings, faults=tuple(faults)), replace(found, seen=None)
 
 
 def _in_run_bias(spec: ImuSpec) -> float:

@@ -13,8 +13,9 @@ from insnav.filter.changes import with_wider_sd
 from insnav.filter.gps_delay import filtered
 from insnav.filter.navigate import feed
 from insnav.filter.prepare import Prepared
-from insnav.findings import Code, Finding, untyped_event
+from insnav.findings import Code, Finding
 from insnav.types import FloatArray, Run, Trajectory
+from insnav.units import DEG_PER_SQRT_H
 
 LOOK = 600.0  # so much of a drive tells it [s]
 OPENED = 2.0  # standard deviation of each component in the pass that looks for it [m]
@@ -26,7 +27,7 @@ OPENED_DELAY = 0.5  # standard deviation of the delay in the pass that looks for
 # long noise turns the attitude before fixes show it [s]
 PRETENDED, SHOWN_AFTER = 0.2, 10.0
 DOUBLED = 2.0  # times the standard deviations then
-NO_GYROS = 30.0  # noise that no gyros have: on hard mounts in vehicles it was up to 8 [deg/√h]
+NO_GYROS = 30.0 * DEG_PER_SQRT_H  # noise that no gyros have; hard mounts in vehicles: up to 8 deg/√h [rad/√s]
 WRONG_HEADING = 3.0  # standard deviations of a heading given from which another one that the drive shows is tried
 
 
@@ -41,15 +42,21 @@ def with_right_heading(given: Prepared, alone: Callable[[], Prepared]) -> Prepar
     limit = WRONG_HEADING * float(said.sd[2])
     if off < limit:
         return given
-    ready, how = found, "not used"
+    ready, code = found, Code.GIVEN_HEADING_REJECTED
     if filtered(given).misfit <= filtered(found).misfit:
-        ready, how = given, "used: without it fixes are no likelier"
+        ready, code = given, Code.GIVEN_HEADING_KEPT
         if off < WRONG_HEADING * np.hypot(said.sd[2], shown.sd[2]):
             return given
-    was, now, sd, off, limit = np.rad2deg([said.rph[2], shown.rph[2], shown.sd[2], off, limit])
-    text = f"heading given, {was:.0f} deg, contradicts the drive, which shows {now:.0f} ± {sd:.2g} deg: {how}"
-    event = untyped_event(ready.initial.time, Code.CONTRADICTION, off, limit, "deg", f"the {text}")
-    return replace(ready, faults=(*ready.faults, event), notes=(*ready.notes, text))
+    heading = Finding.of(
+        code,
+        ready.initial.time,
+        difference_rad=off,
+        limit_rad=limit,
+        given_rad=said.rph[2],
+        estimate_rad=shown.rph[2],
+        estimate_sd_rad=shown.sd[2],
+    )
+    return replace(ready, faults=(*ready.faults, heading))
 
 
 def with_right_lever(given: Prepared, alone: Callable[[], Prepared]) -> Prepared:
@@ -57,9 +64,8 @@ def with_right_lever(given: Prepared, alone: Callable[[], Prepared]) -> Prepared
     arm, run = given.settings.lever_b, looked(given, lever_sd=OPENED)
     off, limit = np.abs(run.lever_b - arm), np.maximum(WRONG, SURE * run.lever_sd)
     if not (off > limit).any():
-        seen = _three(limit + MARGIN * run.lever_sd)
-        note = f"errors of the lever arm given that this drive would not show are smaller than {seen} m (x, y, z)"
-        return replace(given, notes=(*given.notes, note))
+        checked = Finding.of(Code.GIVEN_LEVER_ARM_CHECKED, detectable_m=tuple(limit + MARGIN * run.lever_sd))
+        return replace(given, notes=(*given.notes, checked))
     other = alone()
     if pretended(given, run) <= PRETENDED:
         return other
@@ -67,12 +73,15 @@ def with_right_lever(given: Prepared, alone: Callable[[], Prepared]) -> Prepared
     hidden = min(pretended(other, run), 1.0) * np.abs(arm)
     if (np.abs(run.lever_b - arm) > limit + hidden).any():
         return other
-    text = (
-        f"the lever arm given is used, though fixes show {_three(run.lever_b)} m: noise of the gyros may pretend that; "
-        "without --lever-arm it is found"
+    kept = Finding.of(
+        Code.GIVEN_LEVER_ARM_KEPT,
+        given.initial.time,
+        difference_m=off.max(),
+        limit_m=limit.max(),
+        given_m=tuple(arm),
+        estimate_m=tuple(run.lever_b),
     )
-    event = untyped_event(given.initial.time, Code.CONTRADICTION, float(off.max()), float(limit.max()), "m", text)
-    return replace(given, faults=(*given.faults, event))
+    return replace(given, faults=(*given.faults, kept))
 
 
 def pretended(ready: Prepared, run: Run) -> float:
@@ -90,19 +99,15 @@ def pretended(ready: Prepared, run: Run) -> float:
 
 
 def with_hidden_lever(ready: Prepared, run: Run) -> tuple[Run, tuple[Finding, ...]]:
-    """A run whose lever arm may be noise of its gyros, with the arm, the delay and positions as unsure as that; events.
+    """A run whose lever arm may be noise of its gyros, with arm, delay and positions as uncertain as that.
 
     Standard deviations are doubled: of short parts of a recorded car by RTK arms were 3 to 4 of them off. Where noise
-    tells more than the drive, the arm is short by that, too. An event as well if no gyros have such noise.
+    tells more than the drive, the arm is short by that, too. Noise that no gyros have is reported.
     """
-    part, noise = pretended(ready, run), 60.0 * np.rad2deg(np.sqrt(ready.model.noise[:3].mean()))
+    part, noise = pretended(ready, run), float(np.sqrt(ready.model.noise[:3].mean()))
     begin = float(run.solution.time[0])
     if noise > NO_GYROS:
-        text = (
-            f"noise of the gyros, {noise:.0f} deg/√h, is more than any have: IMU and fixes contradict each other, as "
-            "those of two drives do, or with a wrong axis, scale or clock; the result is not to be relied on"
-        )
-        return run, (untyped_event(begin, Code.CONTRADICTION, noise, NO_GYROS, "deg/√h", text),)
+        return run, (Finding.of(Code.NOISE_OF_GYROS, begin, noise_rad_sqrt_s=noise, limit_rad_sqrt_s=NO_GYROS),)
     if part <= PRETENDED:
         return run, ()
     of_each = part * (run.lever_sd_alone / np.max(run.lever_sd_alone)) ** 2
@@ -115,39 +120,33 @@ def with_hidden_lever(ready: Prepared, run: Run) -> tuple[Run, tuple[Finding, ..
         of[:, :3] = np.sqrt(of[:, :3] ** 2 + c_nb**2 @ more)
         return of
 
-    text = (
-        f"noise of the gyros, {noise:.2g} deg/√h, hides lever arm and delay: they are stated as twice as unsure "
-        "as the drive shows them, or more, and the positions with them; give --lever-arm and --gps-delay"
-    )
-    run = replace(with_wider_sd(run, wider), lever_sd=sd, gps_delay_sd=DOUBLED * run.gps_delay_sd)
-    return run, (untyped_event(begin, Code.CONTRADICTION, part, PRETENDED, "", text),)
+    hidden = Finding.of(Code.NOISE_HIDES_LEVER_ARM, begin, share=part, limit_share=PRETENDED, noise_rad_sqrt_s=noise)
+    return replace(with_wider_sd(run, wider), lever_sd=sd, gps_delay_sd=DOUBLED * run.gps_delay_sd), (hidden,)
 
 
 def lever_contradicted(arm: FloatArray, run: Run) -> Finding:
     """An arm (3,) that was given [m], and that a run without it does not have: what to give is the run's own one."""
-    text = (
-        f"the antenna seems to be at {_three(run.lever_b)} (± {_three(run.lever_sd)}) m from the IMU, forward, right, "
-        f"down, not at {_three(arm)} as given, which is not used: --lever-arm {_three(run.lever_b)}"
+    return Finding.of(
+        Code.GIVEN_LEVER_ARM_REJECTED,
+        run.solution.time[0],
+        difference_m=np.abs(run.lever_b - arm).max(),
+        limit_m=WRONG,
+        estimate_m=tuple(run.lever_b),
+        estimate_sd_m=tuple(run.lever_sd),
+        given_m=tuple(arm),
     )
-    off = float(np.abs(run.lever_b - arm).max())
-    return untyped_event(float(run.solution.time[0]), Code.CONTRADICTION, off, WRONG, "m", text)
-
-
-def _three(values: FloatArray) -> str:
-    return ",".join(f"{round(float(value), 2) + 0.0:.2f}" for value in values)
 
 
 def delay_contradicted(ready: Prepared) -> tuple[Finding, ...]:
-    """Navigate the begin of a drive with the delay of the fixes as a state; an event if it ends far from that given.
+    """Navigate the begin of a drive with the delay of the fixes as a state, and report one far from that given.
 
-    How far is not said: the noise was found with the error in it, and holds it back.
+    The words have no difference: the noise was found with the error in it, and holds it back.
     """
     given, run = ready.settings.delay, looked(ready, delay_sd=OPENED_DELAY)
     off, limit = abs(run.gps_delay - given), max(LATE, LATE_SURE * run.gps_delay_sd)
-    other = "larger" if run.gps_delay > given else "smaller"
-    told = f"the delay of the fixes given, {given:.3f} s, contradicts the drive, which asks for a {other} one"
-    said = f"{told}: without --gps-delay it is found"
-    return (untyped_event(ready.initial.time, Code.CONTRADICTION, off, limit, "s", said),) * bool(off > limit)
+    difference, begin = run.gps_delay - given, ready.initial.time
+    delay = Finding.of(Code.GIVEN_DELAY, begin, difference_s=difference, limit_s=limit, given_s=given)
+    return (delay,) * bool(off > limit)
 
 
 def looked(ready: Prepared, **opened: float) -> Run:

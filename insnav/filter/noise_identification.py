@@ -1,4 +1,4 @@
-"""Noise of IMU and fixes by maximum likelihood, from the drive itself: found, taken, told.
+"""Noise of IMU and fixes by maximum likelihood, from the drive itself: estimated, applied and reported.
 
 What the innovations of a run say is in `insnav.filter.innovation_likelihood`, the search for the likeliest noise in
 `insnav.filter.noise_search`.
@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -28,9 +29,9 @@ from insnav.filter.innovation_likelihood import (
 )
 from insnav.filter.noise_estimate import NoiseEstimate, NoiseFigure, after_rest, applied, with_fixes
 from insnav.filter.noise_search import AVERAGED, FEWEST, NEAR, STARTS, Posterior, identify, misalignments
-from insnav.filter.prepare import CORRELATED, Prepared
+from insnav.filter.prepare import Prepared
 from insnav.filter.sensor_axes import Misalignment
-from insnav.findings import Code, Finding, untyped_event
+from insnav.findings import CORRELATED_POSITIONS, Code, Finding, Note
 from insnav.imu.specification import ImuSpec
 from insnav.plain_text import without_exponents
 from insnav.types import FloatArray, GpsData
@@ -45,6 +46,15 @@ UNDERSTATED = 2.0  # times what came with the fixes from which their standard de
 NO_NOISE = 10.0  # times from which it may be more than a remark on the receiver [-]
 FEET, ALIKE_IN_METRES = (2.7, 4.0), 2.0  # factor of heights as of feet (3.28), and by that of horizontal positions [-]
 FACTOR_WORTH = 0.1  # a smaller change of a standard deviation is not told
+# of names of figures in SI, by the unit that a figure is shown in
+SUFFIXES = {
+    "deg/sqrt(h)": "_rad_sqrt_s",
+    "m/s/sqrt(h)": "_m_s_sqrt_s",
+    "deg/h": "_rad_s",
+    "ug": "_m_s2",
+    "mrad": "_rad",
+    "ppm": "",
+}
 
 
 def identify_noise(ready: Prepared, spec: ImuSpec, near: NoiseEstimate | None = None) -> NoiseEstimate | None:
@@ -97,7 +107,7 @@ def _with_gates(ready: Prepared, spec: ImuSpec, gates: Gates) -> InnovationLikel
 
 def with_noise(ready: Prepared, found: NoiseEstimate) -> Prepared:
     """The recording prepared with the noise that was found."""
-    notes = (*_without_correlated(ready.notes), *_words(found))
+    notes = (*_without_correlated(ready.notes), *_report(found))
     return _with_axes(replace(applied(ready, found), notes=notes), found.axes)
 
 
@@ -129,7 +139,7 @@ def with_usual_noise(ready: Prepared) -> Prepared:
         return ready
     time, share = usual_time(), 1.0 / (1.0 + np.exp(-SHARE[0]))
     usual = CorrelatedNoise(share, time, np.sqrt(share) * np.median(ready.gps.position_sd, axis=0))
-    note = f"{CORRELATED}: {100 * share:.0f} % of the variance, for about {time:.0f} s, assumed as usual of receivers"
+    note = Finding.of(Code.NOISE_CORRELATED_USUAL, share=share, time_s=time)
     return replace(ready, settings=replace(ready.settings, correlated=usual), notes=(*ready.notes, note))
 
 
@@ -160,21 +170,17 @@ def with_known_noise(ready: Prepared, spec: ImuSpec, *, lasting: bool, sizes: bo
     position, _, correlated = posterior.drives[0].fixes_of(plausible[0])
     if sizes:
         ready = with_fixes(ready, ready.model, position, np.ones(3))
-    said = *_factor_words("position", position), _lasting_words(correlated, posterior.figures(plausible, spec))
-    return replace(
-        ready, settings=replace(ready.settings, correlated=correlated), notes=(*_without_correlated(ready.notes), *said)
-    )
+    told = posterior.figures(plausible, spec)
+    more = *_report_factor(Code.NOISE_POSITION_SD, position), _report_correlated(correlated, told)
+    settings, notes = replace(ready.settings, correlated=correlated), (*_without_correlated(ready.notes), *more)
+    return replace(ready, settings=settings, notes=notes)
 
 
 def _too_small(ready: Prepared, innovation: FloatArray, variance: FloatArray) -> tuple[Finding, ...]:
-    """An event if innovations are larger than the noise given allows; false fixes count little."""
+    """Report innovations that are larger than the noise given allows; false fixes count little."""
     size = float(np.mean(np.minimum(innovation**2 / variance, HUBER**2)))
-    text = (
-        "innovations are larger than the IMU model given and the standard deviations of the fixes allow: one of "
-        "them is too small; --noise estimate finds the noise of both"
-    )
-    event = untyped_event(ready.initial.time, Code.CONTRADICTION, size, TOO_SMALL, "", text)
-    return (event,) * bool(size > TOO_SMALL)
+    given = Finding.of(Code.GIVEN_NOISE, ready.initial.time, mean_square=size, limit_mean_square=TOO_SMALL)
+    return (given,) * bool(size > TOO_SMALL)
 
 
 def _with_axes(ready: Prepared, found: Misalignment) -> Prepared:
@@ -186,35 +192,39 @@ def _with_axes(ready: Prepared, found: Misalignment) -> Prepared:
     imu, notes = ready.imu, ready.notes
     if found.evidence > 0.0 and (np.abs(found.attitude) > WORTH_TURNING * found.attitude_sd).any():
         imu = found.corrected(imu)
-        largest = 1e3 * float(np.abs(found.terms).max())
-        notes = (*notes, f"samples corrected by the misalignments found, up to {largest:.2g} mrad")
+        largest = np.abs(found.terms).max()
+        notes = (*notes, Finding.of(Code.NOISE_MISALIGNMENT, angle_rad=largest))
     model = replace(ready.model, axes_sd=np.hypot(found.attitude_sd, found.attitude))
     return replace(ready, imu=imu, model=model, notes=notes)
 
 
-def _without_correlated(notes: tuple[str, ...]) -> list[str]:
-    return [each for each in notes if not each.startswith(CORRELATED)]
+def _without_correlated(notes: tuple[Note, ...]) -> list[Note]:
+    return [note for note in notes if not (isinstance(note, Finding) and note.code in CORRELATED_POSITIONS)]
 
 
 def understated(ready: Prepared, read: GpsData) -> tuple[Finding, ...]:
-    """An event if innovations are far larger than the standard deviations that came with the fixes `read`."""
+    """Report innovations that are far larger than the standard deviations that came with the fixes `read`."""
     found = ready.noise
     if found is None or not np.isfinite(read.position_sd).all():
         return ()
     known = bool(np.isfinite(read.velocity_sd).all())
     level, height = float(found.position_factor[:2].max()), float(found.position_factor[2])
-    factors = {"positions": level, "heights": height, "velocities": float(found.velocity_factor.max()) * known}
+    factors: dict[str, Any] = {
+        "position_factor": level,
+        "height_factor": height,
+        "velocity_factor": float(found.velocity_factor.max()) * known,
+    }
     large = {name: factor for name, factor in factors.items() if factor >= UNDERSTATED}
     if not large:
         return ()
     most = max(large.values())
-    size = " and ".join(f"{each:.2g} times as large for {name}" for name, each in large.items())
-    told = f"the standard deviations of the fixes are too small: taken {size}, by the innovations"
-    told += "; or a scale, clock or axis is wrong, or it is another drive" * (most > NO_NOISE)
+    code = Code.NOISE_SD_IMPLAUSIBLE if most > NO_NOISE else Code.NOISE_SD_UNDERSTATED
+    begin = ready.initial.time
+    findings = [Finding.of(code, begin, **large, limit_factor=UNDERSTATED)]
     noisy = np.median(read.position_sd[:, 2]) > CARRIER  # else motion, not noise, is that much larger in feet
-    told += "; or heights are in feet" * bool(noisy and FEET[0] < height < FEET[1] and height > ALIKE_IN_METRES * level)
-    told += "; errors that change slowly hardly show there"
-    return (untyped_event(ready.initial.time, Code.CONTRADICTION, most, UNDERSTATED, "", told),)
+    if noisy and FEET[0] < height < FEET[1] and height > ALIKE_IN_METRES * level:
+        findings.append(Finding.of(Code.NOISE_HEIGHTS_IN_FEET, begin, height_factor=height, position_factor=level))
+    return tuple(findings)
 
 
 def figure_words(figure: NoiseFigure) -> str:
@@ -223,29 +233,28 @@ def figure_words(figure: NoiseFigure) -> str:
     return without_exponents(f"{name} {value:.2g} {figure.unit}")
 
 
-def _words(found: NoiseEstimate) -> list[str]:
-    told = [figure_words(each) for each in found.figures if each.observable and not each.key.startswith("gps.")]
-    notes = [f"noise from the innovations: {', '.join(told) or 'IMU as in the preset'}"]
-    for name, factor in (("position", found.position_factor), ("velocity", found.velocity_factor)):
-        notes += _factor_words(name, factor)
+def _report(found: NoiseEstimate) -> list[Finding]:
+    """Report the noise of IMU and fixes."""
+    imu = [figure for figure in found.figures if figure.observable and not figure.key.startswith("gps.")]
+    figures: dict[str, Any] = {f"{each.key.replace('.', '_')}{SUFFIXES[each.unit]}": each.value for each in imu}
+    findings = [Finding.of(Code.NOISE_ESTIMATED if figures else Code.NOISE_PRESET, **figures)]
+    findings += _report_factor(Code.NOISE_POSITION_SD, found.position_factor)
+    findings += _report_factor(Code.NOISE_VELOCITY_SD, found.velocity_factor)
     if found.correlated.velocity_sd is not None:
-        size, time = float(np.max(found.correlated.velocity_sd)), found.correlated.velocity_time
-        notes.append(
-            f"time-correlated GPS velocity errors: {size:.2g} m/s, for about {time:.0f} s; estimated as states"
-        )
-    return [*notes, _lasting_words(found.correlated, found.figures)]
+        size, time = np.max(found.correlated.velocity_sd), found.correlated.velocity_time
+        findings.append(Finding.of(Code.NOISE_CORRELATED_VELOCITY, sd_m_s=size, time_s=time))
+    return [*findings, _report_correlated(found.correlated, found.figures)]
 
 
-def _factor_words(name: str, factor: FloatArray) -> list[str]:
+def _report_factor(code: Code, factor: FloatArray) -> list[Finding]:
     level, _, down = factor
-    told = f"GPS {name} sd times {level:.2f} horizontally, {down:.2f} vertically, from the innovations"
-    return [told] if max(abs(level - 1.0), abs(down - 1.0)) > FACTOR_WORTH else []
+    changed = max(abs(level - 1.0), abs(down - 1.0)) > FACTOR_WORTH
+    return [Finding.of(code, horizontal_factor=level, vertical_factor=down)] * changed
 
 
-def _lasting_words(found: CorrelatedNoise, figures: Sequence[NoiseFigure]) -> str:
-    lasting = (
-        f"correlation time about {found.time:.0f} s" if found.time < LONGEST else "lasting longer than the drive tells"
-    )
+def _report_correlated(found: CorrelatedNoise, figures: Sequence[NoiseFigure]) -> Finding:
     hardly = {"gps.share", "gps.correlation_time"} & {figure.key for figure in figures if not figure.observable}
-    how = "mean of what is plausible, as the drive hardly tells" if hardly else "from the innovations"
-    return f"{CORRELATED}: {100 * found.share:.0f} % of the variance, {lasting}, {how}; estimated as states"
+    code = Code.NOISE_CORRELATED_PLAUSIBLE if hardly else Code.NOISE_CORRELATED
+    if found.time < LONGEST:
+        return Finding.of(code, share=found.share, time_s=found.time)
+    return Finding.of(code, share=found.share, longer_than_s=LONGEST)

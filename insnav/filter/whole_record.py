@@ -29,11 +29,14 @@ from insnav.attitude import dcm_from_rph
 from insnav.earth import lla_offset, ned_offset
 from insnav.exceptions import DivergenceError
 from insnav.filter.changes import (
+    AMBIGUOUS,
     AROUND,
     ATTITUDE,
     BETTER,
     BRIEF,
+    FIXES_CHANGED,
     HELD,
+    IMU_CHANGED,
     VELOCITY,
     at_an_end,
     beyond,
@@ -42,16 +45,15 @@ from insnav.filter.changes import (
     false_between,
     mixed,
     of_the_imu,
+    report_changes,
     resets_of,
-    told,
     unused,
     widened,
 )
 from insnav.filter.gates import Gates, Trust
 from insnav.filter.parts import LONGEST_GAP
 from insnav.filter.settings import FilterSettings
-from insnav.findings import Code, Finding, untyped_event
-from insnav.plain_text import moment
+from insnav.findings import Code, Finding, of_code
 from insnav.sample_statistics import chi2_limit
 from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray, GpsData, IntArray, Run, StateChange
@@ -77,14 +79,8 @@ ENDS = 0.2  # a fix so little before or after the track is compared with its end
 LARGEST, UNUSED, EPISODE = 30.0, 10.0, 30.0
 SURELY = 1.0  # twice the log-likelihood of a fix, on average, by which another explanation is better [-]
 PATIENT = 60.0  # fixes between houses may be false for so long, which a filter that is good lives through [s]
-STREETS = "fixes that reset the filter are likelier to have time-correlated errors, as between houses"
-BELIEVED, ENDURED = "all are believed", f"they are rejected for up to {PATIENT:g} s"
 LONG = 5.0  # so long false fixes at begin or end may be those before or after a jump for good [s]
 WEAKER = 5.0  # times the sd of how vehicles are assumed to move, where that is doubted: gaps need it still [-]
-UNLIKE = (
-    "fixes and IMU contradict how vehicles are assumed to move (NHC, ZUPT): its standard deviations are taken "
-    f"{WEAKER:g} times as large"
-)
 OPEN_START = 3000.0  # standard deviation of a first position that may be false [m]
 
 
@@ -187,7 +183,7 @@ def decided(
         # where false fixes explain it, changes must explain much more
         margin = BETTER if found.trust is None else max(BETTER, SURELY * first.innovations.time.size)
         if worth(runs[best], changes) <= worth(found.run) - margin:
-            said_of = () if beside is None else tuple(told_false(gps, beside))
+            said_of = () if beside is None else tuple(report_false(gps, beside))
             found, others = Explained(runs[best], ways[best], said_of, beside), []
         else:
             changes = ()
@@ -209,8 +205,9 @@ def decided(
 def _without_resets(first: Run, gates: Gates, again: Callable[..., Run]) -> list[Explained]:
     """Runs that believe what reset the first one, and that endure it."""
     begin, found = float(first.innovations.time[0]), list[Explained]()
-    for other, how in ((gates.believing(), BELIEVED), (replace(gates, reset_after=PATIENT), ENDURED)):
-        said = untyped_event(begin, Code.CONTRADICTION, np.nan, np.nan, "", f"{STREETS}: {how}")
+    accepted = Finding.of(Code.RECORD_RESETS_ACCEPTED, begin, subject="gps")
+    endured = Finding.of(Code.RECORD_RESETS_ENDURED, begin, subject="gps", patience_s=PATIENT)
+    for other, said in ((gates.believing(), accepted), (replace(gates, reset_after=PATIENT), endured)):
         with suppress(DivergenceError):
             found.append(Explained(again(gates=other), partial(again, gates=other), (said,)))
     return found
@@ -233,8 +230,8 @@ def _doubting(
 ) -> tuple[Run, tuple[Finding, ...]]:
     """Let the whole record decide where what is assumed of a vehicle's motion counts little; `first`: a run with it."""
     run, events = decided(first, gps, replace(settings, aiding=()), partial(again, doubting=True))
-    begin = float(first.innovations.time[0])
-    return run, (*events, untyped_event(begin, Code.CONTRADICTION, np.nan, np.nan, "", UNLIKE))
+    motion = Finding.of(Code.RECORD_MOTION, first.innovations.time[0], sd_factor=WEAKER)
+    return run, (*events, motion)
 
 
 def of_moments(trust: Trust | None, gps: GpsData) -> Trust | None:
@@ -251,16 +248,13 @@ def false_at_an_end(run: Run, gps: GpsData, settings: FilterSettings, trust: Tru
     """Fixes that are false from the begin on or to the end, for long, may be true: standard deviations hold both."""
     off, said = residuals(run, gps, settings)[0][0], []
     every = np.flatnonzero(np.isfinite(off).all(axis=1))
-    for end, rows in (("begin", every), ("end", every[::-1])):
+    for code, rows in ((Code.RECORD_AMBIGUOUS_BEGIN, every), (Code.RECORD_AMBIGUOUS_END, every[::-1])):
         some = rows[: int(np.argmin(trust.false[0, rows]))]
         if some.size == 0 or np.ptp(gps.time[some]) < LONG:
             continue
         size = np.sqrt(np.mean(off[some] ** 2, axis=0))
-        begin, far = float(gps.time[some].min()), float(np.linalg.norm(size))
-        told = f"the {some.size} false fixes of the {end} may be the true ones, and all others {far:.2g} m off"
-        said.append(
-            untyped_event(begin, Code.CONTRADICTION, far, np.nan, "m", f"{told}: standard deviations hold both")
-        )
+        span, far = (gps.time[some].min(), gps.time[some].max()), float(np.linalg.norm(size))
+        said.append(Finding.of(code, *span, subject="gps", distance_m=far, count=some.size))
         run = widened(run, lambda _, size=size: size, some.size / rows.size)  # type: ignore[misc]
     return run, said
 
@@ -287,9 +281,8 @@ def _left_open(
     missed = {VELOCITY} if settings.changes else set()
     of_imu = tuple(each for each in changes if of_the_imu(each) or each.first in missed)
     of_fixes = tuple(each for each in changes if each not in of_imu)
-    perhaps = "against all fixes, which may be false; standard deviations hold both"
     news = tuple(each for each in of_imu if not at_an_end(each, settings.changes))
-    said = told(news, "likelier than false fixes; taken into account" if sure else perhaps)
+    said = report_changes(news, IMU_CHANGED if sure else AMBIGUOUS)
     sd = run.smoothed.solution.sd
     assert sd is not None
     held = HELD * float(np.linalg.norm(np.median(sd[:, :3], axis=0)))
@@ -300,11 +293,10 @@ def _left_open(
     elif lasting:
         trust = unused(tuple(each for each in of_fixes if not each.change.any()), gps, settings.delay)
         run = mixed(run, lasting)
-        why = "against the IMU and all others; those before or those after are false, standard deviations hold both"
-        said += told(lasting, why)
+        said += report_changes(lasting, FIXES_CHANGED)
     if trust is not None:
         off, _ = residuals(run, gps, settings)
-        said += told_false(gps, replace(trust, residual=np.linalg.norm(off, axis=2)))
+        said += report_false(gps, replace(trust, residual=np.linalg.norm(off, axis=2)))
     return run if sure else either(run, other), said, found.trusted(trust)
 
 
@@ -352,14 +344,11 @@ def reconcile(
     false = (weights < FALSE) & (size > np.array([[gates.small_position], [gates.small_velocity]]))
     agreement = max(float(np.nanmedian(each)) / MEDIAN for each in square if np.isfinite(each).any())
     if agreement > AGREEMENT or float(np.mean(false[0])) > MOST:
-        reason = (
-            "no weighting of the fixes makes them agree: half of the residuals from the smoothed track exceed "
-            f"{np.sqrt(agreement):.2g} times their size"
-        )
+        code = Code.RECORD_DISAGREEMENT
     elif start in ALONE and not resets_of(first) and float(np.max(size[0][false[0]], initial=0.0)) < FAR:
-        reason = "without GPS velocities it cannot be told which are false"
+        code = Code.RECORD_WITHOUT_VELOCITIES
     elif false[0].any() and float(np.mean(false[1][false[0]])) > MOST:
-        reason = "positions and velocities of the same fixes are false: either may be wrong"
+        code = Code.RECORD_WHOLE_FIXES
     else:
         begin = int(np.searchsorted(gps.time, first.alignment.time, side="right")) + 1  # up to the first one used
         opened = OPEN_START if false[0, :begin].any() else 0.0
@@ -368,17 +357,16 @@ def reconcile(
         better = partial(again, kept, opened=opened)
         run, trust = _used_again(trust, better(trust=trust), gps, settings, better)
         if _diverged(run) <= _diverged(first):
-            return Explained(run, better, tuple(told_false(gps, trust)), trust)
-        reason = "leaving fixes out makes it worse"
-    said = f"fixes and IMU contradict each other, and {reason}; the decisions of the filter stand (events.csv)"
-    begin_at = float(first.innovations.time[0])
-    event = untyped_event(begin_at, Code.CONTRADICTION, float("nan"), float("nan"), "", said)
-    return Explained(run, again, (event,), agreed=False)
+            return Explained(run, better, tuple(report_false(gps, trust)), trust)
+        code = Code.RECORD_WORSE
+    values = {"residual_sd": np.sqrt(agreement), "count": false[0].sum()}
+    undecided = Finding.of(code, first.innovations.time[0], subject="gps", **values)
+    return Explained(run, again, (undecided,), agreed=False)
 
 
 def _diverged(run: Run) -> int:
     """Windows whose innovations are far from their predicted size."""
-    return sum(event.kind == Code.DIVERGED for event in run.events)
+    return sum(1 for _ in of_code(run.events, Code.DIVERGED))
 
 
 def _scales(run: Run) -> FloatArray:
@@ -393,7 +381,7 @@ def unlikely(run: Run, gps: GpsData, settings: FilterSettings, dragged: Trust | 
     A fix that was not used costs more than those that were, but for positions that were `dragged` all together.
     """
     found, rows = run.innovations, rows_of(run, gps, settings)
-    total = EPISODE * sum(event.kind is Code.RESET for event in run.events)
+    total = EPISODE * sum(1 for _ in of_code(run.events, Code.RESET))
     for nis, sd, reported, used in (
         (found.nis_position, found.sd[:, :3], gps.position_sd[rows], found.used_position),
         (found.nis_velocity, found.sd[:, 3:], gps.velocity_sd[rows], found.used_velocity),
@@ -424,7 +412,7 @@ def without_rejected(gps: GpsData, run: Run, settings: FilterSettings) -> GpsDat
 
 def contradicted(run: Run, gps: GpsData, settings: FilterSettings) -> bool:
     """Whether the filter reset, believed a fix that the smoothed track contradicts, or rejected many it supports."""
-    if any(event.kind is Code.RESET for event in run.events):
+    if any(of_code(run.events, Code.RESET)):
         return True
     gates, rows = settings.gates, rows_of(run, gps, settings)
     off, square = (each[:, rows] for each in residuals(run, gps, settings))
@@ -449,19 +437,14 @@ def stretches(time: FloatArray, chosen: BoolArray) -> list[tuple[float, float]]:
     return [(float(time[start]), float(time[stop - 1])) for start, stop in runs_of(chosen)]
 
 
-def told_false(gps: GpsData, trust: Trust) -> list[Finding]:
-    """What was found false, as a warning each."""
+def report_false(gps: GpsData, trust: Trust) -> list[Finding]:
+    """Report positions and velocities that are false, one finding each."""
     found = []
-    kinds = ("position", "m"), ("velocity", "m/s")
-    for (name, unit), false, size in zip(kinds, trust.false, trust.residual, strict=True):
+    kinds = (Code.RECORD_FALSE_POSITIONS, "residual_m"), (Code.RECORD_FALSE_VELOCITIES, "residual_m_s")
+    for (code, name), false, size in zip(kinds, trust.false, trust.residual, strict=True):
         if false.any():
-            spans = [moment(start, stop) for start, stop in stretches(gps.time, false)]
-            listed = ", ".join(spans[:3]) + (f" and {len(spans) - 3} more" if len(spans) > 3 else "")
-            largest = float(np.max(np.nan_to_num(size[false])))  # none is known of one outside the track
-            several = false.sum() > 1
-            told = f"{int(false.sum())} {name} " + ("fixes contradict" if several else "fix contradicts")
-            told += " the whole record" + f" by up to {largest:.3g} {unit}" * (largest > 0.0)
-            told += f" and {'were' if several else 'was'} not used: "
-            begin = float(gps.time[false][0])
-            found.append(untyped_event(begin, Code.CONTRADICTION, largest, float("nan"), unit, told + listed))
+            largest = np.max(np.nan_to_num(size[false])) or np.nan  # none is known of one outside the track
+            time, rows = gps.time[false], len(runs_of(false))
+            values = {"count": false.sum(), name: largest, "span_count": rows if rows > 1 else np.nan}
+            found.append(Finding.of(code, time[0], time[-1], subject="gps", **values))
     return found
