@@ -147,23 +147,23 @@ class Code(StrEnum):
     # receivers that repeat or extrapolate, or become late
     GPS_FROZEN_VELOCITY = "gps.frozen_velocity", Severity.WARNING
     GPS_EXTRAPOLATED = "gps.extrapolated", Severity.WARNING
-    GPS_DELAY_STEP = "gps.delay_step", Severity.WARNING
+    CHANGE_DELAY = "change.delay", Severity.WARNING
     # sensors that change; ambiguous: false fixes explain the record as well
-    GYRO_FAULT = "gyro.fault", Severity.WARNING
-    IMU_TURNED = "imu.turned", Severity.WARNING
-    IMU_TURNED_AMBIGUOUS = "imu.turned_ambiguous", Severity.WARNING
-    IMU_ATTITUDE_LOST = "imu.attitude_lost", Severity.WARNING
-    IMU_ATTITUDE_LOST_AMBIGUOUS = "imu.attitude_lost_ambiguous", Severity.WARNING
-    IMU_GYRO_BIAS_STEP = "imu.gyro_bias_step", Severity.WARNING
-    IMU_GYRO_BIAS_STEP_AMBIGUOUS = "imu.gyro_bias_step_ambiguous", Severity.WARNING
-    IMU_ACCEL_BIAS_STEP = "imu.accel_bias_step", Severity.WARNING
-    IMU_ACCEL_BIAS_STEP_AMBIGUOUS = "imu.accel_bias_step_ambiguous", Severity.WARNING
-    IMU_VELOCITY_MISSED = "imu.velocity_missed", Severity.WARNING
-    IMU_VELOCITY_MISSED_AMBIGUOUS = "imu.velocity_missed_ambiguous", Severity.WARNING
+    CHANGE_GYRO_FAULT = "change.gyro_fault", Severity.WARNING
+    CHANGE_TURNED = "change.turned", Severity.WARNING
+    CHANGE_TURNED_AMBIGUOUS = "change.turned_ambiguous", Severity.WARNING
+    CHANGE_ATTITUDE_LOST = "change.attitude_lost", Severity.WARNING
+    CHANGE_ATTITUDE_LOST_AMBIGUOUS = "change.attitude_lost_ambiguous", Severity.WARNING
+    CHANGE_GYRO_BIAS = "change.gyro_bias", Severity.WARNING
+    CHANGE_GYRO_BIAS_AMBIGUOUS = "change.gyro_bias_ambiguous", Severity.WARNING
+    CHANGE_ACCEL_BIAS = "change.accel_bias", Severity.WARNING
+    CHANGE_ACCEL_BIAS_AMBIGUOUS = "change.accel_bias_ambiguous", Severity.WARNING
+    RECORD_VELOCITY_MISSED = "record.velocity_missed", Severity.WARNING
+    RECORD_VELOCITY_MISSED_AMBIGUOUS = "record.velocity_missed_ambiguous", Severity.WARNING
     # fixes that change and do not come back
-    GPS_JUMP = "gps.jump", Severity.WARNING
-    GPS_DRIFT = "gps.drift", Severity.WARNING
-    GPS_VELOCITY_STEP = "gps.velocity_step", Severity.WARNING
+    RECORD_JUMP = "record.jump", Severity.WARNING
+    RECORD_DRIFT = "record.drift", Severity.WARNING
+    RECORD_VELOCITY_STEP = "record.velocity_step", Severity.WARNING
     # false fixes, by the whole record
     RECORD_FALSE_POSITIONS = "record.false_positions", Severity.WARNING
     RECORD_FALSE_VELOCITIES = "record.false_velocities", Severity.WARNING
@@ -181,24 +181,25 @@ class Code(StrEnum):
     GIVEN_HEADING_KEPT = "given.heading_kept", Severity.WARNING
     GIVEN_LEVER_ARM_REJECTED = "given.lever_arm_rejected", Severity.WARNING
     GIVEN_LEVER_ARM_KEPT = "given.lever_arm_kept", Severity.WARNING
-    GIVEN_LEVER_ARM_CHECKED = "given.lever_arm_checked"
     GIVEN_DELAY = "given.delay", Severity.WARNING
     GIVEN_NOISE = "given.noise", Severity.WARNING
     # noise of IMU and fixes, by the innovations
-    NOISE_OF_GYROS = "noise.gyros", Severity.WARNING
+    NOISE_GYROS = "noise.gyros", Severity.WARNING
     NOISE_HIDES_LEVER_ARM = "noise.hides_lever_arm", Severity.WARNING
     NOISE_SD_UNDERSTATED = "noise.sd_understated", Severity.WARNING
     NOISE_SD_IMPLAUSIBLE = "noise.sd_implausible", Severity.WARNING
     NOISE_HEIGHTS_IN_FEET = "noise.heights_in_feet", Severity.WARNING
-    NOISE_ESTIMATED = "noise.estimated"
-    NOISE_PRESET = "noise.preset"
-    NOISE_POSITION_SD = "noise.position_sd"
-    NOISE_VELOCITY_SD = "noise.velocity_sd"
-    NOISE_CORRELATED = "noise.correlated"
-    NOISE_CORRELATED_PLAUSIBLE = "noise.correlated_plausible"
-    NOISE_CORRELATED_USUAL = "noise.correlated_usual", Severity.ASSUMPTION
-    NOISE_CORRELATED_VELOCITY = "noise.correlated_velocity"
-    NOISE_MISALIGNMENT = "noise.misalignment"
+    # what the filter estimates besides
+    ESTIMATE_LEVER_ARM_CHECKED = "estimate.lever_arm_checked"
+    ESTIMATE_NOISE = "estimate.noise"
+    ESTIMATE_NOISE_PRESET = "estimate.noise_preset"
+    ESTIMATE_POSITION_SD = "estimate.position_sd"
+    ESTIMATE_VELOCITY_SD = "estimate.velocity_sd"
+    ESTIMATE_CORRELATED = "estimate.correlated"
+    ESTIMATE_CORRELATED_PLAUSIBLE = "estimate.correlated_plausible"
+    ESTIMATE_CORRELATED_USUAL = "estimate.correlated_usual", Severity.ASSUMPTION
+    ESTIMATE_CORRELATED_VELOCITY = "estimate.correlated_velocity"
+    ESTIMATE_MISALIGNMENT = "estimate.misalignment"
 
     # -- H2b: clock, mounting and defaults of a drive, before it is navigated
 
@@ -353,64 +354,23 @@ def by_time(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 
 
 # -- H2a
-# A wrong value that the user gave, or wrong noise.
-GIVEN_CONTRADICTED = frozenset(
-    {
-        Code.GIVEN_HEADING_REJECTED,
-        Code.GIVEN_HEADING_KEPT,
-        Code.GIVEN_LEVER_ARM_REJECTED,
-        Code.GIVEN_LEVER_ARM_KEPT,
-        Code.GIVEN_DELAY,
-        Code.GIVEN_NOISE,
-        Code.NOISE_OF_GYROS,
-        Code.NOISE_HIDES_LEVER_ARM,
-        Code.NOISE_SD_UNDERSTATED,
-        Code.NOISE_SD_IMPLAUSIBLE,
-        Code.NOISE_HEIGHTS_IN_FEET,
-    }
-)
-# A change of the IMU, or of the delay: an IMU in other axes looks like one.
-OF_THE_IMU = frozenset(
-    {
-        Code.GYRO_FAULT,
-        Code.IMU_TURNED,
-        Code.IMU_TURNED_AMBIGUOUS,
-        Code.IMU_ATTITUDE_LOST,
-        Code.IMU_ATTITUDE_LOST_AMBIGUOUS,
-        Code.IMU_GYRO_BIAS_STEP,
-        Code.IMU_GYRO_BIAS_STEP_AMBIGUOUS,
-        Code.IMU_ACCEL_BIAS_STEP,
-        Code.IMU_ACCEL_BIAS_STEP_AMBIGUOUS,
-        Code.GPS_DELAY_STEP,
-    }
-)
-# Fixes and IMU that disagree, whichever is wrong.
-CONTRADICTIONS = (
-    GIVEN_CONTRADICTED
-    | OF_THE_IMU
-    | {
-        Code.IMU_VELOCITY_MISSED,
-        Code.IMU_VELOCITY_MISSED_AMBIGUOUS,
-        Code.GPS_JUMP,
-        Code.GPS_DRIFT,
-        Code.GPS_VELOCITY_STEP,
-        Code.RECORD_FALSE_POSITIONS,
-        Code.RECORD_FALSE_VELOCITIES,
-        Code.RECORD_AMBIGUOUS_BEGIN,
-        Code.RECORD_AMBIGUOUS_END,
-        Code.RECORD_RESETS_ACCEPTED,
-        Code.RECORD_RESETS_ENDURED,
-        Code.RECORD_MOTION,
-        Code.RECORD_DISAGREEMENT,
-        Code.RECORD_WITHOUT_VELOCITIES,
-        Code.RECORD_WHOLE_FIXES,
-        Code.RECORD_WORSE,
-    }
-)
+def of_families(*families: str) -> frozenset[Code]:
+    """Collect the codes of some families: the part before the first dot."""
+    return frozenset(code for code in Code if code.partition(".")[0] in families)
+
+
+# Changes of the IMU, and of the delay: an IMU in other axes looks like one.
+OF_THE_IMU = of_families("change")
+# What the user or the receiver gave is wrong.
+GIVEN_CONTRADICTED = of_families("given", "noise")
+# Fixes and IMU disagree, whichever is wrong.
+CONTRADICTIONS = of_families("change", "given", "noise", "record")
 # Fixes that a receiver or logger repeats or makes up.
 NOT_MEASURED = frozenset({Code.GPS_FROZEN, Code.GPS_FROZEN_VELOCITY, Code.GPS_EXTRAPOLATED})
 # Time-correlated errors of positions, from whatever source.
-CORRELATED_POSITIONS = frozenset({Code.NOISE_CORRELATED, Code.NOISE_CORRELATED_PLAUSIBLE, Code.NOISE_CORRELATED_USUAL})
+CORRELATED_POSITIONS = frozenset(
+    {Code.ESTIMATE_CORRELATED, Code.ESTIMATE_CORRELATED_PLAUSIBLE, Code.ESTIMATE_CORRELATED_USUAL}
+)
 
 
 def _plain(value: Any) -> Value:

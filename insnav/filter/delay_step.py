@@ -143,5 +143,5 @@ def _with_steps(run: Run, time: FloatArray, late: FloatArray) -> Run:
     events = []
     for begin, end in stretches(time, (np.abs(late) > SAME * largest) & (time >= run.solution.time[0])):
         size = float(np.median(late[(time >= begin) & (time <= end)]))
-        events.append(Finding.of(Code.GPS_DELAY_STEP, begin, end, subject="gps", delay_s=size))
+        events.append(Finding.of(Code.CHANGE_DELAY, begin, end, subject="gps", delay_s=size))
     return replace(widened(run, lambda solution: largest * solution.v_n, 0.0), events=(*events, *run.events))

@@ -146,7 +146,7 @@ def without_gyro_faults(ready: Prepared, found: NoiseEstimate, spec: ImuSpec) ->
     for fault in every:
         if not any(map(fault.part_of, every)):
             gyro, span = f"gyro {'xyz'[fault.cause]}", (fault.begin, fault.end)
-            faults.append(Finding.of(Code.GYRO_FAULT, *span, subject=gyro, rate_rad_s=fault.rate))
+            faults.append(Finding.of(Code.CHANGE_GYRO_FAULT, *span, subject=gyro, rate_rad_s=fault.rate))
         opened = OPENED * abs(fault.rate) * np.eye(3)[fault.cause]
         changes += [StateChange(at, NAV, opened, fault.gain, -np.inf) for at in (fault.begin, fault.end)]
     settings = ready.settings

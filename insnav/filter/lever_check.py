@@ -64,7 +64,7 @@ def with_right_lever(given: Prepared, alone: Callable[[], Prepared]) -> Prepared
     arm, run = given.settings.lever_b, looked(given, lever_sd=OPENED)
     off, limit = np.abs(run.lever_b - arm), np.maximum(WRONG, SURE * run.lever_sd)
     if not (off > limit).any():
-        checked = Finding.of(Code.GIVEN_LEVER_ARM_CHECKED, detectable_m=tuple(limit + MARGIN * run.lever_sd))
+        checked = Finding.of(Code.ESTIMATE_LEVER_ARM_CHECKED, detectable_m=tuple(limit + MARGIN * run.lever_sd))
         return replace(given, notes=(*given.notes, checked))
     other = alone()
     if pretended(given, run) <= PRETENDED:
@@ -107,7 +107,7 @@ def with_hidden_lever(ready: Prepared, run: Run) -> tuple[Run, tuple[Finding, ..
     part, noise = pretended(ready, run), float(np.sqrt(ready.model.noise[:3].mean()))
     begin = float(run.solution.time[0])
     if noise > NO_GYROS:
-        return run, (Finding.of(Code.NOISE_OF_GYROS, begin, noise_rad_sqrt_s=noise, limit_rad_sqrt_s=NO_GYROS),)
+        return run, (Finding.of(Code.NOISE_GYROS, begin, noise_rad_sqrt_s=noise, limit_rad_sqrt_s=NO_GYROS),)
     if part <= PRETENDED:
         return run, ()
     of_each = part * (run.lever_sd_alone / np.max(run.lever_sd_alone)) ** 2

@@ -139,7 +139,7 @@ def with_usual_noise(ready: Prepared) -> Prepared:
         return ready
     time, share = usual_time(), 1.0 / (1.0 + np.exp(-SHARE[0]))
     usual = CorrelatedNoise(share, time, np.sqrt(share) * np.median(ready.gps.position_sd, axis=0))
-    note = Finding.of(Code.NOISE_CORRELATED_USUAL, share=share, time_s=time)
+    note = Finding.of(Code.ESTIMATE_CORRELATED_USUAL, share=share, time_s=time)
     return replace(ready, settings=replace(ready.settings, correlated=usual), notes=(*ready.notes, note))
 
 
@@ -171,7 +171,7 @@ def with_known_noise(ready: Prepared, spec: ImuSpec, *, lasting: bool, sizes: bo
     if sizes:
         ready = with_fixes(ready, ready.model, position, np.ones(3))
     told = posterior.figures(plausible, spec)
-    more = *_report_factor(Code.NOISE_POSITION_SD, position), _report_correlated(correlated, told)
+    more = *_report_factor(Code.ESTIMATE_POSITION_SD, position), _report_correlated(correlated, told)
     settings, notes = replace(ready.settings, correlated=correlated), (*_without_correlated(ready.notes), *more)
     return replace(ready, settings=settings, notes=notes)
 
@@ -193,7 +193,7 @@ def _with_axes(ready: Prepared, found: Misalignment) -> Prepared:
     if found.evidence > 0.0 and (np.abs(found.attitude) > WORTH_TURNING * found.attitude_sd).any():
         imu = found.corrected(imu)
         largest = np.abs(found.terms).max()
-        notes = (*notes, Finding.of(Code.NOISE_MISALIGNMENT, angle_rad=largest))
+        notes = (*notes, Finding.of(Code.ESTIMATE_MISALIGNMENT, angle_rad=largest))
     model = replace(ready.model, axes_sd=np.hypot(found.attitude_sd, found.attitude))
     return replace(ready, imu=imu, model=model, notes=notes)
 
@@ -237,24 +237,24 @@ def _report(found: NoiseEstimate) -> list[Finding]:
     """Report the noise of IMU and fixes."""
     imu = [figure for figure in found.figures if figure.observable and not figure.key.startswith("gps.")]
     figures: dict[str, Any] = {f"{each.key.replace('.', '_')}{SUFFIXES[each.unit]}": each.value for each in imu}
-    findings = [Finding.of(Code.NOISE_ESTIMATED if figures else Code.NOISE_PRESET, **figures)]
-    findings += _report_factor(Code.NOISE_POSITION_SD, found.position_factor)
-    findings += _report_factor(Code.NOISE_VELOCITY_SD, found.velocity_factor)
+    findings = [Finding.of(Code.ESTIMATE_NOISE if figures else Code.ESTIMATE_NOISE_PRESET, **figures)]
+    findings += _report_factor(Code.ESTIMATE_POSITION_SD, found.position_factor)
+    findings += _report_factor(Code.ESTIMATE_VELOCITY_SD, found.velocity_factor)
     if found.correlated.velocity_sd is not None:
         size, time = np.max(found.correlated.velocity_sd), found.correlated.velocity_time
-        findings.append(Finding.of(Code.NOISE_CORRELATED_VELOCITY, sd_m_s=size, time_s=time))
+        findings.append(Finding.of(Code.ESTIMATE_CORRELATED_VELOCITY, sd_m_s=size, time_s=time))
     return [*findings, _report_correlated(found.correlated, found.figures)]
 
 
 def _report_factor(code: Code, factor: FloatArray) -> list[Finding]:
     level, _, down = factor
-    changed = max(abs(level - 1.0), abs(down - 1.0)) > FACTOR_WORTH
+    changed = bool(max(abs(level - 1.0), abs(down - 1.0)) > FACTOR_WORTH)
     return [Finding.of(code, horizontal_factor=level, vertical_factor=down)] * changed
 
 
 def _report_correlated(found: CorrelatedNoise, figures: Sequence[NoiseFigure]) -> Finding:
     hardly = {"gps.share", "gps.correlation_time"} & {figure.key for figure in figures if not figure.observable}
-    code = Code.NOISE_CORRELATED_PLAUSIBLE if hardly else Code.NOISE_CORRELATED
+    code = Code.ESTIMATE_CORRELATED_PLAUSIBLE if hardly else Code.ESTIMATE_CORRELATED
     if found.time < LONGEST:
         return Finding.of(code, share=found.share, time_s=found.time)
     return Finding.of(code, share=found.share, longer_than_s=LONGEST)

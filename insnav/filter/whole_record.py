@@ -359,8 +359,8 @@ def reconcile(
         if _diverged(run) <= _diverged(first):
             return Explained(run, better, tuple(report_false(gps, trust)), trust)
         code = Code.RECORD_WORSE
-    values = {"residual_sd": np.sqrt(agreement), "count": false[0].sum()}
-    undecided = Finding.of(code, first.innovations.time[0], subject="gps", **values)
+    factor = np.sqrt(agreement) if code is Code.RECORD_DISAGREEMENT else np.nan
+    undecided = Finding.of(code, first.innovations.time[0], subject="gps", residual_factor=factor)
     return Explained(run, again, (undecided,), agreed=False)
 
 
