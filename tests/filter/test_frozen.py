@@ -14,7 +14,7 @@ from insnav.filter import FilterSettings
 from insnav.filter.frozen import without_frozen
 from insnav.filter.navigate import navigate_recording
 from insnav.filter.prepare import DELAY_SD
-from insnav.findings import Code
+from insnav.findings import NOT_MEASURED, Code, Severity, of_code
 from insnav.imu import load_imu
 from insnav.simulate.gps_file import load_gps
 from insnav.simulate.motion import load_profile
@@ -38,7 +38,8 @@ def test_a_short_freeze_is_one_where_positions_are_written_finer_and_velocities_
     lla[40 : 40 + rows], v_n[42] = lla[40], np.nan
     gps = GpsData(time, lla, v_n, np.ones((120, 3)), np.ones((120, 3)))
     found, said = without_frozen(gps, AT_REST)
-    assert [event.kind for event in said] == [Code.GPS_FROZEN] * named
+    assert [event.code for event in said] == [Code.GPS_FROZEN] * named
+    assert [(event["count"], event.begin, event.end) for event in said] == [(5, 40.0, 45.0)] * named
     assert np.flatnonzero(found.position_sd[:, 0] > 1.0).tolist() == [41, 42, 43, 44, 45] * named
 
 
@@ -50,7 +51,7 @@ def test_a_vehicle_at_rest_with_false_velocities_has_no_frozen_positions():
     gps = GpsData(np.arange(60.0), lla, v_n, np.full((60, 3), 0.02), np.ones((60, 3)))
     found, (said,) = without_frozen(gps, AT_REST)
     np.testing.assert_array_equal(found.position_sd, gps.position_sd)
-    assert "velocities of the fixes are the same" in said.action
+    assert said.code is Code.GPS_FROZEN_VELOCITY
 
 
 @pytest.mark.parametrize(("speed", "frozen"), [(0.0, []), (20.0, [41])], ids=["at rest", "in motion"])
@@ -81,8 +82,10 @@ def test_fixes_that_are_repeated_whole_are_none(velocities):
     assert done.run.smoothed is not None
     errors = position_errors(done.run.smoothed.solution, made.reference)
     assert np.hypot(*errors.position[:, :2].T).max() < 15.0
-    (said,) = [event for event in done.run.events if event.kind is Code.GPS_FROZEN]
-    assert ("the velocities go" if velocities else "the IMU moves") in said.action
+    (said,) = of_code(done.run.events, *NOT_MEASURED)
+    assert said.code is Code.GPS_FROZEN
+    assert said.severity is Severity.WARNING
+    assert said["distance_m" if velocities else "scatter_m_s2"] > said["limit_m" if velocities else "limit_m_s2"]
     assert not failure(done.run)
 
 
@@ -99,8 +102,9 @@ def test_velocities_that_stay_the_same_in_motion_are_none(since, value):
     assert done.run.smoothed is not None
     errors = position_errors(done.run.smoothed.solution, made.reference)
     assert np.hypot(*errors.position[:, :2].T).max() < 6.0
-    (said,) = [event for event in done.run.events if event.kind is Code.GPS_FROZEN]
-    assert "velocities of the fixes are the same" in said.action
+    (said,) = of_code(done.run.events, *NOT_MEASURED)
+    assert said.code is Code.GPS_FROZEN_VELOCITY
+    assert said["distance_m"] > said["limit_m"]
 
 
 def test_velocities_that_are_zero_at_rest_or_steady_in_motion_are_used():
@@ -132,9 +136,9 @@ def test_fixes_that_go_straight_on_in_a_tunnel_are_none():
     assert done.run.smoothed is not None
     errors = position_errors(done.run.smoothed.solution, made.reference)
     assert np.hypot(*errors.position[:, :2].T).max() < 6.0
-    (said,) = [event for event in done.run.events if event.kind is Code.GPS_FROZEN]
-    assert "go straight on" in said.action
-    assert said.value == pytest.approx(40.0)
+    (said,) = of_code(done.run.events, *NOT_MEASURED)
+    assert said.code is Code.GPS_EXTRAPOLATED
+    assert said["duration_s"] == pytest.approx(40.0)
 
 
 @pytest.mark.parametrize(("scatter", "straight", "named"), [(0.5, 10, True), (0.5, 60, False), (0.0, 10, False)])
@@ -149,7 +153,7 @@ def test_fixes_with_noise_of_their_own_on_a_straight_way_are_used(scatter, strai
     lla = lla_offset(np.tile([0.8, 0.2, 100.0], (120, 1)), way + noise)
     gps = GpsData(time, lla, v_n, np.ones((120, 3)), np.ones((120, 3)))
     found, said = without_frozen(gps, AT_REST)
-    assert [event.kind for event in said] == [Code.GPS_FROZEN] * named
+    assert [event.code for event in said] == [Code.GPS_EXTRAPOLATED] * named
     assert np.flatnonzero(found.position_sd[:, 0] > 1.0).tolist() == list(range(41, 50)) * named
     assert np.isnan(found.v_n[41:50]).all() == named
 

@@ -14,7 +14,7 @@ from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.earth import lla_offset, ned_offset
 from insnav.filter.lever_check import with_hidden_lever
 from insnav.filter.navigate import feed
-from insnav.findings import Code
+from insnav.findings import Code, Finding, Severity, of_code
 from insnav.input import read_gps, read_imu
 from insnav.session.simulation import plan_of, profiled
 from insnav.types import GpsData, ImuData
@@ -34,27 +34,29 @@ from tests.shared import recorded
 def test_a_wrong_lever_arm_is_said(profile, arm, said):
     drive = insnav.simulate(profile, imu="automotive", gps="dgps", seed=1)  # its antenna is at the IMU
     result = insnav.load(drive.imu.data, drive.gps.data, lever_arm=arm).navigate()
-    found = [text for text in result.page().warnings if "the antenna seems" in text]
-    assert bool(found) == said
+    found = list(of_code(result.events, Code.GIVEN_LEVER_ARM_REJECTED))
+    assert [each.severity for each in found] == [Severity.WARNING] * said
     solution, truth = result.found.run.smoothed.solution, drive.reference.data
     true = np.column_stack([np.interp(solution.time, truth.time, each) for each in truth.lla.T])
     assert (
         np.mean(np.abs(ned_offset(solution.lla, true)) < 3.0 * solution.sd[:, :3]) > 0.97
     )  # an arm that is wrong, too
     if found:
-        estimate = np.array([float(value) for value in found[0].rpartition(" ")[2].split(",")])
+        estimate = np.array(found[0]["estimate_m"])
         assert np.abs(estimate[:2]).max() < 0.3
-        np.testing.assert_allclose(estimate, result.found.run.lever_b, atol=0.0051)  # its own, not that of a search
+        np.testing.assert_array_equal(estimate, result.found.run.lever_b)  # its own, not that of a search
+        assert found[0]["given_m"] == arm
 
 
 @pytest.mark.parametrize(
-    ("profile", "delay", "said"), [("round_trip", 0.0, ""), ("city", 0.3, "smaller"), ("city", -0.2, "larger")]
+    ("profile", "delay", "sign"), [("round_trip", 0.0, 0.0), ("city", 0.3, -1.0), ("city", -0.2, 1.0)]
 )
-def test_a_wrong_delay_is_said(profile, delay, said):
+def test_a_wrong_delay_is_said(profile, delay, sign):
     drive = insnav.simulate(profile, imu="automotive", gps="dgps", seed=1)  # its fixes are on time
-    page = insnav.load(drive.imu.data, drive.gps.data, gps_delay=delay).navigate(smooth=False).page()
-    found = [text for text in page.warnings if "delay of the fixes given" in text]
-    assert [f"asks for a {said} one" in text for text in found] == [True] * bool(said)
+    result = insnav.load(drive.imu.data, drive.gps.data, gps_delay=delay).navigate(smooth=False)
+    found = list(of_code(result.events, Code.GIVEN_DELAY))
+    assert [np.sign(each["difference_s"]) for each in found] == [sign] * bool(sign)
+    assert [(each["given_s"], each.severity) for each in found] == [(delay, Severity.WARNING)] * bool(sign)
 
 
 def test_an_error_as_large_as_the_note_says_is_said():
@@ -62,11 +64,12 @@ def test_an_error_as_large_as_the_note_says_is_said():
     imu, gps = drive.imu.data, drive.gps.data
     imu, gps = imu.rows(imu.time < 400.0), gps.rows(gps.time < 400.0)
     right = insnav.load(imu, gps, lever_arm=(0.0, 0.0, 0.0)).navigate()
-    (note,) = [note for note in right.notes if note.startswith("errors of the lever arm given")]
-    assert not [text for text in right.page().warnings if "the antenna seems" in text]
-    sizes = [float(value) for value in note.split()[-5].split(",")]
-    wrong = insnav.load(imu, gps, lever_arm=(sizes[0], 0.0, 0.0)).navigate()
-    assert [text for text in wrong.page().warnings if "the antenna seems" in text]
+    findings = [note for note in right.notes if isinstance(note, Finding)]
+    (checked,) = of_code(findings, Code.ESTIMATE_LEVER_ARM_CHECKED)
+    assert checked.severity is Severity.NOTE
+    assert not any(of_code(right.events, Code.GIVEN_LEVER_ARM_REJECTED))
+    wrong = insnav.load(imu, gps, lever_arm=(checked["detectable_m"][0], 0.0, 0.0)).navigate()
+    assert any(of_code(wrong.events, Code.GIVEN_LEVER_ARM_REJECTED))
 
 
 @pytest.mark.parametrize(("off", "said"), [(0.0, False), (4.0, False), (-20.0, True), (83.0, True)])
@@ -74,12 +77,15 @@ def test_a_heading_that_the_drive_contradicts_is_not_used(off, said):
     drive = insnav.simulate("city", imu="automotive", seed=1)
     heading = float(drive.reference.data.rph[0, 2])
     ready = insnav.load(drive.imu.data, drive.gps.data, heading=heading + off * DEG).prepared()
-    warned = [event.action for event in ready.faults if event.action.startswith("the heading given")]
-    assert bool(warned) == any(note.startswith("heading given") for note in ready.notes) == said
+    warned = list(of_code(ready.faults, Code.GIVEN_HEADING_REJECTED, Code.GIVEN_HEADING_KEPT))
+    assert [each.code for each in warned] == [Code.GIVEN_HEADING_REJECTED] * said
+    assert [each.severity for each in warned] == [Severity.WARNING] * said
     assert (ready.alignment.heading_method is Code.ALIGN_HEADING_GIVEN) != said
     if said:
         assert abs(wrap_pi(ready.alignment.rph[2] - heading)) < 3.0 * ready.alignment.sd[2]
-        assert f"shows {np.rad2deg(ready.alignment.rph[2]):.0f} ±" in warned[0]
+        assert warned[0]["estimate_rad"] == ready.alignment.rph[2]
+        assert warned[0]["given_rad"] == pytest.approx(heading + off * DEG)
+        assert warned[0]["difference_rad"] > warned[0]["limit_rad"]
 
 
 @lru_cache(maxsize=1)
@@ -121,20 +127,19 @@ def test_a_long_lever_arm_is_found_and_not_called_wrong_where_the_imu_vibrates(d
     assert abs(run.lever_b[0] - metres) < 3.0 * run.lever_sd[0]
     assert abs(run.lever_b[0] - metres) < 0.2 or run.lever_sd[0] > 0.1
     said = insnav.load(imu, gps, lever_arm=(metres, 0.0, 0.0)).navigate(smooth=False).events
-    assert not [event for event in said if "the antenna seems" in event.action]
+    assert not any(of_code(said, Code.GIVEN_LEVER_ARM_REJECTED))
 
 
-@pytest.mark.parametrize(("noise", "words"), [(0.3, None), (20.0, None), (160.0, "more than any have")])
-def test_noise_that_no_gyros_have_is_said(noise, words):
+@pytest.mark.parametrize(("noise", "said"), [(0.3, False), (20.0, False), (160.0, True)])
+def test_noise_that_no_gyros_have_is_said(noise, said):
     """The IMU of one drive with the fixes of another: found to be 160 deg/√h, and the exit code was 0."""
     drive = insnav.simulate("figure_eight", imu="automotive", gps="dgps", seed=1)
     run = insnav.load(drive.imu.data, drive.gps.data).navigate().found.run
     model = SimpleNamespace(noise=np.full(20, (noise * DEG / 60.0) ** 2))
     same, events = with_hidden_lever(SimpleNamespace(model=model), run)
     assert same is run
-    said = [event.action for event in events]
-    assert len(said) == (words is not None)
-    assert all(words in text for text in said)
+    assert [event.code for event in events] == [Code.NOISE_GYROS] * said
+    assert [event["noise_rad_sqrt_s"] for event in events] == pytest.approx([noise * DEG / 60.0] * said)
 
 
 @pytest.mark.parametrize(("metres", "kept"), [(1.0, True), (2.0, False), (5.0, False)])
@@ -145,9 +150,8 @@ def test_a_wrong_lever_arm_beside_noisy_gyros_is_said_or_not_used(metres, kept):
     first = imu.time[0] + 20.0
     imu, gps = (each.rows((each.time >= first) & (each.time <= first + 180.0)) for each in (imu, gps))
     found = insnav.load(imu, gps, lever_arm=(metres, 0.0, 0.0)).navigate(smooth=False)
-    said = " ".join(event.action for event in found.events)
-    assert ("the lever arm given is used, though fixes show" in said) is kept
-    assert ("the antenna seems to be at" in said) is not kept
+    assert any(of_code(found.events, Code.GIVEN_LEVER_ARM_KEPT)) is kept
+    assert any(of_code(found.events, Code.GIVEN_LEVER_ARM_REJECTED)) is not kept
     assert bool(found.found.run.lever_b[0] == metres) is kept
 
 

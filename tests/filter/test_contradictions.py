@@ -1,0 +1,30 @@
+"""Which findings are contradictions of fixes and IMU, and which of them an IMU in wrong axes shows."""
+
+from __future__ import annotations
+
+from insnav.findings import CONTRADICTIONS, GIVEN_CONTRADICTED, NOT_MEASURED, OF_THE_IMU, Code, Severity
+
+
+def test_changes_of_the_imu_are_those_that_wrong_axes_show():
+    """Steps of biases, turns, gyro faults and steps of the delay; velocities, jumps and false fixes are none."""
+    assert set(OF_THE_IMU) == {
+        Code.CHANGE_GYRO_FAULT,
+        Code.CHANGE_TURNED,
+        Code.CHANGE_TURNED_AMBIGUOUS,
+        Code.CHANGE_ATTITUDE_LOST,
+        Code.CHANGE_ATTITUDE_LOST_AMBIGUOUS,
+        Code.CHANGE_GYRO_BIAS,
+        Code.CHANGE_GYRO_BIAS_AMBIGUOUS,
+        Code.CHANGE_ACCEL_BIAS,
+        Code.CHANGE_ACCEL_BIAS_AMBIGUOUS,
+        Code.CHANGE_DELAY,
+    }
+
+
+def test_contradictions_are_warnings_and_repeated_fixes_are_none():
+    """By their number a step of the delay is accepted: a code more or less would change solutions."""
+    assert OF_THE_IMU | GIVEN_CONTRADICTED < CONTRADICTIONS
+    assert not CONTRADICTIONS & NOT_MEASURED
+    assert len(GIVEN_CONTRADICTED) == 11
+    assert len(CONTRADICTIONS) == 37
+    assert all(code.severity is Severity.WARNING for code in CONTRADICTIONS | NOT_MEASURED)
