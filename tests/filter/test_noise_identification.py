@@ -14,9 +14,10 @@ from insnav.filter.gates import Gates
 from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.innovation_likelihood import LARGEST, InnovationLikelihood, thinned
 from insnav.filter.noise_estimate import NoiseEstimate
-from insnav.filter.noise_identification import identify_noise, known_likelihood, with_noise
+from insnav.filter.noise_identification import NO_NOISE, identify_noise, known_likelihood, with_noise
 from insnav.filter.noise_search import climbed, cost_at, maximise
 from insnav.filter.prepare import Prepared
+from insnav.findings import Code, Severity, of_code
 from insnav.imu.specification import ImuSpec, SensorSpec, level_bias
 from insnav.kernels import noise_likelihood as kernel
 from insnav.simulate import GpsErrors, corrupt_gps
@@ -553,7 +554,10 @@ def test_positions_far_worse_than_they_say_are_taken_for_what_they_are(part, vel
         unknown = np.full_like(gps.v_n, np.nan)
         gps = replace(gps, v_n=unknown, velocity_sd=unknown)
     result = insnav.load(drive.imu.data, gps).navigate(output_interval=1.0)
-    assert "standard deviations of the fixes are too small" in result.summary()
+    (warned,) = of_code(result.events, Code.NOISE_SD_UNDERSTATED, Code.NOISE_SD_IMPLAUSIBLE)
+    assert warned.severity is Severity.WARNING
+    assert warned.code is (Code.NOISE_SD_IMPLAUSIBLE if part > NO_NOISE else Code.NOISE_SD_UNDERSTATED)
+    assert warned["position_factor"] > warned["limit_factor"]
     at = result.found.run.smoothed.solution
     off = ned_offset(at.lla, np.column_stack([np.interp(at.time, true.time, column) for column in true.lla.T]))
     assert np.mean(np.abs(off) < 3.0 * at.sd[:, :3]) > 0.97
