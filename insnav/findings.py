@@ -202,6 +202,31 @@ class Code(StrEnum):
     ESTIMATE_MISALIGNMENT = "estimate.misalignment"
 
     # -- H2b: clock, mounting and defaults of a drive, before it is navigated
+    CLOCK_EPOCHS = "clock.epochs", Severity.ASSUMPTION
+    MOUNTING_ASSUMED = "mounting.assumed", Severity.ASSUMPTION
+    MOUNTING_DOUBTED = "mounting.doubted", Severity.WARNING
+    MOUNTING_CONTRADICTS_GIVEN = "mounting.contradicts_given", Severity.WARNING
+    MOUNTING_ALONG_AXES = "mounting.along_axes", Severity.ASSUMPTION
+    MOUNTING_UPSIDE_DOWN = "mounting.upside_down", Severity.ASSUMPTION
+    MOUNTING_ALONG_AXES_BY_COURSE = "mounting.along_axes.course", Severity.ASSUMPTION
+    MOUNTING_ALONG_AXES_BY_FIXES = "mounting.along_axes.fixes", Severity.ASSUMPTION
+    MOUNTING_YAW = "mounting.yaw", Severity.ASSUMPTION
+    MOUNTING_TILTED = "mounting.tilted", Severity.ASSUMPTION
+    MOUNTING_YAW_BY_COURSE = "mounting.yaw.course", Severity.ASSUMPTION
+    MOUNTING_YAW_BY_FIXES = "mounting.yaw.fixes", Severity.ASSUMPTION
+    MOUNTING_TRAVEL_VARIES = "mounting.travel_varies", Severity.ASSUMPTION
+    GPS_FROM_REFERENCE = "gps.from_reference"
+    GPS_SCALE = "gps.scale", Severity.WARNING
+    MODEL_GIVEN = "imu_model.given"
+    MODEL_OF_FILE = "imu_model.file"
+    MODEL_OF_PART = "imu_model.part"
+    MODEL_ASSUMED = "imu_model.assumed", Severity.ASSUMPTION
+    MODEL_FROM_REST = "imu_model.from_rest", Severity.ASSUMPTION
+    MODEL_ESTIMATED = "imu_model.estimated"
+    MODEL_KEPT = "imu_model.kept"
+    ALIGN_SHORT_REST = "align.short_rest"
+    OUTAGE_NO_WINDOW = "outage.no_window"
+    TUNE_DRIVES_DIFFER = "tune.drives_differ", Severity.WARNING
 
     # -- H3a: reference
     REF_CONTRADICTION = "ref.contradiction"
@@ -222,6 +247,10 @@ class Code(StrEnum):
 
     # kept folders of earlier versions
     STORED_TEXT = "stored.text"
+
+
+# -- H2b: contradictions that an IMU in wrong axes shows; bridge: the definition of H2 stays when branches are joined
+OF_THE_IMU: frozenset[Code] = frozenset({Code.CONTRADICTION})
 
 
 @dataclass(frozen=True, slots=True)

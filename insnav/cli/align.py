@@ -8,6 +8,7 @@ from insnav.cli.console import note, result, result_facts, working
 from insnav.cli.data_options import Data, takes_data
 from insnav.cli.options import Force, Json, Out
 from insnav.exceptions import ConfigError
+from insnav.messages import sentence
 
 
 @takes_data(without=("logs",))
@@ -23,7 +24,7 @@ def align(
     with working(out, force) as (folder, stage):
         outcome = data.load(stage).align()
         for text in outcome.notes:
-            note(text)
+            note(sentence(text))
         outcome, where = data.save(outcome, folder, stage)
     if as_json:
         result_facts(where)

@@ -52,6 +52,7 @@ def compare(
 
         result(json.dumps(json_ready(found.rows()), indent=1, ensure_ascii=False))
     else:
+        from insnav.messages import sentence
         from insnav.report.comparison.page import comparison_lines
 
-        result("\n".join([*comparison_lines(found), *outcome.notes]))
+        result("\n".join([*comparison_lines(found), *map(sentence, outcome.notes)]))

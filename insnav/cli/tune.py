@@ -28,6 +28,7 @@ def tune(
         stage("reading")
         from insnav.fleet.recordings import find_drives
         from insnav.imu import to_toml
+        from insnav.messages import sentence
         from insnav.report.page import Page
         from insnav.report.run.quantities import noise_section
         from insnav.report.save import write_page
@@ -40,11 +41,12 @@ def tune(
         for place in drives:
             one = place.is_file()
             recordings += [(place, data.gps)] if one else [each.files() for each in find_drives(place, out, 1)[0]]
-        found, loaded, off = tuned(recordings, **data.inputs)
-        note(f"first assumed, {loaded[0].imu_spec.name}: {loaded[0].imu_chosen}")
+        found, loaded, different = tuned(recordings, **data.inputs)
+        note(f"prior: {loaded[0].imu_spec.name}: {sentence(loaded[0].imu_chosen)}")
         stage("writing")
         summary = f"The log-likelihood is {found.gain:.0f} above that of the prior; drives: {len(loaded)}."
-        page = Page(f"Noise of an IMU: {found.spec.name}", (summary,), (noise_section(found),), warnings=off)
+        warnings = tuple(map(sentence, different))
+        page = Page(f"Noise of an IMU: {found.spec.name}", (summary,), (noise_section(found),), warnings=warnings)
         metadata = {"kind": "tune", "configuration": data.options}
         where = write_page(folder, page, metadata, {"imu.toml": to_toml(found.spec)})
     result_page(where, page, out, as_json=as_json, more=("imu.toml",))

@@ -18,6 +18,7 @@ from insnav.errors.budget.from_windows import RecordedBudget
 from insnav.errors.budget.sampled_motion import SampledMotion, at_rest, first_movement, sampled
 from insnav.errors.budget.sources import Source
 from insnav.exceptions import ConfigError
+from insnav.findings import Code, Finding
 from insnav.imu.specification import ImuSpec
 from insnav.result import Result
 from insnav.simulate.motion import load_profile
@@ -86,7 +87,8 @@ def budget_of_motion(
     `progress`: called with the fraction of the simulated runs that is done.
     """
     found = _drawn_up(spec, motion, settings, (), progress)
-    return Result("budget", BudgetStudy(found), options=asdict(settings), imu_model=(spec, "given"))
+    model = spec, Finding.of(Code.MODEL_GIVEN)
+    return Result("budget", BudgetStudy(found), options=asdict(settings), imu_model=model)
 
 
 def budget_of_windows(

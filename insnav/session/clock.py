@@ -1,4 +1,4 @@
-"""One clock for IMU and receiver: offsets that calendars explain are applied, others found in the motion and told."""
+"""One clock for IMU and receiver: offsets that calendars explain are applied, others estimated from the motion."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from insnav.alignment.clock_offset import ClockOffset, Unlike, find_clock_offset
 from insnav.alignment.turn_scale import turn_scale
 from insnav.exceptions import InputError
 from insnav.filter.gps_noise import LAG_WORTH, velocity_lag
+from insnav.findings import Code, Finding
 from insnav.input import Reading, check_overlap
 from insnav.input.interpret.overlap import epoch_offset, named_offset, overlap
 from insnav.input.interpret.physics import odd_one, one_gyro
@@ -38,8 +39,8 @@ def on_one_clock(
     fixes: GpsData | None,
     logs: Mapping[str, Log],
     inputs: Inputs,
-) -> tuple[Reading[ImuData], Mapping[str, Log], tuple[str, ...]]:
-    """Samples, and logs that were recorded with them, in the time of the fixes; and notes.
+) -> tuple[Reading[ImuData], Mapping[str, Log], tuple[Finding, ...]]:
+    """Samples, and logs that were recorded with them, in the time of the fixes; and findings.
 
     `fixes`: those of `gps`, each with the standard deviation of its scatter.
     Raises: InputError: they have no time in common, or another one than their motion says, with the offset to give; or
@@ -52,8 +53,8 @@ def on_one_clock(
     if given is None and overlap(imu.data, gps.data) == 0.0:
         known = epoch_offset(imu.data, gps.data)
         if known is not None:
-            offset, why = known
-            notes.append(f"{offset:+.0f} s added to the IMU times: {why}")
+            offset = known[0]
+            notes.append(Finding.of(Code.CLOCK_EPOCHS, subject="imu", offset_s=offset))
     if offset:
         imu, logs = _moved(imu, logs, offset)
     parts = joined(pieces(imu.data))

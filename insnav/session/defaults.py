@@ -12,7 +12,7 @@ from insnav.exceptions import InputError
 from insnav.filter import FilterSettings
 from insnav.filter.gps_noise import with_sd
 from insnav.filter.prepare import DELAY_SD, first_stationary
-from insnav.findings import Code, untyped_event
+from insnav.findings import Code, Finding, Note
 from insnav.imu import identify, load_imu
 from insnav.imu.imu_file import part_of
 from insnav.imu.presets import PRESETS
@@ -30,8 +30,8 @@ LEVER_SD = 1.0  # of each component of a lever arm that was not given: antenna a
 REFERENCE_SD = (0.05, None)  # of reference positions; velocities count only if theirs is given [m], [m/s]
 
 
-def given_imu(model: object) -> tuple[ImuSpec, str] | None:
-    """IMU model as given, and how; None if it is left to the data.
+def given_imu(model: object) -> tuple[ImuSpec, Finding] | None:
+    """IMU model as given, and its source; None if it is left to the data.
 
     What the documents of a real part do not say is taken from its class: a filter takes zero for certain.
     """
@@ -42,25 +42,23 @@ def given_imu(model: object) -> tuple[ImuSpec, str] | None:
         from insnav.imu.library import completed
 
         spec, taken = completed(part, load_imu(part.grade))
-        said = f"; of the class {part.grade}, as its documents do not give it: {', '.join(taken)}" if taken else ""
-        return spec, f"from --imu {model}{said}"
+        return spec, Finding.of(Code.MODEL_OF_PART, model=str(model), grade=part.grade, taken=taken)
     if isinstance(model, ImuSpec):
-        spec, how = model, "given"
-    else:
-        spec, how = load_imu(str(model)), f"from --imu {model}"
-    return spec, f"{how}; not given, taken as zero: {', '.join(spec.absent)}" if spec.absent else how
+        return model, Finding.of(Code.MODEL_GIVEN, absent=model.absent)
+    spec = load_imu(str(model))
+    return spec, Finding.of(Code.MODEL_OF_FILE, model=str(model), absent=spec.absent)
 
 
-def imu_from_rest(imu: ImuData, rest: tuple[float, float] | None) -> tuple[ImuSpec, str]:
-    """IMU model from the noise of a stationary part, and how it was chosen.
+def imu_from_rest(imu: ImuData, rest: tuple[float, float] | None) -> tuple[ImuSpec, Finding]:
+    """IMU model from the noise of a stationary part, and its source.
 
     `rest`: its start and end [s].
     """
     if rest is None or rest[1] - rest[0] < SHORTEST_REST:
-        reason = f"no static part of {SHORTEST_REST:g} s shows the noise"
-        return load_imu("consumer"), f"assumed, as {reason}; choose another with --imu"
-    spec, sentence = identify(imu, *rest)
-    return spec, sentence.rstrip(".")
+        spec = load_imu("consumer")
+        return spec, Finding.of(Code.MODEL_ASSUMED, limit_s=SHORTEST_REST, preset=spec.name)
+    spec, _ = identify(imu, *rest)
+    return spec, Finding.of(Code.MODEL_FROM_REST, *rest, preset=spec.name)
 
 
 def stationary_part(imu: ImuData, fixes: GpsData | None, inputs: Inputs) -> tuple[float, float] | None:
@@ -73,8 +71,8 @@ def stationary_part(imu: ImuData, fixes: GpsData | None, inputs: Inputs) -> tupl
 
 def complete_fixes(
     imu: ImuData, gps: Reading[GpsData] | None, reference: Reading[Trajectory] | None
-) -> tuple[GpsData | None, tuple[str, ...]]:
-    """Fixes with a standard deviation for every value, and what was assumed; None if there is no position.
+) -> tuple[GpsData | None, tuple[Note, ...]]:
+    """Fixes with a standard deviation for every value, and findings; None if there is no position.
 
     Without GPS, a reference that never moves stands for it: the place of a bench.
     """
@@ -86,23 +84,18 @@ def complete_fixes(
     begin, end = float(imu.time[0]), float(imu.time[-1])
     if reference is None or not is_stationary(reference.data, begin, end):
         return None, ()
-    return stationary_fixes(reference.data.lla[0], begin, end, *BENCH_SD), (
-        "No GPS: the reference says the vehicle never moves",
-    )
+    found = Finding.of(Code.GPS_FROM_REFERENCE, subject="reference")
+    return stationary_fixes(reference.data.lla[0], begin, end, *BENCH_SD), (found,)
 
 
-def with_scales_told(gps: Reading[GpsData] | None) -> Reading[GpsData] | None:
-    """Fixes with an event if their positions do not move as far as the velocities beside them say."""
-    if gps is None or not (wrong := scales(gps.data.time, gps.data.lla, gps.data.v_n)):
-        return gps
-    far = " and ".join(f"{size:.2f} ± {max(sd, 0.01):.2f} times as far {name}" for name, size, sd in wrong)
-    told = (
-        f"positions of the fixes move {far} as the velocities beside them say: a scale of either is wrong, and the "
-        "solution follows what is stated to be more precise"
-    )
-    largest = max(abs(size - 1.0) for _, size, _ in wrong)
-    event = untyped_event(float(gps.data.time[0]), Code.CONTRADICTION, largest, float("nan"), "", told)
-    return replace(gps, events=(*gps.events, event))
+def with_scales_checked(gps: Reading[GpsData] | None) -> Reading[GpsData] | None:
+    """Fixes with a finding for every axis along which positions do not move as far as their velocities imply."""
+    if gps is None:
+        return None
+    begin = float(gps.data.time[0])
+    wrong = scales(gps.data.time, gps.data.lla, gps.data.v_n)
+    found = (Finding.of(Code.GPS_SCALE, begin, subject="gps", ratio=size, sd=sd, axis=axis) for axis, size, sd in wrong)
+    return replace(gps, events=(*gps.events, *found))
 
 
 def refuse_confused(

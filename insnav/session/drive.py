@@ -45,17 +45,18 @@ from insnav.filter.noise_identification import (
 )
 from insnav.filter.prepare import DELAY_SD, Prepared, Start, prepare
 from insnav.filter.whole_record import without_rejected
-from insnav.findings import Finding
+from insnav.findings import Code, Finding, Note, of_code
 from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec
 from insnav.input import Reading
 from insnav.input.readers.kinds import files_with
+from insnav.messages import sentence
 from insnav.result import Result
 from insnav.session import defaults
 from insnav.session.checked_inputs import one_of, options_of, reference_point, reference_sd
 from insnav.session.clock import on_one_clock
 from insnav.session.inputs import Inputs
-from insnav.session.mounted import UNTOLD, as_mounted, in_likely_axes, untold
+from insnav.session.mounted import as_mounted, doubt_mounting, in_likely_axes
 from insnav.session.read import Readings, read
 from insnav.strapdown import intervals
 from insnav.types import FloatArray, GpsData, ImuData, Trajectory
@@ -133,7 +134,7 @@ def drive_of(readings: Readings) -> Drive:
     imu, sensor_logs, clocks = on_one_clock(readings.imu, readings.gps, scattered, readings.logs, inputs)
     readings, samples = replace(readings, imu=imu, logs=sensor_logs), imu.data
     fixes, assumed = defaults.complete_fixes(samples, readings.gps, readings.reference)
-    readings = replace(readings, gps=defaults.with_scales_told(readings.gps))
+    readings = replace(readings, gps=defaults.with_scales_checked(readings.gps))
     mounted, yaw, turned = as_mounted(readings.imu, scattered or fixes, inputs)
     readings, samples = replace(readings, imu=mounted), mounted.data
     spec, chosen = given_model or defaults.imu_from_rest(samples, defaults.stationary_part(samples, fixes, inputs))
@@ -141,7 +142,7 @@ def drive_of(readings: Readings) -> Drive:
     settings = replace(defaults.filter_settings(inputs, logs, readings.gps), mounting_yaw=yaw)
     drive = Drive(readings, fixes, spec, chosen, settings, (*clocks, *turned, *assumed))
     start = inputs.get("heading"), inputs.get("initial")
-    if UNTOLD not in turned or fixes is None or start != (None, None):
+    if not any(of_code(turned, Code.MOUNTING_ASSUMED)) or fixes is None or start != (None, None):
         return drive
 
     def prepared(data: ImuData) -> Prepared:
@@ -165,11 +166,11 @@ class Drive:
         Fixes with a standard deviation for every value.
     imu_spec : ImuSpec
         IMU error specification.
-    imu_chosen : str
+    imu_chosen : Finding
         How it was chosen.
     settings : FilterSettings
         Lever arm, delay, gates.
-    notes : tuple of str
+    notes : tuple of Finding
         What was assumed.
     clock : tuple of float
         By which samples are late at the start [s] and their clock is slow [s/s] where the search for that begins.
@@ -178,9 +179,9 @@ class Drive:
     readings: Readings
     fixes: GpsData | None
     imu_spec: ImuSpec
-    imu_chosen: str
+    imu_chosen: Finding
     settings: FilterSettings
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     clock: tuple[float, float] = (0.0, 0.0)
 
     @property
@@ -200,7 +201,8 @@ class Drive:
 
     def __repr__(self) -> str:
         lines = [each.lines()[0] for each in self.readings.facts.values()]
-        return as_keywords("\n".join(["Drive", *lines, f"IMU model: {self.imu_spec.name}: {self.imu_chosen}"]))
+        model = f"IMU model: {self.imu_spec.name}: {sentence(self.imu_chosen)}"
+        return as_keywords("\n".join(["Drive", *lines, model]))
 
     def beginning(self, length: float) -> Drive:
         """Give the drive with the samples of its first `length` [s] only."""
@@ -294,8 +296,8 @@ class Drive:
         ready = replace(ready, kinds=defaults.better_kinds(self.readings.inputs, self.imu_spec))
         found = identify_noise(ready, self.imu_spec)
         if found is None:
-            said = "IMU noise as in the preset: the drive tells no more"
-            return with_usual_noise(replace(ready, notes=(*ready.notes, said))), self.imu_spec
+            kept = Finding.of(Code.MODEL_KEPT, subject="imu", model=self.imu_spec.name)
+            return with_usual_noise(replace(ready, notes=(*ready.notes, kept))), self.imu_spec
         ready, found = without_gyro_faults(ready, found, self.imu_spec)
         return with_noise(ready, found), found.spec
 
@@ -364,7 +366,7 @@ class Drive:
         smooth: bool = True,
         output_interval: float = 0.1,
         progress: Callable[[float], None] | None = None,
-    ) -> tuple[Prepared, EvaluatedRun, tuple[str, ...]]:
+    ) -> tuple[Prepared, EvaluatedRun, tuple[Note, ...]]:
         """See `navigate`: the drive as it was prepared, other aiding included, the run of it, and notes."""
 
         def navigated(fixes: GpsData | None, clock: tuple[float, float] | None = None) -> tuple[Prepared, Navigated]:
@@ -389,7 +391,7 @@ class Drive:
             done, doubts = replace(done, run=run), (*doubts, *hidden)
         if ready.settings.lever_sd and not self.settings.lever_sd:
             doubts = (*doubts, lever_contradicted(self.settings.lever_b, done.run))
-        doubts = (*untold(self.notes, done.run.events), *doubts)
+        doubts = (*doubt_mounting(self.notes, done.run.events), *doubts)
         done = replace(done, run=replace(done.run, events=self._events((*doubts, *done.run.events))))
         point = None if self.reference is None else reference_point(self.readings.inputs, self.reference.data)
         found, notes = evaluate_run(done, self.reference, done.run.lever_b if point is None else point)
@@ -451,9 +453,8 @@ class Drive:
             progress=share_of(progress, share, 1.0 - share),
         )
         found = OutageStudy(tuple(windows), tuple(outage_growth(windows)), self._compared_with(), run)
-        missed = ", ".join(f"{each:g}" for each in sorted({*lengths} - {window.length for window in windows}))
-        said = f"not tried: {missed} s without GPS, as no such window fits between start, gaps and end"
-        notes = (*([said] if missed else []), *notes)
+        if missed := sorted({*lengths} - {window.length for window in windows}):
+            notes = (Finding.of(Code.OUTAGE_NO_WINDOW, lengths_s=tuple(missed)), *notes)
         options = {"lengths_s": lengths, "first_s": first, "spacing_s": spacing, "aiding": aiding}
         return self._result("outage", found, options, notes, run.run.events, self._spec(ready))
 
@@ -501,8 +502,8 @@ class Drive:
         )
         recorded = recorded_budget(ready, spec, reference, chosen, progress)
         given = self.readings.inputs.get("imu_model") is not None
-        said = () if given else (f"IMU file: none was given; {self.imu_spec.name}: {self.imu_chosen}",)
-        recorded = replace(recorded, notes=(*self.notes, *said, *recorded.notes))
+        assumed = () if given else (self.imu_chosen,)
+        recorded = replace(recorded, notes=(*self.notes, *assumed, *recorded.notes))
         found = budget_of_windows(recorded, settings, progress)
         return self._result("budget", found, asdict(settings), recorded.notes, self._events(()), spec)
 
@@ -578,9 +579,9 @@ class Drive:
                 fix="give the static interval with --static FROM:TO",
             )
         if span is None and rest[1] - rest[0] < SHORT_REST:
-            notes.append(
-                f"the stretch that looks like rest is only {rest[1] - rest[0]:.1f} s; was it? --static FROM:TO"
-            )
+            duration = rest[1] - rest[0]
+            short = Finding.of(Code.ALIGN_SHORT_REST, *rest, subject="imu", duration_s=duration, limit_s=SHORT_REST)
+            notes.append(short)
         found = fine_alignment(self.imu.data, self.imu_spec, self._place(), rest, inputs.get("heading"))
         return self._result("alignment", found, {}, tuple(notes), self._events(()))
 
@@ -644,12 +645,12 @@ class Drive:
         kind: str,
         found: Any,
         options: Mapping[str, object],
-        notes: tuple[str, ...],
+        notes: tuple[Note, ...],
         events: tuple[Finding, ...],
         spec: ImuSpec | None = None,
     ) -> Result[Any]:
         given = options_of(self.readings.inputs, **options)
         chosen = self.imu_chosen
         if spec is not None and spec is not self.imu_spec:
-            chosen += "; its figures then by maximum likelihood from the innovations of the drive"
+            chosen = Finding.of(Code.MODEL_ESTIMATED, prior=self.imu_spec.name)
         return Result(kind, found, self.readings.facts, given, (spec or self.imu_spec, chosen), notes, events)

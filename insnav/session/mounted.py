@@ -1,11 +1,11 @@
-"""How the IMU sits in the vehicle, found from the drive: samples in the axes of the vehicle, and what was found."""
+"""How the IMU is mounted, estimated from the drive: samples in the axes of the vehicle, and findings."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from insnav.attitude import rph_from_quat, wrap_pi
 from insnav.exceptions import AlignmentError, InputError
 from insnav.filter.gps_delay import Filtered, filtered
 from insnav.filter.prepare import Prepared
-from insnav.findings import Code, Finding, untyped_event
+from insnav.findings import OF_THE_IMU, Code, Finding, Note, of_code
 from insnav.input import Reading
 from insnav.input.interpret.axes import axes_matrix
 from insnav.input.interpret.physics import check_axes, one_gyro, quiet_part
@@ -39,30 +39,23 @@ CLEAR = 4.0 * DEG  # standard deviation of the yaw below which such an IMU has a
 POINTED = 0.9  # length of the mean direction of travel in the vehicle of what goes where it points [-]
 LIKELY = 2.0  # mean square of innovations by their variance up to which axes may be right: where they are it is 1 [-]
 LIKELIER = 30.0  # twice the logarithm of how much likelier fixes must be with other axes than with x forward
-UNTOLD = (
-    "x of the IMU is assumed to point forward, as the drive does not tell how it is mounted: if it is turned, heading "
-    "by the course is as wrong (--imu-axes)"
-)
-# what is said of an IMU whose axes are others
-OF_THE_IMU = re.compile("gyro . is off|gyros lose|bias steps|IMU turns|er than the others")
+X_FORWARD = Finding.of(Code.MOUNTING_ASSUMED, subject="imu")
+AXES_ASSUMED = "axes.assumed"  # bridge: a code of those who read axes
 
 
-def untold(notes: tuple[str, ...], events: Sequence[Finding]) -> tuple[Finding, ...]:
-    """An event if an IMU whose mounting nothing tells contradicts the fixes, which one in wrong axes does."""
-    found = [each for each in events if each.kind == Code.CONTRADICTION and OF_THE_IMU.search(each.action)]
-    if UNTOLD not in notes or not found:
+def doubt_mounting(notes: Iterable[Note], events: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Doubt an assumed mounting if the IMU contradicts the fixes, as it does in wrong axes."""
+    contradictions = list(of_code(events, *OF_THE_IMU))
+    if not contradictions or not any(of_code(notes, Code.MOUNTING_ASSUMED)):
         return ()
-    text = (
-        "nothing tells how the IMU is mounted, and fixes contradict it: if its x does not point forward, what follows "
-        "of its gyros and biases, delay and headings is that of wrong axes: --imu-axes"
-    )
-    return (untyped_event(found[0].time, Code.CONTRADICTION, float(len(found)), 0.0, "", text),)
+    begin = contradictions[0].begin
+    return (Finding.of(Code.MOUNTING_DOUBTED, begin, subject="imu", count=len(contradictions)),)
 
 
 def as_mounted(
     imu: Reading[ImuData], fixes: GpsData | None, inputs: Inputs
-) -> tuple[Reading[ImuData], float, tuple[str, ...]]:
-    """Samples in the axes of the vehicle if none were given, the yaw of the IMU that is left [rad], and notes.
+) -> tuple[Reading[ImuData], float, tuple[Finding, ...]]:
+    """Samples in the axes of the vehicle if none were given, the yaw of the IMU that is left [rad], and findings.
 
     Raises: InputError: the axes are left-handed, the gyros turn against the accelerometers or are in another order, or
     z points up and the vehicle does not move.
@@ -82,14 +75,12 @@ def as_mounted(
             except InputError:
                 if not moves:
                     raise
-                how = "z reads +9.8 m/s^2 at rest, and x is assumed"
-                imu, note = _turned(imu, axes_matrix(INVERTED), INVERTED, how)
-                return imu, 0.0, (note, UNTOLD)
-        return imu, 0.0, (UNTOLD,) * moves
+                imu, note = _turned(imu, axes_matrix(INVERTED), INVERTED, Code.MOUNTING_UPSIDE_DOWN)
+                return imu, 0.0, (note, X_FORWARD)
+        return imu, 0.0, (X_FORWARD,) * moves
     if not found.right_handed:
         raise _refused(found, imu.facts.path)
-    how = f"GPS course and accelerations, {found.windows} windows"
-    matrix, notes = found.to_vehicle, []
+    matrix, notes, windows = found.to_vehicle, [], found.windows
     as_read = axes_matrix(given or imu.facts.axes or UPRIGHT)
     letters, turn = letters_of(matrix @ as_read), axes_matrix(found.letters)
     # far from all axes of the vehicle, which wind and banks move further: as it was read, if that is not on its side
@@ -97,24 +88,19 @@ def as_mounted(
     slanted = elsewhere and (matrix @ turn.T)[2, 2] < LEANING and matrix[2, 2] > ON_ITS_SIDE
     if elsewhere and not slanted:
         matrix, as_read = matrix @ turn.T, turn @ as_read
-        imu, note = _turned(imu, turn, letters, how)
+        imu, note = _turned(imu, turn, letters, Code.MOUNTING_ALONG_AXES, windows=windows)
         notes.append(note)
     left = replace(found, to_vehicle=matrix)
     yaw = float(left.angles[2])
     if given is not None and left.letters != UPRIGHT:
-        text = (
-            f"--imu-axes {given} contradicts the drive ({how}), by which x, y, z point {_words(letters)}: roll, pitch "
-            "and heading are those of the axes given"
-        )
-        said = untyped_event(float(data.time[0]), Code.CONTRADICTION, yaw, float("nan"), "rad", text)
-        imu = replace(imu, events=(*imu.events, said))
+        values = {"yaw_rad": yaw, "windows": windows, "given": given, **_named(letters)}
+        wrong = Finding.of(Code.MOUNTING_CONTRADICTS_GIVEN, float(data.time[0]), subject="imu", **values)
+        imu = replace(imu, events=(*imu.events, wrong))
     elif slanted or abs(yaw) > max(TURNED, 4.0 * found.sd):
         whole = replace(found, to_vehicle=matrix @ as_read).angles / DEG
-        axes = f"; with --imu-axes {','.join(f'{angle + 0.0:.1f}' for angle in whole)} it is that of the vehicle"
-        if slanted:
-            notes.append(_aside(yaw, how, "leans and is turned") + axes * (found.sd < CLEAR))
-        else:
-            notes.append(_aside(yaw, how, sd=found.sd) + axes)
+        axes = ",".join(f"{angle + 0.0:.1f}" for angle in whole) * (not slanted or found.sd < CLEAR)
+        code = Code.MOUNTING_TILTED if slanted else Code.MOUNTING_YAW
+        notes.append(Finding.of(code, subject="imu", yaw_rad=yaw, sd_rad=found.sd, windows=windows, axes=axes))
     else:
         yaw = 0.0
     return imu, yaw, tuple(notes)
@@ -122,13 +108,13 @@ def as_mounted(
 
 def in_likely_axes(
     imu: Reading[ImuData], prepared: Callable[[ImuData], Prepared]
-) -> tuple[Reading[ImuData], float, str]:
+) -> tuple[Reading[ImuData], float, Finding]:
     """As `as_mounted` where accelerations tell nothing: by the fixes, with x forward, backward, to the right or left.
 
     Slow vehicles hardly accelerate, but turn: with x of the IMU taken for that of the vehicle the heading begins wrong
-    by quarters of a turn. `UNTOLD` if fixes are no likelier with other axes than with x forward, unless all that are as
-    likely end with the same heading, which is not where the vehicle goes. What does not go where it points, as drones
-    do, keeps its axes, and begins with the likeliest heading. `prepared`: prepares the drive with samples.
+    by quarters of a turn. `X_FORWARD` if fixes are no likelier with other axes than with x forward, unless all that
+    are as likely end with the same heading, which is not where the vehicle goes. What does not go where it points, as
+    drones do, keeps its axes, and begins with the likeliest heading. `prepared`: prepares the drive with samples.
     """
     seen, begin = dict[str, Filtered](), imu.data.beginning(LOOK)
     for letters in QUARTERS:
@@ -137,27 +123,31 @@ def in_likely_axes(
     best = min(seen, key=lambda each: seen[each].misfit, default=UPRIGHT)
     # none if all of them diverge, or are unlikely
     if UPRIGHT not in seen or seen[best].epochs is None or seen[best].squares >= LIKELY:
-        return imu, 0.0, UNTOLD
-    most = seen[best].misfit + LIKELIER / seen[UPRIGHT].ready.gps.time.size
+        return imu, 0.0, X_FORWARD
+    fixes = seen[UPRIGHT].ready.gps.time.size
+    most = seen[best].misfit + LIKELIER / fixes
     travels = {each: _travel(seen[each], QUARTERS.index(each)) for each in seen if seen[each].misfit <= most}
     yaw, share = travels[best]
     # all the same if the heading has come round to where x points; x forward is as likely as the others else
     alike = max(abs(wrap_pi(other - yaw)) for other, _ in travels.values()) < SLANTED
     if UPRIGHT in travels and not (alike and min(share for _, share in travels.values()) > POINTED):
-        return imu, 0.0, UNTOLD
+        return imu, 0.0, X_FORWARD
     if share < POINTED:
-        note = "the vehicle does not go where it points: its heading is that of x of the IMU, found by the fixes"
+        note = Finding.of(Code.MOUNTING_TRAVEL_VARIES, subject="imu", share=share, limit_share=POINTED)
         return imu, QUARTERS.index(best) * QUARTER, note
-    nearest = round(yaw / QUARTER)
-    likelier = "so fixes are far likelier than with x forward, which nothing else tells"
-    how = "the heading that turns show is not where it goes" if UPRIGHT in travels else likelier
+    nearest, by_course = round(yaw / QUARTER), UPRIGHT in travels
+    gain = dict[str, Any]()
+    if not by_course:
+        gain = {"gain": fixes * (seen[UPRIGHT].misfit - seen[best].misfit), "limit_gain": LIKELIER}
     if abs(yaw - nearest * QUARTER) > SLANTED:
-        return imu, yaw, _aside(yaw, how)
+        code = Code.MOUNTING_YAW_BY_COURSE if by_course else Code.MOUNTING_YAW_BY_FIXES
+        return imu, yaw, Finding.of(code, subject="imu", yaw_rad=yaw, **gain)
     if nearest == 0:
-        return imu, 0.0, UNTOLD
+        return imu, 0.0, X_FORWARD
     turn = axes_matrix(QUARTERS[nearest % 4])
     letters = letters_of(turn @ axes_matrix(imu.facts.axes or UPRIGHT))
-    imu, note = _turned(imu, turn, letters, how)
+    code = Code.MOUNTING_ALONG_AXES_BY_COURSE if by_course else Code.MOUNTING_ALONG_AXES_BY_FIXES
+    imu, note = _turned(imu, turn, letters, code, **gain)
     return imu, 0.0, note
 
 
@@ -179,22 +169,19 @@ def _travel(found: Filtered, quarter: int) -> tuple[float, float]:
     return float(wrap_pi(quarter * QUARTER + np.angle(forward))), float(abs(axis) / np.sum(size))
 
 
-def _aside(yaw: float, how: str, sits: str = "is turned", *, sd: float | None = None) -> str:
-    """What is said of an IMU that points along no axis of the vehicle; `sd`: standard deviation of its yaw [rad]."""
-    size = f"about {abs(yaw) / DEG:.0f}" if sd is None else f"{abs(yaw) / DEG:.1f} ± {sd / DEG:.1f}"
-    side = "right" if yaw > 0.0 else "left"
-    return f"the IMU {sits} {size} deg to the {side} in the vehicle ({how}): attitude is that of the IMU"
-
-
-def _turned(imu: Reading[ImuData], turn: FloatArray, letters: str, how: str) -> tuple[Reading[ImuData], str]:
-    """Samples turned into the axes of the vehicle, and what is said of that."""
-    told = tuple(line for line in imu.facts.evidence if not line.startswith("axes taken as"))
-    facts = replace(imu.facts, axes=letters, evidence=told)
-    note = (
-        f"the IMU's x, y, z point {_words(letters)} in the vehicle ({how}): samples were turned to forward, "
-        f"right, down; confirm with --imu-axes {letters}"
-    )
+def _turned(
+    imu: Reading[ImuData], turn: FloatArray, letters: str, code: Code, **values: Any
+) -> tuple[Reading[ImuData], Finding]:
+    """Samples turned into the axes of the vehicle, and the finding of `code` about their axes."""
+    evidence = tuple(each for each in imu.facts.evidence if getattr(each, "code", "") != AXES_ASSUMED)
+    facts = replace(imu.facts, axes=letters, evidence=evidence)
+    note = Finding.of(code, subject="imu", **values, **_named(letters))
     return replace(imu, data=_in_axes(imu.data, turn), facts=facts), note
+
+
+def _named(letters: str) -> dict[str, Any]:
+    """Axes as --imu-axes takes them, and where each of x, y, z points."""
+    return {"axes": letters, **{axis: WORDS[letter] for axis, letter in zip("xyz", letters, strict=True)}}
 
 
 def _in_axes(data: ImuData, turn: FloatArray) -> ImuData:

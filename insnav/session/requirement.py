@@ -18,6 +18,7 @@ from insnav.errors.requirement.sensitivity import start_shares
 from insnav.errors.requirement.study import RequirementStudy
 from insnav.errors.requirement.verification import LARGER, Verified, verify
 from insnav.exceptions import ConfigError
+from insnav.findings import Code, Finding
 from insnav.imu import ImuSpec, load_imu
 from insnav.imu.library import completed, find_part, parts
 from insnav.result import Result
@@ -182,7 +183,7 @@ def study_of(
     study = RequirementStudy(required, window.description, "" if given is None else given.name, found, hold, verified)
     if required.after <= LONGEST_PARTS:
         study = with_parts(study, motion, outages(motion, required.after, begin, settings), given)
-    model = None if given is None else (given, "given")
+    model = None if given is None else (given, Finding.of(Code.MODEL_GIVEN))
     return Result("requirement", study, options={**asdict(required), **asdict(settings)}, imu_model=model)
 
 

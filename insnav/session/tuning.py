@@ -9,9 +9,9 @@ from typing import Unpack
 
 from insnav.exceptions import InputError
 from insnav.filter.innovation_likelihood import InnovationLikelihood
-from insnav.filter.noise_estimate import NoiseEstimate
-from insnav.filter.noise_identification import figure_words
+from insnav.filter.noise_estimate import NoiseEstimate, NoiseFigure
 from insnav.filter.noise_search import FEWEST, identify, unlike
+from insnav.findings import Code, Finding
 from insnav.session import defaults
 from insnav.session.drive import Drive, load
 from insnav.session.inputs import Inputs
@@ -19,10 +19,10 @@ from insnav.session.inputs import Inputs
 
 def tune(
     recordings: Sequence[tuple[Path, Path | None]], **inputs: Unpack[Inputs]
-) -> tuple[NoiseEstimate, tuple[Drive, ...], tuple[str, ...]]:
+) -> tuple[NoiseEstimate, tuple[Drive, ...], tuple[Finding, ...]]:
     """Find the noise of one IMU in several of its drives, by the likelihood of all their innovations together.
 
-    Returns: noise, the drives, and a warning if drives are by different IMUs.
+    Returns: noise, the drives, and a warning for each figure by which drives are of different IMUs.
 
     `recordings`: IMU and GPS file of each drive, or a log of both and None; `inputs`: as for `insnav.load`, the same
     for all drives; ``imu_model`` is the prior, that of the first drive by default.
@@ -49,9 +49,14 @@ def tune(
         raise InputError("some drives have GPS velocities and some have none", fix="tune them apart")
     found = identify(likelihoods, defaults.better_kinds(inputs, drives[0].imu_spec))
     name = f"{drives[0].imu_spec.name}, from {len(drives)} drives" if len(drives) > 1 else found.spec.name
-    off = []
-    for figures in unlike(likelihoods, found) if len(drives) > 1 else ():
-        ends = [f(range(len(figures)), key=lambda i: figures[i].value) for f in (min, max)]
-        off.append(" and ".join(f"{figure_words(figures[i])} in {Path(*recordings[i][0].parts[-2:])}" for i in ends))
-    told = (f"one IMU does not differ so from drive to drive: alone, {'; '.join(off)}: tune them apart",) if off else ()
-    return replace(found, spec=replace(found.spec, name=name)), tuple(drives), told
+    different = unlike(likelihoods, found) if len(drives) > 1 else []
+    files = [str(Path(*imu.parts[-2:])) for imu, _ in recordings]
+    warnings = tuple(_different_drives(figures, files) for figures in different)
+    return replace(found, spec=replace(found.spec, name=name)), tuple(drives), warnings
+
+
+def _different_drives(figures: Sequence[NoiseFigure], files: Sequence[str]) -> Finding:
+    """Report a figure of one IMU that differs from drive to drive; `files`: of the drives."""
+    low, high = (end(range(len(figures)), key=lambda drive: figures[drive].value) for end in (min, max))
+    ratio = figures[high].value / figures[low].value
+    return Finding.of(Code.TUNE_DRIVES_DIFFER, subject=figures[low].key, ratio=ratio, high=files[high], low=files[low])

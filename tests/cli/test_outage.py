@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from insnav.findings import Code, Finding
+from insnav.messages import sentence
 from insnav.output.folder import read_facts, verify_folder
 from insnav.report.page import LIGHTS
 from tests.cli.conftest import Cli
@@ -32,7 +34,7 @@ def test_folder_and_table(drive: Path, cli: Cli):
 
 def test_a_length_that_does_not_fit_is_named(drive: Path, cli: Cli):
     shown = cli(*QUICK[:-3], "3,999", "--first", "80", "--spacing", "60", "--engine", "1", "--aiding", "off")
-    assert "not tried: 999 s" in shown.out
+    assert sentence(Finding.of(Code.OUTAGE_NO_WINDOW, lengths_s=(999.0,))) in " ".join(shown.out.split())
 
 
 def test_json_is_that_of_the_folder(drive: Path, cli: Cli):

@@ -11,8 +11,10 @@ import pytest
 
 import insnav
 from insnav.exceptions import InputError
+from insnav.findings import Code, of_code
 from insnav.input import read_gps
 from insnav.input.interpret.velocities import fit_velocities, scales
+from insnav.messages import sentence
 from insnav.types import GpsData
 from tests.filter import drives
 from tests.shared import recorded
@@ -148,6 +150,9 @@ def test_heights_that_move_twice_as_far_as_velocities_say_are_a_warning():
     gps = drive.gps.data
     first = gps.rows(gps.time < gps.time[0] + 200.0)
     imu = drive.imu.data.rows(drive.imu.data.time < gps.time[0] + 200.0)
-    said = insnav.load(imu, moved_otherwise(first, up=2.0)).navigate().page().warnings
-    assert any("times as far up and down as the velocities beside them say" in text for text in said)
-    assert not any("times as far" in text for text in insnav.load(imu, first).navigate().page().warnings)
+    wrong = insnav.load(imu, moved_otherwise(first, up=2.0))
+    (scale,) = of_code(wrong.gps.events, Code.GPS_SCALE)
+    assert scale["axis"] == "up and down"
+    assert scale["ratio"] == pytest.approx(2.0, abs=max(3.0 * scale["sd"], 0.03))
+    assert sentence(scale) in wrong.navigate().page().warnings
+    assert not any(of_code(insnav.load(imu, first).gps.events, Code.GPS_SCALE))

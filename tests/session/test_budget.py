@@ -11,6 +11,9 @@ import pytest
 
 from insnav.errors.budget.from_windows import RecordedBudget, WindowSettings
 from insnav.exceptions import ConfigError, InputError
+from insnav.findings import Code, Severity, of_code
+from insnav.imu.presets import PRESETS
+from insnav.messages import sentence
 from insnav.output.folder import read_facts, verify_folder
 from insnav.result import open_result
 from insnav.session.drive import load
@@ -58,21 +61,23 @@ def test_from_files_to_a_folder(drive: Path):
 def test_a_reference_is_what_it_is_judged_by(drive: Path):
     budget = recorded(ref="ref.csv", ref_sd=(0.01, 0.01))
     assert budget.reference == "the positions of ref.csv (of the IMU)"
-    assert not any("withheld" in note for note in budget.notes)
+    assert not any("withheld" in sentence(note) for note in budget.notes)
     assert np.isfinite(budget.calibrated.windows.error[..., 3:]).all()
     positions = recorded(ref="ref.csv")
     assert np.isnan(positions.calibrated.windows.error[..., 3:]).all()
 
 
 def test_without_an_imu_file_it_is_said_what_was_assumed(drive: Path):
-    found = recorded(imu_model=None)
-    assert any("IMU file: none was given" in note for note in found.notes)
+    (model,) = of_code(recorded(imu_model=None).notes, Code.MODEL_FROM_REST)
+    assert model["preset"] in PRESETS
+    assert model.end - model.begin > 5.0
+    assert model.severity is Severity.ASSUMPTION
 
 
 def test_an_imu_file_with_missing_terms_says_which(drive: Path):
     Path("few.toml").write_text('[gyro]\nbias = "50 deg/h"\n[accel]\nrandom_walk = "0.1 m/s/sqrt(h)"\n')
     found = recorded(imu_model="few.toml")
-    (note,) = [text for text in found.notes if text.startswith("The IMU file does not give")]
+    (note,) = [text for text in map(sentence, found.notes) if text.startswith("The IMU file does not give")]
     assert "accel.bias" in note
     assert "gyro.random_walk" in note
     assert "taken as zero" in note
@@ -85,7 +90,7 @@ def test_a_bench_needs_no_fixes(at_rest: Path):
     found = recorded(at_rest, None, "place.csv", imu_model="tactical")
     assert (found.calibrated.windows.motion == "static").all()
     assert found.calibrated.growth.largest[-1, 5] < 1.0
-    assert any("never moves" in note for note in found.notes)
+    assert any(of_code(found.notes, Code.GPS_FROM_REFERENCE))
     with pytest.raises(ConfigError, match="nothing tells where the vehicle was"):
         recorded(at_rest, None, imu_model="tactical")
 
@@ -110,4 +115,4 @@ def test_what_cannot_be_meant_is_refused(drive: Path, change: dict[str, Any], er
 
 def test_a_smoothed_start_is_said_not_to_be_independent(drive: Path):
     found = recorded(windows=replace(WINDOWS, start="smoothed"))
-    assert any(note.startswith("Not independent") for note in found.notes)
+    assert any(sentence(note).startswith("Not independent") for note in found.notes)

@@ -15,11 +15,12 @@ import insnav
 from insnav.alignment import find_mounting
 from insnav.attitude import dcm_from_rph, quat_from_rph, wrap_pi
 from insnav.exceptions import InputError
-from insnav.findings import Code, untyped_event
+from insnav.findings import OF_THE_IMU, Code, Finding, Severity, of_code
 from insnav.input import read_gps, read_imu
 from insnav.input.interpret.axes import axes_matrix
 from insnav.kernels.smoother import STATE
-from insnav.session.mounted import UNTOLD, _travel, untold
+from insnav.messages import sentence
+from insnav.session.mounted import _travel, doubt_mounting
 from insnav.simulate import GpsErrors
 from insnav.strapdown import intervals
 from insnav.units import DEG
@@ -53,14 +54,20 @@ def test_square_mountings_are_turned_to_the_vehicle_and_told(plain, letters):
     np.testing.assert_allclose(found.imu.data.gyro, plain.imu.data.gyro, rtol=0, atol=1e-12)
     np.testing.assert_allclose(found.imu.data.accel, plain.imu.data.accel, rtol=0, atol=1e-12)
     assert found.imu.facts.axes == letters
-    assert any(f"--imu-axes {letters}" in note for note in found.notes)
+    (axes,) = of_code(found.notes, Code.MOUNTING_ALONG_AXES)
+    assert axes["axes"] == letters
+    assert axes["windows"] > 1
+    assert axes.severity is Severity.ASSUMPTION
+    assert f"--imu-axes {letters}" in sentence(axes)
 
 
 def test_a_yaw_is_told_and_heading_is_that_of_the_imu(plain):
     found = turned(plain, dcm_from_rph(np.array([0.0, 0.0, 30.0 * DEG])).T)
-    assert any("attitude is that of the IMU; with --imu-axes" in note for note in found.notes)
+    (yaw,) = of_code(found.notes, Code.MOUNTING_YAW)
+    assert yaw["yaw_rad"] == pytest.approx(30.0 * DEG, abs=4.0 * yaw["sd_rad"])
+    np.testing.assert_allclose([float(each) for each in yaw["axes"].split(",")], [0.0, 0.0, 30.0], atol=5.0)
     result = found.navigate(output_interval=1.0)
-    assert "assumed: the IMU is turned" in result.summary()
+    assert f"assumed: {sentence(yaw)[:40]}" in result.summary()
     run = result.found.run
     assert run.smoothed is not None
     true = plain.reference.data
@@ -74,13 +81,12 @@ def test_an_imu_that_leans_points_along_no_axis_of_the_vehicle(plain):
     """Two flights were said to have x, y, z down, forward, right and left, up, forward: attitudes 30 to 70 deg off."""
     angles = np.array([40.0, 35.0, -50.0]) * DEG
     found = turned(plain, dcm_from_rph(angles).T)
-    notes = [note for note in found.notes if "in the vehicle" in note]
-    assert len(notes) == 1
-    assert re.search("the IMU leans and is turned about (4[5-9]|5[0-5]) deg to the left in the vehicle", notes[0])
-    (told,) = re.findall("with --imu-axes ([-.,0-9]+) it is", notes[0])
-    np.testing.assert_allclose([float(each) for each in told.split(",")], angles / DEG, atol=5.0)
+    (tilted,) = of_code(found.notes, *(code for code in Code if code.startswith("mounting")))
+    assert tilted.code is Code.MOUNTING_TILTED
+    assert tilted["yaw_rad"] == pytest.approx(-50.0 * DEG, abs=5.5 * DEG)
+    np.testing.assert_allclose([float(each) for each in tilted["axes"].split(",")], angles / DEG, atol=5.0)
     result = found.navigate(output_interval=1.0)
-    assert "assumed: the IMU leans" in result.summary()
+    assert f"assumed: {sentence(tilted)[:40]}" in result.summary()
     solution = result.found.run.smoothed.solution
     true = plain.reference.data
     vehicle = np.column_stack([np.interp(solution.time, true.time, np.unwrap(each)) for each in true.rph.T])
@@ -99,8 +105,8 @@ def test_positions_alone_tell_the_mounting_as_velocities_do(gps, letters):
     )
     found = turned(plain, axes_matrix(letters).T)
     np.testing.assert_allclose(found.imu.data.gyro, plain.imu.data.gyro, rtol=0, atol=1e-12)
-    assert any(f"--imu-axes {letters}" in note for note in found.notes) == (letters != "FRD")
-    assert UNTOLD not in found.notes
+    assert [each["axes"] for each in of_code(found.notes, Code.MOUNTING_ALONG_AXES)] == [letters] * (letters != "FRD")
+    assert not any(of_code(found.notes, Code.MOUNTING_ASSUMED))
     if gps != "dgps":
         return
     heading, true = found.navigate(output_interval=1.0).found.run.smoothed.solution, plain.reference.data
@@ -125,23 +131,25 @@ def test_a_log_without_standard_deviations_tells_it_as_well_as_its_positions_sca
 
 def test_what_contradicts_an_imu_that_nothing_tells_the_mounting_of_may_be_its_axes():
     """A town turned by 90 deg: a gyro was named that was right, and headings were 86 deg off."""
-    gyro = untyped_event(9.0, Code.CONTRADICTION, 4.4, np.nan, "deg/s", "gyro z is off by +4.4 deg/s")
-    fix = untyped_event(9.0, Code.CONTRADICTION, 30.0, np.nan, "m", "30 position fixes contradict the whole record")
-    (said,) = untold((UNTOLD,), (fix, gyro))
-    assert said.time == gyro.time
-    assert "--imu-axes" in said.action
-    assert not untold((), (gyro,))  # the mounting is known
-    assert not untold((UNTOLD,), (fix, replace(gyro, action="noise of the gyros may pretend that")))
+    assumed, jump = Finding.of(Code.MOUNTING_ASSUMED), Finding.of(Code.GPS_FROZEN, 3.0)
+    for code in OF_THE_IMU:
+        (doubt,) = doubt_mounting((assumed,), (jump, Finding.of(code, 9.0), Finding.of(code, 20.0)))
+        assert (doubt.code, doubt.severity, doubt.begin) == (Code.MOUNTING_DOUBTED, Severity.WARNING, 9.0)
+        assert doubt["count"] == 2
+        assert "--imu-axes" in sentence(doubt)
+        assert not doubt_mounting((), (Finding.of(code, 9.0),))  # the mounting is known
+    assert not doubt_mounting((assumed,), (jump,))
 
 
 def test_what_a_drive_does_not_tell_of_the_mounting_is_an_assumption(plain):
     """Without velocities headings of a turned IMU were 54 to 176 deg off, and nothing was said."""
-    assert UNTOLD not in plain.notes
+    assert not any(of_code(plain.notes, Code.MOUNTING_ASSUMED))
     imu, gps, begin = plain.imu.data, without_velocities(plain.gps.data), plain.imu.data.time[0] + 75.0
     imu, gps = (each.rows((each.time >= begin) & (each.time < begin + 40.0)) for each in (imu, gps))
-    assert UNTOLD in insnav.load(imu, gps).notes
+    (assumed,) = of_code(insnav.load(imu, gps).notes, Code.MOUNTING_ASSUMED)
+    assert assumed.severity is Severity.ASSUMPTION
     still = replace(gps, lla=gps.lla[:1] + 0.0 * gps.lla)
-    assert UNTOLD not in insnav.load(imu, still).notes
+    assert not any(of_code(insnav.load(imu, still).notes, Code.MOUNTING_ASSUMED))
 
 
 @pytest.mark.parametrize(
@@ -161,7 +169,8 @@ def test_a_slow_robot_has_the_axes_that_make_its_fixes_likeliest(axes, yaw):
     names = [f"{sensor}_{each}" for sensor, unit in (("gyro", "rad_s"), ("accel", "m_s2")) for each in "xyz"]
     found = insnav.load(pd.DataFrame(columns, columns=["time_s", *names]), gps)
     assert (found.imu.facts.axes or "FRD") == letters
-    assert any(f"--imu-axes {letters}" in note for note in found.notes) is (letters != "FRD")
+    turned = (Code.MOUNTING_UPSIDE_DOWN, Code.MOUNTING_ALONG_AXES_BY_FIXES, Code.MOUNTING_ALONG_AXES_BY_COURSE)
+    assert [each["axes"] for each in of_code(found.notes, *turned)] == [letters] * (letters != "FRD")
     smoothed = found.navigate(output_interval=1.0).found.run.smoothed.solution
     off = wrap_pi(smoothed.rph[:, 2] - truth.evaluate(smoothed.time).rph[:, 2] - yaw * DEG)
     assert np.mean(np.abs(off) < 3.0 * smoothed.sd[:, 8]) > 0.97
@@ -203,7 +212,9 @@ def test_check_and_run_give_the_mounting_with_the_same_signs(plain):
     found = turned(plain, dcm_from_rph(np.array([0.0, 4.0, -6.0]) * DEG).T)
     seen = find_mounting(intervals(found.imu.data), found.fixes)
     assert seen is not None
-    told = next(note for note in found.navigate(aiding="on", smooth=False).notes if note.startswith("NHC"))
+    told = next(
+        note for note in map(sentence, found.navigate(aiding="on", smooth=False).notes) if note.startswith("NHC")
+    )
     pitch, yaw = re.findall(r"(?:pitch|yaw) (-?[\d.]+)", told)
     print(seen.angles / DEG, seen.sd / DEG, told)
     np.testing.assert_allclose([float(pitch), float(yaw)], seen.angles[1:] / DEG, atol=1.5)
@@ -268,8 +279,9 @@ def test_level_turns_of_an_aircraft_are_not_left_handed():
 def test_axes_given_that_the_drive_contradicts_are_a_warning():
     sample = Path(__file__).parents[2] / "trajectories" / "sample"
     wrong = insnav.load(sample / "imu.csv.gz", gps=sample / "gps.csv", axes="FLU")
-    (event,) = [each for each in wrong.imu.events if "--imu-axes FLU contradicts the drive" in each.action]
-    assert event.time == wrong.imu.data.time[0]
+    (warning,) = of_code(wrong.imu.events, Code.MOUNTING_CONTRADICTS_GIVEN)
+    assert (warning["given"], warning.severity) == ("FLU", Severity.WARNING)
+    assert warning.begin == wrong.imu.data.time[0]
 
 
 def test_angles_as_axes_are_a_rotation():

@@ -14,8 +14,10 @@ from insnav.attitude import wrap_pi
 from insnav.errors.budget.from_windows import WindowSettings
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding
 from insnav.fleet.recordings import find_drives
 from insnav.imu import load_imu
+from insnav.messages import sentence
 from insnav.result import Result
 from insnav.session.tuning import tune
 from insnav.simulate import GpsErrors
@@ -53,7 +55,7 @@ def test_with_all_given_but_what_lasts_of_the_errors_of_fixes_that_is_found():
     assert inside(found.found.smoothed_errors) > 0.99 > 0.95 > inside(white.found.smoothed_errors)
     horizontal = [np.sqrt(np.mean(each.found.errors.position[:, :2] ** 2)) for each in (found, white)]
     assert horizontal[0] < 1.02 * horizontal[1]
-    assert any(note.startswith("time-correlated GPS position errors: 6 %") for note in found.notes)
+    assert any(sentence(note).startswith("time-correlated GPS position errors: 6 %") for note in found.notes)
 
 
 @pytest.mark.parametrize(
@@ -92,7 +94,8 @@ def test_a_budget_uses_the_noise_that_was_found():
     assert (
         found.imu_model[0].name == "automotive, as found"
     )  # as it is; its noise at rest is that of consumer grade, too
-    assert any("noise from the innovations" in note for note in found.notes)
+    assert found.imu_model[1] == Finding.of(Code.MODEL_ESTIMATED, prior="consumer")
+    assert any("noise from the innovations" in sentence(note) for note in found.notes)
     horizontal = found.found.windows.calibrated.verdicts[-1]
     assert horizontal.low < horizontal.predicted < horizontal.high
     assert 0.8 < horizontal.recorded / horizontal.predicted < 1.25  # with the preset 0.5
@@ -113,9 +116,11 @@ def test_a_drive_by_another_imu_is_named(tmp_path):
     samples[gyros] += walk * np.sqrt(rate) * np.random.default_rng(1).normal(size=(len(samples), 3))
     samples.to_csv(tmp_path / "other" / "imu.csv", index=False)
     own, other = (SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv"), (tmp_path / "other" / "imu.csv", SAMPLE / "gps.csv")
-    *_, (told,) = tune([own, own, other], lever_arm=LEVER)
-    assert "gyro random walk 0." in told.partition(" in sample/imu.csv.gz")[0]
-    assert "gyro random walk" in told.partition(" in other/imu.csv")[0].rpartition(" and ")[2]
+    *_, warnings = tune([own, own, other], lever_arm=LEVER)
+    assert {each.code for each in warnings} == {Code.TUNE_DRIVES_DIFFER}
+    (walk,) = (each for each in warnings if each.subject == "gyro.random_walk")
+    assert (walk["low"], walk["high"]) == ("sample/imu.csv.gz", "other/imu.csv")
+    assert walk["ratio"] > 5.0
 
 
 def test_drives_of_one_imu_are_tuned_together(tmp_path):
@@ -145,7 +150,7 @@ def test_with_an_imu_given_standard_deviations_that_were_not_are_found(profile, 
     drive = insnav.load(made.imu.data, silent, made.reference.data, imu_model="automotive")
     done = drive.navigate()
     assert inside(done.found.smoothed_errors) > 0.97
-    assert any("GPS position sd times" in note for note in done.notes)
+    assert any("GPS position sd times" in sentence(note) for note in done.notes)
 
 
 @pytest.mark.parametrize("kept", [("v_n",), (), ("v_n", "fix")])
@@ -158,7 +163,7 @@ def test_without_reported_standard_deviations_errors_are_as_stated(kept):
     silent = replace(gps, position_sd=nothing, fix=fix, v_n=gps.v_n if "v_n" in kept else nothing)
     drive = insnav.load(known.imu.data, silent, known.reference.data)
     found = drive.navigate().found
-    assert any("fix type" in note for note in drive.notes)
+    assert any("fix type" in sentence(note) for note in drive.notes)
     assert found.noise is not None
     # positions alone do not tell how high above the IMU the antenna is: what is as good as stated is the antenna there
     unseen = np.zeros(3) if "v_n" in kept else (found.run.lever_b - LEVER) * [0.0, 0.0, 1.0]

@@ -21,7 +21,7 @@ def test_an_unknown_word_of_a_simulation_is_refused(options):
 
 def test_what_is_printed_in_python_names_keywords_not_options():
     drive = insnav.load(SAMPLE / "imu.csv.gz", gps=SAMPLE / "gps.csv", imu_model="automotive", ref=SAMPLE / "ref.csv")
-    assert "from imu_model automotive" in repr(drive)
+    assert "imu_model automotive" in repr(drive)
     assert "--" not in repr(drive)
     found = drive.navigate(smooth=False, output_interval=1.0)
     assert not re.search(r"--[a-z]", replace(found, notes=("give --lever-arm",)).summary())

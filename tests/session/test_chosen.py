@@ -1,0 +1,44 @@
+"""What is chosen before a drive is navigated, and where it is from: IMU specification, clock, place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+import insnav
+from insnav.findings import Code, Finding, Severity, of_code
+from insnav.imu import load_imu
+from insnav.input.interpret.overlap import GPS_EPOCH, LEAP
+from insnav.session.defaults import given_imu, imu_from_rest
+
+
+def test_an_imu_specification_has_a_source(tmp_path):
+    assert given_imu(None) is None
+    spec = load_imu("tactical")
+    assert given_imu(spec) == (spec, Finding.of(Code.MODEL_GIVEN, absent=()))
+    assert given_imu("tactical")[1] == Finding.of(Code.MODEL_OF_FILE, model="tactical", absent=())
+    (tmp_path / "few.toml").write_text('[gyro]\nbias = "50 deg/h"\n')
+    few = given_imu(tmp_path / "few.toml")[1]
+    assert few.code is Code.MODEL_OF_FILE
+    assert "gyro.random_walk" in few["absent"]
+    part = given_imu("STIM300")[1]
+    assert (part.code, part["grade"]) == (Code.MODEL_OF_PART, "tactical")
+
+
+def test_without_rest_the_poorest_imu_is_assumed():
+    drive = insnav.simulate("figure_eight", seed=1)
+    for rest in (None, (0.0, 4.0)):
+        spec, assumed = imu_from_rest(drive.imu.data, rest)
+        assert (spec.name, assumed["preset"]) == ("consumer", "consumer")
+        assert (assumed.code, assumed.severity) == (Code.MODEL_ASSUMED, Severity.ASSUMPTION)
+
+
+def test_unix_time_beside_gps_time_is_an_assumption():
+    drive = insnav.simulate("figure_eight", imu="automotive", seed=1)
+    gps, offset = drive.gps.data, GPS_EPOCH - LEAP
+    found = insnav.load(drive.imu.data, replace(gps, time=gps.time + offset), imu_model="automotive")
+    (clock,) = of_code(found.notes, Code.CLOCK_EPOCHS)
+    assert clock["offset_s"] == offset
+    assert clock.severity is Severity.ASSUMPTION
+    np.testing.assert_allclose(found.imu.data.time, drive.imu.data.time + offset, rtol=0, atol=1e-6)
