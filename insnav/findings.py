@@ -372,9 +372,9 @@ class Finding:
 Note: TypeAlias = Finding | str  # bridge
 
 
-def of_code(findings: Iterable[Finding], *codes: Code) -> Iterator[Finding]:
+def of_code(findings: Iterable[Note], *codes: Code) -> Iterator[Finding]:
     """Choose the findings that have one of some codes."""
-    return (each for each in findings if each.code in codes)
+    return (each for each in findings if isinstance(each, Finding) and each.code in codes)
 
 
 def by_time(findings: Iterable[Finding]) -> tuple[Finding, ...]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar, cast
 
 from insnav.deferred import library
 from insnav.exceptions import as_keywords
-from insnav.findings import Finding
+from insnav.findings import Finding, Note
 from insnav.imu.specification import ImuSpec
 from insnav.input.readers.reading import ReadingFacts
 from insnav.output.folder import RunFolder
@@ -44,10 +44,10 @@ class Result(Generic[F]):
         What was understood of each input: ``imu``, ``gps``, ``reference``.
     options : mapping
         Options in force, JSON-ready.
-    imu_model : (ImuSpec, str) or None
+    imu_model : (ImuSpec, Finding) or None
         IMU error specification, and how it was chosen.
-    notes : tuple of str
-        Assumptions and findings in words, most important first.
+    notes : tuple of Finding
+        Assumptions and what was detected, most important first.
     events : tuple of Finding
         Everything out of the ordinary in the data and the filter, in order of time.
     """
@@ -56,8 +56,8 @@ class Result(Generic[F]):
     found: F
     inputs: Mapping[str, ReadingFacts] = field(default_factory=dict)
     options: Mapping[str, Any] = field(default_factory=dict)
-    imu_model: tuple[ImuSpec, str] | None = None
-    notes: tuple[str, ...] = ()
+    imu_model: tuple[ImuSpec, Finding] | None = None
+    notes: tuple[Note, ...] = ()
     events: tuple[Finding, ...] = ()
 
     def __repr__(self) -> str:

@@ -18,6 +18,7 @@ from insnav.cli import parse
 from insnav.cli.console import Stages, detail, note, quiet_figures
 from insnav.cli.options import FILES, argument, option
 from insnav.exceptions import OutputError
+from insnav.messages import sentence
 from insnav.session.inputs import INPUTS, LOGS, Input, Inputs
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ class Data:
             say_reading(facts)
         stage("aligning")
         drive = drive_of(readings)
-        detail(f"IMU model: {drive.imu_spec.name}", drive.imu_chosen)
+        detail(f"IMU model: {drive.imu_spec.name}", sentence(drive.imu_chosen))
         return drive
 
     def save(self, outcome: Result[Any], folder: RunFolder, stage: Stages, **how: Any) -> tuple[Result[Any], Path]:

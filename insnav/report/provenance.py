@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from insnav.findings import Note
 from insnav.imu.specification import ImuSpec
 from insnav.input.readers.reading import ReadingFacts
+from insnav.messages import sentence
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.page import Section, only_json
 from insnav.report.run_json import json_ready
@@ -57,7 +59,7 @@ def _inputs(inputs: Mapping[str, ReadingFacts]) -> tuple[Section, ...]:
     )
 
 
-def imu_model(spec: ImuSpec, how: str) -> Section:
+def imu_model(spec: ImuSpec, how: Note) -> Section:
     """Give an IMU error specification, one standard deviation each, x, y, z."""
     sensors = {}
     for name, (_, unit, walk_unit) in _SENSORS.items():
@@ -70,7 +72,7 @@ def imu_model(spec: ImuSpec, how: str) -> Section:
             Quantity("scale_factor", sensor.scale_factor, "ppm"),
             Quantity("misalignment", sensor.misalignment, "deg"),
         )
-    items = (Quantity("name", spec.name), Quantity("chosen", how), Quantity("source", spec.source))
+    items = (Quantity("name", spec.name), Quantity("chosen", sentence(how)), Quantity("source", spec.source))
     return Section(
         "imu_model",
         "IMU error specification: one standard deviation, x, y, z",

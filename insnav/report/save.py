@@ -15,8 +15,10 @@ from types import ModuleType
 from typing import Any, Literal, cast
 
 from insnav.exceptions import ConfigError, InputError, writing
+from insnav.findings import Code, Finding
 from insnav.imu.imu_file import load_imu
 from insnav.input.readers.reading import ReadingFacts
+from insnav.messages import sentence
 from insnav.output.contents import FACTS_FILE
 from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_events
@@ -36,7 +38,7 @@ def page_of(result: Result[Any]) -> Page:
     return replace(
         page,
         sections=(*page.sections, *provenance(result)),
-        notes=page.notes or tuple(map(without_exponents, result.notes)),
+        notes=page.notes or tuple(without_exponents(sentence(each)) for each in result.notes),
     )
 
 
@@ -117,7 +119,9 @@ def open_folder(folder: Path) -> Result[Any]:
     inputs = {name: ReadingFacts.from_dict(each) for name, each in facts.get("input", {}).items()}
     found = _of_room(kind, "read_found")(folder)
     file, model = folder / "imu.toml", facts.get("imu_model")
-    imu_model = (load_imu(str(file)), str(model["chosen"])) if model and file.is_file() else None
+    imu_model = None
+    if model and file.is_file():
+        imu_model = load_imu(str(file)), Finding.of(Code.STORED_TEXT, text=str(model["chosen"]))
     opened = Result(kind, found, inputs, facts.get("configuration", {}), imu_model, tuple(facts.get("notes", ())))
     if any(folder.glob("events.*")):
         opened = replace(opened, events=read_events(folder))

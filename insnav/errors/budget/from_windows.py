@@ -19,6 +19,7 @@ from insnav.errors.outage.windows import StartChoice, navigated_drive
 from insnav.exceptions import ConfigError
 from insnav.filter.error_model import ErrorModel
 from insnav.filter.prepare import Prepared
+from insnav.findings import Note
 from insnav.imu import ImuSpec
 from insnav.sample_statistics import CONFIDENCE, chi_square
 from insnav.types import Trajectory
@@ -82,7 +83,7 @@ class RecordedBudget:
     uncalibrated: RecordedPart | None  # nothing corrected
     spec: ImuSpec  # specification of the IMU
     track: Trajectory  # the smoothed drive
-    notes: tuple[str, ...]  # what was assumed and found
+    notes: tuple[Note, ...]  # what was assumed and found
 
     @property
     def shown(self) -> RecordedPart:

@@ -11,7 +11,9 @@ from insnav.errors.budget.error_budget import BAND, Budget
 from insnav.errors.budget.from_windows import RecordedBudget
 from insnav.errors.budget.laws import SHORT
 from insnav.errors.requirement.study import TEXT as FIELD_FACTOR
+from insnav.findings import Code, Finding
 from insnav.imu.imu_file import to_toml
+from insnav.messages import sentence
 from insnav.output.folder import RunFolder
 from insnav.output.solution_tables import TableFormat
 from insnav.output.stored import FILE as FOUND
@@ -84,7 +86,8 @@ def _title(budget: Budget) -> str:
 def _origin(result: Result[BudgetStudy]) -> str:
     """Where the sizes of the sources come from."""
     name = result.found.budget.imu if result.imu_model is None else result.imu_model[0].name
-    how = "" if result.imu_model is None or result.imu_model[1] == "given" else f": {result.imu_model[1]}"
+    given = result.imu_model is None or result.imu_model[1] == Finding.of(Code.MODEL_GIVEN)
+    how = "" if result.imu_model is None or given else f": {sentence(result.imu_model[1])}"
     return f"IMU model {name}{how}"
 
 

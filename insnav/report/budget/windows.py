@@ -10,6 +10,7 @@ from insnav.errors.budget.from_windows import RecordedBudget, RecordedPart, Verd
 from insnav.errors.diagnosis.causes import CAUSES, AxisDiagnosis, Diagnosis
 from insnav.errors.diagnosis.simulated_replica import Replicas
 from insnav.errors.outage.statistics import COMPONENTS, components
+from insnav.messages import sentence
 from insnav.report.budget import windows_quantities
 from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILLION
 from insnav.report.numbers import number
@@ -58,7 +59,7 @@ def windows_sentences(budget: RecordedBudget) -> tuple[str, ...]:
 
 def windows_warnings(budget: RecordedBudget) -> tuple[str, ...]:
     """Say what the reader must not overlook."""
-    lines = [note for note in budget.notes if note.startswith("Not independent")]
+    lines = [note for note in map(sentence, budget.notes) if note.startswith("Not independent")]
     for kind, part in windows_quantities.parts_of(budget):
         wrong = [each.component for each in part.verdicts if not each.explained]
         if wrong:

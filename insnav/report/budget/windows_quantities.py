@@ -9,6 +9,7 @@ from insnav.errors.diagnosis.causes import CAUSES, AxisDiagnosis, Cause, Diagnos
 from insnav.errors.diagnosis.equivalent_sensor_errors import SensorFit
 from insnav.errors.diagnosis.simulated_replica import Replicas
 from insnav.errors.outage.statistics import COMPONENTS, Growth
+from insnav.messages import sentence
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
 from insnav.report.outage.windows import corrected
@@ -34,7 +35,7 @@ def windows_sections(budget: RecordedBudget) -> tuple[Section, ...]:
         Quantity("independent", budget.settings.start == "forward"),
         Quantity("duration", budget.duration, "s"),
         Quantity("imu", budget.spec.name),
-        Quantity("notes", budget.notes),
+        Quantity("notes", tuple(map(sentence, budget.notes))),
         *((Quantity(UNCALIBRATED, None),) if budget.uncalibrated is None else ()),
     )
     parts = tuple(Section(kind, parts=_sections(kind, part)) for kind, part in parts_of(budget))

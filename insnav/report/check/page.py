@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from insnav.input.readers.reading import ReadingFacts
+from insnav.messages import sentence
 from insnav.plain_text import moments, plain_text
 from insnav.quantity import Quantity
 from insnav.report.page import DataFrame, Page, Section, rows_frame
@@ -36,7 +37,7 @@ def text(result: Result[Checked]) -> str:
     laid_out = page(result)
     understood = [f"  {name}: {each}" for name, facts in result.inputs.items() for each in facts.evidence]
     lines = ["", *understood, "", *laid_out.summary]
-    shown = replace(laid_out, summary=(), notes=result.notes)
+    shown = replace(laid_out, summary=(), notes=tuple(map(sentence, result.notes)))
     return "\n".join([page_text(shown), *(plain_text(line) for line in lines)])
 
 

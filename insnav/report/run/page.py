@@ -14,6 +14,7 @@ from insnav.errors.metrics import TrajectoryErrors
 from insnav.exceptions import InputError
 from insnav.findings import Code
 from insnav.imu.imu_file import to_toml
+from insnav.messages import sentence
 from insnav.output import solution_tables
 from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder, read_facts
@@ -63,7 +64,9 @@ def page(result: Result[EvaluatedRun], *, sections: bool = True) -> Page:
         _sections(found, reference) if sections else (),
         warnings=warnings,
         assumptions=assumed,
-        notes=tuple(Clock.of(found.run.solution.time).tell(text) for text in result.notes if text not in assumed),
+        notes=tuple(
+            Clock.of(found.run.solution.time).tell(text) for text in map(sentence, result.notes) if text not in assumed
+        ),
         verdict=run_verdict(found, warnings),
         merits=run_merits(found, best) if best else (),
         merits_note=f"Root mean square over the drive, of the {best} solution." if best else "",

@@ -18,8 +18,9 @@ from insnav.errors.reference_check import delay_shown, turned_in_place
 from insnav.filter.gps_noise import heights_measured
 from insnav.filter.innovation_likelihood import LARGEST
 from insnav.filter.prepare import CORRELATED
-from insnav.findings import Code, Finding
+from insnav.findings import Code, Finding, Severity
 from insnav.input.readers.reading import not_covered
+from insnav.messages import sentence
 from insnav.plain_text import moment
 from insnav.report.series import Clock
 from insnav.result import Result
@@ -93,7 +94,8 @@ def file_warnings(result: Result[Any]) -> tuple[str, ...]:
 def event_warnings(run: Run) -> list[str]:
     """Fixes and samples that cannot both be right, and what was done about it."""
     events = run.events
-    told = [event for event in events if event.kind in (Code.GPS_FROZEN, Code.CONTRADICTION)]
+    kinds = (Code.GPS_FROZEN, Code.CONTRADICTION)
+    told = [event for event in events if event.kind in kinds or event.severity is Severity.WARNING]
     begun = run.solution.time[0] + 1.0
     # what is so all along, from the start, is a remark beside what went wrong somewhere
     found = [event.action for event in sorted(told, key=lambda event: bool(event.time < begun))]
@@ -311,7 +313,11 @@ def _motion(track: Trajectory) -> FloatArray:
 def run_assumptions(result: Result[Any]) -> tuple[str, ...]:
     """Give what the drive shows of axes and clock, lever arm and IMU model unless given, and what files do not say."""
     evidence = {text: name for name, each in result.inputs.items() for text in each.evidence if _ASSUMED.search(text)}
-    notes = tuple(text for text in result.notes if _ASSUMED.search(text))
+    notes = tuple(
+        sentence(each)
+        for each in result.notes
+        if (_ASSUMED.search(each) if isinstance(each, str) else each.severity is Severity.ASSUMPTION)
+    )
     files = tuple(f"{name}: {text.replace('(assumed; ', '(')}" for text, name in evidence.items())
     return (*notes, *_not_given(result), *files)
 
@@ -327,8 +333,8 @@ def _not_given(result: Result[Any]) -> Iterator[str]:
     if result.imu_model is not None and given.isdisjoint(("imu", "imu_model")):
         spec, how = result.imu_model
         if not spec.name.endswith("as found"):  # in the innovations of the drive
-            yield f"IMU model {spec.name}: {how}"
-    lasting = any(text.startswith(CORRELATED) for text in result.notes)
-    sizes_given = not any("position sigma" in text for text in result.notes)
+            yield f"IMU model {spec.name}: {sentence(how)}"
+    lasting = any(text.startswith(CORRELATED) for text in map(sentence, result.notes))
+    sizes_given = not any("position sigma" in text for text in map(sentence, result.notes))
     if errors is None and lasting and sizes_given and not np.isfinite(run.innovations.nis_velocity).any():
         yield _SLOW
