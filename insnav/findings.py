@@ -44,16 +44,16 @@ class Code(StrEnum):
     IMU_UNSORTED = "imu.unsorted"
     IMU_NAN = "imu.nan"
     IMU_GAP = "imu.gap"
-    IMU_CUT_ROW = "imu.cut_row"
+    IMU_CUT_ROW = "imu.cut_row", Severity.WARNING
     GPS_DUPLICATE = "gps.duplicate"
     GPS_UNSORTED = "gps.unsorted"
     GPS_NAN = "gps.nan"
     GPS_GAP = "gps.gap"
-    GPS_CUT_ROW = "gps.cut_row"
+    GPS_CUT_ROW = "gps.cut_row", Severity.WARNING
     REF_DUPLICATE = "ref.duplicate"
     REF_UNSORTED = "ref.unsorted"
     REF_NAN = "ref.nan"
-    REF_CUT_ROW = "ref.cut_row"
+    REF_CUT_ROW = "ref.cut_row", Severity.WARNING
 
     # samples
     IMU_SPIKE = "imu.spike"
@@ -229,10 +229,56 @@ class Code(StrEnum):
     TUNE_DRIVES_DIFFER = "tune.drives_differ", Severity.WARNING
 
     # -- H3a: reference
-    REF_CONTRADICTION = "ref.contradiction"
-    REF_OTHER = "ref.other_drive"
+    REF_OTHER = "ref.other_drive", Severity.WARNING
+    REF_IS_GPS = "ref.same_as_gps", Severity.WARNING
+    REF_NOT_FIXED = "ref.not_fixed"
+    REF_AT_ANTENNA = "ref.at_antenna", Severity.ASSUMPTION
+    REF_RADIANS = "ref.radians", Severity.WARNING
+    REF_EXCHANGED = "ref.exchanged", Severity.WARNING
+    REF_FEET = "ref.feet", Severity.WARNING
+    REF_VELOCITY_NAMES = "ref.velocity.names", Severity.WARNING
+    REF_VELOCITY_UNIT = "ref.velocity.unit", Severity.WARNING
+    REF_VELOCITY_UP = "ref.velocity.up", Severity.WARNING
+    REF_VELOCITY_OF_GPS = "ref.velocity.of_gps", Severity.WARNING
+    REF_VELOCITY_LAG = "ref.velocity.lag", Severity.WARNING
+    REF_CLOCK = "ref.clock", Severity.WARNING
+    REF_CLOCK_OF_IMU = "ref.clock.of_imu", Severity.WARNING
+    REF_HEADING_MISREAD = "ref.heading.misread", Severity.WARNING
+    REF_HEADING_AXES = "ref.heading.axes", Severity.WARNING
+    REF_HEADING_OFFSET = "ref.heading.offset", Severity.WARNING
+    REF_HEADING_BEGIN = "ref.heading.begin", Severity.WARNING
+    REF_TILT_MISREAD = "ref.tilt.misread", Severity.WARNING
+    REF_POINT = "ref.point", Severity.WARNING
+    REF_GEOID = "ref.geoid", Severity.WARNING
+    REF_HEIGHT = "ref.height", Severity.WARNING
 
     # -- H3b: solution, judged when a run is finished; outage test, comparison
+    RUN_REJECTED = "run.rejected", Severity.UNUSABLE
+    RUN_CONTRADICTED = "run.contradicted", Severity.UNUSABLE
+    RUN_LOST = "run.lost", Severity.UNUSABLE
+    RUN_UNKNOWN = "run.unknown", Severity.UNUSABLE
+    RUN_HEADING_LOST = "run.heading_lost", Severity.WARNING
+    RUN_SCALE = "run.scale", Severity.WARNING
+    RUN_SCALE_OF_ALL = "run.scale.of_all", Severity.WARNING
+    RUN_RESET = "run.reset", Severity.WARNING
+    RUN_LATE_FIXES = "run.late_fixes", Severity.WARNING
+    RUN_MANY_REJECTED = "run.many_rejected", Severity.WARNING
+    RUN_ROW_REJECTED = "run.row_rejected", Severity.WARNING
+    RUN_OVERCONFIDENT = "run.overconfident", Severity.WARNING
+    RUN_OVERCONFIDENT_GPS = "run.overconfident.gps", Severity.WARNING
+    RUN_OVERCONFIDENT_OFFSET = "run.overconfident.offset", Severity.WARNING
+    RUN_DIVERGED = "run.diverged", Severity.WARNING
+    RUN_TURNED_AT_REST = "run.turned.at_rest", Severity.WARNING
+    RUN_TURNED_IN_PLACE = "run.turned.in_place", Severity.WARNING
+    RUN_LATE_START = "run.late_start", Severity.WARNING
+    RUN_SATURATED = "run.saturated", Severity.WARNING
+    RUN_STUCK = "run.stuck", Severity.WARNING
+    RUN_GAPS = "run.gaps", Severity.WARNING
+    RUN_NO_HEIGHTS = "run.no_heights", Severity.WARNING
+    RUN_CONSTANT_HEIGHT = "run.constant_height", Severity.WARNING
+    RUN_LEVER_ZERO = "run.lever_zero", Severity.ASSUMPTION
+    RUN_SLOW_ERRORS = "run.slow_errors", Severity.ASSUMPTION
+    OUTAGE_COMMON = "outage.common", Severity.WARNING
 
     # -- H4a: how files were read: formats, columns, times
 
@@ -249,8 +295,11 @@ class Code(StrEnum):
     STORED_TEXT = "stored.text"
 
 
-# -- H2b: contradictions that an IMU in wrong axes shows; bridge: the definition of H2 stays when branches are joined
-OF_THE_IMU: frozenset[Code] = frozenset({Code.CONTRADICTION})
+# -- H3: groups of codes, to be completed by those of other sections
+CORRECTIONS: frozenset[Code] = frozenset()  # what was corrected in clocks and velocities, for the few lines of a run
+CORRELATED_POSITIONS: frozenset[Code] = frozenset()  # errors of positions are modelled as time-correlated
+ASSUMED_POSITION_SD: frozenset[Code] = frozenset()  # fixes came without standard deviations of positions
+GIVEN_DELAY_WRONG: frozenset[Code] = frozenset()  # the drive contradicts the delay that was given
 
 
 @dataclass(frozen=True, slots=True)

@@ -97,11 +97,12 @@ def run(
 def _check_failure(run: Run) -> None:
     """End with exit code 1 if the filter was lost."""
     from insnav.errors.evaluated_run import failure
+    from insnav.messages import render
 
-    why = failure(run)
-    if why:
+    lost = failure(run)
+    if lost:
         fix = "check clocks, axes, units, heading, lever arm and standard deviations; insnav check says what it sees"
-        raise CheckError("the solution is not to be used", why=why, fix=fix)
+        raise CheckError("the solution is not to be used", why=render(lost).text, fix=fix)
 
 
 def _check_accuracy(errors: TrajectoryErrors, limit: float) -> None:

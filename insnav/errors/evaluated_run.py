@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from insnav.errors.metrics import TrajectoryErrors, on_clock, position_errors
-from insnav.errors.reference_check import check_reference, shown_by_drive
+from insnav.errors.reference_check import check_reference, known_delay
 from insnav.errors.reference_offset import ReferenceOffset, reference_offset
 from insnav.filter.frozen import UNUSABLE
 from insnav.filter.navigate import Navigated
 from insnav.filter.noise_estimate import NoiseEstimate
-from insnav.findings import Code
+from insnav.findings import Code, Finding, by_time, of_code
 from insnav.input.readers.reading import Reading
 from insnav.types import FloatArray, GpsData, Run, Trajectory
 
@@ -26,7 +26,6 @@ _FEW, _MOST, _SAME = 10, 0.9, 1e-10  # epochs in common, and share of them that 
 _REJECTED = 0.5  # share of rejected positions of a filter that is lost ...
 _LOST, _LOST_RESETS = 0.2, 3  # ... or after so many resets
 _UNKNOWN = 300.0  # standard deviation at fixes that are used, beyond that of all receivers [m]
-SAME_DATA = "the reference has the positions of the fixes: its errors say how closely the run follows them, no more"
 SHORTEST_OUTAGE_S = 2.0
 MISSED_FIXES = 3.0  # median intervals without a used position fix make an outage
 
@@ -71,13 +70,13 @@ class EvaluatedRun:
     @property
     def reference_late(self) -> float:
         """How far the clock of the reference is ahead of the solution [s]; zero if that is not known."""
-        found = (each for each in self.run.events if each.kind == Code.REF_CONTRADICTION and each.unit == "s")
-        return next((each.value for each in found), 0.0)
+        clock = of_code(self.run.events, Code.REF_CLOCK, Code.REF_CLOCK_OF_IMU)
+        return next((finding["late_s"] for finding in clock), 0.0)
 
     @property
     def other_drive(self) -> bool:
         """Whether the reference is of another drive, so that its errors say nothing."""
-        return any(event.kind == Code.REF_OTHER for event in self.run.events)
+        return any(of_code(self.run.events, Code.REF_OTHER))
 
     @cached_property
     def errors_on_clock(self) -> dict[str, TrajectoryErrors]:
@@ -88,24 +87,23 @@ class EvaluatedRun:
 
 def evaluate_run(
     done: Navigated, reference: Reading[Trajectory] | None = None, lever_b: FloatArray | None = None
-) -> tuple[EvaluatedRun, tuple[str, ...]]:
+) -> tuple[EvaluatedRun, tuple[Finding, ...]]:
     """Compare a run with a reference.
 
     `lever_b` (3,): point of the reference seen from the IMU, body axes [m].
     Raises: InputError: run and reference have no time in common.
     """
-    notes: tuple[str, ...] = ()
+    notes: tuple[Finding, ...] = ()
     errors, smoothed_errors, same = None, None, False
     if reference is not None:
         good, notes = fixed_epochs(reference)
-        best, events = done.run.solution if done.run.smoothed is None else done.run.smoothed.solution, done.run.events
+        best = (done.run.smoothed or done.run).solution
         same = done.gps is not None and same_positions(done.gps, good)
         good = _held(good, best.time)
         if not same:
             point = done.run.lever_b if lever_b is None else lever_b
-            good, doubts = check_reference(good, best, done.gps, point, shown_by_drive(done.run), done.run.lever_sd)
-            events = tuple(sorted((*doubts, *events), key=lambda event: event.time))
-            done = replace(done, run=replace(done.run, events=events))
+            good, doubts = check_reference(good, best, done.gps, point, known_delay(done.run), done.run.lever_sd)
+            done = replace(done, run=replace(done.run, events=by_time((*doubts, *done.run.events))))
         errors = position_errors(done.run.solution, good, lever_b=lever_b)
         if done.run.smoothed is not None:
             smoothed_errors = position_errors(done.run.smoothed.solution, good, lever_b=lever_b)
@@ -130,37 +128,35 @@ def same_positions(gps: GpsData, reference: Trajectory) -> bool:
     return bool(np.mean(apart < _SAME) > _MOST)
 
 
-def fixed_epochs(reference: Reading[Trajectory]) -> tuple[Trajectory, tuple[str, ...]]:
+def fixed_epochs(reference: Reading[Trajectory]) -> tuple[Trajectory, tuple[Finding, ...]]:
     """Epochs of a reference with fixed ambiguities, and what is left out; all where the file does not tell."""
     if reference.fix is None or not (reference.fix == 1).any() or (reference.fix == 1).all():
         return reference.data, ()
     fixed = np.asarray(reference.fix == 1)
-    left = int(np.count_nonzero(~fixed))
-    return reference.data.rows(fixed), (
-        f"accuracy counts reference epochs with fix = 1 only; {left} others are left out",
-    )
+    left = Finding.of(Code.REF_NOT_FIXED, subject="ref", count=int(np.count_nonzero(~fixed)))
+    return reference.data.rows(fixed), (left,)
 
 
-def failure(run: Run) -> str:
-    """Why a solution is not to be used: the filter was lost again and again; empty if it was not."""
-    resets = sum(event.kind is Code.RESET for event in run.events)
+def failure(run: Run) -> Finding | None:
+    """Why a solution is not to be used: the filter was lost again and again; none if it was not."""
+    resets = len(list(of_code(run.events, Code.RESET)))
     fixes = run.innovations
     # frozen ones are none: they contradict nothing
     processed = np.isfinite(fixes.innovation[:, :3]).any(axis=1) & ~(fixes.sd[:, 0] >= UNUSABLE)
     lost = float(np.mean(~fixes.used_position[processed])) if processed.any() else 0.0
     if lost > _REJECTED:
-        by_record = any(event.kind == Code.GATE_RECORD_POSITION for event in run.events)
-        who = "the IMU and the others contradict" if by_record else "the filter rejected"
-        return f"{who} {100.0 * lost:.0f} % of the positions"
+        by_record = any(of_code(run.events, Code.GATE_RECORD_POSITION))
+        code = Code.RUN_CONTRADICTED if by_record else Code.RUN_REJECTED
+        return Finding.of(code, share=lost, limit_share=_REJECTED)
     if resets >= _LOST_RESETS and lost > _LOST:
-        return f"the filter was reset {resets} times, and {100.0 * lost:.0f} % of the positions were rejected"
+        return Finding.of(Code.RUN_LOST, count=resets, limit_count=_LOST_RESETS, share=lost, limit_share=_LOST)
     known, sd = run.solution.time, run.solution.sd
     if sd is not None and len(known) and fixes.used_position.any():
         rows = np.clip(np.searchsorted(known, fixes.time[fixes.used_position]), 0, len(known) - 1)
         middle = float(np.median(np.hypot(*sd[rows, :2].T)))
         if middle > _UNKNOWN:
-            return f"beside the fixes that were used it is known to {middle:.2g} m (1 sd) only"
-    return ""
+            return Finding.of(Code.RUN_UNKNOWN, sd_m=middle, limit_m=_UNKNOWN)
+    return None
 
 
 class Unaided(NamedTuple):

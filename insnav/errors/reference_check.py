@@ -5,9 +5,8 @@ Each is compared with the solution, which knows what gyros and fixes say, and sa
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
-from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -20,14 +19,14 @@ from insnav.errors.reference_offset import (
     HORIZONTAL,
     WORTH,
     jackknifed,
-    offset_notes,
+    offset_findings,
     reference_offset,
     rows_at,
     stated_weights,
 )
 from insnav.filter.gps_noise import velocity_lag
-from insnav.findings import Code, Finding, untyped_event
-from insnav.input.interpret.velocities import fit_velocities
+from insnav.findings import GIVEN_DELAY_WRONG, Code, Finding
+from insnav.input.interpret.velocities import Fit, fit_velocities
 from insnav.sample_statistics import rms
 from insnav.tabular import runs_of
 from insnav.types import FloatArray, GpsData, Run, Trajectory
@@ -53,37 +52,32 @@ def check_reference(
     track: Trajectory,
     gps: GpsData | None,
     lever_b: FloatArray,
-    shown: Mapping[str, float] = MappingProxyType({}),
+    delay: float = 0.0,
     lever_sd: FloatArray | None = None,
 ) -> tuple[Trajectory, list[Finding]]:
     """Leave out of a reference what cannot be right, and say it; its clock is said, but not moved to flatter us.
 
-    `lever_b` (3,): point of the reference seen from the IMU, body axes [m]; `shown`: as of `shown_by_drive`;
-    `lever_sd` (3,): of the lever arm of the track, if that is not known [m].
+    `lever_b` (3,): point of the reference seen from the IMU, body axes [m]; `delay`: of the fixes,
+    as of `known_delay`; `lever_sd` (3,): of the lever arm of the track, if that is not known [m].
     Raises: InputError: no time in common.
     """
-    said: list[Finding] = []
+    findings: list[Finding] = []
 
-    def say(value: float, limit: float, unit: str, action: str) -> None:
-        said.append(untyped_event(float(track.time[0]), Code.REF_CONTRADICTION, value, limit, unit, action))
+    def add(code: Code, begin: float = np.nan, end: float | None = None, **values: Any) -> None:
+        findings.append(Finding.of(code, begin, end, subject="ref", **values))
 
     if not (len(reference.time) and len(track.time)):
         raise no_time_in_common(reference, track)
     if far := other_drive(reference, track, gps):
-        text = (
-            f"the reference is of another drive, or of another time: it is {far:.3g} m from the fixes, moving otherwise"
-        )
-        said.append(
-            untyped_event(float(track.time[0]), Code.REF_OTHER, far, 0.0, "m", f"{text}; its errors say nothing")
-        )
-        return reference, said
+        add(Code.REF_OTHER, distance_m=far)
+        return reference, findings
     fit = fit_velocities(reference.time, reference.lla, reference.v_n)
     if fit is not None and fit.confusion:
         reference = replace(reference, v_n=np.full_like(reference.v_n, np.nan))
-        say(0.0, 0.0, "", f"reference: {fit.confusion}: its velocities are not used")
+        findings.append(_confusion(fit))
     elif gps is not None and _copied(reference.v_n, gps.v_n):
         reference = replace(reference, v_n=np.full_like(reference.v_n, np.nan))
-        say(0.0, 0.0, "", "the velocities of the reference are those of the fixes, which proves nothing: not used")
+        add(Code.REF_VELOCITY_OF_GPS)
     lag, lag_sd = velocity_lag(
         GpsData(reference.time, reference.lla, reference.v_n, *np.full((2, *reference.lla.shape), np.nan))
     )
@@ -91,60 +85,54 @@ def check_reference(
         at = reference.time + lag
         moved = [np.interp(at, reference.time, each, left=np.nan, right=np.nan) for each in reference.v_n.T]
         reference = replace(reference, v_n=np.transpose(moved))
-        how = "lag" if lag > 0.0 else "lead"
-        say(
-            lag,
-            LEAST_CLOCK,
-            "s of velocity",
-            f"velocities of the reference {how} its positions by {abs(lag):.2f} s: corrected",
-        )
+        add(Code.REF_VELOCITY_LAG, lag_s=lag, limit_s=LEAST_CLOCK)
     errors = position_errors(track, reference, lever_b=lever_b)
     late, before, after = clock_error(errors, reference, track, lever_b)
     given = reference.time
     if late:
-        which = "ahead of" if late > 0.0 else "behind"
-        what = f"the clock of the reference is {abs(late):.2f} s {which} the solution"
-        if fixes_are_late(late, shown):
-            what = f"the reference has the time of the samples, {abs(late):.2f} s {which} that of fixes and solution"
-        if not np.isnan(shown.get("s", 0.0)):
-            how = (
-                f"with {-late:+.2f} s added to its times the horizontal RMS is {after:.3g} m instead of {before:.3g} m"
-            )
-            say(late, LEAST_CLOCK, "s", f"{what}: accuracy is against it as it is; {how}")
+        code = Code.REF_CLOCK_OF_IMU if fixes_are_late(late, delay) else Code.REF_CLOCK
+        if not np.isnan(delay):
+            add(code, late_s=late, limit_s=LEAST_CLOCK, rms_m=before, corrected_m=after)
         reference = replace(reference, time=given - late)
         errors = position_errors(track, reference, lever_b=lever_b)
-    misread = misread_headings(errors, track) or misread_tilts(reference, track)
-    if misread:
+    headings = misread_headings(errors, track)
+    if reading := headings or misread_tilts(reference, track):
         reference = replace(reference, rph=np.full_like(reference.rph, np.nan))
         errors = position_errors(track, reference, lever_b=lever_b)
-        say(0.0, 0.0, "", f"{misread}: its attitude is not used")
+        add(Code.REF_HEADING_MISREAD if headings else Code.REF_TILT_MISREAD, reading=reading)
     until, constant, by_course = heading_error(errors, track)
     heading = np.arange(3) == 2
     if constant:
-        size = f"headings of the reference are {constant / DEG:+.1f} deg off the solution's throughout"
-        how = "the course does not tell which are right: other axes, or another north?"
         if by_course:
             reference = replace(reference, rph=np.where(heading, np.nan, reference.rph))
-            how = "as much off the course: of other axes, or another north; not used"
-        say(constant / DEG, LEAST_HEADING / DEG, "deg", f"{size}, {how}")
+        code = Code.REF_HEADING_AXES if by_course else Code.REF_HEADING_OFFSET
+        add(code, angle_rad=constant, limit_rad=LEAST_HEADING)
     turn = None if until is None else turned_in_place(track)
     own = until is not None and turn is not None and turn[0] < until < turn[1]  # what the solution did by itself
     if until is not None and not by_course and not own:
-        largest = float(np.nanmax(np.abs(errors.attitude[errors.time < until, 2]))) / DEG
+        largest = float(np.nanmax(np.abs(errors.attitude[errors.time < until, 2])))
         rows = (reference.time < until)[:, None]
         reference = replace(reference, rph=np.where(rows & heading, np.nan, reference.rph))
-        first = f"in the first {until - track.time[0]:.0f} s"
-        say(
-            largest,
-            LEAST_TURN / DEG,
-            "deg",
-            f"headings of the reference are up to {largest:.0f} deg off {first} and right later, which no turn of the "
-            "gyros explains: not used until then",
-        )
+        add(Code.REF_HEADING_BEGIN, float(track.time[0]), until, angle_rad=largest, limit_rad=LEAST_TURN)
     offset = reference_offset(errors, track, lever_sd)
-    for action in () if offset is None else offset_notes(offset, lever_b):
-        say(0.0, 0.0, "", action)
-    return replace(reference, time=given), said
+    findings += [] if offset is None else offset_findings(offset, lever_b)
+    return replace(reference, time=given), findings
+
+
+def _confusion(fit: Fit) -> Finding:
+    """What is confused in positions and velocities of a reference."""
+    if fit.radians:
+        return Finding.of(Code.REF_RADIANS, subject="ref", what=fit.radians)
+    if fit.exchanged:
+        return Finding.of(Code.REF_EXCHANGED, subject="ref")
+    if not fit.as_named:
+        north, east = (
+            "-" * (sign < 0.0) + ("vn", "ve")[column] for column, sign in zip(fit.order, fit.signs, strict=True)
+        )
+        return Finding.of(Code.REF_VELOCITY_NAMES, subject="ref", north=north, east=east)
+    if fit.unit != "m/s":
+        return Finding.of(Code.REF_VELOCITY_UNIT, subject="ref", unit=fit.unit)
+    return Finding.of(Code.REF_VELOCITY_UP if fit.upward else Code.REF_FEET, subject="ref")
 
 
 def turned_in_place(track: Trajectory) -> tuple[float, float, float] | None:
@@ -185,16 +173,19 @@ def delay_shown(run: Run) -> float:
     return delay if sd and abs(delay) >= max(LATE, SURE_LATE * sd) else 0.0
 
 
-def shown_by_drive(run: Run) -> dict[str, float]:
-    """What a drive itself shows, by unit: under ``s`` the delay of the fixes, or NaN if it contradicts that given."""
-    found = {"s": delay} if (delay := delay_shown(run)) else {}
-    given = [event for event in run.events if event.kind == Code.CONTRADICTION and np.isfinite(event.limit)]
-    return {**found, **{event.unit: np.nan for event in given}}
+def known_delay(run: Run) -> float:
+    """Delay of the fixes that the drive shows, as `delay_shown`, or NaN if it contradicts the delay given [s]."""
+    wrong = any(
+        event.code in GIVEN_DELAY_WRONG
+        or (event.code is Code.CONTRADICTION and event.get("unit") == "s" and np.isfinite(event.limit))  # bridge
+        for event in run.events
+    )
+    return np.nan if wrong else delay_shown(run)
 
 
-def fixes_are_late(late: float, shown: Mapping[str, float]) -> bool:
+def fixes_are_late(late: float, delay: float) -> bool:
     """Whether the delay of the fixes that the drive shows explains the clock of a reference that is so far ahead."""
-    return abs(late + shown.get("s", 0.0)) < _SAME * abs(late)
+    return abs(late + delay) < _SAME * abs(late)
 
 
 def _copied(values: FloatArray, others: FloatArray) -> bool:
@@ -262,13 +253,13 @@ def misread_headings(errors: TrajectoryErrors, track: Trajectory) -> str:
     if _middle(given - mine)[1] < LEAST_TURN:  # constant, or right
         return ""
     others = {
-        "angles from East, counter-clockwise": 0.5 * np.pi - given,
-        "angles counter-clockwise": -given,
+        "counter_clockwise_from_east": 0.5 * np.pi - given,
+        "counter_clockwise": -given,
         "radians": wrap_pi(given) / DEG,
     }
     apart = {name: float(np.median(np.abs(wrap_pi(each - mine)))) for name, each in others.items()}
     best = min(apart, key=lambda name: apart[name])
-    return f"headings of the reference fit only as {best}" if apart[best] < LEAST_TURN else ""
+    return best if apart[best] < LEAST_TURN else ""
 
 
 def misread_tilts(reference: Trajectory, track: Trajectory) -> str:
@@ -282,12 +273,12 @@ def misread_tilts(reference: Trajectory, track: Trajectory) -> str:
     roll, pitch = reference.rph[rows, :2].T
     others = {
         "": (roll, pitch),
-        "pitch of the reference fits only with its sign changed": (roll, -pitch),
-        "roll of the reference fits only with its sign changed": (-roll, pitch),
-        "roll and pitch of the reference fit only with their signs changed": (-roll, -pitch),
-        "roll and pitch of the reference fit only exchanged": (pitch, roll),
-        "roll and pitch of the reference fit only exchanged, with their signs changed": (-pitch, -roll),
-        "roll and pitch of the reference fit only as radians": (roll / DEG, pitch / DEG),
+        "opposite_pitch": (roll, -pitch),
+        "opposite_roll": (-roll, pitch),
+        "opposite_both": (-roll, -pitch),
+        "exchanged": (pitch, roll),
+        "exchanged_opposite": (-pitch, -roll),
+        "as_radians": (roll / DEG, pitch / DEG),
     }
     # but for a constant difference, of the mounting
     apart = {name: float(np.linalg.norm(np.std(np.transpose(each) - mine, axis=0))) for name, each in others.items()}

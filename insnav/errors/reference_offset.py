@@ -8,6 +8,7 @@ import numpy as np
 
 from insnav.attitude import dcm_from_rph
 from insnav.errors.metrics import TrajectoryErrors
+from insnav.findings import Code, Finding
 from insnav.sample_statistics import rms
 from insnav.types import BoolArray, FloatArray, IntArray, Trajectory
 
@@ -107,21 +108,29 @@ def jackknifed(terms: FloatArray, values: FloatArray) -> tuple[FloatArray, Float
     return found, np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((left_out - left_out.mean(axis=0)) ** 2, axis=0))
 
 
-def offset_notes(found: ReferenceOffset, taken: FloatArray) -> list[str]:
-    """What it is, and what to do about it, in words; `taken` (3,): the point compared with, from the IMU [m]."""
-    notes = []
+def offset_findings(found: ReferenceOffset, taken: FloatArray) -> list[Finding]:
+    """What it is, and what to do about it; `taken` (3,): the point compared with, from the IMU [m]."""
+    findings = []
     if found.clear:
-        (forward, right), sd = found.body, found.body_sd
-        point = ",".join(f"{each:.2f}" for each in (*(taken[:2] + found.body), taken[2]))
-        notes.append(
-            f"the reference is of another point of the vehicle: {forward:+.2f} ± {sd[0]:.2f} m forward, {right:+.2f} ± "
-            f"{sd[1]:.2f} m right; horizontal RMS difference {found.horizontal_rms:.3g} m, "
-            f"{found.horizontal_rms_without:.3g} m with that moved: --ref-lever-arm={point}"
+        x, y = taken[:2] + found.body
+        findings.append(
+            Finding.of(
+                Code.REF_POINT,
+                subject="ref",
+                forward_m=found.body[0],
+                right_m=found.body[1],
+                forward_sd_m=found.body_sd[0],
+                right_sd_m=found.body_sd[1],
+                rms_m=found.horizontal_rms,
+                corrected_m=found.horizontal_rms_without,
+                x_m=x,
+                y_m=y,
+                z_m=taken[2],
+            )
         )
     if found.geoid:
-        away = abs(found.surest_down)
-        cause = "the undulation of the geoid? One of the two may be above mean sea level (--gps-height msl)"
-        if away > LARGEST_UNDULATION:
-            cause = "more than any undulation of the geoid. One of the two counts from elsewhere, or was not measured"
-        notes.append(f"heights differ from the reference by {away:.1f} m on average: {cause}")
-    return notes
+        code, limit = Code.REF_GEOID, GEOID
+        if abs(found.surest_down) > LARGEST_UNDULATION:
+            code, limit = Code.REF_HEIGHT, LARGEST_UNDULATION
+        findings.append(Finding.of(code, subject="ref", height_m=found.surest_down, limit_m=limit))
+    return findings

@@ -56,7 +56,7 @@ _OPTIONAL = ("sd", "fix", "heading")  # fields that may have no columns
 _DECIMALS: Decimals = (
     ("^lat|^lon", 10),
     ("value|limit", 9),
-    ("time|end_s|_m_s$|_deg|_mg", 6),
+    ("time|^end_s$|_m_s$|_deg|_mg", 6),
     ("_m$", 5),
     ("nis", 4),
     ("_ppm", 3),

@@ -38,7 +38,7 @@ def page_of(result: Result[Any]) -> Page:
     return replace(
         page,
         sections=(*page.sections, *provenance(result)),
-        notes=page.notes or tuple(without_exponents(sentence(each)) for each in result.notes),
+        notes=page.notes or tuple(without_exponents(sentence(note)) for note in result.notes),
     )
 
 

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from insnav.findings import Note
+from insnav.messages import sentence
 from insnav.plain_text import moments
 from insnav.types import FloatArray
 
@@ -38,10 +40,19 @@ class Clock:
         """Return times of the data [s] as places on the axis."""
         return (np.asarray(time) - self.start) / self.unit_s
 
-    def tell(self, text: str) -> str:
-        """Write the times in a text as they stand on the axis."""
+    def moment(self, begin: float, end: float) -> str:
+        """Write a time of the data, or a span [s], as it stands on the axis."""
+        shown = " to ".join(map(self._decimal, dict.fromkeys((begin, end))))
+        before = " before the start" * shown.startswith("-")
+        return f"{shown.removeprefix('-')} {self.unit}{before}"
+
+    def sentence(self, finding: Note) -> str:
+        """Put a finding into words, with its times as they stand on the axis."""
+        return moments(sentence(finding, at=self.moment), self._decimal, self.unit)  # bridge: moments of texts
+
+    def _decimal(self, time: float) -> str:
         decimals = {"s": 1, "min": 2, "h": 4}[self.unit]
-        return moments(text, lambda time: f"{self(time):.{decimals}f}", self.unit)
+        return f"{self(time):.{decimals}f}"
 
 
 def envelope(

@@ -27,6 +27,7 @@ from insnav.input.formats.registry import open_tables
 from insnav.input.readers.imu import parse_units
 from insnav.input.readers.kinds import data_files, kinds_of
 from insnav.input.readers.reading import not_covered
+from insnav.messages import sentence
 from insnav.plain_text import moment
 from insnav.result import Result
 from insnav.session.clock import clock_offset, shown_by
@@ -386,21 +387,22 @@ def _run(drive: Drive, patient: _Patient) -> Run | None:
     if drive.gps is not None and drive.reference is not None and same_positions(drive.gps.data, drive.reference.data):
         what, why = "reference and fixes are the same data", "their positions are equal"
         patient.mend(40.0, what, why, "give another reference; errors against this one say nothing of the accuracy")
-    run, why = None, ""
+    run: Run | None = None
+    lost: Finding | None = None
     with suppress(InsnavError):
         ready = drive.beginning(BEGIN).prepared()
         run = looked(ready)
-        run, why = replace(run, gps_delay=run.gps_delay + ready.clock), failure(run)
-    if run is None or why:
+        run, lost = replace(run, gps_delay=run.gps_delay + ready.clock), failure(run)
+    if run is None or lost:
         try:
             run = drive.navigate(output_interval=1.0).found.run
         except InsnavError as error:
             patient.refused(error)
             return None
-        why = failure(run)
-    if why:
+        lost = failure(run)
+    if lost:
         fix = "see whether one of the two is of another drive, clock, unit or mounting"
-        patient.refused(DivergenceError("IMU and fixes contradict each other", why=why, fix=fix))
+        patient.refused(DivergenceError("IMU and fixes contradict each other", why=sentence(lost), fix=fix))
         return None
     return run
 

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Unpack
 import numpy as np
 
 from insnav.errors.comparison import Comparison, Solution, compare_solutions
-from insnav.errors.evaluated_run import SAME_DATA, EvaluatedRun, fixed_epochs, same_positions
+from insnav.errors.evaluated_run import EvaluatedRun, fixed_epochs, same_positions
 from insnav.errors.reference_check import check_reference
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding
 from insnav.output.contents import FACTS_FILE, read_facts
 from insnav.output.solution_tables import has_smoothed, read_run_table, read_solution
 from insnav.plain_text import plain_text
@@ -57,11 +58,11 @@ def compare(
     point, best, gps = reference_point(inputs, reference.data), solutions[0], _fixes(runs[0])
     best = next((each for each in solutions if (each.run, each.solution) == (best.run, "smoothed")), best)
     if gps is not None and same_positions(gps, fixed):
-        notes = (*notes, SAME_DATA)
+        notes = (*notes, Finding.of(Code.REF_IS_GPS, subject="ref"))
     else:
         with suppress(InputError):  # no time in common: said below, with the run
             fixed, doubts = check_reference(fixed, best.trajectory, gps, best.lever_b if point is None else point)
-            notes = (*notes, *(each.action for each in doubts))
+            notes = (*notes, *doubts)
     found = compare_solutions(solutions, fixed, point)
     names = [str(run) for run in runs if not isinstance(run, Result)]
     return Result("comparison", found, {"reference": reference.facts}, options_of(inputs, runs=names), notes=notes)

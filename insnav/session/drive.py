@@ -45,7 +45,7 @@ from insnav.filter.noise_identification import (
 )
 from insnav.filter.prepare import DELAY_SD, Prepared, Start, prepare
 from insnav.filter.whole_record import without_rejected
-from insnav.findings import Code, Finding, Note, of_code
+from insnav.findings import Code, Finding, Note, by_time, of_code
 from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec
 from insnav.input import Reading
@@ -638,7 +638,7 @@ class Drive:
     def _events(self, more: Sequence[Finding]) -> tuple[Finding, ...]:
         """Events of reading and these, in order of time."""
         read_events = [event for reading in self.readings.given().values() for event in reading.events]
-        return tuple(sorted([*read_events, *more], key=lambda event: event.time))
+        return by_time([*read_events, *more])
 
     def _result(
         self,

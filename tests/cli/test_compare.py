@@ -36,7 +36,7 @@ def test_one_line_a_run_with_the_figures_of_the_run_itself(two_runs: Path, cli: 
 
 
 def test_a_reference_that_proves_nothing_or_is_wrong_is_said(two_runs: Path, cli: Cli):
-    assert "has the positions of the fixes" in cli("compare", "right", "--ref", "gps.csv").out
+    assert "has the same positions as the GPS fixes" in cli("compare", "right", "--ref", "gps.csv").out
     head, *rows = Path("ref.csv").read_text().splitlines()
     cells = [row.rsplit(",", 1) for row in rows]
     Path("turned.csv").write_text("\n".join([head, *(f"{rest},{float(heading) + 40.0}" for rest, heading in cells)]))
@@ -51,10 +51,10 @@ def test_a_constant_difference_is_said_as_a_run_says_it(two_runs: Path, cli: Cli
     moved = [[*row[:place], f"{float(row[place]) + 5.0 / 111_000.0:.9f}", *row[place + 1 :]] for row in cells]
     Path("moved.csv").write_text("\n".join([head, *map(",".join, moved)]))
     assert "warning" not in cli("compare", "right", "--ref", "ref.csv").out
-    said = cli("compare", "right", "--ref", "moved.csv").out.partition("a constant difference of ")[2]
+    said = cli("compare", "right", "--ref", "moved.csv").out.partition("constant difference. That is ")[2]
     assert float(said.split()[0]) == pytest.approx(-5.0, abs=0.2)  # and what the run errs by
     assert cli("compare", "right", "--ref", "moved.csv", "--out", "page").code == 0
-    assert "is the datum" in read_facts(Path("page"))["warnings"][0]
+    assert "Check datum" in read_facts(Path("page"))["warnings"][0]
 
 
 def test_json_holds_the_same_figures(two_runs: Path, cli: Cli):

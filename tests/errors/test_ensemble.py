@@ -14,7 +14,7 @@ from insnav.errors.ensemble import COMPONENTS, FIGURES, GROUPS, band, ensemble, 
 from insnav.exceptions import InputError
 from insnav.filter import FilterSettings
 from insnav.filter.navigate import navigate_recording
-from insnav.findings import Code, untyped_event
+from insnav.findings import Code, Finding
 from insnav.imu import ImuSpec, load_imu
 from insnav.simulate import GpsErrors, Truth, corrupt_gps, corrupt_imu, gps_from_truth, imu_from_truth, reference
 from insnav.simulate.montecarlo import Failure, Runs, Sample, monte_carlo
@@ -42,8 +42,8 @@ def run_with(error: np.ndarray, sd: np.ndarray, *, seconds: int = 60, later: flo
         Innovations(time, fixes, fixes, fixes[:, 0], fixes[:, 0], used, used),
         SensorErrors(NOTHING, np.empty((0, 12)), np.empty((0, 12))),
         (
-            untyped_event(time[3], Code.RESET, 0.0, 0.0, "", ""),
-            untyped_event(time[4], Code.GATE_POSITION, 0.0, 0.0, "", ""),
+            Finding.of(Code.RESET, time[3], distance_m=0.0),
+            Finding.of(Code.GATE_POSITION, time[4], nis=0.0),
         ),
         Alignment(time[0], true.rph[0], sd[6:], NOTHING, NOTHING, None, "", ""),
         Epochs(time, lla, v_n, q_nb, covariance),

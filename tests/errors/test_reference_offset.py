@@ -9,7 +9,9 @@ import pytest
 
 from insnav.earth import lla_offset
 from insnav.errors.metrics import at_point, position_errors
-from insnav.errors.reference_offset import offset_notes, reference_offset
+from insnav.errors.reference_offset import offset_findings, reference_offset
+from insnav.findings import Code
+from insnav.messages import sentence
 from insnav.simulate import reference
 from insnav.types import FloatArray, Trajectory
 from tests.filter import drives
@@ -44,11 +46,13 @@ def test_a_point_of_the_vehicle_is_found_exactly_without_errors():
     assert found.horizontal_rms == pytest.approx(np.hypot(*POINT[:2]), abs=0.03)
     assert found.horizontal_rms_without < 0.05
     assert found.down == pytest.approx(-47.0, abs=0.1)
-    told = " ".join(offset_notes(found, np.array([0.5, 0.0, -1.0])))
-    assert "+1.40" in told
-    assert "--ref-lever-arm=1.9" in told  # from the IMU, not from the point compared with
-    assert told.count(",-1.00") == 1
-    assert "geoid" in told
+    point, geoid = offset_findings(found, np.array([0.5, 0.0, -1.0]))
+    assert (point.code, geoid.code) == (Code.REF_POINT, Code.REF_GEOID)
+    assert point["forward_m"] == pytest.approx(1.4, abs=0.01)
+    assert point["x_m"] == pytest.approx(1.9, abs=0.01)  # from the IMU, not from the point compared with
+    assert point["z_m"] == -1.0
+    assert "--ref-lever-arm=1.9" in sentence(point)
+    assert geoid["height_m"] == pytest.approx(-47.0, abs=0.1)
 
 
 def test_its_standard_deviation_is_about_right():
@@ -67,7 +71,7 @@ def test_an_error_of_the_run_is_no_other_point():
         track, truth = driven(seed, 1.0)
         found = reference_offset(position_errors(track, truth), track)
         assert found is not None
-        assert offset_notes(found, np.zeros(3)) == []
+        assert offset_findings(found, np.zeros(3)) == []
 
 
 def test_a_lever_arm_that_is_not_known_is_no_other_point():

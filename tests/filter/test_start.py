@@ -310,10 +310,10 @@ def test_a_slow_turn_all_through_a_rest_is_warned_of(tmp_path, rate):
         return rate * np.minimum(time - 890.0, 0.0)
 
     result, _ = navigated(tmp_path, "tactical", "rtk", turning)
-    found = [text for text in run_warnings(result.found) if "may have turned by" in text]
+    found = [each["angle_rad"] for each in run_warnings(result.found) if each.code is Code.RUN_TURNED_AT_REST]
     print(found)
     assert len(found) == (rate > 0.0)
-    assert all("turned by 44 deg" in text or "turned by 45 deg" in text for text in found)
+    assert found == [pytest.approx(44.5 * DEG, abs=1.0 * DEG)] * len(found)
 
 
 @pytest.mark.parametrize("swings", [0.0, 20.0 * DEG])

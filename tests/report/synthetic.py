@@ -6,7 +6,7 @@ import numpy as np
 
 from insnav.attitude import quat_from_rph
 from insnav.earth import lla_offset
-from insnav.findings import Code, untyped_event
+from insnav.findings import Code, Finding
 from insnav.types import Alignment, Epochs, GpsData, Innovations, Run, SensorErrors, Trajectory
 from insnav.units import DEG, DEG_PER_H, G0
 
@@ -81,7 +81,7 @@ def drive(
     v_n = true.v_n[rows] + rng.normal(size=(m, 3)) * 0.1 if velocity else np.full((m, 3), np.nan)
     gps = GpsData(t[rows], lla_offset(true.lla[rows], noise), v_n, np.full((m, 3), 1.5), np.full((m, 3), 0.1))
     events = tuple(
-        untyped_event(time, Code.GATE_POSITION, float(value), 21.1, "-", "rejected", "multipath?")
+        Finding.of(Code.GATE_POSITION, time, nis=float(value), limit_nis=21.1, action="rejected")
         for time, value in zip(t[rows][~used_p].tolist(), nis[~used_p, :3].sum(axis=1), strict=True)
     )
     alignment = Alignment(

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from insnav.findings import Code, Finding, untyped_event
+from insnav.findings import Code, Finding, Severity
 from insnav.report.run.warnings import failure
 from tests.faults.conftest import healthy
 
 
 def reset(time: float) -> Finding:
-    return untyped_event(time, Code.RESET, 100.0, 10.0, "m", "reset")
+    return Finding.of(Code.RESET, time, distance_m=100.0, limit_s=10.0)
 
 
 @pytest.mark.parametrize(
@@ -27,16 +27,24 @@ def test_a_lost_filter_is_a_failure(rejected, resets, lost):
         innovations=replace(run.innovations, used_position=used),
         events=tuple(reset(10.0 * number) for number in range(resets)),
     )
-    assert bool(failure(run)) == lost
+    found = failure(run)
+    assert (found is not None) == lost
+    if found is not None:
+        assert found.code is (Code.RUN_LOST if resets else Code.RUN_REJECTED)
+        assert found.severity is Severity.UNUSABLE
+        assert found["share"] == pytest.approx(rejected, abs=0.01)
 
 
 def test_positions_that_all_others_contradict_are_a_failure_if_they_are_the_most():
     """A run that used no fix for seven of its eight minutes had no warning and rc 0."""
     run = healthy(0).run
     used = np.arange(len(run.innovations.time)) >= 0.6 * len(run.innovations.time)
-    event = untyped_event(10.0, Code.GATE_RECORD_POSITION, 1e6, np.nan, "m", "not used")
+    event = Finding.of(Code.GATE_RECORD_POSITION, 10.0, distance_m=1e6)
     run = replace(run, innovations=replace(run.innovations, used_position=used), events=(event,))
-    assert failure(run) == "the IMU and the others contradict 60 % of the positions"
+    found = failure(run)
+    assert found is not None
+    assert found.code is Code.RUN_CONTRADICTED
+    assert found["share"] == pytest.approx(0.6, abs=0.01)
 
 
 def test_a_solution_that_is_known_to_kilometres_beside_its_fixes_is_a_failure():
@@ -44,4 +52,7 @@ def test_a_solution_that_is_known_to_kilometres_beside_its_fixes_is_a_failure():
     solution = run.solution
     assert solution.sd is not None
     lost = replace(run, solution=replace(solution, sd=solution.sd + np.r_[2000.0, 1500.0, np.zeros(7)]))
-    assert failure(lost) == "beside the fixes that were used it is known to 2.5e+03 m (1 sd) only"
+    found = failure(lost)
+    assert found is not None
+    assert found.code is Code.RUN_UNKNOWN
+    assert found["sd_m"] == pytest.approx(2500.0, rel=0.01)

@@ -11,7 +11,8 @@ import pytest
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.outage.gnss_outage import OutageStudy
 from insnav.errors.outage.statistics import outage_growth
-from insnav.findings import Code, untyped_event
+from insnav.findings import Code, Finding, Severity
+from insnav.messages import sentence
 from insnav.report.numbers import number
 from insnav.report.page import Page, section_tables
 from insnav.report.run_json import page_facts
@@ -104,15 +105,14 @@ def test_smoothed_errors_larger_than_stated_are_no_green_light():
 def test_what_a_run_warns_of_is_said(tmp_path: Path, bare):
     error = np.random.default_rng(1).standard_normal((60, 6)) * 3.0
     windows = outage_windows(error, 3.0, 0.1, 60)
-    gyro = untyped_event(3.0, Code.CONTRADICTION, 1.0, 1.0, "-", "gyro z is off by +1.9 deg/s")
-    lost = untyped_event(9.0, Code.IMU_CUT_ROW, 1.0, 1.0, "-", "the last row was left out")
+    gyro = Finding.of(Code.STORED_TEXT, 3.0, severity=Severity.WARNING, text="gyro z is off by +1.9 deg/s")
+    lost = Finding.of(Code.IMU_CUT_ROW, 9.0, severity=Severity.WARNING, subject="imu", action="the last row is cut off")
     run = EvaluatedRun(replace(bare, events=(gyro,), gps_delay=0.34, gps_delay_sd=0.01))
     study = OutageStudy(tuple(windows), tuple(outage_growth(windows)), "the truth", run)
     made = Result("outage", study, events=(gyro, lost))
     for page in (made.page(), open_result(made.save(tmp_path / "outage")).page()):
-        assert page.warnings[0] == gyro.action
-        assert page.warnings[1].startswith("the fixes are 0.340 s late")
-        assert "cut off" in page.warnings[2]
+        late = Finding.of(Code.RUN_LATE_FIXES, subject="gps", delay_s=0.34)
+        assert page.warnings == tuple(map(sentence, (gyro, late, lost)))
         assert page.verdict.light == "attention"
         assert page.verdict.reason.startswith(page.warnings[0])
 

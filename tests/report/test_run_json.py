@@ -11,7 +11,7 @@ import pytest
 
 from insnav.errors.evaluated_run import EvaluatedRun, outages
 from insnav.errors.metrics import position_errors
-from insnav.findings import Code, untyped_event
+from insnav.findings import Code, Finding
 from insnav.report.run.verdict import run_line
 from insnav.report.run_json import json_ready
 from insnav.result import Result
@@ -68,7 +68,7 @@ def test_a_fix_that_was_deweighted_counts_with_the_covariance_that_it_was_used_w
     run, _, true = driven
     fixes, row, limit = run.innovations, int(np.flatnonzero(run.innovations.used_position)[5]), 21.1
     nis = np.where(np.arange(fixes.time.size) == row, 500.0, fixes.nis_position)
-    event = untyped_event(fixes.time[row], Code.DEWEIGHTED_POSITION, 500.0, limit, "NIS (3 dof)", "de-weighted")
+    event = Finding.of(Code.DEWEIGHTED_POSITION, fixes.time[row], nis=500.0, limit_nis=limit)
     changed = replace(run, innovations=replace(fixes, nis_position=nis), events=(*run.events, event))
     found, before = (each["fixes"] for each in (facts_of(changed, position_errors(run.solution, true)), facts))
     # its covariance times 500 / limit: that by which its squared innovation is the limit

@@ -8,7 +8,7 @@ from html.parser import HTMLParser
 
 import pytest
 
-from insnav.findings import untyped_event
+from insnav.findings import Code, Finding
 from insnav.plain_text import plain_text
 from insnav.report.html import page_html
 from insnav.report.page import Section
@@ -109,7 +109,7 @@ def test_a_hostile_name_anywhere_adds_no_element(navigated, tmp_path, name):
 
 def planted(result, name):
     imu = replace(result.inputs["imu"], path=name, columns={name: name}, evidence=(name,))
-    run = replace(result.found.run, events=(untyped_event(1.0, name, 1.0, 1.0, "m", ""),))
+    run = replace(result.found.run, events=(Finding.of(Code.STORED_TEXT, 1.0, text=name),))
     return replace(
         result,
         found=replace(result.found, run=run),

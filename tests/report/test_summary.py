@@ -11,18 +11,21 @@ import pytest
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import position_errors
 from insnav.filter.noise_estimate import NoiseFigure
-from insnav.findings import Code, untyped_event
-from insnav.plain_text import moment
+from insnav.findings import Code, Finding, Severity
+from insnav.imu import load_imu
+from insnav.messages import sentence
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.numbers import number
 from insnav.report.page import Section, Verdict, cell, section_tables
+from insnav.report.run import verdict, warnings
 from insnav.report.run.verdict import brief_lines, run_merits
-from insnav.report.run.warnings import run_assumptions, run_warnings
+from insnav.report.run.warnings import in_words, run_assumptions, run_warnings
 from insnav.report.series import Clock
 from insnav.report.terminal import WIDTH
 from insnav.sample_statistics import rms
-from tests.report.conftest import result_of
+from tests.report.conftest import READING, result_of
 
+WARNING = Severity.WARNING
 LINES = 20  # of title 2, verdict 2, table 7, warnings and assumptions; the command adds the files
 
 
@@ -49,23 +52,33 @@ def test_errors_far_within_what_is_stated_are_said_so(navigated):
 
 def test_times_in_a_text_stand_on_the_axis_of_the_plots_and_lengths_as_they_are():
     short, long = (Clock.of(np.array([1000.0, 1000.0 + length])) for length in (600.0, 1800.0))
-    text = f"rejected for 30.0 s at {moment(1100.0)} and {moment(1300.04, 1330.0)}, off by 1.9e+02 m"
-    assert short.tell(text) == "rejected for 30.0 s at 100.0 s and 300.0 to 330.0 s, off by 190 m"
-    assert long.tell(text) == "rejected for 30.0 s at 1.67 min and 5.00 to 5.50 min, off by 190 m"
+    turn = Finding.of(Code.RUN_TURNED_IN_PLACE, 1300.04, 1330.0, angle_rad=np.deg2rad(190.2))
+    reset = Finding.of(Code.RUN_RESET, 1100.0, count=1, distance_m=1.9e2)
+    assert "stationary from 300.0 to 330.0 s, and its heading turns by 190 deg" in short.sentence(turn)
+    assert "stationary from 5.00 to 5.50 min, and its heading turns by 190 deg" in long.sentence(turn)
+    assert "first at 100.0 s by 190 m" in short.sentence(reset)
+    assert "first at 1.67 min by 190 m" in long.sentence(reset)
+    assert short.moment(990.0, 990.0) == "10.0 s before the start"
 
 
 def test_warnings_count_from_the_start_of_the_run(driven):
     run, gps, _ = driven
     later = replace(run, solution=replace(run.solution, time=run.solution.time + 1000.0))
-    lost = untyped_event(1012.0, Code.IMU_STUCK, 3.0, np.nan, "s", "gyro x stuck: left out")
-    (said,) = [text for text in run_warnings(EvaluatedRun(replace(later, events=(lost,)), gps)) if "stuck" in text]
+    lost = Finding.of(Code.IMU_STUCK, 1012.0, subject="gyro x", duration_s=3.0)
+    (stuck,) = run_warnings(EvaluatedRun(replace(later, events=(lost,)), gps))
+    assert (stuck.code, stuck.severity, stuck.begin, stuck.subject) == (Code.RUN_STUCK, WARNING, 1012.0, "gyro x")
+    assert dict(stuck.values) == {"duration_s": 3.0, "count": 1}
+    (said,) = in_words([stuck], Clock.of(later.solution.time))
     assert "first at 12.0 s" in said
     assert said.endswith("(times in warnings are from the start)")
-    more = (lost, replace(lost, action="gyro y stuck: left out"))
-    several = run_warnings(EvaluatedRun(replace(later, events=more), gps))
+    more = (lost, replace(lost, subject="gyro y"), replace(lost, begin=1100.0))
+    both = run_warnings(EvaluatedRun(replace(later, events=more), gps))
+    sums = [(each.subject, each["duration_s"], each["count"]) for each in both]
+    assert sums == [("gyro x", 6.0, 2), ("gyro y", 3.0, 1)]
+    several = in_words(both, Clock.of(later.solution.time))
     assert sum("from the start" in text for text in several) == 1  # the first says it for all
-    early = run_warnings(EvaluatedRun(replace(run, events=(replace(lost, time=12.0),)), gps))
-    assert not any("from the start" in text for text in early)  # a record that begins at zero
+    early = run_warnings(EvaluatedRun(replace(run, events=(replace(lost, begin=12.0),)), gps))
+    assert not any("from the start" in text for text in in_words(early, Clock.of(run.solution.time)))  # begins at zero
 
 
 @pytest.mark.parametrize(("share", "said"), [(0.2, False), (0.5, True)])
@@ -73,10 +86,11 @@ def test_fixes_before_a_late_start_are_pointed_out_where_they_are_many(driven, s
     run, gps, _ = driven
     used, begin = run.innovations.time.size, float(run.solution.time[0])
     early = round(share / (1.0 - share) * used)
-    outside = untyped_event(begin, Code.GPS_OUTSIDE, float(early), np.nan, "fixes", "not used: before the start")
-    after = replace(outside, time=begin + 600.0, value=9.0 * used)
+    outside = Finding.of(Code.GPS_OUTSIDE, begin, count=early)
+    after = Finding.of(Code.GPS_OUTSIDE, begin + 600.0, count=9 * used)
     found = run_warnings(EvaluatedRun(replace(run, events=(outside, after)), gps))
-    assert any(f"the first {early} of {early + used} fixes are not used" in text for text in found) == said
+    late = [dict(each.values) for each in found if each.code is Code.RUN_LATE_START]
+    assert late == [{"count": early, "of": early + used}] * said
 
 
 def test_a_constant_difference_is_named_as_what_it_is(driven, navigated):
@@ -84,11 +98,13 @@ def test_a_constant_difference_is_named_as_what_it_is(driven, navigated):
     run, gps, _ = driven
     errors = navigated.found.errors
     lower = errors.position + np.array([0.0, 0.0, 5.0 * float(np.median(errors.sd[:, 2]))])
-    (said,) = [text for text in run_warnings(EvaluatedRun(run, gps, replace(errors, position=lower))) if "3 sd" in text]
-    assert f"{np.median(lower[:, 2]):+.3f} m down makes most of them" in said
+    (said,) = run_warnings(EvaluatedRun(run, gps, replace(errors, position=lower)))
+    assert (said.code, said.severity, said.subject) == (Code.RUN_OVERCONFIDENT_OFFSET, WARNING, "filtered")
+    assert said["down_m"] == np.median(lower[:, 2])
+    assert said["rest"] < 0.5 * said["share"]
     wild = errors.position * np.where(np.arange(len(errors.time)) % 10, 0.01, 40.0)[:, None]
-    (said,) = [text for text in run_warnings(EvaluatedRun(run, gps, replace(errors, position=wild))) if "3 sd" in text]
-    assert "constant" not in said
+    (said,) = run_warnings(EvaluatedRun(run, gps, replace(errors, position=wild)))
+    assert said.code is Code.RUN_OVERCONFIDENT
 
 
 def test_a_few_wild_epochs_do_not_hide_how_good_the_rest_is(driven, navigated):
@@ -144,7 +160,7 @@ def test_the_light_follows_the_harm(driven, navigated):
 def test_a_reference_that_is_late_does_not_condemn_the_solution(driven, navigated):
     run, gps, true = driven
     late = replace(true, time=true.time + 1.0)
-    event = untyped_event(run.solution.time[0], Code.REF_CONTRADICTION, 1.0, 0.03, "s", "its clock is ahead")
+    event = Finding.of(Code.REF_CLOCK, subject="ref", late_s=1.0, limit_s=0.03, rms_m=9.0, corrected_m=1.0)
     found = EvaluatedRun(run, gps, position_errors(run.solution, late))
     assert replace(navigated, found=found).page().verdict.light == "bad"
     said = replace(navigated, found=replace(found, run=replace(run, events=(*run.events, event)))).page()
@@ -166,29 +182,29 @@ def test_a_lever_arm_of_zero_is_an_assumption_unless_it_was_given(driven, naviga
     run, gps, _ = driven
     nothing = replace(run, lever_b=np.zeros(3), lever_sd=np.zeros(3))
     said = replace(navigated, found=EvaluatedRun(nothing, gps), options={}).page().assumptions[0]
-    assert said.startswith("lever arm zero")
+    assert said == sentence(Finding.of(Code.RUN_LEVER_ZERO))
     given = replace(navigated, found=EvaluatedRun(nothing, gps), options={"lever_arm": "0,0,0"}).page().assumptions
     assert not any("lever arm" in text for text in given)
 
 
-def test_what_was_not_given_is_said_as_the_drive_shows_it(driven, navigated):
+def test_what_was_not_given_is_said_as_the_drive_shows_it(driven, navigated, monkeypatch):
     run, gps, _ = driven
     arm, sd = np.array([1.0, 0.0, -0.5]), np.array([0.1, 0.02, 0.003])
     shown = replace(run, gps_delay=-0.069, gps_delay_sd=0.004, lever_b=arm, lever_sd=sd)
-    page = replace(
-        navigated.page(), notes=("the clock of the IMU is 292 ppm fast against GPS time, corrected", "other")
-    )
-    (said,) = [line for line in brief_lines(page, EvaluatedRun(shown, gps), None) if line.startswith("found")]
-    assert (
-        "the fixes are 0.069 ± 0.004 s early; lever arm x, y, z 1.00 ± 0.10, 0.00 ± 0.02, -0.50 ± 0.01 m; the " in said
-    )
-    assert said.endswith("292 ppm fast against GPS time, corrected")
+    page = navigated.page()
+    # any finding stands for those that say what was corrected
+    monkeypatch.setattr(verdict, "CORRECTIONS", frozenset({Code.REF_VELOCITY_LAG}))
+    notes = Finding.of(Code.REF_VELOCITY_LAG, lag_s=0.292), Finding.of(Code.REF_NOT_FIXED, count=3), "other"
+    lines = brief_lines(page, EvaluatedRun(shown, gps), None, notes)
+    (said,) = [line for line in lines if line.startswith("found")]
+    assert "the fixes are 0.069 ± 0.004 s early; lever arm x, y, z 1.00 ± 0.10, 0.00 ± 0.02, -0.50 ± 0.01 m; " in said
+    assert said.endswith(f"; {sentence(notes[0])}")
     bad = replace(page, verdict=Verdict("bad", "the errors are larger than stated", ""))
     assert any(line.startswith("found (doubtful") for line in brief_lines(bad, EvaluatedRun(shown, gps), None))
-    wrong = replace(shown, events=(*shown.events, untyped_event(0.0, Code.REF_CONTRADICTION, 0.0, 0.0, "", "heights")))
+    wrong = replace(shown, events=(*shown.events, Finding.of(Code.REF_GEOID, subject="ref", height_m=47.0)))
     assert not any(line.startswith("found (doubtful") for line in brief_lines(bad, EvaluatedRun(wrong, gps), None))
     untold = EvaluatedRun(replace(shown, lever_sd=np.full(3, 9.0)), gps)
-    assert any("early; lever arm not told; the" in line for line in brief_lines(page, untold, None))
+    assert any(line.endswith("early; lever arm not told") for line in brief_lines(page, untold, None))
     unsure = replace(shown, gps_delay_sd=0.05)
     assert any("on time to ± 0.050 s; lever" in line for line in brief_lines(page, EvaluatedRun(unsure, gps), None))
     given = replace(run, gps_delay_sd=0.0, lever_sd=np.zeros(3), events=())
@@ -196,10 +212,13 @@ def test_what_was_not_given_is_said_as_the_drive_shows_it(driven, navigated):
 
 
 def test_standard_deviations_that_were_assumed_are_listed(navigated):
-    note = "600 fixes without position sigma: assumed as of a receiver without corrections"
-    page = replace(navigated, notes=(note, "another")).page()
-    assert note in page.assumptions
+    note = Finding.of(Code.STORED_TEXT, severity=Severity.ASSUMPTION, text="600 fixes have an assumed sd")
+    doubt = replace(note, severity=WARNING)
+    page = replace(navigated, notes=(note, "another", doubt)).page()
+    assert sentence(note) in page.assumptions
     assert page.notes == ("another",)
+    assert page.warnings == (sentence(doubt),)
+    assert page.verdict.light == "attention"
 
 
 def test_many_rejected_fixes_are_pointed_out_and_few_are_not(driven, navigated):
@@ -207,14 +226,17 @@ def test_many_rejected_fixes_are_pointed_out_and_few_are_not(driven, navigated):
     run, _, _ = driven
     every_other = np.arange(len(run.innovations.time)) % 2 == 0
     bad = replace(run, innovations=replace(run.innovations, used_position=every_other))
-    assert "warning: many fixes were rejected, 50 % of position:" in result_of(bad).summary()
+    (many,) = run_warnings(EvaluatedRun(bad))
+    assert (many.code, many.severity) == (Code.RUN_MANY_REJECTED, WARNING)
+    assert dict(many.values) == {"share": pytest.approx(0.5, abs=0.01)}
+    assert "warning: The filter rejected many fixes: 50 % of the positions." in result_of(bad).summary()
     fixes = run.innovations
     row = np.arange(fixes.time.size) // (fixes.time.size // 5) == 2  # a fifth of the drive, whatever else is named
-    event = untyped_event(0.0, Code.GATE_RECORD_POSITION, 1.0, 1.0, "-", "not used")
+    event = Finding.of(Code.GATE_RECORD_POSITION, 0.0, distance_m=1.0)
     bad = replace(run, innovations=replace(fixes, used_velocity=~row), events=(*run.events, event))
-    (told,) = [line for line in run_warnings(EvaluatedRun(bad)) if "rejected" in line]
-    assert "every velocity from" in told
-    assert "was rejected: false fixes, or false samples" in told
+    (told,) = run_warnings(EvaluatedRun(bad))
+    assert (told.code, told.subject, told.values) == (Code.RUN_ROW_REJECTED, "velocity", ())
+    assert (told.begin, told.end) == (fixes.time[row][0], fixes.time[row][-1])
 
 
 def test_a_scale_factor_that_no_sensor_has_is_pointed_out(driven):
@@ -222,16 +244,16 @@ def test_a_scale_factor_that_no_sensor_has_is_pointed_out(driven):
     value, sd = run.sensor_errors.value.copy(), run.sensor_errors.sd.copy()
     value[-1, 6:9], sd[-1, 6:9] = 0.17, 0.03  # but about x and y a car hardly turns
     bad = replace(run, sensor_errors=replace(run.sensor_errors, value=value, sd=sd))
-    (said,) = [line for line in run_warnings(EvaluatedRun(bad)) if "scale factor" in line]
-    assert "larger than any sensor has: gyro z +17 %; the drive" in said
+    (said,) = run_warnings(EvaluatedRun(bad))
+    assert (said.code, said["axes"], said["share"]) == (Code.RUN_SCALE, ("gyro z",), (0.17,))
     value[-1, 8], sd[-1, 8] = 0.08, 0.02  # not sure
     bad = replace(run, sensor_errors=replace(run.sensor_errors, value=value, sd=sd))
-    assert not any("scale factor" in line for line in run_warnings(EvaluatedRun(bad)))
-    assert not any("scale factor" in line for line in run_warnings(EvaluatedRun(run)))
+    assert run_warnings(EvaluatedRun(bad)) == run_warnings(EvaluatedRun(run)) == ()
     for first, says in ((6, True), (9, True), (12, False)):
         found = replace(run.sensor_errors, sd=np.where(np.arange(12) >= first, 0.05, sd))
-        said = [line for line in run_warnings(EvaluatedRun(replace(run, sensor_errors=found))) if "agree only" in line]
-        assert ["accelerometers are off by 5 % or more" in line for line in said] == [True] * says
+        said = run_warnings(EvaluatedRun(replace(run, sensor_errors=found)))
+        shares = [each["share"] for each in said if each.code is Code.RUN_SCALE_OF_ALL]
+        assert shares == [0.05] * says
 
 
 def test_a_heading_that_turns_about_the_course_by_an_impossible_bias_is_lost(driven):
@@ -249,11 +271,12 @@ def test_a_heading_that_turns_about_the_course_by_an_impossible_bias_is_lost(dri
         value[-1, :3] = 0.0, 0.0, -bias * prior
         bad = replace(run, solution=replace(track, rph=rph), smoothed=None)
         bad = replace(bad, alignment=alignment, sensor_errors=replace(run.sensor_errors, value=value))
-        return [line for line in run_warnings(EvaluatedRun(bad, noise=noise)) if "heading is lost" in line]
+        return [line for line in run_warnings(EvaluatedRun(bad, noise=noise)) if line.code is Code.RUN_HEADING_LOST]
 
     assert moving.mean() > 0.3
     (line,) = said(np.deg2rad(250.0) * phase, 3.6)
-    assert "a gyro bias of 1.8 deg/s, 3.6 times that of such an IMU" in line
+    assert line["rate_rad_s"] == pytest.approx(3.6 * prior, rel=1e-3)
+    assert line["ratio"] == pytest.approx(3.6, rel=1e-3)
     assert not said(np.deg2rad(250.0) * phase, 1.5)
     for apart in (0.0 * phase + 0.7, np.pi * (phase > 0.6), np.deg2rad(30.0) * np.sin(20.0 * phase)):
         assert not said(apart, 3.6)
@@ -263,23 +286,24 @@ def test_a_heading_that_turns_about_the_course_by_an_impossible_bias_is_lost(dri
     assert not said(at_rest, 3.6)
 
 
-def test_how_the_imu_sits_is_assumed_and_what_aiding_found_of_it_is_not(bare):
-    aside = "the IMU is turned about 50 deg to the left in the vehicle (by windows): attitude is that of the IMU"
-    astray = "the vehicle does not go where it points: its heading is that of x of the IMU, found by the fixes"
-    by_aiding = "NHC: lateral 0.11, vertical 0.05 m/s RMS; IMU in the vehicle: pitch -6.64 ± 0.27, yaw 5.23 ± 0.51 deg"
-    half = "9 fixes have one horizontal velocity, North or East, without the other: it is not used"
-    assumed = run_assumptions(result_of(bare, notes=(aside, astray, by_aiding, half)))
-    assert half in assumed
-    assert aside in assumed
-    assert astray in assumed
-    assert by_aiding not in assumed
+def test_what_is_assumed_is_told_by_its_severity(bare):
+    notes = [Finding.of(Code.STORED_TEXT, severity=each, text=each.name) for each in Severity]
+    result = result_of(bare, notes=("text", *notes[:2]))
+    model = load_imu("consumer"), replace(notes[1], subject="model")
+    of_file = replace(READING["imu"], evidence=("text", replace(notes[1], subject="imu"), notes[0]))
+    assumed = run_assumptions(replace(result, inputs={"imu": of_file}, imu_model=model))
+    assert [each.subject for each in assumed] == ["", "model", "imu"]
+    estimated = run_assumptions(replace(result, inputs={}, imu_model=(model[0], notes[0])))
+    assert estimated == (notes[1],)
 
 
-def test_without_velocities_slow_errors_of_positions_are_said_to_be_believed(driven):
+def test_without_velocities_slow_errors_of_positions_are_said_to_be_believed(driven, monkeypatch):
     run = driven[0]
     alone = replace(run, innovations=replace(run.innovations, nis_velocity=np.full_like(run.innovations.time, np.nan)))
-    lasting = "time-correlated GPS position errors: 35 % of the variance, correlation time about 22 s, ..."
-    filled_in = "9 fixes without position sigma: assumed by fix type, median N/E/D 1.50/1.50/3.00 m (floor 0.03 m)"
+    # any findings stand for those of the filter
+    lasting, filled_in = (Finding.of(code) for code in (Code.GPS_DUPLICATE, Code.GPS_NAN))
+    monkeypatch.setattr(warnings, "CORRELATED_POSITIONS", frozenset({lasting.code}))
+    monkeypatch.setattr(warnings, "ASSUMED_POSITION_SD", frozenset({filled_in.code}))
     cases = (
         (alone, (lasting,), True),
         (run, (lasting,), False),
@@ -288,7 +312,7 @@ def test_without_velocities_slow_errors_of_positions_are_said_to_be_believed(dri
     )
     for each, notes, said in cases:
         assumed = run_assumptions(result_of(each, notes=notes))
-        assert any("without velocities the drive shows only how fast" in text for text in assumed) == said
+        assert [found.code for found in assumed].count(Code.RUN_SLOW_ERRORS) == said
 
 
 def test_the_shortest_run_is_summed_up(bare):
@@ -335,8 +359,8 @@ def test_fixes_that_gates_rejected_are_told(driven, navigated):
     innovation = fixes.innovation.copy()
     innovation[40, :3], innovation[50, 3:], innovation[51, 3:] = (12.0, 16.0, 0.0), (0.0, 3.0, 4.0), 1.0
     events = [
-        untyped_event(float(time), kind, 99.0, 21.1, "NIS (3 dof)", "rejected")
-        for time, kind in zip(fixes.time[rows], kinds, strict=True)
+        Finding.of(code, float(time), nis=99.0, limit_nis=21.1)
+        for time, code in zip(fixes.time[rows], kinds, strict=True)
     ]
     other = replace(run, innovations=replace(fixes, innovation=innovation), events=tuple(events), lever_sd=np.zeros(3))
     (said,) = [
@@ -354,7 +378,30 @@ def test_fixes_that_gates_rejected_are_told(driven, navigated):
 def test_what_went_wrong_somewhere_is_told_before_remarks_on_the_whole(driven):
     run, gps, _ = driven
     begin = float(run.solution.time[0])
-    told = (begin, "sd of the fixes are too small"), (begin + 90.0, "240 position fixes contradict the whole record")
-    events = tuple(untyped_event(time, Code.CONTRADICTION, 1.0, 1.0, "", text) for time, text in told)
-    warnings = run_warnings(EvaluatedRun(replace(run, events=events), gps))
-    assert [text[:3] for text in warnings[:2]] == ["240", "sd "]
+    times = (begin, begin + 90.0, np.nan)
+    events = tuple(Finding.of(Code.STORED_TEXT, time, severity=WARNING, text="") for time in times)
+    reference = Finding.of(Code.REF_GEOID, subject="ref", height_m=47.0)
+    told = run_warnings(EvaluatedRun(replace(run, events=(reference, *events), gps_delay=0.3, gps_delay_sd=0.01), gps))
+    assert told[:3] == (events[1], events[0], events[2])
+    assert [each.code for each in told[3:]] == [Code.RUN_LATE_FIXES, Code.REF_GEOID]
+
+
+def test_what_is_found_many_times_is_one_warning(driven):
+    """Each is serious, and the page has their sum."""
+    run, gps, _ = driven
+    begin = float(run.solution.time[0])
+    resets = [Finding.of(Code.RESET, begin + 50.0 * k, severity=WARNING, distance_m=20.0 + k) for k in range(2)]
+    first = Finding.of(Code.DIVERGED, begin, severity=WARNING, subject="position", nis=6.0)
+    events = (*resets, first, replace(first, begin=begin + 60.0))
+    reset, diverged = run_warnings(EvaluatedRun(replace(run, events=events), gps))
+    assert (reset.code, reset.begin, reset["count"], reset["distance_m"]) == (Code.RUN_RESET, begin, 2, 20.0)
+    assert (diverged.code, diverged.subject, diverged["count"]) == (Code.RUN_DIVERGED, "position", 2)
+    assert diverged["nis"] == 6.0
+
+
+def test_heights_that_were_not_measured_are_told(driven):
+    run, gps, _ = driven
+    for height, code in ((0.0, Code.RUN_NO_HEIGHTS), (12.0, Code.RUN_CONSTANT_HEIGHT)):
+        flat = replace(gps, lla=gps.lla * [1.0, 1.0, 0.0] + [0.0, 0.0, height])
+        (said,) = run_warnings(EvaluatedRun(run, flat))
+        assert (said.code, said.severity, said.get("height_m", 0.0)) == (code, WARNING, height)

@@ -35,7 +35,7 @@ def test_false_fixes_are_no_reference_of_outages(drive: Path) -> None:
     fixes.to_csv("false.csv", index=False)
     found = insnav.load("imu.csv", gps="false.csv", lever_arm=LEVER).outage(lengths=10, workers=1)
     assert found.found.growth[0].largest[-1, found.found.growth[0].column("horizontal")] < 50.0
-    assert "was rejected: false fixes" in found.page().warnings[0]
+    assert "The filter rejected every position from" in found.page().warnings[0]
 
 
 def test_the_first_lines_of_a_notebook(drive: Path) -> None:

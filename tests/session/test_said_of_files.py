@@ -145,7 +145,7 @@ def test_a_car_that_turns_where_it_stands_is_named_and_no_reference_blamed(rate,
     imu, truth = drive.imu.data, drive.reference.data
     wrong = off(imu, 2, rate * DEG, float(imu.time[0]) + begin, length)
     told = " ".join(insnav.load(wrong, drive.gps.data, ref=truth).navigate().summary().split())
-    assert f"turns by {abs(rate * length):.0f} deg: in its place, or a gyro was off" in told
+    assert f"its heading turns by {abs(rate * length):.0f} deg." in told
     assert "headings of the reference" not in told
     right = insnav.load(imu, drive.gps.data, ref=truth).navigate().summary()
     assert "in its place" not in right
@@ -172,7 +172,7 @@ def test_headings_of_a_reference_that_are_read_wrong_are_named(tmp_path, wrong, 
     result = drive.navigate()
     told = " ".join(result.summary().split())
     assert words in told
-    assert "attitude is not used" in told
+    assert "does not use the attitude of the reference" in told
     assert "heading error" not in told
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from insnav.errors.comparison import Compared, Comparison
 from insnav.errors.metrics import accuracy, nees
+from insnav.messages import sentence
 from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder
 from insnav.output.solution_tables import TableFormat
@@ -76,7 +77,9 @@ def _warnings(found: Comparison) -> tuple[str, ...]:
     last = {
         each.run: (name, errors) for each, (name, errors) in zip(found.compared, found.named().items(), strict=True)
     }
-    return tuple(text for name, errors in last.values() for text in overconfident(name, errors, same_data=False))
+    return tuple(
+        sentence(each) for name, errors in last.values() for each in overconfident(name, errors, same_data=False)
+    )
 
 
 def _verdict(found: Comparison, warnings: Sequence[str]) -> Verdict:

@@ -11,11 +11,13 @@ import numpy as np
 
 from insnav.errors.outage.gnss_outage import OutageEpochs, OutageStudy
 from insnav.errors.outage.statistics import Growth, outage_growth
+from insnav.findings import Finding
+from insnav.messages import sentence
 from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_run_table, write_events, write_run_table
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
-from insnav.report.outage.windows import INTERVALS, NOTE, common_text, corrected, corrected_text, outage_panels
+from insnav.report.outage.windows import INTERVALS, NOTE, common_error, corrected, corrected_text, outage_panels
 from insnav.report.page import (
     LIGHTS,
     DataFrame,
@@ -29,7 +31,8 @@ from insnav.report.page import (
     rows_frame,
 )
 from insnav.report.page import STATISTICS as SHOWN
-from insnav.report.run.warnings import file_warnings, run_warnings
+from insnav.report.run.warnings import file_warnings, in_words, run_warnings
+from insnav.report.series import Clock
 from insnav.report.terminal import page_text
 from insnav.result import Result
 from insnav.sample_statistics import rms
@@ -57,6 +60,7 @@ _COMPONENTS = {
     "smoothed horizontal": "m",
     "smoothed vertical": "m",
 }
+_UNFOLDED = ("horizontal", "smoothed horizontal")
 
 
 def page(result: Result[OutageStudy]) -> Page:
@@ -64,12 +68,14 @@ def page(result: Result[OutageStudy]) -> Page:
     study = result.found
     name = str(Path(*Path(result.inputs["imu"].path).parts[-2:])) if "imu" in result.inputs else "a drive"
     rows = tuple(_row(each) for each in study.growth)
-    first, *others = (table for component in _COMPONENTS if (table := _table(component, study.growth)).rows)
+    tables = [(key, each) for key in _COMPONENTS if (each := _table(key, study.growth)).rows]
     inside = sorted({round(100.0 * each.inside_at_end) for each in study.growth})
     lengths = ", ".join(f"{each.length:g}" for each in study.growth)
-    common = tuple(line for line in (common_text(each) for each in study.growth) if line)
-    said = study.warnings if study.run is None else (*run_warnings(study.run), *file_warnings(result))
-    told = tuple(text for text in said if text not in common)
+    told = study.warnings
+    if study.run is not None:
+        warnings = dict.fromkeys((*run_warnings(study.run), *file_warnings(result)))
+        told = in_words(warnings, Clock.of(study.run.run.solution.time))
+    common = map(sentence, _common(study.growth))
     title = f"Error without GPS against {study.reference}"
     growing = drawn("outages", title, outage_panels(study.windows, study.growth), NOTE)
     return Page(
@@ -82,11 +88,7 @@ def page(result: Result[OutageStudy]) -> Page:
             only_json("", Quantity("reference", study.reference)),
             Section("outages", rows=rows, show="json"),
             growing,
-            first,
-            *(
-                each if each.title.startswith("Smoothed horizontal") else replace(each, folded=True, show="page")
-                for each in others
-            ),
+            *(each if key in _UNFOLDED else replace(each, folded=True, show="page") for key, each in tables),
         ),
         warnings=(*told, *common),
         verdict=_verdict(study, told),
@@ -101,6 +103,10 @@ def page(result: Result[OutageStudy]) -> Page:
             INTERVALS,
         ),
     )
+
+
+def _common(growth: Sequence[Growth]) -> list[Finding]:
+    return [finding for found in growth for finding in common_error(found)]
 
 
 def judged(laid_out: Page) -> Page:
@@ -239,8 +245,9 @@ def read_found(folder: Path) -> OutageStudy:
     """
     windows = read_run_table(folder, OutageEpochs, "windows").windows()
     facts = read_facts(folder)
-    reference, warnings = str(facts.get("reference", "a reference")), tuple(facts.get("warnings", ()))
-    return OutageStudy(windows, tuple(outage_growth(windows)), reference, warnings=warnings)
+    growth, warnings = tuple(outage_growth(windows)), facts.get("warnings", ())
+    of_run = tuple(warnings[: len(warnings) - len(_common(growth))])  # the others stand last, and are formed again
+    return OutageStudy(windows, growth, str(facts.get("reference", "a reference")), warnings=of_run)
 
 
 def frame(result: Result[OutageStudy]) -> DataFrame:

@@ -8,6 +8,8 @@ import numpy as np
 
 from insnav.errors.outage.gnss_outage import Outage
 from insnav.errors.outage.statistics import Growth
+from insnav.findings import Code, Finding
+from insnav.messages import sentence
 from insnav.quantity import Quantity
 from insnav.report.colours import BLACK, BLUE, GREY, ORANGE, VERMILLION
 from insnav.report.numbers import number
@@ -122,12 +124,13 @@ def corrected_text(value: float, low: float, high: float) -> str:
     return f"{number(value)} m RMS" + (f" ({number(low)} … {number(high)} m)" if np.isfinite(low) else "")
 
 
+def common_error(found: Growth) -> tuple[Finding, ...]:
+    """How much of the horizontal error is common to all windows, if it is much."""
+    share = float(found.common[-1, found.column("horizontal")])
+    finding = Finding.of(Code.OUTAGE_COMMON, share=share, limit_share=_SHARED, duration_s=found.length)
+    return (finding,) if share >= _SHARED else ()
+
+
 def common_text(found: Growth) -> str:
     """Say how much of the horizontal error is common to all windows, if it is much."""
-    share = float(found.common[-1, found.column("horizontal")])
-    if not share >= _SHARED:
-        return ""
-    return (
-        f"{100.0 * share:.0f} % of the mean square horizontal error after {found.length:g} s is common to all windows "
-        "of this drive and counts as one of them: the interval is wide, as another drive has another such error."
-    )
+    return "".join(map(sentence, common_error(found)))

@@ -12,7 +12,7 @@ import numpy as np
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import TrajectoryErrors
 from insnav.exceptions import InputError
-from insnav.findings import Code
+from insnav.findings import Note, Severity
 from insnav.imu.imu_file import to_toml
 from insnav.messages import sentence
 from insnav.output import solution_tables
@@ -24,7 +24,7 @@ from insnav.report.run.backdrop import FILE as BACKDROP
 from insnav.report.run.backdrop import read_backdrop, write_backdrop
 from insnav.report.run.quantities import run_sections
 from insnav.report.run.verdict import brief_lines, rated, run_circles, run_line, run_merits, run_verdict
-from insnav.report.run.warnings import file_warnings, run_assumptions, run_warnings
+from insnav.report.run.warnings import file_warnings, in_words, run_assumptions, run_warnings, typed
 from insnav.report.series import Clock
 from insnav.report.terminal import WIDTH
 from insnav.result import Result
@@ -56,17 +56,17 @@ def page(result: Result[EvaluatedRun], *, sections: bool = True) -> Page:
     found = result.found
     reference = result.inputs["reference"].path if "reference" in result.inputs else ""
     name = result.inputs["imu"].path if "imu" in result.inputs else "a drive"
-    warnings, best = (*run_warnings(found), *file_warnings(result)), next(iter(rated(found)), "")
-    assumed = run_assumptions(result)
+    warnings = list(dict.fromkeys((*run_warnings(found), *file_warnings(result))))
+    best = next(iter(rated(found)), "")
+    clock = Clock.of(found.run.solution.time)
+    elsewhere: list[Note] = [note for note in typed(result.notes) if note.severity > Severity.NOTE]
     return Page(
         str(Path(*Path(name).parts[-2:])),  # files of many drives have one name
         (run_line(result), *run_circles(found, Path(reference).name)),
         _sections(found, reference) if sections else (),
-        warnings=warnings,
-        assumptions=assumed,
-        notes=tuple(
-            Clock.of(found.run.solution.time).tell(text) for text in map(sentence, result.notes) if text not in assumed
-        ),
+        warnings=in_words(warnings, clock),
+        assumptions=tuple(map(clock.sentence, run_assumptions(result))),
+        notes=tuple(clock.sentence(note) for note in result.notes if note not in elsewhere),
         verdict=run_verdict(found, warnings),
         merits=run_merits(found, best) if best else (),
         merits_note=f"Root mean square over the drive, of the {best} solution." if best else "",
@@ -84,7 +84,7 @@ def _sections(found: EvaluatedRun, reference: str) -> tuple[Section, ...]:
 
 def text(result: Result[EvaluatedRun], width: int | None = WIDTH) -> str:
     """Sum up a run in a few lines of some width."""
-    return "\n".join(brief_lines(result.laid_out or page(result, sections=False), result.found, width))
+    return "\n".join(brief_lines(result.laid_out or page(result, sections=False), result.found, width, result.notes))
 
 
 def run_figures(found: EvaluatedRun) -> tuple[FigureSpec, ...]:

@@ -11,8 +11,8 @@ import numpy as np
 from insnav.earth import ned_offset
 from insnav.errors.evaluated_run import EvaluatedRun, outages
 from insnav.errors.metrics import TrajectoryErrors
-from insnav.findings import Code
-from insnav.plain_text import moment
+from insnav.findings import Code, of_code
+from insnav.messages import render
 from insnav.report.colours import AXIS_COLOURS, BLUE, GREY, ORANGE, VERMILLION
 from insnav.report.panels import Curve, Panel, Shade, Track
 from insnav.report.series import Clock, broken_at_gaps, wrapped
@@ -30,12 +30,11 @@ EVENTS = 150  # most of a kind that are marked
 _NED, _RPH, _XYZ = ("north", "east", "down"), ("roll", "pitch", "heading"), ("x", "y", "z")
 GROUPS = (("position", "m", 1.0, _NED), ("velocity", "m/s", 1.0, _NED), ("attitude", "deg", DEG, _RPH))
 _FIX_TYPES = ((1.0, "fixed"), (2.0, "float"), (4.0, "DGPS"), (5.0, "single"), (0.0, "none"))
-_GATES = (
-    Code.GATE_POSITION,
-    Code.GATE_VELOCITY,
-    Code.DEWEIGHTED_POSITION,
-    Code.DEWEIGHTED_VELOCITY,
-)
+_GATES: dict[str, tuple[Code, ...]] = {
+    "position": (Code.GATE_POSITION, Code.DEWEIGHTED_POSITION),
+    "velocity": (Code.GATE_VELOCITY, Code.DEWEIGHTED_VELOCITY),
+}
+_GATES[""] = (*_GATES["position"], *_GATES["velocity"])
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,8 +166,7 @@ def _innovation_panels(run: Run, axis: RunAxis) -> list[Panel]:
 
 def gate_levels(run: Run, group: str = "") -> list[tuple[float, str]]:
     """Limits of the gates that rejected or de-weighted, with their names; `group`: those of positions or velocities."""
-    kinds = [kind for kind in _GATES if str(kind).endswith(group)]
-    limits = sorted({each.limit for each in run.events if each.kind in kinds and np.isfinite(each.limit)})
+    limits = sorted({each.limit for each in of_code(run.events, *_GATES[group]) if np.isfinite(each.limit)})
     return [(limit, f"gate ({limit:.1f})") for limit in limits]
 
 
@@ -234,25 +232,20 @@ def _motion(found: EvaluatedRun, axis: RunAxis) -> list[Panel]:
 
 
 def _events(run: Run, axis: RunAxis) -> list[Panel]:
-    """Marks of events, a row a kind; most of a kind are told by some."""
-    kinds = list(dict.fromkeys(str(each.kind) for each in run.events))
-    curves = []
-    for row, kind in enumerate(kinds):
-        own = [each for each in run.events if str(each.kind) == kind]
+    """Marks of findings that have a time, a row a code; of many of a code only some are marked."""
+    timed = [each for each in run.events if each.timed]
+    rows, curves = {each.code: render(each).title for each in timed}, []
+    for row, code in enumerate(rows):
+        own = list(of_code(timed, code))
         some = own[:: max(1, -(-len(own) // EVENTS))]
-        texts = tuple(
-            axis.clock.tell(f"{kind} at {moment(each.time)}: {each.value:.3g}")
-            + (f", limit {each.limit:.3g}" if np.isfinite(each.limit) else "")
-            + f" {each.unit}; {axis.clock.tell(each.action)}"
-            for each in some
-        )
-        at = axis.clock(np.array([each.time for each in some]))
+        texts = tuple(f"{axis.clock.moment(each.begin, each.end)}: {axis.clock.sentence(each)}" for each in some)
+        at = axis.clock(np.array([each.begin for each in some]))
         curves.append(Curve("event", at, np.full(len(some), float(row)), VERMILLION, "points", text=texts))
     if not curves:
         return []
-    height = 70 + 22 * len(kinds)
+    height = 70 + 22 * len(rows)
     note = "point at one to read it, click to go there"
-    return [axis.panel("events", "Events", "", curves, note=note, rows=tuple(kinds), height=height)]
+    return [axis.panel("events", "Events", "", curves, note=note, rows=tuple(rows.values()), height=height)]
 
 
 def run_track(found: EvaluatedRun) -> Track:

@@ -12,7 +12,7 @@ from insnav.errors.evaluated_run import EvaluatedRun, outages
 from insnav.errors.metrics import MOVING_M_S, TrajectoryErrors, accuracy_by_motion, nees, travelled
 from insnav.errors.reference_offset import ReferenceOffset
 from insnav.filter.noise_estimate import NoiseEstimate
-from insnav.findings import Code
+from insnav.findings import Code, of_code
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.page import Section, one_each, only_json
 from insnav.sample_statistics import rms, rms_length
@@ -43,7 +43,7 @@ def run_sections(found: EvaluatedRun, reference: str = "") -> tuple[Section, ...
     mechanization, events; without figures.
     """
     run = found.run
-    kinds = Counter(str(event.kind) for event in run.events)
+    codes = Counter(event.code.value for event in run.events)
     spans = [
         (
             Quantity("start", a, "s", decimals=1),
@@ -65,7 +65,7 @@ def run_sections(found: EvaluatedRun, reference: str = "") -> tuple[Section, ...
         *((noise_section(found.noise),) if found.noise is not None else ()),
         Section("alignment", "Initial alignment", alignment_items(run.alignment), show="page"),
         *_short_duration(found),
-        _only("events", dict(sorted(kinds.items())), "events.csv has each of them", "page"),
+        _only("events", dict(sorted(codes.items())), "events.csv has each of them", "page"),
     )
 
 
@@ -172,7 +172,7 @@ def _state(solution: Trajectory, row: int) -> tuple[Quantity, ...]:
 
 def _fixes(run: Run) -> Section:
     fixes = run.innovations
-    kinds = Counter(event.kind for event in run.events)
+    codes = Counter(event.code for event in run.events)
     taken = "" if np.any(run.lever_b) or np.any(run.lever_sd > 0.0) else "(not estimated: taken as zero)"
     groups = {
         "position": _innovations(fixes.innovation[:, :3], fixes.used_position, "m", mean_nis(run, "position")),
@@ -184,7 +184,7 @@ def _fixes(run: Run) -> Section:
         (
             Quantity("delay", run.gps_delay, "s", sd=run.gps_delay_sd),
             Quantity("lever_arm", run.lever_b, "m", sd=run.lever_sd, mark=taken),
-            Quantity("rejected_for", {why: kinds[kind] for kind, why in _REASONS.items() if kinds[kind]}),
+            Quantity("rejected_for", {why: codes[code] for code, why in _REASONS.items() if codes[code]}),
         ),
         parts=(one_each("", "GPS fixes", groups, "GPS", "NIS per axis is 1 if fixes and filter agree"),),
         show="page",
@@ -197,8 +197,8 @@ def mean_nis(run: Run, *halves: str) -> float | None:
     `halves`: position, velocity, or both if none is given. A fix that was de-weighted was used with the covariance by
     which its NIS is the limit of the gate.
     """
-    fixes, deweighted = run.innovations, (Code.DEWEIGHTED_POSITION, Code.DEWEIGHTED_VELOCITY)
-    limit = min((event.limit for event in run.events if event.kind in deweighted), default=np.inf)
+    fixes, deweighted = run.innovations, of_code(run.events, Code.DEWEIGHTED_POSITION, Code.DEWEIGHTED_VELOCITY)
+    limit = min((event.limit for event in deweighted), default=np.inf)
     chosen = halves or ("position", "velocity")
     sizes = np.concatenate([getattr(fixes, f"nis_{name}")[getattr(fixes, f"used_{name}")] for name in chosen])
     known = np.minimum(sizes[np.isfinite(sizes)], limit)

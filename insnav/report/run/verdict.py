@@ -10,16 +10,17 @@ import numpy as np
 
 from insnav.errors.evaluated_run import EvaluatedRun, outages
 from insnav.errors.metrics import TrajectoryErrors, nees, travelled
-from insnav.errors.reference_check import fixes_are_late, shown_by_drive
+from insnav.errors.reference_check import fixes_are_late, known_delay
 from insnav.filter.gps_noise import heights_measured
-from insnav.findings import Code
+from insnav.findings import CORRECTIONS, Code, Note, Severity, of_code
 from insnav.input.readers.reading import ReadingFacts
 from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
 from insnav.report.numbers import distance_text, duration_text, number
 from insnav.report.page import LIGHTS, Light, Page, Table, Verdict, cell
 from insnav.report.run.quantities import mean_nis
-from insnav.report.run.warnings import HOLDS
+from insnav.report.run.warnings import HOLDS, typed
+from insnav.report.series import Clock
 from insnav.report.terminal import WIDTH, table_text
 from insnav.result import Result
 from insnav.sample_statistics import rms, rms_length
@@ -40,7 +41,7 @@ _WARNINGS, _FOUND, _ASSUMED = 3, 3, 6  # rows of each at most, of the last two t
 _HARDLY, _UNKNOWN = 0.1, 0.7  # from which a delay [s] and an arm [m] that are found are hardly known
 
 
-def run_verdict(found: EvaluatedRun, warnings: Sequence[str]) -> Verdict:
+def run_verdict(found: EvaluatedRun, warnings: Sequence[Note]) -> Verdict:
     """Rate a run by its errors, or by its own innovations where there is no reference."""
     light, reason = _light(found, warnings)
     if found.errors is not None:
@@ -148,9 +149,9 @@ def _too_sure(found: EvaluatedRun) -> list[str]:
     return list(dict.fromkeys(group for group, share in shares if share is not None and share < HOLDS))
 
 
-def _light(found: EvaluatedRun, warnings: Sequence[str]) -> tuple[Light, str]:
+def _light(found: EvaluatedRun, warnings: Sequence[Note]) -> tuple[Light, str]:
     shares = [share for each in found.errors_on_clock.values() if (share := inside(each)) is not None]
-    diverged = any(event.kind is Code.DIVERGED for event in found.run.events)
+    diverged = any(of_code(found.run.events, Code.DIVERGED))
     epochs = max((len(each.time) for each in found.errors_on_clock.values()), default=0)
     if 0 < epochs < FEW:
         return "unknown", f"the reference has {epochs} epoch{'s' * (epochs > 1)} within the drive, which tell little"
@@ -162,7 +163,7 @@ def _light(found: EvaluatedRun, warnings: Sequence[str]) -> tuple[Light, str]:
         return "bad", "innovations and stated sd contradict each other"
     if found.reference_late and shares and (mean_nis(found.run) or 0.0) < SCATTER:
         best = next(iter(found.errors_on_clock.values()))
-        fixes = fixes_are_late(found.reference_late, shown_by_drive(found.run))
+        fixes = fixes_are_late(found.reference_late, known_delay(found.run))
         of_fixes = "the solution has the time of the fixes, not that of samples and reference"
         what = of_fixes if fixes else "the clock of the reference is off, not the solution"
         return "attention", f"{what}: {number(rms(best.horizontal))} m RMS {_as_it_is(found)}"
@@ -213,10 +214,11 @@ def _rate(name: str, facts: ReadingFacts) -> str:
     return f"{name.upper()} {number(facts.rate_hz)} Hz" if facts.rate_hz else name.upper()
 
 
-def brief_lines(page: Page, found: EvaluatedRun, width: int | None = WIDTH) -> list[str]:
+def brief_lines(page: Page, found: EvaluatedRun, width: int | None = WIDTH, notes: Sequence[Note] = ()) -> list[str]:
     """Sum up a run: verdict, figures of merit of both solutions, warnings, what was assumed.
 
-    `page`: that of the run; `width`: of the lines, which may cut long texts; none: nothing is wrapped or cut.
+    `page`: that of the run; `width`: of the lines, which may cut long texts; none: nothing is wrapped or cut; `notes`:
+    on the run, of which corrections are shown.
     """
     title = _rows(f"{page.title}: {page.summary[0]}" if page.summary else page.title, 2, width)
     said = "" if page.verdict is None else f"{LIGHTS[page.verdict.light]}: {page.verdict.reason}"
@@ -224,7 +226,8 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = WIDTH) -> l
     best, *others = rated(found) or [""]
     table = _table({best: page.merits} | {mode: run_merits(found, mode) for mode in others})
     warnings = _listed("warning", page.warnings, _WARNINGS, width)
-    told = "; ".join(_found(found, page.notes))
+    corrections = of_code(typed(notes), *CORRECTIONS)
+    told = "; ".join([*_found(found), *map(Clock.of(found.run.solution.time).sentence, corrections)])
     doubtful = page.verdict is not None and page.verdict.light == "bad" and not _wrong_reference(found.run)
     doubt = " (doubtful, as the run is)" * doubtful
     shown = _rows(f"found{doubt}: {told}", _FOUND, width) if told else []
@@ -234,11 +237,11 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = WIDTH) -> l
 
 def _wrong_reference(run: Run) -> bool:
     """Whether the reference is contradicted, so that errors against it need not be those of the run."""
-    return any(event.kind is Code.REF_CONTRADICTION for event in run.events)
+    return any(event.subject == "ref" and event.severity >= Severity.WARNING for event in run.events)
 
 
-def _found(found: EvaluatedRun, notes: Sequence[str]) -> Iterator[str]:
-    """What gates rejected, what was not given, and what the drive shows of it."""
+def _found(found: EvaluatedRun) -> Iterator[str]:
+    """What gates rejected, and what the drive shows of what was not given."""
     run, heights = found.run, found.gps is None or heights_measured(found.gps.lla)
     yield from _rejected(run, 3 if heights else 2)
     if 0.0 < run.gps_delay_sd < np.inf:
@@ -254,7 +257,6 @@ def _found(found: EvaluatedRun, notes: Sequence[str]) -> Iterator[str]:
             for x, sd in zip(run.lever_b, run.lever_sd, strict=True)
         )
         yield f"lever arm x, y, z {arm} m" if (run.lever_sd < _UNKNOWN).any() else "lever arm not told"
-    yield from (note for note in notes if note.endswith("corrected"))
 
 
 def _rejected(run: Run, measured: int) -> Iterator[str]:
@@ -264,7 +266,7 @@ def _rejected(run: Run, measured: int) -> Iterator[str]:
         ("positions", "m", slice(0, measured), {Code.GATE_POSITION, Code.GATE_PHYSICAL_POSITION}),
         ("velocities", "m/s", slice(3, 6), {Code.GATE_VELOCITY, Code.GATE_PHYSICAL_VELOCITY}),
     ):
-        rows = np.isin(fixes.time, [event.time for event in run.events if event.kind in kinds])
+        rows = np.isin(fixes.time, [event.begin for event in of_code(run.events, *kinds)])
         every = np.linalg.norm(fixes.innovation[:, part], axis=1)
         if rows.any():
             most = number(float(np.nanmax(every[rows])))
