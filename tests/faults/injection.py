@@ -16,20 +16,20 @@ refused  an error with its exit code (1 for a filter that is lost)
 ======== ===========================================================================================
 
 Over-confident: less than 95 % of the coordinates of the smoothed position inside three standard deviations, and less
-than without the fault. New is what was not said without the fault, numbers aside.
+than without the fault. New are findings whose code and subject none had without the fault.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
-import re
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from itertools import takewhile
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -39,23 +39,24 @@ import numpy as np
 import insnav
 from insnav.attitude import dcm_from_rph
 from insnav.earth import lla_offset, ned_offset
+from insnav.errors.evaluated_run import failure
 from insnav.exceptions import InsnavError
 from insnav.filter.navigate import ABSORBED
+from insnav.findings import Code, Finding, Note
 from insnav.input import read_gps, read_imu, read_reference
+from insnav.messages import sentence
 from insnav.output.data_files import write_data
-from insnav.report.run.warnings import failure
+from insnav.report.run.warnings import file_warnings, run_warnings, typed
 from insnav.session.simulation import plan_of, profiled
 from insnav.simulate.faults import parse_fault
 from insnav.types import GpsData, ImuData, Trajectory
 from tests.shared import DATA
 
-LEVER = "errors of the lever arm given"
+LEVER: frozenset[Code] = frozenset()  # the smallest errors of the lever arm given that a run would have shown
 BEGIN = 100.0  # of the faults, after the first sample [s]
 OUTCOMES = ("crash", "silent", "events", "stated", "note", "warned", "told", "good", "refused")
 HOLDS, WORSE = 0.95, 0.02
-ROUTINE = re.compile(
-    f"false fixes that|{LEVER}|noise from the innov|GPS (position|velocity) sd times|time-correlated|IMU noise as in"
-)  # no news
+ROUTINE: frozenset[Code] = LEVER  # no news: also the smallest false fixes, and everything about noise
 
 
 @dataclass(frozen=True)
@@ -76,8 +77,8 @@ class Case:
     apply: Callable[[Data], tuple[ImuData, GpsData]]
     inputs: dict[str, Any] = field(default_factory=dict)
     shift: float = 0.0  # by which the times of the fixes are off, and so those of the solution [s]
-    # a size that the run states it would not show: one of `Smoothed.smallest_seen`, or the first number of such a note
-    seen: int | str = ""
+    # a size that the run states it would not show: one of `Smoothed.smallest_seen`, or the first number of a finding
+    seen: int | frozenset[Code] | None = None
 
 
 # --- drives ------------------------------------------------------------------------------------------------
@@ -231,7 +232,7 @@ def cases() -> Iterator[Case]:
     """Every fault in its sizes."""
 
     def sized(
-        row: str, name: str, sizes: tuple[Any, ...], make: Callable[[Any], Any], seen: int | str = ""
+        row: str, name: str, sizes: tuple[Any, ...], make: Callable[[Any], Any], seen: int | None = None
     ) -> Iterator[Case]:
         for size in sizes:
             yield Case(row, f"{name} {size}", make(size), seen=seen)
@@ -311,6 +312,9 @@ def cases() -> Iterator[Case]:
 # --- what came of it ---------------------------------------------------------------------------------------
 
 
+Key = tuple[Code, str]  # code and subject
+
+
 @dataclass(frozen=True)
 class Outcome:
     """What a run said and how true it was."""
@@ -320,6 +324,7 @@ class Outcome:
     largest: float = np.nan  # horizontal deviation [m]
     words: str = ""
     seconds: float = np.nan
+    codes: frozenset[Code] = frozenset()  # of the findings that are new
 
 
 @dataclass(frozen=True)
@@ -327,7 +332,7 @@ class Clean:
     """A run without a fault."""
 
     inside: float
-    said: tuple[frozenset[str], frozenset[str], frozenset[str]]  # warnings, notes, kinds of events
+    said: tuple[dict[Key, Finding], ...]  # warnings, notes, events
     truth: Trajectory
     heading: float  # [rad]
 
@@ -343,24 +348,26 @@ def navigated(imu: ImuData, gps: GpsData, inputs: dict[str, Any]) -> Any:
     return drive.navigate()
 
 
-def _said(result: Any) -> tuple[frozenset[str], frozenset[str], frozenset[str]]:
-    """Warnings, notes and kinds of events, numbers aside."""
-    plain = [
-        frozenset(re.sub(r"[-+]?\d[\d.,e+-]*", "#", text) for text in texts if not ROUTINE.match(text))
-        for texts in (result.page().warnings, result.notes)
-    ]
-    return plain[0], plain[1], frozenset(event.kind for event in result.events)
+def _said(result: Any) -> tuple[dict[Key, Finding], ...]:
+    """Warnings, notes and events by code and subject, numbers aside."""
+    warnings = [*run_warnings(result.found), *file_warnings(result)]
+
+    def keyed(notes: Iterable[Note]) -> dict[Key, Finding]:
+        return {(each.code, each.subject): each for each in typed(notes) if each.code not in ROUTINE}
+
+    return keyed(warnings), keyed(result.notes), keyed(result.events)
 
 
 def _number(text: str) -> float:
-    return float(re.search(r"[\d.]+", text)[0])
+    """The first number of the size of a fault, without its unit."""
+    return float("".join(takewhile("0123456789.".__contains__, text)))
 
 
-def _seen(result: Any, of: int | str) -> float:
+def _seen(result: Any, of: int | frozenset[Code]) -> float:
     """Size that a run states it would not show."""
     if isinstance(of, int):
         return ABSORBED * float(result.found.run.smoothed.smallest_seen[of])  # as the note has it
-    return next((_number(note.removeprefix(of)) for note in result.notes if note.startswith(of)), 0.0)
+    return next((float(np.ravel(note.values[0][1])[0]) for note in typed(result.notes) if note.code in of), 0.0)
 
 
 def _inside(solution: Trajectory, truth: Trajectory, shift: float) -> tuple[float, float]:
@@ -401,16 +408,21 @@ def outcome(name: str, case: Case) -> Outcome:
         return Outcome("crash", words=f"{type(error).__name__} {error} {Path(where.filename).name}:{where.lineno}")
     run, seconds = result.found.run, time.process_time() - begin
     inside, largest = _inside(run.smoothed.solution, before.truth, case.shift)
-    warnings, notes, events = (now - then for now, then in zip(_said(result), before.said, strict=True))
-    words = " | ".join([*sorted(warnings), *(f"({text})" for text in sorted(notes)), *sorted(events)])
-    if why := failure(run):
-        return Outcome("refused", inside, largest, f"1 {why}", seconds)
+    warnings, notes, events = (
+        [finding for key, finding in now.items() if key not in then]
+        for now, then in zip(_said(result), before.said, strict=True)
+    )
+    codes = [" ".join(filter(None, each)) for each in sorted((each.code, each.subject) for each in (*notes, *events))]
+    words = " | ".join([*sorted(map(sentence, warnings)), *(f"({text})" for text in codes)])
+    found = frozenset(each.code for each in (*warnings, *notes, *events))
+    if lost := failure(run):
+        return Outcome("refused", inside, largest, f"1 {sentence(lost)}", seconds, found | {lost.code})
     if inside < HOLDS and inside < before.inside - WORSE:
-        stated = bool(case.seen != "") and _number(case.name.rpartition(" ")[2]) < _seen(result, case.seen)
+        stated = case.seen is not None and _number(case.name.rpartition(" ")[2]) < _seen(result, case.seen)
         kind = "warned" if warnings else "note" if notes else "stated" if stated else "events" if events else "silent"
     else:
         kind = "told" if warnings else "good"
-    return Outcome(kind, inside, largest, words, seconds)
+    return Outcome(kind, inside, largest, words, seconds, found)
 
 
 def main() -> None:
