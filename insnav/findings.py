@@ -39,22 +39,6 @@ class Code(StrEnum):
         member.severity = severity
         return member
 
-    # files
-    IMU_DUPLICATE = "imu.duplicate"
-    IMU_UNSORTED = "imu.unsorted"
-    IMU_NAN = "imu.nan"
-    IMU_GAP = "imu.gap"
-    IMU_CUT_ROW = "imu.cut_row", Severity.WARNING
-    GPS_DUPLICATE = "gps.duplicate"
-    GPS_UNSORTED = "gps.unsorted"
-    GPS_NAN = "gps.nan"
-    GPS_GAP = "gps.gap"
-    GPS_CUT_ROW = "gps.cut_row", Severity.WARNING
-    REF_DUPLICATE = "ref.duplicate"
-    REF_UNSORTED = "ref.unsorted"
-    REF_NAN = "ref.nan"
-    REF_CUT_ROW = "ref.cut_row", Severity.WARNING
-
     # samples
     IMU_SPIKE = "imu.spike"
     IMU_SATURATED = "imu.saturated", Severity.WARNING
@@ -283,6 +267,85 @@ class Code(StrEnum):
     # -- H4a: how files were read: formats, columns, times
 
     # -- H4b: how data were understood: units, axes, signs, heights, rates
+    # rows of a file; the subject is the input: imu, gps, ref or the name of a log
+    ROWS_DUPLICATE = "rows.duplicate"
+    ROWS_SAME_TIME = "rows.same_time"
+    ROWS_REPEATED = "rows.repeated", Severity.ASSUMPTION
+    ROWS_UNSORTED = "rows.unsorted"
+    ROWS_NAN = "rows.nan"
+    ROWS_NO_POSITION = "rows.no_position"
+    ROWS_NO_TIME = "rows.no_time"
+    ROWS_STRAY = "rows.stray"
+    ROWS_GAP = "rows.gap"
+    ROWS_SHORT_GAPS = "rows.short_gaps"
+    ROWS_CUT = "rows.cut", Severity.WARNING
+    # files that lack a part of the time of the other
+    IMU_BEGINS_LATE = "files.imu_begins_late", Severity.WARNING
+    IMU_ENDS_EARLY = "files.imu_ends_early", Severity.WARNING
+    GPS_BEGINS_LATE = "files.gps_begins_late", Severity.WARNING
+    GPS_ENDS_EARLY = "files.gps_ends_early", Severity.WARNING
+    # columns
+    COLUMN_TWICE = "columns.twice"
+    COLUMNS_QUATERNION = "columns.quaternion", Severity.ASSUMPTION
+    COLUMNS_UNUSED = "columns.unused"
+    # times
+    TIME_UNIT = "time.unit"
+    TIME_OF_CLOCK = "time.of_clock", Severity.ASSUMPTION
+    TIME_IN_TWO_COLUMNS = "time.two_columns"
+    TIME_FROM_PARTS = "time.from_parts"
+    TIME_FROM_TICKS = "time.from_ticks"
+    TIME_RESTARTS = "time.restarts"
+    # units and axes
+    UNIT_STATED = "units.stated"
+    ACCEL_UNIT = "units.accel"
+    ACCEL_UNIT_UNCALIBRATED = "units.accel_uncalibrated"
+    GYRO_UNIT = "units.gyro"
+    GYRO_UNIT_BY_RATE = "units.gyro_by_rate"
+    GYRO_UNIT_ASSUMED = "units.gyro_assumed", Severity.ASSUMPTION
+    GYRO_WRONG_WAY = "units.gyro_wrong_way", Severity.WARNING
+    AXES_GIVEN = "axes.given"
+    AXES_BY_FORMAT = "axes.by_format"
+    AXES_ASSUMED = "axes.assumed"  # a note: forward is assumed, and the drive may still show it
+    # positions, velocities and their standard deviations
+    PLACE_EARTH_FIXED = "positions.earth_fixed"
+    POSITIONS_INTEGER = "positions.integer"
+    HEIGHTS_INTEGER = "positions.integer_heights"
+    POSITIONS_DEGREES_MINUTES = "positions.degrees_minutes"
+    POSITIONS_SIGN = "positions.sign"
+    VELOCITY_FROM_COURSE = "velocity.from_course"
+    VELOCITY_FROM_HEIGHTS = "velocity.from_heights"
+    VELOCITY_SD_COLUMN = "velocity.sd_column"
+    SD_FROM_VARIANCES = "sd.from_variances"
+    SD_FROM_RADIUS = "sd.from_radius"
+    SD_VERTICAL_COLUMN = "sd.vertical_column"
+    SD_VERTICAL_TWICE = "sd.vertical_twice"
+    # what insnav check finds: notes need no action
+    CHECK_REFUSED = "check.refused", Severity.UNUSABLE
+    CHECK_OPTION_NEEDED = "check.option_needed", Severity.WARNING
+    CHECK_STUCK = "check.stuck", Severity.WARNING
+    CHECK_CLIPPED = "check.clipped", Severity.WARNING
+    CHECK_SPIKES = "check.spikes", Severity.WARNING
+    CHECK_IMU_GAPS = "check.imu_gaps", Severity.WARNING
+    CHECK_UNSORTED = "check.unsorted", Severity.WARNING
+    CHECK_SAME_TIME = "check.same_time", Severity.WARNING
+    CHECK_LOW_RATE = "check.low_rate", Severity.WARNING
+    CHECK_JITTER = "check.jitter", Severity.WARNING
+    CHECK_COARSE = "check.coarse", Severity.WARNING
+    CHECK_FORCE_STEP = "check.force_step", Severity.WARNING
+    CHECK_JOLT = "check.jolt", Severity.WARNING
+    CHECK_NO_REST = "check.no_rest", Severity.WARNING
+    CHECK_NO_VELOCITIES = "check.no_velocities", Severity.WARNING
+    CHECK_NO_SD = "check.no_sd", Severity.WARNING
+    CHECK_SMALL_SD = "check.small_sd", Severity.WARNING
+    CHECK_FALSE_VELOCITIES = "check.false_velocities"
+    CHECK_JUMPS = "check.jumps"
+    CHECK_GPS_GAPS = "check.gps_gaps"
+    CHECK_VELOCITY_LAG = "check.velocity_lag"
+    CHECK_SAME_DATA = "check.same_data", Severity.WARNING
+    CHECK_AXES = "check.axes", Severity.WARNING
+    CHECK_DELAY = "check.delay", Severity.WARNING
+    CHECK_LEVER_ARM = "check.lever_arm", Severity.WARNING
+    CHECK_NO_LEVER_ARM = "check.no_lever_arm", Severity.WARNING
 
     # -- H5: bench and laboratory
 

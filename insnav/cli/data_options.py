@@ -34,7 +34,6 @@ _FILE_HELP = {
     "gps": "GPS fixes. [those in the IMU file]",
     "ref": "Reference trajectory, of position and as much else as it has.",
 }
-_NOTHING_NEW = re.compile(r"(time|positions) in \w+|.*: as stated")
 _FIRST_WORD = re.compile(r"^[a-z_-]+(?=[:,]|$)")
 _READER_OPTION = re.compile(r"imu-[a-z]+")
 
@@ -210,10 +209,14 @@ def _option_of(word: str) -> str:
 
 def say_reading(facts: ReadingFacts) -> None:
     """Log what was read and how it was understood, without what goes without saying."""
+    from insnav.findings import Code
+    from insnav.messages import sentence
+
     head, *_ = facts.lines()
     renamed = _renamed(facts.columns)
     columns = [f"columns: {renamed}; the others by their names"] if renamed else []
-    detail(head, *columns, *(text for text in facts.evidence if not _NOTHING_NEW.fullmatch(text)))
+    new = (each for each in facts.evidence if getattr(each, "code", None) != Code.UNIT_STATED)
+    detail(head, *columns, *map(sentence, new))
 
 
 def _renamed(columns: Mapping[str, str]) -> str:

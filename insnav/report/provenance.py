@@ -50,7 +50,7 @@ def _inputs(inputs: Mapping[str, ReadingFacts]) -> tuple[Section, ...]:
     how = tuple(
         (Quantity("input", name), Quantity("text", text, meaning="how it was understood"))
         for name, each in inputs.items()
-        for text in (*each.evidence, f"columns: {columns[name]}")
+        for text in (*map(sentence, each.evidence), f"columns: {columns[name]}")
     )
     return (
         Section("input", parts=tuple(only_json(name, *items) for name, items in read.items())),

@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import cast
+from typing import Any, Final, cast
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from insnav.exceptions import DivergenceError, InputError, InsnavError
 from insnav.filter.fix_figures import FixFigures, look_at_fixes
 from insnav.filter.gps_noise import with_sd
 from insnav.filter.lever_check import looked
-from insnav.findings import Code, Finding
+from insnav.findings import Code, Finding, of_code
 from insnav.imu.health import inspect
 from insnav.imu.inspection import JOLT, ImuFigures, inspect_samples
 from insnav.input import Reading, ReadingFacts, read_gps
@@ -28,7 +28,6 @@ from insnav.input.readers.imu import parse_units
 from insnav.input.readers.kinds import data_files, kinds_of
 from insnav.input.readers.reading import not_covered
 from insnav.messages import sentence
-from insnav.plain_text import moment
 from insnav.result import Result
 from insnav.session.clock import clock_offset, shown_by
 from insnav.session.defaults import stationary_part
@@ -40,23 +39,46 @@ from insnav.types import BoolArray, GpsData, ImuData, Run
 from insnav.units import G0
 
 TO_MEND = 3
-REFUSED, MENDED = 100.0, 90.0  # weights of what insnav run refuses, without and with the line to copy
+WORST_FIRST: Final = (
+    Code.CHECK_REFUSED,
+    Code.CHECK_OPTION_NEEDED,
+    Code.CHECK_STUCK,
+    Code.CHECK_CLIPPED,
+    Code.ROWS_CUT,
+    Code.IMU_BEGINS_LATE,
+    Code.IMU_ENDS_EARLY,
+    Code.GPS_BEGINS_LATE,
+    Code.GPS_ENDS_EARLY,
+    Code.CHECK_IMU_GAPS,
+    Code.CHECK_LOW_RATE,
+    Code.CHECK_FALSE_VELOCITIES,
+    Code.CHECK_JUMPS,
+    Code.CHECK_NO_VELOCITIES,
+    Code.CHECK_SMALL_SD,
+    Code.CHECK_NO_SD,
+    Code.CHECK_SAME_DATA,
+    Code.CHECK_AXES,
+    Code.CHECK_FORCE_STEP,
+    Code.CHECK_JOLT,
+    Code.CHECK_DELAY,
+    Code.CHECK_UNSORTED,
+    Code.CHECK_SAME_TIME,
+    Code.CHECK_GPS_GAPS,
+    Code.CHECK_LEVER_ARM,
+    Code.CHECK_COARSE,
+    Code.CHECK_SPIKES,
+    Code.CHECK_JITTER,
+    Code.CHECK_NO_REST,
+    Code.CHECK_VELOCITY_LAG,
+    Code.CHECK_NO_LEVER_ARM,
+)
 BEGIN = 300.0  # so much of a drive is navigated [s]
 ATTEMPTS = 6  # with what refusals ask for
 _ALONE = "give the IMU file too"
 STANDING = 0.3  # GPS speed of a vehicle that stands [m/s]
 WORTH = {"delay": 0.05, "lever": 0.2}  # what is worth a word [s], [m]
 STEP = 0.004 * G0  # of the specific force from one rest to the next [m/s^2]
-
-
-@dataclass(frozen=True, slots=True)
-class Problem:
-    """Something to mend."""
-
-    weight: float  # how much it harms, to order by
-    what: str
-    why: str
-    fix: str  # empty where the run takes care of it
+LEAST_RATE, JITTER = 40.0, 0.05  # of an IMU that needs no finding [Hz], as a share of its interval
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +87,7 @@ class Checked:
 
     roles: Mapping[str, str]  # file to what it was taken for
     command: str  # line that runs them, as far as it is known
-    problems: tuple[Problem, ...]  # the worst first
+    problems: tuple[Finding, ...]  # the worst first; notes need no action
     imu: ImuFigures | None = None
     gps: FixFigures | None = None
     offset: ClockOffset | None = None
@@ -82,15 +104,16 @@ class _Patient:
 
     inputs: Inputs
     roles: dict[str, str] = field(default_factory=dict)
-    problems: list[Problem] = field(default_factory=list)
+    problems: list[Finding] = field(default_factory=list)
     refusals: int = 0
     parts: Mapping[str, str | Path] = field(default_factory=dict)  # files that go together
 
-    def mend(self, weight: float, what: str, why: str, fix: str) -> None:
-        self.problems.append(Problem(weight, what, why, fix))
+    def add(self, code: Code, begin: float = np.nan, **values: Any) -> None:
+        """Add a finding."""
+        self.problems.append(Finding.of(code, begin, **values))
 
     def refused(self, error: InsnavError) -> bool:
-        """Note why insnav run refuses, and give what that asks for; whether that is anything new."""
+        """Add why insnav run refuses, and give the inputs that it asks for; whether these are new."""
         self.refusals += 1
         before = {**self.inputs}
         for key, value in error.gives.items():
@@ -99,9 +122,9 @@ class _Patient:
             merged = {**old, **value} if isinstance(old, Mapping) else value
             self.inputs = cast(Inputs, {**self.inputs, key: merged})
         known = self.inputs != before
-        if not any(error.what in each.what for each in self.problems):
-            what = f"{error.where}: {error.what}" if error.where else error.what
-            self.mend(MENDED if known else REFUSED, what, error.why, error.fix)
+        if error.what not in {each.get("what") for each in self.problems}:
+            code = Code.CHECK_OPTION_NEEDED if known else Code.CHECK_REFUSED
+            self.add(code, what=error.what, why=error.why, fix=error.fix, where=error.where)
         return known
 
 
@@ -122,7 +145,7 @@ def check(
     facts = {} if data is None else data.facts
     if data is None and "gps" in given:
         facts, found = _fixes_alone(given["gps"], found, patient)
-    problems = tuple(sorted(patient.problems, key=lambda each: -each.weight))
+    problems = tuple(sorted(patient.problems, key=lambda each: WORST_FIRST.index(each.code)))
     line = _command(patient) if "imu" in given else ""
     as_given = found.run is not None and not patient.refusals
     found = replace(found, command=line, runs=found.run is not None, runs_as_given=as_given, problems=problems)
@@ -254,10 +277,7 @@ def _examined(found: Checked, data: Readings, drive: Drive | None, patient: _Pat
     found = replace(found, imu=inspect_samples(imu, rest, still), rest=rest)
     _faults(imu, patient)
     for reading in data.given().values():
-        for event in reading.events:
-            if event.kind.endswith(".cut_row"):
-                what = f"{Path(reading.facts.path).name} is cut off"
-                patient.mend(65.0, what, event.action, "copy it again, or see whether the logger was closed")
+        patient.problems += of_code(reading.events, Code.ROWS_CUT)
     _of_imu(data.imu, found, patient)
     if data.gps is not None:
         found = replace(found, gps=look_at_fixes(data.gps.data))
@@ -270,9 +290,7 @@ def _examined(found: Checked, data: Readings, drive: Drive | None, patient: _Pat
     if drive is not None and drive.fixes is not None:
         found = replace(found, run=_run(drive, patient))
     if data.gps is not None:
-        for text in not_covered(data.imu.facts, data.gps.facts):
-            what, _, why = text.rpartition(", ")
-            patient.mend(62.0, what, why, "copy it again, or see whether the logger was closed")
+        patient.problems += not_covered(data.imu.facts, data.gps.facts)
     if together:
         _of_both(found, data, patient)
     return found
@@ -293,90 +311,66 @@ def _faults(imu: ImuData, patient: _Patient) -> None:
     except InsnavError as error:
         patient.refused(error)
         return
-    kinds = (
-        (Code.IMU_SATURATED, 70.0, "clipped samples", "take a larger range or a softer mount"),
-        (Code.IMU_STUCK, 80.0, "a sensor that is stuck", "look at cable and logger"),
-        (Code.IMU_SPIKE, 22.0, "single spikes", "look at cable and logger; they are replaced"),
-    )
-    for kind, weight, word, fix in kinds:
-        some = [event for event in events if event.kind is kind]
+    for of, code in (
+        (Code.IMU_SATURATED, Code.CHECK_CLIPPED),
+        (Code.IMU_STUCK, Code.CHECK_STUCK),
+        (Code.IMU_SPIKE, Code.CHECK_SPIKES),
+    ):
+        some = [*of_code(events, of)]
         if some:
-            what, often = some[0].action.split(":")[0], "once" if len(some) == 1 else f"{len(some)} times"
-            patient.mend(weight, f"{word}, {often}", f"first {what} at {moment(some[0].time)}", fix)
+            patient.add(code, some[0].begin, count=len(some), sensor=some[0].subject)
 
 
 def _of_imu(reading: Reading[ImuData], found: Checked, patient: _Patient) -> None:
     facts, figures = reading.facts, found.imu
     assert figures is not None
     if facts.n_gaps:
-        what = f"{facts.n_gaps} gap{'s' * (facts.n_gaps > 1)} in the IMU, the longest {facts.longest_gap_s:.3g} s"
-        patient.mend(60.0, what, "the motion in them is not known", "log to a faster medium, or with a larger buffer")
-    for kind, word in ((Code.IMU_UNSORTED, "out of order"), (Code.IMU_DUPLICATE, "at the time of another")):
-        some = [event for event in reading.events if event.kind is kind]
-        if some:
-            what = f"{sum(event.value for event in some):.0f} samples {word}"
-            patient.mend(30.0, what, f"first at {moment(some[0].time)}", "stamp samples where they are taken")
-    if facts.rate_hz < 40.0:
-        what = f"the IMU has only {facts.rate_hz:.3g} Hz"
-        patient.mend(55.0, what, "turns and vibration within a sample are lost", "record at 100 Hz or more")
-    part = figures.jitter * facts.rate_hz
-    if part > 0.05:
-        what = f"timestamps of the IMU scatter by {1e3 * figures.jitter:.2g} ms"
-        why = f"{100 * part:.0f} % of the interval" if part < 1.0 else "more than the interval"
-        patient.mend(20.0, what, why, "stamp them by the sensor's clock")
+        patient.add(Code.CHECK_IMU_GAPS, count=facts.n_gaps, longest_s=facts.longest_gap_s)
+    for codes, code in (
+        ((Code.ROWS_UNSORTED,), Code.CHECK_UNSORTED),
+        ((Code.ROWS_DUPLICATE, Code.ROWS_SAME_TIME), Code.CHECK_SAME_TIME),
+    ):
+        rows = [*of_code(reading.events, *codes)]
+        if rows:
+            patient.add(code, rows[0].begin, count=sum(each["count"] for each in rows))
+    if facts.rate_hz < LEAST_RATE:
+        patient.add(Code.CHECK_LOW_RATE, rate_hz=facts.rate_hz, limit_hz=LEAST_RATE)
+    share = figures.jitter * facts.rate_hz
+    if share > JITTER:
+        patient.add(Code.CHECK_JITTER, jitter_s=figures.jitter, share=share, limit=JITTER)
     coarse = [each for each in figures.axes if each.resolution > 0.0 and not np.isnan(each.noise)]
     noisy = [each.name for each in coarse if each.resolution > 3.0 * each.noise * np.sqrt(facts.rate_hz)]
     if noisy:
-        what = f"coarse steps: {', '.join(noisy)}"
-        patient.mend(25.0, what, "a step is larger than the noise", "choose a smaller range, or more digits in the log")
-    if abs(figures.gravity_steps[0]) > STEP:
-        patient.mend(
-            35.0,
-            f"the specific force at rest steps by {1e3 * figures.gravity_steps[0] / G0:+.1f} mg",
-            f"between two stops, at {moment(figures.gravity_steps[1])}",
-            "look for a knock, a change of temperature or a loose mount",
-        )
-    if figures.jolt[0] > STEP:
-        patient.mend(
-            34.0,
-            f"at rest the specific force changes by {1e3 * figures.jolt[0] / G0:.1f} mg from one second to the next",
-            f"at {moment(figures.jolt[1])}, {JOLT:g} times the usual or more",
-            "look for a knock or a loose mount; align from a quieter part: --static FROM:TO, times of the file",
-        )
+        patient.add(Code.CHECK_COARSE, sensors=tuple(noisy))
+    step, time = figures.gravity_steps
+    if abs(step) > STEP:
+        patient.add(Code.CHECK_FORCE_STEP, time, step_m_s2=step, limit_m_s2=STEP)
+    step, time = figures.jolt
+    if step > STEP:
+        patient.add(Code.CHECK_JOLT, time, step_m_s2=step, limit_m_s2=STEP, limit=JOLT)
     if found.rest is None:
-        patient.mend(15.0, "no rest was found", "bias and noise at rest are not known", "stand still for 20 s first")
+        patient.add(Code.CHECK_NO_REST)
 
 
 def _of_gps(reading: Reading[GpsData], found: Checked, patient: _Patient) -> None:
     facts, figures = reading.facts, found.gps
     assert figures is not None
     if figures.with_velocity < 0.5:
-        what, why = "the fixes have no velocities", f"{100 * (1 - figures.with_velocity):.0f} % are without"
-        patient.mend(45.0, what, why, "log them too: NAV-PVT, RMC, BESTVEL")
+        patient.add(Code.CHECK_NO_VELOCITIES, share=1.0 - figures.with_velocity)
     if figures.with_sd < 0.5:
-        what = "the fixes have no standard deviations"
-        patient.mend(42.0, what, "how far to believe them is then assumed", "log them too: NAV-PVT, GST")
+        patient.add(Code.CHECK_NO_SD, share=1.0 - figures.with_sd)
     if figures.false_velocities > 0.002:
-        patient.mend(
-            48.0,
-            f"{100 * figures.false_velocities:.1f} % of the velocities are false",
-            f"by up to {figures.worst_velocity:.3g} m/s against what the positions move; the filter rejects them",
-            "",
-        )
+        share, speed = figures.false_velocities, figures.worst_velocity
+        patient.add(Code.CHECK_FALSE_VELOCITIES, share=share, limit=0.002, speed_m_s=speed)
     if figures.jumps:
-        what = f"the position jumps {figures.jumps} times"
-        why = f"by up to {figures.largest_jump:.3g} m against the velocities; the filter weighs them"
-        patient.mend(46.0, what, why, "")
+        patient.add(Code.CHECK_JUMPS, count=figures.jumps, jump_m=figures.largest_jump)
     ratio = float(np.max(figures.scatter / figures.reported_sd))
     if np.isfinite(ratio) and ratio > 3.0:
-        what = "positions scatter more than their standard deviations say"
-        patient.mend(44.0, what, f"{ratio:.1f} times", "scale them, or leave their columns out")
+        patient.add(Code.CHECK_SMALL_SD, ratio=ratio, limit=3.0)
     if facts.n_gaps:
-        what = f"{facts.n_gaps} gap{'s' * (facts.n_gaps > 1)} in GPS, the longest {facts.longest_gap_s:.3g} s"
-        patient.mend(28.0, what, "the IMU is alone in them", "insnav outage says what that costs")
+        patient.add(Code.CHECK_GPS_GAPS, count=facts.n_gaps, longest_s=facts.longest_gap_s)
     if abs(figures.velocity_lag) > max(0.03, 5.0 * figures.velocity_lag_sd):
-        what = f"velocities lag positions by {figures.velocity_lag:.3f} s"
-        patient.mend(12.0, what, "mean velocities since the fix before; corrected", "")
+        patient.add(Code.CHECK_VELOCITY_LAG, lag_s=figures.velocity_lag, sd_s=figures.velocity_lag_sd)
 
 
 def _run(drive: Drive, patient: _Patient) -> Run | None:
@@ -385,8 +379,7 @@ def _run(drive: Drive, patient: _Patient) -> Run | None:
     None if the files are refused or the filter is lost.
     """
     if drive.gps is not None and drive.reference is not None and same_positions(drive.gps.data, drive.reference.data):
-        what, why = "reference and fixes are the same data", "their positions are equal"
-        patient.mend(40.0, what, why, "give another reference; errors against this one say nothing of the accuracy")
+        patient.add(Code.CHECK_SAME_DATA)
     run: Run | None = None
     lost: Finding | None = None
     with suppress(InsnavError):
@@ -411,24 +404,18 @@ def _of_both(found: Checked, data: Readings, patient: _Patient) -> None:
     axes = data.imu.facts.axes
     if found.mounting and axes and axes != "FRD" and data.inputs.get("axes") is None:
         patient.inputs["axes"] = axes
-        patient.mend(38.0, f"the IMU's axes point {axes}", "by course and accelerations", f"say --imu-axes {axes}")
+        patient.add(Code.CHECK_AXES, axes=axes)
     if found.run is None:
         return
     delay, sd = found.run.gps_delay, found.run.gps_delay_sd
     if abs(delay) > WORTH["delay"] and abs(delay) > 4.0 * sd:
-        what = f"IMU and GPS are {abs(delay):.3f} ± {sd:.3f} s apart"
-        why = f"by the filter in {np.ptp(found.run.solution.time):.0f} s; insnav run asks the whole drive"
-        patient.mend(32.0, what, why, f"insnav run estimates it; --gps-delay {delay:.3f} gives it")
+        patient.add(Code.CHECK_DELAY, delay_s=delay, sd_s=sd, span_s=np.ptp(found.run.solution.time))
     lever, lever_sd = found.run.lever_b, found.run.lever_sd
     if data.inputs.get("lever_arm") is None:
-        seen = np.linalg.norm(lever) > WORTH["lever"] and bool((np.abs(lever) > 4.0 * lever_sd).any())
-        text = ", ".join(f"{each:.2f}" for each in lever)
-        why = (
-            f"the drive shows {text} m (forward, right, down)"
-            if seen
-            else "it is estimated from the drive, or taken as zero"
-        )
-        patient.mend(26.0 if seen else 10.0, "the lever arm was not given", why, "measure it: --lever-arm F,R,D")
+        if np.linalg.norm(lever) > WORTH["lever"] and bool((np.abs(lever) > 4.0 * lever_sd).any()):
+            patient.add(Code.CHECK_LEVER_ARM, lever_m=tuple(lever), sd_m=tuple(lever_sd))
+        else:
+            patient.add(Code.CHECK_NO_LEVER_ARM)
 
 
 def _command(patient: _Patient) -> str:

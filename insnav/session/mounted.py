@@ -40,7 +40,6 @@ POINTED = 0.9  # length of the mean direction of travel in the vehicle of what g
 LIKELY = 2.0  # mean square of innovations by their variance up to which axes may be right: where they are it is 1 [-]
 LIKELIER = 30.0  # twice the logarithm of how much likelier fixes must be with other axes than with x forward
 X_FORWARD = Finding.of(Code.MOUNTING_ASSUMED, subject="imu")
-AXES_ASSUMED = "axes.assumed"  # bridge: a code of those who read axes
 
 
 def doubt_mounting(notes: Iterable[Note], events: Iterable[Finding]) -> tuple[Finding, ...]:
@@ -173,7 +172,7 @@ def _turned(
     imu: Reading[ImuData], turn: FloatArray, letters: str, code: Code, **values: Any
 ) -> tuple[Reading[ImuData], Finding]:
     """Samples turned into the axes of the vehicle, and the finding of `code` about their axes."""
-    evidence = tuple(each for each in imu.facts.evidence if getattr(each, "code", "") != AXES_ASSUMED)
+    evidence = tuple(each for each in imu.facts.evidence if getattr(each, "code", None) is not Code.AXES_ASSUMED)
     facts = replace(imu.facts, axes=letters, evidence=evidence)
     note = Finding.of(code, subject="imu", **values, **_named(letters))
     return replace(imu, data=_in_axes(imu.data, turn), facts=facts), note

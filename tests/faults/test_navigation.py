@@ -162,7 +162,7 @@ def test_n12_samples_that_are_no_numbers_are_a_gap(tmp_path):
     assert read.data.time.shape[0] == imu.time.shape[0] - 5
     assert np.isfinite(read.data.gyro).all()
     assert fixes.data.time.shape[0] == gps.time.shape[0] - 1
-    assert {Code.IMU_NAN, Code.GPS_NAN} <= {event.kind for event in (*read.events, *fixes.events)}
+    assert {Code.ROWS_NAN, Code.ROWS_NO_POSITION} <= {event.code for event in (*read.events, *fixes.events)}
 
 
 def test_n25_start_in_motion_and_a_heading_told_wrong(bars):

@@ -6,6 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from insnav.findings import Code, Finding, of_code
+from insnav.input import Reading
+
 SHARED = Path(__file__).parents[2].parent / "shared"
 G = 9.8
 
@@ -47,3 +50,8 @@ def as_text(rows: np.ndarray, header: str, *, delimiter: str = ",", end: str = "
 def write(path: Path, rows: np.ndarray, header: str) -> Path:
     path.write_text(as_text(rows, header), encoding="utf-8")
     return path
+
+
+def noted(reading: Reading, *codes: Code) -> list[Finding]:
+    """Findings of some codes about the whole of a file."""
+    return [*of_code((each for each in reading.facts.evidence if isinstance(each, Finding)), *codes)]

@@ -5,6 +5,7 @@ import math
 import pytest
 
 from insnav.exceptions import ConfigError, InputError
+from insnav.findings import Code
 from insnav.input.interpret.columns import match_header, require, suggest, understand
 from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA, REFERENCE_SCHEMA
 
@@ -152,13 +153,15 @@ def test_duplicate_header_is_refused():
 def test_two_columns_for_one_quantity_prefer_the_plainer_and_say_so():
     found, notes = understand(["gps_tow", "time"], None, GPS_SCHEMA)
     assert found["time"].header == "time"
-    assert "gps_tow" in notes[0]
+    (note,) = notes
+    assert note.code is Code.COLUMN_TWICE
+    assert (note["column"], note["quantity"], note["used"]) == ("gps_tow", "time", "time")
 
 
 def test_a_name_without_prefix_is_preferred():
     found, notes = understand(["sensor_gyro_x", "gyro_x", "imu_gyro_x"], None, IMU_SCHEMA)
     assert found["gyro_x"].header == "gyro_x"
-    assert len(notes) == 2
+    assert [note.code for note in notes] == [Code.COLUMN_TWICE] * 2
 
 
 def test_two_equal_spellings_are_refused():

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from insnav.exceptions import ConfigError, InputError
+from insnav.findings import Code, Severity
 from insnav.input import read_imu
 from insnav.input.interpret.axes import axes_matrix
 from insnav.input.readers.imu import parse_units
-from tests.input.files import IMU_HEADER, G, rolling, write
+from insnav.messages import sentence
+from tests.input.files import IMU_HEADER, G, noted, rolling, write
 
 PLAIN = "time,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z"
 TRUTH = rolling()
@@ -46,10 +48,10 @@ MIXES = {
 def test_units_are_found_without_options_and_said(tmp_path, gyro, accel):
     reading = read_imu(write(tmp_path / "a.csv", _scaled(gyro, accel), PLAIN))
     _check(reading.data)
-    text = " ".join(reading.facts.evidence)
-    assert ("gyros in deg/s" in text) == (gyro != 1.0)
-    assert "gravity in the quiet stretches is 9." in text
-    assert "gyros in rad/s: assumed" not in text
+    (of_gyros,) = noted(reading, Code.GYRO_UNIT, Code.GYRO_UNIT_BY_RATE)
+    assert of_gyros["unit"] == ("rad/s" if gyro == 1.0 else "deg/s")
+    (of_accelerometers,) = noted(reading, Code.ACCEL_UNIT)
+    assert of_accelerometers["gravity_m_s2"] == pytest.approx(9.8, abs=0.2)
 
 
 @pytest.mark.parametrize(("gyro", "accel"), list(MIXES.values())[1:], ids=list(MIXES)[1:])
@@ -104,12 +106,15 @@ def test_motion_that_tells_nothing_is_an_assumption(tmp_path):
     rows = TRUTH.copy()
     rows[:, 1:4] = np.random.default_rng(0).normal(0, 1e-3, (len(rows), 3))
     rows[:, 4:7] = np.random.default_rng(1).normal([0.0, 0.0, -G], 1e-2, (len(rows), 3))
-    assert "gyros in rad/s: assumed" in " ".join(read_imu(write(tmp_path / "a.csv", rows, PLAIN)).facts.evidence)
+    (assumed,) = noted(read_imu(write(tmp_path / "a.csv", rows, PLAIN)), Code.GYRO_UNIT_ASSUMED)
+    assert assumed["unit"] == "rad/s"
+    assert assumed.severity is Severity.ASSUMPTION
 
 
 def test_gyros_that_turn_the_wrong_way_are_told(tmp_path):
-    evidence = read_imu(write(tmp_path / "a.csv", _scaled(gyro=-1.0), PLAIN)).facts.evidence
-    assert any("WARNING" in text for text in evidence)
+    (wrong,) = noted(read_imu(write(tmp_path / "a.csv", _scaled(gyro=-1.0), PLAIN)), Code.GYRO_WRONG_WAY)
+    assert wrong.severity is Severity.WARNING
+    assert wrong["correlation"] < -0.9
 
 
 INCREMENTS = "time_s,dtheta_x_rad,dtheta_y_rad,dtheta_z_rad,dvel_x_m_s,dvel_y_m_s,dvel_z_m_s"
@@ -167,10 +172,10 @@ def test_sampling_and_stamp_are_said(tmp_path):
     path = write(tmp_path / "a.csv", TRUTH, IMU_HEADER)
     reading = read_imu(path)
     assert (reading.data.sampling, reading.data.stamp) == ("mean", "end")
-    assert any("assumed" in text and "--imu-stamp" in text for text in reading.facts.evidence)
+    assert any("assum" in text and "--imu-stamp" in text for text in map(sentence, reading.facts.evidence))
     reading = read_imu(path, sampling="instant", stamp="mid")
     assert (reading.data.sampling, reading.data.stamp) == ("instant", "mid")
-    assert not any("assumed" in text and "--imu-s" in text for text in reading.facts.evidence)
+    assert not any("assum" in text and "--imu-s" in text for text in map(sentence, reading.facts.evidence))
 
 
 # What a sensor with these axes reads when the body reads (f, r, d): written out by hand.
@@ -229,7 +234,9 @@ def test_z_up_is_refused_with_the_option_that_mends_it(tmp_path):
 def test_gravity_on_another_axis_is_a_note(tmp_path):
     rows = TRUTH[:, [0, 3, 2, 1, 6, 5, 4]] * [1, 1, 1, -1, 1, 1, -1]
     reading = read_imu(write(tmp_path / "a.csv", rows, IMU_HEADER))
-    assert any("NOTE: x points down" in text for text in reading.facts.evidence)
+    (axes,) = noted(reading, Code.AXES_ASSUMED)
+    assert (axes["axis"], axes["way"]) == ("x", "down")
+    assert axes["direction"] == pytest.approx((-1.0, 0.0, 0.0), abs=0.2)
 
 
 def test_gyros_under_the_names_of_accelerometers_are_asked_for(tmp_path):

@@ -5,8 +5,9 @@ import pytest
 
 import insnav
 from insnav.exceptions import InputError
-from insnav.findings import Code
+from insnav.findings import Code, Severity
 from insnav.input import read_gps, read_reference
+from insnav.messages import sentence
 from tests.input.files import GPS_HEADER, IMU_HEADER, fixes, rolling, write
 
 ROWS = fixes()
@@ -53,7 +54,7 @@ def test_positions_in_radians_are_known_by_their_velocity(tmp_path):
     rows[:, 1:3] = np.radians(rows[:, 1:3])
     reading = _gps(tmp_path, rows, "time,lat,lon,alt,vn,ve,vd,sd_n,sd_e,sd_d")
     np.testing.assert_allclose(reading.data.lla[:, :2], rows[:, 1:3], atol=1e-8)
-    assert "positions in rad" in " ".join(reading.facts.evidence)
+    assert "positions in rad" in " ".join(map(sentence, reading.facts.evidence))
 
 
 def test_positions_that_may_be_degrees_or_radians_are_refused(tmp_path):
@@ -80,8 +81,8 @@ def test_degrees_near_the_origin_are_accepted(tmp_path):
     rows = fixes(60)
     rows[:, 1] -= 47.5
     rows[:, 2] = 0.3
-    evidence = " ".join(_gps(tmp_path, rows, "time,lat,lon,alt,vn,ve,vd,sd_n,sd_e,sd_d").facts.evidence)
-    assert "positions in deg" in evidence
+    reading = _gps(tmp_path, rows, "time,lat,lon,alt,vn,ve,vd,sd_n,sd_e,sd_d")
+    assert "positions in deg" in " ".join(map(sentence, reading.facts.evidence))
 
 
 def test_velocity_up_changes_its_sign(tmp_path):
@@ -129,7 +130,7 @@ def test_standard_deviations_rounded_to_zero_are_raised_to_the_smallest_of_their
     reading = _gps(tmp_path, rows)
     assert reading.data.position_sd[3, 1] == least
     assert (reading.data.position_sd[[0, 1, 2], 1] > 0.0).all()
-    assert any("raised to its smallest value" in text and "'sd_e_m'" in text for text in reading.facts.evidence)
+    assert any("raised to its smallest value" in text for text in map(sentence, reading.facts.evidence))
 
 
 def test_empty_standard_deviation_and_velocity_are_not_known(tmp_path):
@@ -147,11 +148,8 @@ def test_fixes_without_a_position_are_skipped(tmp_path):
     rows[10, 3] = np.nan
     rows[20, 1:4] = 0.0
     reading = _gps(tmp_path, rows)
-    assert [(e.kind, e.value) for e in reading.events] == [
-        (Code.GPS_NAN, 2.0),
-        (Code.GPS_NAN, 1.0),
-        (Code.GPS_NAN, 1.0),
-    ]
+    assert {(each.code, each.subject) for each in reading.events} == {(Code.ROWS_NO_POSITION, "gps")}
+    assert [each["count"] for each in reading.events] == [2, 1, 1]
     assert reading.facts.n_used == 26
 
 
@@ -193,7 +191,8 @@ def test_fix_and_heading(tmp_path):
 def test_what_heights_are_is_said(tmp_path, name, option, kind):
     facts = _gps(tmp_path, header=GPS_HEADER.replace("height_m", name), height=option).facts
     assert facts.height == kind
-    assert any(("sea level" in text) == (kind == "msl") for text in facts.evidence if "heights" in text)
+    texts = map(sentence, facts.evidence)
+    assert any(("sea level" in text) == (kind == "msl") for text in texts if "heights" in text)
 
 
 def test_of_two_heights_the_right_one_is_taken(tmp_path):
@@ -240,7 +239,7 @@ def test_what_is_zero_in_all_rows_of_a_moving_reference_is_not_given(tmp_path):
     reading = read_reference(write(tmp_path / "moving.csv", moving, header))
     assert np.isnan(reading.data.v_n).all()
     assert np.isnan(reading.data.rph).all()
-    assert any("assumed not to be given" in line for line in reading.facts.evidence)
+    assert any("assumed not to be given" in sentence(each) for each in reading.facts.evidence)
     level = moving.copy()
     level[:, 3], level[:, 4] = 100.0, 11.1
     level[:, 2] = 7.0  # straight north on a plain, all that may be zero
@@ -285,7 +284,10 @@ def test_fixes_that_a_log_repeats_are_used_once(tmp_path):
     np.testing.assert_allclose(reading.data.time, held[::10, 0], atol=1e-6)
     np.testing.assert_array_equal(reading.data.lla, _gps(tmp_path, once).data.lla)
     assert reading.facts.rate_hz == pytest.approx(1.0)
-    assert "540 of 600 fixes repeat the position before them" in " ".join(reading.facts.evidence)
+    (repeated,) = reading.events
+    assert repeated.code is Code.ROWS_REPEATED
+    assert repeated.severity is Severity.ASSUMPTION
+    assert (repeated["count"], repeated["rows"], repeated.begin) == (540, 600, pytest.approx(held[1, 0]))
 
 
 def test_fixes_that_a_log_with_holes_repeats_are_used_once(tmp_path):
@@ -309,7 +311,7 @@ def test_what_loggers_write_for_not_known_is_not_known(tmp_path):
     assert flat.data.fix is None
     assert not flat.data.lla[:, 2].any()
     told = ("no column has heights: they are not known", "'fix' is 0 in all rows, and positions change: not used")
-    assert set(told) <= set(flat.facts.evidence)
+    assert set(told) <= set(map(sentence, flat.facts.evidence))
     (tmp_path / "other.csv").write_text(rows.replace("fix", "elevation2"))
     with pytest.raises(InputError, match="no column for height"):
         read_gps(tmp_path / "other.csv")

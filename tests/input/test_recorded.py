@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 
 from insnav.exceptions import InputError
+from insnav.findings import Code
 from insnav.input import check_overlap, read_gps, read_imu, read_reference
-from tests.input.files import SHARED
+from tests.input.files import SHARED, noted
 
 DATA = SHARED / "data"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="recorded data (../shared/data) is not here")
+_GYRO_UNIT = Code.GYRO_UNIT, Code.GYRO_UNIT_ASSUMED, Code.GYRO_UNIT_BY_RATE, Code.GYRO_WRONG_WAY, Code.UNIT_STATED
 
 # file, rows, rate [Hz], start [s]: counted with wc and read off the first lines
 IMU = {
@@ -41,9 +43,9 @@ def test_imu_files_are_understood_without_options(name, expected):
     assert (facts.n_rows, facts.n_used) == (rows, rows)
     assert facts.rate_hz == pytest.approx(rate, rel=1e-3)
     assert facts.start_s == pytest.approx(start)
-    text = " ".join(facts.evidence)
-    assert "gyros in rad/s" in text
-    assert "accelerometers in m/s^2" in text
+    units = noted(reading, *_GYRO_UNIT)
+    assert {each["unit"] for each in units if each.get("quantity") != "time"} == {"rad/s"}
+    assert {each["unit"] for each in noted(reading, Code.ACCEL_UNIT, Code.ACCEL_UNIT_UNCALIBRATED)} == {"m/s^2"}
     assert np.isfinite(reading.data.gyro).all()
     assert (np.diff(reading.data.time) > 0).all()
 

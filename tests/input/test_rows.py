@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from insnav.exceptions import InputError
-from insnav.findings import Code
+from insnav.findings import Code, Severity
 from insnav.input import read_gps, read_imu
-from tests.input.files import GPS_HEADER, IMU_HEADER, as_text, fixes, rolling, write
+from insnav.messages import sentence
+from tests.input.files import GPS_HEADER, IMU_HEADER, as_text, fixes, noted, rolling, write
 
 ROWS = rolling(1000)
 
@@ -17,8 +18,8 @@ def _read(tmp_path, rows, header=IMU_HEADER):
     return read_imu(write(tmp_path / "imu.csv", rows, header))
 
 
-def _kinds(reading):
-    return [event.kind for event in reading.events]
+def _codes(reading):
+    return [event.code for event in reading.events]
 
 
 def _same(reading, rows):
@@ -33,9 +34,10 @@ def test_rows_without_finite_numbers_are_left_out_run_by_run(tmp_path, value):
     rows[100, 2] = rows[101, 6] = rows[500, 1] = rows[999, 4] = value
     reading = _read(tmp_path, rows)
     _same(reading, np.delete(ROWS, [100, 101, 500, 999], axis=0))
-    assert _kinds(reading) == [Code.IMU_NAN] * 3
-    assert [event.value for event in reading.events] == [2.0, 1.0, 1.0]
-    assert reading.events[0].time == pytest.approx(ROWS[100, 0])
+    assert _codes(reading) == [Code.ROWS_NAN] * 3
+    assert [event["count"] for event in reading.events] == [2, 1, 1]
+    assert {event.subject for event in reading.events} == {"imu"}
+    assert reading.events[0].begin == pytest.approx(ROWS[100, 0])
     assert (reading.facts.n_rows, reading.facts.n_used) == (1000, 996)
 
 
@@ -44,7 +46,7 @@ def test_rows_without_a_time_are_left_out(tmp_path):
     rows[0, 0] = rows[300, 0] = np.nan
     reading = _read(tmp_path, rows)
     _same(reading, np.delete(ROWS, [0, 300], axis=0))
-    assert all(np.isfinite(event.time) for event in reading.events)
+    assert all(np.isfinite(event.begin) for event in reading.events)
 
 
 def test_an_empty_column_is_named(tmp_path):
@@ -59,8 +61,9 @@ def test_a_few_late_rows_are_sorted(tmp_path):
     rows[[200, 203]] = rows[[203, 200]]
     reading = _read(tmp_path, rows)
     _same(reading, ROWS)
-    assert _kinds(reading) == [Code.IMU_UNSORTED]
-    assert reading.events[0].value == 3.0  # rows 201, 202 and 200 come after a later one
+    assert _codes(reading) == [Code.ROWS_UNSORTED]
+    assert reading.events[0]["count"] == 3  # rows 201, 202 and 200 come after a later one
+    assert reading.events[0]["late_s"] == pytest.approx(0.03)
 
 
 def test_disorder_is_refused(tmp_path):
@@ -108,9 +111,8 @@ def test_equal_rows_are_dropped_and_counted(tmp_path):
     rows = np.insert(ROWS, [50, 50, 700], ROWS[[49, 49, 699]], axis=0)
     reading = _read(tmp_path, rows)
     _same(reading, ROWS)
-    assert _kinds(reading) == [Code.IMU_DUPLICATE]
-    assert reading.events[0].value == 3.0
-    assert "identical" in reading.events[0].action
+    assert _codes(reading) == [Code.ROWS_DUPLICATE]
+    assert reading.events[0]["count"] == 3
 
 
 def test_of_rows_with_one_time_the_first_is_kept(tmp_path):
@@ -118,8 +120,8 @@ def test_of_rows_with_one_time_the_first_is_kept(tmp_path):
     other[0, 4] += 1.0
     reading = _read(tmp_path, np.insert(ROWS, [50], other, axis=0))
     _same(reading, ROWS)
-    assert reading.events[0].value == 1.0
-    assert "the first of each was kept" in reading.events[0].action
+    assert _codes(reading) == [Code.ROWS_SAME_TIME]
+    assert reading.events[0]["count"] == 1
 
 
 def test_a_coarse_time_column_is_refused(tmp_path):
@@ -136,13 +138,14 @@ def test_gaps_are_events_when_longer_than_five_samples(tmp_path, missing, event)
     _same(reading, rows)
     assert reading.facts.n_gaps == event
     if event:
-        assert _kinds(reading) == [Code.IMU_GAP]
-        assert reading.events[0].value == pytest.approx((missing + 1) / 100.0)
-        assert reading.events[0].time == pytest.approx(ROWS[299, 0])
+        assert _codes(reading) == [Code.ROWS_GAP]
+        assert reading.events[0]["gap_s"] == pytest.approx((missing + 1) / 100.0)
+        assert reading.events[0]["limit_s"] == pytest.approx(0.065)
+        assert reading.events[0].begin == pytest.approx(ROWS[299, 0])
         assert reading.facts.longest_gap_s == pytest.approx((missing + 1) / 100.0)
-        assert f"about {missing} samples" in reading.events[0].action
+        assert reading.events[0]["missing"] == missing
     else:
-        assert any("1 short gap " in text for text in reading.facts.evidence)
+        assert [each["count"] for each in noted(reading, Code.ROWS_SHORT_GAPS)] == [1]
 
 
 @pytest.mark.parametrize("period", [604800.0, 86400.0])
@@ -152,14 +155,15 @@ def test_the_end_of_the_week_or_day_is_unwrapped(tmp_path, period):
     wrapped[:, 0] %= period
     reading = _read(tmp_path, wrapped)
     _same(reading, rows)
-    assert any("starts anew" in text for text in reading.facts.evidence)
+    (restart,) = noted(reading, Code.TIME_RESTARTS)
+    assert (restart["count"], restart["period_s"]) == (1, period)
 
 
 def test_events_come_in_order_of_time(tmp_path):
     rows = np.delete(ROWS, np.arange(100, 150), axis=0)
     rows[500, 1] = rows[20, 1] = np.nan
     reading = _read(tmp_path, rows)
-    times = [event.time for event in reading.events]
+    times = [event.begin for event in reading.events]
     assert times == sorted(times)
     assert len(times) == 3
 
@@ -168,7 +172,7 @@ def test_a_barometer_that_never_changes_is_none(tmp_path):
     rows = np.column_stack([rolling(1000), np.zeros(1000)])
     reading = read_imu(write(tmp_path / "imu.csv", rows, f"{IMU_HEADER},baro_height_m"))
     assert reading.data.baro is None
-    assert any("'baro_height_m' never changes: not used" in line for line in reading.facts.evidence)
+    assert any("baro_height_m" in sentence(each) for each in reading.facts.evidence)
     rows[:, 7] = 100.0 + 0.01 * np.arange(1000)
     assert read_imu(write(tmp_path / "imu.csv", rows, f"{IMU_HEADER},baro_height_m")).data.baro is not None
 
@@ -216,8 +220,9 @@ def test_rows_of_a_gps_file_are_cleaned_alike(tmp_path):
     path = tmp_path / "gps.csv"
     path.write_text(text[:-30])
     reading = read_gps(path)
-    expected = [Code.GPS_UNSORTED, Code.GPS_NAN, Code.GPS_GAP, Code.GPS_CUT_ROW]
-    assert _kinds(reading) == expected
+    expected = [Code.ROWS_UNSORTED, Code.ROWS_NO_POSITION, Code.ROWS_GAP, Code.ROWS_CUT]
+    assert _codes(reading) == expected
+    assert {event.subject for event in reading.events} == {"gps"}
     assert reading.facts.n_used == 48
 
 
@@ -228,7 +233,7 @@ def test_a_row_of_another_week_is_left_out(tmp_path, row):
     reading = read_imu(write(tmp_path / "imu.csv", rows, IMU_HEADER))
     assert len(reading.data.time) == 399
     assert reading.facts.n_gaps == 0
-    assert any("more than a day from all others" in event.action for event in reading.events)
+    assert Code.ROWS_STRAY in _codes(reading)
 
 
 def _clock(seconds: np.ndarray) -> np.ndarray:
@@ -244,7 +249,8 @@ def test_times_as_digits_of_a_clock_are_read_and_said(tmp_path, step, gap):
     rows[:, 0] = _clock(seconds)
     reading = read_gps(write(tmp_path / "gps.csv", rows[:, :4], "time,lat,lon,alt"))
     np.testing.assert_allclose(reading.data.time, seconds, atol=1e-6)
-    assert "hhmmss (assumed; else write time_s in the header)" in " ".join(reading.facts.evidence)
+    (clock,) = noted(reading, Code.TIME_OF_CLOCK)
+    assert clock.severity is Severity.ASSUMPTION
 
 
 @pytest.mark.parametrize(("step", "header"), [(1.0, "time"), (0.2, "time"), (1.0, "time_s"), (20.0, "time_s")])

@@ -143,7 +143,7 @@ CUT = {
 def test_a_cut_last_row_is_left_out_and_said(tmp_path, content):
     reading = _read(tmp_path / "imu.csv", content)
     _same(reading, ROWS[:-1])
-    assert [event.kind for event in reading.events] == [Code.IMU_CUT_ROW]
+    assert [event.code for event in reading.events] == [Code.ROWS_CUT]
     assert reading.facts.n_rows == 400
     assert reading.facts.n_used == 399
 

@@ -104,7 +104,7 @@ def test_a_vertical_speed_that_comes_from_the_heights_has_not_the_unit_of_the_sp
     names = ["time", "lat", "lon", "height", "speed", "course"]
     pd.DataFrame(np.column_stack(columns), columns=names).to_csv(tmp_path / "gps.csv", index=False)
     read = read_gps(tmp_path / "gps.csv")
-    assert unit == "m/s" or any(f"velocities in {unit}" in line for line in read.facts.evidence)
+    assert unit == "m/s" or any(f" {unit}" in sentence(each) for each in read.facts.evidence)
     np.testing.assert_allclose(read.data.v_n[:, :2], gps.v_n[:, :2], atol=0.03 * 16.0)
     assert confusion(read.data) == ""
 

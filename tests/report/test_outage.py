@@ -106,7 +106,7 @@ def test_what_a_run_warns_of_is_said(tmp_path: Path, bare):
     error = np.random.default_rng(1).standard_normal((60, 6)) * 3.0
     windows = outage_windows(error, 3.0, 0.1, 60)
     gyro = Finding.of(Code.STORED_TEXT, 3.0, severity=Severity.WARNING, text="gyro z is off by +1.9 deg/s")
-    lost = Finding.of(Code.IMU_CUT_ROW, 9.0, severity=Severity.WARNING, subject="imu", action="the last row is cut off")
+    lost = Finding.of(Code.ROWS_CUT, 9.0, subject="imu", file="imu.csv")
     run = EvaluatedRun(replace(bare, events=(gyro,), gps_delay=0.34, gps_delay_sd=0.01))
     study = OutageStudy(tuple(windows), tuple(outage_growth(windows)), "the truth", run)
     made = Result("outage", study, events=(gyro, lost))

@@ -14,12 +14,13 @@ import insnav
 from insnav.errors.evaluated_run import _held
 from insnav.exceptions import InputError
 from insnav.filter.fix_figures import look_at_fixes
-from insnav.findings import Code
+from insnav.findings import Code, Finding, of_code
 from insnav.imu.inspection import _spectrum, inspect_samples
+from insnav.messages import sentence
 from insnav.report.check.page import page
 from insnav.report.run.warnings import run_warnings
 from insnav.result import Result
-from insnav.session.check import REFUSED, Checked, Problem, check
+from insnav.session.check import WORST_FIRST, Checked, check
 from insnav.types import GpsData, ImuData, Trajectory
 from tests.input.spellings.imu_files import FLU, SHORT, iso
 from tests.input.spellings.recorded import DEG, GPS_HEADERS, IMU_HEADERS, drive, fixes, samples, table, text
@@ -129,7 +130,9 @@ def test_a_logger_on_a_clock_of_its_own_turned_over(tmp_path):
     assert words[:5] == ["insnav", "run", str(imu), "--gps", str(gps)]
     assert float(words[words.index("--imu-time-offset") + 1]) == pytest.approx(408_123.45, abs=0.1)
     assert words[words.index("--imu-axes") + 1] == "FLU"
-    assert "clock" in found.problems[0].what or "no time in common" in found.problems[0].what
+    first = found.problems[0]
+    assert first.code is Code.CHECK_OPTION_NEEDED
+    assert "clock" in first["what"] or "no time in common" in first["what"]
     assert found.run is not None
 
 
@@ -138,12 +141,13 @@ def test_what_cannot_be_read_is_the_first_to_mend(tmp_path):
     bad.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(100))
     gps = table(tmp_path / "gps.csv", fixes(GPS_HEADERS))
     found = check([bad, gps], {}).found
-    assert "PNG" in found.problems[0].what
+    assert found.problems[0].code is Code.CHECK_REFUSED
+    assert "PNG" in found.problems[0]["what"]
     assert not found.runs
     imu = table(tmp_path / "imu.csv", samples(IMU_HEADERS))
     alone = check([imu], {}).found
     assert alone.imu is not None
-    assert any(each.what == "no GPS" for each in alone.problems)
+    assert any(each.get("what") == "no GPS" for each in alone.problems)
     assert np.isclose(alone.imu.axes[5].at_rest, drive().accel[:200, 2].mean(), atol=0.05)
 
 
@@ -172,27 +176,28 @@ def test_columns_of_names_that_say_nothing_are_told_by_what_they_hold(tmp_path):
     assert found.command.endswith("--columns gyro_x=wa,gyro_y=wb,gyro_z=wc,accel_x=fa,accel_y=fb,accel_z=fc")
     nothing = check([tmp_path / "list.csv"], {}).found
     assert list(nothing.roles.values()) == ["not understood"]
-    assert "found: name, speed" in nothing.problems[0].why
+    assert "found: name, speed" in nothing.problems[0]["why"]
 
 
 def test_files_that_are_cut_off_or_cover_a_part_are_said(tmp_path):
     imu, gps = table(tmp_path / "imu.csv", samples(IMU_HEADERS)), table(tmp_path / "gps.csv", fixes(GPS_HEADERS))
     whole = imu.read_bytes()
-    assert not any("cut off" in each.what + each.why for each in check([imu, gps], {}).found.problems)
+    codes = Code.ROWS_CUT, Code.IMU_ENDS_EARLY, Code.GPS_ENDS_EARLY, Code.IMU_BEGINS_LATE, Code.GPS_BEGINS_LATE
+    assert not [*of_code(check([imu, gps], {}).found.problems, *codes)]
     imu.write_bytes(whole[: len(whole) // 2])
-    said = [each.what for each in check([imu, gps], {}).found.problems if "cut off" in each.what + each.why]
+    cut, short = of_code(check([imu, gps], {}).found.problems, *codes)
     result = insnav.load(imu, gps).navigate()
-    end = result.inputs["gps"].end_s - result.inputs["imu"].end_s
-    assert said == ["imu.csv is cut off", f"imu.csv ends {end:.3g} s before gps.csv"]
-    warnings = result.page().warnings
-    for each in said:
-        assert any(text.startswith(each) for text in warnings)
+    assert (cut.code, cut.subject, cut["file"]) == (Code.ROWS_CUT, "imu", "imu.csv")
+    assert (short.code, short["file"], short["other"]) == (Code.IMU_ENDS_EARLY, "imu.csv", "gps.csv")
+    assert short["lost_s"] == result.inputs["gps"].end_s - result.inputs["imu"].end_s
+    for each in (cut, short):
+        assert any(sentence(each) in text for text in result.page().warnings)
 
 
 def test_a_reference_that_is_the_fixes_is_said(tmp_path):
     imu, gps = table(tmp_path / "imu.csv", samples(IMU_HEADERS)), table(tmp_path / "gps.csv", fixes(GPS_HEADERS))
     result = check([imu, gps, table(tmp_path / "ref.csv", fixes(GPS_HEADERS[:34]))], {})
-    assert "same data" in result.summary()
+    assert Code.CHECK_SAME_DATA in {each.code for each in result.found.problems}
     found = insnav.load(imu, gps, gps).navigate(smooth=False).found
     assert found.reference_is_gps
     assert Code.REF_IS_GPS in [each.code for each in run_warnings(found)]
@@ -229,7 +234,7 @@ def test_a_filter_that_is_lost_is_no_run(tmp_path, monkeypatch):
     found = check([imu, gps], {}).found
     assert not found.runs
     assert not found.runs_as_given
-    assert "99 %" in found.problems[0].why
+    assert "99 %" in found.problems[0]["why"]
 
 
 def test_a_folder_with_an_imu_model_beside_the_samples_is_one_recording(tmp_path):
@@ -243,7 +248,7 @@ def test_fixes_alone_are_examined(tmp_path):
     found = check([table(tmp_path / "gps.csv", fixes(GPS_HEADERS))], {}).found
     assert found.gps is not None
     assert not found.runs
-    assert found.problems[0].what == "no file with IMU data"
+    assert found.problems[0]["what"] == "no file with IMU data"
 
 
 def test_page_text_and_json(tmp_path):
@@ -272,7 +277,7 @@ def test_the_place_of_a_bench_is_no_fix(tmp_path):
     ref = table(tmp_path / "ref.csv", list(zip(GPS_HEADERS.split(","), ends, strict=False)))
     found = check([table(tmp_path / "imu.csv", rows), ref], {}).found
     assert found.roles[str(ref)] == "reference"
-    assert all("too few fixes" not in each.what for each in found.problems)
+    assert all("too few fixes" not in each.get("what", "") for each in found.problems)
 
 
 def test_velocities_that_are_not_there_have_no_figures() -> None:
@@ -284,8 +289,14 @@ def test_velocities_that_are_not_there_have_no_figures() -> None:
 
 
 def test_what_the_run_takes_care_of_is_no_mend():
-    kept = Problem(48.0, "0.7 % of the velocities are false", "by up to 4 m/s; the filter rejects them", "")
-    refused = Problem(REFUSED, "the file ends early", "", "")
+    kept = Finding.of(Code.CHECK_FALSE_VELOCITIES, share=0.007, speed_m_s=4.0)
+    refused = Finding.of(Code.CHECK_REFUSED, what="the file ends early", why="", fix="")
     found = Checked({}, "insnav run log.bin", (refused, kept))
     summary = page(Result("check", found, {}, {})).summary
     assert [line.split(":")[0] for line in summary] == ["mend 1", "run"]
+
+
+def test_every_problem_has_its_place():
+    """A code of the check without one would be a crash where it is found."""
+    assert {code for code in Code if code.startswith("check.")} <= set(WORST_FIRST)
+    assert len(set(WORST_FIRST)) == len(WORST_FIRST)

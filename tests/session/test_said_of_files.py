@@ -11,10 +11,13 @@ import pytest
 
 import insnav
 from insnav.exceptions import InputError
+from insnav.findings import Code, Severity
 from insnav.input.interpret.overlap import named_offset
 from insnav.input.readers.reading import not_covered
+from insnav.messages import sentence
 from insnav.units import DEG
 from tests.filter.test_gyro_fault import off
+from tests.input.files import noted
 
 SAMPLE = Path(__file__).parents[2] / "trajectories" / "sample"
 NO_UNITS = {"roll_deg": "roll", "pitch_deg": "pitch", "heading_deg": "yaw"}
@@ -87,7 +90,8 @@ def test_rows_of_zeros_before_there_was_anything_are_no_samples(tmp_path):
     imu = changed(tmp_path, "imu", lambda table: table.where(table.index.to_series() >= 500, 0.0))
     drive = insnav.load(imu, SAMPLE / "gps.csv")
     assert len(drive.imu.data.time) == drive.imu.facts.n_rows - 500
-    assert drive.imu.events[0].action.startswith("500 samples left out")
+    first = drive.imu.events[0]
+    assert (first.code, first.subject, first["count"]) == (Code.ROWS_NAN, "imu", 500)
 
 
 def test_a_late_start_of_fixes_says_that_rows_are_left_out(tmp_path):
@@ -97,8 +101,10 @@ def test_a_late_start_of_fixes_says_that_rows_are_left_out(tmp_path):
         table.loc[:60, place] = 0.0
         return table
 
-    warning = warned(insnav.load(SAMPLE / "imu.csv.gz", changed(tmp_path, "gps", without_place)))
-    assert "61 of its rows have no values and are left out" in warning
+    drive = insnav.load(SAMPLE / "imu.csv.gz", changed(tmp_path, "gps", without_place))
+    (late,) = not_covered(drive.imu.facts, drive.readings.facts["gps"])
+    assert (late.code, late["empty"]) == (Code.GPS_BEGINS_LATE, 61)
+    assert sentence(late) in warned(drive)
 
 
 def test_heights_in_feet_are_named_where_they_are_that_much_worse(tmp_path):
@@ -111,7 +117,9 @@ def test_a_reference_with_quaternions_says_that_they_are_not_read(tmp_path):
     ref = changed(tmp_path, "ref", lambda table: table.rename(columns=names).assign(qw=1.0))
     drive = insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv", ref=ref)
     assert drive.reference is not None
-    assert any("not read, attitude is assumed" in each for each in drive.reference.facts.evidence)
+    (note,) = noted(drive.reference, Code.COLUMNS_QUATERNION)
+    assert note["columns"] == ("qx", "qy", "qz", "qw")
+    assert note.severity is Severity.ASSUMPTION
 
 
 def test_a_static_stretch_outside_the_record_says_so():
@@ -181,7 +189,10 @@ def test_files_without_any_time_in_common_are_no_files_cut_off():
     imu, gps = facts["imu"], facts["gps"]
     assert not_covered(imu, replace(gps, start_s=imu.start_s + 2000.0, end_s=imu.end_s + 2000.0)) == []
     (said,) = not_covered(imu, replace(gps, end_s=imu.end_s - 200.0))
-    assert said.startswith("gps.csv ends 200 s before imu.csv.gz, 42 % of the samples have no fixes")
+    assert (said.code, said["file"], said["other"]) == (Code.GPS_ENDS_EARLY, "gps.csv", "imu.csv.gz")
+    assert said["lost_s"] == pytest.approx(200.0)
+    assert said["share"] == pytest.approx(0.42, abs=0.005)
+    assert said.get("empty") is None
 
 
 def test_columns_of_attitude_without_a_value_are_not_said_to_be_taken(tmp_path):
@@ -189,7 +200,7 @@ def test_columns_of_attitude_without_a_value_are_not_said_to_be_taken(tmp_path):
     ref = changed(tmp_path, "ref", lambda table: table.rename(columns=NO_UNITS).assign(**empty))
     reference = insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv", ref=ref).reference
     assert reference is not None
-    assert not any("yaw" in line for line in reference.facts.evidence)
+    assert not any("yaw" in sentence(each) for each in reference.facts.evidence)
 
 
 def test_a_minute_of_fixes_elsewhere_is_false_also_where_the_return_is_found_a_fix_early(tmp_path):

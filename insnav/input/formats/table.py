@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.findings import Note
 from insnav.types import FloatArray
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ class Table:
     headers: tuple[str, ...]  # names of the columns
     cells: Cells  # its rows
     units: tuple[str, ...] | None = None  # row of units under the header
-    notes: tuple[str, ...] = ()  # what the format says about the data, such as the time scale
+    notes: tuple[Note, ...] = ()  # how the format was read, such as the time scale
     format: str = ""  # name of the format it was read from
     week: float | None = None  # GPS week from whose start the times count, if that is known
     axes: str = ""  # where the sensor's x, y, z point by the definition of the format; empty if it has none

@@ -1,15 +1,16 @@
-"""Rows put in order: what cannot be used is taken out, and every such thing becomes a counted event."""
+"""Rows put in order: unusable rows are left out, and a finding counts them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from insnav import spill
 from insnav.exceptions import InputError
-from insnav.findings import Finding, untyped_event
+from insnav.findings import Code, Finding, Note, by_time
 from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray, IntArray
 
@@ -22,11 +23,13 @@ _MIN_INTERVAL = 1e-9  # shorter ones count as none [s]
 # Of a log that repeats: at least so many values, and of these at most so many once, as where a fifth of the rows of a
 # log that is written twice a fix are missing
 _FEW_RUNS, _MAX_SINGLE = 10, 0.4
+# Rows that a reader leaves out, as an error says it that too few others remain
+_LACKING = {Code.ROWS_NAN: "not a finite number", Code.ROWS_NO_POSITION: "no position", Code.ROWS_NO_TIME: "no time"}
 
 
 @dataclass(frozen=True, slots=True)
 class Kinds:
-    """Rows of one kind of file: their word in the plural, and what their events begin with, such as ``imu``.
+    """Rows of one kind of file: their word in the plural, and the input that they come from, such as ``imu``.
 
     More than `gap_rows` missing ones are a gap, and fewer than `min_rows` no data.
     """
@@ -35,12 +38,12 @@ class Kinds:
     source: str
     gap_rows: int
     min_rows: int
-    gaps: bool = True  # whether gaps are events
+    gaps: bool = True  # whether gaps are findings
     held: tuple[str, ...] = ()  # columns by which a row repeats the one before it
 
-    def event(self, what: str, time: float, value: float, text: str, limit: float = float("nan")) -> Finding:
-        """Event at a time [s] with the number of rows that it is about."""
-        return untyped_event(float(time), f"{self.source}.{what}", float(value), limit, "rows", text)
+    def finding(self, code: Code, time: float, **values: Any) -> Finding:
+        """Make a finding about rows of this kind of file at a time [s]."""
+        return Finding.of(code, time, subject=self.source, **values)
 
 
 IMU_KINDS = Kinds("samples", "imu", 5, 3)
@@ -54,11 +57,11 @@ class Cleaned:
     """Rows in order of time."""
 
     columns: dict[str, FloatArray]  # (n,) the columns, with ``time`` strictly increasing
-    events: tuple[Finding, ...]  # what was done, in order of time
+    events: tuple[Finding, ...]  # rows left out, sorted or missing, in order of time
     n_gaps: int  # number of gaps
     longest_gap: float  # longest of them [s]
     interval: float  # median interval [s]
-    notes: tuple[str, ...]  # what to tell the user
+    notes: tuple[Finding, ...]  # findings about the file as a whole
 
 
 def clean(
@@ -68,69 +71,57 @@ def clean(
     *,
     place: Callable[[int], str],
     name: str,
-    bad_action: str,
+    lacking: Code,
 ) -> Cleaned:
     """Put rows in order, and leave out bad ones ``(n,)`` and those that cannot be used.
 
-    `columns` (n,): with ``time`` [s]; as read; `bad` (n,): rows to leave out; `place`: from the number of a row to
-    ``file:line``.
+    `columns` (n,): with ``time`` [s]; as read; `bad` (n,): rows to leave out; `lacking`: what they lack; `place`: from
+    the number of a row to ``file:line``.
     Raises: InputError: too few rows, too many out of order, or a clock that was set back.
     """
     n = len(columns["time"])
     if n < kinds.min_rows:
         raise _too_few(n, n, kinds, name)
     events: list[Finding] = []
-    notes: list[str] = []
+    notes: list[Finding] = []
     kept = dict(columns)
     stray = _stray(kept["time"]) & ~bad
-    for mask, action in ((bad, bad_action), (stray, "more than a day from all others")):
-        events += _run_events(kept["time"], mask, kinds, action) if mask.any() else []
+    for mask, code in ((bad, lacking), (stray, Code.ROWS_STRAY)):
+        events += _run_events(kept["time"], mask, kinds, code) if mask.any() else []
     bad = bad | stray
     if bad.any():
         good = ~bad
         kept = {key: spill.chosen(column, good) for key, column in kept.items()}
         if len(kept["time"]) < kinds.min_rows:
-            raise _too_few(len(kept["time"]), n, kinds, name, f" ({bad_action} in the others)")
+            raise _too_few(len(kept["time"]), n, kinds, name, f" ({_LACKING[lacking]} in the others)")
     dt = spill.steps(kept["time"])
     if dt.min() <= _MIN_INTERVAL:
         rows = np.flatnonzero(~bad)
-        kept["time"], note = _unwrapped(kept["time"])
-        notes += note
+        kept["time"], unwrapped = _unwrapped(kept["time"])
+        notes += unwrapped
         kept, more = _ordered(kept, rows, kinds, place)
         events += more
         if len(kept["time"]) < kinds.min_rows:
             raise _too_few(len(kept["time"]), n, kinds, name)
         dt = spill.steps(kept["time"])
     if kinds.held and (again := _repeats(kept, kinds.held)).any():
-        count = int(np.count_nonzero(again))
-        notes.append(
-            f"{count} of {len(again)} {kinds.rows} repeat the position before them: assumed to be written more often"
-            " than they are measured, the first of each is used"
-        )
-        events.append(kinds.event("duplicate", kept["time"][int(np.argmax(again))], count, notes[-1]))
+        at = kept["time"][int(np.argmax(again))]
+        events.append(kinds.finding(Code.ROWS_REPEATED, at, count=int(np.count_nonzero(again)), rows=len(again)))
         kept = {key: spill.chosen(column, ~again) for key, column in kept.items()}
         dt = spill.steps(kept["time"])
     time = kept["time"]
     interval = float(np.median(dt))
     gaps = find_gaps(dt, interval, kinds)
     if kinds.gaps:
-        events += [
-            untyped_event(
-                float(time[i]),
-                f"{kinds.source}.gap",
-                float(dt[i]),
-                interval,
-                "s",
-                f"about {round(dt[i] / interval) - 1} {kinds.rows} are missing; nothing was filled in",
-            )
-            for i in gaps
-        ]
+        limit = _longest_step(interval, kinds)
+        for i in gaps:
+            missing = round(dt[i] / interval) - 1
+            events.append(kinds.finding(Code.ROWS_GAP, time[i], gap_s=dt[i], limit_s=limit, missing=missing))
         short = int(np.count_nonzero(dt > 1.5 * interval)) - len(gaps)
         if short:
-            notes.append(f"{short} short gap{'s' * (short > 1)} of at most {kinds.gap_rows} missing {kinds.rows}")
-    events.sort(key=lambda event: event.time)
+            notes.append(Finding.of(Code.ROWS_SHORT_GAPS, count=short, limit=kinds.gap_rows))
     longest = float(dt[gaps].max()) if len(gaps) else 0.0
-    return Cleaned(kept, tuple(events), len(gaps), longest, interval, tuple(notes))
+    return Cleaned(kept, by_time(events), len(gaps), longest, interval, tuple(notes))
 
 
 def _repeats(columns: Mapping[str, FloatArray], keys: tuple[str, ...]) -> BoolArray:
@@ -148,12 +139,19 @@ def _repeats(columns: Mapping[str, FloatArray], keys: tuple[str, ...]) -> BoolAr
 
 def find_gaps(step: FloatArray, interval: float, kinds: Kinds) -> IntArray:
     """Rows ``(n,)`` after which more are missing than happens by chance, by their steps and the median of these [s]."""
-    return np.flatnonzero(step > (kinds.gap_rows + 1.5) * interval) if kinds.gaps else np.empty(0, np.int64)
+    return np.flatnonzero(step > _longest_step(interval, kinds)) if kinds.gaps else np.empty(0, np.int64)
 
 
-def cut_event(kinds: Kinds, time: float, why: str) -> Finding:
-    """Event for a last row that was left out, at the time of the row before it [s]."""
-    return kinds.event("cut_row", time, 1.0, f"the last row was left out: {why}")
+def _longest_step(interval: float, kinds: Kinds) -> float:
+    """Step between two rows that is no gap yet, by the median one [s]."""
+    return (kinds.gap_rows + 1.5) * interval
+
+
+def cut_row(kinds: Kinds, time: float, why: Note, file: str) -> Finding:
+    """Make the finding of a last row that was left out, at the time of the row before it [s]."""
+    if isinstance(why, Finding):
+        return replace(why, begin=time, end=time, subject=kinds.source)
+    return Finding.of(Code.ROWS_CUT, time, subject=kinds.source, file=file, reason=why)
 
 
 def _stray(time: FloatArray) -> BoolArray:
@@ -181,21 +179,21 @@ def _too_few(used: int, read: int, kinds: Kinds, name: str, others: str = "") ->
     )
 
 
-def _run_events(time: FloatArray, bad: BoolArray, kinds: Kinds, action: str) -> list[Finding]:
-    """One event for each run of bad rows, at the first of them whose time is known."""
+def _run_events(time: FloatArray, bad: BoolArray, kinds: Kinds, code: Code) -> list[Finding]:
+    """Make one finding for each run of bad rows, at the first of them whose time is known."""
     known = np.flatnonzero(np.isfinite(time))
     if not len(known):
         return []
     events = []
     for first, end in runs_of(bad).tolist():
         at = known[min(int(np.searchsorted(known, first)), len(known) - 1)]
-        events.append(kinds.event("nan", time[at], end - first, f"{end - first} {kinds.rows} left out: {action}"))
+        events.append(kinds.finding(code, time[at], count=end - first))
     return events
 
 
-def _unwrapped(time: FloatArray) -> tuple[FloatArray, list[str]]:
+def _unwrapped(time: FloatArray) -> tuple[FloatArray, list[Finding]]:
     """Time without the jumps back at the end of a week or of a day."""
-    for period, word in ((604800.0, "week"), (86400.0, "day")):
+    for period in (7.0 * _DAY, _DAY):
         if time.min() < 0.0 or time.max() > period:
             continue
         dt = np.diff(time)
@@ -203,8 +201,7 @@ def _unwrapped(time: FloatArray) -> tuple[FloatArray, list[str]]:
         if len(step) and not (np.delete(dt, step) < -60.0).any():
             steps = np.zeros(len(time))
             steps[step + 1] = period
-            note = f"the time starts anew {len(step)} times (end of the {word}): {period:.0f} s were added"
-            return time + np.cumsum(steps), [note]
+            return time + np.cumsum(steps), [Finding.of(Code.TIME_RESTARTS, count=len(step), period_s=period)]
     return time, []
 
 
@@ -221,8 +218,8 @@ def _ordered(
         _refuse_disorder(columns, late, rows, place)
         at = int(np.flatnonzero(late)[0])
         worst = float((latest - time).max())
-        text = f"{n_late} {kinds.rows} were out of order by up to {worst:.3g} s: sorted by time"
-        events.append(kinds.event("unsorted", time[at], n_late, text, _tolerated(len(time))))
+        limit = _tolerated(len(time))
+        events.append(kinds.finding(Code.ROWS_UNSORTED, time[at], count=n_late, limit=limit, late_s=worst))
         order = np.argsort(time, kind="stable")
         columns = {key: spill.chosen(column, order) for key, column in columns.items()}
         time = columns["time"]
@@ -240,12 +237,10 @@ def _ordered(
                 why=f"{differing} of {len(time)} {kinds.rows} have the time of the one before them",
                 fix="write the time with more digits, or name the right time column: --columns time=HEADER",
             )
-        for mask, text in ((same, "identical to the one before"), (again & ~same, "at the time of the one before")):
-            count = int(np.count_nonzero(mask))
-            if count:
-                at = int(np.flatnonzero(mask)[0])
-                kept = "" if text.startswith("identical") else "; the first of each was kept"
-                events.append(kinds.event("duplicate", time[at], count, f"{count} {kinds.rows} {text}: left out{kept}"))
+        for mask, code in ((same, Code.ROWS_DUPLICATE), (again & ~same, Code.ROWS_SAME_TIME)):
+            if mask.any():
+                first = time[int(np.argmax(mask))]
+                events.append(kinds.finding(code, first, count=int(np.count_nonzero(mask))))
         columns = {key: spill.chosen(column, ~again) for key, column in columns.items()}
     return columns, events
 

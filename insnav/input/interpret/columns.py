@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from insnav.exceptions import ConfigError, InputError
+from insnav.findings import Code, Finding, Note
 from insnav.input.interpret.headerless import is_headerless
 from insnav.input.interpret.schema import ALL_UNITS, PREFIXES, UNIT_SPELLINGS, Quantity, compact
 from insnav.units import UNITS
@@ -26,6 +27,7 @@ _MEANT = {
     "utcnano": "time (ns)",
 }
 _NO_UNITS = {"wgs84", "txt"}  # words in brackets that say something else
+_LISTED = 12  # unused columns that a finding names
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +126,7 @@ def understand(
     *,
     columns: Mapping[str, str] | None = None,
     where: str = "",
-) -> tuple[dict[str, Found], tuple[str, ...]]:
+) -> tuple[dict[str, Found], tuple[Note, ...]]:
     """Assign columns to quantities.
 
     `headers`, `units_row`: as in the file, and the cells of the row of units under the header, if there is one;
@@ -159,7 +161,7 @@ def understand(
         elif match is None:
             unused.append(header)
     found = dict(given)
-    notes: list[str] = []
+    notes: list[Note] = []
     for key, candidates in ranked.items():
         candidates.sort(key=lambda item: (item[0], item[1].index))
         best = candidates[0]
@@ -171,16 +173,20 @@ def understand(
                 fix=f"say which one: {as_option({key: best[1].header})}",
             )
         found[key] = best[1]
-        notes += [f"{c.header!r} could be {key} too: not used, {best[1].header!r} is" for _, c in candidates[1:]]
+        for _, other in candidates[1:]:
+            notes.append(Finding.of(Code.COLUMN_TWICE, column=other.header, quantity=key, used=best[1].header))
     turned = [header for header in unused if _QUATERNION.fullmatch(header.strip())]
     if len(turned) == 4 and "heading" in {q.key for q in schema} and not {"roll", "pitch", "heading"} & found.keys():
-        notes.append(
-            f"columns {', '.join(turned)} are not read, attitude is assumed not to be given: give roll_deg, "
-            "pitch_deg, heading_deg"
-        )
+        notes.append(Finding.of(Code.COLUMNS_QUATERNION, columns=tuple(turned)))
     if unused and not is_headerless(headers):
-        notes.append(f"columns not used: {_listed(unused, 12)}")
+        notes.append(unused_columns(unused))
     return found, tuple(notes)
+
+
+def unused_columns(headers: Sequence[str]) -> Finding:
+    """Make the finding of columns that are not read."""
+    more: dict[str, Any] = {"more": len(headers) - _LISTED} if len(headers) > _LISTED else {}
+    return Finding.of(Code.COLUMNS_UNUSED, count=len(headers), columns=tuple(headers[:_LISTED]), **more)
 
 
 def from_zero(headers: Sequence[str]) -> list[str]:

@@ -15,6 +15,7 @@ import numpy as np
 
 from insnav.earth_fixed import level_from_earth, lla_from_earth
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding, Note
 from insnav.input.formats.conventions import PLACE, VELOCITY
 from insnav.input.formats.table import Cells, Numbers, Table
 from insnav.input.formats.time_scales import Scale, gps_days, seconds_of_week
@@ -69,14 +70,15 @@ def _added(
     parts: Sequence[int],
     names: Sequence[str],
     make: Callable[..., FloatArray],
-    note: str,
+    *notes: Note,
     week: float | None = None,
 ) -> Table:
     """A table with columns made of others, whose own headers are none any more."""
     headers = tuple("" if i in parts else header for i, header in enumerate(table.headers))
     units = None if table.units is None else (*table.units, *[""] * len(names))
-    cells, notes = _Composed(table.cells, len(headers), tuple(parts), make), (*table.notes, note)
-    return replace(table, headers=(*headers, *names), cells=cells, units=units, notes=notes, week=week or table.week)
+    cells = _Composed(table.cells, len(headers), tuple(parts), make)
+    headers, notes = (*headers, *names), (*table.notes, *notes)
+    return replace(table, headers=headers, cells=cells, units=units, notes=notes, week=week or table.week)
 
 
 def _first(table: Table, parts: Sequence[int]) -> list[FloatArray] | None:
@@ -109,11 +111,12 @@ def _timed(table: Table, words: Sequence[str]) -> Table:
             def seconds(*by: FloatArray) -> FloatArray:
                 return seconds_of_week(*_moments(*by), scale, week=first.week).time[:, None]
 
-            note = f"time from {table.headers[parts[0]]!r} … {table.headers[parts[-1]]!r}: {first.note}"
-            return _added(table, parts, ["time_s"], seconds, note, first.week)
+            columns = table.headers[parts[0]], table.headers[parts[-1]]
+            note = Finding.of(Code.TIME_FROM_PARTS, first=columns[0], last=columns[1])
+            return _added(table, parts, ["time_s"], seconds, note, first.note, week=first.week)
     if _TICKS in words:
         ticks = words.index(_TICKS)
-        note = f"time from {table.headers[ticks]!r}, which counts 0.1 ms"
+        note = Finding.of(Code.TIME_FROM_TICKS, column=table.headers[ticks], tick_s=_TICK)
         return _added(table, [ticks], ["time_s"], lambda n: np.unwrap(n, period=2.0**32)[:, None] * _TICK, note)
     return table
 
@@ -161,9 +164,8 @@ def _placed(table: Table, words: Sequence[str]) -> Table:
 
     moves = min(speeds) >= 0 and _first(table, speeds) is not None
     parts = [*places, *(speeds if moves else ())]
-    named = ", ".join(table.headers[i] for i in parts)
-    names = [*PLACE, *(VELOCITY if moves else ())]
-    return _added(table, parts, names, level, f"place from Earth-fixed {named}: heights are above the ellipsoid")
+    note = Finding.of(Code.PLACE_EARTH_FIXED, columns=tuple(table.headers[i] for i in parts))
+    return _added(table, parts, [*PLACE, *(VELOCITY if moves else ())], level, note)
 
 
 def _inside(size: FloatArray) -> BoolArray:

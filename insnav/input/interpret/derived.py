@@ -14,7 +14,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from insnav.input.interpret.columns import Found
+from insnav.findings import Code, Finding, Note
+from insnav.input.interpret.columns import Found, unused_columns
 from insnav.types import FloatArray
 from insnav.units import DEG
 
@@ -24,8 +25,8 @@ _STILL = 0.3  # below such a speed a receiver gives no course [m/s]
 _CLIMB_SD = 2.0  # of a vertical speed that is taken from the heights, at least [m/s]
 
 
-def derive(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[str]:
-    """Put what can be derived into the columns ``(n,)`` [SI, rad], in place; notes on what was done."""
+def derive(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Note]:
+    """Put derived quantities into the columns ``(n,)`` [SI, rad], in place, and return findings about that."""
     notes = _integers(raw, found)
     notes += _degrees_minutes(raw, found)
     notes += _signs(raw, found)
@@ -34,7 +35,7 @@ def derive(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[str]:
     return notes
 
 
-def _integers(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[str]:
+def _integers(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Note]:
     """Integers as u-blox and PX4 write them: degrees times 1e7, and millimetres beside them."""
     written = {key: raw[key][np.isfinite(raw[key])] / found[key].factor for key in ("lat", "lon")}
     whole = (len(values) and (np.abs(values - np.round(values)) < 1e-3).all() for values in written.values())
@@ -48,12 +49,12 @@ def _integers(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[st
     height = raw["height"][np.isfinite(raw["height"])]
     column = found["height"] if "height" in found else found["height_msl"]
     if column.unit or not len(height) or (height != np.round(height)).any():
-        return ["positions in 1e-7 deg: they are integers"]
+        return [Finding.of(Code.POSITIONS_INTEGER)]
     raw["height"] = raw["height"] * 1e-3
-    return ["positions in 1e-7 deg, heights in mm: they are integers"]
+    return [Finding.of(Code.POSITIONS_INTEGER), Finding.of(Code.HEIGHTS_INTEGER)]
 
 
-def _degrees_minutes(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[str]:
+def _degrees_minutes(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Note]:
     """Degrees and minutes in one number, as NMEA writes them: 4807.038 is 48 deg 7.038 min."""
     written = {key: raw[key] / found[key].factor for key in ("lat", "lon")}
     known = {key: values[np.isfinite(values)] for key, values in written.items()}
@@ -68,47 +69,48 @@ def _degrees_minutes(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> 
     for key, values in written.items():
         size = np.abs(values)
         raw[key] = np.sign(values) * (size // 100.0 + (size % 100.0) / 60.0) * DEG
-    example = f"{known['lat'][0]:.3f}"
-    return [f"positions in degrees and minutes, ddmm.mmmm: {example} is {raw['lat'][0] / DEG:.5f} deg"]
+    return [Finding.of(Code.POSITIONS_DEGREES_MINUTES, angle_rad=raw["lat"][0], written=known["lat"][0])]
 
 
-def _signs(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[str]:
+def _signs(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Note]:
     """South and west from columns of letters."""
-    notes = []
+    notes: list[Note] = []
     for key in ("lat", "lon"):
         sign = raw.pop(f"{key}_sign", None)
         if sign is not None:
             raw[key] = np.where(np.isfinite(sign), sign, np.nan) * np.abs(raw[key])
-            notes.append(f"sign of {found[key].header!r} from {found[f'{key}_sign'].header!r}")
+            letters = found[f"{key}_sign"].header
+            notes.append(Finding.of(Code.POSITIONS_SIGN, column=found[key].header, letters=letters))
     return notes
 
 
-def _velocities(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[str]:
+def _velocities(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Note]:
     """Velocity north and east from speed and course; vertical speed from the heights."""
     speed, course = raw.pop("speed", None), raw.pop("course", None)
     speed_sd, course_sd = raw.pop("accuracy_speed", None), raw.pop("accuracy_course", None)
     if "vn" in raw or "ve" in raw or speed is None or course is None:
-        unused = [key for key, column in (("speed", speed), ("course", course)) if column is not None]
-        return [f"{found[key].header!r} is not used" for key in unused] if "vn" not in raw else []
+        unused = [found[key].header for key, column in (("speed", speed), ("course", course)) if column is not None]
+        return [unused_columns(unused)] if unused and "vn" not in raw else []
     speed = np.where(speed >= 0.0, speed, np.nan)  # -1 stands for unknown
     known = np.isfinite(speed) & (np.isfinite(course) & (course >= 0.0) | (speed < _STILL))
     course = np.where(np.isfinite(course), course, 0.0)
     raw["vn"] = np.where(known, speed * np.cos(course), np.nan)
     raw["ve"] = np.where(known, speed * np.sin(course), np.nan)
-    notes = [f"velocity from speed and course, {found['speed'].header!r} and {found['course'].header!r}"]
+    columns = found["speed"].header, found["course"].header
+    notes: list[Note] = [Finding.of(Code.VELOCITY_FROM_COURSE, speed=columns[0], course=columns[1])]
     if speed_sd is not None and (speed_sd > 0.0).any():
         sd = np.where(speed_sd > 0.0, speed_sd, np.nan)
         if course_sd is not None:
             across = speed * np.where(course_sd > 0.0, course_sd, 0.0)
             sd = np.fmax(sd, np.where(np.isfinite(across), across, 0.0))
         raw["sd_vn"], raw["sd_ve"] = sd, sd.copy()
-        notes.append(f"standard deviation of the velocity from {found['accuracy_speed'].header!r}")
+        notes.append(Finding.of(Code.VELOCITY_SD_COLUMN, column=found["accuracy_speed"].header))
     if "vd" not in raw and "vu" not in raw:
         climb, climb_sd = _climb(raw)
         raw["vd"] = np.where(known, -climb, np.nan)
         if "sd_vn" in raw:
             raw["sd_vd"] = np.where(np.isfinite(raw["sd_vn"]), np.maximum(raw["sd_vn"], climb_sd), np.nan)
-        notes.append(f"vertical speed from the heights, sd {climb_sd:.2g} m/s")
+        notes.append(Finding.of(Code.VELOCITY_FROM_HEIGHTS, sd_m_s=climb_sd))
     return notes
 
 
@@ -123,9 +125,9 @@ def _climb(raw: Mapping[str, FloatArray]) -> tuple[FloatArray, float]:
     return rate, max(_CLIMB_SD, 1.4826 * float(np.median(np.abs(rate))))
 
 
-def _deviations(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[str]:
+def _deviations(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Note]:
     """Standard deviations from variances, and from radii of confidence."""
-    notes: list[str] = []
+    notes: list[Note] = []
     radius, vertical = raw.pop("radius", None), raw.pop("accuracy_d", None)
     variances = {axis: raw.pop(f"var_{axis}", None) for axis in "ned"}
     if "sd_n" in raw:
@@ -134,16 +136,16 @@ def _deviations(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[
         for axis, column in variances.items():
             assert column is not None
             raw[f"sd_{axis}"] = np.sqrt(np.where(column > 0.0, column, np.nan))
-        notes.append(f"standard deviations from the variances {found['var_e'].header!r} … {found['var_d'].header!r}")
+        columns = tuple(found[f"var_{axis}"].header for axis in "ned")
+        notes.append(Finding.of(Code.SD_FROM_VARIANCES, columns=columns))
     elif radius is not None and (radius > 0.0).any():
         raw["sd_n"] = np.where(radius > 0.0, radius, np.nan) / RADIUS
         raw["sd_e"] = raw["sd_n"].copy()
-        text = f"standard deviation from {found['radius'].header!r}, a radius of 68 %"
+        notes.append(Finding.of(Code.SD_FROM_RADIUS, column=found["radius"].header))
         if vertical is not None and (vertical > 0.0).any():
             raw["sd_d"] = np.where(vertical > 0.0, vertical, 2.0 * raw["sd_n"])
-            text += f", and {found['accuracy_d'].header!r}"
+            notes.append(Finding.of(Code.SD_VERTICAL_COLUMN, column=found["accuracy_d"].header))
         else:
             raw["sd_d"] = 2.0 * raw["sd_n"]
-            text += "; vertical: twice that"
-        notes.append(text)
+            notes.append(Finding.of(Code.SD_VERTICAL_TWICE))
     return notes

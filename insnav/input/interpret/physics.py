@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from insnav import spill
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding
 from insnav.input.interpret.schema import ALL_UNITS
 from insnav.types import FloatArray
 
@@ -65,8 +67,8 @@ def quiet_part(gyro: FloatArray, accel: FloatArray, *, interval: float, scale: f
 
 def find_accel_unit(
     quiet: Quiet, stated: str | None, *, interval: float, increments: bool, where: str
-) -> tuple[str, str]:
-    """Unit of the accelerometers, by gravity, and the evidence.
+) -> tuple[str, Finding]:
+    """Find the unit of the accelerometers, by gravity.
 
     `quiet` is of the record as in the file, divided by the interval [s] if it holds increments; `stated` is the unit in
     the header or from the user.
@@ -94,11 +96,11 @@ def find_accel_unit(
             gravity = float(np.median(force))
             if abs(gravity / _GRAVITY - 1.0) > _FAR_OFF:  # a few blocks fit by chance
                 continue
-            text = f"accelerometers in {unit}: gravity in the quiet stretches is {gravity:.4g} m/s^2"
-            off = gravity / _GRAVITY - 1.0
-            if abs(off) > _GRAVITY_TOLERANCE:
-                text += f", {off:+.1%} error; are the sensors uncalibrated?"
-            return unit, text
+            error = gravity / _GRAVITY - 1.0
+            if abs(error) <= _GRAVITY_TOLERANCE:
+                return unit, Finding.of(Code.ACCEL_UNIT, gravity_m_s2=gravity, unit=unit)
+            values: dict[str, Any] = {"error": error, "limit": _GRAVITY_TOLERANCE, "gravity_m_s2": gravity}
+            return unit, Finding.of(Code.ACCEL_UNIT_UNCALIBRATED, **values, unit=unit)
     other = norms * interval if increments else norms / interval
     per_sample = np.mean(np.abs(other / _GRAVITY - 1.0) < _GRAVITY_TOLERANCE) > _MIN_SHARE
     if per_sample:
@@ -174,8 +176,8 @@ def one_gyro(column: str, why: str, where: str) -> InputError:
 
 def find_gyro_unit(
     quiet: Quiet, ratio: float, correlation: float, stated: str | None, *, increments: bool, where: str, odd: str = ""
-) -> tuple[str, str]:
-    """Unit of the gyros, by what vehicles can do and by how gravity turns, and the evidence.
+) -> tuple[str, Finding]:
+    """Find the unit of the gyros, by the rates of vehicles and by how gravity turns.
 
     `ratio` and `correlation` are from `turn_ratio`, for the numbers as in the file; `odd`: column by `odd_one`.
 
@@ -184,16 +186,25 @@ def find_gyro_unit(
     usual = ("rad", "deg") if increments else ("rad/s", "deg/s", "mrad/s", "mdeg/s")  # far apart, by 17 and more
     fastest = float(quiet.rate.max())
     shown, why = None, ""
+    finding = Finding.of(Code.GYRO_UNIT_ASSUMED, largest=fastest, unit=usual[0])
+    if stated is not None:
+        finding = stated_unit("gyros", stated)
     if correlation:
         for unit in (stated, *usual) if stated else usual:
             factor = abs(ratio) / ALL_UNITS[unit][1]
             if 1.0 / _MAX_TURN_RATIO < factor < _MAX_TURN_RATIO:
                 why = f"gravity turns in the body as they say (ratio {factor:.2g}, r = {correlation:.2f})"
-                shown = unit
+                code = Code.GYRO_UNIT if correlation > 0.0 else Code.GYRO_WRONG_WAY
+                shown, finding = unit, Finding.of(code, correlation=correlation, ratio=factor, unit=unit)
                 break
+    tried = stated or usual[0]
     limit = _MAX_SENSOR_RATE if stated else _MAX_RATE
-    if shown is None and fastest * ALL_UNITS[stated or usual[0]][1] > limit:
-        shown, why = usual[1], f"they reach {fastest:.3g}, too much for {stated or usual[0]}"
+    if shown is None and fastest * ALL_UNITS[tried][1] > limit:
+        shown, why = usual[1], f"they reach {fastest:.3g}, too much for {tried}"
+        if correlation < 0.0:
+            finding = Finding.of(Code.GYRO_WRONG_WAY, correlation=correlation, unit=shown)
+        elif stated is None:
+            finding = Finding.of(Code.GYRO_UNIT_BY_RATE, largest=fastest, tried=tried, unit=shown)
     if stated is not None and shown not in (None, stated):
         if odd:
             raise one_gyro(odd, f"{why}, and the noise of this one is that of another unit than the others'", where)
@@ -204,40 +215,43 @@ def find_gyro_unit(
             fix=f"say --imu-units gyro={shown}, or put the right unit into the header",
             gives={"units": {"gyro": shown}},
         )
-    unit = stated or shown or usual[0]
-    if shown is None:
-        why = "as stated" if stated else f"assumed, the motion does not tell (largest {fastest:.3g})"
-    elif correlation < 0.0:
-        why += "; WARNING: they turn the wrong way against the accelerometers: check the axes and signs"
-    return unit, f"gyros in {unit}: {why}"
+    return stated or shown or usual[0], finding
 
 
-def check_axes(quiet: Quiet, axes: str | None, *, where: str, any_way: bool = False) -> str:
-    """Which way is up in body axes, after `axes` (None: not given) were applied, and whether that fits FRD.
+def stated_unit(quantity: str, unit: str) -> Finding:
+    """Make the finding of a unit that the file or the user states, and nothing contradicts."""
+    return Finding.of(Code.UNIT_STATED, quantity=quantity, unit=unit)
+
+
+def check_axes(
+    quiet: Quiet, axes: str | None, *, where: str, any_way: bool = False, by_format: bool = False
+) -> Finding:
+    """Find which way is up in body axes, after `axes` (None: not given) were applied, and whether that fits FRD.
+
+    `by_format`: `axes` are those of the format, not given by the user.
 
     Raises: InputError: no axes were given, and z points up, unless it may point `any_way`.
     """
     norms = np.linalg.norm(quiet.mean, axis=1)[:, None]
     direction = np.mean(quiet.mean / np.where(norms > 0.0, norms, 1.0), axis=0)  # zeros: a sensor that was off
-    said = f"axes {axes} as given" if axes else "axes taken as FRD (forward, right, down)"
-    reads = f"specific force at rest points along ({', '.join(f'{c:+.2f}' for c in direction)})"
-    if direction[2] > _LEVEL:
-        if axes is None and not any_way:
-            raise InputError(
-                "the axes look like forward, left, up (FLU)",
-                where=where,
-                why=f"{reads}: z reads +9.8 m/s^2 where forward, right, down reads -9.8",
-                fix="say --imu-axes FLU (or RFU, as mounted); --imu-axes FRD if it really is upside down",
-                gives={"axes": "FLU"},
-            )
-        return f"{said}: {reads}; the body is upside down{', unless the drive shows other axes' * (axes is None)}"
-    if direction[2] < -_LEVEL:
-        return f"{said}: {reads}, z down"
-    for i, name in enumerate("xy"):
-        if abs(direction[i]) > _LEVEL:
-            way = "up" if direction[i] > 0 else "down"
-            return f"{said}: {reads}; NOTE: {name} points {way}: if not mounted so, give --imu-axes"
-    return f"{said}: {reads}; the body is not level, or its attitude varies"
+    if direction[2] > _LEVEL and axes is None and not any_way:
+        reads = f"specific force at rest points along ({', '.join(f'{c:+.2f}' for c in direction)})"
+        raise InputError(
+            "the axes look like forward, left, up (FLU)",
+            where=where,
+            why=f"{reads}: z reads +9.8 m/s^2 where forward, right, down reads -9.8",
+            fix="say --imu-axes FLU (or RFU, as mounted); --imu-axes FRD if it really is upside down",
+            gives={"axes": "FLU"},
+        )
+    code = Code.AXES_ASSUMED if axes is None else Code.AXES_BY_FORMAT if by_format else Code.AXES_GIVEN
+    # none of them if the body is not level, or its attitude varies
+    vertical = [
+        (axis, "up" if cosine > 0.0 else "down")
+        for axis, cosine in zip("xyz", direction, strict=True)
+        if abs(cosine) > _LEVEL
+    ]
+    axis, way = vertical[0] if vertical else ("", "")
+    return Finding.of(code, direction=direction, axes=axes or "FRD", axis=axis, way=way)
 
 
 def clock_digits(time: FloatArray) -> FloatArray | None:
@@ -264,8 +278,8 @@ def clock_digits(time: FloatArray) -> FloatArray | None:
     return seconds if whole.mean() > 0.5 or (late and clean.max() < 40.0) else None
 
 
-def find_time_unit(time: FloatArray, stated: str | None, *, slowest: float, where: str) -> tuple[str, str]:
-    """Unit of the time column, by its steps, and the evidence.
+def find_time_unit(time: FloatArray, stated: str | None, *, slowest: float, where: str) -> tuple[str, Finding]:
+    """Find the unit of the time column, by its steps.
 
     `time` ``(n,)`` is as in the file; no such file has steps longer than `slowest` [s].
 
@@ -297,7 +311,7 @@ def find_time_unit(time: FloatArray, stated: str | None, *, slowest: float, wher
                 fix=f"put the right unit into the header, such as time_{guess or 'ms'}; if it is right, the rows are "
                 "too far apart: export the log at its full rate",
             )
-        return stated, f"time in {stated}"
+        return stated, stated_unit("time", stated)
     if guess is None:
         raise InputError("the unit of the time is not clear", where=where, why=f"it steps by {step:.6g}")
-    return guess, f"time in {guess}: it steps by {step:.6g}"
+    return guess, Finding.of(Code.TIME_UNIT, step_s=step * ALL_UNITS[guess][1], unit=guess)

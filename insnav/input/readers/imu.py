@@ -118,9 +118,7 @@ def read_imu(
     gyro_unit, gyro_evidence = find_gyro_unit(
         quiet, ratio / scale, correlation, stated["gyro"], increments=increments, where=name, odd=odd
     )
-    axes_evidence = check_axes(quiet, axes, where=name, any_way=any_way)
-    if by_format:
-        axes_evidence = axes_evidence.replace("as given", "by the format (else --imu-axes)")
+    axes_evidence = check_axes(quiet, axes, where=name, any_way=any_way, by_format=bool(by_format))
     for array, unit in ((gyro, gyro_unit), (accel, accel_unit)):
         if ALL_UNITS[unit][1] != 1.0:
             for block in spill.blocks(len(array)):

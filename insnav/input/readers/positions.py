@@ -12,6 +12,7 @@ import numpy as np
 
 from insnav.earth import ned_offset
 from insnav.exceptions import InputError
+from insnav.findings import Code
 from insnav.input.formats import delimited_text, kf_gins, matlab, parquet, phone_folder
 from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
@@ -183,7 +184,7 @@ def read_positions(
     bad = ~np.isfinite(raw["time"]) | _no_position(raw)
     notes = (*notes, *_raise_rounded(raw, bad, found))
     _refuse_impossible(raw, bad, found, table, height_key)
-    cleaned = rows.clean(bad, "no position")
+    cleaned = rows.clean(bad, Code.ROWS_NO_POSITION)
     data = cleaned.columns
     lla = np.column_stack([data["lat"], (data["lon"] + np.pi) % (2.0 * np.pi) - np.pi, data["height"]])
     if "vd" not in data and "vu" in data:

@@ -7,11 +7,15 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from insnav.findings import Finding
+from insnav.findings import Code, Finding, Note
+from insnav.messages import sentence
 from insnav.types import IntArray, Sampling, Stamp
 
 T = TypeVar("T")
-LOST, LOST_SHARE = 10.0, 0.1  # what is worth a word of time that only one of two files covers [s], and of its length
+LOST, LOST_SHARE = 10.0, 0.1  # least time that only one of two files covers [s], and its share, that is a finding
+# Codes for a file that lacks the beginning, or the end, of the time of the other
+_SHORT_IMU = Code.IMU_BEGINS_LATE, Code.IMU_ENDS_EARLY
+_SHORT_GPS = Code.GPS_BEGINS_LATE, Code.GPS_ENDS_EARLY
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +35,7 @@ class ReadingFacts:
     n_gaps: int  # number of gaps that have an event
     longest_gap_s: float  # longest interval between two rows if there is a gap, else zero [s]
     columns: Mapping[str, str]  # canonical name to header and unit
-    evidence: tuple[str, ...] = ()  # how units, axes and signs were found, and what was assumed
+    evidence: tuple[Note, ...] = ()  # how units, axes and signs were found, and what was assumed
     axes: str = ""  # directions of the sensor's x, y, z, such as ``FRD`` (IMU only)
     # as in `insnav.types.ImuData` (IMU only)
     sampling: Sampling | None = None
@@ -42,7 +46,7 @@ class ReadingFacts:
     def as_dict(self) -> dict[str, Any]:
         """Give the facts in a form ready for JSON."""
         facts = {each.name: getattr(self, each.name) for each in fields(self)}
-        facts |= {"columns": dict(self.columns), "evidence": list(self.evidence)}
+        facts |= {"columns": dict(self.columns), "evidence": list(map(sentence, self.evidence))}
         optional = ("axes", "sampling", "stamp", "height", "gps_week")
         return {name: value for name, value in facts.items() if value not in ("", None) or name not in optional}
 
@@ -50,9 +54,8 @@ class ReadingFacts:
     def from_dict(cls, facts: Mapping[str, Any]) -> ReadingFacts:
         """Take the facts back from JSON."""
         known = {each.name for each in fields(cls)}
-        return cls(
-            **{name: value for name, value in facts.items() if name in known} | {"evidence": tuple(facts["evidence"])}
-        )
+        evidence = tuple(Finding.of(Code.STORED_TEXT, text=text) for text in facts["evidence"])
+        return cls(**{name: value for name, value in facts.items() if name in known} | {"evidence": evidence})
 
     def lines(self) -> list[str]:
         """Give the facts in words, one a line."""
@@ -68,24 +71,22 @@ class ReadingFacts:
             name if text.startswith(f"{name} [") else f"{name} = {text}" for name, text in self.columns.items()
         )
         head = f"{self.kind}: {self.path}: {rows}, {span}, {self.rate_hz:.4g} Hz, {gaps}"
-        return [head, f"columns: {columns}", *self.evidence]
+        return [head, f"columns: {columns}", *map(sentence, self.evidence)]
 
 
-def not_covered(imu: ReadingFacts, gps: ReadingFacts) -> list[str]:
-    """What a file lacks of the time of the other, in words, where it is much."""
+def not_covered(imu: ReadingFacts, gps: ReadingFacts) -> list[Finding]:
+    """Find long parts of the time of one file that the other lacks."""
     found = []
-    for whole, part, what in ((gps, imu, "the fixes are not used"), (imu, gps, "the samples have no fixes")):
+    for subject, whole, part, codes in (("imu", gps, imu, _SHORT_IMU), ("gps", imu, gps, _SHORT_GPS)):
         length = whole.end_s - whole.start_s
-        for lost, how in (
-            (part.start_s - whole.start_s, "begins {} s after"),
-            (whole.end_s - part.end_s, "ends {} s before"),
-        ):
-            if max(LOST, LOST_SHARE * length) < lost < length:  # without any time in common it is the clocks
-                names = [Path(each.path).name for each in (part, whole)]
-                share, left = f"{100.0 * lost / length:.0f} % of {what}", part.n_rows - part.n_used
-                many = left / part.rate_hz > 0.5 * lost
-                why = f"{left} of its rows have no values and are left out" if many else "is a file cut off?"
-                found.append(f"{names[0]} {how.format(f'{lost:.3g}')} {names[1]}, {share}: {why}")
+        for code, lost in zip(codes, (part.start_s - whole.start_s, whole.end_s - part.end_s), strict=True):
+            limit = max(LOST, LOST_SHARE * length)
+            if limit < lost < length:  # without any time in common it is the clocks
+                values: dict[str, Any] = {"lost_s": lost, "limit_s": limit, "share": lost / length}
+                values |= {"file": Path(part.path).name, "other": Path(whole.path).name}
+                empty = part.n_rows - part.n_used
+                values |= {"empty": empty} if empty / part.rate_hz > 0.5 * lost else {}
+                found.append(Finding.of(code, subject=subject, **values))
     return found
 
 

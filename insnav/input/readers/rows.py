@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
 from insnav import spill
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding, Note
 from insnav.input.formats.table import Table
 from insnav.input.formats.text_values import TextValues, with_date
-from insnav.input.interpret.clean import Cleaned, Kinds, clean, cut_event
+from insnav.input.interpret.clean import Cleaned, Kinds, clean, cut_row
 from insnav.input.interpret.columns import Found
 from insnav.input.interpret.physics import clock_digits, find_time_unit
 from insnav.input.interpret.schema import ALL_UNITS, TIME_PARTS
@@ -30,17 +32,17 @@ class Rows:
     kinds: Kinds  # what sort of rows it has
     columns: dict[str, FloatArray]  # (n,) by key, as in the file, but time in seconds
     n_rows: int  # number of rows
-    cut: str  # why a last row was left out; empty if none was
+    cut: Note | None  # why a last row was left out, if one was
     # unit of the time in the file, and how it was found
     time_unit: str
-    time_evidence: str
+    time_evidence: Note | None
     week: float | None = None  # GPS week from whose start the times count
 
-    def clean(self, bad: BoolArray | None = None, action: str = "not a finite number") -> Cleaned:
-        """Rows in order without the bad ones ``(n,)``: by default those with a value that is not finite."""
+    def clean(self, bad: BoolArray | None = None, lacking: Code = Code.ROWS_NAN) -> Cleaned:
+        """Put rows in order without the bad ones ``(n,)``: by default those with a value that is not finite."""
         if bad is None:
             bad = np.asarray(~np.isfinite(np.column_stack(list(self.columns.values()))).all(axis=1), dtype=np.bool_)
-        return clean(self.columns, bad, self.kinds, place=self.table.place, name=self.table.name, bad_action=action)
+        return clean(self.columns, bad, self.kinds, place=self.table.place, name=self.table.name, lacking=lacking)
 
     def reading(
         self,
@@ -48,7 +50,7 @@ class Rows:
         data: T,
         cleaned: Cleaned,
         columns: Mapping[str, str],
-        evidence: Iterable[str],
+        evidence: Iterable[Note],
         *,
         gaps: bool = True,
         axes: str = "",
@@ -60,7 +62,8 @@ class Rows:
         time = cleaned.columns["time"]
         events = cleaned.events
         if self.cut:
-            events = (*events, cut_event(self.kinds, float(time[-1]), self.cut))
+            events = (*events, cut_row(self.kinds, float(time[-1]), self.cut, Path(self.table.name).name))
+        notes = (self.time_evidence, *self.table.notes, *evidence, *cleaned.notes)
         facts = ReadingFacts(
             kind=kind,
             path=self.table.name,
@@ -73,7 +76,7 @@ class Rows:
             n_gaps=cleaned.n_gaps if gaps else 0,
             longest_gap_s=cleaned.longest_gap if gaps else 0.0,
             columns=columns,
-            evidence=tuple(text for text in (self.time_evidence, *self.table.notes, *evidence, *cleaned.notes) if text),
+            evidence=tuple(self._of_file(each) for each in notes if each),
             axes=axes,
             sampling=sampling,
             stamp=stamp,
@@ -81,6 +84,10 @@ class Rows:
             gps_week=None if self.week is None else int(self.week),
         )
         return Reading(data, events, facts)
+
+    def _of_file(self, note: Note) -> Note:
+        """Give a finding about the file as a whole the name of the input."""
+        return replace(note, subject=self.kinds.source) if isinstance(note, Finding) and not note.subject else note
 
 
 def read_rows(
@@ -106,7 +113,8 @@ def read_rows(
     _refuse_texts(forms, found, table)
     _refuse_marks(columns, found, table)
     day, fraction = columns.pop("date", None), columns.pop("time_fraction", None)
-    unit, evidence, week = "s", "", table.week
+    evidence: Note | None = None
+    unit, week = "s", table.week
     if "time" in forms:
         evidence, week = forms["time"].note, forms["time"].week
         if forms["time"].form == "time of day" and day is not None and "date" in forms:
@@ -115,15 +123,12 @@ def read_rows(
             columns["time"] = columns["time"] + fraction * found["time_fraction"].factor
     elif fraction is not None:
         columns["time"] = columns["time"] + fraction * found["time_fraction"].factor
-        evidence = f"time in s: {found['time'].header} and {found['time_fraction'].header}"
+        evidence = Finding.of(Code.TIME_IN_TWO_COLUMNS, columns=(found["time"].header, found["time_fraction"].header))
     elif "time" in columns and numbers.n_rows > 1:
         stated = time_unit or found["time"].unit
         clock = clock_digits(columns["time"]) if stated is None else None
         if clock is not None:
-            columns["time"] = clock
-            evidence = (
-                "times are hours, minutes, seconds in one number, hhmmss (assumed; else write time_s in the header)"
-            )
+            columns["time"], evidence = clock, Finding.of(Code.TIME_OF_CLOCK)
         else:
             unit, evidence = find_time_unit(columns["time"], stated, slowest=slowest, where=table.name)
         if ALL_UNITS[unit][1] != 1.0:

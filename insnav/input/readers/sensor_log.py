@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from insnav.findings import Code
 from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
 from insnav.input.interpret.clean import Kinds
@@ -34,7 +35,7 @@ def read_sensor_log(path: str | Path | Table, name: str) -> Reading[SensorLog]:
     kinds = Kinds("rows", name, 0, 3, gaps=False)
     keys = ("time", *wanted, *(["sd"] if "sd" in found else []))
     rows = read_rows(table, found, keys, kinds, slowest=_SLOWEST)
-    cleaned = rows.clean(~np.isfinite(rows.columns["time"]), "no time")
+    cleaned = rows.clean(~np.isfinite(rows.columns["time"]), Code.ROWS_NO_TIME)
     values = {key: cleaned.columns[key] * found[key].factor for key in keys[1:]}
     read = {found[key].quantity.name: found[key].describe(rows.time_unit if key == "time" else None) for key in keys}
     return rows.reading(name, SensorLog(name, cleaned.columns["time"], values), cleaned, read, notes)

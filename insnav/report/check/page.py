@@ -7,14 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from insnav.findings import Severity
 from insnav.input.readers.reading import ReadingFacts
-from insnav.messages import sentence
-from insnav.plain_text import moments, plain_text
+from insnav.messages import At, render, sentence
+from insnav.plain_text import moment, moments, plain_text
 from insnav.quantity import Quantity
 from insnav.report.page import DataFrame, Page, Section, rows_frame
 from insnav.report.terminal import page_text
 from insnav.result import Result
-from insnav.session.check import MENDED, TO_MEND, Checked
+from insnav.session.check import TO_MEND, Checked
 from insnav.session.clock import SIGMAS
 
 _UNITS = {"gyro": ("deg/s", "deg/sqrt(h)"), "accel": ("m/s^2", "m/s/sqrt(h)")}
@@ -22,10 +23,10 @@ _UNITS = {"gyro": ("deg/s", "deg/sqrt(h)"), "accel": ("m/s^2", "m/s/sqrt(h)")}
 
 def page(result: Result[Checked]) -> Page:
     """Lay out a check."""
-    found = _from_start(result)
-    sections = [_files(found, result.inputs), *_imu(found), *_gps(found), *_both(found), _problems(found)]
-    left = [each for each in found.problems if each.fix or each.weight >= MENDED][:TO_MEND]
-    first = [f"mend {i}: {each.what} ({each.why}){each.fix and ': '}{each.fix}" for i, each in enumerate(left, 1)]
+    found, at = result.found, _from_start(result)
+    sections = [_files(found, result.inputs), *_imu(found), *_gps(found), *_both(found), _problems(found, at)]
+    left = [each for each in found.problems if each.severity > Severity.NOTE][:TO_MEND]
+    first = [f"mend {i}: {sentence(each, at=at)}" for i, each in enumerate(left, 1)]
     run = f"run:  {found.command}" if found.runs else "run:  nothing to copy before mend 1"
     if not found.runs and found.command.count(" --"):
         run += f"; what is known of the line: {found.command}"
@@ -35,22 +36,18 @@ def page(result: Result[Checked]) -> Page:
 def text(result: Result[Checked]) -> str:
     """Give the report for the terminal: what is to be mended, and the line to run, stand last."""
     laid_out = page(result)
-    understood = [f"  {name}: {each}" for name, facts in result.inputs.items() for each in facts.evidence]
+    understood = [f"  {name}: {sentence(each)}" for name, facts in result.inputs.items() for each in facts.evidence]
     lines = ["", *understood, "", *laid_out.summary]
     shown = replace(laid_out, summary=(), notes=tuple(map(sentence, result.notes)))
     return "\n".join([page_text(shown), *(plain_text(line) for line in lines)])
 
 
-def _from_start(result: Result[Checked]) -> Checked:
-    """What was found, times in its words from the start of the samples; figures, as files, have those of the files."""
+def _from_start(result: Result[Checked]) -> At:
+    """Write times of findings from the start of the samples; figures, as files, have those of the files."""
     if "imu" not in result.inputs:
-        return result.found
+        return moment
     start = result.inputs["imu"].start_s
-
-    def told(text: str) -> str:
-        return moments(text, lambda time: f"{time - start:.1f}", "s from the start")
-
-    return replace(result.found, problems=tuple(replace(each, why=told(each.why)) for each in result.found.problems))
+    return lambda begin, end: moments(moment(begin, end), lambda time: f"{time - start:.1f}", "s from the start")
 
 
 def _files(found: Checked, inputs: Mapping[str, ReadingFacts]) -> Section:
@@ -166,10 +163,15 @@ def _both(found: Checked) -> tuple[Section, ...]:
     return (Section("together", "IMU and GPS together", items=tuple(items), note=note),)
 
 
-def _problems(found: Checked) -> Section:
+def _problems(found: Checked, at: At = moment) -> Section:
+    words = [render(each, at=at) for each in found.problems]
     rows = tuple(
-        (Quantity("what", each.what), Quantity("why", each.why), Quantity("fix", each.fix, meaning="mend"))
-        for each in found.problems
+        (
+            Quantity("what", each.title),
+            Quantity("why", f"{each.text} {each.done}".rstrip()),
+            Quantity("fix", each.advice, meaning="mend"),
+        )
+        for each in words
     )
     line = (Quantity("command", found.command if found.runs else None), Quantity("runs_as_given", found.runs_as_given))
     command = (Section("", items=line, show="json"),)

@@ -14,7 +14,6 @@ from insnav.errors.metrics import TrajectoryErrors
 from insnav.exceptions import InputError
 from insnav.findings import Note, Severity
 from insnav.imu.imu_file import to_toml
-from insnav.messages import sentence
 from insnav.output import solution_tables
 from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder, read_facts

@@ -46,10 +46,9 @@ _UNUSED = 0.3  # part of the fixes that may lie before the start of navigation u
 _TURNED = 5.0 * DEG  # that headings in a rest may be off unseen [rad]
 _PACE = 1.0  # over which turns and accelerations are those of the motion, not of vibration [s]
 _HINT = " (times in warnings are from the start)"
-_OF_FILES = (Code.IMU_CUT_ROW, Code.GPS_CUT_ROW, Code.REF_CUT_ROW)
-_LOST = {Code.IMU_SATURATED: Code.RUN_SATURATED, Code.IMU_STUCK: Code.RUN_STUCK, Code.IMU_GAP: Code.RUN_GAPS}
+_LOST = {Code.IMU_SATURATED: Code.RUN_SATURATED, Code.IMU_STUCK: Code.RUN_STUCK, Code.ROWS_GAP: Code.RUN_GAPS}
 # one warning for all of a code, or that of its file
-_SUMMED = (Code.RESET, Code.DIVERGED, Code.GPS_OUTSIDE, *_LOST, *_OF_FILES)
+_SUMMED = (Code.RESET, Code.DIVERGED, Code.GPS_OUTSIDE, *_LOST, Code.ROWS_CUT)
 
 
 def run_warnings(found: EvaluatedRun) -> tuple[Finding, ...]:
@@ -82,7 +81,7 @@ def file_warnings(result: Result[Any]) -> tuple[Note, ...]:
     """Warn of files that are cut off, of one that covers only a part of the other, and of what is noted on a drive."""
     both = {"imu", "gps"} <= result.inputs.keys()
     return (
-        *of_code(result.events, *_OF_FILES),
+        *of_code(result.events, Code.ROWS_CUT),
         *(not_covered(result.inputs["imu"], result.inputs["gps"]) if both else ()),
         *(note for note in typed(result.notes) if note.severity >= Severity.WARNING),
     )
@@ -136,7 +135,7 @@ def _samples_lost(run: Run) -> Iterator[Finding]:
     """Samples that were no measurement, or missing for long: nothing but the uncertainty knows what happened there."""
     lost: dict[tuple[Code, str], list[Finding]] = {}
     for event in of_code(run.events, *_LOST):
-        if event.code is not Code.IMU_GAP or event.value > _LONG_GAP:
+        if event.code is not Code.ROWS_GAP or (event.subject == "imu" and event.value > _LONG_GAP):
             lost.setdefault((_LOST[event.code], event.subject), []).append(event)
     for (code, subject), events in lost.items():
         length = sum(event.value for event in events)

@@ -8,6 +8,7 @@ import pytest
 import insnav
 from insnav.exceptions import InsnavError
 from insnav.input.interpret.overlap import epoch_offset, overlap
+from insnav.messages import sentence
 from insnav.session.read import read as readings
 from tests.input.spellings import gps_files, imu_files
 from tests.input.spellings.recorded import DEG, GPS_HEADERS, IMU_HEADERS, drive, fixes, samples, table
@@ -67,7 +68,7 @@ def test_clocks(name, tmp_path):
 def test_turned_sensors(name, tmp_path, plain):
     imu = table(tmp_path / "imu.csv", samples(imu_files.SHORT, matrix=imu_files.TURNED[name]))
     read = insnav.load(imu, plain[1])
-    said = " ".join([*read.notes, *read.imu.facts.evidence])
+    said = " ".join(map(sentence, [*read.notes, *read.imu.facts.evidence]))
     assert "--imu-axes" in said
     _samples_are_those_of_the_drive(insnav.load(imu, plain[1], axes=_given(said)).imu.data, tolerance=0.15)
 
