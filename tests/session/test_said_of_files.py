@@ -14,7 +14,7 @@ from insnav.exceptions import InputError
 from insnav.findings import Code, Severity
 from insnav.input.interpret.overlap import named_offset
 from insnav.input.readers.reading import not_covered
-from insnav.messages import sentence
+from insnav.messages import render, sentence
 from insnav.units import DEG
 from tests.filter.test_gyro_fault import off
 from tests.input.files import noted
@@ -104,7 +104,7 @@ def test_a_late_start_of_fixes_says_that_rows_are_left_out(tmp_path):
     drive = insnav.load(SAMPLE / "imu.csv.gz", changed(tmp_path, "gps", without_place))
     (late,) = not_covered(drive.imu.facts, drive.readings.facts["gps"])
     assert (late.code, late["empty"]) == (Code.GPS_BEGINS_LATE, 61)
-    assert sentence(late) in warned(drive)
+    assert render(late).text in warned(drive)
 
 
 def test_heights_in_feet_are_named_where_they_are_that_much_worse(tmp_path):
