@@ -265,6 +265,67 @@ class Code(StrEnum):
     OUTAGE_COMMON = "outage.common", Severity.WARNING
 
     # -- H4a: how files were read: formats, columns, times
+    READ_ROWS_DAMAGED = "read.rows.damaged"
+    READ_ROWS_UNREADABLE = "read.rows.unreadable"
+    READ_ROWS_NO_FIX = "read.rows.no_fix"
+    READ_ROWS_NO_TIME = "read.rows.no_time"
+    READ_BYTES_DAMAGED = "read.bytes_damaged"
+    READ_LOGGER_GAPS = "read.logger_gaps"
+    READ_TIME_GPS_WEEK = "read.time.gps_week"
+    READ_TIME_UTC_ASSUMED = "read.time.utc_assumed"
+    READ_TIME_UNKNOWN_WEEK = "read.time.unknown_week"
+    READ_TIME_OF_DAY = "read.time.of_day"
+    READ_TIME_UNIX = "read.time.unix"
+    READ_TIME_LOCAL = "read.time.local"
+    READ_TIME_SINCE_START = "read.time.since_start"
+    READ_TIME_OF_RECORDER = "read.time.of_recorder"
+    READ_TIME_OF_SENSOR = "read.time.of_sensor"
+    READ_TIME_BY_MESSAGES = "read.time.by_messages"
+    READ_TIME_BY_RATE = "read.time.by_rate"
+    READ_SOURCE = "read.source"
+    READ_CONVENTION = "read.convention"
+    READ_COLUMNS_BY_VALUES = "read.columns.by_values"
+    READ_COLUMN_EMPTY = "read.columns.empty"
+    READ_COLUMN_CONSTANT = "read.columns.constant"
+    READ_COLUMN_FIX_ZERO = "read.columns.fix_zero"
+    READ_ZEROS_UNKNOWN = "read.columns.zero_in_motion", Severity.ASSUMPTION
+    READ_FILES_BY_NAME = "read.files_by_name", Severity.ASSUMPTION
+    READ_FUSED = "read.fused"
+    READ_REFERENCE_LOCAL = "read.reference_local"
+    READ_ODOMETRY_SHORT = "read.odometry.short"
+    READ_ODOMETRY_APART = "read.odometry.apart"
+    READ_ODOMETRY_PLACED = "read.odometry.placed"
+    READ_IMU_MODEL = "read.imu.model"
+    READ_IMU_MODEL_BY_GRAVITY = "read.imu.model_by_gravity"
+    READ_IMU_CORRECTED = "read.imu.corrected"
+    READ_ACCEL_INTERPOLATED = "read.imu.interpolated"
+    READ_GRAVITY_ADDED = "read.imu.gravity_added"
+    READ_AXES_Z_DOWN = "read.imu.z_down"
+    READ_RAW_SCALED = "read.imu.raw_scaled"
+    READ_RAW_COUNTS = "read.imu.raw_counts"
+    READ_SAMPLING = "read.imu.sampling"
+    READ_SAMPLING_ASSUMED = "read.imu.sampling_assumed", Severity.ASSUMPTION
+    READ_TEMPERATURE_INTERPOLATED = "read.imu.temperature"
+    READ_FORCE_UNIT_ASSUMED = "read.force.unit_assumed", Severity.ASSUMPTION
+    READ_FORCE_UNIT_BY_GRAVITY = "read.force.unit_by_gravity"
+    READ_FORCE_NO_VERTICAL = "read.force.no_vertical"
+    READ_SD_UNKNOWN = "read.sd.unknown"
+    READ_SD_RAISED = "read.sd.raised"
+    READ_SD_APPROXIMATE = "read.sd.approximate"
+    READ_HEIGHT_MISSING = "read.height.missing"
+    READ_HEIGHT_INTERPOLATED = "read.height.interpolated"
+    READ_HEIGHT_BY_GEOID = "read.height.by_geoid"
+    READ_HEIGHT_MSL = "read.height.msl"
+    READ_HEIGHT_ELLIPSOIDAL = "read.height.ellipsoidal"
+    READ_HEIGHT_ELLIPSOIDAL_ASSUMED = "read.height.ellipsoidal_assumed", Severity.ASSUMPTION
+    READ_ANGLES_LARGE = "read.angles.large"
+    READ_ANGLES_BY_VELOCITY = "read.angles.by_velocity"
+    READ_ATTITUDE_UNIT_ASSUMED = "read.angles.attitude_assumed", Severity.ASSUMPTION
+    READ_YAW_AS_HEADING = "read.angles.yaw"
+    READ_VELOCITY_UNIT = "read.velocity.unit"
+    READ_VELOCITY_TOPIC = "read.velocity.topic"
+    READ_VELOCITY_LATENCY = "read.velocity.latency"
+    READ_VELOCITY_UNTIMED = "read.velocity.untimed"
 
     # -- H4b: how data were understood: units, axes, signs, heights, rates
     # rows of a file; the subject is the input: imu, gps, ref or the name of a log

@@ -17,6 +17,7 @@ import pytest
 
 from insnav.cli.batch import _absolute, run_drive
 from insnav.exceptions import CheckError, InputError
+from insnav.findings import Code, Severity, of_code
 from insnav.fleet.batch import _alone, name_of
 from insnav.fleet.recordings import _with_broken, find_drives
 from insnav.input.formats.registry import open_tables
@@ -144,7 +145,9 @@ def test_no_file_is_chosen_in_silence(
         assert [Path(each.partition(": ")[0]).name for each in said] == left
     for name in left or ():
         notes = open_tables(tmp_path / "week" / "day")["imu"].notes
-        assert f"gps.csv, imu.csv by their names (assumed; not used: {name})" in notes
+        (by_name,) = of_code(notes, Code.READ_FILES_BY_NAME)
+        assert by_name.severity is Severity.ASSUMPTION
+        assert (by_name["files"], by_name["unused"]) == (("gps.csv", "imu.csv"), (name,))
 
 
 def test_names_of_run_folders_are_fit_for_all():

@@ -7,10 +7,11 @@ import pytest
 
 import insnav
 from insnav.exceptions import InputError
+from insnav.findings import Code, of_code
 from insnav.input import read_gps, read_imu, read_reference
 from insnav.input.formats.registry import open_tables
 from tests.input import written_logs as logs
-from tests.input.files import G
+from tests.input.files import G, noted
 from tests.input.recordings import FIXES, REAL, SAMPLES, TOW, UNIX, Motion, real, same_places
 
 # log, start of its clock, what must be close to the truth: accelerations, velocities, deviations of positions
@@ -120,7 +121,8 @@ def test_gpx(save, zone):
     assert np.allclose(reading.data.time, TOW + FIXES.t, atol=1e-6)
     assert same_places(reading.data, metres=1e-3)
     assert reading.facts.height == "msl"
-    assert any("1 of 41 points have no time" in each for each in reading.facts.evidence)
+    (untimed,) = noted(reading, Code.READ_ROWS_NO_TIME)
+    assert (untimed["count"], untimed["rows"]) == (1, 41)
 
 
 def test_gnss_logger(save):
@@ -173,5 +175,5 @@ def test_real_heights_and_what_cannot_be_used():
     unsampled = REAL / "novatel" / "propak6_insppp_inspvax_corrimudata.gps"
     with pytest.raises(InputError, match="no IMU data"):
         insnav.load(unsampled)
-    notes = open_tables(unsampled)["gps"].notes
-    assert any("gravity and Earth rate taken off" in note for note in notes)
+    (corrected,) = of_code(open_tables(unsampled)["gps"].notes, Code.READ_IMU_CORRECTED)
+    assert corrected["messages"] == ("CORRIMUDATA",)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from insnav.exceptions import InputError
+from insnav.findings import Code
 from insnav.input.readers.heights import read_heights
-from insnav.messages import sentence
-from tests.input.files import write
+from tests.input.files import noted, write
 
 T = np.arange(50) / 2.0
 H = 100.0 + 3.0 * np.sin(T)
@@ -24,7 +24,8 @@ def test_headers_and_units(tmp_path: Path, header: str, scale: float):
     read = read_heights(write(tmp_path / "h.csv", np.column_stack([T, scale * H]), header))
     np.testing.assert_allclose(read.data.time, T)
     np.testing.assert_allclose(read.data.height, H, atol=1e-4)
-    assert any("0.5 s" in sentence(each) for each in read.facts.evidence)
+    (longest,) = noted(read, Code.READ_HEIGHT_INTERPOLATED)
+    assert longest["step_s"] == pytest.approx(0.5)
 
 
 def test_a_reference_holds_heights_too(tmp_path: Path):

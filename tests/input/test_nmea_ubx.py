@@ -10,7 +10,9 @@ from pynmeagps import NMEAMessage
 from pyubx2 import GET, UBXMessage, UBXReader
 
 from insnav.exceptions import InputError
+from insnav.findings import Code
 from insnav.input import read_gps, read_imu
+from tests.input.files import noted
 from tests.input.recordings import FIXES, REAL, SAMPLES, TOW, WEEK, Motion, real, same_places
 
 UTC = np.datetime64("1980-01-06T00:00:00.000") + np.timedelta64(WEEK * 604_800_000 + int(TOW * 1000) - 18_000, "ms")
@@ -103,7 +105,8 @@ def test_sentences_with_a_wrong_checksum_are_left_out_and_counted(save):
     text = nmea()
     end = text.index(b"\n", 300) + 1
     reading = read_gps(save(text[:end] + b"\x00\xb5\xff junk \n" + text[end:].replace(b",0.3,", b",0.5,", 3)))
-    assert any("3 sentences with a wrong checksum" in note for note in reading.facts.evidence)
+    (damaged,) = noted(reading, Code.READ_ROWS_DAMAGED)
+    assert (damaged.subject, damaged["count"]) == ("NMEA", 3)
     assert np.isnan(reading.data.position_sd[:, 0]).sum() == 3
 
 
@@ -173,7 +176,8 @@ def test_damaged_messages_are_left_out_and_counted(save):
     data[100 * 3 + 40] ^= 1
     reading = read_gps(save(bytes(data)))
     assert len(reading.data.time) == len(FIXES.t) - 1
-    assert any("1 damaged NAV-PVT" in note for note in reading.facts.evidence)
+    (damaged,) = noted(reading, Code.READ_ROWS_DAMAGED)
+    assert (damaged.subject, damaged["count"]) == ("NAV-PVT", 1)
 
 
 def test_nmea_is_taken_where_ubx_has_no_position(save):

@@ -10,7 +10,6 @@ from insnav.findings import Code, Severity
 from insnav.input import read_imu
 from insnav.input.interpret.axes import axes_matrix
 from insnav.input.readers.imu import parse_units
-from insnav.messages import sentence
 from tests.input.files import IMU_HEADER, G, noted, rolling, write
 
 PLAIN = "time,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z"
@@ -172,10 +171,15 @@ def test_sampling_and_stamp_are_said(tmp_path):
     path = write(tmp_path / "a.csv", TRUTH, IMU_HEADER)
     reading = read_imu(path)
     assert (reading.data.sampling, reading.data.stamp) == ("mean", "end")
-    assert any("assum" in text and "--imu-stamp" in text for text in map(sentence, reading.facts.evidence))
+    (assumed,) = noted(reading, Code.READ_SAMPLING, Code.READ_SAMPLING_ASSUMED)
+    assert assumed.severity is Severity.ASSUMPTION
+    assert (assumed["sampling"], assumed["stamp"]) == ("mean", "end")
+    assert assumed["options"] == ("--imu-sampling", "--imu-stamp")
     reading = read_imu(path, sampling="instant", stamp="mid")
     assert (reading.data.sampling, reading.data.stamp) == ("instant", "mid")
-    assert not any("assum" in text and "--imu-s" in text for text in map(sentence, reading.facts.evidence))
+    (given,) = noted(reading, Code.READ_SAMPLING, Code.READ_SAMPLING_ASSUMED)
+    assert given.severity is Severity.NOTE
+    assert given["sampling"] == "instant"
 
 
 # What a sensor with these axes reads when the body reads (f, r, d): written out by hand.

@@ -7,8 +7,7 @@ import insnav
 from insnav.exceptions import InputError
 from insnav.findings import Code, Severity
 from insnav.input import read_gps, read_reference
-from insnav.messages import sentence
-from tests.input.files import GPS_HEADER, IMU_HEADER, fixes, rolling, write
+from tests.input.files import GPS_HEADER, IMU_HEADER, fixes, noted, rolling, write
 
 ROWS = fixes()
 NAMES = GPS_HEADER.split(",")
@@ -54,7 +53,7 @@ def test_positions_in_radians_are_known_by_their_velocity(tmp_path):
     rows[:, 1:3] = np.radians(rows[:, 1:3])
     reading = _gps(tmp_path, rows, "time,lat,lon,alt,vn,ve,vd,sd_n,sd_e,sd_d")
     np.testing.assert_allclose(reading.data.lla[:, :2], rows[:, 1:3], atol=1e-8)
-    assert "positions in rad" in " ".join(map(sentence, reading.facts.evidence))
+    assert [each["unit"] for each in noted(reading, Code.READ_ANGLES_BY_VELOCITY)] == ["rad"]
 
 
 def test_positions_that_may_be_degrees_or_radians_are_refused(tmp_path):
@@ -82,7 +81,7 @@ def test_degrees_near_the_origin_are_accepted(tmp_path):
     rows[:, 1] -= 47.5
     rows[:, 2] = 0.3
     reading = _gps(tmp_path, rows, "time,lat,lon,alt,vn,ve,vd,sd_n,sd_e,sd_d")
-    assert "positions in deg" in " ".join(map(sentence, reading.facts.evidence))
+    assert [each["unit"] for each in noted(reading, Code.READ_ANGLES_BY_VELOCITY)] == ["deg"]
 
 
 def test_velocity_up_changes_its_sign(tmp_path):
@@ -130,7 +129,8 @@ def test_standard_deviations_rounded_to_zero_are_raised_to_the_smallest_of_their
     reading = _gps(tmp_path, rows)
     assert reading.data.position_sd[3, 1] == least
     assert (reading.data.position_sd[[0, 1, 2], 1] > 0.0).all()
-    assert any("raised to its smallest value" in text for text in map(sentence, reading.facts.evidence))
+    (raised,) = noted(reading, Code.READ_SD_RAISED)
+    assert (raised.subject, raised["count"], raised["sd_m"]) == ("sd_e_m", 1, least)
 
 
 def test_empty_standard_deviation_and_velocity_are_not_known(tmp_path):
@@ -189,10 +189,12 @@ def test_fix_and_heading(tmp_path):
     ],
 )
 def test_what_heights_are_is_said(tmp_path, name, option, kind):
-    facts = _gps(tmp_path, header=GPS_HEADER.replace("height_m", name), height=option).facts
-    assert facts.height == kind
-    texts = map(sentence, facts.evidence)
-    assert any(("sea level" in text) == (kind == "msl") for text in texts if "heights" in text)
+    reading = _gps(tmp_path, header=GPS_HEADER.replace("height_m", name), height=option)
+    assert reading.facts.height == kind
+    ellipsoidal = Code.READ_HEIGHT_ELLIPSOIDAL if option else Code.READ_HEIGHT_ELLIPSOIDAL_ASSUMED
+    (height,) = noted(reading, Code.READ_HEIGHT_MSL, Code.READ_HEIGHT_ELLIPSOIDAL, Code.READ_HEIGHT_ELLIPSOIDAL_ASSUMED)
+    assert height.code == (Code.READ_HEIGHT_MSL if kind == "msl" else ellipsoidal)
+    assert height.severity == (Severity.NOTE if option or kind == "msl" else Severity.ASSUMPTION)
 
 
 def test_of_two_heights_the_right_one_is_taken(tmp_path):
@@ -239,7 +241,9 @@ def test_what_is_zero_in_all_rows_of_a_moving_reference_is_not_given(tmp_path):
     reading = read_reference(write(tmp_path / "moving.csv", moving, header))
     assert np.isnan(reading.data.v_n).all()
     assert np.isnan(reading.data.rph).all()
-    assert any("assumed not to be given" in sentence(each) for each in reading.facts.evidence)
+    (unknown,) = noted(reading, Code.READ_ZEROS_UNKNOWN)
+    assert unknown.severity is Severity.ASSUMPTION
+    assert unknown["columns"] == ("vn", "ve", "vd", "heading", "roll", "pitch")
     level = moving.copy()
     level[:, 3], level[:, 4] = 100.0, 11.1
     level[:, 2] = 7.0  # straight north on a plain, all that may be zero
@@ -310,8 +314,8 @@ def test_what_loggers_write_for_not_known_is_not_known(tmp_path):
     flat = read_gps(tmp_path / "flat.csv")
     assert flat.data.fix is None
     assert not flat.data.lla[:, 2].any()
-    told = ("no column has heights: they are not known", "'fix' is 0 in all rows, and positions change: not used")
-    assert set(told) <= set(map(sentence, flat.facts.evidence))
+    (no_heights, no_types) = noted(flat, Code.READ_HEIGHT_MISSING, Code.READ_COLUMN_FIX_ZERO)
+    assert (no_heights.subject, no_types.subject) == ("gps", "fix")
     (tmp_path / "other.csv").write_text(rows.replace("fix", "elevation2"))
     with pytest.raises(InputError, match="no column for height"):
         read_gps(tmp_path / "other.csv")

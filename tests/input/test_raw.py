@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from insnav.exceptions import ConfigError, InputError
+from insnav.findings import Code
 from insnav.imu import ImuErrors, calibration_to_toml, load_calibration
 from insnav.imu.raw_outputs import RawScale
 from insnav.input import read_imu
+from tests.input.files import noted
 
 GYRO = RawScale("V", np.array([0.2, -0.1, 0.0]), np.array([2.8, 2.7, -2.9]))
 ACCEL = RawScale("LSB", np.array([10.0, -20.0, 0.0]), np.array([800.0, 810.0, 790.0]))
@@ -34,7 +36,11 @@ def test_outputs_become_rates_and_forces(tmp_path: Path, header: str, volts: flo
     reading = read_imu(tmp_path / "imu.csv", raw_scales=SCALES)
     np.testing.assert_allclose(reading.data.gyro, rate, atol=1e-9)
     np.testing.assert_allclose(reading.data.accel, force, atol=1e-9)
-    assert any("by the zero and scale of the calibration" in line for line in reading.facts.evidence)
+    scaled = noted(reading, Code.READ_RAW_SCALED)
+    assert {(each.subject, each["unit"], each["si_unit"]) for each in scaled} == {
+        ("gyro", "V", "rad/s"),
+        ("accel", "LSB", "m/s^2"),
+    }
 
 
 def test_without_the_calibration_volts_are_refused(tmp_path: Path) -> None:

@@ -10,8 +10,10 @@ import pytest
 
 import insnav
 from insnav.exceptions import ConfigError, InputError
+from insnav.findings import Code
 from insnav.input import read_gps, read_imu
 from insnav.input.formats.registry import open_tables
+from tests.input.files import noted
 from tests.input.recordings import FIXES, REAL, SAMPLES, UNIX, real, same_places
 
 pytest.importorskip("rosbags")
@@ -99,13 +101,13 @@ def test_several_imus_are_asked_for(tmp_path):
         insnav.load(path)
     drive = insnav.load(path, topic="/imu/data")
     assert drive.gps is not None
-    assert any("/imu/data" in each for each in drive.imu.facts.evidence)
+    assert [each.subject for each in noted(drive.imu, Code.READ_SOURCE)] == ["/imu/data"]
 
 
 def test_headers_without_times_are_said(tmp_path):
     reading = read_imu(write_bag(tmp_path / "drive.bag", stamped=False))
     assert reading.data.time[0] == pytest.approx(UNIX + 0.05, abs=1e-6)
-    assert any("those of the bag" in each for each in reading.facts.evidence)
+    assert noted(reading, Code.READ_TIME_OF_RECORDER)
 
 
 def test_unknown_covariances_and_missing_fixes(tmp_path):

@@ -10,9 +10,10 @@ import pymap3d
 import pytest
 
 from insnav.exceptions import InputError
+from insnav.findings import Code
 from insnav.input import read_gps, read_imu, read_reference
 from insnav.input.formats.registry import open_table
-from tests.input.files import SHARED
+from tests.input.files import SHARED, noted
 
 REAL = SHARED / "data" / "formats" / "rtklib"
 real = pytest.mark.skipif(
@@ -129,7 +130,8 @@ def test_every_layout_gives_the_motion_it_was_written_from(tmp_path, layout, cal
     assert np.allclose(gps.velocity_sd, 0.1 * np.sqrt(np.diag(COVARIANCE)), rtol=0.0, atol=5e-5)
     assert gps.fix is not None
     assert set(gps.fix) == {2}
-    assert f"times are seconds of GPS week {WEEK}" in reading.facts.evidence
+    (scale,) = noted(reading, Code.READ_TIME_GPS_WEEK)
+    assert (scale["week"], scale["scale"]) == (WEEK, "GPST")
 
 
 @pytest.mark.parametrize("calendar", [True, False])
@@ -137,7 +139,9 @@ def test_every_layout_gives_the_motion_it_was_written_from(tmp_path, layout, cal
 def test_other_time_scales_become_gps_time(tmp_path, scale, ahead, calendar):
     reading = read_gps(written(tmp_path, solution("llh", calendar=calendar, scale=scale, ahead=ahead)))
     assert np.allclose(reading.data.time, TOW, rtol=0.0, atol=1e-6)
-    assert any(scale in text and "18 leap seconds" in text for text in reading.facts.evidence)
+    (time,) = noted(reading, Code.READ_TIME_GPS_WEEK)
+    assert (time["week"], time["scale"], time["leap_s"]) == (WEEK, scale, 18.0)
+    assert time.get("ahead_s") == {"UTC": None, "JST": 32_400.0}[scale]
 
 
 @pytest.mark.parametrize(
@@ -168,7 +172,7 @@ def test_deviations_of_zero_are_unknown_and_said(tmp_path):
     reading = read_gps(written(tmp_path, "\n".join([f"%  GPST {LLH} Q ns sdn(m) sde(m) sdu(m)", *rows]) + "\n"))
     assert np.isnan(reading.data.position_sd[0, 2])
     assert np.allclose(reading.data.position_sd[1:], [0.1, 0.2, 0.3])
-    assert "1 standard deviations of 0 are taken as unknown" in reading.facts.evidence
+    assert [each["count"] for each in noted(reading, Code.READ_SD_UNKNOWN)] == [1]
 
 
 def test_heights_above_the_geoid_are_told_by_the_header(tmp_path):
@@ -180,7 +184,7 @@ def test_heights_above_the_geoid_are_told_by_the_header(tmp_path):
 def test_a_cut_last_row_is_left_out(tmp_path):
     reading = read_gps(written(tmp_path, solution("ecef")[:-150]))
     assert len(reading.data.time) == len(TOW) - 1
-    assert "left out" in reading.events[-1].action
+    assert reading.events[-1].code is Code.ROWS_CUT
 
 
 def test_it_is_a_reference_too_and_no_imu_file(tmp_path):

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from insnav.exceptions import ConfigError, InputError
+from insnav.findings import Code, Severity
 from insnav.input.readers.specific_force import read_specific_force
-from tests.input.files import write
+from tests.input.files import noted, write
 
 T = np.arange(200) / 100.0
 F_N = np.column_stack([np.sin(T), 0.5 * np.cos(T), -9.8 + 0.1 * T])
@@ -47,7 +48,8 @@ def test_without_times_the_rate_is_told(tmp_path: Path):
     read = read_specific_force(path, sample_rate=100.0)
     np.testing.assert_allclose(read.data.f_n, F_N, atol=2e-8)
     np.testing.assert_allclose(read.data.time, T)
-    assert any("100 samples per second from 0 s on" in text for text in read.facts.evidence)
+    (by_rate,) = noted(read, Code.READ_TIME_BY_RATE)
+    assert by_rate["rate_hz"] == 100.0
     with pytest.raises(InputError, match="time_s") as missing:
         read_specific_force(path)
     assert "--sample-rate" in missing.value.fix
@@ -61,8 +63,10 @@ def test_without_a_vertical_axis(tmp_path: Path):
     read = read_specific_force(path)
     np.testing.assert_allclose(read.data.f_n[:, :2], F_N[:, :2], atol=1e-8)
     assert np.isnan(read.data.f_n[:, 2]).all()
-    assert any("no vertical axis" in text for text in read.facts.evidence)
-    assert any("assumed" in text for text in read.facts.evidence)
+    assert noted(read, Code.READ_FORCE_NO_VERTICAL)
+    (unit,) = noted(read, Code.READ_FORCE_UNIT_ASSUMED)
+    assert unit.severity is Severity.ASSUMPTION
+    assert unit["unit"] == "m/s^2"
 
 
 def test_a_bad_row_and_jitter_are_taken_as_they_are(tmp_path: Path):

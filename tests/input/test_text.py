@@ -131,19 +131,22 @@ def test_rows_that_get_shorter_are_all_read(tmp_path):
     np.testing.assert_allclose(data.accel, np.vstack((long, short))[:, 4:7], atol=1e-9)
 
 
+LAST = TEXT.rstrip("\n").rfind(",")
 CUT = {
-    "within the row": TEXT[: TEXT.rstrip("\n").rfind(",") - 20],
-    "after a comma": TEXT[: TEXT.rstrip("\n").rfind(",") + 1].rstrip(",").rsplit(",", 2)[0] + ",",
-    "within the last number": TEXT[: TEXT.rstrip("\n").rfind(",") + 4],
-    "after a sign": TEXT[: TEXT.rstrip("\n").rfind(",") + 2],
+    "within the row": (TEXT[: LAST - 20], {"line": 401, "cells": 5, "columns": 7}),
+    "after a comma": (TEXT[:LAST].rsplit(",", 2)[0] + ",", {"line": 401, "cells": 5, "columns": 7}),
+    "within the last number": (TEXT[: LAST + 4], {"characters": 3, "limit_characters": 12}),
+    "after a sign": (TEXT[: LAST + 2], {"line": 401}),
 }
 
 
-@pytest.mark.parametrize("content", CUT.values(), ids=CUT.keys())
-def test_a_cut_last_row_is_left_out_and_said(tmp_path, content):
+@pytest.mark.parametrize(("content", "values"), CUT.values(), ids=CUT.keys())
+def test_a_cut_last_row_is_left_out_and_said(tmp_path, content, values):
     reading = _read(tmp_path / "imu.csv", content)
     _same(reading, ROWS[:-1])
-    assert [event.code for event in reading.events] == [Code.ROWS_CUT]
+    (cut,) = reading.events
+    assert (cut.code, cut.subject, cut.begin) == (Code.ROWS_CUT, "imu", reading.data.time[-1])
+    assert dict(cut.values) == {"file": "imu.csv", **values}
     assert reading.facts.n_rows == 400
     assert reading.facts.n_used == 399
 
@@ -151,7 +154,8 @@ def test_a_cut_last_row_is_left_out_and_said(tmp_path, content):
 def test_zeros_at_the_end_are_said(tmp_path):
     reading = _read(tmp_path / "imu.csv", TEXT.encode() + bytes(5000))
     _same(reading)
-    assert "5000 zero bytes" in reading.events[0].action
+    (cut,) = reading.events
+    assert (cut.code, cut["zeros"]) == (Code.ROWS_CUT, 5000)
 
 
 def test_zeros_within_a_number_are_said(tmp_path):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from insnav.exceptions import InputError
-from insnav.findings import Code
+from insnav.findings import Code, Severity, of_code
 from insnav.input import read_gps, read_imu, read_reference
 from insnav.input.formats.registry import open_tables
 from tests.input.recordings import FIXES, REAL, SAMPLES, TOW, WEEK, real, same_places
@@ -108,8 +108,9 @@ def test_vectornav(save):
 
 
 def test_a_cut_last_row_is_said(save):
-    reading = read_imu(save(vectornav()[:-300]))
-    assert any(event.code is Code.ROWS_CUT for event in reading.events)
+    path = save(vectornav()[:-300])
+    (cut,) = of_code(read_imu(path).events, Code.ROWS_CUT)
+    assert (cut.subject, cut.severity, cut["file"]) == ("imu", Severity.WARNING, path.name)
 
 
 @real
@@ -122,7 +123,8 @@ def test_real_vectornav():
     assert np.allclose(np.degrees(gps.lla[0, :2]), (48.7807, 9.1716), atol=1e-4)
     assert imu.data.time[0] < gps.time[1] < imu.data.time[-1]
     assert len(read_gps(folder / "fixedsize_vn310-gnss.csv").data.time) == 12
-    assert any(event.code is Code.ROWS_CUT for event in read_imu(folder / "fixedsize_vn310-imu.csv").events)
+    (cut,) = of_code(read_imu(folder / "fixedsize_vn310-imu.csv").events, Code.ROWS_CUT)
+    assert cut.subject == "imu"
     assert len(read_gps(folder / "static_vn310-gnss.csv").data.time) == 48  # it starts without a fix
     assert "reference" in open_tables(folder / "fixedsize_vn310-gnss.csv")
 

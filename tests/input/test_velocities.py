@@ -14,9 +14,9 @@ from insnav.exceptions import InputError
 from insnav.findings import Code, of_code
 from insnav.input import read_gps
 from insnav.input.interpret.velocities import fit_velocities, scales
-from insnav.messages import sentence
 from insnav.types import GpsData
 from tests.filter import drives
+from tests.input.files import noted
 from tests.shared import recorded
 
 CONFUSED = {
@@ -104,7 +104,8 @@ def test_a_vertical_speed_that_comes_from_the_heights_has_not_the_unit_of_the_sp
     names = ["time", "lat", "lon", "height", "speed", "course"]
     pd.DataFrame(np.column_stack(columns), columns=names).to_csv(tmp_path / "gps.csv", index=False)
     read = read_gps(tmp_path / "gps.csv")
-    assert unit == "m/s" or any(f" {unit}" in sentence(each) for each in read.facts.evidence)
+    found = [(each["unit"], each["ratio"]) for each in noted(read, Code.READ_VELOCITY_UNIT)]
+    assert found == ([] if unit == "m/s" else [(unit, pytest.approx(1.0 / factor, rel=0.05))])
     np.testing.assert_allclose(read.data.v_n[:, :2], gps.v_n[:, :2], atol=0.03 * 16.0)
     assert confusion(read.data) == ""
 

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from insnav.findings import Code, Finding
 from insnav.input.formats.conventions import ACCEL, FIX_TYPES, GYRO, MSL_PLACE, by_accuracy, fix_table, of_course
 from insnav.input.formats.messages import as_records, gathered, joined, starts
 from insnav.input.formats.source import Source
@@ -38,7 +39,6 @@ _LETTERS: dict[str, tuple[str, float]] = {
 }  # fmt: skip
 _WANTED = re.compile(r"IMU\d?|GPS\d?|GPA\d?")
 _GYRO, _ACCEL = ("GyrX", "GyrY", "GyrZ"), ("AccX", "AccY", "AccZ")
-_CLOCK = "times are seconds since the controller was switched on"
 _Columns = dict[str, FloatArray]
 
 
@@ -49,12 +49,14 @@ def recognise(source: Source) -> bool:
 def read(source: Source) -> Mapping[str, Table]:
     messages = _binary(source) if source.head.startswith(_SYNC) else _text(source)
     tables = {}
-    for number, data in _instances(messages, "IMU").items():
+    imus = _instances(messages, "IMU")
+    for number, data in imus.items():
         if all(key in data for key in ("time", *_GYRO, *_ACCEL)):
             columns = {"time_s": data["time"]}
             columns |= {key: data[mine] for key, mine in zip(GYRO + ACCEL, _GYRO + _ACCEL, strict=True)}
-            note = f"IMU {number}; others are not used" if len(_instances(messages, "IMU")) > 1 else ""
-            tables["imu"] = column_table(source, columns, (_CLOCK, note), row="IMU", axes="FRD")
+            chosen = Finding.of(Code.READ_SOURCE, subject=f"IMU {number}", count=len(imus)) if len(imus) > 1 else None
+            notes = [Finding.of(Code.READ_TIME_SINCE_START), chosen]
+            tables["imu"] = column_table(source, columns, notes, row="IMU", axes="FRD")
             break
     accuracies = _instances(messages, "GPA")
     for number, data in _instances(messages, "GPS").items():
@@ -156,4 +158,5 @@ def _fixes(source: Source, data: _Columns, accuracy: _Columns) -> Table:
             *(joined(data["time"], accuracy["time"], accuracy[key]) for key in ("HAcc", "VAcc", "SAcc"))
         )
     kind = data.get("Status", np.full(len(data["time"]), 3.0))
-    return fix_table(source, columns, kind, FIX_TYPES, [_CLOCK], row="GPS messages")
+    notes = [Finding.of(Code.READ_TIME_SINCE_START)]
+    return fix_table(source, columns, kind, FIX_TYPES, notes, row="GPS messages")

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from insnav.earth_fixed import level_from_earth
 from insnav.exceptions import InputError, InsnavError
+from insnav.findings import Code, Finding
 from insnav.input.formats.messages import at_times
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Numbers, Table, column_table
@@ -86,11 +87,11 @@ def fix_table(
     columns: Mapping[str, FloatArray],
     kind: NDArray[Any],
     types: Mapping[int, float],
-    notes: Iterable[str],
+    notes: Iterable[Finding | None],
     *,
     good: NDArray[np.bool_] | None = None,
     row: str,
-    cut: str = "",
+    cut: Finding | None = None,
     week: float | None = None,
 ) -> Table:
     """Table of fixes without those that are none.
@@ -99,9 +100,14 @@ def fix_table(
     """
     fix = np.array([types.get(int(each), 0.0) if each == each else 0.0 for each in kind], dtype=np.float64)
     kept = (fix > 0.0) if good is None else (fix > 0.0) & good
-    lost = f"{int((~kept).sum())} of {len(kept)} {row} have no fix: left out" if not kept.all() else ""
     found = {key: np.asarray(column[kept], dtype=np.float64) for key, column in {**columns, "fix": fix}.items()}
-    return column_table(source, found, [*notes, lost], row=row, cut=cut, week=week)
+    return column_table(source, found, [*notes, without_fix(kept)], row=row, cut=cut, week=week)
+
+
+def without_fix(kept: NDArray[np.bool_]) -> Finding | None:
+    """Finding of epochs ``(n,)`` that are left out because they have no fix, if there are any."""
+    lost = int(np.count_nonzero(~kept))
+    return Finding.of(Code.READ_ROWS_NO_FIX, count=lost, rows=len(kept)) if lost else None
 
 
 @contextmanager
@@ -122,7 +128,7 @@ class TextColumns:
 
     columns: Mapping[str, FloatArray]  # (n,) by header in small letters
     headers: tuple[str, ...]  # of the file
-    cut: str  # why a last row was left out; empty if none was
+    cut: Finding | None  # why a last row was left out, if one was
 
     def named(self, wanted: Mapping[str, str]) -> dict[str, FloatArray]:
         """Columns by new names, as far as the file has their headers, whatever their case."""

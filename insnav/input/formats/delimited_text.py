@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import PurePath
 from typing import Any, TypeVar
 
 import numpy as np
@@ -17,6 +18,7 @@ import numpy as np
 from insnav import spill
 from insnav.deferred import library
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding
 from insnav.input.formats.source import Source, decoded, text_of
 from insnav.input.formats.table import Numbers, Table, arrow_floats
 from insnav.input.formats.text_dialect import SNIFF_BYTES, Dialect, is_comment, parse_number, sniff, split_line
@@ -81,7 +83,7 @@ class TextCells:
         if texts:
             numbers = self._with_texts(numbers, texts)
         if not numbers.cut and self.zeros:
-            numbers = replace(numbers, cut=f"{self.zeros} zero bytes at the end of the file")
+            numbers = replace(numbers, cut=self._cut(zeros=self.zeros))
         return numbers
 
     def _texts(self, indices: Sequence[int]) -> list[int]:
@@ -121,7 +123,7 @@ class TextCells:
             cells = split_line(text, self.dialect.delimiter)
             if len(cells) != width:
                 if last and len(cells) < width:
-                    return _as_numbers(values, indices, f"line {number} has {len(cells)} of {width} cells")
+                    return _as_numbers(values, indices, self._cut(line=number, cells=len(cells), columns=width))
                 thousands = len(cells) > width and '"' not in text
                 raise InputError(
                     f"a row has {len(cells)} cells where the header has {width} names",
@@ -138,7 +140,7 @@ class TextCells:
                     row.append(parse_number(cells[i], self.dialect.decimal))
                 except ValueError as error:
                     if last and i == width - 1 and not self._ends_line():
-                        return _as_numbers(values, indices, f"line {number} ends within a number")
+                        return _as_numbers(values, indices, self._cut(line=number))
                     why, fix = _why_not_a_number(cells[i])
                     raise InputError(
                         f"{plain_text(cells[i])[:40]!r} is not a number",
@@ -147,27 +149,31 @@ class TextCells:
                         fix=fix,
                     ) from error
             values.append(row)
-        return _as_numbers(values, indices, "")
+        return _as_numbers(values, indices, None)
+
+    def _cut(self, **values: Any) -> Finding:
+        """Make the finding of a last row that is left out."""
+        return Finding.of(Code.ROWS_CUT, file=PurePath(self.name).name, **values)
 
     def _ends_line(self) -> bool:
         return self.text[-1:] in (b"\n", b"\r")
 
-    def _cut_number(self, indices: Sequence[int], n_rows: int) -> str:
-        """Say so if the very last number of the file seems to be cut off.
+    def _cut_number(self, indices: Sequence[int], n_rows: int) -> Finding | None:
+        """Find out whether the very last number of the file seems to be cut off.
 
         Without a line end nobody can know; a last cell shorter than all those above it is taken for cut.
         """
         last = len(self.dialect.headers) - 1
         if last not in indices or n_rows < 4 or self._ends_line():
-            return ""
+            return None
         start = max(self.dialect.offset, len(self.text) - _TAIL_BYTES)
         lines = [t.decode("utf-8", "replace") for t in self.text[start:].splitlines() if t.strip()]
         rows = lines[-(_TAIL_ROWS + 1) :] if start == self.dialect.offset else lines[1:][-(_TAIL_ROWS + 1) :]
         cells = (split_line(row, self.dialect.delimiter) for row in rows)
         widths = [len(each[last]) for each in cells if len(each) > last]
         if len(widths) > 3 and 0 < widths[-1] < min(widths[:-1]):
-            return "the file ends without a line end, within a number that is shorter than those above it"
-        return ""
+            return self._cut(characters=widths[-1], limit_characters=min(widths[:-1]))
+        return None
 
 
 def _if_valid(
@@ -229,7 +235,7 @@ def _options(dialect: Dialect, indices: Sequence[int], kind: Any, **how: Any) ->
     }
 
 
-def _as_numbers(values: list[list[float]], indices: Sequence[int], cut: str) -> Numbers:
+def _as_numbers(values: list[list[float]], indices: Sequence[int], cut: Finding | None) -> Numbers:
     array = np.array(values, dtype=np.float64).reshape(len(values), len(indices))
     return Numbers({i: array[:, k].copy() for k, i in enumerate(indices)}, len(values), cut)
 

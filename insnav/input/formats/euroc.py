@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding
 from insnav.input.formats import delimited_text
 from insnav.input.formats.conventions import ACCEL, GYRO, text_columns
 from insnav.input.formats.source import Source
@@ -38,7 +39,7 @@ def read(source: Source) -> Mapping[str, Table]:
             why = f"columns: {', '.join(table.headers)}"
             raise InputError("this is no IMU file of EuRoC", where=file.name, why=why)
         columns["time_s"] = columns["time_s"] * 1e-9
-        notes = (*table.notes, "EuRoC has no fixes: its references are in the axes of the room")
+        notes = [Finding.of(Code.READ_REFERENCE_LOCAL)]
         tables[f"imu:{folder}"] = column_table(file, columns, notes, cut=read.cut)
     return tables
 

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding
 from insnav.input.formats.conventions import ACCEL, GYRO, number_in, up_or_down, with_force
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table, nothing
@@ -61,9 +62,9 @@ def read(source: Source) -> Mapping[str, Table]:
     if gyro is not None and accel is not None:
         found = {"time_s": gyro[:, 0], **{key: gyro[:, i + 1] for i, key in enumerate(GYRO)}}
         found = with_force(found, accel[:, 0], accel[:, 1:])
-        note = "times are Unix time; accelerometer interpolated to the times of the gyros"
+        notes = [Finding.of(Code.READ_TIME_UNIX), Finding.of(Code.READ_ACCEL_INTERPOLATED)]
         axes = up_or_down(found[ACCEL[2]], "RFU", "RBD")
-        tables["imu"] = column_table(source, found, (note,), row="UncalGyro", axes=axes)
+        tables["imu"] = column_table(source, found, notes, row="UncalGyro", axes=axes)
     if lines.get("Fix"):
         tables["gps"] = _fixes(source, columns.get("Fix", []), lines["Fix"])
     if not tables:
@@ -107,5 +108,5 @@ def _fixes(source: Source, names: list[str], rows: list[list[str]]) -> Table:
     mine = np.array([each == best for each in providers]) & np.isfinite(found["time_ms"])
     found = {key: column[mine] for key, column in found.items()}
     columns = {"time_s": 1e-3 * found.pop("time_ms"), **found}
-    notes = ("times are Unix time", f"fixes of the provider {plain_text(best)}")
-    return column_table(source, columns, notes, row="Fix")
+    chosen = Finding.of(Code.READ_SOURCE, subject=plain_text(best), count=len(set(providers)))
+    return column_table(source, columns, [Finding.of(Code.READ_TIME_UNIX), chosen], row="Fix")

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding
 from insnav.input.formats.conventions import number_in
 from insnav.input.formats.source import Source, decoded
 from insnav.input.formats.table import Table, column_table
@@ -54,10 +55,10 @@ def read(source: Source) -> Mapping[str, Table]:
     lat, lon, height = (np.array(column) for column in list(zip(*rows, strict=True))[1:])
     notes = [note]
     if len(rows) < total:
-        notes.append(f"{total - len(rows)} of {total} points have no time: left out")
+        notes.append(Finding.of(Code.READ_ROWS_NO_TIME, count=total - len(rows), rows=total))
     if not np.isfinite(height).any():
         height = np.zeros(len(rows))
-        notes.append("the track has no elevations: 0 m is written for them")
+        notes.append(Finding.of(Code.READ_HEIGHT_MISSING))
     columns = {"time_s": time, "lat_deg": lat, "lon_deg": lon, "height_msl_m": height}
     return {"gps": column_table(source, columns, notes, row="point", week=week)}
 

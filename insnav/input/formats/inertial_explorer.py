@@ -15,6 +15,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding
 from insnav.input.formats.conventions import ATTITUDE, VELOCITY, deviations
 from insnav.input.formats.delimited_text import TextCells
 from insnav.input.formats.source import Source, text_of
@@ -66,10 +67,10 @@ def read(source: Source) -> Mapping[str, Table]:
     if set(ATTITUDE) <= data.keys():
         part = "reference"
         columns |= {key: data[key] for key in ATTITUDE} | {ATTITUDE[2]: data[ATTITUDE[2]] % 360.0}
-    return {part: column_table(source, columns, (note,), row="epoch", cut=cut, week=week)}
+    return {part: column_table(source, columns, [note], row="epoch", cut=cut, week=week)}
 
 
-def _columns(source: Source) -> tuple[dict[str, FloatArray], str]:
+def _columns(source: Source) -> tuple[dict[str, FloatArray], Finding | None]:
     """Columns of the export by what they are, and why a last row was left out."""
     text, zeros = text_of(source)
     header = _HEADER.search(text)
@@ -106,4 +107,4 @@ def _time(data: Mapping[str, FloatArray]) -> GpsTime:
     second = data["tow" if "tow" in data else "utc"]
     if "week" in data and np.isfinite(data["week"]).all() and (np.abs(data["week"]) < 1e4).all():
         return seconds_of_week(WEEK_DAYS * data["week"], second, scale)
-    return GpsTime(second, f"times are seconds of the GPS week in {scale}, which the export does not name", None)
+    return GpsTime(second, Finding.of(Code.READ_TIME_UNKNOWN_WEEK, scale=scale), None)

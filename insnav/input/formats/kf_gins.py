@@ -15,6 +15,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from insnav.findings import Code, Finding
 from insnav.input.formats.delimited_text import TextCells
 from insnav.input.formats.source import Source, decoded, text_of
 from insnav.input.formats.table import Table
@@ -43,7 +44,7 @@ def read(source: Source) -> Mapping[str, Table]:
     text, zeros = text_of(source)
     part, headers = _layout(source.head)
     cells = TextCells(source.name, text, Dialect(" ", ".", headers, None, 0, 1), zeros)
-    notes = (f"{name}, without a header, by its numbers: {', '.join(headers)}",)
+    notes = (Finding.of(Code.READ_COLUMNS_BY_VALUES, columns=headers, format=name),)
     axes = "FRD" if part == "imu" else ""
     return {part: Table(source.name, source.sha256, headers, cells, notes=notes, axes=axes)}
 

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding
 from insnav.input.formats.conventions import ACCEL, ATTITUDE, GYRO, MSL_PLACE, VELOCITY, deviations, triad
 from insnav.input.formats.source import Source, digest_of
 from insnav.input.formats.table import Table, column_table
@@ -26,10 +27,6 @@ _EPOCH = re.compile(r"^(?P<folder>(?:.*/)?)data/\d{10}\.txt$")
 _TIME = re.compile(rb"^(\d{4}-\d\d-\d\d) (\d\d:\d\d:\d\d(?:\.\d{1,9})?)\s*$", re.M)
 _NUMBERS = 30
 _VERTICAL = np.array([1.0, 1.0, 2.0])  # the accuracy in the file is that of North and East
-_FROM_SOLUTION = (
-    "positions and velocities are of the OXTS navigation solution, not of a receiver alone: their errors are "
-    "correlated in time"
-)
 
 
 def recognise(source: Source) -> bool:
@@ -58,11 +55,11 @@ def read(source: Source) -> Mapping[str, Table]:
     roll, pitch, yaw = rows[:, 3:6].T / DEG  # of Forward-Left-Up in East-North-Up
     attitude = triad(ATTITUDE, np.column_stack([roll, -pitch, (90.0 - yaw) % 360.0]))
     samples = {"time_s": time, **triad(GYRO, rows[:, 17:20]), **triad(ACCEL, rows[:, 11:14])}
-    clock = "times are seconds of 1970 in the time zone of the recording, which the format does not state"
+    clock, fused = Finding.of(Code.READ_TIME_LOCAL), Finding.of(Code.READ_FUSED)
     return {
-        "imu": column_table(whole, samples, (clock,), row="epoch", axes="FLU"),
-        "gps": column_table(whole, place, (clock, _FROM_SOLUTION), row="epoch"),
-        "reference": column_table(whole, place | attitude, (clock, _FROM_SOLUTION), row="epoch"),
+        "imu": column_table(whole, samples, [clock], row="epoch", axes="FLU"),
+        "gps": column_table(whole, place, [clock, fused], row="epoch"),
+        "reference": column_table(whole, place | attitude, [clock, fused], row="epoch"),
     }
 
 

@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from insnav.findings import Code, Finding
 from insnav.input.formats.conventions import (
     ACCEL,
     ATTITUDE,
@@ -142,7 +143,7 @@ def _is_numbers(value: Any) -> bool:
 def _navego(source: Source, key: str, data: Mapping[str, FloatArray]) -> tuple[str, Table | None]:
     time = np.atleast_1d(data["t"])
     n = len(time)
-    note = (f"structure {plain_text(key)} of NaveGo: angles in rad",)
+    note = [Finding.of(Code.READ_CONVENTION, subject=plain_text(key), convention="NaveGo", unit="rad")]
     if {"wb", "fb"} <= set(data) and data["wb"].shape == data["fb"].shape == (n, 3):
         columns = {"time_s": time, **triad(GYRO, data["wb"]), **triad(ACCEL, data["fb"])}
         return "imu", column_table(source, columns, note, axes="FRD")
@@ -165,7 +166,7 @@ def _navego(source: Source, key: str, data: Mapping[str, FloatArray]) -> tuple[s
 def _psins(source: Source, key: str, rows: FloatArray) -> tuple[str, Table | None]:
     """Arrays by their names, time in the last column."""
     width, time = rows.shape[1], rows[:, -1]
-    note = (f"array {plain_text(key)} of PSINS, time last, axes Right, Forward, Up",)
+    note = [Finding.of(Code.READ_CONVENTION, subject=plain_text(key), convention="PSINS", unit="rad", axes="RFU")]
     if re.match(r"imu", key, re.I) and width == 7:
         columns = {"time_s": time, **triad(DTHETA, rows[:, :3]), **triad(DVEL, rows[:, 3:6])}
         return "imu", column_table(source, columns, note, axes="RFU")

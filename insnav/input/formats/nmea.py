@@ -17,7 +17,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from insnav.exceptions import InputError
-from insnav.input.formats.conventions import number_in
+from insnav.findings import Code, Finding
+from insnav.input.formats.conventions import number_in, without_fix
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table
 from insnav.input.formats.time_scales import GpsTime, gps_days, seconds_of_week
@@ -56,13 +57,9 @@ def read(source: Source) -> Mapping[str, Table]:
         )
     time, note, week = log.times()
     found = dict(zip((*_COLUMNS, *_OTHERS), values[placed].T, strict=True))
-    notes = [note]
-    if log.damaged:
-        notes.append(f"{log.damaged} sentences with a wrong checksum left out")
-    if not placed.all():
-        notes.append(f"{int((~placed).sum())} of {len(placed)} epochs have no position: left out")
-    if log.from_vtg:
-        notes.append("velocity from VTG, which has no time: that of the sentence before it")
+    damaged = Finding.of(Code.READ_ROWS_DAMAGED, subject="NMEA", count=log.damaged) if log.damaged else None
+    untimed = Finding.of(Code.READ_VELOCITY_UNTIMED, subject="VTG") if log.from_vtg else None
+    notes = [note, damaged, without_fix(placed), untimed]
     if not np.isfinite(found["alt"]).any():
         raise InputError(
             "the NMEA log holds no heights",
@@ -158,8 +155,7 @@ class _Log:
         turns = np.concatenate(([0.0], np.cumsum(np.diff(clock) < -_HALF_DAY)))
         known = np.isfinite(date)
         if not known.any():
-            said = "times are seconds of the UTC day: no sentence has a date (RMC, ZDA)"
-            return GpsTime(clock + 86_400.0 * turns, said, None)
+            return GpsTime(clock + 86_400.0 * turns, Finding.of(Code.READ_TIME_OF_DAY, scale="UTC"), None)
         # days of epochs without a date: counted on from the last one that has one, back from the first
         last = np.maximum.accumulate(np.where(known, np.arange(len(clock)), -1))
         last[last < 0] = int(np.flatnonzero(known)[0])
@@ -209,10 +205,10 @@ def _velocity(knots: float, course: float) -> dict[str, float]:
     return {"speed_m_s": knots * _KNOT, "course_deg": course} if np.isfinite(knots) else {}
 
 
-def _height(altitude: FloatArray, separation: FloatArray) -> tuple[dict[str, FloatArray], str]:
+def _height(altitude: FloatArray, separation: FloatArray) -> tuple[dict[str, FloatArray], Finding | None]:
     """Height column, ellipsoidal if the separation of the geoid is known."""
     known = np.isfinite(separation)
     if known.any() and (separation[known] != 0.0).any():
         filled = np.where(known, separation, np.median(separation[known]))
-        return {"height_m": altitude + filled}, "heights: altitude and separation of the geoid, both as in the log"
-    return {"height_msl_m": altitude}, ""
+        return {"height_m": altitude + filled}, Finding.of(Code.READ_HEIGHT_BY_GEOID)
+    return {"height_msl_m": altitude}, None

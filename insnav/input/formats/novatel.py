@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding
 from insnav.input.formats.conventions import (
     ATTITUDE,
     DTHETA,
@@ -104,8 +105,8 @@ def recognise(source: Source) -> bool:
 
 def read(source: Source) -> Mapping[str, Table]:
     logs, week, damaged, useless = _messages(source)
-    notes = [f"{damaged} messages with a wrong checksum left out"] if damaged else []
-    notes += [f"times are seconds of GPS week {week:.0f}"] if logs else []
+    notes = [Finding.of(Code.READ_ROWS_DAMAGED, subject="NovAtel", count=damaged)] if damaged else []
+    notes += [Finding.of(Code.READ_TIME_GPS_WEEK, week=week)] if logs else []
     tables: dict[str, Table] = {}
     for position, velocity in (("BESTGNSSPOS", "BESTGNSSVEL"), ("BESTPOS", "BESTVEL")):
         if position in logs and "gps" not in tables:
@@ -118,8 +119,9 @@ def read(source: Source) -> Mapping[str, Table]:
         if name in logs:
             tables["imu"] = _samples(source, logs[name], name, notes)
     if "imu" not in tables and useless:
+        note = Finding.of(Code.READ_IMU_CORRECTED, messages=tuple(useless))
         why = f"no samples: {', '.join(useless)} has gravity and Earth rate taken off; log RAWIMUSXB"
-        tables = {key: replace(table, notes=(*table.notes, why)) for key, table in tables.items()}
+        tables = {key: replace(table, notes=(*table.notes, note), lacking=why) for key, table in tables.items()}
     if not tables:
         raise nothing(
             source,
@@ -209,7 +211,7 @@ def _own_time(time: FloatArray, rows: NDArray[Any]) -> FloatArray:
     return np.asarray(rows["second"] + np.round((time - rows["second"]) / WEEK) * WEEK, dtype=np.float64)
 
 
-def _fixes(source: Source, position: Any, velocity: Any, notes: list[str]) -> Table:
+def _fixes(source: Source, position: Any, velocity: Any, notes: list[Finding]) -> Table:
     time, rows = position
     height = rows["height"] + rows["undulation"].astype(np.float64)
     columns = {"time_s": time, **triad(PLACE, np.column_stack([rows["lat"], rows["lon"], height]))}
@@ -223,13 +225,13 @@ def _fixes(source: Source, position: Any, velocity: Any, notes: list[str]) -> Ta
         columns |= {key: joined(np.round(time, 3), np.round(v_time, 3), each) for key, each in v.items()}
         latency = float(np.median(v_rows["latency"]))
         if latency > 0.0:
-            notes = [*notes, f"velocities are {latency:.3g} s older than the positions, as the log says"]
+            notes = [*notes, Finding.of(Code.READ_VELOCITY_LATENCY, latency_s=latency)]
     if np.isin(rows["kind"], [kind for word, kind in _KIND_WORDS.items() if "INS" in word]).any():
-        notes = [*notes, "positions are fused with the receiver's own IMU: their errors are correlated in time"]
+        notes = [*notes, Finding.of(Code.READ_FUSED)]
     return fix_table(source, columns, rows["kind"], _KINDS, notes, good=rows["status"] == 0, row="position")
 
 
-def _reference(source: Source, log: Any, notes: list[str]) -> Table:
+def _reference(source: Source, log: Any, notes: list[Finding]) -> Table:
     time, rows = log
     good = np.isin(rows["status"], _INS_GOOD)
     names = rows.dtype.names or ()
@@ -240,15 +242,16 @@ def _reference(source: Source, log: Any, notes: list[str]) -> Table:
     columns |= triad(VELOCITY, np.column_stack([rows["vn"], rows["ve"], -rows["vu"]]))
     columns |= triad(ATTITUDE, np.column_stack([rows["roll"], rows["pitch"], rows["heading"] % 360.0]))
     kept = {key: np.asarray(column[good], dtype=np.float64) for key, column in columns.items()}
-    return column_table(source, kept, ["the receiver's own fusion with its IMU", *notes], row="solution")
+    return column_table(source, kept, [Finding.of(Code.READ_FUSED), *notes], row="solution")
 
 
-def _samples(source: Source, log: Any, name: str, notes: list[str]) -> Table:
+def _samples(source: Source, log: Any, name: str, notes: list[Finding]) -> Table:
     time, rows = log
     time = _own_time(time, rows)
     counts = np.column_stack([rows[key].astype(np.float64) for key in ("gx", "gy", "gz", "ax", "ay", "az")])
     counts *= [1.0, -1.0, 1.0, 1.0, -1.0, 1.0]  # y is written with the other sign
-    if "type" in (rows.dtype.names or ()):
+    stated = "type" in (rows.dtype.names or ())
+    if stated:
         found = [_SCALES.get(each, each) for each in np.unique(rows["type"]).tolist()]
         why = f"IMU of type {', '.join(map(str, np.unique(rows['type'])))}"
     else:  # only one kind of IMU reads gravity at rest, turns and brakes of a drive do not change that
@@ -256,7 +259,6 @@ def _samples(source: Source, log: Any, name: str, notes: list[str]) -> Table:
         per_second = np.linalg.norm(counts[1:, 3:], axis=1).sum() / span if span > 0.0 else np.nan
         found = [each for each in _SCALES.values() if abs(per_second * each[2] / _GRAVITY - 1.0) < _TOLERANCE]
         why = f"{name} does not say which IMU it is of, and {per_second:.3g} counts of velocity a second are of none"
-        notes = [*notes, f"{name} does not say which IMU it is of: found from gravity"]
     if len(found) != 1 or not isinstance(found[0], tuple):
         known = ", ".join(f"{key} {each[0]}" for key, each in _SCALES.items())
         raise InputError(
@@ -267,4 +269,5 @@ def _samples(source: Source, log: Any, name: str, notes: list[str]) -> Table:
         )
     kind, angle, speed = found[0]
     columns = {"time_s": time, **triad(DTHETA, counts[:, :3] * angle), **triad(DVEL, counts[:, 3:] * speed)}
-    return column_table(source, columns, [f"increments of a {kind}", *notes], row=name, axes="RFU")
+    note = Finding.of(Code.READ_IMU_MODEL if stated else Code.READ_IMU_MODEL_BY_GRAVITY, subject=name, model=kind)
+    return column_table(source, columns, [note, *notes], row=name, axes="RFU")

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding
 from insnav.input.formats import delimited_text
 from insnav.input.formats.conventions import (
     ACCEL,
@@ -82,10 +83,10 @@ def read(source: Source) -> Mapping[str, Table]:
         for key, names in (("gyro", _GYROS), ("location", _LOCATIONS), ("linear", _WITHOUT_GRAVITY))
         if (path := _path(source, names)) is not None
     }
-    force, force_note = _force(source, files.get("linear"))
+    force, gravity = _force(source, files.get("linear"))
     tables = {}
     if force is not None and "gyro" in files:
-        tables["imu"] = _samples(source, files["gyro"], force, force_note)
+        tables["imu"] = _samples(source, files["gyro"], force, gravity)
     if "location" in files:
         tables["gps"] = _fixes(source, files["location"])
     if not tables:
@@ -149,12 +150,12 @@ def _force(source: Source, linear: _File | None) -> tuple[_File | None, str]:
 
 def _samples(source: Source, gyro: _File, force: _File, gravity_path: str) -> Table:
     """Samples at the times of the gyros."""
-    notes = ["accelerometer interpolated to the times of the gyros"]
+    notes = [Finding.of(Code.READ_ACCEL_INTERPOLATED)]
     values, used = _vector(force), [gyro.source, force.source]
     if gravity_path:
         gravity = _open(source, gravity_path)
         used.append(gravity.source)
-        notes.append("acceleration: without gravity, and gravity, which the phone had taken apart, added up again")
+        notes.append(Finding.of(Code.READ_GRAVITY_ADDED))
         part = _vector(gravity)
         values = values + np.column_stack([at_times(force.time, gravity.time, part[:, i]) for i in range(3)])
     rates = _vector(gyro)

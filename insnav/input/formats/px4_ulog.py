@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from insnav.findings import Code, Finding
 from insnav.input.formats.conventions import ACCEL, FIX_TYPES, GYRO, by_accuracy, fix_table
 from insnav.input.formats.messages import as_records, gathered
 from insnav.input.formats.source import Source
@@ -46,7 +47,6 @@ _TYPES = {
     "int8_t": "i1", "uint8_t": "u1", "bool": "u1", "char": "S1", "int16_t": "<i2", "uint16_t": "<u2",
     "int32_t": "<i4", "uint32_t": "<u4", "int64_t": "<i8", "uint64_t": "<u8", "float": "<f4", "double": "<f8",
 }  # fmt: skip
-_CLOCK = "times are seconds since the controller was switched on"
 
 
 def recognise(source: Source) -> bool:
@@ -55,7 +55,7 @@ def recognise(source: Source) -> bool:
 
 def read(source: Source) -> Mapping[str, Table]:
     log = _Log()
-    notes = (_CLOCK, *log.walk(source.data))
+    notes = [Finding.of(Code.READ_TIME_SINCE_START), *log.walk(source.data)]
     found = {key: data for key, layout in log.topics() if (data := log.columns(source.data, key, layout))}
     tables: dict[str, Table] = {}
     data = next((data for (topic, _), data in sorted(found.items()) if topic == "sensor_combined"), {})
@@ -65,8 +65,10 @@ def read(source: Source) -> Mapping[str, Table]:
     receivers = [(topic, number) for topic in _GPS for name, number in sorted(found) if name == topic]
     receivers = [each for each in receivers if all(key in found[each] for key in _NEEDED)]
     if receivers:
-        others = f"receiver {receivers[0][0]}[{receivers[0][1]}]; others are not used" if receivers[1:] else ""
-        tables["gps"] = _fixes(source, found[receivers[0]], (*notes, others))
+        if receivers[1:]:
+            topic, number = receivers[0]
+            notes.append(Finding.of(Code.READ_SOURCE, subject=f"{topic}[{number}]", count=len(receivers)))
+        tables["gps"] = _fixes(source, found[receivers[0]], notes)
     if not tables:
         raise nothing(
             source,
@@ -85,9 +87,9 @@ class _Log:
     subscribed: dict[int, tuple[str, int]] = field(default_factory=dict)  # name and instance by number
     at: dict[int, list[int]] = field(default_factory=dict)  # places of the data by number
 
-    def walk(self, data: bytes | mmap.mmap) -> list[str]:
-        """Go from message to message; what was damaged."""
-        place, end, notes, lost = 16, len(data), [], 0
+    def walk(self, data: bytes | mmap.mmap) -> list[Finding]:
+        """Go from message to message; findings of what was damaged."""
+        place, end, lost = 16, len(data), 0
         dropouts: list[int] = []
         while place + 3 <= end:
             size, kind = data[place] + 256 * data[place + 1], data[place + 2]
@@ -110,10 +112,9 @@ class _Log:
             elif kind == _DROPOUT and size >= 2:
                 dropouts.append(data[place + 3] + 256 * data[place + 4])
             place = after
-        if lost:
-            notes.append(f"{lost} bytes are damaged or cut off: left out")
+        notes = [Finding.of(Code.READ_BYTES_DAMAGED, count=lost)] if lost else []
         if dropouts:
-            notes.append(f"{len(dropouts)} gaps of the logger, {1e-3 * sum(dropouts):.3g} s in all")
+            notes.append(Finding.of(Code.READ_LOGGER_GAPS, count=len(dropouts), gap_s=1e-3 * sum(dropouts)))
         return notes
 
     def names(self) -> list[str]:
@@ -151,7 +152,7 @@ def _layout(fields: str) -> np.dtype[Any] | None:
     return np.dtype(parts) if parts and unique and all(name for name, _ in parts) else None
 
 
-def _fixes(source: Source, data: Mapping[str, FloatArray], notes: tuple[str, ...]) -> Table:
+def _fixes(source: Source, data: Mapping[str, FloatArray], notes: list[Finding]) -> Table:
     columns = {"time_s": 1e-6 * data.get("timestamp_sample", data["timestamp"])}
     if not (columns["time_s"] > 0.0).all():  # an early driver does not fill it
         columns["time_s"] = 1e-6 * data["timestamp"]

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import PurePosixPath
 
+from insnav.findings import Code, Finding
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table
 
@@ -27,8 +28,10 @@ def read(source: Source) -> Mapping[str, Table]:
     from insnav.input.formats.registry import tables_of
 
     tables: dict[str, Table] = {}
-    files, more = _files(source.members), ", ".join(unused(source.members))
-    note = (f"{', '.join(sorted(files.values()))} by their names (assumed; not used: {more})",) * bool(more)
+    files, more = _files(source.members), unused(source.members)
+    note = (
+        [Finding.of(Code.READ_FILES_BY_NAME, files=tuple(sorted(files.values())), unused=tuple(more))] if more else []
+    )
     for part, path in files.items():
         found = tables_of(source.members[path]())
         table = found.get(part, found.get("gps", found.get("")))

@@ -117,7 +117,7 @@ def choose_table(tables: Mapping[str, Table], part: str, topics: Collection[str]
     fix = "give the file with IMU data first, and this one with --gps" if part == "imu" and "gps" in tables else ""
     if part == "gps" and "reference" in tables:
         fix = "give the fixes with --gps, and this file with --ref"
-    lacking = [note for table in tables.values() for note in table.notes if note.startswith("no samples")]
+    lacking = [table.lacking for table in tables.values() if table.lacking]
     why = "; ".join([f"{format_name}: it has {found}", *lacking[:1]])
     raise InputError(f"the file holds no {kind} data", where=where, why=why, fix=fix)
 

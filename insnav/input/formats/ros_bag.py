@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from insnav.attitude import dcm_from_quat, quat_from_dcm, rph_from_quat
 from insnav.earth_fixed import earth_from_lla, level_from_earth, lla_from_earth
+from insnav.findings import Code, Finding
 from insnav.input.formats.conventions import (
     ACCEL,
     ATTITUDE,
@@ -121,19 +122,21 @@ def read(source: Source) -> Mapping[str, Table]:
     tables: dict[str, Table] = {}
     velocities = {key: topic.table() for key, topic in topics.items() if "Twist" in topic.kind}
     for key, topic in topics.items():
-        lost = f"{topic.broken} messages that are cut or of another layout left out" if topic.broken else ""
+        name = plain_text(key)
+        notes = [Finding.of(Code.READ_SOURCE, subject=name)]
+        if topic.broken:
+            notes.append(Finding.of(Code.READ_ROWS_UNREADABLE, subject=name, count=topic.broken))
         if topic.kind.endswith("Imu"):
-            tables[f"imu:{plain_text(key)}"] = _samples(source, topic.table(), [f"topic {plain_text(key)}", lost])
+            tables[f"imu:{name}"] = _samples(source, topic.table(), notes)
         elif topic.kind.endswith("NavSatFix"):
-            notes = [f"topic {plain_text(key)}", lost]
-            tables[f"gps:{plain_text(key)}"] = _fixes(source, topic.table(), velocities, notes)
+            tables[f"gps:{name}"] = _fixes(source, topic.table(), velocities, notes)
     fixes = next((table for part, table in tables.items() if part.startswith("gps:")), None)
     for key, topic in topics.items() if fixes is not None else ():
         if topic.kind.endswith("Odometry") and fixes is not None:
-            reference, said = _laid_on(source, topic.table(), fixes, plain_text(key))
+            reference, note = _laid_on(source, topic.table(), fixes, plain_text(key))
             if reference is not None:
                 tables[f"reference:{plain_text(key)}"] = reference
-            tables = {part: replace(each, notes=(*each.notes, said)) for part, each in tables.items()}
+            tables = {part: replace(each, notes=(*each.notes, note)) for part, each in tables.items()}
     if not tables:
         raise nothing(
             source,
@@ -210,24 +213,24 @@ def _behind_text(
     return found
 
 
-def _times(table: FloatArray, notes: list[str]) -> FloatArray:
+def _times(table: FloatArray, notes: list[Finding]) -> FloatArray:
     if (table[:, 0] > 0.0).all():
         return table[:, 0]
-    notes.append("the headers have no times: those of the bag are used, which come later by what the recording took")
+    notes.append(Finding.of(Code.READ_TIME_OF_RECORDER))
     return table[:, 1]
 
 
-def _samples(source: Source, table: FloatArray, notes: list[str]) -> Table:
+def _samples(source: Source, table: FloatArray, notes: list[Finding]) -> Table:
     columns = {"time_s": _times(table, notes)}
     rates, forces = table[:, 8 + 9 : 8 + 9 + 3], table[:, 8 + 9 + 3 + 9 : 8 + 9 + 3 + 9 + 3]
     columns |= triad(GYRO, rates) | triad(ACCEL, forces)
     axes = up_or_down(forces[:, 2], "FLU")
     if axes != "FLU":
-        notes.append(f"axes {axes}: z points down, against the rule of ROS (REP-103)")
+        notes.append(Finding.of(Code.READ_AXES_Z_DOWN, axes=axes))
     return column_table(source, columns, notes, row="message", axes=axes)
 
 
-def _fixes(source: Source, table: FloatArray, velocities: Mapping[str, FloatArray], notes: list[str]) -> Table:
+def _fixes(source: Source, table: FloatArray, velocities: Mapping[str, FloatArray], notes: list[Finding]) -> Table:
     columns = {"time_s": _times(table, notes), **triad(PLACE, table[:, 4:7])}
     known = table[:, 3] > 0.0
     if known.any():
@@ -235,18 +238,18 @@ def _fixes(source: Source, table: FloatArray, velocities: Mapping[str, FloatArra
             sd = np.where(known[:, None], np.sqrt(table[:, [11, 7, 15]]), np.nan)
         columns |= deviations(sd, "sd_{}_m")
         if (table[known, 3] == 1.0).any():
-            notes.append("standard deviations are approximations by the driver (covariance type 1)")
+            notes.append(Finding.of(Code.READ_SD_APPROXIMATE))
     for key, speeds in velocities.items():
         v = joined(table[:, 0], speeds[:, 0], speeds[:, 4:7])
         if np.isfinite(v[:, 0]).sum() > 0.9 * len(v):
             columns |= triad(VELOCITY, v[:, [1, 0, 2]] * [1.0, 1.0, -1.0])
-            notes.append(f"velocity East, North, Up from {plain_text(key)}, which has the times of the fixes")
+            notes.append(Finding.of(Code.READ_VELOCITY_TOPIC, subject=plain_text(key)))
             break
     return fix_table(source, columns, table[:, 2], _STATUS, notes, row="messages")
 
 
-def _laid_on(source: Source, table: FloatArray, fixes: Table, topic: str) -> tuple[Table | None, str]:
-    """Odometry as a reference, and a note: its plane is turned and moved to the fixes, as it has no place on Earth.
+def _laid_on(source: Source, table: FloatArray, fixes: Table, topic: str) -> tuple[Table | None, Finding]:
+    """Odometry as a reference, and a finding: its plane is turned and moved to the fixes, as it has no place on Earth.
 
     None if it drifts away from them, as that of wheels does: then it is no reference.
     """
@@ -257,15 +260,16 @@ def _laid_on(source: Source, table: FloatArray, fixes: Table, topic: str) -> tup
     order = np.argsort(table[:, 0], kind="stable")
     stamp, numbers = table[order, 0], table[order, 4:]
     inside = (time >= stamp[0]) & (time <= stamp[-1])
-    if inside.sum() < _FEW or not np.isfinite(numbers).all():
-        return None, f"Odometry of {topic} is not used: it has too little in common with the fixes"
+    common = int(np.count_nonzero(inside))
+    if common < _FEW or not np.isfinite(numbers).all():
+        return None, Finding.of(Code.READ_ODOMETRY_SHORT, subject=topic, count=common, limit_count=_FEW)
     own = np.column_stack([np.interp(time[inside], stamp, numbers[:, i]) for i in range(3)])
     east, plane = there[inside, 1] + 1j * there[inside, 0], own[:, 0] + 1j * own[:, 1]
     turn = np.angle(np.sum(np.conj(plane - plane.mean()) * (east - east.mean())))
     shift = east.mean() - np.exp(1j * turn) * plane.mean()
     apart = float(np.sqrt(np.mean(np.abs(np.exp(1j * turn) * plane + shift - east) ** 2)))
     if apart > _APART:
-        return None, f"Odometry of {topic} is not used: it is {apart:.2g} m RMS from the fixes however it is turned"
+        return None, Finding.of(Code.READ_ODOMETRY_APART, subject=topic, distance_m=apart, limit_m=_APART)
     place = np.exp(1j * turn) * (numbers[:, 0] + 1j * numbers[:, 1]) + shift
     down = there[inside, 2].mean() + own[:, 2].mean() - numbers[:, 2]
     lla = lla_from_earth(earth_from_lla(origin) + np.column_stack([place.imag, place.real, down]) @ to_earth.T)
@@ -278,5 +282,5 @@ def _laid_on(source: Source, table: FloatArray, fixes: Table, topic: str) -> tup
         rph = rph_from_quat(quat_from_dcm(c_nb)) / DEG
         columns |= triad(VELOCITY, np.einsum("nij,nj->ni", c_nb, numbers[:, 43:46] * _FLU))
         columns |= triad(ATTITUDE, np.column_stack([rph[:, :2], rph[:, 2] % 360.0]))
-    said = f"Odometry of {topic} turned by {-turn / DEG:.1f} deg and moved to the fixes: {apart:.2g} m RMS from them"
-    return column_table(source, columns, (said,), row="message"), said
+    note = Finding.of(Code.READ_ODOMETRY_PLACED, subject=topic, distance_m=apart, limit_m=_APART, angle_rad=-turn)
+    return column_table(source, columns, [note], row="message"), note

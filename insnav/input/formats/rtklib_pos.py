@@ -18,6 +18,7 @@ import numpy as np
 
 from insnav.earth_fixed import earth_from_lla, level_from_earth, lla_from_earth
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding
 from insnav.input.formats.delimited_text import TextCells
 from insnav.input.formats.source import Source, decoded, text_of
 from insnav.input.formats.table import ArrayCells, Table
@@ -64,7 +65,6 @@ def read(source: Source) -> Mapping[str, Table]:
     numbers = rows.read(range(len(rows.dialect.headers)))
     data = dict(zip(rows.dialect.headers, numbers.columns.values(), strict=True))
     time, note, week = _time(data, scale, rows)
-    notes: tuple[str, ...] = (note,)
     found = {"time_s": time}
     axes = _LAYOUTS[columns[0], columns[1], columns[2]]
     turn: FloatArray | None = None
@@ -85,10 +85,9 @@ def read(source: Source) -> Mapping[str, Table]:
         )
     unknown = sum(int(np.count_nonzero(sd == 0.0)) for sd in deviations.values())
     found |= {key: np.where(sd == 0.0, np.nan, sd) for key, sd in deviations.items()}
-    if unknown:
-        notes = (*notes, f"{unknown} standard deviations of 0 are taken as unknown")
-    cells = ArrayCells(tuple(found.values()), rows.line, numbers.cut)
-    return {"gps": Table(source.name, source.sha256, tuple(found), cells, notes=notes, week=week)}
+    notes = [note, Finding.of(Code.READ_SD_UNKNOWN, count=unknown) if unknown else None]
+    cells, kept = ArrayCells(tuple(found.values()), rows.line, numbers.cut), tuple(filter(None, notes))
+    return {"gps": Table(source.name, source.sha256, tuple(found), cells, notes=kept, week=week)}
 
 
 def _rows(text: bytes | mmap.mmap, zeros: int, where: str) -> tuple[str, tuple[str, ...], TextCells]:
@@ -139,8 +138,8 @@ def _time(data: Mapping[str, FloatArray], scale: str, rows: TextCells) -> GpsTim
     else:
         day, second = 7.0 * data["week"], data["tow"]
     time, note, week = seconds_of_week(day, second - _ZONES[scale], "GPST" if scale == "GPST" else "UTC")
-    if note and _ZONES[scale]:
-        note = f"{note.replace('UTC', scale)} and {_ZONES[scale] / 3600.0:.0f} h subtracted"
+    if note and week is not None and _ZONES[scale]:
+        note = Finding.of(note.code, week=week, leap_s=note["leap_s"], scale=scale, ahead_s=_ZONES[scale])
     return GpsTime(time, note, week)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insnav.earth_fixed import level_from_earth, lla_from_earth
+from insnav.findings import Code, Finding
 from insnav.input.formats.conventions import (
     ACCEL,
     GYRO,
@@ -53,6 +54,7 @@ _SENSOR = np.dtype([("source", "u1"), ("model", "u1"), ("type", "u1"), ("info", 
 # mode of PVT -> fix type; a place that is entered (3) is none
 _MODES = {1: 5.0, 2: 4.0, 4: 1.0, 5: 2.0, 6: 4.0, 7: 1.0, 8: 2.0, 10: 4.0}
 _Rows = NDArray[Any]
+_Notes = list[Finding]
 
 
 def recognise(source: Source) -> bool:
@@ -63,7 +65,7 @@ def read(source: Source) -> Mapping[str, Table]:
     messages = _FRAMING.find(source.data, [*(number for number, _ in _BLOCKS.values()), _SENSORS])
     blocks = {key: messages[number].records(each)[0] for key, (number, each) in _BLOCKS.items()}
     damaged = sum(each.damaged for each in messages.values())
-    notes = [f"{damaged} blocks with a wrong checksum left out"] if damaged else []
+    notes = [Finding.of(Code.READ_ROWS_DAMAGED, subject="SBF", count=damaged)] if damaged else []
     tables: dict[str, Table] = {}
     if len(blocks["geodetic"]):
         tables["gps"] = _geodetic(source, blocks, notes)
@@ -104,7 +106,7 @@ def _good(rows: _Rows, fields: tuple[str, ...]) -> NDArray[np.bool_]:
     return np.asarray(good)
 
 
-def _table(source: Source, rows: _Rows, columns: dict[str, FloatArray], good: Any, notes: list[str], row: str) -> Table:
+def _table(source: Source, rows: _Rows, columns: dict[str, FloatArray], good: Any, notes: _Notes, row: str) -> Table:
     dated = rows[good] if good.any() else rows
     week = float(dated["week"][0]) if len(dated) else None
     time, note, week = seconds_of_week(
@@ -124,7 +126,7 @@ def _matrices(rows: _Rows, axes: str) -> FloatArray:
     return found
 
 
-def _geodetic(source: Source, blocks: Mapping[str, _Rows], notes: list[str]) -> Table:
+def _geodetic(source: Source, blocks: Mapping[str, _Rows], notes: _Notes) -> Table:
     rows = blocks["geodetic"]
     columns = triad(PLACE, np.column_stack([rows["lat"] / DEG, rows["lon"] / DEG, rows["height"]]))
     v = np.column_stack([rows["vn"], rows["ve"], -rows["vu"]]).astype(np.float64)
@@ -137,7 +139,7 @@ def _geodetic(source: Source, blocks: Mapping[str, _Rows], notes: list[str]) -> 
     return _table(source, rows, columns, _good(rows, ("lat", "lon", "height")), notes, "PVTGeodetic")
 
 
-def _cartesian(source: Source, blocks: Mapping[str, _Rows], notes: list[str]) -> Table:
+def _cartesian(source: Source, blocks: Mapping[str, _Rows], notes: _Notes) -> Table:
     rows = blocks["cartesian"]
     r = np.column_stack([rows["x"], rows["y"], rows["z"]])
     distance = np.linalg.norm(np.where(np.abs(r) < -_UNKNOWN, r, 0.0), axis=1)
@@ -155,7 +157,7 @@ def _cartesian(source: Source, blocks: Mapping[str, _Rows], notes: list[str]) ->
     return _table(source, rows, columns, near, notes, "PVTCartesian")
 
 
-def _samples(source: Source, blocks: list[Bytes], week: float | None, notes: list[str]) -> Table | None:
+def _samples(source: Source, blocks: list[Bytes], week: float | None, notes: _Notes) -> Table | None:
     """Accelerations (type 0) and angular rates (type 1) of ExtSensorMeas, at the times of the rates."""
     parts: dict[int, list[tuple[FloatArray, FloatArray]]] = {0: [], 1: []}
     head = layout(f"{_HEADER} n:u1 size:u1")
@@ -183,5 +185,5 @@ def _samples(source: Source, blocks: list[Bytes], week: float | None, notes: lis
     first = week if week is not None else float(time[0] // (1e3 * WEEK))
     columns = {"time_s": 1e-3 * (time - first * (1e3 * WEEK)), **triad(GYRO, rate * DEG)}
     columns = with_force(columns, 1e-3 * (force_time - first * (1e3 * WEEK)), force)
-    notes = [f"times are seconds of GPS week {first:.0f}", *notes]
+    notes = [Finding.of(Code.READ_TIME_GPS_WEEK, week=first), *notes]
     return column_table(source, columns, notes, row="sample", axes=up_or_down(columns[ACCEL[2]], "FLU"), week=first)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from insnav.exceptions import InputError
-from insnav.findings import Note
+from insnav.findings import Finding
 from insnav.types import FloatArray
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ class Numbers:
 
     columns: dict[int, FloatArray]  # (n,) by index of the column; NaN for an empty cell
     n_rows: int  # number of rows
-    cut: str = ""  # why a last row was left out; empty if none was
+    cut: Finding | None = None  # why a last row was left out, if one was
     texts: Mapping[int, TextValues] = field(default_factory=dict)  # columns that were text, by index
 
 
@@ -45,7 +45,7 @@ class ArrayCells:
 
     columns: tuple[FloatArray, ...]
     find_line: Callable[[int], str]
-    cut: str = ""
+    cut: Finding | None = None
 
     def read(self, indices: Sequence[int]) -> Numbers:
         """See `Cells`."""
@@ -65,10 +65,11 @@ class Table:
     headers: tuple[str, ...]  # names of the columns
     cells: Cells  # its rows
     units: tuple[str, ...] | None = None  # row of units under the header
-    notes: tuple[Note, ...] = ()  # how the format was read, such as the time scale
+    notes: tuple[Finding, ...] = ()  # how the format was read, such as the time scale
     format: str = ""  # name of the format it was read from
     week: float | None = None  # GPS week from whose start the times count, if that is known
     axes: str = ""  # where the sensor's x, y, z point by the definition of the format; empty if it has none
+    lacking: str = ""  # why the file has no samples, if the format knows
 
     def place(self, row: int, index: int | None = None) -> str:
         """``file:line:column`` of a cell; rows are counted from 0."""
@@ -84,10 +85,10 @@ def nothing(source: Source, what: str, why: str, fix: str) -> InputError:
 def column_table(
     source: Source,
     columns: Mapping[str, FloatArray],
-    notes: Iterable[str] = (),
+    notes: Iterable[Finding | None] = (),
     *,
     row: str = "row",
-    cut: str = "",
+    cut: Finding | None = None,
     axes: str = "",
     week: float | None = None,
 ) -> Table:
@@ -97,8 +98,8 @@ def column_table(
     see `Table`.
     """
     cells = ArrayCells(tuple(columns.values()), lambda number: f"{row} {number + 1}", cut)
-    named = tuple(note for note in notes if note)
-    return Table(source.name, source.sha256, tuple(columns), cells, notes=named, axes=axes, week=week)
+    given = tuple(note for note in notes if note)
+    return Table(source.name, source.sha256, tuple(columns), cells, notes=given, axes=axes, week=week)
 
 
 def arrow_floats(part: Any) -> FloatArray:

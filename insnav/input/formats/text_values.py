@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from insnav.deferred import library
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding
 from insnav.input.formats.time_scales import GpsTime, gps_days, seconds_of_week, unix_days
 from insnav.types import FloatArray
 
@@ -46,7 +48,7 @@ class TextValues(NamedTuple):
 
     values: FloatArray  # (n,) seconds, days, degrees or signs; NaN for an empty cell
     form: str  # ``date and time``, ``time of day``, ``date``, ``angle`` or ``hemisphere``
-    note: str = ""  # what was assumed
+    note: Finding | None = None  # how times were read
     week: float | None = None  # GPS week from whose start the seconds count
 
 
@@ -84,7 +86,8 @@ def values_of(texts: Any, where: str) -> TextValues:
     parts = {name: pc.struct_field(found, name) for name in names}
     second = _seconds(parts) if "hour" in parts else np.zeros(len(empty))
     if form == "time of day":
-        return TextValues(np.where(valid, second, np.nan), form, _clock_note(parts, first))
+        note = None if _has_zone(parts) else Finding.of(Code.READ_TIME_OF_DAY, example=first)
+        return TextValues(np.where(valid, second, np.nan), form, note)
     day = _days(parts, valid, where)
     if form == "date":
         return TextValues(np.where(valid, day, np.nan), form)
@@ -93,7 +96,7 @@ def values_of(texts: Any, where: str) -> TextValues:
     time, note, week = seconds_of_week(day[rows], second[rows], "GPST" if in_gps_time else "UTC")
     values = np.full(len(empty), np.nan)
     values[rows] = time
-    return TextValues(values, form, f"{note}{_clock_note(parts, first)}", week)
+    return TextValues(values, form, note if _has_zone(parts) else _utc_assumed(note), week)
 
 
 def seconds_of_stamps(stamps: Any) -> TextValues:
@@ -102,8 +105,7 @@ def seconds_of_stamps(stamps: Any) -> TextValues:
     whole = stamps.cast(pa.timestamp("ns", stamps.type.tz)).cast(pa.int64()).fill_null(0).to_numpy()
     time = np.full(len(known), np.nan)
     time[known], note, week = seconds_of_week(*unix_days(whole[known]), "UTC")
-    zone = "" if stamps.type.tz else "; they name no zone and are taken as UTC"
-    return TextValues(time, "date and time", f"{note}{zone}", week)
+    return TextValues(time, "date and time", note if stamps.type.tz else _utc_assumed(note), week)
 
 
 def with_date(day: FloatArray, second: FloatArray) -> GpsTime:
@@ -179,13 +181,14 @@ def _days(parts: dict[str, Any], valid: Any, where: str) -> FloatArray:
     return found
 
 
-def _clock_note(parts: dict[str, Any], first: str) -> str:
-    """Say what a clock without a zone was taken for."""
-    if pc.any(pc.not_equal(pc.fill_null(parts["zone"], ""), "")).as_py():
-        return ""
-    if "year" not in parts:
-        return f"times of day such as {first}: seconds since midnight, of whatever zone"
-    return "; they name no zone and are taken as UTC: write it behind them if not, such as 17:30:39+02:00"
+def _has_zone(parts: dict[str, Any]) -> bool:
+    """Whether texts name their time zone."""
+    return bool(pc.any(pc.not_equal(pc.fill_null(parts["zone"], ""), "")).as_py())
+
+
+def _utc_assumed(note: Finding | None) -> Finding | None:
+    """Turn the finding of times in UTC into that of times whose zone is not given."""
+    return None if note is None else replace(note, code=Code.READ_TIME_UTC_ASSUMED)
 
 
 def _degrees(text: str) -> float | None:

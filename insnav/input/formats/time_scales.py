@@ -7,6 +7,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from insnav.findings import Code, Finding
 from insnav.types import FloatArray
 
 Scale = Literal["GPST", "UTC"]
@@ -47,7 +48,7 @@ class GpsTime(NamedTuple):
     """Times of receivers."""
 
     time: FloatArray  # (n,) since the start of a GPS week [s]
-    note: str  # what was done to get them
+    note: Finding | None  # how they were made
     week: float | None  # that week, if it is known
 
 
@@ -59,11 +60,9 @@ def seconds_of_week(
     `day`, `second` (n,): days since 6 January 1980, for weeks seven times their number, and seconds from there.
     """
     if not len(day):
-        return GpsTime(day, "", week)
+        return GpsTime(day, None, week)
     leap = leap_seconds(day, second) if scale == "UTC" else np.zeros(len(day))
     if week is None:
         week = float(np.floor((day[0] + (second + leap)[0] / DAY) / WEEK_DAYS))
-    note = f"times are seconds of GPS week {week:.0f}"
-    if scale == "UTC":
-        note += f": UTC with {leap[0]:.0f} leap seconds added"
+    note = Finding.of(Code.READ_TIME_GPS_WEEK, week=week, leap_s=leap[0] if scale == "UTC" else np.nan, scale=scale)
     return GpsTime((day - WEEK_DAYS * week) * DAY + second + leap, note, week)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding
 from insnav.input.formats import nmea
 from insnav.input.formats.conventions import ACCEL, GYRO, by_accuracy, deviations, fix_table, up_or_down
 from insnav.input.formats.messages import Framing, Messages, at_times, joined, layout
@@ -60,6 +61,7 @@ _GYRO_TYPES, _ACCEL_TYPES, _TEMPERATURE = (14, 13, 5), (16, 17, 18), 12  # x, y,
 _SCALES = {**dict.fromkeys(_GYRO_TYPES, DEG / 4096.0), **dict.fromkeys(_ACCEL_TYPES, 1.0 / 1024.0), _TEMPERATURE: 0.01}
 _NO_FIX = (0, 1, 5)  # none, dead reckoning only, time only
 _RAW_TICK = 39.0625e-6  # of time tags in ESF-RAW [s]; the fixes tell it too
+_FEW = 10  # epochs by which the clock of the sensor is not tied to GPS time yet
 _ORDER_JITTER = 0.1  # to which the order of messages tells a time [s]
 
 
@@ -88,7 +90,7 @@ def read(source: Source) -> Mapping[str, Table]:
     messages = _FRAMING.find(source.data, [*(number for number, _ in _LAYOUTS.values()), _MEAS, _RAW])
     found = {key: _Found(*messages[number].records(each, _HEAD)) for key, (number, each) in _LAYOUTS.items()}
     notes = [
-        f"{damaged} damaged NAV-{key} messages left out (checksum)"
+        Finding.of(Code.READ_ROWS_DAMAGED, subject=f"NAV-{key}", count=damaged)
         for key, (number, _) in _LAYOUTS.items()
         if (damaged := messages[number].damaged)
     ]
@@ -133,15 +135,15 @@ _HEAD = 6
 _FRAMING = Framing(b"\xb5b", number=(2, 0xFFFF), size=(4, 0xFFFF), around=_HEAD + 2, least=_HEAD + 2, sound=_sound)
 
 
-def _fixes(source: Source, found: Mapping[str, _Found], base: str, notes: list[str]) -> tuple[Table, _Clock]:
+def _fixes(source: Source, found: Mapping[str, _Found], base: str, notes: list[Finding]) -> tuple[Table, _Clock]:
     main = found[base]
     rows, key = main.rows, main.key
     names = rows.dtype.names or ()
     week = _week(rows) if "year" in names else _joined_week(key, found)
-    time, said, first = GpsTime(1e-3 * key, "times are seconds of the GPS week; no message says which week", None)
+    time, note, first = GpsTime(1e-3 * key, Finding.of(Code.READ_TIME_UNKNOWN_WEEK), None)
     if np.isfinite(week).all():
-        time, said, first = seconds_of_week(WEEK_DAYS * week, 1e-3 * key)
-    notes = [said, *notes]
+        time, note, first = seconds_of_week(WEEK_DAYS * week, 1e-3 * key)
+    fused = Finding.of(Code.READ_FUSED, fix_type=4) if "heading" in names else None
     columns = {"time_s": time, **_position(rows)}
     hp = found["HPPOSLLH"]
     if base != "HPPOSLLH" and len(hp.rows):
@@ -153,14 +155,12 @@ def _fixes(source: Source, found: Mapping[str, _Found], base: str, notes: list[s
     if len(found["COV"].rows):
         for column, values in _joined_columns(key, found["COV"], _covariances).items():
             columns[column] = np.where(np.isfinite(values), values, columns.get(column, np.nan))
-    if "heading" in names:
-        notes.append("positions are the receiver's own fusion with its IMU, where it says so (fixType 4)")
     kind, flags = _quality(rows, key, found)
     usable = (flags & 1 == 1) & ~np.isin(kind, _NO_FIX)
     carrier = (flags.astype(np.int64) >> 6) & 3 if base in ("PVT", "PVAT") else np.zeros(len(key), dtype=np.int64)
     kinds = np.select([carrier == 2, carrier == 1, flags & 2 == 2], [1, 2, 4], 5)
     types = {each: float(each) for each in (1, 2, 4, 5)}
-    table = fix_table(source, columns, kinds, types, notes, good=usable, row=f"NAV-{base}", week=first)
+    table = fix_table(source, columns, kinds, types, [note, *notes, fused], good=usable, row=f"NAV-{base}", week=first)
     return table, _Clock(time, main.at, first)
 
 
@@ -299,7 +299,7 @@ def _sensors(tag: Any, value: Any, sensor: Any, at: Any) -> tuple[dict[str, Floa
     return columns, wanted, at[first]
 
 
-def _sensor_time(tags: FloatArray, places: Any, clock: _Clock, *, raw: bool) -> tuple[FloatArray, str]:
+def _sensor_time(tags: FloatArray, places: Any, clock: _Clock, *, raw: bool) -> tuple[FloatArray, Finding]:
     """Times of samples on the clock of the fixes, [s].
 
     An epoch is written a little after it was: the line through the latest samples before each epoch, moved so that
@@ -308,17 +308,14 @@ def _sensor_time(tags: FloatArray, places: Any, clock: _Clock, *, raw: bool) -> 
     before = np.searchsorted(places, clock.at) - 1
     known = before >= 0
     x, y = tags[before[known]], clock.time[known]
-    if len(x) < 10 or np.ptp(x) == 0.0:
+    if len(x) < _FEW or np.ptp(x) == 0.0:
         if raw:
             raise InputError("ESF-RAW samples need NAV-PVT messages beside them", why="these give their time")
-        return 1e-3 * tags, "times of the samples are those of the sensor: there are too few fixes to tie them to"
+        return 1e-3 * tags, Finding.of(Code.READ_TIME_OF_SENSOR, count=len(x), limit_count=_FEW)
     rate = float(np.polyfit(x - x[0], y - y[0], 1)[0])
     nominal = _RAW_TICK if raw else 1e-3
     if abs(rate / nominal - 1.0) * np.ptp(y) < _ORDER_JITTER:  # the order tells no better
         rate = nominal
     late = (y - y[0]) - rate * (x - x[0])
     time = rate * (tags - x[0]) + float(np.quantile(late, 0.98)) + y[0]
-    return time, (
-        f"clock of the IMU tied to GPS time by the order of the messages (1 tick = {rate * 1e3:.7g} ms): "
-        "a delay of the fixes of some hundredths of a second may remain, and is estimated"
-    )
+    return time, Finding.of(Code.READ_TIME_BY_MESSAGES, tick_s=rate)

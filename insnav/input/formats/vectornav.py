@@ -11,6 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from insnav.findings import Code, Finding
 from insnav.input.formats import delimited_text
 from insnav.input.formats.conventions import ACCEL, GYRO, VELOCITY, TextColumns, deviations, fix_table, text_columns
 from insnav.input.formats.source import Source
@@ -66,19 +67,20 @@ def read(source: Source) -> Mapping[str, Table]:
     ]
     kinds = (_TIMES, _TEMPERATURE, _PLACE, _OTHERS, _INS, *samples)
     text = text_columns(table, (header for kind in kinds for header in kind.values()))
-    time, notes, week = _time(text.named(_TIMES))
+    clock = _time(text.named(_TIMES))
+    time, note, week = clock
     tables: dict[str, Table] = {}
     columns = next((found for kind in samples if len(found := text.named(kind)) == 6), None)
     if columns is not None:
         columns = {"time_s": time, **columns, **text.named(_TEMPERATURE)}
-        tables["imu"] = column_table(source, columns, (notes,), cut=text.cut, axes="FRD", week=week)
+        tables["imu"] = column_table(source, columns, [note], cut=text.cut, axes="FRD", week=week)
     place = text.named(_PLACE)
     if len(place) == len(_PLACE):
-        tables["gps"] = _fixes(source, place, text, GpsTime(time, notes, week))
+        tables["gps"] = _fixes(source, place, text, clock)
     solution = text.named(_INS)
     if len(solution) == len(_INS) and (solution["lat_deg"] != 0.0).any():
         solution["heading_deg"] = solution["heading_deg"] % 360.0
-        own = (notes, "the unit's own solution")
+        own = [note, Finding.of(Code.READ_FUSED)]
         tables["reference"] = column_table(source, {"time_s": time, **solution}, own, cut=text.cut, week=week)
     return tables or {"": table}
 
@@ -88,11 +90,10 @@ def _time(clock: Mapping[str, FloatArray]) -> GpsTime:
     if "tow" in clock and "week" in clock and np.nanmax(clock["week"], initial=0.0) > 0.0:
         return _of_week(clock["week"], clock["tow"])
     if "tow_s" in clock and np.isfinite(clock["tow_s"]).any():
-        return GpsTime(clock["tow_s"], "times are seconds of the GPS week", None)
+        return GpsTime(clock["tow_s"], Finding.of(Code.READ_TIME_UNKNOWN_WEEK), None)
     if "boot" in clock:
-        said = "times are seconds since the unit was switched on: it had no GPS time"
-        return GpsTime(clock["boot"] * 1e-9, said, None)
-    return GpsTime(np.full(len(next(iter(clock.values()), ())), np.nan), "", None)
+        return GpsTime(clock["boot"] * 1e-9, Finding.of(Code.READ_TIME_SINCE_START), None)
+    return GpsTime(np.full(len(next(iter(clock.values()), ())), np.nan), None, None)
 
 
 def _of_week(week: FloatArray, tow: FloatArray) -> GpsTime:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from insnav import spill
 from insnav.exceptions import InputError
-from insnav.findings import Code, Finding, Note, by_time
+from insnav.findings import Code, Finding, by_time
 from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray, IntArray
 
@@ -145,13 +145,6 @@ def find_gaps(step: FloatArray, interval: float, kinds: Kinds) -> IntArray:
 def _longest_step(interval: float, kinds: Kinds) -> float:
     """Step between two rows that is no gap yet, by the median one [s]."""
     return (kinds.gap_rows + 1.5) * interval
-
-
-def cut_row(kinds: Kinds, time: float, why: Note, file: str) -> Finding:
-    """Make the finding of a last row that was left out, at the time of the row before it [s]."""
-    if isinstance(why, Finding):
-        return replace(why, begin=time, end=time, subject=kinds.source)
-    return Finding.of(Code.ROWS_CUT, time, subject=kinds.source, file=file, reason=why)
 
 
 def _stray(time: FloatArray) -> BoolArray:

@@ -15,7 +15,7 @@ import numpy as np
 
 from insnav.earth_fixed import level_from_earth, lla_from_earth
 from insnav.exceptions import InputError
-from insnav.findings import Code, Finding, Note
+from insnav.findings import Code, Finding
 from insnav.input.formats.conventions import PLACE, VELOCITY
 from insnav.input.formats.table import Cells, Numbers, Table
 from insnav.input.formats.time_scales import Scale, gps_days, seconds_of_week
@@ -70,15 +70,15 @@ def _added(
     parts: Sequence[int],
     names: Sequence[str],
     make: Callable[..., FloatArray],
-    *notes: Note,
+    *notes: Finding | None,
     week: float | None = None,
 ) -> Table:
     """A table with columns made of others, whose own headers are none any more."""
     headers = tuple("" if i in parts else header for i, header in enumerate(table.headers))
     units = None if table.units is None else (*table.units, *[""] * len(names))
     cells = _Composed(table.cells, len(headers), tuple(parts), make)
-    headers, notes = (*headers, *names), (*table.notes, *notes)
-    return replace(table, headers=headers, cells=cells, units=units, notes=notes, week=week or table.week)
+    headers, known = (*headers, *names), (*table.notes, *filter(None, notes))
+    return replace(table, headers=headers, cells=cells, units=units, notes=known, week=week or table.week)
 
 
 def _first(table: Table, parts: Sequence[int]) -> list[FloatArray] | None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding
 from insnav.input.formats.registry import open_table
 from insnav.input.interpret.clean import REFERENCE_KINDS
 from insnav.input.interpret.columns import understand
@@ -49,6 +50,6 @@ def read_heights(path: str | Path) -> Reading[Heights]:
     rows.columns["height"] = rows.columns.pop(key) * found[key].factor
     cleaned = rows.clean()
     time, height = cleaned.columns["time"], cleaned.columns["height"]
-    longest = f"heights between rows are interpolated; the longest step is {np.diff(time).max():.3g} s"
+    longest = Finding.of(Code.READ_HEIGHT_INTERPOLATED, step_s=np.diff(time).max())
     columns = {"time_s": found["time"].describe(rows.time_unit), "height_m": found[key].describe()}
     return rows.reading("heights", Heights(time, height), cleaned, columns, (longest, *notes), gaps=False)

@@ -10,6 +10,7 @@ import numpy as np
 
 from insnav import spill
 from insnav.exceptions import ConfigError, InputError
+from insnav.findings import Code, Finding
 from insnav.imu.raw_outputs import RawScale
 from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
@@ -89,8 +90,8 @@ def read_imu(
     columns = imu_columns(table) if guessed else columns
     found, notes = understand(table.headers, table.units, schema, columns=columns, where=name)
     if guessed and columns:
-        by_number = ",".join(f"{key}={number}" for key, number in columns.items())
-        notes = (*notes, f"the file has no header; by what they hold the columns are {by_number} (else --columns)")
+        by_number = tuple(f"{key}={number}" for key, number in columns.items())
+        notes = (*notes, Finding.of(Code.READ_COLUMNS_BY_VALUES, columns=by_number))
     increments = _choose(found, sampling, given, table, schema)
     gyro_keys, accel_keys = (_ANGLES, _VELOCITIES) if increments else (_RATES, _FORCES)
     stated = {
@@ -126,7 +127,7 @@ def read_imu(
     temperature, temperature_note = _temperature(time, cleaned.columns.get("temperature"))
     odometer, baro = cleaned.columns.get("odometer"), cleaned.columns.get("baro")
     if baro is not None and np.fmin.reduce(baro) == np.fmax.reduce(baro):
-        notes = (*notes, f"{found['baro'].header!r} never changes: not used")
+        notes = (*notes, Finding.of(Code.READ_COLUMN_CONSTANT, subject=found["baro"].header))
         baro = None
     data = ImuData(
         time,
@@ -150,7 +151,7 @@ def read_imu(
             gyro_evidence,
             accel_evidence,
             axes_evidence,
-            _sampling_evidence(data, sampling, stamp),
+            _sampling_finding(data, sampling, stamp),
             *temperature_note,
             *notes,
         ),
@@ -197,7 +198,7 @@ def read_counts(
         data,
         cleaned,
         {found[key].quantity.key: found[key].header for key in keys},
-        ("gyros and accelerometers in raw counts", *temperature_note, *notes),
+        (Finding.of(Code.READ_RAW_COUNTS), *temperature_note, *notes),
         axes=(axes or "FRD").strip().upper(),
         sampling=data.sampling,
         stamp=data.stamp,
@@ -358,7 +359,7 @@ def _in_body(columns: dict[str, FloatArray], keys: tuple[str, ...], matrix: Floa
     return body
 
 
-def _temperature(time: FloatArray, column: FloatArray | None) -> tuple[FloatArray | None, tuple[str, ...]]:
+def _temperature(time: FloatArray, column: FloatArray | None) -> tuple[FloatArray | None, tuple[Finding, ...]]:
     """Temperature without gaps: it changes slowly, and loggers write it less often."""
     if column is None:
         return None, ()
@@ -366,16 +367,17 @@ def _temperature(time: FloatArray, column: FloatArray | None) -> tuple[FloatArra
     if known.all():
         return column, ()
     if not known.any():
-        return None, ("the temperature column is empty: not used",)
+        return None, (Finding.of(Code.READ_COLUMN_EMPTY, subject="temperature"),)
     filled = np.interp(time, time[known], column[known])
-    return filled, (f"temperature interpolated in {int(np.count_nonzero(~known))} rows without one",)
+    return filled, (
+        Finding.of(Code.READ_TEMPERATURE_INTERPOLATED, count=int(np.count_nonzero(~known)), rows=len(known)),
+    )
 
 
-def _sampling_evidence(data: ImuData, sampling: Sampling | None, stamp: Stamp | None) -> str:
-    how = {"mean": "means over the interval", "instant": "values at an instant", "increment": "increments"}
-    first = how[data.sampling]
-    if sampling is None:
-        first += " (by the column names)" if data.sampling == "increment" else " (assumed; else --imu-sampling)"
-    if data.sampling == "instant":
-        return f"samples are {first}"
-    return f"samples are {first}, timestamped at its {data.stamp}" + ("" if stamp else " (assumed; else --imu-stamp)")
+def _sampling_finding(data: ImuData, sampling: Sampling | None, stamp: Stamp | None) -> Finding:
+    """Make the finding of what a sample is; the names of columns tell increments."""
+    options = ("--imu-sampling",) * (sampling is None and data.sampling != "increment")
+    options += ("--imu-stamp",) * (stamp is None and data.sampling != "instant")
+    code = Code.READ_SAMPLING_ASSUMED if options else Code.READ_SAMPLING
+    stamped = "" if data.sampling == "instant" else data.stamp
+    return Finding.of(code, sampling=data.sampling, stamp=stamped, options=options)

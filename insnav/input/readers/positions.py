@@ -12,7 +12,7 @@ import numpy as np
 
 from insnav.earth import ned_offset
 from insnav.exceptions import InputError
-from insnav.findings import Code
+from insnav.findings import Code, Finding
 from insnav.input.formats import delimited_text, kf_gins, matlab, parquet, phone_folder
 from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
@@ -20,6 +20,7 @@ from insnav.input.interpret.clean import GPS_KINDS, REFERENCE_KINDS, Kinds
 from insnav.input.interpret.columns import Found, as_option, require, understand
 from insnav.input.interpret.derived import derive
 from insnav.input.interpret.headerless import position_columns
+from insnav.input.interpret.physics import stated_unit
 from insnav.input.interpret.schema import ALL_UNITS, GPS_SCHEMA, REFERENCE_SCHEMA, Quantity
 from insnav.input.interpret.velocities import Fit, fit_velocities
 from insnav.input.readers.reading import Reading
@@ -113,8 +114,8 @@ def read_reference(path: str | Path | Table, *, columns: Mapping[str, str] | Non
     rph[:, 2] %= 2.0 * np.pi
     zeros = _zeros_in_motion(read.lla, read.v_n, rph)
     if zeros:
-        said = f"{' and '.join(zeros)} are zero in all rows while it moves: assumed not to be given"
-        reading = replace(reading, facts=replace(reading.facts, evidence=(*reading.facts.evidence, said)))
+        note = Finding.of(Code.READ_ZEROS_UNKNOWN, subject="ref", columns=tuple(zeros))
+        reading = replace(reading, facts=replace(reading.facts, evidence=(*reading.facts.evidence, note)))
     sd = read.stacked(_STANDARD_DEVIATIONS)
     known = np.hstack([sd, np.full_like(rph, np.nan)]) if np.isfinite(sd).any() else None
     data = Trajectory(read.columns["time"], read.lla, read.v_n, rph, known)
@@ -122,19 +123,19 @@ def read_reference(path: str | Path | Table, *, columns: Mapping[str, str] | Non
 
 
 def _zeros_in_motion(lla: FloatArray, v_n: FloatArray, rph: FloatArray) -> list[str]:
-    """What is zero in all rows of a moving reference, as programs write it that do not know; set to NaN, in place."""
+    """Columns that are zero in all rows of a moving reference: unknown, so set to NaN, in place."""
     moved = np.ptp(ned_offset(lla, lla[0]), axis=0) if len(lla) else np.zeros(3)
     climbs, turns = float(moved[2]) > _CLIMBS, bool((moved[:2] > _MOVES).all())  # straight north, the heading is zero
-    found = []
-    for name, values, moves in (
-        ("velocities", v_n, bool((moved[:2] > _MOVES).any())),
-        ("vertical velocities", v_n[:, 2:], climbs),
-        ("headings", rph[:, 2:], turns),
-        ("rolls and pitches", rph[:, :2], turns and climbs),
+    found: list[str] = []
+    for names, values, moves in (
+        (("vn", "ve", "vd"), v_n, bool((moved[:2] > _MOVES).any())),
+        (("vd",), v_n[:, 2:], climbs),
+        (("heading",), rph[:, 2:], turns),
+        (("roll", "pitch"), rph[:, :2], turns and climbs),
     ):
         if moves and not values.any():
             values[:] = np.nan
-            found.append(name)
+            found += names
     return found
 
 
@@ -170,7 +171,7 @@ def read_positions(
     others = set(filter(None, table.headers)) - {each.header for each in found.values()}
     flat = kind == "GPS" and height_key not in found and all(map(_NO_HEIGHT.search, others))
     if flat:
-        height_evidence = "no column has heights: they are not known"
+        height_evidence = Finding.of(Code.READ_HEIGHT_MISSING)
     wanted = ("time", "lat", "lon", *(() if flat else (height_key,)))
     require(found, wanted, table.headers, schema, where=name, hint=hint, gives=gives)
     keys = [key for key in found if key not in ("height", "height_msl") or key == height_key]
@@ -194,7 +195,7 @@ def read_positions(
     fit = fit_velocities(data["time"], lla, v_n)
     degrees, angles = _angles(lla, fit, found, name)
     lla[:, :2] *= degrees
-    unit, words = _velocity_unit(fit, found, name)
+    unit, velocity_notes = _velocity_unit(fit, found, name)
     if unit != 1.0:
         measured = 2 + bool({"vd", "vu"} & found.keys())  # a vertical speed from the heights has their unit
         v_n[:, :measured] *= unit
@@ -202,29 +203,28 @@ def read_positions(
             if key in data:
                 data[key] = data[key] * unit
     filled = {key: each for key, each in found.items() if key not in data or np.isfinite(data[key]).any()}
-    evidence = (height_evidence, angles, *words, *_words(filled), *notes)
+    evidence = (height_evidence, angles, *velocity_notes, *_attitude_findings(filled), *notes)
     columns_read = {
         found[key].quantity.name: found[key].describe(rows.time_unit if key == "time" else None) for key in keys
     }
     if "fix" in data and not data["fix"].any() and np.ptp(lla[:, :2], axis=0).any():
         del data["fix"]
-        evidence = (*evidence, f"{found['fix'].header!r} is 0 in all rows, and positions change: not used")
+        evidence = (*evidence, Finding.of(Code.READ_COLUMN_FIX_ZERO, subject=found["fix"].header))
     fix = np.where(np.isfinite(data["fix"]), data["fix"], -1.0).astype(np.int64) if "fix" in data else None
     reading = rows.reading(kind, Positions(data, lla, v_n), cleaned, columns_read, evidence, height=height_kind)
     return replace(reading, fix=fix)
 
 
-def _height(found: Mapping[str, Found], height: Height | None, log: str) -> tuple[str, str, str]:
-    """Key of the height column, what it is, and why; `log`: name of the format."""
+def _height(found: Mapping[str, Found], height: Height | None, log: str) -> tuple[str, str, Finding]:
+    """Key of the height column, what it is, and what decided that; `log`: name of the format."""
     above_sea = "height_msl" in found and (height == "msl" or "height" not in found)
     key = "height_msl" if above_sea else "height"
     kind = "msl" if above_sea or height == "msl" else "ellipsoidal"
-    if kind == "ellipsoidal":
-        by_log = "assumed; else --gps-height msl" if log in _ANY_HEIGHT else f"by definition of the {log}"
-        why = "as given" if height else by_log
-        return key, kind, f"heights are above the ellipsoid ({why})"
-    why = "as given" if height else "by the column's name"
-    return (key, kind, f"heights are above mean sea level ({why}): used as they are, and so are those of the result")
+    if kind == "msl":
+        return key, kind, Finding.of(Code.READ_HEIGHT_MSL, column="" if height else found[key].header)
+    if height or log not in _ANY_HEIGHT:
+        return key, kind, Finding.of(Code.READ_HEIGHT_ELLIPSOIDAL, format="" if height else log)
+    return key, kind, Finding.of(Code.READ_HEIGHT_ELLIPSOIDAL_ASSUMED)
 
 
 def _no_position(raw: dict[str, FloatArray]) -> BoolArray:
@@ -244,7 +244,7 @@ def _no_position(raw: dict[str, FloatArray]) -> BoolArray:
     return bad
 
 
-def _raise_rounded(raw: dict[str, FloatArray], bad: BoolArray, found: Mapping[str, Found]) -> list[str]:
+def _raise_rounded(raw: dict[str, FloatArray], bad: BoolArray, found: Mapping[str, Found]) -> list[Finding]:
     """Raise standard deviations that were rounded to zero to the smallest one of their column that was not."""
     notes = []
     for key in _STANDARD_DEVIATIONS:
@@ -254,9 +254,11 @@ def _raise_rounded(raw: dict[str, FloatArray], bad: BoolArray, found: Mapping[st
         if zero.any() and positive.any():
             least = float(raw[key][positive].min())
             raw[key] = np.where(zero, least, raw[key])
-            unit = "m" if found[key].quantity.dimension == "length" else "m/s"
-            rows = int(np.count_nonzero(zero))
-            notes.append(f"{found[key].header!r} is 0 in {rows} rows: raised to its smallest value, {least:.3g} {unit}")
+            header, count = found[key].header, int(np.count_nonzero(zero))
+            if found[key].quantity.dimension == "length":
+                notes.append(Finding.of(Code.READ_SD_RAISED, subject=header, count=count, sd_m=least))
+            else:
+                notes.append(Finding.of(Code.READ_SD_RAISED, subject=header, count=count, sd_m_s=least))
     return notes
 
 
@@ -304,8 +306,8 @@ def _refuse_impossible(
             )
 
 
-def _angles(lla: FloatArray, fit: Fit | None, found: Mapping[str, Found], name: str) -> tuple[float, str]:
-    """Factor by which angles taken as degrees are to be multiplied, and why.
+def _angles(lla: FloatArray, fit: Fit | None, found: Mapping[str, Found], name: str) -> tuple[float, Finding]:
+    """Factor by which angles taken as degrees are to be multiplied, and what decided it.
 
     Raises: InputError: they may be degrees or radians, or are not what the header says.
     """
@@ -322,26 +324,26 @@ def _angles(lla: FloatArray, fit: Fit | None, found: Mapping[str, Found], name: 
         )
     in_deg = np.abs(lla[:, :2]) / DEG
     large = (in_deg[:, 0] > 0.5 * np.pi).any() or (in_deg[:, 1] > np.pi).any()
-    if stated not in (None, "deg"):
-        return 1.0, f"positions in {stated}"
+    if stated not in (None, "deg") or (stated and large):
+        return 1.0, stated_unit("positions", str(stated))
     if large:
-        return 1.0, "positions in deg" + ("" if stated else ": they are too large for radians")
+        return 1.0, Finding.of(Code.READ_ANGLES_LARGE, unit="deg")
     if fit is not None and fit.radians:
-        why = "as degrees they move 57 times slower than the velocity columns say"
         if stated:
+            why = "as degrees they move 57 times slower than the velocity columns say"
             raise InputError("the positions look like radians", where=name, why=why, fix=fix)
-        return 1.0 / DEG, f"positions in rad: {why}"
+        return 1.0 / DEG, Finding.of(Code.READ_ANGLES_BY_VELOCITY, unit="rad")
     if stated:
-        return 1.0, f"positions in {stated}"
+        return 1.0, stated_unit("positions", stated)
     if fit is not None:
-        return 1.0, "positions in deg: they move as fast as the velocity columns say"
+        return 1.0, Finding.of(Code.READ_ANGLES_BY_VELOCITY, unit="deg")
     raise InputError(
         "the positions may be degrees or radians", where=name, why="all lie near (0, 0), and no velocity tells", fix=fix
     )
 
 
-def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tuple[float, list[str]]:
-    """Factor from the velocities as read to m/s, and why.
+def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tuple[float, list[Finding]]:
+    """Factor from the velocities as read to m/s, and what decided it.
 
     Raises: InputError: the positions move otherwise than the columns say by name or unit.
     """
@@ -373,8 +375,8 @@ def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tu
         )
     if fit.unit == "m/s":
         return 1.0, []
-    why = f"the positions move {fit.ratio:.3g} times as far as in m/s"
     if any(column.unit for column in columns):
+        why = f"the positions move {fit.ratio:.3g} times as far as in m/s"
         stated = next(column for column in columns if column.unit)
         raise InputError(
             f"the velocities are not in {stated.unit}",
@@ -382,7 +384,7 @@ def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tu
             why=f"{why}: that looks like {fit.unit}",
             fix=f"put the right unit into the header, such as {stated.quantity.key} [{fit.unit}]",
         )
-    return ALL_UNITS[fit.unit][1], [f"velocities in {fit.unit}: {why}"]
+    return ALL_UNITS[fit.unit][1], [Finding.of(Code.READ_VELOCITY_UNIT, ratio=fit.ratio, unit=fit.unit)]
 
 
 def _mirrored(fit: Fit, found: Mapping[str, Found]) -> str:
@@ -399,12 +401,12 @@ def _exchanged(found: Mapping[str, Found], where: str, why: str) -> InputError:
     return InputError("latitude and longitude are exchanged", where=where, why=why, fix=fix, gives={"columns": right})
 
 
-def _words(found: Mapping[str, Found]) -> list[str]:
-    """Say how attitude columns were taken."""
-    words = []
+def _attitude_findings(found: Mapping[str, Found]) -> list[Finding]:
+    """Make the findings of how attitude columns were understood."""
+    notes = []
     if "heading" in found and "yaw" in found["heading"].header.lower():
-        words.append(f"{found['heading'].header!r} is taken as heading, clockwise from north")
+        notes.append(Finding.of(Code.READ_YAW_AS_HEADING, subject=found["heading"].header))
     assumed = [found[key].header for key in ("roll", "pitch", "heading") if key in found and not found[key].unit]
     if assumed:
-        words.append(f"{', '.join(assumed)} in deg: assumed")
-    return words
+        notes.append(Finding.of(Code.READ_ATTITUDE_UNIT_ASSUMED, columns=tuple(assumed), unit="deg"))
+    return notes

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from insnav.exceptions import ConfigError, InputError
+from insnav.findings import Code, Finding
 from insnav.imu.raw_outputs import RawScale
 from insnav.input.interpret.columns import Found
 from insnav.input.interpret.schema import IMU_SCHEMA, Quantity
@@ -36,7 +37,7 @@ def from_outputs(
     *,
     increments: bool,
     where: str,
-) -> tuple[tuple[str, ...], dict[str, str]]:
+) -> tuple[tuple[Finding, ...], dict[str, str]]:
     """Replace outputs by rates [rad/s] and specific forces [m/s^2], in place.
 
     Raises: ConfigError: a unit that is not one of volts or counts was given; InputError: the file holds increments, or
@@ -63,5 +64,5 @@ def from_outputs(
             except ConfigError as error:
                 raise InputError(error.what, where=f"{where}:{found[key].header}", fix=error.fix) from None
             units[key] = unit
-        notes.append(f"{triad} {scale.unit} brought to {SI_UNITS[triad]} by the zero and scale of the calibration")
+        notes.append(Finding.of(Code.READ_RAW_SCALED, subject=triad, unit=scale.unit, si_unit=SI_UNITS[triad]))
     return tuple(notes), units

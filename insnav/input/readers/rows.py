@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -14,7 +13,7 @@ from insnav.exceptions import InputError
 from insnav.findings import Code, Finding, Note
 from insnav.input.formats.table import Table
 from insnav.input.formats.text_values import TextValues, with_date
-from insnav.input.interpret.clean import Cleaned, Kinds, clean, cut_row
+from insnav.input.interpret.clean import Cleaned, Kinds, clean
 from insnav.input.interpret.columns import Found
 from insnav.input.interpret.physics import clock_digits, find_time_unit
 from insnav.input.interpret.schema import ALL_UNITS, TIME_PARTS
@@ -32,7 +31,7 @@ class Rows:
     kinds: Kinds  # what sort of rows it has
     columns: dict[str, FloatArray]  # (n,) by key, as in the file, but time in seconds
     n_rows: int  # number of rows
-    cut: Note | None  # why a last row was left out, if one was
+    cut: Finding | None  # why a last row was left out, if one was
     # unit of the time in the file, and how it was found
     time_unit: str
     time_evidence: Note | None
@@ -62,7 +61,8 @@ class Rows:
         time = cleaned.columns["time"]
         events = cleaned.events
         if self.cut:
-            events = (*events, cut_row(self.kinds, float(time[-1]), self.cut, Path(self.table.name).name))
+            end = float(time[-1])
+            events = (*events, replace(self.cut, begin=end, end=end, subject=self.kinds.source))
         notes = (self.time_evidence, *self.table.notes, *evidence, *cleaned.notes)
         facts = ReadingFacts(
             kind=kind,

@@ -10,10 +10,12 @@ from typing import Literal
 import numpy as np
 
 from insnav.exceptions import ConfigError, InputError
+from insnav.findings import Code, Finding, Note
 from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
 from insnav.input.interpret.clean import IMU_KINDS, Cleaned
 from insnav.input.interpret.columns import Found, require, understand
+from insnav.input.interpret.physics import stated_unit
 from insnav.input.interpret.schema import ALL_UNITS, schema
 from insnav.input.readers.reading import Reading
 from insnav.input.readers.rows import read_rows
@@ -62,10 +64,10 @@ def read_specific_force(
     columns_of = {"time": found["time"]} if sample_rate is None else {}
     columns_of |= {key: found[column] for key, column in chosen.items()}
     rows = read_rows(table, columns_of, tuple(columns_of), IMU_KINDS, slowest=_SLOWEST)
-    clock_evidence = ""
+    evidence: list[Note] = [Finding.of(Code.READ_SAMPLING, sampling="instant", stamp="")]
     if sample_rate is not None:
         rows.columns["time"] = np.arange(rows.n_rows) / sample_rate
-        clock_evidence = f"the file has no times: {sample_rate:g} samples per second from 0 s on, as given"
+        evidence.append(Finding.of(Code.READ_TIME_BY_RATE, rate_hz=sample_rate))
     cleaned = rows.clean()
     _refuse_gaps(cleaned, name)
     unit, unit_evidence = _unit(cleaned, [found[column] for column in chosen.values()], name)
@@ -73,7 +75,8 @@ def read_specific_force(
     down = data["f_down"] if "f_down" in data else -data.get("f_up", np.full(len(data["time"]), np.nan))
     f_n = np.asarray(ALL_UNITS[unit][1] * np.column_stack([data["f_north"], data["f_east"], down]))
     _refuse_impossible(cleaned.columns["time"], f_n, name)
-    vertical = "" if "f_up" in chosen or "f_down" in chosen else "there is no vertical axis"
+    if not chosen.keys() & {"f_up", "f_down"}:
+        evidence.append(Finding.of(Code.READ_FORCE_NO_VERTICAL))
     return rows.reading(
         "specific force",
         SpecificForce(cleaned.columns["time"], f_n),
@@ -82,7 +85,7 @@ def read_specific_force(
             "time_s" if key == "time" else f"{key}_m_s2": column.describe(rows.time_unit if key == "time" else unit)
             for key, column in columns_of.items()
         },
-        (clock_evidence, unit_evidence, "samples are values at their instants", vertical, *notes),
+        (unit_evidence, *evidence, *notes),
         gaps=False,
         axes=axes or "",
     )
@@ -138,8 +141,8 @@ def _refuse_gaps(cleaned: Cleaned, name: str) -> None:
     )
 
 
-def _unit(cleaned: Cleaned, found: list[Found], name: str) -> tuple[str, str]:
-    """Unit of the specific force, and how it was found."""
+def _unit(cleaned: Cleaned, found: list[Found], name: str) -> tuple[str, Finding]:
+    """Unit of the specific force, and what decided it."""
     stated = {each.unit for each in found} - {None}
     if len(stated) > 1:
         raise InputError(
@@ -152,12 +155,12 @@ def _unit(cleaned: Cleaned, found: list[Found], name: str) -> tuple[str, str]:
     vertical = held["f_up"] if "f_up" in held else -held["f_down"] if held else None  # upwards
     if stated:
         unit = str(next(iter(stated)))
-        evidence = f"specific force in {unit}: as stated"
+        evidence = stated_unit("force", unit)
     elif vertical is None:
-        unit, evidence = "m/s^2", "specific force in m/s^2: assumed, there is no vertical axis to see it by"
+        unit, evidence = "m/s^2", Finding.of(Code.READ_FORCE_UNIT_ASSUMED, unit="m/s^2")
     else:
         unit = next((u for u in ("m/s^2", "g", "mg") if _is_gravity(abs(vertical) * ALL_UNITS[u][1])), "")
-        evidence = f"specific force in {unit}: the vertical axis shows {abs(vertical):.5g}"
+        evidence = Finding.of(Code.READ_FORCE_UNIT_BY_GRAVITY, shown=abs(vertical), unit=unit)
         if not unit:
             raise InputError(
                 "the unit of the specific force cannot be found out",

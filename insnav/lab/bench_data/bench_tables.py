@@ -13,6 +13,7 @@ from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
 from insnav.input.interpret.columns import require, understand
 from insnav.input.interpret.schema import Quantity
+from insnav.messages import sentence
 from insnav.types import FloatArray
 
 TIME = Quantity("time", "time_s", "time", "s", ("time", "t", "timestamp"))
@@ -74,7 +75,7 @@ def read_bench(
         )
     numbers = table.cells.read([item.index for item in found.values()])
     if numbers.cut:
-        raise InputError("the file is incomplete", where=table.name, why=numbers.cut, fix="save it again")
+        raise InputError("the file is incomplete", where=table.name, why=sentence(numbers.cut), fix="save it again")
     if numbers.n_rows == 0:
         raise InputError("the file has no rows", where=table.name)
     values, units = {}, {}

@@ -12,7 +12,7 @@ import numpy as np
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import TrajectoryErrors
 from insnav.exceptions import InputError
-from insnav.findings import Note, Severity
+from insnav.findings import Code, Note, Severity
 from insnav.imu.imu_file import to_toml
 from insnav.output import solution_tables
 from insnav.output.data_files import write_table
