@@ -409,6 +409,61 @@ class Code(StrEnum):
     CHECK_NO_LEVER_ARM = "check.no_lever_arm", Severity.WARNING
 
     # -- H5: bench and laboratory
+    BENCH_CONDITION = "bench.condition", Severity.WARNING
+    BENCH_SPIKES = "bench.spikes", Severity.WARNING
+    BENCH_TEMPERATURE = "bench.temperature", Severity.WARNING
+    BENCH_FEW = "bench.few", Severity.WARNING
+    BENCH_OUTLIER = "bench.outlier", Severity.WARNING
+    BENCH_CLIPPED = "bench.clipped", Severity.WARNING
+    BENCH_DRIFT = "bench.drift", Severity.WARNING
+    BENCH_ONE_SENSOR = "bench.one_sensor", Severity.WARNING
+    BENCH_ONE_SENSE = "bench.one_sense", Severity.WARNING
+    BENCH_ONE_SIDED = "bench.one_sided", Severity.WARNING
+    BENCH_LEFT_OUT = "bench.left_out", Severity.WARNING
+    BENCH_RATE_EXCLUDED = "bench.rate.excluded"
+    BENCH_RATE_SATURATED = "bench.rate.saturated"
+    BENCH_RATE_NONLINEAR = "bench.rate.nonlinear"
+    BENCH_RATE_BEYOND = "bench.rate.beyond"
+    BENCH_RATE_BENDING = "bench.rate.bending"
+    BENCH_RATE_FLAT = "bench.rate.flat"
+    BENCH_NO_MAP = "bench.no_map", Severity.WARNING
+    BENCH_ZERO_SHIFT = "bench.zero_shift", Severity.WARNING
+    BENCH_INTERCEPT = "bench.intercept", Severity.WARNING
+    BENCH_SINGLE_POSE = "bench.single_pose", Severity.WARNING
+    BENCH_UNUSED_TURNS = "bench.unused_turns", Severity.WARNING
+    BENCH_OVERFIT = "bench.overfit", Severity.WARNING
+    BENCH_G_SENSITIVITY = "bench.g_sensitivity", Severity.WARNING
+    ROTOR_FALL_ORIGIN = "rotor.fall_origin", Severity.WARNING
+    ROTOR_PRECESSION_ORIGIN = "rotor.precession_origin", Severity.WARNING
+    ROTOR_POWERS = "rotor.powers", Severity.WARNING
+    ROTOR_DISAGREE = "rotor.disagree", Severity.WARNING
+    ACCEPTANCE_GIVEN_BIASES = "acceptance.given_biases", Severity.WARNING
+    ACCEPTANCE_ONE_PART = "acceptance.one_part", Severity.WARNING
+    ACCEPTANCE_TREND = "acceptance.trend", Severity.WARNING
+    ACCEPTANCE_SHORT = "acceptance.short"
+    ACCEPTANCE_NO_SCALE = "acceptance.no_scale", Severity.ASSUMPTION
+    ALLAN_FILLED = "allan.filled", Severity.WARNING
+    ALLAN_LONGEST_STRETCH = "allan.longest_stretch", Severity.WARNING
+    ALLAN_JITTER = "allan.jitter", Severity.WARNING
+    ALLAN_DAMAGED = "allan.damaged", Severity.WARNING
+    ALLAN_COARSE = "allan.coarse", Severity.WARNING
+    ALLAN_TEMPERATURE = "allan.temperature", Severity.WARNING
+    ALLAN_SHORT = "allan.short", Severity.WARNING
+    ALLAN_SILENT = "allan.silent", Severity.WARNING
+    ALLAN_MISFIT = "allan.misfit", Severity.WARNING
+    ALLAN_SINUSOID = "allan.sinusoid", Severity.WARNING
+    ALLAN_RAMP = "allan.ramp", Severity.WARNING
+    ALLAN_BIAS_PROCESS = "allan.bias.process"
+    ALLAN_BIAS_FLOOR = "allan.bias.floor"
+    ALLAN_BIAS_NONE = "allan.bias.none"
+    ALLAN_BIAS_BOUND = "allan.bias.bound"
+    ALLAN_ONE_TIME = "allan.one_time"
+    ALLAN_UNSEEN = "allan.unseen"
+    DRIFT_TIMES = "drift.times"
+    DRIFT_NO_COLUMN = "drift.no_column", Severity.WARNING
+    DRIFT_CONSTANT = "drift.constant", Severity.WARNING
+    DRIFT_CONFOUNDED = "drift.confounded", Severity.WARNING
+    DRIFT_NO_WALK = "drift.no_walk", Severity.WARNING
 
     # -- H6: budget, requirement, platform, simulation, batch, tuning
 

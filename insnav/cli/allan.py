@@ -30,6 +30,7 @@ def allan(
         reading = data.read_imu(stage)
         stage("noise")
         from insnav.imu import to_toml
+        from insnav.messages import sentence
         from insnav.report.noise.page import deviations_csv, noise_page
         from insnav.report.save import write_page
         from insnav.session.bench import allan as analysed
@@ -37,8 +38,8 @@ def allan(
         found = analysed(
             reading, taus=wanted, static=span, workers=workers, progress=lambda fraction: stage("noise", fraction)
         )
-        for text in found.warnings:
-            note(text)
+        for warning in found.warnings:
+            note(sentence(warning))
         stage("writing")
         page = noise_page(found, Path(reading.facts.path).name)
         texts = {IMU_TOML: to_toml(found.spec), "allan.csv": deviations_csv(found)}

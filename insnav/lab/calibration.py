@@ -15,6 +15,7 @@ from typing import Any, Generic, Protocol, TypeVar, cast
 import numpy as np
 
 from insnav.exceptions import ConfigError, InputError
+from insnav.findings import Finding
 from insnav.imu.higher_order import zero_matrix, zeros
 from insnav.imu.model import ImuErrors
 from insnav.input.formats.table import Table
@@ -35,7 +36,6 @@ METHODS = {
     "rotor": "rotor_inertia",
 }
 WRONG_UNIT = 0.25  # scale factor error that no sensor with a digital output, in SI units, has
-BADLY_CONDITIONED = 30.0  # condition number beyond which parameters are hardly separated
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +140,7 @@ class Calibration(Generic[R, D]):
     record: R  # the input, as the method reads it
     detail: D  # everything else, in the form of the method
     options: BenchOptions  # in force
-    warnings: tuple[str, ...] = ()  # what must not be overlooked
+    warnings: tuple[Finding, ...] = ()  # what must not be overlooked
     # the errors of rates and specific forces, where those of the file are of volts or counts too; see `physical`
     sensed: ImuErrors | None = None
     impact: tuple[Impact, ...] = ()  # on navigation
@@ -207,15 +207,6 @@ def fitted(fit: Fit, units: Sequence[str], sensor: str = "") -> tuple[Quantity, 
     """Parameters of a fit with standard deviation and 95 % interval, each in its unit; the sensor leads the names."""
     rows = zip(fit.names, fit.value, units, fit.sd, fit.half_width(), strict=True)
     return tuple(measured(f"{sensor} {name}".strip(), *row) for name, *row in rows)
-
-
-def condition_warnings(fits: Mapping[str, Fit]) -> tuple[str, ...]:
-    """Say which fits hardly separate their parameters."""
-    return tuple(
-        f"{name}: condition number {fit.condition:.3g}; these measurements hardly separate the parameters"
-        for name, fit in fits.items()
-        if fit.condition > BADLY_CONDITIONED
-    )
 
 
 def common_unit(units: Sequence[tuple[str, str]]) -> str:

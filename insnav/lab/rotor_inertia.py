@@ -16,15 +16,18 @@ from pathlib import Path
 import numpy as np
 
 from insnav.exceptions import ConfigError, InputError
+from insnav.findings import Code, Finding
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import schema
 from insnav.lab.bench_data.bench_tables import BenchTable, read_bench
 from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, measured
+from insnav.lab.common_findings import about, few, outlier
 from insnav.lab.least_squares import Fit, coverage_factor, linear_fit, outliers
 from insnav.types import FloatArray
 
 FALL, PRECESSION = schema("fall"), schema("precession")
 WORST = 0.1  # relative uncertainty of a slope that still is one
+USUAL = 5  # measurements
 SLOW = 10.0  # the rotor must turn so much faster than it precesses for the formula to hold
 
 
@@ -39,7 +42,7 @@ class Inertia:
     fit: Fit  # of the slope alone, through the origin
     x: FloatArray  # (n,) what was fitted: height [m] and squared time [s^2], or period [s] and rotor rate [rad/s]
     y: FloatArray
-    warnings: tuple[str, ...]
+    warnings: tuple[Finding, ...]
     powers: Fit | None = None  # of torque and of spin in the precession rate, where both were changed
 
 
@@ -96,7 +99,7 @@ def fit(
     second = inertia_from_precession(
         turns.columns["period"], turns.columns["rotor_rate"], mass, how.arm, how.gravity, where=turns.name
     )
-    both = (first, second)
+    both, compared = (first, second), agreement(first, second)
     return Calibration(
         "rotor",
         None,
@@ -107,9 +110,9 @@ def fit(
         ),
         {item.method: item.fit for item in both},
         record,
-        Inertias(first, second, agreement(first, second)),
+        Inertias(first, second, compared),
         how,
-        tuple(f"{item.method}: {line}" for item in both for line in item.warnings),
+        (*_disagreement(compared), *about("fall", first.warnings), *about("precession", second.warnings)),
     )
 
 
@@ -135,7 +138,7 @@ def inertia_from_fall(
     fit = _slope(height, squared, where)
     lever = 0.5 * mass * gravity * radius**2
     value = float(fit.value[0]) * lever - mass * radius**2
-    warnings = _suspicions(fit, height, squared, "the weight was not released from rest, or friction brakes it")
+    warnings = _suspicions(fit, height, squared, Code.ROTOR_FALL_ORIGIN)
     sd, half = float(fit.sd[0]) * lever, float(fit.half_width()[0]) * lever
     return Inertia("falling weight", value, sd, half, fit, height, squared, warnings)
 
@@ -175,13 +178,11 @@ def inertia_from_precession(
             why=f"slope {float(fit.value[0]):.4g} ± {float(fit.sd[0]):.2g} rad/s per s",
             fix="each row needs the rotor rate at the time of its precession",
         )
-    warnings = _suspicions(
-        fit, period, rate, "the rotor slows down, or the gyroscope is not balanced without the weight"
-    )
+    warnings = _suspicions(fit, period, rate, Code.ROTOR_PRECESSION_ORIGIN)
     half = value * relative * coverage_factor(fit.dof)
     if powers is not None and np.any(np.abs(powers.value[1:] - [1.0, -1.0]) > powers.half_width(0.99)[1:]):
-        shown = " and ".join(f"{p:.3f} ± {s:.2g}" for p, s in zip(powers.value[1:], powers.sd[1:], strict=True))
-        warnings = (*warnings, f"the precession rate is not as torque over spin: powers {shown}, not 1 and -1")
+        (first, second), (first_sd, second_sd) = powers.value[1:], powers.sd[1:]
+        warnings += (Finding.of(Code.ROTOR_POWERS, torque=first, torque_sd=first_sd, spin=second, spin_sd=second_sd),)
     return Inertia("precession", value, value * relative, half, fit, period, rate, warnings, powers)
 
 
@@ -223,17 +224,21 @@ def _slope(x: FloatArray, y: FloatArray, where: str) -> Fit:
     return linear_fit(x[:, None], y, ("slope",), where=where)
 
 
-def _suspicions(fit: Fit, x: FloatArray, y: FloatArray, cause: str) -> tuple[str, ...]:
-    """Say if the points do not lie on a line through the origin, or one not with the others."""
-    warnings = []
+def _disagreement(found: Agreement) -> tuple[Finding, ...]:
+    """Find whether the difference of two results is larger than their uncertainties explain."""
+    size, limit = abs(found.difference), found.limit
+    return () if found.agree else (Finding.of(Code.ROTOR_DISAGREE, difference_kg_m2=size, limit_kg_m2=limit),)
+
+
+def _suspicions(fit: Fit, x: FloatArray, y: FloatArray, missed: Code) -> tuple[Finding, ...]:
+    """Find whether the line misses the origin, points are few, or one is not with the others."""
+    warnings: list[Finding] = []
     if x.size > 3:
         free = linear_fit(np.column_stack((np.ones_like(x), x)), y, ("intercept", "slope"))
         if abs(free.value[0]) > free.half_width(0.99)[0]:
-            warnings.append(f"the line misses the origin by {abs(free.value[0]) / free.sd[0]:.1f} sd: {cause}")
-    if x.size < 5:
-        warnings.append(f"only {x.size} measurements: the uncertainty itself is uncertain")
-    warnings += [f"measurement {row + 1} does not belong to the others" for row in outliers(fit, x[:, None])]
-    return tuple(warnings)
+            warnings.append(Finding.of(missed, intercept_sigma=abs(free.value[0]) / free.sd[0]))
+    warnings += few("measurements", x.size, USUAL)
+    return (*warnings, *(outlier(fit, row) for row in outliers(fit, x[:, None])))
 
 
 def _positive(where: str, **columns: FloatArray) -> None:

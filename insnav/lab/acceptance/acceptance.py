@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from insnav.exceptions import ConfigError
+from insnav.findings import Code, Finding
 from insnav.lab.acceptance.figures_of_merit import (
     BENCH_UNIT,
     Scale,
@@ -19,9 +20,11 @@ from insnav.lab.acceptance.figures_of_merit import (
     stability_of,
 )
 from insnav.lab.bench_data.records import SI, BenchRecord, Channel
+from insnav.lab.common_findings import about, few
 from insnav.lab.noise.allan import AXES
 from insnav.units import UNITS
 
+USUAL_POWERUPS = 5
 TREND = 0.7  # share of the variance of the means that a steady drift explains and that is pointed out
 
 
@@ -42,8 +45,8 @@ class Acceptance:
 
     sensors: tuple[Accepted, ...]
     length: float  # of the record at rest [s]; zero without one
-    warnings: tuple[str, ...]
-    notes: tuple[str, ...]
+    warnings: tuple[Finding, ...]
+    notes: tuple[Finding, ...]
 
 
 def acceptance(
@@ -58,8 +61,8 @@ def acceptance(
     Raises: ConfigError: two files for one sensor, units that do not go together, or volts without a scale factor;
     InputError: files that do not show what they should.
     """
-    warnings = [f"{r.table.name}: {text}" for r in (*steps, *powerups) for text in r.warnings]
-    notes: list[str] = []
+    warnings = [each for r in (*steps, *powerups) for each in about(r.table.name, r.warnings)]
+    notes: list[Finding] = []
     scales: dict[str, tuple[Scale, str]] = {}
     for record in steps:
         for axis, channel in record.channels.items():
@@ -94,20 +97,16 @@ def _repeatability(
     channel: Channel,
     record: BenchRecord,
     scale: tuple[Scale, str] | None,
-    warnings: list[str],
-    notes: list[str],
+    warnings: list[Finding],
+    notes: list[Finding],
 ) -> Spread:
     where = record.table.name
     if not channel.setting.size:  # biases as somebody else computed them
-        warnings.append(
-            f"{where}: the biases of {channel.axis} are taken as given. Repeatability is the scatter of biases from "
-            "power-up to power-up: values that are the noise within one record, as are some published ones, make none"
-        )
+        warnings.append(Finding.of(Code.ACCEPTANCE_GIVEN_BIASES, subject=f"{where}, {channel.axis}"))
         return spread_of(channel.output, where=where)
     assert record.powerup is not None
     biases = powerup_biases(channel, record.powerup, where=where) / _per_si(channel, scale, where, notes)
-    if biases.size < 5:
-        warnings.append(f"{where}: {biases.size} power-ups of {channel.axis} leave its repeatability very uncertain")
+    warnings += few("power-ups", biases.size, USUAL_POWERUPS, f"{where}, {channel.axis}")
     return spread_of(biases, where=where)
 
 
@@ -116,8 +115,8 @@ def _stability(
     record: BenchRecord,
     scale: tuple[Scale, str] | None,
     lengths: Sequence[float],
-    warnings: list[str],
-    notes: list[str],
+    warnings: list[Finding],
+    notes: list[Finding],
 ) -> list[Stability]:
     assert record.time is not None
     output = channel.output / _per_si(channel, scale, record.table.name, notes)
@@ -125,28 +124,26 @@ def _stability(
     for length in lengths:
         each = stability_of(record.time, output, length)
         if each is None:
-            notes.append(f"{record.table.name}: the record is no longer than a part of {length:g} s")
+            notes.append(Finding.of(Code.ACCEPTANCE_SHORT, subject=record.table.name, length_s=length))
             continue
         found.append(each)
         if each.spread.values.size < 2:
-            warnings.append(
-                f"{record.table.name}: {each.parts:.2g} parts of {length:g} s: the moving average alone, which such a "
-                "record makes too small; two parts or more, better ten, show bias stability"
-            )
+            name = record.table.name
+            warnings.append(Finding.of(Code.ACCEPTANCE_ONE_PART, subject=name, parts=each.parts, length_s=length))
     for each in found[::-1]:
         values = each.spread.values
         if values.size >= 10:  # the longest that can show a trend
             share = np.corrcoef(each.time, values)[0, 1] ** 2 if each.spread.sd > 0.0 else 0.0
             if share > TREND:
+                axis, length = channel.axis, each.length
                 warnings.append(
-                    f"{channel.axis} drifts steadily: {share:.0%} of the variance of the means over {each.length:g} s "
-                    "is a straight line, which the bias stability has in it (warming up?)"
+                    Finding.of(Code.ACCEPTANCE_TREND, subject=axis, share=share, limit_share=TREND, length_s=length)
                 )
             break
     return found
 
 
-def _per_si(channel: Channel, scale: tuple[Scale, str] | None, where: str, notes: list[str]) -> float:
+def _per_si(channel: Channel, scale: tuple[Scale, str] | None, where: str, notes: list[Finding]) -> float:
     """Output for 1 rad/s or 1 m/s^2, in the unit of this channel."""
     sensed = channel.unit in SI.values()
     if scale is None:
@@ -156,7 +153,7 @@ def _per_si(channel: Channel, scale: tuple[Scale, str] | None, where: str, notes
                 where=where,
                 fix="give the rate table with --rates, or the positions with --positions",
             )
-        notes.append(f"{channel.axis}: no scale factor was measured, 1 is taken")
+        notes.append(Finding.of(Code.ACCEPTANCE_NO_SCALE, subject=channel.axis))
         return 1.0
     k, unit = scale[0].k, scale[1]
     if (unit in SI.values()) != sensed or (unit == "LSB") != (channel.unit == "LSB"):

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding
+from insnav.lab.common_findings import warming
 from insnav.types import FloatArray
 from insnav.units import UNITS
 
@@ -19,6 +21,7 @@ ORDER = 7  # of the polynomial
 LIMIT_V = 0.005  # samples further from it are dropped [V]
 MAX_ROUNDS = 10  # spikes bend the polynomial: it is fitted again without them until nothing changes
 LARGEST_LOSS = 0.5  # a dwell that loses more of its samples has no value
+MANY_SPIKES = 0.05  # share of the samples of a dwell that is pointed out
 LARGEST_DRIFT_C = 2.0  # temperature may change so much within a calibration [deg C]
 
 
@@ -104,21 +107,16 @@ def reduce_dwells(
     return Dwells(settings[bounds[:-1]], value, sd, np.diff(bounds).astype(np.float64), dropped)
 
 
-def dwell_warnings(dwells: Dwells, names: Sequence[str], temperature: FloatArray | None) -> tuple[str, ...]:
-    """Say which dwells lost many samples, and whether the temperature moved.
+def dwell_warnings(dwells: Dwells, names: Sequence[str], temperature: FloatArray | None) -> tuple[Finding, ...]:
+    """Find dwells that lost many samples, and changes of the temperature.
 
     dwells: from `reduce_dwells`; names: of the sensors; temperature (n,): temperature of the rows [deg C].
     """
     warnings = []
     for name, lost in zip(names, dwells.dropped.T, strict=True):
         share = lost / dwells.count
-        if share.max() > 0.05:
+        if share.max() > MANY_SPIKES:
             worst = int(np.argmax(share))
-            warnings.append(f"{name}: dwell {worst + 1} lost {share[worst]:.0%} of its samples as spikes")
-    if temperature is not None and np.ptp(temperature) > LARGEST_DRIFT_C:
-        low, high = float(np.min(temperature)), float(np.max(temperature))
-        warnings.append(
-            f"the temperature drifted from {low:.1f} to {high:.1f} deg C during the calibration: drift of the zero "
-            "with temperature is in the residuals and may be in the results"
-        )
-    return tuple(warnings)
+            size, limit = share[worst], MANY_SPIKES
+            warnings.append(Finding.of(Code.BENCH_SPIKES, subject=name, share=size, limit_share=limit, dwell=worst + 1))
+    return (*warnings, *warming(temperature, LARGEST_DRIFT_C))

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.findings import Finding
 from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import Quantity
@@ -63,7 +64,7 @@ class BenchRecord:
     time: FloatArray | None  # (n,) [s]
     powerup: FloatArray | None  # (n,) which power-up a row belongs to
     channels: Mapping[str, Channel]  # by axis
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Finding, ...] = ()
 
 
 def read_static(path: str | Path | Table, columns: Mapping[str, str] | None = None) -> BenchRecord:
@@ -96,7 +97,7 @@ def read_steps(
     keys = [q["setting"].key for q in _EVERY.values() if q["setting"].key in table.columns]
     settings = table.stack(*keys)
     reduced: dict[str, Channel] = {}
-    warnings: list[str] = []
+    warnings: list[Finding] = []
     for axis, channel in channels.items():
         limit = spike_limit if spike_limit is not None else default_limit(channel.unit)
         dwells = reduce_dwells(

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding
 from insnav.imu.model import ImuErrors
 from insnav.lab.drift.drift_model import FEWEST, DriftModel, DriftRecord, corrected_rates, drift_errors, drift_model
 from insnav.lab.drift.rate_smoothing import RampAnswer, Smoother, choose_smoother, computed_ramp, recorded_ramp, smooth
@@ -78,8 +79,8 @@ class DriftStudy:
     record: DriftRecord
     gyros: tuple[GyroDrift, ...]
     errors: ImuErrors  # the drift, to correct other records
-    warnings: tuple[str, ...]
-    notes: tuple[str, ...]
+    warnings: tuple[Finding, ...]
+    notes: tuple[Finding, ...]
 
 
 def drift_study(record: DriftRecord) -> DriftStudy:
@@ -118,7 +119,7 @@ def _refuse_gaps(record: DriftRecord) -> None:
         )
 
 
-def _factors(n: int, interval: float) -> tuple[IntArray, tuple[str, ...]]:
+def _factors(n: int, interval: float) -> tuple[IntArray, tuple[Finding, ...]]:
     """Averaging times of the table that the part at rest holds, in samples."""
     wanted = np.array(TAUS) / interval
     held = (np.rint(wanted) >= 1) & (np.abs(wanted - np.rint(wanted)) < 0.02 * wanted) & (2 * np.rint(wanted) <= n)
@@ -128,8 +129,8 @@ def _factors(n: int, interval: float) -> tuple[IntArray, tuple[str, ...]]:
             why=f"it is {n * interval:g} s long, sampled every {interval:g} s",
             fix="record 100 s at rest at 10 Hz or more",
         )
-    lost = ", ".join(f"{tau:g}" for tau, good in zip(TAUS, held, strict=True) if not good)
-    notes = (f"{lost} s: not held by {n * interval:g} s at rest, sampled every {interval:g} s",) if lost else ()
+    lost = tuple(tau for tau, good in zip(TAUS, held, strict=True) if not good)
+    notes = (Finding.of(Code.DRIFT_TIMES, tau_s=lost, length_s=n * interval, interval_s=interval),) * bool(lost)
     return np.unique(np.rint(wanted[held]).astype(np.int64)), notes
 
 
@@ -197,14 +198,11 @@ def power_fit(allan: AllanDeviation, own: FloatArray) -> dict[str, PowerCoeffici
     return found
 
 
-def _warnings(gyros: Sequence[GyroDrift]) -> tuple[str, ...]:
-    warnings = []
+def _warnings(gyros: Sequence[GyroDrift]) -> tuple[Finding, ...]:
+    warnings: list[Finding] = []
     for each in gyros:
-        name = f"gyro {each.model.axis}"
-        warnings += [f"{name}: {term} is left out: {why}" for term, why in each.model.left_out.items()]
+        warnings += each.model.left_out.values()
         if each.smoother.bounded:
-            warnings.append(
-                f"{name}: the part at rest shows no walk; Q is the smallest that it could show, a time constant of a "
-                f"tenth of it ({each.smoother.time_constant:.3g} s)"
-            )
+            time = each.smoother.time_constant
+            warnings.append(Finding.of(Code.DRIFT_NO_WALK, subject=f"gyro {each.model.axis}", time_constant_s=time))
     return tuple(warnings)

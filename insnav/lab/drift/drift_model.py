@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding
 from insnav.imu.higher_order import REFERENCE_TEMPERATURE, ErrorTerms
 from insnav.imu.model import ImuErrors, correct
 from insnav.lab.least_squares import Fit, coverage_factor, linear_fit
@@ -20,7 +22,8 @@ from insnav.units import DEG, G0
 
 # a term shows only if its cause changes by so much (standard deviation) apart from the causes before it
 SHOWS = {"B": 1.0 * DEG, "c_T": 0.5, "c_g": 0.05 * G0}
-_CAUSES = {"B": "rate", "c_T": "temperature", "c_g": "specific force along the axis"}
+_CAUSES = {"B": "rate", "c_T": "temperature", "c_g": "specific_force"}
+_UNITS = {"B": "rad_s", "c_T": "k", "c_g": "m_s2"}
 FEWEST = 100  # samples
 PARTS = (12, 24, 48, 96, 192)  # of a record, whose means show how long residuals stay correlated
 LARGEST_B = 0.5  # of a gyro in the unit of its header
@@ -64,7 +67,7 @@ class DriftModel:
     # residuals have in common from sample to sample (`variance_inflation`)
     value: Mapping[str, float]
     sd: Mapping[str, float]
-    left_out: Mapping[str, str]  # terms that the record does not show, and why
+    left_out: Mapping[str, Finding]  # terms that the record does not show, and why
     fit: Fit
     freedom: float  # degrees of freedom with which these standard deviations are known
 
@@ -90,12 +93,13 @@ def drift_model(record: DriftRecord, axis: str) -> DriftModel:
         "c_T": None if record.temperature is None else record.temperature - REFERENCE_TEMPERATURE,
         "c_g": record.force.get(axis),
     }
-    names, left_out = ["A"], {}
+    names = ["A"]
+    left_out: dict[str, Finding] = {}
     for term, cause in causes.items():
-        reason = _hidden(term, cause, columns)
-        if reason or cause is None:
-            left_out[term] = reason
-        else:
+        why = _left_out(term, cause, columns, f"gyro {axis}")
+        if why is not None:
+            left_out[term] = why
+        elif cause is not None:
             names.append(term)
             columns.append(cause)
     drift = record.gyro[axis] - record.true_rate(axis)
@@ -120,24 +124,17 @@ def drift_model(record: DriftRecord, axis: str) -> DriftModel:
     )
 
 
-def _hidden(term: str, cause: FloatArray | None, columns: list[FloatArray]) -> str:
-    """Why a term cannot be separated from those before it; empty if it can."""
-    name = _CAUSES[term]
+def _left_out(term: str, cause: FloatArray | None, columns: list[FloatArray], subject: str) -> Finding | None:
+    """Find why a term cannot be separated from those before it; None if it can."""
     if cause is None:
-        return f"the record has no column of the {name}"
-    alone = float(np.std(cause))
-    if alone < SHOWS[term]:
-        return f"the {name} hardly changes ({_size(term, alone)} standard deviation)"
+        return Finding.of(Code.DRIFT_NO_COLUMN, subject=subject, term=term, cause=_CAUSES[term])
     known = np.column_stack(columns)
-    alone = float(np.std(cause - known @ np.linalg.lstsq(known, cause, rcond=None)[0]))
-    if alone < SHOWS[term]:
-        return f"the {name} changes only together with what was fitted before it ({_size(term, alone)} otherwise)"
-    return ""
-
-
-def _size(term: str, value: float) -> str:
-    unit, factor = {"B": ("deg/s", DEG), "c_T": ("C", 1.0), "c_g": ("g", G0)}[term]
-    return f"{value / factor:.2g} {unit}"
+    alone = np.std(cause - known @ np.linalg.lstsq(known, cause, rcond=None)[0])
+    for code, spread in ((Code.DRIFT_CONSTANT, np.std(cause)), (Code.DRIFT_CONFOUNDED, alone)):
+        if spread < SHOWS[term]:
+            size: dict[str, Any] = {f"spread_{_UNITS[term]}": spread, f"limit_{_UNITS[term]}": SHOWS[term]}
+            return Finding.of(code, subject=subject, **size, term=term, cause=_CAUSES[term])
+    return None
 
 
 def variance_inflation(residual: FloatArray, fitted: int) -> tuple[float, float]:

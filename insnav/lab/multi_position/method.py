@@ -9,6 +9,7 @@ from typing import cast
 import numpy as np
 
 from insnav.exceptions import ConfigError
+from insnav.findings import Code, Finding
 from insnav.imu.higher_order import ErrorTerms
 from insnav.imu.model import ImuErrors
 from insnav.imu.raw_outputs import RawScale
@@ -16,7 +17,8 @@ from insnav.input.formats.table import Table
 from insnav.input.interpret.axes import axes_matrix
 from insnav.input.readers.imu import read_counts, read_imu
 from insnav.input.readers.reading import Reading
-from insnav.lab.calibration import BADLY_CONDITIONED, BenchOptions, Calibration, CalibrationSd
+from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd
+from insnav.lab.common_findings import badly_conditioned, few, warming
 from insnav.lab.multi_position.many_positions import PosesCalibration, calibrate_poses
 from insnav.lab.multi_position.six_positions import SixPositions, calibrate_six_positions, read_sections
 from insnav.lab.multi_position.triad import Triad
@@ -153,47 +155,38 @@ def _parameters(found: Found) -> tuple[Quantity, ...]:
     return tuple(items)
 
 
-def _warnings(found: Found, imu: ImuData) -> tuple[str, ...]:
+def _warnings(found: Found, imu: ImuData) -> tuple[Finding, ...]:
     warnings = _pose_warnings(found) if isinstance(found, PosesCalibration) else []
     if found.clipped:
-        warnings.append(f"{found.clipped} samples of the gyros are at the end of their range: turn more slowly")
-    temperature = imu.temperature
-    if temperature is not None and float(np.ptp(temperature)) > WARM:
-        warnings.append(
-            f"the temperature went from {temperature.min():.1f} to {temperature.max():.1f} deg C: the biases are means "
-            "over that"
-        )
-    share = np.linalg.norm(np.linalg.solve(found.gyro.matrix, found.g_sensitivity), axis=1) * G0
+        warnings.append(Finding.of(Code.BENCH_CLIPPED, subject="gyro", count=found.clipped))
+    warnings += warming(imu.temperature, WARM)
+    share = np.linalg.norm(np.linalg.solve(found.gyro.matrix, found.g_sensitivity), axis=1)
     limit = np.linalg.norm(np.linalg.solve(found.gyro.matrix, np.diag(found.gyro.bias_sd)), axis=1)
-    if (share > 3.0 * limit).any():
-        warnings.append(f"g-sensitivity of the gyros up to {share.max() / DEG:.3g} deg/s/g; corrected")
+    if (G0 * share > 3.0 * limit).any():
+        warnings.append(Finding.of(Code.BENCH_G_SENSITIVITY, subject="gyro", sensitivity_rad_s_per_m_s2=share.max()))
     return tuple(warnings)
 
 
-def _pose_warnings(found: PosesCalibration) -> list[str]:
-    warnings = []
-    n = len(found.poses)
-    if n < FEW_POSES:
-        warnings.append(f"only {n} poses: with {n - 9} degrees of freedom the standard deviations are rough")
-    for sensor, triad in (("accelerometers", found.accel), ("gyros", found.gyro)):
-        if triad.condition > BADLY_CONDITIONED:
-            warnings.append(
-                f"the poses are unevenly distributed for the {sensor}: condition number {triad.condition:.3g}"
-            )
-    alone = [str(i + 1) for i in np.flatnonzero(found.accel_share > ALONE)]
+def _pose_warnings(found: PosesCalibration) -> list[Finding]:
+    warnings = [
+        *few("poses", len(found.poses), FEW_POSES),
+        *badly_conditioned({"accel": found.accel, "gyro": found.gyro}),
+    ]
+    alone = tuple((np.flatnonzero(found.accel_share > ALONE) + 1).tolist())
     if alone:
-        warnings.append(f"pose {', '.join(alone)} alone determines a parameter: add poses like it, to check it")
+        warnings.append(Finding.of(Code.BENCH_SINGLE_POSE, subject="accel", pose=alone, limit_share=ALONE))
     unused = int(np.count_nonzero(~found.turn_used))
     if unused:
-        warnings.append(f"{unused} turns were not used: samples are missing in them, or at the end of the range")
+        warnings.append(Finding.of(Code.BENCH_UNUSED_TURNS, count=unused))
     for what, fitted, other in (
         ("gravity", found.norm_after, found.norm_left_out),
         ("turns", found.turn_after[found.turn_used], found.turn_left_out[found.turn_used]),
     ):
         if rms(other) > OVERFIT * rms(fitted):
-            warnings.append(f"{what}: {rms(other) / rms(fitted):.1f} times worse where not fitted: too few poses")
+            ratio = rms(other) / rms(fitted)
+            warnings.append(Finding.of(Code.BENCH_OVERFIT, ratio=ratio, limit_ratio=OVERFIT, what=what))
     drift = np.abs(found.gyro_drift)
     bias_sd = np.abs(np.linalg.solve(found.gyro.matrix, found.gyro.bias_sd))
     if (drift > DRIFT * bias_sd).any():
-        warnings.append(f"the gyros drifted by up to {drift.max() / DEG:.3g} deg/s during the record: warm up first")
+        warnings.append(Finding.of(Code.BENCH_DRIFT, subject="gyro", drift_rad_s=drift.max()))
     return warnings

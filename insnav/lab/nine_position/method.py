@@ -20,13 +20,15 @@ from pathlib import Path
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.findings import Finding
 from insnav.imu.higher_order import ErrorTerms
 from insnav.imu.model import ImuErrors
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import schema
 from insnav.lab.bench_data.bench_tables import BenchTable, read_bench
 from insnav.lab.bench_data.dwells import Dwells, default_limit, dwell_warnings, reduce_dwells
-from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, common_unit, condition_warnings, measured
+from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, common_unit, measured
+from insnav.lab.common_findings import badly_conditioned
 from insnav.lab.least_squares import LEVEL, Fit, coverage_factor, linear_fit
 from insnav.lab.nine_position.table_positions import OPPOSITE, check_positions, ideal_force, opposite_pairs
 from insnav.quantity import Quantity
@@ -60,7 +62,7 @@ class NinePositions:
     """What nine positions show."""
 
     bias: FloatArray  # (6,) of each accelerometer, in the order of `SENSORS` [m/s^2]
-    bias_methods: tuple[str, ...]  # how each was found
+    bias_opposite: tuple[bool, ...]  # whether two opposite positions give it, or least squares over all
     accel_bias: FloatArray  # (3,) of the triad, each axis the mean of its two accelerometers [m/s^2]
     accel_matrix: FloatArray  # (3, 3) sensitivity of that triad, the inverse of M_A [-]
     # (3, 3) M_G, each row divided by its diagonal, which holds scale of accelerometers and not of gyros [-]
@@ -78,7 +80,7 @@ class NinePositions:
     fits: tuple[Fit, ...]  # each accelerometer against the ideal forces
     condition_accel: float  # condition numbers of the two pseudo-inverses
     condition_gyro: float
-    warnings: tuple[str, ...]
+    warnings: tuple[Finding, ...]
 
     def half_width(self, sd: FloatArray, *, first_order: bool) -> FloatArray:
         """Half width of 95 % intervals.
@@ -126,10 +128,9 @@ def calibrate_nine(
     raw_gyro = found[18:27].reshape(3, 3)
     gyro, gyro_sd = raw_gyro / np.diag(raw_gyro)[:, None], sd[27:36].reshape(3, 3)
     free = measured - found[:6]
-    methods = tuple("opposite positions" if pairs[axis] is not None else "least squares" for axis in AXIS)
     return NinePositions(
         bias=found[:6],
-        bias_methods=methods,
+        bias_opposite=tuple(pairs[axis] is not None for axis in AXIS),
         accel_bias=found[6:9],
         accel_matrix=found[9:18].reshape(3, 3),
         gyro_matrix=gyro,
@@ -297,7 +298,7 @@ def fit(record: NineRecord, how: BenchOptions) -> Calibration[NineRecord, NinePo
         (
             *found.warnings,
             *dwell_warnings(dwells, (*SENSORS, *GYROS)[: dwells.value.shape[1]], table.get("temperature")),
-            *condition_warnings(fits),
+            *badly_conditioned(fits),
         ),
     )
 

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.findings import Finding
+from insnav.lab.common_findings import few
 from insnav.types import FloatArray
 from insnav.units import DEG
 
@@ -42,10 +44,10 @@ def opposite_pairs(force: FloatArray, gravity: float) -> tuple[tuple[int, int] |
     return tuple(pairs)
 
 
-def check_positions(roll: FloatArray, pitch: FloatArray, where: str) -> tuple[str, ...]:
+def check_positions(roll: FloatArray, pitch: FloatArray, where: str) -> tuple[Finding, ...]:
     """Refuse positions that leave something undetermined or unbalanced, and name the one to add.
 
-    roll, pitch (n,): [rad]. Returns, in words, what is unusual but can be used.
+    roll, pitch (n,): [rad]. Returns what is unusual but can be used.
     """
     here = {_key(r, p) for r, p in zip(roll, pitch, strict=True)}
     force = ideal_force(roll, pitch, 1.0)
@@ -84,7 +86,7 @@ def check_positions(roll: FloatArray, pitch: FloatArray, where: str) -> tuple[st
             f"{gyro:.3g} (gyros)",
             fix=f"add the position {_words(_to_add(roll, pitch))}",
         )
-    return () if len(here) >= 9 else (f"only {len(here)} positions; nine are usual",)
+    return few("positions", len(here), len(STANDARD))
 
 
 def _key(roll: float, pitch: float) -> tuple[float, float]:

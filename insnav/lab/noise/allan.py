@@ -20,6 +20,7 @@ from typing import Literal
 import numpy as np
 
 from insnav.exceptions import ConfigError, InputError
+from insnav.findings import Code, Finding
 from insnav.imu.model import sample_intervals
 from insnav.kernels.allan import mean_square_second_difference, running_sum, variance_covariance
 from insnav.sample_statistics import chi_square
@@ -42,7 +43,7 @@ class EvenRecord:
     values: FloatArray  # (n, 6) gyro x, y, z [rad/s], accelerometer x, y, z [m/s^2]
     interval: float  # step [s]
     start: float  # time of the first sample [s]
-    notes: tuple[str, ...]  # what was left out, filled or taken as even
+    notes: tuple[Finding, ...]  # what was left out, filled or taken as even
 
     @property
     def length(self) -> float:
@@ -90,32 +91,27 @@ def even_record(imu: ImuData) -> EvenRecord:
     values = np.hstack([imu.gyro, imu.accel])
     if imu.sampling == "increment":
         values /= sample_intervals(imu)[:, None]
-    time, notes = imu.time, []
+    time = imu.time
+    notes: list[Finding] = []
     usual = float(np.median(step))
     after = np.flatnonzero(step > GAP * usual)
     if after.size:
         lost = np.rint(step[after] / usual).astype(np.int64) - 1
         if lost.max() <= FILLED and lost.sum() <= FILLED_PART * time.size:
             values, time = _filled(values, time, after, lost)
-            notes.append(f"{lost.sum()} lost samples in {after.size} gaps filled by straight lines")
+            notes.append(Finding.of(Code.ALLAN_FILLED, count=lost.sum(), gaps=after.size))
         else:
             edges = np.concatenate([[0], after, [time.size]])
             longest = int(np.argmax(np.diff(edges)))
             part = slice(int(edges[longest]), int(edges[longest + 1]))
-            notes.append(
-                f"the record has {after.size} gaps: its longest stretch without one is used, "
-                f"{time[part][0]:.2f} s to {time[part][-1]:.2f} s, "
-                f"{np.diff(edges).max() / time.size:.0%} of the samples"
-            )
+            share = np.diff(edges).max() / time.size
             values, time = values[part], time[part]
+            notes.append(Finding.of(Code.ALLAN_LONGEST_STRETCH, time[0], time[-1], gaps=after.size, share=share))
             _refuse_short(time.size, "the longest stretch without a gap")
     interval = float((time[-1] - time[0]) / (time.size - 1))
     uneven = float(np.std(np.diff(time)) / interval)
     if uneven > JITTER:
-        notes.append(
-            f"timestamp jitter {uneven:.0%} of an interval (1 sd): samples taken as even, which affects deviations at "
-            "the shortest times"
-        )
+        notes.append(Finding.of(Code.ALLAN_JITTER, share_sd=uneven, limit_share=JITTER))
     return EvenRecord(np.ascontiguousarray(values), interval, float(time[0]), tuple(notes))
 
 

@@ -16,7 +16,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from insnav.findings import Code, Finding
 from insnav.imu.specification import ImuSpec, SensorSpec
+from insnav.lab.common_findings import about
 from insnav.lab.noise.allan import AllanDeviation
 from insnav.lab.noise.noise_model import B_FACTOR, NoiseModel
 from insnav.types import FloatArray
@@ -49,7 +51,7 @@ def floor_of(allan: AllanDeviation, column: int, model: NoiseModel) -> Floor:
 
 def imu_spec(
     allan: AllanDeviation, models: tuple[NoiseModel | None, ...], name: str, source: str
-) -> tuple[ImuSpec, tuple[str, ...]]:
+) -> tuple[ImuSpec, tuple[Finding, ...]]:
     """Figures for a filter from the noise of six axes.
 
     allan: columns gyro x, y, z, accelerometer x, y, z; models: one for each; None for an axis without any noise;
@@ -57,7 +59,7 @@ def imu_spec(
     walk, and to simulate quantisation and rate ramp. Turn-on bias, scale factor and misalignment are absent: one
     record at rest does not show them; notes: how each figure came about.
     """
-    notes: list[str] = []
+    notes: list[Finding] = []
     absent: list[str] = []
     sensors = []
     for first, sensor in ((0, "gyro"), (3, "accel")):
@@ -65,72 +67,50 @@ def imu_spec(
         sensors.append(spec)
         notes += how
         absent += [f"{sensor}.{key}" for key in ("bias", "scale_factor", "misalignment", *missing)]
-    notes.append(
-        "turn-on bias, scale factor and misalignment are absent from imu.toml: one record at rest does not show them"
-    )
+    notes.append(Finding.of(Code.ALLAN_UNSEEN))
     return ImuSpec(name, sensors[0], sensors[1], None, source, tuple(absent)), tuple(notes)
 
 
 def _sensor(
     allan: AllanDeviation, models: tuple[NoiseModel | None, ...], first: int, sensor: str
-) -> tuple[SensorSpec, list[str], list[str]]:
+) -> tuple[SensorSpec, list[str], list[Finding]]:
     instability = np.zeros(3)
-    times, notes = [], []
+    times: list[float] = []
+    notes: list[Finding] = []
     for axis, model in enumerate(models):
         if model is None:
-            notes.append(f"{sensor} {'xyz'[axis]} shows no noise at all: its figures are zero")
             continue
         sd, time, how = _process(allan, first + axis, model)
         instability[axis] = sd
         if sd > 0.0:
             times.append(time)
-        notes.append(f"{sensor} {'xyz'[axis]}: {how}")
+        notes += about(f"{sensor} {'xyz'[axis]}", (how,))
     spec = SensorSpec(
         random_walk=_values(models, "N"),
         rate_random_walk=_values(models, "K"),
         quantisation=_values(models, "Q"),
         rate_ramp=_values(models, "R"),
     )
-    if spec.rate_ramp.any():
-        notes.append(
-            f"{sensor}: a rate ramp is one slope of this one record; in imu.toml it is the standard deviation of the "
-            "slope, and only simulations use it"
-        )
     missing = [] if spec.random_walk.any() else ["random_walk"]
     if not instability.any():
         return spec, [*missing, "bias_instability", "correlation_time"], notes
     time = math.exp(float(np.mean(np.log(times))))
-    notes.append(
-        f"{sensor}: one correlation time for the three axes, the geometric mean of theirs, {time:.3g} s "
-        f"({', '.join(f'{each:.3g}' for each in times)} s)"
-    )
+    notes.append(Finding.of(Code.ALLAN_ONE_TIME, subject=sensor, correlation_time_s=time, axes_s=tuple(times)))
     return replace(spec, bias_instability=instability, correlation_time=time), missing, notes
 
 
-def _process(allan: AllanDeviation, column: int, model: NoiseModel) -> tuple[float, float, str]:
+def _process(allan: AllanDeviation, column: int, model: NoiseModel) -> tuple[float, float, Finding]:
     """Standard deviation and correlation time of the process that stands for the bias instability, and why."""
     if "GM" in model.coefficients:
-        return (
-            model.coefficients["GM"].value,
-            model.correlation_time,
-            f"bias instability is the Gauss-Markov process found, correlation time {model.correlation_time:.3g} s",
-        )
+        time = model.correlation_time
+        return (model.coefficients["GM"].value, time, Finding.of(Code.ALLAN_BIAS_PROCESS, correlation_time_s=time))
     floor = floor_of(allan, column, model)
     if "B" in model.coefficients:
         sd = max(B_FACTOR * model.coefficients["B"].value, floor.value) / PEAK
-        return (
-            sd,
-            floor.tau / PEAK_TIME,
-            f"bias instability puts the peak of a Gauss-Markov process, {PEAK:.3f} sd at {PEAK_TIME:.2f} correlation "
-            f"times, upon the floor at {floor.tau:.3g} s (B or lowest deviation, the larger)",
-        )
+        return sd, floor.tau / PEAK_TIME, Finding.of(Code.ALLAN_BIAS_FLOOR, tau_s=floor.tau)
     if "K" in model.coefficients:
-        return 0.0, math.inf, "the rate random walk describes all of its drift: no bias instability"
-    return (
-        floor.value / PEAK,
-        floor.tau / PEAK_TIME,
-        f"the deviation still falls at {floor.tau:.3g} s: bias instability is a bound, as if that were the floor",
-    )
+        return 0.0, math.inf, Finding.of(Code.ALLAN_BIAS_NONE)
+    return floor.value / PEAK, floor.tau / PEAK_TIME, Finding.of(Code.ALLAN_BIAS_BOUND, tau_s=floor.tau)
 
 
 def _values(models: tuple[NoiseModel | None, ...], name: str) -> FloatArray:

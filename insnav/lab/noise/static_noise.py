@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding
 from insnav.imu.health import inspect
 from insnav.imu.specification import ImuSpec
+from insnav.lab.common_findings import warming
 from insnav.lab.noise.allan import (
     AXES,
     AllanDeviation,
@@ -25,7 +28,7 @@ from insnav.lab.noise.noise_model import NoiseModel, evaluated, fit_noise
 from insnav.lab.noise.noise_spec import Floor, floor_of, imu_spec, temperature_correlation, white_of_steps
 from insnav.lab.noise.sinusoids import SEEN, Sinusoid, find_sinusoids
 from insnav.types import FloatArray, ImuData
-from insnav.units import DEG, DEG_PER_SQRT_H, M_S_PER_SQRT_H
+from insnav.units import DEG
 
 COARSE = 0.5  # steps larger than this part of the scatter of the samples are pointed out
 MISFIT = 0.1  # relative misfit of the variance that is pointed out
@@ -53,8 +56,8 @@ class StaticNoise:
     models: tuple[NoiseModel | None, ...]  # one for each axis; None for one without any noise
     floors: tuple[Floor | None, ...]  # likewise
     spec: ImuSpec  # for filters and simulations
-    notes: tuple[str, ...]  # how the figures of `spec` came about
-    warnings: tuple[str, ...]  # what may be wrong with the record or the models
+    notes: tuple[Finding, ...]  # how the figures of `spec` came about
+    warnings: tuple[Finding, ...]  # what may be wrong with the record or the models
 
 
 def signal_noise(
@@ -152,77 +155,51 @@ def _refuse_motion(record: EvenRecord) -> None:
         )
 
 
-def _of_record(imu: ImuData, record: EvenRecord) -> list[str]:
-    warnings = []
-    kinds: dict[str, int] = {}
-    for event in inspect(imu)[1]:
-        kinds[event.action.split(":")[0]] = kinds.get(event.action.split(":")[0], 0) + 1
-    warnings += [f"{count} times: {what}; still used here" for what, count in kinds.items()]
+def _of_record(imu: ImuData, record: EvenRecord) -> list[Finding]:
+    """Find what is unusual about the samples."""
+    damaged = Counter((event.code, event.subject) for event in inspect(imu)[1])
+    warnings = [
+        Finding.of(Code.ALLAN_DAMAGED, subject=subject, count=count, what=code.value)
+        for (code, subject), count in damaged.items()
+    ]
     steps, scatter = smallest_step(record.values), record.values.std(axis=0)
     white = [white_of_steps(float(step), record.interval) for step in steps]
-    coarse = {
-        AXES[i]: f"{steps[i] / scatter[i]:.1f} sigma, alone a random walk of {_random_walk(white[i], i)}"
-        for i in np.flatnonzero(steps > COARSE * scatter).tolist()
-    }
-    warnings += _each("quantisation step is {}", coarse)
-    if imu.temperature is not None:
-        change = float(np.ptp(imu.temperature))
-        if change > WARMING:
-            inside = np.interp(
-                record.start + record.interval * np.arange(len(record.values)), imu.time, imu.temperature
-            )
-            follows = temperature_correlation(record.values, inside)
-            names = ", ".join(f"{AXES[i]} ({follows[i]:+.2f})" for i in np.flatnonzero(np.abs(follows) > FOLLOWS))
-            warnings.append(
-                f"the temperature changed by {change:.1f} C"
-                + (f", and with it (correlation) {names}: long-term figures include it" if names else "")
-            )
+    for columns, unit in ((range(3), "rad_sqrt_s"), (range(3, 6), "m_s_sqrt_s")):
+        coarse = [i for i in columns if steps[i] > COARSE * scatter[i]]
+        sizes = {f"random_walk_{unit}": [white[i] for i in coarse], "step_sigma": steps[coarse] / scatter[coarse]}
+        warnings += _of_axes(Code.ALLAN_COARSE, [AXES[i] for i in coarse], **sizes, limit_sigma=COARSE)
+    changed = warming(imu.temperature, WARMING)
+    if imu.temperature is not None and changed:
+        inside = np.interp(record.start + record.interval * np.arange(len(record.values)), imu.time, imu.temperature)
+        follows = temperature_correlation(record.values, inside)
+        rows = np.flatnonzero(np.abs(follows) > FOLLOWS)
+        correlated = {"correlation": follows[rows], "limit_correlation": FOLLOWS}
+        warnings += [*changed, *_of_axes(Code.ALLAN_TEMPERATURE, [AXES[i] for i in rows], **correlated)]
     return warnings
 
 
 def _of_models(
     models: tuple[NoiseModel | None, ...], floors: tuple[Floor | None, ...], record: EvenRecord
-) -> list[str]:
+) -> list[Finding]:
+    """Find what the models do not describe, or the record does not show."""
     short = [AXES[i] for i, floor in enumerate(floors) if floor is not None and not floor.reached]
-    warnings = []
-    if short:
-        warnings.append(
-            f"too short for the bias instability of {', '.join(short)}: the deviation still falls at the end of "
-            f"{record.length:.4g} s"
-        )
     known = {axis: model for axis, model in zip(AXES, models, strict=True) if model is not None}
-    quiet = [axis for axis in AXES if axis not in known]
-    misfit = {axis: f"{0.5 * model.misfit:.0%}" for axis, model in known.items() if model.misfit > MISFIT}
-    lines = {
-        axis: ", ".join(f"{_size(line.amplitude, axis)} at {line.frequency:.4g} Hz" for line in model.sinusoids)
-        for axis, model in known.items()
-        if model.sinusoids
-    }
+    misfit = {axis: 0.5 * model.misfit for axis, model in known.items() if model.misfit > MISFIT}
     ramps = [axis for axis, model in known.items() if "R" in model.coefficients]
-    if quiet:
-        warnings.append(f"{', '.join(quiet)} never change{'s' * (len(quiet) == 1)}: no noise")
-    warnings += _each(
-        "noise model fits the Allan deviation within {} (vibration, a filter in the sensor or temperature); intervals "
-        "of coefficients include it",
-        misfit,
-    )
-    warnings += _each("sinusoidal noise (vibration, mains) of {}; imu.toml is without it", lines)
-    if ramps:
-        drift = f"drift{'s' * (len(ramps) == 1)} steadily (rate ramp)"
-        warnings.append(f"{', '.join(ramps)} {drift}: warming up, mostly; filters ignore it")
-    return warnings
+    warnings = [
+        *_of_axes(Code.ALLAN_SHORT, short, length_s=record.length),
+        *_of_axes(Code.ALLAN_SILENT, [axis for axis in AXES if axis not in known]),
+        *_of_axes(Code.ALLAN_MISFIT, misfit, share=tuple(misfit.values()), limit_share=0.5 * MISFIT),
+    ]
+    for axes, unit in ((AXES[:3], "rad_s"), (AXES[3:], "m_s2")):
+        lines = {axis: known[axis].sinusoids[0] for axis in axes if axis in known and known[axis].sinusoids}
+        strongest = {f"amplitude_{unit}": [line.amplitude for line in lines.values()]}
+        frequency = [line.frequency for line in lines.values()]
+        warnings += _of_axes(Code.ALLAN_SINUSOID, lines, **strongest, frequency_hz=frequency)
+    return [*warnings, *_of_axes(Code.ALLAN_RAMP, ramps)]
 
 
-def _each(text: str, found: Mapping[str, str]) -> list[str]:
-    """One warning for all axes that it concerns, what there is to say of each in their order; none without any."""
-    return [f"{', '.join(found)}: {text.format(' / '.join(found.values()))}"] if found else []
-
-
-def _size(value: float, axis: str) -> str:
-    return f"{value / DEG:.3g} deg/s" if axis.startswith("gyro") else f"{value:.3g} m/s^2"
-
-
-def _random_walk(value: float, column: int) -> str:
-    if column < 3:
-        return f"{value / DEG_PER_SQRT_H:.2g} deg/sqrt(h)"
-    return f"{value / M_S_PER_SQRT_H:.2g} m/s/sqrt(h)"
+def _of_axes(code: Code, axes: Iterable[str], **values: Any) -> tuple[Finding, ...]:
+    """Make one finding for all axes that it concerns, its values in their order; none without any."""
+    names = ", ".join(axes)
+    return (Finding.of(code, subject=names, **values),) if names else ()

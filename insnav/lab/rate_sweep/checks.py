@@ -7,7 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding
 from insnav.lab.calibration import WRONG_UNIT
+from insnav.lab.common_findings import few
 from insnav.lab.least_squares import Fit
 from insnav.lab.single_axis.rate_table import FEWEST, Dropped
 from insnav.types import BoolArray, FloatArray, IntArray
@@ -21,14 +23,14 @@ _SURE = 4.0  # standard deviations
 _AT_STOP = 0.05  # of its usual growth: an output that grows less stands at its stop
 
 
-def check_rates(rate: FloatArray, own: Sequence[IntArray], where: str) -> tuple[str, ...]:
-    """Refuse sweeps that leave an axis out; warnings of what is unusual.
+def check_rates(rate: FloatArray, own: Sequence[IntArray], where: str) -> tuple[Finding, ...]:
+    """Refuse sweeps that leave an axis out, and find what is unusual.
 
     rate (n, 3): rates of the table [rad/s]; own (k,): dwells about each axis alone.
     """
-    warnings = []
+    warnings: list[Finding] = []
     for axis, rows in zip("xyz", own, strict=True):
-        different = np.unique(rate[rows, "xyz".index(axis)])
+        different, gyro = np.unique(rate[rows, "xyz".index(axis)]), f"gyro {axis}"
         if different.size < FEWEST:
             raise InputError(
                 f"there is no sweep about {axis}" if different.size < 2 else f"the sweep about {axis} is too short",
@@ -45,19 +47,13 @@ def check_rates(rate: FloatArray, own: Sequence[IntArray], where: str) -> tuple[
                 fix="sweep through zero",
             )
         if different.size < FEWEST_FOR_MAP:
-            warnings.append(
-                f"the sweep about {axis} has {different.size} rates, too few to see what the matrix leaves over the "
-                "rate: nothing of that is compensated"
-            )
-        elif different.size < USUAL:
-            warnings.append(
-                f"the sweep about {axis} has {different.size} rates; with fewer than {USUAL} what the matrix leaves is "
-                "hardly distinguishable from noise"
-            )
+            count, limit = different.size, FEWEST_FOR_MAP
+            warnings.append(Finding.of(Code.BENCH_NO_MAP, subject=gyro, count=count, limit_count=limit))
+        else:
+            warnings += few("rates", different.size, USUAL, gyro)
         if -different[0] < 0.5 * different[-1] or different[-1] < -0.5 * different[0]:
-            warnings.append(
-                f"the sweep about {axis} is one-sided: {different[0] / DEG:g} to {different[-1] / DEG:g} deg/s"
-            )
+            low, high = different[0], different[-1]
+            warnings.append(Finding.of(Code.BENCH_ONE_SIDED, subject=gyro, low_rad_s=low, high_rad_s=high))
     return tuple(warnings)
 
 
@@ -100,7 +96,7 @@ def saturated(rate: FloatArray, output: FloatArray, sd: FloatArray) -> tuple[Boo
         lost |= sense * rate >= first
         for value in different[sense * different >= first]:
             short = float(mean[different == value][0] - _extended(different, mean, sense * first, sense, float(value)))
-            reason = "saturated: the output grows less than half as much with the rate as elsewhere"
+            reason = Finding.of(Code.BENCH_RATE_FLAT, limit_share=FLAT)
             dropped.append(Dropped(float(value), short, float("nan"), reason))
     return lost, tuple(sorted(dropped, key=lambda item: item.rate))
 
@@ -144,8 +140,8 @@ def refuse_crossed(fits: Sequence[Fit], raw: bool, where: str) -> None:
             )
 
 
-def shifted_zeros(error: FloatArray, own: Sequence[IntArray]) -> tuple[str, ...]:
-    """Name gyros whose zero differs between the sweeps about the other two axes.
+def shifted_zeros(error: FloatArray, own: Sequence[IntArray]) -> tuple[Finding, ...]:
+    """Find gyros whose zero differs between the sweeps about the other two axes.
 
     error (n, 3): of the corrected rates [rad/s]; NaN where not known; own (k,): dwells about each axis alone.
     """
@@ -158,8 +154,8 @@ def shifted_zeros(error: FloatArray, own: Sequence[IntArray]) -> tuple[str, ...]
         shift = float(sides[1].mean() - sides[0].mean())
         sd = float(np.hypot(*(side.std(ddof=1) / np.sqrt(side.size) for side in sides)))
         if abs(shift) > 5.0 * sd + 1e-9 * float(np.abs(error[np.isfinite(error)]).max()):
+            size, first, second = abs(shift), "xyz"[j], "xyz"[k]
             warnings.append(
-                f"gyro {axis}: its zero differs by {abs(shift) / DEG:.3g} deg/s between the sweeps about {'xyz'[j]} "
-                f"and {'xyz'[k]}: drift, temperature, or sensitivity to gravity, if the sensor was mounted anew"
+                Finding.of(Code.BENCH_ZERO_SHIFT, subject=f"gyro {axis}", shift_rad_s=size, first=first, second=second)
             )
     return tuple(warnings)

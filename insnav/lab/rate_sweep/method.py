@@ -15,11 +15,13 @@ from pathlib import Path
 import numpy as np
 
 from insnav.exceptions import ConfigError, InputError
+from insnav.findings import Code, Finding
 from insnav.imu.dynamic_map import AxisMap, DynamicMap
 from insnav.imu.model import ImuErrors
 from insnav.imu.raw_outputs import RawScale
 from insnav.input.formats.table import Table
-from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, condition_warnings, measured
+from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, measured
+from insnav.lab.common_findings import badly_conditioned
 from insnav.lab.least_squares import Fit, linear_fit
 from insnav.lab.rate_sweep.checks import FEWEST_FOR_MAP, check_rates, refuse_crossed, saturated, shifted_zeros
 from insnav.lab.rate_sweep.piecewise_fit import Pieces, fit_pieces
@@ -67,7 +69,7 @@ class SweepCalibration:
     error_line: FloatArray
     error_matrix: FloatArray
     error_map: FloatArray
-    warnings: tuple[str, ...]
+    warnings: tuple[Finding, ...]
     adjusted: tuple[Adjusted, ...] = ()  # by hand
 
     @property
@@ -209,7 +211,7 @@ def fit(record: SweepRecord, how: BenchOptions) -> Calibration[SweepRecord, Swee
     )
     errors, sd = sweep_errors(found, record.unit, how.name)
     fits = {f"gyro {axis}": each for axis, each in zip("xyz", found.fits, strict=True)}
-    saturated = [f"{len(found.dropped)} rates were left out, at which a gyro is saturated"] * bool(found.dropped)
+    left_out = (Finding.of(Code.BENCH_LEFT_OUT, count=len(found.dropped)),) * bool(found.dropped)
     return Calibration(
         "imu",
         errors,
@@ -219,18 +221,22 @@ def fit(record: SweepRecord, how: BenchOptions) -> Calibration[SweepRecord, Swee
         record,
         found,
         how,
-        (*saturated, *record.warnings, *found.warnings, *_worse(found), *condition_warnings(fits)),
+        (*left_out, *record.warnings, *found.warnings, *_worse(found), *badly_conditioned(fits)),
     )
 
 
-def _worse(found: SweepCalibration) -> list[str]:
+def _worse(found: SweepCalibration) -> tuple[Finding, ...]:
     """Intercepts set by hand that do harm."""
-    return [
-        f"--intercept {'xyz'[each.gyro]}{each.piece + 1} makes the error of the rate in that piece larger: "
-        f"{each.before / DEG:.3g} -> {each.after / DEG:.3g} deg/s"
+    return tuple(
+        Finding.of(
+            Code.BENCH_INTERCEPT,
+            subject=f"{'xyz'[each.gyro]}{each.piece + 1}",
+            after_rad_s=each.after,
+            before_rad_s=each.before,
+        )
         for each in found.adjusted
         if each.after > each.before
-    ]
+    )
 
 
 def sweep_errors(found: SweepCalibration, unit: str, name: str = "") -> tuple[ImuErrors, CalibrationSd]:

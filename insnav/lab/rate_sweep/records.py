@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.findings import Finding
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import schema
 from insnav.lab.bench_data.bench_tables import BenchTable, read_bench
 from insnav.lab.bench_data.dwells import Dwells, default_limit, dwell_warnings, reduce_dwells
 from insnav.lab.calibration import common_unit
+from insnav.lab.common_findings import about, few
 from insnav.types import FloatArray
 from insnav.units import UNITS
 
@@ -30,7 +32,7 @@ class SweepRecord:
     # of each file: setting is the rate about x, y, z [rad/s], value the outputs of gyros x, y, z
     dwells: tuple[Dwells, ...]
     unit: str  # of the outputs; values are in it if it is one of volts or counts, else in rad/s
-    warnings: tuple[str, ...]
+    warnings: tuple[Finding, ...]
 
     @property
     def raw(self) -> bool:
@@ -89,7 +91,8 @@ def read_sweeps(
     )
     limit = spike_limit if spike_limit is not None else default_limit(unit)
     raw = UNITS[unit][0] == "signal"
-    dwells, warnings = [], []
+    dwells: list[Dwells] = []
+    warnings: list[Finding] = []
     for axis, table in enumerate(tables):
         if len(tables) == 3:
             rate = np.zeros((table.columns["rate"].size, 3))
@@ -99,9 +102,9 @@ def read_sweeps(
         outputs = table.stack(*(f"{'raw' if raw else 'gyro'}_{a}" for a in AXES))
         in_si = limit if raw else limit * UNITS[unit][1]
         found = reduce_dwells(rate, outputs, in_si, table.get("time"), where=table.name)
-        warnings += [f"{table.name}: {line}" for line in dwell_warnings(found, AXES, table.get("temperature"))]
-        fewest = int(found.count.min())
-        if found.raw and fewest < USUAL_SAMPLES:
-            warnings.append(f"{table.name}: only {fewest} samples in a dwell; {USUAL_SAMPLES} or more are usual")
+        gyros = tuple(f"gyro {a}" for a in AXES)
+        warnings += about(table.name, dwell_warnings(found, gyros, table.get("temperature")))
+        if found.raw:
+            warnings += few("samples of a dwell", int(found.count.min()), USUAL_SAMPLES, table.name)
         dwells.append(found)
     return SweepRecord(tables, tuple(dwells), unit, tuple(warnings))

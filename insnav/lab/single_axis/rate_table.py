@@ -16,9 +16,11 @@ import numpy as np
 from scipy.special import stdtr
 
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import schema
 from insnav.lab.calibration import BenchOptions, Calibration
+from insnav.lab.common_findings import few
 from insnav.lab.least_squares import Fit, coverage_factor, linear_fit
 from insnav.lab.single_axis.records import Record, read_records, refuse_unit, triad_calibration
 from insnav.types import BoolArray, FloatArray, IntArray
@@ -40,7 +42,7 @@ class Dropped:
     rate: float  # rate of the table
     residual: float  # output minus that of the line
     limit: float  # largest residual that chance explains
-    reason: str  # in words
+    reason: Finding
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +110,7 @@ def calibrate_rate_table(
             fix="check that the columns of rate and output are what their headers state",
         )
     if keep is not None:
-        reason = f"outside the range given, {keep[0]:g} to {keep[1]:g}"
+        reason = Finding.of(Code.BENCH_RATE_EXCLUDED, low_setting=keep[0], high_setting=keep[1])
         dropped = tuple(_dropped(rate[i], output[i], fit, FALSE_ALARM, reason) for i in np.flatnonzero(~used))
     return RateTable(
         rate,
@@ -154,22 +156,20 @@ def _linear_part(rate: FloatArray, output: FloatArray, where: str) -> tuple[Bool
         residual = float(output[i] - fit.value @ [1.0, rate[i]])
         limit = prediction_limit(fit, float(rate[i]), FALSE_ALARM / outer.size)
         if sense in closed:
-            reason = f"beyond {closed[sense]:+g}, where the output left the straight line"
-            if abs(residual) <= limit:
-                reason += " (it is back by chance)"
+            reason = Finding.of(Code.BENCH_RATE_BEYOND, setting=closed[sense])
         elif abs(residual) > limit:
             closed[sense] = float(rate[i])
             weaker = residual * rate[i] * fit.value[1] < 0.0
-            reason = "saturated: the output falls short of" if weaker else "not linear: the output exceeds"
-            reason += f" the line by {abs(residual) / fit.sigma:.0f} sd of the fit"
+            code = Code.BENCH_RATE_SATURATED if weaker else Code.BENCH_RATE_NONLINEAR
+            reason = Finding.of(code, residual_sigma=abs(residual) / fit.sigma)
         else:
             used[i] = True
             continue
         dropped.append(Dropped(float(rate[i]), residual, limit, reason))
     for i in _bent(rate, output, used):
         used[i] = False
-        reason = "saturating: with its neighbours the output bends below the line, if not by itself"
-        dropped.append(_dropped(rate[i], output[i], _line(rate[used], output[used], where), SOFT, reason))
+        line = _line(rate[used], output[used], where)
+        dropped.append(_dropped(rate[i], output[i], line, SOFT, Finding.of(Code.BENCH_RATE_BENDING)))
     return used, tuple(sorted(dropped, key=lambda item: item.rate))
 
 
@@ -196,7 +196,7 @@ def _bent(rate: FloatArray, output: FloatArray, used: BoolArray) -> IntArray:
     return found
 
 
-def _dropped(rate: float, output: float, fit: Fit, probability: float, reason: str) -> Dropped:
+def _dropped(rate: float, output: float, fit: Fit, probability: float, reason: Finding) -> Dropped:
     residual = float(output - fit.value @ [1.0, rate])
     return Dropped(float(rate), residual, prediction_limit(fit, float(rate), probability), reason)
 
@@ -251,17 +251,13 @@ def calibrate_gyro(record: Record, keep: tuple[float, float] | None = None) -> R
     return found
 
 
-def rate_table_warnings(found: RateTable) -> tuple[str, ...]:
-    """Say what is wrong with a rate table that could still be used."""
-    warnings = []
+def rate_table_warnings(found: RateTable) -> tuple[Finding, ...]:
+    """Find what is wrong with a rate table that could still be used."""
     used = np.unique(found.rate[found.used])
-    left = [item for item in found.dropped if np.isfinite(item.limit) and not item.reason.startswith("outside")]
-    if left:
-        warnings.append(
-            f"{len(left)} of {found.rate.size} rates were left out: the output has left the straight line there"
-        )
-    if used.size < USUAL_RATES:
-        warnings.append(f"only {used.size} different rates; {USUAL_RATES} or more are usual")
-    if used[0] >= 0.0 or used[-1] <= 0.0:
-        warnings.append("one sense of rotation only: a scale factor that differs between the senses is in the zero")
-    return tuple(warnings)
+    left = sum(np.isfinite(item.limit) and item.reason.code != Code.BENCH_RATE_EXCLUDED for item in found.dropped)
+    one_sense = bool(used[0] >= 0.0 or used[-1] <= 0.0)
+    return (
+        *(Finding.of(Code.BENCH_LEFT_OUT, count=left, total=found.rate.size),) * bool(left),
+        *few("rates", used.size, USUAL_RATES),
+        *(Finding.of(Code.BENCH_ONE_SENSE),) * one_sense,
+    )

@@ -14,6 +14,7 @@ from typing import Any, Literal, Protocol, TypeVar
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding
 from insnav.imu.model import ImuErrors
 from insnav.imu.raw_outputs import RawScale
 from insnav.input.formats.table import Table
@@ -27,9 +28,9 @@ from insnav.lab.calibration import (
     Calibration,
     CalibrationSd,
     common_unit,
-    condition_warnings,
     fitted,
 )
+from insnav.lab.common_findings import about, badly_conditioned
 from insnav.lab.least_squares import Fit
 from insnav.types import FloatArray
 from insnav.units import UNITS
@@ -42,7 +43,7 @@ class Record:
     table: BenchTable  # as read
     dwells: Dwells  # setting [rad/s] or [rad], output in `unit`
     unit: str  # of the output
-    warnings: tuple[str, ...]
+    warnings: tuple[Finding, ...]
 
     @property
     def setting(self) -> FloatArray:
@@ -92,8 +93,7 @@ def read_record(path: str | Path | Table, schema: Sequence[Quantity], how: Bench
     values = table.columns[key] / (1.0 if key == "output" else UNITS[unit][1])
     limit = how.spike_limit if how.spike_limit is not None else default_limit(unit)
     dwells = reduce_dwells(table.columns[setting][:, None], values[:, None], limit, table.get("time"), where=table.name)
-    warnings = dwell_warnings(dwells, ("output",), table.get("temperature"))
-    return Record(table, dwells, unit, warnings)
+    return Record(table, dwells, unit, dwell_warnings(dwells, ("",), table.get("temperature")))
 
 
 def refuse_unit(record: Record, scale: float) -> None:
@@ -125,7 +125,7 @@ def triad_calibration(
     per: float,
     per_units: Sequence[str],
     how: BenchOptions,
-    by_sensor: Sequence[tuple[str, ...]],
+    by_sensor: Sequence[tuple[Finding, ...]],
 ) -> Calibration[tuple[Record, ...], tuple[F, ...]]:
     """Zero and scale factor of sensors x, y, z, or of one that stands for all.
 
@@ -144,9 +144,10 @@ def triad_calibration(
         si = UNITS[unit][1]
         known = {f"{sensor}_bias": zero * si, f"{sensor}_matrix": np.diag(scale / (per / si))}
     spread: dict[str, Any] = {f"{sensor}_bias": zero_sd / size * per, f"{sensor}_matrix": np.diag(scale_sd / size)}
-    read = [f"{name}: {line}" for name, item in zip(names, record, strict=True) for line in item.warnings]
-    of_method = [f"{name}: {line}" for name, lines in zip(names, by_sensor, strict=True) for line in lines]
-    one = ["one sensor was measured; the calibration file uses its values for x, y and z"] * (len(record) == 1)
+    full = {name: f"{sensor} {name}" if len(record) == 3 else sensor for name in names}
+    both = zip(full.values(), record, by_sensor, strict=True)
+    own = [each for name, item, more in both for each in about(name, (*item.warnings, *more))]
+    one = (Finding.of(Code.BENCH_ONE_SENSOR, subject=sensor),) * (len(record) == 1)
     return Calibration(
         sensor,
         ImuErrors(**known, name=how.name),
@@ -156,5 +157,5 @@ def triad_calibration(
         record,
         found,
         how,
-        (*read, *condition_warnings(fits), *of_method, *one),
+        (*own, *badly_conditioned({full[name]: fit for name, fit in fits.items()}), *one),
     )

@@ -13,9 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.findings import Finding
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import schema
 from insnav.lab.calibration import BenchOptions, Calibration
+from insnav.lab.common_findings import few, outlier
 from insnav.lab.least_squares import Fit, linear_fit, outliers
 from insnav.lab.single_axis.records import Record, read_records, refuse_unit, triad_calibration
 from insnav.types import FloatArray, IntArray
@@ -166,14 +168,7 @@ def calibrate_accel(record: Record) -> Tumble:
     return found
 
 
-def tumble_warnings(found: Tumble) -> tuple[str, ...]:
-    """Say what is wrong with a tumble test that could still be used."""
-    warnings = []
-    if found.angle.size < USUAL:
-        warnings.append(f"only {found.angle.size} positions; {USUAL}, every 30 deg, are usual")
-    for row in found.suspicious:
-        warnings.append(
-            f"the position at {found.angle[row] / DEG:.4g} deg does not belong to the others: its residual is "
-            f"{found.fit.residual[row]:.3g}, beyond what their scatter explains"
-        )
-    return tuple(warnings)
+def tumble_warnings(found: Tumble) -> tuple[Finding, ...]:
+    """Find what is wrong with a tumble test that could still be used."""
+    suspicious = (outlier(found.fit, row, angle_rad=float(found.angle[row])) for row in found.suspicious)
+    return (*few("positions", found.angle.size, USUAL), *suspicious)

@@ -9,7 +9,9 @@ import numpy as np
 from insnav.lab.acceptance.acceptance import Acceptance, Accepted
 from insnav.lab.acceptance.figures_of_merit import BENCH_UNIT, Spread, Stability
 from insnav.lab.bench_data.records import SI, BenchRecord
-from insnav.lab.calibration import condition_warnings
+from insnav.lab.common_findings import badly_conditioned
+from insnav.lab.single_axis.rate_table import Dropped
+from insnav.messages import sentence
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import quality_rows, quality_section
 from insnav.report.calibration.panels import Series, residual_panels
@@ -39,21 +41,19 @@ def acceptance_page(found: Acceptance, files: Sequence[BenchRecord]) -> Page:
     """Report the acceptance figures."""
     steps = [item for item in found.sensors if item.scale is not None]
     fits = {item.axis: item.scale.table.fit for item in steps if item.scale is not None}
-    left_out = tuple(
-        f"{item.axis} leaves out {drop.rate:+g} {_bench(item)}: {drop.reason}"
-        for item in steps
-        if item.scale is not None
-        for drop in item.scale.table.dropped
+    left_out = [(item, drop) for item in steps if item.scale is not None for drop in item.scale.table.dropped]
+    lines = (
+        f"{item.axis} leaves out {drop.rate:+g} {_bench(item)}: {sentence(drop.reason)}" for item, drop in left_out
     )
     units = _units(found.sensors)
     at_rest = f", {found.length:.6g} s at rest" if found.length else ""
     names = ", ".join(item.axis for item in found.sensors)
-    warnings = (*found.warnings, *condition_warnings(fits))
+    warnings = tuple(map(sentence, (*found.warnings, *badly_conditioned(fits))))
     merits = tuple(_merits(found.sensors, units))
     largest = "; ".join(f"{each.label} {cell(each)} {each.shown_unit}" for each in merits)
     return Page(
         "Acceptance of gyros and accelerometers",
-        (f"{names}{at_rest}; {', '.join(record.table.name for record in files)}", *left_out),
+        (f"{names}{at_rest}; {', '.join(record.table.name for record in files)}", *lines),
         (
             *_drawn(found, units),
             Section(
@@ -61,11 +61,11 @@ def acceptance_page(found: Acceptance, files: Sequence[BenchRecord]) -> Page:
                 parts=tuple(part for item in found.sensors for part in _sensor(item, units[item.axis.split()[0]])),
             ),
             quality_section(row for item in steps for row in _quality(item)),
-            only_json("", Quantity("left_out", left_out)),
+            Section("left_out", rows=tuple(_left_out(*each) for each in left_out), show="json"),
         ),
         warnings,
         ASSUMPTIONS,
-        found.notes,
+        tuple(map(sentence, found.notes)),
         merits=merits,
         merits_note="the largest of the axes",
         verdict=by_warnings(
@@ -74,6 +74,11 @@ def acceptance_page(found: Acceptance, files: Sequence[BenchRecord]) -> Page:
             ("unknown", "measured; no limit was given to hold them against"),
         ),
     )
+
+
+def _left_out(item: Accepted, drop: Dropped) -> tuple[Quantity, ...]:
+    setting, code = Quantity("setting", drop.rate), Quantity("code", drop.reason.code.value)
+    return Quantity("sensor", item.axis), setting, Quantity("unit", _bench(item)), code
 
 
 def _bench(item: Accepted) -> str:

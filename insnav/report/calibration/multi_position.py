@@ -13,6 +13,7 @@ from insnav.lab.multi_position.many_positions import PosesCalibration
 from insnav.lab.multi_position.method import Found
 from insnav.lab.multi_position.six_positions import POSITIONS, TURN_SD, TURNS, SixPositions
 from insnav.lab.multi_position.triad import AXES, Triad
+from insnav.messages import sentence
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import corrected_section, impact_section
 from insnav.report.calibration.panels import poses_panels, positions_panels
@@ -49,7 +50,7 @@ def multi_position_page(calibration: Calibration[Reading[ImuData], Found]) -> Pa
             every,
             only_json("", Quantity("gravity", found.g, "m/s^2"), parts=(more,)),
         ),
-        calibration.warnings,
+        tuple(map(sentence, calibration.warnings)),
         merits=(
             *(
                 replace(each, value=rms(np.asarray(each.value, np.float64)), meaning=f"gravity error, {each.label}")

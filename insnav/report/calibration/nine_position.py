@@ -8,6 +8,7 @@ import numpy as np
 
 from insnav.lab.calibration import Calibration
 from insnav.lab.nine_position.method import AXIS, SENSORS, NinePositions, NineRecord
+from insnav.messages import sentence
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import corrected_section, impact_section, quality_rows, quality_section
 from insnav.report.calibration.panels import Series, residual_panels
@@ -74,7 +75,7 @@ def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
             impact_section(calibration),
             details,
         ),
-        calibration.warnings,
+        tuple(map(sentence, calibration.warnings)),
         merits_note="x_ay: the accelerometer of module x that points along y",
         assumptions=(
             *(_RAW * raw),
@@ -99,7 +100,7 @@ def _residuals(found: NinePositions, places: int) -> Iterator[Series]:
 
 
 def _methods(found: NinePositions) -> str:
-    pairs = sorted({"xyz"[axis] for axis, how in zip(AXIS, found.bias_methods, strict=True) if how[0] == "o"})
+    pairs = sorted({"xyz"[axis] for axis, pair in zip(AXIS, found.bias_opposite, strict=True) if pair})
     if not pairs:
         return "by least squares over all positions: no two have an axis along the vertical, up and down"
     return f"{', '.join(pairs)} from the two extreme positions, others by least squares over all"

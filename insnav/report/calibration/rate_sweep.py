@@ -9,6 +9,7 @@ import numpy as np
 from insnav.lab.calibration import Calibration
 from insnav.lab.rate_sweep.method import SweepCalibration
 from insnav.lab.rate_sweep.records import SweepRecord
+from insnav.messages import sentence
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import corrected_section, impact_section, quality_rows, quality_section
 from insnav.report.calibration.panels import sweep_panels
@@ -46,7 +47,7 @@ def sweep_page(calibration: Calibration[SweepRecord, SweepCalibration]) -> Page:
             impact_section(calibration),
             _details(found),
         ),
-        calibration.warnings,
+        tuple(map(sentence, calibration.warnings)),
         (
             "The rate of the table is exact and about the axis named; the Earth's rotation along it is in the bias.",
             "The corrected rate is inverse(B) (output - b); its error is subtracted, k rate + b' in each piece.",
@@ -58,7 +59,7 @@ def sweep_page(calibration: Calibration[SweepRecord, SweepCalibration]) -> Page:
 def _details(found: SweepCalibration) -> Section:
     condition = float(np.linalg.cond(found.matrix / np.diag(found.matrix)[:, None]))
     dropped = tuple(
-        (Quantity("sensor", AXES[axis]), Quantity("rate_deg_s", item.rate), Quantity("reason", item.reason))
+        (Quantity("sensor", AXES[axis]), Quantity("rate_deg_s", item.rate), Quantity("code", item.reason.code.value))
         for axis, item in found.dropped
     )
     return only_json("", Quantity("condition_matrix", condition), parts=(Section("dropped", rows=dropped),))
@@ -74,7 +75,7 @@ def _dropped(found: SweepCalibration) -> list[str]:
                 first, last = min(rates, key=abs), max(rates, key=abs)
                 reason = next(item.reason for gyro, item in found.dropped if gyro == i and item.rate == first)
                 span = f"{first:+g}" + (f" to {last:+g}" if last != first else "")
-                lines.append(f"gyro {axis} leaves out {span} deg/s: {reason}")
+                lines.append(f"gyro {axis} leaves out {span} deg/s: {sentence(reason)}")
     return lines
 
 

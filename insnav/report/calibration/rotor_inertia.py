@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from insnav.findings import Code, of_code
 from insnav.lab.bench_data.bench_tables import BenchTable
 from insnav.lab.calibration import Calibration, fitted
 from insnav.lab.rotor_inertia import Inertia, Inertias
+from insnav.messages import sentence
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import quality_rows, quality_section
 from insnav.report.calibration.panels import line_panels
@@ -21,15 +23,11 @@ def rotor_page(calibration: Calibration[tuple[BenchTable, BenchTable], Inertias]
     fall, precession, both = calibration.detail.fall, calibration.detail.precession, calibration.detail.agreement
     how = calibration.options
     verdict = (
-        f"the difference {number(both.difference, 2)} is {'within' if both.agree else 'beyond'} the "
+        f"the difference {number(both.difference, 2)} is within the "
         f"{number(both.limit, 2)} {UNIT} that their uncertainties explain (95 %)"
     )
-    warnings = calibration.warnings
-    if both.agree:
-        text = f"The methods agree: {verdict}; weighted mean {number(both.mean, 4)} ± {number(both.mean_sd, 2)} {UNIT}."
-    else:
-        text = f"The methods do not agree: {verdict}; one of them has a systematic error."
-        warnings = (text, *warnings)
+    agreed = f"The methods agree: {verdict}; weighted mean {number(both.mean, 4)} ± {number(both.mean_sd, 2)} {UNIT}."
+    text = agreed if both.agree else sentence(next(of_code(calibration.warnings, Code.ROTOR_DISAGREE)))
     quality = (
         *quality_rows({"falling weight": fall.fit}, "s^2", {"falling weight": [f"{h:.4g} m" for h in fall.x]}),
         *quality_rows({"precession": precession.fit}, "rad/s", {"precession": [f"{t:.4g} s" for t in precession.x]}),
@@ -74,7 +72,7 @@ def rotor_page(calibration: Calibration[tuple[BenchTable, BenchTable], Inertias]
             quality_section(quality),
             agreement,
         ),
-        warnings,
+        tuple(map(sentence, calibration.warnings)),
         (
             f"Falling weight {how.fall_mass:g} kg on a radius of {how.radius:g} m, weight {weight} on an arm "
             f"of {how.arm:g} m, gravity {how.gravity:g} m/s²: taken as exact; their uncertainty comes on top.",

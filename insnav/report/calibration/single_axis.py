@@ -10,6 +10,7 @@ from insnav.lab.calibration import Calibration, measured
 from insnav.lab.single_axis.rate_table import RateTable
 from insnav.lab.single_axis.records import Record
 from insnav.lab.single_axis.tumble import Tumble, harmonics
+from insnav.messages import sentence
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import impact_section, quality_rows, quality_section
 from insnav.report.calibration.panels import Series, residual_panels
@@ -26,8 +27,8 @@ def gyro_page(calibration: Calibration[tuple[Record, ...], tuple[RateTable, ...]
     series = (Series.of(name, unit, item) for name, item in found.items())
     dropped = [(name, drop) for name, item in found.items() for drop in item.dropped]
     lines = tuple(
-        f"{name} leaves out {drop.rate:+g} deg/s: {drop.reason}; residual {number(drop.residual)} {unit}, "
-        f"chance explains up to {number(drop.limit, 2)} {unit}"
+        f"{name} leaves out {drop.rate:+g} deg/s (residual {number(drop.residual)} {unit}, limit "
+        f"{number(drop.limit, 2)} {unit}): {sentence(drop.reason)}"
         for name, drop in dropped
     )
     left_out = tuple(
@@ -36,7 +37,7 @@ def gyro_page(calibration: Calibration[tuple[Record, ...], tuple[RateTable, ...]
             Quantity("rate_deg_s", drop.rate),  # a round number, as on the table
             measured("residual", drop.residual, unit),
             measured("limit", drop.limit, unit),
-            Quantity("reason", drop.reason),
+            Quantity("code", drop.reason.code.value),
         )
         for name, drop in dropped
     )
@@ -52,7 +53,7 @@ def gyro_page(calibration: Calibration[tuple[Record, ...], tuple[RateTable, ...]
             impact_section(calibration),
             Section("dropped", rows=left_out, show="json"),
         ),
-        calibration.warnings,
+        tuple(map(sentence, calibration.warnings)),
         (
             "The rate of the table is exact, and the component of the Earth's rotation along the axis is in U0.",
             "Forward are rates from zero up, reverse from zero down.",
@@ -82,7 +83,7 @@ def accel_page(calibration: Calibration[tuple[Record, ...], tuple[Tumble, ...]])
             impact_section(calibration),
             only_json("", Quantity("gravity", gravity, "m/s^2")),
         ),
-        calibration.warnings,
+        tuple(map(sentence, calibration.warnings)),
         (
             f"Gravity is {gravity:.6g} m/s²; the angles are exact.",
             "The calibration file holds bias and scale factor; second order and cross-coupling are reported only.",

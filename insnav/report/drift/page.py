@@ -6,11 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from insnav.lab.calibration import condition_warnings
+from insnav.lab.common_findings import badly_conditioned
 from insnav.lab.drift.allan_before_after import POWERS, DriftStudy, GyroDrift
 from insnav.lab.drift.allan_before_after import Curve as Deviations
 from insnav.lab.drift.drift_model import DriftModel
 from insnav.lab.drift.rate_smoothing import P0
+from insnav.messages import sentence
 from insnav.output.data_files import csv_text
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import quality_rows, quality_section
@@ -48,7 +49,7 @@ def drift_page(found: DriftStudy, name: str) -> Page:
     record, gyros = found.record, found.gyros
     fits = {f"gyro {each.model.axis}": each.model.fit for each in gyros}
     times = [f"{each:g} s" for each in record.time]
-    warnings = (*found.warnings, *condition_warnings(fits))
+    warnings = tuple(map(sentence, (*found.warnings, *badly_conditioned(fits))))
     return Page(
         f"Drift of the gyros of {name}",
         (
@@ -64,7 +65,7 @@ def drift_page(found: DriftStudy, name: str) -> Page:
         ),
         warnings,
         ASSUMPTIONS,
-        found.notes,
+        tuple(map(sentence, found.notes)),
         merits=_merits(gyros[0]),
         merits_note=f"gyro {gyros[0].model.axis}; Allan deviations at the shortest averaging time",
         verdict=by_warnings(_conclusions(gyros[0])[0], warnings, ("good", "no warning from the fits")),
@@ -101,7 +102,7 @@ def _gyro(each: GyroDrift) -> Section:
         f"gyro_{each.model.axis}",
         parts=(
             Section("drift", f"Drift model of {name}", tuple(_parameters(each.model))),
-            only_json("left_out", *(Quantity(term, why) for term, why in each.model.left_out.items())),
+            only_json("left_out", *(Quantity(term, why.code.value) for term, why in each.model.left_out.items())),
             _filter(each, name),
             _curves(each, name),
             _coefficients(each, name),
