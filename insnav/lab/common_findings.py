@@ -17,8 +17,8 @@ BADLY_CONDITIONED = 30.0  # condition number beyond which parameters are hardly 
 
 
 def about(name: str, findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Put the name of a sensor or a file before the subjects of findings."""
-    return tuple(replace(each, subject=", ".join(filter(None, (name, each.subject)))) for each in findings)
+    """Add the name of a sensor or a file to the subjects of findings: ``gyro x (rates.csv)``."""
+    return tuple(replace(each, subject=f"{each.subject} ({name})" if each.subject else name) for each in findings)
 
 
 def badly_conditioned(fits: Mapping[str, Fit] | Mapping[str, Triad]) -> tuple[Finding, ...]:

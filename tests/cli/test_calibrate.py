@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from insnav.findings import Code
 from insnav.imu import load_calibration, load_imu
 from insnav.output.folder import read_facts, verify_folder
 from tests.cli.conftest import QUICK, Cli
@@ -44,18 +45,23 @@ def test_published_rate_table_on_the_terminal(bench: Path, cli: Cli) -> None:
     shown = cli("calibrate", "gyro", lab_file("gyro_rate_table.csv"))
     assert shown.code == 0, shown.err
     assert "zero U0 0.2000" in shown.out
-    assert "leaves out +80 deg/s: saturated" in shown.out
-    assert "20 sd of the fit; residual -0.0967 V, chance explains up to 0.021 V" in shown.out
+    assert "leaves out +80 deg/s (residual -0.0967 V, limit 0.021 V)" in shown.out
     assert shown.out.count("leaves out") == 2
-    assert "2 of 27 rates were left out" in shown.out
     verify_folder(Path("calibration"))
     facts = read_facts(Path("calibration"))
-    assert [item["rate_deg_s"] for item in facts["dropped"]] == [80.0, 90.0]
+    assert [(item["rate_deg_s"], item["code"]) for item in facts["dropped"]] == [
+        (80.0, Code.BENCH_RATE_SATURATED),
+        (90.0, Code.BENCH_RATE_BEYOND),
+    ]
+    assert len(facts["warnings"]) == 2
+    for warning in facts["warnings"]:
+        assert warning in " ".join(shown.out.split())
     assert Path("calibration/figures/residuals.png").stat().st_size > 5000
     shown = cli("calibrate", "gyro", lab_file("gyro_rate_table.csv"), "--range", "-90:80", "--force", "--json")
     values = estimates(json.loads(shown.out))
     assert np.round(values, 4).tolist() == [0.1957, 0.0486]
-    assert "warning: one sensor was measured" in shown.err
+    (one_sensor,) = json.loads(shown.out)["warnings"]
+    assert f"warning: {one_sensor}" in " ".join(shown.err.split())
 
 
 def test_published_tumble_on_the_terminal(bench: Path, cli: Cli) -> None:

@@ -74,7 +74,7 @@ def test_the_page_shows_field_units_and_every_pose_only_on_the_page(bench: Path,
     assert "turn share [%]" in page
     assert "normal gravity" not in shown.err
     assert "as given" in shown.err
-    assert "g-sensitivity of the gyros up to" in shown.out
+    assert "The g-sensitivity of the gyros is up to" in shown.out
 
 
 @pytest.mark.parametrize("axes", ["FRD", "RFU"])

@@ -58,8 +58,11 @@ def test_weights_of_a_column_are_one_regression_over_spin_and_torque(bench: Path
 def test_a_wrong_mass_shows_as_disagreement(bench: Path, cli: Cli) -> None:
     shown = cli("calibrate", "rotor", "fall.csv", "turn.csv", *GIVEN[:5], 0.055, *GIVEN[6:])
     assert shown.code == 0, shown.err
-    assert "The methods do not agree" in shown.out
-    assert read_facts(Path("calibration"))["mean_kg_m2"] is None
+    assert "The methods disagree" in shown.out
+    facts = read_facts(Path("calibration"))
+    assert facts["agree"] is False
+    assert facts["mean_kg_m2"] is None
+    assert facts["warnings"][0] in facts["summary"]
 
 
 @pytest.mark.parametrize(

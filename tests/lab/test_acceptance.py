@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from insnav.exceptions import ConfigError, InputError
+from insnav.findings import Code, of_code
 from insnav.lab.acceptance.acceptance import acceptance
 from insnav.lab.acceptance.figures_of_merit import scale_of, spread_of, stability_of
 from insnav.lab.bench_data.records import Channel, read_powerups, read_static, read_steps
@@ -40,7 +41,8 @@ def test_biases_as_given_are_warned_about(tmp_path):
     file = written(tmp_path / "p.csv", "powerup,gyro_x_bias_deg_s", np.arange(5), biases)
     found = acceptance([], None, [read_powerups(file)])
     assert only(found).repeatability.sd / DEG == pytest.approx(np.std(biases, ddof=1), rel=1e-12)
-    assert "noise within one record" in found.warnings[0]
+    assert found.warnings[0].code == Code.ACCEPTANCE_GIVEN_BIASES
+    assert "gyro x" in found.warnings[0].subject
 
 
 def test_scale_factor_and_bias_of_the_published_sensor(tmp_path):
@@ -147,9 +149,9 @@ def test_volts_and_millivolts_of_one_sensor_go_together(tmp_path):
 def test_a_steady_drift_is_pointed_out(tmp_path):
     time = 0.1 * np.arange(2000)
     rest = read_static(written(tmp_path / "s.csv", "time_s,gyro_x_deg_s,gyro_y_deg_s", time, 1e-3 * time, time % 7))
-    said = " ".join(acceptance([], rest, []).warnings)
-    assert "gyro x drifts steadily" in said
-    assert "gyro y" not in said
+    trends = list(of_code(acceptance([], rest, []).warnings, Code.ACCEPTANCE_TREND))
+    assert [each.subject for each in trends] == ["gyro x"]
+    assert trends[0]["share"] == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(
@@ -197,4 +199,5 @@ def test_a_record_of_little_more_than_one_part_has_the_moving_average_alone(tmp_
     assert found.spread.values.size == 1
     assert found.parts == pytest.approx(1.2)
     file = written(tmp_path / "s.csv", "time_s,gyro_x_deg_s", np.arange(1200.0), walk)
-    assert "the moving average alone" in acceptance((), read_static(file), (), (1000.0,)).warnings[0]
+    (part,) = of_code(acceptance((), read_static(file), (), (1000.0,)).warnings, Code.ACCEPTANCE_ONE_PART)
+    assert (part["parts"], part["length_s"]) == (pytest.approx(1.2), 1000.0)

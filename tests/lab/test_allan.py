@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from insnav.exceptions import ConfigError, InputError
+from insnav.findings import Code
 from insnav.lab.noise.allan import (
     LONGEST_PART,
     allan_deviation,
@@ -93,22 +94,27 @@ def test_a_few_lost_samples_are_filled_and_noted():
     record = even_record(with_holes(20_000, [slice(500, 501), slice(9000, 9003)]))
     assert len(record.values) == 20_000
     np.testing.assert_allclose(record.values[:, 0], np.arange(20_000.0), atol=1e-9)
-    assert "4 lost samples in 2 gaps" in record.notes[0]
+    assert record.notes[0].code == Code.ALLAN_FILLED
+    assert (record.notes[0]["count"], record.notes[0]["gaps"]) == (4, 2)
 
 
 def test_gaps_leave_the_longest_stretch_and_are_said():
     record = even_record(with_holes(20_000, [slice(5000, 6000), slice(16_000, 17_000)]))
     assert len(record.values) == 10_000
     assert record.start == pytest.approx(160.0)
-    assert "2 gaps" in record.notes[0]
-    assert "56% of the samples" in record.notes[0]
+    (stretch,) = record.notes
+    assert (stretch.code, stretch["gaps"]) == (Code.ALLAN_LONGEST_STRETCH, 2)
+    assert stretch["share"] == pytest.approx(10_000 / 18_000)
+    assert (stretch.begin, stretch.end) == (pytest.approx(160.0), pytest.approx(259.99))
 
 
 def test_timestamp_jitter_is_noted():
     rest = at_rest(1000, 0.01)
     shaken = rest.time + 0.002 * np.random.default_rng(1).uniform(-1.0, 1.0, 1000)
     assert not even_record(rest).notes
-    assert "timestamp jitter" in even_record(ImuData(shaken, rest.gyro, rest.accel)).notes[0]
+    (jitter,) = even_record(ImuData(shaken, rest.gyro, rest.accel)).notes
+    assert jitter.code == Code.ALLAN_JITTER
+    assert jitter["share_sd"] > jitter["limit_share"]
 
 
 def test_short_records_are_refused():

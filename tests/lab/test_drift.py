@@ -8,6 +8,7 @@ from filterpy.kalman import KalmanFilter
 from scipy.stats import multivariate_normal
 
 from insnav.exceptions import InputError
+from insnav.findings import Code
 from insnav.imu import ImuErrors, calibration_to_toml, load_calibration
 from insnav.imu.higher_order import ErrorTerms
 from insnav.lab.drift.allan_before_after import TAUS, drift_study, power_fit
@@ -74,11 +75,15 @@ def test_what_does_not_change_is_named_and_left_out():
     record = bench()
     still = DriftRecord("still", record.time, ("z",), record.gyro, {}, {}, None)
     assert set(drift_model(still, "z").left_out) == {"B", "c_T", "c_g"}
-    assert "no column of the temperature" in drift_model(still, "z").left_out["c_T"]
+    why = drift_model(still, "z").left_out["c_T"]
+    assert (why.code, why.subject, why["cause"]) == (Code.DRIFT_NO_COLUMN, "gyro z", "temperature")
     calm = DriftRecord("calm", record.time, ("z",), record.gyro, record.rate, record.force, 0.0 * record.time + 30.0)
-    assert "hardly changes" in drift_model(calm, "z").left_out["c_T"]
+    why = drift_model(calm, "z").left_out["c_T"]
+    assert (why.code, why["spread_k"], why["limit_k"]) == (Code.DRIFT_CONSTANT, 0.0, 0.5)
     together = DriftRecord("both", record.time, ("z",), record.gyro, record.rate, {}, 25.0 + 10.0 * record.rate["z"])
-    assert "only together" in drift_model(together, "z").left_out["c_T"]
+    why = drift_model(together, "z").left_out["c_T"]
+    assert why.code == Code.DRIFT_CONFOUNDED
+    assert why["spread_k"] < why["limit_k"]
 
 
 def test_the_filter_is_the_scalar_kalman_filter():

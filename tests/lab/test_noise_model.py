@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from insnav.findings import Code, of_code
 from insnav.imu import ImuSpec, SensorSpec, load_imu, to_toml
 from insnav.input import read_imu
 from insnav.lab.noise.allan import AXES, allan_deviation, averaging_factors
@@ -136,10 +137,9 @@ def test_the_file_is_read_back_and_leaves_out_what_was_not_seen(tmp_path):
     np.testing.assert_allclose(again.gyro.rate_random_walk, found.spec.gyro.rate_random_walk, rtol=1e-12)
     for key in ("gyro.bias", "gyro.scale_factor", "gyro.misalignment", "accel.bias", "accel.random_walk"):
         assert key in again.absent
-    assert [text for text in found.warnings if "never change" in text] == [
-        "accel x, accel y, accel z never change: no noise"
-    ]
-    assert any("turn-on bias" in text for text in found.notes)
+    (silent,) = of_code(found.warnings, Code.ALLAN_SILENT)
+    assert silent.subject == "accel x, accel y, accel z"
+    assert Code.ALLAN_UNSEEN in {each.code for each in found.notes}
 
 
 def test_a_record_too_short_for_its_floor_gives_a_bound_and_says_so():
@@ -147,11 +147,12 @@ def test_a_record_too_short_for_its_floor_gives_a_bound_and_says_so():
     rng = np.random.default_rng(9)
     gyro = 1e-3 * rng.standard_normal((20_000, 3))
     found = static_noise(ImuData(rest.time, gyro, rest.accel + gyro))
-    assert any("too short for the bias instability" in text for text in found.warnings)
-    assert any("bound" in text for text in found.notes)
+    assert "gyro x" in next(of_code(found.warnings, Code.ALLAN_SHORT)).subject
+    bound = next(of_code(found.notes, Code.ALLAN_BIAS_BOUND))
     floor = found.floors[0]
     assert floor is not None
     assert not floor.reached
+    assert (bound.subject, bound["tau_s"]) == ("gyro x", pytest.approx(floor.tau))
     assert found.spec.gyro.bias_instability[0] == pytest.approx(floor.value / PEAK)
 
 
@@ -163,12 +164,16 @@ def test_steps_temperature_and_ramps_are_pointed_out():
     gyro = np.column_stack([noise(rng, n, 0.1, N=1e-4) for _ in range(3)])
     gyro[:, 0] += 1e-4 * temperature
     accel = rest.accel + np.round(rng.standard_normal((n, 3)) * 0.01 / 0.02) * 0.02
-    said = " | ".join(static_noise(ImuData(rest.time, gyro, accel, temperature=temperature)).warnings)
-    assert "temperature changed by 5.0 C" in said
-    assert "gyro x (+1.00)" in said
-    assert "accel x, accel y, accel z: quantisation step is" in said
-    assert "gyro x drifts steadily" in said
-    assert "gyro y drifts" not in said
+    warnings = static_noise(ImuData(rest.time, gyro, accel, temperature=temperature)).warnings
+    found = {each.code: each for each in warnings}
+    assert len(found) == len(warnings)
+    assert found[Code.BENCH_TEMPERATURE]["change_k"] == pytest.approx(5.0, abs=1e-3)
+    follows = found[Code.ALLAN_TEMPERATURE]
+    assert (follows.subject, follows["correlation"]) == ("gyro x", (pytest.approx(1.0, abs=5e-3),))
+    coarse = found[Code.ALLAN_COARSE]
+    assert coarse.subject == "accel x, accel y, accel z"
+    np.testing.assert_allclose(coarse["random_walk_m_s_sqrt_s"], white_of_steps(0.02, 0.1), rtol=1e-6)
+    assert found[Code.ALLAN_RAMP].subject == "gyro x"
 
 
 def test_vibration_of_a_changing_frequency_is_pointed_out_and_widens_the_intervals():
@@ -178,7 +183,9 @@ def test_vibration_of_a_changing_frequency_is_pointed_out_and_widens_the_interva
     gyro = np.column_stack([noise(rng, n, 0.01, N=1e-3) for _ in range(3)])
     gyro[:, 1] += 4e-3 * np.sin(2.0 * np.pi * (1.2 + 0.1 * rest.time / rest.time[-1]) * rest.time)
     found = static_noise(ImuData(rest.time, gyro, rest.accel))
-    assert any(text.startswith("gyro y: noise model fits the Allan deviation within") for text in found.warnings)
+    (misfit,) = of_code(found.warnings, Code.ALLAN_MISFIT)
+    assert misfit.subject == "gyro y"
+    assert misfit["share"][0] > misfit["limit_share"]
     still, shaken = found.models[0], found.models[1]
     assert still is not None
     assert shaken is not None

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from insnav.exceptions import ConfigError, InputError
+from insnav.findings import Code, of_code
 from insnav.imu import calibration_to_toml, correct, load_calibration
 from insnav.lab.rate_sweep.method import SweepCalibration, calibrate_sweeps, sweep_errors
 from insnav.lab.rate_sweep.records import read_sweeps
@@ -106,7 +107,8 @@ def test_perfect_gyros_get_no_pieces_and_few_rates_are_told() -> None:
     assert solve(perfect, rng, noise=0.0).pieces == (None, None, None)
     found = solve(gyros(rng, (cubic,) * 3), rng, rates=RATES[::10])
     assert found.pieces == (None, None, None)
-    assert [line.split(",")[0] for line in found.warnings] == [f"the sweep about {axis} has 7 rates" for axis in "xyz"]
+    few = [(each.code, each.subject, each["count"]) for each in found.warnings]
+    assert few == [(Code.BENCH_NO_MAP, f"gyro {axis}", 7) for axis in "xyz"]
 
 
 def test_volts_become_lines_of_the_calibration_file(tmp_path: Path) -> None:
@@ -144,7 +146,9 @@ def test_one_file_and_three_are_the_same_and_dwells_are_reduced(tmp_path: Path) 
     assert three.rate.shape == (3 * RATES.size, 3)
     np.testing.assert_allclose(one.output, three.output, atol=1e-15)
     np.testing.assert_allclose(one.rate, three.rate)
-    assert any("only 20 samples in a dwell" in line for line in three.warnings)
+    assert {(each["what"], each["count"]) for each in of_code(three.warnings, Code.BENCH_FEW)} == {
+        ("samples of a dwell", 20)
+    }
 
 
 def test_a_zero_that_moved_between_sweeps_is_told() -> None:
@@ -153,10 +157,10 @@ def test_a_zero_that_moved_between_sweeps_is_told() -> None:
     output = gyros(rng).show(rate, NOISE, rng)
     output[RATES.size : 2 * RATES.size, 0] += 0.05
     found = calibrate_sweeps(rate * DEG, output * DEG, np.zeros(rate.shape), raw=False)
-    (line,) = found.warnings
-    assert line.startswith("gyro x: its zero differs by ")
-    assert line.endswith("mounted anew")
-    assert float(line.split()[6]) == pytest.approx(0.05, abs=0.003)
+    (shift,) = found.warnings
+    assert (shift.code, shift.subject) == (Code.BENCH_ZERO_SHIFT, "gyro x")
+    assert (shift["first"], shift["second"]) == ("y", "z")
+    assert shift["shift_rad_s"] / DEG == pytest.approx(0.05, abs=0.003)
     assert solve(gyros(rng), rng).warnings == ()
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from insnav.exceptions import InputError
+from insnav.findings import Code, of_code
 from insnav.lab.calibration import BenchOptions
 from insnav.lab.rotor_inertia import agreement, inertia_from_fall, inertia_from_precession, read
 
@@ -47,7 +48,9 @@ def test_several_weights_are_one_regression_over_spin_and_torque() -> None:
     assert not inertia_from_precession(rough, rate, mass, ARM["arm"], G).warnings
     # weights that are not what they say they are
     wrong = inertia_from_precession(rough, rate, mass + 0.02, ARM["arm"], G)
-    assert any("not as torque over spin" in each for each in wrong.warnings)
+    (powers,) = of_code(wrong.warnings, Code.ROTOR_POWERS)
+    assert powers["torque"] == pytest.approx(wrong.powers.value[1])
+    assert powers["spin"] == pytest.approx(wrong.powers.value[2])
 
 
 def noisy(rng: np.random.Generator) -> tuple:
@@ -78,7 +81,7 @@ def test_a_wrong_arm_shows_as_disagreement() -> None:
 def test_a_late_release_is_pointed_out() -> None:
     rng = np.random.default_rng(4)
     late = inertia_from_fall(HEIGHT, np.sqrt(TIME**2 + 3.0 + 0.01 * rng.normal(size=5)), **FALL)
-    assert any("misses the origin" in line for line in late.warnings)
+    assert Code.ROTOR_FALL_ORIGIN in {each.code for each in late.warnings}
 
 
 def test_files_in_other_units(tmp_path: Path) -> None:

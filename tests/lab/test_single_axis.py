@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from insnav.exceptions import InputError
+from insnav.findings import Code, Severity, of_code
 from insnav.imu import calibration_to_toml, load_calibration
 from insnav.lab.calibration import BenchOptions, carried_over
 from insnav.lab.single_axis import rate_table as gyro
@@ -36,16 +37,17 @@ def test_published_range_gives_the_published_line() -> None:
     found = calibrate_gyro(published("gyro_rate_table.csv", RATE_TABLE), (-90.0, 80.0))
     assert np.round(found.fit.value, 4).tolist() == [0.1957, 0.0486]
     assert [item.rate for item in found.dropped] == [90.0]
+    assert found.dropped[0].reason.code == Code.BENCH_RATE_EXCLUDED
 
 
 def test_saturated_rates_are_found_and_only_they() -> None:
     found = calibrate_gyro(published("gyro_rate_table.csv", RATE_TABLE))
     assert np.round(found.fit.value, 4).tolist() == [0.2000, 0.0488]
     assert [item.rate for item in found.dropped] == [80.0, 90.0]
-    assert "saturated" in found.dropped[0].reason
-    assert "20 sd" in found.dropped[0].reason
+    assert found.dropped[0].reason.code == Code.BENCH_RATE_SATURATED
+    assert found.dropped[0].reason["residual_sigma"] == pytest.approx(20.0, abs=0.5)
     assert found.dropped[0].residual == pytest.approx(-0.096, abs=1.5e-3)
-    assert "beyond +80" in found.dropped[1].reason
+    assert (found.dropped[1].reason.code, found.dropped[1].reason["setting"]) == (Code.BENCH_RATE_BEYOND, 80.0)
 
 
 def test_a_clean_record_keeps_every_rate_as_often_as_stated() -> None:
@@ -120,12 +122,13 @@ def test_raw_dwells_are_cleaned_of_drift_and_spikes(tmp_path: Path) -> None:
 def test_what_is_unusual_about_a_rate_table_is_told(tmp_path: Path) -> None:
     usual = calibrate_gyro(published("gyro_rate_table.csv", RATE_TABLE), (-75.0, 75.0))
     assert rate_table_warnings(usual) == ()
-    (line,) = rate_table_warnings(calibrate_gyro(published("gyro_rate_table.csv", RATE_TABLE)))
-    assert line.startswith("2 of 27 rates were left out")
+    (left_out,) = rate_table_warnings(calibrate_gyro(published("gyro_rate_table.csv", RATE_TABLE)))
+    assert (left_out.code, left_out["count"], left_out["total"]) == (Code.BENCH_LEFT_OUT, 2, 27)
+    assert left_out.severity == Severity.WARNING
     path = table(tmp_path / "x.csv", "rate_deg_s,output_v", RATES[5:], 0.2 + 0.05 * RATES[5:])
     few, one_sense = rate_table_warnings(calibrate_gyro(read_record(path, RATE_TABLE)))
-    assert "only 6 different rates" in few
-    assert "one sense of rotation only" in one_sense
+    assert (few.code, few["what"], few["count"]) == (Code.BENCH_FEW, "rates", 6)
+    assert one_sense.code == Code.BENCH_ONE_SENSE
 
 
 def test_published_tumble() -> None:
@@ -152,7 +155,8 @@ def test_an_outlying_position_is_pointed_out(tmp_path: Path) -> None:
     volts = 2.0 * np.sin(np.radians(ANGLES)) + 0.002 * rng.normal(size=12)
     volts[4] += 0.2
     found = calibrate_accel(read_record(table(tmp_path / "a.csv", "angle_deg,output_v", ANGLES, volts), TUMBLE))
-    assert any("at 120 deg" in line for line in tumble_warnings(found))
+    outliers = {round(np.degrees(each["angle_rad"])) for each in of_code(tumble_warnings(found), Code.BENCH_OUTLIER)}
+    assert 120 in outliers
 
 
 def test_volts_become_lines_and_rates_become_bias_and_scale(tmp_path: Path) -> None:
@@ -231,4 +235,5 @@ def test_temperature_drift_is_pointed_out(tmp_path: Path) -> None:
     path = table(
         tmp_path / "x.csv", "rate_deg_s,output_v,temperature_c", RATES, 0.1 * RATES, np.linspace(20.0, 27.0, RATES.size)
     )
-    assert "drifted from 20.0 to 27.0" in read_record(path, RATE_TABLE).warnings[0]
+    warming = read_record(path, RATE_TABLE).warnings[0]
+    assert (warming.code, warming["low_c"], warming["high_c"]) == (Code.BENCH_TEMPERATURE, 20.0, 27.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from insnav.findings import Code, of_code
 from insnav.lab.noise.allan import allan_deviation
 from insnav.lab.noise.sinusoids import Sinusoid, find_sinusoids
 from insnav.lab.noise.static_noise import signal_noise, static_noise
@@ -109,9 +110,10 @@ def test_the_report_names_it_and_the_imu_file_is_without_it():
     quiet = static_noise(ImuData(rest.time, gyro, accel))
     shaken = gyro + line(25.0, 4e-3, 30_000, 0.01)[:, None] * [0.0, 1.0, 0.0]
     found = static_noise(ImuData(rest.time, shaken, accel))
-    (said,) = [text for text in found.warnings if "sinusoidal" in text]
-    assert said.startswith("gyro y: sinusoidal noise (vibration, mains) of 0.23")
-    assert said.endswith(" deg/s at 25 Hz; imu.toml is without it")
+    (sinusoid,) = of_code(found.warnings, Code.ALLAN_SINUSOID)
+    assert sinusoid.subject == "gyro y"
+    assert sinusoid["amplitude_rad_s"] == (pytest.approx(4e-3, rel=0.02),)
+    assert sinusoid["frequency_hz"] == (pytest.approx(25.0, abs=1e-3),)
     np.testing.assert_allclose(found.spec.gyro.random_walk, quiet.spec.gyro.random_walk, rtol=1e-3)
     axes = next(section for section in noise_page(found, "x").sections if section.key == "axes")
     sections = {part.key: part for part in axes.parts if part.title}

@@ -102,11 +102,11 @@ def _repeatability(
 ) -> Spread:
     where = record.table.name
     if not channel.setting.size:  # biases as somebody else computed them
-        warnings.append(Finding.of(Code.ACCEPTANCE_GIVEN_BIASES, subject=f"{where}, {channel.axis}"))
+        warnings.append(Finding.of(Code.ACCEPTANCE_GIVEN_BIASES, subject=f"{channel.axis} ({where})"))
         return spread_of(channel.output, where=where)
     assert record.powerup is not None
     biases = powerup_biases(channel, record.powerup, where=where) / _per_si(channel, scale, where, notes)
-    warnings += few("power-ups", biases.size, USUAL_POWERUPS, f"{where}, {channel.axis}")
+    warnings += few("power-ups", biases.size, USUAL_POWERUPS, f"{channel.axis} ({where})")
     return spread_of(biases, where=where)
 
 
