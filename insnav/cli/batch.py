@@ -19,6 +19,7 @@ from insnav.cli.options import RESULT, Engine, Json, Out, argument, flag
 from insnav.exceptions import CheckError, ConfigError, InsnavError
 
 if TYPE_CHECKING:
+    from insnav.findings import Finding
     from insnav.fleet.batch import Drive
     from insnav.quantity import Quantity
     from insnav.report.page import Section
@@ -54,7 +55,7 @@ def batch(
         quiet_figures()
         folder = out.resolve()
         check_folder(folder)
-        left: list[str] = []
+        left: list[Finding] = []
         found = _read(drives) if drives.suffix.lower() == ".toml" else None
         if found is None:
             found, left = find_drives(drives, folder, "processes" if "dask" in engine else engine)

@@ -74,14 +74,14 @@ def regress(
             progress=lambda fraction: stage("navigating", fraction),
         )
         stage("comparing")
+        from insnav.messages import sentence
         from insnav.regression.history import HISTORY_FILE, entry, read_history, with_entry, write_history
         from insnav.regression.provenance import origin
         from insnav.regression.verdict import compare
         from insnav.report.regression.tables import regression_lines
 
-        for name, why in found.skipped.items():
-            if not quick:
-                note(f"skipped: {name}: {why}")
+        for skipped in found.skipped.values() if not quick else ():
+            note(sentence(skipped))
         now = origin(file.parent)
         comparison = None if baseline is None else compare(found, baseline)
         if not quick and folder != Path(__file__).parents[1] / "reports":  # an installed package is not written to

@@ -17,6 +17,7 @@ from typing import Any
 
 from insnav.engine import Failed, Workers, attempt, each
 from insnav.exceptions import ConfigError, InputError, OutputError, writing
+from insnav.findings import Code, Finding
 from insnav.output.contents import FACTS_FILE, damage, file_sha256, files_in, read_facts
 from insnav.output.folder import foreign_files, write_text
 from insnav.version import __version__
@@ -167,10 +168,10 @@ def check_folder(folder: Path) -> None:
         raise OutputError(what, where=str(folder), why=why, fix="give another --out")
 
 
-def moved_aside(folder: Path) -> list[str]:
+def moved_aside(folder: Path) -> list[Finding]:
     """What lies beside the run folders of a fleet because it was none, or damaged."""
-    why = "moved aside: it held more than a result, or a damaged one"
-    return [f"{each}: {why}" for each in sorted((folder / DRIVES).glob(f"*{_ASIDE}*"))]
+    places = sorted((folder / DRIVES).glob(f"*{_ASIDE}*"))
+    return [Finding.of(Code.BATCH_MOVED_ASIDE, subject=str(each)) for each in places]
 
 
 def _finished(how: _How, drive: Drive, key: str) -> Navigated | None:

@@ -11,7 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from insnav.findings import Finding
 from insnav.fleet.batch import DRIVES, Navigated
+from insnav.messages import sentence
 from insnav.output.folder import RunFolder
 from insnav.plain_text import cell_text
 from insnav.quantity import Quantity, quantity_of
@@ -177,13 +179,13 @@ def _mean(values: list[Quantity]) -> Quantity:
     return Quantity(values[0].key, float(np.exp(mean)), values[0].unit, interval=interval)
 
 
-def fleet_page(rows: Sequence[Row], left_out: Sequence[str]) -> Page:
+def fleet_page(rows: Sequence[Row], left_out: Sequence[Finding]) -> Page:
     """Report a fleet; `left_out`: files that are no recordings, and why."""
     total = len(rows)
     count = {light: sum(row.light == light for row in rows) for light in _ORDER}
     out = max((row for row in rows if row.stands_out), key=lambda row: row.score, default=None)
     said = ", ".join(f"{_LABELS[light]}: {n}" for light, n in count.items() if n)
-    sentence = f"{said}." if out is None else f"{said}; {out.drive.name} stands out most."
+    outcome = f"{said}." if out is None else f"{said}; {out.drive.name} stands out most."
     wrong = count["failed"] + count["bad"]
     light: Light = (
         "bad" if wrong else "attention" if count["attention"] or out else "unknown" if count["unknown"] else "good"
@@ -213,8 +215,8 @@ def fleet_page(rows: Sequence[Row], left_out: Sequence[str]) -> Page:
             Section("failures", "Drives that failed", rows=failures, show="page"),
             one_each("vehicles", "Noise found in each vehicle", vehicle_noise(rows), "vehicle", noise),
         ),
-        notes=tuple(f"left out: {each}" for each in left_out),
-        verdict=Verdict(light, reason, sentence),
+        notes=tuple(map(sentence, left_out)),
+        verdict=Verdict(light, reason, outcome),
         merits=(
             Quantity("drives", total),
             *(Quantity(name, n, meaning=_LABELS[name]) for name, n in count.items() if n),
@@ -245,7 +247,9 @@ def _panels(rows: Sequence[Row]) -> tuple[Panel, ...]:
     return (panel,) if curves[1:] else ()
 
 
-def write_fleet(folder: Path, drives: Sequence[Navigated], left_out: Sequence[str], options: Mapping[str, Any]) -> Page:
+def write_fleet(
+    folder: Path, drives: Sequence[Navigated], left_out: Sequence[Finding], options: Mapping[str, Any]
+) -> Page:
     """Write page, table and ``run.json`` of a fleet beside its drives, each complete or as it was."""
     rows = rows_of(drives)
     page = fleet_page(rows, left_out)

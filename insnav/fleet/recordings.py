@@ -4,48 +4,51 @@ from __future__ import annotations
 
 import os
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from insnav.engine import Failed, Workers, attempt, each
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding
 from insnav.fleet.batch import Drive, name_of
 from insnav.input.formats.recording_folder import NO_DATA, ROLE, unused
 from insnav.input.formats.registry import open_tables, suffixes
 from insnav.input.readers.kinds import kinds_of
+from insnav.messages import sentence
 from insnav.output.contents import FACTS_FILE, read_facts
 
 _FIX = "give the folder that holds the recordings, or a drives.toml; one drive is for insnav run"
 _PARTS = ("imu", "gps", "ref")
 _NAMED = {"samples": "imu", "gnss": "gps", "gnns": "gps", "fixes": "gps", "reference": "ref", "truth": "ref"}
-_SPARE = {"imu": "samples of no drive", "gps": "fixes of no drive", "ref": "a reference of no drive"}
+_SPARE = {"imu": Code.BATCH_SPARE_SAMPLES, "gps": Code.BATCH_SPARE_FIXES, "ref": Code.BATCH_SPARE_REFERENCE}
 _MANY = 200  # files, from which on several processes look at them
 
 _Parts = dict[str, Path]  # file of each part
+_Roles = Mapping[Path, str | Finding]  # what each file is: ``imu``, ``gps``, ``ref``, ``both``; else why it is none
 
 
-def find_drives(folder: Path, without: Path, workers: Workers) -> tuple[list[Drive], list[str]]:
+def find_drives(folder: Path, without: Path, workers: Workers) -> tuple[list[Drive], list[Finding]]:
     """Recordings in a folder and those in it, by what insnav recognises; results of insnav are left out.
 
     `without`: a folder not to look into.
-    Returns: the drives, named by their place; and what was left out, file and why.
+    Returns: the drives, named by their place; and what was left out, with the file as its subject.
     Raises: InputError: the folder cannot be read, or holds no recording.
     """
     if not os.access(folder, os.R_OK | os.X_OK) or not folder.is_dir():
         why = "it is a file" if folder.is_file() else "no permission to read" if folder.is_dir() else "no such folder"
         raise InputError("there are no drives here", where=str(folder), why=why, fix=_FIX)
     drives: list[Drive] = []
-    left: list[str] = []
+    left: list[Finding] = []
     places = list(_places(folder.resolve(), without.resolve(), left))
     names: Counter[str] = Counter()
     engine = workers if sum(map(len, places)) > _MANY else 1  # processes take seconds to begin
     for place, roles in zip(places, each(_roles, places, engine), strict=True):
         if isinstance(roles, Failed):
-            left.append(f"{place}: {roles.reason}")
+            left += [Finding.of(Code.BATCH_NO_RECORDING, subject=str(path), reason=roles.reason) for path in place]
             continue
         found = list(_paired(place, _with_broken(roles)))
         used = {path for _, parts, _ in found for path in parts.values()}
-        left += [f"{path}: {_SPARE.get(role, role)}" for path, role in roles.items() if path not in used]
+        left += [_left_out(path, role) for path, role in roles.items() if path not in used]
         for where, parts, unclear in found:
             inside = where.relative_to(folder.resolve()).parts
             files = [word for part in parts for word in (f"--{part}", str(parts[part])) if part != "imu"]
@@ -56,7 +59,7 @@ def find_drives(folder: Path, without: Path, workers: Workers) -> tuple[list[Dri
             vehicle = inside[0] if len(inside) > 1 else ""
             drives.append(Drive(name, vehicle, (str(parts["imu"]), *files), unclear))
     if not drives:
-        more = f"; left out: {left[0]}" if left else ""
+        more = f"; {sentence(left[0])}" if left else ""
         raise InputError(
             "there are no drives here",
             where=str(folder),
@@ -66,12 +69,18 @@ def find_drives(folder: Path, without: Path, workers: Workers) -> tuple[list[Dri
     return drives, left
 
 
-def _places(folder: Path, without: Path, left: list[str]) -> Iterator[list[Path]]:
+def _left_out(path: Path, role: str | Finding) -> Finding:
+    return Finding.of(_SPARE[role], subject=str(path)) if isinstance(role, str) else role
+
+
+def _places(folder: Path, without: Path, left: list[Finding]) -> Iterator[list[Path]]:
     """Files of every folder, or itself if it is one recording; `left` gets those that cannot be read."""
     seen: set[Path] = set()  # links lead to folders, too, and in circles
-    for name, folders, files in os.walk(
-        folder, onerror=lambda error: left.append(f"{error.filename}: {error.strerror}"), followlinks=True
-    ):
+
+    def unreadable(error: OSError) -> None:
+        left.append(Finding.of(Code.BATCH_UNREADABLE, subject=str(error.filename), reason=str(error.strerror)))
+
+    for name, folders, files in os.walk(folder, onerror=unreadable, followlinks=True):
         here, real = Path(name), Path(name).resolve()
         if real == without or real in seen or _result(here):
             folders.clear()
@@ -84,10 +93,10 @@ def _places(folder: Path, without: Path, left: list[str]) -> Iterator[list[Path]
         parts = [(_named(each), _key(each)) for each in others]
         pair = any(("gps", key) in parts for part, key in parts if part == "imu")
         one = not inner and not pair and here != folder and _whole(here, len(data))
-        if one and sorted(map(_role, data[:4])) != ["gps", "imu", "ref"]:
+        if one and Counter(map(_role, data[:4])) != Counter(_PARTS):
             folders.clear()
             data = [here]
-            left.extend(f"{each}: its folder has the drive by the names of others" for each in others)
+            left.extend(Finding.of(Code.BATCH_OTHER_NAMES, subject=str(each)) for each in others)
         folders[:] = sorted(each for each in folders if not each.startswith("."))
         if data:
             yield data
@@ -112,36 +121,36 @@ def _whole(folder: Path, files: int = 1) -> bool:
         return False
 
 
-def _roles(files: Sequence[Path]) -> dict[Path, str]:
-    """What each file is: ``imu``, ``gps``, ``ref``, ``both``; else why it is no recording."""
+def _roles(files: Sequence[Path]) -> _Roles:
     return {path: _role(path) for path in files}
 
 
-def _role(path: Path) -> str:
+def _role(path: Path) -> str | Finding:
     kinds = attempt(lambda: kinds_of(open_tables(path)))
     if isinstance(kinds, Failed):  # a file of another kind, or a broken one
-        return " ".join(kinds.reason.split())
+        return Finding.of(Code.BATCH_NO_RECORDING, subject=str(path), reason=" ".join(kinds.reason.split()))
     if not kinds:
-        return "its columns are neither samples nor positions by their names or numbers"
+        return Finding.of(Code.BATCH_NO_COLUMNS, subject=str(path))
     if {"imu", "gps"} <= kinds:
         return "both"
     return "imu" if "imu" in kinds else "ref" if "reference" in kinds or _named(path) == "ref" else "gps"
 
 
-def _with_broken(roles: dict[Path, str]) -> dict[Path, str]:
+def _with_broken(roles: _Roles) -> _Roles:
     """Roles, and those of samples and fixes that cannot be read, by name, or as the only file beside fixes: they fail.
 
     A file is taken for the part that its drive, or the whole folder, lacks beside the other one.
     """
     unread = [path for path, role in roles.items() if role not in _PARTS and set(path.suffixes) & set(suffixes())]
-    said = {**roles, **{path: _named(path) or "imu" * (len(unread) == 1) for path in unread}}
+    parts = {path: _named(path) or "imu" * (len(unread) == 1) for path in unread}
+    said = {**roles, **parts}
     found = dict(roles)
     for path in unread if "both" not in roles.values() else ():
-        other = {"imu": "gps", "gps": "imu"}.get(said[path], "none")
+        other = {"imu": "gps", "gps": "imu"}.get(parts[path], "none")
         own = [each for each in roles if _key(each) == _key(path)]
-        lacking = other in said.values() and said[path] not in roles.values()
-        if said[path] not in map(roles.get, own) and (lacking or other in map(said.get, own)):
-            found[path] = said[path]
+        lacking = other in said.values() and parts[path] not in roles.values()
+        if parts[path] not in map(roles.get, own) and (lacking or other in map(said.get, own)):
+            found[path] = parts[path]
     return found
 
 
@@ -156,7 +165,7 @@ def _key(path: Path) -> str:
     return ROLE.sub("", _stem(path)).strip("-_. ").lower()
 
 
-def _paired(files: Sequence[Path], roles: dict[Path, str]) -> Iterator[tuple[Path, _Parts, str]]:
+def _paired(files: Sequence[Path], roles: _Roles) -> Iterator[tuple[Path, _Parts, str]]:
     """Place, files, and what is unclear of the drives of one folder: logs of their own, and files that go together."""
     for path in files:
         if roles[path] == "both":

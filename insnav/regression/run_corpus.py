@@ -8,6 +8,7 @@ from pathlib import Path
 
 from insnav.engine import Workers, every
 from insnav.exceptions import InsnavError
+from insnav.findings import Code, Finding
 from insnav.regression.cases import Source, source_of
 from insnav.regression.corpus import Corpus, RecordedCase, SimulatedCase
 from insnav.regression.evaluate import NOTHING, Measured, joined, measure
@@ -33,7 +34,7 @@ class Result:
     """Accuracy of the whole corpus."""
 
     cases: dict[str, CaseResult]  # by name
-    skipped: dict[str, str]  # name of each case that was left out, and why
+    skipped: dict[str, Finding]  # name of each case that was left out, and why
     quick: bool  # only a part was run
 
 
@@ -59,15 +60,16 @@ def run_corpus(
 
     Raises: ConfigError: no worker, or a profile or model that a case names is wrong.
     """
-    skipped: dict[str, str] = {}
+    skipped: dict[str, Finding] = {}
     jobs: list[tuple[AnyCase, int]] = []
     for case in corpus.cases:
         if isinstance(case, RecordedCase) and not (data / case.data).is_dir():
-            skipped[case.name] = f"{case.data} is not in {data}"
+            no_data = Finding.of(Code.REGRESSION_NO_DATA, subject=case.name, data=str(case.data), folder=str(data))
+            skipped[case.name] = no_data
             continue
         count = min(case.quick, case.seeds) if quick else case.seeds
         if not count:
-            skipped[case.name] = "not part of a quick run"
+            skipped[case.name] = Finding.of(Code.REGRESSION_NOT_QUICK, subject=case.name)
         jobs += [(case, number) for number in range(1, count + 1)]
     outcomes: dict[str, list[_Outcome]] = {}
     for (case, _), outcome in zip(jobs, every(_attempt, jobs, workers, (data,), progress), strict=True):

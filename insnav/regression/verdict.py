@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from insnav.findings import Code, Finding
 from insnav.regression.accuracy_metrics import METRICS, Metric
 from insnav.regression.baseline import Baseline
 from insnav.regression.paired_tests import ALPHA, FEWEST, SMALLEST, Shift, holm, shift
@@ -37,8 +38,8 @@ class Comparison:
     """All changes, and what could not be compared."""
 
     changes: tuple[Change, ...]  # by case, then by metric
-    broken: dict[str, str]  # cases in which a drive fails that did not, with the reason
-    apart: dict[str, str]  # cases that could not be compared, with the reason
+    broken: dict[str, Finding]  # cases in which a drive fails that did not, with the reason
+    apart: dict[str, Finding]  # cases that could not be compared, with the reason
 
     @property
     def failing(self) -> tuple[Change, ...]:
@@ -53,19 +54,20 @@ class Comparison:
 
 def compare(result: Result, baseline: Baseline) -> Comparison:
     """Compare a result, of the whole corpus or of a quick run, with a baseline: drives that both have count."""
-    broken: dict[str, str] = {}
-    apart: dict[str, str] = {}
+    broken: dict[str, Finding] = {}
+    apart: dict[str, Finding] = {}
     found: list[tuple[str, Metric, float, float, Shift]] = []
     for name, now in result.cases.items():
         then = baseline.cases.get(name)
         if then is not None and then.digest != now.digest:
-            apart[name] = "the case, or a file behind it, is not that of the baseline"
+            apart[name] = Finding.of(Code.REGRESSION_OTHER_CASE, subject=name)
             then = None
         elif then is None:
-            apart[name] = "the baseline has no such case"
+            apart[name] = Finding.of(Code.REGRESSION_NEW_CASE, subject=name)
         failed = sorted(now.failures.keys() - (() if then is None else then.failures.keys()))
         if failed:
-            broken[name] = f"run {failed[0]} fails: {now.failures[failed[0]]}"
+            run, reason = failed[0], now.failures[failed[0]]
+            broken[name] = Finding.of(Code.REGRESSION_BROKEN, subject=name, run=run, reason=reason)
         if then is not None:
             found += _shifts(name, now, then)
     adjusted = iter(holm([each[-1].p for each in found if each[1].kind != "cpu"]))

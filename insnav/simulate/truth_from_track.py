@@ -16,6 +16,7 @@ from scipy.sparse import csr_array, diags_array
 
 from insnav.earth import ned_offset, radii
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding
 from insnav.simulate.curves import Spline, spline_of
 from insnav.simulate.truth import LevelTruth, Truth, components
 from insnav.types import FloatArray, Trajectory
@@ -110,22 +111,15 @@ class Residual:
     gap_time: float
 
     @property
-    def doubts(self) -> tuple[str, ...]:
+    def doubts(self) -> tuple[Finding, ...]:
         """Why the motion may not be a replica of what was driven."""
-        found = []
-        if not self.position <= _FAR_OFF:
-            found.append(
-                f"the simulated replica is {self.position:.2f} m RMS from the track, {self.farthest:.1f} m at "
-                f"{self.farthest_time:.1f} s: the track has jumps, or was too sparse"
-            )
-        if not self.acceleration <= _WILD:
-            found.append(
-                f"the simulated replica accelerates with {self.acceleration:.0f} m/s^2 at "
-                f"{self.acceleration_time:.1f} s, more than a road vehicle can: the track is rough there"
-            )
-        if not self.gap <= _LONG_GAP:
-            found.append(f"the track has no row for {self.gap:.1f} s from {self.gap_time:.1f} s on: a guessed way")
-        return tuple(found)
+        rms, felt, gap = self.position, self.acceleration, self.gap
+        at, jump, begin = self.farthest_time, self.farthest, self.gap_time
+        far = Finding.of(Code.REPLICA_FAR, at, rms_m=rms, limit_m=_FAR_OFF, farthest_m=jump)
+        wild = Finding.of(Code.REPLICA_WILD, self.acceleration_time, acceleration_m_s2=felt, limit_m_s2=_WILD)
+        absent = Finding.of(Code.REPLICA_GAP, begin, begin + gap, gap_s=gap, limit_s=_LONG_GAP)
+        usual = (rms <= _FAR_OFF, far), (felt <= _WILD, wild), (gap <= _LONG_GAP, absent)
+        return tuple(finding for plausible, finding in usual if not plausible)
 
 
 def track_residual(truth: Truth, track: Trajectory) -> Residual:

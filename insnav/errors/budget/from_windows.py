@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +20,7 @@ from insnav.errors.outage.windows import StartChoice, navigated_drive
 from insnav.exceptions import ConfigError
 from insnav.filter.error_model import ErrorModel
 from insnav.filter.prepare import Prepared
-from insnav.findings import Note
+from insnav.findings import Code, Finding, Note
 from insnav.imu import ImuSpec
 from insnav.sample_statistics import CONFIDENCE, chi_square
 from insnav.types import Trajectory
@@ -83,7 +84,7 @@ class RecordedBudget:
     uncalibrated: RecordedPart | None  # nothing corrected
     spec: ImuSpec  # specification of the IMU
     track: Trajectory  # the smoothed drive
-    notes: tuple[Note, ...]  # what was assumed and found
+    notes: tuple[Note, ...]  # of the drive and of the windows
 
     @property
     def shown(self) -> RecordedPart:
@@ -153,7 +154,7 @@ def recorded_budget(
         parts[1] if settings.uncalibrated else None,
         spec,
         drive.run.smoothed.solution,
-        (*ready.notes, *_notes(reference, spec, settings, parts[0], correlated=correlated)),
+        (*ready.notes, *_findings(reference, spec, settings, parts[0], correlated=correlated)),
     )
 
 
@@ -203,44 +204,27 @@ def verdicts(found: Growth, *, one_sensor: bool = False) -> tuple[Verdict, ...]:
     return tuple(out)
 
 
-def _notes(
+def _findings(
     reference: WindowReference, spec: ImuSpec, settings: WindowSettings, part: RecordedPart, *, correlated: bool
-) -> list[str]:
-    """What was assumed, and what is missing, in words."""
-    notes = []
+) -> Iterator[Finding]:
+    """Give what was assumed, and what is missing."""
     if reference.own_fixes:
-        notes.append(
-            "No reference was given: errors are against the drive's own GPS fixes; GPS errors common to the window and "
-            "to the fixes before it are not seen"
-        )
-    short = [
-        f"{name} {sensor.correlation_time:.3g} s"
-        for name, sensor in (("gyro", spec.gyro), ("accel", spec.accel))
+        yield Finding.of(Code.BUDGET_OWN_FIXES)
+    gyro, accel = (
+        sensor.correlation_time
         if np.any(sensor.bias_instability) and sensor.correlation_time < 5.0 * settings.length
-    ]
-    if short:
-        notes.append(
-            f"In-run bias changes within a window (correlation time {', '.join(short)}): the analytic, covariance and "
-            "simulated columns model it as a random walk, which is too large; the prediction of the filter is right"
-        )
+        else math.nan
+        for sensor in (spec.gyro, spec.accel)
+    )
+    if not math.isnan(gyro) or not math.isnan(accel):
+        yield Finding.of(Code.BUDGET_IN_RUN_BIAS, gyro_s=gyro, accel_s=accel, limit_s=5.0 * settings.length)
     if reference.own_fixes and correlated:
-        notes.append(
-            "Time-correlated GPS errors are in the start of a window and in its reference: recorded errors are too "
-            "small by up to the GPS error; only the simulated replicas have the same effect"
-        )
+        yield Finding.of(Code.BUDGET_CORRELATED_FIXES)
     if spec.absent:
-        notes.append(
-            f"The IMU file does not give {', '.join(spec.absent)}: taken as zero, so the prediction may be too small"
-        )
+        yield Finding.of(Code.BUDGET_ABSENT, terms=spec.absent)
     if settings.start == "smoothed":
-        notes.append(
-            "Not independent: windows begin with the smoothed state, which uses the fixes of the reference; the error "
-            "is smaller than that of any real-time navigation"
-            + ("; no simulated replicas were made" if settings.replicas else "")
-        )
-    missing = [name for name, found in part.motions.items() if found is None]
-    if "static" in missing:
-        notes.append("No stationary window: the effect of bias and tilt without motion was not observed")
-    if "straight" in missing and "static" in missing:
-        notes.append("All windows have turns: growth curves are less certain")
-    return notes
+        yield Finding.of(Code.BUDGET_SMOOTHED_START, replicas=settings.replicas or math.nan)
+    if part.motions["static"] is None:
+        yield Finding.of(Code.BUDGET_NO_STATIONARY_WINDOW)
+        if part.motions["straight"] is None:
+            yield Finding.of(Code.BUDGET_ALL_TURNING)

@@ -11,6 +11,7 @@ from insnav.errors.requirement.allocation import Allocation
 from insnav.errors.requirement.limit import Requirement
 from insnav.errors.requirement.parts import Candidate, Elasticity, Remedy
 from insnav.errors.requirement.verification import Verified
+from insnav.findings import Code, Finding
 from insnav.types import FloatArray
 
 
@@ -36,7 +37,4 @@ class RequirementStudy:
 
 TYPICAL = 1.6  # geometric mean of recorded over predicted error
 SPAN = (0.53, 4.9)  # 95 % of further tests
-TEXT = (
-    f"Field factor: recorded errors are typically {TYPICAL:g} times those predicted from the figures of an IMU, "
-    f"between {SPAN[0]:g} and {SPAN[1]:g} times (95 % of tests; reports/published.md)."
-)
+FIELD_FACTOR = Finding.of(Code.FIELD_FACTOR, factor=TYPICAL, low=SPAN[0], high=SPAN[1])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from insnav.alignment.static import CONTRADICTED
@@ -9,7 +11,7 @@ from insnav.earth import OMEGA_EARTH
 from insnav.filter.fine_alignment import FineAlignment
 from insnav.findings import Code, Finding
 from insnav.imu.specification import gyro_bias_sd
-from insnav.messages import render
+from insnav.messages import render, sentence
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
 from insnav.report.page import DataFrame, Page, Section, only_json, rows_frame
@@ -34,10 +36,6 @@ def page(result: Result[FineAlignment]) -> Page:
         Quantity("latitude_given", found.latitude, "deg", decimals=4),
         Quantity("latitude_from_sensors", found.sensor_latitude, "deg", sd=sd),
     )
-    warnings: tuple[str, ...] = ()
-    if sd is not None and abs(found.sensor_latitude - found.latitude) >= CONTRADICTED * sd:
-        text = "the gyros contradict the latitude: it is wrong, or their biases exceed the IMU model (turn-on bias?)"
-        warnings = (text,)
     return Page(
         "Alignment",
         _summary(found, sd),
@@ -50,8 +48,16 @@ def page(result: Result[FineAlignment]) -> Page:
             ),
             Section("", "Latitude", latitude, show="page"),
         ),
-        warnings,
+        tuple(map(sentence, _warnings(found, sd))),
     )
+
+
+def _warnings(found: FineAlignment, sd: float | None) -> Iterator[Finding]:
+    """Give a contradiction between gyros and latitude; `sd`: of the latitude from the gyros [rad]."""
+    off = abs(found.sensor_latitude - found.latitude)
+    if sd is not None and off >= CONTRADICTED * sd:
+        limit = CONTRADICTED * sd
+        yield Finding.of(Code.ALIGN_LATITUDE, off_rad=off, limit_rad=limit, latitude_rad=found.latitude)
 
 
 def _summary(found: FineAlignment, sd: float | None) -> tuple[str, ...]:

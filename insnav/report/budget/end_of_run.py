@@ -7,7 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from insnav.errors.diagnosis.end_of_run import EndAxis
+from insnav.findings import Code, Finding
 from insnav.imu import ImuSpec
+from insnav.messages import sentence
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
 from insnav.report.page import Page, Section, only_json
@@ -52,17 +54,16 @@ def end_page(
             Section("causes", "Each cause alone", rows=tuple(rows), note="by specification: in 1 sd of the IMU file"),
             only_json("", Quantity("power_of_time", powers), Quantity("gravity", gravity, "m/s^2")),
         ),
-        assumptions=(
-            "Growth with t, t² and t³ on a vehicle that is about level and does not turn; the run begins without a "
-            "position error.",
-            f"Standard deviations of the reference: {sd[0]:g} m, {sd[1]:g} m/s (--ref-sd).",
-            "Tilt and accelerometer bias make the same error: one end cannot tell them apart, nor two causes that act "
-            "together from a third.",
-        ),
+        assumptions=tuple(map(sentence, _assumptions(sd))),
     )
 
 
 _FACTOR = {"m/s": 1.0, "mrad": 1e-3, "mg": 1e-3 * G0, "deg/h": DEG_PER_H}
+
+
+def _assumptions(sd: tuple[float, float]) -> tuple[Finding, ...]:
+    reference = Finding.of(Code.END_REFERENCE_SD, position_m=sd[0], velocity_m_s=sd[1])
+    return Finding.of(Code.END_LEVEL), reference, Finding.of(Code.END_TILT_OR_BIAS)
 
 
 def _specified(spec: ImuSpec | None) -> dict[str, float]:

@@ -10,7 +10,7 @@ from insnav.errors.budget.drive_motion import BudgetStudy
 from insnav.errors.budget.error_budget import BAND, Budget
 from insnav.errors.budget.from_windows import RecordedBudget
 from insnav.errors.budget.laws import SHORT
-from insnav.errors.requirement.study import TEXT as FIELD_FACTOR
+from insnav.errors.requirement.study import FIELD_FACTOR
 from insnav.findings import Code, Finding
 from insnav.imu.imu_file import to_toml
 from insnav.messages import sentence
@@ -28,7 +28,6 @@ from insnav.report.budget.windows_quantities import windows_sections
 from insnav.report.numbers import number
 from insnav.report.page import DataFrame, Figure, FigureSpec, Page, Section, only_json, rows_frame, section_tables
 from insnav.result import Result
-from insnav.units import DEG
 
 __all__ = ["frame", "page", "read_found", "write_files"]
 
@@ -36,7 +35,8 @@ __all__ = ["frame", "page", "read_found", "write_files"]
 def page(result: Result[BudgetStudy]) -> Page:
     """Lay out an error budget."""
     budget, windows = result.found.budget, result.found.windows
-    told = warnings(budget, windows)
+    wrong = tuple(map(sentence, warnings(budget, windows)))
+    taken = (*assumptions(budget), *(recorded.windows_assumptions(windows) if windows is not None else ()))
     sections = (
         *quantities.budget_sections(budget),
         headline.estimates_section(budget),
@@ -59,9 +59,9 @@ def page(result: Result[BudgetStudy]) -> Page:
         _title(budget),
         summary(budget),
         sections,
-        warnings=told,
-        assumptions=(*assumptions(budget), *(recorded.windows_assumptions(windows) if windows is not None else ())),
-        verdict=headline.verdict(budget, windows, told),
+        warnings=wrong,
+        assumptions=tuple(map(sentence, taken)),
+        verdict=headline.verdict(budget, windows, wrong),
         merits=headline.merits(budget, windows),
     )
 
@@ -98,9 +98,8 @@ def _front(result: Result[BudgetStudy]) -> Figure:
     budget, windows = result.found.budget, result.found.windows
     (estimates,) = section_tables(headline.estimates_section(budget))
     panels = budget_panels(budget, windows, _origin(result))
-    return draw_front(
-        panels, budget.motion, _title(budget), headline.verdict(budget, windows, warnings(budget, windows)), estimates
-    )
+    verdict = headline.verdict(budget, windows, tuple(map(sentence, warnings(budget, windows))))
+    return draw_front(panels, budget.motion, _title(budget), verdict, estimates)
 
 
 def _back(result: Result[BudgetStudy]) -> Figure:
@@ -112,7 +111,8 @@ def _back(result: Result[BudgetStudy]) -> Figure:
         section_tables(each(budget)) for each in (quantities.contributions_section, quantities.positions_section)
     )
     widths = ((3.2, 2.6, *(1.4,) * (len(sources.columns) - 4), 1.9, 1.8), (1.0,) + (1.15,) * (len(columns.columns) - 1))
-    texts = [*(f"Warning: {text}" for text in warnings(budget, windows)), *assumptions(budget)]
+    wrong = (f"Warning: {sentence(each)}" for each in warnings(budget, windows))
+    texts = [*wrong, *map(sentence, assumptions(budget))]
     if windows is not None:
         texts = [*recorded.windows_sentences(windows), *texts]
     return draw_back(f"{_title(budget)}, 2", (sources, columns), widths, texts)
@@ -157,63 +157,43 @@ def summary(budget: Budget) -> tuple[str, ...]:
     )
 
 
-def warnings(budget: Budget, windows: RecordedBudget | None = None) -> tuple[str, ...]:
-    """Say what the reader must not overlook."""
+def warnings(budget: Budget, windows: RecordedBudget | None = None) -> tuple[Finding, ...]:
+    """Give what the reader must not overlook."""
     found = []
     if not budget.linear:
         attitude = float(budget.covariance.total[budget.chosen[-1], 6:].max())
-        found.append(
-            f"Attitude error {attitude / DEG:.0f} deg at the end exceeds the linear model: analytic and covariance are "
-            "rough; trust the simulated errors (--runs)."
-        )
+        found.append(Finding.of(Code.BUDGET_NONLINEAR, attitude_rad=attitude))
     elif budget.simulated is not None and not headline.simulated_matches(budget, budget.simulated):
-        found.append("Simulated errors do not match the covariance: trust the simulated ones.")
+        nees = max(budget.simulated.nees[budget.chosen], key=lambda each: abs(float(each) - 1.0))
+        found.append(Finding.of(Code.BUDGET_SIMULATED_MISMATCH, nees=nees, runs=budget.simulated.runs))
     if budget.absent:
-        found.append(f"Not given in the IMU file, counted as zero: {', '.join(budget.absent)}.")
+        found.append(Finding.of(Code.BUDGET_ABSENT, terms=budget.absent))
     if budget.ignored:
-        found.append(f"In the IMU file, but not in this budget: {', '.join(budget.ignored)}.")
+        found.append(Finding.of(Code.BUDGET_IGNORED, terms=budget.ignored))
     return (*found, *(() if windows is None else recorded.windows_warnings(windows)))
 
 
-def assumptions(budget: Budget) -> tuple[str, ...]:
-    """Say how to read the budget and what it takes for granted."""
+def assumptions(budget: Budget) -> tuple[Finding, ...]:
+    """Give what explains the budget, and what it takes for granted."""
     last = float(budget.time[budget.chosen[-1]])
     at = min(last, SHORT)
     bias, drift = budget.short_form_error(at)
-    lines = [
-        "analytic: closed forms, without the rotation and curvature of the Earth; covariance: every source alone "
-        "through the linear error model along the motion; simulated: runs with all errors sampled.",
-        "Sources are independent, so their squares add up (RSS). The worst-case sum adds one sd of every source with "
-        "the worst sign: while no source exceeds one sd, no error is larger.",
-        f"Validity of the short forms after {at:g} s: true error {100.0 * bias:+.3f} % from them for biases and tilt "
-        f"(t²), {100.0 * drift:+.3f} % for gyro biases (t³), by the curvature of the Earth"
-        + (f"; beyond {SHORT:g} s the closed Schuler forms are used." if last > SHORT else "."),
-        "The vertical channel is held to the reference: no error down."
-        if budget.hold
-        else "The vertical channel is free and unstable: errors down grow with an e-folding time of 570 s. North and "
-        "east hardly depend on it within minutes.",
-        "Biases are turn-on biases, uncalibrated. After an alignment at rest the tilt compensates the accelerometer "
-        "bias; that is not counted here."
-        if budget.recorded is None
-        else "Start and biases of analytic, covariance and simulated are those of the window whose predicted variances "
-        "are nearest the mean of all windows, as the filter knows them there (uncalibrated: as in the IMU file). They "
-        "are correlated: a bias brings the tilt that compensates it, and initial tilt is what is left when the biases "
-        "are known. Accelerometer misalignment shows in gravity as a bias, and is counted there.",
+    limit = SHORT if last > SHORT else math.nan
+    found = [
+        Finding.of(Code.BUDGET_METHODS),
+        Finding.of(Code.BUDGET_INDEPENDENT_SOURCES),
+        Finding.of(Code.BUDGET_SHORT_FORMS, time_s=at, limit_s=limit, bias_share=bias, drift_share=drift),
+        Finding.of(Code.BUDGET_VERTICAL_HELD if budget.hold else Code.BUDGET_VERTICAL_FREE),
     ]
-    if budget.recorded is not None:
-        lines.append(f"recorded: {budget.recorded.description}.")
+    if budget.recorded is None:
+        found += [Finding.of(Code.BUDGET_TURN_ON_BIASES), FIELD_FACTOR]
     else:
-        lines.append(FIELD_FACTOR)
+        found.append(Finding.of(Code.BUDGET_WINDOW_BIASES))
     if math.isfinite(budget.flicker_lowest):
-        lines.append(
-            f"Flicker noise is counted from {budget.flicker_lowest:.2g} Hz up (processes as slow as ten lengths of "
-            "the motion): a longer motion has a lower limit, and more of it."
-        )
+        found.append(Finding.of(Code.BUDGET_FLICKER, frequency_hz=budget.flicker_lowest))
     if not any(source.sd > 0.0 for source in budget.sources if source.group == "gravity"):
-        lines.append("Gravity is that of the model (WGS-84 normal gravity); see --deflection.")
+        found.append(Finding.of(Code.BUDGET_NORMAL_GRAVITY))
     if budget.simulated is not None:
-        lines.append(
-            f"Bars of simulated errors: {100 * BAND:.0f} % bounds of the sd by the number of runs. Each source alone "
-            f"was simulated in {budget.simulated.alone} runs. Seed {budget.simulated.seed}."
-        )
-    return tuple(lines)
+        runs, alone, seed = budget.simulated.runs, budget.simulated.alone, budget.simulated.seed
+        found.append(Finding.of(Code.BUDGET_SIMULATED_BOUNDS, probability=BAND, runs=runs, alone=alone, seed=seed))
+    return tuple(found)

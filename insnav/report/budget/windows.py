@@ -10,7 +10,7 @@ from insnav.errors.budget.from_windows import RecordedBudget, RecordedPart, Verd
 from insnav.errors.diagnosis.causes import CAUSES, AxisDiagnosis, Diagnosis
 from insnav.errors.diagnosis.simulated_replica import Replicas
 from insnav.errors.outage.statistics import COMPONENTS, components
-from insnav.messages import sentence
+from insnav.findings import Code, Finding, Note, of_code
 from insnav.report.budget import windows_quantities
 from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILLION
 from insnav.report.numbers import number
@@ -57,35 +57,32 @@ def windows_sentences(budget: RecordedBudget) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def windows_warnings(budget: RecordedBudget) -> tuple[str, ...]:
-    """Say what the reader must not overlook."""
-    lines = [note for note in map(sentence, budget.notes) if note.startswith("Not independent")]
+def windows_warnings(budget: RecordedBudget) -> tuple[Finding, ...]:
+    """Give what the reader must not overlook."""
+    found = list(of_code((each for each in budget.notes if isinstance(each, Finding)), Code.BUDGET_SMOOTHED_START))
     for kind, part in windows_quantities.parts_of(budget):
-        wrong = [each.component for each in part.verdicts if not each.explained]
+        wrong = [each for each in part.verdicts if not each.explained]
         if wrong:
-            lines.append(
-                f"{kind}: error {', '.join(wrong)} larger than predicted, unexplained by the stated IMU and fix errors"
-            )
+            names = tuple(each.component for each in wrong)
+            largest, length = max(each.recorded for each in wrong), part.windows.length
+            unexplained = Code.BUDGET_UNEXPLAINED
+            found.append(Finding.of(unexplained, subject=kind, recorded_m=largest, length_s=length, components=names))
         if part.replicas is not None and not part.replicas.agree:
-            lines.append(f"{kind}: recorded error outside the band of the simulated replicas: see the summary")
+            count = len(part.replicas.rms)
+            found.append(Finding.of(Code.BUDGET_OUTSIDE_REPLICAS, subject=kind, replicas=count))
     made = budget.calibrated.replicas
-    return (*lines, *(() if made is None else made.apart.doubts))
+    return (*found, *(() if made is None else made.apart.doubts))
 
 
-def windows_assumptions(budget: RecordedBudget) -> tuple[str, ...]:
-    """Say what was taken for granted."""
-    start = "the forward filter" if budget.settings.start == "forward" else "the smoothed drive"
+def windows_assumptions(budget: RecordedBudget) -> tuple[Note, ...]:
+    """Give what was taken for granted."""
     return (
-        f"Each window starts with the state of {start} at its first epoch and goes on without fixes or other aiding, "
-        "not aligned again.",
-        f"Errors are against {budget.reference}; its variance is subtracted from the corrected RMS, not from "
-        "RMS, quantiles and largest errors.",
-        "Predicted: covariance of that first state and noise inside the window; uncalibrated: with the turn-on "
-        "errors of the IMU specification instead.",
+        Finding.of(Code.WINDOWS_START, start=budget.settings.start),
+        Finding.of(Code.WINDOWS_REFERENCE, reference=budget.reference),
+        Finding.of(Code.WINDOWS_PREDICTED),
         INTERVALS,
-        "Along and cross are relative to the direction of travel, interpolated across stops; at rest there is none.",
-        "Curves are t, t² and t³ of a level vehicle that does not turn: accelerometer tilt and bias make the same t², "
-        "and only their sum can be given.",
+        Finding.of(Code.WINDOWS_ALONG_CROSS),
+        Finding.of(Code.WINDOWS_LEVEL),
     )
 
 

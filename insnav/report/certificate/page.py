@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 import platform
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import cycle, groupby
 
 import numpy as np
 
 from insnav.certificate.certify import Certificate
 from insnav.certificate.check import Check
+from insnav.findings import Code, Finding
+from insnav.messages import sentence
 from insnav.quantity import Quantity
 from insnav.report.colours import BLACK, BLUE, GREY, ORANGE, PURPLE, SKY, VERMILLION
 from insnav.report.page import Page, Section, Verdict, cell, drawn, only_json
@@ -18,12 +20,7 @@ from insnav.report.panels import Curve, Kind, Panel
 from insnav.report.run_json import versions
 
 _EXCEEDS = "!"  # behind an error that exceeds the limit
-_NOTES = {  # by the name of an integrator
-    "fourth": "fourth, mean, forward and backward integrate a north-pointing platform, from instantaneous samples at "
-    "10 Hz, at 0.1 Hz for the day, with the vertical channel off where it is not named.",
-    "pyins": "pyins holds its height to the first, and its normal gravity has no component to the north, which alone "
-    "is metres after an hour; its longitude goes on beyond 180 deg, and at a pole it divides by zero.",
-}
+_ABOUT = {"fourth": Code.CERTIFICATE_PLATFORM, "pyins": Code.CERTIFICATE_PYINS}  # by the name of an integrator
 _LEAST, _MOST = 1e-7, 1e7  # parts of the limit; beyond, figures stand at the edge
 _READ = f"shaded: within the limit; points: insnav as it navigates; at the edges {_LEAST:g} or less, {_MOST:g} or more"
 _PASSED, _FAILED = "insnav: passed", "insnav: FAILED"
@@ -69,20 +66,21 @@ def certificate_page(certificate: Certificate) -> Page:
                 "certificate", "Error of every integrator in parts of its limit", (certificate_panel(checks),), _READ
             ),
         ),
-        tuple(f"FAILED: {line}" for line in lines),
+        tuple(sentence(Finding.of(Code.CERTIFICATE_FAILED, subject=line)) for line in lines),
         verdict=Verdict(
             "bad" if failed else "good",
             "errors exceed their limits" if failed else "every error is within its limit",
             f"insnav {versions()['insnav']} on {machine}: {said}.",
         ),
-        assumptions=(
-            "Samples are exact increments at 100 Hz, at 50 Hz for an hour or longer motions, at 20 to 1 Hz at rest.",
-            "polynomial is the integrator insnav navigates with; rk4 is Runge-Kutta on straight lines between samples, "
-            "rotvec takes each increment for a rotation vector, euler goes straight on from sample to sample.",
-            "20 Hz coning at 100 Hz is five samples a cycle, on which no algorithm knows the motion.",
-            *(_NOTES[name] for name in _names(checks) if name in _NOTES),
-        ),
+        assumptions=tuple(map(sentence, _assumptions(checks))),
     )
+
+
+def _assumptions(checks: Sequence[Check]) -> Iterator[Finding]:
+    yield Finding.of(Code.CERTIFICATE_SAMPLES)
+    yield Finding.of(Code.CERTIFICATE_INTEGRATORS)
+    yield Finding.of(Code.CERTIFICATE_CONING)
+    yield from (Finding.of(_ABOUT[name]) for name in _names(checks) if name in _ABOUT)
 
 
 def certificate_markdown(certificate: Certificate) -> str:

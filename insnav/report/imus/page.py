@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from insnav.findings import Code, Finding
 from insnav.imu.error_terms import TERMS
 from insnav.imu.library import PROVENANCE, Figure, Part
 from insnav.imu.presets import PRESETS
+from insnav.messages import sentence
 from insnav.quantity import Quantity
 from insnav.report.page import Page, Section, one_each, only_json
-from insnav.units import UNITS
+from insnav.units import HOUR, UNITS
 
 _UNITS = {f"{term.sensor}.{term.key}": term.unit for term in TERMS}
 _HEADINGS = {
@@ -21,11 +23,9 @@ _HEADINGS = {
     "accel.random_walk": "VRW",
 }
 RULES = (
-    "One standard deviation. A tolerance or maximum of a bias, scale factor or angle is read as 2 sd; typical, RMS and "
-    "1 sd figures and noise densities as they stand; the lowest point of an Allan deviation over 0.664.",
-    "Turn-on bias and in-run bias are kept apart. Correlation times of filter settings are not taken over: 1 h.",
-    f"Of several documents the first of these counts: {', '.join(PROVENANCE)}; of several such the largest figure. An "
-    "in-run bias given as a standard deviation comes before the lowest point of an Allan deviation.",
+    Finding.of(Code.IMUS_STATISTICS),
+    Finding.of(Code.IMUS_BIASES, correlation_time_s=HOUR),
+    Finding.of(Code.IMUS_DOCUMENTS, order=PROVENANCE),
 )
 
 
@@ -50,7 +50,7 @@ def parts_page(parts: Sequence[Part]) -> Page:
             "insnav imus STIM300 shows every figure of a part and where it stands.",
         ),
         (Section("imus", rows=rows), by_class),
-        assumptions=RULES,
+        assumptions=tuple(map(sentence, RULES)),
     )
 
 
@@ -78,9 +78,9 @@ def part_page(part: Part) -> Page:
     }
     return Page(
         f"{part.name}, {part.maker}",
-        (f"Missing: {missing}; it counts as zero in budgets, and is said.",) if part.missing else (),
+        (sentence(Finding.of(Code.IMUS_MISSING, subject=part.name, terms=part.missing)),) if part.missing else (),
         (Section("part", items=about), Section("figures", "Figures", rows=rows), one_each("documents", "", sources)),
-        assumptions=RULES,
+        assumptions=tuple(map(sentence, RULES)),
     )
 
 

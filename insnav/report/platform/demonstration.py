@@ -10,7 +10,9 @@ import numpy as np
 from insnav.errors import platform_errors
 from insnav.errors.metrics import TrajectoryErrors
 from insnav.errors.schuler import StaticErrors, static_errors
+from insnav.findings import Code, Finding
 from insnav.gimbal import INTEGRATORS, PlatformErrors, integral
+from insnav.messages import sentence
 from insnav.quantity import Quantity
 from insnav.report.page import Page, Section, Verdict, drawn, only_json
 from insnav.report.platform.page import periods_section
@@ -71,13 +73,7 @@ def demonstration() -> Page:
             periods_section(records, rest.time, LAT, 0.0),
             only_json("pattern_end", *(Quantity(name, end, "m") for name, end in ends.items())),
         ),
-        assumptions=(
-            f"Errors: {_ERRORS_TEXT}; along north, east, down on the platform, along forward, right, down in the "
-            "vehicle, which starts to the north. A drift of the platform is a gyro bias of the opposite sign.",
-            "fourth is Runge-Kutta of fourth order, the specific force half-way from a polynomial through the six "
-            "samples around it: on smooth motion 16 times better than steps over two samples.",
-            "The closed form is exact to first order in the errors; what is left is their square.",
-        ),
+        assumptions=tuple(map(sentence, _assumptions())),
         merits=(
             *(
                 Quantity(name, end, "m", meaning=f"{name} after {PATTERN / 3600:g} h of circles")
@@ -93,6 +89,12 @@ def demonstration() -> Page:
             f"{ends['platform'] / 1000:.2f} km, that of the strapdown navigator {ends['strapdown'] / 1000:.2f} km.",
         ),
     )
+
+
+def _assumptions() -> tuple[Finding, ...]:
+    sizes = {"heading_rad": ERRORS.tilt[2], "drift_rad_s": ERRORS.drift[0], "bias_m_s2": ERRORS.bias[0]}
+    errors = Finding.of(Code.PLATFORM_DEMO_ERRORS, **sizes)
+    return errors, Finding.of(Code.PLATFORM_DEMO_FOURTH), Finding.of(Code.PLATFORM_FIRST_ORDER)
 
 
 def _known(orders: Sequence[platform_errors.Convergence]) -> Section:

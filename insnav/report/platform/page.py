@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -10,7 +10,9 @@ from insnav.earth import ned_offset
 from insnav.errors.metrics import TrajectoryErrors
 from insnav.errors.platform_errors import AGAINST, PlatformStudy
 from insnav.errors.schuler import SHORTEST_RECORD, StaticErrors, measured_periods, periods
+from insnav.findings import Code, Finding
 from insnav.gimbal import DAMPING_TIME, Integrator, PlatformRun, torquing_rates
+from insnav.messages import sentence
 from insnav.quantity import Quantity
 from insnav.report.page import Page, Section, Verdict, drawn, only_json
 from insnav.report.platform import panels
@@ -45,8 +47,8 @@ def platform_page(study: PlatformStudy) -> Page:
         ),
         merits=_state(study.chosen, run)[1:],
         merits_note="at the end",
-        assumptions=_assumptions(study),
-        notes=study.notes,
+        assumptions=tuple(map(sentence, _assumptions(study))),
+        notes=tuple(map(sentence, study.notes)),
         verdict=Verdict(
             "unknown",
             "no reference was given" if study.reference is None else "the reference is below, no limit is set",
@@ -165,18 +167,12 @@ def periods_section(records: Mapping[str, FloatArray], time: FloatArray, lat: fl
     return Section("periods", "Periods of the error", rows=tuple(rows), note=note)
 
 
-def _assumptions(study: PlatformStudy) -> tuple[str, ...]:
-    vertical = {
-        "off": "The height is held at that of the start, the vertical velocity at zero.",
-        "free": "The vertical channel is free: e-folding time of its error 570 s.",
-        "damped": f"The vertical channel is damped to the height input by three time constants of {DAMPING_TIME:g} s.",
-    }
-    lines = [
-        "forward and backward take the rates of each step's start and end, mean their mean; fourth is Runge-Kutta of "
-        "fourth order, the specific force half-way from a polynomial through the six samples around it.",
-        "Steps are as long as the intervals between the samples.",
-        vertical[study.run.vertical],
-    ]
+def _assumptions(study: PlatformStudy) -> Iterator[Finding]:
+    yield Finding.of(Code.PLATFORM_INTEGRATORS)
+    yield Finding.of(Code.PLATFORM_STEPS)
+    if study.run.vertical == "damped":
+        yield Finding.of(Code.PLATFORM_VERTICAL_DAMPED, time_s=DAMPING_TIME)
+    else:
+        yield Finding.of(Code.PLATFORM_VERTICAL_OFF if study.run.vertical == "off" else Code.PLATFORM_VERTICAL_FREE)
     if study.errors.any:
-        lines.append("The samples are taken as those of a platform without errors; tilted, it senses them rotated.")
-    return tuple(lines)
+        yield Finding.of(Code.PLATFORM_LEVEL_SAMPLES)

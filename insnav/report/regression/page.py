@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from insnav.exceptions import writing
+from insnav.findings import Code, Finding
+from insnav.messages import sentence
 from insnav.output.folder import write_text
 from insnav.quantity import Quantity
 from insnav.regression.accuracy_metrics import BY_KEY, FAILS_FROM
@@ -100,16 +103,11 @@ def regression_page(
     history: Sequence[Entry] = (),
 ) -> Page:
     """Report the accuracy of this version, and what changed since the baseline."""
-    warnings, first = [], []
+    first = []
     changes: Sequence[Change] = ()
     changed: tuple[Section, ...] = ()
     if comparison is not None and baseline is not None:
         changes = comparison.changes
-        warnings += [f"fails: {tables.change_text(change)}" for change in comparison.failing[:_WARNED]]
-        more = len(comparison.failing) - _WARNED
-        warnings += [f"fails: {more} more figures, see the matrix"] if more > 0 else []
-        warnings += [f"broken: {name}: {why}" for name, why in comparison.broken.items()]
-        warnings += [f"not compared: {name}: {why}" for name, why in comparison.apart.items()]
         matrix = change_matrix(result, comparison, baseline, history)
         first.append(Section("", "Change since the baseline, %", matrix=matrix, show="page"))
         rows = tables.change_rows([change for change in changes if change.verdict != "same"])
@@ -118,7 +116,6 @@ def regression_page(
     if others is not None:
         title = "Errors of other programs over those of insnav, one drive each, smoothers over its smoother"
         first.append(Section("", title, matrix=others, show="page"))
-    warnings += [f"skipped: {name}: {why}" for name, why in result.skipped.items()]
     return Page(
         "insnav: accuracy over versions",
         (_where(now),),
@@ -131,20 +128,42 @@ def regression_page(
                 "",
                 Quantity("quick", result.quick),
                 Quantity("passed", None if comparison is None else comparison.passed),
-                Quantity("skipped", result.skipped),
-                Quantity("apart", {} if comparison is None else comparison.apart),
-                Quantity("broken", {} if comparison is None else comparison.broken),
+                Quantity("skipped", _sentences(result.skipped)),
+                Quantity("apart", {} if comparison is None else _sentences(comparison.apart)),
+                Quantity("broken", {} if comparison is None else _sentences(comparison.broken)),
             ),
             Section(
                 "cases", rows=tuple(_case(name, case) for name, case in result.cases.items()), show="json", keyed=True
             ),
             Section("changes", rows=tables.change_rows(changes), show="json"),
         ),
-        tuple(warnings),
-        tables.RULES,
+        tuple(map(sentence, _warnings(result, comparison))),
+        tuple(map(sentence, tables.RULES)),
         verdict=_verdict(comparison, baseline),
         merits=_merits(result, comparison),
     )
+
+
+def _warnings(result: Result, comparison: Comparison | None) -> Iterator[Finding]:
+    """Give what fails, first the changes, and what was not compared."""
+    if comparison is not None:
+        yield from map(_failing, comparison.failing[:_WARNED])
+        more = len(comparison.failing) - _WARNED
+        if more > 0:
+            yield Finding.of(Code.REGRESSION_MORE_FAIL, count=more)
+        yield from (*comparison.broken.values(), *comparison.apart.values())
+    yield from result.skipped.values()
+
+
+def _failing(change: Change) -> Finding:
+    relative = change.shift.change
+    times = {"times": relative + 1.0} if change.metric.kind == "cpu" else {"change": relative, "p": change.adjusted}
+    figures: dict[str, Any] = {**times, "old": change.old, "new": change.new, "metric": change.metric.label}
+    return Finding.of(Code.REGRESSION_FAILS, subject=change.case, **figures, metric_unit=change.metric.unit)
+
+
+def _sentences(findings: Mapping[str, Finding]) -> dict[str, str]:
+    return {name: sentence(each) for name, each in findings.items()}
 
 
 def _verdict(comparison: Comparison | None, baseline: Baseline | None) -> Verdict:
@@ -152,14 +171,14 @@ def _verdict(comparison: Comparison | None, baseline: Baseline | None) -> Verdic
     if comparison is None or baseline is None:
         return Verdict("unknown", "there is no baseline", "Nothing to compare with: --update-baseline makes one.")
     text = tables.verdict_text(comparison, baseline.origin)
-    sentence = (
+    outcome = (
         f"{text[0].upper()}{text[1:]}; of {unclear_changes(comparison)} it cannot be told whether they changed by 5 %."
     )
     if not comparison.passed:
-        return Verdict("bad", f"{len(comparison.failing) + len(comparison.broken)} figures or cases fail", sentence)
+        return Verdict("bad", f"{len(comparison.failing) + len(comparison.broken)} figures or cases fail", outcome)
     if comparison.apart:
-        return Verdict("attention", f"{len(comparison.apart)} cases could not be compared", sentence)
-    return Verdict("good", "no figure is worse by 5 % or more beyond chance", sentence)
+        return Verdict("attention", f"{len(comparison.apart)} cases could not be compared", outcome)
+    return Verdict("good", "no figure is worse by 5 % or more beyond chance", outcome)
 
 
 def _merits(result: Result, comparison: Comparison | None) -> tuple[Quantity, ...]:
@@ -200,7 +219,7 @@ def markdown(
         lines += [f"![{caption}]({name})", ""]
     lines += _table(tables.case_section(result, comparison))
     lines += _table(tables.peer_section(peers), made) if peers else kept
-    return "\n".join([*lines, *(f"- {rule}" for rule in tables.RULES), ""])
+    return "\n".join([*lines, *(f"- {sentence(rule)}" for rule in tables.RULES), ""])
 
 
 def _table(section: Section, made: str = "") -> list[str]:

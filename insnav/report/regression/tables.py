@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from insnav.findings import Code, Finding
+from insnav.messages import sentence
 from insnav.quantity import Quantity
 from insnav.regression.accuracy_metrics import BY_KEY, FAILS_FROM, LIKELY
 from insnav.regression.baseline import Baseline
@@ -47,14 +49,11 @@ HEADLINES = {
 
 # by which figures are compared
 RULES = (
-    "A figure is compared drive by drive, by the logarithm of new over old: Student's t over the seeds of a "
-    "simulated case, a standard error by moving-block bootstrap over the pieces of a recorded drive.",
-    f"Holm's correction holds the probability of any false call over all figures of all cases to {ALPHA:g}.",
-    f"Better and worse are significant changes of 1 % and more; {100 * FAILS_FROM:g} % worse fails, of the "
-    f"likelihood of the innovations {100 * LIKELY:g} %.",
-    "CPU time is that of a sample over that of a turn of a fixed loop. It is noisy: it fails only from "
-    f"{CPU_FAILS_FROM:g} times the baseline's on, in the median over five drives or more of a case.",
-    "NEES and NIS are better the nearer they are to one; caution (below) counts half of over-confidence (above).",
+    Finding.of(Code.REGRESSION_PAIRED),
+    Finding.of(Code.REGRESSION_HOLM, level=ALPHA),
+    Finding.of(Code.REGRESSION_LIMITS, limit=FAILS_FROM, limit_likelihood=LIKELY),
+    Finding.of(Code.REGRESSION_CPU, limit=CPU_FAILS_FROM),
+    Finding.of(Code.REGRESSION_NEES),
 )
 
 
@@ -142,20 +141,23 @@ def power_lines(baseline: Baseline) -> list[str]:
         )
         for name, values in found.items()
     )
-    return [*_text(replace(section, rows=rows)), "", *overconfident(baseline)]
+    return [*_text(replace(section, rows=rows)), "", *_notes(baseline)]
 
 
-def overconfident(baseline: Baseline) -> list[str]:
-    """Say which cases of the baseline state errors smaller than they are: what is compared with them is no standard."""
-    found = []
+def overconfident(baseline: Baseline) -> Iterator[Finding]:
+    """Give the cases of the baseline whose errors exceed what it states: what is compared with them is no standard."""
     for name, case in baseline.cases.items():
         for key in ("nees_position", "nees_velocity", "nees_attitude"):
             if key not in case.measured.values:
                 continue
             middle, low, _ = interval(case.measured.values[key], BY_KEY[key], pieces=case.pieces)
             if low > OVERCONFIDENT:
-                found.append(f"note    {name}: {BY_KEY[key].label} {number(middle)} in the baseline: over-confident")
-    return found
+                over, label = Code.REGRESSION_OVERCONFIDENT, BY_KEY[key].label
+                yield Finding.of(over, subject=name, nees=middle, low=low, limit=OVERCONFIDENT, metric=label)
+
+
+def _notes(baseline: Baseline) -> list[str]:
+    return [f"note    {sentence(each)}" for each in overconfident(baseline)]
 
 
 def peer_section(peers: Sequence[PeerRow]) -> Section:
@@ -187,9 +189,9 @@ def regression_lines(
     for name in ("better", "worse"):
         chosen = [change for change in comparison.changes if change.verdict == name and not change.fails]
         lines += [f"{name:<8}{change_text(change)}" for change in chosen]
-    lines += overconfident(baseline)
-    lines += [f"apart   {name}: {why}" for name, why in comparison.apart.items()]
-    lines += [f"BROKEN  {name}: {why}" for name, why in comparison.broken.items()]
+    lines += _notes(baseline)
+    lines += [f"apart   {sentence(each)}" for each in comparison.apart.values()]
+    lines += [f"BROKEN  {sentence(each)}" for each in comparison.broken.values()]
     lines += [f"FAILS   {change_text(change)}" for change in comparison.failing]
     return [*lines, verdict_text(comparison, baseline.origin), *below]
 

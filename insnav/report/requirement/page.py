@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from insnav.errors.requirement import aided as aiding
 from insnav.errors.requirement.allocation import STEEP, TAU
-from insnav.errors.requirement.parts import LIMITS, Candidate
-from insnav.errors.requirement.study import TEXT as FIELD_FACTOR
-from insnav.errors.requirement.study import RequirementStudy
+from insnav.errors.requirement.parts import LIMITS, NINE_POSITION, Candidate
+from insnav.errors.requirement.study import FIELD_FACTOR, RequirementStudy
+from insnav.findings import Code, Finding
+from insnav.messages import sentence
 from insnav.quantity import Quantity
 from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION
 from insnav.report.numbers import number
@@ -18,7 +20,7 @@ from insnav.report.page import DataFrame, Page, Section, Verdict, by_warnings, d
 from insnav.report.panels import Curve, Kind, Panel
 from insnav.result import Result
 from insnav.types import FloatArray
-from insnav.units import DEG, UNITS
+from insnav.units import UNITS
 
 GRADES = {"consumer": VERMILLION, "automotive": ORANGE, "industrial": BLUE, "tactical": GREEN, "navigation": PURPLE}
 SMALLEST = 0.01  # end of the error axis [m]
@@ -45,8 +47,8 @@ def page(result: Result[RequirementStudy]) -> Page:
         f"Requirement: {study.required.text}",
         summary(study),
         sections,
-        warnings(study),
-        assumptions(study),
+        tuple(map(sentence, warnings(study))),
+        tuple(map(sentence, assumptions(study))),
         verdict=_verdict(study),
         merits=_merits(study),
     )
@@ -69,7 +71,7 @@ def _verdict(study: RequirementStudy) -> Verdict | None:
     if not study.candidates:
         return None
     if _met(study, "alone", "yes"):
-        return by_warnings(_answer(study), warnings(study), ("good", "some IMUs meet it alone"))
+        return by_warnings(_answer(study), tuple(map(sentence, warnings(study))), ("good", "some IMUs meet it alone"))
     if _met(study, "alone"):
         reason = "alone some IMUs only likely meet it: not all of their figures are documented"
         return Verdict("attention", reason, _answer(study))
@@ -247,37 +249,41 @@ def summary(study: RequirementStudy) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def warnings(study: RequirementStudy) -> tuple[str, ...]:
-    """Say what the reader must not overlook."""
-    text = f"{study.imu} cannot meet this requirement on this motion as it is turned on, whatever the rest is."
-    return () if study.allocation.feasible else (text,)
+def warnings(study: RequirementStudy) -> tuple[Finding, ...]:
+    """Give what the reader must not overlook."""
+    error, limit = study.allocation.given, study.required.error
+    finding = Finding.of(Code.REQUIREMENT_INFEASIBLE, subject=study.imu, error_m=error, limit_m=limit)
+    return () if study.allocation.feasible else (finding,)
 
 
-def assumptions(study: RequirementStudy) -> tuple[str, ...]:
-    """Say how to read the requirement and what it takes for granted."""
+def assumptions(study: RequirementStudy) -> tuple[Finding, ...]:
+    """Give what explains the requirement, and what it takes for granted."""
     return (
-        "Errors are independent and Gaussian; the error of the set is that of the covariance of the whole linear error "
-        "model along the motion. Sizes are those that are left when GPS ends: a filter that has estimated a bias "
-        "leaves less than the turn-on bias of a datasheet.",
-        f"An in-run bias has a correlation time of {TAU / 3600.0:g} h. All axes have the same size.",
-        "Shares are equal, or by --cost: the cheapest set if a family x times as large as it may be alone costs w / x.",
-        "Where a family hardly acts on this motion, its size in the set is where the linear model ends: "
-        f"{STEEP / DEG:g} deg of tilt, 5 % of scale.",
-        "The vertical channel is held to the reference." if study.hold else "The vertical channel is free.",
+        Finding.of(Code.REQUIREMENT_COVARIANCE),
+        Finding.of(Code.REQUIREMENT_IN_RUN_BIAS, correlation_time_s=TAU),
+        Finding.of(Code.REQUIREMENT_SHARES),
+        Finding.of(Code.REQUIREMENT_CAPPED, tilt_rad=STEEP, scale=0.05),
+        Finding.of(Code.BUDGET_VERTICAL_HELD if study.hold else Code.BUDGET_VERTICAL_FREE),
         *(_aided_assumptions(study) if study.candidates else ()),
     )
 
 
-def _aided_assumptions(study: RequirementStudy) -> tuple[str, ...]:
-    return (
-        f"Real IMUs: covariance of a filter, {outages_text(study)} (fixes of {aiding.POSITION_SD:g} m and "
-        f"{aiding.VELOCITY_SD:g} m/s at 1 Hz, white); --begin chooses one outage. Vibration, temperature "
-        f"changes, mounting and timing are not in datasheets. {FIELD_FACTOR}",
-        f"NHC, of a vehicle on wheels, {aiding.NHC_SD:g} m/s, with ZUPT at the stops of the motion; odometer "
-        f"{aiding.ODOMETER_SD:g} m/s and a scale factor that is estimated, ZUPT {aiding.ZUPT_SD:g} m/s, barometer "
-        f"{aiding.BAROMETER_SD:g} m, each at 1 Hz; two antennas {aiding.HEADING_SD / DEG:g} deg. "
-        "A rate table leaves 50 ppm and 0.1 mrad, nine positions the same and 0.1 mg.",
+def _aided_assumptions(study: RequirementStudy) -> Iterator[Finding]:
+    first, last = study.begins[0], study.begins[-1]
+    when: dict[str, Any] = {"first_s": first, "last_s": last, "count": len(study.begins)}
+    when = when if first != last else {"begin_s": first}
+    yield Finding.of(Code.REQUIREMENT_PARTS, fix_m=aiding.POSITION_SD, fix_m_s=aiding.VELOCITY_SD, **when)
+    yield FIELD_FACTOR
+    yield Finding.of(
+        Code.REQUIREMENT_AIDING,
+        nhc_m_s=aiding.NHC_SD,
+        odometer_m_s=aiding.ODOMETER_SD,
+        zupt_m_s=aiding.ZUPT_SD,
+        barometer_m=aiding.BAROMETER_SD,
+        heading_rad=aiding.HEADING_SD,
     )
+    bias, scale, angle = NINE_POSITION.values()
+    yield Finding.of(Code.REQUIREMENT_CALIBRATION, scale=scale, angle_rad=angle, bias_m_s2=bias)
 
 
 def outages_text(study: RequirementStudy) -> str:

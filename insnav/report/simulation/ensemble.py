@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from insnav.errors.ensemble import BAND, COMPONENTS, FIGURES, GROUPS, Ensemble, band, ensemble, inside
+from insnav.findings import Code, Finding
+from insnav.messages import sentence
 from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder
 from insnav.quantity import Quantity, key_suffix
@@ -60,9 +62,7 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
     inside_band = dict(zip(GROUPS, map(float, share), strict=False))
     horizontal = columns["rms_horizontal"]
     positions, rejected, resets = (int(columns[name].sum()) for name in _COUNTS)
-    failed = [f"run {each.number} (seed {each.seed}): {each.reason}" for each in runs.failures[:_SHOWN]]
-    more = len(runs.failures) - _SHOWN
-    failed += [f"and {more} more: see run.json"] if more > 0 else []
+    failed = tuple(map(sentence, failures_of(runs)))
     failures = tuple(
         (Quantity("run", each.number), Quantity("seed", each.seed), Quantity("reason", each.reason))
         for each in runs.failures
@@ -98,7 +98,7 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
                 "", f"per axis: 1 if the stated sd is right (share of the fixes inside the {100.0 * BAND:.0f} % band)"
             ),
             entry("rejected", f"{rejected} of {positions} fixes, {resets} resets"),
-            *(entry("note", text) for text in correlation_notes(plan.gps, nees)),
+            *(entry("note", sentence(each)) for each in correlation_notes(plan.gps, nees)),
             *(entry("failed", text) for text in failed),
         ),
         (
@@ -108,8 +108,8 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
             recording.sensor_section(plan),
             *recording.motion_drawings(plan, time, motion),
         ),
-        tuple(failed),
-        ("every run has an IMU, noise and fixes of its own; the motion is the same in all",),
+        failed,
+        (sentence(Finding.of(Code.SIMULATION_RUNS)),),
         verdict=_verdict(plan, horizontal, nees, failed),
         merits=(
             Quantity("mean", float(horizontal.mean()), "m", meaning="horizontal RMS, mean of the runs"),
@@ -122,21 +122,21 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
 
 def _verdict(plan: Plan, horizontal: FloatArray, nees: Mapping[str, float], failed: Sequence[str]) -> Verdict:
     """Say how large the errors are, and whether the stated sd explains them."""
-    sentence = (
+    text = (
         f"{len(horizontal)} runs of {plan.motion.name} with {recording.model_name(plan.imu)} IMU: horizontal error "
         f"{number(float(horizontal.mean()))} m RMS in the mean, {number(float(horizontal.max()))} m in the worst."
     )
     if failed:
-        return Verdict("bad", f"{len(failed)} runs failed: {failed[0]}", sentence)
+        return Verdict("bad", f"{len(failed)} runs failed: {failed[0]}", text)
     if not nees:
-        return Verdict("unknown", "there was no fix to hold the stated sd against", sentence)
+        return Verdict("unknown", "there was no fix to hold the stated sd against", text)
     name, worst = max(nees.items(), key=lambda each: each[1])
     # of errors that last the whole run, a mean over time scatters as at one fix
     chance = float(band(np.array([3 * len(horizontal)]))[1][0])
     light: Light = "attention" if worst > max(chance, _MATTERS) else "good"
     words = "the stated sd is too small" if light == "attention" else "the stated sd holds"
     limits = f"1 if right, up to {number(chance)} by chance"
-    return Verdict(light, f"normalised error squared of {name} {number(worst)}, {limits}: {words}", sentence)
+    return Verdict(light, f"normalised error squared of {name} {number(worst)}, {limits}: {words}", text)
 
 
 def ensemble_lines(page: Page, out: Path) -> list[str]:
@@ -144,7 +144,16 @@ def ensemble_lines(page: Page, out: Path) -> list[str]:
     return [*page.summary, entry("files", f"{out}: runs.csv, ensemble.csv, report.html, run.json, …")]
 
 
-def correlation_notes(gps: GpsSpec | None, nees: Mapping[str, float]) -> tuple[str, ...]:
+def failures_of(runs: Runs) -> Iterator[Finding]:
+    """Give the first runs that failed, and how many more did."""
+    for each in runs.failures[:_SHOWN]:
+        yield Finding.of(Code.SIMULATION_RUN_FAILED, run=each.number, seed=each.seed, reason=each.reason)
+    more = len(runs.failures) - _SHOWN
+    if more > 0:
+        yield Finding.of(Code.SIMULATION_MORE_FAILED, count=more)
+
+
+def correlation_notes(gps: GpsSpec | None, nees: Mapping[str, float]) -> tuple[Finding, ...]:
     """Say why the stated position is too good, if it is and the errors of the receiver explain it.
 
     `nees`: mean per axis, by group.
@@ -152,10 +161,8 @@ def correlation_notes(gps: GpsSpec | None, nees: Mapping[str, float]) -> tuple[s
     share = 0.0 if gps is None or nees.get("position", 1.0) < _TOO_GOOD else recording.correlated_share(gps)
     if gps is None or share < _MUCH:
         return ()
-    return (
-        f"{100.0 * share:.0f} % of the position variance of {gps.name} is time-correlated over about "
-        f"{gps.errors.correlation_time:g} s; a filter that takes it as white, as on a short drive, is over-confident",
-    )
+    time = gps.errors.correlation_time
+    return (Finding.of(Code.SIMULATION_CORRELATED_FIXES, subject=gps.name, share=share, correlation_time_s=time),)
 
 
 def _errors(found: Ensemble) -> Section:

@@ -18,8 +18,10 @@ from insnav.alignment.in_motion import SLOWEST
 from insnav.attitude import dcm_from_quat
 from insnav.earth import OMEGA_EARTH
 from insnav.earth_fixed import earth_from_lla, quat_earth_from_level
+from insnav.findings import Code, Finding
 from insnav.imu import ImuErrors, ImuSpec, calibration_to_toml, to_toml
 from insnav.imu.specification import gyro_bias_sd
+from insnav.messages import sentence
 from insnav.output.data_files import write_data
 from insnav.output.folder import RunFolder
 from insnav.quantity import Quantity
@@ -95,7 +97,7 @@ def recording_page(plan: Plan, made: Recording) -> Page:
             *realisation,
             sensor_section(plan, *counts),
         ),
-        assumptions=(f"errors the IMU file does not give are zero: {', '.join(absent)}",) * bool(absent),
+        assumptions=(sentence(Finding.of(Code.SIMULATION_ABSENT, terms=absent)),) if absent else (),
         merits=(*moved.items[:3], *counts[:2], sensor_section(plan).items[0]),
         verdict=Verdict(
             "good",
@@ -259,7 +261,7 @@ def motion_lines(plan: Plan, time: FloatArray, motion: Kinematics) -> list[str]:
         return lines
     velocity = f" and {number(apart.velocity)} m/s" if math.isfinite(apart.velocity) else ""
     text = f"{number(apart.position)} m{velocity} RMS from its track, at most {number(apart.farthest)} m"
-    return [*lines, entry("replica", text), *(entry("warning", doubt) for doubt in apart.doubts)]
+    return [*lines, entry("replica", text), *(entry("warning", sentence(doubt)) for doubt in apart.doubts)]
 
 
 def motion_section(plan: Plan, time: FloatArray, motion: Kinematics) -> Section:
@@ -300,7 +302,7 @@ def _replica(apart: Residual) -> Section:
         Quantity("max_acceleration_time", apart.acceleration_time, "s", meaning="at", decimals=1),
         Quantity("longest_gap", apart.gap, "s", meaning="longest data gap of the track"),
     )
-    parts = (only_json("", Quantity("doubts", apart.doubts)),)
+    parts = (only_json("", Quantity("doubts", tuple(map(sentence, apart.doubts)))),)
     return Section("replica", "Simulated replica minus its track", items, parts=parts)
 
 
