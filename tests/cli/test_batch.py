@@ -142,7 +142,8 @@ def test_no_file_is_chosen_in_silence(
         with pytest.raises(InputError, match="not clear"):
             each.files()
     if left is not None:
-        assert [Path(each.partition(": ")[0]).name for each in said] == left
+        assert [Path(each.subject).name for each in said] == left
+        assert all(each.code is Code.BATCH_OTHER_NAMES for each in said)
     for name in left or ():
         notes = open_tables(tmp_path / "week" / "day")["imu"].notes
         (by_name,) = of_code(notes, Code.READ_FILES_BY_NAME)

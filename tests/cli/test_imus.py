@@ -22,7 +22,7 @@ def test_a_part_shows_its_documents_and_what_is_missing(cli: Cli) -> None:
     shown = cli("imus", "hg 9900")
     assert shown.code == 0
     assert "N61-1638-000-000" in shown.out
-    assert "Missing: gyro.bias_instability" in shown.out
+    assert "gives gyro.bias_instability" in shown.out
 
 
 def test_an_unknown_part_is_refused(cli: Cli) -> None:

@@ -242,7 +242,7 @@ def test_a_poor_track_is_doubted(drive: Path, cli: Cli):
     (drive / "holed.csv").write_text("".join(lines[:800] + lines[900:]))
     shown = cli("simulate", "--from", "holed.csv", "--imu", "ideal", "--rate", "20")
     assert shown.code == 0, shown.err
-    assert "\nwarning     the track has no row for 10.1 s" in shown.out
+    assert "\nwarning     The track has no row for 10.1 s" in shown.out
     assert "no row for 10.1 s" in (drive / "sim" / "report.html").read_text()
 
 

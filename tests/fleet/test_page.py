@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from insnav.engine import Failed
+from insnav.findings import Code, Finding
 from insnav.fleet.batch import Navigated
 from insnav.fleet.page import OUTLIER, fleet_page, modified_z, rows_of, vehicle_noise
+from insnav.messages import sentence
 
 HALF = 1.3  # factor of the ends of the intervals
 
@@ -49,11 +51,13 @@ def test_failures_and_outliers_come_first():
     assert [row.drive.name for row in rows if row.stands_out] == ["d12"]
     assert rows[1].reason == "1 warning (a fix is false)"
     assert rows[2].stands_out == "horizontal error RMS"
-    page = fleet_page(rows, ["photo.dat: no recording"])
+    left_out = Finding.of(Code.BATCH_NO_RECORDING, subject="photo.dat", reason="no table")
+    page = fleet_page(rows, [left_out])
     assert page.verdict is not None
     assert page.verdict.light == "bad"
     assert page.verdict.reason == "1 of 15 drives failed or are not to be relied on"
-    assert page.notes == ("left out: photo.dat: no recording",)
+    assert page.notes == (sentence(left_out),)
+    assert "photo.dat, which is no recording: no table" in page.notes[0]
 
 
 def test_noise_of_a_vehicle_is_the_weighted_mean_of_its_drives():

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from insnav.findings import Code, Finding
 from insnav.regression.baseline import BASELINE_FILE, Baseline, read_baseline
 from insnav.regression.corpus import Corpus
 from insnav.regression.run_corpus import Result, run_corpus
@@ -98,7 +99,7 @@ def test_the_command_names_what_is_worse_and_ends_with_1(
     first = cli(*options, "--update-baseline", "--plot")
     assert first.code == 0, first.err
     assert "no baseline" in first.out
-    assert "skipped: far away" in first.err
+    assert "skipped far away" in first.err
     made = {path.name for path in reports.iterdir()}
     assert {BASELINE_FILE, "history.jsonl", "accuracy.html", "accuracy.md", "accuracy_growth.png"} <= made
     before = (reports / BASELINE_FILE).read_bytes()
@@ -125,7 +126,8 @@ def test_a_quick_run_is_no_baseline(corpus_file: Path, cli: Cli):  # noqa: F811
 
 def test_recorded_drives_that_are_absent_are_skipped_by_name(result: Result):
     assert set(result.skipped) == {"far away"}
-    assert "not_here" in result.skipped["far away"]
+    skipped = result.skipped["far away"]
+    assert (skipped.code, skipped.subject, skipped["data"]) == (Code.REGRESSION_NO_DATA, "far away", "not_here")
 
 
 def test_rounding_of_another_computer_is_no_change(result: Result, baseline: Baseline):
@@ -189,14 +191,15 @@ def test_a_drive_that_fails_now_is_named(result: Result, baseline: Baseline):
     cases = {**result.cases, "sculling": replace(result.cases["sculling"], failures={3: "it diverged"})}
     found = compare(replace(result, cases=cases), baseline)
     assert not found.passed
-    assert found.broken == {"sculling": "run 3 fails: it diverged"}
+    broken = Finding.of(Code.REGRESSION_BROKEN, subject="sculling", run=3, reason="it diverged")
+    assert found.broken == {"sculling": broken}
 
 
 def test_another_case_of_the_same_name_is_not_compared(result: Result, baseline: Baseline):
     cases = {name: replace(case, digest="other") for name, case in result.cases.items()}
     found = compare(replace(result, cases=cases), baseline)
     assert not found.changes
-    assert set(found.apart) == set(cases)
+    assert {name: each.code for name, each in found.apart.items()} == dict.fromkeys(cases, Code.REGRESSION_OTHER_CASE)
 
 
 def test_noise_alone_is_never_called_worse():

@@ -13,10 +13,12 @@ from insnav.errors.budget.drive_motion import BudgetStudy
 from insnav.errors.budget.error_budget import Budget, RecordedColumn, budget
 from insnav.errors.budget.sampled_motion import at_rest
 from insnav.errors.budget.sources import families, sources_of
+from insnav.findings import Code, Severity, of_code
 from insnav.imu import load_imu
+from insnav.messages import sentence
 from insnav.report.budget.contributions import effect, growth, horizontal, ranked, saved, shares, size
 from insnav.report.budget.headline import estimates_section
-from insnav.report.budget.page import page, warnings
+from insnav.report.budget.page import assumptions, page, warnings
 from insnav.report.budget.quantities import contributions_section, positions_section
 from insnav.report.numbers import number
 from insnav.report.page import section_tables
@@ -190,16 +192,24 @@ def test_a_recorded_column_has_its_place(found):
 def test_what_is_missing_or_too_large_is_said(found):
     assert warnings(found) == ()
     bare = replace(found, absent=("gyro.bias",), ignored=("gyro quantisation",))
-    assert "gyro.bias" in warnings(bare)[0]
-    assert "quantisation" in warnings(bare)[1]
+    absent, ignored = warnings(bare)
+    assert (absent.code, absent["terms"], absent.severity) == (Code.BUDGET_ABSENT, ("gyro.bias",), Severity.WARNING)
+    assert (ignored.code, ignored["terms"]) == (Code.BUDGET_IGNORED, ("gyro quantisation",))
     wrong = replace(found, simulated=replace(found.simulated, nees=2.0 * found.simulated.nees))
-    assert "trust the simulated" in warnings(wrong)[0]
-    assert any(text.startswith("Warning: Not given") for text in texts(drawn(bare, 1)))
+    (mismatch,) = warnings(wrong)
+    assert mismatch.code is Code.BUDGET_SIMULATED_MISMATCH
+    assert mismatch["nees"] == pytest.approx(2.0, abs=0.5)
+    assert any(text.startswith("Warning: The IMU file does not give gyro.bias") for text in texts(drawn(bare, 1)))
     consumer = budget(load_imu("consumer"), at_rest(60.0), (60.0,))
-    assert any("exceeds the linear model" in text for text in warnings(consumer))
+    (steep,) = of_code(warnings(consumer), Code.BUDGET_NONLINEAR)
+    assert steep["attitude_rad"] == consumer.covariance.total[consumer.chosen[-1], 6:].max()
 
 
 def test_a_held_vertical_is_said():
-    sheet = page_of(budget(plain(), at_rest(10.0), (10.0,), hold=True))
+    held = budget(plain(), at_rest(10.0), (10.0,), hold=True)
+    sheet = page_of(held)
     assert "down: held to the reference" in sheet.summary[0]
-    assert any("held to the reference" in text for text in sheet.assumptions)
+    assert any(of_code(assumptions(held), Code.BUDGET_VERTICAL_HELD))
+    assert not any(of_code(assumptions(held), Code.BUDGET_VERTICAL_FREE))
+    assert sheet.assumptions == tuple(map(sentence, assumptions(held)))
+    assert {each.severity for each in assumptions(held)} == {Severity.ASSUMPTION}

@@ -11,6 +11,7 @@ import pytest
 from insnav.errors.budget.from_windows import RecordedBudget, WindowSettings, recorded_budget
 from insnav.errors.diagnosis.simulated_replica import Replicas
 from insnav.errors.outage.statistics import COMPONENTS
+from insnav.findings import Code, Finding, Severity, of_code
 from insnav.report.budget.windows import (
     windows_assumptions,
     windows_drawings,
@@ -94,21 +95,26 @@ def test_replicas_are_said_to_agree_or_not(budget: RecordedBudget, factor: float
     made = with_replicas(budget, factor)
     (line,) = [text for text in windows_sentences(made) if "simulated replicas" in text]
     assert words in line
-    warned = any("replicas" in text for text in windows_warnings(made))
-    assert warned == (factor != 1.0)
+    warned = list(of_code(windows_warnings(made), Code.BUDGET_OUTSIDE_REPLICAS))
+    assert [each.subject for each in warned] == ["calibrated"] * (factor != 1.0)
 
 
 def test_what_is_not_explained_is_a_warning(budget: RecordedBudget):
     part = budget.calibrated
     wrong = tuple(replace(each, explained=False) for each in part.verdicts[:1])
     found = windows_warnings(replace(budget, calibrated=replace(part, verdicts=wrong)))
-    assert any("error north larger than predicted" in text for text in found)
+    (unexplained,) = of_code(found, Code.BUDGET_UNEXPLAINED)
+    assert (unexplained.subject, unexplained["components"]) == ("calibrated", ("north",))
+    assert unexplained["recorded_m"] == part.verdicts[0].recorded
 
 
 def test_a_start_that_is_not_independent_is_a_warning(budget: RecordedBudget):
-    noted = replace(budget, notes=("Not independent: so and so", "else"))
-    assert windows_warnings(noted)[0].startswith("Not independent")
-    assert "Predicted: covariance" in " ".join(windows_assumptions(noted))
+    start = Finding.of(Code.BUDGET_SMOOTHED_START)
+    noted = replace(budget, notes=(start, Finding.of(Code.BUDGET_ALL_TURNING)))
+    assert windows_warnings(noted)[0] == start
+    assert start.severity is Severity.WARNING
+    assert Code.BUDGET_ALL_TURNING not in {each.code for each in windows_warnings(noted)}
+    assert Finding.of(Code.WINDOWS_PREDICTED) in windows_assumptions(noted)
 
 
 def test_facts_are_json_with_units(budget: RecordedBudget):

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from insnav.errors.ensemble import FIGURES, GROUPS, ensemble, epochs
+from insnav.findings import Code, Severity
 from insnav.imu import load_calibration, load_imu
 from insnav.input import Reading, ReadingFacts
+from insnav.messages import sentence
 from insnav.output.folder import RunFolder, verify_folder
 from insnav.report.panel_figures import draw_drawings
 from insnav.report.simulation.ensemble import (
@@ -19,6 +21,7 @@ from insnav.report.simulation.ensemble import (
     ensemble_lines,
     ensemble_page,
     ensemble_panels,
+    failures_of,
     nees_panels,
     write_runs,
 )
@@ -185,9 +188,12 @@ def test_runs_leave_a_row_each_and_a_row_each_second(tmp_path):
     assert found["failed"] == [{"run": 3, "seed": 1003, "reason": "no fix"}]
     assert (found["fixes"], found["rejected"], found["resets"]) == (400, 8, 0)
     lines = "\n".join(ensemble_lines(page, where))
-    assert "run 3 (seed 1003): no fix" in lines
+    (failed,) = failures_of(runs)
+    assert failed.values == (("run", 3), ("seed", 1003), ("reason", "no fix"))
+    assert (failed.code, failed.severity) == (Code.SIMULATION_RUN_FAILED, Severity.WARNING)
+    assert sentence(failed) in lines
     assert "8 of 400 fixes" in lines
-    assert "run 3 (seed 1003): no fix" in (where / "report.html").read_text()
+    assert sentence(failed) in (where / "report.html").read_text()
 
 
 def test_the_band_of_the_figure_is_about_the_stated_sd():
@@ -225,8 +231,11 @@ def test_time_correlated_errors_of_the_receiver_explain_an_over_confident_positi
     single = load_gps("single")
     white = replace(single, errors=replace(single.errors, position_drift=(0.0, 0.0, 0.0)))
     for gps, nees, said in ((single, 9.0, True), (single, 1.0, False), (white, 9.0, False), (None, 9.0, False)):
-        text = "".join(correlation_notes(gps, {"position": nees}))
-        assert ("78 % of the position variance of single is time-correlated over about 100 s" in text) == said
+        noted = correlation_notes(gps, {"position": nees})
+        assert [each.code for each in noted] == [Code.SIMULATION_CORRELATED_FIXES] * said
+        for each in noted:
+            assert (each.subject, each["correlation_time_s"]) == ("single", 100.0)
+            assert each["share"] == pytest.approx(0.78, abs=0.005)
 
 
 def test_a_digest_stands_for_everything_that_matters():

@@ -9,6 +9,7 @@ import pytest
 
 from insnav.earth import lla_offset, ned_offset
 from insnav.exceptions import InputError
+from insnav.findings import Code
 from insnav.input import read_reference
 from insnav.simulate import Truth, circle, imu_from_truth, reference, straight
 from insnav.simulate.truth_from_track import track_residual, truth_from_track
@@ -77,10 +78,15 @@ def test_noise_of_a_receiver_is_smoothed_and_its_outliers_lose():
     residual = track_residual(truth_from_track(jumped), jumped)
     assert residual.farthest == pytest.approx(30.0, abs=0.5)
     assert residual.farthest_time == pytest.approx(track.time[201], abs=0.3)
-    assert residual.doubts[0].startswith("the simulated replica is 2.")  # 30 m at three of 601 rows: 2.1 m RMS
+    far = residual.doubts[0]
+    assert far.code is Code.REPLICA_FAR
+    assert far["rms_m"] == pytest.approx(2.1, abs=0.1)  # 30 m at three of 601 rows
+    assert (far.begin, far["farthest_m"]) == (residual.farthest_time, residual.farthest)
     clean = track_residual(truth_from_track(noisy), noisy)
     (doubt,) = clean.doubts  # a car that turns at more than 1 g, as it does
-    assert "the simulated replica accelerates with 11 m/s^2 at 1044.0 s" in doubt
+    assert doubt.code is Code.REPLICA_WILD
+    assert doubt["acceleration_m_s2"] == pytest.approx(11.0, abs=0.5)
+    assert doubt.begin == pytest.approx(1044.0, abs=0.05)
     hardest = np.linalg.norm(np.gradient(TOWN.evaluate(track.time).v_n, track.time, axis=0), axis=1).max()
     assert clean.acceleration == pytest.approx(hardest, abs=0.5)
 
@@ -109,7 +115,9 @@ def test_a_gap_is_bridged_and_doubted():
     residual = track_residual(replica, holed)
     assert residual.gap == pytest.approx(12.2)
     assert residual.gap_time == pytest.approx(1039.9)
-    assert "no row for 12.2 s from 1039.9 s" in residual.doubts[-1]
+    assert residual.doubts[-1].code is Code.REPLICA_GAP
+    assert residual.doubts[-1]["gap_s"] == residual.gap
+    assert (residual.doubts[-1].begin, residual.doubts[-1].end) == pytest.approx((1039.9, 1052.1))
     # it swings no farther than the rows on either side
     inside = replica.evaluate(1040.0 + np.arange(0.0, 12.0, 0.1))
     for values, rows in ((inside.lla, holed.lla), (inside.rph[:, :2], holed.rph[:, :2])):

@@ -14,6 +14,7 @@ from insnav.errors.outage.statistics import COMPONENTS, components, growth
 from insnav.errors.outage.window_reference import reference_from_fixes, reference_from_trajectory
 from insnav.errors.outage.windows import navigated_drive
 from insnav.exceptions import ConfigError
+from insnav.findings import Code, Finding, Severity
 from insnav.imu import ImuSpec
 from insnav.simulate import reference
 from tests.errors.outage import drives
@@ -101,10 +102,11 @@ def test_both_kinds_of_windows_and_what_is_said_of_them():
     assert found.uncalibrated.windows.uncalibrated
     assert not found.calibrated.windows.uncalibrated
     np.testing.assert_array_equal(found.uncalibrated.windows.start, found.calibrated.windows.start)
-    notes = " ".join(found.notes)
-    assert "own GPS fixes" in notes
-    assert "gyro.scale_factor" in notes
-    assert "No stationary window" in notes
+    named = {each.code: each for each in found.notes if isinstance(each, Finding)}
+    assert named[Code.BUDGET_OWN_FIXES].severity is Severity.ASSUMPTION
+    assert named[Code.BUDGET_ABSENT]["terms"] == ("gyro.scale_factor",)
+    assert Code.BUDGET_NO_STATIONARY_WINDOW in named
+    assert Code.BUDGET_ALL_TURNING not in named
     assert told == sorted(told)
     assert told[-1] == 1.0
     # one specimen of a bias of 1 mg is what was predicted for many, give or take
@@ -123,9 +125,10 @@ def test_a_smoothed_start_is_better_and_said_not_to_be_independent():
     at = COMPONENTS.index("horizontal")
     print(forward.calibrated.growth.corrected[-1, at], smoothed.calibrated.growth.corrected[-1, at])
     assert smoothed.calibrated.growth.corrected[-1, at] < forward.calibrated.growth.corrected[-1, at]
-    assert any("Not independent" in note for note in smoothed.notes)
-    assert not any("Not independent" in note for note in forward.notes)
-    assert not any("own GPS" in note for note in forward.notes)
+    begun, other = ({each.code for each in found.notes if isinstance(each, Finding)} for found in (smoothed, forward))
+    assert Code.BUDGET_SMOOTHED_START in begun
+    assert Code.BUDGET_SMOOTHED_START not in other
+    assert Code.BUDGET_OWN_FIXES not in other
 
 
 def test_verdicts_by_interval_and_by_one_sensor():
