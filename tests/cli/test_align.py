@@ -50,7 +50,7 @@ def test_a_heading_that_cannot_be_found_is_not_made_up(at_rest: Path, cli: Cli):
 
 def test_a_latitude_that_the_gyros_contradict_is_warned_of(at_rest: Path, cli: Cli):
     shown = cli("align", "static.csv", "--lat", AT_REST["lat"] - 10, "--imu", "navigation")
-    assert "the gyros contradict the latitude" in shown.out
+    assert "The latitude from the gyros differs from" in shown.out
     facts = read_facts(Path("alignment"))
     assert facts["fine"] is None
     assert facts["warnings"]

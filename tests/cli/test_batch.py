@@ -175,7 +175,7 @@ def test_a_damaged_result_is_made_again_and_what_is_left_of_it_kept(drives: Path
     assert (place / "solution.csv").read_bytes() == whole
     (aside,) = Path("fleet/drives").glob("friday.aside-*")
     assert (aside / "mine.txt").read_text() == "mine"
-    assert f"{aside.absolute()}: moved aside" in again.out
+    assert f"moved it to {aside.absolute()}." in again.out
     (place / "mine.txt").write_text("mine")  # what was added is no damage
     Path("fleet/notes.md").write_text("mine")
     assert "2 of 2" in cli("batch", drives / "car", "--out", "fleet", *QUICK, "--no-smooth").out

@@ -390,6 +390,6 @@ def test_a_run_that_fails_is_named(here: Path, cli: Cli, monkeypatch: pytest.Mon
     monkeypatch.setattr(ensemble, "reduced", failing)
     shown = cli("simulate", *QUICK, "--runs", 3, "--engine", 1)
     assert shown.code == 0, shown.err
-    assert "run 2 (seed " in shown.out
+    assert "Run 2 (seed " in shown.out
     assert "made to fail" in shown.out
     assert [row["run"] for row in rows(here / "sim" / "runs.csv")] == ["1", "3"]

@@ -65,7 +65,7 @@ def test_a_broken_integrator_is_named_and_ends_with_1(broken: None, cli: Cli):
     (row,) = (line for line in lines if line.startswith("  0.1 deg, 1 g, 10 Hz [ug]"))
     assert row.split()[7] == "FAILED"
     assert row.count("!") == 4
-    assert "  - FAILED: sculling: 0.1 deg, 1 g, 10 Hz" in lines
+    assert "  - FAILED: sculling: 0.1 deg, 1 g, 10 Hz." in lines
     assert "2 of 28 checks failed" in shown.err
     assert "Traceback" not in shown.err
     facts = read_facts(Path("certificate"))  # written all the same

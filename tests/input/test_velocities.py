@@ -12,9 +12,9 @@ import pytest
 import insnav
 from insnav.exceptions import InputError
 from insnav.findings import Code, of_code
-from insnav.messages import sentence
 from insnav.input import read_gps
 from insnav.input.interpret.velocities import fit_velocities, scales
+from insnav.messages import sentence
 from insnav.types import GpsData
 from tests.filter import drives
 from tests.input.files import noted
