@@ -57,12 +57,11 @@ class Code(StrEnum):
     DEWEIGHTED_POSITION = "deweighted.position"
     DEWEIGHTED_VELOCITY = "deweighted.velocity"
     PART = "filter.part"
-    CONTRADICTION = "filter.contradiction"
     RESET = "filter.reset", Severity.WARNING
     REPAIR = "filter.repair"
     DIVERGED = "filter.diverged", Severity.WARNING
 
-    # -- H1: alignment, fixes and aiding, as the filter is prepared and runs
+    # alignment, fixes and aiding, as the filter is prepared and runs
     IMU_LIMITED = "imu.limited", Severity.WARNING
     IMU_FROZEN = "imu.frozen", Severity.WARNING
     IMU_JITTER = "imu.jitter"
@@ -127,7 +126,7 @@ class Code(StrEnum):
     ZUPT_POOR = "zupt.poor"
     ZUPT_NONE = "zupt.none"
 
-    # -- H2a: faults that the filter finds: changes, gyros, clock, lever arm, noise
+    # faults that the filter finds: changes, gyros, clock, lever arm, noise
     # receivers that repeat or extrapolate, or become late
     GPS_FROZEN_VELOCITY = "gps.frozen_velocity", Severity.WARNING
     GPS_EXTRAPOLATED = "gps.extrapolated", Severity.WARNING
@@ -185,7 +184,7 @@ class Code(StrEnum):
     ESTIMATE_CORRELATED_VELOCITY = "estimate.correlated_velocity"
     ESTIMATE_MISALIGNMENT = "estimate.misalignment"
 
-    # -- H2b: clock, mounting and defaults of a drive, before it is navigated
+    # clock, mounting and defaults of a drive, before it is navigated
     CLOCK_EPOCHS = "clock.epochs", Severity.ASSUMPTION
     MOUNTING_ASSUMED = "mounting.assumed", Severity.ASSUMPTION
     MOUNTING_DOUBTED = "mounting.doubted", Severity.WARNING
@@ -212,7 +211,7 @@ class Code(StrEnum):
     OUTAGE_NO_WINDOW = "outage.no_window"
     TUNE_DRIVES_DIFFER = "tune.drives_differ", Severity.WARNING
 
-    # -- H3a: reference
+    # reference
     REF_OTHER = "ref.other_drive", Severity.WARNING
     REF_IS_GPS = "ref.same_as_gps", Severity.WARNING
     REF_NOT_FIXED = "ref.not_fixed"
@@ -236,7 +235,7 @@ class Code(StrEnum):
     REF_GEOID = "ref.geoid", Severity.WARNING
     REF_HEIGHT = "ref.height", Severity.WARNING
 
-    # -- H3b: solution, judged when a run is finished; outage test, comparison
+    # solution, judged when a run is finished; outage test, comparison
     RUN_REJECTED = "run.rejected", Severity.UNUSABLE
     RUN_CONTRADICTED = "run.contradicted", Severity.UNUSABLE
     RUN_LOST = "run.lost", Severity.UNUSABLE
@@ -264,7 +263,7 @@ class Code(StrEnum):
     RUN_SLOW_ERRORS = "run.slow_errors", Severity.ASSUMPTION
     OUTAGE_COMMON = "outage.common", Severity.WARNING
 
-    # -- H4a: how files were read: formats, columns, times
+    # how files were read: formats, columns, times
     READ_ROWS_DAMAGED = "read.rows.damaged"
     READ_ROWS_UNREADABLE = "read.rows.unreadable"
     READ_ROWS_NO_FIX = "read.rows.no_fix"
@@ -327,7 +326,7 @@ class Code(StrEnum):
     READ_VELOCITY_LATENCY = "read.velocity.latency"
     READ_VELOCITY_UNTIMED = "read.velocity.untimed"
 
-    # -- H4b: how data were understood: units, axes, signs, heights, rates
+    # how data were understood: units, axes, signs, heights, rates
     # rows of a file; the subject is the input: imu, gps, ref or the name of a log
     ROWS_DUPLICATE = "rows.duplicate"
     ROWS_SAME_TIME = "rows.same_time"
@@ -408,7 +407,7 @@ class Code(StrEnum):
     CHECK_LEVER_ARM = "check.lever_arm", Severity.WARNING
     CHECK_NO_LEVER_ARM = "check.no_lever_arm", Severity.WARNING
 
-    # -- H5: bench and laboratory
+    # bench and laboratory
     BENCH_CONDITION = "bench.condition", Severity.WARNING
     BENCH_SPIKES = "bench.spikes", Severity.WARNING
     BENCH_TEMPERATURE = "bench.temperature", Severity.WARNING
@@ -465,7 +464,7 @@ class Code(StrEnum):
     DRIFT_CONFOUNDED = "drift.confounded", Severity.WARNING
     DRIFT_NO_WALK = "drift.no_walk", Severity.WARNING
 
-    # -- H6: budget, requirement, platform, simulation, batch, tuning
+    # budget, requirement, platform, simulation, batch, tuning
     BUDGET_OWN_FIXES = "budget.own_fixes", Severity.ASSUMPTION
     BUDGET_IN_RUN_BIAS = "budget.in_run_bias"
     BUDGET_CORRELATED_FIXES = "budget.correlated_fixes"
@@ -555,18 +554,37 @@ class Code(StrEnum):
     REGRESSION_CPU = "regression.cpu", Severity.ASSUMPTION
     REGRESSION_NEES = "regression.nees", Severity.ASSUMPTION
 
-    # bridge: not typed yet
-    UNTYPED = "untyped"
-
     # kept folders of earlier versions
     STORED_TEXT = "stored.text"
 
 
-# -- H3: groups of codes, to be completed by those of other sections
-CORRECTIONS: frozenset[Code] = frozenset()  # what was corrected in clocks and velocities, for the few lines of a run
-CORRELATED_POSITIONS: frozenset[Code] = frozenset()  # errors of positions are modelled as time-correlated
-ASSUMED_POSITION_SD: frozenset[Code] = frozenset()  # fixes came without standard deviations of positions
-GIVEN_DELAY_WRONG: frozenset[Code] = frozenset()  # the drive contradicts the delay that was given
+def of_families(*families: str) -> frozenset[Code]:
+    """Collect the codes of some families: the part before the first dot."""
+    return frozenset(code for code in Code if code.partition(".")[0] in families)
+
+
+# Changes of the IMU, and of the delay: an IMU in other axes looks like one.
+OF_THE_IMU = of_families("change")
+# What the user or the receiver gave is wrong.
+GIVEN_CONTRADICTED = of_families("given", "noise")
+# Fixes and IMU disagree, whichever is wrong.
+CONTRADICTIONS = of_families("change", "given", "noise", "record")
+# Fixes that a receiver or logger repeats or makes up.
+NOT_MEASURED = frozenset({Code.GPS_FROZEN, Code.GPS_FROZEN_VELOCITY, Code.GPS_EXTRAPOLATED})
+# Time-correlated errors of positions, from whatever source.
+CORRELATED_POSITIONS = frozenset(
+    {
+        Code.GPS_CORRELATED_REPORTED,
+        Code.GPS_CORRELATED_VELOCITY,
+        Code.ESTIMATE_CORRELATED,
+        Code.ESTIMATE_CORRELATED_PLAUSIBLE,
+        Code.ESTIMATE_CORRELATED_USUAL,
+    }
+)
+# Fixes came without a standard deviation of their position.
+ASSUMED_POSITION_SD = frozenset({Code.GPS_SD_SCATTER, Code.GPS_SD_FIX_TYPE, Code.GPS_SD_STAND_ALONE})
+# What insnav corrected in clocks and velocities; the short form of a run names these.
+CORRECTIONS = frozenset({Code.GPS_VELOCITY_LAG, Code.IMU_CLOCK_RATE})
 
 
 @dataclass(frozen=True, slots=True)
@@ -632,36 +650,6 @@ class Finding:
         """Give one of its values, or `otherwise` if it has none of this name."""
         return next((value for key, value in self.values if key == name), otherwise)
 
-    # bridge, until every producer and consumer is typed -----------------------------------------------------------
-    @property
-    def time(self) -> float:
-        """Bridge."""
-        return self.begin
-
-    @property
-    def kind(self) -> Code:
-        """Bridge."""
-        return self.code
-
-    @property
-    def unit(self) -> str:
-        """Bridge."""
-        return str(self.get("unit", ""))
-
-    @property
-    def action(self) -> str:
-        """Bridge."""
-        from insnav.messages import sentence
-
-        return str(self.get("action", None) or sentence(self))
-
-    @property
-    def hint(self) -> str:
-        """Bridge."""
-        return str(self.get("hint", ""))
-
-    # end of the bridge ---------------------------------------------------------------------------------------------
-
     @property
     def value(self) -> float:
         """The number that decided: the first of its values; ``NaN`` if there is none."""
@@ -698,26 +686,6 @@ def by_time(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     return tuple(sorted(findings, key=lambda each: each.begin if each.timed else -math.inf))
 
 
-# -- H2a
-def of_families(*families: str) -> frozenset[Code]:
-    """Collect the codes of some families: the part before the first dot."""
-    return frozenset(code for code in Code if code.partition(".")[0] in families)
-
-
-# Changes of the IMU, and of the delay: an IMU in other axes looks like one.
-OF_THE_IMU = of_families("change")
-# What the user or the receiver gave is wrong.
-GIVEN_CONTRADICTED = of_families("given", "noise")
-# Fixes and IMU disagree, whichever is wrong.
-CONTRADICTIONS = of_families("change", "given", "noise", "record")
-# Fixes that a receiver or logger repeats or makes up.
-NOT_MEASURED = frozenset({Code.GPS_FROZEN, Code.GPS_FROZEN_VELOCITY, Code.GPS_EXTRAPOLATED})
-# Time-correlated errors of positions, from whatever source.
-CORRELATED_POSITIONS = frozenset(
-    {Code.ESTIMATE_CORRELATED, Code.ESTIMATE_CORRELATED_PLAUSIBLE, Code.ESTIMATE_CORRELATED_USUAL}
-)
-
-
 def _plain(value: Any) -> Value:
     """Turn numbers and arrays of numpy into those of Python, which can be hashed."""
     if isinstance(value, str | bool):
@@ -729,13 +697,3 @@ def _plain(value: Any) -> Value:
     if isinstance(value, float) and math.isnan(value):
         return math.nan
     return value  # type: ignore[no-any-return]
-
-
-def untyped_event(
-    time: float, kind: str, value: float, limit: float, unit: str, action: str, hint: str = ""
-) -> Finding:
-    """Bridge: what was an event."""
-    subject = ""
-    if kind not in set(Code):
-        kind, subject = Code.UNTYPED, kind
-    return Finding.of(Code(kind), time, subject=subject, value=value, limit=limit, unit=unit, action=action, hint=hint)

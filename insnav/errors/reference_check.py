@@ -25,7 +25,7 @@ from insnav.errors.reference_offset import (
     stated_weights,
 )
 from insnav.filter.gps_noise import velocity_lag
-from insnav.findings import GIVEN_DELAY_WRONG, Code, Finding
+from insnav.findings import Code, Finding, of_code
 from insnav.input.interpret.velocities import Fit, fit_velocities
 from insnav.sample_statistics import rms
 from insnav.tabular import runs_of
@@ -175,11 +175,7 @@ def delay_shown(run: Run) -> float:
 
 def known_delay(run: Run) -> float:
     """Delay of the fixes that the drive shows, as `delay_shown`, or NaN if it contradicts the delay given [s]."""
-    wrong = any(
-        event.code in GIVEN_DELAY_WRONG
-        or (event.code is Code.CONTRADICTION and event.get("unit") == "s" and np.isfinite(event.limit))  # bridge
-        for event in run.events
-    )
+    wrong = any(of_code(run.events, Code.GIVEN_DELAY))
     return np.nan if wrong else delay_shown(run)
 
 
