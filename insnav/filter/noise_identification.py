@@ -249,7 +249,7 @@ def _report(found: NoiseEstimate) -> list[Finding]:
 def _report_factor(code: Code, factor: FloatArray) -> list[Finding]:
     level, _, down = factor
     changed = bool(max(abs(level - 1.0), abs(down - 1.0)) > FACTOR_WORTH)
-    return [Finding.of(code, horizontal_factor=level, vertical_factor=down)] * changed
+    return [Finding.of(code, horizontal_factor=level, vertical_factor=down)] * bool(changed)
 
 
 def _report_correlated(found: CorrelatedNoise, figures: Sequence[NoiseFigure]) -> Finding:
