@@ -256,6 +256,7 @@ class Code(StrEnum):
     RUN_LATE_START = "run.late_start", Severity.WARNING
     RUN_SATURATED = "run.saturated", Severity.WARNING
     RUN_STUCK = "run.stuck", Severity.WARNING
+    RUN_LIMITED = "run.limited", Severity.WARNING
     RUN_GAPS = "run.gaps", Severity.WARNING
     RUN_NO_HEIGHTS = "run.no_heights", Severity.WARNING
     RUN_CONSTANT_HEIGHT = "run.constant_height", Severity.WARNING

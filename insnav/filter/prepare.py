@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 STILL_SD = 0.05  # velocity of a vehicle that the alignment found stationary, its engine running [m/s]
 JITTER_WORTH = 1e-4  # a smaller scatter of the timestamps is rounding; at 30 m/s it makes 3 mm [s]
 DELAY_SD = 0.05  # how well receivers and loggers agree on time if nothing else is known [s]
-CORRELATED = "time-correlated GPS position errors"  # bridge
 FEWEST_FIXES = 5  # of a part of the record that is aligned by itself
 ROUNDS = 3  # of alignment, and of fixes less the lever arm that it turns
 AFTER = 2.0 * motion.SPAN + LEVEL_SPAN  # the first motion, or the start: no alignment looks farther [s]

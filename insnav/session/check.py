@@ -311,12 +311,12 @@ def _faults(imu: ImuData, patient: _Patient) -> None:
     except InsnavError as error:
         patient.refused(error)
         return
-    for of, code in (
-        (Code.IMU_SATURATED, Code.CHECK_CLIPPED),
-        (Code.IMU_STUCK, Code.CHECK_STUCK),
-        (Code.IMU_SPIKE, Code.CHECK_SPIKES),
+    for codes, code in (
+        ((Code.IMU_SATURATED, Code.IMU_LIMITED), Code.CHECK_CLIPPED),
+        ((Code.IMU_STUCK, Code.IMU_FROZEN), Code.CHECK_STUCK),
+        ((Code.IMU_SPIKE,), Code.CHECK_SPIKES),
     ):
-        some = [*of_code(events, of)]
+        some = [*of_code(events, *codes)]
         if some:
             patient.add(code, some[0].begin, count=len(some), sensor=some[0].subject)
 

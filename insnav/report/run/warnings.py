@@ -46,7 +46,13 @@ _UNUSED = 0.3  # part of the fixes that may lie before the start of navigation u
 _TURNED = 5.0 * DEG  # that headings in a rest may be off unseen [rad]
 _PACE = 1.0  # over which turns and accelerations are those of the motion, not of vibration [s]
 _HINT = " (times in warnings are from the start)"
-_LOST = {Code.IMU_SATURATED: Code.RUN_SATURATED, Code.IMU_STUCK: Code.RUN_STUCK, Code.ROWS_GAP: Code.RUN_GAPS}
+_LOST = {
+    Code.IMU_SATURATED: Code.RUN_SATURATED,
+    Code.IMU_LIMITED: Code.RUN_LIMITED,
+    Code.IMU_STUCK: Code.RUN_STUCK,
+    Code.IMU_FROZEN: Code.RUN_STUCK,
+    Code.ROWS_GAP: Code.RUN_GAPS,
+}
 # one warning for all of a code, or that of its file
 _SUMMED = (Code.RESET, Code.DIVERGED, Code.GPS_OUTSIDE, *_LOST, Code.ROWS_CUT)
 
