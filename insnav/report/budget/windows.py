@@ -77,7 +77,7 @@ def windows_warnings(budget: RecordedBudget) -> tuple[Finding, ...]:
 def windows_assumptions(budget: RecordedBudget) -> tuple[Note, ...]:
     """Give what was taken for granted."""
     return (
-        Finding.of(Code.WINDOWS_START, start=budget.settings.start),
+        Finding.of(Code.WINDOWS_START, state="filtered" if budget.settings.start == "forward" else "smoothed"),
         Finding.of(Code.WINDOWS_REFERENCE, reference=budget.reference),
         Finding.of(Code.WINDOWS_PREDICTED),
         INTERVALS,
