@@ -59,7 +59,7 @@ def windows_sentences(budget: RecordedBudget) -> tuple[str, ...]:
 
 def windows_warnings(budget: RecordedBudget) -> tuple[Finding, ...]:
     """Give what the reader must not overlook."""
-    found = list(of_code((each for each in budget.notes if isinstance(each, Finding)), Code.BUDGET_SMOOTHED_START))
+    found = list(of_code(budget.notes, Code.BUDGET_SMOOTHED_START))
     for kind, part in windows_quantities.parts_of(budget):
         wrong = [each for each in part.verdicts if not each.explained]
         if wrong:

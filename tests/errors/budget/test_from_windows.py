@@ -14,7 +14,7 @@ from insnav.errors.outage.statistics import COMPONENTS, components, growth
 from insnav.errors.outage.window_reference import reference_from_fixes, reference_from_trajectory
 from insnav.errors.outage.windows import navigated_drive
 from insnav.exceptions import ConfigError
-from insnav.findings import Code, Finding, Severity
+from insnav.findings import Code, Severity
 from insnav.imu import ImuSpec
 from insnav.simulate import reference
 from tests.errors.outage import drives
@@ -102,7 +102,7 @@ def test_both_kinds_of_windows_and_what_is_said_of_them():
     assert found.uncalibrated.windows.uncalibrated
     assert not found.calibrated.windows.uncalibrated
     np.testing.assert_array_equal(found.uncalibrated.windows.start, found.calibrated.windows.start)
-    named = {each.code: each for each in found.notes if isinstance(each, Finding)}
+    named = {each.code: each for each in found.notes}
     assert named[Code.BUDGET_OWN_FIXES].severity is Severity.ASSUMPTION
     assert named[Code.BUDGET_ABSENT]["terms"] == ("gyro.scale_factor",)
     assert Code.BUDGET_NO_STATIONARY_WINDOW in named
@@ -125,7 +125,7 @@ def test_a_smoothed_start_is_better_and_said_not_to_be_independent():
     at = COMPONENTS.index("horizontal")
     print(forward.calibrated.growth.corrected[-1, at], smoothed.calibrated.growth.corrected[-1, at])
     assert smoothed.calibrated.growth.corrected[-1, at] < forward.calibrated.growth.corrected[-1, at]
-    begun, other = ({each.code for each in found.notes if isinstance(each, Finding)} for found in (smoothed, forward))
+    begun, other = ({each.code for each in found.notes} for found in (smoothed, forward))
     assert Code.BUDGET_SMOOTHED_START in begun
     assert Code.BUDGET_SMOOTHED_START not in other
     assert Code.BUDGET_OWN_FIXES not in other
