@@ -33,9 +33,7 @@ from insnav.filter.prepare import Prepared
 from insnav.filter.sensor_axes import Misalignment
 from insnav.findings import CORRELATED_POSITIONS, Code, Finding, Note
 from insnav.imu.specification import ImuSpec
-from insnav.plain_text import without_exponents
 from insnav.types import FloatArray, GpsData
-from insnav.units import UNITS
 
 NOT_LOST = 0.95  # part of the fixes used with resets that a run uses without them, or it is lost
 MOST_REJECTED = 0.3  # part of them that must have been used, else the gates are wrong
@@ -225,12 +223,6 @@ def understated(ready: Prepared, read: GpsData) -> tuple[Finding, ...]:
     if noisy and FEET[0] < height < FEET[1] and height > ALIKE_IN_METRES * level:
         findings.append(Finding.of(Code.NOISE_HEIGHTS_IN_FEET, begin, height_factor=height, position_factor=level))
     return tuple(findings)
-
-
-def figure_words(figure: NoiseFigure) -> str:
-    """Name, value and unit of a figure."""
-    name, value = figure.key.replace(".", " ").replace("_", " "), figure.value / UNITS[figure.unit][1]
-    return without_exponents(f"{name} {value:.2g} {figure.unit}")
 
 
 def _report(found: NoiseEstimate) -> list[Finding]:
