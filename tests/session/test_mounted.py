@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -212,13 +211,10 @@ def test_check_and_run_give_the_mounting_with_the_same_signs(plain):
     found = turned(plain, dcm_from_rph(np.array([0.0, 4.0, -6.0]) * DEG).T)
     seen = find_mounting(intervals(found.imu.data), found.fixes)
     assert seen is not None
-    told = next(
-        note for note in map(sentence, found.navigate(aiding="on", smooth=False).notes) if note.startswith("NHC")
-    )
-    pitch, yaw = re.findall(r"(?:pitch|yaw) (-?[\d.]+)", told)
-    print(seen.angles / DEG, seen.sd / DEG, told)
-    np.testing.assert_allclose([float(pitch), float(yaw)], seen.angles[1:] / DEG, atol=1.5)
-    assert float(yaw) < -4.0
+    (nhc,) = of_code(found.navigate(aiding="on", smooth=False).notes, Code.NHC_USED)
+    angles = np.array([nhc["pitch_rad"], nhc["yaw_rad"]])
+    np.testing.assert_allclose(angles, seen.angles[1:], atol=1.5 * DEG)
+    assert angles[1] < -4.0 * DEG
 
 
 def test_units_that_no_header_names_are_found_from_gravity_and_the_course(plain):

@@ -14,7 +14,7 @@ from insnav.attitude import wrap_pi
 from insnav.errors.budget.from_windows import WindowSettings
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.exceptions import InputError
-from insnav.findings import Code, Finding
+from insnav.findings import CORRELATED_POSITIONS, Code, Finding, of_code
 from insnav.fleet.recordings import find_drives
 from insnav.imu import load_imu
 from insnav.messages import sentence
@@ -55,7 +55,8 @@ def test_with_all_given_but_what_lasts_of_the_errors_of_fixes_that_is_found():
     assert inside(found.found.smoothed_errors) > 0.99 > 0.95 > inside(white.found.smoothed_errors)
     horizontal = [np.sqrt(np.mean(each.found.errors.position[:, :2] ** 2)) for each in (found, white)]
     assert horizontal[0] < 1.02 * horizontal[1]
-    assert any(sentence(note).startswith("time-correlated GPS position errors: 6 %") for note in found.notes)
+    (correlated,) = of_code(found.notes, *CORRELATED_POSITIONS)
+    assert correlated["share"] == pytest.approx(0.06, abs=0.005)
 
 
 @pytest.mark.parametrize(
@@ -66,8 +67,11 @@ def test_noise_that_is_given_too_small_is_said(model, factor, said):
     drive = insnav.simulate("figure_eight", imu="automotive", gps="single", seed=11)
     fixes = drive.gps.data
     fixes = replace(fixes, position_sd=factor * fixes.position_sd, velocity_sd=factor * fixes.velocity_sd)
-    warnings = insnav.load(drive.imu.data, fixes, imu_model=model).navigate().page().warnings
-    assert any("--noise estimate" in text for text in warnings) == said
+    result = insnav.load(drive.imu.data, fixes, imu_model=model).navigate()
+    warned = list(of_code(result.events, Code.GIVEN_NOISE))
+    assert len(warned) == said
+    assert all(each["mean_square"] > each["limit_mean_square"] for each in warned)
+    assert {sentence(each) for each in warned} <= set(result.page().warnings)
 
 
 def test_lever_arm_and_delay_are_found(result):
@@ -95,7 +99,7 @@ def test_a_budget_uses_the_noise_that_was_found():
         found.imu_model[0].name == "automotive, as found"
     )  # as it is; its noise at rest is that of consumer grade, too
     assert found.imu_model[1] == Finding.of(Code.MODEL_ESTIMATED, prior="consumer")
-    assert any("noise from the innovations" in sentence(note) for note in found.notes)
+    assert any(of_code(found.notes, Code.ESTIMATE_NOISE))
     horizontal = found.found.windows.calibrated.verdicts[-1]
     assert horizontal.low < horizontal.predicted < horizontal.high
     assert 0.8 < horizontal.recorded / horizontal.predicted < 1.25  # with the preset 0.5
@@ -150,7 +154,7 @@ def test_with_an_imu_given_standard_deviations_that_were_not_are_found(profile, 
     drive = insnav.load(made.imu.data, silent, made.reference.data, imu_model="automotive")
     done = drive.navigate()
     assert inside(done.found.smoothed_errors) > 0.97
-    assert any("GPS position sd times" in sentence(note) for note in done.notes)
+    assert any(of_code(done.notes, Code.ESTIMATE_POSITION_SD))
 
 
 @pytest.mark.parametrize("kept", [("v_n",), (), ("v_n", "fix")])
@@ -163,7 +167,7 @@ def test_without_reported_standard_deviations_errors_are_as_stated(kept):
     silent = replace(gps, position_sd=nothing, fix=fix, v_n=gps.v_n if "v_n" in kept else nothing)
     drive = insnav.load(known.imu.data, silent, known.reference.data)
     found = drive.navigate().found
-    assert any("fix type" in sentence(note) for note in drive.notes)
+    assert any(of_code(drive.notes, Code.GPS_SD_FIX_TYPE))
     assert found.noise is not None
     # positions alone do not tell how high above the IMU the antenna is: what is as good as stated is the antenna there
     unseen = np.zeros(3) if "v_n" in kept else (found.run.lever_b - LEVER) * [0.0, 0.0, 1.0]
