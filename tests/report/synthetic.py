@@ -81,7 +81,7 @@ def drive(
     v_n = true.v_n[rows] + rng.normal(size=(m, 3)) * 0.1 if velocity else np.full((m, 3), np.nan)
     gps = GpsData(t[rows], lla_offset(true.lla[rows], noise), v_n, np.full((m, 3), 1.5), np.full((m, 3), 0.1))
     events = tuple(
-        Finding.of(Code.GATE_POSITION, time, nis=float(value), limit_nis=21.1, action="rejected")
+        Finding.of(Code.GATE_POSITION, time, nis=float(value), limit_nis=21.1)
         for time, value in zip(t[rows][~used_p].tolist(), nis[~used_p, :3].sum(axis=1), strict=True)
     )
     alignment = Alignment(

@@ -17,7 +17,6 @@ from insnav.messages import sentence
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.numbers import number
 from insnav.report.page import Section, Verdict, cell, section_tables
-from insnav.report.run import verdict, warnings
 from insnav.report.run.verdict import brief_lines, run_merits
 from insnav.report.run.warnings import in_words, run_assumptions, run_warnings
 from insnav.report.series import Clock
@@ -187,14 +186,12 @@ def test_a_lever_arm_of_zero_is_an_assumption_unless_it_was_given(driven, naviga
     assert not any("lever arm" in text for text in given)
 
 
-def test_what_was_not_given_is_said_as_the_drive_shows_it(driven, navigated, monkeypatch):
+def test_what_was_not_given_is_said_as_the_drive_shows_it(driven, navigated):
     run, gps, _ = driven
     arm, sd = np.array([1.0, 0.0, -0.5]), np.array([0.1, 0.02, 0.003])
     shown = replace(run, gps_delay=-0.069, gps_delay_sd=0.004, lever_b=arm, lever_sd=sd)
     page = navigated.page()
-    # any finding stands for those that say what was corrected
-    monkeypatch.setattr(verdict, "CORRECTIONS", frozenset({Code.REF_VELOCITY_LAG}))
-    notes = Finding.of(Code.REF_VELOCITY_LAG, lag_s=0.292), Finding.of(Code.REF_NOT_FIXED, count=3), "other"
+    notes = Finding.of(Code.IMU_CLOCK_RATE, rate=292e-6), Finding.of(Code.REF_NOT_FIXED, count=3), "other"
     lines = brief_lines(page, EvaluatedRun(shown, gps), None, notes)
     (said,) = [line for line in lines if line.startswith("found")]
     assert "the fixes are 0.069 ± 0.004 s early; lever arm x, y, z 1.00 ± 0.10, 0.00 ± 0.02, -0.50 ± 0.01 m; " in said
@@ -297,13 +294,10 @@ def test_what_is_assumed_is_told_by_its_severity(bare):
     assert estimated == (notes[1],)
 
 
-def test_without_velocities_slow_errors_of_positions_are_said_to_be_believed(driven, monkeypatch):
+def test_without_velocities_slow_errors_of_positions_are_said_to_be_believed(driven):
     run = driven[0]
     alone = replace(run, innovations=replace(run.innovations, nis_velocity=np.full_like(run.innovations.time, np.nan)))
-    # any findings stand for those of the filter
-    lasting, filled_in = (Finding.of(code) for code in (Code.GPS_DUPLICATE, Code.GPS_NAN))
-    monkeypatch.setattr(warnings, "CORRELATED_POSITIONS", frozenset({lasting.code}))
-    monkeypatch.setattr(warnings, "ASSUMED_POSITION_SD", frozenset({filled_in.code}))
+    lasting, filled_in = (Finding.of(code) for code in (Code.ESTIMATE_CORRELATED, Code.GPS_SD_FIX_TYPE))
     cases = (
         (alone, (lasting,), True),
         (run, (lasting,), False),
@@ -397,6 +391,22 @@ def test_what_is_found_many_times_is_one_warning(driven):
     assert (reset.code, reset.begin, reset["count"], reset["distance_m"]) == (Code.RUN_RESET, begin, 2, 20.0)
     assert (diverged.code, diverged.subject, diverged["count"]) == (Code.RUN_DIVERGED, "position", 2)
     assert diverged["nis"] == 6.0
+
+
+def test_samples_lost_for_different_causes_are_different_warnings(driven):
+    run, gps, _ = driven
+    lost = (
+        (Code.IMU_SATURATED, Code.RUN_SATURATED),
+        (Code.IMU_LIMITED, Code.RUN_LIMITED),
+        (Code.IMU_STUCK, Code.RUN_STUCK),
+        (Code.IMU_FROZEN, Code.RUN_STUCK),
+        (Code.ROWS_GAP, Code.RUN_GAPS),
+    )
+    for code, warning in lost:
+        events = tuple(Finding.of(code, 50.0 + k, subject="imu", duration_s=2.0) for k in range(3))
+        (found,) = run_warnings(EvaluatedRun(replace(run, events=events), gps))
+        assert (found.code, found["count"], found["duration_s"]) == (warning, 3, 6.0)
+        assert sentence(found)
 
 
 def test_heights_that_were_not_measured_are_told(driven):

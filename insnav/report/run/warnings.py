@@ -18,6 +18,7 @@ from insnav.filter.innovation_likelihood import LARGEST
 from insnav.findings import (
     ASSUMED_POSITION_SD,
     CORRELATED_POSITIONS,
+    NOT_MEASURED,
     Code,
     Finding,
     Note,
@@ -155,8 +156,8 @@ def _many_rejected(run: Run) -> Iterator[Finding]:
     shares: dict[str, Any] = {}
     rows = []
     for name, key, first, used, by in (
-        ("position", "share", 0, fixes.used_position, {Code.GPS_FROZEN, Code.GATE_RECORD_POSITION}),
-        ("velocity", "velocity_share", 3, fixes.used_velocity, {Code.GPS_FROZEN, Code.GATE_RECORD_VELOCITY}),
+        ("position", "share", 0, fixes.used_position, NOT_MEASURED | {Code.GATE_RECORD_POSITION}),
+        ("velocity", "velocity_share", 3, fixes.used_velocity, NOT_MEASURED | {Code.GATE_RECORD_VELOCITY}),
     ):
         if named & by:
             continue
