@@ -42,7 +42,7 @@ from insnav.earth import lla_offset, ned_offset
 from insnav.errors.evaluated_run import failure
 from insnav.exceptions import InsnavError
 from insnav.filter.navigate import ABSORBED
-from insnav.findings import Code, Finding, Note
+from insnav.findings import CORRELATED_POSITIONS, Code, Finding, Note, of_code
 from insnav.input import read_gps, read_imu, read_reference
 from insnav.messages import sentence
 from insnav.output.data_files import write_data
@@ -52,11 +52,19 @@ from insnav.simulate.faults import parse_fault
 from insnav.types import GpsData, ImuData, Trajectory
 from tests.shared import DATA
 
-LEVER: frozenset[Code] = frozenset()  # the smallest errors of the lever arm given that a run would have shown
+LEVER = Code.ESTIMATE_LEVER_ARM_CHECKED  # the smallest errors of the lever arm given that a run would have shown
 BEGIN = 100.0  # of the faults, after the first sample [s]
 OUTCOMES = ("crash", "silent", "events", "stated", "note", "warned", "told", "good", "refused")
 HOLDS, WORSE = 0.95, 0.02
-ROUTINE: frozenset[Code] = LEVER  # no news: also the smallest false fixes, and everything about noise
+ROUTINE = CORRELATED_POSITIONS | {  # no news: what a run would not have shown, and its noise
+    LEVER,
+    Code.GPS_DETECTABLE,
+    Code.ESTIMATE_NOISE,
+    Code.ESTIMATE_NOISE_PRESET,
+    Code.ESTIMATE_POSITION_SD,
+    Code.ESTIMATE_VELOCITY_SD,
+    Code.MODEL_KEPT,
+}
 
 
 @dataclass(frozen=True)
@@ -78,7 +86,7 @@ class Case:
     inputs: dict[str, Any] = field(default_factory=dict)
     shift: float = 0.0  # by which the times of the fixes are off, and so those of the solution [s]
     # a size that the run states it would not show: one of `Smoothed.smallest_seen`, or the first number of a finding
-    seen: int | frozenset[Code] | None = None
+    seen: int | Code | None = None
 
 
 # --- drives ------------------------------------------------------------------------------------------------
@@ -363,11 +371,11 @@ def _number(text: str) -> float:
     return float("".join(takewhile("0123456789.".__contains__, text)))
 
 
-def _seen(result: Any, of: int | frozenset[Code]) -> float:
+def _seen(result: Any, of: int | Code) -> float:
     """Size that a run states it would not show."""
     if isinstance(of, int):
         return ABSORBED * float(result.found.run.smoothed.smallest_seen[of])  # as the note has it
-    return next((float(np.ravel(note.values[0][1])[0]) for note in typed(result.notes) if note.code in of), 0.0)
+    return next((float(note["detectable_m"][0]) for note in of_code(typed(result.notes), of)), 0.0)
 
 
 def _inside(solution: Trajectory, truth: Trajectory, shift: float) -> tuple[float, float]:
