@@ -42,9 +42,12 @@ class Clock:
 
     def moment(self, begin: float, end: float) -> str:
         """Write a time of the data, or a span [s], as it stands on the axis."""
-        shown = " to ".join(map(self._decimal, dict.fromkeys((begin, end))))
-        before = " before the start" * shown.startswith("-")
-        return f"{shown.removeprefix('-')} {self.unit}{before}"
+        first, *rest = (self._decimal(abs(time - self.start) + self.start) for time in dict.fromkeys((begin, end)))
+        if begin >= self.start:
+            return f"{' to '.join((first, *rest))} {self.unit}"
+        if end < self.start:
+            return f"{' to '.join((first, *rest))} {self.unit} before the start"
+        return f"{first} {self.unit} before the start to {rest[0]} {self.unit}"
 
     def sentence(self, finding: Note) -> str:
         """Put a finding into words, with its times as they stand on the axis."""

@@ -110,9 +110,9 @@ def test_empty_cells_are_counted_events_and_never_reach_the_output(drive: Path, 
     assert facts["input"]["imu"]["n_rows"] - facts["input"]["imu"]["n_used"] == 4
     assert facts["input"]["gps"]["n_rows"] - facts["input"]["gps"]["n_used"] == 1
     with Path("run/events.csv").open(newline="") as file:
-        kinds = [row["kind"] for row in csv.DictReader(file)]
-    assert kinds.count("rows.nan") == facts["events"]["rows.nan"] >= 1
-    assert kinds.count("rows.no_position") == facts["events"]["rows.no_position"] == 1
+        codes = [row["code"] for row in csv.DictReader(file)]
+    assert codes.count("rows.nan") == facts["events"]["rows.nan"] >= 1
+    assert codes.count("rows.no_position") == facts["events"]["rows.no_position"] == 1
     for name in ("solution.csv", "biases.csv"):
         text = Path("run", name).read_text().lower()
         assert "nan" not in text

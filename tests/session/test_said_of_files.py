@@ -11,7 +11,7 @@ import pytest
 
 import insnav
 from insnav.exceptions import InputError
-from insnav.findings import Code, Severity
+from insnav.findings import Code, Severity, of_code
 from insnav.input.interpret.overlap import named_offset
 from insnav.input.readers.reading import not_covered
 from insnav.messages import render, sentence
@@ -109,7 +109,10 @@ def test_a_late_start_of_fixes_says_that_rows_are_left_out(tmp_path):
 
 def test_heights_in_feet_are_named_where_they_are_that_much_worse(tmp_path):
     gps = changed(tmp_path, "gps", lambda table: table.assign(height_m=table["height_m"] / 0.3048))
-    assert "or heights are in feet" in warned(insnav.load(SAMPLE / "imu.csv.gz", gps))
+    result = insnav.load(SAMPLE / "imu.csv.gz", gps).navigate()
+    (feet,) = of_code(result.events, Code.NOISE_HEIGHTS_IN_FEET)
+    assert feet["height_factor"] > 2.0 * feet["position_factor"]
+    assert feet.severity is Severity.WARNING
 
 
 def test_a_reference_with_quaternions_says_that_they_are_not_read(tmp_path):
@@ -210,6 +213,7 @@ def test_a_minute_of_fixes_elsewhere_is_false_also_where_the_return_is_found_a_f
         minute = (table["time_s"] >= 100202.0) & (table["time_s"] <= 100260.0)
         return table.assign(lat_deg=table["lat_deg"] + 25.04 / 111200.0 * minute)
 
-    warning = warned(insnav.load(SAMPLE / "imu.csv.gz", changed(tmp_path, "gps", elsewhere)))
-    assert "59 position fixes contradict the whole record" in warning
-    assert "jump" not in warning
+    events = insnav.load(SAMPLE / "imu.csv.gz", changed(tmp_path, "gps", elsewhere)).navigate().events
+    (false,) = [each for each in events if each.severity >= Severity.WARNING]
+    assert (false.code, false["count"]) == (Code.RECORD_FALSE_POSITIONS, 59)
+    assert (false.begin, false.end) == (100202.0, 100260.0)
