@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from enum import IntEnum, StrEnum
 from typing import Any, Self, TypeAlias
@@ -206,6 +206,7 @@ class Code(StrEnum):
     MODEL_ASSUMED = "imu_model.assumed", Severity.ASSUMPTION
     MODEL_FROM_REST = "imu_model.from_rest", Severity.ASSUMPTION
     MODEL_ESTIMATED = "imu_model.estimated"
+    MODEL_SIMULATED = "imu_model.simulated"
     MODEL_KEPT = "imu_model.kept"
     ALIGN_SHORT_REST = "align.short_rest"
     OUTAGE_NO_WINDOW = "outage.no_window"
@@ -640,6 +641,34 @@ class Finding:
             subject,
         )
 
+    def as_dict(self) -> dict[str, Any]:
+        """Give the finding in a form ready for JSON; a number that is not finite is None."""
+        values = {name: _json_ready(value) for name, value in self.values}
+        times = {"from_s": self.begin, "to_s": self.end} if self.timed else {}
+        return {
+            "code": self.code.value,
+            "severity": self.severity.name.lower(),
+            **({"subject": self.subject} if self.subject else {}),
+            **{name: round(time, 6) for name, time in times.items()},
+            **({"values": values} if values else {}),
+        }
+
+    @classmethod
+    def from_dict(cls, facts: Mapping[str, Any]) -> Self:
+        """Take a finding back from JSON; a code that this version does not know becomes a stored text."""
+        code, severity = str(facts["code"]), str(facts.get("severity", "warning")).upper()
+        known = code in set(Code)
+        values = {str(name): math.nan if value is None else value for name, value in facts.get("values", {}).items()}
+        begin, end = (math.nan if facts.get(name) is None else float(facts[name]) for name in ("from_s", "to_s"))
+        return cls.of(
+            Code(code) if known else Code.STORED_TEXT,
+            begin,
+            begin if math.isnan(end) else end,
+            subject=str(facts.get("subject") or ""),
+            severity=Severity[severity] if severity in Severity.__members__ else Severity.WARNING,
+            **(values if known else {"text": code} | values),
+        )
+
     def __getitem__(self, name: str) -> Any:
         """Give one of its values by its name."""
         for key, value in self.values:
@@ -674,17 +703,20 @@ class Finding:
         return not math.isnan(self.begin)
 
 
-Note: TypeAlias = Finding | str  # bridge
-
-
-def of_code(findings: Iterable[Note], *codes: Code) -> Iterator[Finding]:
+def of_code(findings: Iterable[Finding], *codes: Code) -> Iterator[Finding]:
     """Choose the findings that have one of some codes."""
-    return (each for each in findings if isinstance(each, Finding) and each.code in codes)
+    return (each for each in findings if each.code in codes)
 
 
 def by_time(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Sort findings by time; those without any come first, in their order."""
     return tuple(sorted(findings, key=lambda each: each.begin if each.timed else -math.inf))
+
+
+def _json_ready(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return [_json_ready(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _plain(value: Any) -> Value:

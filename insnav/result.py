@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar, cast
 
 from insnav.deferred import library
 from insnav.exceptions import as_keywords
-from insnav.findings import Finding, Note
+from insnav.findings import Finding
 from insnav.imu.specification import ImuSpec
 from insnav.input.readers.reading import ReadingFacts
 from insnav.output.folder import RunFolder
@@ -46,10 +46,8 @@ class Result(Generic[F]):
         Options in force, JSON-ready.
     imu_model : (ImuSpec, Finding) or None
         IMU error specification, and how it was chosen.
-    notes : tuple of Finding
-        Assumptions and what was detected, most important first.
-    events : tuple of Finding
-        Everything out of the ordinary in the data and the filter, in order of time.
+    findings : tuple of Finding
+        Everything that was detected, most important first.
     """
 
     kind: str
@@ -57,8 +55,7 @@ class Result(Generic[F]):
     inputs: Mapping[str, ReadingFacts] = field(default_factory=dict)
     options: Mapping[str, Any] = field(default_factory=dict)
     imu_model: tuple[ImuSpec, Finding] | None = None
-    notes: tuple[Note, ...] = ()
-    events: tuple[Finding, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
     def __repr__(self) -> str:
         sources = ", ".join(facts.path for facts in self.inputs.values())

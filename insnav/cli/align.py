@@ -23,7 +23,7 @@ def align(
         raise ConfigError("nothing tells the latitude", where="--lat", fix="give it, or fixes with --gps")
     with working(out, force) as (folder, stage):
         outcome = data.load(stage).align()
-        for text in outcome.notes:
+        for text in outcome.findings:
             note(sentence(text))
         outcome, where = data.save(outcome, folder, stage)
     if as_json:

@@ -55,4 +55,4 @@ def compare(
         from insnav.messages import sentence
         from insnav.report.comparison.page import comparison_lines
 
-        result("\n".join([*comparison_lines(found), *map(sentence, outcome.notes)]))
+        result("\n".join([*comparison_lines(found), *map(sentence, outcome.findings)]))

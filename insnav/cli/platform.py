@@ -112,7 +112,6 @@ def platform(
             runs = integrate(record, start, errors, vertical=vertical, gravity=gravity, interval=interval)
             stage("writing")
             from insnav.errors.platform_errors import PlatformStudy
-            from insnav.messages import sentence
             from insnav.output.data_files import write_table
             from insnav.output.kml import write_kml
             from insnav.output.solution_tables import write_events, write_run_table
@@ -121,8 +120,9 @@ def platform(
 
             reading, reference = record.force, record.reference
             name = Path(reading.facts.path).name
-            notes = tuple(map(sentence, reading.facts.evidence))
-            study = PlatformStudy(integrator, runs, errors, reference.data if reference else None, name, notes)
+            study = PlatformStudy(
+                integrator, runs, errors, reference.data if reference else None, name, reading.facts.evidence
+            )
             readings = {key: each.as_dict() for key, each in record.facts.items()}
             page = platform_page(study)
             metadata = {"configuration": configuration, "input": readings}

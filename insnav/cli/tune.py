@@ -45,8 +45,7 @@ def tune(
         note(f"prior: {loaded[0].imu_spec.name}: {sentence(loaded[0].imu_chosen)}")
         stage("writing")
         summary = f"The log-likelihood is {found.gain:.0f} above that of the prior; drives: {len(loaded)}."
-        warnings = tuple(map(sentence, different))
-        page = Page(f"Noise of an IMU: {found.spec.name}", (summary,), (noise_section(found),), warnings=warnings)
+        page = Page(f"Noise of an IMU: {found.spec.name}", (summary,), (noise_section(found),), tuple(different))
         metadata = {"kind": "tune", "configuration": data.options}
         where = write_page(folder, page, metadata, {"imu.toml": to_toml(found.spec)})
     result_page(where, page, out, as_json=as_json, more=("imu.toml",))

@@ -12,7 +12,7 @@ from insnav.attitude import dcm_from_rph, quat_from_rotvec, quat_from_rph, quat_
 from insnav.earth import ned_offset
 from insnav.errors.metrics import TrajectoryErrors, position_errors
 from insnav.errors.schuler import StaticErrors, static_errors
-from insnav.findings import Note
+from insnav.findings import Finding
 from insnav.gimbal import INTEGRATORS, Integrator, PlatformErrors, PlatformRun, integral, navigate_platform
 from insnav.simulate import Truth, imu_from_truth, reference
 from insnav.types import FloatArray, Trajectory
@@ -57,7 +57,7 @@ class PlatformStudy:
     errors: PlatformErrors
     reference: Trajectory | None  # what the integrators are evaluated against
     name: str  # the file
-    notes: tuple[Note, ...]  # what was understood and assumed
+    notes: tuple[Finding, ...]  # what was understood and assumed
 
     @property
     def run(self) -> PlatformRun:

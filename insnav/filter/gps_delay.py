@@ -413,11 +413,7 @@ def on_time(
     if seen.ready.clock == ready.clock and not ready.parts:  # of a start in motion
         ready = replace(ready, alignment=seen.ready.alignment, initial=seen.ready.initial)
     lagging, known = abs(lags[0]) > LAG_WORTH, lags[1] > 0.0
-    notes = [
-        note
-        for note in ready.notes
-        if lagging > known or isinstance(note, str) or note.code is not Code.GPS_VELOCITY_LAG
-    ]
+    notes = [note for note in ready.notes if lagging > known or note.code is not Code.GPS_VELOCITY_LAG]
     if lagging and known:
         notes.append(name_lag(lags[0], lags[1]))
     if ready.clock != 0.0:

@@ -22,7 +22,7 @@ from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import Prepared, Start, prepare
 from insnav.filter.settings import FilterSettings
 from insnav.filter.whole_record import OPEN, WEAKER, contradicted, decided, unlikely
-from insnav.findings import Code, Finding, Note
+from insnav.findings import Code, Finding
 from insnav.imu.specification import ImuSpec
 from insnav.types import FloatArray, GpsData, ImuData, Run, StateChange, Trajectory
 
@@ -45,7 +45,7 @@ class Navigated:
 
     run: Run  # the result
     gps: GpsData  # the fixes as processed, every value with a standard deviation
-    notes: tuple[Note, ...] = field(default=())  # what was detected
+    notes: tuple[Finding, ...] = field(default=())  # what was detected
     ready: Prepared | None = None  # what was navigated, other aiding included
 
 
@@ -189,7 +189,7 @@ def _standing(ready: Prepared, run: Run) -> tuple[Prepared, Run]:
     rows = np.searchsorted(edges, zupt.stops)
     seen = np.array([np.diff(edges[a - 1 : b + 1]).max() <= GAP_WORTH for a, b in rows])
     others = tuple(each for each in aiding if each is not zupt)
-    notes = tuple(note for note in ready.notes if isinstance(note, str) or note.code is not Code.ZUPT_USED)
+    notes = tuple(note for note in ready.notes if note.code is not Code.ZUPT_USED)
     least, best = unlikely(run, ready.gps, settings) - CREEPS, (ready, run)
     for kept in ([seen] if seen.any() and not seen.all() else []) + [np.zeros_like(seen)]:
         some = (replace(zupt, stops=zupt.stops[kept]),) * bool(kept.any())

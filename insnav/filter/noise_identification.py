@@ -31,7 +31,7 @@ from insnav.filter.noise_estimate import NoiseEstimate, NoiseFigure, after_rest,
 from insnav.filter.noise_search import AVERAGED, FEWEST, NEAR, STARTS, Posterior, identify, misalignments
 from insnav.filter.prepare import Prepared
 from insnav.filter.sensor_axes import Misalignment
-from insnav.findings import CORRELATED_POSITIONS, Code, Finding, Note
+from insnav.findings import CORRELATED_POSITIONS, Code, Finding
 from insnav.imu.specification import ImuSpec
 from insnav.types import FloatArray, GpsData
 
@@ -196,8 +196,8 @@ def _with_axes(ready: Prepared, found: Misalignment) -> Prepared:
     return replace(ready, imu=imu, model=model, notes=notes)
 
 
-def _without_correlated(notes: tuple[Note, ...]) -> list[Note]:
-    return [note for note in notes if not (isinstance(note, Finding) and note.code in CORRELATED_POSITIONS)]
+def _without_correlated(notes: tuple[Finding, ...]) -> list[Finding]:
+    return [note for note in notes if note.code not in CORRELATED_POSITIONS]
 
 
 def understated(ready: Prepared, read: GpsData) -> tuple[Finding, ...]:

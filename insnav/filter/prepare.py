@@ -24,7 +24,7 @@ from insnav.filter.measurements.height import HeightAiding
 from insnav.filter.navigator import Navigator
 from insnav.filter.parts import LONGEST_GAP, SHORTEST, Part, spans
 from insnav.filter.settings import FilterSettings
-from insnav.findings import Code, Finding, Note
+from insnav.findings import Code, Finding
 from insnav.imu.health import inspect
 from insnav.imu.specification import ImuSpec
 from insnav.types import Alignment, FloatArray, GpsData, ImuData
@@ -68,7 +68,7 @@ class Prepared:
     alignment: Alignment  # initial attitude
     initial: InitialState  # initial state
     nominal: float  # sampling interval [s]
-    notes: tuple[Note, ...]  # what was detected
+    notes: tuple[Finding, ...]  # what was detected
     faults: tuple[Finding, ...] = ()  # samples that were replaced or taken out
     noise: NoiseEstimate | None = None  # as found in the innovations of the drive
     kinds: tuple[ImuSpec, ...] = ()  # what IMU it may be beside that of the model, where none was given

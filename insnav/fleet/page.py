@@ -13,7 +13,6 @@ import numpy as np
 
 from insnav.findings import Finding
 from insnav.fleet.batch import DRIVES, Navigated
-from insnav.messages import sentence
 from insnav.output.folder import RunFolder
 from insnav.plain_text import cell_text
 from insnav.quantity import Quantity, quantity_of
@@ -215,7 +214,7 @@ def fleet_page(rows: Sequence[Row], left_out: Sequence[Finding]) -> Page:
             Section("failures", "Drives that failed", rows=failures, show="page"),
             one_each("vehicles", "Noise found in each vehicle", vehicle_noise(rows), "vehicle", noise),
         ),
-        notes=tuple(map(sentence, left_out)),
+        findings=tuple(left_out),
         verdict=Verdict(light, reason, outcome),
         merits=(
             Quantity("drives", total),

@@ -27,11 +27,11 @@ from pathlib import Path
 from string import Formatter
 from typing import Any
 
-from insnav.findings import Code, Finding, Note
+from insnav.findings import Code, Finding
 from insnav.plain_text import moment
 from insnav.units import UNITS, shown_unit
 
-LANGUAGES = ("en",)
+LANGUAGES = ("en", "zh")
 PARTS = ("title", "text", "done", "advice")
 _OPTIONAL = re.compile(r"\[\[(.*?)\]\]")
 _FORMATTER = Formatter()
@@ -87,11 +87,15 @@ def render(finding: Finding, lang: str | None = None, at: At = moment) -> Messag
     return Message(**{part: _filled(entry[part], finding, lang, at) for part in PARTS if part in entry})
 
 
-def sentence(finding: Note, lang: str | None = None, at: At = moment) -> str:
+def sentence(finding: Finding, lang: str | None = None, at: At = moment) -> str:
     """Put a finding into one line: what was seen, what insnav did, and what the user can do."""
-    if isinstance(finding, str):  # bridge
-        return finding
     return str(render(finding, lang, at))
+
+
+def shows_time(finding: Finding, lang: str | None = None) -> bool:
+    """Whether the words of a finding hold a time of the record."""
+    entry = catalogue(lang or language())[finding.code.value]
+    return finding.timed and any(place in entry.get(part, "") for part in PARTS for place in ("{span}", ":moment}"))
 
 
 def _filled(text: str, finding: Finding, lang: str, at: At) -> str:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -20,7 +19,7 @@ import pyarrow.csv
 
 from insnav import spill
 from insnav.exceptions import InputError
-from insnav.findings import Code, Finding, Severity, by_time
+from insnav.findings import Code, Finding, by_time
 from insnav.messages import render
 from insnav.output.columns import TEXT_ROWS, Decimals, arrow_table, rounded, write_csv, write_numbers
 from insnav.plain_text import cell_text, plain_text
@@ -110,43 +109,13 @@ def write_events(folder: Path, findings: Sequence[Finding]) -> Path:
         "unit": [quantity_of(each.values[0][0], 0.0).unit if each.values else "" for each in timed],
         "action": [" ".join(filter(None, (each.text, each.done))) for each in messages],
         "hint": [each.advice for each in messages],
-        "values": [values_text(each) for each in timed],
+        "values": [json.dumps(each.as_dict().get("values", {})) for each in timed],
     }
     columns |= {key: [cell_text(text) for text in column] for key, column in texts.items()}
     path = folder / "events.csv"
     with path.open("wb") as stream:
         write_csv(arrow_table({key: columns[key] for key in _EVENT_COLUMNS}), stream)
     return path
-
-
-def values_text(finding: Finding) -> str:
-    """Write the values of a finding as JSON; a number that is not finite is null."""
-    return json.dumps(json_values(finding)) if finding.values else ""
-
-
-def json_values(finding: Finding) -> dict[str, Any]:
-    """Give the values of a finding ready for JSON."""
-    return {name: _finite(value) for name, value in finding.values}
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, tuple):
-        return [_finite(each) for each in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def stored_finding(row: Mapping[str, Any], values: Mapping[str, Any]) -> Finding:
-    """Make a finding of what a file holds of it; a code of another version keeps its text."""
-    known, code = set(Code), str(row["code"])
-    severity = str(row.get("severity") or "warning").upper()
-    return Finding.of(
-        Code(code) if code in known else Code.STORED_TEXT,
-        _number(row.get("time_s")),
-        _number(row.get("end_s")),
-        subject=str(row.get("subject") or ""),
-        severity=Severity[severity] if severity in Severity.__members__ else Severity.WARNING,
-        **{name: math.nan if value is None else value for name, value in values.items()},
-    )
 
 
 def has_smoothed(folder: Path) -> bool:
@@ -213,15 +182,13 @@ def read_events(folder: Path) -> tuple[Finding, ...]:
 
 
 def _finding_of_row(row: Mapping[str, Any]) -> Finding:
+    times = {"from_s": row["time_s"], "to_s": row.get("end_s")}
     if "code" in row:
-        return stored_finding(row, json.loads(row["values"] or "{}"))
+        texts = {name: row[name] for name in ("code", "severity", "subject")}
+        return Finding.from_dict(times | texts | {"values": json.loads(row["values"])})
     severity = "note" if row["kind"] in set(Code) else "warning"
-    old = {"code": row["kind"], "time_s": row["time_s"], "severity": severity}
-    return stored_finding(old, {"value": row["value"], "limit": row["limit"], "text": row["action"]})
-
-
-def _number(value: float | None) -> float:
-    return np.nan if value is None else float(value)
+    values = {"value": row["value"], "limit": row["limit"], "text": row["action"]}
+    return Finding.from_dict(times | {"code": row["kind"], "severity": severity, "values": values})
 
 
 def _parquet() -> Any:

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from insnav.findings import Code, Finding
-from insnav.messages import render
-from insnav.plain_text import plain_text
+from insnav.findings import Code, Finding, Severity
+from insnav.messages import At, render, sentence, shows_time
+from insnav.plain_text import moment, plain_text
 from insnav.quantity import Quantity
 from insnav.report.numbers import number, rounded
 
@@ -28,7 +28,7 @@ else:
     DataFrame = Figure = Any  # their libraries are imported where some are made
 
 Show = Literal["all", "page", "json"]
-_REASON = 120  # characters of a warning that is the reason of a light
+_HINT = " (times in warnings are from the start)"
 Light = Literal["good", "attention", "bad", "unknown"]
 LIGHTS: Mapping[Light, str] = {
     "good": "good",
@@ -63,13 +63,13 @@ class Verdict:
     sentence: str
 
 
-def by_warnings(sentence: str, warnings: Sequence[str], without: tuple[Light, str]) -> Verdict:
+def by_warnings(sentence: str, findings: Sequence[Finding], without: tuple[Light, str]) -> Verdict:
     """Give a result that needs attention if it has warnings; `without` any, or where worse, this light and reason."""
+    warnings = [each for each in findings if each.severity >= Severity.WARNING]
     if not warnings or without[0] in ("attention", "bad"):
         return Verdict(*without, sentence)
     more = f" (and {len(warnings) - 1} more)" if len(warnings) > 1 else ""
-    first = warnings[0].rstrip(".")
-    return Verdict("attention", f"{first if len(first) <= _REASON else f'{first[:_REASON]}…'}{more}", sentence)
+    return Verdict("attention", f"{render(warnings[0]).title}{more}", sentence)
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,12 +141,36 @@ class Page:
     title: str  # what was done, to what
     summary: tuple[str, ...]  # the result in a few sentences
     sections: tuple[Section, ...]
-    warnings: tuple[str, ...] = ()  # what the reader must not overlook, most harmful first
-    assumptions: tuple[str, ...] = ()  # what was taken for granted: defaults, validity, sources
-    notes: tuple[str, ...] = ()  # what was found in the data and done about it, most important first; no warnings
+    findings: tuple[Finding, ...] = ()  # what was detected, most important first
+    method: tuple[str, ...] = ()  # how the figures were made, and what they rest on
+    at: At = moment  # how times of the record are written
+    starts_at: float = 0.0  # zero of these times, in the time of the data [s]
     verdict: Verdict | None = None  # the first thing on the page
     merits: tuple[Quantity, ...] = ()  # figures of merit, about six; they stand in the sections too
     merits_note: str = ""  # what they are of
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the reader must not overlook; the first with a time says from when times count."""
+        texts, hint = [], abs(self.starts_at) > 1.0
+        for finding in (each for each in self.findings if each.severity >= Severity.WARNING):
+            hinted = hint and shows_time(finding)
+            texts.append(sentence(finding, at=self.at) + _HINT * hinted)
+            hint = hint and not hinted
+        return tuple(texts)
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What was taken for granted: defaults, validity, sources."""
+        return (*self.method, *self._texts(Severity.ASSUMPTION))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was detected and dealt with."""
+        return self._texts(Severity.NOTE)
+
+    def _texts(self, severity: Severity) -> tuple[str, ...]:
+        return tuple(sentence(each, at=self.at) for each in self.findings if each.severity is severity)
 
     @property
     def lists(self) -> tuple[tuple[str, tuple[str, ...]], ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from insnav.findings import Note
+from insnav.findings import Finding
 from insnav.imu.specification import ImuSpec
 from insnav.input.readers.reading import ReadingFacts
 from insnav.messages import sentence
@@ -59,7 +59,7 @@ def _inputs(inputs: Mapping[str, ReadingFacts]) -> tuple[Section, ...]:
     )
 
 
-def imu_model(spec: ImuSpec, how: Note) -> Section:
+def imu_model(spec: ImuSpec, how: Finding) -> Section:
     """Give an IMU error specification, one standard deviation each, x, y, z."""
     sensors = {}
     for name, (_, unit, walk_unit) in _SENSORS.items():

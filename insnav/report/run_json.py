@@ -20,7 +20,7 @@ from insnav.report.page import Page, Section
 from insnav.version import __version__
 
 # of ``run.schema.json``: the first number changes when a key goes or changes its meaning, the second when keys come
-SCHEMA = "1.0"
+SCHEMA = "2.0"
 _VERSIONS_OF = ("numpy", "scipy", "numba", "filterpy", "pyarrow", "matplotlib")
 
 
@@ -28,12 +28,13 @@ def page_facts(page: Page) -> dict[str, Any]:
     """Give everything in a report as one nested dict, ready for JSON.
 
     Returns: under the key of each section its quantities, units in the keys; the rows of a table as a list.
-    ``verdict`` where there is one, ``summary``, ``warnings``, ``notes`` and ``assumptions`` last.
+    ``verdict`` where there is one, ``summary``, ``method`` and ``findings`` last.
     """
     facts = section_facts(page.sections)
     if page.verdict is not None:
         facts["verdict"] = {name: getattr(page.verdict, name) for name in ("light", "reason", "sentence")}
-    return facts | {name: list(getattr(page, name)) for name in ("summary", "warnings", "notes", "assumptions")}
+    texts = {name: list(getattr(page, name)) for name in ("summary", "method")}
+    return facts | texts | {"findings": [each.as_dict() for each in page.findings]}
 
 
 def section_facts(sections: Sequence[Section]) -> dict[str, Any]:

@@ -15,14 +15,13 @@ from types import ModuleType
 from typing import Any, Literal, cast
 
 from insnav.exceptions import ConfigError, InputError, writing
-from insnav.findings import Code, Finding
+from insnav.findings import Code, Finding, Severity
 from insnav.imu.imu_file import load_imu
 from insnav.input.readers.reading import ReadingFacts
-from insnav.messages import sentence
 from insnav.output.contents import FACTS_FILE
 from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_events
-from insnav.plain_text import NOT_UTF8, without_exponents
+from insnav.plain_text import NOT_UTF8
 from insnav.report.page import DataFrame, Figure, FigureSpec, Page
 from insnav.report.provenance import provenance
 from insnav.report.run_json import SCHEMA, json_ready, page_facts, versions
@@ -38,7 +37,7 @@ def page_of(result: Result[Any]) -> Page:
     return replace(
         page,
         sections=(*page.sections, *provenance(result)),
-        notes=page.notes or tuple(without_exponents(sentence(note)) for note in result.notes),
+        findings=page.findings or tuple(each for each in result.findings if not each.timed),
     )
 
 
@@ -112,24 +111,36 @@ def open_folder(folder: Path) -> Result[Any]:
     """Read a saved result again; see `insnav.result.open_result`."""
     facts = read_facts(folder)
     kind = str(facts.get("kind", "run"))
-    parts = {"input": dict, "configuration": dict, "notes": list, "assumptions": list, "fixes": dict, "imu_model": dict}
-    for name, what in parts.items():
+    known = {"input": dict, "configuration": dict, "findings": list, "fixes": dict, "imu_model": dict}
+    for name, what in known.items():
         if not isinstance(facts.get(name, what()), what):
             raise InputError("run.json is damaged", where=str(folder / FACTS_FILE), why=name, fix="make the run again")
-    inputs = {name: ReadingFacts.from_dict(each) for name, each in facts.get("input", {}).items()}
+    try:
+        inputs = {name: ReadingFacts.from_dict(each) for name, each in facts.get("input", {}).items()}
+        stored = tuple(map(Finding.from_dict, facts.get("findings", ()))) or _of_version_0_2(facts)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        fix = "make the run again"
+        raise InputError("run.json is damaged", where=str(folder / FACTS_FILE), why=str(error), fix=fix) from error
     found = _of_room(kind, "read_found")(folder)
     file, model = folder / "imu.toml", facts.get("imu_model")
-    imu_model = None
-    if model and file.is_file():
-        imu_model = load_imu(str(file)), Finding.of(Code.STORED_TEXT, text=str(model["chosen"]))
-    opened = Result(kind, found, inputs, facts.get("configuration", {}), imu_model, tuple(facts.get("notes", ())))
-    if any(folder.glob("events.*")):
-        opened = replace(opened, events=read_events(folder))
-    if kind != "run":
-        return opened
-    told = _of_room(kind, "page")(opened, sections=False).assumptions  # the others were notes, too
-    notes = (*opened.notes, *(text for text in facts.get("assumptions", ()) if text not in told))
-    return replace(opened, notes=notes)
+    chosen = next((each for each in stored if each.code.startswith("imu_model.")), None)
+    if model and chosen is None:
+        chosen = Finding.of(Code.STORED_TEXT, text=str(model.get("chosen", "")))
+    imu_model = (load_imu(str(file)), chosen) if chosen is not None and file.is_file() else None
+    events = read_events(folder) if any(folder.glob("events.*")) else ()
+    return Result(
+        kind, found, inputs, facts.get("configuration", {}), imu_model, tuple(dict.fromkeys((*stored, *events)))
+    )
+
+
+def _of_version_0_2(facts: Mapping[str, Any]) -> tuple[Finding, ...]:
+    """Findings of a folder that had texts."""
+    severities = {"assumptions": Severity.ASSUMPTION, "notes": Severity.NOTE}
+    return tuple(
+        Finding.of(Code.STORED_TEXT, severity=severity, text=str(text))
+        for name, severity in severities.items()
+        for text in facts.get(name, ())
+    )
 
 
 def write_page(

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from insnav.findings import Note
+from insnav.findings import Finding
 from insnav.messages import sentence
-from insnav.plain_text import moments
 from insnav.types import FloatArray
 
 BINS = 1200  # about one a pixel: more cannot be seen
@@ -49,9 +48,9 @@ class Clock:
             return f"{' to '.join((first, *rest))} {self.unit} before the start"
         return f"{first} {self.unit} before the start to {rest[0]} {self.unit}"
 
-    def sentence(self, finding: Note) -> str:
+    def sentence(self, finding: Finding) -> str:
         """Put a finding into words, with its times as they stand on the axis."""
-        return moments(sentence(finding, at=self.moment), self._decimal, self.unit)  # bridge: moments of texts
+        return sentence(finding, at=self.moment)
 
     def _decimal(self, time: float) -> str:
         decimals = {"s": 1, "min": 2, "h": 4}[self.unit]

@@ -150,7 +150,8 @@ def check(
     as_given = found.run is not None and not patient.refusals
     found = replace(found, command=line, runs=found.run is not None, runs_as_given=as_given, problems=problems)
     events: tuple[Finding, ...] = () if data is None else data.imu.events
-    return Result("check", found, facts, {}, None, () if drive is None else drive.notes, events)
+    notes: tuple[Finding, ...] = () if drive is None else drive.notes
+    return Result("check", found, facts, {}, None, (*problems, *notes, *events))
 
 
 def _sorted(files: Sequence[str | Path], patient: _Patient, roles: Mapping[Path, str]) -> dict[str, str | Path]:

@@ -65,7 +65,7 @@ def compare(
             notes = (*notes, *doubts)
     found = compare_solutions(solutions, fixed, point)
     names = [str(run) for run in runs if not isinstance(run, Result)]
-    return Result("comparison", found, {"reference": reference.facts}, options_of(inputs, runs=names), notes=notes)
+    return Result("comparison", found, {"reference": reference.facts}, options_of(inputs, runs=names), findings=notes)
 
 
 def _fixes(run: Result[EvaluatedRun] | str | Path) -> GpsData | None:

@@ -12,7 +12,7 @@ from insnav.exceptions import InputError
 from insnav.filter import FilterSettings
 from insnav.filter.gps_noise import with_sd
 from insnav.filter.prepare import DELAY_SD, first_stationary
-from insnav.findings import Code, Finding, Note
+from insnav.findings import Code, Finding
 from insnav.imu import identify, load_imu
 from insnav.imu.imu_file import part_of
 from insnav.imu.presets import PRESETS
@@ -71,7 +71,7 @@ def stationary_part(imu: ImuData, fixes: GpsData | None, inputs: Inputs) -> tupl
 
 def complete_fixes(
     imu: ImuData, gps: Reading[GpsData] | None, reference: Reading[Trajectory] | None
-) -> tuple[GpsData | None, tuple[Note, ...]]:
+) -> tuple[GpsData | None, tuple[Finding, ...]]:
     """Fixes with a standard deviation for every value, and findings; None if there is no position.
 
     Without GPS, a reference that never moves stands for it: the place of a bench.

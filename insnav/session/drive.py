@@ -20,6 +20,7 @@ from insnav.errors.evaluated_run import EvaluatedRun, evaluate_run, fixed_epochs
 from insnav.errors.metrics import at_point
 from insnav.errors.outage.window_reference import WindowReference, reference_from_trajectory
 from insnav.errors.outage.windows import LENGTHS
+from insnav.errors.run_findings import judged
 from insnav.exceptions import AlignmentError, ConfigError, InputError, as_keywords
 from insnav.filter import FilterSettings
 from insnav.filter.delay_step import with_one_delay
@@ -45,7 +46,7 @@ from insnav.filter.noise_identification import (
 )
 from insnav.filter.prepare import DELAY_SD, Prepared, Start, prepare
 from insnav.filter.whole_record import without_rejected
-from insnav.findings import Code, Finding, Note, by_time, of_code
+from insnav.findings import Code, Finding, by_time, of_code
 from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec
 from insnav.input import Reading
@@ -181,7 +182,7 @@ class Drive:
     imu_spec: ImuSpec
     imu_chosen: Finding
     settings: FilterSettings
-    notes: tuple[Note, ...]
+    notes: tuple[Finding, ...]
     clock: tuple[float, float] = (0.0, 0.0)
 
     @property
@@ -354,7 +355,7 @@ class Drive:
             "mechanization": mechanization,
         }
         found = replace(found, run=thinned(found.run, output_interval))
-        return self._result("run", found, options, notes, found.run.events, self._spec(ready))
+        return self._result("run", found, options, (*notes, *found.run.events), self._spec(ready), found)
 
     def _spec(self, ready: Prepared) -> ImuSpec:
         return self.imu_spec if ready.noise is None else ready.noise.spec
@@ -366,7 +367,7 @@ class Drive:
         smooth: bool = True,
         output_interval: float = 0.1,
         progress: Callable[[float], None] | None = None,
-    ) -> tuple[Prepared, EvaluatedRun, tuple[Note, ...]]:
+    ) -> tuple[Prepared, EvaluatedRun, tuple[Finding, ...]]:
         """See `navigate`: the drive as it was prepared, other aiding included, the run of it, and notes."""
 
         def navigated(fixes: GpsData | None, clock: tuple[float, float] | None = None) -> tuple[Prepared, Navigated]:
@@ -456,7 +457,7 @@ class Drive:
         if missed := sorted({*lengths} - {window.length for window in windows}):
             notes = (Finding.of(Code.OUTAGE_NO_WINDOW, lengths_s=tuple(missed)), *notes)
         options = {"lengths_s": lengths, "first_s": first, "spacing_s": spacing, "aiding": aiding}
-        return self._result("outage", found, options, notes, run.run.events, self._spec(ready))
+        return self._result("outage", found, options, (*notes, *run.run.events), self._spec(ready), run)
 
     def budget(
         self,
@@ -505,7 +506,7 @@ class Drive:
         assumed = () if given else (self.imu_chosen,)
         recorded = replace(recorded, notes=(*self.notes, *assumed, *recorded.notes))
         found = budget_of_windows(recorded, settings, progress)
-        return self._result("budget", found, asdict(settings), recorded.notes, self._events(()), spec)
+        return self._result("budget", found, asdict(settings), (*recorded.notes, *self._events(())), spec)
 
     def require(
         self,
@@ -550,7 +551,7 @@ class Drive:
         spec = load_imu(str(given)) if isinstance(given, str | Path) else given
         motion = Moving(truth_from_track(track), f"the drive {Path(self.imu.facts.path).name}")
         found = study_of(required, motion, spec, settings, workers, progress)
-        return self._result("requirement", found.found, found.options, self.notes, self._events(()))
+        return self._result("requirement", found.found, found.options, (*self.notes, *self._events(())))
 
     def align(self) -> Result[FineAlignment]:
         """Align the drive at rest: from means, then by the filter with zero velocity.
@@ -583,7 +584,7 @@ class Drive:
             short = Finding.of(Code.ALIGN_SHORT_REST, *rest, subject="imu", duration_s=duration, limit_s=SHORT_REST)
             notes.append(short)
         found = fine_alignment(self.imu.data, self.imu_spec, self._place(), rest, inputs.get("heading"))
-        return self._result("alignment", found, {}, tuple(notes), self._events(()))
+        return self._result("alignment", found, {}, (*notes, *self._events(())))
 
     def _place(self) -> FloatArray:
         """Latitude, longitude [rad] and height [m] of a stationary record."""
@@ -645,12 +646,14 @@ class Drive:
         kind: str,
         found: Any,
         options: Mapping[str, object],
-        notes: tuple[Note, ...],
-        events: tuple[Finding, ...],
+        findings: tuple[Finding, ...],
         spec: ImuSpec | None = None,
+        run: EvaluatedRun | None = None,
     ) -> Result[Any]:
+        """Make a result; that of a `run` has the findings about it, too."""
         given = options_of(self.readings.inputs, **options)
         chosen = self.imu_chosen
         if spec is not None and spec is not self.imu_spec:
             chosen = Finding.of(Code.MODEL_ESTIMATED, prior=self.imu_spec.name)
-        return Result(kind, found, self.readings.facts, given, (spec or self.imu_spec, chosen), notes, events)
+        result = Result(kind, found, self.readings.facts, given, (spec or self.imu_spec, chosen), (*findings, chosen))
+        return result if run is None else judged(result, run)

@@ -17,7 +17,7 @@ from insnav.attitude import rph_from_quat, wrap_pi
 from insnav.exceptions import AlignmentError, InputError
 from insnav.filter.gps_delay import Filtered, filtered
 from insnav.filter.prepare import Prepared
-from insnav.findings import OF_THE_IMU, Code, Finding, Note, of_code
+from insnav.findings import OF_THE_IMU, Code, Finding, of_code
 from insnav.input import Reading
 from insnav.input.interpret.axes import axes_matrix
 from insnav.input.interpret.physics import check_axes, one_gyro, quiet_part
@@ -42,7 +42,7 @@ LIKELIER = 30.0  # twice the logarithm of how much likelier fixes must be with o
 X_FORWARD = Finding.of(Code.MOUNTING_ASSUMED, subject="imu")
 
 
-def doubt_mounting(notes: Iterable[Note], events: Iterable[Finding]) -> tuple[Finding, ...]:
+def doubt_mounting(notes: Iterable[Finding], events: Iterable[Finding]) -> tuple[Finding, ...]:
     """Doubt an assumed mounting if the IMU contradicts the fixes, as it does in wrong axes."""
     contradictions = list(of_code(events, *OF_THE_IMU))
     if not contradictions or not any(of_code(notes, Code.MOUNTING_ASSUMED)):

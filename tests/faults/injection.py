@@ -40,13 +40,13 @@ import insnav
 from insnav.attitude import dcm_from_rph
 from insnav.earth import lla_offset, ned_offset
 from insnav.errors.evaluated_run import failure
+from insnav.errors.run_findings import file_warnings, run_warnings, typed
 from insnav.exceptions import InsnavError
 from insnav.filter.navigate import ABSORBED
 from insnav.findings import CORRELATED_POSITIONS, Code, Finding, Note, of_code
 from insnav.input import read_gps, read_imu, read_reference
 from insnav.messages import sentence
 from insnav.output.data_files import write_data
-from insnav.report.run.warnings import file_warnings, run_warnings, typed
 from insnav.session.simulation import plan_of, profiled
 from insnav.simulate.faults import parse_fault
 from insnav.types import GpsData, ImuData, Trajectory

@@ -15,6 +15,7 @@ from insnav.attitude import dcm_from_quat, quat_from_dcm, skew
 from insnav.earth import OMEGA_EARTH, lla_offset, ned_offset
 from insnav.errors.ensemble import normalised
 from insnav.errors.evaluated_run import EvaluatedRun
+from insnav.errors.run_findings import run_warnings
 from insnav.exceptions import InputError
 from insnav.filter import FilterSettings, error_model, gps_delay
 from insnav.filter.gates import impossible
@@ -27,7 +28,6 @@ from insnav.findings import Code, of_code
 from insnav.input import read_gps, read_imu
 from insnav.kernels import errorstate
 from insnav.kernels.smoother import CORRECTION, STATE
-from insnav.report.run.warnings import run_warnings
 from insnav.session.defaults import LEVER_SD
 from insnav.session.simulation import plan_of, profiled
 from insnav.simulate import gps_from_truth

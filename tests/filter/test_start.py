@@ -15,13 +15,13 @@ import insnav
 from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.earth import lla_offset, ned_offset
 from insnav.errors.evaluated_run import EvaluatedRun
+from insnav.errors.run_findings import run_warnings
 from insnav.exceptions import InputError
 from insnav.filter import FilterSettings, initial_state
 from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.navigate import navigate_recording
 from insnav.filter.prepare import DELAY_SD, Start, prepare
 from insnav.findings import CONTRADICTIONS, Code, of_code
-from insnav.report.run.warnings import run_warnings
 from insnav.result import Result
 from insnav.session.simulation import plan_of, profiled
 from insnav.simulate import GpsErrors, Truth, corrupt_gps, reference

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from insnav.errors.run_findings import failure
 from insnav.findings import Code, Finding, Severity
-from insnav.report.run.warnings import failure
 from tests.faults.conftest import healthy
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import position_errors
+from insnav.errors.run_findings import in_words, run_assumptions, run_warnings
 from insnav.filter.noise_estimate import NoiseFigure
 from insnav.findings import Code, Finding, Severity
 from insnav.imu import load_imu
@@ -18,7 +19,6 @@ from insnav.quantity import Quantity, quantity_of
 from insnav.report.numbers import number
 from insnav.report.page import Section, Verdict, cell, section_tables
 from insnav.report.run.verdict import brief_lines, run_merits
-from insnav.report.run.warnings import in_words, run_assumptions, run_warnings
 from insnav.report.series import Clock
 from insnav.report.terminal import WIDTH
 from insnav.sample_statistics import rms

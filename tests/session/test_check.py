@@ -12,13 +12,13 @@ from scipy.signal import welch
 
 import insnav
 from insnav.errors.evaluated_run import _held
+from insnav.errors.run_findings import run_warnings
 from insnav.exceptions import InputError
 from insnav.filter.fix_figures import look_at_fixes
 from insnav.findings import Code, Finding, of_code
 from insnav.imu.inspection import _spectrum, inspect_samples
 from insnav.messages import sentence
 from insnav.report.check.page import page
-from insnav.report.run.warnings import run_warnings
 from insnav.result import Result
 from insnav.session.check import WORST_FIRST, Checked, check
 from insnav.types import GpsData, ImuData, Trajectory

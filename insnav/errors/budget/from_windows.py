@@ -20,7 +20,7 @@ from insnav.errors.outage.windows import StartChoice, navigated_drive
 from insnav.exceptions import ConfigError
 from insnav.filter.error_model import ErrorModel
 from insnav.filter.prepare import Prepared
-from insnav.findings import Code, Finding, Note
+from insnav.findings import Code, Finding
 from insnav.imu import ImuSpec
 from insnav.sample_statistics import CONFIDENCE, chi_square
 from insnav.types import Trajectory
@@ -84,7 +84,7 @@ class RecordedBudget:
     uncalibrated: RecordedPart | None  # nothing corrected
     spec: ImuSpec  # specification of the IMU
     track: Trajectory  # the smoothed drive
-    notes: tuple[Note, ...]  # of the drive and of the windows
+    notes: tuple[Finding, ...]  # of the drive and of the windows
 
     @property
     def shown(self) -> RecordedPart:

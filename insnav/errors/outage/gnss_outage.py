@@ -164,7 +164,6 @@ class OutageStudy:
     growth: tuple[Growth, ...]  # their errors, summed up by length
     reference: str  # what errors are against, in words
     run: EvaluatedRun | None = None  # not known of a study read from its folder ...
-    warnings: tuple[str, ...] = ()  # ... which has the words of its warnings
 
 
 @dataclass(frozen=True, slots=True)

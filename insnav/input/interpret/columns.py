@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from insnav.exceptions import ConfigError, InputError
-from insnav.findings import Code, Finding, Note
+from insnav.findings import Code, Finding
 from insnav.input.interpret.headerless import is_headerless
 from insnav.input.interpret.schema import ALL_UNITS, PREFIXES, UNIT_SPELLINGS, Quantity, compact
 from insnav.units import UNITS
@@ -126,7 +126,7 @@ def understand(
     *,
     columns: Mapping[str, str] | None = None,
     where: str = "",
-) -> tuple[dict[str, Found], tuple[Note, ...]]:
+) -> tuple[dict[str, Found], tuple[Finding, ...]]:
     """Assign columns to quantities.
 
     `headers`, `units_row`: as in the file, and the cells of the row of units under the header, if there is one;
@@ -161,7 +161,7 @@ def understand(
         elif match is None:
             unused.append(header)
     found = dict(given)
-    notes: list[Note] = []
+    notes: list[Finding] = []
     for key, candidates in ranked.items():
         candidates.sort(key=lambda item: (item[0], item[1].index))
         best = candidates[0]

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from insnav.findings import Code, Finding, Note
+from insnav.findings import Code, Finding
 from insnav.input.interpret.columns import Found, unused_columns
 from insnav.types import FloatArray
 from insnav.units import DEG
@@ -25,7 +25,7 @@ _STILL = 0.3  # below such a speed a receiver gives no course [m/s]
 _CLIMB_SD = 2.0  # of a vertical speed that is taken from the heights, at least [m/s]
 
 
-def derive(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Note]:
+def derive(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Finding]:
     """Put derived quantities into the columns ``(n,)`` [SI, rad], in place, and return findings about that."""
     notes = _integers(raw, found)
     notes += _degrees_minutes(raw, found)
@@ -35,7 +35,7 @@ def derive(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Note]
     return notes
 
 
-def _integers(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Note]:
+def _integers(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Finding]:
     """Integers as u-blox and PX4 write them: degrees times 1e7, and millimetres beside them."""
     written = {key: raw[key][np.isfinite(raw[key])] / found[key].factor for key in ("lat", "lon")}
     whole = (len(values) and (np.abs(values - np.round(values)) < 1e-3).all() for values in written.values())
@@ -54,7 +54,7 @@ def _integers(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[No
     return [Finding.of(Code.POSITIONS_INTEGER), Finding.of(Code.HEIGHTS_INTEGER)]
 
 
-def _degrees_minutes(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Note]:
+def _degrees_minutes(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Finding]:
     """Degrees and minutes in one number, as NMEA writes them: 4807.038 is 48 deg 7.038 min."""
     written = {key: raw[key] / found[key].factor for key in ("lat", "lon")}
     known = {key: values[np.isfinite(values)] for key, values in written.items()}
@@ -72,9 +72,9 @@ def _degrees_minutes(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> 
     return [Finding.of(Code.POSITIONS_DEGREES_MINUTES, angle_rad=raw["lat"][0], written=known["lat"][0])]
 
 
-def _signs(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Note]:
+def _signs(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Finding]:
     """South and west from columns of letters."""
-    notes: list[Note] = []
+    notes: list[Finding] = []
     for key in ("lat", "lon"):
         sign = raw.pop(f"{key}_sign", None)
         if sign is not None:
@@ -84,7 +84,7 @@ def _signs(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Note]
     return notes
 
 
-def _velocities(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Note]:
+def _velocities(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Finding]:
     """Velocity north and east from speed and course; vertical speed from the heights."""
     speed, course = raw.pop("speed", None), raw.pop("course", None)
     speed_sd, course_sd = raw.pop("accuracy_speed", None), raw.pop("accuracy_course", None)
@@ -97,7 +97,7 @@ def _velocities(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[
     raw["vn"] = np.where(known, speed * np.cos(course), np.nan)
     raw["ve"] = np.where(known, speed * np.sin(course), np.nan)
     columns = found["speed"].header, found["course"].header
-    notes: list[Note] = [Finding.of(Code.VELOCITY_FROM_COURSE, speed=columns[0], course=columns[1])]
+    notes: list[Finding] = [Finding.of(Code.VELOCITY_FROM_COURSE, speed=columns[0], course=columns[1])]
     if speed_sd is not None and (speed_sd > 0.0).any():
         sd = np.where(speed_sd > 0.0, speed_sd, np.nan)
         if course_sd is not None:
@@ -125,9 +125,9 @@ def _climb(raw: Mapping[str, FloatArray]) -> tuple[FloatArray, float]:
     return rate, max(_CLIMB_SD, 1.4826 * float(np.median(np.abs(rate))))
 
 
-def _deviations(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Note]:
+def _deviations(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Finding]:
     """Standard deviations from variances, and from radii of confidence."""
-    notes: list[Note] = []
+    notes: list[Finding] = []
     radius, vertical = raw.pop("radius", None), raw.pop("accuracy_d", None)
     variances = {axis: raw.pop(f"var_{axis}", None) for axis in "ned"}
     if "sd_n" in raw:

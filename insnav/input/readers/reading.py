@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from insnav.findings import Code, Finding, Note
+from insnav.findings import Code, Finding
 from insnav.messages import sentence
 from insnav.types import IntArray, Sampling, Stamp
 
@@ -35,7 +35,7 @@ class ReadingFacts:
     n_gaps: int  # number of gaps that have an event
     longest_gap_s: float  # longest interval between two rows if there is a gap, else zero [s]
     columns: Mapping[str, str]  # canonical name to header and unit
-    evidence: tuple[Note, ...] = ()  # how units, axes and signs were found, and what was assumed
+    evidence: tuple[Finding, ...] = ()  # how units, axes and signs were found, and what was assumed
     axes: str = ""  # directions of the sensor's x, y, z, such as ``FRD`` (IMU only)
     # as in `insnav.types.ImuData` (IMU only)
     sampling: Sampling | None = None
@@ -46,7 +46,7 @@ class ReadingFacts:
     def as_dict(self) -> dict[str, Any]:
         """Give the facts in a form ready for JSON."""
         facts = {each.name: getattr(self, each.name) for each in fields(self)}
-        facts |= {"columns": dict(self.columns), "evidence": list(map(sentence, self.evidence))}
+        facts |= {"columns": dict(self.columns), "evidence": [each.as_dict() for each in self.evidence]}
         optional = ("axes", "sampling", "stamp", "height", "gps_week")
         return {name: value for name, value in facts.items() if value not in ("", None) or name not in optional}
 
@@ -54,7 +54,11 @@ class ReadingFacts:
     def from_dict(cls, facts: Mapping[str, Any]) -> ReadingFacts:
         """Take the facts back from JSON."""
         known = {each.name for each in fields(cls)}
-        evidence = tuple(Finding.of(Code.STORED_TEXT, text=text) for text in facts["evidence"])
+        # version 0.2 wrote texts
+        evidence = tuple(
+            Finding.of(Code.STORED_TEXT, text=each) if isinstance(each, str) else Finding.from_dict(each)
+            for each in facts["evidence"]
+        )
         return cls(**{name: value for name, value in facts.items() if name in known} | {"evidence": evidence})
 
     def lines(self) -> list[str]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from insnav import spill
 from insnav.exceptions import InputError
-from insnav.findings import Code, Finding, Note
+from insnav.findings import Code, Finding
 from insnav.input.formats.table import Table
 from insnav.input.formats.text_values import TextValues, with_date
 from insnav.input.interpret.clean import Cleaned, Kinds, clean
@@ -34,7 +34,7 @@ class Rows:
     cut: Finding | None  # why a last row was left out, if one was
     # unit of the time in the file, and how it was found
     time_unit: str
-    time_evidence: Note | None
+    time_evidence: Finding | None
     week: float | None = None  # GPS week from whose start the times count
 
     def clean(self, bad: BoolArray | None = None, lacking: Code = Code.ROWS_NAN) -> Cleaned:
@@ -49,7 +49,7 @@ class Rows:
         data: T,
         cleaned: Cleaned,
         columns: Mapping[str, str],
-        evidence: Iterable[Note],
+        evidence: Iterable[Finding],
         *,
         gaps: bool = True,
         axes: str = "",
@@ -85,9 +85,9 @@ class Rows:
         )
         return Reading(data, events, facts)
 
-    def _of_file(self, note: Note) -> Note:
+    def _of_file(self, note: Finding) -> Finding:
         """Give a finding about the file as a whole the name of the input."""
-        return replace(note, subject=self.kinds.source) if isinstance(note, Finding) and not note.subject else note
+        return replace(note, subject=self.kinds.source) if not note.subject else note
 
 
 def read_rows(
@@ -113,7 +113,7 @@ def read_rows(
     _refuse_texts(forms, found, table)
     _refuse_marks(columns, found, table)
     day, fraction = columns.pop("date", None), columns.pop("time_fraction", None)
-    evidence: Note | None = None
+    evidence: Finding | None = None
     unit, week = "s", table.week
     if "time" in forms:
         evidence, week = forms["time"].note, forms["time"].week

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from insnav.exceptions import ConfigError, InputError
-from insnav.findings import Code, Finding, Note
+from insnav.findings import Code, Finding
 from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
 from insnav.input.interpret.clean import IMU_KINDS, Cleaned
@@ -64,7 +64,7 @@ def read_specific_force(
     columns_of = {"time": found["time"]} if sample_rate is None else {}
     columns_of |= {key: found[column] for key, column in chosen.items()}
     rows = read_rows(table, columns_of, tuple(columns_of), IMU_KINDS, slowest=_SLOWEST)
-    evidence: list[Note] = [Finding.of(Code.READ_SAMPLING, sampling="instant", stamp="")]
+    evidence: list[Finding] = [Finding.of(Code.READ_SAMPLING, sampling="instant", stamp="")]
     if sample_rate is not None:
         rows.columns["time"] = np.arange(rows.n_rows) / sample_rate
         evidence.append(Finding.of(Code.READ_TIME_BY_RATE, rate_hz=sample_rate))

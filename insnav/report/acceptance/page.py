@@ -48,7 +48,7 @@ def acceptance_page(found: Acceptance, files: Sequence[BenchRecord]) -> Page:
     units = _units(found.sensors)
     at_rest = f", {found.length:.6g} s at rest" if found.length else ""
     names = ", ".join(item.axis for item in found.sensors)
-    warnings = tuple(map(sentence, (*found.warnings, *badly_conditioned(fits))))
+    findings = (*found.warnings, *badly_conditioned(fits), *found.notes)
     merits = tuple(_merits(found.sensors, units))
     largest = "; ".join(f"{each.label} {cell(each)} {each.shown_unit}" for each in merits)
     return Page(
@@ -63,14 +63,13 @@ def acceptance_page(found: Acceptance, files: Sequence[BenchRecord]) -> Page:
             quality_section(row for item in steps for row in _quality(item)),
             Section("left_out", rows=tuple(_left_out(*each) for each in left_out), show="json"),
         ),
-        warnings,
+        findings,
         ASSUMPTIONS,
-        tuple(map(sentence, found.notes)),
         merits=merits,
         merits_note="the largest of the axes",
         verdict=by_warnings(
             f"Largest of the axes: {largest}." if merits else f"Figures of {names}{at_rest}.",
-            warnings,
+            findings,
             ("unknown", "measured; no limit was given to hold them against"),
         ),
     )

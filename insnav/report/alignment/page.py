@@ -11,7 +11,7 @@ from insnav.earth import OMEGA_EARTH
 from insnav.filter.fine_alignment import FineAlignment
 from insnav.findings import Code, Finding
 from insnav.imu.specification import gyro_bias_sd
-from insnav.messages import render, sentence
+from insnav.messages import render
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
 from insnav.report.page import DataFrame, Page, Section, only_json, rows_frame
@@ -48,7 +48,7 @@ def page(result: Result[FineAlignment]) -> Page:
             ),
             Section("", "Latitude", latitude, show="page"),
         ),
-        tuple(map(sentence, _warnings(found, sd))),
+        tuple(_warnings(found, sd)),
     )
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from insnav.errors.diagnosis.end_of_run import EndAxis
 from insnav.findings import Code, Finding
 from insnav.imu import ImuSpec
-from insnav.messages import sentence
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
 from insnav.report.page import Page, Section, only_json
@@ -54,7 +53,7 @@ def end_page(
             Section("causes", "Each cause alone", rows=tuple(rows), note="by specification: in 1 sd of the IMU file"),
             only_json("", Quantity("power_of_time", powers), Quantity("gravity", gravity, "m/s^2")),
         ),
-        assumptions=tuple(map(sentence, _assumptions(sd))),
+        findings=_assumptions(sd),
     )
 
 

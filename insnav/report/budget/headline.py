@@ -8,6 +8,7 @@ import numpy as np
 
 from insnav.errors.budget.error_budget import Budget, SimulatedColumn
 from insnav.errors.budget.from_windows import RecordedBudget
+from insnav.findings import Finding
 from insnav.quantity import Quantity
 from insnav.report.budget.contributions import horizontal, ranked, shares, size
 from insnav.report.numbers import number
@@ -30,7 +31,7 @@ def simulated_matches(budget: Budget, simulated: SimulatedColumn) -> bool:
     return bool(np.all(np.abs(simulated.nees[budget.chosen] - 1.0) < limit))
 
 
-def verdict(budget: Budget, windows: RecordedBudget | None, warnings: Sequence[str]) -> Verdict:
+def verdict(budget: Budget, windows: RecordedBudget | None, warnings: Sequence[Finding]) -> Verdict:
     """Say the result, and whether it can be relied on; `warnings` of the page."""
     return by_warnings(sentence(budget), warnings, _light(budget, windows))
 

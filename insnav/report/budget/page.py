@@ -26,6 +26,7 @@ from insnav.report.budget.contributions import extent, ranked, shares
 from insnav.report.budget.panels import budget_panels
 from insnav.report.budget.windows_quantities import windows_sections
 from insnav.report.numbers import number
+from insnav.report.outage.windows import INTERVALS
 from insnav.report.page import DataFrame, Figure, FigureSpec, Page, Section, only_json, rows_frame, section_tables
 from insnav.result import Result
 
@@ -35,7 +36,7 @@ __all__ = ["frame", "page", "read_found", "write_files"]
 def page(result: Result[BudgetStudy]) -> Page:
     """Lay out an error budget."""
     budget, windows = result.found.budget, result.found.windows
-    wrong = tuple(map(sentence, warnings(budget, windows)))
+    wrong = warnings(budget, windows)
     taken = (*assumptions(budget), *(recorded.windows_assumptions(windows) if windows is not None else ()))
     sections = (
         *quantities.budget_sections(budget),
@@ -59,8 +60,8 @@ def page(result: Result[BudgetStudy]) -> Page:
         _title(budget),
         summary(budget),
         sections,
-        warnings=wrong,
-        assumptions=tuple(map(sentence, taken)),
+        (*wrong, *taken),
+        (INTERVALS,) * (windows is not None),
         verdict=headline.verdict(budget, windows, wrong),
         merits=headline.merits(budget, windows),
     )
@@ -98,7 +99,7 @@ def _front(result: Result[BudgetStudy]) -> Figure:
     budget, windows = result.found.budget, result.found.windows
     (estimates,) = section_tables(headline.estimates_section(budget))
     panels = budget_panels(budget, windows, _origin(result))
-    verdict = headline.verdict(budget, windows, tuple(map(sentence, warnings(budget, windows))))
+    verdict = headline.verdict(budget, windows, warnings(budget, windows))
     return draw_front(panels, budget.motion, _title(budget), verdict, estimates)
 
 

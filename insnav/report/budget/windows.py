@@ -10,11 +10,11 @@ from insnav.errors.budget.from_windows import RecordedBudget, RecordedPart, Verd
 from insnav.errors.diagnosis.causes import CAUSES, AxisDiagnosis, Diagnosis
 from insnav.errors.diagnosis.simulated_replica import Replicas
 from insnav.errors.outage.statistics import COMPONENTS, components
-from insnav.findings import Code, Finding, Note, of_code
+from insnav.findings import Code, Finding, of_code
 from insnav.report.budget import windows_quantities
 from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILLION
 from insnav.report.numbers import number
-from insnav.report.outage.windows import INTERVALS, common_text, corrected_text, power_lines, thin_lines
+from insnav.report.outage.windows import common_text, corrected_text, power_lines, thin_lines
 from insnav.report.page import Section, drawn
 from insnav.report.panels import Curve, Panel
 from insnav.units import UNITS as FACTORS
@@ -74,13 +74,12 @@ def windows_warnings(budget: RecordedBudget) -> tuple[Finding, ...]:
     return (*found, *(() if made is None else made.apart.doubts))
 
 
-def windows_assumptions(budget: RecordedBudget) -> tuple[Note, ...]:
+def windows_assumptions(budget: RecordedBudget) -> tuple[Finding, ...]:
     """Give what was taken for granted."""
     return (
         Finding.of(Code.WINDOWS_START, state="filtered" if budget.settings.start == "forward" else "smoothed"),
         Finding.of(Code.WINDOWS_REFERENCE, reference=budget.reference),
         Finding.of(Code.WINDOWS_PREDICTED),
-        INTERVALS,
         Finding.of(Code.WINDOWS_ALONG_CROSS),
         Finding.of(Code.WINDOWS_LEVEL),
     )

@@ -13,7 +13,6 @@ from insnav.lab.multi_position.many_positions import PosesCalibration
 from insnav.lab.multi_position.method import Found
 from insnav.lab.multi_position.six_positions import POSITIONS, TURN_SD, TURNS, SixPositions
 from insnav.lab.multi_position.triad import AXES, Triad
-from insnav.messages import sentence
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import corrected_section, impact_section
 from insnav.report.calibration.panels import poses_panels, positions_panels
@@ -50,7 +49,7 @@ def multi_position_page(calibration: Calibration[Reading[ImuData], Found]) -> Pa
             every,
             only_json("", Quantity("gravity", found.g, "m/s^2"), parts=(more,)),
         ),
-        tuple(map(sentence, calibration.warnings)),
+        calibration.warnings,
         merits=(
             *(
                 replace(each, value=rms(np.asarray(each.value, np.float64)), meaning=f"gravity error, {each.label}")
@@ -59,8 +58,8 @@ def multi_position_page(calibration: Calibration[Reading[ImuData], Found]) -> Pa
             *own.merits,
         ),
         merits_note="RMS over the positions; left out: by a calibration that has not seen the position",
-        assumptions=(
-            *own.assumptions,
+        method=(
+            *own.method,
             f"Gravity is {found.g:.5f} m/s^2; accelerometer scale factors are as good as that.",
             "A positive output is a positive specific force (an axis pointing up) and a positive rate.",
             "The Earth's rotation (15 deg/h) is neglected; biases are those of this time since switching on.",
@@ -91,7 +90,7 @@ def _of_poses(found: PosesCalibration) -> Page:
             f"scatter less than {found.factor:g} times as in the quietest tenth.",
         ),
         (drawing, _quality(found), every, more),
-        assumptions=(
+        method=(
             "Body x is the sensitive axis of accelerometer x; body y lies in the plane of x and y.",
             "Standard deviations come from the scatter of the residuals, "
             f"{len(found.poses) - 9} degrees of freedom for the accelerometers.",
@@ -121,7 +120,7 @@ def _of_six_positions(found: SixPositions) -> Page:
             f"Six positions and three turns by {found.angle / DEG:g} deg.",
         ),
         (drawing, _turns(found), every, more),
-        assumptions=(
+        method=(
             f"Turns are by {found.angle / DEG:g} deg within {TURN_SD / DEG:g} deg (1 sd), to either side.",
             "Axes are those of the housing, as well as it stood: off the diagonal that is the uncertainty.",
             "Method: Ferraris, Grimaldi, Parvis (1995).",

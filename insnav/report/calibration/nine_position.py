@@ -8,7 +8,6 @@ import numpy as np
 
 from insnav.lab.calibration import Calibration
 from insnav.lab.nine_position.method import AXIS, SENSORS, NinePositions, NineRecord
-from insnav.messages import sentence
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import corrected_section, impact_section, quality_rows, quality_section
 from insnav.report.calibration.panels import Series, residual_panels
@@ -75,9 +74,9 @@ def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
             impact_section(calibration),
             details,
         ),
-        tuple(map(sentence, calibration.warnings)),
+        calibration.warnings,
         merits_note="x_ay: the accelerometer of module x that points along y",
-        assumptions=(
+        method=(
             *(_RAW * raw),
             *(_AT_REST * bool(at_rest)),
             "Valid to first order in the misalignments; errors of second order are up to about "

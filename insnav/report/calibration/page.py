@@ -33,7 +33,7 @@ def calibration_page(calibration: Calibration[Any, Any]) -> Page:
     if not page.summary:
         return page
     sentence = page.summary[0][0].upper() + page.summary[0][1:]
-    verdict = by_warnings(sentence, page.warnings, ("good", "no warning from the fits"))
+    verdict = by_warnings(sentence, page.findings, ("good", "no warning from the fits"))
     merits = page.merits or tuple(replace(each, interval=None) for each in calibration.parameters[:_MERITS])
     return replace(page, verdict=verdict, summary=page.summary[1:], merits=merits)
 

@@ -47,7 +47,7 @@ def sweep_page(calibration: Calibration[SweepRecord, SweepCalibration]) -> Page:
             impact_section(calibration),
             _details(found),
         ),
-        tuple(map(sentence, calibration.warnings)),
+        calibration.warnings,
         (
             "The rate of the table is exact and about the axis named; the Earth's rotation along it is in the bias.",
             "The corrected rate is inverse(B) (output - b); its error is subtracted, k rate + b' in each piece.",

@@ -72,7 +72,7 @@ def rotor_page(calibration: Calibration[tuple[BenchTable, BenchTable], Inertias]
             quality_section(quality),
             agreement,
         ),
-        tuple(map(sentence, calibration.warnings)),
+        calibration.warnings,
         (
             f"Falling weight {how.fall_mass:g} kg on a radius of {how.radius:g} m, weight {weight} on an arm "
             f"of {how.arm:g} m, gravity {how.gravity:g} m/s²: taken as exact; their uncertainty comes on top.",

@@ -53,7 +53,7 @@ def gyro_page(calibration: Calibration[tuple[Record, ...], tuple[RateTable, ...]
             impact_section(calibration),
             Section("dropped", rows=left_out, show="json"),
         ),
-        tuple(map(sentence, calibration.warnings)),
+        calibration.warnings,
         (
             "The rate of the table is exact, and the component of the Earth's rotation along the axis is in U0.",
             "Forward are rates from zero up, reverse from zero down.",
@@ -83,7 +83,7 @@ def accel_page(calibration: Calibration[tuple[Record, ...], tuple[Tumble, ...]])
             impact_section(calibration),
             only_json("", Quantity("gravity", gravity, "m/s^2")),
         ),
-        tuple(map(sentence, calibration.warnings)),
+        calibration.warnings,
         (
             f"Gravity is {gravity:.6g} m/s²; the angles are exact.",
             "The calibration file holds bias and scale factor; second order and cross-coupling are reported only.",

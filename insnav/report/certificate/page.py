@@ -12,7 +12,6 @@ import numpy as np
 from insnav.certificate.certify import Certificate
 from insnav.certificate.check import Check
 from insnav.findings import Code, Finding
-from insnav.messages import sentence
 from insnav.quantity import Quantity
 from insnav.report.colours import BLACK, BLUE, GREY, ORANGE, PURPLE, SKY, VERMILLION
 from insnav.report.page import Page, Section, Verdict, cell, drawn, only_json
@@ -66,13 +65,12 @@ def certificate_page(certificate: Certificate) -> Page:
                 "certificate", "Error of every integrator in parts of its limit", (certificate_panel(checks),), _READ
             ),
         ),
-        tuple(sentence(Finding.of(Code.CERTIFICATE_FAILED, subject=line)) for line in lines),
+        (*(Finding.of(Code.CERTIFICATE_FAILED, subject=line) for line in lines), *_assumptions(checks)),
         verdict=Verdict(
             "bad" if failed else "good",
             "errors exceed their limits" if failed else "every error is within its limit",
             f"insnav {versions()['insnav']} on {machine}: {said}.",
         ),
-        assumptions=tuple(map(sentence, _assumptions(checks))),
     )
 
 

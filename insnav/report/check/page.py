@@ -38,7 +38,8 @@ def text(result: Result[Checked]) -> str:
     laid_out = page(result)
     understood = [f"  {name}: {sentence(each)}" for name, facts in result.inputs.items() for each in facts.evidence]
     lines = ["", *understood, "", *laid_out.summary]
-    shown = replace(laid_out, summary=(), notes=tuple(map(sentence, result.notes)))
+    listed = {*result.found.problems, *(each for each in result.findings if each.timed)}
+    shown = replace(laid_out, summary=(), findings=tuple(each for each in result.findings if each not in listed))
     return "\n".join([page_text(shown), *(plain_text(line) for line in lines)])
 
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from insnav.errors.comparison import Compared, Comparison
 from insnav.errors.metrics import accuracy, nees
-from insnav.messages import sentence
+from insnav.errors.run_findings import overconfident
+from insnav.findings import Finding
 from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder
 from insnav.output.solution_tables import TableFormat
@@ -19,7 +20,6 @@ from insnav.report.colours import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from insnav.report.numbers import number
 from insnav.report.page import DataFrame, Light, Page, Section, Verdict, by_warnings, drawn, rows_frame, section_tables
 from insnav.report.panels import Curve, Kind, Panel
-from insnav.report.run.warnings import overconfident
 from insnav.report.series import Clock, broken_at_gaps
 from insnav.report.terminal import table_text
 from insnav.result import Result
@@ -63,8 +63,8 @@ def page(result: Result[Comparison]) -> Page:
         f"{len(runs)} run{'s' * (len(runs) > 1)} against {result.inputs['reference'].path}",
         (f"{count} epochs of the reference that every run covers are compared.",),
         (_section(found), Section("", parts=drawings, show="page")),
+        warnings,
         verdict=_verdict(found, warnings),
-        warnings=warnings,
         merits=tuple(
             Quantity(f"rms_{place}", rms(errors.horizontal), "m", meaning=f"{name}, horizontal RMS")
             for place, (name, errors) in enumerate(list(found.named().items())[:_MERITS], start=1)
@@ -72,17 +72,15 @@ def page(result: Result[Comparison]) -> Page:
     )
 
 
-def _warnings(found: Comparison) -> tuple[str, ...]:
+def _warnings(found: Comparison) -> tuple[Finding, ...]:
     """What makes errors of the last solution of each run larger than stated, as the report of a run has it."""
     last = {
         each.run: (name, errors) for each, (name, errors) in zip(found.compared, found.named().items(), strict=True)
     }
-    return tuple(
-        sentence(each) for name, errors in last.values() for each in overconfident(name, errors, same_data=False)
-    )
+    return tuple(each for name, errors in last.values() for each in overconfident(name, errors, same_data=False))
 
 
-def _verdict(found: Comparison, warnings: Sequence[str]) -> Verdict:
+def _verdict(found: Comparison, warnings: Sequence[Finding]) -> Verdict:
     """Which solution has the smallest horizontal error, and whether its stated sd holds."""
     sizes = {name: rms(errors.horizontal) for name, errors in found.named().items()}
     order = sorted(sizes, key=lambda name: sizes[name] if np.isfinite(sizes[name]) else np.inf)

@@ -11,7 +11,6 @@ from insnav.lab.drift.allan_before_after import POWERS, DriftStudy, GyroDrift
 from insnav.lab.drift.allan_before_after import Curve as Deviations
 from insnav.lab.drift.drift_model import DriftModel
 from insnav.lab.drift.rate_smoothing import P0
-from insnav.messages import sentence
 from insnav.output.data_files import csv_text
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import quality_rows, quality_section
@@ -49,7 +48,7 @@ def drift_page(found: DriftStudy, name: str) -> Page:
     record, gyros = found.record, found.gyros
     fits = {f"gyro {each.model.axis}": each.model.fit for each in gyros}
     times = [f"{each:g} s" for each in record.time]
-    warnings = tuple(map(sentence, (*found.warnings, *badly_conditioned(fits))))
+    findings = (*found.warnings, *badly_conditioned(fits), *found.notes)
     return Page(
         f"Drift of the gyros of {name}",
         (
@@ -63,12 +62,11 @@ def drift_page(found: DriftStudy, name: str) -> Page:
             Section("gyros", parts=tuple(_gyro(each) for each in gyros)),
             quality_section(quality_rows(fits, "rad/s", dict.fromkeys(fits, times))),
         ),
-        warnings,
+        findings,
         ASSUMPTIONS,
-        tuple(map(sentence, found.notes)),
         merits=_merits(gyros[0]),
         merits_note=f"gyro {gyros[0].model.axis}; Allan deviations at the shortest averaging time",
-        verdict=by_warnings(_conclusions(gyros[0])[0], warnings, ("good", "no warning from the fits")),
+        verdict=by_warnings(_conclusions(gyros[0])[0], findings, ("good", "no warning from the fits")),
     )
 
 

@@ -50,7 +50,7 @@ def parts_page(parts: Sequence[Part]) -> Page:
             "insnav imus STIM300 shows every figure of a part and where it stands.",
         ),
         (Section("imus", rows=rows), by_class),
-        assumptions=tuple(map(sentence, RULES)),
+        findings=RULES,
     )
 
 
@@ -80,7 +80,7 @@ def part_page(part: Part) -> Page:
         f"{part.name}, {part.maker}",
         (sentence(Finding.of(Code.IMUS_MISSING, subject=part.name, terms=part.missing)),) if part.missing else (),
         (Section("part", items=about), Section("figures", "Figures", rows=rows), one_each("documents", "", sources)),
-        assumptions=tuple(map(sentence, RULES)),
+        findings=RULES,
     )
 
 

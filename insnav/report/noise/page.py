@@ -10,7 +10,6 @@ import numpy as np
 from insnav.lab.noise.allan import AXES, AllanDeviation
 from insnav.lab.noise.noise_model import NoiseModel
 from insnav.lab.noise.static_noise import StaticNoise
-from insnav.messages import sentence
 from insnav.output.data_files import csv_text
 from insnav.quantity import Quantity, key_suffix
 from insnav.report.colours import AXIS_COLOURS, GREY
@@ -78,7 +77,7 @@ def noise_quantity(
 
 def noise_page(found: StaticNoise, name: str) -> Page:
     """Report the noise of a static record."""
-    record, tau, warnings = found.record, found.allan.tau, tuple(map(sentence, found.warnings))
+    record, tau, findings = found.record, found.allan.tau, (*found.warnings, *found.notes)
     axes = [_axis(found, column) for column in range(6)]
     named = (_sizes(found, term, gyro=gyro) for gyro in (True, False) for term in ("N", "B", "K"))
     return Page(
@@ -94,10 +93,9 @@ def noise_page(found: StaticNoise, name: str) -> Page:
             Section("deviations", "Allan deviation", rows=_deviations(found)),
             _filter_figures(found),
         ),
-        warnings,
+        findings,
         ASSUMPTIONS,
-        tuple(map(sentence, found.notes)),
-        verdict=by_warnings(_sentence(found), warnings, ("good", "noise models follow the Allan deviation")),
+        verdict=by_warnings(_sentence(found), findings, ("good", "noise models follow the Allan deviation")),
         merits=tuple(each for each in named if each is not None),
         merits_note="medians of the three axes; N, B, K: IEEE Std 952",
     )

@@ -11,8 +11,8 @@ import numpy as np
 
 from insnav.errors.outage.gnss_outage import OutageEpochs, OutageStudy
 from insnav.errors.outage.statistics import Growth, outage_growth
-from insnav.findings import Finding
-from insnav.messages import sentence
+from insnav.errors.run_findings import is_shown
+from insnav.findings import Finding, Severity
 from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_run_table, write_events, write_run_table
 from insnav.quantity import Quantity
@@ -31,7 +31,6 @@ from insnav.report.page import (
     rows_frame,
 )
 from insnav.report.page import STATISTICS as SHOWN
-from insnav.report.run.warnings import file_warnings, in_words, run_warnings
 from insnav.report.series import Clock
 from insnav.report.terminal import page_text
 from insnav.result import Result
@@ -71,11 +70,10 @@ def page(result: Result[OutageStudy]) -> Page:
     tables = [(key, each) for key in _COMPONENTS if (each := _table(key, study.growth)).rows]
     inside = sorted({round(100.0 * each.inside_at_end) for each in study.growth})
     lengths = ", ".join(f"{each.length:g}" for each in study.growth)
-    told = study.warnings
-    if study.run is not None:
-        warnings = dict.fromkeys((*run_warnings(study.run), *file_warnings(result)))
-        told = in_words(warnings, Clock.of(study.run.run.solution.time))
-    common = map(sentence, _common(study.growth))
+    shown = tuple(each for each in result.findings if is_shown(each) and each.severity >= Severity.WARNING)
+    clock = Clock.of(
+        np.array([each.start for each in study.windows]) if study.run is None else study.run.run.solution.time
+    )
     title = f"Error without GPS against {study.reference}"
     growing = drawn("outages", title, outage_panels(study.windows, study.growth), NOTE)
     return Page(
@@ -90,11 +88,13 @@ def page(result: Result[OutageStudy]) -> Page:
             growing,
             *(each if key in _UNFOLDED else replace(each, folded=True, show="page") for key, each in tables),
         ),
-        warnings=(*told, *common),
-        verdict=_verdict(study, told),
+        (*shown, *_common(study.growth)),
+        at=clock.moment,
+        starts_at=clock.start,
+        verdict=_verdict(study, shown),
         merits=_merits(study.growth[-1]),
         merits_note=f"After {study.growth[-1].length:g} s, as measured: the error of {study.reference} is in it.",
-        assumptions=(
+        method=(
             "Each window starts from the filter at its first epoch, with all fixes before and none within.",
             "RMS, 95 % and max: difference to the reference, whose own errors are in all three, and make most of the "
             "largest against noisy fixes; corrected: RMS with the variance of the reference subtracted.",
@@ -121,7 +121,7 @@ def text(result: Result[OutageStudy]) -> str:
     return page_text(judged(page(result)))
 
 
-def _verdict(study: OutageStudy, told: tuple[str, ...]) -> Verdict:
+def _verdict(study: OutageStudy, told: tuple[Finding, ...]) -> Verdict:
     """Say how large errors become in the longest outages, and whether the stated sd can be relied on in all."""
     found = study.growth[-1]
     i, smoothed = found.column("horizontal"), found.column("smoothed horizontal")
@@ -235,7 +235,7 @@ def write_files(result: Result[OutageStudy], folder: RunFolder, table_format: Ta
     `folder`: entered, not committed; `table_format` {"csv", "parquet"}.
     """
     write_run_table(folder.directory, OutageEpochs.of(result.found.windows), table_format, "windows")
-    write_events(folder.directory, result.events)
+    write_events(folder.directory, result.findings)
 
 
 def read_found(folder: Path) -> OutageStudy:
@@ -244,10 +244,7 @@ def read_found(folder: Path) -> OutageStudy:
     Raises: InputError: the table of windows is missing or damaged.
     """
     windows = read_run_table(folder, OutageEpochs, "windows").windows()
-    facts = read_facts(folder)
-    growth, warnings = tuple(outage_growth(windows)), facts.get("warnings", ())
-    of_run = tuple(warnings[: len(warnings) - len(_common(growth))])  # the others stand last, and are formed again
-    return OutageStudy(windows, growth, str(facts.get("reference", "a reference")), warnings=of_run)
+    return OutageStudy(windows, tuple(outage_growth(windows)), str(read_facts(folder).get("reference", "a reference")))
 
 
 def frame(result: Result[OutageStudy]) -> DataFrame:

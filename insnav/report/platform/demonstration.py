@@ -12,7 +12,6 @@ from insnav.errors.metrics import TrajectoryErrors
 from insnav.errors.schuler import StaticErrors, static_errors
 from insnav.findings import Code, Finding
 from insnav.gimbal import INTEGRATORS, PlatformErrors, integral
-from insnav.messages import sentence
 from insnav.quantity import Quantity
 from insnav.report.page import Page, Section, Verdict, drawn, only_json
 from insnav.report.platform.page import periods_section
@@ -73,7 +72,7 @@ def demonstration() -> Page:
             periods_section(records, rest.time, LAT, 0.0),
             only_json("pattern_end", *(Quantity(name, end, "m") for name, end in ends.items())),
         ),
-        assumptions=tuple(map(sentence, _assumptions())),
+        findings=tuple(_assumptions()),
         merits=(
             *(
                 Quantity(name, end, "m", meaning=f"{name} after {PATTERN / 3600:g} h of circles")

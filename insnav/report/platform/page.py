@@ -12,7 +12,6 @@ from insnav.errors.platform_errors import AGAINST, PlatformStudy
 from insnav.errors.schuler import SHORTEST_RECORD, StaticErrors, measured_periods, periods
 from insnav.findings import Code, Finding
 from insnav.gimbal import DAMPING_TIME, Integrator, PlatformRun, torquing_rates
-from insnav.messages import sentence
 from insnav.quantity import Quantity
 from insnav.report.page import Page, Section, Verdict, drawn, only_json
 from insnav.report.platform import panels
@@ -47,8 +46,7 @@ def platform_page(study: PlatformStudy) -> Page:
         ),
         merits=_state(study.chosen, run)[1:],
         merits_note="at the end",
-        assumptions=tuple(map(sentence, _assumptions(study))),
-        notes=tuple(map(sentence, study.notes)),
+        findings=(*_assumptions(study), *study.notes),
         verdict=Verdict(
             "unknown",
             "no reference was given" if study.reference is None else "the reference is below, no limit is set",

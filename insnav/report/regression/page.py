@@ -137,8 +137,7 @@ def regression_page(
             ),
             Section("changes", rows=tables.change_rows(changes), show="json"),
         ),
-        tuple(map(sentence, _warnings(result, comparison))),
-        tuple(map(sentence, tables.RULES)),
+        (*_warnings(result, comparison), *tables.RULES),
         verdict=_verdict(comparison, baseline),
         merits=_merits(result, comparison),
     )

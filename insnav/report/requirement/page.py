@@ -12,7 +12,6 @@ from insnav.errors.requirement.allocation import STEEP, TAU
 from insnav.errors.requirement.parts import LIMITS, NINE_POSITION, Candidate
 from insnav.errors.requirement.study import FIELD_FACTOR, RequirementStudy
 from insnav.findings import Code, Finding
-from insnav.messages import sentence
 from insnav.quantity import Quantity
 from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION
 from insnav.report.numbers import number
@@ -47,8 +46,7 @@ def page(result: Result[RequirementStudy]) -> Page:
         f"Requirement: {study.required.text}",
         summary(study),
         sections,
-        tuple(map(sentence, warnings(study))),
-        tuple(map(sentence, assumptions(study))),
+        (*warnings(study), *assumptions(study)),
         verdict=_verdict(study),
         merits=_merits(study),
     )
@@ -71,7 +69,7 @@ def _verdict(study: RequirementStudy) -> Verdict | None:
     if not study.candidates:
         return None
     if _met(study, "alone", "yes"):
-        return by_warnings(_answer(study), tuple(map(sentence, warnings(study))), ("good", "some IMUs meet it alone"))
+        return by_warnings(_answer(study), warnings(study), ("good", "some IMUs meet it alone"))
     if _met(study, "alone"):
         reason = "alone some IMUs only likely meet it: not all of their figures are documented"
         return Verdict("attention", reason, _answer(study))

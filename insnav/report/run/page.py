@@ -11,8 +11,9 @@ import numpy as np
 
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import TrajectoryErrors
+from insnav.errors.run_findings import is_shown
 from insnav.exceptions import InputError
-from insnav.findings import Code, Note, Severity
+from insnav.findings import Code, Severity
 from insnav.imu.imu_file import to_toml
 from insnav.output import solution_tables
 from insnav.output.data_files import write_table
@@ -23,7 +24,6 @@ from insnav.report.run.backdrop import FILE as BACKDROP
 from insnav.report.run.backdrop import read_backdrop, write_backdrop
 from insnav.report.run.quantities import run_sections
 from insnav.report.run.verdict import brief_lines, rated, run_circles, run_line, run_merits, run_verdict
-from insnav.report.run.warnings import file_warnings, in_words, run_assumptions, run_warnings, typed
 from insnav.report.series import Clock
 from insnav.report.terminal import WIDTH
 from insnav.result import Result
@@ -55,18 +55,17 @@ def page(result: Result[EvaluatedRun], *, sections: bool = True) -> Page:
     found = result.found
     reference = result.inputs["reference"].path if "reference" in result.inputs else ""
     name = result.inputs["imu"].path if "imu" in result.inputs else "a drive"
-    warnings = list(dict.fromkeys((*run_warnings(found), *file_warnings(result))))
     best = next(iter(rated(found)), "")
     clock = Clock.of(found.run.solution.time)
-    elsewhere: list[Note] = [note for note in typed(result.notes) if note.severity > Severity.NOTE]
+    shown = tuple(each for each in result.findings if is_shown(each))
     return Page(
         str(Path(*Path(name).parts[-2:])),  # files of many drives have one name
         (run_line(result), *run_circles(found, Path(reference).name)),
         _sections(found, reference) if sections else (),
-        warnings=in_words(warnings, clock),
-        assumptions=tuple(map(clock.sentence, run_assumptions(result))),
-        notes=tuple(clock.sentence(note) for note in result.notes if note not in elsewhere),
-        verdict=run_verdict(found, warnings),
+        shown,
+        at=clock.moment,
+        starts_at=clock.start,
+        verdict=run_verdict(found, sum(each.severity >= Severity.WARNING for each in shown)),
         merits=run_merits(found, best) if best else (),
         merits_note=f"Root mean square over the drive, of the {best} solution." if best else "",
     )
@@ -83,7 +82,7 @@ def _sections(found: EvaluatedRun, reference: str) -> tuple[Section, ...]:
 
 def text(result: Result[EvaluatedRun], width: int | None = WIDTH) -> str:
     """Sum up a run in a few lines of some width."""
-    return "\n".join(brief_lines(result.laid_out or page(result, sections=False), result.found, width, result.notes))
+    return "\n".join(brief_lines(result.laid_out or page(result, sections=False), result.found, width))
 
 
 def run_figures(found: EvaluatedRun) -> tuple[FigureSpec, ...]:
@@ -142,7 +141,7 @@ def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: s
         solution_tables.write_run_table(place, found.gps, table_format)
     if result.imu_model is not None:
         folder.path("imu.toml").write_text(to_toml(result.imu_model[0]), encoding="utf-8", newline="\n")
-    solution_tables.write_events(place, result.events or run.events)
+    solution_tables.write_events(place, result.findings or run.events)
     write_kml(place, found.best, Path(result.inputs["imu"].path).name if "imu" in result.inputs else "track")
     if found.backdrop is not None:
         write_backdrop(found.backdrop, folder.path(BACKDROP))

@@ -11,16 +11,16 @@ import numpy as np
 from insnav.errors.evaluated_run import EvaluatedRun, outages
 from insnav.errors.metrics import TrajectoryErrors, nees, travelled
 from insnav.errors.reference_check import fixes_are_late, known_delay
+from insnav.errors.run_findings import HOLDS
 from insnav.filter.gps_noise import heights_measured
-from insnav.findings import CORRECTIONS, Code, Note, Severity, of_code
+from insnav.findings import CORRECTIONS, Code, Severity, of_code
 from insnav.input.readers.reading import ReadingFacts
+from insnav.messages import sentence
 from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
 from insnav.report.numbers import distance_text, duration_text, number
 from insnav.report.page import LIGHTS, Light, Page, Table, Verdict, cell
 from insnav.report.run.quantities import mean_nis
-from insnav.report.run.warnings import HOLDS, typed
-from insnav.report.series import Clock
 from insnav.report.terminal import WIDTH, table_text
 from insnav.result import Result
 from insnav.sample_statistics import rms, rms_length
@@ -41,8 +41,8 @@ _WARNINGS, _FOUND, _ASSUMED = 3, 3, 6  # rows of each at most, of the last two t
 _HARDLY, _UNKNOWN = 0.1, 0.7  # from which a delay [s] and an arm [m] that are found are hardly known
 
 
-def run_verdict(found: EvaluatedRun, warnings: Sequence[Note]) -> Verdict:
-    """Rate a run by its errors, or by its own innovations where there is no reference."""
+def run_verdict(found: EvaluatedRun, warnings: int) -> Verdict:
+    """Rate a run by its errors and its number of warnings, or by its innovations where there is no reference."""
     light, reason = _light(found, warnings)
     if found.errors is not None:
         sizes = [_error_size(mode, each.horizontal) for mode, each in found.errors_on_clock.items()]
@@ -149,7 +149,7 @@ def _too_sure(found: EvaluatedRun) -> list[str]:
     return list(dict.fromkeys(group for group, share in shares if share is not None and share < HOLDS))
 
 
-def _light(found: EvaluatedRun, warnings: Sequence[Note]) -> tuple[Light, str]:
+def _light(found: EvaluatedRun, warnings: int) -> tuple[Light, str]:
     shares = [share for each in found.errors_on_clock.values() if (share := inside(each)) is not None]
     diverged = any(of_code(found.run.events, Code.DIVERGED))
     epochs = max((len(each.time) for each in found.errors_on_clock.values()), default=0)
@@ -168,7 +168,7 @@ def _light(found: EvaluatedRun, warnings: Sequence[Note]) -> tuple[Light, str]:
         what = of_fixes if fixes else "the clock of the reference is off, not the solution"
         return "attention", f"{what}: {number(rms(best.horizontal))} m RMS {_as_it_is(found)}"
     more = _too_sure(found) if shares else []
-    reasons = [f"{len(warnings)} warning{'s' * (len(warnings) > 1)}"] if warnings else []
+    reasons = [f"{warnings} warning{'s' * (warnings > 1)}"] if warnings else []
     reasons += [f"the errors of {' and '.join(more)} are larger than stated"] if more else []
     if reasons:
         return "attention", "; ".join(reasons)
@@ -214,11 +214,10 @@ def _rate(name: str, facts: ReadingFacts) -> str:
     return f"{name.upper()} {number(facts.rate_hz)} Hz" if facts.rate_hz else name.upper()
 
 
-def brief_lines(page: Page, found: EvaluatedRun, width: int | None = WIDTH, notes: Sequence[Note] = ()) -> list[str]:
+def brief_lines(page: Page, found: EvaluatedRun, width: int | None = WIDTH) -> list[str]:
     """Sum up a run: verdict, figures of merit of both solutions, warnings, what was assumed.
 
-    `page`: that of the run; `width`: of the lines, which may cut long texts; none: nothing is wrapped or cut; `notes`:
-    on the run, of which corrections are shown.
+    `page`: that of the run; `width`: of the lines, which may cut long texts; none: nothing is wrapped or cut.
     """
     title = _rows(f"{page.title}: {page.summary[0]}" if page.summary else page.title, 2, width)
     said = "" if page.verdict is None else f"{LIGHTS[page.verdict.light]}: {page.verdict.reason}"
@@ -226,8 +225,8 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = WIDTH, note
     best, *others = rated(found) or [""]
     table = _table({best: page.merits} | {mode: run_merits(found, mode) for mode in others})
     warnings = _listed("warning", page.warnings, _WARNINGS, width)
-    corrections = of_code(typed(notes), *CORRECTIONS)
-    told = "; ".join([*_found(found), *map(Clock.of(found.run.solution.time).sentence, corrections)])
+    corrections = (sentence(each, at=page.at) for each in of_code(page.findings, *CORRECTIONS))
+    told = "; ".join([*_found(found), *corrections])
     doubtful = page.verdict is not None and page.verdict.light == "bad" and not _wrong_reference(found.run)
     doubt = " (doubtful, as the run is)" * doubtful
     shown = _rows(f"found{doubt}: {told}", _FOUND, width) if told else []

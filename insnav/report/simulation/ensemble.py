@@ -62,7 +62,7 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
     inside_band = dict(zip(GROUPS, map(float, share), strict=False))
     horizontal = columns["rms_horizontal"]
     positions, rejected, resets = (int(columns[name].sum()) for name in _COUNTS)
-    failed = tuple(map(sentence, failures_of(runs)))
+    failed = tuple(failures_of(runs))
     failures = tuple(
         (Quantity("run", each.number), Quantity("seed", each.seed), Quantity("reason", each.reason))
         for each in runs.failures
@@ -99,7 +99,7 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
             ),
             entry("rejected", f"{rejected} of {positions} fixes, {resets} resets"),
             *(entry("note", sentence(each)) for each in correlation_notes(plan.gps, nees)),
-            *(entry("failed", text) for text in failed),
+            *(entry("failed", sentence(each)) for each in failed),
         ),
         (
             *drawings,
@@ -108,8 +108,7 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
             recording.sensor_section(plan),
             *recording.motion_drawings(plan, time, motion),
         ),
-        failed,
-        (sentence(Finding.of(Code.SIMULATION_RUNS)),),
+        (*failed, Finding.of(Code.SIMULATION_RUNS)),
         verdict=_verdict(plan, horizontal, nees, failed),
         merits=(
             Quantity("mean", float(horizontal.mean()), "m", meaning="horizontal RMS, mean of the runs"),
@@ -120,14 +119,14 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
     )
 
 
-def _verdict(plan: Plan, horizontal: FloatArray, nees: Mapping[str, float], failed: Sequence[str]) -> Verdict:
+def _verdict(plan: Plan, horizontal: FloatArray, nees: Mapping[str, float], failed: Sequence[Finding]) -> Verdict:
     """Say how large the errors are, and whether the stated sd explains them."""
     text = (
         f"{len(horizontal)} runs of {plan.motion.name} with {recording.model_name(plan.imu)} IMU: horizontal error "
         f"{number(float(horizontal.mean()))} m RMS in the mean, {number(float(horizontal.max()))} m in the worst."
     )
     if failed:
-        return Verdict("bad", f"{len(failed)} runs failed: {failed[0]}", text)
+        return Verdict("bad", f"{len(failed)} runs failed: {sentence(failed[0])}", text)
     if not nees:
         return Verdict("unknown", "there was no fix to hold the stated sd against", text)
     name, worst = max(nees.items(), key=lambda each: each[1])

@@ -97,7 +97,7 @@ def recording_page(plan: Plan, made: Recording) -> Page:
             *realisation,
             sensor_section(plan, *counts),
         ),
-        assumptions=(sentence(Finding.of(Code.SIMULATION_ABSENT, terms=absent)),) if absent else (),
+        findings=(Finding.of(Code.SIMULATION_ABSENT, terms=absent),) if absent else (),
         merits=(*moved.items[:3], *counts[:2], sensor_section(plan).items[0]),
         verdict=Verdict(
             "good",
@@ -124,7 +124,11 @@ def model_texts(plan: Plan) -> dict[str, str]:
 
 def plan_metadata(plan: Plan) -> dict[str, Any]:
     """Give what every simulation has first in ``run.json``: releases, options, seed and IMU model."""
-    model = {"name": IDEAL} if plan.imu is None else section_facts([imu_model(plan.imu, "simulated")])["imu_model"]
+    model = (
+        {"name": IDEAL}
+        if plan.imu is None
+        else section_facts([imu_model(plan.imu, Finding.of(Code.MODEL_SIMULATED))])["imu_model"]
+    )
     faults = plan.configuration.get("fault", [])
     return {"configuration": plan.configuration, "seed": plan.seed, "imu_model": model, "faults": faults}
 

@@ -1,8 +1,11 @@
-"""What the reader of a run must not overlook, and what was taken for granted, what matters most first."""
+"""Judge a finished run: what makes it worse than it states, and what was taken for granted, most important first.
+
+A `insnav.result.Result` holds all findings in this order; pages and the terminal choose from them by severity.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -21,12 +24,10 @@ from insnav.findings import (
     NOT_MEASURED,
     Code,
     Finding,
-    Note,
     Severity,
     of_code,
 )
 from insnav.input.readers.reading import not_covered
-from insnav.report.series import Clock
 from insnav.result import Result
 from insnav.tabular import runs_of
 from insnav.types import FloatArray, Run, Trajectory
@@ -46,7 +47,6 @@ _ALONG, _MOVING = 0.5, 3.0  # resultant of what has no axis along the course, cl
 _UNUSED = 0.3  # part of the fixes that may lie before the start of navigation unsaid
 _TURNED = 5.0 * DEG  # that headings in a rest may be off unseen [rad]
 _PACE = 1.0  # over which turns and accelerations are those of the motion, not of vibration [s]
-_HINT = " (times in warnings are from the start)"
 _LOST = {
     Code.IMU_SATURATED: Code.RUN_SATURATED,
     Code.IMU_LIMITED: Code.RUN_LIMITED,
@@ -55,7 +55,25 @@ _LOST = {
     Code.ROWS_GAP: Code.RUN_GAPS,
 }
 # one warning for all of a code, or that of its file
-_SUMMED = (Code.RESET, Code.DIVERGED, Code.GPS_OUTSIDE, *_LOST, Code.ROWS_CUT)
+SUMMED = (Code.RESET, Code.DIVERGED, Code.GPS_OUTSIDE, *_LOST, Code.ROWS_CUT)
+
+
+def judged(result: Result[Any], run: EvaluatedRun) -> Result[Any]:
+    """Give a result with the findings about its run, and with all findings in order of importance.
+
+    `result`: its findings are those of the drive, the filter and the reference.
+    """
+    taken = [each for each in result.findings if each.severity is Severity.ASSUMPTION]
+    of_files = [each for facts in result.inputs.values() for each in facts.evidence]
+    ordered = (
+        *run_warnings(run),
+        *file_warnings(result),
+        *taken,
+        *_not_given(result, run),
+        *(each for each in of_files if each.severity is Severity.ASSUMPTION),
+        *result.findings,
+    )
+    return replace(result, findings=tuple(dict.fromkeys(ordered)))
 
 
 def run_warnings(found: EvaluatedRun) -> tuple[Finding, ...]:
@@ -84,35 +102,25 @@ def run_warnings(found: EvaluatedRun) -> tuple[Finding, ...]:
     )
 
 
-def file_warnings(result: Result[Any]) -> tuple[Note, ...]:
-    """Warn of files that are cut off, of one that covers only a part of the other, and of what is noted on a drive."""
+def is_shown(finding: Finding) -> bool:
+    """Whether a reader of the run must see a finding; ``events.csv`` has the others, one by one."""
+    return not (finding.timed and finding.severity is Severity.NOTE) and finding.code not in SUMMED
+
+
+def file_warnings(result: Result[Any]) -> tuple[Finding, ...]:
+    """Warn of files that are cut off, of one that covers only a part of the other, and of what is wrong in a drive."""
     both = {"imu", "gps"} <= result.inputs.keys()
     return (
-        *of_code(result.events, Code.ROWS_CUT),
+        *of_code(result.findings, Code.ROWS_CUT),
         *(not_covered(result.inputs["imu"], result.inputs["gps"]) if both else ()),
-        *(note for note in typed(result.notes) if note.severity >= Severity.WARNING),
+        *(each for each in result.findings if not each.timed and each.severity >= Severity.WARNING),
     )
-
-
-def typed(notes: Iterable[Note]) -> list[Finding]:
-    """Choose the notes that are no texts."""
-    return [note for note in notes if not isinstance(note, str)]  # bridge
-
-
-def in_words(warnings: Iterable[Note], clock: Clock) -> tuple[str, ...]:
-    """Put warnings into words; the first with a time says from when times count, unless that is the same."""
-    texts, untold = [], abs(clock.start) > 1.0
-    for warning in warnings:
-        hint = untold and isinstance(warning, Finding) and warning.timed
-        texts.append(clock.sentence(warning) + _HINT * hint)
-        untold = untold and not hint
-    return tuple(texts)
 
 
 def event_warnings(run: Run) -> tuple[list[Finding], list[Finding]]:
     """Give what cannot be right in fixes and samples, and what cannot in the reference."""
     begun = run.solution.time[0] + 1.0
-    serious = [event for event in run.events if event.severity >= Severity.WARNING and event.code not in _SUMMED]
+    serious = [event for event in run.events if event.severity >= Severity.WARNING and event.code not in SUMMED]
     # what is so all along, from the start, is a remark beside what went wrong somewhere
     serious.sort(key=lambda event: not event.begin >= begun)
     of_drive = [event for event in serious if event.subject != "ref"]
@@ -283,18 +291,9 @@ def _motion(track: Trajectory) -> FloatArray:
     return np.asarray(np.sqrt(np.mean(np.hstack([rate, speed]) ** 2 / step**2, axis=0)))
 
 
-def run_assumptions(result: Result[Any]) -> tuple[Finding, ...]:
-    """Give what the drive shows of axes and clock, lever arm and IMU model unless given, and what files do not say."""
-    evidence = [text for each in result.inputs.values() for text in each.evidence]
-    return (*_assumed(result.notes), *_not_given(result), *_assumed(evidence))
-
-
-def _assumed(notes: Iterable[Note]) -> list[Finding]:
-    return [note for note in typed(notes) if note.severity is Severity.ASSUMPTION]
-
-
-def _not_given(result: Result[Any]) -> Iterator[Finding]:
-    run, errors = result.found.run, result.found.errors
+def _not_given(result: Result[Any], found: EvaluatedRun) -> Iterator[Finding]:
+    """Assumptions about what neither the user nor the data say."""
+    run, errors = found.run, found.errors
     given = {name for name, value in result.options.items() if value is not None}
     point_known = "ref_lever_arm" in given or any(of_code(run.events, Code.REF_HEADING_MISREAD, Code.REF_TILT_MISREAD))
     if errors is not None and not point_known and not np.isfinite(errors.attitude).any():
@@ -302,8 +301,9 @@ def _not_given(result: Result[Any]) -> Iterator[Finding]:
     arm_known = "lever_arm" in given or np.any(run.lever_b) or np.any(run.lever_sd > 0.0)
     if not arm_known and len(run.innovations.time):
         yield Finding.of(Code.RUN_LEVER_ZERO)
-    yield from _assumed(result.imu_model[1:] if result.imu_model is not None else ())
-    noted = {note.code for note in typed(result.notes)}
+    if result.imu_model is not None and result.imu_model[1].severity is Severity.ASSUMPTION:
+        yield result.imu_model[1]
+    noted = {each.code for each in result.findings}
     of_receiver = noted & CORRELATED_POSITIONS and not noted & ASSUMED_POSITION_SD
     if errors is None and of_receiver and not np.isfinite(run.innovations.nis_velocity).any():
         yield Finding.of(Code.RUN_SLOW_ERRORS, subject="gps")
