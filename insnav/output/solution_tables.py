@@ -19,7 +19,7 @@ import pyarrow.csv
 
 from insnav import spill
 from insnav.exceptions import InputError
-from insnav.findings import Code, Finding, by_time
+from insnav.findings import Finding, by_time
 from insnav.messages import render
 from insnav.output.columns import TEXT_ROWS, Decimals, arrow_table, rounded, write_csv, write_numbers
 from insnav.plain_text import cell_text, plain_text
@@ -186,9 +186,8 @@ def _finding_of_row(row: Mapping[str, Any]) -> Finding:
     if "code" in row:
         texts = {name: row[name] for name in ("code", "severity", "subject")}
         return Finding.from_dict(times | texts | {"values": json.loads(row["values"])})
-    severity = "note" if row["kind"] in set(Code) else "warning"
     values = {"value": row["value"], "limit": row["limit"], "text": row["action"]}
-    return Finding.from_dict(times | {"code": row["kind"], "severity": severity, "values": values})
+    return Finding.from_dict(times | {"code": row["kind"], "severity": "note", "values": values})
 
 
 def _parquet() -> Any:

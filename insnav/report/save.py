@@ -135,7 +135,7 @@ def open_folder(folder: Path) -> Result[Any]:
 
 def _of_version_0_2(facts: Mapping[str, Any]) -> tuple[Finding, ...]:
     """Findings of a folder that had texts."""
-    severities = {"assumptions": Severity.ASSUMPTION, "notes": Severity.NOTE}
+    severities = {"warnings": Severity.WARNING, "assumptions": Severity.ASSUMPTION, "notes": Severity.NOTE}
     return tuple(
         Finding.of(Code.STORED_TEXT, severity=severity, text=str(text))
         for name, severity in severities.items()
