@@ -18,7 +18,7 @@ from insnav.units import UNITS
 ROOT = Path(__file__).parents[1] / "insnav"
 VERBS = ("moment", "word", "count", "plural", "sign", "abs")
 # units without a factor to SI that a text may name
-PLAIN_UNITS = {"", "sd", "LSB", "rows", "K"}
+PLAIN_UNITS = {"", "sd", "LSB", "rows", "K", "°C", "kg m²"}
 LONGEST = 25  # words of a sentence
 
 
@@ -86,7 +86,7 @@ def test_sentences_are_short():
 
 def test_texts_are_sentences():
     for code, part, text in texts("en"):
-        if part != "title":
+        if part != "title" and code != Code.STORED_TEXT:
             assert text.removesuffix("]]")[-1] in ".?!", f"{code}: {part}"
             assert text[0].isupper() or text[0] in "{[" or text.startswith("insnav "), f"{code}: {part}"
 
