@@ -6,7 +6,8 @@ import numpy as np
 
 from insnav.filter.estimate import Estimate
 from insnav.filter.measurements.heading import Heading
-from insnav.filter.measurements.measurement import INTERVAL, FilterView, Measurement
+from insnav.filter.measurements.measurement import FilterView, Measurement
+from insnav.filter.measurements.residual_noise import INTERVAL
 from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
 from insnav.findings import Code, Finding

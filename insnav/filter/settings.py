@@ -8,7 +8,8 @@ import numpy as np
 
 from insnav.filter.gates import Gates, Trust
 from insnav.filter.gps_correlation import CorrelatedNoise
-from insnav.filter.measurements.measurement import INTERVAL, Measurement
+from insnav.filter.measurements.measurement import Measurement
+from insnav.filter.measurements.residual_noise import INTERVAL
 from insnav.types import FloatArray, SensorLog, StateChange
 
 

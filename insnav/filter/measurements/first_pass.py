@@ -10,8 +10,8 @@ import numpy as np
 
 from insnav.alignment.in_motion import Velocity, gives_velocities, velocity
 from insnav.attitude import dcm_from_rph
-from insnav.filter.measurements.measurement import INTERVAL
 from insnav.filter.measurements.mounting import Mounting, mounting
+from insnav.filter.measurements.residual_noise import INTERVAL
 from insnav.imu.specification import ImuSpec
 from insnav.types import BoolArray, FloatArray, GpsData, ImuData, SensorLog, Trajectory
 

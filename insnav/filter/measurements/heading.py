@@ -8,7 +8,8 @@ from typing import ClassVar, Self
 import numpy as np
 
 from insnav.filter.measurements.first_pass import FirstPass
-from insnav.filter.measurements.measurement import INTERVAL, NOTHING, FilterView
+from insnav.filter.measurements.measurement import NOTHING, FilterView
+from insnav.filter.measurements.residual_noise import INTERVAL
 from insnav.findings import Finding
 from insnav.kernels.aiding_measurements import body_heading
 from insnav.strapdown import nearest_rows

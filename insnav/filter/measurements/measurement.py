@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Protocol, Self
+from typing import ClassVar, Protocol, Self
 
+from insnav.filter.measurements.first_pass import FirstPass
 from insnav.findings import Finding
 from insnav.types import FloatArray
 
-if TYPE_CHECKING:
-    from insnav.filter.measurements.first_pass import FirstPass
-
-INTERVAL = 0.25  # from one aiding measurement of a kind to the next [s]
 NOTHING = slice(0, 0)  # rows of a measurement that has nothing to say now
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from insnav.filter.measurements.measurement import INTERVAL
 from insnav.types import FloatArray
 
+INTERVAL = 0.25  # from one aiding measurement of a kind to the next [s]
 # A residual that stays for minutes is a systematic error, which no white noise can stand for: beyond this inflation the
 # measurement would only be thrown away.
 LARGEST_INFLATION = 3.0

@@ -9,7 +9,8 @@ import numpy as np
 
 from insnav.alignment.in_motion import Velocity
 from insnav.filter.measurements.first_pass import FirstPass
-from insnav.filter.measurements.measurement import INTERVAL, NOTHING, FilterView
+from insnav.filter.measurements.measurement import NOTHING, FilterView
+from insnav.filter.measurements.residual_noise import INTERVAL
 from insnav.findings import Code, Finding
 from insnav.imu.specification import ImuSpec
 from insnav.kernels.aiding_measurements import zero_velocity
