@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import deepcopy
 
 import numpy as np
@@ -12,7 +13,6 @@ from insnav.exceptions import DivergenceError
 from insnav.filter.engine import Engine
 from insnav.filter.error_model import ErrorModel, FilterState, InitialState
 from insnav.filter.parts import Across
-from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import History
 from insnav.filter.state_layout import cross_covariance, layout, reset_correlated, set_to_fix
@@ -43,7 +43,7 @@ class Estimate:
     `all` is what it estimates, see `insnav.kernels.epoch`, of which `x`, `correction`, `motion`, `shaken`, `lever` (3,)
     [m] and `delay` [s] are parts; `doubt`: how sure the delay is at most, see there; `at` the indices of the states,
     `places` the same with the number of the time-correlated ones, `span` the time since the last epoch, (1,) [s], and
-    `history` what the smoother needs. `coast` is the longest time between filter epochs [s].
+    `history` what the smoother needs. `note` records an event. `coast` is the longest time between filter epochs [s].
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class Estimate:
         start: FilterState,
         model: ErrorModel,
         settings: FilterSettings,
-        record: Record,
+        note: Callable[[Finding], None],
         coast: float,
         alignment: Alignment,
     ) -> None:
@@ -71,7 +71,7 @@ class Estimate:
         self._seen = self.x, self.correction, self.arm
         self.history = History(n) if settings.smooth else None
         self._engine = Engine(start.covariance)
-        self._record, self._lever_given, self._gps_noise = record, settings.lever_b, settings.correlated
+        self._note, self._lever_given, self._gps_noise = note, settings.lever_b, settings.correlated
         self._settled, self.doubt = settings.settled, np.array([settings.surest, settings.shown])
         self._lasting_sd = self._lasting_time = np.empty(0)
         if self._gps_noise is not None:
@@ -251,4 +251,4 @@ class Estimate:
 
     def _note_repair(self, time: float, repaired: bool) -> None:
         if repaired:
-            self._record.event(Finding.of(Code.REPAIR, time))
+            self._note(Finding.of(Code.REPAIR, time))

@@ -81,7 +81,7 @@ class Navigator:
         self._marks, self.kept = marks, dict[int, FilterState]()
         self._coast = COAST if settings.aiding is None else settings.aided_every
         self._record = Record(self._fix.shape[0])
-        self._estimate = Estimate(start, model, settings, self._record, self._coast, alignment)
+        self._estimate = Estimate(start, model, settings, self._record.event, self._coast, alignment)
         self._record.epoch(start.time, self._estimate)
         self._aiding = AidingUpdates(self._estimate, settings, self._record, gps, start.time)
         n = self._estimate.at.states

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from insnav import spill
 from insnav.exceptions import InputError
+from insnav.filter.estimate import Estimate
 from insnav.filter.measurements.measurement import Measurement
 from insnav.filter.settings import FilterSettings
 from insnav.filter.shocks import shocks
@@ -35,9 +35,6 @@ from insnav.types import (
     Smoothed,
     Trajectory,
 )
-
-if TYPE_CHECKING:
-    from insnav.filter.estimate import Estimate
 
 CONSISTENCY_WINDOW = 60.0  # NIS is averaged over this long: time-correlated errors of fixes average out [s]
 # Mean NIS, by its expectation, beyond which the filter has diverged. A mean far below one is no divergence: stationary,

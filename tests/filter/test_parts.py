@@ -106,7 +106,7 @@ def test_sensor_errors_fade_in_the_gap_as_gauss_markov_processes_do():
     first = first_state(ready.initial, ready.settings)
     first.covariance[NAV:, NAV:] *= 0.01
     before = np.diag(first.covariance)[NAV:21].copy()
-    estimate = Estimate(first, ready.model, ready.settings, record=None, coast=1.0, alignment=ready.alignment)
+    estimate = Estimate(first, ready.model, ready.settings, note=print, coast=1.0, alignment=ready.alignment)
     estimate.go_on(ready.initial, 200.0)
     stationary = ready.model.noise[6:18] / (2.0 * ready.model.decay)
     fade = np.exp(-2.0 * ready.model.decay * 200.0)
@@ -118,7 +118,7 @@ def test_the_covariance_of_a_new_alignment_is_that_of_first_state_where_nothing_
     """With the sensor errors as uncertain as at the start, going on is starting anew."""
     ready = prepare(*recording(0), drives.SPEC, replace(SETTINGS, delay_sd=0.05))
     first = first_state(ready.initial, ready.settings)
-    estimate = Estimate(first, ready.model, ready.settings, record=None, coast=1.0, alignment=ready.alignment)
+    estimate = Estimate(first, ready.model, ready.settings, note=print, coast=1.0, alignment=ready.alignment)
     estimate.go_on(ready.initial, 0.0)
     np.testing.assert_allclose(estimate.covariance[NAV:, NAV:], first.covariance[NAV:, NAV:], atol=1e-18)
     np.testing.assert_allclose(estimate.covariance[3:NAV, :21], first.covariance[3:NAV, :21], rtol=1e-9, atol=1e-16)
@@ -136,7 +136,7 @@ def test_a_bias_that_is_known_by_now_corrects_the_level():
     first = first_state(initial, SETTINGS)
     known = np.array([0.05, -0.03, 0.0])
     first.correction[3:6] = known
-    estimate = Estimate(first, drives.MODEL, SETTINGS, record=None, coast=1.0, alignment=alignment)
+    estimate = Estimate(first, drives.MODEL, SETTINGS, note=print, coast=1.0, alignment=alignment)
     estimate.go_on(initial, 0.0)
     force = dcm_from_rph(rph).T @ -g  # as sensed at rest, bias and all
     level = dcm_from_quat(estimate.x[6:]) @ (force - known)
