@@ -11,16 +11,13 @@ from __future__ import annotations
 import struct
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from insnav.attitude import dcm_from_quat, quat_multiply
 from insnav.exceptions import ConfigError
+from insnav.output.track import Track
 from insnav.output.tum import tangent_poses
-
-if TYPE_CHECKING:
-    from insnav.output.track_files import Track
 
 _FIX, _TWIST, _ODOMETRY = "sensor_msgs/msg/NavSatFix", "geometry_msgs/msg/TwistStamped", "nav_msgs/msg/Odometry"
 _TOPICS = {_FIX: "/fix", _TWIST: "/vel", _ODOMETRY: "/odom"}
