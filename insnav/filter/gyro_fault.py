@@ -22,9 +22,8 @@ from insnav.alignment.static import stationary, summarize
 from insnav.filter.changes import AT_END
 from insnav.filter.gps_delay import shown_again
 from insnav.filter.innovation_likelihood import LATER, MOVED, InnovationLikelihood
-from insnav.filter.noise_estimate import NoiseEstimate
 from insnav.filter.noise_identification import identify_noise, known_likelihood, with_noise
-from insnav.filter.noise_search import climbed, cost_at
+from insnav.filter.noise_search import DriveNoise, climbed, cost_at
 from insnav.filter.prepare import Prepared
 from insnav.filter.shocks import LATE_START, LEAST_LATE
 from insnav.filter.whole_record import OPEN, UNUSED
@@ -128,7 +127,7 @@ class Episode:
         return replace(imu, gyro=gyro)
 
 
-def without_gyro_faults(ready: Prepared, found: NoiseEstimate, spec: ImuSpec) -> tuple[Prepared, NoiseEstimate]:
+def without_gyro_faults(ready: Prepared, found: DriveNoise, spec: ImuSpec) -> tuple[Prepared, DriveNoise]:
     """Recording without gyros that are off for a while, as far as the drive shows them, and its noise.
 
     `found`: noise of the recording as it is; `spec`: that it was prepared with.
@@ -162,7 +161,7 @@ def _in_run_bias(spec: ImuSpec) -> float:
 
 def _one(
     ready: Prepared, spec: ImuSpec, seen: _Seen, gated: _Seen, axes: tuple[int, ...]
-) -> tuple[Episode, Prepared, NoiseEstimate] | None:
+) -> tuple[Episode, Prepared, DriveNoise] | None:
     """The fault of one of the `axes` that stands out most in what was `seen`, the recording without it, its noise.
 
     `gated`: what was seen with what gates reject left out.
@@ -252,7 +251,7 @@ def _rival(ready: Prepared, look: _Seen) -> float:
     return max((o.gain for o, size in zip(others, least, strict=True) if abs(o.rate) > size), default=0.0)
 
 
-def _opened(ready: Prepared, found: NoiseEstimate) -> _Seen | None:
+def _opened(ready: Prepared, found: DriveNoise) -> _Seen | None:
     """The likelihood of all fixes, with the noise that was found: what was rejected tells most."""
     open_ = replace(ready, settings=replace(ready.settings, gates=OPEN))
     seen = None if found.seen is None else known_likelihood(with_noise(open_, found), found.seen[0].prior)
@@ -270,7 +269,7 @@ def _edges(drive: InnovationLikelihood) -> FloatArray:
 
 def _settled(
     ready: Prepared, spec: ImuSpec, fault: Episode, cut: bool
-) -> tuple[tuple[Episode, Prepared, NoiseEstimate] | None, bool]:
+) -> tuple[tuple[Episode, Prepared, DriveNoise] | None, bool]:
     """Refine a fault about runs without it, with the noise of these, as long as it changes; none if it does not last.
 
     `cut`: a run that is lost is looked at up to there. A fault that is there until then may be so to the end.

@@ -19,7 +19,7 @@ from insnav.filter.error_model import error_model
 from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.gps_noise import ALIKE, OPEN_VELOCITY
 from insnav.filter.navigator import Navigator
-from insnav.filter.noise_estimate import NoiseEstimate, applied, start_by
+from insnav.filter.noise_estimate import NoiseEstimate, start_by
 from insnav.filter.prepare import Prepared
 from insnav.filter.sensor_axes import by_turn, errors_of_axes, informed
 from insnav.filter.state_layout import first_state, layout
@@ -98,7 +98,7 @@ class InnovationLikelihood:
 
     def __init__(self, ready: Prepared, spec: ImuSpec, about: NoiseEstimate | None = None) -> None:
         ready = ready.longest_part()
-        run = ready if about is None else applied(ready, about)
+        run = ready if about is None else ready.apply_noise(about)
         gps = thinned(ready.gps)
         self.median_sd: FloatArray = np.median(gps.position_sd, axis=0)
         correlated = run.settings.correlated

@@ -1,23 +1,17 @@
-"""What the innovations of a drive say about noise, and a recording prepared with it."""
+"""Noise that the innovations of a drive show, and alignment and initial state adapted to it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from insnav.alignment.static import LONG_REST
-from insnav.filter.error_model import ErrorModel, InitialState, error_model, initial_state
+from insnav.filter.error_model import ErrorModel, InitialState, initial_state
 from insnav.filter.gps_correlation import CorrelatedNoise
-from insnav.filter.gps_noise import OPEN_HEIGHT
-from insnav.filter.prepare import Prepared
 from insnav.filter.sensor_axes import Misalignment
 from insnav.imu.specification import ImuSpec
 from insnav.types import Alignment, FloatArray
-
-if TYPE_CHECKING:
-    from insnav.filter.innovation_likelihood import InnovationLikelihood
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,40 +45,11 @@ class NoiseEstimate:
     mean_before: float
     mean_after: float
     far_off: bool  # the attitude of the run was so far off that the innovations are no linear function of it
-    seen: tuple[InnovationLikelihood, FloatArray] | None = None  # what it was found in, and the logarithms of figures
 
     @property
     def white(self) -> FloatArray:
         """White part of the errors of positions, horizontal and vertical, by what came with them, (2,)."""
         return np.asarray(self.position_factor[1:] * np.sqrt(1.0 - self.correlated.share))
-
-
-def applied(ready: Prepared, found: NoiseEstimate) -> Prepared:
-    """The recording prepared with the noise that was found, but for misalignments."""
-    model = error_model(found.filter_spec, ready.model.states)
-    return replace(
-        with_fixes(ready, model, found.position_factor, found.velocity_factor),
-        model=model,
-        settings=replace(ready.settings, correlated=found.correlated),
-        noise=found,
-    )
-
-
-def with_fixes(ready: Prepared, model: ErrorModel, position: FloatArray, velocity: FloatArray) -> Prepared:
-    """Fixes, and starts by them with an IMU, whose standard deviations are so many times as large, (3,) each [-]."""
-    gps = replace(
-        ready.gps,
-        position_sd=ready.gps.position_sd * np.where(ready.gps.position_sd < OPEN_HEIGHT, position, 1.0),
-        velocity_sd=ready.gps.velocity_sd * velocity,
-    )
-    return replace(
-        ready,
-        gps=gps,
-        initial=start_by(ready.initial, ready.alignment, model, position),
-        parts=tuple(
-            replace(part, initial=start_by(part.initial, part.alignment, model, position)) for part in ready.parts
-        ),
-    )
 
 
 def after_rest(alignment: Alignment, assumed: ImuSpec, found: ImuSpec) -> Alignment:

@@ -27,8 +27,8 @@ from insnav.filter.innovation_likelihood import (
     InnovationLikelihood,
     thinned,
 )
-from insnav.filter.noise_estimate import NoiseEstimate, NoiseFigure, after_rest, applied, with_fixes
-from insnav.filter.noise_search import AVERAGED, FEWEST, NEAR, STARTS, Posterior, identify, misalignments
+from insnav.filter.noise_estimate import NoiseEstimate, NoiseFigure, after_rest
+from insnav.filter.noise_search import AVERAGED, FEWEST, NEAR, STARTS, DriveNoise, Posterior, identify, misalignments
 from insnav.filter.prepare import Prepared
 from insnav.filter.sensor_axes import Misalignment
 from insnav.findings import CORRELATED_POSITIONS, Code, Finding
@@ -55,7 +55,7 @@ SUFFIXES = {
 }
 
 
-def identify_noise(ready: Prepared, spec: ImuSpec, near: NoiseEstimate | None = None) -> NoiseEstimate | None:
+def identify_noise(ready: Prepared, spec: ImuSpec, near: DriveNoise | None = None) -> DriveNoise | None:
     """Noise of IMU and fixes from the innovations of one drive; none where it tells none.
 
     `spec`: IMU error specification it was prepared with: the prior; `near`: see `identify`.
@@ -106,7 +106,7 @@ def _with_gates(ready: Prepared, spec: ImuSpec, gates: Gates) -> InnovationLikel
 def with_noise(ready: Prepared, found: NoiseEstimate) -> Prepared:
     """The recording prepared with the noise that was found."""
     notes = (*_without_correlated(ready.notes), *_report(found))
-    return _with_axes(replace(applied(ready, found), notes=notes), found.axes)
+    return _with_axes(replace(ready.apply_noise(found), notes=notes), found.axes)
 
 
 def with_careful_biases(ready: Prepared, assumed: ImuSpec) -> Prepared:
@@ -122,7 +122,7 @@ def with_careful_biases(ready: Prepared, assumed: ImuSpec) -> Prepared:
     accel = np.minimum(found.careful_accel_bias, np.maximum(found.filter_spec.accel.bias, assumed.accel.bias))
     spec = replace(found.filter_spec, accel=replace(found.filter_spec.accel, bias=accel))
     model = replace(error_model(spec, ready.model.states), axes_sd=ready.model.axes_sd)
-    return replace(with_fixes(ready, model, np.ones(3), np.ones(3)), model=model)
+    return replace(ready.scale_sds(model, np.ones(3), np.ones(3)), model=model)
 
 
 def usual_time() -> float:
@@ -167,7 +167,7 @@ def with_known_noise(ready: Prepared, spec: ImuSpec, *, lasting: bool, sizes: bo
     plausible = posterior.plausible(top, covariance)
     position, _, correlated = posterior.drives[0].fixes_of(plausible[0])
     if sizes:
-        ready = with_fixes(ready, ready.model, position, np.ones(3))
+        ready = ready.scale_sds(ready.model, position, np.ones(3))
     told = posterior.figures(plausible, spec)
     more = *_report_factor(Code.ESTIMATE_POSITION_SD, position), _report_correlated(correlated, told)
     settings, notes = replace(ready.settings, correlated=correlated), (*_without_correlated(ready.notes), *more)

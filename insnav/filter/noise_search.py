@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba.core.config import NUMBA_NUM_THREADS  # type: ignore[attr-defined]
@@ -76,6 +76,13 @@ CHANCE, UNLIKE, UNLIKE_SD = 1e-4, 2.0, 3.0
 OTHER_KIND, KINDS_TRIED = 2.0, 2
 
 _Seen = tuple[FloatArray, FloatArray, float]  # innovations, their variances, and the cost of a set of figures
+
+
+@dataclass(frozen=True, slots=True)
+class DriveNoise(NoiseEstimate):
+    """Noise of drives, and the innovations that show it."""
+
+    seen: tuple[InnovationLikelihood, FloatArray] | None = None  # of the first drive, and the logarithms of figures
 
 
 class Posterior:
@@ -194,7 +201,7 @@ def _begun(posterior: Posterior) -> FloatArray:
     return short.climb(min(starts, key=lambda at: short.innovations(at)[2]), NEAR)[0]
 
 
-def maximise(drives: Sequence[InnovationLikelihood], near: NoiseEstimate | None = None) -> NoiseEstimate:
+def maximise(drives: Sequence[InnovationLikelihood], near: DriveNoise | None = None) -> DriveNoise:
     """Figures with the largest posterior density, or with the largest `near` others; several drives share one set."""
     posterior = Posterior(drives)
     white = posterior.middle.copy()
@@ -219,7 +226,7 @@ def maximise(drives: Sequence[InnovationLikelihood], near: NoiseEstimate | None 
     # one axis shows a bias, on a straight road, and all are taken for alike: mean variance, see `AVERAGED`
     larger = np.where([p.key == "accel.bias" for p in posterior.parameters], 2.0 * np.diag(covariance), 0.0)
     axes, far_off = misalignments(posterior.drives, top, SIZE_PRIOR)
-    return NoiseEstimate(
+    return DriveNoise(
         _turned(drive.prior, filter_spec, axes.size[0]),
         filter_spec,
         drive.spec(top + larger).accel.bias,
@@ -289,7 +296,7 @@ def _figure(parameter: Parameter, x: FloatArray, spec: ImuSpec) -> NoiseFigure:
     return NoiseFigure(parameter.key, unit, prior, value, low, high, told)
 
 
-def kind_of(found: NoiseEstimate, kinds: Sequence[ImuSpec]) -> ImuSpec:
+def kind_of(found: DriveNoise, kinds: Sequence[ImuSpec]) -> ImuSpec:
     """The kind of IMU, of some or that of the prior, by which the figures found are likeliest: their evidence.
 
     Innovations tell the logarithm of a figure with an error, a normal one each, which is what the posterior density has
@@ -311,8 +318,8 @@ def kind_of(found: NoiseEstimate, kinds: Sequence[ImuSpec]) -> ImuSpec:
 
 
 def identify(
-    drives: Sequence[InnovationLikelihood], kinds: Sequence[ImuSpec] = (), near: NoiseEstimate | None = None
-) -> NoiseEstimate:
+    drives: Sequence[InnovationLikelihood], kinds: Sequence[ImuSpec] = (), near: DriveNoise | None = None
+) -> DriveNoise:
     """Noise in drives of one IMU, about second runs with it if the first are far off or reject fixes.
 
     `kinds`: what IMU it may also be, if its figures tell so; `near`: as was found with samples that hardly differ.
@@ -320,7 +327,7 @@ def identify(
     if near is not None and near.seen is not None:
         drives = [drive.of(near.seen[0].prior) for drive in drives]
 
-    def likeliest(drives: Sequence[InnovationLikelihood], last: NoiseEstimate) -> NoiseEstimate:
+    def likeliest(drives: Sequence[InnovationLikelihood], last: DriveNoise) -> DriveNoise:
         return maximise(drives, None if near is None else last)
 
     found = maximise(drives, near)
@@ -344,7 +351,7 @@ def identify(
     return found
 
 
-def unlike(drives: Sequence[InnovationLikelihood], found: NoiseEstimate) -> list[list[NoiseFigure]]:
+def unlike(drives: Sequence[InnovationLikelihood], found: DriveNoise) -> list[list[NoiseFigure]]:
     """Figures of the IMU that one of several drives has of its own, each in every drive; see `identify`.
 
     `found`: in all of them together. Drives by one IMU share its figures, not those of their fixes: it is another one

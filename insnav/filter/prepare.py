@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,18 +18,16 @@ from insnav.filter.error_model import ErrorModel, InitialState, error_model, ini
 from insnav.filter.frozen import without_frozen
 from insnav.filter.gates import Gates
 from insnav.filter.gps_correlation import correlated_noise
-from insnav.filter.gps_noise import LAG_WORTH, name_lag, velocity_lag, with_sd
+from insnav.filter.gps_noise import LAG_WORTH, OPEN_HEIGHT, name_lag, velocity_lag, with_sd
 from insnav.filter.measurements.height import HeightAiding
 from insnav.filter.navigator import Navigator
+from insnav.filter.noise_estimate import NoiseEstimate, start_by
 from insnav.filter.parts import LONGEST_GAP, SHORTEST, Part, spans
 from insnav.filter.settings import FilterSettings
 from insnav.findings import Code, Finding
 from insnav.imu.health import inspect
 from insnav.imu.specification import ImuSpec
 from insnav.types import Alignment, FloatArray, GpsData, ImuData
-
-if TYPE_CHECKING:
-    from insnav.filter.noise_estimate import NoiseEstimate
 
 STILL_SD = 0.05  # velocity of a vehicle that the alignment found stationary, its engine running [m/s]
 JITTER_WORTH = 1e-4  # a smaller scatter of the timestamps is rounding; at 30 m/s it makes 3 mm [s]
@@ -115,6 +112,32 @@ class Prepared:
         parts = strapdown.intervals(self.imu.rows(slice(until)), self.nominal)
         initial = _at_fix(alignment, parts, good, self.model, self.settings)
         return replace(self, alignment=alignment, initial=initial)
+
+    def apply_noise(self, found: NoiseEstimate) -> Prepared:
+        """Return the recording with the noise that was found, except misalignments."""
+        model = error_model(found.filter_spec, self.model.states)
+        return replace(
+            self.scale_sds(model, found.position_factor, found.velocity_factor),
+            model=model,
+            settings=replace(self.settings, correlated=found.correlated),
+            noise=found,
+        )
+
+    def scale_sds(self, model: ErrorModel, position: FloatArray, velocity: FloatArray) -> Prepared:
+        """Scale the standard deviations of fixes by (3,) each [-], and adapt the starts to these and an error model."""
+        gps = replace(
+            self.gps,
+            position_sd=self.gps.position_sd * np.where(self.gps.position_sd < OPEN_HEIGHT, position, 1.0),
+            velocity_sd=self.gps.velocity_sd * velocity,
+        )
+        return replace(
+            self,
+            gps=gps,
+            initial=start_by(self.initial, self.alignment, model, position),
+            parts=tuple(
+                replace(part, initial=start_by(part.initial, part.alignment, model, position)) for part in self.parts
+            ),
+        )
 
     def first(self, length: float) -> ImuData:
         """Samples of the first `length` seconds, and of a long rest before: it tells little of delay, arm and noise."""
