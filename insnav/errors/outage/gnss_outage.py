@@ -15,7 +15,8 @@ import numpy as np
 
 from insnav.attitude import rph_from_quat, wrap_pi
 from insnav.engine import Workers, every, share_of
-from insnav.errors.outage.windows import LENGTHS, comparison_only, navigated_drive, part_of, valid, window_starts
+from insnav.errors.outage.statistics import Growth
+from insnav.errors.outage.windows import Outage, comparison_only, navigated_drive, part_of, valid, window_starts
 from insnav.exceptions import ConfigError
 from insnav.filter.error_model import FilterState
 from insnav.filter.gates import OF_REFERENCE
@@ -27,38 +28,16 @@ from insnav.types import FloatArray, GpsData
 
 if TYPE_CHECKING:
     from insnav.errors.evaluated_run import EvaluatedRun
-    from insnav.errors.outage.statistics import Growth
 
 RECOVERY = 60.0  # time after the window whose fixes the smoother gets [s]
 _STATES = ("north_m", "east_m", "down_m", "v_north_m_s", "v_east_m_s", "v_down_m_s")
 _COMPARED = 0.25  # a reference that comes more often is thinned to this interval [s]
 
 
-@dataclass(frozen=True, slots=True)
-class Outage:
-    """One window without fixes, compared at the fixes (or the epochs of a reference) in it."""
-
-    # time of the last fix before it, and length [s]
-    start: float
-    length: float
-    elapsed: FloatArray  # (k,) time since `start` [s]
-    # (k, 6) error of position North, East, Down [m] and velocity [m/s], filtered and smoothed; ``NaN`` where the fix
-    # has no such value
-    error: FloatArray
-    # (k, 6) standard deviation that the filter states
-    sd: FloatArray
-    smoothed: FloatArray
-    smoothed_sd: FloatArray
-    reference_sd: FloatArray  # (k, 6) standard deviation of the fix or reference
-    heading: FloatArray  # (k,) heading of the filter minus that of the drive smoothed with all fixes [rad]
-    heading_sd: FloatArray  # (k,) standard deviation of the filter's heading [rad]
-    speed: float  # mean speed in the window [m/s]
-
-
 def outages(
     ready: Prepared,
     *,
-    lengths: Sequence[float] = LENGTHS,
+    lengths: Sequence[float],
     first: float | None = None,
     spacing: float | None = None,
     reference: GpsData | Callable[[FloatArray], GpsData] | None = None,

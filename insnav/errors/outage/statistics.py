@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from insnav.errors.outage.free_inertial import MOTIONS, Windows
-from insnav.errors.outage.gnss_outage import Outage
+from insnav.errors.outage.windows import Outage
 from insnav.sample_statistics import effective_count, mean_square_interval, means
 from insnav.types import BoolArray, FloatArray, IntArray
 

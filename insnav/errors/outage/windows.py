@@ -31,6 +31,27 @@ _LEAD = 2.0  # samples before the window, for the polynomials at its first inter
 _SAME = 1e-6  # times that differ by less are the same [s]
 
 
+@dataclass(frozen=True, slots=True)
+class Outage:
+    """One window without fixes, compared at the fixes (or the epochs of a reference) in it."""
+
+    # time of the last fix before it, and length [s]
+    start: float
+    length: float
+    elapsed: FloatArray  # (k,) time since `start` [s]
+    # (k, 6) error of position North, East, Down [m] and velocity [m/s], filtered and smoothed; ``NaN`` where the fix
+    # has no such value
+    error: FloatArray
+    # (k, 6) standard deviation that the filter states
+    sd: FloatArray
+    smoothed: FloatArray
+    smoothed_sd: FloatArray
+    reference_sd: FloatArray  # (k, 6) standard deviation of the fix or reference
+    heading: FloatArray  # (k,) heading of the filter minus that of the drive smoothed with all fixes [rad]
+    heading_sd: FloatArray  # (k,) standard deviation of the filter's heading [rad]
+    speed: float  # mean speed in the window [m/s]
+
+
 def window_starts(
     fixes: FloatArray,
     begin: float,

@@ -9,8 +9,8 @@ import pytest
 from scipy.stats import chi2
 
 from insnav.errors.diagnosis.error_regression import regression
-from insnav.errors.outage.gnss_outage import Outage
 from insnav.errors.outage.statistics import growth, outage_growth
+from insnav.errors.outage.windows import Outage
 from tests.errors.outage import drives
 
 COUNT = 400
