@@ -50,6 +50,12 @@ SLOW = (
 )
 
 
+if os.environ.get("INSNAV_REVERSED"):  # the nightly proof that nothing depends on what a message says
+    from tests.reversed_messages import reverse_messages
+
+    reverse_messages()
+
+
 def _own() -> set[str]:
     try:
         return {socket.gethostname(), *socket.gethostbyname_ex(socket.gethostname())[2]}
