@@ -48,7 +48,7 @@ class Drive:
         return ned_offset(self.run.solution.lla, self.true.lla)
 
     def kinds(self) -> list[Code]:
-        return [event.kind for event in self.run.events]
+        return [event.code for event in self.run.events]
 
 
 @lru_cache(maxsize=60)
