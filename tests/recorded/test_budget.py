@@ -12,9 +12,11 @@ from insnav.errors.outage.statistics import COMPONENTS
 from insnav.errors.outage.window_reference import WindowReference, reference_from_trajectory, stationary_fixes
 from insnav.filter import FilterSettings
 from insnav.filter.prepare import DELAY_SD, prepare
+from insnav.findings import Code, of_code
 from insnav.imu import load_imu
 from insnav.input import read_imu, read_reference
 from insnav.report.budget.windows import windows_sentences, windows_warnings
+from insnav.report.budget.windows_quantities import CALIBRATED
 from insnav.types import FloatArray, GpsData, ImuData, Trajectory
 from tests.recorded.recording import imu_model, recording
 from tests.shared import recorded
@@ -85,7 +87,7 @@ def test_consumer_mems_in_town_is_worse_than_its_noise_at_rest_says():
     assert not {each.component: each.explained for each in part.verdicts}["east"]
     assert part.replicas is not None
     assert not part.replicas.agree
-    assert any("outside the band" in text for text in windows_warnings(found))
+    assert [each.subject for each in of_code(windows_warnings(found), Code.BUDGET_OUTSIDE_REPLICAS)] == [CALIBRATED]
     assert not part.diagnosis.steady
 
 
@@ -136,8 +138,7 @@ def test_a_drive_without_its_rest_says_what_was_assumed():
     spec = load_imu("consumer")
     ready = prepare(cut(later, 150.0), some, spec, FilterSettings(delay_sd=DELAY_SD))
     found = recorded_budget(ready, spec, None, WindowSettings(length=30.0, spacing=10.0))
-    assert any("No stationary window" in note for note in found.notes)
-    assert any("own GPS fixes" in note for note in found.notes)
+    assert {Code.BUDGET_NO_STATIONARY_WINDOW, Code.BUDGET_OWN_FIXES} <= {note.code for note in found.notes}
     assert found.calibrated.windows.count >= 3
 
 

@@ -47,7 +47,7 @@ def test_false_doppler_velocities_are_rejected_by_name(done: Navigated, data: tu
     error = velocity_error(gps)
     error[gps.time < imu.time[0]] = np.nan
     false, true = gps.time[error > FALSE_VELOCITY], gps.time[error < 0.5]
-    named = np.array([e.time for e in done.run.events if e.kind is Code.GATE_VELOCITY])
+    named = np.array([event.begin for event in of_code(done.run.events, Code.GATE_VELOCITY)])
     offered = done.run.innovations
     refused = offered.time[~offered.used_velocity & np.isfinite(offered.nis_velocity)]
     caught, spared = np.isin(false, named), ~np.isin(true, named)
