@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import math
 import xml.etree.ElementTree as ET  # of our own file
 
@@ -11,7 +12,7 @@ import pyarrow.parquet
 import pytest
 
 from insnav.exceptions import InputError
-from insnav.findings import Code, untyped_event
+from insnav.findings import Code, Finding
 from insnav.output.kml import KML_POINTS, write_kml
 from insnav.output.solution_tables import read_solution, write_events, write_run_table
 from insnav.plain_text import cell_text, plain_text
@@ -21,6 +22,10 @@ SOLUTION = [
     *("time_s", "lat_deg", "lon_deg", "height_m", "vn_m_s", "ve_m_s", "vd_m_s"),
     *("roll_deg", "pitch_deg", "heading_deg", "sd_n_m", "sd_e_m", "sd_d_m"),
     *("sd_vn_m_s", "sd_ve_m_s", "sd_vd_m_s", "sd_roll_deg", "sd_pitch_deg", "sd_heading_deg"),
+]
+EVENTS = [
+    *("time_s", "end_s", "code", "severity", "subject", "value", "limit", "unit"),
+    *("action", "hint", "values"),
 ]
 KML = "{http://www.opengis.net/kml/2.2}"
 
@@ -163,21 +168,27 @@ HOSTILE = [
 
 @pytest.mark.parametrize("text", HOSTILE)
 def test_no_text_cell_begins_like_a_formula(tmp_path, text):
-    event = untyped_event(1.0, Code.GATE_POSITION, 2.0, float("nan"), text, text, text)
-    header, rows = cells(write_events(tmp_path, [event]))
-    assert header == ["time_s", "kind", "value", "limit", "unit", "action", "hint"]
-    for cell in rows[0][4:]:
-        assert cell.startswith("'")
-        assert not any(ord(c) < 32 for c in cell)
-    assert rows[0][:4] == ["1", "gate.position", "2", ""]
+    finding = Finding.of(Code.GATE_POSITION, 1.0, subject=text, nis=2.0, limit=math.nan, text=text)
+    header, rows = cells(write_events(tmp_path, [finding]))
+    assert header == EVENTS
+    row = dict(zip(header, rows[0], strict=True))
+    for name in ("subject", "action"):
+        assert row[name].startswith("'")
+    assert row["values"].startswith("{")
+    assert json.loads(row["values"]) == {"nis": 2.0, "limit": None, "text": text}
+    assert not any(ord(c) < 32 for cell in rows[0] for c in cell)
+    assert rows[0][:4] == ["1", "1", "gate.position", "note"]
+    assert (row["value"], row["limit"], row["unit"], row["hint"]) == ("2", "", "", "")
 
 
 def test_events_may_be_absent_and_may_hold_any_punctuation(tmp_path):
     assert cells(write_events(tmp_path, []))[1] == []
-    event = untyped_event(1.5, Code.RESET, -3.25, 1.0, "-", 'said "no", then; left\nat once', "5 > 3")
-    assert cells(write_events(tmp_path, [event]))[1] == [
-        ["1.5", "filter.reset", "-3.25", "1", "", 'said "no", then; left at once', "5 > 3"]
-    ]
+    said = 'said "no", then; left\nat once'
+    finding = Finding.of(Code.RESET, 1.5, 2.75, subject="5 > 3", offset_m=-3.25, limit_m=1.0, text=said)
+    numbers = ["1.5", "2.75", "filter.reset", "warning", "5 > 3", "-3.25", "1", "m"]
+    ((*row, values),) = cells(write_events(tmp_path, [finding]))[1]
+    assert row == [*numbers, 'said "no", then; left at once', ""]
+    assert json.loads(values) == {"offset_m": -3.25, "limit_m": 1.0, "text": said}
 
 
 @pytest.mark.parametrize(
