@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from insnav.errors.budget.drive_motion import BudgetStudy
 from insnav.errors.budget.error_budget import budget
 from insnav.errors.budget.sampled_motion import at_rest
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding
 from insnav.output.stored import FILE, read_stored, store
 from insnav.report.run_json import page_facts
 from insnav.result import Result, open_result
@@ -19,10 +21,16 @@ from tests.errors.budget.imus import plain
 
 
 def test_a_budget_is_opened_again(tmp_path: Path):
-    made = Result("budget", BudgetStudy(budget(plain(), at_rest(20.0), (5.0, 10.0, 20.0), runs=10)), notes=("a note",))
+    found = BudgetStudy(budget(plain(), at_rest(20.0), (5.0, 10.0, 20.0), runs=10))
+    findings = (
+        Finding.of(Code.BUDGET_ABSENT, terms=("gyro bias", "scale factor")),
+        Finding.of(Code.ROWS_NAN, subject="gps", count=3, limit=math.nan),
+    )
+    made = Result("budget", found, findings=findings)
     again = open_result(made.save(tmp_path / "budget", figures="none"))
     assert page_facts(again.page()) == page_facts(made.page())
-    assert again.notes == made.notes
+    assert again.findings == made.page().findings
+    assert set(findings) <= set(again.findings)
     assert again.summary() == made.summary()
     for old, new in zip(made.page().panels, again.page().panels, strict=True):
         for one, other in zip(old.curves, new.curves, strict=True):
