@@ -40,10 +40,10 @@ import insnav
 from insnav.attitude import dcm_from_rph
 from insnav.earth import lla_offset, ned_offset
 from insnav.errors.evaluated_run import failure
-from insnav.errors.run_findings import file_warnings, run_warnings, typed
+from insnav.errors.run_findings import is_shown
 from insnav.exceptions import InsnavError
 from insnav.filter.navigate import ABSORBED
-from insnav.findings import CORRELATED_POSITIONS, Code, Finding, Note, of_code
+from insnav.findings import CORRELATED_POSITIONS, Code, Finding, Severity, of_code, of_families
 from insnav.input import read_gps, read_imu, read_reference
 from insnav.messages import sentence
 from insnav.output.data_files import write_data
@@ -56,14 +56,17 @@ LEVER = Code.ESTIMATE_LEVER_ARM_CHECKED  # the smallest errors of the lever arm 
 BEGIN = 100.0  # of the faults, after the first sample [s]
 OUTCOMES = ("crash", "silent", "events", "stated", "note", "warned", "told", "good", "refused")
 HOLDS, WORSE = 0.95, 0.02
-ROUTINE = CORRELATED_POSITIONS | {  # no news: what a run would not have shown, and its noise
+# no news: what a run would not have shown, its noise, and what nobody gave
+ROUTINE = CORRELATED_POSITIONS | of_families("imu_model")
+ROUTINE |= {
     LEVER,
     Code.GPS_DETECTABLE,
     Code.ESTIMATE_NOISE,
     Code.ESTIMATE_NOISE_PRESET,
     Code.ESTIMATE_POSITION_SD,
     Code.ESTIMATE_VELOCITY_SD,
-    Code.MODEL_KEPT,
+    Code.RUN_LEVER_ZERO,
+    Code.RUN_SLOW_ERRORS,
 }
 
 
@@ -340,7 +343,7 @@ class Clean:
     """A run without a fault."""
 
     inside: float
-    said: tuple[dict[Key, Finding], ...]  # warnings, notes, events
+    said: tuple[dict[Key, Finding], ...]  # warnings, notes, what only ``events.csv`` has
     truth: Trajectory
     heading: float  # [rad]
 
@@ -357,13 +360,19 @@ def navigated(imu: ImuData, gps: GpsData, inputs: dict[str, Any]) -> Any:
 
 
 def _said(result: Any) -> tuple[dict[Key, Finding], ...]:
-    """Warnings, notes and events by code and subject, numbers aside."""
-    warnings = [*run_warnings(result.found), *file_warnings(result)]
+    """Warnings, notes and what only ``events.csv`` has, by code and subject, numbers aside."""
+    of_files = {finding for facts in result.inputs.values() for finding in facts.evidence}
+    news = [each for each in result.findings if each.code not in ROUTINE and each not in of_files]
+    shown = [each for each in news if is_shown(each)]
 
-    def keyed(notes: Iterable[Note]) -> dict[Key, Finding]:
-        return {(each.code, each.subject): each for each in typed(notes) if each.code not in ROUTINE}
+    def keyed(findings: Iterable[Finding]) -> dict[Key, Finding]:
+        return {(each.code, each.subject): each for each in findings}
 
-    return keyed(warnings), keyed(result.notes), keyed(result.events)
+    return (
+        keyed(each for each in shown if each.severity >= Severity.WARNING),
+        keyed(each for each in shown if each.severity < Severity.WARNING),
+        keyed(each for each in news if not is_shown(each)),
+    )
 
 
 def _number(text: str) -> float:
@@ -375,7 +384,7 @@ def _seen(result: Any, of: int | Code) -> float:
     """Size that a run states it would not show."""
     if isinstance(of, int):
         return ABSORBED * float(result.found.run.smoothed.smallest_seen[of])  # as the note has it
-    return next((float(note["detectable_m"][0]) for note in of_code(typed(result.notes), of)), 0.0)
+    return next((float(note["detectable_m"][0]) for note in of_code(result.findings, of)), 0.0)
 
 
 def _inside(solution: Trajectory, truth: Trajectory, shift: float) -> tuple[float, float]:
