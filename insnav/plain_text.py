@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Callable
 
 NOT_UTF8 = "backslashreplace"  # what becomes of bytes of a file name that are no UTF-8: JSON reads them as they were
 _ESCAPE = re.compile(
@@ -12,7 +11,6 @@ _ESCAPE = re.compile(
     r"|\x1b[\]PX^_].*?(?:\x07|\x1b\\|$)"  # OSC and other strings: titles, links
     r"|\x1b[ -/]*[0-~]"  # two-character sequences
 )
-_MOMENT = re.compile(r"\bt = (-?\d+\.\d)(?: to (-?\d+\.\d))? s")
 _LARGE = re.compile(r"\b\d(?:\.\d+)?e\+\d\d\b")
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
@@ -36,16 +34,6 @@ def without_exponents(text: str) -> str:
     return _LARGE.sub(lambda found: f"{float(found[0]):.0f}", text)
 
 
-def moment(start: float, stop: float | None = None) -> str:
-    """A time, or stretch, of the record [s] in a text: ``t = 12.0 s``, for `moments`."""
-    return f"t = {start:.1f} s" if stop in (None, start) else f"t = {start:.1f} to {stop:.1f} s"
-
-
-def moments(text: str, told: Callable[[float], str], unit: str) -> str:
-    """Text with its times of the record as they stand on another axis."""
-
-    def there(at: re.Match[str]) -> str:
-        shown = " to ".join(told(float(each)) for each in at.groups() if each)
-        return f"{shown} {unit}" if not shown.startswith("-") else f"{shown.lstrip('-')} {unit} before the start"
-
-    return without_exponents(_MOMENT.sub(there, text))
+def moment(start: float, stop: float | None = None, until: str = "to") -> str:
+    """A time, or stretch, of the record [s] in a text: ``t = 12.0 s``."""
+    return f"t = {start:.1f} s" if stop in (None, start) else f"t = {start:.1f} {until} {stop:.1f} s"

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from insnav.findings import Code, Finding, Severity
-from insnav.messages import LANGUAGES, PARTS, catalogue, render, sentence
+from insnav.messages import LANGUAGES, PARTS, Message, catalogue, form, language, moment, render, sentence
 from insnav.units import UNITS
 
 ROOT = Path(__file__).parents[1] / "insnav"
@@ -20,6 +20,7 @@ VERBS = ("moment", "word", "count", "plural", "sign", "abs")
 # units without a factor to SI that a text may name
 PLAIN_UNITS = {"", "sd", "LSB", "rows", "K", "°C", "kg m²"}
 LONGEST = 25  # words of a sentence
+TABLES = {"form", "words"}  # of a catalogue, beside the entries of codes
 
 
 def fields(text: str) -> Iterator[tuple[str, str]]:
@@ -31,13 +32,13 @@ def fields(text: str) -> Iterator[tuple[str, str]]:
 
 def texts(lang: str) -> Iterator[tuple[str, str, str]]:
     for code, entry in catalogue(lang).items():
-        if code != "words":
+        if code not in TABLES:
             yield from ((code, part, text) for part, text in entry.items())
 
 
 @pytest.mark.parametrize("lang", LANGUAGES)
 def test_each_code_has_an_entry_and_each_entry_a_code(lang: str):
-    assert set(catalogue(lang)) - {"words"} == {code.value for code in Code}
+    assert set(catalogue(lang)) - TABLES == {code.value for code in Code}
     for code in Code:
         entry = catalogue(lang)[code.value]
         assert set(entry) <= set(PARTS)
@@ -49,6 +50,21 @@ def test_each_code_is_used():
     source = "".join(path.read_text() for path in ROOT.rglob("*.py") if path.name != "findings.py")
     used = set(re.findall(r"\bCode\.(\w+)", source))
     assert [code.name for code in Code if code.name not in used] == []
+
+
+def test_each_language_has_the_same_forms():
+    assert len({frozenset(catalogue(lang)["form"]) for lang in LANGUAGES}) == 1
+    assert [moment(1.0, 2.0, lang) for lang in LANGUAGES] == ["t = 1.0 to 2.0 s", "t = 1.0 至 2.0 s"]
+    assert moment(1.0, 1.0, "zh") == "t = 1.0 s"
+    assert [str(Message("", "a.", "b.", joint=form("joint", lang))) for lang in LANGUAGES] == ["a. b.", "a.b."]
+
+
+@pytest.mark.parametrize(
+    ("wanted", "lang"), [("", "en"), ("en", "en"), ("zh", "zh"), ("zh_CN.UTF-8", "zh"), ("xx", "en"), ("ZH", "zh")]
+)
+def test_the_language_is_that_of_the_environment_or_english(monkeypatch: pytest.MonkeyPatch, wanted: str, lang: str):
+    monkeypatch.setenv("INSNAV_LANG", wanted)
+    assert language() == lang
 
 
 @pytest.mark.parametrize("lang", LANGUAGES)
@@ -111,15 +127,21 @@ def test_texts_hold_values_as_they_are_asked_to(monkeypatch: pytest.MonkeyPatch)
         "[[ ± {sd_s:.3f s}]] from {span}.",
         "done": "{gyro_rad_s:.2g deg/s} {lever_m:.1f m} {axis:word}",
     }
-    monkeypatch.setattr("insnav.messages.catalogue", lambda lang: {"gps.gap": entry, "words": {"x": "ex"}})
-    code = Code("gps.gap") if "gps.gap" in set(Code) else next(iter(Code))
-    monkeypatch.setattr("insnav.messages.catalogue", lambda lang: {code.value: entry, "words": {"x": "ex"}})
+    code, words = next(iter(Code)), {"x": "ex"}
+    written = {lang: catalogue(lang)["form"] for lang in LANGUAGES}
+    monkeypatch.setattr(
+        "insnav.messages.catalogue", lambda lang: {code.value: entry, "words": words, "form": written[lang]}
+    )
     values = {"count": 1, "delay_s": -0.05, "gyro_rad_s": math.radians(2.0), "lever_m": (0.1, -0.04, 2.0), "axis": "x"}
     message = render(Finding.of(code, 5.0, 7.0, **values))
     assert message.text == "1 fix is 0.050 s early from t = 5.0 to 7.0 s."
     assert message.done == "2 deg/s 0.1, 0.0, 2.0 m ex"
     message = render(Finding.of(code, 5.0, 7.0, **{**values, "sd_s": 0.01}), at=lambda begin, end: f"{begin}/{end}")
     assert "early ± 0.010 s from 5.0/7.0." in message.text
+    message = render(Finding.of(code, 5.0, 7.0, **values), "zh")
+    assert message.text.endswith("from t = 5.0 至 7.0 s.")
+    assert message.done == "2 deg/s 0.1、0.0、2.0 m ex"
+    assert str(message) == message.text + message.done  # such sentences stand side by side
 
 
 def test_severities_rise():

@@ -11,7 +11,8 @@ A text holds values by name in braces, with a format: ``{delay_s:.3f s}`` (forma
 ``{count:count fix|fixes}`` (number and noun), ``{count:plural fix|fixes}`` (noun alone), ``{delay_s:sign late|early}``
 (first word unless negative), ``{delay_s:abs .3f s}`` (without the sign), ``{axis:word}`` (a word of the table
 ``[words]``), ``{begin:moment}`` and ``{span}`` (times of the record). ``{subject}`` is the subject. A part in double
-square brackets is left out where one of its values is missing or not finite: ``[[ ± {delay_sd_s:.3f s}]]``.
+square brackets is left out where one of its values is missing or not finite: ``[[ ± {delay_sd_s:.3f s}]]``. The table
+``[form]`` says how a language joins sentences, lists and the two ends of a span.
 """
 
 from __future__ import annotations
@@ -22,13 +23,13 @@ import re
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from string import Formatter
 from typing import Any
 
+from insnav import plain_text
 from insnav.findings import Code, Finding
-from insnav.plain_text import moment
 from insnav.units import UNITS, shown_unit
 
 LANGUAGES = ("en", "zh")
@@ -48,9 +49,10 @@ class Message:
     text: str  # what was seen
     done: str = ""  # what insnav did about it
     advice: str = ""  # what the user can do
+    joint: str = " "  # between two sentences
 
     def __str__(self) -> str:
-        return " ".join(part for part in (self.text, self.done, self.advice) if part)
+        return self.joint.join(part for part in (self.text, self.done, self.advice) if part)
 
 
 def language() -> str:
@@ -65,7 +67,17 @@ def catalogue(lang: str) -> Mapping[str, Any]:
     return tomllib.loads((Path(__file__).parent / f"{lang}.toml").read_text(encoding="utf-8"))
 
 
-def render(finding: Finding, lang: str | None = None, at: At = moment) -> Message:
+def form(name: str, lang: str | None = None) -> str:
+    """Give how a language writes what is not in a message: an entry of its table ``[form]``."""
+    return str(catalogue(lang or language())["form"][name])
+
+
+def moment(begin: float, end: float, lang: str | None = None) -> str:
+    """Write a time of the record, or a span [s]: ``t = 12.0 s``."""
+    return plain_text.moment(begin, end, form("until", lang))
+
+
+def render(finding: Finding, lang: str | None = None, at: At | None = None) -> Message:
     """Put a finding into words.
 
     Parameters
@@ -74,7 +86,7 @@ def render(finding: Finding, lang: str | None = None, at: At = moment) -> Messag
     lang : str, optional
         A language of `LANGUAGES`; by default that of `language`.
     at : callable, optional
-        How times of the record are written.
+        How times of the record are written, in this language; by default as of `moment`.
 
     Returns
     -------
@@ -84,10 +96,13 @@ def render(finding: Finding, lang: str | None = None, at: At = moment) -> Messag
     if text := finding.get("text"):  # of a folder that an earlier version wrote
         return Message(catalogue(lang)[Code.STORED_TEXT.value]["title"], text)
     entry = catalogue(lang)[finding.code.value]
-    return Message(**{part: _filled(entry[part], finding, lang, at) for part in PARTS if part in entry})
+    parts = {
+        part: _filled(entry[part], finding, lang, at or partial(moment, lang=lang)) for part in PARTS if part in entry
+    }
+    return Message(**parts, joint=form("joint", lang))
 
 
-def sentence(finding: Finding, lang: str | None = None, at: At = moment) -> str:
+def sentence(finding: Finding, lang: str | None = None, at: At | None = None) -> str:
     """Put a finding into one line: what was seen, what insnav did, and what the user can do."""
     return str(render(finding, lang, at))
 
@@ -139,7 +154,7 @@ def _shown(value: Any, spec: str, lang: str, at: At) -> str:
             return _shown(abs(value), rest, lang, at)
     if isinstance(value, tuple):
         parts = [_number(each, verb, rest) for each in value]
-        return ", ".join(parts) + _unit(rest)
+        return form("list", lang).join(parts) + _unit(rest)
     return _number(value, verb, rest) + _unit(rest)
 
 

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from insnav.findings import Code, Finding, Severity
-from insnav.messages import At, render, sentence, shows_time
-from insnav.plain_text import moment, plain_text
+from insnav.messages import At, form, moment, render, sentence, shows_time
+from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
 from insnav.report.numbers import number, rounded
 
@@ -28,7 +28,6 @@ else:
     DataFrame = Figure = Any  # their libraries are imported where some are made
 
 Show = Literal["all", "page", "json"]
-_HINT = " (times in warnings are from the start)"
 Light = Literal["good", "attention", "bad", "unknown"]
 LIGHTS: Mapping[Light, str] = {
     "good": "good",
@@ -155,7 +154,7 @@ class Page:
         texts, hint = [], abs(self.starts_at) > 1.0
         for finding in (each for each in self.findings if each.severity >= Severity.WARNING):
             hinted = hint and shows_time(finding)
-            texts.append(sentence(finding, at=self.at) + _HINT * hinted)
+            texts.append(sentence(finding, at=self.at) + form("hint") * hinted)
             hint = hint and not hinted
         return tuple(texts)
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from insnav.findings import Finding
-from insnav.messages import sentence
+from insnav.messages import form, sentence
 from insnav.types import FloatArray
 
 BINS = 1200  # about one a pixel: more cannot be seen
@@ -42,11 +42,12 @@ class Clock:
     def moment(self, begin: float, end: float) -> str:
         """Write a time of the data, or a span [s], as it stands on the axis."""
         first, *rest = (self._decimal(abs(time - self.start) + self.start) for time in dict.fromkeys((begin, end)))
+        until, before = f" {form('until')} ", form("before_start")
         if begin >= self.start:
-            return f"{' to '.join((first, *rest))} {self.unit}"
+            return f"{until.join((first, *rest))} {self.unit}"
         if end < self.start:
-            return f"{' to '.join((first, *rest))} {self.unit} before the start"
-        return f"{first} {self.unit} before the start to {rest[0]} {self.unit}"
+            return before.format(f"{until.join((first, *rest))} {self.unit}")
+        return f"{before.format(f'{first} {self.unit}')}{until}{rest[0]} {self.unit}"
 
     def sentence(self, finding: Finding) -> str:
         """Put a finding into words, with its times as they stand on the axis."""

@@ -9,10 +9,11 @@ import numpy as np
 
 from insnav.findings import Severity
 from insnav.input.readers.reading import ReadingFacts
-from insnav.messages import At, render, sentence
-from insnav.plain_text import moment, moments, plain_text
+from insnav.messages import At, form, moment, render, sentence
+from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
 from insnav.report.page import DataFrame, Page, Section, rows_frame
+from insnav.report.series import Clock
 from insnav.report.terminal import page_text
 from insnav.result import Result
 from insnav.session.check import TO_MEND, Checked
@@ -47,8 +48,13 @@ def _from_start(result: Result[Checked]) -> At:
     """Write times of findings from the start of the samples; figures, as files, have those of the files."""
     if "imu" not in result.inputs:
         return moment
-    start = result.inputs["imu"].start_s
-    return lambda begin, end: moments(moment(begin, end), lambda time: f"{time - start:.1f}", "s from the start")
+    clock = Clock(result.inputs["imu"].start_s, 1.0, "s", "")
+
+    def from_start(begin: float, end: float) -> str:
+        time = clock.moment(begin, end)
+        return form("from_start").format(time) if begin >= clock.start else time
+
+    return from_start
 
 
 def _files(found: Checked, inputs: Mapping[str, ReadingFacts]) -> Section:
