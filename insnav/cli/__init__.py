@@ -18,7 +18,7 @@ from typer.main import get_command
 from insnav.cli import console, signals
 from insnav.cli.console import discard_output, error_block, result
 from insnav.cli.help import GroupedCommand, LightGroup, help_of
-from insnav.exceptions import InputError, InsnavError
+from insnav.exceptions import ConfigError, InputError, InsnavError
 
 EPILOG = """\b
 Examples:
@@ -83,6 +83,12 @@ def _common(
     verbose: bool = typer.Option(False, "-v", "--verbose", help="Print everything; goes with every command."),
     quiet: bool = typer.Option(False, "-q", "--quiet", help="Print nothing but errors; goes with every command."),
     debug: bool = typer.Option(False, "--debug", help="Show the traceback of an error; goes with every command."),
+    lang: str = typer.Option(
+        None,
+        "--lang",
+        metavar="en|zh",
+        help="Language of the messages: English or Chinese; goes with every command. [INSNAV_LANG, or en]",
+    ),
 ) -> None:
     pass
 
@@ -97,8 +103,8 @@ def main() -> None:
     debug = "--debug" in words
     console.level = -1 if QUIET & set(words) else 1 if VERBOSE & set(words) else 0
     renamed = {} if "allan" in words else RENAMED  # whose workers are threads
-    arguments = [renamed.get(text, text) for text in words if text not in {"--debug", *QUIET, *VERBOSE}]
-    arguments += sys.argv[1 + len(words) :]
+    rest, languages = _without_language([text for text in words if text not in {"--debug", *QUIET, *VERBOSE}])
+    arguments = [renamed.get(text, text) for text in rest] + sys.argv[1 + len(words) :]
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that does not know ± gets a question mark
@@ -106,6 +112,8 @@ def main() -> None:
         commands()(prog_name="insnav")
     signals.listen()
     try:
+        for wanted in languages:
+            _set_language(wanted)
         code = _run(arguments)
         signals.over()
     except BaseException as error:
@@ -118,6 +126,28 @@ def main() -> None:
         code = _explain(error)
     gc.freeze()  # the interpreter looks through all that lasts once more before it ends: 0.2 s
     sys.exit(code)
+
+
+def _without_language(words: list[str]) -> tuple[list[str], list[str]]:
+    """Take ``--lang zh`` and ``--lang=zh`` out of the words of a command: the others, and the languages."""
+    others, languages, left = [], [], iter(words)
+    for word in left:
+        name, _, value = word.partition("=")
+        if name == "--lang":
+            languages.append(value if "=" in word else next(left, ""))
+        else:
+            others.append(word)
+    return others, languages
+
+
+def _set_language(wanted: str) -> None:
+    """Set the language of all messages, also for the processes that this one starts."""
+    from insnav.messages import LANGUAGES
+
+    if wanted not in LANGUAGES:
+        what = f"unknown language: {wanted}" if wanted else "--lang needs a language"
+        raise ConfigError(what, where="--lang", fix=f"set --lang to one of {', '.join(LANGUAGES)}")
+    os.environ["INSNAV_LANG"] = wanted
 
 
 def _run(arguments: list[str]) -> int:

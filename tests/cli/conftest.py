@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import os
 import shutil
 import signal
 import sys
@@ -47,7 +48,8 @@ def cli(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> I
 
         monkeypatch.setattr(sys, "argv", ["insnav", *map(str, arguments)])
         capfd.readouterr()
-        with pytest.raises(SystemExit) as end:
+        with monkeypatch.context() as own, pytest.raises(SystemExit) as end:
+            own.setenv("INSNAV_LANG", os.environ.get("INSNAV_LANG", ""))  # --lang sets it for the rest of a process
             main()
         out, err = capfd.readouterr()
         return Outcome(end.value.code, out, err)
