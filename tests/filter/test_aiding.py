@@ -468,7 +468,7 @@ def test_false_fixes_after_a_gap_make_no_stop_a_creep():
     lla = np.where(false[:, None], lla_offset(gps.lla, np.tile([30.0, 0.0, 0.0], (gps.time.size, 1))), gps.lla)
     seen = np.flatnonzero((gps.time < 282.0) | (gps.time > 306.0))
     done = insnav.load(imu, replace(gps, lla=lla).rows(seen)).navigate()
-    (note,) = of_code(done.notes, Code.ZUPT_USED)
+    (note,) = of_code(done.findings, Code.ZUPT_USED)
     assert note["count"] == 8
     track = done.found.run.smoothed.solution
     track = track.rows((track.time > 282.0) & (track.time < 306.0))
@@ -487,5 +487,5 @@ def test_a_car_that_creeps_without_shaking_does_not_stand(seed):
     track = track.rows(track.time < 370.0)
     off = ned_offset(track.lla, reference(motion, track.time).lla)[:, :2]
     assert np.sqrt(np.mean(off**2)) < 1.2
-    assert {note.code for note in done.notes if note.code.startswith("zupt.")} == {Code.ZUPT_PARTLY}
+    assert {note.code for note in done.findings if note.code.startswith("zupt.")} == {Code.ZUPT_PARTLY}
     assert not any(of_code(done.found.run.events, *CONTRADICTIONS))

@@ -66,7 +66,7 @@ def test_a_single_spike_is_rejected_and_only_it(recorded, untouched, size):
     expected = Code.GATE_PHYSICAL_POSITION if size > 400.0 else Code.GATE_POSITION
     assert kinds(run) == [expected]
     (event,) = run.events
-    assert event.time == pytest.approx(recorded[1].time[SPIKED])
+    assert event.begin == pytest.approx(recorded[1].time[SPIKED])
     unit = "m" if size > 400.0 else "nis"
     assert event["distance_m" if size > 400.0 else "nis"] > event[f"limit_{unit}"] > 0.0
     assert np.flatnonzero(~run.innovations.used_position).tolist() == [SPIKED]
@@ -87,18 +87,18 @@ def test_a_permanent_jump_leads_to_one_reset(recorded):
     run = run_with(recorded, lambda gps: moved(gps, slice(SPIKED, None), offset))
     resets = [event for event in run.events if event.code == Code.RESET]
     assert len(resets) == 1
-    waited = resets[0].time - recorded[1].time[SPIKED]
+    waited = resets[0].begin - recorded[1].time[SPIKED]
     assert 10.0 <= waited <= 12.0
     assert resets[0]["limit_s"] == 10.0
     assert resets[0].severity is Severity.WARNING
     assert resets[0]["distance_m"] == pytest.approx(500.0, abs=5.0)
-    before = [event.code for event in run.events if event.time <= resets[0].time]
+    before = [event.code for event in run.events if event.begin <= resets[0].begin]
     assert set(before) <= {Code.GATE_PHYSICAL_POSITION, Code.GATE_POSITION, Code.RESET}
     # afterwards it believes the fixes again
-    later = run.innovations.time > resets[0].time
+    later = run.innovations.time > resets[0].begin
     assert run.innovations.used_position[later].mean() > 0.97
     true = reference(drives.truth(3), run.solution.time)
-    end = run.solution.time > resets[0].time + 30.0
+    end = run.solution.time > resets[0].begin + 30.0
     assert np.abs(ned_offset(run.solution.lla, true.lla)[end] - offset).max() < 2.5
 
 
@@ -142,7 +142,7 @@ def test_a_small_innovation_is_weighted_down_not_rejected(recorded):
         return moved(gps, [SPIKED], [0.0, 0.3, 0.0])
 
     run = run_with(recorded, change)
-    at = [event.code for event in run.events if event.time == pytest.approx(recorded[1].time[SPIKED])]
+    at = [event.code for event in run.events if event.begin == pytest.approx(recorded[1].time[SPIKED])]
     assert at == [Code.DEWEIGHTED_POSITION]
     assert run.innovations.used_position[SPIKED]
 
@@ -155,7 +155,7 @@ def test_a_fix_of_type_none_is_not_used_at_all(recorded):
 
     run = run_with(recorded, change)
     assert set(kinds(run)) == {Code.GATE_QUALITY}
-    assert [event.time for event in run.events] == pytest.approx([recorded[1].time[SPIKED]] * len(run.events))
+    assert [event.begin for event in run.events] == pytest.approx([recorded[1].time[SPIKED]] * len(run.events))
     assert not run.innovations.used_position[SPIKED]
     assert not run.innovations.used_velocity[SPIKED]
 

@@ -94,11 +94,11 @@ def test_noise_of_gyros_that_hides_an_arm_is_said_and_takes_none_that_is_given(n
     imu, fixes = made.imu.rows(made.imu.time < end), made.gps.rows(made.gps.time < end)
     imu = replace(imu, gyro=imu.gyro + noise * np.random.default_rng(1).standard_normal(imu.gyro.shape))
     free, given = (insnav.load(imu, fixes, **arm).navigate() for arm in ({}, {"lever_arm": tuple(ARM)}))
-    assert any(of_code(free.events, Code.NOISE_HIDES_LEVER_ARM)) == bool(noise)
+    assert any(of_code(free.findings, Code.NOISE_HIDES_LEVER_ARM)) == bool(noise)
     assert (np.abs(free.found.run.lever_b - ARM) < 3.0 * free.found.run.lever_sd).all()
     error = position_errors(free.found.run.smoothed.solution, made.reference)
     assert np.mean(np.abs(error.position) <= 3.0 * error.sd[:, :3]) > 0.97
-    warned = [each for each in given.events if each.severity >= Severity.WARNING]
+    warned = [each for each in given.findings if each.severity >= Severity.WARNING]
     assert [each.code for each in warned] == [Code.GIVEN_LEVER_ARM_KEPT] * bool(noise)  # and that is all
     np.testing.assert_array_equal(given.found.run.lever_b, ARM)
     run = free.found.run

@@ -14,7 +14,7 @@ from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.earth import lla_offset, ned_offset
 from insnav.filter.lever_check import with_hidden_lever
 from insnav.filter.navigate import feed
-from insnav.findings import Code, Finding, Severity, of_code
+from insnav.findings import Code, Severity, of_code
 from insnav.input import read_gps, read_imu
 from insnav.session.simulation import plan_of, profiled
 from insnav.types import GpsData, ImuData
@@ -34,7 +34,7 @@ from tests.shared import recorded
 def test_a_wrong_lever_arm_is_said(profile, arm, said):
     drive = insnav.simulate(profile, imu="automotive", gps="dgps", seed=1)  # its antenna is at the IMU
     result = insnav.load(drive.imu.data, drive.gps.data, lever_arm=arm).navigate()
-    found = list(of_code(result.events, Code.GIVEN_LEVER_ARM_REJECTED))
+    found = list(of_code(result.findings, Code.GIVEN_LEVER_ARM_REJECTED))
     assert [each.severity for each in found] == [Severity.WARNING] * said
     solution, truth = result.found.run.smoothed.solution, drive.reference.data
     true = np.column_stack([np.interp(solution.time, truth.time, each) for each in truth.lla.T])
@@ -54,7 +54,7 @@ def test_a_wrong_lever_arm_is_said(profile, arm, said):
 def test_a_wrong_delay_is_said(profile, delay, sign):
     drive = insnav.simulate(profile, imu="automotive", gps="dgps", seed=1)  # its fixes are on time
     result = insnav.load(drive.imu.data, drive.gps.data, gps_delay=delay).navigate(smooth=False)
-    found = list(of_code(result.events, Code.GIVEN_DELAY))
+    found = list(of_code(result.findings, Code.GIVEN_DELAY))
     assert [np.sign(each["difference_s"]) for each in found] == [sign] * bool(sign)
     assert [(each["given_s"], each.severity) for each in found] == [(delay, Severity.WARNING)] * bool(sign)
 
@@ -64,12 +64,11 @@ def test_an_error_as_large_as_the_note_says_is_said():
     imu, gps = drive.imu.data, drive.gps.data
     imu, gps = imu.rows(imu.time < 400.0), gps.rows(gps.time < 400.0)
     right = insnav.load(imu, gps, lever_arm=(0.0, 0.0, 0.0)).navigate()
-    findings = [note for note in right.notes if isinstance(note, Finding)]
-    (checked,) = of_code(findings, Code.ESTIMATE_LEVER_ARM_CHECKED)
+    (checked,) = of_code(right.findings, Code.ESTIMATE_LEVER_ARM_CHECKED)
     assert checked.severity is Severity.NOTE
-    assert not any(of_code(right.events, Code.GIVEN_LEVER_ARM_REJECTED))
+    assert not any(of_code(right.findings, Code.GIVEN_LEVER_ARM_REJECTED))
     wrong = insnav.load(imu, gps, lever_arm=(checked["detectable_m"][0], 0.0, 0.0)).navigate()
-    assert any(of_code(wrong.events, Code.GIVEN_LEVER_ARM_REJECTED))
+    assert any(of_code(wrong.findings, Code.GIVEN_LEVER_ARM_REJECTED))
 
 
 @pytest.mark.parametrize(("off", "said"), [(0.0, False), (4.0, False), (-20.0, True), (83.0, True)])
@@ -126,7 +125,7 @@ def test_a_long_lever_arm_is_found_and_not_called_wrong_where_the_imu_vibrates(d
     run = insnav.load(imu, gps).navigate(smooth=False).found.run
     assert abs(run.lever_b[0] - metres) < 3.0 * run.lever_sd[0]
     assert abs(run.lever_b[0] - metres) < 0.2 or run.lever_sd[0] > 0.1
-    said = insnav.load(imu, gps, lever_arm=(metres, 0.0, 0.0)).navigate(smooth=False).events
+    said = insnav.load(imu, gps, lever_arm=(metres, 0.0, 0.0)).navigate(smooth=False).findings
     assert not any(of_code(said, Code.GIVEN_LEVER_ARM_REJECTED))
 
 
@@ -150,8 +149,8 @@ def test_a_wrong_lever_arm_beside_noisy_gyros_is_said_or_not_used(metres, kept):
     first = imu.time[0] + 20.0
     imu, gps = (each.rows((each.time >= first) & (each.time <= first + 180.0)) for each in (imu, gps))
     found = insnav.load(imu, gps, lever_arm=(metres, 0.0, 0.0)).navigate(smooth=False)
-    assert any(of_code(found.events, Code.GIVEN_LEVER_ARM_KEPT)) is kept
-    assert any(of_code(found.events, Code.GIVEN_LEVER_ARM_REJECTED)) is not kept
+    assert any(of_code(found.findings, Code.GIVEN_LEVER_ARM_KEPT)) is kept
+    assert any(of_code(found.findings, Code.GIVEN_LEVER_ARM_REJECTED)) is not kept
     assert bool(found.found.run.lever_b[0] == metres) is kept
 
 

@@ -554,7 +554,7 @@ def test_positions_far_worse_than_they_say_are_taken_for_what_they_are(part, vel
         unknown = np.full_like(gps.v_n, np.nan)
         gps = replace(gps, v_n=unknown, velocity_sd=unknown)
     result = insnav.load(drive.imu.data, gps).navigate(output_interval=1.0)
-    (warned,) = of_code(result.events, Code.NOISE_SD_UNDERSTATED, Code.NOISE_SD_IMPLAUSIBLE)
+    (warned,) = of_code(result.findings, Code.NOISE_SD_UNDERSTATED, Code.NOISE_SD_IMPLAUSIBLE)
     assert warned.severity is Severity.WARNING
     assert warned.code is (Code.NOISE_SD_IMPLAUSIBLE if part > NO_NOISE else Code.NOISE_SD_UNDERSTATED)
     assert warned["position_factor"] > warned["limit_factor"]

@@ -226,7 +226,7 @@ def test_a_drive_takes_logs_and_says_what_came_of_them(tmp_path: Path):
     drive = load(imu, gps=gps, imu_model=drives.SPEC, lever_arm=drives.LEVER_B, logs={"speedometer": path})
     done = drive.navigate()
     assert "speedometer" in {use.name for use in done.found.run.aiding}
-    assert lag_of(done.notes) == pytest.approx(EPOCH, abs=0.03)
+    assert lag_of(done.findings) == pytest.approx(EPOCH, abs=0.03)
     assert done.inputs["speedometer"].n_used == log.time.size
     with pytest.raises(ConfigError, match="no known sensor"):
         load(imu, gps=gps, logs={"lidar": path})

@@ -279,7 +279,7 @@ def test_a_boat_that_rocks_before_the_drive_is_never_at_rest(tmp_path):
     turned = np.abs(wrap_pi(solution.rph[:, 2] - truth.rph[:, 2]))
     print(f"heading off by {np.rad2deg(turned.max()):.1f} deg at most, from {solution.time[0]:.0f} s on")
     assert solution.time[0] < 905.0
-    (late,) = of_code(result.notes, Code.ALIGN_LATE)
+    (late,) = of_code(result.findings, Code.ALIGN_LATE)
     assert 900.0 <= late.end < 905.0
     assert np.mean(turned < 3.0 * solution.sd[:, 8]) > 0.97
     assert np.mean(np.abs(ned_offset(solution.lla, truth.lla)) < 3.0 * solution.sd[:, :3]) > 0.97
