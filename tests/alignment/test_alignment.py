@@ -491,7 +491,8 @@ def test_a_static_span_without_a_fix_is_an_error():
 def test_helpers_agree_on_the_sign_of_phi():
     # C_hat = (I - [phi x]) C: an estimate turned by +0.1 rad of heading has phi_D = -0.1
     truth = straight(PLACE, 0.0, 1.0, 10.0)
-    found = Alignment(0.0, np.array([0, 0, 1.1]), np.ones(3), np.zeros(3), np.ones(3), None, "", "")
+    methods = Code.ALIGN_LEVEL_GIVEN, Code.ALIGN_HEADING_GIVEN
+    found = Alignment(0.0, np.array([0, 0, 1.1]), np.ones(3), np.zeros(3), np.ones(3), None, *methods)
     np.testing.assert_allclose(error(found, truth), [0, 0, -0.1], atol=1e-12)
     np.testing.assert_allclose(rph_from_quat(quat_from_rph(found.rph)), found.rph)
 

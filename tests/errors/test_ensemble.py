@@ -45,7 +45,7 @@ def run_with(error: np.ndarray, sd: np.ndarray, *, seconds: int = 60, later: flo
             Finding.of(Code.RESET, time[3], distance_m=0.0),
             Finding.of(Code.GATE_POSITION, time[4], nis=0.0),
         ),
-        Alignment(time[0], true.rph[0], sd[6:], NOTHING, NOTHING, None, "", ""),
+        Alignment(time[0], true.rph[0], sd[6:], NOTHING, NOTHING, None, *drives.GIVEN),
         Epochs(time, lla, v_n, q_nb, covariance),
     )
 
