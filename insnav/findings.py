@@ -587,6 +587,22 @@ CORRELATED_POSITIONS = frozenset(
 ASSUMED_POSITION_SD = frozenset({Code.GPS_SD_SCATTER, Code.GPS_SD_FIX_TYPE, Code.GPS_SD_STAND_ALONE})
 # What insnav corrected in clocks and velocities; the short form of a run names these.
 CORRECTIONS = frozenset({Code.GPS_VELOCITY_LAG, Code.IMU_CLOCK_RATE})
+# How an IMU error specification was chosen.
+MODEL_CHOICES = of_families("imu_model") - {Code.MODEL_KEPT}
+# Single rows and fixes: ``events.csv`` lists them, and pages have what follows from them.
+SINGLE = of_families("deweighted", "gate", "rows") | {Code.IMU_SPIKE, Code.GPS_OUTSIDE, Code.REPAIR}
+# One warning of a run sums up all of a code.
+SUMMED = frozenset(
+    {
+        Code.RESET,
+        Code.DIVERGED,
+        Code.IMU_SATURATED,
+        Code.IMU_LIMITED,
+        Code.IMU_STUCK,
+        Code.IMU_FROZEN,
+        Code.ROWS_GAP,
+    }
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -706,6 +722,13 @@ class Finding:
 def of_code(findings: Iterable[Finding], *codes: Code) -> Iterator[Finding]:
     """Choose the findings that have one of some codes."""
     return (each for each in findings if each.code in codes)
+
+
+def is_shown(finding: Finding) -> bool:
+    """Whether a page shows a finding; ``events.csv`` has the others, one a row."""
+    # version 0.2 wrote a text beside each event
+    single = finding.code in SINGLE or finding.get("text") is not None
+    return finding.code not in SUMMED and not (finding.timed and single and finding.severity is Severity.NOTE)
 
 
 def by_time(findings: Iterable[Finding]) -> tuple[Finding, ...]:

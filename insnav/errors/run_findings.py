@@ -22,6 +22,7 @@ from insnav.findings import (
     ASSUMED_POSITION_SD,
     CORRELATED_POSITIONS,
     NOT_MEASURED,
+    SUMMED,
     Code,
     Finding,
     Severity,
@@ -54,8 +55,6 @@ _LOST = {
     Code.IMU_FROZEN: Code.RUN_STUCK,
     Code.ROWS_GAP: Code.RUN_GAPS,
 }
-# one warning for all of a code, or that of its file
-SUMMED = (Code.RESET, Code.DIVERGED, Code.GPS_OUTSIDE, *_LOST, Code.ROWS_CUT)
 
 
 def judged(result: Result[Any], run: EvaluatedRun) -> Result[Any]:
@@ -102,11 +101,6 @@ def run_warnings(found: EvaluatedRun) -> tuple[Finding, ...]:
     )
 
 
-def is_shown(finding: Finding) -> bool:
-    """Whether a reader of the run must see a finding; ``events.csv`` has the others, one by one."""
-    return not (finding.timed and finding.severity is Severity.NOTE) and finding.code not in SUMMED
-
-
 def file_warnings(result: Result[Any]) -> tuple[Finding, ...]:
     """Warn of files that are cut off, of one that covers only a part of the other, and of what is wrong in a drive."""
     both = {"imu", "gps"} <= result.inputs.keys()
@@ -120,7 +114,8 @@ def file_warnings(result: Result[Any]) -> tuple[Finding, ...]:
 def event_warnings(run: Run) -> tuple[list[Finding], list[Finding]]:
     """Give what cannot be right in fixes and samples, and what cannot in the reference."""
     begun = run.solution.time[0] + 1.0
-    serious = [event for event in run.events if event.severity >= Severity.WARNING and event.code not in SUMMED]
+    elsewhere = SUMMED | {Code.ROWS_CUT}
+    serious = [event for event in run.events if event.severity >= Severity.WARNING and event.code not in elsewhere]
     # what is so all along, from the start, is a remark beside what went wrong somewhere
     serious.sort(key=lambda event: not event.begin >= begun)
     of_drive = [event for event in serious if event.subject != "ref"]

@@ -15,7 +15,7 @@ from types import ModuleType
 from typing import Any, Literal, cast
 
 from insnav.exceptions import ConfigError, InputError, writing
-from insnav.findings import Code, Finding, Severity
+from insnav.findings import MODEL_CHOICES, Code, Finding, Severity, is_shown, of_code
 from insnav.imu.imu_file import load_imu
 from insnav.input.readers.reading import ReadingFacts
 from insnav.output.contents import FACTS_FILE
@@ -37,7 +37,7 @@ def page_of(result: Result[Any]) -> Page:
     return replace(
         page,
         sections=(*page.sections, *provenance(result)),
-        findings=page.findings or tuple(each for each in result.findings if not each.timed),
+        findings=tuple(dict.fromkeys((*page.findings, *filter(is_shown, result.findings)))),
     )
 
 
@@ -123,7 +123,7 @@ def open_folder(folder: Path) -> Result[Any]:
         raise InputError("run.json is damaged", where=str(folder / FACTS_FILE), why=str(error), fix=fix) from error
     found = _of_room(kind, "read_found")(folder)
     file, model = folder / "imu.toml", facts.get("imu_model")
-    chosen = next((each for each in stored if each.code.startswith("imu_model.")), None)
+    *_, chosen = (None, *of_code(stored, *MODEL_CHOICES))  # what was chosen first may be the prior of an estimate
     if model and chosen is None:
         chosen = Finding.of(Code.STORED_TEXT, text=str(model.get("chosen", "")))
     imu_model = (load_imu(str(file)), chosen) if chosen is not None and file.is_file() else None

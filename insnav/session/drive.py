@@ -46,7 +46,7 @@ from insnav.filter.noise_identification import (
 )
 from insnav.filter.prepare import DELAY_SD, Prepared, Start, prepare
 from insnav.filter.whole_record import without_rejected
-from insnav.findings import Code, Finding, by_time, of_code
+from insnav.findings import Code, Finding, Severity, by_time, of_code
 from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec
 from insnav.input import Reading
@@ -436,7 +436,7 @@ class Drive:
             Windows that make no sense, or data that cannot be navigated.
         """
         from insnav.errors.outage.gnss_outage import OutageStudy, outages
-        from insnav.errors.outage.statistics import outage_growth
+        from insnav.errors.outage.statistics import common_error, outage_growth
 
         lengths = [float(length) for length in np.ravel(lengths)]
         share = 0.4  # of the work is the run
@@ -454,6 +454,7 @@ class Drive:
             progress=share_of(progress, share, 1.0 - share),
         )
         found = OutageStudy(tuple(windows), tuple(outage_growth(windows)), self._compared_with(), run)
+        notes = (*(finding for each in found.growth for finding in common_error(each)), *notes)
         if missed := sorted({*lengths} - {window.length for window in windows}):
             notes = (Finding.of(Code.OUTAGE_NO_WINDOW, lengths_s=tuple(missed)), *notes)
         options = {"lengths_s": lengths, "first_s": first, "spacing_s": spacing, "aiding": aiding}
@@ -654,6 +655,8 @@ class Drive:
         given = options_of(self.readings.inputs, **options)
         chosen = self.imu_chosen
         if spec is not None and spec is not self.imu_spec:
+            prior = () if chosen in findings else (replace(chosen, severity=Severity.NOTE),)
             chosen = Finding.of(Code.MODEL_ESTIMATED, prior=self.imu_spec.name)
+            findings = (*findings, *prior)
         result = Result(kind, found, self.readings.facts, given, (spec or self.imu_spec, chosen), (*findings, chosen))
         return result if run is None else judged(result, run)

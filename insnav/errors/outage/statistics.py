@@ -14,6 +14,7 @@ import numpy as np
 
 from insnav.errors.outage.free_inertial import MOTIONS, Windows
 from insnav.errors.outage.windows import Outage
+from insnav.findings import Code, Finding
 from insnav.sample_statistics import effective_count, mean_square_interval, means
 from insnav.types import BoolArray, FloatArray, IntArray
 
@@ -21,6 +22,7 @@ COMPONENTS = ("north", "east", "down", "along", "cross", "horizontal")
 OUTAGE_COMPONENTS = ("horizontal", "vertical", "velocity", "heading", "smoothed horizontal", "smoothed vertical")
 _STEP = 10.0  # of the times of the tables, for windows up to a minute [s]
 _ROWS = 6  # times of a table of longer ones
+_SHARED = 0.25  # share of the mean square common to all windows, from which it is a finding [-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +137,13 @@ def outage_growth(windows: Sequence[Outage]) -> list[Growth]:
         start = np.array([window.start for window in chosen])
         found.append(_summed(np.array([length]), OUTAGE_COMPONENTS, start, length, axes, variance, reference, inside))
     return found
+
+
+def common_error(found: Growth) -> tuple[Finding, ...]:
+    """How much of the horizontal error is common to all windows, if it is much."""
+    share = float(found.common[-1, found.column("horizontal")])
+    finding = Finding.of(Code.OUTAGE_COMMON, share=share, limit_share=_SHARED, duration_s=found.length)
+    return (finding,) if share >= _SHARED else ()
 
 
 def horizontal_at(windows: Sequence[Outage], times: Sequence[float], near: float) -> tuple[FloatArray, FloatArray]:

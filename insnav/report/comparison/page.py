@@ -12,6 +12,7 @@ from insnav.errors.comparison import Compared, Comparison
 from insnav.errors.metrics import accuracy, nees
 from insnav.errors.run_findings import overconfident
 from insnav.findings import Finding
+from insnav.messages import sentence
 from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder
 from insnav.output.solution_tables import TableFormat
@@ -51,7 +52,7 @@ _COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY)
 
 def page(result: Result[Comparison]) -> Page:
     """Lay out a comparison."""
-    found, warnings = result.found, _warnings(result.found)
+    found, findings = result.found, (*_warnings(result.found), *result.findings)
     over_time, shares = comparison_panels(found)
     drawings = (
         drawn("horizontal_error", "Horizontal error over time", (over_time,), "dashed: smoothed"),
@@ -63,8 +64,8 @@ def page(result: Result[Comparison]) -> Page:
         f"{len(runs)} run{'s' * (len(runs) > 1)} against {result.inputs['reference'].path}",
         (f"{count} epochs of the reference that every run covers are compared.",),
         (_section(found), Section("", parts=drawings, show="page")),
-        warnings,
-        verdict=_verdict(found, warnings),
+        findings,
+        verdict=_verdict(found, findings),
         merits=tuple(
             Quantity(f"rms_{place}", rms(errors.horizontal), "m", meaning=f"{name}, horizontal RMS")
             for place, (name, errors) in enumerate(list(found.named().items())[:_MERITS], start=1)
@@ -80,7 +81,7 @@ def _warnings(found: Comparison) -> tuple[Finding, ...]:
     return tuple(each for name, errors in last.values() for each in overconfident(name, errors, same_data=False))
 
 
-def _verdict(found: Comparison, warnings: Sequence[Finding]) -> Verdict:
+def _verdict(found: Comparison, findings: Sequence[Finding]) -> Verdict:
     """Which solution has the smallest horizontal error, and whether its stated sd holds."""
     sizes = {name: rms(errors.horizontal) for name, errors in found.named().items()}
     order = sorted(sizes, key=lambda name: sizes[name] if np.isfinite(sizes[name]) else np.inf)
@@ -97,7 +98,7 @@ def _verdict(found: Comparison, warnings: Sequence[Finding]) -> Verdict:
     light: Light = "good" if share >= _INSIDE else "attention"
     holds = "holds" if light == "good" else "is too small"
     reason = f"{100.0 * share:.0f} % of the errors of {best} inside 3 sd: its stated sd {holds}"
-    return by_warnings(f"{text}.", warnings, (light, reason))
+    return by_warnings(f"{text}.", findings, (light, reason))
 
 
 def write_files(result: Result[Comparison], folder: RunFolder, table_format: TableFormat) -> None:
@@ -125,7 +126,7 @@ def comparison_lines(found: Comparison) -> list[str]:
     columns = (headings[0], *headings[2:])
     lines = table_text(replace(table, title="", note="", columns=columns, rows=tuple(rows))).splitlines()
     count = len(found.compared[0].errors.time)
-    warned = [f"warning: {text}" for text in _warnings(found)]
+    warned = [f"warning: {sentence(each)}" for each in _warnings(found)]
     return [*(line[2:] for line in lines), *(line.format(n=count) for line in _NOTE), *warned]
 
 

@@ -11,13 +11,12 @@ import numpy as np
 
 from insnav.errors.outage.gnss_outage import OutageEpochs, OutageStudy
 from insnav.errors.outage.statistics import Growth, outage_growth
-from insnav.errors.run_findings import is_shown
-from insnav.findings import Finding, Severity
+from insnav.findings import Code, Finding, Severity, is_shown
 from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_run_table, write_events, write_run_table
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
-from insnav.report.outage.windows import INTERVALS, NOTE, common_error, corrected, corrected_text, outage_panels
+from insnav.report.outage.windows import INTERVALS, NOTE, corrected, corrected_text, outage_panels
 from insnav.report.page import (
     LIGHTS,
     DataFrame,
@@ -88,10 +87,10 @@ def page(result: Result[OutageStudy]) -> Page:
             growing,
             *(each if key in _UNFOLDED else replace(each, folded=True, show="page") for key, each in tables),
         ),
-        (*shown, *_common(study.growth)),
+        shown,
         at=clock.moment,
         starts_at=clock.start,
-        verdict=_verdict(study, shown),
+        verdict=_verdict(study, tuple(each for each in shown if each.code is not Code.OUTAGE_COMMON)),
         merits=_merits(study.growth[-1]),
         merits_note=f"After {study.growth[-1].length:g} s, as measured: the error of {study.reference} is in it.",
         method=(
@@ -103,10 +102,6 @@ def page(result: Result[OutageStudy]) -> Page:
             INTERVALS,
         ),
     )
-
-
-def _common(growth: Sequence[Growth]) -> list[Finding]:
-    return [finding for found in growth for finding in common_error(found)]
 
 
 def judged(laid_out: Page) -> Page:

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from insnav.errors.outage.gnss_outage import Outage
-from insnav.errors.outage.statistics import Growth
-from insnav.findings import Code, Finding
+from insnav.errors.outage.statistics import Growth, common_error
 from insnav.messages import sentence
 from insnav.quantity import Quantity
 from insnav.report.colours import BLACK, BLUE, GREY, ORANGE, VERMILLION
@@ -26,7 +25,6 @@ INTERVALS = (
     "where windows differ by chance, in 85 to 97 % where half of the variance is common to all windows of a drive: "
     "that part counts as one window."
 )
-_SHARED = 0.25  # share of the mean square that is common to all windows, from which it is said
 
 
 def thin_lines(name: str, windows: Sequence[tuple[FloatArray, FloatArray]], most: int, points: int = 0) -> list[Curve]:
@@ -122,13 +120,6 @@ def corrected_text(value: float, low: float, high: float) -> str:
     if not np.isfinite(value):
         return below_noise(high, " m")
     return f"{number(value)} m RMS" + (f" ({number(low)} … {number(high)} m)" if np.isfinite(low) else "")
-
-
-def common_error(found: Growth) -> tuple[Finding, ...]:
-    """How much of the horizontal error is common to all windows, if it is much."""
-    share = float(found.common[-1, found.column("horizontal")])
-    finding = Finding.of(Code.OUTAGE_COMMON, share=share, limit_share=_SHARED, duration_s=found.length)
-    return (finding,) if share >= _SHARED else ()
 
 
 def common_text(found: Growth) -> str:

@@ -11,9 +11,8 @@ import numpy as np
 
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import TrajectoryErrors
-from insnav.errors.run_findings import is_shown
 from insnav.exceptions import InputError
-from insnav.findings import Code, Severity
+from insnav.findings import Code, Severity, is_shown
 from insnav.imu.imu_file import to_toml
 from insnav.output import solution_tables
 from insnav.output.data_files import write_table
