@@ -7,12 +7,20 @@ import pytest
 
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import position_errors
+from insnav.errors.run_findings import judged
+from insnav.findings import Code, Finding, Severity
 from insnav.imu import load_imu
 from insnav.input.readers.reading import ReadingFacts
 from insnav.report.run_json import page_facts
 from insnav.result import Result
 from insnav.types import Innovations, Run, SensorErrors, Trajectory
 from tests.report.synthetic import drive
+
+
+def stored(text: str, severity: Severity = Severity.NOTE, time: float = np.nan) -> Finding:
+    """A finding whose words are given."""
+    return Finding.of(Code.STORED_TEXT, time, severity=severity, text=text)
+
 
 READING = {
     "imu": ReadingFacts(
@@ -27,7 +35,7 @@ READING = {
         n_gaps=2,
         longest_gap_s=0.31,
         columns={"time_s": "t [s]"},
-        evidence=("gravity is 9.81 at rest",),
+        evidence=(stored("gravity is 9.81 at rest"),),
         axes="FRD",
     ),
     "gps": ReadingFacts("GPS", "gps.csv", "cd" * 32, 571, 571, 0.0, 600.0, 1.0, 0, 0.0, {}),
@@ -36,8 +44,9 @@ READING = {
 
 
 def result_of(run, errors=None, **more):
-    """Result of a run, with nothing else known unless given."""
-    return Result("run", EvaluatedRun(run, errors=errors), **more)
+    """Judged result of a run, with nothing else known unless given."""
+    found = EvaluatedRun(run, errors=errors)
+    return judged(Result("run", found, **more), found)
 
 
 def facts_of(run, errors=None, **more):
@@ -59,8 +68,8 @@ def navigated(driven):
         EvaluatedRun(run, gps, position_errors(run.solution, true)),
         READING,
         {"states": 21, "lever_arm_m": [0.1, -0.3, -0.2]},
-        (load_imu("consumer"), "nearest to the noise at rest"),
-        ("heading is not observable before 300 s",),
+        (load_imu("consumer"), stored("nearest to the noise at rest")),
+        (stored("heading is not observable before 300 s"),),
     )
 
 

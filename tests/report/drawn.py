@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from insnav.findings import Severity
 from insnav.quantity import Quantity
 from insnav.report.colours import AXIS_COLOURS, BLUE, GREY
 from insnav.report.page import Page, Section, Verdict
 from insnav.report.panels import Curve, Panel, Shade, Track
+from tests.report.conftest import stored
 
 HOSTILE = "</script><script>alert(1)</script>"
 SPIKE = 1234  # row of the only outlier
@@ -60,8 +62,7 @@ def page(name: str = "north") -> Page:
             Section("drawn", "Drawn", panels=panels(name)),
             Section("table", "A table", (Quantity("length", 3.0, "m"),), folded=True),
         ),
-        warnings=("the lever arm was not given",),
-        notes=("a note",),
+        (stored("the lever arm was not given", Severity.WARNING), stored("a note")),
         verdict=Verdict("attention", "lever arm not given", "Horizontal error 0.148 m RMS."),
         merits=tuple(Quantity(f"merit_{i}", 0.5 * i, "m") for i in range(6)),
     )

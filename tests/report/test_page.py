@@ -9,12 +9,14 @@ from pathlib import Path
 import pytest
 
 from insnav.exceptions import ConfigError
+from insnav.findings import Severity
 from insnav.output.folder import RunFolder, verify_folder
 from insnav.quantity import Quantity
 from insnav.report.page import FigureSpec, Page, Section
 from insnav.report.save import write_page
 from insnav.report.style import blank
 from insnav.report.terminal import page_text
+from tests.report.conftest import stored
 
 HOSTILE = '<script>alert(1)</script>"><img src=x onerror=y>\x1b[31m'
 
@@ -26,7 +28,7 @@ def a_page(text: str = "as it is", figures: int = 1) -> Page:
         for name, value in (("zero", 0.1957), (text, -12.5))
     )
     section = Section("parameters", "Parameters", rows=rows, figures=(residual,) * figures, note=text)
-    return Page("A calibration", (text,), (section,), (text,), (text,))
+    return Page("A calibration", (text,), (section,), (stored(text, Severity.WARNING),), (text,))
 
 
 class Elements(HTMLParser):

@@ -5,13 +5,16 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
+from insnav.findings import Severity
 from insnav.quantity import Quantity, key_suffix
 from insnav.report.html import page_fragment, page_html
 from insnav.report.page import FigureSpec, Page, Section, cell, section_tables
 from insnav.report.run_json import page_facts
 from insnav.report.terminal import page_text
 from insnav.units import DEG, DEG_PER_H, PPM
+from tests.report.conftest import stored
 
+MIND = stored("mind <this>", Severity.WARNING)
 BIAS = Quantity("bias", 12.34 * DEG_PER_H, "deg/h", sd=0.4 * DEG_PER_H)
 
 
@@ -26,7 +29,7 @@ def page() -> Page:
             Section("sizes", "Sizes", rows=mixed, figures=(FigureSpec("empty", "An empty figure", Figure),)),
             Section("raw", items=(Quantity("heading", np.array([1.0, 2.0]) * DEG, "deg"),), show="json"),
         ),
-        warnings=("mind <this>",),
+        (MIND,),
     )
 
 
@@ -38,7 +41,7 @@ def test_units_stand_in_every_key_and_values_are_in_them() -> None:
     assert np.isclose(facts["gyro"]["axes"][2]["scale_ppm"], 3e-4 / PPM)
     assert facts["sizes"] == [{"axis": "x", "size_V": 2.0}, {"axis": "y", "size_m": 3.0}]
     assert np.allclose(facts["raw"]["heading_deg"], [1.0, 2.0])
-    assert facts["warnings"] == ["mind <this>"]
+    assert facts["findings"] == [MIND.as_dict()]
 
 
 def test_text_and_page_show_the_same_figures() -> None:
@@ -83,10 +86,11 @@ def test_a_mapping_is_columns_of_a_table_and_one_key_in_json() -> None:
     assert whole.columns == ("axis", "error RMS [deg]", "error max [deg]")
     assert whole.rows == (("N", "1.00", "–"), ("E", "2.00", "–"))
     assert part.rows == whole.rows[:1]
-    facts = page_facts(Page("", (), (section,), notes=("seen",)))
+    facts = page_facts(Page("", (), (section,), (MIND,), ("by hand",)))
     assert facts["errors"][0] == {"axis": "N", "error_deg": {"rms": 1.0, "max": None}}
     assert len(facts["errors"]) == 2
-    assert facts["notes"] == ["seen"]
+    assert facts["method"] == ["by hand"]
+    assert facts["findings"] == [{"code": "stored.text", "severity": "warning", "values": {"text": "mind <this>"}}]
 
 
 def test_figures_stand_with_their_section(tmp_path) -> None:

@@ -8,11 +8,10 @@ from html.parser import HTMLParser
 
 import pytest
 
-from insnav.findings import Code, Finding
 from insnav.plain_text import plain_text
 from insnav.report.html import page_html
 from insnav.report.page import Section
-from tests.report.conftest import result_of
+from tests.report.conftest import result_of, stored
 
 HOSTILE = [
     "<script>alert(1)</script>",
@@ -108,14 +107,14 @@ def test_a_hostile_name_anywhere_adds_no_element(navigated, tmp_path, name):
 
 
 def planted(result, name):
-    imu = replace(result.inputs["imu"], path=name, columns={name: name}, evidence=(name,))
-    run = replace(result.found.run, events=(Finding.of(Code.STORED_TEXT, 1.0, text=name),))
+    imu = replace(result.inputs["imu"], path=name, columns={name: name}, evidence=(stored(name),))
+    run = replace(result.found.run, events=(stored(name, time=1.0),))
     return replace(
         result,
         found=replace(result.found, run=run),
         inputs={"imu": imu, f"{name}2": imu},
         options={"list": [1.0, name], name: name},
-        notes=(name,),
+        findings=(stored(name),),
     )
 
 
