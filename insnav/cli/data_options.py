@@ -215,7 +215,7 @@ def say_reading(facts: ReadingFacts) -> None:
     head, *_ = facts.lines()
     renamed = _renamed(facts.columns)
     columns = [f"columns: {renamed}; the others by their names"] if renamed else []
-    new = (each for each in facts.evidence if getattr(each, "code", None) != Code.UNIT_STATED)
+    new = (each for each in facts.evidence if getattr(each, "code", None) != Code.UNITS_STATED)
     detail(head, *columns, *map(sentence, new))
 
 

@@ -107,7 +107,7 @@ def reduced(run: Run, truth: Truth, axes_sd: FloatArray) -> Sample:
         *(nees.mean(axis=0) / 3.0 if len(nees) else np.zeros(3)),
         np.count_nonzero(processed),
         np.count_nonzero(processed & ~run.innovations.used_position),
-        sum(event.code is Code.RESET for event in run.events),
+        sum(event.code is Code.FILTER_RESET for event in run.events),
     ]
     return Sample(np.array(figures, dtype=np.float64), series)
 

@@ -76,7 +76,7 @@ class EvaluatedRun:
     @property
     def other_drive(self) -> bool:
         """Whether the reference is of another drive, so that its errors say nothing."""
-        return any(of_code(self.run.events, Code.REF_OTHER))
+        return any(of_code(self.run.events, Code.REF_OTHER_DRIVE))
 
     @cached_property
     def errors_on_clock(self) -> dict[str, TrajectoryErrors]:
@@ -139,7 +139,7 @@ def fixed_epochs(reference: Reading[Trajectory]) -> tuple[Trajectory, tuple[Find
 
 def failure(run: Run) -> Finding | None:
     """Why a solution is not to be used: the filter was lost again and again; none if it was not."""
-    resets = len(list(of_code(run.events, Code.RESET)))
+    resets = len(list(of_code(run.events, Code.FILTER_RESET)))
     fixes = run.innovations
     # frozen ones are none: they contradict nothing
     processed = np.isfinite(fixes.innovation[:, :3]).any(axis=1) & ~(fixes.sd[:, 0] >= UNUSABLE)

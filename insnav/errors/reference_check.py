@@ -69,7 +69,7 @@ def check_reference(
     if not (len(reference.time) and len(track.time)):
         raise no_time_in_common(reference, track)
     if far := other_drive(reference, track, gps):
-        add(Code.REF_OTHER, distance_m=far)
+        add(Code.REF_OTHER_DRIVE, distance_m=far)
         return reference, findings
     fit = fit_velocities(reference.time, reference.lla, reference.v_n)
     if fit is not None and fit.confusion:

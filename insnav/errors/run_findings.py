@@ -86,7 +86,7 @@ def run_warnings(found: EvaluatedRun) -> tuple[Finding, ...]:
         *([unusable] if unusable else []),
         *lost,
         *(() if lost else _impossible_scale(found.run)),
-        *([Finding.of(Code.REF_IS_GPS, subject="ref")] if same else []),
+        *([Finding.of(Code.REF_SAME_AS_GPS, subject="ref")] if same else []),
         *of_drive,
         *_late(found.run),
         *of_reference,
@@ -119,7 +119,7 @@ def event_warnings(run: Run) -> tuple[list[Finding], list[Finding]]:
     # what is so all along, from the start, is a remark beside what went wrong somewhere
     serious.sort(key=lambda event: not event.begin >= begun)
     of_drive = [event for event in serious if event.subject != "ref"]
-    resets = list(of_code(run.events, Code.RESET))
+    resets = list(of_code(run.events, Code.FILTER_RESET))
     for first in resets[:1]:
         of_drive.append(Finding.of(Code.RUN_RESET, first.begin, count=len(resets), distance_m=first.value))
     return of_drive, [event for event in serious if event.subject == "ref"]
@@ -203,7 +203,7 @@ def overconfident(name: str, errors: TrajectoryErrors | None, *, same_data: bool
 
 
 def _diverged(run: Run) -> Iterator[Finding]:
-    windows = list(of_code(run.events, Code.DIVERGED))
+    windows = list(of_code(run.events, Code.FILTER_DIVERGED))
     for first in windows[:1]:
         yield Finding.of(Code.RUN_DIVERGED, first.begin, subject=first.subject, nis=first.value, count=len(windows))
 

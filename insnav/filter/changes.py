@@ -231,7 +231,7 @@ def beyond(run: Run, changes: tuple[StateChange, ...]) -> tuple[StateChange, ...
 def resets_of(run: Run) -> tuple[StateChange, ...]:
     """Resets as jumps of the fixes from the first of those that were rejected on."""
     found, changes = run.innovations, list[StateChange]()
-    for reset in of_code(run.events, Code.RESET):
+    for reset in of_code(run.events, Code.FILTER_RESET):
         row = int(np.searchsorted(found.time, reset.begin - 1e-6))
         first = int(np.flatnonzero(found.used_position[:row]).max(initial=-1)) + 1
         changes.append(StateChange(float(found.time[first]), 0, -found.innovation[row, :3], np.nan))

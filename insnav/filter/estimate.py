@@ -251,4 +251,4 @@ class Estimate:
 
     def _note_repair(self, time: float, repaired: bool) -> None:
         if repaired:
-            self._note(Finding.of(Code.REPAIR, time))
+            self._note(Finding.of(Code.FILTER_REPAIR, time))

@@ -207,9 +207,12 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
     missing: BoolArray = np.isnan(position_sd)
     beside = missing & ~missing.all(axis=1, keepdims=True)  # what is given
     if missing.any():
-        carrier, code = CARRIER, Code.GPS_SD_SCATTER
+        carrier, code = CARRIER, Code.GPS_POSITION_SD_SCATTER
         if not scatter_alone:
-            carrier, code = np.inf, Code.GPS_SD_STAND_ALONE if gps.fix is None else Code.GPS_SD_FIX_TYPE
+            carrier, code = (
+                np.inf,
+                Code.GPS_POSITION_SD_STAND_ALONE if gps.fix is None else Code.GPS_POSITION_SD_FIX_TYPE,
+            )
         found = _scatter(gps.time, ned_offset(gps.lla, gps.lla[0]), POSITION_FLOOR, DEFAULT_POSITION, carrier)
         if not scatter_alone:
             found = _by_fix(gps, found / ALIKE)
@@ -249,7 +252,9 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
         found[level, 2] = OPEN_VELOCITY
         velocity_sd = np.where(missing[:, None], found, velocity_sd)
         middle = np.median(velocity_sd[missing], axis=0).tolist()
-        notes.append(Finding.of(Code.GPS_VELOCITY_SD, count=missing.sum(), sd_m_s=middle, floor_m_s=VELOCITY_FLOOR))
+        notes.append(
+            Finding.of(Code.GPS_VELOCITY_SD_SCATTER, count=missing.sum(), sd_m_s=middle, floor_m_s=VELOCITY_FLOOR)
+        )
     steps, alike = zip(*map(_rounding, v_n.T), strict=True)
     step = np.where(steps, steps, max(steps))  # few values: as the others
     least = step * np.sqrt(np.column_stack(alike) / 12.0)

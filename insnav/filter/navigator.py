@@ -367,7 +367,7 @@ class Navigator:
         with_velocity = np.isfinite(z[3:]).all() and gate.physical_velocity(gates, time, gps.v_n[row]) is None
         self._estimate.restart(time, z, gps.position_sd[row], gps.velocity_sd[row] if with_velocity else None)
         distance = float(np.linalg.norm(z[:3]))
-        self._record.event(Finding.of(Code.RESET, time, distance_m=distance, limit_s=gates.reset_after))
+        self._record.event(Finding.of(Code.FILTER_RESET, time, distance_m=distance, limit_s=gates.reset_after))
         self._last_good = time
         self._rejections.clear()
 

@@ -238,7 +238,7 @@ def _parts(
     kept = np.zeros(imu.time.shape[0], dtype=np.bool_)
     parts: list[Part] = []
     longest = float(np.max(np.diff(imu.time)))
-    findings = [Finding.of(Code.PARTS, gap_s=longest, limit_s=LONGEST_GAP, count=len(rows) - 1)]
+    findings = [Finding.of(Code.FILTER_PARTS, gap_s=longest, limit_s=LONGEST_GAP, count=len(rows) - 1)]
     errors: list[AlignmentError] = []
     for number, span in enumerate(rows, start=1):
         some = imu.rows(span)
@@ -254,16 +254,22 @@ def _parts(
             alignment, initial = aligned(some, here, first=not parts)
         except AlignmentError as error:
             errors.append(error)
-            code = Code.PART_BEFORE if end <= begin_at else Code.PART_SHORT if short else Code.PART_UNALIGNED
+            code = (
+                Code.FILTER_PART_BEFORE_START
+                if end <= begin_at
+                else Code.FILTER_PART_SHORT
+                if short
+                else Code.FILTER_PART_UNALIGNED
+            )
             fixes = here.time.shape[0]
-            why = error.what if code is Code.PART_UNALIGNED else ""
+            why = error.what if code is Code.FILTER_PART_UNALIGNED else ""
             findings.append(Finding.of(code, begin, end, number=number, duration_s=end - begin, count=fixes, why=why))
         else:
             parts.append(Part(after, alignment, initial))
             kept[span] = True
             tilt, heading, gap = alignment.sd[:2].max(), alignment.sd[2], begin - after if after < begin else np.nan
             findings += [
-                Finding.of(Code.PART, begin, end, gap_s=gap, limit_s=LONGEST_GAP, number=number),
+                Finding.of(Code.FILTER_PART, begin, end, gap_s=gap, limit_s=LONGEST_GAP, number=number),
                 Finding.of(Code(alignment.level_method), initial.time, sd_rad=tilt),
                 Finding.of(Code(alignment.heading_method), initial.time, sd_rad=heading),
             ]

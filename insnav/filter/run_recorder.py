@@ -316,5 +316,5 @@ def _divergence(innovations: Innovations, limit: float) -> list[Finding]:
         for w in np.flatnonzero((count >= 20) & (mean / 3.0 > TOO_LARGE)):
             begin, size = float(innovations.time[0] + w * CONSISTENCY_WINDOW), float(mean[w] / 3.0)
             end = begin + CONSISTENCY_WINDOW
-            found.append(Finding.of(Code.DIVERGED, begin, end, subject=name, nis=size, limit_nis=TOO_LARGE))
+            found.append(Finding.of(Code.FILTER_DIVERGED, begin, end, subject=name, nis=size, limit_nis=TOO_LARGE))
     return found

@@ -366,7 +366,7 @@ def reconcile(
 
 def _diverged(run: Run) -> int:
     """Windows whose innovations are far from their predicted size."""
-    return sum(1 for _ in of_code(run.events, Code.DIVERGED))
+    return sum(1 for _ in of_code(run.events, Code.FILTER_DIVERGED))
 
 
 def _scales(run: Run) -> FloatArray:
@@ -381,7 +381,7 @@ def unlikely(run: Run, gps: GpsData, settings: FilterSettings, dragged: Trust | 
     A fix that was not used costs more than those that were, but for positions that were `dragged` all together.
     """
     found, rows = run.innovations, rows_of(run, gps, settings)
-    total = EPISODE * sum(1 for _ in of_code(run.events, Code.RESET))
+    total = EPISODE * sum(1 for _ in of_code(run.events, Code.FILTER_RESET))
     for nis, sd, reported, used in (
         (found.nis_position, found.sd[:, :3], gps.position_sd[rows], found.used_position),
         (found.nis_velocity, found.sd[:, 3:], gps.velocity_sd[rows], found.used_velocity),
@@ -412,7 +412,7 @@ def without_rejected(gps: GpsData, run: Run, settings: FilterSettings) -> GpsDat
 
 def contradicted(run: Run, gps: GpsData, settings: FilterSettings) -> bool:
     """Whether the filter reset, believed a fix that the smoothed track contradicts, or rejected many it supports."""
-    if any(of_code(run.events, Code.RESET)):
+    if any(of_code(run.events, Code.FILTER_RESET)):
         return True
     gates, rows = settings.gates, rows_of(run, gps, settings)
     off, square = (each[:, rows] for each in residuals(run, gps, settings))

@@ -1,7 +1,8 @@
 """The words of findings: one catalogue a language, and the renderer that puts numbers into it.
 
-An entry of ``<language>.toml`` stands under the code of `insnav.findings.Code` and has up to four texts:
+An entry of ``<language>.toml`` stands under the code of `insnav.findings.Code` and holds:
 
+- ``severity``: ``assumption``, ``warning`` or ``unusable``, unless it is usually a ``note`` (in English only);
 - ``title``: the name of the thing, two to six words, without numbers;
 - ``text``: what was seen, one or two sentences with the numbers that decide;
 - ``done``: what insnav did about it;
@@ -20,15 +21,14 @@ from __future__ import annotations
 import math
 import os
 import re
-import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, partial
-from pathlib import Path
+from functools import partial
 from string import Formatter
 from typing import Any
 
 from insnav import plain_text
+from insnav.catalogues import catalogue
 from insnav.findings import Code, Finding
 from insnav.units import UNITS, shown_unit
 
@@ -59,12 +59,6 @@ def language() -> str:
     """Give the language of this process, by ``INSNAV_LANG``."""
     wanted = os.environ.get("INSNAV_LANG", "")[:2].lower()
     return wanted if wanted in LANGUAGES else "en"
-
-
-@cache
-def catalogue(lang: str) -> Mapping[str, Any]:
-    """Read the catalogue of a language."""
-    return tomllib.loads((Path(__file__).parent / f"{lang}.toml").read_text(encoding="utf-8"))
 
 
 def form(name: str, lang: str | None = None) -> str:

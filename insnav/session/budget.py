@@ -87,7 +87,7 @@ def budget_of_motion(
     `progress`: called with the fraction of the simulated runs that is done.
     """
     found = _drawn_up(spec, motion, settings, (), progress)
-    model = spec, Finding.of(Code.MODEL_GIVEN)
+    model = spec, Finding.of(Code.IMU_MODEL_GIVEN)
     return Result("budget", BudgetStudy(found), options=asdict(settings), imu_model=model)
 
 

@@ -58,7 +58,7 @@ def compare(
     point, best, gps = reference_point(inputs, reference.data), solutions[0], _fixes(runs[0])
     best = next((each for each in solutions if (each.run, each.solution) == (best.run, "smoothed")), best)
     if gps is not None and same_positions(gps, fixed):
-        notes = (*notes, Finding.of(Code.REF_IS_GPS, subject="ref"))
+        notes = (*notes, Finding.of(Code.REF_SAME_AS_GPS, subject="ref"))
     else:
         with suppress(InputError):  # no time in common: said below, with the run
             fixed, doubts = check_reference(fixed, best.trajectory, gps, best.lever_b if point is None else point)

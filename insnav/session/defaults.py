@@ -42,11 +42,11 @@ def given_imu(model: object) -> tuple[ImuSpec, Finding] | None:
         from insnav.imu.library import completed
 
         spec, taken = completed(part, load_imu(part.grade))
-        return spec, Finding.of(Code.MODEL_OF_PART, model=str(model), grade=part.grade, taken=taken)
+        return spec, Finding.of(Code.IMU_MODEL_PART, model=str(model), grade=part.grade, taken=taken)
     if isinstance(model, ImuSpec):
-        return model, Finding.of(Code.MODEL_GIVEN, absent=model.absent)
+        return model, Finding.of(Code.IMU_MODEL_GIVEN, absent=model.absent)
     spec = load_imu(str(model))
-    return spec, Finding.of(Code.MODEL_OF_FILE, model=str(model), absent=spec.absent)
+    return spec, Finding.of(Code.IMU_MODEL_FILE, model=str(model), absent=spec.absent)
 
 
 def imu_from_rest(imu: ImuData, rest: tuple[float, float] | None) -> tuple[ImuSpec, Finding]:
@@ -56,9 +56,9 @@ def imu_from_rest(imu: ImuData, rest: tuple[float, float] | None) -> tuple[ImuSp
     """
     if rest is None or rest[1] - rest[0] < SHORTEST_REST:
         spec = load_imu("consumer")
-        return spec, Finding.of(Code.MODEL_ASSUMED, limit_s=SHORTEST_REST, preset=spec.name)
+        return spec, Finding.of(Code.IMU_MODEL_ASSUMED, limit_s=SHORTEST_REST, preset=spec.name)
     spec, _ = identify(imu, *rest)
-    return spec, Finding.of(Code.MODEL_FROM_REST, *rest, preset=spec.name)
+    return spec, Finding.of(Code.IMU_MODEL_FROM_REST, *rest, preset=spec.name)
 
 
 def stationary_part(imu: ImuData, fixes: GpsData | None, inputs: Inputs) -> tuple[float, float] | None:

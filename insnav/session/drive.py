@@ -297,7 +297,7 @@ class Drive:
         ready = replace(ready, kinds=defaults.better_kinds(self.readings.inputs, self.imu_spec))
         found = identify_noise(ready, self.imu_spec)
         if found is None:
-            kept = Finding.of(Code.MODEL_KEPT, subject="imu", model=self.imu_spec.name)
+            kept = Finding.of(Code.IMU_MODEL_KEPT, subject="imu", model=self.imu_spec.name)
             return with_usual_noise(replace(ready, notes=(*ready.notes, kept))), self.imu_spec
         ready, found = without_gyro_faults(ready, found, self.imu_spec)
         return with_noise(ready, found), found.spec
@@ -656,7 +656,7 @@ class Drive:
         chosen = self.imu_chosen
         if spec is not None and spec is not self.imu_spec:
             prior = () if chosen in findings else (replace(chosen, severity=Severity.NOTE),)
-            chosen = Finding.of(Code.MODEL_ESTIMATED, prior=self.imu_spec.name)
+            chosen = Finding.of(Code.IMU_MODEL_ESTIMATED, prior=self.imu_spec.name)
             findings = (*findings, *prior)
         result = Result(kind, found, self.readings.facts, given, (spec or self.imu_spec, chosen), (*findings, chosen))
         return result if run is None else judged(result, run)

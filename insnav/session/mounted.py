@@ -139,13 +139,13 @@ def in_likely_axes(
     if not by_course:
         gain = {"gain": fixes * (seen[UPRIGHT].misfit - seen[best].misfit), "limit_gain": LIKELIER}
     if abs(yaw - nearest * QUARTER) > SLANTED:
-        code = Code.MOUNTING_YAW_BY_COURSE if by_course else Code.MOUNTING_YAW_BY_FIXES
+        code = Code.MOUNTING_YAW_COURSE if by_course else Code.MOUNTING_YAW_FIXES
         return imu, yaw, Finding.of(code, subject="imu", yaw_rad=yaw, **gain)
     if nearest == 0:
         return imu, 0.0, X_FORWARD
     turn = axes_matrix(QUARTERS[nearest % 4])
     letters = letters_of(turn @ axes_matrix(imu.facts.axes or UPRIGHT))
-    code = Code.MOUNTING_ALONG_AXES_BY_COURSE if by_course else Code.MOUNTING_ALONG_AXES_BY_FIXES
+    code = Code.MOUNTING_ALONG_AXES_COURSE if by_course else Code.MOUNTING_ALONG_AXES_FIXES
     imu, note = _turned(imu, turn, letters, code, **gain)
     return imu, 0.0, note
 

@@ -183,7 +183,7 @@ def study_of(
     study = RequirementStudy(required, window.description, "" if given is None else given.name, found, hold, verified)
     if required.after <= LONGEST_PARTS:
         study = with_parts(study, motion, outages(motion, required.after, begin, settings), given)
-    model = None if given is None else (given, Finding.of(Code.MODEL_GIVEN))
+    model = None if given is None else (given, Finding.of(Code.IMU_MODEL_GIVEN))
     return Result("requirement", study, options={**asdict(required), **asdict(settings)}, imu_model=model)
 
 

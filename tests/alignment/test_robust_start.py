@@ -72,7 +72,7 @@ def test_spikes_at_rest_are_no_motion(drive, velocities, count):
     assert found.level_method is Code.ALIGN_LEVEL_STATIC
     assert found.heading_method is Code.ALIGN_HEADING_COURSE
     assert (np.abs(error(found, drive.truth)) <= 4.0 * found.sd).all()
-    assert Code.RESET not in [event.code for event in run.events]
+    assert Code.FILTER_RESET not in [event.code for event in run.events]
 
 
 def test_fixes_that_are_none_make_no_start(drive):
@@ -84,7 +84,7 @@ def test_fixes_that_are_none_make_no_start(drive):
     assert run.alignment.time == pytest.approx(drive.gps.time[5])
     assert_from_rest(run.alignment, drive)
     assert np.abs(run.solution.lla[0, :2] - PLACE[:2]).max() < 1e-6  # six metres
-    assert Code.RESET not in [event.code for event in run.events]
+    assert Code.FILTER_RESET not in [event.code for event in run.events]
 
 
 def test_no_good_fix_is_an_error(drive):

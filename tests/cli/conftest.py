@@ -48,9 +48,10 @@ def cli(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> I
 
         monkeypatch.setattr(sys, "argv", ["insnav", *map(str, arguments)])
         capfd.readouterr()
-        with monkeypatch.context() as own, pytest.raises(SystemExit) as end:
+        with monkeypatch.context() as own:
             own.setenv("INSNAV_LANG", os.environ.get("INSNAV_LANG", ""))  # --lang sets it for the rest of a process
-            main()
+            with pytest.raises(SystemExit) as end:
+                main()
         out, err = capfd.readouterr()
         return Outcome(end.value.code, out, err)
 

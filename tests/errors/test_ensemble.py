@@ -42,7 +42,7 @@ def run_with(error: np.ndarray, sd: np.ndarray, *, seconds: int = 60, later: flo
         Innovations(time, fixes, fixes, fixes[:, 0], fixes[:, 0], used, used),
         SensorErrors(NOTHING, np.empty((0, 12)), np.empty((0, 12))),
         (
-            Finding.of(Code.RESET, time[3], distance_m=0.0),
+            Finding.of(Code.FILTER_RESET, time[3], distance_m=0.0),
             Finding.of(Code.GATE_POSITION, time[4], nis=0.0),
         ),
         Alignment(time[0], true.rph[0], sd[6:], NOTHING, NOTHING, None, *drives.GIVEN),

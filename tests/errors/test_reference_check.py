@@ -172,14 +172,14 @@ def test_another_drive_is_named_and_nothing_else_of_it(pair: tuple[Trajectory, T
     for other in (back, moved_away):
         found, (event,) = check_reference(other, track, fixes_of(track), HERE)
         assert found is other
-        assert (event.code, event.severity) == (Code.REF_OTHER, Severity.WARNING)
+        assert (event.code, event.severity) == (Code.REF_OTHER_DRIVE, Severity.WARNING)
         assert event["distance_m"] > 50.0
     # a reference elsewhere that moves alike has another datum, and one that a lost solution leaves is no other drive's
     shifted = replace(truth, lla=truth.lla + np.array([0.1, 0.0, 0.0]))
     lost = replace(track, lla=track.lla[::-1])
     for reference, mine in ((shifted, track), (truth, track), (truth, lost)):
         events = check_reference(reference, mine, fixes_of(track), HERE)[1]
-        assert Code.REF_OTHER not in [event.code for event in events]
+        assert Code.REF_OTHER_DRIVE not in [event.code for event in events]
 
 
 @pytest.mark.parametrize("off", [3600.0, -86400.0, 7.0 * 86400.0 - 18.0, 5400.0 + 18.0])

@@ -43,7 +43,7 @@ def test_n2_multipath(bars):
     for seed in range(4):
         found = navigated(seed, "gps-jump:60m@200s+8s")
         assert (~found.run.innovations.used_position).sum() == bars["N2"]["rejected"]
-        assert Code.RESET not in found.kinds()
+        assert Code.FILTER_RESET not in found.kinds()
         assert deviation(found, seed).max() <= bars["N2"]["deviation_m"]
 
 
@@ -51,7 +51,7 @@ def test_n2_multipath(bars):
 def test_n3_permanent_jump(bars, metres):
     for seed in range(4):
         found = navigated(seed, f"gps-jump:{metres}m@200s")
-        (reset,) = of_code(found.run.events, Code.RESET)
+        (reset,) = of_code(found.run.events, Code.FILTER_RESET)
         before = found.run.solution.time < reset.begin - 0.5
         assert deviation(found, seed)[before].max() <= bars["N3"]["deviation_before_m"]
         assert reset.value == pytest.approx(metres, abs=4.0 * SD + 5.0)
@@ -215,7 +215,7 @@ def test_n27_tiny_and_huge_noise_leave_the_covariance_sound(position_sd, velocit
     )
     start = drives.begin(drives.MODEL, None, LAPS)
     run = drives.navigate(imu, gps, start, drives.MODEL, smooth=False)
-    assert Code.REPAIR not in {event.code for event in run.events}
+    assert Code.FILTER_REPAIR not in {event.code for event in run.events}
     assert np.isfinite(run.solution.sd).all()
 
 
@@ -225,7 +225,7 @@ def test_n28_noise_wrong_by_ten_thousand(bars):
         boast = replace(gps, position_sd=gps.position_sd * 1e-2, velocity_sd=gps.velocity_sd)
         start = drives.begin(drives.MODEL, np.random.default_rng([92, seed]), LAPS)
         run = drives.navigate(imu, boast, start, drives.MODEL, smooth=False)
-        kinds = list(of_code(run.events, *REJECTIONS, Code.DIVERGED, Code.RESET))
+        kinds = list(of_code(run.events, *REJECTIONS, Code.FILTER_DIVERGED, Code.FILTER_RESET))
         assert kinds
         assert kinds[0].begin - start.initial.time <= bars["N28"]["detected_s"]
 

@@ -74,7 +74,7 @@ def test_a_gyro_bias_that_steps_is_found_and_taken_into_account(seed, axis):
     scale = np.median(np.diff(imu.time)) if imu.sampling == "increment" else 1.0
     done = with_imu(seed, replace(imu, gyro=imu.gyro + scale * step[:, None] * np.eye(3)[axis]))
     assert np.mean(ratios(done, recording(seed).reference) < 3.0) > 0.99
-    assert not any(of_code(done.run.events, Code.RESET))
+    assert not any(of_code(done.run.events, Code.FILTER_RESET))
     (step,) = of_code(done.run.events, *CONTRADICTIONS)
     assert step.code is Code.CHANGE_GYRO_BIAS
     assert step.severity is Severity.WARNING
@@ -139,7 +139,7 @@ def test_a_minute_of_drift_by_centimetres_is_in_the_standard_deviations_and_caus
     off = 0.02 * (fixes.time - begin) * ((fixes.time >= begin) & (fixes.time < end))
     dragged = replace(fixes, lla=lla_offset(fixes.lla, np.outer(off, [1.0, 0.0, 0.0])))
     done = navigate_recording(imu, dragged, load_imu("tactical"), SETTINGS)
-    assert not any(of_code(done.run.events, Code.RESET))
+    assert not any(of_code(done.run.events, Code.FILTER_RESET))
     assert np.mean(ratios(done, truth) < 3.0) > 0.99
 
 
@@ -211,7 +211,7 @@ def test_a_reset_counts_as_a_jump_of_the_fixes_that_were_rejected():
     run = undisturbed(5).run
     found, used = run.innovations, run.innovations.used_position.copy()
     used[240:251] = False
-    reset = Finding.of(Code.RESET, found.time[250])
+    reset = Finding.of(Code.FILTER_RESET, found.time[250])
     (change,) = resets_of(replace(run, innovations=replace(found, used_position=used), events=(reset,)))
     assert change.time == found.time[240]
     np.testing.assert_allclose(offset((change,), found.time[[239, 240]])[1], found.innovation[250, :3])

@@ -85,7 +85,7 @@ def test_a_row_of_spikes_is_rejected_whole(recorded, untouched):
 def test_a_permanent_jump_leads_to_one_reset(recorded):
     offset = [300.0, -400.0, 0.0]
     run = run_with(recorded, lambda gps: moved(gps, slice(SPIKED, None), offset))
-    resets = [event for event in run.events if event.code == Code.RESET]
+    resets = [event for event in run.events if event.code == Code.FILTER_RESET]
     assert len(resets) == 1
     waited = resets[0].begin - recorded[1].time[SPIKED]
     assert 10.0 <= waited <= 12.0
@@ -93,7 +93,7 @@ def test_a_permanent_jump_leads_to_one_reset(recorded):
     assert resets[0].severity is Severity.WARNING
     assert resets[0]["distance_m"] == pytest.approx(500.0, abs=5.0)
     before = [event.code for event in run.events if event.begin <= resets[0].begin]
-    assert set(before) <= {Code.GATE_PHYSICAL_POSITION, Code.GATE_POSITION, Code.RESET}
+    assert set(before) <= {Code.GATE_PHYSICAL_POSITION, Code.GATE_POSITION, Code.FILTER_RESET}
     # afterwards it believes the fixes again
     later = run.innovations.time > resets[0].begin
     assert run.innovations.used_position[later].mean() > 0.97
@@ -216,7 +216,7 @@ def test_fixes_that_gates_de_weight_are_a_divergence_where_they_are_the_rule(rec
     sure = replace(perfect, position_sd=np.full_like(perfect.position_sd, 0.01))
     off = (0.1 if diverged else 0.2) * rng.choice([-1.0, 1.0], (len(sure.time[rows]), 3))
     run = run_with(recorded, lambda _: moved(sure, rows, off), smooth=False)
-    assert (Code.DIVERGED in kinds(run)) is diverged
+    assert (Code.FILTER_DIVERGED in kinds(run)) is diverged
 
 
 def turning(time: np.ndarray, rate: float) -> GpsData:

@@ -155,11 +155,11 @@ def test_standard_deviations_that_are_given_are_kept_beside_those_that_are_not()
     level = replace(gps, position_sd=sd, lla=gps.lla * [1.0, 1.0, 0.0])
     filled, notes = with_sd(level)
     assert (filled.position_sd == [0.01, 0.02, OPEN_HEIGHT]).all()
-    assert not any(of_code(notes, Code.GPS_SD_SCATTER))
+    assert not any(of_code(notes, Code.GPS_POSITION_SD_SCATTER))
     filled, notes = with_sd(replace(gps, position_sd=100.0 * sd))
     assert (filled.position_sd[:, :2] == [1.0, 2.0]).all()
     assert (filled.position_sd[:, 2] >= 2.0).all()
-    assert any(of_code(notes, Code.GPS_SD_SCATTER))
+    assert any(of_code(notes, Code.GPS_POSITION_SD_SCATTER))
 
 
 def test_heights_that_are_not_measured_make_no_position_poor_or_precise():
@@ -171,7 +171,7 @@ def test_heights_that_are_not_measured_make_no_position_poor_or_precise():
     )
     assert filled.position_sd[:, :2] == pytest.approx(with_heights.position_sd[:, :2], rel=1e-3)
     assert (filled.position_sd[:, 2] == OPEN_HEIGHT).all()
-    assert any(of_code(notes, Code.GPS_SD_SCATTER))
+    assert any(of_code(notes, Code.GPS_POSITION_SD_SCATTER))
     sd, kinds = np.tile([0.01, 0.01, np.nan], (len(gps.time), 1)), np.full(len(gps.time), FLOAT)
     floats, notes = with_sd(replace(gps, position_sd=sd, lla=level, fix=kinds), scatter_alone=False)
     assert (floats.position_sd[:, :2] >= FLOAT_SD).all()

@@ -63,7 +63,7 @@ def test_every_part_is_as_good_as_it_says(gaps):
             after = solution.time > START + gaps[-1][1] + 30.0
             assert np.hypot(error[after, 0], error[after, 1]).max() < 3.0
             assert np.abs(error[after, 8]).max() < 4.0 * DEG
-        assert Code.RESET not in {event.code for event in run.events}
+        assert Code.FILTER_RESET not in {event.code for event in run.events}
     shares = np.mean(np.concatenate(inside), axis=0)
     print(np.round(shares, 4))
     assert shares.min() > 0.98
@@ -71,19 +71,19 @@ def test_every_part_is_as_good_as_it_says(gaps):
 
 def test_parts_are_listed_and_what_was_assumed():
     found = navigated(0, (100.0, 105.0), (150.0, 200.0), (204.0, 210.0))
-    (gaps,) = of_code(found.notes, Code.PARTS)
+    (gaps,) = of_code(found.notes, Code.FILTER_PARTS)
     assert (gaps["count"], gaps["limit_s"]) == (3, 3.0)
     assert gaps["gap_s"] == pytest.approx(50.0, abs=0.05)
     events = [event for event in found.run.events if not event.code.startswith("gate.")]
     headings = {Code.ALIGN_HEADING_COURSE, Code.ALIGN_HEADING_GIVEN, Code.ALIGN_HEADING_GYROCOMPASS}
     levels = {Code.ALIGN_LEVEL_STATIC, Code.ALIGN_LEVEL_MOTION}
-    assert [event.code for event in of_code(events, Code.PART, Code.PART_SHORT)] == [
-        *(Code.PART, Code.PART, Code.PART_SHORT, Code.PART)
+    assert [event.code for event in of_code(events, Code.FILTER_PART, Code.FILTER_PART_SHORT)] == [
+        *(Code.FILTER_PART, Code.FILTER_PART, Code.FILTER_PART_SHORT, Code.FILTER_PART)
     ]
     assert len([*of_code(events, *headings)]) == len([*of_code(events, *levels)]) == 3
-    (short,) = of_code(events, Code.PART_SHORT)
+    (short,) = of_code(events, Code.FILTER_PART_SHORT)
     assert (short["number"], short["duration_s"]) == (3, pytest.approx(4.0, abs=0.05))
-    parts = [*of_code(events, Code.PART)]
+    parts = [*of_code(events, Code.FILTER_PART)]
     assert [part["number"] for part in parts] == [1, 2, 4]
     assert [part["gap_s"] for part in parts] == pytest.approx([np.nan, 5.0, 60.0], abs=0.1, nan_ok=True)
     fixes = found.run.innovations.time - START

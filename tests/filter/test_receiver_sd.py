@@ -30,7 +30,7 @@ def without_sd(errors: GpsErrors, fix: int | None) -> GpsData:
 def test_a_small_scatter_is_never_taken_for_accuracy(fix, expected):
     gps, notes = with_sd(without_sd(SMOOTH, fix), scatter_alone=False)
     np.testing.assert_allclose(np.median(gps.position_sd[:, :2], axis=0), expected, rtol=0.2)
-    assert notes[0].code is (Code.GPS_SD_STAND_ALONE if fix is None else Code.GPS_SD_FIX_TYPE)
+    assert notes[0].code is (Code.GPS_POSITION_SD_STAND_ALONE if fix is None else Code.GPS_POSITION_SD_FIX_TYPE)
 
 
 def test_fixed_ambiguities_are_centimetres():

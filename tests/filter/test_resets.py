@@ -28,7 +28,7 @@ from tests.simulate.motions import Segment, drive
 
 recorded, untouched = gates.recorded, gates.untouched  # fixtures
 
-RESET = Code.RESET
+RESET = Code.FILTER_RESET
 
 
 def only(gps: GpsData, keep: np.ndarray) -> GpsData:

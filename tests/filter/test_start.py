@@ -95,7 +95,7 @@ def test_a_clock_offset_is_found_from_a_start_in_motion(velocity):
         assert run.alignment.static is None
         ratios.append((run.gps_delay - 0.05) / run.gps_delay_sd)
         assert run.gps_delay_sd < 0.01
-        assert Code.RESET not in [event.code for event in run.events]
+        assert Code.FILTER_RESET not in [event.code for event in run.events]
     print("clock offset, error / sd:", np.round(ratios, 1))
     assert np.abs(ratios).max() < 3.0
 

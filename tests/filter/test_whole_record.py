@@ -99,7 +99,7 @@ def test_a_row_of_shifted_fixes_is_left_out(seed, metres):
     done = navigated(seed, gps_jump(gps, metres, span(gps, 30.0)))
     assert horizontal(seed, done).max() < 5.0
     assert len(false(done)) == 30
-    assert not any(event.code is Code.RESET for event in done.run.events)
+    assert not any(event.code is Code.FILTER_RESET for event in done.run.events)
     (left_out,) = of_code(told(done), Code.RECORD_FALSE_POSITIONS)
     assert left_out.severity is Severity.WARNING
     assert left_out["count"] == 30

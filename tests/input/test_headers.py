@@ -154,14 +154,14 @@ def test_two_columns_for_one_quantity_prefer_the_plainer_and_say_so():
     found, notes = understand(["gps_tow", "time"], None, GPS_SCHEMA)
     assert found["time"].header == "time"
     (note,) = notes
-    assert note.code is Code.COLUMN_TWICE
+    assert note.code is Code.COLUMNS_TWICE
     assert (note["column"], note["quantity"], note["used"]) == ("gps_tow", "time", "time")
 
 
 def test_a_name_without_prefix_is_preferred():
     found, notes = understand(["sensor_gyro_x", "gyro_x", "imu_gyro_x"], None, IMU_SCHEMA)
     assert found["gyro_x"].header == "gyro_x"
-    assert [note.code for note in notes] == [Code.COLUMN_TWICE] * 2
+    assert [note.code for note in notes] == [Code.COLUMNS_TWICE] * 2
 
 
 def test_two_equal_spellings_are_refused():

@@ -47,9 +47,9 @@ MIXES = {
 def test_units_are_found_without_options_and_said(tmp_path, gyro, accel):
     reading = read_imu(write(tmp_path / "a.csv", _scaled(gyro, accel), PLAIN))
     _check(reading.data)
-    (of_gyros,) = noted(reading, Code.GYRO_UNIT, Code.GYRO_UNIT_BY_RATE)
+    (of_gyros,) = noted(reading, Code.UNITS_GYRO, Code.UNITS_GYRO_BY_RATE)
     assert of_gyros["unit"] == ("rad/s" if gyro == 1.0 else "deg/s")
-    (of_accelerometers,) = noted(reading, Code.ACCEL_UNIT)
+    (of_accelerometers,) = noted(reading, Code.UNITS_ACCEL)
     assert of_accelerometers["gravity_m_s2"] == pytest.approx(9.8, abs=0.2)
 
 
@@ -105,13 +105,13 @@ def test_motion_that_tells_nothing_is_an_assumption(tmp_path):
     rows = TRUTH.copy()
     rows[:, 1:4] = np.random.default_rng(0).normal(0, 1e-3, (len(rows), 3))
     rows[:, 4:7] = np.random.default_rng(1).normal([0.0, 0.0, -G], 1e-2, (len(rows), 3))
-    (assumed,) = noted(read_imu(write(tmp_path / "a.csv", rows, PLAIN)), Code.GYRO_UNIT_ASSUMED)
+    (assumed,) = noted(read_imu(write(tmp_path / "a.csv", rows, PLAIN)), Code.UNITS_GYRO_ASSUMED)
     assert assumed["unit"] == "rad/s"
     assert assumed.severity is Severity.ASSUMPTION
 
 
 def test_gyros_that_turn_the_wrong_way_are_told(tmp_path):
-    (wrong,) = noted(read_imu(write(tmp_path / "a.csv", _scaled(gyro=-1.0), PLAIN)), Code.GYRO_WRONG_WAY)
+    (wrong,) = noted(read_imu(write(tmp_path / "a.csv", _scaled(gyro=-1.0), PLAIN)), Code.UNITS_GYRO_WRONG_WAY)
     assert wrong.severity is Severity.WARNING
     assert wrong["correlation"] < -0.9
 
@@ -171,13 +171,13 @@ def test_sampling_and_stamp_are_said(tmp_path):
     path = write(tmp_path / "a.csv", TRUTH, IMU_HEADER)
     reading = read_imu(path)
     assert (reading.data.sampling, reading.data.stamp) == ("mean", "end")
-    (assumed,) = noted(reading, Code.READ_SAMPLING, Code.READ_SAMPLING_ASSUMED)
+    (assumed,) = noted(reading, Code.READ_IMU_SAMPLING, Code.READ_IMU_SAMPLING_ASSUMED)
     assert assumed.severity is Severity.ASSUMPTION
     assert (assumed["sampling"], assumed["stamp"]) == ("mean", "end")
     assert assumed["options"] == ("--imu-sampling", "--imu-stamp")
     reading = read_imu(path, sampling="instant", stamp="mid")
     assert (reading.data.sampling, reading.data.stamp) == ("instant", "mid")
-    (given,) = noted(reading, Code.READ_SAMPLING, Code.READ_SAMPLING_ASSUMED)
+    (given,) = noted(reading, Code.READ_IMU_SAMPLING, Code.READ_IMU_SAMPLING_ASSUMED)
     assert given.severity is Severity.NOTE
     assert given["sampling"] == "instant"
 

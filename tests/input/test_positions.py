@@ -241,7 +241,7 @@ def test_what_is_zero_in_all_rows_of_a_moving_reference_is_not_given(tmp_path):
     reading = read_reference(write(tmp_path / "moving.csv", moving, header))
     assert np.isnan(reading.data.v_n).all()
     assert np.isnan(reading.data.rph).all()
-    (unknown,) = noted(reading, Code.READ_ZEROS_UNKNOWN)
+    (unknown,) = noted(reading, Code.READ_COLUMNS_ZERO_IN_MOTION)
     assert unknown.severity is Severity.ASSUMPTION
     assert unknown["columns"] == ("vn", "ve", "vd", "heading", "roll", "pitch")
     level = moving.copy()
@@ -314,7 +314,7 @@ def test_what_loggers_write_for_not_known_is_not_known(tmp_path):
     flat = read_gps(tmp_path / "flat.csv")
     assert flat.data.fix is None
     assert not flat.data.lla[:, 2].any()
-    (no_heights, no_types) = noted(flat, Code.READ_HEIGHT_MISSING, Code.READ_COLUMN_FIX_ZERO)
+    (no_heights, no_types) = noted(flat, Code.READ_HEIGHT_MISSING, Code.READ_COLUMNS_FIX_ZERO)
     assert (no_heights.subject, no_types.subject) == ("gps", "fix")
     (tmp_path / "other.csv").write_text(rows.replace("fix", "elevation2"))
     with pytest.raises(InputError, match="no column for height"):

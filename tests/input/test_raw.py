@@ -36,7 +36,7 @@ def test_outputs_become_rates_and_forces(tmp_path: Path, header: str, volts: flo
     reading = read_imu(tmp_path / "imu.csv", raw_scales=SCALES)
     np.testing.assert_allclose(reading.data.gyro, rate, atol=1e-9)
     np.testing.assert_allclose(reading.data.accel, force, atol=1e-9)
-    scaled = noted(reading, Code.READ_RAW_SCALED)
+    scaled = noted(reading, Code.READ_IMU_RAW_SCALED)
     assert {(each.subject, each["unit"], each["si_unit"]) for each in scaled} == {
         ("gyro", "V", "rad/s"),
         ("accel", "LSB", "m/s^2"),

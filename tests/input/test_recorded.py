@@ -10,7 +10,13 @@ from tests.input.files import SHARED, noted
 
 DATA = SHARED / "data"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="recorded data (../shared/data) is not here")
-_GYRO_UNIT = Code.GYRO_UNIT, Code.GYRO_UNIT_ASSUMED, Code.GYRO_UNIT_BY_RATE, Code.GYRO_WRONG_WAY, Code.UNIT_STATED
+_GYRO_UNIT = (
+    Code.UNITS_GYRO,
+    Code.UNITS_GYRO_ASSUMED,
+    Code.UNITS_GYRO_BY_RATE,
+    Code.UNITS_GYRO_WRONG_WAY,
+    Code.UNITS_STATED,
+)
 
 # file, rows, rate [Hz], start [s]: counted with wc and read off the first lines
 IMU = {
@@ -45,7 +51,7 @@ def test_imu_files_are_understood_without_options(name, expected):
     assert facts.start_s == pytest.approx(start)
     units = noted(reading, *_GYRO_UNIT)
     assert {each["unit"] for each in units if each.get("quantity") != "time"} == {"rad/s"}
-    assert {each["unit"] for each in noted(reading, Code.ACCEL_UNIT, Code.ACCEL_UNIT_UNCALIBRATED)} == {"m/s^2"}
+    assert {each["unit"] for each in noted(reading, Code.UNITS_ACCEL, Code.UNITS_ACCEL_UNCALIBRATED)} == {"m/s^2"}
     assert np.isfinite(reading.data.gyro).all()
     assert (np.diff(reading.data.time) > 0).all()
 

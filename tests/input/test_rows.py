@@ -171,7 +171,7 @@ def test_a_barometer_that_never_changes_is_none(tmp_path):
     rows = np.column_stack([rolling(1000), np.zeros(1000)])
     reading = read_imu(write(tmp_path / "imu.csv", rows, f"{IMU_HEADER},baro_height_m"))
     assert reading.data.baro is None
-    assert [each.subject for each in noted(reading, Code.READ_COLUMN_CONSTANT)] == ["baro_height_m"]
+    assert [each.subject for each in noted(reading, Code.READ_COLUMNS_CONSTANT)] == ["baro_height_m"]
     rows[:, 7] = 100.0 + 0.01 * np.arange(1000)
     assert read_imu(write(tmp_path / "imu.csv", rows, f"{IMU_HEADER},baro_height_m")).data.baro is not None
 

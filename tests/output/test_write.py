@@ -184,7 +184,7 @@ def test_no_text_cell_begins_like_a_formula(tmp_path, text):
 def test_events_may_be_absent_and_may_hold_any_punctuation(tmp_path):
     assert cells(write_events(tmp_path, []))[1] == []
     said = 'said "no", then; left\nat once'
-    finding = Finding.of(Code.RESET, 1.5, 2.75, subject="5 > 3", offset_m=-3.25, limit_m=1.0, text=said)
+    finding = Finding.of(Code.FILTER_RESET, 1.5, 2.75, subject="5 > 3", offset_m=-3.25, limit_m=1.0, text=said)
     numbers = ["1.5", "2.75", "filter.reset", "warning", "5 > 3", "-3.25", "1", "m"]
     ((*row, values),) = cells(write_events(tmp_path, [finding]))[1]
     assert row == [*numbers, 'said "no", then; left at once', ""]

@@ -97,7 +97,7 @@ def test_time_correlated_noise_of_the_fixes_is_reduced(
 
 
 def test_standard_deviations_that_are_missing_come_from_a_stated_rule(done: Navigated) -> None:
-    for code, unit in ((Code.GPS_SD_SCATTER, "m"), (Code.GPS_VELOCITY_SD, "m_s")):
+    for code, unit in ((Code.GPS_POSITION_SD_SCATTER, "m"), (Code.GPS_VELOCITY_SD_SCATTER, "m_s")):
         (note,) = of_code(done.notes, code)
         print(note)
         assert min(note[f"sd_{unit}"]) >= note[f"floor_{unit}"] > 0.0

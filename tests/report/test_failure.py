@@ -13,7 +13,7 @@ from tests.faults.conftest import healthy
 
 
 def reset(time: float) -> Finding:
-    return Finding.of(Code.RESET, time, distance_m=100.0, limit_s=10.0)
+    return Finding.of(Code.FILTER_RESET, time, distance_m=100.0, limit_s=10.0)
 
 
 @pytest.mark.parametrize(

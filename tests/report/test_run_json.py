@@ -128,7 +128,7 @@ def test_a_time_with_fixes_that_were_rejected_is_no_outage(driven):
 def test_everything_a_configuration_may_hold_becomes_json():
     value = {
         "path": Path("a/b"),
-        "kind": Code.RESET,
+        "kind": Code.FILTER_RESET,
         "array": np.array([[1.0, np.nan], [np.inf, 2.0]]),
         "scalar": np.float64(np.nan),
         "flag": np.bool_(True),

@@ -297,7 +297,7 @@ def test_what_is_assumed_is_told_by_its_severity(bare):
 def test_without_velocities_slow_errors_of_positions_are_said_to_be_believed(driven):
     run = driven[0]
     alone = replace(run, innovations=replace(run.innovations, nis_velocity=np.full_like(run.innovations.time, np.nan)))
-    lasting, filled_in = (Finding.of(code) for code in (Code.ESTIMATE_CORRELATED, Code.GPS_SD_FIX_TYPE))
+    lasting, filled_in = (Finding.of(code) for code in (Code.ESTIMATE_CORRELATED, Code.GPS_POSITION_SD_FIX_TYPE))
     cases = (
         (alone, (lasting,), True),
         (run, (lasting,), False),
@@ -384,8 +384,8 @@ def test_what_is_found_many_times_is_one_warning(driven):
     """Each is serious, and the page has their sum."""
     run, gps, _ = driven
     begin = float(run.solution.time[0])
-    resets = [Finding.of(Code.RESET, begin + 50.0 * k, severity=WARNING, distance_m=20.0 + k) for k in range(2)]
-    first = Finding.of(Code.DIVERGED, begin, severity=WARNING, subject="position", nis=6.0)
+    resets = [Finding.of(Code.FILTER_RESET, begin + 50.0 * k, severity=WARNING, distance_m=20.0 + k) for k in range(2)]
+    first = Finding.of(Code.FILTER_DIVERGED, begin, severity=WARNING, subject="position", nis=6.0)
     events = (*resets, first, replace(first, begin=begin + 60.0))
     reset, diverged = run_warnings(EvaluatedRun(replace(run, events=events), gps))
     assert (reset.code, reset.begin, reset["count"], reset["distance_m"]) == (Code.RUN_RESET, begin, 2, 20.0)

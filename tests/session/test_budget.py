@@ -68,7 +68,7 @@ def test_a_reference_is_what_it_is_judged_by(drive: Path):
 
 
 def test_without_an_imu_file_it_is_said_what_was_assumed(drive: Path):
-    (model,) = of_code(recorded(imu_model=None).notes, Code.MODEL_FROM_REST)
+    (model,) = of_code(recorded(imu_model=None).notes, Code.IMU_MODEL_FROM_REST)
     assert model["preset"] in PRESETS
     assert model.end - model.begin > 5.0
     assert model.severity is Severity.ASSUMPTION

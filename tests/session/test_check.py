@@ -182,13 +182,19 @@ def test_columns_of_names_that_say_nothing_are_told_by_what_they_hold(tmp_path):
 def test_files_that_are_cut_off_or_cover_a_part_are_said(tmp_path):
     imu, gps = table(tmp_path / "imu.csv", samples(IMU_HEADERS)), table(tmp_path / "gps.csv", fixes(GPS_HEADERS))
     whole = imu.read_bytes()
-    codes = Code.ROWS_CUT, Code.IMU_ENDS_EARLY, Code.GPS_ENDS_EARLY, Code.IMU_BEGINS_LATE, Code.GPS_BEGINS_LATE
+    codes = (
+        Code.ROWS_CUT,
+        Code.FILES_IMU_ENDS_EARLY,
+        Code.FILES_GPS_ENDS_EARLY,
+        Code.FILES_IMU_BEGINS_LATE,
+        Code.FILES_GPS_BEGINS_LATE,
+    )
     assert not [*of_code(check([imu, gps], {}).found.problems, *codes)]
     imu.write_bytes(whole[: len(whole) // 2])
     cut, short = of_code(check([imu, gps], {}).found.problems, *codes)
     result = insnav.load(imu, gps).navigate()
     assert (cut.code, cut.subject, cut["file"]) == (Code.ROWS_CUT, "imu", "imu.csv")
-    assert (short.code, short["file"], short["other"]) == (Code.IMU_ENDS_EARLY, "imu.csv", "gps.csv")
+    assert (short.code, short["file"], short["other"]) == (Code.FILES_IMU_ENDS_EARLY, "imu.csv", "gps.csv")
     assert short["lost_s"] == result.inputs["gps"].end_s - result.inputs["imu"].end_s
     for each in (cut, short):
         assert any(sentence(each) in text for text in result.page().warnings)
@@ -200,7 +206,7 @@ def test_a_reference_that_is_the_fixes_is_said(tmp_path):
     assert Code.CHECK_SAME_DATA in {each.code for each in result.found.problems}
     found = insnav.load(imu, gps, gps).navigate(smooth=False).found
     assert found.reference_is_gps
-    assert Code.REF_IS_GPS in [each.code for each in run_warnings(found)]
+    assert Code.REF_SAME_AS_GPS in [each.code for each in run_warnings(found)]
     apart = fixes(GPS_HEADERS, height=text(drive().lla[:, 2] + 0.1), lat=text(drive().lla[:, 0] + 1e-7, 10))
     other = table(tmp_path / "other.csv", apart)
     assert not insnav.load(imu, gps, other).navigate(smooth=False).found.reference_is_gps

@@ -16,14 +16,14 @@ from insnav.session.defaults import given_imu, imu_from_rest
 def test_an_imu_specification_has_a_source(tmp_path):
     assert given_imu(None) is None
     spec = load_imu("tactical")
-    assert given_imu(spec) == (spec, Finding.of(Code.MODEL_GIVEN, absent=()))
-    assert given_imu("tactical")[1] == Finding.of(Code.MODEL_OF_FILE, model="tactical", absent=())
+    assert given_imu(spec) == (spec, Finding.of(Code.IMU_MODEL_GIVEN, absent=()))
+    assert given_imu("tactical")[1] == Finding.of(Code.IMU_MODEL_FILE, model="tactical", absent=())
     (tmp_path / "few.toml").write_text('[gyro]\nbias = "50 deg/h"\n')
     few = given_imu(tmp_path / "few.toml")[1]
-    assert few.code is Code.MODEL_OF_FILE
+    assert few.code is Code.IMU_MODEL_FILE
     assert "gyro.random_walk" in few["absent"]
     part = given_imu("STIM300")[1]
-    assert (part.code, part["grade"]) == (Code.MODEL_OF_PART, "tactical")
+    assert (part.code, part["grade"]) == (Code.IMU_MODEL_PART, "tactical")
 
 
 def test_without_rest_the_poorest_imu_is_assumed():
@@ -31,7 +31,7 @@ def test_without_rest_the_poorest_imu_is_assumed():
     for rest in (None, (0.0, 4.0)):
         spec, assumed = imu_from_rest(drive.imu.data, rest)
         assert (spec.name, assumed["preset"]) == ("consumer", "consumer")
-        assert (assumed.code, assumed.severity) == (Code.MODEL_ASSUMED, Severity.ASSUMPTION)
+        assert (assumed.code, assumed.severity) == (Code.IMU_MODEL_ASSUMED, Severity.ASSUMPTION)
 
 
 def test_unix_time_beside_gps_time_is_an_assumption():

@@ -168,7 +168,7 @@ def test_a_slow_robot_has_the_axes_that_make_its_fixes_likeliest(axes, yaw):
     names = [f"{sensor}_{each}" for sensor, unit in (("gyro", "rad_s"), ("accel", "m_s2")) for each in "xyz"]
     found = insnav.load(pd.DataFrame(columns, columns=["time_s", *names]), gps)
     assert (found.imu.facts.axes or "FRD") == letters
-    turned = (Code.MOUNTING_UPSIDE_DOWN, Code.MOUNTING_ALONG_AXES_BY_FIXES, Code.MOUNTING_ALONG_AXES_BY_COURSE)
+    turned = (Code.MOUNTING_UPSIDE_DOWN, Code.MOUNTING_ALONG_AXES_FIXES, Code.MOUNTING_ALONG_AXES_COURSE)
     assert [each["axes"] for each in of_code(found.notes, *turned)] == [letters] * (letters != "FRD")
     smoothed = found.navigate(output_interval=1.0).found.run.smoothed.solution
     off = wrap_pi(smoothed.rph[:, 2] - truth.evaluate(smoothed.time).rph[:, 2] - yaw * DEG)

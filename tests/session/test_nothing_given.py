@@ -98,7 +98,7 @@ def test_a_budget_uses_the_noise_that_was_found():
     assert (
         found.imu_model[0].name == "automotive, as found"
     )  # as it is; its noise at rest is that of consumer grade, too
-    assert found.imu_model[1] == Finding.of(Code.MODEL_ESTIMATED, prior="consumer")
+    assert found.imu_model[1] == Finding.of(Code.IMU_MODEL_ESTIMATED, prior="consumer")
     assert any(of_code(found.notes, Code.ESTIMATE_NOISE))
     horizontal = found.found.windows.calibrated.verdicts[-1]
     assert horizontal.low < horizontal.predicted < horizontal.high
@@ -167,7 +167,7 @@ def test_without_reported_standard_deviations_errors_are_as_stated(kept):
     silent = replace(gps, position_sd=nothing, fix=fix, v_n=gps.v_n if "v_n" in kept else nothing)
     drive = insnav.load(known.imu.data, silent, known.reference.data)
     found = drive.navigate().found
-    assert any(of_code(drive.notes, Code.GPS_SD_FIX_TYPE))
+    assert any(of_code(drive.notes, Code.GPS_POSITION_SD_FIX_TYPE))
     assert found.noise is not None
     # positions alone do not tell how high above the IMU the antenna is: what is as good as stated is the antenna there
     unseen = np.zeros(3) if "v_n" in kept else (found.run.lever_b - LEVER) * [0.0, 0.0, 1.0]

@@ -103,7 +103,7 @@ def test_a_late_start_of_fixes_says_that_rows_are_left_out(tmp_path):
 
     drive = insnav.load(SAMPLE / "imu.csv.gz", changed(tmp_path, "gps", without_place))
     (late,) = not_covered(drive.imu.facts, drive.readings.facts["gps"])
-    assert (late.code, late["empty"]) == (Code.GPS_BEGINS_LATE, 61)
+    assert (late.code, late["empty"]) == (Code.FILES_GPS_BEGINS_LATE, 61)
     assert render(late).text in warned(drive)
 
 
@@ -192,7 +192,7 @@ def test_files_without_any_time_in_common_are_no_files_cut_off():
     imu, gps = facts["imu"], facts["gps"]
     assert not_covered(imu, replace(gps, start_s=imu.start_s + 2000.0, end_s=imu.end_s + 2000.0)) == []
     (said,) = not_covered(imu, replace(gps, end_s=imu.end_s - 200.0))
-    assert (said.code, said["file"], said["other"]) == (Code.GPS_ENDS_EARLY, "gps.csv", "imu.csv.gz")
+    assert (said.code, said["file"], said["other"]) == (Code.FILES_GPS_ENDS_EARLY, "gps.csv", "imu.csv.gz")
     assert said["lost_s"] == pytest.approx(200.0)
     assert said["share"] == pytest.approx(0.42, abs=0.005)
     assert said.get("empty") is None

@@ -37,4 +37,4 @@ class RequirementStudy:
 
 TYPICAL = 1.6  # geometric mean of recorded over predicted error
 SPAN = (0.53, 4.9)  # 95 % of further tests
-FIELD_FACTOR = Finding.of(Code.FIELD_FACTOR, factor=TYPICAL, low=SPAN[0], high=SPAN[1])
+FIELD_FACTOR = Finding.of(Code.REQUIREMENT_FIELD_FACTOR, factor=TYPICAL, low=SPAN[0], high=SPAN[1])

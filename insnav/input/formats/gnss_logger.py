@@ -62,7 +62,7 @@ def read(source: Source) -> Mapping[str, Table]:
     if gyro is not None and accel is not None:
         found = {"time_s": gyro[:, 0], **{key: gyro[:, i + 1] for i, key in enumerate(GYRO)}}
         found = with_force(found, accel[:, 0], accel[:, 1:])
-        notes = [Finding.of(Code.READ_TIME_UNIX), Finding.of(Code.READ_ACCEL_INTERPOLATED)]
+        notes = [Finding.of(Code.READ_TIME_UNIX), Finding.of(Code.READ_IMU_INTERPOLATED)]
         axes = up_or_down(found[ACCEL[2]], "RFU", "RBD")
         tables["imu"] = column_table(source, found, notes, row="UncalGyro", axes=axes)
     if lines.get("Fix"):

@@ -150,12 +150,12 @@ def _force(source: Source, linear: _File | None) -> tuple[_File | None, str]:
 
 def _samples(source: Source, gyro: _File, force: _File, gravity_path: str) -> Table:
     """Samples at the times of the gyros."""
-    notes = [Finding.of(Code.READ_ACCEL_INTERPOLATED)]
+    notes = [Finding.of(Code.READ_IMU_INTERPOLATED)]
     values, used = _vector(force), [gyro.source, force.source]
     if gravity_path:
         gravity = _open(source, gravity_path)
         used.append(gravity.source)
-        notes.append(Finding.of(Code.READ_GRAVITY_ADDED))
+        notes.append(Finding.of(Code.READ_IMU_GRAVITY_ADDED))
         part = _vector(gravity)
         values = values + np.column_stack([at_times(force.time, gravity.time, part[:, i]) for i in range(3)])
     rates = _vector(gyro)

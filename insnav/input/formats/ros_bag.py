@@ -226,7 +226,7 @@ def _samples(source: Source, table: FloatArray, notes: list[Finding]) -> Table:
     columns |= triad(GYRO, rates) | triad(ACCEL, forces)
     axes = up_or_down(forces[:, 2], "FLU")
     if axes != "FLU":
-        notes.append(Finding.of(Code.READ_AXES_Z_DOWN, axes=axes))
+        notes.append(Finding.of(Code.READ_IMU_Z_DOWN, axes=axes))
     return column_table(source, columns, notes, row="message", axes=axes)
 
 

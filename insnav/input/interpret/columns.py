@@ -174,7 +174,7 @@ def understand(
             )
         found[key] = best[1]
         for _, other in candidates[1:]:
-            notes.append(Finding.of(Code.COLUMN_TWICE, column=other.header, quantity=key, used=best[1].header))
+            notes.append(Finding.of(Code.COLUMNS_TWICE, column=other.header, quantity=key, used=best[1].header))
     turned = [header for header in unused if _QUATERNION.fullmatch(header.strip())]
     if len(turned) == 4 and "heading" in {q.key for q in schema} and not {"roll", "pitch", "heading"} & found.keys():
         notes.append(Finding.of(Code.COLUMNS_QUATERNION, columns=tuple(turned)))

@@ -164,7 +164,7 @@ def _placed(table: Table, words: Sequence[str]) -> Table:
 
     moves = min(speeds) >= 0 and _first(table, speeds) is not None
     parts = [*places, *(speeds if moves else ())]
-    note = Finding.of(Code.PLACE_EARTH_FIXED, columns=tuple(table.headers[i] for i in parts))
+    note = Finding.of(Code.POSITIONS_EARTH_FIXED, columns=tuple(table.headers[i] for i in parts))
     return _added(table, parts, [*PLACE, *(VELOCITY if moves else ())], level, note)
 
 

@@ -51,7 +51,7 @@ def _integers(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Fi
     if column.unit or not len(height) or (height != np.round(height)).any():
         return [Finding.of(Code.POSITIONS_INTEGER)]
     raw["height"] = raw["height"] * 1e-3
-    return [Finding.of(Code.POSITIONS_INTEGER), Finding.of(Code.HEIGHTS_INTEGER)]
+    return [Finding.of(Code.POSITIONS_INTEGER), Finding.of(Code.POSITIONS_INTEGER_HEIGHTS)]
 
 
 def _degrees_minutes(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Finding]:

@@ -98,9 +98,9 @@ def find_accel_unit(
                 continue
             error = gravity / _GRAVITY - 1.0
             if abs(error) <= _GRAVITY_TOLERANCE:
-                return unit, Finding.of(Code.ACCEL_UNIT, gravity_m_s2=gravity, unit=unit)
+                return unit, Finding.of(Code.UNITS_ACCEL, gravity_m_s2=gravity, unit=unit)
             values: dict[str, Any] = {"error": error, "limit": _GRAVITY_TOLERANCE, "gravity_m_s2": gravity}
-            return unit, Finding.of(Code.ACCEL_UNIT_UNCALIBRATED, **values, unit=unit)
+            return unit, Finding.of(Code.UNITS_ACCEL_UNCALIBRATED, **values, unit=unit)
     other = norms * interval if increments else norms / interval
     per_sample = np.mean(np.abs(other / _GRAVITY - 1.0) < _GRAVITY_TOLERANCE) > _MIN_SHARE
     if per_sample:
@@ -186,7 +186,7 @@ def find_gyro_unit(
     usual = ("rad", "deg") if increments else ("rad/s", "deg/s", "mrad/s", "mdeg/s")  # far apart, by 17 and more
     fastest = float(quiet.rate.max())
     shown, why = None, ""
-    finding = Finding.of(Code.GYRO_UNIT_ASSUMED, largest=fastest, unit=usual[0])
+    finding = Finding.of(Code.UNITS_GYRO_ASSUMED, largest=fastest, unit=usual[0])
     if stated is not None:
         finding = stated_unit("gyros", stated)
     if correlation:
@@ -194,7 +194,7 @@ def find_gyro_unit(
             factor = abs(ratio) / ALL_UNITS[unit][1]
             if 1.0 / _MAX_TURN_RATIO < factor < _MAX_TURN_RATIO:
                 why = f"gravity turns in the body as they say (ratio {factor:.2g}, r = {correlation:.2f})"
-                code = Code.GYRO_UNIT if correlation > 0.0 else Code.GYRO_WRONG_WAY
+                code = Code.UNITS_GYRO if correlation > 0.0 else Code.UNITS_GYRO_WRONG_WAY
                 shown, finding = unit, Finding.of(code, correlation=correlation, ratio=factor, unit=unit)
                 break
     tried = stated or usual[0]
@@ -202,9 +202,9 @@ def find_gyro_unit(
     if shown is None and fastest * ALL_UNITS[tried][1] > limit:
         shown, why = usual[1], f"they reach {fastest:.3g}, too much for {tried}"
         if correlation < 0.0:
-            finding = Finding.of(Code.GYRO_WRONG_WAY, correlation=correlation, unit=shown)
+            finding = Finding.of(Code.UNITS_GYRO_WRONG_WAY, correlation=correlation, unit=shown)
         elif stated is None:
-            finding = Finding.of(Code.GYRO_UNIT_BY_RATE, largest=fastest, tried=tried, unit=shown)
+            finding = Finding.of(Code.UNITS_GYRO_BY_RATE, largest=fastest, tried=tried, unit=shown)
     if stated is not None and shown not in (None, stated):
         if odd:
             raise one_gyro(odd, f"{why}, and the noise of this one is that of another unit than the others'", where)
@@ -220,7 +220,7 @@ def find_gyro_unit(
 
 def stated_unit(quantity: str, unit: str) -> Finding:
     """Make the finding of a unit that the file or the user states, and nothing contradicts."""
-    return Finding.of(Code.UNIT_STATED, quantity=quantity, unit=unit)
+    return Finding.of(Code.UNITS_STATED, quantity=quantity, unit=unit)
 
 
 def check_axes(

@@ -127,7 +127,7 @@ def read_imu(
     temperature, temperature_note = _temperature(time, cleaned.columns.get("temperature"))
     odometer, baro = cleaned.columns.get("odometer"), cleaned.columns.get("baro")
     if baro is not None and np.fmin.reduce(baro) == np.fmax.reduce(baro):
-        notes = (*notes, Finding.of(Code.READ_COLUMN_CONSTANT, subject=found["baro"].header))
+        notes = (*notes, Finding.of(Code.READ_COLUMNS_CONSTANT, subject=found["baro"].header))
         baro = None
     data = ImuData(
         time,
@@ -198,7 +198,7 @@ def read_counts(
         data,
         cleaned,
         {found[key].quantity.key: found[key].header for key in keys},
-        (Finding.of(Code.READ_RAW_COUNTS), *temperature_note, *notes),
+        (Finding.of(Code.READ_IMU_RAW_COUNTS), *temperature_note, *notes),
         axes=(axes or "FRD").strip().upper(),
         sampling=data.sampling,
         stamp=data.stamp,
@@ -367,17 +367,15 @@ def _temperature(time: FloatArray, column: FloatArray | None) -> tuple[FloatArra
     if known.all():
         return column, ()
     if not known.any():
-        return None, (Finding.of(Code.READ_COLUMN_EMPTY, subject="temperature"),)
+        return None, (Finding.of(Code.READ_COLUMNS_EMPTY, subject="temperature"),)
     filled = np.interp(time, time[known], column[known])
-    return filled, (
-        Finding.of(Code.READ_TEMPERATURE_INTERPOLATED, count=int(np.count_nonzero(~known)), rows=len(known)),
-    )
+    return filled, (Finding.of(Code.READ_IMU_TEMPERATURE, count=int(np.count_nonzero(~known)), rows=len(known)),)
 
 
 def _sampling_finding(data: ImuData, sampling: Sampling | None, stamp: Stamp | None) -> Finding:
     """Make the finding of what a sample is; the names of columns tell increments."""
     options = ("--imu-sampling",) * (sampling is None and data.sampling != "increment")
     options += ("--imu-stamp",) * (stamp is None and data.sampling != "instant")
-    code = Code.READ_SAMPLING_ASSUMED if options else Code.READ_SAMPLING
+    code = Code.READ_IMU_SAMPLING_ASSUMED if options else Code.READ_IMU_SAMPLING
     stamped = "" if data.sampling == "instant" else data.stamp
     return Finding.of(code, sampling=data.sampling, stamp=stamped, options=options)

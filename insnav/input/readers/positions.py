@@ -114,7 +114,7 @@ def read_reference(path: str | Path | Table, *, columns: Mapping[str, str] | Non
     rph[:, 2] %= 2.0 * np.pi
     zeros = _zeros_in_motion(read.lla, read.v_n, rph)
     if zeros:
-        note = Finding.of(Code.READ_ZEROS_UNKNOWN, subject="ref", columns=tuple(zeros))
+        note = Finding.of(Code.READ_COLUMNS_ZERO_IN_MOTION, subject="ref", columns=tuple(zeros))
         reading = replace(reading, facts=replace(reading.facts, evidence=(*reading.facts.evidence, note)))
     sd = read.stacked(_STANDARD_DEVIATIONS)
     known = np.hstack([sd, np.full_like(rph, np.nan)]) if np.isfinite(sd).any() else None
@@ -209,7 +209,7 @@ def read_positions(
     }
     if "fix" in data and not data["fix"].any() and np.ptp(lla[:, :2], axis=0).any():
         del data["fix"]
-        evidence = (*evidence, Finding.of(Code.READ_COLUMN_FIX_ZERO, subject=found["fix"].header))
+        evidence = (*evidence, Finding.of(Code.READ_COLUMNS_FIX_ZERO, subject=found["fix"].header))
     fix = np.where(np.isfinite(data["fix"]), data["fix"], -1.0).astype(np.int64) if "fix" in data else None
     reading = rows.reading(kind, Positions(data, lla, v_n), cleaned, columns_read, evidence, height=height_kind)
     return replace(reading, fix=fix)
@@ -405,8 +405,8 @@ def _attitude_findings(found: Mapping[str, Found]) -> list[Finding]:
     """Make the findings of how attitude columns were understood."""
     notes = []
     if "heading" in found and "yaw" in found["heading"].header.lower():
-        notes.append(Finding.of(Code.READ_YAW_AS_HEADING, subject=found["heading"].header))
+        notes.append(Finding.of(Code.READ_ANGLES_YAW, subject=found["heading"].header))
     assumed = [found[key].header for key in ("roll", "pitch", "heading") if key in found and not found[key].unit]
     if assumed:
-        notes.append(Finding.of(Code.READ_ATTITUDE_UNIT_ASSUMED, columns=tuple(assumed), unit="deg"))
+        notes.append(Finding.of(Code.READ_ANGLES_ATTITUDE_ASSUMED, columns=tuple(assumed), unit="deg"))
     return notes

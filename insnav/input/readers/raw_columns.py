@@ -64,5 +64,5 @@ def from_outputs(
             except ConfigError as error:
                 raise InputError(error.what, where=f"{where}:{found[key].header}", fix=error.fix) from None
             units[key] = unit
-        notes.append(Finding.of(Code.READ_RAW_SCALED, subject=triad, unit=scale.unit, si_unit=SI_UNITS[triad]))
+        notes.append(Finding.of(Code.READ_IMU_RAW_SCALED, subject=triad, unit=scale.unit, si_unit=SI_UNITS[triad]))
     return tuple(notes), units

@@ -14,8 +14,8 @@ from insnav.types import IntArray, Sampling, Stamp
 T = TypeVar("T")
 LOST, LOST_SHARE = 10.0, 0.1  # least time that only one of two files covers [s], and its share, that is a finding
 # Codes for a file that lacks the beginning, or the end, of the time of the other
-_SHORT_IMU = Code.IMU_BEGINS_LATE, Code.IMU_ENDS_EARLY
-_SHORT_GPS = Code.GPS_BEGINS_LATE, Code.GPS_ENDS_EARLY
+_SHORT_IMU = Code.FILES_IMU_BEGINS_LATE, Code.FILES_IMU_ENDS_EARLY
+_SHORT_GPS = Code.FILES_GPS_BEGINS_LATE, Code.FILES_GPS_ENDS_EARLY
 
 
 @dataclass(frozen=True, slots=True)

@@ -123,7 +123,7 @@ def read_rows(
             columns["time"] = columns["time"] + fraction * found["time_fraction"].factor
     elif fraction is not None:
         columns["time"] = columns["time"] + fraction * found["time_fraction"].factor
-        evidence = Finding.of(Code.TIME_IN_TWO_COLUMNS, columns=(found["time"].header, found["time_fraction"].header))
+        evidence = Finding.of(Code.TIME_TWO_COLUMNS, columns=(found["time"].header, found["time_fraction"].header))
     elif "time" in columns and numbers.n_rows > 1:
         stated = time_unit or found["time"].unit
         clock = clock_digits(columns["time"]) if stated is None else None

@@ -64,7 +64,7 @@ def read_specific_force(
     columns_of = {"time": found["time"]} if sample_rate is None else {}
     columns_of |= {key: found[column] for key, column in chosen.items()}
     rows = read_rows(table, columns_of, tuple(columns_of), IMU_KINDS, slowest=_SLOWEST)
-    evidence: list[Finding] = [Finding.of(Code.READ_SAMPLING, sampling="instant", stamp="")]
+    evidence: list[Finding] = [Finding.of(Code.READ_IMU_SAMPLING, sampling="instant", stamp="")]
     if sample_rate is not None:
         rows.columns["time"] = np.arange(rows.n_rows) / sample_rate
         evidence.append(Finding.of(Code.READ_TIME_BY_RATE, rate_hz=sample_rate))

@@ -61,8 +61,8 @@ _FACTOR = {"m/s": 1.0, "mrad": 1e-3, "mg": 1e-3 * G0, "deg/h": DEG_PER_H}
 
 
 def _assumptions(sd: tuple[float, float]) -> tuple[Finding, ...]:
-    reference = Finding.of(Code.END_REFERENCE_SD, position_m=sd[0], velocity_m_s=sd[1])
-    return Finding.of(Code.END_LEVEL), reference, Finding.of(Code.END_TILT_OR_BIAS)
+    reference = Finding.of(Code.END_OF_RUN_REFERENCE_SD, position_m=sd[0], velocity_m_s=sd[1])
+    return Finding.of(Code.END_OF_RUN_LEVEL), reference, Finding.of(Code.END_OF_RUN_TILT_OR_BIAS)
 
 
 def _specified(spec: ImuSpec | None) -> dict[str, float]:

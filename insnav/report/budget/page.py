@@ -87,7 +87,7 @@ def _title(budget: Budget) -> str:
 def _origin(result: Result[BudgetStudy]) -> str:
     """Where the sizes of the sources come from."""
     name = result.found.budget.imu if result.imu_model is None else result.imu_model[0].name
-    given = result.imu_model is None or result.imu_model[1] == Finding.of(Code.MODEL_GIVEN)
+    given = result.imu_model is None or result.imu_model[1] == Finding.of(Code.IMU_MODEL_GIVEN)
     how = "" if result.imu_model is None or given else f": {sentence(result.imu_model[1])}"
     return f"IMU model {name}{how}"
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from insnav.errors.outage.gnss_outage import Outage
 from insnav.errors.outage.statistics import Growth, common_error
+from insnav.errors.outage.windows import Outage
 from insnav.messages import sentence
 from insnav.quantity import Quantity
 from insnav.report.colours import BLACK, BLUE, GREY, ORANGE, VERMILLION

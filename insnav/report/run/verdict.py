@@ -151,7 +151,7 @@ def _too_sure(found: EvaluatedRun) -> list[str]:
 
 def _light(found: EvaluatedRun, warnings: int) -> tuple[Light, str]:
     shares = [share for each in found.errors_on_clock.values() if (share := inside(each)) is not None]
-    diverged = any(of_code(found.run.events, Code.DIVERGED))
+    diverged = any(of_code(found.run.events, Code.FILTER_DIVERGED))
     epochs = max((len(each.time) for each in found.errors_on_clock.values()), default=0)
     if 0 < epochs < FEW:
         return "unknown", f"the reference has {epochs} epoch{'s' * (epochs > 1)} within the drive, which tell little"

@@ -127,7 +127,7 @@ def plan_metadata(plan: Plan) -> dict[str, Any]:
     model = (
         {"name": IDEAL}
         if plan.imu is None
-        else section_facts([imu_model(plan.imu, Finding.of(Code.MODEL_SIMULATED))])["imu_model"]
+        else section_facts([imu_model(plan.imu, Finding.of(Code.IMU_MODEL_SIMULATED))])["imu_model"]
     )
     faults = plan.configuration.get("fault", [])
     return {"configuration": plan.configuration, "seed": plan.seed, "imu_model": model, "faults": faults}
