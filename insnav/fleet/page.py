@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from insnav.findings import Finding
+from insnav.findings import Finding, Severity
 from insnav.fleet.batch import DRIVES, Navigated
+from insnav.messages import render
 from insnav.output.folder import RunFolder
 from insnav.plain_text import cell_text
 from insnav.quantity import Quantity, quantity_of
@@ -114,8 +115,10 @@ def _row(drive: Navigated) -> Row:
     found = {key: _at(facts, path) for key, path, _, _ in _FIGURES}
     verdict = facts.get("verdict") or {}
     light, reason = verdict.get("light", "unknown"), verdict.get("reason", "")
-    if light == "attention" and facts.get("warnings"):
-        reason += f" ({facts['warnings'][0]})"
+    findings = map(Finding.from_dict, facts.get("findings", ()))
+    first = next((each for each in findings if each.severity is Severity.WARNING), None)
+    if light == "attention" and first is not None:
+        reason += f" ({render(first).title})"
     return Row(
         drive,
         light if drive.failed is None else "bad",

@@ -9,15 +9,16 @@ from insnav.engine import Failed
 from insnav.findings import Code, Finding
 from insnav.fleet.batch import Navigated
 from insnav.fleet.page import OUTLIER, fleet_page, modified_z, rows_of, vehicle_noise
-from insnav.messages import sentence
+from insnav.messages import render, sentence
 
 HALF = 1.3  # factor of the ends of the intervals
+FALSE = Finding.of(Code.RUN_MANY_REJECTED, subject="gps", share=0.2)
 
 
 def drive(number: int, error: float, noise: float = 0.2, *, vehicle: str = "", light: str = "good") -> Navigated:
     facts = {
         "verdict": {"light": light, "reason": "1 warning"},
-        "warnings": ["a fix is false"],
+        "findings": [Finding.of(Code.GPS_DETECTABLE).as_dict(), FALSE.as_dict()],
         "accuracy": {"all": {"horizontal_m": {"rms": error}}},
         "fixes": {"position": {"processed": 100, "rejected": 1, "nis_mean_per_axis": 1.0 + 0.01 * number}},
         "noise": {
@@ -49,15 +50,16 @@ def test_failures_and_outliers_come_first():
     rows = rows_of(drives)
     assert [row.drive.name for row in rows[:3]] == ["lost", "d13", "d12"]
     assert [row.drive.name for row in rows if row.stands_out] == ["d12"]
-    assert rows[1].reason == "1 warning (a fix is false)"
+    assert rows[1].reason == f"1 warning ({render(FALSE).title})"
     assert rows[2].stands_out == "horizontal error RMS"
     left_out = Finding.of(Code.BATCH_NO_RECORDING, subject="photo.dat", reason="no table")
     page = fleet_page(rows, [left_out])
     assert page.verdict is not None
     assert page.verdict.light == "bad"
     assert page.verdict.reason == "1 of 15 drives failed or are not to be relied on"
+    assert page.findings == (left_out,)
     assert page.notes == (sentence(left_out),)
-    assert "photo.dat, which is no recording: no table" in page.notes[0]
+    assert "photo.dat" in page.notes[0]
 
 
 def test_noise_of_a_vehicle_is_the_weighted_mean_of_its_drives():
