@@ -87,9 +87,9 @@ def render(finding: Finding, lang: str | None = None, at: At | None = None) -> M
     Message
     """
     lang = lang or language()
-    if text := finding.get("text"):  # of a folder that an earlier version wrote
-        return Message(catalogue(lang)[Code.STORED_TEXT.value]["title"], text)
     entry = catalogue(lang)[finding.code.value]
+    if text := finding.get("text"):  # of a folder that an earlier version wrote
+        return Message(entry["title"], text)
     parts = {
         part: _filled(entry[part], finding, lang, at or partial(moment, lang=lang)) for part in PARTS if part in entry
     }

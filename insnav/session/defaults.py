@@ -15,6 +15,7 @@ from insnav.filter.prepare import DELAY_SD, first_stationary
 from insnav.findings import Code, Finding
 from insnav.imu import identify, load_imu
 from insnav.imu.imu_file import part_of
+from insnav.imu.noise_density import white_noise
 from insnav.imu.presets import PRESETS
 from insnav.imu.specification import ImuSpec
 from insnav.input import Reading
@@ -58,7 +59,9 @@ def imu_from_rest(imu: ImuData, rest: tuple[float, float] | None) -> tuple[ImuSp
         spec = load_imu("consumer")
         return spec, Finding.of(Code.IMU_MODEL_ASSUMED, limit_s=SHORTEST_REST, preset=spec.name)
     spec, _ = identify(imu, *rest)
-    return spec, Finding.of(Code.IMU_MODEL_FROM_REST, *rest, preset=spec.name)
+    gyro, accel = (float(np.max(density)) for density in white_noise(imu, *rest))
+    noise = {"gyro_noise_rad_sqrt_s": gyro, "accel_noise_m_s_sqrt_s": accel}
+    return spec, Finding.of(Code.IMU_MODEL_FROM_REST, *rest, **noise, preset=spec.name)
 
 
 def stationary_part(imu: ImuData, fixes: GpsData | None, inputs: Inputs) -> tuple[float, float] | None:

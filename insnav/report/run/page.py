@@ -12,7 +12,7 @@ import numpy as np
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import TrajectoryErrors
 from insnav.exceptions import InputError
-from insnav.findings import Code, Severity, is_shown
+from insnav.findings import OF_RESULTS, Code, Severity, is_shown
 from insnav.imu.imu_file import to_toml
 from insnav.output import solution_tables
 from insnav.output.data_files import write_table
@@ -182,7 +182,7 @@ def read_found(folder: Path) -> EvaluatedRun:
         solution_tables.read_solution(folder),
         solution_tables.read_run_table(folder, Innovations),
         sensor_errors,
-        solution_tables.read_events(folder),
+        tuple(each for each in solution_tables.read_events(folder) if each.code not in OF_RESULTS),
         alignment,
         epochs,
         fixes["delay_s"],
