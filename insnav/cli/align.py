@@ -22,9 +22,12 @@ def align(
     if data.gps is None and data.inputs.get("lat") is None:
         raise ConfigError("nothing tells the latitude", where="--lat", fix="give it, or fixes with --gps")
     with working(out, force) as (folder, stage):
-        outcome = data.load(stage).align()
-        for text in outcome.findings:
-            note(sentence(text))
+        drive = data.load(stage)
+        outcome = drive.align()
+        read = {event for reading in drive.readings.given().values() for event in reading.events}
+        for finding in outcome.findings:
+            if finding not in read and finding is not drive.imu_chosen:  # of these the table and -v tell
+                note(sentence(finding))
         outcome, where = data.save(outcome, folder, stage)
     if as_json:
         result_facts(where)

@@ -18,6 +18,7 @@ from insnav.cli import parse
 from insnav.cli.console import Stages, detail, note, quiet_figures
 from insnav.cli.options import FILES, argument, option
 from insnav.exceptions import OutputError
+from insnav.findings import Code
 from insnav.messages import sentence
 from insnav.session.inputs import INPUTS, LOGS, Input, Inputs
 
@@ -209,13 +210,10 @@ def _option_of(word: str) -> str:
 
 def say_reading(facts: ReadingFacts) -> None:
     """Log what was read and how it was understood, without what goes without saying."""
-    from insnav.findings import Code
-    from insnav.messages import sentence
-
     head, *_ = facts.lines()
     renamed = _renamed(facts.columns)
     columns = [f"columns: {renamed}; the others by their names"] if renamed else []
-    new = (each for each in facts.evidence if getattr(each, "code", None) != Code.UNITS_STATED)
+    new = (each for each in facts.evidence if each.code != Code.UNITS_STATED)
     detail(head, *columns, *map(sentence, new))
 
 

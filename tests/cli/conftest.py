@@ -7,12 +7,16 @@ import os
 import shutil
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+
+from insnav.findings import Code, Finding, Severity
+from insnav.messages import sentence
 
 ROOT = Path(__file__).parents[2]
 SAMPLE = ROOT / "trajectories" / "sample"
@@ -29,6 +33,22 @@ class Outcome:
 
 
 Cli = Callable[..., Outcome]
+
+
+def findings_of(facts: Mapping[str, Any], *codes: Code, least: Severity = Severity.NOTE) -> list[Finding]:
+    """Findings of a ``run.json``: those of some codes, if any is given, and of at least a severity."""
+    every = map(Finding.from_dict, facts["findings"])
+    return [each for each in every if each.severity >= least and (not codes or each.code in codes)]
+
+
+def warnings_of(facts: Mapping[str, Any]) -> list[Finding]:
+    """What a user must not overlook."""
+    return findings_of(facts, least=Severity.WARNING)
+
+
+def says(text: str, finding: Finding) -> bool:
+    """Whether a text holds a finding without times of its own, however its lines are wrapped."""
+    return "".join(sentence(finding).split()) in "".join(text.split())
 
 
 @pytest.fixture(autouse=True)

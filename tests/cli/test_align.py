@@ -8,8 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from insnav.findings import Code, Finding
+from insnav.messages import render
 from insnav.output.folder import read_facts
-from tests.cli.conftest import AT_REST, Cli
+from insnav.units import DEG
+from tests.cli.conftest import AT_REST, Cli, findings_of, says, warnings_of
 from tests.input.files import IMU_HEADER, rolling, write
 
 HERE = ("--lat", AT_REST["lat"], "--height", 500)
@@ -33,7 +36,7 @@ def test_the_summary_says_what_was_found_and_how_well(at_rest: Path, cli: Cli):
     assert [line[:12].strip() for line in lines] == ["static", "coarse", "", "fine", "", "latitude", "files"]
     assert lines[0].endswith("600.0 s long")
     assert re.search(r"heading (39|40)\.\d+ ± 0\.\d+ deg", lines[2])
-    assert "(gyrocompass)" in lines[2]
+    assert f"({render(Finding.of(Code.ALIGN_HEADING_GYROCOMPASS)).title})" in lines[2]
     assert "from the sensors alone" in lines[5]
     assert max(map(len, lines)) <= 110
 
@@ -50,10 +53,12 @@ def test_a_heading_that_cannot_be_found_is_not_made_up(at_rest: Path, cli: Cli):
 
 def test_a_latitude_that_the_gyros_contradict_is_warned_of(at_rest: Path, cli: Cli):
     shown = cli("align", "static.csv", "--lat", AT_REST["lat"] - 10, "--imu", "navigation")
-    assert "The latitude from the gyros differs from" in shown.out
     facts = read_facts(Path("alignment"))
     assert facts["fine"] is None
-    assert facts["warnings"]
+    (warning,) = warnings_of(facts)
+    assert warning.code is Code.ALIGN_LATITUDE
+    assert warning["off_rad"] == pytest.approx(10.0 * DEG, abs=0.5 * DEG)
+    assert says(shown.out, warning)
     heading, sd = facts["coarse"]["heading_deg"], facts["coarse"]["heading_sd_deg"]
     assert sd is None or (sd > 5.0 and heading == pytest.approx(AT_REST["heading"], abs=3 * sd))
 
@@ -99,5 +104,6 @@ def test_a_short_rest_is_pointed_out(drive: Path, cli: Cli):
     Path("brief.csv").write_text("\n".join([lines[0], *lines[6600:]]) + "\n")
     shown = cli("align", "brief.csv", "--lat", "48", "--imu", "automotive")
     assert shown.code == 0, shown.err
-    assert "only" in shown.err
-    assert "--static FROM:TO" in shown.err
+    (short,) = findings_of(read_facts(Path("alignment")), Code.ALIGN_SHORT_REST)
+    assert short["duration_s"] == pytest.approx(5.0, abs=0.1)
+    assert says(shown.err, short)

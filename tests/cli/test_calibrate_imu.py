@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from insnav.findings import Code, Severity
 from insnav.imu import corrupt, load_calibration
 from insnav.output.folder import read_facts, verify_folder
 from insnav.types import ImuData
 from insnav.units import DEG
-from tests.cli.conftest import QUICK, Cli
+from tests.cli.conftest import QUICK, Cli, findings_of, says
 from tests.lab.sweeps import asymmetric, cubic, gyros, straight, write
 
 
@@ -79,7 +80,11 @@ def test_an_intercept_set_by_hand_and_its_effect(bench: Path, cli: Cli) -> None:
     shown = cli("calibrate", "imu", *FILES, "--intercept", f"x1={given}", "--out", "hand")
     assert shown.code == 0, shown.err
     assert "Set by hand" in shown.out
-    assert any("--intercept x1" in text for text in read_facts(Path("hand"))["warnings"])
+    (harm,) = findings_of(read_facts(Path("hand")), Code.BENCH_INTERCEPT)
+    assert harm.severity is Severity.WARNING
+    assert harm.subject == "x1"
+    assert harm["after_rad_s"] > harm["before_rad_s"]
+    assert says(shown.out, harm)
     change = json.loads(Path("hand/run.json").read_text())["adjusted"]["x1"]
     assert change["given_deg_s"] - change["found_deg_s"] == pytest.approx(0.02, abs=1e-6)
     assert change["after_deg_s"] > change["before_deg_s"]

@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from insnav.findings import Code
+from insnav.messages import sentence
 from insnav.output.folder import read_facts
-from tests.cli.conftest import Cli
+from tests.cli.conftest import Cli, says, warnings_of
 
 GIVEN = ("--fall-mass", 0.06, "--radius", 0.0225, "--mass", 0.05, "--arm", 0.25)
 
@@ -58,11 +60,13 @@ def test_weights_of_a_column_are_one_regression_over_spin_and_torque(bench: Path
 def test_a_wrong_mass_shows_as_disagreement(bench: Path, cli: Cli) -> None:
     shown = cli("calibrate", "rotor", "fall.csv", "turn.csv", *GIVEN[:5], 0.055, *GIVEN[6:])
     assert shown.code == 0, shown.err
-    assert "The methods disagree" in shown.out
     facts = read_facts(Path("calibration"))
     assert facts["agree"] is False
     assert facts["mean_kg_m2"] is None
-    assert facts["warnings"][0] in facts["summary"]
+    disagree = warnings_of(facts)[0]
+    assert disagree.code is Code.ROTOR_DISAGREE
+    assert sentence(disagree) in facts["summary"]
+    assert says(shown.out, disagree)
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 
-from tests.cli.conftest import Cli
+from insnav.findings import Code, Finding, Severity
+from insnav.imu.library import find_part
+from tests.cli.conftest import Cli, findings_of, says
 
 
 def test_all_parts_and_their_json(cli: Cli) -> None:
@@ -22,7 +24,10 @@ def test_a_part_shows_its_documents_and_what_is_missing(cli: Cli) -> None:
     shown = cli("imus", "hg 9900")
     assert shown.code == 0
     assert "N61-1638-000-000" in shown.out
-    assert "gives gyro.bias_instability" in shown.out
+    part = find_part("HG9900")
+    assert part is not None
+    assert says(shown.out, Finding.of(Code.IMUS_MISSING, subject="HG9900", terms=part.missing))
+    assert "gyro.bias_instability" in part.missing
 
 
 def test_an_unknown_part_is_refused(cli: Cli) -> None:
@@ -34,4 +39,6 @@ def test_an_unknown_part_is_refused(cli: Cli) -> None:
 def test_a_budget_of_a_part(cli: Cli, tmp_path) -> None:
     shown = cli("budget", "--imu", "LN-200", "--times", "10", "--out", str(tmp_path / "b"), "--json")
     assert shown.code == 0
-    assert "gyro.misalignment" in json.loads(shown.out)["warnings"][0]
+    (absent,) = findings_of(json.loads(shown.out), Code.BUDGET_ABSENT)
+    assert absent.severity is Severity.WARNING
+    assert "gyro.misalignment" in absent["terms"]
