@@ -158,6 +158,13 @@ def test_texts_hold_values_as_they_are_asked_to(monkeypatch: pytest.MonkeyPatch)
     assert str(message) == message.text + message.done  # such sentences stand side by side
 
 
+def test_each_of_several_words_is_translated():
+    finding = Finding.of(Code.BENCH_FEW, subject="gyro x, accel y (a.csv)", count=3, limit_count=6, what="poses")
+    assert "x 轴陀螺、y 轴加速度计 (a.csv)" in render(finding, "zh").text
+    assert "gyro x, accel y (a.csv)" in render(finding, "en").text
+    assert "x 轴陀螺、other" in render(Finding.of(Code.CHECK_COARSE, sensors=("gyro x", "other")), "zh").text
+
+
 def test_severities_rise():
     assert Severity.NOTE < Severity.ASSUMPTION < Severity.WARNING < Severity.UNUSABLE
 

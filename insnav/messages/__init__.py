@@ -11,9 +11,9 @@ An entry of ``<language>.toml`` stands under the code of `insnav.findings.Code` 
 A text holds values by name in braces, with a format: ``{delay_s:.3f s}`` (format, then the unit to convert to from SI),
 ``{count:count fix|fixes}`` (number and noun), ``{count:plural fix|fixes}`` (noun alone), ``{delay_s:sign late|early}``
 (first word unless negative), ``{delay_s:abs .3f s}`` (without the sign), ``{axis:word}`` (a word of the table
-``[words]``), ``{begin:moment}`` and ``{span}`` (times of the record). ``{subject}`` is the subject. A part in double
-square brackets is left out where one of its values is missing or not finite: ``[[ ± {delay_sd_s:.3f s}]]``. The table
-``[form]`` says how a language joins sentences, lists and the two ends of a span.
+``[words]``, or several), ``{begin:moment}`` and ``{span}`` (times of the record). ``{subject}`` is the subject. A part
+in double square brackets is left out where one of its values is missing or not finite: ``[[ ± {delay_sd_s:.3f s}]]``.
+The table ``[form]`` says how a language joins sentences, lists and the two ends of a span.
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ def _shown(value: Any, spec: str, lang: str, at: At) -> str:
         case "moment":
             return at(value, value)
         case "word":
-            return str(catalogue(lang)["words"].get(value, value))
+            return _word(value, lang)
         case "count":
             return f"{value:g} {first if value == 1 else second}"
         case "plural":
@@ -150,6 +150,15 @@ def _shown(value: Any, spec: str, lang: str, at: At) -> str:
         parts = [_number(each, verb, rest) for each in value]
         return form("list", lang).join(parts) + _unit(rest)
     return _number(value, verb, rest) + _unit(rest)
+
+
+def _word(value: Any, lang: str) -> str:
+    """Write a word of the table, or each of several, also where the name of a file follows: ``gyro x (rates.csv)``."""
+    words = catalogue(lang)["words"]
+    if not isinstance(value, tuple) and value in words:
+        return str(words[value])
+    parts = [str(each).partition(" (") for each in (value if isinstance(value, tuple) else str(value).split(", "))]
+    return form("list", lang).join(f"{words.get(name, name)}{bracket}{rest}" for name, bracket, rest in parts)
 
 
 def _number(value: float | str, spec: str, unit: str) -> str:
