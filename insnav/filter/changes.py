@@ -46,22 +46,26 @@ SIZES = {
     NAV: ("gyro", "rate_rad_s"),
     NAV + 3: ("accel", "acceleration_m_s2"),
 }
-DRIFT, SEVERAL = -1, -2  # instead of a first state: positions that drift away, several changes of the attitude
-IMU_CHANGED = {
+DRIFT, SEVERAL = "drift", "several"  # instead of a first state: positions drift away, the attitude changes often
+IMU_CHANGED: dict[int | str, Code] = {
     VELOCITY: Code.RECORD_VELOCITY_MISSED,
     ATTITUDE: Code.CHANGE_TURNED,
     SEVERAL: Code.CHANGE_ATTITUDE_LOST,
     NAV: Code.CHANGE_GYRO_BIAS,
     NAV + 3: Code.CHANGE_ACCEL_BIAS,
 }
-AMBIGUOUS = {
+AMBIGUOUS: dict[int | str, Code] = {
     VELOCITY: Code.RECORD_VELOCITY_MISSED_AMBIGUOUS,
     ATTITUDE: Code.CHANGE_TURNED_AMBIGUOUS,
     SEVERAL: Code.CHANGE_ATTITUDE_LOST_AMBIGUOUS,
     NAV: Code.CHANGE_GYRO_BIAS_AMBIGUOUS,
     NAV + 3: Code.CHANGE_ACCEL_BIAS_AMBIGUOUS,
 }
-FIXES_CHANGED = {0: Code.RECORD_JUMP, DRIFT: Code.RECORD_DRIFT, VELOCITY: Code.RECORD_VELOCITY_STEP}
+FIXES_CHANGED: dict[int | str, Code] = {
+    0: Code.RECORD_JUMP,
+    DRIFT: Code.RECORD_DRIFT,
+    VELOCITY: Code.RECORD_VELOCITY_STEP,
+}
 
 
 def changes_of(
@@ -277,7 +281,7 @@ def at_an_end(change: StateChange, known: tuple[StateChange, ...]) -> bool:
     return any(abs(each.time - change.time) < AT_END for each in ends)
 
 
-def report_changes(changes: tuple[StateChange, ...], codes: Mapping[int, Code]) -> list[Finding]:
+def report_changes(changes: tuple[StateChange, ...], codes: Mapping[int | str, Code]) -> list[Finding]:
     """Report changes, of the IMU or of the fixes, one finding each; several turns of an IMU are gyros that clip.
 
     `codes`: by first state, `IMU_CHANGED`, `AMBIGUOUS` or `FIXES_CHANGED`.

@@ -29,7 +29,7 @@ from typing import Any
 
 from insnav import plain_text
 from insnav.catalogues import catalogue
-from insnav.findings import Code, Finding
+from insnav.findings import Finding
 from insnav.units import UNITS, shown_unit
 
 LANGUAGES = ("en", "zh")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -60,7 +61,7 @@ def imu_from_rest(imu: ImuData, rest: tuple[float, float] | None) -> tuple[ImuSp
         return spec, Finding.of(Code.IMU_MODEL_ASSUMED, limit_s=SHORTEST_REST, preset=spec.name)
     spec, _ = identify(imu, *rest)
     gyro, accel = (float(np.max(density)) for density in white_noise(imu, *rest))
-    noise = {"gyro_noise_rad_sqrt_s": gyro, "accel_noise_m_s_sqrt_s": accel}
+    noise: dict[str, Any] = {"gyro_noise_rad_sqrt_s": gyro, "accel_noise_m_s_sqrt_s": accel}
     return spec, Finding.of(Code.IMU_MODEL_FROM_REST, *rest, **noise, preset=spec.name)
 
 
