@@ -18,6 +18,7 @@ from insnav.exceptions import ConfigError, InputError, writing
 from insnav.findings import MODEL_CHOICES, Code, Finding, Severity, is_shown, of_code
 from insnav.imu.imu_file import load_imu
 from insnav.input.readers.reading import ReadingFacts
+from insnav.messages import render
 from insnav.output.contents import FACTS_FILE
 from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_events
@@ -118,6 +119,8 @@ def open_folder(folder: Path) -> Result[Any]:
     try:
         inputs = {name: ReadingFacts.from_dict(each) for name, each in facts.get("input", {}).items()}
         stored = tuple(map(Finding.from_dict, facts.get("findings", ()))) or _of_version_0_2(facts)
+        for each in stored:  # one with values missing cannot be put into words
+            render(each)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         fix = "make the run again"
         raise InputError("run.json is damaged", where=str(folder / FACTS_FILE), why=str(error), fix=fix) from error

@@ -225,11 +225,12 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = WIDTH) -> l
     best, *others = rated(found) or [""]
     table = _table({best: page.merits} | {mode: run_merits(found, mode) for mode in others})
     warnings = _listed("warning", page.warnings, _WARNINGS, width)
-    corrections = (sentence(each, at=page.at) for each in of_code(page.findings, *CORRECTIONS))
-    told = "; ".join([*_found(found), *corrections])
+    told = "; ".join(_found(found))
+    corrections = tuple(sentence(each, at=page.at) for each in of_code(page.findings, *CORRECTIONS))
     doubtful = page.verdict is not None and page.verdict.light == "bad" and not _wrong_reference(found.run)
     doubt = " (doubtful, as the run is)" * doubtful
     shown = _rows(f"found{doubt}: {told}", _FOUND, width) if told else []
+    shown += _listed("corrected", corrections, len(CORRECTIONS), width)
     assumed = _listed("assumed", page.assumptions, _ASSUMED - len(shown), width)
     return [*title, *verdict, *table, *warnings, *shown, *assumed]
 
