@@ -1,4 +1,4 @@
-"""Judge a finished run: what makes it worse than it states, and what was taken for granted, most important first.
+"""Assess a finished run: what makes it worse than it states, and what was taken for granted, most important first.
 
 A `insnav.result.Result` holds all findings in this order; pages and the terminal choose from them by severity.
 """
