@@ -96,8 +96,8 @@ ASSUMED_POSITION_SD = frozenset(
 CORRECTIONS = frozenset({Code.GPS_VELOCITY_LAG, Code.IMU_CLOCK_RATE})
 # How an IMU error specification was chosen.
 MODEL_CHOICES = of_families("imu_model") - {Code.IMU_MODEL_KEPT}
-# What a result says of a run and of the data before it: timed or not, no event of the run itself.
-OF_RESULTS = of_families("imu_model", "run")
+# What a result says of its data and of a whole run: no event in it.
+OF_RESULTS = of_families("files", "imu_model", "run")
 # Single rows and fixes: ``events.csv`` lists them, and pages have what follows from them.
 SINGLE = of_families("deweighted", "gate", "rows") | {Code.IMU_SPIKE, Code.GPS_OUTSIDE, Code.FILTER_REPAIR}
 # One warning of a run sums up all of a code.

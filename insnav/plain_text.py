@@ -29,6 +29,11 @@ def cell_text(text: object) -> str:
     return "'" + plain if dangerous else plain
 
 
+def text_of_cell(cell: str) -> str:
+    """Text of a table cell as it was before `cell_text` made it harmless."""
+    return cell[1:] if cell.startswith("'") and cell[1:].lstrip().startswith(_FORMULA) else cell
+
+
 def without_exponents(text: str) -> str:
     """Text with large numbers written out, as people do: 1.9e+02 is 190."""
     return _LARGE.sub(lambda found: f"{float(found[0]):.0f}", text)

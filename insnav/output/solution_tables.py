@@ -22,7 +22,7 @@ from insnav.exceptions import InputError
 from insnav.findings import Finding, by_time
 from insnav.messages import render
 from insnav.output.columns import TEXT_ROWS, Decimals, arrow_table, rounded, write_csv, write_numbers
-from insnav.plain_text import cell_text, plain_text
+from insnav.plain_text import cell_text, plain_text, text_of_cell
 from insnav.quantity import quantity_of
 from insnav.tabular import Tabular, unit_of
 from insnav.types import GpsData, Innovations, SensorErrors, Trajectory
@@ -184,9 +184,9 @@ def read_events(folder: Path) -> tuple[Finding, ...]:
 def _finding_of_row(row: Mapping[str, Any]) -> Finding:
     times = {"from_s": row["time_s"], "to_s": row.get("end_s")}
     if "code" in row:
-        texts = {name: row[name] for name in ("code", "severity", "subject")}
+        texts = {name: text_of_cell(row[name]) for name in ("code", "severity", "subject")}
         return Finding.from_dict(times | texts | {"values": json.loads(row["values"])})
-    values = {"value": row["value"], "limit": row["limit"], "text": row["action"]}
+    values = {"value": row["value"], "limit": row["limit"], "text": text_of_cell(row["action"])}
     return Finding.from_dict(times | {"code": row["kind"], "severity": "note", "values": values})
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import TrajectoryErrors
 from insnav.exceptions import InputError
-from insnav.findings import OF_RESULTS, Code, Severity, is_shown
+from insnav.findings import OF_RESULTS, Code, Finding, Severity, is_shown
 from insnav.imu.imu_file import to_toml
 from insnav.output import solution_tables
 from insnav.output.data_files import write_table
@@ -182,7 +182,7 @@ def read_found(folder: Path) -> EvaluatedRun:
         solution_tables.read_solution(folder),
         solution_tables.read_run_table(folder, Innovations),
         sensor_errors,
-        tuple(each for each in solution_tables.read_events(folder) if each.code not in OF_RESULTS),
+        _events(folder, facts),
         alignment,
         epochs,
         fixes["delay_s"],
@@ -199,6 +199,17 @@ def read_found(folder: Path) -> EvaluatedRun:
     gps = solution_tables.read_run_table(folder, GpsData) if any(folder.glob("fixes.*")) else None
     backdrop = read_backdrop(folder / BACKDROP) if (folder / BACKDROP).is_file() else None
     return EvaluatedRun(run, gps, errors, smoothed_errors, backdrop=backdrop)
+
+
+def _events(folder: Path, facts: Mapping[str, Any]) -> tuple[Finding, ...]:
+    """Events of a run: all that have a time, and warnings that have none, such as those of a reference."""
+    stored = (Finding.from_dict(each) for each in facts.get("findings", ()))
+    untimed = (
+        each
+        for each in stored
+        if not each.timed and each.severity >= Severity.WARNING and each.code is not Code.STORED_TEXT
+    )
+    return tuple(each for each in (*untimed, *solution_tables.read_events(folder)) if each.code not in OF_RESULTS)
 
 
 def _alignment(facts: Mapping[str, Any]) -> Alignment:
