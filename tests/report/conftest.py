@@ -63,14 +63,16 @@ def driven():
 @pytest.fixture(scope="session")
 def navigated(driven):
     run, gps, true = driven
-    return Result(
+    found = EvaluatedRun(run, gps, position_errors(run.solution, true))
+    result = Result(
         "run",
-        EvaluatedRun(run, gps, position_errors(run.solution, true)),
+        found,
         READING,
         {"states": 21, "lever_arm_m": [0.1, -0.3, -0.2]},
         (load_imu("consumer"), stored("nearest to the noise at rest")),
         (stored("heading is not observable before 300 s"),),
     )
+    return judged(result, found)
 
 
 @pytest.fixture(scope="session")

@@ -11,8 +11,9 @@ import pytest
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.outage.gnss_outage import OutageStudy
 from insnav.errors.outage.statistics import outage_growth
+from insnav.errors.run_findings import judged
 from insnav.findings import Code, Finding, Severity
-from insnav.messages import sentence
+from insnav.messages import render, sentence
 from insnav.report.numbers import number
 from insnav.report.page import Page, section_tables
 from insnav.report.run_json import page_facts
@@ -109,12 +110,15 @@ def test_what_a_run_warns_of_is_said(tmp_path: Path, bare):
     lost = Finding.of(Code.ROWS_CUT, 9.0, subject="imu", file="imu.csv")
     run = EvaluatedRun(replace(bare, events=(gyro,), gps_delay=0.34, gps_delay_sd=0.01))
     study = OutageStudy(tuple(windows), tuple(outage_growth(windows)), "the truth", run)
-    made = Result("outage", study, events=(gyro, lost))
-    for page in (made.page(), open_result(made.save(tmp_path / "outage")).page()):
+    made = judged(Result("outage", study, findings=(gyro, lost)), run)
+    again = open_result(made.save(tmp_path / "outage"))
+    assert set(again.findings) == set(made.findings)
+    for page in (made.page(), again.page()):
         late = Finding.of(Code.RUN_LATE_FIXES, subject="gps", delay_s=0.34)
+        assert [each for each in page.findings if each.severity is Severity.WARNING] == [gyro, late, lost]
         assert page.warnings == tuple(map(sentence, (gyro, late, lost)))
         assert page.verdict.light == "attention"
-        assert page.verdict.reason.startswith(page.warnings[0])
+        assert page.verdict.reason == f"{render(gyro).title} (and 2 more)"
 
 
 def test_shares_inside_stand_in_order():

@@ -10,22 +10,35 @@ import pytest
 
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import position_errors
-from insnav.errors.run_findings import in_words, run_assumptions, run_warnings
+from insnav.errors.run_findings import judged, run_warnings
 from insnav.filter.noise_estimate import NoiseFigure
 from insnav.findings import Code, Finding, Severity
 from insnav.imu import load_imu
 from insnav.messages import sentence
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.numbers import number
-from insnav.report.page import Section, Verdict, cell, section_tables
+from insnav.report.page import Page, Section, Verdict, cell, section_tables
 from insnav.report.run.verdict import brief_lines, run_merits
 from insnav.report.series import Clock
 from insnav.report.terminal import WIDTH
+from insnav.result import Result
 from insnav.sample_statistics import rms
-from tests.report.conftest import READING, result_of
+from tests.report.conftest import READING, result_of, stored
 
 WARNING = Severity.WARNING
+ASSUMPTION = Severity.ASSUMPTION
 LINES = 20  # of title 2, verdict 2, table 7, warnings and assumptions; the command adds the files
+
+
+def seen(result: Result, found: EvaluatedRun, **more) -> Page:
+    """Page of a result that found something else."""
+    return judged(replace(result, found=found, **more), found).page()
+
+
+def in_words(findings, time) -> tuple[str, ...]:
+    """Warnings of a run of these times."""
+    clock = Clock.of(time)
+    return Page("", (), (), tuple(findings), at=clock.moment, starts_at=clock.start).warnings
 
 
 def test_a_few_lines_say_what_matters(navigated):
@@ -67,17 +80,17 @@ def test_warnings_count_from_the_start_of_the_run(driven):
     (stuck,) = run_warnings(EvaluatedRun(replace(later, events=(lost,)), gps))
     assert (stuck.code, stuck.severity, stuck.begin, stuck.subject) == (Code.RUN_STUCK, WARNING, 1012.0, "gyro x")
     assert dict(stuck.values) == {"duration_s": 3.0, "count": 1}
-    (said,) = in_words([stuck], Clock.of(later.solution.time))
+    (said,) = in_words([stuck], later.solution.time)
     assert "first at 12.0 s" in said
     assert said.endswith("(times in warnings are from the start)")
     more = (lost, replace(lost, subject="gyro y"), replace(lost, begin=1100.0))
     both = run_warnings(EvaluatedRun(replace(later, events=more), gps))
     sums = [(each.subject, each["duration_s"], each["count"]) for each in both]
     assert sums == [("gyro x", 6.0, 2), ("gyro y", 3.0, 1)]
-    several = in_words(both, Clock.of(later.solution.time))
+    several = in_words(both, later.solution.time)
     assert sum("from the start" in text for text in several) == 1  # the first says it for all
     early = run_warnings(EvaluatedRun(replace(run, events=(replace(lost, begin=12.0),)), gps))
-    assert not any("from the start" in text for text in in_words(early, Clock.of(run.solution.time)))  # begins at zero
+    assert not any("from the start" in text for text in in_words(early, run.solution.time))  # begins at zero
 
 
 @pytest.mark.parametrize(("share", "said"), [(0.2, False), (0.5, True)])
@@ -124,20 +137,20 @@ def test_a_notebook_gets_the_tables(navigated):
 
 def test_a_crowded_and_hostile_run_still_fits(navigated):
     page = navigated.page()
-    noise = tuple(f"\x1b[31mwarning {i} " + "x" * 300 for i in range(50))
-    crowd = replace(page, title="p" * 200, warnings=noise, assumptions=noise)
+    noise = [stored(f"\x1b[31mwarning {i} " + "x" * 300, each) for each in (WARNING, ASSUMPTION) for i in range(50)]
+    crowd = replace(page, title="p" * 200, findings=tuple(noise))
     lines = brief_lines(crowd, navigated.found)
     assert len(lines) <= LINES
     assert max(map(len, lines)) <= WIDTH
     assert not any("\x1b" in line for line in lines)
-    assert any("of 50)" in line for line in lines)
+    assert sum("of 50)" in line for line in lines) == 2
 
 
 def test_the_light_follows_the_harm(driven, navigated):
     assert navigated.page().verdict.light == "good"
     run, gps, true = driven
     few = replace(run, solution=replace(run.solution, sd=0.1 * run.solution.sd))
-    bad = replace(navigated, found=EvaluatedRun(few, gps, position_errors(few.solution, true))).page()
+    bad = seen(navigated, EvaluatedRun(few, gps, position_errors(few.solution, true)))
     assert bad.verdict.light == "bad"
     assert "does not hold" in bad.verdict.sentence
     assert bad.warnings
@@ -180,10 +193,11 @@ def test_a_reference_that_is_late_does_not_condemn_the_solution(driven, navigate
 def test_a_lever_arm_of_zero_is_an_assumption_unless_it_was_given(driven, navigated):
     run, gps, _ = driven
     nothing = replace(run, lever_b=np.zeros(3), lever_sd=np.zeros(3))
-    said = replace(navigated, found=EvaluatedRun(nothing, gps), options={}).page().assumptions[0]
-    assert said == sentence(Finding.of(Code.RUN_LEVER_ZERO))
-    given = replace(navigated, found=EvaluatedRun(nothing, gps), options={"lever_arm": "0,0,0"}).page().assumptions
-    assert not any("lever arm" in text for text in given)
+    zero, plain = Finding.of(Code.RUN_LEVER_ZERO), replace(navigated, findings=())
+    page = seen(plain, EvaluatedRun(nothing, gps), options={})
+    assert page.findings[0] == zero
+    assert page.assumptions[0] == sentence(zero)
+    assert zero not in seen(plain, EvaluatedRun(nothing, gps), options={"lever_arm": "0,0,0"}).findings
 
 
 def test_what_was_not_given_is_said_as_the_drive_shows_it(driven, navigated):
@@ -191,8 +205,8 @@ def test_what_was_not_given_is_said_as_the_drive_shows_it(driven, navigated):
     arm, sd = np.array([1.0, 0.0, -0.5]), np.array([0.1, 0.02, 0.003])
     shown = replace(run, gps_delay=-0.069, gps_delay_sd=0.004, lever_b=arm, lever_sd=sd)
     page = navigated.page()
-    notes = Finding.of(Code.IMU_CLOCK_RATE, rate=292e-6), Finding.of(Code.REF_NOT_FIXED, count=3), "other"
-    lines = brief_lines(page, EvaluatedRun(shown, gps), None, notes)
+    notes = Finding.of(Code.IMU_CLOCK_RATE, rate=292e-6), Finding.of(Code.REF_NOT_FIXED, count=3), stored("other")
+    lines = brief_lines(replace(page, findings=notes), EvaluatedRun(shown, gps), None)
     (said,) = [line for line in lines if line.startswith("found")]
     assert "the fixes are 0.069 ± 0.004 s early; lever arm x, y, z 1.00 ± 0.10, 0.00 ± 0.02, -0.50 ± 0.01 m; " in said
     assert said.endswith(f"; {sentence(notes[0])}")
@@ -209,10 +223,10 @@ def test_what_was_not_given_is_said_as_the_drive_shows_it(driven, navigated):
 
 
 def test_standard_deviations_that_were_assumed_are_listed(navigated):
-    note = Finding.of(Code.STORED_TEXT, severity=Severity.ASSUMPTION, text="600 fixes have an assumed sd")
+    note = stored("600 fixes have an assumed sd", ASSUMPTION)
     doubt = replace(note, severity=WARNING)
-    page = replace(navigated, notes=(note, "another", doubt)).page()
-    assert sentence(note) in page.assumptions
+    page = replace(navigated, findings=(note, stored("another"), doubt)).page()
+    assert page.assumptions == (sentence(note),)
     assert page.notes == ("another",)
     assert page.warnings == (sentence(doubt),)
     assert page.verdict.light == "attention"
@@ -284,14 +298,16 @@ def test_a_heading_that_turns_about_the_course_by_an_impossible_bias_is_lost(dri
 
 
 def test_what_is_assumed_is_told_by_its_severity(bare):
-    notes = [Finding.of(Code.STORED_TEXT, severity=each, text=each.name) for each in Severity]
-    result = result_of(bare, notes=("text", *notes[:2]))
+    notes = [stored(each.name, each) for each in Severity]
     model = load_imu("consumer"), replace(notes[1], subject="model")
-    of_file = replace(READING["imu"], evidence=("text", replace(notes[1], subject="imu"), notes[0]))
-    assumed = run_assumptions(replace(result, inputs={"imu": of_file}, imu_model=model))
-    assert [each.subject for each in assumed] == ["", "model", "imu"]
-    estimated = run_assumptions(replace(result, inputs={}, imu_model=(model[0], notes[0])))
-    assert estimated == (notes[1],)
+    of_file = replace(READING["imu"], evidence=(stored("text"), replace(notes[1], subject="imu"), notes[0]))
+
+    def assumed(**more):
+        found = result_of(bare, findings=(stored("text"), *notes[:2]), **more).findings
+        return [each for each in found if each.severity is ASSUMPTION]
+
+    assert [each.subject for each in assumed(inputs={"imu": of_file}, imu_model=model)] == ["", "model", "imu"]
+    assert assumed(imu_model=(model[0], notes[0])) == [notes[1]]
 
 
 def test_without_velocities_slow_errors_of_positions_are_said_to_be_believed(driven):
@@ -305,8 +321,8 @@ def test_without_velocities_slow_errors_of_positions_are_said_to_be_believed(dri
         (alone, (lasting, filled_in), False),
     )
     for each, notes, said in cases:
-        assumed = run_assumptions(result_of(each, notes=notes))
-        assert [found.code for found in assumed].count(Code.RUN_SLOW_ERRORS) == said
+        slow = [found for found in result_of(each, findings=notes).findings if found.code is Code.RUN_SLOW_ERRORS]
+        assert [found.severity for found in slow] == [ASSUMPTION] * said
 
 
 def test_the_shortest_run_is_summed_up(bare):
