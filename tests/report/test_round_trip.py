@@ -17,10 +17,10 @@ from insnav.report.page import Page
 from insnav.result import Result, open_result
 from tests.report.conftest import READING
 
-FROM_REST = Finding.of(Code.MODEL_FROM_REST, 0.1, 299.9, gyro_noise_rad_sqrt_s=9e-5, preset="consumer")
+FROM_REST = Finding.of(Code.IMU_MODEL_FROM_REST, 0.1, 299.9, gyro_noise_rad_sqrt_s=9e-5, preset="consumer")
 OF_DRIVE = (
     Finding.of(Code.REF_NOT_FIXED, subject="ref", count=3),
-    Finding.of(Code.MODEL_KEPT, subject="imu", model="consumer"),
+    Finding.of(Code.IMU_MODEL_KEPT, subject="imu", model="consumer"),
     replace(FROM_REST, severity=Severity.NOTE),
 )
 OF_RUN = (
@@ -29,11 +29,11 @@ OF_RUN = (
     Finding.of(Code.IMU_STUCK, 12.3456789, 15.4, subject="gyro x", duration_s=3.0543211),
     Finding.of(Code.IMU_STUCK, 112.0, 114.0, subject="gyro x", duration_s=2.0),
     Finding.of(Code.CHANGE_GYRO_BIAS, 200.0, subject="gyro z", rate_rad_s=0.01, sd_rad_s=np.nan),
-    Finding.of(Code.PART, 0.0, 300.0, gap_s=np.nan, limit_s=3.0, number=1),
+    Finding.of(Code.FILTER_PART, 0.0, 300.0, gap_s=np.nan, limit_s=3.0, number=1),
     Finding.of(Code.ALIGN_HEADING_COURSE, 5.0, sd_rad=np.inf),
     Finding.of(Code.RECORD_DRIFT, 139.0, 199.0, subject="gps", distance_m=58.14),
     Finding.of(Code.REF_GEOID, subject="ref", height_m=47.0),
-    Finding.of(Code.DIVERGED, 60.0, 120.0, subject="position", nis=6.0, limit_nis=3.0),
+    Finding.of(Code.FILTER_DIVERGED, 60.0, 120.0, subject="position", nis=6.0, limit_nis=3.0),
     Finding.of(Code.STORED_TEXT, 130.0, subject="=a formula", text="-1 or +1"),
     Finding.of(Code.MOUNTING_DOUBTED, 1.0, subject="imu", count=2),
 )
@@ -54,7 +54,7 @@ def warned(navigated: Result) -> Result:
     solution = navigated.found.run.solution
     lost = replace(solution, sd=solution.sd + np.r_[2000.0, 1500.0, np.zeros(7)])
     run = replace(navigated.found.run, solution=lost, events=(*navigated.found.run.events, *OF_RUN))
-    chosen = Finding.of(Code.MODEL_ESTIMATED, prior="consumer")
+    chosen = Finding.of(Code.IMU_MODEL_ESTIMATED, prior="consumer")
     result = replace(
         navigated,
         found=replace(navigated.found, run=run),
@@ -80,7 +80,7 @@ def test_a_run_with_warnings_has_the_same_findings_again(warned: Result, tmp_pat
     assert lists(again.page()) == lists(warned.page())
     assert again.page().verdict == warned.page().verdict
     assert again.imu_model is not None
-    assert again.imu_model[1].code is Code.MODEL_ESTIMATED
+    assert again.imu_model[1].code is Code.IMU_MODEL_ESTIMATED
     twice = open_result(again.save(tmp_path / "twice", figures="none"))
     assert twice.findings == again.findings
 
