@@ -17,12 +17,13 @@ import pytest
 
 from insnav.cli.batch import _absolute, run_drive
 from insnav.exceptions import CheckError, InputError
-from insnav.findings import Code, Severity, of_code
+from insnav.findings import Code, Finding, Severity, of_code, of_families
 from insnav.fleet.batch import _alone, name_of
 from insnav.fleet.recordings import _with_broken, find_drives
 from insnav.input.formats.registry import open_tables
+from insnav.messages import render
 from tests.cli.conftest import QUICK as RUN
-from tests.cli.conftest import ROOT, Cli
+from tests.cli.conftest import ROOT, Cli, findings_of, says
 
 QUICK = ("--imu", "automotive", "--figures", "none", "--engine", "1")
 
@@ -73,7 +74,7 @@ def test_a_folder_of_drives(drives: Path, drive: Path, cli: Cli):
     facts = json.loads((drives / "fleet" / "run.json").read_text())
     assert facts["kind"] == "fleet"
     assert [each["exit_code"] for each in facts["failures"]] == [3]
-    assert any("photo.dat" in note for note in facts["notes"])
+    assert any(each.subject.endswith("photo.dat") for each in findings_of(facts, *of_families("batch")))
     assert cli("run", *RUN, "--ref", "ref.csv", "--out", "alone").code == 0  # the same run, to the byte
     for name in ("solution.csv", "innovations.csv", "smoothed.csv"):
         assert (drives / "fleet" / "drives" / "van-monday" / name).read_bytes() == (drive / "alone" / name).read_bytes()
@@ -106,7 +107,7 @@ def test_a_drive_with_a_broken_file_is_one_that_failed(name: str, left: int, dri
     first = next(iter(rows.values()))
     assert (first["drive"], first["result"], first["exit_code"]) == ("tuesday", "failed", "3")
     assert ("the file is empty; 0 bytes" if not left else "cut") in first["reason"]
-    assert "tuesday" not in str(json.loads(Path("fleet/run.json").read_text())["notes"])
+    assert "tuesday" not in str(json.loads(Path("fleet/run.json").read_text())["findings"])
 
 
 def test_a_file_behind_an_equals_sign_is_known_as_one(tmp_path: Path):
@@ -175,7 +176,7 @@ def test_a_damaged_result_is_made_again_and_what_is_left_of_it_kept(drives: Path
     assert (place / "solution.csv").read_bytes() == whole
     (aside,) = Path("fleet/drives").glob("friday.aside-*")
     assert (aside / "mine.txt").read_text() == "mine"
-    assert f"moved it to {aside.absolute()}." in again.out
+    assert says(again.out, Finding.of(Code.BATCH_MOVED_ASIDE, subject=str(aside.absolute())))
     (place / "mine.txt").write_text("mine")  # what was added is no damage
     Path("fleet/notes.md").write_text("mine")
     assert "2 of 2" in cli("batch", drives / "car", "--out", "fleet", *QUICK, "--no-smooth").out
@@ -212,12 +213,13 @@ def test_two_batches_do_not_share_a_folder(drives: Path, cli: Cli):
 
 
 def test_an_error_keeps_its_parts(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("insnav.errors.evaluated_run.failure", lambda _: "the filter was lost")
+    lost = Finding.of(Code.RUN_REJECTED, share=0.9, limit_share=0.5)
+    monkeypatch.setattr("insnav.errors.evaluated_run.failure", lambda _: lost)
     out = tmp_path / "lost"
     files = str(drive / "imu.csv"), "--gps", str(drive / "gps.csv"), "--out", str(out)
     with pytest.raises(CheckError, match="not to be used") as raised:
         run_drive([*files, "--imu", "automotive", "--figures", "none"])
-    assert raised.value.why == "the filter was lost"
+    assert raised.value.why == render(lost).text
     assert "insnav check" in raised.value.fix
     assert (out / "run.json").is_file()
 

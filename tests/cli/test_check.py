@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +11,10 @@ import pytest
 from insnav.alignment import Mounting
 from insnav.alignment.clock_offset import ClockOffset
 from insnav.exceptions import InputError
+from insnav.findings import Code, of_code
 from insnav.fleet.recordings import find_drives
 from insnav.input.readers.kinds import open_parts
+from insnav.messages import sentence
 from insnav.report.check.page import page
 from insnav.report.terminal import page_text
 from insnav.session.check import check
@@ -93,7 +94,7 @@ def test_a_folder_that_may_not_be_looked_into_is_no_recording(tmp_path, monkeypa
 
 
 def test_clocks_that_differ_are_spoken_of_only_where_they_do(tmp_path):
-    readings = replace(check([table(tmp_path / "a.csv", samples(IMU_HEADERS))], {}), notes=())
+    readings = replace(check([table(tmp_path / "a.csv", samples(IMU_HEADERS))], {}), findings=())
     for offset, said in ((None, False), (0.002, False), (0.2, True)):
         both = None if offset is None else ClockOffset(offset, 0.025, 0.9, 0.9, 300.0)
         arm = replace(readings.found, offset=both, mounting=Mounting(np.eye(3), 0.1, 9, 0.0, (1, 1, 1), False))
@@ -109,4 +110,9 @@ def test_times_in_what_is_to_be_mended_are_from_the_start(cli, tmp_path):
     later = [f"{float(time) + 5000.0:.3f},{rest}" for time, _, rest in (row.partition(",") for row in rows)]
     imu.write_text("\n".join([head, *later]))
     shown = cli("check", imu).out
-    assert re.search(r"spike.*first .*at\s+(199|200|201)\.\d s from the start", shown)
+    result = check([imu], {})
+    (spike,) = of_code(result.found.problems, Code.CHECK_SPIKES)
+    assert spike["count"] == 1
+    at = spike.begin - result.inputs["imu"].start_s
+    assert at == pytest.approx(200.0, abs=1.5)
+    assert sentence(spike, at=lambda *_: f"{at:.1f} s from the start") in shown

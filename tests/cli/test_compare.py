@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from insnav.findings import Code, Finding, of_families
 from insnav.output.folder import read_facts
-from tests.cli.conftest import QUICK, Cli
+from insnav.units import DEG
+from tests.cli.conftest import QUICK, Cli, findings_of, says
 
 
 @pytest.fixture
@@ -36,11 +38,16 @@ def test_one_line_a_run_with_the_figures_of_the_run_itself(two_runs: Path, cli: 
 
 
 def test_a_reference_that_proves_nothing_or_is_wrong_is_said(two_runs: Path, cli: Cli):
-    assert "has the same positions as the GPS fixes" in cli("compare", "right", "--ref", "gps.csv").out
+    shown = cli("compare", "right", "--ref", "gps.csv")
+    assert says(shown.out, Finding.of(Code.REF_IS_GPS, subject="ref"))
     head, *rows = Path("ref.csv").read_text().splitlines()
     cells = [row.rsplit(",", 1) for row in rows]
     Path("turned.csv").write_text("\n".join([head, *(f"{rest},{float(heading) + 40.0}" for rest, heading in cells)]))
-    assert "headings of the reference" in cli("compare", "right", "--ref", "turned.csv").out
+    shown = cli("compare", "right", "--ref", "turned.csv", "--out", "page")
+    (turned,) = findings_of(read_facts(Path("page")), *of_families("ref"))
+    assert turned.code is Code.REF_HEADING_AXES
+    assert turned["offset_rad"] == pytest.approx(40.0 * DEG, abs=DEG)
+    assert says(shown.out, turned)
     assert "reference" not in cli("compare", "right", "--ref", "ref.csv").out.split("epochs of the reference")[1]
 
 
@@ -51,10 +58,13 @@ def test_a_constant_difference_is_said_as_a_run_says_it(two_runs: Path, cli: Cli
     moved = [[*row[:place], f"{float(row[place]) + 5.0 / 111_000.0:.9f}", *row[place + 1 :]] for row in cells]
     Path("moved.csv").write_text("\n".join([head, *map(",".join, moved)]))
     assert "warning" not in cli("compare", "right", "--ref", "ref.csv").out
-    said = cli("compare", "right", "--ref", "moved.csv").out.partition("constant difference. That is ")[2]
-    assert float(said.split()[0]) == pytest.approx(-5.0, abs=0.2)  # and what the run errs by
-    assert cli("compare", "right", "--ref", "moved.csv", "--out", "page").code == 0
-    assert "Check datum" in read_facts(Path("page"))["warnings"][0]
+    shown = cli("compare", "right", "--ref", "moved.csv", "--out", "page")
+    assert shown.code == 0
+    moved_by = findings_of(read_facts(Path("page")))[0]
+    assert moved_by.code is Code.RUN_OVERCONFIDENT_OFFSET
+    assert moved_by["north_m"] == pytest.approx(-5.0, abs=0.2)  # and what the run errs by
+    assert "warning: " in shown.out
+    assert says(shown.out, moved_by)
 
 
 def test_json_holds_the_same_figures(two_runs: Path, cli: Cli):

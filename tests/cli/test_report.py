@@ -10,9 +10,11 @@ import pandas as pd
 import pytest
 from PIL import Image
 
+from insnav.findings import ASSUMED_POSITION_SD, Code, Severity
 from insnav.output.folder import read_facts, verify_folder
 from insnav.types import FloatArray
-from tests.cli.conftest import Cli
+from insnav.units import DEG
+from tests.cli.conftest import Cli, findings_of
 
 RUN = ("run", "imu.csv", "--gps", "gps.csv", "--imu", "automotive", "--ref", "ref.csv", "--lever-arm", "0.8,-0.3,-1.2")
 
@@ -56,7 +58,7 @@ def test_figures_and_figures_of_merit_are_those_of_the_run(drive: Path, cli: Cli
         for key in keys:
             old, new = old[key], new[key]
         assert new == pytest.approx(old, rel=1e-3), keys
-    for key in ("input", "configuration", "notes", "warnings", "verdict", "events", "aiding"):
+    for key in ("input", "configuration", "findings", "method", "verdict", "events", "aiding"):
         assert again[key] == first[key], key
     old, new = (text.splitlines()[:-1] for text in (made.out, shown.out))
     assert new == old  # all but paths and files
@@ -68,8 +70,9 @@ def test_vector_figures_and_json(drive: Path, cli: Cli):
     gps[[name for name in gps if not name.startswith("sd")]].to_csv("gps.csv", index=False)
     assert cli(*RUN, "--figures", "none").code == 0
     shown = cli("report", "run", "--figures", "svg", "--json")
-    assert any("without position sigma" in text for text in read_facts(Path("run"))["assumptions"])
-    assert read_facts(Path("run_report"))["assumptions"] == read_facts(Path("run"))["assumptions"]
+    (assumed,) = findings_of(read_facts(Path("run")), *ASSUMED_POSITION_SD)
+    assert assumed.severity is Severity.ASSUMPTION
+    assert read_facts(Path("run_report"))["findings"] == read_facts(Path("run"))["findings"]
     assert json.loads(shown.out) == read_facts(Path("run_report"))
     assert "figures/position_error.svg" in read_facts(Path("run_report"))["files"]
 
@@ -81,7 +84,7 @@ def test_what_is_no_run_is_refused(drive: Path, cli: Cli):
     assert not Path("report").exists()
 
 
-@pytest.mark.parametrize("wrong", [{"configuration": None}, {"fixes": "x"}, {"notes": 3}])
+@pytest.mark.parametrize("wrong", [{"configuration": None}, {"fixes": "x"}, {"findings": 3}])
 def test_facts_of_another_kind_are_refused(drive: Path, cli: Cli, wrong: dict[str, object]):
     assert cli(*RUN, "--out", "made").code == 0
     facts = read_facts(Path("made"))
@@ -108,4 +111,6 @@ def test_what_was_wrong_with_the_reference_is_said_again(drive: Path, cli: Cli):
     assert cli(*RUN, "--figures", "none").code == 0
     assert cli("report", "run", "--out", "again").code == 0
     for folder in ("run", "again"):
-        assert "headings of the reference are +" in " ".join(read_facts(Path(folder))["warnings"])
+        (turned,) = findings_of(read_facts(Path(folder)), Code.REF_HEADING_AXES)
+        assert turned.severity is Severity.WARNING
+        assert turned["offset_rad"] == pytest.approx(40.0 * DEG, abs=DEG)

@@ -10,9 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from insnav.findings import Code
+from insnav.findings import Code, Severity, of_families
 from insnav.output.folder import read_facts, verify_folder
-from tests.cli.conftest import QUICK, Cli
+from insnav.units import DEG
+from tests.cli.conftest import QUICK, Cli, findings_of, says
 
 WITH_REFERENCE = (*QUICK, "--ref", "ref.csv", "--lever-arm", "0.8,-0.3,-1.2")
 TABLES = [
@@ -20,6 +21,7 @@ TABLES = [
     *("smoothed.csv", "smoothed_biases.csv", "smoothed_errors.csv", "solution.csv", "track.kml"),
 ]
 FIGURES = ["attitude", "biases", "height", "innovations", "track", "uncertainty", "velocity"]
+HEIGHTS = [code for code in of_families("read") if code.startswith("read.height.")]
 ERROR_FIGURES = ["attitude_error", "error_distribution", "position_error", "velocity_error"]
 
 
@@ -61,10 +63,17 @@ def test_the_log_says_how_the_files_were_understood_and_no_more(drive: Path, cli
         "reference",
         "IMU model",
     ]
-    text = " ".join(" ".join(log).split())
-    for words in ("gravity in the quiet stretches is 9.79", "axes taken as FRD", "means over the interval (assumed"):
-        assert words in text
-    assert "heights are above the ellipsoid (assumed; else --gps-height msl)" in text
+    text = " ".join(log)
+    inputs = read_facts(Path("run"))["input"]
+    imu, gps, _ = (findings_of({"findings": each["evidence"]}) for each in inputs.values())
+    shown = [each for each in (*imu, *gps) if each.code is not Code.UNIT_STATED]
+    assert [each.code for each in shown] == [
+        *(Code.ACCEL_UNIT, Code.AXES_ASSUMED, Code.READ_SAMPLING_ASSUMED, Code.READ_HEIGHT_ELLIPSOIDAL_ASSUMED),
+    ]
+    assert shown[0]["gravity_m_s2"] == pytest.approx(9.79, abs=0.005)
+    assert shown[1]["axes"] == "FRD"
+    for each in shown:
+        assert says(text, each)
     assert "columns:" not in text  # every header is the name of its quantity
     assert len(log) <= 20
 
@@ -103,7 +112,7 @@ def test_json_alone_is_on_standard_output_and_is_that_of_the_folder(drive: Path,
             "outages",
         ),
         *("sensor_errors", "alignment", "events", "input", "imu_model", "configuration"),
-        *("verdict", "summary", "warnings", "notes", "assumptions", "files"),
+        *("verdict", "summary", "method", "findings", "files"),
     ]
     assert facts["configuration"]["lever_arm"] == "0.8,-0.3,-1.2"
     assert facts["configuration"]["gps_height"] is None
@@ -160,25 +169,33 @@ def test_a_limit_on_the_error_decides_the_exit_code(drive: Path, cli: Cli):
 
 
 @pytest.mark.parametrize(
-    ("options", "kind", "words"),
+    ("options", "kind", "code"),
     [
-        ((), "ellipsoidal", "(assumed; else --gps-height msl)"),
-        (("--gps-height", "msl"), "msl", "(as given)"),
-        (("--gps-height", "ellipsoidal"), "ellipsoidal", "(as given)"),
+        ((), "ellipsoidal", Code.READ_HEIGHT_ELLIPSOIDAL_ASSUMED),
+        (("--gps-height", "msl"), "msl", Code.READ_HEIGHT_MSL),
+        (("--gps-height", "ellipsoidal"), "ellipsoidal", Code.READ_HEIGHT_ELLIPSOIDAL),
     ],
 )
-def test_what_heights_are_is_passed_on(drive: Path, cli: Cli, options: tuple[str, ...], kind: str, words: str):
+def test_what_heights_are_is_passed_on(drive: Path, cli: Cli, options: tuple[str, ...], kind: str, code: Code):
     shown = cli("run", *QUICK, *options, "-v")
-    assert read_facts(Path("run"))["input"]["gps"]["height"] == kind
-    assert words in " ".join(shown.err.split())
+    facts = read_facts(Path("run"))["input"]["gps"]
+    assert facts["height"] == kind
+    (how,) = findings_of({"findings": facts["evidence"]}, *HEIGHTS)
+    assert how.code is code
+    assert not how.get("column")  # it is given, or assumed
+    assert (how.severity is Severity.ASSUMPTION) == (not options)
+    assert says(shown.err, how)
 
 
 def test_the_header_says_what_heights_are(drive: Path, cli: Cli):
     path = Path("gps.csv")
     path.write_text(path.read_text().replace("height_m", "height_msl_m", 1))
     shown = cli("run", *QUICK, "-v")
-    assert read_facts(Path("run"))["input"]["gps"]["height"] == "msl"
-    assert "by the column's name" in shown.err
+    facts = read_facts(Path("run"))["input"]["gps"]
+    assert facts["height"] == "msl"
+    (how,) = findings_of({"findings": facts["evidence"]}, *HEIGHTS)
+    assert (how.code, how["column"]) == (Code.READ_HEIGHT_MSL, "height_msl_m")
+    assert says(shown.err, how)
 
 
 def test_an_initial_state_replaces_the_alignment(drive: Path, cli: Cli):
@@ -199,8 +216,12 @@ def test_an_initial_state_replaces_the_alignment(drive: Path, cli: Cli):
 def test_a_heading_that_is_wrong_does_not_go_unnoticed(drive: Path, cli: Cli, heading: str | None):
     shown = cli("run", *QUICK, *(("--heading", heading) if heading else ()))
     assert shown.code == 0, shown.err
-    assert ("heading given, 220 deg, contradicts the drive" in " ".join(shown.out.split())) == (heading is not None)
-    assert "rejected many fixes" not in shown.out  # it is not used
+    wrong = findings_of(read_facts(Path("run")), Code.GIVEN_HEADING_REJECTED)
+    assert [round(each["given_rad"] / DEG) for each in wrong] == ([220] if heading else [])
+    for each in wrong:
+        assert each.severity is Severity.WARNING
+        assert says(shown.out, each)
+    assert not findings_of(read_facts(Path("run")), Code.RUN_MANY_REJECTED, Code.RUN_ROW_REJECTED)  # it is not used
 
 
 def test_rate_and_format_of_the_tables(drive: Path, cli: Cli):

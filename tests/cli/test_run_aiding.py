@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from insnav.findings import Code
 from insnav.output.folder import read_facts
-from tests.cli.conftest import QUICK, SAMPLE, Cli
+from tests.cli.conftest import QUICK, SAMPLE, Cli, findings_of, says
 
 ARM = ("--lever-arm", "0.8,-0.3,-1.2")
 
@@ -41,7 +42,8 @@ def test_nhc_is_used_where_the_drive_shows_that_it_holds(tmp_path: Path, cli: Cl
     assert shown.code == 0, shown.err
     assert used(str(tmp_path / "run")) == {"nhc", "zupt"}
     assert any(line.startswith("  nhc ") for line in shown.out.splitlines())
-    assert "IMU in the vehicle: pitch" in shown.out
+    (nhc,) = findings_of(read_facts(tmp_path / "run"), Code.NHC_USED)
+    assert says(shown.out, nhc)
 
 
 def test_a_lever_arm_that_is_only_roughly_known_is_estimated(drive: Path, cli: Cli):
@@ -109,6 +111,7 @@ def test_a_speedometer_of_its_own_clock_and_unit_is_used(tmp_path: Path, cli: Cl
     assert used(str(tmp_path / "run")) == {"nhc", "zupt", "speedometer"}
     facts = read_facts(tmp_path / "run")
     assert facts["input"]["speedometer"]["n_rows"] == len(ref)
-    (note,) = [note for note in facts["notes"] if note.startswith("speedometer:")]
-    assert float(note.partition("lag ")[2].split()[0]) == pytest.approx(-99000.0, abs=0.05)
-    assert float(note.partition("scale ")[2].split()[0]) == pytest.approx(1.0 / 1.05, abs=0.002)
+    (fitted,) = findings_of(facts, Code.ODOMETER_USED)
+    assert fitted.subject == "speedometer"
+    assert fitted["lag_s"] == pytest.approx(-99000.0, abs=0.05)
+    assert fitted["scale"] == pytest.approx(1.0 / 1.05, abs=0.002)
