@@ -39,7 +39,7 @@ def test_one_line_a_run_with_the_figures_of_the_run_itself(two_runs: Path, cli: 
 
 def test_a_reference_that_proves_nothing_or_is_wrong_is_said(two_runs: Path, cli: Cli):
     shown = cli("compare", "right", "--ref", "gps.csv")
-    assert says(shown.out, Finding.of(Code.REF_IS_GPS, subject="ref"))
+    assert says(shown.out, Finding.of(Code.REF_SAME_AS_GPS, subject="ref"))
     head, *rows = Path("ref.csv").read_text().splitlines()
     cells = [row.rsplit(",", 1) for row in rows]
     Path("turned.csv").write_text("\n".join([head, *(f"{rest},{float(heading) + 40.0}" for rest, heading in cells)]))

@@ -66,9 +66,9 @@ def test_the_log_says_how_the_files_were_understood_and_no_more(drive: Path, cli
     text = " ".join(log)
     inputs = read_facts(Path("run"))["input"]
     imu, gps, _ = (findings_of({"findings": each["evidence"]}) for each in inputs.values())
-    shown = [each for each in (*imu, *gps) if each.code is not Code.UNIT_STATED]
+    shown = [each for each in (*imu, *gps) if each.code is not Code.UNITS_STATED]
     assert [each.code for each in shown] == [
-        *(Code.ACCEL_UNIT, Code.AXES_ASSUMED, Code.READ_SAMPLING_ASSUMED, Code.READ_HEIGHT_ELLIPSOIDAL_ASSUMED),
+        *(Code.UNITS_ACCEL, Code.AXES_ASSUMED, Code.READ_IMU_SAMPLING_ASSUMED, Code.READ_HEIGHT_ELLIPSOIDAL_ASSUMED),
     ]
     assert shown[0]["gravity_m_s2"] == pytest.approx(9.79, abs=0.005)
     assert shown[1]["axes"] == "FRD"
