@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from scipy.signal import lfilter
 
-from insnav.session.bench import allan
+from insnav import allan
 from insnav.units import DEG_PER_H, DEG_PER_SQRT_H
 
 rate, hours = 50.0, 2.0
@@ -18,7 +18,7 @@ n = int(hours * 3600 * rate)
 white = 0.3 * DEG_PER_SQRT_H * np.sqrt(rate) * rng.standard_normal(n)
 keep = np.exp(-1.0 / (300.0 * rate))
 in_run = 8.0 * DEG_PER_H * lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], rng.standard_normal(n))
-found = allan(white + in_run, rate=rate)
+found = allan(white + in_run, rate=rate).found
 (model,) = found.models
 for name, each in model.coefficients.items():
     print(f"{name:3} {each.value:.3g}  (95 %: {each.low:.3g} ... {each.high:.3g}), SI units")

@@ -6,11 +6,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from insnav.cli import parse
-from insnav.cli.console import note, result_page, working
+from insnav.cli.console import note_warnings, result_page, working
 from insnav.cli.data_options import READING, Data, takes_data
 from insnav.cli.options import RESULT, START, Force, Json, Out, option
-
-IMU_TOML = "imu.toml"
 
 
 @takes_data(files={}, only=("calibration", *READING))
@@ -29,19 +27,11 @@ def allan(
     with working(out, force) as (folder, stage):
         reading = data.read_imu(stage)
         stage("noise")
-        from insnav.imu import to_toml
-        from insnav.messages import sentence
-        from insnav.report.noise.page import deviations_csv, noise_page
-        from insnav.report.save import write_page
         from insnav.session.bench import allan as analysed
 
-        found = analysed(
+        outcome = analysed(
             reading, taus=wanted, static=span, workers=workers, progress=lambda fraction: stage("noise", fraction)
         )
-        for warning in found.warnings:
-            note(sentence(warning))
-        stage("writing")
-        page = noise_page(found, Path(reading.facts.path).name)
-        texts = {IMU_TOML: to_toml(found.spec), "allan.csv": deviations_csv(found)}
-        where = write_page(folder, page, {"command": "allan", "imu": reading.facts.as_dict()}, texts)
-    result_page(where, page, out, as_json=as_json, more=texts)
+        note_warnings(outcome)
+        outcome, where = data.save(outcome, folder, stage, figures="png")
+    result_page(where, outcome.page(), out, as_json=as_json, more=("imu.toml", "allan.csv"))

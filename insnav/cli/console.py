@@ -141,6 +141,16 @@ def note(text: str) -> None:
         _log(text, "insnav: ")
 
 
+def note_warnings(found: Result[Any]) -> None:
+    """Print the warnings of a result in the log."""
+    from insnav.findings import Severity
+    from insnav.messages import sentence
+
+    for each in found.findings:
+        if each.severity >= Severity.WARNING:
+            note(sentence(each))
+
+
 def detail(text: str, *more: str) -> None:
     """Print one entry of the log with what belongs to it, for those who want to know everything."""
     if level > 0:

@@ -61,7 +61,7 @@ def _of_room(kind: str, name: str) -> Callable[..., Any]:
     """Function of the report room of a kind of result."""
     room = _room(kind)
     if not hasattr(room, name):
-        fix = "runs, outage tests and budgets can; make it again"
+        fix = "runs, outage tests, budgets and results of the laboratory can; make it again"
         raise ConfigError(f"a result of kind {kind} cannot be read again", fix=fix)
     return cast("Callable[..., Any]", getattr(room, name))
 
@@ -112,9 +112,15 @@ def open_folder(folder: Path) -> Result[Any]:
     """Read a saved result again; see `insnav.result.open_result`."""
     facts = read_facts(folder)
     kind = str(facts.get("kind", "run"))
-    known = {"input": dict, "configuration": dict, "findings": list, "fixes": dict, "imu_model": dict}
+    known: dict[str, Any] = {
+        "input": dict,
+        "configuration": dict,
+        "findings": list,
+        "fixes": dict,
+        "imu_model": (dict, list),
+    }
     for name, what in known.items():
-        if not isinstance(facts.get(name, what()), what):
+        if name in facts and not isinstance(facts[name], what):
             raise InputError("run.json is damaged", where=str(folder / FACTS_FILE), why=name, fix="make the run again")
     try:
         inputs = {name: ReadingFacts.from_dict(each) for name, each in facts.get("input", {}).items()}
@@ -127,7 +133,7 @@ def open_folder(folder: Path) -> Result[Any]:
     found = _of_room(kind, "read_found")(folder)
     file, model = folder / "imu.toml", facts.get("imu_model")
     *_, chosen = (None, *of_code(stored, *MODEL_CHOICES))  # what was chosen first may be the prior of an estimate
-    if model and chosen is None:
+    if isinstance(model, dict) and model and chosen is None:
         chosen = Finding.of(Code.STORED_TEXT, text=str(model.get("chosen", "")))
     imu_model = (load_imu(str(file)), chosen) if chosen is not None and file.is_file() else None
     events = read_events(folder) if any(folder.glob("events.*")) else ()

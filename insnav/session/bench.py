@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, cast, overload
@@ -11,6 +11,7 @@ import numpy as np
 
 from insnav.earth import gravity_n
 from insnav.exceptions import ConfigError
+from insnav.findings import Finding
 from insnav.imu import load_calibration
 from insnav.input import Reading
 from insnav.input.formats.table import Table
@@ -23,6 +24,7 @@ from insnav.lab.drift.allan_before_after import DriftStudy, drift_study
 from insnav.lab.navigation_impact import navigation_impact
 from insnav.lab.noise.allan import between
 from insnav.lab.noise.static_noise import SignalNoise, StaticNoise, signal_noise, static_noise
+from insnav.result import Result
 from insnav.session.checked_inputs import checked
 from insnav.session.inputs import Inputs
 from insnav.session.read import is_frame, read_samples, samples_source
@@ -114,7 +116,7 @@ def _sources(files: Any, rate: float | None, counts: bool) -> list[str | Path | 
 
 
 @overload
-def allan(imu: FloatArray, *, rate: float, taus: Taus = ..., workers: int | None = ...) -> SignalNoise: ...
+def allan(imu: FloatArray, *, rate: float, taus: Taus = ..., workers: int | None = ...) -> Result[SignalNoise]: ...
 
 
 @overload
@@ -127,7 +129,7 @@ def allan(
     workers: int | None = ...,
     progress: Callable[[float], None] = ...,
     **inputs: Any,
-) -> StaticNoise: ...
+) -> Result[StaticNoise]: ...
 
 
 def allan(
@@ -139,33 +141,56 @@ def allan(
     workers: int | None = None,
     progress: Callable[[float], None] = lambda fraction: None,
     **inputs: Any,
-) -> StaticNoise | SignalNoise:
-    """Allan deviation and noise coefficients of a stationary IMU, or of plain signals.
+) -> Result[StaticNoise] | Result[SignalNoise]:
+    """Work out the Allan deviation and the noise coefficients of a stationary IMU, or of plain signals.
 
-    `imu`: one array, ``(n,)`` or ``(n, c)``, is a signal with `rate`; anything else an IMU as for `insnav.load`;
-    `rate`: sampling rate of arrays without times [Hz]; `taus`: averaging times [s]; about 90 evenly on the logarithmic
-    axis, or powers of two; `static`: part of the record of an IMU to use [s]; default all; `**inputs`: how to
-    understand the file of an IMU, as in `insnav.session.inputs.Inputs`.
-    Returns: of an IMU with its specification for filters and simulations; of signals in their unit.
-    Raises: ConfigError: averaging times that the record does not hold, or an array without a rate; InputError: the
-    record is too short, or not stationary.
+    Parameters
+    ----------
+    imu : array, path, data frame, arrays or ImuData
+        One array, ``(n,)`` or ``(n, c)``, is a signal with `rate`; anything else an IMU as for `insnav.load`.
+    rate : float, optional
+        Sampling rate of arrays without times [Hz].
+    taus : {"log", "octave"} or sequence of float
+        Averaging times [s]; about 90 evenly on the logarithmic axis, or powers of two.
+    static : (float, float), optional
+        Part of the record of an IMU to use [s]; default all.
+    workers : int, optional
+        Threads; by default as many as there are processors.
+    progress : callable, optional
+        Called with the fraction of the work that is done.
+    **inputs
+        How to understand the file of an IMU, as in `insnav.session.inputs.Inputs`.
+
+    Returns
+    -------
+    Result of StaticNoise, or of SignalNoise
+        Of an IMU with its specification for filters and simulations, ``found.spec``; of signals in their unit.
+
+    Raises
+    ------
+    ConfigError
+        Averaging times that the record does not hold, or an array without a rate.
+    InputError
+        The record is too short, or not stationary.
 
     Examples
     --------
-    >>> noise = allan(np.random.default_rng(1).normal(size=10_000), rate=100.0)
+    >>> noise = allan(np.random.default_rng(1).normal(size=10_000), rate=100.0).found
     >>> round(noise.models[0].coefficients["N"].value, 1)
     0.1
     """
+    options = {"rate": rate, "taus": taus, "static": static, **inputs}
     if isinstance(imu, np.ndarray):
         if rate is None or not rate > 0.0 or imu.ndim not in (1, 2) or len(imu) < 2:
             raise ConfigError("a signal needs a rate", where="rate", fix="give an array (n,) or (n, c) and rate in Hz")
         values = np.asarray(imu, dtype=np.float64).reshape(len(imu), -1)
-        return signal_noise(values, 1.0 / rate, taus, workers=workers, progress=progress)
+        signals = signal_noise(values, 1.0 / rate, taus, workers=workers, progress=progress)
+        return Result("allan", signals, options=options)
     if not isinstance(imu, Reading):
         imu = read_samples(imu, checked(cast("Inputs", inputs | ({} if rate is None else {"rate": rate}))))
     samples: ImuData = imu.data if static is None else between(imu.data, *static)
     name = Path(imu.facts.path).name
-    return static_noise(
+    found = static_noise(
         samples,
         taus,
         name=f"IMU of {name}",
@@ -173,6 +198,12 @@ def allan(
         workers=workers,
         progress=progress,
     )
+    return Result("allan", found, {"imu": imu.facts}, options, findings=_each_once(found.warnings, found.notes))
+
+
+def _each_once(*findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Join findings, each once, in their order."""
+    return tuple(dict.fromkeys(each for some in findings for each in some))
 
 
 def acceptance(

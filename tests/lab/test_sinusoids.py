@@ -9,7 +9,7 @@ from insnav.findings import Code, of_code
 from insnav.lab.noise.allan import allan_deviation
 from insnav.lab.noise.sinusoids import Sinusoid, find_sinusoids
 from insnav.lab.noise.static_noise import signal_noise, static_noise
-from insnav.report.noise.page import noise_page
+from insnav.session.bench import allan
 from insnav.types import ImuData
 from tests.lab.signals import at_rest, noise
 
@@ -109,13 +109,14 @@ def test_the_report_names_it_and_the_imu_file_is_without_it():
     accel = rest.accel + np.column_stack([noise(rng, 30_000, 0.01, N=1e-2) for _ in range(3)])
     quiet = static_noise(ImuData(rest.time, gyro, accel))
     shaken = gyro + line(25.0, 4e-3, 30_000, 0.01)[:, None] * [0.0, 1.0, 0.0]
-    found = static_noise(ImuData(rest.time, shaken, accel))
+    result = allan(ImuData(rest.time, shaken, accel))
+    found = result.found
     (sinusoid,) = of_code(found.warnings, Code.ALLAN_SINUSOID)
     assert sinusoid.subject == "gyro y"
     assert sinusoid["amplitude_rad_s"] == (pytest.approx(4e-3, rel=0.02),)
     assert sinusoid["frequency_hz"] == (pytest.approx(25.0, abs=1e-3),)
     np.testing.assert_allclose(found.spec.gyro.random_walk, quiet.spec.gyro.random_walk, rtol=1e-3)
-    axes = next(section for section in noise_page(found, "x").sections if section.key == "axes")
+    axes = next(section for section in result.page().sections if section.key == "axes")
     sections = {part.key: part for part in axes.parts if part.title}
     items = {item.key: item for item in sections["gyro_y"].items}
     assert items["sinusoid_1"].value == pytest.approx(4e-3, abs=3.0 * items["sinusoid_1"].sd)

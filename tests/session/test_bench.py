@@ -33,13 +33,13 @@ def at_rest(n: int = 20_000) -> ImuData:
 def test_allan_of_a_plain_array() -> None:
     signal = 0.5 * np.random.default_rng(1).normal(size=(50_000, 2))
     signal[:, 1] = 1.0
-    found = allan(signal, rate=100.0, taus=[0.1, 1.0])
+    found = allan(signal, rate=100.0, taus=[0.1, 1.0]).found
     np.testing.assert_allclose(found.allan.tau, [0.1, 1.0])
     model = found.models[0]
     assert model is not None
     assert model.coefficients["N"].value == pytest.approx(0.05, rel=0.02)
     assert found.models[1] is None  # never changes
-    one = allan(signal[:, 0], rate=100.0, taus=[0.1, 1.0])
+    one = allan(signal[:, 0], rate=100.0, taus=[0.1, 1.0]).found
     np.testing.assert_array_equal(one.allan.deviation, found.allan.deviation[:, :1])
 
 
@@ -51,12 +51,12 @@ def test_an_array_needs_a_rate(options: dict) -> None:
 
 def test_allan_of_an_imu_in_memory() -> None:
     imu = at_rest()
-    found = allan(imu, taus=[0.1, 1.0])
-    again = allan((imu.gyro, imu.accel), rate=100.0, taus=[0.1, 1.0])
+    found = allan(imu, taus=[0.1, 1.0]).found
+    again = allan((imu.gyro, imu.accel), rate=100.0, taus=[0.1, 1.0]).found
     np.testing.assert_allclose(again.allan.deviation, found.allan.deviation, rtol=1e-9)
     np.testing.assert_allclose(again.spec.gyro.random_walk, 1e-4, rtol=0.05)
-    part = allan(imu, static=(10.0, 60.0))
-    assert part.record.length == pytest.approx(50.0, abs=0.05)
+    part = allan(imu, static=(10.0, 60.0)).found
+    assert part.allan.length == pytest.approx(50.0, abs=0.05)
 
 
 def test_a_rate_table_in_memory_is_that_of_the_file(tmp_path: Path) -> None:

@@ -61,6 +61,11 @@ class AllanDeviation:
     n: int  # number of samples
     interval: float  # sampling interval [s]
 
+    @property
+    def length(self) -> float:
+        """Length of the record [s]."""
+        return self.interval * self.n
+
 
 def between(imu: ImuData, start: float, end: float) -> ImuData:
     """Cut a part out of a record.

@@ -51,7 +51,6 @@ class SignalNoise:
 class StaticNoise:
     """Noise of six axes."""
 
-    record: EvenRecord  # what was used
     allan: AllanDeviation  # columns gyro x, y, z, accelerometer x, y, z
     models: tuple[NoiseModel | None, ...]  # one for each axis; None for one without any noise
     floors: tuple[Floor | None, ...]  # likewise
@@ -133,7 +132,7 @@ def static_noise(
     floors = tuple(None if m is None else floor_of(found.fitted, i, m) for i, m in enumerate(at_fit))
     spec, notes = imu_spec(found.fitted, at_fit, name, source)
     warnings = (*record.notes, *_of_record(imu, record), *_of_models(found.models, floors, record))
-    return StaticNoise(record, found.allan, found.models, floors, spec, notes, warnings)
+    return StaticNoise(found.allan, found.models, floors, spec, notes, warnings)
 
 
 def _refuse_motion(record: EvenRecord) -> None:

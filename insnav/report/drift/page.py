@@ -13,9 +13,9 @@ from insnav.lab.drift.drift_model import DriftModel
 from insnav.lab.drift.rate_smoothing import P0
 from insnav.output.data_files import csv_text
 from insnav.quantity import Quantity
+from insnav.report.allan.page import noise_quantity
 from insnav.report.calibration.common import quality_rows, quality_section
 from insnav.report.colours import AXIS_COLOURS, BLACK, GREY
-from insnav.report.noise.page import noise_quantity
 from insnav.report.numbers import number
 from insnav.report.page import Page, Section, by_warnings, drawn, only_json
 from insnav.report.panels import Curve, Kind, Panel

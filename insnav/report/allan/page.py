@@ -1,23 +1,35 @@
-"""The noise of a static record as a page with its Allan deviations, and as a table."""
+"""The noise of a static record or of plain signals as a page with its Allan deviations, and as a table."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import cycle
+from pathlib import Path
 
 import numpy as np
 
+from insnav.imu import to_toml
 from insnav.lab.noise.allan import AXES, AllanDeviation
 from insnav.lab.noise.noise_model import NoiseModel
-from insnav.lab.noise.static_noise import StaticNoise
+from insnav.lab.noise.static_noise import SignalNoise, StaticNoise
 from insnav.output.data_files import csv_text
+from insnav.output.folder import RunFolder
+from insnav.output.solution_tables import TableFormat
+from insnav.output.stored import FILE as FOUND
+from insnav.output.stored import read_stored as read_found
+from insnav.output.stored import store
 from insnav.quantity import Quantity, key_suffix
 from insnav.report.colours import AXIS_COLOURS, GREY
-from insnav.report.page import Page, Section, by_warnings, cell, drawn, only_json
+from insnav.report.page import DataFrame, Page, Section, by_warnings, cell, drawn, only_json
 from insnav.report.panels import Curve, Panel
+from insnav.result import Result
 from insnav.types import FloatArray
 from insnav.units import DEG_PER_H, M_S_PER_SQRT_H, UG, UNITS
 
+__all__ = ["frame", "page", "read_found", "write_files"]
+
+IMU_TOML, DEVIATIONS = "imu.toml", "allan.csv"
 _TIMES = (0.01, 0.1, 1.0, 10.0, 100.0, 1000.0, 10000.0)  # of the table of deviations [s]
 _NEAR = 1.3  # a table entry stands for times this near
 
@@ -75,30 +87,84 @@ def noise_quantity(
     return Quantity(key, value, units[0 if gyro else 1][1 if si else 0], sd, interval, label)
 
 
-def noise_page(found: StaticNoise, name: str) -> Page:
-    """Report the noise of a static record."""
-    record, tau, findings = found.record, found.allan.tau, (*found.warnings, *found.notes)
+def page(result: Result[StaticNoise | SignalNoise]) -> Page:
+    """Lay out the noise of a static record or of signals."""
+    found = result.found
+    if isinstance(found, SignalNoise):
+        return _signal_page(found)
+    allan, facts = found.allan, result.inputs["imu"]
+    name = Path(facts.path).name
     axes = [_axis(found, column) for column in range(6)]
     named = (_sizes(found, term, gyro=gyro) for gyro in (True, False) for term in ("N", "B", "K"))
     return Page(
         f"Noise of {name}",
+        (_extent(allan),),
         (
-            f"{record.length:.6g} s at {1.0 / record.interval:.6g} Hz, {len(tau)} averaging times from {tau[0]:.3g} to "
-            f"{tau[-1]:.4g} s",
-        ),
-        (
-            drawn("allan", f"Allan deviation of {name}", allan_panels(found.allan, found.models), NOTE),
-            only_json("", Quantity("length", record.length, "s"), Quantity("interval", record.interval, "s")),
+            only_json("", Quantity("command", "allan"), Quantity("imu", facts.as_dict())),
+            drawn("allan", f"Allan deviation of {name}", allan_panels(allan, found.models), NOTE),
+            only_json("", Quantity("length", allan.length, "s"), Quantity("interval", allan.interval, "s")),
             Section("axes", parts=tuple(part for parts in axes for part in parts)),
             Section("deviations", "Allan deviation", rows=_deviations(found)),
             _filter_figures(found),
         ),
-        findings,
+        result.findings,
         ASSUMPTIONS,
-        verdict=by_warnings(_sentence(found), findings, ("good", "noise models follow the Allan deviation")),
+        verdict=by_warnings(_sentence(found), result.findings, ("good", "noise models follow the Allan deviation")),
         merits=tuple(each for each in named if each is not None),
         merits_note="medians of the three axes; N, B, K: IEEE Std 952",
     )
+
+
+def _extent(allan: AllanDeviation) -> str:
+    tau = allan.tau
+    return (
+        f"{allan.length:.6g} s at {1.0 / allan.interval:.6g} Hz, {len(tau)} averaging times from {tau[0]:.3g} to "
+        f"{tau[-1]:.4g} s"
+    )
+
+
+def _signal_page(found: SignalNoise) -> Page:
+    """Report the noise of signals, in whatever unit they have."""
+    allan, sections = found.allan, []
+    for i, (model, (key, _)) in enumerate(zip(found.models, _columns(found), strict=True), start=1):
+        if model is None:
+            sections.append(only_json("", Quantity(key, None)))
+            continue
+        items = tuple(
+            replace(noise_quantity(term, each.value, each.sd, (each.low, each.high)), unit="")
+            for term, each in model.coefficients.items()
+        )
+        sections.append(Section(key, f"Noise coefficients of signal {i}", (*items, *_of_model(model, ""))))
+    return Page(
+        "Noise of signals",
+        (_extent(allan),),
+        (
+            drawn("allan", "Allan deviation of signals", _signal_panel(found), NOTE),
+            only_json("", Quantity("length", allan.length, "s"), Quantity("interval", allan.interval, "s")),
+            Section("signals", parts=tuple(sections), note="in the unit of the signal and SI"),
+        ),
+        method=ASSUMPTIONS,
+    )
+
+
+def write_files(result: Result[StaticNoise | SignalNoise], folder: RunFolder, table_format: TableFormat) -> None:
+    """Write the deviations, the IMU model, and everything that was found, to be read again.
+
+    `folder`: entered, not committed; `table_format` {"csv", "parquet"}: of further tables, of which there are none.
+    """
+    found = result.found
+    store(found, folder.path(FOUND))
+    texts = {DEVIATIONS: csv_text(_table(found), digits=9)}
+    texts |= {IMU_TOML: to_toml(found.spec)} if isinstance(found, StaticNoise) else {}
+    for name, text in texts.items():
+        folder.path(name).write_text(text, encoding="utf-8", newline="\n")
+
+
+def frame(result: Result[StaticNoise | SignalNoise]) -> DataFrame:
+    """Give the deviations with their intervals as a table, one row for each averaging time."""
+    import pandas as pd
+
+    return pd.DataFrame(_table(result.found))
 
 
 def _sizes(found: StaticNoise, term: str, *, gyro: bool) -> Quantity | None:
@@ -133,13 +199,7 @@ def _axis(found: StaticNoise, column: int) -> tuple[Section, ...]:
         noise_quantity(term, each.value, each.sd, (each.low, each.high), gyro=gyro)
         for term, each in model.coefficients.items()
     ]
-    if np.isfinite(model.correlation_time):
-        items.append(Quantity("correlation_time", model.correlation_time, "s", model.correlation_time_sd))
-    for i, line in enumerate(model.sinusoids, start=1):
-        items += [
-            Quantity(f"sinusoid_{i}", line.amplitude, size, line.amplitude_sd, meaning=f"sinusoid {i}, amplitude"),
-            Quantity(f"sinusoid_{i}_frequency", line.frequency, "Hz", line.frequency_sd, meaning=f"sinusoid {i} at"),
-        ]
+    items += _of_model(model, size)
     items += [
         Quantity("floor", floor.value, size, meaning="lowest deviation"),
         Quantity("floor_tau", floor.tau, "s", meaning="at averaging time"),
@@ -147,6 +207,15 @@ def _axis(found: StaticNoise, column: int) -> tuple[Section, ...]:
     ]
     si = (noise_quantity(term, each.value, gyro=gyro, si=True) for term, each in model.coefficients.items())
     return Section(key, f"Noise coefficients of {AXES[column]}", tuple(items)), only_json(key, *si)
+
+
+def _of_model(model: NoiseModel, unit: str) -> Iterator[Quantity]:
+    """What a model has besides its coefficients: correlation time and sinusoids, their amplitudes in `unit`."""
+    if np.isfinite(model.correlation_time):
+        yield Quantity("correlation_time", model.correlation_time, "s", model.correlation_time_sd)
+    for i, line in enumerate(model.sinusoids, start=1):
+        yield Quantity(f"sinusoid_{i}", line.amplitude, unit, line.amplitude_sd, meaning=f"sinusoid {i}, amplitude")
+        yield Quantity(f"sinusoid_{i}_frequency", line.frequency, "Hz", line.frequency_sd, meaning=f"sinusoid {i} at")
 
 
 def _deviations(found: StaticNoise) -> tuple[tuple[Quantity, ...], ...]:
@@ -183,12 +252,18 @@ def _filter_figures(found: StaticNoise) -> Section:
     )
 
 
-def deviations_csv(found: StaticNoise) -> str:
-    """Write the deviations with their intervals as text of a table, one row for each averaging time."""
+def _columns(found: StaticNoise | SignalNoise) -> list[tuple[str, str]]:
+    """Name and unit of every column of deviations."""
+    if isinstance(found, StaticNoise):
+        return [(axis.replace(" ", "_"), "deg/h" if i < 3 else "ug") for i, axis in enumerate(AXES)]
+    return [(f"signal_{i + 1}", "") for i in range(len(found.models))]
+
+
+def _table(found: StaticNoise | SignalNoise) -> dict[str, FloatArray]:
+    """Deviations with their intervals, units in the names."""
     columns = {"tau_s": found.allan.tau}
-    for i, (axis, model) in enumerate(zip(AXES, found.models, strict=True)):
-        name, unit = axis.replace(" ", "_"), "deg/h" if i < 3 else "ug"
-        end, factor = key_suffix(unit), UNITS[unit][1]
+    for i, ((name, unit), model) in enumerate(zip(_columns(found), found.models, strict=True)):
+        end, factor = key_suffix(unit), UNITS[unit][1] if unit else 1.0
         columns[f"{name}{end}"] = found.allan.deviation[:, i] / factor
         if model is not None:
             columns |= {
@@ -197,7 +272,7 @@ def deviations_csv(found: StaticNoise) -> str:
                 f"{name}_model{end}": np.sqrt(model.variance) / factor,
                 f"{name}_freedom": model.freedom,
             }
-    return csv_text(columns, digits=9)
+    return columns
 
 
 def allan_panels(allan: AllanDeviation, models: Sequence[NoiseModel | None]) -> Iterator[Panel]:
@@ -205,35 +280,64 @@ def allan_panels(allan: AllanDeviation, models: Sequence[NoiseModel | None]) -> 
 
     `models`: one for each; None is not drawn.
     """
-    tau, note = allan.tau, NOTE
+    note = NOTE
     for first, (name, unit, size) in zip((0, 3), _SENSORS, strict=True):
-        curves, seen = [], []
-        for axis, colour in enumerate(AXIS_COLOURS):
-            model, deviation = models[first + axis], allan.deviation[:, first + axis] / size
-            if model is not None:
-                seen.append(deviation[deviation > 0.0])
-                curves += [
-                    Curve("xyz"[axis], tau, model.high / size, colour, "band", model.low / size),
-                    Curve("xyz"[axis], tau, deviation, colour, "points"),
-                    Curve("xyz"[axis], tau, np.sqrt(model.variance) / size, colour),
-                ]
-        if not seen:
-            continue
-        low, high = (float(limit(np.concatenate(seen))) for limit in (np.min, np.max))
-        yield Panel(
-            f"allan_{name}",
-            f"Allan deviation of the {name}",
-            f"Allan deviation [{unit}]",
-            "averaging time [s]",
-            (*curves, *_guides(tau, high)),
-            "tau",
-            note,
-            log_x=True,
-            log_y=True,
-            limits=(0.4 * low, 5.0 * high),
-            height=400,
-        )
-        note = ""
+        drawings = {axis: (allan.deviation[:, first + i], models[first + i]) for i, axis in enumerate("xyz")}
+        panel = _panel(allan.tau, drawings, (f"allan_{name}", f"Allan deviation of the {name}", unit), size, note)
+        if panel is not None:
+            yield panel
+            note = ""
+
+
+def _signal_panel(found: SignalNoise) -> Iterator[Panel]:
+    """Draw the deviations of signals in their own unit."""
+    allan = found.allan
+    drawings = {
+        name.replace("_", " "): (allan.deviation[:, i], model)
+        for i, ((name, _), model) in enumerate(zip(_columns(found), found.models, strict=True))
+    }
+    panel = _panel(allan.tau, drawings, ("allan_signals", "Allan deviation", "unit of the signal"), 1.0, NOTE)
+    if panel is not None:
+        yield panel
+
+
+def _panel(
+    tau: FloatArray,
+    drawings: Mapping[str, tuple[FloatArray, NoiseModel | None]],
+    names: tuple[str, str, str],
+    size: float,
+    note: str,
+) -> Panel | None:
+    """Draw deviations in one panel; None where nothing has a model.
+
+    `drawings`: deviations and their models; `names`: key, title and unit; `size`: the unit in SI.
+    """
+    curves, seen = [], []
+    for (name, (deviation, model)), colour in zip(drawings.items(), cycle(AXIS_COLOURS), strict=False):
+        if model is not None:
+            seen.append(deviation[deviation > 0.0] / size)
+            curves += [
+                Curve(name, tau, model.high / size, colour, "band", model.low / size),
+                Curve(name, tau, deviation / size, colour, "points"),
+                Curve(name, tau, np.sqrt(model.variance) / size, colour),
+            ]
+    if not seen:
+        return None
+    low, high = (float(limit(np.concatenate(seen))) for limit in (np.min, np.max))
+    key, title, unit = names
+    return Panel(
+        key,
+        title,
+        f"Allan deviation [{unit}]",
+        "averaging time [s]",
+        (*curves, *_guides(tau, high)),
+        "tau",
+        note,
+        log_x=True,
+        log_y=True,
+        limits=(0.4 * low, 5.0 * high),
+        height=400,
+    )
 
 
 def _guides(tau: FloatArray, high: float) -> list[Curve]:

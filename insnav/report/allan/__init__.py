@@ -1,0 +1,1 @@
+"""The report of the noise of a static record, or of signals."""

@@ -1,1 +1,0 @@
-"""The report of the noise of a static record."""

@@ -1,0 +1,58 @@
+"""Results of the bench show themselves, and are saved and opened again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import insnav
+from insnav.output.folder import read_facts, verify_folder
+from insnav.result import Result
+from insnav.types import ImuData
+
+
+def of_an_imu() -> Result[Any]:
+    rng = np.random.default_rng(3)
+    gyro, accel = rng.normal(0.0, 1e-3, (5000, 3)), rng.normal(0.0, 0.01, (5000, 3))
+    accel[:, 2] -= 9.8
+    return insnav.allan(ImuData(np.linspace(0.01, 50.0, 5000), gyro, accel), taus="octave")
+
+
+def of_signals() -> Result[Any]:
+    signals = np.random.default_rng(1).normal(size=(5000, 3))
+    signals[:, 2] = 1.0  # never changes
+    return insnav.allan(signals, rate=100.0, taus="octave")
+
+
+# what makes each, its kind, its files, a figure and a column of its table
+RESULTS: dict[str, tuple[Callable[[], Result[Any]], str, tuple[str, ...], str, str]] = {
+    "allan": (of_an_imu, "allan", ("allan.csv", "imu.toml"), "allan", "gyro_x_deg_h"),
+    "allan of signals": (of_signals, "allan", ("allan.csv",), "allan", "signal_1"),
+}
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_a_result_of_the_bench_is_saved_opened_and_shown(name: str, tmp_path: Path) -> None:
+    make, kind, files, figure, column = RESULTS[name]
+    result = make()
+    assert result.kind == kind
+    where = result.save(tmp_path / "out")
+    verify_folder(where)
+    assert {*files, "found.npz", "report.html", "run.json"} <= {path.name for path in where.iterdir()}
+    assert read_facts(where)["kind"] == kind
+    again = insnav.open_result(where)
+    assert again.kind == kind
+    assert again.findings == result.findings
+    assert again.summary() == result.summary()
+    assert again.inputs == result.inputs
+    assert again.imu_model is None
+    for each in (result, again):
+        assert column in each.to_frame()
+        assert len(each.to_frame()) > 0
+        assert isinstance(each.plot(figure), Figure)
+        assert each.page().title in each._repr_html_()
