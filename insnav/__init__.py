@@ -32,7 +32,7 @@ Start here
 >>> drive.outage(lengths=(10, 30)); drive.budget(times=(10, 60))  # doctest: +SKIP
 
 Files, data frames and arrays come in through `load`, simulated drives through `simulate`, bench records through
-`calibrate` and `allan`. The commands of the shell call the same functions, with the same defaults.
+`calibrate`, `allan` and `drift`. The commands of the shell call the same functions, with the same defaults.
 `navigate_recording`, `navigate` and `increments` are the parts for those who build their own.
 """
 
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from insnav.imu import load_imu
     from insnav.input import read_gps, read_imu, read_reference
     from insnav.result import Result, open_result
-    from insnav.session.bench import allan, calibrate
+    from insnav.session.bench import allan, calibrate, drift
     from insnav.session.comparison import compare
     from insnav.session.drive import Drive, load
     from insnav.session.requirement import require
@@ -67,7 +67,7 @@ _NAMES = {
     "insnav.imu": "load_imu",
     "insnav.input": "read_gps read_imu read_reference",
     "insnav.result": "Result open_result",
-    "insnav.session.bench": "allan calibrate",
+    "insnav.session.bench": "allan calibrate drift",
     "insnav.session.comparison": "compare",
     "insnav.session.drive": "Drive load",
     "insnav.session.requirement": "require",
@@ -89,6 +89,7 @@ __all__ = [
     "allan",
     "calibrate",
     "compare",
+    "drift",
     "increments",
     "intervals",
     "load",

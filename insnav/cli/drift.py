@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from insnav.cli import parse
-from insnav.cli.console import note, result_page, working
+from insnav.cli.console import note_warnings, result_page, working
 from insnav.cli.options import Columns, Force, Json, Out, argument
 
 
@@ -22,16 +22,10 @@ def drift(
         stage("reading")
         from insnav.session.bench import drift as studied
 
-        found, table = studied(file, columns=parse.columns(columns, "--columns"))
+        outcome = studied(file, columns=parse.columns(columns, "--columns"))
+        note_warnings(outcome)
         stage("writing")
-        from insnav.imu import calibration_to_toml
-        from insnav.report.calibration.common import bench_input
-        from insnav.report.drift.page import drift_page, rates_csv
-        from insnav.report.save import write_page
+        from insnav.report.save import save_result
 
-        page = drift_page(found, table.name)
-        for text in page.warnings:
-            note(text)
-        texts = {"calibration.toml": calibration_to_toml(found.errors), "rates.csv": rates_csv(found)}
-        where = write_page(folder, page, {"command": "drift", "input": bench_input([table])[0]}, texts)
-    result_page(where, page, out, as_json=as_json, more=texts)
+        where = save_result(outcome, folder, figures="png")
+    result_page(where, outcome.page(), out, as_json=as_json, more=("calibration.toml", "rates.csv"))

@@ -35,6 +35,8 @@ def store(found: object, file: Path) -> None:
             return {"class": f"{kind.__module__}:{kind.__qualname__}", "fields": own}
         if isinstance(value, Mapping):
             return {"mapping": [[plain(key), plain(each)] for key, each in value.items()]}
+        if isinstance(value, slice):
+            return {"slice": [plain(each) for each in (value.start, value.stop, value.step)]}
         if isinstance(value, tuple | list):
             return {type(value).__name__: [plain(each) for each in value]}
         return value.item() if isinstance(value, np.generic) else value
@@ -66,6 +68,8 @@ def _restored(value: Any, content: Mapping[str, np.ndarray]) -> Any:
         return content[f"array_{value['array']}"]
     if "mapping" in value:
         return {_restored(key, content): _restored(each, content) for key, each in value["mapping"]}
+    if "slice" in value:
+        return slice(*value["slice"])
     for sequence in (tuple, list):
         if sequence.__name__ in value:
             return sequence(_restored(each, content) for each in value[sequence.__name__])

@@ -2,7 +2,8 @@
 
 A kind of result is a room of this package, found by its name: ``insnav.report.<kind>.page`` has ``page(result)``,
 which gives its `Page`, and ``frame(result)`` for its main table; where there is more, ``write_files(result, folder,
-table_format)`` for other files, ``text(result)`` for the terminal, ``read_found(folder)`` to read it again.
+table_format)`` for other files, ``text(result)`` for the terminal, ``read_found(folder)`` to read it again; and
+``BENCH_FILES`` where ``input`` in ``run.json`` lists files of the bench, which what was found has too.
 """
 
 from __future__ import annotations
@@ -113,7 +114,7 @@ def open_folder(folder: Path) -> Result[Any]:
     facts = read_facts(folder)
     kind = str(facts.get("kind", "run"))
     known: dict[str, Any] = {
-        "input": dict,
+        "input": (dict, list),
         "configuration": dict,
         "findings": list,
         "fixes": dict,
@@ -122,8 +123,9 @@ def open_folder(folder: Path) -> Result[Any]:
     for name, what in known.items():
         if name in facts and not isinstance(facts[name], what):
             raise InputError("run.json is damaged", where=str(folder / FACTS_FILE), why=name, fix="make the run again")
+    read = {} if hasattr(_room(kind), "BENCH_FILES") else facts.get("input", {})
     try:
-        inputs = {name: ReadingFacts.from_dict(each) for name, each in facts.get("input", {}).items()}
+        inputs = {name: ReadingFacts.from_dict(each) for name, each in read.items()}
         stored = tuple(map(Finding.from_dict, facts.get("findings", ()))) or _of_version_0_2(facts)
         for each in stored:  # one with values missing cannot be put into words
             render(each)

@@ -17,9 +17,9 @@ from insnav.input import Reading
 from insnav.input.formats.table import Table
 from insnav.lab.acceptance.acceptance import Acceptance
 from insnav.lab.acceptance.acceptance import acceptance as acceptance_figures
-from insnav.lab.bench_data.bench_tables import BenchTable
 from insnav.lab.bench_data.records import BenchRecord, read_drift, read_powerups, read_static, read_steps
 from insnav.lab.calibration import BenchOptions, Calibration, carried_over, method_named
+from insnav.lab.common_findings import badly_conditioned
 from insnav.lab.drift.allan_before_after import DriftStudy, drift_study
 from insnav.lab.navigation_impact import navigation_impact
 from insnav.lab.noise.allan import between
@@ -229,14 +229,35 @@ def acceptance(
     return found, [*measured, *([] if rest is None else [rest]), *repeated]
 
 
-def drift(file: Given, *, columns: Mapping[str, str] | None = None) -> tuple[DriftStudy, BenchTable]:
-    """Study what the drift of gyros depends on, and what smoothing does to it; see `drift_study`.
+def drift(file: Given, *, columns: Mapping[str, str] | None = None) -> Result[DriftStudy]:
+    """Study what the drift of gyros depends on, and what smoothing does to it.
 
-    `file`: see ``insnav drift --help``.
-    Raises: InputError: the file cannot be used.
+    Parameters
+    ----------
+    file : path, data frame or arrays
+        Times, rates, and what the drift may depend on; for its columns see ``insnav drift --help``.
+    columns : mapping of str to str, optional
+        Quantity to header, for headers that are not understood by themselves.
+
+    Returns
+    -------
+    Result of DriftStudy
+        The drift, to correct other records, is ``found.errors``.
+
+    Raises
+    ------
+    InputError
+        The file cannot be used.
+
+    Examples
+    --------
+    >>> insnav.drift("record.csv").plot("drift")  # doctest: +SKIP
     """
     record, table = read_drift(samples_source(file, None), columns)
-    return drift_study(record), table
+    found = replace(drift_study(record), file=table.file)
+    fits = {f"gyro {each.model.axis}": each.model.fit for each in found.gyros}
+    findings = _each_once(found.warnings, badly_conditioned(fits), found.notes)
+    return Result("drift", found, options={"columns": columns}, findings=findings)
 
 
 def bench_gravity(gravity: float | None, lat: float | None, height: float = 0.0) -> tuple[float, str]:

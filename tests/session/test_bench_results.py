@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
@@ -29,10 +30,18 @@ def of_signals() -> Result[Any]:
     return insnav.allan(signals, rate=100.0, taus="octave")
 
 
+def of_drift() -> Result[Any]:
+    time, rng = 0.1 * np.arange(1, 2501), np.random.default_rng(1)
+    rate = 60.0 * np.clip((time - 100.0) / 100.0, 0.0, 1.0)
+    output = 1.003 * rate + 0.4 + 0.05 * rng.standard_normal(time.size)
+    return insnav.drift(pd.DataFrame({"time_s": time, "gyro_z_deg_s": output, "rate_z_deg_s": rate}))
+
+
 # what makes each, its kind, its files, a figure and a column of its table
 RESULTS: dict[str, tuple[Callable[[], Result[Any]], str, tuple[str, ...], str, str]] = {
     "allan": (of_an_imu, "allan", ("allan.csv", "imu.toml"), "allan", "gyro_x_deg_h"),
     "allan of signals": (of_signals, "allan", ("allan.csv",), "allan", "signal_1"),
+    "drift": (of_drift, "drift", ("calibration.toml", "rates.csv"), "drift", "smoothed_deg_h"),
 }
 
 

@@ -21,6 +21,15 @@ TEMPERATURE = Quantity("temperature", "temperature_c", "temperature", "degC", ("
 
 
 @dataclass(frozen=True, slots=True)
+class BenchFile:
+    """Which file a result is from."""
+
+    name: str  # the file and its digest
+    sha256: str
+    units: Mapping[str, str]  # units as in the file, by key
+
+
+@dataclass(frozen=True, slots=True)
 class BenchTable:
     """Columns of a bench file in SI units, but raw outputs in the unit of the file."""
 
@@ -28,6 +37,11 @@ class BenchTable:
     sha256: str
     columns: Mapping[str, FloatArray]  # (n,) by key
     units: Mapping[str, str]  # units as in the file, by key
+
+    @property
+    def file(self) -> BenchFile:
+        """Its file, without the columns."""
+        return BenchFile(self.name, self.sha256, self.units)
 
     def stack(self, *keys: str) -> FloatArray:
         """Columns side by side, (n, k)."""

@@ -11,6 +11,7 @@ import numpy as np
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
 from insnav.imu.model import ImuErrors
+from insnav.lab.bench_data.bench_tables import BenchFile
 from insnav.lab.drift.drift_model import FEWEST, DriftModel, DriftRecord, corrected_rates, drift_errors, drift_model
 from insnav.lab.drift.rate_smoothing import RampAnswer, Smoother, choose_smoother, computed_ramp, recorded_ramp, smooth
 from insnav.lab.noise.allan import GAP, AllanDeviation, allan_deviation, chi_square_interval, covariance, freedom
@@ -81,6 +82,7 @@ class DriftStudy:
     errors: ImuErrors  # the drift, to correct other records
     warnings: tuple[Finding, ...]
     notes: tuple[Finding, ...]
+    file: BenchFile | None = None  # what the record was read from
 
 
 def drift_study(record: DriftRecord) -> DriftStudy:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from insnav.imu.model import ImuErrors
-from insnav.lab.bench_data.bench_tables import BenchTable
+from insnav.lab.bench_data.bench_tables import BenchFile, BenchTable
 from insnav.lab.calibration import Calibration, measured
 from insnav.lab.least_squares import Fit
 from insnav.quantity import Quantity
@@ -90,6 +90,6 @@ def corrected_section(calibration: Calibration[Any, Any]) -> Section:
     return Section("corrected", "Uncertainty of corrected data", rows=rows, note=note)
 
 
-def bench_input(tables: Sequence[BenchTable]) -> list[dict[str, Any]]:
+def bench_input(tables: Sequence[BenchTable | BenchFile]) -> list[dict[str, Any]]:
     """Files of the bench, for ``run.json``."""
     return [{"path": table.name, "sha256": table.sha256, "units": dict(table.units)} for table in tables]

@@ -6,22 +6,31 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from insnav.lab.common_findings import badly_conditioned
+from insnav.imu import calibration_to_toml
 from insnav.lab.drift.allan_before_after import POWERS, DriftStudy, GyroDrift
 from insnav.lab.drift.allan_before_after import Curve as Deviations
 from insnav.lab.drift.drift_model import DriftModel
 from insnav.lab.drift.rate_smoothing import P0
 from insnav.output.data_files import csv_text
+from insnav.output.folder import RunFolder
+from insnav.output.solution_tables import TableFormat
+from insnav.output.stored import FILE as FOUND
+from insnav.output.stored import read_stored as read_found
+from insnav.output.stored import store
 from insnav.quantity import Quantity
 from insnav.report.allan.page import noise_quantity
-from insnav.report.calibration.common import quality_rows, quality_section
+from insnav.report.calibration.common import bench_input, quality_rows, quality_section
 from insnav.report.colours import AXIS_COLOURS, BLACK, GREY
 from insnav.report.numbers import number
-from insnav.report.page import Page, Section, by_warnings, drawn, only_json
+from insnav.report.page import DataFrame, Page, Section, by_warnings, drawn, only_json, rows_frame
 from insnav.report.panels import Curve, Kind, Panel
+from insnav.result import Result
 from insnav.types import FloatArray
 from insnav.units import DEG, DEG_PER_H
 
+__all__ = ["frame", "page", "read_found", "write_files"]
+
+BENCH_FILES = True  # what was found knows its input
 _TERMS = {
     "A": ("bias at 25 C, A", "deg/s"),
     "B": ("residual scale factor, B", "ppm"),
@@ -43,12 +52,13 @@ ASSUMPTIONS = (
 )
 
 
-def drift_page(found: DriftStudy, name: str) -> Page:
-    """Report the drift of gyros."""
-    record, gyros = found.record, found.gyros
+def page(result: Result[DriftStudy]) -> Page:
+    """Lay out the drift of gyros."""
+    found = result.found
+    record, gyros, name = found.record, found.gyros, found.record.name
     fits = {f"gyro {each.model.axis}": each.model.fit for each in gyros}
     times = [f"{each:g} s" for each in record.time]
-    findings = (*found.warnings, *badly_conditioned(fits), *found.notes)
+    source = () if found.file is None else (Quantity("input", bench_input([found.file])[0]),)
     return Page(
         f"Drift of the gyros of {name}",
         (
@@ -57,16 +67,36 @@ def drift_page(found: DriftStudy, name: str) -> Page:
             *[text for each in gyros for text in _conclusions(each)][1:],
         ),
         (
+            only_json("", Quantity("command", "drift"), *source),
             drawn("drift", f"Drift of gyros before and after: {name}", drift_panels(found), columns=3),
             drawn("rates", f"Rates on a ramp and after it: {name}", rate_panels(found), columns=2),
             Section("gyros", parts=tuple(_gyro(each) for each in gyros)),
             quality_section(quality_rows(fits, "rad/s", dict.fromkeys(fits, times))),
         ),
-        findings,
+        result.findings,
         ASSUMPTIONS,
         merits=_merits(gyros[0]),
         merits_note=f"gyro {gyros[0].model.axis}; Allan deviations at the shortest averaging time",
-        verdict=by_warnings(_conclusions(gyros[0])[0], findings, ("good", "no warning from the fits")),
+        verdict=by_warnings(_conclusions(gyros[0])[0], result.findings, ("good", "no warning from the fits")),
+    )
+
+
+def write_files(result: Result[DriftStudy], folder: RunFolder, table_format: TableFormat) -> None:
+    """Write the rates, the calibration file, and everything that was found, to be read again.
+
+    `folder`: entered, not committed; `table_format` {"csv", "parquet"}: of further tables, of which there are none.
+    """
+    found = result.found
+    store(found, folder.path(FOUND))
+    texts = {"calibration.toml": calibration_to_toml(found.errors), "rates.csv": rates_csv(found)}
+    for name, text in texts.items():
+        folder.path(name).write_text(text, encoding="utf-8", newline="\n")
+
+
+def frame(result: Result[DriftStudy]) -> DataFrame:
+    """Give the Allan deviations of every gyro, before and after, as a table."""
+    return rows_frame(
+        (Quantity("gyro", each.model.axis), *row) for each in result.found.gyros for row in _curves(each, "").rows
     )
 
 
