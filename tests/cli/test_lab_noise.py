@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insnav.findings import Code, Finding
+from insnav.findings import Code
 from insnav.imu import load_calibration, load_imu
-from insnav.messages import sentence
 from insnav.output.folder import read_facts, verify_folder
 from insnav.units import DEG
 from tests.cli.conftest import Cli, says, warnings_of
