@@ -46,7 +46,7 @@ def test_a_reference_that_proves_nothing_or_is_wrong_is_said(two_runs: Path, cli
     shown = cli("compare", "right", "--ref", "turned.csv", "--out", "page")
     (turned,) = findings_of(read_facts(Path("page")), *of_families("ref"))
     assert turned.code is Code.REF_HEADING_AXES
-    assert turned["offset_rad"] == pytest.approx(40.0 * DEG, abs=DEG)
+    assert turned["angle_rad"] == pytest.approx(40.0 * DEG, abs=DEG)
     assert says(shown.out, turned)
     assert "reference" not in cli("compare", "right", "--ref", "ref.csv").out.split("epochs of the reference")[1]
 

@@ -208,8 +208,8 @@ def test_what_was_not_given_is_said_as_the_drive_shows_it(driven, navigated):
     notes = Finding.of(Code.IMU_CLOCK_RATE, rate=292e-6), Finding.of(Code.REF_NOT_FIXED, count=3), stored("other")
     lines = brief_lines(replace(page, findings=notes), EvaluatedRun(shown, gps), None)
     (said,) = [line for line in lines if line.startswith("found")]
-    assert "the fixes are 0.069 ± 0.004 s early; lever arm x, y, z 1.00 ± 0.10, 0.00 ± 0.02, -0.50 ± 0.01 m; " in said
-    assert said.endswith(f"; {sentence(notes[0])}")
+    assert "the fixes are 0.069 ± 0.004 s early; lever arm x, y, z 1.00 ± 0.10, 0.00 ± 0.02, -0.50 ± 0.01 m" in said
+    assert f"corrected: {sentence(notes[0])}" in lines
     bad = replace(page, verdict=Verdict("bad", "the errors are larger than stated", ""))
     assert any(line.startswith("found (doubtful") for line in brief_lines(bad, EvaluatedRun(shown, gps), None))
     wrong = replace(shown, events=(*shown.events, Finding.of(Code.REF_GEOID, subject="ref", height_m=47.0)))

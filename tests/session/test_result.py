@@ -14,10 +14,13 @@ from matplotlib.figure import Figure
 import insnav
 import insnav.session.inputs  # adds its names to those of errors
 from insnav.exceptions import ConfigError
+from insnav.findings import Code, Finding
 from insnav.output.folder import RunFolder, read_facts
 from insnav.quantity import Quantity
 from insnav.report.page import FigureSpec, Page, Section
 from insnav.result import Result, open_result
+
+ASSUMED = Finding.of(Code.RUN_LEVER_ZERO)
 
 
 @pytest.fixture
@@ -47,7 +50,7 @@ def room(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("room")
 def test_a_result_is_saved_and_opened_again(tmp_path: Path) -> None:
-    given = Result("answer", 42.0, options={"times": (10, 60)}, notes=("assumed",))
+    given = Result("answer", 42.0, options={"times": (10, 60)}, findings=(ASSUMED,))
     where = given.save(tmp_path / "out")
     assert {path.relative_to(where).as_posix() for path in where.rglob("*.*")} == {
         "answer.csv", "figures/curve.png", "report.html", "run.json",
@@ -57,7 +60,8 @@ def test_a_result_is_saved_and_opened_again(tmp_path: Path) -> None:
     assert facts["main"] == {"drift_m": 42.0}
     assert facts["versions"]["insnav"] == insnav.__version__
     again = open_result(where)
-    assert (again.kind, again.found, again.options, again.notes) == ("answer", 42.0, {"times": [10, 60]}, ("assumed",))
+    assert (again.kind, again.found, again.options) == ("answer", 42.0, {"times": [10, 60]})
+    assert again.findings == (ASSUMED,)
 
 
 @pytest.mark.usefixtures("room")
