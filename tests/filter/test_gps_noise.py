@@ -21,7 +21,7 @@ from insnav.filter.gps_noise import (
 )
 from insnav.filter.noise_identification import identify_noise
 from insnav.filter.prepare import Prepared
-from insnav.findings import Code, Severity, of_code
+from insnav.findings import ASSUMED_POSITION_SD, Code, Severity, of_code
 from insnav.session.simulation import plan_of, profiled
 from insnav.simulate import GpsErrors, corrupt_gps, gps_from_truth
 from insnav.types import GpsData
@@ -155,7 +155,7 @@ def test_standard_deviations_that_are_given_are_kept_beside_those_that_are_not()
     level = replace(gps, position_sd=sd, lla=gps.lla * [1.0, 1.0, 0.0])
     filled, notes = with_sd(level)
     assert (filled.position_sd == [0.01, 0.02, OPEN_HEIGHT]).all()
-    assert not any(of_code(notes, Code.GPS_POSITION_SD_SCATTER))
+    assert not any(of_code(notes, *ASSUMED_POSITION_SD))
     filled, notes = with_sd(replace(gps, position_sd=100.0 * sd))
     assert (filled.position_sd[:, :2] == [1.0, 2.0]).all()
     assert (filled.position_sd[:, 2] >= 2.0).all()
