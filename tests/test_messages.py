@@ -106,6 +106,13 @@ def test_texts_are_sentences():
             assert text[0].isupper() or text[0] in "{[" or text.startswith("insnav "), f"{code}: {part}"
 
 
+@pytest.mark.parametrize("lang", LANGUAGES)
+def test_axes_to_give_follow_their_option(lang: str):
+    advice = [text for _, part, text in texts(lang) if part == "advice" and "{axes}" in text]
+    assert len(advice) >= 6
+    assert all("--imu-axes {axes}" in re.sub(r"\[\[|\]\]", "", text) for text in advice), advice
+
+
 def test_a_finding_in_words():
     finding = Finding.of(Code.GATE_POSITION, 12.0, nis=31.5, limit_nis=16.3)
     assert finding.timed

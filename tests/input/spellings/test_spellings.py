@@ -68,14 +68,9 @@ def test_clocks(name, tmp_path):
 def test_turned_sensors(name, tmp_path, plain):
     imu = table(tmp_path / "imu.csv", samples(imu_files.SHORT, matrix=imu_files.TURNED[name]))
     read = insnav.load(imu, plain[1])
-    said = " ".join(map(sentence, read.notes))
-    assert "--imu-axes" in said
-    _samples_are_those_of_the_drive(insnav.load(imu, plain[1], axes=_given(said)).imu.data, tolerance=0.15)
-
-
-def _given(said):
-    """Axes that a note says to give."""
-    return said.split("--imu-axes ")[-1].split()[0].rstrip(").,;")
+    *_, note = (note for note in read.notes if note.get("axes"))  # the last says what to give in all
+    assert note["axes"] in sentence(note)
+    _samples_are_those_of_the_drive(insnav.load(imu, plain[1], axes=note["axes"]).imu.data, tolerance=0.15)
 
 
 @pytest.mark.parametrize("name", gps_files.UNDERSTOOD)
