@@ -40,10 +40,9 @@ import insnav
 from insnav.attitude import dcm_from_rph
 from insnav.earth import lla_offset, ned_offset
 from insnav.errors.evaluated_run import failure
-from insnav.errors.run_findings import is_shown
 from insnav.exceptions import InsnavError
 from insnav.filter.navigate import ABSORBED
-from insnav.findings import CORRELATED_POSITIONS, Code, Finding, Severity, of_code, of_families
+from insnav.findings import CORRELATED_POSITIONS, Code, Finding, Severity, is_shown, of_code, of_families
 from insnav.input import read_gps, read_imu, read_reference
 from insnav.messages import sentence
 from insnav.output.data_files import write_data
