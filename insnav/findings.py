@@ -101,17 +101,8 @@ OF_RESULTS = of_families("files", "imu_model", "run")
 # Single rows and fixes: ``events.csv`` lists them, and pages have what follows from them.
 SINGLE = of_families("deweighted", "gate", "rows") | {Code.IMU_SPIKE, Code.GPS_OUTSIDE, Code.FILTER_REPAIR}
 # One warning of a run sums up all of a code.
-SUMMED = frozenset(
-    {
-        Code.FILTER_RESET,
-        Code.FILTER_DIVERGED,
-        Code.IMU_SATURATED,
-        Code.IMU_LIMITED,
-        Code.IMU_STUCK,
-        Code.IMU_FROZEN,
-        Code.ROWS_GAP,
-    }
-)
+_LOST = frozenset({Code.IMU_SATURATED, Code.IMU_LIMITED, Code.IMU_STUCK, Code.IMU_FROZEN, Code.ROWS_GAP})
+SUMMED = _LOST | {Code.FILTER_RESET, Code.FILTER_DIVERGED}
 
 
 @dataclass(frozen=True, slots=True)

@@ -203,12 +203,8 @@ def read_found(folder: Path) -> EvaluatedRun:
 
 def _events(folder: Path, facts: Mapping[str, Any]) -> tuple[Finding, ...]:
     """Events of a run: all that have a time, and warnings that have none, such as those of a reference."""
-    stored = (Finding.from_dict(each) for each in facts.get("findings", ()))
-    untimed = (
-        each
-        for each in stored
-        if not each.timed and each.severity >= Severity.WARNING and each.code is not Code.STORED_TEXT
-    )
+    stored = [each for each in map(Finding.from_dict, facts.get("findings", ())) if each.get("text") is None]
+    untimed = (each for each in stored if each.severity >= Severity.WARNING and not each.timed)
     return tuple(each for each in (*untimed, *solution_tables.read_events(folder)) if each.code not in OF_RESULTS)
 
 
