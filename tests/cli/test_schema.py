@@ -6,9 +6,11 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
 
+from insnav.findings import Code, Finding, Severity
 from insnav.input import ReadingFacts
 from insnav.report.run_json import SCHEMA
 from tests.cli.conftest import ROOT, Cli
@@ -34,6 +36,8 @@ def test_what_is_written_is_what_the_schema_says(name: str, cli: Cli, drive: Pat
     assert cli(*RUNS[name], "--out", "out").code == 0
     facts = json.loads((drive / "out" / "run.json").read_text())
     assert wrong(facts) == []
+    assert facts["findings"] or name == "simulate"
+    assert not {"warnings", "notes", "assumptions"} & facts.keys()
     if name == "with a reference":  # and the schema notices a key too many, one too few, and another type
         assert wrong({**facts, "accuracy_m": 1.0})
         assert wrong({key: value for key, value in facts.items() if key != "fixes"})
@@ -46,10 +50,30 @@ def test_the_schema_is_one_and_of_this_version():
     assert RULES["properties"]["schema"]["const"] == SCHEMA
 
 
+def test_findings_are_as_the_schema_says():
+    rules = {"$ref": "#/$defs/finding", "$defs": RULES["$defs"]}
+    plain = Finding.of(Code.RUN_LEVER_ZERO).as_dict()
+    values = {"lost_m": 1.0, "axes": ("x", "z"), "lever_m": (0.1, np.nan, 2.0), "count": 3, "sd_s": np.inf}
+    full = Finding.of(Code.GPS_FROZEN, 3.0, 5.0, subject="gps", **values).as_dict()
+    assert full["values"]["lever_m"] == [0.1, None, 2.0]
+    assert not [error for each in (plain, full) for error in Draft202012Validator(rules).iter_errors(each)]
+    for wrong in (
+        plain | {"text": "no words"},
+        plain | {"severity": "fatal"},
+        full | {"from_s": None},
+        full | {"values": {"size": {}}},
+        {"code": "gps.frozen"},
+    ):
+        assert list(Draft202012Validator(rules).iter_errors(wrong)), wrong
+    assert RULES["$defs"]["finding"]["properties"]["severity"]["enum"] == [each.name.lower() for each in Severity]
+
+
 def test_inputs_are_as_the_schema_says_whatever_their_file_told():
     rules = {"$ref": "#/$defs/reading", "$defs": RULES["$defs"]}
     facts = ReadingFacts(
-        "GPS", "rover.pos", "0" * 64, 9, 9, 0.0, 2.0, 4.0, 0, 0.0, {"time_s": "time [s]"}, height="msl", gps_week=2381
-    )
+        "GPS", "rover.pos", "0" * 64, 9, 9, 0.0, 2.0, 4.0, 0, 0.0, {"time_s": "time [s]"}, height="msl", gps_week=2381,
+        evidence=(Finding.of(Code.READ_HEIGHT_MSL, subject="gps"),),
+    )  # fmt: skip
     assert not list(Draft202012Validator(rules).iter_errors(facts.as_dict()))
     assert list(Draft202012Validator(rules).iter_errors(facts.as_dict() | {"week": 1}))
+    assert list(Draft202012Validator(rules).iter_errors(facts.as_dict() | {"evidence": ["as stated"]}))
