@@ -20,9 +20,6 @@ from insnav.quantity import Quantity
 from insnav.report.page import FigureSpec, Page, Section
 from insnav.result import Result, open_result
 
-ASSUMED = Finding.of(Code.RUN_LEVER_ZERO)
-
-
 @pytest.fixture
 def room(monkeypatch: pytest.MonkeyPatch) -> None:
     """A kind of result that is one number."""
@@ -50,7 +47,9 @@ def room(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("room")
 def test_a_result_is_saved_and_opened_again(tmp_path: Path) -> None:
-    given = Result("answer", 42.0, options={"times": (10, 60)}, findings=(ASSUMED,))
+    assumed = Finding.of(Code.RUN_LEVER_ZERO)
+    limited = Finding.of(Code.CHECK_CLIPPED, 12.25, subject="imu", count=3, sensor="gyro x")
+    given = Result("answer", 42.0, options={"times": (10, 60)}, findings=(assumed, limited))
     where = given.save(tmp_path / "out")
     assert {path.relative_to(where).as_posix() for path in where.rglob("*.*")} == {
         "answer.csv", "figures/curve.png", "report.html", "run.json",
@@ -61,7 +60,7 @@ def test_a_result_is_saved_and_opened_again(tmp_path: Path) -> None:
     assert facts["versions"]["insnav"] == insnav.__version__
     again = open_result(where)
     assert (again.kind, again.found, again.options) == ("answer", 42.0, {"times": [10, 60]})
-    assert again.findings == (ASSUMED,)
+    assert again.findings == again.page().findings == (assumed, limited)
 
 
 @pytest.mark.usefixtures("room")

@@ -9,6 +9,8 @@ import pytest
 
 import insnav
 from insnav.exceptions import ConfigError
+from insnav.findings import Code, Finding
+from insnav.messages import sentence
 from tests.cli.conftest import SAMPLE
 
 
@@ -24,7 +26,11 @@ def test_what_is_printed_in_python_names_keywords_not_options():
     assert "imu_model automotive" in repr(drive)
     assert "--" not in repr(drive)
     found = drive.navigate(smooth=False, output_interval=1.0)
-    assert not re.search(r"--[a-z]", replace(found, notes=("give --lever-arm",)).summary())
+    advice = Finding.of(Code.RUN_LEVER_ZERO)
+    assert "--lever-arm" in sentence(advice)
+    summary = replace(found, findings=(advice,)).summary()
+    assert "lever_arm" in summary
+    assert not re.search(r"--[a-z]", summary)
 
 
 def test_unknown_words_of_a_drive_are_refused():
