@@ -113,4 +113,4 @@ def test_what_was_wrong_with_the_reference_is_said_again(drive: Path, cli: Cli):
     for folder in ("run", "again"):
         (turned,) = findings_of(read_facts(Path(folder)), Code.REF_HEADING_AXES)
         assert turned.severity is Severity.WARNING
-        assert turned["offset_rad"] == pytest.approx(40.0 * DEG, abs=DEG)
+        assert turned["angle_rad"] == pytest.approx(40.0 * DEG, abs=DEG)

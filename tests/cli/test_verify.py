@@ -13,6 +13,8 @@ from insnav import strapdown
 from insnav.certificate import certify, gravity
 from insnav.certificate import coning_sculling as attitude
 from insnav.certificate import integrators as peer
+from insnav.findings import Code, Finding
+from insnav.messages import sentence
 from insnav.output.folder import read_facts, verify_folder
 from tests.cli.conftest import Cli
 
@@ -65,7 +67,8 @@ def test_a_broken_integrator_is_named_and_ends_with_1(broken: None, cli: Cli):
     (row,) = (line for line in lines if line.startswith("  0.1 deg, 1 g, 10 Hz [ug]"))
     assert row.split()[7] == "FAILED"
     assert row.count("!") == 4
-    assert "  - FAILED: sculling: 0.1 deg, 1 g, 10 Hz." in lines
+    failed = Finding.of(Code.CERTIFICATE_FAILED, subject="sculling: 0.1 deg, 1 g, 10 Hz")
+    assert f"  - {sentence(failed)}" in lines
     assert "2 of 28 checks failed" in shown.err
     assert "Traceback" not in shown.err
     facts = read_facts(Path("certificate"))  # written all the same
