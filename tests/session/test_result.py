@@ -20,6 +20,7 @@ from insnav.quantity import Quantity
 from insnav.report.page import FigureSpec, Page, Section
 from insnav.result import Result, open_result
 
+
 @pytest.fixture
 def room(monkeypatch: pytest.MonkeyPatch) -> None:
     """A kind of result that is one number."""
