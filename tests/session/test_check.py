@@ -15,7 +15,7 @@ from insnav.errors.evaluated_run import _held
 from insnav.errors.run_findings import run_warnings
 from insnav.exceptions import InputError
 from insnav.filter.fix_figures import look_at_fixes
-from insnav.findings import Code, Finding, of_code
+from insnav.findings import Code, Finding, Severity, of_code
 from insnav.imu.inspection import _spectrum, inspect_samples
 from insnav.messages import sentence
 from insnav.report.check.page import page
@@ -235,12 +235,14 @@ def test_files_of_other_drives_are_not_taken_for_parts_of_this_one(tmp_path):
 
 
 def test_a_filter_that_is_lost_is_no_run(tmp_path, monkeypatch):
-    monkeypatch.setattr("insnav.session.check.failure", lambda run: "the filter rejected 99 % of the positions")
+    lost = Finding.of(Code.RUN_REJECTED, share=0.99)
+    monkeypatch.setattr("insnav.session.check.failure", lambda run: lost)
     imu, gps = table(tmp_path / "imu.csv", samples(IMU_HEADERS)), table(tmp_path / "gps.csv", fixes(GPS_HEADERS))
     found = check([imu, gps], {}).found
     assert not found.runs
     assert not found.runs_as_given
-    assert "99 %" in found.problems[0]["why"]
+    assert found.problems[0].severity is Severity.UNUSABLE
+    assert found.problems[0]["why"] == sentence(lost)
 
 
 def test_a_folder_with_an_imu_model_beside_the_samples_is_one_recording(tmp_path):

@@ -211,7 +211,7 @@ def test_check_and_run_give_the_mounting_with_the_same_signs(plain):
     found = turned(plain, dcm_from_rph(np.array([0.0, 4.0, -6.0]) * DEG).T)
     seen = find_mounting(intervals(found.imu.data), found.fixes)
     assert seen is not None
-    (nhc,) = of_code(found.navigate(aiding="on", smooth=False).notes, Code.NHC_USED)
+    (nhc,) = of_code(found.navigate(aiding="on", smooth=False).findings, Code.NHC_USED)
     angles = np.array([nhc["pitch_rad"], nhc["yaw_rad"]])
     np.testing.assert_allclose(angles, seen.angles[1:], atol=1.5 * DEG)
     assert angles[1] < -4.0 * DEG

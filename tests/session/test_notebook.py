@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 import insnav
 from insnav.errors.metrics import at_point
 from insnav.exceptions import ConfigError, InputError
-from insnav.findings import Code
+from insnav.findings import Code, Finding, Severity
 from insnav.input.interpret.schema import LOG_SCHEMAS
 from insnav.output.folder import verify_folder
 from insnav.output.solution_tables import read_solution
@@ -35,7 +35,9 @@ def test_false_fixes_are_no_reference_of_outages(drive: Path) -> None:
     fixes.to_csv("false.csv", index=False)
     found = insnav.load("imu.csv", gps="false.csv", lever_arm=LEVER).outage(lengths=10, workers=1)
     assert found.found.growth[0].largest[-1, found.found.growth[0].column("horizontal")] < 50.0
-    assert "The filter rejected every position from" in found.page().warnings[0]
+    rejected = found.page().findings[0]
+    assert (rejected.code, rejected.severity, rejected.subject) == (Code.RUN_ROW_REJECTED, Severity.WARNING, "position")
+    assert (rejected.begin - fixes.time_s[0], rejected.end - fixes.time_s[0]) == pytest.approx((91.0, 99.0), abs=0.1)
 
 
 def test_the_first_lines_of_a_notebook(drive: Path) -> None:
@@ -203,7 +205,7 @@ def test_bare_positions_are_of_the_antenna_for_every_command(drive: Path) -> Non
     bare = insnav.Trajectory(at_antenna.time, at_antenna.lla, unknown, unknown)
     of_antenna = insnav.load("imu.csv", "gps.csv", bare, lever_arm=LEVER, imu_model="automotive")
     run = of_antenna.navigate()
-    assert "its positions are of the antenna" in " ".join(run.page().assumptions)
+    assert Finding.of(Code.REF_AT_ANTENNA, subject="ref") in run.page().findings
     size = rms(of_imu.navigate().found.errors.horizontal)
     assert rms(run.found.errors.horizontal) == pytest.approx(size, rel=0.02)
     (other, *_) = insnav.compare(run, ref=bare).found.compared

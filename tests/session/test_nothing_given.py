@@ -55,7 +55,7 @@ def test_with_all_given_but_what_lasts_of_the_errors_of_fixes_that_is_found():
     assert inside(found.found.smoothed_errors) > 0.99 > 0.95 > inside(white.found.smoothed_errors)
     horizontal = [np.sqrt(np.mean(each.found.errors.position[:, :2] ** 2)) for each in (found, white)]
     assert horizontal[0] < 1.02 * horizontal[1]
-    (correlated,) = of_code(found.notes, *CORRELATED_POSITIONS)
+    (correlated,) = of_code(found.findings, *CORRELATED_POSITIONS)
     assert correlated["share"] == pytest.approx(0.06, abs=0.005)
 
 
@@ -68,7 +68,7 @@ def test_noise_that_is_given_too_small_is_said(model, factor, said):
     fixes = drive.gps.data
     fixes = replace(fixes, position_sd=factor * fixes.position_sd, velocity_sd=factor * fixes.velocity_sd)
     result = insnav.load(drive.imu.data, fixes, imu_model=model).navigate()
-    warned = list(of_code(result.events, Code.GIVEN_NOISE))
+    warned = list(of_code(result.findings, Code.GIVEN_NOISE))
     assert len(warned) == said
     assert all(each["mean_square"] > each["limit_mean_square"] for each in warned)
     assert {sentence(each) for each in warned} <= set(result.page().warnings)
@@ -99,7 +99,7 @@ def test_a_budget_uses_the_noise_that_was_found():
         found.imu_model[0].name == "automotive, as found"
     )  # as it is; its noise at rest is that of consumer grade, too
     assert found.imu_model[1] == Finding.of(Code.IMU_MODEL_ESTIMATED, prior="consumer")
-    assert any(of_code(found.notes, Code.ESTIMATE_NOISE))
+    assert any(of_code(found.findings, Code.ESTIMATE_NOISE))
     horizontal = found.found.windows.calibrated.verdicts[-1]
     assert horizontal.low < horizontal.predicted < horizontal.high
     assert 0.8 < horizontal.recorded / horizontal.predicted < 1.25  # with the preset 0.5
@@ -154,7 +154,7 @@ def test_with_an_imu_given_standard_deviations_that_were_not_are_found(profile, 
     drive = insnav.load(made.imu.data, silent, made.reference.data, imu_model="automotive")
     done = drive.navigate()
     assert inside(done.found.smoothed_errors) > 0.97
-    assert any(of_code(done.notes, Code.ESTIMATE_POSITION_SD))
+    assert any(of_code(done.findings, Code.ESTIMATE_POSITION_SD))
 
 
 @pytest.mark.parametrize("kept", [("v_n",), (), ("v_n", "fix")])

@@ -14,7 +14,7 @@ from insnav.exceptions import InputError
 from insnav.findings import Code, Severity, of_code
 from insnav.input.interpret.overlap import named_offset
 from insnav.input.readers.reading import not_covered
-from insnav.messages import render, sentence
+from insnav.messages import sentence
 from insnav.units import DEG
 from tests.filter.test_gyro_fault import off
 from tests.input.files import noted
@@ -26,8 +26,7 @@ ANGLES = "roll_deg", "pitch_deg", "heading_deg"
 
 def warned(drive: insnav.Drive) -> str:
     """The warnings, on one line."""
-    told = " ".join(drive.navigate().summary().split())
-    return told[told.index("warning") : told.index("found:")]
+    return " ".join(drive.navigate().page().warnings)
 
 
 def changed(tmp_path, name: str, change) -> Path:
@@ -104,13 +103,13 @@ def test_a_late_start_of_fixes_says_that_rows_are_left_out(tmp_path):
     drive = insnav.load(SAMPLE / "imu.csv.gz", changed(tmp_path, "gps", without_place))
     (late,) = not_covered(drive.imu.facts, drive.readings.facts["gps"])
     assert (late.code, late["empty"]) == (Code.FILES_GPS_BEGINS_LATE, 61)
-    assert render(late).text in warned(drive)
+    assert late in drive.navigate().page().findings
 
 
 def test_heights_in_feet_are_named_where_they_are_that_much_worse(tmp_path):
     gps = changed(tmp_path, "gps", lambda table: table.assign(height_m=table["height_m"] / 0.3048))
     result = insnav.load(SAMPLE / "imu.csv.gz", gps).navigate()
-    (feet,) = of_code(result.events, Code.NOISE_HEIGHTS_IN_FEET)
+    (feet,) = of_code(result.findings, Code.NOISE_HEIGHTS_IN_FEET)
     assert feet["height_factor"] > 2.0 * feet["position_factor"]
     assert feet.severity is Severity.WARNING
 
@@ -146,8 +145,8 @@ def test_a_sparse_reference_has_no_velocities_that_lag(tmp_path):
     drive = insnav.simulate("motorway", imu="automotive", gps="dgps", seed=3)
     truth = drive.reference.data
     few = truth.rows(np.searchsorted(truth.time, np.arange(truth.time[0], truth.time[-1], 5.0)))
-    told = " ".join(insnav.load(drive.imu.data, drive.gps.data, ref=few).navigate().summary().split())
-    assert "velocities of the reference" not in told
+    result = insnav.load(drive.imu.data, drive.gps.data, ref=few).navigate()
+    assert not [each for each in result.findings if each.code.startswith("ref.velocity")]
 
 
 @pytest.mark.parametrize(("rate", "begin", "length"), [(3.0, 15.0, 10.0), (-2.0, 30.0, 20.0)])
@@ -155,11 +154,13 @@ def test_a_car_that_turns_where_it_stands_is_named_and_no_reference_blamed(rate,
     drive = insnav.simulate("bends", imu="industrial", gps="dgps", seed=11)
     imu, truth = drive.imu.data, drive.reference.data
     wrong = off(imu, 2, rate * DEG, float(imu.time[0]) + begin, length)
-    told = " ".join(insnav.load(wrong, drive.gps.data, ref=truth).navigate().summary().split())
-    assert f"its heading turns by {abs(rate * length):.0f} deg." in told
-    assert "headings of the reference" not in told
-    right = insnav.load(imu, drive.gps.data, ref=truth).navigate().summary()
-    assert "in its place" not in right
+    findings = insnav.load(wrong, drive.gps.data, ref=truth).navigate().findings
+    (turn,) = of_code(findings, Code.RUN_TURNED_IN_PLACE)
+    assert turn.severity is Severity.WARNING
+    assert abs(turn["angle_rad"]) == pytest.approx(abs(rate * length) * DEG, abs=0.5 * DEG)
+    assert not [each for each in findings if each.code.startswith("ref.heading")]
+    right = insnav.load(imu, drive.gps.data, ref=truth).navigate().findings
+    assert not any(of_code(right, Code.RUN_TURNED_IN_PLACE))
 
 
 def test_two_epochs_of_a_reference_decide_nothing():
@@ -171,20 +172,21 @@ def test_two_epochs_of_a_reference_decide_nothing():
 
 
 @pytest.mark.parametrize(
-    ("wrong", "words"),
+    ("wrong", "reading"),
     [
-        (lambda table: table.assign(heading_deg=(90.0 - table["heading_deg"]) % 360.0), "from East, counter-clockwise"),
-        (lambda table: table.assign(heading_deg=-table["heading_deg"]), "as angles counter-clockwise"),
-        (lambda table: table.assign(**{key: np.deg2rad(table[key]) for key in ANGLES}), "as radians"),
+        (lambda table: table.assign(heading_deg=(90.0 - table["heading_deg"]) % 360.0), "counter_clockwise_from_east"),
+        (lambda table: table.assign(heading_deg=-table["heading_deg"]), "counter_clockwise"),
+        (lambda table: table.assign(**{key: np.deg2rad(table[key]) for key in ANGLES}), "radians"),
     ],
 )
-def test_headings_of_a_reference_that_are_read_wrong_are_named(tmp_path, wrong, words):
+def test_headings_of_a_reference_that_are_read_wrong_are_named(tmp_path, wrong, reading):
     drive = insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv", ref=changed(tmp_path, "ref", wrong))
     result = drive.navigate()
-    told = " ".join(result.summary().split())
-    assert words in told
-    assert "does not use the attitude of the reference" in told
-    assert "heading error" not in told
+    misread = next(of_code(result.findings, Code.REF_HEADING_MISREAD, Code.REF_TILT_MISREAD))
+    assert (misread.severity, misread["reading"]) == (Severity.WARNING, reading)
+    assert "does not use the attitude of the reference" in sentence(misread)
+    assert sentence(misread) in result.page().warnings
+    assert "heading error" not in result.summary()
 
 
 def test_files_without_any_time_in_common_are_no_files_cut_off():
@@ -213,7 +215,7 @@ def test_a_minute_of_fixes_elsewhere_is_false_also_where_the_return_is_found_a_f
         minute = (table["time_s"] >= 100202.0) & (table["time_s"] <= 100260.0)
         return table.assign(lat_deg=table["lat_deg"] + 25.04 / 111200.0 * minute)
 
-    events = insnav.load(SAMPLE / "imu.csv.gz", changed(tmp_path, "gps", elsewhere)).navigate().events
+    events = insnav.load(SAMPLE / "imu.csv.gz", changed(tmp_path, "gps", elsewhere)).navigate().found.run.events
     (false,) = [each for each in events if each.severity >= Severity.WARNING]
     assert (false.code, false["count"]) == (Code.RECORD_FALSE_POSITIONS, 59)
     assert (false.begin, false.end) == (100202.0, 100260.0)
