@@ -83,12 +83,7 @@ def _common(
     verbose: bool = typer.Option(False, "-v", "--verbose", help="Print everything; goes with every command."),
     quiet: bool = typer.Option(False, "-q", "--quiet", help="Print nothing but errors; goes with every command."),
     debug: bool = typer.Option(False, "--debug", help="Show the traceback of an error; goes with every command."),
-    lang: str = typer.Option(
-        None,
-        "--lang",
-        metavar="en|zh",
-        help="Language of the messages: English or Chinese; goes with every command. [INSNAV_LANG, or en]",
-    ),
+    lang: str = typer.Option(None, "--lang", metavar="en|zh", help="Language of messages; goes with every command."),
 ) -> None:
     pass
 

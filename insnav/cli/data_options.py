@@ -185,13 +185,9 @@ _READ: dict[str, Callable[[str, str], Any]] = {
 
 def _value(what: Input, given: Any) -> Any:
     """Value of an input from what stands on the command line, in SI."""
-    if given is None:
-        return None
-    if what.kind in _READ:
+    if given is not None and what.kind in _READ:
         return _READ[what.kind](given, what.option)
-    if what.kind == "number":
-        return given * what.size
-    return given
+    return given * what.size if given is not None and what.kind == "number" else given
 
 
 def as_option(where: str) -> str:

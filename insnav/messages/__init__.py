@@ -22,6 +22,7 @@ import math
 import os
 import re
 from collections.abc import Callable
+from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import partial
 from string import Formatter
@@ -36,6 +37,7 @@ LANGUAGES = ("en", "zh")
 PARTS = ("title", "text", "done", "advice")
 _OPTIONAL = re.compile(r"\[\[(.*?)\]\]")
 _FORMATTER = Formatter()
+SPOKEN = ContextVar("SPOKEN", default="")  # language of what is done inside, whatever that of the process is
 
 At = Callable[[float, float], str]
 """How times of the record, from one to another [s], are written."""
@@ -56,8 +58,8 @@ class Message:
 
 
 def language() -> str:
-    """Give the language of this process, by ``INSNAV_LANG``."""
-    wanted = os.environ.get("INSNAV_LANG", "")[:2].lower()
+    """Give the language of messages: `SPOKEN`, else by ``INSNAV_LANG``."""
+    wanted = SPOKEN.get() or os.environ.get("INSNAV_LANG", "")[:2].lower()
     return wanted if wanted in LANGUAGES else "en"
 
 

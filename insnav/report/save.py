@@ -101,11 +101,12 @@ def write_result_pdf(result: Result[Any], file: Path) -> None:
     Raises: OutputError: it cannot be written.
     """
     from insnav.report.pdf import write_pdf
+    from insnav.report.style import drawing
 
-    page = page_of(result)
-    names = [figure.name for figure in page.figures]
-    pairs = {f"figures {i // 2 + 1}": names[i : i + 2] for i in range(0, len(names), 2)} or {"summary": []}
-    with writing("the PDF cannot be written", file):
+    with writing("the PDF cannot be written", file), drawing():  # its verdict, too, is in words that can be drawn
+        page = page_of(result)
+        names = [figure.name for figure in page.figures]
+        pairs = {f"figures {i // 2 + 1}": names[i : i + 2] for i in range(0, len(names), 2)} or {"summary": []}
         write_pdf(page, file, getattr(_room(result.kind), "PDF_PAGES", pairs))
 
 

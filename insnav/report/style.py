@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,6 +15,8 @@ from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from insnav.messages import SPOKEN
+
 FigureFormat = Literal["png", "svg", "pdf"]
 
 DOTS_PER_INCH = 130
@@ -25,8 +27,9 @@ _RC: Any = mpl.rc_params_from_file(Path(__file__).with_name("papers.mplstyle"), 
 
 @contextmanager
 def drawing() -> Iterator[None]:
-    """Set the style of everything drawn inside."""
-    with mpl.rc_context(_RC):
+    """Set the style of everything drawn inside, and English words: the font has no others."""
+    with mpl.rc_context(_RC), ExitStack() as afterwards:
+        afterwards.callback(SPOKEN.reset, SPOKEN.set("en"))
         yield
 
 

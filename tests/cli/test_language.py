@@ -1,0 +1,105 @@
+"""``--lang``: findings in the language of the reader, the same numbers and files in all."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from insnav import messages
+from insnav.messages import LANGUAGES, PARTS
+from insnav.output.folder import read_facts
+from tests.cli.conftest import QUICK, Cli
+
+WRONG_HEADING = ("--heading", "220")  # so that there is a warning, and assumptions
+TEXTS = {"summary", "verdict", "files"}  # the last has digests of files with texts
+_GAP = re.compile(r"\{[^}]*\}|\[\[|\]\]")
+
+
+def english_in(shown: str) -> list[str]:
+    """Texts of the English catalogue that stand in an output: by their longest part without numbers."""
+    found = []
+    for entry in messages.catalogue("en").values():
+        for text in (entry[part] for part in PARTS if part in entry):
+            longest = max(_GAP.split(text), key=len).strip()
+            if longest.count(" ") > 2 and longest in shown:
+                found.append(longest)
+    return found
+
+
+def lines_of(shown: str, *names: str) -> list[str]:
+    return [line for line in shown.splitlines() if line.startswith(names)]
+
+
+def without_texts(facts: dict[str, Any]) -> dict[str, Any]:
+    facts["imu_model"].pop("chosen")
+    return {name: value for name, value in facts.items() if name not in TEXTS}
+
+
+def test_a_run_warns_in_the_language_that_is_asked_for(drive: Path, cli: Cli):
+    plain = cli("run", *QUICK, *WRONG_HEADING, "--out", "plain")
+    assert english_in(plain.out)  # such a text would be noticed
+    for name, words in {"after": ("run", *QUICK, "--lang", "zh"), "before": ("--lang=zh", "run", *QUICK)}.items():
+        shown = cli(*words, *WRONG_HEADING, "--out", name)
+        assert shown.code == 0, shown.err
+        for line in (told := lines_of(shown.out, "warning", "assumed")):
+            assert "。" in line
+        assert len(told) == len(lines_of(plain.out, "warning", "assumed")) > 1
+        assert english_in(shown.out) == []
+        assert "--lang" not in (Path(name) / "run.json").read_text(encoding="utf-8")
+        texts = [json.dumps(without_texts(read_facts(Path(each)))) for each in ("plain", name)]
+        assert texts[0] == texts[1]
+        for table in ("solution.csv", "smoothed.csv", "innovations.csv"):
+            assert (Path(name) / table).read_bytes() == Path("plain", table).read_bytes()
+    assert Path("before/run.json").read_bytes() == Path("after/run.json").read_bytes()
+    assert cli("run", *QUICK, *WRONG_HEADING, "--out", "again").out == plain.out.replace("plain", "again")
+
+
+def test_what_is_drawn_is_in_english(drive: Path, cli: Cli):
+    assert cli("run", *QUICK, *WRONG_HEADING, "--lang", "zh").code == 0
+    shown = cli(
+        "report", "run", "--pdf", "--lang", "zh"
+    )  # its font has no Chinese; matplotlib would warn, and fail here
+    assert shown.code == 0, shown.err
+    assert Path("run.pdf").read_bytes().startswith(b"%PDF")
+    assert cli("budget", "--imu", "LN-200", "--times", "10", "--lang", "zh", "--out", "budget").code == 0
+    assert "。" in Path("budget/report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [(("--lang", "xx"), "xx"), (("--lang=de",), "de"), (("--lang",), "--lang"), (("--lang", ""), "--lang")],
+)
+def test_an_unknown_language_is_refused_with_those_there_are(cli: Cli, words: tuple[str, ...], said: str):
+    shown = cli("run", "imu.csv", *words)
+    assert shown.code == 2
+    assert shown.out == ""
+    assert shown.err.startswith("insnav: error: ")
+    assert said in shown.err
+    for lang in LANGUAGES:
+        assert re.search(rf"\b{lang}\b", shown.err)
+
+
+def test_the_environment_chooses_the_language_and_english_is_taken_for_an_unknown_one(
+    drive: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
+):
+    shown = {}
+    for lang in ("", "xx", "zh_CN.UTF-8"):
+        monkeypatch.setenv("INSNAV_LANG", lang)
+        shown[lang] = cli("align", "imu.csv", "--lat", "48", "--imu", "automotive", "-v", "--force").err
+    assert shown["xx"] == shown[""]
+    assert "。" not in shown[""]
+    assert "。" in shown["zh_CN.UTF-8"]
+    monkeypatch.setenv("INSNAV_LANG", "zh")
+    assert "。" not in cli("align", "imu.csv", "--lat", "48", "--force", "-v", "--lang", "en").err
+
+
+def test_what_follows_two_dashes_is_no_language(cli: Cli):
+    assert "unexpected extra argument(s) (--lang)" in cli("run", "--", "imu.csv", "--lang").err
+
+
+def test_the_help_shows_the_languages(cli: Cli):
+    assert "--lang en|zh" in cli("--help").out
