@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+import textwrap
 import unicodedata
+from typing import Any
 
 NOT_UTF8 = "backslashreplace"  # what becomes of bytes of a file name that are no UTF-8: JSON reads them as they were
 _ESCAPE = re.compile(
@@ -42,3 +44,11 @@ def without_exponents(text: str) -> str:
 def moment(start: float, stop: float | None = None, until: str = "to") -> str:
     """A time, or stretch, of the record [s] in a text: ``t = 12.0 s``."""
     return f"t = {start:.1f} s" if stop in (None, start) else f"t = {start:.1f} {until} {stop:.1f} s"
+
+
+def wrapped(text: str, width: int, **how: Any) -> list[str]:
+    """Split a text into rows of so many columns of a terminal, where a Chinese character takes two; see `textwrap`."""
+    doubled = "".join(c + "\0" * (unicodedata.east_asian_width(c) in ("W", "F")) for c in text)
+    if doubled != text:  # a row may end between any two of them, or in the middle of one
+        how, width = how | {"break_long_words": True}, width - 1
+    return [row.replace("\0", "") for row in textwrap.wrap(doubled, width, **how)]

@@ -7,7 +7,6 @@ import os
 import re
 import shutil
 import sys
-import textwrap
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -160,9 +159,11 @@ def detail(text: str, *more: str) -> None:
 
 
 def _log(text: str, lead: str, stream: TextIO | None = None) -> None:
+    from insnav.plain_text import wrapped
+
     body = _plain(text)
     width = min(WIDTH, shutil.get_terminal_size((WIDTH, 0)).columns)
-    lines = textwrap.wrap(
+    lines = wrapped(
         body, width, initial_indent=lead, subsequent_indent=" " * 10, break_long_words=False, break_on_hyphens=False
     )
     print("\n".join(lines), file=stream or sys.stderr, flush=True)

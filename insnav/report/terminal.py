@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Sequence
 
-from insnav.plain_text import plain_text
+from insnav.plain_text import plain_text, wrapped
 from insnav.report.page import Page, Show, Table, section_tables
 
 WIDTH = 80  # of a line that is not part of a table
@@ -35,7 +34,7 @@ def page_text(page: Page, width: int | None = None, shown: Sequence[Show] = ("al
 def _wrapped(lines: Sequence[str], width: int | None) -> list[str]:
     if width is None:
         return list(lines)
-    return [row for line in lines for row in textwrap.wrap(line, width, subsequent_indent="    ") or [""]]
+    return [row for line in lines for row in wrapped(line, width, subsequent_indent="    ") or [""]]
 
 
 def table_text(table: Table, width: int | None = None) -> str:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import textwrap
+import unicodedata
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ import pytest
 from insnav import messages
 from insnav.messages import LANGUAGES, PARTS
 from insnav.output.folder import read_facts
+from insnav.plain_text import wrapped
 from tests.cli.conftest import QUICK, Cli
 
 WRONG_HEADING = ("--heading", "220")  # so that there is a warning, and assumptions
@@ -103,3 +106,15 @@ def test_what_follows_two_dashes_is_no_language(cli: Cli):
 
 def test_the_help_shows_the_languages(cli: Cli):
     assert "--lang en|zh" in cli("--help").out
+
+
+@pytest.mark.parametrize("width", [20, 79, 80])
+def test_rows_of_chinese_fit_the_columns_of_a_terminal(width: int):
+    text = "insnav 采用行驶记录的航向，此时定位结果的似然更大。请改正或省略 --heading。" * 3
+    rows = wrapped(text, width, subsequent_indent="  ")
+    columns = [sum(2 if unicodedata.east_asian_width(c) in "WF" else 1 for c in row) for row in rows]
+    assert max(columns) <= width
+    assert len(rows) < 3 * sum(columns) / width
+    assert "".join("".join(rows).split()) == "".join(text.split())
+    plain = "one path/that/is/longer/than/its/row and two"
+    assert wrapped(plain, 12, break_long_words=False) == textwrap.wrap(plain, 12, break_long_words=False)

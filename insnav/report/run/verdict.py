@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -16,7 +15,7 @@ from insnav.filter.gps_noise import heights_measured
 from insnav.findings import CORRECTIONS, Code, Severity, of_code
 from insnav.input.readers.reading import ReadingFacts
 from insnav.messages import sentence
-from insnav.plain_text import plain_text
+from insnav.plain_text import plain_text, wrapped
 from insnav.quantity import Quantity
 from insnav.report.numbers import distance_text, duration_text, number
 from insnav.report.page import LIGHTS, Light, Page, Table, Verdict, cell
@@ -294,7 +293,7 @@ def _rows(text: str, most: int, width: int | None) -> list[str]:
     """A text in at most so many rows, the rest of it cut; whole in one row without a width."""
     if width is None:
         return [plain_text(text)]
-    rows = textwrap.wrap(plain_text(text), width, subsequent_indent="  ", break_on_hyphens=False) or [""]
+    rows = wrapped(plain_text(text), width, subsequent_indent="  ", break_on_hyphens=False) or [""]
     if len(rows) > most:
         rows[most - 1 :] = [f"{rows[most - 1][: width - 1]}…"]
     return rows
