@@ -199,7 +199,12 @@ class Finding:
     @property
     def value(self) -> float:
         """The number that decided: the first of its values; ``NaN`` if there is none."""
-        return next((float(value) for name, value in self._numbers() if not name.startswith("limit")), math.nan)
+        return self.measured[1]
+
+    @property
+    def measured(self) -> tuple[str, float]:
+        """The name of that number, with its unit, and the number; ``""`` and ``NaN`` if there is none."""
+        return next(((name, float(value)) for name, value in self._numbers() if name[:5] != "limit"), ("", math.nan))
 
     @property
     def limit(self) -> float:

@@ -106,7 +106,7 @@ def write_events(folder: Path, findings: Sequence[Finding]) -> Path:
         "severity": [each.severity.name.lower() for each in timed],
         "subject": [each.subject for each in timed],
         # no unit is an empty cell: a lone "-" would look like the start of a formula
-        "unit": [quantity_of(each.values[0][0], 0.0).unit if each.values else "" for each in timed],
+        "unit": [quantity_of(each.measured[0], 0.0).unit for each in timed],
         "action": [" ".join(filter(None, (each.text, each.done))) for each in messages],
         "hint": [each.advice for each in messages],
         "values": [json.dumps(each.as_dict().get("values", {})) for each in timed],
