@@ -61,6 +61,11 @@ class Result(Generic[F]):
         sources = ", ".join(facts.path for facts in self.inputs.values())
         return f"Result: {self.kind} of {sources}" if sources else f"Result: {self.kind}"
 
+    def __getattr__(self, name: str) -> Any:
+        if name in ("notes", "events"):  # of version 0.2
+            raise AttributeError(f"Result.{name} is gone: use Result.findings")
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
     def page(self) -> Page:
         """Lay out the result: sections of quantities and figures.
 

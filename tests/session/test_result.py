@@ -64,6 +64,14 @@ def test_a_result_is_saved_and_opened_again(tmp_path: Path) -> None:
     assert again.findings == again.page().findings == (assumed, limited)
 
 
+@pytest.mark.parametrize("name", ["notes", "events"])
+def test_a_name_of_version_0_2_names_its_successor(name: str) -> None:
+    with pytest.raises(AttributeError, match=r"use Result\.findings"):
+        getattr(Result("answer", 42.0), name)
+    with pytest.raises(AttributeError, match="no attribute 'notices'"):
+        _ = Result("answer", 42.0).notices
+
+
 @pytest.mark.usefixtures("room")
 def test_a_result_shows_itself() -> None:
     result = Result("answer", 42.0)
