@@ -199,7 +199,9 @@ def test_what_is_missing_or_too_large_is_said(found):
     (mismatch,) = warnings(wrong)
     assert mismatch.code is Code.BUDGET_SIMULATED_MISMATCH
     assert mismatch["nees"] == pytest.approx(2.0, abs=0.5)
-    assert any(text.startswith("Warning: The IMU file does not give gyro.bias") for text in texts(drawn(bare, 1)))
+    shown = " ".join(" ".join(texts(drawn(bare, 1))).split())
+    assert f"Warning: {sentence(absent)}" in shown
+    assert f"Warning: {sentence(ignored)}" in shown
     consumer = budget(load_imu("consumer"), at_rest(60.0), (60.0,))
     (steep,) = of_code(warnings(consumer), Code.BUDGET_NONLINEAR)
     assert steep["attitude_rad"] == consumer.covariance.total[consumer.chosen[-1], 6:].max()
