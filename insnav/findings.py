@@ -170,8 +170,10 @@ class Finding:
         }
 
     @classmethod
-    def from_dict(cls, facts: Mapping[str, Any]) -> Self:
-        """Take a finding back from JSON; a code that this version does not know becomes a stored text."""
+    def from_dict(cls, facts: Mapping[str, Any] | str) -> Self:
+        """Take a finding back from JSON; a code that this version does not know, or a text of 0.2, is a stored text."""
+        if isinstance(facts, str):
+            return cls.of(Code.STORED_TEXT, text=facts)
         code, severity = str(facts["code"]), str(facts.get("severity", "warning")).upper()
         known = code in set(Code)
         values = {str(name): math.nan if value is None else value for name, value in facts.get("values", {}).items()}

@@ -127,7 +127,7 @@ def open_folder(folder: Path) -> Result[Any]:
     read = {} if hasattr(_room(kind), "BENCH_FILES") else facts.get("input", {})
     try:
         inputs = {name: ReadingFacts.from_dict(each) for name, each in read.items()}
-        stored = tuple(map(Finding.from_dict, facts.get("findings", ()))) or _of_version_0_2(facts)
+        stored = tuple(map(Finding.from_dict, facts.get("findings", ()))) or _of_version_0_2(kind, facts)
         for each in stored:  # one with values missing cannot be put into words
             render(each)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -145,12 +145,14 @@ def open_folder(folder: Path) -> Result[Any]:
     )
 
 
-def _of_version_0_2(facts: Mapping[str, Any]) -> tuple[Finding, ...]:
-    """Findings of a folder that had texts."""
+def _of_version_0_2(kind: str, facts: Mapping[str, Any]) -> tuple[Finding, ...]:
+    """Findings of a folder that had texts, but for those that the page of its kind makes again."""
+    again = {"budget": ("warnings", "assumptions"), "outage": ("assumptions",)}.get(kind, ())
     severities = {"warnings": Severity.WARNING, "assumptions": Severity.ASSUMPTION, "notes": Severity.NOTE}
     return tuple(
         Finding.of(Code.STORED_TEXT, severity=severity, text=str(text))
         for name, severity in severities.items()
+        if name not in again
         for text in facts.get(name, ())
     )
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +14,8 @@ from insnav.errors.budget.from_windows import RecordedBudget, WindowSettings, re
 from insnav.errors.diagnosis.simulated_replica import Replicas
 from insnav.errors.outage.statistics import COMPONENTS
 from insnav.findings import Code, Finding, Severity, of_code
+from insnav.output.stored import FILE, store
+from insnav.report.budget.page import read_found
 from insnav.report.budget.windows import (
     windows_assumptions,
     windows_drawings,
@@ -23,7 +27,7 @@ from insnav.report.page import Page, section_tables
 from insnav.report.run_json import section_facts
 from insnav.report.style import drawing
 from insnav.report.terminal import page_text
-from insnav.result import Result
+from insnav.result import Result, open_result
 from insnav.session.budget import BudgetSettings, budget_of_windows
 from insnav.simulate.truth_from_track import Residual
 from tests.errors.outage import drives
@@ -141,6 +145,26 @@ def test_page_and_figures(budget: RecordedBudget):
         for axes in (each for each in drawn.axes if each.axison):
             assert axes.get_ylabel().endswith("]")
             assert np.isfinite(axes.get_ylim()).all()
+
+
+def test_what_was_found_in_the_drive_stands_on_the_page_and_in_the_folder(budget: RecordedBudget, tmp_path: Path):
+    found = budget_of_windows(replace(budget, notes=()), BudgetSettings(times=(10.0, 30.0)))
+    model = Finding.of(Code.IMU_MODEL_FROM_REST, 0.0, 70.0, gyro_noise_rad_sqrt_s=9e-5, preset="consumer")
+    detected = (Finding.of(Code.RUN_LEVER_ZERO), model, Finding.of(Code.ESTIMATE_NOISE))
+    made = Result("budget", found, findings=detected)
+    assert set(detected) < set(made.page().findings)
+    again = open_result(made.save(tmp_path / "budget", figures="none"))
+    assert again.page().findings == made.page().findings
+    assert set(again.findings) == set(made.page().findings)
+
+
+def test_notes_that_were_texts_are_findings(budget: RecordedBudget, tmp_path: Path):
+    found = budget_of_windows(budget, BudgetSettings(times=(10.0, 30.0)))
+    texts: Any = ("No reference was given", "No stationary window")
+    store(replace(found, windows=replace(budget, notes=texts)), tmp_path / FILE)
+    windows = read_found(tmp_path).windows
+    assert windows is not None
+    assert [(each.code, each["text"]) for each in windows.notes] == [(Code.STORED_TEXT, text) for text in texts]
 
 
 def test_the_light_is_that_of_what_is_explained(budget: RecordedBudget):

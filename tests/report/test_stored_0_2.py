@@ -10,6 +10,7 @@ import pytest
 from insnav.findings import Code, Severity, of_code
 from insnav.messages import render
 from insnav.output.folder import read_facts
+from insnav.report.save import _of_version_0_2
 from insnav.result import open_result
 
 FOLDER = Path(__file__).parent / "stored_0_2"
@@ -55,6 +56,13 @@ def test_its_figures_of_merit_are_those_of_its_tables():
     assert values["horizontal"] == pytest.approx(44.7, rel=0.2)  # every 150th row of what it was
     assert values["inside_3_sd"] == 1.0
     assert "horizontal error RMS [m]" in result.summary()
+
+
+def test_pages_that_make_their_assumptions_again_do_not_say_them_twice():
+    facts = {name: [name] for name in TEXTS}
+    for kind, kept in (("run", [*TEXTS]), ("outage", ["warnings", "notes"]), ("budget", ["notes"])):
+        found = _of_version_0_2(kind, facts)
+        assert [(each["text"], each.severity) for each in found] == [(name, TEXTS[name]) for name in kept]
 
 
 def test_it_is_saved_and_opened_again(tmp_path: Path):

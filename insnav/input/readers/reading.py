@@ -54,11 +54,7 @@ class ReadingFacts:
     def from_dict(cls, facts: Mapping[str, Any]) -> ReadingFacts:
         """Take the facts back from JSON."""
         known = {each.name for each in fields(cls)}
-        # version 0.2 wrote texts
-        evidence = tuple(
-            Finding.of(Code.STORED_TEXT, text=each) if isinstance(each, str) else Finding.from_dict(each)
-            for each in facts["evidence"]
-        )
+        evidence = tuple(map(Finding.from_dict, facts["evidence"]))
         return cls(**{name: value for name, value in facts.items() if name in known} | {"evidence": evidence})
 
     def lines(self) -> list[str]:

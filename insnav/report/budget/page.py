@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 from insnav.errors.budget.drive_motion import BudgetStudy
 from insnav.errors.budget.error_budget import BAND, Budget
@@ -17,8 +18,7 @@ from insnav.messages import sentence
 from insnav.output.folder import RunFolder
 from insnav.output.solution_tables import TableFormat
 from insnav.output.stored import FILE as FOUND
-from insnav.output.stored import read_stored as read_found
-from insnav.output.stored import store
+from insnav.output.stored import read_stored, store
 from insnav.quantity import Quantity
 from insnav.report.budget import headline, quantities
 from insnav.report.budget import windows as recorded
@@ -131,6 +131,15 @@ def write_files(result: Result[BudgetStudy], folder: RunFolder, table_format: Ta
         folder.path("imu.toml").write_text(to_toml(result.imu_model[0]), encoding="utf-8", newline="\n")
     with drawing():
         save_pages((_front(result), _back(result)), folder.path("budget.pdf"))
+
+
+def read_found(folder: Path) -> BudgetStudy:
+    """Read a budget from its folder; notes on its windows were texts in version 0.2."""
+    found: BudgetStudy = read_stored(folder)
+    if found.windows is None:
+        return found
+    notes = tuple(Finding.from_dict(each) if isinstance(each, str) else each for each in found.windows.notes)
+    return replace(found, windows=replace(found.windows, notes=notes))
 
 
 def frame(result: Result[BudgetStudy]) -> DataFrame:
