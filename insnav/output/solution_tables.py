@@ -30,19 +30,7 @@ from insnav.types import GpsData, Innovations, SensorErrors, Trajectory
 TableFormat = Literal["csv", "parquet"]
 T = TypeVar("T", bound=Tabular)
 
-_EVENT_COLUMNS = [
-    "time_s",
-    "end_s",
-    "code",
-    "severity",
-    "subject",
-    "value",
-    "limit",
-    "unit",
-    "action",
-    "hint",
-    "values",
-]
+_EVENTS = ("time_s", "end_s", "code", "severity", "subject", "value", "limit", "unit", "action", "hint", "values")
 
 _NAMES: dict[type, str] = {
     Trajectory: "solution",
@@ -114,7 +102,7 @@ def write_events(folder: Path, findings: Sequence[Finding]) -> Path:
     columns |= {key: [cell_text(text) for text in column] for key, column in texts.items()}
     path = folder / "events.csv"
     with path.open("wb") as stream:
-        write_csv(arrow_table({key: columns[key] for key in _EVENT_COLUMNS}), stream)
+        write_csv(arrow_table({key: columns[key] for key in _EVENTS}), stream)
     return path
 
 

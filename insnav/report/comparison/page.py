@@ -75,9 +75,7 @@ def page(result: Result[Comparison]) -> Page:
 
 def _warnings(found: Comparison) -> tuple[Finding, ...]:
     """What makes errors of the last solution of each run larger than stated, as the report of a run has it."""
-    last = {
-        each.run: (name, errors) for each, (name, errors) in zip(found.compared, found.named().items(), strict=True)
-    }
+    last = {each.run: named for each, named in zip(found.compared, found.named().items(), strict=True)}
     return tuple(each for name, errors in last.values() for each in overconfident(name, errors, same_data=False))
 
 
