@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
-KEYWORDS = {"--out": "folder"}  # options whose keyword in Python has another name; `insnav.session.inputs` adds its own
+KEYWORDS = {"--out": "folder"}  # options whose keyword in Python has another name; `insnav.steps.inputs` adds its own
 _OPTION = re.compile(r"--([a-z](?:[a-z-]*[a-z])?)\b")
 
 

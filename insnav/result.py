@@ -30,6 +30,15 @@ F = TypeVar("F")
 _save, _html = library("insnav.report.save"), library("insnav.report.html")
 
 
+@dataclass(frozen=True, slots=True)
+class StepRecord:
+    """A step of the way from a recording to a result; see `insnav.steps`."""
+
+    name: str
+    findings: tuple[Finding, ...]  # what it detected
+    time_s: float  # computing time, wall clock [s]
+
+
 @dataclass(frozen=True)
 class Result(Generic[F]):
     """What was found, from which data, with which options.
@@ -48,6 +57,8 @@ class Result(Generic[F]):
         IMU error specification, and how it was chosen.
     findings : tuple of Finding
         Everything that was detected, most important first.
+    steps : tuple of StepRecord
+        Steps that were run, in order; empty for a result that was opened.
     """
 
     kind: str
@@ -56,6 +67,7 @@ class Result(Generic[F]):
     options: Mapping[str, Any] = field(default_factory=dict)
     imu_model: tuple[ImuSpec, Finding] | None = None
     findings: tuple[Finding, ...] = ()
+    steps: tuple[StepRecord, ...] = ()
 
     def __repr__(self) -> str:
         sources = ", ".join(facts.path for facts in self.inputs.values())

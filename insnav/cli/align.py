@@ -24,7 +24,7 @@ def align(
     with working(out, force) as (folder, stage):
         drive = data.load(stage)
         outcome = drive.align()
-        read = {event for reading in drive.readings.given().values() for event in reading.events}
+        read = {event for reading in drive.recording.given().values() for event in reading.events}
         for finding in outcome.findings:
             if finding not in read and finding is not drive.imu_chosen:  # of these the table and -v tell
                 note(sentence(finding))

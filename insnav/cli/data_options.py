@@ -20,7 +20,7 @@ from insnav.cli.options import FILES, argument, option
 from insnav.exceptions import OutputError
 from insnav.findings import Code
 from insnav.messages import sentence
-from insnav.session.inputs import INPUTS, LOGS, Input, Inputs
+from insnav.steps.inputs import INPUTS, LOGS, Input, Inputs
 
 if TYPE_CHECKING:
     from insnav.input import Reading, ReadingFacts
@@ -68,11 +68,11 @@ class Data:
 
         assert self.imu is not None
         compile_at_first(self.imu)
-        readings = read(self.imu, self.gps, self.ref, self.inputs)
-        for facts in readings.facts.values():
+        recording = read(self.imu, self.gps, self.ref, self.inputs)
+        for facts in recording.facts.values():
             say_reading(facts)
         stage("aligning")
-        drive = drive_of(readings)
+        drive = drive_of(recording)
         detail(f"IMU model: {drive.imu_spec.name}", sentence(drive.imu_chosen))
         return drive
 
@@ -81,6 +81,8 @@ class Data:
 
         `how`: as of `insnav.report.save.save_result`.
         """
+        for step in outcome.steps:
+            detail(f"step {step.name}: {step.time_s:.2f} s", *map(sentence, step.findings))
         stage("writing")
         from insnav.report.save import save_result
 

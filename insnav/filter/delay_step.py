@@ -31,13 +31,13 @@ SAME = 0.2  # part of the largest move; smaller ones are none
 Solved = tuple[Prepared, Navigated]
 
 
-def with_one_delay(fixes: GpsData | None, navigated: Callable[..., Solved]) -> Solved:
-    """Navigate, and again with fixes on one delay if that changes; the likelier of both.
+def with_one_delay(first: Solved, fixes: GpsData, navigated: Callable[..., Solved]) -> Solved:
+    """Navigate again with fixes on one delay if that changes; the likelier of both.
 
-    `navigated`: prepares and navigates with other fixes, and with the clock of the samples from where it is looked for.
+    `first`: with the fixes as they are; `navigated`: prepares and navigates with other fixes, and with the clock of the
+    samples from where it is looked for.
     """
-    first = other = navigated(fixes)
-    assert fixes is not None  # else there was nothing to navigate
+    other = first
     late, some, sure = np.zeros(fixes.time.size), fixes, True
     cost = cost_of_first = _cost(*first, fixes)
     for _ in range(ROUNDS):
@@ -65,10 +65,15 @@ def with_one_delay(fixes: GpsData | None, navigated: Callable[..., Solved]) -> S
         if done.run.smoothed is not None and done.run.smoothed.delay_step is None:  # false fixes looked like one
             more = (each for each in _contradictions(other) if each not in done.run.events)
             return ready, replace(done, gps=first[1].gps, run=replace(done.run, events=(*done.run.events, *more)))
-    drifting = _drifting(first, other, fixes, late, navigated)
-    if drifting is not None and _cost(*drifting, fixes) < cost + _margin(other):
-        # a delay that was given stays, and is said to contradict the drive
-        return drifting if first[0].settings.delay_sd > 0.0 else first
+    rates = _rates_of_drift(first[0], late, float(fixes.time[-1] - fixes.time[0]))
+    drifting = [navigated(fixes, _clock_of(first[0], other, fixes, late, rate)) for rate in rates]
+    costs = [_cost(*each, fixes) for each in drifting]
+    if (rate := _likeliest_rate(rates, costs)) is not None:
+        drifting.append(navigated(fixes, _clock_of(first[0], other, fixes, late, rate)))
+        costs.append(_cost(*drifting[-1], fixes))
+    if costs and min(costs) < cost + _margin(other):
+        # a delay that was given stays, and is reported to contradict the drive
+        return drifting[int(np.argmin(costs))] if first[0].settings.delay_sd > 0.0 else first
     ready, done = other
     run = _with_steps(done.run, fixes.time, late)
     if not sure:
@@ -76,33 +81,31 @@ def with_one_delay(fixes: GpsData | None, navigated: Callable[..., Solved]) -> S
     return ready, replace(done, run=run)
 
 
-def _drifting(
-    first: Solved, other: Solved, fixes: GpsData, late: FloatArray, navigated: Callable[..., Solved]
-) -> Solved | None:
-    """Navigate with a drift of the clock, or with a delay that is free, where that may look like a step; the likeliest.
+def _rates_of_drift(ready: Prepared, late: FloatArray, length: float) -> list[float]:
+    """Return rates of the clock that look like a step, and none where the delay was given: it may just be another.
 
-    `first`, `other`: with fixes as they are, and with those of the larger delay moved; `late` (n,): by how much [s].
+    `late` (n,): by how much fixes were moved [s]; `length`: of the drive [s].
     """
-    ready, length = first[0], float(fixes.time[-1] - fixes.time[0])
     # means before and after the middle of a drift are half of it apart
     slope = 2.0 * float(late[-1] - late[0]) / length
     rates = [part * slope for part in PARTS if abs(part * slope) <= LARGEST_DRIFT]
-    if ready.settings.delay_sd <= 0.0:
-        rates.append(0.0)
+    return rates if ready.settings.delay_sd > 0.0 else [*rates, 0.0]
+
+
+def _clock_of(ready: Prepared, other: Solved, fixes: GpsData, late: FloatArray, rate: float) -> tuple[float, float]:
+    """Return the clock at the start [s], and its rate, that has the mean delay of fixes that were moved by `late`."""
     mean = other[1].run.gps_delay + float(late.mean()) - ready.settings.delay
+    total = ready.rate + rate
+    return mean - 0.5 * total * float(fixes.time[-1] - fixes.time[0]), total
 
-    def at(rate: float) -> tuple[float, Solved]:
-        total = ready.rate + rate
-        some = navigated(fixes, (mean - 0.5 * total * length, total))
-        return _cost(*some, fixes), some
 
-    tried = [at(rate) for rate in rates]
-    if len(tried) >= 3:
-        curve = np.polyfit(rates[:3], [cost for cost, _ in tried[:3]], 2)
-        top = -0.5 * curve[1] / curve[0]
-        if curve[0] > 0.0 and abs(top) <= LARGEST_DRIFT:
-            tried.append(at(float(top)))
-    return min(tried, key=lambda each: each[0])[1] if tried else None
+def _likeliest_rate(rates: list[float], costs: list[float]) -> float | None:
+    """Return the rate at the top of a parabola through the first three; none without one."""
+    if len(costs) < 3:
+        return None
+    curve = np.polyfit(rates[:3], costs[:3], 2)
+    top = -0.5 * curve[1] / curve[0]
+    return float(top) if curve[0] > 0.0 and abs(top) <= LARGEST_DRIFT else None
 
 
 def _shows_both(track: Trajectory, step: DelayStep) -> bool:

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from insnav.attitude import dcm_from_quat, quat_from_rph, wrap_pi
-from insnav.exceptions import AlignmentError
 from insnav.filter.changes import with_wider_sd
 from insnav.filter.gps_delay import filtered
 from insnav.filter.navigate import feed
@@ -31,12 +30,8 @@ NO_GYROS = 30.0 * DEG_PER_SQRT_H  # noise that no gyros have; hard mounts in veh
 WRONG_HEADING = 3.0  # standard deviations of a heading given from which another one that the drive shows is tried
 
 
-def with_right_heading(given: Prepared, alone: Callable[[], Prepared]) -> Prepared:
-    """A recording as prepared with a heading that was given, or `alone`, without it, if that makes fixes likelier."""
-    try:
-        found = alone()
-    except AlignmentError:  # the drive shows none
-        return given
+def with_right_heading(given: Prepared, found: Prepared) -> Prepared:
+    """Return a recording as prepared with the heading that was given, or without it, if that makes fixes likelier."""
     said, shown = given.alignment, found.alignment
     off = abs(float(wrap_pi(shown.rph[2] - said.rph[2])))
     limit = WRONG_HEADING * float(said.sd[2])

@@ -25,9 +25,9 @@ from insnav.lab.navigation_impact import navigation_impact
 from insnav.lab.noise.allan import between
 from insnav.lab.noise.static_noise import SignalNoise, StaticNoise, signal_noise, static_noise
 from insnav.result import Result
-from insnav.session.checked_inputs import checked
-from insnav.session.inputs import Inputs
 from insnav.session.read import is_frame, read_samples, samples_source
+from insnav.steps.checked_inputs import checked
+from insnav.steps.inputs import Inputs
 from insnav.types import FloatArray, ImuData
 
 if TYPE_CHECKING:
@@ -159,7 +159,7 @@ def allan(
     progress : callable, optional
         Called with the fraction of the work that is done.
     **inputs
-        How to understand the file of an IMU, as in `insnav.session.inputs.Inputs`.
+        How to understand the file of an IMU, as in `insnav.steps.inputs.Inputs`.
 
     Returns
     -------

@@ -29,11 +29,12 @@ from insnav.input.readers.kinds import data_files, kinds_of
 from insnav.input.readers.reading import not_covered
 from insnav.messages import sentence
 from insnav.result import Result
-from insnav.session.clock import clock_offset, shown_by
-from insnav.session.defaults import stationary_part
 from insnav.session.drive import Drive, drive_of
-from insnav.session.inputs import INPUTS, Inputs
-from insnav.session.read import Readings, read
+from insnav.session.read import read
+from insnav.steps import Recording
+from insnav.steps.imu_noise import stationary_part
+from insnav.steps.inputs import INPUTS, Inputs
+from insnav.steps.one_clock import clock_offset, shown_by
 from insnav.strapdown import intervals, joined
 from insnav.types import BoolArray, GpsData, ImuData, Run
 from insnav.units import G0
@@ -206,21 +207,21 @@ def _inside(path: str | Path) -> list[str | Path]:
         return [*data_files(path)] or [path]
 
 
-def _opened(given: Mapping[str, str | Path], patient: _Patient) -> tuple[Readings | None, Drive | None]:
-    """Readings, and the drive, of as many of the files as go together."""
+def _opened(given: Mapping[str, str | Path], patient: _Patient) -> tuple[Recording | None, Drive | None]:
+    """Recording, and the drive, of as many of the files as go together."""
     if "imu" not in given:
         patient.refused(InputError("no file with IMU data", why="none has gyros and accelerometers", fix=_ALONE))
         return None, None
     best = None
     for parts in _ways(given):
-        readings, drive = _attempt(parts, patient)
-        best = best or readings
+        recording, drive = _attempt(parts, patient)
+        best = best or recording
         patient.parts = parts
         if drive is not None and "reference" not in given and "reference" in parts:  # so they are no fixes after all
             patient.problems, patient.refusals = [], 0
             patient.roles[str(parts["reference"])] = "reference"
-        if drive is not None or (readings is not None and readings.gps is not None and "reference" not in parts):
-            return readings if drive is None else drive.readings, drive
+        if drive is not None or (recording is not None and recording.gps is not None and "reference" not in parts):
+            return recording if drive is None else drive.recording, drive
     return best, None
 
 
@@ -236,17 +237,17 @@ def _ways(given: Mapping[str, str | Path]) -> Iterator[dict[str, str | Path]]:
         yield {"imu": imu}
 
 
-def _attempt(parts: Mapping[str, str | Path], patient: _Patient) -> tuple[Readings | None, Drive | None]:
+def _attempt(parts: Mapping[str, str | Path], patient: _Patient) -> tuple[Recording | None, Drive | None]:
     """Read files with the inputs that refusals ask for."""
-    readings = None
+    recording = None
     for _ in range(ATTEMPTS):
         try:
-            readings = read(parts["imu"], parts.get("gps"), parts.get("reference"), patient.inputs)
-            return readings, drive_of(readings)
+            recording = read(parts["imu"], parts.get("gps"), parts.get("reference"), patient.inputs)
+            return recording, drive_of(recording)
         except InsnavError as error:
             if not patient.refused(error):
                 break
-    return readings, None
+    return recording, None
 
 
 def _fixes_alone(path: str | Path, found: Checked, patient: _Patient) -> tuple[dict[str, ReadingFacts], Checked]:
@@ -262,7 +263,7 @@ def _fixes_alone(path: str | Path, found: Checked, patient: _Patient) -> tuple[d
     return {"gps": reading.facts}, found
 
 
-def _examined(found: Checked, data: Readings, drive: Drive | None, patient: _Patient) -> Checked:
+def _examined(found: Checked, data: Recording, drive: Drive | None, patient: _Patient) -> Checked:
     """Figures of what there is, and what is wrong with it."""
     imu = data.imu.data
     fixes = None if data.gps is None else with_sd(data.gps.data)[0]
@@ -384,7 +385,7 @@ def _run(drive: Drive, patient: _Patient) -> Run | None:
     run: Run | None = None
     lost: Finding | None = None
     with suppress(InsnavError):
-        ready = drive.beginning(BEGIN).prepared()
+        ready = drive.beginning(BEGIN).until("align").ready
         run = looked(ready)
         run, lost = replace(run, gps_delay=run.gps_delay + ready.clock), failure(run)
     if run is None or lost:
@@ -401,7 +402,7 @@ def _run(drive: Drive, patient: _Patient) -> Run | None:
     return run
 
 
-def _of_both(found: Checked, data: Readings, patient: _Patient) -> None:
+def _of_both(found: Checked, data: Recording, patient: _Patient) -> None:
     axes = data.imu.facts.axes
     if found.mounting and axes and axes != "FRD" and data.inputs.get("axes") is None:
         patient.inputs["axes"] = axes

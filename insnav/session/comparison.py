@@ -18,9 +18,9 @@ from insnav.output.contents import FACTS_FILE, read_facts
 from insnav.output.solution_tables import has_smoothed, read_run_table, read_solution
 from insnav.plain_text import plain_text
 from insnav.result import Result
-from insnav.session.checked_inputs import checked, options_of, reference_point
-from insnav.session.inputs import Inputs
 from insnav.session.read import read_ref
+from insnav.steps.checked_inputs import checked, options_of, reference_point
+from insnav.steps.inputs import Inputs
 from insnav.types import GpsData, Trajectory
 
 if TYPE_CHECKING:

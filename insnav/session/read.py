@@ -1,4 +1,4 @@
-"""Data as they were given (files, tables, arrays, insnav's own types) to readings."""
+"""Data as they were given (files, tables, arrays, insnav's own types) to a recording."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import hashlib
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar, get_args
 
@@ -23,9 +23,10 @@ from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA, Quantity
 from insnav.input.readers.kinds import open_parts
 from insnav.input.readers.sensor_log import read_sensor_log
 from insnav.plain_text import plain_text
-from insnav.session.checked_inputs import checked, one_of
-from insnav.session.inputs import LOGS, Inputs
-from insnav.types import FloatArray, GpsData, ImuData, Sampling, SensorLog, Stamp, Trajectory
+from insnav.steps import Recording
+from insnav.steps.checked_inputs import checked, one_of
+from insnav.steps.inputs import LOGS, Inputs
+from insnav.types import FloatArray, GpsData, ImuData, Sampling, Stamp, Trajectory
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,28 +42,9 @@ _GYRO = ("gyro_x_rad_s", "gyro_y_rad_s", "gyro_z_rad_s")
 _ACCEL = ("accel_x_m_s2", "accel_y_m_s2", "accel_z_m_s2")
 
 
-@dataclass(frozen=True, slots=True)
-class Readings:
-    """What was read."""
-
-    imu: Reading[ImuData]  # known errors corrected
-    gps: Reading[GpsData] | None
-    reference: Reading[Trajectory] | None
-    logs: Mapping[str, Reading[SensorLog]]  # further sensors by name
-    inputs: Inputs  # what was given with them, checked
-
-    def given(self) -> dict[str, Reading[ImuData] | Reading[GpsData] | Reading[Trajectory] | Reading[SensorLog]]:
-        """Readings by name: ``imu``, ``gps``, ``reference`` and those of further sensors."""
-        named = {"imu": self.imu, "gps": self.gps, "reference": self.reference, **self.logs}
-        return {name: each for name, each in named.items() if each is not None}
-
-    @property
-    def facts(self) -> dict[str, ReadingFacts]:
-        """What was understood of each."""
-        return {name: each.facts for name, each in self.given().items()}
-
-
-def read(imu: Given | ImuData, gps: Given | GpsData | None, ref: Given | Trajectory | None, inputs: Inputs) -> Readings:
+def read(
+    imu: Given | ImuData, gps: Given | GpsData | None, ref: Given | Trajectory | None, inputs: Inputs
+) -> Recording:
     """Read a drive; the small files first, so that what is wrong with them is known at once.
 
     Raises: ConfigError, InputError: what cannot be meant, or used; `where` names the input.
@@ -79,7 +61,7 @@ def read(imu: Given | ImuData, gps: Given | GpsData | None, ref: Given | Traject
     reference = None if given["reference"] is None else read_ref(given["reference"], inputs)
     logs = {name: read_sensor_log(_table(log), name) for name, log in given_logs.items()}
     samples = read_samples(given["imu"], inputs, any_way=fixes is not None)
-    return Readings(samples, fixes, reference, logs, inputs)
+    return Recording(samples, fixes, reference, logs, inputs)
 
 
 def _fixes_beside(imu: Any, inputs: Inputs) -> Reading[GpsData] | None:

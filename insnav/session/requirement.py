@@ -23,11 +23,11 @@ from insnav.imu import ImuSpec, load_imu
 from insnav.imu.library import completed, find_part, parts
 from insnav.result import Result
 from insnav.session.budget import LONGEST_FREE
-from insnav.session.checked_inputs import one_of
 from insnav.simulate.closed_forms import straight
 from insnav.simulate.motion import load_profile
 from insnav.simulate.recording import MOTION_STREAM
 from insnav.simulate.truth import Truth
+from insnav.steps.checked_inputs import one_of
 from insnav.units import parse_quantity
 
 BEFORE = 300.0  # GPS before the outage, where the motion is long enough [s]

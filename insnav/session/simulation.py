@@ -7,14 +7,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, TypedDict, Unpack
 
+from insnav import steps
 from insnav.exceptions import InputError
 from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec
 from insnav.input import Reading, read_reference
-from insnav.session.checked_inputs import one_of
 from insnav.session.drive import Drive, drive_of
-from insnav.session.inputs import Inputs
-from insnav.session.read import Readings, in_memory
+from insnav.session.read import in_memory
 from insnav.simulate.faults import Fault, parse_fault
 from insnav.simulate.gps_errors import GpsSpec
 from insnav.simulate.gps_file import load_gps
@@ -23,6 +22,8 @@ from insnav.simulate.motion import load_profile
 from insnav.simulate.recording import MOTION_STREAM, Recording, perfect_imu, simulate_recording, temperature_ramp
 from insnav.simulate.truth import Truth
 from insnav.simulate.truth_from_track import Residual, track_residual, truth_from_track
+from insnav.steps.checked_inputs import one_of
+from insnav.steps.inputs import Inputs
 from insnav.types import Sampling, Trajectory
 
 IDEAL = "ideal"  # name of a sensor without errors
@@ -124,14 +125,14 @@ def simulate(profile: str | Path, **options: Unpack[SimulationOptions]) -> Drive
     plan = plan_of(profiled(profile, options.get("seed", 1)), options)
     made = plan.measured()
     inputs: Inputs = {"imu_model": plan.imu, "lever_arm": made.lever_b}
-    readings = Readings(
+    recording = steps.Recording(
         in_memory(made.imu, "IMU", f"simulated {plan.motion.name}"),
         in_memory(made.gps, "GPS", f"simulated {plan.motion.name}"),
         in_memory(made.reference, "reference", "exact motion"),
         {},
         inputs,
     )
-    return drive_of(readings)
+    return drive_of(recording)
 
 
 def plan_of(motion: Motion, options: SimulationOptions, configuration: Mapping[str, Any] | None = None) -> Plan:

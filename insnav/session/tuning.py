@@ -12,9 +12,9 @@ from insnav.filter.innovation_likelihood import InnovationLikelihood
 from insnav.filter.noise_estimate import NoiseEstimate, NoiseFigure
 from insnav.filter.noise_search import FEWEST, identify, unlike
 from insnav.findings import Code, Finding
-from insnav.session import defaults
 from insnav.session.drive import Drive, load
-from insnav.session.inputs import Inputs
+from insnav.steps.given import better_kinds
+from insnav.steps.inputs import Inputs
 
 
 def tune(
@@ -37,7 +37,7 @@ def tune(
         drive = load(imu, gps, **given)
         if drive.fixes is None:
             raise InputError("no fixes were found for the samples", where=str(imu), fix="put them beside it, alone")
-        ready = drive.prepared()
+        ready = drive.until("align").ready
         one = InnovationLikelihood(ready, drive.imu_spec)
         if one.fixes < FEWEST:
             raise InputError(
@@ -47,7 +47,7 @@ def tune(
         likelihoods.append(one)
     if len({tuple(each.key for each in one.parameters) for one in likelihoods}) > 1:
         raise InputError("some drives have GPS velocities and some have none", fix="tune them apart")
-    found = identify(likelihoods, defaults.better_kinds(inputs, drives[0].imu_spec))
+    found = identify(likelihoods, better_kinds(inputs, drives[0].imu_spec))
     name = f"{drives[0].imu_spec.name}, from {len(drives)} drives" if len(drives) > 1 else found.spec.name
     different = unlike(likelihoods, found) if len(drives) > 1 else []
     files = [str(Path(*imu.parts[-2:])) for imu, _ in recordings]

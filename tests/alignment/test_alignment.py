@@ -201,7 +201,7 @@ def test_samples_that_end_before_the_vehicle_moves_are_named():
     made = insnav.simulate("city", imu="consumer", gps="single", seed=1)
     imu = made.imu.data.rows(made.imu.data.time < made.imu.data.time[0] + 8.0)
     with pytest.raises(AlignmentError, match=r"until the samples end, \d+ s before the fixes do"):
-        insnav.load(imu, made.gps.data).prepared()
+        insnav.load(imu, made.gps.data).until("align")
 
 
 def test_a_given_heading_is_taken():
@@ -423,9 +423,9 @@ def test_positions_far_apart_make_a_start_in_motion_or_say_that_they_are(every, 
     drive = insnav.load(imu, without_velocities(gps))
     if not sees:
         with pytest.raises(AlignmentError, match=f"{every} s apart"):
-            drive.prepared()
+            drive.until("align")
         return
-    ready, true = drive.prepared(), made.reference.data
+    ready, true = drive.until("align").ready, made.reference.data
     wrong = ready.initial.v_n - np.array([np.interp(ready.initial.time, true.time, each) for each in true.v_n.T])
     assert (np.abs(wrong) < 3.5 * np.sqrt(np.diagonal(ready.initial.covariance)[3:6])).all()
 

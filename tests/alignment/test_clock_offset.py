@@ -16,8 +16,8 @@ from insnav.earth import lla_offset
 from insnav.exceptions import InputError
 from insnav.filter.gps_noise import with_sd
 from insnav.input import read_gps, read_imu
-from insnav.session.clock import clock_offset
 from insnav.simulate import GpsErrors
+from insnav.steps.one_clock import clock_offset
 from insnav.strapdown import intervals, joined, pieces
 from insnav.types import GpsData, ImuData
 from insnav.units import DEG

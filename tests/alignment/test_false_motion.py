@@ -47,9 +47,9 @@ def error_of_heading(ready, truth) -> tuple[float, float]:
 
 def test_a_rest_goes_on_while_only_fixes_move(parked):
     imu, gps, truth = parked
-    ready = insnav.load(imu, wandering(gps, truth, 30.0)).prepared()
+    ready = insnav.load(imu, wandering(gps, truth, 30.0)).until("align").ready
     assert ready.alignment.static[1] - truth.start > REST - 3.0
-    plain = insnav.load(imu, gps).prepared()
+    plain = insnav.load(imu, gps).until("align").ready
     assert ready.alignment.static == pytest.approx(plain.alignment.static, abs=2.0)
     off, sd = error_of_heading(ready, truth)
     assert abs(off) < 3.0 * sd < 0.5

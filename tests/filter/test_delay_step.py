@@ -31,7 +31,7 @@ def navigated(seed, fixes):
         ready = replace(prepare(imu, gps, spec, settings), rate=clock[1])
         return ready, navigate_prepared(ready, spec)
 
-    return with_one_delay(fixes, once)[1]
+    return with_one_delay(once(fixes), fixes, once)[1]
 
 
 @pytest.mark.parametrize(("seed", "seconds"), [(5, 0.5), (8, -0.2)])

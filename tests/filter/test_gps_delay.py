@@ -28,10 +28,10 @@ from insnav.findings import Code, of_code
 from insnav.input import read_gps, read_imu
 from insnav.kernels import errorstate
 from insnav.kernels.smoother import CORRECTION, STATE
-from insnav.session.defaults import LEVER_SD
 from insnav.session.simulation import plan_of, profiled
 from insnav.simulate import gps_from_truth
 from insnav.simulate.gps_file import load_gps
+from insnav.steps.given import LEVER_SD
 from insnav.types import FloatArray, GpsData, ImuData
 from tests import shared
 from tests.filter import drives
@@ -158,7 +158,7 @@ def test_false_fixes_of_a_precise_receiver_do_not_decide():
     rng, off = np.random.default_rng(4), np.zeros_like(gps.lla)
     false = rng.random(gps.time.size) < 0.05
     off[false, :2] = rng.choice([-30.0, 30.0], (int(false.sum()), 2))
-    ready = insnav.load(imu, replace(gps, lla=lla_offset(gps.lla, off))).prepared()
+    ready = insnav.load(imu, replace(gps, lla=lla_offset(gps.lla, off))).until("align").ready
     assert ready.clock == pytest.approx(-0.071, abs=0.012)
     assert ready.rate == pytest.approx(-290e-6, abs=60e-6)
     assert ready.settings.velocity_lag == pytest.approx(0.130, abs=0.005)
@@ -191,7 +191,7 @@ def test_an_uneven_likelihood_gives_no_delay():
     options = {"imu": "consumer", "gps": "urban", "seed": 1016}
     made = plan_of(profiled("round_trip", 1016), options).measured()
     velocities = {name: getattr(made.gps, name) * [1.0, 1.0, np.nan] for name in ("v_n", "velocity_sd")}
-    ready = insnav.load(made.imu, gps=replace(made.gps, **velocities)).prepared()
+    ready = insnav.load(made.imu, gps=replace(made.gps, **velocities)).until("align").ready
     assert ready.clock == 0.0
 
 
@@ -199,7 +199,7 @@ def test_windows_that_disagree_give_no_delay():
     """Turns of a motorway with consumer gyros: a sharp top at 0.08 s, 9 sd by its curvature; truth 0."""
     made = plan_of(profiled("motorway", 5), {"imu": "consumer", "seed": 5}).measured()
     drive = insnav.load(made.imu, gps=made.gps)
-    assert drive.prepared().clock == 0.0
+    assert drive.until("align").ready.clock == 0.0
     run = drive.navigate(smooth=False).found.run
     assert abs(run.gps_delay) < min(3.0 * run.gps_delay_sd, 0.010)
 
@@ -251,7 +251,7 @@ def test_the_solution_follows_the_time_of_the_fixes(plain, delay):
 
 def test_a_drive_without_delay_is_left_as_it_is():
     drive = insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv")
-    ready = drive.prepared()
+    ready = drive.until("align").ready
     assert ready.clock == 0.0
     np.testing.assert_array_equal(ready.imu.time, drive.imu.data.time)
 
@@ -259,8 +259,8 @@ def test_a_drive_without_delay_is_left_as_it_is():
 def test_a_delay_that_is_given_is_not_looked_for():
     known = insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv")
     gps = replace(known.gps.data, time=known.gps.data.time + 0.5)
-    assert insnav.load(known.imu.data, gps, gps_delay=0.5).prepared().clock == 0.0
-    assert insnav.load(known.imu.data, gps).prepared().clock == pytest.approx(0.5, abs=0.03)
+    assert insnav.load(known.imu.data, gps, gps_delay=0.5).until("align").ready.clock == 0.0
+    assert insnav.load(known.imu.data, gps).until("align").ready.clock == pytest.approx(0.5, abs=0.03)
     late = replace(gps, time=gps.time + 1.6)
     insnav.load(known.imu.data, late, gps_delay=2.1)
     with pytest.raises(InputError, match="the clocks of IMU and GPS differ"):
@@ -303,7 +303,7 @@ def test_steady_turns_are_no_delay():
     """Around a circle a delay is a heading, and a window of it was 0.14 s sure of one; the whole drive is not."""
     made = insnav.simulate("figure_eight", imu="automotive", gps="rtk", seed=105)
     imu, gps = (each.data.rows(each.data.time < 240.0) for each in (made.imu, made.gps))
-    ready = insnav.load(imu, gps).prepared()
+    ready = insnav.load(imu, gps).until("align").ready
     assert ready.clock == 0.0
     assert abs(by_likelihood(ready)[0]) < 0.005
 
@@ -428,7 +428,7 @@ def test_a_drift_of_the_clock_is_found_by_fixes_of_which_gates_reject_many(first
     """RTK, a fix every 5 s: those that gates passed were no likelier with it; six faults and 96 m stated."""
     folder = shared.recorded("rtklib_drive_20250708")
     imu, gps = read_imu(folder / "imu.csv.gz").data, read_gps(folder / "gps.csv").data
-    ready = insnav.load(imu, gps.rows(slice(first, None, 20))).prepared()
+    ready = insnav.load(imu, gps.rows(slice(first, None, 20))).until("align").ready
     assert ready.rate == pytest.approx(-290e-6, abs=90e-6)
     assert ready.clock == pytest.approx(-0.06, abs=0.02)
 
@@ -445,7 +445,7 @@ def a_minute(name: str, begin: float, late: float) -> insnav.Drive:
 @pytest.mark.parametrize(("begin", "late"), [(243312.0, -0.2), (243362.0, 0.3), (243512.0, 0.3)])
 def test_a_minute_shows_the_lag_of_velocities_that_its_fixes_alone_show(begin, late):
     """The whole drive: 0.130 s. With the noise that the fixes state a delay explained the same: 0.006 to 0.010 s."""
-    assert a_minute("rtklib_drive_20250708", begin, late).prepared().settings.velocity_lag == pytest.approx(
+    assert a_minute("rtklib_drive_20250708", begin, late).until("align").ready.settings.velocity_lag == pytest.approx(
         0.13, abs=0.02
     )
 
@@ -491,7 +491,7 @@ def test_noise_of_the_fixes_shows_no_delay():
     begin = made.imu.time[0] + 400.0
     imu, gps = (each.rows((each.time > begin) & (each.time < begin + 150.0)) for each in (made.imu, made.gps))
     true = plan.truth.evaluate(gps.time)
-    ready = insnav.load(imu, replace(gps, lla=true.lla, v_n=true.v_n), imu_model="consumer").prepared()
+    ready = insnav.load(imu, replace(gps, lla=true.lla, v_n=true.v_n), imu_model="consumer").until("align").ready
     ready = replace(ready, settings=replace(ready.settings, settled=True))
     for noise in (0.0, 1.0, 1.0, 1.0):
         rng = np.random.default_rng([31, len(found)])
@@ -536,7 +536,7 @@ def test_a_start_that_most_fixes_contradict_is_looked_at_with_doubted_ones():
     since = made.imu.time[0] + np.array([733.46, 896.19])
     imu, fixes = (each.rows((each.time > since[0]) & (each.time < since[1])) for each in (made.imu, made.gps))
     drive = insnav.load(imu, replace(fixes, time=fixes.time + 0.3))
-    assert drive.prepared().alignment.level_method is Code.ALIGN_LEVEL_MOTION_FILTER
+    assert drive.until("align").ready.alignment.level_method is Code.ALIGN_LEVEL_MOTION_FILTER
     run = drive.navigate(smooth=False).found.run
     assert abs(run.gps_delay - 0.3) < min(3.0 * run.gps_delay_sd, 0.01)
     assert (np.abs(run.lever_b) < 3.0 * run.lever_sd).all()

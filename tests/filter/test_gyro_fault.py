@@ -36,7 +36,7 @@ def test_what_a_rate_does_to_the_innovations_is_what_samples_with_it_show(axis):
     imu = drive.imu.data
     edges, rate, innovations = np.array([200.0, 215.0, 230.0]) + imu.time[0], 0.02 * DEG, []
     for samples in (imu, off(imu, axis, rate, edges[0], 30.0)):
-        ready = insnav.load(samples, drive.gps.data).prepared()
+        ready = insnav.load(samples, drive.gps.data).until("align").ready
         known = known_likelihood(ready, insnav.load(samples, drive.gps.data).imu_spec)
         assert known is not None
         innovations.append(known[0].normalised(known[1])[0])
@@ -61,7 +61,7 @@ def test_what_a_delay_does_to_the_innovations_is_what_later_fixes_show():
         moved = np.column_stack([np.interp(gps.time[inside], true.time, column) for column in slope.T])
         getattr(fixes, name)[inside] -= late * moved
     loaded = insnav.load(imu, gps)
-    ready = loaded.prepared()
+    ready = loaded.until("align").ready
     for some in (ready.gps, replace(ready.gps, lla=fixes.lla, v_n=fixes.v_n)):
         known = known_likelihood(replace(ready, gps=some), loaded.imu_spec)
         assert known is not None
@@ -99,7 +99,7 @@ def test_a_gyro_that_leaves_much_to_the_fixes_is_none(monkeypatch, left, named):
     monkeypatch.setattr(gyro_fault, "_rival", lambda *_: left * settled[-1] if settled else 1e9)
     monkeypatch.setattr(gyro_fault, "ALIKE", 0.0)
     drive = insnav.simulate("bends", imu="automotive", gps="single", seed=1)
-    ready, _ = insnav.load(off(drive.imu.data, 2, -5.0 * DEG, 120.0, 30.0), drive.gps.data).prepared_with_noise()
+    ready = insnav.load(off(drive.imu.data, 2, -5.0 * DEG, 120.0, 30.0), drive.gps.data).until("noise").ready
     assert settled
     assert [each.subject for each in of_code(ready.faults, Code.CHANGE_GYRO_FAULT)] == ["gyro z"] * named
 
@@ -165,7 +165,7 @@ def test_a_rest_within_it_shows_one_or_refutes_it():
     first, last = max(stops[1:-1], key=lambda each: each[1] - each[0])
     begin, length = truth.time[first] - 5.0, truth.time[last - 1] - truth.time[first] + 10.0
     fault = Episode(1, begin, begin + length, 0.4 * DEG, 100.0)
-    ready = insnav.load(imu, drive.gps.data).prepared()
+    ready = insnav.load(imu, drive.gps.data).until("align").ready
     assert not fault.seen_at_rest(ready)
     assert fault.seen_at_rest(replace(ready, imu=off(imu, 1, 0.4 * DEG, begin, length)))
     assert not fault.seen_at_rest(replace(ready, imu=off(imu, 1, -0.4 * DEG, begin, length)))

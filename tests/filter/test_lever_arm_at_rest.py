@@ -52,7 +52,7 @@ def drive():
 
 def test_rest_shows_neither_lever_arm_nor_heading(drive):
     drive, _ = drive
-    ready, _ = drive.prepared_with_noise()
+    ready = drive.until("noise").ready
     navigator = ready.navigator()
     start = ready.imu.time[0]
     before = np.sqrt(np.diagonal(navigator._estimate.covariance))

@@ -75,7 +75,7 @@ def test_an_error_as_large_as_the_note_says_is_said():
 def test_a_heading_that_the_drive_contradicts_is_not_used(off, said):
     drive = insnav.simulate("city", imu="automotive", seed=1)
     heading = float(drive.reference.data.rph[0, 2])
-    ready = insnav.load(drive.imu.data, drive.gps.data, heading=heading + off * DEG).prepared()
+    ready = insnav.load(drive.imu.data, drive.gps.data, heading=heading + off * DEG).until("align").ready
     warned = list(of_code(ready.faults, Code.GIVEN_HEADING_REJECTED, Code.GIVEN_HEADING_KEPT))
     assert [each.code for each in warned] == [Code.GIVEN_HEADING_REJECTED] * said
     assert [each.severity for each in warned] == [Severity.WARNING] * said
@@ -156,7 +156,7 @@ def test_a_wrong_lever_arm_beside_noisy_gyros_is_said_or_not_used(metres, kept):
 
 def test_what_parts_of_the_drive_disagree_on_leaves_the_lever_arm_of_the_filter():
     drive = insnav.simulate("round_trip", imu="automotive", gps="rtk", seed=3)
-    ready = insnav.load(drive.imu.data, drive.gps.data).prepared()
+    ready = insnav.load(drive.imu.data, drive.gps.data).until("align").ready
     runs = []
     for surest in (0.0, 0.3):
         some = replace(ready, settings=replace(ready.settings, surest=surest, smooth=False))

@@ -13,7 +13,7 @@ from insnav.filter.navigate import Navigated, navigate_recording
 from insnav.filter.prepare import DELAY_SD
 from insnav.imu import ImuSpec
 from insnav.input import read_gps, read_imu
-from insnav.session.defaults import imu_from_rest
+from insnav.steps.imu_noise import imu_from_rest
 from insnav.strapdown import intervals
 from insnav.types import FloatArray, GpsData, ImuData, Innovations
 from tests.shared import recorded

@@ -66,7 +66,8 @@ def test_precise_positions_alone_tell_the_clock_as_those_with_velocities_do(late
     drive = insnav.load(folder / "imu.csv.gz", folder / "gps.csv")
     fixes = without_velocities(drive.gps.data)
     fixes = replace(fixes, time=fixes.time + late)
-    drive = replace(drive, readings=replace(drive.readings, gps=replace(drive.readings.gps, data=fixes)), fixes=fixes)
+    recording = replace(drive.recording, gps=replace(drive.recording.gps, data=fixes), fixes=fixes)
+    drive = replace(drive, recording=recording)
     run = drive.navigate(output_interval=1.0).found.run
     print(f"delay {run.gps_delay:.3f} s, sd {run.gps_delay_sd:.3f} s; arm {run.lever_b.round(2)} m")
     # with velocities it is 0.071 s before the timestamps are moved

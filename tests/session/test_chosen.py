@@ -10,7 +10,8 @@ import insnav
 from insnav.findings import Code, Finding, Severity, of_code
 from insnav.imu import load_imu
 from insnav.input.interpret.overlap import GPS_EPOCH, LEAP
-from insnav.session.defaults import given_imu, imu_from_rest
+from insnav.steps.given import given_imu
+from insnav.steps.imu_noise import imu_from_rest
 
 
 def test_an_imu_specification_has_a_source(tmp_path):

@@ -19,8 +19,9 @@ from insnav.input import read_gps, read_imu
 from insnav.input.interpret.axes import axes_matrix
 from insnav.kernels.smoother import STATE
 from insnav.messages import sentence
-from insnav.session.mounted import _travel, doubt_mounting
 from insnav.simulate import GpsErrors
+from insnav.steps.explain import doubt_mounting
+from insnav.steps.mounting import _travel
 from insnav.strapdown import intervals
 from insnav.units import DEG
 from tests.alignment.test_alignment import STILL
@@ -43,7 +44,7 @@ def turned(plain, matrix: np.ndarray, **inputs) -> insnav.Drive:
 def test_an_imu_as_it_should_be_is_left_alone(plain):
     again = turned(plain, np.eye(3))
     np.testing.assert_array_equal(again.imu.data.gyro, plain.imu.data.gyro)
-    assert again.settings.mounting_yaw == 0.0
+    assert again.model.mounting_yaw.value == 0.0
     assert again.notes == plain.notes
 
 
@@ -100,7 +101,7 @@ def test_positions_alone_tell_the_mounting_as_velocities_do(gps, letters):
     """Headings of an IMU turned by 90 or 180 deg were 54 to 176 deg off."""
     plain = insnav.simulate("city", imu="industrial", gps=gps, seed=11)
     plain = replace(
-        plain, readings=replace(plain.readings, gps=replace(plain.gps, data=without_velocities(plain.gps.data)))
+        plain, recording=replace(plain.recording, gps=replace(plain.gps, data=without_velocities(plain.gps.data)))
     )
     found = turned(plain, axes_matrix(letters).T)
     np.testing.assert_allclose(found.imu.data.gyro, plain.imu.data.gyro, rtol=0, atol=1e-12)
@@ -130,14 +131,13 @@ def test_a_log_without_standard_deviations_tells_it_as_well_as_its_positions_sca
 
 def test_what_contradicts_an_imu_that_nothing_tells_the_mounting_of_may_be_its_axes():
     """A town turned by 90 deg: a gyro was named that was right, and headings were 86 deg off."""
-    assumed, jump = Finding.of(Code.MOUNTING_ASSUMED), Finding.of(Code.GPS_FROZEN, 3.0)
+    jump = Finding.of(Code.GPS_FROZEN, 3.0)
     for code in OF_THE_IMU:
-        (doubt,) = doubt_mounting((assumed,), (jump, Finding.of(code, 9.0), Finding.of(code, 20.0)))
+        (doubt,) = doubt_mounting((jump, Finding.of(code, 9.0), Finding.of(code, 20.0)))
         assert (doubt.code, doubt.severity, doubt.begin) == (Code.MOUNTING_DOUBTED, Severity.WARNING, 9.0)
         assert doubt["count"] == 2
         assert "--imu-axes" in sentence(doubt)
-        assert not doubt_mounting((), (Finding.of(code, 9.0),))  # the mounting is known
-    assert not doubt_mounting((assumed,), (jump,))
+    assert not doubt_mounting((jump,))
 
 
 def test_what_a_drive_does_not_tell_of_the_mounting_is_an_assumption(plain):
@@ -173,7 +173,7 @@ def test_a_slow_robot_has_the_axes_that_make_its_fixes_likeliest(axes, yaw):
     smoothed = found.navigate(output_interval=1.0).found.run.smoothed.solution
     off = wrap_pi(smoothed.rph[:, 2] - truth.evaluate(smoothed.time).rph[:, 2] - yaw * DEG)
     assert np.mean(np.abs(off) < 3.0 * smoothed.sd[:, 8]) > 0.97
-    assert found.settings.mounting_yaw == pytest.approx(yaw * DEG, abs=10.0 * DEG if yaw else 0.0)
+    assert found.model.mounting_yaw.value == pytest.approx(yaw * DEG, abs=10.0 * DEG if yaw else 0.0)
 
 
 @pytest.mark.parametrize(("axes", "seed"), [("RBD", 4), ("BRU", 4), ("FRD", 5)])

@@ -21,7 +21,7 @@ from insnav.input.interpret.schema import LOG_SCHEMAS
 from insnav.output.folder import verify_folder
 from insnav.output.solution_tables import read_solution
 from insnav.sample_statistics import rms
-from insnav.session.inputs import INPUTS, LOGS, Inputs
+from insnav.steps.inputs import INPUTS, LOGS, Inputs
 from tests.cli.conftest import Cli, cli
 
 __all__ = ["cli"]
@@ -127,7 +127,7 @@ def test_every_input_has_a_type_and_a_meaning() -> None:
 
 def test_what_is_given_about_the_start_holds_for_every_method(drive: Path) -> None:
     at_0 = insnav.load("imu.csv", "gps.csv", imu_model="automotive", heading=0.75, static=(100000.0, 100050.0))
-    alignment = at_0.prepared().alignment
+    alignment = at_0.until("align").ready.alignment
     assert alignment.rph[2] == pytest.approx(0.75, abs=0.01)
     assert alignment.heading_method is Code.ALIGN_HEADING_GIVEN
     assert alignment.static is not None

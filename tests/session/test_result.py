@@ -12,7 +12,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import insnav
-import insnav.session.inputs  # adds its names to those of errors
+import insnav.steps.inputs  # adds its names to those of errors
 from insnav.exceptions import ConfigError
 from insnav.findings import Code, Finding
 from insnav.output.folder import RunFolder, read_facts

@@ -101,7 +101,7 @@ def test_a_late_start_of_fixes_says_that_rows_are_left_out(tmp_path):
         return table
 
     drive = insnav.load(SAMPLE / "imu.csv.gz", changed(tmp_path, "gps", without_place))
-    (late,) = not_covered(drive.imu.facts, drive.readings.facts["gps"])
+    (late,) = not_covered(drive.imu.facts, drive.recording.facts["gps"])
     assert (late.code, late["empty"]) == (Code.FILES_GPS_BEGINS_LATE, 61)
     assert late in drive.navigate().page().findings
 
@@ -190,7 +190,7 @@ def test_headings_of_a_reference_that_are_read_wrong_are_named(tmp_path, wrong, 
 
 
 def test_files_without_any_time_in_common_are_no_files_cut_off():
-    facts = insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv").readings.facts
+    facts = insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv").recording.facts
     imu, gps = facts["imu"], facts["gps"]
     assert not_covered(imu, replace(gps, start_s=imu.start_s + 2000.0, end_s=imu.end_s + 2000.0)) == []
     (said,) = not_covered(imu, replace(gps, end_s=imu.end_s - 200.0))

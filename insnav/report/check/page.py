@@ -17,7 +17,7 @@ from insnav.report.series import Clock
 from insnav.report.terminal import page_text
 from insnav.result import Result
 from insnav.session.check import TO_MEND, Checked
-from insnav.session.clock import SIGMAS
+from insnav.steps.one_clock import SIGMAS
 
 _UNITS = {"gyro": ("deg/s", "deg/sqrt(h)"), "accel": ("m/s^2", "m/s/sqrt(h)")}
 

@@ -13,7 +13,7 @@ import numpy as np
 from insnav.exceptions import ConfigError, InputError
 from insnav.filter.prepare import Start
 from insnav.imu.specification import ImuSpec
-from insnav.session.inputs import INPUTS, LOGS, Inputs
+from insnav.steps.inputs import INPUTS, LOGS, Inputs
 from insnav.types import FloatArray, Trajectory
 from insnav.units import DEG
 

@@ -1,8 +1,10 @@
-"""One clock for IMU and receiver: offsets that calendars explain are applied, others estimated from the motion."""
+"""Step 2: put the samples on the clock of the fixes.
+
+Offsets that calendars explain are applied, others are estimated from the motion and refused.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,10 +19,10 @@ from insnav.findings import Code, Finding
 from insnav.input import Reading, check_overlap
 from insnav.input.interpret.overlap import epoch_offset, named_offset, overlap
 from insnav.input.interpret.physics import odd_one, one_gyro
-from insnav.session.inputs import Inputs
-from insnav.session.mounted import explained, refuse_unlike_gyros
+from insnav.steps import Model, Recording
+from insnav.steps.axes_by_fixes import explained, refuse_unlike_gyros
 from insnav.strapdown import Intervals, joined, pieces
-from insnav.types import GpsData, ImuData, SensorLog
+from insnav.types import GpsData, ImuData
 from insnav.units import DEG
 
 WORTH = 1.5  # smaller offsets are the delay that the filter looks for [s]
@@ -30,25 +32,17 @@ EXPLAINS = 0.5  # part of what another unit leaves unexplained that this one may
 BOTH = 0.6  # correlation of turns and of accelerations that only one drive has: ten true offsets had 0.68 and more [-]
 SHOWN = 0.3  # correlation from which turns or accelerations show an offset [-]
 
-Log = Reading[SensorLog]
 
+def one_clock(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
+    """Put samples, and logs that were recorded with them, on the clock of the fixes.
 
-def on_one_clock(
-    imu: Reading[ImuData],
-    gps: Reading[GpsData] | None,
-    fixes: GpsData | None,
-    logs: Mapping[str, Log],
-    inputs: Inputs,
-) -> tuple[Reading[ImuData], Mapping[str, Log], tuple[Finding, ...]]:
-    """Samples, and logs that were recorded with them, in the time of the fixes; and findings.
-
-    `fixes`: those of `gps`, each with the standard deviation of its scatter.
     Raises: InputError: they have no time in common, or another one than their motion says, with the offset to give; or
     no motion in common.
     """
-    given = inputs.get("time_offset")
+    imu, gps, inputs = recording.imu, recording.gps, recording.inputs
+    given, fixes = inputs.get("time_offset"), recording.fixes_by_scatter
     if gps is None or fixes is None:
-        return (imu, logs, ()) if given is None else (*_moved(imu, logs, given), ())
+        return recording if given is None else _moved(recording, given), model, ()
     offset, notes = given or 0.0, []
     if given is None and overlap(imu.data, gps.data) == 0.0:
         known = epoch_offset(imu.data, gps.data)
@@ -56,7 +50,8 @@ def on_one_clock(
             offset = known[0]
             notes.append(Finding.of(Code.CLOCK_EPOCHS, subject="imu", offset_s=offset))
     if offset:
-        imu, logs = _moved(imu, logs, offset)
+        recording = _moved(recording, offset)
+        imu = recording.imu
     parts = joined(pieces(imu.data))
     fixes = replace(fixes, time=fixes.time - (inputs.get("gps_delay") or 0.0))
     apart = overlap(imu.data, gps.data) == 0.0
@@ -85,7 +80,7 @@ def on_one_clock(
             gives={"time_offset": offset},
         )
     check_overlap(imu.data, gps.data)
-    return imu, logs, tuple(notes)
+    return recording, model, tuple(notes)
 
 
 def _two_drives(found: Unlike, where: str) -> InputError:
@@ -168,17 +163,17 @@ def evidence(found: ClockOffset) -> str:
     )
 
 
-def _moved(imu: Reading[ImuData], logs: Mapping[str, Log], offset: float) -> tuple[Reading[ImuData], Mapping[str, Log]]:
-    """Samples at later times, and logs on their clock with them."""
+def _moved(recording: Recording, offset: float) -> Recording:
+    """Move the samples to later times, and logs on their clock with them."""
+    imu = recording.imu
     first, last = float(imu.data.time[0]), float(imu.data.time[-1])
-    beside = {
+    logs = {
         name: replace(log, data=replace(log.data, time=log.data.time + offset))
         if log.data.time[-1] > first and log.data.time[0] < last
         else log
-        for name, log in logs.items()
+        for name, log in recording.logs.items()
     }
     facts = replace(imu.facts, start_s=imu.facts.start_s + offset, end_s=imu.facts.end_s + offset)
     events = tuple(event.later(offset) for event in imu.events)
-    return Reading(
-        replace(imu.data, time=spill.by_blocks(lambda time: time + offset, imu.data.time)), events, facts
-    ), beside
+    data = replace(imu.data, time=spill.by_blocks(lambda time: time + offset, imu.data.time))
+    return replace(recording, imu=Reading(data, events, facts), logs=logs)

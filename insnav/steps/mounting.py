@@ -1,8 +1,7 @@
-"""How the IMU is mounted, estimated from the drive: samples in the axes of the vehicle, and findings."""
+"""Step 5: estimate how the IMU is mounted, and turn the samples into the axes of the vehicle."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -10,26 +9,24 @@ from typing import Any
 import numpy as np
 
 from insnav import spill
-from insnav.alignment import Mounting, find_mounting
 from insnav.alignment.in_motion import sure_motion
-from insnav.alignment.mounting import ALL_ALIKE, IN_ORDER, letters_of
+from insnav.alignment.mounting import letters_of
 from insnav.attitude import rph_from_quat, wrap_pi
 from insnav.exceptions import AlignmentError, InputError
 from insnav.filter.gps_delay import Filtered, filtered
-from insnav.filter.prepare import Prepared
-from insnav.findings import OF_THE_IMU, Code, Finding, of_code
+from insnav.findings import Code, Finding
 from insnav.input import Reading
 from insnav.input.interpret.axes import axes_matrix
-from insnav.input.interpret.physics import check_axes, one_gyro, quiet_part
+from insnav.input.interpret.physics import check_axes, quiet_part
 from insnav.kernels.smoother import STATE
-from insnav.session.inputs import Inputs
-from insnav.strapdown import intervals
+from insnav.steps import Estimate, Model, Recording, Source
+from insnav.steps.axes_by_fixes import LOOK, WORDS, mounting_of, refusal
+from insnav.steps.inputs import Inputs
+from insnav.steps.set_up import set_up_filter
 from insnav.types import FloatArray, GpsData, ImuData
 from insnav.units import DEG
 
-LOOK = 1800.0  # a drive of that length tells the mounting [s]
 TURNED = 10.0 * DEG  # a smaller yaw is within what slip and wind make of the course [rad]
-WORDS = {"F": "forward", "B": "back", "R": "right", "L": "left", "D": "down", "U": "up"}
 UPRIGHT, INVERTED = "FRD", "FLU"
 QUARTERS, QUARTER = (UPRIGHT, "RBD", "BLD", "LFD"), 0.5 * np.pi  # x forward, then turned to the right
 SLANTED = 20.0 * DEG  # an IMU turned so far from a quarter is not meant to point along an axis of the vehicle
@@ -42,26 +39,30 @@ LIKELIER = 30.0  # twice the logarithm of how much likelier fixes must be with o
 X_FORWARD = Finding.of(Code.MOUNTING_ASSUMED, subject="imu")
 
 
-def doubt_mounting(notes: Iterable[Finding], events: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Doubt an assumed mounting if the IMU contradicts the fixes, as it does in wrong axes."""
-    contradictions = list(of_code(events, *OF_THE_IMU))
-    if not contradictions or not any(of_code(notes, Code.MOUNTING_ASSUMED)):
-        return ()
-    begin = contradictions[0].begin
-    return (Finding.of(Code.MOUNTING_DOUBTED, begin, subject="imu", count=len(contradictions)),)
-
-
-def as_mounted(
-    imu: Reading[ImuData], fixes: GpsData | None, inputs: Inputs
-) -> tuple[Reading[ImuData], float, tuple[Finding, ...]]:
-    """Samples in the axes of the vehicle if none were given, the yaw of the IMU that is left [rad], and findings.
+def mounting(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
+    """Turn the samples into the axes of the vehicle, unless axes were given.
 
     Raises: InputError: the axes are left-handed, the gyros turn against the accelerometers or are in another order, or
     z points up and the vehicle does not move.
     """
+    inputs, fixes = recording.inputs, recording.fixes
+    imu, yaw, findings = turn_to_vehicle(recording.imu, recording.fixes_by_scatter or fixes, inputs)
+    recording, unknown = replace(recording, imu=imu), findings[-1:] == (X_FORWARD,)
+    if unknown and fixes is not None and inputs.get("heading") is None and inputs.get("initial") is None:
+        imu, yaw, found = in_likely_axes(recording, model)
+        findings = (*findings[:-1], found) if imu is recording.imu else (found,)
+        recording, unknown = replace(recording, imu=imu), found is X_FORWARD
+    source: Source = "prior" if unknown else "data" if findings else "given"
+    return recording, replace(model, mounting_yaw=Estimate(yaw, 0.0, source)), findings
+
+
+def turn_to_vehicle(
+    imu: Reading[ImuData], fixes: GpsData | None, inputs: Inputs
+) -> tuple[Reading[ImuData], float, tuple[Finding, ...]]:
+    """Return samples in the axes of the vehicle if none were given, the yaw of the IMU in it [rad], and findings."""
     if fixes is None:
         return imu, 0.0, ()
-    data, found = imu.data, _found(imu, fixes)
+    data, found = imu.data, mounting_of(imu, fixes)
     given = inputs.get("axes")
     if found is None:
         from_file = bool(imu.facts.columns)  # whose axes are anybody's guess
@@ -78,7 +79,7 @@ def as_mounted(
                 return imu, 0.0, (note, X_FORWARD)
         return imu, 0.0, (X_FORWARD,) * moves
     if not found.right_handed:
-        raise _refused(found, imu.facts.path)
+        raise refusal(found, imu.facts.path)
     matrix, notes, windows = found.to_vehicle, [], found.windows
     as_read = axes_matrix(given or imu.facts.axes or UPRIGHT)
     letters, turn = letters_of(matrix @ as_read), axes_matrix(found.letters)
@@ -105,20 +106,20 @@ def as_mounted(
     return imu, yaw, tuple(notes)
 
 
-def in_likely_axes(
-    imu: Reading[ImuData], prepared: Callable[[ImuData], Prepared]
-) -> tuple[Reading[ImuData], float, Finding]:
-    """As `as_mounted` where accelerations tell nothing: by the fixes, with x forward, backward, to the right or left.
+def in_likely_axes(recording: Recording, model: Model) -> tuple[Reading[ImuData], float, Finding]:
+    """As `turn_to_vehicle` where accelerations tell nothing: by fixes, with x forward, backward, to the right or left.
 
     Slow vehicles hardly accelerate, but turn: with x of the IMU taken for that of the vehicle the heading begins wrong
     by quarters of a turn. `X_FORWARD` if fixes are no likelier with other axes than with x forward, unless all that
     are as likely end with the same heading, which is not where the vehicle goes. What does not go where it points, as
-    drones do, keeps its axes, and begins with the likeliest heading. `prepared`: prepares the drive with samples.
+    drones do, keeps its axes, and begins with the likeliest heading.
     """
+    imu = recording.imu
     seen, begin = dict[str, Filtered](), imu.data.beginning(LOOK)
     for letters in QUARTERS:
         with suppress(AlignmentError, InputError):  # which the drive as it is will tell
-            seen[letters] = filtered(prepared(_in_axes(begin, axes_matrix(letters))))
+            data = _in_axes(begin, axes_matrix(letters))
+            seen[letters] = filtered(set_up_filter(replace(recording, imu=replace(imu, data=data)), model))
     best = min(seen, key=lambda each: seen[each].misfit, default=UPRIGHT)
     # none if all of them diverge, or are unlikely
     if UPRIGHT not in seen or seen[best].epochs is None or seen[best].squares >= LIKELY:
@@ -186,58 +187,3 @@ def _named(letters: str) -> dict[str, Any]:
 def _in_axes(data: ImuData, turn: FloatArray) -> ImuData:
     gyro, accel = (spill.by_blocks(lambda values: values @ turn.T, each) for each in (data.gyro, data.accel))
     return replace(data, gyro=gyro, accel=accel)
-
-
-def refuse_unlike_gyros(imu: Reading[ImuData], fixes: GpsData) -> None:
-    """Refuse gyros in another order than the accelerometers, or one of them in another unit."""
-    found = _found(imu, fixes)
-    if found is not None and (found.gyro_order != IN_ORDER or found.gyro_units != ALL_ALIKE):
-        raise _refused(found, imu.facts.path)
-
-
-def explained(imu: Reading[ImuData], fixes: GpsData) -> bool:
-    """Whether some axes explain the fixes, those that no IMU has too."""
-    return _found(imu, fixes) is not None
-
-
-def _found(imu: Reading[ImuData], fixes: GpsData) -> Mounting | None:
-    """Mounting by the first half an hour."""
-    return find_mounting(intervals(imu.data.beginning(LOOK)), fixes)
-
-
-def _words(letters: str) -> str:
-    return ", ".join(WORDS[letter] for letter in letters)
-
-
-def _refused(found: Mounting, where: str) -> InputError:
-    """What is wrong with axes that no rotation brings to those of the vehicle, or with gyros of other columns."""
-    inverted, told = found.inverted, f"({found.windows} windows of the drive)"
-    if found.gyro_units != ALL_ALIKE:
-        units = ("deg/s", "rad/s") if min(found.gyro_units) < 1.0 else ("rad/s", "deg/s")
-        odd = next(axis for axis in range(3) if found.gyro_units.count(found.gyro_units[axis]) == 1)
-        if found.gyro_units[odd] == 1.0:
-            units = units[::-1]
-        why = f"accelerations by GPS fit only if it is in {units[0]} and the others are in {units[1]} {told}"
-        return one_gyro(f"gyro {'xyz'[odd]}", why, where)
-    why = "accelerations by GPS fit only with all signs of the accelerometers changed"
-    if found.gyro_order != IN_ORDER:
-        what = "the gyros are in another order than the accelerometers"
-        about = ", ".join("xyz"[found.gyro_order.index(gyro)] for gyro in range(3))
-        why = f"accelerations by GPS fit only if gyros x, y, z turn about {about} of the accelerometers"
-        fix = "put the columns of the gyros, or those of the accelerometers, in the file in the order of the others"
-    elif found.mirrored and len(inverted) == 3:
-        what, fix = "the accelerometers are inverted", "change the signs of the accelerometers in the file"
-    elif found.mirrored:
-        what = "the axes of the IMU are left-handed"
-        why = f"accelerations by GPS fit only if x, y, z point {_words(found.letters)}"
-        fix = "change the sign of one axis of the accelerometers, and of the same axis of the gyros, in the file"
-        if found.changes == 1:
-            what, fix = f"accelerometer {inverted[0]} is inverted", "change its sign in the file"
-        elif inverted:
-            fix += f"; of the gyros as they are, {', '.join(inverted)} contradict{'s' * (len(inverted) == 1)} the rest"
-    else:
-        one = len(inverted) == 1
-        what = f"gyro {inverted[0]} turns the wrong way" if one else "the gyros turn the wrong way"
-        why = "with them the accelerations do not fit those of GPS; with other signs they do"
-        fix = f"change the sign{'s' * (not one)} of gyro{'s' * (not one)} {', '.join(inverted)} in the file"
-    return InputError(what, where=where, why=f"{why} {told}", fix=fix)

@@ -1,0 +1,127 @@
+"""How a recording becomes a result: the data, the estimates, and the steps between them.
+
+A step is a pure function ``step(recording, model) -> (recording, model, findings)`` in the file of its name. It imports
+no other step. It reads the results of earlier steps from the recording and the model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib import import_module
+from time import perf_counter
+from typing import TYPE_CHECKING, Generic, Literal, TypeVar
+
+if TYPE_CHECKING:  # the help of the command line needs the names of inputs only
+    from collections.abc import Callable
+
+    from insnav.errors.evaluated_run import EvaluatedRun
+    from insnav.filter.navigate import AidingChoice, Navigated
+    from insnav.filter.prepare import Prepared
+    from insnav.findings import Finding
+    from insnav.imu.specification import ImuSpec
+    from insnav.input import Reading, ReadingFacts
+    from insnav.result import StepRecord
+    from insnav.steps.inputs import Inputs
+    from insnav.types import FloatArray, GpsData, ImuData, SensorLog, Trajectory
+
+T = TypeVar("T")
+Source = Literal["given", "data", "prior"]
+
+STEPS = (
+    "clean",  # leave out what is no measurement
+    "one_clock",  # put the samples on the clock of the fixes
+    "receiver_noise",  # give each fix a standard deviation
+    "imu_noise",  # choose the IMU error specification
+    "mounting",  # turn the samples into the axes of the vehicle
+    "align",  # estimate initial attitude, GPS delay and clock rate
+    "noise",  # estimate the noise of IMU and fixes from the innovations
+    "lever_arm",  # compare the lever arm that was given with the drive
+    "navigate",  # run the filter and the smoother
+    "explain",  # explain by a change of the delay what is left
+    "evaluate",  # compare the solution with the reference
+)
+LOAD = STEPS[: STEPS.index("align")]
+# parts of the path that a later step runs again with another lever arm, or other fixes
+PREPARE = STEPS[STEPS.index("align") : STEPS.index("lever_arm")]
+SOLVE = STEPS[STEPS.index("align") : STEPS.index("explain")]
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """The data. No step edits them; a step may replace them by its own output."""
+
+    imu: Reading[ImuData]
+    gps: Reading[GpsData] | None
+    reference: Reading[Trajectory] | None
+    logs: Mapping[str, Reading[SensorLog]]  # further sensors by name
+    inputs: Inputs  # what the user gave with them
+    fixes: GpsData | None = None  # positions in use, a standard deviation with each value
+    fixes_by_scatter: GpsData | None = None  # the same, frozen ones left out, with the sd of their own scatter
+
+    def given(self) -> dict[str, Reading[ImuData] | Reading[GpsData] | Reading[Trajectory] | Reading[SensorLog]]:
+        """Return the readings by name: ``imu``, ``gps``, ``reference`` and those of further sensors."""
+        named = {"imu": self.imu, "gps": self.gps, "reference": self.reference, **self.logs}
+        return {name: each for name, each in named.items() if each is not None}
+
+    @property
+    def facts(self) -> dict[str, ReadingFacts]:
+        """What was understood of each file."""
+        return {name: each.facts for name, each in self.given().items()}
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate(Generic[T]):
+    """A value, how well it is known, and where it is from."""
+
+    value: T
+    sd: float  # of each component; 0 for a value that the filter does not estimate
+    source: Source
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """How the drive is navigated; see `insnav.session.drive.Drive.navigate`."""
+
+    states: int = 21
+    aiding: AidingChoice = "auto"
+    smooth: bool = True
+    output_interval: float = 0.1  # [s]
+    progress: Callable[[float], None] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """The estimates."""
+
+    lever_arm: Estimate[FloatArray]  # antenna seen from the IMU, body axes (3,) [m]
+    gps_delay: Estimate[float]  # of the fixes behind their timestamps [s]
+    imu: tuple[ImuSpec, Finding] | None = None  # error specification, and how it was chosen
+    # of the IMU in the vehicle, to the right [rad]; the source tells who says that the axes are those of the vehicle
+    mounting_yaw: Estimate[float] = field(default=Estimate(0.0, 0.0, "given"))
+    clock: tuple[float, float] = (0.0, 0.0)  # where the search for the clock of the samples begins: [s], rate [s/s]
+    task: Task = field(default_factory=Task)
+    ready: Prepared | None = None  # the filter at its start
+    solved: Navigated | None = None  # the solution
+    evaluated: EvaluatedRun | None = None  # the solution against the reference
+
+    @property
+    def filter_imu(self) -> ImuSpec:
+        """The specification that the filter uses: the estimated one where there is one."""
+        assert self.imu is not None
+        return self.imu[0] if self.ready is None or self.ready.noise is None else self.ready.noise.spec
+
+
+def run_steps(
+    names: tuple[str, ...], recording: Recording, model: Model
+) -> tuple[Recording, Model, tuple[StepRecord, ...]]:
+    """Run some steps, one after the other."""
+    from insnav.result import StepRecord  # late, as all that is heavy
+
+    records = []
+    for name in names:
+        begin = perf_counter()
+        step = getattr(import_module(f"insnav.steps.{name}"), name)
+        recording, model, findings = step(recording, model)
+        records.append(StepRecord(name, findings, perf_counter() - begin))
+    return recording, model, tuple(records)

@@ -1,0 +1,53 @@
+"""Step 6: estimate the initial attitude, and by how much the samples are on another clock than the fixes."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+from insnav.exceptions import AlignmentError, ConfigError
+from insnav.filter.gps_delay import on_time
+from insnav.filter.lever_check import with_right_heading
+from insnav.filter.prepare import Prepared
+from insnav.findings import Finding
+from insnav.input.readers.kinds import files_with
+from insnav.steps import Model, Recording
+from insnav.steps.set_up import filter_settings, set_up_filter
+
+
+def align(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
+    """Align the drive and set the filter up.
+
+    Raises: ConfigError: neither GPS nor a reference at rest gives a position; InputError, AlignmentError: the data
+    cannot be navigated.
+    """
+    if model.task.states not in (15, 21):
+        raise ConfigError(f"{model.task.states} states are not supported", where="--states", fix="use 21 or 15")
+    if recording.fixes is None:
+        raise _without_position(recording)
+    given = recording.inputs.get("heading")
+    ready = _on_time(recording, model, given)
+    if given is not None:
+        with suppress(AlignmentError):  # the drive shows no heading
+            ready = with_right_heading(ready, _on_time(recording, model, None))
+    return recording, replace(model, ready=ready), (*ready.notes, *ready.faults)
+
+
+def _on_time(recording: Recording, model: Model, heading: float | None) -> Prepared:
+    settings = filter_settings(recording, model)
+    return on_time(
+        lambda clock, rate: set_up_filter(recording, model, clock, rate, heading), settings, at_first=model.clock
+    )
+
+
+def _without_position(recording: Recording) -> ConfigError:
+    moves = ", and no reference" if recording.reference is None else ", and by the reference it moves"
+    imu = Path(recording.imu.facts.path)
+    beside = ", ".join(files_with("gps", imu.parent)) if imu.is_file() else ""
+    return ConfigError(
+        "nothing tells where the vehicle was",
+        where="--gps",
+        why=f"there are no fixes{moves}" + f"; beside {imu.name} some are in {beside}" * bool(beside),
+        fix="give fixes with --gps; for a bench, --ref with its place at the start and the end, velocity zero",
+    )

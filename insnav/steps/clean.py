@@ -1,0 +1,35 @@
+"""Step 1: leave out what is no measurement."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from insnav.exceptions import InputError
+from insnav.filter.frozen import UNUSABLE, without_frozen
+from insnav.filter.gps_noise import with_sd
+from insnav.findings import Finding
+from insnav.steps import Model, Recording
+
+SLOWEST = 2.5  # rate of an IMU that can be navigated [Hz]
+
+
+def clean(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
+    """Refuse samples that are too far apart, and leave out frozen fixes.
+
+    What changes slowly hides no motion: fixes without a standard deviation are as good as they scatter.
+
+    Raises: InputError: the rate of the samples is too low.
+    """
+    facts = recording.imu.facts
+    if facts.rate_hz < SLOWEST:
+        raise InputError(
+            "the samples of the IMU are too far apart to be navigated",
+            where=facts.path,
+            why=f"{1.0 / facts.rate_hz:.3g} s; the turns in between are not known",
+            fix="export the sensors at their full rate (50 Hz or more), not merged to that of the fixes",
+        )
+    if recording.gps is None:
+        return recording, model, ()
+    moving = without_frozen(with_sd(recording.gps.data)[0], recording.imu.data)[0]
+    moving = moving.rows(moving.position_sd[:, 0] < UNUSABLE)
+    return replace(recording, fixes_by_scatter=moving), model, ()

@@ -1,0 +1,25 @@
+"""Step 11: compare the solution with the reference, if there is one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from insnav.errors.evaluated_run import evaluate_run
+from insnav.findings import Finding
+from insnav.steps import Model, Recording
+from insnav.steps.checked_inputs import reference_point
+
+
+def evaluate(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
+    """Evaluate the solution.
+
+    Raises: InputError: solution and reference have no time in common.
+    """
+    assert model.solved is not None
+    assert model.ready is not None
+    reference, run = recording.reference, model.solved.run
+    point = None if reference is None else reference_point(recording.inputs, reference.data)
+    found, notes = evaluate_run(model.solved, reference, run.lever_b if point is None else point)
+    known = {*run.events}
+    findings = (*notes, *(each for each in found.run.events if each not in known))
+    return recording, replace(model, evaluated=replace(found, noise=model.ready.noise)), findings

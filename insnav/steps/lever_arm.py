@@ -1,0 +1,28 @@
+"""Step 8: compare the lever arm that was given with the one that the drive shows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from insnav.filter.lever_check import with_right_lever
+from insnav.filter.prepare import Prepared
+from insnav.findings import Finding
+from insnav.steps import PREPARE, Model, Recording, run_steps
+from insnav.steps.given import free_lever_arm
+
+
+def lever_arm(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
+    """Keep the lever arm that was given, or set the filter up without it if the drive shows another one."""
+    assert model.ready is not None
+    if model.lever_arm.source != "given" or model.ready.settings.lever_sd:
+        return recording, model, ()
+
+    def estimated() -> Prepared:
+        other = run_steps(PREPARE, recording, replace(model, lever_arm=free_lever_arm(), ready=None))[1]
+        assert other.ready is not None
+        return other.ready
+
+    ready = with_right_lever(model.ready, estimated)
+    known = {*model.ready.notes, *model.ready.faults}
+    found = tuple(each for each in (*ready.notes, *ready.faults) if each not in known)
+    return recording, replace(model, ready=ready), found

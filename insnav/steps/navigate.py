@@ -1,0 +1,27 @@
+"""Step 9: run the filter over the drive, with aiding where there is some, and the smoother."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from insnav.filter.navigate import dense, navigate_prepared
+from insnav.filter.noise_identification import with_careful_biases
+from insnav.findings import Finding
+from insnav.steps import Model, Recording
+
+
+def navigate(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
+    """Navigate the drive.
+
+    Raises: DivergenceError: the filter lost consistency.
+    """
+    assert model.ready is not None
+    assert model.imu is not None
+    task = model.task
+    ready = with_careful_biases(model.ready, model.imu[0])
+    settings = replace(ready.settings, smooth=task.smooth, output_interval=dense(task.output_interval))
+    ready = replace(ready, settings=settings)
+    solved = navigate_prepared(ready, model.filter_imu, aiding=task.aiding, progress=task.progress)
+    known = {*ready.notes, *ready.faults}
+    found = tuple(each for each in (*solved.notes, *solved.run.events) if each not in known)
+    return recording, replace(model, ready=ready, solved=solved), found

@@ -1,0 +1,49 @@
+"""Step 7: estimate the noise of IMU and fixes from the innovations of the drive."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from insnav.filter.gyro_fault import without_gyro_faults
+from insnav.filter.noise_identification import identify_noise, with_known_noise, with_noise, with_usual_noise
+from insnav.filter.prepare import Prepared
+from insnav.findings import Code, Finding
+from insnav.imu.specification import ImuSpec
+from insnav.input import Reading
+from insnav.steps import Model, Recording
+from insnav.steps.given import better_kinds
+from insnav.steps.inputs import Inputs, NoiseChoice
+from insnav.types import GpsData
+
+
+def noise(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
+    """Estimate the noise, as far as it was not given."""
+    assert model.ready is not None
+    assert model.imu is not None
+    ready = _with_estimated_noise(recording, model.ready, model.imu[0])
+    known = {*model.ready.notes, *model.ready.faults}
+    found = tuple(each for each in (*ready.notes, *ready.faults) if each not in known)
+    return recording, replace(model, ready=ready), found
+
+
+def _with_estimated_noise(recording: Recording, ready: Prepared, spec: ImuSpec) -> Prepared:
+    wanted = noise_wanted(recording.inputs, recording.gps)
+    if wanted != "estimate":
+        claimed = recording.gps is None or bool(np.isfinite(recording.gps.data.position_sd).all())
+        return with_known_noise(ready, spec, lasting=wanted == "fixes", sizes=not claimed)
+    ready = replace(ready, kinds=better_kinds(recording.inputs, spec))
+    found = identify_noise(ready, spec)
+    if found is None:
+        kept = Finding.of(Code.IMU_MODEL_KEPT, subject="imu", model=spec.name)
+        return with_usual_noise(replace(ready, notes=(*ready.notes, kept)))
+    ready, found = without_gyro_faults(ready, found, spec)
+    return with_noise(ready, found)
+
+
+def noise_wanted(inputs: Inputs, gps: Reading[GpsData] | None) -> NoiseChoice:
+    """Return which noise is estimated: as given, else all; with an IMU model, the time-correlated errors of fixes."""
+    if gps is None:
+        return "model"
+    return inputs.get("noise") or ("estimate" if inputs.get("imu_model") is None else "fixes")
