@@ -14,8 +14,9 @@ from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, PlainValidator, ValidationError, create_model, model_validator
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from insnav.exceptions import ConfigError
-from insnav.units import UNITS, parse_quantity, units_of
+from insnav.exceptions import ConfigError, reason_of
+from insnav.quantity_text import parse_quantity
+from insnav.units import UNITS, units_of
 
 MAX_BYTES = 1_000_000  # an IMU file has one or two kB
 MAX_TEXT = 100  # longest sensible "number unit"
@@ -52,7 +53,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         with path.open("rb") as file:
             content = file.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:
-        raise ConfigError(f"cannot read {where!r}", where=where, why=_reason(error)) from None
+        raise ConfigError(f"cannot read {where!r}", where=where, why=reason_of(error)) from None
     if len(content) > MAX_BYTES:
         raise ConfigError(f"{where!r} is too long", where=where, why=f"it has more than {MAX_BYTES} bytes")
     try:
@@ -255,7 +256,3 @@ def _keys(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:
         candidates = (annotation, *getattr(annotation, "__args__", ()))
         model = next(item for item in candidates if isinstance(item, type) and issubclass(item, BaseModel))
     return list(model.model_fields)
-
-
-def _reason(error: Exception) -> str:
-    return getattr(error, "strerror", None) or str(error)

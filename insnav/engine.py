@@ -24,7 +24,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
 
-from insnav.exceptions import ConfigError, DivergenceError, InputError, InsnavError, OutputError
+from insnav.exceptions import ConfigError, InsnavError, reason_of
 
 J = TypeVar("J")
 T = TypeVar("T")
@@ -35,7 +35,6 @@ CONNECT = 10.0  # a scheduler and its workers answer within this [s]
 _FORM = re.compile(r"processes(?::(?P<count>\d+))?|dask(?::(?P<address>.+))?|(?P<number>\d+)")
 _LEFT_BEHIND = "ignore:resource_tracker:UserWarning"
 _log = logging.getLogger(__name__)
-_KINDS = {each.exit_code: each for each in (DivergenceError, ConfigError, InputError, OutputError)}
 _STOPS = (signal.SIGINT, signal.SIGTERM)
 _one_at_a_time = threading.RLock()  # threads of a Dask worker share what is kept from job to job
 
@@ -48,28 +47,6 @@ class Engine:
     dask: str | None = None  # address of a Dask scheduler; empty: a cluster of local workers; None: no Dask
 
 
-@dataclass(frozen=True, slots=True)
-class Failed:
-    """A job that ended in an error."""
-
-    # as of `InsnavError`
-    what: str
-    where: str = ""
-    why: str = ""
-    fix: str = ""
-    exit_code: int = 70
-
-    @property
-    def reason(self) -> str:
-        """What and why, in one line."""
-        return "; ".join(text for text in (self.what, self.why) if text)
-
-    def error(self) -> InsnavError:
-        """The error again, to be raised."""
-        kind = _KINDS.get(self.exit_code, InsnavError)
-        return kind(self.what, where=self.where, why=self.why, fix=self.fix)
-
-
 def engine_of(workers: Workers) -> Engine:
     """Engine of a number of processes or a text: ``processes[:N]``, ``dask[:ADDRESS]``.
 
@@ -77,26 +54,25 @@ def engine_of(workers: Workers) -> Engine:
     """
     form = _FORM.fullmatch(str(workers).strip())
     if form is None:
-        raise ConfigError(
-            f"{workers!r} is not an engine", where="--engine", fix="write processes, processes:4, dask or dask:ADDRESS"
-        )
+        raise ConfigError("engine.unknown", where="--engine", engine=str(workers))
     if "dask" in form[0]:
         _need_dask()
         return Engine(_processors(), form["address"] or "")
     count = form["count"] or form["number"]
     if count is not None and int(count) < 1:
-        raise ConfigError(f"{int(count)} processes cannot work", where="--engine", fix="give 1 or more")
+        raise ConfigError("engine.no_process", where="--engine", count=int(count))
     return Engine(_processors() if count is None else int(count))
 
 
 def each(
     function: Callable[..., T], jobs: Sequence[J], workers: Workers = 1, shared: tuple[Any, ...] = ()
-) -> Generator[T | Failed]:
+) -> Generator[T | InsnavError]:
     """Outcome of ``function(*shared, job)`` for every job, in their order, whoever works at them.
 
     `function`: of a module, as it must be found there by the workers; `shared`: sent to each of them once.
-    Yields: what the function returned; `Failed` if it raised, or its process died twice. Jobs that were under way in a
-    process that died, by lack of memory for one, are repeated one at a time: the one that dies again is to blame.
+    Yields: what the function returned; an `InsnavError` if it raised, or its process died twice. Jobs that were under
+    way in a process that died, by lack of memory for one, are repeated one at a time: the one that dies again is to
+    blame.
     """
     engine = engine_of(workers)
     if engine.dask is None and (engine.processes == 1 or len(jobs) < 2):
@@ -123,7 +99,7 @@ def each(
             except died as error:
                 if alone:
                     following += 1
-                    yield Failed("its process died", why=str(error).split(". ")[0], fix="see whether memory suffices")
+                    yield InsnavError("engine.process_died", reason=str(error).split(". ")[0])
                 else:
                     alone_until = handed.last + 1
                     _log.warning("insnav: a process died; jobs %d to %d are repeated", following + 1, alone_until)
@@ -139,8 +115,8 @@ def every(
     """Result of every job as `each` has them; the first that fails is raised. `progress`: told the share done."""
     with closing(each(function, jobs, workers, shared)) as outcomes:
         for number, outcome in enumerate(outcomes, start=1):
-            if isinstance(outcome, Failed):
-                raise outcome.error()
+            if isinstance(outcome, InsnavError):
+                raise outcome
             yield outcome
             if progress is not None:
                 progress(number / len(jobs))
@@ -164,16 +140,18 @@ class _Handed:
             yield number
 
 
-def attempt(function: Callable[..., T], *arguments: Any) -> T | Failed:
-    """What a function returns, or the error it raises."""
+def attempt(function: Callable[..., T], *arguments: Any) -> T | InsnavError:
+    """What a function returns, or the error it raises, without what was at work then."""
     try:
         with _one_at_a_time:
             return function(*arguments)
     except InsnavError as error:
-        return Failed(error.what, error.where, error.why, error.fix, error.exit_code)
+        error.__cause__ = error.__context__ = None
+        return error.with_traceback(None)
     except Exception as error:
         last = traceback.extract_tb(error.__traceback__)[-1]
-        return Failed(f"{type(error).__name__}: {error}", why=f"{Path(last.filename).name}:{last.lineno}")
+        place = f"{Path(last.filename).name}:{last.lineno}"
+        return InsnavError("engine.job_defect", kind=type(error).__name__, reason=str(error), place=place)
 
 
 Pool = Callable[..., Generator[Any]]
@@ -236,12 +214,7 @@ def _need_dask() -> None:
     try:
         import distributed  # noqa: F401
     except ImportError as error:
-        raise ConfigError(
-            "the engine dask needs packages that are not installed",
-            where="--engine",
-            why=str(error),
-            fix="pip install 'insnav[cluster]'",
-        ) from error
+        raise ConfigError("engine.no_dask", where="--engine", reason=reason_of(error)) from error
 
 
 @contextmanager
@@ -283,14 +256,11 @@ def _connected(distributed: Any, address: str) -> Any:
         client.wait_for_workers(1, timeout=CONNECT)
         versions: dict[str, str] = client.run(_version)
     except (OSError, TimeoutError, ValueError, ImportError) as error:
-        what = "there is no Dask cluster at this address, or it has no workers"
-        fix = "start dask scheduler and dask worker there, with insnav installed"
-        raise ConfigError(what, where=where, why=str(error), fix=fix) from error
-    others = [f"{worker} has {version}" for worker, version in versions.items() if version != _version()]
-    if others:
-        client.close()
-        what, why = "a worker has another version of insnav", f"{others[0]}, this is {_version()}"
-        raise ConfigError(what, where=where, why=why, fix="install the same version on all machines")
+        raise ConfigError("engine.no_cluster", where=where, reason=reason_of(error)) from error
+    for worker, version in versions.items():
+        if version != _version():
+            client.close()
+            raise ConfigError("engine.other_version", where=where, worker=worker, other=version, own=_version())
     return client
 
 

@@ -1,6 +1,7 @@
-"""Every error insnav raises on purpose: what, where, why, and how to mend it.
+"""Every error insnav raises on purpose, as data: a code, a place and values, never a sentence.
 
-The command line prints one block per error and ends with `exit_code`; nothing else in the package calls `sys.exit`.
+`insnav.messages` turns them into what went wrong, why, and what the user can do, once somebody reads them. The command
+line prints one block per error and ends with `exit_code`; nothing else in the package calls `sys.exit`.
 """
 
 from __future__ import annotations
@@ -24,42 +25,117 @@ def as_keywords(text: str) -> str:
 
 
 class InsnavError(Exception):
-    """Base of all errors insnav raises on purpose.
+    """Base of all errors insnav raises on purpose: a code and values, which `insnav.messages` puts into words.
 
     Parameters
     ----------
-    what : str
-        One sentence: what went wrong.
+    code : str
+        What went wrong: a code of the catalogue of errors, such as ``"unit.unknown"``.
     where : str
         Place: ``file:row:column``, a configuration key, a time.
-    why : str
-        The evidence, with numbers.
-    fix : str
-        What the user can do about it.
     gives : mapping, optional
         Inputs by name, as of `insnav.load`, that the evidence says to give.
+    **values
+        What the words hold: numbers in SI units and radians, names, tuples of these, and errors that are the cause.
     """
 
     exit_code = 70
 
-    def __init__(
-        self, what: str, *, where: str = "", why: str = "", fix: str = "", gives: Mapping[str, Any] | None = None
-    ) -> None:
-        super().__init__(what)
-        self.what = what
+    def __init__(self, code: str, *, where: str = "", gives: Mapping[str, Any] | None = None, **values: Any) -> None:
+        super().__init__(code)
+        self.code = code
         self.where = where
-        self.why = why
-        self.fix = fix
         self.gives = dict(gives or {})
+        self.values = values
+
+    @property
+    def what(self) -> str:
+        """What went wrong, understood without the rest."""
+        return self._part("what")
+
+    @property
+    def why(self) -> str:
+        """The evidence, with numbers."""
+        return self._part("why")
+
+    @property
+    def fix(self) -> str:
+        """What the user can do about it."""
+        return self._part("fix")
+
+    @fix.setter
+    def fix(self, text: str) -> None:  # goes when every error has a code
+        self.values["fix"] = text
+
+    def _part(self, name: str) -> str:
+        if not is_code(self.code):  # goes when every error has a code
+            return self.code if name == "what" else str(self.values.get(name, ""))
+        from insnav.messages import render_error
+
+        return render_error(self.code, name, {key: _in_words(value) for key, value in self.values.items()})
+
+    @property
+    def reason(self) -> str:
+        """What went wrong and the evidence, in one line."""
+        return _joined(self.what, self.why)
 
     def __str__(self) -> str:
         parts = [self.what]
-        parts += [f"{name}: {text}" for name, text in self.details() if text]
+        parts += [f"{label.rstrip()} {text}" for label, text in self.details() if text]
         return as_keywords("\n".join(parts))  # the command line prints the details
 
     def details(self) -> tuple[tuple[str, str], ...]:
         """Label and text of every part after the first sentence."""
-        return (("where", self.where), ("why", self.why), ("fix", self.fix))
+        from insnav.messages import form
+
+        code = self.code if is_code(self.code) else ""
+        parts = {"where": self.where, "why": self.why, "fix": self.fix, "code": code}
+        return tuple((form(name), text) for name, text in parts.items())
+
+    def as_dict(self) -> dict[str, Any]:
+        """Give the error in a form ready for JSON."""
+        values = {name: _json_ready(value) for name, value in self.values.items()}
+        return {"kind": type(self).__name__, "code": self.code, "where": self.where, "values": values}
+
+    @staticmethod
+    def from_dict(facts: Mapping[str, Any]) -> InsnavError:
+        """Take an error back from JSON."""
+        kinds: tuple[type[InsnavError], ...] = (InsnavError, *InsnavError.__subclasses__())
+        kind = {each.__name__: each for each in kinds}[facts["kind"]]
+        values = {name: _from_json(value) for name, value in facts["values"].items()}
+        return kind(facts["code"], where=facts["where"], **values)
+
+
+def is_code(text: str) -> bool:
+    """Whether a text is the code of an error; goes when every error has one."""
+    return re.fullmatch(r"[a-z_]+(\.[a-z0-9_]+)+", text) is not None
+
+
+def _in_words(value: Any) -> Any:
+    """Put errors among the values of another into one line each."""
+    if isinstance(value, tuple):
+        return tuple(map(_in_words, value))
+    return _joined(value.what, value.why, value.fix) if isinstance(value, InsnavError) else value
+
+
+def _joined(*parts: str) -> str:
+    from insnav.messages import form
+
+    return form("joint").join(part for part in parts if part)
+
+
+def _json_ready(value: Any) -> Any:
+    if isinstance(value, InsnavError):
+        return value.as_dict()
+    if isinstance(value, tuple):
+        return [_json_ready(each) for each in value]
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
+def _from_json(value: Any) -> Any:
+    if isinstance(value, dict):
+        return InsnavError.from_dict(value)
+    return tuple(map(_from_json, value)) if isinstance(value, list) else value
 
 
 class ConfigError(InsnavError):
@@ -99,9 +175,14 @@ class OutputError(InsnavError):
 
 
 @contextmanager
-def writing(what: str, where: object, fix: str = "") -> Iterator[None]:
+def writing(code: str, where: object, **values: Any) -> Iterator[None]:
     """Raise what the operating system refuses inside as an `OutputError`; `where`: file or folder."""
     try:
         yield
     except OSError as error:
-        raise OutputError(what, where=str(where), why=error.strerror or str(error), fix=fix) from error
+        raise OutputError(code, where=str(where), reason=reason_of(error), **values) from error
+
+
+def reason_of(error: BaseException) -> str:
+    """Say what the operating system or a library reports, for the value ``reason`` of an error."""
+    return (getattr(error, "strerror", None) or str(error)).rstrip(".")

@@ -24,7 +24,7 @@ def sample_drive() -> list[Path]:
     files = [_folder() / "sample" / name for name in SAMPLE]
     absent = [str(file) for file in files if not file.is_file()]
     if absent:
-        raise InputError("the sample drive is not here", where=", ".join(absent), fix="install insnav again")
+        raise InputError("install.no_sample_drive", where=", ".join(absent))
     return files
 
 

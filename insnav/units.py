@@ -1,4 +1,4 @@
-"""Units by name: the factors to SI, and the parser of texts such as ``"0.1 deg/h"``.
+"""Units by name, and their factors to SI.
 
 A unit is always written out where a number enters or leaves insnav; inside there is only SI and radians.
 """
@@ -6,9 +6,6 @@ A unit is always written out where a number enters or leaves insnav; inside ther
 from __future__ import annotations
 
 import math
-import re
-
-from insnav.exceptions import ConfigError
 
 DEG = math.pi / 180.0
 HOUR = 3600.0
@@ -73,7 +70,6 @@ UNITS |= {
 }
 
 _PRETTY = (("sqrt(Hz)", "√Hz"), ("sqrt(h)", "√h"), ("sqrt(s)", "√s"), ("^2", "²"), ("^3", "³"))
-_QUANTITY = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)\s*$")
 
 
 def shown_unit(unit: str) -> str:
@@ -91,34 +87,3 @@ def units_of(dimension: str) -> list[str]:
 def si_unit(dimension: str) -> str:
     """Name of the unit of a dimension whose factor is one."""
     return next(name for name, (dim, factor) in UNITS.items() if dim == dimension and factor == 1.0)
-
-
-def parse_quantity(text: str, dimension: str, *, where: str = "") -> float:
-    """Number in SI and radians of a text with a unit.
-
-    `text`: such as ``"0.1 deg/h"``; the unit is obligatory; `dimension`: what it must be: ``"rate"``,
-    ``"acceleration"``, ``"angle random walk"``, …; `where`: place to name in the error.
-    Raises: ConfigError: no unit, an unknown unit, a unit of another dimension, or a number that is not finite.
-
-    Examples
-    --------
-    >>> round(parse_quantity("3600 deg/h", "rate") / DEG, 12)
-    1.0
-    """
-    choices = ", ".join(units_of(dimension))
-    match = _QUANTITY.match(text) if isinstance(text, str) else None
-    if match is None:
-        raise ConfigError(
-            f"{text!r} is not a number with a unit",
-            where=where,
-            fix=f'write it like "1.5 {units_of(dimension)[0]}"',
-        )
-    number, unit = float(match[1]), match[2]
-    found = UNITS.get(unit)
-    if found is None or found[0] != dimension:
-        why = f"{unit!r} is not a unit" if found is None else f"{unit!r} is a unit of {found[0]}, not of {dimension}"
-        raise ConfigError(f"{text!r} is not a {dimension}", where=where, why=why, fix=f"use one of {choices}")
-    value = number * found[1]
-    if not math.isfinite(value):
-        raise ConfigError(f"{text!r} is not finite", where=where)
-    return value

@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 
 from insnav import engine
-from insnav.engine import Engine, Failed, each, engine_of, every
+from insnav.engine import Engine, each, engine_of, every
 from insnav.exceptions import ConfigError, InputError, InsnavError
 from insnav.simulate.montecarlo import monte_carlo
+from tests.refusals import refused
 from tests.simulate.test_montecarlo import SEED, TASK, same
 
 distributed = pytest.importorskip("distributed")
@@ -37,7 +38,7 @@ def workers(request: pytest.FixtureRequest) -> str:
 
 def squared(offset: np.ndarray, job: int) -> float:
     if job == 3:
-        raise InputError("the clocks differ", why="by 18 s", fix="say so", gives={"time_offset": 18.0})
+        raise InputError("test.clocks", offset_s=18.0, gives={"time_offset": 18.0})
     if job == 5:
         raise ValueError("five")
     return float(offset[job] + job**2)
@@ -46,10 +47,12 @@ def squared(offset: np.ndarray, job: int) -> float:
 def test_results_come_in_order_and_failures_keep_their_reason(workers: str):
     found = list(each(squared, range(8), workers, (np.arange(300_000.0),)))
     assert [found[i] for i in (0, 1, 2, 4, 6, 7)] == [0.0, 2.0, 6.0, 20.0, 42.0, 56.0]
-    assert found[3] == Failed("the clocks differ", why="by 18 s", fix="say so", exit_code=InputError.exit_code)
-    assert found[5].exit_code == InsnavError.exit_code
-    assert found[5].reason.startswith("ValueError: five; test_engine.py:")
-    with pytest.raises(InputError, match="the clocks differ"):
+    assert isinstance(found[3], InputError)
+    assert (found[3].code, found[3].values["offset_s"], found[3].gives) == ("test.clocks", 18.0, {"time_offset": 18.0})
+    assert (type(found[5]), found[5].code) == (InsnavError, "engine.job_defect")
+    assert (found[5].values["kind"], found[5].values["reason"]) == ("ValueError", "five")
+    assert found[5].values["place"].startswith("test_engine.py:")
+    with refused(InputError, "test.clocks"):
         list(every(squared, range(8), workers, (np.arange(300_000.0),)))
 
 
@@ -87,7 +90,7 @@ def deadly(job: int) -> int:
 def test_a_job_that_kills_its_process_again_is_named_and_the_others_are_kept():
     found = list(each(deadly, range(6), "dask"))  # of processes see test_montecarlo
     assert [found[i] for i in (0, 1, 3, 4, 5)] == [0, 1, 3, 4, 5]
-    assert found[2].what == "its process died"
+    assert found[2].code == "engine.process_died"
 
 
 @pytest.mark.parametrize(
@@ -109,11 +112,12 @@ def test_what_is_no_engine_is_refused(text: str):
 
 def test_a_cluster_that_is_not_there_or_not_the_same_is_refused(cluster: str, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(engine, "CONNECT", 0.3)
-    with pytest.raises(ConfigError, match="no Dask cluster"):
+    with refused(ConfigError, "engine.no_cluster"):
         list(each(slow, range(3), "dask:tcp://127.0.0.1:9"))
     monkeypatch.setattr("insnav.__version__", "9.9")
-    with pytest.raises(ConfigError, match="another version"):
+    with refused(ConfigError, "engine.other_version") as caught:
         list(each(slow, range(3), cluster))
+    assert caught.value.values["own"] == "9.9"
 
 
 @pytest.mark.skipif(os.name == "nt", reason="loky cleans up in another way there")

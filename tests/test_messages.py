@@ -1,4 +1,4 @@
-"""Findings and their words: the catalogue is complete, its formats work, its sentences can be read."""
+"""Findings, errors and their words: the catalogues are complete, its formats work, its sentences can be read."""
 
 from __future__ import annotations
 
@@ -6,17 +6,20 @@ import ast
 import math
 import re
 import string
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from insnav.findings import Code, Finding, Severity
 from insnav.messages import LANGUAGES, PARTS, Message, catalogue, form, language, moment, render, sentence
 from insnav.units import UNITS
+from tests.error_sites import error_sites
 
 ROOT = Path(__file__).parents[1] / "insnav"
-VERBS = ("moment", "word", "count", "plural", "sign", "abs")
+VERBS = ("moment", "word", "lines", "count", "plural", "sign", "abs")
+SENTENCES = {"text", "done", "advice", "what", "why", "fix"}  # parts that are whole sentences
 # units without a factor to SI that a text may name
 PLAIN_UNITS = {"", "sd", "LSB", "rows", "K", "°C", "kg m²"}
 LONGEST = 25  # words of a sentence
@@ -30,10 +33,25 @@ def fields(text: str) -> Iterator[tuple[str, str]]:
             yield name, spec or ""
 
 
+def error_entries(lang: str) -> dict[str, Mapping[str, Any]]:
+    """Entries of all errors by their code; each stands in the file of its family."""
+    entries = {}
+    for path in sorted((ROOT / "messages" / "errors").glob(f"*.{lang}.toml")):
+        family = path.name.partition(".")[0]
+        of_family = {code: entry for code, entry in catalogue(f"errors/{family}.{lang}").items() if code not in TABLES}
+        assert [code for code in of_family if code.partition(".")[0] != family] == []
+        assert [*of_family] == sorted(of_family), f"sort the codes of {path.name}"
+        entries |= of_family
+    return entries
+
+
+def entries(lang: str) -> dict[str, Mapping[str, Any]]:
+    return {code: entry for code, entry in catalogue(lang).items() if code not in TABLES} | error_entries(lang)
+
+
 def texts(lang: str) -> Iterator[tuple[str, str, str]]:
-    for code, entry in catalogue(lang).items():
-        if code not in TABLES:
-            yield from ((code, part, text) for part, text in entry.items() if part in PARTS)
+    for code, entry in entries(lang).items():
+        yield from ((code, part, text) for part, text in entry.items() if part in {"title"} | SENTENCES)
 
 
 @pytest.mark.parametrize("lang", LANGUAGES)
@@ -49,6 +67,34 @@ def test_each_code_has_an_entry_and_each_entry_a_code(lang: str):
 def test_each_code_is_used_and_each_used_code_is_one():
     used = set(re.findall(r"\bCode\.([A-Z]\w+)", "".join(path.read_text() for path in ROOT.rglob("*.py"))))
     assert used == set(Code.__members__)
+
+
+@pytest.mark.parametrize("lang", LANGUAGES)
+def test_each_error_has_an_entry_and_each_entry_an_error(lang: str):
+    known = error_entries(lang)
+    assert {site.code for site in error_sites()} == set(known)
+    for code, entry in known.items():
+        assert {"what"} <= set(entry) <= {"what", "why", "fix"}, code
+
+
+def test_errors_give_the_values_that_their_words_hold():
+    known = error_entries("en")
+    for site in error_sites():
+        shown, needed = (
+            values_in("".join(change(text) for text in known[site.code].values()))
+            for change in (without_brackets, lambda text: re.sub(r"\[\[.*?\]\]", "", text))
+        )
+        assert site.values <= shown, f"{site.place}: {site.code} has no place for {site.values - shown}"
+        assert site.more or needed <= site.values, f"{site.place}: {site.code} needs {needed - site.values}"
+
+
+def values_in(text: str) -> set[str]:
+    names = {name for name, _ in fields(text)}
+    return names - {"span"} | ({"begin", "end"} if "span" in names else set())
+
+
+def without_brackets(text: str) -> str:
+    return re.sub(r"\[\[|\]\]", "", text)
 
 
 def test_each_language_has_the_same_forms():
@@ -69,7 +115,7 @@ def test_the_language_is_that_of_the_environment_or_english(monkeypatch: pytest.
 @pytest.mark.parametrize("lang", LANGUAGES)
 def test_formats_are_known(lang: str):
     for code, part, text in texts(lang):
-        for name, spec in fields(re.sub(r"\[\[|\]\]", "", text)):
+        for name, spec in fields(without_brackets(text)):
             verb, _, rest = spec.partition(" ")
             unit = rest.partition(" ")[2] if verb == "abs" else "" if verb in VERBS else rest
             place = f"{code}: {part}: {{{name}:{spec}}}"
@@ -81,10 +127,10 @@ def test_formats_are_known(lang: str):
 
 @pytest.mark.parametrize("lang", LANGUAGES)
 def test_languages_show_the_same_values(lang: str):
-    for code, part, text in texts(lang):
-        assert {name for name, _ in fields(text)} <= {
-            name for other in catalogue("en")[code].values() for name, _ in fields(other)
-        }, f"{code}: {part}"
+    english = entries("en")
+    for code, entry in entries(lang).items():
+        shown, known = ({name for text in each.values() for name, _ in fields(text)} for each in (entry, english[code]))
+        assert shown == known if code in error_entries(lang) else shown <= known, code
 
 
 def test_sentences_are_short():
@@ -101,9 +147,10 @@ def test_sentences_are_short():
 
 def test_texts_are_sentences():
     for code, part, text in texts("en"):
-        if part != "title" and code != Code.STORED_TEXT:
-            assert text.removesuffix("]]")[-1] in ".?!", f"{code}: {part}"
-            assert text[0].isupper() or text[0] in "{[" or text.startswith("insnav "), f"{code}: {part}"
+        if part in SENTENCES and code != Code.STORED_TEXT and not text.endswith(":lines}"):
+            # a command that is to be copied ends a text without a full stop
+            assert text.removesuffix("]]")[-1] in ".?!" or re.search(r": [^.]+$", text), f"{code}: {part}"
+            assert text[0].isupper() or text[0] in "{['-" or text.startswith("insnav "), f"{code}: {part}"
 
 
 @pytest.mark.parametrize("lang", LANGUAGES)

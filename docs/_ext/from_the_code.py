@@ -1,14 +1,13 @@
 """Parts of the manual that are made from the code, so that they cannot disagree with it.
 
 ``equation``: a numbered equation with its source and the tests that check it; a test that is not there is a warning,
-and so an error of the build. ``equation-table``: all of them. ``commands``: the help of every command. ``messages``:
+and so an error of the build. ``equation-table``: all of them. ``commands``: the help of every command. ``errors``:
 every error that insnav can raise, with cause and remedy. ``findings``: everything that insnav detects. ``run-json``:
 the keys of ``run.json``, by its schema.
 """
 
 from __future__ import annotations
 
-import ast
 import html
 import io
 import json
@@ -28,10 +27,10 @@ from sphinx.util.docutils import SphinxDirective
 from sphinx.util.math import get_node_equation_number
 from sphinx.util.nodes import make_refnode
 
-from insnav import exceptions
 from insnav.findings import Code
 from insnav.messages import catalogue
 from insnav.units import shown_unit
+from tests.error_sites import error_sites
 
 ROOT = Path(__file__).parents[2]
 log = logging.getLogger(__name__)
@@ -145,26 +144,28 @@ def _commands(group: Any, name: str) -> Iterator[tuple[str, Any]]:
             yield f"{name} {key}", command
 
 
-class Messages(SphinxDirective):
-    """Every error that insnav raises: what it says, why, and what to do."""
+class Errors(SphinxDirective):
+    """Every error that insnav raises: its code, kind, words and remedy, from the catalogues."""
 
     def run(self) -> list[nodes.Node]:
-        """Read them from the source."""
-        rooms: dict[str, list[tuple[str, str, str, str]]] = {}
-        for path in sorted((ROOT / "insnav").rglob("*.py")):
-            room = path.relative_to(ROOT / "insnav").parts[0].removesuffix(".py")
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-                if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call) and (said := _said(node.exc)):
-                    rooms.setdefault(room, []).append(said)
+        """Read the catalogues, family by family."""
+        kinds: dict[str, set[str]] = {}
+        for site in error_sites():
+            kinds.setdefault(site.code, set()).add(site.kind)
         found: list[nodes.Node] = []
-        for room, messages in rooms.items():
-            section = nodes.section(ids=[f"messages-{room}"])
-            section += nodes.title("", room)
+        for family in sorted({code.partition(".")[0] for code in kinds}):
+            section = nodes.section(ids=[f"errors-{family}"])
+            section += nodes.title("", family)
             rows = [
-                tuple(nodes.paragraph("", text) for text in (what, why, fix, kind))
-                for kind, what, why, fix in sorted(set(messages), key=lambda each: each[1])
+                (
+                    nodes.paragraph("", "", nodes.literal("", code)),
+                    *(nodes.paragraph("", _readable(entry.get(part, ""))) for part in ("what", "why", "fix")),
+                    nodes.paragraph("", ", ".join(sorted(kinds[code]))),
+                )
+                for code, entry in catalogue(f"errors/{family}.en").items()
+                if code in kinds
             ]
-            section += table(("message", "why", "what to do", "error"), rows, (34, 28, 28, 10))
+            section += table(("code", "message", "why", "what to do", "error"), rows, (16, 28, 23, 23, 10))
             found.append(section)
         return found
 
@@ -239,27 +240,6 @@ class RunJson(SphinxDirective):
         )
 
 
-def _said(call: ast.Call) -> tuple[str, str, str, str] | None:
-    """Kind, what, why and fix of a raised error of insnav; names stand for what is only known when it happens."""
-    kind = ast.unparse(call.func)
-    if not hasattr(exceptions, kind) or not call.args:
-        return None
-    given = {each.arg: each.value for each in call.keywords}
-    return (kind, _text(call.args[0]), *(_text(given[name]) if name in given else "" for name in ("why", "fix")))  # type: ignore[return-value]
-
-
-def _text(node: ast.expr) -> str:
-    if isinstance(node, ast.Constant):
-        return str(node.value)
-    if isinstance(node, ast.JoinedStr):
-        return "".join(_text(each) for each in node.values)
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
-        return _text(node.left) + _text(node.right)
-    if isinstance(node, ast.IfExp):
-        return f"{_text(node.body)} / {_text(node.orelse)}"
-    return "…"
-
-
 def _mathml(tex: str, display: str) -> str:
     """MathML of an equation; browsers know bold letters only as characters of their own."""
 
@@ -294,7 +274,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.add_directive("equation", Equation)
     app.add_directive("equation-table", EquationTable)
     app.add_directive("commands", Commands)
-    app.add_directive("messages", Messages)
+    app.add_directive("errors", Errors)
     app.add_directive("findings", Findings)
     app.add_directive("run-json", RunJson)
     app.connect("doctree-resolved", fill_tables)

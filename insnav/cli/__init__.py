@@ -139,9 +139,10 @@ def _set_language(wanted: str) -> None:
     """Set the language of all messages, also for the processes that this one starts."""
     from insnav.messages import LANGUAGES
 
+    if not wanted:
+        raise ConfigError("cli.no_language", where="--lang", languages=LANGUAGES)
     if wanted not in LANGUAGES:
-        what = f"unknown language: {wanted}" if wanted else "--lang needs a language"
-        raise ConfigError(what, where="--lang", fix=f"set --lang to one of {', '.join(LANGUAGES)}")
+        raise ConfigError("cli.unknown_language", where="--lang", language=wanted, languages=LANGUAGES)
     os.environ["INSNAV_LANG"] = wanted
 
 

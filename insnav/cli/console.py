@@ -14,7 +14,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TextIO
 
 from insnav.cli import signals
-from insnav.exceptions import OutputError
+from insnav.exceptions import OutputError, reason_of
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -49,9 +49,7 @@ def result(text: str, *, always: bool = False) -> None:
         raise
     except OSError as error:
         discard_output()
-        raise OutputError(
-            "the result cannot be printed", where="standard output", why=error.strerror or str(error)
-        ) from error
+        raise OutputError("the result cannot be printed", where="standard output", why=reason_of(error)) from error
 
 
 def result_facts(folder: Path) -> None:
@@ -129,8 +127,10 @@ def discard_output() -> None:
 
 def error_block(what: str, details: Iterable[tuple[str, str]]) -> None:
     """Print one error: what, and where, why, how to mend it."""
-    lines = [f"insnav: error: {_plain(what)}"]
-    lines += [f"  {name + ':':<6} {_plain(text)}" for name, text in details if text]
+    from insnav.messages import form
+
+    lines = [f"insnav: {form('error')} {_plain(what)}"]
+    lines += [f"  {label} {_plain(text)}" for label, text in details if text]
     print("\n".join(lines), file=sys.stderr, flush=True)
 
 

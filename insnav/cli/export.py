@@ -30,6 +30,6 @@ def export(
     if path.exists() and not force:
         raise OutputError("the file exists already", where=str(path), fix="give another name with --out, or --force")
     content = export_run(run, to, solution="filtered" if filtered else None, week=week)
-    with writing("the file cannot be written", path):
+    with writing("output.file_unwritable", path):
         path.write_bytes(content)
     result(f"files       {path}")

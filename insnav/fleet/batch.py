@@ -15,8 +15,8 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from insnav.engine import Failed, Workers, attempt, each
-from insnav.exceptions import ConfigError, InputError, OutputError, writing
+from insnav.engine import Workers, attempt, each
+from insnav.exceptions import ConfigError, InputError, InsnavError, OutputError, writing
 from insnav.findings import Code, Finding
 from insnav.output.contents import FACTS_FILE, damage, file_sha256, files_in, read_facts
 from insnav.output.folder import foreign_files, write_text
@@ -65,7 +65,7 @@ class Navigated:
     vehicle: str
     digest: str  # of its files, its options and this version
     seconds: float  # that it took [s]
-    failed: Failed | None = None
+    failed: InsnavError | None = None
     facts: Mapping[str, Any] | None = None  # ``run.json`` of its folder, if there is one
     kept: bool = False  # it was finished already
     file: str = ""  # its samples
@@ -111,7 +111,7 @@ def _alone(folder: Path) -> Iterator[None]:
 
     Raises: OutputError: another batch has it, or nothing can be written there.
     """
-    with writing("cannot write a fleet", folder, "give another --out"):
+    with writing("batch.unwritable", folder):
         (folder / DRIVES).mkdir(parents=True, exist_ok=True)
         lock = folder / DRIVES / ".lock"
         held = lock.open("w")
@@ -146,7 +146,7 @@ def _each(
     navigated = each(_navigated, jobs, workers, (how,))
     for number, (drive, kept) in enumerate(zip(drives, finished, strict=True), start=1):
         outcome = next(navigated) if kept is None else kept
-        if isinstance(outcome, Failed):  # its process died
+        if isinstance(outcome, InsnavError):  # its process died
             outcome = Navigated(drive.name, drive.vehicle, "", 0.0, outcome, file=drive.arguments[0])
         yield _with_facts(outcome, how.place)
         if progress is not None:
@@ -160,7 +160,7 @@ def check_folder(folder: Path) -> None:
     """
     held = {each.name for each in folder.iterdir() if not each.name.startswith(".")} if folder.is_dir() else set()
     facts = attempt(read_facts, folder)
-    if DRIVES in held and not isinstance(facts, Failed) and facts.get("kind") == "fleet":
+    if DRIVES in held and not isinstance(facts, InsnavError) and facts.get("kind") == "fleet":
         return  # nothing is taken away that lies beside
     if held - _OWN or (held and DRIVES not in held):
         why = ", ".join(sorted(held - _OWN)[:3]) or f"it has no {DRIVES}"
@@ -188,11 +188,11 @@ def _navigated(how: _How, job: tuple[Drive, str]) -> Navigated:
     """Navigate a drive, of this digest, and note what became of it."""
     (drive, key), begin = job, time.monotonic()
     outcome = attempt(_run, how, drive)
-    failed = outcome if isinstance(outcome, Failed) else None
+    failed = outcome if isinstance(outcome, InsnavError) else None
     found = Navigated(
         drive.name, drive.vehicle, key, round(time.monotonic() - begin, 3), failed, file=drive.arguments[0]
     )
-    write_text(how.place / f"{drive.name}.json", json.dumps(asdict(found), indent=1))
+    write_text(how.place / f"{drive.name}.json", json.dumps(asdict(found), indent=1, default=InsnavError.as_dict))
     return found
 
 
@@ -221,7 +221,8 @@ def _digest(drive: Drive) -> str:
 def _read_note(note: Path, key: str) -> Navigated | None:
     try:
         known = json.loads(note.read_text(encoding="utf-8"))
-        found = Navigated(**{**known, "failed": None if known["failed"] is None else Failed(**known["failed"])})
+        failed = known["failed"] and InsnavError.from_dict(known["failed"])
+        found = Navigated(**{**known, "failed": failed})
     except (OSError, ValueError, TypeError, KeyError):
         return None
     return found if found.digest == key else None
@@ -231,4 +232,4 @@ def _with_facts(found: Navigated, place: Path) -> Navigated:
     if found.failed is not None and found.failed.exit_code != 1:  # it ended without a solution; an old one may be left
         return found
     facts = attempt(read_facts, place / found.name)
-    return replace(found, failed=facts) if isinstance(facts, Failed) else replace(found, facts=facts)
+    return replace(found, failed=facts) if isinstance(facts, InsnavError) else replace(found, facts=facts)

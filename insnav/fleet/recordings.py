@@ -7,8 +7,8 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from insnav.engine import Failed, Workers, attempt, each
-from insnav.exceptions import InputError
+from insnav.engine import Workers, attempt, each
+from insnav.exceptions import InputError, InsnavError
 from insnav.findings import Code, Finding
 from insnav.fleet.batch import Drive, name_of
 from insnav.input.formats.recording_folder import NO_DATA, ROLE, unused
@@ -43,7 +43,7 @@ def find_drives(folder: Path, without: Path, workers: Workers) -> tuple[list[Dri
     names: Counter[str] = Counter()
     engine = workers if sum(map(len, places)) > _MANY else 1  # processes take seconds to begin
     for place, roles in zip(places, each(_roles, places, engine), strict=True):
-        if isinstance(roles, Failed):
+        if isinstance(roles, InsnavError):
             left += [Finding.of(Code.BATCH_NO_RECORDING, subject=str(path), reason=roles.reason) for path in place]
             continue
         found = list(_paired(place, _with_broken(roles)))
@@ -127,7 +127,7 @@ def _roles(files: Sequence[Path]) -> _Roles:
 
 def _role(path: Path) -> str | Finding:
     kinds = attempt(lambda: kinds_of(open_tables(path)))
-    if isinstance(kinds, Failed):  # a file of another kind, or a broken one
+    if isinstance(kinds, InsnavError):  # a file of another kind, or a broken one
         return Finding.of(Code.BATCH_NO_RECORDING, subject=str(path), reason=" ".join(kinds.reason.split()))
     if not kinds:
         return Finding.of(Code.BATCH_NO_COLUMNS, subject=str(path))

@@ -8,12 +8,19 @@ An entry of ``<language>.toml`` stands under the code of `insnav.findings.Code` 
 - ``done``: what insnav did about it;
 - ``advice``: what the user can do.
 
+An error stands under its code in ``errors/<family>.<language>.toml``, where the family is the first part of its code:
+
+- ``what``: what is wrong, understood without the rest;
+- ``why``: the evidence, with the numbers that decide;
+- ``fix``: what the user can do.
+
 A text holds values by name in braces, with a format: ``{delay_s:.3f s}`` (format, then the unit to convert to from SI),
 ``{count:count fix|fixes}`` (number and noun), ``{count:plural fix|fixes}`` (noun alone), ``{delay_s:sign late|early}``
 (first word unless negative), ``{delay_s:abs .3f s}`` (without the sign), ``{axis:word}`` (a word of the table
-``[words]``, or several), ``{begin:moment}`` and ``{span}`` (times of the record). ``{subject}`` is the subject. A part
-in double square brackets is left out where one of its values is missing or not finite: ``[[ ± {delay_sd_s:.3f s}]]``.
-The table ``[form]`` says how a language joins sentences, lists and the two ends of a span.
+``[words]`` of either file, or several), ``{problems:lines}`` (each on a line of its own), ``{begin:moment}`` and
+``{span}`` (times of the record). ``{subject}`` is the subject. A part in double square brackets is left out where one
+of its values is missing or not finite: ``[[ ± {delay_sd_s:.3f s}]]``. The table ``[form]`` says how a language joins
+sentences, lists and the two ends of a span.
 """
 
 from __future__ import annotations
@@ -21,12 +28,14 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Callable
+from collections import ChainMap
+from collections.abc import Callable, Mapping
 from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import partial
+from numbers import Real
 from string import Formatter
-from typing import Any
+from typing import Any, NamedTuple
 
 from insnav import plain_text
 from insnav.catalogues import catalogue
@@ -41,6 +50,14 @@ SPOKEN = ContextVar("SPOKEN", default="")  # language of what is done inside, wh
 
 At = Callable[[float, float], str]
 """How times of the record, from one to another [s], are written."""
+
+
+class _Form(NamedTuple):
+    """How values are written."""
+
+    lang: str
+    at: At
+    words: Mapping[str, str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,9 +109,9 @@ def render(finding: Finding, lang: str | None = None, at: At | None = None) -> M
     entry = catalogue(lang)[finding.code.value]
     if text := finding.get("text"):  # of a folder that an earlier version wrote
         return Message(entry["title"], text)
-    parts = {
-        part: _filled(entry[part], finding, lang, at or partial(moment, lang=lang)) for part in PARTS if part in entry
-    }
+    values = dict(finding.values) | {"subject": finding.subject, "begin": finding.begin, "end": finding.end}
+    form_of = _Form(lang, at or partial(moment, lang=lang), catalogue(lang)["words"])
+    parts = {part: _filled(entry[part], values, form_of) for part in PARTS if part in entry}
     return Message(**parts, joint=form("joint", lang))
 
 
@@ -109,9 +126,16 @@ def shows_time(finding: Finding, lang: str | None = None) -> bool:
     return finding.timed and any(place in entry.get(part, "") for part in PARTS for place in ("{span}", ":moment}"))
 
 
-def _filled(text: str, finding: Finding, lang: str, at: At) -> str:
-    """Put the values of a finding into a text."""
-    values = dict(finding.values) | {"subject": finding.subject, "begin": finding.begin, "end": finding.end}
+def render_error(code: str, part: str, values: Mapping[str, Any]) -> str:
+    """Put a part of an error into words: ``what``, ``why`` or ``fix``; empty if it has none."""
+    lang = language()
+    entries = catalogue(f"errors/{code.partition('.')[0]}.{lang}")
+    words = ChainMap(entries.get("words", {}), catalogue(lang)["words"])
+    return _filled(entries[code].get(part, ""), values, _Form(lang, partial(moment, lang=lang), words))
+
+
+def _filled(text: str, values: Mapping[str, Any], how: _Form) -> str:
+    """Put values into a text."""
 
     def optional(part: re.Match[str]) -> str:
         names = [name for _, name, _, _ in _FORMATTER.parse(part[1]) if name and name != "span"]
@@ -121,9 +145,9 @@ def _filled(text: str, finding: Finding, lang: str, at: At) -> str:
     for literal, name, spec, _ in _FORMATTER.parse(_OPTIONAL.sub(optional, text)):
         parts.append(literal)
         if name == "span":
-            parts.append(at(finding.begin, finding.end))
+            parts.append(how.at(values["begin"], values["end"]))
         elif name is not None:
-            parts.append(_shown(values[name], spec or "", lang, at))
+            parts.append(_shown(values[name], spec or "", how))
     return "".join(parts)
 
 
@@ -131,15 +155,17 @@ def _known(value: Any) -> bool:
     return value not in (None, "", ()) and not (isinstance(value, float) and not math.isfinite(value))
 
 
-def _shown(value: Any, spec: str, lang: str, at: At) -> str:
+def _shown(value: Any, spec: str, how: _Form) -> str:
     """Write a value by its format."""
     verb, _, rest = spec.partition(" ")
     first, _, second = rest.partition("|")
     match verb:
         case "moment":
-            return at(value, value)
+            return how.at(value, value)
         case "word":
-            return _word(value, lang)
+            return _word(value, how)
+        case "lines":
+            return "\n".join(value)
         case "count":
             return f"{value:g} {first if value == 1 else second}"
         case "plural":
@@ -147,26 +173,25 @@ def _shown(value: Any, spec: str, lang: str, at: At) -> str:
         case "sign":
             return first if value >= 0.0 else second
         case "abs":
-            return _shown(abs(value), rest, lang, at)
+            return _shown(abs(value), rest, how)
     if isinstance(value, tuple):
         parts = [_number(each, verb, rest) for each in value]
-        return form("list", lang).join(parts) + _unit(rest)
+        return form("list", how.lang).join(parts) + _unit(rest)
     return _number(value, verb, rest) + _unit(rest)
 
 
-def _word(value: Any, lang: str) -> str:
+def _word(value: Any, how: _Form) -> str:
     """Write a word of the table, or each of several, also where the name of a file follows: ``gyro x (rates.csv)``."""
-    words = catalogue(lang)["words"]
-    if not isinstance(value, tuple) and value in words:
-        return str(words[value])
+    if not isinstance(value, tuple) and value in how.words:
+        return str(how.words[value])
     parts = [str(each).partition(" (") for each in (value if isinstance(value, tuple) else str(value).split(", "))]
-    return form("list", lang).join(f"{words.get(name, name)}{bracket}{rest}" for name, bracket, rest in parts)
+    return form("list", how.lang).join(f"{how.words.get(name, name)}{bracket}{rest}" for name, bracket, rest in parts)
 
 
-def _number(value: float | str, spec: str, unit: str) -> str:
-    if isinstance(value, str):
-        return value
-    scaled = value / UNITS[unit][1] if unit in UNITS else value
+def _number(value: Any, spec: str, unit: str) -> str:
+    if not isinstance(value, Real):
+        return str(value)
+    scaled: Any = value / UNITS[unit][1] if unit in UNITS else value
     text = format(scaled, spec or ".3g") if not isinstance(scaled, int) or spec else str(scaled)
     if "e+" in text:  # people write large numbers out
         text = f"{scaled:.0f}"

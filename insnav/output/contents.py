@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from insnav.exceptions import InputError
+from insnav.exceptions import InputError, reason_of
 
 FACTS_FILE = "run.json"
 
@@ -24,7 +24,7 @@ def read_facts(folder: Path) -> dict[str, Any]:
         raise InputError(
             "this is not a run folder",
             where=str(path),
-            why=error.strerror or str(error),
+            why=reason_of(error),
             fix="give a folder that `insnav run` has written",
         ) from error
     except ValueError as error:

@@ -62,8 +62,7 @@ def write_table(path: Path, columns: Mapping[str, FloatArray | IntArray]) -> Non
 @contextlib.contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     """File to be written, compressed if its name says so."""
-    fix = "choose a folder that exists and that you may write to"
-    with writing(f"{path.name} cannot be written", path, fix), path.open("wb") as stream:
+    with writing("output.file_unwritable", path), path.open("wb") as stream:
         if path.suffix == ".gz":
             with gzip.GzipFile("", "wb", 9, stream, 0) as packed:
                 yield packed

@@ -18,7 +18,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from insnav.exceptions import InputError, OutputError, writing
+from insnav.exceptions import InputError, OutputError, reason_of, writing
 from insnav.output.contents import FACTS_FILE, file_sha256, files_in, read_facts, verify_folder
 from insnav.plain_text import NOT_UTF8, plain_text
 
@@ -32,7 +32,6 @@ _FULL = {
 }
 _LONGEST_NAME = 230  # with what a folder has beside it while it is built, file systems take 255 bytes
 _MARK = re.compile(r"\.(tmp|old)-(\d+)$")
-_NOT_HERE, _ELSEWHERE = "cannot write a run folder here", "choose a folder you may write to with --out"
 
 
 class RunFolder:
@@ -64,7 +63,7 @@ class RunFolder:
             _clean_stale(self._place)
         _check_target(self._place, force=self.force)
         self._aside = _beside(self._place, "tmp")
-        with writing(_NOT_HERE, self._place.parent, _ELSEWHERE):
+        with writing("output.folder_unwritable", self._place.parent):
             self._made = [each for each in self._place.parents if not each.exists()]
             self._place.parent.mkdir(parents=True, exist_ok=True)
             if self._aside.exists():  # left by a dead process that had our number
@@ -140,7 +139,7 @@ class RunFolder:
             raise OutputError(
                 "the run folder cannot be moved into its place",
                 where=str(self._place),
-                why=error.strerror or str(error),
+                why=reason_of(error),
                 fix="choose another folder with --out",
             ) from error
         _sync(self._place.parent)
@@ -168,7 +167,7 @@ def write_text(path: Path, text: str) -> None:
     Raises: OutputError: it cannot be written.
     """
     aside = _beside(path, "tmp")
-    with writing("the file cannot be written", path, "choose another folder with --out"):
+    with writing("output.file_unwritable", path):
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
             aside.write_text(text, encoding="utf-8", newline="\n", errors=NOT_UTF8)
@@ -205,8 +204,8 @@ def _check_target(place: Path, *, force: bool) -> None:
         )
     there = next(each for each in place.parents if each.exists())
     if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
-        why = "no permission to write" if there.is_dir() else "it is a file"
-        raise OutputError(_NOT_HERE, where=str(there), why=why, fix=_ELSEWHERE)
+        reason = os.strerror(errno.EACCES if there.is_dir() else errno.ENOTDIR)
+        raise OutputError("output.folder_unwritable", where=str(there), reason=reason)
     if not place.exists():
         return
     if not place.is_dir():

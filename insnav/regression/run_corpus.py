@@ -98,5 +98,5 @@ def _attempt(data: Path, job: tuple[AnyCase, int]) -> _Outcome:
     try:
         measured = measure(source.material(run_seed(SERIES, number)))
     except InsnavError as error:
-        return _Outcome(source.digest, source.files, None, "; ".join(text for text in (error.what, error.why) if text))
+        return _Outcome(source.digest, source.files, None, error.reason)
     return _Outcome(source.digest, source.files, measured, "")

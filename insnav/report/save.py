@@ -103,7 +103,7 @@ def write_result_pdf(result: Result[Any], file: Path) -> None:
     from insnav.report.pdf import write_pdf
     from insnav.report.style import drawing
 
-    with writing("the PDF cannot be written", file), drawing():  # its verdict, too, is in words that can be drawn
+    with writing("output.file_unwritable", file), drawing():  # its verdict, too, is in words that can be drawn
         page = page_of(result)
         names = [figure.name for figure in page.figures]
         pairs = {f"figures {i // 2 + 1}": names[i : i + 2] for i in range(0, len(names), 2)} or {"summary": []}

@@ -21,6 +21,7 @@ from insnav.exceptions import ConfigError
 from insnav.findings import Code, Finding
 from insnav.imu import ImuSpec, load_imu
 from insnav.imu.library import completed, find_part, parts
+from insnav.quantity_text import parse_quantity
 from insnav.result import Result
 from insnav.session.budget import LONGEST_FREE
 from insnav.simulate.closed_forms import straight
@@ -28,7 +29,6 @@ from insnav.simulate.motion import load_profile
 from insnav.simulate.recording import MOTION_STREAM
 from insnav.simulate.truth import Truth
 from insnav.steps.checked_inputs import one_of
-from insnav.units import parse_quantity
 
 BEFORE = 300.0  # GPS before the outage, where the motion is long enough [s]
 HORIZON = 300.0  # of the outage to which errors of real IMUs are followed, where the motion is long enough [s]

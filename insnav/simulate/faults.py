@@ -17,9 +17,10 @@ import numpy as np
 
 from insnav.earth import lla_offset
 from insnav.exceptions import ConfigError
+from insnav.quantity_text import parse_quantity
 from insnav.simulate.gps_errors import without_fixes
 from insnav.types import BoolArray, FloatArray, GpsData, ImuData
-from insnav.units import DEG, G0, UNITS, parse_quantity
+from insnav.units import DEG, G0, UNITS
 
 NORTH_EAST = np.array([0.6, 0.8, 0.0])
 _AXES = ("gyro-x", "gyro-y", "gyro-z", "accel-x", "accel-y", "accel-z")

@@ -20,8 +20,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from insnav.engine import Failed, Workers, each, engine_of
-from insnav.exceptions import ConfigError, writing
+from insnav.engine import Workers, each, engine_of
+from insnav.exceptions import ConfigError, InsnavError, writing
 from insnav.types import FloatArray, IntArray
 
 KEEP_EVERY = 2.0  # progress is kept on the disk so often [s]
@@ -65,8 +65,7 @@ class Checkpoint:
     def save(self, runs: Runs) -> None:
         """Replace the file in one step: whatever stops the program, it is as it was or complete."""
         aside = self.path.with_name(f"{self.path.name}.new")
-        fix = "make room or choose another folder with --out"
-        with writing("the runs done so far cannot be kept", self.path, fix):
+        with writing("sim.progress_unwritable", self.path):
             with aside.open("wb") as file:
                 np.savez(
                     file,
@@ -186,10 +185,10 @@ class _Tally:
         self._total = found.total if found is not None and len(found.number) else None
         self._failures = list(found.failures) if found is not None else []
 
-    def add(self, outcome: Sample | Failed) -> None:
+    def add(self, outcome: Sample | InsnavError) -> None:
         """Take the outcome of the next run."""
         self.done += 1
-        if isinstance(outcome, Failed):
+        if isinstance(outcome, InsnavError):
             self._failures.append(Failure(self.done, self._seeds[self.done - 1], outcome.reason))
             return
         self._number.append(self.done)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import json
 import os
 import sys
@@ -196,14 +197,14 @@ def _unwritable(folder: Path) -> Path:
 def test_a_folder_that_cannot_be_made_is_known_at_once(drive: Path, cli: Cli):
     place = _unwritable(drive / "locked") / "result"
     shown = cli("run", *QUICK, "--out", place)
-    refused(shown, 4, "cannot write", "--out")
+    refused(shown, 4, "output.folder_unwritable")
     assert "IMU:" not in shown.err  # nothing was read in vain
 
 
 def test_a_parent_that_is_a_file_is_known_at_once(drive: Path, cli: Cli):
     Path("a").touch()
     shown = cli("run", *QUICK, "--out", "a/b/c")
-    refused(shown, 4, "cannot write a run folder", "it is a file")
+    refused(shown, 4, "output.folder_unwritable", os.strerror(errno.ENOTDIR))
     assert "IMU:" not in shown.err  # nothing was read in vain
 
 

@@ -276,10 +276,10 @@ def test_a_file_that_cannot_be_meant_is_refused(content: str, said: str, drive: 
         (("empty",), 3, "none of 0 files"),
         (("imu.csv",), 3, "it is a file"),
         ((".", "--out", "."), 4, "something else than a fleet"),
-        ((".", "--out", "no/../imu.csv"), 4, "cannot write a fleet"),
+        ((".", "--out", "no/../imu.csv"), 4, "batch.unwritable"),
         (("--states", "15", "."), 2, "the drives come first"),
         ((".", "--stats", "15"), 2, "No such option"),
-        ((".", "--engine", "threads"), 2, "not an engine"),
+        ((".", "--engine", "threads"), 2, "engine.unknown"),
     ],
 )
 def test_what_cannot_be_a_fleet_is_refused(words: tuple[str, ...], code: int, said: str, drive: Path, cli: Cli):

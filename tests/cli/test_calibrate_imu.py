@@ -108,7 +108,7 @@ def test_json_is_the_same_as_the_file(bench: Path, cli: Cli) -> None:
         (("about_x.csv", "about_y.csv"), 3, "2 files are not three sweeps"),
         (("about_y.csv", "about_x.csv", "about_z.csv"), 3, "columns or files exchanged?"),
         ((*FILES, "--spike-limit", "-1"), 2, "--spike-limit"),
-        ((*FILES, "--out", "/dev/null/such"), 4, "it is a file"),
+        ((*FILES, "--out", "/dev/null/such"), 4, "output.folder_unwritable"),
     ],
 )
 def test_what_cannot_be_is_refused(bench: Path, cli: Cli, arguments: tuple[str, ...], code: int, word: str) -> None:

@@ -155,7 +155,7 @@ def test_six_positions_with_sections_and_without(bench: Path, cli: Cli) -> None:
         (("imu.csv", *G, "--method", "six"), 3, "no section was found for"),
         (("imu.csv", *G, "--counts"), 3, "leave out --counts"),
         (("counts.csv", *G), 3, "raw counts"),
-        (("imu.csv", *G, "--out", "/dev/null/such"), 4, "it is a file"),
+        (("imu.csv", *G, "--out", "/dev/null/such"), 4, "output.folder_unwritable"),
     ],
 )
 def test_what_cannot_be_is_refused(bench: Path, cli: Cli, options: tuple[str, ...], code: int, word: str) -> None:

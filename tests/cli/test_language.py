@@ -73,17 +73,29 @@ def test_what_is_drawn_is_in_english(drive: Path, cli: Cli):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
-    [(("--lang", "xx"), "xx"), (("--lang=de",), "de"), (("--lang",), "--lang"), (("--lang", ""), "--lang")],
+    ("words", "code"),
+    [
+        (("--lang", "xx"), "cli.unknown_language"),
+        (("--lang=de",), "cli.unknown_language"),
+        (("--lang",), "cli.no_language"),
+        (("--lang", ""), "cli.no_language"),
+    ],
 )
-def test_an_unknown_language_is_refused_with_those_there_are(cli: Cli, words: tuple[str, ...], said: str):
+def test_an_unknown_language_is_refused_with_those_there_are(cli: Cli, words: tuple[str, ...], code: str):
     shown = cli("run", "imu.csv", *words)
     assert shown.code == 2
     assert shown.out == ""
     assert shown.err.startswith("insnav: error: ")
-    assert said in shown.err
-    for lang in LANGUAGES:
-        assert re.search(rf"\b{lang}\b", shown.err)
+    assert code in shown.err
+    assert ", ".join(LANGUAGES) in shown.err
+
+
+def test_errors_are_in_the_language_of_the_command(cli: Cli):
+    shown = cli("require", "--error", "1", "--after", "60 s", "--lang", "zh")
+    assert shown.code == 2
+    assert shown.err.startswith("insnav: 错误：")
+    assert "unit.missing" in shown.err
+    assert "。" in shown.err
 
 
 def test_the_environment_chooses_the_language_and_english_is_taken_for_an_unknown_one(

@@ -43,8 +43,8 @@ def test_which_parts_keep_a_car_within_5_m_for_30_s(cli: Cli, tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--error", "1", "--after", "60 s"), "not a number with a unit"),
-        (("--error", "1 s", "--after", "60 s"), "not a length"),
+        (("--error", "1", "--after", "60 s"), "unit.missing"),
+        (("--error", "1 s", "--after", "60 s"), "unit.of_other_dimension"),
         (("--error", "1 m", "--after", "9000 s"), "not a sensible value"),
         (("--error", "1 m", "--after", "60 s", "--profile", "city", "--begin", "450"), "not long enough"),
         (("--error", "1 m", "--after", "60 s", "--cost", "gyro bias=x"), "--cost"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insnav.engine import Failed
+from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
 from insnav.fleet.batch import Navigated
 from insnav.fleet.page import OUTLIER, fleet_page, modified_z, rows_of, vehicle_noise
@@ -46,7 +46,7 @@ def test_failures_and_outliers_come_first():
     rng = np.random.default_rng(2)
     drives = [drive(n, float(np.exp(0.3 * rng.normal()))) for n in range(12)]
     drives += [drive(12, 30.0), drive(13, 1.0, light="attention")]
-    drives.append(Navigated("lost", "", "", 1.0, Failed("no fixes", why="the file is empty", exit_code=3)))
+    drives.append(Navigated("lost", "", "", 1.0, InputError("no fixes", why="the file is empty")))
     rows = rows_of(drives)
     assert [row.drive.name for row in rows[:3]] == ["lost", "d13", "d12"]
     assert [row.drive.name for row in rows if row.stands_out] == ["d12"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
@@ -14,6 +15,7 @@ import pytest
 
 from insnav.exceptions import InputError, OutputError
 from insnav.output.folder import RunFolder, verify_folder
+from tests.refusals import refused
 
 FACTS = {"name": "drive", "sd_m": None}
 
@@ -124,19 +126,19 @@ def test_a_file_in_the_way_is_said_before_the_work(tmp_path):
     for force in (False, True):
         with pytest.raises(OutputError, match="is a file"), RunFolder(tmp_path / "file", force=force):
             pytest.fail("the work has begun")
-    with pytest.raises(OutputError, match="it is a file"), RunFolder(tmp_path / "file" / "a" / "b", force=False):
+    place = tmp_path / "file" / "a" / "b"
+    with refused(OutputError, "output.folder_unwritable") as caught, RunFolder(place, force=False):
         pytest.fail("the work has begun")
+    assert caught.value.values["reason"] == os.strerror(errno.ENOTDIR)
 
 
 def test_a_read_only_parent_is_said_before_the_work(tmp_path, monkeypatch):
     # Permission bits do not stop a privileged user, so the answer of the system is given here.
     monkeypatch.setattr(os, "access", lambda *_: False)
-    with (
-        pytest.raises(OutputError, match="no permission") as caught,
-        RunFolder(tmp_path / "run", force=False),
-    ):
+    with refused(OutputError, "output.folder_unwritable") as caught, RunFolder(tmp_path / "run", force=False):
         pytest.fail("the work has begun")
     assert caught.value.exit_code == 4
+    assert caught.value.values["reason"] == os.strerror(errno.EACCES)
 
 
 def test_a_symbolic_link_is_followed(tmp_path):

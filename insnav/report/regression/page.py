@@ -54,7 +54,7 @@ def write_pages(
     """
     page = regression_page(result, baseline, comparison, now, peers, history)
     figures = tuple(each for section in _drawings(result, history, baseline) for each in section.figures)
-    with writing("the plots cannot be written", folder), drawing():
+    with writing("output.file_unwritable", folder), drawing():
         folder.mkdir(parents=True, exist_ok=True)
         files = {each.name: save(each.draw(), folder / each.name, "png") for each in figures}
     shown = replace(page, sections=(*page.sections, Section("", "Figures", figures=figures, folded=True)))
