@@ -112,10 +112,12 @@ def is_code(text: str) -> bool:
 
 
 def _in_words(value: Any) -> Any:
-    """Put errors among the values of another into one line each."""
+    """Put errors among the values of another into one line each, behind their place."""
     if isinstance(value, tuple):
         return tuple(map(_in_words, value))
-    return _joined(value.what, value.why, value.fix) if isinstance(value, InsnavError) else value
+    if not isinstance(value, InsnavError):
+        return value
+    return f"{value.where}: " * bool(value.where) + _joined(value.what, value.why, value.fix)
 
 
 def _joined(*parts: str) -> str:

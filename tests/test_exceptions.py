@@ -89,10 +89,10 @@ def test_errors_pass_between_processes_and_through_files():
 
 
 def test_the_cause_of_an_error_is_put_into_words_with_it():
-    inside = ConfigError("test.inside", text="5 foo", units=("deg", "rad"))
+    inside = ConfigError("test.inside", where="gyro.bias", text="5 foo", units=("deg", "rad"))
     error = ConfigError("test.several", count=1, problems=(inside, "and this"))
     assert error.what == "1 thing is wrong."
-    assert error.why == "5 foo is wrong. Write deg, rad.\nand this"
+    assert error.why == "gyro.bias: 5 foo is wrong. Write deg, rad.\nand this"
 
 
 def test_what_the_system_refuses_is_its_reason():
