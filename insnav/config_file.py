@@ -163,7 +163,7 @@ def quantity(value: object, dimension: str, *, signed: bool) -> float:
     try:
         found = parse_quantity(value.strip(), dimension)
     except ConfigError as error:
-        raise wrong(", ".join(part for part in (error.what, error.why, error.fix) if part)) from None
+        raise wrong(" ".join(part for part in (error.what, error.why, error.fix) if part)) from None
     if found < 0.0 and not signed:
         raise wrong(f"{value!r} is negative, and must not be")
     return found

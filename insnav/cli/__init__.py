@@ -179,44 +179,38 @@ def _explain(error: BaseException) -> int:
     """Say what went wrong, in one block; the exit code for it."""
     if isinstance(error, SystemExit):
         return error.code if isinstance(error.code, int) else 0
-    if isinstance(error, InsnavError):
-        from insnav.cli.data_options import as_option
-
-        error.where = as_option(error.where)
-        error_block(error.what, error.details())
-        return error.exit_code
     if isinstance(error, signals.Stopped):
-        error_block("interrupted" if error.number == signal.SIGINT else "terminated", ())
+        error_block(InsnavError("cli.interrupted" if error.number == signal.SIGINT else "cli.terminated"))
         return 128 + error.number
-    no_memory = isinstance(error, OSError) and error.errno == errno.ENOMEM
-    if isinstance(error, MemoryError) or no_memory or (isinstance(error, ImportError) and "map segment" in str(error)):
-        error_block("the memory does not suffice", (("fix", "cut the recording, or give the process more memory"),))
-        return 3
-    if type(error).__name__ == "UnpicklingError":  # numba's cache is all that is kept so; its module is used nowhere
-        from insnav.kernels.errorstate import propagate
-
-        fix = f"delete what numba keeps in {propagate.stats.cache_path}; it is made again"
-        error_block("a compiled kernel cannot be read: its file is damaged", (("why", str(error)), ("fix", fix)))
-        return 3
     if isinstance(error, BrokenPipeError):
         discard_output()  # the reader went away, as `| head` does; nothing more can be said there
         return 141
-    if hasattr(error, "format_message"):
-        return _usage(error)
-    error_block(
-        "this is a defect of insnav",
-        (("why", f"{type(error).__name__}: {error}"), ("fix", "repeat with --debug and report what it prints")),
-    )
-    return 70
-
-
-def _usage(error: Any) -> int:
-    """Explain an error of the parser of options, which are of different types in different releases of typer."""
     context = getattr(error, "ctx", None)
     if context is not None and type(error).__name__ == "NoArgsIsHelpError":
         result(context.get_help())
         return 2
-    path = context.command_path if context is not None else "insnav"
-    message = error.format_message().rstrip(".").replace("Value error, ", "").replace("Input should be", "should be")
-    error_block(message, (("fix", f"see {path} --help"),))
-    return 2
+    explained = _explained(error)
+    error_block(explained)
+    return explained.exit_code
+
+
+def _explained(error: Any) -> InsnavError:
+    """Make an error of insnav of any other."""
+    if isinstance(error, InsnavError):
+        from insnav.cli.data_options import as_option
+
+        error.where = as_option(error.where)
+        return error
+    no_memory = isinstance(error, OSError) and error.errno == errno.ENOMEM
+    if isinstance(error, MemoryError) or no_memory or (isinstance(error, ImportError) and "map segment" in str(error)):
+        return InputError("cli.no_memory")
+    if type(error).__name__ == "UnpicklingError":  # numba's cache is all that is kept so; its module is used nowhere
+        from insnav.kernels.errorstate import propagate
+
+        return InputError("cli.damaged_kernel", folder=str(propagate.stats.cache_path), reason=str(error))
+    if hasattr(error, "format_message"):  # of the parser of options, of different types in different releases of typer
+        context = getattr(error, "ctx", None)
+        path = context.command_path if context is not None else "insnav"
+        text = error.format_message().rstrip(".").replace("Value error, ", "").replace("Input should be", "should be")
+        return ConfigError("cli.usage", problem=text, command=path)
+    return InsnavError("cli.defect", kind=type(error).__name__, reason=str(error))

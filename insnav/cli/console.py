@@ -14,7 +14,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TextIO
 
 from insnav.cli import signals
-from insnav.exceptions import OutputError, reason_of
+from insnav.exceptions import InsnavError, OutputError, reason_of
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -125,12 +125,12 @@ def discard_output() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def error_block(what: str, details: Iterable[tuple[str, str]]) -> None:
-    """Print one error: what, and where, why, how to mend it."""
+def error_block(error: InsnavError) -> None:
+    """Print one error: what, and where, why, how to mend it, and its code."""
     from insnav.messages import form
 
-    lines = [f"insnav: {form('error')} {_plain(what)}"]
-    lines += [f"  {label} {_plain(text)}" for label, text in details if text]
+    lines = [f"insnav: {form('error')} {_plain(error.what)}"]
+    lines += [f"  {label} {_plain(text)}" for label, text in error.details() if text]
     print("\n".join(lines), file=sys.stderr, flush=True)
 
 

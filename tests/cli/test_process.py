@@ -75,7 +75,7 @@ def test_a_signal_stops_at_once_and_leaves_nothing(
         taken.append(time.perf_counter() - begin)
         assert process.returncode == code, err
         assert out == ""
-        assert err.endswith(f"insnav: error: {word}\n")
+        assert err.endswith(f" cli.{word}\n")
         assert "Traceback" not in err
         assert sorted(path.name for path in drive.iterdir()) == ["gps.csv", "imu.csv", "ref.csv"]
     assert min(taken) < 0.5 * undisturbed

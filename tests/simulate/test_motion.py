@@ -135,7 +135,7 @@ MOVING = 'accelerate: to = "20 m/s"'
         ("slide", ['linear: x = "1 m", acceleration = "300 g"'], "faster than a slide can"),
         ("slide", ['linear: roll = "100 deg", yaw = "90 deg"'], "less than 180 deg together"),
         ("slide", ['circular: axes = ["x", "yaw"], radius = "1 m"'], "two of a slide (x, y) or two of a table"),
-        ("slide", ['circular: axes = ["roll", "yaw"], radius = "1 m"'], "a unit of length, not of angle"),
+        ("slide", ['circular: axes = ["roll", "yaw"], radius = "1 m"'], "a unit of length"),
         (
             "slide",
             ['spin: axis = "x", turns = 1, rate = "9 deg/s"', 'linear: yaw = "9 deg"'],
