@@ -74,8 +74,7 @@ TIME_PARTS = schema("time_parts")
 IMU_SCHEMA, GPS_SCHEMA, REFERENCE_SCHEMA = schema("imu"), schema("gps"), schema("reference")
 # Logs of further sensors: what each may hold, and the alternatives of columns of which it must hold one.
 LOG_SCHEMAS: dict[str, tuple[tuple[Quantity, ...], tuple[tuple[str, ...], ...]]] = {
-    "speedometer": (schema("speedometer"), (("speed",),)),
-    "magnetometer": (schema("magnetometer"), (("mag_x", "mag_y", "mag_z"), ("heading",))),
+    name: (schema(name), tuple(tuple(each.split()) for each in needed)) for name, needed in _NAMES["logs"].items()
 }
 
 PREFIXES = tuple(_NAMES["prefixes"].split())
