@@ -9,7 +9,7 @@ import numpy as np
 from insnav.attitude import dcm_from_rph
 from insnav.earth import OMEGA_EARTH, gravity_n
 from insnav.findings import Code
-from insnav.imu.specification import ImuSpec, SensorSpec, level_bias
+from insnav.imu.specification import ImuSpec, SensorSpec, level_bias, noise_of, noise_of_both
 from insnav.kernels.errorstate import STATES
 from insnav.types import Alignment, FloatArray
 
@@ -74,10 +74,11 @@ def _bias(sensor: SensorSpec, turn_on: FloatArray) -> tuple[FloatArray, FloatArr
     The in-run Gauss-Markov process keeps its driving noise, ``2 sd^2 / T``; the correlation time is stretched so that
     the stationary variance is that of both together. A turn-on bias then does not fade away within `T`.
     """
-    sd = np.hypot(turn_on, sensor.bias_instability)
-    driving = 2.0 * sensor.bias_instability**2 / sensor.correlation_time
+    in_run = noise_of(sensor, "Gauss-Markov")
+    sd = np.hypot(turn_on, in_run)
+    driving = 2.0 * in_run**2 / sensor.correlation_time
     decay = np.where(sd > 0, driving / (2.0 * np.where(sd > 0, sd, 1.0) ** 2), 0.0)
-    return driving + sensor.rate_random_walk**2, decay, sd
+    return driving + noise_of(sensor, "random walk") ** 2, decay, sd
 
 
 def _scale(sensor: SensorSpec) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -100,7 +101,7 @@ def error_model(spec: ImuSpec, states: int) -> ErrorModel:
     driving, decay, sd = (np.concatenate([p[i] for p in parts]) for i in range(3))
     if states == 15:
         driving[6:] = decay[6:] = sd[6:] = 0.0
-    white = np.concatenate([spec.gyro.random_walk**2, spec.accel.random_walk**2])
+    white = noise_of_both(spec, "white") ** 2
     askew = [MANOEUVRE * float(np.mean(sensor.misalignment**2)) for sensor in (spec.gyro, spec.accel)]
     axes_sd = np.array([*spec.accel.misalignment[[1, 0]], spec.gyro.misalignment[2]])
     return ErrorModel(np.concatenate([white, driving, askew]), decay, sd, axes_sd)

@@ -30,7 +30,7 @@ from insnav.config_file import (
 from insnav.exceptions import ConfigError
 from insnav.imu.dynamic_map import AxisMap, DynamicMap
 from insnav.imu.error_terms import Sensor, terms_of
-from insnav.imu.higher_order import ErrorTerms
+from insnav.imu.higher_order import SHAPES, ErrorTerms
 from insnav.imu.model import ImuErrors
 from insnav.imu.raw_outputs import RawScale
 from insnav.units import si_unit
@@ -92,18 +92,14 @@ class _Accel(_Sensor):
 
 def _dimensions(sensor: Sensor) -> dict[str, str]:
     """Dimensions of what a calibration may hold beyond bias and matrix, by the name in `ErrorTerms`."""
-    known = {term.key: term.dimension for term in terms_of(sensor) if term.key in ErrorTerms.__dataclass_fields__}
+    known = {term.key: term.dimension for term in terms_of(sensor) if term.key in SHAPES}
     return known if sensor == "gyro" else known | {"positions": "length"}
 
 
 def _with_terms(base: type[Model], sensor: Sensor) -> type[Model]:
-    three_by_three = ("g_sensitivity", "positions")
+    kinds = _dimensions(sensor).items()
     return with_fields(
-        base,
-        {
-            key: matrix_of(dimension) if key in three_by_three else axes(dimension, signed=True)
-            for key, dimension in _dimensions(sensor).items()
-        },
+        base, {key: axes(kind, signed=True) if SHAPES[key] == (3,) else matrix_of(kind) for key, kind in kinds}
     )
 
 

@@ -1,6 +1,6 @@
-"""Every error term of a sensor triad, once: the IMU file, the budget, the simulation and the reports read this table.
+"""The table of error terms, ``error_terms.toml``: the IMU file, budget, simulation and reports are driven from it.
 
-A new term needs a row of ``error_terms.toml`` and a field of `insnav.imu.SensorSpec`, both with the same key.
+A new term needs one row of that file, if its process and its signal are among those of this module.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ Process = Literal["constant", "ramp", "white", "random walk", "Gauss-Markov", "f
 Spread = Literal["vector", "diagonal", "off-diagonal", "matrix"]
 Drive = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 
+AXES = "xyz"  # of the sensors
 ELEMENTS: dict[Spread, tuple[tuple[int, int], ...]] = {
     "vector": ((0, 0), (1, 1), (2, 2)),
     "diagonal": ((0, 0), (1, 1), (2, 2)),
@@ -33,7 +34,7 @@ class ErrorTerm:
     """One kind of error of the gyros or of the accelerometers."""
 
     sensor: Sensor  # which triad
-    key: str  # key of the IMU file and field of `insnav.imu.SensorSpec`
+    key: str  # in the IMU file and in `insnav.imu.SensorSpec`
     name: str  # in a budget
     # what its size is and the unit in which it is written and shown; see `insnav.units.UNITS`
     dimension: str
@@ -45,6 +46,8 @@ class ErrorTerm:
     # these, and only simulations have it.
     drive: Drive | None = None
     text: str = ""  # its impact on navigation, in words
+    datasheet: Literal["", "often", "usual"] = ""  # whether datasheets give it
+    allan: str = ""  # its coefficient in an Allan deviation; see `insnav.lab.noise.noise_model`
 
     @property
     def family(self) -> str:
@@ -53,8 +56,8 @@ class ErrorTerm:
 
     @property
     def usual(self) -> bool:
-        """Whether datasheets give it, so that a file without it is incomplete."""
-        return self.key in ("bias", "bias_instability", "random_walk", "scale_factor", "misalignment")
+        """Whether a file without it is incomplete."""
+        return self.datasheet == "usual"
 
     @property
     def in_budget(self) -> bool:
@@ -70,6 +73,11 @@ class ErrorTerm:
     def elements(self) -> tuple[tuple[int, int], ...]:
         """Axis that shows the error and axis of the signal, for each of its independent scalar errors."""
         return ELEMENTS[self.spread]
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of these elements: ``x``, or ``xy`` for an element of a matrix."""
+        return tuple(AXES[i] if self.spread == "vector" else AXES[i] + AXES[j] for i, j in self.elements)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +104,8 @@ def _terms() -> Iterator[ErrorTerm]:
                 dimension, unit, *more = row[sensor]
                 drive, text = more or ("", "")
                 process = row["name"], dimension, unit, row["process"], row["spread"]
-                yield ErrorTerm(sensor, key, *process, _Signal(drive) if drive else None, text)
+                known = row.get("datasheet", ""), row.get("allan", "")
+                yield ErrorTerm(sensor, key, *process, _Signal(drive) if drive else None, text, *known)
 
 
 TERMS = tuple(_terms())

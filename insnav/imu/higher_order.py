@@ -11,7 +11,7 @@ IEEE Std 1293-2018 annex A list these terms; Groves (2013), sections 4.4.3 to 4.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -49,9 +49,8 @@ class ErrorTerms:
     positions: FloatArray = field(default_factory=zero_matrix)
 
     def __post_init__(self) -> None:
-        for name in ("asymmetry", "quadratic", "bias_slope", "scale_slope", "g_sensitivity", "positions"):
+        for name, shape in SHAPES.items():
             value = np.asarray(getattr(self, name))
-            shape = (3, 3) if name in ("g_sensitivity", "positions") else (3,)
             if value.shape != shape or not np.isfinite(value).all():
                 raise ConfigError(f"{name} must be {shape} finite numbers", where=name, why=f"it is {value.tolist()}")
         if np.abs(self.asymmetry).max() > 0.5:
@@ -93,6 +92,9 @@ class ErrorTerms:
 
     def _gain(self, warmer: FloatArray | None) -> FloatArray:
         return np.ones(3) if warmer is None else 1.0 + warmer[:, None] * self.scale_slope
+
+
+SHAPES = {each.name: (3, 3) if each.default_factory is zero_matrix else (3,) for each in fields(ErrorTerms)}
 
 
 def size_effect(rate: FloatArray, dt: FloatArray, positions: FloatArray) -> FloatArray:

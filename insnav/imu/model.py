@@ -14,11 +14,13 @@ import numpy as np
 from insnav import spill
 from insnav.exceptions import ConfigError, InputError
 from insnav.imu.dynamic_map import DynamicMap
-from insnav.imu.higher_order import REFERENCE_TEMPERATURE, ErrorTerms, size_effect, zero_matrix, zeros
+from insnav.imu.higher_order import REFERENCE_TEMPERATURE, SHAPES, ErrorTerms, size_effect, zero_matrix, zeros
 from insnav.imu.raw_outputs import RawScale
 from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.types import FloatArray, ImuData
 
+_SAMPLED_TERMS = tuple(key for key in SHAPES if key != "positions")
+SAMPLED = frozenset({"bias", "scale_factor", "misalignment", *_SAMPLED_TERMS})  # terms that `sample_errors` samples
 MAX_CONDITION = 1e6  # beyond it the inverse of the matrix would lose what sensors can resolve
 
 
@@ -195,13 +197,11 @@ def sample_errors(spec: ImuSpec, rng: np.random.Generator) -> ImuErrors:
     accel_bias, accel_matrix = sampled(spec.accel)
     terms = []
     for sensor, positions in ((spec.gyro, zero_matrix()), (spec.accel, np.asarray(spec.positions))):
-        asymmetry, quadratic, bias_slope, scale_slope = (
-            rng.standard_normal(3) * sd
-            for sd in (sensor.asymmetry, sensor.quadratic, sensor.bias_slope, sensor.scale_slope)
-        )
-        g_sensitivity = rng.standard_normal((3, 3)) * sensor.g_sensitivity[:, None]
-        values = (asymmetry, quadratic, bias_slope, scale_slope, g_sensitivity, positions)
-        terms.append(ErrorTerms(*values) if any(value.any() for value in values) else None)
+        values = {"positions": positions}
+        for key in _SAMPLED_TERMS:
+            sd = getattr(sensor, key)
+            values[key] = rng.standard_normal(SHAPES[key]) * (sd if SHAPES[key] == (3,) else sd[:, None])
+        terms.append(ErrorTerms(**values) if any(value.any() for value in values.values()) else None)
     return ImuErrors(
         gyro_bias,
         gyro_matrix,

@@ -3,49 +3,41 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import Field, dataclass, field, make_dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from insnav.imu.error_terms import TERMS, Process
 from insnav.imu.higher_order import zero_matrix, zeros
 from insnav.types import FloatArray
 from insnav.units import G0
 
+if TYPE_CHECKING:
 
-@dataclass(frozen=True, slots=True)
-class SensorSpec:
-    """Sizes of the errors of a sensor triad, one standard deviation per axis; see `insnav.imu.error_terms.TERMS`."""
+    class SensorSpec:
+        """Sizes of the errors of a sensor triad, one standard deviation or density per axis: (3,) for each term.
 
-    bias: FloatArray = field(default_factory=zeros)  # (3,) turn-on bias, constant over one run [rad/s] or [m/s^2]
-    # (3,) standard deviation of the in-run bias, a first-order Gauss-Markov process [rad/s] or [m/s^2]
-    bias_instability: FloatArray = field(default_factory=zeros)
-    correlation_time: float = math.inf  # correlation time of that process [s]; infinite where there is no such process
-    # (3,) root power spectral density of the white noise [rad/sqrt(s)] or [m/s/sqrt(s)]
-    random_walk: FloatArray = field(default_factory=zeros)
-    scale_factor: FloatArray = field(default_factory=zeros)  # (3,) scale factor error [-]
-    # (3,) misalignment of each sensitive axis: each of the two off-diagonal terms, so that non-orthogonality of the
-    # triad is in it [rad]
-    misalignment: FloatArray = field(default_factory=zeros)
-    # (3,) root power spectral density of the noise that drives a random walk of the bias [rad/s/sqrt(s)] or
-    # [m/s^2/sqrt(s)]
-    rate_random_walk: FloatArray = field(default_factory=zeros)
-    # from here on: only for simulation and budget, filters ignore them
-    # (3,) coefficient B of flicker noise, whose Allan deviation is flat at 0.664 B [rad/s] or [m/s^2]
-    flicker: FloatArray = field(default_factory=zeros)
-    rate_ramp: FloatArray = field(default_factory=zeros)  # (3,) steady drift of the bias [rad/s^2] or [m/s^3]
-    # (3,) coefficient Q of quantisation noise, a step of the integrated output over sqrt(12) [rad] or [m/s]
-    quantisation: FloatArray = field(default_factory=zeros)
-    resolution: FloatArray = field(default_factory=zeros)  # (3,) step of each sample [rad/s] or [m/s^2]
-    # (3,) largest value that is shown [rad/s] or [m/s^2]; zero for no end
-    range: FloatArray = field(default_factory=zeros)
-    # (3,) bias by the variance of the specific force along the axis [rad/s/(m/s^2)^2] or [1/(m/s^2)]
-    vibration_rectification: FloatArray = field(default_factory=zeros)
-    # (3,) standard deviations of what `ErrorTerms` has; g-sensitivity of every element of the matrix
-    asymmetry: FloatArray = field(default_factory=zeros)
-    quadratic: FloatArray = field(default_factory=zeros)
-    bias_slope: FloatArray = field(default_factory=zeros)
-    scale_slope: FloatArray = field(default_factory=zeros)
-    g_sensitivity: FloatArray = field(default_factory=zeros)
+        The terms and their dimensions are those of `insnav.imu.error_terms.TERMS`; a term that is not given is zero.
+        """
+
+        correlation_time: float  # of the in-run bias [s]; infinite where there is no such process
+        __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+
+        def __init__(self, **sizes: FloatArray | float) -> None: ...
+        def __getattr__(self, key: str) -> FloatArray: ...
+
+else:
+    _KEYS = dict.fromkeys(term.key for term in TERMS)
+    _FIELDS = [(key, FloatArray, field(default_factory=zeros)) for key in _KEYS]
+    _FIELDS.insert(2, ("correlation_time", float, math.inf))  # beside the in-run bias, also in stored results
+    SensorSpec = make_dataclass("SensorSpec", _FIELDS, frozen=True, slots=True, namespace={"__module__": __name__})
+
+
+def noise_of(sensor: SensorSpec, process: Process) -> FloatArray:
+    """Size of all the noise of one process, (3,): the root of the sum of squares of its terms in the budget."""
+    keys = dict.fromkeys(term.key for term in TERMS if term.process == process and term.in_budget)
+    return np.asarray(np.hypot.reduce([getattr(sensor, key) for key in keys]))
 
 
 def gyro_bias_sd(gyro: SensorSpec) -> FloatArray:
@@ -99,3 +91,8 @@ class ImuSpec:
     clock: ClockSpec = field(default_factory=ClockSpec)  # its timestamps
     # (3, 3) row i is the place of accelerometer i from the point that is navigated, body axes [m]
     positions: FloatArray = field(default_factory=zero_matrix)
+
+
+def noise_of_both(spec: ImuSpec, process: Process) -> FloatArray:
+    """Size of all the noise of one process, gyros and accelerometers, (6,); see `noise_of`."""
+    return np.concatenate([noise_of(spec.gyro, process), noise_of(spec.accel, process)])

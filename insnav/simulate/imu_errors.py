@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy  # its parts load themselves when they are used
 
-from insnav.imu import ClockSpec, ErrorTerms, ImuErrors, ImuSpec, SensorSpec, corrupt, sample_errors, sample_intervals
+from insnav.imu import ClockSpec, ImuErrors, ImuSpec, SensorSpec, corrupt, sample_errors, sample_intervals
 from insnav.imu.error_terms import Sensor, terms_of
+from insnav.imu.model import SAMPLED
+from insnav.imu.specification import noise_of
 from insnav.kernels.error_propagation import first_order
 from insnav.types import BoolArray, FloatArray, ImuData
 
 _FLICKER_RATIO = 3.0  # between the correlation times whose processes make flicker noise together
 _VIBRATION_WINDOW = 0.5  # in which the variance of the specific force is taken [s]
-
-# by `insnav.imu.corrupt`, or as noise and drift below; any other term of the table needs no code here
-_MADE_ELSEWHERE = {
-    *("bias", "scale_factor", "misalignment", *ErrorTerms.__dataclass_fields__),
-    *("bias_instability", "random_walk", "rate_random_walk", "flicker", "rate_ramp", "quantisation"),
-}
 
 Seed = int | tuple[int, ...]
 
@@ -64,12 +59,11 @@ def corrupt_imu(
     # The noise of an instant is taken to be that of the mean: a sensor's bandwidth is about its rate.
     span = dt if imu.sampling == "increment" else 1.0
     since = (imu.time - imu.time[0])[:, None]
-    ramps = constants.standard_normal((2, 3)) * [spec.gyro.rate_ramp, spec.accel.rate_ramp]
-    gyro_drift += since * ramps[0] + flicker(gyro_flicker, imu.time, spec.gyro.flicker)
-    accel_drift += since * ramps[1] + flicker(accel_flicker, imu.time, spec.accel.flicker)
     rate, force = np.asarray(imu.gyro / span), np.asarray(imu.accel / span)
-    gyro_drift += further_errors("gyro", spec.gyro, rate, force, since, constants)
-    accel_drift += further_errors("accel", spec.accel, rate, force, since, constants)
+    gyro_more = further_errors("gyro", spec.gyro, rate, force, since, constants)
+    accel_more = further_errors("accel", spec.accel, rate, force, since, constants)
+    gyro_drift += gyro_more + flicker(gyro_flicker, imu.time, noise_of(spec.gyro, "flicker"))
+    accel_drift += accel_more + flicker(accel_flicker, imu.time, noise_of(spec.accel, "flicker"))
     if np.any(spec.gyro.vibration_rectification) or np.any(spec.accel.vibration_rectification):
         shaking = local_variance(force, float(np.median(dt)))
         gyro_drift += spec.gyro.vibration_rectification * shaking
@@ -92,9 +86,8 @@ def further_errors(
     force: FloatArray,
     since: FloatArray,
     rng: np.random.Generator,
-    elsewhere: Collection[str] = _MADE_ELSEWHERE,
 ) -> FloatArray:
-    """Errors by constant or steadily growing terms of the table that are not made `elsewhere`, ``(n, 3)``.
+    """Errors by constant or steadily growing terms of the budget that `sample_errors` does not sample, ``(n, 3)``.
 
     rate, force (n, 3): what is sensed [rad/s], [m/s^2]; since (n, 1): time since the start [s].
     """
@@ -102,7 +95,8 @@ def further_errors(
     for term in terms_of(sensor):
         sizes = getattr(size, term.key)
         # a ramp takes its random numbers even if it is zero, so that others stay as they are
-        if term.drive is None or term.key in elsewhere or not (term.process == "ramp" or np.any(sizes)):
+        made_here = term.process == "ramp" or (term.process == "constant" and np.any(sizes))
+        if term.drive is None or term.key in SAMPLED or not made_here:
             continue
         signal = term.drive(rate, force, since)
         for (axis, driving), number in zip(term.elements, rng.standard_normal(len(term.elements)), strict=True):
@@ -115,7 +109,7 @@ def quantised(values: FloatArray, sensor: SensorSpec, dt: FloatArray, span: Floa
 
     `dt` ``(n, 1)`` are the intervals [s]; `span` is what makes a rate a sample: the intervals for increments, else 1.
     """
-    step = math.sqrt(12.0) * sensor.quantisation
+    step = math.sqrt(12.0) * noise_of(sensor, "quantisation")
     if np.any(step):
         # counts of the integral: what is cut off one sample is in the next one
         per_sample = dt / span
@@ -203,9 +197,10 @@ def drift_and_noise(
 
     How many random numbers are taken does not depend on the sizes.
     """
-    noise = rng.standard_normal((len(time), 3)) * (sensor.random_walk / np.sqrt(dt))
-    drift = gauss_markov(rng, time, sensor.bias_instability, sensor.correlation_time)
-    drift += np.cumsum(rng.standard_normal((len(time), 3)) * (sensor.rate_random_walk * np.sqrt(dt)), axis=0)
+    noise = rng.standard_normal((len(time), 3)) * (noise_of(sensor, "white") / np.sqrt(dt))
+    drift = gauss_markov(rng, time, noise_of(sensor, "Gauss-Markov"), sensor.correlation_time)
+    steps = noise_of(sensor, "random walk") * np.sqrt(dt)
+    drift += np.cumsum(rng.standard_normal((len(time), 3)) * steps, axis=0)
     return drift, noise
 
 

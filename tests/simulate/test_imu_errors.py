@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
 import pymap3d
 import pytest
 
 from insnav.exceptions import ConfigError
-from insnav.imu import ImuSpec, SensorSpec, error_terms
-from insnav.imu.error_terms import ErrorTerm
+from insnav.imu import ImuSpec, SensorSpec
 from insnav.simulate import GpsErrors, corrupt_gps, corrupt_imu, gps_from_truth, straight, without_fixes
 from insnav.types import GpsData, ImuData
 from tests.simulate.motions import PLACE, town
@@ -135,18 +132,3 @@ def test_a_perfect_receiver_is_refused():
         corrupt_gps(still_fixes(3), GpsErrors((0.0, 1.0, 1.0)), 1)
     with pytest.raises(ConfigError, match="above zero"):
         corrupt_gps(still_fixes(3), GpsErrors((1.0, 1.0, 1.0), velocity_noise=(0.1, 0.0, 0.1)), 1)
-
-
-def test_a_new_term_of_the_table_is_simulated_without_further_code(monkeypatch):
-    @dataclass(frozen=True)
-    class Wider(SensorSpec):
-        cubic: np.ndarray = field(default_factory=lambda: np.zeros(3))
-
-    cubic = ErrorTerm("accel", "cubic", "cubic", "ratio", "ppm", "constant", "diagonal", lambda w, f, t: f**3)
-    monkeypatch.setattr(error_terms, "TERMS", (*error_terms.TERMS, cubic))
-    bent = ImuSpec("bent", SensorSpec(), Wider(cubic=triple(1e-6)))
-    still = still_imu(10, 0.01)
-    off = np.array([corrupt_imu(still, bent, seed).imu.accel - still.accel for seed in range(400)])
-    assert np.all(off[:, :, :2] == 0.0)
-    assert off[:, 0, 2].std() == pytest.approx(1e-6 * 9.8**3, rel=0.1)
-    assert np.ptp(off[:, :, 2], axis=1).max() < 1e-12

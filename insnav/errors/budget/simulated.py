@@ -18,7 +18,9 @@ from insnav.engine import Workers, every
 from insnav.errors.budget.sampled_motion import SampledMotion
 from insnav.errors.budget.sources import SENSORS, STATES, Source
 from insnav.imu import ErrorTerms, ImuErrors, ImuSpec, InitialSpec, SensorSpec, sample_errors
-from insnav.imu.error_terms import terms_of
+from insnav.imu.error_terms import TERMS, Process
+from insnav.imu.model import SAMPLED
+from insnav.imu.specification import noise_of, noise_of_both
 from insnav.kernels import error_propagation as _kernel
 from insnav.simulate.imu_errors import flicker, further_errors
 from insnav.types import FloatArray, IntArray
@@ -26,11 +28,8 @@ from insnav.units import G0
 
 _NO_TERMS = ErrorTerms()
 _BLOCK = 500  # runs that one process makes at a time; it is started for more than these
-# terms that `sample_errors` and the compiled kernel have; all others are made sample by sample before it
-_IN_KERNEL = (
-    *("bias", "bias_instability", "random_walk", "scale_factor", "misalignment", "rate_random_walk"),
-    *("asymmetry", "quadratic", "g_sensitivity"),
-)
+# noise of the compiled kernel; other noise is made sample by sample before it
+_IN_KERNEL: tuple[Process, ...] = ("white", "Gauss-Markov", "random walk")
 
 
 def free_runs(
@@ -78,10 +77,9 @@ def _states(
     carried = np.array([source.sd * np.array(source.joint) for source in known]).reshape(len(known), STATES)
     dt, changes = motion.dt[:n], _changes(motion, n) if spec.clock.offset or spec.clock.drift else None
     some = changes is not None or any(
-        np.any(getattr(getattr(spec, each), term.key))
-        for each in SENSORS
-        for term in terms_of(each)
-        if term.in_budget and term.key not in _IN_KERNEL
+        np.any(getattr(getattr(spec, term.sensor), term.key))
+        for term in TERMS
+        if term.in_budget and term.key not in SAMPLED and term.process not in _IN_KERNEL
     )
     more, of_spec = np.zeros((0, 6)), _of_spec(spec)
     rngs = [np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(run,))) for run in numbers]
@@ -130,12 +128,8 @@ def _of_errors(errors: ImuErrors) -> tuple[FloatArray, FloatArray, FloatArray, F
 
 def _of_spec(spec: ImuSpec) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Noise, in-run bias, decay and random walk as the kernel takes them."""
-
-    def both(key: str) -> FloatArray:
-        return np.concatenate([getattr(spec.gyro, key), getattr(spec.accel, key)])
-
-    decay = 1.0 / np.array([spec.gyro.correlation_time, spec.accel.correlation_time])
-    return both("random_walk"), both("bias_instability"), decay, both("rate_random_walk")
+    white, drift, walk = (noise_of_both(spec, process) for process in _IN_KERNEL)
+    return white, drift, 1.0 / np.array([spec.gyro.correlation_time, spec.accel.correlation_time]), walk
 
 
 def _starts(
@@ -166,13 +160,12 @@ def _more(
     for part, name in enumerate(SENSORS):
         sensor: SensorSpec = getattr(spec, name)
         own = made[:, 3 * part : 3 * part + 3]
-        elsewhere = (*_IN_KERNEL, "flicker", "quantisation")
-        own += further_errors(name, sensor, motion.rate[:n], motion.force[:n], since, rng, elsewhere)
-        if np.any(sensor.quantisation):
-            steps = rng.uniform(-1.0, 1.0, (n, 3)) * (math.sqrt(3.0) * sensor.quantisation)
+        own += further_errors(name, sensor, motion.rate[:n], motion.force[:n], since, rng)
+        if np.any(quantisation := noise_of(sensor, "quantisation")):
+            steps = rng.uniform(-1.0, 1.0, (n, 3)) * (math.sqrt(3.0) * quantisation)
             own += np.diff(steps, axis=0, prepend=np.zeros((1, 3))) / motion.dt[:n, None]
-        if np.any(sensor.flicker):
-            own += flicker(np.random.SeedSequence(int(rng.integers(2**53))), elapsed, sensor.flicker)
+        if np.any(size := noise_of(sensor, "flicker")):
+            own += flicker(np.random.SeedSequence(int(rng.integers(2**53))), elapsed, size)
     if changes is not None:
         offset, drift = rng.standard_normal(2) * [spec.clock.offset, spec.clock.drift]
         made -= (offset + drift * elapsed)[:, None] * changes

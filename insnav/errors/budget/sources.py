@@ -127,10 +127,9 @@ def start_sources(covariance: FloatArray) -> tuple[Source, ...]:
 def _of_term(term: ErrorTerm, sensor: SensorSpec) -> list[Source]:
     size: FloatArray = getattr(sensor, term.key)
     tau = sensor.correlation_time if term.process == "Gauss-Markov" else math.inf
-    letters = [BODY[i] if term.spread == "vector" else BODY[i] + BODY[j] for i, j in term.elements]
     return [
-        Source(term.sensor, term.name, letter, term.process, float(size[i]), tau)
-        for letter, (i, _) in zip(letters, term.elements, strict=True)
+        Source(term.sensor, term.name, axis, term.process, float(size[i]), tau)
+        for axis, (i, _) in zip(term.axes, term.elements, strict=True)
     ]
 
 

@@ -2,9 +2,9 @@
 
 The whole linear error model of the budget, second by second: what an error does in a second is the same for every
 IMU, only its size is not. The filter is that of Schmidt ("Application of state-space methods to navigation problems",
-Advances in Control Systems 3 (1966) 293-340): it estimates position, velocity, attitude, biases and scale factors, and
-knows of misalignment and g-sensitivity without estimating them, but for the accelerometer misalignment that gravity
-makes a bias of.
+Advances in Control Systems 3 (1966) 293-340): it estimates position, velocity, attitude, biases and scale factors. It
+considers the other constant errors of datasheets (misalignment, g-sensitivity) without estimating them, except for the
+accelerometer misalignment that gravity turns into a bias.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ import numpy as np
 from insnav.attitude import skew
 from insnav.errors.budget.covariance import disturbance, integrated, steps_of
 from insnav.errors.budget.sampled_motion import sampled
-from insnav.errors.budget.sources import BODY, SENSORS, Source
+from insnav.errors.budget.sources import Source
 from insnav.errors.requirement.limit import Requirement
 from insnav.imu import ImuSpec
-from insnav.imu.error_terms import ELEMENTS
+from insnav.imu.error_terms import TERMS
+from insnav.imu.specification import noise_of_both
 from insnav.kernels import error_propagation as _kernel
 from insnav.simulate.truth import Truth
 from insnav.types import FloatArray
@@ -29,13 +30,20 @@ from insnav.units import DEG
 
 RATE = 20.0  # of the samples of the motion [Hz]
 NAV = 9
-# states: navigation, constant bias, in-run bias (both gyro, accel), scale factor (gyro, accel), misalignment (gyro,
-# accel), g-sensitivity; then odometer scale, mounting pitch and yaw, offset of the barometer
-BIAS, IN_RUN, SCALE, MISALIGNED, BY_FORCE, ODOMETER, MOUNTING, BAROMETER = 9, 15, 21, 27, 39, 48, 49, 51
-SENSED, STATES = 48, 52
+# constant errors of gyros and accelerometers: biases and scale factors, then those that are not estimated
+_TERMS = sorted(
+    (term for term in TERMS if term.datasheet and term.process == "constant"),
+    key=lambda term: term.key not in ("bias", "scale_factor"),
+)
+_UNITS = tuple(Source(term.sensor, term.name, axis, "constant", 1.0) for term in _TERMS for axis in term.axes)
+# states: navigation, constant bias, in-run bias, scale factor (each gyro, accel), then the errors not estimated; then
+# odometer scale, mounting pitch and yaw, offset of the barometer
+BIAS, IN_RUN, SCALE, CONSIDERED = 9, 15, 21, 27
+SENSED = IN_RUN + len(_UNITS)
+ODOMETER, MOUNTING, BAROMETER, STATES = SENSED, SENSED + 1, SENSED + 3, SENSED + 4
 # a level accelerometer that is misaligned senses a part of gravity: a filter takes that for bias, and estimates it
-_AS_BIAS = [MISALIGNED + 6 + ELEMENTS["off-diagonal"].index(pair) for pair in ((0, 2), (1, 2))]
-_CONSIDERED = np.setdiff1d(np.arange(MISALIGNED, ODOMETER), _AS_BIAS)
+_AS_BIAS = [IN_RUN + k for k, unit in enumerate(_UNITS) if unit.family == "accel misalignment" and unit.axis[1] == "z"]
+_CONSIDERED = np.setdiff1d(np.arange(CONSIDERED, SENSED), _AS_BIAS)
 # what is assumed of GPS before the outage, of the start, and of other aiding, one standard deviation
 POSITION_SD, VELOCITY_SD = 0.02, 0.03  # of fixes [m], [m/s]
 START_TILT, START_HEADING = 1.0 * DEG, 10.0 * DEG
@@ -87,11 +95,10 @@ def propagation(truth: Truth, begins: Sequence[float], length: float) -> Propaga
     count = len(motion.dt) // each
     ends = each * (1 + np.arange(count))
     steps = steps_of(motion, ends)
-    sources = _unit_sources()
-    given = np.stack([integrated(disturbance(source, motion), motion, steps) for source in sources], axis=1)
+    given = np.stack([integrated(disturbance(source, motion), motion, steps) for source in _UNITS], axis=1)
     edges = np.searchsorted(steps.edges, np.append(0, ends))
     by_state, by_noise = np.empty((count, NAV, SENSED)), np.empty((count, 6, NAV, NAV))
-    first = np.concatenate([np.eye(NAV), np.zeros((len(sources), NAV))])
+    first = np.concatenate([np.eye(NAV), np.zeros((len(_UNITS), NAV))])
     nothing, one, zero = np.zeros((len(first), given.shape[2])), np.ones(6), np.zeros(6)
     for k in range(count):
         part = slice(edges[k], edges[k + 1])
@@ -111,27 +118,13 @@ def propagation(truth: Truth, begins: Sequence[float], length: float) -> Propaga
     return Propagation(tuple(seconds), later, by_state, by_noise, C_nb, motion.truth.v_n[ends])
 
 
-def _unit_sources() -> list[Source]:
-    """Constant errors of unit size in the order of the states, in-run biases left out."""
-    found = [Source(sensor, "bias", axis, "constant", 1.0) for sensor in SENSORS for axis in BODY]
-    found += [Source(sensor, "scale factor", axis * 2, "constant", 1.0) for sensor in SENSORS for axis in BODY]
-    pairs = [BODY[i] + BODY[j] for i, j in ELEMENTS["off-diagonal"]]
-    found += [Source(sensor, "misalignment", pair, "constant", 1.0) for sensor in SENSORS for pair in pairs]
-    matrix = [BODY[i] + BODY[j] for i, j in ELEMENTS["matrix"]]
-    return [*found, *(Source("gyro", "g-sensitivity", pair, "constant", 1.0) for pair in matrix)]
-
-
 def start_covariance(spec: ImuSpec) -> FloatArray:
     """Covariance of all states before the first fix, ``(52, 52)``."""
     sd = np.zeros(STATES)
     sd[:3], sd[3:6], sd[6:8], sd[8] = 1.0, 1.0, START_TILT, START_HEADING
-    rows = [i for i, _ in ELEMENTS["off-diagonal"]]
-    for place, sensor in ((0, spec.gyro), (3, spec.accel)):
-        sd[BIAS + place : BIAS + place + 3] = sensor.bias
-        sd[IN_RUN + place : IN_RUN + place + 3] = sensor.bias_instability
-        sd[SCALE + place : SCALE + place + 3] = sensor.scale_factor
-        sd[MISALIGNED + 2 * place : MISALIGNED + 2 * place + 6] = sensor.misalignment[rows]
-    sd[BY_FORCE : BY_FORCE + 9] = spec.gyro.g_sensitivity[[i for i, _ in ELEMENTS["matrix"]]]
+    constants = [getattr(getattr(spec, term.sensor), term.key)[i] for term in _TERMS for i, _ in term.elements]
+    in_run = noise_of_both(spec, "Gauss-Markov")
+    sd[BIAS:SENSED] = np.concatenate([constants[: IN_RUN - BIAS], in_run, constants[IN_RUN - BIAS :]])
     sd[ODOMETER], sd[MOUNTING : MOUNTING + 2], sd[BAROMETER] = _ODOMETER_SCALE_SD, _MOUNTING_SD, 10.0
     return np.diag(sd**2)
 
@@ -192,16 +185,12 @@ def _second(
 
 def _process(specs: Sequence[ImuSpec]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """What is left of each state after a second (b, 52), white noise (b, 6), variance that enters (b, 52)."""
-
-    def both(spec: ImuSpec, key: str) -> FloatArray:
-        return np.concatenate([getattr(spec.gyro, key), getattr(spec.accel, key)])
-
     keep, drive = np.ones((len(specs), STATES)), np.zeros((len(specs), STATES))
-    white = np.stack([both(spec, "random_walk") ** 2 for spec in specs])
+    white = np.stack([noise_of_both(spec, "white") ** 2 for spec in specs])
     for b, spec in enumerate(specs):
         keep[b, IN_RUN:SCALE] = np.exp(-1.0 / np.repeat([spec.gyro.correlation_time, spec.accel.correlation_time], 3))
-        drive[b, IN_RUN:SCALE] = both(spec, "bias_instability") ** 2 * (1.0 - keep[b, IN_RUN:SCALE] ** 2)
-        drive[b, BIAS:IN_RUN] = both(spec, "rate_random_walk") ** 2
+        drive[b, IN_RUN:SCALE] = noise_of_both(spec, "Gauss-Markov") ** 2 * (1.0 - keep[b, IN_RUN:SCALE] ** 2)
+        drive[b, BIAS:IN_RUN] = noise_of_both(spec, "random walk") ** 2
     drive[:, BAROMETER] = _BAROMETER_DRIFT**2
     return keep, white, drive
 

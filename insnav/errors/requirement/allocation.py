@@ -11,22 +11,22 @@ from scipy.optimize import brentq
 
 from insnav.errors.budget.covariance import covariance
 from insnav.errors.budget.sampled_motion import SampledMotion
-from insnav.errors.budget.sources import families, sources_of, term_of
+from insnav.errors.budget.sources import SENSORS, families, sources_of, term_of
 from insnav.errors.requirement.limit import Requirement
 from insnav.exceptions import ConfigError
 from insnav.imu import ImuSpec, InitialSpec, SensorSpec
+from insnav.imu.error_terms import terms_of
 from insnav.types import FloatArray
 from insnav.units import DEG, G0
 
 TAU = 3600.0  # correlation time of an in-run bias that is allocated [s]
 STEEP = 2.0 * DEG  # attitude error up to which the linear model holds well [rad]
+_INITIAL_UNITS = {"initial tilt": "deg", "initial heading": "deg", "initial velocity": "m/s"}
 # families that share the limit, in the order of a report
 FAMILIES = (
-    *("gyro bias", "gyro bias instability", "gyro white noise", "gyro scale factor", "gyro misalignment"),
-    *("gyro g-sensitivity", "accel bias", "accel bias instability", "accel white noise", "accel scale factor"),
-    *("accel misalignment", "initial tilt", "initial heading", "initial velocity"),
+    *(term.family for sensor in SENSORS for term in terms_of(sensor) if term.datasheet),
+    *_INITIAL_UNITS,
 )
-_INITIAL_UNITS = {"initial tilt": "deg", "initial heading": "deg", "initial velocity": "m/s"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ def spec_of(sizes: Mapping[str, float], base: ImuSpec | None = None) -> ImuSpec:
         if key == "bias_instability":
             changed[group]["correlation_time"] = TAU
     initial = replace(base.initial or InitialSpec(), **changed["initial"])  # type: ignore[arg-type]
-    gyro, accel = replace(base.gyro, **changed["gyro"]), replace(base.accel, **changed["accel"])  # type: ignore[arg-type]
+    gyro, accel = replace(base.gyro, **changed["gyro"]), replace(base.accel, **changed["accel"])
     return replace(base, gyro=gyro, accel=accel, initial=initial, absent=())
 
 

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from insnav.findings import Code, Finding
+from insnav.imu.error_terms import terms_of
 from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.lab.common_findings import about
 from insnav.lab.noise.allan import AllanDeviation
@@ -25,6 +26,7 @@ from insnav.types import FloatArray
 
 PEAK_TIME = 1.8926  # of the Gauss-Markov Allan deviation, in correlation times
 PEAK = 0.61736  # its height, in standard deviations
+KEYS = {term.allan: term.key for term in terms_of("gyro") if term.allan}  # of the IMU file, by coefficient
 FLOOR_FREEDOM = 10.0  # degrees of freedom of a deviation that counts as the floor
 
 
@@ -85,12 +87,8 @@ def _sensor(
         if sd > 0.0:
             times.append(time)
         notes += about(f"{sensor} {'xyz'[axis]}", (how,))
-    spec = SensorSpec(
-        random_walk=_values(models, "N"),
-        rate_random_walk=_values(models, "K"),
-        quantisation=_values(models, "Q"),
-        rate_ramp=_values(models, "R"),
-    )
+    # the in-run bias is a process for the filter, below
+    spec = SensorSpec(**{key: _values(models, name) for name, key in KEYS.items() if key != "bias_instability"})
     missing = [] if spec.random_walk.any() else ["random_walk"]
     if not instability.any():
         return spec, [*missing, "bias_instability", "correlation_time"], notes

@@ -12,6 +12,7 @@ import numpy as np
 from insnav.imu import to_toml
 from insnav.lab.noise.allan import AXES, AllanDeviation
 from insnav.lab.noise.noise_model import NoiseModel
+from insnav.lab.noise.noise_spec import KEYS
 from insnav.lab.noise.static_noise import SignalNoise, StaticNoise
 from insnav.output.data_files import csv_text
 from insnav.output.folder import RunFolder
@@ -33,27 +34,17 @@ IMU_TOML, DEVIATIONS = "imu.toml", "allan.csv"
 _TIMES = (0.01, 0.1, 1.0, 10.0, 100.0, 1000.0, 10000.0)  # of the table of deviations [s]
 _NEAR = 1.3  # a table entry stands for times this near
 
-# term -> key, label, unit shown and unit in SI of gyros, of accelerometers
+# coefficient -> label, unit shown and unit in SI of gyros, of accelerometers
 _TERMS = {
-    "Q": ("quantisation", "quantisation Q", ("arcsec", "rad"), ("mm/s", "m/s")),
-    "N": ("random_walk", "random walk N", ("deg/sqrt(h)", "rad/sqrt(s)"), ("m/s/sqrt(h)", "m/s/sqrt(s)")),
-    "B": ("bias_instability", "bias instability B", ("deg/h", "rad/s"), ("ug", "m/s^2")),
-    "K": (
-        "rate_random_walk",
-        "rate random walk K",
-        ("deg/h/sqrt(h)", "rad/s/sqrt(s)"),
-        ("ug/sqrt(h)", "m/s^2/sqrt(s)"),
-    ),
-    "GM": ("gauss_markov", "Gauss-Markov bias, sd", ("deg/h", "rad/s"), ("ug", "m/s^2")),
-    "R": ("rate_ramp", "rate ramp R", ("deg/h/h", "rad/s^2"), ("ug/h", "m/s^3")),
+    "Q": ("quantisation Q", ("arcsec", "rad"), ("mm/s", "m/s")),
+    "N": ("random walk N", ("deg/sqrt(h)", "rad/sqrt(s)"), ("m/s/sqrt(h)", "m/s/sqrt(s)")),
+    "B": ("bias instability B", ("deg/h", "rad/s"), ("ug", "m/s^2")),
+    "K": ("rate random walk K", ("deg/h/sqrt(h)", "rad/s/sqrt(s)"), ("ug/sqrt(h)", "m/s^2/sqrt(s)")),
+    "GM": ("Gauss-Markov bias, sd", ("deg/h", "rad/s"), ("ug", "m/s^2")),
+    "R": ("rate ramp R", ("deg/h/h", "rad/s^2"), ("ug/h", "m/s^3")),
 }
-_IN_FILE = {
-    "N": "random_walk",
-    "GM": "bias_instability",
-    "K": "rate_random_walk",
-    "Q": "quantisation",
-    "R": "rate_ramp",
-}
+_KEYS = KEYS | {"B": "bias_instability", "GM": "gauss_markov"}
+_IN_FILE = ("N", "GM", "K", "Q", "R")
 ASSUMPTIONS = (
     "overlapping Allan deviation, NIST SP 1065 (2008) section 5.2.4; noise terms of IEEE Std 952-1997 annex C",
     "intervals 95 %: chi-square with the degrees of freedom that the fitted noise gives a record of this length "
@@ -83,8 +74,8 @@ def noise_quantity(
 
     `term` {"Q", "N", "B", "K", "GM", "R"}; `si`: shown in SI, not in the unit usual for it.
     """
-    key, label, *units = _TERMS[term]
-    return Quantity(key, value, units[0 if gyro else 1][1 if si else 0], sd, interval, label)
+    label, *units = _TERMS[term]
+    return Quantity(_KEYS[term], value, units[0 if gyro else 1][1 if si else 0], sd, interval, label)
 
 
 def page(result: Result[StaticNoise | SignalNoise]) -> Page:
@@ -238,8 +229,7 @@ def _filter_figures(found: StaticNoise) -> Section:
     for column, axis in enumerate(AXES):
         sensor, k = (found.spec.gyro, column) if column < 3 else (found.spec.accel, column - 3)
         n, gm, *others = (
-            noise_quantity(term, float(getattr(sensor, key)[k]) or None, gyro=column < 3)
-            for term, key in _IN_FILE.items()
+            noise_quantity(term, float(getattr(sensor, KEYS[term])[k]) or None, gyro=column < 3) for term in _IN_FILE
         )
         time = sensor.correlation_time if np.isfinite(sensor.correlation_time) else None
         rows.append((Quantity("axis", axis), n, gm, Quantity("correlation_time", time, "s"), *others))

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from insnav.errors.budget.error_budget import budget
-from insnav.errors.budget.sampled_motion import at_rest
 from insnav.errors.budget.sources import families, left_out, not_given, only, sources_of
-from insnav.imu import ImuSpec, SensorSpec, error_terms, load_imu
-from insnav.imu.error_terms import ErrorTerm
-from insnav.report.budget.contributions import effect, growth, size
-from insnav.types import FloatArray
+from insnav.imu import ImuSpec, SensorSpec, load_imu
 from tests.errors.budget.imus import plain, whole
 
 G = 9.80665
@@ -84,35 +79,3 @@ def test_families_taken_apart_are_the_whole(spec):
         alone = sources_of(only(spec, name))
         assert families(alone) == (name,)
         assert [s for s in alone if s.family == name] == [s for s in listed if s.family == name]
-
-
-@dataclass(frozen=True, slots=True)
-class _Cubic(SensorSpec):
-    """Sensor with one term more: an error by the cube of the specific force."""
-
-    cubic: FloatArray = field(default_factory=lambda: np.zeros(3))
-
-
-def test_a_new_error_term_is_a_row_of_the_table_and_a_field(monkeypatch: pytest.MonkeyPatch):
-    def cube(w: FloatArray, f: FloatArray, t: FloatArray) -> FloatArray:
-        return f**3
-
-    row = ErrorTerm(
-        "accel", "cubic", "cubic error", "per acceleration", "ug/g^2", "constant", "diagonal", cube, "bends"
-    )
-    monkeypatch.setattr(error_terms, "TERMS", (*error_terms.TERMS, row))
-    # the same error at rest with each: the lower axis feels g
-    z = np.array([0.0, 0.0, 1.0])
-    cubic = ImuSpec("cubic", SensorSpec(), _Cubic(cubic=1e-3 * z / G**3))
-    plain_bias = ImuSpec("bias", SensorSpec(), _Cubic(bias=1e-3 * z))
-    assert families(sources_of(cubic)) == ("accel cubic error",)
-    motion = at_rest(20.0)
-    found, same = (budget(spec, motion, (10.0,), runs=60) for spec in (cubic, plain_bias))
-    down = (slice(None), 2)
-    np.testing.assert_allclose(found.covariance.total[down], same.covariance.total[down], rtol=2e-3)
-    np.testing.assert_allclose(found.analytic.total[down], same.analytic.total[down], rtol=2e-3)
-    assert found.simulated.total[-1, 2] == pytest.approx(found.covariance.total[-1, 2], rel=0.3)
-    assert found.simulated.parts[-1, 0, 2] == pytest.approx(found.covariance.total[-1, 2], rel=0.3)
-    assert effect("accel cubic error") == "bends"
-    assert growth(found, "accel cubic error") == "t²"
-    assert size(found, "accel cubic error").endswith("ug/g^2")
