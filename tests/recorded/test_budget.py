@@ -15,8 +15,7 @@ from insnav.filter.prepare import DELAY_SD, prepare
 from insnav.findings import Code, of_code
 from insnav.imu import load_imu
 from insnav.input import read_imu, read_reference
-from insnav.report.budget.windows import windows_sentences, windows_warnings
-from insnav.report.budget.windows_quantities import CALIBRATED
+from insnav.report.budget.windows import CALIBRATED, windows_sentences, windows_warnings
 from insnav.types import FloatArray, GpsData, ImuData, Trajectory
 from tests.recorded.recording import imu_model, recording
 from tests.shared import recorded

@@ -16,10 +16,19 @@ from insnav.errors.budget.sources import families, sources_of
 from insnav.findings import Code, Severity, of_code
 from insnav.imu import load_imu
 from insnav.messages import sentence
-from insnav.report.budget.contributions import effect, growth, horizontal, ranked, saved, shares, size
-from insnav.report.budget.headline import estimates_section
 from insnav.report.budget.page import assumptions, page, warnings
-from insnav.report.budget.quantities import contributions_section, positions_section
+from insnav.report.budget.quantities import (
+    contributions_section,
+    effect,
+    estimates_section,
+    growth,
+    horizontal,
+    positions_section,
+    ranked,
+    saved,
+    shares,
+    size,
+)
 from insnav.report.numbers import number
 from insnav.report.page import section_tables
 from insnav.report.run_json import page_facts

@@ -16,13 +16,8 @@ from insnav.errors.outage.statistics import COMPONENTS
 from insnav.findings import Code, Finding, Severity, of_code
 from insnav.output.stored import FILE, store
 from insnav.report.budget.page import read_found
-from insnav.report.budget.windows import (
-    windows_assumptions,
-    windows_drawings,
-    windows_sentences,
-    windows_warnings,
-)
-from insnav.report.budget.windows_quantities import windows_sections
+from insnav.report.budget.panels import windows_drawings
+from insnav.report.budget.windows import windows_assumptions, windows_sections, windows_sentences, windows_warnings
 from insnav.report.page import Page, section_tables
 from insnav.report.run_json import section_facts
 from insnav.report.style import drawing

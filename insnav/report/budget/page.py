@@ -1,18 +1,23 @@
-"""The report of an error budget."""
+"""The pages of an error budget: from sources to an error, and from the error at the end of a run to its causes."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from insnav.errors.budget.drive_motion import BudgetStudy
-from insnav.errors.budget.error_budget import BAND, Budget
+from insnav.errors.budget.error_budget import BAND, Budget, SimulatedColumn
 from insnav.errors.budget.from_windows import RecordedBudget
 from insnav.errors.budget.laws import SHORT
+from insnav.errors.diagnosis.end_of_run import EndAxis
 from insnav.errors.requirement.study import FIELD_FACTOR
 from insnav.findings import Code, Finding
+from insnav.imu import ImuSpec
 from insnav.imu.imu_file import to_toml
 from insnav.messages import sentence
 from insnav.output.folder import RunFolder
@@ -20,17 +25,29 @@ from insnav.output.solution_tables import TableFormat
 from insnav.output.stored import FILE as FOUND
 from insnav.output.stored import read_stored, store
 from insnav.quantity import Quantity
-from insnav.report.budget import headline, quantities
+from insnav.report.budget import quantities
 from insnav.report.budget import windows as recorded
-from insnav.report.budget.contributions import extent, ranked, shares
-from insnav.report.budget.panels import budget_panels
-from insnav.report.budget.windows_quantities import windows_sections
+from insnav.report.budget.panels import budget_panels, windows_drawings
+from insnav.report.budget.quantities import extent, horizontal, ranked, recorded_text, shares, size
 from insnav.report.numbers import number
 from insnav.report.outage.windows import INTERVALS
-from insnav.report.page import DataFrame, Figure, FigureSpec, Page, Section, only_json, rows_frame, section_tables
+from insnav.report.page import (
+    DataFrame,
+    Figure,
+    FigureSpec,
+    Light,
+    Page,
+    Section,
+    Verdict,
+    by_warnings,
+    only_json,
+    rows_frame,
+    section_tables,
+)
 from insnav.result import Result
+from insnav.units import DEG, DEG_PER_H, G0, UNITS
 
-__all__ = ["frame", "page", "read_found", "write_files"]
+__all__ = ["end_page", "frame", "page", "read_found", "write_files"]
 
 
 def page(result: Result[BudgetStudy]) -> Page:
@@ -40,7 +57,7 @@ def page(result: Result[BudgetStudy]) -> Page:
     taken = (*assumptions(budget), *(recorded.windows_assumptions(windows) if windows is not None else ()))
     sections = (
         *quantities.budget_sections(budget),
-        headline.estimates_section(budget),
+        quantities.estimates_section(budget),
         Section(
             "",
             panels=budget_panels(budget, windows, _origin(result)),
@@ -62,8 +79,8 @@ def page(result: Result[BudgetStudy]) -> Page:
         sections,
         (*wrong, *taken),
         (INTERVALS,) * (windows is not None),
-        verdict=headline.verdict(budget, windows, wrong),
-        merits=headline.merits(budget, windows),
+        verdict=_verdict(budget, windows, wrong),
+        merits=quantities.merits(budget, windows),
     )
 
 
@@ -73,10 +90,10 @@ def _windows(windows: RecordedBudget) -> tuple[Section, ...]:
     sentences = only_json("", Quantity("recorded_summary", lines))
     rows = tuple((Quantity("finding", line, meaning=" "),) for line in lines)
     said = Section("", "Recorded windows: findings", rows=rows)
-    tables = tuple(replace(each, title="Recorded windows: tables", folded=True) for each in windows_sections(windows))
-    figures = Section(
-        "", "Recorded windows: figures", parts=recorded.windows_drawings(windows), show="page", folded=True
+    tables = tuple(
+        replace(each, title="Recorded windows: tables", folded=True) for each in recorded.windows_sections(windows)
     )
+    figures = Section("", "Recorded windows: figures", parts=windows_drawings(windows), show="page", folded=True)
     return (sentences, said, *tables, figures)
 
 
@@ -97,9 +114,9 @@ def _front(result: Result[BudgetStudy]) -> Figure:
     from insnav.report.budget.figures import draw_front  # matplotlib is imported only where a figure is asked for
 
     budget, windows = result.found.budget, result.found.windows
-    (estimates,) = section_tables(headline.estimates_section(budget))
+    (estimates,) = section_tables(quantities.estimates_section(budget))
     panels = budget_panels(budget, windows, _origin(result))
-    verdict = headline.verdict(budget, windows, warnings(budget, windows))
+    verdict = _verdict(budget, windows, warnings(budget, windows))
     return draw_front(panels, budget.motion, _title(budget), verdict, estimates)
 
 
@@ -173,7 +190,7 @@ def warnings(budget: Budget, windows: RecordedBudget | None = None) -> tuple[Fin
     if not budget.linear:
         attitude = float(budget.covariance.total[budget.chosen[-1], 6:].max())
         found.append(Finding.of(Code.BUDGET_NONLINEAR, attitude_rad=attitude))
-    elif budget.simulated is not None and not headline.simulated_matches(budget, budget.simulated):
+    elif budget.simulated is not None and not simulated_matches(budget, budget.simulated):
         nees = max(budget.simulated.nees[budget.chosen], key=lambda each: abs(float(each) - 1.0))
         found.append(Finding.of(Code.BUDGET_SIMULATED_MISMATCH, nees=nees, runs=budget.simulated.runs))
     if budget.absent:
@@ -207,3 +224,136 @@ def assumptions(budget: Budget) -> tuple[Finding, ...]:
         runs, alone, seed = budget.simulated.runs, budget.simulated.alone, budget.simulated.seed
         found.append(Finding.of(Code.BUDGET_SIMULATED_BOUNDS, probability=BAND, runs=runs, alone=alone, seed=seed))
     return tuple(found)
+
+
+def simulated_matches(budget: Budget, simulated: SimulatedColumn) -> bool:
+    """Whether the squared errors at the chosen times have the size that the covariance says."""
+    # nine states at each time, whose errors are independent once normalised: 4 sd of their mean
+    limit = 4.0 * np.sqrt(2.0 / (simulated.runs * (6.0 if budget.hold else 9.0)))
+    return bool(np.all(np.abs(simulated.nees[budget.chosen] - 1.0) < limit))
+
+
+def _verdict(budget: Budget, windows: RecordedBudget | None, warnings: Sequence[Finding]) -> Verdict:
+    """Say the result, and whether it can be relied on; `warnings` of the page."""
+    return by_warnings(headline(budget), warnings, _light(budget, windows))
+
+
+def _light(budget: Budget, windows: RecordedBudget | None) -> tuple[Light, str]:
+    simulated = budget.simulated
+    if not budget.linear:
+        if simulated is None:
+            return "bad", "attitude errors exceed the linear model"
+        return "attention", "attitude errors exceed the linear model: only the simulated figure holds"
+    if simulated is not None and not simulated_matches(budget, simulated):
+        return "bad", "simulated errors do not match the covariance"
+    if windows is None:
+        if simulated is None:
+            return "unknown", "predicted only: neither simulated (--runs) nor compared with a recorded drive"
+        return "good", f"{simulated.runs} simulated runs agree with the covariance"
+    if windows.settings.start != "forward":
+        return "attention", "windows begin with the smoothed state, which has seen the fixes in them"
+    wrong = [each for each in windows.shown.verdicts if not each.explained]
+    if wrong:
+        worst = max(wrong, key=lambda each: each.recorded / max(each.predicted, 1e-300))
+        names = " and ".join(each.component for each in wrong if each.component != "horizontal") or "horizontal"
+        times = number(worst.recorded / worst.predicted, 2) if worst.predicted > 0.0 else "many"
+        return "attention", f"recorded errors {names} are not explained: up to {times} times as large as predicted"
+    made = windows.shown.replicas
+    if made is not None and not made.agree:
+        return "attention", "recorded errors lie outside the band of the simulated replicas"
+    less = " and ".join(each.component for each in windows.shown.verdicts if each.cautious)
+    if less:
+        return "good", f"no recorded error is larger than predicted, {less} smaller: the stated errors are cautious"
+    return "good", "recorded errors are explained by the stated errors of IMU and fixes"
+
+
+def headline(budget: Budget) -> str:
+    """Give the horizontal error at the last time, by all ways to it, and its largest source."""
+    last = budget.chosen[-1]
+    beyond = "" if budget.linear else " (beyond the linear model)"
+    both = {"analytic": budget.analytic, "covariance": budget.covariance}
+    ways = [f"{name} {number(float(horizontal(way.total[last])))}{beyond}" for name, way in both.items()]
+    if budget.simulated is not None:
+        ways.append(f"simulated {number(float(horizontal(budget.simulated.total[last])))}")
+    if budget.recorded is not None:
+        ways.append(f"recorded {recorded_text(budget, len(budget.chosen) - 1)}")
+    whole = number(float(horizontal(budget.headline[last])))
+    first = ranked(budget)[0]
+    share, name = 100.0 * float(shares(budget)[first]), budget.families[first]
+    largest = f"; {share:.0f} % of the variance is {size(budget, name)} of {name}" if share >= 1.0 else ""
+    return f"After {budget.time[last]:g} s without GPS: {whole} m horizontal (1 sd) — {', '.join(ways)}{largest}."
+
+
+def end_page(
+    axes: Sequence[EndAxis], time: float, gravity: float, sd: tuple[float, float], spec: ImuSpec | None
+) -> Page:
+    """Lay out the explanations of each axis, beside what the specification of the IMU says, if there is one.
+
+    `gravity` [m/s^2]; `sd`: of the reference [m], [m/s].
+    """
+    given = _specified(spec)
+    rows = []
+    for axis in axes:
+        # a velocity, a tilt, a bias, a drift: the second and third are one acceleration
+        for term, name, value, spread, unit, k in (
+            ("t", "velocity at the start", axis.alone[0], axis.sd[0], "m/s", 0),
+            ("t²", "tilt", axis.alone[1] / gravity, axis.sd[1] / gravity, "mrad", 1),
+            ("t²", "accelerometer bias", axis.alone[1], axis.sd[1], "mg", 1),
+            ("t³", "gyro drift", axis.alone[2] / gravity, axis.sd[2] / gravity, "deg/h", 2),
+        ):
+            assumed, factor = given.get(name, 0.0), UNITS[unit][1]
+            rows.append(
+                (
+                    Quantity("axis", axis.axis),
+                    Quantity("cause", name),
+                    Quantity("grows_with", term),
+                    Quantity("value", f"{number(value / factor)} ± {number(spread / factor, 2)} {unit}"),
+                    Quantity("value_si", float(value)),
+                    Quantity("left_sd", float(axis.left[k]), meaning="left unexplained [sd]"),
+                    Quantity("explains", axis.fits[k]),
+                    Quantity("by_specification", abs(value) / assumed if assumed > 0.0 else None, digits=2),
+                )
+            )
+    powers = {axis.axis: axis.power for axis in axes}
+    return Page(
+        f"Error at the end of {time:g} s of free-inertial navigation",
+        tuple(_end_sentence(axis, gravity, given) for axis in axes),
+        (
+            Section("causes", "Each cause alone", rows=tuple(rows), note="by specification: in 1 sd of the IMU file"),
+            only_json("", Quantity("power_of_time", powers), Quantity("gravity", gravity, "m/s^2")),
+        ),
+        findings=(
+            Finding.of(Code.END_OF_RUN_LEVEL),
+            Finding.of(Code.END_OF_RUN_REFERENCE_SD, position_m=sd[0], velocity_m_s=sd[1]),
+            Finding.of(Code.END_OF_RUN_TILT_OR_BIAS),
+        ),
+    )
+
+
+def _specified(spec: ImuSpec | None) -> dict[str, float]:
+    """One standard deviation of each cause by the specification, the largest axis."""
+    if spec is None:
+        return {}
+    found = {"accelerometer bias": float(np.max(spec.accel.bias)), "gyro drift": float(np.max(spec.gyro.bias))}
+    if spec.initial is not None:
+        found |= {"tilt": spec.initial.tilt, "velocity at the start": spec.initial.velocity}
+    return found
+
+
+def _end_sentence(axis: EndAxis, gravity: float, given: dict[str, float]) -> str:
+    head = f"{axis.axis.capitalize()}, {number(axis.position)} m and {number(axis.velocity)} m/s"
+    if len(axis.terms) > 1:
+        return f"{head}: no single cause explains both; any two of t, t² and t³ do."
+    head += f", growing with t to the power of {axis.power:.2f}" if np.isfinite(axis.power) else ""
+    (term,) = axis.terms
+    if term == "t":
+        return f"{head}: a velocity error of {number(axis.alone[0])} m/s at the start."
+    if term == "t³":
+        return f"{head}: a gyro drift of {number(axis.alone[2] / gravity / DEG_PER_H)} deg/h."
+    tilt = axis.alone[1] / gravity
+    text = (
+        f"{head}: {number(abs(tilt) * 1e3)} mrad ({number(abs(tilt) / DEG)} deg) of tilt, or "
+        f"{number(abs(axis.alone[1]) / G0 * 1e3)} mg of accelerometer bias"
+    )
+    assumed = given.get("tilt", 0.0)
+    return text + (f"; {number(abs(tilt) / assumed, 2)} times the tilt specified." if assumed > 0.0 else ".")

@@ -1,19 +1,131 @@
-"""The quantities of an error budget, said once for page, figure and ``run.json``."""
+"""The quantities of an error budget, made once for page, figure, table and ``run.json``."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from insnav.errors.budget.error_budget import Budget, Column, RecordedColumn, SimulatedColumn
+from insnav.errors.budget.from_windows import RecordedBudget
+from insnav.errors.budget.sources import term_of
 from insnav.quantity import Quantity
-from insnav.report.budget.contributions import effect, growth, horizontal, ranked, saved, shares, size
+from insnav.report.numbers import number
+from insnav.report.outage.windows import BELOW, below_noise
 from insnav.report.page import Section, one_each, only_json
 from insnav.types import FloatArray
+from insnav.units import UNITS
 
+_SHOWN = 3  # times of the first screen
 _AXES = ("N", "E", "D")
 _RECORDED = ("north", "east", "down", "horizontal")
 _SHORT = {"analytic": "anal.", "covariance": "cov.", "simulated": "sim.", "recorded": "rec.", "filter": "filt."}
 _LONG = {"covariance": "covar.", "simulated": "simul."}
+# of what is no error of a sensor, by family: unit, how often it is integrated to position, what it does
+_OTHERS = {
+    "initial position": ("m", 0, "stays what it is"),
+    "initial velocity": ("m/s", 1, "goes on: v t"),
+    "initial tilt": ("deg", 2, "gravity shows in the level axes and is taken for motion: g φ t² / 2"),
+    "initial heading": ("deg", 2, "turns every change of velocity: ψ Δv across, and nothing at constant velocity"),
+    "gravity model": ("mGal", 2, "gravity that the model does not have is taken for motion: Δg t² / 2"),
+    "timing offset": ("ms", 0, "late samples: τ times the change of velocity"),
+    "timing drift": ("ppm", 0, "samples that come later and later"),
+}
+_POWERS = {0.0: "stays", 0.5: "t⁰·⁵", 1.0: "t", 1.5: "t¹·⁵", 2.0: "t²", 2.5: "t²·⁵", 3.0: "t³", 3.5: "t³·⁵", 4.0: "t⁴"}
+
+
+def horizontal(parts: FloatArray) -> FloatArray:
+    """Horizontal position error, the root of N^2 + E^2, of ``(..., 9)`` [m]."""
+    return np.hypot(parts[..., 0], parts[..., 1])
+
+
+def ranked(budget: Budget) -> list[int]:
+    """Families by what they make of the horizontal error in the end, the largest first."""
+    last = budget.chosen[-1]
+    size = horizontal(budget.covariance.parts[last])
+    vertical = budget.covariance.parts[last, :, 2]
+    return sorted(range(len(budget.families)), key=lambda k: (-size[k], -vertical[k]))
+
+
+def shares(budget: Budget) -> FloatArray:
+    """Part of each family in the variance of the horizontal error in the end, ``(f,)``."""
+    square = horizontal(budget.covariance.parts[budget.chosen[-1]]) ** 2
+    whole = float(square.sum())
+    return np.asarray(square / whole if whole > 0.0 else square)
+
+
+def saved(budget: Budget) -> FloatArray:
+    """How much smaller the horizontal error in the end would be with half of each family, ``(f,)`` [m]."""
+    whole = float(horizontal(budget.covariance.total[budget.chosen[-1]]))
+    return np.asarray(whole * (1.0 - np.sqrt(1.0 - 0.75 * shares(budget))))
+
+
+def source_texts(budget: Budget, chosen: Sequence[int], origin: str) -> tuple[str, ...]:
+    """Say of some families how large they are and where that is from, what they do, and what half of them saves.
+
+    `origin`: of the sizes that are of no start covariance.
+    """
+    last = budget.chosen[-1]
+    whole, less = float(horizontal(budget.covariance.total[last])), saved(budget)
+    texts = []
+    for k in chosen:
+        name, alone = budget.families[k], float(horizontal(budget.covariance.parts[last, k]))
+        joint = any(source.joint and source.sd > 0.0 for source in budget.sources if source.family == name)
+        where = "covariance of the filter at the start of the window" if joint else origin
+        texts.append(
+            f"{name}: {size(budget, name)} (1 sd; {where}). Alone {number(alone)} m after {budget.time[last]:g} s, "
+            f"{100.0 * shares(budget)[k]:.1f} % of the variance; position error grows with {growth(budget, name)}: "
+            f"{effect(name)}. Half of it: {number(whole)} -> {number(whole - float(less[k]))} m."
+        )
+    return tuple(texts)
+
+
+def effect(family: str) -> str:
+    """What a family of errors does to navigation, in words."""
+    return _OTHERS[family][2] if family in _OTHERS else term_of(family).text
+
+
+def extent(budget: Budget, family: str) -> tuple[float, float, str]:
+    """Least and largest axis of a family in its field unit, and that unit."""
+    values = [source.sd for source in budget.sources if source.family == family and source.sd > 0.0]
+    unit = _OTHERS[family][0] if family in _OTHERS else term_of(family).unit
+    return min(values) / UNITS[unit][1], max(values) / UNITS[unit][1], unit
+
+
+def size(budget: Budget, family: str) -> str:
+    """Size of a family in a field unit, from the least to the largest axis if they differ."""
+    *ends, unit = extent(budget, family)
+    shown = dict.fromkeys(f"{float(f'{value:.3g}'):g}" for value in ends)
+    return f"{' to '.join(shown)} {unit}"
+
+
+def growth(budget: Budget, family: str) -> str:
+    """Power of the time with which a family makes position errors, at rest and within minutes."""
+    source = next(each for each in budget.sources if each.family == family)
+    if source.group == "timing":
+        return "motion"
+    order = _OTHERS[family][1] if family in _OTHERS else term_of(family).integrals
+    more = {"ramp": 1.0, "white": -0.5, "random walk": 0.5, "quantisation": -1.5}.get(source.kind, 0.0)
+    return _POWERS[order + more]
+
+
+def shown_times(budget: Budget) -> list[int]:
+    """Which of the chosen times the first screen shows: the first, the last, one between."""
+    count = len(budget.chosen)
+    return list(dict.fromkeys(np.linspace(0, count - 1, min(count, _SHOWN)).round().astype(int).tolist()))
+
+
+def recorded_text(budget: Budget, row: int) -> str:
+    """Write the recorded RMS at a chosen time with its interval."""
+    found = budget.recorded
+    assert found is not None
+    at = np.flatnonzero(np.abs(found.time - budget.time[budget.chosen[row]]) < 1e-3)
+    if not at.size:
+        return "–"
+    value, low, high = (float(each[at[0], 3]) for each in (found.corrected, found.low, found.high))
+    if not np.isfinite(value):
+        return below_noise(high) if np.isfinite(high) else BELOW
+    return number(value) + (f" ({number(low)} … {number(high)})" if np.isfinite(low) else "")
 
 
 def _ways(budget: Budget) -> dict[str, Column | SimulatedColumn]:
@@ -219,3 +331,53 @@ def impact_section(budget: Budget) -> Section:
     families = [budget.families[k] for k in ranked(budget)]
     rows = tuple((Quantity("source", each), Quantity("impact", effect(each))) for each in families)
     return Section("", "Impact of the sources", rows=rows, show="page", folded=True)
+
+
+def estimates_section(budget: Budget) -> Section:
+    """Tabulate the horizontal error by all four ways, with their intervals, at a few times."""
+    rows = []
+    for row in shown_times(budget):
+        k = budget.chosen[row]
+        cells = [
+            Quantity("time", f"{budget.time[k]:g} s", meaning="without GPS"),
+            Quantity("analytic", float(horizontal(budget.analytic.total[k])), "m"),
+            Quantity("covariance", float(horizontal(budget.covariance.total[k])), "m"),
+        ]
+        if budget.simulated is not None:
+            low, high = budget.simulated.band
+            value = float(horizontal(budget.simulated.total[k]))
+            cells.append(Quantity("simulated", value, "m", interval=(value / high, value / low)))
+        if budget.recorded is not None:
+            cells.append(Quantity("recorded", recorded_text(budget, row), "m", meaning="recorded, RMS corrected"))
+        cells.append(Quantity("worst", float(budget.worst[k, 3]), "m", meaning="worst-case sum"))
+        rows.append(tuple(cells))
+    note = "1 sd; in brackets 95 % intervals; "
+    if budget.simulated is None:
+        note += "not simulated: --runs 500"
+    else:
+        nees = f"{budget.simulated.nees[budget.chosen[-1]]:.3g} (1 if the covariance is true)"
+        note += f"{budget.simulated.runs} simulated runs: mean normalised squared error {nees}"
+    note += "; not recorded: give a drive with --gps" * (budget.recorded is None)
+    return Section("", "Horizontal error by four ways", rows=tuple(rows), note=note)
+
+
+def merits(budget: Budget, windows: RecordedBudget | None) -> tuple[Quantity, ...]:
+    """Give the figures of merit."""
+    found = []
+    for k in (budget.chosen[row] for row in shown_times(budget)):
+        value, text = float(horizontal(budget.covariance.total[k])), f"horizontal after {budget.time[k]:g} s"
+        found.append(Quantity(f"after_{budget.time[k]:g}_s", value, "m", meaning=text))
+    last = budget.chosen[-1]
+    if not budget.hold:
+        found.append(Quantity("down", float(budget.covariance.total[last, 2]), "m", meaning="down at the end"))
+    if windows is None:
+        return (*found, Quantity("worst", float(budget.worst[last, 3]), "m", meaning="worst-case sum, horizontal"))
+    part, count = windows.shown, windows.shown.windows.count
+    i = part.growth.column("horizontal")
+    value, by = float(part.growth.corrected[-1, i]), float(part.growth.predicted[-1, i])
+    ratio = value / by if np.isfinite(value) and by > 0.0 else None
+    return (
+        *found,
+        Quantity("recorded_ratio", ratio, meaning="recorded / predicted by the filter, horizontal"),
+        Quantity("inside_3_sd", f"{100.0 * part.growth.inside_at_end:.0f} %", meaning=f"inside 3 sd, {count} windows"),
+    )

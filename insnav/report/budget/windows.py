@@ -1,48 +1,34 @@
-"""Sentences, warnings and panels of the recorded half of an error budget."""
+"""The recorded windows of an error budget: sentences, warnings, quantities for page and ``run.json``."""
 
 from __future__ import annotations
-
-from collections.abc import Iterator
 
 import numpy as np
 
 from insnav.errors.budget.from_windows import RecordedBudget, RecordedPart, Verdict
-from insnav.errors.diagnosis.causes import CAUSES, AxisDiagnosis, Diagnosis
+from insnav.errors.diagnosis.causes import CAUSES, AxisDiagnosis, Cause, Diagnosis
+from insnav.errors.diagnosis.equivalent_sensor_errors import SensorFit
 from insnav.errors.diagnosis.simulated_replica import Replicas
-from insnav.errors.outage.statistics import COMPONENTS, components
+from insnav.errors.outage.statistics import COMPONENTS, Growth
 from insnav.findings import Code, Finding, of_code
-from insnav.report.budget import windows_quantities
-from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILLION
+from insnav.messages import sentence
+from insnav.quantity import Quantity
 from insnav.report.numbers import number
-from insnav.report.outage.windows import common_text, corrected_text, power_lines, thin_lines
-from insnav.report.page import Section, drawn
-from insnav.report.panels import Curve, Panel
-from insnav.units import UNITS as FACTORS
+from insnav.report.outage.windows import common_text, corrected, corrected_text
+from insnav.report.page import Section, one_each, only_json
+from insnav.types import FloatArray
+from insnav.units import UNITS
 
+CALIBRATED, UNCALIBRATED = "calibrated", "uncalibrated"
+CAUSE_UNITS = {"velocity": "mm/s", "acceleration": "mg", "drift": "deg/h"}
+GROWS = {"velocity": "t", "acceleration": "t²", "drift": "t³"}
 _MRAD = 1e-3
 _ENOUGH_REPLICAS = 10  # whose band is narrow enough to prove something
-_WINDOWS, _POINTS = 40, 60  # drawn one by one, and points of each
-_MOTIONS = {"static": GREEN, "straight": BLUE, "turning": VERMILLION}
-
-
-def windows_drawings(budget: RecordedBudget) -> tuple[Section, ...]:
-    """Growth, equivalent errors and regression of the recorded windows, calibrated and not."""
-    sections = []
-    for kind, part in windows_quantities.parts_of(budget):
-        name = "uncalibrated" if part.windows.uncalibrated else "recorded"
-        against = f"{kind}, against {budget.reference}"
-        sections += [
-            drawn(f"{name}_growth", f"Recorded error without GPS, {against}", growth_panels(part, name), columns=2),
-            drawn(f"{name}_causes", f"Equivalent errors of each window, {kind}", causes_panels(part, name), columns=2),
-            drawn(f"{name}_regression", f"Recorded over predicted error, {kind}", (regression_panel(part, name),)),
-        ]
-    return tuple(sections)
 
 
 def windows_sentences(budget: RecordedBudget) -> tuple[str, ...]:
     """Say the result: explained or not, by what, and what the simulated replicas say."""
     lines = []
-    for kind, part in windows_quantities.parts_of(budget):
+    for kind, part in parts_of(budget):
         windows = part.windows
         left_out = ", ".join(f"{count} {reason}" for reason, count in windows.dropped.items())
         lines.append(
@@ -51,7 +37,7 @@ def windows_sentences(budget: RecordedBudget) -> tuple[str, ...]:
         )
         lines += [_verdict(each, windows.length) for each in part.verdicts]
         lines += [_diagnosed(axis, part.diagnosis) for axis in part.diagnosis.axes]
-        lines += [line for line in (common_text(part.growth), windows_quantities.regression_text(part)) if line]
+        lines += [line for line in (common_text(part.growth), regression_text(part)) if line]
         if part.replicas is not None:
             lines.append(_against_replicas(part.replicas))
     return tuple(lines)
@@ -60,7 +46,7 @@ def windows_sentences(budget: RecordedBudget) -> tuple[str, ...]:
 def windows_warnings(budget: RecordedBudget) -> tuple[Finding, ...]:
     """Give what the reader must not overlook."""
     found = list(of_code(budget.notes, Code.BUDGET_SMOOTHED_START))
-    for kind, part in windows_quantities.parts_of(budget):
+    for kind, part in parts_of(budget):
         wrong = [each for each in part.verdicts if not each.explained]
         if wrong:
             names = tuple(each.component for each in wrong)
@@ -101,23 +87,19 @@ def _verdict(each: Verdict, length: float) -> str:
 def _diagnosed(axis: AxisDiagnosis, diagnosis: Diagnosis) -> str:
     """Words such as: east error is t²: 0.42 mrad of tilt or 0.41 mg of bias."""
     name, cause = CAUSES[axis.leading], axis.causes[axis.leading]
-    unit = windows_quantities.UNITS[name]
+    unit = CAUSE_UNITS[name]
     if cause.rms == 0.0:
         return f"{axis.axis.capitalize()} error is within sensor noise and reference error: no curve stands out."
-    value = number(cause.rms / FACTORS[unit][1])
+    value = number(cause.rms / UNITS[unit][1])
     what = {
         "velocity": f"{value} {unit} of velocity at the start",
         "acceleration": f"{number(cause.rms / diagnosis.gravity / _MRAD)} mrad of tilt or {value} {unit} of bias",
         "drift": f"{value} {unit} of drift about the {'east' if axis.axis == 'north' else 'north'} axis",
     }[name]
-    line = (
-        f"{axis.axis.capitalize()} error is {windows_quantities.GROWS[name]} ({100.0 * cause.share:.0f} %): {what}, RMS"
-    )
+    line = f"{axis.axis.capitalize()} error is {GROWS[name]} ({100.0 * cause.share:.0f} %): {what}, RMS"
     if not diagnosis.steady:
         return f"{line}, over windows with turns, in which no curve is pure."
-    line += (
-        f"; filter sd {number(cause.filter_sd / FACTORS[unit][1])} {unit}: {windows_quantities.explained_text(cause)}"
-    )
+    line += f"; filter sd {number(cause.filter_sd / UNITS[unit][1])} {unit}: {explained_text(cause)}"
     if name == "acceleration":
         line += "; in a straight window only the sum of bias and tilt is observable"
     return f"{line}."
@@ -137,7 +119,7 @@ def _against_replicas(made: Replicas) -> str:
     for i, name in enumerate(COMPONENTS[:3]):
         if not made.inside[-1, i]:
             larger |= bool(made.recorded[-1, i] > made.high[-1, i])
-            band = windows_quantities.interval_text(float(made.low[-1, i]), float(made.high[-1, i]))
+            band = interval_text(float(made.low[-1, i]), float(made.high[-1, i]))
             outside.append(f"{name} {number(float(made.recorded[-1, i]))} m, band {band} m")
     why = (
         "this recording is worse than the stated IMU and fix errors; vibration and mounting, for two, are not stated"
@@ -150,107 +132,244 @@ def _against_replicas(made: Replicas) -> str:
     )
 
 
-def growth_panels(part: RecordedPart, key: str) -> Iterator[Panel]:
-    """Draw North and East error over the time without fixes, and the horizontal one on logarithmic axes."""
-    windows, curve = part.windows, part.curve
-    error = components(windows)[0]
-    for name in ("north", "east", "horizontal"):
-        i, both = COMPONENTS.index(name), name != "horizontal"
-        curves = thin_lines("each window", list(zip(windows.elapsed, error[:, :, i], strict=True)), _WINDOWS, _POINTS)
-        for sign in (1.0, -1.0) if both else (1.0,):
-            curves += _sums(part, i, sign)
-        largest = 1.1 * float(np.nanmax([np.nanmax(np.abs(error[:, :, i])), np.nanmax(curve.predicted[:, i])]))
-        limits = -largest, largest  # the band of few replicas is wide
-        if not both:
-            rms = curve.corrected[:, i]
-            first = max(1, len(curve.times) // 6)
-            curves += power_lines(curve.times[first:], float(rms[-1]), GREEN) if rms[-1] > 0.0 else []
-            positive = rms[rms > 0.0]
-            limits = max(0.2 * float(positive.min(initial=largest)), 1e-4 * largest), largest
-        yield Panel(
-            f"{key}_growth_{name}",
-            f"{name.capitalize()} error of {windows.count} windows",
-            f"{name} error [m]",
-            "time without GPS [s]",
-            tuple(curves),
-            f"{key}_growth" if both else "",
-            "bands: 95 %, of the windows by block bootstrap",
-            log_x=not both,
-            log_y=not both,
-            limits=limits,
-            height=260,
+def parts_of(budget: RecordedBudget) -> list[tuple[str, RecordedPart]]:
+    """Windows of both kinds, with their names; uncalibrated ones only if they were asked for."""
+    parts = [(CALIBRATED, budget.calibrated)]
+    return parts if budget.uncalibrated is None else [*parts, (UNCALIBRATED, budget.uncalibrated)]
+
+
+def windows_sections(budget: RecordedBudget) -> tuple[Section, ...]:
+    """Give the quantities and tables of all windows."""
+    about = (
+        Quantity("reference", budget.reference),
+        Quantity("start", budget.settings.start),
+        Quantity("independent", budget.settings.start == "forward"),
+        Quantity("duration", budget.duration, "s"),
+        Quantity("imu", budget.spec.name),
+        Quantity("notes", tuple(map(sentence, budget.notes))),
+        *((Quantity(UNCALIBRATED, None),) if budget.uncalibrated is None else ()),
+    )
+    parts = tuple(Section(kind, parts=_sections(kind, part)) for kind, part in parts_of(budget))
+    return (Section("recorded_windows", parts=(only_json("", *about), *parts)),)
+
+
+def _sections(kind: str, part: RecordedPart) -> tuple[Section, ...]:
+    windows, found, line = part.windows, part.growth, part.regression
+    about = (
+        Quantity("windows", windows.count),
+        Quantity("length", windows.length, "s"),
+        Quantity("spacing", windows.spacing, "s"),
+        Quantity("dropped", windows.dropped),
+        *_growth(found),
+    )
+    motions = {name: () if each is None else _growth(each) for name, each in part.motions.items()}
+    verdicts = {
+        each.component: (
+            Quantity("rms_corrected", each.recorded, "m", interval=(each.low, each.high)),
+            Quantity("predicted", each.predicted, "m"),
+            Quantity("explained", each.explained),
+            Quantity("cautious", each.cautious),
         )
+        for each in part.verdicts
+    }
+    regression = (Quantity("slope", line.slope, interval=(line.low, line.high)), Quantity("r_squared", line.r_squared))
+    in_json = (
+        one_each("by_motion", "", motions),
+        one_each("verdicts", "", verdicts),
+        Section("regression", items=regression),
+    )
+    return (
+        only_json("", *about, parts=in_json),
+        _over_time(kind, found),
+        _at_end(kind, part),
+        _by_motion(kind, part),
+        _causes(kind, part.diagnosis),
+        _sensors(kind, part.sensors),
+        _replicas(part.replicas),
+    )
 
 
-def _sums(part: RecordedPart, i: int, sign: float) -> list[Curve]:
-    """RMS with its interval, predicted sd, and the band of the replicas, to one side of zero."""
-    curve, curves = part.curve, []
-    if part.replicas is not None:
-        low, high = (sign * each[:, i] for each in part.replicas.band)
-        curves.append(Curve("simulated replicas", part.replicas.times, high, ORANGE, "band", low))
-    if np.isfinite(curve.low[:, i]).any():
-        low, high = sign * curve.low[:, i], sign * curve.high[:, i]
-        curves.append(Curve("recorded RMS", curve.times, high, BLUE, "band", low))
-    curves.append(Curve("recorded RMS", curve.times, sign * curve.corrected[:, i], BLUE))
-    return [*curves, Curve("predicted sd", curve.times, sign * curve.predicted[:, i], BLACK, "dashed")]
+def _named(key: str, values: FloatArray, unit: str = "") -> Quantity:
+    """A figure of every component."""
+    return Quantity(key, {name: values[:, i] for i, name in enumerate(COMPONENTS)}, unit)
 
 
-def causes_panels(part: RecordedPart, key: str) -> Iterator[Panel]:
-    """Draw velocity, effective acceleration and drift of each window that was fitted, with the filter's sd."""
-    diagnosis = part.diagnosis
-    windows = diagnosis.windows
-    since = windows.start - windows.start[0]
-    ends = np.array([since.min(), since.max()])
-    across = f"start of the window, since {windows.start[0]:.1f} s [s]"
-    note = "at rest or straight" if diagnosis.steady else "turns included, in which no curve is pure"
-    for row, name in enumerate(CAUSES):
-        for axis in diagnosis.axes:
-            unit = FACTORS[windows_quantities.UNITS[name]][1]
-            factor = 1.0 / unit if name != "drift" else 1.0 / unit / diagnosis.gravity
-            value = np.array([curve.value[row] for curve in axis.curves]) * factor
-            sd = np.array([curve.sd[row] for curve in axis.curves]) * factor
-            half = np.full(2, axis.causes[row].filter_sd / unit)
-            curves = [Curve("1 sd of the filter", ends, half, GREY, "band", -half)]
-            for motion, colour in _MOTIONS.items():
-                chosen = windows.motion == motion
-                at, y, reach = since[chosen], value[chosen], sd[chosen]
-                bars = np.column_stack((y - reach, y + reach, np.full(len(at), np.nan))).ravel()
-                curves.append(Curve(motion, at, y, colour, "points"))
-                curves.append(Curve("", np.repeat(at, 3), bars, colour, "thin"))
-            yield Panel(
-                f"{key}_{axis.axis}_{name}".replace(" ", "_"),
-                f"{axis.axis.capitalize()} {name}: error grows with {windows_quantities.GROWS[name]}",
-                f"{name} [{windows_quantities.UNITS[name]}]",
-                across,
-                tuple(each for each in curves if len(each.x)),
-                f"{key}_causes",
-                note,
-            )
+def _growth(found: Growth) -> tuple[Quantity, ...]:
+    return (
+        Quantity("times", found.times, "s"),
+        Quantity("count", found.count),
+        Quantity("known", [int(n) for n in found.known[:, found.column("horizontal")]]),
+        Quantity("effective", found.effective),
+        _named("rms", found.rms, "m"),
+        _named("rms_corrected", found.corrected, "m"),
+        _named("rms_corrected_low", found.low, "m"),
+        _named("rms_corrected_high", found.high, "m"),
+        _named("common", found.common),
+        _named("p95", found.p95, "m"),
+        _named("max", found.largest, "m"),
+        _named("reference_sd", found.reference, "m"),
+        _named("predicted", found.predicted, "m"),
+        _named("inside_3_sd", found.inside),
+    )
 
 
-def regression_panel(part: RecordedPart, key: str) -> Panel:
-    """Draw the size of North and East errors over what was predicted for them."""
+def _components(found: Growth) -> list[tuple[int, str]]:
+    """Components of which something is known; along and across there is nothing at rest."""
+    return [(i, name) for i, name in enumerate(COMPONENTS) if np.isfinite(found.rms[:, i]).any()]
+
+
+def _over_time(kind: str, found: Growth) -> Section:
+    figures = np.stack([found.rms, found.p95, found.largest], axis=-1)
+    rows = tuple(
+        (Quantity("error", name), *(Quantity(f"{t:g} s", figures[k, i]) for k, t in enumerate(found.times)))
+        for i, name in _components(found)
+    )
+    known = ", ".join(map(str, found.known[:, found.column("horizontal")]))
+    note = f"errors of the reference in all three; windows: {known}"
+    return Section("", f"Recorded error, {kind}: RMS, 95 %, largest [m]", rows=rows, note=note)
+
+
+def _rms(found: Growth, i: int) -> tuple[Quantity, ...]:
+    """RMS as measured and without the reference, with its interval, and prediction, at the end of the windows."""
+    return (
+        Quantity("rms", float(found.rms[-1, i]), "m", meaning="RMS"),
+        Quantity("reference", float(found.reference[-1, i]), "m", meaning="reference sd"),
+        corrected(found, i),
+        Quantity("predicted", float(found.predicted[-1, i]), "m", meaning="predicted sd"),
+    )
+
+
+def _at_end(kind: str, part: RecordedPart) -> Section:
+    found, rows = part.growth, []
+    for i, name in _components(found):
+        rms, predicted = float(found.corrected[-1, i]), float(found.predicted[-1, i])
+        row = [
+            Quantity("error", name),
+            *_rms(found, i),
+            Quantity("ratio", rms / predicted if predicted > 0.0 else None, meaning="corrected / predicted"),
+            Quantity("inside", f"{100.0 * found.inside[-1, i]:.0f} %", meaning="inside 3 sd"),
+        ]
+        if part.replicas is not None:
+            low, high = (float(each[-1, i]) for each in part.replicas.band)
+            row.append(Quantity("band", interval_text(low, high), "m", meaning="simulated replicas, 95 % band"))
+        rows.append(tuple(row))
+    title = f"Recorded and predicted error after {found.times[-1]:g} s, {kind}"
+    return Section("", title, rows=tuple(rows), note=regression_text(part))
+
+
+def interval_text(low: float, high: float) -> str:
+    """Write an interval."""
+    return f"{number(low)} … {number(high)}" if np.isfinite(low) and np.isfinite(high) else "too few windows"
+
+
+def regression_text(part: RecordedPart) -> str:
+    """Say how recorded and predicted errors compare over all times."""
     line = part.regression
-    interval = f" ({line.low:.2f} to {line.high:.2f})" if np.isfinite(line.low) else ""
-    small = 1e-2 * float(np.median(line.recorded)) if len(line.recorded) else 1e-3
-    size = np.maximum(line.recorded, small)
-    order = np.argsort(line.predicted)
-    ends = np.array([float(line.predicted.min()), float(line.predicted.max())])
-    curves = [
-        Curve("a window at one time", line.predicted[order], size[order], BLUE, "points"),
-        Curve("as predicted", ends, ends, BLACK, "dashed"),
-        Curve("regression", ends, line.slope * ends, VERMILLION),
+    times = f"{number(line.slope)} times predicted ({interval_text(line.low, line.high)})"
+    return f"Over all times recorded errors are {times}, R² {line.r_squared:.2f}."
+
+
+def _by_motion(kind: str, part: RecordedPart) -> Section:
+    i = COMPONENTS.index("horizontal")
+    rows = [
+        (
+            Quantity("windows", name),
+            Quantity("count", found.count),
+            Quantity("effective", found.effective, meaning="effective sample size"),
+            *_rms(found, i),
+            Quantity("largest", float(found.largest[-1, i]), "m"),
+        )
+        for name, found in part.motions.items()
+        if found is not None
     ]
-    if np.isfinite(line.low):
-        curves.append(Curve("regression", ends, line.high * ends, VERMILLION, "band", line.low * ends))
-    return Panel(
-        f"{key}_regression",
-        "Recorded over predicted error",
-        "recorded |error| / 0.80 [m]",
-        "predicted sd, reference included [m]",
-        tuple(curves),
-        note=f"north and east: {line.slope:.2f} times as large{interval}, R² {line.r_squared:.2f}",
-        log_x=True,
-        log_y=True,
-        height=320,
+    title = f"By motion, horizontal error after {part.growth.times[-1]:g} s, {kind}"
+    note = "turning: heading changes by more than 15 deg; static: below 0.5 m/s throughout"
+    return Section("", title, rows=tuple(rows), note=note)
+
+
+def _causes(kind: str, diagnosis: Diagnosis) -> Section:
+    about = (
+        Quantity("windows", diagnosis.windows.count),
+        Quantity("set_aside", diagnosis.rough),
+        Quantity("steady", diagnosis.steady),
+    )
+    which = "windows at rest or straight" if diagnosis.steady else "windows, turns included"
+    note = (
+        "1 mg of acceleration is the effect of 1 mrad of tilt; in a straight window only their sum is observable"
+        if diagnosis.steady
+        else "too few windows are straight; in a turn no sensor error follows a single curve: averages only"
+    )
+    if diagnosis.rough:
+        note += f"; left out: {diagnosis.rough} windows whose error is no such curve, as if the reference jumped"
+    axes = tuple(only_json(axis.axis, parts=_axis(axis)) for axis in diagnosis.axes)
+
+    def verdict(cause: Cause) -> Quantity:
+        return Quantity("verdict", explained_text(cause) if diagnosis.steady else "–")
+
+    rows = tuple(
+        (Quantity("cause", f"{axis.axis}, {GROWS[name]}: {name}"), *_cause(name, cause), verdict(cause))
+        for axis in diagnosis.axes
+        for name, cause in zip(CAUSES, axis.causes, strict=True)
+    )
+    title = f"Equivalent errors of {diagnosis.windows.count} {which}, {kind}"
+    table = Section("", title, rows=rows, note=note)
+    return Section("diagnosis", parts=(only_json("", *about), *axes, table))
+
+
+def _axis(axis: AxisDiagnosis) -> tuple[Section, ...]:
+    about = (Quantity("terms", axis.terms), Quantity("leading", GROWS[CAUSES[axis.leading]]))
+    causes = {
+        name: (*_cause(name, cause), Quantity("explained", cause.explained))
+        for name, cause in zip(CAUSES, axis.causes, strict=True)
+    }
+    return (Section("", items=about), one_each("", "", causes))
+
+
+def _cause(name: str, cause: Cause) -> tuple[Quantity, ...]:
+    unit = CAUSE_UNITS[name]
+    return (
+        Quantity("rms", cause.rms, unit, meaning="RMS"),
+        Quantity("mean", cause.mean, unit, sd=cause.mean_sd),
+        Quantity("fit_sd", cause.fit_sd, unit, meaning="sd of one fit"),
+        Quantity("filter_sd", cause.filter_sd, unit, meaning="filter sd"),
+        Quantity("specified", cause.spec_sd, unit, meaning="IMU specification"),
+        Quantity("share", cause.share, meaning="share at the end"),
+    )
+
+
+def explained_text(cause: Cause) -> str:
+    """Say whether a cause is explained."""
+    return "explained" if cause.explained else f"unexplained, {number(float(np.sqrt(cause.ratio)), 2)} times"
+
+
+def _sensors(kind: str, fit: SensorFit) -> Section:
+    note = (
+        "headings differ: bias and tilt are separately observable over the drive"
+        if fit.level_observable
+        else "headings hardly differ: of the level accelerometers this is bias and tilt together"
+    )
+    if fit.spread > 2.0:
+        note += f"; misfit {number(float(np.sqrt(fit.spread)), 2)} times what noise and filter allow"
+    items = (
+        Quantity("accel_bias", fit.accel, "mg", sd=fit.accel_sd, meaning="accelerometer bias x, y, z"),
+        Quantity("gyro_bias", fit.gyro, "deg/h", sd=fit.gyro_sd, meaning="gyro bias x, y, z"),
+    )
+    more = (Quantity("misfit", fit.spread), Quantity("bias_observable_from_tilt", fit.level_observable))
+    title = f"Constant sensor errors left in the windows, {kind}"
+    return Section("sensors", title, items, parts=(only_json("", *more),), note=note)
+
+
+def _replicas(made: Replicas | None) -> Section:
+    if made is None:
+        return only_json("", Quantity("replicas", None))
+    return only_json(
+        "replicas",
+        Quantity("count", len(made.rms)),
+        Quantity("inside_band", made.agree),
+        _named("low", made.low, "m"),
+        _named("high", made.high, "m"),
+        _named("recorded", made.recorded, "m"),
+        Quantity("track_apart", made.apart.position, "m"),
+        Quantity("track_apart", made.apart.velocity, "m/s"),
+        Quantity("failures", made.failures),
     )
