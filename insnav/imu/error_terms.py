@@ -9,7 +9,7 @@ import tomllib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
@@ -20,6 +20,7 @@ Process = Literal["constant", "ramp", "white", "random walk", "Gauss-Markov", "f
 Spread = Literal["vector", "diagonal", "off-diagonal", "matrix"]
 Drive = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 
+SENSORS: tuple[Sensor, Sensor] = ("gyro", "accel")
 AXES = "xyz"  # of the sensors
 ELEMENTS: dict[Spread, tuple[tuple[int, int], ...]] = {
     "vector": ((0, 0), (1, 1), (2, 2)),
@@ -99,7 +100,7 @@ def _terms() -> Iterator[ErrorTerm]:
     """Rows of ``error_terms.toml``."""
     table = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
     for key, row in table.items():
-        for sensor in get_args(Sensor):
+        for sensor in SENSORS:
             if sensor in row:
                 dimension, unit, *more = row[sensor]
                 drive, text = more or ("", "")

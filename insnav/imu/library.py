@@ -27,7 +27,7 @@ from pydantic import PlainValidator
 
 from insnav.config_file import Table, axes, read_toml, scalar, validate
 from insnav.exceptions import ConfigError
-from insnav.imu.error_terms import Sensor, terms_of
+from insnav.imu.error_terms import SENSORS, TERMS, terms_of
 from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.types import FloatArray
 
@@ -36,9 +36,8 @@ PROVENANCE = ("datasheet", "Allan", "paper", "filter tuning", "second hand")  # 
 Statistic = Literal["density", "1 sd", "typical", "tolerance", "maximum", "3 sd", "Allan minimum"]
 TO_SD: dict[str, float] = {"tolerance": 0.5, "maximum": 0.5, "3 sd": 1.0 / 3.0, "Allan minimum": 1.0 / 0.664}
 HOUR = 3600.0  # correlation time where none is given [s]
-_SENSORS: tuple[Sensor, Sensor] = ("gyro", "accel")
-_DIMENSIONS = {f"{name}.{term.key}": term.dimension for name in _SENSORS for term in terms_of(name)}
-_DIMENSIONS |= {f"{name}.correlation_time": "time" for name in _SENSORS}
+_DIMENSIONS = {f"{term.sensor}.{term.key}": term.dimension for term in TERMS}
+_DIMENSIONS |= {f"{name}.correlation_time": "time" for name in SENSORS}
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +90,7 @@ def completed(part: Part, of: ImuSpec) -> tuple[ImuSpec, tuple[str, ...]]:
     `of`: its class. Returns: the specification, and the keys that were taken.
     """
     sensors = {}
-    for name in _SENSORS:
+    for name in SENSORS:
         own, other = getattr(part.spec, name), getattr(of, name)
         keys = [key.partition(".")[2] for key in part.spec.absent if key.startswith(f"{name}.")]
         if "bias_instability" not in keys:  # its correlation time is that of its own
@@ -206,7 +205,7 @@ def _spec(file: _File, figures: tuple[Figure, ...]) -> ImuSpec:
     """IMU error specification of the figures that count."""
     found = {figure.key: figure.sd for figure in figures if figure.used}
     sensors, absent = {}, []
-    for name in _SENSORS:
+    for name in SENSORS:
         given = {key.partition(".")[2]: value for key, value in found.items() if key.startswith(f"{name}.")}
         usual = [*(term.key for term in terms_of(name) if term.usual), "correlation_time"]
         absent += [f"{name}.{key}" for key in usual if key not in given]

@@ -9,7 +9,7 @@ import numpy as np
 import scipy  # its parts load themselves when they are used
 
 from insnav.imu import ClockSpec, ImuErrors, ImuSpec, SensorSpec, corrupt, sample_errors, sample_intervals
-from insnav.imu.error_terms import Sensor, terms_of
+from insnav.imu.error_terms import SENSORS, Sensor, terms_of
 from insnav.imu.model import SAMPLED
 from insnav.imu.specification import noise_of
 from insnav.kernels.error_propagation import first_order
@@ -47,32 +47,29 @@ def corrupt_imu(
     `temperature` (n,): of the IMU at each sample [deg C].
     Raises: InputError: fewer than two samples, or terms that depend on the temperature without one.
     """
-    constant, gyro_seed, accel_seed, gyro_flicker, accel_flicker, clock = np.random.SeedSequence(seed).spawn(6)
+    constant, *noises, clock = np.random.SeedSequence(seed).spawn(6)
     constants = np.random.default_rng(constant)
     errors = sample_errors(spec, constants)
     if temperature is not None:
         imu = replace(imu, temperature=np.asarray(temperature, dtype=np.float64))
     wrong = corrupt(imu, errors)
     dt = sample_intervals(imu)[:, None]
-    gyro_drift, gyro_noise = drift_and_noise(imu.time, dt, spec.gyro, np.random.default_rng(gyro_seed))
-    accel_drift, accel_noise = drift_and_noise(imu.time, dt, spec.accel, np.random.default_rng(accel_seed))
     # The noise of an instant is taken to be that of the mean: a sensor's bandwidth is about its rate.
     span = dt if imu.sampling == "increment" else 1.0
     since = (imu.time - imu.time[0])[:, None]
     rate, force = np.asarray(imu.gyro / span), np.asarray(imu.accel / span)
-    gyro_more = further_errors("gyro", spec.gyro, rate, force, since, constants)
-    accel_more = further_errors("accel", spec.accel, rate, force, since, constants)
-    gyro_drift += gyro_more + flicker(gyro_flicker, imu.time, noise_of(spec.gyro, "flicker"))
-    accel_drift += accel_more + flicker(accel_flicker, imu.time, noise_of(spec.accel, "flicker"))
-    if np.any(spec.gyro.vibration_rectification) or np.any(spec.accel.vibration_rectification):
-        shaking = local_variance(force, float(np.median(dt)))
-        gyro_drift += spec.gyro.vibration_rectification * shaking
-        accel_drift += spec.accel.vibration_rectification * shaking
-    gyro = wrong.gyro + (gyro_drift + gyro_noise) * span
-    accel = wrong.accel + (accel_drift + accel_noise) * span
-    gyro, accel = quantised(gyro, spec.gyro, dt, span), quantised(accel, spec.accel, dt, span)
-    wrong = replace(wrong, gyro=gyro, accel=accel)
-    gyro_bias, accel_bias = errors.gyro_bias + gyro_drift, errors.accel_bias + accel_drift
+    shown, drifts = [], []
+    for name, noise_seed, flicker_seed in zip(SENSORS, noises[:2], noises[2:], strict=True):
+        size: SensorSpec = getattr(spec, name)
+        drift, noise = drift_and_noise(imu.time, dt, size, np.random.default_rng(noise_seed))
+        flickering = flicker(flicker_seed, imu.time, noise_of(size, "flicker"))
+        drift += further_errors(name, size, rate, force, since, constants) + flickering
+        if np.any(size.vibration_rectification):
+            drift += size.vibration_rectification * local_variance(force, float(np.median(dt)))
+        shown.append(quantised(getattr(wrong, name) + (drift + noise) * span, size, dt, span))
+        drifts.append(drift)
+    wrong = replace(wrong, gyro=shown[0], accel=shown[1])
+    gyro_bias, accel_bias = errors.gyro_bias + drifts[0], errors.accel_bias + drifts[1]
     if spec.clock == ClockSpec():
         return ImuSimulation(wrong, errors, gyro_bias, accel_bias)
     imu, kept = timestamped(wrong, spec.clock, np.random.default_rng(clock))

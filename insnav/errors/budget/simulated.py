@@ -16,9 +16,9 @@ from insnav.attitude import quat_conjugate, quat_from_rotvec, quat_from_rph, qua
 from insnav.earth import lla_offset, ned_offset
 from insnav.engine import Workers, every
 from insnav.errors.budget.sampled_motion import SampledMotion
-from insnav.errors.budget.sources import SENSORS, STATES, Source
+from insnav.errors.budget.sources import STATES, Source
 from insnav.imu import ErrorTerms, ImuErrors, ImuSpec, InitialSpec, SensorSpec, sample_errors
-from insnav.imu.error_terms import TERMS, Process
+from insnav.imu.error_terms import SENSORS, TERMS, Process
 from insnav.imu.model import SAMPLED
 from insnav.imu.specification import noise_of, noise_of_both
 from insnav.kernels import error_propagation as _kernel

@@ -14,14 +14,13 @@ from typing import Literal
 import numpy as np
 
 from insnav.imu import ClockSpec, ImuSpec, InitialSpec, SensorSpec
-from insnav.imu.error_terms import ErrorTerm, Process, Sensor, terms_of
+from insnav.imu.error_terms import SENSORS, TERMS, ErrorTerm, Process, terms_of
 from insnav.types import FloatArray
 from insnav.units import G0
 
 Group = Literal["initial", "gyro", "accel", "gravity", "timing"]
 
 BODY, LOCAL = ("x", "y", "z"), ("north", "east", "down")
-SENSORS: tuple[Sensor, Sensor] = ("gyro", "accel")
 STATES = 21  # position, velocity, attitude, gyro bias, accelerometer bias, both scale factors
 _NAMES: tuple[tuple[Group, str, tuple[str, ...], int], ...] = (
     ("accel", "bias", BODY, 12),
@@ -135,7 +134,7 @@ def _of_term(term: ErrorTerm, sensor: SensorSpec) -> list[Source]:
 
 def term_of(family: str) -> ErrorTerm:
     """Error term of a sensor by the name of its family, such as ``gyro bias``; KeyError if there is none."""
-    return {term.family: term for sensor in SENSORS for term in terms_of(sensor)}[family]
+    return {term.family: term for term in TERMS}[family]
 
 
 def families(sources: tuple[Source, ...]) -> tuple[str, ...]:
@@ -158,7 +157,7 @@ def only(spec: ImuSpec, family: str) -> ImuSpec:
         return bare
     whole: SensorSpec = getattr(spec, group)
     key = term_of(family).key
-    left = replace(type(whole)(), **{key: getattr(whole, key), "correlation_time": whole.correlation_time})
+    left = SensorSpec(correlation_time=whole.correlation_time, **{key: getattr(whole, key)})
     return replace(bare, gyro=left) if group == "gyro" else replace(bare, accel=left)
 
 

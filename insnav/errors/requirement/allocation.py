@@ -11,11 +11,11 @@ from scipy.optimize import brentq
 
 from insnav.errors.budget.covariance import covariance
 from insnav.errors.budget.sampled_motion import SampledMotion
-from insnav.errors.budget.sources import SENSORS, families, sources_of, term_of
+from insnav.errors.budget.sources import families, sources_of, term_of
 from insnav.errors.requirement.limit import Requirement
 from insnav.exceptions import ConfigError
 from insnav.imu import ImuSpec, InitialSpec, SensorSpec
-from insnav.imu.error_terms import terms_of
+from insnav.imu.error_terms import SENSORS, terms_of
 from insnav.types import FloatArray
 from insnav.units import DEG, G0
 

@@ -9,11 +9,11 @@ from typing import Literal
 
 import numpy as np
 
-from insnav.errors.budget.sources import families, sources_of
+from insnav.errors.budget.sources import families, sources_of, term_of
 from insnav.errors.requirement.aided import Aiding, Propagation, error_curves
 from insnav.errors.requirement.limit import Requirement
 from insnav.imu import ImuSpec, load_imu
-from insnav.imu.error_terms import Sensor, terms_of
+from insnav.imu.error_terms import Sensor
 from insnav.imu.library import Part, completed
 from insnav.types import FloatArray
 from insnav.units import PPM, UG
@@ -154,7 +154,7 @@ def at_most(spec: ImuSpec, sensor: Sensor, sizes: dict[str, float]) -> ImuSpec:
     """Specification whose errors of a sensor are what a calibration leaves, where they were larger."""
     old = getattr(spec, sensor)
     new = replace(old, **{key: np.minimum(getattr(old, key), size) for key, size in sizes.items()})
-    return replace(spec, gyro=new) if sensor == "gyro" else replace(spec, accel=new)
+    return replace(spec, **{sensor: new})
 
 
 def at_constant_temperature(spec: ImuSpec, part: Part) -> ImuSpec | None:
@@ -175,7 +175,6 @@ def at_constant_temperature(spec: ImuSpec, part: Part) -> ImuSpec | None:
 
 def halved(spec: ImuSpec, family: str) -> ImuSpec:
     """Specification with one family of errors half as large."""
-    sensor, _, name = family.partition(" ")
-    key = next(term.key for term in terms_of("gyro" if sensor == "gyro" else "accel") if term.name == name)
-    old = getattr(spec, sensor)
-    return replace(spec, **{sensor: replace(old, **{key: 0.5 * getattr(old, key)})})
+    term = term_of(family)
+    old = getattr(spec, term.sensor)
+    return replace(spec, **{term.sensor: replace(old, **{term.key: 0.5 * getattr(old, term.key)})})

@@ -13,7 +13,7 @@ from insnav.errors.budget.simulated import free_runs
 from insnav.errors.requirement.allocation import last_sample
 from insnav.errors.requirement.limit import Requirement, binomial_interval
 from insnav.imu import ImuSpec, SensorSpec
-from insnav.imu.error_terms import terms_of
+from insnav.imu.error_terms import Sensor, terms_of
 
 LARGER = 1.25  # factor on the set that must not meet the requirement any more
 
@@ -36,8 +36,8 @@ class Verified:
 def scaled(spec: ImuSpec, factor: float) -> ImuSpec:
     """Make every error of a specification larger by a factor."""
 
-    def larger(sensor: SensorSpec, name: str) -> SensorSpec:
-        keys = [term.key for term in terms_of("gyro" if name == "gyro" else "accel") if term.in_budget]
+    def larger(sensor: SensorSpec, name: Sensor) -> SensorSpec:
+        keys = [term.key for term in terms_of(name) if term.in_budget]
         return replace(sensor, **{key: factor * getattr(sensor, key) for key in keys})
 
     start = spec.initial
