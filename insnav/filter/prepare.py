@@ -12,6 +12,7 @@ from insnav.alignment import align, stationary_of
 from insnav.alignment import in_motion as motion
 from insnav.alignment.align import LEVEL_SPAN
 from insnav.alignment.false_motion import away, without_false_motion
+from insnav.alignment.first_fixes import count_false_start
 from insnav.alignment.static import LONG_REST
 from insnav.exceptions import AlignmentError, InputError
 from insnav.filter.error_model import ErrorModel, InitialState, error_model, initial_state
@@ -108,6 +109,7 @@ class Prepared:
     def started(self, alignment: Alignment) -> Prepared:
         """The same recording with another alignment, at the time of its own."""
         good = _good(replace(self.gps, time=self.gps.time - self.settings.delay), self.settings.gates)
+        good = _without_false_start(good)
         until = int(np.searchsorted(self.imu.time, alignment.time + AFTER))
         parts = strapdown.intervals(self.imu.rows(slice(until)), self.nominal)
         initial = _at_fix(alignment, parts, good, self.model, self.settings)
@@ -177,6 +179,9 @@ def prepare(
     model = error_model(spec, states)
     nominal = strapdown.nominal_interval(imu.time)
     good = _good(replace(gps, time=gps.time - settings.delay), settings.gates) if start is None else gps
+    if start is None and (false := count_false_start(good)):
+        left_out = Finding.of(Code.ALIGN_FALSE_START, good.time[0], good.time[false], subject="gps", count=false)
+        good, notes = good.rows(slice(false, None)), (*notes, left_out)
 
     def aligned(some: ImuData, here: GpsData, *, first: bool) -> tuple[Alignment, InitialState]:
         """Initial state of a part of the record."""
@@ -280,7 +285,7 @@ def _parts(
 
 def first_stationary(imu: ImuData, gps: GpsData) -> tuple[float, float] | None:
     """First stationary interval of a recording, by IMU and GPS: start and end [s], or None."""
-    gps = _resting(imu, _good(with_sd(gps)[0], Gates()))
+    gps = _resting(imu, _without_false_start(_good(with_sd(gps)[0], Gates())))
     return stationary_of(strapdown.intervals(_first_part(imu, gps), strapdown.nominal_interval(imu.time)), gps)
 
 
@@ -324,13 +329,18 @@ def _noise_of_fixes(
 
 
 def _good(gps: GpsData, gates: Gates) -> GpsData:
-    """Fixes that pass the quality gate; a start is made from no others."""
+    """Return fixes that pass the quality gate; a start is made from no others."""
     keep = gps.position_sd.max(axis=1) <= gates.max_sd
     if gps.fix is not None:
         keep &= gps.fix != 0
     if not keep.any():
         raise AlignmentError("no GPS fix is good enough to start from", fix="check fix types and standard deviations")
     return gps.rows(keep)
+
+
+def _without_false_start(gps: GpsData) -> GpsData:
+    """Return fixes from the first one that agrees with those after it."""
+    return gps.rows(slice(count_false_start(gps), None))
 
 
 def _resting(imu: ImuData, gps: GpsData) -> GpsData:
