@@ -108,7 +108,7 @@ class Prepared:
 
     def started(self, alignment: Alignment) -> Prepared:
         """The same recording with another alignment, at the time of its own."""
-        good = _good(replace(self.gps, time=self.gps.time - self.settings.delay), self.settings.gates)
+        good = good_fixes(replace(self.gps, time=self.gps.time - self.settings.delay), self.settings.gates)
         good = _without_false_start(good)
         until = int(np.searchsorted(self.imu.time, alignment.time + AFTER))
         parts = strapdown.intervals(self.imu.rows(slice(until)), self.nominal)
@@ -178,7 +178,7 @@ def prepare(
     settings, found = _noise_of_fixes(imu, gps, settings, reported=reported)
     model = error_model(spec, states)
     nominal = strapdown.nominal_interval(imu.time)
-    good = _good(replace(gps, time=gps.time - settings.delay), settings.gates) if start is None else gps
+    good = good_fixes(replace(gps, time=gps.time - settings.delay), settings.gates) if start is None else gps
     if start is None and (false := count_false_start(good)):
         left_out = Finding.of(Code.ALIGN_FALSE_START, good.time[0], good.time[false], subject="gps", count=false)
         good, notes = good.rows(slice(false, None)), (*notes, left_out)
@@ -285,7 +285,7 @@ def _parts(
 
 def first_stationary(imu: ImuData, gps: GpsData) -> tuple[float, float] | None:
     """First stationary interval of a recording, by IMU and GPS: start and end [s], or None."""
-    gps = _resting(imu, _without_false_start(_good(with_sd(gps)[0], Gates())))
+    gps = _resting(imu, _without_false_start(good_fixes(with_sd(gps)[0], Gates())))
     return stationary_of(strapdown.intervals(_first_part(imu, gps), strapdown.nominal_interval(imu.time)), gps)
 
 
@@ -328,7 +328,7 @@ def _noise_of_fixes(
     return settings, notes
 
 
-def _good(gps: GpsData, gates: Gates) -> GpsData:
+def good_fixes(gps: GpsData, gates: Gates) -> GpsData:
     """Return fixes that pass the quality gate; a start is made from no others."""
     keep = gps.position_sd.max(axis=1) <= gates.max_sd
     if gps.fix is not None:

@@ -9,12 +9,11 @@ from scipy.ndimage import median_filter
 
 from insnav.exceptions import InputError
 from insnav.imu.model import per_sample
-from insnav.imu.noise_density import white_noise
+from insnav.imu.noise_density import resolution, white_noise
 from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray, ImuData
 
 AXES = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accel") for axis in "xyz")
-LEVELS = 0.1  # a sensor with fewer different values than that share of its samples is coarse
 SEGMENT = 4.0  # of the vibration spectrum [s]
 LOWEST = 5.0  # below are the vehicle's own motions [Hz]
 PROMINENT = 20.0  # power of a line against its neighbourhood
@@ -87,7 +86,7 @@ def inspect_samples(imu: ImuData, rest: tuple[float, float] | None, still: BoolA
             float(noise[i]),
             float(np.std(change[both, i]) / np.sqrt(2.0)) if both.any() else float("nan"),
             float(np.abs(values[:, i]).max()),
-            _resolution(raw[:, i]) / interval,
+            resolution(raw[:, i]) / interval,
             float(np.mean(change[:, i] == 0.0)),
         )
         for i, name in enumerate(AXES)
@@ -101,16 +100,6 @@ def inspect_samples(imu: ImuData, rest: tuple[float, float] | None, still: BoolA
         (0.0, float("nan")) if still is None else _gravity_step(imu.time, values[:, 3:], still),
         (0.0, float("nan")) if rest is None else _jolt(imu.time[inside], values[inside, 3:], usual),
     )
-
-
-def _resolution(column: FloatArray) -> float:
-    """Distance of neighbouring values, if there are few of them, else 0."""
-    some = column[: 1 << 16]
-    levels = np.unique(some)
-    if levels.size > LEVELS * some.size or levels.size < 3:
-        return 0.0
-    gaps = np.diff(levels)
-    return float(np.median(gaps[gaps > 1e-9 * np.abs(levels).max()]))
 
 
 def _peaks(force: FloatArray, rate: float) -> tuple[VibrationPeak, ...]:

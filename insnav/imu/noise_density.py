@@ -32,6 +32,8 @@ SLOW = 20.0, 0.1, 0.5
 PIECES = 64  # after so many memory is let go
 NYQUIST_PART = 0.8  # of the Nyquist frequency: nearer to it anti-aliasing filters lower the floor
 QUANTILE = 0.25
+LEVELS = 0.1  # different values of a coarse sensor, as a part of its samples
+LOOKED = 1 << 16  # samples of a record in which its steps show
 
 # Of presets almost as near as the nearest (within this factor) the least accurate is taken: noise alone
 # does not tell neighbouring grades apart, and too good a grade lets the filter trust biases that are not
@@ -49,7 +51,8 @@ def white_noise(
     """Estimate the white noise of the sensors from a static stretch.
 
     The 25 % quantile of the power spectral density over a band (0.5 to 10 Hz), divided by the same quantile of its
-    distribution for white noise (chi-square; P. D. Welch, IEEE Trans. Audio Electroacoust. AU-15 (1967) 70).
+    distribution for white noise (chi-square; P. D. Welch, IEEE Trans. Audio Electroacoust. AU-15 (1967) 70). At least
+    the noise of the resolution; see `resolution_noise`.
 
     `start`, `end`: the static stretch [s], both ends included, at least 4 s; `band`: `BAND` or `SLOW`. A density is
     known to 18 % from 4 s and to 5 % from 20 s (one standard deviation), with `SLOW` to 15 % from 60 s.
@@ -78,7 +81,8 @@ def white_noise(
             fix="give the IMU with --imu, a preset or a file",
         )
     density = np.sqrt(_floor(imu, rows, interval, length, (lowest, highest)))
-    return density[:3], density[3:]
+    gyro, accel = resolution_noise(imu)
+    return np.maximum(density[:3], gyro), np.maximum(density[3:], accel)
 
 
 def _rows(imu: ImuData, start: float, end: float) -> slice:
@@ -113,6 +117,29 @@ def _chi_square_quantile(probability: float, freedom: float) -> float:
     """Wilson and Hilferty's approximation (PNAS 17 (1931) 684), within 2 % from 2 degrees of freedom on."""
     spread = 2.0 / (9.0 * freedom)
     return freedom * (1.0 - spread + NormalDist().inv_cdf(probability) * math.sqrt(spread)) ** 3
+
+
+def resolution_noise(imu: ImuData) -> tuple[FloatArray, FloatArray]:
+    """Estimate the white noise that rounding makes of samples, (3,) each, as `white_noise`.
+
+    A rounding error is uniform over one step. Where the signal crosses steps it is white, and its variance in each
+    sample is step^2 / 12 (B. Widrow and I. Kollar, "Quantization Noise", Cambridge 2008, chapter 4). A sensor
+    that reads a constant at rest shows nothing of it there.
+    """
+    interval = float(np.median(np.diff(imu.time[: spill.ROWS])))
+    density = np.sqrt(interval / 12.0) / (interval if imu.sampling == "increment" else 1.0)
+    gyro, accel = (np.array([resolution(column) for column in each.T]) for each in (imu.gyro, imu.accel))
+    return density * gyro, density * accel
+
+
+def resolution(column: FloatArray) -> float:
+    """Return the distance of neighbouring values, if there are few of them, else 0."""
+    some = column[:: 1 + column.shape[0] // LOOKED]
+    levels = np.unique(some)
+    if levels.size > LEVELS * some.size or levels.size < 3:
+        return 0.0
+    gaps = np.diff(levels)
+    return float(np.median(gaps[gaps > 1e-9 * np.abs(levels).max()]))
 
 
 def nearest_preset(

@@ -6,7 +6,9 @@ from dataclasses import replace
 
 from insnav.exceptions import InputError
 from insnav.filter.frozen import UNUSABLE, without_frozen
+from insnav.filter.gates import Gates
 from insnav.filter.gps_noise import with_sd
+from insnav.filter.prepare import good_fixes
 from insnav.findings import Finding
 from insnav.steps import Model, Recording
 
@@ -18,7 +20,7 @@ def clean(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
 
     What changes slowly hides no motion: fixes without a standard deviation are as good as they scatter.
 
-    Raises: InputError: the rate of the samples is too low.
+    Raises: InputError: the rate of the samples is too low; AlignmentError: no fix is good enough.
     """
     facts = recording.imu.facts
     if facts.rate_hz < SLOWEST:
@@ -30,6 +32,9 @@ def clean(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
         )
     if recording.gps is None:
         return recording, model, ()
-    moving = without_frozen(with_sd(recording.gps.data)[0], recording.imu.data)[0]
+    fixes = with_sd(recording.gps.data)[0]
+    moving = without_frozen(fixes, recording.imu.data)[0]
     moving = moving.rows(moving.position_sd[:, 0] < UNUSABLE)
+    if moving.time.shape[0] == 0:
+        good_fixes(fixes, Gates())
     return replace(recording, fixes_by_scatter=moving), model, ()

@@ -13,7 +13,7 @@ import insnav
 from insnav.attitude import wrap_pi
 from insnav.errors.budget.from_windows import WindowSettings
 from insnav.errors.evaluated_run import EvaluatedRun
-from insnav.exceptions import InputError
+from insnav.exceptions import AlignmentError, InputError
 from insnav.findings import CORRELATED_POSITIONS, Code, Finding, of_code
 from insnav.fleet.recordings import find_drives
 from insnav.imu import load_imu
@@ -194,3 +194,11 @@ def test_a_long_straight_road_makes_neither_tilt_nor_heading_too_sure(grade, vel
     off = wrap_pi(at.rph - truth.evaluate(at.time).rph)
     assert np.mean(np.abs(off) < 3.0 * at.sd[:, 6:]) > 0.97
     assert np.sqrt(np.mean(off[:, 2] ** 2)) < 2.5 * DEG
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_fixes_that_are_all_too_poor_are_refused(given: bool):
+    made = insnav.simulate("city", imu="automotive", seed=51)
+    poor = replace(made.gps.data, position_sd=np.full_like(made.gps.data.lla, 1e6))
+    with pytest.raises(AlignmentError):
+        insnav.load(made.imu.data, poor, **({"imu_model": "automotive"} if given else {})).navigate()
