@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
-from insnav.cli import parse
+from insnav.cli import console, parse
 from insnav.cli.console import Stages, detail, note, quiet_figures
 from insnav.cli.options import FILES, argument, option
 from insnav.exceptions import OutputError
-from insnav.findings import Code
+from insnav.findings import Code, of_code
 from insnav.messages import sentence
 from insnav.steps.inputs import INPUTS, LOGS, Input, Inputs
 
@@ -58,6 +58,7 @@ class Data:
         assert self.imu is not None
         reading = read_samples(self.imu, self.inputs)
         say_reading(reading.facts)
+        note_assumed_unit(reading.facts)
         return reading
 
     def load(self, stage: Stages) -> Drive:
@@ -213,6 +214,13 @@ def say_reading(facts: ReadingFacts) -> None:
     columns = [f"columns: {renamed}; the others by their names"] if renamed else []
     new = (each for each in facts.evidence if each.code != Code.UNITS_STATED)
     detail(head, *columns, *map(sentence, new))
+
+
+def note_assumed_unit(facts: ReadingFacts) -> None:
+    """Print that the unit of the gyros is assumed, where no fixes can contradict it; `say_reading` does with -v."""
+    if console.level == 0:
+        for finding in of_code(facts.evidence, Code.UNITS_GYRO_ASSUMED):
+            console.note(sentence(finding))
 
 
 def _renamed(columns: Mapping[str, str]) -> str:

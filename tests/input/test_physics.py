@@ -252,3 +252,19 @@ def test_gyros_under_the_names_of_accelerometers_are_asked_for(tmp_path):
     with pytest.raises(InputError, match="gravity") as caught:
         read_imu(tmp_path / "imu.csv")
     assert "exchanged" in caught.value.fix
+
+
+@pytest.mark.parametrize(
+    ("bias", "unit", "code"), [(1.2, "deg/s", Code.UNITS_GYRO_STILL), (0.02, "rad/s", Code.UNITS_GYRO_ASSUMED)]
+)
+def test_a_rate_that_gravity_does_not_follow_is_a_bias_of_gyros_in_degrees(tmp_path, bias, unit, code):
+    """Gyros of a static record in deg/s without a unit were read in rad/s: all their noise was 57.3 times too large."""
+    rng, n = np.random.default_rng(4), 3000
+    gyro = np.array([0.4, -bias, 0.1]) + 0.04 * rng.standard_normal((n, 3))
+    gyro[:, 0] *= bias / 1.2
+    accel = np.array([0.05, -0.1, -9.8]) + 0.01 * rng.standard_normal((n, 3))
+    reading = read_imu(write(tmp_path / "a.csv", np.column_stack([np.arange(n) / 50.0, gyro, accel]), PLAIN))
+    (found,) = noted(reading, code)
+    assert found["unit"] == unit
+    size = DEG if unit == "deg/s" else 1.0
+    np.testing.assert_allclose(reading.data.gyro.std(axis=0)[1:], 0.04 * size, rtol=0.1)

@@ -14,6 +14,7 @@ from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
 from insnav.input.interpret.schema import ALL_UNITS
 from insnav.types import FloatArray
+from insnav.units import DEG
 
 _GRAVITY = 9.8  # [m/s^2]; on Earth 9.76 .. 9.83
 _GRAVITY_TOLERANCE = 0.05
@@ -34,6 +35,8 @@ _TURN_BLOCK = 0.2  # length over which rotation and gravity are compared [s]
 _MIN_CORRELATION = 0.15
 # changes of two gyros from sample to sample are alike within that factor, and those of one in deg/s differ by so much
 _LIKE, _OTHER = 8.0, 20.0
+# The zero-rate output of the MPU-6050 is within 20 deg/s (InvenSense, PS-MPU-6000A, rev. 3.4, section 6.1).
+LARGEST_BIAS = 20.0 * DEG  # [rad/s]
 _LEVEL = 0.8  # cosine of the angle within which an axis counts as vertical
 
 _ACCEL_UNITS = ("m/s^2", "g", "mg", "ug", "mm/s^2", "ft/s^2")
@@ -47,6 +50,9 @@ class Quiet:
 
     mean: FloatArray  # (m, 3) mean of each block, in units of the file
     rate: FloatArray  # (3,) larger turning rates than these are rare (1 in 1000), in units of the file
+    # medians over the blocks: rate about horizontal axes, in units of the file, and turn of the force [rad/s]
+    level_rate: float = 0.0
+    force_rate: float = 0.0
 
 
 def quiet_part(gyro: FloatArray, accel: FloatArray, *, interval: float, scale: float) -> Quiet:
@@ -62,7 +68,14 @@ def quiet_part(gyro: FloatArray, accel: FloatArray, *, interval: float, scale: f
     away = blocks - mean[:, None]
     shake = np.sqrt(np.einsum("ijk,ijk->ik", away, away) / width).sum(axis=1)
     sample = np.abs(spill.every(gyro, -(-len(gyro) // _MAX_SAMPLES)))
-    return Quiet(mean[shake <= np.median(shake)] * scale, np.quantile(sample, 0.999, axis=0) * scale)
+    still = shake <= np.median(shake)
+    along = mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-300)
+    turns = np.einsum("ijk->ik", spill.every(gyro[: n * width].reshape(n, width, 3), step)) / width
+    level = np.linalg.norm(np.cross(turns, along), axis=1)[still] * scale
+    turned = np.linalg.norm(np.diff(along, axis=0), axis=1) / (step * width * interval)
+    both = still[1:] & still[:-1]
+    seen = (float(np.median(level)), float(np.median(turned[both]))) if both.any() else (0.0, 0.0)
+    return Quiet(mean[still] * scale, np.quantile(sample, 0.999, axis=0) * scale, *seen)
 
 
 def find_accel_unit(
@@ -186,7 +199,7 @@ def find_gyro_unit(
     usual = ("rad", "deg") if increments else ("rad/s", "deg/s", "mrad/s", "mdeg/s")  # far apart, by 17 and more
     fastest = float(quiet.rate.max())
     shown, why = None, ""
-    finding = Finding.of(Code.UNITS_GYRO_ASSUMED, largest=fastest, unit=usual[0])
+    finding = Finding.of(Code.UNITS_GYRO_ASSUMED, largest=fastest, unit=usual[0], other=usual[1], factor=1.0 / DEG)
     if stated is not None:
         finding = stated_unit("gyros", stated)
     if correlation:
@@ -205,6 +218,13 @@ def find_gyro_unit(
             finding = Finding.of(Code.UNITS_GYRO_WRONG_WAY, correlation=correlation, unit=shown)
         elif stated is None:
             finding = Finding.of(Code.UNITS_GYRO_BY_RATE, largest=fastest, tried=tried, unit=shown)
+    if stated is None and shown is None:
+        # a rate about a horizontal axis turns the specific force, and is a bias where that stays
+        biases = {unit: quiet.level_rate * ALL_UNITS[unit][1] - quiet.force_rate for unit in usual}
+        likely = next((unit for unit in usual if biases[unit] < LARGEST_BIAS), usual[-1])
+        if likely != usual[0]:
+            rate, shown = quiet.level_rate * ALL_UNITS[usual[0]][1], likely
+            finding = Finding.of(Code.UNITS_GYRO_STILL, rate_rad_s=rate, tried=usual[0], unit=likely)
     if stated is not None and shown not in (None, stated):
         if odd:
             raise one_gyro(odd, f"{why}, and the noise of this one is that of another unit than the others'", where)
