@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from insnav.session.bench import allan, calibrate, drift
     from insnav.session.comparison import compare
     from insnav.session.drive import Drive, load
+    from insnav.session.imus import imus
     from insnav.session.requirement import require
     from insnav.session.simulation import simulate
     from insnav.strapdown import increments, intervals, navigate
@@ -70,6 +71,7 @@ _NAMES = {
     "insnav.session.bench": "allan calibrate drift",
     "insnav.session.comparison": "compare",
     "insnav.session.drive": "Drive load",
+    "insnav.session.imus": "imus",
     "insnav.session.requirement": "require",
     "insnav.strapdown": "increments intervals navigate",
     "insnav.types": "GpsData ImuData Increments Run Trajectory",
@@ -90,6 +92,7 @@ __all__ = [
     "calibrate",
     "compare",
     "drift",
+    "imus",
     "increments",
     "intervals",
     "load",

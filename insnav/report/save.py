@@ -2,13 +2,14 @@
 
 A kind of result is a room of this package, found by its name: ``insnav.report.<kind>.page`` has ``page(result)``,
 which gives its `Page`, and ``frame(result)`` for its main table; where there is more, ``write_files(result, folder,
-table_format)`` for other files, ``text(result)`` for the terminal, ``read_found(folder)`` to read it again; and
-``BENCH_FILES`` where ``input`` in ``run.json`` lists files of the bench, which what was found has too.
+table_format)`` for other files, and ``text(result)`` for the terminal. What was found is stored as it is, unless the
+room has ``read_found(folder)`` to read it from its other files. ``BENCH_FILES``: ``input`` in ``run.json`` lists files
+of the bench, which what was found has too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -17,12 +18,13 @@ from typing import Any, Literal, cast
 
 from insnav.exceptions import ConfigError, InputError, writing
 from insnav.findings import MODEL_CHOICES, Code, Finding, Severity, is_shown, of_code
-from insnav.imu.imu_file import load_imu
+from insnav.imu.imu_file import load_imu, to_toml
 from insnav.input.readers.reading import ReadingFacts
 from insnav.messages import render
 from insnav.output.contents import FACTS_FILE
 from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_events
+from insnav.output.stored import FILE, read_stored, store
 from insnav.plain_text import NOT_UTF8
 from insnav.report.page import DataFrame, Figure, FigureSpec, Page
 from insnav.report.provenance import provenance
@@ -30,12 +32,13 @@ from insnav.report.run_json import SCHEMA, json_ready, page_facts, versions
 from insnav.report.terminal import page_text
 from insnav.result import Result
 
+_IMU = "imu.toml"
 FigureFiles = Literal["page", "png", "svg", "none"]
 
 
 def page_of(result: Result[Any]) -> Page:
     """Lay out a result."""
-    page = cast(Page, _of_room(result.kind, "page")(result))
+    page = cast(Page, _room(result.kind).page(result))
     return replace(
         page,
         sections=(*page.sections, *provenance(result)),
@@ -45,7 +48,7 @@ def page_of(result: Result[Any]) -> Page:
 
 def frame(result: Result[Any]) -> DataFrame:
     """Give the main table of a result."""
-    return cast(DataFrame, _of_room(result.kind, "frame")(result))
+    return cast(DataFrame, _room(result.kind).frame(result))
 
 
 def text_of(result: Result[Any]) -> str:
@@ -56,15 +59,6 @@ def text_of(result: Result[Any]) -> str:
 
 def _room(kind: str) -> ModuleType:
     return import_module(f"insnav.report.{kind}.page")
-
-
-def _of_room(kind: str, name: str) -> Callable[..., Any]:
-    """Function of the report room of a kind of result."""
-    room = _room(kind)
-    if not hasattr(room, name):
-        fix = "runs, outage tests, budgets and results of the laboratory can; make it again"
-        raise ConfigError(f"a result of kind {kind} cannot be read again", fix=fix)
-    return cast("Callable[..., Any]", getattr(room, name))
 
 
 def figure(result: Result[Any], name: str) -> Figure:
@@ -90,6 +84,10 @@ def save_result(
     `folder`: entered, not committed; `figures`: see `write_page`; `table_format` {"csv", "parquet"}.
     """
     room = _room(result.kind)
+    if not hasattr(room, "read_found"):
+        store(result.found, folder.path(FILE))
+    if result.imu_model is not None:
+        folder.path(_IMU).write_text(to_toml(result.imu_model[0]), encoding="utf-8", newline="\n")
     if hasattr(room, "write_files"):
         room.write_files(result, folder, table_format)
     return write_page(folder, result.page(), {"kind": result.kind}, figures=figures)
@@ -133,8 +131,8 @@ def open_folder(folder: Path) -> Result[Any]:
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         fix = "make the run again"
         raise InputError("run.json is damaged", where=str(folder / FACTS_FILE), why=str(error), fix=fix) from error
-    found = _of_room(kind, "read_found")(folder)
-    file, model = folder / "imu.toml", facts.get("imu_model")
+    found = getattr(_room(kind), "read_found", read_stored)(folder)
+    file, model = folder / _IMU, facts.get("imu_model")
     *_, chosen = (None, *of_code(stored, *MODEL_CHOICES))  # what was chosen first may be the prior of an estimate
     if isinstance(model, dict) and model and chosen is None:
         chosen = Finding.of(Code.STORED_TEXT, text=str(model.get("chosen", "")))

@@ -1,0 +1,35 @@
+"""Real IMUs by name, the same for the command line and a notebook."""
+
+from __future__ import annotations
+
+from insnav.exceptions import ConfigError
+from insnav.imu.library import Part, close_names, find_part, parts
+from insnav.result import Result
+
+
+def imus(name: str | None = None) -> Result[tuple[Part, ...]]:
+    """List real IMUs, or show one with the documents of its figures.
+
+    Parameters
+    ----------
+    name : str, optional
+        A part, in any spelling of case and hyphens; by default all.
+
+    Returns
+    -------
+    Result of tuple of Part
+
+    Raises
+    ------
+    ConfigError
+        There is no such part.
+
+    Examples
+    --------
+    >>> imus("stim 300").found[0].maker
+    'Safran Sensing Technologies'
+    """
+    part = None if name is None else find_part(name)
+    if name is not None and part is None:
+        raise ConfigError(f"{name[:200]!r} is no part", where="PART", fix=f"known: {close_names(name)}")
+    return Result("imus", parts() if part is None else (part,), options={"name": name})
