@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from insnav.exceptions import InsnavError
     from insnav.filter import FilterSettings
     from insnav.filter.navigate import navigate_recording
+    from insnav.fleet.tuning import tune
     from insnav.imu import load_imu
     from insnav.input import read_gps, read_imu, read_reference
     from insnav.result import Result, open_result
@@ -65,6 +66,7 @@ _NAMES = {
     "insnav.exceptions": "InsnavError",
     "insnav.filter": "FilterSettings",
     "insnav.filter.navigate": "navigate_recording",
+    "insnav.fleet.tuning": "tune",
     "insnav.imu": "load_imu",
     "insnav.input": "read_gps read_imu read_reference",
     "insnav.result": "Result open_result",
@@ -106,6 +108,7 @@ __all__ = [
     "read_reference",
     "require",
     "simulate",
+    "tune",
 ]
 
 

@@ -49,8 +49,8 @@ def batch(
         stage("finding")
         from insnav.fleet.batch import batch as navigated
         from insnav.fleet.batch import check_folder, moved_aside
-        from insnav.fleet.page import write_fleet
         from insnav.fleet.recordings import find_drives
+        from insnav.report.fleet.page import write_fleet
 
         quiet_figures()
         folder = out.resolve()
@@ -84,7 +84,7 @@ def batch(
 
 def _narrow(table: Section, width: int) -> Section:
     """Columns of a fleet that matter, in so many characters."""
-    from insnav.fleet.page import told
+    from insnav.report.fleet.page import told
     from insnav.report.page import section_tables
     from insnav.report.terminal import table_text
 

@@ -27,10 +27,10 @@ _Parts = dict[str, Path]  # file of each part
 _Roles = Mapping[Path, str | Finding]  # what each file is: ``imu``, ``gps``, ``ref``, ``both``; else why it is none
 
 
-def find_drives(folder: Path, without: Path, workers: Workers) -> tuple[list[Drive], list[Finding]]:
+def find_drives(folder: Path, without: Path | None, workers: Workers) -> tuple[list[Drive], list[Finding]]:
     """Recordings in a folder and those in it, by what insnav recognises; results of insnav are left out.
 
-    `without`: a folder not to look into.
+    `without`: a folder not to look into, if any.
     Returns: the drives, named by their place; and what was left out, with the file as its subject.
     Raises: InputError: the folder cannot be read, or holds no recording.
     """
@@ -39,7 +39,7 @@ def find_drives(folder: Path, without: Path, workers: Workers) -> tuple[list[Dri
         raise InputError("there are no drives here", where=str(folder), why=why, fix=_FIX)
     drives: list[Drive] = []
     left: list[Finding] = []
-    places = list(_places(folder.resolve(), without.resolve(), left))
+    places = list(_places(folder.resolve(), without and without.resolve(), left))
     names: Counter[str] = Counter()
     engine = workers if sum(map(len, places)) > _MANY else 1  # processes take seconds to begin
     for place, roles in zip(places, each(_roles, places, engine), strict=True):
@@ -73,7 +73,7 @@ def _left_out(path: Path, role: str | Finding) -> Finding:
     return Finding.of(_SPARE[role], subject=str(path)) if isinstance(role, str) else role
 
 
-def _places(folder: Path, without: Path, left: list[Finding]) -> Iterator[list[Path]]:
+def _places(folder: Path, without: Path | None, left: list[Finding]) -> Iterator[list[Path]]:
     """Files of every folder, or itself if it is one recording; `left` gets those that cannot be read."""
     seen: set[Path] = set()  # links lead to folders, too, and in circles
 

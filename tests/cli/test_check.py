@@ -13,12 +13,12 @@ from insnav.alignment.clock_offset import ClockOffset
 from insnav.exceptions import InputError
 from insnav.findings import Code, of_code
 from insnav.fleet.recordings import find_drives
+from insnav.fleet.tuning import tune
 from insnav.input.readers.kinds import open_parts
 from insnav.messages import sentence
 from insnav.report.check.page import page
 from insnav.report.terminal import page_text
 from insnav.session.check import check
-from insnav.session.tuning import tune
 from tests.input.spellings.recorded import GPS_HEADERS, IMU_HEADERS, fixes, samples, table
 
 
@@ -82,7 +82,7 @@ def test_a_folder_of_any_names_is_read_by_what_its_files_hold(tmp_path):
     gps.unlink()
     (drive,), _ = find_drives(tmp_path, tmp_path / "fleet", 1)
     with pytest.raises(InputError, match="no fixes were found for the samples") as error:
-        tune([drive.files()])
+        tune(drive.files())
     assert "--gps" not in str(error.value)
 
 

@@ -8,8 +8,8 @@ import pytest
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
 from insnav.fleet.batch import Navigated
-from insnav.fleet.page import OUTLIER, fleet_page, modified_z, rows_of, vehicle_noise
 from insnav.messages import render, sentence
+from insnav.report.fleet.page import OUTLIER, fleet_page, modified_z, rows_of, vehicle_noise
 
 HALF = 1.3  # factor of the ends of the intervals
 FALSE = Finding.of(Code.RUN_MANY_REJECTED, subject="gps", share=0.2)
