@@ -53,8 +53,9 @@ if TYPE_CHECKING:
     from insnav.input import read_gps, read_imu, read_reference
     from insnav.result import Result, open_result
     from insnav.session.bench import allan, calibrate, drift
+    from insnav.session.check import check
     from insnav.session.comparison import compare
-    from insnav.session.drive import Drive, load
+    from insnav.session.drive import Drive, align, load
     from insnav.session.imus import imus
     from insnav.session.requirement import require
     from insnav.session.simulation import simulate
@@ -71,8 +72,9 @@ _NAMES = {
     "insnav.input": "read_gps read_imu read_reference",
     "insnav.result": "Result open_result",
     "insnav.session.bench": "allan calibrate drift",
+    "insnav.session.check": "check",
     "insnav.session.comparison": "compare",
-    "insnav.session.drive": "Drive load",
+    "insnav.session.drive": "Drive align load",
     "insnav.session.imus": "imus",
     "insnav.session.requirement": "require",
     "insnav.strapdown": "increments intervals navigate",
@@ -90,8 +92,10 @@ __all__ = [
     "Result",
     "Run",
     "Trajectory",
+    "align",
     "allan",
     "calibrate",
+    "check",
     "compare",
     "drift",
     "imus",

@@ -52,7 +52,6 @@ def compare(
 
         result(json.dumps(json_ready(found.rows()), indent=1, ensure_ascii=False))
     else:
-        from insnav.messages import sentence
-        from insnav.report.comparison.page import comparison_lines
+        from insnav.report.save import text_of
 
-        result("\n".join([*comparison_lines(found), *map(sentence, outcome.findings)]))
+        result(text_of(outcome))

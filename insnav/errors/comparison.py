@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
 from itertools import chain, count
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +15,8 @@ from insnav.exceptions import InputError
 from insnav.types import FloatArray, Trajectory
 
 
-class Solution(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Solution:
     """One solution of one run."""
 
     run: str  # name of the run
@@ -24,7 +25,8 @@ class Solution(NamedTuple):
     lever_b: FloatArray  # (3,) its antenna seen from the IMU, body axes [m]
 
 
-class Compared(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Compared:
     """Errors of one solution of one run."""
 
     run: str  # name of the run
@@ -58,10 +60,10 @@ class Comparison:
     def named(self) -> dict[str, TrajectoryErrors]:
         """Errors of each solution under a name of its own."""
         named: dict[str, TrajectoryErrors] = {}
-        for run, solution, errors in self.compared:
-            name = f"{run}-smoothed" if solution == "smoothed" else run
+        for each in self.compared:
+            name = f"{each.run}-smoothed" if each.solution == "smoothed" else each.run
             numbered = chain([name], (f"{name}-{number}" for number in count(2)))
-            named[next(each for each in numbered if each not in named and each != "reference")] = errors
+            named[next(new for new in numbered if new not in named and new != "reference")] = each.errors
         return named
 
 

@@ -90,6 +90,29 @@ def load(
     return drive_of(read(imu, gps, ref, inputs))
 
 
+def align(imu: Given | ImuData, gps: Given | GpsData | None = None, **inputs: Unpack[Inputs]) -> Result[FineAlignment]:
+    """Align a static record; see `load` for what is given, and `Drive.align`.
+
+    Parameters
+    ----------
+    imu : path, data frame, arrays or ImuData
+        Samples.
+    gps : path, data frame, arrays or GpsData, optional
+        Fixes, for the latitude.
+    **inputs
+        As for `load`; ``lat`` and ``height`` instead of fixes.
+
+    Returns
+    -------
+    Result of FineAlignment
+
+    Examples
+    --------
+    >>> insnav.align("static.csv", lat=np.radians(48.1)).save("alignment")  # doctest: +SKIP
+    """
+    return load(imu, gps, **inputs).align()
+
+
 def drive_of(recording: Recording) -> Drive:
     """Check that files belong together, and choose what was not given.
 

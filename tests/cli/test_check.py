@@ -94,7 +94,7 @@ def test_a_folder_that_may_not_be_looked_into_is_no_recording(tmp_path, monkeypa
 
 
 def test_clocks_that_differ_are_spoken_of_only_where_they_do(tmp_path):
-    readings = replace(check([table(tmp_path / "a.csv", samples(IMU_HEADERS))], {}), findings=())
+    readings = replace(check(table(tmp_path / "a.csv", samples(IMU_HEADERS))), findings=())
     for offset, said in ((None, False), (0.002, False), (0.2, True)):
         both = None if offset is None else ClockOffset(offset, 0.025, 0.9, 0.9, 300.0)
         arm = replace(readings.found, offset=both, mounting=Mounting(np.eye(3), 0.1, 9, 0.0, (1, 1, 1), False))
@@ -110,7 +110,7 @@ def test_times_in_what_is_to_be_mended_are_from_the_start(cli, tmp_path):
     later = [f"{float(time) + 5000.0:.3f},{rest}" for time, _, rest in (row.partition(",") for row in rows)]
     imu.write_text("\n".join([head, *later]))
     shown = cli("check", imu).out
-    result = check([imu], {})
+    result = check(imu)
     (spike,) = of_code(result.found.problems, Code.CHECK_SPIKES)
     assert spike["count"] == 1
     at = spike.begin - result.inputs["imu"].start_s
