@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from insnav.fleet.tuning import tune
     from insnav.imu import load_imu
     from insnav.input import read_gps, read_imu, read_reference
+    from insnav.regression.regress import regress
     from insnav.result import Result, open_result
     from insnav.session.bench import allan, calibrate, drift
     from insnav.session.check import check
@@ -70,6 +71,7 @@ _NAMES = {
     "insnav.fleet.tuning": "tune",
     "insnav.imu": "load_imu",
     "insnav.input": "read_gps read_imu read_reference",
+    "insnav.regression.regress": "regress",
     "insnav.result": "Result open_result",
     "insnav.session.bench": "allan calibrate drift",
     "insnav.session.check": "check",
@@ -110,6 +112,7 @@ __all__ = [
     "read_gps",
     "read_imu",
     "read_reference",
+    "regress",
     "require",
     "simulate",
     "tune",

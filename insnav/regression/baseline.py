@@ -15,7 +15,7 @@ from insnav.output.folder import write_text
 from insnav.regression.accuracy_metrics import BY_KEY
 from insnav.regression.evaluate import NOTHING
 from insnav.regression.provenance import Origin
-from insnav.regression.run_corpus import CaseResult, Result
+from insnav.regression.run_corpus import Accuracy, CaseResult
 from insnav.types import FloatArray
 
 BASELINE_FILE = "baseline.json"
@@ -31,7 +31,7 @@ class Baseline:
     cases: dict[str, CaseResult]  # without spreads, reasons of failures and digests of files
 
 
-def renewed(old: Baseline | None, result: Result, origin: Origin) -> Baseline:
+def renewed(old: Baseline | None, result: Accuracy, origin: Origin) -> Baseline:
     """Make a baseline of a result; cases that were skipped stay as they were."""
     kept = {} if old is None else {name: case for name, case in old.cases.items() if name in result.skipped}
     made = {name: case for name, case in result.cases.items() if case.measured.values}

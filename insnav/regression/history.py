@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from insnav.regression.accuracy_metrics import BY_KEY, METRICS
 from insnav.regression.baseline import kept_text, short
 from insnav.regression.paired_tests import interval
 from insnav.regression.provenance import Origin
-from insnav.regression.run_corpus import Result
+from insnav.regression.run_corpus import Accuracy
 from insnav.regression.verdict import Comparison, Verdict
 
 HISTORY_FILE = "history.jsonl"
@@ -37,7 +38,7 @@ class Entry:
     verdicts: dict[str, dict[str, Verdict]]
 
 
-def entry(result: Result, comparison: Comparison | None, origin: Origin) -> Entry:
+def entry(result: Accuracy, comparison: Comparison | None, origin: Origin) -> Entry:
     """Sum up a run of the whole corpus."""
     metrics = {
         name: {key: interval(value, BY_KEY[key], pieces=case.pieces) for key, value in case.measured.values.items()}
@@ -74,7 +75,7 @@ def read_history(path: Path) -> list[Entry]:
     return found
 
 
-def with_entry(history: list[Entry], new: Entry) -> list[Entry]:
+def with_entry(history: Sequence[Entry], new: Entry) -> list[Entry]:
     """Add a version at the end, or in the place of the same version and commit."""
     mark = (new.origin.version, new.origin.commit)
     marks = [(each.origin.version, each.origin.commit) for each in history]
@@ -83,7 +84,7 @@ def with_entry(history: list[Entry], new: Entry) -> list[Entry]:
     return [new if here == mark else each for here, each in zip(marks, history, strict=True)]
 
 
-def write_history(path: Path, history: list[Entry]) -> None:
+def write_history(path: Path, history: Sequence[Entry]) -> None:
     """Write all versions, one a line.
 
     Raises: OutputError: it cannot be written.
