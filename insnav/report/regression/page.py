@@ -157,7 +157,7 @@ def _drawings(found: Regression) -> tuple[Section, ...]:
         title = f"{BY_KEY[key].label}{unit}: {len(history)} versions, {history[-1].origin.version} the last"
         lines = panels.history_panels(history, baseline, BY_KEY[key])
         over_versions.append(drawn(f"accuracy_{key}", title, lines, note, columns=panels.COLUMNS))
-    growth = panels.growth_panels(cases, baseline)
+    growth, title = panels.growth_panels(cases, baseline), "Horizontal error without GPS, now and in the baseline"
     note = "RMS over all windows of all drives of a case; other aiding (NHC, ZUPT) is used where found"
     points = "points: RMS over the drives of a case in an eighth of their time; above the grey line: over-confident"
     return (
@@ -208,7 +208,8 @@ def _verdict(found: Regression) -> Verdict:
     if comparison is None or baseline is None:
         return Verdict("unknown", "there is no baseline", "Nothing to compare with: --update-baseline makes one.")
     text = verdict_text(comparison, baseline.origin)
-    outcome = f"{text[0].upper()}{text[1:]}; of {panels.unclear_changes(comparison)} it cannot be told whether they changed by 5 %."
+    unclear = panels.unclear_changes(comparison)
+    outcome = f"{text[0].upper()}{text[1:]}; of {unclear} it cannot be told whether they changed by 5 %."
     if not comparison.passed:
         return Verdict("bad", f"{len(comparison.failing) + len(comparison.broken)} figures or cases fail", outcome)
     if comparison.apart:
