@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from insnav.findings import Code, Severity, of_families
+from insnav.messages import sentence
 from insnav.output.folder import read_facts, verify_folder
 from insnav.units import DEG
 from tests.cli.conftest import QUICK, Cli, findings_of, says
@@ -184,6 +185,7 @@ def test_what_heights_are_is_passed_on(drive: Path, cli: Cli, options: tuple[str
     assert how.code is code
     assert not how.get("column")  # it is given, or assumed
     assert (how.severity is Severity.ASSUMPTION) == (not options)
+    assert ("as given with --gps-height" in sentence(how)) == bool(options)
     assert says(shown.err, how)
 
 
