@@ -37,9 +37,10 @@ def check(
         if where is not None:
             result_facts(where)
         else:
-            from insnav.report.run_json import page_facts, versions
+            from insnav.report.run_json import versions
+            from insnav.report.save import facts_of
 
-            result(json.dumps({"kind": "check", "versions": versions(), **page_facts(found.page())}, indent=2))
+            result(json.dumps({"kind": "check", "versions": versions(), **facts_of(found)}, indent=2))
     else:
         result(text_of(found))
     if not found.found.runs_as_given:

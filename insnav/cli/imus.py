@@ -14,10 +14,8 @@ def imus(
     as_json: Annotated[bool, flag(RESULT, "--json", "Print JSON.")] = False,
 ) -> None:
     """List real IMUs, or show one."""
-    from insnav.report.imus.page import page
-    from insnav.report.run_json import page_facts
-    from insnav.report.terminal import page_text
+    from insnav.report.save import facts_of, text_of
     from insnav.session.imus import imus as listed
 
-    shown = page(listed(name))
-    result(json.dumps(page_facts(shown), indent=2, ensure_ascii=False) if as_json else page_text(shown))
+    found = listed(name)
+    result(json.dumps(facts_of(found), indent=2, ensure_ascii=False) if as_json else text_of(found))

@@ -78,9 +78,9 @@ def regress(
             write_baseline(folder / BASELINE_FILE, renewed(found.baseline, found.accuracy, found.origin))
             note(f"baseline: {folder / BASELINE_FILE}")
     if as_json:
-        from insnav.report.run_json import page_facts
+        from insnav.report.save import facts_of
 
-        result(json.dumps(page_facts(room.page(outcome)), indent=1, ensure_ascii=False))
+        result(json.dumps(facts_of(outcome), indent=1, ensure_ascii=False))
     else:
         result(room.text(outcome))
     if found.comparison is not None and not found.comparison.passed and not update_baseline:

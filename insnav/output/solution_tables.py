@@ -78,7 +78,7 @@ def write_run_table(folder: Path, data: Tabular, file_format: TableFormat = "csv
 
 
 def write_events(folder: Path, findings: Sequence[Finding]) -> Path:
-    """Write ``events.csv``: every finding that has a time, one a row; text is safe to open in a spreadsheet.
+    """Write ``events.csv``: every finding that has a time, one a row; English text, safe to open in a spreadsheet.
 
     ``value`` and ``limit`` are the number that decided and its limit in SI, ``values`` all numbers as JSON.
     """
@@ -88,7 +88,7 @@ def write_events(folder: Path, findings: Sequence[Finding]) -> Path:
         key: rounded(key, np.array([getattr(each, name) for each in timed], dtype=np.float64), _DECIMALS)
         for key, name in numbers.items()
     }
-    messages = [render(each) for each in timed]
+    messages = [render(each, "en") for each in timed]
     texts = {
         "code": [each.code.value for each in timed],
         "severity": [each.severity.name.lower() for each in timed],

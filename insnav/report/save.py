@@ -20,7 +20,7 @@ from insnav.exceptions import ConfigError, InputError, writing
 from insnav.findings import MODEL_CHOICES, Code, Finding, Severity, is_shown, of_code
 from insnav.imu.imu_file import load_imu, to_toml
 from insnav.input.readers.reading import ReadingFacts
-from insnav.messages import render
+from insnav.messages import language, render, speaking
 from insnav.output.contents import FACTS_FILE
 from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_events
@@ -89,8 +89,17 @@ def save_result(
     if result.imu_model is not None:
         folder.path(_IMU).write_text(to_toml(result.imu_model[0]), encoding="utf-8", newline="\n")
     if hasattr(room, "write_files"):
-        room.write_files(result, folder, table_format)
-    return write_page(folder, result.page(), {"kind": result.kind}, figures=figures)
+        with speaking("en"):
+            room.write_files(result, folder, table_format)
+    return write_page(folder, result.page(), {"kind": result.kind}, figures=figures, facts=facts_of(result))
+
+
+def facts_of(result: Result[Any]) -> dict[str, Any]:
+    """Give what ``run.json`` has of a result, in English whatever the language of its page."""
+    if language() == "en":
+        return page_facts(result.page())
+    with speaking("en"):
+        return page_facts(page_of(result))
 
 
 def write_result_pdf(result: Result[Any], file: Path) -> None:
@@ -161,13 +170,14 @@ def write_page(
     metadata: Mapping[str, Any] | None = None,
     texts: Mapping[str, str] | None = None,
     figures: FigureFiles = "png",
+    facts: Mapping[str, Any] | None = None,
 ) -> Path:
     """Write figures, page, JSON and text files into a folder and put it in its place.
 
     `folder`: entered, not committed; `page`: content of ``report.html``, ``figures`` and ``run.json``; `metadata`: what
     stands first in ``run.json``: command, input, options; `texts`: further files: name to content, such as
     ``calibration.toml``; `figures` {"page", "png", "svg", "none"}: files of those figures that the page embeds, files
-    of all of them, or neither figures nor page.
+    of all of them, or neither figures nor page; `facts`: content of ``run.json`` instead of that of the page.
     Raises: ConfigError: two figures of one name; OutputError: the folder cannot be written.
     """
     names = [figure.name for figure in page.figures]
@@ -181,7 +191,8 @@ def write_page(
         files = _drawn(folder, page.embedded if figures == "page" else page.figures, figures)
         html = page_html(page, {each.name: files[each.name] for each in page.embedded})
         folder.path("report.html").write_text(html, encoding="utf-8", newline="\n")
-    return folder.commit({"schema": SCHEMA, "versions": versions(), **json_ready(metadata or {}), **page_facts(page)})
+    known = {"schema": SCHEMA, "versions": versions(), **json_ready(metadata or {})}
+    return folder.commit({**known, **(page_facts(page) if facts is None else facts)})
 
 
 def _drawn(folder: RunFolder, figures: Sequence[FigureSpec], file_format: FigureFiles) -> dict[str, Path]:

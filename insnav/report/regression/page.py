@@ -199,7 +199,7 @@ def _failing(change: Change) -> Finding:
 
 
 def _sentences(findings: Mapping[str, Finding]) -> dict[str, str]:
-    return {name: sentence(each, "en") for name, each in findings.items()}
+    return {name: sentence(each) for name, each in findings.items()}
 
 
 def _verdict(found: Regression) -> Verdict:
