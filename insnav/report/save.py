@@ -1,10 +1,9 @@
 """A result into a folder and back: tables, figures, page, ``run.json``.
 
 A kind of result is a room of this package, found by its name: ``insnav.report.<kind>.page`` has ``page(result)``,
-which gives its `Page`, and ``frame(result)`` for its main table; where there is more, ``write_files(result, folder,
-table_format)`` for other files, and ``text(result)`` for the terminal. What was found is stored as it is, unless the
-room has ``read_found(folder)`` to read it from its other files. ``BENCH_FILES``: ``input`` in ``run.json`` lists files
-of the bench, which what was found has too.
+which gives its `Page`, and ``frame(result)`` for its main table. Where there is more, it has ``texts(result)``, text
+files by name, ``write_files(result, folder, table_format)`` for other files, and ``text(result)`` for the terminal. A
+result is stored whole and read again, unless its room has ``read_found(folder)``, which reads these files.
 """
 
 from __future__ import annotations
@@ -18,13 +17,14 @@ from typing import Any, Literal, cast
 
 from insnav.exceptions import ConfigError, InputError, writing
 from insnav.findings import MODEL_CHOICES, Code, Finding, Severity, is_shown, of_code
-from insnav.imu.imu_file import load_imu, to_toml
+from insnav.imu.imu_file import load_imu
 from insnav.input.readers.reading import ReadingFacts
 from insnav.messages import language, render, speaking
 from insnav.output.contents import FACTS_FILE
 from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_events
-from insnav.output.stored import FILE, read_stored, store
+from insnav.output.stored import FILE as STORED_FILE
+from insnav.output.stored import read_stored, store
 from insnav.plain_text import NOT_UTF8
 from insnav.report.page import DataFrame, Figure, FigureSpec, Page
 from insnav.report.provenance import provenance
@@ -32,7 +32,6 @@ from insnav.report.run_json import SCHEMA, json_ready, page_facts, versions
 from insnav.report.terminal import page_text
 from insnav.result import Result
 
-_IMU = "imu.toml"
 FigureFiles = Literal["page", "png", "svg", "none"]
 
 
@@ -58,6 +57,7 @@ def text_of(result: Result[Any]) -> str:
 
 
 def _room(kind: str) -> ModuleType:
+    """Report room of a kind of result."""
     return import_module(f"insnav.report.{kind}.page")
 
 
@@ -85,13 +85,12 @@ def save_result(
     """
     room = _room(result.kind)
     if not hasattr(room, "read_found"):
-        store(result.found, folder.path(FILE))
-    if result.imu_model is not None:
-        folder.path(_IMU).write_text(to_toml(result.imu_model[0]), encoding="utf-8", newline="\n")
-    if hasattr(room, "write_files"):
-        with speaking("en"):
+        store(replace(result, options=json_ready(result.options), steps=()), folder.path(STORED_FILE))
+    with speaking("en"):
+        if hasattr(room, "write_files"):
             room.write_files(result, folder, table_format)
-    return write_page(folder, result.page(), {"kind": result.kind}, figures=figures, facts=facts_of(result))
+        texts = room.texts(result) if hasattr(room, "texts") else None
+    return write_page(folder, result.page(), {"kind": result.kind}, texts, figures, facts_of(result))
 
 
 def facts_of(result: Result[Any]) -> dict[str, Any]:
@@ -131,17 +130,18 @@ def open_folder(folder: Path) -> Result[Any]:
     for name, what in known.items():
         if name in facts and not isinstance(facts[name], what):
             raise InputError("run.json is damaged", where=str(folder / FACTS_FILE), why=name, fix="make the run again")
-    read = {} if hasattr(_room(kind), "BENCH_FILES") else facts.get("input", {})
+    if not hasattr(_room(kind), "read_found"):
+        return cast("Result[Any]", read_stored(folder))
     try:
-        inputs = {name: ReadingFacts.from_dict(each) for name, each in read.items()}
+        inputs = {name: ReadingFacts.from_dict(each) for name, each in facts.get("input", {}).items()}
         stored = tuple(map(Finding.from_dict, facts.get("findings", ()))) or _of_version_0_2(kind, facts)
         for each in stored:  # one with values missing cannot be put into words
             render(each)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         fix = "make the run again"
         raise InputError("run.json is damaged", where=str(folder / FACTS_FILE), why=str(error), fix=fix) from error
-    found = getattr(_room(kind), "read_found", read_stored)(folder)
-    file, model = folder / _IMU, facts.get("imu_model")
+    found = _room(kind).read_found(folder)
+    file, model = folder / "imu.toml", facts.get("imu_model")
     *_, chosen = (None, *of_code(stored, *MODEL_CHOICES))  # what was chosen first may be the prior of an estimate
     if isinstance(model, dict) and model and chosen is None:
         chosen = Finding.of(Code.STORED_TEXT, text=str(model.get("chosen", "")))

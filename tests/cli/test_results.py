@@ -18,7 +18,7 @@ from tests.cli.conftest import Cli
 
 LEVER = (0.8, -0.3, -1.2)
 GIVEN = ("--lever-arm", "0.8,-0.3,-1.2")
-SAME = ("found.npz", "imu.toml", "horizontal_errors.csv")  # files that do not say by whom they were written
+SAME = ("imu.toml", "horizontal_errors.csv")  # files that do not say by whom they were written
 _OF_WRITING = ("configuration", "files")  # options as they were given, digests of the page with these
 
 

@@ -18,6 +18,7 @@ from insnav.errors.diagnosis.end_of_run import EndAxis
 from insnav.errors.requirement.study import FIELD_FACTOR
 from insnav.findings import Code, Finding
 from insnav.imu import ImuSpec
+from insnav.imu.imu_file import to_toml
 from insnav.messages import sentence
 from insnav.output.folder import RunFolder
 from insnav.output.solution_tables import TableFormat
@@ -136,13 +137,15 @@ def _back(result: Result[BudgetStudy]) -> Figure:
 
 
 def write_files(result: Result[BudgetStudy], folder: RunFolder, table_format: TableFormat) -> None:
-    """Write ``budget.pdf``, two pages, and everything that was found, to be read again.
+    """Write ``budget.pdf``, two pages, the IMU model, and everything that was found, to be read again.
 
     `folder`: entered, not committed; `table_format` {"csv", "parquet"}: not used: a budget has no tables of its own.
     """
     from insnav.report.style import drawing, save_pages
 
     store(result.found, folder.path(FOUND))
+    if result.imu_model is not None:
+        folder.path("imu.toml").write_text(to_toml(result.imu_model[0]), encoding="utf-8", newline="\n")
     with drawing():
         save_pages((_front(result), _back(result)), folder.path("budget.pdf"))
 

@@ -125,11 +125,9 @@ def text(result: Result[Comparison]) -> str:
     columns = (headings[0], *headings[2:])
     lines = table_text(replace(table, title="", note="", columns=columns, rows=tuple(rows))).splitlines()
     count = len(found.compared[0].errors.time)
-    warnings = _warnings(found)
-    others = (sentence(each) for each in result.findings if each not in warnings)
+    warned = [f"warning: {sentence(each)}" for each in _warnings(found)]
     notes = (line.format(n=count) for line in _NOTE)
-    said = (*notes, *(f"warning: {sentence(each)}" for each in warnings), *others)
-    return "\n".join([*(line[2:] for line in lines), *said])
+    return "\n".join([*(line[2:] for line in lines), *notes, *warned, *map(sentence, result.findings)])
 
 
 def _section(found: Comparison) -> Section:

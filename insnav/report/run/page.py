@@ -13,6 +13,7 @@ from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import TrajectoryErrors
 from insnav.exceptions import InputError
 from insnav.findings import OF_RESULTS, Code, Finding, Severity, is_shown
+from insnav.imu.imu_file import to_toml
 from insnav.output import solution_tables
 from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder, read_facts
@@ -137,6 +138,8 @@ def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: s
             solution_tables.write_run_table(place, errors, table_format, name)
     if found.gps is not None:
         solution_tables.write_run_table(place, found.gps, table_format)
+    if result.imu_model is not None:
+        folder.path("imu.toml").write_text(to_toml(result.imu_model[0]), encoding="utf-8", newline="\n")
     solution_tables.write_events(place, result.findings or run.events)
     write_kml(place, found.best, Path(result.inputs["imu"].path).name if "imu" in result.inputs else "track")
     if found.backdrop is not None:

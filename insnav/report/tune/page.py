@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from insnav.fleet.tuning import Tuned
 from insnav.imu.imu_file import to_toml
-from insnav.output.folder import RunFolder
-from insnav.output.solution_tables import TableFormat
 from insnav.quantity import Quantity
 from insnav.report.page import DataFrame, Page, rows_frame
 from insnav.report.run.quantities import noise_section
@@ -20,9 +18,9 @@ def page(result: Result[Tuned]) -> Page:
     return Page(f"Noise of an IMU: {found.spec.name}", (summary,), (noise_section(found),))
 
 
-def write_files(result: Result[Tuned], folder: RunFolder, table_format: TableFormat) -> None:
-    """Write the IMU error specification."""
-    folder.path("imu.toml").write_text(to_toml(result.found.spec), encoding="utf-8", newline="\n")
+def texts(result: Result[Tuned]) -> dict[str, str]:
+    """Give the IMU error specification as the text of a file."""
+    return {"imu.toml": to_toml(result.found.spec)}
 
 
 def frame(result: Result[Tuned]) -> DataFrame:
