@@ -3,7 +3,7 @@
 A kind of result is a room of this package, found by its name: ``insnav.report.<kind>.page`` has ``page(result)``,
 which gives its `Page`, and ``frame(result)`` for its main table. Where there is more, it has ``texts(result)``, text
 files by name, ``write_files(result, folder, table_format)`` for other files, and ``text(result)`` for the terminal. A
-result is stored whole and read again, unless its room has ``read_found(folder)``, which reads these files.
+result is stored whole and read again, unless its room has ``read_found(folder, findings)``, which reads these files.
 """
 
 from __future__ import annotations
@@ -140,16 +140,15 @@ def open_folder(folder: Path) -> Result[Any]:
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         fix = "make the run again"
         raise InputError("run.json is damaged", where=str(folder / FACTS_FILE), why=str(error), fix=fix) from error
-    found = _room(kind).read_found(folder)
+    events = read_events(folder) if any(folder.glob("events.*")) else ()
+    findings = tuple(dict.fromkeys((*stored, *events)))
+    found = _room(kind).read_found(folder, findings)
     file, model = folder / "imu.toml", facts.get("imu_model")
     *_, chosen = (None, *of_code(stored, *MODEL_CHOICES))  # what was chosen first may be the prior of an estimate
     if isinstance(model, dict) and model and chosen is None:
         chosen = Finding.of(Code.STORED_TEXT, text=str(model.get("chosen", "")))
     imu_model = (load_imu(str(file)), chosen) if chosen is not None and file.is_file() else None
-    events = read_events(folder) if any(folder.glob("events.*")) else ()
-    return Result(
-        kind, found, inputs, facts.get("configuration", {}), imu_model, tuple(dict.fromkeys((*stored, *events)))
-    )
+    return Result(kind, found, inputs, facts.get("configuration", {}), imu_model, findings)
 
 
 def _of_version_0_2(kind: str, facts: Mapping[str, Any]) -> tuple[Finding, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -34,7 +35,7 @@ def room(monkeypatch: pytest.MonkeyPatch) -> None:
     def write_files(result: Result[float], folder: RunFolder, table_format: str) -> None:
         folder.path(f"answer.{table_format}").write_text(str(result.found))
 
-    def read_found(folder: Path) -> float:
+    def read_found(folder: Path, findings: Sequence[Finding]) -> float:
         return float((folder / "answer.csv").read_text())
 
     def frame(result: Result[float]) -> Any:
