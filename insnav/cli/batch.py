@@ -51,6 +51,7 @@ def batch(
         from insnav.fleet.batch import check_folder, moved_aside
         from insnav.fleet.recordings import find_drives
         from insnav.report.fleet.page import write_fleet
+        from insnav.result import Result
 
         quiet_figures()
         folder = out.resolve()
@@ -73,7 +74,10 @@ def batch(
             note("the drives that are finished are kept: the same command again goes on")
             raise
         stage("writing")
-        page = write_fleet(folder, made, left + moved_aside(folder), {"drives": str(drives), "run": list(common)})
+        options, findings = {"drives": str(drives), "run": common}, (*left, *moved_aside(folder))
+        outcome = Result("fleet", tuple(made), options=options, findings=findings)
+        write_fleet(folder, outcome)
+    page = outcome.page()
     more = max(len(made) - _SHOWN, 0)
     names = ("drives", f"fleet.csv ({more} drives more)" if more else "fleet.csv")
     shown = _narrow(page.sections[1], shutil.get_terminal_size((WIDTH, 0)).columns)

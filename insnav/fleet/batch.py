@@ -23,7 +23,8 @@ from insnav.output.folder import foreign_files, write_text
 from insnav.version import __version__
 
 DRIVES = "drives"  # folder of the run folders, within that of the fleet
-_OWN = {DRIVES, FACTS_FILE, "report.html", "fleet.csv"}  # what a fleet folder holds
+FILES = ("found.npz", "report.html", "fleet.csv", FACTS_FILE)  # what a fleet folder holds beside that
+_OWN = {DRIVES, *FILES}
 _UNSAFE = re.compile(r"[^\w.+-]+")
 _ASIDE = ".aside-"  # in the name of a folder that was in the way of a result
 _LONGEST = 100  # bytes of a name

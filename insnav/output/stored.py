@@ -13,7 +13,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from insnav.exceptions import InputError
+from insnav.exceptions import InputError, InsnavError
 
 FILE = "found.npz"
 _STRUCTURE = "structure"
@@ -41,6 +41,8 @@ def store(found: object, file: Path) -> None:
             return {type(value).__name__: [plain(each) for each in value]}
         if isinstance(value, Path):
             return value.as_posix()
+        if isinstance(value, InsnavError):
+            return {"error": value.as_dict()}
         return value.item() if isinstance(value, np.generic) else value
 
     structure = json.dumps(plain(found)).encode()
@@ -70,6 +72,8 @@ def _restored(value: Any, content: Mapping[str, np.ndarray]) -> Any:
         return content[f"array_{value['array']}"]
     if "mapping" in value:
         return {_restored(key, content): _restored(each, content) for key, each in value["mapping"]}
+    if "error" in value:
+        return InsnavError.from_dict(value["error"])
     if "slice" in value:
         return slice(*value["slice"])
     for sequence in (tuple, list):

@@ -308,5 +308,7 @@ def test_a_batch_that_was_stopped_goes_on(number: signal.Signals, drives: Path, 
     assert process.returncode in (128 + number, -number) or done
     shown = cli("batch", drives, *QUICK)
     assert f"{4 if done else kept} of 4 were finished already" in shown.out or number == signal.SIGKILL
-    assert sorted(each.name for each in Path("fleet").iterdir()) == ["drives", "fleet.csv", "report.html", "run.json"]
+    assert sorted(each.name for each in Path("fleet").iterdir()) == [
+        "drives", "fleet.csv", "found.npz", "report.html", "run.json",
+    ]  # fmt: skip
     assert not list(Path("fleet/drives").glob(".*")) or number == signal.SIGKILL  # a worker may have outlived it
