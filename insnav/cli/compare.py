@@ -33,11 +33,8 @@ def compare(
     assert data.ref is not None
     outcome = replace(compared(*runs, ref=data.ref, **data.inputs), options=data.options)
     if out is not None:
-        from insnav.report.save import save_result
-
         quiet_figures()
-        with RunFolder(out, force=force) as folder:
-            save_result(outcome, folder)
+        outcome.save(out, force=force)
     found = outcome.found
     if tum is not None:
         from insnav.output.tum import tum_files

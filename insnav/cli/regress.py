@@ -77,12 +77,9 @@ def regress(
         if update_baseline:
             write_baseline(folder / BASELINE_FILE, renewed(found.baseline, found.accuracy, found.origin))
             note(f"baseline: {folder / BASELINE_FILE}")
-    if as_json:
-        from insnav.report.save import facts_of
+    from insnav.report.save import facts_of
 
-        result(json.dumps(facts_of(outcome), indent=1, ensure_ascii=False))
-    else:
-        result(room.text(outcome))
+    result(json.dumps(facts_of(outcome), indent=1, ensure_ascii=False) if as_json else room.text(outcome))
     if found.comparison is not None and not found.comparison.passed and not update_baseline:
         raise typer.Exit(1)
 
@@ -97,8 +94,5 @@ def _power(folder: Path, as_json: bool) -> None:
     baseline = read_baseline(folder / BASELINE_FILE)
     if baseline is None:
         raise ConfigError("there is no baseline", where=str(folder), fix="make one: insnav regress --update-baseline")
-    if as_json:
-        facts = page_facts(Page("Power of the regression", (), (power_section(baseline),)))
-        result(json.dumps(facts, indent=1, ensure_ascii=False))
-    else:
-        result("\n".join(power_lines(baseline)))
+    facts = page_facts(Page("Power of the regression", (), (power_section(baseline),)))
+    result(json.dumps(facts, indent=1, ensure_ascii=False) if as_json else "\n".join(power_lines(baseline)))

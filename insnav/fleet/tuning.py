@@ -62,10 +62,6 @@ def tune(*drives: str | Path | Files, gps: str | Path | None = None, **inputs: U
         `gps` is given with several drives.
     InputError
         Files are missing, or a drive is too short.
-
-    Examples
-    --------
-    >>> insnav.tune("monday", "tuesday").save("tune")  # doctest: +SKIP
     """
     if gps is not None and len(drives) > 1:
         fix = "put the files of each drive into a folder of their own"

@@ -54,14 +54,10 @@ def regress(
         Folder of recorded drives, by default ``shared/data`` beside the project.
     reports : path, optional
         Folder of the baseline and the history, by default ``reports`` beside the folder of the corpus.
-    quick : bool
-        Run only some cases.
-    peers : bool
-        Run pyins and GTSAM too, where they are installed.
-    workers : int or str
-        Where to compute, as for `insnav.engine`.
-    stage : callable, optional
-        Called with the name of each stage of the work, and the fraction of it that is done.
+    quick, peers : bool
+        Run only some cases; run pyins and GTSAM too, where they are installed.
+    workers, stage
+        Where to compute; called with the name of each stage of the work and the fraction that is done.
 
     Returns
     -------

@@ -150,10 +150,6 @@ def check(
     -------
     Result of Checked
         The worst problem comes first in ``found.problems``.
-
-    Examples
-    --------
-    >>> insnav.check("imu.csv", "gps.csv").found.command  # doctest: +SKIP
     """
     roles = {Path(each): role for each, role in ((gps, "gps"), (ref, "reference")) if each is not None}
     patient = _Patient({**inputs})

@@ -95,20 +95,12 @@ def align(imu: Given | ImuData, gps: Given | GpsData | None = None, **inputs: Un
 
     Parameters
     ----------
-    imu : path, data frame, arrays or ImuData
-        Samples.
-    gps : path, data frame, arrays or GpsData, optional
-        Fixes, for the latitude.
-    **inputs
-        As for `load`; ``lat`` and ``height`` instead of fixes.
+    imu, gps, **inputs
+        As for `load`; the latitude is ``lat``, or that of the fixes.
 
     Returns
     -------
     Result of FineAlignment
-
-    Examples
-    --------
-    >>> insnav.align("static.csv", lat=np.radians(48.1)).save("alignment")  # doctest: +SKIP
     """
     return load(imu, gps, **inputs).align()
 

@@ -23,11 +23,6 @@ def imus(name: str | None = None) -> Result[tuple[Part, ...]]:
     ------
     ConfigError
         There is no such part.
-
-    Examples
-    --------
-    >>> imus("stim 300").found[0].maker
-    'Safran Sensing Technologies'
     """
     part = None if name is None else find_part(name)
     if name is not None and part is None:

@@ -365,11 +365,7 @@ def _notes(baseline: Baseline) -> list[str]:
 
 
 def write_pages(folder: Path, result: Result[Regression]) -> list[Path]:
-    """Draw everything into a folder.
-
-    `folder`: made if need be; files of the same names are replaced.
-    Raises: OutputError: they cannot be written.
-    """
+    """Draw everything into a folder; files of the same names are replaced."""
     shown = page(result)
     with writing("output.file_unwritable", folder), drawing():
         folder.mkdir(parents=True, exist_ok=True)
@@ -421,10 +417,7 @@ def _where(now: Origin) -> str:
 def write_published(
     folder: Path, found: Regression, recorded: Collection[str], progress: Callable[[float], None]
 ) -> Path:
-    """Simulate published outage tests, and write them with the factor between field and paper into a folder.
-
-    `recorded`: names of the recorded cases.
-    """
+    """Simulate published outage tests, and write them with the factor between them and the cases `recorded`."""
     compared = compare_published(read_cases(), progress=progress)
     cases = {} if found.baseline is None else dict(found.baseline.cases)
     cases |= {name: case for name, case in found.accuracy.cases.items() if case.measured.values}
