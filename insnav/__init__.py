@@ -44,6 +44,7 @@ from typing import TYPE_CHECKING, Any
 from insnav.version import __version__ as __version__
 
 if TYPE_CHECKING:
+    from insnav.certificate.certify import verify
     from insnav.errors.metrics import position_errors
     from insnav.exceptions import InsnavError
     from insnav.filter import FilterSettings
@@ -51,7 +52,7 @@ if TYPE_CHECKING:
     from insnav.imu import load_imu
     from insnav.input import read_gps, read_imu, read_reference
     from insnav.result import Result, open_result
-    from insnav.session.bench import allan, calibrate, drift
+    from insnav.session.bench import acceptance, allan, calibrate, drift
     from insnav.session.comparison import compare
     from insnav.session.drive import Drive, load
     from insnav.session.requirement import require
@@ -60,6 +61,7 @@ if TYPE_CHECKING:
     from insnav.types import GpsData, ImuData, Increments, Run, Trajectory
 
 _NAMES = {
+    "insnav.certificate.certify": "verify",
     "insnav.errors.metrics": "position_errors",
     "insnav.exceptions": "InsnavError",
     "insnav.filter": "FilterSettings",
@@ -67,7 +69,7 @@ _NAMES = {
     "insnav.imu": "load_imu",
     "insnav.input": "read_gps read_imu read_reference",
     "insnav.result": "Result open_result",
-    "insnav.session.bench": "allan calibrate drift",
+    "insnav.session.bench": "acceptance allan calibrate drift",
     "insnav.session.comparison": "compare",
     "insnav.session.drive": "Drive load",
     "insnav.session.requirement": "require",
@@ -86,6 +88,7 @@ __all__ = [
     "Result",
     "Run",
     "Trajectory",
+    "acceptance",
     "allan",
     "calibrate",
     "compare",
@@ -103,6 +106,7 @@ __all__ = [
     "read_reference",
     "require",
     "simulate",
+    "verify",
 ]
 
 

@@ -1,9 +1,10 @@
 """A result into a folder and back: tables, figures, page, ``run.json``.
 
 A kind of result is a room of this package, found by its name: ``insnav.report.<kind>.page`` has ``page(result)``,
-which gives its `Page`, and ``frame(result)`` for its main table; where there is more, ``write_files(result, folder,
-table_format)`` for other files, ``text(result)`` for the terminal, ``read_found(folder)`` to read it again; and
-``BENCH_FILES`` where ``input`` in ``run.json`` lists files of the bench, which what was found has too.
+which gives its `Page`, and ``frame(result)`` for its main table. Where there is more, it has ``texts(result)``, text
+files by name, ``write_files(result, folder, table_format)`` for other files, ``text(result)`` for the terminal, and
+``read_found(folder)`` to read it again; if that is `read_stored`, everything found is stored. ``BENCH_FILES`` says that
+``input`` in ``run.json`` lists files of the bench, which are part of what was found.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ from insnav.messages import render
 from insnav.output.contents import FACTS_FILE
 from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_events
+from insnav.output.stored import FILE as STORED_FILE
+from insnav.output.stored import read_stored, store
 from insnav.plain_text import NOT_UTF8
 from insnav.report.page import DataFrame, Figure, FigureSpec, Page
 from insnav.report.provenance import provenance
@@ -90,9 +93,12 @@ def save_result(
     `folder`: entered, not committed; `figures`: see `write_page`; `table_format` {"csv", "parquet"}.
     """
     room = _room(result.kind)
+    if getattr(room, "read_found", None) is read_stored:
+        store(result.found, folder.path(STORED_FILE))
     if hasattr(room, "write_files"):
         room.write_files(result, folder, table_format)
-    return write_page(folder, result.page(), {"kind": result.kind}, figures=figures)
+    texts = room.texts(result) if hasattr(room, "texts") else None
+    return write_page(folder, result.page(), {"kind": result.kind}, texts, figures)
 
 
 def write_result_pdf(result: Result[Any], file: Path) -> None:

@@ -110,6 +110,7 @@ def test_poses_from_arrays_in_units_and_in_counts() -> None:
         (lambda: calibrate("gyro", rate_table(), gravity=981.0), ConfigError, "not gravity"),
         (lambda: calibrate("gyro", [rate_table()] * 2), InputError, "no triad"),
         (lambda: calibrate("gyro", "none.csv"), InputError, "none.csv"),
+        (lambda: acceptance(), ConfigError, "nothing to accept"),
         (lambda: bench_gravity(None, None), ConfigError, "gravity is not known"),
         (lambda: bench_gravity(9.8, 45.0), ConfigError, "given twice"),
         (lambda: bench_gravity(None, 91.0), ConfigError, "not a latitude"),
@@ -130,8 +131,8 @@ def test_normal_gravity() -> None:
 
 def test_acceptance_and_drift_of_data_in_memory() -> None:
     biases = pd.DataFrame({"powerup": np.arange(5.0), "gyro_x_bias_deg_s": [0.1, 0.12, 0.11, 0.09, 0.1]})
-    found, files = acceptance(powerups=[biases])
-    assert len(files) == 1
+    found = acceptance(powerups=[biases]).found
+    assert [each.name for each in found.files] == ["data in memory"]
     assert found.sensors[0].repeatability is not None
     assert np.degrees(found.sensors[0].repeatability.sd) == pytest.approx(np.std(biases.iloc[:, 1], ddof=1))
     time = 0.1 * np.arange(3000)

@@ -12,6 +12,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import insnav
+from insnav.certificate import certify, coning_sculling, gravity
 from insnav.output.folder import read_facts, verify_folder
 from insnav.result import Result
 from insnav.types import ImuData
@@ -37,10 +38,27 @@ def of_drift() -> Result[Any]:
     return insnav.drift(pd.DataFrame({"time_s": time, "gyro_z_deg_s": output, "rate_z_deg_s": rate}))
 
 
+def of_acceptance() -> Result[Any]:
+    rates = np.array([0.0, 10.0, 20.0, 40.0, 60.0, 80.0, -10.0, -20.0, -40.0, -60.0, -80.0])
+    output = 0.99 * rates + 0.04 + 0.002 * np.random.default_rng(1).standard_normal(11)
+    table = pd.DataFrame({"rate_x_deg_s": rates, "gyro_x_deg_s": output})
+    biases = pd.DataFrame({"powerup": np.arange(5.0), "accel_z_bias_g": [0.01, 0.012, 0.011, 0.009, 0.01]})
+    return insnav.acceptance([table], powerups=[biases])
+
+
+def of_the_numerics() -> Result[Any]:
+    with pytest.MonkeyPatch.context() as patch:  # only what takes no time
+        patch.setattr(certify, "TOPICS", (coning_sculling.coning,))
+        patch.setattr(certify, "OTHERS", (gravity.gravity,))
+        return insnav.verify()
+
+
 # what makes each, its kind, its files, a figure and a column of its table
 RESULTS: dict[str, tuple[Callable[[], Result[Any]], str, tuple[str, ...], str, str]] = {
     "allan": (of_an_imu, "allan", ("allan.csv", "imu.toml"), "allan", "gyro_x_deg_h"),
     "allan of signals": (of_signals, "allan", ("allan.csv",), "allan", "signal_1"),
+    "acceptance": (of_acceptance, "acceptance", (), "residuals_gyro", "repeatability_ug"),
+    "certificate": (of_the_numerics, "certificate", (), "certificate", "errors_polynomial"),
     "drift": (of_drift, "drift", ("calibration.toml", "rates.csv"), "drift", "smoothed_deg_h"),
 }
 
