@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from insnav.session.bench import acceptance, allan, calibrate, drift
     from insnav.session.comparison import compare
     from insnav.session.drive import Drive, load
+    from insnav.session.platform_run import platform
     from insnav.session.requirement import require
     from insnav.session.simulation import simulate
     from insnav.strapdown import increments, intervals, navigate
@@ -72,6 +73,7 @@ _NAMES = {
     "insnav.session.bench": "acceptance allan calibrate drift",
     "insnav.session.comparison": "compare",
     "insnav.session.drive": "Drive load",
+    "insnav.session.platform_run": "platform",
     "insnav.session.requirement": "require",
     "insnav.strapdown": "increments intervals navigate",
     "insnav.types": "GpsData ImuData Increments Run Trajectory",
@@ -100,6 +102,7 @@ __all__ = [
     "navigate",
     "navigate_recording",
     "open_result",
+    "platform",
     "position_errors",
     "read_gps",
     "read_imu",

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from inspect import signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from insnav.cli import parse
-from insnav.cli.console import note, result_page, working
+from insnav.cli.console import note, result_page, working, write_result
 from insnav.cli.data_options import say_reading
 from insnav.cli.options import FILES, RESULT, START, Force, Json, Out, Rate, argument, flag, option
 from insnav.exceptions import ConfigError
@@ -15,7 +16,7 @@ from insnav.units import DEG, DEG_PER_H, UG
 
 if TYPE_CHECKING:
     from insnav.gimbal import PlatformErrors
-    from insnav.report.page import Page
+    from insnav.result import Result
 
 ERRORS = "Errors of the platform"
 
@@ -80,27 +81,33 @@ def platform(
                 where=", ".join(names),
                 fix="leave these out, or --demo",
             )
-        where, page = _demonstrate(out, force)
+    elif force_file is None or lat is None or lon is None:
+        missing = [
+            name for name, value in (("FORCE_FILE", force_file), ("--lat", lat), ("--lon", lon)) if value is None
+        ]
+        raise ConfigError(f"missing: {', '.join(missing)}", fix="give them, or --demo; see insnav platform --help")
     else:
-        if force_file is None or lat is None or lon is None:
-            missing = [
-                name for name, value in (("FORCE_FILE", force_file), ("--lat", lat), ("--lon", lon)) if value is None
-            ]
-            raise ConfigError(f"missing: {', '.join(missing)}", fix="give them, or --demo; see insnav platform --help")
-        errors = _errors(misalignment, gyro_drift, accel_bias)
-        interval = parse.interval(rate)
-        if (vertical == "damped") != (height_input is not None):
-            raise ConfigError(
-                "--vertical damped and --height-input go together", where="--vertical", fix="give both or neither"
-            )
-        with working(out, force) as (folder, stage):
-            from insnav.session.platform_run import PlatformStart, integrate, read_platform
+        start = lat * DEG, lon * DEG, height, (v_north, v_east, -v_up + 0.0)
+    errors = _errors(misalignment, gyro_drift, accel_bias)
+    interval = parse.interval(rate)
+    if (vertical == "damped") != (height_input is not None):
+        raise ConfigError(
+            "--vertical damped and --height-input go together", where="--vertical", fix="give both or neither"
+        )
+    with working(out, force) as (folder, stage):
+        from insnav.session import platform_run
 
-            start = PlatformStart(lat * DEG, lon * DEG, height, (v_north, v_east, -v_up + 0.0))
+        outcome: Result[Any]
+        if demo:
+            note("a day at rest, two hours of a holding pattern: some seconds")
+            stage("navigating")
+            outcome = platform_run.demonstrate()
+        else:
+            assert force_file is not None
             stage("reading")
-            record = read_platform(
+            record = platform_run.read_platform(
                 force_file,
-                height=height_input,
+                heights=height_input,
                 ref=ref,
                 axes=axes,
                 columns=parse.columns(columns, "--columns"),
@@ -109,42 +116,11 @@ def platform(
             for facts in record.facts.values():
                 say_reading(facts)
             stage("navigating")
-            runs = integrate(record, start, errors, vertical=vertical, gravity=gravity, interval=interval)
-            stage("writing")
-            from insnav.errors.platform_errors import PlatformStudy
-            from insnav.output.data_files import write_table
-            from insnav.output.kml import write_kml
-            from insnav.output.solution_tables import write_events, write_run_table
-            from insnav.report.platform.page import platform_page, torquing_columns
-            from insnav.report.save import write_page
-
-            reading, reference = record.force, record.reference
-            name = Path(reading.facts.path).name
-            study = PlatformStudy(
-                integrator, runs, errors, reference.data if reference else None, name, reading.facts.evidence
-            )
-            readings = {key: each.as_dict() for key, each in record.facts.items()}
-            page = platform_page(study)
-            metadata = {"configuration": configuration, "input": readings}
-            write_run_table(folder.directory, study.run.solution)
-            write_table(folder.path("torquing.csv"), torquing_columns(study.run))
-            write_events(folder.directory, reading.events)
-            write_kml(folder.directory, study.run.solution, name)
-            where = write_page(folder, page, metadata)
-    result_page(where, page, out, as_json=as_json, more=() if demo else ("solution.csv", "torquing.csv"))
-
-
-def _demonstrate(out: Path, force: bool) -> tuple[Path, Page]:
-    """Write the demonstration."""
-    with working(out, force) as (folder, stage):
-        note("a day at rest, two hours of a holding pattern: some seconds")
-        stage("navigating")
-        from insnav.report.platform.demonstration import demonstration
-        from insnav.report.save import write_page
-
-        page = demonstration()
-        stage("writing")
-        return write_page(folder, page), page
+            how: dict[str, Any] = {"errors": errors, "integrator": integrator, "vertical": vertical}
+            how |= {"gravity": gravity, "interval": interval}
+            outcome = replace(platform_run.platform(record, *start, **how), options=configuration)
+        where = write_result(outcome, folder, stage, figures="png")
+    result_page(where, outcome.page(), out, as_json=as_json, more=("solution.csv", "torquing.csv"))
 
 
 def _errors(misalignment: str, gyro_drift: str, accel_bias: str) -> PlatformErrors:

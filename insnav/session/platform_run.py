@@ -2,21 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Literal
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from insnav.errors import platform_errors
+from insnav.errors.platform_errors import ERRORS, Demonstration, PlatformStudy
 from insnav.exceptions import ConfigError, InputError
-from insnav.gimbal import INTEGRATORS, Integrator, PlatformErrors, PlatformRun, Vertical, navigate_platform
-from insnav.input import Reading, ReadingFacts, read_reference
+from insnav.findings import Code, Finding
+from insnav.gimbal import (
+    DAMPING_TIME,
+    INTEGRATORS,
+    Integrator,
+    PlatformErrors,
+    PlatformRun,
+    Vertical,
+    navigate_platform,
+)
+from insnav.input import Reading, ReadingFacts
 from insnav.input.readers.heights import Heights, read_heights
 from insnav.input.readers.specific_force import SpecificForce, read_specific_force
-from insnav.session.read import one_from_stdin
+from insnav.result import Result
+from insnav.session.read import one_from_stdin, read_ref, samples_source
 from insnav.types import FloatArray, Trajectory
 from insnav.units import DEG
+
+if TYPE_CHECKING:
+    from insnav.session.read import Given
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,73 +48,131 @@ class PlatformRecord:
         return {name: each.facts for name, each in named.items() if each is not None}
 
 
-@dataclass(frozen=True, slots=True)
-class PlatformStart:
-    """State at the start."""
+def platform(
+    force: Given | PlatformRecord,
+    lat: float,
+    lon: float,
+    height: float = 0.0,
+    v_n: Sequence[float] = (0.0, 0.0, 0.0),
+    *,
+    errors: PlatformErrors | None = None,
+    integrator: Integrator = "fourth",
+    vertical: Vertical = "off",
+    gravity: float | None = None,
+    interval: float = 0.1,
+    **reading: Any,
+) -> Result[PlatformStudy]:
+    """Integrate the specific force on a north-pointing platform, by every integrator.
 
-    # [rad]
-    lat: float
-    lon: float
-    height: float = 0.0  # [m]
-    v_n: tuple[float, float, float] = (0.0, 0.0, 0.0)  # North, East, Down [m/s]
+    Parameters
+    ----------
+    force : path, data frame or PlatformRecord
+        Specific force along level axes; for its columns see ``insnav platform --help``.
+    lat, lon, height : float
+        Position at the start [rad], [rad], [m].
+    v_n : sequence of float
+        Velocity North, East, Down at the start [m/s].
+    errors : insnav.gimbal.PlatformErrors, optional
+        Errors of the platform and its sensors; by default none.
+    integrator : {"forward", "backward", "mean", "fourth"}
+        Whose solution is wanted; all are compared.
+    vertical : {"off", "free", "damped"}
+        Vertical channel; ``damped`` needs `heights`.
+    gravity : float, optional
+        Gravity of this size everywhere, straight down [m/s^2]; by default normal gravity.
+    interval : float
+        Time between rows of the solutions [s].
+    **reading
+        ``heights``, ``ref``, ``axes``, ``columns`` and ``sample_rate``, as of `read_platform`.
 
-    def __post_init__(self) -> None:
-        limits = (
-            ("--lat", self.lat / DEG, -90.0, 90.0, "deg, north positive"),
-            ("--lon", self.lon / DEG, -180.0, 360.0, "deg, east positive"),
-            ("--height", self.height, -1e5, 1e5, "m"),
-            *(
-                (name, each, -1e4, 1e4, "m/s")
-                for name, each in zip(("--v-north", "--v-east", "--v-up"), self.v_n, strict=True)
-            ),
-        )
-        for option, value, low, high, unit in limits:
-            if not low <= value <= high:  # NaN is not within either
-                what = {"--lat": "latitude", "--lon": "longitude"}.get(option, "sensible value")
-                raise ConfigError(f"{value:g} is not a {what}", where=option, fix=f"{low:g} to {high:g} {unit}")
+    Returns
+    -------
+    Result of PlatformStudy
+
+    Raises
+    ------
+    ConfigError
+        An option that cannot be, or a start too near a pole.
+    InputError
+        The file cannot be used, has no vertical axis, or the heights do not cover it.
+    DivergenceError
+        The solution came too near a pole, or the free vertical channel ran away.
+
+    Examples
+    --------
+    >>> insnav.platform("force.csv", np.radians(48.0), np.radians(11.0)).plot("track")  # doctest: +SKIP
+    """
+    _refuse_start(lat, lon, height, v_n)
+    options = {"lat": lat, "lon": lon, "height": height, "v_n": v_n, "integrator": integrator, "vertical": vertical}
+    options |= {"gravity": gravity, "interval": interval, **reading}
+    record = force if isinstance(force, PlatformRecord) else read_platform(force, **reading)
+    errors = errors or PlatformErrors()
+    runs = _integrate(record, np.array([lat, lon, height]), np.array(v_n), errors, vertical, gravity, interval)
+    reference = None if record.reference is None else record.reference.data
+    study = PlatformStudy(integrator, runs, errors, reference)
+    force_read = record.force
+    findings = (*_assumptions(study), *force_read.facts.evidence, *force_read.events)
+    return Result("platform", study, record.facts, options | asdict(errors), findings=findings)
+
+
+def demonstrate() -> Result[Demonstration]:
+    """Compare the integrators on a known flight, and a platform with a strapdown navigator that has the same errors."""
+    sizes = {"heading_rad": ERRORS.tilt[2], "drift_rad_s": ERRORS.drift[0], "bias_m_s2": ERRORS.bias[0]}
+    errors = Finding.of(Code.PLATFORM_DEMO_ERRORS, **sizes)
+    findings = errors, Finding.of(Code.PLATFORM_DEMO_FOURTH), Finding.of(Code.PLATFORM_FIRST_ORDER)
+    return Result("platform", platform_errors.demonstrate(), options={"demo": True}, findings=findings)
+
+
+def _refuse_start(lat: float, lon: float, height: float, v_n: Sequence[float]) -> None:
+    limits = (
+        ("--lat", lat / DEG, -90.0, 90.0, "deg, north positive"),
+        ("--lon", lon / DEG, -180.0, 360.0, "deg, east positive"),
+        ("--height", height, -1e5, 1e5, "m"),
+        *((name, each, -1e4, 1e4, "m/s") for name, each in zip(("--v-north", "--v-east", "--v-up"), v_n, strict=True)),
+    )
+    for option, value, low, high, unit in limits:
+        if not low <= value <= high:  # NaN is not within either
+            what = {"--lat": "latitude", "--lon": "longitude"}.get(option, "sensible value")
+            raise ConfigError(f"{value:g} is not a {what}", where=option, fix=f"{low:g} to {high:g} {unit}")
 
 
 def read_platform(
-    force: str | Path,
+    force: Given,
     *,
-    height: str | Path | None = None,
-    ref: str | Path | None = None,
+    heights: Given | None = None,
+    ref: Given | None = None,
     axes: Literal["ENU", "NED"] | None = None,
     columns: Mapping[str, str] | None = None,
     sample_rate: float | None = None,
 ) -> PlatformRecord:
     """Read specific force along level axes, and what goes with it.
 
-    `axes`, `columns`, `sample_rate`: as in `insnav.input.readers.specific_force.read_specific_force`.
+    `heights`: to damp the vertical channel with; `ref`: reference; `axes`, `columns`, `sample_rate`: as in
+    `insnav.input.readers.specific_force.read_specific_force`.
     Raises: ConfigError, InputError: what cannot be meant, or used.
     """
     if sample_rate is not None and not 0.1 <= sample_rate <= 1e5:
         raise ConfigError(
             f"{sample_rate:g} is not a rate", where="--sample-rate", fix="write samples per second, such as 100"
         )
-    one_from_stdin({"FORCE_FILE": force, "--height-input": height, "--ref": ref})
-    heights = None if height is None else read_heights(height)
-    reference = None if ref is None else read_reference(ref)
-    return PlatformRecord(
-        read_specific_force(force, axes=axes, columns=columns, sample_rate=sample_rate), heights, reference
-    )
+    one_from_stdin({"FORCE_FILE": force, "--height-input": heights, "--ref": ref})
+    height = None if heights is None else read_heights(samples_source(heights, None))
+    reference = None if ref is None else read_ref(ref, {})
+    source = samples_source(force, None)
+    samples = read_specific_force(source, axes=axes, columns=columns, sample_rate=sample_rate)
+    return PlatformRecord(samples, height, reference)
 
 
-def integrate(
+def _integrate(
     record: PlatformRecord,
-    start: PlatformStart,
+    start: FloatArray,
+    v_n: FloatArray,
     errors: PlatformErrors,
-    *,
-    vertical: Vertical = "off",
-    gravity: float | None = None,
-    interval: float = 0.1,
+    vertical: Vertical,
+    gravity: float | None,
+    interval: float,
 ) -> dict[Integrator, PlatformRun]:
-    """Integrate a record by every integrator.
-
-    `vertical` {"off", "free", "damped"}: vertical channel; `gravity`: of this size everywhere and straight down
-    [m/s^2]; by default normal gravity; `interval`: time between rows of the solutions [s].
-    Raises: InputError: no vertical axis, or heights that do not cover the record.
-    """
+    """Integrate a record by every integrator, from latitude, longitude and height at the start."""
     if gravity is not None and not 9.5 < gravity < 10.0:  # NaN is not within either
         raise ConfigError(f"{gravity:g} m/s² is not gravity on the Earth", where="--gravity", fix="9.5 to 10 m/s²")
     time, f_n = record.force.data.time, record.force.data.f_n
@@ -111,7 +183,7 @@ def integrate(
             why=f"--vertical {vertical} integrates f_up_m_s2 or f_down_m_s2",
             fix="use --vertical off",
         )
-    lla = np.array([start.lat, (start.lon + np.pi) % (2.0 * np.pi) - np.pi, start.height])
+    lla = np.array([start[0], (start[1] + np.pi) % (2.0 * np.pi) - np.pi, start[2]])
     height = None if record.height is None else _heights(record.height.data, time)
     every = max(1, round(interval / float(np.median(np.diff(time)))))
     return {
@@ -119,7 +191,7 @@ def integrate(
             time,
             f_n,
             lla,
-            np.array(start.v_n),
+            v_n,
             integrator=name,
             vertical=vertical,
             height=height,
@@ -129,6 +201,17 @@ def integrate(
         )
         for name in INTEGRATORS
     }
+
+
+def _assumptions(study: PlatformStudy) -> Iterator[Finding]:
+    yield Finding.of(Code.PLATFORM_INTEGRATORS)
+    yield Finding.of(Code.PLATFORM_STEPS)
+    if study.run.vertical == "damped":
+        yield Finding.of(Code.PLATFORM_VERTICAL_DAMPED, time_s=DAMPING_TIME)
+    else:
+        yield Finding.of(Code.PLATFORM_VERTICAL_OFF if study.run.vertical == "off" else Code.PLATFORM_VERTICAL_FREE)
+    if study.errors.any:
+        yield Finding.of(Code.PLATFORM_LEVEL_SAMPLES)
 
 
 def _heights(given: Heights, time: FloatArray) -> FloatArray:

@@ -13,8 +13,11 @@ from matplotlib.figure import Figure
 
 import insnav
 from insnav.certificate import certify, coning_sculling, gravity
+from insnav.errors import platform_errors
+from insnav.gimbal import PlatformErrors
 from insnav.output.folder import read_facts, verify_folder
 from insnav.result import Result
+from insnav.session.platform_run import demonstrate
 from insnav.types import ImuData
 
 
@@ -53,12 +56,31 @@ def of_the_numerics() -> Result[Any]:
         return insnav.verify()
 
 
+def of_a_platform(**more: Any) -> Result[Any]:
+    force = {"time_s": np.arange(0.0, 601.0), "f_east_m_s2": 0.1, "f_north_m_s2": 0.0, "f_up_m_s2": 9.8}
+    return insnav.platform(pd.DataFrame(force), 0.8, 0.2, 100.0, **more)
+
+
+def of_a_platform_with_errors() -> Result[Any]:
+    return of_a_platform(errors=PlatformErrors(drift=np.array([1e-7, 0.0, 0.0])), integrator="mean")
+
+
+def of_the_demonstration() -> Result[Any]:
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in (("DAY_RATE", 0.5), ("PATTERN", 120.0), ("FLIGHT", 60.0)):
+            patch.setattr(platform_errors, name, value)
+        return demonstrate()
+
+
 # what makes each, its kind, its files, a figure and a column of its table
 RESULTS: dict[str, tuple[Callable[[], Result[Any]], str, tuple[str, ...], str, str]] = {
     "allan": (of_an_imu, "allan", ("allan.csv", "imu.toml"), "allan", "gyro_x_deg_h"),
     "allan of signals": (of_signals, "allan", ("allan.csv",), "allan", "signal_1"),
     "acceptance": (of_acceptance, "acceptance", (), "residuals_gyro", "repeatability_ug"),
     "certificate": (of_the_numerics, "certificate", (), "certificate", "errors_polynomial"),
+    "platform": (of_a_platform, "platform", ("solution.csv", "torquing.csv"), "track", "lat_deg"),
+    "platform with errors": (of_a_platform_with_errors, "platform", ("solution.csv",), "errors", "lat_deg"),
+    "demonstration": (of_the_demonstration, "platform", (), "sine", "order_on_sine"),
     "drift": (of_drift, "drift", ("calibration.toml", "rates.csv"), "drift", "smoothed_deg_h"),
 }
 

@@ -90,6 +90,6 @@ def corrected_section(calibration: Calibration[Any, Any]) -> Section:
     return Section("corrected", "Uncertainty of corrected data", rows=rows, note=note)
 
 
-def bench_input(tables: Sequence[BenchTable | BenchFile]) -> list[dict[str, Any]]:
+def bench_input(tables: Sequence[BenchTable | BenchFile]) -> Any:
     """Files of the bench, for ``run.json``."""
     return [{"path": table.name, "sha256": table.sha256, "units": dict(table.units)} for table in tables]

@@ -3,47 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 
 import numpy as np
 
-from insnav.errors import platform_errors
 from insnav.errors.metrics import TrajectoryErrors
-from insnav.errors.schuler import StaticErrors, static_errors
-from insnav.findings import Code, Finding
-from insnav.gimbal import INTEGRATORS, PlatformErrors, integral
+from insnav.errors.platform_errors import (
+    DAY,
+    ERRORS,
+    FLIGHT,
+    LAT,
+    PATTERN,
+    ROUND,
+    SPEED,
+    Convergence,
+    Demonstration,
+    PlatformComparison,
+)
+from insnav.errors.schuler import StaticErrors, measured_periods, periods, static_errors
+from insnav.gimbal import INTEGRATORS, integral
 from insnav.quantity import Quantity
 from insnav.report.page import Page, Section, Verdict, drawn, only_json
-from insnav.report.platform.page import periods_section
 from insnav.report.platform.panels import both_panels, convergence_panel, flight_panels, straight_panels
-from insnav.simulate import circle, straight
-from insnav.units import DEG, DEG_PER_H, UG
+from insnav.types import FloatArray
+from insnav.units import UNITS
 
-LAT = 45.0 * DEG
-HEIGHT, SPEED, ROUND = 5000.0, 150.0, 600.0  # of the holding pattern [m], [m/s], [s]
-FLIGHT, FLIGHT_RATES = 1800.0, (1.0, 10.0, 100.0)  # [s], [Hz]
-DAY, DAY_RATE = 86400.0, 10.0
-PATTERN, PATTERN_RATE = 7200.0, 50.0
-ERRORS = PlatformErrors(
-    tilt=np.array([0.0, 0.0, 1.0 / 60.0]) * DEG,
-    drift=np.array([0.01, 0.01, 0.01]) * DEG_PER_H,
-    bias=np.array([50.0, 50.0, 0.0]) * UG,
-)
 _NEAR = 0.01  # of the closed form
 _ERRORS_TEXT = "heading error 1 arcmin, drifts of 0.01 deg/h, accelerometer biases of 50 ug"
 _MOTION = f"circles at {SPEED:g} m/s, {ROUND / 60:g} min a turn, latitude 45°"
 
 
-def demonstration() -> Page:
+def demonstration_page(found: Demonstration) -> Page:
     """Report the integrators against closed forms, and a platform against a strapdown navigator."""
-    orders = platform_errors.sine_convergence()
-    holding = partial(circle, np.array([LAT, 0.0, HEIGHT]), SPEED, 2.0 * np.pi / ROUND)
-    flight = platform_errors.integrator_errors(holding(FLIGHT), FLIGHT_RATES, keep=1.0)
-    rest = platform_errors.compare_with_strapdown(
-        straight(np.array([LAT, 0.0, 0.0]), 0.0, 0.0, DAY), ERRORS, DAY_RATE, 60.0
-    )
+    orders, flight, rest, turning = found.orders, found.flight, found.rest, found.turning
     theory = static_errors(rest.time, LAT, 0.0, ERRORS)
-    turning = platform_errors.compare_with_strapdown(holding(PATTERN), ERRORS, PATTERN_RATE, 10.0)
     ends = {
         name: float(np.hypot(*error[-1, :2]))
         for name, error in (("platform", turning.platform), ("strapdown", turning.strapdown))
@@ -66,13 +58,12 @@ def demonstration() -> Page:
         ),
         (
             *drawings,
-            _known(orders),
+            known(orders),
             _flown(flight),
             *_day(rest, theory),
             periods_section(records, rest.time, LAT, 0.0),
             only_json("pattern_end", *(Quantity(name, end, "m") for name, end in ends.items())),
         ),
-        findings=tuple(_assumptions()),
         merits=(
             *(
                 Quantity(name, end, "m", meaning=f"{name} after {PATTERN / 3600:g} h of circles")
@@ -90,13 +81,29 @@ def demonstration() -> Page:
     )
 
 
-def _assumptions() -> tuple[Finding, ...]:
-    sizes = {"heading_rad": ERRORS.tilt[2], "drift_rad_s": ERRORS.drift[0], "bias_m_s2": ERRORS.bias[0]}
-    errors = Finding.of(Code.PLATFORM_DEMO_ERRORS, **sizes)
-    return errors, Finding.of(Code.PLATFORM_DEMO_FOURTH), Finding.of(Code.PLATFORM_FIRST_ORDER)
+def periods_section(records: Mapping[str, FloatArray], time: FloatArray, lat: float, height: float) -> Section:
+    """Periods found in records of position errors at rest, and those of theory.
+
+    `records` (n, 2): errors North, East [m] by name; `time` (n,): since the start [s]; `lat`, `height`: latitude [rad]
+    and height [m].
+    """
+    expected = periods(lat, height)
+    found = {name: measured_periods(time, position, lat, height) for name, position in records.items()}
+    rows = []
+    for period, unit in (("Schuler", "min"), ("Foucault", "h"), ("Earth", "h")):
+        theory = getattr(expected, period.lower())
+        row = [Quantity("period", f"{period} [{unit}]"), Quantity("theory", theory / UNITS[unit][1], digits=6)]
+        for name, each in found.items():
+            value = getattr(each, period.lower())
+            mark = "" if value is None else f"({100.0 * (value / theory - 1.0):+.3f} %)"
+            row.append(Quantity(name, None if value is None else value / UNITS[unit][1], digits=6, mark=mark))
+        rows.append(tuple(row))
+    note = "found in the position error by least squares, amplitudes free; –: not observable"
+    return Section("periods", "Periods of the error", rows=tuple(rows), note=note)
 
 
-def _known(orders: Sequence[platform_errors.Convergence]) -> Section:
+def known(orders: Sequence[Convergence]) -> Section:
+    """Errors of the integrators on y = 2x, and their orders on y = sin t."""
     x = np.linspace(0.0, 3.0, 31)
     on_line = {each.integrator: float(integral(x, 2.0 * x, each.integrator)[-1] - 9.0) for each in orders}
     rows = tuple(
@@ -124,7 +131,7 @@ def _flown(flight: Mapping[float, Sequence[TrajectoryErrors]]) -> Section:
     return Section("flight_largest_error", title, rows=tuple(rows), note=note, keyed=True)
 
 
-def _day(rest: platform_errors.PlatformComparison, theory: StaticErrors) -> tuple[Section, ...]:
+def _day(rest: PlatformComparison, theory: StaticErrors) -> tuple[Section, ...]:
     records = {"closed form": theory.position, "platform": rest.platform[:, :2], "strapdown": rest.strapdown[:, :2]}
     largest = (Quantity(name, np.abs(error).max(axis=0), "m") for name, error in records.items())
     rows = []

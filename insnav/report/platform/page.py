@@ -2,40 +2,76 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 
 from insnav.earth import ned_offset
 from insnav.errors.metrics import TrajectoryErrors
-from insnav.errors.platform_errors import AGAINST, PlatformStudy
-from insnav.errors.schuler import SHORTEST_RECORD, StaticErrors, measured_periods, periods
-from insnav.findings import Code, Finding
-from insnav.gimbal import DAMPING_TIME, Integrator, PlatformRun, torquing_rates
+from insnav.errors.platform_errors import AGAINST, Demonstration, PlatformStudy
+from insnav.errors.schuler import SHORTEST_RECORD, StaticErrors
+from insnav.gimbal import Integrator, PlatformRun, torquing_rates
+from insnav.output.data_files import write_table
+from insnav.output.folder import RunFolder
+from insnav.output.kml import write_kml
+from insnav.output.solution_tables import TableFormat, write_events, write_run_table
+from insnav.output.stored import read_stored as read_found
 from insnav.quantity import Quantity
-from insnav.report.page import Page, Section, Verdict, drawn, only_json
+from insnav.report.page import DataFrame, Page, Section, Verdict, drawn, only_json, rows_frame
 from insnav.report.platform import panels
+from insnav.report.platform.demonstration import demonstration_page, known, periods_section
+from insnav.result import Result
 from insnav.types import FloatArray
-from insnav.units import DEG, DEG_PER_H, UNITS
+from insnav.units import DEG, DEG_PER_H
+
+__all__ = ["frame", "page", "read_found", "write_files"]
 
 
-def torquing_columns(run: PlatformRun) -> dict[str, FloatArray]:
+def write_files(result: Result[PlatformStudy | Demonstration], folder: RunFolder, table_format: TableFormat) -> None:
+    """Write solution, torquing rates, events and track of a record.
+
+    `folder`: entered, not committed; `table_format` {"csv", "parquet"}: of the solution.
+    """
+    study, place = result.found, folder.directory
+    if isinstance(study, PlatformStudy):
+        write_run_table(place, study.run.solution, table_format)
+        write_table(folder.path("torquing.csv"), _torquing_columns(study))
+        write_events(place, result.findings)
+        write_kml(place, study.run.solution, _name(result))
+
+
+def frame(result: Result[PlatformStudy | Demonstration]) -> DataFrame:
+    """Give the solution as a table; of the demonstration, the integrators on known functions."""
+    found = result.found
+    return found.run.solution.to_frame() if isinstance(found, PlatformStudy) else rows_frame(known(found.orders).rows)
+
+
+def _name(result: Result[PlatformStudy | Demonstration]) -> str:
+    return Path(result.inputs["force"].path).name
+
+
+def _torquing_columns(study: PlatformStudy) -> dict[str, FloatArray]:
     """Columns of the time, the torquing rates and the platform's attitude error, by name with unit."""
+    run = study.run
     rates, tilt = torquing_rates(run.solution) / DEG_PER_H, run.tilt / DEG
     named = {"time_s": run.solution.time}
     named |= {"torquing_e_deg_h": rates[:, 1], "torquing_n_deg_h": rates[:, 0], "torquing_u_deg_h": -rates[:, 2]}
-    if run.undisturbed is not run.solution:
+    if study.errors.any:
         named |= {f"tilt_{axis}_deg": tilt[:, i] for i, axis in enumerate("ned")}
     return {name: np.round(values, 9) + 0.0 for name, values in named.items()}
 
 
-def platform_page(study: PlatformStudy) -> Page:
-    """Report a record integrated on a platform."""
+def page(result: Result[PlatformStudy | Demonstration]) -> Page:
+    """Lay out a record integrated on a platform, or the demonstration."""
+    study = result.found
+    if isinstance(study, Demonstration):
+        return demonstration_page(study)
     run, theory, differences = study.run, study.theory, study.differences()
     end = run.solution
     lat, lon, height = end.lla[-1]
     return Page(
-        f"North-pointing platform: {study.name}",
+        f"North-pointing platform: {_name(result)}",
         (f"Integrator {study.chosen}, vertical channel {run.vertical}.",),
         (
             *_drawn(study, theory, differences),
@@ -46,7 +82,6 @@ def platform_page(study: PlatformStudy) -> Page:
         ),
         merits=_state(study.chosen, run)[1:],
         merits_note="at the end",
-        findings=(*_assumptions(study), *study.notes),
         verdict=Verdict(
             "unknown",
             "no reference was given" if study.reference is None else "the reference is below, no limit is set",
@@ -63,7 +98,7 @@ def _drawn(
     run = study.run
     against = "the reference" if study.reference is not None else "fourth order"
     sections = (
-        drawn("track", "Track of a north-pointing platform", (panels.platform_track(run, study.reference),)),
+        drawn("track", "Track of a north-pointing platform", (panels.platform_track(study),)),
         drawn("velocity", "Velocity computed on the platform", panels.platform_velocity(run)),
         drawn("torquing", "Commanded torquing rates", panels.torquing_panels(run)),
         drawn("integrators", "Difference between the integrators", panels.difference_panels(differences, against)),
@@ -142,35 +177,3 @@ def _errors(study: PlatformStudy, theory: StaticErrors | None) -> tuple[Section,
     if theory is None or time[-1] < SHORTEST_RECORD * 86400.0 or lat == 0.0:
         return sections
     return (*sections, periods_section({"platform": off}, time, float(lat), float(height)))
-
-
-def periods_section(records: Mapping[str, FloatArray], time: FloatArray, lat: float, height: float) -> Section:
-    """Periods found in records of position errors at rest, and those of theory.
-
-    `records` (n, 2): errors North, East [m] by name; `time` (n,): since the start [s]; `lat`, `height`: latitude [rad]
-    and height [m].
-    """
-    expected = periods(lat, height)
-    found = {name: measured_periods(time, position, lat, height) for name, position in records.items()}
-    rows = []
-    for period, unit in (("Schuler", "min"), ("Foucault", "h"), ("Earth", "h")):
-        theory = getattr(expected, period.lower())
-        row = [Quantity("period", f"{period} [{unit}]"), Quantity("theory", theory / UNITS[unit][1], digits=6)]
-        for name, each in found.items():
-            value = getattr(each, period.lower())
-            mark = "" if value is None else f"({100.0 * (value / theory - 1.0):+.3f} %)"
-            row.append(Quantity(name, None if value is None else value / UNITS[unit][1], digits=6, mark=mark))
-        rows.append(tuple(row))
-    note = "found in the position error by least squares, amplitudes free; –: not observable"
-    return Section("periods", "Periods of the error", rows=tuple(rows), note=note)
-
-
-def _assumptions(study: PlatformStudy) -> Iterator[Finding]:
-    yield Finding.of(Code.PLATFORM_INTEGRATORS)
-    yield Finding.of(Code.PLATFORM_STEPS)
-    if study.run.vertical == "damped":
-        yield Finding.of(Code.PLATFORM_VERTICAL_DAMPED, time_s=DAMPING_TIME)
-    else:
-        yield Finding.of(Code.PLATFORM_VERTICAL_OFF if study.run.vertical == "off" else Code.PLATFORM_VERTICAL_FREE)
-    if study.errors.any:
-        yield Finding.of(Code.PLATFORM_LEVEL_SAMPLES)
