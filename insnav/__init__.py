@@ -32,8 +32,8 @@ Start here
 >>> drive.outage(lengths=(10, 30)); drive.budget(times=(10, 60))  # doctest: +SKIP
 
 Files, data frames and arrays come in through `load`, simulated drives through `simulate`, bench records through
-`calibrate`, `allan` and `drift`. The commands of the shell call the same functions, with the same defaults.
-`navigate_recording`, `navigate` and `increments` are the parts for those who build their own.
+`calibrate`, `acceptance`, `allan`, `drift` and `platform`. The commands of the shell call the same functions, with the
+same defaults. `navigate_recording`, `navigate` and `increments` are the parts for those who build their own.
 """
 
 from __future__ import annotations

@@ -39,6 +39,8 @@ def store(found: object, file: Path) -> None:
             return {"slice": [plain(each) for each in (value.start, value.stop, value.step)]}
         if isinstance(value, tuple | list):
             return {type(value).__name__: [plain(each) for each in value]}
+        if isinstance(value, Path):
+            return value.as_posix()
         return value.item() if isinstance(value, np.generic) else value
 
     structure = json.dumps(plain(found)).encode()

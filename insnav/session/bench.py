@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, cast, overload
 
@@ -18,7 +18,7 @@ from insnav.input.formats.table import Table
 from insnav.lab.acceptance.acceptance import Acceptance
 from insnav.lab.acceptance.acceptance import acceptance as acceptance_figures
 from insnav.lab.bench_data.records import read_drift, read_powerups, read_static, read_steps
-from insnav.lab.calibration import BenchOptions, Calibration, carried_over, method_named
+from insnav.lab.calibration import STANDARD, BenchOptions, Calibration, carried_over, method_named
 from insnav.lab.common_findings import badly_conditioned
 from insnav.lab.drift.allan_before_after import DriftStudy, drift_study
 from insnav.lab.navigation_impact import navigation_impact
@@ -46,7 +46,7 @@ def calibrate(
     stage: Callable[[str], None] | None = None,
     opened: Callable[[Any], None] | None = None,
     **options: Any,
-) -> Calibration[Any, Any]:
+) -> Result[Calibration[Any, Any]]:
     """Calibrate sensors from files of the bench.
 
     Parameters
@@ -70,8 +70,8 @@ def calibrate(
 
     Returns
     -------
-    Calibration
-        With its impact on navigation.
+    Result of Calibration
+        ``found.errors`` is what the calibration file holds, ``found.impact`` the impact on navigation.
 
     Raises
     ------
@@ -93,14 +93,15 @@ def calibrate(
         opened(record)
     started("fitting")
     found = module.fit(record, how)
-    if found.errors is None:
-        return found
-    started("navigating")
-    impact = navigation_impact(found.sensed or found.errors, found.sd)
-    errors = found.errors
-    if add is not None:
-        errors = carried_over(errors, load_calibration(add), "gyro" if method == "accel" else "accel")
-    return replace(found, errors=errors, impact=impact)
+    if found.errors is not None:
+        started("navigating")
+        impact = navigation_impact(found.sensed or found.errors, found.sd)
+        other = None if add is None else load_calibration(add)
+        kept = "gyro" if method == "accel" else "accel"
+        errors = found.errors if other is None else carried_over(found.errors, other, kept)
+        found = replace(found, errors=errors, impact=impact)
+    chosen = {name: value for name, value in asdict(how).items() if value != getattr(STANDARD, name)}
+    return Result("calibration", found, options={"method": method, "add": add, **chosen}, findings=found.warnings)
 
 
 def _sources(files: Any, rate: float | None, counts: bool) -> list[str | Path | Table]:

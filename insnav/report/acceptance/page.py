@@ -13,8 +13,7 @@ from insnav.lab.single_axis.rate_table import Dropped
 from insnav.messages import sentence
 from insnav.output.stored import read_stored as read_found
 from insnav.quantity import Quantity
-from insnav.report.calibration.common import bench_input, quality_rows, quality_section
-from insnav.report.calibration.panels import Series, residual_panels
+from insnav.report.calibration.common import Series, bench_input, quality_rows, quality_section, residual_panels
 from insnav.report.colours import AXIS_COLOURS, BLACK, GREY
 from insnav.report.page import DataFrame, Page, Section, by_warnings, cell, drawn, only_json, rows_frame
 from insnav.report.panels import Curve, Kind, Panel
