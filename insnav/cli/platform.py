@@ -104,21 +104,11 @@ def platform(
             outcome = platform_run.demonstrate()
         else:
             assert force_file is not None
-            stage("reading")
-            record = platform_run.read_platform(
-                force_file,
-                heights=height_input,
-                ref=ref,
-                axes=axes,
-                columns=parse.columns(columns, "--columns"),
-                sample_rate=sample_rate,
-            )
-            for facts in record.facts.values():
-                say_reading(facts)
             stage("navigating")
             how: dict[str, Any] = {"errors": errors, "integrator": integrator, "vertical": vertical}
-            how |= {"gravity": gravity, "interval": interval}
-            outcome = replace(platform_run.platform(record, *start, **how), options=configuration)
+            how |= {"gravity": gravity, "interval": interval, "heights": height_input, "ref": ref, "axes": axes}
+            how |= {"columns": parse.columns(columns, "--columns"), "sample_rate": sample_rate, "opened": say_reading}
+            outcome = replace(platform_run.platform(force_file, *start, **how), options=configuration)
         where = write_result(outcome, folder, stage, figures="png")
     result_page(where, outcome.page(), out, as_json=as_json, more=("solution.csv", "torquing.csv"))
 

@@ -2,14 +2,13 @@
 
 A kind of result is a room of this package, found by its name: ``insnav.report.<kind>.page`` has ``page(result)``,
 which gives its `Page`, and ``frame(result)`` for its main table. Where there is more, it has ``texts(result)``, text
-files by name, ``write_files(result, folder, table_format)`` for other files, ``text(result)`` for the terminal, and
-``read_found(folder)`` to read it again; if that is `read_stored`, everything found is stored. ``BENCH_FILES`` says that
-``input`` in ``run.json`` lists files of the bench, which are part of what was found.
+files by name, ``write_files(result, folder, table_format)`` for other files, and ``text(result)`` for the terminal. A
+result is stored whole and read again, unless its room has ``read_found(folder)``, which reads these files.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -38,7 +37,7 @@ FigureFiles = Literal["page", "png", "svg", "none"]
 
 def page_of(result: Result[Any]) -> Page:
     """Lay out a result."""
-    page = cast(Page, _of_room(result.kind, "page")(result))
+    page = cast(Page, _room(result.kind).page(result))
     return replace(
         page,
         sections=(*page.sections, *provenance(result)),
@@ -48,7 +47,7 @@ def page_of(result: Result[Any]) -> Page:
 
 def frame(result: Result[Any]) -> DataFrame:
     """Give the main table of a result."""
-    return cast(DataFrame, _of_room(result.kind, "frame")(result))
+    return cast(DataFrame, _room(result.kind).frame(result))
 
 
 def text_of(result: Result[Any]) -> str:
@@ -58,16 +57,8 @@ def text_of(result: Result[Any]) -> str:
 
 
 def _room(kind: str) -> ModuleType:
+    """Report room of a kind of result."""
     return import_module(f"insnav.report.{kind}.page")
-
-
-def _of_room(kind: str, name: str) -> Callable[..., Any]:
-    """Function of the report room of a kind of result."""
-    room = _room(kind)
-    if not hasattr(room, name):
-        fix = "runs, outage tests, budgets and results of the laboratory can; make it again"
-        raise ConfigError(f"a result of kind {kind} cannot be read again", fix=fix)
-    return cast("Callable[..., Any]", getattr(room, name))
 
 
 def figure(result: Result[Any], name: str) -> Figure:
@@ -93,8 +84,8 @@ def save_result(
     `folder`: entered, not committed; `figures`: see `write_page`; `table_format` {"csv", "parquet"}.
     """
     room = _room(result.kind)
-    if getattr(room, "read_found", None) is read_stored:
-        store(result.found, folder.path(STORED_FILE))
+    if not hasattr(room, "read_found"):
+        store(replace(result, options=json_ready(result.options)), folder.path(STORED_FILE))
     if hasattr(room, "write_files"):
         room.write_files(result, folder, table_format)
     texts = room.texts(result) if hasattr(room, "texts") else None
@@ -130,16 +121,17 @@ def open_folder(folder: Path) -> Result[Any]:
     for name, what in known.items():
         if name in facts and not isinstance(facts[name], what):
             raise InputError("run.json is damaged", where=str(folder / FACTS_FILE), why=name, fix="make the run again")
-    read = {} if hasattr(_room(kind), "BENCH_FILES") else facts.get("input", {})
+    if not hasattr(_room(kind), "read_found"):
+        return cast("Result[Any]", read_stored(folder))
     try:
-        inputs = {name: ReadingFacts.from_dict(each) for name, each in read.items()}
+        inputs = {name: ReadingFacts.from_dict(each) for name, each in facts.get("input", {}).items()}
         stored = tuple(map(Finding.from_dict, facts.get("findings", ()))) or _of_version_0_2(kind, facts)
         for each in stored:  # one with values missing cannot be put into words
             render(each)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         fix = "make the run again"
         raise InputError("run.json is damaged", where=str(folder / FACTS_FILE), why=str(error), fix=fix) from error
-    found = _of_room(kind, "read_found")(folder)
+    found = _room(kind).read_found(folder)
     file, model = folder / "imu.toml", facts.get("imu_model")
     *_, chosen = (None, *of_code(stored, *MODEL_CHOICES))  # what was chosen first may be the prior of an estimate
     if isinstance(model, dict) and model and chosen is None:

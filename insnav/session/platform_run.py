@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,19 +12,12 @@ from insnav.errors import platform_errors
 from insnav.errors.platform_errors import ERRORS, Demonstration, PlatformStudy
 from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, Finding
-from insnav.gimbal import (
-    DAMPING_TIME,
-    INTEGRATORS,
-    Integrator,
-    PlatformErrors,
-    PlatformRun,
-    Vertical,
-    navigate_platform,
-)
+from insnav.gimbal import DAMPING_TIME, INTEGRATORS, Integrator, PlatformErrors, Vertical, navigate_platform
 from insnav.input import Reading, ReadingFacts
 from insnav.input.readers.heights import Heights, read_heights
 from insnav.input.readers.specific_force import SpecificForce, read_specific_force
 from insnav.result import Result
+from insnav.session.checked_inputs import one_of
 from insnav.session.read import one_from_stdin, read_ref, samples_source
 from insnav.types import FloatArray, Trajectory
 from insnav.units import DEG
@@ -33,23 +26,8 @@ if TYPE_CHECKING:
     from insnav.session.read import Given
 
 
-@dataclass(frozen=True, slots=True)
-class PlatformRecord:
-    """What was read."""
-
-    force: Reading[SpecificForce]
-    height: Reading[Heights] | None = None  # heights to damp the vertical channel with
-    reference: Reading[Trajectory] | None = None
-
-    @property
-    def facts(self) -> dict[str, ReadingFacts]:
-        """What was understood of each."""
-        named = {"force": self.force, "height": self.height, "ref": self.reference}
-        return {name: each.facts for name, each in named.items() if each is not None}
-
-
 def platform(
-    force: Given | PlatformRecord,
+    force: Given,
     lat: float,
     lon: float,
     height: float = 0.0,
@@ -66,7 +44,7 @@ def platform(
 
     Parameters
     ----------
-    force : path, data frame or PlatformRecord
+    force : path or data frame
         Specific force along level axes; for its columns see ``insnav platform --help``.
     lat, lon, height : float
         Position at the start [rad], [rad], [m].
@@ -83,7 +61,9 @@ def platform(
     interval : float
         Time between rows of the solutions [s].
     **reading
-        ``heights``, ``ref``, ``axes``, ``columns`` and ``sample_rate``, as of `read_platform`.
+        ``heights`` to damp the vertical channel with; ``ref``, a reference; ``axes``, ``columns``, ``sample_rate`` as
+        of `insnav.input.readers.specific_force.read_specific_force`; ``opened``, called with what was understood of
+        each file.
 
     Returns
     -------
@@ -103,16 +83,30 @@ def platform(
     >>> insnav.platform("force.csv", np.radians(48.0), np.radians(11.0)).plot("track")  # doctest: +SKIP
     """
     _refuse_start(lat, lon, height, v_n)
+    one_of("integrator", integrator, INTEGRATORS)
+    samples, given, reference = _read(force, **reading)
+    if gravity is not None and not 9.5 < gravity < 10.0:  # NaN is not within either
+        raise ConfigError(f"{gravity:g} m/s² is not gravity on the Earth", where="--gravity", fix="9.5 to 10 m/s²")
+    time, f_n = samples.data.time, samples.data.f_n
+    if vertical != "off" and np.isnan(f_n[:, 2]).all():
+        raise InputError(
+            "there is no vertical axis",
+            where=samples.facts.path,
+            why=f"--vertical {vertical} integrates f_up_m_s2 or f_down_m_s2",
+            fix="use --vertical off",
+        )
+    errors, start = errors or PlatformErrors(), np.array([lat, (lon + np.pi) % (2.0 * np.pi) - np.pi, height])
+    how: dict[str, Any] = {"vertical": vertical, "gravity": gravity, "errors": errors}
+    how |= {"height": None if given is None else _heights(given.data, time)}
+    how |= {"every": max(1, round(interval / float(np.median(np.diff(time)))))}
+    runs = {name: navigate_platform(time, f_n, start, np.array(v_n), integrator=name, **how) for name in INTEGRATORS}
+    study = PlatformStudy(integrator, runs, errors, None if reference is None else reference.data)
+    named = {"force": samples, "height": given, "ref": reference}
+    facts = {name: each.facts for name, each in named.items() if each is not None}
     options = {"lat": lat, "lon": lon, "height": height, "v_n": v_n, "integrator": integrator, "vertical": vertical}
-    options |= {"gravity": gravity, "interval": interval, **reading}
-    record = force if isinstance(force, PlatformRecord) else read_platform(force, **reading)
-    errors = errors or PlatformErrors()
-    runs = _integrate(record, np.array([lat, lon, height]), np.array(v_n), errors, vertical, gravity, interval)
-    reference = None if record.reference is None else record.reference.data
-    study = PlatformStudy(integrator, runs, errors, reference)
-    force_read = record.force
-    findings = (*_assumptions(study), *force_read.facts.evidence, *force_read.events)
-    return Result("platform", study, record.facts, options | asdict(errors), findings=findings)
+    options |= {"gravity": gravity, "interval": interval, **asdict(errors)}
+    findings = (*_assumptions(study), *samples.facts.evidence, *samples.events)
+    return Result("platform", study, facts, options, findings=findings)
 
 
 def demonstrate() -> Result[Demonstration]:
@@ -136,21 +130,16 @@ def _refuse_start(lat: float, lon: float, height: float, v_n: Sequence[float]) -
             raise ConfigError(f"{value:g} is not a {what}", where=option, fix=f"{low:g} to {high:g} {unit}")
 
 
-def read_platform(
+def _read(
     force: Given,
     *,
     heights: Given | None = None,
     ref: Given | None = None,
-    axes: Literal["ENU", "NED"] | None = None,
-    columns: Mapping[str, str] | None = None,
     sample_rate: float | None = None,
-) -> PlatformRecord:
-    """Read specific force along level axes, and what goes with it.
-
-    `heights`: to damp the vertical channel with; `ref`: reference; `axes`, `columns`, `sample_rate`: as in
-    `insnav.input.readers.specific_force.read_specific_force`.
-    Raises: ConfigError, InputError: what cannot be meant, or used.
-    """
+    opened: Callable[[ReadingFacts], None] = lambda facts: None,
+    **how: Any,
+) -> tuple[Reading[SpecificForce], Reading[Heights] | None, Reading[Trajectory] | None]:
+    """Read specific force along level axes, heights, and a reference; the small files first."""
     if sample_rate is not None and not 0.1 <= sample_rate <= 1e5:
         raise ConfigError(
             f"{sample_rate:g} is not a rate", where="--sample-rate", fix="write samples per second, such as 100"
@@ -158,49 +147,11 @@ def read_platform(
     one_from_stdin({"FORCE_FILE": force, "--height-input": heights, "--ref": ref})
     height = None if heights is None else read_heights(samples_source(heights, None))
     reference = None if ref is None else read_ref(ref, {})
-    source = samples_source(force, None)
-    samples = read_specific_force(source, axes=axes, columns=columns, sample_rate=sample_rate)
-    return PlatformRecord(samples, height, reference)
-
-
-def _integrate(
-    record: PlatformRecord,
-    start: FloatArray,
-    v_n: FloatArray,
-    errors: PlatformErrors,
-    vertical: Vertical,
-    gravity: float | None,
-    interval: float,
-) -> dict[Integrator, PlatformRun]:
-    """Integrate a record by every integrator, from latitude, longitude and height at the start."""
-    if gravity is not None and not 9.5 < gravity < 10.0:  # NaN is not within either
-        raise ConfigError(f"{gravity:g} m/s² is not gravity on the Earth", where="--gravity", fix="9.5 to 10 m/s²")
-    time, f_n = record.force.data.time, record.force.data.f_n
-    if vertical != "off" and np.isnan(f_n[:, 2]).all():
-        raise InputError(
-            "there is no vertical axis",
-            where=record.force.facts.path,
-            why=f"--vertical {vertical} integrates f_up_m_s2 or f_down_m_s2",
-            fix="use --vertical off",
-        )
-    lla = np.array([start[0], (start[1] + np.pi) % (2.0 * np.pi) - np.pi, start[2]])
-    height = None if record.height is None else _heights(record.height.data, time)
-    every = max(1, round(interval / float(np.median(np.diff(time)))))
-    return {
-        name: navigate_platform(
-            time,
-            f_n,
-            lla,
-            v_n,
-            integrator=name,
-            vertical=vertical,
-            height=height,
-            errors=errors,
-            gravity=gravity,
-            every=every,
-        )
-        for name in INTEGRATORS
-    }
+    samples = read_specific_force(samples_source(force, None), sample_rate=sample_rate, **how)
+    for each in (samples, height, reference):
+        if each is not None:
+            opened(each.facts)
+    return samples, height, reference
 
 
 def _assumptions(study: PlatformStudy) -> Iterator[Finding]:

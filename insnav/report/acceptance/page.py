@@ -11,7 +11,6 @@ from insnav.lab.acceptance.figures_of_merit import BENCH_UNIT, Spread, Stability
 from insnav.lab.bench_data.records import SI
 from insnav.lab.single_axis.rate_table import Dropped
 from insnav.messages import sentence
-from insnav.output.stored import read_stored as read_found
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import Series, bench_input, quality_rows, quality_section, residual_panels
 from insnav.report.colours import AXIS_COLOURS, BLACK, GREY
@@ -21,9 +20,6 @@ from insnav.report.series import Clock
 from insnav.result import Result
 from insnav.units import DEG, G0, UNITS
 
-__all__ = ["frame", "page", "read_found"]
-
-BENCH_FILES = True  # what was found knows its input
 FINE = 0.01 * DEG  # a gyro whose biases are all below is shown in deg/h [rad/s]
 _SENSORS = {"gyro": "gyros", "accel": "accelerometers"}
 _JSON_UNIT = {"gyro": "deg/s", "accel": "ug"}  # in run.json whatever the size

@@ -15,7 +15,6 @@ from insnav.lab.noise.noise_model import NoiseModel
 from insnav.lab.noise.noise_spec import KEYS
 from insnav.lab.noise.static_noise import SignalNoise, StaticNoise
 from insnav.output.data_files import csv_text
-from insnav.output.stored import read_stored as read_found
 from insnav.quantity import Quantity, key_suffix
 from insnav.report.colours import AXIS_COLOURS, GREY
 from insnav.report.page import DataFrame, Page, Section, by_warnings, cell, drawn, only_json
@@ -23,8 +22,6 @@ from insnav.report.panels import Curve, Panel
 from insnav.result import Result
 from insnav.types import FloatArray
 from insnav.units import DEG_PER_H, M_S_PER_SQRT_H, UG, UNITS
-
-__all__ = ["frame", "page", "read_found", "texts"]
 
 IMU_TOML, DEVIATIONS = "imu.toml", "allan.csv"
 _TIMES = (0.01, 0.1, 1.0, 10.0, 100.0, 1000.0, 10000.0)  # of the table of deviations [s]

@@ -11,7 +11,6 @@ import numpy as np
 from insnav.imu import calibration_to_toml
 from insnav.input.readers.reading import ReadingFacts
 from insnav.lab.calibration import Calibration
-from insnav.output.stored import read_stored as read_found
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import bench_input
 from insnav.report.calibration.multi_position import multi_position_page, nine_page
@@ -19,9 +18,6 @@ from insnav.report.calibration.single_axis import accel_page, gyro_page, rotor_p
 from insnav.report.page import DataFrame, Page, by_warnings, only_json, rows_frame
 from insnav.result import Result
 
-__all__ = ["frame", "page", "read_found", "texts"]
-
-BENCH_FILES = True  # what was found knows its input
 # what reports each method, and what it was read from
 _METHODS: Mapping[str, tuple[Callable[[Calibration[Any, Any]], Page], Callable[[Any], Any]]] = {
     "gyro": (gyro_page, lambda records: bench_input([each.table for each in records])),

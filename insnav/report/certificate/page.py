@@ -10,14 +10,11 @@ import numpy as np
 
 from insnav.certificate.certify import Certificate
 from insnav.certificate.check import Check
-from insnav.output.stored import read_stored as read_found
 from insnav.quantity import Quantity
 from insnav.report.colours import BLACK, BLUE, GREY, ORANGE, PURPLE, SKY, VERMILLION
 from insnav.report.page import DataFrame, Page, Section, Verdict, cell, drawn, only_json, rows_frame
 from insnav.report.panels import Curve, Kind, Panel
 from insnav.result import Result
-
-__all__ = ["frame", "page", "read_found"]
 
 _EXCEEDS = "!"  # behind an error that exceeds the limit
 _LEAST, _MOST = 1e-7, 1e7  # parts of the limit; beyond, figures stand at the edge

@@ -12,7 +12,6 @@ from insnav.lab.drift.allan_before_after import Curve as Deviations
 from insnav.lab.drift.drift_model import DriftModel
 from insnav.lab.drift.rate_smoothing import P0
 from insnav.output.data_files import csv_text
-from insnav.output.stored import read_stored as read_found
 from insnav.quantity import Quantity
 from insnav.report.allan.page import noise_quantity
 from insnav.report.calibration.common import bench_input, quality_rows, quality_section
@@ -24,9 +23,6 @@ from insnav.result import Result
 from insnav.types import FloatArray
 from insnav.units import DEG, DEG_PER_H
 
-__all__ = ["frame", "page", "read_found", "texts"]
-
-BENCH_FILES = True  # what was found knows its input
 _TERMS = {
     "A": ("bias at 25 C, A", "deg/s"),
     "B": ("residual scale factor, B", "ppm"),

@@ -16,7 +16,6 @@ from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder
 from insnav.output.kml import write_kml
 from insnav.output.solution_tables import TableFormat, write_events, write_run_table
-from insnav.output.stored import read_stored as read_found
 from insnav.quantity import Quantity
 from insnav.report.page import DataFrame, Page, Section, Verdict, drawn, only_json, rows_frame
 from insnav.report.platform import panels
@@ -24,8 +23,6 @@ from insnav.report.platform.demonstration import demonstration_page, known, peri
 from insnav.result import Result
 from insnav.types import FloatArray
 from insnav.units import DEG, DEG_PER_H
-
-__all__ = ["frame", "page", "read_found", "write_files"]
 
 
 def write_files(result: Result[PlatformStudy | Demonstration], folder: RunFolder, table_format: TableFormat) -> None:
