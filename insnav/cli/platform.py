@@ -15,7 +15,6 @@ from insnav.exceptions import ConfigError
 from insnav.units import DEG, DEG_PER_H, UG
 
 if TYPE_CHECKING:
-    from insnav.gimbal import PlatformErrors
     from insnav.result import Result
 
 ERRORS = "Errors of the platform"
@@ -88,13 +87,16 @@ def platform(
         raise ConfigError(f"missing: {', '.join(missing)}", fix="give them, or --demo; see insnav platform --help")
     else:
         start = lat * DEG, lon * DEG, height, (v_north, v_east, -v_up + 0.0)
-    errors = _errors(misalignment, gyro_drift, accel_bias)
+    tilt = DEG * parse.numbers(misalignment, "--misalignment", 3, "0.01,0,0.1")
+    drift = DEG_PER_H * parse.numbers(gyro_drift, "--gyro-drift", 3, "0.01,0.01,0.01")
+    bias = UG * parse.numbers(accel_bias, "--accel-bias", 3, "50,50,0")
     interval = parse.interval(rate)
     if (vertical == "damped") != (height_input is not None):
         raise ConfigError(
             "--vertical damped and --height-input go together", where="--vertical", fix="give both or neither"
         )
     with working(out, force) as (folder, stage):
+        from insnav.gimbal import PlatformErrors
         from insnav.session import platform_run
 
         outcome: Result[Any]
@@ -105,19 +107,13 @@ def platform(
         else:
             assert force_file is not None
             stage("navigating")
-            how: dict[str, Any] = {"errors": errors, "integrator": integrator, "vertical": vertical}
+            how: dict[str, Any] = {
+                "errors": PlatformErrors(tilt, drift, bias),
+                "integrator": integrator,
+                "vertical": vertical,
+            }
             how |= {"gravity": gravity, "interval": interval, "heights": height_input, "ref": ref, "axes": axes}
             how |= {"columns": parse.columns(columns, "--columns"), "sample_rate": sample_rate, "opened": say_reading}
             outcome = replace(platform_run.platform(force_file, *start, **how), options=configuration)
         where = write_result(outcome, folder, stage, figures="png")
     result_page(where, outcome.page(), out, as_json=as_json, more=("solution.csv", "torquing.csv"))
-
-
-def _errors(misalignment: str, gyro_drift: str, accel_bias: str) -> PlatformErrors:
-    from insnav.gimbal import PlatformErrors
-
-    return PlatformErrors(
-        DEG * parse.numbers(misalignment, "--misalignment", 3, "0.01,0,0.1"),
-        DEG_PER_H * parse.numbers(gyro_drift, "--gyro-drift", 3, "0.01,0.01,0.01"),
-        UG * parse.numbers(accel_bias, "--accel-bias", 3, "50,50,0"),
-    )

@@ -49,9 +49,9 @@ def multi_position_page(calibration: Calibration[ReadingFacts, Found]) -> Page:
         own.summary,
         (
             drawing,
-            triad_section("accel", "Accelerometers", found.accel, found.counts),
-            triad_section("gyro", "Gyros", found.gyro, found.counts),
-            g_section(found.g_sensitivity, found.g_sensitivity_sd, found.counts),
+            _triad("accel", "Accelerometers", found.accel, found.counts),
+            _triad("gyro", "Gyros", found.gyro, found.counts),
+            _g_sensitivity(found),
             only_json("gravity_error", *gravity),
             quality,
             corrected_section(calibration),
@@ -89,6 +89,7 @@ def _of_poses(found: PosesCalibration) -> Page:
     every = Section("", parts=(_poses(found), turns), show="page")
     times, used = np.array([[pose.start, pose.end] for pose in found.poses]), found.turn_used
     more = only_json("", Quantity("poses", times, "s"), Quantity("rest_limit_sd", found.factor))
+    each = {"before": found.turn_before, "after": found.turn_after, "left out": found.turn_left_out}
     drawing = drawn("poses", "Gravity in every pose, and turns between them", poses_panels(found))
     return Page(
         "",
@@ -107,9 +108,7 @@ def _of_poses(found: PosesCalibration) -> Page:
         ),
         merits=tuple(
             Quantity(f"turn_{name}", rms(values[used]), "deg", meaning=f"error of turn, {name}")
-            for name, values in zip(
-                ("before", "after", "left out"), (found.turn_before, found.turn_after, found.turn_left_out), strict=True
-            )
+            for name, values in each.items()
         ),
     )
 
@@ -120,7 +119,7 @@ def _of_six_positions(found: SixPositions) -> Page:
     more = only_json("", Quantity("position_tilt", found.tilt, "mrad"), Quantity("turn", found.angle, "deg"))
     drawing = drawn("positions", "Gravity in the six positions", positions_panels(found))
     place = int(np.argmax(np.abs(found.norm_after)))
-    worst = float(np.abs(found.norm_after[place]))
+    worst = abs(float(found.norm_after[place]))
     return Page(
         "",
         (
@@ -217,17 +216,14 @@ def _positions(found: SixPositions) -> Section:
     return Section("", "Positions", rows=rows)
 
 
-def triad_section(key: str, title: str, triad: Triad, counts: bool) -> Section:
+def _triad(key: str, title: str, triad: Triad, counts: bool) -> Section:
     """Bias, scale factor and misalignment of three sensors with their standard deviations; matrices in JSON."""
     accel = key == "accel"
     si, shown = ("m/s^2", "mg") if accel else ("rad/s", "deg/s")
     bias_unit, matrix_unit = ("counts", f"counts/({si})") if counts else (si, "")
     rows = [
-        (
-            f"bias {axis}",
-            Quantity("value", float(triad.bias[i]), "counts" if counts else shown, float(triad.bias_sd[i])),
-        )
-        for i, axis in enumerate(AXES)
+        (f"bias {axis}", Quantity("value", float(bias), "counts" if counts else shown, float(sd)))
+        for axis, bias, sd in zip(AXES, triad.bias, triad.bias_sd, strict=True)
     ]
     for i, axis in enumerate(AXES):
         value, sd = float(triad.matrix[i, i]), float(triad.matrix_sd[i, i])
@@ -251,11 +247,8 @@ def triad_section(key: str, title: str, triad: Triad, counts: bool) -> Section:
     return Section(key, parts=(table, only_json("", *items)))
 
 
-def g_section(sensitivity: FloatArray, sd: FloatArray, counts: bool) -> Section:
-    """g-sensitivity of the gyros.
-
-    `sensitivity`, `sd` (3, 3): and standard deviation, unit of the record per m/s^2.
-    """
+def _g_sensitivity(found: Found) -> Section:
+    sensitivity, sd, counts = found.g_sensitivity, found.g_sensitivity_sd, found.counts
     unit, per = ("counts/g", G0) if counts else ("deg/s/g", G0 / DEG)
     rows = tuple(
         (
@@ -272,28 +265,25 @@ def g_section(sensitivity: FloatArray, sd: FloatArray, counts: bool) -> Section:
     return Section("", parts=(table, only_json("gyro", whole)))
 
 
-_RAW = (
-    "Every output first became a specific force, by bias and scale factor as printed; calibration.toml is of these "
-    "forces, each axis the mean of its two accelerometers.",
-)
-_INTERVALS = "1 sd of noise; the interval adds what the first order leaves out"
-_PLACES = "position, in the order of the file"
-_AT_REST = (
-    "The gyros turn with the Earth, 15 deg/h in a direction that the positions hardly average: it is in their bias.",
-)
-
-
 def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
     """Report three dual-axis modules."""
     found, fits = calibration.detail, calibration.fits
     # in the order of the method: each accelerometer, the triad, misalignments of the gyros, and the gyros at rest
-    own = slice(6 if calibration.record.unit == "m/s^2" else 12)
-    ends = (own.stop, own.stop + 9, own.stop + 15)
-    each = (own, slice(ends[0], ends[1]), slice(ends[1], ends[2]), slice(ends[2], None))
-    biases, accel, gyro, at_rest = (calibration.parameters[rows] for rows in each)
     raw = calibration.record.unit != "m/s^2"
+    own = 12 if raw else 6
+    ends = itertools.pairwise((0, own, own + 9, own + 15, None))
+    biases, accel, gyro, at_rest = (calibration.parameters[first:end] for first, end in ends)
     scales = " and scale factor" * raw
-    panels = residual_panels(_residuals(found, len(calibration.record.dwells.setting)), _PLACES)
+    across = "position, in the order of the file"
+    panels = residual_panels(_residuals(found, len(calibration.record.dwells.setting)), across)
+    intervals = "1 sd of noise; the interval adds what the first order leaves out"
+    converted = (
+        "Every output first became a specific force, by bias and scale factor as printed; calibration.toml is of these "
+        "forces, each axis the mean of its two accelerometers."
+    )
+    earth = (
+        "The gyros turn with the Earth, 15 deg/h in a direction that the positions hardly average: it is in their bias."
+    )
     places = [f"roll {roll:.4g}, pitch {pitch:.4g} deg" for roll, pitch in calibration.record.dwells.setting / DEG]
     largest = 1e3 * float(np.abs(found.gyro_matrix - np.eye(3)).max())
     left = 1e3 * float(found.half_width(found.gyro_matrix_sd, first_order=True).max())
@@ -322,7 +312,7 @@ def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
             drawn("residuals", "Nine positions: accelerometers minus the linear model", panels),
             Section("parameters", f"Bias{scales} of each accelerometer", biases, note=_methods(found)),
             Section("parameters", "Accelerometer triad, each axis the mean of its two accelerometers", accel),
-            Section("parameters", "Gyro misalignment", gyro, note=_INTERVALS),
+            Section("parameters", "Gyro misalignment", gyro, note=intervals),
             Section("parameters", "Gyros at rest: bias, and what they feel of the specific force", at_rest),
             Section("", "Pseudo-inverses", rows=inverses),
             quality_section(quality_rows(fits, "m/s^2", dict.fromkeys(SENSORS, places))),
@@ -332,8 +322,8 @@ def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
         ),
         merits_note="x_ay: the accelerometer of module x that points along y",
         method=(
-            *(_RAW * raw),
-            *(_AT_REST * bool(at_rest)),
+            *((converted,) * raw),
+            *((earth,) * bool(at_rest)),
             "Valid to first order in the misalignments; errors of second order are up to about "
             f"{number(1e3 * found.second_order, 2)} mrad here and are in the intervals.",
             "The positions are symmetric in ± roll and ± pitch, and exact; their errors are in the residuals.",

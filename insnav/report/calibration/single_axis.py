@@ -84,12 +84,13 @@ def accel_page(calibration: Calibration[tuple[Record, ...], tuple[Tumble, ...]])
         Series(name, unit, item.angle / DEG, item.fit.residual, np.ones(item.angle.size, np.bool_), item.fit.sigma)
         for name, item in found.items()
     )
+    panels = residual_panels(series, "angle of the input axis [deg]")
     note = f"ai = sin, ao = cos of the angle, in g; {_IN_BRACKETS}"
     return Page(
         "Accelerometers tumbled in gravity",
         _summary(calibration.parameters, len(fits)),
         (
-            drawn("residuals", "Tumble test: output minus the model", residual_panels(series, _ANGLE)),
+            drawn("residuals", "Tumble test: output minus the model", panels),
             Section("parameters", "Output = K0 + K1 ai + K2 ai² + K3 ai ao", calibration.parameters, note=note),
             *_harmonics(found, unit),
             quality_section(quality_rows(fits, unit, settings)),
@@ -120,33 +121,26 @@ def _harmonics(found: dict[str, Tumble], unit: str) -> tuple[Section, Section]:
                     measured("amplitude", float(np.hypot(a, b)), unit),
                 )
             )
-        by_model = zip(("K0", "K1", "K2", "K3"), series.model, item.fit.value, strict=True)
+        largest = float(np.abs(series.model - item.fit.value).max())
         models.append(
             (
                 Quantity("sensor", name),
-                *(measured(key, value, unit) for key, value, _ in by_model),
-                Quantity(
-                    "difference", float(np.abs(series.model - item.fit.value).max()), meaning="largest difference"
-                ),
+                *(measured(f"K{order}", value, unit) for order, value in enumerate(series.model)),
+                Quantity("difference", largest, meaning="largest difference"),
                 Quantity("misalignment", series.misalignment, "mrad"),
             )
         )
+    difference = "largest difference: from least squares, zero for evenly spaced positions"
     note = (
         "Orders 0 to 2 are the model: a0 = K0 + K2/2, b1 = K1, a2 = -K2/2, b2 = K3/2. a1 / b1 is the angle by which "
         "the table or the input axis is off; orders from 3 on are non-linearity and errors of position."
     )
     return (
         Section("harmonics", "Output = Σ a cos(n angle) + b sin(n angle)", rows=tuple(rows), note=note),
-        Section(
-            "model_by_harmonics",
-            "The model by its harmonics",
-            rows=tuple(models),
-            note="largest difference: from least squares, zero for evenly spaced positions",
-        ),
+        Section("model_by_harmonics", "The model by its harmonics", rows=tuple(models), note=difference),
     )
 
 
-_ANGLE = "angle of the input axis [deg]"
 _IN_BRACKETS = "± 1 sd; in brackets the 95 % interval"
 
 
@@ -204,9 +198,6 @@ def _dwells(records: Sequence[Record], names: Sequence[str]) -> Section:
     return Section("dwells", "Raw dwells", rows=rows, note=note)
 
 
-AXES = ("x", "y", "z")
-
-
 def sweep_page(calibration: Calibration[SweepRecord, SweepCalibration]) -> Page:
     """Report three gyros swept about three axes."""
     record, found, fits = calibration.record, calibration.detail, calibration.fits
@@ -214,6 +205,11 @@ def sweep_page(calibration: Calibration[SweepRecord, SweepCalibration]) -> Page:
     stages = (rms(found.error_line), rms(found.error_matrix), rms(found.error_map))
     settings = {name: _settings(found.rate[found.used[:, i]]) for i, name in enumerate(fits)}
     note = "given the pieces below, whose shape is not in the 1 sd" * any(item is not None for item in found.pieces)
+    condition = Quantity("condition_matrix", float(np.linalg.cond(found.matrix / np.diag(found.matrix)[:, None])))
+    dropped = tuple(
+        (Quantity("sensor", "xyz"[axis]), Quantity("rate_deg_s", item.rate), Quantity("code", item.reason.code.value))
+        for axis, item in found.dropped
+    )
     return Page(
         "Three gyros swept over rates about three axes",
         (
@@ -230,7 +226,7 @@ def sweep_page(calibration: Calibration[SweepRecord, SweepCalibration]) -> Page:
             quality_section(quality_rows(fits, unit, settings, scale)),
             corrected_section(calibration),
             impact_section(calibration),
-            _details(found),
+            only_json("", condition, parts=(Section("dropped", rows=dropped),)),
         ),
         method=(
             "The rate of the table is exact and about the axis named; the Earth's rotation along it is in the bias.",
@@ -240,19 +236,10 @@ def sweep_page(calibration: Calibration[SweepRecord, SweepCalibration]) -> Page:
     )
 
 
-def _details(found: SweepCalibration) -> Section:
-    condition = float(np.linalg.cond(found.matrix / np.diag(found.matrix)[:, None]))
-    dropped = tuple(
-        (Quantity("sensor", AXES[axis]), Quantity("rate_deg_s", item.rate), Quantity("code", item.reason.code.value))
-        for axis, item in found.dropped
-    )
-    return only_json("", Quantity("condition_matrix", condition), parts=(Section("dropped", rows=dropped),))
-
-
 def _dropped(found: SweepCalibration) -> list[str]:
     """What was left out, gyro by gyro and end by end."""
     lines = []
-    for i, axis in enumerate(AXES):
+    for i, axis in enumerate("xyz"):
         for sense in (-1.0, 1.0):
             rates = [item.rate for gyro, item in found.dropped if gyro == i and sense * item.rate > 0.0]
             if rates:
@@ -274,14 +261,14 @@ def _gain(found: SweepCalibration, stages: Sequence[float]) -> str:
 def _settings(rate: FloatArray) -> list[str]:
     texts = []
     for row in rate / DEG:
-        turned = [f"{value:+.4g} deg/s about {axis}" for value, axis in zip(row, AXES, strict=True) if value != 0.0]
+        turned = [f"{value:+.4g} deg/s about {axis}" for value, axis in zip(row, "xyz", strict=True) if value != 0.0]
         texts.append(", ".join(turned) or "rest")
     return texts
 
 
 def _errors(found: SweepCalibration, stages: Sequence[float]) -> Section:
     rows = []
-    for i, axis in enumerate(AXES):
+    for i, axis in enumerate("xyz"):
         item, final = found.pieces[i], found.error_map[:, i]
         worst = int(np.nanargmax(np.abs(final)))
         rows.append(
@@ -308,7 +295,7 @@ def _adjusted(found: SweepCalibration) -> tuple[Section, ...]:
     """Intercepts set by hand, and what they change."""
     rows = tuple(
         (
-            Quantity("piece", f"{AXES[each.gyro]}{each.piece + 1}"),
+            Quantity("piece", f"{'xyz'[each.gyro]}{each.piece + 1}"),
             Quantity("found", each.found, "deg/s", meaning="b' found", decimals=4),
             Quantity("given", each.given, "deg/s", meaning="b' given", decimals=4),
             Quantity("before", each.before, "deg/s", meaning="error in the piece, RMS, before"),
@@ -322,7 +309,7 @@ def _adjusted(found: SweepCalibration) -> tuple[Section, ...]:
 
 def _pieces(found: SweepCalibration) -> tuple[Section, ...]:
     """Pieces of the compensation as lines, and in JSON the errors at their ends."""
-    known = {axis: item for axis, item in zip(AXES, found.pieces, strict=True) if item is not None}
+    known = {axis: item for axis, item in zip("xyz", found.pieces, strict=True) if item is not None}
     rows = tuple(
         (
             Quantity("gyro", axis),
@@ -372,20 +359,15 @@ def sweep_panels(found: SweepCalibration) -> Iterator[Panel]:
             yield Panel(key, title, "error [deg/s]", "rate of the table [deg/s]", tuple(curves), "rate", note)
 
 
-UNIT, _KEY_UNIT = "kg m²", "kg m^2"
-_ACROSS = ("height [m]", "precession period [s]")
-_CAPTION = "Measured points, the lines fitted to them, and what these leave"
-
-
 def rotor_page(calibration: Calibration[tuple[BenchTable, BenchTable], Inertias]) -> Page:
     """Report both methods and whether they agree."""
     fall, precession, both = calibration.detail.fall, calibration.detail.precession, calibration.detail.agreement
     how = calibration.options
-    verdict = (
-        f"the difference {number(both.difference, 2)} is within the "
-        f"{number(both.limit, 2)} {UNIT} that their uncertainties explain (95 %)"
+    agreed = (
+        f"The methods agree: the difference {number(both.difference, 2)} is within the {number(both.limit, 2)} kg m² "
+        f"that their uncertainties explain (95 %); weighted mean {number(both.mean, 4)} ± {number(both.mean_sd, 2)} "
+        "kg m²."
     )
-    agreed = f"The methods agree: {verdict}; weighted mean {number(both.mean, 4)} ± {number(both.mean_sd, 2)} {UNIT}."
     text = agreed if both.agree else sentence(next(of_code(calibration.warnings, Code.ROTOR_DISAGREE)))
     quality = (
         *quality_rows({"falling weight": fall.fit}, "s^2", {"falling weight": [f"{h:.4g} m" for h in fall.x]}),
@@ -402,32 +384,31 @@ def rotor_page(calibration: Calibration[tuple[BenchTable, BenchTable], Inertias]
         Quantity("arm", how.arm, "m"),
         Quantity("gravity", how.gravity, "m/s^2"),
     )
-    agreement = only_json(
-        "",
-        Quantity("agree", both.agree),
-        Quantity("difference", both.difference, _KEY_UNIT),
-        Quantity("limit", both.limit, _KEY_UNIT),
-        Quantity("mean", both.mean if both.agree else None, _KEY_UNIT),
-        Quantity("mean_sd", both.mean_sd if both.agree else None, _KEY_UNIT),
-        parts=(given,),
+    names = ("difference", "limit", "mean", "mean_sd")
+    sizes = [getattr(both, name) if both.agree or "mean" not in name else None for name in names]
+    in_unit = (Quantity(name, size, "kg m^2") for name, size in zip(names, sizes, strict=True))
+    agreement = only_json("", Quantity("agree", both.agree), *in_unit, parts=(given,))
+    lines = (
+        ("squared time of fall [s²]", "height [m]", fall),
+        ("rotor rate [rad/s]", "precession period [s]", precession),
     )
-    lines = [
-        ("squared time of fall [s²]", fall.x, fall.y, float(fall.fit.value[0])),
-        ("rotor rate [rad/s]", precession.x, precession.y, float(precession.fit.value[0])),
-    ]
+    # by theory the precession is as the torque over the spin; known where several of both were measured
+    powers = () if precession.powers is None else fitted(precession.powers, ("", "", ""))[1:]
+    title, note = "Precession rate as a power of torque and spin", "by theory 1 and -1"
+    caption = "Measured points, the lines fitted to them, and what these leave"
     return Page(
         "Moment of inertia of a gyroscope's rotor",
         (
             *(
-                f"moment of inertia, {i.method}: {number(i.value, 4)} ± {number(i.sd, 2)} {UNIT}"
+                f"moment of inertia, {i.method}: {number(i.value, 4)} ± {number(i.sd, 2)} kg m²"
                 for i in (fall, precession)
             ),
             text,
         ),
         (
-            drawn("lines", "Moment of inertia of a rotor", line_panels(lines, _ACROSS), _CAPTION, columns=2),
+            drawn("lines", "Moment of inertia of a rotor", _line_panels(lines), caption, columns=2),
             Section("parameters", "Moment of inertia", calibration.parameters),
-            *_powers(precession),
+            *((Section("powers", title, powers, note=note),) if powers else ()),
             quality_section(quality),
             agreement,
         ),
@@ -440,23 +421,11 @@ def rotor_page(calibration: Calibration[tuple[BenchTable, BenchTable], Inertias]
     )
 
 
-def _powers(precession: Inertia) -> tuple[Section, ...]:
-    """Powers of torque and spin, where several of both were measured."""
-    if precession.powers is None:
-        return ()
-    items = fitted(precession.powers, ("", "", ""))[1:]
-    return (Section("powers", "Precession rate as a power of torque and spin", items, note="by theory 1 and -1"),)
-
-
-def line_panels(
-    panels: Sequence[tuple[str, FloatArray, FloatArray, float]], across: Sequence[str]
-) -> tuple[Panel, ...]:
-    """Draw points and the lines through the origin fitted to them, then residuals.
-
-    `panels` (n,): label of the vertical axis, abscissa, ordinate, and slope.
-    """
+def _line_panels(lines: Sequence[tuple[str, str, Inertia]]) -> tuple[Panel, ...]:
+    """Draw points and the lines through the origin fitted to them, then residuals; with labels of both axes."""
     upper, lower = [], []
-    for i, ((name, x, y, slope), label, colour) in enumerate(zip(panels, across, AXIS_COLOURS, strict=False)):
+    for i, ((name, label, each), colour) in enumerate(zip(lines, AXIS_COLOURS, strict=False)):
+        x, y, slope = each.x, each.y, float(each.fit.value[0])
         ends = np.array([0.0, 1.05 * float(np.max(x))])
         title, unit = name[: name.index(" [")], name[name.index("[") :]
         line, points = Curve("fitted", ends, slope * ends, GREY), Curve("measured", x, y, colour, "points")

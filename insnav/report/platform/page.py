@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from insnav.earth import ned_offset
+from insnav.errors import platform_errors
 from insnav.errors.metrics import TrajectoryErrors
-from insnav.errors.platform_errors import AGAINST, Demonstration, PlatformStudy
-from insnav.errors.schuler import SHORTEST_RECORD, StaticErrors
-from insnav.gimbal import Integrator, PlatformRun, torquing_rates
+from insnav.errors.platform_errors import AGAINST, Convergence, Demonstration, PlatformComparison, PlatformStudy
+from insnav.errors.schuler import SHORTEST_RECORD, StaticErrors, measured_periods, periods, static_errors
+from insnav.gimbal import INTEGRATORS, Integrator, PlatformRun, integral, torquing_rates
 from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder
 from insnav.output.kml import write_kml
@@ -19,10 +20,13 @@ from insnav.output.solution_tables import TableFormat, write_events, write_run_t
 from insnav.quantity import Quantity
 from insnav.report.page import DataFrame, Page, Section, Verdict, drawn, only_json, rows_frame
 from insnav.report.platform import panels
-from insnav.report.platform.demonstration import demonstration_page, known, periods_section
 from insnav.result import Result
 from insnav.types import FloatArray
-from insnav.units import DEG, DEG_PER_H
+from insnav.units import DEG, DEG_PER_H, UNITS
+
+_NEAR = 0.01  # of the closed form
+_ERRORS_TEXT = "heading error 1 arcmin, drifts of 0.01 deg/h, accelerometer biases of 50 ug"
+_MOTION = f"circles at {platform_errors.SPEED:g} m/s, {platform_errors.ROUND / 60:g} min a turn, latitude 45°"
 
 
 def write_files(result: Result[PlatformStudy | Demonstration], folder: RunFolder, table_format: TableFormat) -> None:
@@ -41,7 +45,7 @@ def write_files(result: Result[PlatformStudy | Demonstration], folder: RunFolder
 def frame(result: Result[PlatformStudy | Demonstration]) -> DataFrame:
     """Give the solution as a table; of the demonstration, the integrators on known functions."""
     found = result.found
-    return found.run.solution.to_frame() if isinstance(found, PlatformStudy) else rows_frame(known(found.orders).rows)
+    return found.run.solution.to_frame() if isinstance(found, PlatformStudy) else rows_frame(_known(found.orders).rows)
 
 
 def _name(result: Result[PlatformStudy | Demonstration]) -> str:
@@ -63,7 +67,7 @@ def page(result: Result[PlatformStudy | Demonstration]) -> Page:
     """Lay out a record integrated on a platform, or the demonstration."""
     study = result.found
     if isinstance(study, Demonstration):
-        return demonstration_page(study)
+        return _demonstration(study)
     run, theory, differences = study.run, study.theory, study.differences()
     end = run.solution
     lat, lon, height = end.lla[-1]
@@ -173,4 +177,118 @@ def _errors(study: PlatformStudy, theory: StaticErrors | None) -> tuple[Section,
     time = run.solution.time - run.solution.time[0]
     if theory is None or time[-1] < SHORTEST_RECORD * 86400.0 or lat == 0.0:
         return sections
-    return (*sections, periods_section({"platform": off}, time, float(lat), float(height)))
+    return (*sections, _periods({"platform": off}, time, float(lat), float(height)))
+
+
+def _demonstration(found: Demonstration) -> Page:
+    """Lay out the integrators against closed forms, and a platform against a strapdown navigator."""
+    orders, flight, rest, turning = found.orders, found.flight, found.rest, found.turning
+    theory = static_errors(rest.time, platform_errors.LAT, 0.0, platform_errors.ERRORS)
+    ends = {
+        name: float(np.hypot(*error[-1, :2]))
+        for name, error in (("platform", turning.platform), ("strapdown", turning.strapdown))
+    }
+    apart = float(np.abs(rest.platform[:, :2] - theory.position).max() / np.abs(theory.position).max())
+    at_rest, in_turns = "A day at rest, latitude 45°", "The same errors in a turning vehicle"
+    drawings = (
+        drawn("pattern", in_turns, panels.both_panels(turning, None, "pattern", _MOTION), _ERRORS_TEXT),
+        drawn("day", at_rest, panels.both_panels(rest, theory, "day", "a day at rest"), _ERRORS_TEXT),
+        drawn("flight", "Integrators against truth on a flight", panels.flight_panels(flight, _MOTION)),
+        drawn("line", "Integrating y = 2x in six steps", panels.straight_panels(), columns=2),
+        drawn("sine", "Order of convergence on y = sin t", (panels.convergence_panel(orders),)),
+    )
+    records = {"platform": rest.platform[:, :2], "strapdown": rest.strapdown[:, :2]}
+    return Page(
+        "The north-pointing platform: integrators and errors",
+        (
+            f"In {platform_errors.DAY / 3600:g} h at rest both with the same errors come to the same, as theory says. "
+            "In a turning vehicle they do not: the strapdown sensors turn with it, and their errors average out.",
+        ),
+        (
+            *drawings,
+            _known(orders),
+            _flown(flight),
+            *_day(rest, theory),
+            _periods(records, rest.time, platform_errors.LAT, 0.0),
+            only_json("pattern_end", *(Quantity(name, end, "m") for name, end in ends.items())),
+        ),
+        merits=(
+            *(
+                Quantity(name, end, "m", meaning=f"{name} after {platform_errors.PATTERN / 3600:g} h of circles")
+                for name, end in ends.items()
+            ),
+            Quantity("apart", 100.0 * apart, "", meaning="platform and closed form at rest apart [%]", digits=2),
+            *(Quantity(each.integrator, each.order, meaning=f"order of {each.integrator}") for each in orders[1:]),
+        ),
+        verdict=Verdict(
+            "good" if apart < _NEAR else "bad",
+            f"at rest the platform is within {100.0 * apart:.2g} % of the closed form",
+            f"After {platform_errors.PATTERN / 3600:g} h of circles the position error of the platform is "
+            f"{ends['platform'] / 1000:.2f} km, that of the strapdown navigator {ends['strapdown'] / 1000:.2f} km.",
+        ),
+    )
+
+
+def _periods(records: Mapping[str, FloatArray], time: FloatArray, lat: float, height: float) -> Section:
+    """Periods found in records (n, 2) of errors North, East [m] at rest, and those of theory."""
+    expected = periods(lat, height)
+    found = {name: measured_periods(time, position, lat, height) for name, position in records.items()}
+    rows = []
+    for period, unit in (("Schuler", "min"), ("Foucault", "h"), ("Earth", "h")):
+        theory = getattr(expected, period.lower())
+        row = [Quantity("period", f"{period} [{unit}]"), Quantity("theory", theory / UNITS[unit][1], digits=6)]
+        for name, each in found.items():
+            value = getattr(each, period.lower())
+            mark = "" if value is None else f"({100.0 * (value / theory - 1.0):+.3f} %)"
+            row.append(Quantity(name, None if value is None else value / UNITS[unit][1], digits=6, mark=mark))
+        rows.append(tuple(row))
+    note = "found in the position error by least squares, amplitudes free; –: not observable"
+    return Section("periods", "Periods of the error", rows=tuple(rows), note=note)
+
+
+def _known(orders: Sequence[Convergence]) -> Section:
+    x = np.linspace(0.0, 3.0, 31)
+    on_line = {each.integrator: float(integral(x, 2.0 * x, each.integrator)[-1] - 9.0) for each in orders}
+    rows = tuple(
+        (
+            Quantity("integrator", each.integrator),
+            Quantity("error_on_line", on_line[each.integrator], meaning="y = 2x, 30 steps, error at 3"),
+            Quantity("order_on_sine", each.order, meaning="y = sin t, measured order", decimals=3),
+        )
+        for each in orders
+    )
+    return Section("known_functions", "Integrators on known functions", rows=rows, keyed=True)
+
+
+def _flown(flight: Mapping[float, Sequence[TrajectoryErrors]]) -> Section:
+    rows = []
+    for i, name in enumerate(INTEGRATORS):
+        row = [Quantity("integrator", name)]
+        for rate, found in flight.items():
+            position, velocity = float(found[i].horizontal.max()), float(np.abs(found[i].velocity).max())
+            row.append(Quantity(f"position_{rate:g}_Hz", position, "m", meaning=f"{rate:g} Hz"))
+            row.append(Quantity(f"velocity_{rate:g}_Hz", velocity, "m/s", meaning=f"{rate:g} Hz"))
+        rows.append(tuple(row))
+    title = f"Largest error against truth in {platform_errors.FLIGHT / 60:g} min of {_MOTION}"
+    note = "position, and velocity; the motion has a closed form, the sensors are without error"
+    return Section("flight_largest_error", title, rows=tuple(rows), note=note, keyed=True)
+
+
+def _day(rest: PlatformComparison, theory: StaticErrors) -> tuple[Section, ...]:
+    records = {"closed form": theory.position, "platform": rest.platform[:, :2], "strapdown": rest.strapdown[:, :2]}
+    largest = (Quantity(name, np.abs(error).max(axis=0), "m") for name, error in records.items())
+    rows = []
+    for k, axis in enumerate(("north", "east")):
+        size = float(np.ptp(theory.position[:, k]))
+        row = [Quantity("error", f"{axis}, peak to peak")]
+        for name, error in records.items():
+            span = float(np.ptp(error[:, k]))
+            mark = "" if name == "closed form" else f"({100.0 * (span / size - 1.0):+.2f} %)"
+            row.append(Quantity(name, span, "m", decimals=0, mark=mark))
+        apart = float(np.abs(rest.platform[:, k] - rest.strapdown[:, k]).max())
+        rows.append((*row, Quantity("apart", apart, "m", meaning="largest difference")))
+    note = "vertical channel off, height held"
+    return (
+        Section("", f"{platform_errors.DAY / 3600:g} h at rest", rows=tuple(rows), note=note),
+        only_json("day_largest_n_e", *largest),
+    )
