@@ -53,7 +53,7 @@ class Certificate:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Checks that failed, and what the certificate rests on."""
+        """Checks that failed, and the assumptions of the certificate."""
         asked = dict.fromkeys(name for check in self.checks for name, _ in check.values)
         failed = (Finding.of(Code.CERTIFICATE_FAILED, subject=check.name) for check in self.failed)
         return (*failed, *map(Finding.of, (*_ABOUT_ALL, *(_ABOUT[name] for name in asked if name in _ABOUT))))
