@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
 from itertools import chain, count
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,8 +15,7 @@ from insnav.exceptions import InputError
 from insnav.types import FloatArray, Trajectory
 
 
-@dataclass(frozen=True, slots=True)
-class Solution:
+class Solution(NamedTuple):
     """One solution of one run."""
 
     run: str  # name of the run
@@ -63,7 +62,7 @@ class Comparison:
         for each in self.compared:
             name = f"{each.run}-smoothed" if each.solution == "smoothed" else each.run
             numbered = chain([name], (f"{name}-{number}" for number in count(2)))
-            named[next(new for new in numbered if new not in named and new != "reference")] = each.errors
+            named[next(free for free in numbered if free not in named and free != "reference")] = each.errors
         return named
 
 

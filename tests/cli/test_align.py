@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+import insnav
 from insnav.findings import Code, Finding
 from insnav.messages import render
 from insnav.output.folder import read_facts
@@ -39,6 +40,9 @@ def test_the_summary_says_what_was_found_and_how_well(at_rest: Path, cli: Cli):
     assert f"({render(Finding.of(Code.ALIGN_HEADING_GYROCOMPASS)).title})" in lines[2]
     assert "from the sensors alone" in lines[5]
     assert max(map(len, lines)) <= 110
+    again = insnav.open_result("alignment")
+    assert again.imu_model is not None
+    assert list(again.page().summary) == lines[: len(again.page().summary)]
 
 
 def test_a_heading_that_cannot_be_found_is_not_made_up(at_rest: Path, cli: Cli):

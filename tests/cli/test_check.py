@@ -18,14 +18,16 @@ from insnav.input.readers.kinds import open_parts
 from insnav.messages import sentence
 from insnav.report.check.page import page
 from insnav.report.terminal import page_text
+from insnav.result import open_result
 from insnav.session.check import check
 from tests.input.spellings.recorded import GPS_HEADERS, IMU_HEADERS, fixes, samples, table
 
 
 def test_exit_codes_and_the_line(cli, tmp_path):
     imu, gps = table(tmp_path / "a.csv", samples(IMU_HEADERS)), table(tmp_path / "b.csv", fixes(GPS_HEADERS))
-    good = cli("check", imu, gps)
+    good = cli("check", imu, gps, "--out", tmp_path / "checked")
     assert good.code == 0
+    assert open_result(tmp_path / "checked").summary().splitlines()[0] == good.out.splitlines()[0]
     assert good.out.rstrip().splitlines()[-1] == f"run:  insnav run {imu} --gps {gps}"
     alone = cli("check", imu)
     assert alone.code == 1

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from insnav.earth import gravity_n
+from insnav.errors import platform_errors
 from insnav.errors.platform_errors import level_force
 from insnav.output.data_files import write_data, write_table
 from insnav.output.folder import read_facts, verify_folder
@@ -117,12 +118,10 @@ def test_the_errors_of_a_platform_at_rest_are_beside_the_closed_form(
 
 def test_the_demonstration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli):
     """With shorter motions: what is shown is tested elsewhere."""
-    from insnav.report.platform import demonstration as platform_demo
-
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(platform_demo, "DAY_RATE", 0.5)
-    monkeypatch.setattr(platform_demo, "PATTERN", 120.0)
-    monkeypatch.setattr(platform_demo, "FLIGHT", 60.0)
+    monkeypatch.setattr(platform_errors, "DAY_RATE", 0.5)
+    monkeypatch.setattr(platform_errors, "PATTERN", 120.0)
+    monkeypatch.setattr(platform_errors, "FLIGHT", 60.0)
     shown = cli("platform", "--demo")
     assert shown.code == 0, shown.err
     facts = verify_folder(Path("platform"))

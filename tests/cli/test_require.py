@@ -23,6 +23,7 @@ def test_a_requirement_at_rest(cli: Cli, tmp_path: Path) -> None:
     assert row["alone_deg_h"] == pytest.approx(0.239, rel=5e-3)
     assert (tmp_path / "r" / "report.html").is_file()
     assert (tmp_path / "r" / "figures" / "allocation.png").is_file()
+    assert page_facts(insnav.open_result(tmp_path / "r").page())["allocation"] == facts["allocation"]
 
 
 def test_which_parts_keep_a_car_within_5_m_for_30_s(cli: Cli, tmp_path: Path) -> None:
