@@ -126,17 +126,17 @@ WRONG_OPTIONS = {
     "two numbers for an arm": (("--lever-arm", "1,2"), "--lever-arm", "0.136,-0.301,-0.184"),
     "an arm of words": (("--lever-arm", "a,b,c"), "--lever-arm", "3 numbers"),
     "an arm of no number": (("--lever-arm", "nan,0,0"), "--lever-arm", "3 numbers"),
-    "an arm in millimetres": (("--lever-arm", "800,0,-1200"), "--lever-arm", "longer than 100 m"),
+    "an arm in millimetres": (("--lever-arm", "800,0,-1200"), "lever", "input.long_lever_arm"),
     "an interval backwards": (("--static", "30:10"), "--static", "ends before it begins"),
     "no rate": (("--rate", "often"), "--rate", "or full"),
-    "17 states": (("--states", "17"), "--states", "use 21 or 15"),
+    "17 states": (("--states", "17"), "--states", "align.bad_states"),
     "columns without header": (("--columns", "gyro_x"), "--columns", "gyro_x=Gx"),
     "a column that is not there": (("--columns", "gyro_x=foo"), "--columns", "'foo'"),
     "a column of the fixes that is not there": (("--gps-columns", "lat=foo"), "--gps-columns", "'foo'"),
     "no unit": (("--imu-units", "foo"), "--imu-units", "gyro=deg/s,accel=g"),
     "no axes": (("--imu-axes", "FFF"), "axes", "FFF"),
     "a heading that is no number": (("--heading", "nan"), "--heading", "nan"),
-    "a heading beyond a turn": (("--heading", "400"), "--heading", "-180 to 360 deg"),
+    "a heading beyond a turn": (("--heading", "400"), "heading", "input.out_of_range"),
     "a delay of a day": (("--gps-delay", "86400"), "--gps-delay", "86400"),
     "a limit without reference": (("--fail-above", "2"), "--fail-above", "--ref"),
     "a limit below zero": (("--fail-above", "-2", "--ref", "ref.csv"), "--fail-above", "above zero"),
@@ -151,7 +151,7 @@ def test_a_wrong_option_is_named_with_exit_code_2(drive: Path, cli: Cli, what: s
 
 
 def test_only_one_file_comes_from_standard_input(drive: Path, cli: Cli):
-    refused(cli("run", "-", "--gps", "-"), 2, "only one file", "IMU_FILE, --gps")
+    refused(cli("run", "-", "--gps", "-"), 2, "session.one_from_stdin", "IMU_FILE, --gps")
 
 
 def test_all_errors_of_an_imu_file_are_told_at_once(drive: Path, cli: Cli):
@@ -170,7 +170,7 @@ def test_an_imu_file_that_is_no_toml_is_named(drive: Path, cli: Cli):
 @pytest.mark.parametrize("text", ["", "{", "[]", "null", '{"time_s": "soon"}', '{"time_s": 1e400}'])
 def test_an_initial_state_must_be_complete(drive: Path, cli: Cli, text: str):
     Path("start.json").write_text(text)
-    refused(cli("run", "imu.csv", "--gps", "gps.csv", "--initial", "start.json"), 3, "initial state", "start.json")
+    refused(cli("run", "imu.csv", "--gps", "gps.csv", "--initial", "start.json"), 3, "input.", "start.json")
 
 
 def test_an_initial_state_needs_positive_standard_deviations(drive: Path, cli: Cli):

@@ -61,7 +61,7 @@ def test_a_folder_of_drives(drives: Path, drive: Path, cli: Cli):
     assert next(iter(rows)) == "broken"
     assert rows.keys() == {"broken", "van-monday", "car-tuesday", "car-friday"}
     assert (rows["broken"]["result"], rows["broken"]["exit_code"]) == ("failed", "3")
-    assert "nothing tells where" not in rows["broken"]["reason"]  # but what is wrong with the file of its fixes
+    assert "align.no_position" not in rows["broken"]["reason"]  # but what is wrong with the file of its fixes
     lines = shown.out.partition("\nfiles ")[0].splitlines()
     rows_shown = [line for line in lines if line.split()[:1] and line.split()[0] in {"drive", *rows}]
     assert len(rows_shown) == 5

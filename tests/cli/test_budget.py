@@ -91,7 +91,7 @@ def test_the_end_of_a_recorded_minute_is_explained(cli: Cli):
         (("--gravity", "9.0"), "gravity is nowhere 9 m/s^2"),
         (("--lat", "91"), "no latitude"),
         (("--lat", "90"), "close to a pole"),
-        (("--lat", "5", "--profile", "city"), "has its own place"),
+        (("--lat", "5", "--profile", "city"), "session.profile_has_place"),
     ],
 )
 def test_a_place_that_is_none_is_refused(cli: Cli, options, word):

@@ -282,7 +282,7 @@ def test_the_library_is_listed_and_drawn(here: Path, cli: Cli, monkeypatch: pyte
         ((MOTION, "--runs", "3", "--imu", "ideal"), 2, "all the same"),
         ((MOTION, "--seed", "-1"), 2, "--seed"),
         (("--from", "none.csv"), 3, "none.csv"),
-        (("--from", "."), 3, "no solution"),
+        (("--from", "."), 3, "session.no_solution"),
         ((MOTION, "--out", "white.toml/such"), 4, "cannot write a run folder"),
     ],
 )
