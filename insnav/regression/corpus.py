@@ -125,10 +125,10 @@ def load_corpus(path: Path) -> Corpus:
     corpus = validate(Corpus, read_toml(path), str(path))
     names = [case.name for case in corpus.cases]
     if not names:
-        raise ConfigError("the corpus has no cases", where=str(path), fix="give [[simulated]] or [[recorded]] tables")
+        raise ConfigError("regress.no_cases", where=str(path))
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        refuse([f"{name}: two cases have this name" for name in twice], str(path))
+        refuse([ConfigError("regress.same_name", where=name) for name in twice], str(path))
     for case in corpus.cases:
         case._folder = path.resolve().parent
     return corpus
@@ -144,12 +144,7 @@ def default_corpus() -> Path:
     profiles = library()
     path = profiles[0].parent / CORPUS_FILE if profiles else Path(CORPUS_FILE)
     if not path.is_file():
-        raise ConfigError(
-            "the accuracy corpus is not here",
-            where=str(path),
-            why="it comes with the source of insnav, next to the motion profiles",
-            fix="give it with --corpus",
-        )
+        raise ConfigError("regress.no_corpus", where=str(path))
     return path
 
 
