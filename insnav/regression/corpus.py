@@ -24,9 +24,8 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, PrivateAttr, model_validator
-from pydantic_core import PydanticCustomError
 
-from insnav.config_file import Axes, Table, axes, read_toml, refuse, scalar, validate
+from insnav.config_file import Axes, Table, axes, read_toml, refuse, scalar, validate, wrong
 from insnav.exceptions import ConfigError
 
 Group = Literal["position", "velocity", "attitude", "heading"]
@@ -98,9 +97,9 @@ class RecordedCase(Case):
     @model_validator(mode="after")
     def _sound(self) -> RecordedCase:
         if self.fixes is not None and not self.reference:
-            raise PydanticCustomError("wrong_value", "fixes are made from a reference, which is not given")
+            raise wrong("regress.fixes_without_reference")
         if self.seeds > 1 and self.fixes is None:
-            raise PydanticCustomError("wrong_value", "seeds above 1 need fixes made from the reference")
+            raise wrong("regress.seeds_without_fixes")
         return self
 
 
