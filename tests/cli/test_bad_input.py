@@ -211,7 +211,7 @@ def test_a_parent_that_is_a_file_is_known_at_once(drive: Path, cli: Cli):
 def test_an_existing_result_is_kept_without_force(drive: Path, cli: Cli):
     assert cli("run", *QUICK).code == 0
     before = {path: path.read_bytes() for path in Path("run").rglob("*") if path.is_file()}
-    refused(cli("run", *QUICK), 4, "exists already", "--force")
+    refused(cli("run", *QUICK), 4, "output.folder_exists")
     assert before == {path: path.read_bytes() for path in Path("run").rglob("*") if path.is_file()}
     assert cli("run", *QUICK, "--force").code == 0
 

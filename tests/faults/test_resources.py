@@ -238,7 +238,7 @@ def test_an_infinite_velocity_is_refused_with_its_place(tmp_path: Path, cell):
 
 def test_a_damaged_kernel_file_says_what_to_delete(capsys):
     assert cli._explain(pickle.UnpicklingError("invalid load key, 'x'.")) == 3
-    assert "delete what numba keeps in" in capsys.readouterr().err
+    assert "cli.damaged_kernel" in capsys.readouterr().err
 
 
 _FAR = """
