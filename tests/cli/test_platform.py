@@ -152,7 +152,7 @@ def test_the_demonstration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli:
         (("fw.csv", *START, "--vertical", "damped", "--height-input", "late.csv"), 3, ("does not cover",)),
         (("none.csv", *START), 3, ("no such file",)),
         (("level.csv", *START, "--vertical", "free"), 3, ("no vertical axis", "--vertical off")),
-        (("fw.csv", *START, "--sample-rate", "0"), 2, ("not a rate", "--sample-rate")),
+        (("fw.csv", *START, "--sample-rate", "0"), 2, ("platform.bad_rate", "--sample-rate")),
         (("fw.csv", *START, "--sample-rate", "20"), 2, ("times of its own",)),
         (
             ("away.csv", "--lat", "89.9", "--lon", "11", "--gyro-drift", "0,50,0"),

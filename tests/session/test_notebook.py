@@ -159,7 +159,7 @@ def test_positions_in_radians_are_refused_as_such() -> None:
         ({"heading": 92.0}, ConfigError, "not a sensible value"),  # degrees, where radians are meant
         ({"static": (20.0, 10.0)}, ConfigError, "ends before it begins"),
         ({"lever": (0.0, 0.0, 0.0)}, ConfigError, "'lever' is unknown"),
-        ({"logs": {"sonar": "sonar.csv"}}, ConfigError, "no known sensor"),
+        ({"logs": {"sonar": "sonar.csv"}}, ConfigError, "input.unknown_sensor"),
         ({"gps_columns": {"lat": "zz"}}, InputError, "zz"),
         ({"imu_model": "none.toml"}, ConfigError, "imu.unknown"),
     ],
