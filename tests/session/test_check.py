@@ -82,7 +82,7 @@ def test_two_rows_of_a_place_are_a_reference_between_them():
 def test_samples_too_far_apart_are_refused(tmp_path):
     gps = table(tmp_path / "gps.csv", fixes(GPS_HEADERS))
     rows = [(name, cells[::50]) for name, cells in samples(IMU_HEADERS)]
-    with pytest.raises(InputError, match="too far apart|too_slow"):  # the header may be wrong
+    with pytest.raises(InputError, match=r"too far apart|too_slow"):  # the header may be wrong
         insnav.load(table(tmp_path / "slow.csv", rows), gps)
     with pytest.raises(InputError, match=r"imu.too_slow"):
         insnav.load(table(tmp_path / "dated.csv", [("time", iso()(drive().t[::50])), *rows[1:]]), gps)

@@ -161,7 +161,7 @@ def test_positions_in_radians_are_refused_as_such() -> None:
         ({"lever": (0.0, 0.0, 0.0)}, ConfigError, "input.unknown_input"),
         ({"logs": {"sonar": "sonar.csv"}}, ConfigError, "input.unknown_sensor"),
         ({"gps_columns": {"lat": "zz"}}, InputError, "zz"),
-        ({"imu_model": "none.toml"}, ConfigError, "neither an IMU preset nor a file"),
+        ({"imu_model": "none.toml"}, ConfigError, "imu.unknown"),
     ],
 )
 def test_what_cannot_be_meant_is_refused(
