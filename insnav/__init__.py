@@ -32,8 +32,8 @@ Start here
 >>> drive.outage(lengths=(10, 30)); drive.budget(times=(10, 60))  # doctest: +SKIP
 
 Files, data frames and arrays come in through `load`, simulated drives through `simulate`, bench records through
-`calibrate`, `allan` and `drift`. The commands of the shell call the same functions, with the same defaults.
-`navigate_recording`, `navigate` and `increments` are the parts for those who build their own.
+`calibrate`, `acceptance`, `allan`, `drift` and `platform`. The commands of the shell call the same functions, with the
+same defaults. `navigate_recording`, `navigate` and `increments` are the parts for those who build their own.
 """
 
 from __future__ import annotations
@@ -44,32 +44,44 @@ from typing import TYPE_CHECKING, Any
 from insnav.version import __version__ as __version__
 
 if TYPE_CHECKING:
+    from insnav.certificate.certify import verify
     from insnav.errors.metrics import position_errors
     from insnav.exceptions import InsnavError
     from insnav.filter import FilterSettings
     from insnav.filter.navigate import navigate_recording
+    from insnav.fleet.tuning import tune
     from insnav.imu import load_imu
     from insnav.input import read_gps, read_imu, read_reference
+    from insnav.regression.regress import regress
     from insnav.result import Result, open_result
-    from insnav.session.bench import allan, calibrate, drift
+    from insnav.session.bench import acceptance, allan, calibrate, drift
+    from insnav.session.check import check
     from insnav.session.comparison import compare
-    from insnav.session.drive import Drive, load
+    from insnav.session.drive import Drive, align, load
+    from insnav.session.imus import imus
+    from insnav.session.platform_run import platform
     from insnav.session.requirement import require
     from insnav.session.simulation import simulate
     from insnav.strapdown import increments, intervals, navigate
     from insnav.types import GpsData, ImuData, Increments, Run, Trajectory
 
 _NAMES = {
+    "insnav.certificate.certify": "verify",
     "insnav.errors.metrics": "position_errors",
     "insnav.exceptions": "InsnavError",
     "insnav.filter": "FilterSettings",
     "insnav.filter.navigate": "navigate_recording",
+    "insnav.fleet.tuning": "tune",
     "insnav.imu": "load_imu",
     "insnav.input": "read_gps read_imu read_reference",
+    "insnav.regression.regress": "regress",
     "insnav.result": "Result open_result",
-    "insnav.session.bench": "allan calibrate drift",
+    "insnav.session.bench": "acceptance allan calibrate drift",
+    "insnav.session.check": "check",
     "insnav.session.comparison": "compare",
-    "insnav.session.drive": "Drive load",
+    "insnav.session.drive": "Drive align load",
+    "insnav.session.imus": "imus",
+    "insnav.session.platform_run": "platform",
     "insnav.session.requirement": "require",
     "insnav.strapdown": "increments intervals navigate",
     "insnav.types": "GpsData ImuData Increments Run Trajectory",
@@ -86,10 +98,14 @@ __all__ = [
     "Result",
     "Run",
     "Trajectory",
+    "acceptance",
+    "align",
     "allan",
     "calibrate",
+    "check",
     "compare",
     "drift",
+    "imus",
     "increments",
     "intervals",
     "load",
@@ -97,12 +113,16 @@ __all__ = [
     "navigate",
     "navigate_recording",
     "open_result",
+    "platform",
     "position_errors",
     "read_gps",
     "read_imu",
     "read_reference",
+    "regress",
     "require",
     "simulate",
+    "tune",
+    "verify",
 ]
 
 

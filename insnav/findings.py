@@ -72,8 +72,6 @@ def of_families(*families: str) -> frozenset[Code]:
 
 # Changes of the IMU, and of the delay: an IMU in other axes looks like one.
 OF_THE_IMU = of_families("change")
-# What the user or the receiver gave is wrong.
-GIVEN_CONTRADICTED = of_families("given", "noise")
 # Fixes and IMU disagree, whichever is wrong.
 CONTRADICTIONS = of_families("change", "given", "noise", "record")
 # Fixes that a receiver or logger repeats or makes up.

@@ -188,6 +188,6 @@ def open_result(folder: str | Path) -> Result[Any]:
     Raises
     ------
     InputError
-        Not such a folder, damaged, or of a kind whose tables are not kept.
+        Not such a folder, damaged, or of another version.
     """
     return cast("Result[Any]", _save.open_folder(Path(folder)))

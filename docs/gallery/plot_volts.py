@@ -15,7 +15,7 @@ import insnav
 rng = np.random.default_rng(7)
 rate = np.arange(-100.0, 101.0, 10.0)
 table = pd.DataFrame({"rate_dps": rate, "voltage_v": 0.0484 * rate + 0.164 + 0.002 * rng.standard_normal(len(rate))})
-found = insnav.calibrate("gyro", table)
+found = insnav.calibrate("gyro", table).found
 for each in found.parameters:
     print(f"{each.label}: {each.value:.5f} ± {each.sd:.5f} {each.shown_unit}")
 

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import platform
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 from insnav.certificate.check import Check
 from insnav.certificate.coning_sculling import coning, sculling, spin, upright
 from insnav.certificate.gravity import gravity
-from insnav.certificate.integrators import Integrator, integrators
+from insnav.certificate.integrators import Integrator, integrators, pyins
 from insnav.certificate.navigation_checks import free_inertial, meridians, poles, rest, schuler
-from insnav.certificate.platform_checks import platform
+from insnav.certificate.platform_checks import platform as gimballed
 from insnav.certificate.static_day import day
+from insnav.findings import Code, Finding
+from insnav.result import Result
+from insnav.version import __version__
 
 # what every strapdown integrator is asked; other mechanizations and models answer for themselves in `OTHERS`
 TOPICS: tuple[Callable[[Sequence[Integrator]], list[Check]], ...] = (
@@ -28,7 +32,9 @@ TOPICS: tuple[Callable[[Sequence[Integrator]], list[Check]], ...] = (
     meridians,
     poles,
 )
-OTHERS: tuple[Callable[[], list[Check]], ...] = (platform, gravity)
+OTHERS: tuple[Callable[[], list[Check]], ...] = (gimballed, gravity)
+_ABOUT_ALL = Code.CERTIFICATE_SAMPLES, Code.CERTIFICATE_INTEGRATORS, Code.CERTIFICATE_CONING
+_ABOUT = {"fourth": Code.CERTIFICATE_PLATFORM, "pyins": Code.CERTIFICATE_PYINS}  # by the name of an integrator
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,11 +43,49 @@ class Certificate:
 
     checks: tuple[Check, ...]
     seconds: float  # how long it took, compilation included [s]
+    machine: str = field(default_factory=lambda: f"{platform.system()} {platform.machine()}")
+    version: str = __version__  # of insnav
 
     @property
     def failed(self) -> tuple[Check, ...]:
         """Checks whose error exceeds its limit."""
         return tuple(check for check in self.checks if not check.passed)
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Checks that failed, and the assumptions of the certificate."""
+        asked = dict.fromkeys(name for check in self.checks for name, _ in check.values)
+        failed = (Finding.of(Code.CERTIFICATE_FAILED, subject=check.name) for check in self.failed)
+        return (*failed, *map(Finding.of, (*_ABOUT_ALL, *(_ABOUT[name] for name in asked if name in _ABOUT))))
+
+
+def verify(*, peer: bool = False, progress: Callable[[float], None] | None = None) -> Result[Certificate]:
+    """Measure the numerics of this installation against closed forms and published values, in seconds.
+
+    Parameters
+    ----------
+    peer : bool
+        Compare with python-ins.
+    progress : callable, optional
+        Called with the fraction of the work that is done.
+
+    Returns
+    -------
+    Result of Certificate
+        ``found.failed`` has the checks whose error exceeds its limit.
+
+    Raises
+    ------
+    ConfigError
+        python-ins is not installed.
+
+    Examples
+    --------
+    >>> insnav.verify().found.failed  # doctest: +SKIP
+    ()
+    """
+    found = certify((pyins(),) if peer else (), progress)
+    return Result("certificate", found, options={"peer": peer}, findings=found.findings)
 
 
 def certify(peers: Sequence[Integrator] = (), progress: Callable[[float], None] | None = None) -> Certificate:

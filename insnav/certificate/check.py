@@ -19,6 +19,11 @@ class Check:
     required: int = 1  # to how many of them the limit applies, from the first on
 
     @property
+    def name(self) -> str:
+        """Topic and case."""
+        return f"{self.topic}: {self.case}"
+
+    @property
     def error(self) -> float:
         """Largest of the errors to which the limit applies; NaN if one of them is."""
         errors = [value for _, value in self.values[: self.required]]

@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import Annotated
 
 from insnav.cli import parse
-from insnav.cli.console import note, result_page, working
+from insnav.cli.console import note_warnings, result_page, working, write_result
 from insnav.cli.options import FILES, METHOD, Columns, Force, Json, Out, SpikeLimit, option
-from insnav.exceptions import ConfigError
 
 
 def acceptance(
@@ -26,34 +25,14 @@ def acceptance(
     as_json: Json = False,
 ) -> None:
     """Work out acceptance figures."""
-    if not (rates or positions or static or powerups):
-        raise ConfigError(
-            "there is nothing to accept",
-            where="insnav acceptance",
-            fix="give one or more of --rates, --positions, --static, --powerups",
-        )
-    times = sorted(set(parse.positive_numbers(lengths, "--lengths", "1,10,100")))
+    times = parse.positive_numbers(lengths, "--lengths", "1,10,100")
     named = parse.columns(columns, "--columns")
     with working(out, force) as (folder, stage):
         stage("reading")
         from insnav.session.bench import acceptance as accepted
 
-        found, files = accepted(
-            [*(rates or ()), *(positions or ())],
-            static,
-            powerups or (),
-            lengths=times,
-            columns=named,
-            spike_limit=spike_limit,
-        )
-        stage("writing")
-        from insnav.report.acceptance.page import acceptance_page
-        from insnav.report.calibration.common import bench_input
-        from insnav.report.save import write_page
-
-        page = acceptance_page(found, files)
-        for text in page.warnings:
-            note(text)
-        metadata = {"command": "acceptance", "input": bench_input([each.table for each in files])}
-        where = write_page(folder, page, metadata)
-    result_page(where, page, out, as_json=as_json)
+        steps = [*(rates or ()), *(positions or ())]
+        outcome = accepted(steps, static, powerups or (), lengths=times, columns=named, spike_limit=spike_limit)
+        note_warnings(outcome)
+        where = write_result(outcome, folder, stage, figures="png")
+    result_page(where, outcome.page(), out, as_json=as_json)

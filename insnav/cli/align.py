@@ -32,8 +32,7 @@ def align(
     if as_json:
         result_facts(where)
     else:
+        from insnav.report.save import text_of
         from insnav.report.terminal import entry
 
-        page = outcome.page()
-        warnings = (entry("warning", text) for text in page.warnings)
-        result("\n".join([*page.summary, *warnings, entry("files", f"{out}: report.html, run.json")]))
+        result(f"{text_of(outcome)}\n{entry('files', f'{out}: report.html, run.json')}")

@@ -49,8 +49,9 @@ def batch(
         stage("finding")
         from insnav.fleet.batch import batch as navigated
         from insnav.fleet.batch import check_folder, moved_aside
-        from insnav.fleet.page import write_fleet
         from insnav.fleet.recordings import find_drives
+        from insnav.report.fleet.page import write_fleet
+        from insnav.result import Result
 
         quiet_figures()
         folder = out.resolve()
@@ -73,7 +74,10 @@ def batch(
             note("the drives that are finished are kept: the same command again goes on")
             raise
         stage("writing")
-        page = write_fleet(folder, made, left + moved_aside(folder), {"drives": str(drives), "run": list(common)})
+        options, findings = {"drives": str(drives), "run": common}, (*left, *moved_aside(folder))
+        outcome = Result("fleet", tuple(made), options=options, findings=findings)
+        write_fleet(folder, outcome)
+    page = outcome.page()
     more = max(len(made) - _SHOWN, 0)
     names = ("drives", f"fleet.csv ({more} drives more)" if more else "fleet.csv")
     shown = _narrow(page.sections[1], shutil.get_terminal_size((WIDTH, 0)).columns)
@@ -84,7 +88,7 @@ def batch(
 
 def _narrow(table: Section, width: int) -> Section:
     """Columns of a fleet that matter, in so many characters."""
-    from insnav.fleet.page import told
+    from insnav.report.fleet.page import told
     from insnav.report.page import section_tables
     from insnav.report.terminal import table_text
 

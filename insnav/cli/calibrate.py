@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from insnav.cli import parse
-from insnav.cli.console import note, result_page, working
+from insnav.cli.console import note, result_page, working, write_result
 from insnav.cli.data_options import READING, Data, say_reading, takes_data
 from insnav.cli.help import GroupedCommand, help_of
 from insnav.cli.options import METHOD, RESULT, Columns, Force, Json, Out, SpikeLimit, argument, flag, option
@@ -55,9 +55,7 @@ def gyro(
     as_json: Json = False,
 ) -> None:
     """Calibrate gyros on a rate table."""
-    span = parse.span(keep, "--range") if keep else None
-    how = {"columns": _named(columns), "keep": span, "spike_limit": spike_limit, "add": add, "name": name}
-    _calibrate("gyro", files, how, out, force, as_json)
+    _calibrate("gyro", locals() | {"keep": parse.span(keep, "--range") if keep else None})
 
 
 @_command("accel")
@@ -73,8 +71,7 @@ def accel(
     as_json: Json = False,
 ) -> None:
     """Calibrate accelerometers by tumbling."""
-    how = {"columns": _named(columns), "gravity": gravity, "spike_limit": spike_limit, "add": add, "name": name}
-    _calibrate("accel", files, how, out, force, as_json)
+    _calibrate("accel", locals())
 
 
 @_command("imu")
@@ -82,9 +79,9 @@ def imu(
     files: Annotated[list[Path], argument("FILE", "Sweeps about x, y, z, or one.")],
     columns: Columns = None,
     spike_limit: SpikeLimit = None,
-    intercept: Annotated[
+    intercepts: Annotated[
         str | None,
-        option(METHOD, "PIECE=DEG/S,…", "Intercepts b' set by hand; x2 is the second piece of gyro x."),
+        option(METHOD, "PIECE=DEG/S,…", "Intercepts b' set by hand; x2 is the second piece of gyro x.", "--intercept"),
     ] = None,
     add: Add = None,
     name: Name = "",
@@ -93,14 +90,12 @@ def imu(
     as_json: Json = False,
 ) -> None:
     """Calibrate three gyros by sweeps."""
-    intercepts = parse.named_numbers(intercept, "--intercept", "-0.01")
-    how = {"columns": _named(columns), "spike_limit": spike_limit, "add": add, "name": name, "intercepts": intercepts}
-    _calibrate("imu", files, how, out, force, as_json)
+    _calibrate("imu", locals() | {"intercepts": parse.named_numbers(intercepts, "--intercept", "-0.01")})
 
 
 @_command("nine")
 def nine(
-    file: Annotated[Path, argument("FILE", "Table of positions.")],
+    files: Annotated[Path, argument("FILE", "Table of positions.")],
     columns: Columns = None,
     gravity: Gravity = 9.80665,
     name: Name = "",
@@ -109,8 +104,7 @@ def nine(
     as_json: Json = False,
 ) -> None:
     """Calibrate dual-axis modules."""
-    how = {"columns": _named(columns), "gravity": gravity, "name": name}
-    _calibrate("nine", [file], how, out, force, as_json)
+    _calibrate("nine", locals())
 
 
 @_command("poses")
@@ -150,10 +144,10 @@ def poses(
         say_reading(reading.facts)
         note(f"gravity {g:.5f} m/s^2, {source}")
 
-    how: dict[str, Any] = {key: data.inputs.get(key) for key in READING}
+    how: dict[str, Any] = {"files": data.imu, **{key: data.inputs.get(key) for key in READING}}
     how |= {"counts": counts, "six": method == "six", "gravity": g, "gravity_source": source}
-    how |= {"sections": sections, "turn": radians(turn)}
-    _calibrate("poses", [data.imu], how, out, force, as_json, opened)
+    how |= {"sections": sections, "turn": radians(turn), "opened": opened}
+    _calibrate("poses", how | {"out": out, "force": force, "as_json": as_json})
 
 
 @_command("rotor")
@@ -170,40 +164,25 @@ def rotor(
     as_json: Json = False,
 ) -> None:
     """Measure a rotor."""
-    how = {"fall_mass": fall_mass, "mass": mass, "radius": radius, "arm": arm, "gravity": gravity}
-    _calibrate("rotor", [fall, precession], how, out, force, as_json)
+    how = locals()
+    _calibrate("rotor", {"files": [how.pop("fall"), how.pop("precession")], **how})
 
 
-def _named(columns: str | None) -> dict[str, str] | None:
-    return parse.columns(columns, "--columns")
-
-
-def _calibrate(
-    method: str,
-    files: Sequence[Path],
-    how: dict[str, Any],
-    out: Path,
-    force: bool,
-    as_json: bool,
-    opened: Callable[[Any], None] | None = None,
-) -> None:
+def _calibrate(method: str, how: dict[str, Any]) -> None:
     """Calibrate, write the folder with calibration file and report, and print the result.
 
-    `how`: options of `insnav.session.bench.calibrate`.
+    `how`: ``files``, options of `insnav.session.bench.calibrate`, and those of the result.
     """
-    with working(out, force) as (folder, stage):
+    files, out, as_json = (how.pop(name) for name in ("files", "out", "as_json"))
+    if isinstance(how.get("columns"), str):
+        how["columns"] = parse.columns(how["columns"], "--columns")
+    with working(out, how.pop("force")) as (folder, stage):
         stage("loading")
-        from insnav.imu import calibration_to_toml
-        from insnav.report.calibration.page import calibration_metadata, calibration_page
-        from insnav.report.save import write_page
         from insnav.session.bench import calibrate
 
-        found = calibrate(method, files, stage=stage, opened=opened, **how)
-        stage("writing")
-        page = calibration_page(found)
-        texts = {} if found.errors is None else {"calibration.toml": calibration_to_toml(found.errors)}
-        where = write_page(folder, page, calibration_metadata(found), texts)
+        outcome = calibrate(method, files, stage=stage, **how)
+        where = write_result(outcome, folder, stage, figures="png")
     if as_json:
-        for line in page.warnings:
+        for line in outcome.page().warnings:
             note(f"warning: {line}")
-    result_page(where, page, out, as_json=as_json, more=texts)
+    result_page(where, outcome.page(), out, as_json=as_json, more=("calibration.toml",))

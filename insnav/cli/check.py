@@ -28,9 +28,8 @@ def check(
         from insnav.report.save import text_of
         from insnav.session.check import check as checked
 
-        roles = {each: role for each, role in ((data.gps, "gps"), (data.ref, "reference")) if each is not None}
-        compile_at_first(*files, *roles)
-        found = replace(checked(files, data.inputs, roles), options=data.options)
+        compile_at_first(*files, *filter(None, (data.gps, data.ref)))
+        found = replace(checked(*files, gps=data.gps, ref=data.ref, **data.inputs), options=data.options)
     where = None
     if out is not None:
         where = found.save(out, force=force, figures="page")
@@ -38,9 +37,10 @@ def check(
         if where is not None:
             result_facts(where)
         else:
-            from insnav.report.run_json import page_facts, versions
+            from insnav.report.run_json import versions
+            from insnav.report.save import facts_of
 
-            result(json.dumps({"kind": "check", "versions": versions(), **page_facts(found.page())}, indent=2))
+            result(json.dumps({"kind": "check", "versions": versions(), **facts_of(found)}, indent=2))
     else:
         result(text_of(found))
     if not found.found.runs_as_given:

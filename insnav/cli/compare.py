@@ -33,11 +33,8 @@ def compare(
     assert data.ref is not None
     outcome = replace(compared(*runs, ref=data.ref, **data.inputs), options=data.options)
     if out is not None:
-        from insnav.report.save import save_result
-
         quiet_figures()
-        with RunFolder(out, force=force) as folder:
-            save_result(outcome, folder)
+        outcome.save(out, force=force)
     found = outcome.found
     if tum is not None:
         from insnav.output.tum import tum_files
@@ -52,7 +49,6 @@ def compare(
 
         result(json.dumps(json_ready(found.rows()), indent=1, ensure_ascii=False))
     else:
-        from insnav.messages import sentence
-        from insnav.report.comparison.page import comparison_lines
+        from insnav.report.save import text_of
 
-        result("\n".join([*comparison_lines(found), *map(sentence, outcome.findings)]))
+        result(text_of(outcome))

@@ -85,9 +85,22 @@ def result_page(folder: Path, page: Page, out: Path, *, as_json: bool, more: Ite
         return
     from insnav.report.terminal import page_text
 
-    names = ", ".join([*more, *(name for name in ("report.html", "figures", "run.json") if (folder / name).exists())])
+    wanted = (*more, "report.html", "figures", "run.json")
+    names = ", ".join(name for name in wanted if (folder / name).exists())
     shown: tuple[Show, ...] = ("all", "page") if level > 0 else ("all",)
     result(coloured(f"{page_text(page, terminal_width(), shown)}\n\nfiles       {out}: {names}"))
+
+
+def write_result(outcome: Result[Any], folder: RunFolder, stage: Stages, **how: Any) -> Path:
+    """Write a result into its folder, and give the finished folder.
+
+    `how`: as of `insnav.report.save.save_result`.
+    """
+    stage("writing")
+    from insnav.report.save import save_result
+
+    quiet_figures()
+    return save_result(outcome, folder, **how)
 
 
 def brief_text(found: Result[Any]) -> str:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 from insnav.cli import console, parse
-from insnav.cli.console import Stages, detail, note, quiet_figures
+from insnav.cli.console import Stages, detail, note, write_result
 from insnav.cli.options import FILES, argument, option
 from insnav.exceptions import OutputError
 from insnav.findings import Code, of_code
@@ -84,12 +84,8 @@ class Data:
         """
         for step in outcome.steps:
             detail(f"step {step.name}: {step.time_s:.2f} s", *map(sentence, step.findings))
-        stage("writing")
-        from insnav.report.save import save_result
-
-        quiet_figures()
         outcome = replace(outcome, options=self.options)
-        return outcome, save_result(outcome, folder, **how)
+        return outcome, write_result(outcome, folder, stage, **how)
 
 
 def takes_data(

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from insnav.cli import parse
-from insnav.cli.console import note_warnings, result_page, working
+from insnav.cli.console import note_warnings, result_page, working, write_result
 from insnav.cli.options import Columns, Force, Json, Out, argument
 
 
@@ -24,8 +24,5 @@ def drift(
 
         outcome = studied(file, columns=parse.columns(columns, "--columns"))
         note_warnings(outcome)
-        stage("writing")
-        from insnav.report.save import save_result
-
-        where = save_result(outcome, folder, figures="png")
+        where = write_result(outcome, folder, stage, figures="png")
     result_page(where, outcome.page(), out, as_json=as_json, more=("calibration.toml", "rates.csv"))

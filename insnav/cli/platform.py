@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from inspect import signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from insnav.cli import parse
-from insnav.cli.console import note, result_page, working
+from insnav.cli.console import note, result_page, working, write_result
 from insnav.cli.data_options import say_reading
 from insnav.cli.options import FILES, RESULT, START, Force, Json, Out, Rate, argument, flag, option
 from insnav.exceptions import ConfigError
 from insnav.units import DEG, DEG_PER_H, UG
 
 if TYPE_CHECKING:
-    from insnav.gimbal import PlatformErrors
-    from insnav.report.page import Page
+    from insnav.result import Result
 
 ERRORS = "Errors of the platform"
 
@@ -80,78 +80,40 @@ def platform(
                 where=", ".join(names),
                 fix="leave these out, or --demo",
             )
-        where, page = _demonstrate(out, force)
+    elif force_file is None or lat is None or lon is None:
+        missing = [
+            name for name, value in (("FORCE_FILE", force_file), ("--lat", lat), ("--lon", lon)) if value is None
+        ]
+        raise ConfigError(f"missing: {', '.join(missing)}", fix="give them, or --demo; see insnav platform --help")
     else:
-        if force_file is None or lat is None or lon is None:
-            missing = [
-                name for name, value in (("FORCE_FILE", force_file), ("--lat", lat), ("--lon", lon)) if value is None
-            ]
-            raise ConfigError(f"missing: {', '.join(missing)}", fix="give them, or --demo; see insnav platform --help")
-        errors = _errors(misalignment, gyro_drift, accel_bias)
-        interval = parse.interval(rate)
-        if (vertical == "damped") != (height_input is not None):
-            raise ConfigError(
-                "--vertical damped and --height-input go together", where="--vertical", fix="give both or neither"
-            )
-        with working(out, force) as (folder, stage):
-            from insnav.session.platform_run import PlatformStart, integrate, read_platform
-
-            start = PlatformStart(lat * DEG, lon * DEG, height, (v_north, v_east, -v_up + 0.0))
-            stage("reading")
-            record = read_platform(
-                force_file,
-                height=height_input,
-                ref=ref,
-                axes=axes,
-                columns=parse.columns(columns, "--columns"),
-                sample_rate=sample_rate,
-            )
-            for facts in record.facts.values():
-                say_reading(facts)
-            stage("navigating")
-            runs = integrate(record, start, errors, vertical=vertical, gravity=gravity, interval=interval)
-            stage("writing")
-            from insnav.errors.platform_errors import PlatformStudy
-            from insnav.output.data_files import write_table
-            from insnav.output.kml import write_kml
-            from insnav.output.solution_tables import write_events, write_run_table
-            from insnav.report.platform.page import platform_page, torquing_columns
-            from insnav.report.save import write_page
-
-            reading, reference = record.force, record.reference
-            name = Path(reading.facts.path).name
-            study = PlatformStudy(
-                integrator, runs, errors, reference.data if reference else None, name, reading.facts.evidence
-            )
-            readings = {key: each.as_dict() for key, each in record.facts.items()}
-            page = platform_page(study)
-            metadata = {"configuration": configuration, "input": readings}
-            write_run_table(folder.directory, study.run.solution)
-            write_table(folder.path("torquing.csv"), torquing_columns(study.run))
-            write_events(folder.directory, reading.events)
-            write_kml(folder.directory, study.run.solution, name)
-            where = write_page(folder, page, metadata)
-    result_page(where, page, out, as_json=as_json, more=() if demo else ("solution.csv", "torquing.csv"))
-
-
-def _demonstrate(out: Path, force: bool) -> tuple[Path, Page]:
-    """Write the demonstration."""
+        start = lat * DEG, lon * DEG, height, (v_north, v_east, -v_up + 0.0)
+    tilt = DEG * parse.numbers(misalignment, "--misalignment", 3, "0.01,0,0.1")
+    drift = DEG_PER_H * parse.numbers(gyro_drift, "--gyro-drift", 3, "0.01,0.01,0.01")
+    bias = UG * parse.numbers(accel_bias, "--accel-bias", 3, "50,50,0")
+    interval = parse.interval(rate)
+    if (vertical == "damped") != (height_input is not None):
+        raise ConfigError(
+            "--vertical damped and --height-input go together", where="--vertical", fix="give both or neither"
+        )
     with working(out, force) as (folder, stage):
-        note("a day at rest, two hours of a holding pattern: some seconds")
-        stage("navigating")
-        from insnav.report.platform.demonstration import demonstration
-        from insnav.report.save import write_page
+        from insnav.gimbal import PlatformErrors
+        from insnav.session import platform_run
 
-        page = demonstration()
-        stage("writing")
-        return write_page(folder, page), page
-
-
-def _errors(misalignment: str, gyro_drift: str, accel_bias: str) -> PlatformErrors:
-    from insnav.gimbal import PlatformErrors
-
-    return PlatformErrors(
-        DEG * parse.numbers(misalignment, "--misalignment", 3, "0.01,0,0.1"),
-        DEG_PER_H * parse.numbers(gyro_drift, "--gyro-drift", 3, "0.01,0.01,0.01"),
-        UG * parse.numbers(accel_bias, "--accel-bias", 3, "50,50,0"),
-    )
+        outcome: Result[Any]
+        if demo:
+            note("a day at rest, two hours of a holding pattern: some seconds")
+            stage("navigating")
+            outcome = platform_run.demonstrate()
+        else:
+            assert force_file is not None
+            stage("navigating")
+            how: dict[str, Any] = {
+                "errors": PlatformErrors(tilt, drift, bias),
+                "integrator": integrator,
+                "vertical": vertical,
+            }
+            how |= {"gravity": gravity, "interval": interval, "heights": height_input, "ref": ref, "axes": axes}
+            how |= {"columns": parse.columns(columns, "--columns"), "sample_rate": sample_rate, "opened": say_reading}
+            outcome = replace(platform_run.platform(force_file, *start, **how), options=configuration)
+        where = write_result(outcome, folder, stage, figures="png")
+    result_page(where, outcome.page(), out, as_json=as_json, more=("solution.csv", "torquing.csv"))

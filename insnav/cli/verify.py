@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from insnav.cli.console import note, result, result_page, working
+from insnav.cli.console import note, result, result_page, working, write_result
 from insnav.cli.options import RESULT, START, Force, Json, Out, flag
 from insnav.exceptions import ConfigError
 
@@ -30,23 +30,18 @@ def verify(
         return
     with working(out, force) as (folder, stage):
         stage("certifying")
-        from insnav.certificate.certify import certify
-        from insnav.certificate.integrators import pyins
+        from insnav.certificate.certify import verify as verified
 
-        peers = (pyins(),) if peer else ()
-        found = certify(peers, lambda fraction: stage("certifying", fraction))
-        stage("writing")
-        from insnav.report.certificate.page import certificate_markdown, certificate_page
-        from insnav.report.save import write_page
-
-        page = certificate_page(found)
-        where = write_page(folder, page)
+        outcome = verified(peer=peer, progress=lambda fraction: stage("certifying", fraction))
+        where = write_result(outcome, folder, stage, figures="png")
     if markdown:
-        result(certificate_markdown(found))
+        from insnav.report.certificate.page import certificate_markdown
+
+        result(certificate_markdown(outcome.found))
     else:
-        result_page(where, page, out, as_json=as_json)
-    if found.failed:
-        note(f"{len(found.failed)} of {len(found.checks)} checks failed")
+        result_page(where, outcome.page(), out, as_json=as_json)
+    if failed := outcome.found.failed:
+        note(f"{len(failed)} of {len(outcome.found.checks)} checks failed")
         raise typer.Exit(1)
 
 

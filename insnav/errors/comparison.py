@@ -24,7 +24,8 @@ class Solution(NamedTuple):
     lever_b: FloatArray  # (3,) its antenna seen from the IMU, body axes [m]
 
 
-class Compared(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Compared:
     """Errors of one solution of one run."""
 
     run: str  # name of the run
@@ -58,10 +59,10 @@ class Comparison:
     def named(self) -> dict[str, TrajectoryErrors]:
         """Errors of each solution under a name of its own."""
         named: dict[str, TrajectoryErrors] = {}
-        for run, solution, errors in self.compared:
-            name = f"{run}-smoothed" if solution == "smoothed" else run
+        for each in self.compared:
+            name = f"{each.run}-smoothed" if each.solution == "smoothed" else each.run
             numbered = chain([name], (f"{name}-{number}" for number in count(2)))
-            named[next(each for each in numbered if each not in named and each != "reference")] = errors
+            named[next(free for free in numbered if free not in named and free != "reference")] = each.errors
         return named
 
 

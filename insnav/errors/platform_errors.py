@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -12,15 +13,26 @@ from insnav.attitude import dcm_from_rph, quat_from_rotvec, quat_from_rph, quat_
 from insnav.earth import ned_offset
 from insnav.errors.metrics import TrajectoryErrors, position_errors
 from insnav.errors.schuler import StaticErrors, static_errors
-from insnav.findings import Finding
 from insnav.gimbal import INTEGRATORS, Integrator, PlatformErrors, PlatformRun, integral, navigate_platform
-from insnav.simulate import Truth, imu_from_truth, reference
+from insnav.simulate import Truth, circle, imu_from_truth, reference, straight
 from insnav.types import FloatArray, Trajectory
+from insnav.units import DEG, DEG_PER_H, UG
 
 SINE_STEPS = (40, 80, 160, 320)  # over `SINE_END`: coarse enough that no rule is exact to rounding
 SINE_END = 5.0
 REST_M_S = 0.1  # a platform slower than this without its errors is at rest
 AGAINST: Integrator = "fourth"  # what the other integrators are compared with
+# of the demonstration
+LAT = 45.0 * DEG
+HEIGHT, SPEED, ROUND = 5000.0, 150.0, 600.0  # of the holding pattern [m], [m/s], [s]
+FLIGHT, FLIGHT_RATES = 1800.0, (1.0, 10.0, 100.0)  # [s], [Hz]
+DAY, DAY_RATE = 86400.0, 10.0
+PATTERN, PATTERN_RATE = 7200.0, 50.0
+ERRORS = PlatformErrors(
+    tilt=np.array([0.0, 0.0, 1.0 / 60.0]) * DEG,
+    drift=np.array([0.01, 0.01, 0.01]) * DEG_PER_H,
+    bias=np.array([50.0, 50.0, 0.0]) * UG,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +61,16 @@ class PlatformComparison:
 
 
 @dataclass(frozen=True, slots=True)
+class Demonstration:
+    """Integrators on a sine and a known flight, and a platform beside a strapdown navigator at rest and in circles."""
+
+    orders: Sequence[Convergence]
+    flight: Mapping[float, Sequence[TrajectoryErrors]]  # by sampling rate [Hz], in the order of `INTEGRATORS`
+    rest: PlatformComparison
+    turning: PlatformComparison
+
+
+@dataclass(frozen=True, slots=True)
 class PlatformStudy:
     """One record, by all integrators."""
 
@@ -56,8 +78,6 @@ class PlatformStudy:
     runs: Mapping[Integrator, PlatformRun]  # by integrator; with the errors of the platform
     errors: PlatformErrors
     reference: Trajectory | None  # what the integrators are evaluated against
-    name: str  # the file
-    notes: tuple[Finding, ...]  # what was understood and assumed
 
     @property
     def run(self) -> PlatformRun:
@@ -80,6 +100,18 @@ class PlatformStudy:
             return {name: position_errors(run.undisturbed, self.reference) for name, run in self.runs.items()}
         fourth = self.runs[AGAINST].solution
         return {name: position_errors(run.solution, fourth) for name, run in self.runs.items() if name != AGAINST}
+
+
+def demonstrate() -> Demonstration:
+    """Integrate a sine, a holding pattern and a day at rest, whose truth is known."""
+    holding = partial(circle, np.array([LAT, 0.0, HEIGHT]), SPEED, 2.0 * np.pi / ROUND)
+    at_rest = straight(np.array([LAT, 0.0, 0.0]), 0.0, 0.0, DAY)
+    return Demonstration(
+        sine_convergence(),
+        integrator_errors(holding(FLIGHT), FLIGHT_RATES, keep=1.0),
+        compare_with_strapdown(at_rest, ERRORS, DAY_RATE, 60.0),
+        compare_with_strapdown(holding(PATTERN), ERRORS, PATTERN_RATE, 10.0),
+    )
 
 
 def sine_convergence() -> list[Convergence]:

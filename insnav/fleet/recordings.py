@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,10 +15,8 @@ from insnav.fleet.batch import Drive, name_of
 from insnav.input.formats.recording_folder import NO_DATA, ROLE, unused
 from insnav.input.formats.registry import open_tables, suffixes
 from insnav.input.readers.kinds import kinds_of
-from insnav.messages import sentence
 from insnav.output.contents import FACTS_FILE, read_facts
 
-_FIX = "give the folder that holds the recordings, or a drives.toml; one drive is for insnav run"
 _PARTS = ("imu", "gps", "ref")
 _NAMED = {"samples": "imu", "gnss": "gps", "gnns": "gps", "fixes": "gps", "reference": "ref", "truth": "ref"}
 _SPARE = {"imu": Code.BATCH_SPARE_SAMPLES, "gps": Code.BATCH_SPARE_FIXES, "ref": Code.BATCH_SPARE_REFERENCE}
@@ -27,19 +26,19 @@ _Parts = dict[str, Path]  # file of each part
 _Roles = Mapping[Path, str | Finding]  # what each file is: ``imu``, ``gps``, ``ref``, ``both``; else why it is none
 
 
-def find_drives(folder: Path, without: Path, workers: Workers) -> tuple[list[Drive], list[Finding]]:
+def find_drives(folder: Path, without: Path | None, workers: Workers) -> tuple[list[Drive], list[Finding]]:
     """Recordings in a folder and those in it, by what insnav recognises; results of insnav are left out.
 
-    `without`: a folder not to look into.
+    `without`: a folder not to look into, if any.
     Returns: the drives, named by their place; and what was left out, with the file as its subject.
     Raises: InputError: the folder cannot be read, or holds no recording.
     """
     if not os.access(folder, os.R_OK | os.X_OK) or not folder.is_dir():
-        why = "it is a file" if folder.is_file() else "no permission to read" if folder.is_dir() else "no such folder"
-        raise InputError("there are no drives here", where=str(folder), why=why, fix=_FIX)
+        reason = errno.ENOTDIR if folder.is_file() else errno.EACCES if folder.is_dir() else errno.ENOENT
+        raise InputError("batch.unreadable_folder", where=str(folder), reason=os.strerror(reason))
     drives: list[Drive] = []
     left: list[Finding] = []
-    places = list(_places(folder.resolve(), without.resolve(), left))
+    places = list(_places(folder.resolve(), without and without.resolve(), left))
     names: Counter[str] = Counter()
     engine = workers if sum(map(len, places)) > _MANY else 1  # processes take seconds to begin
     for place, roles in zip(places, each(_roles, places, engine), strict=True):
@@ -59,12 +58,8 @@ def find_drives(folder: Path, without: Path, workers: Workers) -> tuple[list[Dri
             vehicle = inside[0] if len(inside) > 1 else ""
             drives.append(Drive(name, vehicle, (str(parts["imu"]), *files), unclear))
     if not drives:
-        more = f"; {sentence(left[0])}" if left else ""
         raise InputError(
-            "there are no drives here",
-            where=str(folder),
-            why=f"none of {sum(map(len, places))} files holds IMU data{more}",
-            fix=_FIX,
+            "batch.no_drives", where=str(folder), count=sum(map(len, places)), cause=left[0] if left else None
         )
     return drives, left
 
@@ -73,7 +68,7 @@ def _left_out(path: Path, role: str | Finding) -> Finding:
     return Finding.of(_SPARE[role], subject=str(path)) if isinstance(role, str) else role
 
 
-def _places(folder: Path, without: Path, left: list[Finding]) -> Iterator[list[Path]]:
+def _places(folder: Path, without: Path | None, left: list[Finding]) -> Iterator[list[Path]]:
     """Files of every folder, or itself if it is one recording; `left` gets those that cannot be read."""
     seen: set[Path] = set()  # links lead to folders, too, and in circles
 

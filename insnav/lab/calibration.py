@@ -137,7 +137,7 @@ class Calibration(Generic[R, D]):
     sd: CalibrationSd  # their uncertainty in SI units
     parameters: tuple[Quantity, ...]  # estimates with standard deviation and 95 % interval
     fits: Mapping[str, Fit]  # the least-squares fits they come from, by sensor
-    record: R  # the input, as the method reads it
+    record: R  # the input, as the method reads it; of samples, what was understood of them
     detail: D  # everything else, in the form of the method
     options: BenchOptions  # in force
     warnings: tuple[Finding, ...] = ()  # what must not be overlooked

@@ -29,7 +29,8 @@ import math
 import os
 import re
 from collections import ChainMap
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import partial
@@ -46,7 +47,7 @@ LANGUAGES = ("en", "zh")
 PARTS = ("title", "text", "done", "advice")
 _OPTIONAL = re.compile(r"\[\[(.*?)\]\]")
 _FORMATTER = Formatter()
-SPOKEN = ContextVar("SPOKEN", default="")  # language of what is done inside, whatever that of the process is
+_SPOKEN = ContextVar("_SPOKEN", default="")  # language of what is done inside, whatever that of the process is
 
 At = Callable[[float, float], str]
 """How times of the record, from one to another [s], are written."""
@@ -74,9 +75,19 @@ class Message:
         return self.joint.join(part for part in (self.text, self.done, self.advice) if part)
 
 
+@contextmanager
+def speaking(lang: str) -> Iterator[None]:
+    """Write every message inside in this language."""
+    token = _SPOKEN.set(lang)
+    try:
+        yield
+    finally:
+        _SPOKEN.reset(token)
+
+
 def language() -> str:
-    """Give the language of messages: `SPOKEN`, else by ``INSNAV_LANG``."""
-    wanted = SPOKEN.get() or os.environ.get("INSNAV_LANG", "")[:2].lower()
+    """Give the language of messages: that of `speaking`, else by ``INSNAV_LANG``."""
+    wanted = _SPOKEN.get() or os.environ.get("INSNAV_LANG", "")[:2].lower()
     return wanted if wanted in LANGUAGES else "en"
 
 

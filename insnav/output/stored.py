@@ -13,7 +13,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from insnav.exceptions import InputError
+from insnav.exceptions import InputError, InsnavError
 
 FILE = "found.npz"
 _STRUCTURE = "structure"
@@ -39,6 +39,10 @@ def store(found: object, file: Path) -> None:
             return {"slice": [plain(each) for each in (value.start, value.stop, value.step)]}
         if isinstance(value, tuple | list):
             return {type(value).__name__: [plain(each) for each in value]}
+        if isinstance(value, Path):
+            return value.as_posix()
+        if isinstance(value, InsnavError):
+            return {"error": value.as_dict()}
         return value.item() if isinstance(value, np.generic) else value
 
     structure = json.dumps(plain(found)).encode()
@@ -56,9 +60,7 @@ def read_stored(folder: Path) -> Any:
         with file.open("rb") as stream, np.load(stream, allow_pickle=False) as content:
             return _restored(json.loads(content[_STRUCTURE].tobytes()), content)
     except (OSError, ValueError, LookupError, TypeError, AttributeError, ImportError, EOFError, BadZipFile) as error:
-        raise InputError(
-            "the result cannot be read again", where=str(file), why=str(error), fix="make it again with this version"
-        ) from error
+        raise InputError("output.unreadable_result", where=str(file), reason=str(error)) from error
 
 
 def _restored(value: Any, content: Mapping[str, np.ndarray]) -> Any:
@@ -68,6 +70,8 @@ def _restored(value: Any, content: Mapping[str, np.ndarray]) -> Any:
         return content[f"array_{value['array']}"]
     if "mapping" in value:
         return {_restored(key, content): _restored(each, content) for key, each in value["mapping"]}
+    if "error" in value:
+        return InsnavError.from_dict(value["error"])
     if "slice" in value:
         return slice(*value["slice"])
     for sequence in (tuple, list):

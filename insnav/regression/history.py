@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from insnav.regression.accuracy_metrics import BY_KEY, METRICS
 from insnav.regression.baseline import kept_text, short
 from insnav.regression.paired_tests import interval
 from insnav.regression.provenance import Origin
-from insnav.regression.run_corpus import Result
+from insnav.regression.run_corpus import Accuracy
 from insnav.regression.verdict import Comparison, Verdict
 
 HISTORY_FILE = "history.jsonl"
@@ -37,7 +38,7 @@ class Entry:
     verdicts: dict[str, dict[str, Verdict]]
 
 
-def entry(result: Result, comparison: Comparison | None, origin: Origin) -> Entry:
+def entry(result: Accuracy, comparison: Comparison | None, origin: Origin) -> Entry:
     """Sum up a run of the whole corpus."""
     metrics = {
         name: {key: interval(value, BY_KEY[key], pieces=case.pieces) for key, value in case.measured.values.items()}
@@ -59,22 +60,19 @@ def read_history(path: Path) -> list[Entry]:
     Raises: InputError: a line is damaged.
     """
     found = []
-    for row, line in enumerate((kept_text(path, "history") or "").splitlines(), start=1):
+    for row, line in enumerate((kept_text("regress.unreadable_history", path) or "").splitlines(), start=1):
         if not line.strip():
             continue
         try:
             found.append(_entry(json.loads(line)))
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise InputError(
-                "a line of the history is damaged",
-                where=f"{path}:{row}",
-                why=f"{type(error).__name__}: {error}",
-                fix="take the file from the last commit",
+                "regress.damaged_history", where=f"{path}:{row}", kind=type(error).__name__, reason=str(error)
             ) from None
     return found
 
 
-def with_entry(history: list[Entry], new: Entry) -> list[Entry]:
+def with_entry(history: Sequence[Entry], new: Entry) -> list[Entry]:
     """Add a version at the end, or in the place of the same version and commit."""
     mark = (new.origin.version, new.origin.commit)
     marks = [(each.origin.version, each.origin.commit) for each in history]
@@ -83,7 +81,7 @@ def with_entry(history: list[Entry], new: Entry) -> list[Entry]:
     return [new if here == mark else each for here, each in zip(marks, history, strict=True)]
 
 
-def write_history(path: Path, history: list[Entry]) -> None:
+def write_history(path: Path, history: Sequence[Entry]) -> None:
     """Write all versions, one a line.
 
     Raises: OutputError: it cannot be written.

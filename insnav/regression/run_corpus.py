@@ -30,7 +30,7 @@ class CaseResult:
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
+class Accuracy:
     """Accuracy of the whole corpus."""
 
     cases: dict[str, CaseResult]  # by name
@@ -55,7 +55,7 @@ def run_corpus(
     quick: bool = False,
     workers: Workers = 1,
     progress: Callable[[float], None] | None = None,
-) -> Result:
+) -> Accuracy:
     """Navigate all drives.
 
     Raises: ConfigError: no worker, or a profile or model that a case names is wrong.
@@ -75,7 +75,7 @@ def run_corpus(
     for (case, _), outcome in zip(jobs, every(_attempt, jobs, workers, (data,), progress), strict=True):
         outcomes.setdefault(case.name, []).append(outcome)
     by_name = {case.name: case for case in corpus.cases}
-    return Result({name: _case(by_name[name], each) for name, each in outcomes.items()}, skipped, quick)
+    return Accuracy({name: _case(by_name[name], each) for name, each in outcomes.items()}, skipped, quick)
 
 
 def _case(case: AnyCase, outcomes: list[_Outcome]) -> CaseResult:

@@ -11,7 +11,7 @@ from insnav.findings import Code, Finding
 from insnav.regression.accuracy_metrics import METRICS, Metric
 from insnav.regression.baseline import Baseline
 from insnav.regression.paired_tests import ALPHA, FEWEST, SMALLEST, Shift, holm, shift
-from insnav.regression.run_corpus import CaseResult, Result
+from insnav.regression.run_corpus import Accuracy, CaseResult
 from insnav.types import FloatArray
 
 Verdict = Literal["better", "same", "worse"]
@@ -52,7 +52,7 @@ class Comparison:
         return not self.failing and not self.broken
 
 
-def compare(result: Result, baseline: Baseline) -> Comparison:
+def compare(result: Accuracy, baseline: Baseline) -> Comparison:
     """Compare a result, of the whole corpus or of a quick run, with a baseline: drives that both have count."""
     broken: dict[str, Finding] = {}
     apart: dict[str, Finding] = {}

@@ -1,14 +1,14 @@
 """A result into a folder and back: tables, figures, page, ``run.json``.
 
 A kind of result is a room of this package, found by its name: ``insnav.report.<kind>.page`` has ``page(result)``,
-which gives its `Page`, and ``frame(result)`` for its main table; where there is more, ``write_files(result, folder,
-table_format)`` for other files, ``text(result)`` for the terminal, ``read_found(folder)`` to read it again; and
-``BENCH_FILES`` where ``input`` in ``run.json`` lists files of the bench, which what was found has too.
+which gives its `Page`, and ``frame(result)`` for its main table. Where there is more, it has ``texts(result)``, text
+files by name, ``write_files(result, folder, table_format)`` for other files, and ``text(result)`` for the terminal. A
+result is stored whole and read again, unless its room has ``read_found(folder, findings)``, which reads these files.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -19,10 +19,12 @@ from insnav.exceptions import ConfigError, InputError, writing
 from insnav.findings import MODEL_CHOICES, Code, Finding, Severity, is_shown, of_code
 from insnav.imu.imu_file import load_imu
 from insnav.input.readers.reading import ReadingFacts
-from insnav.messages import render
+from insnav.messages import language, render, speaking
 from insnav.output.contents import FACTS_FILE
 from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_events
+from insnav.output.stored import FILE as STORED_FILE
+from insnav.output.stored import read_stored, store
 from insnav.plain_text import NOT_UTF8
 from insnav.report.page import DataFrame, Figure, FigureSpec, Page
 from insnav.report.provenance import provenance
@@ -35,7 +37,7 @@ FigureFiles = Literal["page", "png", "svg", "none"]
 
 def page_of(result: Result[Any]) -> Page:
     """Lay out a result."""
-    page = cast(Page, _of_room(result.kind, "page")(result))
+    page = cast(Page, _room(result.kind).page(result))
     return replace(
         page,
         sections=(*page.sections, *provenance(result)),
@@ -45,7 +47,7 @@ def page_of(result: Result[Any]) -> Page:
 
 def frame(result: Result[Any]) -> DataFrame:
     """Give the main table of a result."""
-    return cast(DataFrame, _of_room(result.kind, "frame")(result))
+    return cast(DataFrame, _room(result.kind).frame(result))
 
 
 def text_of(result: Result[Any]) -> str:
@@ -55,16 +57,8 @@ def text_of(result: Result[Any]) -> str:
 
 
 def _room(kind: str) -> ModuleType:
+    """Report room of a kind of result."""
     return import_module(f"insnav.report.{kind}.page")
-
-
-def _of_room(kind: str, name: str) -> Callable[..., Any]:
-    """Function of the report room of a kind of result."""
-    room = _room(kind)
-    if not hasattr(room, name):
-        fix = "runs, outage tests, budgets and results of the laboratory can; make it again"
-        raise ConfigError(f"a result of kind {kind} cannot be read again", fix=fix)
-    return cast("Callable[..., Any]", getattr(room, name))
 
 
 def figure(result: Result[Any], name: str) -> Figure:
@@ -90,9 +84,21 @@ def save_result(
     `folder`: entered, not committed; `figures`: see `write_page`; `table_format` {"csv", "parquet"}.
     """
     room = _room(result.kind)
-    if hasattr(room, "write_files"):
-        room.write_files(result, folder, table_format)
-    return write_page(folder, result.page(), {"kind": result.kind}, figures=figures)
+    if not hasattr(room, "read_found"):
+        store(replace(result, options=json_ready(result.options), steps=()), folder.path(STORED_FILE))
+    with speaking("en"):
+        if hasattr(room, "write_files"):
+            room.write_files(result, folder, table_format)
+        texts = room.texts(result) if hasattr(room, "texts") else None
+    return write_page(folder, result.page(), {"kind": result.kind}, texts, figures, facts_of(result))
+
+
+def facts_of(result: Result[Any]) -> dict[str, Any]:
+    """Give what ``run.json`` has of a result, in English whatever the language of its page."""
+    if language() == "en":
+        return page_facts(result.page())
+    with speaking("en"):
+        return page_facts(page_of(result))
 
 
 def write_result_pdf(result: Result[Any], file: Path) -> None:
@@ -124,25 +130,25 @@ def open_folder(folder: Path) -> Result[Any]:
     for name, what in known.items():
         if name in facts and not isinstance(facts[name], what):
             raise InputError("run.json is damaged", where=str(folder / FACTS_FILE), why=name, fix="make the run again")
-    read = {} if hasattr(_room(kind), "BENCH_FILES") else facts.get("input", {})
+    if not hasattr(_room(kind), "read_found"):
+        return cast("Result[Any]", read_stored(folder))
     try:
-        inputs = {name: ReadingFacts.from_dict(each) for name, each in read.items()}
+        inputs = {name: ReadingFacts.from_dict(each) for name, each in facts.get("input", {}).items()}
         stored = tuple(map(Finding.from_dict, facts.get("findings", ()))) or _of_version_0_2(kind, facts)
         for each in stored:  # one with values missing cannot be put into words
             render(each)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         fix = "make the run again"
         raise InputError("run.json is damaged", where=str(folder / FACTS_FILE), why=str(error), fix=fix) from error
-    found = _of_room(kind, "read_found")(folder)
+    events = read_events(folder) if any(folder.glob("events.*")) else ()
+    findings = tuple(dict.fromkeys((*stored, *events)))
+    found = _room(kind).read_found(folder, findings)
     file, model = folder / "imu.toml", facts.get("imu_model")
     *_, chosen = (None, *of_code(stored, *MODEL_CHOICES))  # what was chosen first may be the prior of an estimate
     if isinstance(model, dict) and model and chosen is None:
         chosen = Finding.of(Code.STORED_TEXT, text=str(model.get("chosen", "")))
     imu_model = (load_imu(str(file)), chosen) if chosen is not None and file.is_file() else None
-    events = read_events(folder) if any(folder.glob("events.*")) else ()
-    return Result(
-        kind, found, inputs, facts.get("configuration", {}), imu_model, tuple(dict.fromkeys((*stored, *events)))
-    )
+    return Result(kind, found, inputs, facts.get("configuration", {}), imu_model, findings)
 
 
 def _of_version_0_2(kind: str, facts: Mapping[str, Any]) -> tuple[Finding, ...]:
@@ -163,13 +169,14 @@ def write_page(
     metadata: Mapping[str, Any] | None = None,
     texts: Mapping[str, str] | None = None,
     figures: FigureFiles = "png",
+    facts: Mapping[str, Any] | None = None,
 ) -> Path:
     """Write figures, page, JSON and text files into a folder and put it in its place.
 
     `folder`: entered, not committed; `page`: content of ``report.html``, ``figures`` and ``run.json``; `metadata`: what
     stands first in ``run.json``: command, input, options; `texts`: further files: name to content, such as
     ``calibration.toml``; `figures` {"page", "png", "svg", "none"}: files of those figures that the page embeds, files
-    of all of them, or neither figures nor page.
+    of all of them, or neither figures nor page; `facts`: content of ``run.json`` instead of that of the page.
     Raises: ConfigError: two figures of one name; OutputError: the folder cannot be written.
     """
     names = [figure.name for figure in page.figures]
@@ -183,7 +190,8 @@ def write_page(
         files = _drawn(folder, page.embedded if figures == "page" else page.figures, figures)
         html = page_html(page, {each.name: files[each.name] for each in page.embedded})
         folder.path("report.html").write_text(html, encoding="utf-8", newline="\n")
-    return folder.commit({"schema": SCHEMA, "versions": versions(), **json_ready(metadata or {}), **page_facts(page)})
+    known = {"schema": SCHEMA, "versions": versions(), **json_ready(metadata or {})}
+    return folder.commit({**known, **(page_facts(page) if facts is None else facts)})
 
 
 def _drawn(folder: RunFolder, figures: Sequence[FigureSpec], file_format: FigureFiles) -> dict[str, Path]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,7 +15,7 @@ from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from insnav.messages import SPOKEN
+from insnav.messages import speaking
 
 FigureFormat = Literal["png", "svg", "pdf"]
 
@@ -28,8 +28,7 @@ _RC: Any = mpl.rc_params_from_file(Path(__file__).with_name("papers.mplstyle"), 
 @contextmanager
 def drawing() -> Iterator[None]:
     """Set the style of everything drawn inside, and English words: the font has no others."""
-    with mpl.rc_context(_RC), ExitStack() as afterwards:
-        afterwards.callback(SPOKEN.reset, SPOKEN.set("en"))
+    with mpl.rc_context(_RC), speaking("en"):
         yield
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, cast, overload
 
@@ -17,8 +17,8 @@ from insnav.input import Reading
 from insnav.input.formats.table import Table
 from insnav.lab.acceptance.acceptance import Acceptance
 from insnav.lab.acceptance.acceptance import acceptance as acceptance_figures
-from insnav.lab.bench_data.records import BenchRecord, read_drift, read_powerups, read_static, read_steps
-from insnav.lab.calibration import BenchOptions, Calibration, carried_over, method_named
+from insnav.lab.bench_data.records import read_drift, read_powerups, read_static, read_steps
+from insnav.lab.calibration import STANDARD, BenchOptions, Calibration, carried_over, method_named
 from insnav.lab.common_findings import badly_conditioned
 from insnav.lab.drift.allan_before_after import DriftStudy, drift_study
 from insnav.lab.navigation_impact import navigation_impact
@@ -46,7 +46,7 @@ def calibrate(
     stage: Callable[[str], None] | None = None,
     opened: Callable[[Any], None] | None = None,
     **options: Any,
-) -> Calibration[Any, Any]:
+) -> Result[Calibration[Any, Any]]:
     """Calibrate sensors from files of the bench.
 
     Parameters
@@ -70,8 +70,8 @@ def calibrate(
 
     Returns
     -------
-    Calibration
-        With its impact on navigation.
+    Result of Calibration
+        ``found.errors`` is what the calibration file holds, ``found.impact`` the impact on navigation.
 
     Raises
     ------
@@ -93,14 +93,15 @@ def calibrate(
         opened(record)
     started("fitting")
     found = module.fit(record, how)
-    if found.errors is None:
-        return found
-    started("navigating")
-    impact = navigation_impact(found.sensed or found.errors, found.sd)
-    errors = found.errors
-    if add is not None:
-        errors = carried_over(errors, load_calibration(add), "gyro" if method == "accel" else "accel")
-    return replace(found, errors=errors, impact=impact)
+    if found.errors is not None:
+        started("navigating")
+        impact = navigation_impact(found.sensed or found.errors, found.sd)
+        other = None if add is None else load_calibration(add)
+        kept = "gyro" if method == "accel" else "accel"
+        errors = found.errors if other is None else carried_over(found.errors, other, kept)
+        found = replace(found, errors=errors, impact=impact)
+    chosen = {name: value for name, value in asdict(how).items() if value != getattr(STANDARD, name)}
+    return Result("calibration", found, options={"method": method, "add": add, **chosen}, findings=found.warnings)
 
 
 def _sources(files: Any, rate: float | None, counts: bool) -> list[str | Path | Table]:
@@ -182,7 +183,7 @@ def allan(
     options = {"rate": rate, "taus": taus, "static": static, **inputs}
     if isinstance(imu, np.ndarray):
         if rate is None or not rate > 0.0 or imu.ndim not in (1, 2) or len(imu) < 2:
-            raise ConfigError("a signal needs a rate", where="rate", fix="give an array (n,) or (n, c) and rate in Hz")
+            raise ConfigError("session.no_rate", where="rate")
         values = np.asarray(imu, dtype=np.float64).reshape(len(imu), -1)
         signals = signal_noise(values, 1.0 / rate, taus, workers=workers, progress=progress)
         return Result("allan", signals, options=options)
@@ -214,19 +215,51 @@ def acceptance(
     lengths: Sequence[float] = (1.0, 10.0, 100.0),
     columns: Mapping[str, str] | None = None,
     spike_limit: float | None = None,
-) -> tuple[Acceptance, list[BenchRecord]]:
-    """Work out acceptance figures from files of the bench.
+) -> Result[Acceptance]:
+    """Work out scale factor, bias, bias stability and repeatability of sensors from records of the bench.
 
-    `steps`: rate tables of gyros and positions of accelerometers in gravity; `powerups`: outputs after each power-up;
-    `lengths`: averaging times of the bias stability [s], increasing.
-    Raises: InputError: a file cannot be used.
+    Parameters
+    ----------
+    steps : sequence of path or data frame
+        Rate tables of gyros, and positions of accelerometers in gravity.
+    static : path or data frame, optional
+        A record at rest.
+    powerups : sequence of path or data frame
+        Outputs at two opposite settings after each power-up, or the biases.
+    lengths : sequence of float
+        Averaging times of the bias stability [s].
+    columns : mapping of str to str, optional
+        Quantity to header, for headers that are not understood by themselves.
+    spike_limit : float, optional
+        Samples of a dwell further than this from a polynomial through it are dropped, in the unit of the output.
+
+    Returns
+    -------
+    Result of Acceptance
+        For the columns of the files see ``insnav acceptance --help``.
+
+    Raises
+    ------
+    ConfigError
+        No file is given, two files of one kind have the same sensor, or volts have no scale factor.
+    InputError
+        A file cannot be used.
+
+    Examples
+    --------
+    >>> insnav.acceptance(["rates.csv"], "static.csv").to_frame()  # doctest: +SKIP
     """
+    if not (steps or static is not None or powerups):
+        raise ConfigError("session.nothing_to_accept", where="insnav acceptance")
     limit = BenchOptions(spike_limit=spike_limit).spike_limit
     measured = [read_steps(samples_source(each, None), columns, limit) for each in steps]
     rest = None if static is None else read_static(samples_source(static, None), columns)
     repeated = [read_powerups(samples_source(each, None), columns) for each in powerups]
-    found = acceptance_figures(measured, rest, repeated, lengths)
-    return found, [*measured, *([] if rest is None else [rest]), *repeated]
+    found = acceptance_figures(measured, rest, repeated, sorted(set(lengths)))
+    fits = {each.axis: each.scale.table.fit for each in found.sensors if each.scale is not None}
+    options = {"lengths": lengths, "columns": columns, "spike_limit": spike_limit}
+    findings = _each_once(found.warnings, badly_conditioned(fits), found.notes)
+    return Result("acceptance", found, options=options, findings=findings)
 
 
 def drift(file: Given, *, columns: Mapping[str, str] | None = None) -> Result[DriftStudy]:
@@ -269,15 +302,11 @@ def bench_gravity(gravity: float | None, lat: float | None, height: float = 0.0)
     Raises: ConfigError: neither is given, or both, or no latitude.
     """
     if gravity is not None and lat is not None:
-        raise ConfigError("gravity is given twice", where="--gravity, --lat", fix="leave one out")
+        raise ConfigError("session.gravity_twice", where="--gravity, --lat")
     if gravity is not None:
         return gravity, "as given"
     if lat is None:
-        raise ConfigError(
-            "gravity is not known",
-            why="it is the measure of the accelerometers, and varies by 0.5 % over the Earth",
-            fix="give --lat (and --height), or --gravity",
-        )
+        raise ConfigError("session.no_gravity")
     if not -90.0 <= lat <= 90.0:
-        raise ConfigError(f"{lat:g} is not a latitude", where="--lat", fix="give degrees, north positive")
+        raise ConfigError("session.bad_latitude", where="--lat", value=lat)
     return float(np.linalg.norm(gravity_n(np.deg2rad(lat), height))), f"normal gravity at {lat:g} deg, {height:g} m"

@@ -7,8 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, Final, cast
+from typing import Any, Final, Unpack, cast
 
 import numpy as np
 
@@ -32,6 +31,7 @@ from insnav.result import Result
 from insnav.session.drive import Drive, drive_of
 from insnav.session.read import read
 from insnav.steps import Recording
+from insnav.steps.checked_inputs import options_of
 from insnav.steps.imu_noise import stationary_part
 from insnav.steps.inputs import INPUTS, Inputs
 from insnav.steps.one_clock import clock_offset, shown_by
@@ -130,13 +130,28 @@ class _Patient:
 
 
 def check(
-    files: Sequence[str | Path], inputs: Inputs, roles: Mapping[Path, str] = MappingProxyType({})
+    *files: str | Path, gps: str | Path | None = None, ref: str | Path | None = None, **inputs: Unpack[Inputs]
 ) -> Result[Checked]:
-    """Examine files of a recording, in any order, or its folder; `roles`: those that are known: gps or reference.
+    """Examine files of a recording, in any order, or its folder.
 
-    Nothing is refused: what cannot be read or navigated is the first thing to mend. What a refusal says to give is
-    tried, and stands in the line to copy, which is given only if it was seen to run.
+    insnav refuses no file: a file that it cannot read or navigate is the first problem of the result. insnav tries the
+    inputs that a refusal asks for, and adds them to ``found.command`` if it has seen that line run.
+
+    Parameters
+    ----------
+    *files : path
+        Files or folders.
+    gps, ref : path, optional
+        Files that are known to be the GPS fixes and the reference.
+    **inputs
+        As for `insnav.load`.
+
+    Returns
+    -------
+    Result of Checked
+        The worst problem comes first in ``found.problems``.
     """
+    roles = {Path(each): role for each, role in ((gps, "gps"), (ref, "reference")) if each is not None}
     patient = _Patient({**inputs})
     given = _sorted([*files, *roles], patient, roles)
     data, drive = _opened(given, patient)
@@ -152,7 +167,7 @@ def check(
     found = replace(found, command=line, runs=found.run is not None, runs_as_given=as_given, problems=problems)
     events: tuple[Finding, ...] = () if data is None else data.imu.events
     notes: tuple[Finding, ...] = () if drive is None else drive.notes
-    return Result("check", found, facts, {}, None, (*problems, *notes, *events))
+    return Result("check", found, facts, options_of(inputs), None, (*problems, *notes, *events))
 
 
 def _sorted(files: Sequence[str | Path], patient: _Patient, roles: Mapping[Path, str]) -> dict[str, str | Path]:
@@ -210,7 +225,7 @@ def _inside(path: str | Path) -> list[str | Path]:
 def _opened(given: Mapping[str, str | Path], patient: _Patient) -> tuple[Recording | None, Drive | None]:
     """Recording, and the drive, of as many of the files as go together."""
     if "imu" not in given:
-        patient.refused(InputError("no file with IMU data", why="none has gyros and accelerometers", fix=_ALONE))
+        patient.refused(InputError("session.no_imu_file"))
         return None, None
     best = None
     for parts in _ways(given):

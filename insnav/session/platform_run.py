@@ -2,143 +2,169 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Literal
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from insnav.errors import platform_errors
+from insnav.errors.platform_errors import ERRORS, Demonstration, PlatformStudy
 from insnav.exceptions import ConfigError, InputError
-from insnav.gimbal import INTEGRATORS, Integrator, PlatformErrors, PlatformRun, Vertical, navigate_platform
-from insnav.input import Reading, ReadingFacts, read_reference
+from insnav.findings import Code, Finding
+from insnav.gimbal import DAMPING_TIME, INTEGRATORS, Integrator, PlatformErrors, Vertical, navigate_platform
+from insnav.input import Reading, ReadingFacts
 from insnav.input.readers.heights import Heights, read_heights
 from insnav.input.readers.specific_force import SpecificForce, read_specific_force
-from insnav.session.read import one_from_stdin
+from insnav.result import Result
+from insnav.session.read import one_from_stdin, read_ref, samples_source
+from insnav.steps.checked_inputs import one_of
 from insnav.types import FloatArray, Trajectory
 from insnav.units import DEG
 
-
-@dataclass(frozen=True, slots=True)
-class PlatformRecord:
-    """What was read."""
-
-    force: Reading[SpecificForce]
-    height: Reading[Heights] | None = None  # heights to damp the vertical channel with
-    reference: Reading[Trajectory] | None = None
-
-    @property
-    def facts(self) -> dict[str, ReadingFacts]:
-        """What was understood of each."""
-        named = {"force": self.force, "height": self.height, "ref": self.reference}
-        return {name: each.facts for name, each in named.items() if each is not None}
+if TYPE_CHECKING:
+    from insnav.session.read import Given
 
 
-@dataclass(frozen=True, slots=True)
-class PlatformStart:
-    """State at the start."""
-
-    # [rad]
-    lat: float
-    lon: float
-    height: float = 0.0  # [m]
-    v_n: tuple[float, float, float] = (0.0, 0.0, 0.0)  # North, East, Down [m/s]
-
-    def __post_init__(self) -> None:
-        limits = (
-            ("--lat", self.lat / DEG, -90.0, 90.0, "deg, north positive"),
-            ("--lon", self.lon / DEG, -180.0, 360.0, "deg, east positive"),
-            ("--height", self.height, -1e5, 1e5, "m"),
-            *(
-                (name, each, -1e4, 1e4, "m/s")
-                for name, each in zip(("--v-north", "--v-east", "--v-up"), self.v_n, strict=True)
-            ),
-        )
-        for option, value, low, high, unit in limits:
-            if not low <= value <= high:  # NaN is not within either
-                what = {"--lat": "latitude", "--lon": "longitude"}.get(option, "sensible value")
-                raise ConfigError(f"{value:g} is not a {what}", where=option, fix=f"{low:g} to {high:g} {unit}")
-
-
-def read_platform(
-    force: str | Path,
+def platform(
+    force: Given,
+    lat: float,
+    lon: float,
+    height: float = 0.0,
+    v_n: Sequence[float] = (0.0, 0.0, 0.0),
     *,
-    height: str | Path | None = None,
-    ref: str | Path | None = None,
-    axes: Literal["ENU", "NED"] | None = None,
-    columns: Mapping[str, str] | None = None,
-    sample_rate: float | None = None,
-) -> PlatformRecord:
-    """Read specific force along level axes, and what goes with it.
-
-    `axes`, `columns`, `sample_rate`: as in `insnav.input.readers.specific_force.read_specific_force`.
-    Raises: ConfigError, InputError: what cannot be meant, or used.
-    """
-    if sample_rate is not None and not 0.1 <= sample_rate <= 1e5:
-        raise ConfigError(
-            f"{sample_rate:g} is not a rate", where="--sample-rate", fix="write samples per second, such as 100"
-        )
-    one_from_stdin({"FORCE_FILE": force, "--height-input": height, "--ref": ref})
-    heights = None if height is None else read_heights(height)
-    reference = None if ref is None else read_reference(ref)
-    return PlatformRecord(
-        read_specific_force(force, axes=axes, columns=columns, sample_rate=sample_rate), heights, reference
-    )
-
-
-def integrate(
-    record: PlatformRecord,
-    start: PlatformStart,
-    errors: PlatformErrors,
-    *,
+    errors: PlatformErrors | None = None,
+    integrator: Integrator = "fourth",
     vertical: Vertical = "off",
     gravity: float | None = None,
     interval: float = 0.1,
-) -> dict[Integrator, PlatformRun]:
-    """Integrate a record by every integrator.
+    **reading: Any,
+) -> Result[PlatformStudy]:
+    """Integrate the specific force on a north-pointing platform, by every integrator.
 
-    `vertical` {"off", "free", "damped"}: vertical channel; `gravity`: of this size everywhere and straight down
-    [m/s^2]; by default normal gravity; `interval`: time between rows of the solutions [s].
-    Raises: InputError: no vertical axis, or heights that do not cover the record.
+    Parameters
+    ----------
+    force : path or data frame
+        Specific force along level axes; for its columns see ``insnav platform --help``.
+    lat, lon, height : float
+        Position at the start [rad], [rad], [m].
+    v_n : sequence of float
+        Velocity North, East, Down at the start [m/s].
+    errors : insnav.gimbal.PlatformErrors, optional
+        Errors of the platform and its sensors; by default none.
+    integrator : {"forward", "backward", "mean", "fourth"}
+        Whose solution is wanted; all are compared.
+    vertical : {"off", "free", "damped"}
+        Vertical channel; ``damped`` needs `heights`.
+    gravity : float, optional
+        Gravity of this size everywhere, straight down [m/s^2]; by default normal gravity.
+    interval : float
+        Time between rows of the solutions [s].
+    **reading
+        ``heights`` to damp the vertical channel with; ``ref``, a reference; ``axes``, ``columns``, ``sample_rate`` as
+        of `insnav.input.readers.specific_force.read_specific_force`; ``opened``, called with what was understood of
+        each file.
+
+    Returns
+    -------
+    Result of PlatformStudy
+
+    Raises
+    ------
+    ConfigError
+        An option that cannot be, or a start too near a pole.
+    InputError
+        The file cannot be used, has no vertical axis, or the heights do not cover it.
+    DivergenceError
+        The solution came too near a pole, or the free vertical channel ran away.
+
+    Examples
+    --------
+    >>> insnav.platform("force.csv", np.radians(48.0), np.radians(11.0)).plot("track")  # doctest: +SKIP
     """
+    _refuse_start(lat, lon, height, v_n)
+    one_of("integrator", integrator, INTEGRATORS)
+    samples, given, reference = _read(force, **reading)
     if gravity is not None and not 9.5 < gravity < 10.0:  # NaN is not within either
-        raise ConfigError(f"{gravity:g} m/s² is not gravity on the Earth", where="--gravity", fix="9.5 to 10 m/s²")
-    time, f_n = record.force.data.time, record.force.data.f_n
+        raise ConfigError("platform.bad_gravity", where="--gravity", value=gravity)
+    time, f_n = samples.data.time, samples.data.f_n
     if vertical != "off" and np.isnan(f_n[:, 2]).all():
-        raise InputError(
-            "there is no vertical axis",
-            where=record.force.facts.path,
-            why=f"--vertical {vertical} integrates f_up_m_s2 or f_down_m_s2",
-            fix="use --vertical off",
-        )
-    lla = np.array([start.lat, (start.lon + np.pi) % (2.0 * np.pi) - np.pi, start.height])
-    height = None if record.height is None else _heights(record.height.data, time)
-    every = max(1, round(interval / float(np.median(np.diff(time)))))
-    return {
-        name: navigate_platform(
-            time,
-            f_n,
-            lla,
-            np.array(start.v_n),
-            integrator=name,
-            vertical=vertical,
-            height=height,
-            errors=errors,
-            gravity=gravity,
-            every=every,
-        )
-        for name in INTEGRATORS
-    }
+        raise InputError("platform.no_vertical_axis", where=samples.facts.path, option=vertical)
+    errors, start = errors or PlatformErrors(), np.array([lat, (lon + np.pi) % (2.0 * np.pi) - np.pi, height])
+    how: dict[str, Any] = {"vertical": vertical, "gravity": gravity, "errors": errors}
+    how |= {"height": None if given is None else _heights(given.data, time)}
+    how |= {"every": max(1, round(interval / float(np.median(np.diff(time)))))}
+    runs = {name: navigate_platform(time, f_n, start, np.array(v_n), integrator=name, **how) for name in INTEGRATORS}
+    study = PlatformStudy(integrator, runs, errors, None if reference is None else reference.data)
+    named = {"force": samples, "height": given, "ref": reference}
+    facts = {name: each.facts for name, each in named.items() if each is not None}
+    options = {"lat": lat, "lon": lon, "height": height, "v_n": v_n, "integrator": integrator, "vertical": vertical}
+    options |= {"gravity": gravity, "interval": interval, **asdict(errors)}
+    findings = (*_assumptions(study), *samples.facts.evidence, *samples.events)
+    return Result("platform", study, facts, options, findings=findings)
+
+
+def demonstrate() -> Result[Demonstration]:
+    """Compare the integrators on a known flight, and a platform with a strapdown navigator that has the same errors."""
+    sizes = {"heading_rad": ERRORS.tilt[2], "drift_rad_s": ERRORS.drift[0], "bias_m_s2": ERRORS.bias[0]}
+    errors = Finding.of(Code.PLATFORM_DEMO_ERRORS, **sizes)
+    findings = errors, Finding.of(Code.PLATFORM_DEMO_FOURTH), Finding.of(Code.PLATFORM_FIRST_ORDER)
+    return Result("platform", platform_errors.demonstrate(), options={"demo": True}, findings=findings)
+
+
+def _refuse_start(lat: float, lon: float, height: float, v_n: Sequence[float]) -> None:
+    limits = (
+        ("--lat", lat / DEG, -90.0, 90.0, "deg, north positive"),
+        ("--lon", lon / DEG, -180.0, 360.0, "deg, east positive"),
+        ("--height", height, -1e5, 1e5, "m"),
+        *((name, each, -1e4, 1e4, "m/s") for name, each in zip(("--v-north", "--v-east", "--v-up"), v_n, strict=True)),
+    )
+    for option, value, low, high, unit in limits:
+        if not low <= value <= high:  # NaN is not within either
+            what = {"--lat": "latitude", "--lon": "longitude"}.get(option, "sensible value")
+            raise ConfigError(f"{value:g} is not a {what}", where=option, fix=f"{low:g} to {high:g} {unit}")
+
+
+def _read(
+    force: Given,
+    *,
+    heights: Given | None = None,
+    ref: Given | None = None,
+    sample_rate: float | None = None,
+    opened: Callable[[ReadingFacts], None] = lambda facts: None,
+    **how: Any,
+) -> tuple[Reading[SpecificForce], Reading[Heights] | None, Reading[Trajectory] | None]:
+    """Read specific force along level axes, heights, and a reference; the small files first."""
+    if sample_rate is not None and not 0.1 <= sample_rate <= 1e5:
+        raise ConfigError("platform.bad_rate", where="--sample-rate", value=sample_rate)
+    one_from_stdin({"FORCE_FILE": force, "--height-input": heights, "--ref": ref})
+    height = None if heights is None else read_heights(samples_source(heights, None))
+    reference = None if ref is None else read_ref(ref, {})
+    samples = read_specific_force(samples_source(force, None), sample_rate=sample_rate, **how)
+    for each in (samples, height, reference):
+        if each is not None:
+            opened(each.facts)
+    return samples, height, reference
+
+
+def _assumptions(study: PlatformStudy) -> Iterator[Finding]:
+    yield Finding.of(Code.PLATFORM_INTEGRATORS)
+    yield Finding.of(Code.PLATFORM_STEPS)
+    if study.run.vertical == "damped":
+        yield Finding.of(Code.PLATFORM_VERTICAL_DAMPED, time_s=DAMPING_TIME)
+    else:
+        yield Finding.of(Code.PLATFORM_VERTICAL_OFF if study.run.vertical == "off" else Code.PLATFORM_VERTICAL_FREE)
+    if study.errors.any:
+        yield Finding.of(Code.PLATFORM_LEVEL_SAMPLES)
 
 
 def _heights(given: Heights, time: FloatArray) -> FloatArray:
     """Height at the times of the samples."""
     if not (given.time[0] <= time[0] and time[-1] <= given.time[-1]):
         raise InputError(
-            "the height input does not cover the record",
+            "platform.heights_do_not_cover",
             where="--height-input",
-            why=f"heights from {given.time[0]:.3f} to {given.time[-1]:.3f} s, samples from {time[0]:.3f} to "
-            f"{time[-1]:.3f} s",
-            fix="give heights for the whole record, in the same time",
+            heights_s=(float(given.time[0]), float(given.time[-1])),
+            samples_s=(float(time[0]), float(time[-1])),
         )
     return np.interp(time, given.time, given.height)

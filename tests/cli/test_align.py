@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+import insnav
 from insnav.findings import Code, Finding
 from insnav.messages import render
 from insnav.output.folder import read_facts
@@ -39,6 +40,9 @@ def test_the_summary_says_what_was_found_and_how_well(at_rest: Path, cli: Cli):
     assert f"({render(Finding.of(Code.ALIGN_HEADING_GYROCOMPASS)).title})" in lines[2]
     assert "from the sensors alone" in lines[5]
     assert max(map(len, lines)) <= 110
+    again = insnav.open_result("alignment")
+    assert again.imu_model is not None
+    assert list(again.page().summary) == lines[: len(again.page().summary)]
 
 
 def test_a_heading_that_cannot_be_found_is_not_made_up(at_rest: Path, cli: Cli):
@@ -74,10 +78,10 @@ def test_a_given_heading_is_taken_over(at_rest: Path, cli: Cli):
 @pytest.mark.parametrize(
     ("options", "code", "word"),
     [
-        (("--lat", "91"), 2, "91 deg is not a sensible value"),
-        (("--lat", "nan"), 2, "nan deg is not a sensible value"),
+        (("--lat", "91"), 2, "input.out_of_range"),
+        (("--lat", "nan"), 2, "input.out_of_range"),
         (("--lat", "48", "--height", "inf"), 2, "--height"),
-        (("--lat", "48", "--static", "9000:9100", "--imu", "tactical"), 3, "static interval"),
+        (("--lat", "48", "--static", "9000:9100", "--imu", "tactical"), 3, "align."),
         (("--lat", "48", "--out", "static.csv/such"), 4, "cannot write a run folder"),
     ],
 )
@@ -94,8 +98,7 @@ def test_a_record_without_rest_is_refused(tmp_path: Path, monkeypatch: pytest.Mo
     write(Path("rolling.csv"), rolling(), IMU_HEADER)
     shown = cli("align", "rolling.csv", "--lat", "48")
     assert shown.code == 3, shown.out
-    assert "no rest was found" in shown.err
-    assert "--static FROM:TO" in shown.err
+    assert "session.no_rest" in shown.err
     assert not Path("alignment").exists()
 
 

@@ -13,20 +13,22 @@ from insnav.alignment.clock_offset import ClockOffset
 from insnav.exceptions import InputError
 from insnav.findings import Code, of_code
 from insnav.fleet.recordings import find_drives
+from insnav.fleet.tuning import tune
 from insnav.input.readers.kinds import open_parts
 from insnav.messages import sentence
 from insnav.report.check.page import page
 from insnav.report.terminal import page_text
+from insnav.result import open_result
 from insnav.session.check import check
-from insnav.session.tuning import tune
 from tests.input.spellings.recorded import GPS_HEADERS, IMU_HEADERS, fixes, samples, table
 from tests.refusals import refused
 
 
 def test_exit_codes_and_the_line(cli, tmp_path):
     imu, gps = table(tmp_path / "a.csv", samples(IMU_HEADERS)), table(tmp_path / "b.csv", fixes(GPS_HEADERS))
-    good = cli("check", imu, gps)
+    good = cli("check", imu, gps, "--out", tmp_path / "checked")
     assert good.code == 0
+    assert open_result(tmp_path / "checked").summary().splitlines()[0] == good.out.splitlines()[0]
     assert good.out.rstrip().splitlines()[-1] == f"run:  insnav run {imu} --gps {gps}"
     alone = cli("check", imu)
     assert alone.code == 1
@@ -83,7 +85,7 @@ def test_a_folder_of_any_names_is_read_by_what_its_files_hold(tmp_path):
     gps.unlink()
     (drive,), _ = find_drives(tmp_path, tmp_path / "fleet", 1)
     with pytest.raises(InputError, match="no fixes were found for the samples") as error:
-        tune([drive.files()])
+        tune(drive.files())
     assert "--gps" not in str(error.value)
 
 
@@ -95,7 +97,7 @@ def test_a_folder_that_may_not_be_looked_into_is_no_recording(tmp_path, monkeypa
 
 
 def test_clocks_that_differ_are_spoken_of_only_where_they_do(tmp_path):
-    readings = replace(check([table(tmp_path / "a.csv", samples(IMU_HEADERS))], {}), findings=())
+    readings = replace(check(table(tmp_path / "a.csv", samples(IMU_HEADERS))), findings=())
     for offset, said in ((None, False), (0.002, False), (0.2, True)):
         both = None if offset is None else ClockOffset(offset, 0.025, 0.9, 0.9, 300.0)
         arm = replace(readings.found, offset=both, mounting=Mounting(np.eye(3), 0.1, 9, 0.0, (1, 1, 1), False))
@@ -111,7 +113,7 @@ def test_times_in_what_is_to_be_mended_are_from_the_start(cli, tmp_path):
     later = [f"{float(time) + 5000.0:.3f},{rest}" for time, _, rest in (row.partition(",") for row in rows)]
     imu.write_text("\n".join([head, *later]))
     shown = cli("check", imu).out
-    result = check([imu], {})
+    result = check(imu)
     (spike,) = of_code(result.found.problems, Code.CHECK_SPIKES)
     assert spike["count"] == 1
     at = spike.begin - result.inputs["imu"].start_s

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+import insnav
 from insnav.findings import Code, Finding, of_families
 from insnav.output.folder import read_facts
 from insnav.units import DEG
@@ -48,6 +49,7 @@ def test_a_reference_that_proves_nothing_or_is_wrong_is_said(two_runs: Path, cli
     assert turned.code is Code.REF_HEADING_AXES
     assert turned["angle_rad"] == pytest.approx(40.0 * DEG, abs=DEG)
     assert says(shown.out, turned)
+    assert {each.run for each in insnav.open_result("page").found.compared} == {"right"}
     assert "reference" not in cli("compare", "right", "--ref", "ref.csv").out.split("epochs of the reference")[1]
 
 
@@ -84,7 +86,7 @@ def test_json_holds_the_same_figures(two_runs: Path, cli: Cli):
 @pytest.mark.parametrize(
     ("arguments", "code", "word"),
     [
-        (("none", "--ref", "ref.csv"), 3, "no solution in this folder"),
+        (("none", "--ref", "ref.csv"), 3, "session.no_solution"),
         (("right", "--ref", "none.csv"), 3, "format.no_file"),
         (("right",), 2, "--ref"),
         (("--ref", "ref.csv"), 2, "RUN"),

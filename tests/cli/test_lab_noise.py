@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+import insnav
 from insnav.findings import Code
 from insnav.imu import load_calibration, load_imu
 from insnav.output.folder import read_facts, verify_folder
+from insnav.result import Result
 from insnav.units import DEG
 from tests.cli.conftest import Cli, says, warnings_of
 from tests.lab.published import lab_file
@@ -104,13 +108,34 @@ def test_drift_before_and_after(bench: Path, cli: Cli) -> None:
         assert Path(f"drift/figures/{figure}.png").stat().st_size > 5000
 
 
+WRITTEN: dict[str, tuple[tuple[str, ...], Callable[[], Result[Any]]]] = {
+    "acceptance": (("--rates", "rates.csv"), lambda: insnav.acceptance(["rates.csv"])),
+    "drift": (("drift.csv",), lambda: insnav.drift("drift.csv")),
+    "calibrate": (("gyro", "volts.csv", "--name", "a"), lambda: insnav.calibrate("gyro", "volts.csv", name="a")),
+}
+
+
+@pytest.mark.parametrize("command", WRITTEN)
+def test_the_command_and_python_write_the_same_files(bench: Path, cli: Cli, command: str) -> None:
+    saved("volts.csv", "rate_deg_s,output_v", RATES, 0.05 * RATES + 1e-4 * np.sin(RATES))
+    words, make = WRITTEN[command]
+    shown = cli(command, *words, "--out", "command")
+    assert shown.code == 0, shown.err
+    make().save("python", figures="png")
+    contents = [
+        {each.relative_to(folder): each.read_bytes() for each in Path(folder).rglob("*") if each.is_file()}
+        for folder in ("command", "python")
+    ]
+    assert contents[0] == contents[1]
+
+
 @pytest.mark.parametrize(
     ("command", "code", "word"),
     [
         (("allan", "static.csv", "--taus", "0.001"), 2, "no averaging time"),
         (("allan", "static.csv", "--workers", "0"), 2, "--workers"),
         (("allan", "none.csv"), 3, "none.csv"),
-        (("acceptance",), 2, "nothing to accept"),
+        (("acceptance",), 2, "session.nothing_to_accept"),
         (("acceptance", "--rates", "static.csv"), 3, "no column of what was set"),
         (("acceptance", "--rates", "rates.csv", "--lengths", "0"), 2, "above zero"),
         (("acceptance", "--rates", "rates.csv", "--out", "rates.csv/such"), 4, "cannot write a run folder"),

@@ -18,7 +18,6 @@ from insnav.plain_text import wrapped
 from tests.cli.conftest import QUICK, Cli
 
 WRONG_HEADING = ("--heading", "220")  # so that there is a warning, and assumptions
-TEXTS = {"summary", "verdict", "files"}  # the last has digests of files with texts
 _GAP = re.compile(r"\{[^}]*\}|\[\[|\]\]")
 
 
@@ -37,9 +36,8 @@ def lines_of(shown: str, *names: str) -> list[str]:
     return [line for line in shown.splitlines() if line.startswith(names)]
 
 
-def without_texts(facts: dict[str, Any]) -> dict[str, Any]:
-    facts["imu_model"].pop("chosen")
-    return {name: value for name, value in facts.items() if name not in TEXTS}
+def without_digests(folder: str) -> dict[str, Any]:
+    return {name: value for name, value in read_facts(Path(folder)).items() if name != "files"}
 
 
 def test_a_run_warns_in_the_language_that_is_asked_for(drive: Path, cli: Cli):
@@ -53,12 +51,26 @@ def test_a_run_warns_in_the_language_that_is_asked_for(drive: Path, cli: Cli):
         assert len(told) == len(lines_of(plain.out, "warning", "assumed")) > 1
         assert english_in(shown.out) == []
         assert "--lang" not in (Path(name) / "run.json").read_text(encoding="utf-8")
-        texts = [json.dumps(without_texts(read_facts(Path(each)))) for each in ("plain", name)]
-        assert texts[0] == texts[1]
-        for table in ("solution.csv", "smoothed.csv", "innovations.csv"):
+        assert without_digests(name) == without_digests("plain")
+        for table in ("solution.csv", "smoothed.csv", "innovations.csv", "events.csv"):
             assert (Path(name) / table).read_bytes() == Path("plain", table).read_bytes()
     assert Path("before/run.json").read_bytes() == Path("after/run.json").read_bytes()
     assert cli("run", *QUICK, *WRONG_HEADING, "--out", "again").out == plain.out.replace("plain", "again")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("align", "imu.csv", "--lat", "48"),
+        ("check", "imu.csv", "gps.csv"),
+        ("budget", "--imu", "LN-200", "--times", "10"),
+        ("imus", "HG9900"),
+    ],
+)
+def test_files_for_programs_are_in_english(words: tuple[str, ...], drive: Path, cli: Cli):
+    out = () if words[0] == "imus" else ("--out", "out", "--force")
+    printed = [json.loads(cli(*words, "--json", *out, "--lang", lang).out) for lang in LANGUAGES]
+    assert printed[0] | {"files": {}} == printed[1] | {"files": {}}
 
 
 def test_what_is_drawn_is_in_english(drive: Path, cli: Cli):

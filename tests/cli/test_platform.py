@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from insnav.earth import gravity_n
+from insnav.errors import platform_errors
 from insnav.errors.platform_errors import level_force
 from insnav.output.data_files import write_data, write_table
 from insnav.output.folder import read_facts, verify_folder
@@ -117,12 +118,10 @@ def test_the_errors_of_a_platform_at_rest_are_beside_the_closed_form(
 
 def test_the_demonstration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli):
     """With shorter motions: what is shown is tested elsewhere."""
-    from insnav.report.platform import demonstration as platform_demo
-
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(platform_demo, "DAY_RATE", 0.5)
-    monkeypatch.setattr(platform_demo, "PATTERN", 120.0)
-    monkeypatch.setattr(platform_demo, "FLIGHT", 60.0)
+    monkeypatch.setattr(platform_errors, "DAY_RATE", 0.5)
+    monkeypatch.setattr(platform_errors, "PATTERN", 120.0)
+    monkeypatch.setattr(platform_errors, "FLIGHT", 60.0)
     shown = cli("platform", "--demo")
     assert shown.code == 0, shown.err
     facts = verify_folder(Path("platform"))
@@ -142,22 +141,30 @@ def test_the_demonstration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli:
         (("fw.csv", "--demo"), 2, ("reads no file", "FORCE_FILE")),
         (("--demo", "--lat", "60", "--gyro-drift", "1,0,0"), 2, ("--lat, --gyro-drift",)),
         (("fw.csv", "--lat", "91", "--lon", "11"), 2, ("not a latitude",)),
-        (("fw.csv", "--lat", "90", "--lon", "11"), 2, ("cannot point north",)),
+        (("fw.csv", "--lat", "90", "--lon", "11"), 2, ("platform.start_near_pole",)),
         (("fw.csv", "--lat", "48", "--lon", "nan"), 2, ("not a longitude",)),
         (("fw.csv", *START, "--v-east", "inf"), 2, ("--v-east",)),
-        (("fw.csv", *START, "--v-up", "3"), 2, ("needs a vertical channel",)),
+        (("fw.csv", *START, "--v-up", "3"), 2, ("platform.vertical_velocity",)),
         (("fw.csv", *START, "--gyro-drift", "0.01"), 2, ("--gyro-drift", "not 3 numbers", "0.01,0.01,0.01")),
-        (("fw.csv", *START, "--misalignment", "0,20,0"), 2, ("not level",)),
+        (("fw.csv", *START, "--misalignment", "0,20,0"), 2, ("platform.not_level",)),
         (("fw.csv", *START, "--vertical", "damped"), 2, ("--height-input",)),
         (("fw.csv", *START, "--height-input", "ref.csv"), 2, ("--vertical",)),
-        (("fw.csv", *START, "--vertical", "damped", "--height-input", "late.csv"), 3, ("does not cover",)),
+        (
+            ("fw.csv", *START, "--vertical", "damped", "--height-input", "late.csv"),
+            3,
+            ("platform.heights_do_not_cover",),
+        ),
         (("none.csv", *START), 3, ("format.no_file",)),
-        (("level.csv", *START, "--vertical", "free"), 3, ("no vertical axis", "--vertical off")),
-        (("fw.csv", *START, "--sample-rate", "0"), 2, ("not a rate", "--sample-rate")),
+        (("level.csv", *START, "--vertical", "free"), 3, ("platform.no_vertical_axis",)),
+        (("fw.csv", *START, "--sample-rate", "0"), 2, ("platform.bad_rate", "--sample-rate")),
         (("fw.csv", *START, "--sample-rate", "20"), 2, ("times of its own",)),
-        (("away.csv", "--lat", "89.9", "--lon", "11", "--gyro-drift", "0,50,0"), 1, ("too near", "smaller errors")),
+        (
+            ("away.csv", "--lat", "89.9", "--lon", "11", "--gyro-drift", "0,50,0"),
+            1,
+            ("platform.near_pole_with_errors",),
+        ),
         (("gap.csv", *START), 3, ("gap", "without a sample")),
-        (("away.csv", *START, "--vertical", "free"), 1, ("height ran away",)),
+        (("away.csv", *START, "--vertical", "free"), 1, ("platform.free_height",)),
         (("fw.csv", *START, "--columns", "f_east=nothing"), 2, ("--columns", "no column 'nothing'")),
     ],
 )

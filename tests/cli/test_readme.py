@@ -75,3 +75,8 @@ def test_every_command_of_the_readme_works(checkout: Path, cli: Cli):
         shown = cli(*words, *again)
         assert shown.code == 0, f"insnav {shlex.join(words)}\n{shown.err}"
         assert shown.out
+
+
+def test_chinese_pages_use_one_word_for_a_delay():
+    for page in (ROOT / "README.zh-CN.md", ROOT / "docs" / "howto" / "laboratory.zh-CN.md"):
+        assert "延迟" not in page.read_text(encoding="utf-8")  # the messages say 时延

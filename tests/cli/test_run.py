@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from insnav.findings import Code, Severity, of_families
+from insnav.messages import sentence
 from insnav.output.folder import read_facts, verify_folder
 from insnav.units import DEG
 from tests.cli.conftest import QUICK, Cli, findings_of, says
@@ -155,7 +156,7 @@ def test_what_is_empty_or_not_there_is_said_before_the_folder_in_the_way(drive: 
     Path("empty.csv").touch()
     assert "format.empty" in cli("run", "imu.csv", "--gps", "empty.csv").err
     assert "format.no_file" in cli("run", "imu.csv", "--gps", "gone.csv").err
-    assert "exists already" in cli("run", "imu.csv", "--gps", "gps.csv").err
+    assert "output.folder_exists" in cli("run", "imu.csv", "--gps", "gps.csv").err
 
 
 def test_a_limit_on_the_error_decides_the_exit_code(drive: Path, cli: Cli):
@@ -184,6 +185,7 @@ def test_what_heights_are_is_passed_on(drive: Path, cli: Cli, options: tuple[str
     assert how.code is code
     assert not how.get("column")  # it is given, or assumed
     assert (how.severity is Severity.ASSUMPTION) == (not options)
+    assert ("as given with --gps-height" in sentence(how)) == bool(options)
     assert says(shown.err, how)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from insnav.findings import CONTRADICTIONS, GIVEN_CONTRADICTED, NOT_MEASURED, OF_THE_IMU, Code, Severity
+from insnav.findings import CONTRADICTIONS, NOT_MEASURED, OF_THE_IMU, Code, Severity, of_families
 
 
 def test_changes_of_the_imu_are_those_that_wrong_axes_show():
@@ -23,8 +23,9 @@ def test_changes_of_the_imu_are_those_that_wrong_axes_show():
 
 def test_contradictions_are_warnings_and_repeated_fixes_are_none():
     """By their number a step of the delay is accepted: a code more or less would change solutions."""
-    assert OF_THE_IMU | GIVEN_CONTRADICTED < CONTRADICTIONS
+    given = of_families("given", "noise")  # what the user or the receiver gave is wrong
+    assert OF_THE_IMU | given < CONTRADICTIONS
     assert not CONTRADICTIONS & NOT_MEASURED
-    assert len(GIVEN_CONTRADICTED) == 11
+    assert len(given) == 11
     assert len(CONTRADICTIONS) == 37
     assert all(code.severity is Severity.WARNING for code in CONTRADICTIONS | NOT_MEASURED)

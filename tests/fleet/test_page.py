@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
 from insnav.fleet.batch import Navigated
-from insnav.fleet.page import OUTLIER, fleet_page, modified_z, rows_of, vehicle_noise
 from insnav.messages import render, sentence
+from insnav.report.fleet.page import OUTLIER, modified_z, page, rows_of, vehicle_noise
+from insnav.result import Result, open_result
 
 HALF = 1.3  # factor of the ends of the intervals
 FALSE = Finding.of(Code.RUN_MANY_REJECTED, subject="gps", share=0.2)
@@ -53,13 +56,13 @@ def test_failures_and_outliers_come_first():
     assert rows[1].reason == f"1 warning ({render(FALSE).title})"
     assert rows[2].stands_out == "horizontal error RMS"
     left_out = Finding.of(Code.BATCH_NO_RECORDING, subject="photo.dat", reason="no table")
-    page = fleet_page(rows, [left_out])
-    assert page.verdict is not None
-    assert page.verdict.light == "bad"
-    assert page.verdict.reason == "1 of 15 drives failed or are not to be relied on"
-    assert page.findings == (left_out,)
-    assert page.notes == (sentence(left_out),)
-    assert "photo.dat" in page.notes[0]
+    shown = page(Result("fleet", tuple(drives), findings=(left_out,)))
+    assert shown.verdict is not None
+    assert shown.verdict.light == "bad"
+    assert shown.verdict.reason == "1 of 15 drives failed or are not to be relied on"
+    assert shown.findings == (left_out,)
+    assert shown.notes == (sentence(left_out),)
+    assert "photo.dat" in shown.notes[0]
 
 
 def test_noise_of_a_vehicle_is_the_weighted_mean_of_its_drives():
@@ -84,3 +87,16 @@ def test_the_interval_of_a_vehicle_covers_the_truth_also_where_drives_differ_mor
         low, high = mean.interval
         inside += low < 0.2 * np.deg2rad(1.0) / 60.0 < high
     assert 0.85 < inside / 300 < 0.98  # 0.95 of a normal mean, less for a deviation from eight drives
+
+
+def test_a_fleet_is_opened_again(tmp_path: Path):
+    """With a drive that failed, whose error comes back."""
+    lost = Navigated("lost", "", "", 1.0, InputError("no fixes", why="the file is empty"))
+    left_out = Finding.of(Code.BATCH_NO_RECORDING, subject="photo.dat", reason="no table")
+    result = Result("fleet", (drive(1, 2.0), lost), options={"drives": "."}, findings=(left_out,))
+    again = open_result(result.save(tmp_path / "fleet"))
+    assert again.summary() == result.summary()
+    assert again.findings == (left_out,)
+    assert str(again.found[1].failed) == str(lost.failed)
+    assert list(again.to_frame()["drive"]) == ["lost", "d1"]
+    assert "Fleet of 2 drives" in again._repr_html_()

@@ -12,6 +12,7 @@ from pyubx2 import GET, UBXMessage, UBXReader
 from insnav.exceptions import InputError
 from insnav.findings import Code
 from insnav.input import read_gps, read_imu
+from insnav.input.formats.ubx import _Clock, _sensor_time
 from tests.input.files import noted
 from tests.input.recordings import FIXES, REAL, SAMPLES, TOW, WEEK, Motion, real, same_places
 from tests.refusals import refused
@@ -230,3 +231,12 @@ def test_real_logs_without_positions_are_refused_in_words():
     for file, code in (("mixed_nmea_ubx_cfg.ubx", "format.nmea_no_position"), ("esf_meas_19.ubx", "format.lacks_part")):
         with refused(InputError, code):
             read_gps(REAL / "ublox" / file)
+
+
+@pytest.mark.parametrize(("count", "code"), [(3, Code.READ_TIME_OF_SENSOR), (12, Code.READ_TIME_CONSTANT)])
+def test_why_a_sensor_keeps_its_own_clock(count: int, code: Code) -> None:
+    """Too few epochs, or samples before them that all have one time."""
+    clock = _Clock(time=np.arange(float(count)), at=2 * np.arange(count) + 1)
+    tags, finding = _sensor_time(np.full(2 * count, 500.0), np.arange(2 * count), clock, raw=False)
+    assert (finding.code, finding["count"]) == (code, count)
+    assert set(tags) == {0.5}

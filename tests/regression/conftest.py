@@ -17,7 +17,7 @@ from insnav.regression.baseline import Baseline, renewed
 from insnav.regression.cases import Material
 from insnav.regression.corpus import Corpus, load_corpus
 from insnav.regression.provenance import Origin
-from insnav.regression.run_corpus import CaseResult, Result, run_corpus
+from insnav.regression.run_corpus import Accuracy, CaseResult, run_corpus
 
 LIBRARY = Path(__file__).parents[2] / "trajectories"
 NOWHERE = Path("nowhere")
@@ -109,12 +109,12 @@ def before(deteriorations: Corpus) -> Baseline:
 
 
 @pytest.fixture(scope="session")
-def result(corpus: Corpus) -> Result:
+def result(corpus: Corpus) -> Accuracy:
     return run_corpus(corpus, NOWHERE)
 
 
 @pytest.fixture(scope="session")
-def baseline(result: Result) -> Baseline:
+def baseline(result: Accuracy) -> Baseline:
     return renewed(None, result, THEN)
 
 

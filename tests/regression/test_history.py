@@ -16,18 +16,19 @@ from insnav.regression.baseline import Baseline
 from insnav.regression.history import Entry, entry, read_history, with_entry, write_history
 from insnav.regression.peers.run_peers import PeerRow
 from insnav.regression.provenance import origin
-from insnav.regression.run_corpus import Result
+from insnav.regression.regress import Regression
+from insnav.regression.run_corpus import Accuracy
 from insnav.regression.verdict import compare
 from insnav.report.colours import VERMILLION
 from insnav.report.panel_figures import draw_drawings
-from insnav.report.regression.page import PAGE, SECTION, markdown, peers_of, write_pages
+from insnav.report.regression.page import PAGE, PEERS, SECTION, markdown, peers_of, write_pages
 from insnav.report.regression.panels import COLUMNS, fitted, history_panels
-from insnav.report.regression.tables import PEERS
 from insnav.report.style import drawing
+from insnav.result import Result
 from tests.regression.conftest import LIBRARY, THEN
 
 
-def versions(result: Result, baseline: Baseline, count: int) -> list[Entry]:
+def versions(result: Accuracy, baseline: Baseline, count: int) -> list[Entry]:
     """A history in which errors halve, and the heading gets worse for a while from version 30 on."""
     rng = np.random.default_rng(1)
     history: list[Entry] = []
@@ -52,12 +53,13 @@ def versions(result: Result, baseline: Baseline, count: int) -> list[Entry]:
 
 
 @pytest.mark.parametrize("count", [1, 50])
-def test_everything_is_drawn(count: int, result: Result, baseline: Baseline, tmp_path: Path):
+def test_everything_is_drawn(count: int, result: Accuracy, baseline: Baseline, tmp_path: Path):
     history = versions(result, baseline, count)
     peer = PeerRow("sculling", "another", (0.1, 0.2, None), (0.01, 0.02), 12.0)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        files = write_pages(tmp_path, result, history, baseline, compare(result, baseline), THEN, [peer])
+        found = Regression(result, baseline, THEN, tuple(history), (peer,))
+        files = write_pages(tmp_path, Result("regression", found))
     assert len([file for file in files if file.suffix == ".png"]) == 8
     page = (tmp_path / PAGE).read_text()
     assert page.count("data:image/png;base64,") == 8
@@ -68,22 +70,23 @@ def test_everything_is_drawn(count: int, result: Result, baseline: Baseline, tmp
     assert all((tmp_path / name).is_file() for name in ("accuracy_cep50_m.png", "accuracy_growth.png"))
 
 
-def test_without_other_programs_their_table_stays_with_its_version(result: Result, baseline: Baseline):
+def test_without_other_programs_their_table_stays_with_its_version(result: Accuracy, baseline: Baseline):
     peer = PeerRow("sculling", "another", (0.1, 0.2, None), (0.01, 0.02), 12.0)
-    comparison, later = compare(result, baseline), replace(THEN, version="0.9.9")
-    first = markdown(result, comparison, THEN, [peer], ())
+    found = Regression(result, baseline, THEN, peers=(peer,))
+    later = Regression(result, baseline, replace(THEN, version="0.9.9"))
+    first = markdown(found, ())
     kept = peers_of(first)
-    again = markdown(result, comparison, later, (), (), kept)
+    again = markdown(later, (), kept)
     assert "| sculling | another | 0.100 | 0.200 | – |" in again
     assert again.count(f"Version {THEN.version}") == again.count("Version 0.9.9") == 1
     assert again.index("Version 0.9.9") < again.index(PEERS) < again.index(f"Version {THEN.version}")
     assert peers_of(again) == kept
     unstamped = first.replace(f"## {PEERS}\n\nVersion", f"## {PEERS}\n\nOf", 1)
     assert sum(line.startswith(f"Version {THEN.version}") for line in peers_of(unstamped)) == 1
-    assert PEERS not in markdown(result, comparison, later, (), (), peers_of("# nothing"))
+    assert PEERS not in markdown(later, (), peers_of("# nothing"))
 
 
-def test_fifty_versions_can_be_read(result: Result, baseline: Baseline):
+def test_fifty_versions_can_be_read(result: Accuracy, baseline: Baseline):
     history = versions(result, baseline, 50)
     panels = history_panels(history, baseline, BY_KEY["heading_rms_deg"])
     with drawing():
@@ -105,7 +108,7 @@ def test_fifty_versions_can_be_read(result: Result, baseline: Baseline):
         assert not marked & {31.0, 32.0, 33.0, 34.0, 35.0}
 
 
-def test_a_line_a_version_and_commit(result: Result, baseline: Baseline, tmp_path: Path):
+def test_a_line_a_version_and_commit(result: Accuracy, baseline: Baseline, tmp_path: Path):
     history = versions(result, baseline, 3)
     path = tmp_path / "history.jsonl"
     write_history(path, history)

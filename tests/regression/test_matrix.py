@@ -12,17 +12,19 @@ from insnav.regression.baseline import Baseline
 from insnav.regression.history import entry
 from insnav.regression.paired_tests import ALPHA, POWER, detectable, shift
 from insnav.regression.peers.run_peers import PeerRow
-from insnav.regression.run_corpus import Result
+from insnav.regression.regress import Regression
+from insnav.regression.run_corpus import Accuracy
 from insnav.regression.verdict import compare
 from insnav.report.html import page_html
-from insnav.report.regression.matrix import change_matrix, figures_tested, is_unclear, peer_matrix
-from insnav.report.regression.page import regression_page
+from insnav.report.regression.page import page
+from insnav.report.regression.panels import change_matrix, figures_tested, is_unclear, peer_matrix
+from insnav.result import Result
 from tests.regression.conftest import THEN, with_values
 
 KEY = "cep50_m"
 
 
-def changed(result: Result, factor: float, scatter: float) -> Result:
+def changed(result: Accuracy, factor: float, scatter: float) -> Accuracy:
     """One figure of one case changed, on average by a factor, with a scatter from drive to drive."""
     case = result.cases["sculling"]
     old = case.measured.values[KEY] + BY_KEY[KEY].floor
@@ -43,7 +45,7 @@ def changed(result: Result, factor: float, scatter: float) -> Result:
     ],
 )
 def test_cells_are_coloured_by_size_and_significance(
-    result: Result, baseline: Baseline, factor: float, scatter: float, tone: str, text: str
+    result: Accuracy, baseline: Baseline, factor: float, scatter: float, tone: str, text: str
 ):
     now = changed(result, factor, scatter)
     comparison = compare(now, baseline)
@@ -58,16 +60,16 @@ def test_cells_are_coloured_by_size_and_significance(
     assert others <= {"same"}
 
 
-def test_the_page_begins_with_the_matrix_and_its_cells_open(result: Result, baseline: Baseline):
+def test_the_page_begins_with_the_matrix_and_its_cells_open(result: Accuracy, baseline: Baseline):
     now = changed(result, 1.3, 0.005)
-    page = regression_page(now, baseline, compare(now, baseline), THEN)
-    assert page.verdict.light == "bad"
-    assert page.sections[0].matrix is not None
-    html = page_html(page, {})
-    (cell,) = (cell for cell in page.sections[0].matrix.cells if cell.tone == "fails")
+    shown = page(Result("regression", Regression(now, baseline, THEN)))
+    assert shown.verdict.light == "bad"
+    assert shown.sections[0].matrix is not None
+    html = page_html(replace(shown, sections=shown.sections[:1]), {})
+    (cell,) = (cell for cell in shown.sections[0].matrix.cells if cell.tone == "fails")
     assert f'href="#{cell.key}"' in html
     assert f'id="{cell.key}"' in html
-    assert regression_page(result, baseline, compare(result, baseline), THEN).verdict.light == "good"
+    assert page(Result("regression", Regression(result, baseline, THEN))).verdict.light == "good"
 
 
 def test_a_change_that_counts_as_excluded_would_be_found():
@@ -88,7 +90,7 @@ def test_a_change_that_counts_as_excluded_would_be_found():
     assert abs(found / 400 - POWER) < 0.08
 
 
-def test_too_few_drives_are_unclear(result: Result, baseline: Baseline):
+def test_too_few_drives_are_unclear(result: Accuracy, baseline: Baseline):
     short = {
         name: with_values(case, {k: v[:3] for k, v in case.measured.values.items()})
         for name, case in baseline.cases.items()

@@ -10,10 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import insnav
 from insnav.findings import Code, Finding
-from insnav.regression.baseline import BASELINE_FILE, Baseline, read_baseline
+from insnav.output.folder import read_facts
+from insnav.regression.baseline import BASELINE_FILE, Baseline, read_baseline, write_baseline
 from insnav.regression.corpus import Corpus
-from insnav.regression.run_corpus import Result, run_corpus
+from insnav.regression.run_corpus import Accuracy, run_corpus
 from insnav.regression.verdict import Comparison, compare
 from tests.cli.conftest import Cli, cli  # noqa: F401
 from tests.regression.conftest import LIBRARY, NOWHERE, Spoil, with_values
@@ -25,7 +27,7 @@ def only(corpus: Corpus, name: str) -> Corpus:
     return corpus.model_copy(update={"simulated": [case for case in corpus.simulated if case.name == name]})
 
 
-def altered(result: Result, change) -> Result:
+def altered(result: Accuracy, change) -> Accuracy:
     """The same with all values changed by a function of metric and values."""
     cases = {}
     for name, case in result.cases.items():
@@ -33,7 +35,7 @@ def altered(result: Result, change) -> Result:
     return replace(result, cases=cases)
 
 
-def test_the_same_version_is_the_same(result: Result, baseline: Baseline, corpus: Corpus):
+def test_the_same_version_is_the_same(result: Accuracy, baseline: Baseline, corpus: Corpus):
     again = run_corpus(only(corpus, "sculling"), NOWHERE, quick=True)
     found = compare(again, baseline)
     assert found.passed
@@ -124,13 +126,13 @@ def test_a_quick_run_is_no_baseline(corpus_file: Path, cli: Cli):  # noqa: F811
     assert "--quick" in done.err
 
 
-def test_recorded_drives_that_are_absent_are_skipped_by_name(result: Result):
+def test_recorded_drives_that_are_absent_are_skipped_by_name(result: Accuracy):
     assert set(result.skipped) == {"far away"}
     skipped = result.skipped["far away"]
     assert (skipped.code, skipped.subject, skipped["data"]) == (Code.REGRESSION_NO_DATA, "far away", "not_here")
 
 
-def test_rounding_of_another_computer_is_no_change(result: Result, baseline: Baseline):
+def test_rounding_of_another_computer_is_no_change(result: Accuracy, baseline: Baseline):
     def rounded(key, value):
         return value * (1.0 + 1e-6) + 1e-9
 
@@ -139,7 +141,7 @@ def test_rounding_of_another_computer_is_no_change(result: Result, baseline: Bas
     assert {change.verdict for change in found.changes} == {"same"}
 
 
-def test_one_drive_that_goes_another_way_is_no_change(result: Result, baseline: Baseline):
+def test_one_drive_that_goes_another_way_is_no_change(result: Accuracy, baseline: Baseline):
     """As when rounding lets a fix through that was rejected."""
 
     def one(key, value):
@@ -148,7 +150,7 @@ def test_one_drive_that_goes_another_way_is_no_change(result: Result, baseline: 
     assert compare(altered(result, one), baseline).passed
 
 
-def test_a_small_but_certain_worsening_is_told_and_passes(result: Result, baseline: Baseline):
+def test_a_small_but_certain_worsening_is_told_and_passes(result: Accuracy, baseline: Baseline):
     def some(key, value):
         return value * 1.03 if key == "heading_rms_deg" else value
 
@@ -157,20 +159,20 @@ def test_a_small_but_certain_worsening_is_told_and_passes(result: Result, baseli
     assert {c.metric.key for c in found.changes if c.verdict == "worse"} == {"heading_rms_deg"}
 
 
-def test_better_is_told(result: Result, baseline: Baseline):
+def test_better_is_told(result: Accuracy, baseline: Baseline):
     found = compare(altered(result, lambda key, value: value * 0.8 if key == "outage_30s_m" else value), baseline)
     assert found.passed
     assert {c.metric.key for c in found.changes if c.verdict == "better"} == {"outage_30s_m"}
 
 
 @pytest.mark.parametrize(("factor", "passes"), [(2.5, True), (3.5, False), (0.1, True)])
-def test_cpu_time_fails_only_if_hugely_worse(factor: float, passes: bool, result: Result, baseline: Baseline):
+def test_cpu_time_fails_only_if_hugely_worse(factor: float, passes: bool, result: Accuracy, baseline: Baseline):
     found = compare(altered(result, lambda key, value: value * factor if key == "cpu_ratio" else value), baseline)
     assert found.passed is passes
 
 
 @pytest.mark.parametrize(("factor", "passes"), [(0.5, False), (1.5, False), (1.0, True)])
-def test_an_untrue_sd_is_worse_either_way(factor: float, passes: bool, result: Result, baseline: Baseline):
+def test_an_untrue_sd_is_worse_either_way(factor: float, passes: bool, result: Accuracy, baseline: Baseline):
     def told(key, value):
         return np.full_like(value, 1.02 * factor) if key == "nees_velocity" else value
 
@@ -187,7 +189,7 @@ def test_an_untrue_sd_is_worse_either_way(factor: float, passes: bool, result: R
     assert compare(altered(result, told), honest).passed is passes
 
 
-def test_a_drive_that_fails_now_is_named(result: Result, baseline: Baseline):
+def test_a_drive_that_fails_now_is_named(result: Accuracy, baseline: Baseline):
     cases = {**result.cases, "sculling": replace(result.cases["sculling"], failures={3: "it diverged"})}
     found = compare(replace(result, cases=cases), baseline)
     assert not found.passed
@@ -195,7 +197,7 @@ def test_a_drive_that_fails_now_is_named(result: Result, baseline: Baseline):
     assert found.broken == {"sculling": broken}
 
 
-def test_another_case_of_the_same_name_is_not_compared(result: Result, baseline: Baseline):
+def test_another_case_of_the_same_name_is_not_compared(result: Accuracy, baseline: Baseline):
     cases = {name: replace(case, digest="other") for name, case in result.cases.items()}
     found = compare(replace(result, cases=cases), baseline)
     assert not found.changes
@@ -218,8 +220,33 @@ def test_noise_alone_is_never_called_worse():
             halves = order[: len(order) // 2], order[len(order) // 2 :]
             first, second = ({key: value[half] for key, value in values.items()} for half in halves)
             then[name], now[name] = with_values(case, first), with_values(case, second)
-        found.append(compare(Result(now, {}, False), Baseline(stored.origin, then)))
+        found.append(compare(Accuracy(now, {}, False), Baseline(stored.origin, then)))
     smallest = sorted(min(change.adjusted for change in each.changes) for each in found)
     print(f"{len(found[0].changes)} figures, {REPEATS} repeats: smallest corrected p {smallest[:3]}")
     assert len(found[0].changes) > 300
     assert all(each.passed for each in found)
+
+
+def test_python_returns_what_the_command_prints(
+    corpus_file: Path,
+    baseline: Baseline,
+    tmp_path: Path,
+    cli: Cli,  # noqa: F811
+):
+    folder = tmp_path / "trajectories"
+    shutil.copytree(corpus_file.parent, folder)
+    write_baseline(tmp_path / "reports" / BASELINE_FILE, baseline)
+    result = insnav.regress(folder / "corpus.toml", quick=True, workers=1)
+    assert result.found.comparison.passed
+    where = result.save(tmp_path / "out")
+    again = insnav.open_result(where)
+    assert again.summary() == result.summary()
+    for each in (result, again):
+        assert list(each.to_frame()["case"]) == ["short drive", "sculling"]
+        assert each.plot("accuracy_growth") is not None
+        assert each.page().title in each._repr_html_()
+    shown = cli("regress", "--corpus", folder / "corpus.toml", "--engine", 1, "--quick", "--json")
+    assert shown.code == 0
+    printed, saved = json.loads(shown.out), read_facts(where)
+    assert {key: printed[key] for key in ("origin", "baseline", "skipped")}.items() <= saved.items()
+    assert printed["cases"].keys() == saved["cases"].keys()

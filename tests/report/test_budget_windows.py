@@ -157,7 +157,7 @@ def test_notes_that_were_texts_are_findings(budget: RecordedBudget, tmp_path: Pa
     found = budget_of_windows(budget, BudgetSettings(times=(10.0, 30.0)))
     texts: Any = ("No reference was given", "No stationary window")
     store(replace(found, windows=replace(budget, notes=texts)), tmp_path / FILE)
-    windows = read_found(tmp_path).windows
+    windows = read_found(tmp_path, ()).windows
     assert windows is not None
     assert [(each.code, each["text"]) for each in windows.notes] == [(Code.STORED_TEXT, text) for text in texts]
 

@@ -9,12 +9,13 @@ import pytest
 
 from insnav.certificate.certify import Certificate
 from insnav.certificate.check import Check
-from insnav.report.certificate.page import certificate_markdown, certificate_page, certificate_panel
-from insnav.report.page import Table, section_tables
+from insnav.report.certificate.page import certificate_markdown, certificate_panel, page
+from insnav.report.page import Page, Table, section_tables
 from insnav.report.panel_figures import draw_drawings
 from insnav.report.run_json import page_facts
 from insnav.report.style import drawing
 from insnav.report.terminal import page_text
+from insnav.result import Result
 
 CHECKS = (
     Check("coning", "1 deg, 5 Hz", "deg/h", 0.02, (("polynomial", 0.0145), ("euler", 16.2))),
@@ -24,6 +25,10 @@ CHECKS = (
     Check("gravity", "equator", "m/s^2", 1e-8, (("insnav", 5.9e-11),)),
 )
 CERTIFICATE = Certificate(CHECKS, 1.25)
+
+
+def certificate_page(certificate: Certificate) -> Page:
+    return page(Result("certificate", certificate, findings=certificate.findings))
 
 
 def tables_of(certificate: Certificate) -> list[Table]:

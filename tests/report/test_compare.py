@@ -10,7 +10,7 @@ import pytest
 from insnav.earth import lla_offset
 from insnav.exceptions import InputError
 from insnav.output.solution_tables import write_run_table
-from insnav.report.comparison.page import comparison_lines
+from insnav.result import Result
 from insnav.session.comparison import compare
 
 
@@ -29,7 +29,7 @@ def test_each_run_gets_its_own_errors(driven, tmp_path):
     assert [row["run"] for row in rows] == ["good", "off"]
     assert rows[0]["accuracy"]["horizontal_m"]["rms"] < 1e-4
     assert rows[1]["accuracy"]["horizontal_m"]["rms"] == pytest.approx(5.0, abs=1e-4)
-    head, good, bad, *_ = comparison_lines(found)
+    head, good, bad, *_ = Result("comparison", found).summary().splitlines()
     column = head.split("  ")
     assert column[0] == "run"
     assert good.startswith("good")
@@ -67,7 +67,7 @@ def test_what_the_reference_does_not_know_has_no_column(driven, tmp_path):
     _, _, true = driven
     unknown = np.full_like(true.v_n, np.nan)
     found = compare(folder(tmp_path, "run", true), ref=replace(true, v_n=unknown, rph=unknown)).found
-    head = comparison_lines(found)[0]
+    head = Result("comparison", found).summary().splitlines()[0]
     assert "head" not in head
     assert "v m/s" not in head
     assert "N m" in head

@@ -12,6 +12,7 @@ from insnav.errors.run_findings import judged
 from insnav.findings import Code, Finding, Severity, is_shown
 from insnav.imu import load_imu
 from insnav.messages import sentence
+from insnav.output import solution_tables
 from insnav.output.folder import read_facts
 from insnav.report.page import Page
 from insnav.result import Result, open_result
@@ -102,3 +103,11 @@ def test_the_page_and_its_facts_list_the_same_and_the_table_of_events_the_rest(w
 def test_a_file_that_is_cut_off_is_a_warning_of_the_page(warned: Result):
     (cut,) = [each for each in warned.page().findings if each.code is Code.ROWS_CUT]
     assert sentence(cut) in warned.page().warnings
+
+
+def test_the_table_of_events_is_read_once(warned: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    where, reads = warned.save(tmp_path / "run", figures="none"), []
+    read = solution_tables.pa.csv.read_csv
+    monkeypatch.setattr(solution_tables.pa.csv, "read_csv", lambda path, **how: reads.append(path) or read(path, **how))
+    open_result(where)
+    assert reads.count(where / "events.csv") == 1

@@ -62,24 +62,24 @@ def test_allan_of_an_imu_in_memory() -> None:
 def test_a_rate_table_in_memory_is_that_of_the_file(tmp_path: Path) -> None:
     frame = rate_table()
     frame.to_csv(tmp_path / "rates.csv", index=False)
-    found, read = calibrate("gyro", frame, name="bench"), calibrate("gyro", tmp_path / "rates.csv", name="bench")
+    found, read = (calibrate("gyro", each, name="bench").found for each in (frame, tmp_path / "rates.csv"))
     assert found.errors is not None
     assert found.errors.gyro_raw is not None
     assert read.errors is not None
     assert calibration_to_toml(found.errors) == calibration_to_toml(read.errors)
     assert [each.label for each in found.parameters] == ["sensor zero U0", "sensor scale factor K"]
     assert found.impact[0].corrected < found.impact[0].without
-    three = calibrate("gyro", [rate_table(0.05), rate_table(0.06), rate_table(0.07)])
+    three = calibrate("gyro", [rate_table(0.05), rate_table(0.06), rate_table(0.07)]).found
     assert three.errors is not None
     assert three.errors.gyro_raw is not None
     np.testing.assert_allclose(three.errors.gyro_raw.scale, np.degrees([0.05, 0.06, 0.07]), rtol=1e-3)
 
 
 def test_the_other_triad_is_carried_over_and_leaves_the_impact(tmp_path: Path) -> None:
-    accel = calibrate("accel", lab_file("accel_tumble_12.csv"))
+    accel = calibrate("accel", lab_file("accel_tumble_12.csv")).found
     assert accel.errors is not None
     (tmp_path / "accel.toml").write_text(calibration_to_toml(accel.errors))
-    alone, both = calibrate("gyro", rate_table()), calibrate("gyro", rate_table(), add=tmp_path / "accel.toml")
+    alone, both = (calibrate("gyro", rate_table(), add=each).found for each in (None, tmp_path / "accel.toml"))
     assert both.errors is not None
     assert both.errors.accel_raw is not None
     np.testing.assert_allclose(both.errors.accel_raw.scale, accel.errors.accel_raw.scale)
@@ -91,12 +91,12 @@ def test_poses_from_arrays_in_units_and_in_counts() -> None:
     ideal = random_record(rng, 14)
     noise = rng.normal(size=(2, len(ideal.time), 3))
     imu = replace(ideal, gyro=ideal.gyro + 1e-3 * noise[0], accel=ideal.accel + 0.01 * noise[1])
-    found = calibrate("poses", imu, gravity=G, name="x")
-    arrays = calibrate("poses", (imu.time, imu.gyro, imu.accel), gravity=G, name="x")
+    found = calibrate("poses", imu, gravity=G, name="x").found
+    arrays = calibrate("poses", (imu.time, imu.gyro, imu.accel), gravity=G, name="x").found
     assert found.errors is not None
     assert arrays.errors is not None
     np.testing.assert_allclose(arrays.errors.accel_matrix, found.errors.accel_matrix, atol=1e-9)
-    counts = calibrate("poses", (imu.time, 1e3 * imu.gyro, 1e3 * imu.accel), gravity=G, counts=True)
+    counts = calibrate("poses", (imu.time, 1e3 * imu.gyro, 1e3 * imu.accel), gravity=G, counts=True).found
     assert counts.errors is not None
     assert counts.errors.accel_raw is not None
     np.testing.assert_allclose(counts.errors.accel_raw.scale, 1e3 * np.diag(found.detail.accel.matrix), rtol=1e-6)
@@ -110,9 +110,10 @@ def test_poses_from_arrays_in_units_and_in_counts() -> None:
         (lambda: calibrate("gyro", rate_table(), gravity=981.0), ConfigError, "not gravity"),
         (lambda: calibrate("gyro", [rate_table()] * 2), InputError, "no triad"),
         (lambda: calibrate("gyro", "none.csv"), InputError, "none.csv"),
-        (lambda: bench_gravity(None, None), ConfigError, "gravity is not known"),
-        (lambda: bench_gravity(9.8, 45.0), ConfigError, "given twice"),
-        (lambda: bench_gravity(None, 91.0), ConfigError, "not a latitude"),
+        (lambda: acceptance(), ConfigError, "session.nothing_to_accept"),
+        (lambda: bench_gravity(None, None), ConfigError, "session.no_gravity"),
+        (lambda: bench_gravity(9.8, 45.0), ConfigError, "session.gravity_twice"),
+        (lambda: bench_gravity(None, 91.0), ConfigError, "session.bad_latitude"),
     ],
 )
 def test_what_cannot_be_is_refused(call, error: type[Exception], word: str) -> None:
@@ -130,8 +131,8 @@ def test_normal_gravity() -> None:
 
 def test_acceptance_and_drift_of_data_in_memory() -> None:
     biases = pd.DataFrame({"powerup": np.arange(5.0), "gyro_x_bias_deg_s": [0.1, 0.12, 0.11, 0.09, 0.1]})
-    found, files = acceptance(powerups=[biases])
-    assert len(files) == 1
+    found = acceptance(powerups=[biases]).found
+    assert [each.name for each in found.files] == ["data in memory"]
     assert found.sensors[0].repeatability is not None
     assert np.degrees(found.sensors[0].repeatability.sd) == pytest.approx(np.std(biases.iloc[:, 1], ddof=1))
     time = 0.1 * np.arange(3000)

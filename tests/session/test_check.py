@@ -18,7 +18,6 @@ from insnav.filter.fix_figures import look_at_fixes
 from insnav.findings import Code, Finding, Severity, of_code
 from insnav.imu.inspection import _spectrum, inspect_samples
 from insnav.messages import sentence
-from insnav.report.check.page import page
 from insnav.result import Result
 from insnav.session.check import WORST_FIRST, Checked, check
 from insnav.types import GpsData, ImuData, Trajectory
@@ -83,9 +82,9 @@ def test_two_rows_of_a_place_are_a_reference_between_them():
 def test_samples_too_far_apart_are_refused(tmp_path):
     gps = table(tmp_path / "gps.csv", fixes(GPS_HEADERS))
     rows = [(name, cells[::50]) for name, cells in samples(IMU_HEADERS)]
-    with pytest.raises(InputError, match="too far apart"):  # the header may be wrong
+    with pytest.raises(InputError, match=r"too far apart|too_slow"):  # the header may be wrong
         insnav.load(table(tmp_path / "slow.csv", rows), gps)
-    with pytest.raises(InputError, match="too far apart to be navigated"):
+    with pytest.raises(InputError, match=r"imu.too_slow"):
         insnav.load(table(tmp_path / "dated.csv", [("time", iso()(drive().t[::50])), *rows[1:]]), gps)
 
 
@@ -124,7 +123,7 @@ def test_jumps_of_fixes_that_are_as_poor_as_they_say_are_counted(made):
 def test_a_logger_on_a_clock_of_its_own_turned_over(tmp_path):
     imu = table(tmp_path / "log.csv", samples(SHORT, lambda t: text((t - 408_123.45) * 1e3, 0), matrix=FLU))
     gps = table(tmp_path / "rtk.csv", fixes(GPS_HEADERS))
-    found = check([gps, imu], {}).found
+    found = check(gps, imu).found
     assert found.roles == {str(gps): "GPS", str(imu): "IMU"}
     words = found.command.split()
     assert words[:5] == ["insnav", "run", str(imu), "--gps", str(gps)]
@@ -140,12 +139,12 @@ def test_what_cannot_be_read_is_the_first_to_mend(tmp_path):
     bad = tmp_path / "a.csv"
     bad.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(100))
     gps = table(tmp_path / "gps.csv", fixes(GPS_HEADERS))
-    found = check([bad, gps], {}).found
+    found = check(bad, gps).found
     assert found.problems[0].code is Code.CHECK_REFUSED
     assert "PNG" in found.problems[0]["what"]
     assert not found.runs
     imu = table(tmp_path / "imu.csv", samples(IMU_HEADERS))
-    alone = check([imu], {}).found
+    alone = check(imu).found
     assert alone.imu is not None
     assert any(each.get("what") == "no GPS" for each in alone.problems)
     assert np.isclose(alone.imu.axes[5].at_rest, drive().accel[:200, 2].mean(), atol=0.05)
@@ -155,13 +154,13 @@ def test_what_refusals_ask_for_stands_in_a_line_that_runs(tmp_path):
     gyro = ",".join(f"w{axis} [rad/s]" for axis in "xyz")
     imu = table(tmp_path / "imu.csv", samples(f"time_s,{gyro},fx,fy,fz", gyro=DEG))  # they are deg/s
     exchanged = GPS_HEADERS.replace("lat_deg,lon_deg", "lon_deg,lat_deg")
-    found = check([imu, table(tmp_path / "gps.csv", fixes(exchanged))], {}).found
+    found = check(imu, table(tmp_path / "gps.csv", fixes(exchanged))).found
     assert found.runs
     assert not found.runs_as_given
     assert "--imu-units gyro=deg/s" in found.command
     assert "--gps-columns lat=lon_deg,lon=lat_deg" in found.command
     bare = table(tmp_path / "gps.txt", fixes(GPS_HEADERS), header=False)
-    found = check([bare, table(tmp_path / "good.csv", samples(IMU_HEADERS))], {}).found
+    found = check(bare, table(tmp_path / "good.csv", samples(IMU_HEADERS))).found
     assert found.runs
     assert "--gps-columns time=1,lat=2,lon=3,height=4" in found.command
 
@@ -170,11 +169,11 @@ def test_columns_of_names_that_say_nothing_are_told_by_what_they_hold(tmp_path):
     imu = table(tmp_path / "log.csv", samples("t,wa,wb,wc,fa,fb,fc"))
     gps = table(tmp_path / "gps.csv", fixes(GPS_HEADERS))
     (tmp_path / "list.csv").write_text("name,speed\na,1\nb,2\n")
-    found = check([tmp_path], {}).found
+    found = check(tmp_path).found
     assert found.roles == {str(imu): "IMU", str(gps): "GPS", str(tmp_path / "list.csv"): "not understood"}
     assert found.runs
     assert found.command.endswith("--columns gyro_x=wa,gyro_y=wb,gyro_z=wc,accel_x=fa,accel_y=fb,accel_z=fc")
-    nothing = check([tmp_path / "list.csv"], {}).found
+    nothing = check(tmp_path / "list.csv").found
     assert list(nothing.roles.values()) == ["not understood"]
     assert "found: name, speed" in nothing.problems[0]["why"]
 
@@ -189,9 +188,9 @@ def test_files_that_are_cut_off_or_cover_a_part_are_said(tmp_path):
         Code.FILES_IMU_BEGINS_LATE,
         Code.FILES_GPS_BEGINS_LATE,
     )
-    assert not [*of_code(check([imu, gps], {}).found.problems, *codes)]
+    assert not [*of_code(check(imu, gps).found.problems, *codes)]
     imu.write_bytes(whole[: len(whole) // 2])
-    cut, short = of_code(check([imu, gps], {}).found.problems, *codes)
+    cut, short = of_code(check(imu, gps).found.problems, *codes)
     result = insnav.load(imu, gps).navigate()
     assert (cut.code, cut.subject, cut["file"]) == (Code.ROWS_CUT, "imu", "imu.csv")
     assert (short.code, short["file"], short["other"]) == (Code.FILES_IMU_ENDS_EARLY, "imu.csv", "gps.csv")
@@ -202,7 +201,7 @@ def test_files_that_are_cut_off_or_cover_a_part_are_said(tmp_path):
 
 def test_a_reference_that_is_the_fixes_is_said(tmp_path):
     imu, gps = table(tmp_path / "imu.csv", samples(IMU_HEADERS)), table(tmp_path / "gps.csv", fixes(GPS_HEADERS))
-    result = check([imu, gps, table(tmp_path / "ref.csv", fixes(GPS_HEADERS[:34]))], {})
+    result = check(imu, gps, table(tmp_path / "ref.csv", fixes(GPS_HEADERS[:34])))
     assert Code.CHECK_SAME_DATA in {each.code for each in result.found.problems}
     found = insnav.load(imu, gps, gps).navigate(smooth=False).found
     assert found.reference_is_gps
@@ -223,7 +222,7 @@ def test_files_of_other_drives_are_not_taken_for_parts_of_this_one(tmp_path):
     }
     for name, source in names.items():
         (tmp_path / name).write_bytes((SAMPLE / source).read_bytes())
-    found = check([tmp_path / name for name in names], {}).found
+    found = check(*(tmp_path / name for name in names)).found
     roles = {path.rsplit("/", 1)[-1]: role for path, role in found.roles.items()}
     assert roles == {
         "a.csv": "IMU",
@@ -238,7 +237,7 @@ def test_a_filter_that_is_lost_is_no_run(tmp_path, monkeypatch):
     lost = Finding.of(Code.RUN_REJECTED, share=0.99)
     monkeypatch.setattr("insnav.session.check.failure", lambda run: lost)
     imu, gps = table(tmp_path / "imu.csv", samples(IMU_HEADERS)), table(tmp_path / "gps.csv", fixes(GPS_HEADERS))
-    found = check([imu, gps], {}).found
+    found = check(imu, gps).found
     assert not found.runs
     assert not found.runs_as_given
     assert found.problems[0].severity is Severity.UNUSABLE
@@ -249,20 +248,20 @@ def test_a_folder_with_an_imu_model_beside_the_samples_is_one_recording(tmp_path
     table(tmp_path / "imu.csv", samples(IMU_HEADERS))
     table(tmp_path / "gps.csv", fixes(GPS_HEADERS))
     (tmp_path / "imu.toml").write_text("[gyro]\n")
-    assert check([tmp_path], {}).found.runs_as_given
+    assert check(tmp_path).found.runs_as_given
 
 
 def test_fixes_alone_are_examined(tmp_path):
-    found = check([table(tmp_path / "gps.csv", fixes(GPS_HEADERS))], {}).found
+    found = check(table(tmp_path / "gps.csv", fixes(GPS_HEADERS))).found
     assert found.gps is not None
     assert not found.runs
-    assert found.problems[0]["what"] == "no file with IMU data"
+    assert found.problems[0].code is Code.CHECK_REFUSED
 
 
 def test_page_text_and_json(tmp_path):
     imu = table(tmp_path / "imu.csv", samples(IMU_HEADERS))
     gps = table(tmp_path / "gps.csv", fixes(GPS_HEADERS))
-    result = check([imu, gps], {})
+    result = check(imu, gps)
     assert result.summary().rstrip().splitlines()[-1] == f"run:  insnav run {imu} --gps {gps}"
     where = result.save(tmp_path / "out")
     facts = json.loads((where / "run.json").read_text())
@@ -283,7 +282,7 @@ def test_the_place_of_a_bench_is_no_fix(tmp_path):
     ]
     ends += [["0.0", "0.0"]] * 3
     ref = table(tmp_path / "ref.csv", list(zip(GPS_HEADERS.split(","), ends, strict=False)))
-    found = check([table(tmp_path / "imu.csv", rows), ref], {}).found
+    found = check(table(tmp_path / "imu.csv", rows), ref).found
     assert found.roles[str(ref)] == "reference"
     assert all("too few fixes" not in each.get("what", "") for each in found.problems)
 
@@ -300,8 +299,8 @@ def test_what_the_run_takes_care_of_is_no_mend():
     kept = Finding.of(Code.CHECK_FALSE_VELOCITIES, share=0.007, speed_m_s=4.0)
     refused = Finding.of(Code.CHECK_REFUSED, what="the file ends early", why="", fix="")
     found = Checked({}, "insnav run log.bin", (refused, kept))
-    summary = page(Result("check", found, {}, {})).summary
-    assert [line.split(":")[0] for line in summary] == ["mend 1", "run"]
+    lines = Result("check", found).summary().splitlines()
+    assert [line.split(":")[0] for line in lines if line][-2:] == ["mend 1", "run"]
 
 
 def test_every_problem_has_its_place():

@@ -15,11 +15,9 @@ from insnav.errors.budget.from_windows import WindowSettings
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.exceptions import AlignmentError, InputError
 from insnav.findings import CORRELATED_POSITIONS, Code, Finding, of_code
-from insnav.fleet.recordings import find_drives
 from insnav.imu import load_imu
 from insnav.messages import sentence
 from insnav.result import Result
-from insnav.session.tuning import tune
 from insnav.simulate import GpsErrors
 from insnav.units import DEG
 from tests.filter.drives import without_velocities
@@ -120,7 +118,7 @@ def test_a_drive_by_another_imu_is_named(tmp_path):
     samples[gyros] += walk * np.sqrt(rate) * np.random.default_rng(1).normal(size=(len(samples), 3))
     samples.to_csv(tmp_path / "other" / "imu.csv", index=False)
     own, other = (SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv"), (tmp_path / "other" / "imu.csv", SAMPLE / "gps.csv")
-    *_, warnings = tune([own, own, other], lever_arm=LEVER)
+    warnings = insnav.tune(own, own, other, lever_arm=LEVER).findings
     assert {each.code for each in warnings} == {Code.TUNE_DRIVES_DIFFER}
     (walk,) = (each for each in warnings if each.subject == "gyro.random_walk")
     assert (walk["low"], walk["high"]) == ("sample/imu.csv.gz", "other/imu.csv")
@@ -132,17 +130,16 @@ def test_drives_of_one_imu_are_tuned_together(tmp_path):
         (tmp_path / name).mkdir()
         for file in ("imu.csv.gz", "gps.csv"):
             (tmp_path / name / file).symlink_to(SAMPLE / file)
-    found = sorted(each.files() for each in find_drives(tmp_path, tmp_path / "out", 1)[0])
-    both, drives, off = tune(found, lever_arm=LEVER)
-    one, *_ = tune(found[:1], lever_arm=LEVER)
-    assert (len(drives), off) == (2, ())
+    both = insnav.tune(tmp_path, lever_arm=LEVER)
+    one = insnav.tune(tmp_path / "monday" / "imu.csv.gz", gps=tmp_path / "monday" / "gps.csv", lever_arm=LEVER)
+    assert (both.found.drives, both.findings) == (2, ())
     widths = [
-        {figure.key: np.log(figure.high / figure.low) for figure in found.figures if figure.observable}
-        for found in (both, one)
+        {figure.key: np.log(figure.high / figure.low) for figure in result.found.figures if figure.observable}
+        for result in (both, one)
     ]
     assert widths[0]["gyro.bias_instability"] < 0.8 * widths[1]["gyro.bias_instability"]
     with pytest.raises(InputError, match="no fixes were found"):
-        tune([(SAMPLE / "imu.csv.gz", None)])
+        insnav.tune(SAMPLE / "imu.csv.gz")
 
 
 @pytest.mark.parametrize(("profile", "seed"), [("city", 3), ("round_trip", 1)])

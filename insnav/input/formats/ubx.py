@@ -306,7 +306,8 @@ def _sensor_time(tags: FloatArray, places: Any, clock: _Clock, *, raw: bool) -> 
     if len(x) < _FEW or np.ptp(x) == 0.0:
         if raw:
             raise InputError("format.ubx_raw_without_time")
-        return 1e-3 * tags, Finding.of(Code.READ_TIME_OF_SENSOR, count=len(x), limit_count=_FEW)
+        code = Code.READ_TIME_OF_SENSOR if len(x) < _FEW else Code.READ_TIME_CONSTANT
+        return 1e-3 * tags, Finding.of(code, count=len(x), limit_count=_FEW)
     rate = float(np.polyfit(x - x[0], y - y[0], 1)[0])
     nominal = _RAW_TICK if raw else 1e-3
     if abs(rate / nominal - 1.0) * np.ptp(y) < _ORDER_JITTER:  # the order tells no better

@@ -10,6 +10,7 @@ import numpy as np
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
 from insnav.input.formats.registry import open_table
+from insnav.input.formats.table import Table
 from insnav.input.interpret.clean import REFERENCE_KINDS
 from insnav.input.interpret.columns import understand
 from insnav.input.interpret.schema import IMU_SCHEMA, REFERENCE_SCHEMA
@@ -30,7 +31,7 @@ class Heights:
     height: FloatArray  # (n,) as in the file [m]
 
 
-def read_heights(path: str | Path) -> Reading[Heights]:
+def read_heights(path: str | Path | Table) -> Reading[Heights]:
     """Read a time and a height from a data file; whatever else it holds is not looked at.
 
     Raises: InputError: the file cannot be used.

@@ -220,10 +220,11 @@ def _height(found: Mapping[str, Found], height: Height | None, log: str) -> tupl
     above_sea = "height_msl" in found and (height == "msl" or "height" not in found)
     key = "height_msl" if above_sea else "height"
     kind = "msl" if above_sea or height == "msl" else "ellipsoidal"
+    given = "--gps-height" if height else ""
     if kind == "msl":
-        return key, kind, Finding.of(Code.READ_HEIGHT_MSL, column="" if height else found[key].header)
+        return key, kind, Finding.of(Code.READ_HEIGHT_MSL, column="" if height else found[key].header, option=given)
     if height or log not in _ANY_HEIGHT:
-        return key, kind, Finding.of(Code.READ_HEIGHT_ELLIPSOIDAL, format="" if height else log)
+        return key, kind, Finding.of(Code.READ_HEIGHT_ELLIPSOIDAL, format="" if height else log, option=given)
     return key, kind, Finding.of(Code.READ_HEIGHT_ELLIPSOIDAL_ASSUMED)
 
 

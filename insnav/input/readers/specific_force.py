@@ -40,7 +40,7 @@ class SpecificForce:
 
 
 def read_specific_force(
-    path: str | Path,
+    path: str | Path | Table,
     *,
     axes: LevelAxes | None = None,
     columns: Mapping[str, str] | None = None,

@@ -19,6 +19,7 @@ from insnav.lab.acceptance.figures_of_merit import (
     spread_of,
     stability_of,
 )
+from insnav.lab.bench_data.bench_tables import BenchFile
 from insnav.lab.bench_data.records import SI, BenchRecord, Channel
 from insnav.lab.common_findings import about, few
 from insnav.lab.noise.allan import AXES
@@ -47,6 +48,7 @@ class Acceptance:
     length: float  # of the record at rest [s]; zero without one
     warnings: tuple[Finding, ...]
     notes: tuple[Finding, ...]
+    files: tuple[BenchFile, ...] = ()  # that the figures are from
 
 
 def acceptance(
@@ -85,7 +87,8 @@ def acceptance(
         scale, unit = scales.get(axis, (None, SI[axis.split()[0]]))
         sensors.append(Accepted(axis, unit, scale, tuple(stable), spreads.get(axis)))
     length = float(static.time[-1] - static.time[0]) if static is not None and static.time is not None else 0.0
-    return Acceptance(tuple(sensors), length, tuple(warnings), tuple(dict.fromkeys(notes)))
+    files = tuple(r.table.file for r in (*steps, *([] if static is None else [static]), *powerups))
+    return Acceptance(tuple(sensors), length, tuple(warnings), tuple(dict.fromkeys(notes)), files)
 
 
 def _refuse_twice(twice: bool, axis: str, record: BenchRecord) -> None:

@@ -16,7 +16,7 @@ from insnav.imu.raw_outputs import RawScale
 from insnav.input.formats.table import Table
 from insnav.input.interpret.axes import axes_matrix
 from insnav.input.readers.imu import read_counts, read_imu
-from insnav.input.readers.reading import Reading
+from insnav.input.readers.reading import Reading, ReadingFacts
 from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd
 from insnav.lab.common_findings import badly_conditioned, few, warming
 from insnav.lab.multi_position.many_positions import PosesCalibration, calibrate_poses
@@ -62,7 +62,7 @@ def read(files: Sequence[str | Path | Table], how: BenchOptions) -> Reading[ImuD
     )
 
 
-def fit(record: Reading[ImuData], how: BenchOptions) -> Calibration[Reading[ImuData], Found]:
+def fit(record: Reading[ImuData], how: BenchOptions) -> Calibration[ReadingFacts, Found]:
     """Calibrate by `calibrate_poses` or `calibrate_six_positions`.
 
     Its errors carry the axes of the file, a name and the mean temperature; uncertainty and impact are those in SI
@@ -83,7 +83,8 @@ def fit(record: Reading[ImuData], how: BenchOptions) -> Calibration[Reading[ImuD
         name=how.name or plain_text(Path(record.facts.path).stem),
         temperature=None if data.temperature is None else float(data.temperature.mean()),
     )
-    return Calibration("poses", errors, sd, _parameters(found), {}, record, found, how, _warnings(found, data), sensed)
+    warnings = _warnings(found, data)
+    return Calibration("poses", errors, sd, _parameters(found), {}, record.facts, found, how, warnings, sensed)
 
 
 def file_errors(

@@ -8,17 +8,16 @@ import numpy as np
 
 from insnav.lab.acceptance.acceptance import Acceptance, Accepted
 from insnav.lab.acceptance.figures_of_merit import BENCH_UNIT, Spread, Stability
-from insnav.lab.bench_data.records import SI, BenchRecord
-from insnav.lab.common_findings import badly_conditioned
+from insnav.lab.bench_data.records import SI
 from insnav.lab.single_axis.rate_table import Dropped
 from insnav.messages import sentence
 from insnav.quantity import Quantity
-from insnav.report.calibration.common import quality_rows, quality_section
-from insnav.report.calibration.panels import Series, residual_panels
+from insnav.report.calibration.common import Series, bench_input, quality_rows, quality_section, residual_panels
 from insnav.report.colours import AXIS_COLOURS, BLACK, GREY
-from insnav.report.page import Page, Section, by_warnings, cell, drawn, only_json
+from insnav.report.page import DataFrame, Page, Section, by_warnings, cell, drawn, only_json, rows_frame
 from insnav.report.panels import Curve, Kind, Panel
 from insnav.report.series import Clock
+from insnav.result import Result
 from insnav.units import DEG, G0, UNITS
 
 FINE = 0.01 * DEG  # a gyro whose biases are all below is shown in deg/h [rad/s]
@@ -37,10 +36,10 @@ ASSUMPTIONS = (
 )
 
 
-def acceptance_page(found: Acceptance, files: Sequence[BenchRecord]) -> Page:
-    """Report the acceptance figures."""
+def page(result: Result[Acceptance]) -> Page:
+    """Lay out the acceptance figures."""
+    found = result.found
     steps = [item for item in found.sensors if item.scale is not None]
-    fits = {item.axis: item.scale.table.fit for item in steps if item.scale is not None}
     left_out = [(item, drop) for item in steps if item.scale is not None for drop in item.scale.table.dropped]
     lines = (
         f"{item.axis} leaves out {drop.rate:+g} {_bench(item)}: {sentence(drop.reason)}" for item, drop in left_out
@@ -48,13 +47,13 @@ def acceptance_page(found: Acceptance, files: Sequence[BenchRecord]) -> Page:
     units = _units(found.sensors)
     at_rest = f", {found.length:.6g} s at rest" if found.length else ""
     names = ", ".join(item.axis for item in found.sensors)
-    findings = (*found.warnings, *badly_conditioned(fits), *found.notes)
     merits = tuple(_merits(found.sensors, units))
     largest = "; ".join(f"{each.label} {cell(each)} {each.shown_unit}" for each in merits)
     return Page(
         "Acceptance of gyros and accelerometers",
-        (f"{names}{at_rest}; {', '.join(record.table.name for record in files)}", *lines),
+        (f"{names}{at_rest}; {', '.join(each.name for each in found.files)}", *lines),
         (
+            only_json("", Quantity("command", "acceptance"), Quantity("input", bench_input(found.files))),
             *_drawn(found, units),
             Section(
                 "sensors",
@@ -63,16 +62,31 @@ def acceptance_page(found: Acceptance, files: Sequence[BenchRecord]) -> Page:
             quality_section(row for item in steps for row in _quality(item)),
             Section("left_out", rows=tuple(_left_out(*each) for each in left_out), show="json"),
         ),
-        findings,
+        result.findings,
         ASSUMPTIONS,
         merits=merits,
         merits_note="the largest of the axes",
         verdict=by_warnings(
             f"Largest of the axes: {largest}." if merits else f"Figures of {names}{at_rest}.",
-            findings,
+            result.findings,
             ("unknown", "measured; no limit was given to hold them against"),
         ),
     )
+
+
+def frame(result: Result[Acceptance]) -> DataFrame:
+    """Give the figures as a table, one row for each sensor."""
+    return rows_frame(_figures(item) for item in result.found.sensors)
+
+
+def _figures(item: Accepted) -> Iterator[Quantity]:
+    unit = _JSON_UNIT[item.axis.split()[0]]
+    yield Quantity("sensor", item.axis)
+    yield from _scale(item, unit)
+    for each in item.stability:
+        yield Quantity(f"stability_{each.length:g}_s", each.spread.sd, unit)
+    if item.repeatability is not None:
+        yield Quantity("repeatability", item.repeatability.sd, unit)
 
 
 def _left_out(item: Accepted, drop: Dropped) -> tuple[Quantity, ...]:

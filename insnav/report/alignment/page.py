@@ -52,6 +52,11 @@ def page(result: Result[FineAlignment]) -> Page:
     )
 
 
+def text(result: Result[FineAlignment]) -> str:
+    """Give an alignment for the terminal: its summary and warnings."""
+    return "\n".join([*result.page().summary, *(entry("warning", each) for each in result.page().warnings)])
+
+
 def _warnings(found: FineAlignment, sd: float | None) -> Iterator[Finding]:
     """Give a contradiction between gyros and latitude; `sd`: of the latitude from the gyros [rad]."""
     off = abs(found.sensor_latitude - found.latitude)

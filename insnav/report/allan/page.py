@@ -15,11 +15,6 @@ from insnav.lab.noise.noise_model import NoiseModel
 from insnav.lab.noise.noise_spec import KEYS
 from insnav.lab.noise.static_noise import SignalNoise, StaticNoise
 from insnav.output.data_files import csv_text
-from insnav.output.folder import RunFolder
-from insnav.output.solution_tables import TableFormat
-from insnav.output.stored import FILE as FOUND
-from insnav.output.stored import read_stored as read_found
-from insnav.output.stored import store
 from insnav.quantity import Quantity, key_suffix
 from insnav.report.colours import AXIS_COLOURS, GREY
 from insnav.report.page import DataFrame, Page, Section, by_warnings, cell, drawn, only_json
@@ -27,8 +22,6 @@ from insnav.report.panels import Curve, Panel
 from insnav.result import Result
 from insnav.types import FloatArray
 from insnav.units import DEG_PER_H, M_S_PER_SQRT_H, UG, UNITS
-
-__all__ = ["frame", "page", "read_found", "write_files"]
 
 IMU_TOML, DEVIATIONS = "imu.toml", "allan.csv"
 _TIMES = (0.01, 0.1, 1.0, 10.0, 100.0, 1000.0, 10000.0)  # of the table of deviations [s]
@@ -138,17 +131,11 @@ def _signal_page(found: SignalNoise) -> Page:
     )
 
 
-def write_files(result: Result[StaticNoise | SignalNoise], folder: RunFolder, table_format: TableFormat) -> None:
-    """Write the deviations, the IMU model, and everything that was found, to be read again.
-
-    `folder`: entered, not committed; `table_format` {"csv", "parquet"}: of further tables, of which there are none.
-    """
+def texts(result: Result[StaticNoise | SignalNoise]) -> dict[str, str]:
+    """Give the deviations, and the IMU model, as texts of files."""
     found = result.found
-    store(found, folder.path(FOUND))
-    texts = {DEVIATIONS: csv_text(_table(found), digits=9)}
-    texts |= {IMU_TOML: to_toml(found.spec)} if isinstance(found, StaticNoise) else {}
-    for name, text in texts.items():
-        folder.path(name).write_text(text, encoding="utf-8", newline="\n")
+    model = {IMU_TOML: to_toml(found.spec)} if isinstance(found, StaticNoise) else {}
+    return {DEVIATIONS: csv_text(_table(found), digits=9), **model}
 
 
 def frame(result: Result[StaticNoise | SignalNoise]) -> DataFrame:

@@ -150,7 +150,7 @@ def write_files(result: Result[BudgetStudy], folder: RunFolder, table_format: Ta
         save_pages((_front(result), _back(result)), folder.path("budget.pdf"))
 
 
-def read_found(folder: Path) -> BudgetStudy:
+def read_found(folder: Path, findings: Sequence[Finding]) -> BudgetStudy:
     """Read a budget from its folder; notes on its windows were texts in version 0.2."""
     found: BudgetStudy = read_stored(folder)
     if found.windows is None:

@@ -1,8 +1,9 @@
-"""What the reports of all bench methods have in common: fitted parameters, their residuals, impact on navigation."""
+"""What the pages of the calibrations have in common: fits, residuals, impact on navigation."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,12 @@ from insnav.imu.model import ImuErrors
 from insnav.lab.bench_data.bench_tables import BenchFile, BenchTable
 from insnav.lab.calibration import Calibration, measured
 from insnav.lab.least_squares import Fit
+from insnav.lab.single_axis.rate_table import RateTable
 from insnav.quantity import Quantity
+from insnav.report.colours import AXIS_COLOURS, BLACK, GREY
 from insnav.report.page import Section
-from insnav.types import FloatArray
+from insnav.report.panels import Curve, Panel
+from insnav.types import BoolArray, FloatArray
 from insnav.units import DEG, G0
 
 
@@ -90,6 +94,42 @@ def corrected_section(calibration: Calibration[Any, Any]) -> Section:
     return Section("corrected", "Uncertainty of corrected data", rows=rows, note=note)
 
 
-def bench_input(tables: Sequence[BenchTable | BenchFile]) -> list[dict[str, Any]]:
+def bench_input(tables: Sequence[BenchTable | BenchFile]) -> Any:
     """Files of the bench, for ``run.json``."""
     return [{"path": table.name, "sha256": table.sha256, "units": dict(table.units)} for table in tables]
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """Points of one panel."""
+
+    name: str  # of the sensor
+    unit: str
+    # (n,) where, and how far from the model
+    setting: FloatArray
+    residual: FloatArray
+    used: BoolArray  # (n,) whether the fit used it; others are drawn as crosses
+    sd: float = 0.0  # standard deviation to draw as a band, zero for none
+
+    @classmethod
+    def of(cls, name: str, unit: str, table: RateTable) -> Series:
+        """Outputs of a rate table minus its line; output in `unit`."""
+        zero, slope = table.fit.value[:2]
+        residual = table.output - (zero + slope * table.rate)
+        return cls(name, unit, table.rate, residual, table.used, table.fit.sigma)
+
+
+def residual_panels(series: Iterable[Series], setting: str, key: str = "residuals") -> Iterator[Panel]:
+    """Draw residuals over what was set, one panel a sensor; those left out may lie beyond the limits."""
+    for row, item in enumerate(series):
+        colour, ends = AXIS_COLOURS[row % 3], np.array([item.setting.min(), item.setting.max()])
+        largest = 1.2 * max(float(np.abs(item.residual[item.used]).max()), 1.5 * item.sd) or 1.0
+        curves = [Curve("", ends, np.zeros(2), GREY)]
+        if item.sd > 0.0:
+            curves.append(Curve("± 1 sd of the fit", ends, np.full(2, item.sd), colour, "band", np.full(2, -item.sd)))
+        curves.append(Curve("used", item.setting[item.used], item.residual[item.used], colour, "points"))
+        if not item.used.all():
+            rest = ~item.used
+            curves.append(Curve("left out", item.setting[rest], item.residual[rest], BLACK, "crosses"))
+        title, label, note = f"Residuals of {item.name}", f"residual [{item.unit}]", "measured minus fitted"
+        yield Panel(f"{key}_{row}", title, label, setting, tuple(curves), key, note, limits=(-largest, largest))

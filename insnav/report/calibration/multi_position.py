@@ -1,31 +1,41 @@
-"""Page of a multi-position calibration: poses and turns, or six positions and three turns."""
+"""Pages of many positions: poses and turns, six positions and three turns, nine positions of modules."""
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
-from insnav.input.readers.reading import Reading
+from insnav.input.readers.reading import ReadingFacts
 from insnav.lab.calibration import Calibration, measured
 from insnav.lab.multi_position.many_positions import PosesCalibration
 from insnav.lab.multi_position.method import Found
 from insnav.lab.multi_position.six_positions import POSITIONS, TURN_SD, TURNS, SixPositions
 from insnav.lab.multi_position.triad import AXES, Triad
+from insnav.lab.nine_position.method import AXIS, SENSORS, NinePositions, NineRecord
 from insnav.quantity import Quantity
-from insnav.report.calibration.common import corrected_section, impact_section
-from insnav.report.calibration.panels import poses_panels, positions_panels
+from insnav.report.calibration.common import (
+    Series,
+    corrected_section,
+    impact_section,
+    quality_rows,
+    quality_section,
+    residual_panels,
+)
+from insnav.report.colours import AXIS_COLOURS, BLUE, GREY, ORANGE, VERMILLION
 from insnav.report.numbers import number
 from insnav.report.page import Page, Section, drawn, only_json
+from insnav.report.panels import Curve, Kind, Panel
 from insnav.sample_statistics import rms
-from insnav.types import FloatArray, ImuData
+from insnav.types import FloatArray
 from insnav.units import DEG, G0
 
 _MG, _MRAD = 1e-3 * G0, 1e-3
 
 
-def multi_position_page(calibration: Calibration[Reading[ImuData], Found]) -> Page:
+def multi_position_page(calibration: Calibration[ReadingFacts, Found]) -> Page:
     """Report a multi-position calibration."""
     found = calibration.detail
     own = _of_poses(found) if isinstance(found, PosesCalibration) else _of_six_positions(found)
@@ -35,13 +45,13 @@ def multi_position_page(calibration: Calibration[Reading[ImuData], Found]) -> Pa
     if isinstance(found, PosesCalibration):
         gravity.append(Quantity("left_out", found.norm_left_out, "mg"))
     return Page(
-        f"Multi-position calibration: {calibration.record.facts.path}",
+        f"Multi-position calibration: {calibration.record.path}",
         own.summary,
         (
             drawing,
-            triad_section("accel", "Accelerometers", found.accel, found.counts),
-            triad_section("gyro", "Gyros", found.gyro, found.counts),
-            g_section(found.g_sensitivity, found.g_sensitivity_sd, found.counts),
+            _triad("accel", "Accelerometers", found.accel, found.counts),
+            _triad("gyro", "Gyros", found.gyro, found.counts),
+            _g_sensitivity(found),
             only_json("gravity_error", *gravity),
             quality,
             corrected_section(calibration),
@@ -49,7 +59,6 @@ def multi_position_page(calibration: Calibration[Reading[ImuData], Found]) -> Pa
             every,
             only_json("", Quantity("gravity", found.g, "m/s^2"), parts=(more,)),
         ),
-        calibration.warnings,
         merits=(
             *(
                 replace(each, value=rms(np.asarray(each.value, np.float64)), meaning=f"gravity error, {each.label}")
@@ -80,6 +89,7 @@ def _of_poses(found: PosesCalibration) -> Page:
     every = Section("", parts=(_poses(found), turns), show="page")
     times, used = np.array([[pose.start, pose.end] for pose in found.poses]), found.turn_used
     more = only_json("", Quantity("poses", times, "s"), Quantity("rest_limit_sd", found.factor))
+    each = {"before": found.turn_before, "after": found.turn_after, "left out": found.turn_left_out}
     drawing = drawn("poses", "Gravity in every pose, and turns between them", poses_panels(found))
     return Page(
         "",
@@ -98,9 +108,7 @@ def _of_poses(found: PosesCalibration) -> Page:
         ),
         merits=tuple(
             Quantity(f"turn_{name}", rms(values[used]), "deg", meaning=f"error of turn, {name}")
-            for name, values in zip(
-                ("before", "after", "left out"), (found.turn_before, found.turn_after, found.turn_left_out), strict=True
-            )
+            for name, values in each.items()
         ),
     )
 
@@ -111,7 +119,7 @@ def _of_six_positions(found: SixPositions) -> Page:
     more = only_json("", Quantity("position_tilt", found.tilt, "mrad"), Quantity("turn", found.angle, "deg"))
     drawing = drawn("positions", "Gravity in the six positions", positions_panels(found))
     place = int(np.argmax(np.abs(found.norm_after)))
-    worst = float(np.abs(found.norm_after[place]))
+    worst = abs(float(found.norm_after[place]))
     return Page(
         "",
         (
@@ -208,17 +216,14 @@ def _positions(found: SixPositions) -> Section:
     return Section("", "Positions", rows=rows)
 
 
-def triad_section(key: str, title: str, triad: Triad, counts: bool) -> Section:
+def _triad(key: str, title: str, triad: Triad, counts: bool) -> Section:
     """Bias, scale factor and misalignment of three sensors with their standard deviations; matrices in JSON."""
     accel = key == "accel"
     si, shown = ("m/s^2", "mg") if accel else ("rad/s", "deg/s")
     bias_unit, matrix_unit = ("counts", f"counts/({si})") if counts else (si, "")
     rows = [
-        (
-            f"bias {axis}",
-            Quantity("value", float(triad.bias[i]), "counts" if counts else shown, float(triad.bias_sd[i])),
-        )
-        for i, axis in enumerate(AXES)
+        (f"bias {axis}", Quantity("value", float(bias), "counts" if counts else shown, float(sd)))
+        for axis, bias, sd in zip(AXES, triad.bias, triad.bias_sd, strict=True)
     ]
     for i, axis in enumerate(AXES):
         value, sd = float(triad.matrix[i, i]), float(triad.matrix_sd[i, i])
@@ -242,11 +247,8 @@ def triad_section(key: str, title: str, triad: Triad, counts: bool) -> Section:
     return Section(key, parts=(table, only_json("", *items)))
 
 
-def g_section(sensitivity: FloatArray, sd: FloatArray, counts: bool) -> Section:
-    """g-sensitivity of the gyros.
-
-    `sensitivity`, `sd` (3, 3): and standard deviation, unit of the record per m/s^2.
-    """
+def _g_sensitivity(found: Found) -> Section:
+    sensitivity, sd, counts = found.g_sensitivity, found.g_sensitivity_sd, found.counts
     unit, per = ("counts/g", G0) if counts else ("deg/s/g", G0 / DEG)
     rows = tuple(
         (
@@ -261,3 +263,138 @@ def g_section(sensitivity: FloatArray, sd: FloatArray, counts: bool) -> Section:
     whole = Quantity("g_sensitivity", sensitivity, "counts/(m/s^2)" if counts else "(rad/s)/(m/s^2)", sd)
     table = Section("", "g-sensitivity of the gyros", rows=rows, note="± 1 sd")
     return Section("", parts=(table, only_json("gyro", whole)))
+
+
+def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
+    """Report three dual-axis modules."""
+    found, fits = calibration.detail, calibration.fits
+    # in the order of the method: each accelerometer, the triad, misalignments of the gyros, and the gyros at rest
+    raw = calibration.record.unit != "m/s^2"
+    own = 12 if raw else 6
+    ends = itertools.pairwise((0, own, own + 9, own + 15, None))
+    biases, accel, gyro, at_rest = (calibration.parameters[first:end] for first, end in ends)
+    scales = " and scale factor" * raw
+    across = "position, in the order of the file"
+    panels = residual_panels(_residuals(found, len(calibration.record.dwells.setting)), across)
+    intervals = "1 sd of noise; the interval adds what the first order leaves out"
+    converted = (
+        "Every output first became a specific force, by bias and scale factor as printed; calibration.toml is of these "
+        "forces, each axis the mean of its two accelerometers."
+    )
+    earth = (
+        "The gyros turn with the Earth, 15 deg/h in a direction that the positions hardly average: it is in their bias."
+    )
+    places = [f"roll {roll:.4g}, pitch {pitch:.4g} deg" for roll, pitch in calibration.record.dwells.setting / DEG]
+    largest = 1e3 * float(np.abs(found.gyro_matrix - np.eye(3)).max())
+    left = 1e3 * float(found.half_width(found.gyro_matrix_sd, first_order=True).max())
+    details = only_json(
+        "",
+        Quantity("condition_accel", found.condition_accel),
+        Quantity("condition_gyro", found.condition_gyro),
+        Quantity("second_order_allowance", found.second_order),
+        Quantity("gyro_diagonal_not_used", found.gyro_diagonal),
+    )
+    inverses = tuple(
+        (Quantity("matrix", name), Quantity("condition", condition), Quantity("positions", which))
+        for name, condition, which in (
+            ("A_m, accelerometers", found.condition_accel, str(len(places))),
+            ("Omega_m, products", found.condition_gyro, "all that are tilted"),
+        )
+    )
+    return Page(
+        "Nine positions of three dual-axis modules",
+        (
+            f"Gyro misalignment up to {number(largest)} mrad, known to ± {number(left, 2)} mrad (95 %); its inverse is "
+            "applied by insnav.",
+            f"Scatter of one accelerometer value {number(found.sigma / _MG, 2)} mg, {found.dof} degrees of freedom.",
+        ),
+        (
+            drawn("residuals", "Nine positions: accelerometers minus the linear model", panels),
+            Section("parameters", f"Bias{scales} of each accelerometer", biases, note=_methods(found)),
+            Section("parameters", "Accelerometer triad, each axis the mean of its two accelerometers", accel),
+            Section("parameters", "Gyro misalignment", gyro, note=intervals),
+            Section("parameters", "Gyros at rest: bias, and what they feel of the specific force", at_rest),
+            Section("", "Pseudo-inverses", rows=inverses),
+            quality_section(quality_rows(fits, "m/s^2", dict.fromkeys(SENSORS, places))),
+            corrected_section(calibration),
+            impact_section(calibration),
+            details,
+        ),
+        merits_note="x_ay: the accelerometer of module x that points along y",
+        method=(
+            *((converted,) * raw),
+            *((earth,) * bool(at_rest)),
+            "Valid to first order in the misalignments; errors of second order are up to about "
+            f"{number(1e3 * found.second_order, 2)} mrad here and are in the intervals.",
+            "The positions are symmetric in ± roll and ± pitch, and exact; their errors are in the residuals.",
+            "Gyro and accelerometers of a module turn together.",
+            f"The diagonal of M_G ({', '.join(f'{v:.5f}' for v in found.gyro_diagonal)}) carries the scale of the "
+            "accelerometers, not of the gyros: each row is divided by it. Gyro scale factors stay unknown, and biases "
+            "without the outputs of the gyros.",
+            "M_G is the sensitivity of the gyros: its inverse corrects, itself it would double the error.",
+        ),
+    )
+
+
+def _residuals(found: NinePositions, places: int) -> Iterator[Series]:
+    number, every = np.repeat(np.arange(1.0, places + 1.0), 2), np.ones(2 * places, dtype=np.bool_)
+    for axis in range(3):
+        left = np.column_stack([found.fits[i].residual / _MG for i in np.flatnonzero(axis == AXIS)]).ravel()
+        yield Series(f"both accelerometers {'xyz'[axis]}", "mg", number, left, every, found.sigma / _MG)
+
+
+def _methods(found: NinePositions) -> str:
+    pairs = sorted({"xyz"[axis] for axis, pair in zip(AXIS, found.bias_opposite, strict=True) if pair})
+    if not pairs:
+        return "by least squares over all positions: no two have an axis along the vertical, up and down"
+    return f"{', '.join(pairs)} from the two extreme positions, others by least squares over all"
+
+
+def poses_panels(found: PosesCalibration) -> tuple[Panel, ...]:
+    """Draw the error of gravity in each pose and of each turn to the next."""
+    number = np.arange(1.0, len(found.poses) + 1.0)
+    first = "one scale for all axes" if found.counts else "as recorded"
+    used = found.turn_used
+    gravity = [
+        _size(first, number, found.norm_before / _MG, GREY),
+        _size("calibrated", number, found.norm_after / _MG, BLUE),
+        _size("left out", number, found.norm_left_out / _MG, ORANGE, "crosses"),
+    ]
+    between = number[:-1][used] + 0.5
+    turns = [
+        _size(first, between, found.turn_before[used] / DEG, GREY),
+        _size("without g-sensitivity", between, found.turn_plain[used] / DEG, VERMILLION),
+        _size("calibrated", between, found.turn_after[used] / DEG, BLUE),
+        _size("left out", between, found.turn_left_out[used] / DEG, ORANGE, "crosses"),
+    ]
+    note = "left out: by a calibration that has not seen it"
+    across = "number of the pose; turns between"
+    return (
+        Panel("gravity", "Error of gravity", "| |f| - g | [mg]", across, tuple(gravity), "pose", note, log_y=True),
+        Panel("turns", "Error of the turn to the next pose", "error [deg]", across, tuple(turns), "pose", log_y=True),
+    )
+
+
+def _size(name: str, x: FloatArray, y: FloatArray, colour: str, kind: Kind = "points") -> Curve:
+    """Points of a logarithmic axis; a simulated error may be exactly zero."""
+    return Curve(name, x, np.maximum(np.abs(y), 1e-4), colour, kind)
+
+
+def positions_panels(found: SixPositions) -> tuple[Panel, ...]:
+    """Draw the error of gravity in the six positions, and what is left across."""
+    row = np.arange(len(POSITIONS), dtype=np.float64)
+    names = tuple(f"{name[0]} {'up' if name.endswith('p') else 'down'}" for name in POSITIONS)
+    first = "one scale for all axes" if found.counts else "as recorded"
+    before = (
+        Curve(first, found.norm_before / _MG, row, GREY, "points"),
+        Curve("calibrated", found.norm_after / _MG, row, BLUE, "crosses"),
+    )
+    across = tuple(
+        Curve("xyz"[axis], found.force_after[:, axis] / _MG, row, colour, "points")
+        for axis, colour in enumerate(AXIS_COLOURS)
+    )
+    note = "tilt of the positions as measured by the level axes; opposite positions share it"
+    return (
+        Panel("gravity", "Error of gravity in each position", "", "|f| - g [mg]", before, rows=names),
+        Panel("across", "Left after the calibration", "", "f - ideal [mg]", across, note=note, rows=names),
+    )

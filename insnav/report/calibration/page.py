@@ -2,53 +2,69 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from importlib import import_module
-from typing import Any, cast
+from typing import Any
 
-from insnav.input.readers.reading import Reading
-from insnav.lab.bench_data.bench_tables import BenchTable
+import numpy as np
+
+from insnav.imu import calibration_to_toml
+from insnav.input.readers.reading import ReadingFacts
 from insnav.lab.calibration import Calibration
+from insnav.quantity import Quantity
 from insnav.report.calibration.common import bench_input
-from insnav.report.page import Page, by_warnings
+from insnav.report.calibration.multi_position import multi_position_page, nine_page
+from insnav.report.calibration.single_axis import accel_page, gyro_page, rotor_page, sweep_page
+from insnav.report.page import DataFrame, Page, by_warnings, only_json, rows_frame
+from insnav.result import Result
 
-# name in run.json, function of the page, tables that it was read from
-_METHODS: Mapping[str, tuple[str, str, Callable[[Any], Sequence[BenchTable]]]] = {
-    "gyro": ("gyro rate table", "single_axis.gyro_page", lambda records: [each.table for each in records]),
-    "accel": ("accelerometer tumble", "single_axis.accel_page", lambda records: [each.table for each in records]),
-    "imu": ("rate sweeps", "rate_sweep.sweep_page", lambda record: record.tables),
-    "nine": ("nine positions", "nine_position.nine_page", lambda record: (record.table,)),
-    "poses": ("poses", "multi_position.multi_position_page", lambda record: ()),
-    "rotor": ("rotor", "rotor_inertia.rotor_page", lambda tables: tables),
+# what reports each method, and what it was read from
+_METHODS: Mapping[str, tuple[Callable[[Calibration[Any, Any]], Page], Callable[[Any], Any]]] = {
+    "gyro": (gyro_page, lambda records: bench_input([each.table for each in records])),
+    "accel": (accel_page, lambda records: bench_input([each.table for each in records])),
+    "imu": (sweep_page, lambda record: bench_input(record.tables)),
+    "nine": (nine_page, lambda record: bench_input([record.table])),
+    "poses": (multi_position_page, ReadingFacts.as_dict),
+    "rotor": (rotor_page, bench_input),
 }
 _MERITS = 6
 
 
-def calibration_page(calibration: Calibration[Any, Any]) -> Page:
-    """Report a calibration."""
-    module, function = _METHODS[calibration.method][1].split(".")
-    report = getattr(import_module(f"insnav.report.calibration.{module}"), function)
-    page = cast(Page, report(calibration))
-    if not page.summary:
-        return page
-    sentence = page.summary[0][0].upper() + page.summary[0][1:]
-    verdict = by_warnings(sentence, page.findings, ("good", "no warning from the fits"))
-    merits = page.merits or tuple(replace(each, interval=None) for each in calibration.parameters[:_MERITS])
-    return replace(page, verdict=verdict, summary=page.summary[1:], merits=merits)
+def page(result: Result[Calibration[Any, Any]]) -> Page:
+    """Lay out a calibration."""
+    found = result.found
+    report, files = _METHODS[found.method]
+    own = report(found)
+    first, *others = own.summary
+    return replace(
+        own,
+        summary=tuple(others),
+        sections=(only_json("", Quantity("input", files(found.record))), *own.sections),
+        verdict=by_warnings(first[0].upper() + first[1:], result.findings, ("good", "no warning from the fits")),
+        merits=own.merits or tuple(replace(each, interval=None) for each in found.parameters[:_MERITS]),
+    )
 
 
-def calibration_metadata(calibration: Calibration[Any, Any]) -> dict[str, Any]:
-    """Give what every calibration has first in ``run.json``: method and input; of a record, the options too."""
-    record, how = calibration.record, calibration.options
-    if not isinstance(record, Reading):
-        name, _, tables = _METHODS[calibration.method]
-        return {"method": name, "input": bench_input(tables(record))}
-    configuration = {
-        "method": "six" if how.six else "poses",
-        "counts": how.counts,
-        "gravity_m_s2": how.gravity,
-        "gravity": how.gravity_source,
-    }
-    name = "six positions" if how.six else "poses"
-    return {"method": name, "configuration": configuration, "input": record.facts.as_dict()}
+def texts(result: Result[Calibration[Any, Any]]) -> dict[str, str]:
+    """Give the calibration file, if the method is of an IMU."""
+    errors = result.found.errors
+    return {} if errors is None else {"calibration.toml": calibration_to_toml(errors)}
+
+
+def frame(result: Result[Calibration[Any, Any]]) -> DataFrame:
+    """Give the parameters as a table: one row for each number, with its unit and its standard deviation."""
+    return rows_frame(row for each in result.found.parameters for row in _numbers(each))
+
+
+def _numbers(each: Quantity) -> list[tuple[Quantity, ...]]:
+    """One parameter, or the elements of a vector or matrix by their axes."""
+    values, sds = np.broadcast_arrays(each.scaled(each.value), each.scaled(each.sd))
+    return [
+        (
+            Quantity("parameter", f"{each.label} {''.join('xyz'[k] for k in at)}".strip()),
+            Quantity("unit", each.unit),
+            Quantity("value", values[at]),
+            Quantity("sd", sds[at]),
+        )
+        for at in np.ndindex(values.shape)
+    ]

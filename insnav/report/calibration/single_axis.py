@@ -1,21 +1,36 @@
-"""Reports of the rate table and of the tumble test."""
+"""Pages of one axis at a time: rate table, tumble test, rate sweeps, and the inertia of a rotor."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from insnav.lab.calibration import Calibration, measured
+from insnav.findings import Code, of_code
+from insnav.lab.bench_data.bench_tables import BenchTable
+from insnav.lab.calibration import Calibration, fitted, measured
+from insnav.lab.rate_sweep.method import SweepCalibration
+from insnav.lab.rate_sweep.records import SweepRecord
+from insnav.lab.rotor_inertia import Inertia, Inertias
 from insnav.lab.single_axis.rate_table import RateTable
 from insnav.lab.single_axis.records import Record
 from insnav.lab.single_axis.tumble import Tumble, harmonics
 from insnav.messages import sentence
 from insnav.quantity import Quantity
-from insnav.report.calibration.common import impact_section, quality_rows, quality_section
-from insnav.report.calibration.panels import Series, residual_panels
+from insnav.report.calibration.common import (
+    Series,
+    corrected_section,
+    impact_section,
+    quality_rows,
+    quality_section,
+    residual_panels,
+)
+from insnav.report.colours import AXIS_COLOURS, BLACK, GREY
 from insnav.report.numbers import number
 from insnav.report.page import Page, Section, drawn, only_json
+from insnav.report.panels import Curve, Panel
+from insnav.sample_statistics import rms
+from insnav.types import FloatArray
 from insnav.units import DEG
 
 
@@ -53,8 +68,7 @@ def gyro_page(calibration: Calibration[tuple[Record, ...], tuple[RateTable, ...]
             impact_section(calibration),
             Section("dropped", rows=left_out, show="json"),
         ),
-        calibration.warnings,
-        (
+        method=(
             "The rate of the table is exact, and the component of the Earth's rotation along the axis is in U0.",
             "Forward are rates from zero up, reverse from zero down.",
         ),
@@ -70,12 +84,13 @@ def accel_page(calibration: Calibration[tuple[Record, ...], tuple[Tumble, ...]])
         Series(name, unit, item.angle / DEG, item.fit.residual, np.ones(item.angle.size, np.bool_), item.fit.sigma)
         for name, item in found.items()
     )
+    panels = residual_panels(series, "angle of the input axis [deg]")
     note = f"ai = sin, ao = cos of the angle, in g; {_IN_BRACKETS}"
     return Page(
         "Accelerometers tumbled in gravity",
         _summary(calibration.parameters, len(fits)),
         (
-            drawn("residuals", "Tumble test: output minus the model", residual_panels(series, _ANGLE)),
+            drawn("residuals", "Tumble test: output minus the model", panels),
             Section("parameters", "Output = K0 + K1 ai + K2 ai² + K3 ai ao", calibration.parameters, note=note),
             *_harmonics(found, unit),
             quality_section(quality_rows(fits, unit, settings)),
@@ -83,8 +98,7 @@ def accel_page(calibration: Calibration[tuple[Record, ...], tuple[Tumble, ...]])
             impact_section(calibration),
             only_json("", Quantity("gravity", gravity, "m/s^2")),
         ),
-        calibration.warnings,
-        (
+        method=(
             f"Gravity is {gravity:.6g} m/s²; the angles are exact.",
             "The calibration file holds bias and scale factor; second order and cross-coupling are reported only.",
         ),
@@ -107,33 +121,26 @@ def _harmonics(found: dict[str, Tumble], unit: str) -> tuple[Section, Section]:
                     measured("amplitude", float(np.hypot(a, b)), unit),
                 )
             )
-        by_model = zip(("K0", "K1", "K2", "K3"), series.model, item.fit.value, strict=True)
+        largest = float(np.abs(series.model - item.fit.value).max())
         models.append(
             (
                 Quantity("sensor", name),
-                *(measured(key, value, unit) for key, value, _ in by_model),
-                Quantity(
-                    "difference", float(np.abs(series.model - item.fit.value).max()), meaning="largest difference"
-                ),
+                *(measured(f"K{order}", value, unit) for order, value in enumerate(series.model)),
+                Quantity("difference", largest, meaning="largest difference"),
                 Quantity("misalignment", series.misalignment, "mrad"),
             )
         )
+    difference = "largest difference: from least squares, zero for evenly spaced positions"
     note = (
         "Orders 0 to 2 are the model: a0 = K0 + K2/2, b1 = K1, a2 = -K2/2, b2 = K3/2. a1 / b1 is the angle by which "
         "the table or the input axis is off; orders from 3 on are non-linearity and errors of position."
     )
     return (
         Section("harmonics", "Output = Σ a cos(n angle) + b sin(n angle)", rows=tuple(rows), note=note),
-        Section(
-            "model_by_harmonics",
-            "The model by its harmonics",
-            rows=tuple(models),
-            note="largest difference: from least squares, zero for evenly spaced positions",
-        ),
+        Section("model_by_harmonics", "The model by its harmonics", rows=tuple(models), note=difference),
     )
 
 
-_ANGLE = "angle of the input axis [deg]"
 _IN_BRACKETS = "± 1 sd; in brackets the 95 % interval"
 
 
@@ -189,3 +196,240 @@ def _dwells(records: Sequence[Record], names: Sequence[str]) -> Section:
         "Each dwell: polynomial of order 7 through its samples, those beyond the spike limit dropped, mean of the rest."
     )
     return Section("dwells", "Raw dwells", rows=rows, note=note)
+
+
+def sweep_page(calibration: Calibration[SweepRecord, SweepCalibration]) -> Page:
+    """Report three gyros swept about three axes."""
+    record, found, fits = calibration.record, calibration.detail, calibration.fits
+    unit, scale = (record.unit, 1.0) if record.raw else ("deg/s", 1.0 / DEG)
+    stages = (rms(found.error_line), rms(found.error_matrix), rms(found.error_map))
+    settings = {name: _settings(found.rate[found.used[:, i]]) for i, name in enumerate(fits)}
+    note = "given the pieces below, whose shape is not in the 1 sd" * any(item is not None for item in found.pieces)
+    condition = Quantity("condition_matrix", float(np.linalg.cond(found.matrix / np.diag(found.matrix)[:, None])))
+    dropped = tuple(
+        (Quantity("sensor", "xyz"[axis]), Quantity("rate_deg_s", item.rate), Quantity("code", item.reason.code.value))
+        for axis, item in found.dropped
+    )
+    return Page(
+        "Three gyros swept over rates about three axes",
+        (
+            f"Rate error, RMS over all dwells: {number(stages[0] / DEG)} deg/s by one line a gyro, "
+            f"{number(stages[1] / DEG)} deg/s by the matrix, {_gain(found, stages)}.",
+            *_dropped(found),
+        ),
+        (
+            drawn("rate_errors", "Rate sweeps: error of each gyro", sweep_panels(found), columns=2),
+            Section("parameters", "Output = B rate + b", calibration.parameters, note=note),
+            _errors(found, stages),
+            *_pieces(found),
+            *_adjusted(found),
+            quality_section(quality_rows(fits, unit, settings, scale)),
+            corrected_section(calibration),
+            impact_section(calibration),
+            only_json("", condition, parts=(Section("dropped", rows=dropped),)),
+        ),
+        method=(
+            "The rate of the table is exact and about the axis named; the Earth's rotation along it is in the bias.",
+            "The corrected rate is inverse(B) (output - b); its error is subtracted, k rate + b' in each piece.",
+            "Beyond the swept rates the outer pieces are continued.",
+        ),
+    )
+
+
+def _dropped(found: SweepCalibration) -> list[str]:
+    """What was left out, gyro by gyro and end by end."""
+    lines = []
+    for i, axis in enumerate("xyz"):
+        for sense in (-1.0, 1.0):
+            rates = [item.rate for gyro, item in found.dropped if gyro == i and sense * item.rate > 0.0]
+            if rates:
+                first, last = min(rates, key=abs), max(rates, key=abs)
+                reason = next(item.reason for gyro, item in found.dropped if gyro == i and item.rate == first)
+                span = f"{first:+g}" + (f" to {last:+g}" if last != first else "")
+                lines.append(f"gyro {axis} leaves out {span} deg/s: {sentence(reason)}")
+    return lines
+
+
+def _gain(found: SweepCalibration, stages: Sequence[float]) -> str:
+    if all(item is None for item in found.pieces):
+        return "which leaves nothing that a piecewise compensation could correct"
+    _, before, after = stages
+    less = f", {number(before / after, 2)} times smaller" if 0.0 < after < before else ""
+    return f"{number(after / DEG)} deg/s with the piecewise compensation too{less}"
+
+
+def _settings(rate: FloatArray) -> list[str]:
+    texts = []
+    for row in rate / DEG:
+        turned = [f"{value:+.4g} deg/s about {axis}" for value, axis in zip(row, "xyz", strict=True) if value != 0.0]
+        texts.append(", ".join(turned) or "rest")
+    return texts
+
+
+def _errors(found: SweepCalibration, stages: Sequence[float]) -> Section:
+    rows = []
+    for i, axis in enumerate("xyz"):
+        item, final = found.pieces[i], found.error_map[:, i]
+        worst = int(np.nanargmax(np.abs(final)))
+        rows.append(
+            (
+                Quantity("gyro", axis),
+                Quantity("line", rms(found.error_line[:, i]), "deg/s", meaning="own line, RMS"),
+                Quantity("matrix", rms(found.error_matrix[:, i]), "deg/s"),
+                Quantity("map", rms(final), "deg/s", meaning="matrix and pieces"),
+                Quantity("left_out", None if item is None else rms(item.left_out), "deg/s"),
+                Quantity("worst", abs(float(final[worst])), "deg/s"),
+                Quantity("worst_at", _settings(found.rate[worst : worst + 1])[0], meaning="at"),
+            )
+        )
+    note = (
+        "own line: bias and scale factor of each gyro alone; left out: in its own sweep, each rate by pieces fitted "
+        "without it"
+    )
+    of_all = (Quantity(name, value, "deg/s") for name, value in zip(("line", "matrix", "map"), stages, strict=True))
+    table = Section("rate_error_by_gyro", "Error of the corrected rate", rows=tuple(rows), note=note, keyed=True)
+    return Section("", parts=(table, only_json("rate_error", *of_all)))
+
+
+def _adjusted(found: SweepCalibration) -> tuple[Section, ...]:
+    """Intercepts set by hand, and what they change."""
+    rows = tuple(
+        (
+            Quantity("piece", f"{'xyz'[each.gyro]}{each.piece + 1}"),
+            Quantity("found", each.found, "deg/s", meaning="b' found", decimals=4),
+            Quantity("given", each.given, "deg/s", meaning="b' given", decimals=4),
+            Quantity("before", each.before, "deg/s", meaning="error in the piece, RMS, before"),
+            Quantity("after", each.after, "deg/s"),
+        )
+        for each in found.adjusted
+    )
+    note = "the piece is moved, its neighbours stay and meet it at other borders; every other table is with it"
+    return (Section("adjusted", "Set by hand", rows=rows, note=note, keyed=True),) if rows else ()
+
+
+def _pieces(found: SweepCalibration) -> tuple[Section, ...]:
+    """Pieces of the compensation as lines, and in JSON the errors at their ends."""
+    known = {axis: item for axis, item in zip("xyz", found.pieces, strict=True) if item is not None}
+    rows = tuple(
+        (
+            Quantity("gyro", axis),
+            Quantity("piece", i + 1),
+            Quantity("from", float(item.knot[i]), "deg/s", decimals=2),
+            Quantity("to", float(item.knot[i + 1]), "deg/s", decimals=2),
+            Quantity("k", float(slope), "ppm", sd=float(item.slope_sd[i])),
+            Quantity("b", float(item.value[i] - slope * item.knot[i]), "deg/s", meaning="b'", decimals=4),
+        )
+        for axis, item in known.items()
+        for i, slope in enumerate(item.slope)
+    )
+    knots = tuple(
+        (
+            Quantity("gyro", axis),
+            Quantity("rate", item.knot, "deg/s"),
+            Quantity("error", item.value, "deg/s"),
+            Quantity("sd", np.sqrt(np.diag(item.covariance)), "deg/s"),
+        )
+        for axis, item in known.items()
+    )
+    note = "corrected rate from and to; they meet at the borders; beyond the outer ones the last piece goes on"
+    return (
+        Section("", "Pieces: error = k rate + b'", rows=rows, note=note),
+        Section("pieces", rows=knots, show="json", keyed=True),
+    )
+
+
+def sweep_panels(found: SweepCalibration) -> Iterator[Panel]:
+    """Draw the error of each gyro over the rate about its axis: left by the matrix, and by the pieces too."""
+    for axis, (rows, item) in enumerate(zip(found.own, found.pieces, strict=True)):
+        colour, rate, name = AXIS_COLOURS[axis], found.rate[rows, axis] / DEG, "xyz"[axis]
+        ends = np.array([rate.min(), rate.max()])
+        for stage, words, error in (
+            ("matrix", "matrix", found.error_matrix),
+            ("pieces", "piecewise compensation", found.error_map),
+        ):
+            curves = [Curve("", ends, np.zeros(2), GREY)]
+            curves.append(Curve("dwells", rate, error[rows, axis] / DEG, colour, "points"))
+            if item is not None and stage == "matrix":
+                knots, values = item.knot / DEG, item.value / DEG
+                curves.append(Curve("pieces", knots, values, BLACK))
+                curves.append(Curve("borders", knots[1:-1], values[1:-1], BLACK, "crosses"))
+            none = "; nothing to compensate" if item is None and stage == "pieces" else ""
+            key, title = f"rate_error_{name}_{stage}", f"Gyro {name} after the {words}"
+            note = f"corrected rate minus rate of the table{none}"
+            yield Panel(key, title, "error [deg/s]", "rate of the table [deg/s]", tuple(curves), "rate", note)
+
+
+def rotor_page(calibration: Calibration[tuple[BenchTable, BenchTable], Inertias]) -> Page:
+    """Report both methods and whether they agree."""
+    fall, precession, both = calibration.detail.fall, calibration.detail.precession, calibration.detail.agreement
+    how = calibration.options
+    agreed = (
+        f"The methods agree: the difference {number(both.difference, 2)} is within the {number(both.limit, 2)} kg m² "
+        f"that their uncertainties explain (95 %); weighted mean {number(both.mean, 4)} ± {number(both.mean_sd, 2)} "
+        "kg m²."
+    )
+    text = agreed if both.agree else sentence(next(of_code(calibration.warnings, Code.ROTOR_DISAGREE)))
+    quality = (
+        *quality_rows({"falling weight": fall.fit}, "s^2", {"falling weight": [f"{h:.4g} m" for h in fall.x]}),
+        *quality_rows({"precession": precession.fit}, "rad/s", {"precession": [f"{t:.4g} s" for t in precession.x]}),
+    )
+    column = calibration.record[1].get("mass")
+    masses = [how.mass] if column is None else sorted(set(column.tolist()))
+    weight = " and ".join(f"{each:g}" for each in masses) + " kg"
+    given = only_json(
+        "given",
+        Quantity("fall_mass", how.fall_mass, "kg"),
+        Quantity("radius", how.radius, "m"),
+        Quantity("mass", masses, "kg"),
+        Quantity("arm", how.arm, "m"),
+        Quantity("gravity", how.gravity, "m/s^2"),
+    )
+    names = ("difference", "limit", "mean", "mean_sd")
+    sizes = [getattr(both, name) if both.agree or "mean" not in name else None for name in names]
+    in_unit = (Quantity(name, size, "kg m^2") for name, size in zip(names, sizes, strict=True))
+    agreement = only_json("", Quantity("agree", both.agree), *in_unit, parts=(given,))
+    lines = (
+        ("squared time of fall [s²]", "height [m]", fall),
+        ("rotor rate [rad/s]", "precession period [s]", precession),
+    )
+    # by theory the precession is as the torque over the spin; known where several of both were measured
+    powers = () if precession.powers is None else fitted(precession.powers, ("", "", ""))[1:]
+    title, note = "Precession rate as a power of torque and spin", "by theory 1 and -1"
+    caption = "Measured points, the lines fitted to them, and what these leave"
+    return Page(
+        "Moment of inertia of a gyroscope's rotor",
+        (
+            *(
+                f"moment of inertia, {i.method}: {number(i.value, 4)} ± {number(i.sd, 2)} kg m²"
+                for i in (fall, precession)
+            ),
+            text,
+        ),
+        (
+            drawn("lines", "Moment of inertia of a rotor", _line_panels(lines), caption, columns=2),
+            Section("parameters", "Moment of inertia", calibration.parameters),
+            *((Section("powers", title, powers, note=note),) if powers else ()),
+            quality_section(quality),
+            agreement,
+        ),
+        method=(
+            f"Falling weight {how.fall_mass:g} kg on a radius of {how.radius:g} m, weight {weight} on an arm "
+            f"of {how.arm:g} m, gravity {how.gravity:g} m/s²: taken as exact; their uncertainty comes on top.",
+            "Falling weight: no friction, a cord without weight, released from rest.",
+            "Precession: a rotor much faster than its precession, balanced without the added weight.",
+        ),
+    )
+
+
+def _line_panels(lines: Sequence[tuple[str, str, Inertia]]) -> tuple[Panel, ...]:
+    """Draw points and the lines through the origin fitted to them, then residuals; with labels of both axes."""
+    upper, lower = [], []
+    for i, ((name, label, each), colour) in enumerate(zip(lines, AXIS_COLOURS, strict=False)):
+        x, y, slope = each.x, each.y, float(each.fit.value[0])
+        ends = np.array([0.0, 1.05 * float(np.max(x))])
+        title, unit = name[: name.index(" [")], name[name.index("[") :]
+        line, points = Curve("fitted", ends, slope * ends, GREY), Curve("measured", x, y, colour, "points")
+        upper.append(Panel(f"line_{i}", title.capitalize(), name, label, (line, points), f"line_{i}", height=260))
+        left = (Curve("", ends, np.zeros(2), GREY), Curve("residual", x, y - slope * x, colour, "points"))
+        lower.append(Panel(f"rest_{i}", f"Residual of {title}", f"residual {unit}", label, left, f"line_{i}"))
+    return *upper, *lower

@@ -3,46 +3,30 @@
 from __future__ import annotations
 
 import math
-import platform
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import cycle, groupby
 
 import numpy as np
 
 from insnav.certificate.certify import Certificate
 from insnav.certificate.check import Check
-from insnav.findings import Code, Finding
 from insnav.quantity import Quantity
 from insnav.report.colours import BLACK, BLUE, GREY, ORANGE, PURPLE, SKY, VERMILLION
-from insnav.report.page import Page, Section, Verdict, cell, drawn, only_json
+from insnav.report.page import DataFrame, Page, Section, Verdict, cell, drawn, only_json, rows_frame
 from insnav.report.panels import Curve, Kind, Panel
-from insnav.report.run_json import versions
+from insnav.result import Result
 
 _EXCEEDS = "!"  # behind an error that exceeds the limit
-_ABOUT = {"fourth": Code.CERTIFICATE_PLATFORM, "pyins": Code.CERTIFICATE_PYINS}  # by the name of an integrator
 _LEAST, _MOST = 1e-7, 1e7  # parts of the limit; beyond, figures stand at the edge
 _READ = f"shaded: within the limit; points: insnav as it navigates; at the edges {_LEAST:g} or less, {_MOST:g} or more"
 _PASSED, _FAILED = "insnav: passed", "insnav: FAILED"
 _OTHERS = (ORANGE, GREY, PURPLE, SKY, BLACK)
 
 
-def certificate_page(certificate: Certificate) -> Page:
-    """Report all checks, a table for every topic."""
+def page(result: Result[Certificate]) -> Page:
+    """Lay out all checks, a table for every topic."""
+    certificate = result.found
     checks, failed = certificate.checks, certificate.failed
-    lines = tuple(f"{check.topic}: {check.case}" for check in failed)
-    facts = tuple(
-        (
-            Quantity("topic", check.topic),
-            Quantity("case", check.case),
-            Quantity("unit", check.unit),
-            Quantity("limit", check.limit),
-            Quantity("required", [name for name, _ in check.values[: check.required]]),
-            Quantity("errors", dict(check.values)),
-            Quantity("passed", check.passed),
-        )
-        for check in checks
-    )
-    machine = f"{platform.system()} {platform.machine()}"
     said = f"{len(checks) - len(failed)} of {len(checks)} checks passed in {certificate.seconds:.1f} s"
     return Page(
         "Numerical certificate: " + ("all checks passed" if not failed else f"{len(failed)} FAILED"),
@@ -54,31 +38,38 @@ def certificate_page(certificate: Certificate) -> Page:
         (
             only_json(
                 "",
-                Quantity("machine", machine),
+                Quantity("machine", certificate.machine),
                 Quantity("duration", certificate.seconds, "s"),
                 Quantity("passed", not failed),
-                Quantity("failed", lines),
+                Quantity("failed", [check.name for check in failed]),
             ),
-            Section("checks", rows=facts, show="json"),
+            Section("checks", rows=tuple(map(_facts, checks)), show="json"),
             *(_topic(topic, list(rows)) for topic, rows in groupby(checks, key=lambda check: check.topic)),
             drawn(
                 "certificate", "Error of every integrator in parts of its limit", (certificate_panel(checks),), _READ
             ),
         ),
-        (*(Finding.of(Code.CERTIFICATE_FAILED, subject=line) for line in lines), *_assumptions(checks)),
+        result.findings,
         verdict=Verdict(
             "bad" if failed else "good",
             "errors exceed their limits" if failed else "every error is within its limit",
-            f"insnav {versions()['insnav']} on {machine}: {said}.",
+            f"insnav {certificate.version} on {certificate.machine}: {said}.",
         ),
     )
 
 
-def _assumptions(checks: Sequence[Check]) -> Iterator[Finding]:
-    yield Finding.of(Code.CERTIFICATE_SAMPLES)
-    yield Finding.of(Code.CERTIFICATE_INTEGRATORS)
-    yield Finding.of(Code.CERTIFICATE_CONING)
-    yield from (Finding.of(_ABOUT[name]) for name in _names(checks) if name in _ABOUT)
+def frame(result: Result[Certificate]) -> DataFrame:
+    """Give a table with one row for each check, whose errors and limit are in its unit."""
+    return rows_frame(map(_facts, result.found.checks))
+
+
+def _facts(check: Check) -> tuple[Quantity, ...]:
+    return (
+        *(Quantity(name, getattr(check, name)) for name in ("topic", "case", "unit", "limit")),
+        Quantity("required", [name for name, _ in check.values[: check.required]]),
+        Quantity("errors", dict(check.values)),
+        Quantity("passed", check.passed),
+    )
 
 
 def certificate_markdown(certificate: Certificate) -> str:
@@ -89,7 +80,7 @@ def certificate_markdown(certificate: Certificate) -> str:
         errors = {name: cell(_error(check, name, value)) for name, value in check.values}
         limit = f"{check.limit:g}{'' if check.unit == '1' else f' {check.unit}'}"
         first = errors[check.values[0][0]]
-        rows.append((f"{check.topic}: {check.case}", limit, first, *(errors.get(name, "") for name in others)))
+        rows.append((check.name, limit, first, *(errors.get(name, "") for name in others)))
     lines = [f"| {' | '.join(row)} |" for row in rows]
     return "\n".join([lines[0], f"|---|{'--:|' * (len(rows[0]) - 1)}", *lines[1:]])
 
@@ -147,7 +138,7 @@ def certificate_panel(checks: Sequence[Check]) -> Panel:
         note=_READ,
         log_x=True,
         spans=((_LEAST / 3.0, 1.0),),
-        rows=tuple(f"{check.topic}: {check.case}" for check in checks),
+        rows=tuple(check.name for check in checks),
         height=110 + 20 * len(checks),
     )
 

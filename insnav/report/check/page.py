@@ -12,7 +12,7 @@ from insnav.input.readers.reading import ReadingFacts
 from insnav.messages import At, form, moment, render, sentence
 from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
-from insnav.report.page import DataFrame, Page, Section, rows_frame
+from insnav.report.page import DataFrame, Page, Section, only_json, rows_frame
 from insnav.report.series import Clock
 from insnav.report.terminal import page_text
 from insnav.result import Result
@@ -24,21 +24,27 @@ _UNITS = {"gyro": ("deg/s", "deg/sqrt(h)"), "accel": ("m/s^2", "m/s/sqrt(h)")}
 
 def page(result: Result[Checked]) -> Page:
     """Lay out a check."""
-    found, at = result.found, _from_start(result)
-    sections = [_files(found, result.inputs), *_imu(found), *_gps(found), *_both(found), _problems(found, at)]
-    left = [each for each in found.problems if each.severity > Severity.NOTE][:TO_MEND]
-    first = [f"mend {i}: {sentence(each, at=at)}" for i, each in enumerate(left, 1)]
-    run = f"run:  {found.command}" if found.runs else "run:  nothing to copy before mend 1"
-    if not found.runs and found.command.count(" --"):
-        run += f"; what is known of the line: {found.command}"
-    return Page("Check of a recording", (*(first or ["nothing to mend was found"]), run), tuple(sections))
+    found = result.found
+    sections = _files(found, result.inputs), *_imu(found), *_gps(found), *_both(found)
+    line = Quantity("command", found.command if found.runs else None), Quantity("runs_as_given", found.runs_as_given)
+    run = _run_line(found, "the first problem is solved")
+    return Page("Check of a recording", (run,), (*sections, only_json("mend", *line)))
+
+
+def _run_line(found: Checked, before: str) -> str:
+    if found.runs:
+        return f"run:  {found.command}"
+    known = f"; what is known of the line: {found.command}" if found.command.count(" --") else ""
+    return f"run:  nothing to copy before {before}{known}"
 
 
 def text(result: Result[Checked]) -> str:
     """Give the report for the terminal: what is to be mended, and the line to run, stand last."""
-    laid_out = page(result)
+    laid_out, at = page(result), _from_start(result)
+    left = [each for each in result.found.problems if each.severity > Severity.NOTE][:TO_MEND]
+    mend = [f"mend {i}: {sentence(each, at=at)}" for i, each in enumerate(left, 1)] or ["nothing to mend was found"]
     understood = [f"  {name}: {sentence(each)}" for name, facts in result.inputs.items() for each in facts.evidence]
-    lines = ["", *understood, "", *laid_out.summary]
+    lines = ["", *understood, "", *mend, _run_line(result.found, "mend 1")]
     listed = {*result.found.problems, *(each for each in result.findings if each.timed)}
     shown = replace(laid_out, summary=(), findings=tuple(each for each in result.findings if each not in listed))
     return "\n".join([page_text(shown), *(plain_text(line) for line in lines)])
@@ -170,21 +176,13 @@ def _both(found: Checked) -> tuple[Section, ...]:
     return (Section("together", "IMU and GPS together", items=tuple(items), note=note),)
 
 
-def _problems(found: Checked, at: At = moment) -> Section:
-    words = [render(each, at=at) for each in found.problems]
-    rows = tuple(
+def frame(result: Result[Checked]) -> DataFrame:
+    """Give what is to be mended as a table: one row a problem, ``what``, ``why``, ``fix``."""
+    return rows_frame(
         (
             Quantity("what", each.title),
             Quantity("why", f"{each.text} {each.done}".rstrip()),
-            Quantity("fix", each.advice, meaning="mend"),
+            Quantity("fix", each.advice),
         )
-        for each in words
+        for each in map(render, result.found.problems)
     )
-    line = (Quantity("command", found.command if found.runs else None), Quantity("runs_as_given", found.runs_as_given))
-    command = (Section("", items=line, show="json"),)
-    return Section("mend", "To mend, the worst first", rows=rows, parts=command, show="page")
-
-
-def frame(result: Result[Checked]) -> DataFrame:
-    """Give what is to be mended as a table: one row a problem, ``what``, ``why``, ``fix``."""
-    return rows_frame(_problems(result.found).rows)

@@ -115,17 +115,19 @@ def frame(result: Result[Comparison]) -> DataFrame:
     return rows_frame(_row(each) for each in result.found.compared)
 
 
-def comparison_lines(found: Comparison) -> list[str]:
-    """Lay out a comparison for the terminal: a heading, one line a solution, and what the columns are."""
+def text(result: Result[Comparison]) -> str:
+    """Give a comparison for the terminal: a heading, one line a solution, what the columns are, and findings."""
+    found = result.found
     (table,) = section_tables(_section(found))
     units = {" [deg]": " °", " [": " ", "]": ""}  # 110 columns are no room for brackets
-    headings = [reduce(lambda text, unit: text.replace(unit, units[unit]), units, name) for name in table.columns]
+    headings = [reduce(lambda head, unit: head.replace(unit, units[unit]), units, name) for name in table.columns]
     rows = [("  smoothed" if solution == "smoothed" else run, *cells) for run, solution, *cells in table.rows]
     columns = (headings[0], *headings[2:])
     lines = table_text(replace(table, title="", note="", columns=columns, rows=tuple(rows))).splitlines()
     count = len(found.compared[0].errors.time)
     warned = [f"warning: {sentence(each)}" for each in _warnings(found)]
-    return [*(line[2:] for line in lines), *(line.format(n=count) for line in _NOTE), *warned]
+    notes = (line.format(n=count) for line in _NOTE)
+    return "\n".join([*(line[2:] for line in lines), *notes, *warned, *map(sentence, result.findings)])
 
 
 def _section(found: Comparison) -> Section:

@@ -12,11 +12,6 @@ from insnav.lab.drift.allan_before_after import Curve as Deviations
 from insnav.lab.drift.drift_model import DriftModel
 from insnav.lab.drift.rate_smoothing import P0
 from insnav.output.data_files import csv_text
-from insnav.output.folder import RunFolder
-from insnav.output.solution_tables import TableFormat
-from insnav.output.stored import FILE as FOUND
-from insnav.output.stored import read_stored as read_found
-from insnav.output.stored import store
 from insnav.quantity import Quantity
 from insnav.report.allan.page import noise_quantity
 from insnav.report.calibration.common import bench_input, quality_rows, quality_section
@@ -28,9 +23,6 @@ from insnav.result import Result
 from insnav.types import FloatArray
 from insnav.units import DEG, DEG_PER_H
 
-__all__ = ["frame", "page", "read_found", "write_files"]
-
-BENCH_FILES = True  # what was found knows its input
 _TERMS = {
     "A": ("bias at 25 C, A", "deg/s"),
     "B": ("residual scale factor, B", "ppm"),
@@ -81,16 +73,9 @@ def page(result: Result[DriftStudy]) -> Page:
     )
 
 
-def write_files(result: Result[DriftStudy], folder: RunFolder, table_format: TableFormat) -> None:
-    """Write the rates, the calibration file, and everything that was found, to be read again.
-
-    `folder`: entered, not committed; `table_format` {"csv", "parquet"}: of further tables, of which there are none.
-    """
-    found = result.found
-    store(found, folder.path(FOUND))
-    texts = {"calibration.toml": calibration_to_toml(found.errors), "rates.csv": rates_csv(found)}
-    for name, text in texts.items():
-        folder.path(name).write_text(text, encoding="utf-8", newline="\n")
+def texts(result: Result[DriftStudy]) -> dict[str, str]:
+    """Give the rates and the calibration file as texts of files."""
+    return {"calibration.toml": calibration_to_toml(result.found.errors), "rates.csv": rates_csv(result.found)}
 
 
 def frame(result: Result[DriftStudy]) -> DataFrame:

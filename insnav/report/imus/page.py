@@ -10,7 +10,8 @@ from insnav.imu.library import PROVENANCE, Figure, Part
 from insnav.imu.presets import PRESETS
 from insnav.messages import sentence
 from insnav.quantity import Quantity
-from insnav.report.page import Page, Section, one_each, only_json
+from insnav.report.page import DataFrame, Page, Section, one_each, only_json, rows_frame
+from insnav.result import Result
 from insnav.units import HOUR, UNITS
 
 _UNITS = {f"{term.sensor}.{term.key}": term.unit for term in TERMS}
@@ -29,17 +30,27 @@ RULES = (
 )
 
 
-def parts_page(parts: Sequence[Part]) -> Page:
-    """List parts with their figures: turn-on bias, in-run bias and noise of both sensors."""
-    rows = tuple(
-        (
-            Quantity("part", part.name),
-            Quantity("class", part.grade),
-            *(_shown(part, key) for key in _HEADINGS),
-            Quantity("source", part.provenance),
-        )
-        for part in parts
+def page(result: Result[tuple[Part, ...]]) -> Page:
+    """Lay out all parts, or the one that was asked for."""
+    return _part_page(result.found[0]) if result.options.get("name") else _parts_page(result.found)
+
+
+def frame(result: Result[tuple[Part, ...]]) -> DataFrame:
+    """Give the figures that count as a table, one row a part."""
+    return rows_frame(map(_part_row, result.found))
+
+
+def _part_row(part: Part) -> tuple[Quantity, ...]:
+    return (
+        Quantity("part", part.name),
+        Quantity("class", part.grade),
+        *(_shown(part, key) for key in _HEADINGS),
+        Quantity("source", part.provenance),
     )
+
+
+def _parts_page(parts: Sequence[Part]) -> Page:
+    """List parts with their figures: turn-on bias, in-run bias and noise of both sensors."""
     classes = {grade: [part.name for part in parts if part.grade == grade] for grade in PRESETS}
     named = {grade: (Quantity("parts", names),) for grade, names in classes.items() if names}
     by_class = only_json("", parts=(one_each("classes", "", named),))
@@ -49,7 +60,7 @@ def parts_page(parts: Sequence[Part]) -> Page:
             "Any of them goes where an IMU model does: --imu STIM300.",
             "insnav imus STIM300 shows every figure of a part and where it stands.",
         ),
-        (Section("imus", rows=rows), by_class),
+        (Section("imus", rows=tuple(map(_part_row, parts))), by_class),
         findings=RULES,
     )
 
@@ -60,7 +71,7 @@ def _shown(part: Part, key: str) -> Quantity:
     return Quantity(key.replace(".", "_"), found[0] if found else None, _UNITS[key], meaning=_HEADINGS[key])
 
 
-def part_page(part: Part) -> Page:
+def _part_page(part: Part) -> Page:
     """Show a part: every figure, what it is read as, and the document it stands in."""
     rows = tuple(_row(figure) for figure in part.figures if not figure.key.endswith("correlation_time"))
     missing = ", ".join(part.missing) or "none of the usual figures"

@@ -233,7 +233,7 @@ def write_files(result: Result[OutageStudy], folder: RunFolder, table_format: Ta
     write_events(folder.directory, result.findings)
 
 
-def read_found(folder: Path) -> OutageStudy:
+def read_found(folder: Path, findings: Sequence[Finding]) -> OutageStudy:
     """Read an outage test from its folder; sums are formed again.
 
     Raises: InputError: the table of windows is missing or damaged.

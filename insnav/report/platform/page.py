@@ -2,40 +2,77 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from insnav.earth import ned_offset
+from insnav.errors import platform_errors
 from insnav.errors.metrics import TrajectoryErrors
-from insnav.errors.platform_errors import AGAINST, PlatformStudy
-from insnav.errors.schuler import SHORTEST_RECORD, StaticErrors, measured_periods, periods
-from insnav.findings import Code, Finding
-from insnav.gimbal import DAMPING_TIME, Integrator, PlatformRun, torquing_rates
+from insnav.errors.platform_errors import AGAINST, Convergence, Demonstration, PlatformComparison, PlatformStudy
+from insnav.errors.schuler import SHORTEST_RECORD, StaticErrors, measured_periods, periods, static_errors
+from insnav.gimbal import INTEGRATORS, Integrator, PlatformRun, integral, torquing_rates
+from insnav.output.data_files import write_table
+from insnav.output.folder import RunFolder
+from insnav.output.kml import write_kml
+from insnav.output.solution_tables import TableFormat, write_events, write_run_table
 from insnav.quantity import Quantity
-from insnav.report.page import Page, Section, Verdict, drawn, only_json
+from insnav.report.page import DataFrame, Page, Section, Verdict, drawn, only_json, rows_frame
 from insnav.report.platform import panels
+from insnav.result import Result
 from insnav.types import FloatArray
 from insnav.units import DEG, DEG_PER_H, UNITS
 
+_NEAR = 0.01  # of the closed form
+_ERRORS_TEXT = "heading error 1 arcmin, drifts of 0.01 deg/h, accelerometer biases of 50 ug"
+_MOTION = f"circles at {platform_errors.SPEED:g} m/s, {platform_errors.ROUND / 60:g} min a turn, latitude 45°"
 
-def torquing_columns(run: PlatformRun) -> dict[str, FloatArray]:
+
+def write_files(result: Result[PlatformStudy | Demonstration], folder: RunFolder, table_format: TableFormat) -> None:
+    """Write solution, torquing rates, events and track of a record.
+
+    `folder`: entered, not committed; `table_format` {"csv", "parquet"}: of the solution.
+    """
+    study, place = result.found, folder.directory
+    if isinstance(study, PlatformStudy):
+        write_run_table(place, study.run.solution, table_format)
+        write_table(folder.path("torquing.csv"), _torquing_columns(study))
+        write_events(place, result.findings)
+        write_kml(place, study.run.solution, _name(result))
+
+
+def frame(result: Result[PlatformStudy | Demonstration]) -> DataFrame:
+    """Give the solution as a table; of the demonstration, the integrators on known functions."""
+    found = result.found
+    return found.run.solution.to_frame() if isinstance(found, PlatformStudy) else rows_frame(_known(found.orders).rows)
+
+
+def _name(result: Result[PlatformStudy | Demonstration]) -> str:
+    return Path(result.inputs["force"].path).name
+
+
+def _torquing_columns(study: PlatformStudy) -> dict[str, FloatArray]:
     """Columns of the time, the torquing rates and the platform's attitude error, by name with unit."""
+    run = study.run
     rates, tilt = torquing_rates(run.solution) / DEG_PER_H, run.tilt / DEG
     named = {"time_s": run.solution.time}
     named |= {"torquing_e_deg_h": rates[:, 1], "torquing_n_deg_h": rates[:, 0], "torquing_u_deg_h": -rates[:, 2]}
-    if run.undisturbed is not run.solution:
+    if study.errors.any:
         named |= {f"tilt_{axis}_deg": tilt[:, i] for i, axis in enumerate("ned")}
     return {name: np.round(values, 9) + 0.0 for name, values in named.items()}
 
 
-def platform_page(study: PlatformStudy) -> Page:
-    """Report a record integrated on a platform."""
+def page(result: Result[PlatformStudy | Demonstration]) -> Page:
+    """Lay out a record integrated on a platform, or the demonstration."""
+    study = result.found
+    if isinstance(study, Demonstration):
+        return _demonstration(study)
     run, theory, differences = study.run, study.theory, study.differences()
     end = run.solution
     lat, lon, height = end.lla[-1]
     return Page(
-        f"North-pointing platform: {study.name}",
+        f"North-pointing platform: {_name(result)}",
         (f"Integrator {study.chosen}, vertical channel {run.vertical}.",),
         (
             *_drawn(study, theory, differences),
@@ -46,7 +83,6 @@ def platform_page(study: PlatformStudy) -> Page:
         ),
         merits=_state(study.chosen, run)[1:],
         merits_note="at the end",
-        findings=(*_assumptions(study), *study.notes),
         verdict=Verdict(
             "unknown",
             "no reference was given" if study.reference is None else "the reference is below, no limit is set",
@@ -63,7 +99,7 @@ def _drawn(
     run = study.run
     against = "the reference" if study.reference is not None else "fourth order"
     sections = (
-        drawn("track", "Track of a north-pointing platform", (panels.platform_track(run, study.reference),)),
+        drawn("track", "Track of a north-pointing platform", (panels.platform_track(study),)),
         drawn("velocity", "Velocity computed on the platform", panels.platform_velocity(run)),
         drawn("torquing", "Commanded torquing rates", panels.torquing_panels(run)),
         drawn("integrators", "Difference between the integrators", panels.difference_panels(differences, against)),
@@ -141,15 +177,60 @@ def _errors(study: PlatformStudy, theory: StaticErrors | None) -> tuple[Section,
     time = run.solution.time - run.solution.time[0]
     if theory is None or time[-1] < SHORTEST_RECORD * 86400.0 or lat == 0.0:
         return sections
-    return (*sections, periods_section({"platform": off}, time, float(lat), float(height)))
+    return (*sections, _periods({"platform": off}, time, float(lat), float(height)))
 
 
-def periods_section(records: Mapping[str, FloatArray], time: FloatArray, lat: float, height: float) -> Section:
-    """Periods found in records of position errors at rest, and those of theory.
+def _demonstration(found: Demonstration) -> Page:
+    """Lay out the integrators against closed forms, and a platform against a strapdown navigator."""
+    orders, flight, rest, turning = found.orders, found.flight, found.rest, found.turning
+    theory = static_errors(rest.time, platform_errors.LAT, 0.0, platform_errors.ERRORS)
+    ends = {
+        name: float(np.hypot(*error[-1, :2]))
+        for name, error in (("platform", turning.platform), ("strapdown", turning.strapdown))
+    }
+    apart = float(np.abs(rest.platform[:, :2] - theory.position).max() / np.abs(theory.position).max())
+    at_rest, in_turns = "A day at rest, latitude 45°", "The same errors in a turning vehicle"
+    drawings = (
+        drawn("pattern", in_turns, panels.both_panels(turning, None, "pattern", _MOTION), _ERRORS_TEXT),
+        drawn("day", at_rest, panels.both_panels(rest, theory, "day", "a day at rest"), _ERRORS_TEXT),
+        drawn("flight", "Integrators against truth on a flight", panels.flight_panels(flight, _MOTION)),
+        drawn("line", "Integrating y = 2x in six steps", panels.straight_panels(), columns=2),
+        drawn("sine", "Order of convergence on y = sin t", (panels.convergence_panel(orders),)),
+    )
+    records = {"platform": rest.platform[:, :2], "strapdown": rest.strapdown[:, :2]}
+    return Page(
+        "The north-pointing platform: integrators and errors",
+        (
+            f"In {platform_errors.DAY / 3600:g} h at rest both with the same errors come to the same, as theory says. "
+            "In a turning vehicle they do not: the strapdown sensors turn with it, and their errors average out.",
+        ),
+        (
+            *drawings,
+            _known(orders),
+            _flown(flight),
+            *_day(rest, theory),
+            _periods(records, rest.time, platform_errors.LAT, 0.0),
+            only_json("pattern_end", *(Quantity(name, end, "m") for name, end in ends.items())),
+        ),
+        merits=(
+            *(
+                Quantity(name, end, "m", meaning=f"{name} after {platform_errors.PATTERN / 3600:g} h of circles")
+                for name, end in ends.items()
+            ),
+            Quantity("apart", 100.0 * apart, "", meaning="platform and closed form at rest apart [%]", digits=2),
+            *(Quantity(each.integrator, each.order, meaning=f"order of {each.integrator}") for each in orders[1:]),
+        ),
+        verdict=Verdict(
+            "good" if apart < _NEAR else "bad",
+            f"at rest the platform is within {100.0 * apart:.2g} % of the closed form",
+            f"After {platform_errors.PATTERN / 3600:g} h of circles the position error of the platform is "
+            f"{ends['platform'] / 1000:.2f} km, that of the strapdown navigator {ends['strapdown'] / 1000:.2f} km.",
+        ),
+    )
 
-    `records` (n, 2): errors North, East [m] by name; `time` (n,): since the start [s]; `lat`, `height`: latitude [rad]
-    and height [m].
-    """
+
+def _periods(records: Mapping[str, FloatArray], time: FloatArray, lat: float, height: float) -> Section:
+    """Periods found in records (n, 2) of errors North, East [m] at rest, and those of theory."""
     expected = periods(lat, height)
     found = {name: measured_periods(time, position, lat, height) for name, position in records.items()}
     rows = []
@@ -165,12 +246,49 @@ def periods_section(records: Mapping[str, FloatArray], time: FloatArray, lat: fl
     return Section("periods", "Periods of the error", rows=tuple(rows), note=note)
 
 
-def _assumptions(study: PlatformStudy) -> Iterator[Finding]:
-    yield Finding.of(Code.PLATFORM_INTEGRATORS)
-    yield Finding.of(Code.PLATFORM_STEPS)
-    if study.run.vertical == "damped":
-        yield Finding.of(Code.PLATFORM_VERTICAL_DAMPED, time_s=DAMPING_TIME)
-    else:
-        yield Finding.of(Code.PLATFORM_VERTICAL_OFF if study.run.vertical == "off" else Code.PLATFORM_VERTICAL_FREE)
-    if study.errors.any:
-        yield Finding.of(Code.PLATFORM_LEVEL_SAMPLES)
+def _known(orders: Sequence[Convergence]) -> Section:
+    x = np.linspace(0.0, 3.0, 31)
+    on_line = {each.integrator: float(integral(x, 2.0 * x, each.integrator)[-1] - 9.0) for each in orders}
+    rows = tuple(
+        (
+            Quantity("integrator", each.integrator),
+            Quantity("error_on_line", on_line[each.integrator], meaning="y = 2x, 30 steps, error at 3"),
+            Quantity("order_on_sine", each.order, meaning="y = sin t, measured order", decimals=3),
+        )
+        for each in orders
+    )
+    return Section("known_functions", "Integrators on known functions", rows=rows, keyed=True)
+
+
+def _flown(flight: Mapping[float, Sequence[TrajectoryErrors]]) -> Section:
+    rows = []
+    for i, name in enumerate(INTEGRATORS):
+        row = [Quantity("integrator", name)]
+        for rate, found in flight.items():
+            position, velocity = float(found[i].horizontal.max()), float(np.abs(found[i].velocity).max())
+            row.append(Quantity(f"position_{rate:g}_Hz", position, "m", meaning=f"{rate:g} Hz"))
+            row.append(Quantity(f"velocity_{rate:g}_Hz", velocity, "m/s", meaning=f"{rate:g} Hz"))
+        rows.append(tuple(row))
+    title = f"Largest error against truth in {platform_errors.FLIGHT / 60:g} min of {_MOTION}"
+    note = "position, and velocity; the motion has a closed form, the sensors are without error"
+    return Section("flight_largest_error", title, rows=tuple(rows), note=note, keyed=True)
+
+
+def _day(rest: PlatformComparison, theory: StaticErrors) -> tuple[Section, ...]:
+    records = {"closed form": theory.position, "platform": rest.platform[:, :2], "strapdown": rest.strapdown[:, :2]}
+    largest = (Quantity(name, np.abs(error).max(axis=0), "m") for name, error in records.items())
+    rows = []
+    for k, axis in enumerate(("north", "east")):
+        size = float(np.ptp(theory.position[:, k]))
+        row = [Quantity("error", f"{axis}, peak to peak")]
+        for name, error in records.items():
+            span = float(np.ptp(error[:, k]))
+            mark = "" if name == "closed form" else f"({100.0 * (span / size - 1.0):+.2f} %)"
+            row.append(Quantity(name, span, "m", decimals=0, mark=mark))
+        apart = float(np.abs(rest.platform[:, k] - rest.strapdown[:, k]).max())
+        rows.append((*row, Quantity("apart", apart, "m", meaning="largest difference")))
+    note = "vertical channel off, height held"
+    return (
+        Section("", f"{platform_errors.DAY / 3600:g} h at rest", rows=tuple(rows), note=note),
+        only_json("day_largest_n_e", *largest),
+    )

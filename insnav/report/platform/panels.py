@@ -9,13 +9,13 @@ import numpy as np
 
 from insnav.earth import ned_offset
 from insnav.errors.metrics import TrajectoryErrors
-from insnav.errors.platform_errors import Convergence, PlatformComparison
+from insnav.errors.platform_errors import Convergence, PlatformComparison, PlatformStudy
 from insnav.errors.schuler import StaticErrors
 from insnav.gimbal import INTEGRATORS, Integrator, PlatformRun, integral, torquing_rates
 from insnav.report.colours import AXIS_COLOURS, BLACK, BLUE, GREEN, GREY, ORANGE, VERMILLION
 from insnav.report.panels import Curve, Panel, Shade, Track, over_time
 from insnav.report.series import Clock
-from insnav.types import FloatArray, Trajectory
+from insnav.types import FloatArray
 from insnav.units import DEG, DEG_PER_H
 
 COLOURS: Mapping[Integrator, str] = {"forward": VERMILLION, "backward": ORANGE, "mean": BLUE, "fourth": GREEN}
@@ -25,12 +25,12 @@ _SMALLEST = 1e-9  # of a logarithmic axis [m]: what lies below is rounding
 _HOUR = 3600.0
 
 
-def platform_track(run: PlatformRun, ref: Trajectory | None) -> Track:
+def platform_track(study: PlatformStudy) -> Track:
     """Draw the track of the platform, without its errors and of a reference where there are such, from above."""
-    solution = run.solution
+    solution, ref = study.run.solution, study.reference
     others = [] if ref is None else [("reference", ref, GREY)]
-    if run.undisturbed is not solution:
-        others.append(("without the platform's errors", run.undisturbed, GREEN))
+    if study.errors.any:
+        others.append(("without the platform's errors", study.run.undisturbed, GREEN))
 
     def on_map(lla: FloatArray) -> tuple[FloatArray, FloatArray]:
         north, east, _ = ned_offset(lla, solution.lla[0]).T

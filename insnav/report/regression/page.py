@@ -1,73 +1,152 @@
-"""Plots and pages of the accuracy over versions: PNG, one HTML page, and the section for the README."""
+"""The accuracy of this version against the last: as a page, for the terminal, and as the section for the README."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import asdict, replace
+from itertools import starmap
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from insnav.exceptions import writing
 from insnav.findings import Code, Finding
 from insnav.messages import sentence
 from insnav.output.folder import write_text
 from insnav.quantity import Quantity
-from insnav.regression.accuracy_metrics import BY_KEY, FAILS_FROM
+from insnav.regression.accuracy_metrics import BY_KEY, FAILS_FROM, LIKELY
 from insnav.regression.baseline import Baseline
-from insnav.regression.history import Entry
-from insnav.regression.peers.run_peers import PeerRow
+from insnav.regression.paired_tests import ALPHA, POWER, detectable_apart, interval
+from insnav.regression.peers.run_peers import LATEST, LONGEST, PeerRow
 from insnav.regression.provenance import Origin
-from insnav.regression.published.replicas import Compared, FieldFactor
-from insnav.regression.run_corpus import CaseResult, Result
-from insnav.regression.verdict import Change, Comparison
+from insnav.regression.published.replicas import compare_published, field_factor, read_cases, recorded_ratios
+from insnav.regression.regress import Regression
+from insnav.regression.run_corpus import CaseResult
+from insnav.regression.verdict import CPU_FAILS_FROM, Change, Comparison
 from insnav.report.html import filled, page_html
 from insnav.report.numbers import number
-from insnav.report.page import Page, Section, Verdict, drawn, only_json, section_tables
-from insnav.report.regression import tables
-from insnav.report.regression.matrix import change_matrix, figures_tested, peer_matrix, unclear_changes
-from insnav.report.regression.panels import COLUMNS, growth_panels, history_panels, predicted_panels
+from insnav.report.page import DataFrame, Page, Section, Verdict, drawn, only_json, rows_frame, section_tables
+from insnav.report.regression import panels
 from insnav.report.style import drawing, save
+from insnav.report.terminal import table_text
+from insnav.result import Result
+from insnav.sample_statistics import rms
 
-PAGE, SECTION = "accuracy.html", "accuracy.md"
+PAGE, SECTION, FILE = "accuracy.html", "accuracy.md", "published.md"
 OVER_VERSIONS = ("cep50_m", "down_rms_m", "roll_pitch_rms_deg", "heading_rms_deg", "outage_60s_m", "nees_position")
 _WARNED = 3  # failing figures that are said before the matrix
 _MADE = "Version "  # how the line begins that says with what figures were made
 _IN_SECTION = ("accuracy_cep50_m", "accuracy_growth")
+_PEER_NOTE = (
+    f"RMS over the first {LONGEST:g} s of the first drive of each case (more where the heading needs it), from "
+    f"{LATEST:g} s on at the latest; same samples, fixes, start and sensor figures; gtsam at the fixes alone"
+)
+PEERS = "The same drives by other programs"
+UNDETECTABLE = 10.0  # a change beyond this is no statement
+OVERCONFIDENT = 1.25  # NEES / 3 whose 95 % interval begins above this
+_POWER = {
+    "north_rms_m": "N",
+    "velocity_rms_m_s": "velocity",
+    "heading_rms_deg": "heading",
+    "outage_60s_m": "60 s without GPS",
+    "nees_velocity": "NEES, velocity",
+    "innovation_position_m": "innovations",
+}
+HEADLINES = {
+    "north_rms_m": "N [m]",
+    "east_rms_m": "E [m]",
+    "down_rms_m": "D [m]",
+    "roll_pitch_rms_deg": "tilt [deg]",
+    "heading_rms_deg": "heading [deg]",
+    "outage_60s_m": "60 s without GPS [m]",
+}
+
+# by which figures are compared
+RULES = (
+    Finding.of(Code.REGRESSION_PAIRED),
+    Finding.of(Code.REGRESSION_HOLM, level=ALPHA),
+    Finding.of(Code.REGRESSION_LIMITS, limit=FAILS_FROM, limit_likelihood=LIKELY),
+    Finding.of(Code.REGRESSION_CPU, limit=CPU_FAILS_FROM),
+    Finding.of(Code.REGRESSION_NEES),
+)
 
 
-FILE = "published.md"
+def page(result: Result[Regression]) -> Page:
+    """Lay out the accuracy of this version, and what changed since the baseline."""
+    found = result.found
+    accuracy, baseline, comparison = found.accuracy, found.baseline, found.comparison
+    first = []
+    changes: Sequence[Change] = ()
+    changed: tuple[Section, ...] = ()
+    if comparison is not None and baseline is not None:
+        changes = comparison.changes
+        matrix = panels.change_matrix(accuracy, comparison, baseline, found.history)
+        first.append(Section("", "Change since the baseline, %", matrix=matrix, show="page"))
+        changed = (Section("", "Figures that changed", rows=change_rows([x for x in changes if x.verdict != "same"])),)
+    others = panels.peer_matrix(found.peers)
+    if others is not None:
+        title = "Errors of other programs over those of insnav, one drive each, smoothers over its smoother"
+        first.append(Section("", title, matrix=others, show="page"))
+    origins = {"origin": found.origin, "baseline": None if baseline is None else baseline.origin}
+    figures = tuple(each for section in _drawings(found) for each in section.figures)
+    return Page(
+        "insnav: accuracy over versions",
+        (_where(found.origin),),
+        (
+            *first,
+            case_section(found),
+            *changed,
+            *([replace(peer_section(found.peers), folded=True)] if found.peers else []),
+            only_json(
+                "",
+                *(Quantity(name, None if each is None else asdict(each)) for name, each in origins.items()),
+                Quantity("quick", accuracy.quick),
+                Quantity("passed", None if comparison is None else comparison.passed),
+                Quantity("skipped", _sentences(accuracy.skipped)),
+                Quantity("apart", {} if comparison is None else _sentences(comparison.apart)),
+                Quantity("broken", {} if comparison is None else _sentences(comparison.broken)),
+            ),
+            Section("cases", rows=tuple(starmap(_case, accuracy.cases.items())), show="json", keyed=True),
+            Section("changes", rows=change_rows(changes), show="json"),
+            Section("", "Figures", figures=figures, folded=True),
+        ),
+        (*_warnings(found), *RULES),
+        verdict=_verdict(found),
+        merits=_merits(found),
+    )
 
 
-def write_pages(
-    folder: Path,
-    result: Result,
-    history: Sequence[Entry],
-    baseline: Baseline | None,
-    comparison: Comparison | None,
-    now: Origin,
-    peers: Sequence[PeerRow] = (),
-) -> list[Path]:
-    """Draw everything into a folder.
-
-    `folder`: made if need be; files of the same names are replaced.
-    Raises: OutputError: they cannot be written.
-    """
-    page = regression_page(result, baseline, comparison, now, peers, history)
-    figures = tuple(each for section in _drawings(result, history, baseline) for each in section.figures)
-    with writing("output.file_unwritable", folder), drawing():
-        folder.mkdir(parents=True, exist_ok=True)
-        files = {each.name: save(each.draw(), folder / each.name, "png") for each in figures}
-    shown = replace(page, sections=(*page.sections, Section("", "Figures", figures=figures, folded=True)))
-    write_text(folder / PAGE, page_html(shown, files))
-    chosen = [(each.caption, files[each.name].name) for each in figures if each.name in _IN_SECTION]
-    section = folder / SECTION
-    kept = peers_of(section.read_text(encoding="utf-8")) if section.is_file() else ()
-    write_text(section, markdown(result, comparison, now, peers, chosen, kept))
-    return [*files.values(), folder / PAGE, folder / SECTION]
+def frame(result: Result[Regression]) -> DataFrame:
+    """Give the headline figures of every case as a table, and how many of its figures are better, the same, worse."""
+    return rows_frame(case_section(result.found).rows)
 
 
-def _drawings(result: Result, history: Sequence[Entry], baseline: Baseline | None) -> tuple[Section, ...]:
+def text(result: Result[Regression]) -> str:
+    """Give the accuracy for the terminal: cases, changes, and the verdict."""
+    found = result.found
+    comparison, baseline = found.comparison, found.baseline
+    below = ["", *_text(peer_section(found.peers))] if found.peers else []
+    lines = [*_text(case_section(found)), ""]
+    if comparison is None or baseline is None:
+        return "\n".join([*lines, "there is no baseline to compare with: --update-baseline makes one", *below])
+    for name in ("better", "worse"):
+        chosen = [change for change in comparison.changes if change.verdict == name and not change.fails]
+        lines += [f"{name:<8}{change_text(change)}" for change in chosen]
+    lines += _notes(baseline)
+    lines += [f"apart   {sentence(each)}" for each in comparison.apart.values()]
+    lines += [f"BROKEN  {sentence(each)}" for each in comparison.broken.values()]
+    lines += [f"FAILS   {change_text(change)}" for change in comparison.failing]
+    return "\n".join([*lines, verdict_text(comparison, baseline.origin), *below])
+
+
+def _text(section: Section) -> list[str]:
+    return [line for table in section_tables(section) for line in table_text(table).splitlines()]
+
+
+def _drawings(found: Regression) -> tuple[Section, ...]:
     """Sections of figures: over the versions, error growth, predicted against actual error; empty ones without data."""
+    history, baseline, cases = found.history, found.baseline, found.accuracy.cases
     note = (
         f"with 95 % intervals; grey: the baseline and {100 * FAILS_FROM:g} % about it; crosses: from here on better "
         "(green) or worse (red) than the baseline of its time; breaks: the case had changed"
@@ -76,82 +155,40 @@ def _drawings(result: Result, history: Sequence[Entry], baseline: Baseline | Non
     for key in OVER_VERSIONS if history else ():
         unit = f" [{BY_KEY[key].unit}]" if BY_KEY[key].unit else ""
         title = f"{BY_KEY[key].label}{unit}: {len(history)} versions, {history[-1].origin.version} the last"
-        panels = history_panels(history, baseline, BY_KEY[key])
-        over_versions.append(drawn(f"accuracy_{key}", title, panels, note, columns=COLUMNS))
-    growth = growth_panels(result.cases, baseline)
-    rms = "RMS over all windows of all drives of a case; other aiding (NHC, ZUPT) is used where found"
+        lines = panels.history_panels(history, baseline, BY_KEY[key])
+        over_versions.append(drawn(f"accuracy_{key}", title, lines, note, columns=panels.COLUMNS))
+    growth, title = panels.growth_panels(cases, baseline), "Horizontal error without GPS, now and in the baseline"
+    note = "RMS over all windows of all drives of a case; other aiding (NHC, ZUPT) is used where found"
     points = "points: RMS over the drives of a case in an eighth of their time; above the grey line: over-confident"
     return (
         *over_versions,
-        drawn("accuracy_growth", "Horizontal error without GPS, now and in the baseline", growth, rms, columns=COLUMNS),
+        drawn(
+            "accuracy_growth",
+            "Horizontal error without GPS, now and in the baseline",
+            growth,
+            note,
+            columns=panels.COLUMNS,
+        ),
         drawn(
             "accuracy_predicted",
             "Actual error against predicted standard deviation",
-            predicted_panels(result.cases),
+            panels.predicted_panels(cases),
             points,
             columns=3,
         ),
     )
 
 
-def regression_page(
-    result: Result,
-    baseline: Baseline | None,
-    comparison: Comparison | None,
-    now: Origin,
-    peers: Sequence[PeerRow] = (),
-    history: Sequence[Entry] = (),
-) -> Page:
-    """Report the accuracy of this version, and what changed since the baseline."""
-    first = []
-    changes: Sequence[Change] = ()
-    changed: tuple[Section, ...] = ()
-    if comparison is not None and baseline is not None:
-        changes = comparison.changes
-        matrix = change_matrix(result, comparison, baseline, history)
-        first.append(Section("", "Change since the baseline, %", matrix=matrix, show="page"))
-        rows = tables.change_rows([change for change in changes if change.verdict != "same"])
-        changed = (Section("", "Figures that changed", rows=rows),)
-    others = peer_matrix(peers)
-    if others is not None:
-        title = "Errors of other programs over those of insnav, one drive each, smoothers over its smoother"
-        first.append(Section("", title, matrix=others, show="page"))
-    return Page(
-        "insnav: accuracy over versions",
-        (_where(now),),
-        (
-            *first,
-            tables.case_section(result, comparison),
-            *changed,
-            *([replace(tables.peer_section(peers), folded=True)] if peers else []),
-            only_json(
-                "",
-                Quantity("quick", result.quick),
-                Quantity("passed", None if comparison is None else comparison.passed),
-                Quantity("skipped", _sentences(result.skipped)),
-                Quantity("apart", {} if comparison is None else _sentences(comparison.apart)),
-                Quantity("broken", {} if comparison is None else _sentences(comparison.broken)),
-            ),
-            Section(
-                "cases", rows=tuple(_case(name, case) for name, case in result.cases.items()), show="json", keyed=True
-            ),
-            Section("changes", rows=tables.change_rows(changes), show="json"),
-        ),
-        (*_warnings(result, comparison), *tables.RULES),
-        verdict=_verdict(comparison, baseline),
-        merits=_merits(result, comparison),
-    )
-
-
-def _warnings(result: Result, comparison: Comparison | None) -> Iterator[Finding]:
+def _warnings(found: Regression) -> Iterator[Finding]:
     """Give what fails, first the changes, and what was not compared."""
+    comparison = found.comparison
     if comparison is not None:
         yield from map(_failing, comparison.failing[:_WARNED])
         more = len(comparison.failing) - _WARNED
         if more > 0:
             yield Finding.of(Code.REGRESSION_MORE_FAIL, count=more)
         yield from (*comparison.broken.values(), *comparison.apart.values())
-    yield from result.skipped.values()
+    yield from found.accuracy.skipped.values()
 
 
 def _failing(change: Change) -> Finding:
@@ -165,14 +202,14 @@ def _sentences(findings: Mapping[str, Finding]) -> dict[str, str]:
     return {name: sentence(each) for name, each in findings.items()}
 
 
-def _verdict(comparison: Comparison | None, baseline: Baseline | None) -> Verdict:
+def _verdict(found: Regression) -> Verdict:
     """Whether this version is as good as the baseline, as far as the corpus can tell."""
+    comparison, baseline = found.comparison, found.baseline
     if comparison is None or baseline is None:
         return Verdict("unknown", "there is no baseline", "Nothing to compare with: --update-baseline makes one.")
-    text = tables.verdict_text(comparison, baseline.origin)
-    outcome = (
-        f"{text[0].upper()}{text[1:]}; of {unclear_changes(comparison)} it cannot be told whether they changed by 5 %."
-    )
+    text = verdict_text(comparison, baseline.origin)
+    unclear = panels.unclear_changes(comparison)
+    outcome = f"{text[0].upper()}{text[1:]}; of {unclear} it cannot be told whether they changed by 5 %."
     if not comparison.passed:
         return Verdict("bad", f"{len(comparison.failing) + len(comparison.broken)} figures or cases fail", outcome)
     if comparison.apart:
@@ -180,17 +217,27 @@ def _verdict(comparison: Comparison | None, baseline: Baseline | None) -> Verdic
     return Verdict("good", "no figure is worse by 5 % or more beyond chance", outcome)
 
 
-def _merits(result: Result, comparison: Comparison | None) -> tuple[Quantity, ...]:
+def verdict_text(comparison: Comparison, then: Origin) -> str:
+    """Sum up a comparison in a sentence."""
+    tested = [change for change in comparison.changes if change.metric.kind != "cpu"]
+    better, worse = (sum(change.verdict == name for change in comparison.changes) for name in ("better", "worse"))
+    which = f"version {then.version} ({then.commit or 'no commit'}, {then.date})"
+    outcome = "passed" if comparison.passed else f"FAILED: {len(comparison.failing) + len(comparison.broken)}"
+    return f"{outcome}: {better} better, {worse} worse of {len(tested)} figures against {which}"
+
+
+def _merits(found: Regression) -> tuple[Quantity, ...]:
     """How many cases, figures, changes."""
+    cases, comparison = Quantity("cases", len(found.accuracy.cases)), found.comparison
     if comparison is None:
-        return (Quantity("cases", len(result.cases)),)
+        return (cases,)
     verdicts = [change.verdict for change in comparison.changes]
     return (
-        Quantity("cases", len(result.cases)),
-        Quantity("figures", figures_tested(comparison), meaning="figures compared"),
+        cases,
+        Quantity("figures", panels.figures_tested(comparison), meaning="figures compared"),
         *(Quantity(name, verdicts.count(name)) for name in ("better", "worse")),
         Quantity("failing", len(comparison.failing) + len(comparison.broken), meaning="fail"),
-        Quantity("unclear", unclear_changes(comparison), meaning="cannot be told"),
+        Quantity("unclear", panels.unclear_changes(comparison), meaning="cannot be told"),
     )
 
 
@@ -203,22 +250,143 @@ def _case(name: str, case: CaseResult) -> tuple[Quantity, ...]:
     )
 
 
-def markdown(
-    result: Result,
-    comparison: Comparison | None,
-    now: Origin,
-    peers: Sequence[PeerRow],
-    pictures: Sequence[tuple[str, str]],
-    kept: Sequence[str] = (),
-) -> str:
+def case_section(found: Regression) -> Section:
+    """One row a case: headline figures, and how many figures are better, the same, worse."""
+    rows, changes = [], found.comparison.changes if found.comparison else ()
+    for name, case in found.accuracy.cases.items():
+        values = case.measured.values
+        cells = (
+            Quantity(key, rms(values[key]) if key in values else None, meaning=label)
+            for key, label in HEADLINES.items()
+        )
+        verdicts = [change.verdict for change in changes if change.case == name]
+        counts = (Quantity(each, verdicts.count(each) if verdicts else None) for each in ("better", "same", "worse"))
+        rows.append((Quantity("case", name), *cells, *counts))
+    note = (
+        "RMS over all drives (seeds) of a case, all pieces or outages of a recorded drive, as in the plots; whether a "
+        "figure has changed is tested by logarithms, so that one bad drive does not decide it"
+    )
+    return Section("", "Accuracy, and figures that changed", rows=tuple(rows), note=note)
+
+
+def change_text(change: Change) -> str:
+    """Say one change in a line, with its size and significance."""
+    if change.metric.kind == "cpu":
+        return f"{panels.change_head(change)} ({change.shift.change + 1.0:.1f} times)"
+    return f"{panels.change_head(change)} ({100.0 * change.shift.change:+.1f} %, p {change.adjusted:.1g})"
+
+
+def change_rows(changes: Sequence[Change]) -> tuple[tuple[Quantity, ...], ...]:
+    """One row a change."""
+    return tuple(
+        (
+            Quantity("case", change.case),
+            Quantity("metric", change.metric.key),
+            Quantity("old", change.old),
+            Quantity("new", change.new),
+            Quantity("change", change.shift.change),
+            Quantity("p", change.adjusted, meaning="p, corrected", digits=1),
+            Quantity("verdict", change.verdict),
+            Quantity("fails", change.fails),
+        )
+        for change in changes
+    )
+
+
+def peer_section(peers: Sequence[PeerRow]) -> Section:
+    """Other programs on the same drives, in one table."""
+    rows = tuple(
+        (
+            Quantity("case", row.case),
+            Quantity("program", row.program),
+            *(Quantity(axis, value, "m") for axis, value in zip("NED", row.rms, strict=True)),
+            Quantity("tilt", row.attitude_deg[0], meaning="tilt [deg]"),  # already in degrees
+            Quantity("heading", row.attitude_deg[1], meaning="heading [deg]"),
+            Quantity("cpu", row.cpu_us, "us", meaning="CPU a sample"),
+            Quantity("remark", row.remark),
+        )
+        for row in peers
+    )
+    return Section("", PEERS, rows=rows, note=_PEER_NOTE)
+
+
+def power_section(baseline: Baseline) -> Section:
+    """Smallest change of each figure that is found in `POWER` of all cases, by the scatter of the drives."""
+    tests = sum(key != "cpu_ratio" for case in baseline.cases.values() for key in case.measured.values)
+    rows = []
+    for name, case in baseline.cases.items():
+        for key, values in case.measured.values.items():
+            if key == "cpu_ratio" or key not in BY_KEY:
+                continue
+            known = values[np.isfinite(values)]
+            least = detectable_apart(known, BY_KEY[key], pieces=case.pieces, tests=tests)
+            row = Quantity("case", name), Quantity("metric", key, meaning=BY_KEY[key].label)
+            drives = Quantity("drives", known.size, meaning="pieces" if case.pieces else "drives")
+            rows.append((*row, drives, Quantity("detectable", least if least <= UNDETECTABLE else None, "%")))
+    return Section(
+        "power",
+        f"Smallest change of each figure that is found in {100 * POWER:g} % of all cases",
+        rows=tuple(rows),
+        note="by the scatter of the drives, as if both versions erred independently on them: an upper limit, as the "
+        f"same seeds make most errors alike; –: more than tenfold; level {ALPHA:g} over all figures together",
+    )
+
+
+def power_lines(baseline: Baseline) -> list[str]:
+    """The power of every case in a few columns, and where the baseline itself is over-confident."""
+    section = power_section(baseline)
+    found: dict[str, dict[str, Any]] = {}
+    for case, metric, _, least in section.rows:
+        found.setdefault(str(case.value), {})[str(metric.value)] = least.value
+    rows = tuple(
+        (
+            Quantity("case", name),
+            *(Quantity(key, values.get(key), "%", meaning=label) for key, label in _POWER.items()),
+        )
+        for name, values in found.items()
+    )
+    return [*_text(replace(section, rows=rows)), "", *_notes(baseline)]
+
+
+def overconfident(baseline: Baseline) -> Iterator[Finding]:
+    """Give the cases of the baseline whose errors exceed what it states: what is compared with them is no standard."""
+    for name, case in baseline.cases.items():
+        for key in ("nees_position", "nees_velocity", "nees_attitude"):
+            if key not in case.measured.values:
+                continue
+            middle, low, _ = interval(case.measured.values[key], BY_KEY[key], pieces=case.pieces)
+            if low > OVERCONFIDENT:
+                over, label = Code.REGRESSION_OVERCONFIDENT, BY_KEY[key].label
+                yield Finding.of(over, subject=name, nees=middle, low=low, limit=OVERCONFIDENT, metric=label)
+
+
+def _notes(baseline: Baseline) -> list[str]:
+    return [f"note    {sentence(each)}" for each in overconfident(baseline)]
+
+
+def write_pages(folder: Path, result: Result[Regression]) -> list[Path]:
+    """Draw everything into a folder; files of the same names are replaced."""
+    shown = page(result)
+    with writing("output.file_unwritable", folder), drawing():
+        folder.mkdir(parents=True, exist_ok=True)
+        files = {each.name: save(each.draw(), folder / each.name, "png") for each in shown.figures}
+    write_text(folder / PAGE, page_html(shown, files))
+    chosen = [(each.caption, files[each.name].name) for each in shown.figures if each.name in _IN_SECTION]
+    section = folder / SECTION
+    kept = peers_of(section.read_text(encoding="utf-8")) if section.is_file() else ()
+    write_text(section, markdown(result.found, chosen, kept))
+    return [*files.values(), folder / PAGE, folder / SECTION]
+
+
+def markdown(found: Regression, pictures: Sequence[tuple[str, str]], kept: Sequence[str] = ()) -> str:
     """Write the section for the README: plots and tables in Markdown; `kept`: other programs if none were run now."""
-    made = _where(now)
+    made = _where(found.origin)
     lines = ["# Accuracy on the corpus", "", made, ""]
     for caption, name in pictures:
         lines += [f"![{caption}]({name})", ""]
-    lines += _table(tables.case_section(result, comparison))
-    lines += _table(tables.peer_section(peers), made) if peers else kept
-    return "\n".join([*lines, *(f"- {sentence(rule)}" for rule in tables.RULES), ""])
+    lines += _table(case_section(found))
+    lines += _table(peer_section(found.peers), made) if found.peers else kept
+    return "\n".join([*lines, *(f"- {sentence(rule)}" for rule in RULES), ""])
 
 
 def _table(section: Section, made: str = "") -> list[str]:
@@ -231,7 +399,7 @@ def _table(section: Section, made: str = "") -> list[str]:
 def peers_of(text: str) -> list[str]:
     """Lines about other programs as they stand in such a section, with the version they are of."""
     lines = text.splitlines()
-    head = f"## {tables.PEERS}"
+    head = f"## {PEERS}"
     if head not in lines:
         return []
     below = lines[lines.index(head) + 1 :]
@@ -246,12 +414,17 @@ def _where(now: Origin) -> str:
     return f"{_MADE}{now.version}{commit}, {now.date}, {now.computer}; made by `insnav regress --plot`."
 
 
-def write_published(folder: Path, compared: Sequence[Compared], field: FieldFactor, now: Origin) -> Path:
-    """Write the table into a folder."""
+def write_published(
+    folder: Path, found: Regression, recorded: Collection[str], progress: Callable[[float], None]
+) -> Path:
+    """Simulate published outage tests, and write them with the factor between them and the cases `recorded`."""
+    compared = compare_published(read_cases(), progress=progress)
+    cases = {} if found.baseline is None else dict(found.baseline.cases)
+    cases |= {name: case for name, case in found.accuracy.cases.items() if case.measured.values}
+    growth = {name: case.measured.growth for name, case in cases.items() if name in recorded}
+    field = field_factor(compared, recorded_ratios(growth))
     missing = sorted({f"{each.case.imu}: {', '.join(each.missing)}" for each in compared if each.missing})
     places = sorted({f"{each.case.source.split(',')[0]}: {each.case.where}" for each in compared})
     lists = {"compared": compared, "missing": missing, "places": places}
-    path = folder / FILE
-    text = filled("published.md.j2", field=field, now=now, number=number, **lists)
-    write_text(path, text)
-    return path
+    write_text(folder / FILE, filled("published.md.j2", field=field, now=found.origin, number=number, **lists))
+    return folder / FILE

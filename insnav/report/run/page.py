@@ -12,7 +12,7 @@ import numpy as np
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import TrajectoryErrors
 from insnav.exceptions import InputError
-from insnav.findings import OF_RESULTS, Code, Finding, Severity, is_shown
+from insnav.findings import OF_RESULTS, Code, Finding, Severity, by_time, is_shown
 from insnav.imu.imu_file import to_toml
 from insnav.output import solution_tables
 from insnav.output.data_files import write_table
@@ -158,7 +158,7 @@ def frame(result: Result[EvaluatedRun]) -> DataFrame:
     return result.found.run.solution.to_frame()
 
 
-def read_found(folder: Path) -> EvaluatedRun:
+def read_found(folder: Path, findings: Sequence[Finding]) -> EvaluatedRun:
     """Read a run from its folder; covariances between filter epochs and the short-duration windows are not kept.
 
     Raises: InputError: a table is missing or damaged.
@@ -182,7 +182,7 @@ def read_found(folder: Path) -> EvaluatedRun:
         solution_tables.read_solution(folder),
         solution_tables.read_run_table(folder, Innovations),
         sensor_errors,
-        _events(folder, facts),
+        by_time(filter(_is_event, findings)),
         alignment,
         epochs,
         fixes["delay_s"],
@@ -201,11 +201,10 @@ def read_found(folder: Path) -> EvaluatedRun:
     return EvaluatedRun(run, gps, errors, smoothed_errors, backdrop=backdrop)
 
 
-def _events(folder: Path, facts: Mapping[str, Any]) -> tuple[Finding, ...]:
-    """Events of a run: all that have a time, and warnings that have none, such as those of a reference."""
-    stored = [each for each in map(Finding.from_dict, facts.get("findings", ())) if each.get("text") is None]
-    untimed = (each for each in stored if each.severity >= Severity.WARNING and not each.timed)
-    return tuple(each for each in (*untimed, *solution_tables.read_events(folder)) if each.code not in OF_RESULTS)
+def _is_event(finding: Finding) -> bool:
+    """Whether it is an event of a run: it has a time, or is a warning without one, such as that of a reference."""
+    known = finding.severity >= Severity.WARNING and finding.get("text") is None
+    return finding.code not in OF_RESULTS and (finding.timed or known)
 
 
 def _alignment(facts: Mapping[str, Any]) -> Alignment:

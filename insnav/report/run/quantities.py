@@ -13,6 +13,7 @@ from insnav.errors.metrics import MOVING_M_S, TrajectoryErrors, accuracy_by_moti
 from insnav.errors.reference_offset import ReferenceOffset
 from insnav.filter.noise_estimate import NoiseEstimate
 from insnav.findings import Code, of_code
+from insnav.fleet.tuning import Tuned
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.page import Section, one_each, only_json
 from insnav.sample_statistics import rms, rms_length
@@ -81,7 +82,7 @@ def _only(key: str, value: Any, note: str = "", show: Any = "json") -> Section:
     return Section("", key.capitalize(), (Quantity(key, value),), note=note, show=show)
 
 
-def noise_section(found: NoiseEstimate) -> Section:
+def noise_section(found: NoiseEstimate | Tuned) -> Section:
     """Give the noise of IMU and fixes as found in innovations."""
     items = []
     for figure in found.figures:

@@ -306,7 +306,7 @@ def _replica(apart: Residual) -> Section:
         Quantity("max_acceleration_time", apart.acceleration_time, "s", meaning="at", decimals=1),
         Quantity("longest_gap", apart.gap, "s", meaning="longest data gap of the track"),
     )
-    parts = (only_json("", Quantity("doubts", tuple(map(sentence, apart.doubts)))),)
+    parts = (only_json("", Quantity("doubts", tuple(sentence(each, "en") for each in apart.doubts))),)
     return Section("replica", "Simulated replica minus its track", items, parts=parts)
 
 

@@ -12,23 +12,20 @@ from typing import Any
 import numpy as np
 
 from insnav.findings import Finding, Severity
-from insnav.fleet.batch import DRIVES, Navigated
+from insnav.fleet.batch import DRIVES, FILES, Navigated
 from insnav.messages import render
-from insnav.output.folder import RunFolder
 from insnav.plain_text import cell_text
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.colours import BLUE, GREEN, VERMILLION
-from insnav.report.page import LIGHTS, Light, Page, Section, Verdict, one_each
+from insnav.report.page import LIGHTS, DataFrame, Light, Page, Section, Verdict, one_each, rows_frame
 from insnav.report.panels import Curve, Panel
-from insnav.report.run_json import versions
-from insnav.report.save import write_page
+from insnav.result import Result
 from insnav.types import FloatArray
 
 OUTLIER, FEWEST = 3.5, 8  # modified z-score beyond which a drive is one, and drives that make a median
 _LEAST = 0.1  # relative scatter of a fleet below which nothing stands out
 _ORDER = ("failed", "bad", "attention", "unknown", "good")
 _LABELS = {"failed": "failed", **{str(light): text for light, text in LIGHTS.items()}}
-_FILES = ("report.html", "fleet.csv", "run.json")
 # key, where it is in ``run.json``, unit of the table, label
 _FIGURES = (
     ("duration", ("solution", "duration_s"), "s", ""),
@@ -181,8 +178,9 @@ def _mean(values: list[Quantity]) -> Quantity:
     return Quantity(values[0].key, float(np.exp(mean)), values[0].unit, interval=interval)
 
 
-def fleet_page(rows: Sequence[Row], left_out: Sequence[Finding]) -> Page:
-    """Report a fleet; `left_out`: files that are no recordings, and why."""
+def page(result: Result[tuple[Navigated, ...]]) -> Page:
+    """Lay out a fleet."""
+    rows = rows_of(result.found)
     total = len(rows)
     count = {light: sum(row.light == light for row in rows) for light in _ORDER}
     out = max((row for row in rows if row.stands_out), key=lambda row: row.score, default=None)
@@ -197,7 +195,7 @@ def fleet_page(rows: Sequence[Row], left_out: Sequence[Finding]) -> Page:
         some = f"results of {count['attention']} of {total} drives need attention"
         reason = some if count["attention"] or out is None else f"{out.drive.name} stands out"
     kept = sum(row.drive.kept for row in rows)
-    why = ("exit_code", "what", "where", "why", "fix")
+    why = ("exit_code", "code", "what", "where", "why", "fix")
     failed = [(row.drive.name, row.drive.failed) for row in rows if row.drive.failed is not None]
     failures = tuple(
         (Quantity("drive", name), *(Quantity(key, getattr(each, key)) for key in why)) for name, each in failed
@@ -217,7 +215,7 @@ def fleet_page(rows: Sequence[Row], left_out: Sequence[Finding]) -> Page:
             Section("failures", "Drives that failed", rows=failures, show="page"),
             one_each("vehicles", "Noise found in each vehicle", vehicle_noise(rows), "vehicle", noise),
         ),
-        findings=tuple(left_out),
+        findings=result.findings,
         verdict=Verdict(light, reason, outcome),
         merits=(
             Quantity("drives", total),
@@ -249,24 +247,26 @@ def _panels(rows: Sequence[Row]) -> tuple[Panel, ...]:
     return (panel,) if curves[1:] else ()
 
 
-def write_fleet(
-    folder: Path, drives: Sequence[Navigated], left_out: Sequence[Finding], options: Mapping[str, Any]
-) -> Page:
-    """Write page, table and ``run.json`` of a fleet beside its drives, each complete or as it was."""
-    rows = rows_of(drives)
-    page = fleet_page(rows, left_out)
-    table = [_csv_row(row) for row in rows]
-    text = io.StringIO()
+def texts(result: Result[tuple[Navigated, ...]]) -> dict[str, str]:
+    """Give the table of the drives as the text of a file."""
+    table, text = [_csv_row(row) for row in rows_of(result.found)], io.StringIO()
     writer = csv.DictWriter(text, list(dict.fromkeys(name for row in table for name in row)), lineterminator="\n")
     writer.writeheader()
     writer.writerows(table)
-    metadata = {"kind": "fleet", "versions": versions(), "configuration": options}
-    with RunFolder(folder / ".summary", force=True) as place:
-        made = write_page(place, page, metadata, {"fleet.csv": text.getvalue()})
-    for name in _FILES:  # the last says that they are complete
+    return {"fleet.csv": text.getvalue()}
+
+
+def frame(result: Result[tuple[Navigated, ...]]) -> DataFrame:
+    """Give the drives as a table, those that failed and outliers first."""
+    return rows_frame(map(Row.quantities, rows_of(result.found)))
+
+
+def write_fleet(folder: Path, result: Result[tuple[Navigated, ...]]) -> None:
+    """Write page, table and ``run.json`` of a fleet beside its drives, each complete or as it was."""
+    made = result.save(folder / ".summary", force=True)
+    for name in FILES:  # the last says that they are complete
         (made / name).replace(folder / name)
     made.rmdir()
-    return page
 
 
 def _csv_row(row: Row) -> dict[str, Any]:

@@ -1,0 +1,119 @@
+"""Noise of one IMU from several of its drives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeAlias, Unpack
+
+from insnav.exceptions import ConfigError, InputError
+from insnav.filter.innovation_likelihood import InnovationLikelihood
+from insnav.filter.noise_estimate import NoiseEstimate, NoiseFigure
+from insnav.filter.noise_search import FEWEST, identify, unlike
+from insnav.findings import Code, Finding
+from insnav.fleet.recordings import find_drives
+from insnav.imu.specification import ImuSpec
+from insnav.result import Result
+from insnav.session.drive import Drive, load
+from insnav.steps.checked_inputs import options_of
+from insnav.steps.given import better_kinds
+from insnav.steps.inputs import Inputs
+
+Files: TypeAlias = tuple[Path, Path | None]  # IMU and GPS file of a drive; None for a log of both
+
+
+@dataclass(frozen=True, slots=True)
+class Tuned:
+    """Noise of one IMU, from several of its drives."""
+
+    spec: ImuSpec
+    figures: tuple[NoiseFigure, ...]
+    gain: float  # log-likelihood gained over the prior's figures
+    # mean square of the normalised innovations with the figures before and with those found [-]
+    mean_before: float
+    mean_after: float
+    drives: int  # how many
+    prior: ImuSpec  # of the first drive
+    prior_chosen: Finding  # how the prior was chosen
+
+
+def tune(*drives: str | Path | Files, gps: str | Path | None = None, **inputs: Unpack[Inputs]) -> Result[Tuned]:
+    """Estimate the noise of one IMU from its drives, by the likelihood of all their innovations together.
+
+    Parameters
+    ----------
+    *drives : path or (Path, Path or None)
+        Folders of recordings, each of which may hold several drives; one IMU file; or IMU and GPS file of each drive.
+    gps : path, optional
+        GPS fixes of the one IMU file; by default those in it.
+    **inputs
+        As for `insnav.load`, the same for all drives. ``imu_model`` is the prior, by default that of the first drive.
+
+    Returns
+    -------
+    Result of Tuned
+        The IMU error specification is ``found.spec``. The result has a warning for each noise figure that
+        differs from drive to drive.
+
+    Raises
+    ------
+    ConfigError
+        `gps` is given with several drives.
+    InputError
+        Files are missing, or a drive is too short.
+    """
+    if gps is not None and len(drives) > 1:
+        raise ConfigError("tune.fixes_of_several_drives", where="--gps", count=len(drives))
+    recordings = [files for each in drives for files in _files(each, None if gps is None else Path(gps))]
+    noise, loaded, different = _of_recordings(recordings, inputs)
+    facts = {f"{name} {i}": facts for i, drive in enumerate(loaded, 1) for name, facts in drive.recording.facts.items()}
+    figures = noise.figures, noise.gain, noise.mean_before, noise.mean_after
+    found = Tuned(noise.spec, *figures, len(loaded), loaded[0].imu_spec, loaded[0].imu_chosen)
+    names = [str(each[0]) for each in recordings]
+    return Result("tune", found, facts, options_of(inputs, drives=names), findings=different)
+
+
+def _files(drive: str | Path | Files, gps: Path | None) -> Iterator[Files]:
+    """Files of the drives of a folder, or of one drive."""
+    if isinstance(drive, tuple):
+        yield drive
+    elif Path(drive).is_file():
+        yield Path(drive), gps
+    else:
+        yield from (each.files() for each in find_drives(Path(drive), None, 1)[0])
+
+
+def _of_recordings(
+    recordings: Sequence[Files], inputs: Inputs
+) -> tuple[NoiseEstimate, list[Drive], tuple[Finding, ...]]:
+    """Give the noise, the drives, and a warning for each figure by which drives are of different IMUs."""
+    drives: list[Drive] = []
+    likelihoods: list[InnovationLikelihood] = []
+    for imu, gps in recordings:
+        given: Inputs = {**inputs, "noise": "estimate"}
+        if drives:
+            given["imu_model"] = drives[0].imu_spec
+        drive = load(imu, gps, **given)
+        if drive.fixes is None:
+            raise InputError("tune.no_fixes", where=str(imu))
+        one = InnovationLikelihood(drive.until("align").ready, drive.imu_spec)
+        if one.fixes < FEWEST:
+            raise InputError("tune.short_drive", where=str(imu), count=one.fixes, limit=FEWEST)
+        drives.append(drive)
+        likelihoods.append(one)
+    if len({tuple(each.key for each in one.parameters) for one in likelihoods}) > 1:
+        raise InputError("tune.mixed_velocities")
+    found = identify(likelihoods, better_kinds(inputs, drives[0].imu_spec))
+    name = f"{drives[0].imu_spec.name}, from {len(drives)} drives" if len(drives) > 1 else found.spec.name
+    different = unlike(likelihoods, found) if len(drives) > 1 else []
+    files = [str(Path(*imu.parts[-2:])) for imu, _ in recordings]
+    warnings = tuple(_different_drives(figures, files) for figures in different)
+    return replace(found, spec=replace(found.spec, name=name)), drives, warnings
+
+
+def _different_drives(figures: Sequence[NoiseFigure], files: Sequence[str]) -> Finding:
+    """Report a figure of one IMU that differs from drive to drive; `files`: of the drives."""
+    low, high = (end(range(len(figures)), key=lambda drive: figures[drive].value) for end in (min, max))
+    ratio = figures[high].value / figures[low].value
+    return Finding.of(Code.TUNE_DRIVES_DIFFER, subject=figures[low].key, ratio=ratio, high=files[high], low=files[low])

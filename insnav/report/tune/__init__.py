@@ -1,0 +1,1 @@
+"""The report of the noise of an IMU from its drives."""

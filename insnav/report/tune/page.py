@@ -1,0 +1,37 @@
+"""The noise of an IMU from its drives, as a page."""
+
+from __future__ import annotations
+
+from insnav.fleet.tuning import Tuned
+from insnav.imu.imu_file import to_toml
+from insnav.quantity import Quantity
+from insnav.report.page import DataFrame, Page, rows_frame
+from insnav.report.run.quantities import noise_section
+from insnav.result import Result
+from insnav.units import UNITS
+
+
+def page(result: Result[Tuned]) -> Page:
+    """Lay out the noise of an IMU."""
+    found = result.found
+    summary = f"The log-likelihood is {found.gain:.0f} above that of the prior; drives: {found.drives}."
+    return Page(f"Noise of an IMU: {found.spec.name}", (summary,), (noise_section(found),))
+
+
+def texts(result: Result[Tuned]) -> dict[str, str]:
+    """Give the IMU error specification as the text of a file."""
+    return {"imu.toml": to_toml(result.found.spec)}
+
+
+def frame(result: Result[Tuned]) -> DataFrame:
+    """Give the noise figures as a table, one row a figure, with its prior and the interval of 95 %."""
+    sizes = ((each, UNITS[each.unit][1] if each.unit else 1.0) for each in result.found.figures)
+    return rows_frame(
+        (
+            Quantity("figure", each.key),
+            Quantity("unit", each.unit),
+            *(Quantity(name, getattr(each, name) / size) for name in ("prior", "value", "low", "high")),
+            Quantity("observable", each.observable),
+        )
+        for each, size in sizes
+    )
