@@ -55,8 +55,8 @@ def _shift(name: str, seconds: float) -> None:
 
 
 SPOILED = {
-    "IMU file empty": (lambda: Path("imu.csv").write_text(""), ("the file is empty", "imu.csv")),
-    "GPS file empty": (lambda: Path("gps.csv").write_text(""), ("the file is empty", "gps.csv")),
+    "IMU file empty": (lambda: Path("imu.csv").write_text(""), ("format.empty", "imu.csv")),
+    "GPS file empty": (lambda: Path("gps.csv").write_text(""), ("format.empty", "gps.csv")),
     "IMU header only": (lambda: _lines("imu.csv", lambda lines: lines[:1]), ("imu.csv", "why:")),
     "GPS header only": (lambda: _lines("gps.csv", lambda lines: lines[:1]), ("gps.csv", "why:")),
     "IMU column missing": (
@@ -69,7 +69,7 @@ SPOILED = {
     ),
     "binary": (
         lambda: Path("imu.csv").write_bytes(b"\x7fELF\x02\x01\x01" + bytes(range(256)) * 20),
-        ("looks like", "imu.csv"),
+        ("format.unknown", "imu.csv"),
     ),
     "text in a number": (lambda: _cell("imu.csv", 500, 2, "abc"), ("imu.csv:501:gyro_y_rad_s", "abc")),
     "files of different days": (
@@ -93,7 +93,7 @@ def test_a_spoiled_file_is_refused_with_exit_code_3(drive: Path, cli: Cli, what:
 
 
 def test_a_missing_file_is_named_with_its_likely_name(drive: Path, cli: Cli):
-    refused(cli("run", "imu.csv", "--gps", "gsp.csv"), 3, "there is no such file", "gsp.csv", "did you mean gps.csv?")
+    refused(cli("run", "imu.csv", "--gps", "gsp.csv"), 3, "format.no_file", "gsp.csv", "gps.csv")
 
 
 def test_a_position_file_given_as_imu_is_recognised(drive: Path, cli: Cli):

@@ -154,7 +154,7 @@ def test_the_demonstration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli:
             3,
             ("platform.heights_do_not_cover",),
         ),
-        (("none.csv", *START), 3, ("no such file",)),
+        (("none.csv", *START), 3, ("format.no_file",)),
         (("level.csv", *START, "--vertical", "free"), 3, ("platform.no_vertical_axis",)),
         (("fw.csv", *START, "--sample-rate", "0"), 2, ("platform.bad_rate", "--sample-rate")),
         (("fw.csv", *START, "--sample-rate", "20"), 2, ("times of its own",)),

@@ -34,7 +34,7 @@ from tests.refusals import refused
 
 def test_f8_a_stream_that_does_not_end(monkeypatch):
     monkeypatch.setattr(source, "_MAX_STREAM", 1 << 16)
-    with pytest.raises(InputError, match="does not end"):
+    with refused(InputError, "format.endless_stream"):
         source.open_source("/dev/zero")
 
     class Endless(io.RawIOBase):
@@ -49,7 +49,7 @@ def test_f8_a_stream_that_does_not_end(monkeypatch):
             return len(buffer)
 
     endless = Endless()
-    with pytest.raises(InputError, match="does not end"):
+    with refused(InputError, "format.endless_stream"):
         source._stream(io.BufferedReader(endless), "standard input")
     assert endless.taken < 1 << 20
 
@@ -58,13 +58,13 @@ def test_f8_ten_gigabytes_of_nothing(tmp_path: Path):
     with (tmp_path / "imu.csv").open("wb") as file:
         file.truncate(10 << 30)
     begin = time.process_time()
-    with pytest.raises(InputError, match="no content"):
+    with refused(InputError, "format.begins_with_zeros"):
         source.open_source(tmp_path / "imu.csv")
-    refused = time.process_time()
+    ended = time.process_time()
     with (tmp_path / "imu.csv").open("rb") as file:
         for _ in range(256):
             file.read(1 << 20)
-    assert refused - begin < time.process_time() - refused  # less than reading a fortieth of it takes
+    assert ended - begin < time.process_time() - ended  # less than reading a fortieth of it takes
 
 
 def test_f9_a_parquet_file_that_is_mostly_nothing(tmp_path: Path):
@@ -75,7 +75,7 @@ def test_f9_a_parquet_file_that_is_mostly_nothing(tmp_path: Path):
     table = pa.table({name: pa.array(np.zeros(rows)) for name in ("time_s", "gyro_x_rad_s", "a", "b", "c")})
     parquet.write_table(table, tmp_path / "bomb.parquet", compression="zstd")
     assert (tmp_path / "bomb.parquet").stat().st_size < 1 << 20
-    with pytest.raises(InputError, match="more than is sensible"):
+    with refused(InputError, "format.parquet_bomb"):
         open_table(tmp_path / "bomb.parquet").cells.read(range(5))
 
 
@@ -92,7 +92,7 @@ from insnav.input import read_imu
 try:
     read_imu(sys.argv[1])
 except InputError as error:
-    print(int(re.search(r"VmHWM:\\s+(\\d+)", open("/proc/self/status").read())[1]) // 1024, error.what)
+    print(int(re.search(r"VmHWM:\\s+(\\d+)", open("/proc/self/status").read())[1]) // 1024, error.code)
 """
 
 
@@ -109,7 +109,7 @@ def test_f9_a_compressed_file_that_is_mostly_nothing(bars, tmp_path: Path, name:
     assert path.stat().st_size < 2 << 20  # 143 MB in 1 MB
     done = subprocess.run([sys.executable, "-c", _PEAK, str(path)], capture_output=True, text=True, check=True)
     resident, said = done.stdout.split(" ", 1)
-    assert "more than is sensible" in said
+    assert said.strip() == ("format.zip_bomb" if name.endswith("zip") else "format.compressed_bomb")
     assert int(resident) < bars["F9"]["resident_mb"]
 
 

@@ -376,7 +376,7 @@ REFUSED: dict[str, tuple[Callable[[Path], object], str, dict[str, object] | None
     ),
     "ambiguous date": (
         _csv(time=lambda t: [f"08/07/2025 {each}" for each in iso("%H:%M:%S.%f")(t)]),
-        "year-month-day",
+        "format.ambiguous_dates",
         None,
     ),
     "no times": (lambda folder: table(folder / "imu.csv", samples(SHORT)[1:]), "time", None),
