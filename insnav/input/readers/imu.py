@@ -16,7 +16,7 @@ from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
 from insnav.input.interpret.axes import axes_matrix
 from insnav.input.interpret.clean import IMU_KINDS
-from insnav.input.interpret.columns import Found, as_option, find_unit, require, understand
+from insnav.input.interpret.columns import Found, find_unit, quote_columns, require, understand
 from insnav.input.interpret.headerless import imu_columns, is_headerless
 from insnav.input.interpret.physics import check_axes, find_accel_unit, find_gyro_unit, odd_one, quiet_part, turn_ratio
 from insnav.input.interpret.schema import ALL_UNITS, IMU_SCHEMA, Quantity
@@ -294,7 +294,7 @@ def _choose(
     hint, gives = "", None
     if not {"time", *wanted} <= found.keys() and (held := imu_columns(table)):
         guess = {key: header for key, header in held.items() if key not in found}
-        hint = f"by what they hold say {as_option(guess)}"
+        hint = f"by what they hold say --columns {quote_columns(guess)}"
         gives = {"columns": guess}
     words = {header.lower()[:3] for header in table.headers}
     if {"lat", "lon"} <= words and not some_rates:

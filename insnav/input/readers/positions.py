@@ -17,7 +17,7 @@ from insnav.input.formats import delimited_text, kf_gins, matlab, parquet, phone
 from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
 from insnav.input.interpret.clean import GPS_KINDS, REFERENCE_KINDS, Kinds
-from insnav.input.interpret.columns import Found, as_option, require, understand
+from insnav.input.interpret.columns import Found, quote_columns, require, understand
 from insnav.input.interpret.derived import derive
 from insnav.input.interpret.headerless import position_columns
 from insnav.input.interpret.physics import stated_unit
@@ -159,7 +159,7 @@ def read_positions(
     elif not {"time", "lat"} <= found.keys() and (held := position_columns(table)):
         guess = {key: header for key, header in held.items() if key not in found}
         names = ", ".join(_WORDS.get(key, key) for key in guess)
-        hint = f"if {'these are' if len(guess) > 1 else 'this is'} {names}, say {as_option(guess)}"
+        hint = f"if {'these are' if len(guess) > 1 else 'this is'} {names}, say --columns {quote_columns(guess)}"
         gives = {"columns": guess}
     if "lat" not in found and _ROOM & {re.sub(r"\[.*|[\W_]", "", header.lower()) for header in table.headers}:
         raise InputError(
@@ -300,7 +300,7 @@ def _refuse_impossible(
                 f"a {what} is {raw[key][row]:.6g} in column {found[key].header!r}",
                 where=table.place(row, found[key].index),
                 why=f"it must be {rule}; {int(np.count_nonzero(wrong))} rows are not",
-                fix=f"0 throughout is no standard deviation: leave it out, {as_option(left_out)}, or write true ones"
+                fix=f"0 throughout is no standard deviation: leave it out, --columns {quote_columns(left_out)}, or write true ones"
                 if key in zero
                 else "leave the cell empty if it is not known",
                 gives={"columns": left_out} if key in zero else None,
@@ -357,7 +357,7 @@ def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tu
         directions = [("vn", "ve")[i] for i in fit.order] if "vn" in found else []
         mirrored = -1.0 in fit.signs
         right = {key: found[other].header for key, other in zip(("vn", "ve"), directions, strict=False)}
-        fix = f"say {as_option(right)}" if directions else ""
+        fix = f"say --columns {quote_columns(right)}" if directions else ""
         raise InputError(
             "the velocities do not fit the positions",
             where=name,
@@ -371,7 +371,7 @@ def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tu
             f"the sign of {header!r} does not fit the heights",
             where=name,
             why="when it is positive the heights rise: it is a velocity up",
-            fix=f"say {as_option({'vu': header})}",
+            fix=f"say --columns {quote_columns({'vu': header})}",
             gives={"columns": {"vu": header}},
         )
     if fit.unit == "m/s":
@@ -398,7 +398,7 @@ def _mirrored(fit: Fit, found: Mapping[str, Found]) -> str:
 def _exchanged(found: Mapping[str, Found], where: str, why: str) -> InputError:
     """Error of latitudes in the column of longitudes and the reverse."""
     right = {"lat": found["lon"].header, "lon": found["lat"].header}
-    fix = f"say {as_option(right)}"
+    fix = f"say --columns {quote_columns(right)}"
     return InputError("latitude and longitude are exchanged", where=where, why=why, fix=fix, gives={"columns": right})
 
 
