@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -85,21 +86,11 @@ def one_clock(recording: Recording, model: Model) -> tuple[Recording, Model, tup
 
 def _two_drives(found: Unlike, where: str) -> InputError:
     """What is wrong with samples and fixes that have no motion in common."""
-    why = (
-        f"in the {found.overlap:.0f} s that they have in common nothing turns or accelerates as the fixes do "
-        f"(r = {found.turns:.2f} and {found.accelerations:.2f}; of one drive, 0.7 and more), nor at any other "
-        "offset of the clocks"
-    )
+    overlap_s = float(found.overlap)
     if found.at_rest:
-        why = f"in all of the {found.overlap:.0f} s that they have in common the IMU is at rest while the fixes move"
+        return InputError("clock.imu_at_rest", where=where, overlap_s=overlap_s)
     return InputError(
-        "IMU and GPS are not of one drive",
-        where=where,
-        why=why,
-        fix=(
-            "give the files that were recorded together; if these were, look whether the columns are what their names "
-            "say; --imu-time-offset 0 navigates them as they are"
-        ),
+        "clock.two_drives", where=where, overlap_s=overlap_s, turns=found.turns, forces=found.accelerations
     )
 
 
@@ -112,13 +103,8 @@ def _check_gyro_unit(imu: Reading[ImuData], parts: Intervals, fixes: GpsData) ->
             if (odd := odd_one(list(imu.data.gyro.T))) is not None:
                 raise one_gyro(f"gyro {'xyz'[odd]}", f"{turned}, and its noise is not like the others'", imu.facts.path)
             refuse_unlike_gyros(imu, fixes)
-            raise InputError(
-                f"the gyros look like {unit}",
-                where=imu.facts.path,
-                why=turned,
-                fix=f"say --imu-units gyro={unit}, or put the right unit into the header",
-                gives={"units": {"gyro": unit}},
-            )
+            values: dict[str, Any] = {"unit": unit, "ratio": 1.0 / scale, "correlation": correlation}
+            raise InputError("clock.gyro_unit", where=imu.facts.path, gives={"units": {"gyro": unit}}, **values)
 
 
 def _check_radians(path: str, parts: Intervals, fixes: GpsData) -> None:
@@ -129,12 +115,7 @@ def _check_radians(path: str, parts: Intervals, fixes: GpsData) -> None:
             lla[:, column] /= DEG
             as_read, as_radians = likeness(parts, fixes, replace(fixes, lla=lla))
             if as_radians > SURE and 1.0 - as_radians**2 < EXPLAINS * (1.0 - as_read**2):
-                raise InputError(
-                    f"the {name} look like radians",
-                    where=path,
-                    why=f"only so the fixes accelerate as the samples do (r = {as_radians:.2f}, not {as_read:.2f})",
-                    fix="write them in degrees, as the others are, or the unit into the name of the column",
-                )
+                raise InputError("clock.radians", where=path, quantity=name, correlation=as_radians, as_read=as_read)
 
 
 def clock_offset(parts: Intervals, fixes: GpsData, *, worth: float = 0.0) -> ClockOffset | Unlike | None:
