@@ -269,8 +269,8 @@ def require(
             meant[quantity.key] = header
     by_name = len(meant) == len(missing) if guess else bool(meant) and not hint  # names are the better evidence
     advice = {"meant": quote_columns(meant)} if by_name else {"hint": hint} if hint else {"guess": guess}
-    example = "" if any(advice.values()) else missing[0].key
-    raise InputError("columns.missing", where=where, gives=gives, **listed, **advice, example=example, option="--columns")
+    advice |= {"option": "--columns", "example": "" if any(advice.values()) else missing[0].key}
+    raise InputError("columns.missing", where=where, gives=gives, **listed, **advice)
 
 
 def quote_columns(columns: Mapping[str, str]) -> str:

@@ -108,7 +108,7 @@ def read_imu(
     time = cleaned.columns["time"]
     scale = 1.0 / cleaned.interval if increments else 1.0
     one = odd_one([cleaned.columns[key] for key in gyro_keys])
-    odd = "" if one is None else f"column {found[gyro_keys[one]].header!r}"
+    odd = "" if one is None else found[gyro_keys[one]].header
     gyro = _in_body(cleaned.columns, gyro_keys, matrix)
     accel = _in_body(cleaned.columns, accel_keys, matrix)
     quiet = quiet_part(gyro, accel, interval=cleaned.interval, scale=scale)
