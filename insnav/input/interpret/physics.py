@@ -112,9 +112,13 @@ def find_accel_unit(
     other = norms * interval if increments else norms / interval
     per_sample = np.mean(np.abs(other / _GRAVITY - 1.0) < _GRAVITY_TOLERANCE) > _MIN_SHARE
     if per_sample:
-        code = "columns.accel_rates" if increments else "columns.accel_increments"
         gives = {"sampling": "mean" if increments else "increment"}
-        raise InputError(code, where=where, interval_s=interval, gives=gives)
+        raise InputError(
+            "columns.accel_rates" if increments else "columns.accel_increments",
+            where=where,
+            interval_s=interval,
+            gives=gives,
+        )
     exchanged = abs(float(np.linalg.norm(quiet.rate)) / _GRAVITY - 1.0) < 0.5  # the largest, of motion too
     if not exchanged and float(np.linalg.norm(quiet.mean.mean(axis=0))) < _AIMLESS * float(norms.mean()):
         raise InputError("columns.gravity_removed", where=where, shown=middle)
