@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -84,7 +85,7 @@ def read_bench(
         )
     numbers = table.cells.read([item.index for item in found.values()])
     if numbers.cut:
-        raise InputError("lab.truncated", where=table.name, **numbers.cut.values)
+        raise InputError("lab.truncated", where=table.name, **dict[str, Any](numbers.cut.values))
     if numbers.n_rows == 0:
         raise InputError("lab.no_rows", where=table.name)
     values, units = {}, {}

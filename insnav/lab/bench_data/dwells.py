@@ -57,8 +57,8 @@ def clean_mean(
     """Mean of the samples of a dwell without its spikes.
 
     time (n,): time of each sample, in any unit; samples (n,): samples; limit: largest distance from the polynomial,
-    in the unit of the samples; row: first row of the dwell in the file, from 0. Returns mean, sd: mean of the samples kept and its standard deviation; dropped: how
-    many were not kept. Raises InputError: more than half of them lie beyond the limit.
+    in the unit of the samples; row: first row of the dwell, from 0. Returns mean, sd: mean of the samples kept and its
+    standard deviation; dropped: how many were not kept. Raises InputError: more than half of them lie beyond the limit.
     """
     order = min(ORDER, max(0, samples.size // 10))  # a short dwell does not carry seven bends
     good = np.ones(samples.size, dtype=np.bool_)
