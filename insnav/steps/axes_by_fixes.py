@@ -6,7 +6,6 @@ from insnav.alignment import Mounting, find_mounting
 from insnav.alignment.mounting import ALL_ALIKE, IN_ORDER
 from insnav.exceptions import InputError
 from insnav.input import Reading
-from insnav.input.interpret.physics import one_gyro
 from insnav.strapdown import intervals
 from insnav.types import GpsData, ImuData
 
@@ -39,8 +38,8 @@ def refusal(found: Mounting, where: str) -> InputError:
         odd = next(axis for axis in range(3) if found.gyro_units.count(found.gyro_units[axis]) == 1)
         if found.gyro_units[odd] == 1.0:
             units = units[::-1]
-        why = f"accelerations by GPS fit only if it is in {units[0]} and the others are in {units[1]}"
-        return one_gyro(f"gyro {'xyz'[odd]}", why, where)
+        values = {"axis": "xyz"[odd], "unit": units[0], "others": units[1], "windows": found.windows}
+        return InputError("mounting.gyro_unit_odd", where=where, **values)
     windows, axes = found.windows, tuple(inverted)
     if found.gyro_order != IN_ORDER:
         about = tuple("xyz"[found.gyro_order.index(gyro)] for gyro in range(3))

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from insnav.filter.gps_noise import LAG_WORTH, velocity_lag
 from insnav.findings import Code, Finding
 from insnav.input import Reading, check_overlap
 from insnav.input.interpret.overlap import epoch_offset, named_offset, overlap
-from insnav.input.interpret.physics import odd_one, one_gyro
+from insnav.input.interpret.physics import odd_one
 from insnav.steps import Model, Recording
 from insnav.steps.axes_by_fixes import explained, refuse_unlike_gyros
 from insnav.strapdown import Intervals, joined, pieces
@@ -48,7 +47,7 @@ def one_clock(recording: Recording, model: Model) -> tuple[Recording, Model, tup
     if given is None and overlap(imu.data, gps.data) == 0.0:
         known = epoch_offset(imu.data, gps.data)
         if known is not None:
-            offset = known[0]
+            offset = known
             notes.append(Finding.of(Code.CLOCK_EPOCHS, subject="imu", offset_s=offset))
     if offset:
         recording = _moved(recording, offset)
@@ -99,12 +98,11 @@ def _check_gyro_unit(imu: Reading[ImuData], parts: Intervals, fixes: GpsData) ->
     scale, correlation = turn_scale(parts, fixes)
     for factor, unit in ((DEG, "deg/s"), (1.0 / DEG, "rad/s"), (1e-3 / DEG, "mrad/s")):
         if correlation > SURE and 1.0 / FACTOR < scale / factor < FACTOR:
-            turned = f"they turn {1.0 / scale:.3g} times as far as the course by GPS (r = {correlation:.2f})"
+            where, values = imu.facts.path, {"ratio": 1.0 / scale, "correlation": correlation}
             if (odd := odd_one(list(imu.data.gyro.T))) is not None:
-                raise one_gyro(f"gyro {'xyz'[odd]}", f"{turned}, and its noise is not like the others'", imu.facts.path)
+                raise InputError("clock.gyro_unit_odd", where=where, axis="xyz"[odd], **values)
             refuse_unlike_gyros(imu, fixes)
-            values: dict[str, Any] = {"unit": unit, "ratio": 1.0 / scale, "correlation": correlation}
-            raise InputError("clock.gyro_unit", where=imu.facts.path, gives={"units": {"gyro": unit}}, **values)
+            raise InputError("clock.gyro_unit", where=where, gives={"units": {"gyro": unit}}, unit=unit, **values)
 
 
 def _check_radians(path: str, parts: Intervals, fixes: GpsData) -> None:
