@@ -99,7 +99,7 @@ def find_accel_unit(
             if fits.mean() < share:
                 continue
             if stated is not None and unit != stated and abs(np.median(force) / _GRAVITY - 1.0) <= _FAR_OFF:
-                values = {"stated": stated, "shown": middle, "unit": unit}
+                values: dict[str, Any] = {"stated": stated, "shown": middle, "unit": unit}
                 raise InputError("columns.accel_unit", where=where, gives={"units": {"accel": unit}}, **values)
             gravity = float(np.median(force))
             if abs(gravity / _GRAVITY - 1.0) > _FAR_OFF:  # a few blocks fit by chance
@@ -107,7 +107,7 @@ def find_accel_unit(
             error = gravity / _GRAVITY - 1.0
             if abs(error) <= _GRAVITY_TOLERANCE:
                 return unit, Finding.of(Code.UNITS_ACCEL, gravity_m_s2=gravity, unit=unit)
-            values = {"error": error, "limit": _GRAVITY_TOLERANCE, "gravity_m_s2": gravity}
+            values: dict[str, Any] = {"error": error, "limit": _GRAVITY_TOLERANCE, "gravity_m_s2": gravity}
             return unit, Finding.of(Code.UNITS_ACCEL_UNCALIBRATED, **values, unit=unit)
     other = norms * interval if increments else norms / interval
     per_sample = np.mean(np.abs(other / _GRAVITY - 1.0) < _GRAVITY_TOLERANCE) > _MIN_SHARE
@@ -122,7 +122,7 @@ def find_accel_unit(
     exchanged = abs(float(np.linalg.norm(quiet.rate)) / _GRAVITY - 1.0) < 0.5  # the largest, of motion too
     if not exchanged and float(np.linalg.norm(quiet.mean.mean(axis=0))) < _AIMLESS * float(norms.mean()):
         raise InputError("columns.gravity_removed", where=where, shown=middle)
-    values = {"shown": middle, "unit": stated or "", "option": "--columns"}
+    values: dict[str, Any] = {"shown": middle, "unit": stated or "", "option": "--columns"}
     raise InputError("columns.gyros_as_accel" if exchanged else "columns.no_gravity", where=where, **values)
 
 
@@ -280,7 +280,7 @@ def find_time_unit(time: FloatArray, stated: str | None, *, slowest: float, wher
     guess = "s" if step < slowest or few else (fitting[0] if fitting else None)
     if stated is not None:
         if step * ALL_UNITS[stated][1] >= slowest and not few:
-            values = {"stated": stated, "step": step, "unit": guess or "", "example": guess or "ms"}
+            values: dict[str, Any] = {"stated": stated, "step": step, "unit": guess or "", "example": guess or "ms"}
             raise InputError("columns.time_unit", where=where, **values)
         return stated, stated_unit("time", stated)
     if guess is None:

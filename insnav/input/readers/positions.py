@@ -289,7 +289,7 @@ def _refuse_impossible(
         sd = key in _STANDARD_DEVIATIONS
         if (wrong := ~bad & (raw[key] <= 0.0 if sd else np.isinf(raw[key]))).any():
             row = int(np.flatnonzero(wrong)[0])
-            values = {"column": found[key].header, "count": int(np.count_nonzero(wrong))}
+            values: dict[str, Any] = {"column": found[key].header, "count": int(np.count_nonzero(wrong))}
             where = table.place(row, found[key].index)
             zero = [each for each in _STANDARD_DEVIATIONS if each in raw and each in found and not raw[each].any()]
             if key in zero:
@@ -341,7 +341,7 @@ def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tu
     if not fit.as_named:
         directions = [("vn", "ve")[i] for i in fit.order] if "vn" in found else []
         right = {key: found[other].header for key, other in zip(("vn", "ve"), directions, strict=False)}
-        named = {"option": "--columns", "columns": quote_columns(right) if right else ""}
+        named: dict[str, Any] = {"option": "--columns", "columns": quote_columns(right) if right else ""}
         if -1.0 not in fit.signs:
             raise InputError("input.velocities_exchanged", where=name, gives={"columns": right}, **named)
         if fit.order == (0, 1):
@@ -349,18 +349,23 @@ def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tu
         raise InputError("input.velocities_mirrored_exchanged", where=name, **_mirrored(fit, found), **named)
     if fit.upward and "vd" in found:
         header = found["vd"].header
-        named = {"option": "--columns", "columns": quote_columns({"vu": header})}
+        named: dict[str, Any] = {"option": "--columns", "columns": quote_columns({"vu": header})}
         raise InputError("input.velocity_up", where=name, gives={"columns": {"vu": header}}, column=header, **named)
     if fit.unit == "m/s":
         return 1.0, []
     if any(column.unit for column in columns):
         stated = next(column for column in columns if column.unit)
-        values = {"stated": stated.unit, "ratio": fit.ratio, "unit": fit.unit, "example": stated.quantity.key}
+        values: dict[str, Any] = {
+            "stated": stated.unit,
+            "ratio": fit.ratio,
+            "unit": fit.unit,
+            "example": stated.quantity.key,
+        }
         raise InputError("input.velocity_unit", where=name, **values)
     return ALL_UNITS[fit.unit][1], [Finding.of(Code.READ_VELOCITY_UNIT, ratio=fit.ratio, unit=fit.unit)]
 
 
-def _mirrored(fit: Fit, found: Mapping[str, Found]) -> dict[str, tuple[str, ...]]:
+def _mirrored(fit: Fit, found: Mapping[str, Found]) -> dict[str, Any]:
     """Which columns are to change their sign: velocities, or the positions they are compared with."""
     wrong = [pair for pair, sign in zip((("vn", "lat"), ("ve", "lon")), fit.signs, strict=True) if sign < 0.0]
     headers = [tuple(found[key].header if key in found else key for key in keys) for keys in zip(*wrong, strict=True)]
