@@ -226,7 +226,7 @@ def _given(
         index = list(headers).index(header)
         own = _unit_in(header, units_row[index] if units_row else "", quantity.dimension)
         if unit and own not in (None, unit):
-            values: dict[str, Any] = {"column": header, "unit": own, "given": unit, "quantity": quantity.key}
+            values = {"column": header, "unit": own, "given": unit, "quantity": quantity.key}
             raise ConfigError("columns.unit_conflict", where=f"columns, {name}", **values)
         given[quantity.key] = Found(quantity, index, header, unit or own)
     return given, silent

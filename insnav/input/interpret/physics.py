@@ -99,7 +99,7 @@ def find_accel_unit(
             if fits.mean() < share:
                 continue
             if stated is not None and unit != stated and abs(np.median(force) / _GRAVITY - 1.0) <= _FAR_OFF:
-                values: dict[str, Any] = {"stated": stated, "shown": middle, "unit": unit}
+                values = {"stated": stated, "shown": middle, "unit": unit}
                 raise InputError("columns.accel_unit", where=where, gives={"units": {"accel": unit}}, **values)
             gravity = float(np.median(force))
             if abs(gravity / _GRAVITY - 1.0) > _FAR_OFF:  # a few blocks fit by chance
@@ -107,7 +107,7 @@ def find_accel_unit(
             error = gravity / _GRAVITY - 1.0
             if abs(error) <= _GRAVITY_TOLERANCE:
                 return unit, Finding.of(Code.UNITS_ACCEL, gravity_m_s2=gravity, unit=unit)
-            values: dict[str, Any] = {"error": error, "limit": _GRAVITY_TOLERANCE, "gravity_m_s2": gravity}
+            values = {"error": error, "limit": _GRAVITY_TOLERANCE, "gravity_m_s2": gravity}
             return unit, Finding.of(Code.UNITS_ACCEL_UNCALIBRATED, **values, unit=unit)
     other = norms * interval if increments else norms / interval
     per_sample = np.mean(np.abs(other / _GRAVITY - 1.0) < _GRAVITY_TOLERANCE) > _MIN_SHARE
@@ -122,7 +122,7 @@ def find_accel_unit(
     exchanged = abs(float(np.linalg.norm(quiet.rate)) / _GRAVITY - 1.0) < 0.5  # the largest, of motion too
     if not exchanged and float(np.linalg.norm(quiet.mean.mean(axis=0))) < _AIMLESS * float(norms.mean()):
         raise InputError("columns.gravity_removed", where=where, shown=middle)
-    values: dict[str, Any] = {"shown": middle, "unit": stated or "", "option": "--columns"}
+    values = {"shown": middle, "unit": stated or "", "option": "--columns"}
     raise InputError("columns.gyros_as_accel" if exchanged else "columns.no_gravity", where=where, **values)
 
 

@@ -289,7 +289,7 @@ def _refuse_impossible(
         sd = key in _STANDARD_DEVIATIONS
         if (wrong := ~bad & (raw[key] <= 0.0 if sd else np.isinf(raw[key]))).any():
             row = int(np.flatnonzero(wrong)[0])
-            values: dict[str, Any] = {"column": found[key].header, "count": int(np.count_nonzero(wrong))}
+            values = {"column": found[key].header, "count": int(np.count_nonzero(wrong))}
             where = table.place(row, found[key].index)
             zero = [each for each in _STANDARD_DEVIATIONS if each in raw and each in found and not raw[each].any()]
             if key in zero:
@@ -349,7 +349,7 @@ def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tu
         raise InputError("input.velocities_mirrored_exchanged", where=name, **_mirrored(fit, found), **named)
     if fit.upward and "vd" in found:
         header = found["vd"].header
-        named: dict[str, Any] = {"option": "--columns", "columns": quote_columns({"vu": header})}
+        named = {"option": "--columns", "columns": quote_columns({"vu": header})}
         raise InputError("input.velocity_up", where=name, gives={"columns": {"vu": header}}, column=header, **named)
     if fit.unit == "m/s":
         return 1.0, []
