@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from insnav.alignment import Mounting, find_mounting
 from insnav.alignment.mounting import ALL_ALIKE, IN_ORDER
 from insnav.exceptions import InputError
@@ -38,7 +40,7 @@ def refusal(found: Mounting, where: str) -> InputError:
         odd = next(axis for axis in range(3) if found.gyro_units.count(found.gyro_units[axis]) == 1)
         if found.gyro_units[odd] == 1.0:
             units = units[::-1]
-        values = {"axis": "xyz"[odd], "unit": units[0], "others": units[1], "windows": found.windows}
+        values: dict[str, Any] = {"axis": "xyz"[odd], "unit": units[0], "others": units[1], "windows": found.windows}
         return InputError("mounting.gyro_unit_odd", where=where, **values)
     windows, axes = found.windows, tuple(inverted)
     if found.gyro_order != IN_ORDER:

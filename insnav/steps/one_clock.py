@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -98,7 +99,7 @@ def _check_gyro_unit(imu: Reading[ImuData], parts: Intervals, fixes: GpsData) ->
     scale, correlation = turn_scale(parts, fixes)
     for factor, unit in ((DEG, "deg/s"), (1.0 / DEG, "rad/s"), (1e-3 / DEG, "mrad/s")):
         if correlation > SURE and 1.0 / FACTOR < scale / factor < FACTOR:
-            where, values = imu.facts.path, {"ratio": 1.0 / scale, "correlation": correlation}
+            where, values = imu.facts.path, dict[str, Any](ratio=1.0 / scale, correlation=correlation)
             if (odd := odd_one(list(imu.data.gyro.T))) is not None:
                 raise InputError("clock.gyro_unit_odd", where=where, axis="xyz"[odd], **values)
             refuse_unlike_gyros(imu, fixes)
