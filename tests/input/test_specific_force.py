@@ -11,6 +11,7 @@ from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, Severity
 from insnav.input.readers.specific_force import read_specific_force
 from tests.input.files import noted, write
+from tests.refusals import refused
 
 T = np.arange(200) / 100.0
 F_N = np.column_stack([np.sin(T), 0.5 * np.cos(T), -9.8 + 0.1 * T])
@@ -54,7 +55,7 @@ def test_without_times_the_rate_is_told(tmp_path: Path):
         read_specific_force(path)
     assert "--sample-rate" in missing.value.fix
     timed = write(tmp_path / "timed.csv", table(), "t,fe,fn,fu")
-    with pytest.raises(ConfigError, match="times of its own"):
+    with refused(ConfigError, "input.rate_beside_times"):
         read_specific_force(timed, sample_rate=100.0)
 
 

@@ -145,9 +145,9 @@ def _refuse_marks(columns: Mapping[str, FloatArray], found: Mapping[str, Found],
             others = float(np.fmax.reduce(np.abs(values[values != mark]), initial=0.0))
             alone = key != "time" and abs(mark) > _LEAST_ALONE
             if len(rows) > (0 if alone else 1) and 0.0 < others < _FAR * abs(mark):
-                place, header = table.place(int(rows[0]), found[key].index), found[key].header
+                where, column = table.place(int(rows[0]), found[key].index), found[key].header
                 raise InputError(
-                    "input.placeholder", where=place, mark=mark, column=header, count=len(rows), largest=others
+                    "input.placeholder", where=where, mark=mark, column=column, count=len(rows), largest=others
                 )
 
 

@@ -129,7 +129,9 @@ def _unit(cleaned: Cleaned, found: list[Found], name: str) -> tuple[str, Finding
     stated = {each.unit for each in found} - {None}
     if len(stated) > 1:
         raise InputError("input.mixed_units", where=name, columns=tuple(each.describe() for each in found))
-    held = {key: float(np.median(cleaned.columns[key])) for key in ("f_up", "f_down") if key in cleaned.columns}
+    held: dict[str, Any] = {
+        key: float(np.median(cleaned.columns[key])) for key in ("f_up", "f_down") if key in cleaned.columns
+    }
     vertical = held["f_up"] if "f_up" in held else -held["f_down"] if held else None  # upwards
     if stated:
         unit = str(next(iter(stated)))
