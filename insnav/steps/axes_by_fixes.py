@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from insnav.alignment import Mounting, find_mounting
 from insnav.alignment.mounting import ALL_ALIKE, IN_ORDER
 from insnav.exceptions import InputError
