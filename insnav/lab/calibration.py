@@ -75,15 +75,9 @@ class BenchOptions:
 
     def __post_init__(self) -> None:
         if self.spike_limit is not None and not 0.0 < self.spike_limit < float("inf"):
-            raise ConfigError(
-                f"{self.spike_limit:g} is no limit", where="--spike-limit", fix="give a number above zero"
-            )
+            raise ConfigError("lab.spike_limit", where="--spike-limit", limit=self.spike_limit)
         if not 9.7 < self.gravity < 9.9:
-            raise ConfigError(
-                f"{self.gravity:g} m/s² is not gravity on the Earth",
-                where="--gravity",
-                fix="it is between 9.76 and 9.84 m/s²",
-            )
+            raise ConfigError("lab.gravity", where="--gravity", gravity_m_s2=self.gravity)
 
 
 STANDARD = BenchOptions()
@@ -167,7 +161,7 @@ def method_named(name: str) -> Method[Any, Any]:
     Raises: ConfigError: there is none of this name.
     """
     if name not in METHODS:
-        raise ConfigError(f"there is no calibration method {name!r}", fix=f"methods are {', '.join(METHODS)}")
+        raise ConfigError("lab.no_method", method=name, known=tuple(METHODS))
     return cast("Method[Any, Any]", import_module(f"insnav.lab.{METHODS[name]}"))
 
 
@@ -215,9 +209,5 @@ def common_unit(units: Sequence[tuple[str, str]]) -> str:
     Raises InputError: they differ.
     """
     if len({unit for _, unit in units}) > 1:
-        raise InputError(
-            "the sensors have outputs in different units",
-            why=", ".join(dict.fromkeys(f"{name}: {unit}" for name, unit in units)),
-            fix="bring them to one unit",
-        )
+        raise InputError("lab.mixed_units", units=tuple(dict.fromkeys(f"{name}: {unit}" for name, unit in units)))
     return units[0][1]

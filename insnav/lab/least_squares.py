@@ -93,14 +93,9 @@ def linear_fit(design: FloatArray, measured: FloatArray, names: Sequence[str], *
     n, k = design.shape
     finite = np.isfinite(design).all(axis=1) & np.isfinite(measured)
     if not finite.all():
-        raise InputError("a measurement is not a number", where=where, why=f"row {int(np.argmin(finite)) + 1} of {n}")
+        raise InputError("lab.not_finite", where=where, row=int(np.argmin(finite)) + 1)
     if n <= k:
-        raise InputError(
-            f"too few measurements for {', '.join(names)}",
-            where=where,
-            why=f"{n} measurements, {k} unknowns; at least {k + 1} show how good the fit is",
-            fix="measure at more positions or rates",
-        )
+        raise InputError("lab.few_measurements", where=where, parameters=tuple(names), count=n, unknowns=k, limit=k + 1)
     left, singular, right, lengths = _decompose(design, names, where)
     scaled = right.T @ ((left.T @ measured) / singular)
     value = scaled / lengths
@@ -126,20 +121,11 @@ def _decompose(
     lengths = np.linalg.norm(design, axis=0)
     idle = [name for name, length in zip(names, lengths, strict=True) if not length > 0.0]
     if idle:
-        raise _undetermined(idle, "no measurement depends on it", where)
+        raise InputError("lab.parameters_idle", where=where, parameters=tuple(idle))
     left, singular, right = np.linalg.svd(design / lengths, full_matrices=False)
     loose = singular <= RANK_TOLERANCE * singular[0]
     if loose.any():
         shares = np.sqrt(np.sum(right[loose] ** 2, axis=0))  # of each parameter in what leaves no trace
         mixed = [name for name, share in zip(names, shares, strict=True) if share > 1e-6]
-        raise _undetermined(mixed, "only a combination of them shows in these measurements", where)
+        raise InputError("lab.parameters_mixed", where=where, parameters=tuple(mixed))
     return left, singular, right, lengths
-
-
-def _undetermined(names: list[str], why: str, where: str) -> InputError:
-    return InputError(
-        f"the measurements do not determine {', '.join(names)}",
-        where=where,
-        why=why,
-        fix="add positions or rates at which these differ in their effect",
-    )

@@ -83,8 +83,7 @@ def read(files: Sequence[str | Path | Table], how: BenchOptions) -> tuple[BenchT
         if name == "mass" and name in turns.columns and value == 0.0:
             continue
         if not 0.0 < value < 100.0:
-            option = f"--{name.replace('_', '-')}"
-            raise ConfigError(f"{value:g} cannot be", where=option, fix="give kilograms or metres, above zero")
+            raise ConfigError("lab.mass_or_length", where=f"--{name.replace('_', '-')}", value=value)
     return read_bench(fall, FALL, ("height", "fall_time"), alternatives={"fall_time": "time"}), turns
 
 
@@ -130,10 +129,12 @@ def inertia_from_fall(
     if (squared <= 2.0 * height / gravity).any():
         row = int(np.argmax(squared <= 2.0 * height / gravity))
         raise InputError(
-            "a weight falls faster than free",
-            where=f"{where}, row {row + 1}",
-            why=f"{height[row]:g} m in {time[row]:g} s; free fall takes {math.sqrt(2.0 * height[row] / gravity):.3g} s",
-            fix="check the units, and whether height and time are exchanged",
+            "lab.faster_than_free",
+            where=where,
+            row=row + 1,
+            height_m=height[row],
+            fall_s=time[row],
+            free_s=math.sqrt(2.0 * height[row] / gravity),
         )
     fit = _slope(height, squared, where)
     lever = 0.5 * mass * gravity * radius**2
@@ -161,23 +162,13 @@ def inertia_from_precession(
     ratio = rate * period / (2.0 * math.pi)
     if (ratio < SLOW).any():
         row = int(np.argmin(ratio))
-        raise InputError(
-            "the rotor is too slow for the formula of precession",
-            where=f"{where}, row {row + 1}",
-            why=f"it turns {ratio[row]:.3g} times in one precession; {SLOW:g} times are needed",
-            fix="check the units (rotor_rate_rpm, rotor_rate_rad_s), or spin it faster",
-        )
+        raise InputError("lab.slow_rotor", where=where, row=row + 1, ratio=ratio[row], limit=SLOW)
     fit = _slope(period, rate, where)
     torque = mass * gravity * arm / (2.0 * math.pi)
     value = torque / float(fit.value[0])
     relative = float(fit.sd[0] / fit.value[0])
     if relative > WORST:
-        raise InputError(
-            "the rotor rate does not follow the precession period",
-            where=where,
-            why=f"slope {float(fit.value[0]):.4g} ± {float(fit.sd[0]):.2g} rad/s per s",
-            fix="each row needs the rotor rate at the time of its precession",
-        )
+        raise InputError("lab.precession_slope", where=where, slope=fit.value[0], slope_sd=fit.sd[0])
     warnings = _suspicions(fit, period, rate, Code.ROTOR_PRECESSION_ORIGIN)
     half = value * relative * coverage_factor(fit.dof)
     if powers is not None and np.any(np.abs(powers.value[1:] - [1.0, -1.0]) > powers.half_width(0.99)[1:]):
@@ -215,12 +206,7 @@ def agreement(first: Inertia, second: Inertia) -> Agreement:
 
 def _slope(x: FloatArray, y: FloatArray, where: str) -> Fit:
     if np.unique(x).size < 3:
-        raise InputError(
-            "too few different values make no line",
-            where=where,
-            why=f"there are {np.unique(x).size}; three are needed, five or more are better",
-            fix="measure at more heights or rotor rates",
-        )
+        raise InputError("lab.few_values", where=where, count=np.unique(x).size)
     return linear_fit(x[:, None], y, ("slope",), where=where)
 
 
@@ -245,6 +231,4 @@ def _positive(where: str, **columns: FloatArray) -> None:
     for name, values in columns.items():
         if not (values > 0.0).all():
             row = int(np.argmin(values > 0.0))
-            raise InputError(
-                f"{name} must be positive", where=f"{where}, row {row + 1}", why=f"it is {float(values[row]):g}"
-            )
+            raise InputError("lab.not_positive", where=where, row=row + 1, column=name, value=values[row])

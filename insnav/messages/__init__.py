@@ -163,7 +163,7 @@ def _filled(text: str, values: Mapping[str, Any], how: _Form) -> str:
 
 
 def _known(value: Any) -> bool:
-    return value not in (None, "", ()) and not (isinstance(value, float) and not math.isfinite(value))
+    return math.isfinite(value) if isinstance(value, Real) else value not in (None, "", ())
 
 
 def _shown(value: Any, spec: str, how: _Form) -> str:

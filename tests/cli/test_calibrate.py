@@ -117,9 +117,9 @@ def test_run_takes_raw_volts_with_the_calibration(bench: Path, drive: Path, cli:
 @pytest.mark.parametrize(
     ("command", "code", "word"),
     [
-        (("gyro", "gx.csv", "gy.csv"), 3, "2 sensors are no triad"),
+        (("gyro", "gx.csv", "gy.csv"), 3, "lab.not_three_sensors"),
         (("gyro", "gx.csv", "--range", "80:-80"), 2, "ends before it begins"),
-        (("gyro", "gx.csv", "--range", "0:20"), 3, "too few rates"),
+        (("gyro", "gx.csv", "--range", "0:20"), 3, "lab.few_rates"),
         (("gyro", "gx.csv", "--spike-limit", "0"), 2, "--spike-limit"),
         (("gyro", "ax.csv"), 3, "no column for rate_deg_s"),
         (("accel", "ax.csv", "--gravity", "1"), 2, "--gravity"),

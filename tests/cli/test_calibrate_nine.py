@@ -60,5 +60,6 @@ def test_a_missing_position_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyP
     table(Path("p.csv"), NINE[:-1])
     shown = cli("calibrate", "nine", "p.csv", "--gravity", 9.81)
     assert shown.code == 3
-    assert "add the position roll -35 deg, pitch -40 deg" in shown.err
+    assert "lab.positions_asymmetric" in shown.err
+    assert "-35°/-40°" in shown.err
     assert not Path("calibration").exists()

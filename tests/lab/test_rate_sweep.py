@@ -18,6 +18,7 @@ from insnav.sample_statistics import rms
 from insnav.types import ImuData
 from insnav.units import DEG
 from tests.lab.sweeps import RATES, Gyros, asymmetric, broken, cubic, gyros, straight, table, write
+from tests.refusals import refused
 
 NOISE = 0.005  # of a dwell [deg/s]
 
@@ -168,33 +169,34 @@ N = RATES.size
 
 
 @pytest.mark.parametrize(
-    ("spoil", "expected"),
+    ("spoil", "code", "axis"),
     [
-        (lambda rate, out: (rate[: 2 * N], out[: 2 * N]), "no sweep about z"),
-        (lambda rate, out: (rate, out[:, [1, 0, 2]]), "gyro x does not show the rate about x"),
-        (lambda rate, out: (rate[:, [1, 0, 2]], out), "gyro x does not show the rate about x"),
-        (lambda rate, out: (rate, out / DEG), "in the unit of its column"),
-        (lambda rate, out: (rate, out * [1.0, 1.0, -1.0]), "turn the sign"),
-        (lambda rate, out: (np.abs(rate), out), "one sense of rotation only"),
-        (lambda rate, out: (rate, out * [1.0, 0.0, 1.0]), "gyro y does not"),
-        (lambda rate, out: (rate[2 * N - 3 :], out[2 * N - 3 :]), "no sweep about x"),
+        (lambda rate, out: (rate[: 2 * N], out[: 2 * N]), "lab.no_sweep", "z"),
+        (lambda rate, out: (rate, out[:, [1, 0, 2]]), "lab.gyro_crossed", "x"),
+        (lambda rate, out: (rate[:, [1, 0, 2]], out), "lab.gyro_crossed", "x"),
+        (lambda rate, out: (rate, out / DEG), "lab.output_unit", "gyro x"),
+        (lambda rate, out: (rate, out * [1.0, 1.0, -1.0]), "lab.output_reversed", "gyro z"),
+        (lambda rate, out: (np.abs(rate), out), "lab.one_sided_sweep", "x"),
+        (lambda rate, out: (rate, out * [1.0, 0.0, 1.0]), "lab.gyro_crossed", "y"),
+        (lambda rate, out: (rate[2 * N - 3 :], out[2 * N - 3 :]), "lab.no_sweep", "x"),
     ],
 )
-def test_bad_sweeps_are_refused(spoil: Callable, expected: str) -> None:
+def test_bad_sweeps_are_refused(spoil: Callable, code: str, axis: str) -> None:
     rng = np.random.default_rng(10)
     rate = table()
     rate, output = spoil(rate, gyros(rng).show(rate, NOISE, rng))
-    with pytest.raises(InputError, match=expected):
+    with refused(InputError, code) as caught:
         calibrate_sweeps(rate * DEG, output * DEG, np.zeros(rate.shape), raw=False)
+    assert axis in (caught.value.values.get("axis"), caught.value.values.get("sensor"))
 
 
 @pytest.mark.parametrize(
     ("header", "expected"),
     [
         ("rate_deg_s,gyro_x_deg_s,gyro_y_deg_s", "no column for gyro_z"),
-        ("rate_deg_s,gyro_x,gyro_y,gyro_z", "no unit"),
+        ("rate_deg_s,gyro_x,gyro_y,gyro_z", "lab.no_unit"),
         ("gyro_x_deg_s,gyro_y_deg_s,gyro_z_deg_s", "no column for rate"),
-        ("rate_deg_s,gyro_x_v,gyro_y_deg_s,gyro_z_deg_s", "different units"),
+        ("rate_deg_s,gyro_x_v,gyro_y_deg_s,gyro_z_deg_s", "lab.mixed_units"),
     ],
 )
 def test_files_that_lack_something_are_refused(tmp_path: Path, header: str, expected: str) -> None:
@@ -207,7 +209,7 @@ def test_files_that_lack_something_are_refused(tmp_path: Path, header: str, expe
 
 
 def test_two_files_are_not_three_sweeps(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="2 files"):
+    with refused(InputError, "lab.not_three_sweeps"):
         read_sweeps([tmp_path / "a.csv"] * 2)
 
 
@@ -245,13 +247,13 @@ def test_intercepts_of_no_piece_and_past_the_neighbours_are_refused() -> None:
     sensor = Gyros(np.eye(3), np.zeros(3), (broken, straight, straight))
     rate = table(RATES)
     output = sensor.show(rate, NOISE, np.random.default_rng(3)) * DEG
-    for name, value, expected in (
-        ("y1", 0.0, "gyro y has no pieces"),
-        ("x9", 0.0, "there is no piece"),
-        ("2x", 0.0, "there is no piece"),
-        ("x2", 500.0, "past its neighbours"),
+    for name, value, code in (
+        ("y1", 0.0, "lab.no_piece"),
+        ("x9", 0.0, "lab.no_piece"),
+        ("2x", 0.0, "lab.no_piece"),
+        ("x2", 500.0, "lab.piece_past_neighbours"),
     ):
-        with pytest.raises(ConfigError, match=expected):
+        with refused(ConfigError, code):
             calibrate_sweeps(rate * DEG, output, np.full(rate.shape, 0.0), raw=False, intercepts={name: value})
 
 

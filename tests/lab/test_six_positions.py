@@ -20,6 +20,7 @@ from insnav.lab.multi_position.six_positions import (
 )
 from insnav.types import FloatArray, ImuData
 from tests.lab.hand import G, record
+from tests.refusals import refused
 from tests.shared import recorded
 
 TRUE = ImuErrors(
@@ -122,30 +123,35 @@ def test_counts_give_the_same_as_si() -> None:
 
 
 def test_bad_sections_are_refused_all_at_once() -> None:
-    with pytest.raises(ConfigError) as refusal:
+    with refused(ConfigError, "lab.sections_unusable") as caught:
         check_sections({"x_p": (0, 10), "q_p": (0, 10), "y_a": (5, 5000)}, 100)
-    assert "z_rot is missing" in refusal.value.why
-    assert "q_p is not a section" in refusal.value.why
-    assert "y_a from 5 to 5000" in refusal.value.why
+    assert "z_rot" in caught.value.values["missing"]
+    assert caught.value.values["unknown"] == ("q_p",)
+    assert caught.value.values["outside"] == ("y_a",)
 
 
 @pytest.mark.parametrize(
-    ("spoil", "word"),
+    ("spoil", "code", "values"),
     [
-        (lambda d, s: (d, s | {"x_p": s["y_p"]}), "x_p is not at rest with x up"),
-        (lambda d, s: (d, s | {"x_p": s["x_a"], "x_a": s["x_p"]}), "same|not at rest with x"),
-        (lambda d, s: (d, s | {"x_rot": s["z_rot"]}), "x_rot is not a turn about x"),
-        (lambda d, s: (d, s | {"y_rot": (s["y_rot"][0], s["y_rot"][0] + 60)}), "y_rot is not a turn by 360"),
-        (lambda d, s: (replace(d, gyro=d.gyro * 57.3), s), "is not a turn by 360"),
-        (lambda d, s: (replace(d, accel=d.accel / 9.8), s), "not in m/s"),
-        (lambda d, s: (replace(d, accel=d.accel[:, [1, 0, 2]]), s), "is not at rest with x"),
-        (lambda d, s: (replace(d, gyro=d.gyro[:, [1, 0, 2]]), s), "is not a turn about x"),
+        (lambda d, s: (d, s | {"x_p": s["y_p"]}), "lab.section_pose", {"section": "x_p", "pose": "x up"}),
+        (lambda d, s: (d, s | {"x_p": s["x_a"], "x_a": s["x_p"]}), "lab.section_pose", {"section": "x_p"}),
+        (lambda d, s: (d, s | {"x_rot": s["z_rot"]}), "lab.section_axis", {"section": "x_rot", "axis": "x"}),
+        (
+            lambda d, s: (d, s | {"y_rot": (s["y_rot"][0], s["y_rot"][0] + 60)}),
+            "lab.section_angle",
+            {"section": "y_rot"},
+        ),
+        (lambda d, s: (replace(d, gyro=d.gyro * 57.3), s), "lab.section_angle", {"turn_rad": 2.0 * np.pi}),
+        (lambda d, s: (replace(d, accel=d.accel / 9.8), s), "lab.force_unit", {}),
+        (lambda d, s: (replace(d, accel=d.accel[:, [1, 0, 2]]), s), "lab.section_pose", {"pose": "x up"}),
+        (lambda d, s: (replace(d, gyro=d.gyro[:, [1, 0, 2]]), s), "lab.section_axis", {"axis": "x"}),
     ],
 )
-def test_bad_data_are_refused_with_the_reason(spoil, word: str) -> None:
+def test_bad_data_are_refused_with_the_reason(spoil, code: str, values: dict) -> None:
     data = measured(0.005)
-    with pytest.raises(InputError, match=word):
+    with refused(InputError, code) as caught:
         calibrate_six_positions(*_swapped(spoil(data, find_sections(data))))
+    assert values.items() <= caught.value.values.items()
 
 
 def _swapped(spoiled: tuple[ImuData, dict[str, tuple[int, int]]]) -> tuple[ImuData, float, dict[str, tuple[int, int]]]:
@@ -153,8 +159,9 @@ def _swapped(spoiled: tuple[ImuData, dict[str, tuple[int, int]]]) -> tuple[ImuDa
 
 
 def test_a_session_without_a_turn_is_refused_and_says_which() -> None:
-    with pytest.raises(InputError, match="y_rot"):
+    with refused(InputError, "lab.section_missing") as caught:
         find_sections(measured(0.005, MOVES[:5] + MOVES[6:]))
+    assert caught.value.values["sections"] == ("y_rot",)
 
 
 def _imucal_oracle(data: ImuData, sections: dict[str, dict[str, int]]):

@@ -209,7 +209,7 @@ def _given(
         match = match_header(name, schema)
         if match is None:
             keys = [q.key for q in schema]
-            known = {"close": close} if (close := _closest(name, keys)) else {"known": tuple(keys)}
+            known: dict[str, Any] = {"close": close} if (close := _closest(name, keys)) else {"known": tuple(keys)}
             raise ConfigError("columns.unknown_quantity", where="columns", quantity=name, **known)
         quantity, unit, _ = match
         if not header:
@@ -282,7 +282,9 @@ def require(
             free.remove(header)
             meant[quantity.key] = header
     by_name = len(meant) == len(missing) if guess else bool(meant) and not hint  # names are the better evidence
-    advice = {"meant": quote_columns(meant)} if by_name else {"hint": hint} if hint else {"guess": guess}
+    advice: dict[str, Any] = (
+        {"meant": quote_columns(meant)} if by_name else {"hint": hint} if hint else {"guess": guess}
+    )
     advice |= {"option": "--columns", "example": "" if any(advice.values()) else missing[0].key}
     raise InputError("columns.missing", where=where, gives=gives, **listed, **advice)
 

@@ -93,7 +93,7 @@ def acceptance(
 
 def _refuse_twice(twice: bool, axis: str, record: BenchRecord) -> None:
     if twice:
-        raise ConfigError(f"{axis} is in two files of one kind", where=record.table.name, fix="give one of them")
+        raise ConfigError("lab.sensor_twice", where=record.table.name, sensor=axis)
 
 
 def _repeatability(
@@ -151,18 +151,12 @@ def _per_si(channel: Channel, scale: tuple[Scale, str] | None, where: str, notes
     sensed = channel.unit in SI.values()
     if scale is None:
         if not sensed:
-            raise ConfigError(
-                f"the output of {channel.axis} is in {channel.unit} and its scale factor is not known",
-                where=where,
-                fix="give the rate table with --rates, or the positions with --positions",
-            )
+            raise ConfigError("lab.scale_unknown", where=where, sensor=channel.axis, unit=channel.unit)
         notes.append(Finding.of(Code.ACCEPTANCE_NO_SCALE, subject=channel.axis))
         return 1.0
     k, unit = scale[0].k, scale[1]
     if (unit in SI.values()) != sensed or (unit == "LSB") != (channel.unit == "LSB"):
-        raise ConfigError(
-            f"{channel.axis} has outputs in {unit} and in {channel.unit}", where=where, fix="give all files in one unit"
-        )
+        raise ConfigError("lab.two_units", where=where, sensor=channel.axis, units=(unit, channel.unit))
     if sensed:
         return k
     return k / BENCH_UNIT[channel.axis.split()[0]][1] * UNITS[unit][1] / UNITS[channel.unit][1]

@@ -69,9 +69,7 @@ def spread_of(values: FloatArray, *, where: str = "") -> Spread:
     values (n,): at least two. Raises InputError: fewer than two values.
     """
     if values.size < 2:
-        raise InputError(
-            "one value has no scatter", where=where, why=f"there are {values.size}", fix="measure several times"
-        )
+        raise InputError("lab.no_scatter", where=where, count=values.size)
     sd = float(np.std(values, ddof=1))
     low, high = chi_square_interval(sd, values.size - 1.0, CONFIDENCE)
     return Spread(values, sd, float(low), float(high))
@@ -95,12 +93,7 @@ def scale_of(channel: Channel, *, where: str = "") -> Scale:
     average = table.average
     (zero, k), (zero_sd, k_sd) = (table.fit.value, table.fit.sd) if average is None else average
     if channel.unit in SI.values() and not 1.0 / LARGEST_K < k < LARGEST_K:
-        raise InputError(
-            f"a scale factor of {k:.3g} is not that of a sensor that shows what it senses",
-            where=where,
-            why="a wrong unit in a header, or a sensor that was turned the other way",
-            fix="check the units of setting and output, and the sign of the setting",
-        )
+        raise InputError("lab.scale_implausible", where=where, scale=k)
     bias = zero / k
     # the zero is measured about as well as the line; how the scale factor errs matters for large biases only
     bias_sd = float(np.hypot(zero_sd, bias * k_sd)) / abs(k)
@@ -110,10 +103,7 @@ def scale_of(channel: Channel, *, where: str = "") -> Scale:
 def _refuse_few(setting: FloatArray, where: str) -> None:
     if np.unique(setting).size < 2 or setting.size < 3 or not setting.min() < 0.0 < setting.max():
         raise InputError(
-            "these settings make no scale factor",
-            where=where,
-            why=f"there are {setting.size} dwells at {', '.join(f'{value:g}' for value in np.unique(setting))}",
-            fix="measure on both sides of zero, three dwells at least",
+            "lab.few_settings", where=where, count=setting.size, settings=tuple(np.unique(setting).tolist())
         )
 
 
@@ -158,12 +148,7 @@ def powerup_biases(channel: Channel, powerup: FloatArray, *, where: str = "") ->
             if ahead.size and back.size:
                 pairs.append(0.5 * (ahead.mean() + back.mean()))
         if len(pairs) < sizes.size or not pairs or (first is not None and not np.array_equal(sizes, first)):
-            raise InputError(
-                f"power-up {number:g} does not show the bias of {channel.axis}",
-                where=where,
-                why="rows at +w and at -w are needed, the same w in every power-up",
-                fix="add the missing settings, or leave this power-up out",
-            )
+            raise InputError("lab.powerup_settings", where=where, powerup=number, sensor=channel.axis)
         first = sizes
         biases.append(float(np.mean(pairs)))
     return np.array(biases)

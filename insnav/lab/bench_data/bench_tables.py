@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +14,6 @@ from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
 from insnav.input.interpret.columns import require, understand
 from insnav.input.interpret.schema import Quantity
-from insnav.messages import sentence
 from insnav.types import FloatArray
 
 TIME = Quantity("time", "time_s", "time", "s", ("time", "t", "timestamp"))
@@ -75,33 +75,25 @@ def read_bench(
     require(found, wanted, table.headers, schema, where=table.name)
     for item in found.values():
         if item.unit is None and item.quantity.dimension:
-            raise InputError(
-                f"column {item.header!r} has no unit",
-                where=table.name,
-                fix=f"write the unit into the header: {item.quantity.name}",
-            )
+            raise InputError("lab.no_unit", where=table.name, column=item.header, name=item.quantity.name)
     if not found:
         raise InputError(
-            "no column is understood",
+            "lab.no_column",
             where=table.name,
-            why=f"the headers are {', '.join(table.headers)}",
-            fix=f"rename them, or name them with --columns; known are {', '.join(item.name for item in schema[:4])}, …",
+            headers=tuple(table.headers),
+            known=tuple(item.name for item in schema[:4]),
         )
     numbers = table.cells.read([item.index for item in found.values()])
     if numbers.cut:
-        raise InputError("the file is incomplete", where=table.name, why=sentence(numbers.cut), fix="save it again")
+        raise InputError("lab.truncated", where=table.name, **dict[str, Any](numbers.cut.values))
     if numbers.n_rows == 0:
-        raise InputError("the file has no rows", where=table.name)
+        raise InputError("lab.no_rows", where=table.name)
     values, units = {}, {}
     for key, item in found.items():
         raw = numbers.columns[item.index]
         if not np.isfinite(raw).all():
             row = int(np.argmin(np.isfinite(raw)))
-            raise InputError(
-                "a value is missing",
-                where=table.place(row, item.index),
-                fix="measure it, or delete the row",
-            )
+            raise InputError("lab.value_missing", where=table.place(row, item.index))
         values[key] = raw if item.quantity.dimension == "signal" else raw * item.factor
         units[key] = item.unit or ""
     return BenchTable(table.name, table.sha256, values, units)

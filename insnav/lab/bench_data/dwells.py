@@ -51,12 +51,14 @@ def default_limit(unit: str) -> float:
     return LIMIT_V / factor if dimension == "signal" and unit != "LSB" else float("inf")
 
 
-def clean_mean(time: FloatArray, samples: FloatArray, limit: float, *, where: str = "") -> tuple[float, float, int]:
+def clean_mean(
+    time: FloatArray, samples: FloatArray, limit: float, *, where: str = "", row: int = 0
+) -> tuple[float, float, int]:
     """Mean of the samples of a dwell without its spikes.
 
     time (n,): time of each sample, in any unit; samples (n,): samples; limit: largest distance from the polynomial,
-    in the unit of the samples. Returns mean, sd: mean of the samples kept and its standard deviation; dropped: how
-    many were not kept. Raises InputError: more than half of them lie beyond the limit.
+    in the unit of the samples; row: first row of the dwell, from 0. Returns mean, sd: mean of the samples kept and its
+    standard deviation; dropped: how many were not kept. Raises InputError: more than half of them lie beyond the limit.
     """
     order = min(ORDER, max(0, samples.size // 10))  # a short dwell does not carry seven bends
     good = np.ones(samples.size, dtype=np.bool_)
@@ -68,11 +70,14 @@ def clean_mean(time: FloatArray, samples: FloatArray, limit: float, *, where: st
     kept = samples[good]
     if kept.size < (1.0 - LARGEST_LOSS) * samples.size:
         raise InputError(
-            "more than half of the samples of a dwell are spikes",
+            "lab.dwell_of_spikes",
             where=where,
-            why=f"{samples.size - kept.size} of {samples.size} are further than {limit:g} from a polynomial of order "
-            f"{order}; their standard deviation about it is {np.std(residual):.3g}",
-            fix="check the unit of the column, or give a larger --spike-limit",
+            begin_row=row + 1,
+            end_row=row + samples.size,
+            count=samples.size - kept.size,
+            limit=limit,
+            order=order,
+            residual_sd=np.std(residual),
         )
     sd = float(np.std(residual[good]) / np.sqrt(kept.size)) if kept.size > 1 else 0.0
     return float(np.mean(kept)), sd, samples.size - kept.size
@@ -90,7 +95,7 @@ def reduce_dwells(
     """
     bad = ~(np.isfinite(settings).all(axis=1) & np.isfinite(samples).all(axis=1))
     if bad.any():
-        raise InputError("a value is missing", where=where, why=f"row {int(np.argmax(bad)) + 1} has an empty cell")
+        raise InputError("lab.value_missing", where=where, row=int(np.argmax(bad)) + 1)
     time = np.arange(len(samples), dtype=np.float64) if time is None else time
     starts = np.flatnonzero(np.any(np.diff(settings, axis=0) != 0.0, axis=1)) + 1
     bounds = np.concatenate(([0], starts, [len(settings)]))
@@ -102,8 +107,9 @@ def reduce_dwells(
             if bounds[i + 1] - bounds[i] == 1:
                 value[i, j] = samples[bounds[i], j]
             else:
-                place = f"{where}, dwell {i + 1}, rows {bounds[i] + 1} to {bounds[i + 1]}"
-                value[i, j], sd[i, j], dropped[i, j] = clean_mean(time[rows], samples[rows, j], limit, where=place)
+                value[i, j], sd[i, j], dropped[i, j] = clean_mean(
+                    time[rows], samples[rows, j], limit, where=where, row=bounds[i]
+                )
     return Dwells(settings[bounds[:-1]], value, sd, np.diff(bounds).astype(np.float64), dropped)
 
 

@@ -76,7 +76,7 @@ def read_static(path: str | Path | Table, columns: Mapping[str, str] | None = No
     table = _read(path, ("raw", "sensed"), ("time",), columns)
     time = table.columns["time"]
     if time.size < 2 or not np.all(np.diff(time) > 0.0):
-        raise InputError("the times of a record must grow", where=table.name, fix="sort the rows; delete double ones")
+        raise InputError("lab.times_not_increasing", where=table.name)
     return BenchRecord(table, time, None, _channels(table, settings=False))
 
 
@@ -142,17 +142,18 @@ def read_drift(path: str | Path | Table, columns: Mapping[str, str] | None = Non
         sensor, letter = axis.split()
         if known["raw"].key in table.columns:
             raise InputError(
-                f"{axis} is in {table.units[known['raw'].key]}",
+                "lab.drift_of_raw",
                 where=table.name,
-                why="drift is a rate",
-                fix=f"calibrate first (insnav calibrate), and give {known['sensed'].name}",
+                sensor=axis,
+                unit=table.units[known["raw"].key],
+                name=known["sensed"].name,
             )
         for kind, into in values.items():
             if known[kind].key in table.columns:
                 (into if sensor == "gyro" else force)[letter] = table.columns[known[kind].key]
     gyro = values["sensed"]
     if not gyro:
-        raise InputError("the record has no gyro", where=table.name, fix="name its column like gyro_x_deg_s")
+        raise InputError("lab.no_gyro", where=table.name)
     record = DriftRecord(
         table.name, table.columns["time"], tuple(gyro), gyro, values["setting"], force, table.get("temperature")
     )
@@ -172,8 +173,7 @@ def _read(
     table = read_bench(path, (*schema, *more), needed, columns=named)
     outputs = {known[kind].key for known in _EVERY.values() for kind in ("raw", "sensed", "bias")}
     if not outputs & set(table.columns):
-        example = "gyro_x_deg_s, accel_x_g, gyro_x_v, accel_x_lsb"
-        raise InputError("the file has no sensor", where=table.name, fix=f"name the columns of outputs like {example}")
+        raise InputError("lab.no_sensor", where=table.name)
     return table
 
 
@@ -185,11 +185,7 @@ def _channels(table: BenchTable, *, settings: bool) -> dict[str, Channel]:
             continue
         key, setting = (raw if raw in table.columns else sensed), known["setting"]
         if settings and setting.key not in table.columns:
-            raise InputError(
-                f"{axis} has an output and no column of what was set",
-                where=table.name,
-                fix=f"add {setting.name}: zero where nothing was set about this axis",
-            )
+            raise InputError("lab.no_setting", where=table.name, sensor=axis, name=setting.name)
         unit = table.units[raw] if key == raw else SI[axis.split()[0]]
         own = table.columns[setting.key] if settings else np.empty(0)
         channels[axis] = Channel(axis, own, table.columns[key], unit)

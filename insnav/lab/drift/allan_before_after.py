@@ -93,12 +93,7 @@ def drift_study(record: DriftRecord) -> DriftStudy:
     _refuse_gaps(record)
     rest = slice(0, int(np.count_nonzero(record.at_rest())))
     if rest.stop < FEWEST:
-        raise InputError(
-            "the record does not begin at rest",
-            where=record.name,
-            why=f"{rest.stop} samples come before the first rotation; {FEWEST} are needed for noise and filter",
-            fix="record 100 s at rest first",
-        )
+        raise InputError("lab.no_rest_first", where=record.name, count=rest.stop, limit=FEWEST)
     models = {axis: drift_model(record, axis) for axis in record.axes}
     errors = drift_errors(models, f"drift of {record.name}")
     corrected = corrected_rates(record, errors)
@@ -110,15 +105,10 @@ def drift_study(record: DriftRecord) -> DriftStudy:
 def _refuse_gaps(record: DriftRecord) -> None:
     step = np.diff(record.time)
     if not np.all(step > 0.0):
-        raise InputError("the times of a record must grow", where=record.name, fix="sort the rows; delete double ones")
+        raise InputError("lab.times_not_increasing", where=record.name)
     wide = np.flatnonzero(step > GAP * np.median(step))
     if wide.size:
-        raise InputError(
-            "the record has gaps, which a filter of constant interval does not know",
-            where=f"{record.name}: after {record.time[wide[0]]:g} s",
-            why=f"{wide.size} steps are longer than {GAP:g} intervals",
-            fix="cut out a part without gaps",
-        )
+        raise InputError("lab.gaps", where=record.name, after_s=record.time[wide[0]], count=wide.size, limit=GAP)
 
 
 def _factors(n: int, interval: float) -> tuple[IntArray, tuple[Finding, ...]]:
@@ -126,11 +116,7 @@ def _factors(n: int, interval: float) -> tuple[IntArray, tuple[Finding, ...]]:
     wanted = np.array(TAUS) / interval
     held = (np.rint(wanted) >= 1) & (np.abs(wanted - np.rint(wanted)) < 0.02 * wanted) & (2 * np.rint(wanted) <= n)
     if not held.any():
-        raise InputError(
-            "the part at rest holds none of the averaging times",
-            why=f"it is {n * interval:g} s long, sampled every {interval:g} s",
-            fix="record 100 s at rest at 10 Hz or more",
-        )
+        raise InputError("lab.rest_without_times", length_s=n * interval, interval_s=interval)
     lost = tuple(tau for tau, good in zip(TAUS, held, strict=True) if not good)
     notes = (Finding.of(Code.DRIFT_TIMES, tau_s=lost, length_s=n * interval, interval_s=interval),) * bool(lost)
     return np.unique(np.rint(wanted[held]).astype(np.int64)), notes

@@ -82,11 +82,7 @@ def drift_model(record: DriftRecord, axis: str) -> DriftModel:
     axis: letter of the gyro. Raises InputError: fewer than 100 samples.
     """
     if record.time.size < FEWEST:
-        raise InputError(
-            "the record is too short for a drift model",
-            where=record.name,
-            why=f"it has {record.time.size} samples; {FEWEST} are needed",
-        )
+        raise InputError("lab.drift_short", where=record.name, count=record.time.size, limit=FEWEST)
     columns = [np.ones(record.time.size)]
     causes = {
         "B": record.rate.get(axis),
@@ -106,12 +102,7 @@ def drift_model(record: DriftRecord, axis: str) -> DriftModel:
     fit = linear_fit(np.column_stack(columns), drift, names, where=f"{record.name}, gyro {axis}")
     value = dict(zip(names, fit.value.tolist(), strict=True))
     if abs(value.get("B", 0.0)) > LARGEST_B:
-        raise InputError(
-            f"gyro {axis} does not show the rate: it shows {1.0 + value['B']:.3g} times as much",
-            where=record.name,
-            why="a wrong unit in a header, another axis, or the other sense of rotation",
-            fix="check the units and signs of gyro and rate",
-        )
+        raise InputError("lab.rate_scale", where=record.name, sensor=f"gyro {axis}", ratio=1.0 + value["B"])
     inflation, freedom = variance_inflation(fit.residual, len(names))
     sd = fit.sd * np.sqrt(inflation)
     return DriftModel(

@@ -63,7 +63,7 @@ def choose_smoother(values: FloatArray, interval: float) -> Smoother:
     """
     step = np.diff(values)
     if not np.any(step):
-        raise InputError("the gyro never changes", why="there is no random part to smooth")
+        raise InputError("lab.constant_rate")
     n = values.size
     power = dst(step, type=1, norm="ortho") ** 2
     shape = 2.0 - 2.0 * np.cos(math.pi * np.arange(1, n) / n)
@@ -90,7 +90,7 @@ def smooth(values: FloatArray, smoother: Smoother) -> FloatArray:
     stay in the filter for ever.
     """
     if not np.isfinite(values).all():
-        raise InputError("a rate is not a number", where=f"sample {int(np.argmin(np.isfinite(values)))}")
+        raise InputError("lab.not_finite", row=int(np.argmin(np.isfinite(values))) + 1)
     kalman = KalmanFilter(dim_x=1, dim_z=1)
     kalman.F, kalman.H = np.eye(1), np.eye(1)
     kalman.P, kalman.Q, kalman.R = np.array([[P0]]), np.array([[smoother.q]]), np.array([[smoother.r]])

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from insnav.exceptions import InputError
-from insnav.lab.multi_position.triad import AXES, Normal, Triad, corrected, directions, normal, pose_text
+from insnav.lab.multi_position.triad import AXES, Normal, Triad, corrected, directions, normal, pose_words
 from insnav.types import FloatArray
 
 PARAMETERS = 9
@@ -56,11 +56,7 @@ def sphere(force: FloatArray, g: float) -> Triad:
     )
     square = float(solution[3] + solution[:3] @ solution[:3])
     if rank < 4 or singular[-1] < 1e-3 * singular[0] or square <= 0.0:
-        raise InputError(
-            "the poses do not surround a sphere",
-            why="their specific forces lie in one plane or nearly: the sensor was not turned over",
-            fix="add poses with every axis up and down, and halfway between",
-        )
+        raise InputError("lab.poses_in_plane")
     scale = size * float(np.sqrt(square)) / g
     return Triad(middle + size * solution[:3], scale * np.eye(3))
 
@@ -111,11 +107,7 @@ def fit_gravity_norm(force: FloatArray, g: float, start: Triad) -> GravityFit:
     """
     n = force.shape[0]
     if n <= PARAMETERS:
-        raise InputError(
-            f"{n} poses are too few",
-            why=f"the accelerometers have {PARAMETERS} parameters, and their uncertainty takes a pose more",
-            fix="record at least 12 poses, better 30: every axis up and down, and halfway between",
-        )
+        raise InputError("lab.few_poses", count=n, parameters=PARAMETERS)
     before = normal(norm_jacobian(packed(start), force))
     _refuse_singular(before, g)
     # lengths of the columns as the unit of each parameter: biases in counts are 1e4, misalignments 1e-4
@@ -144,14 +136,15 @@ def _refuse_singular(determined: Normal, g: float) -> None:
     if determined.condition < WORST_CONDITION:
         return
     raise InputError(
-        "the poses do not determine the accelerometers",
-        why=f"{', '.join(NAMES[i] for i in determined.weak)} cannot be separated "
-        f"(condition number {determined.condition:.3g}, at most {WORST_CONDITION:g})",
-        fix=f"add a pose with {missing_pose(determined, g)}, and others like it",
+        "lab.poses_undetermined",
+        parameters=tuple(NAMES[i] for i in determined.weak),
+        condition=determined.condition,
+        limit=WORST_CONDITION,
+        pose=missing_pose(determined, g),
     )
 
 
-def missing_pose(determined: Normal, g: float) -> str:
+def missing_pose(determined: Normal, g: float) -> tuple[str, ...]:
     """Name the pose that would show most of the least determined combination of parameters.
 
     determined: by the poses so far; g: gravity [m/s^2].
@@ -161,4 +154,4 @@ def missing_pose(determined: Normal, g: float) -> str:
     rows = norm_jacobian(packed(perfect()), g * candidates)
     rows /= np.linalg.norm(rows, axis=0)
     gain = np.abs(rows @ determined.direction)
-    return pose_text(candidates[int(np.argmax(gain))])
+    return pose_words(candidates[int(np.argmax(gain))])

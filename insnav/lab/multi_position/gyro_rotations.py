@@ -159,7 +159,7 @@ def first_guess(turns: Turns, bias: FloatArray, up: FloatArray, counts: bool) ->
     if best < MISFIT:
         return scale * np.eye(3)
     if not counts and misfit(np.eye(3) / DEG) < MISFIT:
-        raise InputError("the gyros are in deg/s, not rad/s", why="the turns fit so", fix="say --imu-units deg/s,m/s^2")
+        raise InputError("lab.gyros_in_degrees")
     others = [
         (misfit(s * np.diag(signs)[list(order)]), order, signs)
         for order in itertools.permutations(range(3))
@@ -168,19 +168,9 @@ def first_guess(turns: Turns, bias: FloatArray, up: FloatArray, counts: bool) ->
     ]
     less, order, signs = min(others, key=lambda item: item[0])
     if less < 0.5 * best and less < MISFIT:
-        columns = ", ".join(f"{'+' if signs[o] > 0 else '-'}{AXES[o]}" for o in order)
-        raise InputError(
-            "the rotations of the gyros do not agree with the accelerometers",
-            why=f"the turns would fit if gyro x, y, z measured {columns} (misfit {np.rad2deg(less):.3g} deg instead "
-            f"of {np.rad2deg(best):.3g} deg)",
-            fix="columns exchanged, or a left-handed triad? bring gyros and accelerometers to the same "
-            "right-handed axes",
-        )
-    raise InputError(
-        "the gyros do not show the turns between the poses",
-        why=f"gravity after a turn is {np.rad2deg(best):.3g} deg off, whatever axes and signs they have",
-        fix="check their units and columns" + ("" if counts else "; for raw counts say --counts"),
-    )
+        columns = tuple(f"{'+' if signs[o] > 0 else '-'}{AXES[o]}" for o in order)
+        raise InputError("lab.gyros_exchanged", axes=columns, angle_rad=less, before_rad=best)
+    raise InputError("lab.turns_unseen", angle_rad=best, option="" if counts else "--counts")
 
 
 def fit_turns(turns: Turns, bias: FloatArray, start: FloatArray, up: FloatArray, use: BoolArray) -> TurnFit:
@@ -192,11 +182,7 @@ def fit_turns(turns: Turns, bias: FloatArray, start: FloatArray, up: FloatArray,
     """
     count = int(np.count_nonzero(use))
     if count < FEWEST:
-        raise InputError(
-            f"{count} turns are too few",
-            why=f"the gyros have {PARAMETERS} parameters, and a turn gives two equations",
-            fix="record at least 12 poses, with a turn about another axis between each two",
-        )
+        raise InputError("lab.few_turns", count=count, limit=FEWEST, parameters=PARAMETERS)
 
     def misfit(e: FloatArray) -> FloatArray:
         matrix = start @ (np.eye(3) + e.reshape(3, 3))
@@ -210,10 +196,10 @@ def fit_turns(turns: Turns, bias: FloatArray, start: FloatArray, up: FloatArray,
     determined = normal(done.jac)
     if not determined.condition < WORST_CONDITION:
         raise InputError(
-            "the turns do not determine the gyros",
-            why=f"{', '.join(NAMES[i] for i in determined.weak)} cannot be separated "
-            f"(condition number {determined.condition:.3g}, at most {WORST_CONDITION:g})",
-            fix="turn about every axis, by some 90 degrees, while that axis is level",
+            "lab.turns_undetermined",
+            parameters=tuple(NAMES[i] for i in determined.weak),
+            condition=determined.condition,
+            limit=WORST_CONDITION,
         )
     matrix = start @ (np.eye(3) + done.x.reshape(3, 3))
     sd = float(np.sqrt(2.0 * done.cost / (2 * count - PARAMETERS)))

@@ -64,7 +64,7 @@ def calibrate_poses(imu: ImuData, g: float, *, counts: bool = False) -> PosesCal
     be.
     """
     if imu.sampling == "increment":
-        raise InputError("increments are not calibrated by poses", fix="give rates and specific forces")
+        raise InputError("lab.increments")
     activity = measure_activity(imu)
     factor, poses, fit, start = _best_poses(imu, activity, g, counts)
     force = np.array([pose.force for pose in poses])
@@ -143,11 +143,7 @@ def _best_poses(
             continue
         tried.append((float(np.linalg.slogdet(fit.covariance)[1]), factor, poses, fit, start))
     if not tried:
-        raise refused or InputError(
-            "no pose at rest was found",
-            why="the specific force nowhere stays calm for 1.5 s",
-            fix="rest in every pose for 2 s or more, on something firm",
-        )
+        raise refused or InputError("lab.never_calm")
     # a looser limit that wins by chance lets the ends of motions in, which the turns then lack
     least = min(item[0] for item in tried)
     _, factor, poses, fit, start = next(item for item in tried if item[0] < least + ALIKE)
@@ -161,40 +157,24 @@ def refuse_force_units(force: FloatArray, g: float) -> None:
     """
     length = float(np.median(np.linalg.norm(force, axis=1)))
     if abs(length / g - 1.0) > WRONG_UNIT:
-        raise InputError(
-            "the accelerometers are not in m/s^2",
-            why=f"the specific force at rest is {length:.4g} long, gravity {g:.4g} m/s^2",
-            fix="say --imu-units, or --counts for raw units",
-        )
+        raise InputError("lab.force_unit", force_m_s2=length, gravity_m_s2=g)
 
 
 def _refuse_norm(fit: gravity_norm.GravityFit, g: float) -> None:
     if fit.sd > WRONG_NORM * g:
-        raise InputError(
-            "the specific force at rest is not that of gravity",
-            why=f"whatever the calibration, its length varies by {fit.sd:.3g} m/s^2 from pose to pose",
-            fix="check that the columns are those of the accelerometers, and that the sensor was at rest",
-        )
+        raise InputError("lab.force_varies", sd_m_s2=fit.sd)
 
 
 def _refuse_bias(accel: Triad, g: float, counts: bool) -> None:
     worst = float(np.abs(accel.bias).max())
     if not counts and worst > WRONG_UNIT * g:
-        raise InputError(
-            "the accelerometers are not in m/s^2 from zero",
-            why=f"their estimated biases are {', '.join(f'{b:.3g}' for b in accel.bias)} m/s^2",
-            fix="give specific force, gravity not subtracted; or --counts for raw units",
-        )
+        raise InputError("lab.force_offset", bias_m_s2=tuple(accel.bias.tolist()))
 
 
 def _refuse_gyro_units(gyro: Triad, counts: bool) -> None:
     scale = np.diag(gyro.matrix)
     if not counts and np.abs(scale - 1.0).max() > WRONG_UNIT:
-        raise InputError(
-            "the gyros are not in rad/s",
-            why=f"their estimated scale factors are {', '.join(f'{s:.4g}' for s in scale)}",
-            fix="say --imu-units, or --counts for raw units",
-        )
+        raise InputError("lab.gyro_unit", scale=tuple(scale.tolist()))
 
 
 def _directions(triad: Triad, force: FloatArray) -> FloatArray:

@@ -26,7 +26,7 @@ from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
 from insnav.sample_statistics import rms
 from insnav.types import FloatArray, ImuData, Sampling, Stamp
-from insnav.units import DEG, G0
+from insnav.units import G0
 
 Found = PosesCalibration | SixPositions
 RAW_UNIT = "LSB"  # of a record whose headers state none
@@ -43,13 +43,11 @@ def read(files: Sequence[str | Path | Table], how: BenchOptions) -> Reading[ImuD
     In SI units, or of raw counts as in the file; in body axes. Raises ConfigError: options that contradict each other.
     """
     if not how.six and how.sections is not None:
-        raise ConfigError("sections belong to six positions", where="--sections", fix="add --method six")
+        raise ConfigError("lab.sections_need_six", where="--sections")
     if how.counts and (how.units or how.sampling or how.stamp):
-        raise ConfigError("raw counts have no units", where="--counts", fix="leave out --imu-units, --imu-sampling …")
+        raise ConfigError("lab.counts_have_no_units", where="--counts")
     if not 0.5 * np.pi <= how.turn <= 200.0 * np.pi:
-        raise ConfigError(
-            f"{how.turn / DEG:g} degrees is not a turn to calibrate by", where="--turn", fix="such as 360"
-        )
+        raise ConfigError("lab.turn_angle", where="--turn", turn_rad=how.turn)
     if how.counts:
         return read_counts(files[0], axes=how.axes, columns=how.columns)
     return read_imu(

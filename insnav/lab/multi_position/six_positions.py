@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from insnav.config_file import read_toml
-from insnav.exceptions import ConfigError, InputError
+from insnav.exceptions import ConfigError, InputError, reason_of
 from insnav.lab.multi_position.many_positions import FACTORS, refuse_force_units
 from insnav.lab.multi_position.stationary_spans import Pose, clipped, find_poses, measure_activity, pose_between
 from insnav.lab.multi_position.triad import AXES, MultiPosition, Triad, corrected
@@ -65,7 +65,7 @@ def calibrate_six_positions(
     ConfigError: sections that are missing or outside the record.
     """
     if imu.sampling == "increment":
-        raise InputError("increments are not calibrated by positions", fix="give rates and specific forces")
+        raise InputError("lab.increments")
     chosen = find_sections(imu) if sections is None else check_sections(sections, imu.time.shape[0])
     poses = [pose_between(imu, *chosen[name]) for name in POSITIONS]
     force, rate = np.array([p.force for p in poses]), np.array([p.rate for p in poses])
@@ -146,17 +146,17 @@ def _accelerometers(force: FloatArray, poses: list[Pose], g: float) -> tuple[Tri
 def _refuse_positions(force: FloatArray, accel: Triad, g: float) -> None:
     scale = np.diag(accel.matrix)
     if (np.abs(scale) < 1e-9 * np.abs(force).max() / g).any():
-        raise InputError("opposite positions show the same specific force", fix="check which sections are which")
+        raise InputError("lab.positions_alike")
     feels = (force - accel.bias) / (np.abs(scale) * g)
     for name, felt, ideal in zip(POSITIONS, feels, _ideal(1.0), strict=True):
         axis = int(np.argmax(np.abs(ideal)))
         across = float(np.linalg.norm(np.delete(felt, axis)))
         if felt[axis] * ideal[axis] < 0.0 or across > OFF_AXIS:
-            found = ", ".join(f"{v:+.2f}" for v in felt)
             raise InputError(
-                f"section {name} is not at rest with {name[0]} {'up' if name.endswith('p') else 'down'}",
-                why=f"its specific force points along ({found}) of its axes",
-                fix="check which sections are which; columns exchanged?",
+                "lab.section_pose",
+                section=name,
+                pose=f"{name[0]} {'up' if name.endswith('p') else 'down'}",
+                force=tuple(felt.tolist()),
             )
 
 
@@ -166,24 +166,15 @@ def _refuse_turns(integral: FloatArray, turn: float, counts: bool) -> None:
         across = float(np.linalg.norm(np.delete(integral[:, axis], axis)))
         if across > OFF_AXIS * own:
             raise InputError(
-                f"section {name} is not a turn about {AXES[axis]}",
-                why=f"the gyros integrate to {', '.join(f'{v:.4g}' for v in integral[:, axis])}",
-                fix="check which sections are which; columns exchanged?",
+                "lab.section_axis", section=name, axis=AXES[axis], integrals=tuple(integral[:, axis].tolist())
             )
         if not counts and abs(own / turn - 1.0) > SHORT_TURN:
             raise InputError(
-                f"section {name} is not a turn by {np.rad2deg(turn):.0f} degrees",
-                why=f"gyro {AXES[axis]} makes it {np.rad2deg(own):.1f} degrees",
-                fix="turn fully, give the true angle with --turn, or check the units of the gyros",
+                "lab.section_angle", section=name, turn_rad=turn, sensor=f"gyro {AXES[axis]}", angle_rad=own
             )
     own = np.abs(np.diag(integral))
     if counts and own.max() > (1.0 + SHORT_TURN) * own.min():
-        shown = ", ".join(f"{v:.4g}" for v in own)
-        raise InputError(
-            "the three turns are not by the same angle",
-            why=f"gyros x, y, z integrate to {shown} times s",
-            fix="turn by the same full angle about every axis",
-        )
+        raise InputError("lab.turns_unequal", integrals=tuple(own.tolist()))
 
 
 def check_sections(sections: Mapping[str, tuple[int, int]], n: int) -> dict[str, tuple[int, int]]:
@@ -192,18 +183,12 @@ def check_sections(sections: Mapping[str, tuple[int, int]], n: int) -> dict[str,
     sections: first and last plus one sample; n: samples of the record. Raises ConfigError: all that is wrong at
     once.
     """
-    wrong = [f"{name} is missing" for name in SECTIONS if name not in sections]
-    wrong += [f"{name} is not a section" for name in sections if name not in SECTIONS]
-    wrong += [
-        f"{name} from {first} to {last} is not inside the {n} samples, or too short"
-        for name, (first, last) in sections.items()
-        if not 0 <= first < last - 2 < n - 1
-    ]
-    if wrong:
+    missing = tuple(name for name in SECTIONS if name not in sections)
+    unknown = tuple(name for name in sections if name not in SECTIONS)
+    outside = tuple(name for name, (first, last) in sections.items() if not 0 <= first < last - 2 < n - 1)
+    if missing or unknown or outside:
         raise ConfigError(
-            "the sections cannot be used",
-            why="; ".join(wrong),
-            fix=f"give first and last sample of {', '.join(SECTIONS)}",
+            "lab.sections_unusable", missing=missing, unknown=unknown, outside=outside, samples=n, known=SECTIONS
         )
     return {name: (int(sections[name][0]), int(sections[name][1])) for name in SECTIONS}
 
@@ -219,11 +204,7 @@ def find_sections(imu: ImuData) -> dict[str, tuple[int, int]]:
     activity = measure_activity(imu)
     poses = find_poses(imu, activity, FACTORS[2])
     if len(poses) < len(POSITIONS):
-        raise InputError(
-            f"{len(poses)} stationary spans are too few",
-            why="six positions take six",
-            fix="rest for 2 s or more with every axis up and down, or give the sections with --sections",
-        )
+        raise InputError("lab.few_spans", count=len(poses))
     force = np.array([pose.force for pose in poses])
     # middle of opposite extremes: the bias even of raw counts, as far as up and down need it
     middle = (force.max(axis=0) + force.min(axis=0)) / 2.0
@@ -247,14 +228,9 @@ def find_sections(imu: ImuData) -> dict[str, tuple[int, int]]:
         name = TURNS[axis]
         if int(np.argmax(angle)) == axis and angle[axis] > largest.get(name, 0.0):
             largest[name], found[name] = float(angle[axis]), (first, last)
-    missing = [name for name in SECTIONS if name not in found]
+    missing = tuple(name for name in SECTIONS if name not in found)
     if missing:
-        raise InputError(
-            f"no section was found for {', '.join(missing)}",
-            why=f"{len(poses)} stationary spans were found; _p is with that axis up, _a down, _rot a turn about it "
-            "while it is vertical",
-            fix="record what is missing, or give the sections with --sections",
-        )
+        raise InputError("lab.section_missing", sections=missing, count=len(poses))
     return {name: found[name] for name in SECTIONS}
 
 
@@ -270,7 +246,7 @@ def read_sections(path: Path) -> dict[str, tuple[int, int]]:
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
         except (OSError, ValueError, RecursionError) as error:
-            raise ConfigError("cannot read the sections", where=str(path), why=str(error)) from None
+            raise ConfigError("lab.sections_unreadable", where=str(path), reason=reason_of(error)) from None
     spans, wrong = {}, []
     for name, value in content.items() if isinstance(content, dict) else ():
         pair = [value.get("start"), value.get("end")] if isinstance(value, dict) else value
@@ -279,10 +255,5 @@ def read_sections(path: Path) -> dict[str, tuple[int, int]]:
         else:
             wrong.append(str(name))
     if wrong or not spans:
-        raise ConfigError(
-            "the sections cannot be understood",
-            where=str(path),
-            why=f"no first and last sample of {', '.join(wrong) or 'anything'}",
-            fix='write "x_p": {"start": 540, "end": 1271}',
-        )
+        raise ConfigError("lab.sections_not_understood", where=str(path), sections=tuple(wrong))
     return spans

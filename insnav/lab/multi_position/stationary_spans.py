@@ -103,23 +103,14 @@ def measure_activity(imu: ImuData) -> Activity:
     interval = float(np.median(np.diff(imu.time))) if imu.time.size > 1 else np.inf
     window = 2 * round(0.5 * WINDOW / interval) + 1 if np.isfinite(interval) else 0
     if window < FEWEST or imu.time.size < 10 * window:
-        raise InputError(
-            "the record is too short, or sampled too slowly, to hold poses",
-            why=f"{imu.time.size} samples every {interval:.3g} s",
-            fix=f"record at {FEWEST / WINDOW:g} Hz or more, and rest in every pose for some seconds",
-        )
+        raise InputError("lab.poses_short", count=imu.time.size, interval_s=interval, rate_hz=FEWEST / WINDOW)
     variance = moving_variance(imu.accel, window)
     known = variance[np.isfinite(variance)]
     # a simulated record without noise has no variance at all at rest: rounding is the least there can be
     floor = max(float(np.quantile(known, QUIET_SHARE)), 1e-12 * float(np.mean(imu.accel**2)), np.finfo(float).tiny)
     contrast = float(np.quantile(known, 1.0 - QUIET_SHARE)) / floor
     if contrast < CONTRAST:
-        raise InputError(
-            "no pose at rest was found",
-            why=f"the specific force varies everywhere alike (the most active tenth {np.sqrt(contrast):.1f} times "
-            "as much as the quietest): the sensor is never stationary, or never moved",
-            fix="record poses of 2 s or more at rest, with motion between them",
-        )
+        raise InputError("lab.no_contrast", ratio=np.sqrt(contrast))
     return Activity(variance / floor, interval)
 
 

@@ -88,15 +88,14 @@ def directions() -> FloatArray:
     return np.asarray(points / np.linalg.norm(points, axis=1)[:, None])
 
 
-def pose_text(direction: FloatArray) -> str:
-    """Describe the pose in which the specific force points along a direction.
+def pose_words(direction: FloatArray) -> tuple[str, ...]:
+    """Name the axes that point up or down in the pose in which the specific force points along a direction.
 
     direction (3,): one of `directions`.
 
     Examples
     --------
-    >>> pose_text(np.array([0.0, 0.7, -0.7]))
-    'halfway between y up and z down'
+    >>> pose_words(np.array([0.0, 0.7, -0.7]))
+    ('y up', 'z down')
     """
-    parts = [f"{axis} {'up' if d > 0 else 'down'}" for axis, d in zip(AXES, direction, strict=True) if abs(d) > 1e-6]
-    return parts[0] if len(parts) == 1 else f"halfway between {', '.join(parts[:-1])} and {parts[-1]}"
+    return tuple(f"{a} {'up' if d > 0 else 'down'}" for a, d in zip(AXES, direction, strict=True) if abs(d) > 1e-6)

@@ -110,11 +110,7 @@ def calibrate_nine(
     if sigma > _MISFIT * gravity:
         worst = int(np.argmax(np.sum([fit.residual**2 for fit in fits], axis=0)))
         raise InputError(
-            "the outputs do not fit the positions",
-            where=where,
-            why=f"they are off by {sigma / gravity:.2g} g (RMS), most at roll {roll[worst] / DEG:.4g}, pitch "
-            f"{pitch[worst] / DEG:.4g} deg",
-            fix="see whether rows or angles are exchanged, or a position was disturbed",
+            "lab.positions_misfit", where=where, error_m_s2=sigma, roll_rad=roll[worst], pitch_rad=pitch[worst]
         )
     pairs = opposite_pairs(force, gravity)
     # neither level nor upright, where every product is zero
@@ -204,12 +200,7 @@ def _refuse_exchanged(fits: tuple[Fit, ...], where: str) -> None:
         own, cross = float(fit.value[axis]), _crossed(fit, axis)
         if abs(own - 1.0) > MOST_SENSITIVE or np.abs(cross).max() > MOST_CROSSED:
             raise InputError(
-                f"column {sensor} does not show the specific force along {'xyz'[axis]}",
-                where=where,
-                why=f"it follows x, y, z by {', '.join(f'{value:.3g}' for value in fit.value[:3])}; "
-                f"{'xyz'[axis]} by 1 and the others by 0 is right",
-                fix="check units, signs (level and at rest z is -9.8 m/s^2), whether columns or angles are exchanged, "
-                "and that roll and pitch turn about the axes as named",
+                "lab.accel_crossed", where=where, column=sensor, axis="xyz"[axis], values=tuple(fit.value[:3].tolist())
             )
 
 
@@ -249,9 +240,7 @@ def _outputs(table: BenchTable, names: Sequence[str], unit: str) -> tuple[str, F
     keys = [name if name in table.columns else f"{name}_raw" for name in names]
     missing = [name for name, key in zip(names, keys, strict=True) if key not in table.columns]
     if missing:
-        raise InputError(
-            f"column {', '.join(missing)} is missing", where=table.name, fix="give all three gyros, or none"
-        )
+        raise InputError("lab.gyro_column_missing", where=table.name, columns=tuple(missing))
     raw = [(key, table.units[key] if key.endswith("_raw") else unit) for key in keys]
     return common_unit(raw), table.stack(*keys)
 
@@ -269,7 +258,7 @@ def fit(record: NineRecord, how: BenchOptions) -> Calibration[NineRecord, NinePo
         zero = np.array([line.value[3] for line in lines])
         if not np.abs(scale).min() > WEAKEST * np.abs(scale).max():
             weak = SENSORS[int(np.argmin(np.abs(scale)))]
-            raise InputError(f"{weak} does not follow gravity", where=table.name, fix="check its column and its wire")
+            raise InputError("lab.accel_dead", where=table.name, column=weak)
     found = calibrate_nine(roll, pitch, (output - zero) / scale, how.gravity, where=table.name)
     fits = dict(zip(SENSORS, found.fits, strict=True))
     gyros = _gyros_at_rest(force, rates, table.name)

@@ -55,12 +55,7 @@ def check_positions(roll: FloatArray, pitch: FloatArray, where: str) -> tuple[Fi
     angles = np.abs(np.concatenate((roll[tilted], pitch[tilted])))
     bad = (angles > SAME) & ((angles < SMALLEST - SAME) | (angles > LARGEST + SAME))
     if bad.any():
-        raise InputError(
-            "an angle of the table does not suit the method",
-            where=where,
-            why=f"{float(angles[bad][0]) / DEG:.4g} deg; angles that are not zero must be 20 to 75 deg",
-            fix="use level, ±45 deg about x, ±45 deg about y, and ±35 deg about both",
-        )
+        raise InputError("lab.table_angle", where=where, angle_rad=float(angles[bad][0]))
     missing = sorted(
         {
             _key(a * r, b * p)
@@ -71,20 +66,16 @@ def check_positions(roll: FloatArray, pitch: FloatArray, where: str) -> tuple[Fi
         - _nearby(here)
     )
     if missing:
-        raise InputError(
-            "the positions are not symmetric",
-            where=where,
-            why="the gyro misalignments are free of second-order terms only over positions ±roll, ±pitch",
-            fix=f"add the position {_words(missing[:4])}",
-        )
+        raise InputError("lab.positions_asymmetric", where=where, positions=_written(missing[:4]))
     if not _determined(roll, pitch):
         accel, gyro = _conditions(roll, pitch)
         raise InputError(
-            "these positions do not determine everything",
+            "lab.positions_undetermined",
             where=where,
-            why=f"there are {len(here)} different ones, condition numbers {accel:.3g} (accelerometers) and "
-            f"{gyro:.3g} (gyros)",
-            fix=f"add the position {_words(_to_add(roll, pitch))}",
+            count=len(here),
+            accel=accel,
+            gyro=gyro,
+            positions=_written(_to_add(roll, pitch)),
         )
     return few("positions", len(here), len(STANDARD))
 
@@ -99,8 +90,8 @@ def _nearby(keys: set[tuple[float, float]]) -> set[tuple[float, float]]:
     return {(round(r + a, 1) + 0.0, round(p + b, 1) + 0.0) for r, p in keys for a in steps for b in steps}
 
 
-def _words(keys: Sequence[tuple[float, float]]) -> str:
-    return "; ".join(f"roll {roll:g} deg, pitch {pitch:g} deg" for roll, pitch in keys)
+def _written(keys: Sequence[tuple[float, float]]) -> tuple[str, ...]:
+    return tuple(f"{roll:g}°/{pitch:g}°" for roll, pitch in keys)
 
 
 def _designs(roll: FloatArray, pitch: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -74,12 +74,7 @@ def between(imu: ImuData, start: float, end: float) -> ImuData:
     """
     kept = (imu.time >= start) & (imu.time <= end)
     if np.count_nonzero(kept) < 2:
-        raise InputError(
-            "there are no samples in that part of the record",
-            where=f"{start:g} s to {end:g} s",
-            why=f"the record goes from {imu.time[0]:.3f} s to {imu.time[-1]:.3f} s",
-            fix="give times of the record",
-        )
+        raise InputError("lab.empty_part", begin=start, end=end, first_s=imu.time[0], last_s=imu.time[-1])
     return imu.rows(kept)
 
 
@@ -91,7 +86,7 @@ def even_record(imu: ImuData) -> EvenRecord:
 
     Raises InputError: fewer than 100 samples, or no stretch of them.
     """
-    _refuse_short(imu.time.size, "the record")
+    _refuse_short("lab.allan_short", imu.time.size)
     step = np.diff(imu.time, prepend=2.0 * imu.time[0] - imu.time[1])
     values = np.hstack([imu.gyro, imu.accel])
     if imu.sampling == "increment":
@@ -112,7 +107,7 @@ def even_record(imu: ImuData) -> EvenRecord:
             share = np.diff(edges).max() / time.size
             values, time = values[part], time[part]
             notes.append(Finding.of(Code.ALLAN_LONGEST_STRETCH, time[0], time[-1], gaps=after.size, share=share))
-            _refuse_short(time.size, "the longest stretch without a gap")
+            _refuse_short("lab.allan_short_stretch", time.size)
     interval = float((time[-1] - time[0]) / (time.size - 1))
     uneven = float(np.std(np.diff(time)) / interval)
     if uneven > JITTER:
@@ -120,13 +115,9 @@ def even_record(imu: ImuData) -> EvenRecord:
     return EvenRecord(np.ascontiguousarray(values), interval, float(time[0]), tuple(notes))
 
 
-def _refuse_short(count: int, what: str) -> None:
+def _refuse_short(code: str, count: int) -> None:
     if count < FEWEST:
-        raise InputError(
-            f"{what} is too short for an Allan deviation",
-            why=f"it has {count} samples; {FEWEST} are needed, and hours to see a bias instability",
-            fix="record longer at rest",
-        )
+        raise InputError(code, count=count, limit=FEWEST)
 
 
 def _filled(values: FloatArray, time: FloatArray, after: IntArray, lost: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -155,10 +146,7 @@ def averaging_factors(n: int, interval: float, taus: Sequence[float] | Literal["
     wrong = times[~((factors >= 1) & (2 * factors <= n))]
     if wrong.size or not times.size:
         raise ConfigError(
-            f"{', '.join(f'{tau:g}' for tau in wrong) or 'nothing'} is no averaging time for this record",
-            where="taus",
-            why=f"it is {n * interval:.6g} s long, sampled every {interval:.6g} s",
-            fix="give times from one interval to half of the record",
+            "lab.taus", where="taus", taus_s=tuple(wrong.tolist()), length_s=n * interval, interval_s=interval
         )
     return np.unique(factors.astype(np.int64))
 

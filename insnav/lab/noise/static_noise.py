@@ -146,12 +146,7 @@ def _refuse_motion(record: EvenRecord) -> None:
     span = np.quantile(seconds, 0.95, axis=0) - np.quantile(seconds, 0.05, axis=0)
     moved = [AXES[i] for i in range(len(AXES)) if span[i] > (TURNS if i < 3 else PUSHES)]
     if moved:
-        raise InputError(
-            "the record is not at rest",
-            why=f"means over a second of {', '.join(moved)} change by up to {span[:3].max() / DEG:.1f} deg/s and "
-            f"{span[3:].max():.2f} m/s^2",
-            fix="give a record at rest, or the part of this one that is with --static FROM:TO",
-        )
+        raise InputError("lab.moving", sensors=tuple(moved), rate_rad_s=span[:3].max(), force_m_s2=span[3:].max())
 
 
 def _of_record(imu: ImuData, record: EvenRecord) -> list[Finding]:

@@ -13,7 +13,6 @@ from insnav.lab.common_findings import few
 from insnav.lab.least_squares import Fit
 from insnav.lab.single_axis.rate_table import FEWEST, Dropped
 from insnav.types import BoolArray, FloatArray, IntArray
-from insnav.units import DEG
 
 USUAL = 31  # rates about an axis, from which pieces are distinguishable from noise
 FEWEST_FOR_MAP = 12  # with fewer no pieces are sought
@@ -33,18 +32,15 @@ def check_rates(rate: FloatArray, own: Sequence[IntArray], where: str) -> tuple[
         different, gyro = np.unique(rate[rows, "xyz".index(axis)]), f"gyro {axis}"
         if different.size < FEWEST:
             raise InputError(
-                f"there is no sweep about {axis}" if different.size < 2 else f"the sweep about {axis} is too short",
+                "lab.no_sweep" if different.size < 2 else "lab.short_sweep",
                 where=where,
-                why=f"{different.size} different rates about {axis} alone; {FEWEST} are needed",
-                fix=f"turn the table about {axis}, for example from -300 to 300 deg/s in steps of 10",
+                axis=axis,
+                count=different.size,
+                limit=FEWEST,
             )
         if different[0] >= 0.0 or different[-1] <= 0.0:
             raise InputError(
-                f"the sweep about {axis} has one sense of rotation only",
-                where=where,
-                why=f"its rates are from {different[0] / DEG:g} to {different[-1] / DEG:g} deg/s; bias and what "
-                "differs between the senses cannot be separated",
-                fix="sweep through zero",
+                "lab.one_sided_sweep", where=where, axis=axis, low_rad_s=different[0], high_rad_s=different[-1]
             )
         if different.size < FEWEST_FOR_MAP:
             count, limit = different.size, FEWEST_FOR_MAP
@@ -116,27 +112,13 @@ def refuse_crossed(fits: Sequence[Fit], raw: bool, where: str) -> None:
     """
     for i, (axis, fit) in enumerate(zip("xyz", fits, strict=True)):
         own, others = float(fit.value[i]), np.delete(fit.value[:3], i)
-        follows = ", ".join(f"{value:.3g}" for value in fit.value[:3])
         if np.abs(others).max() > MOST_CROSSED * abs(own):
-            raise InputError(
-                f"gyro {axis} does not show the rate about {axis}",
-                where=where,
-                why=f"it follows the rates about x, y, z by {follows}",
-                fix="columns or files exchanged? give the sweeps about x, y, z in this order, and check the headers",
-            )
+            raise InputError("lab.gyro_crossed", where=where, axis=axis, values=tuple(fit.value[:3].tolist()))
         if abs(own) < 5.0 * fit.sd[i]:
-            raise InputError(
-                f"gyro {axis} does not follow the rate about {axis}",
-                where=where,
-                why=f"its sensitivity is {own:.3g} ± {fit.sd[i]:.2g}",
-                fix="check that the columns of rate and output are what their headers state",
-            )
+            raise InputError("lab.rate_ignored", where=where, sensor=f"gyro {axis}", scale=own, scale_sd=fit.sd[i])
         if not raw and abs(own - 1.0) > WRONG_UNIT:
             raise InputError(
-                f"gyro {axis} does not show a rate in the unit of its column",
-                where=where,
-                why=f"its scale factor is estimated as {own:.4g}",
-                fix="turn the sign of the table or of the gyro" if own < 0.0 else "check the units in the headers",
+                "lab.output_reversed" if own < 0.0 else "lab.output_unit", where=where, sensor=f"gyro {axis}", scale=own
             )
 
 

@@ -108,12 +108,7 @@ def calibrate_sweeps(
         dropped += [(axis, item) for item in items]
         left = np.unique(rate[rows[~lost], axis]).size
         if left < FEWEST:
-            raise InputError(
-                "too few rates make no calibration",
-                where=where,
-                why=f"{left} rates about {'xyz'[axis]} are not saturated; {FEWEST} are needed",
-                fix="sweep within the range of the gyros",
-            )
+            raise InputError("lab.saturated_sweep", where=where, axis="xyz"[axis], count=left, limit=FEWEST)
     names = tuple(f"{where}, gyro {axis}" for axis in "xyz")
     fits = _fits(rate, output, used, names)
     refuse_crossed(fits, raw, where)
@@ -165,14 +160,7 @@ def _adjust(
     parts = re.fullmatch(r"([xyz])([1-9][0-9]?)", name)
     count = [0 if item is None else item.slope.size for item in pieces]
     if parts is None or int(parts[2]) > count["xyz".index(parts[1])]:
-        raise ConfigError(
-            f"there is no piece {name!r}",
-            where="--intercept",
-            why=", ".join(
-                f"gyro {axis} has {number or 'no'} pieces" for axis, number in zip("xyz", count, strict=True)
-            ),
-            fix="write gyro and number of the piece as the report has them, such as x2=0.01 [deg/s]",
-        )
+        raise ConfigError("lab.no_piece", where="--intercept", piece=name, pieces=tuple(count))
     gyro, piece = "xyz".index(parts[1]), int(parts[2]) - 1
     item = pieces[gyro]
     assert item is not None
@@ -181,14 +169,9 @@ def _adjust(
     different, mean, _ = _means(true, left)
     try:
         moved = item.with_intercept(piece, value, different + mean)
-    except ConfigError as problem:
-        low, high = item.room(piece)
-        raise ConfigError(
-            problem.what,
-            where=f"--intercept {name}",
-            why=f"it was {item.intercept[piece] / DEG:.4f} deg/s, the pieces beside it no longer meet it in order",
-            fix=f"give a value between {low / DEG:.4f} and {high / DEG:.4f} deg/s",
-        ) from None
+    except ConfigError as error:
+        error.where = f"--intercept {name}"
+        raise
     measured_rate = true + left
     inside = np.searchsorted(moved.knot[1:-1], measured_rate) == piece
     sizes = [
@@ -329,12 +312,7 @@ def _pieces(rate: FloatArray, error: FloatArray, where: str) -> Pieces | None:
     try:
         _axis_map(found)
     except ConfigError as problem:
-        raise InputError(
-            "the error of a gyro over the rate cannot be compensated",
-            where=where,
-            why=problem.why or problem.what,
-            fix="the gyro is saturated or broken, or the rates of the table are not what the file states",
-        ) from None
+        raise InputError("lab.map_not_invertible", where=where, cause=problem) from None
     return found
 
 

@@ -82,7 +82,10 @@ class Pieces:
             share = (knot[border] - self.knot[fixed]) / (self.knot[fixed + 1] - self.knot[fixed])
             kept[border, fixed : fixed + 2] = 1.0 - share, share
         if not (np.isfinite(knot).all() and (np.diff(knot) > 0.0).all()):
-            raise ConfigError("that intercept takes a piece past its neighbours", why="they no longer meet in order")
+            low, high = self.room(piece)
+            raise ConfigError(
+                "lab.piece_past_neighbours", before_rad_s=self.intercept[piece], low_rad_s=low, high_rad_s=high
+            )
         value = kept @ self.value
         ends = [border for border in (0, last) if border in (piece, piece + 1)]
         value[ends] += shift

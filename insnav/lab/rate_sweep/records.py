@@ -73,10 +73,7 @@ def read_sweeps(
     or are neither one nor three.
     """
     if len(paths) not in (1, 3):
-        raise InputError(
-            f"{len(paths)} files are not three sweeps",
-            fix="give the files of the sweeps about x, y, z in this order, or one with the rates about all three",
-        )
+        raise InputError("lab.not_three_sweeps", count=len(paths))
     settings = ("rate",) if len(paths) == 3 else tuple(f"rate_{a}" for a in AXES)
     needed = (*settings, *(f"gyro_{a}" for a in AXES))
     raw_too = {f"gyro_{a}": f"raw_{a}" for a in AXES}

@@ -96,18 +96,17 @@ def calibrate_rate_table(
     used, dropped = _linear_part(rate, output, where) if keep is None else ((rate >= keep[0]) & (rate <= keep[1]), ())
     if np.count_nonzero(used) < FEWEST:
         raise InputError(
-            "too few rates make no calibration",
+            "lab.few_rates",
             where=where,
-            why=f"{np.count_nonzero(used)} of {rate.size} are left; {FEWEST} are needed",
-            fix="measure at more rates, on both sides of zero" + ("" if keep is None else ", or widen --range"),
+            count=int(np.count_nonzero(used)),
+            total=rate.size,
+            limit=FEWEST,
+            option="" if keep is None else "--range",
         )
     fit = _line(rate[used], output[used], where)
     if abs(fit.value[1]) < 5.0 * fit.sd[1]:
         raise InputError(
-            "the output does not follow the rate",
-            where=where,
-            why=f"scale factor {fit.value[1]:.3g} ± {fit.sd[1]:.2g}, residuals up to {np.abs(fit.residual).max():.3g}",
-            fix="check that the columns of rate and output are what their headers state",
+            "lab.rate_ignored", where=where, scale=fit.value[1], scale_sd=fit.sd[1], residual=np.abs(fit.residual).max()
         )
     if keep is not None:
         reason = Finding.of(Code.BENCH_RATE_EXCLUDED, low_setting=keep[0], high_setting=keep[1])
@@ -204,21 +203,11 @@ def _dropped(rate: float, output: float, fit: Fit, probability: float, reason: F
 def _refuse_nonsense(rate: FloatArray, output: FloatArray, where: str) -> None:
     if not (np.isfinite(rate).all() and np.isfinite(output).all()):
         bad = int(np.argmin(np.isfinite(rate) & np.isfinite(output)))
-        raise InputError("a value is missing", where=where, why=f"row {bad + 1} has an empty cell")
+        raise InputError("lab.value_missing", where=where, row=bad + 1)
     if np.unique(rate).size < FEWEST:
-        raise InputError(
-            "too few rates make no calibration",
-            where=where,
-            why=f"there are {np.unique(rate).size} different rates; {FEWEST} are needed",
-            fix="measure at more rates, on both sides of zero",
-        )
+        raise InputError("lab.few_rates", where=where, count=np.unique(rate).size, limit=FEWEST)
     if _commanded(output) and not _commanded(rate):
-        raise InputError(
-            "the columns of rate and output seem to be exchanged",
-            where=where,
-            why="the outputs are round numbers, as commanded rates are, and the rates are not",
-            fix="exchange the headers, or name them with --columns rate=HEADER,output=HEADER",
-        )
+        raise InputError("lab.columns_exchanged", where=where)
 
 
 def _commanded(values: FloatArray) -> bool:

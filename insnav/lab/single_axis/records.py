@@ -70,11 +70,7 @@ def read_records(
     """
     records = tuple(read_record(file, schema, how) for file in files)
     if len(records) not in (1, 3):
-        raise InputError(
-            f"{len(records)} sensors are no triad",
-            why="a calibration is of x, y and z",
-            fix="give the files of x, y, z in this order, or one file that stands for all",
-        )
+        raise InputError("lab.not_three_sensors", count=len(records))
     common_unit([(item.table.name, item.unit) for item in records])
     return records
 
@@ -100,10 +96,10 @@ def refuse_unit(record: Record, scale: float) -> None:
     """Refuse a digital output that is not in the unit of its column; volts and counts may have any scale."""
     if not record.raw and abs(scale - 1.0) > WRONG_UNIT:
         raise InputError(
-            "the output is not in the unit of its column",
+            "lab.output_reversed" if scale < 0.0 else "lab.output_unit",
             where=record.table.name,
-            why=f"its scale factor is estimated as {scale:.4g}, for {record.unit}",
-            fix="turn the sign of the table or of the sensor" if scale < 0.0 else "check the units in the headers",
+            scale=scale,
+            unit=record.unit,
         )
 
 

@@ -61,12 +61,7 @@ def calibrate_tumble(angle: FloatArray, output: FloatArray, *, where: str = "") 
     design = tumble_design(angle)
     fit = linear_fit(design, output, NAMES, where=where)
     if abs(fit.value[1]) < 5.0 * fit.sd[1]:
-        raise InputError(
-            "the output does not follow gravity",
-            where=where,
-            why=f"scale factor {fit.value[1]:.3g} ± {fit.sd[1]:.2g} a g",
-            fix="angles are those of the input axis above the horizontal: 0 level, 90 up; check the columns",
-        )
+        raise InputError("lab.gravity_ignored", where=where, scale=fit.value[1], scale_sd=fit.sd[1])
     return Tumble(angle, output, fit, outliers(fit, design))
 
 
@@ -111,38 +106,23 @@ def harmonics(angle: FloatArray, output: FloatArray) -> Harmonics:
 
 def _refuse_uneven(angle: FloatArray, where: str) -> None:
     if not np.isfinite(angle).all():
-        raise InputError("an angle is missing", where=where, why=f"row {int(np.argmin(np.isfinite(angle))) + 1}")
+        raise InputError("lab.value_missing", where=where, row=int(np.argmin(np.isfinite(angle))) + 1)
     places = np.unique(np.round(np.mod(angle, 2.0 * np.pi), 9))
     if places.size < FEWEST:
-        raise InputError(
-            "too few positions make no tumble test",
-            where=where,
-            why=f"there are {places.size} different angles; {FEWEST} are needed, {USUAL} usual",
-            fix="measure every 30 deg",
-        )
+        raise InputError("lab.few_angles", where=where, count=places.size, limit=FEWEST, usual=USUAL)
     if np.ptp(angle) < 10.0 * DEG:
-        raise InputError(
-            "these angles are not degrees",
-            where=where,
-            why=f"they span {np.ptp(angle) / DEG:.3g} deg, and a full turn is needed",
-            fix="name the column by its unit: angle_rad or angle_deg",
-        )
+        raise InputError("lab.angles_not_degrees", where=where, span_rad=np.ptp(angle))
     gaps = np.diff(places, append=places[0] + 2.0 * np.pi)
     step = float(np.median(gaps))
     wide = np.flatnonzero(gaps > (1.0 + EVEN) * step)
     if wide.size:
         missing = [
-            f"{np.mod((places[i] + step * (k + 1)) / DEG, 360.0):.4g}"
+            float(np.mod(places[i] + step * (k + 1), 2.0 * np.pi))
             for i in wide
             for k in range(max(1, round(float(gaps[i]) / step) - 1))
         ]
-        shown = ", ".join(missing[:8]) + (" …" if len(missing) > 8 else "")
         raise InputError(
-            "a position is missing",
-            where=where,
-            why=f"the angles are {step / DEG:.4g} deg apart but for {wide.size} wider gaps: without balance over the "
-            "circle every term takes up a part of the others",
-            fix=f"measure at {shown} deg too; if the file has all positions, its columns may be exchanged",
+            "lab.position_missing", where=where, step_rad=step, gaps=wide.size, missing_rad=tuple(missing[:8])
         )
 
 
