@@ -91,15 +91,11 @@ def free_window_starts(
     the drive is too short.
     """
     if not SHORTEST <= length <= LONGEST:
-        raise ConfigError(
-            f"windows of {length:g} s make no budget",
-            why="below 10 s the uncertainty of the reference dominates; beyond 300 s errors no longer grow alike",
-            fix=f"give a length of {SHORTEST:g} to {LONGEST:g} s",
-        )
+        raise ConfigError("budget.window_length", length_s=length, low_s=SHORTEST, high_s=LONGEST)
     if spacing is not None and not LEAST <= spacing < np.inf:
-        raise ConfigError(f"windows cannot be {spacing:g} s apart", fix=f"give a spacing of {LEAST:g} s or more")
+        raise ConfigError("budget.window_spacing", spacing_s=spacing, limit_s=LEAST)
     if first is not None and not 0.0 <= first < np.inf:
-        raise ConfigError(f"the first window cannot begin {first:g} s after the start", fix="give zero or more")
+        raise ConfigError("budget.window_first", first_s=first)
     stamps = ready.gps.time[valid(ready.gps)]
     fixes = stamps - ready.settings.delay
     begin, end = ready.initial.time, float(min(ready.imu.time[-1], fixes[-1]))
