@@ -177,7 +177,7 @@ N = RATES.size
         (lambda rate, out: (rate, out / DEG), "lab.output_unit", "gyro x"),
         (lambda rate, out: (rate, out * [1.0, 1.0, -1.0]), "lab.output_reversed", "gyro z"),
         (lambda rate, out: (np.abs(rate), out), "lab.one_sided_sweep", "x"),
-        (lambda rate, out: (rate, out * [1.0, 0.0, 1.0]), "lab.gyro_crossed", "y"),
+        (lambda rate, out: (rate, out * [1.0, 0.0, 1.0]), "lab.output_unit", "gyro y"),
         (lambda rate, out: (rate[2 * N - 3 :], out[2 * N - 3 :]), "lab.no_sweep", "x"),
     ],
 )
