@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, NoReturn, Self, TypeVar
 
@@ -36,10 +36,10 @@ class Table(BaseModel):
     @model_validator(mode="after")
     def _keys_fit(self) -> Self:
         if self.either and sum(getattr(self, key) is not None for key in self.either) != 1:
-            raise wrong(f"needs either {' or '.join(self.either)}")
+            raise wrong("config.not_one_key", keys=self.either)
         for key in self.above_zero:
             if (value := getattr(self, key)) is not None and not np.all(np.asarray(value) > 0.0):
-                raise wrong(f"{key} must be above zero")
+                raise wrong("config.not_above_zero", key=key)
         return self
 
 
@@ -53,14 +53,15 @@ def read_toml(path: Path) -> dict[str, Any]:
         with path.open("rb") as file:
             content = file.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:
-        raise ConfigError(f"cannot read {where!r}", where=where, why=reason_of(error)) from None
+        raise ConfigError("config.unreadable", where=where, reason=reason_of(error)) from None
     if len(content) > MAX_BYTES:
-        raise ConfigError(f"{where!r} is too long", where=where, why=f"it has more than {MAX_BYTES} bytes")
+        raise ConfigError("config.too_long", where=where, limit=MAX_BYTES)
     try:
         return tomllib.loads(content.decode("utf-8-sig"))
-    except (ValueError, RecursionError) as error:
-        why = "tables nested too deeply" if isinstance(error, RecursionError) else str(error)
-        raise ConfigError(f"{where!r} is not a TOML file", where=where, why=why) from None
+    except RecursionError:
+        raise ConfigError("config.too_nested", where=where) from None
+    except ValueError as error:
+        raise ConfigError("config.no_toml", where=where, reason=str(error)) from None
 
 
 def validate(model: type[Model], data: dict[str, Any], where: str) -> Model:
@@ -75,7 +76,7 @@ def validate(model: type[Model], data: dict[str, Any], where: str) -> Model:
     return found
 
 
-def checked(model: type[Model], data: dict[str, Any]) -> tuple[Model | None, list[str]]:
+def checked(model: type[Model], data: dict[str, Any]) -> tuple[Model | None, list[ConfigError]]:
     """Check a table against its model without an error yet: the checked content, or what is wrong with it."""
     try:
         return model.model_validate(data), []
@@ -83,11 +84,12 @@ def checked(model: type[Model], data: dict[str, Any]) -> tuple[Model | None, lis
         return None, [_problem(model, details) for details in error.errors(include_url=False, include_input=False)]
 
 
-def refuse(problems: list[str], where: str) -> NoReturn:
-    """Say everything that is wrong with a file at once."""
+def refuse(problems: list[ConfigError], where: str) -> NoReturn:
+    """Say everything that is wrong with a file at once; the place of each problem is a key of the file."""
     if len(problems) == 1:
-        raise ConfigError(problems[0], where=where)
-    raise ConfigError(f"{len(problems)} things are wrong", where=where, why="\n".join(problems))
+        problems[0].where = ": ".join(filter(None, (where, problems[0].where)))
+        raise problems[0]
+    raise ConfigError("config.several_errors", where=where, count=len(problems), problems=tuple(problems))
 
 
 def scalar(dimension: str, *, signed: bool = False) -> PlainValidator:
@@ -106,7 +108,7 @@ def axes(dimension: str, *, signed: bool = False) -> PlainValidator:
     def check(value: object) -> Axes:
         if isinstance(value, list):
             if len(value) != 3:
-                raise wrong(f"needs one value or three (x, y, z), not {len(value)}")
+                raise wrong("config.not_by_axis", count=len(value))
             x, y, z = (quantity(item, dimension, signed=signed) for item in value)
             return x, y, z
         single = quantity(value, dimension, signed=signed)
@@ -121,7 +123,7 @@ def matrix_of(dimension: str = "") -> PlainValidator:
     def check(value: object) -> Matrix:
         rows = value if isinstance(value, list) else []
         if len(rows) != 3 or any(not isinstance(row, list) or len(row) != 3 for row in rows):
-            raise wrong(f"must be three rows of three {'quantities' if dimension else 'numbers'}, [[…], […], […]]")
+            raise wrong("config.no_matrix_of_quantities" if dimension else "config.no_matrix_of_numbers")
         (a, b, c), (d, e, f), (g, h, i) = (
             [quantity(item, dimension, signed=True) if dimension else number(item) for item in row] for row in rows
         )
@@ -145,7 +147,7 @@ def number(value: object) -> float:
     except OverflowError:
         found = math.inf
     if not math.isfinite(found):
-        raise wrong("must be finite numbers without quotes")
+        raise wrong("config.no_finite_number")
     return found
 
 
@@ -157,15 +159,15 @@ def quantity(value: object, dimension: str, *, signed: bool) -> float:
     Raises: PydanticCustomError: it is none.
     """
     if not isinstance(value, str):
-        raise wrong(f'must be a text with a unit, like "1.5 {units_of(dimension)[0]}", not {_kind(value)}')
+        raise wrong("config.no_quantity", unit=units_of(dimension)[0], kind=_kind(value))
     if len(value) > MAX_TEXT:
-        raise wrong(f"is too long: {value[:20]!r}… has {len(value)} characters")
+        raise wrong("config.text_too_long", text=value[:20], count=len(value), limit=MAX_TEXT)
     try:
         found = parse_quantity(value.strip(), dimension)
     except ConfigError as error:
-        raise wrong(" ".join(part for part in (error.what, error.why, error.fix) if part)) from None
+        raise _as_pydantic(error) from None
     if found < 0.0 and not signed:
-        raise wrong(f"{value!r} is negative, and must not be")
+        raise wrong("config.negative", text=value)
     return found
 
 
@@ -184,36 +186,31 @@ def text(value: ArrayLike, unit: str) -> Any:
     return f"{number!r} {unit}" if factor == 1.0 and float(short) != number else f"{short} {unit}"
 
 
-def preset_or_file(
-    given: str, folder: Path, presets: Sequence[str], what: str, option: str, more: Callable[[], str] = str
-) -> Path:
-    """File of a preset in a folder, or the file itself.
-
-    `given`: name of a preset or path; `what`, `option`, `more`: what it is, the option that gives it and what else this
-    may be, for the error.
-    Raises: ConfigError: it is neither.
-    """
+def preset_or_file(given: str, folder: Path, presets: Sequence[str]) -> Path | None:
+    """File of a preset in a folder by its name, or the file itself by its path; None if it is neither."""
     if given in presets:
         return folder / f"{given}.toml"
     path = Path(given)
     try:
-        found = path.exists()
+        return path if path.exists() else None
     except (OSError, ValueError):  # too long a name, for one
-        found = False
-    if found:
-        return path
-    close = difflib.get_close_matches(given, presets, n=1)
-    raise ConfigError(
-        f"{given[:200]!r} is neither {what} preset nor a file",
-        where=option,
-        fix=f"did you mean {close[0]!r}?" if close else f"presets are {', '.join(presets)}{more()}",
-    )
+        return None
 
 
-def wrong(message: str) -> PydanticCustomError:
+def similar(name: str, known: Iterable[str]) -> dict[str, Any]:
+    """Values of the error of an unknown name: ``close``, the known one that it resembles, else ``known``: all."""
+    known = tuple(known)
+    close = difflib.get_close_matches(name, known, n=1)
+    return {"close": close[0]} if close else {"known": known}
+
+
+def wrong(code: str, **values: Any) -> PydanticCustomError:
     """Error that a validator raises."""
-    # the message goes through a format string: as a value of it, braces in it stay braces
-    return PydanticCustomError("wrong_value", "{message}", {"message": message})
+    return _as_pydantic(ConfigError(code, **values))
+
+
+def _as_pydantic(error: ConfigError) -> PydanticCustomError:
+    return PydanticCustomError("wrong_value", "see its context", {"error": error})
 
 
 def _kind(value: object) -> str:
@@ -229,22 +226,24 @@ def _kind(value: object) -> str:
     return kinds.get(type(value), "a date")
 
 
-def _problem(model: type[Table], details: ErrorDetails) -> str:
-    """One error of pydantic in our words."""
+def _problem(model: type[Table], details: ErrorDetails) -> ConfigError:
+    """One error of pydantic as one of ours."""
     path, kind = details["loc"], details["type"]
     key = "".join(f" {part + 1}" if isinstance(part, int) else f".{part}" for part in path).lstrip(". ")
     if kind == "extra_forbidden":
-        known = _keys(model, path[:-1])
-        close = difflib.get_close_matches(str(path[-1]), known, n=1)
-        hint = f"did you mean {close[0]!r}?" if close else f"known are {', '.join(known)}"
-        return f"{key}: unknown key, {hint}"
+        name = str(path[-1])
+        return ConfigError("config.unknown_key", where=key, key=name[:100], **similar(name, _keys(model, path[:-1])))
     if kind in ("model_type", "model_attributes_type"):
-        return f"{key}: must be a table, [{key}]"
+        return ConfigError("config.no_table", where=key, key=key)
     if kind == "string_type":
-        return f"{key}: must be a text in quotes"
+        return ConfigError("config.no_text", where=key)
     if kind == "missing":
-        return f"{key}: is missing"
-    return f"{key}: {details['msg']}" if key else details["msg"]
+        return ConfigError("config.missing_key", where=key, key=str(path[-1]))
+    found = details.get("ctx", {}).get("error")
+    if not isinstance(found, ConfigError):
+        return ConfigError("config.invalid_value", where=key, reason=details["msg"])
+    found.where = key
+    return found
 
 
 def _keys(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:

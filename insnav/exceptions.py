@@ -6,11 +6,13 @@ line prints one block per error and ends with `exit_code`; nothing else in the p
 
 from __future__ import annotations
 
+import errno
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # a disk, a quota or a file is full
 KEYWORDS = {"--out": "folder"}  # options whose keyword in Python has another name; `insnav.steps.inputs` adds its own
 _OPTION = re.compile(r"--([a-z](?:[a-z-]*[a-z])?)\b")
 
@@ -36,7 +38,7 @@ class InsnavError(Exception):
     gives : mapping, optional
         Inputs by name, as of `insnav.load`, that the evidence says to give.
     **values
-        What the words hold: numbers in SI units and radians, names, tuples of these, and errors that are the cause.
+        What the words hold: numbers in SI units and radians, names, tuples of these, and the cause: errors or findings.
     """
 
     exit_code = 70
@@ -112,9 +114,14 @@ def is_code(text: str) -> bool:
 
 
 def _in_words(value: Any) -> Any:
-    """Put errors among the values of another into one line each, behind their place."""
+    """Put errors and findings among the values of an error into one line each, errors behind their place."""
+    from insnav.findings import Finding
+    from insnav.messages import sentence
+
     if isinstance(value, tuple):
         return tuple(map(_in_words, value))
+    if isinstance(value, Finding):
+        return sentence(value)
     if not isinstance(value, InsnavError):
         return value
     return f"{value.where}: " * bool(value.where) + _joined(value.what, value.why, value.fix)
@@ -127,7 +134,7 @@ def _joined(*parts: str) -> str:
 
 
 def _json_ready(value: Any) -> Any:
-    if isinstance(value, InsnavError):
+    if hasattr(value, "as_dict"):
         return value.as_dict()
     if isinstance(value, tuple):
         return [_json_ready(each) for each in value]
@@ -136,7 +143,9 @@ def _json_ready(value: Any) -> Any:
 
 def _from_json(value: Any) -> Any:
     if isinstance(value, dict):
-        return InsnavError.from_dict(value)
+        from insnav.findings import Finding
+
+        return (InsnavError if "kind" in value else Finding).from_dict(value)
     return tuple(map(_from_json, value)) if isinstance(value, list) else value
 
 

@@ -186,44 +186,26 @@ def _refuse_start(
     lla: FloatArray, v_n: FloatArray, vertical: Vertical, height: FloatArray | None, errors: PlatformErrors
 ) -> None:
     if np.cos(lla[0]) <= _kernel.NEAREST_POLE or abs(lla[0]) > 0.5 * np.pi:
-        raise ConfigError(
-            "a platform cannot point north here",
-            where=f"latitude {np.degrees(lla[0]):.6g} deg",
-            why="within 6 km of a pole the rate about the vertical that it would need has no bound",
-            fix="start farther from the pole; the strapdown mechanization works everywhere",
-        )
+        raise ConfigError("platform.start_near_pole", where=f"latitude {np.degrees(lla[0]):.6g} deg")
     if (vertical == "damped") != (height is not None):
-        raise ConfigError(
-            "the vertical channel is to be damped, but there is no height to damp it with"
-            if vertical == "damped"
-            else "a height is given that nothing uses",
-            where="height",
-            fix="give a height and the vertical channel damped, or neither",
-        )
+        raise ConfigError("platform.no_height" if vertical == "damped" else "platform.unused_height", where="height")
     if vertical == "off" and v_n[2] != 0.0:
-        raise ConfigError(
-            "a vertical velocity needs a vertical channel",
-            where=f"velocity up {-v_n[2]:g} m/s",
-            fix="leave it zero, or take the vertical channel free or damped",
-        )
+        raise ConfigError("platform.vertical_velocity", where="velocity", up_m_s=-float(v_n[2]))
     if np.linalg.norm(errors.tilt) > MAX_TILT:
         raise ConfigError(
-            "the platform is not level",
-            where="tilt",
-            why=f"{np.degrees(np.linalg.norm(errors.tilt)):.3g} deg, more than {np.degrees(MAX_TILT):.0f} deg",
-            fix="check its unit",
+            "platform.not_level", where="tilt", tilt_rad=float(np.linalg.norm(errors.tilt)), limit_rad=MAX_TILT
         )
 
 
 def _refuse_samples(time: FloatArray, samples: FloatArray) -> None:
     if len(time) < 2:
-        raise InputError("too few samples of the platform", why=f"there are {len(time)}; two make one step")
+        raise InputError("platform.few_samples", count=len(time))
     if not np.isfinite(samples).all():
         row = int(np.flatnonzero(~np.isfinite(samples).all(axis=1))[0])
-        raise InputError("a sample of the platform is not a number", where=f"time {time[row]:.6f} s")
+        raise InputError("platform.not_finite", where=f"time {time[row]:.6f} s")
     if not np.all(np.diff(time) > 0.0):
         row = int(np.flatnonzero(~(np.diff(time) > 0.0))[0])
-        raise InputError("the times of the samples do not increase", where=f"time {time[row + 1]:.6f} s")
+        raise InputError("platform.not_increasing", where=f"time {time[row + 1]:.6f} s")
 
 
 def _left(time: float, y: FloatArray, vertical: Vertical, disturbed: bool) -> DivergenceError:
@@ -231,14 +213,13 @@ def _left(time: float, y: FloatArray, vertical: Vertical, disturbed: bool) -> Di
     where = f"time {time:.3f} s"
     for first in (0, _kernel.COMPUTED):
         if not abs(y[first + 2]) < _kernel.HIGHEST:
-            fix = "use the vertical channel off or damped" if vertical == "free" else "check the units of the samples"
-            return DivergenceError("the height ran away", where=where, why=f"it is {y[first + 2]:.3g} m", fix=fix)
+            return DivergenceError(
+                "platform.free_height" if vertical == "free" else "platform.height",
+                where=where,
+                height_m=float(y[first + 2]),
+            )
     # the state that is farther north or south is the one that stopped
     lat = max((y[0], y[_kernel.COMPUTED]) if disturbed else (y[0],), key=abs)
-    fix = "if the vehicle was not there, check the start and the units of the samples"
     return DivergenceError(
-        "the platform came too near a pole",
-        where=where,
-        why=f"its latitude is {np.degrees(lat):.6g} deg; within 6 km of a pole there is no north to point to",
-        fix=fix + (", or give the platform smaller errors" if disturbed else ""),
+        "platform.near_pole_with_errors" if disturbed else "platform.near_pole", where=where, lat_rad=float(lat)
     )

@@ -7,7 +7,6 @@ many as give the same numbers faster than the whole.
 from __future__ import annotations
 
 import ctypes
-import errno
 import mmap
 import os
 import sys
@@ -20,13 +19,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from insnav.exceptions import OutputError
+from insnav.exceptions import NO_ROOM, OutputError, reason_of
 
 LARGE = 64 << 20  # bytes of an array that never stays in memory
 SMALL = 1 << 20  # bytes of one that always does
 MOST = 192 << 20  # bytes of those between that do together: page faults of a file cost more
 ROWS = 1 << 16  # of a block
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _mapped: weakref.WeakSet[mmap.mmap] = weakref.WeakSet()
 _held: dict[int, int] = {}  # bytes of arrays in memory that are not small
 
@@ -84,14 +82,9 @@ def together(pieces: Iterable[bytes]) -> bytes | mmap.mmap:
 
 def _no_room(error: OSError, size: int) -> OSError | OutputError:
     """What to raise where a file of so many bytes could not be written."""
-    if error.errno not in _FULL:
+    if error.errno not in NO_ROOM:
         return error
-    return OutputError(
-        "there is no room for the samples of so long a drive",
-        where=tempfile.gettempdir(),
-        why=f"{size >> 20} MB more are needed: {os.strerror(error.errno)}",
-        fix="make room there, or name another folder in the environment: TMPDIR=/large/disk insnav …",
-    )
+    return OutputError("engine.no_room", where=tempfile.gettempdir(), size=size >> 20, reason=reason_of(error))
 
 
 def watched(memory: mmap.mmap) -> mmap.mmap:

@@ -59,11 +59,7 @@ def _weights(instant: bool) -> tuple[FloatArray, FloatArray]:
 def nominal_interval(time: FloatArray) -> float:
     """Mean spacing of the samples where none is missing [s]; InputError if there are fewer than two."""
     if time.shape[0] < 2:
-        raise InputError(
-            "too few IMU samples",
-            why=f"{time.shape[0]} of the two that make an interval",
-            fix="give a longer record",
-        )
+        raise InputError("data.few_samples", count=time.shape[0])
     step = np.diff(time[: 1 << 16])
     return float(
         np.mean(step[step <= GAP * np.median(step)])
@@ -285,10 +281,10 @@ def _plain_increments(
 ) -> Increments:
     if pieces is not None or method not in _STUDY:
         raise ConfigError(
-            f"the integrator {method!r} cannot do this",
+            "data.integrator_of_parts" if method in _STUDY else "data.unknown_integrator",
             where="method",
-            why="methods for study integrate whole intervals" if method in _STUDY else "there is none of this name",
-            fix=f"use one of polynomial, {', '.join(_STUDY)}; only polynomial integrates parts of intervals",
+            method=method,
+            known=("polynomial", *_STUDY),
         )
     out = tuple(np.empty_like(parts.gyro) for _ in range(4))
     _study.increments(_STUDY[method], parts.instant, parts.dt, parts.gyro, parts.accel, *out)

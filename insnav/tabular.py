@@ -120,9 +120,7 @@ class FromTable(Tabular):
         absent = [name for name in needed if name not in frame.columns]
         if wrong or absent:
             raise InputError(
-                f"the table has not the columns of {cls.__name__}",
-                why=f"unknown: {', '.join(wrong) or 'none'}; missing: {', '.join(absent) or 'none'}",
-                fix=f"rename the columns to {', '.join(known)}, with the units in these names",
+                "data.columns", table=cls.__name__, unknown=tuple(wrong), missing=tuple(absent), known=tuple(known)
             )
         found: dict[str, Any] = {str(name): value for name, value in frame.attrs.items()}
         for field in fields(cls):

@@ -13,6 +13,7 @@ import pytest
 
 from insnav import messages
 from insnav.exceptions import ConfigError, InputError, InsnavError, OutputError, writing
+from insnav.findings import Code, Finding
 from tests.refusals import refused
 
 SLOW = {
@@ -93,6 +94,13 @@ def test_the_cause_of_an_error_is_put_into_words_with_it():
     error = ConfigError("test.several", count=1, problems=(inside, "and this"))
     assert error.what == "1 thing is wrong."
     assert error.why == "gyro.bias: 5 foo is wrong. Write deg, rad.\nand this"
+
+
+def test_a_finding_may_be_the_cause_of_an_error():
+    found = Finding.of(Code.BATCH_NO_COLUMNS, subject="a.csv")
+    error = InputError("batch.no_drives", count=3, cause=found)
+    assert messages.sentence(found) in error.why
+    assert InsnavError.from_dict(json.loads(json.dumps(error.as_dict()))).values["cause"] == found
 
 
 def test_what_the_system_refuses_is_its_reason():

@@ -12,6 +12,7 @@ from insnav.attitude import dcm_from_quat
 from insnav.exceptions import InputError
 from insnav.strapdown import Intervals, increments, intervals, joined, nominal_interval, split
 from insnav.types import ImuData, Sampling, Stamp
+from tests.refusals import refused
 
 N, STEP = 2000, 0.01
 FORMS: list[tuple[Sampling, Stamp]] = [("mean", "end"), ("mean", "start"), ("mean", "mid"), ("increment", "end")]
@@ -125,9 +126,8 @@ def test_pieces_fill_their_intervals_and_add_up():
 
 
 def test_one_sample_makes_no_interval():
-    with pytest.raises(InputError, match="too few") as caught:
+    with refused(InputError, "data.few_samples"):
         nominal_interval(np.array([1.0]))
-    assert caught.value.fix
 
 
 def test_joined_intervals_turn_and_push_as_the_samples_do():

@@ -165,7 +165,8 @@ def test_other_columns_are_an_error_that_names_them() -> None:
     frame = _filled(types.GpsData).to_frame().rename(columns={"lat_deg": "latitude"})
     with pytest.raises(InputError) as raised:
         types.GpsData.from_frame(frame)
-    assert "unknown: latitude; missing: lat_deg" in raised.value.why
+    assert raised.value.code == "data.columns"
+    assert (raised.value.values["unknown"], raised.value.values["missing"]) == (("latitude",), ("lat_deg",))
 
 
 def _car(n: int = 400) -> tuple[types.ImuData, types.GpsData, types.Trajectory]:

@@ -90,7 +90,7 @@ def align(
     begin, stop = parts.end[0] - parts.dt[0], parts.end[-1]
     covered = (gps.time >= begin) & (gps.time <= stop)
     if not covered.any():
-        raise AlignmentError("no GPS fix lies inside the IMU record", fix="check the time bases of both files")
+        raise AlignmentError("align.no_fix_inside")
     first_fix = float(gps.time[covered][0])
     rest = static_span or stationary_of(parts, gps)
     # a rest that ends before the first fix says nothing of the attitude at that
@@ -171,11 +171,7 @@ def _from_rest(
     rest = float(still[0, 0]), float(still[0, 1])
     fixes = gps.time[(gps.time >= rest[0]) & (gps.time <= rest[1])]
     if fixes.size == 0:
-        raise AlignmentError(
-            "no GPS fix falls into the static interval",
-            why=f"static from {rest[0]:.1f} to {rest[1]:.1f} s",
-            fix="give another with --static START:END",
-        )
+        raise AlignmentError("align.no_fix_at_rest", begin=rest[0], end=rest[1])
     start = float(fixes[0])
     here = gps.lla[int(np.searchsorted(gps.time, start))]
     lat, height = float(here[0]), float(here[2])
@@ -206,26 +202,17 @@ def _from_rest(
             return found
         if moving is not None and motion.interval_of(gps.time) > SPARSE:
             raise motion.too_sparse(motion.interval_of(gps.time))
-        raise AlignmentError(
-            "the heading cannot be found",
-            why=f"the gyros are too poor for a gyrocompass and for the course {_never_fast(parts, gps)}",
-            fix="give it with --heading DEGREES, to within some 2 deg: it is believed",
-        )
+        raise AlignmentError("align.no_heading", limit_m_s=motion.CRAWL, before_s=_ends_before(parts, gps))
     rph[2] = wrap_two_pi(course.heading)
     bias, bias_sd = static.gyro_bias(at, spec, rph, course.sd, lat)
     sd = np.array([found.sd[0], found.sd[1], course.sd])
     return replace(long, rph=rph, sd=sd, gyro_bias=bias, gyro_bias_sd=bias_sd, heading_method=course.method)
 
 
-def _never_fast(parts: Intervals, gps: GpsData) -> str:
-    """Words for fixes that show no course while there are samples."""
-    return f"by the fixes the vehicle is never surely faster than {motion.CRAWL:g} m/s{_until(parts, gps)}"
-
-
-def _until(parts: Intervals, gps: GpsData) -> str:
-    """Words for samples that end long before the fixes."""
+def _ends_before(parts: Intervals, gps: GpsData) -> float:
+    """Return how long before the fixes the samples end, NaN if that is not long [s]."""
     later = float(gps.time[-1] - parts.end[-1])
-    return f" until the samples end, {later:.0f} s before the fixes do" * (later > LATER)
+    return later if later > LATER else np.nan
 
 
 def _in_motion(
@@ -234,12 +221,7 @@ def _in_motion(
     """`start`: first fix that the samples cover [s]."""
     speed, moving = motion.sure_motion(gps, start, HIDDEN)
     if moving is None:
-        raise AlignmentError(
-            "the IMU cannot be aligned",
-            why=f"no static interval was found, and {_never_fast(parts, gps)}",
-            fix="give a static interval and, as no course tells it, the heading there: --static START:END --heading "
-            "DEGREES; or an initial state with --initial FILE",
-        )
+        raise AlignmentError("align.no_motion", limit_m_s=motion.CRAWL, before_s=_ends_before(parts, gps))
     later = gps.time[gps.time >= max(start, moving)]
     begin = float(later[0]) if later.size else max(start, moving)
     interval = motion.interval_of(gps.time)
@@ -249,11 +231,7 @@ def _in_motion(
     if found is None:
         if interval > SPARSE:
             raise motion.too_sparse(interval)
-        raise AlignmentError(
-            "the IMU cannot be aligned in motion",
-            why=f"only {max(end - begin, 0.0):.1f} s of GPS velocity follow the start{_until(parts, gps)}",
-            fix="give an initial state with --initial FILE",
-        )
+        raise AlignmentError("align.short_motion", duration_s=max(end - begin, 0.0), before_s=_ends_before(parts, gps))
     rph, level_sd, acceleration = found
     bias = float(np.max(level_bias_sd(spec.accel)))
     gyro = float(np.max(gyro_bias_sd(spec.gyro)))

@@ -113,11 +113,7 @@ def velocity(gps: GpsData, difference: float = DIFFERENCE) -> Velocity:
 
 def too_sparse(interval: float) -> AlignmentError:
     """What to say of fixes so far apart [s] that they show no change of velocity."""
-    return AlignmentError(
-        "the IMU cannot be aligned in motion",
-        why=f"the fixes are {interval:.3g} s apart: no change of velocity is seen",
-        fix="give an initial state with --initial FILE, or begin at rest",
-    )
+    return AlignmentError("align.fixes_far_apart", interval_s=interval)
 
 
 def interval_of(time: FloatArray) -> float:

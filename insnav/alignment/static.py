@@ -70,11 +70,7 @@ def summarize(parts: Intervals, start: float, end: float) -> StationaryMeans:
     """Means over the intervals that end in (start, end]."""
     rate, force = rates(parts, slice(*np.searchsorted(parts.end, [start, end], side="right")))
     if rate.shape[0] < FEWEST:
-        raise AlignmentError(
-            "the static interval holds too few samples",
-            why=f"{rate.shape[0]} from {start:.3f} to {end:.3f} s",
-            fix="give a longer one inside the record with --static START:END",
-        )
+        raise AlignmentError("align.short_static", count=rate.shape[0], begin=start, end=end)
     return _means(start, end, rate, force)
 
 

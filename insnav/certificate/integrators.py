@@ -90,12 +90,7 @@ def pyins() -> Integrator:
     python-ins a `ConfigError` names the option.
     """
     if find_spec("pyins") is None:
-        raise ConfigError(
-            "python-ins is not installed",
-            where="--peer",
-            why="no package of the name pyins was found",
-            fix="pip install python-ins, or leave --peer out",
-        )
+        raise ConfigError("verify.no_pyins", where="--peer")
     return Integrator("pyins", _pyins_steps, _pyins_navigate)
 
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 SETTINGS = {"ignore_unknown_options": True, "allow_extra_args": True}  # those of run go on to it
 _SHOWN = 20  # drives in the terminal
 _COLUMNS = ("drive", "vehicle", "result", "horizontal_error", "horizontal_sd", "rejected", "outlier", "reason")  # there
-_WHY, WIDTH = 20, 120  # least characters of a reason there, and columns where no terminal says how many it has
+_WHY, WIDTH = 16, 120  # least characters of a reason there, and columns where no terminal says how many it has
 
 
 def batch(

@@ -59,10 +59,10 @@ class Engine:
         r = np.ascontiguousarray(r)  # one kind of array, one kernel
         if measurement_fault(z, h, r):
             raise DivergenceError(
-                "a measurement is not finite or has no positive variance",
+                "filter.bad_measurement",
                 where=f"time {time:.3f} s",
-                why=f"innovation {z}, variance {np.diagonal(r)}",
-                fix="check the GPS file around this time",
+                innovation=str(z),
+                variance=str(np.diagonal(r)),
             )
         self._filter.update(z.reshape(-1, 1), R=r, H=h)
         error: FloatArray = self._filter.x[:, 0]
@@ -78,15 +78,10 @@ class Engine:
         if fault == 0:
             return False
         if fault == NOT_FINITE:
-            raise DivergenceError("the filter's state or covariance is not finite", where=f"time {time:.3f} s")
+            raise DivergenceError("filter.not_finite", where=f"time {time:.3f} s")
         self.repairs += 1
         if self.repairs > MAX_REPAIRS:
-            raise DivergenceError(
-                "the filter's covariance keeps losing positive variances",
-                where=f"time {time:.3f} s",
-                why=f"{self.repairs} repairs",
-                fix="check the standard deviations of the GPS file and the IMU error specification",
-            )
+            raise DivergenceError("filter.no_variance", where=f"time {time:.3f} s", count=self.repairs)
         # in units of each state's own standard deviation, or the largest would set the floor for all
         scale = np.sqrt(np.abs(np.diagonal(self._filter.P)))
         live = scale > 0.0

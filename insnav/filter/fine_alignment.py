@@ -44,9 +44,9 @@ def fine_alignment(
     inside = (imu.time >= rest[0]) & (imu.time <= rest[1])
     if inside.sum() < 10:
         raise AlignmentError(
-            "the static interval holds no data",
-            why=f"samples from {imu.time[0]:.3f} to {imu.time[-1]:.3f} s, interval from {rest[0]} to {rest[1]} s",
-            fix="give one inside the record with --static START:END",
+            "align.static_outside",
+            samples_s=(float(imu.time[0]), float(imu.time[-1])),
+            static_s=(float(rest[0]), float(rest[1])),
         )
     imu = imu.rows(inside)
     parts = strapdown.intervals(imu)

@@ -290,10 +290,7 @@ class InnovationLikelihood:
         far_off = float(np.mean(np.abs(push[0, :, 6:]).max(axis=1) > FAR_OFF)) > FAR_OFF_SHARE
         of_terms = np.array(by)[:, late]
         if not float(np.abs(of_terms).max(initial=0.0)) * self.misalignment_sd.max() < SENSELESS:
-            raise DivergenceError(
-                "what misalignments do to the innovations has no end",
-                why="this noise leaves so little of the covariance that rounding decides",
-            )
+            raise DivergenceError("filter.misalignment_unbounded")
         found = informed(e[late], of_terms, weights_of(e[late], s[late]), self.misalignment_sd)
         return *found, turned, far_off
 

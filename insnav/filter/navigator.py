@@ -188,7 +188,7 @@ class Navigator:
         if self._tail is not None:
             self._advance(None, last=True)
         if self._estimate.history is None:
-            raise ConfigError("only a filter that smooths keeps its epochs", where="settings.smooth")
+            raise ConfigError("filter.no_epochs", where="settings.smooth")
         return self._estimate.history
 
     def _advance(self, imu: ImuData | None, *, last: bool) -> None:

@@ -253,9 +253,9 @@ def _parts(
         short = end - begin < SHORTEST or here.time.shape[0] < FEWEST_FIXES
         try:
             if end <= begin_at:
-                raise AlignmentError("it lies before the initial state that is given")
+                raise AlignmentError("align.part_before_start")
             if short:
-                raise AlignmentError(f"it is {end - begin:.1f} s long, with {here.time.shape[0]} fixes")
+                raise AlignmentError("align.part_short", duration_s=end - begin, count=here.time.shape[0])
             alignment, initial = aligned(some, here, first=not parts)
         except AlignmentError as error:
             errors.append(error)
@@ -293,16 +293,16 @@ def _check(imu: ImuData, gps: GpsData, start: Start | None) -> None:
     """Refuse what cannot be navigated."""
     nominal = strapdown.nominal_interval(imu.time)
     if gps.time.shape[0] == 0:
-        raise InputError("there is no GPS fix", fix="give a file with fixes")
+        raise InputError("gps.no_fix")
     if start is None:
         return
     early = nominal + strapdown.TIME_TOLERANCE
     if not any(imu.time[part][0] - early <= start.time < imu.time[part][-1] for part in spans(imu)):
         raise InputError(
-            "the initial state lies outside the IMU record",
-            why=f"it is for {start.time:.3f} s, the samples run from {imu.time[0]:.3f} to {imu.time[-1]:.3f} s"
-            + f", in {len(spans(imu))} parts" * (len(spans(imu)) > 1),
-            fix="give a state inside the record with --initial, or leave it out: insnav then aligns by itself",
+            "align.start_outside",
+            start_s=start.time,
+            samples_s=(float(imu.time[0]), float(imu.time[-1])),
+            parts=len(spans(imu)),
         )
 
 
@@ -334,7 +334,7 @@ def good_fixes(gps: GpsData, gates: Gates) -> GpsData:
     if gps.fix is not None:
         keep &= gps.fix != 0
     if not keep.any():
-        raise AlignmentError("no GPS fix is good enough to start from", fix="check fix types and standard deviations")
+        raise AlignmentError("gps.no_good_fix")
     return gps.rows(keep)
 
 

@@ -169,11 +169,7 @@ class Record:
         time, state = fixes[:, epoch.FIX_TIME].copy(), fixes[:, epoch.FIX_STATE].copy()
         fix_covariance = fixes[:, epoch.FIX_COVARIANCE].reshape(-1, NAV, NAV)
         if not any(room.used[0] for room in self._rooms):
-            raise InputError(
-                "no sample lies after the start of navigation",
-                why="the IMU record ends where the first usable fix, or the initial state, is",
-                fix="give a longer record, or check the time bases of both files",
-            )
+            raise InputError("align.no_sample_after_start")
         innovations = Innovations(
             *(time, -fixes[:, epoch.FIX_INNOVATION], fixes[:, epoch.FIX_SD].copy()),
             *(*fixes[:, epoch.FIX_NIS].T.copy(), *fixes[:, epoch.FIX_USE].T.astype(bool)),

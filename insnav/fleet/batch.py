@@ -48,12 +48,7 @@ class Drive:
     def files(self) -> tuple[Path, Path | None]:
         """IMU and GPS file; none if the first has both. Raises InputError: it is not clear which they are."""
         if self.unclear:
-            raise InputError(
-                "it is not clear which files are one drive",
-                where=self.arguments[0],
-                why=f"found: {self.unclear}",
-                fix="give each drive a folder, or names such as monday_imu.csv and monday_gps.csv, or a drives.toml",
-            )
+            raise InputError("batch.unclear_files", where=self.arguments[0], files=self.unclear)
         before = self.arguments.index("--gps") if "--gps" in self.arguments else None
         return Path(self.arguments[0]), None if before is None else Path(self.arguments[before + 1])
 
@@ -99,7 +94,7 @@ def batch(
     several = [name for name, count in Counter(each.name.lower() for each in drives).items() if count > 1]
     if several:
         files = ", ".join(each.arguments[0] for each in drives if each.name.lower() == several[0])
-        raise ConfigError(f"two drives have the name {several[0]!r}", where=files, fix="give each a name of its own")
+        raise ConfigError("batch.same_name", where=files, name=several[0])
     check_folder(folder)
     how = _How(run, folder / DRIVES, again)
     with _alone(folder):
@@ -127,8 +122,7 @@ def _alone(folder: Path) -> Iterator[None]:
 
                 fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except (BlockingIOError, PermissionError):
-            fix = "wait until it has ended, or give another --out"
-            raise OutputError("another batch is at work in this folder", where=str(folder), fix=fix) from None
+            raise OutputError("batch.busy", where=str(folder)) from None
         except OSError:  # a file system without locks
             pass
         try:
@@ -164,9 +158,7 @@ def check_folder(folder: Path) -> None:
     if DRIVES in held and not isinstance(facts, InsnavError) and facts.get("kind") == "fleet":
         return  # nothing is taken away that lies beside
     if held - _OWN or (held and DRIVES not in held):
-        why = ", ".join(sorted(held - _OWN)[:3]) or f"it has no {DRIVES}"
-        what = "the folder holds something else than a fleet"
-        raise OutputError(what, where=str(folder), why=why, fix="give another --out")
+        raise OutputError("batch.other_folder", where=str(folder), files=tuple(sorted(held - _OWN)[:3]), needed=DRIVES)
 
 
 def moved_aside(folder: Path) -> list[Finding]:
@@ -179,7 +171,9 @@ def _finished(how: _How, drive: Drive, key: str) -> Navigated | None:
     """What became of a drive, if it is finished."""
     finished = None if how.again else _read_note(how.place / f"{drive.name}.json", key)
     if finished is not None and (  # what could not be written, and a defect, may do now
-        attempt(damage, how.place / drive.name) == [] if finished.failed is None else finished.failed.exit_code < 4
+        attempt(damage, how.place / drive.name) == ((), ())
+        if finished.failed is None
+        else finished.failed.exit_code < 4
     ):
         return replace(finished, kept=True)
     return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,10 +15,8 @@ from insnav.fleet.batch import Drive, name_of
 from insnav.input.formats.recording_folder import NO_DATA, ROLE, unused
 from insnav.input.formats.registry import open_tables, suffixes
 from insnav.input.readers.kinds import kinds_of
-from insnav.messages import sentence
 from insnav.output.contents import FACTS_FILE, read_facts
 
-_FIX = "give the folder that holds the recordings, or a drives.toml; one drive is for insnav run"
 _PARTS = ("imu", "gps", "ref")
 _NAMED = {"samples": "imu", "gnss": "gps", "gnns": "gps", "fixes": "gps", "reference": "ref", "truth": "ref"}
 _SPARE = {"imu": Code.BATCH_SPARE_SAMPLES, "gps": Code.BATCH_SPARE_FIXES, "ref": Code.BATCH_SPARE_REFERENCE}
@@ -35,8 +34,8 @@ def find_drives(folder: Path, without: Path | None, workers: Workers) -> tuple[l
     Raises: InputError: the folder cannot be read, or holds no recording.
     """
     if not os.access(folder, os.R_OK | os.X_OK) or not folder.is_dir():
-        why = "it is a file" if folder.is_file() else "no permission to read" if folder.is_dir() else "no such folder"
-        raise InputError("there are no drives here", where=str(folder), why=why, fix=_FIX)
+        reason = errno.ENOTDIR if folder.is_file() else errno.EACCES if folder.is_dir() else errno.ENOENT
+        raise InputError("batch.unreadable_folder", where=str(folder), reason=os.strerror(reason))
     drives: list[Drive] = []
     left: list[Finding] = []
     places = list(_places(folder.resolve(), without and without.resolve(), left))
@@ -59,12 +58,8 @@ def find_drives(folder: Path, without: Path | None, workers: Workers) -> tuple[l
             vehicle = inside[0] if len(inside) > 1 else ""
             drives.append(Drive(name, vehicle, (str(parts["imu"]), *files), unclear))
     if not drives:
-        more = f"; {sentence(left[0])}" if left else ""
         raise InputError(
-            "there are no drives here",
-            where=str(folder),
-            why=f"none of {sum(map(len, places))} files holds IMU data{more}",
-            fix=_FIX,
+            "batch.no_drives", where=str(folder), count=sum(map(len, places)), cause=left[0] if left else None
         )
     return drives, left
 

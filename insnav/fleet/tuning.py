@@ -64,8 +64,7 @@ def tune(*drives: str | Path | Files, gps: str | Path | None = None, **inputs: U
         Files are missing, or a drive is too short.
     """
     if gps is not None and len(drives) > 1:
-        fix = "put the files of each drive into a folder of their own"
-        raise ConfigError("the fixes of one file are of one drive", where="--gps", fix=fix)
+        raise ConfigError("tune.fixes_of_several_drives", where="--gps", count=len(drives))
     recordings = [files for each in drives for files in _files(each, None if gps is None else Path(gps))]
     noise, loaded, different = _of_recordings(recordings, inputs)
     facts = {f"{name} {i}": facts for i, drive in enumerate(loaded, 1) for name, facts in drive.recording.facts.items()}
@@ -97,16 +96,14 @@ def _of_recordings(
             given["imu_model"] = drives[0].imu_spec
         drive = load(imu, gps, **given)
         if drive.fixes is None:
-            raise InputError("no fixes were found for the samples", where=str(imu), fix="put them beside it, alone")
+            raise InputError("tune.no_fixes", where=str(imu))
         one = InnovationLikelihood(drive.until("align").ready, drive.imu_spec)
         if one.fixes < FEWEST:
-            raise InputError(
-                "the drive is too short to tell noise", where=str(imu), why=f"{one.fixes} fixes; {FEWEST} are needed"
-            )
+            raise InputError("tune.short_drive", where=str(imu), count=one.fixes, limit=FEWEST)
         drives.append(drive)
         likelihoods.append(one)
     if len({tuple(each.key for each in one.parameters) for one in likelihoods}) > 1:
-        raise InputError("some drives have GPS velocities and some have none", fix="tune them apart")
+        raise InputError("tune.mixed_velocities")
     found = identify(likelihoods, better_kinds(inputs, drives[0].imu_spec))
     name = f"{drives[0].imu_spec.name}, from {len(drives)} drives" if len(drives) > 1 else found.spec.name
     different = unlike(likelihoods, found) if len(drives) > 1 else []

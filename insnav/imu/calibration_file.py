@@ -39,12 +39,12 @@ from insnav.units import si_unit
 def _date(value: object) -> str:
     if isinstance(value, str | datetime.date | datetime.datetime):
         return str(value)
-    raise wrong("must be a date, like 2025-03-14")
+    raise wrong("imu.no_date")
 
 
 def _numbers(value: object) -> list[float]:
     if not isinstance(value, list):
-        raise wrong("must be a list of numbers, […, …]")
+        raise wrong("imu.no_list")
     return [number(item) for item in value]
 
 
@@ -124,19 +124,10 @@ def load_calibration(path: str | Path) -> ImuErrors:
     content = read_toml(path)
     sensors = [table for table in (content.get("gyro"), content.get("accel")) if isinstance(table, dict)]
     if any("random_walk" in table for table in sensors):
-        raise ConfigError(
-            "this is an IMU file, not a calibration",
-            where=str(path),
-            why="it specifies how large errors are, not which",
-            fix="give it to --imu; a calibration.toml comes from insnav calibrate",
-        )
+        raise ConfigError("imu.file_for_calibration", where=str(path))
     file = validate(_FILE, content, str(path))
     if file.gyro is None and file.accel is None:
-        raise ConfigError(
-            "the file holds no calibration",
-            where=str(path),
-            fix="it needs a table [gyro] or [accel], or both",
-        )
+        raise ConfigError("imu.empty_calibration", where=str(path))
     gyro, accel = file.gyro or _Gyro(), file.accel or _Accel()
     try:
         return ImuErrors(
@@ -154,7 +145,8 @@ def load_calibration(path: str | Path) -> ImuErrors:
             accel_terms=_terms("accel", accel),
         )
     except ConfigError as error:
-        raise ConfigError(error.what, where=f"{path}: {error.where}", why=error.why, fix=error.fix) from None
+        error.where = f"{path}: {error.where}"
+        raise
 
 
 def _raw(table: _Raw | None, scale: str) -> RawScale | None:

@@ -29,21 +29,12 @@ class AxisMap:
     def __post_init__(self) -> None:
         rate, error = np.asarray(self.rate), np.asarray(self.error)
         if rate.ndim != 1 or rate.size < 2 or rate.shape != error.shape:
-            raise ConfigError(
-                "a gyro map needs at least two rates, and as many errors",
-                where="gyro.map",
-                why=f"their shapes are {rate.shape} and {error.shape}",
-            )
+            raise ConfigError("imu.map_shape", where="gyro.map", rates=str(rate.shape), errors=str(error.shape))
         if not (np.isfinite(rate).all() and np.isfinite(error).all() and (np.diff(rate) > 0.0).all()):
-            raise ConfigError("the rates of a gyro map must increase, and all values be finite", where="gyro.map")
+            raise ConfigError("imu.map_not_increasing", where="gyro.map")
         steepest = float((np.diff(error) / np.diff(rate)).max())
         if steepest > 1.0 - SMALLEST_SLOPE:
-            raise ConfigError(
-                "the gyro map cannot be inverted",
-                where="gyro.map",
-                why=f"the error grows by {steepest:.3g} of the rate in one interval; below {1.0 - SMALLEST_SLOPE:g} "
-                "the compensated rate still grows with the measured one",
-            )
+            raise ConfigError("imu.map_not_invertible", where="gyro.map", slope=steepest, limit=1.0 - SMALLEST_SLOPE)
 
     def apply(self, measured: FloatArray) -> FloatArray:
         """Rate without the error.

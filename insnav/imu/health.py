@@ -279,12 +279,9 @@ def _refuse_constant(values: FloatArray, quiet: BoolArray) -> None:
         kind = values[:, :3] if axis < 3 else values[:, 3:]
         levels = [np.unique(column[: 1 << 16]).size for column in kind.T]
         if max(levels) > STEPS:
-            unit = "rad/s" if axis < 3 else "m/s^2"
-            raise InputError(
-                f"{_AXES[axis]} never changes: it is {values[0, axis] + 0.0:.6g} {unit} throughout",
-                why="the other axes do change, so this one is not connected, or the column is not a measurement",
-                fix="check the column, or name the right one with --columns",
-            )
+            value = float(values[0, axis])
+            rate, force = (value, None) if axis < 3 else (None, value)
+            raise InputError("imu.axis_constant", axis=_AXES[axis], rate_rad_s=rate, force_m_s2=force)
 
 
 def _length(time: FloatArray, first: IntArray, count: IntArray) -> FloatArray:

@@ -52,9 +52,10 @@ class ErrorTerms:
         for name, shape in SHAPES.items():
             value = np.asarray(getattr(self, name))
             if value.shape != shape or not np.isfinite(value).all():
-                raise ConfigError(f"{name} must be {shape} finite numbers", where=name, why=f"it is {value.tolist()}")
+                shown = str(value.tolist())[:100]
+                raise ConfigError("imu.terms_shape", where=name, name=name, shape=shape, value=shown)
         if np.abs(self.asymmetry).max() > 0.5:
-            raise ConfigError("an asymmetry beyond 50 % is no sensor", where="asymmetry")
+            raise ConfigError("imu.asymmetry", where="asymmetry")
 
     @property
     def by_temperature(self) -> bool:
@@ -82,12 +83,7 @@ class ErrorTerms:
         slope = self._gain(warmer) + side * self.asymmetry
         discriminant = slope * slope + 4.0 * self.quadratic * y
         if np.any(discriminant < 0.0):
-            raise InputError(
-                "samples that a sensor of this non-linearity cannot show",
-                where="quadratic",
-                why=f"{int(np.sum(discriminant < 0.0))} values are beyond the vertex of its curve",
-                fix="check the sign and the unit of quadratic in the calibration",
-            )
+            raise InputError("imu.beyond_vertex", where="quadratic", count=int(np.sum(discriminant < 0.0)))
         return np.asarray(2.0 * y / (slope + np.sqrt(discriminant)))
 
     def _gain(self, warmer: FloatArray | None) -> FloatArray:

@@ -21,6 +21,7 @@ from insnav.config_file import (
     read_toml,
     scalar,
     signed_scalar,
+    similar,
     text,
     validate,
     with_fields,
@@ -41,13 +42,13 @@ class _Sensor(Table):
     correlation_time: Annotated[float | None, scalar("time")] = None
     positions: None = None  # of the accelerometers only
 
+    above_zero = ("correlation_time",)
+
     @model_validator(mode="after")
     def _process_is_complete(self) -> _Sensor:
         instability = getattr(self, "bias_instability", None)
-        if self.correlation_time == 0.0:
-            raise wrong("correlation_time must be more than zero")
         if instability and any(instability) and self.correlation_time is None:
-            raise wrong('bias_instability needs a correlation_time, like correlation_time = "1 h"')
+            raise wrong("imu.instability_without_time")
         return self
 
 
@@ -122,19 +123,19 @@ def load_imu(preset_or_path: str) -> ImuSpec:
     part = part_of(preset_or_path)
     if part is not None:
         return part.spec
-    path = preset_or_file(preset_or_path, FOLDER, PRESETS, "an IMU", "--imu", lambda: _parts_like(preset_or_path))
+    path = preset_or_file(preset_or_path, FOLDER, PRESETS)
+    if path is None:
+        from insnav.imu.library import close_names
+
+        known = similar(preset_or_path, PRESETS) | {"parts": close_names(preset_or_path)}
+        raise ConfigError("imu.unknown", where="--imu", name=preset_or_path[:200], **known)
     content = read_toml(path)
     sensors = [table for table in (content.get("gyro"), content.get("accel")) if isinstance(table, dict)]
     if any("matrix" in table or "raw" in table for table in sensors):
-        raise ConfigError(
-            "this is a calibration, not an IMU file",
-            where=str(path),
-            why="it has the errors of one sensor, not how large they may be",
-            fix="give it to --calibration; an imu.toml comes from insnav allan, or from a datasheet",
-        )
+        raise ConfigError("imu.calibration_for_file", where=str(path))
     file = validate(_FILE, content, str(path))
     if file.gyro is None and file.accel is None:
-        raise ConfigError("the file describes no IMU", where=str(path), fix="it needs the tables [gyro] and [accel]")
+        raise ConfigError("imu.empty_file", where=str(path))
     absent: list[str] = []
     gyro, accel = _sensor("gyro", file.gyro, absent), _sensor("accel", file.accel, absent)
     initial = None
@@ -144,15 +145,9 @@ def load_imu(preset_or_path: str) -> ImuSpec:
         initial = InitialSpec(**given)
     clock = ClockSpec() if file.clock is None else ClockSpec(**file.clock.model_dump())
     if (clock.lost_every > 0.0) != (clock.lost_length > 0.0):
-        raise ConfigError("lost_every and lost_length go together", where=f"{path}: clock", fix="give both, above zero")
+        raise ConfigError("imu.lost_samples", where=f"{path}: clock")
     positions = np.array((file.accel and file.accel.positions) or np.zeros((3, 3)))
     return ImuSpec(file.name or path.stem, gyro, accel, initial, file.source.strip(), tuple(absent), clock, positions)
-
-
-def _parts_like(name: str) -> str:
-    from insnav.imu.library import close_names
-
-    return f"; real parts: {close_names(name)}"
 
 
 def _sensor(name: Sensor, table: _Sensor | None, absent: list[str]) -> SensorSpec:
@@ -163,7 +158,7 @@ def _sensor(name: Sensor, table: _Sensor | None, absent: list[str]) -> SensorSpe
     values = {key: np.array(value) for key, value in given.items()}
     for key, value in values.items():
         if np.abs(value).max() > _LARGEST:
-            raise ConfigError(f"{np.abs(value).max():.3g} is not possible", where=f"{name}.{key}", fix="check its unit")
+            raise ConfigError("imu.impossible_value", where=f"{name}.{key}", value=float(np.abs(value).max()))
     return SensorSpec(correlation_time=time, **values)
 
 

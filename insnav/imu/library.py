@@ -145,11 +145,11 @@ def parts() -> tuple[Part, ...]:
     return tuple(read_part(path) for path in _files().values())
 
 
-def close_names(name: str) -> str:
-    """Names like one that is unknown, or where all of them are listed."""
+def close_names(name: str) -> tuple[str, ...]:
+    """Find names of parts like one that is unknown."""
     plain = _plain(name)
     close = [key for key in _files() if plain and plain in key] or difflib.get_close_matches(plain, _files(), n=3)
-    return ", ".join(_files()[key].stem for key in close) or "see insnav imus"
+    return tuple(_files()[key].stem for key in close)
 
 
 @functools.cache
@@ -161,7 +161,7 @@ def read_part(path: Path) -> Part:
     file = validate(_File, read_toml(path), str(path))
     for figure in file.figures:
         if figure.key not in _DIMENSIONS or figure.document not in file.documents:
-            raise ConfigError(f"{figure.key} of {figure.document!r} is unknown", where=str(path))
+            raise ConfigError("imu.unknown_figure", where=str(path), key=figure.key, document=figure.document)
     chosen = _chosen(file)
     figures = tuple(
         Figure(

@@ -63,19 +63,18 @@ class ImuErrors:
         ):
             if np.shape(bias) != (3,) or np.shape(matrix) != (3, 3):
                 raise ConfigError(
-                    f"the {sensor} calibration needs a bias of 3 values and a matrix of 3 x 3",
+                    "imu.calibration_shape",
                     where=f"{sensor}.bias, {sensor}.matrix",
-                    why=f"their shapes are {np.shape(bias)} and {np.shape(matrix)}",
+                    sensor=sensor,
+                    bias=str(np.shape(bias)),
+                    matrix=str(np.shape(matrix)),
                 )
             if not (np.isfinite(bias).all() and np.isfinite(matrix).all()):
-                raise ConfigError(f"the {sensor} calibration has a value that is not finite", where=sensor)
+                raise ConfigError("imu.calibration_not_finite", where=sensor, sensor=sensor)
             near = float(np.abs(matrix - np.eye(3)).sum()) < 0.5  # to the identity: its condition number is below 3
             if not near and not (condition := float(np.linalg.cond(matrix))) < MAX_CONDITION:
                 raise ConfigError(
-                    f"the {sensor} matrix cannot be inverted",
-                    where=f"{sensor}.matrix",
-                    why=f"its condition number is {condition:.3g}; a sensor triad has one near 1",
-                    fix="write it by rows: measured = matrix @ true + bias; the identity is a perfect triad",
+                    "imu.matrix_not_invertible", where=f"{sensor}.matrix", sensor=sensor, condition=condition
                 )
 
 
@@ -88,7 +87,7 @@ def sample_intervals(imu: ImuData) -> FloatArray:
     Raises: InputError: fewer than two samples: the spacing is not known.
     """
     if imu.time.size < 2:
-        raise InputError("the sampling interval needs at least two IMU samples", why=f"there are {imu.time.size}")
+        raise InputError("data.few_samples", count=imu.time.size)
     spacing = spill.steps(imu.time)
     usual = float(np.median(spacing))
     spacing[spacing > GAP * usual] = usual
@@ -170,12 +169,7 @@ def _warmer(imu: ImuData, errors: ImuErrors, matters: bool) -> FloatArray | None
     if not matters:
         return None
     if imu.temperature is None:
-        raise InputError(
-            "the errors of this IMU depend on the temperature, and the samples have none",
-            where="temperature",
-            why="bias or scale factor by temperature is not zero",
-            fix="give samples with a column temperature_c (simulate: --temperature), or leave these terms out",
-        )
+        raise InputError("imu.no_temperature", where="temperature")
     reference = REFERENCE_TEMPERATURE if errors.temperature is None else errors.temperature
     return np.asarray(imu.temperature - reference)
 

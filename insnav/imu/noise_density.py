@@ -65,20 +65,24 @@ def white_noise(
     interval = float(np.median(np.diff(imu.time[rows][: spill.ROWS]))) if count > 1 else math.inf
     segment, lowest, highest = band
     length, highest = round(segment / interval), min(highest, NYQUIST_PART * 0.5 / interval)
-    if start > imu.time[-1] or start <= end < imu.time[0]:
+    first, last = float(imu.time[0]), float(imu.time[-1])
+    if start > last or start <= end < first:
         raise InputError(
-            "the static stretch is outside the record",
+            "imu.static_outside",
             where=f"{start:.3f} s to {end:.3f} s",
-            why=f"the record is from {imu.time[0]:.3f} s to {imu.time[-1]:.3f} s",
-            fix=f"give times of the file, such as --static {imu.time[0]:.0f}:{imu.time[0] + end - start:.0f}",
+            first_s=first,
+            last_s=last,
+            example=f"{first:.0f}:{first + end - start:.0f}",
         )
     if length > count or highest < 2.0 * lowest:
         raise InputError(
-            "the static stretch is too short or too slow to estimate the noise of the IMU from it",
+            "imu.static_too_short",
             where=f"{start:.3f} s to {end:.3f} s",
-            why=f"it has {count} samples of the record, which is from {imu.time[0]:.3f} s to {imu.time[-1]:.3f} s; "
-            f"{segment:g} s at {4.0 * lowest / NYQUIST_PART:g} Hz or more are needed",
-            fix="give the IMU with --imu, a preset or a file",
+            count=count,
+            first_s=first,
+            last_s=last,
+            needed_s=segment,
+            needed_hz=4.0 * lowest / NYQUIST_PART,
         )
     density = np.sqrt(_floor(imu, rows, interval, length, (lowest, highest)))
     gyro, accel = resolution_noise(imu)

@@ -28,19 +28,15 @@ class RawScale:
 
     def __post_init__(self) -> None:
         if self.unit not in units_of("signal"):
-            raise ConfigError(
-                f"{self.unit!r} is not a unit of a raw output",
-                where="raw.unit",
-                fix=f"use one of {', '.join(units_of('signal'))}",
-            )
+            raise ConfigError("imu.raw_unit", where="raw.unit", unit=self.unit, units=tuple(units_of("signal")))
         if np.shape(self.zero) != (3,) or np.shape(self.scale) != (3,):
-            raise ConfigError("raw outputs need a zero and a scale for x, y, z", where="raw.zero, raw.scale")
+            raise ConfigError("imu.raw_shape", where="raw.zero, raw.scale")
         if not (np.isfinite(self.zero).all() and np.isfinite(self.scale).all() and (self.scale != 0.0).all()):
             raise ConfigError(
-                "a raw zero or scale cannot be used",
+                "imu.raw_unusable",
                 where="raw.zero, raw.scale",
-                why=f"zero {np.asarray(self.zero).tolist()}, scale {np.asarray(self.scale).tolist()}",
-                fix="both must be finite, and no scale may be 0",
+                zero=str(np.asarray(self.zero).tolist()),
+                scale=str(np.asarray(self.scale).tolist()),
             )
 
     def value(self, output: FloatArray, axis: int, unit: str | None = None) -> FloatArray:
@@ -52,10 +48,6 @@ class RawScale:
         factor = 1.0
         if unit is not None and unit != self.unit:
             if "LSB" in (unit, self.unit):
-                raise ConfigError(
-                    f"the calibration is of outputs in {self.unit}, and the file holds {unit}",
-                    where="raw.unit",
-                    fix="use the calibration of these outputs",
-                )
+                raise ConfigError("imu.raw_other_unit", where="raw.unit", unit=self.unit, other=unit)
             factor = UNITS[unit][1] / UNITS[self.unit][1]
         return np.asarray((output * factor - self.zero[axis]) / self.scale[axis])

@@ -21,16 +21,11 @@ def read_facts(folder: Path) -> dict[str, Any]:
     try:
         facts = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise InputError(
-            "this is not a run folder",
-            where=str(path),
-            why=reason_of(error),
-            fix="give a folder that `insnav run` has written",
-        ) from error
+        raise InputError("output.no_run_folder", where=str(path), reason=reason_of(error)) from error
     except ValueError as error:
-        raise InputError("run.json is damaged", where=str(path), why=str(error), fix="make the run again") from error
+        raise InputError("output.damaged_json", where=str(path), reason=str(error)) from error
     if not isinstance(facts, dict) or not isinstance(facts.get("files"), dict):
-        raise InputError("run.json is damaged", where=str(path), why="it lists no files", fix="make the run again")
+        raise InputError("output.json_without_files", where=str(path))
     return facts
 
 
@@ -40,29 +35,25 @@ def verify_folder(folder: Path) -> dict[str, Any]:
     Raises: InputError: not a run folder, or a file is missing, changed or added.
     """
     facts = read_facts(folder)
-    wrong = [*damage(folder), *(f"{name} was added" for name in files_in(folder) if name not in facts["files"])]
-    if wrong:
-        raise InputError(
-            "the run folder is not as it was written",
-            where=str(folder),
-            why="; ".join(wrong),
-            fix="make the run again",
-        )
+    missing, changed = damage(folder)
+    added = tuple(name for name in files_in(folder) if name not in facts["files"])
+    if missing or changed or added:
+        raise InputError("output.changed_folder", where=str(folder), missing=missing, changed=changed, added=added)
     return facts
 
 
-def damage(folder: Path) -> list[str]:
-    """What is missing or changed of the files that a run folder was written with.
+def damage(folder: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Name the missing and the changed ones of the files that a run folder was written with.
 
     Raises: InputError: not a run folder.
     """
     listed, found = read_facts(folder)["files"], files_in(folder)
-    wrong = [f"{name} is missing" for name in listed if name not in found]
-    return wrong + [
-        f"{name} was changed"
+    changed = (
+        name
         for name, entry in listed.items()
         if name in found and (not isinstance(entry, dict) or file_sha256(found[name]) != entry.get("sha256"))
-    ]
+    )
+    return tuple(name for name in listed if name not in found), tuple(changed)
 
 
 def file_sha256(path: Path) -> str:

@@ -18,18 +18,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from insnav.exceptions import InputError, OutputError, reason_of, writing
+from insnav.exceptions import NO_ROOM, InputError, OutputError, reason_of, writing
 from insnav.output.contents import FACTS_FILE, file_sha256, files_in, read_facts, verify_folder
 from insnav.plain_text import NOT_UTF8, plain_text
 
 __all__ = ["FACTS_FILE", "RunFolder", "file_sha256", "foreign_files", "read_facts", "verify_folder", "write_text"]
 
 _DROPPINGS = {".DS_Store", "Thumbs.db", "desktop.ini"}  # left by file managers, nobody's work
-_FULL = {
-    errno.ENOSPC: "the disk is full",
-    errno.EFBIG: "a file may not grow that large",
-    errno.EDQUOT: "quota used up",
-}
 _LONGEST_NAME = 230  # with what a folder has beside it while it is built, file systems take 255 bytes
 _MARK = re.compile(r"\.(tmp|old)-(\d+)$")
 
@@ -102,7 +97,7 @@ class RunFolder:
         """
         path = Path(os.path.normpath(self._aside / name))
         if path == self._aside or not path.is_relative_to(self._aside) or name == FACTS_FILE:
-            raise OutputError(f"{name!r} is not a name for a file of the result", where=str(self._place))
+            raise OutputError("output.no_file_name", where=str(self._place), name=name)
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
 
@@ -136,12 +131,7 @@ class RunFolder:
         except OSError as error:
             if replacing:
                 old.rename(self._place)
-            raise OutputError(
-                "the run folder cannot be moved into its place",
-                where=str(self._place),
-                why=reason_of(error),
-                fix="choose another folder with --out",
-            ) from error
+            raise OutputError("output.folder_unmovable", where=str(self._place), reason=reason_of(error)) from error
         _sync(self._place.parent)
         if replacing:
             shutil.rmtree(old, ignore_errors=True)
@@ -149,14 +139,10 @@ class RunFolder:
     def _explained(self, error: OSError, written: int, free: int) -> OutputError | None:
         """Explain a failure to write the result; None if the `OSError` came from elsewhere."""
         ours = error.filename is not None and str(error.filename).startswith(str(self._aside))
-        if error.errno not in _FULL and not ours and not self._committing:
+        if error.errno not in NO_ROOM and not ours and not self._committing:
             return None
         return OutputError(
-            "the result cannot be written",
-            where=str(self._place),
-            why=f"{_FULL.get(error.errno or 0, error.strerror or str(error))}: needs more than the "
-            f"{written} bytes written so far, {free} bytes were free then",
-            fix="make room or choose another disk with --out",
+            "output.unwritten", where=str(self._place), reason=reason_of(error), written=written, free=free
         )
 
 
@@ -181,27 +167,20 @@ def _resolved(target: Path) -> Path:
     try:
         return target.resolve()
     except (OSError, RuntimeError) as error:
-        raise OutputError("the output folder cannot be found", where=str(target), why=str(error)) from error
+        raise OutputError("output.no_place", where=str(target), reason=reason_of(error)) from error
 
 
 def _check_name(name: str) -> None:
     if len(os.fsencode(name)) > _LONGEST_NAME:
         raise OutputError(
-            "the name of the output folder is too long",
-            where=plain_text(name)[:60] + "…",
-            why=f"{len(os.fsencode(name))} bytes; {_LONGEST_NAME} are possible",
-            fix="give a shorter one with --out",
+            "output.long_name", where=plain_text(name)[:60] + "…", size=len(os.fsencode(name)), limit=_LONGEST_NAME
         )
 
 
 def _check_target(place: Path, *, force: bool) -> None:
     where = str(place)
     if not place.name or Path.cwd().is_relative_to(place):
-        raise OutputError(
-            "the output folder would replace the folder you are in",
-            where=where,
-            fix="give a new name to --out",
-        )
+        raise OutputError("output.current_folder", where=where)
     there = next(each for each in place.parents if each.exists())
     if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
         reason = os.strerror(errno.EACCES if there.is_dir() else errno.ENOTDIR)
@@ -209,21 +188,12 @@ def _check_target(place: Path, *, force: bool) -> None:
     if not place.exists():
         return
     if not place.is_dir():
-        raise OutputError("the output folder is a file", where=where, fix="give another name to --out")
+        raise OutputError("output.folder_is_file", where=where)
     if not force:
-        raise OutputError(
-            "the output folder exists already",
-            where=where,
-            fix="add --force to replace it, or give another --out",
-        )
+        raise OutputError("output.folder_exists", where=where)
     foreign = foreign_files(place)
     if foreign:
-        raise OutputError(
-            "--force replaces only run folders, and this one holds something else",
-            where=where,
-            why="not written by insnav: " + ", ".join(foreign[:3]) + (", …" if len(foreign) > 3 else ""),
-            fix="move these files away or give another --out",
-        )
+        raise OutputError("output.foreign_files", where=where, count=len(foreign), files=tuple(foreign[:3]))
 
 
 def foreign_files(place: Path) -> list[str]:

@@ -33,9 +33,7 @@ def bag(track: Track) -> bytes:
         from rosbags.rosbag1 import Writer
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
-        raise ConfigError(
-            "writing a ROS bag needs a package that is not installed", why=str(error), fix="pip install 'insnav[ros]'"
-        ) from error
+        raise ConfigError("output.no_rosbags", reason=str(error)) from error
     instants = (track.instants("utc") - np.datetime64(0, "ns")).astype(np.int64).tolist()
     place, q, v = tangent_poses(track.trajectory)
     q = quat_multiply(q, _HALF_ROLL)

@@ -123,22 +123,14 @@ def read_run_table(folder: Path, kind: type[T], name: str = "") -> T:
     Raises: InputError: no such table in the folder, or not one written by insnav.
     """
     name = name or _NAMES[kind]
-    what = {"solution": "solution", "smoothed": "smoothed solution"}.get(name, f"table of {name.replace('_', ' ')}")
     path = next((p for p in (folder / f"{name}.{suffix}" for suffix in ("parquet", "csv")) if p.is_file()), None)
     if path is None:
-        raise InputError(
-            f"there is no {what} in this folder",
-            where=str(folder),
-            why=f"neither {name}.csv nor {name}.parquet",
-            fix="give a folder that `insnav run` has written",
-        )
+        raise InputError("output.no_table", where=str(folder), table=name)
     try:
         table = pa.csv.read_csv(path) if path.suffix == ".csv" else _parquet().read_table(path)
         return kind(**{field: _field(table, field, names) for field, names in kind.COLUMNS.items()})
     except (pa.ArrowException, OSError, KeyError, ValueError, TypeError) as error:
-        raise InputError(
-            f"the {what} cannot be read", where=str(path), why=plain_text(error), fix="make the run again"
-        ) from error
+        raise InputError("output.unreadable_table", where=str(path), table=name, reason=plain_text(error)) from error
 
 
 def _field(table: Any, field: str, names: Sequence[str]) -> Any:
@@ -165,7 +157,7 @@ def read_events(folder: Path) -> tuple[Finding, ...]:
         return tuple(map(_finding_of_row, table.to_pylist()))
     except (pa.ArrowException, OSError, KeyError, ValueError, TypeError) as error:
         raise InputError(
-            "the table of events cannot be read", where=str(path), why=plain_text(error), fix="make the run again"
+            "output.unreadable_table", where=str(path), table="events", reason=plain_text(error)
         ) from error
 
 

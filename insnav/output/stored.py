@@ -60,9 +60,7 @@ def read_stored(folder: Path) -> Any:
         with file.open("rb") as stream, np.load(stream, allow_pickle=False) as content:
             return _restored(json.loads(content[_STRUCTURE].tobytes()), content)
     except (OSError, ValueError, LookupError, TypeError, AttributeError, ImportError, EOFError, BadZipFile) as error:
-        raise InputError(
-            "the result cannot be read again", where=str(file), why=str(error), fix="make it again with this version"
-        ) from error
+        raise InputError("output.unreadable_result", where=str(file), reason=str(error)) from error
 
 
 def _restored(value: Any, content: Mapping[str, np.ndarray]) -> Any:

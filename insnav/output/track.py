@@ -42,10 +42,5 @@ class Track:
         """
         found: NDArray[np.datetime64] | None = getattr(self, of)
         if found is None:
-            raise ConfigError(
-                "the times of this run have no date",
-                where="--week",
-                why=f"they begin at {self.trajectory.time[0]:.3f} s, and the fixes do not say of which week",
-                fix="give the week of the drive with --week; or export to csv, geojson, kml or tum, which need none",
-            )
+            raise ConfigError("output.no_date", where="--week", begin_s=float(self.trajectory.time[0]))
         return found

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from insnav.exceptions import InputError
+from insnav.exceptions import InputError, reason_of
 from insnav.output.folder import write_text
 from insnav.regression.accuracy_metrics import BY_KEY
 from insnav.regression.evaluate import NOTHING
@@ -43,25 +43,22 @@ def read_baseline(path: Path) -> Baseline | None:
 
     Raises: InputError: the file is damaged, or of another format.
     """
-    text = kept_text(path, "baseline")
+    text = kept_text("regress.unreadable_baseline", path)
     if text is None:
         return None
     try:
         content = json.loads(text)
         if content["format"] != FORMAT:
-            raise ValueError(f"its format is {content['format']}, this version reads {FORMAT}")
+            raise InputError("regress.baseline_format", where=str(path), format=content["format"], known=FORMAT)
         cases = {name: _case(case) for name, case in content["cases"].items()}
         return Baseline(Origin(**content["origin"]), cases)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(
-            "the baseline is damaged",
-            where=str(path),
-            why=f"{type(error).__name__}: {error}",
-            fix="take it from the last commit, or make it again with --update-baseline",
+            "regress.damaged_baseline", where=str(path), kind=type(error).__name__, reason=str(error)
         ) from None
 
 
-def kept_text(path: Path, what: str) -> str | None:
+def kept_text(code: str, path: Path) -> str | None:
     """Text of a file of earlier versions; None if there is none yet.
 
     Raises: InputError: it cannot be read.
@@ -71,7 +68,7 @@ def kept_text(path: Path, what: str) -> str | None:
     except FileNotFoundError:
         return None
     except (OSError, ValueError) as error:
-        raise InputError(f"the {what} cannot be read", where=str(path), why=str(error)) from None
+        raise InputError(code, where=str(path), reason=reason_of(error)) from None
 
 
 def write_baseline(path: Path, baseline: Baseline) -> None:

@@ -101,7 +101,7 @@ class RecordedSource:
         names = [case.imu_file, *([] if case.fixes else [case.gps_file]), *filter(None, [case.reference])]
         missing = [name for name in names if not (folder / name).is_file()]
         if missing:
-            raise InputError(f"a file of the recorded drive {case.name!r} is missing", where=str(folder / missing[0]))
+            raise InputError("regress.missing_file", where=str(folder / missing[0]), case=case.name)
         self.files = {name: file_sha256(folder / name) for name in names}
         self._imu = read_imu(folder / case.imu_file).data
         reference = read_reference(folder / case.reference) if case.reference else None
@@ -125,7 +125,7 @@ class RecordedSource:
             used = np.arange(len(gps.time)) % case.use_every == 0
             left = gps.rows(good & ~used)
             if not len(left.time):
-                raise InputError("no fix is left as a reference", where=case.name, fix="give a reference, or use_every")
+                raise InputError("regress.no_reference_fix", where=case.name)
             truth = Trajectory(left.time, left.lla, left.v_n, np.full_like(left.lla, np.nan))
             gps = gps.rows(used)
         self._gps, self._exact = gps, exact
@@ -141,7 +141,7 @@ class RecordedSource:
             return load_imu(self._case.model(self._case.imu))
         rest = first_stationary(self._imu, self._gps)
         if rest is None:
-            raise InputError("the vehicle is never stationary", where=self._case.name, fix="name an IMU model instead")
+            raise InputError("regress.never_stationary", where=self._case.name)
         return identify(self._imu, *rest)[0]
 
     def material(self, seed: int) -> Material:

@@ -24,9 +24,8 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, PrivateAttr, model_validator
-from pydantic_core import PydanticCustomError
 
-from insnav.config_file import Axes, Table, axes, read_toml, refuse, scalar, validate
+from insnav.config_file import Axes, Table, axes, read_toml, refuse, scalar, validate, wrong
 from insnav.exceptions import ConfigError
 
 Group = Literal["position", "velocity", "attitude", "heading"]
@@ -98,9 +97,9 @@ class RecordedCase(Case):
     @model_validator(mode="after")
     def _sound(self) -> RecordedCase:
         if self.fixes is not None and not self.reference:
-            raise PydanticCustomError("wrong_value", "fixes are made from a reference, which is not given")
+            raise wrong("regress.fixes_without_reference")
         if self.seeds > 1 and self.fixes is None:
-            raise PydanticCustomError("wrong_value", "seeds above 1 need fixes made from the reference")
+            raise wrong("regress.seeds_without_fixes")
         return self
 
 
@@ -125,10 +124,10 @@ def load_corpus(path: Path) -> Corpus:
     corpus = validate(Corpus, read_toml(path), str(path))
     names = [case.name for case in corpus.cases]
     if not names:
-        raise ConfigError("the corpus has no cases", where=str(path), fix="give [[simulated]] or [[recorded]] tables")
+        raise ConfigError("regress.no_cases", where=str(path))
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        refuse([f"{name}: two cases have this name" for name in twice], str(path))
+        refuse([ConfigError("regress.same_name", where=name) for name in twice], str(path))
     for case in corpus.cases:
         case._folder = path.resolve().parent
     return corpus
@@ -144,12 +143,7 @@ def default_corpus() -> Path:
     profiles = library()
     path = profiles[0].parent / CORPUS_FILE if profiles else Path(CORPUS_FILE)
     if not path.is_file():
-        raise ConfigError(
-            "the accuracy corpus is not here",
-            where=str(path),
-            why="it comes with the source of insnav, next to the motion profiles",
-            fix="give it with --corpus",
-        )
+        raise ConfigError("regress.no_corpus", where=str(path))
     return path
 
 

@@ -60,17 +60,14 @@ def read_history(path: Path) -> list[Entry]:
     Raises: InputError: a line is damaged.
     """
     found = []
-    for row, line in enumerate((kept_text(path, "history") or "").splitlines(), start=1):
+    for row, line in enumerate((kept_text("regress.unreadable_history", path) or "").splitlines(), start=1):
         if not line.strip():
             continue
         try:
             found.append(_entry(json.loads(line)))
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise InputError(
-                "a line of the history is damaged",
-                where=f"{path}:{row}",
-                why=f"{type(error).__name__}: {error}",
-                fix="take the file from the last commit",
+                "regress.damaged_history", where=f"{path}:{row}", kind=type(error).__name__, reason=str(error)
             ) from None
     return found
 

@@ -183,7 +183,7 @@ def allan(
     options = {"rate": rate, "taus": taus, "static": static, **inputs}
     if isinstance(imu, np.ndarray):
         if rate is None or not rate > 0.0 or imu.ndim not in (1, 2) or len(imu) < 2:
-            raise ConfigError("a signal needs a rate", where="rate", fix="give an array (n,) or (n, c) and rate in Hz")
+            raise ConfigError("session.no_rate", where="rate")
         values = np.asarray(imu, dtype=np.float64).reshape(len(imu), -1)
         signals = signal_noise(values, 1.0 / rate, taus, workers=workers, progress=progress)
         return Result("allan", signals, options=options)
@@ -250,11 +250,7 @@ def acceptance(
     >>> insnav.acceptance(["rates.csv"], "static.csv").to_frame()  # doctest: +SKIP
     """
     if not (steps or static is not None or powerups):
-        raise ConfigError(
-            "there is nothing to accept",
-            where="insnav acceptance",
-            fix="give one or more of --rates, --positions, --static, --powerups",
-        )
+        raise ConfigError("session.nothing_to_accept", where="insnav acceptance")
     limit = BenchOptions(spike_limit=spike_limit).spike_limit
     measured = [read_steps(samples_source(each, None), columns, limit) for each in steps]
     rest = None if static is None else read_static(samples_source(static, None), columns)
@@ -306,15 +302,11 @@ def bench_gravity(gravity: float | None, lat: float | None, height: float = 0.0)
     Raises: ConfigError: neither is given, or both, or no latitude.
     """
     if gravity is not None and lat is not None:
-        raise ConfigError("gravity is given twice", where="--gravity, --lat", fix="leave one out")
+        raise ConfigError("session.gravity_twice", where="--gravity, --lat")
     if gravity is not None:
         return gravity, "as given"
     if lat is None:
-        raise ConfigError(
-            "gravity is not known",
-            why="it is the measure of the accelerometers, and varies by 0.5 % over the Earth",
-            fix="give --lat (and --height), or --gravity",
-        )
+        raise ConfigError("session.no_gravity")
     if not -90.0 <= lat <= 90.0:
-        raise ConfigError(f"{lat:g} is not a latitude", where="--lat", fix="give degrees, north positive")
+        raise ConfigError("session.bad_latitude", where="--lat", value=lat)
     return float(np.linalg.norm(gravity_n(np.deg2rad(lat), height))), f"normal gravity at {lat:g} deg, {height:g} m"

@@ -64,12 +64,10 @@ def motion_of(
     duration = max(settings.times)
     if profile is None:
         if begin is not None:
-            raise ConfigError("there is no motion to begin in", where="--begin", fix="it goes with --profile")
+            raise ConfigError("session.begin_without_profile", where="--begin")
         return at_rest(duration, **(rest or {}))
     if rest:
-        raise ConfigError(
-            "a profile has its own place", where=f"--{next(iter(rest))}", fix="leave this out, or the profile"
-        )
+        raise ConfigError("session.profile_has_place", where=f"--{next(iter(rest))}")
     chosen = load_profile(profile)
     truth = chosen.truth((settings.seed, MOTION_STREAM))
     start = first_movement(truth) if begin is None else begin

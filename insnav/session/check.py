@@ -225,7 +225,7 @@ def _inside(path: str | Path) -> list[str | Path]:
 def _opened(given: Mapping[str, str | Path], patient: _Patient) -> tuple[Recording | None, Drive | None]:
     """Recording, and the drive, of as many of the files as go together."""
     if "imu" not in given:
-        patient.refused(InputError("no file with IMU data", why="none has gyros and accelerometers", fix=_ALONE))
+        patient.refused(InputError("session.no_imu_file"))
         return None, None
     best = None
     for parts in _ways(given):

@@ -454,12 +454,7 @@ class Drive:
         span = inputs.get("static")
         rest = span or find_stationary(intervals(self.imu.data))
         if rest is None:
-            raise AlignmentError(
-                "no rest was found",
-                where=self.imu.facts.path,
-                why="every half second shows turns or vibration",
-                fix="give the static interval with --static FROM:TO",
-            )
+            raise AlignmentError("session.no_rest", where=self.imu.facts.path)
         if span is None and rest[1] - rest[0] < SHORT_REST:
             duration = rest[1] - rest[0]
             short = Finding.of(Code.ALIGN_SHORT_REST, *rest, subject="imu", duration_s=duration, limit_s=SHORT_REST)
@@ -474,7 +469,7 @@ class Drive:
         if lat is not None:
             return np.array([lat, 0.0, inputs.get("height") or 0.0])
         if self.fixes is None:
-            raise ConfigError("nothing tells the latitude", where="lat", fix="give it with --lat, or fixes with --gps")
+            raise ConfigError("session.no_latitude", where="lat")
         return np.asarray(self.fixes.lla[0])
 
     def _antenna_positions(self, reference: Reading[Trajectory], lever_b: FloatArray) -> GpsData:
@@ -482,12 +477,7 @@ class Drive:
         point, data = reference_point(self.recording.inputs, reference.data), reference.data
         if point is not None and not np.allclose(point, lever_b, atol=1e-3):
             if not np.isfinite(data.rph).all():
-                raise ConfigError(
-                    "the reference cannot be brought to the antenna",
-                    where="ref_lever_arm",
-                    why="it has no attitude",
-                    fix="leave it out for a reference of the antenna itself",
-                )
+                raise ConfigError("session.reference_without_attitude", where="ref_lever_arm")
             data = at_point(data, lever_b - point)
         sd = np.full((len(data.time), 6), np.nan) if data.sd is None else data.sd[:, :6].copy()
         position_sd, _ = reference_sd(self.recording.inputs) or REFERENCE_SD

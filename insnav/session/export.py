@@ -30,14 +30,14 @@ def export(folder: Path, kind: str, *, solution: Solution | None = None, week: i
     Raises: InputError: no such run; ConfigError: an unknown format, or one that needs a date where none is known.
     """
     if kind not in WRITERS:
-        raise ConfigError(f"{kind!r} is no format", where="--to", fix=f"known are {', '.join(WRITERS)}")
+        raise ConfigError("session.unknown_format", where="--to", value=str(kind), known=tuple(WRITERS))
     facts = read_facts(folder)
     smoothed = solution == "smoothed" or (solution is None and has_smoothed(folder))
     trajectory = read_solution(folder, "smoothed" if smoothed else "solution")
     known = np.isfinite(np.hstack((trajectory.lla, trajectory.v_n))).all(axis=1)
     if not known.all():
         lost, where = int(np.sum(~known)), str(folder)
-        raise InputError(f"{lost} rows of the solution have no position", where=where, fix="make the run again")
+        raise InputError("session.rows_without_position", where=where, count=int(lost))
     inputs = facts.get("input", {})
     gps = inputs.get("gps", {}) if isinstance(inputs, dict) else {}
     utc, gps_time = _instants(trajectory.time, _week(inputs) if week is None else week)

@@ -26,5 +26,5 @@ def imus(name: str | None = None) -> Result[tuple[Part, ...]]:
     """
     part = None if name is None else find_part(name)
     if name is not None and part is None:
-        raise ConfigError(f"{name[:200]!r} is no part", where="PART", fix=f"known: {close_names(name)}")
+        raise ConfigError("imu.unknown_part", where="PART", name=name[:200], close=close_names(name))
     return Result("imus", parts() if part is None else (part,), options={"name": name})

@@ -86,15 +86,10 @@ def platform(
     one_of("integrator", integrator, INTEGRATORS)
     samples, given, reference = _read(force, **reading)
     if gravity is not None and not 9.5 < gravity < 10.0:  # NaN is not within either
-        raise ConfigError(f"{gravity:g} m/s² is not gravity on the Earth", where="--gravity", fix="9.5 to 10 m/s²")
+        raise ConfigError("platform.bad_gravity", where="--gravity", value=gravity)
     time, f_n = samples.data.time, samples.data.f_n
     if vertical != "off" and np.isnan(f_n[:, 2]).all():
-        raise InputError(
-            "there is no vertical axis",
-            where=samples.facts.path,
-            why=f"--vertical {vertical} integrates f_up_m_s2 or f_down_m_s2",
-            fix="use --vertical off",
-        )
+        raise InputError("platform.no_vertical_axis", where=samples.facts.path, option=vertical)
     errors, start = errors or PlatformErrors(), np.array([lat, (lon + np.pi) % (2.0 * np.pi) - np.pi, height])
     how: dict[str, Any] = {"vertical": vertical, "gravity": gravity, "errors": errors}
     how |= {"height": None if given is None else _heights(given.data, time)}
@@ -141,9 +136,7 @@ def _read(
 ) -> tuple[Reading[SpecificForce], Reading[Heights] | None, Reading[Trajectory] | None]:
     """Read specific force along level axes, heights, and a reference; the small files first."""
     if sample_rate is not None and not 0.1 <= sample_rate <= 1e5:
-        raise ConfigError(
-            f"{sample_rate:g} is not a rate", where="--sample-rate", fix="write samples per second, such as 100"
-        )
+        raise ConfigError("platform.bad_rate", where="--sample-rate", value=sample_rate)
     one_from_stdin({"FORCE_FILE": force, "--height-input": heights, "--ref": ref})
     height = None if heights is None else read_heights(samples_source(heights, None))
     reference = None if ref is None else read_ref(ref, {})
@@ -169,10 +162,9 @@ def _heights(given: Heights, time: FloatArray) -> FloatArray:
     """Height at the times of the samples."""
     if not (given.time[0] <= time[0] and time[-1] <= given.time[-1]):
         raise InputError(
-            "the height input does not cover the record",
+            "platform.heights_do_not_cover",
             where="--height-input",
-            why=f"heights from {given.time[0]:.3f} to {given.time[-1]:.3f} s, samples from {time[0]:.3f} to "
-            f"{time[-1]:.3f} s",
-            fix="give heights for the whole record, in the same time",
+            heights_s=(float(given.time[0]), float(given.time[-1])),
+            samples_s=(float(time[0]), float(time[-1])),
         )
     return np.interp(time, given.time, given.height)

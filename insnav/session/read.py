@@ -110,8 +110,7 @@ def _topics(inputs: Inputs, parts: Sequence[str]) -> list[str]:
     known = sorted({part.partition(":")[2] for part in parts} - {""})
     unknown = [each for each in topics if each not in known]
     if unknown:
-        found = ", ".join(known) or "no file holds several sensors of a kind"
-        raise ConfigError(f"there is no topic {unknown[0]!r}", where="topic", why=f"found: {found}")
+        raise ConfigError("session.no_topic", where="topic", value=unknown[0], known=tuple(known))
     return topics
 
 
@@ -119,9 +118,7 @@ def one_from_stdin(sources: Mapping[str, object]) -> None:
     """Refuse to take two files from standard input, which can be read only once."""
     names = [name for name, source in sources.items() if isinstance(source, str | Path) and str(source) == "-"]
     if len(names) > 1:
-        raise ConfigError(
-            "only one file can come from standard input", where=", ".join(names), fix="give the others by name"
-        )
+        raise ConfigError("session.one_from_stdin", where=", ".join(names))
 
 
 def read_samples(imu: Given | Table | ImuData, inputs: Inputs, *, any_way: bool = False) -> Reading[ImuData]:
@@ -135,7 +132,7 @@ def read_samples(imu: Given | Table | ImuData, inputs: Inputs, *, any_way: bool 
     if isinstance(imu, ImuData):
         described = [key for key in _DESCRIBING if inputs.get(key) is not None]
         if described:
-            raise ConfigError("ImuData needs no description", where=described[0], fix="leave it out")
+            raise ConfigError("session.described_twice", where=described[0])
         reading = in_memory(imu, "IMU")
     else:
         scales = {} if known is None else {"gyro": known.gyro_raw, "accel": known.accel_raw}
@@ -189,11 +186,7 @@ def samples_source(imu: Given | Table, rate: float | None) -> str | Path | Table
     if len(arrays) == 2 and rate is not None:
         arrays = [np.arange(1, len(arrays[0]) + 1) / rate, *arrays]
     if len(arrays) != 3 or any(each.shape != (len(arrays[0]), 3) for each in arrays[1:]) or arrays[0].ndim != 1:
-        raise ConfigError(
-            "these arrays are no samples of an IMU",
-            why=f"their shapes are {', '.join(str(each.shape) for each in arrays)}",
-            fix="give (time, gyro, accel) of shapes (n,), (n, 3), (n, 3) in s, rad/s, m/s^2; or (gyro, accel) and rate",
-        )
+        raise ConfigError("session.not_samples", shapes=tuple(str(each.shape) for each in arrays))
     return named_columns(("time_s", *_GYRO, *_ACCEL), np.column_stack(arrays))
 
 
@@ -223,16 +216,10 @@ def _table(given: Given | Table) -> str | Path | Table:
         return named_columns(tuple(str(name) for name in given.columns), numbers)
     arrays = [np.asarray(each, dtype=np.float64) for each in given]
     if len(arrays) != 2 or arrays[1].shape != (len(arrays[0]), 3):
-        raise ConfigError(
-            "these arrays are no positions",
-            why=f"their shapes are {', '.join(str(each.shape) for each in arrays)}",
-            fix="give (time, lla) of shapes (n,), (n, 3) in s, deg, deg, m; or GpsData, Trajectory, a data frame",
-        )
+        raise ConfigError("session.not_positions", shapes=tuple(str(each.shape) for each in arrays))
     angles = np.abs(arrays[1][:, :2])
     if np.nanmax(angles[:, 0], initial=0.0) < 0.5 * np.pi and np.nanmax(angles[:, 1], initial=0.0) < 2.0 * np.pi:
-        why = "all are small; arrays are (time, lla) with latitude and longitude in degrees"
-        fix = "give degrees: numpy.degrees; of a place so near (0, 0), a data frame with lat_deg, lon_deg, height_m"
-        raise ConfigError("these positions look like radians", why=why, fix=fix)
+        raise ConfigError("session.positions_in_radians")
     return named_columns(("time_s", "lat", "lon", "height_m"), np.column_stack(arrays))
 
 
@@ -257,10 +244,11 @@ def _numbers(name: str, series: pd.Series[Any]) -> FloatArray:
             text.append(row)
     if text and np.isfinite(numbers).any():
         raise InputError(
-            f"{plain_text(column[text[0]])!r} is not a number",
+            "session.not_a_number",
             where=f"row {text[0] + 1}, column {plain_text(name)}",
-            why=f"{len(text)} of {len(column)} cells hold no number",
-            fix="make them NaN, or leave out the rows",
+            value=plain_text(column[text[0]]),
+            count=len(text),
+            total=len(column),
         )
     return numbers
 
@@ -282,7 +270,9 @@ def _sound(data: ImuData | GpsData | Trajectory) -> None:
     for name in ("gyro", "accel") if isinstance(data, ImuData) else ("lla", "v_n"):
         shape = np.shape(getattr(data, name))
         if shape != (n, 3):
-            raise ConfigError(f"{name} has the shape {shape}, not {(n, 3)}", where=type(data).__name__)
+            raise ConfigError(
+                "session.bad_shape", where=type(data).__name__, name=name, shape=str(shape), wanted=str((n, 3))
+            )
     if isinstance(data, ImuData):
         one_of("sampling", data.sampling, get_args(Sampling))
         one_of("stamp", data.stamp, get_args(Stamp))
@@ -290,15 +280,11 @@ def _sound(data: ImuData | GpsData | Trajectory) -> None:
     else:
         known = bool(np.isfinite(data.lla).all()) and float(np.max(np.abs(data.lla[:, 0]), initial=0.0)) <= np.pi / 2
     if not known:
-        raise ConfigError(
-            f"{type(data).__name__} holds numbers that cannot be",
-            why="a value is not finite, or a latitude is beyond 90 deg (it is in radians here)",
-            fix="leave out these rows",
-        )
+        raise ConfigError("session.impossible_numbers", where=type(data).__name__)
     if isinstance(data, GpsData):
         for name in ("position_sd", "velocity_sd"):
             if np.any(getattr(data, name) <= 0.0):
-                raise ConfigError("a standard deviation is zero or negative", where=name, fix="NaN where not known")
+                raise ConfigError("session.bad_sd", where=name)
 
 
 def in_memory(data: T, kind: str, name: str = "data in memory") -> Reading[T]:
@@ -310,7 +296,7 @@ def in_memory(data: T, kind: str, name: str = "data in memory") -> Reading[T]:
     _sound(data)
     steps = np.diff(time)
     if len(time) < 2 or not (steps > 0.0).all():
-        raise ConfigError(f"the {kind} data need two rows or more, in order of time", where=type(data).__name__)
+        raise ConfigError("session.too_few_rows", where=type(data).__name__, kind=kind)
     digest = hashlib.sha256(b"".join(value.tobytes() for value in data._arrays().values())).hexdigest()
     step = float(np.median(steps))
     gaps = find_gaps(steps, step, _KINDS[kind])

@@ -148,10 +148,11 @@ def outage_begin(motion: Moving, after: float, begin: float | None) -> float:
     longest = motion.truth.duration - after
     if longest < 0.0 or (begin is not None and not 0.0 <= begin <= longest + 1e-6):
         raise ConfigError(
-            f"the motion is not long enough for {after:g} s" + ("" if begin is None else f" from {begin:g} s on"),
+            "require.motion_too_short",
             where="--after" if begin is None else "--begin",
-            why=f"it lasts {motion.truth.duration:.1f} s",
-            fix="choose a shorter time, an earlier --begin, or a longer profile",
+            after_s=after,
+            begin_s=np.nan if begin is None else begin,
+            duration_s=motion.truth.duration,
         )
     return begin if begin is not None else min(max(BEFORE, first_movement(motion.truth)), longest)
 
@@ -169,9 +170,7 @@ def study_of(
     window = sampled(motion.truth, begin, required.after, f"{motion.description}, GPS ends at {begin:g} s")
     hold = required.after > LONGEST_FREE
     if hold and required.component != "horizontal":
-        raise ConfigError(
-            f"the vertical channel is unstable beyond {LONGEST_FREE:g} s", where="--component", fix="use horizontal"
-        )
+        raise ConfigError("require.vertical_unstable", where="--component", limit_s=LONGEST_FREE)
     found = allocate(required, window, given=given, cost=settings.cost, hold=hold)
     verified: tuple[Verified, ...] = ()
     if settings.runs and found.feasible:

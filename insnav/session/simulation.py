@@ -170,12 +170,7 @@ def replica(source: Path) -> Motion:
         names = [f"{stem}.{kind}" for stem in ("smoothed", "solution") for kind in ("csv", "parquet")]
         found = next((source / name for name in names if (source / name).is_file()), None)
         if found is None:
-            raise InputError(
-                "there is no solution in this folder",
-                where=str(source),
-                why=f"none of {', '.join(names)}",
-                fix="give a folder that `insnav run` has written, or a file",
-            )
+            raise InputError("session.no_solution", where=str(source), names=tuple(names))
         track = found
     reading = read_reference(track)
     truth = truth_from_track(reading.data)

@@ -66,7 +66,7 @@ def circle(
     Raises: ConfigError: no turn.
     """
     if turn_rate == 0.0:
-        raise ConfigError("a circle needs a rate of turn", where="turn_rate", why="it is 0", fix="use `straight`")
+        raise ConfigError("sim.no_turn_rate", where="turn_rate")
     # Position whose derivative is speed * (cos, sin)(heading + turn_rate t).
     radius, sin, cos = speed / turn_rate, math.sin(heading), math.cos(heading)
     cosine, sine = np.array([sin, -cos, 0.0]) * radius, np.array([cos, sin, 0.0]) * radius

@@ -6,7 +6,6 @@ example, are `VERBS`; what they do is in ``trajectories/README.md``.
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 from collections.abc import Callable
@@ -15,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from insnav.config_file import similar
 from insnav.earth import lla_offset
 from insnav.exceptions import ConfigError
 from insnav.quantity_text import parse_quantity
@@ -60,31 +60,30 @@ def parse_fault(text: str) -> Fault:
     found = re.fullmatch(r"([^:@]+)(?::([^@]+))?(?:@([^+]+)(?:\+(.+))?)?", text.strip())
     name = found[1] if found else text.split(":")[0]
     if found is None or name not in VERBS:
-        close = difflib.get_close_matches(name, VERBS, n=1)
-        raise ConfigError(
-            f"{text[:100]!r} is not a fault",
-            where="--fault",
-            fix=f"did you mean {VERBS[close[0]].example}?" if close else f"known are {', '.join(VERBS)}",
-        )
-    verb = VERBS[name]
-    fix = f"write it like {verb.example}"
+        raise ConfigError("sim.unknown_fault", where="--fault", fault=text[:100], **similar(name, VERBS))
+    verb, where, example = VERBS[name], f"--fault {text}", VERBS[name].example
     if (found[2] is None) != (verb.size is None):
-        wrong = "needs a size" if verb.size is not None else "has no size"
-        raise ConfigError(f"{name} {wrong}", where=f"--fault {text}", fix=fix)
+        raise ConfigError(
+            "sim.fault_without_size" if found[2] is None else "sim.fault_with_size",
+            where=where,
+            verb=name,
+            example=example,
+        )
     if found[3] is not None and name in _ALWAYS:
-        raise ConfigError(f"{name} is for the whole drive", where=f"--fault {text}", fix=fix)
-    if found[3] is None and "@" in verb.example:
-        raise ConfigError(f"{name} needs a time", where=f"--fault {text}", fix=fix)
-    if found[4] is None and "+" in verb.example and name != "gps-jump":
-        raise ConfigError(f"{name} needs a length", where=f"--fault {text}", fix=fix)
+        raise ConfigError("sim.fault_with_time", where=where, verb=name, example=example)
+    if found[3] is None and "@" in example:
+        raise ConfigError("sim.fault_without_time", where=where, verb=name, example=example)
+    if found[4] is None and "+" in example and name != "gps-jump":
+        raise ConfigError("sim.fault_without_length", where=where, verb=name, example=example)
     try:
         size = verb.size(found[2]) if verb.size is not None else None
         begin = -math.inf if found[3] is None else _seconds(found[3])
         length = math.inf if found[4] is None else _seconds(found[4])
     except ConfigError as error:
-        raise ConfigError(error.what, where=f"--fault {text}", why=error.why, fix=fix) from None
+        error.where = where
+        raise
     if (found[3] is not None and begin < 0.0) or length <= 0.0:
-        raise ConfigError("times are zero or more and lengths above zero", where=f"--fault {text}", fix=fix)
+        raise ConfigError("sim.fault_times", where=where, example=example)
     return Fault(name, size, begin, length)
 
 
@@ -194,14 +193,14 @@ def _quantity(dimension: str) -> Callable[[str], float]:
 def _factor(text: str) -> float:
     value = parse_quantity(f"{text} 1", "ratio")
     if value <= 0.0:
-        raise ConfigError(f"{text!r} is not above zero")
+        raise ConfigError("sim.not_above_zero", text=text)
     return value
 
 
 def _one_of(*names: str) -> Callable[[str], str]:
     def chosen(text: str) -> str:
         if text not in names:
-            raise ConfigError(f"{text!r} is none of {', '.join(names)}")
+            raise ConfigError("sim.not_one_of", text=text, known=names)
         return text
 
     return chosen
@@ -209,7 +208,7 @@ def _one_of(*names: str) -> Callable[[str], str]:
 
 def _directions(text: str) -> str:
     if len(text) != 3 or sorted(_DIRECTIONS.get(letter, (9, 0.0))[0] for letter in text) != [0, 1, 2]:
-        raise ConfigError(f"{text!r} is not three directions", why="one each of F/B, R/L and D/U is needed")
+        raise ConfigError("sim.no_directions", text=text)
     return text
 
 

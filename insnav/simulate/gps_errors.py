@@ -84,12 +84,7 @@ def measure_gps(truth: Truth, spec: GpsSpec, seed: Seed) -> GpsData:
     inside = (valid >= truth.start) & (valid <= truth.start + truth.duration)
     inside &= ~_outages(spec, time, truth, np.random.default_rng(kept))
     if not inside.any():
-        raise ConfigError(
-            "the motion has no fix",
-            where="gps",
-            why=f"it lasts {truth.duration:g} s, at {spec.rate:g} Hz and with all outages",
-            fix="a longer motion, a higher rate, or fewer outages",
-        )
+        raise ConfigError("sim.no_fix", where="gps", duration_s=truth.duration, rate_hz=spec.rate)
     # errors go on while there are no fixes
     gps = gps_from_truth(truth, np.clip(valid, truth.start, truth.start + truth.duration), np.asarray(spec.lever_b))
     gps = corrupt_gps(replace(gps, time=time), spec.errors, white.generate_state(4).tolist())
@@ -159,9 +154,11 @@ def corrupt_gps(gps: GpsData, errors: GpsErrors, seed: Seed) -> GpsData:
     sizes = np.concatenate([errors.position_sd, velocity_sd, [errors.correlation_time]])
     if not (np.all(np.isfinite(sizes)) and np.all(sizes > 0.0)):
         raise ConfigError(
-            "standard deviations and correlation time of the receiver must be above zero",
+            "sim.receiver_sizes",
             where="gps",
-            why=f"they are {errors.position_sd} m, {velocity_sd} m/s and {errors.correlation_time} s",
+            position_sd_m=tuple(errors.position_sd.tolist()),
+            velocity_sd_m_s=tuple(velocity_sd.tolist()),
+            correlation_time_s=errors.correlation_time,
         )
     rng = np.random.default_rng(seed)
     shape = gps.lla.shape

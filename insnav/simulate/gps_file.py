@@ -12,7 +12,8 @@ import numpy as np
 import tomli_w
 from pydantic import Field, PlainValidator, model_validator
 
-from insnav.config_file import Axes, Table, axes, preset_or_file, quantity, read_toml, scalar, validate, wrong
+from insnav.config_file import Axes, Table, axes, preset_or_file, quantity, read_toml, scalar, similar, validate, wrong
+from insnav.exceptions import ConfigError
 from insnav.simulate.gps_errors import GpsErrors, GpsSpec, RandomSpells
 
 _FOLDER = Path(__file__).parent / "receivers"
@@ -22,14 +23,14 @@ _MAX_RATE = 100.0  # [Hz]
 
 def _pair(value: object) -> tuple[float, float]:
     if not isinstance(value, list) or len(value) != 2:
-        raise wrong('must be two times, like ["300 s", "20 s"]')
+        raise wrong("sim.no_pair_of_times")
     begin, length = (quantity(item, "time", signed=False) for item in value)
     return begin, length
 
 
 def _pairs(value: object) -> tuple[tuple[float, float], ...]:
     if not isinstance(value, list):
-        raise wrong('must be a list of begin and length, like [["120 s", "30 s"]]')
+        raise wrong("sim.no_list_of_times")
     return tuple(_pair(item) for item in value)
 
 
@@ -43,7 +44,7 @@ class _Position(Table):
     @model_validator(mode="after")
     def _sound(self) -> _Position:
         if not all(w > 0.0 or d > 0.0 for w, d in zip(self.white, self.lasting, strict=True)):
-            raise wrong("white and lasting must not both be zero: use --gps ideal")
+            raise wrong("sim.no_position_noise")
         return self
 
 
@@ -77,9 +78,9 @@ class _Outage(Table):
     @model_validator(mode="after")
     def _sound(self) -> _Outage:
         if (self.every is None) != (self.length is None) or self.every == 0.0 or self.length == 0.0:
-            raise wrong("every and length go together and must be above zero")
+            raise wrong("sim.outage_lengths")
         if self.period is not None and not 0.0 < self.period[1] < self.period[0]:
-            raise wrong("period: the length must be above zero and below the period")
+            raise wrong("sim.outage_period")
         return self
 
 
@@ -101,7 +102,7 @@ class _GpsFile(Table):
     @model_validator(mode="after")
     def _sound(self) -> _GpsFile:
         if not 0.0 < self.rate <= _MAX_RATE:
-            raise wrong("rate must be above 0 Hz and at most 100 Hz")
+            raise wrong("sim.receiver_rate", limit_hz=_MAX_RATE)
         return self
 
 
@@ -111,7 +112,10 @@ def load_gps(preset_or_path: str) -> GpsSpec:
     `preset_or_path`: ``single``, ``dgps``, ``rtk``, ``urban``, or a receiver file.
     Raises: ConfigError: no such preset or file, no TOML, or wrong keys or values: all of them at once.
     """
-    path = preset_or_file(preset_or_path, _FOLDER, PRESETS, "a receiver", "--gps", lambda: ", ideal")
+    path = preset_or_file(preset_or_path, _FOLDER, PRESETS)
+    if path is None:
+        known = similar(preset_or_path, (*PRESETS, "ideal"))
+        raise ConfigError("sim.unknown_receiver", where="--gps", receiver=preset_or_path[:200], **known)
     file = validate(_GpsFile, read_toml(path), str(path))
     velocity = (1.0, 1.0, 1.0) if file.velocity is None else file.velocity.white
     outage, multipath, degraded = file.outage or _Outage(), file.multipath, file.degraded

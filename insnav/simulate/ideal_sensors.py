@@ -30,11 +30,7 @@ def imu_from_truth(truth: Truth, time: FloatArray, sampling: Sampling = "increme
         at = truth.evaluate(time)
         return ImuData(time, at.w_ib_b, at.f_b, sampling="instant")
     if len(time) < 2 or not np.all(np.diff(time) > 0.0):
-        raise ConfigError(
-            "sampling intervals need two or more increasing times",
-            where="time",
-            why=f"{len(time)} times were given",
-        )
+        raise ConfigError("sim.no_increasing_times", where="time", count=len(time))
     tau = truth.elapsed(time)
     total = integrate(truth, tau)
     if sampling == "mean":

@@ -21,7 +21,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from insnav.engine import Workers, each, engine_of
-from insnav.exceptions import ConfigError, InsnavError, writing
+from insnav.exceptions import ConfigError, InsnavError, reason_of, writing
 from insnav.types import FloatArray, IntArray
 
 KEEP_EVERY = 2.0  # progress is kept on the disk so often [s]
@@ -89,19 +89,9 @@ class Checkpoint:
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
-            raise ConfigError(
-                "the runs done so far cannot be read",
-                where=str(self.path),
-                why=str(error),
-                fix="leave --resume out to begin anew",
-            ) from error
+            raise ConfigError("sim.progress_unreadable", where=str(self.path), reason=reason_of(error)) from error
         if key != self.key:
-            raise ConfigError(
-                "the unfinished series beside the output folder is another one",
-                where=str(self.path),
-                why="its motion, sensors, seed or options were not these, or another release of insnav made it",
-                fix="repeat the options it was begun with, or leave --resume out to begin anew",
-            )
+            raise ConfigError("sim.other_series", where=str(self.path))
         return found
 
     def remove(self) -> None:
@@ -150,14 +140,15 @@ def monte_carlo(
     Raises: ConfigError: fewer than one run or worker, a negative seed, or a checkpoint of another series.
     """
     engine_of(workers)
-    for name, value, least in (("runs", runs, 1), ("seed", seed, 0)):
-        if value < least:
-            raise ConfigError(f"{value} is not a number of {name}" if least else f"{value} is not a seed", where=name)
+    if runs < 1:
+        raise ConfigError("sim.no_runs", where="runs", count=runs)
+    if seed < 0:
+        raise ConfigError("sim.negative_seed", where="seed", seed=seed)
     found = checkpoint.load() if checkpoint is not None else None
     seeds = [run_seed(seed, number) for number in range(1, runs + 1)]
     tally = _Tally(found, seeds)
     if tally.done > runs:
-        raise ConfigError(f"{tally.done} runs have been made already", where="runs", why=f"{runs} are wanted")
+        raise ConfigError("sim.more_runs_done", where="runs", done=tally.done, count=runs)
     kept = time.monotonic()
     try:
         for outcome in each(_run, seeds[tally.done :], workers, (task,)):

@@ -71,11 +71,11 @@ def simulate_recording(
         samples, fixes = fault.apply(samples, fixes, truth.start)
         if _same(before[0], samples) and _same(before[1], fixes):
             raise ConfigError(
-                f"the fault {fault.verb} changes nothing",
+                "sim.fault_without_effect",
                 where="--fault",
-                why=f"it begins {max(fault.begin, 0.0):g} s after the start; the motion lasts {truth.duration:.1f} s, "
-                "and what it acts on may not be measured then",
-                fix="choose a time within the motion",
+                verb=fault.verb,
+                begin_s=max(fault.begin, 0.0),
+                duration_s=truth.duration,
             )
     return Recording(samples, fixes, reference(truth, times(truth, REFERENCE_RATE)), errors, lever_b)
 
@@ -89,10 +89,10 @@ def _same(one: ImuData | GpsData, other: ImuData | GpsData) -> bool:
 def perfect_imu(truth: Truth, rate: float = 100.0, sampling: Sampling = "mean") -> ImuData:
     """Measure a motion with an IMU without errors; see `simulate_recording`."""
     if not SLOWEST <= rate <= FASTEST:
-        raise ConfigError(f"{rate:g} Hz is no sampling rate", where="rate", fix=f"{SLOWEST:g} to {FASTEST:g} Hz are")
+        raise ConfigError("sim.sampling_rate", where="rate", rate_hz=rate, lowest_hz=SLOWEST, highest_hz=FASTEST)
     edges = times(truth, rate)
     if len(edges) < 3:
-        raise ConfigError("the motion is too short to sample", where="rate", why=f"{truth.duration:g} s at {rate:g} Hz")
+        raise ConfigError("sim.too_short_to_sample", where="rate", duration_s=truth.duration, rate_hz=rate)
     return imu_from_truth(truth, edges, sampling)
 
 

@@ -72,9 +72,10 @@ class Truth(ABC):
         slack = 4.0 * np.spacing(abs(self.start) + self.duration)  # times such as k * 0.01 round to either side
         if tau.size and not (tau.min() >= -slack and tau.max() <= self.duration + slack):
             raise ConfigError(
-                "times outside the motion were asked for",
+                "sim.outside_motion",
                 where=f"{np.min(time):.6f} to {np.max(time):.6f} s",
-                why=f"the motion lasts from {self.start:.6f} to {self.start + self.duration:.6f} s",
+                begin_s=self.start,
+                end_s=self.start + self.duration,
             )
         return tau
 

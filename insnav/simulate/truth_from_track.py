@@ -53,17 +53,13 @@ def truth_from_track(track: Trajectory) -> LevelTruth:
     penalty only bridges what the rows leave open.
     """
     if len(track.time) < _FEWEST:
-        raise InputError(
-            "the track is too short for a simulated replica",
-            why=f"it has {len(track.time)} rows",
-            fix=f"{_FEWEST} are needed",
-        )
+        raise InputError("sim.short_track", count=len(track.time), limit=_FEWEST)
     if np.abs(track.lla[:, 0]).max() > _HIGHEST_LATITUDE:
-        raise InputError("the track is within 5 deg of a pole", fix="use a track at lower latitudes")
+        raise InputError("sim.track_near_pole", limit_rad=0.5 * math.pi - _HIGHEST_LATITUDE)
     rph = _attitude(track)
     track, rph = _bridged(track, rph)
     if np.abs(rph[:, 1]).max() > _STEEPEST:
-        raise InputError("the track pitches beyond 80 deg", why="roll, pitch and heading are no smooth curves there")
+        raise InputError("sim.steep_track", limit_rad=_STEEPEST)
     start, duration = float(track.time[0]), float(track.time[-1] - track.time[0])
     tau = track.time - start
     origin = track.lla[0].copy()

@@ -23,7 +23,7 @@ def align(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
     cannot be navigated.
     """
     if model.task.states not in (15, 21):
-        raise ConfigError(f"{model.task.states} states are not supported", where="--states", fix="use 21 or 15")
+        raise ConfigError("align.bad_states", where="--states", value=model.task.states)
     if recording.fixes is None:
         raise _without_position(recording)
     given = recording.inputs.get("heading")
@@ -42,12 +42,11 @@ def _on_time(recording: Recording, model: Model, heading: float | None) -> Prepa
 
 
 def _without_position(recording: Recording) -> ConfigError:
-    moves = ", and no reference" if recording.reference is None else ", and by the reference it moves"
     imu = Path(recording.imu.facts.path)
     beside = ", ".join(files_with("gps", imu.parent)) if imu.is_file() else ""
     return ConfigError(
-        "nothing tells where the vehicle was",
+        "align.no_position",
         where="--gps",
-        why=f"there are no fixes{moves}" + f"; beside {imu.name} some are in {beside}" * bool(beside),
-        fix="give fixes with --gps; for a bench, --ref with its place at the start and the end, velocity zero",
+        imu=imu.name if beside else "",
+        beside=beside,
     )

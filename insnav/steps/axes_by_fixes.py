@@ -6,7 +6,6 @@ from insnav.alignment import Mounting, find_mounting
 from insnav.alignment.mounting import ALL_ALIKE, IN_ORDER
 from insnav.exceptions import InputError
 from insnav.input import Reading
-from insnav.input.interpret.physics import one_gyro
 from insnav.strapdown import intervals
 from insnav.types import GpsData, ImuData
 
@@ -31,39 +30,26 @@ def mounting_of(imu: Reading[ImuData], fixes: GpsData) -> Mounting | None:
     return find_mounting(intervals(imu.data.beginning(LOOK)), fixes)
 
 
-def _words(letters: str) -> str:
-    return ", ".join(WORDS[letter] for letter in letters)
-
-
 def refusal(found: Mounting, where: str) -> InputError:
     """What is wrong with axes that no rotation brings to those of the vehicle, or with gyros of other columns."""
-    inverted, told = found.inverted, f"({found.windows} windows of the drive)"
+    inverted = found.inverted
     if found.gyro_units != ALL_ALIKE:
         units = ("deg/s", "rad/s") if min(found.gyro_units) < 1.0 else ("rad/s", "deg/s")
         odd = next(axis for axis in range(3) if found.gyro_units.count(found.gyro_units[axis]) == 1)
         if found.gyro_units[odd] == 1.0:
             units = units[::-1]
-        why = f"accelerations by GPS fit only if it is in {units[0]} and the others are in {units[1]} {told}"
-        return one_gyro(f"gyro {'xyz'[odd]}", why, where)
-    why = "accelerations by GPS fit only with all signs of the accelerometers changed"
+        values = {"axis": "xyz"[odd], "unit": units[0], "others": units[1], "windows": found.windows}
+        return InputError("mounting.gyro_unit_odd", where=where, **values)
+    windows, axes = found.windows, tuple(inverted)
     if found.gyro_order != IN_ORDER:
-        what = "the gyros are in another order than the accelerometers"
-        about = ", ".join("xyz"[found.gyro_order.index(gyro)] for gyro in range(3))
-        why = f"accelerations by GPS fit only if gyros x, y, z turn about {about} of the accelerometers"
-        fix = "put the columns of the gyros, or those of the accelerometers, in the file in the order of the others"
-    elif found.mirrored and len(inverted) == 3:
-        what, fix = "the accelerometers are inverted", "change the signs of the accelerometers in the file"
-    elif found.mirrored:
-        what = "the axes of the IMU are left-handed"
-        why = f"accelerations by GPS fit only if x, y, z point {_words(found.letters)}"
-        fix = "change the sign of one axis of the accelerometers, and of the same axis of the gyros, in the file"
-        if found.changes == 1:
-            what, fix = f"accelerometer {inverted[0]} is inverted", "change its sign in the file"
-        elif inverted:
-            fix += f"; of the gyros as they are, {', '.join(inverted)} contradict{'s' * (len(inverted) == 1)} the rest"
-    else:
-        one = len(inverted) == 1
-        what = f"gyro {inverted[0]} turns the wrong way" if one else "the gyros turn the wrong way"
-        why = "with them the accelerations do not fit those of GPS; with other signs they do"
-        fix = f"change the sign{'s' * (not one)} of gyro{'s' * (not one)} {', '.join(inverted)} in the file"
-    return InputError(what, where=where, why=f"{why} {told}", fix=fix)
+        about = tuple("xyz"[found.gyro_order.index(gyro)] for gyro in range(3))
+        return InputError("mounting.gyro_order", where=where, about=about, windows=windows)
+    if found.mirrored and len(inverted) == 3:
+        return InputError("mounting.accelerometers_inverted", where=where, windows=windows)
+    if found.mirrored and found.changes == 1:
+        points = tuple(WORDS[letter] for letter in found.letters)
+        return InputError("mounting.accelerometer_inverted", where=where, axis=axes[0], points=points, windows=windows)
+    if found.mirrored:
+        points = tuple(WORDS[letter] for letter in found.letters)
+        return InputError("mounting.left_handed", where=where, points=points, axes=axes, windows=windows)
+    return InputError("mounting.gyros_wrong_way", where=where, axes=axes, windows=windows)

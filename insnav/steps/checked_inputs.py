@@ -28,24 +28,22 @@ def checked(inputs: Inputs) -> Inputs:
     """
     for key, value in inputs.items():
         if key not in INPUTS:
-            raise ConfigError(f"{key!r} is unknown", fix=f"known are {', '.join(INPUTS)}")
+            raise ConfigError("input.unknown_input", value=key, known=tuple(INPUTS))
         what = INPUTS[key]
         # a comparison that NaN fails too
         if isinstance(value, int | float) and not what.low <= value / what.size <= what.high:
             raise ConfigError(
-                f"{value / what.size:g} {what.unit} is not a sensible value",
-                where=key,
-                fix=f"{what.low:g} to {what.high:g} {what.unit} are",
+                "input.out_of_range", where=key, value=value / what.size, low=what.low, high=what.high, unit=what.unit
             )
     vector(inputs, "lever_arm")
     vector(inputs, "ref_lever_arm")
     span = inputs.get("static")
     if span is not None and not span[1] > span[0]:
-        raise ConfigError(f"{span[0]:g} to {span[1]:g} s ends before it begins", where="static")
+        raise ConfigError("input.bad_span", where="static", span_s=(float(span[0]), float(span[1])))
     reference_sd(inputs)
     for name in inputs.get("logs") or {}:
         if name not in LOGS:
-            raise ConfigError(f"a {name!r} is no known sensor", where="logs", fix=f"known are {', '.join(LOGS)}")
+            raise ConfigError("input.unknown_sensor", where="logs", value=str(name), known=tuple(LOGS))
     initial = inputs.get("initial")
     return {**inputs, "initial": read_start(Path(initial)) if isinstance(initial, str | Path) else initial}
 
@@ -53,7 +51,7 @@ def checked(inputs: Inputs) -> Inputs:
 def one_of(name: str, value: object, known: Sequence[object]) -> None:
     """Refuse a word, or a number, that is none of those known."""
     if value not in known:
-        raise ConfigError(f"{value!r} is unknown", where=name, fix=f"known are {', '.join(map(str, known))}")
+        raise ConfigError("input.unknown_word", where=name, value=str(value), known=tuple(map(str, known)))
 
 
 def vector(inputs: Inputs, key: Literal["lever_arm", "ref_lever_arm"]) -> FloatArray | None:
@@ -63,13 +61,9 @@ def vector(inputs: Inputs, key: Literal["lever_arm", "ref_lever_arm"]) -> FloatA
         return None
     array = np.asarray(value, dtype=np.float64)
     if array.shape != (3,) or not np.isfinite(array).all():
-        raise ConfigError(f"{value} is not three numbers", where=key, fix="forward, right, down in metres")
+        raise ConfigError("input.not_a_vector", where=key, value=str(value))
     if float(np.linalg.norm(array)) > _LONGEST_LEVER:
-        raise ConfigError(
-            f"{', '.join(f'{each:g}' for each in array)} is longer than {_LONGEST_LEVER:g} m",
-            where=key,
-            fix="give it in metres, body axes",
-        )
+        raise ConfigError("input.long_lever_arm", where=key, lever_m=tuple(array.tolist()), limit_m=_LONGEST_LEVER)
     return array
 
 
@@ -92,7 +86,7 @@ def reference_sd(inputs: Inputs) -> tuple[float, float | None] | None:
         return None
     numbers = [float(each) for each in np.atleast_1d(value)]
     if len(numbers) > 2 or not all(0.0 < each < math.inf for each in numbers):
-        raise ConfigError(f"{value} is not one or two numbers above zero", where="ref_sd", fix="0.05 or 0.05,0.02")
+        raise ConfigError("input.bad_ref_sd", where="ref_sd", value=str(value))
     return numbers[0], numbers[1] if len(numbers) == 2 else None
 
 
@@ -123,7 +117,7 @@ def read_start(path: Path) -> Start:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise InputError("cannot read the initial state", where=str(path), why=str(error)) from error
+        raise InputError("input.unreadable_start", where=str(path), reason=str(error)) from error
     values: dict[str, FloatArray] = {}
     wrong = []
     for key, length in _START_KEYS.items():
@@ -136,13 +130,7 @@ def read_start(path: Path) -> Start:
             wrong.append(key)
         values[key] = value
     if wrong:
-        raise InputError(
-            "the initial state is incomplete",
-            where=f"{path}: {', '.join(wrong)}",
-            why="each of time_s, lat_deg, lon_deg, height_m is a number; v_n_m_s, roll_pitch_heading_deg, "
-            "sd_position_m, sd_velocity_m_s, sd_attitude_deg are lists of three, standard deviations positive",
-            fix="complete the file, or leave --initial out: insnav then aligns by itself",
-        )
+        raise InputError("input.incomplete_start", where=f"{path}: {', '.join(wrong)}")
     return Start(
         float(values["time_s"]),
         np.array([values["lat_deg"] * DEG, values["lon_deg"] * DEG, values["height_m"]]),

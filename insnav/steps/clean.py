@@ -24,12 +24,7 @@ def clean(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
     """
     facts = recording.imu.facts
     if facts.rate_hz < SLOWEST:
-        raise InputError(
-            "the samples of the IMU are too far apart to be navigated",
-            where=facts.path,
-            why=f"{1.0 / facts.rate_hz:.3g} s; the turns in between are not known",
-            fix="export the sensors at their full rate (50 Hz or more), not merged to that of the fixes",
-        )
+        raise InputError("imu.too_slow", where=facts.path, interval_s=1.0 / facts.rate_hz)
     if recording.gps is None:
         return recording, model, ()
     fixes = with_sd(recording.gps.data)[0]

@@ -18,7 +18,7 @@ from insnav.filter.gps_noise import LAG_WORTH, velocity_lag
 from insnav.findings import Code, Finding
 from insnav.input import Reading, check_overlap
 from insnav.input.interpret.overlap import epoch_offset, named_offset, overlap
-from insnav.input.interpret.physics import odd_one, one_gyro
+from insnav.input.interpret.physics import odd_one
 from insnav.steps import Model, Recording
 from insnav.steps.axes_by_fixes import explained, refuse_unlike_gyros
 from insnav.strapdown import Intervals, joined, pieces
@@ -47,7 +47,7 @@ def one_clock(recording: Recording, model: Model) -> tuple[Recording, Model, tup
     if given is None and overlap(imu.data, gps.data) == 0.0:
         known = epoch_offset(imu.data, gps.data)
         if known is not None:
-            offset = known[0]
+            offset = known
             notes.append(Finding.of(Code.CLOCK_EPOCHS, subject="imu", offset_s=offset))
     if offset:
         recording = _moved(recording, offset)
@@ -85,21 +85,11 @@ def one_clock(recording: Recording, model: Model) -> tuple[Recording, Model, tup
 
 def _two_drives(found: Unlike, where: str) -> InputError:
     """What is wrong with samples and fixes that have no motion in common."""
-    why = (
-        f"in the {found.overlap:.0f} s that they have in common nothing turns or accelerates as the fixes do "
-        f"(r = {found.turns:.2f} and {found.accelerations:.2f}; of one drive, 0.7 and more), nor at any other "
-        "offset of the clocks"
-    )
+    overlap_s = float(found.overlap)
     if found.at_rest:
-        why = f"in all of the {found.overlap:.0f} s that they have in common the IMU is at rest while the fixes move"
+        return InputError("clock.imu_at_rest", where=where, overlap_s=overlap_s)
     return InputError(
-        "IMU and GPS are not of one drive",
-        where=where,
-        why=why,
-        fix=(
-            "give the files that were recorded together; if these were, look whether the columns are what their names "
-            "say; --imu-time-offset 0 navigates them as they are"
-        ),
+        "clock.two_drives", where=where, overlap_s=overlap_s, turns=found.turns, forces=found.accelerations
     )
 
 
@@ -108,17 +98,11 @@ def _check_gyro_unit(imu: Reading[ImuData], parts: Intervals, fixes: GpsData) ->
     scale, correlation = turn_scale(parts, fixes)
     for factor, unit in ((DEG, "deg/s"), (1.0 / DEG, "rad/s"), (1e-3 / DEG, "mrad/s")):
         if correlation > SURE and 1.0 / FACTOR < scale / factor < FACTOR:
-            turned = f"they turn {1.0 / scale:.3g} times as far as the course by GPS (r = {correlation:.2f})"
+            where, values = imu.facts.path, {"ratio": 1.0 / scale, "correlation": correlation}
             if (odd := odd_one(list(imu.data.gyro.T))) is not None:
-                raise one_gyro(f"gyro {'xyz'[odd]}", f"{turned}, and its noise is not like the others'", imu.facts.path)
+                raise InputError("clock.gyro_unit_odd", where=where, axis="xyz"[odd], **values)
             refuse_unlike_gyros(imu, fixes)
-            raise InputError(
-                f"the gyros look like {unit}",
-                where=imu.facts.path,
-                why=turned,
-                fix=f"say --imu-units gyro={unit}, or put the right unit into the header",
-                gives={"units": {"gyro": unit}},
-            )
+            raise InputError("clock.gyro_unit", where=where, gives={"units": {"gyro": unit}}, unit=unit, **values)
 
 
 def _check_radians(path: str, parts: Intervals, fixes: GpsData) -> None:
@@ -129,12 +113,7 @@ def _check_radians(path: str, parts: Intervals, fixes: GpsData) -> None:
             lla[:, column] /= DEG
             as_read, as_radians = likeness(parts, fixes, replace(fixes, lla=lla))
             if as_radians > SURE and 1.0 - as_radians**2 < EXPLAINS * (1.0 - as_read**2):
-                raise InputError(
-                    f"the {name} look like radians",
-                    where=path,
-                    why=f"only so the fixes accelerate as the samples do (r = {as_radians:.2f}, not {as_read:.2f})",
-                    fix="write them in degrees, as the others are, or the unit into the name of the column",
-                )
+                raise InputError("clock.radians", where=path, quantity=name, correlation=as_radians, as_read=as_read)
 
 
 def clock_offset(parts: Intervals, fixes: GpsData, *, worth: float = 0.0) -> ClockOffset | Unlike | None:

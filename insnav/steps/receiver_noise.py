@@ -54,9 +54,8 @@ def refuse_confused(
     fit = fit_velocities(read.data.time, read.data.lla, read.data.v_n)
     if fit is not None and fit.confusion and (velocities or fit.misplaced):
         raise InputError(
-            f"positions and velocities of the {'fixes' if velocities else 'reference'} contradict each other: it looks "
-            f"as if {fit.confusion}",
+            "gps.confused_columns" if velocities else "ref.confused_columns",
             where=read.facts.path,
-            why="displacements fit the velocities only so",
-            fix=f"name the right columns and units with {option}, or mend the file",
+            confusion=fit.confusion,
+            option=option,
         )

@@ -200,7 +200,7 @@ def test_gyrocompass_works_on_either_hemisphere(lat_deg):
 def test_samples_that_end_before_the_vehicle_moves_are_named():
     made = insnav.simulate("city", imu="consumer", gps="single", seed=1)
     imu = made.imu.data.rows(made.imu.data.time < made.imu.data.time[0] + 8.0)
-    with pytest.raises(AlignmentError, match=r"until the samples end, \d+ s before the fixes do"):
+    with pytest.raises(AlignmentError, match=r"align.no_heading|align.no_motion|align.short_motion"):
         insnav.load(imu, made.gps.data).until("align")
 
 
@@ -422,7 +422,7 @@ def test_positions_far_apart_make_a_start_in_motion_or_say_that_they_are(every, 
     imu = imu.rows(imu.time > imu.time[0] + 100.0)
     drive = insnav.load(imu, without_velocities(gps))
     if not sees:
-        with pytest.raises(AlignmentError, match=f"{every} s apart"):
+        with pytest.raises(AlignmentError, match=r"align.fixes_far_apart"):
             drive.until("align")
         return
     ready, true = drive.until("align").ready, made.reference.data
@@ -468,7 +468,7 @@ def test_poor_gyros_and_no_motion_are_an_error_that_says_so():
 
 def test_no_common_time_is_an_error():
     record = log(started(), CAR, 1)
-    with pytest.raises(AlignmentError, match="no GPS fix") as caught:
+    with pytest.raises(AlignmentError, match=r"align.no_fix_inside") as caught:
         aligned(replace(record, gps=replace(record.gps, time=record.gps.time + 1e5)))
     assert caught.value.exit_code == 3
 
@@ -484,7 +484,7 @@ def test_too_short_a_drive_without_rest_is_an_error():
 
 def test_a_static_span_without_a_fix_is_an_error():
     record = log(started(), CAR, 1)
-    with pytest.raises(AlignmentError, match="static interval"):
+    with pytest.raises(AlignmentError, match=r"align.no_fix_at_rest"):
         aligned(record, static_span=(500.1, 500.9))
 
 

@@ -149,7 +149,7 @@ def test_a_wrong_clock_is_refused_with_the_offset_to_give(drives):
     for wrong in (18.0, 5000.0):
         with pytest.raises(InputError) as caught:
             insnav.load(replace(imu, time=imu.time + wrong), fixes)
-        given = float(caught.value.fix.split("--imu-time-offset ")[1].split(",")[0])
+        given = caught.value.gives["time_offset"]
         assert given == pytest.approx(-wrong, abs=0.06)
         drive = insnav.load(replace(imu, time=imu.time + wrong), fixes, time_offset=given)
         assert drive.imu.data.time[0] == pytest.approx(imu.time[0], abs=0.06)
@@ -160,7 +160,7 @@ def test_gyros_in_degrees_show_in_the_course(drives):
     scale, correlation = turn_scale(intervals(imu), fixes)
     assert scale == pytest.approx(1.0, abs=0.05)
     assert correlation > 0.95
-    with pytest.raises(InputError, match="look like deg/s"):
+    with pytest.raises(InputError, match=r"clock.gyro_unit"):
         insnav.load(replace(imu, gyro=np.degrees(imu.gyro)), fixes)
 
 
@@ -177,9 +177,8 @@ def test_files_of_two_drives_are_refused(one, seed, other, its, gps):
     imu = insnav.simulate(one, imu="automotive", gps="rtk", seed=seed, rate=50.0).imu.data
     fixes = insnav.simulate(other, imu="automotive", gps=gps, seed=its, rate=50.0).fixes
     for v_n in (fixes.v_n, np.full_like(fixes.v_n, np.nan)):
-        with pytest.raises(InputError, match="not of one drive") as caught:
+        with pytest.raises(InputError, match=r"clock.two_drives|clock.imu_at_rest"):
             insnav.load(imu, replace(fixes, v_n=v_n))
-        assert "time_offset" in str(caught.value)
         insnav.load(imu, replace(fixes, v_n=v_n), time_offset=0.0)
 
 
@@ -188,7 +187,7 @@ def test_an_imu_at_rest_is_not_that_of_moving_fixes(drives):
     rest = insnav.simulate("static_hour", imu="consumer", seed=3, rate=50.0).imu.data
     moving = drives[0][1]
     rest = rest.rows(rest.time < moving.time[-1])
-    with pytest.raises(InputError, match="the IMU is at rest while the fixes move"):
+    with pytest.raises(InputError, match=r"clock.imu_at_rest"):
         insnav.load(rest, moving)
     insnav.load(rest, moving, time_offset=0.0)
 
@@ -201,8 +200,9 @@ def test_angles_that_explain_the_samples_as_radians_are_named(column, name):
     fixes = replace(made.fixes, v_n=none, velocity_sd=none)
     wrong = fixes.lla.copy()
     wrong[:, column] = np.radians(wrong[:, column])
-    with pytest.raises(InputError, match=f"the {name} look like radians"):
+    with pytest.raises(InputError, match=r"clock.radians") as caught:
         insnav.load(made.imu.data, replace(fixes, lla=wrong))
+    assert caught.value.values["quantity"] == name
     near_zero = fixes.lla - np.r_[np.eye(2)[column] * fixes.lla[0, column], 0.0]
     insnav.load(made.imu.data, replace(fixes, lla=near_zero))
 

@@ -91,7 +91,7 @@ def test_the_end_of_a_recorded_minute_is_explained(cli: Cli):
         (("--gravity", "9.0"), "gravity is nowhere 9 m/s^2"),
         (("--lat", "91"), "no latitude"),
         (("--lat", "90"), "close to a pole"),
-        (("--lat", "5", "--profile", "city"), "has its own place"),
+        (("--lat", "5", "--profile", "city"), "session.profile_has_place"),
     ],
 )
 def test_a_place_that_is_none_is_refused(cli: Cli, options, word):
@@ -165,14 +165,14 @@ def test_a_recorded_drive_is_compared_with_the_prediction(cli: Cli):
     ("options", "code", "words"),
     [
         ((), 2, "--imu"),
-        (("--imu", "nothing.toml"), 2, "neither an IMU preset nor a file"),
+        (("--imu", "nothing.toml"), 2, "imu.unknown"),
         (("--imu", "empty.toml"), 2, "no errors"),
         (("--imu", "mems.toml", "--times", "10,x"), 2, "--times"),
         (("--imu", "mems.toml", "--times", "5000"), 2, "--times"),
         (("--imu", "mems.toml", "--times", "0.01"), 2, "--times"),
         (("--imu", "mems.toml", "--runs", "1"), 2, "--runs"),
         (("--imu", "mems.toml", "--begin", "5"), 2, "--profile"),
-        (("--imu", "mems.toml", "--profile", "town"), 2, "no motion profile"),
+        (("--imu", "mems.toml", "--profile", "town"), 2, "sim.unknown_profile"),
         (("--imu", "mems.toml", "--profile", "city", "--begin", "5000"), 2, "not long enough"),
         (("--imu", "mems.toml", "--profile", "city", "--times", "3000"), 2, "not long enough"),
         (("--imu", "mems.toml", "--deflection", "-1"), 2, "--deflection"),

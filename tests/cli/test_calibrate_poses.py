@@ -146,9 +146,9 @@ def test_six_positions_with_sections_and_without(bench: Path, cli: Cli) -> None:
     ("options", "code", "word"),
     [
         (("imu.csv",), 2, "--gravity"),
-        (("imu.csv", *G, "--lat", "48"), 2, "given twice"),
+        (("imu.csv", *G, "--lat", "48"), 2, "session.gravity_twice"),
         (("imu.csv", "--gravity", "981"), 2, "lab.gravity"),
-        (("imu.csv", "--lat", "91"), 2, "not a latitude"),
+        (("imu.csv", "--lat", "91"), 2, "session.bad_latitude"),
         (("imu.csv", *G, "--sections", "s.json"), 2, "lab.sections_need_six"),
         (("imu.csv", *G, "--method", "six", "--sections", "no.json"), 2, "lab.sections_unreadable"),
         (("imu.csv", *G, "--method", "six", "--turn", "5"), 2, "--turn"),

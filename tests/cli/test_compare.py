@@ -86,8 +86,8 @@ def test_json_holds_the_same_figures(two_runs: Path, cli: Cli):
 @pytest.mark.parametrize(
     ("arguments", "code", "word"),
     [
-        (("none", "--ref", "ref.csv"), 3, "no solution in this folder"),
-        (("right", "--ref", "none.csv"), 3, "no such file"),
+        (("none", "--ref", "ref.csv"), 3, "session.no_solution"),
+        (("right", "--ref", "none.csv"), 3, "format.no_file"),
         (("right",), 2, "--ref"),
         (("--ref", "ref.csv"), 2, "RUN"),
         (("right", "--ref", "ref.csv", "--ref-lever-arm", "1"), 2, "--ref-lever-arm"),

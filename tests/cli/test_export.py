@@ -33,4 +33,4 @@ def test_what_cannot_be_exported_is_said(cli, run, tmp_path, monkeypatch):
     for file in Path(damaged).glob("s*.csv"):
         file.write_text("\n".join([head, lost, *rows]) + "\n")
     shown = cli("export", damaged, "--to", "gpx", "--out", "x.gpx")
-    assert (shown.code, "1 rows of the solution" in shown.err) == (3, True)
+    assert (shown.code, "session.rows_without_position" in shown.err) == (3, True)

@@ -135,7 +135,7 @@ def test_the_command_and_python_write_the_same_files(bench: Path, cli: Cli, comm
         (("allan", "static.csv", "--taus", "0.001"), 2, "lab.taus"),
         (("allan", "static.csv", "--workers", "0"), 2, "--workers"),
         (("allan", "none.csv"), 3, "none.csv"),
-        (("acceptance",), 2, "nothing to accept"),
+        (("acceptance",), 2, "session.nothing_to_accept"),
         (("acceptance", "--rates", "static.csv"), 3, "lab.no_setting"),
         (("acceptance", "--rates", "rates.csv", "--lengths", "0"), 2, "above zero"),
         (("acceptance", "--rates", "rates.csv", "--out", "rates.csv/such"), 4, "output.folder_unwritable"),

@@ -80,7 +80,7 @@ def test_vector_figures_and_json(drive: Path, cli: Cli):
 def test_what_is_no_run_is_refused(drive: Path, cli: Cli):
     shown = cli("report", ".")
     assert shown.code == 3
-    assert "not a run folder" in shown.err
+    assert "output.no_run_folder" in shown.err
     assert not Path("report").exists()
 
 

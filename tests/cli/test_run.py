@@ -154,9 +154,9 @@ def test_a_folder_brings_its_reference_and_is_as_its_files(drive: Path, cli: Cli
 def test_what_is_empty_or_not_there_is_said_before_the_folder_in_the_way(drive: Path, cli: Cli):
     Path("run").mkdir()
     Path("empty.csv").touch()
-    assert "the file is empty" in cli("run", "imu.csv", "--gps", "empty.csv").err
-    assert "no such file" in cli("run", "imu.csv", "--gps", "gone.csv").err
-    assert "exists already" in cli("run", "imu.csv", "--gps", "gps.csv").err
+    assert "format.empty" in cli("run", "imu.csv", "--gps", "empty.csv").err
+    assert "format.no_file" in cli("run", "imu.csv", "--gps", "gone.csv").err
+    assert "output.folder_exists" in cli("run", "imu.csv", "--gps", "gps.csv").err
 
 
 def test_a_limit_on_the_error_decides_the_exit_code(drive: Path, cli: Cli):

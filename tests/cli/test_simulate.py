@@ -272,9 +272,9 @@ def test_the_library_is_listed_and_drawn(here: Path, cli: Cli, monkeypatch: pyte
         ((), 2, "a motion is needed"),
         ((MOTION, "--from", "x.csv"), 2, "two motions"),
         (("nowhere",), 2, "nowhere"),
-        ((MOTION, "--imu", "nobody"), 2, "neither an IMU preset nor a file"),
+        ((MOTION, "--imu", "nobody"), 2, "imu.unknown"),
         ((MOTION, "--gps", "nobody"), 2, "nobody"),
-        ((MOTION, "--rate", "0"), 2, "sampling rate"),
+        ((MOTION, "--rate", "0"), 2, "sim.sampling_rate"),
         ((MOTION, "--fault", "gps-jmp:3m@10s"), 2, "gps-jmp"),
         ((MOTION, "--temperature", "warm"), 2, "not a temperature"),
         ((MOTION, "--resume"), 2, "--runs"),
@@ -282,8 +282,8 @@ def test_the_library_is_listed_and_drawn(here: Path, cli: Cli, monkeypatch: pyte
         ((MOTION, "--runs", "3", "--imu", "ideal"), 2, "all the same"),
         ((MOTION, "--seed", "-1"), 2, "--seed"),
         (("--from", "none.csv"), 3, "none.csv"),
-        (("--from", "."), 3, "no solution"),
-        ((MOTION, "--out", "white.toml/such"), 4, "cannot write a run folder"),
+        (("--from", "."), 3, "session.no_solution"),
+        ((MOTION, "--out", "white.toml/such"), 4, "output.folder_unwritable"),
     ],
 )
 def test_what_cannot_be_is_refused(here: Path, cli: Cli, options: tuple[str, ...], code: int, word: str):
@@ -340,7 +340,7 @@ def test_a_stopped_series_is_kept_for_the_same_command(here: Path, cli: Cli, num
     assert made(here) == [".sim.unfinished"]
     other = cli("simulate", *QUICK, "--runs", "40", "--resume")
     assert other.code == 2  # another number of runs is another series
-    assert "another one" in other.err
+    assert "sim.other_series" in other.err
 
 
 def test_a_series_that_ended_early_is_gone_on_with(here: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch):

@@ -103,7 +103,7 @@ def test_a_peer_that_is_absent_is_told(short: None, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(peer, "find_spec", lambda name: None)
     shown = cli("verify", "--peer")
     assert shown.code == 2
-    assert "pip install python-ins" in shown.err
+    assert "verify.no_pyins" in shown.err
     assert shown.out == ""
     assert not Path("certificate").exists()
 

@@ -29,11 +29,12 @@ from insnav.input import read_gps
 from insnav.input.formats.registry import open_table
 from insnav.output.folder import RunFolder
 from tests.filter import drives
+from tests.refusals import refused
 
 
 def test_f8_a_stream_that_does_not_end(monkeypatch):
     monkeypatch.setattr(source, "_MAX_STREAM", 1 << 16)
-    with pytest.raises(InputError, match="does not end"):
+    with refused(InputError, "format.endless_stream"):
         source.open_source("/dev/zero")
 
     class Endless(io.RawIOBase):
@@ -48,7 +49,7 @@ def test_f8_a_stream_that_does_not_end(monkeypatch):
             return len(buffer)
 
     endless = Endless()
-    with pytest.raises(InputError, match="does not end"):
+    with refused(InputError, "format.endless_stream"):
         source._stream(io.BufferedReader(endless), "standard input")
     assert endless.taken < 1 << 20
 
@@ -57,13 +58,13 @@ def test_f8_ten_gigabytes_of_nothing(tmp_path: Path):
     with (tmp_path / "imu.csv").open("wb") as file:
         file.truncate(10 << 30)
     begin = time.process_time()
-    with pytest.raises(InputError, match="no content"):
+    with refused(InputError, "format.begins_with_zeros"):
         source.open_source(tmp_path / "imu.csv")
-    refused = time.process_time()
+    ended = time.process_time()
     with (tmp_path / "imu.csv").open("rb") as file:
         for _ in range(256):
             file.read(1 << 20)
-    assert refused - begin < time.process_time() - refused  # less than reading a fortieth of it takes
+    assert ended - begin < time.process_time() - ended  # less than reading a fortieth of it takes
 
 
 def test_f9_a_parquet_file_that_is_mostly_nothing(tmp_path: Path):
@@ -74,7 +75,7 @@ def test_f9_a_parquet_file_that_is_mostly_nothing(tmp_path: Path):
     table = pa.table({name: pa.array(np.zeros(rows)) for name in ("time_s", "gyro_x_rad_s", "a", "b", "c")})
     parquet.write_table(table, tmp_path / "bomb.parquet", compression="zstd")
     assert (tmp_path / "bomb.parquet").stat().st_size < 1 << 20
-    with pytest.raises(InputError, match="more than is sensible"):
+    with refused(InputError, "format.parquet_bomb"):
         open_table(tmp_path / "bomb.parquet").cells.read(range(5))
 
 
@@ -91,7 +92,7 @@ from insnav.input import read_imu
 try:
     read_imu(sys.argv[1])
 except InputError as error:
-    print(int(re.search(r"VmHWM:\\s+(\\d+)", open("/proc/self/status").read())[1]) // 1024, error.what)
+    print(int(re.search(r"VmHWM:\\s+(\\d+)", open("/proc/self/status").read())[1]) // 1024, error.code)
 """
 
 
@@ -108,12 +109,12 @@ def test_f9_a_compressed_file_that_is_mostly_nothing(bars, tmp_path: Path, name:
     assert path.stat().st_size < 2 << 20  # 143 MB in 1 MB
     done = subprocess.run([sys.executable, "-c", _PEAK, str(path)], capture_output=True, text=True, check=True)
     resident, said = done.stdout.split(" ", 1)
-    assert "more than is sensible" in said
+    assert said.strip() == ("format.zip_bomb" if name.endswith("zip") else "format.compressed_bomb")
     assert int(resident) < bars["F9"]["resident_mb"]
 
 
 def test_p3_a_name_that_no_file_system_takes(tmp_path: Path):
-    with pytest.raises(OutputError, match="too long"), RunFolder(tmp_path / ("x" * 256), force=False):
+    with refused(OutputError, "output.long_name"), RunFolder(tmp_path / ("x" * 256), force=False):
         pass
     with RunFolder(tmp_path / ("x" * 230), force=False) as folder:
         folder.commit({})
@@ -222,7 +223,7 @@ def test_an_imu_with_impossible_errors_is_refused(tmp_path: Path):
     (tmp_path / "imu.toml").write_text(
         '[gyro]\nbias_instability = "1e300 deg/h"\ncorrelation_time = "1 h"\n[accel]\nbias = "1 mg"\n'
     )
-    with pytest.raises(ConfigError, match="not possible"):
+    with refused(ConfigError, "imu.impossible_value"):
         load_imu(str(tmp_path / "imu.toml"))
 
 
@@ -237,7 +238,7 @@ def test_an_infinite_velocity_is_refused_with_its_place(tmp_path: Path, cell):
 
 def test_a_damaged_kernel_file_says_what_to_delete(capsys):
     assert cli._explain(pickle.UnpicklingError("invalid load key, 'x'.")) == 3
-    assert "delete what numba keeps in" in capsys.readouterr().err
+    assert "cli.damaged_kernel" in capsys.readouterr().err
 
 
 _FAR = """

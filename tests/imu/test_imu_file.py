@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from insnav.exceptions import ConfigError
 from insnav.imu import PRESETS, ImuSpec, load_imu, to_toml
+from tests.refusals import problems_of, refused
 
 EXAMPLE = """
 name = "example"
@@ -49,10 +50,11 @@ def load(tmp_path: Path):
     return reader
 
 
-def problem(load, text: str) -> str:
+def problems(load, text: str) -> list[str]:
     with pytest.raises(ConfigError) as caught:
         load(text)
-    return str(caught.value)
+    assert "imu.toml" in caught.value.where
+    return problems_of(caught.value)
 
 
 def test_every_key_is_read_in_si(load) -> None:
@@ -151,57 +153,56 @@ def test_presets_read_back(load, name: str) -> None:
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ('[gyro]\nbiass = "1 deg/h"', "gyro.biass: unknown key, did you mean 'bias'?"),
-        ('[gyro]\nquux = "1 deg/h"', "gyro.quux: unknown key, known are"),
-        ('[giro]\nbias = "1 deg/h"', "giro: unknown key, did you mean 'gyro'?"),
-        ("[gyro]\nbias = 5", 'gyro.bias: must be a text with a unit, like "1.5 rad/s", not a number'),
-        ("[gyro]\nbias = true", "not true or false"),
-        ("[gyro]\nbias = nan", "not a number"),
-        ("[gyro]\nbias = 2020-01-01", "not a date"),
-        ("[gyro]\nbias = {a = 1}", "not a table"),
-        ('[gyro]\nbias = "nan deg/h"', "is not a number with a unit"),
-        ('[gyro]\nbias = "1e400 deg/h"', "not a finite number"),
-        ('[gyro]\nbias = "-1 deg/h"', "gyro.bias: '-1 deg/h' is negative"),
-        ('[gyro]\nbias = "1 mg"', "'mg' is a unit of acceleration"),
-        ('[accel]\nbias = "1 mgg"', "the unit 'mgg'"),
-        ('[accel]\nbias = ["1 mg", "2 mg"]', "one value or three (x, y, z), not 2"),
-        ('[accel]\nbias = ["1 mg", "2 mg", 3]', "accel.bias: must be a text with a unit"),
-        ('[gyro]\ncorrelation_time = ["1 h", "1 h", "1 h"]', "gyro.correlation_time: must be a text"),
-        ('[gyro]\ncorrelation_time = "0 h"', "correlation_time must be more than zero"),
-        ('[gyro]\nbias_instability = "1 deg/h"', "bias_instability needs a correlation_time"),
-        ('[gyro]\nrate_random_walk = "1 deg/h"', "Use one of rad/s/sqrt(s), rad/s/sqrt(h)"),
-        ('gyro = "1 deg/h"', "gyro: must be a table, [gyro]"),
-        ("name = 1\n[gyro]", "name: must be a text in quotes"),
-        ('name = "x"', "the file describes no IMU"),
-        ("", "the file describes no IMU"),
-        ("[gyro\n", "is not a TOML file"),
-        (f"[gyro]\nbias = 0x{'f' * 9000}", "not a number"),
-        (f"[gyro]\nbias = {'9' * 9000}", "is not a TOML file"),
-        (f"x = {'[' * 50_000}", "is not a TOML file"),
-        (f'[gyro]\nbias = "{" " * 9000}1 deg/h"', "is too long"),
-        ("#" * 1_000_001, "is too long"),
+        ('[gyro]\nbiass = "1 deg/h"', "gyro.biass: config.unknown_key"),
+        ('[gyro]\nquux = "1 deg/h"', "gyro.quux: config.unknown_key"),
+        ('[giro]\nbias = "1 deg/h"', "giro: config.unknown_key"),
+        ("[gyro]\nbias = 5", "gyro.bias: config.no_quantity"),
+        ("[gyro]\nbias = true", "gyro.bias: config.no_quantity"),
+        ("[gyro]\nbias = nan", "gyro.bias: config.no_quantity"),
+        ("[gyro]\nbias = 2020-01-01", "gyro.bias: config.no_quantity"),
+        ("[gyro]\nbias = {a = 1}", "gyro.bias: config.no_quantity"),
+        ('[gyro]\nbias = "nan deg/h"', "gyro.bias: unit.missing"),
+        ('[gyro]\nbias = "1e400 deg/h"', "gyro.bias: unit.not_finite"),
+        ('[gyro]\nbias = "-1 deg/h"', "gyro.bias: config.negative"),
+        ('[gyro]\nbias = "1 mg"', "gyro.bias: unit.of_other_dimension"),
+        ('[accel]\nbias = "1 mgg"', "accel.bias: unit.unknown"),
+        ('[accel]\nbias = ["1 mg", "2 mg"]', "accel.bias: config.not_by_axis"),
+        ('[accel]\nbias = ["1 mg", "2 mg", 3]', "accel.bias: config.no_quantity"),
+        ('[gyro]\ncorrelation_time = ["1 h", "1 h", "1 h"]', "gyro.correlation_time: config.no_quantity"),
+        ('[gyro]\ncorrelation_time = "0 h"', "gyro: config.not_above_zero"),
+        ('[gyro]\nbias_instability = "1 deg/h"', "gyro: imu.instability_without_time"),
+        ('[gyro]\nrate_random_walk = "1 deg/h"', "gyro.rate_random_walk: unit.of_other_dimension"),
+        ('gyro = "1 deg/h"', "gyro: config.no_table"),
+        ("name = 1\n[gyro]", "name: config.no_text"),
+        ('name = "x"', "imu.toml: imu.empty_file"),
+        ("", "imu.toml: imu.empty_file"),
+        ("[gyro\n", "imu.toml: config.no_toml"),
+        (f"[gyro]\nbias = 0x{'f' * 9000}", "gyro.bias: config.no_quantity"),
+        (f"[gyro]\nbias = {'9' * 9000}", "imu.toml: config.no_toml"),
+        (f"x = {'[' * 50_000}", "imu.toml: config.too_nested"),
+        (f'[gyro]\nbias = "{" " * 9000}1 deg/h"', "gyro.bias: config.text_too_long"),
+        ("#" * 1_000_001, "imu.toml: config.too_long"),
     ],
 )
 def test_every_mistake_is_named(load, text: str, expected: str) -> None:
-    assert expected in problem(load, text)
+    (found,) = problems(load, text)
+    assert found.endswith(expected)
 
 
 def test_all_mistakes_are_told_at_once(load) -> None:
-    message = problem(load, '[gyro]\nbias = "1 mg"\nbiass = 1\n[accel]\nbias = nan\n[initial]\nheading = "-1 deg"\n')
-    for key in (
-        "gyro.bias:",
-        "gyro.biass:",
-        "accel.bias:",
-        "initial.heading:",
-        "4 things are wrong",
-        "imu.toml",
-    ):
-        assert key in message
+    text = '[gyro]\nbias = "1 mg"\nbiass = 1\n[accel]\nbias = nan\n[initial]\nheading = "-1 deg"\n'
+    assert sorted(problems(load, text)) == [
+        "accel.bias: config.no_quantity",
+        "gyro.bias: unit.of_other_dimension",
+        "gyro.biass: config.unknown_key",
+        "initial.heading: config.negative",
+    ]
 
 
 def test_a_misspelt_preset_is_suggested() -> None:
-    with pytest.raises(ConfigError, match="did you mean 'tactical'") as caught:
+    with refused(ConfigError, "imu.unknown") as caught:
         load_imu("tactial")
+    assert caught.value.values["close"] == "tactical"
     assert caught.value.exit_code == 2
 
 
@@ -212,10 +213,10 @@ def test_a_missing_file_is_a_configuration_error(name: str) -> None:
 
 
 def test_a_folder_or_a_binary_is_a_configuration_error(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="cannot read"):
+    with refused(ConfigError, "config.unreadable"):
         load_imu(str(tmp_path))
     (tmp_path / "imu.toml").write_bytes(bytes(range(256)))
-    with pytest.raises(ConfigError, match="is not a TOML file"):
+    with refused(ConfigError, "config.no_toml"):
         load_imu(str(tmp_path / "imu.toml"))
 
 

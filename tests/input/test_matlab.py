@@ -16,6 +16,7 @@ from insnav.exceptions import InputError
 from insnav.input import read_gps, read_imu, read_reference
 from tests.input.recordings import FIXES, REAL, SAMPLES, TOW, real, same_places
 from tests.input.test_log_mutations import damaged, read_all
+from tests.refusals import refused
 
 RAD = np.array([np.pi / 180.0, np.pi / 180.0, 1.0])
 
@@ -95,8 +96,9 @@ def test_arrays_are_read_by_their_names(save, version, data):
 
 
 def test_other_variables_are_named(save):
-    with pytest.raises(InputError, match=r"variables: speed(.|\n)*NaveGo"):
+    with refused(InputError, "format.matlab_no_data") as caught:
         read_imu(save(version_5({"speed": np.arange(9.0)})))
+    assert caught.value.values["variables"] == "speed"
 
 
 @pytest.mark.parametrize("version", [version_5, version_7])
@@ -110,7 +112,7 @@ def test_arrays_that_do_not_fit_into_the_file_are_refused(save):
     data = version_5(navego())
     structure = struct.pack("<IIII", 5, 8, 1, 1)  # dimensions of a structure
     assert structure in data
-    with pytest.raises(InputError, match="larger than what is written"):
+    with refused(InputError, "format.matlab_cut"):
         read_imu(save(data.replace(structure, struct.pack("<IIII", 5, 8, 1, 1 << 30), 1)))
 
 

@@ -110,10 +110,10 @@ def test_poses_from_arrays_in_units_and_in_counts() -> None:
         (lambda: calibrate("gyro", rate_table(), gravity=981.0), ConfigError, "lab.gravity"),
         (lambda: calibrate("gyro", [rate_table()] * 2), InputError, "lab.not_three_sensors"),
         (lambda: calibrate("gyro", "none.csv"), InputError, "none.csv"),
-        (lambda: acceptance(), ConfigError, "nothing to accept"),
-        (lambda: bench_gravity(None, None), ConfigError, "gravity is not known"),
-        (lambda: bench_gravity(9.8, 45.0), ConfigError, "given twice"),
-        (lambda: bench_gravity(None, 91.0), ConfigError, "not a latitude"),
+        (lambda: acceptance(), ConfigError, "session.nothing_to_accept"),
+        (lambda: bench_gravity(None, None), ConfigError, "session.no_gravity"),
+        (lambda: bench_gravity(9.8, 45.0), ConfigError, "session.gravity_twice"),
+        (lambda: bench_gravity(None, 91.0), ConfigError, "session.bad_latitude"),
     ],
 )
 def test_what_cannot_be_is_refused(call, error: type[Exception], word: str) -> None:

@@ -14,6 +14,7 @@ from insnav.earth import ned_offset
 from insnav.exceptions import ConfigError
 from insnav.simulate.faults import VERBS, parse_fault
 from insnav.types import GpsData, ImuData
+from tests.refusals import refused
 
 N = 2000
 
@@ -127,27 +128,33 @@ def test_every_verb_is_in_the_manual_and_its_example_is_understood():
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "code"),
     [
-        ("gps-jmp:60m@120s", "did you mean gps-jump:60m@120s+8s"),
-        ("nonsense", "known are"),
-        ("gps-jump@120s", "needs a size"),
-        ("gps-outage:5m@120s+3s", "has no size"),
-        ("gps-outage@120s", "needs a length"),
-        ("gps-spike:60m", "needs a time"),
-        ("gps-jump:60s@120s", "write it like gps-jump"),
-        ("gps-jump:60m@-5s+2s", "zero or more"),
-        ("imu-stuck:gyro-w@1s+1s", "none of"),
-        ("imu-axes:FFU", "three directions"),
-        ("imu-clip:5m@1s+1s", "write it like imu-clip"),
-        ("gps-sd:-1", "above zero"),
-        ("imu-axes:FLU@1s+1s", "for the whole drive"),
+        ("gps-jmp:60m@120s", "sim.unknown_fault"),
+        ("nonsense", "sim.unknown_fault"),
+        ("gps-jump@120s", "sim.fault_without_size"),
+        ("gps-outage:5m@120s+3s", "sim.fault_with_size"),
+        ("gps-outage@120s", "sim.fault_without_length"),
+        ("gps-spike:60m", "sim.fault_without_time"),
+        ("gps-jump:60s@120s", "unit.of_other_dimension"),
+        ("gps-jump:60m@-5s+2s", "sim.fault_times"),
+        ("imu-stuck:gyro-w@1s+1s", "sim.not_one_of"),
+        ("imu-axes:FFU", "sim.no_directions"),
+        ("imu-clip:5m@1s+1s", "unit.of_other_dimension"),
+        ("gps-sd:-1", "sim.not_above_zero"),
+        ("imu-axes:FLU@1s+1s", "sim.fault_with_time"),
     ],
 )
-def test_what_cannot_be_meant_is_refused(text, words):
-    with pytest.raises(ConfigError) as error:
+def test_what_cannot_be_meant_is_refused(text, code):
+    with refused(ConfigError, code) as caught:
         parse_fault(text)
-    assert words in str(error.value)
+    assert caught.value.where.startswith("--fault")
+
+
+def test_a_misspelt_fault_is_suggested():
+    with refused(ConfigError, "sim.unknown_fault") as caught:
+        parse_fault("gps-jmp:60m@120s")
+    assert caught.value.values["close"] == "gps-jump"
 
 
 @settings(max_examples=300, deadline=None)

@@ -11,18 +11,19 @@ from hypothesis import strategies as st
 
 from insnav.exceptions import ConfigError
 from insnav.simulate.motion import library, load_profile
+from tests.refusals import problems_of, refused
 from tests.simulate.profiles import HEAD, motion, profile, segments
 
 START = HEAD.format(vehicle="car", start="", lat="45 deg")
 
 
 def problems(path: Path, text: str) -> list[str]:
-    """Everything that is said to be wrong with a profile."""
+    """Place and code of everything that is wrong with a profile."""
     path.write_text(text)
     with pytest.raises(ConfigError) as caught:
         load_profile(path)
-    assert caught.value.where == str(path)
-    return (caught.value.why or caught.value.what).splitlines()
+    assert caught.value.where.startswith(str(path))
+    return problems_of(caught.value)
 
 
 def test_a_start_is_where_it_says(tmp_path):
@@ -65,21 +66,18 @@ count = 0
 segment = [ { kind = "cruise" }, { kind = "turn", angle = "0 deg", rate = "3 deg/s" } ]
 """,
     )
-    expected = [
-        "vehicle: Input should be 'car', 'aircraft' or 'slide'",
-        "start.lat: must be between -90 deg and 90 deg",
-        "start.lon: '9' is not a number with a unit",
-        "start.hight: unknown key, did you mean 'height'?",
-        "segment 1: unknown kind 'acelerate', did you mean 'accelerate'?",
-        "segment 2 (accelerate): to: '-5 m/s' is negative",
-        "segment 3 (turn): rat: unknown key, did you mean 'rate'?",
-        "segment 4 (repeat): count: Input should be greater than or equal to 1",
-        "segment 4 (repeat), segment 1 (cruise): needs either duration or distance",
-        "segment 4 (repeat), segment 2 (turn): angle must not be zero",
+    assert found == [
+        "vehicle: config.invalid_value",
+        "start.lat: sim.no_latitude",
+        "start.lon: unit.missing",
+        "start.hight: config.unknown_key",
+        "segment 1: sim.unknown_kind",
+        "segment 2 (accelerate): to: config.negative",
+        "segment 3 (turn): rat: config.unknown_key",
+        "segment 4 (repeat): count: config.invalid_value",
+        "segment 4 (repeat), segment 1 (cruise): config.not_one_key",
+        "segment 4 (repeat), segment 2 (turn): sim.no_angle",
     ]
-    assert len(found) == len(expected)
-    for text, beginning in zip(found, expected, strict=True):
-        assert text.startswith(beginning)
 
 
 def test_everything_that_cannot_be_driven_is_told_at_once_with_its_segment(tmp_path):
@@ -98,19 +96,16 @@ def test_everything_that_cannot_be_driven_is_told_at_once_with_its_segment(tmp_p
         + '[vibration]\nengine = [{ frequency = "300 Hz", acceleration = "1 g" }]\n'
         + 'band = [{ low = "5 Hz", high = "3 Hz", density = "1 (m/s^2)^2/Hz" }]\n',
     )
-    expected = [
-        "vibration.band 1: needs 0 < low < high",
-        "vibration: frequencies must be above 0 and at most 100 Hz",
-        "segment 2 (turn): 180 m/s^2 across the way",  # 30^2 / 5
-        "segment 3 (accelerate): 2942 m/s^2 is more than a car can",
-        "segment 4 (static): the speed is 60 m/s: stop first",  # as if the third had been driven
-        "segment 5 (repeat), segment 1 (lane_change): 60 m/s^2 across the way",
-        "segment 6 (climb): 50 deg is steeper than a car climbs",
-        "segment 7 (brake): the speed is 60 m/s already",
+    assert found == [
+        "vibration.band 1: sim.no_band",
+        "vibration: sim.vibration_frequency",
+        "segment 2 (turn): sim.sideways_in_turn",  # 30^2 / 5
+        "segment 3 (accelerate): sim.too_fast_acceleration",
+        "segment 4 (static): sim.static_while_moving",  # as if the third had been driven
+        "segment 5 (repeat), segment 1 (lane_change): sim.sideways_in_lane_change",
+        "segment 6 (climb): sim.too_steep",
+        "segment 7 (brake): sim.wrong_way",
     ]
-    assert len(found) == len(expected)
-    for text, beginning in zip(found, expected, strict=True):
-        assert text.startswith(beginning)
 
 
 MOVING = 'accelerate: to = "20 m/s"'
@@ -119,78 +114,106 @@ MOVING = 'accelerate: to = "20 m/s"'
 @pytest.mark.parametrize(
     ("vehicle", "lines", "expected"),
     [
-        ("car", ['cruise: duration = "5 s"'], "segment 1 (cruise): a car at rest cannot do this"),
-        ("car", ['turn: angle = "9 deg", rate = "9 deg/s"'], "segment 1 (turn): a car at rest"),
-        ("car", ['accelerate: to = "500 km/h"'], "segment 1 (accelerate): 138.9 m/s is faster than a car goes"),
-        ("car", [MOVING, 'accelerate: to = "5 m/s"'], "segment 2 (accelerate): the speed is 20 m/s already"),
-        ("car", [MOVING, 'brake: to = "25 m/s"'], "segment 2 (brake): the speed is 20 m/s already"),
-        ("car", [MOVING, 'turn: angle = "9 deg", rate = "5000 deg/s"'], "beyond 4000 deg/s"),
-        ("car", [MOVING, 'helix: radius = "60 m", turns = 1, height = "300 m"'], "steeper than a car climbs"),
-        ("car", [MOVING, 'helix: radius = "60 m", turns = 1, height = "3000 m"'], "steeper than a car climbs"),
-        ("car", [MOVING, 'helix: radius = "10 m", turns = 1, height = "1 m"'], "40 m/s^2 across the way"),
-        ("car", [MOVING, 'slide: length = "2 m"'], "segment 2 (slide): a slide starts from rest"),
-        ("car", ['spin: axis = "x", turns = 1, rate = "9 deg/s"'], "the body of a car does not turn by itself"),
-        ("car", ['linear: x = "1 m"'], "the body of a car does not turn by itself"),
-        ("slide", ['linear: speed = "1 m/s"'], "needs one or more of x, y, roll, pitch, yaw"),
-        ("slide", ['linear: x = "1 m", acceleration = "300 g"'], "faster than a slide can"),
-        ("slide", ['linear: roll = "100 deg", yaw = "90 deg"'], "less than 180 deg together"),
-        ("slide", ['circular: axes = ["x", "yaw"], radius = "1 m"'], "two of a slide (x, y) or two of a table"),
-        ("slide", ['circular: axes = ["roll", "yaw"], radius = "1 m"'], "a unit of length"),
+        ("car", ['cruise: duration = "5 s"'], "segment 1 (cruise): sim.at_rest"),
+        ("car", ['turn: angle = "9 deg", rate = "9 deg/s"'], "segment 1 (turn): sim.at_rest"),
+        ("car", ['accelerate: to = "500 km/h"'], "segment 1 (accelerate): sim.too_fast"),
+        ("car", [MOVING, 'accelerate: to = "5 m/s"'], "segment 2 (accelerate): sim.wrong_way"),
+        ("car", [MOVING, 'brake: to = "25 m/s"'], "segment 2 (brake): sim.wrong_way"),
+        ("car", [MOVING, 'turn: angle = "9 deg", rate = "5000 deg/s"'], "segment 2 (turn): sim.too_fast_turn"),
+        (
+            "car",
+            [MOVING, 'helix: radius = "60 m", turns = 1, height = "300 m"'],
+            "segment 2 (helix): sim.too_steep_helix",
+        ),
+        (
+            "car",
+            [MOVING, 'helix: radius = "60 m", turns = 1, height = "3000 m"'],
+            "segment 2 (helix): sim.too_steep_helix",
+        ),
+        (
+            "car",
+            [MOVING, 'helix: radius = "10 m", turns = 1, height = "1 m"'],
+            "segment 2 (helix): sim.sideways_in_helix",
+        ),
+        ("car", [MOVING, 'slide: length = "2 m"'], "segment 2 (slide): sim.not_from_rest"),
+        ("car", ['spin: axis = "x", turns = 1, rate = "9 deg/s"'], "segment 1 (spin): sim.body_fixed"),
+        ("car", ['linear: x = "1 m"'], "segment 1 (linear): sim.body_fixed"),
+        ("slide", ['linear: speed = "1 m/s"'], "segment 1 (linear): sim.no_move"),
+        ("slide", ['linear: x = "1 m", acceleration = "300 g"'], "segment 1 (linear): sim.too_fast_planned"),
+        ("slide", ['linear: roll = "100 deg", yaw = "90 deg"'], "segment 1 (linear): sim.table_turns_far"),
+        ("slide", ['circular: axes = ["x", "yaw"], radius = "1 m"'], "segment 1 (circular): sim.no_pair_of_axes"),
+        (
+            "slide",
+            ['circular: axes = ["roll", "yaw"], radius = "1 m"'],
+            "segment 1 (circular): unit.of_other_dimension",
+        ),
         (
             "slide",
             ['spin: axis = "x", turns = 1, rate = "9 deg/s"', 'linear: yaw = "9 deg"'],
-            "where a spin has turned the body",
+            "segment 2 (linear): sim.table_after_spin",
         ),
-        ("slide", ['spin: axis = "x", turns = 1, rate = "5000 deg/s"'], "5000 deg/s is beyond 4000 deg/s"),
-        ("slide", ['slide: length = "2 m", acceleration = "300 g"'], "more than a slide can"),
-        ("slide", ['coning: angle = "90 deg", frequency = "20 Hz", duration = "9 s"'], "faster than 4000 deg/s"),
+        ("slide", ['spin: axis = "x", turns = 1, rate = "5000 deg/s"'], "segment 1 (spin): sim.too_fast_turn"),
+        ("slide", ['slide: length = "2 m", acceleration = "300 g"'], "segment 1 (slide): sim.too_fast_acceleration"),
+        (
+            "slide",
+            ['coning: angle = "90 deg", frequency = "20 Hz", duration = "9 s"'],
+            "segment 1 (coning): sim.too_fast_turn",
+        ),
         (
             "slide",
             ['sculling: angle = "1 deg", acceleration = "300 g", frequency = "9 Hz", duration = "9 s"'],
-            "2942 m/s^2 is beyond",
+            "segment 1 (sculling): sim.too_fast_acceleration",
         ),
-        ("slide", ['spin: axis = "w", turns = 1, rate = "9 deg/s"'], "axis: must be an axis"),
-        ("slide", ['spin: axis = [0, 0, 0], turns = 1, rate = "9 deg/s"'], "axis: must be an axis"),
-        ("slide", ['spin: axis = "x", rate = "9 deg/s"'], "needs either angle or turns"),
-        ("car", [MOVING, 'turn: angle = "9 deg", rate = "9 deg/s", radius = "9 m"'], "needs either rate or radius"),
-        ("car", [MOVING, 'lane_change: offset = "3 m", duration = "0 s"'], "duration must be above zero"),
-        ("car", ["static"], "segment 1 (static): duration: is missing"),
-        ("car", ['static: duration = "nan s"'], "'nan s' is not a number with a unit"),
-        ("car", ['static: duration = "5 kg"'], "segment 1 (static): duration"),
-        ("car", ["static: duration = 5"], "must be a text with a unit"),
-        ("car", ['static: duration = "49 h"'], "49 h, and the longest is 48 h"),
+        ("slide", ['spin: axis = "w", turns = 1, rate = "9 deg/s"'], "segment 1 (spin): axis: sim.no_axis"),
+        ("slide", ['spin: axis = [0, 0, 0], turns = 1, rate = "9 deg/s"'], "segment 1 (spin): axis: sim.no_axis"),
+        ("slide", ['spin: axis = "x", rate = "9 deg/s"'], "segment 1 (spin): config.not_one_key"),
+        (
+            "car",
+            [MOVING, 'turn: angle = "9 deg", rate = "9 deg/s", radius = "9 m"'],
+            "segment 2 (turn): config.not_one_key",
+        ),
+        (
+            "car",
+            [MOVING, 'lane_change: offset = "3 m", duration = "0 s"'],
+            "segment 2 (lane_change): config.not_above_zero",
+        ),
+        ("car", ["static"], "segment 1 (static): duration: config.missing_key"),
+        ("car", ['static: duration = "nan s"'], "segment 1 (static): duration: unit.missing"),
+        ("car", ['static: duration = "5 kg"'], "segment 1 (static): duration: unit.of_other_dimension"),
+        ("car", ["static: duration = 5"], "segment 1 (static): duration: config.no_quantity"),
+        ("car", ['static: duration = "49 h"'], "bad.toml: sim.too_long"),
     ],
 )
 def test_what_cannot_be_meant_or_driven_is_refused(tmp_path, vehicle, lines, expected):
     (found,) = problems(tmp_path / "bad.toml", segments(*lines) + HEAD.format(vehicle=vehicle, start="", lat="45 deg"))
-    assert expected in found
+    assert found.endswith(expected)
 
 
 def test_no_more_moves_than_memory_holds(tmp_path):
     inner = '{ kind = "accelerate", to = "5 m/s" }, { kind = "stop" }'
     text = segments(f"repeat: count = 10000, segment = [{inner}, {inner}]") + START
     (found,) = problems(tmp_path / "bad.toml", text)
-    assert "more than 20000 moves" in found
+    assert found.endswith("segment: sim.many_moves")
 
 
 def test_what_is_missing_or_no_file_is_told(tmp_path):
     assert problems(tmp_path / "bad.toml", 'purpose = "none"\n') == [
-        "start: is missing; a motion needs [start] with lat and lon",
-        "segment: is missing; a motion needs [[segment]], or [[waypoint]]",
+        "start: sim.no_start",
+        "segment: sim.no_segments",
     ]
     for text in ('purpose = "none', "\x00\x01"):
         (tmp_path / "bad.toml").write_text(text)
-        with pytest.raises(ConfigError, match="not a TOML file"):
+        with refused(ConfigError, "config.no_toml"):
             load_profile(tmp_path / "bad.toml")
-    with pytest.raises(ConfigError, match="cannot read"):
+    with refused(ConfigError, "config.unreadable"):
         load_profile(tmp_path / "none.toml")
 
 
 def test_a_misspelt_profile_is_suggested(tmp_path):
     with pytest.raises(ConfigError) as caught:
         load_profile("figure_eigth")
-    assert caught.value.fix == "did you mean 'figure_eight'?"
-    with pytest.raises(ConfigError, match="library of profiles is not here"):
+    assert (caught.value.code, caught.value.values["close"]) == ("sim.unknown_profile", "figure_eight")
+    with refused(ConfigError, "sim.no_profiles"):
         load_profile("city", library=tmp_path)
 
 

@@ -10,6 +10,7 @@ from insnav.imu import ClockSpec, ImuSpec, SensorSpec
 from insnav.simulate import corrupt_imu
 from insnav.types import ImuData
 from insnav.units import DEG, DEG_PER_H, DEG_PER_SQRT_H, G0
+from tests.refusals import refused
 
 RATE = 20.0
 ONE = np.ones(3)
@@ -150,7 +151,7 @@ def test_temperature_is_needed_and_used():
     spec = ImuSpec("test", SensorSpec(bias_slope=0.01 * DEG * ONE, scale_slope=1e-4 * ONE), SensorSpec())
     from insnav.exceptions import InputError
 
-    with pytest.raises(InputError, match="temperature"):
+    with refused(InputError, "imu.no_temperature"):
         corrupt_imu(imu, spec, 1)
     warm = np.linspace(25.0, 45.0, len(imu.time))
     made = corrupt_imu(imu, spec, 1, temperature=warm)

@@ -16,11 +16,12 @@ from typing import Any
 
 import numpy as np
 
+from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
 from insnav.input.formats.conventions import ACCEL, FIX_TYPES, GYRO, MSL_PLACE, by_accuracy, fix_table, of_course
 from insnav.input.formats.messages import as_records, gathered, joined, starts
 from insnav.input.formats.source import Source
-from insnav.input.formats.table import Table, column_table, nothing
+from insnav.input.formats.table import Table, column_table
 from insnav.types import FloatArray
 
 name = "ArduPilot log"
@@ -64,12 +65,7 @@ def read(source: Source) -> Mapping[str, Table]:
             tables["gps"] = _fixes(source, data, accuracies.get(number, {}))
             break
     if not tables:
-        raise nothing(
-            source,
-            "the ArduPilot log holds neither IMU nor GPS messages",
-            f"kinds of messages that were looked for and found: {', '.join(sorted(messages)) or 'none'}",
-            "log them: LOG_BITMASK with IMU and GPS",
-        )
+        raise InputError("format.ardupilot_no_data", where=source.name, found=tuple(sorted(messages)))
     return tables
 
 

@@ -111,15 +111,15 @@ def without_fix(kept: NDArray[np.bool_]) -> Finding | None:
 
 
 @contextmanager
-def damaged(source: Source, kind: str, fix: str = "copy it again, or cut it where it is whole") -> Iterator[None]:
+def damaged(code: str, source: Source, **values: Any) -> Iterator[None]:
     """Make an `InputError` of whatever a library raises over a file."""
     try:
         yield
     except (InsnavError, ImportError):
         raise
     except Exception as error:
-        why = plain_text(f"{type(error).__name__}: {error}")[:200]
-        raise InputError(f"the {kind} cannot be read", where=source.name, why=why, fix=fix) from error
+        reason = plain_text(f"{type(error).__name__}: {error}")[:200].rstrip(".")
+        raise InputError(code, where=source.name, reason=reason, **values) from error
 
 
 @dataclass(frozen=True, slots=True)

@@ -44,7 +44,7 @@ T = TypeVar("T")
 def recognise(source: Source) -> bool:
     """Accept any text, and zeros alone, which `read` refuses: the registry asks this format last."""
     text = bytes(decoded(source.head)).rstrip(b"\0")
-    return not source.members and unsupported(text) is None
+    return not source.members and not unsupported(text)
 
 
 def read(source: Source) -> Mapping[str, Table]:
@@ -126,10 +126,11 @@ class TextCells:
                     return _as_numbers(values, indices, self._cut(line=number, cells=len(cells), columns=width))
                 thousands = len(cells) > width and '"' not in text
                 raise InputError(
-                    f"a row has {len(cells)} cells where the header has {width} names",
+                    "format.row_too_long" if thousands else "format.row_width",
                     where=f"{self.name}:{number}",
-                    why=plain_text(text)[:80],
-                    fix="mend or delete the line" + "; a number must not have a thousands separator" * thousands,
+                    cells=len(cells),
+                    names=width,
+                    text=plain_text(text)[:80],
                 )
             if tuple(cells) == headers:  # once more, as between files that were joined
                 values.append([np.nan] * len(indices))
@@ -141,13 +142,7 @@ class TextCells:
                 except ValueError as error:
                     if last and i == width - 1 and not self._ends_line():
                         return _as_numbers(values, indices, self._cut(line=number))
-                    why, fix = _why_not_a_number(cells[i])
-                    raise InputError(
-                        f"{plain_text(cells[i])[:40]!r} is not a number",
-                        where=f"{self.name}:{number}:{headers[i]}",
-                        why=why,
-                        fix=fix,
-                    ) from error
+                    raise _no_number(cells[i], f"{self.name}:{number}:{headers[i]}") from error
             values.append(row)
         return _as_numbers(values, indices, None)
 
@@ -240,16 +235,14 @@ def _as_numbers(values: list[list[float]], indices: Sequence[int], cut: Finding 
     return Numbers({i: array[:, k].copy() for k, i in enumerate(indices)}, len(values), cut)
 
 
-def _why_not_a_number(cell: str) -> tuple[str, str]:
-    """What is wrong with a cell, and what to do."""
+def _no_number(cell: str, where: str) -> InputError:
+    """Error of a cell, by what it looks like."""
+    text = plain_text(cell)[:40]
     if "\0" in cell:
-        return "it holds zero bytes: the file was not written or copied to its end", "copy it again"
-    fix = "write a number, or leave the cell empty if the value is not known"
-    why = "every cell of this column must be a number"
+        return InputError("format.cell_with_zeros", where=where, text=text)
     if re.match(r"^\d{4}-\d\d-\d\d|^\d{1,2}:\d\d:", cell):
-        why = "it looks like a date or a time of day; times must be seconds"
-    elif re.match(r"^[-+]?\d{1,3}(,\d{3})+(\.\d*)?$", cell):
-        why = "it looks like a number with a thousands separator"
-    elif re.match(r"^[-+]?\d+,\d+$", cell):
-        why = "it looks like a number with a decimal comma: columns must then be separated by semicolons or tabs"
-    return why, fix
+        return InputError("format.cell_is_time", where=where, text=text)
+    if re.match(r"^[-+]?\d{1,3}(,\d{3})+(\.\d*)?$", cell):
+        return InputError("format.cell_with_thousands", where=where, text=text)
+    decimal = re.match(r"^[-+]?\d+,\d+$", cell)
+    return InputError("format.cell_with_comma" if decimal else "format.cell_no_number", where=where, text=text)

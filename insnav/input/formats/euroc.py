@@ -36,8 +36,7 @@ def read(source: Source) -> Mapping[str, Table]:
         read = text_columns(table, wanted.values())
         columns = read.named(wanted)
         if len(columns) != 7:
-            why = f"columns: {', '.join(table.headers)}"
-            raise InputError("this is no IMU file of EuRoC", where=file.name, why=why)
+            raise InputError("format.euroc_columns", where=file.name, columns=table.headers)
         columns["time_s"] = columns["time_s"] * 1e-9
         notes = [Finding.of(Code.READ_REFERENCE_LOCAL)]
         tables[f"imu:{folder}"] = column_table(file, columns, notes, cut=read.cut)

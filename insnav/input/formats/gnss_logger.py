@@ -16,7 +16,7 @@ from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
 from insnav.input.formats.conventions import ACCEL, GYRO, number_in, up_or_down, with_force
 from insnav.input.formats.source import Source
-from insnav.input.formats.table import Table, column_table, nothing
+from insnav.input.formats.table import Table, column_table
 from insnav.plain_text import plain_text
 from insnav.types import FloatArray
 
@@ -68,12 +68,7 @@ def read(source: Source) -> Mapping[str, Table]:
     if lines.get("Fix"):
         tables["gps"] = _fixes(source, columns.get("Fix", []), lines["Fix"])
     if not tables:
-        raise nothing(
-            source,
-            "the GnssLogger file holds no Fix lines",
-            f"kinds of lines: {', '.join(lines) or 'none that are read'}",
-            "switch location fixes on in the logger; Raw measurements must be solved first",
-        )
+        raise InputError("format.gnss_logger_no_fixes", where=source.name, found=tuple(lines))
     return tables
 
 
@@ -102,7 +97,7 @@ def _fixes(source: Source, names: list[str], rows: list[list[str]]) -> Table:
         key: _numbers(rows, names.index(each)) for key, spellings in _FIX.items() for each in spellings if each in names
     }
     if "time_ms" not in found:
-        raise InputError("the Fix lines have no time", where=source.name, why=f"columns: {', '.join(names)}")
+        raise InputError("format.gnss_logger_no_time", where=source.name, columns=tuple(names))
     providers = [row[0].strip().lower() for row in rows]
     best = next((each for each in ("gps", "flp", "fused") if each in providers), providers[0])
     mine = np.array([each == best for each in providers]) & np.isfinite(found["time_ms"])

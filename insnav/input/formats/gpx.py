@@ -44,12 +44,7 @@ def read(source: Source) -> Mapping[str, Table]:
         if instant is not None:
             rows.append((instant, _number(_LAT, point[1]), _number(_LON, point[1]), _number(_ELEVATION, point[2])))
     if not rows:
-        raise InputError(
-            "the GPX file has no track with times",
-            where=source.name,
-            why=f"{total} points, none with <time>" if total else "there is no <trkpt>",
-            fix="export the track with the times at which it was recorded",
-        )
+        raise InputError("format.gpx_no_times", where=source.name, count=total)
     nanoseconds = np.array([row[0] for row in rows], dtype=np.int64)
     time, note, week = seconds_of_week(*unix_days(nanoseconds), "UTC")
     lat, lon, height = (np.array(column) for column in list(zip(*rows, strict=True))[1:])

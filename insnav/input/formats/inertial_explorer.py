@@ -49,13 +49,7 @@ def read(source: Source) -> Mapping[str, Table]:
     data, cut = _columns(source)
     height = next((key for key in ("height_m", "height_msl_m") if key in data), "")
     if not height or not {"lat_deg", "lon_deg"} <= data.keys() or not data.keys() & {"tow", "utc"}:
-        raise InputError(
-            "the export has no positions",
-            where=source.name,
-            why=f"of what is read its profile has: {', '.join(data) or 'nothing'}",
-            fix="export with a profile of Week, GPSTime, Latitude, Longitude (decimal degrees), H-Ell, VNorth, VEast, "
-            "VUp, Roll, Pitch, Heading and their SD",
-        )
+        raise InputError("format.explorer_no_positions", where=source.name, found=tuple(data))
     time, note, week = _time(data)
     columns = {"time_s": time, **{key: data[key] for key in ("lat_deg", "lon_deg", height)}}
     if {"vn_m_s", "ve_m_s", "vu"} <= data.keys():
@@ -76,15 +70,13 @@ def _columns(source: Source) -> tuple[dict[str, FloatArray], Finding | None]:
     header = _HEADER.search(text)
     first = None if header is None else _FIRST.search(text, header.end())
     if header is None or first is None:
-        why = "there is no line that names GPSTime, with units below it and rows behind"
-        raise InputError("the export has no table", where=source.name, why=why, fix="export it again")
+        raise InputError("format.explorer_no_table", where=source.name)
     delimiter = "," if b"," in header[1] else " "
     words = plain_text(header[1].decode("latin-1"))
     names = [re.sub(r"\W", "", each).lower() for each in words.split("," if delimiter == "," else None)]
     if b"D M S" in header[2]:
         if delimiter == ",":
-            fix = "export Latitude and Longitude in decimal degrees"
-            raise InputError("the angles are degrees, minutes, seconds", where=source.name, fix=fix)
+            raise InputError("format.explorer_sexagesimal", where=source.name)
         thirds = {"latitude": ["latitude", "lat1", "lat2"], "longitude": ["longitude", "lon1", "lon2"]}
         names = [each for word in names for each in thirds.get(word, [word])]
     behind = _BEHIND.search(text, first.start())

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from insnav.exceptions import InputError
+from insnav.exceptions import InputError, reason_of
 from insnav.findings import Code, Finding
 from insnav.input.formats.conventions import ACCEL, ATTITUDE, GYRO, MSL_PLACE, VELOCITY, deviations, triad
 from insnav.input.formats.source import Source, digest_of
@@ -42,12 +42,7 @@ def read(source: Source) -> Mapping[str, Table]:
     rows = np.array([_numbers(each) for each in epochs])
     time = _times(stamps)
     if len(time) != len(rows):
-        raise InputError(
-            "the KITTI folder does not fit together",
-            where=stamps.name,
-            why=f"{len(time)} timestamps, {len(rows)} files of epochs",
-            fix="copy the folder again",
-        )
+        raise InputError("format.kitti_count", where=stamps.name, times=len(time), epochs=len(rows))
     whole = Source(source.name, digest_of([stamps, *epochs]))
     place = {"time_s": time, **triad(MSL_PLACE, rows[:, :3])}
     place |= triad(VELOCITY, rows[:, [6, 7, 10]] * [1.0, 1.0, -1.0])
@@ -76,9 +71,8 @@ def _numbers(epoch: Source) -> list[float]:
     except ValueError:
         numbers = []
     if len(numbers) != _NUMBERS or not np.isfinite(numbers).all():
-        why = plain_text(epoch.head[:60])
-        fix = "copy the folder again, or take the epoch out of it and of timestamps.txt"
-        raise InputError(f"an epoch has not {_NUMBERS} numbers", where=epoch.name, why=why, fix=fix)
+        text = plain_text(epoch.head[:60])
+        raise InputError("format.kitti_epoch", where=epoch.name, count=_NUMBERS, text=text)
     return numbers
 
 
@@ -88,5 +82,5 @@ def _times(stamps: Source) -> FloatArray:
     try:
         instants = np.array([f"{day.decode()}T{clock.decode()}" for day, clock in found], dtype="datetime64[ns]")
     except ValueError as error:
-        raise InputError("a timestamp cannot be", where=stamps.name, why=plain_text(error)) from error
+        raise InputError("format.kitti_time", where=stamps.name, reason=plain_text(reason_of(error))) from error
     return np.asarray(instants.astype(np.int64) * 1e-9, dtype=np.float64)

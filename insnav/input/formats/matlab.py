@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
 from insnav.input.formats.conventions import (
     ACCEL,
@@ -35,7 +36,7 @@ from insnav.input.formats.conventions import (
     triad,
 )
 from insnav.input.formats.source import Source
-from insnav.input.formats.table import Table, column_table, nothing
+from insnav.input.formats.table import Table, column_table
 from insnav.plain_text import plain_text
 from insnav.types import FloatArray
 from insnav.units import DEG
@@ -56,12 +57,10 @@ def recognise(source: Source) -> bool:
 
 def read(source: Source) -> Mapping[str, Table]:
     old = source.head.startswith(b"MATLAB 5.0")
-    kind = "MATLAB file" if old else "MATLAB 7.3 or HDF5 file"
-    with damaged(source, kind, "save it again: save('drive.mat', '-v7')"):
+    with damaged("format.matlab_damaged", source, version="" if old else "7.3 / HDF5"):
         tree = _version_5(source) if old else _version_7(source)
     tables: dict[str, Table] = {}
-    fix = "check that all fields of a structure have the same length"
-    with damaged(source, "MATLAB file", fix), np.errstate(all="ignore"):  # what is too large is refused when it is used
+    with damaged("format.matlab_fields", source), np.errstate(all="ignore"):  # what is too large is refused when used
         # variables by name; those of the file itself come as one structure, too
         whole = {key: value for key, value in tree.items() if not isinstance(value, dict)}
         for key, value in [*tree.items(), ("", whole)]:
@@ -69,12 +68,7 @@ def read(source: Source) -> Mapping[str, Table]:
             if table is not None:
                 tables.setdefault(part, table)
     if not tables:
-        raise nothing(
-            source,
-            "the MATLAB file holds nothing that is known",
-            f"variables: {plain_text(', '.join(tree)[:200]) or 'none'}",
-            "save structures as NaveGo has them, arrays as PSINS has them, or a table with writetable as CSV",
-        )
+        raise InputError("format.matlab_no_data", where=source.name, variables=plain_text(", ".join(tree)[:200]))
     return tables
 
 
@@ -82,7 +76,7 @@ def _version_5(source: Source) -> _Tree:
     from scipy.io import loadmat
 
     if not _sound(source.data, 128, len(source.data)):
-        raise ValueError("an array is larger than what is written of it")
+        raise InputError("format.matlab_cut", where=source.name)
     found = loadmat(io.BytesIO(source.data[:]), squeeze_me=True, struct_as_record=False)
     return {key: _plain(value) for key, value in found.items() if not key.startswith("__")}
 

@@ -49,24 +49,14 @@ def read(source: Source) -> Mapping[str, Table]:
     values = np.array([[epoch.get(key, np.nan) for key in (*_COLUMNS, *_OTHERS)] for epoch in log.epochs])
     placed = np.isfinite(values[:, :2]).all(axis=1) & ~(values[:, 4] == 0.0) if len(values) else np.empty(0, bool)
     if not placed.any():
-        raise InputError(
-            "the NMEA log holds no position",
-            where=source.name,
-            why=f"{log.sound} sound sentences of known kinds, {log.damaged} with a wrong checksum",
-            fix="record GGA and RMC (and GST for standard deviations) while the receiver has a fix",
-        )
+        raise InputError("format.nmea_no_position", where=source.name, count=log.sound, damaged_count=log.damaged)
     time, note, week = log.times()
     found = dict(zip((*_COLUMNS, *_OTHERS), values[placed].T, strict=True))
     damaged = Finding.of(Code.READ_ROWS_DAMAGED, subject="NMEA", count=log.damaged) if log.damaged else None
     untimed = Finding.of(Code.READ_VELOCITY_UNTIMED, subject="VTG") if log.from_vtg else None
     notes = [note, damaged, without_fix(placed), untimed]
     if not np.isfinite(found["alt"]).any():
-        raise InputError(
-            "the NMEA log holds no heights",
-            where=source.name,
-            why="there is no GGA or GNS sentence with one; RMC has none",
-            fix="enable GGA in the receiver",
-        )
+        raise InputError("format.nmea_no_height", where=source.name)
     height, height_note = _height(found.pop("alt"), found.pop("separation"))
     columns = {"time_s": time[placed], "lat_deg": found.pop("lat_deg"), "lon_deg": found.pop("lon_deg"), **height}
     columns |= {key: column for key, column in found.items() if np.isfinite(column).any()}

@@ -31,7 +31,7 @@ from insnav.input.formats.conventions import (
 )
 from insnav.input.formats.messages import Bytes, Framing, joined, layout
 from insnav.input.formats.source import Source
-from insnav.input.formats.table import Table, column_table, nothing
+from insnav.input.formats.table import Table, column_table
 from insnav.input.formats.time_scales import WEEK, WEEK_DAYS, seconds_of_week
 from insnav.types import FloatArray
 from insnav.units import DEG
@@ -120,15 +120,10 @@ def read(source: Source) -> Mapping[str, Table]:
             tables["imu"] = _samples(source, logs[name], name, notes)
     if "imu" not in tables and useless:
         note = Finding.of(Code.READ_IMU_CORRECTED, messages=tuple(useless))
-        why = f"no samples: {', '.join(useless)} has gravity and Earth rate taken off; log RAWIMUSXB"
-        tables = {key: replace(table, notes=(*table.notes, note), lacking=why) for key, table in tables.items()}
+        unusable = tuple(useless)
+        tables = {key: replace(each, notes=(*each.notes, note), unusable=unusable) for key, each in tables.items()}
     if not tables:
-        raise nothing(
-            source,
-            "the NovAtel log holds neither positions nor samples that can be used",
-            ", ".join(useless) or f"no message of a kind that is read; {damaged} have a wrong checksum",
-            "log BESTGNSSPOSB, BESTGNSSVELB ontime and RAWIMUSXB onnew",
-        )
+        raise InputError("format.novatel_no_data", where=source.name, unusable=tuple(useless), damaged_count=damaged)
     return {key: replace(table, week=week) for key, table in tables.items()}
 
 
@@ -252,20 +247,20 @@ def _samples(source: Source, log: Any, name: str, notes: list[Finding]) -> Table
     counts *= [1.0, -1.0, 1.0, 1.0, -1.0, 1.0]  # y is written with the other sign
     stated = "type" in (rows.dtype.names or ())
     if stated:
-        found = [_SCALES.get(each, each) for each in np.unique(rows["type"]).tolist()]
-        why = f"IMU of type {', '.join(map(str, np.unique(rows['type'])))}"
+        types, per_second = np.unique(rows["type"]).tolist(), np.nan
+        found = [_SCALES.get(each, each) for each in types]
     else:  # only one kind of IMU reads gravity at rest, turns and brakes of a drive do not change that
-        span = float(np.ptp(time)) if len(time) > 1 else 0.0
+        types, span = [], float(np.ptp(time)) if len(time) > 1 else 0.0
         per_second = np.linalg.norm(counts[1:, 3:], axis=1).sum() / span if span > 0.0 else np.nan
         found = [each for each in _SCALES.values() if abs(per_second * each[2] / _GRAVITY - 1.0) < _TOLERANCE]
-        why = f"{name} does not say which IMU it is of, and {per_second:.3g} counts of velocity a second are of none"
     if len(found) != 1 or not isinstance(found[0], tuple):
-        known = ", ".join(f"{key} {each[0]}" for key, each in _SCALES.items())
         raise InputError(
-            "the scale of the samples is not known",
+            "format.novatel_scale",
             where=source.name,
-            why=f"{why}; known are {known}",
-            fix="log RAWIMUSXB, or export the samples as CSV with their units",
+            message=name,
+            types=tuple(types),
+            counts_per_s=float(per_second),
+            known=tuple(f"{key} {each[0]}" for key, each in _SCALES.items()),
         )
     kind, angle, speed = found[0]
     columns = {"time_s": time, **triad(DTHETA, counts[:, :3] * angle), **triad(DVEL, counts[:, 3:] * speed)}

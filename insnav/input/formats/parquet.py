@@ -27,7 +27,7 @@ def recognise(source: Source) -> bool:
 
 
 def read(source: Source) -> Mapping[str, Table]:
-    with damaged(source, "parquet file", "write it again"):
+    with damaged("format.parquet_damaged", source):
         schema = parquet.read_schema(pa.BufferReader(pa.py_buffer(source.data)))
     headers = tuple(plain_text(header) for header in schema.names)
     return {"": Table(source.name, source.sha256, headers, _ParquetCells(source, headers))}
@@ -44,7 +44,7 @@ class _ParquetCells:
         return f"row {row + 1}"
 
     def read(self, indices: Sequence[int]) -> Numbers:
-        with damaged(self.source, "parquet file", "write it again"):
+        with damaged("format.parquet_damaged", self.source):
             file = parquet.ParquetFile(pa.BufferReader(pa.py_buffer(self.source.data)))
             schema = file.schema_arrow
             stamps = [i for i in indices if pa.types.is_timestamp(schema.field(i).type)]
@@ -53,14 +53,10 @@ class _ParquetCells:
                 if i in stamps:
                     continue
                 if not (pa.types.is_integer(kind) or pa.types.is_floating(kind)):
-                    raise InputError(
-                        f"column {self.headers[i]!r} does not hold numbers",
-                        where=f"{self.source.name}:{self.headers[i]}",
-                        why=f"its type is {kind}",
-                        fix="save it as float64; times as seconds",
-                    )
+                    where = f"{self.source.name}:{self.headers[i]}"
+                    raise InputError("format.parquet_type", where=where, column=self.headers[i], kind=str(kind))
             size = 8 * file.metadata.num_rows * len(indices)
-            refuse_bomb("parquet file", self.source.name, len(self.source.data), size, "write it as CSV")
+            refuse_bomb("format.parquet_bomb", self.source.name, len(self.source.data), size)
             count = file.metadata.num_rows
             columns = {i: spill.empty((count,)) for i in indices if i not in stamps}
             at = 0

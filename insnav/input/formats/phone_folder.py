@@ -28,7 +28,8 @@ from insnav.input.formats.conventions import (
 )
 from insnav.input.formats.messages import at_times
 from insnav.input.formats.source import Source, digest_of
-from insnav.input.formats.table import Table, column_table, nothing
+from insnav.input.formats.table import Table, column_table
+from insnav.plain_text import plain_text
 from insnav.types import FloatArray
 
 name = "phone recording"
@@ -90,12 +91,8 @@ def read(source: Source) -> Mapping[str, Table]:
     if "location" in files:
         tables["gps"] = _fixes(source, files["location"])
     if not tables:
-        raise nothing(
-            source,
-            "the phone recording is not complete",
-            f"files: {', '.join(sorted(source.members))[:200]}",
-            "record accelerometer (with gravity), gyroscope and location",
-        )
+        names = plain_text(", ".join(sorted(source.members)))[:200]
+        raise InputError("format.phone_incomplete", where=source.name, files=names)
     return tables
 
 
@@ -109,7 +106,7 @@ def _open(source: Source, path: str) -> _File:
     text = text_columns(delimited_text.read(file)[""], _HEADERS)
     time = next((text.columns[each.lower()] for each in _TIMES if each.lower() in text.columns), None)
     if time is None or not len(time):
-        raise InputError("a file of the phone has no times", where=file.name, why=f"columns: {', '.join(text.headers)}")
+        raise InputError("format.phone_no_time", where=file.name, columns=text.headers)
     large = float(np.nanmax(time, initial=0.0)) > _NANOSECONDS
     return _File(file, text, time * (1e-9 if large else 1.0))
 
@@ -120,8 +117,7 @@ def _vector(file: _File) -> FloatArray:
         found = file.text.named({axis: template.format(axis) for axis in _AXES})
         if len(found) == 3:
             return np.column_stack([found[axis] for axis in _AXES])
-    why = f"columns: {', '.join(file.text.headers)}"
-    raise InputError("a file of the phone has no x, y, z", where=file.source.name, why=why)
+    raise InputError("format.phone_no_axes", where=file.source.name, columns=file.text.headers)
 
 
 def _force(source: Source, linear: _File | None) -> tuple[_File | None, str]:
@@ -140,12 +136,7 @@ def _force(source: Source, linear: _File | None) -> tuple[_File | None, str]:
     gravity = _path(source, ("gravity",))
     if gravity is not None:
         return linear, gravity
-    raise InputError(
-        "the acceleration of the phone is without gravity",
-        where=linear.source.name,
-        why="the phone has taken gravity off, by an attitude of its own; inertial navigation needs what was measured",
-        fix="record it with gravity: TotalAcceleration in Sensor Logger, 'Acceleration (with g)' in phyphox",
-    )
+    raise InputError("format.phone_no_gravity", where=linear.source.name)
 
 
 def _samples(source: Source, gyro: _File, force: _File, gravity_path: str) -> Table:

@@ -15,11 +15,12 @@ from typing import Any
 
 import numpy as np
 
+from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
 from insnav.input.formats.conventions import ACCEL, FIX_TYPES, GYRO, by_accuracy, fix_table
 from insnav.input.formats.messages import as_records, gathered
 from insnav.input.formats.source import Source
-from insnav.input.formats.table import Table, column_table, nothing
+from insnav.input.formats.table import Table, column_table
 from insnav.plain_text import plain_text
 from insnav.types import FloatArray
 
@@ -70,12 +71,8 @@ def read(source: Source) -> Mapping[str, Table]:
             notes.append(Finding.of(Code.READ_SOURCE, subject=f"{topic}[{number}]", count=len(receivers)))
         tables["gps"] = _fixes(source, found[receivers[0]], notes)
     if not tables:
-        raise nothing(
-            source,
-            "the ULog file holds neither sensor_combined nor vehicle_gps_position",
-            f"it has: {plain_text(', '.join(sorted(set(log.names()))[:12]) or 'no messages')}",
-            "log them with the profile 'default' (SDLOG_PROFILE)",
-        )
+        topics = tuple(map(plain_text, sorted(set(log.names()))[:12]))
+        raise InputError("format.ulog_no_data", where=source.name, found=topics)
     return tables
 
 

@@ -10,11 +10,11 @@ from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Protocol, cast
 
-from insnav.exceptions import ConfigError, InputError
+from insnav.exceptions import ConfigError, InputError, reason_of
 from insnav.input.formats import delimited_text, nmea
 from insnav.input.formats.source import Source, open_source
 from insnav.input.formats.table import Table
-from insnav.input.formats.unsupported import unsupported
+from insnav.input.formats.unsupported import refusal
 from insnav.input.interpret.composed import composed
 from insnav.plain_text import plain_text
 
@@ -73,9 +73,7 @@ def tables_of(source: Source) -> Mapping[str, Table]:
     if chosen is None:
         if source.members or not source.data:
             raise _folder(source)
-        what, fix = unsupported(source.head) or ("no table", "")
-        usual = f"give one of the supported formats: {', '.join(suffixes())}, also with .gz, .zip"
-        raise InputError(f"the file looks like {what}", where=source.name, why="by its first bytes", fix=fix or usual)
+        raise refusal(source.head, source.name, suffixes())
     try:
         tables = chosen.read(source)
         return {part: composed(replace(each, format=each.format or chosen.name)) for part, each in tables.items()}
@@ -84,10 +82,7 @@ def tables_of(source: Source) -> Mapping[str, Table]:
         if not extra:
             raise
         raise ConfigError(
-            f"reading a {chosen.name} needs a package that is not installed",
-            where=source.name,
-            why=plain_text(error),
-            fix=f"pip install 'insnav[{extra}]'",
+            "format.no_package", where=source.name, format=chosen.name, reason=plain_text(reason_of(error)), extra=extra
         ) from error
 
 
@@ -105,21 +100,28 @@ def choose_table(tables: Mapping[str, Table], part: str, topics: Collection[str]
         if len(there) == 1:
             return next(iter(there.values()))
         if there:
+            found = tuple(there)
             raise ConfigError(
-                f"the file holds {len(there)} sensors for {part.upper()}",
-                where=where,
-                why=f"found: {', '.join(there)}",
-                fix=f"say which one: --topic {next(iter(there))}",
+                "format.several_sensors", where=where, part=part, count=len(found), topics=found, topic=found[0]
             )
-    kind = part.upper() if part in ("imu", "gps") else part
-    found = " and ".join(sorted({key.partition(":")[0].upper() for key in tables}))
-    format_name = next((table.format for table in tables.values()), "file")
-    fix = "give the file with IMU data first, and this one with --gps" if part == "imu" and "gps" in tables else ""
-    if part == "gps" and "reference" in tables:
-        fix = "give the fixes with --gps, and this file with --ref"
-    lacking = [table.lacking for table in tables.values() if table.lacking]
-    why = "; ".join([f"{format_name}: it has {found}", *lacking[:1]])
-    raise InputError(f"the file holds no {kind} data", where=where, why=why, fix=fix)
+    found = tuple(sorted({key.partition(":")[0] for key in tables}))
+    format_name = next((table.format for table in tables.values()), "")
+    if part == "imu":
+        raise InputError(
+            "format.fixes_for_samples" if "gps" in tables else "format.no_samples",
+            where=where,
+            format=format_name,
+            found=found,
+            unusable=next((table.unusable for table in tables.values() if table.unusable), ()),
+        )
+    is_reference = part == "gps" and "reference" in tables
+    raise InputError(
+        "format.reference_for_fixes" if is_reference else "format.lacks_part",
+        where=where,
+        part=part,
+        format=format_name,
+        found=found,
+    )
 
 
 def suffixes() -> tuple[str, ...]:
@@ -128,14 +130,16 @@ def suffixes() -> tuple[str, ...]:
 
 
 def _folder(folder: Source) -> InputError:
+    """Error of a folder or an archive that is no recording."""
     names = [name for name in folder.members if set(PurePosixPath(name.lower()).suffixes) & set(suffixes())]
-    shown = ", ".join(map(plain_text, (names or [*folder.members])[:8]))
-    kind = "folder" if folder.path else "archive"
+    shown = tuple(map(plain_text, (names or [*folder.members])[:8]))
+    if not shown:
+        return InputError("format.empty_archive", where=folder.name)
     return InputError(
-        f"this {kind} holds no recording of a kind that is known",
+        "format.folder_of_data" if names else "format.folder_without_data",
         where=folder.name,
-        why=f"{len(folder.members)} file{'s' * (len(folder.members) > 1)}: {shown}" if shown else "it is empty",
-        fix=f"give a file in it: {shown}; insnav check {folder.name} says what each is"
-        if names
-        else "give a file in it",
+        kind="folder" if folder.path else "archive",
+        count=len(folder.members),
+        shown=shown,
+        folder=folder.name,
     )

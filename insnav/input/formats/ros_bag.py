@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from insnav.attitude import dcm_from_quat, quat_from_dcm, rph_from_quat
 from insnav.earth_fixed import earth_from_lla, level_from_earth, lla_from_earth
+from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
 from insnav.input.formats.conventions import (
     ACCEL,
@@ -33,7 +34,7 @@ from insnav.input.formats.conventions import (
 )
 from insnav.input.formats.messages import joined
 from insnav.input.formats.source import Source, digest_of, on_disk
-from insnav.input.formats.table import Table, column_table, nothing
+from insnav.input.formats.table import Table, column_table
 from insnav.plain_text import plain_text
 from insnav.types import FloatArray
 from insnav.units import DEG
@@ -109,7 +110,7 @@ def recognise(source: Source) -> bool:
 def read(source: Source) -> Mapping[str, Table]:
     topics: dict[str, _Topic] = {}
     others: set[str] = set()
-    with damaged(source, "ROS bag", "if it was cut off or is not indexed: rosbag reindex, or ros2 bag reindex"):
+    with damaged("format.bag_damaged", source):
         for reader, ros2 in _readers(source):
             wanted = [each for each in reader.connections if each.msgtype in _KINDS]
             others |= {f"{each.topic} ({each.msgtype})" for each in reader.connections if each.msgtype not in _KINDS}
@@ -138,12 +139,8 @@ def read(source: Source) -> Mapping[str, Table]:
                 tables[f"reference:{plain_text(key)}"] = reference
             tables = {part: replace(each, notes=(*each.notes, note)) for part, each in tables.items()}
     if not tables:
-        raise nothing(
-            source,
-            "the bag holds neither sensor_msgs/Imu nor sensor_msgs/NavSatFix",
-            f"topics: {plain_text(', '.join(sorted(others)[:12]) or 'none')}",
-            "record these topics, or republish the driver's own messages as these",
-        )
+        found = tuple(map(plain_text, sorted(others)[:12]))
+        raise InputError("format.bag_no_data", where=source.name, found=found)
     return tables
 
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 import mmap
 import re
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -96,25 +97,16 @@ def _rows(text: bytes | mmap.mmap, zeros: int, where: str) -> tuple[str, tuple[s
         tuple(re.split(r"[\s,;]+", b" ".join(found.groups()).decode("latin-1"))) for found in _HEADER.finditer(text)
     }
     if len(headers) != 1:
-        raise InputError(
-            f"the RTKLIB solution has {'different headers' if headers else 'no header'}",
-            where=where,
-            why="the line that names time scale and columns is needed",
-            fix="give one solution a file, with its line %  GPST  latitude(deg) longitude(deg) height(m)  Q  ns …",
-        )
+        raise InputError("format.rtklib_headers" if headers else "format.rtklib_no_header", where=where)
     (scale, *columns) = headers.pop()
     known = tuple(columns[:3]) in _LAYOUTS and "Q" in columns and len(set(columns)) == len(columns)
     if not known or scale not in _ZONES:
-        raise InputError(
-            "the header of the RTKLIB solution is not understood",
-            where=where,
-            why=plain_text(" ".join([scale, *columns[:5]])),
-            fix="write it with time in GPST or UTC and positions as lat/lon/height, x/y/z-ecef or e/n/u-baseline",
-        )
+        shown = plain_text(" ".join([scale, *columns[:5]]))
+        raise InputError("format.rtklib_other_header", where=where, text=shown)
     header = _HEADER.search(text)
     assert header is not None
     if b"=Tokyo" in text[: header.start()]:
-        raise InputError("the positions are in the Tokyo datum", where=where, fix="write the solution in WGS84")
+        raise InputError("format.rtklib_tokyo", where=where)
     first = _ROW.search(text, header.end())
     offset = first.start() if first else len(text)
     calendar = first is not None and b"/" in first.group()
@@ -130,10 +122,11 @@ def _time(data: Mapping[str, FloatArray], scale: str, rows: TextCells) -> GpsTim
     keys = _CALENDAR if "year" in data else ("week", "tow")
     for key in keys:
         low, high = _RANGES[key]
-        _refuse(~((data[key] >= low) & (data[key] <= high)), data[key], key, f"it is {low} .. {high}", rows)
+        wrong = ~((data[key] >= low) & (data[key] <= high))
+        _refuse("format.rtklib_range", wrong, data[key], key, rows, low=low, high=high)
     if "year" in data:
         day = gps_days(data["year"], data["month"], data["day"])
-        _refuse(np.isnan(day), data["day"], "day", "the month has no such day", rows)
+        _refuse("format.rtklib_no_day", np.isnan(day), data["day"], "day", rows)
         second = 3600.0 * data["hour"] + 60.0 * data["minute"] + data["second"]
     else:
         day, second = 7.0 * data["week"], data["tow"]
@@ -160,18 +153,13 @@ def _earth_fixed(
     if columns[0] == "x-ecef(m)":
         distance = np.linalg.norm(np.where(size[:, None] < 1e9, position, 0.0), axis=1)
         wrong = ~((distance > _EARTH_RADII[0]) & (distance < _EARTH_RADII[1]))
-        _refuse(wrong, distance, columns[0], "distance [m] from the centre of the Earth, not near its surface", rows)
+        _refuse("format.rtklib_off_earth", wrong, distance, columns[0], rows)
         return position, np.eye(3)
-    _refuse(~(size < _LONGEST_BASELINE), size, columns[0], "a baseline [m] too long for one plane", rows)
+    _refuse("format.rtklib_long_baseline", ~(size < _LONGEST_BASELINE), size, columns[0], rows)
     reference = _REFERENCE.search(text)
     numbers = [float(word) for word in re.findall(rb"[-+]?\d+\.?\d*", reference.group(1))] if reference else []
     if len(numbers) != 3 or b"Moving" in text[: rows.dialect.offset]:
-        raise InputError(
-            "the baselines have no fixed reference position",
-            where=rows.name,
-            why="a line such as % ref pos : 35.160873 139.613836 69.8901 is needed",
-            fix="write the solution as lat/lon/height (out-solformat=llh)",
-        )
+        raise InputError("format.rtklib_no_reference", where=rows.name)
     lla = np.array([[numbers[0] * DEG, numbers[1] * DEG, numbers[2]]])
     to_earth = level_from_earth(lla)[0].T @ np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
     return earth_from_lla(lla) + position @ to_earth.T, to_earth
@@ -205,12 +193,8 @@ def _velocity(data: Mapping[str, FloatArray], axes: str, turn: FloatArray | None
     return {f"v{axis}_m_s": v[:, i] for i, axis in enumerate("ned")}
 
 
-def _refuse(wrong: BoolArray, values: FloatArray, column: str, why: str, rows: TextCells) -> None:
+def _refuse(code: str, wrong: BoolArray, values: FloatArray, column: str, rows: TextCells, **more: Any) -> None:
     if wrong.any():
         row = int(np.flatnonzero(wrong)[0])
-        raise InputError(
-            f"{float(values[row]):.9g} is not possible in column {column!r}",
-            where=f"{rows.name}:{rows.line(row)}:{column}",
-            why=f"{why}; {int(np.count_nonzero(wrong))} rows are wrong",
-            fix="mend or delete the row",
-        )
+        where, count = f"{rows.name}:{rows.line(row)}:{column}", int(np.count_nonzero(wrong))
+        raise InputError(code, where=where, value=float(values[row]), header=column, count=count, **more)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insnav.earth_fixed import level_from_earth, lla_from_earth
+from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
 from insnav.input.formats.conventions import (
     ACCEL,
@@ -30,7 +31,7 @@ from insnav.input.formats.conventions import (
 )
 from insnav.input.formats.messages import Bytes, Framing, as_records, joined, layout
 from insnav.input.formats.source import Source
-from insnav.input.formats.table import Table, column_table, nothing
+from insnav.input.formats.table import Table, column_table
 from insnav.input.formats.time_scales import WEEK, WEEK_DAYS, seconds_of_week
 from insnav.types import FloatArray
 from insnav.units import DEG
@@ -75,12 +76,7 @@ def read(source: Source) -> Mapping[str, Table]:
     if samples is not None:
         tables["imu"] = samples
     if not tables:
-        raise nothing(
-            source,
-            "the SBF log holds neither positions nor samples",
-            f"there is no sound PVTGeodetic, PVTCartesian or ExtSensorMeas block; {damaged} damaged ones",
-            "log PVTGeodetic, PosCovGeodetic, VelCovGeodetic; raw measurements must be solved first, as by RTKLIB",
-        )
+        raise InputError("format.sbf_no_data", where=source.name, damaged_count=damaged)
     return tables
 
 

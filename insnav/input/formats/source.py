@@ -18,7 +18,7 @@ from pathlib import Path, PurePosixPath
 from typing import BinaryIO
 
 from insnav import spill
-from insnav.exceptions import InputError
+from insnav.exceptions import InputError, reason_of
 from insnav.input.formats.unpack import archive_members, unpacked
 from insnav.plain_text import plain_text
 
@@ -90,9 +90,9 @@ def on_disk(source: Source, suffix: str = "") -> Iterator[Path]:
 
 def _source(name: str, raw: bytes | mmap.mmap, path: Path | None = None) -> Source:
     if len(raw) == 0:
-        raise InputError("the file is empty", where=name, why="0 bytes", fix="give the recording again")
+        raise InputError("format.empty", where=name)
     if not raw[:HEAD_BYTES].strip(b"\0"):  # before it is read: such a file may be sparse, and of any size
-        raise InputError("the file has no content", where=name, why="it begins with zero bytes", fix="copy it again")
+        raise InputError("format.begins_with_zeros", where=name)
     digest = hashlib.sha256()
     for at in range(0, len(raw), _PIECE):
         digest.update(memoryview(raw)[at : at + _PIECE])
@@ -120,14 +120,9 @@ def _folder_members(folder: Path, name: str) -> dict[str, Callable[[], Source]]:
             if not file.startswith("."):
                 found[(inner / file).as_posix()] = functools.partial(open_source, Path(place) / file)
         if len(found) > _MAX_FILES:
-            raise InputError("the folder has too many files", where=name, fix="give the folder of one recording")
+            raise InputError("format.too_many_files", where=name, limit_count=_MAX_FILES)
     if not found:
-        raise InputError(
-            "the folder is empty",
-            where=name,
-            why="it holds no file",
-            fix="give the folder of one recording, or its files",
-        )
+        raise InputError("format.empty_folder", where=name)
     return found
 
 
@@ -135,7 +130,7 @@ def text_of(source: Source) -> tuple[bytes | mmap.mmap, int]:
     """Text of a file in UTF-8 or Latin-1 with line feeds, and the number of zero bytes that followed it."""
     text, zeros = _without_zeros(decoded(source.data))
     if len(text) == 0:
-        raise InputError("the file has no content", where=source.name, why=f"{zeros} zero bytes and nothing else")
+        raise InputError("format.only_zeros", where=source.name, count=zeros)
     return text, zeros
 
 
@@ -151,33 +146,28 @@ def _read_file(path: Path, name: str) -> bytes | mmap.mmap:
     except IsADirectoryError:
         raise
     except FileNotFoundError as error:
-        raise InputError("there is no such file", where=name, fix=_similar(path)) from error
+        raise _no_file(path, name) from error
     except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise InputError("the file cannot be read", where=name, why=reason or str(error)) from error
+        raise InputError("format.unreadable", where=name, reason=reason_of(error)) from error
 
 
 def _stream(file: BinaryIO, name: str) -> bytes:
     """Everything that comes, if it ends."""
     data = file.read(_MAX_STREAM + 1)
     if len(data) > _MAX_STREAM:
-        raise InputError(
-            "the stream does not end",
-            where=name,
-            why=f"more than {_MAX_STREAM >> 20} MB came",
-            fix="if it is a real recording, write it to a file and give that",
-        )
+        raise InputError("format.endless_stream", where=name, limit_megabytes=_MAX_STREAM >> 20)
     return data
 
 
-def _similar(path: Path) -> str:
+def _no_file(path: Path, name: str) -> InputError:
+    """Error of a file that is not there, with the name that was meant, if there is one like it."""
     folder = path.parent
     try:
         names = [p.name for p in folder.iterdir()]
     except OSError:
-        return f"the folder {plain_text(folder)} does not exist or cannot be read"
+        return InputError("format.no_folder", where=name, folder=plain_text(folder))
     close = difflib.get_close_matches(path.name, names, n=1, cutoff=0.7)
-    return f"did you mean {plain_text(folder / close[0])}?" if close else "check the name and the folder"
+    return InputError("format.no_file", where=name, close=plain_text(folder / close[0]) if close else "")
 
 
 def decoded(raw: bytes | mmap.mmap) -> bytes | mmap.mmap:

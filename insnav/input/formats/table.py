@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from insnav.exceptions import InputError
 from insnav.findings import Finding
 from insnav.types import FloatArray
 
@@ -69,17 +68,12 @@ class Table:
     format: str = ""  # name of the format it was read from
     week: float | None = None  # GPS week from whose start the times count, if that is known
     axes: str = ""  # where the sensor's x, y, z point by the definition of the format; empty if it has none
-    lacking: str = ""  # why the file has no samples, if the format knows
+    unusable: tuple[str, ...] = ()  # messages of the file with samples that insnav cannot use
 
     def place(self, row: int, index: int | None = None) -> str:
         """``file:line:column`` of a cell; rows are counted from 0."""
         column = "" if index is None else f":{self.headers[index]}"
         return f"{self.name}:{self.cells.line(row)}{column}"
-
-
-def nothing(source: Source, what: str, why: str, fix: str) -> InputError:
-    """Error of a file that holds nothing of use."""
-    return InputError(what, where=source.name, why=why, fix=fix)
 
 
 def column_table(

@@ -87,7 +87,7 @@ def sniff(head: bytes, *, whole: bool, where: str) -> Dialect:
     lines = [_decode(line).rstrip("\r\n") for line in raw]
     rows = [i for i, line in enumerate(lines) if line.strip() and not is_comment(line)]
     if not rows:
-        raise InputError("the file has no table", where=where, why="there are only blank lines and comments")
+        raise InputError("format.only_comments", where=where)
     rows = _from_header(lines, rows)
     comments = [i for i, line in enumerate(lines[: rows[0]]) if is_comment(line)]
     body = rows[1:]
@@ -203,21 +203,17 @@ def _trailing(names: list[str], sample: Sequence[str], delimiter: str) -> list[s
 
 def _check_width(names: Sequence[str], sample: Sequence[str], delimiter: str, where: str, line: int) -> None:
     if len(names) < 2:
-        raise InputError(
-            "the file has only one column",
-            where=f"{where}:{line}",
-            why=f"header: {plain_text(names[0])[:80]!r}",
-            fix="separate the columns with commas, semicolons, tabs or blanks",
-        )
+        raise InputError("format.one_column", where=f"{where}:{line}", header=plain_text(names[0])[:80])
     counts = [len(split_line(row, delimiter)) for row in sample]
     if counts and all(n != len(names) for n in counts):
-        why = f"{len(names)} names, but {counts[0]} cells in the first row"
-        fix = "give every column one name; put names with blanks into quotes or use commas"
         whole = all(_WHOLE.fullmatch(cell) for cell in split_line(sample[0], delimiter))
-        if delimiter == "," and whole and len(names) < counts[0] <= 2 * len(names):
-            why += ", all of them whole numbers, as commas between columns and within numbers make them"
-            fix = "export with decimal points, or with semicolons between the columns"
-        raise InputError("the header does not fit the rows", where=f"{where}:{line}", why=why, fix=fix)
+        commas = delimiter == "," and whole and len(names) < counts[0] <= 2 * len(names)
+        raise InputError(
+            "format.commas_within_numbers" if commas else "format.header_width",
+            where=f"{where}:{line}",
+            names=len(names),
+            cells=counts[0],
+        )
 
 
 def _decimal(sample: Sequence[str], delimiter: str) -> str:

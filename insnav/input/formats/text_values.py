@@ -16,6 +16,7 @@ from insnav.deferred import library
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
 from insnav.input.formats.time_scales import GpsTime, gps_days, seconds_of_week, unix_days
+from insnav.plain_text import plain_text
 from insnav.types import FloatArray
 
 pa = library("pyarrow")
@@ -119,12 +120,9 @@ def with_date(day: FloatArray, second: FloatArray) -> GpsTime:
 def _refuse_others(other: Sequence[bool] | Any, texts: Any, first: str, where: str) -> None:
     rows = np.flatnonzero(np.asarray(other, dtype=np.bool_))
     if len(rows):
-        raise InputError(
-            f"{texts[int(rows[0])].as_py()!r} is not written like {first!r}",
-            where=where,
-            why=f"row {rows[0] + 1} of numbers; {len(rows)} cells of this column differ from its first one",
-            fix="write all cells of the column alike",
-        )
+        text, like = (plain_text(each)[:40] for each in (texts[int(rows[0])].as_py(), first))
+        row, count = int(rows[0]) + 1, len(rows)
+        raise InputError("format.mixed_texts", where=where, text=text, like=like, row=row, count=count)
 
 
 def _numbers(part: Any, missing: str = "0") -> FloatArray:
@@ -155,12 +153,7 @@ def _days(parts: dict[str, Any], valid: Any, where: str) -> FloatArray:
     if "first" in parts:
         one, two = _numbers(parts["first"], "1"), _numbers(parts["then"], "1")
         if one.max() <= 12.0 and two.max() <= 12.0:
-            raise InputError(
-                "the dates can be read in two ways: is the day or the month first?",
-                where=where,
-                why=f"{one[valid][0]:.0f}/{two[valid][0]:.0f} has no number above 12",
-                fix="write them as year-month-day, such as 2025-08-28",
-            )
+            raise InputError("format.ambiguous_dates", where=where, one=int(one[valid][0]), two=int(two[valid][0]))
         day, month = (one, two) if one.max() > 12.0 else (two, one)
     else:
         names = pc.utf8_lower(pc.fill_null(parts["month"], "1"))
@@ -173,10 +166,7 @@ def _days(parts: dict[str, Any], valid: Any, where: str) -> FloatArray:
     if wrong.any():
         row = int(np.flatnonzero(wrong)[0])
         raise InputError(
-            "a date is not possible",
-            where=where,
-            why=f"row {row + 1} of numbers: day {day[row]:.0f}, month {month[row]:.0f}",
-            fix="write dates as year-month-day, such as 2025-08-28",
+            "format.impossible_date", where=where, row=row + 1, day=float(day[row]), month=float(month[row])
         )
     return found
 

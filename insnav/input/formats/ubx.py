@@ -20,7 +20,7 @@ from insnav.input.formats import nmea
 from insnav.input.formats.conventions import ACCEL, GYRO, by_accuracy, deviations, fix_table, up_or_down
 from insnav.input.formats.messages import Framing, Messages, at_times, joined, layout
 from insnav.input.formats.source import Source
-from insnav.input.formats.table import Table, column_table, nothing
+from insnav.input.formats.table import Table, column_table
 from insnav.input.formats.time_scales import WEEK, WEEK_DAYS, GpsTime, gps_days, leap_seconds, seconds_of_week
 from insnav.types import BoolArray, FloatArray
 from insnav.units import DEG
@@ -105,12 +105,7 @@ def read(source: Source) -> Mapping[str, Table]:
     if samples is not None:
         tables["imu"] = samples
     if not tables:
-        raise nothing(
-            source,
-            "the u-blox log holds neither positions nor samples",
-            "there is no sound NAV-PVT, NAV-PVAT, NAV-HPPOSLLH, NAV-POSLLH, ESF-MEAS or ESF-RAW message",
-            "enable UBX-NAV-PVT in the receiver; raw measurements (RXM-RAWX) must be solved first, as by RTKLIB",
-        )
+        raise InputError("format.ubx_no_data", where=source.name)
     return tables
 
 
@@ -310,7 +305,7 @@ def _sensor_time(tags: FloatArray, places: Any, clock: _Clock, *, raw: bool) -> 
     x, y = tags[before[known]], clock.time[known]
     if len(x) < _FEW or np.ptp(x) == 0.0:
         if raw:
-            raise InputError("ESF-RAW samples need NAV-PVT messages beside them", why="these give their time")
+            raise InputError("format.ubx_raw_without_time")
         code = Code.READ_TIME_OF_SENSOR if len(x) < _FEW else Code.READ_TIME_CONSTANT
         return 1e-3 * tags, Finding.of(code, count=len(x), limit_count=_FEW)
     rate = float(np.polyfit(x - x[0], y - y[0], 1)[0])

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, Protocol, cast
 
 from insnav import spill
-from insnav.exceptions import InputError
+from insnav.exceptions import InputError, reason_of
 from insnav.plain_text import plain_text
 
 MAX_BYTES = 2 << 30  # of unpacked data
@@ -22,15 +22,10 @@ RATIO_FROM = 128 << 20
 _PIECE = 1 << 22
 
 
-def refuse_bomb(what: str, name: str, packed: int, size: int, instead: str) -> None:
-    """Refuse what becomes so large that no recording does: so many bytes of so many; `instead`: what a real one may."""
+def refuse_bomb(code: str, where: str, packed: int, size: int, **values: Any) -> None:
+    """Refuse what becomes so large that no recording does: so many bytes of so many."""
     if size > MAX_BYTES or (size > RATIO_FROM and size > MAX_RATIO * packed):
-        raise InputError(
-            f"the {what} unpacks to more than is sensible",
-            where=name,
-            why=f"{packed} bytes would become {size} or more",
-            fix=f"if it is a real recording, {instead}",
-        )
+        raise InputError(code, where=where, packed_bytes=packed, size_bytes=size, **values)
 
 
 class _Unpacker(Protocol):
@@ -69,14 +64,14 @@ def unpacked(raw: bytes | mmap.mmap, name: str) -> bytes | mmap.mmap:
     def sensible(total: int = 0) -> Iterator[bytes]:
         for piece in pieces:
             total += len(piece)
-            refuse_bomb(f"{kind} file", name, len(raw), total, "unpack it and give the file itself")
+            refuse_bomb("format.compressed_bomb", name, len(raw), total, kind=kind)
             yield piece
 
     try:
         return spill.together(sensible())
     except _DAMAGE as error:
-        why = plain_text(error)
-        raise InputError(f"the {kind} file is damaged", where=name, why=why, fix="copy it again") from error
+        reason = plain_text(reason_of(error))
+        raise InputError("format.compressed_damaged", where=name, kind=kind, reason=reason) from error
 
 
 def _members(raw: bytes | mmap.mmap, start: Callable[[], Any], kind: str, name: str) -> Iterator[bytes]:
@@ -104,12 +99,7 @@ def _members(raw: bytes | mmap.mmap, start: Callable[[], Any], kind: str, name: 
         total += len(piece)
         yield piece
         if at_end and not piece and not unpacker.eof:
-            raise InputError(
-                f"the {kind} file is cut off",
-                where=name,
-                why=f"it ends after {total} unpacked bytes without its closing mark",
-                fix="copy it again, or unpack what is there: zcat FILE > FILE.csv",
-            )
+            raise InputError("format.compressed_cut", where=name, kind=kind, count=total)
 
 
 def _zstd(raw: bytes | mmap.mmap) -> Iterator[bytes]:
@@ -126,12 +116,10 @@ def archive_members(raw: bytes | mmap.mmap, name: str) -> dict[str, Callable[[],
         archive = zipfile.ZipFile(io.BytesIO(raw[:]))
         entries = [entry for entry in archive.infolist() if not entry.is_dir()]
     except (zipfile.BadZipFile, *_DAMAGE) as error:
-        raise InputError(
-            "the ZIP archive is damaged", where=name, why=plain_text(error), fix="copy it again"
-        ) from error
+        raise InputError("format.zip_damaged", where=name, reason=plain_text(reason_of(error))) from error
     entries = [e for e in entries if not e.filename.startswith("__MACOSX/") and "/." not in f"/{e.filename}"]
     size = sum(entry.file_size for entry in entries)
-    refuse_bomb("ZIP archive", name, len(raw), size, "unpack it and give the folder")
+    refuse_bomb("format.zip_bomb", name, len(raw), size)
     return {entry.filename: _member(archive, entry, name) for entry in entries}
 
 
@@ -142,7 +130,6 @@ def _member(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, name: str) -> Call
                 return spill.together(iter(lambda: file.read(_PIECE), b""))
         except (zipfile.BadZipFile, *_DAMAGE) as error:
             where = f"{name}: {plain_text(entry.filename)}"
-            why = plain_text(error)
-            raise InputError("the ZIP archive is damaged", where=where, why=why, fix="copy it again") from error
+            raise InputError("format.zip_damaged", where=where, reason=plain_text(reason_of(error))) from error
 
     return unpack

@@ -27,24 +27,18 @@ def axes_matrix(axes: str) -> FloatArray:
     Raises: ConfigError: neither letters nor angles, one direction twice, or a left-handed set.
     """
     letters = axes.strip().upper()
-    fix = "name where x, y and z point, such as FRD, FLU or RFU: F or B, R or L, D or U; or angles, such as 0,0,30"
     angles = _angles(letters)
     if angles is not None:
         return dcm_from_rph(np.deg2rad(angles))
     if len(letters) != 3 or any(letter not in _DIRECTIONS for letter in letters):
-        raise ConfigError(f"{axes!r} are not three directions", where="imu-axes", fix=fix)
+        raise ConfigError("columns.axes_unknown", where="imu-axes", axes=axes)
     matrix = np.array([_DIRECTIONS[letter] for letter in letters]).T + 0.0
     determinant = round(float(np.linalg.det(matrix)))
     if determinant == 0:
-        raise ConfigError(f"{axes!r} names one direction twice", where="imu-axes", fix=fix)
+        raise ConfigError("columns.axes_twice", where="imu-axes", axes=axes)
     if determinant < 0:
         other = "".join((letters[1], letters[0], letters[2]))
-        raise ConfigError(
-            f"{axes!r} is a left-handed set of axes",
-            where="imu-axes",
-            why="x cross y must be z, else rotations have the wrong sign",
-            fix=f"one direction must be the opposite one; or did you mean {other}?",
-        )
+        raise ConfigError("columns.axes_left_handed", where="imu-axes", axes=axes, other=other)
     return matrix
 
 

@@ -23,8 +23,6 @@ _MIN_INTERVAL = 1e-9  # shorter ones count as none [s]
 # Of a log that repeats: at least so many values, and of these at most so many once, as where a fifth of the rows of a
 # log that is written twice a fix are missing
 _FEW_RUNS, _MAX_SINGLE = 10, 0.4
-# Rows that a reader leaves out, as an error says it that too few others remain
-_LACKING = {Code.ROWS_NAN: "not a finite number", Code.ROWS_NO_POSITION: "no position", Code.ROWS_NO_TIME: "no time"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +91,7 @@ def clean(
         good = ~bad
         kept = {key: spill.chosen(column, good) for key, column in kept.items()}
         if len(kept["time"]) < kinds.min_rows:
-            raise _too_few(len(kept["time"]), n, kinds, name, f" ({_LACKING[lacking]} in the others)")
+            raise _too_few(len(kept["time"]), n, kinds, name, lacking.value)
     dt = spill.steps(kept["time"])
     if dt.min() <= _MIN_INTERVAL:
         rows = np.flatnonzero(~bad)
@@ -162,14 +160,11 @@ def _stray(time: FloatArray) -> BoolArray:
     return np.asarray(far) if few and float(np.ptp(time[known & ~far])) < _DAY else none
 
 
-def _too_few(used: int, read: int, kinds: Kinds, name: str, others: str = "") -> InputError:
-    why = f"there are {read} rows" if used == read else f"of {read} rows only {used} can be used{others}"
-    return InputError(
-        f"the file has too few {kinds.rows}",
-        where=name,
-        why=f"{why}; at least {kinds.min_rows} are needed",
-        fix="give a longer recording, or check that the right columns were read",
-    )
+def _too_few(used: int, read: int, kinds: Kinds, name: str, lacking: str = "") -> InputError:
+    values: dict[str, Any] = {"kind": kinds.rows, "read": read, "least": kinds.min_rows}
+    if used == read:
+        return InputError("columns.too_few_rows", where=name, **values)
+    return InputError("columns.too_few_usable", where=name, used=used, lacking=lacking, **values)
 
 
 def _run_events(time: FloatArray, bad: BoolArray, kinds: Kinds, code: Code) -> list[Finding]:
@@ -224,12 +219,9 @@ def _ordered(
             same[1:] &= equal
         differing = int(np.count_nonzero(again & ~same))
         if differing > _MAX_SHARED * len(time):
-            raise InputError(
-                "the time column is too coarse",
-                where=place(int(rows[np.flatnonzero(again & ~same)[0]])),
-                why=f"{differing} of {len(time)} {kinds.rows} have the time of the one before them",
-                fix="write the time with more digits, or name the right time column: --columns time=HEADER",
-            )
+            where = place(int(rows[np.flatnonzero(again & ~same)[0]]))
+            values: dict[str, Any] = {"count": differing, "rows": len(time), "kind": kinds.rows}
+            raise InputError("columns.coarse_time", where=where, **values, option="--columns")
         for mask, code in ((same, Code.ROWS_DUPLICATE), (again & ~same, Code.ROWS_SAME_TIME)):
             if mask.any():
                 first = time[int(np.argmax(mask))]
@@ -250,12 +242,7 @@ def _refuse_disorder(
     time, n_late = columns["time"], int(np.count_nonzero(late))
     back = np.flatnonzero(np.diff(time) < 0.0) + 1
     if len(back) > _BACKWARDS * len(time):
-        raise InputError(
-            "the rows run backwards in time",
-            where=place(int(rows[back[0]])),
-            why=f"{len(back)} of {len(time)} rows are earlier than the one before",
-            fix="sort the file by time",
-        )
+        raise InputError("columns.backwards", where=place(int(rows[back[0]])), count=len(back), rows=len(time))
     worst = int(back[np.argmin(time[back] - time[back - 1])])
     length = len(time) - worst if late[worst:].all() else int(np.argmin(late[worst:]))
     tail = worst + length == len(time)
@@ -269,16 +256,8 @@ def _refuse_disorder(
     )
     tolerated = _tolerated(len(time))
     if twice or (tail and length >= _RESET_ROWS) or (n_late > tolerated >= len(back)):
-        raise InputError(
-            "the time jumps back",
-            where=place(int(rows[worst])),
-            why=f"from {time[worst - 1]:.9g} s to {time[worst]:.9g} s, and goes on from there",
-            fix="if the clock was set back, split the file there; mend the line before if its time is wrong",
-        )
+        before_s, after_s = float(time[worst - 1]), float(time[worst])
+        raise InputError("columns.jump_back", where=place(int(rows[worst])), before_s=before_s, after_s=after_s)
     if n_late > tolerated:
-        raise InputError(
-            "the rows are out of order",
-            where=place(int(rows[back[0]])),
-            why=f"{n_late} of {len(time)} rows are earlier than one before; {MAX_UNSORTED:.0%} is tolerated",
-            fix="sort the file by time, or check that the time column is the right one",
-        )
+        where = place(int(rows[back[0]]))
+        raise InputError("columns.disorder", where=where, count=n_late, rows=len(time), limit=MAX_UNSORTED)

@@ -13,7 +13,7 @@ from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, Finding
 from insnav.input.interpret.headerless import is_headerless
 from insnav.input.interpret.schema import ALL_UNITS, PREFIXES, UNIT_SPELLINGS, Quantity, compact
-from insnav.units import UNITS
+from insnav.units import units_of
 
 _BRACKETS = re.compile(r"^(?P<base>[^\[\](){}]+?)\s*[\[({](?P<unit>[^\[\](){}]*)[\])}]\s*$")
 _WORDS = re.compile(r"[^\W_]+")
@@ -104,12 +104,8 @@ def _match_word(word: str, unit_text: str, schema: Sequence[Quantity]) -> tuple[
                 return quantity, unit, rank
             refused = refused or quantity
     if refused is not None:
-        units = ", ".join(name for name, (dim, _) in UNITS.items() if dim == refused.dimension)
-        raise InputError(
-            f"{unit_text!r} is not a unit of {refused.key}",
-            why=f"a unit of {refused.dimension} is needed",
-            fix=f"write one of: {units}",
-        )
+        values = {"quantity": refused.key, "dimension": refused.dimension, "units": tuple(units_of(refused.dimension))}
+        raise InputError("columns.unknown_unit", text=unit_text, **values)
     for cut in range(len(word) - 1, 0, -1):
         for quantity in schema:
             if word[:cut] in quantity.spellings:
@@ -138,12 +134,7 @@ def understand(
     named = [h for h in headers if h]
     twice = sorted({h for h in named if named.count(h) > 1})
     if twice:
-        raise InputError(
-            f"column {twice[0]!r} appears {named.count(twice[0])} times",
-            where=where,
-            why="it is not clear which one is meant",
-            fix="rename or remove one of them",
-        )
+        raise InputError("columns.header_twice", where=where, column=twice[0], count=named.count(twice[0]))
     given, silent = _given(headers, units_row, schema, columns or {}, where)
     taken = {found.index for found in given.values()}
     ranked: dict[str, list[tuple[int, Found]]] = {}
@@ -166,12 +157,9 @@ def understand(
         candidates.sort(key=lambda item: (item[0], item[1].index))
         best = candidates[0]
         if len(candidates) > 1 and candidates[1][0] == best[0]:
-            both = " and ".join(repr(c.header) for rank, c in candidates if rank == best[0])
-            raise InputError(
-                f"two columns could be {key}: {both}",
-                where=where,
-                fix=f"say which one: {as_option({key: best[1].header})}",
-            )
+            both = tuple(c.header for rank, c in candidates if rank == best[0])
+            given_as = {"option": "--columns", "columns": quote_columns({key: best[1].header})}
+            raise InputError("columns.ambiguous", where=where, quantity=key, headers=both, **given_as)
         found[key] = best[1]
         for _, other in candidates[1:]:
             notes.append(Finding.of(Code.COLUMNS_TWICE, column=other.header, quantity=key, used=best[1].header))
@@ -216,30 +204,21 @@ def _given(
     for name, header in columns.items():
         match = match_header(name, schema)
         if match is None:
-            raise ConfigError(
-                f"{name!r} is not a quantity that this file can hold",
-                where="columns",
-                fix=_did_you_mean(name, [q.key for q in schema]) or f"use one of {_listed(q.key for q in schema)}",
-            )
+            keys = [q.key for q in schema]
+            known = {"close": close} if (close := _closest(name, keys)) else {"known": tuple(keys)}
+            raise ConfigError("columns.unknown_quantity", where="columns", quantity=name, **known)
         quantity, unit, _ = match
         if not header:
             silent.add(quantity.key)
             continue
         if header not in headers:
-            raise ConfigError(
-                f"there is no column {header!r}",
-                where=f"columns, {name}",
-                why=f"{where} has: {_listed(headers)}",
-                fix=_did_you_mean(header, headers),
-            )
+            values = {"column": header, "file": where, "close": _closest(header, headers), **_listed(headers)}
+            raise ConfigError("columns.no_such_column", where=f"columns, {name}", **values)
         index = list(headers).index(header)
         own = _unit_in(header, units_row[index] if units_row else "", quantity.dimension)
         if unit and own not in (None, unit):
-            raise ConfigError(
-                f"{header!r} is in {own} by its header, in {unit} by the name given",
-                where=f"columns, {name}",
-                fix=f"write {quantity.key} for the unit of the header; if that is wrong, mend the header",
-            )
+            values = {"column": header, "unit": own, "given": unit, "quantity": quantity.key}
+            raise ConfigError("columns.unit_conflict", where=f"columns, {name}", **values)
         given[quantity.key] = Found(quantity, index, header, unit or own)
     return given, silent
 
@@ -266,48 +245,37 @@ def require(
 ) -> None:
     """Refuse a file without a column for one of the keys, naming what was found and what may have been meant.
 
-    `hint` is said first about how to fix it; `gives`: the inputs it says.
+    `hint`: word of the catalogue for what the file seems to be; `gives`: the columns that fit by their values.
     """
     keys = tuple(keys)
     missing = [q for key in keys if key not in found for q in schema if q.key == key]
     if not missing:
         return
+    guess = quote_columns(gives["columns"]) if gives else ""
     if is_headerless(headers):
-        numbers = as_option({key: str(i + 1) for i, key in enumerate(keys)})
-        raise InputError(
-            "the file has no header",
-            where=where,
-            why=f"its first row is numbers, {len(headers)} of them",
-            fix=hint or f"say which column is what, such as {numbers}",
-            gives=gives,
-        )
+        numbers = "" if hint or guess else quote_columns({key: str(i + 1) for i, key in enumerate(keys)})
+        values = {"hint": hint, "guess": "" if hint else guess, "numbers": numbers, "option": "--columns"}
+        raise InputError("columns.no_header", where=where, gives=gives, count=len(headers), **values)
     used = {f.index for f in found.values()}
     free = [h for i, h in enumerate(headers) if h and i not in used]
-    fixes = []
+    listed: dict[str, Any] = {"quantities": tuple(q.name for q in missing), **_listed(headers)}
+    clock = {"hour", "minute"} <= {compact(each).removesuffix("s") for each in free}
+    if clock and "time" in {q.key for q in missing}:
+        raise InputError("columns.time_in_parts", where=where, **listed)
+    meant = {}
     for quantity in missing:
-        header = suggest(quantity, free)
-        if quantity.key == "time" and {"hour", "minute"} <= {compact(each).removesuffix("s") for each in free}:
-            hint, gives = "", None
-            fixes.append("write hours, minutes and seconds as one column of seconds, time_s, or as hh:mm:ss")
-        elif header is not None:
+        if (header := suggest(quantity, free)) is not None:
             free.remove(header)
-            fixes.append(f"did you mean {header!r}? then say {as_option({quantity.key: header})}")
-    if hint and not (gives and len(fixes) == len(missing)):  # names are the better evidence
-        fixes = [hint]
-    if not fixes:
-        fixes.append(f"add the column, or say which it is: --columns {missing[0].key}=HEADER")
-    raise InputError(
-        f"no column for {', '.join(q.name for q in missing)}",
-        where=where,
-        why=f"found: {_listed(headers)}",
-        fix="; ".join(fixes),
-        gives=gives,
-    )
+            meant[quantity.key] = header
+    by_name = len(meant) == len(missing) if guess else bool(meant) and not hint  # names are the better evidence
+    advice = {"meant": quote_columns(meant)} if by_name else {"hint": hint} if hint else {"guess": guess}
+    advice |= {"option": "--columns", "example": "" if any(advice.values()) else missing[0].key}
+    raise InputError("columns.missing", where=where, gives=gives, **listed, **advice)
 
 
-def as_option(columns: Mapping[str, str]) -> str:
-    """The option that names columns, to be copied into a shell."""
-    return f"--columns {shlex.quote(','.join(f'{key}={header}' for key, header in columns.items()))}"
+def quote_columns(columns: Mapping[str, str]) -> str:
+    """Quote names of columns for a shell, to follow an option."""
+    return shlex.quote(",".join(f"{key}={header}" for key, header in columns.items()))
 
 
 def suggest(quantity: Quantity, headers: Sequence[str]) -> str | None:
@@ -321,12 +289,11 @@ def suggest(quantity: Quantity, headers: Sequence[str]) -> str | None:
     return best[1] if best else None
 
 
-def _did_you_mean(word: str, choices: Iterable[str]) -> str:
-    close = difflib.get_close_matches(word, list(choices), n=1, cutoff=0.6)
-    return f"did you mean {close[0]!r}?" if close else ""
+def _closest(word: str, choices: Iterable[str]) -> str:
+    """Word most like another one; empty if none is alike."""
+    return next(iter(difflib.get_close_matches(word, list(choices), n=1, cutoff=0.6)), "")
 
 
-def _listed(words: Iterable[str], limit: int = 40) -> str:
-    words = [w or "(no name)" for w in words]
-    more = f" and {len(words) - limit} more" if len(words) > limit else ""
-    return ", ".join(words[:limit]) + more
+def _listed(words: Sequence[str], limit: int = 40) -> dict[str, Any]:
+    """First words of a list, and how many more there are, as values of an error."""
+    return {"known": tuple(word or "—" for word in words[:limit]), "more": max(0, len(words) - limit) or None}

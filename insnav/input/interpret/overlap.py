@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from insnav.exceptions import InputError
@@ -23,26 +25,16 @@ def check_overlap(imu: ImuData, gps: GpsData) -> None:
     first, last = float(imu.time[0]), float(imu.time[-1])
     if np.any((gps.time >= first) & (gps.time <= last)):
         return
-    spans = _spans(imu, gps)
-    offset, why = likely_offset(*spans)
-    gives = {} if offset is None else {"time_offset": offset}
+    start, end = _spans(imu, gps)[1]
+    offset, reason = likely_offset((first, last), (start, end))
+    spans = {"imu_begin_s": first, "imu_end_s": last, "gps_begin_s": start, "gps_end_s": end}
     if offset is not None:
-        fix = f"say --imu-time-offset {offset:.0f}: {why}"
-    elif why:
-        fix = f"bring both to one clock: {why}"
-    elif min(abs(first), abs(spans[1][0])) < DAY and abs(first - spans[1][0]) > 1.0:
-        fix = (
-            f"one clock seems to start anew with the recording; if both started together, "
-            f"say --imu-time-offset {spans[1][0] - first:.3f}"
-        )
-    else:
-        fix = "check that both files are of the same recording and in the same time"
-    raise InputError(
-        "IMU and GPS have no time in common",
-        why=f"IMU from {first:.3f} to {last:.3f} s, GPS from {spans[1][0]:.3f} to {spans[1][1]:.3f} s",
-        fix=fix,
-        gives=gives,
-    )
+        raise InputError("columns.clock_offset", gives={"time_offset": offset}, offset_s=offset, **spans, **reason)
+    if reason:
+        raise InputError("columns.clock_unit", **spans, **reason)
+    if min(abs(first), abs(start)) < DAY and abs(first - start) > 1.0:
+        raise InputError("columns.clock_restarted", offset_s=start - first, **spans)
+    raise InputError("columns.no_overlap", **spans)
 
 
 def overlap(imu: ImuData, gps: GpsData) -> float:
@@ -51,13 +43,13 @@ def overlap(imu: ImuData, gps: GpsData) -> float:
     return max(0.0, min(last, end) - max(first, start))
 
 
-def epoch_offset(imu: ImuData, gps: GpsData) -> tuple[float, str] | None:
-    """Offset [s] that brings Unix time to GPS time or back if that makes recordings overlap, and why.
+def epoch_offset(imu: ImuData, gps: GpsData) -> float | None:
+    """Offset [s] that brings Unix time to GPS time or back if that makes recordings overlap.
 
     Other offsets that calendars explain, of days or weeks, may be those of another recording.
     """
-    offset, why = likely_offset(*_spans(imu, gps))
-    return None if offset is None or abs(offset) < 0.9 * GPS_EPOCH else (offset, why)
+    offset, _ = likely_offset(*_spans(imu, gps))
+    return None if offset is None or abs(offset) < 0.9 * GPS_EPOCH else offset
 
 
 def named_offset(offset: float, sd: float) -> tuple[float, str]:
@@ -80,40 +72,36 @@ def _spans(imu: ImuData, gps: GpsData) -> tuple[tuple[float, float], tuple[float
     return (float(imu.time[0]), float(imu.time[-1])), (float(gps.time[0]), float(gps.time[-1]))
 
 
-def likely_offset(imu: tuple[float, float], gps: tuple[float, float]) -> tuple[float | None, str]:
-    """Well-known offset that makes two spans of time, first and last [s], overlap, and why; None if none does.
+def likely_offset(imu: tuple[float, float], gps: tuple[float, float]) -> tuple[float | None, dict[str, Any]]:
+    """Well-known offset that makes two spans of time, first and last [s], overlap, and its parts; None if none does.
 
-    Where another unit would do so, only that is said.
+    Where another unit would do so, the parts are that unit and the input.
     """
     difference = 0.5 * (sum(gps) - sum(imu))
     for leap in (LEAP, -LEAP):
         if _share(imu, gps, leap):
-            return leap, f"GPS time is ahead of UTC by {LEAP:.0f} s"
-    for factor, unit in ((1e-3, "milliseconds"), (1e-6, "microseconds"), (1e-9, "nanoseconds")):
+            return leap, {"leap_s": leap}
+    for factor, unit in ((1e-3, "ms"), (1e-6, "us"), (1e-9, "ns")):
         if _same_span((imu[0] * factor, imu[1] * factor), gps):
-            return None, f"the IMU times look like {unit}: put the unit into the header"
+            return None, {"clock": "imu", "unit": unit}
         if _same_span(imu, (gps[0] * factor, gps[1] * factor)):
-            return None, f"the GPS times look like {unit}: put the unit into the header"
+            return None, {"clock": "gps", "unit": unit}
     if abs(difference) > _MAX_OFFSET:
-        return None, ""
-    for base, why in (
-        (GPS_EPOCH - LEAP, "the GPS times look like Unix time, the IMU times like GPS time"),
-        (LEAP - GPS_EPOCH, "the IMU times look like Unix time, the GPS times like GPS time"),
-    ):
+        return None, {}
+    for base, unix in ((GPS_EPOCH - LEAP, "gps"), (LEAP - GPS_EPOCH, "imu")):
         # Within a week of the epoch's offset itself, or whole weeks later for seconds of the week.
         if abs(difference) > 0.9 * GPS_EPOCH and np.sign(difference) == np.sign(base):
             weeks = round((difference - base) / WEEK)
             offset = base + weeks * WEEK
             if _share(imu, gps, offset):
-                return offset, f"{why} (epochs, {weeks:+d} weeks, {LEAP:.0f} leap seconds)"
-    for period, word in ((WEEK, "weeks"), (DAY, "days")):
+                return offset, {"unix": unix, "weeks": weeks or None, "leap_s": np.sign(-base) * LEAP}
+    for period, name in ((WEEK, "weeks"), (DAY, "days")):
         count = round(difference / period)
         for leap in (0.0, LEAP, -LEAP):
             offset = count * period + leap
             if count and _share(imu, gps, offset):
-                extra = f" and {leap:+.0f} s (UTC against GPS time)" if leap else ""
-                return offset, f"{count:+d} {word}{extra}"
-    return None, ""
+                return offset, {name: count, "leap_s": leap or None}
+    return None, {}
 
 
 def _share(imu: tuple[float, float], gps: tuple[float, float], offset: float) -> bool:

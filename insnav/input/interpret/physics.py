@@ -91,6 +91,7 @@ def find_accel_unit(
     norms = np.linalg.norm(quiet.mean, axis=1)
     candidates = _DVEL_UNITS if increments else _ACCEL_UNITS
     middle = float(np.median(norms))
+    values: dict[str, Any]
     for tolerance, share in ((_GRAVITY_TOLERANCE, _MIN_SHARE), (_UNCALIBRATED, 0.5)):
         for unit in (stated, *candidates) if stated else candidates:
             force = norms * ALL_UNITS[unit][1]
@@ -98,52 +99,31 @@ def find_accel_unit(
             if fits.mean() < share:
                 continue
             if stated is not None and unit != stated and abs(np.median(force) / _GRAVITY - 1.0) <= _FAR_OFF:
-                raise InputError(
-                    f"the accelerometers are not in {stated}",
-                    where=where,
-                    why=f"in the quietest stretches they read {middle:.4g}, and gravity is 9.8 m/s^2: "
-                    f"that looks like {unit}",
-                    fix=f"say --imu-units accel={unit}, or put the right unit into the header",
-                    gives={"units": {"accel": unit}},
-                )
+                values = {"stated": stated, "shown": middle, "unit": unit}
+                raise InputError("columns.accel_unit", where=where, gives={"units": {"accel": unit}}, **values)
             gravity = float(np.median(force))
             if abs(gravity / _GRAVITY - 1.0) > _FAR_OFF:  # a few blocks fit by chance
                 continue
             error = gravity / _GRAVITY - 1.0
             if abs(error) <= _GRAVITY_TOLERANCE:
                 return unit, Finding.of(Code.UNITS_ACCEL, gravity_m_s2=gravity, unit=unit)
-            values: dict[str, Any] = {"error": error, "limit": _GRAVITY_TOLERANCE, "gravity_m_s2": gravity}
+            values = {"error": error, "limit": _GRAVITY_TOLERANCE, "gravity_m_s2": gravity}
             return unit, Finding.of(Code.UNITS_ACCEL_UNCALIBRATED, **values, unit=unit)
     other = norms * interval if increments else norms / interval
     per_sample = np.mean(np.abs(other / _GRAVITY - 1.0) < _GRAVITY_TOLERANCE) > _MIN_SHARE
     if per_sample:
-        found, name = ("rates", "mean") if increments else ("increments", "increment")
+        gives = {"sampling": "mean" if increments else "increment"}
         raise InputError(
-            f"the accelerometers look like {found}",
+            "columns.accel_rates" if increments else "columns.accel_increments",
             where=where,
-            why=f"gravity, 9.8 m/s^2, is found {'without' if increments else 'only after'} dividing by "
-            f"the interval of {interval:.4g} s",
-            fix=f"say --imu-sampling {name}, or name the columns "
-            + ("gyro_x_rad_s … accel_z_m_s2" if increments else "dtheta_x_rad … dvel_z_m_s"),
-            gives={"sampling": name},
+            interval_s=interval,
+            gives=gives,
         )
-    claim = f" {stated}" if stated else ""
     exchanged = abs(float(np.linalg.norm(quiet.rate)) / _GRAVITY - 1.0) < 0.5  # the largest, of motion too
     if not exchanged and float(np.linalg.norm(quiet.mean.mean(axis=0))) < _AIMLESS * float(norms.mean()):
-        raise InputError(
-            "the accelerations are without gravity",
-            where=where,
-            why=f"in the quietest stretches they point anywhere and read {middle:.4g}, where gravity is 9.8 m/s^2",
-            fix="give the columns or the file with gravity: TotalAcceleration, Accelerometer, Acceleration (with g); "
-            "not linear, user or gravity-free acceleration",
-        )
-    raise InputError(
-        "the accelerometers do not show gravity" + (f" in{claim}" if claim else " in any unit"),
-        where=where,
-        why=f"in the quietest stretches they read {middle:.4g}; gravity is 9.8 m/s^2, 1 g or 1000 mg",
-        fix=("gyros and accelerometers exchanged? Else " if exchanged else "")
-        + "raw counts must be calibrated first; else name the right columns: --columns accel_x=HEADER …",
-    )
+        raise InputError("columns.gravity_removed", where=where, shown=middle)
+    values = {"shown": middle, "unit": stated or "", "option": "--columns"}
+    raise InputError("columns.gyros_as_accel" if exchanged else "columns.no_gravity", where=where, **values)
 
 
 def turn_ratio(time: FloatArray, gyro: FloatArray, accel: FloatArray) -> tuple[float, float]:
@@ -181,12 +161,6 @@ def odd_one(gyros: Sequence[FloatArray]) -> int | None:
     return None
 
 
-def one_gyro(column: str, why: str, where: str) -> InputError:
-    """What is wrong with gyros one of which is in another unit."""
-    fix = "write all three in the same unit"
-    return InputError(f"{column} is in another unit than the other gyros", where=where, why=why, fix=fix)
-
-
 def find_gyro_unit(
     quiet: Quiet, ratio: float, correlation: float, stated: str | None, *, increments: bool, where: str, odd: str = ""
 ) -> tuple[str, Finding]:
@@ -198,7 +172,7 @@ def find_gyro_unit(
     """
     usual = ("rad", "deg") if increments else ("rad/s", "deg/s", "mrad/s", "mdeg/s")  # far apart, by 17 and more
     fastest = float(quiet.rate.max())
-    shown, why = None, ""
+    shown, reason = None, dict[str, Any]()
     finding = Finding.of(Code.UNITS_GYRO_ASSUMED, largest=fastest, unit=usual[0], other=usual[1], factor=1.0 / DEG)
     if stated is not None:
         finding = stated_unit("gyros", stated)
@@ -206,14 +180,14 @@ def find_gyro_unit(
         for unit in (stated, *usual) if stated else usual:
             factor = abs(ratio) / ALL_UNITS[unit][1]
             if 1.0 / _MAX_TURN_RATIO < factor < _MAX_TURN_RATIO:
-                why = f"gravity turns in the body as they say (ratio {factor:.2g}, r = {correlation:.2f})"
+                reason = {"ratio": factor, "correlation": correlation}
                 code = Code.UNITS_GYRO if correlation > 0.0 else Code.UNITS_GYRO_WRONG_WAY
                 shown, finding = unit, Finding.of(code, correlation=correlation, ratio=factor, unit=unit)
                 break
     tried = stated or usual[0]
     limit = _MAX_SENSOR_RATE if stated else _MAX_RATE
     if shown is None and fastest * ALL_UNITS[tried][1] > limit:
-        shown, why = usual[1], f"they reach {fastest:.3g}, too much for {tried}"
+        shown, reason = usual[1], {"largest": fastest}
         if correlation < 0.0:
             finding = Finding.of(Code.UNITS_GYRO_WRONG_WAY, correlation=correlation, unit=shown)
         elif stated is None:
@@ -227,14 +201,9 @@ def find_gyro_unit(
             finding = Finding.of(Code.UNITS_GYRO_STILL, rate_rad_s=rate, tried=usual[0], unit=likely)
     if stated is not None and shown not in (None, stated):
         if odd:
-            raise one_gyro(odd, f"{why}, and the noise of this one is that of another unit than the others'", where)
-        raise InputError(
-            f"the gyros are not in {stated}",
-            where=where,
-            why=f"{why}: that looks like {shown}",
-            fix=f"say --imu-units gyro={shown}, or put the right unit into the header",
-            gives={"units": {"gyro": shown}},
-        )
+            raise InputError("columns.gyro_unit_odd", where=where, column=odd, stated=stated, **reason)
+        reason |= {"stated": stated, "unit": shown}
+        raise InputError("columns.gyro_unit", where=where, gives={"units": {"gyro": shown}}, **reason)
     return stated or shown or usual[0], finding
 
 
@@ -255,14 +224,7 @@ def check_axes(
     norms = np.linalg.norm(quiet.mean, axis=1)[:, None]
     direction = np.mean(quiet.mean / np.where(norms > 0.0, norms, 1.0), axis=0)  # zeros: a sensor that was off
     if direction[2] > _LEVEL and axes is None and not any_way:
-        reads = f"specific force at rest points along ({', '.join(f'{c:+.2f}' for c in direction)})"
-        raise InputError(
-            "the axes look like forward, left, up (FLU)",
-            where=where,
-            why=f"{reads}: z reads +9.8 m/s^2 where forward, right, down reads -9.8",
-            fix="say --imu-axes FLU (or RFU, as mounted); --imu-axes FRD if it really is upside down",
-            gives={"axes": "FLU"},
-        )
+        raise InputError("columns.axes_flu", where=where, direction=tuple(direction.tolist()), gives={"axes": "FLU"})
     code = Code.AXES_ASSUMED if axes is None else Code.AXES_BY_FORMAT if by_format else Code.AXES_GIVEN
     # none of them if the body is not level, or its attitude varies
     vertical = [
@@ -311,27 +273,16 @@ def find_time_unit(time: FloatArray, stated: str | None, *, slowest: float, wher
     steps = steps[steps > 0.0]
     step = float(np.median(steps)) if len(steps) else 0.0
     if step == 0.0:
-        raise InputError(
-            "the time does not advance",
-            where=where,
-            why="no row is later than the one before it",
-            fix="is the right column named time? One epoch is no record",
-        )
+        raise InputError("columns.constant_time", where=where)
     fitting = [unit for unit in _TIME_UNITS if slowest * 1e-4 <= step * ALL_UNITS[unit][1] < slowest]
     # too few rows to say that the steps are too long, or too few digits: that is told of the rows
     few = len(time) < _MIN_STEPS or float(np.mean(np.diff(time[:_MAX_SAMPLES]) == 0.0)) > _REPEATED
     guess = "s" if step < slowest or few else (fitting[0] if fitting else None)
     if stated is not None:
         if step * ALL_UNITS[stated][1] >= slowest and not few:
-            like = f": that looks like {guess}" if guess else ""
-            raise InputError(
-                f"the time is not in {stated}",
-                where=where,
-                why=f"it steps by {step:.6g}{like}",
-                fix=f"put the right unit into the header, such as time_{guess or 'ms'}; if it is right, the rows are "
-                "too far apart: export the log at its full rate",
-            )
+            values = {"stated": stated, "step": step, "unit": guess or "", "example": guess or "ms"}
+            raise InputError("columns.time_unit", where=where, **values)
         return stated, stated_unit("time", stated)
     if guess is None:
-        raise InputError("the unit of the time is not clear", where=where, why=f"it steps by {step:.6g}")
+        raise InputError("columns.time_unit_unclear", where=where, step=step)
     return guess, Finding.of(Code.TIME_UNIT, step_s=step * ALL_UNITS[guess][1], unit=guess)

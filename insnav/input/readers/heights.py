@@ -41,12 +41,7 @@ def read_heights(path: str | Path | Table) -> Reading[Heights]:
     found, notes = understand(table.headers, table.units, _SCHEMA, where=name)
     key = next((key for key in _KEYS if key in found), None)
     if key is None or "time" not in found:
-        raise InputError(
-            "a time and a height are needed",
-            where=name,
-            why=f"found: {', '.join(header for header in table.headers if header)}",
-            fix="name the columns time_s and height_m",
-        )
+        raise InputError("input.no_heights", where=name, known=tuple(filter(None, table.headers)))
     rows = read_rows(table, found, ("time", key), REFERENCE_KINDS, slowest=_SLOWEST)
     rows.columns["height"] = rows.columns.pop(key) * found[key].factor
     cleaned = rows.clean()

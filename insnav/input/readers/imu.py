@@ -16,7 +16,7 @@ from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
 from insnav.input.interpret.axes import axes_matrix
 from insnav.input.interpret.clean import IMU_KINDS
-from insnav.input.interpret.columns import Found, as_option, find_unit, require, understand
+from insnav.input.interpret.columns import Found, find_unit, require, understand
 from insnav.input.interpret.headerless import imu_columns, is_headerless
 from insnav.input.interpret.physics import check_axes, find_accel_unit, find_gyro_unit, odd_one, quiet_part, turn_ratio
 from insnav.input.interpret.schema import ALL_UNITS, IMU_SCHEMA, Quantity
@@ -108,7 +108,7 @@ def read_imu(
     time = cleaned.columns["time"]
     scale = 1.0 / cleaned.interval if increments else 1.0
     one = odd_one([cleaned.columns[key] for key in gyro_keys])
-    odd = "" if one is None else f"column {found[gyro_keys[one]].header!r}"
+    odd = "" if one is None else found[gyro_keys[one]].header
     gyro = _in_body(cleaned.columns, gyro_keys, matrix)
     accel = _in_body(cleaned.columns, accel_keys, matrix)
     quiet = quiet_part(gyro, accel, interval=cleaned.interval, scale=scale)
@@ -176,12 +176,7 @@ def read_counts(
     require(found, ("time", *_RATES, *_FORCES), table.headers, IMU_SCHEMA, where=name)
     stated = [found[key].describe() for key in (*_RATES, *_FORCES) if found[key].unit is not None]
     if stated:
-        raise InputError(
-            "the file states units, so it does not hold raw counts",
-            where=name,
-            why=", ".join(stated),
-            fix="leave out --counts",
-        )
+        raise InputError("input.counts_with_units", where=name, columns=tuple(stated))
     keys = ["time", *_RATES, *_FORCES, *(key for key in ("temperature",) if key in found)]
     rows = read_rows(table, found, keys, IMU_KINDS, slowest=_SLOWEST)
     cleaned = rows.clean(_damaged(rows.columns, keys[:7], found, name))
@@ -226,11 +221,7 @@ def parse_units(units: Mapping[str, str] | str | None) -> dict[str, str]:
                 found[name] = unit
                 break
         else:
-            raise ConfigError(
-                f"{f'{key}={text}' if key else text!r} is not a unit of an IMU",
-                where="imu-units",
-                fix="write it like gyro=deg/s,accel=g or gyro=rad,accel=m/s (increments); time=ms",
-            )
+            raise ConfigError("input.unknown_imu_unit", where="imu-units", text=f"{key}={text}" if key else text)
     return found
 
 
@@ -244,12 +235,8 @@ def _choose(
     dims = {ALL_UNITS[given[key]][0] for key in ("gyro", "accel") if key in given}
     if sampling == "increment" or dims & {"angle", "velocity"}:
         if dims & {"rate", "acceleration"} or sampling in ("mean", "instant"):
-            raise ConfigError(
-                "units and sampling do not fit each other",
-                where="imu-units",
-                why=f"{', '.join(f'{k}={u}' for k, u in given.items())}, sampling {sampling or 'not given'}",
-                fix="increments: gyro=rad,accel=m/s; rates: gyro=rad/s,accel=m/s^2, --imu-sampling mean",
-            )
+            units = tuple(f"{key}={unit}" for key, unit in given.items())
+            raise ConfigError("input.units_against_sampling", where="imu-units", units=units, sampling=sampling or "")
         # Columns with the plain names and no unit hold increments because the user says so.
         for rate, increment in zip(_RATES + _FORCES, _ANGLES + _VELOCITIES, strict=True):
             old = found.get(rate)
@@ -259,46 +246,27 @@ def _choose(
     has_rates = all(key in found for key in _RATES + _FORCES)
     has_increments = all(key in found for key in _ANGLES + _VELOCITIES)
     increments = has_increments and (sampling == "increment" or not has_rates or bool(dims & {"angle", "velocity"}))
+    names = ("dtheta_x", "dvel_x") if increments else ("gyro_x", "accel_x")
+    held = {"file": table.name, "headers": tuple(found[key].header for key in names if key in found)}
     if not increments and sampling == "increment" and has_rates:
-        raise ConfigError(
-            "the file holds rates, not increments",
-            where="imu-sampling",
-            why=f"{table.name} has {found['gyro_x'].header} and {found['accel_x'].header}",
-            fix="say --imu-sampling mean or instant",
-        )
+        raise ConfigError("input.rates_as_increments", where="imu-sampling", **held)
     if increments and sampling in ("mean", "instant"):
-        raise ConfigError(
-            "the file holds increments, not rates",
-            where="imu-sampling",
-            why=f"{table.name} has {found['dtheta_x'].header} and {found['dvel_x'].header}",
-            fix="leave out --imu-sampling",
-        )
+        raise ConfigError("input.increments_as_rates", where="imu-sampling", **held)
     some_increments = any(key in found for key in _ANGLES + _VELOCITIES)
     some_rates = any(key in found for key in _RATES + _FORCES)
     if not increments and not has_rates and some_increments and some_rates:
-        raise InputError(
-            "the file mixes rates and increments",
-            where=table.name,
-            why=", ".join(f.describe() for key, f in found.items() if key != "time"),
-            fix="both gyros and accelerometers must be rates, or both increments; check the units",
-        )
+        columns = tuple(f.describe() for key, f in found.items() if key != "time")
+        raise InputError("input.rates_and_increments", where=table.name, columns=columns)
     if increments and dims & {"rate", "acceleration"}:
-        raise ConfigError(
-            "the file holds increments, and these are units of rates",
-            where="imu-units",
-            why=f"{table.name} has {found['dtheta_x'].header} and {found['dvel_x'].header}",
-            fix="give units of increments: gyro=rad,accel=m/s",
-        )
+        raise ConfigError("input.units_of_rates", where="imu-units", **held)
     as_increments = increments or (some_increments and not some_rates)
     wanted = _ANGLES + _VELOCITIES if as_increments else _RATES + _FORCES
     hint, gives = "", None
-    if not {"time", *wanted} <= found.keys() and (held := imu_columns(table)):
-        guess = {key: header for key, header in held.items() if key not in found}
-        hint = f"by what they hold say {as_option(guess)}"
-        gives = {"columns": guess}
+    if not {"time", *wanted} <= found.keys() and (fitting := imu_columns(table)):
+        gives = {"columns": {key: header for key, header in fitting.items() if key not in found}}
     words = {header.lower()[:3] for header in table.headers}
     if {"lat", "lon"} <= words and not some_rates:
-        hint = "this looks like a file of positions: give it with --gps or --ref"
+        hint = "positions_as_imu"
     require(found, ("time", *wanted), table.headers, schema, where=table.name, hint=hint, gives=gives)
     return increments
 
@@ -307,12 +275,7 @@ def _common_unit(found: dict[str, Found], keys: tuple[str, ...], name: str) -> s
     """Find the unit that the headers of three axes state; None if they do not."""
     stated = {found[key].unit for key in keys} - {None}
     if len(stated) > 1:
-        raise InputError(
-            "the three axes have different units",
-            where=name,
-            why=", ".join(found[key].describe() for key in keys),
-            fix="bring them to one unit",
-        )
+        raise InputError("input.mixed_units", where=name, columns=tuple(found[key].describe() for key in keys))
     return next(iter(stated), None)
 
 
@@ -333,12 +296,8 @@ def _damaged(
     if len(bad) and bad.all():
         for key in keys:
             if not np.isfinite(columns[key]).any():
-                raise InputError(
-                    f"column {found[key].header!r} is empty",
-                    where=name,
-                    why=f"none of its {len(bad)} cells holds a number",
-                    fix=f"name the right column: --columns {key}=HEADER",
-                )
+                values = {"column": found[key].header, "count": len(bad), "option": "--columns", "quantity": key}
+                raise InputError("input.empty_column", where=name, **values)
     return bad
 
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from insnav.input.formats import delimited_text, kf_gins, matlab, parquet, phone
 from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
 from insnav.input.interpret.clean import GPS_KINDS, REFERENCE_KINDS, Kinds
-from insnav.input.interpret.columns import Found, as_option, require, understand
+from insnav.input.interpret.columns import Found, quote_columns, require, understand
 from insnav.input.interpret.derived import derive
 from insnav.input.interpret.headerless import position_columns
 from insnav.input.interpret.physics import stated_unit
@@ -40,7 +40,6 @@ _NO_HEIGHT = re.compile(
     "sat|sv|dop|provider|qual|status|mode|time|tow|week|date|utc|epoch|seq|index|course|heading|speed", re.IGNORECASE
 )
 _ROOM = {"px", "prsrx", "posx", "positionx"}  # headers of EuRoC, TUM-VI, and programs like them
-_WORDS = {"lat": "latitude", "lon": "longitude", "vn": "velocity North", "ve": "East"}
 # formats that do not define what heights are above; an empty name is that of data in memory
 _ANY_HEIGHT = {"", *(each.name for each in (delimited_text, kf_gins, matlab, parquet, phone_folder))}
 _STANDARD_DEVIATIONS = ("sd_n", "sd_e", "sd_d", "sd_vn", "sd_ve", "sd_vd")
@@ -153,21 +152,13 @@ def read_positions(
     name = table.name
     found, notes = understand(table.headers, table.units, schema, columns=columns, where=name)
     height_key, height_kind, height_evidence = _height(found, height, table.format)
-    hint, gives = "", {}
+    hint, gives = "", dict[str, Any]()
     if sum(header.lower().startswith(("gyro", "acc", "dtheta", "dvel")) for header in table.headers) > 3:
-        hint = "this looks like inertial data: give it as the IMU file"
+        hint = "imu_as_positions"
     elif not {"time", "lat"} <= found.keys() and (held := position_columns(table)):
-        guess = {key: header for key, header in held.items() if key not in found}
-        names = ", ".join(_WORDS.get(key, key) for key in guess)
-        hint = f"if {'these are' if len(guess) > 1 else 'this is'} {names}, say {as_option(guess)}"
-        gives = {"columns": guess}
+        gives = {"columns": {key: header for key, header in held.items() if key not in found}}
     if "lat" not in found and _ROOM & {re.sub(r"\[.*|[\W_]", "", header.lower()) for header in table.headers}:
-        raise InputError(
-            "the positions are in the axes of a room or of a map",
-            where=name,
-            why=f"columns {', '.join(header for header in table.headers[:8] if header)}, and no latitude",
-            fix="give positions on Earth: latitude, longitude, height",
-        )
+        raise InputError("input.local_positions", where=name, headers=tuple(filter(None, table.headers[:8])))
     others = set(filter(None, table.headers)) - {each.header for each in found.values()}
     flat = kind == "GPS" and height_key not in found and all(map(_NO_HEIGHT.search, others))
     if flat:
@@ -268,11 +259,11 @@ def _refuse_impossible(
 ) -> None:
     """Refuse values that no place on Earth and no receiver has, naming the first."""
     limits = {
-        "lat": (-90.0 * DEG, 90.0 * DEG, "latitude is -90 .. 90 deg", DEG),
-        "lon": (-180.0 * DEG, 360.0 * DEG, "longitude is -180 .. 360 deg", DEG),
-        "height": (_MIN_HEIGHT, _MAX_HEIGHT, f"height is {_MIN_HEIGHT:.0f} .. {_MAX_HEIGHT:.0f} m", 1.0),
+        "lat": (-90.0 * DEG, 90.0 * DEG, "latitude"),
+        "lon": (-180.0 * DEG, 360.0 * DEG, "longitude"),
+        "height": (_MIN_HEIGHT, _MAX_HEIGHT, "height"),
     }
-    for key, (low, high, text, unit) in limits.items():
+    for key, (low, high, quantity) in limits.items():
         slack = 1e-12 * max(abs(low), high)
         wrong = ~bad & ((raw[key] < low - slack) | (raw[key] > high + slack))
         if wrong.any():
@@ -280,12 +271,17 @@ def _refuse_impossible(
             column = found[height_key if key == "height" else key]
             lat, lon = (float(np.max(np.abs(raw[each][~bad]))) / DEG for each in ("lat", "lon"))
             if key == "lat" and wrong[~bad].mean() > 0.5 and lat <= 180.0 and lon <= 90.0:
-                raise _exchanged(found, table.place(row, column.index), f"a latitude of {raw[key][row] / unit:.9g} deg")
+                where = table.place(row, column.index)
+                raise _exchanged("input.exchanged_by_value", found, where, lat_rad=float(raw[key][row]))
+            values: dict[str, Any] = {"column": column.header, "count": int(np.count_nonzero(wrong))}
+            suffix = "m" if key == "height" else "rad"
+            sizes = {"value": float(raw[key][row]), "low": low, "high": high}
+            values |= {f"{name}_{suffix}": size for name, size in sizes.items()}
+            values |= {} if key == "height" else {"quantity": quantity}
             raise InputError(
-                f"{raw[key][row] / unit:.9g} is not possible in column {column.header!r}",
+                "input.impossible_height" if key == "height" else "input.impossible_angle",
                 where=table.place(row, column.index),
-                why=f"{text}; {int(np.count_nonzero(wrong))} rows are outside",
-                fix="check the column, and write its unit into the header, such as lat_deg, height_m",
+                **values,
             )
     for key in ("vn", "ve", "vd", "vu", *_STANDARD_DEVIATIONS):
         if key not in raw or key not in found:
@@ -293,18 +289,16 @@ def _refuse_impossible(
         sd = key in _STANDARD_DEVIATIONS
         if (wrong := ~bad & (raw[key] <= 0.0 if sd else np.isinf(raw[key]))).any():
             row = int(np.flatnonzero(wrong)[0])
-            what, rule = ("standard deviation", "above zero") if sd else ("velocity", "finite")
+            values = {"column": found[key].header, "count": int(np.count_nonzero(wrong))}
+            where = table.place(row, found[key].index)
             zero = [each for each in _STANDARD_DEVIATIONS if each in raw and each in found and not raw[each].any()]
-            left_out = dict.fromkeys(zero, "")
-            raise InputError(
-                f"a {what} is {raw[key][row]:.6g} in column {found[key].header!r}",
-                where=table.place(row, found[key].index),
-                why=f"it must be {rule}; {int(np.count_nonzero(wrong))} rows are not",
-                fix=f"0 throughout is no standard deviation: leave it out, {as_option(left_out)}, or write true ones"
-                if key in zero
-                else "leave the cell empty if it is not known",
-                gives={"columns": left_out} if key in zero else None,
-            )
+            if key in zero:
+                left_out = dict.fromkeys(zero, "")
+                values |= {"option": "--columns", "columns": quote_columns(left_out)}
+                raise InputError("input.zero_sd", where=where, gives={"columns": left_out}, **values)
+            if sd:
+                raise InputError("input.bad_sd", where=where, value=float(raw[key][row]), **values)
+            raise InputError("input.infinite_velocity", where=where, **values)
 
 
 def _angles(lla: FloatArray, fit: Fit | None, found: Mapping[str, Found], name: str) -> tuple[float, Finding]:
@@ -313,16 +307,10 @@ def _angles(lla: FloatArray, fit: Fit | None, found: Mapping[str, Found], name: 
     Raises: InputError: they may be degrees or radians, or are not what the header says.
     """
     stated = found["lat"].unit
-    fix = "name the columns lat_rad and lon_rad, or lat_deg and lon_deg if they are degrees"
     if fit is not None and fit.radians in ("latitudes", "longitudes"):
         slow, right = ("lat", "lon") if fit.radians == "latitudes" else ("lon", "lat")
         column, other = found[slow].header, found[right].header
-        raise InputError(
-            f"the {fit.radians} look like radians",
-            where=name,
-            why=f"in column {column!r} they change 57 times slower than the velocity columns say, unlike {other!r}",
-            fix=f"write {column!r} in degrees too, or the unit into its name",
-        )
+        raise InputError("input.column_in_radians", where=name, quantity=fit.radians, column=column, other=other)
     in_deg = np.abs(lla[:, :2]) / DEG
     large = (in_deg[:, 0] > 0.5 * np.pi).any() or (in_deg[:, 1] > np.pi).any()
     if stated not in (None, "deg") or (stated and large):
@@ -331,16 +319,13 @@ def _angles(lla: FloatArray, fit: Fit | None, found: Mapping[str, Found], name: 
         return 1.0, Finding.of(Code.READ_ANGLES_LARGE, unit="deg")
     if fit is not None and fit.radians:
         if stated:
-            why = "as degrees they move 57 times slower than the velocity columns say"
-            raise InputError("the positions look like radians", where=name, why=why, fix=fix)
+            raise InputError("input.positions_in_radians", where=name)
         return 1.0 / DEG, Finding.of(Code.READ_ANGLES_BY_VELOCITY, unit="rad")
     if stated:
         return 1.0, stated_unit("positions", stated)
     if fit is not None:
         return 1.0, Finding.of(Code.READ_ANGLES_BY_VELOCITY, unit="deg")
-    raise InputError(
-        "the positions may be degrees or radians", where=name, why="all lie near (0, 0), and no velocity tells", fix=fix
-    )
+    raise InputError("input.angle_unit_unclear", where=name)
 
 
 def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tuple[float, list[Finding]]:
@@ -351,55 +336,42 @@ def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tu
     if fit is None or fit.radians:
         return 1.0, []
     if fit.exchanged:
-        raise _exchanged(found, name, "only so the positions move as the velocity columns say")
+        raise _exchanged("input.exchanged_by_velocity", found, name)
     columns = [found[key] for key in ("vn", "ve", "vd", "vu", "speed") if key in found]
     if not fit.as_named:
         directions = [("vn", "ve")[i] for i in fit.order] if "vn" in found else []
-        mirrored = -1.0 in fit.signs
         right = {key: found[other].header for key, other in zip(("vn", "ve"), directions, strict=False)}
-        fix = f"say {as_option(right)}" if directions else ""
-        raise InputError(
-            "the velocities do not fit the positions",
-            where=name,
-            why=f"the positions move as they say if {fit.renamed}",
-            fix=(_mirrored(fit, found) + (f", and {fix}" if fit.order == (1, 0) else "")) if mirrored else fix,
-            gives={} if mirrored else {"columns": right},
-        )
+        named = {"option": "--columns", "columns": quote_columns(right) if right else ""}
+        if -1.0 not in fit.signs:
+            raise InputError("input.velocities_exchanged", where=name, gives={"columns": right}, **named)
+        if fit.order == (0, 1):
+            raise InputError("input.velocities_mirrored", where=name, **_mirrored(fit, found))
+        raise InputError("input.velocities_mirrored_exchanged", where=name, **_mirrored(fit, found), **named)
     if fit.upward and "vd" in found:
         header = found["vd"].header
-        raise InputError(
-            f"the sign of {header!r} does not fit the heights",
-            where=name,
-            why="when it is positive the heights rise: it is a velocity up",
-            fix=f"say {as_option({'vu': header})}",
-            gives={"columns": {"vu": header}},
-        )
+        named = {"option": "--columns", "columns": quote_columns({"vu": header})}
+        raise InputError("input.velocity_up", where=name, gives={"columns": {"vu": header}}, column=header, **named)
     if fit.unit == "m/s":
         return 1.0, []
     if any(column.unit for column in columns):
-        why = f"the positions move {fit.ratio:.3g} times as far as in m/s"
         stated = next(column for column in columns if column.unit)
-        raise InputError(
-            f"the velocities are not in {stated.unit}",
-            where=name,
-            why=f"{why}: that looks like {fit.unit}",
-            fix=f"put the right unit into the header, such as {stated.quantity.key} [{fit.unit}]",
-        )
+        values = {"stated": stated.unit, "ratio": fit.ratio, "unit": fit.unit, "example": stated.quantity.key}
+        raise InputError("input.velocity_unit", where=name, **values)
     return ALL_UNITS[fit.unit][1], [Finding.of(Code.READ_VELOCITY_UNIT, ratio=fit.ratio, unit=fit.unit)]
 
 
-def _mirrored(fit: Fit, found: Mapping[str, Found]) -> str:
+def _mirrored(fit: Fit, found: Mapping[str, Found]) -> dict[str, tuple[str, ...]]:
     """Which columns are to change their sign: velocities, or the positions they are compared with."""
-    pairs = zip(("vn", "ve"), ("lat", "lon"), fit.signs, strict=True)
-    wrong = [(found[v].header if v in found else v, found[p].header) for v, p, sign in pairs if sign < 0.0]
-    return "change the sign of " + " and ".join(f"{v!r}, or of {p!r}," for v, p in wrong) + " in the file"
+    wrong = [pair for pair, sign in zip((("vn", "lat"), ("ve", "lon")), fit.signs, strict=True) if sign < 0.0]
+    headers = [tuple(found[key].header if key in found else key for key in keys) for keys in zip(*wrong, strict=True)]
+    return dict(zip(("velocities", "positions"), headers, strict=True))
 
 
-def _exchanged(found: Mapping[str, Found], where: str, why: str) -> InputError:
+def _exchanged(code: str, found: Mapping[str, Found], where: str, **values: Any) -> InputError:
     """Error of latitudes in the column of longitudes and the reverse."""
     right = {"lat": found["lon"].header, "lon": found["lat"].header}
-    fix = f"say {as_option(right)}"
-    return InputError("latitude and longitude are exchanged", where=where, why=why, fix=fix, gives={"columns": right})
+    columns, gives = quote_columns(right), {"columns": right}
+    return InputError(code, where=where, gives=gives, option="--columns", columns=columns, **values)
 
 
 def _attitude_findings(found: Mapping[str, Found]) -> list[Finding]:

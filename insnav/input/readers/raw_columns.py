@@ -46,23 +46,18 @@ def from_outputs(
     notes, units = [], {}
     for triad, scale in scales.items():
         if triad in given:
-            raise ConfigError(
-                f"the calibration is of {triad} outputs in {scale.unit}",
-                where="imu-units",
-                why=f"{given[triad]} was given",
-                fix="leave the unit out, or use a calibration of rates and specific forces",
-            )
+            values = {"triad": triad, "unit": scale.unit, "given": given[triad]}
+            raise ConfigError("input.unit_of_raw", where="imu-units", **values)
         if increments:
-            raise InputError(
-                f"the calibration is of {triad} outputs in {scale.unit}, and the file holds increments", where=where
-            )
+            raise InputError("input.increments_of_raw", where=where, triad=triad, unit=scale.unit)
         for i, axis in enumerate("xyz"):
             key = f"{triad}_{axis}"
             unit = found[key].unit or scale.unit
             try:
                 columns[key] = scale.value(columns[key], i, unit)
-            except ConfigError as error:
-                raise InputError(error.what, where=f"{where}:{found[key].header}", fix=error.fix) from None
+            except ConfigError:
+                where = f"{where}:{found[key].header}"
+                raise InputError("input.other_raw_unit", where=where, unit=scale.unit, given=unit) from None
             units[key] = unit
         notes.append(Finding.of(Code.READ_IMU_RAW_SCALED, subject=triad, unit=scale.unit, si_unit=SI_UNITS[triad]))
     return tuple(notes), units

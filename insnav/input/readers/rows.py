@@ -145,13 +145,8 @@ def _refuse_marks(columns: Mapping[str, FloatArray], found: Mapping[str, Found],
             others = float(np.fmax.reduce(np.abs(values[values != mark]), initial=0.0))
             alone = key != "time" and abs(mark) > _LEAST_ALONE
             if len(rows) > (0 if alone else 1) and 0.0 < others < _FAR * abs(mark):
-                raise InputError(
-                    f"{mark:g} in column {found[key].header!r} stands for what is not known",
-                    where=table.place(int(rows[0]), found[key].index),
-                    why=f"{len(rows)} row{'s have' if len(rows) > 1 else ' has'} exactly that, and all others are "
-                    f"within {others:.4g}",
-                    fix="leave these cells empty",
-                )
+                values = {"mark": mark, "column": found[key].header, "count": len(rows), "largest": others}
+                raise InputError("input.placeholder", where=table.place(int(rows[0]), found[key].index), **values)
 
 
 # -999, 9999, ..., and -99: 99 may be a standard deviation
@@ -170,9 +165,5 @@ def _refuse_texts(forms: Mapping[str, TextValues], found: Mapping[str, Found], t
     """Refuse texts where they cannot stand: a date in a column of rates."""
     for key, (_, form, *_) in forms.items():
         if form not in _FORMS.get(key, ()):
-            raise InputError(
-                f"column {found[key].header!r} holds text, not numbers",
-                where=table.place(0, found[key].index),
-                why=f"it looks like {form}, and is taken for {key}",
-                fix=f"name the right column: --columns {key}=HEADER",
-            )
+            values = {"column": found[key].header, "form": form, "quantity": key, "option": "--columns"}
+            raise InputError("input.text_column", where=table.place(0, found[key].index), **values)

@@ -94,15 +94,10 @@ def read_specific_force(
 def _check_clock(found: Mapping[str, Found], sample_rate: float | None, table: Table) -> None:
     """Refuse a file without times, and one with times if the rate of the samples is given too."""
     if sample_rate is None:
-        hint = "if the samples are at a constant rate, say --sample-rate HZ"
-        require(found, ("time",), table.headers, SPECIFIC_FORCE_SCHEMA, where=table.name, hint=hint)
+        require(found, ("time",), table.headers, SPECIFIC_FORCE_SCHEMA, where=table.name, hint="without_times")
     elif "time" in found:
-        raise ConfigError(
-            "the file has times of its own",
-            where="--sample-rate",
-            why=f"column {found['time'].header} of {table.name}",
-            fix="leave out --sample-rate",
-        )
+        values = {"column": found["time"].header, "file": table.name}
+        raise ConfigError("input.rate_beside_times", where="--sample-rate", **values)
 
 
 def _chosen(found: Mapping[str, Found], axes: LevelAxes | None, table: Table) -> dict[str, str]:
@@ -110,21 +105,13 @@ def _chosen(found: Mapping[str, Found], axes: LevelAxes | None, table: Table) ->
     plain = ("accel_x", "accel_y", "accel_z")
     if not any(key.startswith("f_") for key in found) and all(key in found for key in plain):
         if axes is None:
-            raise InputError(
-                "it is not clear where the axes point",
-                where=table.name,
-                why=f"columns {', '.join(found[key].header for key in plain)} do not say so",
-                fix="say --axes ENU or --axes NED, or name the columns f_east_m_s2, f_north_m_s2, f_up_m_s2",
-            )
+            headers = tuple(found[key].header for key in plain)
+            raise InputError("input.level_axes_unclear", where=table.name, headers=headers)
         return dict(zip(_ORDER[axes], plain, strict=True))
     require(found, ("f_north", "f_east"), table.headers, SPECIFIC_FORCE_SCHEMA, where=table.name)
     if "f_up" in found and "f_down" in found:
-        raise InputError(
-            "two columns are vertical",
-            where=table.name,
-            why=f"{found['f_up'].header} and {found['f_down'].header}",
-            fix="take one of them out of the file",
-        )
+        headers = found["f_up"].header, found["f_down"].header
+        raise InputError("input.two_vertical", where=table.name, headers=headers)
     return {key: key for key in ("f_north", "f_east", "f_up", "f_down") if key in found}
 
 
@@ -133,24 +120,15 @@ def _refuse_gaps(cleaned: Cleaned, name: str) -> None:
         return
     step = np.diff(cleaned.columns["time"])
     row = int(np.flatnonzero(step > (IMU_KINDS.gap_rows + 1.5) * cleaned.interval)[0])
-    raise InputError(
-        "the record has a gap",
-        where=f"{name}: after {cleaned.columns['time'][row]:.6f} s",
-        why=f"{step[row]:.4g} s without a sample, {cleaned.n_gaps} in all; what moved the vehicle there is not known",
-        fix="navigate the parts before and after it by themselves, each from its own start",
-    )
+    where = f"{name}: after {cleaned.columns['time'][row]:.6f} s"
+    raise InputError("input.gap", where=where, gap_s=float(step[row]), count=cleaned.n_gaps)
 
 
 def _unit(cleaned: Cleaned, found: list[Found], name: str) -> tuple[str, Finding]:
     """Unit of the specific force, and what decided it."""
     stated = {each.unit for each in found} - {None}
     if len(stated) > 1:
-        raise InputError(
-            "the axes have different units",
-            where=name,
-            why=", ".join(each.describe() for each in found),
-            fix="bring them to one unit",
-        )
+        raise InputError("input.mixed_units", where=name, columns=tuple(each.describe() for each in found))
     held = {key: float(np.median(cleaned.columns[key])) for key in ("f_up", "f_down") if key in cleaned.columns}
     vertical = held["f_up"] if "f_up" in held else -held["f_down"] if held else None  # upwards
     if stated:
@@ -162,21 +140,10 @@ def _unit(cleaned: Cleaned, found: list[Found], name: str) -> tuple[str, Finding
         unit = next((u for u in ("m/s^2", "g", "mg") if _is_gravity(abs(vertical) * ALL_UNITS[u][1])), "")
         evidence = Finding.of(Code.READ_FORCE_UNIT_BY_GRAVITY, shown=abs(vertical), unit=unit)
         if not unit:
-            raise InputError(
-                "the unit of the specific force cannot be found out",
-                where=name,
-                why=f"the vertical axis shows {vertical:.5g}, which is gravity in no unit",
-                fix="check that the axes are level, and write the unit into the header, such as f_up_m_s2",
-            )
+            raise InputError("input.force_unit_unclear", where=name, shown=vertical)
     if vertical is None or _is_gravity(vertical * ALL_UNITS[unit][1]):
         return unit, evidence
-    shown = f"in the middle of the record it shows {vertical * ALL_UNITS[unit][1]:.5g} m/s^2 upwards"
-    raise InputError(
-        "the vertical axis does not show gravity",
-        where=name,
-        why=f"{shown}; at rest and in level flight it is +9.8",
-        fix="check signs and axes: up is positive upwards, down positive downwards; --axes for columns x, y, z",
-    )
+    raise InputError("input.vertical_no_gravity", where=name, up_m_s2=vertical * ALL_UNITS[unit][1])
 
 
 def _is_gravity(value: float) -> bool:
@@ -187,9 +154,5 @@ def _refuse_impossible(time: FloatArray, f_n: FloatArray, name: str) -> None:
     wild = np.abs(f_n) > _SENSIBLE
     if wild.any():
         row = int(np.flatnonzero(wild.any(axis=1))[0])
-        raise InputError(
-            "a specific force is not possible",
-            where=f"{name}: at {time[row]:.6f} s",
-            why=f"{f_n[row][wild[row]][0]:.4g} m/s^2; {int(np.count_nonzero(wild.any(axis=1)))} samples are as wild",
-            fix="mend the samples, or write the right unit into the header",
-        )
+        values = {"force_m_s2": float(f_n[row][wild[row]][0]), "count": int(np.count_nonzero(wild.any(axis=1)))}
+        raise InputError("input.impossible_force", where=f"{name}: at {time[row]:.6f} s", **values)

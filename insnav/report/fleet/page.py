@@ -195,7 +195,7 @@ def page(result: Result[tuple[Navigated, ...]]) -> Page:
         some = f"results of {count['attention']} of {total} drives need attention"
         reason = some if count["attention"] or out is None else f"{out.drive.name} stands out"
     kept = sum(row.drive.kept for row in rows)
-    why = ("exit_code", "what", "where", "why", "fix")
+    why = ("exit_code", "code", "what", "where", "why", "fix")
     failed = [(row.drive.name, row.drive.failed) for row in rows if row.drive.failed is not None]
     failures = tuple(
         (Quantity("drive", name), *(Quantity(key, getattr(each, key)) for key in why)) for name, each in failed

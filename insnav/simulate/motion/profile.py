@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,15 +9,14 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, PlainValidator
-from pydantic_core import PydanticCustomError
 
-from insnav.config_file import Table, checked, quantity, read_toml, refuse, scalar, signed_scalar
+from insnav.config_file import Table, checked, quantity, read_toml, refuse, scalar, signed_scalar, similar, wrong
 from insnav.exceptions import ConfigError
 from insnav.simulate.imu_errors import Seed
 from insnav.simulate.motion.assemble import Commands, Start, commands_of, spacing_of, truth_of
 from insnav.simulate.motion.kinds import KINDS, Kind
 from insnav.simulate.motion.moves import Move, State
-from insnav.simulate.motion.segments import SEGMENTS, Impossible, Repeat, Segment
+from insnav.simulate.motion.segments import SEGMENTS, Repeat, Segment
 from insnav.simulate.motion.vibration import Vibration
 from insnav.simulate.motion.waypoints import way_through
 from insnav.simulate.truth import Truth
@@ -27,13 +25,12 @@ from insnav.types import FloatArray
 _LONGEST = 48.0 * 3600.0  # [s]
 _MAX_MOVES = 20_000
 _HIGHEST_VIBRATION = 100.0  # [Hz]
-_NEEDED = (("start", "[start] with lat and lon"), ("segment", "[[segment]], or [[waypoint]]"))
 
 
 def _latitude(value: object) -> float:
     angle = quantity(value, "angle", signed=True)
     if abs(angle) > math.pi / 2:
-        raise PydanticCustomError("wrong_value", "must be between -90 deg and 90 deg")
+        raise wrong("sim.no_latitude")
     return angle
 
 
@@ -114,10 +111,13 @@ def load_profile(name_or_path: str | Path, library: Path | None = None) -> Motio
     segments: list[tuple[str, Segment]] = []
     listed = data.get("segment")
     if isinstance(listed, list):
-        segments, wrong = _read(listed, "segment")
-        problems += wrong
+        segments, more = _read(listed, "segment")
+        problems += more
     if not data.get("waypoint"):
-        problems += [f"{key}: is missing; a motion needs {what}" for key, what in _NEEDED if not data.get(key)]
+        if not data.get("start"):
+            problems.append(ConfigError("sim.no_start", where="start"))
+        if not data.get("segment"):
+            problems.append(ConfigError("sim.no_segments", where="segment"))
     if file is None or problems:
         refuse(problems, str(path))
     vehicle, vibration = KINDS[file.vehicle], _vibration(file.vibration, problems)
@@ -129,7 +129,7 @@ def load_profile(name_or_path: str | Path, library: Path | None = None) -> Motio
         refuse(problems, str(path))
     duration = way.duration if way is not None else math.fsum(move.duration for move in moves)
     if duration > _LONGEST:
-        refuse([f"the motion takes {duration / 3600.0:.4g} h, and the longest is {_LONGEST / 3600.0:g} h"], str(path))
+        raise ConfigError("sim.too_long", where=str(path), duration_s=duration, limit_s=_LONGEST)
     name = path.stem if file.name is None else file.name
     # the name goes with the text, so that a copy of it under another name is the same profile
     text = path.read_text(encoding="utf-8-sig")
@@ -138,25 +138,29 @@ def load_profile(name_or_path: str | Path, library: Path | None = None) -> Motio
     return MotionProfile(name, file.purpose, duration, text, start, vehicle, vibration, tuple(moves), way)
 
 
-def _read(listed: list[Any], path: str) -> tuple[list[tuple[str, Segment]], list[str]]:
+def _read(listed: list[Any], path: str) -> tuple[list[tuple[str, Segment]], list[ConfigError]]:
     """Segments with their names, such as ``segment 3 (turn)``, and what is wrong with them."""
     segments: list[tuple[str, Segment]] = []
-    problems: list[str] = []
+    problems: list[ConfigError] = []
     for number, data in enumerate(listed, start=1):
         place = f"{path} {number}"
         kind = data.get("kind") if isinstance(data, dict) else None
         if kind not in SEGMENTS:
-            close = difflib.get_close_matches(str(kind), SEGMENTS, n=1)
-            hint = f"did you mean {close[0]!r}?" if close else f"known are {', '.join(SEGMENTS)}"
-            problems.append(f"{place}: " + ("has no kind" if kind is None else f"unknown kind {kind!r}") + f", {hint}")
+            if kind is None:
+                problems.append(ConfigError("sim.segment_without_kind", where=place, known=tuple(SEGMENTS)))
+            else:
+                kinds = similar(str(kind), SEGMENTS)
+                problems.append(ConfigError("sim.unknown_kind", where=place, kind=str(kind)[:100], **kinds))
             continue
         place = f"{place} ({kind})"
-        segment, wrong = checked(SEGMENTS[kind], data)
-        problems += [f"{place}: {text}" for text in wrong]
+        segment, more = checked(SEGMENTS[kind], data)
+        for problem in more:
+            problem.where = ": ".join(filter(None, (place, problem.where)))
+        problems += more
         if kind == "repeat":
             listed_inside = data.get("segment")
-            inner, wrong = _read(listed_inside if isinstance(listed_inside, list) else [], f"{place}, segment")
-            problems += wrong
+            inner, more = _read(listed_inside if isinstance(listed_inside, list) else [], f"{place}, segment")
+            problems += more
             segments += inner * (segment.count if isinstance(segment, Repeat) else 0)
         elif segment is not None:
             segments.append((place, segment))
@@ -164,59 +168,60 @@ def _read(listed: list[Any], path: str) -> tuple[list[tuple[str, Segment]], list
 
 
 def _segments(
-    file: _ProfileFile, segments: list[tuple[str, Segment]], vehicle: Kind, problems: list[str]
+    file: _ProfileFile, segments: list[tuple[str, Segment]], vehicle: Kind, problems: list[ConfigError]
 ) -> tuple[Start, list[Move], None]:
     given = file.start
     assert given is not None
     if given.speed > vehicle.speed:
-        problems.append(f"start.speed: {given.speed:.4g} m/s is faster than a {vehicle.name} goes")
+        values: dict[str, Any] = {"speed_m_s": given.speed, "limit_m_s": vehicle.speed}
+        problems.append(ConfigError("sim.too_fast", where="start.speed", vehicle=vehicle.name, **values))
     place = np.array([given.lat, given.lon, given.height])
     start = Start(place, given.heading, given.speed, given.roll, given.pitch, given.time)
     state, moves = State(start.speed, start.heading), list[Move]()
     for name, segment in segments:
         try:
             made = segment.moves(state, vehicle)
-        except Impossible as reason:
-            text = f"{name}: {reason}"
-            if text not in problems:
-                problems.append(text)
+        except ConfigError as problem:
+            problem.where = name
+            if problem.as_dict() not in [each.as_dict() for each in problems]:  # not again in each repetition
+                problems.append(problem)
             # where it was meant to end, so that those after it are judged fairly
             state = State(float(getattr(segment, "to", state.speed)), state.heading)
             continue
         moves += made
         state = made[-1].end if made else state
         if len(moves) > _MAX_MOVES:
-            problems.append(f"segment: more than {_MAX_MOVES} moves, with all repetitions")
+            problems.append(ConfigError("sim.many_moves", where="segment", limit=_MAX_MOVES))
             break
     return start, moves, None
 
 
 def _waypoints(
-    file: _ProfileFile, vehicle: Kind, vibration: Vibration, problems: list[str]
+    file: _ProfileFile, vehicle: Kind, vibration: Vibration, problems: list[ConfigError]
 ) -> tuple[Start, list[Move], Commands | None]:
     if file.segment:
-        problems.append("segment, waypoint: a motion has either segments or waypoints")
+        problems.append(ConfigError("sim.segments_and_waypoints", where="segment, waypoint"))
     if file.start is not None and "lat" in file.start.model_fields_set:
-        problems.append("start: a motion through waypoints starts at the first of them; leave [start] out")
+        problems.append(ConfigError("sim.start_and_waypoints", where="start"))
     if len(file.waypoint) < 2:
-        problems.append("waypoint: a way needs two or more")
+        problems.append(ConfigError("sim.one_waypoint", where="waypoint"))
     if problems:
         return Start(np.zeros(3), 0.0, 0.0, 0.0, 0.0, 0.0), [], None
     lla = np.array([[point.lat, point.lon, point.height] for point in file.waypoint])
     speed: FloatArray = np.array([point.speed for point in file.waypoint])
-    way, wrong = way_through(lla, speed, spacing_of((), vibration), vehicle)
-    problems += wrong
+    way, more = way_through(lla, speed, spacing_of((), vibration), vehicle)
+    problems += more
     heading = 0.0 if way is None else float(way.heading[0])
     return Start(lla[0], heading, float(speed[0]), 0.0, 0.0, 0.0), [], way
 
 
-def _vibration(table: _Vibration, problems: list[str]) -> Vibration:
+def _vibration(table: _Vibration, problems: list[ConfigError]) -> Vibration:
     for number, band in enumerate(table.band, start=1):
         if not 0.0 < band.low < band.high:
-            problems.append(f"vibration.band {number}: needs 0 < low < high")
+            problems.append(ConfigError("sim.no_band", where=f"vibration.band {number}"))
     fastest = [line.frequency for line in table.engine] + [band.high for band in table.band]
     if any(not 0.0 < frequency <= _HIGHEST_VIBRATION for frequency in fastest):
-        problems.append(f"vibration: frequencies must be above 0 and at most {_HIGHEST_VIBRATION:g} Hz")
+        problems.append(ConfigError("sim.vibration_frequency", where="vibration", limit_hz=_HIGHEST_VIBRATION))
     return Vibration(
         table.suspension,
         tuple((line.frequency, line.acceleration) for line in table.engine),
@@ -233,11 +238,9 @@ def _find(name_or_path: str | Path, folder: Path | None) -> Path:
     profiles = {found.stem: found for found in library(folder)}
     if str(name_or_path) in profiles:
         return profiles[str(name_or_path)]
-    close = difflib.get_close_matches(str(name_or_path), profiles, n=1)
-    known = f"did you mean {close[0]!r}?" if close else f"known are {', '.join(profiles)}; or give a .toml file"
     raise ConfigError(
-        f"there is no motion profile {str(name_or_path)[:200]!r}",
+        "sim.unknown_profile" if profiles else "sim.no_profiles",
         where="PROFILE",
-        why="" if profiles else "the library of profiles is not here",
-        fix=known if profiles else "give a .toml file",
+        profile=str(name_or_path)[:200],
+        **(similar(str(name_or_path), profiles) if profiles else {}),
     )

@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field, PlainValidator, model_validator
 
 from insnav.config_file import Axes, Table, quantity, scalar, signed_scalar, wrong
+from insnav.exceptions import ConfigError
 from insnav.simulate.motion import moves
 from insnav.simulate.motion.kinds import FASTEST_SPIN, HIGHEST, Kind
 from insnav.simulate.motion.moves import Move, State
@@ -36,7 +37,7 @@ def _axis(value: object) -> Axes:
         size = math.hypot(*value)
         if size > 0.0 and math.isfinite(size):
             return value[0] / size, value[1] / size, value[2] / size
-    raise wrong('must be an axis: "x", "y", "z", "-x", …, or three numbers, not all zero')
+    raise wrong("sim.no_axis")
 
 
 class Segment(Table):
@@ -47,24 +48,19 @@ class Segment(Table):
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
         """Moves of the segment of a vehicle in this state.
 
-        Raises: Impossible: the vehicle cannot do that.
+        Raises: ConfigError: the vehicle cannot do that.
         """
         raise NotImplementedError
 
 
-class Impossible(Exception):  # noqa: N818
-    """Why a segment cannot be driven."""
-
-
 def _moving(state: State, vehicle: Kind) -> None:
     if state.speed == 0.0:
-        raise Impossible(f"a {vehicle.name} at rest cannot do this: accelerate first")
+        raise ConfigError("sim.at_rest", vehicle=vehicle.name)
 
 
-def _bearable(sideways: float, vehicle: Kind, hint: str) -> None:
-    if not sideways <= vehicle.sideways:
-        what = f"{sideways:.3g} m/s^2 across the way, and a {vehicle.name} bears {vehicle.sideways:.3g}: {hint}"
-        raise Impossible(what)
+def _bearable(code: str, acceleration: float, limit: float, vehicle: Kind) -> None:
+    if not acceleration <= limit:
+        raise ConfigError(code, vehicle=vehicle.name, acceleration_m_s2=acceleration, limit_m_s2=limit)
 
 
 class Static(Segment):
@@ -74,7 +70,7 @@ class Static(Segment):
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
         if state.speed != 0.0:
-            raise Impossible(f"the speed is {state.speed:.3g} m/s: stop first, or cruise")
+            raise ConfigError("sim.static_while_moving", speed_m_s=state.speed)
         return [moves.stay(state, self.duration)]
 
 
@@ -89,13 +85,12 @@ class ChangeSpeed(Segment):
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
         acceleration = vehicle.acceleration if self.acceleration is None else self.acceleration
-        if acceleration > vehicle.forward:
-            raise Impossible(f"{acceleration:.4g} m/s^2 is more than a {vehicle.name} can: {vehicle.forward:.3g}")
+        _bearable("sim.too_fast_acceleration", acceleration, vehicle.forward, vehicle)
         if self.to > vehicle.speed:
-            raise Impossible(f"{self.to:.4g} m/s is faster than a {vehicle.name} goes: {vehicle.speed:.3g}")
+            raise ConfigError("sim.too_fast", vehicle=vehicle.name, speed_m_s=self.to, limit_m_s=vehicle.speed)
         slower, wanted = self.to < state.speed, self.kind
         if (wanted == "accelerate" and slower) or (wanted in ("brake", "stop") and self.to > state.speed):
-            raise Impossible(f"the speed is {state.speed:.3g} m/s already, and {self.to:.3g} m/s is the other way")
+            raise ConfigError("sim.wrong_way", speed_m_s=state.speed, to_m_s=self.to)
         if self.to == state.speed:
             return []
         jerk = max(vehicle.jerk, acceleration) if self.jerk is None else self.jerk
@@ -142,7 +137,7 @@ class Turn(Segment):
     @model_validator(mode="after")
     def _turns(self) -> Self:
         if self.angle == 0.0:
-            raise wrong("angle must not be zero")
+            raise wrong("sim.no_angle")
         return self
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
@@ -151,8 +146,8 @@ class Turn(Segment):
         rate = self.rate if self.radius is None else abs(state.speed) / self.radius
         assert rate is not None
         if rate > FASTEST_SPIN:
-            raise Impossible(f"{math.degrees(rate):.4g} deg/s is beyond {math.degrees(FASTEST_SPIN):.4g} deg/s")
-        _bearable(rate * abs(state.speed), vehicle, "turn slower, or brake before")
+            raise ConfigError("sim.too_fast_turn", rate_rad_s=rate, limit_rad_s=FASTEST_SPIN)
+        _bearable("sim.sideways_in_turn", rate * abs(state.speed), vehicle.sideways, vehicle)
         return [moves.turn(state, self.angle, rate, vehicle.jerk if self.jerk is None else self.jerk)]
 
 
@@ -174,8 +169,7 @@ class Climb(Segment):
         _moving(state, vehicle)
         angle = math.radians(3.0) if self.angle is None else self.angle
         if angle > vehicle.grade:
-            steep = f"{math.degrees(angle):.3g} deg is steeper than a {vehicle.name} climbs"
-            raise Impossible(f"{steep}: {math.degrees(vehicle.grade):.3g} deg")
+            raise ConfigError("sim.too_steep", vehicle=vehicle.name, angle_rad=angle, limit_rad=vehicle.grade)
         height = -self.height if self.kind == "descend" else self.height
         return [moves.climb(state, height, angle, vehicle.bend, vehicle.jerk)]
 
@@ -192,18 +186,20 @@ class Helix(Segment):
     @model_validator(mode="after")
     def _turns(self) -> Self:
         if self.turns == 0.0 or not math.isfinite(self.turns):
-            raise wrong("turns must be a number that is not zero, negative to the left")
+            raise wrong("sim.no_turns")
         return self
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
         _moving(state, vehicle)
         rate = abs(state.speed) / self.radius
-        _bearable(rate * abs(state.speed), vehicle, "a larger radius, or brake before")
+        _bearable("sim.sideways_in_helix", rate * abs(state.speed), vehicle.sideways, vehicle)
         move = moves.helix(state, 2.0 * math.pi * self.turns, rate, self.height, vehicle.jerk)
         assert move.grade is not None
         steepest = float(np.abs(move.grade(np.array([0.5 * move.duration])))[0])
         if not steepest <= vehicle.grade:
-            raise Impossible(f"{self.height:.4g} m in so short a way is steeper than a {vehicle.name} climbs")
+            raise ConfigError(
+                "sim.too_steep_helix", vehicle=vehicle.name, height_m=self.height, limit_rad=vehicle.grade
+            )
         return [move]
 
 
@@ -218,7 +214,7 @@ class LaneChange(Segment):
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
         _moving(state, vehicle)
         # the largest slope of a bump is 3.2 of its height over its length
-        _bearable(8.0 * abs(self.offset) / self.duration**2, vehicle, "take more time")
+        _bearable("sim.sideways_in_lane_change", 8.0 * abs(self.offset) / self.duration**2, vehicle.sideways, vehicle)
         return [moves.lane_change(state, self.offset, self.duration)]
 
 
@@ -235,10 +231,9 @@ class Slide(Segment):
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
         if state.speed != 0.0:
-            raise Impossible("a slide starts from rest")
+            raise ConfigError("sim.not_from_rest", speed_m_s=state.speed)
         acceleration = vehicle.acceleration if self.acceleration is None else self.acceleration
-        if acceleration > vehicle.forward:
-            raise Impossible(f"{acceleration:.4g} m/s^2 is more than a {vehicle.name} can: {vehicle.forward:.4g}")
+        _bearable("sim.too_fast_acceleration", acceleration, vehicle.forward, vehicle)
         jerk = max(vehicle.jerk, 10.0 * acceleration) if self.jerk is None else self.jerk
         return [moves.slide(state, -self.length if self.back else self.length, self.speed, acceleration, jerk)]
 
@@ -258,7 +253,7 @@ class Spin(Segment):
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
         _still(state, vehicle)
         if self.rate > FASTEST_SPIN:
-            raise Impossible(f"{math.degrees(self.rate):.4g} deg/s is beyond {math.degrees(FASTEST_SPIN):.4g} deg/s")
+            raise ConfigError("sim.too_fast_turn", rate_rad_s=self.rate, limit_rad_s=FASTEST_SPIN)
         angle = self.angle if self.angle is not None else 2.0 * math.pi * (self.turns or 0.0)
         return [moves.spin(state, np.array(self.axis), angle, self.rate, self.rate / self.within)]
 
@@ -274,8 +269,9 @@ class Coning(Segment):
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
         _still(state, vehicle)
-        if 2.0 * math.pi * self.frequency * self.angle > FASTEST_SPIN:
-            raise Impossible("such a cone turns faster than 4000 deg/s")
+        rate = 2.0 * math.pi * self.frequency * self.angle
+        if rate > FASTEST_SPIN:
+            raise ConfigError("sim.too_fast_turn", rate_rad_s=rate, limit_rad_s=FASTEST_SPIN)
         return [moves.coning(state, self.angle, self.frequency, self.duration)]
 
 
@@ -286,8 +282,7 @@ class Sculling(Coning):
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
         _still(state, vehicle)
-        if self.acceleration > HIGHEST:
-            raise Impossible(f"{self.acceleration:.4g} m/s^2 is beyond {HIGHEST:.4g}")
+        _bearable("sim.too_fast_acceleration", self.acceleration, HIGHEST, vehicle)
         return [moves.sculling(state, self.angle, self.acceleration, self.frequency, self.duration)]
 
 
@@ -306,16 +301,19 @@ class _Planned(Segment):
         _still(state, vehicle)
         acceleration = vehicle.acceleration if self.acceleration is None else self.acceleration
         if state.speed != 0.0:
-            raise Impossible("an interpolated move starts from rest")
+            raise ConfigError("sim.not_from_rest", speed_m_s=state.speed)
         if acceleration > HIGHEST or self.speed > vehicle.speed or self.rate > FASTEST_SPIN:
-            most = f"{HIGHEST:.4g} m/s^2, {vehicle.speed:.3g} m/s, {math.degrees(FASTEST_SPIN):.4g} deg/s"
-            raise Impossible(f"faster than a {vehicle.name} can: {most}")
-        if turned.any() and state.table is None:
-            raise Impossible(
-                "where a spin has turned the body the axes of a table are not known: move the table before"
+            raise ConfigError(
+                "sim.too_fast_planned",
+                vehicle=vehicle.name,
+                limit_m_s2=HIGHEST,
+                limit_m_s=vehicle.speed,
+                limit_rad_s=FASTEST_SPIN,
             )
+        if turned.any() and state.table is None:
+            raise ConfigError("sim.table_after_spin")
         if np.count_nonzero(turned) > 1 and turned.sum() >= math.pi:
-            raise Impossible("several axes of a table turn by less than 180 deg together: give the turn in parts")
+            raise ConfigError("sim.table_turns_far", limit_rad=math.pi)
         return np.repeat([self.speed, self.rate], [2, 3]), np.repeat([acceleration, self.ramp], [2, 3])
 
 
@@ -331,7 +329,7 @@ class Linear(_Planned):
     @model_validator(mode="after")
     def _moves(self) -> Self:
         if not any(getattr(self, name) for name in moves.AXES):
-            raise wrong(f"needs one or more of {', '.join(moves.AXES)} that is not zero")
+            raise wrong("sim.no_move", keys=moves.AXES)
         return self
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
@@ -351,9 +349,9 @@ class Circular(_Planned):
     def _fits(self) -> Self:
         pair = sorted(moves.AXES.index(name) for name in self.axes)
         if pair[0] == pair[1] or pair[0] < 2 <= pair[1]:
-            raise wrong("axes are two of a slide (x, y) or two of a table (roll, pitch, yaw)")
+            raise wrong("sim.no_pair_of_axes")
         if not self.angle or not quantity(self.radius, "length" if pair[1] < 2 else "angle", signed=False) > 0.0:
-            raise wrong("radius and angle must not be zero")
+            raise wrong("sim.no_circle")
         return self
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
@@ -366,7 +364,7 @@ class Circular(_Planned):
 
 def _still(state: State, vehicle: Kind) -> None:
     if vehicle.name != "slide":
-        raise Impossible(f'the body of a {vehicle.name} does not turn by itself: vehicle = "slide" can')
+        raise ConfigError("sim.body_fixed", vehicle=vehicle.name)
 
 
 class Repeat(Segment):

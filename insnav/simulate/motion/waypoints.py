@@ -6,6 +6,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator, make_interp_spline
 
 from insnav.earth import ned_offset
+from insnav.exceptions import ConfigError
 from insnav.simulate.motion.assemble import Commands
 from insnav.simulate.motion.kinds import Kind
 from insnav.types import FloatArray
@@ -14,7 +15,9 @@ _SMOOTHING = 2.0  # time over which a change of acceleration is spread [s]
 _FINE = 4001
 
 
-def way_through(lla: FloatArray, speed: FloatArray, spacing: float, vehicle: Kind) -> tuple[Commands | None, list[str]]:
+def way_through(
+    lla: FloatArray, speed: FloatArray, spacing: float, vehicle: Kind
+) -> tuple[Commands | None, list[ConfigError]]:
     """Make the way through points at even instants `spacing` apart [s], or say what keeps it from being driven.
 
     Speeds of zero at the first and the last of the points `lla` make a drive from rest to rest. The problems name
@@ -28,16 +31,29 @@ def way_through(lla: FloatArray, speed: FloatArray, spacing: float, vehicle: Kin
     """
     offset = ned_offset(lla, lla[0])
     chords = np.linalg.norm(np.diff(offset[:, :2], axis=0), axis=1)
-    problems = [f"waypoints {i + 1} and {i + 2} are at the same place" for i in np.flatnonzero(chords < 1e-3)]
+    legs = [f"waypoints {i + 1} and {i + 2}" for i in range(len(chords))]
+    problems = [ConfigError("sim.same_place", where=legs[i]) for i in np.flatnonzero(chords < 1e-3)]
     both = (speed[:-1] == 0.0) & (speed[1:] == 0.0)
-    problems += [f"waypoints {i + 1} and {i + 2}: no speed from one to the other" for i in np.flatnonzero(both)]
+    problems += [ConfigError("sim.no_speed", where=legs[i]) for i in np.flatnonzero(both)]
     acceleration = np.abs(np.diff(speed**2)) / np.maximum(2.0 * chords, 1e-3)
     problems += [
-        f"waypoints {i + 1} and {i + 2}: {acceleration[i]:.3g} m/s^2 is more than a {vehicle.name} can"
+        ConfigError(
+            "sim.too_fast_acceleration",
+            where=legs[i],
+            vehicle=vehicle.name,
+            acceleration_m_s2=float(acceleration[i]),
+            limit_m_s2=vehicle.forward,
+        )
         for i in np.flatnonzero(acceleration > vehicle.forward)
     ]
     problems += [
-        f"waypoint {i + 1}: {speed[i]:.4g} m/s is faster than a {vehicle.name} goes: {vehicle.speed:.3g}"
+        ConfigError(
+            "sim.too_fast",
+            where=f"waypoint {i + 1}",
+            vehicle=vehicle.name,
+            speed_m_s=float(speed[i]),
+            limit_m_s=vehicle.speed,
+        )
         for i in np.flatnonzero(speed > vehicle.speed)
     ]
     if problems:
@@ -54,8 +70,14 @@ def way_through(lla: FloatArray, speed: FloatArray, spacing: float, vehicle: Kin
     worst = int(np.argmax(sideways))
     if sideways[worst] > vehicle.sideways:
         number = int(np.searchsorted(chord, fine[worst], side="right"))
-        text = f"near waypoint {number}: {sideways[worst]:.3g} m/s^2 across the way, and a {vehicle.name} bears"
-        return None, [f"{text} {vehicle.sideways:.3g}: drive slower, or give more points"]
+        bent = ConfigError(
+            "sim.sideways_at_waypoint",
+            where=f"near waypoint {number}",
+            vehicle=vehicle.name,
+            acceleration_m_s2=float(sideways[worst]),
+            limit_m_s2=vehicle.sideways,
+        )
+        return None, [bent]
     # along the line: its length, and the time, exact for constant acceleration between neighbouring instants
     length = np.concatenate([[0.0], np.cumsum(0.5 * (stretch[1:] + stretch[:-1]) * np.diff(fine))])
     v = np.sqrt(square)

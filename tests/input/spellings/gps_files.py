@@ -315,7 +315,7 @@ REFUSED: dict[str, tuple[Callable[[Path], object], str, dict[str, object] | None
         "--gps-columns time=1,lat=2,lon=3,height=4,vn=5,ve=6",
         {"gps_columns": {"time": "1", "lat": "2", "lon": "3", "height": "4", "vn": "5", "ve": "6"}},
     ),
-    "arrays in radians": (_arrays, "give degrees", None),
+    "arrays in radians": (_arrays, "session.positions_in_radians", None),
     "radians without velocities": (_with(PLAIN, lat=_angle(0, DEG), lon=_angle(1, DEG)), "lat_rad", None),
     "radians named degrees": (
         _with("t,lat_deg,lon_deg,h,vn,ve,vd", lat=_angle(0, DEG), lon=_angle(1, DEG)),

@@ -360,8 +360,8 @@ REFUSED: dict[str, tuple[Callable[[Path], object], str, dict[str, object] | None
     "not in m/s^2": (_units(1.0, G0, IMU_HEADERS), "accel=g", {"units": "accel=g"}),
     "not in rad/s": (_units(DEG, 1.0, IMU_HEADERS), "gyro=deg/s", {"units": "gyro=deg/s"}),
     "left-handed": (_csv(matrix=np.diag([1.0, -1.0, 1.0])), "left-handed", None),
-    "gyros inverted": (_csv(gyro=-1.0), "gyros turn the wrong way", None),
-    "accelerometers inverted": (_csv(accel=-1.0), "signs of the accelerometers", None),
+    "gyros inverted": (_csv(gyro=-1.0), "mounting.gyros_wrong_way", None),
+    "accelerometers inverted": (_csv(accel=-1.0), "mounting.accelerometers_inverted", None),
     "increments named rates": (_increments(SHORT), "increment", {"sampling": "increment"}),
     "two times a gyro": (_csv("time,gx,gx,gz,ax,ay,az"), "appears 2 times", None),
     "unknown names": (
@@ -376,7 +376,7 @@ REFUSED: dict[str, tuple[Callable[[Path], object], str, dict[str, object] | None
     ),
     "ambiguous date": (
         _csv(time=lambda t: [f"08/07/2025 {each}" for each in iso("%H:%M:%S.%f")(t)]),
-        "year-month-day",
+        "format.ambiguous_dates",
         None,
     ),
     "no times": (lambda folder: table(folder / "imu.csv", samples(SHORT)[1:]), "time", None),
