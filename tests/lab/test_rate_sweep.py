@@ -193,9 +193,9 @@ def test_bad_sweeps_are_refused(spoil: Callable, code: str, axis: str) -> None:
 @pytest.mark.parametrize(
     ("header", "expected"),
     [
-        ("rate_deg_s,gyro_x_deg_s,gyro_y_deg_s", "no column for gyro_z"),
+        ("rate_deg_s,gyro_x_deg_s,gyro_y_deg_s", "columns.missing"),
         ("rate_deg_s,gyro_x,gyro_y,gyro_z", "lab.no_unit"),
-        ("gyro_x_deg_s,gyro_y_deg_s,gyro_z_deg_s", "no column for rate"),
+        ("gyro_x_deg_s,gyro_y_deg_s,gyro_z_deg_s", "columns.missing"),
         ("rate_deg_s,gyro_x_v,gyro_y_deg_s,gyro_z_deg_s", "lab.mixed_units"),
     ],
 )
