@@ -38,8 +38,10 @@ def refusal(found: Mounting, where: str) -> InputError:
         odd = next(axis for axis in range(3) if found.gyro_units.count(found.gyro_units[axis]) == 1)
         if found.gyro_units[odd] == 1.0:
             units = units[::-1]
-        values = {"axis": "xyz"[odd], "unit": units[0], "others": units[1], "windows": found.windows}
-        return InputError("mounting.gyro_unit_odd", where=where, **values)
+        axis, windows = "xyz"[odd], found.windows
+        return InputError(
+            "mounting.gyro_unit_odd", where=where, axis=axis, unit=units[0], others=units[1], windows=windows
+        )
     windows, axes = found.windows, tuple(inverted)
     if found.gyro_order != IN_ORDER:
         about = tuple("xyz"[found.gyro_order.index(gyro)] for gyro in range(3))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -98,11 +99,11 @@ def _check_gyro_unit(imu: Reading[ImuData], parts: Intervals, fixes: GpsData) ->
     scale, correlation = turn_scale(parts, fixes)
     for factor, unit in ((DEG, "deg/s"), (1.0 / DEG, "rad/s"), (1e-3 / DEG, "mrad/s")):
         if correlation > SURE and 1.0 / FACTOR < scale / factor < FACTOR:
-            where, values = imu.facts.path, {"ratio": 1.0 / scale, "correlation": correlation}
+            values: dict[str, Any] = {"where": imu.facts.path, "ratio": 1.0 / scale, "correlation": correlation}
             if (odd := odd_one(list(imu.data.gyro.T))) is not None:
-                raise InputError("clock.gyro_unit_odd", where=where, axis="xyz"[odd], **values)
+                raise InputError("clock.gyro_unit_odd", axis="xyz"[odd], **values)
             refuse_unlike_gyros(imu, fixes)
-            raise InputError("clock.gyro_unit", where=where, gives={"units": {"gyro": unit}}, unit=unit, **values)
+            raise InputError("clock.gyro_unit", gives={"units": {"gyro": unit}}, unit=unit, **values)
 
 
 def _check_radians(path: str, parts: Intervals, fixes: GpsData) -> None:
