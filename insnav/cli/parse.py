@@ -19,7 +19,7 @@ def _numbers(text: str, separator: str, count: int, option: str, example: str) -
     except ValueError:
         values = []
     if len(values) != count or not all(math.isfinite(v) for v in values):
-        raise ConfigError("cli.not_numbers", where=option, text=text, count=count, example=example)
+        raise ConfigError("cli.not_numbers", where=option, option=option, text=text, count=count, example=example)
     return values
 
 
@@ -47,7 +47,7 @@ def span(text: str, option: str) -> tuple[float, float]:
     """Start and end of a time interval in seconds."""
     begin, end = _numbers(text, ":", 2, option, "0:300")
     if not end > begin:
-        raise ConfigError("cli.span_backward", where=option, text=text)
+        raise ConfigError("cli.span_backward", where=option, option=option, text=text)
     return begin, end
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from insnav.alignment import Mounting, find_mounting
 from insnav.alignment.mounting import ALL_ALIKE, IN_ORDER
 from insnav.exceptions import InputError
+from insnav.filter.innovation_likelihood import LONGEST
 from insnav.input import Reading
 from insnav.strapdown import intervals
 from insnav.types import GpsData, ImuData
 
-LOOK = 1800.0  # a drive of that length tells the mounting [s]
 WORDS = {"F": "forward", "B": "back", "R": "right", "L": "left", "D": "down", "U": "up"}
 
 
@@ -27,7 +27,7 @@ def explained(imu: Reading[ImuData], fixes: GpsData) -> bool:
 
 def mounting_of(imu: Reading[ImuData], fixes: GpsData) -> Mounting | None:
     """Estimate the mounting from the first half an hour."""
-    return find_mounting(intervals(imu.data.beginning(LOOK)), fixes)
+    return find_mounting(intervals(imu.data.beginning(LONGEST)), fixes)
 
 
 def refusal(found: Mounting, where: str) -> InputError:

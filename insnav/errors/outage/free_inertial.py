@@ -152,12 +152,8 @@ def free_windows(
         if progress is not None:
             progress((number + 1) / len(drive.states))
     if not found:
-        why = ", ".join(f"{count}: {reason}" for reason, count in dropped.items())
-        raise InputError(
-            f"no window of {length:g} s is left",
-            why=f"of {len(drive.states)}, {why or 'none begins at a fix'}",
-            fix="give a shorter window, a longer drive or a reference without gaps",
-        )
+        reasons = tuple(f"{count}: {reason}" for reason, count in dropped.items())
+        raise InputError("budget.no_window", length_s=length, count=len(drive.states), reasons=reasons)
     columns = {name: np.stack([each[name] for each in found]) for name in found[0]}
     return Windows(length=length, spacing=spacing, grid=grid, dropped=dropped, uncalibrated=uncalibrated, **columns)
 
