@@ -65,13 +65,7 @@ class InsnavError(Exception):
         """What the user can do about it."""
         return self._part("fix")
 
-    @fix.setter
-    def fix(self, text: str) -> None:  # goes when every error has a code
-        self.values["fix"] = text
-
     def _part(self, name: str) -> str:
-        if not is_code(self.code):  # goes when every error has a code
-            return self.code if name == "what" else str(self.values.get(name, ""))
         from insnav.messages import render_error
 
         return render_error(self.code, name, {key: _in_words(value) for key, value in self.values.items()})
@@ -90,8 +84,7 @@ class InsnavError(Exception):
         """Label and text of every part after the first sentence."""
         from insnav.messages import form
 
-        code = self.code if is_code(self.code) else ""
-        parts = {"where": self.where, "why": self.why, "fix": self.fix, "code": code}
+        parts = {"where": self.where, "why": self.why, "fix": self.fix, "code": self.code}
         return tuple((form(name), text) for name, text in parts.items())
 
     def as_dict(self) -> dict[str, Any]:
@@ -106,11 +99,6 @@ class InsnavError(Exception):
         kind = {each.__name__: each for each in kinds}[facts["kind"]]
         values = {name: _from_json(value) for name, value in facts["values"].items()}
         return kind(facts["code"], where=facts["where"], **values)
-
-
-def is_code(text: str) -> bool:
-    """Whether a text is the code of an error; goes when every error has one."""
-    return re.fullmatch(r"[a-z_]+(\.[a-z0-9_]+)+", text) is not None
 
 
 def _in_words(value: Any) -> Any:

@@ -7,14 +7,16 @@ hands it on to one, such as `insnav.exceptions.writing`.
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from insnav import exceptions
-from insnav.exceptions import InsnavError, is_code
+from insnav.exceptions import InsnavError
 
 ROOT = Path(exceptions.__file__).parent
+CODE = re.compile(r"[a-z_]+(\.[a-z0-9_]+)+")
 
 
 @dataclass(frozen=True)
@@ -85,9 +87,11 @@ def sites_of(tree: ast.AST, path: Path, makers: dict[tuple[Path | None, str], Ma
     for call, maker in calls(tree, path, makers):
         first = call.args[0] if call.args else None
         for node in (first.body, first.orelse) if isinstance(first, ast.IfExp) else (first,):
-            # an error that has no code yet has a sentence in its place
-            if isinstance(node, ast.Constant) and is_code(str(node.value)):
-                values = {each.arg for each in call.keywords if each.arg} - maker.own
-                more = any(each.arg is None for each in call.keywords)
-                place = f"{path.relative_to(ROOT)}:{call.lineno}"
-                yield Site(place, maker.kind, str(node.value), frozenset(values) | maker.adds, more)
+            place = f"{path.relative_to(ROOT)}:{call.lineno}"
+            if isinstance(node, ast.Name) and node.id == "code":  # handed on; its callers are the sites
+                continue
+            assert isinstance(node, ast.Constant), f"{place}: the code of an error is a literal"
+            assert CODE.fullmatch(str(node.value)), f"{place}: {node.value!r} is no code of an error"
+            values = {each.arg for each in call.keywords if each.arg} - maker.own
+            more = any(each.arg is None for each in call.keywords)
+            yield Site(place, maker.kind, str(node.value), frozenset(values) | maker.adds, more)

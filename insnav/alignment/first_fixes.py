@@ -5,16 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from insnav.earth import ned_offset
+from insnav.strapdown import GAP
 from insnav.types import FloatArray, GpsData
 
 CONSENSUS = 9  # fixes that decide together
-NORMAL = 1.4826  # standard deviation of a normal distribution, in median absolute deviations [-]
 # Limit of the distance from the median in robust standard deviations: Student's t, 3 degrees of freedom, two-sided
 # 0.001. The median absolute deviation of nine numbers has that many (efficiency 0.37: Huber and Ronchetti, "Robust
 # Statistics", 2nd ed., 2009, section 5.1). A good fix that is left out costs a start one fix later.
 LIMIT = 12.9
-LEAST = 5  # fixes of which the median outvotes a false one and leaves a scatter
-UNBROKEN = 2.0  # median intervals up to the next fix: over a longer one the path is not known [-]
 
 
 def count_false_start(gps: GpsData) -> int:
@@ -24,19 +22,20 @@ def count_false_start(gps: GpsData) -> int:
     Sen, J. Am. Stat. Assoc. 63 (1968) 1379-1389).
     """
     interval = np.diff(gps.time[: CONSENSUS + 1])
-    if interval.size < LEAST:
+    least = CONSENSUS // 2 + 1
+    if interval.size < least:
         return 0
-    long = np.flatnonzero(interval > UNBROKEN * np.median(interval))
+    long = np.flatnonzero(interval > GAP * np.median(interval))
     count = min(CONSENSUS, gps.time.size, int(long[0]) + 1 if long.size else CONSENSUS)
-    if count < LEAST:
+    if count < least:
         return 0
     early = gps.rows(slice(count))
     way = ned_offset(early.lla, np.median(early.lla, axis=0)) - _path(early)
     off = np.abs(way - np.median(way, axis=0))
-    scatter = NORMAL * np.median(off, axis=0)
+    scatter = 1.4826 * np.median(off, axis=0)
     stated = np.where(np.isfinite(early.position_sd), early.position_sd, 0.0)
     false = (off > LIMIT * np.maximum(scatter, np.median(stated, axis=0))).any(axis=1)
-    return 0 if false.sum() > count - LEAST else int(np.argmin(false))
+    return 0 if false.sum() > count - least else int(np.argmin(false))
 
 
 def _path(gps: GpsData) -> FloatArray:

@@ -167,12 +167,7 @@ def _check_memory() -> None:
 
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     if limit != resource.RLIM_INFINITY and limit < LEAST_MEMORY:
-        raise InputError(
-            "the memory does not suffice",
-            where="ulimit -v",
-            why=f"this process may address {limit >> 20} MB; with its libraries insnav needs {LEAST_MEMORY >> 20} MB",
-            fix="ulimit -v unlimited, or limit what is used instead of what is addressed: systemd-run -p MemoryMax=1G",
-        )
+        raise InputError("cli.little_memory", where="ulimit -v", limit_mb=limit >> 20, least_mb=LEAST_MEMORY >> 20)
 
 
 def _explain(error: BaseException) -> int:

@@ -20,7 +20,7 @@ def align(
 ) -> None:
     """Align a static record."""
     if data.gps is None and data.inputs.get("lat") is None:
-        raise ConfigError("nothing tells the latitude", where="--lat", fix="give it, or fixes with --gps")
+        raise ConfigError("session.no_latitude", where="--lat")
     with working(out, force) as (folder, stage):
         drive = data.load(stage)
         outcome = drive.align()

@@ -42,7 +42,7 @@ def batch(
     from insnav.cli.signals import Stopped
 
     if str(drives).startswith("-"):
-        raise ConfigError("the drives come first", where=str(drives), fix="insnav batch DRIVES OPTIONS")
+        raise ConfigError("cli.drives_first", where=str(drives))
     common = _absolute(context.args, Path())
     _parsed(["imu.csv", *common], "options for all drives")
     with Stages() as stage:
@@ -83,7 +83,7 @@ def batch(
     shown = _narrow(page.sections[1], shutil.get_terminal_size((WIDTH, 0)).columns)
     result_page(folder, replace(page, sections=(shown,)), out, as_json=as_json, more=names)
     if page.verdict is not None and page.verdict.light == "bad":
-        raise CheckError(page.verdict.reason, fix="see the reasons above; insnav check FILES says what to mend")
+        raise CheckError("cli.fleet_bad", reason=page.verdict.reason)
 
 
 def _narrow(table: Section, width: int) -> Section:
@@ -127,16 +127,14 @@ def _read(path: Path) -> list[Drive]:
     content = read_toml(path)
     tables = content.get("drive")
     if content.keys() != {"drive"} or not isinstance(tables, list) or not tables:
-        why = f"found: {', '.join(content) or 'nothing'}"
-        raise ConfigError("there are no drives", where=str(path), why=why, fix="write a table [[drive]] for each")
+        raise ConfigError("cli.no_drives", where=str(path), found=tuple(content))
     drives = []
     for number, table in enumerate(tables, start=1):
         where = f"{path}: drive {number}"
         if not isinstance(table, dict) or "file" not in table:
-            raise ConfigError("a drive has no IMU file", where=where, fix='give file = "FILE"')
+            raise ConfigError("cli.drive_without_file", where=where)
         if "out" in table:
-            fix = 'leave it out: the run folder is FOLDER/drives/NAME; its name is that of name = "NAME"'
-            raise ConfigError("a drive has no folder of its own choice", where=f"{where}: out", fix=fix)
+            raise ConfigError("cli.drive_with_folder", where=f"{where}: out")
         words = [word for key, value in table.items() for word in _words(key, value)]
         file, *options = _absolute([str(table["file"]), *words], path.parent)
         _parsed([file, *options], where)
@@ -177,5 +175,4 @@ def _parsed(arguments: list[str], where: str) -> None:
     except Exception as error:
         if not hasattr(error, "format_message"):
             raise
-        fix = "see insnav run --help"
-        raise ConfigError(str(error.format_message()).rstrip("."), where=where, fix=fix) from None
+        raise ConfigError("cli.run_options", where=where, reason=str(error.format_message()).rstrip(".")) from None

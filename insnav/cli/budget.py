@@ -71,24 +71,22 @@ def budget(
     """Draw up a budget."""
     imu = data.inputs.get("imu_model")
     if data.imu is not None and (profile is not None or begin is not None):
-        raise ConfigError("a drive has its own motion", where="--profile", fix="leave out the drive, or the profile")
+        raise ConfigError("cli.drive_and_profile", where="--profile")
     if data.imu is None and (data.gps is not None or data.ref is not None or uncalibrated):
-        raise ConfigError(
-            "there is no drive for these fixes", where="DRIVE", fix="give the IMU file of the drive first"
-        )
+        raise ConfigError("cli.fixes_without_drive", where="DRIVE")
     place = {"lat": data.inputs.get("lat"), "heading": data.inputs.get("heading"), "gravity": gravity}
     rest = {name: parse.finite(value, f"--{name}") for name, value in place.items() if value is not None}
     if data.imu is not None and {"lat", "gravity"} & rest.keys():
-        raise ConfigError("a drive has its own place", where="--lat, --gravity", fix="leave these out, or the drive")
+        raise ConfigError("cli.drive_has_place", where="--lat, --gravity")
     if abs(rest.get("lat", 0.0)) > 0.5 * math.pi:
-        raise ConfigError("this is no latitude", where="--lat", fix="give -90 to 90 deg, north positive")
+        raise ConfigError("cli.bad_latitude", where="--lat")
     if end is not None:
         _explain(data, end, max(parse.positive_numbers(times, "--times")), rest, (out, force, as_json))
         return
     if data.imu is None and imu is None:
-        raise ConfigError("a budget is of an IMU", where="--imu", fix="give an imu.toml, or a preset such as tactical")
+        raise ConfigError("cli.no_imu", where="--imu")
     if runs == 1:
-        raise ConfigError("one run has no spread", where="--runs", fix="give 2 or more, better 500")
+        raise ConfigError("cli.few_runs", where="--runs")
     for value, name in ((first, "--first"), (spacing, "--spacing"), (begin, "--begin")):
         if value is not None:
             parse.finite(value, name, largest=1e6)
@@ -130,16 +128,12 @@ def budget(
 def _explain(data: Data, end: str, time: float, rest: dict[str, float], how: tuple[Path, bool, bool]) -> None:
     """Explain the error at the end of a run."""
     if (end == "run") != (data.imu is not None):
-        raise ConfigError(
-            "--end run is of a run folder, and numbers are of no drive",
-            where="--end",
-            fix="write insnav budget FOLDER --end run, or numbers without a drive",
-        )
+        raise ConfigError("cli.end_of_run", where="--end")
     given = None if end == "run" else parse.numbers(end, "--end", 4, "-2.668,-8.231,-0.0803,-0.2754")
     stated: Any = data.inputs.get("ref_sd")
     sd = (0.1, 0.005) if stated is None else tuple(stated)
     if len(sd) != 2:
-        raise ConfigError("positions and velocities have a sd each", where="--ref-sd", fix="write --ref-sd 0.1,0.005")
+        raise ConfigError("cli.two_ref_sds", where="--ref-sd")
     out, force, as_json = how
     with working(out, force) as (folder, stage):
         stage("fitting")

@@ -49,7 +49,7 @@ def result(text: str, *, always: bool = False) -> None:
         raise
     except OSError as error:
         discard_output()
-        raise OutputError("the result cannot be printed", where="standard output", why=reason_of(error)) from error
+        raise OutputError("cli.output_unwritable", where="standard output", reason=reason_of(error)) from error
 
 
 def result_facts(folder: Path) -> None:

@@ -28,7 +28,7 @@ def export(
 
     path = out or Path(_OWN_NAMES.get(to, f"track.{to}"))
     if path.exists() and not force:
-        raise OutputError("the file exists already", where=str(path), fix="give another name with --out, or --force")
+        raise OutputError("cli.file_exists", where=str(path))
     content = export_run(run, to, solution="filtered" if filtered else None, week=week)
     with writing("output.file_unwritable", path):
         path.write_bytes(content)

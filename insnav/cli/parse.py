@@ -19,7 +19,7 @@ def _numbers(text: str, separator: str, count: int, option: str, example: str) -
     except ValueError:
         values = []
     if len(values) != count or not all(math.isfinite(v) for v in values):
-        raise ConfigError(f"{text!r} is not {count} numbers", where=option, fix=f"write it like {option} {example}")
+        raise ConfigError("cli.not_numbers", where=option, option=option, text=text, count=count, example=example)
     return values
 
 
@@ -27,7 +27,7 @@ def positive_numbers(text: str, option: str, example: str = "10,60") -> list[flo
     """Numbers above zero with commas between them."""
     values = _numbers(text, ",", text.count(",") + 1, option, example)
     if not all(value > 0.0 for value in values):
-        raise ConfigError(f"{text!r} has a number that is not above zero", where=option)
+        raise ConfigError("cli.not_positive", where=option, text=text)
     return values
 
 
@@ -47,23 +47,21 @@ def span(text: str, option: str) -> tuple[float, float]:
     """Start and end of a time interval in seconds."""
     begin, end = _numbers(text, ":", 2, option, "0:300")
     if not end > begin:
-        raise ConfigError(f"{text!r} ends before it begins", where=option, fix=f"write it like {option} 0:300")
+        raise ConfigError("cli.span_backward", where=option, option=option, text=text)
     return begin, end
 
 
 def finite(value: float, option: str, *, largest: float = math.inf) -> float:
     """A number that is not NaN, infinite, or larger than sensible."""
     if not math.isfinite(value) or abs(value) > largest:
-        raise ConfigError(
-            f"{value:g} is not a sensible value", where=option, fix="give a number in the unit of the help"
-        )
+        raise ConfigError("cli.not_sensible", where=option, value=value)
     return value
 
 
 def not_negative(value: float, option: str, *, largest: float = math.inf) -> float:
     """A number that is zero or more and not larger than sensible."""
     if finite(value, option, largest=largest) < 0.0:
-        raise ConfigError(f"{value:g} is negative", where=option, fix="give zero or more")
+        raise ConfigError("cli.negative", where=option, value=value)
     return value
 
 
@@ -76,7 +74,7 @@ def interval(rate: str) -> float:
     except ValueError:
         value = 0.0
     if not 0.01 <= value <= 10000.0:
-        raise ConfigError(f"{rate!r} is not a rate", where="--rate", fix="write rows per second, such as 10, or full")
+        raise ConfigError("cli.not_a_rate", where="--rate", text=str(rate))
     return 1.0 / value
 
 
@@ -86,7 +84,7 @@ def columns(text: str | None, option: str) -> dict[str, str] | None:
         return None
     pairs = [part.split("=", 1) for part in text.split(",")]
     if any(len(pair) != 2 or not pair[0] for pair in pairs):
-        raise ConfigError(f"{text!r} is not a list of names", where=option, fix="write it like gyro_x=Gx,time_s=t")
+        raise ConfigError("cli.not_names", where=option, text=text)
     return {name.strip(): header.strip() for name, header in pairs}
 
 

@@ -75,16 +75,12 @@ def platform(
         stray = [name for name, value in configuration.items() if name != "demo" and value != defaults[name].default]
         if stray:
             names = ("FORCE_FILE" if name == "force_file" else f"--{name.replace('_', '-')}" for name in stray)
-            raise ConfigError(
-                "the demonstration reads no file and has its own settings",
-                where=", ".join(names),
-                fix="leave these out, or --demo",
-            )
+            raise ConfigError("cli.demonstration_alone", where=", ".join(names))
     elif force_file is None or lat is None or lon is None:
         missing = [
             name for name, value in (("FORCE_FILE", force_file), ("--lat", lat), ("--lon", lon)) if value is None
         ]
-        raise ConfigError(f"missing: {', '.join(missing)}", fix="give them, or --demo; see insnav platform --help")
+        raise ConfigError("cli.missing", missing=tuple(missing))
     else:
         start = lat * DEG, lon * DEG, height, (v_north, v_east, -v_up + 0.0)
     tilt = DEG * parse.numbers(misalignment, "--misalignment", 3, "0.01,0,0.1")
@@ -92,9 +88,7 @@ def platform(
     bias = UG * parse.numbers(accel_bias, "--accel-bias", 3, "50,50,0")
     interval = parse.interval(rate)
     if (vertical == "damped") != (height_input is not None):
-        raise ConfigError(
-            "--vertical damped and --height-input go together", where="--vertical", fix="give both or neither"
-        )
+        raise ConfigError("cli.damped_needs_heights", where="--vertical")
     with working(out, force) as (folder, stage):
         from insnav.gimbal import PlatformErrors
         from insnav.session import platform_run

@@ -43,12 +43,7 @@ def regress(
     from insnav.regression.corpus import default_corpus, load_corpus
 
     if quick and update_baseline:
-        raise ConfigError(
-            "a quick run is no baseline",
-            where="--quick, --update-baseline",
-            why="it leaves out cases and seeds that later runs are compared by",
-            fix="leave --quick out",
-        )
+        raise ConfigError("cli.quick_baseline", where="--quick, --update-baseline")
     file = (corpus or default_corpus()).resolve()
     folder = out or file.parent.parent / "reports"
     if power:
@@ -93,6 +88,6 @@ def _power(folder: Path, as_json: bool) -> None:
 
     baseline = read_baseline(folder / BASELINE_FILE)
     if baseline is None:
-        raise ConfigError("there is no baseline", where=str(folder), fix="make one: insnav regress --update-baseline")
+        raise ConfigError("cli.no_baseline", where=str(folder))
     facts = page_facts(Page("Power of the regression", (), (power_section(baseline),)))
     result(json.dumps(facts, indent=1, ensure_ascii=False) if as_json else "\n".join(power_lines(baseline)))

@@ -51,5 +51,5 @@ def with_backdrop(opened: Result[Any], file: Path | None) -> Result[Any]:
     from insnav.report.run.backdrop import read_backdrop
 
     if opened.kind != "run":
-        raise ConfigError(f"a result of kind {opened.kind} has no map", where="--backdrop")
+        raise ConfigError("cli.no_map", where="--backdrop", kind=opened.kind)
     return replace(opened, found=replace(opened.found, backdrop=read_backdrop(file)))

@@ -39,11 +39,9 @@ def require(
 ) -> None:
     """Work a requirement out."""
     if data.imu is not None and profile is not None:
-        raise ConfigError("a drive has its own motion", where="--profile", fix="leave out the drive, or the profile")
+        raise ConfigError("cli.drive_and_profile", where="--profile")
     if data.imu is None and (data.gps is not None or data.ref is not None):
-        raise ConfigError(
-            "there is no drive for these fixes", where="DRIVE", fix="give the IMU file of the drive first"
-        )
+        raise ConfigError("cli.fixes_without_drive", where="DRIVE")
     if begin is not None:
         parse.finite(begin, "--begin", largest=1e6)
     options: dict[str, Any] = {

@@ -57,12 +57,11 @@ def run(
     """Navigate a recorded drive."""
     interval = parse.interval(rate)
     if fail_above is not None and parse.finite(fail_above, "--fail-above") <= 0.0:
-        raise ConfigError(f"{fail_above:g} is not a limit", where="--fail-above", fix="give metres, above zero")
+        raise ConfigError("cli.not_a_limit", where="--fail-above", value=fail_above)
     with working(out, force) as (folder, stage):
         drive = data.load(stage)
         if fail_above is not None and drive.reference is None:
-            why, fix = "there is no reference to evaluate the solution against", "give a reference with --ref"
-            raise ConfigError(why, where="--fail-above", fix=fix)
+            raise ConfigError("cli.limit_without_reference", where="--fail-above")
         outcome = drive.navigate(
             states=states,
             aiding=aiding,
@@ -97,12 +96,10 @@ def run(
 def _check_failure(run: Run) -> None:
     """End with exit code 1 if the filter was lost."""
     from insnav.errors.evaluated_run import failure
-    from insnav.messages import render
 
     lost = failure(run)
     if lost:
-        fix = "check clocks, axes, units, heading, lever arm and standard deviations; insnav check says what it sees"
-        raise CheckError("the solution is not to be used", why=render(lost).text, fix=fix)
+        raise CheckError("cli.unusable", cause=lost)
 
 
 def _check_accuracy(errors: TrajectoryErrors, limit: float) -> None:
@@ -111,5 +108,4 @@ def _check_accuracy(errors: TrajectoryErrors, limit: float) -> None:
 
     rms = float(np.sqrt(np.mean(errors.horizontal**2)))
     if rms > limit:
-        why = f"horizontal RMS {rms:.3f} m against the reference, limit {limit:g} m"
-        raise CheckError("the solution is worse than asked for", where="--fail-above", why=why)
+        raise CheckError("cli.worse_than_limit", where="--fail-above", rms_m=rms, limit_m=limit)

@@ -124,19 +124,13 @@ def _check(
 ) -> None:
     """Refuse options that do not go together."""
     if (profile is None) == (source is None):
-        raise ConfigError(
-            "a motion is needed: a profile, or a track with --from" if profile is None else "two motions were given",
-            where="PROFILE, --from",
-            fix="insnav simulate --list shows the profiles there are",
-        )
+        raise ConfigError("cli.no_motion" if profile is None else "cli.two_motions", where="PROFILE, --from")
     if runs is not None and run is not None:
-        raise ConfigError("either all runs or one of them", where="--runs, --run", fix="leave one of them out")
+        raise ConfigError("cli.runs_or_run", where="--runs, --run")
     if runs is None and resume:
-        raise ConfigError("there is nothing to go on with", where="--resume", fix="it goes with --runs")
+        raise ConfigError("cli.resume_without_runs", where="--resume")
     if runs is not None and "ideal" in sensors:
-        raise ConfigError(
-            "runs of ideal sensors are all the same", where="--imu, --gps", fix="give models that have errors"
-        )
+        raise ConfigError("cli.ideal_runs", where="--imu, --gps")
 
 
 def _temperatures(text: str) -> tuple[float, float]:
@@ -146,7 +140,7 @@ def _temperatures(text: str) -> tuple[float, float]:
     except ValueError:
         values = []
     if len(values) not in (1, 2):
-        raise ConfigError(f"{text!r} is not a temperature", where="--temperature", fix="write it like 25 or -20:45")
+        raise ConfigError("cli.not_a_temperature", where="--temperature", text=text)
     return values[0], values[-1]
 
 

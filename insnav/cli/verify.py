@@ -24,7 +24,7 @@ def verify(
 ) -> None:
     """Certify."""
     if as_json and markdown:
-        raise ConfigError("JSON and Markdown cannot both be printed", where="--json --markdown", fix="leave out one")
+        raise ConfigError("cli.json_or_markdown", where="--json --markdown")
     if faults:
         _print_faults(as_json=as_json)
         return

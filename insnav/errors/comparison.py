@@ -85,12 +85,11 @@ def compare_solutions(
     shared = reduce(np.intersect1d, [each.time for each in errors])
     if len(shared) == 0:
         raise InputError(
-            "these runs have no time in common",
-            why="; ".join(
+            "compare.no_common_time",
+            spans=tuple(
                 f"{of.run}: {each.time[0]:.1f} to {each.time[-1]:.1f} s"
                 for of, each in zip(solutions, errors, strict=True)
             ),
-            fix="compare runs of the same recording",
         )
     compared = (
         Compared(of.run, of.solution, each.rows(np.isin(each.time, shared)))

@@ -86,7 +86,7 @@ def reduced(run: Run, truth: Truth, axes_sd: FloatArray) -> Sample:
     inside = _within(truth, run.solution.time)
     time = run.solution.time[inside]
     if len(time) == 0:
-        raise InputError("no row of the solution lies within the motion")
+        raise InputError("diagnosis.no_row_in_motion")
     errors = position_errors(run.solution, reference(truth, time))
     value = np.column_stack((errors.position, errors.velocity, errors.attitude))
     sd = np.zeros_like(value) if errors.sd is None else errors.sd
@@ -163,10 +163,11 @@ def ensemble(runs: Runs, truth: Truth) -> Ensemble:
     if len(runs.number) == 0:
         first = runs.failures[0]
         raise InputError(
-            f"all {len(runs.failures)} runs failed",
+            "diagnosis.all_runs_failed",
             where=f"run {first.number}, seed {first.seed}",
-            why=first.reason,
-            fix=f"make this one alone, with --run {first.number}, and navigate it",
+            count=len(runs.failures),
+            reason=first.reason,
+            number=first.number,
         )
     time: FloatArray = truth.start + STEP * np.arange(epochs(truth), dtype=np.float64)
     total = runs.total

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from operator import itemgetter
+from typing import Any
 
 import numpy as np
 
@@ -37,17 +38,13 @@ def other_drive(reference: Trajectory, track: Trajectory, gps: GpsData | None) -
 
 def no_time_in_common(reference: Trajectory, track: Trajectory) -> InputError:
     """What is wrong with a reference of another time, with the whole hours, days and leap seconds that mend it."""
-    spans = [_span(each.time) for each in (reference, track)]
-    fix = "check the time base of the reference (GPS week, Unix time, UTC against GPS time)"
+    reference_s, track_s = (_span(each.time) for each in (reference, track))
     offset, far = _hours_off(reference, track)
-    if offset:
-        name = named_offset(offset, 0.0)[1]
-        fix = f"add {offset:+.0f} s to its times: so it is {far:.2g} m from the solution{name}"
-    return InputError(
-        "the reference and the solution have no time in common",
-        why=f"reference {spans[0]}, solution {spans[1]}",
-        fix=fix,
-    )
+    if not offset:
+        return InputError("ref.no_common_time", reference_span=reference_s, solution_span=track_s)
+    named = named_offset(offset, 0.0)[1].removeprefix("; that is ")
+    values: dict[str, Any] = {"reference_span": reference_s, "solution_span": track_s, "named": named}
+    return InputError("ref.no_common_time_offset", offset_s=offset, apart_m=far, **values)
 
 
 def apart(reference: Trajectory, track: Trajectory) -> Callable[[float], FloatArray]:

@@ -65,7 +65,7 @@ def periods(lat: float, height: float) -> Periods:
     """
     rate, swing = _pendulum(lat, height)
     if np.sin(lat) == 0.0:
-        raise ConfigError("on the equator there is no Foucault period", where="latitude")
+        raise ConfigError("platform.no_foucault", where="latitude")
     return Periods(2.0 * np.pi / swing, 2.0 * np.pi / abs(rate), 2.0 * np.pi / OMEGA_EARTH)
 
 
@@ -142,9 +142,7 @@ def measured_periods(time: FloatArray, position: FloatArray, lat: float, height:
     """
     if time[-1] - time[0] < SHORTEST_RECORD * 86400.0:
         raise InputError(
-            "the record is too short to separate its periods",
-            why=f"it lasts {(time[-1] - time[0]) / 3600.0:.3g} h; at least {24.0 * SHORTEST_RECORD:g} h are needed",
-            fix="make it longer; 24 h show every period once",
+            "platform.record_too_short", duration_h=(time[-1] - time[0]) / 3600.0, limit_h=24.0 * SHORTEST_RECORD
         )
     t, z = time - time[0], position[:, 0] + 1j * position[:, 1]
     start = np.array([*_pendulum(lat, height), OMEGA_EARTH])

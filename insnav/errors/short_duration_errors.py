@@ -62,11 +62,7 @@ def short_windows(imu: ImuData, solution: Trajectory, sensor_errors: SensorError
         piece = inc.rows(slice(first, last))
         windows.append(_compared(_corrected(piece, sensor_errors, begin), solution, state, every))
     if not windows:
-        raise InputError(
-            f"there is no window of {LENGTH:g} s to compare the mechanizations in",
-            why=f"the solution lasts {solution.time[-1] - solution.time[0]:.1f} s; windows with data gaps do not count",
-            fix="leave out --mechanization short",
-        )
+        raise InputError("diagnosis.no_short_window", length_s=LENGTH, duration_s=solution.time[-1] - solution.time[0])
     return windows
 
 

@@ -11,12 +11,12 @@ from insnav.attitude import dcm_from_quat, quat_from_rph, wrap_pi
 from insnav.filter.changes import with_wider_sd
 from insnav.filter.gps_delay import filtered
 from insnav.filter.navigate import feed
+from insnav.filter.noise_search import SHORT
 from insnav.filter.prepare import Prepared
 from insnav.findings import Code, Finding
 from insnav.types import FloatArray, Run, Trajectory
 from insnav.units import DEG_PER_SQRT_H
 
-LOOK = 600.0  # so much of a drive tells it [s]
 OPENED = 2.0  # standard deviation of each component in the pass that looks for it [m]
 WRONG, SURE = 0.4, 6.0  # smallest error that is said [m], and in standard deviations of what was found
 MARGIN = 3.0  # further ones by which what is surely seen exceeds that: noise found with an error in it is larger
@@ -147,5 +147,5 @@ def delay_contradicted(ready: Prepared) -> tuple[Finding, ...]:
 def looked(ready: Prepared, **opened: float) -> Run:
     """The begin of a drive, navigated with other settings."""
     settings = replace(ready.settings, smooth=False, surest=0.0, **opened)  # type: ignore[arg-type]
-    some = replace(ready.beginning(LOOK), settings=settings)
+    some = replace(ready.beginning(SHORT), settings=settings)
     return feed(some.navigator(), some.imu).finish()

@@ -65,7 +65,7 @@ def figure(result: Result[Any], name: str) -> Figure:
     """Draw one figure of a result by its name; see `insnav.result.Result.plot`."""
     figures = {each.name: each.draw for each in page_of(result).figures}
     if name not in figures:
-        raise ConfigError(f"there is no figure {name!r}", fix=f"this result has {', '.join(figures) or 'none'}")
+        raise ConfigError("report.no_figure", name=name, known=tuple(figures))
     from insnav.report.style import drawing
 
     with drawing():
@@ -129,7 +129,7 @@ def open_folder(folder: Path) -> Result[Any]:
     }
     for name, what in known.items():
         if name in facts and not isinstance(facts[name], what):
-            raise InputError("run.json is damaged", where=str(folder / FACTS_FILE), why=name, fix="make the run again")
+            raise InputError("report.damaged", where=str(folder / FACTS_FILE), reason=name)
     if not hasattr(_room(kind), "read_found"):
         return cast("Result[Any]", read_stored(folder))
     try:
@@ -138,8 +138,7 @@ def open_folder(folder: Path) -> Result[Any]:
         for each in stored:  # one with values missing cannot be put into words
             render(each)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        fix = "make the run again"
-        raise InputError("run.json is damaged", where=str(folder / FACTS_FILE), why=str(error), fix=fix) from error
+        raise InputError("report.damaged", where=str(folder / FACTS_FILE), reason=str(error)) from error
     events = read_events(folder) if any(folder.glob("events.*")) else ()
     findings = tuple(dict.fromkeys((*stored, *events)))
     found = _room(kind).read_found(folder, findings)
@@ -181,7 +180,7 @@ def write_page(
     """
     names = [figure.name for figure in page.figures]
     if len(set(names)) < len(names):
-        raise ConfigError("two figures have the same name", where=", ".join(names))
+        raise ConfigError("report.same_name", where=", ".join(names))
     for name, text in (texts or {}).items():
         folder.path(name).write_text(text, encoding="utf-8", newline="\n", errors=NOT_UTF8)
     if figures != "none":

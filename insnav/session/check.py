@@ -26,7 +26,6 @@ from insnav.input.formats.registry import open_tables
 from insnav.input.readers.imu import parse_units
 from insnav.input.readers.kinds import data_files, kinds_of
 from insnav.input.readers.reading import not_covered
-from insnav.messages import sentence
 from insnav.result import Result
 from insnav.session.drive import Drive, drive_of
 from insnav.session.read import read
@@ -34,7 +33,7 @@ from insnav.steps import Recording
 from insnav.steps.checked_inputs import options_of
 from insnav.steps.imu_noise import stationary_part
 from insnav.steps.inputs import INPUTS, Inputs
-from insnav.steps.one_clock import clock_offset, shown_by
+from insnav.steps.one_clock import clock_offset, is_shown
 from insnav.strapdown import intervals, joined
 from insnav.types import BoolArray, GpsData, ImuData, Run
 from insnav.units import G0
@@ -284,8 +283,7 @@ def _examined(found: Checked, data: Recording, drive: Drive | None, patient: _Pa
     fixes = None if data.gps is None else with_sd(data.gps.data)[0]
     together = drive is not None and fixes is not None
     if drive is not None and drive.fixes is None:
-        why, fix = "no file holds positions", "give the fixes too; without any, insnav align --lat, insnav allan"
-        patient.refused(InputError("no GPS", why=why, fix=fix))
+        patient.refused(InputError("session.no_gps"))
     try:
         rest = stationary_part(imu, fixes if together else None, data.inputs)
     except InsnavError:
@@ -302,7 +300,7 @@ def _examined(found: Checked, data: Recording, drive: Drive | None, patient: _Pa
     if together and drive is not None and fixes is not None and data.gps is not None:
         parts = intervals(imu.beginning(BEGIN))
         offset = clock_offset(joined([parts]), fixes)
-        shown = offset if isinstance(offset, ClockOffset) and shown_by(offset) else None
+        shown = offset if isinstance(offset, ClockOffset) and is_shown(offset) else None
         found = replace(found, offset=shown, mounting=find_mounting(parts, fixes))
     if drive is not None and drive.fixes is not None:
         found = replace(found, run=_run(drive, patient))
@@ -411,8 +409,7 @@ def _run(drive: Drive, patient: _Patient) -> Run | None:
             return None
         lost = failure(run)
     if lost:
-        fix = "see whether one of the two is of another drive, clock, unit or mounting"
-        patient.refused(DivergenceError("IMU and fixes contradict each other", why=sentence(lost), fix=fix))
+        patient.refused(DivergenceError("session.contradiction", cause=lost))
         return None
     return run
 

@@ -121,8 +121,7 @@ def _refuse_start(lat: float, lon: float, height: float, v_n: Sequence[float]) -
     )
     for option, value, low, high, unit in limits:
         if not low <= value <= high:  # NaN is not within either
-            what = {"--lat": "latitude", "--lon": "longitude"}.get(option, "sensible value")
-            raise ConfigError(f"{value:g} is not a {what}", where=option, fix=f"{low:g} to {high:g} {unit}")
+            raise ConfigError("platform.out_of_range", where=option, value=value, low=low, high=high, unit=unit)
 
 
 def _read(

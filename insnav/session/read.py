@@ -172,7 +172,8 @@ def _named(columns: Literal["columns", "gps_columns", "ref_columns"]) -> Iterato
         yield
     except InsnavError as error:
         error.where = re.sub(r"^columns\b", columns, error.where)
-        error.fix = error.fix.replace("--columns", f"--{columns.replace('_', '-')}")
+        if "option" in error.values:
+            error.values["option"] = f"--{columns.replace('_', '-')}"
         error.gives = {columns if key == "columns" else key: value for key, value in error.gives.items()}
         raise
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from insnav.alignment import Mounting, find_mounting
 from insnav.alignment.mounting import ALL_ALIKE, IN_ORDER
 from insnav.exceptions import InputError
+from insnav.filter.innovation_likelihood import LONGEST
 from insnav.input import Reading
 from insnav.strapdown import intervals
 from insnav.types import GpsData, ImuData
 
-LOOK = 1800.0  # a drive of that length tells the mounting [s]
 WORDS = {"F": "forward", "B": "back", "R": "right", "L": "left", "D": "down", "U": "up"}
 
 
@@ -27,7 +27,7 @@ def explained(imu: Reading[ImuData], fixes: GpsData) -> bool:
 
 def mounting_of(imu: Reading[ImuData], fixes: GpsData) -> Mounting | None:
     """Estimate the mounting from the first half an hour."""
-    return find_mounting(intervals(imu.data.beginning(LOOK)), fixes)
+    return find_mounting(intervals(imu.data.beginning(LONGEST)), fixes)
 
 
 def refusal(found: Mounting, where: str) -> InputError:
@@ -38,8 +38,10 @@ def refusal(found: Mounting, where: str) -> InputError:
         odd = next(axis for axis in range(3) if found.gyro_units.count(found.gyro_units[axis]) == 1)
         if found.gyro_units[odd] == 1.0:
             units = units[::-1]
-        values = {"axis": "xyz"[odd], "unit": units[0], "others": units[1], "windows": found.windows}
-        return InputError("mounting.gyro_unit_odd", where=where, **values)
+        axis, windows = "xyz"[odd], found.windows
+        return InputError(
+            "mounting.gyro_unit_odd", where=where, axis=axis, unit=units[0], others=units[1], windows=windows
+        )
     windows, axes = found.windows, tuple(inverted)
     if found.gyro_order != IN_ORDER:
         about = tuple("xyz"[found.gyro_order.index(gyro)] for gyro in range(3))

@@ -14,13 +14,14 @@ from insnav.alignment.mounting import letters_of
 from insnav.attitude import rph_from_quat, wrap_pi
 from insnav.exceptions import AlignmentError, InputError
 from insnav.filter.gps_delay import Filtered, filtered
+from insnav.filter.innovation_likelihood import LONGEST
 from insnav.findings import Code, Finding
 from insnav.input import Reading
 from insnav.input.interpret.axes import axes_matrix
 from insnav.input.interpret.physics import check_axes, quiet_part
 from insnav.kernels.smoother import STATE
 from insnav.steps import Estimate, Model, Recording, Source
-from insnav.steps.axes_by_fixes import LOOK, WORDS, mounting_of, refusal
+from insnav.steps.axes_by_fixes import WORDS, mounting_of, refusal
 from insnav.steps.inputs import Inputs
 from insnav.steps.set_up import set_up_filter
 from insnav.types import FloatArray, GpsData, ImuData
@@ -115,7 +116,7 @@ def in_likely_axes(recording: Recording, model: Model) -> tuple[Reading[ImuData]
     drones do, keeps its axes, and begins with the likeliest heading.
     """
     imu = recording.imu
-    seen, begin = dict[str, Filtered](), imu.data.beginning(LOOK)
+    seen, begin = dict[str, Filtered](), imu.data.beginning(LONGEST)
     for letters in QUARTERS:
         with suppress(AlignmentError, InputError):  # which the drive as it is will tell
             data = _in_axes(begin, axes_matrix(letters))

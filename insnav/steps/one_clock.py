@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -70,14 +71,16 @@ def one_clock(recording: Recording, model: Model) -> tuple[Recording, Model, tup
         offset, name = named_offset(offset + found.offset, found.sd)
         first, last = np.array([imu.data.time[[0, -1]], gps.data.time[[0, -1]]])
         sure = min(abs(found.turns), found.accelerations) > BOTH
-        doubt = "" if sure else "; or the files are not of one drive: then give those recorded together"
-        spans = f"IMU from {first[0]:.3f} to {first[1]:.3f} s, GPS from {last[0]:.3f} to {last[1]:.3f} s"
         raise InputError(
-            "IMU and GPS have no time in common" if apart else "the clocks of IMU and GPS differ",
+            "clock.no_common_time" if apart else "clock.differ",
             where=f"{imu.facts.path}, {gps.facts.path}",
-            why=f"{spans}; {evidence(found)}{name}",
-            fix=f"say --imu-time-offset {offset:.3f}, which is added to the times of the IMU{doubt}",
             gives={"time_offset": offset},
+            imu_s=tuple(first.tolist()),
+            gps_s=tuple(last.tolist()),
+            offset_s=offset,
+            **shown_values(found),
+            named=name.removeprefix("; that is "),
+            other_drive="" if sure else "--imu-time-offset",
         )
     check_overlap(imu.data, gps.data)
     return recording, model, tuple(notes)
@@ -98,11 +101,11 @@ def _check_gyro_unit(imu: Reading[ImuData], parts: Intervals, fixes: GpsData) ->
     scale, correlation = turn_scale(parts, fixes)
     for factor, unit in ((DEG, "deg/s"), (1.0 / DEG, "rad/s"), (1e-3 / DEG, "mrad/s")):
         if correlation > SURE and 1.0 / FACTOR < scale / factor < FACTOR:
-            where, values = imu.facts.path, {"ratio": 1.0 / scale, "correlation": correlation}
+            values: dict[str, Any] = {"where": imu.facts.path, "ratio": 1.0 / scale, "correlation": correlation}
             if (odd := odd_one(list(imu.data.gyro.T))) is not None:
-                raise InputError("clock.gyro_unit_odd", where=where, axis="xyz"[odd], **values)
+                raise InputError("clock.gyro_unit_odd", axis="xyz"[odd], **values)
             refuse_unlike_gyros(imu, fixes)
-            raise InputError("clock.gyro_unit", where=where, gives={"units": {"gyro": unit}}, unit=unit, **values)
+            raise InputError("clock.gyro_unit", gives={"units": {"gyro": unit}}, unit=unit, **values)
 
 
 def _check_radians(path: str, parts: Intervals, fixes: GpsData) -> None:
@@ -128,18 +131,15 @@ def clock_offset(parts: Intervals, fixes: GpsData, *, worth: float = 0.0) -> Clo
     return replace(found, offset=found.offset - lag) if abs(lag) > max(LAG_WORTH, 5.0 * sd) else found
 
 
-def shown_by(found: ClockOffset) -> list[str]:
-    """What shows an offset."""
-    seen = (("turns", abs(found.turns)), ("accelerations", found.accelerations))
-    return [f"{name} (r = {r:.2f})" for name, r in seen if r > SHOWN]
+def is_shown(found: ClockOffset) -> bool:
+    """Whether turns or accelerations show an offset."""
+    return max(abs(found.turns), found.accelerations) > SHOWN
 
 
-def evidence(found: ClockOffset) -> str:
-    """What an offset was found from."""
-    shown = " and ".join(shown_by(found))
-    return (
-        f"{shown} agree for {found.overlap:.0f} s if {found.offset:+.3f} ± {found.sd:.3f} s are added to the IMU times"
-    )
+def shown_values(found: ClockOffset) -> dict[str, Any]:
+    """Return an offset, and the correlations that show it, as values of an error."""
+    turns, forces = (r if r > SHOWN else np.nan for r in (abs(found.turns), found.accelerations))
+    return {"found_s": found.offset, "sd_s": found.sd, "overlap_s": found.overlap, "turns": turns, "forces": forces}
 
 
 def _moved(recording: Recording, offset: float) -> Recording:

@@ -74,7 +74,7 @@ SPOILED = {
     "text in a number": (lambda: _cell("imu.csv", 500, 2, "abc"), ("imu.csv:501:gyro_y_rad_s", "abc")),
     "files of different days": (
         lambda: _shift("gps.csv", 86400.0 * 3),
-        ("no time in common", "why:   IMU from 100000.010 to", "GPS from 359201.000 to", "fix:"),
+        ("clock.", "100000.010", "359201.000"),
     ),
     "IMU time backwards": (lambda: _lines("imu.csv", _swap_back), ("imu.csv", "fix:")),
     "GPS time backwards": (lambda: _lines("gps.csv", _swap_back), ("gps.csv", "fix:")),
@@ -123,14 +123,14 @@ def test_empty_cells_are_counted_events_and_never_reach_the_output(drive: Path, 
 
 WRONG_OPTIONS = {
     "IMU misspelt": (("--imu", "industral"), "--imu", "industrial"),
-    "two numbers for an arm": (("--lever-arm", "1,2"), "--lever-arm", "0.136,-0.301,-0.184"),
-    "an arm of words": (("--lever-arm", "a,b,c"), "--lever-arm", "3 numbers"),
-    "an arm of no number": (("--lever-arm", "nan,0,0"), "--lever-arm", "3 numbers"),
+    "two numbers for an arm": (("--lever-arm", "1,2"), "--lever-arm", "cli.not_numbers"),
+    "an arm of words": (("--lever-arm", "a,b,c"), "--lever-arm", "cli.not_numbers"),
+    "an arm of no number": (("--lever-arm", "nan,0,0"), "--lever-arm", "cli.not_numbers"),
     "an arm in millimetres": (("--lever-arm", "800,0,-1200"), "lever", "input.long_lever_arm"),
-    "an interval backwards": (("--static", "30:10"), "--static", "ends before it begins"),
-    "no rate": (("--rate", "often"), "--rate", "or full"),
+    "an interval backwards": (("--static", "30:10"), "--static", "cli.span_backward"),
+    "no rate": (("--rate", "often"), "--rate", "cli.not_a_rate"),
     "17 states": (("--states", "17"), "--states", "align.bad_states"),
-    "columns without header": (("--columns", "gyro_x"), "--columns", "gyro_x=Gx"),
+    "columns without header": (("--columns", "gyro_x"), "--columns", "cli.not_names"),
     "a column that is not there": (("--columns", "gyro_x=foo"), "--columns", "'foo'"),
     "a column of the fixes that is not there": (("--gps-columns", "lat=foo"), "--gps-columns", "'foo'"),
     "no unit": (("--imu-units", "foo"), "--imu-units", "gyro=deg/s,accel=g"),
@@ -138,8 +138,8 @@ WRONG_OPTIONS = {
     "a heading that is no number": (("--heading", "nan"), "--heading", "nan"),
     "a heading beyond a turn": (("--heading", "400"), "heading", "input.out_of_range"),
     "a delay of a day": (("--gps-delay", "86400"), "--gps-delay", "86400"),
-    "a limit without reference": (("--fail-above", "2"), "--fail-above", "--ref"),
-    "a limit below zero": (("--fail-above", "-2", "--ref", "ref.csv"), "--fail-above", "above zero"),
+    "a limit without reference": (("--fail-above", "2"), "--fail-above", "cli.limit_without_reference"),
+    "a limit below zero": (("--fail-above", "-2", "--ref", "ref.csv"), "--fail-above", "cli.not_a_limit"),
 }
 
 

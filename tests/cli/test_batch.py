@@ -218,7 +218,7 @@ def test_an_error_keeps_its_parts(drive: Path, tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr("insnav.errors.evaluated_run.failure", lambda _: lost)
     out = tmp_path / "lost"
     files = str(drive / "imu.csv"), "--gps", str(drive / "gps.csv"), "--out", str(out)
-    with pytest.raises(CheckError, match="not to be used") as raised:
+    with pytest.raises(CheckError, match=r"cli.unusable") as raised:
         run_drive([*files, "--imu", "automotive", "--figures", "none"])
     assert raised.value.why == render(lost).text
     assert "insnav check" in raised.value.fix
@@ -253,9 +253,9 @@ def test_drives_of_a_file_with_options_of_their_own(drives: Path, cli: Cli):
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        ("drive = 3\n", "there are no drives"),
-        ('[[drive]]\ngps = "gps.csv"\n', "no IMU file"),
-        ('[[drive]]\nfile = "imu.csv"\nout = "there"\n', "no folder of its own"),
+        ("drive = 3\n", "cli.no_drives"),
+        ('[[drive]]\ngps = "gps.csv"\n', "cli.drive_without_file"),
+        ('[[drive]]\nfile = "imu.csv"\nout = "there"\n', "cli.drive_with_folder"),
         ('[[drive]]\nfile = "imu.csv"\nlevr-arm = 1\n', "No such option: --levr-arm"),
         ('[[drive]]\nfile = "imu.csv"\nstates = "many"\n', "states"),
         ('[[drive]]\nfile = "a/imu.csv"\n[[drive]]\nfile = "b/../a/imu.csv"\n', "batch.same_name"),
@@ -278,7 +278,7 @@ def test_a_file_that_cannot_be_meant_is_refused(content: str, said: str, drive: 
         (("imu.csv",), 3, "batch.unreadable_folder"),
         ((".", "--out", "."), 4, "batch.other_folder"),
         ((".", "--out", "no/../imu.csv"), 4, "batch.unwritable"),
-        (("--states", "15", "."), 2, "the drives come first"),
+        (("--states", "15", "."), 2, "cli.drives_first"),
         ((".", "--stats", "15"), 2, "No such option"),
         ((".", "--engine", "threads"), 2, "engine.unknown"),
     ],

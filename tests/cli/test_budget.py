@@ -88,9 +88,9 @@ def test_the_end_of_a_recorded_minute_is_explained(cli: Cli):
 @pytest.mark.parametrize(
     ("options", "word"),
     [
-        (("--gravity", "9.0"), "gravity is nowhere 9 m/s^2"),
-        (("--lat", "91"), "no latitude"),
-        (("--lat", "90"), "close to a pole"),
+        (("--gravity", "9.0"), "budget.impossible_gravity"),
+        (("--lat", "91"), "cli.bad_latitude"),
+        (("--lat", "90"), "budget.near_pole"),
         (("--lat", "5", "--profile", "city"), "session.profile_has_place"),
     ],
 )
@@ -166,15 +166,15 @@ def test_a_recorded_drive_is_compared_with_the_prediction(cli: Cli):
     [
         ((), 2, "--imu"),
         (("--imu", "nothing.toml"), 2, "imu.unknown"),
-        (("--imu", "empty.toml"), 2, "no errors"),
+        (("--imu", "empty.toml"), 2, "budget.no_errors"),
         (("--imu", "mems.toml", "--times", "10,x"), 2, "--times"),
         (("--imu", "mems.toml", "--times", "5000"), 2, "--times"),
         (("--imu", "mems.toml", "--times", "0.01"), 2, "--times"),
         (("--imu", "mems.toml", "--runs", "1"), 2, "--runs"),
         (("--imu", "mems.toml", "--begin", "5"), 2, "--profile"),
         (("--imu", "mems.toml", "--profile", "town"), 2, "sim.unknown_profile"),
-        (("--imu", "mems.toml", "--profile", "city", "--begin", "5000"), 2, "not long enough"),
-        (("--imu", "mems.toml", "--profile", "city", "--times", "3000"), 2, "not long enough"),
+        (("--imu", "mems.toml", "--profile", "city", "--begin", "5000"), 2, "budget.motion_too_short"),
+        (("--imu", "mems.toml", "--profile", "city", "--times", "3000"), 2, "budget.motion_too_short"),
         (("--imu", "mems.toml", "--deflection", "-1"), 2, "--deflection"),
         (("--imu", "mems.toml", "--gps", "gps.csv"), 2, "DRIVE"),
         (("--imu", "mems.toml", "--uncalibrated"), 2, "DRIVE"),

@@ -118,13 +118,13 @@ def test_run_takes_raw_volts_with_the_calibration(bench: Path, drive: Path, cli:
     ("command", "code", "word"),
     [
         (("gyro", "gx.csv", "gy.csv"), 3, "lab.not_three_sensors"),
-        (("gyro", "gx.csv", "--range", "80:-80"), 2, "ends before it begins"),
+        (("gyro", "gx.csv", "--range", "80:-80"), 2, "cli.span_backward"),
         (("gyro", "gx.csv", "--range", "0:20"), 3, "lab.few_rates"),
         (("gyro", "gx.csv", "--spike-limit", "0"), 2, "--spike-limit"),
-        (("gyro", "ax.csv"), 3, "no column for rate_deg_s"),
+        (("gyro", "ax.csv"), 3, "columns.missing"),
         (("accel", "ax.csv", "--gravity", "1"), 2, "--gravity"),
         (("accel", "none.csv"), 3, "none.csv"),
-        (("accel", "ax.csv", "--out", "ax.csv/such"), 4, "cannot write a run folder"),
+        (("accel", "ax.csv", "--out", "ax.csv/such"), 4, "output.folder_unwritable"),
     ],
 )
 def test_what_cannot_be_is_refused(bench: Path, cli: Cli, command: tuple[str, ...], code: int, word: str) -> None:

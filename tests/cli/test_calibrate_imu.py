@@ -104,7 +104,7 @@ def test_json_is_the_same_as_the_file(bench: Path, cli: Cli) -> None:
 @pytest.mark.parametrize(
     ("arguments", "code", "word"),
     [
-        (("about_x.csv",), 3, "no column for rate_x"),
+        (("about_x.csv",), 3, "columns.missing"),
         (("about_x.csv", "about_y.csv"), 3, "lab.not_three_sweeps"),
         (("about_y.csv", "about_x.csv", "about_z.csv"), 3, "lab.gyro_crossed"),
         ((*FILES, "--spike-limit", "-1"), 2, "--spike-limit"),

@@ -145,7 +145,7 @@ def test_six_positions_with_sections_and_without(bench: Path, cli: Cli) -> None:
 @pytest.mark.parametrize(
     ("options", "code", "word"),
     [
-        (("imu.csv",), 2, "--gravity"),
+        (("imu.csv",), 2, "session.no_gravity"),
         (("imu.csv", *G, "--lat", "48"), 2, "session.gravity_twice"),
         (("imu.csv", "--gravity", "981"), 2, "lab.gravity"),
         (("imu.csv", "--lat", "91"), 2, "session.bad_latitude"),
@@ -153,8 +153,8 @@ def test_six_positions_with_sections_and_without(bench: Path, cli: Cli) -> None:
         (("imu.csv", *G, "--method", "six", "--sections", "no.json"), 2, "lab.sections_unreadable"),
         (("imu.csv", *G, "--method", "six", "--turn", "5"), 2, "--turn"),
         (("imu.csv", *G, "--method", "six"), 3, "lab.section_missing"),
-        (("imu.csv", *G, "--counts"), 3, "leave out --counts"),
-        (("counts.csv", *G), 3, "raw counts"),
+        (("imu.csv", *G, "--counts"), 3, "input.counts_with_units"),
+        (("counts.csv", *G), 3, "columns.no_gravity"),
         (("imu.csv", *G, "--out", "/dev/null/such"), 4, "output.folder_unwritable"),
     ],
 )

@@ -72,9 +72,9 @@ def test_a_wrong_mass_shows_as_disagreement(bench: Path, cli: Cli) -> None:
 @pytest.mark.parametrize(
     ("arguments", "code", "word"),
     [
-        (("fall.csv", "fall.csv", *GIVEN), 3, "no column for precession_period_s"),
+        (("fall.csv", "fall.csv", *GIVEN), 3, "columns.missing"),
         (("fall.csv", "turn.csv", *GIVEN[:7], 0), 2, "--arm"),
-        (("turn.csv", "turn.csv", *GIVEN), 3, "no column for height_m"),
+        (("turn.csv", "turn.csv", *GIVEN), 3, "columns.missing"),
     ],
 )
 def test_nonsense_is_refused(bench: Path, cli: Cli, arguments: tuple, code: int, word: str) -> None:

@@ -80,7 +80,7 @@ def test_help_needs_no_heavy_import_and_little_time():
         (("runn",), ("No such command 'runn'", "Did you mean 'run'", "insnav --help")),
         (("run", "a", "--gps", "b", "--figures", "pdf"), ("--figures", "'pdf'", "'png'")),
         (("run", "a", "--gps", "b", "--heading", "x"), ("--heading", "number")),
-        (("align", "a"), ("nothing tells the latitude", "--lat")),
+        (("align", "a"), ("session.no_latitude", "--lat")),
     ],
 )
 def test_a_wrong_option_is_one_block_with_exit_code_2(cli: Cli, arguments: tuple[str, ...], words: tuple[str, ...]):

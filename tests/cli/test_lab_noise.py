@@ -137,10 +137,10 @@ def test_the_command_and_python_write_the_same_files(bench: Path, cli: Cli, comm
         (("allan", "none.csv"), 3, "none.csv"),
         (("acceptance",), 2, "session.nothing_to_accept"),
         (("acceptance", "--rates", "static.csv"), 3, "lab.no_setting"),
-        (("acceptance", "--rates", "rates.csv", "--lengths", "0"), 2, "above zero"),
-        (("acceptance", "--rates", "rates.csv", "--out", "rates.csv/such"), 4, "cannot write a run folder"),
-        (("drift", "rates.csv"), 3, "no column for time_s"),
-        (("drift", "positions.csv"), 3, "no column for time_s"),
+        (("acceptance", "--rates", "rates.csv", "--lengths", "0"), 2, "cli.not_positive"),
+        (("acceptance", "--rates", "rates.csv", "--out", "rates.csv/such"), 4, "output.folder_unwritable"),
+        (("drift", "rates.csv"), 3, "columns.missing"),
+        (("drift", "positions.csv"), 3, "columns.missing"),
     ],
 )
 def test_what_cannot_be_is_refused(bench: Path, cli: Cli, command: tuple[str, ...], code: int, word: str) -> None:

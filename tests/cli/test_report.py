@@ -90,7 +90,7 @@ def test_facts_of_another_kind_are_refused(drive: Path, cli: Cli, wrong: dict[st
     facts = read_facts(Path("made"))
     Path("made/run.json").write_text(json.dumps(facts | wrong))
     shown = cli("report", "made")
-    assert (shown.code, "run.json is damaged" in shown.err) == (3, True)
+    assert (shown.code, "report.damaged" in shown.err) == (3, True)
 
 
 def test_a_pdf_has_three_pages_and_leaves_the_run_as_it_is(drive: Path, cli: Cli):

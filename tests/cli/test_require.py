@@ -46,7 +46,7 @@ def test_which_parts_keep_a_car_within_5_m_for_30_s(cli: Cli, tmp_path: Path) ->
     [
         (("--error", "1", "--after", "60 s"), "unit.missing"),
         (("--error", "1 s", "--after", "60 s"), "unit.of_other_dimension"),
-        (("--error", "1 m", "--after", "9000 s"), "not a sensible value"),
+        (("--error", "1 m", "--after", "9000 s"), "require.not_sensible"),
         (("--error", "1 m", "--after", "60 s", "--profile", "city", "--begin", "450"), "require.motion_too_short"),
         (("--error", "1 m", "--after", "60 s", "--cost", "gyro bias=x"), "--cost"),
         (("--error", "1 m", "--after", "60 s", "--imu", "STIM3000"), "stim300"),

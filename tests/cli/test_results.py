@@ -69,7 +69,7 @@ def check_result(result: Result[Any], folder: Path, figure: str, column: str) ->
         if figure:
             assert isinstance(each.plot(figure), Figure)
         else:
-            with pytest.raises(ConfigError, match="no figure"):
+            with pytest.raises(ConfigError, match=r"report.no_figure"):
                 each.plot("nothing")
     return again
 

@@ -54,5 +54,5 @@ def test_windows_with_holes_do_not_count(drive):
     holed = ImuData(imu.time[keep], imu.gyro[keep], imu.accel[keep], "increment")
     (window,) = short_windows(holed, solution)
     assert window.start == pytest.approx(60.0, abs=1e-6)
-    with pytest.raises(InputError, match="no window"):
+    with pytest.raises(InputError, match=r"diagnosis.no_short_window"):
         short_windows(holed, reference(town(), np.arange(901) / 10.0))

@@ -45,6 +45,6 @@ def test_rows_that_are_no_numbers_are_left_out_and_told(tmp_path: Path):
 
 @pytest.mark.parametrize("header", ["time_s,speed", "lat_deg,height_m"])
 def test_what_is_missing_is_named(tmp_path: Path, header: str):
-    with pytest.raises(InputError, match="a time and a height") as refused:
+    with pytest.raises(InputError) as refused:
         read_heights(write(tmp_path / "h.csv", np.column_stack([T, H]), header))
     assert header.split(",")[0] in refused.value.details()[1][1]

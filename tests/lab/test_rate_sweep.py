@@ -177,7 +177,7 @@ N = RATES.size
         (lambda rate, out: (rate, out / DEG), "lab.output_unit", "gyro x"),
         (lambda rate, out: (rate, out * [1.0, 1.0, -1.0]), "lab.output_reversed", "gyro z"),
         (lambda rate, out: (np.abs(rate), out), "lab.one_sided_sweep", "x"),
-        (lambda rate, out: (rate, out * [1.0, 0.0, 1.0]), "lab.gyro_crossed", "y"),
+        (lambda rate, out: (rate, out * [1.0, 0.0, 1.0]), "lab.output_unit", "gyro y"),
         (lambda rate, out: (rate[2 * N - 3 :], out[2 * N - 3 :]), "lab.no_sweep", "x"),
     ],
 )
@@ -193,9 +193,9 @@ def test_bad_sweeps_are_refused(spoil: Callable, code: str, axis: str) -> None:
 @pytest.mark.parametrize(
     ("header", "expected"),
     [
-        ("rate_deg_s,gyro_x_deg_s,gyro_y_deg_s", "no column for gyro_z"),
+        ("rate_deg_s,gyro_x_deg_s,gyro_y_deg_s", "columns.missing"),
         ("rate_deg_s,gyro_x,gyro_y,gyro_z", "lab.no_unit"),
-        ("gyro_x_deg_s,gyro_y_deg_s,gyro_z_deg_s", "no column for rate"),
+        ("gyro_x_deg_s,gyro_y_deg_s,gyro_z_deg_s", "columns.missing"),
         ("rate_deg_s,gyro_x_v,gyro_y_deg_s,gyro_z_deg_s", "lab.mixed_units"),
     ],
 )

@@ -191,7 +191,7 @@ def test_both_triads_fit_into_one_file(tmp_path: Path) -> None:
     [
         ("output_v,rate_deg_s", (RATES, 0.2137 + 0.04877 * RATES), "lab.columns_exchanged"),
         ("rate_deg_s,output", (RATES, RATES), "lab.no_unit"),
-        ("rate_deg_s,output_m", (RATES, RATES), "no column for output"),
+        ("rate_deg_s,output_m", (RATES, RATES), "columns.missing"),
         ("rate_deg_s,output_deg_s", (RATES, np.radians(RATES)), "lab.output_unit"),
         ("rate_deg_s,output_deg_s", (RATES, -RATES), "lab.output_reversed"),
         ("rate_deg_s,output_v", (RATES[:4], RATES[:4]), "lab.few_rates"),
@@ -228,8 +228,9 @@ def test_bad_tumbles_are_refused(tmp_path: Path, header: str, columns: tuple, co
 def test_a_dwell_of_spikes_is_refused(tmp_path: Path) -> None:
     noisy = np.repeat(RATES, 100) + 0.5 * np.random.default_rng(9).normal(size=1100)
     path = table(tmp_path / "x.csv", "rate_deg_s,output_v", np.repeat(RATES, 100), noisy)
-    with refused(InputError, "lab.dwell_of_spikes"):
+    with refused(InputError, "lab.dwell_of_spikes") as caught:
         read_record(path, RATE_TABLE)
+    assert (caught.value.values["begin_row"], caught.value.values["end_row"]) == (1, 100)
 
 
 def test_temperature_drift_is_pointed_out(tmp_path: Path) -> None:

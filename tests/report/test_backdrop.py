@@ -47,11 +47,11 @@ def test_lines_are_read_and_written(tmp_path: Path):
 @pytest.mark.parametrize(
     ("value", "word"),
     [
-        ([1, 2], "not GeoJSON"),
-        ({"type": "Point", "coordinates": [1.0, 2.0]}, "no line"),
-        ({"type": "LineString", "coordinates": [[4.4e5, 5.4e6], [4.5e5, 5.4e6]]}, "degrees"),
-        ({"type": "LineString", "coordinates": [["a", "b"]]}, "not GeoJSON"),
-        ({"type": "LineString", "coordinates": [[1.0, 2.0]] * (MOST + 1)}, "points"),
+        ([1, 2], "report.not_geojson"),
+        ({"type": "Point", "coordinates": [1.0, 2.0]}, "report.empty_backdrop"),
+        ({"type": "LineString", "coordinates": [[4.4e5, 5.4e6], [4.5e5, 5.4e6]]}, "report.backdrop_unit"),
+        ({"type": "LineString", "coordinates": [["a", "b"]]}, "report.not_geojson"),
+        ({"type": "LineString", "coordinates": [[1.0, 2.0]] * (MOST + 1)}, "report.large_backdrop"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(tmp_path: Path, value: Any, word: str):

@@ -59,7 +59,7 @@ def test_runs_of_different_recordings_cannot_be_compared(driven, tmp_path):
         )
         for name, s in (("a", first), ("b", second))
     ]
-    with pytest.raises(InputError, match="no time in common"):
+    with pytest.raises(InputError, match=r"compare.no_common_time"):
         compare(*paths, ref=true)
 
 

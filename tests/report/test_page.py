@@ -83,6 +83,6 @@ def test_page_holds_the_tables_and_nothing_foreign(tmp_path: Path) -> None:
 
 
 def test_same_name_twice_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="same name"), RunFolder(tmp_path / "out", force=False) as folder:
+    with pytest.raises(ConfigError, match=r"report.same_name"), RunFolder(tmp_path / "out", force=False) as folder:
         write_page(folder, a_page(figures=2))
     assert not list(tmp_path.iterdir())

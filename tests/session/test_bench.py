@@ -105,10 +105,10 @@ def test_poses_from_arrays_in_units_and_in_counts() -> None:
 @pytest.mark.parametrize(
     ("call", "error", "word"),
     [
-        (lambda: calibrate("table", rate_table()), ConfigError, "methods are gyro, accel"),
-        (lambda: calibrate("gyro", rate_table(), spike_limit=-1.0), ConfigError, "no limit"),
-        (lambda: calibrate("gyro", rate_table(), gravity=981.0), ConfigError, "not gravity"),
-        (lambda: calibrate("gyro", [rate_table()] * 2), InputError, "no triad"),
+        (lambda: calibrate("table", rate_table()), ConfigError, "lab.no_method"),
+        (lambda: calibrate("gyro", rate_table(), spike_limit=-1.0), ConfigError, "lab.spike_limit"),
+        (lambda: calibrate("gyro", rate_table(), gravity=981.0), ConfigError, "lab.gravity"),
+        (lambda: calibrate("gyro", [rate_table()] * 2), InputError, "lab.not_three_sensors"),
         (lambda: calibrate("gyro", "none.csv"), InputError, "none.csv"),
         (lambda: acceptance(), ConfigError, "session.nothing_to_accept"),
         (lambda: bench_gravity(None, None), ConfigError, "session.no_gravity"),

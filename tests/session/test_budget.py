@@ -97,12 +97,12 @@ def test_a_bench_needs_no_fixes(at_rest: Path):
 @pytest.mark.parametrize(
     ("change", "error", "words"),
     [
-        ({"length": 5.0}, ConfigError, "make no budget"),
-        ({"length": 290.0}, InputError, "too short for windows"),
+        ({"length": 5.0}, ConfigError, "budget.window_length"),
+        ({"length": 290.0}, InputError, "outage.drive_too_short"),
         ({"windows": replace(WINDOWS, spacing=-3.0)}, ConfigError, "apart"),
         ({"windows": replace(WINDOWS, spacing=1e-9)}, ConfigError, "apart"),
-        ({"windows": replace(WINDOWS, first=-3.0)}, ConfigError, "first window"),
-        ({"windows": replace(WINDOWS, replicas=1)}, ConfigError, "make no band"),
+        ({"windows": replace(WINDOWS, first=-3.0)}, ConfigError, "budget.window_first"),
+        ({"windows": replace(WINDOWS, replicas=1)}, ConfigError, "few_replicas"),
         ({"ref_sd": 0.0}, ConfigError, "input.bad_ref_sd"),
         ({"lever_arm": (1.0, 2.0)}, ConfigError, "input.not_a_vector"),
     ],

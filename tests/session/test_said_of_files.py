@@ -60,7 +60,7 @@ def test_offsets_of_clocks_have_the_names_they_have_elsewhere(offset, sd, named,
 
 def test_times_in_utc_are_named_and_brought_to_the_whole_second(tmp_path):
     gps = changed(tmp_path, "gps", lambda table: table.assign(time_s=table["time_s"] + 18.0))
-    with pytest.raises(InputError, match="clocks of IMU and GPS differ") as caught:
+    with pytest.raises(InputError, match=r"clock.differ") as caught:
         insnav.load(SAMPLE / "imu.csv.gz", gps)
     assert caught.value.gives == {"time_offset": 18.0}
     assert "leap seconds" in caught.value.why

@@ -149,12 +149,7 @@ def budget(
     sources = (*known, *sources_of(spec, deflection))
     names = families(sources)
     if not names:
-        raise ConfigError(
-            "this IMU has no errors, so there is nothing to add up",
-            where="--imu",
-            why="every source of the budget is zero or not given",
-            fix="give an IMU file with sizes of errors, such as bias and random_walk",
-        )
+        raise ConfigError("budget.no_errors", where="--imu")
     rows, chosen = _rows(motion, times)
     analytic_sd = analytic(sources, motion, rows, hold=hold)
     parts = covariance(sources, motion, rows, hold=hold)
@@ -208,14 +203,10 @@ def check_times(times: Sequence[float], longest: float = LONGEST) -> None:
     Raises: ConfigError: there are none, or some are too short or too long.
     """
     if np.ndim(times) != 1:
-        raise ConfigError(f"times are a sequence, not {times!r}", where="times", fix="such as times=(10, 60)")
+        raise ConfigError("budget.times_sequence", where="times", value=str(times))
     wrong = [time for time in times if not SHORTEST <= time <= longest + 1e-6]
     if wrong or len(times) == 0:
-        raise ConfigError(
-            f"{', '.join(f'{time:g}' for time in wrong) or 'nothing'} is no time for this budget",
-            where="--times",
-            why=f"it reaches from {SHORTEST:g} s to {longest:g} s",
-        )
+        raise ConfigError("budget.bad_times", where="--times", times_s=tuple(wrong), low_s=SHORTEST, high_s=longest)
 
 
 def _rows(motion: SampledMotion, times: Sequence[float]) -> tuple[IntArray, IntArray]:

@@ -108,9 +108,7 @@ def recorded_budget(
     """
     settings = settings or WindowSettings()
     if settings.replicas < 0 or 0 < settings.replicas < FEWEST:
-        raise ConfigError(
-            f"{settings.replicas} simulated replicas make no band", fix=f"ask for {FEWEST} or more, or for 0"
-        )
+        raise ConfigError("budget.few_replicas", count=settings.replicas, limit=FEWEST)
     reference = reference or reference_from_fixes(ready)
     starts = free_window_starts(ready, settings.length, settings.first, settings.spacing)
     drive = navigated_drive(ready, starts, share_of(progress, 0.0, 0.15))

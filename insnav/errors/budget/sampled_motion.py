@@ -58,22 +58,14 @@ def sampled(truth: Truth, begin: float, duration: float, description: str = "", 
     Raises: ConfigError: the motion ends before, the stretch begins before it, or comes close to a pole.
     """
     if begin < 0.0 or begin + duration > truth.duration + 1e-6:
-        raise ConfigError(
-            f"the motion is not long enough for {duration:g} s from {begin:g} s on",
-            why=f"it lasts {truth.duration:.2f} s",
-            fix="choose shorter times, an earlier begin, or a longer motion",
-        )
+        raise ConfigError("budget.motion_too_short", after_s=duration, begin_s=begin, duration_s=truth.duration)
     n = round(duration * rate)
     time = truth.start + begin + np.arange(n + 1) / rate
     time[-1] = min(time[-1], truth.start + truth.duration)
     samples = imu_from_truth(truth, time, "mean")
     middle = truth.evaluate(time[:-1] + 0.5 * np.diff(time))
     if float(np.cos(middle.lla[:, 0]).min()) < POLAR_CAP:
-        raise ConfigError(
-            "a budget North and East has no meaning so close to a pole",
-            why="within 128 km of it North turns too fast for a linear model in these axes",
-            fix="choose a stretch of the motion that keeps away from the poles",
-        )
+        raise ConfigError("budget.near_pole")
     return SampledMotion(
         reference(truth, time),
         np.diff(time),
@@ -112,10 +104,13 @@ def _height_of(gravity: float, lat: float) -> float:
 
     if not excess(HIGHEST) < 0.0 < excess(-HIGHEST):
         raise ConfigError(
-            f"gravity is nowhere {gravity:g} m/s^2 at a latitude of {lat / DEG:g} deg",
+            "budget.impossible_gravity",
             where="--gravity",
-            why=f"within {HIGHEST / 1e3:g} km of the ellipsoid it is {gravity + excess(HIGHEST):.3f} to "
-            f"{gravity + excess(-HIGHEST):.3f} m/s^2",
+            gravity_m_s2=gravity,
+            lat_deg=lat / DEG,
+            height_km=HIGHEST / 1e3,
+            low_m_s2=gravity + excess(HIGHEST),
+            high_m_s2=gravity + excess(-HIGHEST),
         )
     return float(brentq(excess, -HIGHEST, HIGHEST, xtol=1e-3))
 

@@ -66,19 +66,11 @@ def end_of_run(found: EvaluatedRun) -> tuple[float, FloatArray, FloatArray]:
     """
     errors, fixes = found.errors, found.run.innovations
     if errors is None or not np.isfinite(errors.velocity[-1, :2]).all():
-        raise InputError(
-            "the end of this run has no known error",
-            why="it has no reference, or one without velocities",
-            fix="run it with --ref, or give --end N,E,VN,VE",
-        )
+        raise InputError("diagnosis.no_end_error")
     used = fixes.time[fixes.used_position]
     begin = float(used[-1]) if used.size else float(errors.time[0])
     first = int(np.searchsorted(errors.time, begin - 1e-6))
     time = float(errors.time[-1]) - begin
     if time < SHORTEST:
-        raise InputError(
-            "this run ends with fixes",
-            why=f"the last one is {max(time, 0.0):.3g} s before the end; what a tilt or bias does shows without them",
-            fix="navigate the last minute without fixes: insnav run … with fixes up to there",
-        )
+        raise InputError("diagnosis.ends_with_fixes", before_s=max(time, 0.0))
     return time, errors.position[-1, :2] - errors.position[first, :2], errors.velocity[-1, :2]

@@ -168,9 +168,7 @@ def replicas(
     n = len(runs.number)
     if n < FEWEST:
         raise InputError(
-            "too few simulated replicas make no band",
-            why=f"{n} of {count} could be navigated" + (f"; {failures[0]}" if failures else ""),
-            fix=f"ask for {FEWEST} or more",
+            "diagnosis.few_replicas", count=n, total=count, failure=failures[0] if failures else "", limit=FEWEST
         )
     rms = runs.figures.reshape(n, len(windows), len(task.times), -1)
     far = track_residual(task.truth, drive.run.smoothed.solution)

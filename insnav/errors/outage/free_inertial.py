@@ -91,15 +91,11 @@ def free_window_starts(
     the drive is too short.
     """
     if not SHORTEST <= length <= LONGEST:
-        raise ConfigError(
-            f"windows of {length:g} s make no budget",
-            why="below 10 s the uncertainty of the reference dominates; beyond 300 s errors no longer grow alike",
-            fix=f"give a length of {SHORTEST:g} to {LONGEST:g} s",
-        )
+        raise ConfigError("budget.window_length", length_s=length, low_s=SHORTEST, high_s=LONGEST)
     if spacing is not None and not LEAST <= spacing < np.inf:
-        raise ConfigError(f"windows cannot be {spacing:g} s apart", fix=f"give a spacing of {LEAST:g} s or more")
+        raise ConfigError("budget.window_spacing", spacing_s=spacing, limit_s=LEAST)
     if first is not None and not 0.0 <= first < np.inf:
-        raise ConfigError(f"the first window cannot begin {first:g} s after the start", fix="give zero or more")
+        raise ConfigError("budget.window_first", first_s=first)
     stamps = ready.gps.time[valid(ready.gps)]
     fixes = stamps - ready.settings.delay
     begin, end = ready.initial.time, float(min(ready.imu.time[-1], fixes[-1]))
@@ -156,12 +152,8 @@ def free_windows(
         if progress is not None:
             progress((number + 1) / len(drive.states))
     if not found:
-        why = ", ".join(f"{count}: {reason}" for reason, count in dropped.items())
-        raise InputError(
-            f"no window of {length:g} s is left",
-            why=f"of {len(drive.states)}, {why or 'none begins at a fix'}",
-            fix="give a shorter window, a longer drive or a reference without gaps",
-        )
+        reasons = tuple(f"{count}: {reason}" for reason, count in dropped.items())
+        raise InputError("budget.no_window", length_s=length, count=len(drive.states), reasons=reasons)
     columns = {name: np.stack([each[name] for each in found]) for name in found[0]}
     return Windows(length=length, spacing=spacing, grid=grid, dropped=dropped, uncalibrated=uncalibrated, **columns)
 

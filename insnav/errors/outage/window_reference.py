@@ -48,7 +48,7 @@ def reference_from_trajectory(
     Raises: InputError: fewer than two rows.
     """
     if len(reference.time) < 2:
-        raise InputError("the reference is too short", why=f"it has {len(reference.time)} rows", fix="two are needed")
+        raise InputError("budget.short_reference", count=len(reference.time))
     shape = reference.lla.shape
     own = np.full((shape[0], 9), np.nan) if reference.sd is None else reference.sd
     sd = np.where(np.isfinite(own[:, :6]), own[:, :6], np.repeat([position_sd, velocity_sd], 3))

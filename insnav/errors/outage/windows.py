@@ -79,11 +79,7 @@ def window_starts(
         first = min(SETTLED, 0.25 * drive if shared else max(0.0, 0.5 * (drive - length)))
     room = drive - first - length
     if room < -_SAME:
-        raise InputError(
-            f"the drive is too short for windows of {length:g} s",
-            why=f"{drive:.0f} s are navigated, the first {first:.0f} s of them for the filter to settle",
-            fix="give shorter windows, or begin the first one earlier",
-        )
+        raise InputError("outage.drive_too_short", length_s=length, drive_s=drive, first_s=first)
     if spacing is None:
         spacing = max(CLOSEST, (drive - first if shared else room) / COUNT)
     wanted = begin + first + np.arange(int((room + _SAME) / spacing) + 1) * spacing

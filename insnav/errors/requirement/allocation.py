@@ -131,9 +131,7 @@ def allocate(
     weights = {**dict.fromkeys(FAMILIES, 1.0), **(cost or {})}
     unknown = [name for name in weights if name not in FAMILIES or not weights[name] > 0.0]
     if unknown:
-        raise ConfigError(
-            f"{unknown[0]!r} is no family with a weight", where="--cost", fix=f"known: {', '.join(FAMILIES)}"
-        )
+        raise ConfigError("require.unknown_family", where="--cost", value=unknown[0], known=tuple(FAMILIES))
     after = required.after
     units = family_covariances(spec_of(dict.fromkeys(FAMILIES, 1.0)), motion, after, hold=hold)
     own = {} if given is None else family_covariances(given, motion, after, hold=hold)

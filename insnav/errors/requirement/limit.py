@@ -39,7 +39,7 @@ class Requirement:
         )
         for good, given, where, fix in checks:
             if not good:
-                raise ConfigError(f"{given} is not a sensible value", where=where, fix=fix)
+                raise ConfigError("require.not_sensible", where=where, given=given, allowed=fix)
 
     @property
     def axes(self) -> tuple[int, ...]:

@@ -104,7 +104,11 @@ def _match_word(word: str, unit_text: str, schema: Sequence[Quantity]) -> tuple[
                 return quantity, unit, rank
             refused = refused or quantity
     if refused is not None:
-        values = {"quantity": refused.key, "dimension": refused.dimension, "units": tuple(units_of(refused.dimension))}
+        values: dict[str, Any] = {
+            "quantity": refused.key,
+            "dimension": refused.dimension,
+            "units": tuple(units_of(refused.dimension)),
+        }
         raise InputError("columns.unknown_unit", text=unit_text, **values)
     for cut in range(len(word) - 1, 0, -1):
         for quantity in schema:
@@ -158,7 +162,7 @@ def understand(
         best = candidates[0]
         if len(candidates) > 1 and candidates[1][0] == best[0]:
             both = tuple(c.header for rank, c in candidates if rank == best[0])
-            given_as = {"option": "--columns", "columns": quote_columns({key: best[1].header})}
+            given_as: dict[str, Any] = {"option": "--columns", "columns": quote_columns({key: best[1].header})}
             raise InputError("columns.ambiguous", where=where, quantity=key, headers=both, **given_as)
         found[key] = best[1]
         for _, other in candidates[1:]:
@@ -205,14 +209,19 @@ def _given(
         match = match_header(name, schema)
         if match is None:
             keys = [q.key for q in schema]
-            known = {"close": close} if (close := _closest(name, keys)) else {"known": tuple(keys)}
+            known: dict[str, Any] = {"close": close} if (close := _closest(name, keys)) else {"known": tuple(keys)}
             raise ConfigError("columns.unknown_quantity", where="columns", quantity=name, **known)
         quantity, unit, _ = match
         if not header:
             silent.add(quantity.key)
             continue
         if header not in headers:
-            values = {"column": header, "file": where, "close": _closest(header, headers), **_listed(headers)}
+            values: dict[str, Any] = {
+                "column": header,
+                "file": where,
+                "close": _closest(header, headers),
+                **_listed(headers),
+            }
             raise ConfigError("columns.no_such_column", where=f"columns, {name}", **values)
         index = list(headers).index(header)
         own = _unit_in(header, units_row[index] if units_row else "", quantity.dimension)
@@ -254,7 +263,12 @@ def require(
     guess = quote_columns(gives["columns"]) if gives else ""
     if is_headerless(headers):
         numbers = "" if hint or guess else quote_columns({key: str(i + 1) for i, key in enumerate(keys)})
-        values = {"hint": hint, "guess": "" if hint else guess, "numbers": numbers, "option": "--columns"}
+        values: dict[str, Any] = {
+            "hint": hint,
+            "guess": "" if hint else guess,
+            "numbers": numbers,
+            "option": "--columns",
+        }
         raise InputError("columns.no_header", where=where, gives=gives, count=len(headers), **values)
     used = {f.index for f in found.values()}
     free = [h for i, h in enumerate(headers) if h and i not in used]
@@ -268,7 +282,9 @@ def require(
             free.remove(header)
             meant[quantity.key] = header
     by_name = len(meant) == len(missing) if guess else bool(meant) and not hint  # names are the better evidence
-    advice = {"meant": quote_columns(meant)} if by_name else {"hint": hint} if hint else {"guess": guess}
+    advice: dict[str, Any] = (
+        {"meant": quote_columns(meant)} if by_name else {"hint": hint} if hint else {"guess": guess}
+    )
     advice |= {"option": "--columns", "example": "" if any(advice.values()) else missing[0].key}
     raise InputError("columns.missing", where=where, gives=gives, **listed, **advice)
 

@@ -27,7 +27,7 @@ def check_overlap(imu: ImuData, gps: GpsData) -> None:
         return
     start, end = _spans(imu, gps)[1]
     offset, reason = likely_offset((first, last), (start, end))
-    spans = {"imu_begin_s": first, "imu_end_s": last, "gps_begin_s": start, "gps_end_s": end}
+    spans: dict[str, Any] = {"imu_begin_s": first, "imu_end_s": last, "gps_begin_s": start, "gps_end_s": end}
     if offset is not None:
         raise InputError("columns.clock_offset", gives={"time_offset": offset}, offset_s=offset, **spans, **reason)
     if reason:

@@ -280,7 +280,7 @@ def find_time_unit(time: FloatArray, stated: str | None, *, slowest: float, wher
     guess = "s" if step < slowest or few else (fitting[0] if fitting else None)
     if stated is not None:
         if step * ALL_UNITS[stated][1] >= slowest and not few:
-            values = {"stated": stated, "step": step, "unit": guess or "", "example": guess or "ms"}
+            values: dict[str, Any] = {"stated": stated, "step": step, "unit": guess or "", "example": guess or "ms"}
             raise InputError("columns.time_unit", where=where, **values)
         return stated, stated_unit("time", stated)
     if guess is None:

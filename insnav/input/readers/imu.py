@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -247,7 +248,7 @@ def _choose(
     has_increments = all(key in found for key in _ANGLES + _VELOCITIES)
     increments = has_increments and (sampling == "increment" or not has_rates or bool(dims & {"angle", "velocity"}))
     names = ("dtheta_x", "dvel_x") if increments else ("gyro_x", "accel_x")
-    held = {"file": table.name, "headers": tuple(found[key].header for key in names if key in found)}
+    held: dict[str, Any] = {"file": table.name, "headers": tuple(found[key].header for key in names if key in found)}
     if not increments and sampling == "increment" and has_rates:
         raise ConfigError("input.rates_as_increments", where="imu-sampling", **held)
     if increments and sampling in ("mean", "instant"):
@@ -296,7 +297,12 @@ def _damaged(
     if len(bad) and bad.all():
         for key in keys:
             if not np.isfinite(columns[key]).any():
-                values = {"column": found[key].header, "count": len(bad), "option": "--columns", "quantity": key}
+                values: dict[str, Any] = {
+                    "column": found[key].header,
+                    "count": len(bad),
+                    "option": "--columns",
+                    "quantity": key,
+                }
                 raise InputError("input.empty_column", where=name, **values)
     return bad
 

@@ -341,7 +341,7 @@ def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tu
     if not fit.as_named:
         directions = [("vn", "ve")[i] for i in fit.order] if "vn" in found else []
         right = {key: found[other].header for key, other in zip(("vn", "ve"), directions, strict=False)}
-        named = {"option": "--columns", "columns": quote_columns(right) if right else ""}
+        named: dict[str, Any] = {"option": "--columns", "columns": quote_columns(right) if right else ""}
         if -1.0 not in fit.signs:
             raise InputError("input.velocities_exchanged", where=name, gives={"columns": right}, **named)
         if fit.order == (0, 1):
@@ -355,12 +355,17 @@ def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tu
         return 1.0, []
     if any(column.unit for column in columns):
         stated = next(column for column in columns if column.unit)
-        values = {"stated": stated.unit, "ratio": fit.ratio, "unit": fit.unit, "example": stated.quantity.key}
+        values: dict[str, Any] = {
+            "stated": stated.unit,
+            "ratio": fit.ratio,
+            "unit": fit.unit,
+            "example": stated.quantity.key,
+        }
         raise InputError("input.velocity_unit", where=name, **values)
     return ALL_UNITS[fit.unit][1], [Finding.of(Code.READ_VELOCITY_UNIT, ratio=fit.ratio, unit=fit.unit)]
 
 
-def _mirrored(fit: Fit, found: Mapping[str, Found]) -> dict[str, tuple[str, ...]]:
+def _mirrored(fit: Fit, found: Mapping[str, Found]) -> dict[str, Any]:
     """Which columns are to change their sign: velocities, or the positions they are compared with."""
     wrong = [pair for pair, sign in zip((("vn", "lat"), ("ve", "lon")), fit.signs, strict=True) if sign < 0.0]
     headers = [tuple(found[key].header if key in found else key for key in keys) for keys in zip(*wrong, strict=True)]

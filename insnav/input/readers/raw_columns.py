@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, Finding
@@ -46,7 +47,7 @@ def from_outputs(
     notes, units = [], {}
     for triad, scale in scales.items():
         if triad in given:
-            values = {"triad": triad, "unit": scale.unit, "given": given[triad]}
+            values: dict[str, Any] = {"triad": triad, "unit": scale.unit, "given": given[triad]}
             raise ConfigError("input.unit_of_raw", where="imu-units", **values)
         if increments:
             raise InputError("input.increments_of_raw", where=where, triad=triad, unit=scale.unit)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -145,8 +145,10 @@ def _refuse_marks(columns: Mapping[str, FloatArray], found: Mapping[str, Found],
             others = float(np.fmax.reduce(np.abs(values[values != mark]), initial=0.0))
             alone = key != "time" and abs(mark) > _LEAST_ALONE
             if len(rows) > (0 if alone else 1) and 0.0 < others < _FAR * abs(mark):
-                values = {"mark": mark, "column": found[key].header, "count": len(rows), "largest": others}
-                raise InputError("input.placeholder", where=table.place(int(rows[0]), found[key].index), **values)
+                where, column = table.place(int(rows[0]), found[key].index), found[key].header
+                raise InputError(
+                    "input.placeholder", where=where, mark=mark, column=column, count=len(rows), largest=others
+                )
 
 
 # -999, 9999, ..., and -99: 99 may be a standard deviation
@@ -165,5 +167,5 @@ def _refuse_texts(forms: Mapping[str, TextValues], found: Mapping[str, Found], t
     """Refuse texts where they cannot stand: a date in a column of rates."""
     for key, (_, form, *_) in forms.items():
         if form not in _FORMS.get(key, ()):
-            values = {"column": found[key].header, "form": form, "quantity": key, "option": "--columns"}
+            values: dict[str, Any] = {"column": found[key].header, "form": form, "quantity": key, "option": "--columns"}
             raise InputError("input.text_column", where=table.place(0, found[key].index), **values)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -96,7 +96,7 @@ def _check_clock(found: Mapping[str, Found], sample_rate: float | None, table: T
     if sample_rate is None:
         require(found, ("time",), table.headers, SPECIFIC_FORCE_SCHEMA, where=table.name, hint="without_times")
     elif "time" in found:
-        values = {"column": found["time"].header, "file": table.name}
+        values: dict[str, Any] = {"column": found["time"].header, "file": table.name}
         raise ConfigError("input.rate_beside_times", where="--sample-rate", **values)
 
 
@@ -129,7 +129,9 @@ def _unit(cleaned: Cleaned, found: list[Found], name: str) -> tuple[str, Finding
     stated = {each.unit for each in found} - {None}
     if len(stated) > 1:
         raise InputError("input.mixed_units", where=name, columns=tuple(each.describe() for each in found))
-    held = {key: float(np.median(cleaned.columns[key])) for key in ("f_up", "f_down") if key in cleaned.columns}
+    held: dict[str, Any] = {
+        key: float(np.median(cleaned.columns[key])) for key in ("f_up", "f_down") if key in cleaned.columns
+    }
     vertical = held["f_up"] if "f_up" in held else -held["f_down"] if held else None  # upwards
     if stated:
         unit = str(next(iter(stated)))
@@ -154,5 +156,8 @@ def _refuse_impossible(time: FloatArray, f_n: FloatArray, name: str) -> None:
     wild = np.abs(f_n) > _SENSIBLE
     if wild.any():
         row = int(np.flatnonzero(wild.any(axis=1))[0])
-        values = {"force_m_s2": float(f_n[row][wild[row]][0]), "count": int(np.count_nonzero(wild.any(axis=1)))}
+        values: dict[str, Any] = {
+            "force_m_s2": float(f_n[row][wild[row]][0]),
+            "count": int(np.count_nonzero(wild.any(axis=1))),
+        }
         raise InputError("input.impossible_force", where=f"{name}: at {time[row]:.6f} s", **values)

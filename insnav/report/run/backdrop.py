@@ -28,15 +28,14 @@ def read_backdrop(file: Path) -> FloatArray:
         lines = list(_lines(json.loads(file.read_text(encoding="utf-8"))))
         points = [np.array([each[:2] for each in line], dtype=np.float64).reshape(-1, 2)[:, ::-1] for line in lines]
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InputError("the backdrop is not GeoJSON", where=str(file), why=str(error)) from error
+        raise InputError("report.not_geojson", where=str(file), reason=str(error)) from error
     if not points:
-        raise InputError("the backdrop has no line or area", where=str(file), fix="points alone are not drawn")
+        raise InputError("report.empty_backdrop", where=str(file))
     found = np.concatenate([np.vstack((each, np.full((1, 2), np.nan))) for each in points])
     if len(found) > MOST:
-        fix = f"cut it to {MOST} about the drive"
-        raise InputError(f"the backdrop has {len(found)} points", where=str(file), fix=fix)
+        raise InputError("report.large_backdrop", where=str(file), count=len(found), limit=MOST)
     if np.nanmax(np.abs(found[:, 0])) > 90.0 or np.nanmax(np.abs(found[:, 1])) > 180.0:
-        raise InputError("the backdrop is not in degrees of longitude and latitude", where=str(file), fix="use WGS-84")
+        raise InputError("report.backdrop_unit", where=str(file))
     return found * DEG
 
 

@@ -168,9 +168,7 @@ def read_found(folder: Path, findings: Sequence[Finding]) -> EvaluatedRun:
         fixes, aiding = facts["fixes"], facts["aiding"]
         alignment = _alignment(facts["alignment"])
     except (KeyError, TypeError) as error:
-        raise InputError(
-            "run.json is not that of a run of this version", where=str(folder), why=f"no {error}", fix="make it again"
-        ) from error
+        raise InputError("report.other_version", where=str(folder), key=str(error)) from error
     none = np.empty(0)
     epochs = Epochs(none, np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 4)), np.empty((0, 9, 9)))
     sensor_errors = solution_tables.read_run_table(folder, SensorErrors)

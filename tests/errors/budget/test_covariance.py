@@ -251,9 +251,9 @@ def test_a_held_vertical_has_no_error_and_hardly_changes_the_others():
 
 def test_a_motion_that_is_too_short_is_refused():
     truth = straight(PLACE, 10.0, 0.3, 30.0)
-    with pytest.raises(ConfigError, match="not long enough"):
+    with pytest.raises(ConfigError, match=r"budget.motion_too_short"):
         sampled(truth, 10.0, 21.0)
-    with pytest.raises(ConfigError, match="not long enough"):
+    with pytest.raises(ConfigError, match=r"budget.motion_too_short"):
         sampled(truth, -1.0, 10.0)
 
 

@@ -151,5 +151,5 @@ def test_verdicts_by_interval_and_by_one_sensor():
 
 @pytest.mark.parametrize("count", [-1, 1, 2])
 def test_too_few_replicas_are_refused(count: int):
-    with pytest.raises(ConfigError, match="make no band"):
+    with pytest.raises(ConfigError, match=r"few_replicas"):
         recorded_budget(drives.injected(), drives.SPEC, None, WindowSettings(replicas=count))

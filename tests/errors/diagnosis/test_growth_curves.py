@@ -128,12 +128,12 @@ def test_the_end_of_a_run_is_what_grew_since_its_last_fix():
     east = explain_end(length, end, speed, 0.1, 0.005)[1]
     assert east.terms == ("t²",)
     assert east.alone[1] / G0 == pytest.approx(-tilt, rel=1e-9)
-    with pytest.raises(InputError, match="ends with fixes"):
+    with pytest.raises(InputError, match=r"diagnosis.ends_with_fixes"):
         end_of_run(
             SimpleNamespace(
                 errors=errors,
                 run=SimpleNamespace(innovations=SimpleNamespace(time=time, used_position=np.ones(91, dtype=bool))),
             )
         )
-    with pytest.raises(InputError, match="no known error"):
+    with pytest.raises(InputError, match=r"diagnosis.no_end_error"):
         end_of_run(SimpleNamespace(errors=None, run=run.run))

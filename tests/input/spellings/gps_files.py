@@ -303,7 +303,7 @@ REFUSED: dict[str, tuple[Callable[[Path], object], str, dict[str, object] | None
         "vu=vd",
         {"gps_columns": {"vu": "vd"}},
     ),
-    "velocity south": (_with("t,lat,lon,h,vn,ve,vd", vn=_column(0, -1.0)), "sign of north", None),
+    "velocity south": (_with("t,lat,lon,h,vn,ve,vd", vn=_column(0, -1.0)), "input.velocities_mirrored", None),
     "km/h named m/s": (_scaled("t,lat,lon,h,vn_m_s,ve_m_s,vd_m_s", 3.6), "km/h", None),
     "latitude and longitude exchanged": (
         _with("t,lat,lon,h,vn,ve,vd", lat=_angle(1), lon=_angle(0)),
@@ -324,7 +324,7 @@ REFUSED: dict[str, tuple[Callable[[Path], object], str, dict[str, object] | None
     ),
     "all deviations zero": (
         _with("t,lat,lon,h,vn,ve,vd,sd_n,sd_e,sd_d", sd_n=_same("0"), sd_e=_same("0"), sd_d=_same("0")),
-        "above zero",
+        "input.zero_sd",
         None,
     ),
     "local plane": (_csv("time,x,y,z"), "lat", None),

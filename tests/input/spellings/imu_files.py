@@ -355,15 +355,15 @@ TURNED: dict[str, np.ndarray] = {
 }
 # name -> writer, what the refusal must say, and what is to be given then for it to be understood (None: another file)
 REFUSED: dict[str, tuple[Callable[[Path], object], str, dict[str, object] | None]] = {
-    "without gravity": (_without_gravity, "without gravity", None),
-    "counts": (_units(1e-4, 5e-4, SHORT), "calibrated first", None),
+    "without gravity": (_without_gravity, "columns.gravity_removed", None),
+    "counts": (_units(1e-4, 5e-4, SHORT), "columns.no_gravity", None),
     "not in m/s^2": (_units(1.0, G0, IMU_HEADERS), "accel=g", {"units": "accel=g"}),
     "not in rad/s": (_units(DEG, 1.0, IMU_HEADERS), "gyro=deg/s", {"units": "gyro=deg/s"}),
     "left-handed": (_csv(matrix=np.diag([1.0, -1.0, 1.0])), "left-handed", None),
     "gyros inverted": (_csv(gyro=-1.0), "mounting.gyros_wrong_way", None),
     "accelerometers inverted": (_csv(accel=-1.0), "mounting.accelerometers_inverted", None),
     "increments named rates": (_increments(SHORT), "increment", {"sampling": "increment"}),
-    "two times a gyro": (_csv("time,gx,gx,gz,ax,ay,az"), "appears 2 times", None),
+    "two times a gyro": (_csv("time,gx,gx,gz,ax,ay,az"), "columns.header_twice", None),
     "unknown names": (
         _csv("time,alpha,beta,gamma,ax,ay,az"),
         "--columns gyro_x=",
@@ -371,7 +371,7 @@ REFUSED: dict[str, tuple[Callable[[Path], object], str, dict[str, object] | None
     ),
     "misspelled": (
         _csv("time,gyor_x,gyro_y,gyro_z,ax,ay,az"),
-        "did you mean 'gyor_x'",
+        "columns.missing",
         {"columns": {"gyro_x": "gyor_x"}},
     ),
     "ambiguous date": (

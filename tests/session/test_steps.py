@@ -1,0 +1,57 @@
+"""A drive goes through named steps, each in its own file."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import insnav
+from insnav import steps
+from insnav.steps import LOAD, STEPS
+
+FOLDER = Path(steps.__file__).parent
+SUPPORT = {"__init__", "axes_by_fixes", "checked_inputs", "given", "inputs", "set_up"}  # files that are no steps
+
+
+@pytest.fixture(scope="module")
+def drive() -> insnav.Drive:
+    return insnav.simulate("city", imu="automotive", seed=4)
+
+
+def test_each_step_is_a_function_in_a_short_file_of_its_name() -> None:
+    assert {path.stem for path in FOLDER.glob("*.py")} == {*STEPS, *SUPPORT}
+    for name in STEPS:
+        source = (FOLDER / f"{name}.py").read_text(encoding="utf-8")
+        functions = {node.name: node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef)}
+        assert [each.arg for each in functions[name].args.args] == ["recording", "model"]
+        assert source.count("\n") <= 250
+
+
+def test_no_step_imports_another_and_one_file_names_them() -> None:
+    for path in FOLDER.glob("*.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        imported = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+        assert not imported & {f"insnav.steps.{name}" for name in STEPS}, path
+        named = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant)} & {*STEPS}
+        assert len(named) <= 1 or path.stem == "__init__", path
+
+
+def test_a_result_holds_its_steps_in_order(drive: insnav.Drive) -> None:
+    assert tuple(step.name for step in drive.steps) == LOAD
+    found = drive.navigate()
+    assert tuple(step.name for step in found.steps) == STEPS
+    assert all(step.time_s >= 0.0 for step in found.steps)
+    assert {finding for step in found.steps for finding in step.findings} <= {*found.findings, drive.imu_chosen}
+
+
+def test_a_step_leaves_what_it_was_given_as_it_was(drive: insnav.Drive) -> None:
+    before = drive.imu.data.time.copy()
+    aligned = drive.until("align")
+    assert drive.model.ready is None
+    assert aligned.model.ready is not None
+    np.testing.assert_array_equal(drive.imu.data.time, before)
+    again, once = aligned.until("noise").model.filter_imu, drive.until("noise").model.filter_imu
+    np.testing.assert_array_equal(again.gyro.bias, once.gyro.bias)
