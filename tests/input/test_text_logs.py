@@ -91,7 +91,7 @@ def test_kf_gins_increments_and_reference(save):
 )
 def test_numbers_that_could_be_anything_are_refused(save, change):
     rows = change(np.array([list(map(float, line.split())) for line in kf_gins("imu").splitlines()]))
-    with pytest.raises(InputError, match="no header"):
+    with refused(InputError, "columns.no_header"):
         read_imu(save("\n".join(" ".join(map(repr, row)) for row in rows.tolist())))
 
 
