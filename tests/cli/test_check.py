@@ -84,7 +84,7 @@ def test_a_folder_of_any_names_is_read_by_what_its_files_hold(tmp_path):
     assert any("ref_moved" in each.subject for each in left)
     gps.unlink()
     (drive,), _ = find_drives(tmp_path, tmp_path / "fleet", 1)
-    with pytest.raises(InputError, match="no fixes were found for the samples") as error:
+    with pytest.raises(InputError, match=r"tune.no_fixes") as error:
         tune(drive.files())
     assert "--gps" not in str(error.value)
 

@@ -86,7 +86,7 @@ def test_json_holds_the_same_figures(two_runs: Path, cli: Cli):
 @pytest.mark.parametrize(
     ("arguments", "code", "word"),
     [
-        (("none", "--ref", "ref.csv"), 3, "session.no_solution"),
+        (("none", "--ref", "ref.csv"), 3, "output.no_table"),
         (("right", "--ref", "none.csv"), 3, "format.no_file"),
         (("right",), 2, "--ref"),
         (("--ref", "ref.csv"), 2, "RUN"),

@@ -263,7 +263,7 @@ def test_a_delay_that_is_given_is_not_looked_for():
     assert insnav.load(known.imu.data, gps).until("align").ready.clock == pytest.approx(0.5, abs=0.03)
     late = replace(gps, time=gps.time + 1.6)
     insnav.load(known.imu.data, late, gps_delay=2.1)
-    with pytest.raises(InputError, match="the clocks of IMU and GPS differ"):
+    with pytest.raises(InputError, match=r"clock.differ"):
         insnav.load(known.imu.data, gps, gps_delay=2.9)
 
 

@@ -105,7 +105,7 @@ def test_formats_with_dates_ask_for_the_week(run):
             assert export(folder, kind, week=WEEK)
         else:
             assert export(folder, kind)
-    with pytest.raises(ConfigError, match="known are gpx"):
+    with pytest.raises(ConfigError, match=r"session.unknown_format"):
         export(folder, "shp")
 
 

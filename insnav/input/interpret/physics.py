@@ -63,6 +63,7 @@ def quiet_part(gyro: FloatArray, accel: FloatArray, *, interval: float, scale: f
     width = min(max(3, round(1.0 / interval)), len(accel))
     n = len(accel) // width
     step = -(-n // _MAX_BLOCKS)
+    turns = np.einsum("ijk->ik", spill.every(gyro[: n * width].reshape(n, width, 3), step)) / width
     blocks = spill.every(accel[: n * width].reshape(n, width, 3), step)
     mean = np.einsum("ijk->ik", blocks) / width  # `mean` over a middle axis takes five times as long
     away = blocks - mean[:, None]
@@ -70,7 +71,6 @@ def quiet_part(gyro: FloatArray, accel: FloatArray, *, interval: float, scale: f
     sample = np.abs(spill.every(gyro, -(-len(gyro) // _MAX_SAMPLES)))
     still = shake <= np.median(shake)
     along = mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-300)
-    turns = np.einsum("ijk->ik", spill.every(gyro[: n * width].reshape(n, width, 3), step)) / width
     level = np.linalg.norm(np.cross(turns, along), axis=1)[still] * scale
     turned = np.linalg.norm(np.diff(along, axis=0), axis=1) / (step * width * interval)
     both = still[1:] & still[:-1]

@@ -112,7 +112,7 @@ def _refused(load, hint):
     with pytest.raises(InsnavError) as caught:
         load()
     error = caught.value
-    assert hint in str(error)
+    assert hint in f"{error.what} {error.why} {error.fix} {error.code}"
     assert error.fix
 
 
