@@ -61,11 +61,11 @@ SPOILED = {
     "GPS header only": (lambda: _lines("gps.csv", lambda lines: lines[:1]), ("gps.csv", "why:")),
     "IMU column missing": (
         lambda: _lines("imu.csv", lambda lines: [lines[0].replace("gyro_z_rad_s", "zz"), *lines[1:]]),
-        ("columns.missing", "zz"),
+        ("columns.missing", "zz", "gyro_z=zz"),
     ),
     "GPS column missing": (
         lambda: _lines("gps.csv", lambda lines: [lines[0].replace("lat_deg", "foo"), *lines[1:]]),
-        ("columns.missing", "foo"),
+        ("columns.missing", "foo", "lat=foo"),
     ),
     "binary": (
         lambda: Path("imu.csv").write_bytes(b"\x7fELF\x02\x01\x01" + bytes(range(256)) * 20),
@@ -74,12 +74,15 @@ SPOILED = {
     "text in a number": (lambda: _cell("imu.csv", 500, 2, "abc"), ("imu.csv:501:gyro_y_rad_s", "abc")),
     "files of different days": (
         lambda: _shift("gps.csv", 86400.0 * 3),
-        ("clock.", "100000.010", "359201.000"),
+        ("clock.no_common_time", "100000.010", "359201.000", "fix:"),
     ),
     "IMU time backwards": (lambda: _lines("imu.csv", _swap_back), ("imu.csv", "fix:")),
     "GPS time backwards": (lambda: _lines("gps.csv", _swap_back), ("gps.csv", "fix:")),
-    "GPS sd negative": (lambda: _cell("gps.csv", 20, 9, "-1"), ("gps.csv:21:sd_d_m",)),
-    "latitude of no place": (lambda: _cell("gps.csv", 5, 1, "148"), ("gps.csv:6:lat_deg",)),
+    "GPS sd negative": (lambda: _cell("gps.csv", 20, 9, "-1"), ("input.bad_sd", "gps.csv:21:sd_d_m", "-1")),
+    "latitude of no place": (
+        lambda: _cell("gps.csv", 5, 1, "148"),
+        ("input.impossible_angle", "gps.csv:6:lat_deg", "148"),
+    ),
 }
 
 
@@ -126,7 +129,7 @@ WRONG_OPTIONS = {
     "two numbers for an arm": (("--lever-arm", "1,2"), "--lever-arm", "cli.not_numbers"),
     "an arm of words": (("--lever-arm", "a,b,c"), "--lever-arm", "cli.not_numbers"),
     "an arm of no number": (("--lever-arm", "nan,0,0"), "--lever-arm", "cli.not_numbers"),
-    "an arm in millimetres": (("--lever-arm", "800,0,-1200"), "lever", "input.long_lever_arm"),
+    "an arm in millimetres": (("--lever-arm", "800,0,-1200"), "--lever-arm", "input.long_lever_arm"),
     "an interval backwards": (("--static", "30:10"), "--static", "cli.span_backward"),
     "no rate": (("--rate", "often"), "--rate", "cli.not_a_rate"),
     "17 states": (("--states", "17"), "--states", "align.bad_states"),
@@ -136,7 +139,7 @@ WRONG_OPTIONS = {
     "no unit": (("--imu-units", "foo"), "--imu-units", "gyro=deg/s,accel=g"),
     "no axes": (("--imu-axes", "FFF"), "axes", "FFF"),
     "a heading that is no number": (("--heading", "nan"), "--heading", "nan"),
-    "a heading beyond a turn": (("--heading", "400"), "heading", "input.out_of_range"),
+    "a heading beyond a turn": (("--heading", "400"), "--heading", "input.out_of_range"),
     "a delay of a day": (("--gps-delay", "86400"), "--gps-delay", "86400"),
     "a limit without reference": (("--fail-above", "2"), "--fail-above", "cli.limit_without_reference"),
     "a limit below zero": (("--fail-above", "-2", "--ref", "ref.csv"), "--fail-above", "cli.not_a_limit"),
@@ -170,7 +173,8 @@ def test_an_imu_file_that_is_no_toml_is_named(drive: Path, cli: Cli):
 @pytest.mark.parametrize("text", ["", "{", "[]", "null", '{"time_s": "soon"}', '{"time_s": 1e400}'])
 def test_an_initial_state_must_be_complete(drive: Path, cli: Cli, text: str):
     Path("start.json").write_text(text)
-    refused(cli("run", "imu.csv", "--gps", "gps.csv", "--initial", "start.json"), 3, "input.", "start.json")
+    code = "input.unreadable_start" if text in ("", "{") else "input.incomplete_start"
+    refused(cli("run", "imu.csv", "--gps", "gps.csv", "--initial", "start.json"), 3, code, "start.json")
 
 
 def test_an_initial_state_needs_positive_standard_deviations(drive: Path, cli: Cli):

@@ -46,9 +46,9 @@ def test_json_is_that_of_the_folder(drive: Path, cli: Cli):
     ("options", "code", "words"),
     [
         (("--lengths", "5,x"), 2, "--lengths"),
-        (("--lengths", "0"), 2, "."),
+        (("--lengths", "0"), 2, "cli.not_positive"),
         (("--lengths", "4000"), 3, "outage.drive_too_short"),
-        (("--spacing", "-3"), 2, "."),
+        (("--spacing", "-3"), 2, "outage.bad_windows"),
         (("--engine", "0"), 2, "--engine"),
     ],
 )

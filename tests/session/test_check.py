@@ -82,7 +82,7 @@ def test_two_rows_of_a_place_are_a_reference_between_them():
 def test_samples_too_far_apart_are_refused(tmp_path):
     gps = table(tmp_path / "gps.csv", fixes(GPS_HEADERS))
     rows = [(name, cells[::50]) for name, cells in samples(IMU_HEADERS)]
-    with pytest.raises(InputError, match=r"columns\.|imu\.|input\."):  # the header may be wrong
+    with pytest.raises(InputError, match=r"columns.time"):  # the header may be wrong
         insnav.load(table(tmp_path / "slow.csv", rows), gps)
     with pytest.raises(InputError, match=r"imu.too_slow"):
         insnav.load(table(tmp_path / "dated.csv", [("time", iso()(drive().t[::50])), *rows[1:]]), gps)
@@ -131,7 +131,7 @@ def test_a_logger_on_a_clock_of_its_own_turned_over(tmp_path):
     assert words[words.index("--imu-axes") + 1] == "FLU"
     first = found.problems[0]
     assert first.code is Code.CHECK_OPTION_NEEDED
-    assert first["what"]
+    assert first["what"] == InputError("clock.no_common_time").what
     assert found.run is not None
 
 
@@ -141,12 +141,12 @@ def test_what_cannot_be_read_is_the_first_to_mend(tmp_path):
     gps = table(tmp_path / "gps.csv", fixes(GPS_HEADERS))
     found = check(bad, gps).found
     assert found.problems[0].code is Code.CHECK_REFUSED
-    assert found.problems[0]["what"]
+    assert found.problems[0]["what"] == InputError("format.unknown").what
     assert not found.runs
     imu = table(tmp_path / "imu.csv", samples(IMU_HEADERS))
     alone = check(imu).found
     assert alone.imu is not None
-    assert any(each.code is Code.CHECK_REFUSED for each in alone.problems)
+    assert any(each.get("what") == InputError("session.no_gps").what for each in alone.problems)
     assert np.isclose(alone.imu.axes[5].at_rest, drive().accel[:200, 2].mean(), atol=0.05)
 
 

@@ -26,6 +26,7 @@ from insnav.strapdown import intervals
 from insnav.units import DEG
 from tests.alignment.test_alignment import STILL
 from tests.filter.drives import without_velocities
+from tests.refusals import refused
 from tests.shared import recorded
 from tests.simulate.motions import Segment, drive, measured
 
@@ -241,9 +242,10 @@ def test_one_inverted_sensor_is_named(plain, sensor, axis):
     wrong = 1.0 - 2.0 * (np.array(list("xyz")) == axis)
     imu = plain.imu.data
     imu = replace(imu, accel=imu.accel * wrong) if sensor == "accelerometer" else replace(imu, gyro=imu.gyro * wrong)
-    with pytest.raises(InputError, match=r"mounting.accelerometer_inverted|mounting.gyros_wrong_way") as caught:
+    code = "mounting.accelerometer_inverted" if sensor == "accelerometer" else "mounting.gyros_wrong_way"
+    with refused(InputError, code) as caught:
         insnav.load(imu, plain.gps.data)
-    assert axis in (caught.value.values.get("axis"), *caught.value.values.get("axes", ()))
+    assert axis == caught.value.values.get("axis") or (axis,) == caught.value.values.get("axes")
 
 
 @pytest.mark.parametrize("axis", [0, 2])
