@@ -224,6 +224,12 @@ class Finding:
         return not math.isnan(self.begin)
 
 
+def added(before: Iterable[Finding], after: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Return what was detected since."""
+    known = {*before}
+    return tuple(finding for finding in after if finding not in known)
+
+
 def of_code(findings: Iterable[Finding], *codes: Code) -> Iterator[Finding]:
     """Choose the findings that have one of some codes."""
     return (each for each in findings if each.code in codes)

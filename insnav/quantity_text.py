@@ -34,13 +34,7 @@ def parse_quantity(text: str, dimension: str, *, where: str = "") -> float:
     other, factor = UNITS[unit]
     if other != dimension:
         raise ConfigError(
-            "unit.of_other_dimension",
-            where=where,
-            text=text,
-            unit=unit,
-            other=other,
-            dimension=dimension,
-            units=units,
+            "unit.of_other_dimension", where=where, text=text, unit=unit, other=other, dimension=dimension, units=units
         )
     if not math.isfinite(number * factor):
         raise ConfigError("unit.not_finite", where=where, text=text)

@@ -1,4 +1,4 @@
-"""First position by consensus: the first fixes of a record, without those that the fixes after them contradict."""
+"""First position by consensus: count the false fixes at the start of a record."""
 
 from __future__ import annotations
 

@@ -48,6 +48,11 @@ class Navigated:
     notes: tuple[Finding, ...] = field(default=())  # what was detected
     ready: Prepared | None = None  # what was navigated, other aiding included
 
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What was detected, events of the run included."""
+        return (*self.notes, *self.run.events)
+
 
 def navigate_recording(
     imu: ImuData,

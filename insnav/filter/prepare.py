@@ -74,6 +74,11 @@ class Prepared:
     clock: float = 0.0  # by which the samples were moved into the time of the fixes [s]: their delay as it was found
     rate: float = 0.0  # by which their clock was made faster [s/s]
 
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What was detected, faults of samples included."""
+        return (*self.notes, *self.faults)
+
     def navigator(self, marks: Container[int] = ()) -> Navigator:
         """Filter at the start; see `Navigator` for `marks`."""
         return Navigator(

@@ -202,12 +202,14 @@ def identify(imu: ImuData, start: float, end: float) -> tuple[ImuSpec, str]:
     `start`, `end`: the static stretch [s].
     Raises: InputError: the stretch is too short or sampled too slowly.
     """
-    gyro_density, accel_density = white_noise(imu, start, end)
+    return nearest_preset(*white_noise(imu, start, end), mean_rate(imu, start, end))
+
+
+def mean_rate(imu: ImuData, start: float, end: float) -> FloatArray:
+    """Return the mean rate of the gyros over a stretch, (3,) [rad/s]; `start`, `end`: of it [s]."""
     rows = _rows(imu, start, end)
-    mean_rate = spill.mean(imu.gyro[rows])
-    if imu.sampling == "increment":
-        mean_rate = mean_rate / sample_intervals(imu)[rows].mean()
-    return nearest_preset(gyro_density, accel_density, mean_rate)
+    mean = spill.mean(imu.gyro[rows])
+    return mean / sample_intervals(imu)[rows].mean() if imu.sampling == "increment" else mean
 
 
 def _log_ratio(measured: FloatArray, preset: FloatArray) -> float:

@@ -25,7 +25,7 @@ from insnav.filter.gps_noise import with_sd
 from insnav.filter.navigate import AidingChoice, thinned
 from insnav.filter.prepare import Prepared
 from insnav.filter.whole_record import without_rejected
-from insnav.findings import Code, Finding, Severity, by_time
+from insnav.findings import Code, Finding, Severity, added, by_time
 from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec
 from insnav.input import Reading
@@ -516,7 +516,7 @@ class Drive:
         """What was assumed and chosen on the way to the solution."""
         solved, events = self.model.solved, self.evaluated.run.events
         notes = () if solved is None else solved.notes
-        return (*self.notes, *notes, *(each for each in self.steps[-1].findings if each not in events))
+        return (*self.notes, *notes, *added(events, self.steps[-1].findings))
 
     def result(
         self,

@@ -31,7 +31,7 @@ def align(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
     if given is not None:
         with suppress(AlignmentError):  # the drive shows no heading
             ready = with_right_heading(ready, _on_time(recording, model, None))
-    return recording, replace(model, ready=ready), (*ready.notes, *ready.faults)
+    return recording, replace(model, ready=ready), ready.findings
 
 
 def _on_time(recording: Recording, model: Model, heading: float | None) -> Prepared:
@@ -44,9 +44,4 @@ def _on_time(recording: Recording, model: Model, heading: float | None) -> Prepa
 def _without_position(recording: Recording) -> ConfigError:
     imu = Path(recording.imu.facts.path)
     beside = ", ".join(files_with("gps", imu.parent)) if imu.is_file() else ""
-    return ConfigError(
-        "align.no_position",
-        where="--gps",
-        imu=imu.name if beside else "",
-        beside=beside,
-    )
+    return ConfigError("align.no_position", where="--gps", imu=imu.name if beside else "", beside=beside)

@@ -31,5 +31,5 @@ def clean(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
     moving = without_frozen(fixes, recording.imu.data)[0]
     moving = moving.rows(moving.position_sd[:, 0] < UNUSABLE)
     if moving.time.shape[0] == 0:
-        good_fixes(fixes, Gates())
+        good_fixes(fixes, Gates())  # which refuses fixes that are all too poor
     return replace(recording, fixes_by_scatter=moving), model, ()

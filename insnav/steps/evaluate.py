@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from insnav.errors.evaluated_run import evaluate_run
-from insnav.findings import Finding
+from insnav.findings import Finding, added
 from insnav.steps import Model, Recording
 from insnav.steps.checked_inputs import reference_point
 
@@ -20,6 +20,5 @@ def evaluate(recording: Recording, model: Model) -> tuple[Recording, Model, tupl
     reference, run = recording.reference, model.solved.run
     point = None if reference is None else reference_point(recording.inputs, reference.data)
     found, notes = evaluate_run(model.solved, reference, run.lever_b if point is None else point)
-    known = {*run.events}
-    findings = (*notes, *(each for each in found.run.events if each not in known))
-    return recording, replace(model, evaluated=replace(found, noise=model.ready.noise)), findings
+    evaluated = replace(found, noise=model.ready.noise)
+    return recording, replace(model, evaluated=evaluated), (*notes, *added(run.events, found.run.events))

@@ -9,7 +9,7 @@ from insnav.filter.delay_step import Solved, with_one_delay
 from insnav.filter.lever_check import delay_contradicted, lever_contradicted, with_hidden_lever
 from insnav.filter.noise_identification import understated
 from insnav.filter.prepare import DELAY_SD
-from insnav.findings import OF_THE_IMU, Code, Finding, by_time, of_code
+from insnav.findings import OF_THE_IMU, Code, Finding, added, by_time, of_code
 from insnav.steps import SOLVE, Model, Recording, run_steps
 from insnav.types import GpsData
 
@@ -34,8 +34,7 @@ def explain(recording: Recording, model: Model) -> tuple[Recording, Model, tuple
         doubts = (*doubts, lever_contradicted(model.lever_arm.value, solved.run))
     if model.mounting_yaw.source == "prior":
         doubts = (*doubt_mounting(solved.run.events), *doubts)
-    known = {*first[1].notes, *first[1].run.events}
-    found = (*doubts, *(each for each in (*solved.notes, *solved.run.events) if each not in known))
+    found = (*doubts, *added(first[1].findings, solved.findings))
     of_files = [event for reading in recording.given().values() for event in reading.events]
     events = by_time([*of_files, *doubts, *solved.run.events])
     solved = replace(solved, run=replace(solved.run, events=events))

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from insnav.alignment import find_stationary
 from insnav.filter.prepare import first_stationary
 from insnav.findings import Code, Finding
-from insnav.imu import identify, load_imu
-from insnav.imu.noise_density import white_noise
+from insnav.imu import load_imu
+from insnav.imu.noise_density import mean_rate, nearest_preset, white_noise
 from insnav.imu.specification import ImuSpec
 from insnav.steps import Model, Recording
 from insnav.steps.inputs import Inputs
@@ -37,9 +35,9 @@ def imu_from_rest(imu: ImuData, rest: tuple[float, float] | None) -> tuple[ImuSp
     if rest is None or rest[1] - rest[0] < SHORTEST_REST:
         spec = load_imu("consumer")
         return spec, Finding.of(Code.IMU_MODEL_ASSUMED, limit_s=SHORTEST_REST, preset=spec.name)
-    spec, _ = identify(imu, *rest)
-    gyro, accel = (float(np.max(density)) for density in white_noise(imu, *rest))
-    noise: dict[str, Any] = {"gyro_noise_rad_sqrt_s": gyro, "accel_noise_m_s_sqrt_s": accel}
+    gyro, accel = white_noise(imu, *rest)
+    spec, _ = nearest_preset(gyro, accel, mean_rate(imu, *rest))
+    noise: dict[str, Any] = {"gyro_noise_rad_sqrt_s": float(gyro.max()), "accel_noise_m_s_sqrt_s": float(accel.max())}
     return spec, Finding.of(Code.IMU_MODEL_FROM_REST, *rest, **noise, preset=spec.name)
 
 

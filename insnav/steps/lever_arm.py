@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from insnav.filter.lever_check import with_right_lever
 from insnav.filter.prepare import Prepared
-from insnav.findings import Finding
+from insnav.findings import Finding, added
 from insnav.steps import PREPARE, Model, Recording, run_steps
 from insnav.steps.given import free_lever_arm
 
@@ -23,6 +23,4 @@ def lever_arm(recording: Recording, model: Model) -> tuple[Recording, Model, tup
         return other.ready
 
     ready = with_right_lever(model.ready, estimated)
-    known = {*model.ready.notes, *model.ready.faults}
-    found = tuple(each for each in (*ready.notes, *ready.faults) if each not in known)
-    return recording, replace(model, ready=ready), found
+    return recording, replace(model, ready=ready), added(model.ready.findings, ready.findings)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from insnav.filter.navigate import dense, navigate_prepared
 from insnav.filter.noise_identification import with_careful_biases
-from insnav.findings import Finding
+from insnav.findings import Finding, added
 from insnav.steps import Model, Recording
 
 
@@ -22,6 +22,4 @@ def navigate(recording: Recording, model: Model) -> tuple[Recording, Model, tupl
     settings = replace(ready.settings, smooth=task.smooth, output_interval=dense(task.output_interval))
     ready = replace(ready, settings=settings)
     solved = navigate_prepared(ready, model.filter_imu, aiding=task.aiding, progress=task.progress)
-    known = {*ready.notes, *ready.faults}
-    found = tuple(each for each in (*solved.notes, *solved.run.events) if each not in known)
-    return recording, replace(model, ready=ready, solved=solved), found
+    return recording, replace(model, ready=ready, solved=solved), added(ready.findings, solved.findings)

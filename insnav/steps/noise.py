@@ -9,7 +9,7 @@ import numpy as np
 from insnav.filter.gyro_fault import without_gyro_faults
 from insnav.filter.noise_identification import identify_noise, with_known_noise, with_noise, with_usual_noise
 from insnav.filter.prepare import Prepared
-from insnav.findings import Code, Finding
+from insnav.findings import Code, Finding, added
 from insnav.imu.specification import ImuSpec
 from insnav.input import Reading
 from insnav.steps import Model, Recording
@@ -23,9 +23,7 @@ def noise(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
     assert model.ready is not None
     assert model.imu is not None
     ready = _with_estimated_noise(recording, model.ready, model.imu[0])
-    known = {*model.ready.notes, *model.ready.faults}
-    found = tuple(each for each in (*ready.notes, *ready.faults) if each not in known)
-    return recording, replace(model, ready=ready), found
+    return recording, replace(model, ready=ready), added(model.ready.findings, ready.findings)
 
 
 def _with_estimated_noise(recording: Recording, ready: Prepared, spec: ImuSpec) -> Prepared:
