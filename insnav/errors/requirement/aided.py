@@ -30,7 +30,7 @@ from insnav.units import DEG
 
 RATE = 20.0  # of the samples of the motion [Hz]
 NAV = 9
-# constant errors of gyros and accelerometers: biases and scale factors, then those that are not estimated
+# constant errors of gyros and accelerometers: first biases and scale factors, which the filter estimates
 _TERMS = sorted(
     (term for term in TERMS if term.datasheet and term.process == "constant"),
     key=lambda term: term.key not in ("bias", "scale_factor"),
