@@ -8,7 +8,6 @@ from insnav.cli.console import note, result, result_facts, working
 from insnav.cli.data_options import Data, takes_data
 from insnav.cli.options import Force, Json, Out
 from insnav.exceptions import ConfigError
-from insnav.messages import sentence
 
 
 @takes_data(without=("logs",))
@@ -22,6 +21,8 @@ def align(
     if data.gps is None and data.inputs.get("lat") is None:
         raise ConfigError("session.no_latitude", where="--lat")
     with working(out, force) as (folder, stage):
+        from insnav.messages import sentence
+
         drive = data.load(stage)
         outcome = drive.align()
         read = {event for reading in drive.recording.given().values() for event in reading.events}

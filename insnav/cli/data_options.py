@@ -17,9 +17,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 from insnav.cli import console, parse
 from insnav.cli.console import Stages, detail, note, write_result
 from insnav.cli.options import FILES, argument, option
+from insnav.deferred import library
 from insnav.exceptions import OutputError
-from insnav.findings import Code, of_code
-from insnav.messages import sentence
 from insnav.steps.inputs import INPUTS, LOGS, Input, Inputs
 
 if TYPE_CHECKING:
@@ -28,6 +27,8 @@ if TYPE_CHECKING:
     from insnav.result import Result
     from insnav.session.drive import Drive
     from insnav.types import ImuData
+
+_findings, _messages = library("insnav.findings"), library("insnav.messages")  # the help needs no catalogue
 
 READING = ("axes", "units", "columns", "sampling", "stamp")  # inputs that say how to read samples
 _IMU_HELP = "IMU data, or a log with IMU and GPS: a file of any supported format, a folder, or - for standard input."
@@ -58,7 +59,9 @@ class Data:
         assert self.imu is not None
         reading = read_samples(self.imu, self.inputs)
         say_reading(reading.facts)
-        note_assumed_unit(reading.facts)
+        if console.level == 0:  # -v has said it; no fixes can contradict the unit here
+            for assumed in _findings.of_code(reading.facts.evidence, _findings.Code.UNITS_GYRO_ASSUMED):
+                note(_messages.sentence(assumed))
         return reading
 
     def load(self, stage: Stages) -> Drive:
@@ -74,7 +77,7 @@ class Data:
             say_reading(facts)
         stage("aligning")
         drive = drive_of(recording)
-        detail(f"IMU model: {drive.imu_spec.name}", sentence(drive.imu_chosen))
+        detail(f"IMU model: {drive.imu_spec.name}", _messages.sentence(drive.imu_chosen))
         return drive
 
     def save(self, outcome: Result[Any], folder: RunFolder, stage: Stages, **how: Any) -> tuple[Result[Any], Path]:
@@ -83,7 +86,7 @@ class Data:
         `how`: as of `insnav.report.save.save_result`.
         """
         for step in outcome.steps:
-            detail(f"step {step.name}: {step.time_s:.2f} s", *map(sentence, step.findings))
+            detail(f"step {step.name}: {step.time_s:.2f} s", *map(_messages.sentence, step.findings))
         outcome = replace(outcome, options=self.options)
         return outcome, write_result(outcome, folder, stage, **how)
 
@@ -208,15 +211,8 @@ def say_reading(facts: ReadingFacts) -> None:
     head, *_ = facts.lines()
     renamed = _renamed(facts.columns)
     columns = [f"columns: {renamed}; the others by their names"] if renamed else []
-    new = (each for each in facts.evidence if each.code != Code.UNITS_STATED)
-    detail(head, *columns, *map(sentence, new))
-
-
-def note_assumed_unit(facts: ReadingFacts) -> None:
-    """Print that the unit of the gyros is assumed, where no fixes can contradict it; `say_reading` does with -v."""
-    if console.level == 0:
-        for finding in of_code(facts.evidence, Code.UNITS_GYRO_ASSUMED):
-            console.note(sentence(finding))
+    stated = _findings.Code.UNITS_STATED
+    detail(head, *columns, *(_messages.sentence(each) for each in facts.evidence if each.code != stated))
 
 
 def _renamed(columns: Mapping[str, str]) -> str:

@@ -8,7 +8,6 @@ from typing import Annotated
 from insnav.cli.console import note, result_page, working
 from insnav.cli.data_options import Data, takes_data
 from insnav.cli.options import Force, Json, Out, argument
-from insnav.messages import sentence
 
 
 @takes_data(
@@ -27,6 +26,7 @@ def tune(
     with working(out, force) as (folder, stage):
         stage("reading")
         from insnav.fleet.tuning import tune as tuned
+        from insnav.messages import sentence
 
         outcome = tuned(*drives, gps=data.gps, **data.inputs)
         note(f"prior: {outcome.found.prior.name}: {sentence(outcome.found.prior_chosen)}")
