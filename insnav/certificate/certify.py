@@ -8,13 +8,21 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
-from insnav.certificate.check import Check
-from insnav.certificate.coning_sculling import coning, sculling, spin, upright
 from insnav.certificate.gravity import gravity
-from insnav.certificate.integrators import Integrator, integrators, pyins
-from insnav.certificate.navigation_checks import free_inertial, meridians, poles, rest, schuler
+from insnav.certificate.integrators import Check, Integrator, integrators, pyins
 from insnav.certificate.platform_checks import platform as gimballed
-from insnav.certificate.static_day import day
+from insnav.certificate.strapdown_checks import (
+    coning,
+    day,
+    free_inertial,
+    meridians,
+    poles,
+    rest,
+    schuler,
+    sculling,
+    spin,
+    upright,
+)
 from insnav.findings import Code, Finding
 from insnav.result import Result
 from insnav.version import __version__

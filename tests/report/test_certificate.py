@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from insnav.certificate.certify import Certificate
-from insnav.certificate.check import Check
+from insnav.certificate.integrators import Check
 from insnav.report.certificate.page import certificate_markdown, certificate_panel, page
 from insnav.report.page import Page, Table, section_tables
 from insnav.report.panel_figures import draw_drawings

@@ -9,7 +9,7 @@ from itertools import cycle, groupby
 import numpy as np
 
 from insnav.certificate.certify import Certificate
-from insnav.certificate.check import Check
+from insnav.certificate.integrators import Check
 from insnav.quantity import Quantity
 from insnav.report.colours import BLACK, BLUE, GREY, ORANGE, PURPLE, SKY, VERMILLION
 from insnav.report.page import DataFrame, Page, Section, Verdict, cell, drawn, only_json, rows_frame
