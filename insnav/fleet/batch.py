@@ -18,8 +18,7 @@ from typing import Any
 from insnav.engine import Workers, attempt, each
 from insnav.exceptions import ConfigError, InputError, InsnavError, OutputError, writing
 from insnav.findings import Code, Finding
-from insnav.output.contents import FACTS_FILE, damage, file_sha256, files_in, read_facts
-from insnav.output.folder import foreign_files, write_text
+from insnav.output.folder import FACTS_FILE, damage, file_sha256, files_in, foreign_files, read_facts, write_text
 from insnav.version import __version__
 
 DRIVES = "drives"  # folder of the run folders, within that of the fleet

@@ -15,7 +15,7 @@ from insnav.fleet.batch import Drive, name_of
 from insnav.input.formats.recording_folder import NO_DATA, ROLE, unused
 from insnav.input.formats.registry import open_tables, suffixes
 from insnav.input.readers.kinds import kinds_of
-from insnav.output.contents import FACTS_FILE, read_facts
+from insnav.output.folder import FACTS_FILE, read_facts
 
 _PARTS = ("imu", "gps", "ref")
 _NAMED = {"samples": "imu", "gnss": "gps", "gnns": "gps", "fixes": "gps", "reference": "ref", "truth": "ref"}

@@ -20,8 +20,7 @@ from insnav.findings import MODEL_CHOICES, Code, Finding, Severity, is_shown, of
 from insnav.imu.imu_file import load_imu
 from insnav.input.readers.reading import ReadingFacts
 from insnav.messages import language, render, speaking
-from insnav.output.contents import FACTS_FILE
-from insnav.output.folder import RunFolder, read_facts
+from insnav.output.folder import FACTS_FILE, RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_events
 from insnav.output.stored import FILE as STORED_FILE
 from insnav.output.stored import read_stored, store
