@@ -15,8 +15,8 @@ from insnav.errors.schuler import SHORTEST_RECORD, StaticErrors, measured_period
 from insnav.gimbal import INTEGRATORS, Integrator, PlatformRun, integral, torquing_rates
 from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder
-from insnav.output.kml import write_kml
 from insnav.output.solution_tables import TableFormat, write_events, write_run_table
+from insnav.output.track_files import write_kml
 from insnav.quantity import Quantity
 from insnav.report.page import DataFrame, Page, Section, Verdict, drawn, only_json, rows_frame
 from insnav.report.platform import panels

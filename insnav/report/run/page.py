@@ -17,7 +17,7 @@ from insnav.imu.imu_file import to_toml
 from insnav.output import solution_tables
 from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder, read_facts
-from insnav.output.kml import write_kml
+from insnav.output.track_files import write_kml
 from insnav.report.page import DataFrame, Figure, FigureSpec, Later, Page, Section
 from insnav.report.run.backdrop import FILE as BACKDROP
 from insnav.report.run.backdrop import read_backdrop, write_backdrop
