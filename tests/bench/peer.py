@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insnav.imu import ImuSpec, SensorSpec
-from insnav.regression.peers import programs as peer_programs
-from insnav.regression.peers.programs import Task
+from insnav.regression import peers as peer_programs
+from insnav.regression.peers import Task
 from insnav.types import GpsData, ImuData
 from insnav.units import DEG, DEG_PER_H, DEG_PER_SQRT_H, M_S_PER_SQRT_H, MGAL, PPM
 
