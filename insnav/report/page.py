@@ -50,7 +50,7 @@ class FigureSpec:
 
     name: str  # of its file, without suffix; `insnav.result.Result.plot` knows it by this name
     caption: str  # what it shows
-    draw: Callable[[], Figure]  # draws it; called inside `insnav.report.style.drawing`
+    draw: Callable[[], Figure]  # draws it; called inside `insnav.report.figures.drawing`
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,7 +219,7 @@ def drawn(name: str, caption: str, drawings: Iterable[Drawing], note: str = "", 
     panels = tuple(drawings)
 
     def draw() -> Figure:
-        from insnav.report.panel_figures import draw_drawings  # matplotlib, only where a figure is asked for
+        from insnav.report.figures import draw_drawings  # matplotlib, only where a figure is asked for
 
         return draw_drawings(panels, caption, note, columns=columns)
 

@@ -29,10 +29,10 @@ from insnav.report.budget.quantities import (
     shares,
     size,
 )
+from insnav.report.figures import drawing
 from insnav.report.numbers import number
 from insnav.report.page import section_tables
 from insnav.report.run_json import page_facts
-from insnav.report.style import drawing
 from insnav.report.terminal import page_text
 from insnav.result import Result
 from insnav.units import UNITS

@@ -10,10 +10,9 @@ import pytest
 from insnav.certificate.certify import Certificate
 from insnav.certificate.integrators import Check
 from insnav.report.certificate.page import certificate_markdown, certificate_panel, page
+from insnav.report.figures import draw_drawings, drawing
 from insnav.report.page import Page, Table, section_tables
-from insnav.report.panel_figures import draw_drawings
 from insnav.report.run_json import page_facts
-from insnav.report.style import drawing
 from insnav.report.terminal import page_text
 from insnav.result import Result
 

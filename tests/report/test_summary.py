@@ -18,8 +18,8 @@ from insnav.messages import sentence
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.numbers import number
 from insnav.report.page import Page, Section, Verdict, cell, section_tables
+from insnav.report.panels import Clock
 from insnav.report.run.verdict import brief_lines, run_merits
-from insnav.report.series import Clock
 from insnav.report.terminal import WIDTH
 from insnav.result import Result
 from insnav.sample_statistics import rms

@@ -15,8 +15,7 @@ from insnav.quantity import Quantity
 from insnav.report.calibration.common import Series, bench_input, quality_rows, quality_section, residual_panels
 from insnav.report.colours import AXIS_COLOURS, BLACK, GREY
 from insnav.report.page import DataFrame, Page, Section, by_warnings, cell, drawn, only_json, rows_frame
-from insnav.report.panels import Curve, Kind, Panel
-from insnav.report.series import Clock
+from insnav.report.panels import Clock, Curve, Kind, Panel
 from insnav.result import Result
 from insnav.units import DEG, G0, UNITS
 

@@ -10,11 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from insnav.report.colours import BLACK, GREY
+from insnav.report.figures import blank, draw_panel
 from insnav.report.page import Table, Verdict
-from insnav.report.panel_figures import draw_panel
 from insnav.report.panels import Panel
 from insnav.report.pdf import HEIGHT, LIGHT_COLOURS, WIDTH
-from insnav.report.style import blank
 
 _LEFT, _RIGHT = 0.7, 0.25  # margins [inch]
 _ROW, _NOTE = 0.158, 0.142  # heights [inch]

@@ -30,7 +30,7 @@ from insnav.report.budget import windows as recorded
 from insnav.report.budget.panels import budget_panels, windows_drawings
 from insnav.report.budget.quantities import extent, horizontal, ranked, recorded_text, shares, size
 from insnav.report.numbers import number
-from insnav.report.outage.windows import INTERVALS
+from insnav.report.outage.page import INTERVALS
 from insnav.report.page import (
     DataFrame,
     Figure,
@@ -141,7 +141,7 @@ def write_files(result: Result[BudgetStudy], folder: RunFolder, table_format: Ta
 
     `folder`: entered, not committed; `table_format` {"csv", "parquet"}: not used: a budget has no tables of its own.
     """
-    from insnav.report.style import drawing, save_pages
+    from insnav.report.figures import drawing, save_pages
 
     store(result.found, folder.path(FOUND))
     if result.imu_model is not None:

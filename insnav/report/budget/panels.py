@@ -14,7 +14,7 @@ from insnav.report.budget.quantities import horizontal, ranked, saved, shares, s
 from insnav.report.budget.windows import CAUSE_UNITS, GROWS, parts_of
 from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION
 from insnav.report.numbers import number
-from insnav.report.outage.windows import below_noise, power_lines, thin_lines
+from insnav.report.outage.page import below_noise, power_lines, thin_lines
 from insnav.report.page import Section, drawn
 from insnav.report.panels import Curve, Panel
 from insnav.units import UNITS

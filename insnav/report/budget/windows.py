@@ -13,7 +13,7 @@ from insnav.findings import Code, Finding, of_code
 from insnav.messages import sentence
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
-from insnav.report.outage.windows import common_text, corrected, corrected_text
+from insnav.report.outage.page import common_text, corrected, corrected_text
 from insnav.report.page import Section, one_each, only_json
 from insnav.types import FloatArray
 from insnav.units import UNITS

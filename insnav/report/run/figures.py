@@ -11,9 +11,8 @@ from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import MOVING_M_S, travelled
 from insnav.report.colours import AXIS_COLOURS, BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION
 from insnav.report.numbers import distance_text, duration_text, number
-from insnav.report.panels import Curve, Drawing, Panel
+from insnav.report.panels import Clock, Curve, Drawing, Panel, broken_at_gaps
 from insnav.report.run.panels import CHI2_95, GROUPS, RunAxis, gate_levels, run_track, sensor_errors
-from insnav.report.series import Clock, broken_at_gaps
 from insnav.sample_statistics import rms
 from insnav.types import BoolArray, FloatArray
 from insnav.units import DEG, DEG_PER_H, G0, PPM

@@ -14,8 +14,7 @@ from insnav.errors.metrics import TrajectoryErrors
 from insnav.findings import Code, of_code
 from insnav.messages import render
 from insnav.report.colours import AXIS_COLOURS, BLUE, GREY, ORANGE, VERMILLION
-from insnav.report.panels import Curve, Panel, Shade, Track
-from insnav.report.series import Clock, broken_at_gaps, wrapped
+from insnav.report.panels import Clock, Curve, Panel, Shade, Track, broken_at_gaps, wrapped
 from insnav.strapdown import nearest_rows
 from insnav.types import BoolArray, FloatArray, Run, SensorErrors, Trajectory
 from insnav.units import DEG, DEG_PER_H, G0
