@@ -323,3 +323,7 @@ def _parts(time: FloatArray, position: FloatArray) -> tuple[float, ...]:
     seen, true = measured_periods(time, position, lat, height), periods(lat, height)
     pairs = ((seen.schuler, true.schuler), (seen.foucault, true.foucault), (seen.earth, true.earth))
     return off, *(abs(a / b - 1.0) if a is not None and b is not None else np.inf for a, b in pairs)
+
+
+# what every strapdown integrator is asked
+TOPICS = (coning, sculling, spin, upright, free_inertial, schuler, rest, day, meridians, poles)
