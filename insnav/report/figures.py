@@ -137,8 +137,8 @@ def draw_drawings(drawings: Sequence[Drawing], title: str, note: str = "", *, co
 def draw_panel(axes: Axes, panel: Panel, mode: str = "", *, heading: bool = True, letters: int = _BESIDE) -> None:
     """Draw what a panel shows under one position of the switch; `letters`: that title and legend may share."""
     low, high = (-0.6, len(panel.rows) - 0.4) if panel.rows else limits_of(panel, mode) or (0.0, 1.0)
-    axes.set_xscale("log" if panel.log_x else "linear")
-    axes.set_yscale("log" if panel.log_y else "linear")
+    axes.set_xscale("log" if "x" in panel.log else "linear")
+    axes.set_yscale("log" if "y" in panel.log else "linear")
     for start, end in panel.spans:
         axes.axvspan(start, end, color=ORANGE, alpha=0.18, linewidth=0.0, zorder=0.5)
     for curve in panel.curves:
@@ -150,8 +150,8 @@ def draw_panel(axes: Axes, panel: Panel, mode: str = "", *, heading: bool = True
         axes.set_yticks(range(len(panel.rows)), panel.rows)
         low, high = high, low  # the first row stands at the top
     axes.set_ylim(low, high)
-    for axis in ((axes.xaxis,) if panel.log_x else ()) + ((axes.yaxis,) if panel.log_y else ()):
-        logarithmic(axis)
+    for name in panel.log:
+        logarithmic(axes.xaxis if name == "x" else axes.yaxis)
     if panel.ticks:
         axes.set_xticks([at for at, _ in panel.ticks], [name for _, name in panel.ticks])
     axes.set_ylabel(panel.y_label)

@@ -61,6 +61,11 @@ class Verdict:
     reason: str  # of the light
     sentence: str
 
+    @property
+    def rating(self) -> str:
+        """The light in words, with its reason."""
+        return f"{LIGHTS[self.light]}: {self.reason}"
+
 
 def by_warnings(sentence: str, findings: Sequence[Finding], without: tuple[Light, str]) -> Verdict:
     """Give a result that needs attention if it has warnings; `without` any, or where worse, this light and reason."""

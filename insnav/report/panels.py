@@ -159,8 +159,7 @@ class Panel:
     curves: tuple[Curve, ...]
     link: str = ""  # panels with the same one share their horizontal axis and cursor
     note: str = ""  # how to read it
-    log_x: bool = False
-    log_y: bool = False
+    log: Literal["", "x", "y", "xy"] = ""  # which axes are logarithmic
     limits: tuple[float, float] | None = None  # of the vertical axis; by the curves, without outliers, if none
     least: float = 0.0  # smallest height of the view: what is constant is drawn as a line, not as its rounding
     levels: tuple[tuple[float, str], ...] = ()  # horizontal lines with their names: gates
@@ -251,8 +250,8 @@ def _panel(panel: Panel) -> dict[str, Any]:
     return {
         "xLabel": plain_text(panel.x_label),
         "yLabel": plain_text(panel.y_label),
-        "logX": panel.log_x,
-        "logY": panel.log_y,
+        "logX": "x" in panel.log,
+        "logY": "y" in panel.log,
         "limits": {mode: [float(each) for each in limits] for mode, limits in known.items() if limits is not None},
         "levels": [[float(value), plain_text(name)] for value, name in panel.levels],
         "rows": [plain_text(name) for name in panel.rows],
@@ -263,7 +262,7 @@ def _panel(panel: Panel) -> dict[str, Any]:
 def limits_of(panel: Panel, mode: str) -> tuple[float, float] | None:
     """Limits of the vertical axis under a position of the switch; none if there is nothing to see."""
     own = [each for each in panel.curves if each.mode in ("", mode)]
-    return panel.limits or _robust(own, panel.log_y, panel.least)
+    return panel.limits or _robust(own, "y" in panel.log, panel.least)
 
 
 def _robust(curves: Sequence[Curve], logarithmic: bool, least: float) -> tuple[float, float] | None:

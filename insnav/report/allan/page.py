@@ -310,8 +310,7 @@ def _panel(
         (*curves, *_guides(tau, high)),
         "tau",
         note,
-        log_x=True,
-        log_y=True,
+        log="xy",
         limits=(0.4 * low, 5.0 * high),
         height=400,
     )

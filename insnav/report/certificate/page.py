@@ -136,7 +136,7 @@ def certificate_panel(checks: Sequence[Check]) -> Panel:
         "error / limit [-]",
         tuple(each for each in curves if len(each.x)),
         note=_READ,
-        log_x=True,
+        log="x",
         spans=((_LEAST / 3.0, 1.0),),
         rows=tuple(check.name for check in checks),
         height=110 + 20 * len(checks),

@@ -19,19 +19,8 @@ from insnav.output.solution_tables import TableFormat, read_run_table, write_eve
 from insnav.quantity import Quantity
 from insnav.report.colours import BLACK, BLUE, GREY, ORANGE, VERMILLION
 from insnav.report.numbers import number
-from insnav.report.page import (
-    LIGHTS,
-    DataFrame,
-    Light,
-    Page,
-    Section,
-    Verdict,
-    by_warnings,
-    drawn,
-    only_json,
-    rows_frame,
-)
 from insnav.report.page import STATISTICS as SHOWN
+from insnav.report.page import DataFrame, Light, Page, Section, Verdict, by_warnings, drawn, only_json, rows_frame
 from insnav.report.panels import Clock, Curve, Panel
 from insnav.report.terminal import page_text
 from insnav.result import Result
@@ -119,8 +108,7 @@ def page(result: Result[OutageStudy]) -> Page:
 def judged(laid_out: Page) -> Page:
     """The page with its verdict among the sentences, for the terminal."""
     assert laid_out.verdict is not None
-    said = f"{LIGHTS[laid_out.verdict.light]}: {laid_out.verdict.reason}"
-    return replace(laid_out, summary=(said, *laid_out.summary))
+    return replace(laid_out, summary=(laid_out.verdict.rating, *laid_out.summary))
 
 
 def text(result: Result[OutageStudy]) -> str:
@@ -311,8 +299,7 @@ def _panel(chosen: Sequence[Outage], sums: Sequence[Growth], name: str, columns:
         tuple(curves),
         link="outage",
         note=NOTE,
-        log_x=True,
-        log_y=True,
+        log="xy",
         limits=(max(0.3 * least, 1e-4), 2.0 * float(np.nanmax(high))),
         height=280,
     )

@@ -414,8 +414,7 @@ def convergence_panel(found: Sequence[Convergence]) -> Panel:
         "step [s]",
         tuple(curves),
         note="of the integral from 0 to 5 s; the slope is the order",
-        log_x=True,
-        log_y=True,
+        log="xy",
         height=300,
     )
 
@@ -466,7 +465,7 @@ def _differing(
         Curve(name, clock(time), np.maximum(y, limits[0]), COLOURS[name], "dashed" if name == "backward" else "line")
         for name, y in lines.items()
     )
-    return Panel(key, title, label, clock.label, curves, "time", note, log_y=True, limits=limits)
+    return Panel(key, title, label, clock.label, curves, "time", note, log="y", limits=limits)
 
 
 def _decades(lines: Sequence[FloatArray]) -> tuple[float, float]:

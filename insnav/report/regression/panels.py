@@ -223,7 +223,7 @@ def growth_panels(cases: Mapping[str, CaseResult], baseline: Baseline | None) ->
             )
             for each, of, i, colour in grown
         )
-        panels.append(Panel(name, name, "error [m]", "time without GPS [s]", curves, "growth", log_x=True, log_y=True))
+        panels.append(Panel(name, name, "error [m]", "time without GPS [s]", curves, "growth", log="xy"))
     return panels
 
 
@@ -269,5 +269,5 @@ def predicted_panels(cases: Mapping[str, CaseResult]) -> list[Panel]:
             interval = f"{line.slope - half:.2f} to {line.slope + half:.2f}"
             head = f"{title}: slope {line.slope:.2f} ({interval}), R² {line.rvalue**2:.2f}"
         labels = f"actual RMS error [{unit}]", f"predicted sd [{unit}], n {len(predicted)}"
-        panels.append(Panel(title, head, *labels, tuple(curves), log_x=True, log_y=True, height=330))
+        panels.append(Panel(title, head, *labels, tuple(curves), log="xy", height=330))
     return panels

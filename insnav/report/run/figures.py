@@ -164,7 +164,7 @@ def _uncertainty(found: EvaluatedRun) -> tuple[Panel, ...]:
         time, columns = broken_at_gaps(Clock.of(found.run.solution.time)(solution.time), np.column_stack(sizes))
         for k in range(4):
             curves[k].append(Curve(mode, time, columns[:, k], _COLOURS[mode][0]))
-    return tuple(_panel(found, label, own, log_y=True) for label, own in zip(labels, curves, strict=True))
+    return tuple(_panel(found, label, own, log="y") for label, own in zip(labels, curves, strict=True))
 
 
 def _innovations(found: EvaluatedRun) -> tuple[tuple[Panel, ...], int]:
@@ -198,7 +198,7 @@ def _innovations(found: EvaluatedRun) -> tuple[tuple[Panel, ...], int]:
         ]
         levels = ((CHI2_95, f"95 % ({CHI2_95:.1f})"), *gate_levels(found.run, group))
         limits = (1e-2, max(100.0, 2.0 * float(np.max(nis[nis > 0.0], initial=0.0))))
-        panels.append(_panel(found, "NIS, 3 dof [-]", curves, title=group, log_y=True, limits=limits, levels=levels))
+        panels.append(_panel(found, "NIS, 3 dof [-]", curves, title=group, log="y", limits=limits, levels=levels))
     return tuple(panels), len(groups)
 
 

@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,31 +21,23 @@ from insnav.output.folder import RunFolder, read_facts
 from insnav.output.track_files import write_kml
 from insnav.report.page import DataFrame, Figure, FigureSpec, Later, Page, Section
 from insnav.report.panels import Clock
+from insnav.report.run.figures import figure_drawings
+from insnav.report.run.panels import run_panels
 from insnav.report.run.quantities import run_sections
 from insnav.report.run.verdict import brief_lines, rated, run_circles, run_line, run_merits, run_verdict
 from insnav.report.terminal import WIDTH
 from insnav.result import Result
-from insnav.types import (
-    AidingUse,
-    Alignment,
-    Epochs,
-    FloatArray,
-    GpsData,
-    Innovations,
-    Run,
-    SensorErrors,
-    Smoothed,
-)
+from insnav.types import AidingUse, Alignment, Epochs, FloatArray, GpsData, Innovations, Run, SensorErrors, Smoothed
 from insnav.units import DEG, DEG_PER_H
-
-if TYPE_CHECKING:
-    from insnav.report.panels import Drawing
 
 PDF_PAGES = {
     "summary": ("track",),
     "accuracy": ("position_error", "attitude_error", "uncertainty", "attitude"),
     "filter": ("innovations", "biases"),
 }
+BACKDROP = "backdrop.geojson"
+MOST_POINTS = 50_000  # points that a page takes
+_DEPTH = {"LineString": 0, "MultiLineString": 1, "Polygon": 1, "MultiPolygon": 2}  # lists of lists of points
 
 
 def page(result: Result[EvaluatedRun], *, sections: bool = True) -> Page:
@@ -72,7 +64,7 @@ def page(result: Result[EvaluatedRun], *, sections: bool = True) -> Page:
 def _sections(found: EvaluatedRun, reference: str) -> tuple[Section, ...]:
     accuracy, *others = run_sections(found, reference)
     return (
-        Section("", panels=Later(partial(_panels, found)), figures=run_figures(found), show="page"),
+        Section("", panels=Later(partial(run_panels, found)), figures=run_figures(found), show="page"),
         Section("", "Accuracy, stationary and moving", parts=(accuracy,), folded=True),
         Section("", "All figures of the run", parts=tuple(others), folded=True),
     )
@@ -106,15 +98,8 @@ def run_figures(found: EvaluatedRun) -> tuple[FigureSpec, ...]:
     return tuple(FigureSpec(name, caption, partial(_draw, name, found)) for name, caption in names.items())
 
 
-def _panels(found: EvaluatedRun) -> Sequence[Drawing]:
-    from insnav.report.run.panels import run_panels  # needed by no run without a page
-
-    return run_panels(found)
-
-
 def _draw(name: str, found: EvaluatedRun) -> Figure:
     from insnav.report.figures import draw_drawings  # matplotlib is imported only where a figure is asked for
-    from insnav.report.run.figures import figure_drawings
 
     title, note, drawings, columns = figure_drawings(name, found)
     return draw_drawings(drawings, title, note, columns=columns)
@@ -233,11 +218,6 @@ def _aiding(facts: Mapping[str, Any]) -> AidingUse:
     return AidingUse(facts["name"], facts["processed"], facts["rejected"], facts[key], facts["nis"], unit)
 
 
-BACKDROP = "backdrop.geojson"
-_MOST_POINTS = 50_000  # points that a page takes
-_DEPTH = {"LineString": 0, "MultiLineString": 1, "Polygon": 1, "MultiPolygon": 2}  # lists of lists of points
-
-
 def read_backdrop(file: Path) -> FloatArray:
     """Read the lines of a GeoJSON file (RFC 7946) on WGS-84.
 
@@ -252,8 +232,8 @@ def read_backdrop(file: Path) -> FloatArray:
     if not points:
         raise InputError("report.empty_backdrop", where=str(file))
     found = np.concatenate([np.vstack((each, np.full((1, 2), np.nan))) for each in points])
-    if len(found) > _MOST_POINTS:
-        raise InputError("report.large_backdrop", where=str(file), count=len(found), limit=_MOST_POINTS)
+    if len(found) > MOST_POINTS:
+        raise InputError("report.large_backdrop", where=str(file), count=len(found), limit=MOST_POINTS)
     if np.nanmax(np.abs(found[:, 0])) > 90.0 or np.nanmax(np.abs(found[:, 1])) > 180.0:
         raise InputError("report.backdrop_unit", where=str(file))
     return found * DEG

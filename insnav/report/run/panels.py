@@ -107,7 +107,7 @@ def _state_panels(found: EvaluatedRun, axis: RunAxis) -> list[Panel]:
                 time, sd = broken_at_gaps(axis.clock(solution.time), solution.sd[:, columns] / size)
                 curves += [Curve(n, time, sd[:, k], AXIS_COLOURS[k], mode=mode) for k, n in enumerate(names)]
         title, note = f"Stated uncertainty of {group}", "one standard deviation"
-        panels.append(axis.panel(f"{group}_sd", title, f"sd [{unit}]", curves, note=note, log_y=True))
+        panels.append(axis.panel(f"{group}_sd", title, f"sd [{unit}]", curves, note=note, log="y"))
     return panels
 
 
@@ -159,7 +159,7 @@ def _innovation_panels(run: Run, axis: RunAxis) -> list[Panel]:
         ]
     levels = [(CHI2_95, f"95 % ({CHI2_95:.1f})"), *gate_levels(run)]
     note = "normalised innovation squared of each fix, 3 degrees of freedom: 3 on average if the stated sd is right"
-    panels.append(axis.panel("nis", "NIS", "NIS [-]", nis, note=note, log_y=True, levels=tuple(levels)))
+    panels.append(axis.panel("nis", "NIS", "NIS [-]", nis, note=note, log="y", levels=tuple(levels)))
     return panels
 
 

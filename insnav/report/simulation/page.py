@@ -559,7 +559,7 @@ def ensemble_panels(found: Ensemble) -> tuple[Panel, ...]:
         # by the stated sd: at rest before the start an error may be as good as none
         limits = 0.5 * float(np.nanmin(least)), 1.5 * float(max(np.nanmax(most), np.nanmax(error)))
         key, title, label = f"ensemble_{name.replace(' ', '_')}", name.capitalize(), f"error [{unit}]"
-        panels.append(Panel(key, title, label, clock.label, curves, "time", note, log_y=True, limits=limits))
+        panels.append(Panel(key, title, label, clock.label, curves, "time", note, log="y", limits=limits))
         note = ""
     return tuple(panels)
 
