@@ -18,7 +18,7 @@ from insnav.earth import OMEGA_EARTH, gravity_n
 from insnav.engine import Workers, every
 from insnav.exceptions import AlignmentError, InsnavError
 from insnav.filter.navigate import navigate_recording
-from insnav.filter.prepare import Prepared, prepare
+from insnav.filter.prepare import Prepared, Start, prepare
 from insnav.imu import ImuSpec
 from insnav.imu.specification import SensorSpec
 from insnav.regression.corpus import Corpus, Material, RecordedCase, source_of
@@ -43,15 +43,7 @@ class Task:
 
     imu: ImuData  # mean rates and specific forces, stamped at the end
     gps: GpsData  # fixes after the start, with the standard deviation of each
-    time: float  # of the start [s]
-    # (3,) latitude, longitude [rad], height [m]; velocity [m/s]; roll, pitch, heading [rad] at the start
-    lla: FloatArray
-    v_n: FloatArray
-    rph: FloatArray
-    # (3,) their standard deviations [m], [m/s], [rad]
-    position_sd: FloatArray
-    velocity_sd: FloatArray
-    attitude_sd: FloatArray
+    start: Start
     lever_b: FloatArray  # (3,) antenna seen from the IMU, body axes [m]
     spec: ImuSpec  # sensor figures
 
@@ -85,7 +77,7 @@ def run_pyins(task: Task) -> PeerRun:
     """Filter with pyins; compiling its integrator, and making its tables, are not counted."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what it still uses of pandas is its own affair
-        _pyins(task, task.time + _WARM)
+        _pyins(task, task.start.time + _WARM)
         return _pyins(task, float("inf"))
 
 
@@ -95,11 +87,11 @@ def _pyins(task: Task, end: float) -> PeerRun:
     from pyins.util import ACCEL_COLS, GYRO_COLS, LLA_COLS, RPH_COLS, VEL_COLS
 
     imu, gps = task.imu, task.gps
-    rows = (imu.time > task.time - 1e-6) & (imu.time < end)  # pyins wants one sample before
+    rows = (imu.time > task.start.time - 1e-6) & (imu.time < end)  # pyins wants one sample before
     _, dtheta, dvel = _increments(imu)
     table = pd.DataFrame(np.hstack([dtheta, dvel])[rows], index=imu.time[rows], columns=GYRO_COLS + ACCEL_COLS)
     increments = strapdown.compute_increments_from_imu(table, "increment")
-    inside = (gps.time > task.time + 1e-6) & (gps.time <= increments.index[-1])
+    inside = (gps.time > task.start.time + 1e-6) & (gps.time <= increments.index[-1])
     used: list[measurements.Measurement] = []
     for kind, value, sd, columns in (
         (measurements.Position, gps.lla / _DEGREES, gps.position_sd, LLA_COLS),
@@ -114,12 +106,12 @@ def _pyins(task: Task, end: float) -> PeerRun:
         inertial_sensor.EstimationModel(_bias_sd(s), s.random_walk, _bias_walk(s), np.diag(s.scale_factor))
         for s in (task.spec.gyro, task.spec.accel)
     )
-    start = np.concatenate([task.lla / _DEGREES, task.v_n, task.rph / DEG])
-    pva = pd.Series(start, index=LLA_COLS + VEL_COLS + RPH_COLS, name=task.time)
-    level, heading = rms(task.attitude_sd[:2]) / DEG, float(task.attitude_sd[2]) / DEG
+    state = np.concatenate([task.start.lla / _DEGREES, task.start.v_n, task.start.rph / DEG])
+    pva = pd.Series(state, index=LLA_COLS + VEL_COLS + RPH_COLS, name=task.start.time)
+    level, heading = rms(task.start.attitude_sd[:2]) / DEG, float(task.start.attitude_sd[2]) / DEG
     begin = clock.process_time()
     result = filters.run_feedback_filter(
-        pva, rms(task.position_sd), rms(task.velocity_sd), level, heading, increments, gyro, accel, used
+        pva, rms(task.start.position_sd), rms(task.start.velocity_sd), level, heading, increments, gyro, accel, used
     )
     cpu = clock.process_time() - begin
     found = result.trajectory
@@ -138,11 +130,11 @@ def run_gtsam(task: Task) -> PeerRun:
     Preintegrated IMU factors between the fixes, a factor for each position, biases as a walk. Velocities of the fixes
     are not used: it has no factor for them at a lever arm.
     """
-    origin = task.lla / _DEGREES
-    inside = (task.gps.time > task.time + 1e-6) & (task.gps.time <= task.imu.time[-1])
+    origin = task.start.lla / _DEGREES
+    inside = (task.gps.time > task.start.time + 1e-6) & (task.gps.time <= task.imu.time[-1])
     fixes, sd = task.gps.time[inside], task.gps.position_sd[inside]
     ned = np.column_stack(pymap3d.geodetic2ned(*(task.gps.lla[inside] / _DEGREES).T, *origin))
-    edges = np.searchsorted(task.imu.time, np.concatenate([[task.time], fixes]) + 1e-6)
+    edges = np.searchsorted(task.imu.time, np.concatenate([[task.start.time], fixes]) + 1e-6)
     begin = clock.process_time()
     states = _gtsam(task, ned, sd, edges)
     cpu = clock.process_time() - begin
@@ -161,11 +153,11 @@ def _gtsam(
 
     step, dtheta, dvel = _increments(task.imu)
     gyro, accel = dtheta / step[:, None], dvel / step[:, None]
-    params = gtsam.PreintegrationParams.MakeSharedD(float(gravity_n(task.lla[0], task.lla[2])[2]))
+    params = gtsam.PreintegrationParams.MakeSharedD(float(gravity_n(task.start.lla[0], task.start.lla[2])[2]))
     params.setGyroscopeCovariance(np.diag(task.spec.gyro.random_walk**2))
     params.setAccelerometerCovariance(np.diag(task.spec.accel.random_walk**2))
     params.setIntegrationCovariance(_INTEGRATION * np.eye(3))
-    params.setOmegaCoriolis(OMEGA_EARTH * np.array([np.cos(task.lla[0]), 0.0, -np.sin(task.lla[0])]))
+    params.setOmegaCoriolis(OMEGA_EARTH * np.array([np.cos(task.start.lla[0]), 0.0, -np.sin(task.start.lla[0])]))
     sensors = (task.spec.accel, task.spec.gyro)  # in this order
     bias_sd = np.concatenate([_bias_sd(sensor) for sensor in sensors])
     walk = np.concatenate([_bias_walk(sensor) for sensor in sensors])
@@ -174,12 +166,12 @@ def _gtsam(
         return gtsam.noiseModel.Diagonal.Sigmas(sigmas)
 
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    pose = gtsam.Pose3(gtsam.Rot3(dcm_from_rph(task.rph)), np.zeros(3))
-    state = gtsam.NavState(pose, task.v_n)
+    pose = gtsam.Pose3(gtsam.Rot3(dcm_from_rph(task.start.rph)), np.zeros(3))
+    state = gtsam.NavState(pose, task.start.v_n)
     zero = gtsam.imuBias.ConstantBias()
-    pose_sd = np.concatenate([task.attitude_sd, task.position_sd])
+    pose_sd = np.concatenate([task.start.attitude_sd, task.start.position_sd])
     graph.add(gtsam.PriorFactorPose3(X(0), state.pose(), noise(pose_sd)))
-    graph.add(gtsam.PriorFactorVector(V(0), state.velocity(), noise(task.velocity_sd)))
+    graph.add(gtsam.PriorFactorVector(V(0), state.velocity(), noise(task.start.velocity_sd)))
     graph.add(gtsam.PriorFactorConstantBias(B(0), zero, noise(bias_sd)))
     values.insert(X(0), state.pose())
     values.insert(V(0), state.velocity())
@@ -309,13 +301,10 @@ def shortened(material: Material, seconds: float) -> Material:
 
 def task_of(material: Material, ready: Prepared) -> Task:
     """What a peer is given, by what insnav starts from."""
-    initial = ready.initial
+    initial, gps = ready.initial, ready.gps
     sd = np.sqrt(np.diag(initial.covariance)[:9])
-    gps = ready.gps
     good = gps.time > initial.time + 1e-6
     if gps.fix is not None:
         good &= gps.fix != 0
-    return Task(
-        ready.imu, gps.rows(good), initial.time, initial.lla, initial.v_n, initial.rph, sd[:3], sd[3:6], sd[6:9],
-        material.settings.lever_b, material.spec,
-    )  # fmt: skip
+    start = Start(initial.time, initial.lla, initial.v_n, initial.rph, sd[:3], sd[3:6], sd[6:9])
+    return Task(ready.imu, gps.rows(good), start, material.settings.lever_b, material.spec)
