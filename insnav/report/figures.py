@@ -210,7 +210,7 @@ def _draw_track(track: Track, title: str, note: str) -> Figure:
     most = [np.percentile(points, (5.0, 95.0), axis=0)] if len(points) else []  # a few wild ones must not shrink it
     every = np.concatenate([np.column_stack((track.east, track.north)), *wide, *most])
     shade = track.shades[0] if track.shades and not track.shades[0].classes else None
-    figure, axes = map_figure(every[:, 0], every[:, 1], title, note, beside=0.85 if shade else 0.0)
+    figure, axes = _start_map(every, title, note, 0.85 if shade else 0.0)
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
     axes.plot(*points.T, ".", color=GREY, markersize=3.0, label="GPS fix" if len(points) else "_", zorder=1.8)
     for curve in track.behind:
@@ -236,7 +236,7 @@ def _draw_track(track: Track, title: str, note: str) -> Figure:
         figure.colorbar(pieces, ax=axes, label=shade.name, fraction=0.05, pad=0.02)
     axes.set_xlim(left, right)
     axes.set_ylim(low, high)
-    finish_map(axes, np.column_stack((track.north, track.east)))
+    _finish_map(axes, track)
     return figure
 
 
@@ -250,33 +250,27 @@ def _pieces(track: Track, values: FloatArray) -> LineCollection:
     return pieces
 
 
-def map_figure(
-    east: FloatArray, north: FloatArray, title: str, note: str, *, beside: float = 0.0
-) -> tuple[Figure, Axes]:
-    """Start a map that holds some points; `finish_map` ends it.
-
-    `east`, `north` (n,): what it must hold [m]; `beside`: room to the right of it, as for a bar of colours [inch].
-    """
-    x_limits, y_limits = map_limits(east, north)
+def _start_map(points: FloatArray, title: str, note: str, beside: float) -> tuple[Figure, Axes]:
+    """Start a map of points East, North (n, 2) [m] and a margin, no narrower than fits a page; `beside`: room [inch]."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    width, height = (max(float(size), _NARROWEST_M) for size in high - low)
+    margin = 0.07 * max(width, height)
+    width, height = width + 2.0 * margin, height + 2.0 * margin
+    half, middle = (0.5 * max(width, 0.95 * height), 0.5 * max(height, 0.4 * width)), 0.5 * (low + high)
+    x_limits, y_limits = ((float(at) - size, float(at) + size) for at, size in zip(middle, half, strict=True))
     height = _WIDTH * (y_limits[1] - y_limits[0]) / (x_limits[1] - x_limits[0])
     width = _WIDTH + 1.05 + beside
     figure = blank(width, height + 1.85, title, note)
     figure.subplots_adjust(bottom=0.95 / (height + 1.85), right=1.0 - (0.2 + beside) / width)
-    axes = figure.subplots()
-    axes.set_xlim(*x_limits)
-    axes.set_ylim(*y_limits)
-    return figure, axes
+    return figure, figure.subplots(subplot_kw={"xlim": x_limits, "ylim": y_limits})
 
 
-def finish_map(axes: Axes, track: FloatArray) -> None:
-    """Mark start and end of a track, scale and north, name the axes and put the legend below.
-
-    `track` (n, 2): North and east of the start [m].
-    """
+def _finish_map(axes: Axes, track: Track) -> None:
+    """Mark start and end of a track, scale and north, name the axes and put the legend below."""
     # many a drive ends where it began: the start is the larger mark, so that both are seen
-    (north, east), (last_north, last_east) = track[0], track[-1]
-    axes.plot(east, north, "^", color=GREEN, markersize=13.0, markeredgecolor="white", label="start", zorder=4)
-    axes.plot(last_east, last_north, "s", color=BLACK, markersize=5.0, markeredgecolor="white", label="end", zorder=4)
+    for row, marker, colour, size, name in ((0, "^", GREEN, 13.0, "start"), (-1, "s", BLACK, 5.0, "end")):
+        place = track.east[row], track.north[row]
+        axes.plot(*place, marker, color=colour, markersize=size, markeredgecolor="white", label=name, zorder=4)
     scale_bar(axes)
     north_arrow(axes)
     axes.set_aspect("equal")
@@ -287,19 +281,6 @@ def finish_map(axes: Axes, track: FloatArray) -> None:
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, below), ncols=6, handlelength=1.4, columnspacing=1.2)
 
 
-def map_limits(east: FloatArray, north: FloatArray) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Limits east and north: the track and a margin, no narrower than fits a page."""
-    width, height = (max(float(np.ptp(v)), _NARROWEST_M) for v in (east, north))
-    margin = 0.07 * max(width, height)
-    width, height = width + 2.0 * margin, height + 2.0 * margin
-    half_east, half_north = 0.5 * max(width, 0.95 * height), 0.5 * max(height, 0.4 * width)
-    middle_east, middle_north = (0.5 * (float(v.min()) + float(v.max())) for v in (east, north))
-    return (
-        (middle_east - half_east, middle_east + half_east),
-        (middle_north - half_north, middle_north + half_north),
-    )
-
-
 def scale_bar(axes: Axes) -> None:
     """Draw a bar of a round length, about a fifth of the width, in the lower left corner."""
     (left, right), (low, _) = axes.get_xlim(), axes.get_ylim()
@@ -308,13 +289,8 @@ def scale_bar(axes: Axes) -> None:
     length = float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= longest))
     x, y = left + 0.04 * (right - left), low + 0.03 * (right - left)
     tick = 0.008 * (right - left)
-    axes.plot(
-        [x, x, x, x + length, x + length, x + length],
-        [y + tick, y - tick, y, y, y + tick, y - tick],
-        color=BLACK,
-        linewidth=1.6,
-        zorder=5,
-    )
+    across, along = [x] * 3 + [x + length] * 3, [y + tick, y - tick, y, y, y + tick, y - tick]
+    axes.plot(across, along, color=BLACK, linewidth=1.6, zorder=5)
     axes.text(x + 0.5 * length, y + 1.3 * tick, distance_text(length), ha="center", va="bottom", fontsize=8.5)
 
 
