@@ -251,7 +251,7 @@ def _pieces(track: Track, values: FloatArray) -> LineCollection:
 
 
 def _start_map(points: FloatArray, title: str, note: str, beside: float) -> tuple[Figure, Axes]:
-    """Start a map of points East, North (n, 2) [m] and a margin, no narrower than fits a page; `beside`: room [inch]."""
+    """Start a map of points East, North (n, 2) [m] and a margin, no narrower than a page; `beside`: room [inch]."""
     low, high = points.min(axis=0), points.max(axis=0)
     width, height = (max(float(size), _NARROWEST_M) for size in high - low)
     margin = 0.07 * max(width, height)
