@@ -92,12 +92,12 @@ def even(duration: float, rate: float) -> FloatArray:
     return np.asarray(np.arange(round(duration * rate) + 1) / rate)
 
 
-def uneven(duration: float, seed: int = 4) -> FloatArray:
+def uneven(duration: float) -> FloatArray:
     """Edges of intervals of 8 to 11 ms, as loggers make them [s].
 
     A file does not tell where the first interval began, and the mean is taken; here it is so.
     """
-    steps = np.random.default_rng(seed).uniform(0.008, 0.011, round(duration * 120.0))
+    steps = np.random.default_rng(4).uniform(0.008, 0.011, round(duration * 120.0))
     steps = steps[np.cumsum(steps) <= duration - 0.011]
     steps[0] = np.mean(steps[1:])
     return np.concatenate([[0.0], np.cumsum(steps)])
@@ -219,14 +219,13 @@ class PolarTruth(Truth):
 
 
 def over_pole(
-    speed: float, duration: float, *, height: float = 10e3, miss: float = 0.0, lon: float = 0.3, south: bool = False
+    speed: float, duration: float, *, height: float = 10e3, miss: float = 0.0, south: bool = False
 ) -> PolarTruth:
     """Great circle with the pole, or the point at `miss` [m] next to it, at half time; the roll swings by 5 deg.
 
-    `speed` [m/s], `duration` [s], `height` above the ellipsoid [m]; `lon` is the longitude of the start, if the pole
-    is not missed [rad].
+    `speed` [m/s], `duration` [s], `height` above the ellipsoid [m].
     """
-    radius = _POLAR_RADIUS + height
+    radius, lon = _POLAR_RADIUS + height, 0.3  # of the start, if the pole is not missed [rad]
     side, way = np.array([-np.sin(lon), np.cos(lon), 0.0]), -np.array([np.cos(lon), np.sin(lon), 0.0])
     top = np.cos(miss / radius) * _AXIS * (-1.0 if south else 1.0) + np.sin(miss / radius) * side
     omega = speed / radius

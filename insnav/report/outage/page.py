@@ -320,9 +320,9 @@ def over_time(
     return time, np.sqrt(np.mean(size**2, axis=0)), np.quantile(size, 0.95, axis=0), np.sqrt(np.mean(sd**2, axis=0))
 
 
-def corrected(found: Growth, i: int, unit: str = "m", meaning: str = "corrected (95 %)") -> Quantity:
+def corrected(found: Growth, i: int, unit: str = "m") -> Quantity:
     """RMS error without the reference at the last time, with its interval; in words where nothing is left."""
-    low, high = float(found.low[-1, i]), float(found.high[-1, i])
+    low, high, meaning = float(found.low[-1, i]), float(found.high[-1, i]), "corrected (95 %)"
     if found.below_noise[-1, i]:
         text = below_noise(high / UNITS[unit][1]).replace(" reference", "")  # in a table of 80 columns
         return Quantity("rms_corrected", text, unit, meaning=meaning)

@@ -19,7 +19,7 @@ from insnav.regression.accuracy_metrics import BY_KEY, FAILS_FROM, LIKELY
 from insnav.regression.baseline import Baseline, Origin
 from insnav.regression.evaluate import CaseResult
 from insnav.regression.peers import LATEST, LONGEST, PeerRow
-from insnav.regression.published.replicas import compare_published, field_factor, read_cases, recorded_ratios
+from insnav.regression.published import compare_published, field_factor, read_cases, recorded_ratios
 from insnav.regression.regress import Regression
 from insnav.regression.verdict import ALPHA, CPU_FAILS_FROM, POWER, Change, Comparison, detectable_apart, interval
 from insnav.report.figures import drawing, save
