@@ -1,4 +1,4 @@
-"""The corpus file (``corpus.toml``): the drives on which accuracy is evaluated, with everything they need.
+"""The corpus file (``corpus.toml``): the drives on which accuracy is evaluated; and their samples, fixes, references.
 
 [[simulated]]                 # a motion profile with sensors sampled from the models, once a seed
 name = "city"

@@ -1,4 +1,4 @@
-"""The accuracy metrics of one recording: with all fixes, in GNSS outages, free-inertial; against its reference."""
+"""The accuracy of the recordings of a corpus against their references: with all fixes, in outages, free-inertial."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report of a GNSS outage test."""
+"""The report of a GNSS outage test; and windows without GPS as quantities and lines, which budgets show too."""
 
 from __future__ import annotations
 
