@@ -28,9 +28,8 @@ from insnav.config_file import (
     wrong,
 )
 from insnav.exceptions import ConfigError
-from insnav.imu.dynamic_map import AxisMap, DynamicMap
 from insnav.imu.error_terms import Sensor, terms_of
-from insnav.imu.higher_order import SHAPES, ErrorTerms
+from insnav.imu.higher_order import SHAPES, AxisMap, DynamicMap, ErrorTerms
 from insnav.imu.model import ImuErrors
 from insnav.imu.raw_outputs import RawScale
 from insnav.units import si_unit

@@ -13,8 +13,15 @@ import numpy as np
 
 from insnav import spill
 from insnav.exceptions import ConfigError, InputError
-from insnav.imu.dynamic_map import DynamicMap
-from insnav.imu.higher_order import REFERENCE_TEMPERATURE, SHAPES, ErrorTerms, size_effect, zero_matrix, zeros
+from insnav.imu.higher_order import (
+    REFERENCE_TEMPERATURE,
+    SHAPES,
+    DynamicMap,
+    ErrorTerms,
+    size_effect,
+    zero_matrix,
+    zeros,
+)
 from insnav.imu.raw_outputs import RawScale
 from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.types import FloatArray, ImuData

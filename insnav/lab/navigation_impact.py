@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from insnav.earth import radii
-from insnav.imu.dynamic_map import AxisMap, DynamicMap
+from insnav.imu.higher_order import AxisMap, DynamicMap
 from insnav.imu.model import ImuErrors, correct, corrupt
 from insnav.lab.calibration import CalibrationSd, Impact, physical
 from insnav.sample_statistics import rms

@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from insnav.errors.metrics import TrajectoryErrors, nees, position_errors
-from insnav.errors.outage.from_reference import end_errors
+from insnav.errors.outage.free_inertial import end_errors
 from insnav.errors.outage.gnss_outage import outages
 from insnav.errors.outage.statistics import horizontal_at
 from insnav.exceptions import InputError

@@ -17,8 +17,7 @@ from insnav.alignment import find_stationary
 from insnav.engine import Workers, share_of
 from insnav.errors.evaluated_run import EvaluatedRun, fixed_epochs
 from insnav.errors.metrics import at_point
-from insnav.errors.outage.window_reference import WindowReference, reference_from_trajectory
-from insnav.errors.outage.windows import LENGTHS
+from insnav.errors.outage.windows import LENGTHS, WindowReference, reference_from_trajectory
 from insnav.errors.run_findings import judged
 from insnav.exceptions import AlignmentError, ConfigError, as_keywords
 from insnav.filter.gps_noise import with_sd

@@ -15,8 +15,7 @@ from insnav.errors.requirement.allocation import allocate
 from insnav.errors.requirement.limit import Component, Requirement
 from insnav.errors.requirement.parts import candidates, remedies
 from insnav.errors.requirement.sensitivity import start_shares
-from insnav.errors.requirement.study import RequirementStudy
-from insnav.errors.requirement.verification import LARGER, Verified, verify
+from insnav.errors.requirement.study import LARGER, RequirementStudy, Verified, verify
 from insnav.exceptions import ConfigError
 from insnav.findings import Code, Finding
 from insnav.imu import ImuSpec, load_imu

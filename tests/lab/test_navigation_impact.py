@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from insnav.imu import ImuErrors
-from insnav.imu.dynamic_map import AxisMap, DynamicMap
-from insnav.imu.higher_order import ErrorTerms
+from insnav.imu.higher_order import AxisMap, DynamicMap, ErrorTerms
 from insnav.imu.raw_outputs import RawScale
 from insnav.lab.calibration import CalibrationSd
 from insnav.lab.navigation_impact import MINUTE, navigation_impact

@@ -10,8 +10,7 @@ from insnav.imu import ImuSpec, SensorSpec, load_imu, to_toml
 from insnav.input import read_imu
 from insnav.lab.noise.allan import AXES, allan_deviation, averaging_factors
 from insnav.lab.noise.noise_model import NAMES, basis, fit_noise
-from insnav.lab.noise.noise_spec import PEAK, PEAK_TIME, temperature_correlation, white_of_steps
-from insnav.lab.noise.static_noise import static_noise
+from insnav.lab.noise.static_noise import PEAK, PEAK_TIME, static_noise, temperature_correlation, white_of_steps
 from insnav.simulate.imu_errors import corrupt_imu
 from insnav.types import ImuData
 from insnav.units import DEG, DEG_PER_H, DEG_PER_SQRT_H, M_S_PER_SQRT_H, UG

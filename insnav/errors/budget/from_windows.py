@@ -11,12 +11,10 @@ import numpy as np
 from insnav.engine import Workers, share_of
 from insnav.errors.diagnosis.causes import Diagnosis, diagnose
 from insnav.errors.diagnosis.equivalent_sensor_errors import SensorFit, fit_sensors
-from insnav.errors.diagnosis.error_regression import Regression, regression
 from insnav.errors.diagnosis.simulated_replica import FEWEST, Replicas, replica_task, replicas
 from insnav.errors.outage.free_inertial import Windows, free_window_starts, free_windows
-from insnav.errors.outage.statistics import Growth, by_motion, growth, table_times
-from insnav.errors.outage.window_reference import WindowReference, reference_from_fixes
-from insnav.errors.outage.windows import StartChoice, navigated_drive
+from insnav.errors.outage.statistics import Growth, Regression, by_motion, growth, regression, table_times
+from insnav.errors.outage.windows import StartChoice, WindowReference, navigated_drive, reference_from_fixes
 from insnav.exceptions import ConfigError
 from insnav.filter.error_model import ErrorModel
 from insnav.filter.prepare import Prepared

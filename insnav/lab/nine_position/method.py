@@ -25,8 +25,14 @@ from insnav.imu.higher_order import ErrorTerms
 from insnav.imu.model import ImuErrors
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import schema
-from insnav.lab.bench_data.bench_tables import BenchTable, read_bench
-from insnav.lab.bench_data.dwells import Dwells, default_limit, dwell_warnings, reduce_dwells
+from insnav.lab.bench_data.bench_tables import (
+    BenchTable,
+    Dwells,
+    default_limit,
+    dwell_warnings,
+    read_bench,
+    reduce_dwells,
+)
 from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, common_unit, measured
 from insnav.lab.common_findings import badly_conditioned
 from insnav.lab.least_squares import LEVEL, Fit, coverage_factor, linear_fit

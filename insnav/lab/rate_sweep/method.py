@@ -16,16 +16,23 @@ import numpy as np
 
 from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, Finding
-from insnav.imu.dynamic_map import AxisMap, DynamicMap
+from insnav.imu.higher_order import AxisMap, DynamicMap
 from insnav.imu.model import ImuErrors
 from insnav.imu.raw_outputs import RawScale
 from insnav.input.formats.table import Table
 from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, measured
 from insnav.lab.common_findings import badly_conditioned
 from insnav.lab.least_squares import Fit, linear_fit
-from insnav.lab.rate_sweep.checks import FEWEST_FOR_MAP, check_rates, refuse_crossed, saturated, shifted_zeros
 from insnav.lab.rate_sweep.piecewise_fit import Pieces, fit_pieces
-from insnav.lab.rate_sweep.records import SweepRecord, read_sweeps
+from insnav.lab.rate_sweep.records import (
+    FEWEST_FOR_MAP,
+    SweepRecord,
+    check_rates,
+    read_sweeps,
+    refuse_crossed,
+    saturated,
+    shifted_zeros,
+)
 from insnav.lab.single_axis.rate_table import FEWEST, Dropped
 from insnav.quantity import Quantity
 from insnav.types import BoolArray, FloatArray, IntArray
