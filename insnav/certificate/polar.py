@@ -8,7 +8,8 @@ import numpy as np
 
 from insnav.attitude import quat_from_dcm, rph_from_quat
 from insnav.earth import E2, OMEGA_EARTH, A, gravity_n
-from insnav.simulate.truth import Gravity, Kinematics, Truth, Vector, components
+from insnav.earth_fixed import components
+from insnav.simulate.truth import Gravity, Kinematics, Truth, Vector
 from insnav.types import FloatArray
 
 _AXIS = np.array([0.0, 0.0, 1.0])

@@ -20,6 +20,7 @@ import numpy as np
 
 from insnav.attitude import wrap_pi, wrap_two_pi
 from insnav.earth import E2, OMEGA_EARTH, A, gravity_n, radii
+from insnav.earth_fixed import components
 from insnav.exceptions import ConfigError
 from insnav.simulate.curves import Curve
 from insnav.types import FloatArray
@@ -163,12 +164,6 @@ def gravity_of(model: Gravity, lat: FloatArray, height: FloatArray) -> tuple[Flo
     if model == "full":
         return north, down
     return np.zeros_like(down), down if model == "plumb" else down * (1.0 - 2.0 * height / A)
-
-
-def components(rows: FloatArray) -> Vector:
-    """Split ``(n, 3)`` into its columns, each contiguous."""
-    x, y, z = np.ascontiguousarray(rows.T)
-    return x, y, z
 
 
 def to_body(trig: tuple[tuple[FloatArray, FloatArray], ...], vector: Vector) -> Vector:

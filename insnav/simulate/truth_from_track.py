@@ -15,10 +15,11 @@ from scipy.linalg import solveh_banded
 from scipy.sparse import csr_array, diags_array
 
 from insnav.earth import ned_offset, radii
+from insnav.earth_fixed import components
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
 from insnav.simulate.curves import Spline, spline_of
-from insnav.simulate.truth import LevelTruth, Truth, components
+from insnav.simulate.truth import LevelTruth, Truth
 from insnav.types import FloatArray, Trajectory
 
 _SPACING = 0.2  # of knots, unless the track has fewer than two rows in that [s]
