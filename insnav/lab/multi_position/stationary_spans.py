@@ -42,7 +42,6 @@ class Pose:
     force: FloatArray  # (3,) mean of the accelerometers and of the gyros, in the units of the record
     rate: FloatArray
     force_sd: FloatArray  # (3,) standard deviation of one sample
-    rate_sd: FloatArray
 
     @property
     def count(self) -> int:
@@ -64,7 +63,6 @@ def pose_between(imu: ImuData, first: int, last: int) -> Pose:
         force.mean(axis=0),
         rate.mean(axis=0),
         force.std(axis=0, ddof=1),
-        rate.std(axis=0, ddof=1),
     )
 
 
