@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from insnav.earth import gravity_n, radii
+from insnav.earth import gravity_n, metres_per_unit
 from insnav.exceptions import ConfigError
 from insnav.simulate.curves import Harmonic
 from insnav.simulate.truth import LevelTruth
@@ -39,7 +39,7 @@ def straight(
     attitude = Harmonic(np.array([roll, pitch, heading]), _ZERO, _ZERO, _ZERO)
     return LevelTruth(
         np.asarray(lla, dtype=np.float64),
-        Harmonic(_ZERO, along / scale(lla), _ZERO, _ZERO),
+        Harmonic(_ZERO, along / metres_per_unit(lla), _ZERO, _ZERO),
         attitude,
         duration,
         start,
@@ -73,14 +73,8 @@ def circle(
     bank = math.atan2(speed * turn_rate, float(gravity_n(lla[0], lla[2])[2]))
     return LevelTruth(
         np.asarray(lla, dtype=np.float64),
-        Harmonic(_ZERO, _ZERO, cosine / scale(lla), sine / scale(lla), turn_rate),
+        Harmonic(_ZERO, _ZERO, cosine / metres_per_unit(lla), sine / metres_per_unit(lla), turn_rate),
         Harmonic(np.array([bank, 0.0, heading]), np.array([0.0, 0.0, turn_rate]), _ZERO, _ZERO),
         duration,
         start,
     )
-
-
-def scale(lla: FloatArray) -> FloatArray:
-    """Metres per radian of latitude, per radian of longitude and per metre of height, ``(3,)``."""
-    meridian, transverse = radii(lla[0])
-    return np.array([meridian + lla[2], (transverse + lla[2]) * math.cos(lla[0]), 1.0])

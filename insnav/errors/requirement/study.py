@@ -65,8 +65,8 @@ def verify(
     row = np.array([last_sample(motion, required.after)])
     seeds, larger = (seed, round(100 * factor)), scaled(spec, factor)
     error = free_runs(larger, motion, row, runs, seeds, hold=hold, workers=workers, progress=progress)[:, 0]
-    count = int(required.within(error).sum())
     size = np.linalg.norm(error[:, list(required.axes)], axis=1)
+    count = int(np.count_nonzero(size <= required.error))
     return Verified(factor, runs, count, float(np.quantile(size, required.probability)), binomial_interval(count, runs))
 
 

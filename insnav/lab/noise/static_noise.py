@@ -32,7 +32,6 @@ from insnav.lab.noise.allan import (
     allan_deviation,
     averaging_factors,
     even_record,
-    silent,
     smallest_step,
 )
 from insnav.lab.noise.noise_model import B_FACTOR, NoiseModel, evaluated, fit_noise
@@ -132,14 +131,6 @@ def _values(models: tuple[NoiseModel | None, ...], name: str) -> FloatArray:
     return np.array([m.coefficients[name].value if m is not None and name in m.coefficients else 0.0 for m in models])
 
 
-def white_of_steps(step: float, interval: float) -> float:
-    """Random walk that rounding samples to steps makes, ``step sqrt(dt / 12)`` [unit sqrt(s)].
-
-    step: resolution of a sample; interval: sampling interval [s].
-    """
-    return step * math.sqrt(interval / 12.0)
-
-
 def temperature_correlation(values: FloatArray, temperature: FloatArray) -> FloatArray:
     """Correlation of each column with temperature over means of sixty equal parts of the record.
 
@@ -201,7 +192,7 @@ def signal_noise(
     factors, every = averaging_factors(len(values), interval, taus), averaging_factors(len(values), interval)
     allan = allan_deviation(values, interval, factors, workers)
     fitted = allan if np.array_equal(every, factors) else allan_deviation(values, interval, every, workers)
-    quiet = silent(values)
+    quiet = np.ptp(values, axis=0) == 0.0
     lines = [() if still else _seen(values[:, i], fitted, i) for i, still in enumerate(quiet)]
     fitted = _without(values, lines, fitted, workers)
     models: list[NoiseModel | None] = []
@@ -282,10 +273,10 @@ def _of_record(imu: ImuData, record: EvenRecord) -> list[Finding]:
         for (code, subject), count in damaged.items()
     ]
     steps, scatter = smallest_step(record.values), record.values.std(axis=0)
-    white = [white_of_steps(float(step), record.interval) for step in steps]
+    white = steps * math.sqrt(record.interval / 12.0)  # random walk that rounding samples to steps makes
     for columns, unit in ((range(3), "rad_sqrt_s"), (range(3, 6), "m_s_sqrt_s")):
         coarse = [i for i in columns if steps[i] > COARSE * scatter[i]]
-        sizes = {f"random_walk_{unit}": [white[i] for i in coarse], "step_sigma": steps[coarse] / scatter[coarse]}
+        sizes = {f"random_walk_{unit}": white[coarse], "step_sigma": steps[coarse] / scatter[coarse]}
         warnings += _of_axes(Code.ALLAN_COARSE, [AXES[i] for i in coarse], **sizes, limit_sigma=COARSE)
     changed = warming(imu.temperature, WARMING)
     if imu.temperature is not None and changed:

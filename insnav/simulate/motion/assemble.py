@@ -11,7 +11,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import PchipInterpolator, PPoly, make_interp_spline
 
 from insnav.attitude import dcm_from_quat, quat_from_rotvec, quat_from_rph, quat_multiply
-from insnav.earth import ned_offset, radii
+from insnav.earth import metres_per_unit, ned_offset, radii
 from insnav.earth_fixed import earth_from_lla, quat_earth_from_level
 from insnav.exceptions import ConfigError
 from insnav.simulate.curves import Spline, spline_through
@@ -125,9 +125,7 @@ def position_curve(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> Spli
     # The rates need the position only for the radii and the parallel, which change by parts in 1e7 per metre:
     # trapezoids are good enough to find it, and each pass gains digits, five on 100 km.
     for _ in range(3):
-        meridian, transverse = radii(here[:, 0])
-        metres = np.column_stack([meridian + here[:, 2], (transverse + here[:, 2]) * np.cos(here[:, 0])])
-        rates = np.column_stack([velocity[:, :2] / metres, velocity[:, 2]])
+        rates = velocity / metres_per_unit(here)
         here = lla + cumulative_trapezoid(rates, t, axis=0, initial=0.0)
     return spline_through(t, rates).integral()
 
