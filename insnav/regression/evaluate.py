@@ -145,7 +145,7 @@ def _accuracy(errors: TrajectoryErrors, edges: FloatArray) -> dict[str, FloatArr
         for key, percent in (("p95", 95.0), ("max", 100.0)):
             found[name.format(key)] = np.array([_quantile(error[rows], percent) for rows in pieces])
     found["cep50_m"] = np.array([_quantile(errors.horizontal[rows], 50.0) for rows in pieces])
-    sums = [nees(errors, rows) for rows in pieces]
+    sums = [nees(errors.rows(rows)) for rows in pieces]
     for group in ("position", "velocity", "attitude"):
         parts = [None if each is None else each[group] for each in sums]
         found[f"nees_{group}"] = np.array([np.nan if part is None else part["nees"] for part in parts])

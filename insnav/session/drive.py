@@ -39,8 +39,7 @@ from insnav.strapdown import intervals
 from insnav.types import FloatArray, GpsData, ImuData, Trajectory
 
 if TYPE_CHECKING:  # what takes long to import is imported where it is used: a run needs no budget
-    from insnav.errors.budget.drive_motion import BudgetStudy
-    from insnav.errors.budget.from_windows import WindowSettings
+    from insnav.errors.budget.from_windows import BudgetStudy, WindowSettings
     from insnav.errors.outage.gnss_outage import OutageStudy
     from insnav.errors.requirement.study import RequirementStudy
     from insnav.filter.fine_alignment import FineAlignment

@@ -49,7 +49,7 @@ class Source:
     # coefficient of flicker noise. SI units and radians.
     sd: float
     correlation_time: float = math.inf  # of a Gauss-Markov process [s]
-    # for a source of correlated errors, its unit vector in 21 states; see `insnav.errors.budget.drive_motion`
+    # for a source of correlated errors, its unit vector in 21 states; see `insnav.errors.budget.from_windows`
     joint: tuple[float, ...] = ()
 
     @property
