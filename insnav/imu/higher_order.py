@@ -16,6 +16,7 @@ every ``k`` is below 1, so the map has exactly one inverse.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
+from functools import partial
 
 import numpy as np
 
@@ -23,16 +24,8 @@ from insnav.exceptions import ConfigError, InputError
 from insnav.types import FloatArray
 
 REFERENCE_TEMPERATURE = 25.0  # unless a calibration has another one [deg C]
-
-
-def zeros() -> FloatArray:
-    """No error of three axes: default of a field."""
-    return np.zeros(3)
-
-
-def zero_matrix() -> FloatArray:
-    """No error in three rows of three: default of a field."""
-    return np.zeros((3, 3))
+# defaults of fields: no error of three axes, or of three rows of three
+zeros, zero_matrix = partial(np.zeros, 3), partial(np.zeros, (3, 3))
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ Systems, 2nd ed. (2013), eqs. 4.17 and 4.18. What goes beyond that is in `insnav
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -29,13 +30,8 @@ from insnav.types import FloatArray, ImuData
 _SAMPLED_TERMS = tuple(key for key in SHAPES if key != "positions")
 SAMPLED = frozenset({"bias", "scale_factor", "misalignment", *_SAMPLED_TERMS})  # terms that `sample_errors` samples
 MAX_CONDITION = 1e6  # beyond it the inverse of the matrix would lose what sensors can resolve
-
-
-def _eye() -> FloatArray:
-    return np.eye(3)
-
-
 GAP = 1.75  # a spacing so many times the median has lost samples before it
+_eye = partial(np.eye, 3)
 
 
 @dataclass(frozen=True, slots=True)

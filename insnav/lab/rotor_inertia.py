@@ -20,8 +20,7 @@ from insnav.findings import Code, Finding
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import schema
 from insnav.lab.bench_data.bench_tables import BenchTable, read_bench
-from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, measured
-from insnav.lab.common_findings import about, few, outlier
+from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, about, few, measured, outlier
 from insnav.lab.least_squares import Fit, coverage_factor, linear_fit, outliers
 from insnav.types import FloatArray
 

@@ -12,7 +12,7 @@ from insnav.exceptions import InputError
 from insnav.imu import ImuErrors, correct, corrupt
 from insnav.imu.higher_order import ErrorTerms
 from insnav.input.readers.imu import read_counts
-from insnav.lab.multi_position.gravity_norm import fit_gravity_norm, norm_error, perfect, sphere
+from insnav.lab.multi_position.gravity_norm import fit_gravity_norm, norm_error, sphere
 from insnav.lab.multi_position.gyro_rotations import prepare, rotations
 from insnav.lab.multi_position.many_positions import PosesCalibration, calibrate_poses
 from insnav.lab.multi_position.method import errors_in_si, file_errors
@@ -229,7 +229,7 @@ def test_level_poses_only_are_refused_and_the_missing_one_is_named() -> None:
 def test_six_poses_along_the_axes_leave_misalignment_open() -> None:
     force = np.tile(np.vstack((G * np.eye(3), -G * np.eye(3))), (3, 1))
     with refused(InputError, "lab.poses_undetermined") as caught:
-        fit_gravity_norm(force, G, perfect())
+        fit_gravity_norm(force, G, Triad())
     assert all("misalignment" in name for name in caught.value.values["parameters"])
     assert len(caught.value.values["pose"]) > 1
 
@@ -237,7 +237,7 @@ def test_six_poses_along_the_axes_leave_misalignment_open() -> None:
 def test_the_pose_asked_for_mends_it() -> None:
     axes = np.tile(np.vstack((G * np.eye(3), -G * np.eye(3))), (2, 1))
     halfway = G * directions()[np.count_nonzero(np.abs(directions()) > 1e-6, axis=1) == 2]
-    fit = fit_gravity_norm(np.vstack((axes, halfway)), G, perfect())
+    fit = fit_gravity_norm(np.vstack((axes, halfway)), G, Triad())
     assert fit.triad.condition < 10.0
 
 

@@ -20,7 +20,7 @@ from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
 from insnav.input.interpret.columns import require, understand
 from insnav.input.interpret.schema import Quantity
-from insnav.lab.common_findings import warming
+from insnav.lab.calibration import warming
 from insnav.types import FloatArray
 from insnav.units import UNITS
 

@@ -140,7 +140,7 @@ def _best_poses(
         if not counts:
             refuse_force_units(force, g)
         try:
-            start = gravity_norm.sphere(force, g) if counts else gravity_norm.perfect()
+            start = gravity_norm.sphere(force, g) if counts else Triad()
             fit = gravity_norm.fit_gravity_norm(force, g, start)
         except InputError as error:
             refused = error

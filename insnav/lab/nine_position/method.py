@@ -33,8 +33,7 @@ from insnav.lab.bench_data.bench_tables import (
     read_bench,
     reduce_dwells,
 )
-from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, common_unit, measured
-from insnav.lab.common_findings import badly_conditioned
+from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, badly_conditioned, common_unit, measured
 from insnav.lab.least_squares import LEVEL, Fit, coverage_factor, linear_fit
 from insnav.lab.nine_position.table_positions import OPPOSITE, check_positions, ideal_force, opposite_pairs, products
 from insnav.quantity import Quantity

@@ -8,7 +8,7 @@ import numpy as np
 
 from insnav.exceptions import InputError
 from insnav.findings import Finding
-from insnav.lab.common_findings import few
+from insnav.lab.calibration import few
 from insnav.types import FloatArray
 from insnav.units import DEG
 

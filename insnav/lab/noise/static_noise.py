@@ -24,7 +24,7 @@ from insnav.findings import Code, Finding
 from insnav.imu.error_terms import terms_of
 from insnav.imu.health import inspect
 from insnav.imu.specification import ImuSpec, SensorSpec
-from insnav.lab.common_findings import about, warming
+from insnav.lab.calibration import about, warming
 from insnav.lab.noise.allan import (
     AXES,
     AllanDeviation,

@@ -20,8 +20,7 @@ from insnav.imu.higher_order import AxisMap, DynamicMap
 from insnav.imu.model import ImuErrors
 from insnav.imu.raw_outputs import RawScale
 from insnav.input.formats.table import Table
-from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, measured
-from insnav.lab.common_findings import badly_conditioned
+from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, badly_conditioned, measured
 from insnav.lab.least_squares import Fit, linear_fit
 from insnav.lab.rate_sweep.piecewise_fit import Pieces, fit_pieces
 from insnav.lab.rate_sweep.records import (

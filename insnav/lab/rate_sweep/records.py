@@ -23,8 +23,7 @@ from insnav.lab.bench_data.bench_tables import (
     read_bench,
     reduce_dwells,
 )
-from insnav.lab.calibration import WRONG_UNIT, common_unit
-from insnav.lab.common_findings import about, few
+from insnav.lab.calibration import WRONG_UNIT, about, common_unit, few
 from insnav.lab.least_squares import Fit
 from insnav.lab.single_axis.rate_table import FEWEST, Dropped
 from insnav.types import BoolArray, FloatArray, IntArray

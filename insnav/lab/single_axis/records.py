@@ -33,10 +33,11 @@ from insnav.lab.calibration import (
     BenchOptions,
     Calibration,
     CalibrationSd,
+    about,
+    badly_conditioned,
     common_unit,
     fitted,
 )
-from insnav.lab.common_findings import about, badly_conditioned
 from insnav.lab.least_squares import Fit
 from insnav.types import FloatArray
 from insnav.units import UNITS

@@ -16,8 +16,7 @@ from insnav.exceptions import InputError
 from insnav.findings import Finding
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import schema
-from insnav.lab.calibration import BenchOptions, Calibration
-from insnav.lab.common_findings import few, outlier
+from insnav.lab.calibration import BenchOptions, Calibration, few, outlier
 from insnav.lab.least_squares import Fit, linear_fit, outliers
 from insnav.lab.single_axis.records import Record, read_records, refuse_unit, triad_calibration
 from insnav.types import FloatArray, IntArray
