@@ -11,8 +11,8 @@ from insnav.imu.higher_order import AxisMap, DynamicMap
 from insnav.imu.model import ImuErrors, correct, corrupt
 from insnav.lab.calibration import CalibrationSd, Impact, physical
 from insnav.sample_statistics import rms
-from insnav.simulate.closed_forms import circle, straight
 from insnav.simulate.ideal_sensors import imu_from_truth, reference
+from insnav.simulate.truth import circle, straight
 from insnav.strapdown import increments, intervals, navigate
 from insnav.types import FloatArray, ImuData, Trajectory
 from insnav.units import DEG

@@ -23,10 +23,9 @@ from insnav.imu.library import completed, find_part, parts
 from insnav.quantity_text import parse_quantity
 from insnav.result import Result
 from insnav.session.budget import LONGEST_FREE
-from insnav.simulate.closed_forms import straight
 from insnav.simulate.motion import load_profile
 from insnav.simulate.recording import MOTION_STREAM
-from insnav.simulate.truth import Truth
+from insnav.simulate.truth import Truth, straight
 from insnav.steps.checked_inputs import one_of
 
 BEFORE = 300.0  # GPS before the outage, where the motion is long enough [s]

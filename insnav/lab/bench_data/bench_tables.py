@@ -38,13 +38,10 @@ class BenchFile:
 
 
 @dataclass(frozen=True, slots=True)
-class BenchTable:
+class BenchTable(BenchFile):
     """Columns of a bench file in SI units, but raw outputs in the unit of the file."""
 
-    name: str  # the file and its digest
-    sha256: str
     columns: Mapping[str, FloatArray]  # (n,) by key
-    units: Mapping[str, str]  # units as in the file, by key
 
     @property
     def file(self) -> BenchFile:
@@ -104,7 +101,7 @@ def read_bench(
             raise InputError("lab.value_missing", where=table.place(row, item.index))
         values[key] = raw if item.quantity.dimension == "signal" else raw * item.factor
         units[key] = item.unit or ""
-    return BenchTable(table.name, table.sha256, values, units)
+    return BenchTable(table.name, table.sha256, units, values)
 
 
 ORDER = 7  # of the polynomial
