@@ -155,9 +155,9 @@ def _raw(table: _Raw | None, scale: str) -> RawScale | None:
 def _gyro_map(table: _Map | None) -> DynamicMap | None:
     if table is None:
         return None
-    axes_of = (table.x, table.y, table.z)
-    x, y, z = (None if a is None else AxisMap(np.array(a.rate_rad_s), np.array(a.error_rad_s)) for a in axes_of)
-    return DynamicMap(x, y, z)
+    given = (table.x, table.y, table.z)
+    maps = (None if a is None else AxisMap(np.array(a.rate_rad_s), np.array(a.error_rad_s)) for a in given)
+    return DynamicMap(tuple(maps))
 
 
 def _terms(sensor: Sensor, table: Table) -> ErrorTerms | None:

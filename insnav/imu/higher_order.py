@@ -153,16 +153,9 @@ class AxisMap:
 
 @dataclass(frozen=True, slots=True)
 class DynamicMap:
-    """One map a gyro; None leaves an axis as it is."""
+    """One map a gyro."""
 
-    x: AxisMap | None = None
-    y: AxisMap | None = None
-    z: AxisMap | None = None
-
-    @property
-    def axes(self) -> tuple[AxisMap | None, AxisMap | None, AxisMap | None]:
-        """The three maps."""
-        return self.x, self.y, self.z
+    axes: tuple[AxisMap | None, ...]  # of x, y, z; None leaves an axis as it is
 
     def apply(self, measured: FloatArray) -> FloatArray:
         """Rates without the errors.

@@ -52,7 +52,7 @@ def _sampled(known: ImuErrors, sd: CalibrationSd, rng: np.random.Generator) -> I
     gyro_map, terms = known.gyro_map, known.gyro_terms
     if gyro_map is not None:
         maps = zip(gyro_map.axes, sd.gyro_map, strict=True)
-        gyro_map = DynamicMap(*(_sampled_map(item, spread, rng) for item, spread in maps))
+        gyro_map = DynamicMap(tuple(_sampled_map(item, spread, rng) for item, spread in maps))
     if terms is not None:
         error = sd.g_sensitivity * rng.standard_normal((3, 3))
         terms = replace(terms, g_sensitivity=terms.g_sensitivity + error)

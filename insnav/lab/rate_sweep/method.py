@@ -231,7 +231,7 @@ def _worse(found: SweepCalibration) -> tuple[Finding, ...]:
 def sweep_errors(found: SweepCalibration, unit: str, name: str = "") -> tuple[ImuErrors, CalibrationSd]:
     """Errors for the calibration file, outputs in `unit`, and their uncertainty."""
     maps = tuple(None if item is None else _axis_map(item) for item in found.pieces)
-    gyro_map = DynamicMap(*maps) if any(item is not None for item in maps) else None
+    gyro_map = DynamicMap(maps) if any(item is not None for item in maps) else None
     bias_sd = np.array([fit.sd[3] for fit in found.fits])
     matrix_sd = np.array([fit.sd[:3] for fit in found.fits])
     spread = tuple(None if item is None else item.covariance for item in found.pieces)
