@@ -7,6 +7,8 @@ Technology", 2nd ed., 2004, chapter 12). The velocity error is its derivative.
 
 The fit is weighted: white noise of the sensors, integrated two and three times, makes neighbouring errors alike, and
 the uncertainty of the coefficients would be far too small without it.
+
+From the two errors at the end of a run alone, the fewest terms that explain them are found (`explain_end`).
 """
 
 from __future__ import annotations
