@@ -87,12 +87,18 @@ def each(
 
         died = (*died, KilledWorker)
     with _pool(engine, len(jobs), shared) as pool:
-        following = alone_until = 0
+        following = alone_until = last = 0
+
+        def handed(stop: int) -> Iterator[J]:
+            nonlocal last
+            for last in range(following, stop):
+                yield jobs[last]
+
         while following < len(jobs):
-            alone = following < alone_until
-            handed = _Handed(range(following, following + 1 if alone else len(jobs)))
+            alone, last = following < alone_until, following
+            numbers = handed(following + 1 if alone else len(jobs))
             try:
-                with closing(pool(attempt, function, *shared, jobs=(jobs[i] for i in handed))) as outcomes:
+                with closing(pool(attempt, function, *shared, jobs=numbers)) as outcomes:
                     for outcome in outcomes:
                         following += 1
                         yield outcome
@@ -101,7 +107,7 @@ def each(
                     following += 1
                     yield InsnavError("engine.process_died", reason=str(error).split(". ")[0])
                 else:
-                    alone_until = handed.last + 1
+                    alone_until = last + 1
                     _log.warning("insnav: a process died; jobs %d to %d are repeated", following + 1, alone_until)
 
 
@@ -125,19 +131,6 @@ def every(
 def share_of(progress: Callable[[float], None] | None, begin: float, part: float) -> Callable[[float], None] | None:
     """Progress of a part of the work, which begins at the share `begin` of it."""
     return None if progress is None else lambda done: progress(begin + part * done)
-
-
-class _Handed:
-    """Numbers of the jobs handed out so far."""
-
-    def __init__(self, numbers: range) -> None:
-        self._numbers = numbers
-        self.last = numbers.start
-
-    def __iter__(self) -> Iterator[int]:
-        for number in self._numbers:
-            self.last = number
-            yield number
 
 
 def attempt(function: Callable[..., T], *arguments: Any) -> T | InsnavError:

@@ -8,9 +8,10 @@ import numpy as np
 
 from insnav.attitude import quat_from_dcm, rph_from_quat
 from insnav.earth import E2, OMEGA_EARTH, A, gravity_n
+from insnav.earth_fixed import components
 from insnav.simulate import LevelTruth, Truth
 from insnav.simulate.curves import Harmonic
-from insnav.simulate.truth import Gravity, Kinematics, Vector, components
+from insnav.simulate.truth import Gravity, Kinematics, Vector
 from insnav.types import FloatArray
 from insnav.units import DEG
 

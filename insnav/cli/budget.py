@@ -139,7 +139,7 @@ def _explain(data: Data, end: str, time: float, rest: dict[str, float], how: tup
         stage("fitting")
         from insnav.errors.budget.analytic import gravity_of
         from insnav.errors.budget.sampled_motion import at_rest
-        from insnav.errors.diagnosis.end_of_run import end_of_run, explain_end
+        from insnav.errors.diagnosis.growth_curves import end_of_run, explain_end
         from insnav.imu import load_imu
         from insnav.report.budget.page import end_page
         from insnav.report.save import write_page

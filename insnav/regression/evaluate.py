@@ -13,7 +13,7 @@ import numpy as np
 
 from insnav.engine import Workers, every
 from insnav.errors.metrics import TrajectoryErrors, nees, position_errors
-from insnav.errors.outage.from_reference import end_errors
+from insnav.errors.outage.free_inertial import end_errors
 from insnav.errors.outage.gnss_outage import outages
 from insnav.errors.outage.statistics import horizontal_at
 from insnav.exceptions import InputError, InsnavError
@@ -152,7 +152,7 @@ def _accuracy(errors: TrajectoryErrors, edges: FloatArray) -> dict[str, FloatArr
         for key, percent in (("p95", 95.0), ("max", 100.0)):
             found[name.format(key)] = np.array([_quantile(error[rows], percent) for rows in pieces])
     found["cep50_m"] = np.array([_quantile(errors.horizontal[rows], 50.0) for rows in pieces])
-    sums = [nees(errors, rows) for rows in pieces]
+    sums = [nees(errors.rows(rows)) for rows in pieces]
     for group in ("position", "velocity", "attitude"):
         parts = [None if each is None else each[group] for each in sums]
         found[f"nees_{group}"] = np.array([np.nan if part is None else part["nees"] for part in parts])

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from insnav.errors.budget.drive_motion import BudgetStudy
 from insnav.errors.budget.error_budget import Budget, RecordedColumn, budget
+from insnav.errors.budget.from_windows import BudgetStudy
 from insnav.errors.budget.sampled_motion import at_rest
 from insnav.errors.budget.sources import families, sources_of
 from insnav.findings import Code, Severity, of_code

@@ -6,8 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from insnav.lab.acceptance.acceptance import Acceptance, Accepted
-from insnav.lab.acceptance.figures_of_merit import BENCH_UNIT, Spread, Stability
+from insnav.lab.acceptance import BENCH_UNIT, Acceptance, Accepted, Spread, Stability
 from insnav.lab.bench_data.records import SI
 from insnav.lab.least_squares import Fit
 from insnav.lab.single_axis.rate_table import Dropped

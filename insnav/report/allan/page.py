@@ -12,8 +12,7 @@ import numpy as np
 from insnav.imu import to_toml
 from insnav.lab.noise.allan import AXES, AllanDeviation
 from insnav.lab.noise.noise_model import NoiseModel
-from insnav.lab.noise.noise_spec import KEYS
-from insnav.lab.noise.static_noise import SignalNoise, StaticNoise
+from insnav.lab.noise.static_noise import KEYS, SignalNoise, StaticNoise
 from insnav.output.data_files import csv_text
 from insnav.quantity import Quantity, key_suffix
 from insnav.report.colours import AXIS_COLOURS, GREY
