@@ -63,12 +63,12 @@ class Fit:
         if self.exchanged:
             return "latitude and longitude are exchanged"
         if not self.as_named:
-            return f"the velocities are others than their names say: {self.renamed}"
+            return f"the velocity columns have wrong names: {self.renamed}"
         if self.unit != "m/s":
             return f"the velocities are in {self.unit}"
         if self.climb == _FEET:
             return "the heights are in feet, read as m"
-        return "the vertical velocity is up, read as down" if self.upward else ""
+        return "the vertical velocity is positive up, read as positive down" if self.upward else ""
 
     @property
     def misplaced(self) -> bool:
