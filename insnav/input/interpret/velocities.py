@@ -68,7 +68,7 @@ class Fit:
             return f"the velocities are in {self.unit}"
         if self.climb == _FEET:
             return "the heights are in feet, read as m"
-        return "the vertical velocity is positive up, read as positive down" if self.upward else ""
+        return "the vertical velocity is up, read as down" if self.upward else ""
 
     @property
     def misplaced(self) -> bool:
