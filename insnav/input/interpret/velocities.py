@@ -63,7 +63,7 @@ class Fit:
         if self.exchanged:
             return "latitude and longitude are exchanged"
         if not self.as_named:
-            return f"the velocities are others than their names say: {self.renamed}"
+            return f"the velocity columns have wrong names: {self.renamed}"
         if self.unit != "m/s":
             return f"the velocities are in {self.unit}"
         if self.climb == _FEET:
