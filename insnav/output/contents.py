@@ -22,7 +22,7 @@ def read_facts(folder: Path) -> dict[str, Any]:
         facts = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError("output.no_run_folder", where=str(path), reason=reason_of(error)) from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError("output.damaged_json", where=str(path), reason=str(error)) from error
     if not isinstance(facts, dict) or not isinstance(facts.get("files"), dict):
         raise InputError("output.json_without_files", where=str(path))
