@@ -6,6 +6,7 @@ import bz2
 import io
 import lzma
 import mmap
+import os
 import struct
 import zipfile
 import zlib
@@ -19,13 +20,21 @@ from insnav.plain_text import plain_text
 MAX_BYTES = 2 << 30  # of unpacked data
 MAX_RATIO = 40  # of unpacked to packed, beyond RATIO_FROM: recordings have up to 15
 RATIO_FROM = 128 << 20
+MAX_FILES, MAX_DEPTH = 200_000, 6  # of a folder or an archive
 _PIECE = 1 << 22
 
 
-def refuse_bomb(code: str, where: str, packed: int, size: int, **values: Any) -> None:
-    """Refuse what becomes so large that no recording does: so many bytes of so many."""
+def refuse_bomb(where: str, kind: str, packed: int, size: int) -> None:
+    """Refuse a file of so many bytes that becomes larger in memory than recordings do, before memory is taken."""
     if size > MAX_BYTES or (size > RATIO_FROM and size > MAX_RATIO * packed):
-        raise InputError(code, where=where, packed_bytes=packed, size_bytes=size, **values)
+        raise InputError("format.bomb", where=where, kind=kind, packed_bytes=packed, size_bytes=size)
+
+
+def refuse_sparse(where: str, found: os.stat_result) -> None:
+    """Refuse a file that is nearly all holes; file systems without holes, or that do not count blocks, have none."""
+    stored = 512 * getattr(found, "st_blocks", 0)
+    if found.st_size > RATIO_FROM and 0 < stored < found.st_size / MAX_RATIO:
+        raise InputError("format.bomb", where=where, kind="sparse", packed_bytes=stored, size_bytes=found.st_size)
 
 
 class _Unpacker(Protocol):
@@ -64,7 +73,7 @@ def unpacked(raw: bytes | mmap.mmap, name: str) -> bytes | mmap.mmap:
     def sensible(total: int = 0) -> Iterator[bytes]:
         for piece in pieces:
             total += len(piece)
-            refuse_bomb("format.compressed_bomb", name, len(raw), total, kind=kind)
+            refuse_bomb(name, kind, len(raw), total)
             yield piece
 
     try:
@@ -118,8 +127,9 @@ def archive_members(raw: bytes | mmap.mmap, name: str) -> dict[str, Callable[[],
     except (zipfile.BadZipFile, *_DAMAGE) as error:
         raise InputError("format.zip_damaged", where=name, reason=plain_text(reason_of(error))) from error
     entries = [e for e in entries if not e.filename.startswith("__MACOSX/") and "/." not in f"/{e.filename}"]
-    size = sum(entry.file_size for entry in entries)
-    refuse_bomb("format.zip_bomb", name, len(raw), size)
+    if len(entries) > MAX_FILES:
+        raise InputError("format.too_many_files", where=name, limit_count=MAX_FILES)
+    refuse_bomb(name, "ZIP", len(raw), sum(entry.file_size for entry in entries))
     return {entry.filename: _member(archive, entry, name) for entry in entries}
 
 
