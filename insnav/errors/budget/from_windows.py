@@ -13,6 +13,7 @@ from insnav.errors.diagnosis.causes import Diagnosis, diagnose
 from insnav.errors.diagnosis.equivalent_sensor_errors import SensorFit, fit_sensors
 from insnav.errors.diagnosis.error_regression import Regression, regression
 from insnav.errors.diagnosis.simulated_replica import FEWEST, Replicas, replica_task, replicas
+from insnav.errors.evaluated_run import failure
 from insnav.errors.outage.free_inertial import Windows, free_window_starts, free_windows
 from insnav.errors.outage.statistics import Growth, by_motion, growth, table_times
 from insnav.errors.outage.window_reference import WindowReference, reference_from_fixes
@@ -152,7 +153,11 @@ def recorded_budget(
         parts[1] if settings.uncalibrated else None,
         spec,
         drive.run.smoothed.solution,
-        (*ready.notes, *_findings(reference, spec, settings, parts[0], correlated=correlated)),
+        (
+            *filter(None, (failure(drive.run),)),
+            *ready.notes,
+            *_findings(reference, spec, settings, parts[0], correlated=correlated),
+        ),
     )
 
 
