@@ -51,7 +51,7 @@ class RunFolder:
         self._committing = self._committed = False
 
     def __enter__(self) -> Self:
-        self._place = _resolved(self.target)
+        self._place = resolved(self.target)
         for name in self._place.parts:
             _check_name(name)
         with contextlib.suppress(OSError):
@@ -163,7 +163,13 @@ def write_text(path: Path, text: str) -> None:
             raise
 
 
-def _resolved(target: Path) -> Path:
+def resolved(target: Path) -> Path:
+    """Resolve the path of an output folder.
+
+    Raises: OutputError: no such path can be, or it is a link to nothing, which would make a folder elsewhere.
+    """
+    if target.is_symlink() and not target.exists():
+        raise OutputError("output.dangling_link", where=str(target), target=plain_text(target.readlink()))
     try:
         return target.resolve()
     except (OSError, RuntimeError) as error:
