@@ -19,7 +19,7 @@ from typing import BinaryIO
 
 from insnav import spill
 from insnav.exceptions import InputError, reason_of
-from insnav.input.formats.unpack import MAX_DEPTH, MAX_FILES, archive_members, refuse_sparse, unpacked
+from insnav.input.formats.unpack import MAX_BYTES, MAX_DEPTH, MAX_FILES, archive_members, refuse_bomb, unpacked
 from insnav.plain_text import plain_text
 
 HEAD_BYTES = 1 << 14  # what formats are recognised by
@@ -144,7 +144,8 @@ def _read_file(path: Path, name: str) -> bytes | mmap.mmap:
             found = path.stat()
             if not stat.S_ISREG(mode) or found.st_size == 0:
                 return _stream(file, name)
-            refuse_sparse(name, found)
+            if stored := 512 * getattr(found, "st_blocks", 0):  # where holes are known
+                refuse_bomb(name, "sparse", stored, min(found.st_size, MAX_BYTES))
             return spill.watched(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
     except IsADirectoryError:
         raise

@@ -259,11 +259,11 @@ def require(
     missing = [q for key in keys if key not in found for q in schema if q.key == key]
     if not missing:
         return
-    for header, unit in zip(headers, units_row or [""] * len(headers), strict=True):
+    for named, unit in zip(headers, units_row or [""] * len(headers), strict=True):
         try:
-            match_header(header, missing, unit)
+            match_header(named, missing, unit)
         except InputError as error:
-            error.where = f"{where}: column {header!r}"
+            error.where = f"{where}: column {named!r}"
             raise
     guess = quote_columns(gives["columns"]) if gives else ""
     if is_headerless(headers):
