@@ -150,8 +150,8 @@ def _moved(gps: GpsData, begin: float, end: float) -> bool:
     if rows.size < 2:
         return False
     if np.isfinite(gps.v_n[rows]).all():  # errors that last as long have no mean of zero
-        mean, sd = gps.v_n[rows, :2].mean(axis=0), float(np.median(gps.velocity_sd[rows, :2]))
-        return bool(np.hypot(*mean) > max(motion.CREEP, motion.CLEARLY * sd))
+        mean = float(np.hypot(*gps.v_n[rows, :2].mean(axis=0)))
+        return mean > motion.CREEP and bool(motion.is_clear(mean, np.median(gps.velocity_sd[rows, :2])))
     first, last = rows[0], rows[-1]
     way = float(np.linalg.norm(ned_offset(gps.lla[last], gps.lla[first])[:2]))
     sd = float(np.hypot(*gps.position_sd[[first, last], :2].max(axis=1)))
@@ -205,9 +205,7 @@ def _from_rest(
             return found
         if moving is not None and motion.interval_of(gps.time) > SPARSE:
             raise motion.too_sparse(motion.interval_of(gps.time))
-        raise AlignmentError(
-            "align.no_heading", limit_m_s=motion.CREEP, limit=motion.CLEARLY, before_s=_ends_before(parts, gps)
-        )
+        raise AlignmentError("align.no_heading", limit_m_s=motion.CREEP, before_s=_ends_before(parts, gps))
     rph[2] = wrap_two_pi(course.heading)
     bias, bias_sd = static.gyro_bias(at, spec, rph, course.sd, lat)
     sd = np.array([found.sd[0], found.sd[1], course.sd])
@@ -226,9 +224,7 @@ def _in_motion(
     """`start`: first fix that the samples cover [s]."""
     speed, moving = motion.sure_motion(gps, start, HIDDEN)
     if moving is None:
-        raise AlignmentError(
-            "align.no_motion", limit_m_s=motion.CREEP, limit=motion.CLEARLY, before_s=_ends_before(parts, gps)
-        )
+        raise AlignmentError("align.no_motion", limit_m_s=motion.CREEP, before_s=_ends_before(parts, gps))
     later = gps.time[gps.time >= max(start, moving)]
     begin = float(later[0]) if later.size else max(start, moving)
     interval = motion.interval_of(gps.time)

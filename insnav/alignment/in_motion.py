@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from insnav.attitude import dcm_from_quat, quat_from_rotvec, quat_from_rph, quat_multiply, rph_from_quat, wrap_pi
 from insnav.earth import earth_rate_n, gravity_n, lla_offset, ned_offset
@@ -19,11 +20,10 @@ from insnav.units import G0
 
 SLOWEST = 2.0  # below this the noise of GPS velocity turns the course by degrees [m/s]
 CRAWL = 0.7  # the same of robots and boats that are never faster: a course as much less sure is better than none [m/s]
-CREEP = 0.2  # speed at which slip, SLIP_SD at SLOWEST, turns the course by 30 deg: below, a course tells nothing [m/s]
-CLEARLY = 5.0  # standard deviations beyond which a speed, or a way, is motion: at rest once in 270 000, exp(-25/2)
 SURELY = 3.0  # a spike of the positions looks like motion for less than this [s]
 SPAN = 15.0  # motion that a heading is found from: longer, gyro drift counts [s]
 SLIP_SD = np.deg2rad(3.0)  # of the direction of travel against the body's forward axis: slip and mounting
+CREEP = SLIP_SD * SLOWEST / np.deg2rad(30.0)  # slip turns the course so far: below, a course tells nothing [m/s]
 RATE_SPAN = 0.1  # turn of the lever arm before and after a fix that its velocity is taken from [s]
 DIFFERENCE = 2.0  # base of velocities from positions: 1 m of noise makes 0.7 m/s [s]
 LONGER = 5.0, 10.0  # the same where by it no motion is sure: of positions as poor as those of telephones [s]
@@ -47,7 +47,8 @@ class Velocity:
     @property
     def fast(self) -> BoolArray:
         """Where the vehicle moves, (n,)."""
-        return np.hypot(self.v_n[:, 0], self.v_n[:, 1]) > np.maximum(self.slowest, CLEARLY * self.sd)
+        speed = np.hypot(self.v_n[:, 0], self.v_n[:, 1])
+        return (speed > self.slowest) & is_clear(speed, self.sd)
 
     @property
     def span(self) -> float:
@@ -91,6 +92,11 @@ class History:
     def nearest(self, time: FloatArray) -> IntArray:
         """Rows at interval ends, the first that are not before `time`."""
         return np.clip(np.searchsorted(self.time, time), 0, self.time.shape[0] - 1)
+
+
+def is_clear(size: ArrayLike, sd: ArrayLike) -> BoolArray:
+    """Whether speeds, or ways, are motion: noise of two components exceeds five sd once in 270 000, exp(-25/2)."""
+    return np.asarray(size) > 5.0 * np.asarray(sd)
 
 
 def gives_velocities(gps: GpsData) -> bool:
@@ -214,7 +220,7 @@ def _leaves(gps: GpsData, start: float) -> bool:
     here = gps.rows(np.flatnonzero(gps.time >= start))
     way = np.linalg.norm(ned_offset(here.lla, here.lla[:1])[:, :2], axis=1)
     sd = here.position_sd[:, :2].max(axis=1)
-    return bool((way > CLEARLY * np.hypot(sd, sd[:1])).any())
+    return bool(is_clear(way, np.hypot(sd, sd[:1])).any())
 
 
 def sure_motion(gps: GpsData, start: float, hidden: float = np.inf) -> tuple[Velocity, float | None]:

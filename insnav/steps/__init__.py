@@ -123,7 +123,7 @@ def run_steps(
     for name in names:
         begin = perf_counter()
         step = getattr(import_module(f"insnav.steps.{name}"), name)
-        with naming_data(name, recording):
+        with naming_data(name, recording.imu, recording.gps):
             recording, model, findings = step(recording, model)
         records.append(StepRecord(name, findings, perf_counter() - begin))
     return recording, model, tuple(records)

@@ -11,7 +11,7 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
-from typing import Any, BinaryIO, cast
+from typing import Any
 
 from insnav import spill
 from insnav.exceptions import InputError, reason_of
@@ -31,8 +31,8 @@ def refuse_bomb(where: str, kind: str, packed: int, size: int) -> None:
 
 
 # first bytes -> name, and what reads such a file
-_KINDS: dict[bytes, tuple[str, Callable[[Any], BinaryIO]]] = {
-    b"\x1f\x8b": ("gzip", lambda file: cast(BinaryIO, gzip.GzipFile(fileobj=file))),
+_KINDS: dict[bytes, tuple[str, Callable[[Any], Any]]] = {
+    b"\x1f\x8b": ("gzip", lambda file: gzip.GzipFile(fileobj=file)),
     b"\xfd7zXZ": ("xz", lzma.LZMAFile),
     b"BZh": ("bzip2", bz2.BZ2File),
     b"\x28\xb5\x2f\xfd": ("zstd", lambda file: _zstd(file)),
@@ -68,11 +68,11 @@ def unpacked(raw: bytes | mmap.mmap, name: str) -> bytes | mmap.mmap:
         raise InputError("format.compressed_damaged", where=name, kind=kind, reason=reason) from error
 
 
-def _zstd(file: Any) -> BinaryIO:
+def _zstd(file: Any) -> Any:
     import pyarrow as pa
 
     buffer = pa.py_buffer(file if isinstance(file, mmap.mmap) else file.getbuffer())
-    return cast(BinaryIO, pa.CompressedInputStream(pa.BufferReader(buffer), "zstd"))
+    return pa.CompressedInputStream(pa.BufferReader(buffer), "zstd")
 
 
 def archive_members(raw: bytes | mmap.mmap, name: str) -> dict[str, Callable[[], bytes | mmap.mmap]]:
