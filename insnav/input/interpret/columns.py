@@ -259,7 +259,7 @@ def require(
     missing = [q for key in keys if key not in found for q in schema if q.key == key]
     if not missing:
         return
-    for named, unit in zip(headers, units_row or [""] * len(headers), strict=True):
+    for named, unit in zip(headers, units_row or [""] * len(headers), strict=False):
         try:
             match_header(named, missing, unit)
         except InputError as error:

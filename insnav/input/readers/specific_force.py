@@ -94,15 +94,7 @@ def read_specific_force(
 def _check_clock(found: Mapping[str, Found], sample_rate: float | None, table: Table) -> None:
     """Refuse a file without times, and one with times if the rate of the samples is given too."""
     if sample_rate is None:
-        require(
-            found,
-            ("time",),
-            table.headers,
-            SPECIFIC_FORCE_SCHEMA,
-            where=table.name,
-            hint="without_times",
-            units_row=table.units,
-        )
+        require(found, ("time",), table.headers, SPECIFIC_FORCE_SCHEMA, where=table.name, hint="without_times")
     elif "time" in found:
         values: dict[str, Any] = {"column": found["time"].header, "file": table.name}
         raise ConfigError("input.rate_beside_times", where="--sample-rate", **values)
