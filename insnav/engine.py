@@ -31,6 +31,7 @@ T = TypeVar("T")
 Workers = int | str  # a number of processes, or an engine: ``processes:4``, ``dask:tcp://10.0.0.1:8786``
 
 IDLE = 10.0  # workers without work end after this [s]
+_LOOPBACK = "127.0.0.1"
 CONNECT = 10.0  # a scheduler and its workers answer within this [s]
 _FORM = re.compile(r"processes(?::(?P<count>\d+))?|dask(?::(?P<address>.+))?|(?P<number>\d+)")
 _LEFT_BEHIND = "ignore:resource_tracker:UserWarning"
@@ -221,8 +222,10 @@ def _client(engine: Engine, jobs: int) -> Iterator[Any]:
         if engine.dask:
             client = stack.enter_context(_connected(distributed, engine.dask))
         else:
-            how: dict[str, Any] = {"threads_per_worker": 1, "dashboard_address": ":0", "silence_logs": logging.CRITICAL}
+            how: dict[str, Any] = {"threads_per_worker": 1, "silence_logs": logging.CRITICAL}
             how |= {"n_workers": min(engine.processes, jobs), "preload": __name__}  # `dask_setup` here
+            how |= {"host": _LOOPBACK, "dashboard_address": f"{_LOOPBACK}:0"}  # nothing for other machines
+            how |= {"worker_dashboard_address": f"{_LOOPBACK}:0"}
             # the first death ends the calculation: the job is repeated from here
             stack.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": 0}))
             client = stack.enter_context(distributed.Client(stack.enter_context(distributed.LocalCluster(**how))))

@@ -35,7 +35,7 @@ def read_facts(folder: Path) -> dict[str, Any]:
         facts = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError("output.no_run_folder", where=str(path), reason=reason_of(error)) from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError("output.damaged_json", where=str(path), reason=str(error)) from error
     if not isinstance(facts, dict) or not isinstance(facts.get("files"), dict):
         raise InputError("output.json_without_files", where=str(path))
@@ -109,7 +109,7 @@ class RunFolder:
         self._committing = self._committed = False
 
     def __enter__(self) -> Self:
-        self._place = _resolved(self.target)
+        self._place = resolved(self.target)
         for name in self._place.parts:
             _check_name(name)
         with contextlib.suppress(OSError):
@@ -221,7 +221,13 @@ def write_text(path: Path, text: str) -> None:
             raise
 
 
-def _resolved(target: Path) -> Path:
+def resolved(target: Path) -> Path:
+    """Resolve the path of an output folder.
+
+    Raises: OutputError: no such path can be, or it is a link to nothing, which would make a folder elsewhere.
+    """
+    if target.is_symlink() and not target.exists():
+        raise OutputError("output.dangling_link", where=str(target), target=plain_text(target.readlink()))
     try:
         return target.resolve()
     except (OSError, RuntimeError) as error:

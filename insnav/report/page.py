@@ -70,6 +70,8 @@ class Verdict:
 def by_warnings(sentence: str, findings: Sequence[Finding], without: tuple[Light, str]) -> Verdict:
     """Give a result that needs attention if it has warnings; `without` any, or where worse, this light and reason."""
     warnings = [each for each in findings if each.severity >= Severity.WARNING]
+    if lost := [each for each in warnings if each.severity is Severity.UNUSABLE]:
+        return Verdict("bad", render(lost[0]).title, sentence)
     if not warnings or without[0] in ("attention", "bad"):
         return Verdict(*without, sentence)
     more = f" (and {len(warnings) - 1} more)" if len(warnings) > 1 else ""

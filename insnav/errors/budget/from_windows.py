@@ -18,6 +18,7 @@ from insnav.errors.budget.sources import Source, start_sources
 from insnav.errors.diagnosis.causes import Diagnosis, diagnose
 from insnav.errors.diagnosis.equivalent_sensor_errors import SensorFit, fit_sensors
 from insnav.errors.diagnosis.simulated_replica import FEWEST, Replicas, replica_task, replicas
+from insnav.errors.evaluated_run import failure
 from insnav.errors.outage.free_inertial import Windows, free_window_starts, free_windows
 from insnav.errors.outage.statistics import Growth, Regression, by_motion, growth, regression, table_times
 from insnav.errors.outage.windows import StartChoice, WindowReference, navigated_drive, reference_from_fixes
@@ -157,7 +158,11 @@ def recorded_budget(
         parts[1] if settings.uncalibrated else None,
         spec,
         drive.run.smoothed.solution,
-        (*ready.notes, *_findings(reference, spec, settings, parts[0], correlated=correlated)),
+        (
+            *filter(None, (failure(drive.run),)),
+            *ready.notes,
+            *_findings(reference, spec, settings, parts[0], correlated=correlated),
+        ),
     )
 
 

@@ -159,7 +159,11 @@ def _read(listed: list[Any], path: str) -> tuple[list[tuple[str, Segment]], list
             listed_inside = data.get("segment")
             inner, more = _read(listed_inside if isinstance(listed_inside, list) else [], f"{place}, segment")
             problems += more
-            segments += inner * (segment.count if isinstance(segment, Repeat) else 0)
+            count = segment.count if isinstance(segment, Repeat) else 0
+            if len(segments) + count * len(inner) > _MAX_MOVES:
+                problems.append(ConfigError("sim.many_moves", where=path, limit=_MAX_MOVES))
+                break
+            segments += inner * count
         elif segment is not None:
             segments.append((place, segment))
     return segments, problems
