@@ -158,6 +158,8 @@ def test_axes_to_give_follow_their_option(lang: str):
     advice = [text for _, part, text in texts(lang) if part == "advice" and "{axes}" in text]
     assert len(advice) >= 6
     assert all("--imu-axes {axes}" in re.sub(r"\[\[|\]\]", "", text) for text in advice), advice
+    for code in (Code.MOUNTING_ASSUMED, Code.MOUNTING_DOUBTED):
+        assert "--imu-axes" in catalogue(lang)[code]["advice"]
 
 
 def test_a_finding_in_words():
