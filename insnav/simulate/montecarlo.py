@@ -80,17 +80,17 @@ class Checkpoint:
     def save(self, runs: Runs) -> None:
         """Replace the file in one step: whatever stops the program, it is as it was or complete."""
         aside = self.path.with_name(f"{self.path.name}.new")
+        failures = np.array(json.dumps([astuple(each) for each in runs.failures]))
+        arrays = {name: getattr(runs, name) for name in _ARRAYS}
         with writing("sim.progress_unwritable", self.path):
-            with aside.open("wb") as file:
-                np.savez(
-                    file,
-                    key=np.array(self.key),
-                    failures=np.array(json.dumps([astuple(each) for each in runs.failures])),
-                    **{name: getattr(runs, name) for name in _ARRAYS},
-                )
-                file.flush()
-                os.fsync(file.fileno())
-            aside.replace(self.path)
+            try:
+                with aside.open("wb") as file:
+                    np.savez(file, key=np.array(self.key), failures=failures, **arrays)
+                    file.flush()
+                    os.fsync(file.fileno())
+                aside.replace(self.path)
+            finally:  # also where a signal ends it
+                aside.unlink(missing_ok=True)
 
     def load(self) -> Runs | None:
         """Read the file; None if there is none. A file of other runs, or of another program, is refused."""

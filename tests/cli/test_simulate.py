@@ -277,7 +277,7 @@ def test_the_library_is_listed_and_drawn(here: Path, cli: Cli, monkeypatch: pyte
         ((MOTION, "--rate", "0"), 2, "sim.sampling_rate"),
         ((MOTION, "--fault", "gps-jmp:3m@10s"), 2, "gps-jmp"),
         ((MOTION, "--temperature", "warm"), 2, "cli.not_a_temperature"),
-        ((MOTION, "--resume"), 2, "--runs"),
+        ((MOTION, "--resume"), 2, "cli.resume_without_runs"),
         ((MOTION, "--runs", "3", "--run", "2"), 2, "cli.runs_or_run"),
         ((MOTION, "--runs", "3", "--imu", "ideal"), 2, "cli.ideal_runs"),
         ((MOTION, "--seed", "-1"), 2, "--seed"),

@@ -111,7 +111,7 @@ def test_a_peer_that_is_absent_is_told(short: None, monkeypatch: pytest.MonkeyPa
     ("options", "code", "words"),
     [
         (("--json", "--markdown"), 2, "cli.json_or_markdown"),
-        (("--out", "/dev/null/such"), 4, "cannot write a run folder"),
+        (("--out", "/dev/null/such"), 4, "output.folder_unwritable"),
         (("--pier",), 2, "--peer"),
     ],
 )

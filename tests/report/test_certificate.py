@@ -49,8 +49,8 @@ def test_text_begins_with_the_verdict_and_names_what_failed():
     lines = page_text(certificate_page(CERTIFICATE)).splitlines()
     assert lines[0] == "Numerical certificate: 2 FAILED"
     assert "3 of 5 checks passed in 1.2 s" in lines[1]
-    assert "  - FAILED: poles: rest." in lines
-    assert "  - FAILED: platform: order of convergence." in lines
+    for name in ("poles: rest", "platform: order of convergence"):
+        assert any(line.startswith("  - ") and name in line for line in lines)
 
 
 def test_facts_are_json_without_nan():
