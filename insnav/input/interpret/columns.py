@@ -26,7 +26,10 @@ _MEANT = {
     "micros": "time (us)",
     "utcnano": "time (ns)",
 }
-_NO_UNITS = {"wgs84", "txt"}  # words in brackets that say something else
+_NO_UNIT = re.compile(
+    "wgs84|txt|x[0-9a-f]{4}"
+)  # words in brackets that say something else, such as number of a message
+_NEEDED = ("time", "lat", "lon", "height", "gyro", "accel", "dtheta", "dvel")
 _LISTED = 12  # unused columns that a finding names
 
 
@@ -76,7 +79,7 @@ def match_header(
     bracket = _BRACKETS.match(header)
     base, unit_text = (bracket["base"], bracket["unit"]) if bracket else (header, unit_below)
     unit_text = unit_text.strip(" []()-_")
-    if compact(unit_text) in _NO_UNITS:
+    if _NO_UNIT.fullmatch(compact(unit_text)):
         unit_text = ""
     word = compact(base)
     for attempt in range(4):
@@ -112,10 +115,10 @@ def _match_word(word: str, unit_text: str, schema: Sequence[Quantity]) -> tuple[
         raise InputError("columns.unknown_unit", text=unit_text, **values)
     for cut in range(len(word) - 1, 0, -1):
         for quantity in schema:
-            if word[:cut] in quantity.spellings:
+            for base in (word[:cut], word[:cut].removesuffix("in")):  # such as ``time in ms``
                 unit = UNIT_SPELLINGS.get(quantity.dimension, {}).get(word[cut:])
-                if unit is not None:
-                    return quantity, unit, quantity.spellings.index(word[:cut])
+                if base in quantity.spellings and unit is not None:
+                    return quantity, unit, quantity.spellings.index(base)
     return None
 
 
@@ -125,13 +128,14 @@ def understand(
     schema: Sequence[Quantity],
     *,
     columns: Mapping[str, str] | None = None,
+    parts: Mapping[str, int] | None = None,
     where: str = "",
 ) -> tuple[dict[str, Found], tuple[Finding, ...]]:
     """Assign columns to quantities.
 
     `headers`, `units_row`: as in the file, and the cells of the row of units under the header, if there is one;
     `columns`: what the user says: name, with or without unit (``gyro_x``, ``gyro_x_dps``), to header; an empty header
-    says that the file has no such column.
+    says that the file has no such column; `parts`: columns by header that others were made of, which the user may name.
     Raises: InputError: a duplicate header, two columns for one quantity, or an unknown unit; ConfigError: `columns`
     names something that does not exist, or in another unit than its header.
     """
@@ -139,10 +143,11 @@ def understand(
     twice = sorted({h for h in named if named.count(h) > 1})
     if twice:
         raise InputError("columns.header_twice", where=where, column=twice[0], count=named.count(twice[0]))
-    given, silent = _given(headers, units_row, schema, columns or {}, where)
+    given, silent = _given(headers, units_row, schema, columns or {}, parts or {}, where)
     taken = {found.index for found in given.values()}
     ranked: dict[str, list[tuple[int, Found]]] = {}
-    unused = []
+    unused: list[str] = []
+    notes: list[Finding] = []
     for index, (header, spelled) in enumerate(zip(headers, from_zero(headers), strict=True)):
         if not header or index in taken:
             continue
@@ -150,13 +155,16 @@ def understand(
             match = match_header(spelled, schema, units_row[index] if units_row else "")
         except InputError as error:
             error.where = f"{where}: column {header!r}"
-            raise
+            if error.values["quantity"].startswith(_NEEDED):
+                raise
+            values = {"quantity": error.values["quantity"], "unit": error.values["text"]}
+            notes.append(Finding.of(Code.COLUMNS_UNIT_UNKNOWN, column=header, **values))
+            continue
         if match is not None and match[0].key not in given and match[0].key not in silent:
             ranked.setdefault(match[0].key, []).append((match[2], Found(match[0], index, header, match[1])))
         elif match is None:
             unused.append(header)
     found = dict(given)
-    notes: list[Finding] = []
     for key, candidates in ranked.items():
         candidates.sort(key=lambda item: (item[0], item[1].index))
         best = candidates[0]
@@ -200,6 +208,7 @@ def _given(
     units_row: Sequence[str] | None,
     schema: Sequence[Quantity],
     columns: Mapping[str, str],
+    parts: Mapping[str, int],
     where: str,
 ) -> tuple[dict[str, Found], set[str]]:
     """Columns that the user names, and keys that the user says are not there."""
@@ -215,7 +224,7 @@ def _given(
         if not header:
             silent.add(quantity.key)
             continue
-        if header not in headers:
+        if header not in headers and header not in parts:
             values: dict[str, Any] = {
                 "column": header,
                 "file": where,
@@ -223,7 +232,7 @@ def _given(
                 **_listed(headers),
             }
             raise ConfigError("columns.no_such_column", where=f"columns, {name}", **values)
-        index = list(headers).index(header)
+        index = parts[header] if header in parts else list(headers).index(header)
         own = _unit_in(header, units_row[index] if units_row else "", quantity.dimension)
         if unit and own not in (None, unit):
             values = {"column": header, "unit": own, "given": unit, "quantity": quantity.key}

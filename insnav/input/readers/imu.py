@@ -89,7 +89,7 @@ def read_imu(
     schema = raw_schema(scales)
     guessed = not columns and is_headerless(table.headers)
     columns = imu_columns(table) if guessed else columns
-    found, notes = understand(table.headers, table.units, schema, columns=columns, where=name)
+    found, notes = understand(table.headers, table.units, schema, columns=columns, parts=table.parts, where=name)
     if guessed and columns:
         by_number = tuple(f"{key}={number}" for key, number in columns.items())
         notes = (*notes, Finding.of(Code.READ_COLUMNS_BY_VALUES, columns=by_number))
@@ -173,7 +173,7 @@ def read_counts(
     matrix = axes_matrix(axes or "FRD")
     table = open_table(path, "imu")
     name = table.name
-    found, notes = understand(table.headers, table.units, IMU_SCHEMA, columns=columns, where=name)
+    found, notes = understand(table.headers, table.units, IMU_SCHEMA, columns=columns, parts=table.parts, where=name)
     require(found, ("time", *_RATES, *_FORCES), table.headers, IMU_SCHEMA, where=name)
     stated = [found[key].describe() for key in (*_RATES, *_FORCES) if found[key].unit is not None]
     if stated:

@@ -58,7 +58,9 @@ def read_specific_force(
     """
     table = open_table(path)
     name = table.name
-    found, notes = understand(table.headers, table.units, SPECIFIC_FORCE_SCHEMA, columns=columns, where=name)
+    found, notes = understand(
+        table.headers, table.units, SPECIFIC_FORCE_SCHEMA, columns=columns, parts=table.parts, where=name
+    )
     _check_clock(found, sample_rate, table)
     chosen = _chosen(found, axes, table)
     columns_of = {"time": found["time"]} if sample_rate is None else {}

@@ -1,0 +1,121 @@
+"""Tables as the tools of practitioners write them: several time columns, several sensors, units nobody needs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from insnav.findings import Code
+from insnav.input import read_gps, read_imu
+from tests.input.files import IMU_HEADER, fixes, noted, rolling
+
+START = 1_711_483_461.5  # [s]
+
+
+def _table(path: Path, header: str, rows: np.ndarray, formats: str) -> Path:
+    lines = [",".join(form % value for form, value in zip(formats.split(), row, strict=True)) for row in rows]
+    path.write_text("\n".join([header, *lines, ""]))
+    return path
+
+
+def _stamped(rows: np.ndarray, late: float) -> np.ndarray:
+    """Rows with a time of arrival, whole seconds and nanoseconds in front, as bagpy writes them."""
+    seconds = np.floor(rows[:, 0])
+    return np.column_stack([rows[:, 0] + late, seconds, np.round((rows[:, 0] - seconds) * 1e9), rows[:, 1:]])
+
+
+def test_seconds_and_nanoseconds_of_the_sensor_come_before_the_time_of_arrival(tmp_path):
+    names = "Time,header.stamp.secs,header.stamp.nsecs"
+    imu = _stamped(rolling(start=START), 0.02)
+    path = _table(tmp_path / "imu.csv", IMU_HEADER.replace("time_s", names), imu, "%.6f %d %d " + "%.6f " * 6)
+    reading = read_imu(path)
+    assert reading.data.time[:2] == pytest.approx([START, START + 0.01], abs=1e-6)
+    (pair,) = noted(reading, Code.TIME_TWO_COLUMNS)
+    assert pair["columns"] == ("header.stamp.secs", "header.stamp.nsecs")
+    (other,) = noted(reading, Code.COLUMNS_TWICE)
+    assert other["column"] == "Time"
+    named = read_imu(path, columns={"time_s": "Time"})
+    assert named.data.time[0] == pytest.approx(START + 0.02, abs=1e-6)
+    assert not noted(named, Code.TIME_TWO_COLUMNS)
+
+
+def test_fixes_have_their_time_in_two_columns_too(tmp_path):
+    path = _table(
+        tmp_path / "gps.csv",
+        "Unix Time,Microseconds,latitude,longitude,altitude",
+        np.array([[1_700_000_000 + i // 2, 500_000 * (i % 2), *row[1:4]] for i, row in enumerate(fixes(20))]),
+        "%d %d %.8f %.8f %.3f",
+    )
+    reading = read_gps(path)
+    assert np.diff(reading.data.time) == pytest.approx(0.5)
+    assert reading.data.time[1] == 1_700_000_000.5
+
+
+@pytest.mark.parametrize(("tick", "rate"), [(1e-4, 100.0), (1e-6, 60.0)])
+def test_the_counter_of_samples_is_in_the_ticks_that_an_imu_can_have(tmp_path, tick, rate):
+    imu = rolling(rate=rate)
+    imu[:, 0] = np.round((imu[:, 0]) / tick)
+    header = "SampleTimeFine,Gyr_X,Gyr_Y,Gyr_Z,Acc_X,Acc_Y,Acc_Z"
+    path = _table(tmp_path / "imu.csv", header, imu, "%d " + "%.6f " * 6)
+    assert read_imu(path).facts.rate_hz == pytest.approx(rate, rel=0.01)
+    named = read_imu(path, columns={"time_us": "SampleTimeFine"})
+    assert named.facts.rate_hz == pytest.approx(1e6 * tick * rate, rel=0.01)
+
+
+def test_of_sensors_that_write_by_turns_the_first_is_read(tmp_path):
+    first = rolling(n=600)
+    second = first + np.array([0.0, 0.1, 0.0, 0.0, 0.3, 0.0, 0.0])
+    both = np.insert(np.stack([first, second], axis=1).reshape(1200, 7), 1, np.tile([0, 1], 600), axis=1)
+    header = IMU_HEADER.replace("time_s", "time_s,I")
+    reading = read_imu(_table(tmp_path / "imu.csv", header, both, "%.3f %d " + "%.6f " * 6))
+    np.testing.assert_allclose(reading.data.gyro, first[:, 1:4], atol=1e-6)
+    (instance,) = noted(reading, Code.READ_ROWS_INSTANCE)
+    assert (instance["column"], instance["count"], instance["number"]) == ("I", 2, 0.0)
+
+
+def test_an_unknown_unit_refuses_only_a_column_that_is_needed(tmp_path):
+    imu = np.column_stack([rolling(n=600), np.full(600, 25.0)])
+    reading = read_imu(_table(tmp_path / "imu.csv", f"{IMU_HEADER},temperature [%]", imu, "%.6f " * 8))
+    assert reading.data.temperature is None
+    (left_out,) = noted(reading, Code.COLUMNS_UNIT_UNKNOWN)
+    assert left_out["column"] == "temperature [%]"
+
+
+def test_the_number_of_a_message_is_no_unit_and_its_heading_of_zeros_no_heading(tmp_path):
+    header = "GPS TOW,Lat [x8103],Long [x8103],MSL Height [x8103],Horz Acc [x8103],Yaw"
+    rows = np.column_stack([fixes(20)[:, :4], np.full(20, 2.0), np.zeros(20)])
+    reading = read_gps(_table(tmp_path / "gps.csv", header, rows, "%.1f %.8f %.8f %.3f %.1f %.1f"))
+    assert reading.facts.height == "msl"
+    assert reading.data.heading is None
+
+
+@pytest.mark.parametrize(
+    ("header", "height"),
+    [
+        ("alt,epv", "msl"),
+        ("alt_ellipsoid,alt", "ellipsoidal"),
+        ("Alt,altitude system", "msl"),
+        ("alt,other", "ellipsoidal"),
+    ],
+)
+def test_heights_are_what_their_program_defines(tmp_path, header, height):
+    rows = np.column_stack([fixes(20)[:, :4], np.arange(20) + 500.0])
+    path = _table(tmp_path / "gps.csv", f"time,lat,lon,{header}", rows, "%.1f %.8f %.8f %.3f %.3f")
+    reading = read_gps(path)
+    assert reading.facts.height == height
+    assert reading.data.lla[0, 2] == 500.0
+
+
+@pytest.mark.parametrize("height", ["", ",height_m"])
+def test_samples_and_fixes_without_heights_stand_in_one_table(tmp_path, height):
+    imu = rolling(n=3000)
+    place = fixes(30)[np.repeat(np.arange(30), 100), 1:3]
+    rows = np.column_stack([imu, place])
+    lines = [",".join([f"{value:.9f}" for value in row] + [""] * bool(height)) for row in rows]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([f"{IMU_HEADER},lat_deg,lon_deg{height}", *lines, ""]))
+    reading = read_gps(path)
+    assert len(reading.data.time) == 30
+    assert noted(reading, Code.READ_HEIGHT_MISSING)
