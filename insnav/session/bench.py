@@ -14,7 +14,12 @@ from insnav.exceptions import ConfigError
 from insnav.findings import Finding
 from insnav.imu import load_calibration
 from insnav.input import Reading
+from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
+from insnav.input.interpret.clean import IMU_KINDS
+from insnav.input.interpret.columns import require, understand
+from insnav.input.interpret.schema import IMU_SCHEMA, Quantity
+from insnav.input.readers.rows import read_rows
 from insnav.lab.acceptance.acceptance import Acceptance
 from insnav.lab.acceptance.acceptance import acceptance as acceptance_figures
 from insnav.lab.bench_data.records import read_drift, read_powerups, read_static, read_steps
@@ -34,6 +39,7 @@ if TYPE_CHECKING:
     from insnav.session.read import Given
 
 Taus: TypeAlias = Sequence[float] | Literal["log", "octave"]
+_SLOWEST = 45.0  # longest interval of a record on the bench [s]
 _COUNTS = ("accel_x", "accel_y", "accel_z")
 
 
@@ -125,18 +131,20 @@ def allan(
     imu: Given | ImuData | Reading[ImuData],
     *,
     rate: float | None = ...,
+    column: str | None = ...,
     taus: Taus = ...,
     static: tuple[float, float] | None = ...,
     workers: int | None = ...,
     progress: Callable[[float], None] = ...,
     **inputs: Any,
-) -> Result[StaticNoise]: ...
+) -> Result[StaticNoise] | Result[SignalNoise]: ...
 
 
 def allan(
     imu: Any,
     *,
     rate: float | None = None,
+    column: str | None = None,
     taus: Taus = "log",
     static: tuple[float, float] | None = None,
     workers: int | None = None,
@@ -150,7 +158,9 @@ def allan(
     imu : array, path, data frame, arrays or ImuData
         One array, ``(n,)`` or ``(n, c)``, is a signal with `rate`; anything else an IMU as for `insnav.load`.
     rate : float, optional
-        Sampling rate of arrays without times [Hz].
+        Sampling rate of arrays and files without times [Hz].
+    column : str, optional
+        Header of the one column of a file to analyse, in its own unit.
     taus : {"log", "octave"} or sequence of float
         Averaging times [s]; about 90 evenly on the logarithmic axis, or powers of two.
     static : (float, float), optional
@@ -180,7 +190,9 @@ def allan(
     >>> round(noise.models[0].coefficients["N"].value, 1)
     0.1
     """
-    options = {"rate": rate, "taus": taus, "static": static, **inputs}
+    options = {"rate": rate, "column": column, "taus": taus, "static": static, **inputs}
+    if column is not None:
+        imu, rate = _signal(imu, column, rate)
     if isinstance(imu, np.ndarray):
         if rate is None or not rate > 0.0 or imu.ndim not in (1, 2) or len(imu) < 2:
             raise ConfigError("session.no_rate", where="rate")
@@ -188,7 +200,8 @@ def allan(
         signals = signal_noise(values, 1.0 / rate, taus, workers=workers, progress=progress)
         return Result("allan", signals, options=options)
     if not isinstance(imu, Reading):
-        imu = read_samples(imu, checked(cast("Inputs", inputs | ({} if rate is None else {"rate": rate}))))
+        given = cast("Inputs", inputs | ({} if rate is None else {"rate": rate}))
+        imu = read_samples(imu, checked(given), some=True)
     samples: ImuData = imu.data if static is None else between(imu.data, *static)
     name = Path(imu.facts.path).name
     found = static_noise(
@@ -200,6 +213,19 @@ def allan(
         progress=progress,
     )
     return Result("allan", found, {"imu": imu.facts}, options, findings=_each_once(found.warnings, found.notes))
+
+
+def _signal(source: Given, column: str, rate: float | None) -> tuple[FloatArray, float]:
+    """Values ``(n,)`` of one column of a file, and their rate [Hz]."""
+    table = open_table(samples_source(source, None))
+    of_time = tuple(each for each in IMU_SCHEMA if each.key == "time") if rate is None else ()
+    schema = (*of_time, Quantity("signal", "signal", "", "", ()))
+    found, _ = understand(table.headers, table.units, schema, columns={"signal": column}, where=table.name)
+    require(found, [each.key for each in schema], table.headers, schema, where=table.name, hint="without_rate")
+    if rate is not None:
+        return table.cells.read([found["signal"].index]).columns[found["signal"].index], rate
+    cleaned = read_rows(table, found, ("time", "signal"), IMU_KINDS, slowest=_SLOWEST).clean()
+    return cleaned.columns["signal"], 1.0 / cleaned.interval
 
 
 def _each_once(*findings: Iterable[Finding]) -> tuple[Finding, ...]:
