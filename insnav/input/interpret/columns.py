@@ -269,6 +269,8 @@ def require(
     missing = [q for key in keys if key not in found for q in schema if q.key == key]
     if not missing:
         return
+    if len(headers) == 1 and not hint:
+        raise InputError("format.one_column", where=where, header=headers[0][:80])
     guess = quote_columns(gives["columns"]) if gives else ""
     if is_headerless(headers):
         numbers = "" if hint or guess else quote_columns({key: str(i + 1) for i, key in enumerate(keys)})

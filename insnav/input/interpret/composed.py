@@ -36,6 +36,7 @@ _INSTANCES = {"i", "instance", "imu", "imuid", "sensor", "sensorid", "device", "
 _MOST_INSTANCES, _TURNS = 8, 0.5  # sensors in one table, and the part of its rows that are of another than the last
 _OF_TIME = re.compile(r"(utc|gps|time)*(year|month|day|hour|minute|min|second|sec|nano)s?(ns)?")
 _OF_PLACE = re.compile(r"(?:ecef|pos|position|field)*(v|vel|velocity)?(?:ecef)?([xyz])(?:ecef)?(?:[kcm]?m|[kcm]?ms)?")
+_VECTOR = re.compile(r"(?P<name>[A-Za-z ]+?) *(?:\((?P<axes>[xyz](?:,[xyz]){0,2})\))? *(?P<unit>\[[^\]]*\])")
 _EARTH = 6.33e6, 6.48e6  # distances of places from the centre of the Earth, up to 100 km of height [m]
 _SHARE = 0.9  # of the rows that must be such places
 _HIGH = 2e4  # no height above a map, whose northing may be as long as that: on a map at 57.5 deg it is [m]
@@ -68,9 +69,24 @@ class _Composed:
 
 def composed(table: Table) -> Table:
     """A table with its time in one column, and latitude, longitude and height, where it has them otherwise."""
+    table = _vectors(table)
     words = [compact(header) for header in table.headers]
     table = _timed(_first_instance(table, words), words)
     return table if any(word.startswith("lat") for word in words) else _placed(table, words)
+
+
+def _vectors(table: Table) -> Table:
+    """With a name for every axis of a sensor of which only the first has one: ``Gyroscope (z,x,y) [rad/s],1,2``."""
+    headers = list(table.headers)
+    for i, first in enumerate(map(_VECTOR.fullmatch, table.headers)):
+        others = [header.strip("()") for header in table.headers[i + 1 : i + 3]]
+        axes = ((first and first["axes"]) or "x,y,z").split(",")
+        axes = [*axes, *others] if len(axes) == 1 else axes
+        if first is not None and {*axes} == {*"xyz"} and (others == ["1", "2"] or others == axes[1:]):
+            headers[i : i + 3] = [f"{first['name']} {axis} {first['unit']}" for axis in axes]
+    if not any(map(_is_time, headers)):  # a date may be date and time
+        headers = ["datetime" if compact(header) == "date" else header for header in headers]
+    return replace(table, headers=tuple(headers))
 
 
 def _added(

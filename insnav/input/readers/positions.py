@@ -13,7 +13,7 @@ import numpy as np
 from insnav.earth import ned_offset
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
-from insnav.input.formats import delimited_text, kf_gins, matlab, parquet, phone_folder
+from insnav.input.formats import delimited_text, kf_gins, matlab, parquet, sensor_folder
 from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
 from insnav.input.interpret.clean import GPS_KINDS, REFERENCE_KINDS, Kinds
@@ -37,7 +37,7 @@ _FAR = 0.1 * DEG  # a fix at (0, 0) is a placeholder if all others are farther t
 _MOVES, _CLIMBS = 100.0, 5.0  # ways of a reference along North or East, and up, in which nothing stays zero [m]
 _ROOM = {"px", "prsrx", "posx", "positionx"}  # headers of EuRoC, TUM-VI, and programs like them
 # formats that do not define what heights are above; an empty name is that of data in memory
-_ANY_HEIGHT = {"", *(each.name for each in (delimited_text, kf_gins, matlab, parquet, phone_folder))}
+_ANY_HEIGHT = {"", *(each.name for each in (delimited_text, kf_gins, matlab, parquet, sensor_folder))}
 # columns of ArduPilot, PX4 and GoPro (GPMF: MSLV), whose documents define ``Alt`` as above mean sea level
 _OF_SEA_LEVEL = {"timeus", "epv", "altitudesystem"}
 _STANDARD_DEVIATIONS = ("sd_n", "sd_e", "sd_d", "sd_vn", "sd_ve", "sd_vd")

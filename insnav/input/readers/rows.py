@@ -112,6 +112,8 @@ def read_rows(
     numbers = table.cells.read([found[key].index for key in keys])
     columns = {key: numbers.columns[found[key].index] for key in keys}
     forms = {key: numbers.texts[found[key].index] for key in columns if found[key].index in numbers.texts}
+    if "date" in forms and forms["date"].form != "date":  # beside a time of its own
+        del columns["date"], forms["date"]
     _refuse_texts(forms, found, table)
     _refuse_marks(columns, found, table)
     day = columns.pop("date", None)
