@@ -119,3 +119,15 @@ def test_samples_and_fixes_without_heights_stand_in_one_table(tmp_path, height):
     reading = read_gps(path)
     assert len(reading.data.time) == 30
     assert noted(reading, Code.READ_HEIGHT_MISSING)
+
+
+def test_velocities_in_the_axes_of_the_vehicle_are_left_out(tmp_path):
+    angle = np.linspace(0.0, 6.0, 121)  # at 10 m/s on a circle of 200 m
+    north, east = 200.0 * np.sin(angle), 200.0 * (1.0 - np.cos(angle))
+    place = [48.0 + north / 111.2e3, 11.0 + east / (111.2e3 * np.cos(np.radians(48.0)))]
+    rows = np.column_stack([np.arange(121), *place, np.full(121, 500.0), np.full(121, 10.0), np.zeros((121, 2))])
+    header = "time_s,lat_deg,lon_deg,height_m,vn_m_s,ve_m_s,vd_m_s"
+    reading = read_gps(_table(tmp_path / "gps.csv", header, rows, "%.1f %.9f %.9f %.3f %.3f %.3f %.3f"))
+    assert np.isnan(reading.data.v_n).all()
+    (left_out,) = noted(reading, Code.READ_VELOCITY_IN_VEHICLE)
+    assert left_out["columns"] == ("vn_m_s", "ve_m_s", "vd_m_s")

@@ -189,6 +189,9 @@ def read_positions(
     degrees, angles = _angles(lla, fit, found, name)
     lla[:, :2] *= degrees
     unit, velocity_notes = _velocity_unit(fit, found, name)
+    if fit is not None and fit.in_vehicle:
+        v_n[:] = np.nan
+        data |= {key: np.full(len(lla), np.nan) for key in _STANDARD_DEVIATIONS[3:] if key in data}
     if unit != 1.0:
         measured = 2 + bool({"vd", "vu"} & found.keys())  # a vertical speed from the heights has their unit
         v_n[:, :measured] *= unit
@@ -346,6 +349,8 @@ def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tu
     if fit.exchanged:
         raise _exchanged("input.exchanged_by_velocity", found, name)
     columns = [found[key] for key in ("vn", "ve", "vd", "vu", "speed") if key in found]
+    if fit.in_vehicle:
+        return 1.0, [Finding.of(Code.READ_VELOCITY_IN_VEHICLE, columns=tuple(each.header for each in columns))]
     if not fit.as_named:
         directions = [("vn", "ve")[i] for i in fit.order] if "vn" in found else []
         right = {key: found[other].header for key, other in zip(("vn", "ve"), directions, strict=False)}
