@@ -19,6 +19,7 @@ from insnav.input.formats.table import Table
 from insnav.input.interpret.clean import IMU_KINDS
 from insnav.input.interpret.columns import require, understand
 from insnav.input.interpret.schema import IMU_SCHEMA, Quantity
+from insnav.input.readers.imu import SLOWEST_ALONE
 from insnav.input.readers.rows import read_rows
 from insnav.lab.acceptance.acceptance import Acceptance
 from insnav.lab.acceptance.acceptance import acceptance as acceptance_figures
@@ -39,7 +40,6 @@ if TYPE_CHECKING:
     from insnav.session.read import Given
 
 Taus: TypeAlias = Sequence[float] | Literal["log", "octave"]
-_SLOWEST = 45.0  # longest interval of a record on the bench [s]
 _COUNTS = ("accel_x", "accel_y", "accel_z")
 
 
@@ -224,7 +224,7 @@ def _signal(source: Given, column: str, rate: float | None) -> tuple[FloatArray,
     require(found, [each.key for each in schema], table.headers, schema, where=table.name, hint="without_rate")
     if rate is not None:
         return table.cells.read([found["signal"].index]).columns[found["signal"].index], rate
-    cleaned = read_rows(table, found, ("time", "signal"), IMU_KINDS, slowest=_SLOWEST).clean()
+    cleaned = read_rows(table, found, ("time", "signal"), IMU_KINDS, slowest=SLOWEST_ALONE).clean()
     return cleaned.columns["signal"], 1.0 / cleaned.interval
 
 

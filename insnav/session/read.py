@@ -149,6 +149,7 @@ def read_samples(
                 raw_scales={triad: scale for triad, scale in scales.items() if scale is not None},
                 any_way=any_way,
                 some=some,
+                accel_sign=inputs.get("accel_sign"),
             )
     return reading if known is None else replace(reading, data=sensors.correct(reading.data, known))
 

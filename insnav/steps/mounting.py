@@ -21,7 +21,7 @@ from insnav.input.interpret.axes import axes_matrix
 from insnav.input.interpret.physics import check_axes, quiet_part
 from insnav.kernels.smoother import STATE
 from insnav.steps import Estimate, Model, Recording, Source
-from insnav.steps.axes_by_fixes import WORDS, mounting_of, refusal
+from insnav.steps.axes_by_fixes import WORDS, accel_reversed, mounting_of, refusal
 from insnav.steps.inputs import Inputs
 from insnav.steps.set_up import set_up_filter
 from insnav.types import FloatArray, GpsData, ImuData
@@ -64,6 +64,10 @@ def turn_to_vehicle(
     if fixes is None:
         return imu, 0.0, ()
     data, found = imu.data, mounting_of(imu, fixes)
+    if inputs.get("accel_sign") is None and (reverse := accel_reversed(imu, fixes, found)) is not None:
+        turned = replace(data, accel=spill.by_blocks(np.negative, data.accel))
+        imu, yaw, notes = turn_to_vehicle(replace(imu, data=turned), fixes, {**inputs, "accel_sign": "minus-force"})
+        return imu, yaw, (reverse, *notes)
     given = inputs.get("axes")
     if found is None:
         from_file = bool(imu.facts.columns)  # whose axes are anybody's guess

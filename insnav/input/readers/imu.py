@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -35,6 +35,8 @@ from insnav.input.readers.reading import Reading
 from insnav.input.readers.rows import read_rows
 from insnav.types import BoolArray, FloatArray, ImuData, Sampling, Stamp
 
+AccelSign = Literal["force", "minus-force"]
+
 _RATES = ("gyro_x", "gyro_y", "gyro_z")
 _FORCES = ("accel_x", "accel_y", "accel_z")
 _ANGLES = ("dtheta_x", "dtheta_y", "dtheta_z")
@@ -42,7 +44,7 @@ _VELOCITIES = ("dvel_x", "dvel_y", "dvel_z")
 _SENSIBLE = 1e12  # larger numbers are damage in any unit
 _BLOCK_ROWS = 1 << 13
 _SLOWEST = 0.5  # longest interval of an IMU [s]
-_SLOWEST_ALONE = 45.0  # and of a single sensor on the bench [s]
+SLOWEST_ALONE = 45.0  # and of a single sensor on the bench [s]
 
 
 def read_imu(
@@ -56,6 +58,7 @@ def read_imu(
     raw_scales: Mapping[str, RawScale] | None = None,
     any_way: bool = False,
     some: bool = False,
+    accel_sign: AccelSign | None = None,
 ) -> Reading[ImuData]:
     """Read inertial data.
 
@@ -80,6 +83,8 @@ def read_imu(
         Axes that were not given may point anywhere: a drive tells where.
     some : bool, optional
         Sensors may be missing: their columns are NaN.
+    accel_sign : {"force", "minus-force"}, optional
+        Accelerometers have the sign of the specific force (default), or the opposite one, as in apps for iOS.
 
     Returns
     -------
@@ -115,7 +120,7 @@ def read_imu(
     }
     extras = [key for key in ("temperature", "odometer", "baro") if key in found]
     keys = ["time", *there, *extras]
-    slowest = _SLOWEST if len(there) == 6 else _SLOWEST_ALONE
+    slowest = _SLOWEST if len(there) == 6 else SLOWEST_ALONE
     rows = read_rows(table, found, keys, IMU_KINDS, slowest=slowest, time_unit=given.get("time"))
     raw_notes, raw_units = from_outputs(rows.columns, found, scales, given, increments=increments, where=name)
     stated |= {key: SI_UNITS[key] for key in scales}
@@ -128,7 +133,7 @@ def read_imu(
     one = odd_one([cleaned.columns[key] for key in gyro_keys])
     odd = "" if one is None else found[gyro_keys[one]].header
     gyro = _in_body(cleaned.columns, gyro_keys, matrix)
-    accel = _in_body(cleaned.columns, accel_keys, matrix)
+    accel = _in_body(cleaned.columns, accel_keys, matrix if accel_sign != "minus-force" else -matrix)
     if len(there) < 6:
         gyro_unit, accel_unit, units_evidence = _units_of_some(
             gyro, accel, stated, interval=cleaned.interval, increments=increments, where=name

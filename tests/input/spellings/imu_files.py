@@ -361,7 +361,6 @@ REFUSED: dict[str, tuple[Callable[[Path], object], str, dict[str, object] | None
     "not in rad/s": (_units(DEG, 1.0, IMU_HEADERS), "gyro=deg/s", {"units": "gyro=deg/s"}),
     "left-handed": (_csv(matrix=np.diag([1.0, -1.0, 1.0])), "left-handed", None),
     "gyros inverted": (_csv(gyro=-1.0), "mounting.gyros_wrong_way", None),
-    "accelerometers inverted": (_csv(accel=-1.0), "mounting.accelerometers_inverted", None),
     "increments named rates": (_increments(SHORT), "increment", {"sampling": "increment"}),
     "two times a gyro": (_csv("time,gx,gx,gz,ax,ay,az"), "columns.header_twice", None),
     "unknown names": (
