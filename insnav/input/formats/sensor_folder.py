@@ -78,7 +78,9 @@ def read(source: Source) -> Mapping[str, Table]:
     times = [_open(source, path, "time") for path in paths.values() if _stem(path) in _KINDS["time"]]
     times += [_open(source, path, "time") for path in source.members if _stem(path) == "gpstime"]
     files = {kind: _open(source, path, kind) for kind, path in paths.items() if kind != "time"}
-    tables = {part: _with_times(files[part], times).table for part in ("gps", "reference") if part in files}
+    tables: dict[str, Table] = {
+        part: _with_times(files[part], times).table for part in ("gps", "reference") if part in files
+    }
     if "accel" in files and _stem(paths["accel"]) == "accelerometer" and _NATIVE in files["accel"].table.headers:
         files["linear"] = files.pop("accel")
     if "linear" in files and "accel" not in files and "gravity" not in files:
@@ -154,11 +156,10 @@ def _samples(source: Source, gyro: _File, force: _File, *gravity: _File) -> Tabl
     """Samples at the times of the gyros."""
     time, used = gyro.column("time"), (gyro, force, *gravity)
     keys = [f"{sensor}_{axis}" for sensor in ("gyro", "accel") for axis in "xyz"]
-    forces = [
-        sum(at_times(time, each.column("time"), each.column(key)) for each in (force, *gravity)) for key in keys[3:]
-    ]
+    forces = np.sum(
+        [[at_times(time, each.column("time"), each.column(k)) for k in keys[3:]] for each in used[1:]], axis=0
+    )
     inside = np.isfinite(np.sum(forces, axis=0))
-    inside[: np.argmax(inside)] = False
     columns = [each[inside] for each in (time, *map(gyro.column, keys[:3]), *forces)]
     headers = (gyro.found["time"].header, *(gyro.found[key].header for key in keys[:3]))
     headers += tuple(force.found[key].header for key in keys[3:])

@@ -36,6 +36,7 @@ _MIN_CORRELATION = 0.15
 # Correlation of turns with those of the course from which they have its sign, and Fisher's z of it in standard
 # deviations: of pure chance that is 1 in 2000
 _SAME_TURNS, _SURE_TURNS = 0.5, 3.5
+_ALONG, _SLIP = 0.9, 20.0 * DEG  # mean length of directions that are one, and what slip and wind make of a course
 _COURSE_LAGS = np.arange(0.0, 2.1, 0.25)  # receivers of phones filter their course [s]
 _COURSE_SPEED, _LONGEST_TURN = 3.0, 2.5  # above this speed velocities give a course [m/s]; and for steps so long [s]
 # changes of two gyros from sample to sample are alike within that factor, and those of one in deg/s differ by so much
@@ -188,6 +189,24 @@ def turns_with_course(
     best = max(found, key=abs)
     sure = abs(best) > _SAME_TURNS and np.arctanh(abs(best)) * math.sqrt(len(seen) - 3) > _SURE_TURNS
     return best if sure else 0.0
+
+
+def heading_convention(turns: float, heading: FloatArray, v_n: FloatArray) -> tuple[float, float]:
+    """Find the sense of headings ``(m,)``, 1 or -1, and by how much they then exceed that of the vehicle [rad].
+
+    `turns`: their correlation with turns of the vehicle, as of `turns_with_course`; `v_n` (m, 3): velocities, whose
+    course is the heading but for slip. Headings counted from east, and across the vehicle, are quarters of a turn off;
+    a sense that no course completes is that from east.
+    """
+    sense = -1.0 if turns < 0.0 else 1.0
+    moving = np.isfinite(heading) & (np.linalg.norm(v_n[:, :2], axis=1) > _COURSE_SPEED)
+    offset = sense * heading[moving] - np.arctan2(v_n[moving, 1], v_n[moving, 0])
+    mean = np.mean(np.exp(1j * offset)) if np.count_nonzero(moving) >= _MIN_GROUPS else 0.0
+    if abs(mean) < _ALONG:
+        return sense, -0.5 * np.pi if sense < 0.0 else 0.0
+    found = float(np.angle(mean))
+    quarters = 0.5 * np.pi * round(found / (0.5 * np.pi))
+    return sense, quarters if abs(found - quarters) < _SLIP else found
 
 
 def odd_one(gyros: Sequence[FloatArray]) -> int | None:

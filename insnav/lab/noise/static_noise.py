@@ -27,7 +27,7 @@ from insnav.lab.noise.allan import (
 from insnav.lab.noise.noise_model import NoiseModel, evaluated, fit_noise
 from insnav.lab.noise.noise_spec import Floor, floor_of, imu_spec, temperature_correlation, white_of_steps
 from insnav.lab.noise.sinusoids import SEEN, Sinusoid, find_sinusoids
-from insnav.types import FloatArray, ImuData
+from insnav.types import BoolArray, FloatArray, ImuData
 from insnav.units import DEG
 
 COARSE = 0.5  # steps larger than this part of the scatter of the samples are pointed out
@@ -124,7 +124,7 @@ def static_noise(
     Raises: InputError: the record is too short, or not at rest; ConfigError: averaging times that it does not hold.
     """
     values = np.hstack([imu.gyro, imu.accel])
-    absent = np.isnan(values).all(axis=0)  # sensors that the record does not have
+    absent: BoolArray = np.asarray(np.isnan(values).all(axis=0))  # sensors that the record does not have
     there = np.flatnonzero(~absent)
     stand_in = [next((k for k in (i, *there) if not absent[k] and k // 3 == i // 3), i) for i in range(6)]
     still, filled = (
