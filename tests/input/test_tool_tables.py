@@ -131,3 +131,14 @@ def test_velocities_in_the_axes_of_the_vehicle_are_left_out(tmp_path):
     assert np.isnan(reading.data.v_n).all()
     (left_out,) = noted(reading, Code.READ_VELOCITY_IN_VEHICLE)
     assert left_out["columns"] == ("vn_m_s", "ve_m_s", "vd_m_s")
+
+
+@pytest.mark.parametrize(
+    "sentence",
+    ["$GPRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*6A", "$VNYMR,1.0,2.0,3.0*45", "B562"],
+)
+def test_raw_sentences_in_a_column_do_not_decide_the_format(tmp_path, sentence):
+    rows = [",".join([*(f"{value:.6f}" for value in row), f'"{sentence}"']) for row in rolling(n=600)]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([f"{IMU_HEADER},raw", *rows, ""]))
+    assert read_imu(path).facts.n_used == 600

@@ -22,6 +22,8 @@ from insnav.input.formats.conventions import number_in, without_fix
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table
 from insnav.input.formats.time_scales import GpsTime, gps_days, seconds_of_week
+from insnav.input.interpret.columns import is_header
+from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA
 from insnav.types import FloatArray
 
 name = "NMEA log"
@@ -39,7 +41,9 @@ _OTHERS = ("sd_n_m", "sd_e_m", "sd_d_m", "heading_deg")
 
 
 def recognise(source: Source) -> bool:
-    return _ANY.search(source.head) is not None
+    first = source.head.split(b"\n", 1)[0].decode("latin-1")
+    in_table = any(is_header(first, schema) for schema in (IMU_SCHEMA, GPS_SCHEMA))  # sentences in a column of it
+    return _ANY.search(source.head) is not None and not in_table
 
 
 def read(source: Source) -> Mapping[str, Table]:

@@ -6,6 +6,7 @@ import difflib
 import re
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,6 +31,7 @@ _NO_UNIT = re.compile(
     "wgs84|txt|x[0-9a-f]{4}"
 )  # words in brackets that say something else, such as number of a message
 _NEEDED = ("time", "lat", "lon", "height", "gyro", "accel", "dtheta", "dvel")
+_NAMED = 3  # quantities besides the time that make a line a header
 _LISTED = 12  # unused columns that a finding names
 
 
@@ -92,6 +94,15 @@ def match_header(
             return None
         word = word.removeprefix(prefix)
     return None
+
+
+def is_header(line: str, schema: Sequence[Quantity]) -> bool:
+    """Whether a line names time and three other quantities of a schema."""
+    keys = set()
+    for header in re.split("[,;\t]", line.replace('"', "")):
+        with suppress(InputError):  # a unit that is none
+            keys |= {match[0].key for match in (match_header(header, schema),) if match}
+    return "time" in keys and len(keys) > _NAMED
 
 
 def _match_word(word: str, unit_text: str, schema: Sequence[Quantity]) -> tuple[Quantity, str | None, int] | None:
