@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from insnav.exceptions import InputError
 from insnav.findings import Code
 from insnav.input import read_gps, read_imu
 from tests.input.files import IMU_HEADER, fixes, noted, rolling
+from tests.refusals import refused
 
 START = 1_711_483_461.5  # [s]
 
@@ -142,3 +144,18 @@ def test_raw_sentences_in_a_column_do_not_decide_the_format(tmp_path, sentence):
     path = tmp_path / "log.csv"
     path.write_text("\n".join([f"{IMU_HEADER},raw", *rows, ""]))
     assert read_imu(path).facts.n_used == 600
+
+
+def test_columns_are_not_suggested_against_their_names(tmp_path):
+    """Of a table without latitudes, the longitudes were suggested as these, and accelerometers as positions."""
+    place = fixes(40)
+    rows = np.column_stack([place[:, 0], place[:, 2], place[:, 3], np.full(40, 9.0)])
+    path = _table(tmp_path / "gps.csv", "time,Longitude,Altitude,numSats", rows, "%.1f %.8f %.3f %.1f")
+    with refused(InputError, "columns.missing") as caught:
+        read_gps(path)
+    assert not caught.value.gives
+    rows = np.column_stack([place[:, 0], place[:, 1:4] / 50.0])
+    path = _table(tmp_path / "imu.csv", "time,X Accel,Y Accel,Z Accel", rows, "%.1f %.8f %.8f %.3f")
+    with refused(InputError, "columns.missing") as caught:
+        read_gps(path)
+    assert not caught.value.gives

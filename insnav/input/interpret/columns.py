@@ -284,7 +284,7 @@ def require(
         raise InputError("format.one_column", where=where, header=headers[0][:80])
     guess = quote_columns(gives["columns"]) if gives else ""
     if is_headerless(headers):
-        numbers = "" if hint or guess else quote_columns({key: str(i + 1) for i, key in enumerate(keys)})
+        numbers = "" if hint or guess else quote_columns(dict.fromkeys(keys, "NUMBER"))
         values: dict[str, Any] = {
             "hint": hint,
             "guess": "" if hint else guess,
@@ -309,6 +309,16 @@ def require(
     )
     advice |= {"option": "--columns", "example": "" if any(advice.values()) else missing[0].key}
     raise InputError("columns.missing", where=where, gives=gives, **listed, **advice)
+
+
+def agrees(columns: Mapping[str, str], found: Mapping[str, Found], schema: Sequence[Quantity]) -> bool:
+    """Whether columns, chosen by their values, contradict no name: neither of one found, nor of another schema."""
+    named = {each.header: key for key, each in found.items()}
+    others = [header for key, header in columns.items() if key != "time" and header not in named]
+    with suppress(InputError):
+        known = any(match_header(header, schema) for header in others)
+        return not known and all(named.get(header, key) == key for key, header in columns.items())
+    return False
 
 
 def quote_columns(columns: Mapping[str, str]) -> str:

@@ -18,7 +18,7 @@ from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
 from insnav.input.interpret.axes import axes_matrix
 from insnav.input.interpret.clean import IMU_KINDS
-from insnav.input.interpret.columns import Found, find_unit, require, understand
+from insnav.input.interpret.columns import Found, agrees, find_unit, require, understand
 from insnav.input.interpret.headerless import imu_columns, is_headerless
 from insnav.input.interpret.physics import (
     check_axes,
@@ -29,7 +29,7 @@ from insnav.input.interpret.physics import (
     stated_unit,
     turn_ratio,
 )
-from insnav.input.interpret.schema import ALL_UNITS, IMU_SCHEMA, Quantity
+from insnav.input.interpret.schema import ALL_UNITS, GPS_SCHEMA, IMU_SCHEMA, Quantity
 from insnav.input.readers.raw_columns import SI_UNITS, from_outputs, raw_schema
 from insnav.input.readers.reading import Reading
 from insnav.input.readers.rows import read_rows
@@ -340,7 +340,8 @@ def _choose(
         return as_increments
     wanted = _ANGLES + _VELOCITIES if as_increments else _RATES + _FORCES
     hint, gives = "", None
-    if not {"time", *wanted} <= found.keys() and (fitting := imu_columns(table)):
+    fitting = {} if {"time", *wanted} <= found.keys() else imu_columns(table)
+    if fitting and agrees(fitting, found, GPS_SCHEMA):
         gives = {"columns": {key: header for key, header in fitting.items() if key not in found}}
     words = {header.lower()[:3] for header in table.headers}
     if {"lat", "lon"} <= words and not some_rates:

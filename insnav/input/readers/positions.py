@@ -17,11 +17,11 @@ from insnav.input.formats import delimited_text, kf_gins, matlab, parquet, senso
 from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
 from insnav.input.interpret.clean import GPS_KINDS, REFERENCE_KINDS, Kinds
-from insnav.input.interpret.columns import Found, quote_columns, require, suggest, understand
+from insnav.input.interpret.columns import Found, agrees, quote_columns, require, suggest, understand
 from insnav.input.interpret.derived import derive
 from insnav.input.interpret.headerless import position_columns
 from insnav.input.interpret.physics import stated_unit
-from insnav.input.interpret.schema import ALL_UNITS, GPS_SCHEMA, REFERENCE_SCHEMA, Quantity, compact
+from insnav.input.interpret.schema import ALL_UNITS, GPS_SCHEMA, IMU_SCHEMA, REFERENCE_SCHEMA, Quantity, compact
 from insnav.input.interpret.velocities import Fit, fit_velocities
 from insnav.input.readers.reading import Reading
 from insnav.input.readers.rows import read_rows
@@ -153,8 +153,8 @@ def read_positions(
     hint, gives = "", dict[str, Any]()
     if sum(header.lower().startswith(("gyro", "acc", "dtheta", "dvel")) for header in table.headers) > 3:
         hint = "imu_as_positions"
-    elif not {"time", "lat"} <= found.keys() and (fitting := position_columns(table)):
-        gives = {"columns": {key: header for key, header in fitting.items() if key not in found}}
+    elif not {"time", "lat"} <= found.keys() and agrees(fitting := position_columns(table), found, IMU_SCHEMA):
+        gives = {"columns": {key: header for key, header in fitting.items() if key not in found}} if fitting else {}
     if "lat" not in found and _ROOM & {re.sub(r"\[.*|[\W_]", "", header.lower()) for header in table.headers}:
         raise InputError("input.local_positions", where=name, headers=tuple(filter(None, table.headers[:8])))
     held = {each.index for each in found.values()}
