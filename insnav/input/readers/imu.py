@@ -59,6 +59,7 @@ def read_imu(
     any_way: bool = False,
     some: bool = False,
     accel_sign: AccelSign | None = None,
+    counts: bool = False,
 ) -> Reading[ImuData]:
     """Read inertial data.
 
@@ -85,6 +86,8 @@ def read_imu(
         Sensors may be missing: their columns are NaN.
     accel_sign : {"force", "minus-force"}, optional
         Accelerometers have the sign of the specific force (default), or the opposite one, as in apps for iOS.
+    counts : bool, optional
+        The file holds counts or volts whose sensitivity is to be found: they are only brought to body axes.
 
     Returns
     -------
@@ -118,6 +121,9 @@ def read_imu(
         "gyro": given.get("gyro") or _common_unit(found, gyro_keys, name),
         "accel": given.get("accel") or _common_unit(found, accel_keys, name),
     }
+    if counts and any(found[key].unit for key in there):
+        columns_stated = tuple(found[key].describe() for key in there if found[key].unit)
+        raise InputError("input.counts_with_units", where=name, columns=columns_stated)
     extras = [key for key in ("temperature", "odometer", "baro") if key in found]
     keys = ["time", *there, *extras]
     slowest = _SLOWEST if len(there) == 6 else SLOWEST_ALONE
@@ -134,7 +140,10 @@ def read_imu(
     odd = "" if one is None else found[gyro_keys[one]].header
     gyro = _in_body(cleaned.columns, gyro_keys, matrix)
     accel = _in_body(cleaned.columns, accel_keys, matrix if accel_sign != "minus-force" else -matrix)
-    if len(there) < 6:
+    units_evidence: tuple[Finding, ...]
+    if counts:
+        gyro_unit, accel_unit, units_evidence = "rad/s", "m/s^2", (Finding.of(Code.READ_IMU_RAW_COUNTS),)
+    elif len(there) < 6:
         gyro_unit, accel_unit, units_evidence = _units_of_some(
             gyro, accel, stated, interval=cleaned.interval, increments=increments, where=name
         )
@@ -170,11 +179,12 @@ def read_imu(
     )
     units_used = dict.fromkeys(gyro_keys, gyro_unit) | dict.fromkeys(accel_keys, accel_unit) | {"time": rows.time_unit}
     units_used |= raw_units
+    described = {found[key].quantity.name: found[key].describe(units_used.get(key)) for key in keys}
     return rows.reading(
         "IMU",
         data,
         cleaned,
-        {found[key].quantity.name: found[key].describe(units_used.get(key)) for key in keys},
+        {found[key].quantity.key: found[key].header for key in keys} if counts else described,
         (
             *raw_notes,
             *units_evidence,
@@ -182,45 +192,6 @@ def read_imu(
             *temperature_note,
             *notes,
         ),
-        axes=(axes or "FRD").strip().upper(),
-        sampling=data.sampling,
-        stamp=data.stamp,
-    )
-
-
-def read_counts(
-    path: str | Path | Table, *, axes: str | None = None, columns: Mapping[str, str] | None = None
-) -> Reading[ImuData]:
-    """Read counts or volts, whose sensitivity is to be found, only brought to body axes; arguments as for `read_imu`.
-
-    Raises: InputError: the file cannot be used, or its headers state units; ConfigError: an option cannot be meant as
-    given.
-    """
-    matrix = axes_matrix(axes or "FRD")
-    table = open_table(path, "imu")
-    name = table.name
-    found, notes = understand(table.headers, table.units, IMU_SCHEMA, columns=columns, parts=table.parts, where=name)
-    require(found, ("time", *_RATES, *_FORCES), table.headers, IMU_SCHEMA, where=name)
-    stated = [found[key].describe() for key in (*_RATES, *_FORCES) if found[key].unit is not None]
-    if stated:
-        raise InputError("input.counts_with_units", where=name, columns=tuple(stated))
-    keys = ["time", *_RATES, *_FORCES, *(key for key in ("temperature",) if key in found)]
-    rows = read_rows(table, found, keys, IMU_KINDS, slowest=_SLOWEST)
-    cleaned = rows.clean(_damaged(rows.columns, keys[:7], found, name))
-    time = cleaned.columns["time"]
-    temperature, temperature_note = _temperature(time, cleaned.columns.get("temperature"))
-    data = ImuData(
-        time,
-        _in_body(cleaned.columns, _RATES, matrix),
-        _in_body(cleaned.columns, _FORCES, matrix),
-        temperature=temperature,
-    )
-    return rows.reading(
-        "IMU",
-        data,
-        cleaned,
-        {found[key].quantity.key: found[key].header for key in keys},
-        (Finding.of(Code.READ_IMU_RAW_COUNTS), *temperature_note, *notes),
         axes=(axes or "FRD").strip().upper(),
         sampling=data.sampling,
         stamp=data.stamp,
