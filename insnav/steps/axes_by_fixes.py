@@ -32,7 +32,7 @@ def accel_reversed(imu: Reading[ImuData], fixes: GpsData, found: Mounting | None
         in_order = found.gyro_order == IN_ORDER and found.gyro_units == ALL_ALIKE
         reverse = in_order and found.mirrored and len(found.inverted) == 3
         return Finding.of(Code.AXES_ACCEL_REVERSED, windows=found.windows) if reverse else None
-    data = imu.data
+    data = imu.data.beginning(LONGEST)
     correlation = turns_with_course(data.time, data.gyro, data.accel, fixes.time, fixes.v_n)
     if correlation >= 0.0 or turn_ratio(data.time, data.gyro, data.accel)[1] < 0.0:
         return None

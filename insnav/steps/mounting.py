@@ -61,7 +61,7 @@ def mounting(recording: Recording, model: Model) -> tuple[Recording, Model, tupl
 
 def with_headings_turned(recording: Recording) -> tuple[Recording, tuple[Finding, ...]]:
     """Return headings of the receiver clockwise from north and along the vehicle, and how they were counted."""
-    fixes, data = recording.fixes, recording.imu.data
+    fixes, data = recording.fixes, recording.imu.data.beginning(LONGEST)
     if fixes is None or fixes.heading is None or not recording.inputs.get("gps_heading_sd"):
         return recording, ()
     along = np.column_stack([np.cos(fixes.heading), np.sin(fixes.heading), np.zeros_like(fixes.heading)])

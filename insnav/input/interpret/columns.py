@@ -27,9 +27,7 @@ _MEANT = {
     "micros": "time (us)",
     "utcnano": "time (ns)",
 }
-_NO_UNIT = re.compile(
-    "wgs84|txt|x[0-9a-f]{4}"
-)  # words in brackets that say something else, such as number of a message
+_NO_UNIT = re.compile("wgs84|txt|x[0-9a-f]{4}")  # in brackets, something else, such as the number of a message
 _NEEDED = ("time", "lat", "lon", "height", "gyro", "accel", "dtheta", "dvel")
 _NAMED = 3  # quantities besides the time that make a line a header
 _LISTED = 12  # unused columns that a finding names

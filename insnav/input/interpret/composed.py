@@ -84,8 +84,10 @@ def _vectors(table: Table) -> Table:
         axes = [*axes, *others] if len(axes) == 1 else axes
         if first is not None and {*axes} == {*"xyz"} and (others == ["1", "2"] or others == axes[1:]):
             headers[i : i + 3] = [f"{first['name']} {axis} {first['unit']}" for axis in axes]
-    if not any(map(_is_time, headers)):  # a date may be date and time
-        headers = ["datetime" if compact(header) == "date" else header for header in headers]
+    dates = [i for i, header in enumerate(headers) if compact(header) == "date"]
+    if dates and not any(map(_is_time, headers)):
+        text = table.cells.read(dates[:1]).texts.get(dates[0])
+        headers[dates[0]] = "datetime" if text is not None and text.form == "date and time" else headers[dates[0]]
     return replace(table, headers=tuple(headers))
 
 

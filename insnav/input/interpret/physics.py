@@ -172,18 +172,18 @@ def turns_with_course(
     near = step < _LONGEST_TURN
     if np.count_nonzero(near) < _MIN_GROUPS:
         return 0.0
-
     seen = ((np.diff(course) + np.pi) % (2.0 * np.pi) - np.pi)[near] / step[near]
 
-    def between(values: FloatArray, lag: float) -> FloatArray:
-        total = np.cumsum(values * np.diff(time, prepend=time[0])[:, None], axis=0)
+    totals = [np.cumsum(values * np.diff(time, prepend=time[0])[:, None], axis=0) for values in (gyro, accel)]
+
+    def between(total: FloatArray, lag: float) -> FloatArray:
         at = np.column_stack([np.interp(fixes[known] - lag, time, column) for column in total.T])
         return np.asarray(np.diff(at, axis=0)[near] / step[near, None])
 
     found = [0.0]
     for lag in _COURSE_LAGS:
-        force = between(accel, lag)
-        felt = -np.einsum("ij,ij->i", between(gyro, lag), force) / np.maximum(np.linalg.norm(force, axis=1), 1e-9)
+        turned, force = (between(total, lag) for total in totals)
+        felt = -np.einsum("ij,ij->i", turned, force) / np.maximum(np.linalg.norm(force, axis=1), 1e-9)
         if felt.std() > 0.0 and seen.std() > 0.0:
             found.append(float(np.corrcoef(felt, seen)[0, 1]))
     best = max(found, key=abs)
