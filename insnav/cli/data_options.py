@@ -60,7 +60,8 @@ class Data:
         reading = read_samples(self.imu, self.inputs, **how)
         say_reading(reading.facts)
         if console.level == 0:  # -v has said it; no fixes can contradict the unit here
-            for assumed in _findings.of_code(reading.facts.evidence, _findings.Code.UNITS_GYRO_ASSUMED):
+            codes = _findings.Code.UNITS_GYRO_ASSUMED, _findings.Code.READ_IMU_MODEL_BY_GRAVITY
+            for assumed in _findings.of_code(reading.facts.evidence, *codes):
                 note(_messages.sentence(assumed))
         return reading
 
