@@ -201,7 +201,7 @@ def allan(
         return Result("allan", signals, options=options)
     if not isinstance(imu, Reading):
         given = cast("Inputs", inputs | ({} if rate is None else {"rate": rate}))
-        imu = read_samples(imu, checked(given), some=True)
+        imu = read_samples(imu, checked(given), bench="noise")
     samples: ImuData = imu.data if static is None else between(imu.data, *static)
     name = Path(imu.facts.path).name
     found = static_noise(

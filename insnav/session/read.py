@@ -20,6 +20,7 @@ from insnav.input.formats.table import ArrayCells, Table
 from insnav.input.interpret.clean import GPS_KINDS, IMU_KINDS, REFERENCE_KINDS, find_gaps
 from insnav.input.interpret.columns import match_header, understand
 from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA, Quantity
+from insnav.input.readers.imu import Bench
 from insnav.input.readers.kinds import open_parts
 from insnav.input.readers.sensor_log import read_sensor_log
 from insnav.plain_text import plain_text
@@ -122,12 +123,12 @@ def one_from_stdin(sources: Mapping[str, object]) -> None:
 
 
 def read_samples(
-    imu: Given | Table | ImuData, inputs: Inputs, *, any_way: bool = False, some: bool = False
+    imu: Given | Table | ImuData, inputs: Inputs, *, any_way: bool = False, bench: Bench | None = None
 ) -> Reading[ImuData]:
     """Read the samples and correct known errors.
 
     Volts and counts become rates and specific forces by the lines of the calibration; `any_way`: z may point up
-    although no axes are given; `some`: sensors may be missing.
+    although no axes are given; `bench`: as of `read_imu`.
     """
     calibration = inputs.get("calibration")
     known = None if calibration is None else sensors.load_calibration(Path(calibration))
@@ -148,7 +149,7 @@ def read_samples(
                 stamp=inputs.get("stamp", getattr(imu, "attrs", {}).get("stamp")),
                 raw_scales={triad: scale for triad, scale in scales.items() if scale is not None},
                 any_way=any_way,
-                some=some,
+                bench=bench,
                 accel_sign=inputs.get("accel_sign"),
             )
     return reading if known is None else replace(reading, data=sensors.correct(reading.data, known))

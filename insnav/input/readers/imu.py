@@ -36,6 +36,7 @@ from insnav.input.readers.rows import read_rows
 from insnav.types import BoolArray, FloatArray, ImuData, Sampling, Stamp
 
 AccelSign = Literal["force", "minus-force"]
+Bench = Literal["noise", "counts"]
 
 _RATES = ("gyro_x", "gyro_y", "gyro_z")
 _FORCES = ("accel_x", "accel_y", "accel_z")
@@ -57,9 +58,8 @@ def read_imu(
     stamp: Stamp | None = None,
     raw_scales: Mapping[str, RawScale] | None = None,
     any_way: bool = False,
-    some: bool = False,
     accel_sign: AccelSign | None = None,
-    counts: bool = False,
+    bench: Bench | None = None,
 ) -> Reading[ImuData]:
     """Read inertial data.
 
@@ -82,12 +82,11 @@ def read_imu(
         For ``gyro``, ``accel`` or both: the file holds volts or counts, and how they become rates and forces.
     any_way : bool, optional
         Axes that were not given may point anywhere: a drive tells where.
-    some : bool, optional
-        Sensors may be missing: their columns are NaN.
     accel_sign : {"force", "minus-force"}, optional
         Accelerometers have the sign of the specific force (default), or the opposite one, as in apps for iOS.
-    counts : bool, optional
-        The file holds counts or volts whose sensitivity is to be found: they are only brought to body axes.
+    bench : {"noise", "counts"}, optional
+        For a noise analysis, sensors may be missing, with NaN in their columns, and axes may point anywhere. Counts or
+        volts whose sensitivity is to be found are only brought to body axes.
 
     Returns
     -------
@@ -100,6 +99,7 @@ def read_imu(
     ConfigError
         An option cannot be meant as given.
     """
+    some, counts = bench == "noise", bench == "counts"
     given = parse_units(units)
     table = open_table(path, "imu")
     by_format = not axes and table.axes

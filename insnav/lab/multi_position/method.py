@@ -55,7 +55,7 @@ def read(files: Sequence[str | Path | Table], how: BenchOptions) -> Reading[ImuD
         units=how.units,
         sampling=cast("Sampling | None", how.sampling),
         stamp=cast("Stamp | None", how.stamp),
-        counts=how.counts,
+        bench="counts" if how.counts else None,
     )
 
 
