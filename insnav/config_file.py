@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -20,6 +21,9 @@ from insnav.units import UNITS, units_of
 
 MAX_BYTES = 1_000_000  # an IMU file has one or two kB
 MAX_TEXT = 100  # longest sensible "number unit"
+# strings and comments; a key of more than twenty parts, for which tomllib takes memory by the square of their number
+_NO_KEYS = re.compile(r'''"""(?:\\.|[^\\])*?"""|\'{3}.*?\'{3}|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|#[^\n]*''', re.DOTALL)
+_DEEP = re.compile(r"(?:\.[ \t]*[\w-]+[ \t]*){20}")
 
 Axes = tuple[float, float, float]
 Matrix = tuple[Axes, Axes, Axes]
@@ -57,7 +61,10 @@ def read_toml(path: Path) -> dict[str, Any]:
     if len(content) > MAX_BYTES:
         raise ConfigError("config.too_long", where=where, limit=MAX_BYTES)
     try:
-        return tomllib.loads(content.decode("utf-8-sig"))
+        text = content.decode("utf-8-sig")
+        if _DEEP.search(_NO_KEYS.sub("_", text)):
+            raise RecursionError
+        return tomllib.loads(text)
     except RecursionError:
         raise ConfigError("config.too_nested", where=where) from None
     except ValueError as error:

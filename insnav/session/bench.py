@@ -21,11 +21,10 @@ from insnav.input.interpret.columns import require, understand
 from insnav.input.interpret.schema import IMU_SCHEMA, Quantity
 from insnav.input.readers.imu import SLOWEST_ALONE
 from insnav.input.readers.rows import read_rows
-from insnav.lab.acceptance.acceptance import Acceptance
-from insnav.lab.acceptance.acceptance import acceptance as acceptance_figures
+from insnav.lab.acceptance import Acceptance
+from insnav.lab.acceptance import acceptance as acceptance_figures
 from insnav.lab.bench_data.records import read_drift, read_powerups, read_static, read_steps
-from insnav.lab.calibration import STANDARD, BenchOptions, Calibration, carried_over, method_named
-from insnav.lab.common_findings import badly_conditioned
+from insnav.lab.calibration import STANDARD, BenchOptions, Calibration, badly_conditioned, carried_over, method_named
 from insnav.lab.drift.allan_before_after import DriftStudy, drift_study
 from insnav.lab.navigation_impact import navigation_impact
 from insnav.lab.noise.allan import between
@@ -221,7 +220,7 @@ def _signal(source: Given, column: str, rate: float | None) -> tuple[FloatArray,
     of_time = tuple(each for each in IMU_SCHEMA if each.key == "time") if rate is None else ()
     schema = (*of_time, Quantity("signal", "signal", "", "", ()))
     found, _ = understand(table.headers, table.units, schema, columns={"signal": column}, where=table.name)
-    require(found, [each.key for each in schema], table.headers, schema, where=table.name, hint="without_rate")
+    require(found, [each.key for each in schema], table, schema, hint="without_rate")
     if rate is not None:
         return table.cells.read([found["signal"].index]).columns[found["signal"].index], rate
     cleaned = read_rows(table, found, ("time", "signal"), IMU_KINDS, slowest=SLOWEST_ALONE).clean()

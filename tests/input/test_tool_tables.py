@@ -81,8 +81,11 @@ def test_an_unknown_unit_refuses_only_a_column_that_is_needed(tmp_path):
     imu = np.column_stack([rolling(n=600), np.full(600, 25.0)])
     reading = read_imu(_table(tmp_path / "imu.csv", f"{IMU_HEADER},temperature [%]", imu, "%.6f " * 8))
     assert reading.data.temperature is None
-    (left_out,) = noted(reading, Code.COLUMNS_UNIT_UNKNOWN)
-    assert left_out["column"] == "temperature [%]"
+    (left_out,) = noted(reading, Code.COLUMNS_UNUSED)
+    assert left_out["columns"] == ("temperature [%]",)
+    gps = _table(tmp_path / "gps.csv", "time,lat,lon,height [furlong]", fixes(20)[:, :4], "%.1f %.8f %.8f %.3f")
+    with refused(InputError, "columns.unknown_unit"):
+        read_gps(gps)
 
 
 def test_the_number_of_a_message_is_no_unit_and_its_heading_of_zeros_no_heading(tmp_path):

@@ -82,7 +82,7 @@ def test_a_changed_sign_of_longitudes_names_the_columns(tmp_path):
 
 def test_whole_seconds_are_too_coarse_not_milliseconds(tmp_path):
     imu = changed(tmp_path, "imu", lambda table: table.assign(time_s=np.floor(table["time_s"]).astype(int)))
-    with pytest.raises(InputError, match="too coarse"):
+    with refused(InputError, "columns.coarse_time"):
         insnav.load(imu, SAMPLE / "gps.csv")
 
 
@@ -185,7 +185,6 @@ def test_headings_of_a_reference_that_are_read_wrong_are_named(tmp_path, wrong, 
     result = drive.navigate()
     misread = next(of_code(result.findings, Code.REF_HEADING_MISREAD, Code.REF_TILT_MISREAD))
     assert (misread.severity, misread["reading"]) == (Severity.WARNING, reading)
-    assert "does not use the attitude of the reference" in sentence(misread)
     assert sentence(misread) in result.page().warnings
     assert "heading error" not in result.summary()
 

@@ -12,9 +12,9 @@ from typing import Any
 
 from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, Finding
+from insnav.input.formats.table import Table
 from insnav.input.interpret.headerless import is_headerless
 from insnav.input.interpret.schema import ALL_UNITS, PREFIXES, UNIT_SPELLINGS, Quantity, compact
-from insnav.units import units_of
 
 _BRACKETS = re.compile(r"^(?P<base>[^\[\](){}]+?)\s*[\[({](?P<unit>[^\[\](){}]*)[\])}]\s*$")
 _WORDS = re.compile(r"[^\W_]+")
@@ -28,7 +28,6 @@ _MEANT = {
     "utcnano": "time (ns)",
 }
 _NO_UNIT = re.compile("wgs84|txt|x[0-9a-f]{4}")  # in brackets, something else, such as the number of a message
-_NEEDED = ("time", "lat", "lon", "height", "gyro", "accel", "dtheta", "dvel")
 _NAMED = 3  # quantities besides the time that make a line a header
 _LISTED = 12  # unused columns that a finding names
 
@@ -119,7 +118,7 @@ def _match_word(word: str, unit_text: str, schema: Sequence[Quantity]) -> tuple[
         values: dict[str, Any] = {
             "quantity": refused.key,
             "dimension": refused.dimension,
-            "units": tuple(units_of(refused.dimension)),
+            "units": tuple(unit for unit, (kind, _) in ALL_UNITS.items() if kind == refused.dimension),
         }
         raise InputError("columns.unknown_unit", text=unit_text, **values)
     for cut in range(len(word) - 1, 0, -1):
@@ -145,8 +144,8 @@ def understand(
     `headers`, `units_row`: as in the file, and the cells of the row of units under the header, if there is one;
     `columns`: what the user says: name, with or without unit (``gyro_x``, ``gyro_x_dps``), to header; an empty header
     says that the file has no such column; `parts`: columns by header that others were made of, which the user may name.
-    Raises: InputError: a duplicate header, two columns for one quantity, or an unknown unit; ConfigError: `columns`
-    names something that does not exist, or in another unit than its header.
+    Raises: InputError: a duplicate header, or two columns for one quantity; ConfigError: `columns` names
+    something that does not exist, or in another unit than its header.
     """
     named = [h for h in headers if h]
     twice = sorted({h for h in named if named.count(h) > 1})
@@ -160,15 +159,9 @@ def understand(
     for index, (header, spelled) in enumerate(zip(headers, from_zero(headers), strict=True)):
         if not header or index in taken:
             continue
-        try:
+        match = None
+        with suppress(InputError):  # its unit is unknown: `require` says so if it is needed
             match = match_header(spelled, schema, units_row[index] if units_row else "")
-        except InputError as error:
-            error.where = f"{where}: column {header!r}"
-            if error.values["quantity"].startswith(_NEEDED):
-                raise
-            values = {"quantity": error.values["quantity"], "unit": error.values["text"]}
-            notes.append(Finding.of(Code.COLUMNS_UNIT_UNKNOWN, column=header, **values))
-            continue
         if match is not None and match[0].key not in given and match[0].key not in silent:
             ranked.setdefault(match[0].key, []).append((match[2], Found(match[0], index, header, match[1])))
         elif match is None:
@@ -263,10 +256,9 @@ def _unit_in(header: str, unit_below: str, dimension: str) -> str | None:
 def require(
     found: Mapping[str, Found],
     keys: Iterable[str],
-    headers: Sequence[str],
+    table: Table,
     schema: Sequence[Quantity],
     *,
-    where: str,
     hint: str = "",
     gives: Mapping[str, Any] | None = None,
 ) -> None:
@@ -278,6 +270,13 @@ def require(
     missing = [q for key in keys if key not in found for q in schema if q.key == key]
     if not missing:
         return
+    headers, where = table.headers, table.name
+    for named, unit in zip(headers, table.units or [""] * len(headers), strict=False):
+        try:
+            match_header(named, missing, unit)
+        except InputError as error:
+            error.where = f"{where}: column {named!r}"
+            raise
     if len(headers) == 1 and not hint:
         raise InputError("format.one_column", where=where, header=headers[0][:80])
     guess = quote_columns(gives["columns"]) if gives else ""
@@ -329,7 +328,8 @@ def suggest(quantity: Quantity, headers: Sequence[str]) -> str | None:
     best: tuple[float, str] | None = None
     names = (compact(quantity.name), compact(quantity.key), *(s for s in quantity.spellings if len(s) > 2))
     for header in headers:
-        score = max(difflib.SequenceMatcher(None, compact(header), s).ratio() for s in names)
+        word = compact(_BRACKETS.sub(r"\g<base>", header))
+        score = max(difflib.SequenceMatcher(None, word, s).ratio() for s in names)
         if score >= 0.7 and (best is None or score > best[0]):
             best = (score, header)
     return best[1] if best else None

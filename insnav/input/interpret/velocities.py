@@ -67,7 +67,7 @@ class Fit:
         if self.in_vehicle:
             return "the velocities are in the axes of the vehicle"
         if not self.as_named:
-            return f"the velocities are others than their names say: {self.renamed}"
+            return f"the velocity columns have wrong names: {self.renamed}"
         if self.unit != "m/s":
             return f"the velocities are in {self.unit}"
         if self.climb == _FEET:

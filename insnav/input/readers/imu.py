@@ -319,7 +319,7 @@ def _choose(
         hint = "positions_as_imu"
     elif some and "time" not in found:
         hint = "without_rate"
-    require(found, ("time", *wanted), table.headers, schema, where=table.name, hint=hint, gives=gives)
+    require(found, ("time", *wanted), table, schema, hint=hint, gives=gives)
     return increments
 
 

@@ -162,7 +162,7 @@ def read_positions(
     height_quantity = next(each for each in schema if each.key == height_key)
     flat = kind == "GPS" and height_key not in found and suggest(height_quantity, others) is None
     wanted = ("time", "lat", "lon", *(() if flat else (height_key,)))
-    require(found, wanted, table.headers, schema, where=name, hint=hint, gives=gives)
+    require(found, wanted, table, schema, hint=hint, gives=gives)
     keys = [key for key in found if key not in ("height", "height_msl") or key == height_key]
     rows = read_rows(table, found, keys, kinds, slowest=_SLOWEST)
     raw = rows.columns

@@ -18,7 +18,7 @@ from insnav.messages import sentence
 from insnav.plain_text import plain_text, wrapped
 from insnav.quantity import Quantity
 from insnav.report.numbers import distance_text, duration_text, number
-from insnav.report.page import LIGHTS, Light, Page, Table, Verdict, cell
+from insnav.report.page import Light, Page, Table, Verdict, cell
 from insnav.report.run.quantities import mean_nis
 from insnav.report.terminal import WIDTH, table_text
 from insnav.result import Result
@@ -219,8 +219,7 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = WIDTH) -> l
     `page`: that of the run; `width`: of the lines, which may cut long texts; none: nothing is wrapped or cut.
     """
     title = _rows(f"{page.title}: {page.summary[0]}" if page.summary else page.title, 2, width)
-    said = "" if page.verdict is None else f"{LIGHTS[page.verdict.light]}: {page.verdict.reason}"
-    verdict = _rows(said, 2, width) if said else []
+    verdict = [] if page.verdict is None else _rows(page.verdict.rating, 2, width)
     best, *others = rated(found) or [""]
     table = _table({best: page.merits} | {mode: run_merits(found, mode) for mode in others})
     warnings = _listed("warning", page.warnings, _WARNINGS, width)
