@@ -18,7 +18,7 @@ from insnav.units import UNITS
 from tests.error_sites import error_sites
 
 ROOT = Path(__file__).parents[1] / "insnav"
-VERBS = ("moment", "word", "lines", "count", "plural", "sign", "abs")
+VERBS = ("moment", "word", "lines", "count", "plural", "sign", "abs", "reason", "fix")
 SENTENCES = {"text", "done", "advice", "what", "why", "fix"}  # parts that are whole sentences
 # units without a factor to SI that a text may name
 PLAIN_UNITS = {"", "sd", "LSB", "rows", "K", "°C", "kg m²"}
@@ -147,7 +147,7 @@ def test_sentences_are_short():
 
 def test_texts_are_sentences():
     for code, part, text in texts("en"):
-        if part in SENTENCES and code != Code.STORED_TEXT and not text.endswith(":lines}"):
+        if part in SENTENCES and code != Code.STORED_TEXT and not text.endswith((":lines}", ":reason}", ":fix}")):
             # a command that is to be copied ends a text without a full stop
             assert text.removesuffix("]]")[-1] in ".?!" or re.search(r": [^.]+$", text), f"{code}: {part}"
             assert text[0].isupper() or text[0] in "{['-" or text.startswith("insnav "), f"{code}: {part}"

@@ -264,16 +264,10 @@ def _parts(
             alignment, initial = aligned(some, here, first=not parts)
         except AlignmentError as error:
             errors.append(error)
-            code = (
-                Code.FILTER_PART_BEFORE_START
-                if end <= begin_at
-                else Code.FILTER_PART_SHORT
-                if short
-                else Code.FILTER_PART_UNALIGNED
-            )
-            fixes = here.time.shape[0]
-            why = error.what if code is Code.FILTER_PART_UNALIGNED else ""
-            findings.append(Finding.of(code, begin, end, number=number, duration_s=end - begin, count=fixes, why=why))
+            code = Code.FILTER_PART_SHORT if short else Code.FILTER_PART_UNALIGNED
+            code = Code.FILTER_PART_BEFORE_START if end <= begin_at else code
+            n, why = here.time.shape[0], error.facts
+            findings.append(Finding.of(code, begin, end, number=number, duration_s=end - begin, count=n, cause=why))
         else:
             parts.append(Part(after, alignment, initial))
             kept[span] = True

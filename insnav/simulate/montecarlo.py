@@ -14,7 +14,7 @@ import os
 import time
 import zipfile
 from collections.abc import Callable
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -31,11 +31,11 @@ _ARRAYS = ("number", "seed", "figures", "total")
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """A run that ended in an error: its number, its seed, and why."""
+    """A run that ended in an error: its number, its seed, and the error."""
 
     number: int
     seed: int
-    reason: str
+    error: InsnavError
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,13 +64,14 @@ class Checkpoint:
 
     def save(self, runs: Runs) -> None:
         """Replace the file in one step: whatever stops the program, it is as it was or complete."""
+        failures = [(each.number, each.seed, each.error.as_dict()) for each in runs.failures]
         aside = self.path.with_name(f"{self.path.name}.new")
         with writing("sim.progress_unwritable", self.path):
             with aside.open("wb") as file:
                 np.savez(
                     file,
                     key=np.array(self.key),
-                    failures=np.array(json.dumps([astuple(each) for each in runs.failures])),
+                    failures=np.array(json.dumps(failures)),
                     **{name: getattr(runs, name) for name in _ARRAYS},
                 )
                 file.flush()
@@ -85,11 +86,13 @@ class Checkpoint:
                 held = {name: file[name] for name in file.files}
             key, failures = str(held["key"]), json.loads(str(held["failures"]))
             arrays: Any = {name: held[name] for name in _ARRAYS}
-            found = Runs(**arrays, failures=tuple(Failure(*each) for each in failures))
+            failed = tuple(Failure(run, seed, InsnavError.from_dict(error)) for run, seed, error in failures)
+            found = Runs(**arrays, failures=failed)
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
-            raise ConfigError("sim.progress_unreadable", where=str(self.path), reason=reason_of(error)) from error
+            reason = reason_of(error) if isinstance(error, OSError) else ""
+            raise ConfigError("sim.progress_unreadable", where=str(self.path), reason=reason) from error
         if key != self.key:
             raise ConfigError("sim.other_series", where=str(self.path))
         return found
@@ -180,7 +183,7 @@ class _Tally:
         """Take the outcome of the next run."""
         self.done += 1
         if isinstance(outcome, InsnavError):
-            self._failures.append(Failure(self.done, self._seeds[self.done - 1], outcome.reason))
+            self._failures.append(Failure(self.done, self._seeds[self.done - 1], outcome))
             return
         self._number.append(self.done)
         self._figures.append(outcome.figures)

@@ -164,12 +164,11 @@ def replicas(
     """
     assert drive.run.smoothed is not None
     runs = monte_carlo(task, count, seed, workers=workers, progress=progress)
-    failures = tuple(f"replica {each.number}: {each.reason}" for each in runs.failures)
+    failures = tuple(f"replica {each.number}: {each.error.reason}" for each in runs.failures)
     n = len(runs.number)
     if n < FEWEST:
-        raise InputError(
-            "diagnosis.few_replicas", count=n, total=count, failure=failures[0] if failures else "", limit=FEWEST
-        )
+        first = runs.failures[0].error if failures else ""
+        raise InputError("diagnosis.few_replicas", count=n, total=count, failure=first, limit=FEWEST)
     rms = runs.figures.reshape(n, len(windows), len(task.times), -1)
     far = track_residual(task.truth, drive.run.smoothed.solution)
     return tuple(_among(each, rms[:, kind], task.times, far, failures) for kind, each in enumerate(windows))

@@ -152,8 +152,8 @@ def free_windows(
         if progress is not None:
             progress((number + 1) / len(drive.states))
     if not found:
-        reasons = tuple(f"{count}: {reason}" for reason, count in dropped.items())
-        raise InputError("budget.no_window", length_s=length, count=len(drive.states), reasons=reasons)
+        values: dict[str, Any] = {"counts": tuple(dropped.values()), "reasons": tuple(dropped)}
+        raise InputError("budget.no_window", length_s=length, count=len(drive.states), **values)
     columns = {name: np.stack([each[name] for each in found]) for name in found[0]}
     return Windows(length=length, spacing=spacing, grid=grid, dropped=dropped, uncalibrated=uncalibrated, **columns)
 
