@@ -97,6 +97,11 @@ def form(name: str, lang: str | None = None) -> str:
     return str(catalogue(lang or language())["form"][name])
 
 
+def word(name: str) -> str:
+    """Give the word of a language for a name, or the name itself."""
+    return str(catalogue(language())["words"].get(name, name))
+
+
 def moment(begin: float, end: float, lang: str | None = None) -> str:
     """Write a time of the record, or a span [s]: ``t = 12.0 s``."""
     return plain_text.moment(begin, end, form("until", lang))
@@ -144,6 +149,13 @@ def render_error(code: str, part: str, values: Mapping[str, Any], lang: str | No
     entries = catalogue(f"errors/{code.partition('.')[0]}.{lang}")
     words = ChainMap(entries.get("words", {}), catalogue(lang)["words"])
     return _filled(entries[code].get(part, ""), values, _Form(lang, partial(moment, lang=lang), words))
+
+
+def phrase(name: str, /, **values: Any) -> str:
+    """Write a phrase of a report, such as ``run.good``: an entry of ``phrases.<language>.toml``."""
+    lang, (group, _, key) = language(), name.partition(".")
+    how = _Form(lang, partial(moment, lang=lang), catalogue(lang)["words"])
+    return _filled(catalogue(f"phrases.{lang}")[group][key], values, how)
 
 
 def _filled(text: str, values: Mapping[str, Any], how: _Form) -> str:

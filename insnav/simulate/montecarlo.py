@@ -22,6 +22,7 @@ import numpy as np
 
 from insnav.engine import Workers, each, engine_of
 from insnav.exceptions import ConfigError, InsnavError, reason_of, writing
+from insnav.findings import ErrorFacts
 from insnav.types import FloatArray, IntArray
 
 KEEP_EVERY = 2.0  # progress is kept on the disk so often [s]
@@ -31,11 +32,11 @@ _ARRAYS = ("number", "seed", "figures", "total")
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """A run that ended in an error: its number, its seed, and the error."""
+    """A run that ended in an error."""
 
     number: int
     seed: int
-    error: InsnavError
+    error: ErrorFacts
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +87,7 @@ class Checkpoint:
                 held = {name: file[name] for name in file.files}
             key, failures = str(held["key"]), json.loads(str(held["failures"]))
             arrays: Any = {name: held[name] for name in _ARRAYS}
-            failed = tuple(Failure(run, seed, InsnavError.from_dict(error)) for run, seed, error in failures)
+            failed = tuple(Failure(run, seed, ErrorFacts.from_dict(error)) for run, seed, error in failures)
             found = Runs(**arrays, failures=failed)
         except FileNotFoundError:
             return None
@@ -183,7 +184,7 @@ class _Tally:
         """Take the outcome of the next run."""
         self.done += 1
         if isinstance(outcome, InsnavError):
-            self._failures.append(Failure(self.done, self._seeds[self.done - 1], outcome))
+            self._failures.append(Failure(self.done, self._seeds[self.done - 1], outcome.facts))
             return
         self._number.append(self.done)
         self._figures.append(outcome.figures)

@@ -139,11 +139,11 @@ def test_band_is_that_of_chi_square():
 
 
 def test_an_ensemble_of_failures_says_why():
-    failure = Failure(1, 42, AlignmentError("session.no_rest"))
+    failure = Failure(1, 42, AlignmentError("session.no_rest").facts)
     nothing = Runs(NOTHING.astype(int), NOTHING.astype(int), np.empty((0, 0)), NOTHING, (failure,))
     with pytest.raises(InputError, match=r"diagnosis.all_runs_failed") as caught:
         ensemble(nothing, TRUTH)
-    assert failure.error.what in str(caught.value)
+    assert caught.value.values["cause"] == failure.error
     assert "42" in str(caught.value)
 
 

@@ -46,7 +46,7 @@ from insnav.simulate.montecarlo import Failure, Runs
 from insnav.simulate.recording import Recording, times
 from tests.simulate.motions import PLACE, town
 
-NO_FIX = InputError("gps.no_fix")
+NO_FIX = InputError("gps.no_fix").facts
 
 TOWN = town(start=1000.0)
 STILL = straight(PLACE, 0.0, 0.3, 60.0)
@@ -188,11 +188,11 @@ def test_runs_leave_a_row_each_and_a_row_each_second(tmp_path):
     assert seconds[0]["nees_position_per_axis"] == ""  # no fix yet
     assert float(seconds[9]["nees_attitude_per_axis"]) == pytest.approx(runs.total[9, 22] / 12, abs=1e-6)
     found = facts["ensemble"]
-    assert found["failed"] == [{"run": 3, "seed": 1003, "reason": NO_FIX.reason}]
+    assert found["failed"] == [{"run": 3, "seed": 1003, "code": "gps.no_fix"}]
     assert (found["fixes"], found["rejected"], found["resets"]) == (400, 8, 0)
     lines = "\n".join(ensemble_lines(page, where))
     (failed,) = failures_of(runs)
-    assert failed.values == (("run", 3), ("seed", 1003), ("cause", NO_FIX.facts))
+    assert failed.values == (("run", 3), ("seed", 1003), ("cause", NO_FIX))
     assert (failed.code, failed.severity) == (Code.SIMULATION_RUN_FAILED, Severity.WARNING)
     assert sentence(failed) in lines
     assert "8 of 400 fixes" in lines

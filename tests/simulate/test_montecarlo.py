@@ -93,7 +93,7 @@ def test_a_run_that_fails_is_named_and_the_others_are_kept(alone, workers):
     found = monte_carlo(Draw(TASK.offset, poor=5), 12, SEED, workers=workers)
     (failure,) = found.failures
     assert (failure.number, failure.seed) == (5, run_seed(SEED, 5))
-    assert "full" in failure.error.reason
+    assert failure.error.values == (("reason", "full"),)
     assert found.number.tolist() == [1, 2, 3, 4, 6, 7, 8, 9, 10, 11, 12]
     np.testing.assert_array_equal(found.figures, np.delete(alone.figures[:12], 4, axis=0))
 
