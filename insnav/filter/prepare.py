@@ -17,7 +17,7 @@ from insnav.alignment.static import LONG_REST
 from insnav.exceptions import AlignmentError, InputError
 from insnav.filter.error_model import ErrorModel, InitialState, error_model, initial_state
 from insnav.filter.frozen import without_frozen
-from insnav.filter.gates import Gates
+from insnav.filter.gates import Gates, pass_quality
 from insnav.filter.gps_correlation import correlated_noise
 from insnav.filter.gps_noise import LAG_WORTH, OPEN_HEIGHT, name_lag, velocity_lag, with_sd
 from insnav.filter.measurements.height import HeightAiding
@@ -329,9 +329,7 @@ def _noise_of_fixes(
 
 def good_fixes(gps: GpsData, gates: Gates) -> GpsData:
     """Return fixes that pass the quality gate; a start is made from no others."""
-    keep = gps.position_sd.max(axis=1) <= gates.max_sd
-    if gps.fix is not None:
-        keep &= gps.fix != 0
+    keep = pass_quality(gates, gps)
     if not keep.any():
         raise AlignmentError("gps.no_good_fix")
     return gps.rows(keep)
