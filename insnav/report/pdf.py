@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from insnav.plain_text import plain_text
 from insnav.report.colours import GREEN, GREY, ORANGE, VERMILLION
-from insnav.report.page import LIGHTS, FigureSpec, Page, cell
+from insnav.report.page import FigureSpec, Page, cell
 from insnav.report.style import drawing
 from insnav.version import __version__
 
@@ -50,7 +50,7 @@ def _first(sheet: Figure, page: Page, top: float) -> float:
     left = _MARGIN / WIDTH
     lines: list[tuple[str, str]] = []
     if page.verdict is not None:
-        lines += [(f"{LIGHTS[page.verdict.light]}: {page.verdict.reason}", LIGHT_COLOURS[page.verdict.light])]
+        lines += [(page.verdict.brief, LIGHT_COLOURS[page.verdict.light])]
         lines += [(page.verdict.sentence, "#000000")]
     lines += [(text, "#000000") for text in page.summary]
     lines += [(f"! {text}", VERMILLION) for text in page.warnings]

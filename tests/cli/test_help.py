@@ -76,7 +76,7 @@ def test_help_needs_no_heavy_import_and_little_time():
     ("arguments", "words"),
     [
         (("run", "imu.csv", "--gp", "x"), ("No such option: --gp", "--gps", "insnav run --help")),
-        (("compare", "run"), ("Missing option '--ref'", "insnav compare --help")),
+        (("compare", "run"), ("Missing --ref", "insnav compare --help")),
         (("runn",), ("No such command 'runn'", "Did you mean 'run'", "insnav --help")),
         (("run", "a", "--gps", "b", "--figures", "pdf"), ("--figures", "'pdf'", "'png'")),
         (("run", "a", "--gps", "b", "--heading", "x"), ("--heading", "number")),

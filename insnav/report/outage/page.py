@@ -17,8 +17,8 @@ from insnav.output.solution_tables import TableFormat, read_run_table, write_eve
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
 from insnav.report.outage.windows import INTERVALS, NOTE, corrected, corrected_text, outage_panels
+from insnav.report.page import STATISTICS as SHOWN
 from insnav.report.page import (
-    LIGHTS,
     DataFrame,
     Light,
     Page,
@@ -29,7 +29,6 @@ from insnav.report.page import (
     only_json,
     rows_frame,
 )
-from insnav.report.page import STATISTICS as SHOWN
 from insnav.report.series import Clock
 from insnav.report.terminal import page_text
 from insnav.result import Result
@@ -107,7 +106,7 @@ def page(result: Result[OutageStudy]) -> Page:
 def judged(laid_out: Page) -> Page:
     """The page with its verdict among the sentences, for the terminal."""
     assert laid_out.verdict is not None
-    said = f"{LIGHTS[laid_out.verdict.light]}: {laid_out.verdict.reason}"
+    said = laid_out.verdict.brief
     return replace(laid_out, summary=(said, *laid_out.summary))
 
 
