@@ -28,6 +28,9 @@ _KINDS = {
     **dict.fromkeys(("int_type", "int_from_float"), "a whole number"),
 }
 _RELATIONS = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤", "min_length": "≥", "max_length": "≤"}
+# strings and comments; a key of more than twenty parts, for which tomllib takes memory by the square of their number
+_NO_KEYS = re.compile(r'''"""(?:\\.|[^\\])*?"""|\'{3}.*?\'{3}|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|#[^\n]*''', re.DOTALL)
+_DEEP = re.compile(r"(?:\.[ \t]*[\w-]+[ \t]*){20}")
 
 Axes = tuple[float, float, float]
 Matrix = tuple[Axes, Axes, Axes]
@@ -65,7 +68,10 @@ def read_toml(path: Path) -> dict[str, Any]:
     if len(content) > MAX_BYTES:
         raise ConfigError("config.too_long", where=where, limit=MAX_BYTES)
     try:
-        return tomllib.loads(content.decode("utf-8-sig"))
+        text = content.decode("utf-8-sig")
+        if _DEEP.search(_NO_KEYS.sub("_", text)):
+            raise RecursionError
+        return tomllib.loads(text)
     except RecursionError:
         raise ConfigError("config.too_nested", where=where) from None
     except ValueError as error:

@@ -42,6 +42,13 @@ def radii(lat: ArrayLike) -> tuple[FloatArray, FloatArray]:
     return meridian, transverse
 
 
+def metres_per_unit(lla: ArrayLike) -> FloatArray:
+    """Metres per radian of latitude and of longitude, and per metre of height, (..., 3), at positions (..., 3)."""
+    lat, _, height = np.moveaxis(np.asarray(lla, dtype=float), -1, 0)
+    meridian, transverse = radii(lat)
+    return np.stack([meridian + height, (transverse + height) * np.cos(lat), np.ones_like(lat)], axis=-1)
+
+
 def gravity_n(lat: ArrayLike, height: ArrayLike) -> FloatArray:
     """WGS-84 normal gravity (..., 3), North-East-Down [m/s^2] (NIMA TR8350.2, eq. 4-1, 4-3; Groves 2013, eq. 2.140).
 

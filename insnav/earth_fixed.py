@@ -34,14 +34,14 @@ def geodetic(x: FloatArray, y: FloatArray, z: FloatArray) -> tuple[FloatArray, F
 
 def lla_from_earth(r_e: FloatArray) -> FloatArray:
     """Latitude [rad], longitude [rad] in [-pi, pi), height [m] of Earth-fixed positions ``(n, 3)`` [m]."""
-    x, y, z = _columns(r_e)
+    x, y, z = components(r_e)
     _, lat, height = geodetic(x, y, z)
     return np.column_stack([lat, wrap_pi(np.arctan2(y, x)), height])
 
 
 def earth_from_lla(lla: FloatArray) -> FloatArray:
     """Earth-fixed positions ``(n, 3)`` [m] of latitude [rad], longitude [rad], height [m] (Groves 2013, eq. 2.112)."""
-    lat, lon, height = _columns(lla)
+    lat, lon, height = components(lla)
     _, transverse = radii(lat)
     out = (transverse + height) * np.cos(lat)
     return np.column_stack([out * np.cos(lon), out * np.sin(lon), ((1.0 - E2) * transverse + height) * np.sin(lat)])
@@ -61,6 +61,7 @@ def level_from_earth(lla: FloatArray) -> FloatArray:
     return np.swapaxes(dcm_from_quat(quat_earth_from_level(lla)), 1, 2)
 
 
-def _columns(rows: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def components(rows: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Split ``(n, 3)`` into its columns, each contiguous."""
     x, y, z = np.ascontiguousarray(rows.T)
     return x, y, z

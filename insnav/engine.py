@@ -31,6 +31,7 @@ T = TypeVar("T")
 Workers = int | str  # a number of processes, or an engine: ``processes:4``, ``dask:tcp://10.0.0.1:8786``
 
 IDLE = 10.0  # workers without work end after this [s]
+_LOOPBACK = "127.0.0.1"
 CONNECT = 10.0  # a scheduler and its workers answer within this [s]
 _FORM = re.compile(r"processes(?::(?P<count>\d+))?|dask(?::(?P<address>.+))?|(?P<number>\d+)")
 _LEFT_BEHIND = "ignore:resource_tracker:UserWarning"
@@ -87,12 +88,18 @@ def each(
 
         died = (*died, KilledWorker)
     with _pool(engine, len(jobs), shared) as pool:
-        following = alone_until = 0
+        following = alone_until = last = 0
+
+        def handed(stop: int) -> Iterator[J]:
+            nonlocal last
+            for last in range(following, stop):
+                yield jobs[last]
+
         while following < len(jobs):
-            alone = following < alone_until
-            handed = _Handed(range(following, following + 1 if alone else len(jobs)))
+            alone, last = following < alone_until, following
+            numbers = handed(following + 1 if alone else len(jobs))
             try:
-                with closing(pool(attempt, function, *shared, jobs=(jobs[i] for i in handed))) as outcomes:
+                with closing(pool(attempt, function, *shared, jobs=numbers)) as outcomes:
                     for outcome in outcomes:
                         following += 1
                         yield outcome
@@ -101,7 +108,7 @@ def each(
                     following += 1
                     yield InsnavError("engine.process_died", reason=str(error).split(". ")[0])
                 else:
-                    alone_until = handed.last + 1
+                    alone_until = last + 1
                     _log.warning("insnav: a process died; jobs %d to %d are repeated", following + 1, alone_until)
 
 
@@ -125,19 +132,6 @@ def every(
 def share_of(progress: Callable[[float], None] | None, begin: float, part: float) -> Callable[[float], None] | None:
     """Progress of a part of the work, which begins at the share `begin` of it."""
     return None if progress is None else lambda done: progress(begin + part * done)
-
-
-class _Handed:
-    """Numbers of the jobs handed out so far."""
-
-    def __init__(self, numbers: range) -> None:
-        self._numbers = numbers
-        self.last = numbers.start
-
-    def __iter__(self) -> Iterator[int]:
-        for number in self._numbers:
-            self.last = number
-            yield number
 
 
 def attempt(function: Callable[..., T], *arguments: Any) -> T | InsnavError:
@@ -228,8 +222,10 @@ def _client(engine: Engine, jobs: int) -> Iterator[Any]:
         if engine.dask:
             client = stack.enter_context(_connected(distributed, engine.dask))
         else:
-            how: dict[str, Any] = {"threads_per_worker": 1, "dashboard_address": ":0", "silence_logs": logging.CRITICAL}
+            how: dict[str, Any] = {"threads_per_worker": 1, "silence_logs": logging.CRITICAL}
             how |= {"n_workers": min(engine.processes, jobs), "preload": __name__}  # `dask_setup` here
+            how |= {"host": _LOOPBACK, "dashboard_address": f"{_LOOPBACK}:0"}  # nothing for other machines
+            how |= {"worker_dashboard_address": f"{_LOOPBACK}:0"}
             # the first death ends the calculation: the job is repeated from here
             stack.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": 0}))
             client = stack.enter_context(distributed.Client(stack.enter_context(distributed.LocalCluster(**how))))

@@ -8,7 +8,7 @@ error of its axes, however, comes back as an error of velocity and position, whi
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -21,14 +21,9 @@ from insnav.types import FloatArray, Trajectory
 Integrator = Literal["forward", "backward", "mean", "fourth"]
 Vertical = Literal["off", "free", "damped"]
 
-INTEGRATORS: tuple[Integrator, ...] = ("forward", "backward", "mean", "fourth")
-_METHOD = {
-    "forward": _kernel.FORWARD,
-    "backward": _kernel.BACKWARD,
-    "mean": _kernel.MEAN,
-    "fourth": _kernel.FOURTH,
-}
-_VERTICAL = {"off": _kernel.OFF, "free": _kernel.FREE, "damped": _kernel.DAMPED}
+INTEGRATORS: tuple[Integrator, ...] = get_args(Integrator)
+_METHOD = {name: getattr(_kernel, name.upper()) for name in INTEGRATORS}
+_VERTICAL = {name: getattr(_kernel, name.upper()) for name in get_args(Vertical)}
 DAMPING_TIME = 100.0  # time constant of the damped vertical channel [s]
 MAX_TILT = np.radians(10.0)  # a platform farther off points nowhere
 

@@ -45,6 +45,13 @@ def rms_length(values: FloatArray) -> float:
     return rms_length(known) if 0 < len(known) < len(values) else float("nan")
 
 
+def moving_variance(values: FloatArray, width: int) -> FloatArray:
+    """Variance of each column ``(n, k)`` within so many rows around each; the first and the last go on at the ends."""
+    off = values - values.mean(axis=0)  # else the difference of the means loses what is small against gravity
+    mean, square = (scipy.ndimage.uniform_filter1d(each, width, axis=0, mode="nearest") for each in (off, off * off))
+    return np.asarray(np.maximum(square - mean * mean, 0.0))
+
+
 @cache  # asked for at every fix
 def chi2_limit(count: int, share: float) -> float:
     """Value that the sum of squares of so many standard normal numbers exceeds with a probability.

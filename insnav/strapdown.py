@@ -21,6 +21,7 @@ from insnav.exceptions import ConfigError, InputError
 from insnav.kernels import alignment as _alignment
 from insnav.kernels import increments as _increments
 from insnav.kernels import mechanization as _mechanization
+from insnav.kernels import short_duration as _short
 from insnav.kernels import simple_integrators as _study
 from insnav.types import BoolArray, FloatArray, ImuData, Increments, IntArray, Trajectory
 
@@ -365,3 +366,27 @@ def between(time: FloatArray, values: FloatArray, wanted: FloatArray) -> tuple[I
     after = np.clip(np.searchsorted(time, wanted), 1, time.shape[0] - 1)
     part = np.clip((wanted - time[after - 1]) / (time[after] - time[after - 1]), 0.0, 1.0)[:, None]
     return after, values[after - 1] + part * (values[after] - values[after - 1])
+
+
+def navigate_short(
+    inc: Increments, lla: FloatArray, v_n: FloatArray, rph: FloatArray, *, turning: bool = True, every: int = 1
+) -> Trajectory:
+    """Free-inertial navigation by ``v(t + T) = v(t) + T (f_n + g)``: Earth and transport rate dropped, Euler's rule.
+
+    `inc`: its sculling is not used; `lla`, `v_n`, `rph` (3,): latitude, longitude [rad], height [m]; velocity North,
+    East, Down [m/s]; roll, pitch, heading [rad] at the start of the first interval; `turning`: whether the attitude
+    still follows the turn of North, East, Down. Without it the attitude stays in the axes of the start, which tilt
+    against the level at the Earth's rate: by far the larger error; `every`: return every so-manieth state.
+    Returns: states at the ends of intervals ``every``, ``2 every``, …
+
+    Notes
+    -----
+    Velocity: Groves (2013), eq. 5.53 without its Coriolis term. The specific force is turned by the attitude at the
+    start of each interval, the position moved with the velocity there. Against the full form the velocity is wrong by
+    the integral of ``(2 w_ie + w_en) x v``: horizontally about ``2 W sin(L) v t``, the position by half that times t.
+    """
+    x = np.concatenate([lla, v_n, quat_from_rph(rph)])
+    out = np.empty((inc.time.shape[0] // every, 10))
+    _short.navigate(x, turning, inc.dt, inc.dtheta, inc.dvel, inc.coning, every, out)
+    time = inc.time[every - 1 :: every][: out.shape[0]]
+    return Trajectory(time, out[:, :3], out[:, 3:6], rph_from_quat(out[:, 6:]))

@@ -22,8 +22,8 @@ from PIL.PngImagePlugin import PngInfo
 import insnav
 from insnav.errors.budget.from_windows import WindowSettings
 from insnav.library import sample_drive
+from insnav.report.figures import drawing, save
 from insnav.report.save import page_of
-from insnav.report.style import drawing, save
 
 HERE = Path(__file__).parent
 KEY = "insnav"  # of the numbers in a picture

@@ -1,6 +1,6 @@
 """Every message of the catalogues with its letters reversed, the numbers in their places.
 
-``INSNAV_REVERSED=1 python -m pytest`` runs all tests with such messages: whatever fails depends on wording. Only
+``INSNAV_REVERSED=1 python -m pytest -m ""`` runs all tests with such messages: whatever fails depends on wording. Only
 ``tests/test_messages.py``, which tests the catalogue itself, may.
 """
 

@@ -60,6 +60,22 @@ def test_monte_carlo_has_the_same_bytes_on_every_engine(workers: str):
     assert same(monte_carlo(TASK, 12, SEED, workers=workers), monte_carlo(TASK, 12, SEED))
 
 
+def listening() -> set[tuple[str, int]]:
+    """Addresses and ports at which this process and those that it started listen."""
+    psutil = pytest.importorskip("psutil")
+    family = [psutil.Process(), *psutil.Process().children(recursive=True)]
+    return {link.laddr for each in family for link in each.net_connections() if link.status == psutil.CONN_LISTEN}
+
+
+def test_local_workers_listen_on_the_loopback_interface_alone():
+    before = listening()
+    with engine._client(Engine(2, ""), 2) as client:
+        client.wait_for_workers(2)
+        opened = listening() - before
+    assert len(opened) > 2
+    assert {address for address, _ in opened} == {"127.0.0.1"}
+
+
 def slow(folder: Path, job: int) -> int:
     (folder / str(os.getpid())).touch()
     time.sleep(0.1)

@@ -47,6 +47,15 @@ def test_a_file_that_was_cut_short_is_written_anew(tmp_path, ending, size):
     assert ran(script, NUMBA_CACHE_DIR=str(cache)) == ["42.0", "True", "1"]
 
 
+def test_options_of_python_do_not_compile_kernels_again(tmp_path):
+    script, cache = tmp_path / "script.py", tmp_path / "cache"
+    script.write_text(
+        SOURCE.replace("    return", '    """Twice."""\n    assert x > 0.0\n    return'), encoding="utf-8"
+    )
+    assert ran(script, NUMBA_CACHE_DIR=str(cache)) == ["42.0", "True", "0"]
+    assert ran(script, NUMBA_CACHE_DIR=str(cache), PYTHONOPTIMIZE="2") == ["42.0", "True", "1"]
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="needs folders that nobody can write, /proc")
 def test_without_a_folder_every_run_compiles(tmp_path):
     script = tmp_path / "script.py"

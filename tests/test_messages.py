@@ -7,14 +7,17 @@ import math
 import re
 import string
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+import insnav
 from insnav.findings import Code, Finding, Severity
 from insnav.messages import LANGUAGES, PARTS, Message, catalogue, form, language, moment, render, sentence
 from insnav.units import UNITS
+from tests.cli.conftest import SAMPLE
 from tests.error_sites import error_sites
 
 ROOT = Path(__file__).parents[1] / "insnav"
@@ -178,6 +181,30 @@ def test_axes_to_give_follow_their_option(lang: str):
     advice = [text for _, part, text in texts(lang) if part == "advice" and "{axes}" in text]
     assert len(advice) >= 6
     assert all("--imu-axes {axes}" in re.sub(r"\[\[|\]\]", "", text) for text in advice), advice
+    for code in (Code.MOUNTING_ASSUMED, Code.MOUNTING_DOUBTED):
+        assert "--imu-axes" in catalogue(lang)[code]["advice"]
+
+
+@pytest.mark.parametrize("lang", LANGUAGES)
+def test_another_point_of_the_reference_follows_its_option(lang: str):
+    assert "--ref-lever-arm={x_m" in " ".join(catalogue(lang)[Code.REF_POINT].values())
+
+
+@pytest.mark.parametrize("lang", LANGUAGES)
+def test_a_wrong_option_names_the_command_that_shows_the_options(lang: str):
+    assert error_entries(lang)["cli.usage"]["fix"].endswith("{command} --help")
+
+
+def test_what_is_printed_in_python_names_keywords_not_options():
+    drive = insnav.load(SAMPLE / "imu.csv.gz", gps=SAMPLE / "gps.csv", imu_model="automotive", ref=SAMPLE / "ref.csv")
+    assert "imu_model automotive" in repr(drive)
+    assert "--" not in repr(drive)
+    found = drive.navigate(smooth=False, output_interval=1.0)
+    advice = Finding.of(Code.RUN_LEVER_ZERO)
+    assert "--lever-arm" in sentence(advice)
+    summary = replace(found, findings=(advice,)).summary()
+    assert "lever_arm" in summary
+    assert not re.search(r"--[a-z]", summary)
 
 
 def test_a_finding_in_words():

@@ -14,6 +14,7 @@ from insnav.sample_statistics import (
     interval,
     mean_square_interval,
     means,
+    moving_variance,
 )
 
 
@@ -134,3 +135,9 @@ def test_limits_of_sums_of_squares_are_those_of_the_table(count: int, share: flo
 def test_limits_of_sums_of_squares_are_those_of_scipy(count: int) -> None:
     shares = (0.999, 0.5, 0.05, 1e-4, 1e-9)
     assert [chi2_limit(count, share) for share in shares] == pytest.approx(chdtri(count, shares), rel=1e-12)
+
+
+def test_moving_variance_is_that_of_numpy_even_far_from_zero() -> None:
+    values = 32768.0 + np.random.default_rng(4).normal(size=(400, 3))
+    windows = np.lib.stride_tricks.sliding_window_view(values, 51, axis=0)
+    np.testing.assert_allclose(moving_variance(values, 51)[25:-25], windows.var(axis=-1), rtol=1e-8)

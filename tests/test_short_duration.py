@@ -7,8 +7,8 @@ import pytest
 
 from insnav import strapdown
 from insnav.earth import gravity_n, ned_offset, radii
-from insnav.short_duration import navigate_short
 from insnav.simulate import imu_from_truth, straight
+from insnav.strapdown import navigate_short
 from insnav.types import Increments
 
 OMEGA = 7.292115e-5

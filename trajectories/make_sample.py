@@ -29,10 +29,8 @@ from insnav.simulate import (
 )
 from insnav.simulate.imu_errors import Seed
 from insnav.simulate.motion.assemble import Start, commands_of, spacing_of, truth_of
-from insnav.simulate.motion.kinds import KINDS, Vehicle
-from insnav.simulate.motion.moves import Move, State
-from insnav.simulate.motion.smooth_steps import step
-from insnav.simulate.motion.vibration import Vibration
+from insnav.simulate.motion.kinds import KINDS, Vehicle, Vibration
+from insnav.simulate.motion.moves import Move, State, step
 from insnav.units import DEG
 
 SAMPLE = Path(__file__).parent / "sample"

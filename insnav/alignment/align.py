@@ -145,10 +145,13 @@ def _left(parts: Intervals, still: list[tuple[float, float]], time: float) -> bo
 
 
 def _moved(gps: GpsData, begin: float, end: float) -> bool:
-    """Whether positions without velocities go farther in an interval than they err."""
+    """Whether the mean velocity, or positions without velocities, show more motion in an interval than they err."""
     rows = np.flatnonzero((gps.time >= begin) & (gps.time <= end))
-    if rows.size < 2 or np.isfinite(gps.v_n[rows]).all():
+    if rows.size < 2:
         return False
+    if np.isfinite(gps.v_n[rows]).all():  # errors that last as long have no mean of zero
+        mean = float(np.hypot(*gps.v_n[rows, :2].mean(axis=0)))
+        return mean > motion.CREEP and bool(motion.is_clear(mean, np.median(gps.velocity_sd[rows, :2])))
     first, last = rows[0], rows[-1]
     way = float(np.linalg.norm(ned_offset(gps.lla[last], gps.lla[first])[:2]))
     sd = float(np.hypot(*gps.position_sd[[first, last], :2].max(axis=1)))
@@ -202,7 +205,7 @@ def _from_rest(
             return found
         if moving is not None and motion.interval_of(gps.time) > SPARSE:
             raise motion.too_sparse(motion.interval_of(gps.time))
-        raise AlignmentError("align.no_heading", limit_m_s=motion.CRAWL, before_s=_ends_before(parts, gps))
+        raise AlignmentError("align.no_heading", limit_m_s=motion.CREEP, before_s=_ends_before(parts, gps))
     rph[2] = wrap_two_pi(course.heading)
     bias, bias_sd = static.gyro_bias(at, spec, rph, course.sd, lat)
     sd = np.array([found.sd[0], found.sd[1], course.sd])
@@ -221,7 +224,7 @@ def _in_motion(
     """`start`: first fix that the samples cover [s]."""
     speed, moving = motion.sure_motion(gps, start, HIDDEN)
     if moving is None:
-        raise AlignmentError("align.no_motion", limit_m_s=motion.CRAWL, before_s=_ends_before(parts, gps))
+        raise AlignmentError("align.no_motion", limit_m_s=motion.CREEP, before_s=_ends_before(parts, gps))
     later = gps.time[gps.time >= max(start, moving)]
     begin = float(later[0]) if later.size else max(start, moving)
     interval = motion.interval_of(gps.time)
@@ -245,7 +248,7 @@ def _in_motion(
     # in a turn the course is not that of one instant, nor that of antenna and IMU the same
     across = float(np.hypot(np.median(speed.sd[near]), turning * lever_sd)) / max(np.hypot(v[0], v[1]), 1e-9)
     course_sd = float(np.sqrt(speed.slip_sd**2 + across**2 + (turning * max(COURSE_TIME, nearest)) ** 2))
-    method = Code.ALIGN_HEADING_COURSE
+    method = Code.ALIGN_HEADING_CREEPING if speed.creeps else Code.ALIGN_HEADING_COURSE
     if heading is not None:
         rph[2], course_sd, method = heading, GIVEN_HEADING_SD, Code.ALIGN_HEADING_GIVEN
     # gyro bias tilts the frame in which the specific force was averaged; a wrong heading turns the acceleration

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from insnav.attitude import dcm_from_quat, quat_from_rotvec, quat_from_rph, quat_multiply, rph_from_quat, wrap_pi
 from insnav.earth import earth_rate_n, gravity_n, lla_offset, ned_offset
@@ -22,6 +23,7 @@ CRAWL = 0.7  # the same of robots and boats that are never faster: a course as m
 SURELY = 3.0  # a spike of the positions looks like motion for less than this [s]
 SPAN = 15.0  # motion that a heading is found from: longer, gyro drift counts [s]
 SLIP_SD = np.deg2rad(3.0)  # of the direction of travel against the body's forward axis: slip and mounting
+CREEP = SLIP_SD * SLOWEST / np.deg2rad(30.0)  # slip turns the course so far: below, a course tells nothing [m/s]
 RATE_SPAN = 0.1  # turn of the lever arm before and after a fix that its velocity is taken from [s]
 DIFFERENCE = 2.0  # base of velocities from positions: 1 m of noise makes 0.7 m/s [s]
 LONGER = 5.0, 10.0  # the same where by it no motion is sure: of positions as poor as those of telephones [s]
@@ -45,7 +47,8 @@ class Velocity:
     @property
     def fast(self) -> BoolArray:
         """Where the vehicle moves, (n,)."""
-        return np.hypot(self.v_n[:, 0], self.v_n[:, 1]) > np.maximum(self.slowest, 5.0 * self.sd)
+        speed = np.hypot(self.v_n[:, 0], self.v_n[:, 1])
+        return (speed > self.slowest) & is_clear(speed, self.sd)
 
     @property
     def span(self) -> float:
@@ -55,7 +58,13 @@ class Velocity:
     @property
     def slip_sd(self) -> float:
         """Standard deviation of the direction of travel against the body's forward axis [rad]."""
-        return float(SLIP_SD * SLOWEST / self.slowest)
+        pace = np.median(np.hypot(*self.v_n[self.fast, :2].T)) if self.creeps else self.slowest
+        return float(SLIP_SD * SLOWEST / pace)
+
+    @property
+    def creeps(self) -> bool:
+        """Whether the vehicle never is as fast as `CRAWL`."""
+        return self.slowest < CRAWL
 
 
 @dataclass(frozen=True)
@@ -83,6 +92,11 @@ class History:
     def nearest(self, time: FloatArray) -> IntArray:
         """Rows at interval ends, the first that are not before `time`."""
         return np.clip(np.searchsorted(self.time, time), 0, self.time.shape[0] - 1)
+
+
+def is_clear(size: ArrayLike, sd: ArrayLike) -> BoolArray:
+    """Whether speeds, or ways, are motion: noise of two components exceeds five sd once in 270 000, exp(-25/2)."""
+    return np.asarray(size) > 5.0 * np.asarray(sd)
 
 
 def gives_velocities(gps: GpsData) -> bool:
@@ -187,14 +201,26 @@ class Course:
 
 
 def first_motion(speed: Velocity, start: float) -> float | None:
-    """Time at which the vehicle first is surely moving: for `SURELY` seconds at every epoch, two at least [s]."""
-    surely = max(SURELY, 1.5 * interval_of(speed.time))
+    """Time at which the vehicle first is surely moving: for `SURELY` seconds at every epoch, two at least [s].
+
+    A vehicle that creeps must do so for `SPAN`.
+    """
+    # with an sd four times too small 0.46 of the speeds at rest are fast, fifteen in a row once in 100 000
+    surely = max(SPAN if speed.creeps else SURELY, 1.5 * interval_of(speed.time))
     fast = speed.fast & (speed.time >= start)
     slow = np.concatenate([[0], np.cumsum(~fast)])
     last = np.searchsorted(speed.time, speed.time + surely, side="right")
     first = np.arange(speed.time.shape[0])
     moving = np.flatnonzero((slow[last] == slow[first]) & (last - first >= 2))
     return float(speed.time[moving[0]]) if moving.size else None
+
+
+def _leaves(gps: GpsData, start: float) -> bool:
+    """Whether positions leave the place of the first one: errors of a velocity may last for minutes."""
+    here = gps.rows(np.flatnonzero(gps.time >= start))
+    way = np.linalg.norm(ned_offset(here.lla, here.lla[:1])[:, :2], axis=1)
+    sd = here.position_sd[:, :2].max(axis=1)
+    return bool(is_clear(way, np.hypot(sd, sd[:1])).any())
 
 
 def sure_motion(gps: GpsData, start: float, hidden: float = np.inf) -> tuple[Velocity, float | None]:
@@ -206,7 +232,8 @@ def sure_motion(gps: GpsData, start: float, hidden: float = np.inf) -> tuple[Vel
     """
     measured = [[velocity(gps)]] if gives_velocities(gps) else []
     placed = [velocity(positions_alone(gps), difference) for difference in (DIFFERENCE, *LONGER)]
-    for by, slowest in itertools.product((*measured, placed), (SLOWEST, CRAWL)):
+    paces = SLOWEST, CRAWL, *([CREEP] if _leaves(gps, start) else [])
+    for by, slowest in itertools.product((*measured, placed), paces):
         speeds = [replace(speed, slowest=slowest) for speed in by]
         found = [(speed, moving) for speed in speeds if (moving := first_motion(speed, start)) is not None]
         if found:

@@ -8,30 +8,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
-from insnav.certificate.check import Check
-from insnav.certificate.coning_sculling import coning, sculling, spin, upright
 from insnav.certificate.gravity import gravity
-from insnav.certificate.integrators import Integrator, integrators, pyins
-from insnav.certificate.navigation_checks import free_inertial, meridians, poles, rest, schuler
+from insnav.certificate.integrators import Check, Integrator, integrators, pyins
 from insnav.certificate.platform_checks import platform as gimballed
-from insnav.certificate.static_day import day
+from insnav.certificate.strapdown_checks import TOPICS
 from insnav.findings import Code, Finding
 from insnav.result import Result
 from insnav.version import __version__
 
-# what every strapdown integrator is asked; other mechanizations and models answer for themselves in `OTHERS`
-TOPICS: tuple[Callable[[Sequence[Integrator]], list[Check]], ...] = (
-    coning,
-    sculling,
-    spin,
-    upright,
-    free_inertial,
-    schuler,
-    rest,
-    day,
-    meridians,
-    poles,
-)
+# other mechanizations and models answer for themselves
 OTHERS: tuple[Callable[[], list[Check]], ...] = (gimballed, gravity)
 _ABOUT_ALL = Code.CERTIFICATE_SAMPLES, Code.CERTIFICATE_INTEGRATORS, Code.CERTIFICATE_CONING
 _ABOUT = {"fourth": Code.CERTIFICATE_PLATFORM, "pyins": Code.CERTIFICATE_PYINS}  # by the name of an integrator
@@ -54,9 +39,9 @@ class Certificate:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Checks that failed, and the assumptions of the certificate."""
-        asked = dict.fromkeys(name for check in self.checks for name, _ in check.values)
+        named = dict.fromkeys(name for check in self.checks for name, _ in check.values)
         failed = (Finding.of(Code.CERTIFICATE_FAILED, subject=check.name) for check in self.failed)
-        return (*failed, *map(Finding.of, (*_ABOUT_ALL, *(_ABOUT[name] for name in asked if name in _ABOUT))))
+        return (*failed, *map(Finding.of, (*_ABOUT_ALL, *(_ABOUT[name] for name in named if name in _ABOUT))))
 
 
 def verify(*, peer: bool = False, progress: Callable[[float], None] | None = None) -> Result[Certificate]:

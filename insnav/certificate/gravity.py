@@ -13,7 +13,7 @@ import numpy as np
 import pymap3d
 from numpy.typing import ArrayLike
 
-from insnav.certificate.check import Check
+from insnav.certificate.integrators import Check
 from insnav.earth import gravity_n
 from insnav.types import FloatArray
 from insnav.units import DEG, UG

@@ -1,7 +1,8 @@
-"""The integrators of the package, and another's, in one shape: all get the same samples and the same questions."""
+"""The integrators of this package and of another, in one shape, and the limits that their errors have to keep."""
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,6 +18,36 @@ from insnav.exceptions import ConfigError
 from insnav.strapdown import Method
 from insnav.types import FloatArray, ImuData, Increments, Trajectory
 from insnav.units import DEG
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One property of the numerics, measured against a closed form or a published value."""
+
+    topic: str  # what is checked, such as ``coning``
+    case: str  # on what
+    unit: str  # of `limit` and `values`
+    limit: float  # largest error allowed
+    # integrator and its error. The limit applies to the first, which is navigated with; the others are to compare.
+    values: tuple[tuple[str, float], ...]
+    required: int = 1  # to how many of them the limit applies, from the first on
+
+    @property
+    def name(self) -> str:
+        """Topic and case."""
+        return f"{self.topic}: {self.case}"
+
+    @property
+    def error(self) -> float:
+        """Largest of the errors to which the limit applies; NaN if one of them is."""
+        errors = [value for _, value in self.values[: self.required]]
+        return math.nan if any(math.isnan(value) for value in errors) else max(errors)
+
+    @property
+    def passed(self) -> bool:
+        """Whether the error is within the limit; NaN is not."""
+        return self.error <= self.limit
+
 
 METHODS: tuple[Method, ...] = ("polynomial", "rk4", "rotvec", "euler")  # the limits apply to the first
 

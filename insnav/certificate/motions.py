@@ -1,4 +1,4 @@
-"""Motions of the body whose samples and whose outcome are one formula: coning, sculling, a swell."""
+"""Motions in closed form: coning, sculling, a swell, and ways over and around a pole, in axes fixed to the Earth."""
 
 from __future__ import annotations
 
@@ -6,8 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from insnav.attitude import quat_from_dcm, rph_from_quat
+from insnav.earth import E2, OMEGA_EARTH, A, gravity_n
+from insnav.earth_fixed import components
 from insnav.simulate import LevelTruth, Truth
 from insnav.simulate.curves import Harmonic
+from insnav.simulate.truth import Gravity, Kinematics, Vector
 from insnav.types import FloatArray
 from insnav.units import DEG
 
@@ -89,12 +93,12 @@ def even(duration: float, rate: float) -> FloatArray:
     return np.asarray(np.arange(round(duration * rate) + 1) / rate)
 
 
-def uneven(duration: float, seed: int = 4) -> FloatArray:
+def uneven(duration: float) -> FloatArray:
     """Edges of intervals of 8 to 11 ms, as loggers make them [s].
 
     A file does not tell where the first interval began, and the mean is taken; here it is so.
     """
-    steps = np.random.default_rng(seed).uniform(0.008, 0.011, round(duration * 120.0))
+    steps = np.random.default_rng(4).uniform(0.008, 0.011, round(duration * 120.0))
     steps = steps[np.cumsum(steps) <= duration - 0.011]
     steps[0] = np.mean(steps[1:])
     return np.concatenate([[0.0], np.cumsum(steps)])
@@ -104,3 +108,144 @@ def _column(values: FloatArray, axis: int) -> FloatArray:
     full = np.zeros((values.size, 3))
     full[:, axis] = values
     return full
+
+
+_AXIS = np.array([0.0, 0.0, 1.0])
+_X, _Y = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
+_POLAR_RADIUS = A / np.sqrt(1.0 - E2)  # of curvature [m]
+
+
+@dataclass(frozen=True, slots=True)
+class PolarTruth(Truth):
+    """The ellipsoid's normal goes round a circle at a steady rate: ``fixed + cosine cos(w t) + sine sin(w t)``.
+
+    Position and velocity are those of the point at constant height on that normal. Forward is along the circle, down is
+    against the normal but for a swinging roll, so that nothing but the roll moves the body in the axes of the circle.
+    """
+
+    # (3,) in Earth-fixed axes, at right angles to each other; cosine and sine of one length, ``|fixed|^2 + |sine|^2 =
+    # 1``
+    fixed: FloatArray
+    cosine: FloatArray
+    sine: FloatArray
+    omega: float  # angular rate on the circle [rad/s], not zero
+    height: float  # above the ellipsoid [m]
+    duration: float  # length [s]
+    # amplitude [rad] and angular frequency [rad/s] of the roll
+    swing: float = 0.0
+    swing_omega: float = 0.0
+    # see `Truth`
+    start: float = 0.0
+    gravity: Gravity = "full"
+
+    @property
+    def knots(self) -> FloatArray:
+        """No derivative jumps."""
+        return np.empty(0)
+
+    def _normal(self, time: FloatArray, order: int = 0) -> FloatArray:
+        phase = (self.omega * time + order * (np.pi / 2))[:, None]
+        turning = self.omega**order * (self.cosine * np.cos(phase) + self.sine * np.sin(phase))
+        return np.asarray(turning + self.fixed if order == 0 else turning)
+
+    def position(self, time: FloatArray, order: int = 0) -> FloatArray:
+        """Earth-fixed position ``(n, 3)`` [m], or its first or second derivative, ``(n,)`` [s] after the start.
+
+        Groves (2013), eq. 2.112, with the normal instead of latitude and longitude, and its chain rule.
+        """
+        flat = np.array([1.0, 1.0, 1.0 - E2])
+        n0, n1, n2 = (self._normal(time, k) for k in range(3))
+        s, ds, dds = n0[:, 2:], n1[:, 2:], n2[:, 2:]
+        w2 = 1.0 - E2 * s * s
+        radius = A / np.sqrt(w2)
+        slope = radius * E2 * s / w2
+        bend = radius * E2 / w2 + 3.0 * slope * E2 * s / w2
+        if order == 0:
+            return np.asarray(radius * flat * n0 + self.height * n0)
+        if order == 1:
+            return np.asarray(slope * ds * flat * n0 + radius * flat * n1 + self.height * n1)
+        rate = bend * ds * ds + slope * dds
+        return np.asarray(rate * flat * n0 + 2.0 * slope * ds * flat * n1 + radius * flat * n2 + self.height * n2)
+
+    def _body(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Attitude ``C_eb`` and the rate of the body against the Earth in its own axes."""
+        forward = self._normal(time, 1)
+        forward = forward / np.linalg.norm(forward, axis=1, keepdims=True)
+        down = -self._normal(time)
+        right = np.cross(down, forward)
+        roll = (self.swing * np.sin(self.swing_omega * time))[:, None]
+        right, down = right * np.cos(roll) + down * np.sin(roll), down * np.cos(roll) - right * np.sin(roll)
+        c_eb = np.stack([forward, right, down], axis=-1)
+        axis = np.cross(self.cosine, self.sine)
+        w_eb_b = np.einsum("nji,j->ni", c_eb, self.omega * axis / np.linalg.norm(axis))
+        w_eb_b[:, 0] += self.swing * self.swing_omega * np.cos(self.swing_omega * time)
+        return c_eb, w_eb_b
+
+    def sensed(self, tau: FloatArray) -> tuple[Vector, Vector]:
+        """See `Truth`; Groves (2013), section 5.3, solved for the specific force."""
+        n_e, v_e, a_e = self._normal(tau), self.position(tau, 1), self.position(tau, 2)
+        c_eb, w_eb_b = self._body(tau)
+        w_ib_b = w_eb_b + OMEGA_EARTH * c_eb[:, 2, :]
+        coriolis = 2.0 * OMEGA_EARTH * np.cross(_AXIS, v_e)
+        f_b = np.einsum("nji,nj->ni", c_eb, a_e + coriolis - self._gravity(n_e))
+        return components(w_ib_b), components(f_b)
+
+    def _gravity(self, n_e: FloatArray) -> FloatArray:
+        """Normal gravity in Earth-fixed axes ``(n, 3)``, without the cosine of the latitude in a denominator."""
+        s = n_e[:, 2:]
+        local = gravity_n(np.arctan2(n_e[:, 2], np.hypot(n_e[:, 0], n_e[:, 1])), self.height)
+        # over the cosine: the north component goes with sin L cos L
+        north = 2.0 * s * gravity_n(np.pi / 4, self.height)[0] if self.gravity == "full" else 0.0
+        return np.asarray(north * (_AXIS - s * n_e) - local[:, 2:] * n_e)
+
+    def evaluate(self, time: FloatArray) -> Kinematics:
+        """Motion as any other, in the axes North, East, Down wherever it is, at times ``(n,)`` [s].
+
+        Within millimetres of a pole these axes depend on rounding; position and attitude then only mean anything
+        together.
+        """
+        tau = self.elapsed(time)
+        n_e = self._normal(tau)
+        lat, lon = np.arctan2(n_e[:, 2], np.hypot(n_e[:, 0], n_e[:, 1])), np.arctan2(n_e[:, 1], n_e[:, 0])
+        c_en = axes_of(lat, lon)
+        w_ib_b, f_b = self.sensed(tau)
+        c_nb = np.swapaxes(c_en, 1, 2) @ self._body(tau)[0]
+        return Kinematics(
+            np.column_stack([lat, lon, np.full(len(tau), self.height)]),
+            np.einsum("nji,nj->ni", c_en, self.position(tau, 1)),
+            rph_from_quat(quat_from_dcm(c_nb)),
+            np.column_stack(w_ib_b),
+            np.column_stack(f_b),
+        )
+
+
+def over_pole(
+    speed: float, duration: float, *, height: float = 10e3, miss: float = 0.0, south: bool = False
+) -> PolarTruth:
+    """Great circle with the pole, or the point at `miss` [m] next to it, at half time; the roll swings by 5 deg.
+
+    `speed` [m/s], `duration` [s], `height` above the ellipsoid [m].
+    """
+    radius, lon = _POLAR_RADIUS + height, 0.3  # of the start, if the pole is not missed [rad]
+    side, way = np.array([-np.sin(lon), np.cos(lon), 0.0]), -np.array([np.cos(lon), np.sin(lon), 0.0])
+    top = np.cos(miss / radius) * _AXIS * (-1.0 if south else 1.0) + np.sin(miss / radius) * side
+    omega = speed / radius
+    half = 0.5 * omega * duration
+    cosine, sine = np.cos(half) * top - np.sin(half) * way, np.sin(half) * top + np.cos(half) * way
+    return PolarTruth(np.zeros(3), cosine, sine, omega, height, duration, np.radians(5.0), 2.0)
+
+
+def around_pole(
+    speed: float, radius: float, duration: float, *, height: float = 100.0, south: bool = False
+) -> PolarTruth:
+    """Parallel of latitude of a radius [m] about a pole, eastward, at a speed [m/s] for a time [s]."""
+    angle = radius / (_POLAR_RADIUS + height)
+    top = np.cos(angle) * _AXIS * (-1.0 if south else 1.0)
+    return PolarTruth(top, np.sin(angle) * _X, np.sin(angle) * _Y, speed / radius, height, duration)
+
+
+def axes_of(lat: FloatArray, lon: FloatArray) -> FloatArray:
+    """``C_en``, columns North, East, Down in Earth-fixed axes ``(n, 3, 3)`` (Groves 2013, eq. 2.150)."""
+    s, c, sl, cl = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
+    north, east = np.stack([-s * cl, -s * sl, c], -1), np.stack([-sl, cl, np.zeros_like(s)], -1)
+    return np.stack([north, east, np.stack([-c * cl, -c * sl, -s], -1)], axis=-1)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from insnav.certificate.check import Check
+from insnav.certificate.integrators import Check
 from insnav.certificate.motions import even, swell
-from insnav.certificate.static_day import DAY, ERRORS, PLACE, compared
+from insnav.certificate.strapdown_checks import DAY, ERRORS, PLACE, compared
 from insnav.earth import earth_rate_n, gravity_n, ned_offset
 from insnav.errors.platform_errors import Convergence, level_force, sine_convergence
 from insnav.gimbal import DAMPING_TIME, Integrator, PlatformRun, Vertical, integral, navigate_platform

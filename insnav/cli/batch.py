@@ -16,7 +16,7 @@ import typer
 from insnav.cli import console, parse
 from insnav.cli.console import Stages, note, quiet_figures, result_page
 from insnav.cli.options import RESULT, Engine, Json, Out, argument, flag
-from insnav.exceptions import CheckError, ConfigError, InsnavError
+from insnav.exceptions import CheckError, ConfigError, InsnavError, OutputError
 
 if TYPE_CHECKING:
     from insnav.findings import Finding
@@ -50,11 +50,12 @@ def batch(
         from insnav.fleet.batch import batch as navigated
         from insnav.fleet.batch import check_folder, moved_aside
         from insnav.fleet.recordings import find_drives
+        from insnav.output.folder import resolved
         from insnav.report.fleet.page import write_fleet
         from insnav.result import Result
 
         quiet_figures()
-        folder = out.resolve()
+        folder = resolved(out)
         check_folder(folder)
         left: list[Finding] = []
         found = _read(drives) if drives.suffix.lower() == ".toml" else None
@@ -82,6 +83,9 @@ def batch(
     names = ("drives", f"fleet.csv ({more} drives more)" if more else "fleet.csv")
     shown = _narrow(page.sections[1], shutil.get_terminal_size((WIDTH, 0)).columns)
     result_page(folder, replace(page, sections=(shown,)), out, as_json=as_json, more=names)
+    unwritten = [each.failed for each in made if isinstance(each.failed, OutputError)]
+    if unwritten:
+        raise OutputError("batch.unwritten", where=str(folder), count=len(unwritten), cause=unwritten[0])
     if page.verdict is not None and page.verdict.light == "bad":
         raise CheckError("cli.fleet_bad", reason=page.verdict.reason)
 

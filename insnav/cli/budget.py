@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from insnav.cli import parse
 from insnav.cli.console import note, result_page, working
-from insnav.cli.data_options import Data, takes_data
+from insnav.cli.data_options import Data, check_usable, takes_data
 from insnav.cli.options import IMU, MOTION, RESULT, Engine, Force, Json, Out, Profile, Seed, flag, option
 from insnav.exceptions import ConfigError
 from insnav.units import UNITS
@@ -123,6 +123,7 @@ def budget(
             note(f"not given, taken as zero: {', '.join(found.budget.absent)}")
         outcome, where = data.save(outcome, folder, stage)
     result_page(where, outcome.page(), out, as_json=as_json, more=("budget.pdf",))
+    check_usable(outcome)
 
 
 def _explain(data: Data, end: str, time: float, rest: dict[str, float], how: tuple[Path, bool, bool]) -> None:
@@ -139,7 +140,7 @@ def _explain(data: Data, end: str, time: float, rest: dict[str, float], how: tup
         stage("fitting")
         from insnav.errors.budget.analytic import gravity_of
         from insnav.errors.budget.sampled_motion import at_rest
-        from insnav.errors.diagnosis.end_of_run import end_of_run, explain_end
+        from insnav.errors.diagnosis.growth_curves import end_of_run, explain_end
         from insnav.imu import load_imu
         from insnav.report.budget.page import end_page
         from insnav.report.save import write_page

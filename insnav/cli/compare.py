@@ -37,7 +37,7 @@ def compare(
         outcome.save(out, force=force)
     found = outcome.found
     if tum is not None:
-        from insnav.output.tum import tum_files
+        from insnav.output.track_files import tum_files
 
         errors = {name: (each.position, each.attitude) for name, each in found.named().items()}
         with RunFolder(tum, force=force) as folder:

@@ -18,7 +18,7 @@ from insnav.cli import console, parse
 from insnav.cli.console import Stages, detail, note, write_result
 from insnav.cli.options import FILES, argument, option
 from insnav.deferred import library
-from insnav.exceptions import OutputError
+from insnav.exceptions import CheckError, OutputError
 from insnav.steps.inputs import INPUTS, LOGS, Input, Inputs
 
 if TYPE_CHECKING:
@@ -92,6 +92,13 @@ class Data:
             )
         outcome = replace(outcome, options=self.options)
         return outcome, write_result(outcome, folder, stage, **how)
+
+
+def check_usable(outcome: Result[Any]) -> None:
+    """End with exit code 1 if the filter was lost, whatever was made of its solution."""
+    for lost in outcome.findings:
+        if lost.severity is _findings.Severity.UNUSABLE:
+            raise CheckError("cli.unusable", cause=lost)
 
 
 def takes_data(

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from insnav.cli import parse
 from insnav.cli.console import result_page, working
-from insnav.cli.data_options import Data, takes_data
+from insnav.cli.data_options import Data, check_usable, takes_data
 from insnav.cli.options import START, Aiding, Engine, Force, Json, Out, option
 
 
@@ -41,3 +41,4 @@ def outage(
         )
         outcome, where = data.save(outcome, folder, stage)
     result_page(where, judged(outcome.page()), out, as_json=as_json)
+    check_usable(outcome)

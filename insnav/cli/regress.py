@@ -51,7 +51,7 @@ def regress(
         return
     with Stages() as stage:
         from insnav.messages import sentence
-        from insnav.regression.history import HISTORY_FILE, write_history
+        from insnav.regression.regress import HISTORY_FILE, write_history
         from insnav.regression.regress import regress as compared
         from insnav.report.regression import page as room
 

@@ -48,7 +48,7 @@ def with_backdrop(opened: Result[Any], file: Path | None) -> Result[Any]:
     """Add the lines of a file behind the map of a run, if there is one."""
     if file is None:
         return opened
-    from insnav.report.run.backdrop import read_backdrop
+    from insnav.report.run.page import read_backdrop
 
     if opened.kind != "run":
         raise ConfigError("cli.no_map", where="--backdrop", kind=opened.kind)

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from insnav.cli import console, parse
 from insnav.cli.console import working
-from insnav.cli.data_options import Data, takes_data
+from insnav.cli.data_options import Data, check_usable, takes_data
 from insnav.cli.options import RESULT, START, Aiding, Backdrop, Force, Json, Out, Rate, flag, option
 from insnav.cli.report import with_backdrop
 from insnav.exceptions import CheckError, ConfigError
 
 if TYPE_CHECKING:
     from insnav.errors.metrics import TrajectoryErrors
-    from insnav.types import Run
 
 
 @takes_data(without=("lat", "height"))
@@ -88,18 +87,9 @@ def run(
 
             for table in section_tables(short_section(outcome.found.short_duration)):
                 console.result("\n" + table_text(table))
-    _check_failure(outcome.found.run)
+    check_usable(outcome)
     if fail_above is not None and outcome.found.errors is not None:
         _check_accuracy(outcome.found.errors, fail_above)
-
-
-def _check_failure(run: Run) -> None:
-    """End with exit code 1 if the filter was lost."""
-    from insnav.errors.evaluated_run import failure
-
-    lost = failure(run)
-    if lost:
-        raise CheckError("cli.unusable", cause=lost)
 
 
 def _check_accuracy(errors: TrajectoryErrors, limit: float) -> None:

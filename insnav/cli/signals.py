@@ -1,4 +1,4 @@
-"""Stopping on request: Ctrl-C and SIGTERM unwind the program, so that half-written folders are removed.
+"""Stopping on request: Ctrl-C, SIGTERM and a CPU limit unwind the program, so that half-written folders are removed.
 
 A handler stops the program by raising, and an exception raised inside a destructor or a callback of compiled code is
 lost. So the signal is repeated until somebody says that the request has arrived.
@@ -11,6 +11,8 @@ import sys
 import threading
 from types import FrameType
 
+# Windows has no limit of the CPU time
+STOPS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGXCPU") if hasattr(signal, name))
 PATIENCE = 0.2  # before a request is repeated [s]
 
 _repeat: threading.Timer | None = None
@@ -26,15 +28,15 @@ class Stopped(BaseException):
 
 
 def listen() -> None:
-    """Raise `Stopped` on Ctrl-C and SIGTERM."""
+    """Raise `Stopped` on Ctrl-C, SIGTERM and a limit of the CPU time."""
     sys.unraisablehook = _unless_stopped
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in STOPS:
         signal.signal(number, _stop)
 
 
 def over() -> None:
     """Ignore requests from now on: all is done, and to be stopped while ending would only look like a failure."""
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in STOPS:
         signal.signal(number, signal.SIG_IGN)
 
 

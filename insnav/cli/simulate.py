@@ -113,8 +113,7 @@ def simulate(
     if as_json:
         result_facts(where)
         return
-    from insnav.report.simulation.ensemble import ensemble_lines
-    from insnav.report.simulation.page import shown_lines
+    from insnav.report.simulation.page import ensemble_lines, shown_lines
 
     result("\n".join((shown_lines if runs is None else ensemble_lines)(page, target)))
 
@@ -147,8 +146,7 @@ def _temperatures(text: str) -> tuple[float, float]:
 def _many(folder: RunFolder, plan: Plan, runs: int, engine: str, resume: bool, stage: Stages) -> tuple[Path, Page]:
     from insnav.cli.signals import Stopped
     from insnav.errors.ensemble import NavigatedRecording
-    from insnav.report.simulation.ensemble import write_runs
-    from insnav.report.simulation.page import plan_key
+    from insnav.report.simulation.page import plan_key, write_runs
     from insnav.simulate.montecarlo import Checkpoint, monte_carlo
     from insnav.simulate.recording import perfect_imu, temperature_ramp
 

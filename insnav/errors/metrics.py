@@ -119,25 +119,22 @@ def at_point(trajectory: Trajectory, lever_b: FloatArray) -> Trajectory:
     return replace(trajectory, lla=lla_offset(trajectory.lla, lever_n), v_n=v_n)
 
 
-def accuracy(errors: TrajectoryErrors, mask: BoolArray | None = None) -> dict[str, Any] | None:
+def accuracy(errors: TrajectoryErrors) -> dict[str, Any] | None:
     """Mean, RMS, 95 % and largest error of everything the reference knows.
 
-    `mask` (m,): the epochs to count; all by default.
     Returns: ``n``; for each quantity (``north_m``, ``horizontal_m``, ``velocity_down_m_s``, ``heading_deg``, …) a dict
     of ``mean``, ``rms``, ``p95``, ``max`` (the last two of the absolute error) or None if the reference does not know
     it; ``cep50_m`` and ``r95_m``, the radii that hold 50 % and 95 % of the horizontal errors. None if there is no epoch
     to count.
     """
-    rows = np.ones(len(errors.time), dtype=np.bool_) if mask is None else mask
-    if not rows.any():
+    if not len(errors.time):
         return None
-    horizontal = errors.horizontal[rows]
-    table: dict[str, Any] = {"n": int(np.count_nonzero(rows)), "horizontal_m": _statistics(horizontal)}
+    horizontal = errors.horizontal
+    table: dict[str, Any] = {"n": len(errors.time), "horizontal_m": _statistics(horizontal)}
     for group in ("position", "velocity", "attitude"):
-        for name, column in zip(errors.COLUMNS[group], getattr(errors, group)[rows].T, strict=True):
+        for name, column in zip(errors.COLUMNS[group], getattr(errors, group).T, strict=True):
             table[name] = _statistics(column / unit_of(name))
-    v_horizontal = np.hypot(errors.velocity[rows, 0], errors.velocity[rows, 1])
-    table["velocity_horizontal_m_s"] = _statistics(v_horizontal)
+    table["velocity_horizontal_m_s"] = _statistics(np.hypot(errors.velocity[:, 0], errors.velocity[:, 1]))
     table["cep50_m"], table["r95_m"] = (float(np.percentile(horizontal, p)) for p in (50.0, 95.0))
     return table
 
@@ -146,15 +143,14 @@ def accuracy_by_motion(errors: TrajectoryErrors) -> dict[str, Any]:
     """`accuracy` of ``all`` epochs, and of the ``static`` and the ``moving`` ones apart."""
     return {
         "all": accuracy(errors),
-        "static": accuracy(errors, ~errors.moving),
-        "moving": accuracy(errors, errors.moving),
+        "static": accuracy(errors.rows(~errors.moving)),
+        "moving": accuracy(errors.rows(errors.moving)),
     }
 
 
-def nees(errors: TrajectoryErrors, mask: BoolArray | None = None) -> dict[str, Any] | None:
+def nees(errors: TrajectoryErrors) -> dict[str, Any] | None:
     """Whether the stated standard deviations are true: normalised squared error, and the share inside 3 sd.
 
-    `mask` (m,): the epochs to count; all by default.
     Returns: for ``position``, ``velocity`` and ``attitude``: ``nees``, the mean over epochs and axes of (error / sd)^2,
     one if the sd is true, and ``inside_3_sd``, the share of errors inside 3 sd (0.997 if normal); None for a group the
     reference does not know. None if the estimate states no sd.
@@ -166,12 +162,8 @@ def nees(errors: TrajectoryErrors, mask: BoolArray | None = None) -> dict[str, A
     """
     if errors.sd is None:
         return None
-    rows = np.ones(len(errors.time), dtype=np.bool_) if mask is None else mask
-    return {
-        "position": _normalised(errors.position[rows], errors.sd[rows, 0:3]),
-        "velocity": _normalised(errors.velocity[rows], errors.sd[rows, 3:6]),
-        "attitude": _normalised(errors.attitude[rows], errors.sd[rows, 6:9]),
-    }
+    groups = ("position", "velocity", "attitude")
+    return {name: _normalised(getattr(errors, name), errors.sd[:, 3 * i : 3 * i + 3]) for i, name in enumerate(groups)}
 
 
 def _normalised(error: FloatArray, sd: FloatArray) -> dict[str, float] | None:

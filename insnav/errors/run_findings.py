@@ -107,6 +107,7 @@ def file_warnings(result: Result[Any]) -> tuple[Finding, ...]:
     return (
         *of_code(result.findings, Code.ROWS_CUT),
         *(not_covered(result.inputs["imu"], result.inputs["gps"]) if both else ()),
+        *(each for facts in result.inputs.values() for each in facts.evidence if each.severity >= Severity.WARNING),
         *(each for each in result.findings if not each.timed and each.severity >= Severity.WARNING),
     )
 

@@ -10,7 +10,7 @@ import numpy as np
 from insnav import strapdown
 from insnav.earth import earth_rate_n, ned_offset, transport_rate_n
 from insnav.exceptions import InputError
-from insnav.short_duration import navigate_short
+from insnav.strapdown import navigate_short
 from insnav.types import FloatArray, ImuData, Increments, SensorErrors, Trajectory
 
 LENGTH = 60.0  # of a window [s]

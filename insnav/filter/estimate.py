@@ -9,7 +9,7 @@ import numpy as np
 
 from insnav.alignment.static import LONG_REST
 from insnav.attitude import dcm_from_quat, dcm_from_rph, quat_from_rph
-from insnav.exceptions import DivergenceError
+from insnav.exceptions import InputError
 from insnav.filter.engine import Engine
 from insnav.filter.error_model import ErrorModel, FilterState, InitialState
 from insnav.filter.parts import Across
@@ -135,7 +135,7 @@ class Estimate:
     def predict(self, time: float) -> None:
         """Carry the covariance to `time`: a filter epoch."""
         if abs(self.x[0]) > NEXT_TO_POLE:
-            raise DivergenceError("filter.at_pole", where=f"t = {time:.3f} s")
+            raise InputError("filter.at_pole", where=f"t = {time:.3f} s")
         at, times, sds = self.at.correlated, self._lasting_time, self._lasting_sd
         epoch.turn(self._phi, self.all)
         epoch.not_linear(self._q, self.all, self.covariance)

@@ -212,6 +212,8 @@ def prepare(
     imu, parts, of_parts = _parts(imu, good, aligned, -np.inf if start is None else start.time)
     alignment, initial = parts[0].alignment, parts[0].initial
     notes = (*notes, *of_parts[:1])
+    if alignment.heading_method is Code.ALIGN_HEADING_CREEPING:
+        notes = (*notes, Finding.of(Code.ALIGN_HEADING_CREEPING, sd_rad=alignment.sd[2]))
     begin = float(max(imu.time[0], good.time[0]))
     if start is None and initial.time - begin > LONG_REST:
         notes = (*notes, Finding.of(Code.ALIGN_LATE, begin, initial.time, duration_s=initial.time - begin))

@@ -18,8 +18,7 @@ from typing import Any
 from insnav.engine import Workers, attempt, each
 from insnav.exceptions import ConfigError, InputError, InsnavError, OutputError, writing
 from insnav.findings import Code, Finding
-from insnav.output.contents import FACTS_FILE, damage, file_sha256, files_in, read_facts
-from insnav.output.folder import foreign_files, write_text
+from insnav.output.folder import FACTS_FILE, damage, file_sha256, files_in, foreign_files, read_facts, write_text
 from insnav.version import __version__
 
 DRIVES = "drives"  # folder of the run folders, within that of the fleet
@@ -60,7 +59,6 @@ class Navigated:
     name: str
     vehicle: str
     digest: str  # of its files, its options and this version
-    seconds: float  # that it took [s]
     failed: InsnavError | None = None
     facts: Mapping[str, Any] | None = None  # ``run.json`` of its folder, if there is one
     kept: bool = False  # it was finished already
@@ -142,7 +140,7 @@ def _each(
     for number, (drive, kept) in enumerate(zip(drives, finished, strict=True), start=1):
         outcome = next(navigated) if kept is None else kept
         if isinstance(outcome, InsnavError):  # its process died
-            outcome = Navigated(drive.name, drive.vehicle, "", 0.0, outcome, file=drive.arguments[0])
+            outcome = Navigated(drive.name, drive.vehicle, "", outcome, file=drive.arguments[0])
         yield _with_facts(outcome, how.place)
         if progress is not None:
             progress(number)
@@ -184,10 +182,10 @@ def _navigated(how: _How, job: tuple[Drive, str]) -> Navigated:
     (drive, key), begin = job, time.monotonic()
     outcome = attempt(_run, how, drive)
     failed = outcome if isinstance(outcome, InsnavError) else None
-    found = Navigated(
-        drive.name, drive.vehicle, key, round(time.monotonic() - begin, 3), failed, file=drive.arguments[0]
-    )
-    write_text(how.place / f"{drive.name}.json", json.dumps(asdict(found), indent=1, default=InsnavError.as_dict))
+    found = Navigated(drive.name, drive.vehicle, key, failed, file=drive.arguments[0])
+    # how long it took stands in no result: that depends on the machine
+    note = {**asdict(found), "seconds": round(time.monotonic() - begin, 3)}
+    write_text(how.place / f"{drive.name}.json", json.dumps(note, indent=1, default=InsnavError.as_dict))
     return found
 
 
@@ -216,8 +214,9 @@ def _digest(drive: Drive) -> str:
 def _read_note(note: Path, key: str) -> Navigated | None:
     try:
         known = json.loads(note.read_text(encoding="utf-8"))
-        failed = known["failed"] and InsnavError.from_dict(known["failed"])
-        found = Navigated(**{**known, "failed": failed})
+        known["failed"] = known["failed"] and InsnavError.from_dict(known["failed"])
+        del known["seconds"]
+        found = Navigated(**known)
     except (OSError, ValueError, TypeError, KeyError):
         return None
     return found if found.digest == key else None

@@ -15,7 +15,7 @@ from insnav.fleet.batch import Drive, name_of
 from insnav.input.formats.recording_folder import NO_DATA, ROLE, unused
 from insnav.input.formats.registry import open_tables, suffixes
 from insnav.input.readers.kinds import kinds_of
-from insnav.output.contents import FACTS_FILE, read_facts
+from insnav.output.folder import FACTS_FILE, read_facts
 
 _PARTS = ("imu", "gps", "ref")
 _NAMED = {"samples": "imu", "gnss": "gps", "gnns": "gps", "fixes": "gps", "reference": "ref", "truth": "ref"}
@@ -47,7 +47,8 @@ def find_drives(folder: Path, without: Path | None, workers: Workers) -> tuple[l
             continue
         found = list(_paired(place, _with_broken(roles)))
         used = {path for _, parts, _ in found for path in parts.values()}
-        left += [_left_out(path, role) for path, role in roles.items() if path not in used]
+        spare = {path: role for path, role in roles.items() if path not in used}
+        left += [Finding.of(_SPARE[r], subject=str(path)) if isinstance(r, str) else r for path, r in spare.items()]
         for where, parts, unclear in found:
             inside = where.relative_to(folder.resolve()).parts
             files = [word for part in parts for word in (f"--{part}", str(parts[part])) if part != "imu"]
@@ -62,10 +63,6 @@ def find_drives(folder: Path, without: Path | None, workers: Workers) -> tuple[l
             "batch.no_drives", where=str(folder), count=sum(map(len, places)), cause=left[0] if left else None
         )
     return drives, left
-
-
-def _left_out(path: Path, role: str | Finding) -> Finding:
-    return Finding.of(_SPARE[role], subject=str(path)) if isinstance(role, str) else role
 
 
 def _places(folder: Path, without: Path | None, left: list[Finding]) -> Iterator[list[Path]]:

@@ -28,9 +28,8 @@ from insnav.config_file import (
     wrong,
 )
 from insnav.exceptions import ConfigError
-from insnav.imu.dynamic_map import AxisMap, DynamicMap
 from insnav.imu.error_terms import Sensor, terms_of
-from insnav.imu.higher_order import SHAPES, ErrorTerms
+from insnav.imu.higher_order import SHAPES, AxisMap, DynamicMap, ErrorTerms
 from insnav.imu.model import ImuErrors
 from insnav.imu.raw_outputs import RawScale
 from insnav.units import si_unit
@@ -156,9 +155,9 @@ def _raw(table: _Raw | None, scale: str) -> RawScale | None:
 def _gyro_map(table: _Map | None) -> DynamicMap | None:
     if table is None:
         return None
-    axes_of = (table.x, table.y, table.z)
-    x, y, z = (None if a is None else AxisMap(np.array(a.rate_rad_s), np.array(a.error_rad_s)) for a in axes_of)
-    return DynamicMap(x, y, z)
+    given = (table.x, table.y, table.z)
+    maps = (None if a is None else AxisMap(np.array(a.rate_rad_s), np.array(a.error_rad_s)) for a in given)
+    return DynamicMap(tuple(maps))
 
 
 def _terms(sensor: Sensor, table: Table) -> ErrorTerms | None:

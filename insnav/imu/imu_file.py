@@ -20,7 +20,6 @@ from insnav.config_file import (
     preset_or_file,
     read_toml,
     scalar,
-    signed_scalar,
     similar,
     text,
     validate,
@@ -31,6 +30,7 @@ from insnav.exceptions import ConfigError
 from insnav.imu.error_terms import Sensor, terms_of
 from insnav.imu.presets import FOLDER, PRESETS
 from insnav.imu.specification import ClockSpec, ImuSpec, InitialSpec, SensorSpec
+from insnav.units import UNITS
 
 if TYPE_CHECKING:  # a run that is given no part reads no file of one
     from insnav.imu.library import Part
@@ -52,37 +52,22 @@ class _Sensor(Table):
         return self
 
 
-class _Clock(Table):
-    offset: Annotated[float, signed_scalar("time")] = 0.0
-    drift: Annotated[float, signed_scalar("ratio")] = 0.0
-    jitter: Annotated[float, scalar("time")] = 0.0
-    lost_every: Annotated[float, scalar("time")] = 0.0
-    lost_length: Annotated[float, scalar("time")] = 0.0
-
-
-class _Initial(Table):
-    position: Annotated[float | None, scalar("length")] = None
-    velocity: Annotated[float | None, scalar("velocity")] = None
-    tilt: Annotated[float | None, scalar("angle")] = None
-    heading: Annotated[float | None, scalar("angle")] = None
-
-
 class _ImuFile(Table):
     name: str | None = None
     source: str = ""
     gyro: _Sensor | None = None
     accel: _Sensor | None = None
-    initial: _Initial | None = None
-    clock: _Clock | None = None
+    initial: Table | None = None
+    clock: Table | None = None
 
 
 def _with_terms(sensor: Sensor, **more: PlainValidator) -> type[_Sensor]:
     return with_fields(_Sensor, {term.key: axes(term.dimension) for term in terms_of(sensor)} | more)
 
 
-_FILE = with_fields(
-    _ImuFile, {"gyro": _with_terms("gyro"), "accel": _with_terms("accel", positions=matrix_of("length"))}
-)
+def _of_units(units: dict[str, str], signed: tuple[str, ...] = ()) -> type[Table]:
+    """Table of quantities by the units in which they are written."""
+    return with_fields(Table, {key: scalar(UNITS[unit][0], signed=key in signed) for key, unit in units.items()})
 
 
 _LARGEST = 1e6  # no error of any kind is larger in SI units, and squares of it are numbers still
@@ -90,6 +75,13 @@ _CLOCK_UNITS = {"offset": "s", "drift": "ppm", "jitter": "s", "lost_every": "s",
 # the order of the file, in which its digest counts too; the others follow
 _FIRST = ("bias", "bias_instability", "correlation_time", "random_walk", "rate_random_walk")
 _INITIAL_UNITS = {"position": "m", "velocity": "m/s", "tilt": "deg", "heading": "deg"}
+_TABLES = {
+    "gyro": _with_terms("gyro"),
+    "accel": _with_terms("accel", positions=matrix_of("length")),
+    "initial": _of_units(_INITIAL_UNITS),
+    "clock": _of_units(_CLOCK_UNITS, signed=("offset", "drift")),
+}
+_FILE = with_fields(_ImuFile, _TABLES)
 
 
 def part_of(preset_or_path: str) -> Part | None:
@@ -143,7 +135,7 @@ def load_imu(preset_or_path: str) -> ImuSpec:
         given = file.initial.model_dump(exclude_none=True)
         absent += [f"initial.{key}" for key in _INITIAL_UNITS if key not in given]
         initial = InitialSpec(**given)
-    clock = ClockSpec() if file.clock is None else ClockSpec(**file.clock.model_dump())
+    clock = ClockSpec() if file.clock is None else ClockSpec(**file.clock.model_dump(exclude_none=True))
     if (clock.lost_every > 0.0) != (clock.lost_length > 0.0):
         raise ConfigError("imu.lost_samples", where=f"{path}: clock")
     positions = np.array((file.accel and file.accel.positions) or np.zeros((3, 3)))

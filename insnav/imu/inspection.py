@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import median_filter
+import scipy  # its parts load themselves when they are used
 
 from insnav.exceptions import InputError
 from insnav.imu.model import per_sample
@@ -108,9 +108,9 @@ def _peaks(force: FloatArray, rate: float) -> tuple[VibrationPeak, ...]:
     if len(force) < 4 * length or rate < 4.0 * LOWEST:
         return ()
     found = []
-    frequency, power = np.fft.rfftfreq(length, 1.0 / rate), _spectrum(force, rate, length)
+    frequency, power = scipy.signal.welch(force, rate, nperseg=length, axis=0)
     for i, axis in enumerate("xyz"):
-        ratio = power[:, i] / np.maximum(median_filter(power[:, i], NEIGHBOURS, mode="constant"), 1e-300)
+        ratio = power[:, i] / np.maximum(scipy.ndimage.median_filter(power[:, i], NEIGHBOURS, mode="constant"), 1e-300)
         top = np.flatnonzero((ratio > PROMINENT) & (frequency > LOWEST))
         for row in top[np.argsort(power[top, i])[::-1]][:PEAKS]:
             near = slice(max(row - 2, 0), row + 3)
@@ -119,18 +119,6 @@ def _peaks(force: FloatArray, rate: float) -> tuple[VibrationPeak, ...]:
             rms = float(np.sqrt(np.sum(power[near, i]) * (frequency[1] - frequency[0])))
             found.append(VibrationPeak(axis, float(frequency[row]), rms))
     return tuple(sorted(found, key=lambda each: -each.rms)[:PEAKS])
-
-
-def _spectrum(values: FloatArray, rate: float, length: int) -> FloatArray:
-    """Power spectral density of columns by averaged Hann windows that overlap by half; Welch (1967)."""
-    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
-    total, count = np.zeros((length // 2 + 1, values.shape[1])), 0
-    for start in range(0, len(values) - length + 1, length - length // 2):
-        part = values[start : start + length]
-        total += np.abs(np.fft.rfft((part - part.mean(axis=0)) * window[:, None], axis=0)) ** 2
-        count += 1
-    total[1 : (length + 1) // 2] *= 2.0  # both signs of the frequency
-    return total / (count * rate * np.sum(window**2))
 
 
 def _jolt(time: FloatArray, force: FloatArray, interval: float) -> tuple[float, float]:

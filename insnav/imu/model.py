@@ -8,13 +8,21 @@ Systems, 2nd ed. (2013), eqs. 4.17 and 4.18. What goes beyond that is in `insnav
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
 from insnav import spill
 from insnav.exceptions import ConfigError, InputError
-from insnav.imu.dynamic_map import DynamicMap
-from insnav.imu.higher_order import REFERENCE_TEMPERATURE, SHAPES, ErrorTerms, size_effect, zero_matrix, zeros
+from insnav.imu.higher_order import (
+    REFERENCE_TEMPERATURE,
+    SHAPES,
+    DynamicMap,
+    ErrorTerms,
+    size_effect,
+    zero_matrix,
+    zeros,
+)
 from insnav.imu.raw_outputs import RawScale
 from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.types import FloatArray, ImuData
@@ -22,13 +30,8 @@ from insnav.types import FloatArray, ImuData
 _SAMPLED_TERMS = tuple(key for key in SHAPES if key != "positions")
 SAMPLED = frozenset({"bias", "scale_factor", "misalignment", *_SAMPLED_TERMS})  # terms that `sample_errors` samples
 MAX_CONDITION = 1e6  # beyond it the inverse of the matrix would lose what sensors can resolve
-
-
-def _eye() -> FloatArray:
-    return np.eye(3)
-
-
 GAP = 1.75  # a spacing so many times the median has lost samples before it
+_eye = partial(np.eye, 3)
 
 
 @dataclass(frozen=True, slots=True)

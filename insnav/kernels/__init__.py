@@ -33,6 +33,11 @@ class _Kept(FunctionCache):
         # numba looks at the file of a kernel alone: kernels of other files are compiled into it
         self._cache_file._source_stamp = self._cache_file._source_stamp, CONTENT
 
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        # bytecode depends on the options of Python, as -OO, and the source is in the stamp; a closure is not
+        *rest, (_, closure) = super()._index_key(sig, codegen)  # type: ignore[no-untyped-call]
+        return (*rest, closure)
+
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         found = None
         rtsys.initialize(target_context)

@@ -1,12 +1,13 @@
-"""What every calibration method has in common: options, reading, fitting and a result with its uncertainty.
+"""What every calibration method has in common: options, reading, fitting, findings and a result with its uncertainty.
 
 A method is a module with `read` and `fit` (see `Method`); `METHODS` has the module of each command.
 """
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
@@ -15,11 +16,12 @@ from typing import Any, Generic, Protocol, TypeVar, cast
 import numpy as np
 
 from insnav.exceptions import ConfigError, InputError
-from insnav.findings import Finding
+from insnav.findings import Code, Finding
 from insnav.imu.higher_order import zero_matrix, zeros
 from insnav.imu.model import ImuErrors
 from insnav.input.formats.table import Table
 from insnav.lab.least_squares import Fit
+from insnav.lab.multi_position.triad import Triad
 from insnav.quantity import Quantity
 from insnav.types import FloatArray
 from insnav.units import G0, UNITS
@@ -211,3 +213,40 @@ def common_unit(units: Sequence[tuple[str, str]]) -> str:
     if len({unit for _, unit in units}) > 1:
         raise InputError("lab.mixed_units", units=tuple(dict.fromkeys(f"{name}: {unit}" for name, unit in units)))
     return units[0][1]
+
+
+BADLY_CONDITIONED = 30.0  # condition number beyond which parameters are hardly separated
+
+
+def about(name: str, findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Add the name of a sensor or a file to the subjects of findings: ``gyro x (rates.csv)``."""
+    return tuple(replace(each, subject=f"{each.subject} ({name})" if each.subject else name) for each in findings)
+
+
+def badly_conditioned(fits: Mapping[str, Fit] | Mapping[str, Triad]) -> tuple[Finding, ...]:
+    """Find fits, by their sensors, that hardly separate their parameters."""
+    return tuple(
+        Finding.of(Code.BENCH_CONDITION, subject=name, condition=fit.condition, limit=BADLY_CONDITIONED)
+        for name, fit in fits.items()
+        if fit.condition > BADLY_CONDITIONED
+    )
+
+
+def few(what: str, count: int, usual: int, subject: str = "") -> tuple[Finding, ...]:
+    """Find whether there are fewer of something, a word of the catalogue such as ``rates``, than is usual."""
+    found = Finding.of(Code.BENCH_FEW, subject=subject, count=count, limit_count=usual, what=what)
+    return (found,) if count < usual else ()
+
+
+def outlier(fit: Fit, row: int, angle_rad: float = math.nan) -> Finding:
+    """Find a row of a fit that does not belong to the others, as `insnav.lab.least_squares.outliers` has them."""
+    size = abs(float(fit.residual[row])) / fit.sigma
+    return Finding.of(Code.BENCH_OUTLIER, residual_sigma=size, row=row + 1, angle_rad=angle_rad)
+
+
+def warming(temperature: FloatArray | None, limit: float) -> tuple[Finding, ...]:
+    """Find whether the temperature (n,) [deg C] changed by more than a limit [K]."""
+    if temperature is None or np.ptp(temperature) <= limit:
+        return ()
+    low, high = np.min(temperature), np.max(temperature)
+    return (Finding.of(Code.BENCH_TEMPERATURE, change_k=high - low, limit_k=limit, low_c=low, high_c=high),)

@@ -96,7 +96,16 @@ def linear_fit(design: FloatArray, measured: FloatArray, names: Sequence[str], *
         raise InputError("lab.not_finite", where=where, row=int(np.argmin(finite)) + 1)
     if n <= k:
         raise InputError("lab.few_measurements", where=where, parameters=tuple(names), count=n, unknowns=k, limit=k + 1)
-    left, singular, right, lengths = _decompose(design, names, where)
+    lengths = np.linalg.norm(design, axis=0)
+    idle = [name for name, length in zip(names, lengths, strict=True) if not length > 0.0]
+    if idle:
+        raise InputError("lab.parameters_idle", where=where, parameters=tuple(idle))
+    left, singular, right = np.linalg.svd(design / lengths, full_matrices=False)
+    loose = singular <= RANK_TOLERANCE * singular[0]
+    if loose.any():
+        shares = np.sqrt(np.sum(right[loose] ** 2, axis=0))  # of each parameter in what leaves no trace
+        mixed = [name for name, share in zip(names, shares, strict=True) if share > 1e-6]
+        raise InputError("lab.parameters_mixed", where=where, parameters=tuple(mixed))
     scaled = right.T @ ((left.T @ measured) / singular)
     value = scaled / lengths
     residual = measured - design @ value
@@ -112,20 +121,3 @@ def linear_fit(design: FloatArray, measured: FloatArray, names: Sequence[str], *
         dof=dof,
         condition=float(singular[0] / singular[-1]),
     )
-
-
-def _decompose(
-    design: FloatArray, names: Sequence[str], where: str
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Singular values of the design with columns of length 1, and these lengths; names what is not determined."""
-    lengths = np.linalg.norm(design, axis=0)
-    idle = [name for name, length in zip(names, lengths, strict=True) if not length > 0.0]
-    if idle:
-        raise InputError("lab.parameters_idle", where=where, parameters=tuple(idle))
-    left, singular, right = np.linalg.svd(design / lengths, full_matrices=False)
-    loose = singular <= RANK_TOLERANCE * singular[0]
-    if loose.any():
-        shares = np.sqrt(np.sum(right[loose] ** 2, axis=0))  # of each parameter in what leaves no trace
-        mixed = [name for name, share in zip(names, shares, strict=True) if share > 1e-6]
-        raise InputError("lab.parameters_mixed", where=where, parameters=tuple(mixed))
-    return left, singular, right, lengths

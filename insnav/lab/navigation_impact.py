@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from insnav.earth import radii
-from insnav.imu.dynamic_map import AxisMap, DynamicMap
+from insnav.imu.higher_order import AxisMap, DynamicMap
 from insnav.imu.model import ImuErrors, correct, corrupt
 from insnav.lab.calibration import CalibrationSd, Impact, physical
 from insnav.sample_statistics import rms
-from insnav.simulate.closed_forms import circle, straight
 from insnav.simulate.ideal_sensors import imu_from_truth, reference
+from insnav.simulate.truth import circle, straight
 from insnav.strapdown import increments, intervals, navigate
 from insnav.types import FloatArray, ImuData, Trajectory
 from insnav.units import DEG
@@ -52,7 +52,7 @@ def _sampled(known: ImuErrors, sd: CalibrationSd, rng: np.random.Generator) -> I
     gyro_map, terms = known.gyro_map, known.gyro_terms
     if gyro_map is not None:
         maps = zip(gyro_map.axes, sd.gyro_map, strict=True)
-        gyro_map = DynamicMap(*(_sampled_map(item, spread, rng) for item, spread in maps))
+        gyro_map = DynamicMap(tuple(_sampled_map(item, spread, rng) for item, spread in maps))
     if terms is not None:
         error = sd.g_sensitivity * rng.standard_normal((3, 3))
         terms = replace(terms, g_sensitivity=terms.g_sensitivity + error)

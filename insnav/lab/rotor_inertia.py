@@ -20,8 +20,7 @@ from insnav.findings import Code, Finding
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import schema
 from insnav.lab.bench_data.bench_tables import BenchTable, read_bench
-from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, measured
-from insnav.lab.common_findings import about, few, outlier
+from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, about, few, measured, outlier
 from insnav.lab.least_squares import Fit, coverage_factor, linear_fit, outliers
 from insnav.types import FloatArray
 
@@ -99,6 +98,7 @@ def fit(
         turns.columns["period"], turns.columns["rotor_rate"], mass, how.arm, how.gravity, where=turns.name
     )
     both, compared = (first, second), agreement(first, second)
+    differ = Finding.of(Code.ROTOR_DISAGREE, difference_kg_m2=abs(compared.difference), limit_kg_m2=compared.limit)
     return Calibration(
         "rotor",
         None,
@@ -111,7 +111,7 @@ def fit(
         record,
         Inertias(first, second, compared),
         how,
-        (*_disagreement(compared), *about("fall", first.warnings), *about("precession", second.warnings)),
+        (*(() if compared.agree else (differ,)), *about("fall", first.warnings), *about("precession", second.warnings)),
     )
 
 
@@ -208,12 +208,6 @@ def _slope(x: FloatArray, y: FloatArray, where: str) -> Fit:
     if np.unique(x).size < 3:
         raise InputError("lab.few_values", where=where, count=np.unique(x).size)
     return linear_fit(x[:, None], y, ("slope",), where=where)
-
-
-def _disagreement(found: Agreement) -> tuple[Finding, ...]:
-    """Find whether the difference of two results is larger than their uncertainties explain."""
-    size, limit = abs(found.difference), found.limit
-    return () if found.agree else (Finding.of(Code.ROTOR_DISAGREE, difference_kg_m2=size, limit_kg_m2=limit),)
 
 
 def _suspicions(fit: Fit, x: FloatArray, y: FloatArray, missed: Code) -> tuple[Finding, ...]:

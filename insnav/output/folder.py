@@ -1,4 +1,4 @@
-"""The run folder: built aside, complete or absent, with a digest of every file in it.
+"""The run folder: built aside, complete or absent, with its facts and a digest of every file in it.
 
 The folder is made as ``.NAME.tmp-PID`` beside its target and renamed when everything is on the disk, so
 whatever stops the program, the target is either what it was before or complete.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import glob
+import hashlib
 import json
 import os
 import re
@@ -19,10 +20,67 @@ from types import TracebackType
 from typing import Any, Self
 
 from insnav.exceptions import NO_ROOM, InputError, OutputError, reason_of, writing
-from insnav.output.contents import FACTS_FILE, file_sha256, files_in, read_facts, verify_folder
 from insnav.plain_text import NOT_UTF8, plain_text
 
-__all__ = ["FACTS_FILE", "RunFolder", "file_sha256", "foreign_files", "read_facts", "verify_folder", "write_text"]
+FACTS_FILE = "run.json"
+
+
+def read_facts(folder: Path) -> dict[str, Any]:
+    """Read the ``run.json`` of a run folder.
+
+    Raises: InputError: not a run folder, or ``run.json`` is damaged.
+    """
+    path = folder / FACTS_FILE
+    try:
+        facts = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError("output.no_run_folder", where=str(path), reason=reason_of(error)) from error
+    except (ValueError, RecursionError) as error:
+        raise InputError("output.damaged_json", where=str(path), reason=str(error)) from error
+    if not isinstance(facts, dict) or not isinstance(facts.get("files"), dict):
+        raise InputError("output.json_without_files", where=str(path))
+    return facts
+
+
+def verify_folder(folder: Path) -> dict[str, Any]:
+    """Check that a run folder holds exactly the files it was written with; its ``run.json``.
+
+    Raises: InputError: not a run folder, or a file is missing, changed or added.
+    """
+    facts = read_facts(folder)
+    missing, changed = damage(folder)
+    added = tuple(name for name in files_in(folder) if name not in facts["files"])
+    if missing or changed or added:
+        raise InputError("output.changed_folder", where=str(folder), missing=missing, changed=changed, added=added)
+    return facts
+
+
+def damage(folder: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Name the missing and the changed ones of the files that a run folder was written with.
+
+    Raises: InputError: not a run folder.
+    """
+    listed, found = read_facts(folder)["files"], files_in(folder)
+    changed = (
+        name
+        for name, entry in listed.items()
+        if name in found and (not isinstance(entry, dict) or file_sha256(found[name]) != entry.get("sha256"))
+    )
+    return tuple(name for name in listed if name not in found), tuple(changed)
+
+
+def file_sha256(path: Path) -> str:
+    """Return the SHA-256 digest of a file as hexadecimal digits."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def files_in(folder: Path) -> dict[str, Path]:
+    """Every file below a folder but ``run.json``, by its name with forward slashes, sorted."""
+    paths = sorted(p for p in folder.rglob("*") if p.is_symlink() or not p.is_dir())
+    names = {p.relative_to(folder).as_posix(): p for p in paths}
+    return {name: path for name, path in names.items() if name != FACTS_FILE}
+
 
 _DROPPINGS = {".DS_Store", "Thumbs.db", "desktop.ini"}  # left by file managers, nobody's work
 _LONGEST_NAME = 230  # with what a folder has beside it while it is built, file systems take 255 bytes
@@ -51,7 +109,7 @@ class RunFolder:
         self._committing = self._committed = False
 
     def __enter__(self) -> Self:
-        self._place = _resolved(self.target)
+        self._place = resolved(self.target)
         for name in self._place.parts:
             _check_name(name)
         with contextlib.suppress(OSError):
@@ -163,7 +221,13 @@ def write_text(path: Path, text: str) -> None:
             raise
 
 
-def _resolved(target: Path) -> Path:
+def resolved(target: Path) -> Path:
+    """Resolve the path of an output folder.
+
+    Raises: OutputError: no such path can be, or it is a link to nothing, which would make a folder elsewhere.
+    """
+    if target.is_symlink() and not target.exists():
+        raise OutputError("output.dangling_link", where=str(target), target=plain_text(target.readlink()))
     try:
         return target.resolve()
     except (OSError, RuntimeError) as error:

@@ -21,7 +21,7 @@ from insnav import spill
 from insnav.exceptions import InputError
 from insnav.findings import Finding, by_time
 from insnav.messages import render
-from insnav.output.columns import TEXT_ROWS, Decimals, arrow_table, rounded, write_csv, write_numbers
+from insnav.output.data_files import TEXT_ROWS, Decimals, arrow_table, rounded, write_csv, write_numbers
 from insnav.plain_text import cell_text, plain_text, text_of_cell
 from insnav.quantity import quantity_of
 from insnav.tabular import Tabular, unit_of

@@ -1,24 +1,82 @@
 """A trajectory in the formats of other programs: GPX, KML, GeoJSON, TUM, EuRoC, RTKLIB .pos, NMEA, ROS bag, CSV.
 
 Times are what the format wants: UTC in GPX, GeoJSON, NMEA, bags and CSV, GPS time in .pos, nanoseconds in EuRoC.
+
+TUM files (``time x y z qx qy qz qw``) hold positions East, North, Up in the tangent plane at the first epoch, and the
+attitude that turns body axes (Forward, Right, Down) into these. Of compared runs every pose stands where the error, in
+metres North, East, Down at its epoch, puts it from the reference: so the distances between two files are the errors
+that insnav counts, to rounding.
+
+References
+----------
+ROS sensor_msgs, geometry_msgs and nav_msgs, noetic: how messages are written; REP-103, REP-105 (axes: East, North, Up;
+Forward, Left, Up).
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+import struct
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from html import escape
+from pathlib import Path
 
 import numpy as np
+import pymap3d
+from numpy.typing import NDArray
 
-from insnav.output.kml import kml_text
-from insnav.output.ros import bag
-from insnav.output.track import Track
-from insnav.output.tum import tangent_poses, tum_files
+from insnav.attitude import dcm_from_quat, quat_from_dcm, quat_from_rph, quat_multiply
+from insnav.earth_fixed import quat_earth_from_level
+from insnav.exceptions import ConfigError
 from insnav.plain_text import plain_text
+from insnav.types import FloatArray, Trajectory
+from insnav.units import DEG
 
+_DEGREES = np.array([DEG, DEG, 1.0])  # of latitude and longitude; metres of height
+KML_POINTS = 5000  # more makes map programs slow and shows nothing new
 _KNOT = 1852.0 / 3600.0
 _FIXED_SD, _FLOAT_SD = 0.1, 1.0  # horizontal deviations up to which a .pos row is of quality 1, 2; else 5 [m]
+_NED_TO_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+_HEAD = "# time [s], East, North, Up [m] from {:.9f} {:.9f} deg {:.4f} m, qx qy qz qw of Forward-Right-Down axes"
+_FIX, _TWIST, _ODOMETRY = "sensor_msgs/msg/NavSatFix", "geometry_msgs/msg/TwistStamped", "nav_msgs/msg/Odometry"
+_TOPICS = {_FIX: "/fix", _TWIST: "/vel", _ODOMETRY: "/odom"}
+_HALF_ROLL = np.array([0.0, 1.0, 0.0, 0.0])  # quaternion from Forward-Left-Up to Forward-Right-Down
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """A trajectory to be written."""
+
+    trajectory: Trajectory
+    name: str
+    utc: NDArray[np.datetime64] | None  # (n,) instants in UTC and in GPS time [ns]; None if no date is known
+    gps: NDArray[np.datetime64] | None
+    height: str  # ``ellipsoidal`` or ``msl``
+
+    @property
+    def degrees(self) -> FloatArray:
+        """Latitude, longitude within 180 [deg], height [m], (n, 3)."""
+        lla = self.trajectory.lla / _DEGREES
+        lla[:, 1] = (lla[:, 1] + 180.0) % 360.0 - 180.0
+        return np.asarray(lla, dtype=np.float64)
+
+    @property
+    def sd(self) -> FloatArray:
+        """Standard deviations of position and velocity, (n, 6); NaN where not known."""
+        sd = self.trajectory.sd
+        return np.full((len(self.trajectory.time), 6), np.nan) if sd is None else sd[:, :6]
+
+    def instants(self, of: str) -> NDArray[np.datetime64]:
+        """Instants in ``utc`` or ``gps``.
+
+        Raises: ConfigError: no date is known.
+        """
+        found: NDArray[np.datetime64] | None = getattr(self, of)
+        if found is None:
+            raise ConfigError("output.no_date", where="--week", begin_s=float(self.trajectory.time[0]))
+        return found
 
 
 def gpx(track: Track) -> str:
@@ -61,7 +119,7 @@ def geojson(track: Track) -> str:
 
 
 def tum(track: Track) -> str:
-    """TUM, see `insnav.output.tum`."""
+    """TUM, see `tum_files`."""
     return tum_files(track.trajectory, track.trajectory.time, {})["reference.tum"]
 
 
@@ -136,18 +194,12 @@ def nmea(track: Track) -> str:
 
 def csv(track: Track) -> str:
     """Columns of the solution, and UTC if it is known."""
-    columns = {key: np.asarray(column) for key, column in track.trajectory.columns().items()}
-    utc = np.datetime_as_string(track.utc, unit="us") if track.utc is not None else None
-    lines = [",".join([*columns, *(["utc"] if utc is not None else [])])]
-    for i, row in enumerate(np.column_stack([*columns.values()]).tolist()):
-        cells = ["" if x != x else f"{x:.15g}" for x in row]
-        lines.append(",".join(cells + ([f"{utc[i]}Z"] if utc is not None else [])))
-    return "\n".join([*lines, ""])
+    import pandas as pd
 
-
-WRITERS: dict[str, Callable[[Track], str | bytes]] = {
-    each.__name__: each for each in (gpx, kml, geojson, tum, euroc, pos, nmea, bag, csv)
-}
+    table = pd.DataFrame(track.trajectory.columns())
+    if track.utc is not None:
+        table["utc"] = [f"{instant}Z" for instant in np.datetime_as_string(track.utc, unit="us")]
+    return str(table.to_csv(index=False, float_format="%.15g", lineterminator="\n"))
 
 
 def _minutes(angle: float, digits: int) -> str:
@@ -158,3 +210,140 @@ def _minutes(angle: float, digits: int) -> str:
 
 def _checksum(text: str) -> int:
     return int(np.bitwise_xor.reduce(np.frombuffer(plain_text(text).encode("ascii"), dtype=np.uint8)))
+
+
+def write_kml(folder: Path, solution: Trajectory, name: str) -> Path:
+    """Write ``track.kml``, see `kml_text`; its path."""
+    path = folder / "track.kml"
+    path.write_text(kml_text(solution, name), encoding="utf-8", newline="\n")
+    return path
+
+
+def kml_text(solution: Trajectory, name: str) -> str:
+    """Track on the ground, thinned to `KML_POINTS`, with its start and end.
+
+    The height written is ellipsoidal, which map programs would take for height above sea level; so the track
+    is clamped to the ground.
+    """
+    count = len(solution.time)
+    rows = np.unique(np.linspace(0, count - 1, min(count, KML_POINTS)).round().astype(np.int64))
+    lat, lon = np.degrees(solution.lla[rows, 0]), np.degrees(solution.lla[rows, 1])
+    points = [
+        f"{x:.8f},{y:.8f},{z:.3f}"
+        for x, y, z in zip((lon + 180.0) % 360.0 - 180.0, lat, solution.lla[rows, 2], strict=True)
+    ]
+    parts = np.split(np.array(points), np.flatnonzero(np.abs(np.diff(lon)) > 180.0) + 1)  # at the date line
+    lines = "".join(
+        f"<LineString><tessellate>1</tessellate><coordinates>{' '.join(part)}</coordinates></LineString>\n"
+        for part in parts
+        if len(part) > 1
+    )
+    marks = "".join(
+        f"<Placemark><name>{label} {time:.1f} s</name><Point><coordinates>{point}</coordinates></Point></Placemark>\n"
+        for label, time, point in (
+            ("start", solution.time[0], points[0]),
+            ("end", solution.time[-1], points[-1]),
+        )
+    )
+    title = escape(plain_text(name), quote=False)
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?>\n'
+        '<kml xmlns="http://www.opengis.net/kml/2.2"><Document>\n'
+        f"<name>{title}</name>\n"
+        '<Style id="track"><LineStyle><color>ffb27200</color><width>3</width></LineStyle></Style>\n'
+        f"<Placemark><name>{title}</name><styleUrl>#track</styleUrl><MultiGeometry>\n{lines}"
+        f"</MultiGeometry></Placemark>\n{marks}</Document></kml>\n"
+    )
+
+
+def tum_files(
+    reference: Trajectory, time: FloatArray, errors: Mapping[str, tuple[FloatArray, FloatArray]]
+) -> dict[str, str]:
+    """Text of the reference and of each run at their common epochs, by the name of the file.
+
+    `time` (n,): the epochs [s]; `errors` (n, 3): name of each run, its position errors North, East, Down [m] and
+    attitude errors roll, pitch, heading [rad].
+    """
+    rows = np.searchsorted(reference.time, time)
+    lla, rph = reference.lla[rows], reference.rph[rows]
+    place, turn = _in_tangent(lla)
+    head = _HEAD.format(*lla[0] / _DEGREES)
+    files = {"reference.tum": _poses_text(head, time, place, turn, rph)}
+    for name, (position, attitude) in errors.items():
+        moved = place + (turn @ position[:, :, None])[:, :, 0]
+        files[f"{name}.tum"] = _poses_text(head, time, moved, turn, rph + attitude)
+    return files
+
+
+def _in_tangent(lla: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Positions (n, 3) in East, North, Up of the first, and matrices (n, 3, 3) to it from North, East, Down at each."""
+    place = np.column_stack(pymap3d.geodetic2enu(*(lla / _DEGREES).T, *lla[0] / _DEGREES))
+    here, there = (dcm_from_quat(quat_earth_from_level(each)) for each in (lla, lla[:1]))
+    return place, np.asarray(_NED_TO_ENU @ np.swapaxes(there, 1, 2) @ here)
+
+
+def _poses_text(head: str, time: FloatArray, place: FloatArray, turn: FloatArray, rph: FloatArray) -> str:
+    q = _attitude(turn, rph)
+    lines = (" ".join(map(repr, row)) for row in np.column_stack([time, place, q[:, 1:], q[:, :1]]).tolist())
+    return "\n".join([head, *lines]) + "\n"
+
+
+def _attitude(turn: FloatArray, rph: FloatArray) -> FloatArray:
+    """Quaternions from body axes to the tangent plane, scalar first; none where the attitude is not known, (n, 4)."""
+    known = np.isfinite(rph).all(axis=1)
+    q = np.tile([1.0, 0.0, 0.0, 0.0], (len(rph), 1))
+    q[known] = quat_multiply(quat_from_dcm(turn[known]), quat_from_rph(rph[known]))
+    return q
+
+
+def tangent_poses(track: Trajectory) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Positions East, North, Up of the first epoch ``(n, 3)`` [m], quaternions scalar first, velocities [m/s]."""
+    place, turn = _in_tangent(track.lla)
+    return place, _attitude(turn, track.rph), np.einsum("nij,nj->ni", turn, track.v_n)
+
+
+def bag(track: Track) -> bytes:
+    """ROS 1 bag; heights in NavSatFix are those of the run.
+
+    Raises: ConfigError: no date is known, or `rosbags` is not installed.
+    """
+    try:
+        from rosbags.rosbag1 import Writer
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as error:
+        raise ConfigError("output.no_rosbags", reason=str(error)) from error
+    instants = (track.instants("utc") - np.datetime64(0, "ns")).astype(np.int64).tolist()
+    place, q, v = tangent_poses(track.trajectory)
+    q = quat_multiply(q, _HALF_ROLL)
+    level = track.trajectory.v_n[:, [1, 0, 2]] * [1.0, 1.0, -1.0]  # East, North, Up here, not at the first epoch
+    body = np.einsum("nji,nj->ni", dcm_from_quat(q), v)
+    sd = track.sd[:, [1, 0, 2]]  # rows of covariances are East, North, Up
+    known = np.asarray(np.isfinite(sd).all(axis=1))
+    variance = np.where(known[:, None], sd, 0.0) ** 2
+    store = get_typestore(Stores.ROS1_NOETIC)
+    with tempfile.TemporaryDirectory(prefix="insnav-") as folder:
+        path = Path(folder) / "track.bag"
+        with Writer(path) as writer:
+            to = {kind: writer.add_connection(topic, kind, typestore=store) for kind, topic in _TOPICS.items()}
+            for i, (ns, lla) in enumerate(zip(instants, track.degrees.tolist(), strict=True)):
+                head = struct.pack("<III", i, *divmod(ns, 10**9))
+                covariance = np.diag(variance[i])
+                fix = struct.pack("<bH12dB", 0, 1, *lla, *covariance.ravel(), 2 if known[i] else 0)
+                twist, pose = np.zeros((6, 6)), np.zeros((6, 6))
+                pose[:3, :3] = covariance
+                odometry = (*place[i], *q[i, [1, 2, 3, 0]], *pose.ravel(), *body[i], 0.0, 0.0, 0.0, *twist.ravel())
+                writer.write(to[_FIX], ns, head + _string("gps") + fix)
+                writer.write(to[_TWIST], ns, head + _string("enu") + struct.pack("<6d", *level[i], 0.0, 0.0, 0.0))
+                writer.write(
+                    to[_ODOMETRY], ns, head + _string("enu") + _string("base_link") + struct.pack("<85d", *odometry)
+                )
+        return path.read_bytes()
+
+
+def _string(text: str) -> bytes:
+    return struct.pack("<I", len(text)) + text.encode()
+
+
+WRITERS: dict[str, Callable[[Track], str | bytes]] = {
+    each.__name__: each for each in (gpx, kml, geojson, tum, euroc, pos, nmea, bag, csv)
+}

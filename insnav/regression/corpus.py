@@ -1,4 +1,4 @@
-"""The corpus file (``corpus.toml``): the drives on which accuracy is evaluated, with everything they need.
+"""The corpus file (``corpus.toml``): the drives on which accuracy is evaluated; and their samples, fixes, references.
 
 [[simulated]]                 # a motion profile with sensors sampled from the models, once a seed
 name = "city"
@@ -20,18 +20,39 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Field, PrivateAttr, model_validator
 
+from insnav.attitude import quat_from_rotvec, quat_from_rph, quat_multiply, rph_from_quat
 from insnav.config_file import Axes, Table, axes, read_toml, refuse, scalar, validate, wrong
-from insnav.exceptions import ConfigError
+from insnav.earth import lla_offset
+from insnav.exceptions import ConfigError, InputError
+from insnav.filter.prepare import DELAY_SD, first_stationary
+from insnav.filter.settings import FilterSettings
+from insnav.imu import ImuSpec, identify, load_imu
+from insnav.imu.imu_file import to_toml
+from insnav.input import read_gps, read_imu, read_reference
+from insnav.output.folder import file_sha256
+from insnav.simulate import gps_file as gps_config
+from insnav.simulate.faults import parse_fault
+from insnav.simulate.ideal_sensors import gps_from_truth
+from insnav.simulate.motion import load_profile
+from insnav.simulate.recording import MOTION_STREAM, perfect_imu, simulate_recording, times
+from insnav.types import FloatArray, GpsData, ImuData, Trajectory
 
 Group = Literal["position", "velocity", "attitude", "heading"]
 GROUPS: tuple[Group, ...] = ("position", "velocity", "attitude", "heading")
 AT_REST = "at rest"  # IMU model by the noise at rest
 CORPUS_FILE = "corpus.toml"
+_EXACT_SD = 1e-3  # of fixes made without errors [m], [m/s]
+_EXACT_RATE = 1.0  # of these [Hz]
+_NOISE_STREAM = 7
+_MOTION_SEED = 1  # of the vibration
+_STEP = 1.0  # a sparse reference is filled to this interval [s]
 
 
 class Case(Table):
@@ -155,3 +176,171 @@ def digest(case: Case, parts: Mapping[str, str]) -> str:
     content: dict[str, Any] = case.model_dump(exclude={"seeds", "quick"}, warnings=False)
     text = "\n".join(f"{key}={value!r}" for key, value in sorted({**content, **parts}.items()))
     return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+@dataclass(frozen=True, slots=True)
+class Material:
+    """One recording to navigate, and its reference."""
+
+    # what is navigated
+    imu: ImuData
+    gps: GpsData
+    spec: ImuSpec  # specified errors of the IMU, for the filter
+    settings: FilterSettings  # of the filter
+    truth: Trajectory  # the reference
+    truth_lever_b: FloatArray  # (3,) the point of the truth seen from the IMU, body axes [m]
+    exact: GpsData | None  # better positions of the antenna as the reference of outages; None for the fixes themselves
+    groups: frozenset[str] = frozenset(GROUPS)  # what the reference is accurate enough for
+    whole_state: bool = False  # the reference has position, velocity and attitude of the IMU's own axes
+    settle: float = 0.0  # errors count from so long after the first fix [s]
+    min_speed: float = 0.0  # slower epochs of the truth do not count [m/s]
+    remove_offset: bool = False  # a constant difference of position is no error
+    block: float = 0.0  # length of the pieces that are evaluated [s]; zero for the whole as one piece
+
+
+class SimulatedSource:
+    """Recordings of a motion profile."""
+
+    def __init__(self, case: SimulatedCase) -> None:
+        self._case = case
+        name: str | Path = case.folder / case.profile if case.profile.endswith(".toml") else case.profile
+        profile = load_profile(name, case.folder)
+        self._truth = profile.truth((_MOTION_SEED, MOTION_STREAM))
+        self._spec = load_imu(case.model(case.imu))
+        self._gps = replace(gps_config.load_gps(case.model(case.gps)), lever_b=case.lever_arm)
+        self._perfect = perfect_imu(self._truth, case.rate)
+        self._faults = tuple(parse_fault(text) for text in case.fault)
+        lever_b = np.array(case.lever_arm)
+        exact = gps_from_truth(self._truth, times(self._truth, _EXACT_RATE)[1:], lever_b)
+        sd = np.full_like(exact.lla, _EXACT_SD)
+        self._exact = replace(exact, position_sd=sd, velocity_sd=sd)
+        self._settings = FilterSettings(lever_b=lever_b, delay_sd=DELAY_SD)
+        self.files: dict[str, str] = {}
+        self.digest = digest(
+            case, {"profile": profile.text, "imu": to_toml(self._spec), "gps": gps_config.to_toml(self._gps)}
+        )
+
+    def material(self, seed: int) -> Material:
+        """Simulate the recording of one seed."""
+        made = simulate_recording(self._truth, self._spec, self._gps, seed, faults=self._faults, perfect=self._perfect)
+        return Material(
+            made.imu,
+            made.gps,
+            self._spec,
+            self._settings,
+            made.reference,
+            np.zeros(3),
+            self._exact,
+            whole_state=True,
+            settle=self._case.settle,
+        )
+
+
+class RecordedSource:
+    """One recorded drive.
+
+    Raises: InputError: a file is missing or cannot be used.
+    """
+
+    def __init__(self, case: RecordedCase, data: Path) -> None:
+        self._case = case
+        folder = data / case.data
+        names = [case.imu_file, *([] if case.fixes else [case.gps_file]), *filter(None, [case.reference])]
+        missing = [name for name in names if not (folder / name).is_file()]
+        if missing:
+            raise InputError("regress.missing_file", where=str(folder / missing[0]), case=case.name)
+        self.files = {name: file_sha256(folder / name) for name in names}
+        self._imu = read_imu(folder / case.imu_file).data
+        reference = read_reference(folder / case.reference) if case.reference else None
+        self._lever_b = np.array(case.lever_arm)
+        exact = None
+        if case.fixes is None:
+            gps = read_gps(folder / case.gps_file).data
+        else:
+            assert reference is not None
+            gps = exact = _fixes_on(reference.data, case.fixes.interval)
+        if reference is not None:
+            good = np.ones(len(reference.data.time), dtype=np.bool_) if reference.fix is None else reference.fix == 1
+            truth = reference.data.rows(good)
+            if len(truth.time) > 1 and np.median(np.diff(truth.time)) > _STEP:
+                truth = _filled(truth, _STEP)
+            if reference.fix is not None:
+                exact = _as_fixes(truth)
+        else:
+            good = np.ones(len(gps.time), dtype=np.bool_) if gps.fix is None else gps.fix == 1
+            exact = gps.rows(good)
+            used = np.arange(len(gps.time)) % case.use_every == 0
+            left = gps.rows(good & ~used)
+            if not len(left.time):
+                raise InputError("regress.no_reference_fix", where=case.name)
+            truth = Trajectory(left.time, left.lla, left.v_n, np.full_like(left.lla, np.nan))
+            gps = gps.rows(used)
+        self._gps, self._exact = gps, exact
+        if any(case.mounting):
+            turned = quat_multiply(quat_from_rph(truth.rph), quat_from_rotvec(np.array(case.mounting)))
+            truth = replace(truth, rph=rph_from_quat(turned))
+        self._truth = truth
+        self._spec = self._model()
+        self.digest = digest(case, {**self.files, "imu": "" if case.imu == AT_REST else to_toml(self._spec)})
+
+    def _model(self) -> ImuSpec:
+        if self._case.imu != AT_REST:
+            return load_imu(self._case.model(self._case.imu))
+        rest = first_stationary(self._imu, self._gps)
+        if rest is None:
+            raise InputError("regress.never_stationary", where=self._case.name)
+        return identify(self._imu, *rest)[0]
+
+    def material(self, seed: int) -> Material:
+        """Make the fixes of one seed, where they are made at all."""
+        case, gps = self._case, self._gps
+        if case.fixes is not None:
+            noise = case.fixes.sd * np.random.default_rng((seed, _NOISE_STREAM)).standard_normal(gps.lla.shape)
+            unknown = np.full_like(gps.lla, np.nan)
+            sd = np.full_like(gps.lla, case.fixes.sd)
+            gps = GpsData(gps.time, lla_offset(gps.lla, noise), unknown, sd, unknown)
+        return Material(
+            self._imu,
+            gps,
+            self._spec,
+            FilterSettings(lever_b=self._lever_b, delay_sd=DELAY_SD),
+            self._truth,
+            self._lever_b,
+            self._exact,
+            frozenset(case.judge),
+            settle=case.settle,
+            min_speed=case.min_speed,
+            remove_offset=case.remove_offset,
+            block=case.block if case.seeds == 1 else 0.0,
+        )
+
+
+Source = SimulatedSource | RecordedSource  # with digests of everything that decides about the recordings
+
+
+def source_of(case: SimulatedCase | RecordedCase, data: Path) -> Source:
+    """Make what makes the recordings of a case; see there for errors."""
+    return SimulatedSource(case) if isinstance(case, SimulatedCase) else RecordedSource(case, data)
+
+
+def _filled(truth: Trajectory, step: float) -> Trajectory:
+    """A reference with few rows, of a stationary vehicle for one, on a straight line between them."""
+    time = np.arange(truth.time[0], truth.time[-1], step)
+
+    def on(values: FloatArray) -> FloatArray:
+        return np.column_stack([np.interp(time, truth.time, column) for column in values.T])
+
+    return Trajectory(time, on(truth.lla), on(truth.v_n), np.full((len(time), 3), np.nan))
+
+
+def _fixes_on(reference: Trajectory, interval: float) -> GpsData:
+    """Positions of a reference without errors, every `interval`."""
+    if np.median(np.diff(reference.time)) > interval:
+        reference = _filled(reference, interval)
+    step = max(1, round(interval / float(np.median(np.diff(reference.time)))))
+    return _as_fixes(reference.rows(slice(None, None, step)))
+
+
+def _as_fixes(truth: Trajectory) -> GpsData:
+    sd = np.full_like(truth.lla, _EXACT_SD)
+    return GpsData(truth.time, truth.lla, truth.v_n, sd, sd)

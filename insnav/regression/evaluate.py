@@ -1,25 +1,29 @@
-"""The accuracy metrics of one recording: with all fixes, in GNSS outages, free-inertial; against its reference."""
+"""The accuracy of the recordings of a corpus against their references: with all fixes, in outages, free-inertial."""
 
 from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
+from insnav.engine import Workers, every
 from insnav.errors.metrics import TrajectoryErrors, nees, position_errors
-from insnav.errors.outage.from_reference import end_errors
+from insnav.errors.outage.free_inertial import end_errors
 from insnav.errors.outage.gnss_outage import outages
 from insnav.errors.outage.statistics import horizontal_at
-from insnav.exceptions import InputError
+from insnav.exceptions import InputError, InsnavError
 from insnav.filter.navigate import Navigated, aided, navigate_recording
 from insnav.filter.prepare import prepare
+from insnav.findings import Code, ErrorFacts, Finding
 from insnav.regression.accuracy_metrics import FREE, METRICS, OUTAGES
-from insnav.regression.cases import Material
+from insnav.regression.corpus import Corpus, Material, RecordedCase, SimulatedCase, Source, source_of
 from insnav.sample_statistics import rms
+from insnav.simulate.montecarlo import run_seed
 from insnav.types import BoolArray, FloatArray, Run, Trajectory
 from insnav.units import DEG
 
@@ -30,6 +34,9 @@ _LOOP = 400  # turns of the calibration loop
 GROWTH = (5.0, 10.0, 20.0, 30.0, 45.0, 60.0)  # times without GPS at which the error is kept [s]
 _WINDOWS = 20  # at most, in a recording
 _NEAR = 1.5  # a fix so near to one of these times stands for it [s]
+AnyCase = SimulatedCase | RecordedCase
+SERIES = 8  # seed of all seeds
+_made: dict[str, Source] = {}  # of the case this process is at
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +152,7 @@ def _accuracy(errors: TrajectoryErrors, edges: FloatArray) -> dict[str, FloatArr
         for key, percent in (("p95", 95.0), ("max", 100.0)):
             found[name.format(key)] = np.array([_quantile(error[rows], percent) for rows in pieces])
     found["cep50_m"] = np.array([_quantile(errors.horizontal[rows], 50.0) for rows in pieces])
-    sums = [nees(errors, rows) for rows in pieces]
+    sums = [nees(errors.rows(rows)) for rows in pieces]
     for group in ("position", "velocity", "attitude"):
         parts = [None if each is None else each[group] for each in sums]
         found[f"nees_{group}"] = np.array([np.nan if part is None else part["nees"] for part in parts])
@@ -270,3 +277,84 @@ def joined(parts: Sequence[Measured]) -> Measured:
     count = known.sum(axis=0)
     mean = np.where(count > 0, np.where(known, spread, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
     return Measured(values, np.sum([part.growth for part in parts], axis=0), mean)
+
+
+@dataclass(frozen=True, slots=True)
+class CaseResult:
+    """Accuracy of one case."""
+
+    digest: str  # of the case and all files behind it
+    pieces: bool  # values are those of successive pieces of one drive, else of independent drives
+    measured: Measured  # without values if every drive failed
+    failures: Mapping[int, ErrorFacts | None]  # of drives by their numbers, from 1; None in a baseline
+    files: dict[str, str]  # digest of each recorded file
+
+
+@dataclass(frozen=True, slots=True)
+class Accuracy:
+    """Accuracy of the whole corpus."""
+
+    cases: dict[str, CaseResult]  # by name
+    skipped: dict[str, Finding]  # name of each case that was left out, and why
+    quick: bool  # only a part was run
+
+
+@dataclass(frozen=True, slots=True)
+class _Outcome:
+    """Accuracy of one drive, or the error it ended in."""
+
+    digest: str
+    files: dict[str, str]
+    measured: Measured | None
+    error: ErrorFacts | None = None
+
+
+def run_corpus(
+    corpus: Corpus,
+    data: Path,
+    *,
+    quick: bool = False,
+    workers: Workers = 1,
+    progress: Callable[[float], None] | None = None,
+) -> Accuracy:
+    """Navigate all drives.
+
+    Raises: ConfigError: no worker, or a profile or model that a case names is wrong.
+    """
+    skipped: dict[str, Finding] = {}
+    jobs: list[tuple[AnyCase, int]] = []
+    for case in corpus.cases:
+        if isinstance(case, RecordedCase) and not (data / case.data).is_dir():
+            no_data = Finding.of(Code.REGRESSION_NO_DATA, subject=case.name, data=str(case.data), folder=str(data))
+            skipped[case.name] = no_data
+            continue
+        count = min(case.quick, case.seeds) if quick else case.seeds
+        if not count:
+            skipped[case.name] = Finding.of(Code.REGRESSION_NOT_QUICK, subject=case.name)
+        jobs += [(case, number) for number in range(1, count + 1)]
+    outcomes: dict[str, list[_Outcome]] = {}
+    for (case, _), outcome in zip(jobs, every(_attempt, jobs, workers, (data,), progress), strict=True):
+        outcomes.setdefault(case.name, []).append(outcome)
+    by_name = {case.name: case for case in corpus.cases}
+    return Accuracy({name: _case(by_name[name], each) for name, each in outcomes.items()}, skipped, quick)
+
+
+def _case(case: AnyCase, outcomes: list[_Outcome]) -> CaseResult:
+    failures = {number: each.error for number, each in enumerate(outcomes, start=1) if each.error is not None}
+    measured = joined([each.measured or NOTHING for each in outcomes])
+    pieces = isinstance(case, RecordedCase) and case.seeds == 1
+    return CaseResult(outcomes[0].digest, pieces, measured, failures, outcomes[0].files)
+
+
+def _attempt(data: Path, job: tuple[AnyCase, int]) -> _Outcome:
+    case, number = job
+    key = f"{case.folder} {case.name} {case!r}"
+    if key not in _made:
+        _made.clear()
+        _made[key] = source_of(case, data)
+    source = _made[key]
+    try:
+        measured = measure(source.material(run_seed(SERIES, number)))
+    except InsnavError as error:
+        return _Outcome(source.digest, source.files, None, error.facts)
+    return _Outcome(source.digest, source.files, measured)

@@ -44,7 +44,7 @@ class FigureSpec:
 
     name: str  # of its file, without suffix; `insnav.result.Result.plot` knows it by this name
     caption: str  # what it shows
-    draw: Callable[[], Figure]  # draws it; called inside `insnav.report.style.drawing`
+    draw: Callable[[], Figure]  # draws it; called inside `insnav.report.figures.drawing`
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,14 +56,16 @@ class Verdict:
     sentence: str
 
     @property
-    def brief(self) -> str:
-        """The light and its reason."""
+    def rating(self) -> str:
+        """The light in words, with its reason."""
         return phrase("terminal.line", name=phrase(f"light.{self.light}"), text=self.reason)
 
 
 def by_warnings(sentence: str, findings: Sequence[Finding], without: tuple[Light, str]) -> Verdict:
     """Give a result that needs attention if it has warnings; `without` any, or where worse, this light and reason."""
     warnings = [each for each in findings if each.severity >= Severity.WARNING]
+    if lost := [each for each in warnings if each.severity is Severity.UNUSABLE]:
+        return Verdict("bad", render(lost[0]).title, sentence)
     if not warnings or without[0] in ("attention", "bad"):
         return Verdict(*without, sentence)
     title, more = render(warnings[0]).title, len(warnings) - 1
@@ -219,7 +221,7 @@ def drawn(name: str, caption: str, drawings: Iterable[Drawing], note: str = "", 
     panels = tuple(drawings)
 
     def draw() -> Figure:
-        from insnav.report.panel_figures import draw_drawings  # matplotlib, only where a figure is asked for
+        from insnav.report.figures import draw_drawings  # matplotlib, only where a figure is asked for
 
         return draw_drawings(panels, caption, note, columns=columns)
 

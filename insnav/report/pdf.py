@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 
 from insnav.plain_text import plain_text
 from insnav.report.colours import GREEN, GREY, ORANGE, VERMILLION
+from insnav.report.figures import drawing
 from insnav.report.page import FigureSpec, Page, cell
-from insnav.report.style import drawing
 from insnav.version import __version__
 
 WIDTH, HEIGHT, _MARGIN = 8.27, 11.69, 0.6  # A4 [inch]
@@ -50,8 +50,7 @@ def _first(sheet: Figure, page: Page, top: float) -> float:
     left = _MARGIN / WIDTH
     lines: list[tuple[str, str]] = []
     if page.verdict is not None:
-        lines += [(page.verdict.brief, LIGHT_COLOURS[page.verdict.light])]
-        lines += [(page.verdict.sentence, "#000000")]
+        lines += [(page.verdict.rating, LIGHT_COLOURS[page.verdict.light]), (page.verdict.sentence, "#000000")]
     lines += [(text, "#000000") for text in page.summary]
     lines += [(f"! {text}", VERMILLION) for text in page.warnings]
     for text, colour in lines:

@@ -1,4 +1,4 @@
-"""A result into a folder and back: tables, figures, page, ``run.json``.
+"""A result into a folder and back: tables, figures, page, ``run.json``; and what it was made from, last on every page.
 
 A kind of result is a room of this package, found by its name: ``insnav.report.<kind>.page`` has ``page(result)``,
 which gives its `Page`, and ``frame(result)`` for its main table. Where there is more, it has ``texts(result)``, text
@@ -18,21 +18,24 @@ from typing import Any, Literal, cast
 from insnav.exceptions import ConfigError, InputError, writing
 from insnav.findings import MODEL_CHOICES, Code, Finding, Severity, is_shown, of_code
 from insnav.imu.imu_file import load_imu
+from insnav.imu.specification import ImuSpec
 from insnav.input.readers.reading import ReadingFacts
-from insnav.messages import language, render, speaking
-from insnav.output.contents import FACTS_FILE
-from insnav.output.folder import RunFolder, read_facts
+from insnav.messages import language, render, sentence, speaking
+from insnav.output.folder import FACTS_FILE, RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_events
 from insnav.output.stored import FILE as STORED_FILE
 from insnav.output.stored import read_stored, store
 from insnav.plain_text import NOT_UTF8
-from insnav.report.page import DataFrame, Figure, FigureSpec, Page
-from insnav.report.provenance import provenance
+from insnav.quantity import Quantity, quantity_of
+from insnav.report.page import DataFrame, Figure, FigureSpec, Page, Section, only_json
 from insnav.report.run_json import SCHEMA, json_ready, page_facts, versions
 from insnav.report.terminal import page_text
 from insnav.result import Result
 
 FigureFiles = Literal["page", "png", "svg", "none"]
+_TABLE = ("path", "n_used", "start", "end", "rate", "n_gaps", "longest_gap", "axes", "sampling", "stamp", "height")
+_TIMES = ("start", "end")
+_SENSORS = {"gyro": ("Gyros", "deg/h", "deg/sqrt(h)"), "accel": ("Accelerometers", "mg", "m/s/sqrt(h)")}
 
 
 def page_of(result: Result[Any]) -> Page:
@@ -66,7 +69,7 @@ def figure(result: Result[Any], name: str) -> Figure:
     figures = {each.name: each.draw for each in page_of(result).figures}
     if name not in figures:
         raise ConfigError("report.no_figure", name=name, known=tuple(figures))
-    from insnav.report.style import drawing
+    from insnav.report.figures import drawing
 
     with drawing():
         return figures[name]()
@@ -106,8 +109,8 @@ def write_result_pdf(result: Result[Any], file: Path) -> None:
 
     Raises: OutputError: it cannot be written.
     """
+    from insnav.report.figures import drawing
     from insnav.report.pdf import write_pdf
-    from insnav.report.style import drawing
 
     with writing("output.file_unwritable", file), drawing():  # its verdict, too, is in words that can be drawn
         page = page_of(result)
@@ -197,8 +200,72 @@ def _drawn(folder: RunFolder, figures: Sequence[FigureSpec], file_format: Figure
     """Draw figures into their files; a page whose panels say it all does not wait for matplotlib."""
     if not figures:
         return {}
-    from insnav.report.style import drawing, save
+    from insnav.report.figures import drawing, save
 
     suffix: Literal["png", "svg"] = "svg" if file_format == "svg" else "png"
     with drawing():
         return {each.name: save(each.draw(), folder.path(f"figures/{each.name}"), suffix) for each in figures}
+
+
+def provenance(result: Result[Any]) -> tuple[Section, ...]:
+    """Give the sections that say from what and how a result was found."""
+    given = {name: value for name, value in json_ready(dict(result.options)).items() if value is not None}
+    options = tuple((Quantity("option", name), Quantity("value", str(value))) for name, value in given.items())
+    return (
+        *(_inputs(result.inputs) if result.inputs else ()),
+        *((imu_model(*result.imu_model),) if result.imu_model is not None else ()),
+        only_json("", Quantity("configuration", dict(result.options))),
+        Section("", "Options", rows=options, show="page", folded=True),
+    )
+
+
+def _inputs(inputs: Mapping[str, ReadingFacts]) -> tuple[Section, ...]:
+    read = {name: [quantity_of(key, value) for key, value in each.as_dict().items()] for name, each in inputs.items()}
+    rows = tuple(
+        (
+            Quantity("input", name),
+            *(
+                Quantity(each.key.removeprefix("n_"), each.value, each.unit, decimals=1 if each.key in _TIMES else None)
+                for each in items
+                if each.key in _TABLE
+            ),
+        )
+        for name, items in read.items()
+    )
+    columns = {
+        name: "; ".join(f"{key} = {text}" for key, text in each.columns.items()) for name, each in inputs.items()
+    }
+    how = tuple(
+        (Quantity("input", name), Quantity("text", text, meaning="how it was understood"))
+        for name, each in inputs.items()
+        for text in (*map(sentence, each.evidence), f"columns: {columns[name]}")
+    )
+    return (
+        Section("input", parts=tuple(only_json(name, *items) for name, items in read.items())),
+        Section("", "Inputs", rows=rows, show="page", folded=True),
+        Section("", "How the inputs were understood", rows=how, show="page", folded=True),
+    )
+
+
+def imu_model(spec: ImuSpec, how: Finding) -> Section:
+    """Give an IMU error specification, one standard deviation each, x, y, z."""
+    sensors = {}
+    for name, (_, unit, walk_unit) in _SENSORS.items():
+        sensor = getattr(spec, name)
+        sensors[name] = (
+            Quantity("bias", sensor.bias, unit),
+            Quantity("bias_instability", sensor.bias_instability, unit),
+            Quantity("correlation_time", sensor.correlation_time, "h"),
+            Quantity("random_walk", sensor.random_walk, walk_unit),
+            Quantity("scale_factor", sensor.scale_factor, "ppm"),
+            Quantity("misalignment", sensor.misalignment, "deg"),
+        )
+    items = (Quantity("name", spec.name), Quantity("chosen", sentence(how)), Quantity("source", spec.source))
+    return Section(
+        "imu_model",
+        "IMU error specification: one standard deviation, x, y, z",
+        items,
+        parts=tuple(Section(name, _SENSORS[name][0], own) for name, own in sensors.items()),
+        show="page",
+        folded=True,
+    )

@@ -15,11 +15,10 @@ from insnav.findings import Finding
 from insnav.imu import load_calibration
 from insnav.input import Reading
 from insnav.input.formats.table import Table
-from insnav.lab.acceptance.acceptance import Acceptance
-from insnav.lab.acceptance.acceptance import acceptance as acceptance_figures
+from insnav.lab.acceptance import Acceptance
+from insnav.lab.acceptance import acceptance as acceptance_figures
 from insnav.lab.bench_data.records import read_drift, read_powerups, read_static, read_steps
-from insnav.lab.calibration import STANDARD, BenchOptions, Calibration, carried_over, method_named
-from insnav.lab.common_findings import badly_conditioned
+from insnav.lab.calibration import STANDARD, BenchOptions, Calibration, badly_conditioned, carried_over, method_named
 from insnav.lab.drift.allan_before_after import DriftStudy, drift_study
 from insnav.lab.navigation_impact import navigation_impact
 from insnav.lab.noise.allan import between

@@ -6,15 +6,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TypedDict
 
-from insnav.errors.budget.drive_motion import (
+from insnav.errors.budget.error_budget import Budget, budget, check_times
+from insnav.errors.budget.from_windows import (
     BudgetStudy,
+    RecordedBudget,
     spec_in_windows,
     window_motion,
     window_start_sources,
     with_recorded,
 )
-from insnav.errors.budget.error_budget import Budget, budget, check_times
-from insnav.errors.budget.from_windows import RecordedBudget
 from insnav.errors.budget.sampled_motion import SampledMotion, at_rest, first_movement, sampled
 from insnav.errors.budget.sources import Source
 from insnav.exceptions import ConfigError

@@ -45,6 +45,7 @@ WORST_FIRST: Final = (
     Code.CHECK_STUCK,
     Code.CHECK_CLIPPED,
     Code.ROWS_CUT,
+    Code.READ_ROWS_UNREADABLE,
     Code.FILES_IMU_BEGINS_LATE,
     Code.FILES_IMU_ENDS_EARLY,
     Code.FILES_GPS_BEGINS_LATE,
@@ -292,7 +293,8 @@ def _examined(found: Checked, data: Recording, drive: Drive | None, patient: _Pa
     found = replace(found, imu=inspect_samples(imu, rest, still), rest=rest)
     _faults(imu, patient)
     for reading in data.given().values():
-        patient.problems += of_code(reading.events, Code.ROWS_CUT)
+        lost = of_code((*reading.events, *reading.facts.evidence), Code.ROWS_CUT, Code.READ_ROWS_UNREADABLE)
+        patient.problems += lost
     _of_imu(data.imu, found, patient)
     if data.gps is not None:
         found = replace(found, gps=look_at_fixes(data.gps.data))

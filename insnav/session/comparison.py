@@ -14,7 +14,7 @@ from insnav.errors.evaluated_run import EvaluatedRun, fixed_epochs, same_positio
 from insnav.errors.reference_check import check_reference
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
-from insnav.output.contents import FACTS_FILE, read_facts
+from insnav.output.folder import FACTS_FILE, read_facts
 from insnav.output.solution_tables import has_smoothed, read_run_table, read_solution
 from insnav.plain_text import plain_text
 from insnav.result import Result

@@ -17,8 +17,7 @@ from insnav.alignment import find_stationary
 from insnav.engine import Workers, share_of
 from insnav.errors.evaluated_run import EvaluatedRun, fixed_epochs
 from insnav.errors.metrics import at_point
-from insnav.errors.outage.window_reference import WindowReference, reference_from_trajectory
-from insnav.errors.outage.windows import LENGTHS
+from insnav.errors.outage.windows import LENGTHS, WindowReference, reference_from_trajectory
 from insnav.errors.run_findings import judged
 from insnav.exceptions import AlignmentError, ConfigError, as_keywords
 from insnav.filter.gps_noise import with_sd
@@ -40,8 +39,7 @@ from insnav.strapdown import intervals
 from insnav.types import FloatArray, GpsData, ImuData, Trajectory
 
 if TYPE_CHECKING:  # what takes long to import is imported where it is used: a run needs no budget
-    from insnav.errors.budget.drive_motion import BudgetStudy
-    from insnav.errors.budget.from_windows import WindowSettings
+    from insnav.errors.budget.from_windows import BudgetStudy, WindowSettings
     from insnav.errors.outage.gnss_outage import OutageStudy
     from insnav.errors.requirement.study import RequirementStudy
     from insnav.filter.fine_alignment import FineAlignment

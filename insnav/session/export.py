@@ -12,8 +12,7 @@ from insnav.exceptions import ConfigError, InputError
 from insnav.input.formats.time_scales import DAY, EPOCH, UNIX_DAYS, WEEK_DAYS, leap_seconds
 from insnav.output.folder import read_facts
 from insnav.output.solution_tables import has_smoothed, read_solution
-from insnav.output.track import Track
-from insnav.output.track_files import WRITERS
+from insnav.output.track_files import WRITERS, Track
 from insnav.plain_text import plain_text
 from insnav.types import FloatArray
 

@@ -15,8 +15,7 @@ from insnav.errors.requirement.allocation import allocate
 from insnav.errors.requirement.limit import Component, Requirement
 from insnav.errors.requirement.parts import candidates, remedies
 from insnav.errors.requirement.sensitivity import start_shares
-from insnav.errors.requirement.study import RequirementStudy
-from insnav.errors.requirement.verification import LARGER, Verified, verify
+from insnav.errors.requirement.study import LARGER, RequirementStudy, Verified, verify
 from insnav.exceptions import ConfigError
 from insnav.findings import Code, Finding
 from insnav.imu import ImuSpec, load_imu
@@ -24,10 +23,9 @@ from insnav.imu.library import completed, find_part, parts
 from insnav.quantity_text import parse_quantity
 from insnav.result import Result
 from insnav.session.budget import LONGEST_FREE
-from insnav.simulate.closed_forms import straight
 from insnav.simulate.motion import load_profile
 from insnav.simulate.recording import MOTION_STREAM
-from insnav.simulate.truth import Truth
+from insnav.simulate.truth import Truth, straight
 from insnav.steps.checked_inputs import one_of
 
 BEFORE = 300.0  # GPS before the outage, where the motion is long enough [s]

@@ -9,7 +9,7 @@ import numpy as np
 from insnav.earth import lla_offset
 from insnav.exceptions import ConfigError
 from insnav.simulate.ideal_sensors import gps_from_truth
-from insnav.simulate.imu_errors import Seed, gauss_markov
+from insnav.simulate.imu_errors import RandomSpells, Seed, gauss_markov, within
 from insnav.simulate.truth import Truth
 from insnav.types import BoolArray, FloatArray, GpsData
 
@@ -30,14 +30,6 @@ class GpsErrors:
     def position_sd(self) -> FloatArray:
         """Standard deviation of the whole position error North, East, Down ``(3,)`` [m]."""
         return np.hypot(self.position_noise, self.position_drift)
-
-
-@dataclass(frozen=True, slots=True)
-class RandomSpells:
-    """Spells at random, a Poisson process: mean time from the end of one to the next, and mean length [s]."""
-
-    every: float
-    length: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,23 +73,24 @@ def measure_gps(truth: Truth, spec: GpsSpec, seed: Seed) -> GpsData:
     time: FloatArray = truth.start + np.arange(1.0, count + 1.0) / spec.rate
     late = spec.latency + spec.jitter * np.random.default_rng(times).standard_normal(count)
     valid = np.sort(time - late)  # jitter may be longer than the time between fixes
-    inside = (valid >= truth.start) & (valid <= truth.start + truth.duration)
+    span = truth.start, truth.start + truth.duration
+    inside = (valid >= span[0]) & (valid <= span[1])
     inside &= ~_outages(spec, time, truth, np.random.default_rng(kept))
     if not inside.any():
         raise ConfigError("sim.no_fix", where="gps", duration_s=truth.duration, rate_hz=spec.rate)
     # errors go on while there are no fixes
-    gps = gps_from_truth(truth, np.clip(valid, truth.start, truth.start + truth.duration), np.asarray(spec.lever_b))
+    gps = gps_from_truth(truth, np.clip(valid, *span), np.asarray(spec.lever_b))
     gps = corrupt_gps(replace(gps, time=time), spec.errors, white.generate_state(4).tolist())
     position_sd = gps.position_sd.copy()
     error = np.zeros_like(gps.lla)
     fix = np.full(len(time), spec.fix, dtype=np.int64)
     if spec.multipath is not None:
         rng = np.random.default_rng(jumps)
-        for begin, end in _spells(spec.multipath, truth, rng):
+        for begin, end in spec.multipath.between(*span, rng):
             error[(time >= begin) & (time < end)] += spec.multipath_size * rng.standard_normal(3)
     if spec.degraded is not None:
         rng = np.random.default_rng(floats)
-        worse = _within(time, _spells(spec.degraded, truth, rng))
+        worse = within(time, spec.degraded.between(*span, rng))
         error[worse] += spec.degraded_noise * rng.standard_normal((int(worse.sum()), 3))
         position_sd[worse] = np.hypot(position_sd[worse], spec.degraded_noise)
         fix[worse] = 2
@@ -116,32 +109,13 @@ def measure_gps(truth: Truth, spec: GpsSpec, seed: Seed) -> GpsData:
 def _outages(spec: GpsSpec, time: FloatArray, truth: Truth, rng: np.random.Generator) -> BoolArray:
     """Which fixes fall into an outage."""
     since = time - truth.start
-    dark = _within(since, [(begin, begin + length) for begin, length in spec.outages])
+    dark = within(since, [(begin, begin + length) for begin, length in spec.outages])
     if spec.outage_period is not None:
         period, length = spec.outage_period
         dark |= since % period >= period - length
     if spec.outage is not None:
-        dark |= _within(time, _spells(spec.outage, truth, rng))
+        dark |= within(time, spec.outage.between(truth.start, truth.start + truth.duration, rng))
     return dark
-
-
-def _spells(when: RandomSpells, truth: Truth, rng: np.random.Generator) -> list[tuple[float, float]]:
-    """Begin and end of each."""
-    spells: list[tuple[float, float]] = []
-    time = truth.start
-    while True:
-        begin = time + when.every * float(rng.exponential())
-        time = begin + when.length * float(rng.exponential())
-        if begin >= truth.start + truth.duration:
-            return spells
-        spells.append((begin, time))
-
-
-def _within(time: FloatArray, spells: list[tuple[float, float]]) -> BoolArray:
-    inside = np.zeros(len(time), dtype=np.bool_)
-    for begin, end in spells:
-        inside |= (time >= begin) & (time < end)
-    return inside
 
 
 def corrupt_gps(gps: GpsData, errors: GpsErrors, seed: Seed) -> GpsData:

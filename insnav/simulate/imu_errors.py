@@ -3,22 +3,49 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy  # its parts load themselves when they are used
 
 from insnav.imu import ClockSpec, ImuErrors, ImuSpec, SensorSpec, corrupt, sample_errors, sample_intervals
 from insnav.imu.error_terms import SENSORS, Sensor, terms_of
 from insnav.imu.model import SAMPLED
 from insnav.imu.specification import noise_of
 from insnav.kernels.error_propagation import first_order
+from insnav.sample_statistics import moving_variance
 from insnav.types import BoolArray, FloatArray, ImuData
 
 _FLICKER_RATIO = 3.0  # between the correlation times whose processes make flicker noise together
 _VIBRATION_WINDOW = 0.5  # in which the variance of the specific force is taken [s]
 
 Seed = int | tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class RandomSpells:
+    """Spells at random, a Poisson process: mean time from the end of one to the next, and mean length [s]."""
+
+    every: float  # none if it is zero
+    length: float
+
+    def between(self, start: float, end: float, rng: np.random.Generator) -> list[tuple[float, float]]:
+        """Sample begin and end of each spell that begins between two times [s]."""
+        spells: list[tuple[float, float]] = []
+        while self.every > 0.0:
+            begin = (spells[-1][1] if spells else start) + self.every * float(rng.exponential())
+            spells.append((begin, begin + self.length * float(rng.exponential())))
+            if begin >= end:
+                return spells[:-1]
+        return spells
+
+
+def within(time: FloatArray, spells: Iterable[tuple[float, float]]) -> BoolArray:
+    """Which times ``(n,)`` are in a spell."""
+    inside = np.zeros(len(time), dtype=np.bool_)
+    for begin, end in spells:
+        inside |= (time >= begin) & (time < end)
+    return inside
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +92,8 @@ def corrupt_imu(
         flickering = flicker(flicker_seed, imu.time, noise_of(size, "flicker"))
         drift += further_errors(name, size, rate, force, since, constants) + flickering
         if np.any(size.vibration_rectification):
-            drift += size.vibration_rectification * local_variance(force, float(np.median(dt)))
+            width = max(3, round(_VIBRATION_WINDOW / float(np.median(dt))))
+            drift += size.vibration_rectification * moving_variance(force, width)
         shown.append(quantised(getattr(wrong, name) + (drift + noise) * span, size, dt, span))
         drifts.append(drift)
     wrong = replace(wrong, gyro=shown[0], accel=shown[1])
@@ -158,15 +186,6 @@ def flicker_processes(spacing: float, length: float) -> tuple[float, list[float]
     return math.sqrt(math.log(_FLICKER_RATIO) / math.pi), found
 
 
-def local_variance(force: FloatArray, dt: float) -> FloatArray:
-    """Variance of the specific force ``(n, 3)`` within half a second around each sample [(m/s^2)^2]."""
-    width = max(3, round(_VIBRATION_WINDOW / dt))
-    off = force - force.mean(axis=0)
-    mean = scipy.ndimage.uniform_filter1d(off, width, axis=0, mode="nearest")
-    square = scipy.ndimage.uniform_filter1d(off * off, width, axis=0, mode="nearest")
-    return np.asarray(np.maximum(square - mean * mean, 0.0))
-
-
 def timestamped(imu: ImuData, clock: ClockSpec, rng: np.random.Generator) -> tuple[ImuData, BoolArray]:
     """Give samples the times of a clock with errors, and lose some; also which ``(n,)`` are kept.
 
@@ -175,15 +194,8 @@ def timestamped(imu: ImuData, clock: ClockSpec, rng: np.random.Generator) -> tup
     spacing = float(np.median(np.diff(imu.time)))
     jitter = np.clip(clock.jitter * rng.standard_normal(len(imu.time)), -0.4 * spacing, 0.4 * spacing)
     time = imu.time + clock.offset + clock.drift * (imu.time - imu.time[0]) + jitter
-    kept = np.ones(len(time), dtype=np.bool_)
-    begin = imu.time[0]
-    while clock.lost_every > 0.0:
-        begin += clock.lost_every * rng.exponential()
-        end = begin + clock.lost_length * rng.exponential()
-        if begin >= imu.time[-1]:
-            break
-        kept[(imu.time > begin) & (imu.time <= end)] = False
-        begin = end
+    lost = RandomSpells(clock.lost_every, clock.lost_length).between(imu.time[0], imu.time[-1], rng)
+    kept = ~within(imu.time, lost)
     return replace(imu, time=time).rows(kept), kept
 
 

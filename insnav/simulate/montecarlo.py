@@ -14,7 +14,8 @@ import os
 import time
 import zipfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from operator import call
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -55,6 +56,20 @@ class Runs:
         """Runs that have ended, well or not."""
         return len(self.number) + len(self.failures)
 
+    def after(self, outcome: Sample | InsnavError, seed: int) -> Runs:
+        """Take the outcome of the next run."""
+        number = self.done + 1
+        if isinstance(outcome, InsnavError):
+            return replace(self, failures=(*self.failures, Failure(number, seed, outcome.facts)))
+        first = not len(self.number)
+        return replace(
+            self,
+            number=np.append(self.number, number),
+            seed=np.append(self.seed, seed),
+            figures=outcome.figures[None] if first else np.vstack([self.figures, outcome.figures]),
+            total=outcome.series.copy() if first else self.total + outcome.series,
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class Checkpoint:
@@ -65,19 +80,18 @@ class Checkpoint:
 
     def save(self, runs: Runs) -> None:
         """Replace the file in one step: whatever stops the program, it is as it was or complete."""
-        failures = [(each.number, each.seed, each.error.as_dict()) for each in runs.failures]
+        failures = np.array(json.dumps([(each.number, each.seed, each.error.as_dict()) for each in runs.failures]))
         aside = self.path.with_name(f"{self.path.name}.new")
+        arrays = {name: getattr(runs, name) for name in _ARRAYS}
         with writing("sim.progress_unwritable", self.path):
-            with aside.open("wb") as file:
-                np.savez(
-                    file,
-                    key=np.array(self.key),
-                    failures=np.array(json.dumps(failures)),
-                    **{name: getattr(runs, name) for name in _ARRAYS},
-                )
-                file.flush()
-                os.fsync(file.fileno())
-            aside.replace(self.path)
+            try:
+                with aside.open("wb") as file:
+                    np.savez(file, key=np.array(self.key), failures=failures, **arrays)
+                    file.flush()
+                    os.fsync(file.fileno())
+                aside.replace(self.path)
+            finally:  # also where a signal ends it
+                aside.unlink(missing_ok=True)
 
     def load(self) -> Runs | None:
         """Read the file; None if there is none. A file of other runs, or of another program, is refused."""
@@ -148,58 +162,23 @@ def monte_carlo(
         raise ConfigError("sim.no_runs", where="runs", count=runs)
     if seed < 0:
         raise ConfigError("sim.negative_seed", where="seed", seed=seed)
-    found = checkpoint.load() if checkpoint is not None else None
-    seeds = [run_seed(seed, number) for number in range(1, runs + 1)]
-    tally = _Tally(found, seeds)
-    if tally.done > runs:
-        raise ConfigError("sim.more_runs_done", where="runs", done=tally.done, count=runs)
+    none = np.zeros(0, dtype=np.int64)
+    begun = (None if checkpoint is None else checkpoint.load()) or Runs(none, none, np.empty((0, 0)), np.empty(0), ())
+    found = begun
+    if begun.done > runs:
+        raise ConfigError("sim.more_runs_done", where="runs", done=begun.done, count=runs)
+    seeds = [run_seed(seed, number) for number in range(begun.done + 1, runs + 1)]
     kept = time.monotonic()
     try:
-        for outcome in each(_run, seeds[tally.done :], workers, (task,)):
-            tally.add(outcome)
+        for own, outcome in zip(seeds, each(call, seeds, workers, (task,)), strict=True):
+            found = found.after(outcome, own)
             if progress is not None:
-                progress(tally.done / runs)
+                progress(found.done / runs)
             if checkpoint is not None and time.monotonic() - kept > KEEP_EVERY:
-                checkpoint.save(tally.runs())
+                checkpoint.save(found)
                 kept = time.monotonic()
     finally:
         # stopped, too: what is done need not be done again
-        if checkpoint is not None and tally.done > (found.done if found is not None else 0):
-            checkpoint.save(tally.runs())
-    return tally.runs()
-
-
-class _Tally:
-    """Figures of the runs so far, and the sum of their series."""
-
-    def __init__(self, found: Runs | None, seeds: list[int]) -> None:
-        self._seeds = seeds  # of all runs
-        self.done = found.done if found is not None else 0
-        self._number = found.number.tolist() if found is not None else []
-        self._figures = [*found.figures] if found is not None else []
-        self._total = found.total if found is not None and len(found.number) else None
-        self._failures = list(found.failures) if found is not None else []
-
-    def add(self, outcome: Sample | InsnavError) -> None:
-        """Take the outcome of the next run."""
-        self.done += 1
-        if isinstance(outcome, InsnavError):
-            self._failures.append(Failure(self.done, self._seeds[self.done - 1], outcome.facts))
-            return
-        self._number.append(self.done)
-        self._figures.append(outcome.figures)
-        self._total = outcome.series.copy() if self._total is None else self._total + outcome.series
-
-    def runs(self) -> Runs:
-        number = np.array(self._number, dtype=np.int64)
-        return Runs(
-            number,
-            np.array(self._seeds, dtype=np.int64)[number - 1],
-            np.array(self._figures, dtype=np.float64) if self._figures else np.empty((0, 0)),
-            np.empty(0) if self._total is None else self._total,
-            tuple(self._failures),
-        )
-
-
-def _run(task: Task, seed: int) -> Sample:
-    return task(seed)
+        if checkpoint is not None and found.done > begun.done:
+            checkpoint.save(found)
+    return found

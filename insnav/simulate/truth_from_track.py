@@ -14,11 +14,12 @@ from scipy.interpolate import BSpline, PchipInterpolator
 from scipy.linalg import solveh_banded
 from scipy.sparse import csr_array, diags_array
 
-from insnav.earth import ned_offset, radii
+from insnav.earth import metres_per_unit, ned_offset
+from insnav.earth_fixed import components
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
 from insnav.simulate.curves import Spline, spline_of
-from insnav.simulate.truth import LevelTruth, Truth, components
+from insnav.simulate.truth import LevelTruth, Truth
 from insnav.types import FloatArray, Trajectory
 
 _SPACING = 0.2  # of knots, unless the track has fewer than two rows in that [s]
@@ -63,14 +64,7 @@ def truth_from_track(track: Trajectory) -> LevelTruth:
     start, duration = float(track.time[0]), float(track.time[-1] - track.time[0])
     tau = track.time - start
     origin = track.lla[0].copy()
-    meridian, transverse = radii(track.lla[:, 0])
-    scale = np.column_stack(
-        [
-            meridian + track.lla[:, 2],
-            (transverse + track.lla[:, 2]) * np.cos(track.lla[:, 0]),
-            np.ones(len(tau)),
-        ]
-    )
+    scale = metres_per_unit(track.lla)
     offset = track.lla - origin
     offset[:, 1] = np.unwrap(track.lla[:, 1]) - origin[1]
     rates = track.v_n * [1.0, 1.0, -1.0] / scale

@@ -117,11 +117,13 @@ def run_steps(
 ) -> tuple[Recording, Model, tuple[StepRecord, ...]]:
     """Run some steps, one after the other."""
     from insnav.result import StepRecord  # late, as all that is heavy
+    from insnav.steps.failures import naming_data
 
     records = []
     for name in names:
         begin = perf_counter()
         step = getattr(import_module(f"insnav.steps.{name}"), name)
-        recording, model, findings = step(recording, model)
+        with naming_data(name, recording.imu, recording.gps):
+            recording, model, findings = step(recording, model)
         records.append(StepRecord(name, findings, perf_counter() - begin))
     return recording, model, tuple(records)

@@ -116,7 +116,7 @@ def read_start(path: Path) -> Start:
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError("input.unreadable_start", where=str(path), reason=str(error)) from error
     values: dict[str, FloatArray] = {}
     wrong = []

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from insnav.alignment.in_motion import first_motion, velocity
 from insnav.exceptions import AlignmentError, InputError
 from insnav.filter.frozen import UNUSABLE, without_frozen
 from insnav.filter.gates import Gates, pass_quality
 from insnav.filter.gps_noise import with_sd
 from insnav.findings import Finding
+from insnav.input import Reading
+from insnav.spill import blocks
 from insnav.steps import Model, Recording
+from insnav.types import GpsData, ImuData
 
 SLOWEST = 2.5  # rate of an IMU that can be navigated [Hz]
 
@@ -27,8 +31,17 @@ def clean(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
     if recording.gps is None:
         return recording, model, ()
     fixes = with_sd(recording.gps.data)[0]
+    _refuse_zero_triad(recording.imu, fixes)
     moving = without_frozen(fixes, recording.imu.data)[0]
     moving = moving.rows(moving.position_sd[:, 0] < UNUSABLE)
     if moving.time.shape[0] == 0 and not pass_quality(Gates(), fixes).any():
         raise AlignmentError("gps.no_good_fix")
     return replace(recording, fixes_by_scatter=moving), model, ()
+
+
+def _refuse_zero_triad(imu: Reading[ImuData], fixes: GpsData) -> None:
+    """Refuse three gyros, or accelerometers, that are zero throughout a drive; coarse gyros are at rest."""
+    moving = first_motion(velocity(fixes), fixes.time[0]) is not None
+    for sensor, values in (("gyros", imu.data.gyro), ("accelerometers", imu.data.accel)):
+        if moving and not any(values[part].any() for part in blocks(len(values))):
+            raise InputError("imu.triad_zero", where=imu.facts.path, sensor=sensor)

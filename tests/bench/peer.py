@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from insnav.filter.prepare import Start
 from insnav.imu import ImuSpec, SensorSpec
-from insnav.regression.peers import programs as peer_programs
-from insnav.regression.peers.programs import Task
+from insnav.regression import peers as peer_programs
+from insnav.regression.peers import Task
 from insnav.types import GpsData, ImuData
 from insnav.units import DEG, DEG_PER_H, DEG_PER_SQRT_H, M_S_PER_SQRT_H, MGAL, PPM
 
@@ -61,9 +62,7 @@ def _task(imu: ImuData, gps: GpsData, start: dict[str, Any], seconds: float) -> 
         sensor(figures["gb"] * DEG_PER_H, figures["arw"] * DEG_PER_SQRT_H, figures["gs"] * PPM),
         sensor(figures["ab"] * MGAL, figures["vrw"] * M_S_PER_SQRT_H, figures["as_"] * PPM),
     )
-    return Task(
-        part,
-        fixes,
+    begun = Start(
         begin,
         np.array([start["lat_deg"] * DEG, start["lon_deg"] * DEG, start["height_m"]]),
         np.array(start["v_n_m_s"]),
@@ -71,6 +70,5 @@ def _task(imu: ImuData, gps: GpsData, start: dict[str, Any], seconds: float) -> 
         np.array(start["sd_position_m"]),
         np.array(start["sd_velocity_m_s"]),
         np.array(start["sd_attitude_deg"]) * DEG,
-        np.array(start["lever_b_m"]),
-        spec,
     )
+    return Task(part, fixes, begun, np.array(start["lever_b_m"]), spec)

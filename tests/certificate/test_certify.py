@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 from insnav import strapdown
-from insnav.certificate import coning_sculling as attitude
-from insnav.certificate import navigation_checks as navigation
+from insnav.certificate import strapdown_checks
 from insnav.certificate.certify import Certificate, certify
-from insnav.certificate.check import Check
 from insnav.certificate.gravity import gravity
-from insnav.certificate.integrators import METHODS, integrators
+from insnav.certificate.integrators import METHODS, Check, integrators
 from insnav.report.certificate.page import certificate_markdown
 from insnav.units import DEG, DEG_PER_H, G0, UG
 from tests.cli.conftest import ROOT
@@ -101,8 +99,8 @@ def without(name: str):
 @pytest.mark.parametrize(
     ("term", "topic", "case"),
     [
-        ("coning", attitude.coning, "1 deg, 10 Hz"),
-        ("sculling", attitude.sculling, "0.1 deg, 1 g, 10 Hz"),
+        ("coning", strapdown_checks.coning, "1 deg, 10 Hz"),
+        ("sculling", strapdown_checks.sculling, "0.1 deg, 1 g, 10 Hz"),
     ],
 )
 def test_a_missing_term_is_named(monkeypatch, term, topic, case):
@@ -123,7 +121,9 @@ def turned_by(angle: float):
 
 
 @pytest.mark.parametrize(
-    "topic", [attitude.upright, navigation.free_inertial, navigation.rest, navigation.poles], ids=lambda t: t.__name__
+    "topic",
+    [strapdown_checks.upright, strapdown_checks.free_inertial, strapdown_checks.rest, strapdown_checks.poles],
+    ids=lambda t: t.__name__,
 )
 def test_a_tilt_of_a_tenth_of_a_microradian_is_found(monkeypatch, topic):
     monkeypatch.setattr(strapdown, "navigate", turned_by(1e-7))
@@ -140,14 +140,14 @@ def test_a_longitude_that_is_not_wrapped_is_found(monkeypatch):
         return found
 
     monkeypatch.setattr(strapdown, "navigate", navigate)
-    failed = [check.case for check in navigation.meridians(integrators()[:1]) if not check.passed]
+    failed = [check.case for check in strapdown_checks.meridians(integrators()[:1]) if not check.passed]
     assert failed == ["crossing date line"]
 
 
 def test_a_wrong_period_is_found(monkeypatch):
-    whole = navigation.radii
-    monkeypatch.setattr(navigation, "radii", lambda lat: whole(lat)[::-1])  # that of the other channel
-    assert not navigation.schuler(integrators()[:1])[0].passed
+    whole = strapdown_checks.radii
+    monkeypatch.setattr(strapdown_checks, "radii", lambda lat: whole(lat)[::-1])  # that of the other channel
+    assert not strapdown_checks.schuler(integrators()[:1])[0].passed
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1.1])
@@ -167,14 +167,14 @@ def test_a_latitude_that_is_no_number_is_not_beyond_nothing(monkeypatch):
         return found
 
     monkeypatch.setattr(strapdown, "navigate", navigate)
-    failed = [check.case for check in navigation.poles(integrators()[:1]) if not check.passed]
+    failed = [check.case for check in strapdown_checks.poles(integrators()[:1]) if not check.passed]
     assert "the same: latitude beyond 90 deg" in failed
 
 
 def test_progress_is_told(monkeypatch):
     from insnav.certificate import certify as module
 
-    monkeypatch.setattr(module, "TOPICS", (attitude.sculling, attitude.spin))
+    monkeypatch.setattr(module, "TOPICS", (strapdown_checks.sculling, strapdown_checks.spin))
     monkeypatch.setattr(module, "OTHERS", (gravity,))
     told: list[float] = []
     found = certify(progress=told.append)
@@ -187,7 +187,10 @@ def test_another_package_stands_beside():
     pytest.importorskip("pyins", reason="python-ins is not installed")
     from insnav.certificate.integrators import pyins
 
-    found = [*attitude.coning((*integrators()[:1], pyins())), *navigation.meridians((*integrators()[:1], pyins()))]
+    found = [
+        *strapdown_checks.coning((*integrators()[:1], pyins())),
+        *strapdown_checks.meridians((*integrators()[:1], pyins())),
+    ]
     # figures measured beforehand by a program of their own
     for case, drift in (("1 deg, 1 Hz", 1e-4), ("1 deg, 5 Hz", 0.32), ("1 deg, 10 Hz", 9.8)):
         assert row(found, "coning", case)["pyins"] == pytest.approx(drift, rel=0.05)

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from insnav.certificate import platform_checks as gimbal
-from insnav.certificate import static_day as day
-from insnav.certificate.check import Check
-from insnav.certificate.integrators import integrators
+from insnav.certificate import strapdown_checks
+from insnav.certificate.integrators import Check, integrators
 from insnav.gimbal import PlatformErrors
 
 
@@ -81,23 +80,25 @@ def test_a_loop_of_other_gains_is_found(monkeypatch):
 @pytest.mark.parametrize("share", ["tilt", "drift", "bias"])
 def test_a_day_with_other_errors_is_found_on_platform_and_strapdown(monkeypatch, share):
     """Ten percent more than the closed form is told of one of them."""
-    told = day.ERRORS
+    told = strapdown_checks.ERRORS
     more = PlatformErrors(
         *(getattr(told, name) * (1.1 if name == share else 1.0) for name in ("tilt", "drift", "bias"))
     )
-    theory = day.static_errors
-    monkeypatch.setattr(day, "static_errors", lambda time, lat, height, errors: theory(time, lat, height, more))
-    for checks in (gimbal.day(), day.day(integrators()[:1])):
+    theory = strapdown_checks.static_errors
+    monkeypatch.setattr(
+        strapdown_checks, "static_errors", lambda time, lat, height, errors: theory(time, lat, height, more)
+    )
+    for checks in (gimbal.day(), strapdown_checks.day(integrators()[:1])):
         assert [check.passed for check in checks] == [False, True, True, True]
 
 
 def test_a_pendulum_of_another_latitude_is_found(monkeypatch):
-    theory = day.periods
-    monkeypatch.setattr(day, "periods", lambda lat, height: theory(lat - 0.01, height))
+    theory = strapdown_checks.periods
+    monkeypatch.setattr(strapdown_checks, "periods", lambda lat, height: theory(lat - 0.01, height))
     assert [check.passed for check in gimbal.day()] == [True, True, False, True]
 
 
 def test_what_is_no_number_is_no_period():
     time = np.arange(0.0, 86400.0, 60.0)
-    checks = day.compared("day", [("lost", time, np.full((time.size, 2), np.nan))])
+    checks = strapdown_checks.compared("day", [("lost", time, np.full((time.size, 2), np.nan))])
     assert all(check.error == np.inf and not check.passed for check in checks)

@@ -8,7 +8,7 @@ import pytest
 
 from insnav.attitude import dcm_from_rph
 from insnav.certificate.gravity import exact_gravity_n
-from insnav.certificate.polar import PolarTruth, around_pole, axes_of, over_pole
+from insnav.certificate.motions import PolarTruth, around_pole, axes_of, over_pole
 from insnav.types import FloatArray
 from insnav.units import UG
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import gzip
 import json
 import os
@@ -21,6 +22,7 @@ from insnav.findings import Code, Finding, Severity, of_code, of_families
 from insnav.fleet.batch import _alone, name_of
 from insnav.fleet.recordings import _with_broken, find_drives
 from insnav.input.formats.registry import open_tables
+from insnav.output.folder import RunFolder
 from tests.cli.conftest import QUICK as RUN
 from tests.cli.conftest import ROOT, Cli, findings_of, says
 from tests.refusals import refused
@@ -152,6 +154,31 @@ def test_no_file_is_chosen_in_silence(
         assert (by_name["files"], by_name["unused"]) == (("gps.csv", "imu.csv"), (name,))
 
 
+def test_what_could_not_be_written_ends_with_the_exit_code_for_it(drives: Path, cli: Cli, monkeypatch):
+    commit = RunFolder.commit
+
+    def full(folder: RunFolder, facts: dict) -> Path:
+        if facts["kind"] == "run":
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return commit(folder, facts)
+
+    monkeypatch.setattr(RunFolder, "commit", full)
+    shown = cli("batch", drives, "--out", drives / "fleet", *QUICK)
+    assert shown.code == 4, shown.err
+    assert "batch.unwritten" in shown.err
+    assert {row["exit_code"] for row in table(drives / "fleet").values()} == {"3", "4"}
+
+
+def test_two_runs_of_a_batch_have_the_same_bytes(drive: Path, cli: Cli):
+    for name in ("first", "second"):
+        cli("batch", drive, "--out", drive.parent / name, *QUICK)
+    for file in ("run.json", "fleet.csv", "found.npz"):
+        first, second = ((drive.parent / name / file).read_bytes() for name in ("first", "second"))
+        assert first == second, file
+    (note,) = (drive.parent / "first" / "drives").glob("*.json")
+    assert json.loads(note.read_text())["seconds"] > 0.0
+
+
 def test_names_of_run_folders_are_fit_for_all():
     assert name_of("a/b c.json") == "a_b_c"  # notes beside the folders end so
     assert name_of("..") == ""
@@ -214,7 +241,7 @@ def test_two_batches_do_not_share_a_folder(drives: Path, cli: Cli):
 
 def test_an_error_keeps_its_parts(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     lost = Finding.of(Code.RUN_REJECTED, share=0.9, limit_share=0.5)
-    monkeypatch.setattr("insnav.errors.evaluated_run.failure", lambda _: lost)
+    monkeypatch.setattr("insnav.errors.run_findings.failure", lambda _: lost)
     out = tmp_path / "lost"
     files = str(drive / "imu.csv"), "--gps", str(drive / "gps.csv"), "--out", str(out)
     with pytest.raises(CheckError, match=r"cli.unusable") as raised:

@@ -171,7 +171,7 @@ def test_a_recorded_drive_is_compared_with_the_prediction(cli: Cli):
         (("--imu", "mems.toml", "--times", "5000"), 2, "--times"),
         (("--imu", "mems.toml", "--times", "0.01"), 2, "--times"),
         (("--imu", "mems.toml", "--runs", "1"), 2, "--runs"),
-        (("--imu", "mems.toml", "--begin", "5"), 2, "--profile"),
+        (("--imu", "mems.toml", "--begin", "5"), 2, "session.begin_without_profile"),
         (("--imu", "mems.toml", "--profile", "town"), 2, "sim.unknown_profile"),
         (("--imu", "mems.toml", "--profile", "city", "--begin", "5000"), 2, "budget.motion_too_short"),
         (("--imu", "mems.toml", "--profile", "city", "--times", "3000"), 2, "budget.motion_too_short"),

@@ -14,8 +14,7 @@ from insnav.imu import correct, load_calibration
 from insnav.imu.higher_order import ErrorTerms
 from insnav.input import read_imu
 from insnav.input.interpret.axes import axes_matrix
-from insnav.output.contents import verify_folder
-from insnav.output.folder import read_facts
+from insnav.output.folder import read_facts, verify_folder
 from insnav.types import ImuData
 from tests.cli.conftest import Cli, findings_of, says
 from tests.lab.test_multi_position import G_SENSITIVITY, TRUE, measured

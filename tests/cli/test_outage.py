@@ -10,7 +10,7 @@ import pytest
 from insnav.findings import Code, Finding
 from insnav.messages import phrase, sentence
 from insnav.output.folder import read_facts, verify_folder
-from tests.cli.conftest import Cli
+from tests.cli.conftest import Cli, findings_of
 
 QUICK = ("outage", "imu.csv", "--gps", "gps.csv", "--imu", "automotive", "--lengths", "3,6", "--first", "80")
 
@@ -29,6 +29,19 @@ def test_folder_and_table(drive: Path, cli: Cli):
     again = cli("report", "outage")
     assert f"{phrase('light.' + judged['light'])}: {judged['reason']}" in again.out
     assert "workers" not in facts["configuration"]
+
+
+@pytest.mark.parametrize("command", ["outage", "budget"])
+def test_a_lost_filter_ends_with_the_exit_code_of_run(command: str, drive: Path, cli: Cli, monkeypatch):
+    lost = Finding.of(Code.RUN_REJECTED, share=0.9, limit_share=0.5)
+    for place in ("run_findings", "budget.from_windows"):
+        monkeypatch.setattr(f"insnav.errors.{place}.failure", lambda _: lost)
+    own = {"outage": QUICK[-4:], "budget": ("--times", "10", "--replicas", "0")}
+    shown = cli(command, *QUICK[1:-4], *own[command], "--engine", "1")
+    assert (shown.code, "cli.unusable" in shown.err) == (1, True), shown.err
+    facts = read_facts(Path(command))
+    assert facts["verdict"]["light"] == "bad"
+    assert [*findings_of(facts, Code.RUN_REJECTED)] == [lost]
 
 
 def test_a_length_that_does_not_fit_is_named(drive: Path, cli: Cli):

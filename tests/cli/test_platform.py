@@ -136,7 +136,7 @@ def test_the_demonstration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli:
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
-        ((), 2, ("FORCE_FILE, --lat, --lon", "--demo")),
+        ((), 2, ("FORCE_FILE, --lat, --lon", "cli.missing")),
         (("fw.csv", "--lon", "11"), 2, ("cli.missing",)),
         (("fw.csv", "--demo"), 2, ("cli.demonstration_alone", "FORCE_FILE")),
         (("--demo", "--lat", "60", "--gyro-drift", "1,0,0"), 2, ("--lat, --gyro-drift",)),
@@ -147,7 +147,7 @@ def test_the_demonstration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli:
         (("fw.csv", *START, "--v-up", "3"), 2, ("platform.vertical_velocity",)),
         (("fw.csv", *START, "--gyro-drift", "0.01"), 2, ("--gyro-drift", "cli.not_numbers")),
         (("fw.csv", *START, "--misalignment", "0,20,0"), 2, ("platform.not_level",)),
-        (("fw.csv", *START, "--vertical", "damped"), 2, ("--height-input",)),
+        (("fw.csv", *START, "--vertical", "damped"), 2, ("cli.damped_needs_heights",)),
         (("fw.csv", *START, "--height-input", "ref.csv"), 2, ("--vertical",)),
         (
             ("fw.csv", *START, "--vertical", "damped", "--height-input", "late.csv"),
@@ -165,7 +165,7 @@ def test_the_demonstration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli:
         ),
         (("gap.csv", *START), 3, ("gap.csv",)),
         (("away.csv", *START, "--vertical", "free"), 1, ("platform.free_height",)),
-        (("fw.csv", *START, "--columns", "f_east=nothing"), 2, ("--columns", "no column 'nothing'")),
+        (("fw.csv", *START, "--columns", "f_east=nothing"), 2, ("--columns", "columns.no_such_column")),
     ],
 )
 def test_what_cannot_be_is_refused(

@@ -57,11 +57,24 @@ try:
 except signals.Stopped as stopped:
     print(stopped.number == signal.SIGINT)
 """
+LIMITED = """
+import resource
+from insnav.cli import signals
+
+signals.listen()
+resource.setrlimit(resource.RLIMIT_CPU, (1, 60))
+try:
+    while True:
+        pass
+except signals.Stopped as stopped:
+    print(stopped)
+"""
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are different there")
 @pytest.mark.parametrize(
-    ("program", "out", "word"), [(HALF_MADE, "stopped", ""), (LATE, "tidied up", ""), (BEFORE, "True", "a defect")]
+    ("program", "out", "word"),
+    [(HALF_MADE, "stopped", ""), (LATE, "tidied up", ""), (BEFORE, "True", "a defect"), (LIMITED, "SIGXCPU", "")],
 )
 def test_a_request_is_heard_once_and_leaves_no_message(program: str, out: str, word: str):
     done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False)

@@ -277,7 +277,7 @@ def test_the_library_is_listed_and_drawn(here: Path, cli: Cli, monkeypatch: pyte
         ((MOTION, "--rate", "0"), 2, "sim.sampling_rate"),
         ((MOTION, "--fault", "gps-jmp:3m@10s"), 2, "gps-jmp"),
         ((MOTION, "--temperature", "warm"), 2, "cli.not_a_temperature"),
-        ((MOTION, "--resume"), 2, "--runs"),
+        ((MOTION, "--resume"), 2, "cli.resume_without_runs"),
         ((MOTION, "--runs", "3", "--run", "2"), 2, "cli.runs_or_run"),
         ((MOTION, "--runs", "3", "--imu", "ideal"), 2, "cli.ideal_runs"),
         ((MOTION, "--seed", "-1"), 2, "--seed"),
@@ -368,14 +368,14 @@ def test_a_series_that_ended_early_is_gone_on_with(here: Path, cli: Cli, monkeyp
 
 def test_a_series_stopped_while_it_is_written_is_kept_too(here: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch):
     from insnav.cli.signals import Stopped
-    from insnav.report.simulation import ensemble
+    from insnav.report.simulation import page
 
     def stopped(*_: object) -> None:
         raise Stopped(signal.SIGINT)
 
     options = ("simulate", *QUICK, "--runs", 2, "--engine", 1)
     with monkeypatch.context() as patch:
-        patch.setattr(ensemble, "write_runs", stopped)
+        patch.setattr(page, "write_runs", stopped)
         shown = cli(*options)
     assert shown.code == 128 + signal.SIGINT
     assert "--resume" in shown.err

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from insnav import strapdown
-from insnav.certificate import certify, gravity
-from insnav.certificate import coning_sculling as attitude
+from insnav.certificate import certify, gravity, strapdown_checks
 from insnav.certificate import integrators as peer
 from insnav.findings import Code, Finding
 from insnav.messages import sentence
@@ -23,7 +22,7 @@ from tests.cli.conftest import Cli
 def short(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Only what takes no time: the whole certificate is tested elsewhere."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(certify, "TOPICS", (attitude.coning, attitude.sculling, attitude.spin))
+    monkeypatch.setattr(certify, "TOPICS", (strapdown_checks.coning, strapdown_checks.sculling, strapdown_checks.spin))
     monkeypatch.setattr(certify, "OTHERS", (gravity.gravity,))
 
 
@@ -112,7 +111,7 @@ def test_a_peer_that_is_absent_is_told(short: None, monkeypatch: pytest.MonkeyPa
     ("options", "code", "words"),
     [
         (("--json", "--markdown"), 2, "cli.json_or_markdown"),
-        (("--out", "/dev/null/such"), 4, "cannot write a run folder"),
+        (("--out", "/dev/null/such"), 4, "output.folder_unwritable"),
         (("--pier",), 2, "--peer"),
     ],
 )

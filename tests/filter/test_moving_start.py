@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import insnav
+from insnav.alignment.in_motion import sure_motion
 from insnav.attitude import wrap_pi
-from insnav.earth import ned_offset
+from insnav.earth import A, ned_offset
 from insnav.filter import FilterSettings
 from insnav.filter.gps_delay import filtered
 from insnav.filter.navigate import navigate_recording
 from insnav.filter.prepare import DELAY_SD, prepare
-from insnav.findings import Code
+from insnav.findings import Code, of_code
 from insnav.input import read_gps, read_imu
 from insnav.session.simulation import plan_of, profiled
 from insnav.simulate import GpsErrors, reference
@@ -134,3 +136,71 @@ def recorded_drive() -> tuple[ImuData, GpsData, Trajectory]:
     imu, gps = read_imu(folder / "imu.csv.gz").data, read_gps(folder / "gps.csv").data
     smoothed = insnav.load(imu, gps).navigate().found.run.smoothed
     return imu, gps, smoothed.solution
+
+
+CREEPING = """
+purpose = "a rover that is never faster than 0.36 m/s, whose IMU shakes"
+[start]
+lat = "48 deg"
+lon = "11 deg"
+heading = "40 deg"
+speed = "{speed} m/s"
+[[vibration.engine]]
+frequency = "12 Hz"
+acceleration = "0.5 m/s^2"
+{rest}
+[[segment]]
+kind = "repeat"
+count = 3
+segment = [
+  {{ kind = "cruise", duration = "60 s" }},
+  {{ kind = "turn", angle = "80 deg", rate = "6 deg/s" }},
+  {{ kind = "cruise", duration = "60 s" }},
+  {{ kind = "turn", angle = "-60 deg", rate = "6 deg/s" }},
+]
+"""
+POOR = """
+name = "poor"
+rate = "1 Hz"
+fix = 5
+[position]
+white = "2.5 m"
+lasting = "2.5 m"
+correlation_time = "100 s"
+[velocity]
+white = "0.05 m/s"
+"""
+REST = """
+[[segment]]
+kind = "static"
+duration = "60 s"
+[[segment]]
+kind = "accelerate"
+to = "0.36 m/s"
+"""
+
+
+@pytest.mark.parametrize("rests", [True, False])
+def test_a_creeping_vehicle_is_aligned_by_its_course(tmp_path: Path, rests: bool):
+    """0.36 m/s is seven sd of the velocities: it was refused below a fixed 0.7 m/s."""
+    (tmp_path / "rover.toml").write_text(CREEPING.format(speed=0.0 if rests else 0.36, rest=REST if rests else ""))
+    (tmp_path / "poor.toml").write_text(POOR)
+    drive = insnav.simulate(tmp_path / "rover.toml", imu="industrial", gps=tmp_path / "poor.toml", seed=1)
+    ready = drive.until("align").ready
+    true = np.interp(ready.initial.time, drive.reference.data.time, np.unwrap(drive.reference.data.rph[:, 2]))
+    assert abs(wrap_pi(ready.alignment.rph[2] - true)) < 3.0 * ready.alignment.sd[2]
+    assert ready.alignment.sd[2] < np.radians(31.0)
+    assert any(of_code(ready.notes, Code.ALIGN_HEADING_CREEPING)) is not rests
+    assert (ready.alignment.static is not None) is rests
+
+
+@pytest.mark.parametrize(("noise", "stated", "lasts"), [(0.05, 0.05, 0.0), (0.05, 0.0125, 10.0), (0.08, 0.02, 60.0)])
+def test_velocities_at_rest_are_no_motion_even_if_they_are_worse_than_stated(noise: float, stated: float, lasts: float):
+    n, rng = 900, np.random.default_rng(5)
+    for _ in range(20):
+        v, share = rng.normal(size=(n, 3)) * noise, np.exp(-1.0 / lasts) if lasts else 0.0
+        for row in range(1, n):
+            v[row] = share * v[row - 1] + np.sqrt(1.0 - share**2) * v[row]
+        lla = np.array([0.8, 0.2, 0.0]) + rng.normal(size=(n, 3)) * [1.5 / A, 1.5 / A, 3.0]
+        gps = GpsData(np.arange(n) + 0.0, lla, v, np.full((n, 3), 1.5), np.full((n, 3), stated))
+        assert sure_motion(gps, 0.0)[1] is None

@@ -151,7 +151,8 @@ def test_a_record_that_ends_at_its_start_is_refused():
 def test_an_initial_state_in_a_long_gap_is_refused():
     imu = drives.perfect_imu(laps=1)
     cut = imu.rows((imu.time <= 1030.0) | (imu.time > 1040.05))
-    assert "in 2 parts" in refused(cut, start_at(1035.0)).why
+    error = refused(cut, start_at(1035.0))
+    assert (error.code, error.values["parts"]) == ("align.start_outside", 2)
 
 
 def test_the_state_starts_at_the_imu_not_at_the_antenna():

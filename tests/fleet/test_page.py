@@ -30,7 +30,7 @@ def drive(number: int, error: float, noise: float = 0.2, *, vehicle: str = "", l
             "mean_square": 1.0,
         },
     }
-    return Navigated(f"d{number}", vehicle, "", 1.0, None, facts)
+    return Navigated(f"d{number}", vehicle, "", None, facts)
 
 
 def test_modified_z_is_that_of_the_book():
@@ -49,7 +49,7 @@ def test_failures_and_outliers_come_first():
     rng = np.random.default_rng(2)
     drives = [drive(n, float(np.exp(0.3 * rng.normal()))) for n in range(12)]
     drives += [drive(12, 30.0), drive(13, 1.0, light="attention")]
-    drives.append(Navigated("lost", "", "", 1.0, InputError("format.empty")))
+    drives.append(Navigated("lost", "", "", InputError("format.empty")))
     rows = rows_of(drives)
     assert [row.drive.name for row in rows[:3]] == ["lost", "d13", "d12"]
     assert [row.drive.name for row in rows if row.stands_out] == ["d12"]
@@ -91,7 +91,7 @@ def test_the_interval_of_a_vehicle_covers_the_truth_also_where_drives_differ_mor
 
 def test_a_fleet_is_opened_again(tmp_path: Path):
     """With a drive that failed, whose error comes back."""
-    lost = Navigated("lost", "", "", 1.0, InputError("format.empty"))
+    lost = Navigated("lost", "", "", InputError("format.empty"))
     left_out = Finding.of(Code.BATCH_NO_RECORDING, subject="photo.dat", cause=InputError("format.empty").facts)
     result = Result("fleet", (drive(1, 2.0), lost), options={"drives": "."}, findings=(left_out,))
     again = open_result(result.save(tmp_path / "fleet"))

@@ -10,8 +10,7 @@ import pytest
 
 from insnav.exceptions import ConfigError
 from insnav.imu import ImuErrors, calibration_to_toml, correct, corrupt, load_calibration
-from insnav.imu.dynamic_map import AxisMap, DynamicMap
-from insnav.imu.higher_order import ErrorTerms
+from insnav.imu.higher_order import AxisMap, DynamicMap, ErrorTerms
 from insnav.types import ImuData
 from tests.refusals import problems_of, refused
 
@@ -60,7 +59,7 @@ def test_correct_undoes_corrupt_also_from_the_file(
     matrix = np.eye(3) + 0.05 * rng.normal(size=(3, 3))
     gyro_terms, accel_terms = terms
     errors = ImuErrors(
-        np.full(3, 0.1), matrix, gyro_map=DynamicMap(x=BENT, z=BENT), gyro_terms=gyro_terms, accel_terms=accel_terms
+        np.full(3, 0.1), matrix, gyro_map=DynamicMap((BENT, None, BENT)), gyro_terms=gyro_terms, accel_terms=accel_terms
     )
     (tmp_path / "calibration.toml").write_text(calibration_to_toml(errors))
     again = load_calibration(tmp_path / "calibration.toml")

@@ -144,9 +144,8 @@ def test_what_unpacks_to_too_much_is_refused(tmp_path, monkeypatch, pack):
     monkeypatch.setattr("insnav.input.formats.unpack.RATIO_FROM", 1 << 20)
     path = tmp_path / "bomb"
     path.write_bytes(pack(b"0," * (1 << 22)))
-    with pytest.raises(InputError) as caught:
+    with refused(InputError, "format.bomb"):
         read_imu(path)
-    assert caught.value.code in ("format.compressed_bomb", "format.zip_bomb")
 
 
 def test_a_missing_package_says_how_to_install_it(new_format, tmp_path, monkeypatch):

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import io
+import itertools
 import random
 import struct
+import tracemalloc
 
 import h5py
 import numpy as np
@@ -114,6 +116,42 @@ def test_arrays_that_do_not_fit_into_the_file_are_refused(save):
     assert structure in data
     with refused(InputError, "format.matlab_cut"):
         read_imu(save(data.replace(structure, struct.pack("<IIII", 5, 8, 1, 1 << 30), 1)))
+
+
+def zeros_5() -> bytes:
+    buffer = io.BytesIO()
+    savemat(buffer, {"imu": {"t": np.zeros(1 << 20), "wb": np.zeros((1 << 20, 3))}}, do_compression=True)
+    return buffer.getvalue()
+
+
+def zeros_7() -> bytes:
+    """Zeros that are stored nowhere, which is how HDF5 has a data set to which nothing was written."""
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w") as file:
+        file.create_dataset("imu", (7, 1 << 22), dtype=float, chunks=(7, 1 << 10))
+    return buffer.getvalue()
+
+
+def links_7() -> bytes:
+    """Twenty structures, each of which holds the next one twice: a million arrays."""
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w") as file:
+        groups = [file.create_group(f"g{level}") for level in range(20)]
+        for outer, inner in itertools.pairwise(groups):
+            outer["a"], outer["b"] = inner, inner
+    return buffer.getvalue()
+
+
+@pytest.mark.parametrize("content", [zeros_5, zeros_7, links_7])
+def test_what_becomes_too_large_is_refused_before_memory_is_taken(save, monkeypatch, content):
+    path = save(content())
+    monkeypatch.setattr("insnav.input.formats.unpack.RATIO_FROM", 1 << 24)
+    tracemalloc.start()
+    with refused(InputError, "format.bomb"):
+        read_imu(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 40e6
 
 
 @real

@@ -13,7 +13,7 @@ from insnav.imu import ImuErrors, calibration_to_toml, load_calibration
 from insnav.imu.raw_outputs import RawScale
 from insnav.input import read_imu
 from tests.input.files import noted
-from tests.refusals import problems_of
+from tests.refusals import problems_of, refused
 
 GYRO = RawScale("V", np.array([0.2, -0.1, 0.0]), np.array([2.8, 2.7, -2.9]))
 ACCEL = RawScale("LSB", np.array([10.0, -20.0, 0.0]), np.array([800.0, 810.0, 790.0]))
@@ -46,8 +46,9 @@ def test_outputs_become_rates_and_forces(tmp_path: Path, header: str, volts: flo
 
 def test_without_the_calibration_volts_are_refused(tmp_path: Path) -> None:
     recording(tmp_path / "imu.csv")
-    with pytest.raises(InputError, match="no column for gyro_x"):
+    with refused(InputError, "columns.missing") as caught:
         read_imu(tmp_path / "imu.csv")
+    assert caught.value.values["quantities"][0] == "gyro_x_rad_s"
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 
 import insnav
 from insnav.exceptions import ConfigError, InputError
-from insnav.findings import Code
+from insnav.findings import Code, Severity, of_code
 from insnav.input import read_gps, read_imu
 from insnav.input.formats.registry import open_tables
 from tests.input.files import noted
@@ -140,6 +140,21 @@ def test_cut_and_damaged_bags_are_refused_or_read(tmp_path, kind):
                 continue
             assert (np.diff(found.time) > 0.0).all()
     gc.collect()  # rosbags leaves some files open that it cannot read
+
+
+def test_messages_that_the_index_lists_and_the_file_has_lost_are_a_warning(tmp_path):
+    path = write_bag(tmp_path / "drive.bag", kind="mcap")
+    file = next(each for each in path.iterdir() if each.suffix == ".mcap")
+    whole = bytearray(file.read_bytes())
+    file.write_bytes(whole)
+    assert not [*of_code(read_imu(file).facts.evidence, Code.READ_ROWS_UNREADABLE)]
+    middle = len(whole) // 2
+    whole[middle : middle + 4096] = bytes(4096)
+    file.write_bytes(whole)
+    samples = read_imu(file)
+    (lost,) = of_code(samples.facts.evidence, Code.READ_ROWS_UNREADABLE)
+    assert lost.severity is Severity.WARNING
+    assert (lost["of"], lost["count"]) == (len(SAMPLES.t), len(SAMPLES.t) - len(samples.data.time))
 
 
 def test_a_bag_of_other_things_names_its_topics(tmp_path):

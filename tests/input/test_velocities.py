@@ -14,7 +14,7 @@ from insnav.exceptions import InputError
 from insnav.findings import Code, of_code
 from insnav.input import read_gps
 from insnav.input.interpret.velocities import fit_velocities, scales
-from insnav.messages import sentence
+from insnav.messages import LANGUAGES, render_error, sentence
 from insnav.types import GpsData
 from tests.filter import drives
 from tests.input.files import noted
@@ -63,7 +63,13 @@ def test_false_fixes_and_an_outage_are_no_confusion():
 @pytest.mark.parametrize("name", CONFUSED)
 def test_each_confusion_has_its_name(name):
     for seed in range(3):
-        assert name == confusion(CONFUSED[name](fixes(seed)))
+        gps = CONFUSED[name](fixes(seed))
+        assert name == confusion(gps)
+        fit = fit_velocities(gps.time, gps.lla, gps.v_n)
+        assert fit is not None
+        for lang in LANGUAGES:
+            said = render_error("gps.confused_columns", "why", {"confusion": fit.confusion}, lang)
+            assert fit.confusion not in said
 
 
 RECORDED = ("rtklib_drive_20250708", "ixr_tsukishima_20210412", "umn_thor75_uav")

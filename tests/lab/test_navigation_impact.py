@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from insnav.imu import ImuErrors
-from insnav.imu.dynamic_map import AxisMap, DynamicMap
-from insnav.imu.higher_order import ErrorTerms
+from insnav.imu.higher_order import AxisMap, DynamicMap, ErrorTerms
 from insnav.imu.raw_outputs import RawScale
 from insnav.lab.calibration import CalibrationSd
 from insnav.lab.navigation_impact import MINUTE, navigation_impact
@@ -44,7 +43,7 @@ def test_g_sensitivity_and_map_are_drawn_with_their_uncertainty() -> None:
     assert exact.corrected < 1e-3 * exact.without
     rough, _ = navigation_impact(known, CalibrationSd(g_sensitivity=np.full((3, 3), EPS / G0)))
     assert rough.corrected == pytest.approx(exact.without, rel=0.35)
-    bent = DynamicMap(y=AxisMap(np.array([-5.0, 0.0, 5.0]), np.array([0.01, EPS, 0.01])))
+    bent = DynamicMap((None, AxisMap(np.array([-5.0, 0.0, 5.0]), np.array([0.01, EPS, 0.01])), None))
     at_rest, _ = navigation_impact(ImuErrors(gyro_map=bent), CalibrationSd())
     assert at_rest.corrected < 1e-2 * at_rest.without
     spread = (None, np.diag([1e-12, EPS**2, 1e-12]), None)

@@ -10,8 +10,7 @@ from insnav.imu import ImuSpec, SensorSpec, load_imu, to_toml
 from insnav.input import read_imu
 from insnav.lab.noise.allan import AXES, allan_deviation, averaging_factors
 from insnav.lab.noise.noise_model import NAMES, basis, fit_noise
-from insnav.lab.noise.noise_spec import PEAK, PEAK_TIME, temperature_correlation, white_of_steps
-from insnav.lab.noise.static_noise import static_noise
+from insnav.lab.noise.static_noise import PEAK, PEAK_TIME, static_noise, temperature_correlation
 from insnav.simulate.imu_errors import corrupt_imu
 from insnav.types import ImuData
 from insnav.units import DEG, DEG_PER_H, DEG_PER_SQRT_H, M_S_PER_SQRT_H, UG
@@ -172,7 +171,7 @@ def test_steps_temperature_and_ramps_are_pointed_out():
     assert (follows.subject, follows["correlation"]) == ("gyro x", (pytest.approx(1.0, abs=5e-3),))
     coarse = found[Code.ALLAN_COARSE]
     assert coarse.subject == "accel x, accel y, accel z"
-    np.testing.assert_allclose(coarse["random_walk_m_s_sqrt_s"], white_of_steps(0.02, 0.1), rtol=1e-6)
+    np.testing.assert_allclose(coarse["random_walk_m_s_sqrt_s"], 0.02 * np.sqrt(0.1 / 12.0), rtol=1e-6)
     assert found[Code.ALLAN_RAMP].subject == "gyro x"
 
 
@@ -197,7 +196,7 @@ def test_rounding_makes_the_white_noise_it_is_said_to_make():
     rounded = np.round(rng.uniform(-50.0, 50.0, 100_000))  # uniform over many steps: what is lost is independent
     lost = rounded - np.random.default_rng(13).uniform(-50.0, 50.0, 100_000)
     found = allan_deviation(lost[:, None], 0.04, np.array([1]))
-    assert found.deviation[0, 0] * np.sqrt(0.04) == pytest.approx(white_of_steps(1.0, 0.04), rel=0.01)
+    assert found.deviation[0, 0] * np.sqrt(0.04) == pytest.approx(np.sqrt(0.04 / 12.0), rel=0.01)
 
 
 def test_correlation_with_a_constant_is_zero():

@@ -6,7 +6,7 @@ from decimal import Decimal
 import numpy as np
 import pytest
 
-from insnav.output.columns import arrow_table, rounded, write_csv, write_numbers
+from insnav.output.data_files import arrow_table, rounded, write_csv, write_numbers
 
 DECIMALS = (("^lat", 10), ("_deg|time", 6), ("_m$", 5), ("nis", 4))
 NAMES = ("time_s", "lat_deg", "heading_deg", "height_m", "nis", "used")

@@ -143,10 +143,15 @@ def test_a_read_only_parent_is_said_before_the_work(tmp_path, monkeypatch):
     assert caught.value.values["reason"] == os.strerror(errno.EACCES)
 
 
-def test_a_symbolic_link_is_followed(tmp_path):
+def test_a_symbolic_link_is_followed_to_what_is_there(tmp_path):
     (tmp_path / "disk").mkdir()
     (tmp_path / "link").symlink_to(tmp_path / "disk" / "run")
-    make(tmp_path / "link")
+    with refused(OutputError, "output.dangling_link") as caught:
+        make(tmp_path / "link")
+    assert caught.value.values["target"] == str(tmp_path / "disk" / "run")
+    assert not any((tmp_path / "disk").iterdir())
+    make(tmp_path / "disk" / "run")
+    make(tmp_path / "link", force=True)
     assert (tmp_path / "link").is_symlink()
     verify_folder(tmp_path / "disk" / "run")
 

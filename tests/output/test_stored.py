@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insnav.errors.budget.drive_motion import BudgetStudy
 from insnav.errors.budget.error_budget import budget
+from insnav.errors.budget.from_windows import BudgetStudy
 from insnav.errors.budget.sampled_motion import at_rest
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding

@@ -13,8 +13,8 @@ import pytest
 
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
-from insnav.output.kml import KML_POINTS, write_kml
 from insnav.output.solution_tables import read_solution, write_events, write_run_table
+from insnav.output.track_files import KML_POINTS, write_kml
 from insnav.plain_text import cell_text, plain_text
 from insnav.types import Innovations, SensorErrors, Trajectory
 from tests.refusals import refused

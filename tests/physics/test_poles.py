@@ -11,7 +11,7 @@ import pytest
 
 from insnav import strapdown
 from insnav.attitude import dcm_from_rph
-from insnav.certificate.polar import PolarTruth, around_pole, axes_of, over_pole
+from insnav.certificate.motions import PolarTruth, around_pole, axes_of, over_pole
 from insnav.earth import earth_rate_n, gravity_n
 from insnav.output.solution_tables import write_run_table
 from insnav.simulate import imu_from_truth

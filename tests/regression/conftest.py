@@ -12,12 +12,10 @@ import pytest
 from insnav import strapdown
 from insnav.attitude import dcm_from_rph
 from insnav.earth import gravity_n
-from insnav.regression import run_corpus as run
-from insnav.regression.baseline import Baseline, renewed
-from insnav.regression.cases import Material
-from insnav.regression.corpus import Corpus, load_corpus
-from insnav.regression.provenance import Origin
-from insnav.regression.run_corpus import Accuracy, CaseResult, run_corpus
+from insnav.regression import evaluate as run
+from insnav.regression.baseline import Baseline, Origin, renewed
+from insnav.regression.corpus import Corpus, Material, load_corpus
+from insnav.regression.evaluate import Accuracy, CaseResult, run_corpus
 
 LIBRARY = Path(__file__).parents[2] / "trajectories"
 NOWHERE = Path("nowhere")

@@ -9,8 +9,7 @@ import pytest
 
 from insnav.exceptions import ConfigError, InputError
 from insnav.regression.baseline import Baseline, read_baseline, write_baseline
-from insnav.regression.cases import source_of
-from insnav.regression.corpus import Corpus, load_corpus
+from insnav.regression.corpus import Corpus, load_corpus, source_of
 from insnav.regression.evaluate import measure
 from tests.refusals import problems_of, refused
 from tests.regression.conftest import CORPUS, LIBRARY, NOWHERE

@@ -12,18 +12,15 @@ import pytest
 
 from insnav.exceptions import InputError
 from insnav.regression.accuracy_metrics import BY_KEY
-from insnav.regression.baseline import Baseline
-from insnav.regression.history import Entry, entry, read_history, with_entry, write_history
-from insnav.regression.peers.run_peers import PeerRow
-from insnav.regression.provenance import origin
-from insnav.regression.regress import Regression
-from insnav.regression.run_corpus import Accuracy
+from insnav.regression.baseline import Baseline, origin
+from insnav.regression.evaluate import Accuracy
+from insnav.regression.peers import PeerRow
+from insnav.regression.regress import Entry, Regression, entry, read_history, with_entry, write_history
 from insnav.regression.verdict import compare
 from insnav.report.colours import VERMILLION
-from insnav.report.panel_figures import draw_drawings
+from insnav.report.figures import draw_drawings, drawing
 from insnav.report.regression.page import PAGE, PEERS, SECTION, markdown, peers_of, write_pages
 from insnav.report.regression.panels import COLUMNS, fitted, history_panels
-from insnav.report.style import drawing
 from insnav.result import Result
 from tests.regression.conftest import LIBRARY, THEN
 
@@ -132,11 +129,11 @@ def test_the_regression_line_is_that_of_least_squares():
     rng = np.random.default_rng(2)
     predicted = np.exp(rng.standard_normal(200))
     actual = 1.3 * predicted**0.8 * np.exp(0.2 * rng.standard_normal(200))
-    line = fitted(predicted, actual)
+    line, half = fitted(predicted, actual)
     slope, offset = np.polyfit(np.log10(predicted), np.log10(actual), 1)
-    assert (line.slope, line.offset) == pytest.approx((slope, offset))
-    assert line.low < 0.8 < line.high
-    assert line.r2 == pytest.approx(np.corrcoef(np.log(predicted), np.log(actual))[0, 1] ** 2)
+    assert (line.slope, line.intercept) == pytest.approx((slope, offset))
+    assert line.slope - half < 0.8 < line.slope + half
+    assert line.rvalue**2 == pytest.approx(np.corrcoef(np.log(predicted), np.log(actual))[0, 1] ** 2)
     assert fitted(predicted[:2], actual[:2]) is None
 
 

@@ -9,12 +9,10 @@ import pytest
 
 from insnav.regression.accuracy_metrics import BY_KEY
 from insnav.regression.baseline import Baseline
-from insnav.regression.history import entry
-from insnav.regression.paired_tests import ALPHA, POWER, detectable, shift
-from insnav.regression.peers.run_peers import PeerRow
-from insnav.regression.regress import Regression
-from insnav.regression.run_corpus import Accuracy
-from insnav.regression.verdict import compare
+from insnav.regression.evaluate import Accuracy
+from insnav.regression.peers import PeerRow
+from insnav.regression.regress import Regression, entry
+from insnav.regression.verdict import ALPHA, POWER, compare, detectable, shift
 from insnav.report.html import page_html
 from insnav.report.regression.page import page
 from insnav.report.regression.panels import change_matrix, figures_tested, is_unclear, peer_matrix

@@ -8,7 +8,7 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from insnav.regression.accuracy_metrics import BY_KEY, METRICS, Metric
-from insnav.regression.paired_tests import ALPHA, POWER, detectable_apart, holm, interval, shift, standard_error
+from insnav.regression.verdict import ALPHA, POWER, detectable_apart, holm, interval, shift, standard_error
 
 SIZE = Metric("x_m", "x", "m", 0.0)
 

@@ -7,9 +7,9 @@ import importlib.util
 import numpy as np
 import pytest
 
+from insnav.regression import peers
 from insnav.regression.corpus import Corpus
-from insnav.regression.peers import run_peers as peers
-from insnav.regression.peers.run_peers import installed, run_peers
+from insnav.regression.peers import installed, run_peers
 from tests.regression.conftest import NOWHERE
 
 pytestmark = pytest.mark.skipif(importlib.util.find_spec("pyins") is None, reason="pyins (python-ins) is not installed")

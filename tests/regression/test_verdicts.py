@@ -16,7 +16,7 @@ from insnav.findings import Code, Finding
 from insnav.output.folder import read_facts
 from insnav.regression.baseline import BASELINE_FILE, Baseline, read_baseline, write_baseline
 from insnav.regression.corpus import Corpus
-from insnav.regression.run_corpus import Accuracy, run_corpus
+from insnav.regression.evaluate import Accuracy, run_corpus
 from insnav.regression.verdict import Comparison, compare
 from tests.cli.conftest import Cli, cli  # noqa: F401
 from tests.regression.conftest import LIBRARY, NOWHERE, Spoil, with_values

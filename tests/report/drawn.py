@@ -48,7 +48,7 @@ def panels(name: str = "north") -> tuple[Track | Panel, ...]:
     return (
         track,
         Panel("error", "Position error", "error [m]", "time [s]", tuple(curves), "time", spans=((600.0, 700.0),)),
-        Panel("nis", "NIS", "NIS [-]", "time [s]", (cloud,), "time", log_y=True, levels=((16.3, "gate (16.3)"),)),
+        Panel("nis", "NIS", "NIS [-]", "time [s]", (cloud,), "time", log="y", levels=((16.3, "gate (16.3)"),)),
         Panel("parts", "Contributions", "", "share [%]", (bar,), rows=("gyro bias", "heading"), height=120),
     )
 

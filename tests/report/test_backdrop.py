@@ -14,7 +14,7 @@ import pytest
 from insnav.earth import ned_offset
 from insnav.exceptions import InputError
 from insnav.report.panels import panel_data
-from insnav.report.run.backdrop import MOST, read_backdrop, write_backdrop
+from insnav.report.run.page import MOST_POINTS, read_backdrop, write_backdrop
 from insnav.result import open_result
 
 STREET = {"type": "LineString", "coordinates": [[11.0, 48.0], [11.01, 48.0, 500.0], [11.01, 48.02]]}
@@ -51,7 +51,7 @@ def test_lines_are_read_and_written(tmp_path: Path):
         ({"type": "Point", "coordinates": [1.0, 2.0]}, "report.empty_backdrop"),
         ({"type": "LineString", "coordinates": [[4.4e5, 5.4e6], [4.5e5, 5.4e6]]}, "report.backdrop_unit"),
         ({"type": "LineString", "coordinates": [["a", "b"]]}, "report.not_geojson"),
-        ({"type": "LineString", "coordinates": [[1.0, 2.0]] * (MOST + 1)}, "report.large_backdrop"),
+        ({"type": "LineString", "coordinates": [[1.0, 2.0]] * (MOST_POINTS + 1)}, "report.large_backdrop"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(tmp_path: Path, value: Any, word: str):

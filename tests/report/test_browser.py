@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from insnav.errors.budget.drive_motion import BudgetStudy
 from insnav.errors.budget.error_budget import budget
+from insnav.errors.budget.from_windows import BudgetStudy
 from insnav.errors.budget.sampled_motion import at_rest
 from insnav.report.html import page_html
 from insnav.result import Result

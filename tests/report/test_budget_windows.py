@@ -18,9 +18,9 @@ from insnav.output.stored import FILE, store
 from insnav.report.budget.page import read_found
 from insnav.report.budget.panels import windows_drawings
 from insnav.report.budget.windows import windows_assumptions, windows_sections, windows_sentences, windows_warnings
+from insnav.report.figures import drawing
 from insnav.report.page import Page, section_tables
 from insnav.report.run_json import section_facts
-from insnav.report.style import drawing
 from insnav.report.terminal import page_text
 from insnav.result import Result, open_result
 from insnav.session.budget import BudgetSettings, budget_of_windows

@@ -11,17 +11,16 @@ from PIL import Image
 
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import position_errors
-from insnav.report.numbers import number
-from insnav.report.panel_figures import draw_drawings
-from insnav.report.panels import modes
-from insnav.report.run.figures import figure_drawings
-from insnav.report.run.page import run_figures
-from insnav.report.run.panels import run_track
-from insnav.report.series import BINS, Clock, broken_at_gaps, envelope, thinned
-from insnav.report.style import (
+from insnav.report.figures import (
+    draw_drawings,
     drawing,
     save,
 )
+from insnav.report.numbers import number
+from insnav.report.panels import BINS, Clock, broken_at_gaps, envelope, modes, thinned
+from insnav.report.run.figures import figure_drawings
+from insnav.report.run.page import run_figures
+from insnav.report.run.panels import run_track
 from insnav.types import GpsData, Smoothed
 from tests.report.synthetic import drive
 

@@ -12,9 +12,9 @@ from insnav.exceptions import ConfigError
 from insnav.findings import Severity
 from insnav.output.folder import RunFolder, verify_folder
 from insnav.quantity import Quantity
+from insnav.report.figures import blank
 from insnav.report.page import FigureSpec, Page, Section
 from insnav.report.save import write_page
-from insnav.report.style import blank
 from insnav.report.terminal import page_text
 from tests.report.conftest import stored
 

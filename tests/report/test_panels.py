@@ -11,11 +11,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from insnav.report.figures import draw_drawings, drawing
 from insnav.report.html import page_fragment, page_html
-from insnav.report.panel_figures import draw_drawings
-from insnav.report.panels import LINE_BINS, modes, panel_data
-from insnav.report.series import robust_limits
-from insnav.report.style import drawing
+from insnav.report.panels import LINE_BINS, modes, panel_data, robust_limits
 from tests.report import drawn
 
 

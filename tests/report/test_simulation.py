@@ -16,19 +16,16 @@ from insnav.imu import load_calibration, load_imu
 from insnav.input import Reading, ReadingFacts
 from insnav.messages import sentence
 from insnav.output.folder import RunFolder, verify_folder
-from insnav.report.panel_figures import draw_drawings
-from insnav.report.simulation.ensemble import (
+from insnav.report.figures import draw_drawings, drawing
+from insnav.report.simulation.page import (
     correlation_notes,
     ensemble_lines,
     ensemble_page,
     ensemble_panels,
     failures_of,
-    nees_panels,
-    write_runs,
-)
-from insnav.report.simulation.page import (
     in_folder,
     motion_panels,
+    nees_panels,
     plan_key,
     run_command,
     seen,
@@ -37,8 +34,8 @@ from insnav.report.simulation.page import (
     sketch_panel,
     track_length,
     write_recording,
+    write_runs,
 )
-from insnav.report.style import drawing
 from insnav.session.simulation import Motion, Plan
 from insnav.simulate import circle, corrupt_imu, gps_from_truth, imu_from_truth, reference, straight
 from insnav.simulate.gps_file import load_gps

@@ -79,7 +79,6 @@ def test_an_imu_file_with_missing_terms_says_which(drive: Path):
     found = recorded(imu_model="few.toml")
     (absent,) = of_code((each for each in found.notes if isinstance(each, Finding)), Code.BUDGET_ABSENT)
     assert {"accel.bias", "gyro.random_walk"} <= set(absent["terms"])
-    assert "counts these errors as zero" in sentence(absent)
 
 
 def test_a_bench_needs_no_fixes(at_rest: Path):
@@ -99,8 +98,8 @@ def test_a_bench_needs_no_fixes(at_rest: Path):
     [
         ({"length": 5.0}, ConfigError, "budget.window_length"),
         ({"length": 290.0}, InputError, "outage.drive_too_short"),
-        ({"windows": replace(WINDOWS, spacing=-3.0)}, ConfigError, "apart"),
-        ({"windows": replace(WINDOWS, spacing=1e-9)}, ConfigError, "apart"),
+        ({"windows": replace(WINDOWS, spacing=-3.0)}, ConfigError, "budget.window_spacing"),
+        ({"windows": replace(WINDOWS, spacing=1e-9)}, ConfigError, "budget.window_spacing"),
         ({"windows": replace(WINDOWS, first=-3.0)}, ConfigError, "budget.window_first"),
         ({"windows": replace(WINDOWS, replicas=1)}, ConfigError, "few_replicas"),
         ({"ref_sd": 0.0}, ConfigError, "input.bad_ref_sd"),

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.signal import welch
 
 import insnav
 from insnav.errors.evaluated_run import _held
@@ -16,7 +15,7 @@ from insnav.errors.run_findings import run_warnings
 from insnav.exceptions import InputError
 from insnav.filter.fix_figures import look_at_fixes
 from insnav.findings import Code, Finding, Severity, of_code
-from insnav.imu.inspection import _spectrum, inspect_samples
+from insnav.imu.inspection import inspect_samples
 from insnav.messages import sentence
 from insnav.result import Result
 from insnav.session.check import WORST_FIRST, Checked, check
@@ -45,14 +44,6 @@ def test_vibration_quantisation_and_repeats_are_seen():
     assert [each.resolution for each in found.axes[:3]] == pytest.approx([0.02] * 3, rel=1e-6)
     assert found.axes[3].resolution == 0.0
     assert found.axes[0].repeated == pytest.approx(np.mean(np.diff(gyro[:, 0]) == 0.0))
-
-
-@pytest.mark.parametrize("length", [400, 401])
-def test_the_spectrum_is_that_of_welch(length):
-    values = np.random.default_rng(1).normal(0.0, 1.0, (5000, 3))
-    np.testing.assert_allclose(
-        _spectrum(values, 100.0, length), welch(values, 100.0, nperseg=length, axis=0)[1], rtol=1e-12
-    )
 
 
 def test_a_knock_at_rest_is_seen():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +11,14 @@ import pytest
 
 import insnav
 from insnav import steps
+from insnav.exceptions import InputError
 from insnav.steps import LOAD, STEPS
+from insnav.steps.clean import clean
+from tests.refusals import refused
 
 FOLDER = Path(steps.__file__).parent
-SUPPORT = {"__init__", "axes_by_fixes", "checked_inputs", "given", "inputs", "set_up"}  # files that are no steps
+# files that are no steps
+SUPPORT = {"__init__", "axes_by_fixes", "checked_inputs", "failures", "given", "inputs", "set_up"}
 
 
 @pytest.fixture(scope="module")
@@ -55,3 +60,27 @@ def test_a_step_leaves_what_it_was_given_as_it_was(drive: insnav.Drive) -> None:
     np.testing.assert_array_equal(drive.imu.data.time, before)
     again, once = aligned.until("noise").model.filter_imu, drive.until("noise").model.filter_imu
     np.testing.assert_array_equal(again.gyro.bias, once.gyro.bias)
+
+
+def test_arithmetic_that_fails_names_the_data(drive: insnav.Drive) -> None:
+    """A velocity that no power of which is finite: the least squares behind it do not converge."""
+    gps = drive.recording.gps.data
+    v_n = gps.v_n.copy()
+    v_n[len(v_n) // 2, 0] = -1e308
+    with refused(InputError, "input.arithmetic") as caught, np.errstate(all="ignore"):
+        insnav.load(drive.imu.data, gps=replace(gps, v_n=v_n)).until("align")
+    assert caught.value.values["step"] == "align"
+    assert "v_n 1e+308" in caught.value.values["largest"]
+    assert "v_n" not in caught.value.values["constant"]
+
+
+@pytest.mark.parametrize("sensor", ["gyro", "accel"])
+def test_three_sensors_that_are_always_zero_are_refused_on_a_drive_but_not_at_rest(drive: insnav.Drive, sensor: str):
+    imu, gps = drive.imu.data, drive.recording.gps.data
+    dead = replace(imu, **{sensor: np.zeros_like(imu.gyro)})
+    with refused(InputError, "imu.triad_zero"):
+        insnav.load(dead, gps=gps)
+    standing = replace(gps, lla=np.tile(gps.lla[0], (len(gps.time), 1)), v_n=np.zeros_like(gps.v_n))
+    record = replace(drive.recording, imu=replace(drive.recording.imu, data=dead))
+    record = replace(record, gps=replace(drive.recording.gps, data=standing))
+    assert clean(record, drive.model)[0].fixes_by_scatter is not None

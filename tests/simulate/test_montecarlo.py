@@ -128,6 +128,20 @@ def test_failures_survive_a_stop(tmp_path):
     assert found.number.tolist() == [2, 3, 4]
 
 
+def test_a_stop_while_it_is_written_leaves_no_part_of_a_checkpoint(tmp_path, monkeypatch):
+    checkpoint = Checkpoint(tmp_path / "unfinished", "key")
+    monte_carlo(TASK, 2, SEED, checkpoint=checkpoint)
+
+    def stopped(file, **_):
+        file.write(b"a part")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(np, "savez", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        monte_carlo(TASK, 3, SEED, checkpoint=checkpoint)
+    assert [path.name for path in tmp_path.iterdir()] == ["unfinished"]
+
+
 def test_a_checkpoint_of_other_runs_or_of_nobody_is_refused(tmp_path):
     path = tmp_path / "unfinished"
     monte_carlo(TASK, 3, SEED, checkpoint=Checkpoint(path, "one"))

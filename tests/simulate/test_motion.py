@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -194,6 +195,17 @@ def test_no_more_moves_than_memory_holds(tmp_path):
     text = segments(f"repeat: count = 10000, segment = [{inner}, {inner}]") + START
     (found,) = problems(tmp_path / "bad.toml", text)
     assert found.endswith("segment: sim.many_moves")
+
+
+def test_repeats_in_each_other_are_multiplied_before_they_are_made(tmp_path):
+    segment = '{ kind = "accelerate", to = "5 m/s" }'
+    for _ in range(3):
+        segment = f'{{ kind = "repeat", count = 1000, segment = [{segment}] }}'
+    tracemalloc.start()
+    found = problems(tmp_path / "bad.toml", f"segment = [{segment}]\n{START}")
+    assert tracemalloc.get_traced_memory()[1] < 20e6
+    tracemalloc.stop()
+    assert [each.rpartition(" ")[2] for each in found] == ["sim.many_moves"]
 
 
 def test_what_is_missing_or_no_file_is_told(tmp_path):

@@ -14,9 +14,8 @@ from scipy.integrate import quad_vec, solve_ivp
 from scipy.spatial.transform import Rotation
 
 from insnav.exceptions import ConfigError
-from insnav.simulate.closed_forms import circle, straight
 from insnav.simulate.ideal_sensors import imu_from_truth
-from insnav.simulate.truth import Truth
+from insnav.simulate.truth import Truth, circle, straight
 from tests.refusals import refused
 from tests.simulate.motions import PLACE, town
 

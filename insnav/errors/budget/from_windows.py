@@ -1,4 +1,7 @@
-"""The recorded half of an error budget: windows, prediction, diagnosis, simulated replicas, verdict."""
+"""The recorded half of an error budget: windows, prediction, diagnosis, simulated replicas, verdict.
+
+The budget of a drive predicts from the motion and the start of its typical window.
+"""
 
 from __future__ import annotations
 
@@ -9,20 +12,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from insnav.engine import Workers, share_of
+from insnav.errors.budget.error_budget import Budget, RecordedColumn
+from insnav.errors.budget.sampled_motion import SampledMotion, sampled
+from insnav.errors.budget.sources import Source, start_sources
 from insnav.errors.diagnosis.causes import Diagnosis, diagnose
 from insnav.errors.diagnosis.equivalent_sensor_errors import SensorFit, fit_sensors
-from insnav.errors.diagnosis.error_regression import Regression, regression
 from insnav.errors.diagnosis.simulated_replica import FEWEST, Replicas, replica_task, replicas
+from insnav.errors.evaluated_run import failure
 from insnav.errors.outage.free_inertial import Windows, free_window_starts, free_windows
-from insnav.errors.outage.statistics import Growth, by_motion, growth, table_times
-from insnav.errors.outage.window_reference import WindowReference, reference_from_fixes
-from insnav.errors.outage.windows import StartChoice, navigated_drive
+from insnav.errors.outage.statistics import Growth, Regression, by_motion, growth, regression, table_times
+from insnav.errors.outage.windows import StartChoice, WindowReference, navigated_drive, reference_from_fixes
 from insnav.exceptions import ConfigError
 from insnav.filter.error_model import ErrorModel
 from insnav.filter.prepare import Prepared
 from insnav.findings import Code, Finding
-from insnav.imu import ImuSpec
+from insnav.imu import ImuSpec, SensorSpec
 from insnav.sample_statistics import CONFIDENCE, chi_square
+from insnav.simulate.truth_from_track import truth_from_track
 from insnav.types import Trajectory
 
 MINUTE = 60.0  # [s]
@@ -152,7 +158,11 @@ def recorded_budget(
         parts[1] if settings.uncalibrated else None,
         spec,
         drive.run.smoothed.solution,
-        (*ready.notes, *_findings(reference, spec, settings, parts[0], correlated=correlated)),
+        (
+            *filter(None, (failure(drive.run),)),
+            *ready.notes,
+            *_findings(reference, spec, settings, parts[0], correlated=correlated),
+        ),
     )
 
 
@@ -226,3 +236,97 @@ def _findings(
         yield Finding.of(Code.BUDGET_NO_STATIONARY_WINDOW)
         if part.motions["straight"] is None:
             yield Finding.of(Code.BUDGET_ALL_TURNING)
+
+
+_MARGIN = 5.0  # of the track on both sides of a window [s]
+
+
+def typical_window(part: RecordedPart) -> int:
+    """Number of the window whose predicted variances at the end, horizontal and down, are nearest their mean.
+
+    So the budget of this one window predicts what the RMS of all windows is compared with.
+    """
+    north, east, down = np.diagonal(part.windows.covariance[:, -1], axis1=1, axis2=2)[:, :3].T
+    sizes = np.column_stack((north + east, down))
+    mean = sizes.mean(axis=0)
+    return int(np.argmin(np.sum(np.abs(sizes - mean) / np.maximum(mean, np.finfo(float).tiny), axis=1)))
+
+
+def window_motion(budget: RecordedBudget, duration: float) -> SampledMotion:
+    """Motion of the typical window, from the smoothed track of the drive.
+
+    `duration`: from its start on [s].
+    """
+    part, track = budget.shown, budget.track
+    start = float(part.windows.start[typical_window(part)])
+    first, last = np.searchsorted(track.time, [start - _MARGIN, start + duration + _MARGIN])
+    first = max(0, first - 1)
+    truth = truth_from_track(track.rows(slice(first, last + 1)))
+    begin = min(max(start - truth.start, 0.0), truth.duration - duration)
+    text = f"that of the drive from {start:.1f} s, the window nearest the mean prediction"
+    return sampled(truth, begin, duration, text)
+
+
+def window_start_sources(budget: RecordedBudget) -> tuple[Source, ...]:
+    """Errors at the start of the typical window, from the covariance of the filter or the specification."""
+    return start_sources(budget.shown.windows.start_covariance[typical_window(budget.shown)])
+
+
+def spec_in_windows(budget: RecordedBudget) -> ImuSpec:
+    """Errors that the IMU adds within the window."""
+    return replace(in_run_errors(budget.spec), name=f"{budget.spec.name}, {_kind(budget)}")
+
+
+def with_recorded(found: Budget, budget: RecordedBudget) -> Budget:
+    """Add the recorded column.
+
+    `found`: of `spec_in_windows`, `window_start_sources` and `window_motion`.
+    """
+    windows = budget.shown.windows
+    times = found.time[found.chosen]
+    summed = growth(windows, times)
+    columns = [summed.column(name) for name in ("north", "east", "down", "horizontal")]
+    column = RecordedColumn(
+        time=times,
+        corrected=summed.corrected[:, columns],
+        low=summed.low[:, columns],
+        high=summed.high[:, columns],
+        predicted=summed.predicted[:, columns],
+        windows=windows.count,
+        description=f"{windows.count} windows of {windows.length:g} s, {_kind(budget)}, against {budget.reference}",
+    )
+    return replace(found, recorded=column)
+
+
+def _kind(budget: RecordedBudget) -> str:
+    return "uncalibrated sensors" if budget.shown.windows.uncalibrated else "calibrated by the filter"
+
+
+def in_run_errors(spec: ImuSpec) -> ImuSpec:
+    """What an IMU adds to the errors at the start: noise, change of the bias, terms the filter has no states for.
+
+    In-run bias since the start is a random walk that is driven as the Gauss-Markov process of the IMU file is,
+    ``2 sd^2 / T`` (Gelb 1974, section 3.6), right for times far below T. Misalignment of accelerometers shows in
+    gravity as a bias, and is counted there.
+    """
+    return replace(
+        spec,
+        gyro=_since(spec.gyro),
+        accel=replace(_since(spec.accel), misalignment=np.zeros(3)),
+        initial=None,
+    )
+
+
+def _since(sensor: SensorSpec) -> SensorSpec:
+    drive = sensor.rate_random_walk**2 + 2.0 * sensor.bias_instability**2 / sensor.correlation_time
+    none = np.zeros(3)
+    return replace(sensor, bias=none, bias_instability=none, scale_factor=none, rate_random_walk=np.sqrt(drive))
+
+
+@dataclass(frozen=True, slots=True)
+class BudgetStudy:
+    """A budget and the drive that it is of."""
+
+    budget: Budget
+    # free-inertial windows of the drive; None for a budget of a motion without a record
+    windows: RecordedBudget | None = None

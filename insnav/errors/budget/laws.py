@@ -23,54 +23,27 @@ from insnav.imu.error_terms import Process
 from insnav.types import FloatArray
 
 SHORT = 120.0  # up to here the short forms, beyond it the closed Schuler forms [s]
-_SERIES = 0.5  # below this share of the correlation time the series of the Gauss-Markov integrals
 
 
-def integral(kind: Process, order: int, time: ArrayLike, correlation_time: float = math.inf) -> FloatArray:
+def integral(kind: Process, order: int, time: ArrayLike) -> FloatArray:
     """Standard deviation of the n-fold integral of an error of unit size that begins at time zero.
 
-    `kind`: process of the error; see `insnav.imu.error_terms.ErrorTerm`. Flicker noise has no law of its own: it is a
-    sum of Gauss-Markov processes; `order`: n; 1, 2 or 3 for a Gauss-Markov process; `time` [s]; `correlation_time`: of
-    a Gauss-Markov process [s].
+    `kind`: process of the error, ``constant``, ``ramp``, ``white`` or ``random walk``; see
+    `insnav.imu.error_terms.ErrorTerm`; `order`: n; `time` [s].
     Returns: [s^n], [s^(n + 1)] for a ramp, [s^(n - 1/2)] for white noise, [s^(n + 1/2)] for a random walk.
 
     Notes
     -----
     A constant: ``t^n / n!``. A ramp is the integral of a constant, n + 1. The n-fold integral of white noise w is
     ``int (t - u)^(n-1) / (n-1)! w(u) du``, so its variance is ``t^(2n-1) / ((2n-1) (n-1)!^2)``: t, t^3/3, t^5/20,
-    t^7/252. A random walk is the integral of white noise, n + 1. A Gauss-Markov process has the double integral of
-    ``exp(-|u - v| / T)`` with the same kernels.
+    t^7/252. A random walk is the integral of white noise, n + 1.
     """
     t = np.asarray(time, dtype=np.float64)
-    if kind == "constant" or (kind == "Gauss-Markov" and math.isinf(correlation_time)):
+    if kind in ("ramp", "random walk"):
+        return integral("constant" if kind == "ramp" else "white", order + 1, t)
+    if kind == "constant":
         return np.asarray(t**order / math.factorial(order))
-    if kind == "ramp":
-        return integral("constant", order + 1, t)
-    if kind == "white":
-        return np.asarray(t ** (order - 0.5) / (math.sqrt(2 * order - 1) * math.factorial(order - 1)))
-    if kind == "random walk":
-        return integral("white", order + 1, t)
-    return np.asarray(correlation_time**order * np.sqrt(_markov(order, t / correlation_time)))
-
-
-def _markov(order: int, z: FloatArray) -> FloatArray:
-    """Variance of the n-fold integral of a Gauss-Markov process of unit variance and unit correlation time.
-
-    The closed forms lose their digits where z is small: there the series of the same functions.
-    """
-    small = np.minimum(z, _SERIES)
-    series = np.zeros_like(small)
-    for k in range(2 * order, 2 * order + 16):
-        term = (2.0, 2.0 * (k - 1.0), (k - 1.0) * (k - 2.0))[order - 1]
-        series += (-1.0) ** k * term / math.factorial(k) * small**k
-    large = np.maximum(z, _SERIES)
-    fade = np.exp(-large)
-    closed = (
-        2.0 * (large - 1.0 + fade),
-        2.0 * (large**3 / 3.0 - large**2 / 2.0 + 1.0 - (1.0 + large) * fade),
-        large**5 / 10.0 - large**4 / 4.0 + large**3 / 3.0 - 2.0 + (large**2 + 2.0 * large + 2.0) * fade,
-    )
-    return np.where(z < _SERIES, series, closed[order - 1])
+    return np.asarray(t ** (order - 0.5) / (math.sqrt(2 * order - 1) * math.factorial(order - 1)))
 
 
 def schuler(kind: Process, order: int, time: ArrayLike, rate: float) -> FloatArray:
@@ -88,10 +61,8 @@ def schuler(kind: Process, order: int, time: ArrayLike, rate: float) -> FloatArr
     to pulses: the integral of the square of the answer of one order less.
     """
     x = rate * np.asarray(time, dtype=np.float64)
-    if kind == "random walk":
-        return schuler("white", order + 1, time, rate)
-    if kind == "ramp":
-        return schuler("constant", order + 1, time, rate)
+    if kind in ("ramp", "random walk"):
+        return schuler("constant" if kind == "ramp" else "white", order + 1, time, rate)
     s, c = np.sin(x), np.cos(x)
     if kind == "white":
         squares = (

@@ -11,9 +11,8 @@ from insnav.attitude import dcm_from_rph
 from insnav.earth import gravity_n
 from insnav.exceptions import ConfigError
 from insnav.kernels.mechanization import POLAR_CAP
-from insnav.simulate.closed_forms import straight
 from insnav.simulate.ideal_sensors import imu_from_truth, reference
-from insnav.simulate.truth import Truth
+from insnav.simulate.truth import Truth, straight
 from insnav.strapdown import increments, intervals
 from insnav.types import FloatArray, Increments, Trajectory
 from insnav.units import DEG

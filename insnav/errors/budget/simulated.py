@@ -81,7 +81,9 @@ def _states(
         for term in TERMS
         if term.in_budget and term.key not in SAMPLED and term.process not in _IN_KERNEL
     )
-    more, of_spec = np.zeros((0, 6)), _of_spec(spec)
+    more = np.zeros((0, 6))
+    white, drift, walk = (noise_of_both(spec, process) for process in _IN_KERNEL)
+    decay = 1.0 / np.array([spec.gyro.correlation_time, spec.accel.correlation_time])
     rngs = [np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(run,))) for run in numbers]
     sampled, together, drawn = [], np.zeros((len(rngs), STATES)), np.empty((len(rngs), 9))
     for place, rng in enumerate(rngs):
@@ -104,7 +106,10 @@ def _states(
             *base,
             more,
             *sampled[place],
-            *of_spec,
+            white,
+            drift,
+            decay,
+            walk,
             gravity,
             hold,
             height,
@@ -124,12 +129,6 @@ def _of_errors(errors: ImuErrors) -> tuple[FloatArray, FloatArray, FloatArray, F
         np.array([[each.asymmetry, each.quadratic] for each in terms]),
         np.asarray(terms[0].g_sensitivity),
     )
-
-
-def _of_spec(spec: ImuSpec) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Noise, in-run bias, decay and random walk as the kernel takes them."""
-    white, drift, walk = (noise_of_both(spec, process) for process in _IN_KERNEL)
-    return white, drift, 1.0 / np.array([spec.gyro.correlation_time, spec.accel.correlation_time]), walk
 
 
 def _starts(

@@ -49,7 +49,7 @@ class Source:
     # coefficient of flicker noise. SI units and radians.
     sd: float
     correlation_time: float = math.inf  # of a Gauss-Markov process [s]
-    # for a source of correlated errors, its unit vector in 21 states; see `insnav.errors.budget.drive_motion`
+    # for a source of correlated errors, its unit vector in 21 states; see `insnav.errors.budget.from_windows`
     joint: tuple[float, ...] = ()
 
     @property
@@ -85,10 +85,11 @@ def sources_of(spec: ImuSpec, deflection: float = 0.0) -> tuple[Source, ...]:
     listed += [Source("initial", "velocity", axis, "constant", start.velocity) for axis in LOCAL]
     listed += [Source("initial", "tilt", axis, "constant", start.tilt) for axis in LOCAL[:2]]
     listed += [Source("initial", "heading", "down", "constant", start.heading)]
-    for sensor in SENSORS:
-        for term in terms_of(sensor):
-            if term.in_budget:
-                listed += _of_term(term, getattr(spec, sensor))
+    for term in (term for sensor in SENSORS for term in terms_of(sensor) if term.in_budget):
+        sizes: SensorSpec = getattr(spec, term.sensor)
+        size, tau = getattr(sizes, term.key), sizes.correlation_time if term.process == "Gauss-Markov" else math.inf
+        for axis, (i, _) in zip(term.axes, term.elements, strict=True):
+            listed.append(Source(term.sensor, term.name, axis, term.process, float(size[i]), tau))
     listed += [Source("gravity", "model", axis, "constant", deflection * G0) for axis in LOCAL]
     listed += [
         Source("timing", "offset", "t", "constant", abs(spec.clock.offset)),
@@ -121,15 +122,6 @@ def start_sources(covariance: FloatArray) -> tuple[Source, ...]:
         sd = float(column[state])
         found.append(Source(group, term, axis, "constant", sd, joint=tuple(column / sd)))
     return tuple(found)
-
-
-def _of_term(term: ErrorTerm, sensor: SensorSpec) -> list[Source]:
-    size: FloatArray = getattr(sensor, term.key)
-    tau = sensor.correlation_time if term.process == "Gauss-Markov" else math.inf
-    return [
-        Source(term.sensor, term.name, axis, term.process, float(size[i]), tau)
-        for axis, (i, _) in zip(term.axes, term.elements, strict=True)
-    ]
 
 
 def term_of(family: str) -> ErrorTerm:

@@ -8,14 +8,13 @@ import numpy as np
 
 from insnav.attitude import dcm_from_quat
 from insnav.earth import gravity_n
-from insnav.errors.diagnosis.growth_curves import TERMS, Curve, about_the_curve, fit_curve, position_terms
+from insnav.errors.diagnosis.growth_curves import AXES, TERMS, Curve, about_the_curve, fit_curve, position_terms
 from insnav.errors.outage.free_inertial import Windows
 from insnav.errors.outage.windows import growth_by_start_error
 from insnav.filter.error_model import ErrorModel
 from insnav.sample_statistics import CONFIDENCE, FEWEST, chi_square, effective_count, rms
 from insnav.types import FloatArray
 
-AXES = ("north", "east")
 CAUSES = ("velocity", "acceleration", "drift")
 ROUGH = 10.0  # residuals this much larger than noise explains follow no curve [-]
 

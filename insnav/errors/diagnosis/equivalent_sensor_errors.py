@@ -58,7 +58,8 @@ def fit_sensors(windows: Windows, model: ErrorModel) -> SensorFit:
         bias, start = bias[:, at], start[:, at]
         observed = np.concatenate([windows.error[i, at, :3].T.ravel(), windows.error[i, at, 3:].T.ravel()])
         known = np.isfinite(observed)
-        design, own = _stacked(bias)[known], _stacked(start)[known]
+        # rows: all of North, East, Down, then of the velocities
+        design, own = (each.reshape(-1, each.shape[-1])[known] for each in (bias, start))
         spread = _noise(windows, i, at, model)[np.ix_(known, known)]
         spread += own @ windows.start_covariance[i, :9, :9] @ own.T
         factor = cho_factor(spread, lower=True)
@@ -118,11 +119,6 @@ def _integral(time: FloatArray, values: FloatArray) -> FloatArray:
     slope = np.gradient(values, time, axis=0)
     parts = 0.5 * step * (values[1:] + values[:-1]) - step**2 / 12.0 * (slope[1:] - slope[:-1])
     return np.concatenate([np.zeros_like(values[:1]), np.cumsum(parts, axis=0)])
-
-
-def _stacked(columns: FloatArray) -> FloatArray:
-    """Rows of `fit_sensors`: all of North, East, Down, then of the velocities."""
-    return columns.reshape(-1, columns.shape[-1])
 
 
 def _noise(windows: Windows, i: int, at: np.ndarray, model: ErrorModel) -> FloatArray:

@@ -17,8 +17,7 @@ from insnav.earth import lla_offset
 from insnav.engine import Workers
 from insnav.errors.outage.free_inertial import Windows, free_windows
 from insnav.errors.outage.statistics import growth
-from insnav.errors.outage.window_reference import WindowReference
-from insnav.errors.outage.windows import NavigatedDrive, navigated_drive
+from insnav.errors.outage.windows import NavigatedDrive, WindowReference, navigated_drive
 from insnav.exceptions import InputError
 from insnav.filter.error_model import InitialState
 from insnav.filter.gps_correlation import CorrelatedNoise

@@ -63,10 +63,6 @@ class Requirement:
         found = RegularGridInterpolator((grid,) * (len(self.axes) - 1), table, method="linear")(ratios)
         return np.asarray(sd[..., 0] * found)
 
-    def within(self, error: FloatArray) -> FloatArray:
-        """Which errors of runs ``(n, 9)`` are within the limit."""
-        return np.asarray(np.linalg.norm(error[:, list(self.axes)], axis=1) <= self.error)
-
     @property
     def text(self) -> str:
         """The requirement in words."""

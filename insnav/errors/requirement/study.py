@@ -1,18 +1,73 @@
-"""A requirement on the position error, and what meets it."""
+"""A requirement on the position error, what meets it, and simulated runs that count whether it does."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from insnav.errors.requirement.allocation import Allocation
-from insnav.errors.requirement.limit import Requirement
+from insnav.engine import Workers
+from insnav.errors.budget.sampled_motion import SampledMotion
+from insnav.errors.budget.simulated import free_runs
+from insnav.errors.requirement.allocation import Allocation, last_sample
+from insnav.errors.requirement.limit import Requirement, binomial_interval
 from insnav.errors.requirement.parts import Candidate, Elasticity, Remedy
-from insnav.errors.requirement.verification import Verified
 from insnav.findings import Code, Finding
+from insnav.imu import ImuSpec, SensorSpec
+from insnav.imu.error_terms import Sensor, terms_of
 from insnav.types import FloatArray
+
+LARGER = 1.25  # factor on the set that must not meet the requirement any more
+
+
+@dataclass(frozen=True, slots=True)
+class Verified:
+    """Runs of a set of errors."""
+
+    factor: float  # on the whole set
+    runs: int
+    within: int  # runs within the limit
+    error: float  # error of the runs that the share `probability` of them does not exceed [m]
+    interval: tuple[float, float]  # 95 % interval of the probability to be within
+
+    def meets(self, probability: float) -> bool:
+        """Whether the probability asked for is within the interval, or below it."""
+        return self.interval[1] >= probability
+
+
+def scaled(spec: ImuSpec, factor: float) -> ImuSpec:
+    """Make every error of a specification larger by a factor."""
+
+    def larger(sensor: SensorSpec, name: Sensor) -> SensorSpec:
+        keys = [term.key for term in terms_of(name) if term.in_budget]
+        return replace(sensor, **{key: factor * getattr(sensor, key) for key in keys})
+
+    start = spec.initial
+    if start is not None:
+        start = replace(start, **{key: factor * getattr(start, key) for key in start.__dataclass_fields__})
+    return replace(spec, gyro=larger(spec.gyro, "gyro"), accel=larger(spec.accel, "accel"), initial=start)
+
+
+def verify(
+    required: Requirement,
+    spec: ImuSpec,
+    motion: SampledMotion,
+    runs: int,
+    seed: int,
+    *,
+    factor: float = 1.0,
+    hold: bool = False,
+    workers: Workers = 1,
+    progress: Callable[[float], None] | None = None,
+) -> Verified:
+    """Count the runs that stay within the limit."""
+    row = np.array([last_sample(motion, required.after)])
+    seeds, larger = (seed, round(100 * factor)), scaled(spec, factor)
+    error = free_runs(larger, motion, row, runs, seeds, hold=hold, workers=workers, progress=progress)[:, 0]
+    size = np.linalg.norm(error[:, list(required.axes)], axis=1)
+    count = int(np.count_nonzero(size <= required.error))
+    return Verified(factor, runs, count, float(np.quantile(size, required.probability)), binomial_interval(count, runs))
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import io
 import math
-import mmap
 import re
 import struct
+import zlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -37,6 +37,7 @@ from insnav.input.formats.conventions import (
 )
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table
+from insnav.input.formats.unpack import refuse_bomb
 from insnav.plain_text import plain_text
 from insnav.types import FloatArray
 from insnav.units import DEG
@@ -46,6 +47,8 @@ suffixes = (".mat",)
 extra = "mat"
 
 _INT32, _MATRIX, _COMPRESSED = 5, 14, 15  # kinds of elements (MAT-File Format, table 1-1)
+_PIECE = 1 << 22
+_OBJECT = 1 << 10  # bytes of an array or a structure beside its numbers: one may stand in many places of a file
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _Tree = dict[str, Any]  # arrays of numbers by name, and structures of them
 
@@ -75,31 +78,56 @@ def read(source: Source) -> Mapping[str, Table]:
 def _version_5(source: Source) -> _Tree:
     from scipy.io import loadmat
 
-    if not _sound(source.data, 128, len(source.data)):
-        raise InputError("format.matlab_cut", where=source.name)
-    found = loadmat(io.BytesIO(source.data[:]), squeeze_me=True, struct_as_record=False)
+    content = _inflated(source)
+    refuse_bomb(source.name, "MATLAB", len(source.data), _size(content, 128, len(content), source.name))
+    found = loadmat(io.BytesIO(content), squeeze_me=True, struct_as_record=False)
     return {key: _plain(value) for key, value in found.items() if not key.startswith("__")}
 
 
-def _sound(data: bytes | mmap.mmap, start: int, end: int) -> bool:
-    """Whether the arrays in a part of a file fit into it: scipy does not come back from some that do not."""
+def _inflated(source: Source) -> bytes:
+    """Content of a file with its arrays decompressed."""
+    data, start, pieces = source.data, 128, [source.data[:128]]
+    size = len(data)
+    while start + 8 <= len(data):
+        kind, length = struct.unpack("<II", data[start : start + 8])
+        end = start + 8 + (length if kind == _COMPRESSED else (length + 7) // 8 * 8)
+        if kind != _COMPRESSED:
+            pieces.append(data[start:end])
+        else:
+            unpacker, rest = zlib.decompressobj(), data[start + 8 : end]
+            while rest and not unpacker.eof:
+                pieces.append(unpacker.decompress(rest, _PIECE))
+                rest = unpacker.unconsumed_tail
+                size += len(pieces[-1])
+                refuse_bomb(source.name, "MATLAB", len(data), size)
+        start = end
+    return b"".join(pieces)
+
+
+def _size(data: bytes, start: int, end: int, name: str) -> int:
+    """Bytes that the arrays in a part of a file take in memory.
+
+    Raises: InputError: an array does not fit into the file: scipy does not come back from some that do not.
+    """
+    size = 0
     while start + 8 <= end:
-        kind, size = struct.unpack("<II", data[start : start + 8])
+        kind, length = struct.unpack("<II", data[start : start + 8])
         if kind >> 16:  # a small element, with its content in its head
             start += 8
             continue
-        first, last = start + 8, start + 8 + size
-        if last > end:
-            return False
-        if kind == _MATRIX and size:
+        first, last = start + 8, start + 8 + length
+        fits = last <= end
+        if fits and kind == _MATRIX and length:
             dims_kind, dims_size = struct.unpack("<II", (data[first + 16 : first + 24] + bytes(8))[:8])
             dims = data[first + 24 : first + 24 + dims_size]
-            if dims_kind != _INT32 or dims_size > 32 or len(dims) % 4 or not _sound(data, first, last):
-                return False
-            if math.prod(struct.unpack(f"<{len(dims) // 4}I", dims)) > size:
-                return False
-        start = last if kind == _COMPRESSED else first + (size + 7) // 8 * 8
-    return True
+            fits = dims_kind == _INT32 and dims_size <= 32 and len(dims) % 4 == 0
+            count = math.prod(struct.unpack(f"<{len(dims) // 4}I", dims)) if fits else 0
+            fits &= count <= length
+            size += 8 * count + _size(data, first, last, name)
+        if not fits:
+            raise InputError("format.matlab_cut", where=name)
+        start = first + (length + 7) // 8 * 8
+    return size
 
 
 def _plain(value: Any) -> Any:
@@ -110,12 +138,17 @@ def _plain(value: Any) -> Any:
 def _version_7(source: Source) -> _Tree:
     import h5py
 
+    size = 0
+
     def of(group: Any) -> _Tree:
-        return {
-            key: of(each) if isinstance(each, h5py.Group) else np.squeeze(np.asarray(each).T)
-            for key, each in group.items()
-            if not key.startswith("#")
-        }
+        nonlocal size
+        tree = {}
+        for key, each in group.items():
+            if not key.startswith("#"):
+                size += _OBJECT + (0 if isinstance(each, h5py.Group) else each.size * each.dtype.itemsize)
+                refuse_bomb(source.name, "MATLAB", len(source.data), size)
+                tree[key] = of(each) if isinstance(each, h5py.Group) else np.squeeze(np.asarray(each).T)
+        return tree
 
     with h5py.File(io.BytesIO(source.data[:]), "r") as file:
         return of(file)

@@ -56,7 +56,7 @@ class _ParquetCells:
                     where = f"{self.source.name}:{self.headers[i]}"
                     raise InputError("format.parquet_type", where=where, column=self.headers[i], kind=str(kind))
             size = 8 * file.metadata.num_rows * len(indices)
-            refuse_bomb("format.parquet_bomb", self.source.name, len(self.source.data), size)
+            refuse_bomb(self.source.name, "parquet", len(self.source.data), size)
             count = file.metadata.num_rows
             columns = {i: spill.empty((count,)) for i in indices if i not in stamps}
             at = 0

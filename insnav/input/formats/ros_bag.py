@@ -76,7 +76,7 @@ class _Topic:
     ros2: bool
     pending: list[tuple[int, bytes]] = field(default_factory=list)
     blocks: list[FloatArray] = field(default_factory=list)  # time by the header, by the bag, status, type, numbers
-    broken: int = 0
+    listed: int = 0  # messages by the index of the bag
 
     def add(self, time: int, raw: bytes) -> None:
         self.pending.append((time, raw))
@@ -92,9 +92,7 @@ class _Topic:
             data = np.frombuffer(b"".join(self.pending[row][1] for row in rows), dtype=np.uint8).reshape(-1, size)
             found[rows] = _decoded(data, _KINDS[self.kind], self.ros2)
         found[:, 1] = [time * 1e-9 for time, _ in self.pending]
-        whole = np.isfinite(found[:, 0])
-        self.broken += int((~whole).sum())
-        self.blocks.append(found[whole])
+        self.blocks.append(found[np.isfinite(found[:, 0])])
         self.pending.clear()
 
     def table(self) -> FloatArray:
@@ -114,23 +112,25 @@ def read(source: Source) -> Mapping[str, Table]:
         for reader, ros2 in _readers(source):
             wanted = [each for each in reader.connections if each.msgtype in _KINDS]
             others |= {f"{each.topic} ({each.msgtype})" for each in reader.connections if each.msgtype not in _KINDS}
+            for connection in wanted:
+                topics.setdefault(connection.topic, _Topic(connection.msgtype, ros2)).listed += connection.msgcount
             for connection, time, raw in reader.messages(connections=wanted) if wanted else ():
-                topic = topics.setdefault(connection.topic, _Topic(connection.msgtype, ros2))
-                topic.add(time, bytes(raw))
+                topics[connection.topic].add(time, bytes(raw))
     if source.members:
         whole = [source.members[each]() for each in _bags(source)]
         source = Source(source.name, digest_of(whole))
+    topics = {key: topic for key, topic in topics.items() if topic.blocks or topic.pending}
     tables: dict[str, Table] = {}
     velocities = {key: topic.table() for key, topic in topics.items() if "Twist" in topic.kind}
     for key, topic in topics.items():
         name = plain_text(key)
-        notes = [Finding.of(Code.READ_SOURCE, subject=name)]
-        if topic.broken:
-            notes.append(Finding.of(Code.READ_ROWS_UNREADABLE, subject=name, count=topic.broken))
+        notes, rows = [Finding.of(Code.READ_SOURCE, subject=name)], topic.table()
+        if (lost := topic.listed - len(rows)) > 0:
+            notes.append(Finding.of(Code.READ_ROWS_UNREADABLE, subject=name, count=lost, of=topic.listed))
         if topic.kind.endswith("Imu"):
-            tables[f"imu:{name}"] = _samples(source, topic.table(), notes)
+            tables[f"imu:{name}"] = _samples(source, rows, notes)
         elif topic.kind.endswith("NavSatFix"):
-            tables[f"gps:{name}"] = _fixes(source, topic.table(), velocities, notes)
+            tables[f"gps:{name}"] = _fixes(source, rows, velocities, notes)
     fixes = next((table for part, table in tables.items() if part.startswith("gps:")), None)
     for key, topic in topics.items() if fixes is not None else ():
         if topic.kind.endswith("Odometry") and fixes is not None:

@@ -19,14 +19,13 @@ from typing import BinaryIO
 
 from insnav import spill
 from insnav.exceptions import InputError, reason_of
-from insnav.input.formats.unpack import archive_members, unpacked
+from insnav.input.formats.unpack import MAX_BYTES, MAX_DEPTH, MAX_FILES, archive_members, refuse_bomb, unpacked
 from insnav.plain_text import plain_text
 
 HEAD_BYTES = 1 << 14  # what formats are recognised by
 _PIECE = 1 << 22
 _MAX_STREAM = 128 << 20  # bytes of a stream, which cannot be mapped: an hour at 400 Hz has 115 MB
 _ZIP = b"PK\x03\x04"
-_MAX_FILES, _MAX_DEPTH = 200_000, 6  # of a folder
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +87,9 @@ def on_disk(source: Source, suffix: str = "") -> Iterator[Path]:
         yield place
 
 
-def _source(name: str, raw: bytes | mmap.mmap, path: Path | None = None) -> Source:
+def _source(name: str, raw: bytes | mmap.mmap, path: Path | None = None, depth: int = 0) -> Source:
+    if depth > MAX_DEPTH:
+        raise InputError("format.nested_archives", where=name, limit_count=MAX_DEPTH)
     if len(raw) == 0:
         raise InputError("format.empty", where=name)
     if not raw[:HEAD_BYTES].strip(b"\0"):  # before it is read: such a file may be sparse, and of any size
@@ -103,10 +104,10 @@ def _source(name: str, raw: bytes | mmap.mmap, path: Path | None = None) -> Sour
     packed = archive_members(data, name)
     if len(packed) == 1:
         (inner, unpack) = packed.popitem()
-        return _source(f"{name}/{plain_text(inner)}", unpack())
+        return _source(f"{name}/{plain_text(inner)}", unpack(), depth=depth + 1)
 
     def member(inner: str) -> Source:
-        return _source(f"{name}/{plain_text(inner)}", packed[inner]())
+        return _source(f"{name}/{plain_text(inner)}", packed[inner](), depth=depth + 1)
 
     return Source(name, digest.hexdigest(), members={inner: functools.partial(member, inner) for inner in packed})
 
@@ -115,12 +116,12 @@ def _folder_members(folder: Path, name: str) -> dict[str, Callable[[], Source]]:
     found: dict[str, Callable[[], Source]] = {}
     for place, folders, files in os.walk(folder):
         inner = Path(place).relative_to(folder)
-        folders[:] = [] if len(inner.parts) >= _MAX_DEPTH else sorted(f for f in folders if not f.startswith("."))
+        folders[:] = [] if len(inner.parts) >= MAX_DEPTH else sorted(f for f in folders if not f.startswith("."))
         for file in sorted(files):
             if not file.startswith("."):
                 found[(inner / file).as_posix()] = functools.partial(open_source, Path(place) / file)
-        if len(found) > _MAX_FILES:
-            raise InputError("format.too_many_files", where=name, limit_count=_MAX_FILES)
+        if len(found) > MAX_FILES:
+            raise InputError("format.too_many_files", where=name, limit_count=MAX_FILES)
     if not found:
         raise InputError("format.empty_folder", where=name)
     return found
@@ -140,8 +141,11 @@ def _read_file(path: Path, name: str) -> bytes | mmap.mmap:
         if stat.S_ISDIR(mode):
             raise IsADirectoryError
         with path.open("rb") as file:
-            if not stat.S_ISREG(mode) or path.stat().st_size == 0:
+            found = path.stat()
+            if not stat.S_ISREG(mode) or found.st_size == 0:
                 return _stream(file, name)
+            if stored := 512 * getattr(found, "st_blocks", 0):  # where holes are known
+                refuse_bomb(name, "sparse", stored, min(found.st_size, MAX_BYTES))
             return spill.watched(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
     except IsADirectoryError:
         raise

@@ -6,6 +6,7 @@ import difflib
 import re
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +14,6 @@ from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, Finding
 from insnav.input.interpret.headerless import is_headerless
 from insnav.input.interpret.schema import ALL_UNITS, PREFIXES, UNIT_SPELLINGS, Quantity, compact
-from insnav.units import units_of
 
 _BRACKETS = re.compile(r"^(?P<base>[^\[\](){}]+?)\s*[\[({](?P<unit>[^\[\](){}]*)[\])}]\s*$")
 _WORDS = re.compile(r"[^\W_]+")
@@ -107,7 +107,7 @@ def _match_word(word: str, unit_text: str, schema: Sequence[Quantity]) -> tuple[
         values: dict[str, Any] = {
             "quantity": refused.key,
             "dimension": refused.dimension,
-            "units": tuple(units_of(refused.dimension)),
+            "units": tuple(unit for unit, (kind, _) in ALL_UNITS.items() if kind == refused.dimension),
         }
         raise InputError("columns.unknown_unit", text=unit_text, **values)
     for cut in range(len(word) - 1, 0, -1):
@@ -132,8 +132,8 @@ def understand(
     `headers`, `units_row`: as in the file, and the cells of the row of units under the header, if there is one;
     `columns`: what the user says: name, with or without unit (``gyro_x``, ``gyro_x_dps``), to header; an empty header
     says that the file has no such column.
-    Raises: InputError: a duplicate header, two columns for one quantity, or an unknown unit; ConfigError: `columns`
-    names something that does not exist, or in another unit than its header.
+    Raises: InputError: a duplicate header, or two columns for one quantity; ConfigError: `columns` names
+    something that does not exist, or in another unit than its header.
     """
     named = [h for h in headers if h]
     twice = sorted({h for h in named if named.count(h) > 1})
@@ -146,11 +146,9 @@ def understand(
     for index, (header, spelled) in enumerate(zip(headers, from_zero(headers), strict=True)):
         if not header or index in taken:
             continue
-        try:
+        match = None
+        with suppress(InputError):  # its unit is unknown: `require` says so if it is needed
             match = match_header(spelled, schema, units_row[index] if units_row else "")
-        except InputError as error:
-            error.where = f"{where}: column {header!r}"
-            raise
         if match is not None and match[0].key not in given and match[0].key not in silent:
             ranked.setdefault(match[0].key, []).append((match[2], Found(match[0], index, header, match[1])))
         elif match is None:
@@ -251,6 +249,7 @@ def require(
     where: str,
     hint: str = "",
     gives: Mapping[str, Any] | None = None,
+    units_row: Sequence[str] | None = None,
 ) -> None:
     """Refuse a file without a column for one of the keys, naming what was found and what may have been meant.
 
@@ -260,6 +259,12 @@ def require(
     missing = [q for key in keys if key not in found for q in schema if q.key == key]
     if not missing:
         return
+    for named, unit in zip(headers, units_row or [""] * len(headers), strict=False):
+        try:
+            match_header(named, missing, unit)
+        except InputError as error:
+            error.where = f"{where}: column {named!r}"
+            raise
     guess = quote_columns(gives["columns"]) if gives else ""
     if is_headerless(headers):
         numbers = "" if hint or guess else quote_columns({key: str(i + 1) for i, key in enumerate(keys)})

@@ -174,7 +174,7 @@ def read_counts(
     table = open_table(path, "imu")
     name = table.name
     found, notes = understand(table.headers, table.units, IMU_SCHEMA, columns=columns, where=name)
-    require(found, ("time", *_RATES, *_FORCES), table.headers, IMU_SCHEMA, where=name)
+    require(found, ("time", *_RATES, *_FORCES), table.headers, IMU_SCHEMA, where=name, units_row=table.units)
     stated = [found[key].describe() for key in (*_RATES, *_FORCES) if found[key].unit is not None]
     if stated:
         raise InputError("input.counts_with_units", where=name, columns=tuple(stated))
@@ -268,7 +268,9 @@ def _choose(
     words = {header.lower()[:3] for header in table.headers}
     if {"lat", "lon"} <= words and not some_rates:
         hint = "positions_as_imu"
-    require(found, ("time", *wanted), table.headers, schema, where=table.name, hint=hint, gives=gives)
+    require(
+        found, ("time", *wanted), table.headers, schema, where=table.name, hint=hint, gives=gives, units_row=table.units
+    )
     return increments
 
 

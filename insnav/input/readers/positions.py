@@ -164,7 +164,7 @@ def read_positions(
     if flat:
         height_evidence = Finding.of(Code.READ_HEIGHT_MISSING)
     wanted = ("time", "lat", "lon", *(() if flat else (height_key,)))
-    require(found, wanted, table.headers, schema, where=name, hint=hint, gives=gives)
+    require(found, wanted, table.headers, schema, where=name, hint=hint, gives=gives, units_row=table.units)
     keys = [key for key in found if key not in ("height", "height_msl") or key == height_key]
     rows = read_rows(table, found, keys, kinds, slowest=_SLOWEST)
     raw = rows.columns

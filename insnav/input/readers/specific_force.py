@@ -108,7 +108,7 @@ def _chosen(found: Mapping[str, Found], axes: LevelAxes | None, table: Table) ->
             headers = tuple(found[key].header for key in plain)
             raise InputError("input.level_axes_unclear", where=table.name, headers=headers)
         return dict(zip(_ORDER[axes], plain, strict=True))
-    require(found, ("f_north", "f_east"), table.headers, SPECIFIC_FORCE_SCHEMA, where=table.name)
+    require(found, ("f_north", "f_east"), table.headers, SPECIFIC_FORCE_SCHEMA, where=table.name, units_row=table.units)
     if "f_up" in found and "f_down" in found:
         headers = found["f_up"].header, found["f_down"].header
         raise InputError("input.two_vertical", where=table.name, headers=headers)

@@ -17,8 +17,7 @@ from insnav.findings import Finding
 from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import Quantity
-from insnav.lab.bench_data.bench_tables import BenchTable, read_bench
-from insnav.lab.bench_data.dwells import default_limit, dwell_warnings, reduce_dwells
+from insnav.lab.bench_data.bench_tables import BenchTable, default_limit, dwell_warnings, read_bench, reduce_dwells
 from insnav.lab.drift.drift_model import DriftRecord
 from insnav.lab.noise.allan import AXES
 from insnav.types import FloatArray

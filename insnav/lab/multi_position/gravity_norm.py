@@ -61,11 +61,6 @@ def sphere(force: FloatArray, g: float) -> Triad:
     return Triad(middle + size * solution[:3], scale * np.eye(3))
 
 
-def perfect() -> Triad:
-    """Sensors without errors, in SI units."""
-    return Triad(np.zeros(3), np.eye(3))
-
-
 def packed(triad: Triad) -> FloatArray:
     """Nine parameters of accelerometers: bias, lower triangle by rows."""
     return np.concatenate((triad.bias, triad.matrix[_ROW, _COLUMN]))
@@ -102,7 +97,7 @@ def norm_jacobian(parameters: FloatArray, force: FloatArray) -> FloatArray:
 def fit_gravity_norm(force: FloatArray, g: float, start: Triad) -> GravityFit:
     """Calibrate accelerometers by the length of gravity.
 
-    force (n, 3): mean of each pose in the unit of the record; g: gravity [m/s^2]; start: first guess: `perfect` for
+    force (n, 3): mean of each pose in the unit of the record; g: gravity [m/s^2]; start: first guess: `Triad()` for
     SI, `sphere` for counts. Raises InputError: too few poses, or poses that leave a parameter undetermined.
     """
     n = force.shape[0]
@@ -151,7 +146,7 @@ def missing_pose(determined: Normal, g: float) -> tuple[str, ...]:
     """
     candidates = directions()
     # as if the sensors were perfect: a few percent do not change which pose is missing
-    rows = norm_jacobian(packed(perfect()), g * candidates)
+    rows = norm_jacobian(packed(Triad()), g * candidates)
     rows /= np.linalg.norm(rows, axis=0)
     gain = np.abs(rows @ determined.direction)
     return pose_words(candidates[int(np.argmax(gain))])

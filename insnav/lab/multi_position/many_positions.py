@@ -68,8 +68,10 @@ def calibrate_poses(imu: ImuData, g: float, *, counts: bool = False) -> PosesCal
     activity = measure_activity(imu)
     factor, poses, fit, start = _best_poses(imu, activity, g, counts)
     force = np.array([pose.force for pose in poses])
-    _refuse_norm(fit, g)
-    _refuse_bias(fit.triad, g, counts)
+    if fit.sd > WRONG_NORM * g:
+        raise InputError("lab.force_varies", sd_m_s2=fit.sd)
+    if not counts and np.abs(fit.triad.bias).max() > WRONG_UNIT * g:
+        raise InputError("lab.force_offset", bias_m_s2=tuple(fit.triad.bias.tolist()))
     up = _directions(fit.triad, force)
     rest = _rest(poses, fit.triad)
     damaged = clipped(imu.gyro, activity.ratio > factor * factor)
@@ -84,7 +86,9 @@ def calibrate_poses(imu: ImuData, g: float, *, counts: bool = False) -> PosesCal
     square = np.einsum("ik,il,kjlj->ij", coarse.matrix, coarse.matrix, covariance.reshape(3, 3, 3, 3))
     matrix_sd = np.asarray(np.sqrt(square))
     gyro = Triad(rest.bias, fine.matrix, np.sqrt(rest.covariance[:, 0, 0]), matrix_sd, fine.normal.condition)
-    _refuse_gyro_units(gyro, counts)
+    scale = np.diag(gyro.matrix)
+    if not counts and np.abs(scale - 1.0).max() > WRONG_UNIT:
+        raise InputError("lab.gyro_unit", scale=tuple(scale.tolist()))
     nominal = np.zeros(3) if not counts else rest.mean
     share = np.zeros(turns.use.shape[0])
     share[turns.use] = fine.normal.leverage.reshape(-1, 2).sum(axis=1)
@@ -136,7 +140,7 @@ def _best_poses(
         if not counts:
             refuse_force_units(force, g)
         try:
-            start = gravity_norm.sphere(force, g) if counts else gravity_norm.perfect()
+            start = gravity_norm.sphere(force, g) if counts else Triad()
             fit = gravity_norm.fit_gravity_norm(force, g, start)
         except InputError as error:
             refused = error
@@ -158,23 +162,6 @@ def refuse_force_units(force: FloatArray, g: float) -> None:
     length = float(np.median(np.linalg.norm(force, axis=1)))
     if abs(length / g - 1.0) > WRONG_UNIT:
         raise InputError("lab.force_unit", force_m_s2=length, gravity_m_s2=g)
-
-
-def _refuse_norm(fit: gravity_norm.GravityFit, g: float) -> None:
-    if fit.sd > WRONG_NORM * g:
-        raise InputError("lab.force_varies", sd_m_s2=fit.sd)
-
-
-def _refuse_bias(accel: Triad, g: float, counts: bool) -> None:
-    worst = float(np.abs(accel.bias).max())
-    if not counts and worst > WRONG_UNIT * g:
-        raise InputError("lab.force_offset", bias_m_s2=tuple(accel.bias.tolist()))
-
-
-def _refuse_gyro_units(gyro: Triad, counts: bool) -> None:
-    scale = np.diag(gyro.matrix)
-    if not counts and np.abs(scale - 1.0).max() > WRONG_UNIT:
-        raise InputError("lab.gyro_unit", scale=tuple(scale.tolist()))
 
 
 def _directions(triad: Triad, force: FloatArray) -> FloatArray:

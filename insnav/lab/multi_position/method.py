@@ -17,8 +17,7 @@ from insnav.input.formats.table import Table
 from insnav.input.interpret.axes import axes_matrix
 from insnav.input.readers.imu import read_counts, read_imu
 from insnav.input.readers.reading import Reading, ReadingFacts
-from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd
-from insnav.lab.common_findings import badly_conditioned, few, warming
+from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, badly_conditioned, few, warming
 from insnav.lab.multi_position.many_positions import PosesCalibration, calibrate_poses
 from insnav.lab.multi_position.six_positions import SixPositions, calibrate_six_positions, read_sections
 from insnav.lab.multi_position.triad import Triad

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.sample_statistics import moving_variance
 from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray, ImuData
 
@@ -41,7 +42,6 @@ class Pose:
     force: FloatArray  # (3,) mean of the accelerometers and of the gyros, in the units of the record
     rate: FloatArray
     force_sd: FloatArray  # (3,) standard deviation of one sample
-    rate_sd: FloatArray
 
     @property
     def count(self) -> int:
@@ -63,28 +63,7 @@ def pose_between(imu: ImuData, first: int, last: int) -> Pose:
         force.mean(axis=0),
         rate.mean(axis=0),
         force.std(axis=0, ddof=1),
-        rate.std(axis=0, ddof=1),
     )
-
-
-def moving_variance(values: FloatArray, window: int) -> FloatArray:
-    """Variance in a centred moving window, summed over the axes.
-
-    values (n, 3): samples; window: samples in the window, odd, at most n. Returns (n,): square of the unit of
-    `values`; infinite within half a window of the ends.
-    """
-    centred = values - values.mean(axis=0)  # else the difference of the sums loses what is small against g
-    total = np.full(values.shape[0], np.inf)
-    half = window // 2
-    sums = np.zeros(values.shape[0] - window + 1)
-    for axis in range(values.shape[1]):
-        x = centred[:, axis]
-        first = np.concatenate(([0.0], np.cumsum(x)))
-        second = np.concatenate(([0.0], np.cumsum(x * x)))
-        mean = (first[window:] - first[:-window]) / window
-        sums += np.maximum((second[window:] - second[:-window]) / window - mean * mean, 0.0)
-    total[half : half + sums.size] = sums
-    return total
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +83,8 @@ def measure_activity(imu: ImuData) -> Activity:
     window = 2 * round(0.5 * WINDOW / interval) + 1 if np.isfinite(interval) else 0
     if window < FEWEST or imu.time.size < 10 * window:
         raise InputError("lab.poses_short", count=imu.time.size, interval_s=interval, rate_hz=FEWEST / WINDOW)
-    variance = moving_variance(imu.accel, window)
+    variance = moving_variance(imu.accel, window).sum(axis=1)
+    variance[: window // 2] = variance[-(window // 2) :] = np.inf  # no whole window about these
     known = variance[np.isfinite(variance)]
     # a simulated record without noise has no variance at all at rest: rounding is the least there can be
     floor = max(float(np.quantile(known, QUIET_SHARE)), 1e-12 * float(np.mean(imu.accel**2)), np.finfo(float).tiny)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -16,11 +17,14 @@ WEAK = 0.35  # share of a parameter in the weakest direction from which it is na
 
 @dataclass(frozen=True, slots=True)
 class Triad:
-    """Bias and sensitivity of three sensors, ``measured = matrix @ true + bias``, and their standard deviations."""
+    """Bias and sensitivity of three sensors, ``measured = matrix @ true + bias``, and their standard deviations.
 
-    bias: FloatArray  # (3,) in the unit of the record
+    By default sensors without errors, in SI units.
+    """
+
+    bias: FloatArray = field(default_factory=zeros)  # (3,) in the unit of the record
     # (3, 3) unit of the record per m/s^2 or rad/s; a standard deviation of zero where the value is a definition
-    matrix: FloatArray
+    matrix: FloatArray = field(default_factory=partial(np.eye, 3))
     bias_sd: FloatArray = field(default_factory=zeros)
     matrix_sd: FloatArray = field(default_factory=zero_matrix)
     condition: float = 1.0  # condition number of the problem with its columns scaled to unit length

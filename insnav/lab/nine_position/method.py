@@ -13,7 +13,7 @@ that order, the difference of two squares, cancels over positions that are symme
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -25,12 +25,17 @@ from insnav.imu.higher_order import ErrorTerms
 from insnav.imu.model import ImuErrors
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import schema
-from insnav.lab.bench_data.bench_tables import BenchTable, read_bench
-from insnav.lab.bench_data.dwells import Dwells, default_limit, dwell_warnings, reduce_dwells
-from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, common_unit, measured
-from insnav.lab.common_findings import badly_conditioned
+from insnav.lab.bench_data.bench_tables import (
+    BenchTable,
+    Dwells,
+    default_limit,
+    dwell_warnings,
+    read_bench,
+    reduce_dwells,
+)
+from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, badly_conditioned, common_unit, measured
 from insnav.lab.least_squares import LEVEL, Fit, coverage_factor, linear_fit
-from insnav.lab.nine_position.table_positions import OPPOSITE, check_positions, ideal_force, opposite_pairs
+from insnav.lab.nine_position.table_positions import OPPOSITE, check_positions, ideal_force, opposite_pairs, products
 from insnav.quantity import Quantity
 from insnav.types import FloatArray, IntArray
 from insnav.units import DEG, G0, UG
@@ -39,8 +44,8 @@ SCHEMA = schema("nine_position")
 SENSORS = ("x_ay", "x_az", "y_az", "y_ax", "z_ax", "z_ay")
 GYROS = ("gyro_x", "gyro_y", "gyro_z")
 AXIS = np.array([1, 2, 2, 0, 0, 1])  # of each sensor
-PRODUCTS = ((0, 1), (2, 3), (4, 5))  # the two sensors of each module
-TRIAD = ((3, 4), (0, 5), (1, 2))  # the two sensors of each axis
+MODULES = np.array([[0, 1], [2, 3], [4, 5]])  # the two sensors of each: their product is a component along its gyro
+TRIAD = np.array([[3, 4], [0, 5], [1, 2]])  # the two sensors of each axis, whose mean counts
 SECOND_ORDER = 2.0  # covers 95 % of the errors of second order in simulations of three common sets of positions
 WEAKEST = 0.01  # of the largest scale factor of six accelerometers, what a dead one stays below
 _MISFIT = 0.05  # of gravity, RMS, that sensors in their positions do not leave: a table set to a degree leaves 0.017
@@ -119,8 +124,10 @@ def calibrate_nine(
     def estimate(values: FloatArray) -> FloatArray:
         return _estimate(values.reshape(measured.shape), force, pairs, gyro_rows)
 
-    found = estimate(measured.ravel())
-    sd = sigma * np.linalg.norm(_jacobian(estimate, measured.ravel(), 1e-4 * gravity), axis=1)
+    found = estimate(measured)
+    at, step = measured.ravel(), 1e-4 * gravity
+    slopes = [(estimate(at + shift) - estimate(at - shift)) / (2.0 * step) for shift in step * np.eye(at.size)]
+    sd = sigma * np.linalg.norm(slopes, axis=0)
     raw_gyro = found[18:27].reshape(3, 3)
     gyro, gyro_sd = raw_gyro / np.diag(raw_gyro)[:, None], sd[27:36].reshape(3, 3)
     free = measured - found[:6]
@@ -140,8 +147,8 @@ def calibrate_nine(
         sigma=sigma,
         dof=dof,
         fits=fits,
-        condition_accel=float(np.linalg.cond(_triad(free))),
-        condition_gyro=float(np.linalg.cond(_products(free[gyro_rows]))),
+        condition_accel=float(np.linalg.cond(free[:, TRIAD].mean(axis=2))),
+        condition_gyro=float(np.linalg.cond(free[gyro_rows][:, MODULES].prod(axis=2))),
         warnings=warnings,
     )
 
@@ -157,28 +164,18 @@ def _estimate(
         if pair is not None:
             bias[sensor] = 0.5 * (measured[pair[0], sensor] + measured[pair[1], sensor])
     free = measured - bias
-    correction = np.linalg.lstsq(_triad(free), force, rcond=None)[0].T  # M_A, L_A A_m^+
-    ideal = np.column_stack((force[:, 1] * force[:, 2], force[:, 2] * force[:, 0], force[:, 0] * force[:, 1]))
-    gyro = np.linalg.lstsq(_products(free[gyro_rows]), ideal[gyro_rows], rcond=None)[0].T  # Omega_L Omega_m^+
+    correction = np.linalg.lstsq(free[:, TRIAD].mean(axis=2), force, rcond=None)[0].T  # M_A, L_A A_m^+
+    measured_products = free[gyro_rows][:, MODULES].prod(axis=2)
+    gyro = np.linalg.lstsq(measured_products, products(force)[gyro_rows], rcond=None)[0].T  # Omega_L Omega_m^+
     return np.concatenate(
         (
             bias,
-            [0.5 * (bias[a] + bias[b]) for a, b in TRIAD],
+            bias[TRIAD].mean(axis=1),
             np.linalg.inv(correction).ravel(),
             gyro.ravel(),
             (gyro / np.diag(gyro)[:, None]).ravel(),
         )
     )
-
-
-def _triad(free: FloatArray) -> FloatArray:
-    """Mean of the two accelerometers of each axis, (n, 3)."""
-    return np.column_stack([0.5 * (free[:, a] + free[:, b]) for a, b in TRIAD])
-
-
-def _products(free: FloatArray) -> FloatArray:
-    """Product of the two accelerometers of each module, (n, 3)."""
-    return np.column_stack([free[:, a] * free[:, b] for a, b in PRODUCTS])
 
 
 def _affine(force: FloatArray, measured: FloatArray, where: str) -> tuple[Fit, ...]:
@@ -202,16 +199,6 @@ def _refuse_exchanged(fits: tuple[Fit, ...], where: str) -> None:
             raise InputError(
                 "lab.accel_crossed", where=where, column=sensor, axis="xyz"[axis], values=tuple(fit.value[:3].tolist())
             )
-
-
-def _jacobian(function: Callable[[FloatArray], FloatArray], at: FloatArray, step: float) -> FloatArray:
-    """Central differences, (outputs, inputs)."""
-    columns = []
-    for i in range(at.size):
-        shift = np.zeros(at.size)
-        shift[i] = step
-        columns.append((function(at + shift) - function(at - shift)) / (2.0 * step))
-    return np.column_stack(columns)
 
 
 def read(files: Sequence[str | Path | Table], how: BenchOptions) -> NineRecord:

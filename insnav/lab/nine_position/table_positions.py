@@ -8,7 +8,7 @@ import numpy as np
 
 from insnav.exceptions import InputError
 from insnav.findings import Finding
-from insnav.lab.common_findings import few
+from insnav.lab.calibration import few
 from insnav.types import FloatArray
 from insnav.units import DEG
 
@@ -29,6 +29,11 @@ def ideal_force(roll: FloatArray, pitch: FloatArray, gravity: float) -> FloatArr
     """
     cos = np.cos(pitch)
     return gravity * np.column_stack((np.sin(pitch), -cos * np.sin(roll), -cos * np.cos(roll)))
+
+
+def products(force: FloatArray) -> FloatArray:
+    """Products of the forces across x, y, z, (n, 3): what the gyro of each module is compared with."""
+    return np.column_stack((force[:, 1] * force[:, 2], force[:, 2] * force[:, 0], force[:, 0] * force[:, 1]))
 
 
 def opposite_pairs(force: FloatArray, gravity: float) -> tuple[tuple[int, int] | None, ...]:
@@ -97,8 +102,7 @@ def _written(keys: Sequence[tuple[float, float]]) -> tuple[str, ...]:
 def _designs(roll: FloatArray, pitch: FloatArray) -> tuple[FloatArray, FloatArray]:
     """What the positions show of an accelerometer, and of the gyros."""
     force = ideal_force(roll, pitch, 1.0)
-    products = np.column_stack((force[:, 1] * force[:, 2], force[:, 2] * force[:, 0], force[:, 0] * force[:, 1]))
-    return np.column_stack((force, np.ones(len(force)))), products
+    return np.column_stack((force, np.ones(len(force)))), products(force)
 
 
 def _conditions(roll: FloatArray, pitch: FloatArray) -> tuple[float, float]:

@@ -24,7 +24,7 @@ from insnav.findings import Code, Finding
 from insnav.imu.model import sample_intervals
 from insnav.kernels.allan import mean_square_second_difference, running_sum, variance_covariance
 from insnav.sample_statistics import chi_square
-from insnav.types import BoolArray, FloatArray, ImuData, IntArray
+from insnav.types import FloatArray, ImuData, IntArray
 
 AXES = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accel") for axis in "xyz")
 TAUS = 90
@@ -187,11 +187,6 @@ def smallest_step(values: FloatArray) -> FloatArray:
             gaps = np.diff(different)
             steps[column] = float(np.min(gaps[gaps > 1e-6 * gaps.max()]))
     return steps
-
-
-def silent(values: FloatArray) -> BoolArray:
-    """Columns that never change."""
-    return np.asarray(np.ptp(values, axis=0) == 0.0)
 
 
 def covariance(

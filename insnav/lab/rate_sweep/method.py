@@ -16,16 +16,22 @@ import numpy as np
 
 from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, Finding
-from insnav.imu.dynamic_map import AxisMap, DynamicMap
+from insnav.imu.higher_order import AxisMap, DynamicMap
 from insnav.imu.model import ImuErrors
 from insnav.imu.raw_outputs import RawScale
 from insnav.input.formats.table import Table
-from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, measured
-from insnav.lab.common_findings import badly_conditioned
+from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, badly_conditioned, measured
 from insnav.lab.least_squares import Fit, linear_fit
-from insnav.lab.rate_sweep.checks import FEWEST_FOR_MAP, check_rates, refuse_crossed, saturated, shifted_zeros
 from insnav.lab.rate_sweep.piecewise_fit import Pieces, fit_pieces
-from insnav.lab.rate_sweep.records import SweepRecord, read_sweeps
+from insnav.lab.rate_sweep.records import (
+    FEWEST_FOR_MAP,
+    SweepRecord,
+    check_rates,
+    read_sweeps,
+    refuse_crossed,
+    saturated,
+    shifted_zeros,
+)
 from insnav.lab.single_axis.rate_table import FEWEST, Dropped
 from insnav.quantity import Quantity
 from insnav.types import BoolArray, FloatArray, IntArray
@@ -225,7 +231,7 @@ def _worse(found: SweepCalibration) -> tuple[Finding, ...]:
 def sweep_errors(found: SweepCalibration, unit: str, name: str = "") -> tuple[ImuErrors, CalibrationSd]:
     """Errors for the calibration file, outputs in `unit`, and their uncertainty."""
     maps = tuple(None if item is None else _axis_map(item) for item in found.pieces)
-    gyro_map = DynamicMap(*maps) if any(item is not None for item in maps) else None
+    gyro_map = DynamicMap(maps) if any(item is not None for item in maps) else None
     bias_sd = np.array([fit.sd[3] for fit in found.fits])
     matrix_sd = np.array([fit.sd[:3] for fit in found.fits])
     spread = tuple(None if item is None else item.covariance for item in found.pieces)

@@ -19,8 +19,7 @@ from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import schema
-from insnav.lab.calibration import BenchOptions, Calibration
-from insnav.lab.common_findings import few
+from insnav.lab.calibration import BenchOptions, Calibration, few
 from insnav.lab.least_squares import Fit, coverage_factor, linear_fit
 from insnav.lab.single_axis.records import Record, read_records, refuse_unit, triad_calibration
 from insnav.types import BoolArray, FloatArray, IntArray

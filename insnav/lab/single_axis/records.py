@@ -19,18 +19,25 @@ from insnav.imu.model import ImuErrors
 from insnav.imu.raw_outputs import RawScale
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import Quantity
-from insnav.lab.bench_data.bench_tables import BenchTable, read_bench
-from insnav.lab.bench_data.dwells import Dwells, default_limit, dwell_warnings, reduce_dwells
+from insnav.lab.bench_data.bench_tables import (
+    BenchTable,
+    Dwells,
+    default_limit,
+    dwell_warnings,
+    read_bench,
+    reduce_dwells,
+)
 from insnav.lab.calibration import (
     STANDARD,
     WRONG_UNIT,
     BenchOptions,
     Calibration,
     CalibrationSd,
+    about,
+    badly_conditioned,
     common_unit,
     fitted,
 )
-from insnav.lab.common_findings import about, badly_conditioned
 from insnav.lab.least_squares import Fit
 from insnav.types import FloatArray
 from insnav.units import UNITS

@@ -16,8 +16,7 @@ from insnav.exceptions import InputError
 from insnav.findings import Finding
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import schema
-from insnav.lab.calibration import BenchOptions, Calibration
-from insnav.lab.common_findings import few, outlier
+from insnav.lab.calibration import BenchOptions, Calibration, few, outlier
 from insnav.lab.least_squares import Fit, linear_fit, outliers
 from insnav.lab.single_axis.records import Record, read_records, refuse_unit, triad_calibration
 from insnav.types import FloatArray, IntArray
@@ -41,15 +40,6 @@ class Tumble:
     suspicious: tuple[int, ...]  # rows whose residual chance does not explain
 
 
-def tumble_design(angle: FloatArray) -> FloatArray:
-    """What each position shows of K0, K1, K2, K3.
-
-    angle (n,): [rad]. Returns (n, 4).
-    """
-    along, across = np.sin(angle), np.cos(angle)
-    return np.column_stack((np.ones_like(angle), along, along**2, along * across))
-
-
 def calibrate_tumble(angle: FloatArray, output: FloatArray, *, where: str = "") -> Tumble:
     """Fit the model.
 
@@ -58,7 +48,8 @@ def calibrate_tumble(angle: FloatArray, output: FloatArray, *, where: str = "") 
     Raises: InputError: a position is missing, the angles look like another unit, or the output does not follow gravity.
     """
     _refuse_uneven(angle, where)
-    design = tumble_design(angle)
+    along, across = np.sin(angle), np.cos(angle)
+    design = np.column_stack((np.ones_like(angle), along, along**2, along * across))
     fit = linear_fit(design, output, NAMES, where=where)
     if abs(fit.value[1]) < 5.0 * fit.sd[1]:
         raise InputError("lab.gravity_ignored", where=where, scale=fit.value[1], scale_sd=fit.sd[1])

@@ -6,17 +6,16 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from insnav.lab.acceptance.acceptance import Acceptance, Accepted
-from insnav.lab.acceptance.figures_of_merit import BENCH_UNIT, Spread, Stability
+from insnav.lab.acceptance import BENCH_UNIT, Acceptance, Accepted, Spread, Stability
 from insnav.lab.bench_data.records import SI
+from insnav.lab.least_squares import Fit
 from insnav.lab.single_axis.rate_table import Dropped
 from insnav.messages import sentence
 from insnav.quantity import Quantity
-from insnav.report.calibration.common import Series, bench_input, quality_rows, quality_section, residual_panels
+from insnav.report.calibration.common import Series, bench_input, quality_section, residual_panels
 from insnav.report.colours import AXIS_COLOURS, BLACK, GREY
 from insnav.report.page import DataFrame, Page, Section, by_warnings, cell, drawn, only_json, rows_frame
-from insnav.report.panels import Curve, Kind, Panel
-from insnav.report.series import Clock
+from insnav.report.panels import Clock, Curve, Kind, Panel
 from insnav.result import Result
 from insnav.units import DEG, G0, UNITS
 
@@ -59,7 +58,7 @@ def page(result: Result[Acceptance]) -> Page:
                 "sensors",
                 parts=tuple(part for item in found.sensors for part in _sensor(item, units[item.axis.split()[0]])),
             ),
-            quality_section(row for item in steps for row in _quality(item)),
+            quality_section(*map(_quality, steps)),
             Section("left_out", rows=tuple(_left_out(*each) for each in left_out), show="json"),
         ),
         result.findings,
@@ -102,12 +101,12 @@ def _output_unit(item: Accepted) -> str:
     return _bench(item) if item.unit in SI.values() else item.unit
 
 
-def _quality(item: Accepted) -> tuple[tuple[Quantity, ...], ...]:
+def _quality(item: Accepted) -> tuple[dict[str, Fit], str, dict[str, list[str]]]:
     assert item.scale is not None
     table = item.scale.table
     settings = [f"{value:+g} {_bench(item)}" for value in table.rate[table.used]]
     # in the unit of the output: a fit of outputs in the unit sensed is in that of the bench
-    return quality_rows({item.axis: table.fit}, _output_unit(item), {item.axis: settings})
+    return {item.axis: table.fit}, _output_unit(item), {item.axis: settings}
 
 
 def _sensor(item: Accepted, shown: str) -> tuple[Section, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
@@ -12,8 +12,7 @@ import numpy as np
 from insnav.imu import to_toml
 from insnav.lab.noise.allan import AXES, AllanDeviation
 from insnav.lab.noise.noise_model import NoiseModel
-from insnav.lab.noise.noise_spec import KEYS
-from insnav.lab.noise.static_noise import SignalNoise, StaticNoise
+from insnav.lab.noise.static_noise import KEYS, SignalNoise, StaticNoise
 from insnav.output.data_files import csv_text
 from insnav.quantity import Quantity, key_suffix
 from insnav.report.colours import AXIS_COLOURS, GREY
@@ -21,7 +20,7 @@ from insnav.report.page import DataFrame, Page, Section, by_warnings, cell, draw
 from insnav.report.panels import Curve, Panel
 from insnav.result import Result
 from insnav.types import FloatArray
-from insnav.units import DEG_PER_H, M_S_PER_SQRT_H, UG, UNITS
+from insnav.units import M_S_PER_SQRT_H, UG, UNITS
 
 IMU_TOML, DEVIATIONS = "imu.toml", "allan.csv"
 _TIMES = (0.01, 0.1, 1.0, 10.0, 100.0, 1000.0, 10000.0)  # of the table of deviations [s]
@@ -51,7 +50,6 @@ ASSUMPTIONS = (
 NOTE = "points: overlapping Allan deviation; band: 95 %; lines: fitted model; grey: slopes of Q, N, B, K, R"
 _GUIDES = ((-1.0, "Q −1"), (-0.5, "N −½"), (0.0, "B 0"), (0.5, "K +½"), (1.0, "R +1"))
 _TALL = 2.4  # the lines reach up and down by this factor at most
-_SENSORS = (("gyros", "deg/h", DEG_PER_H), ("accelerometers", "ug", UG))
 
 
 def noise_quantity(
@@ -85,7 +83,7 @@ def page(result: Result[StaticNoise | SignalNoise]) -> Page:
         (_extent(allan),),
         (
             only_json("", Quantity("command", "allan"), Quantity("imu", facts.as_dict())),
-            drawn("allan", f"Allan deviation of {name}", allan_panels(allan, found.models), NOTE),
+            drawn("allan", f"Allan deviation of {name}", allan_panels(found), NOTE),
             only_json("", Quantity("length", allan.length, "s"), Quantity("interval", allan.interval, "s")),
             Section("axes", parts=tuple(part for parts in axes for part in parts)),
             Section("deviations", "Allan deviation", rows=_deviations(found)),
@@ -123,7 +121,7 @@ def _signal_page(found: SignalNoise) -> Page:
         "Noise of signals",
         (_extent(allan),),
         (
-            drawn("allan", "Allan deviation of signals", _signal_panel(found), NOTE),
+            drawn("allan", "Allan deviation of signals", allan_panels(found), NOTE),
             only_json("", Quantity("length", allan.length, "s"), Quantity("interval", allan.interval, "s")),
             Section("signals", parts=tuple(sections), note="in the unit of the signal and SI"),
         ),
@@ -202,10 +200,8 @@ def _deviations(found: StaticNoise) -> tuple[tuple[Quantity, ...], ...]:
         row = int(np.argmin(np.abs(np.log(tau / wanted))))
         if 1.0 / _NEAR < tau[row] / wanted < _NEAR:
             freedom = min((float(m.freedom[row]) for m in found.models if m is not None), default=None)
-            axes = (
-                Quantity(axis.replace(" ", "_"), float(found.allan.deviation[row, i]), "deg/h" if i < 3 else "ug")
-                for i, axis in enumerate(AXES)
-            )
+            columns = zip(_columns(found), found.allan.deviation[row], strict=True)
+            axes = (Quantity(name, float(value), unit) for (name, unit), value in columns)
             least = Quantity("degrees_of_freedom", freedom, digits=2)
             rows.append((Quantity("tau", float(tau[row]), "s"), *axes, least))
     return tuple(rows)
@@ -252,69 +248,42 @@ def _table(found: StaticNoise | SignalNoise) -> dict[str, FloatArray]:
     return columns
 
 
-def allan_panels(allan: AllanDeviation, models: Sequence[NoiseModel | None]) -> Iterator[Panel]:
-    """Draw the deviations of six axes with 95 % intervals, their models, and guides of every slope.
-
-    `models`: one for each; None is not drawn.
-    """
-    note = NOTE
-    for first, (name, unit, size) in zip((0, 3), _SENSORS, strict=True):
-        drawings = {axis: (allan.deviation[:, first + i], models[first + i]) for i, axis in enumerate("xyz")}
-        panel = _panel(allan.tau, drawings, (f"allan_{name}", f"Allan deviation of the {name}", unit), size, note)
-        if panel is not None:
-            yield panel
-            note = ""
-
-
-def _signal_panel(found: SignalNoise) -> Iterator[Panel]:
-    """Draw the deviations of signals in their own unit."""
-    allan = found.allan
-    drawings = {
-        name.replace("_", " "): (allan.deviation[:, i], model)
-        for i, ((name, _), model) in enumerate(zip(_columns(found), found.models, strict=True))
-    }
-    panel = _panel(allan.tau, drawings, ("allan_signals", "Allan deviation", "unit of the signal"), 1.0, NOTE)
-    if panel is not None:
-        yield panel
-
-
-def _panel(
-    tau: FloatArray,
-    drawings: Mapping[str, tuple[FloatArray, NoiseModel | None]],
-    names: tuple[str, str, str],
-    size: float,
-    note: str,
-) -> Panel | None:
-    """Draw deviations in one panel; None where nothing has a model.
-
-    `drawings`: deviations and their models; `names`: key, title and unit; `size`: the unit in SI.
-    """
-    curves, seen = [], []
-    for (name, (deviation, model)), colour in zip(drawings.items(), cycle(AXIS_COLOURS), strict=False):
-        if model is not None:
-            seen.append(deviation[deviation > 0.0] / size)
-            curves += [
-                Curve(name, tau, model.high / size, colour, "band", model.low / size),
-                Curve(name, tau, deviation / size, colour, "points"),
-                Curve(name, tau, np.sqrt(model.variance) / size, colour),
-            ]
-    if not seen:
-        return None
-    low, high = (float(limit(np.concatenate(seen))) for limit in (np.min, np.max))
-    key, title, unit = names
-    return Panel(
-        key,
-        title,
-        f"Allan deviation [{unit}]",
-        "averaging time [s]",
-        (*curves, *_guides(tau, high)),
-        "tau",
-        note,
-        log_x=True,
-        log_y=True,
-        limits=(0.4 * low, 5.0 * high),
-        height=400,
-    )
+def allan_panels(found: StaticNoise | SignalNoise) -> Iterator[Panel]:
+    """Draw deviations with 95 % intervals, their models, and guides of every slope; gyros and accelerometers apart."""
+    panels = {"gyros": range(3), "accelerometers": range(3, 6)}
+    if isinstance(found, SignalNoise):
+        panels = {"signals": range(len(found.models))}
+    tau, names, note = found.allan.tau, _columns(found), NOTE
+    for sensors, own in panels.items():
+        unit = names[own[0]][1]
+        size, curves, seen = UNITS[unit][1] if unit else 1.0, [], []
+        for i, colour in zip(own, cycle(AXIS_COLOURS), strict=False):
+            model, deviation = found.models[i], found.allan.deviation[:, i]
+            if model is not None:
+                name = names[i][0][-1] if unit else f"signal {i + 1}"
+                seen.append(deviation[deviation > 0.0] / size)
+                curves += [
+                    Curve(name, tau, model.high / size, colour, "band", model.low / size),
+                    Curve(name, tau, deviation / size, colour, "points"),
+                    Curve(name, tau, np.sqrt(model.variance) / size, colour),
+                ]
+        if not seen:
+            continue
+        low, high = (float(limit(np.concatenate(seen))) for limit in (np.min, np.max))
+        title = f"Allan deviation of the {sensors}" if unit else "Allan deviation"
+        yield Panel(
+            f"allan_{sensors}",
+            title,
+            f"Allan deviation [{unit or 'unit of the signal'}]",
+            "averaging time [s]",
+            (*curves, *_guides(tau, high)),
+            "tau",
+            note,
+            log="xy",
+            limits=(0.4 * low, 5.0 * high),
+            height=400,
+        )
+        note = ""
 
 
 def _guides(tau: FloatArray, high: float) -> list[Curve]:

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from insnav.report.colours import BLACK, GREY
+from insnav.report.figures import blank, draw_panel
 from insnav.report.page import Table, Verdict
-from insnav.report.panel_figures import draw_panel
 from insnav.report.panels import Panel
 from insnav.report.pdf import HEIGHT, LIGHT_COLOURS, WIDTH
-from insnav.report.style import blank
 
 _LEFT, _RIGHT = 0.7, 0.25  # margins [inch]
 _ROW, _NOTE = 0.158, 0.142  # heights [inch]
@@ -32,7 +32,7 @@ def draw_front(panels: Sequence[Panel], motion: str, title: str, verdict: Verdic
     figure.text(0.2 / WIDTH, 1.0 - 0.8 / HEIGHT, textwrap.fill(verdict.sentence, 84), va="top", fontsize=11.0)
     light = f"{verdict.light}: {verdict.reason}"
     figure.text(0.2 / WIDTH, 1.0 - 1.55 / HEIGHT, light, va="top", fontsize=8.5, color=LIGHT_COLOURS[verdict.light])
-    place, high, width = _placer(figure), _ROW * (len(estimates.rows) + 3), WIDTH - _LEFT - _RIGHT
+    place, high, width = partial(_place, figure), _ROW * (len(estimates.rows) + 3), WIDTH - _LEFT - _RIGHT
     low = HEIGHT - 1.8 - high
     widths = (0.8, *(1.3 if "(" in text else 0.9 for text in estimates.rows[-1][1:]))
     _write_table(place(0.2, WIDTH - 0.4, low, high), estimates, widths)
@@ -51,7 +51,7 @@ def draw_front(panels: Sequence[Panel], motion: str, title: str, verdict: Verdic
 def draw_back(title: str, tables: Sequence[Table], widths: Sequence[Sequence[float]], notes: Sequence[str]) -> Figure:
     """Draw the second page: tables with the widths of their columns, and how to read them as far as there is room."""
     figure = blank(WIDTH, HEIGHT, title, "")
-    place, low = _placer(figure), HEIGHT - 0.5
+    place, low = partial(_place, figure), HEIGHT - 0.5
     for table, wide in zip(tables, widths, strict=True):
         high = _ROW * (len(table.rows) + 3)
         low -= high
@@ -71,13 +71,9 @@ def draw_back(title: str, tables: Sequence[Table], widths: Sequence[Sequence[flo
     return figure
 
 
-def _placer(figure: Figure) -> Callable[[float, float, float, float], Axes]:
-    """How to add axes by left edge, width, bottom edge and height [inch]."""
-
-    def place(left: float, wide: float, bottom: float, high: float) -> Axes:
-        return figure.add_axes((left / WIDTH, bottom / HEIGHT, wide / WIDTH, high / HEIGHT))
-
-    return place
+def _place(figure: Figure, left: float, wide: float, bottom: float, high: float) -> Axes:
+    """Add axes by left edge, width, bottom edge and height [inch]."""
+    return figure.add_axes((left / WIDTH, bottom / HEIGHT, wide / WIDTH, high / HEIGHT))
 
 
 def _write_table(axes: Axes, table: Table, widths: Sequence[float]) -> None:

@@ -10,11 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from insnav.errors.budget.drive_motion import BudgetStudy
 from insnav.errors.budget.error_budget import BAND, Budget, SimulatedColumn
-from insnav.errors.budget.from_windows import RecordedBudget
+from insnav.errors.budget.from_windows import BudgetStudy, RecordedBudget
 from insnav.errors.budget.laws import SHORT
-from insnav.errors.diagnosis.end_of_run import EndAxis
+from insnav.errors.diagnosis.growth_curves import EndAxis
 from insnav.errors.requirement.study import FIELD_FACTOR
 from insnav.findings import Code, Finding
 from insnav.imu import ImuSpec
@@ -30,7 +29,7 @@ from insnav.report.budget import windows as recorded
 from insnav.report.budget.panels import budget_panels, windows_drawings
 from insnav.report.budget.quantities import extent, horizontal, ranked, recorded_text, shares, size
 from insnav.report.numbers import number
-from insnav.report.outage.windows import INTERVALS
+from insnav.report.outage.page import INTERVALS
 from insnav.report.page import (
     DataFrame,
     Figure,
@@ -141,7 +140,7 @@ def write_files(result: Result[BudgetStudy], folder: RunFolder, table_format: Ta
 
     `folder`: entered, not committed; `table_format` {"csv", "parquet"}: not used: a budget has no tables of its own.
     """
-    from insnav.report.style import drawing, save_pages
+    from insnav.report.figures import drawing, save_pages
 
     store(result.found, folder.path(FOUND))
     if result.imu_model is not None:

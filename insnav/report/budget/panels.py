@@ -14,7 +14,7 @@ from insnav.report.budget.quantities import horizontal, ranked, saved, shares, s
 from insnav.report.budget.windows import CAUSE_UNITS, GROWS, parts_of
 from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION
 from insnav.report.numbers import number
-from insnav.report.outage.windows import below_noise, power_lines, thin_lines
+from insnav.report.outage.page import below_noise, power_lines, thin_lines
 from insnav.report.page import Section, drawn
 from insnav.report.panels import Curve, Panel
 from insnav.units import UNITS
@@ -206,8 +206,7 @@ def _sources(budget: Budget) -> Panel:
         (*curves, Curve("all", time, total, BLACK)),
         link="sources",
         note="covariance, 1 sd; grey: growth with t, t², t³",
-        log_x=True,
-        log_y=True,
+        log="xy",
         limits=limits,
         height=280,
     )
@@ -254,8 +253,7 @@ def _growth_panels(part: RecordedPart, key: str) -> Iterator[Panel]:
             tuple(curves),
             f"{key}_growth" if both else "",
             "bands: 95 %, of the windows by block bootstrap",
-            log_x=not both,
-            log_y=not both,
+            log="" if both else "xy",
             limits=limits,
             height=260,
         )
@@ -329,7 +327,6 @@ def _regression_panel(part: RecordedPart, key: str) -> Panel:
         "predicted sd, reference included [m]",
         tuple(curves),
         note=f"north and east: {line.slope:.2f} times as large{interval}, R² {line.r_squared:.2f}",
-        log_x=True,
-        log_y=True,
+        log="xy",
         height=320,
     )

@@ -9,11 +9,11 @@ from insnav.errors.diagnosis.causes import CAUSES, AxisDiagnosis, Cause, Diagnos
 from insnav.errors.diagnosis.equivalent_sensor_errors import SensorFit
 from insnav.errors.diagnosis.simulated_replica import Replicas
 from insnav.errors.outage.statistics import COMPONENTS, Growth
-from insnav.findings import Code, Finding, of_code
+from insnav.findings import Code, Finding, Severity, of_code
 from insnav.messages import sentence, word
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
-from insnav.report.outage.windows import common_text, corrected, corrected_text
+from insnav.report.outage.page import common_text, corrected, corrected_text
 from insnav.report.page import Section, one_each, only_json
 from insnav.types import FloatArray
 from insnav.units import UNITS
@@ -45,7 +45,8 @@ def windows_sentences(budget: RecordedBudget) -> tuple[str, ...]:
 
 def windows_warnings(budget: RecordedBudget) -> tuple[Finding, ...]:
     """Give what the reader must not overlook."""
-    found = list(of_code(budget.notes, Code.BUDGET_SMOOTHED_START))
+    found = [each for each in budget.notes if each.severity is Severity.UNUSABLE]
+    found += of_code(budget.notes, Code.BUDGET_SMOOTHED_START)
     for kind, part in parts_of(budget):
         wrong = [each for each in part.verdicts if not each.explained]
         if wrong:

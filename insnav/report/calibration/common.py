@@ -21,11 +21,9 @@ from insnav.types import BoolArray, FloatArray
 from insnav.units import DEG, G0
 
 
-def quality_rows(
-    fits: Mapping[str, Fit], unit: str, settings: Mapping[str, Sequence[str]], factor: float = 1.0
-) -> tuple[tuple[Quantity, ...], ...]:
-    """How well each fit holds: scatter, worst residual, condition."""
-    return tuple(
+def quality_section(*sets: tuple[Mapping[str, Fit], str, Mapping[str, Sequence[str]]], factor: float = 1.0) -> Section:
+    """How well each fit holds: scatter, worst residual, condition; fits, their unit and settings."""
+    rows = tuple(
         (
             Quantity("name", name, meaning="fit"),
             Quantity("points", fit.residual.size),
@@ -36,17 +34,14 @@ def quality_rows(
             Quantity("worst_at", settings[name][fit.worst]),
             Quantity("condition", fit.condition),
         )
+        for fits, unit, settings in sets
         for name, fit in fits.items()
     )
-
-
-def quality_section(rows: Iterable[tuple[Quantity, ...]]) -> Section:
-    """Give rows of `quality_rows`, of fits in any unit, as a section."""
     note = (
         "rms: root of the sum of squares over the number of points; sd: over the degrees of freedom. Condition: of the "
         "design with columns of equal length, 1 at best."
     )
-    return Section("fits", "Residuals", rows=tuple(rows), note=note)
+    return Section("fits", "Residuals", rows=rows, note=note)
 
 
 def impact_section(calibration: Calibration[Any, Any], note: str = "") -> Section:

@@ -16,14 +16,7 @@ from insnav.lab.multi_position.six_positions import POSITIONS, TURN_SD, TURNS, S
 from insnav.lab.multi_position.triad import AXES, Triad
 from insnav.lab.nine_position.method import AXIS, SENSORS, NinePositions, NineRecord
 from insnav.quantity import Quantity
-from insnav.report.calibration.common import (
-    Series,
-    corrected_section,
-    impact_section,
-    quality_rows,
-    quality_section,
-    residual_panels,
-)
+from insnav.report.calibration.common import Series, corrected_section, impact_section, quality_section, residual_panels
 from insnav.report.colours import AXIS_COLOURS, BLUE, GREY, ORANGE, VERMILLION
 from insnav.report.numbers import number
 from insnav.report.page import Page, Section, drawn, only_json
@@ -315,7 +308,7 @@ def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
             Section("parameters", "Gyro misalignment", gyro, note=intervals),
             Section("parameters", "Gyros at rest: bias, and what they feel of the specific force", at_rest),
             Section("", "Pseudo-inverses", rows=inverses),
-            quality_section(quality_rows(fits, "m/s^2", dict.fromkeys(SENSORS, places))),
+            quality_section((fits, "m/s^2", dict.fromkeys(SENSORS, places))),
             corrected_section(calibration),
             impact_section(calibration),
             details,
@@ -370,8 +363,8 @@ def poses_panels(found: PosesCalibration) -> tuple[Panel, ...]:
     note = "left out: by a calibration that has not seen it"
     across = "number of the pose; turns between"
     return (
-        Panel("gravity", "Error of gravity", "| |f| - g | [mg]", across, tuple(gravity), "pose", note, log_y=True),
-        Panel("turns", "Error of the turn to the next pose", "error [deg]", across, tuple(turns), "pose", log_y=True),
+        Panel("gravity", "Error of gravity", "| |f| - g | [mg]", across, tuple(gravity), "pose", note, log="y"),
+        Panel("turns", "Error of the turn to the next pose", "error [deg]", across, tuple(turns), "pose", log="y"),
     )
 
 

@@ -17,14 +17,7 @@ from insnav.lab.single_axis.records import Record
 from insnav.lab.single_axis.tumble import Tumble, harmonics
 from insnav.messages import sentence
 from insnav.quantity import Quantity
-from insnav.report.calibration.common import (
-    Series,
-    corrected_section,
-    impact_section,
-    quality_rows,
-    quality_section,
-    residual_panels,
-)
+from insnav.report.calibration.common import Series, corrected_section, impact_section, quality_section, residual_panels
 from insnav.report.colours import AXIS_COLOURS, BLACK, GREY
 from insnav.report.numbers import number
 from insnav.report.page import Page, Section, drawn, only_json
@@ -63,7 +56,7 @@ def gyro_page(calibration: Calibration[tuple[Record, ...], tuple[RateTable, ...]
             drawn("residuals", "Rate table: output minus the straight line", residual_panels(series, "rate [deg/s]")),
             Section("parameters", "Output = U0 + K rate", calibration.parameters, note=_IN_BRACKETS),
             _senses(found, unit),
-            quality_section(quality_rows(fits, unit, settings)),
+            quality_section((fits, unit, settings)),
             _dwells(calibration.record, tuple(fits)),
             impact_section(calibration),
             Section("dropped", rows=left_out, show="json"),
@@ -93,7 +86,7 @@ def accel_page(calibration: Calibration[tuple[Record, ...], tuple[Tumble, ...]])
             drawn("residuals", "Tumble test: output minus the model", panels),
             Section("parameters", "Output = K0 + K1 ai + K2 ai² + K3 ai ao", calibration.parameters, note=note),
             *_harmonics(found, unit),
-            quality_section(quality_rows(fits, unit, settings)),
+            quality_section((fits, unit, settings)),
             _dwells(calibration.record, tuple(fits)),
             impact_section(calibration),
             only_json("", Quantity("gravity", gravity, "m/s^2")),
@@ -223,7 +216,7 @@ def sweep_page(calibration: Calibration[SweepRecord, SweepCalibration]) -> Page:
             _errors(found, stages),
             *_pieces(found),
             *_adjusted(found),
-            quality_section(quality_rows(fits, unit, settings, scale)),
+            quality_section((fits, unit, settings), factor=scale),
             corrected_section(calibration),
             impact_section(calibration),
             only_json("", condition, parts=(Section("dropped", rows=dropped),)),
@@ -369,9 +362,9 @@ def rotor_page(calibration: Calibration[tuple[BenchTable, BenchTable], Inertias]
         "kg m²."
     )
     text = agreed if both.agree else sentence(next(of_code(calibration.warnings, Code.ROTOR_DISAGREE)))
-    quality = (
-        *quality_rows({"falling weight": fall.fit}, "s^2", {"falling weight": [f"{h:.4g} m" for h in fall.x]}),
-        *quality_rows({"precession": precession.fit}, "rad/s", {"precession": [f"{t:.4g} s" for t in precession.x]}),
+    quality = quality_section(
+        ({"falling weight": fall.fit}, "s^2", {"falling weight": [f"{h:.4g} m" for h in fall.x]}),
+        ({"precession": precession.fit}, "rad/s", {"precession": [f"{t:.4g} s" for t in precession.x]}),
     )
     column = calibration.record[1].get("mass")
     masses = [how.mass] if column is None else sorted(set(column.tolist()))
@@ -409,7 +402,7 @@ def rotor_page(calibration: Calibration[tuple[BenchTable, BenchTable], Inertias]
             drawn("lines", "Moment of inertia of a rotor", _line_panels(lines), caption, columns=2),
             Section("parameters", "Moment of inertia", calibration.parameters),
             *((Section("powers", title, powers, note=note),) if powers else ()),
-            quality_section(quality),
+            quality,
             agreement,
         ),
         method=(

@@ -9,7 +9,7 @@ from itertools import cycle, groupby
 import numpy as np
 
 from insnav.certificate.certify import Certificate
-from insnav.certificate.check import Check
+from insnav.certificate.integrators import Check
 from insnav.quantity import Quantity
 from insnav.report.colours import BLACK, BLUE, GREY, ORANGE, PURPLE, SKY, VERMILLION
 from insnav.report.page import DataFrame, Page, Section, Verdict, cell, drawn, only_json, rows_frame
@@ -136,7 +136,7 @@ def certificate_panel(checks: Sequence[Check]) -> Panel:
         "error / limit [-]",
         tuple(each for each in curves if len(each.x)),
         note=_READ,
-        log_x=True,
+        log="x",
         spans=((_LEAST / 3.0, 1.0),),
         rows=tuple(check.name for check in checks),
         height=110 + 20 * len(checks),

@@ -13,7 +13,7 @@ from insnav.messages import At, form, moment, render, sentence
 from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
 from insnav.report.page import DataFrame, Page, Section, only_json, rows_frame
-from insnav.report.series import Clock
+from insnav.report.panels import Clock
 from insnav.report.terminal import page_text
 from insnav.result import Result
 from insnav.session.check import TO_MEND, Checked

@@ -20,8 +20,7 @@ from insnav.quantity import Quantity
 from insnav.report.colours import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from insnav.report.numbers import number
 from insnav.report.page import DataFrame, Light, Page, Section, Verdict, by_warnings, drawn, rows_frame, section_tables
-from insnav.report.panels import Curve, Kind, Panel
-from insnav.report.series import Clock, broken_at_gaps
+from insnav.report.panels import Clock, Curve, Kind, Panel, broken_at_gaps
 from insnav.report.terminal import table_text
 from insnav.result import Result
 from insnav.sample_statistics import rms

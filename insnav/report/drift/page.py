@@ -14,7 +14,7 @@ from insnav.lab.drift.rate_smoothing import P0
 from insnav.output.data_files import csv_text
 from insnav.quantity import Quantity
 from insnav.report.allan.page import noise_quantity
-from insnav.report.calibration.common import bench_input, quality_rows, quality_section
+from insnav.report.calibration.common import bench_input, quality_section
 from insnav.report.colours import AXIS_COLOURS, BLACK, GREY
 from insnav.report.numbers import number
 from insnav.report.page import DataFrame, Page, Section, by_warnings, drawn, only_json, rows_frame
@@ -63,7 +63,7 @@ def page(result: Result[DriftStudy]) -> Page:
             drawn("drift", f"Drift of gyros before and after: {name}", drift_panels(found), columns=3),
             drawn("rates", f"Rates on a ramp and after it: {name}", rate_panels(found), columns=2),
             Section("gyros", parts=tuple(_gyro(each) for each in gyros)),
-            quality_section(quality_rows(fits, "rad/s", dict.fromkeys(fits, times))),
+            quality_section((fits, "rad/s", dict.fromkeys(fits, times))),
         ),
         result.findings,
         ASSUMPTIONS,
@@ -257,8 +257,7 @@ def _panels(time: FloatArray, each: GyroDrift) -> tuple[Panel, Panel, Panel]:
             tuple(allan),
             "tau",
             "band: 95 %",
-            log_x=True,
-            log_y=True,
+            log="xy",
             limits=limits,
             height=240,
         ),

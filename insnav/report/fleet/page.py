@@ -242,7 +242,7 @@ def _panels(rows: Sequence[Row]) -> tuple[Panel, ...]:
     title, axis = "Normalised innovations (NIS)", "place in the table"
     edges = np.array([0.5, len(rows) + 0.5])  # room for the first and the last
     curves.append(Curve("", edges, np.ones(2), VERMILLION, "thin"))
-    panel = Panel("fleet", title, "NIS per axis", axis, tuple(curves), log_y=True, levels=((1.0, "ideal"),), height=240)
+    panel = Panel("fleet", title, "NIS per axis", axis, tuple(curves), log="y", levels=((1.0, "ideal"),), height=240)
     return (panel,) if curves[1:] else ()
 
 
@@ -272,4 +272,4 @@ def _csv_row(row: Row) -> dict[str, Any]:
     known = (fact for each in row.quantities() + row.noise for fact in each.facts().items())
     facts = {name: value for name, value in known if "_interval" not in name}
     code = 0 if row.drive.failed is None else row.drive.failed.exit_code
-    return {**facts, "exit_code": code, "seconds": row.drive.seconds, "file": cell_text(row.drive.file)}
+    return {**facts, "exit_code": code, "file": cell_text(row.drive.file)}

@@ -16,19 +16,17 @@ from insnav.messages import sentence
 from insnav.output.folder import write_text
 from insnav.quantity import Quantity
 from insnav.regression.accuracy_metrics import BY_KEY, FAILS_FROM, LIKELY
-from insnav.regression.baseline import Baseline
-from insnav.regression.paired_tests import ALPHA, POWER, detectable_apart, interval
-from insnav.regression.peers.run_peers import LATEST, LONGEST, PeerRow
-from insnav.regression.provenance import Origin
-from insnav.regression.published.replicas import compare_published, field_factor, read_cases, recorded_ratios
+from insnav.regression.baseline import Baseline, Origin
+from insnav.regression.evaluate import CaseResult
+from insnav.regression.peers import LATEST, LONGEST, PeerRow
+from insnav.regression.published import compare_published, field_factor, read_cases, recorded_ratios
 from insnav.regression.regress import Regression
-from insnav.regression.run_corpus import CaseResult
-from insnav.regression.verdict import CPU_FAILS_FROM, Change, Comparison
+from insnav.regression.verdict import ALPHA, CPU_FAILS_FROM, POWER, Change, Comparison, detectable_apart, interval
+from insnav.report.figures import drawing, save
 from insnav.report.html import filled, page_html
 from insnav.report.numbers import number
 from insnav.report.page import DataFrame, Page, Section, Verdict, drawn, only_json, rows_frame, section_tables
 from insnav.report.regression import panels
-from insnav.report.style import drawing, save
 from insnav.report.terminal import table_text
 from insnav.result import Result
 from insnav.sample_statistics import rms
@@ -159,23 +157,12 @@ def _drawings(found: Regression) -> tuple[Section, ...]:
         over_versions.append(drawn(f"accuracy_{key}", title, lines, note, columns=panels.COLUMNS))
     growth, title = panels.growth_panels(cases, baseline), "Horizontal error without GPS, now and in the baseline"
     note = "RMS over all windows of all drives of a case; other aiding (NHC, ZUPT) is used where found"
+    predicted = "Actual error against predicted standard deviation"
     points = "points: RMS over the drives of a case in an eighth of their time; above the grey line: over-confident"
     return (
         *over_versions,
-        drawn(
-            "accuracy_growth",
-            "Horizontal error without GPS, now and in the baseline",
-            growth,
-            note,
-            columns=panels.COLUMNS,
-        ),
-        drawn(
-            "accuracy_predicted",
-            "Actual error against predicted standard deviation",
-            panels.predicted_panels(cases),
-            points,
-            columns=3,
-        ),
+        drawn("accuracy_growth", title, growth, note, columns=panels.COLUMNS),
+        drawn("accuracy_predicted", predicted, panels.predicted_panels(cases), points, columns=3),
     )
 
 
@@ -219,11 +206,10 @@ def _verdict(found: Regression) -> Verdict:
 
 def verdict_text(comparison: Comparison, then: Origin) -> str:
     """Sum up a comparison in a sentence."""
-    tested = [change for change in comparison.changes if change.metric.kind != "cpu"]
     better, worse = (sum(change.verdict == name for change in comparison.changes) for name in ("better", "worse"))
     which = f"version {then.version} ({then.commit or 'no commit'}, {then.date})"
     outcome = "passed" if comparison.passed else f"FAILED: {len(comparison.failing) + len(comparison.broken)}"
-    return f"{outcome}: {better} better, {worse} worse of {len(tested)} figures against {which}"
+    return f"{outcome}: {better} better, {worse} worse of {panels.figures_tested(comparison)} figures against {which}"
 
 
 def _merits(found: Regression) -> tuple[Quantity, ...]:

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from scipy.special import stdtrit
 
 from insnav.regression.accuracy_metrics import FAILS_FROM, METRICS, Metric
 from insnav.regression.baseline import Baseline
-from insnav.regression.evaluate import GROWTH
-from insnav.regression.history import Entry
-from insnav.regression.paired_tests import detectable
-from insnav.regression.peers.run_peers import PeerRow
-from insnav.regression.run_corpus import Accuracy, CaseResult
-from insnav.regression.verdict import Change, Comparison
+from insnav.regression.evaluate import GROWTH, Accuracy, CaseResult
+from insnav.regression.peers import PeerRow
+from insnav.regression.regress import Entry
+from insnav.regression.verdict import Change, Comparison, detectable
 from insnav.report.colours import AXIS_COLOURS, BLACK, BLUE, GREEN, GREY, SKY, VERMILLION
 from insnav.report.numbers import number
 from insnav.report.page import Cell, Matrix, Table
@@ -225,7 +223,7 @@ def growth_panels(cases: Mapping[str, CaseResult], baseline: Baseline | None) ->
             )
             for each, of, i, colour in grown
         )
-        panels.append(Panel(name, name, "error [m]", "time without GPS [s]", curves, "growth", log_x=True, log_y=True))
+        panels.append(Panel(name, name, "error [m]", "time without GPS [s]", curves, "growth", log="xy"))
     return panels
 
 
@@ -234,36 +232,17 @@ def _grown(growth: FloatArray, column: int) -> FloatArray:
     return np.sqrt(np.where(count > 0, growth[:, column] / np.maximum(count, 1.0), np.nan))
 
 
-@dataclass(frozen=True, slots=True)
-class Line:
-    """Straight line through logarithms: exponent with its 95 % interval, value at the middle, coefficient R²."""
-
-    slope: float
-    low: float
-    high: float
-    offset: float
-    r2: float
-
-
-def fitted(predicted: FloatArray, actual: FloatArray) -> Line | None:
-    """Regress the logarithm of the actual error on that of the predicted one, by least squares.
+def fitted(predicted: FloatArray, actual: FloatArray) -> tuple[Any, float] | None:
+    """Regress the logarithm of the actual error on that of the predicted one: the line, half the interval of its slope.
 
     `predicted`, `actual` (n,): above zero.
     """
-    if len(predicted) < 3:
+    from scipy.stats import linregress  # which takes long to import
+
+    if len(predicted) < 3 or np.ptp(predicted) == 0.0:
         return None
-    x, y = np.log10(predicted), np.log10(actual)
-    dx, dy = x - x.mean(), y - y.mean()
-    total = float(dx @ dx)
-    if total == 0.0:
-        return None
-    slope = float(dx @ dy) / total
-    rest = dy - slope * dx
-    degrees = len(x) - 2
-    half = float(stdtrit(degrees, 0.975)) * float(np.sqrt(rest @ rest / degrees / total))
-    spread = float(dy @ dy)
-    r2 = 1.0 - float(rest @ rest) / spread if spread > 0.0 else 0.0
-    return Line(slope, slope - half, slope + half, float(y.mean() - slope * x.mean()), r2)
+    line = linregress(np.log10(predicted), np.log10(actual))
+    return line, float(stdtrit(len(predicted) - 2, 0.975)) * line.stderr
 
 
 def predicted_panels(cases: Mapping[str, CaseResult]) -> list[Panel]:
@@ -282,11 +261,13 @@ def predicted_panels(cases: Mapping[str, CaseResult]) -> list[Panel]:
             Curve(name, part[usable[:, k], k, 1], part[usable[:, k], k, 0], colour, "points")
             for k, (name, colour) in enumerate(zip(names, AXIS_COLOURS, strict=True))
         ]
-        line, head = fitted(predicted, part[:, :, 0][usable]), title
+        found, head = fitted(predicted, part[:, :, 0][usable]), title
         curves.append(Curve("right", ends, ends, GREY))
-        if line is not None:
-            curves.append(Curve("regression", ends, 10.0**line.offset * ends**line.slope, BLACK))
-            head = f"{title}: slope {line.slope:.2f} ({line.low:.2f} to {line.high:.2f}), R² {line.r2:.2f}"
+        if found is not None:
+            line, half = found
+            curves.append(Curve("regression", ends, 10.0**line.intercept * ends**line.slope, BLACK))
+            interval = f"{line.slope - half:.2f} to {line.slope + half:.2f}"
+            head = f"{title}: slope {line.slope:.2f} ({interval}), R² {line.rvalue**2:.2f}"
         labels = f"actual RMS error [{unit}]", f"predicted sd [{unit}], n {len(predicted)}"
-        panels.append(Panel(title, head, *labels, tuple(curves), log_x=True, log_y=True, height=330))
+        panels.append(Panel(title, head, *labels, tuple(curves), log="xy", height=330))
     return panels

@@ -329,7 +329,7 @@ def part_panels(study: RequirementStudy) -> Iterator[Panel]:
             "time without GPS [s]",
             tuple(curves),
             "parts",
-            log_y=True,
+            log="y",
             levels=((required.error, "limit"),),
             height=330,
         )

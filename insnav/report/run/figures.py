@@ -11,9 +11,8 @@ from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import MOVING_M_S, travelled
 from insnav.report.colours import AXIS_COLOURS, BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION
 from insnav.report.numbers import distance_text, duration_text, number
-from insnav.report.panels import Curve, Drawing, Panel
+from insnav.report.panels import Clock, Curve, Drawing, Panel, broken_at_gaps
 from insnav.report.run.panels import CHI2_95, GROUPS, RunAxis, gate_levels, run_track, sensor_errors
-from insnav.report.series import Clock, broken_at_gaps
 from insnav.sample_statistics import rms
 from insnav.types import BoolArray, FloatArray
 from insnav.units import DEG, DEG_PER_H, G0, PPM
@@ -165,7 +164,7 @@ def _uncertainty(found: EvaluatedRun) -> tuple[Panel, ...]:
         time, columns = broken_at_gaps(Clock.of(found.run.solution.time)(solution.time), np.column_stack(sizes))
         for k in range(4):
             curves[k].append(Curve(mode, time, columns[:, k], _COLOURS[mode][0]))
-    return tuple(_panel(found, label, own, log_y=True) for label, own in zip(labels, curves, strict=True))
+    return tuple(_panel(found, label, own, log="y") for label, own in zip(labels, curves, strict=True))
 
 
 def _innovations(found: EvaluatedRun) -> tuple[tuple[Panel, ...], int]:
@@ -199,7 +198,7 @@ def _innovations(found: EvaluatedRun) -> tuple[tuple[Panel, ...], int]:
         ]
         levels = ((CHI2_95, f"95 % ({CHI2_95:.1f})"), *gate_levels(found.run, group))
         limits = (1e-2, max(100.0, 2.0 * float(np.max(nis[nis > 0.0], initial=0.0))))
-        panels.append(_panel(found, "NIS, 3 dof [-]", curves, title=group, log_y=True, limits=limits, levels=levels))
+        panels.append(_panel(found, "NIS, 3 dof [-]", curves, title=group, log="y", limits=limits, levels=levels))
     return tuple(panels), len(groups)
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,36 +18,26 @@ from insnav.imu.imu_file import to_toml
 from insnav.output import solution_tables
 from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder, read_facts
-from insnav.output.kml import write_kml
+from insnav.output.track_files import write_kml
 from insnav.report.page import DataFrame, Figure, FigureSpec, Later, Page, Section
-from insnav.report.run.backdrop import FILE as BACKDROP
-from insnav.report.run.backdrop import read_backdrop, write_backdrop
+from insnav.report.panels import Clock
+from insnav.report.run.figures import figure_drawings
+from insnav.report.run.panels import run_panels
 from insnav.report.run.quantities import run_sections
 from insnav.report.run.verdict import brief_lines, rated, run_circles, run_line, run_merits, run_verdict
-from insnav.report.series import Clock
 from insnav.report.terminal import WIDTH
 from insnav.result import Result
-from insnav.types import (
-    AidingUse,
-    Alignment,
-    Epochs,
-    FloatArray,
-    GpsData,
-    Innovations,
-    Run,
-    SensorErrors,
-    Smoothed,
-)
+from insnav.types import AidingUse, Alignment, Epochs, FloatArray, GpsData, Innovations, Run, SensorErrors, Smoothed
 from insnav.units import DEG, DEG_PER_H
-
-if TYPE_CHECKING:
-    from insnav.report.panels import Drawing
 
 PDF_PAGES = {
     "summary": ("track",),
     "accuracy": ("position_error", "attitude_error", "uncertainty", "attitude"),
     "filter": ("innovations", "biases"),
 }
+BACKDROP = "backdrop.geojson"
+MOST_POINTS = 50_000  # points that a page takes
+_DEPTH = {"LineString": 0, "MultiLineString": 1, "Polygon": 1, "MultiPolygon": 2}  # lists of lists of points
 
 
 def page(result: Result[EvaluatedRun], *, sections: bool = True) -> Page:
@@ -73,7 +64,7 @@ def page(result: Result[EvaluatedRun], *, sections: bool = True) -> Page:
 def _sections(found: EvaluatedRun, reference: str) -> tuple[Section, ...]:
     accuracy, *others = run_sections(found, reference)
     return (
-        Section("", panels=Later(partial(_panels, found)), figures=run_figures(found), show="page"),
+        Section("", panels=Later(partial(run_panels, found)), figures=run_figures(found), show="page"),
         Section("", "Accuracy, stationary and moving", parts=(accuracy,), folded=True),
         Section("", "All figures of the run", parts=tuple(others), folded=True),
     )
@@ -107,15 +98,8 @@ def run_figures(found: EvaluatedRun) -> tuple[FigureSpec, ...]:
     return tuple(FigureSpec(name, caption, partial(_draw, name, found)) for name, caption in names.items())
 
 
-def _panels(found: EvaluatedRun) -> Sequence[Drawing]:
-    from insnav.report.run.panels import run_panels  # needed by no run without a page
-
-    return run_panels(found)
-
-
 def _draw(name: str, found: EvaluatedRun) -> Figure:
-    from insnav.report.panel_figures import draw_drawings  # matplotlib is imported only where a figure is asked for
-    from insnav.report.run.figures import figure_drawings
+    from insnav.report.figures import draw_drawings  # matplotlib is imported only where a figure is asked for
 
     title, note, drawings, columns = figure_drawings(name, found)
     return draw_drawings(drawings, title, note, columns=columns)
@@ -232,3 +216,44 @@ def _aiding(facts: Mapping[str, Any]) -> AidingUse:
     key = next(key for key in facts if key.startswith("innovation_rms_"))
     unit = key.removeprefix("innovation_rms_").replace("_", "/")
     return AidingUse(facts["name"], facts["processed"], facts["rejected"], facts[key], facts["nis"], unit)
+
+
+def read_backdrop(file: Path) -> FloatArray:
+    """Read the lines of a GeoJSON file (RFC 7946) on WGS-84.
+
+    Returns: (n, 2) latitude and longitude [rad], a row of NaN behind each line.
+    Raises: InputError: no GeoJSON, no line in it, places off the Earth, or too many points.
+    """
+    try:
+        lines = list(_lines(json.loads(file.read_text(encoding="utf-8"))))
+        points = [np.array([each[:2] for each in line], dtype=np.float64).reshape(-1, 2)[:, ::-1] for line in lines]
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError("report.not_geojson", where=str(file), reason=str(error)) from error
+    if not points:
+        raise InputError("report.empty_backdrop", where=str(file))
+    found = np.concatenate([np.vstack((each, np.full((1, 2), np.nan))) for each in points])
+    if len(found) > MOST_POINTS:
+        raise InputError("report.large_backdrop", where=str(file), count=len(found), limit=MOST_POINTS)
+    if np.nanmax(np.abs(found[:, 0])) > 90.0 or np.nanmax(np.abs(found[:, 1])) > 180.0:
+        raise InputError("report.backdrop_unit", where=str(file))
+    return found * DEG
+
+
+def write_backdrop(lines: FloatArray, file: Path) -> None:
+    """Write such lines again."""
+    parts = np.split(lines, np.flatnonzero(np.isnan(lines[:, 0])) + 1)
+    coordinates = [np.round(each[:-1, ::-1] / DEG, 9).tolist() for each in parts if len(each) > 1]
+    file.write_text(json.dumps({"type": "MultiLineString", "coordinates": coordinates}), encoding="utf-8")
+
+
+def _lines(value: Any) -> Iterator[Any]:
+    """Give every line and ring of an object and what it holds."""
+    kind = value["type"]
+    own = [value["geometry"]] if value.get("geometry") else []
+    for part in value.get("features") or value.get("geometries") or own:
+        yield from _lines(part)
+    if kind in _DEPTH:
+        found = [value["coordinates"]]
+        for _ in range(_DEPTH[kind]):
+            found = [each for part in found for each in part]
+        yield from found

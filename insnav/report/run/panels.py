@@ -14,8 +14,7 @@ from insnav.errors.metrics import TrajectoryErrors
 from insnav.findings import Code, of_code
 from insnav.messages import render
 from insnav.report.colours import AXIS_COLOURS, BLUE, GREY, ORANGE, VERMILLION
-from insnav.report.panels import Curve, Panel, Shade, Track
-from insnav.report.series import Clock, broken_at_gaps, wrapped
+from insnav.report.panels import Clock, Curve, Panel, Shade, Track, broken_at_gaps, wrapped
 from insnav.strapdown import nearest_rows
 from insnav.types import BoolArray, FloatArray, Run, SensorErrors, Trajectory
 from insnav.units import DEG, DEG_PER_H, G0
@@ -108,7 +107,7 @@ def _state_panels(found: EvaluatedRun, axis: RunAxis) -> list[Panel]:
                 time, sd = broken_at_gaps(axis.clock(solution.time), solution.sd[:, columns] / size)
                 curves += [Curve(n, time, sd[:, k], AXIS_COLOURS[k], mode=mode) for k, n in enumerate(names)]
         title, note = f"Stated uncertainty of {group}", "one standard deviation"
-        panels.append(axis.panel(f"{group}_sd", title, f"sd [{unit}]", curves, note=note, log_y=True))
+        panels.append(axis.panel(f"{group}_sd", title, f"sd [{unit}]", curves, note=note, log="y"))
     return panels
 
 
@@ -160,7 +159,7 @@ def _innovation_panels(run: Run, axis: RunAxis) -> list[Panel]:
         ]
     levels = [(CHI2_95, f"95 % ({CHI2_95:.1f})"), *gate_levels(run)]
     note = "normalised innovation squared of each fix, 3 degrees of freedom: 3 on average if the stated sd is right"
-    panels.append(axis.panel("nis", "NIS", "NIS [-]", nis, note=note, log_y=True, levels=tuple(levels)))
+    panels.append(axis.panel("nis", "NIS", "NIS [-]", nis, note=note, log="y", levels=tuple(levels)))
     return panels
 
 

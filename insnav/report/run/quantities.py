@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,11 +13,13 @@ from insnav.errors.metrics import MOVING_M_S, TrajectoryErrors, accuracy_by_moti
 from insnav.errors.reference_offset import ReferenceOffset
 from insnav.filter.noise_estimate import NoiseEstimate
 from insnav.findings import Code, of_code
-from insnav.fleet.tuning import Tuned
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.page import Section, one_each, only_json
 from insnav.sample_statistics import rms, rms_length
 from insnav.types import Alignment, BoolArray, FloatArray, Run, SensorErrors, Trajectory
+
+if TYPE_CHECKING:  # a run has no fleet
+    from insnav.fleet.tuning import Tuned
 
 SHOWN_STATISTICS = ("rms", "p95", "max")
 SHOWN_ERRORS = tuple(
@@ -86,17 +88,15 @@ def noise_section(found: NoiseEstimate | Tuned) -> Section:
     """Give the noise of IMU and fixes as found in innovations."""
     items = []
     for figure in found.figures:
-        told = "" if figure.observable else ", not observable: the prior"
         name, interval = figure.key.replace(".", " ").replace("_", " "), (figure.low, figure.high)
         if figure.key.startswith("gps.") and not figure.unit:  # of the sd that came with the fixes, or of a variance
             name += " of the variance that lasts" if figure.key == "gps.share" else ", factor of sd"
-        name += told
+        name += "" if figure.observable else ", not observable: the prior"
         items.append(Quantity(figure.key.replace(".", "_"), figure.value, figure.unit, None, interval, name))
-    words = "mean square of normalised innovations"
     items += [
         Quantity("log_likelihood_gain", found.gain),
-        Quantity("mean_square_before", found.mean_before, meaning=f"{words}, prior"),
-        Quantity("mean_square", found.mean_after, meaning=f"{words}, as found"),
+        Quantity("mean_square_before", found.mean_before, meaning="mean square of normalised innovations, prior"),
+        Quantity("mean_square", found.mean_after, meaning="mean square of normalised innovations, as found"),
     ]
     note = (
         "imu.toml has the IMU for --imu; gps: factors of sd; prior: the preset, and of white noise of gyros what a "

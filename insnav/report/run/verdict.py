@@ -211,7 +211,7 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = WIDTH) -> l
     `page`: that of the run; `width`: of the lines, which may cut long texts; none: nothing is wrapped or cut.
     """
     title = phrase("terminal.line", name=page.title, text=page.summary[0]) if page.summary else page.title
-    verdict = [] if page.verdict is None else _rows(page.verdict.brief, 2, width)
+    verdict = [] if page.verdict is None else _rows(page.verdict.rating, 2, width)
     best, *others = rated(found) or [""]
     table = _table({best: page.merits} | {mode: run_merits(found, mode) for mode in others})
     warnings = _listed("warning", page.warnings, _WARNINGS, width)

@@ -1,10 +1,14 @@
-"""Kinds of vehicles: what they can do, what they do by default, how they lean."""
+"""Kinds of vehicles: what they can do, what they do by default, how they lean and vibrate."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
+from insnav.simulate.imu_errors import Seed
+from insnav.types import FloatArray
 from insnav.units import G0
 
 
@@ -55,3 +59,66 @@ KINDS = {
         Kind("slide", 100.0, HIGHEST, HIGHEST, math.radians(60), 0.5, 5.0, 1.0, on_the_spot=True),
     )
 }
+
+
+_TONES = 24  # of a band, or of the suspension, on each axis
+_REFERENCE_SPEED = 20.0  # at which a vehicle shakes as much as its figures say [m/s]
+_STREAM = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Vibration:
+    """What shakes."""
+
+    # size of the suspension's vibration by that of the vehicle; it is in proportion to the speed
+    suspension: float = 1.0
+    # frequency [Hz] and amplitude [m/s^2] of each engine line, along all three axes, in phases drawn at random
+    lines: tuple[tuple[float, float], ...] = ()
+    # lowest and highest frequency [Hz], and one-sided density of the acceleration in between [(m/s^2)^2/Hz]
+    bands: tuple[tuple[float, float, float], ...] = ()
+
+    @property
+    def highest(self) -> float:
+        """Highest frequency in it [Hz]."""
+        return max([6.25, *(line[0] for line in self.lines), *(band[1] for band in self.bands)])
+
+
+def shaken(
+    t: FloatArray, speed: FloatArray, body: Vehicle, vibration: Vibration, seed: Seed
+) -> tuple[FloatArray, FloatArray]:
+    """Vibration of velocity forward, right, down [m/s] and of roll, pitch, heading [rad], each ``(n, 3)``."""
+    velocity, angle = _suspension(t, speed, body, vibration.suspension, seed)
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
+    for frequency, size in vibration.lines:
+        velocity += _tones(t, np.full((1, 3), frequency), size, rng)
+    for low, high, density in vibration.bands:
+        # tones drawn one to each slice of the band: each has its share of the power
+        slices = low + (high - low) * (np.arange(_TONES)[:, None] + rng.uniform(size=(_TONES, 3))) / _TONES
+        velocity += _tones(t, slices, math.sqrt(2.0 * density * (high - low) / _TONES), rng)
+    return velocity, angle
+
+
+def _suspension(
+    t: FloatArray, speed: FloatArray, vehicle: Vehicle, factor: float, seed: Seed
+) -> tuple[FloatArray, FloatArray]:
+    """`factor` times the vibration of the vehicle: tones in proportion to the speed ``(n,)`` [m/s], none at rest."""
+    rng = np.random.default_rng(seed)
+    result = np.empty((len(t), 6))
+    for i, sd in enumerate(vehicle.velocity_shake + vehicle.angle_shake):
+        omega = 2.0 * np.pi * rng.uniform(*vehicle.band, _TONES)
+        phase = rng.uniform(0.0, 2.0 * np.pi, _TONES)
+        tones = np.zeros(len(t))
+        for w, p in zip(omega, phase, strict=True):
+            tones += np.sin(w * t + p)
+        result[:, i] = factor * sd * math.sqrt(2.0 / _TONES) * speed / _REFERENCE_SPEED * tones
+    return result[:, :3], result[:, 3:]
+
+
+def _tones(t: FloatArray, frequency: FloatArray, size: float, rng: np.random.Generator) -> FloatArray:
+    """Velocity of tones whose acceleration has amplitude `size` ``(n, 3)``; frequencies ``(m, 3)`` [Hz]."""
+    phase = rng.uniform(0.0, 2.0 * np.pi, frequency.shape)
+    total = np.zeros((len(t), 3))
+    for f, p in zip(frequency, phase, strict=True):
+        omega = 2.0 * np.pi * f
+        total += size / omega * np.sin(omega * t[:, None] + p)
+    return total

@@ -13,12 +13,10 @@ from pydantic import Field, PlainValidator
 from insnav.config_file import Table, checked, quantity, read_toml, refuse, scalar, signed_scalar, similar, wrong
 from insnav.exceptions import ConfigError
 from insnav.simulate.imu_errors import Seed
-from insnav.simulate.motion.assemble import Commands, Start, commands_of, spacing_of, truth_of
-from insnav.simulate.motion.kinds import KINDS, Kind
+from insnav.simulate.motion.assemble import Commands, Start, commands_of, spacing_of, truth_of, way_through
+from insnav.simulate.motion.kinds import KINDS, Kind, Vibration
 from insnav.simulate.motion.moves import Move, State
 from insnav.simulate.motion.segments import SEGMENTS, Repeat, Segment
-from insnav.simulate.motion.vibration import Vibration
-from insnav.simulate.motion.waypoints import way_through
 from insnav.simulate.truth import Truth
 from insnav.types import FloatArray
 
@@ -161,7 +159,11 @@ def _read(listed: list[Any], path: str) -> tuple[list[tuple[str, Segment]], list
             listed_inside = data.get("segment")
             inner, more = _read(listed_inside if isinstance(listed_inside, list) else [], f"{place}, segment")
             problems += more
-            segments += inner * (segment.count if isinstance(segment, Repeat) else 0)
+            count = segment.count if isinstance(segment, Repeat) else 0
+            if len(segments) + count * len(inner) > _MAX_MOVES:
+                problems.append(ConfigError("sim.many_moves", where=path, limit=_MAX_MOVES))
+                break
+            segments += inner * count
         elif segment is not None:
             segments.append((place, segment))
     return segments, problems

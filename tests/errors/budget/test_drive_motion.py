@@ -7,15 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from insnav.errors.budget.drive_motion import (
+from insnav.errors.budget.error_budget import budget
+from insnav.errors.budget.from_windows import (
+    RecordedBudget,
+    WindowSettings,
+    recorded_budget,
     spec_in_windows,
     typical_window,
     window_motion,
     window_start_sources,
     with_recorded,
 )
-from insnav.errors.budget.error_budget import budget
-from insnav.errors.budget.from_windows import RecordedBudget, WindowSettings, recorded_budget
 from insnav.errors.budget.sources import start_sources
 from tests.errors.outage import drives
 

@@ -11,8 +11,7 @@ from insnav.errors.budget.from_windows import WindowSettings, recorded_budget, v
 from insnav.errors.diagnosis.simulated_replica import replica_task
 from insnav.errors.outage.free_inertial import free_window_starts, free_windows
 from insnav.errors.outage.statistics import COMPONENTS, components, growth
-from insnav.errors.outage.window_reference import reference_from_fixes, reference_from_trajectory
-from insnav.errors.outage.windows import navigated_drive
+from insnav.errors.outage.windows import navigated_drive, reference_from_fixes, reference_from_trajectory
 from insnav.exceptions import ConfigError
 from insnav.findings import Code, Severity
 from insnav.imu import ImuSpec

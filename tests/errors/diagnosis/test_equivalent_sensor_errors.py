@@ -9,7 +9,7 @@ import pytest
 
 from insnav.errors.diagnosis.causes import CAUSES, diagnose
 from insnav.errors.diagnosis.equivalent_sensor_errors import fit_sensors
-from insnav.errors.diagnosis.error_regression import regression
+from insnav.errors.outage.statistics import regression
 from insnav.units import DEG_PER_H, G0, UG
 from tests.errors.outage import drives
 

@@ -7,9 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from insnav.errors.diagnosis.end_of_run import end_of_run, explain_end
 from insnav.errors.diagnosis.growth_curves import (
     about_the_curve,
+    end_of_run,
+    explain_end,
     fit_curve,
     position_terms,
     velocity_terms,

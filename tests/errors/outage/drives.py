@@ -8,8 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from insnav.errors.outage.free_inertial import Windows, free_window_starts, free_windows
-from insnav.errors.outage.window_reference import reference_from_fixes
-from insnav.errors.outage.windows import navigated_drive
+from insnav.errors.outage.windows import navigated_drive, reference_from_fixes
 from insnav.filter import FilterSettings
 from insnav.filter.prepare import Prepared, prepare
 from insnav.imu import ImuErrors, ImuSpec, SensorSpec, corrupt

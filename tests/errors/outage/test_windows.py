@@ -13,18 +13,16 @@ from insnav.earth import lla_offset, ned_offset
 from insnav.errors.outage.free_inertial import Windows, free_window_starts, free_windows
 from insnav.errors.outage.gnss_outage import outages
 from insnav.errors.outage.statistics import COMPONENTS, components, growth, table_times
-from insnav.errors.outage.window_reference import (
-    WindowReference,
-    is_stationary,
-    reference_from_fixes,
-    reference_from_trajectory,
-    stationary_fixes,
-)
 from insnav.errors.outage.windows import (
+    WindowReference,
     forward_start,
     free_inertial_settings,
     growth_by_start_error,
+    is_stationary,
     navigated_drive,
+    reference_from_fixes,
+    reference_from_trajectory,
+    stationary_fixes,
     uncalibrated_start,
 )
 from insnav.exceptions import ConfigError, InputError

@@ -10,7 +10,7 @@ import pytest
 from insnav.errors.budget.sampled_motion import SampledMotion, at_rest, sampled
 from insnav.errors.requirement.allocation import FAMILIES, allocate, spec_of
 from insnav.errors.requirement.limit import Requirement, binomial_interval, length_quantile
-from insnav.errors.requirement.verification import verify
+from insnav.errors.requirement.study import verify
 from insnav.exceptions import ConfigError
 from insnav.simulate.motion import load_profile
 from insnav.units import DEG_PER_H, DEG_PER_SQRT_H, G0, UG

@@ -353,31 +353,40 @@ TURNED: dict[str, np.ndarray] = {
     **{letters: _turned(letters) for letters in ("FLU", "RFU", "BLD", "RBD", "LFD", "BRU", "FUR", "FDL", "DRB", "UFL")},
     **{f"yaw {degrees:g}": _yawed(degrees) for degrees in (30.0, -45.0, 90.0, 180.0)},
 }
-# name -> writer, what the refusal must say, and what is to be given then for it to be understood (None: another file)
-REFUSED: dict[str, tuple[Callable[[Path], object], str, dict[str, object] | None]] = {
-    "without gravity": (_without_gravity, "columns.gravity_removed", None),
-    "counts": (_units(1e-4, 5e-4, SHORT), "columns.no_gravity", None),
-    "not in m/s^2": (_units(1.0, G0, IMU_HEADERS), "accel=g", {"units": "accel=g"}),
-    "not in rad/s": (_units(DEG, 1.0, IMU_HEADERS), "gyro=deg/s", {"units": "gyro=deg/s"}),
-    "left-handed": (_csv(matrix=np.diag([1.0, -1.0, 1.0])), "left-handed", None),
-    "gyros inverted": (_csv(gyro=-1.0), "mounting.gyros_wrong_way", None),
-    "accelerometers inverted": (_csv(accel=-1.0), "mounting.accelerometers_inverted", None),
-    "increments named rates": (_increments(SHORT), "increment", {"sampling": "increment"}),
-    "two times a gyro": (_csv("time,gx,gx,gz,ax,ay,az"), "columns.header_twice", None),
+# name -> writer, the code of the error, its values that lead to the answer, and the options with which the file is
+# understood (None: it needs another file)
+REFUSED: dict[str, tuple[Callable[[Path], object], str, dict[str, object], dict[str, object] | None]] = {
+    "without gravity": (_without_gravity, "columns.gravity_removed", {}, None),
+    "counts": (_units(1e-4, 5e-4, SHORT), "columns.no_gravity", {}, None),
+    "not in m/s^2": (_units(1.0, G0, IMU_HEADERS), "columns.accel_unit", {"unit": "g"}, {"units": "accel=g"}),
+    "not in rad/s": (_units(DEG, 1.0, IMU_HEADERS), "clock.gyro_unit", {"unit": "deg/s"}, {"units": "gyro=deg/s"}),
+    "left-handed": (_csv(matrix=np.diag([1.0, -1.0, 1.0])), "mounting.left_handed", {}, None),
+    "gyros inverted": (_csv(gyro=-1.0), "mounting.gyros_wrong_way", {"axes": ("x", "y", "z")}, None),
+    "accelerometers inverted": (_csv(accel=-1.0), "mounting.accelerometers_inverted", {}, None),
+    "increments named rates": (_increments(SHORT), "columns.accel_increments", {}, {"sampling": "increment"}),
+    "two times a gyro": (_csv("time,gx,gx,gz,ax,ay,az"), "columns.header_twice", {"column": "gx"}, None),
     "unknown names": (
         _csv("time,alpha,beta,gamma,ax,ay,az"),
-        "--columns gyro_x=",
+        "columns.missing",
+        {"guess": "gyro_x=alpha,gyro_y=beta,gyro_z=gamma", "option": "--columns"},
         {"columns": {"gyro_x": "alpha", "gyro_y": "beta", "gyro_z": "gamma"}},
     ),
     "misspelled": (
         _csv("time,gyor_x,gyro_y,gyro_z,ax,ay,az"),
         "columns.missing",
+        {"meant": "gyro_x=gyor_x", "option": "--columns"},
         {"columns": {"gyro_x": "gyor_x"}},
     ),
     "ambiguous date": (
         _csv(time=lambda t: [f"08/07/2025 {each}" for each in iso("%H:%M:%S.%f")(t)]),
         "format.ambiguous_dates",
+        {},
         None,
     ),
-    "no times": (lambda folder: table(folder / "imu.csv", samples(SHORT)[1:]), "time", None),
+    "no times": (
+        lambda folder: table(folder / "imu.csv", samples(SHORT)[1:]),
+        "columns.missing",
+        {"example": "time"},
+        None,
+    ),
 }

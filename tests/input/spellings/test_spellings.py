@@ -12,6 +12,7 @@ from insnav.messages import sentence
 from insnav.session.read import read as readings
 from tests.input.spellings import gps_files, imu_files
 from tests.input.spellings.recorded import DEG, GPS_HEADERS, IMU_HEADERS, drive, fixes, samples, table
+from tests.refusals import refused
 
 SHARE = 0.85  # of the spellings that must be understood without an option
 
@@ -91,29 +92,28 @@ def test_gps(name, tmp_path, plain):
 
 @pytest.mark.parametrize("name", imu_files.REFUSED)
 def test_imu_that_is_refused(name, tmp_path, plain):
-    write, hint, given = imu_files.REFUSED[name]
+    write, code, values, given = imu_files.REFUSED[name]
     imu = write(tmp_path)
-    _refused(lambda: insnav.load(imu, plain[1]), hint)
+    _refused(lambda: insnav.load(imu, plain[1]), code, values)
     if given is not None:
         _samples_are_those_of_the_drive(readings(imu, None, None, given).imu.data, tolerance=2e-5)
 
 
 @pytest.mark.parametrize("name", gps_files.REFUSED)
 def test_gps_that_is_refused(name, tmp_path, plain):
-    write, hint, given = gps_files.REFUSED[name]
+    write, code, values, given = gps_files.REFUSED[name]
     gps = write(tmp_path)
-    _refused(lambda: insnav.load(plain[0], gps), hint)
+    _refused(lambda: insnav.load(plain[0], gps), code, values)
     if given is not None:
         read = readings(plain[0], gps, None, given)
         np.testing.assert_allclose(read.gps.data.lla[:, :2] / DEG, drive().lla[:, :2], atol=2e-7)
 
 
-def _refused(load, hint):
-    with pytest.raises(InsnavError) as caught:
+def _refused(load, code, values):
+    with refused(InsnavError, code) as caught:
         load()
-    error = caught.value
-    assert hint in f"{error.what} {error.why} {error.fix} {error.code}"
-    assert error.fix
+    assert {name: caught.value.values[name] for name in values} == values
+    assert caught.value.fix
 
 
 def test_most_are_understood():

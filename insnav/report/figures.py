@@ -1,22 +1,31 @@
-"""The panels and maps of a page as figures for papers: matplotlib for what ``templates/panels.js`` draws."""
+"""Figures for papers: type, margins, axes, legends, files; and the panels and maps of a page in matplotlib."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Literal
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from insnav.messages import speaking
 from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILLION
 from insnav.report.numbers import distance_text
-from insnav.report.panels import Curve, Drawing, Panel, Track, limits_of, modes
-from insnav.report.series import envelope, thinned
-from insnav.report.style import blank, legend_above, logarithmic
+from insnav.report.panels import Curve, Drawing, Panel, Track, envelope, limits_of, modes, thinned
 from insnav.types import FloatArray
 
+DOTS_PER_INCH = 130
+_LONG = 1e4  # ends of a logarithmic axis so far apart have no room for more than powers of ten
+_RC: Any = mpl.rc_params_from_file(Path(__file__).with_name("papers.mplstyle"), use_default_template=False)
 _NARROWEST_M = 4.0  # a vehicle at rest needs a map too
 _WIDTH = 7.35  # of the map [inch]
 _PIXELS = 108.0  # of a panel on the page that are an inch here
@@ -30,6 +39,73 @@ _STYLES: dict[str, dict[str, Any]] = {
 }
 _FEW = 0.05  # share of a curve that may be beyond the limits to be marked as outliers
 _WHERE_FEW = 40  # points of a cloud that are drawn large
+
+
+@contextmanager
+def drawing() -> Iterator[None]:
+    """Set the style of everything drawn inside, and English words: the font has no others."""
+    with mpl.rc_context(_RC), speaking("en"):
+        yield
+
+
+def blank(width: float, height: float, title: str, note: str) -> Figure:
+    """Start an empty figure, size in [inch], with its headline, a quieter note on how to read it, and margins."""
+    figure = Figure(figsize=(width, height))
+    FigureCanvasAgg(figure)
+    # Fixed margins: measuring them would draw everything twice.
+    figure.subplots_adjust(left=0.85 / width, right=1.0 - 0.2 / width, bottom=0.55 / height, top=1.0 - 0.85 / height)
+    left = 0.15 / width
+    figure.text(left, 1.0 - 0.12 / height, title, ha="left", va="top", fontsize=11.5, fontweight="bold")
+    figure.text(left, 1.0 - 0.36 / height, note, ha="left", va="top", fontsize=8.5, color="#444444")
+    return figure
+
+
+def save(figure: Figure, path: Path, file_format: Literal["png", "svg"]) -> Path:
+    """Write a figure to a path without suffix, and return the file."""
+    file = path.with_name(f"{path.name}.{file_format}")
+    if file_format == "svg":
+        figure.savefig(file, metadata={"Date": None, "Creator": None})
+    else:
+        # Light compression: the files grow by a fifth and are written in half the time.
+        figure.savefig(file, dpi=DOTS_PER_INCH, metadata={"Software": None}, pil_kwargs={"compress_level": 3})
+    return file
+
+
+def save_pages(figures: Sequence[Figure], file: Path) -> Path:
+    """Write figures into one PDF, a page each; the same figures give the same bytes."""
+    with PdfPages(file, metadata={"CreationDate": None, "Creator": None, "Producer": None}) as pages:
+        for figure in figures:
+            pages.savefig(figure)
+    return file
+
+
+def logarithmic(axis: Axis) -> None:
+    """Mark a logarithmic axis at 1, 2 and 5 of each power of ten, a long one at powers, as plain numbers."""
+    low, high = sorted(axis.get_view_interval())
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < _LONG * low else (1.0,)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def legend_above(axes: Axes, lift: float) -> None:
+    """Put the legend on one line over the upper right corner of a panel, out of the way of the data.
+
+    `lift`: height of the legend's lower edge in heights of the panel.
+    """
+    entries: dict[str, Any] = {}
+    for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+        entries.setdefault(label, handle)
+    if entries:
+        axes.legend(
+            handles=list(entries.values()),
+            labels=list(entries),
+            loc="lower right",
+            bbox_to_anchor=(1.0, lift),
+            ncols=len(entries),
+            borderaxespad=0.1,
+            handlelength=1.4,
+            columnspacing=1.2,
+        )
 
 
 def draw_drawings(drawings: Sequence[Drawing], title: str, note: str = "", *, columns: int = 1) -> Figure:
@@ -61,8 +137,8 @@ def draw_drawings(drawings: Sequence[Drawing], title: str, note: str = "", *, co
 def draw_panel(axes: Axes, panel: Panel, mode: str = "", *, heading: bool = True, letters: int = _BESIDE) -> None:
     """Draw what a panel shows under one position of the switch; `letters`: that title and legend may share."""
     low, high = (-0.6, len(panel.rows) - 0.4) if panel.rows else limits_of(panel, mode) or (0.0, 1.0)
-    axes.set_xscale("log" if panel.log_x else "linear")
-    axes.set_yscale("log" if panel.log_y else "linear")
+    axes.set_xscale("log" if "x" in panel.log else "linear")
+    axes.set_yscale("log" if "y" in panel.log else "linear")
     for start, end in panel.spans:
         axes.axvspan(start, end, color=ORANGE, alpha=0.18, linewidth=0.0, zorder=0.5)
     for curve in panel.curves:
@@ -74,8 +150,8 @@ def draw_panel(axes: Axes, panel: Panel, mode: str = "", *, heading: bool = True
         axes.set_yticks(range(len(panel.rows)), panel.rows)
         low, high = high, low  # the first row stands at the top
     axes.set_ylim(low, high)
-    for axis in ((axes.xaxis,) if panel.log_x else ()) + ((axes.yaxis,) if panel.log_y else ()):
-        logarithmic(axis)
+    for name in panel.log:
+        logarithmic(axes.xaxis if name == "x" else axes.yaxis)
     if panel.ticks:
         axes.set_xticks([at for at, _ in panel.ticks], [name for _, name in panel.ticks])
     axes.set_ylabel(panel.y_label)
@@ -95,7 +171,7 @@ def draw_panel(axes: Axes, panel: Panel, mode: str = "", *, heading: bool = True
         )
     elif len(entries) > 1 or (entries and panel.levels):
         beside = len(panel.title) * heading + length < 2.0 * letters
-        legend_above(axes, lift=1.0 if beside else 1.0 + 21.6 / panel.height)
+        legend_above(axes, 1.0 if beside else 1.0 + 21.6 / panel.height)
 
 
 def _draw_curve(axes: Axes, curve: Curve, low: float, high: float) -> None:
@@ -134,7 +210,7 @@ def _draw_track(track: Track, title: str, note: str) -> Figure:
     most = [np.percentile(points, (5.0, 95.0), axis=0)] if len(points) else []  # a few wild ones must not shrink it
     every = np.concatenate([np.column_stack((track.east, track.north)), *wide, *most])
     shade = track.shades[0] if track.shades and not track.shades[0].classes else None
-    figure, axes = map_figure(every[:, 0], every[:, 1], title, note, beside=0.85 if shade else 0.0)
+    figure, axes = _start_map(every, title, note, 0.85 if shade else 0.0)
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
     axes.plot(*points.T, ".", color=GREY, markersize=3.0, label="GPS fix" if len(points) else "_", zorder=1.8)
     for curve in track.behind:
@@ -160,7 +236,7 @@ def _draw_track(track: Track, title: str, note: str) -> Figure:
         figure.colorbar(pieces, ax=axes, label=shade.name, fraction=0.05, pad=0.02)
     axes.set_xlim(left, right)
     axes.set_ylim(low, high)
-    finish_map(axes, np.column_stack((track.north, track.east)))
+    _finish_map(axes, track)
     return figure
 
 
@@ -174,33 +250,27 @@ def _pieces(track: Track, values: FloatArray) -> LineCollection:
     return pieces
 
 
-def map_figure(
-    east: FloatArray, north: FloatArray, title: str, note: str, *, beside: float = 0.0
-) -> tuple[Figure, Axes]:
-    """Start a map that holds some points; `finish_map` ends it.
-
-    `east`, `north` (n,): what it must hold [m]; `beside`: room to the right of it, as for a bar of colours [inch].
-    """
-    x_limits, y_limits = map_limits(east, north)
+def _start_map(points: FloatArray, title: str, note: str, beside: float) -> tuple[Figure, Axes]:
+    """Start a map of points East, North (n, 2) [m] and a margin, no narrower than a page; `beside`: room [inch]."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    width, height = (max(float(size), _NARROWEST_M) for size in high - low)
+    margin = 0.07 * max(width, height)
+    width, height = width + 2.0 * margin, height + 2.0 * margin
+    half, middle = (0.5 * max(width, 0.95 * height), 0.5 * max(height, 0.4 * width)), 0.5 * (low + high)
+    x_limits, y_limits = ((float(at) - size, float(at) + size) for at, size in zip(middle, half, strict=True))
     height = _WIDTH * (y_limits[1] - y_limits[0]) / (x_limits[1] - x_limits[0])
     width = _WIDTH + 1.05 + beside
     figure = blank(width, height + 1.85, title, note)
     figure.subplots_adjust(bottom=0.95 / (height + 1.85), right=1.0 - (0.2 + beside) / width)
-    axes = figure.subplots()
-    axes.set_xlim(*x_limits)
-    axes.set_ylim(*y_limits)
-    return figure, axes
+    return figure, figure.subplots(subplot_kw={"xlim": x_limits, "ylim": y_limits})
 
 
-def finish_map(axes: Axes, track: FloatArray) -> None:
-    """Mark start and end of a track, scale and north, name the axes and put the legend below.
-
-    `track` (n, 2): North and east of the start [m].
-    """
+def _finish_map(axes: Axes, track: Track) -> None:
+    """Mark start and end of a track, scale and north, name the axes and put the legend below."""
     # many a drive ends where it began: the start is the larger mark, so that both are seen
-    (north, east), (last_north, last_east) = track[0], track[-1]
-    axes.plot(east, north, "^", color=GREEN, markersize=13.0, markeredgecolor="white", label="start", zorder=4)
-    axes.plot(last_east, last_north, "s", color=BLACK, markersize=5.0, markeredgecolor="white", label="end", zorder=4)
+    for row, marker, colour, size, name in ((0, "^", GREEN, 13.0, "start"), (-1, "s", BLACK, 5.0, "end")):
+        place = track.east[row], track.north[row]
+        axes.plot(*place, marker, color=colour, markersize=size, markeredgecolor="white", label=name, zorder=4)
     scale_bar(axes)
     north_arrow(axes)
     axes.set_aspect("equal")
@@ -211,19 +281,6 @@ def finish_map(axes: Axes, track: FloatArray) -> None:
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, below), ncols=6, handlelength=1.4, columnspacing=1.2)
 
 
-def map_limits(east: FloatArray, north: FloatArray) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Limits east and north: the track and a margin, no narrower than fits a page."""
-    width, height = (max(float(np.ptp(v)), _NARROWEST_M) for v in (east, north))
-    margin = 0.07 * max(width, height)
-    width, height = width + 2.0 * margin, height + 2.0 * margin
-    half_east, half_north = 0.5 * max(width, 0.95 * height), 0.5 * max(height, 0.4 * width)
-    middle_east, middle_north = (0.5 * (float(v.min()) + float(v.max())) for v in (east, north))
-    return (
-        (middle_east - half_east, middle_east + half_east),
-        (middle_north - half_north, middle_north + half_north),
-    )
-
-
 def scale_bar(axes: Axes) -> None:
     """Draw a bar of a round length, about a fifth of the width, in the lower left corner."""
     (left, right), (low, _) = axes.get_xlim(), axes.get_ylim()
@@ -232,13 +289,8 @@ def scale_bar(axes: Axes) -> None:
     length = float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= longest))
     x, y = left + 0.04 * (right - left), low + 0.03 * (right - left)
     tick = 0.008 * (right - left)
-    axes.plot(
-        [x, x, x, x + length, x + length, x + length],
-        [y + tick, y - tick, y, y, y + tick, y - tick],
-        color=BLACK,
-        linewidth=1.6,
-        zorder=5,
-    )
+    across, along = [x] * 3 + [x + length] * 3, [y + tick, y - tick, y, y, y + tick, y - tick]
+    axes.plot(across, along, color=BLACK, linewidth=1.6, zorder=5)
     axes.text(x + 0.5 * length, y + 1.3 * tick, distance_text(length), ha="center", va="bottom", fontsize=8.5)
 
 

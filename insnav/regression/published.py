@@ -21,7 +21,6 @@ from insnav.sample_statistics import rms
 from insnav.session.simulation import simulate
 from insnav.types import FloatArray
 
-CASES = Path(__file__).parent / "cases.toml"
 SEEDS = 3  # drives of a replica
 FIRST, SPACING = 120.0, 15.0  # of the outages in a drive [s]
 Statistic = Literal["RMS of maxima", "RMS at the end", "mean at the end", "maximum"]
@@ -73,8 +72,9 @@ class FieldFactor:
     span: tuple[float, float]  # 95 % of the ratios of further drives
 
 
-def read_cases(path: Path = CASES) -> list[Case]:
+def read_cases() -> list[Case]:
     """Read the published figures."""
+    path = Path(__file__).with_suffix(".toml")
     return validate(_File, read_toml(path), str(path)).case
 
 

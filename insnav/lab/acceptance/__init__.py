@@ -1,1 +1,0 @@
-"""Acceptance figures of gyros and accelerometers from bench records."""

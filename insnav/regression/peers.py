@@ -1,0 +1,310 @@
+"""Other programs on the same drives: pyins, a filter, and GTSAM, a batch smoother, where they are installed."""
+
+from __future__ import annotations
+
+import importlib.util
+import time as clock
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pymap3d
+
+from insnav.attitude import dcm_from_rph
+from insnav.earth import OMEGA_EARTH, gravity_n
+from insnav.engine import Workers, every
+from insnav.exceptions import AlignmentError, InsnavError
+from insnav.filter.navigate import navigate_recording
+from insnav.filter.prepare import Prepared, Start, prepare
+from insnav.imu import ImuSpec
+from insnav.imu.specification import SensorSpec
+from insnav.regression.corpus import Corpus, Material, RecordedCase, source_of
+from insnav.regression.evaluate import SERIES, AnyCase, errors_of, settled
+from insnav.sample_statistics import rms
+from insnav.simulate.montecarlo import run_seed
+from insnav.types import FloatArray, GpsData, ImuData, IntArray, Trajectory
+from insnav.units import DEG
+
+_WARM = 2.0  # of the drive, to compile by [s]
+_INTEGRATION = 1e-8  # covariance of GTSAM's integration of position, as in its examples [m^2/s]
+_DEGREES = np.array([DEG, DEG, 1.0])
+LONGEST = 150.0  # of a drive: pyins needs a quarter of a minute for it [s]
+LATEST = 80.0  # errors count from here on at the latest [s]
+_SPARSE = 0.5  # a solution with longer steps is evaluated at its own epochs, not between them [s]
+_SAME = 5e-3  # as far from an epoch at most [s]
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What a peer is given."""
+
+    imu: ImuData  # mean rates and specific forces, stamped at the end
+    gps: GpsData  # fixes after the start, with the standard deviation of each
+    start: Start
+    lever_b: FloatArray  # (3,) antenna seen from the IMU, body axes [m]
+    spec: ImuSpec  # sensor figures
+
+
+@dataclass(frozen=True, slots=True)
+class PeerRun:
+    """What a peer made of it."""
+
+    cpu_s: float  # CPU time of the filter alone [s]
+    samples: int  # filtered
+    solution: Trajectory  # without standard deviations
+
+
+def _bias_sd(sensor: SensorSpec) -> FloatArray:
+    return np.hypot(sensor.bias, sensor.bias_instability)
+
+
+def _bias_walk(sensor: SensorSpec) -> FloatArray:
+    """Driving noise of the Gauss-Markov process of the in-run bias, which the peers take for a random walk."""
+    return np.asarray(sensor.bias_instability * np.sqrt(2.0 / sensor.correlation_time))
+
+
+def _increments(imu: ImuData) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Length of each sampling interval, and angle and velocity increment over it."""
+    step = np.diff(imu.time, prepend=2.0 * imu.time[0] - imu.time[1])
+    scale = 1.0 if imu.sampling == "increment" else step[:, None]
+    return step, imu.gyro * scale, imu.accel * scale
+
+
+def run_pyins(task: Task) -> PeerRun:
+    """Filter with pyins; compiling its integrator, and making its tables, are not counted."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what it still uses of pandas is its own affair
+        _pyins(task, task.start.time + _WARM)
+        return _pyins(task, float("inf"))
+
+
+def _pyins(task: Task, end: float) -> PeerRun:
+    import pandas as pd
+    from pyins import filters, inertial_sensor, measurements, strapdown
+    from pyins.util import ACCEL_COLS, GYRO_COLS, LLA_COLS, RPH_COLS, VEL_COLS
+
+    imu, gps = task.imu, task.gps
+    rows = (imu.time > task.start.time - 1e-6) & (imu.time < end)  # pyins wants one sample before
+    _, dtheta, dvel = _increments(imu)
+    table = pd.DataFrame(np.hstack([dtheta, dvel])[rows], index=imu.time[rows], columns=GYRO_COLS + ACCEL_COLS)
+    increments = strapdown.compute_increments_from_imu(table, "increment")
+    inside = (gps.time > task.start.time + 1e-6) & (gps.time <= increments.index[-1])
+    used: list[measurements.Measurement] = []
+    for kind, value, sd, columns in (
+        (measurements.Position, gps.lla / _DEGREES, gps.position_sd, LLA_COLS),
+        (measurements.NedVelocity, gps.v_n, gps.velocity_sd, VEL_COLS),
+    ):
+        known = inside & np.isfinite(value).all(axis=1)
+        if known.any():
+            measured = kind(pd.DataFrame(value[known], index=gps.time[known], columns=columns), 1.0, task.lever_b)
+            measured.R = np.diag(np.mean(sd[known] ** 2, axis=0))  # the constructor takes one figure for all axes
+            used.append(measured)
+    gyro, accel = (
+        inertial_sensor.EstimationModel(_bias_sd(s), s.random_walk, _bias_walk(s), np.diag(s.scale_factor))
+        for s in (task.spec.gyro, task.spec.accel)
+    )
+    state = np.concatenate([task.start.lla / _DEGREES, task.start.v_n, task.start.rph / DEG])
+    pva = pd.Series(state, index=LLA_COLS + VEL_COLS + RPH_COLS, name=task.start.time)
+    level, heading = rms(task.start.attitude_sd[:2]) / DEG, float(task.start.attitude_sd[2]) / DEG
+    begin = clock.process_time()
+    result = filters.run_feedback_filter(
+        pva, rms(task.start.position_sd), rms(task.start.velocity_sd), level, heading, increments, gyro, accel, used
+    )
+    cpu = clock.process_time() - begin
+    found = result.trajectory
+    solution = Trajectory(
+        found.index.to_numpy(dtype=np.float64),
+        found[LLA_COLS].to_numpy() * _DEGREES,
+        found[VEL_COLS].to_numpy(),
+        found[RPH_COLS].to_numpy() * DEG,
+    )
+    return PeerRun(cpu, len(increments), solution)
+
+
+def run_gtsam(task: Task) -> PeerRun:
+    """Smooth with GTSAM, in the tangent plane at the start (North, East, Down).
+
+    Preintegrated IMU factors between the fixes, a factor for each position, biases as a walk. Velocities of the fixes
+    are not used: it has no factor for them at a lever arm.
+    """
+    origin = task.start.lla / _DEGREES
+    inside = (task.gps.time > task.start.time + 1e-6) & (task.gps.time <= task.imu.time[-1])
+    fixes, sd = task.gps.time[inside], task.gps.position_sd[inside]
+    ned = np.column_stack(pymap3d.geodetic2ned(*(task.gps.lla[inside] / _DEGREES).T, *origin))
+    edges = np.searchsorted(task.imu.time, np.concatenate([[task.start.time], fixes]) + 1e-6)
+    begin = clock.process_time()
+    states = _gtsam(task, ned, sd, edges)
+    cpu = clock.process_time() - begin
+    position, v_n, rph = (np.array(part) for part in zip(*states, strict=True))
+    lla = np.column_stack(pymap3d.ned2geodetic(*position.T, *origin)) * _DEGREES
+    rph[:, 2] %= 2.0 * np.pi
+    return PeerRun(cpu, int(edges[-1] - edges[0]), Trajectory(fixes, lla, v_n, rph))
+
+
+def _gtsam(
+    task: Task, ned: FloatArray, sd: FloatArray, edges: IntArray
+) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
+    """Position, velocity and attitude at each fix."""
+    import gtsam
+    from gtsam.symbol_shorthand import B, V, X
+
+    step, dtheta, dvel = _increments(task.imu)
+    gyro, accel = dtheta / step[:, None], dvel / step[:, None]
+    params = gtsam.PreintegrationParams.MakeSharedD(float(gravity_n(task.start.lla[0], task.start.lla[2])[2]))
+    params.setGyroscopeCovariance(np.diag(task.spec.gyro.random_walk**2))
+    params.setAccelerometerCovariance(np.diag(task.spec.accel.random_walk**2))
+    params.setIntegrationCovariance(_INTEGRATION * np.eye(3))
+    params.setOmegaCoriolis(OMEGA_EARTH * np.array([np.cos(task.start.lla[0]), 0.0, -np.sin(task.start.lla[0])]))
+    sensors = (task.spec.accel, task.spec.gyro)  # in this order
+    bias_sd = np.concatenate([_bias_sd(sensor) for sensor in sensors])
+    walk = np.concatenate([_bias_walk(sensor) for sensor in sensors])
+
+    def noise(sigmas: FloatArray) -> Any:
+        return gtsam.noiseModel.Diagonal.Sigmas(sigmas)
+
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    pose = gtsam.Pose3(gtsam.Rot3(dcm_from_rph(task.start.rph)), np.zeros(3))
+    state = gtsam.NavState(pose, task.start.v_n)
+    zero = gtsam.imuBias.ConstantBias()
+    pose_sd = np.concatenate([task.start.attitude_sd, task.start.position_sd])
+    graph.add(gtsam.PriorFactorPose3(X(0), state.pose(), noise(pose_sd)))
+    graph.add(gtsam.PriorFactorVector(V(0), state.velocity(), noise(task.start.velocity_sd)))
+    graph.add(gtsam.PriorFactorConstantBias(B(0), zero, noise(bias_sd)))
+    values.insert(X(0), state.pose())
+    values.insert(V(0), state.velocity())
+    values.insert(B(0), zero)
+    measured = gtsam.PreintegratedImuMeasurements(params, zero)
+    for k in range(len(edges) - 1):
+        measured.resetIntegration()
+        for i in range(edges[k], edges[k + 1]):
+            measured.integrateMeasurement(accel[i], gyro[i], step[i])
+        interval = float(step[edges[k] : edges[k + 1]].sum())
+        graph.add(gtsam.ImuFactor(X(k), V(k), X(k + 1), V(k + 1), B(k), measured))
+        graph.add(gtsam.BetweenFactorConstantBias(B(k), B(k + 1), zero, noise(walk * np.sqrt(interval))))
+        graph.add(gtsam.GPSFactorArm(X(k + 1), ned[k], task.lever_b, noise(sd[k])))
+        state = measured.predict(state, zero)
+        # the fix is the better guess of the position: without it the first linearization is kilometres off
+        state = gtsam.NavState(gtsam.Pose3(state.attitude(), ned[k]), state.velocity())
+        values.insert(X(k + 1), state.pose())
+        values.insert(V(k + 1), state.velocity())
+        values.insert(B(k + 1), zero)
+    found = gtsam.LevenbergMarquardtOptimizer(graph, values, gtsam.LevenbergMarquardtParams()).optimize()
+    poses = [found.atPose3(X(k + 1)) for k in range(len(edges) - 1)]
+    return [(pose.translation(), found.atVector(V(k + 1)), pose.rotation().rpy()) for k, pose in enumerate(poses)]
+
+
+@dataclass(frozen=True, slots=True)
+class PeerRow:
+    """One program on one case."""
+
+    case: str
+    program: str
+    rms: tuple[float | None, ...]  # North, East, Down [m]
+    attitude_deg: tuple[float | None, ...]  # roll and pitch together, heading [deg]
+    cpu_us: float | None  # CPU time a sample [us]
+    remark: str = ""  # why there are no figures
+
+
+def installed() -> dict[str, Callable[[Task], PeerRun]]:
+    """Peers that are installed, by name."""
+    known = {"pyins": ("pyins", run_pyins), "gtsam, smoothed": ("gtsam", run_gtsam)}
+    return {name: run for name, (module, run) in known.items() if importlib.util.find_spec(module) is not None}
+
+
+def run_peers(
+    corpus: Corpus, data: Path, *, workers: Workers = 1, progress: Callable[[float], None] | None = None
+) -> list[PeerRow]:
+    """Give the first drive of every case, its first part, to insnav and to every peer.
+
+    `data`: folder of recorded data; cases without theirs are left out.
+    """
+    cases = [case for case in corpus.cases if not isinstance(case, RecordedCase) or (data / case.data).is_dir()]
+    found = every(_compared, [(case, data) for case in cases], workers, progress=progress)
+    return [row for rows in found for row in rows]
+
+
+def _compared(of: tuple[AnyCase, Path]) -> list[PeerRow]:
+    """Every program on one case, with the folder of recorded data."""
+    case, data = of
+    whole = source_of(case, data).material(run_seed(SERIES, 1))
+    rows = []
+    try:
+        material, ready = _begun(whole)
+        navigate_recording(material.imu, material.gps, material.spec, material.settings)  # compiles
+        begin = clock.process_time()
+        done = navigate_recording(material.imu, material.gps, material.spec, material.settings)
+        cpu = clock.process_time() - begin
+    except InsnavError as error:
+        return [_failed(case.name, "insnav", error)]
+    per_sample = 1e6 * cpu / len(material.imu.time)
+    rows.append(_row(case.name, "insnav", done.run.solution, material, per_sample))
+    if done.run.smoothed is not None:
+        rows.append(_row(case.name, "insnav, smoothed", done.run.smoothed.solution, material, None))
+    task = task_of(material, ready)
+    for name, run in installed().items():
+        try:
+            peer = run(task)
+            rows.append(_row(case.name, name, peer.solution, material, 1e6 * peer.cpu_s / peer.samples))
+        except Exception as error:  # whatever a peer may raise is its result
+            rows.append(_failed(case.name, name, error))
+    return rows
+
+
+def _failed(case: str, program: str, error: Exception) -> PeerRow:
+    text = str(error).splitlines()[0] if str(error) else type(error).__name__
+    return PeerRow(case, program, (None,) * 3, (None, None), None, f"fails: {text[:60]}")
+
+
+def _row(case: str, program: str, solution: Trajectory, material: Material, cpu_us: float | None) -> PeerRow:
+    time = settled(solution, material)
+    if len(solution.time) > 1 and np.median(np.diff(solution.time)) > _SPARSE:
+        at = np.clip(np.searchsorted(solution.time, time - _SAME), 0, len(solution.time) - 1)
+        near = np.abs(solution.time[at] - time) < _SAME
+        chosen = np.isin(material.truth.time, time[near])
+        material, time = replace(material, truth=material.truth.rows(chosen)), time[near]
+    if not len(time):
+        return PeerRow(case, program, (None,) * 3, (None, None), cpu_us, "no epoch in common with the reference")
+    errors = errors_of(solution, time, material)
+    level = np.linalg.norm(errors.attitude[:, :2], axis=1)
+    columns = (*errors.position.T, level / DEG, errors.attitude[:, 2] / DEG)
+    figures = [rms(column) if np.isfinite(column).any() else None for column in columns]
+    return PeerRow(case, program, tuple(figures[:3]), tuple(figures[3:]), cpu_us)
+
+
+def _begun(whole: Material) -> tuple[Material, Prepared]:
+    """As short a first part of a drive as it can be aligned by, and with a reference for it."""
+    seconds = LONGEST
+    while True:
+        part = shortened(whole, seconds)
+        last = whole.imu.time[0] + seconds > whole.imu.time[-1]
+        try:
+            ready = prepare(part.imu, part.gps, part.spec, part.settings)
+            moving = part.gps.v_n[part.gps.time > ready.initial.time + LATEST]
+            if last or part.min_speed == 0.0 or (np.linalg.norm(moving, axis=1) > part.min_speed).sum() >= LATEST:
+                return part, ready
+        except AlignmentError:
+            if last:
+                raise
+        seconds *= 2.0
+
+
+def shortened(material: Material, seconds: float) -> Material:
+    """The first part of a recording."""
+    imu, gps = material.imu, material.gps
+    n, m = (int(np.searchsorted(time, imu.time[0] + seconds)) for time in (imu.time, gps.time))
+    settle = min(material.settle, LATEST)
+    return replace(material, imu=imu.rows(slice(n)), gps=gps.rows(slice(m)), settle=settle)
+
+
+def task_of(material: Material, ready: Prepared) -> Task:
+    """What a peer is given, by what insnav starts from."""
+    initial, gps = ready.initial, ready.gps
+    sd = np.sqrt(np.diag(initial.covariance)[:9])
+    good = gps.time > initial.time + 1e-6
+    if gps.fix is not None:
+        good &= gps.fix != 0
+    start = Start(initial.time, initial.lla, initial.v_n, initial.rph, sd[:3], sd[3:6], sd[6:9])
+    return Task(ready.imu, gps.rows(good), start, material.settings.lever_b, material.spec)

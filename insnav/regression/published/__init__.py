@@ -1,1 +1,0 @@
-"""Published outage figures compared with simulated replicas of their tests."""
