@@ -11,8 +11,7 @@ from insnav import strapdown
 from insnav.alignment import align, stationary_of
 from insnav.alignment import in_motion as motion
 from insnav.alignment.align import LEVEL_SPAN
-from insnav.alignment.false_motion import away, without_false_motion
-from insnav.alignment.first_fixes import count_false_start
+from insnav.alignment.false_fixes import away, count_false_start, without_false_motion
 from insnav.alignment.static import LONG_REST
 from insnav.exceptions import AlignmentError, InputError
 from insnav.filter.error_model import ErrorModel, InitialState, error_model, initial_state

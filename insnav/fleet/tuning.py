@@ -16,8 +16,7 @@ from insnav.fleet.recordings import find_drives
 from insnav.imu.specification import ImuSpec
 from insnav.result import Result
 from insnav.session.drive import Drive, load
-from insnav.steps.checked_inputs import options_of
-from insnav.steps.given import better_kinds
+from insnav.steps.given import better_kinds, options_of
 from insnav.steps.inputs import Inputs
 
 Files: TypeAlias = tuple[Path, Path | None]  # IMU and GPS file of a drive; None for a log of both

@@ -31,7 +31,7 @@ from insnav.lab.noise.allan import between
 from insnav.lab.noise.static_noise import SignalNoise, StaticNoise, signal_noise, static_noise
 from insnav.result import Result
 from insnav.session.read import is_frame, read_samples, samples_source
-from insnav.steps.checked_inputs import checked
+from insnav.steps.given import checked
 from insnav.steps.inputs import Inputs
 from insnav.types import FloatArray, ImuData
 

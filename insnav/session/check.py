@@ -30,7 +30,7 @@ from insnav.result import Result
 from insnav.session.drive import Drive, drive_of
 from insnav.session.read import read
 from insnav.steps import Recording
-from insnav.steps.checked_inputs import options_of
+from insnav.steps.given import options_of
 from insnav.steps.imu_noise import stationary_part
 from insnav.steps.inputs import INPUTS, Inputs
 from insnav.steps.one_clock import clock_offset, is_shown

@@ -19,7 +19,7 @@ from insnav.output.solution_tables import has_smoothed, read_run_table, read_sol
 from insnav.plain_text import plain_text
 from insnav.result import Result
 from insnav.session.read import read_ref
-from insnav.steps.checked_inputs import checked, options_of, reference_point
+from insnav.steps.given import checked, options_of, reference_point
 from insnav.steps.inputs import Inputs
 from insnav.types import GpsData, Trajectory
 

@@ -32,8 +32,7 @@ from insnav.messages import sentence
 from insnav.result import Result, StepRecord
 from insnav.session.read import read
 from insnav.steps import LOAD, STEPS, Model, Recording, Task, run_steps
-from insnav.steps.checked_inputs import one_of, options_of, reference_point, reference_sd
-from insnav.steps.given import given_model
+from insnav.steps.given import given_model, one_of, options_of, reference_point, reference_sd
 from insnav.steps.inputs import Inputs
 from insnav.strapdown import intervals
 from insnav.types import FloatArray, GpsData, ImuData, Trajectory

@@ -18,7 +18,7 @@ from insnav.input.readers.heights import Heights, read_heights
 from insnav.input.readers.specific_force import SpecificForce, read_specific_force
 from insnav.result import Result
 from insnav.session.read import one_from_stdin, read_ref, samples_source
-from insnav.steps.checked_inputs import one_of
+from insnav.steps.given import one_of
 from insnav.types import FloatArray, Trajectory
 from insnav.units import DEG
 

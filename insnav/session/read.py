@@ -25,7 +25,7 @@ from insnav.input.readers.kinds import open_parts
 from insnav.input.readers.sensor_log import read_sensor_log
 from insnav.plain_text import plain_text
 from insnav.steps import Recording
-from insnav.steps.checked_inputs import checked, one_of
+from insnav.steps.given import checked, one_of
 from insnav.steps.inputs import LOGS, Inputs
 from insnav.types import FloatArray, GpsData, ImuData, Sampling, Stamp, Trajectory
 

@@ -26,7 +26,7 @@ from insnav.session.budget import LONGEST_FREE
 from insnav.simulate.motion import load_profile
 from insnav.simulate.recording import MOTION_STREAM
 from insnav.simulate.truth import Truth, straight
-from insnav.steps.checked_inputs import one_of
+from insnav.steps.given import one_of
 
 BEFORE = 300.0  # GPS before the outage, where the motion is long enough [s]
 HORIZON = 300.0  # of the outage to which errors of real IMUs are followed, where the motion is long enough [s]

@@ -22,7 +22,7 @@ from insnav.simulate.motion import load_profile
 from insnav.simulate.recording import MOTION_STREAM, Recording, perfect_imu, simulate_recording, temperature_ramp
 from insnav.simulate.truth import Truth
 from insnav.simulate.truth_from_track import Residual, track_residual, truth_from_track
-from insnav.steps.checked_inputs import one_of
+from insnav.steps.given import one_of
 from insnav.steps.inputs import Inputs
 from insnav.types import Sampling, Trajectory
 

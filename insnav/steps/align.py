@@ -13,7 +13,7 @@ from insnav.filter.prepare import Prepared
 from insnav.findings import Finding
 from insnav.input.readers.kinds import files_with
 from insnav.steps import Model, Recording
-from insnav.steps.set_up import filter_settings, set_up_filter
+from insnav.steps.given import filter_settings, set_up_filter
 
 
 def align(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from insnav.errors.evaluated_run import evaluate_run
 from insnav.findings import Finding, added
 from insnav.steps import Model, Recording
-from insnav.steps.checked_inputs import reference_point
+from insnav.steps.given import reference_point
 
 
 def evaluate(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:

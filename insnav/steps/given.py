@@ -1,20 +1,154 @@
-"""The estimates before any data are looked at: what the user gave, and priors for the rest."""
+"""What the user gave: inputs checked, the estimates before any data are looked at, and the filter made of both."""
 
 from __future__ import annotations
 
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Literal
+
 import numpy as np
 
-from insnav.filter.prepare import DELAY_SD
+from insnav import spill
+from insnav.exceptions import ConfigError, InputError
+from insnav.filter.prepare import DELAY_SD, Prepared, Start, prepare
+from insnav.filter.settings import FilterSettings
 from insnav.findings import Code, Finding
 from insnav.imu import load_imu
 from insnav.imu.imu_file import part_of
 from insnav.imu.presets import PRESETS
 from insnav.imu.specification import ImuSpec
 from insnav.steps import Estimate, Model, Recording
-from insnav.steps.checked_inputs import vector
-from insnav.steps.inputs import Inputs
+from insnav.steps.inputs import INPUTS, LOGS, Inputs
+from insnav.types import FloatArray, Trajectory
+from insnav.units import DEG
 
+_LONGEST_LEVER = 100.0  # a longer one was given in another unit [m]
 LEVER_SD = 1.0  # of each component of a lever arm that was not given: antenna and IMU are on one vehicle [m]
+
+
+def checked(inputs: Inputs) -> Inputs:
+    """Check what was given, and read the initial state if it is a file.
+
+    Raises: ConfigError: an unknown name, or a value that makes no sense; `where` is the name; InputError: the file of
+    the initial state cannot be read or is incomplete.
+    """
+    for key, value in inputs.items():
+        if key not in INPUTS:
+            raise ConfigError("input.unknown_input", value=key, known=tuple(INPUTS))
+        what = INPUTS[key]
+        # a comparison that NaN fails too
+        if isinstance(value, int | float) and not what.low <= value / what.size <= what.high:
+            raise ConfigError(
+                "input.out_of_range", where=key, value=value / what.size, low=what.low, high=what.high, unit=what.unit
+            )
+    vector(inputs, "lever_arm")
+    vector(inputs, "ref_lever_arm")
+    span = inputs.get("static")
+    if span is not None and not span[1] > span[0]:
+        raise ConfigError("input.bad_span", where="static", span_s=(float(span[0]), float(span[1])))
+    reference_sd(inputs)
+    for name in inputs.get("logs") or {}:
+        if name not in LOGS:
+            raise ConfigError("input.unknown_sensor", where="logs", value=str(name), known=tuple(LOGS))
+    initial = inputs.get("initial")
+    return {**inputs, "initial": read_start(Path(initial)) if isinstance(initial, str | Path) else initial}
+
+
+def one_of(name: str, value: object, known: Sequence[object]) -> None:
+    """Refuse a word, or a number, that is none of those known."""
+    if value not in known:
+        raise ConfigError("input.unknown_word", where=name, value=str(value), known=tuple(map(str, known)))
+
+
+def vector(inputs: Inputs, key: Literal["lever_arm", "ref_lever_arm"]) -> FloatArray | None:
+    """Lever arm ``(3,)`` in body axes [m]; None if it was not given."""
+    value = inputs.get(key)
+    if value is None:
+        return None
+    array = np.asarray(value, dtype=np.float64)
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise ConfigError("input.not_a_vector", where=key, value=str(value))
+    if float(np.linalg.norm(array)) > _LONGEST_LEVER:
+        raise ConfigError("input.long_lever_arm", where=key, lever_m=tuple(array.tolist()), limit_m=_LONGEST_LEVER)
+    return array
+
+
+def reference_point(inputs: Inputs, reference: Trajectory) -> FloatArray | None:
+    """Point of a reference seen from the IMU, body axes ``(3,)`` [m]; None for the antenna.
+
+    What has an attitude is a solution of an inertial system, and of its IMU; bare positions are of a receiver, and of
+    its antenna, taken as the antenna of the drive.
+    """
+    given = vector(inputs, "ref_lever_arm")
+    if given is not None:
+        return given
+    return np.zeros(3) if np.isfinite(reference.rph).any() else None
+
+
+def reference_sd(inputs: Inputs) -> tuple[float, float | None] | None:
+    """Standard deviation of the reference: position [m], and velocity [m/s] if it was given."""
+    value = inputs.get("ref_sd")
+    if value is None:
+        return None
+    numbers = [float(each) for each in np.atleast_1d(value)]
+    if len(numbers) > 2 or not all(0.0 < each < math.inf for each in numbers):
+        raise ConfigError("input.bad_ref_sd", where="ref_sd", value=str(value))
+    return numbers[0], numbers[1] if len(numbers) == 2 else None
+
+
+def options_of(inputs: Inputs, **others: object) -> dict[str, object]:
+    """Everything that was given, for `insnav.result.Result.options`."""
+    named = {key: value.name if isinstance(value, ImuSpec) else value for key, value in inputs.items()}
+    return {key: value for key, value in {**named, **others}.items() if value is not None}
+
+
+_START_KEYS = {
+    "time_s": 0,
+    "lat_deg": 0,
+    "lon_deg": 0,
+    "height_m": 0,
+    "v_n_m_s": 3,
+    "roll_pitch_heading_deg": 3,
+    "sd_position_m": 3,
+    "sd_velocity_m_s": 3,
+    "sd_attitude_deg": 3,
+}
+
+
+def read_start(path: Path) -> Start:
+    """Read an initial state from a JSON file.
+
+    Raises: InputError: it cannot be read, or is incomplete.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError("input.unreadable_start", where=str(path), reason=str(error)) from error
+    values: dict[str, FloatArray] = {}
+    wrong = []
+    for key, length in _START_KEYS.items():
+        try:
+            value = np.asarray(content[key], dtype=float)
+        except (KeyError, TypeError, ValueError):
+            value = np.array(np.nan)
+        good = value.shape == ((length,) if length else ()) and np.isfinite(value).all()
+        if not good or (key.startswith("sd_") and not (value > 0).all()):
+            wrong.append(key)
+        values[key] = value
+    if wrong:
+        raise InputError("input.incomplete_start", where=f"{path}: {', '.join(wrong)}")
+    return Start(
+        float(values["time_s"]),
+        np.array([values["lat_deg"] * DEG, values["lon_deg"] * DEG, values["height_m"]]),
+        values["v_n_m_s"],
+        values["roll_pitch_heading_deg"] * DEG,
+        values["sd_position_m"],
+        values["sd_velocity_m_s"],
+        values["sd_attitude_deg"] * DEG,
+    )
 
 
 def given_model(recording: Recording) -> Model:
@@ -59,3 +193,49 @@ def better_kinds(inputs: Inputs, chosen: ImuSpec) -> tuple[ImuSpec, ...]:
     if inputs.get("imu_model") is not None:
         return ()
     return tuple(map(load_imu, PRESETS[PRESETS.index(chosen.name) + 1 :]))
+
+
+def filter_settings(recording: Recording, model: Model) -> FilterSettings:
+    """Return the settings of the filter."""
+    inputs = recording.inputs
+    return FilterSettings(
+        lever_b=model.lever_arm.value,
+        lever_sd=model.lever_arm.sd,
+        delay=model.gps_delay.value,
+        delay_sd=model.gps_delay.sd,
+        mounting_yaw=model.mounting_yaw.value,
+        heading_sd=inputs.get("gps_heading_sd") or 0.0,
+        fixed_height_sd=inputs.get("fixed_height_sd") or 0.0,
+        logs=tuple(log.data for log in recording.logs.values()),
+    )
+
+
+def set_up_filter(
+    recording: Recording, model: Model, clock: float = 0.0, rate: float = 0.0, heading: float | None = None
+) -> Prepared:
+    """Align a recording and set the filter up.
+
+    `clock`, `rate`: by which all that has the time of the samples is moved at the start [s], and made faster [s/s];
+    `heading`: at the start [rad].
+    """
+    inputs, imu = recording.inputs, recording.imu.data
+    assert recording.fixes is not None
+    assert model.imu is not None
+    initial, span = inputs.get("initial"), inputs.get("static")
+    begin, end = float(imu.time[0]), float(imu.time[-1])
+
+    def moved(time: Any) -> Any:
+        return time + clock + rate * (time - begin)
+
+    settings = filter_settings(recording, model)
+    ready = prepare(
+        replace(imu, time=spill.by_blocks(moved, imu.time)),
+        recording.fixes,
+        model.imu[0],
+        replace(settings, logs=tuple(replace(log, time=moved(log.time)) for log in settings.logs)),
+        states=model.task.states,
+        start=replace(initial, time=moved(initial.time)) if isinstance(initial, Start) else None,
+        static_span=None if span is None else (moved(span[0]), moved(span[1])),
+        heading=heading,
+    )
+    return replace(ready, clock=clock + 0.5 * rate * (end - begin), rate=rate)

@@ -22,8 +22,8 @@ from insnav.input.interpret.physics import check_axes, heading_convention, quiet
 from insnav.kernels.smoother import STATE
 from insnav.steps import Estimate, Model, Recording, Source
 from insnav.steps.axes_by_fixes import WORDS, accel_reversed, mounting_of, refusal
+from insnav.steps.given import set_up_filter
 from insnav.steps.inputs import Inputs
-from insnav.steps.set_up import set_up_filter
 from insnav.types import FloatArray, GpsData, ImuData
 from insnav.units import DEG
 

@@ -14,7 +14,7 @@ from insnav.filter.prepare import DELAY_SD, Start
 from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec
 from insnav.input import read_gps, read_imu
-from insnav.steps.checked_inputs import read_start
+from insnav.steps.given import read_start
 from insnav.types import GpsData, ImuData
 from tests.bench.job import Job
 
