@@ -21,6 +21,13 @@ from insnav.units import UNITS, units_of
 
 MAX_BYTES = 1_000_000  # an IMU file has one or two kB
 MAX_TEXT = 100  # longest sensible "number unit"
+# of errors of pydantic: what the value should be, and how it should compare with a limit
+_KINDS = {
+    **{"bool_type": "true or false", "dict_type": "a table", "list_type": "a list"},
+    **dict.fromkeys(("float_type", "float_parsing"), "a number"),
+    **dict.fromkeys(("int_type", "int_from_float"), "a whole number"),
+}
+_RELATIONS = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤", "min_length": "≥", "max_length": "≤"}
 # strings and comments; a key of more than twenty parts, for which tomllib takes memory by the square of their number
 _NO_KEYS = re.compile(r'''"""(?:\\.|[^\\])*?"""|\'{3}.*?\'{3}|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|#[^\n]*''', re.DOTALL)
 _DEEP = re.compile(r"(?:\.[ \t]*[\w-]+[ \t]*){20}")
@@ -235,7 +242,7 @@ def _kind(value: object) -> str:
 
 def _problem(model: type[Table], details: ErrorDetails) -> ConfigError:
     """One error of pydantic as one of ours."""
-    path, kind = details["loc"], details["type"]
+    path, kind, context = details["loc"], details["type"], details.get("ctx", {})
     key = "".join(f" {part + 1}" if isinstance(part, int) else f".{part}" for part in path).lstrip(". ")
     if kind == "extra_forbidden":
         name = str(path[-1])
@@ -246,7 +253,17 @@ def _problem(model: type[Table], details: ErrorDetails) -> ConfigError:
         return ConfigError("config.no_text", where=key)
     if kind == "missing":
         return ConfigError("config.missing_key", where=key, key=str(path[-1]))
-    found = details.get("ctx", {}).get("error")
+    if kind == "literal_error":
+        return ConfigError("config.no_choice", where=key, known=tuple(re.findall("'(.*?)'", context["expected"])))
+    if kind in _KINDS:
+        return ConfigError("config.other_kind", where=key, kind=_KINDS[kind])
+    for name, relation in _RELATIONS.items():
+        if name in context:
+            values = {"relation": relation, "limit": context[name], "count": context.get("actual_length")}
+            return ConfigError(
+                "config.list_length" if "actual_length" in context else "config.out_of_range", where=key, **values
+            )
+    found = context.get("error")
     if not isinstance(found, ConfigError):
         return ConfigError("config.invalid_value", where=key, reason=details["msg"])
     found.where = key

@@ -10,7 +10,10 @@ import errno
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from insnav.findings import ErrorFacts
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # a disk, a quota or a file is full
 KEYWORDS = {"--out": "folder"}  # options whose keyword in Python has another name; `insnav.steps.inputs` adds its own
@@ -68,12 +71,14 @@ class InsnavError(Exception):
     def _part(self, name: str) -> str:
         from insnav.messages import render_error
 
-        return render_error(self.code, name, {key: _in_words(value) for key, value in self.values.items()})
+        return render_error(self.code, name, dict(self.facts.values))
 
     @property
     def reason(self) -> str:
         """What went wrong and the evidence, in one line."""
-        return _joined(self.what, self.why)
+        from insnav.messages import form
+
+        return form("joint").join(part for part in (self.what, self.why) if part)
 
     def __str__(self) -> str:
         parts = [self.what]
@@ -87,54 +92,25 @@ class InsnavError(Exception):
         parts = {"where": self.where, "why": self.why, "fix": self.fix, "code": self.code}
         return tuple((form(name), text) for name, text in parts.items())
 
+    @property
+    def facts(self) -> ErrorFacts:
+        """The error as a value of a finding or of another error."""
+        from insnav.findings import ErrorFacts
+
+        return ErrorFacts.from_dict({"code": self.code, "where": self.where, "values": self.values})
+
     def as_dict(self) -> dict[str, Any]:
         """Give the error in a form ready for JSON."""
-        values = {name: _json_ready(value) for name, value in self.values.items()}
-        return {"kind": type(self).__name__, "code": self.code, "where": self.where, "values": values}
+        return {"kind": type(self).__name__} | self.facts.as_dict()
 
     @staticmethod
     def from_dict(facts: Mapping[str, Any]) -> InsnavError:
         """Take an error back from JSON."""
+        from insnav.findings import ErrorFacts
+
         kinds: tuple[type[InsnavError], ...] = (InsnavError, *InsnavError.__subclasses__())
         kind = {each.__name__: each for each in kinds}[facts["kind"]]
-        values = {name: _from_json(value) for name, value in facts["values"].items()}
-        return kind(facts["code"], where=facts["where"], **values)
-
-
-def _in_words(value: Any) -> Any:
-    """Put errors and findings among the values of an error into one line each, errors behind their place."""
-    from insnav.findings import Finding
-    from insnav.messages import sentence
-
-    if isinstance(value, tuple):
-        return tuple(map(_in_words, value))
-    if isinstance(value, Finding):
-        return sentence(value)
-    if not isinstance(value, InsnavError):
-        return value
-    return f"{value.where}: " * bool(value.where) + _joined(value.what, value.why, value.fix)
-
-
-def _joined(*parts: str) -> str:
-    from insnav.messages import form
-
-    return form("joint").join(part for part in parts if part)
-
-
-def _json_ready(value: Any) -> Any:
-    if hasattr(value, "as_dict"):
-        return value.as_dict()
-    if isinstance(value, tuple):
-        return [_json_ready(each) for each in value]
-    return value.tolist() if hasattr(value, "tolist") else value
-
-
-def _from_json(value: Any) -> Any:
-    if isinstance(value, dict):
-        from insnav.findings import Finding
-
-        return (InsnavError if "kind" in value else Finding).from_dict(value)
-    return tuple(map(_from_json, value)) if isinstance(value, list) else value
+        return kind(facts["code"], where=facts["where"], **dict(ErrorFacts.from_dict(facts).values))
 
 
 class ConfigError(InsnavError):

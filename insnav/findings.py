@@ -13,8 +13,29 @@ from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 from insnav.catalogues import catalogue
 
-# A number or numbers in SI units and radians, a count, or a name that stands in no language: of a column, option, unit.
-Value: TypeAlias = float | int | str | tuple[float, ...] | tuple[str, ...]
+
+@dataclass(frozen=True, slots=True)
+class ErrorFacts:
+    """An error as a value of a finding or of another error: see `insnav.exceptions.InsnavError`."""
+
+    code: str
+    where: str
+    values: tuple[tuple[str, Any], ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Give the error in a form ready for JSON; a number that is not finite is None."""
+        values = {name: _json_ready(each) for name, each in self.values}
+        return {"code": self.code, "where": self.where, "values": values}
+
+    @classmethod
+    def from_dict(cls, facts: Mapping[str, Any]) -> Self:
+        """Take an error back from JSON."""
+        return cls(facts["code"], facts["where"], tuple((name, _plain(each)) for name, each in facts["values"].items()))
+
+
+# A number or numbers in SI units and radians, a count, a name that stands in no language: of a column, option, unit; or
+# the error that is the cause
+Value: TypeAlias = float | int | str | tuple[float, ...] | tuple[str, ...] | ErrorFacts
 
 
 class Severity(IntEnum):
@@ -248,19 +269,25 @@ def by_time(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 
 
 def _json_ready(value: Any) -> Any:
+    if isinstance(value, Finding | ErrorFacts):
+        return value.as_dict()
     if isinstance(value, tuple):
         return [_json_ready(each) for each in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _plain(value: Any) -> Value:
-    """Turn numbers and arrays of numpy into those of Python, which can be hashed."""
-    if isinstance(value, str | bool):
+def _plain(value: Any) -> Any:
+    """Turn numbers and arrays of numpy into those of Python, which can be hashed, and errors into facts."""
+    if isinstance(value, str | bool | ErrorFacts):
         return value
+    if isinstance(value, Mapping) and "code" in value:
+        return (Finding if "severity" in value else ErrorFacts).from_dict(value)
+    if hasattr(value, "facts"):  # an error
+        return value.facts
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, list | tuple):
-        return tuple(value)
+        return tuple(map(_plain, value))
     if isinstance(value, float) and math.isnan(value):
         return math.nan
-    return value  # type: ignore[no-any-return]
+    return value

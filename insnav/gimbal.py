@@ -181,7 +181,7 @@ def _refuse_start(
     lla: FloatArray, v_n: FloatArray, vertical: Vertical, height: FloatArray | None, errors: PlatformErrors
 ) -> None:
     if np.cos(lla[0]) <= _kernel.NEAREST_POLE or abs(lla[0]) > 0.5 * np.pi:
-        raise ConfigError("platform.start_near_pole", where=f"latitude {np.degrees(lla[0]):.6g} deg")
+        raise ConfigError("platform.start_near_pole", where="latitude", lat_rad=float(lla[0]))
     if (vertical == "damped") != (height is not None):
         raise ConfigError("platform.no_height" if vertical == "damped" else "platform.unused_height", where="height")
     if vertical == "off" and v_n[2] != 0.0:
@@ -197,15 +197,15 @@ def _refuse_samples(time: FloatArray, samples: FloatArray) -> None:
         raise InputError("platform.few_samples", count=len(time))
     if not np.isfinite(samples).all():
         row = int(np.flatnonzero(~np.isfinite(samples).all(axis=1))[0])
-        raise InputError("platform.not_finite", where=f"time {time[row]:.6f} s")
+        raise InputError("platform.not_finite", where=f"t = {time[row]:.6f} s")
     if not np.all(np.diff(time) > 0.0):
         row = int(np.flatnonzero(~(np.diff(time) > 0.0))[0])
-        raise InputError("platform.not_increasing", where=f"time {time[row + 1]:.6f} s")
+        raise InputError("platform.not_increasing", where=f"t = {time[row + 1]:.6f} s")
 
 
 def _left(time: float, y: FloatArray, vertical: Vertical, disturbed: bool) -> DivergenceError:
     """Say where the solution stopped to make sense."""
-    where = f"time {time:.3f} s"
+    where = f"t = {time:.3f} s"
     for first in (0, _kernel.COMPUTED):
         if not abs(y[first + 2]) < _kernel.HIGHEST:
             return DivergenceError(

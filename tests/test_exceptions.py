@@ -14,6 +14,7 @@ import pytest
 from insnav import messages
 from insnav.exceptions import ConfigError, InputError, InsnavError, OutputError, writing
 from insnav.findings import Code, Finding
+from insnav.messages import render
 from tests.refusals import refused
 
 SLOW = {
@@ -108,3 +109,14 @@ def test_what_the_system_refuses_is_its_reason():
         raise PermissionError(13, "Permission denied")
     assert caught.value.where == "a.csv"
     assert caught.value.values == {"reason": "Permission denied", "name": "a.csv"}
+
+
+def test_a_finding_holds_an_error_as_data_in_the_language_of_who_reads(monkeypatch: pytest.MonkeyPatch):
+    several = ConfigError("test.several", where="a.toml", count=1, problems=(slow(gap_s=2.0),))
+    finding = Finding.of(Code.CHECK_REFUSED, cause=several.facts)
+    again = Finding.from_dict(json.loads(json.dumps(finding.as_dict())))
+    assert again == finding
+    assert hash(again) == hash(finding)
+    assert render(again).text == f"a.toml: {several.reason}"
+    assert render(Finding.of(Code.CHECK_REFUSED, cause=slow().facts)).advice == "Set --imu-rate."
+    assert render(again, "zh").text.endswith("ex 间隔 0.5 s。1 gap of 2.0 s: a、b.Set --imu-rate.")

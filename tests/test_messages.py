@@ -21,7 +21,7 @@ from tests.cli.conftest import SAMPLE
 from tests.error_sites import error_sites
 
 ROOT = Path(__file__).parents[1] / "insnav"
-VERBS = ("moment", "word", "lines", "count", "plural", "sign", "abs")
+VERBS = ("moment", "word", "lines", "count", "plural", "sign", "abs", "reason", "fix")
 SENTENCES = {"text", "done", "advice", "what", "why", "fix"}  # parts that are whole sentences
 # units without a factor to SI that a text may name
 PLAIN_UNITS = {"", "sd", "LSB", "rows", "K", "°C", "kg m²"}
@@ -100,6 +100,26 @@ def without_brackets(text: str) -> str:
     return re.sub(r"\[\[|\]\]", "", text)
 
 
+def test_each_language_has_the_same_phrases_with_the_same_values():
+    (own, chinese) = (catalogue(f"phrases.{lang}") for lang in LANGUAGES)
+    assert {group: [*each] for group, each in own.items()} == {group: [*each] for group, each in chinese.items()}
+    for group, phrases in own.items():
+        for key, text in phrases.items():
+            assert values_in(chinese[group][key]) == values_in(text), f"{group}.{key}"
+
+
+def test_each_phrase_is_used_and_each_used_phrase_is_one():
+    known = {f"{group}.{key}" for group, each in catalogue("phrases.en").items() for key in each}
+    source = "".join(path.read_text() for path in ROOT.rglob("*.py"))
+    used = re.findall(r"""phrase\(\s*f?"([^"]+)"(?: if [^,()]+ else "([^"]+)")?""", source)
+    names = {name for pair in used for name in pair if name}
+    whole = {name for name in names if "{" not in name}
+    begun = [name.partition("{")[0] for name in names - whole]
+    assert whole <= known
+    assert all(any(name.startswith(start) for name in known) for start in begun)
+    assert {name for name in known - whole if not name.startswith(tuple(begun))} == set()
+
+
 def test_each_language_has_the_same_forms():
     assert len({frozenset(catalogue(lang)["form"]) for lang in LANGUAGES}) == 1
     assert [moment(1.0, 2.0, lang) for lang in LANGUAGES] == ["t = 1.0 to 2.0 s", "t = 1.0 至 2.0 s"]
@@ -150,7 +170,7 @@ def test_sentences_are_short():
 
 def test_texts_are_sentences():
     for code, part, text in texts("en"):
-        if part in SENTENCES and code != Code.STORED_TEXT and not text.endswith(":lines}"):
+        if part in SENTENCES and code != Code.STORED_TEXT and not text.endswith((":lines}", ":reason}", ":fix}")):
             # a command that is to be copied ends a text without a full stop
             assert text.removesuffix("]]")[-1] in ".?!" or re.search(r": [^.]+$", text), f"{code}: {part}"
             assert text[0].isupper() or text[0] in "{['-" or text.startswith("insnav "), f"{code}: {part}"

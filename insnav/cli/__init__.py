@@ -18,6 +18,7 @@ from typer.main import get_command
 from insnav.cli import console, signals
 from insnav.cli.console import discard_output, error_block, result
 from insnav.cli.help import GroupedCommand, LightGroup, help_of
+from insnav.cli.parse import usage_error
 from insnav.exceptions import ConfigError, InputError, InsnavError
 
 EPILOG = """\b
@@ -204,8 +205,5 @@ def _explained(error: Any) -> InsnavError:
 
         return InputError("cli.damaged_kernel", folder=str(propagate.stats.cache_path), reason=str(error))
     if hasattr(error, "format_message"):  # of the parser of options, of different types in different releases of typer
-        context = getattr(error, "ctx", None)
-        path = context.command_path if context is not None else "insnav"
-        text = error.format_message().rstrip(".").replace("Value error, ", "").replace("Input should be", "should be")
-        return ConfigError("cli.usage", problem=text, command=path)
+        return usage_error(error)
     return InsnavError("cli.defect", kind=type(error).__name__, reason=str(error))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from insnav.cli import console
+from insnav.cli import console, parse
 from insnav.cli.console import Stages, note, quiet_figures, result_page
 from insnav.cli.options import RESULT, Engine, Json, Out, argument, flag
 from insnav.exceptions import CheckError, ConfigError, InsnavError, OutputError
@@ -179,4 +179,4 @@ def _parsed(arguments: list[str], where: str) -> None:
     except Exception as error:
         if not hasattr(error, "format_message"):
             raise
-        raise ConfigError("cli.run_options", where=where, reason=str(error.format_message()).rstrip(".")) from None
+        raise ConfigError("cli.run_options", where=where, cause=parse.usage_error(error)) from None

@@ -27,7 +27,7 @@ DELAY = 1.0  # work shorter than this shows no progress bar [s]
 # where there is no terminal, after this, twice, four times this and so on a line says what is being done [s]
 LOGGED = 15.0
 WIDTH = 110  # largest of a line of the log
-_COLOURS = {"good": 32, "needs attention": 33, "not to be relied on": 31, "warning": 33}  # of the terminal
+_COLOURS = {"light.good": 32, "light.attention": 33, "light.bad": 31, "run.warning": 33}  # of the terminal
 
 
 level = 0  # of detail: -1 nothing but errors, 0 what matters, 1 everything
@@ -67,12 +67,13 @@ def files_line(folder: Path, out: Path) -> str:
 
     `folder`: with its ``run.json``; `out`: as it was named.
     """
+    from insnav.messages import phrase
     from insnav.output.folder import read_facts
 
     found = {name.split("/")[0] for name in read_facts(folder).get("files", {})} | {"run.json"}
     first = [name for name in ("report.html", "figures", "run.json") if name in found]
     others = len(found) - len(first)
-    return f"files: {out}: {', '.join(first)}, {others} other file{'s' * (others != 1)}"
+    return phrase("terminal.files", folder=out, names=", ".join(first), others=others)
 
 
 def result_page(folder: Path, page: Page, out: Path, *, as_json: bool, more: Iterable[str] = ()) -> None:
@@ -120,8 +121,11 @@ def coloured(text: str) -> str:
     """Colour the words at the start of a line that say how good a result is, on a terminal that takes colours."""
     if not sys.stdout.isatty() or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb":
         return text
-    for words, colour in _COLOURS.items():
-        text = re.sub(rf"^{words}(?=[: (])", f"\x1b[{colour}m{words}\x1b[0m", text, flags=re.MULTILINE)
+    from insnav.messages import phrase
+
+    for name, colour in _COLOURS.items():
+        words = phrase(name)
+        text = re.sub(rf"^{words}(?=[: (：（])", f"\x1b[{colour}m{words}\x1b[0m", text, flags=re.MULTILINE)
     return text
 
 
@@ -254,9 +258,11 @@ class Stages:
             self._bar.update(self._task, description=self._name + count, total=total, completed=self._fraction or 0.0)
 
     def _say(self, since: float) -> None:
+        from insnav.messages import phrase
+
         with self._lock:
             if self._timer is not None:
-                _log(f"{self._name}: {since:.0f} s so far", "insnav: ", self._stream)
+                _log(phrase("terminal.so_far", stage=self._name, time_s=since), "insnav: ", self._stream)
                 self._begin(since, self._say, 2.0 * since)
 
     def _show(self) -> None:

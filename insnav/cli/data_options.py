@@ -87,7 +87,10 @@ class Data:
         `how`: as of `insnav.report.save.save_result`.
         """
         for step in outcome.steps:
-            detail(f"step {step.name}: {step.time_s:.2f} s", *map(_messages.sentence, step.findings))
+            detail(
+                _messages.phrase("terminal.step", name=step.name, time_s=step.time_s),
+                *map(_messages.sentence, step.findings),
+            )
         outcome = replace(outcome, options=self.options)
         return outcome, write_result(outcome, folder, stage, **how)
 
@@ -243,14 +246,9 @@ def compile_at_first(*files: Path) -> None:
     from insnav.kernels import ahead, errorstate
 
     if not hasattr(errorstate.propagate, "stats"):
-        note("NUMBA_DISABLE_JIT is set: the numerical kernels are interpreted, a thousand times slower")
+        note(_messages.phrase("terminal.interpreted"))
     elif not ahead.kept():
-        note(
-            "the numerical kernels are compiled in each run, up to half a minute: no folder to keep them in can be "
-            "written; give one by NUMBA_CACHE_DIR"
-        )
+        note(_messages.phrase("terminal.no_cache"))
     elif ahead.needed():
-        note(
-            "first run on this machine: compiling the numerical kernels, up to half a minute; later runs start at once"
-        )
+        note(_messages.phrase("terminal.compiling"))
         ahead.compile_ahead()

@@ -104,3 +104,16 @@ def configuration(options: dict[str, Any]) -> dict[str, Any]:
     """Options as the user gave them, for run.json; those that do not change its content are left out."""
     kept = {name: value for name, value in options.items() if name not in ("out", "force", "as_json", "engine")}
     return {name: str(value) if isinstance(value, Path) else value for name, value in kept.items()}
+
+
+def usage_error(error: Any) -> ConfigError:
+    """Make an error of insnav of one of the parser of options."""
+    context, parameter = getattr(error, "ctx", None), getattr(error, "param", None)
+    command = context.command_path if context is not None else "insnav"
+    match type(error).__name__:  # typer hides these classes, and has them of its own or from click
+        case "NoSuchOption":
+            similar = tuple(sorted(error.possibilities or ()))
+            return ConfigError("cli.no_such_option", option=error.option_name, similar=similar, command=command)
+        case "MissingParameter" if parameter is not None:
+            return ConfigError("cli.missing_option", option=parameter.opts[0], command=command)
+    return ConfigError("cli.usage", problem=error.format_message().rstrip("."), command=command)

@@ -87,7 +87,7 @@ def compare_solutions(
         raise InputError(
             "compare.no_common_time",
             spans=tuple(
-                f"{of.run}: {each.time[0]:.1f} to {each.time[-1]:.1f} s"
+                f"{of.run}: {each.time[0]:.1f} … {each.time[-1]:.1f} s"
                 for of, each in zip(solutions, errors, strict=True)
             ),
         )

@@ -166,7 +166,7 @@ def ensemble(runs: Runs, truth: Truth) -> Ensemble:
             "diagnosis.all_runs_failed",
             where=f"run {first.number}, seed {first.seed}",
             count=len(runs.failures),
-            reason=first.reason,
+            cause=first.error,
             number=first.number,
         )
     time: FloatArray = truth.start + STEP * np.arange(epochs(truth), dtype=np.float64)

@@ -126,9 +126,7 @@ def _confusion(fit: Fit) -> Finding:
     if fit.exchanged:
         return Finding.of(Code.REF_EXCHANGED, subject="ref")
     if not fit.as_named:
-        north, east = (
-            "-" * (sign < 0.0) + ("vn", "ve")[column] for column, sign in zip(fit.order, fit.signs, strict=True)
-        )
+        north, east = fit.columns
         return Finding.of(Code.REF_VELOCITY_NAMES, subject="ref", north=north, east=east)
     if fit.unit != "m/s":
         return Finding.of(Code.REF_VELOCITY_UNIT, subject="ref", unit=fit.unit)

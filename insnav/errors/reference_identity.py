@@ -37,13 +37,13 @@ def other_drive(reference: Trajectory, track: Trajectory, gps: GpsData | None) -
 
 
 def no_time_in_common(reference: Trajectory, track: Trajectory) -> InputError:
-    """What is wrong with a reference of another time, with the whole hours, days and leap seconds that mend it."""
-    reference_s, track_s = (_span(each.time) for each in (reference, track))
+    """Make the error of a reference of another time, with the whole hours, days and leap seconds that mend it."""
+    values: dict[str, Any] = {"reference_s": tuple(reference.time[[0, -1]]) if len(reference.time) else ()}
+    values |= {"solution_s": tuple(track.time[[0, -1]]) if len(track.time) else ()}
     offset, far = _hours_off(reference, track)
     if not offset:
-        return InputError("ref.no_common_time", reference_span=reference_s, solution_span=track_s)
-    named = named_offset(offset, 0.0)[1].removeprefix("; that is ")
-    values: dict[str, Any] = {"reference_span": reference_s, "solution_span": track_s, "named": named}
+        return InputError("ref.no_common_time", **values)
+    values |= named_offset(offset, 0.0)[1]
     return InputError("ref.no_common_time_offset", offset_s=offset, apart_m=far, **values)
 
 
@@ -77,10 +77,6 @@ def _hours_off(reference: Trajectory, track: Trajectory) -> tuple[float, float]:
 def _at(time: FloatArray, known: FloatArray, place: FloatArray) -> FloatArray:
     """North and east of a place that is known at other times."""
     return np.column_stack([np.interp(time, known, axis) for axis in place.T[:2]])
-
-
-def _span(time: FloatArray) -> str:
-    return f"{time[0]:.3f} to {time[-1]:.3f} s" if len(time) else "empty"
 
 
 def _spread(place: FloatArray) -> float:

@@ -60,7 +60,7 @@ class Engine:
         if measurement_fault(z, h, r):
             raise DivergenceError(
                 "filter.bad_measurement",
-                where=f"time {time:.3f} s",
+                where=f"t = {time:.3f} s",
                 innovation=str(z),
                 variance=str(np.diagonal(r)),
             )
@@ -78,10 +78,10 @@ class Engine:
         if fault == 0:
             return False
         if fault == NOT_FINITE:
-            raise DivergenceError("filter.not_finite", where=f"time {time:.3f} s")
+            raise DivergenceError("filter.not_finite", where=f"t = {time:.3f} s")
         self.repairs += 1
         if self.repairs > MAX_REPAIRS:
-            raise DivergenceError("filter.no_variance", where=f"time {time:.3f} s", count=self.repairs)
+            raise DivergenceError("filter.no_variance", where=f"t = {time:.3f} s", count=self.repairs)
         # in units of each state's own standard deviation, or the largest would set the floor for all
         scale = np.sqrt(np.abs(np.diagonal(self._filter.P)))
         live = scale > 0.0

@@ -135,7 +135,7 @@ class Estimate:
     def predict(self, time: float) -> None:
         """Carry the covariance to `time`: a filter epoch."""
         if abs(self.x[0]) > NEXT_TO_POLE:
-            raise InputError("filter.at_pole", where=f"time {time:.3f} s")
+            raise InputError("filter.at_pole", where=f"t = {time:.3f} s")
         at, times, sds = self.at.correlated, self._lasting_time, self._lasting_sd
         epoch.turn(self._phi, self.all)
         epoch.not_linear(self._q, self.all, self.covariance)

@@ -83,6 +83,12 @@ def quality(gates: Gates, time: float, fix: int | None, position_sd: FloatArray)
     return None
 
 
+def pass_quality(gates: Gates, gps: GpsData) -> BoolArray:
+    """Mark the fixes that `quality` does not reject."""
+    good: BoolArray = gps.position_sd.max(axis=1) <= gates.max_sd
+    return good if gps.fix is None else good & (gps.fix != 0)
+
+
 def physical_position(
     gates: Gates, time: float, distance: float, position_sd: FloatArray, gap: float
 ) -> Finding | None:

@@ -19,7 +19,7 @@ from insnav import strapdown
 from insnav.alignment import in_motion
 from insnav.attitude import dcm_from_quat, rph_from_quat, skew
 from insnav.earth import gravity_n, ned_offset
-from insnav.filter.gates import impossible
+from insnav.filter.gates import impossible, pass_quality
 from insnav.filter.innovation_likelihood import HUBER, bridged, costs_of, weights_of
 from insnav.filter.navigator import SEEN, rates_at, turned
 from insnav.filter.prepare import Prepared
@@ -69,8 +69,8 @@ class LateFixes:
         self._tape = noise_likelihood.tape(epochs, at.states, ready.model.noise, bridged(ready.imu.time, time))
         own = np.minimum(np.searchsorted(gps.time - settings.delay, time - TIME_TOLERANCE), gps.time.size - 1)
         good = np.abs(gps.time[own] - settings.delay - time) <= TIME_TOLERANCE
-        good &= (gps.position_sd[own].max(axis=1) <= settings.gates.max_sd) & (gps.fix is None or gps.fix[own] != 0)
-        good &= ~impossible(settings.gates, gps)[own]  # one of 100 km would decide alone
+        # a position that is 100 km off would decide alone
+        good &= (pass_quality(settings.gates, gps) & ~impossible(settings.gates, gps))[own]
         good &= (time > time[0] + EDGE) & (time < time[-1] - EDGE)
         fixes, seen, self._rows = gps.rows(own[good]), time[good], np.flatnonzero(good)
         velocity = good & np.isfinite(gps.v_n[own]).all(axis=1)

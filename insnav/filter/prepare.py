@@ -17,7 +17,7 @@ from insnav.alignment.static import LONG_REST
 from insnav.exceptions import AlignmentError, InputError
 from insnav.filter.error_model import ErrorModel, InitialState, error_model, initial_state
 from insnav.filter.frozen import without_frozen
-from insnav.filter.gates import Gates
+from insnav.filter.gates import Gates, pass_quality
 from insnav.filter.gps_correlation import correlated_noise
 from insnav.filter.gps_noise import LAG_WORTH, OPEN_HEIGHT, name_lag, velocity_lag, with_sd
 from insnav.filter.measurements.height import HeightAiding
@@ -266,16 +266,10 @@ def _parts(
             alignment, initial = aligned(some, here, first=not parts)
         except AlignmentError as error:
             errors.append(error)
-            code = (
-                Code.FILTER_PART_BEFORE_START
-                if end <= begin_at
-                else Code.FILTER_PART_SHORT
-                if short
-                else Code.FILTER_PART_UNALIGNED
-            )
-            fixes = here.time.shape[0]
-            why = error.what if code is Code.FILTER_PART_UNALIGNED else ""
-            findings.append(Finding.of(code, begin, end, number=number, duration_s=end - begin, count=fixes, why=why))
+            code = Code.FILTER_PART_SHORT if short else Code.FILTER_PART_UNALIGNED
+            code = Code.FILTER_PART_BEFORE_START if end <= begin_at else code
+            n, why = here.time.shape[0], error.facts
+            findings.append(Finding.of(code, begin, end, number=number, duration_s=end - begin, count=n, cause=why))
         else:
             parts.append(Part(after, alignment, initial))
             kept[span] = True
@@ -337,9 +331,7 @@ def _noise_of_fixes(
 
 def good_fixes(gps: GpsData, gates: Gates) -> GpsData:
     """Return fixes that pass the quality gate; a start is made from no others."""
-    keep = gps.position_sd.max(axis=1) <= gates.max_sd
-    if gps.fix is not None:
-        keep &= gps.fix != 0
+    keep = pass_quality(gates, gps)
     if not keep.any():
         raise AlignmentError("gps.no_good_fix")
     return gps.rows(keep)

@@ -43,7 +43,7 @@ def find_drives(folder: Path, without: Path | None, workers: Workers) -> tuple[l
     engine = workers if sum(map(len, places)) > _MANY else 1  # processes take seconds to begin
     for place, roles in zip(places, each(_roles, places, engine), strict=True):
         if isinstance(roles, InsnavError):
-            left += [Finding.of(Code.BATCH_NO_RECORDING, subject=str(path), reason=roles.reason) for path in place]
+            left += [Finding.of(Code.BATCH_NO_RECORDING, subject=str(path), cause=roles.facts) for path in place]
             continue
         found = list(_paired(place, _with_broken(roles)))
         used = {path for _, parts, _ in found for path in parts.values()}
@@ -120,7 +120,7 @@ def _roles(files: Sequence[Path]) -> _Roles:
 def _role(path: Path) -> str | Finding:
     kinds = attempt(lambda: kinds_of(open_tables(path)))
     if isinstance(kinds, InsnavError):  # a file of another kind, or a broken one
-        return Finding.of(Code.BATCH_NO_RECORDING, subject=str(path), reason=" ".join(kinds.reason.split()))
+        return Finding.of(Code.BATCH_NO_RECORDING, subject=str(path), cause=kinds.facts)
     if not kinds:
         return Finding.of(Code.BATCH_NO_COLUMNS, subject=str(path))
     if {"imu", "gps"} <= kinds:

@@ -19,8 +19,9 @@ A text holds values by name in braces, with a format: ``{delay_s:.3f s}`` (forma
 (first word unless negative), ``{delay_s:abs .3f s}`` (without the sign), ``{axis:word}`` (a word of the table
 ``[words]`` of either file, or several), ``{problems:lines}`` (each on a line of its own), ``{begin:moment}`` and
 ``{span}`` (times of the record). ``{subject}`` is the subject. A part in double square brackets is left out where one
-of its values is missing or not finite: ``[[ ± {delay_sd_s:.3f s}]]``. The table ``[form]`` says how a language joins
-sentences, lists and the two ends of a span.
+of its values is missing or not finite: ``[[ ± {delay_sd_s:.3f s}]]``. An error among the values, ``{cause}``, is shown
+behind its place: what is wrong and why alone by ``{cause:reason}``, what the user can do alone by ``{cause:fix}``.
+The table ``[form]`` says how a language joins sentences, lists and the two ends of a span.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ from typing import Any, NamedTuple
 
 from insnav import plain_text
 from insnav.catalogues import catalogue
-from insnav.findings import Finding
+from insnav.findings import ErrorFacts, Finding
 from insnav.units import UNITS, shown_unit
 
 LANGUAGES = ("en", "zh")
@@ -96,6 +97,11 @@ def form(name: str, lang: str | None = None) -> str:
     return str(catalogue(lang or language())["form"][name])
 
 
+def word(name: str) -> str:
+    """Give the word of a language for a name, or the name itself."""
+    return str(catalogue(language())["words"].get(name, name))
+
+
 def moment(begin: float, end: float, lang: str | None = None) -> str:
     """Write a time of the record, or a span [s]: ``t = 12.0 s``."""
     return plain_text.moment(begin, end, form("until", lang))
@@ -137,12 +143,19 @@ def shows_time(finding: Finding, lang: str | None = None) -> bool:
     return finding.timed and any(place in entry.get(part, "") for part in PARTS for place in ("{span}", ":moment}"))
 
 
-def render_error(code: str, part: str, values: Mapping[str, Any]) -> str:
+def render_error(code: str, part: str, values: Mapping[str, Any], lang: str | None = None) -> str:
     """Put a part of an error into words: ``what``, ``why`` or ``fix``; empty if it has none."""
-    lang = language()
+    lang = lang or language()
     entries = catalogue(f"errors/{code.partition('.')[0]}.{lang}")
     words = ChainMap(entries.get("words", {}), catalogue(lang)["words"])
     return _filled(entries[code].get(part, ""), values, _Form(lang, partial(moment, lang=lang), words))
+
+
+def phrase(name: str, /, **values: Any) -> str:
+    """Write a phrase of a report, such as ``run.good``: an entry of ``phrases.<language>.toml``."""
+    lang, (group, _, key) = language(), name.partition(".")
+    how = _Form(lang, partial(moment, lang=lang), catalogue(lang)["words"])
+    return _filled(catalogue(f"phrases.{lang}")[group][key], values, how)
 
 
 def _filled(text: str, values: Mapping[str, Any], how: _Form) -> str:
@@ -168,6 +181,10 @@ def _known(value: Any) -> bool:
 
 def _shown(value: Any, spec: str, how: _Form) -> str:
     """Write a value by its format."""
+    if isinstance(value, Finding | ErrorFacts):
+        return sentence(value, how.lang, how.at) if isinstance(value, Finding) else _error(value, spec, how.lang)
+    if isinstance(value, tuple):
+        value = tuple(_shown(each, "", how) if isinstance(each, Finding | ErrorFacts) else each for each in value)
     verb, _, rest = spec.partition(" ")
     first, _, second = rest.partition("|")
     match verb:
@@ -189,6 +206,14 @@ def _shown(value: Any, spec: str, how: _Form) -> str:
         parts = [_number(each, verb, rest) for each in value]
         return form("list", how.lang).join(parts) + _unit(rest)
     return _number(value, verb, rest) + _unit(rest)
+
+
+def _error(error: ErrorFacts, spec: str, lang: str) -> str:
+    """Write an error in one line behind its place: what and why for ``reason``, only what to do for ``fix``."""
+    parts = {"reason": ("what", "why"), "fix": ("fix",)}.get(spec, ("what", "why", "fix"))
+    texts = [render_error(error.code, part, dict(error.values), lang) for part in parts]
+    text = form("joint", lang).join(" ".join(each.split()) for each in texts if each)
+    return f"{error.where}: " * bool(error.where and spec != "fix") + text
 
 
 def _word(value: Any, how: _Form) -> str:

@@ -85,7 +85,7 @@ class Baseline:
     """All cases as they were, and where the figures are from."""
 
     origin: Origin
-    cases: dict[str, CaseResult]  # without spreads, reasons of failures and digests of files
+    cases: dict[str, CaseResult]  # without spreads, errors and digests of files
 
 
 def renewed(old: Baseline | None, result: Accuracy, origin: Origin) -> Baseline:
@@ -160,4 +160,4 @@ def _case(content: Mapping[str, Any]) -> CaseResult:
         if key in BY_KEY
     }
     measured = replace(NOTHING, values=values, growth=np.array(content["growth"], dtype=np.float64))
-    return CaseResult(content["digest"], content["pieces"], measured, dict.fromkeys(content["failed"], ""), {})
+    return CaseResult(content["digest"], content["pieces"], measured, dict.fromkeys(content["failed"]), {})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -19,7 +19,7 @@ from insnav.errors.outage.statistics import horizontal_at
 from insnav.exceptions import InputError, InsnavError
 from insnav.filter.navigate import Navigated, aided, navigate_recording
 from insnav.filter.prepare import prepare
-from insnav.findings import Code, Finding
+from insnav.findings import Code, ErrorFacts, Finding
 from insnav.regression.accuracy_metrics import FREE, METRICS, OUTAGES
 from insnav.regression.corpus import Corpus, Material, RecordedCase, SimulatedCase, Source, source_of
 from insnav.sample_statistics import rms
@@ -286,7 +286,7 @@ class CaseResult:
     digest: str  # of the case and all files behind it
     pieces: bool  # values are those of successive pieces of one drive, else of independent drives
     measured: Measured  # without values if every drive failed
-    failures: dict[int, str]  # number of each drive that ended in an error, from 1, and why
+    failures: Mapping[int, ErrorFacts | None]  # of drives by their numbers, from 1; None in a baseline
     files: dict[str, str]  # digest of each recorded file
 
 
@@ -301,12 +301,12 @@ class Accuracy:
 
 @dataclass(frozen=True, slots=True)
 class _Outcome:
-    """Accuracy of one drive, or why there is none."""
+    """Accuracy of one drive, or the error it ended in."""
 
     digest: str
     files: dict[str, str]
     measured: Measured | None
-    reason: str
+    error: ErrorFacts | None = None
 
 
 def run_corpus(
@@ -340,7 +340,7 @@ def run_corpus(
 
 
 def _case(case: AnyCase, outcomes: list[_Outcome]) -> CaseResult:
-    failures = {number: each.reason for number, each in enumerate(outcomes, start=1) if each.measured is None}
+    failures = {number: each.error for number, each in enumerate(outcomes, start=1) if each.error is not None}
     measured = joined([each.measured or NOTHING for each in outcomes])
     pieces = isinstance(case, RecordedCase) and case.seeds == 1
     return CaseResult(outcomes[0].digest, pieces, measured, failures, outcomes[0].files)
@@ -356,5 +356,5 @@ def _attempt(data: Path, job: tuple[AnyCase, int]) -> _Outcome:
     try:
         measured = measure(source.material(run_seed(SERIES, number)))
     except InsnavError as error:
-        return _Outcome(source.digest, source.files, None, error.reason)
-    return _Outcome(source.digest, source.files, measured, "")
+        return _Outcome(source.digest, source.files, None, error.facts)
+    return _Outcome(source.digest, source.files, measured)

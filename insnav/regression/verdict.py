@@ -214,8 +214,8 @@ def compare(result: Accuracy, baseline: Baseline) -> Comparison:
             apart[name] = Finding.of(Code.REGRESSION_NEW_CASE, subject=name)
         failed = sorted(now.failures.keys() - (() if then is None else then.failures.keys()))
         if failed:
-            run, reason = failed[0], now.failures[failed[0]]
-            broken[name] = Finding.of(Code.REGRESSION_BROKEN, subject=name, run=run, reason=reason)
+            run, cause = failed[0], now.failures[failed[0]] or ""
+            broken[name] = Finding.of(Code.REGRESSION_BROKEN, subject=name, run=run, cause=cause)
         if then is not None:
             found += _shifts(name, now, then)
     adjusted = iter(holm([each[-1].p for each in found if each[1].kind != "cpu"]))

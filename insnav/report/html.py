@@ -14,8 +14,9 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
+from insnav.messages import phrase
 from insnav.plain_text import plain_text
-from insnav.report.page import LIGHTS, Page, Section, Show, Table, cell, section_tables
+from insnav.report.page import Page, Section, Show, Table, cell, section_tables
 from insnav.report.panels import modes, panel_data
 from insnav.version import __version__
 
@@ -37,7 +38,7 @@ def filled(template: str, **values: Any) -> str:
         lstrip_blocks=True,
     )
     environment.filters["plain"] = plain_text
-    return environment.get_template(template).render(**values, value=cell, lights=LIGHTS, modes=modes)
+    return environment.get_template(template).render(**values, value=cell, phrase=phrase, modes=modes)
 
 
 def data_uri(file: Path) -> str:

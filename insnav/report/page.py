@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from insnav.findings import Code, Finding, Severity
-from insnav.messages import At, form, moment, render, sentence, shows_time
+from insnav.messages import At, form, moment, phrase, render, sentence, shows_time
 from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
 from insnav.report.numbers import number, rounded
@@ -29,12 +29,6 @@ else:
 
 Show = Literal["all", "page", "json"]
 Light = Literal["good", "attention", "bad", "unknown"]
-LIGHTS: Mapping[Light, str] = {
-    "good": "good",
-    "attention": "needs attention",
-    "bad": "not to be relied on",
-    "unknown": "not checked",
-}
 STATISTICS = {
     "rms": "RMS",
     "p95": "95 %",
@@ -64,7 +58,7 @@ class Verdict:
     @property
     def rating(self) -> str:
         """The light in words, with its reason."""
-        return f"{LIGHTS[self.light]}: {self.reason}"
+        return phrase("terminal.line", name=phrase(f"light.{self.light}"), text=self.reason)
 
 
 def by_warnings(sentence: str, findings: Sequence[Finding], without: tuple[Light, str]) -> Verdict:
@@ -74,8 +68,9 @@ def by_warnings(sentence: str, findings: Sequence[Finding], without: tuple[Light
         return Verdict("bad", render(lost[0]).title, sentence)
     if not warnings or without[0] in ("attention", "bad"):
         return Verdict(*without, sentence)
-    more = f" (and {len(warnings) - 1} more)" if len(warnings) > 1 else ""
-    return Verdict("attention", f"{render(warnings[0]).title}{more}", sentence)
+    title, more = render(warnings[0]).title, len(warnings) - 1
+    reason = phrase("page.more_warnings", title=title, count=more) if more else title
+    return Verdict("attention", reason, sentence)
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,8 +176,8 @@ class Page:
     @property
     def lists(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
         """Headings and lines of what stands below the tables, where there is any."""
-        both = (("Notes", self.notes), ("Assumptions", self.assumptions))
-        return tuple((heading, lines) for heading, lines in both if lines)
+        both = (("notes", self.notes), ("assumptions", self.assumptions))
+        return tuple((phrase(f"page.{name}"), lines) for name, lines in both if lines)
 
     @property
     def figures(self) -> tuple[FigureSpec, ...]:
@@ -314,7 +309,7 @@ def _value_text(each: Quantity) -> str:
     if isinstance(value, str):
         return plain_text(value) or number(None)
     if isinstance(value, bool):
-        return "yes" if value else "no"
+        return phrase("page.yes" if value else "page.no")
     if isinstance(value, int | np.integer):
         return str(value)
     if value is None or isinstance(value, float):

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from rich.cells import cell_len
+
+from insnav.messages import phrase
 from insnav.plain_text import plain_text, wrapped
 from insnav.report.page import Page, Show, Table, section_tables
 
@@ -25,7 +28,7 @@ def page_text(page: Page, width: int | None = None, shown: Sequence[Show] = ("al
     verdict = [] if page.verdict is None else [page.verdict.sentence]
     blocks = ["\n".join(_wrapped([page.title, *verdict, *page.summary], width))]
     blocks += [table_text(table, width) for section in page.sections for table in section_tables(section, shown)]
-    warnings = (("Warnings", page.warnings),) if page.warnings else ()
+    warnings = ((phrase("page.warnings"), page.warnings),) if page.warnings else ()
     for heading, lines in (*warnings, *page.lists):
         blocks.append("\n".join([heading, *_wrapped([f"  - {line}" for line in lines], width)]))
     return "\n".join(plain_text(line) for line in "\n\n".join(blocks).splitlines())
@@ -43,13 +46,14 @@ def table_text(table: Table, width: int | None = None) -> str:
     `width`: of the terminal; columns that do not fit in it follow below, their rows named again.
     """
     cells = [row for row in (table.columns, *table.rows) if any(row)]
-    widths = [max(len(row[i]) for row in cells) for i in range(len(table.columns))]
+    widths = [max(cell_len(row[i]) for row in cells) for i in range(len(table.columns))]
     words = any(row[-1][:1].isalpha() and " " in row[-1] for row in table.rows)
     left = {0, len(widths) - 1} if words else {0}
     lines: list[str] = []
     for columns in _fitting(widths, width):
         for row in cells:
-            texts = (row[i].ljust(widths[i]) if i in left else row[i].rjust(widths[i]) for i in columns)
+            spaces = {i: " " * (widths[i] - cell_len(row[i])) for i in columns}
+            texts = (row[i] + spaces[i] if i in left else spaces[i] + row[i] for i in columns)
             lines.append("  ".join(texts).rstrip())
     head = [table.title] if table.title else []
     note = _wrapped([f"  {table.note}"], width) if table.note else []

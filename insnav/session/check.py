@@ -123,9 +123,9 @@ class _Patient:
             merged = {**old, **value} if isinstance(old, Mapping) else value
             self.inputs = cast(Inputs, {**self.inputs, key: merged})
         known = self.inputs != before
-        if error.what not in {each.get("what") for each in self.problems}:
-            code = Code.CHECK_OPTION_NEEDED if known else Code.CHECK_REFUSED
-            self.add(code, what=error.what, why=error.why, fix=error.fix, where=error.where)
+        causes = [each["cause"] for each in of_code(self.problems, Code.CHECK_OPTION_NEEDED, Code.CHECK_REFUSED)]
+        if (error.code, error.where) not in {(each.code, each.where) for each in causes}:
+            self.add(Code.CHECK_OPTION_NEEDED if known else Code.CHECK_REFUSED, cause=error.facts)
         return known
 
 

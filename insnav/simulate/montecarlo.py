@@ -14,7 +14,7 @@ import os
 import time
 import zipfile
 from collections.abc import Callable
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 from operator import call
 from pathlib import Path
 from typing import Any, Protocol
@@ -23,6 +23,7 @@ import numpy as np
 
 from insnav.engine import Workers, each, engine_of
 from insnav.exceptions import ConfigError, InsnavError, reason_of, writing
+from insnav.findings import ErrorFacts
 from insnav.types import FloatArray, IntArray
 
 KEEP_EVERY = 2.0  # progress is kept on the disk so often [s]
@@ -32,11 +33,11 @@ _ARRAYS = ("number", "seed", "figures", "total")
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """A run that ended in an error: its number, its seed, and why."""
+    """A run that ended in an error."""
 
     number: int
     seed: int
-    reason: str
+    error: ErrorFacts
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +60,7 @@ class Runs:
         """Take the outcome of the next run."""
         number = self.done + 1
         if isinstance(outcome, InsnavError):
-            return replace(self, failures=(*self.failures, Failure(number, seed, outcome.reason)))
+            return replace(self, failures=(*self.failures, Failure(number, seed, outcome.facts)))
         first = not len(self.number)
         return replace(
             self,
@@ -79,8 +80,8 @@ class Checkpoint:
 
     def save(self, runs: Runs) -> None:
         """Replace the file in one step: whatever stops the program, it is as it was or complete."""
+        failures = np.array(json.dumps([(each.number, each.seed, each.error.as_dict()) for each in runs.failures]))
         aside = self.path.with_name(f"{self.path.name}.new")
-        failures = np.array(json.dumps([astuple(each) for each in runs.failures]))
         arrays = {name: getattr(runs, name) for name in _ARRAYS}
         with writing("sim.progress_unwritable", self.path):
             try:
@@ -100,11 +101,13 @@ class Checkpoint:
                 held = {name: file[name] for name in file.files}
             key, failures = str(held["key"]), json.loads(str(held["failures"]))
             arrays: Any = {name: held[name] for name in _ARRAYS}
-            found = Runs(**arrays, failures=tuple(Failure(*each) for each in failures))
+            failed = tuple(Failure(run, seed, ErrorFacts.from_dict(error)) for run, seed, error in failures)
+            found = Runs(**arrays, failures=failed)
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
-            raise ConfigError("sim.progress_unreadable", where=str(self.path), reason=reason_of(error)) from error
+            reason = reason_of(error) if isinstance(error, OSError) else ""
+            raise ConfigError("sim.progress_unreadable", where=str(self.path), reason=reason) from error
         if key != self.key:
             raise ConfigError("sim.other_series", where=str(self.path))
         return found

@@ -64,36 +64,28 @@ def one_clock(recording: Recording, model: Model) -> tuple[Recording, Model, tup
     # one file is of one drive, though noise hides what both have in common
     of_one = imu.facts.path == gps.facts.path and Path(imu.facts.path).is_file()
     if isinstance(found, Unlike) and not apart and not of_one and not explained(imu, fixes):
-        raise _two_drives(found, f"{imu.facts.path}, {gps.facts.path}")
+        values: dict[str, Any] = {"where": f"{imu.facts.path}, {gps.facts.path}", "overlap_s": found.overlap}
+        if found.at_rest:
+            raise InputError("clock.imu_at_rest", **values)
+        raise InputError("clock.two_drives", turns=found.turns, forces=found.accelerations, **values)
     if isinstance(found, ClockOffset) and abs(found.offset) > max(WORTH, SIGMAS * found.sd):
         if not apart:  # an axis that is none of the turns seems to turn at another time
             refuse_unlike_gyros(imu, fixes)
-        offset, name = named_offset(offset + found.offset, found.sd)
-        first, last = np.array([imu.data.time[[0, -1]], gps.data.time[[0, -1]]])
+        offset, parts_of_it = named_offset(offset + found.offset, found.sd)
         sure = min(abs(found.turns), found.accelerations) > BOTH
         raise InputError(
             "clock.no_common_time" if apart else "clock.differ",
             where=f"{imu.facts.path}, {gps.facts.path}",
             gives={"time_offset": offset},
-            imu_s=tuple(first.tolist()),
-            gps_s=tuple(last.tolist()),
+            imu_s=tuple(imu.data.time[[0, -1]]),
+            gps_s=tuple(gps.data.time[[0, -1]]),
             offset_s=offset,
             **shown_values(found),
-            named=name.removeprefix("; that is "),
+            **parts_of_it,
             other_drive="" if sure else "--imu-time-offset",
         )
     check_overlap(imu.data, gps.data)
     return recording, model, tuple(notes)
-
-
-def _two_drives(found: Unlike, where: str) -> InputError:
-    """What is wrong with samples and fixes that have no motion in common."""
-    overlap_s = float(found.overlap)
-    if found.at_rest:
-        return InputError("clock.imu_at_rest", where=where, overlap_s=overlap_s)
-    return InputError(
-        "clock.two_drives", where=where, overlap_s=overlap_s, turns=found.turns, forces=found.accelerations
-    )
 
 
 def _check_gyro_unit(imu: Reading[ImuData], parts: Intervals, fixes: GpsData) -> None:

@@ -57,5 +57,7 @@ def refuse_confused(
             "gps.confused_columns" if velocities else "ref.confused_columns",
             where=read.facts.path,
             confusion=fit.confusion,
+            columns=() if fit.as_named else fit.columns,
+            unit=fit.unit if fit.confusion == "velocity_unit" else "",
             option=option,
         )

@@ -69,7 +69,7 @@ def test_help_needs_no_heavy_import_and_little_time():
     ("arguments", "words"),
     [
         (("run", "imu.csv", "--gp", "x"), ("No such option: --gp", "--gps", "insnav run", "cli.usage")),
-        (("compare", "run"), ("Missing option '--ref'", "insnav compare", "cli.usage")),
+        (("compare", "run"), ("Missing --ref", "insnav compare", "cli.usage")),
         (("runn",), ("No such command 'runn'", "Did you mean 'run'", "cli.usage")),
         (("run", "a", "--gps", "b", "--figures", "pdf"), ("--figures", "'pdf'", "'png'")),
         (("run", "a", "--gps", "b", "--heading", "x"), ("--heading", "number")),

@@ -15,9 +15,12 @@ from insnav import messages
 from insnav.messages import LANGUAGES, PARTS
 from insnav.output.folder import read_facts
 from insnav.plain_text import wrapped
-from tests.cli.conftest import QUICK, Cli
+from tests.cli.conftest import QUICK, SAMPLE, Cli
 
+FILES, REFERENCE = QUICK[:3], ("--ref", str(SAMPLE / "ref.csv"))
 WRONG_HEADING = ("--heading", "220")  # so that there is a warning, and assumptions
+_SENTENCE = re.compile(r"(?:\b[A-Za-z]+(?:[,;:]? |$)){5}")
+_NAME = re.compile(r"insnav \w+ --help|--[\w-]+|[\w'-]*(?:[./_=][\w'-]*)+")
 _GAP = re.compile(r"\{[^}]*\}|\[\[|\]\]")
 
 
@@ -30,6 +33,12 @@ def english_in(shown: str) -> list[str]:
             if longest.count(" ") > 2 and longest in shown:
                 found.append(longest)
     return found
+
+
+def english_lines(shown: str) -> list[str]:
+    """Lines with five words of Latin letters in a row: names of files, options, codes and commands are none."""
+    kept = (line for line in shown.splitlines() if not line.startswith("$ insnav "))
+    return [line for line in kept if _SENTENCE.search(_NAME.sub("0", line))]
 
 
 def lines_of(shown: str, *names: str) -> list[str]:
@@ -46,7 +55,7 @@ def test_a_run_warns_in_the_language_that_is_asked_for(drive: Path, cli: Cli):
     for name, words in {"after": ("run", *QUICK, "--lang", "zh"), "before": ("--lang=zh", "run", *QUICK)}.items():
         shown = cli(*words, *WRONG_HEADING, "--out", name)
         assert shown.code == 0, shown.err
-        for line in (told := lines_of(shown.out, "warning", "assumed")):
+        for line in (told := lines_of(shown.out, "警告", "假定")):
             assert "。" in line
         assert len(told) == len(lines_of(plain.out, "warning", "assumed")) > 1
         assert english_in(shown.out) == []
@@ -56,6 +65,43 @@ def test_a_run_warns_in_the_language_that_is_asked_for(drive: Path, cli: Cli):
             assert (Path(name) / table).read_bytes() == Path("plain", table).read_bytes()
     assert Path("before/run.json").read_bytes() == Path("after/run.json").read_bytes()
     assert cli("run", *QUICK, *WRONG_HEADING, "--out", "again").out == plain.out.replace("plain", "again")
+
+
+def test_nothing_on_the_terminal_is_an_english_sentence(drive: Path, cli: Cli):
+    assert english_lines("insnav: error: The file has no times, fixes or samples.")
+    plain, shown = (cli(*lang, "run", *QUICK, *REFERENCE, "--out", "run", "--force") for lang in ((), ("--lang=zh",)))
+    assert len(english_lines(plain.out)) > 3
+    assert english_lines(shown.out) == []
+    assert english_lines(shown.err) == []
+    assert shown.code == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (("run", "none.csv"), "format.no_file"),
+        (("run", "imu.csv"), "align.no_position"),
+        (("run", "imu.csv", "--gp", "x"), "cli.no_such_option"),
+        (("compare", "run"), "cli.missing_option"),
+        (("run", *FILES, "--lever-arm", "1,2"), "cli.not_numbers"),
+        (("run", *FILES, "--imu-time-offset", "1e5"), "columns.no_overlap"),
+        (("run", *FILES, "--imu", "nothing"), "imu.unknown"),
+        (("run", "gps.csv", "--gps", "imu.csv"), "columns"),
+        (("run", *FILES, "--imu", "bad.toml"), "config.several_errors"),
+        (("run", *FILES, "--columns", "gyro_x=nothing"), "columns.no_such_column"),
+        (("require", "--error", "-1", "--after", "60 s"), ""),
+        (("outage", *FILES, "--durations", "-3"), ""),
+        (("simulate", "bad.toml"), "config"),
+        (("report", "nowhere"), "output"),
+    ],
+)
+def test_no_refusal_is_an_english_sentence(words: tuple[str, ...], code: str, drive: Path, cli: Cli):
+    Path("bad.toml").write_text('name = 3\nsegment = 4\nvehicle = "ship"\n[gyro]\nbias = "-1 deg/h"\nrandom = 2\n')
+    shown = cli("--lang=zh", *words)
+    assert shown.code in (2, 3), shown.err
+    assert code in shown.err
+    assert "。" in shown.err
+    assert english_lines(shown.out + shown.err) == []
 
 
 @pytest.mark.parametrize(

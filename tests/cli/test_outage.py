@@ -8,9 +8,8 @@ from pathlib import Path
 import pytest
 
 from insnav.findings import Code, Finding
-from insnav.messages import sentence
+from insnav.messages import phrase, sentence
 from insnav.output.folder import read_facts, verify_folder
-from insnav.report.page import LIGHTS
 from tests.cli.conftest import Cli, findings_of
 
 QUICK = ("outage", "imu.csv", "--gps", "gps.csv", "--imu", "automotive", "--lengths", "3,6", "--first", "80")
@@ -26,9 +25,9 @@ def test_folder_and_table(drive: Path, cli: Cli):
     assert 'id="outage_horizontal"' in Path("outage/report.html").read_text(encoding="utf-8")
     assert "predicted" in shown.out
     judged = facts["verdict"]
-    assert f"{LIGHTS[judged['light']]}: {judged['reason']}" in shown.out
+    assert f"{phrase('light.' + judged['light'])}: {judged['reason']}" in shown.out
     again = cli("report", "outage")
-    assert f"{LIGHTS[judged['light']]}: {judged['reason']}" in again.out
+    assert f"{phrase('light.' + judged['light'])}: {judged['reason']}" in again.out
     assert "workers" not in facts["configuration"]
 
 

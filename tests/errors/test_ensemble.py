@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from insnav.attitude import quat_from_rotvec, quat_from_rph, quat_multiply, rph_from_quat
 from insnav.earth import lla_offset
 from insnav.errors.ensemble import COMPONENTS, FIGURES, GROUPS, band, ensemble, inside, reduced
-from insnav.exceptions import InputError
+from insnav.exceptions import AlignmentError, InputError
 from insnav.filter import FilterSettings
 from insnav.filter.navigate import navigate_recording
 from insnav.findings import Code, Finding
@@ -139,10 +139,11 @@ def test_band_is_that_of_chi_square():
 
 
 def test_an_ensemble_of_failures_says_why():
-    nothing = Runs(NOTHING.astype(int), NOTHING.astype(int), np.empty((0, 0)), NOTHING, (Failure(1, 42, "no rest"),))
+    failure = Failure(1, 42, AlignmentError("session.no_rest").facts)
+    nothing = Runs(NOTHING.astype(int), NOTHING.astype(int), np.empty((0, 0)), NOTHING, (failure,))
     with pytest.raises(InputError, match=r"diagnosis.all_runs_failed") as caught:
         ensemble(nothing, TRUTH)
-    assert "no rest" in str(caught.value)
+    assert caught.value.values["cause"] == failure.error
     assert "42" in str(caught.value)
 
 

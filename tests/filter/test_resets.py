@@ -206,7 +206,7 @@ def test_a_track_across_a_pole_ends_by_name():
     with pytest.raises(DivergenceError, match="pole") as caught:
         driven_at(89.987)
     assert caught.value.exit_code == 1
-    assert caught.value.where.startswith("time ")
+    assert caught.value.where.startswith("t = ")
 
 
 # ---- repairs

@@ -55,7 +55,7 @@ def test_failures_and_outliers_come_first():
     assert [row.drive.name for row in rows if row.stands_out] == ["d12"]
     assert rows[1].reason == f"1 warning ({render(FALSE).title})"
     assert rows[2].stands_out == "horizontal error RMS"
-    left_out = Finding.of(Code.BATCH_NO_RECORDING, subject="photo.dat", reason="no table")
+    left_out = Finding.of(Code.BATCH_NO_RECORDING, subject="photo.dat", cause=InputError("format.empty").facts)
     shown = page(Result("fleet", tuple(drives), findings=(left_out,)))
     assert shown.verdict is not None
     assert shown.verdict.light == "bad"
@@ -92,7 +92,7 @@ def test_the_interval_of_a_vehicle_covers_the_truth_also_where_drives_differ_mor
 def test_a_fleet_is_opened_again(tmp_path: Path):
     """With a drive that failed, whose error comes back."""
     lost = Navigated("lost", "", "", InputError("format.empty"))
-    left_out = Finding.of(Code.BATCH_NO_RECORDING, subject="photo.dat", reason="no table")
+    left_out = Finding.of(Code.BATCH_NO_RECORDING, subject="photo.dat", cause=InputError("format.empty").facts)
     result = Result("fleet", (drive(1, 2.0), lost), options={"drives": "."}, findings=(left_out,))
     again = open_result(result.save(tmp_path / "fleet"))
     assert again.summary() == result.summary()

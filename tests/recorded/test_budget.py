@@ -112,7 +112,7 @@ def test_tokyo_by_a_fixed_reference_with_gaps():
     found = tokyo()
     say(found)
     part = found.calibrated
-    assert part.windows.dropped["gap in the reference"] > 10
+    assert part.windows.dropped["reference_gap"] > 10
     assert part.windows.count >= 20
     # a false fix here and there makes an error that is no curve
     assert part.diagnosis.steady

@@ -29,7 +29,7 @@ def test_the_corpus_of_the_project_can_be_read_and_all_its_files_are_there():
     [
         ('profile = "short.toml"', 'profil = "short.toml"', "simulated 1.profil: config.unknown_key"),
         ('settle = "70 s"', 'settle = "70 m"', "simulated 1.settle: unit.of_other_dimension"),
-        ("seeds = 8", "seeds = 0", "seeds: config.invalid_value"),
+        ("seeds = 8", "seeds = 0", "seeds: config.out_of_range"),
         ('name = "sculling"', 'name = "short drive"', "short drive: regress.same_name"),
         ('data = "not_here"', 'data = "not_here"\nseeds = 3', "regress.seeds_without_fixes"),
     ],

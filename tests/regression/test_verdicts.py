@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import insnav
+from insnav.exceptions import DivergenceError
 from insnav.findings import Code, Finding
 from insnav.output.folder import read_facts
 from insnav.regression.baseline import BASELINE_FILE, Baseline, read_baseline, write_baseline
@@ -189,11 +190,14 @@ def test_an_untrue_sd_is_worse_either_way(factor: float, passes: bool, result: A
     assert compare(altered(result, told), honest).passed is passes
 
 
+DIVERGED = DivergenceError("filter.not_finite").facts
+
+
 def test_a_drive_that_fails_now_is_named(result: Accuracy, baseline: Baseline):
-    cases = {**result.cases, "sculling": replace(result.cases["sculling"], failures={3: "it diverged"})}
+    cases = {**result.cases, "sculling": replace(result.cases["sculling"], failures={3: DIVERGED})}
     found = compare(replace(result, cases=cases), baseline)
     assert not found.passed
-    broken = Finding.of(Code.REGRESSION_BROKEN, subject="sculling", run=3, reason="it diverged")
+    broken = Finding.of(Code.REGRESSION_BROKEN, subject="sculling", run=3, cause=DIVERGED)
     assert found.broken == {"sculling": broken}
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from insnav.errors.ensemble import FIGURES, GROUPS, ensemble, epochs
+from insnav.exceptions import InputError
 from insnav.findings import Code, Severity
 from insnav.imu import load_calibration, load_imu
 from insnav.input import Reading, ReadingFacts
@@ -41,6 +42,8 @@ from insnav.simulate.gps_file import load_gps
 from insnav.simulate.montecarlo import Failure, Runs
 from insnav.simulate.recording import Recording, times
 from tests.simulate.motions import PLACE, town
+
+NO_FIX = InputError("gps.no_fix").facts
 
 TOWN = town(start=1000.0)
 STILL = straight(PLACE, 0.0, 0.3, 60.0)
@@ -82,7 +85,7 @@ def runs_of(truth, count: int = 4) -> Runs:
     figures = np.abs(rng.standard_normal((count, len(FIGURES))))
     figures[:, -3:] = (100.0, 2.0, 0.0)
     number = np.array([1, 2, 4, 5])
-    return Runs(number, 1000 + number, figures, total, (Failure(3, 1003, "no fix"),))
+    return Runs(number, 1000 + number, figures, total, (Failure(3, 1003, NO_FIX),))
 
 
 @pytest.mark.parametrize("truth", [TOWN, STILL, ROUND], ids=["town", "still", "round"])
@@ -182,11 +185,11 @@ def test_runs_leave_a_row_each_and_a_row_each_second(tmp_path):
     assert seconds[0]["nees_position_per_axis"] == ""  # no fix yet
     assert float(seconds[9]["nees_attitude_per_axis"]) == pytest.approx(runs.total[9, 22] / 12, abs=1e-6)
     found = facts["ensemble"]
-    assert found["failed"] == [{"run": 3, "seed": 1003, "reason": "no fix"}]
+    assert found["failed"] == [{"run": 3, "seed": 1003, "code": "gps.no_fix"}]
     assert (found["fixes"], found["rejected"], found["resets"]) == (400, 8, 0)
     lines = "\n".join(ensemble_lines(page, where))
     (failed,) = failures_of(runs)
-    assert failed.values == (("run", 3), ("seed", 1003), ("reason", "no fix"))
+    assert failed.values == (("run", 3), ("seed", 1003), ("cause", NO_FIX))
     assert (failed.code, failed.severity) == (Code.SIMULATION_RUN_FAILED, Severity.WARNING)
     assert sentence(failed) in lines
     assert "8 of 400 fixes" in lines

@@ -232,7 +232,7 @@ def test_a_receiver_may_have_no_velocities(tmp_path: Path):
         ('[position]\nwite = "1 m"', "position.wite: config.unknown_key"),
         ('rate = "0 Hz"\n[position]\nwhite = "1 m"', "bad.toml: sim.receiver_rate"),
         ('rate = "500 Hz"\n[position]\nwhite = "1 m"', "bad.toml: sim.receiver_rate"),
-        ('fix = 9\n[position]\nwhite = "1 m"', "fix: config.invalid_value"),
+        ('fix = 9\n[position]\nwhite = "1 m"', "fix: config.out_of_range"),
         ('[position]\nwhite = "1 m"\n[velocity]\nwhite = "0 m/s"', "velocity: config.not_above_zero"),
         ('[position]\nwhite = "1 m"\n[outage]\nevery = "9 s"', "outage: sim.outage_lengths"),
         ('[position]\nwhite = "1 m"\n[outage]\nperiod = ["9 s", "9 s"]', "outage: sim.outage_period"),
@@ -256,7 +256,7 @@ def test_all_mistakes_are_told_at_once(tmp_path: Path):
     with pytest.raises(ConfigError) as caught:
         load_gps(str(path))
     assert sorted(problems_of(caught.value)) == [
-        "fix: config.invalid_value",
+        "fix: config.out_of_range",
         "position.white: unit.of_other_dimension",
         "rte: config.unknown_key",
         "velocity.white: config.no_quantity",

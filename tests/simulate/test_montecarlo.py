@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -92,7 +93,7 @@ def test_a_run_that_fails_is_named_and_the_others_are_kept(alone, workers):
     found = monte_carlo(Draw(TASK.offset, poor=5), 12, SEED, workers=workers)
     (failure,) = found.failures
     assert (failure.number, failure.seed) == (5, run_seed(SEED, 5))
-    assert "full" in failure.reason
+    assert failure.error.values == (("reason", "full"),)
     assert found.number.tolist() == [1, 2, 3, 4, 6, 7, 8, 9, 10, 11, 12]
     np.testing.assert_array_equal(found.figures, np.delete(alone.figures[:12], 4, axis=0))
 
@@ -152,6 +153,19 @@ def test_a_checkpoint_of_other_runs_or_of_nobody_is_refused(tmp_path):
         path.write_bytes(content)
         with refused(ConfigError, "sim.progress_unreadable"):
             monte_carlo(TASK, 3, SEED, checkpoint=Checkpoint(path, "one"))
+
+
+def test_a_checkpoint_with_failures_in_words_is_refused(tmp_path):
+    """Earlier versions kept the sentence of an error, not its code."""
+    path = tmp_path / "unfinished"
+    monte_carlo(Draw(TASK.offset, poor=1), 3, SEED, checkpoint=Checkpoint(path, "one"))
+    with np.load(path) as file:
+        held = {name: file[name] for name in file.files}
+    failures = json.dumps([(1, run_seed(SEED, 1), "The GPS is poor.")])
+    with path.open("wb") as stream:
+        np.savez(stream, **held | {"failures": np.array(failures)})
+    with refused(ConfigError, "sim.progress_unreadable"):
+        monte_carlo(TASK, 4, SEED, checkpoint=Checkpoint(path, "one"))
 
 
 def test_a_checkpoint_that_cannot_be_written_is_an_output_error(tmp_path):

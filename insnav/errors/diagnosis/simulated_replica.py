@@ -26,7 +26,7 @@ from insnav.imu import ImuSpec
 from insnav.sample_statistics import CONFIDENCE
 from insnav.simulate.ideal_sensors import gps_from_truth
 from insnav.simulate.imu_errors import ImuSimulation, corrupt_imu, gauss_markov
-from insnav.simulate.montecarlo import Sample, monte_carlo
+from insnav.simulate.montecarlo import Failure, Sample, monte_carlo
 from insnav.simulate.recording import perfect_imu
 from insnav.simulate.truth import LevelTruth, Truth
 from insnav.simulate.truth_from_track import Residual, track_residual, truth_from_track
@@ -50,7 +50,7 @@ class Replicas:
     recorded: FloatArray  # (k, 6) RMS error of the recorded windows, reference errors included [m]
     reference: FloatArray  # (k, 6) RMS standard deviation of the reference [m]
     apart: Residual  # how far the motion of the replica is from the recorded track
-    failures: tuple[str, ...]  # replicas that could not be navigated, and why
+    failures: tuple[Failure, ...]  # replicas that could not be navigated
 
     @property
     def inside(self) -> np.ndarray:
@@ -163,18 +163,18 @@ def replicas(
     """
     assert drive.run.smoothed is not None
     runs = monte_carlo(task, count, seed, workers=workers, progress=progress)
-    failures = tuple(f"replica {each.number}: {each.reason}" for each in runs.failures)
     n = len(runs.number)
     if n < FEWEST:
-        raise InputError(
-            "diagnosis.few_replicas", count=n, total=count, failure=failures[0] if failures else "", limit=FEWEST
-        )
+        first = runs.failures[0].error if runs.failures else ""
+        raise InputError("diagnosis.few_replicas", count=n, total=count, failure=first, limit=FEWEST)
     rms = runs.figures.reshape(n, len(windows), len(task.times), -1)
     far = track_residual(task.truth, drive.run.smoothed.solution)
-    return tuple(_among(each, rms[:, kind], task.times, far, failures) for kind, each in enumerate(windows))
+    return tuple(_among(each, rms[:, kind], task.times, far, runs.failures) for kind, each in enumerate(windows))
 
 
-def _among(windows: Windows, rms: FloatArray, times: FloatArray, far: Residual, failures: tuple[str, ...]) -> Replicas:
+def _among(
+    windows: Windows, rms: FloatArray, times: FloatArray, far: Residual, failures: tuple[Failure, ...]
+) -> Replicas:
     """Recorded windows among those of their replicas."""
     n = len(rms)
     size = np.log(np.maximum(rms, 1e-12))

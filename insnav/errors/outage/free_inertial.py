@@ -141,11 +141,11 @@ def free_windows(
         reason = next((why for a, b, why in gaps if np.any((a < end - 1e-6) & (b > begin + 1e-6))), None)
         compared, known = _compared(reference.fixes, begin + grid, 0.5 * spread)
         if reason is None and not known[-1]:
-            reason = "no reference at the end"
+            reason = "reference_end"
         first = forward_start(state, settings, reference.lever_b)
         if start == "smoothed" and reason is None:
             seen = smoothed_start(first, drive.run, drive.clock)
-            reason = "no fix was used at its start" if seen is None else None
+            reason = "unused_start" if seen is None else None
             first = first if seen is None else seen
         if reason is not None:
             dropped[reason] = dropped.get(reason, 0) + 1
@@ -155,8 +155,8 @@ def free_windows(
         if progress is not None:
             progress((number + 1) / len(drive.states))
     if not found:
-        reasons = tuple(f"{count}: {reason}" for reason, count in dropped.items())
-        raise InputError("budget.no_window", length_s=length, count=len(drive.states), reasons=reasons)
+        values: dict[str, Any] = {"counts": tuple(dropped.values()), "reasons": tuple(dropped)}
+        raise InputError("budget.no_window", length_s=length, count=len(drive.states), **values)
     columns = {name: np.stack([each[name] for each in found]) for name in found[0]}
     return Windows(length=length, spacing=spacing, grid=grid, dropped=dropped, uncalibrated=uncalibrated, **columns)
 
@@ -224,7 +224,7 @@ def _gaps(ready: Prepared, reference: WindowReference) -> list[tuple[FloatArray,
     dark = np.flatnonzero(step > max(REFERENCE_GAP, 3.0 * float(np.median(step))))
     begin = np.concatenate([[-np.inf], stamps[dark], stamps[-1:]])
     end = np.concatenate([stamps[:1], stamps[dark + 1], [np.inf]])
-    return [(time[lost] + delay, time[lost + 1] + delay, "gap in the IMU record"), (begin, end, "gap in the reference")]
+    return [(time[lost] + delay, time[lost + 1] + delay, "imu_gap"), (begin, end, "reference_gap")]
 
 
 def _course(drive: NavigatedDrive) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -56,7 +56,7 @@ def outages(
     lengths = sorted(set(lengths))
     wrong = [value for value in (*lengths, *([] if spacing is None else [spacing])) if not 0.0 < value < np.inf]
     if wrong or not lengths:
-        raise ConfigError("outage.bad_windows", given=str(wrong or "none"))
+        raise ConfigError("outage.bad_windows", given_s=tuple(wrong))
     fixes = ready.gps.time - ready.settings.delay
     begin, end = ready.initial.time, float(min(ready.imu.time[-1], fixes[-1]))
     rows = window_starts(fixes, begin, end, lengths[0], first=first, spacing=spacing, rule="quarter of drive")

@@ -32,9 +32,9 @@ class Requirement:
 
     def __post_init__(self) -> None:
         checks = (
-            (0.0 < self.error <= 1e6, f"{self.error:g} m", "--error", "above 0, up to 1e6 m"),
-            (0.5 <= self.after <= 3600.0, f"{self.after:g} s", "--after", "0.5 s to 3600 s"),
-            (0.5 <= self.probability <= 0.999, f"{self.probability:g}", "--probability", "0.5 to 0.999"),
+            (0.0 < self.error <= 1e6, f"{self.error:g} m", "--error", "> 0, ≤ 1e6 m"),
+            (0.5 <= self.after <= 3600.0, f"{self.after:g} s", "--after", "≥ 0.5 s, ≤ 3600 s"),
+            (0.5 <= self.probability <= 0.999, f"{self.probability:g}", "--probability", "≥ 0.5, ≤ 0.999"),
             (self.component in COMPONENTS, str(self.component), "--component", ", ".join(COMPONENTS)),
         )
         for good, given, where, fix in checks:

@@ -52,20 +52,19 @@ def epoch_offset(imu: ImuData, gps: GpsData) -> float | None:
     return None if offset is None or abs(offset) < 0.9 * GPS_EPOCH else offset
 
 
-def named_offset(offset: float, sd: float) -> tuple[float, str]:
-    """An offset of clocks [s] as leap seconds, zones and whole days have it, if it is that within its sd, and its name.
+def named_offset(offset: float, sd: float) -> tuple[float, dict[str, Any]]:
+    """An offset of clocks [s] as leap seconds, zones and whole days have it, if it is that within its sd, and these.
 
     Time zones differ from UTC by halves of an hour, but for three small ones.
+    Returns: the offset; its parts as values of an error: ``days_s`` or ``zone_s``, and ``leap_s``.
     """
     for leap in (0.0, LEAP, -LEAP):
         zone = ZONE * round((offset - leap) / ZONE)
         whole = zone % DAY == 0.0  # 86399.998 s is a day, too
         near = abs(offset - leap - zone) < np.clip(3.0 * sd, 0.1, 1.0)
         if near and (zone or leap) and (whole or abs(zone) <= 14 * HOUR):
-            parts = [f"{zone / HOUR:+.4g} h: {'whole days' if whole else 'a time zone'}"] * bool(zone)
-            parts += [f"{leap:+.0f} s: leap seconds of UTC against GPS time"] * bool(leap)
-            return zone + leap, f"; that is {', '.join(parts)}"
-    return round(offset, 3), ""
+            return zone + leap, {"days_s" if whole else "zone_s": zone or None, "leap_s": leap or None}
+    return round(offset, 3), {}
 
 
 def _spans(imu: ImuData, gps: GpsData) -> tuple[tuple[float, float], tuple[float, float]]:

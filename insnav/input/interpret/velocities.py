@@ -59,20 +59,18 @@ class Fit:
 
     @property
     def confusion(self) -> str:
-        """What is confused in data taken as they are named; empty if nothing is."""
+        """Name of what is confused in data taken as they are named; empty if nothing is."""
         if self.radians:
-            return f"the {self.radians} are in radians, read as degrees"
+            return f"{self.radians}_radians"
         if self.exchanged:
-            return "latitude and longitude are exchanged"
+            return "positions_exchanged"
         if self.in_vehicle:
-            return "the velocities are in the axes of the vehicle"
+            return "velocity_in_vehicle"
         if not self.as_named:
-            return f"the velocity columns have wrong names: {self.renamed}"
+            return "velocity_names"
         if self.unit != "m/s":
-            return f"the velocities are in {self.unit}"
-        if self.climb == _FEET:
-            return "the heights are in feet, read as m"
-        return "the vertical velocity is up, read as down" if self.upward else ""
+            return "velocity_unit"
+        return "heights_feet" if self.climb == _FEET else "velocity_up" if self.upward else ""
 
     @property
     def misplaced(self) -> bool:
@@ -80,11 +78,10 @@ class Fit:
         return bool(self.radians) or self.exchanged or self.climb == _FEET
 
     @property
-    def renamed(self) -> str:
-        """How order and signs of the horizontal columns differ from their names."""
-        signs = " and ".join(word for word, sign in zip(("north", "east"), self.signs, strict=True) if sign < 0)
-        both = (self.order == (1, 0), "north and east are exchanged"), (signs, f"the sign of {signs} is changed")
-        return " and ".join(text for chosen, text in both if chosen)
+    def columns(self) -> tuple[str, ...]:
+        """What is north and what is east by the names of the columns: ``vn``, ``-ve``."""
+        signed = zip(self.order, self.signs, strict=True)
+        return tuple("-" * (sign < 0.0) + ("vn", "ve")[column] for column, sign in signed)
 
 
 def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from insnav.findings import Code, Finding
-from insnav.messages import sentence
+from insnav.messages import phrase, sentence
 from insnav.types import IntArray, Sampling, Stamp
 
 T = TypeVar("T")
@@ -59,19 +59,15 @@ class ReadingFacts:
 
     def lines(self) -> list[str]:
         """Give the facts in words, one a line."""
-        dropped = self.n_rows - self.n_used
-        rows = f"{self.n_used} rows" if not dropped else f"{self.n_used} of {self.n_rows} rows"
-        gaps = (
-            "no gaps"
-            if not self.n_gaps
-            else f"{self.n_gaps} gap{'s' * (self.n_gaps > 1)}, the longest {self.longest_gap_s:.3g} s"
-        )
-        span = f"{self.end_s - self.start_s:.1f} s from {self.start_s:.3f} to {self.end_s:.3f}"
+        values: dict[str, Any] = {"length_s": self.end_s - self.start_s} | {
+            each.name: getattr(self, each.name) for each in fields(self)
+        }
+        values["n_rows"] = self.n_rows if self.n_used < self.n_rows else None
         columns = ", ".join(
             name if text.startswith(f"{name} [") else f"{name} = {text}" for name, text in self.columns.items()
         )
-        head = f"{self.kind}: {self.path}: {rows}, {span}, {self.rate_hz:.4g} Hz, {gaps}"
-        return [head, f"columns: {columns}", *map(sentence, self.evidence)]
+        head = phrase("reading.file", **values) + phrase("reading.gaps" if self.n_gaps else "reading.no_gaps", **values)
+        return [head, phrase("reading.columns", columns=columns), *map(sentence, self.evidence)]
 
 
 def not_covered(imu: ReadingFacts, gps: ReadingFacts) -> list[Finding]:

@@ -10,7 +10,7 @@ from insnav.errors.diagnosis.equivalent_sensor_errors import SensorFit
 from insnav.errors.diagnosis.simulated_replica import Replicas
 from insnav.errors.outage.statistics import COMPONENTS, Growth
 from insnav.findings import Code, Finding, Severity, of_code
-from insnav.messages import sentence
+from insnav.messages import sentence, word
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
 from insnav.report.outage.page import common_text, corrected, corrected_text
@@ -30,7 +30,7 @@ def windows_sentences(budget: RecordedBudget) -> tuple[str, ...]:
     lines = []
     for kind, part in parts_of(budget):
         windows = part.windows
-        left_out = ", ".join(f"{count} {reason}" for reason, count in windows.dropped.items())
+        left_out = ", ".join(f"{count} {word(reason)}" for reason, count in windows.dropped.items())
         lines.append(
             f"{kind.capitalize()}: {windows.count} windows of {windows.length:g} s, effective sample size "
             f"{part.growth.effective:.0f}; {f'left out: {left_out}' if left_out else 'none touches a gap'}."
@@ -372,5 +372,5 @@ def _replicas(made: Replicas | None) -> Section:
         _named("recorded", made.recorded, "m"),
         Quantity("track_apart", made.apart.position, "m"),
         Quantity("track_apart", made.apart.velocity, "m/s"),
-        Quantity("failures", made.failures),
+        Quantity("failures", {str(each.number): each.error.code for each in made.failures}),
     )

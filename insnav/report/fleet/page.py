@@ -13,11 +13,11 @@ import numpy as np
 
 from insnav.findings import Finding, Severity
 from insnav.fleet.batch import DRIVES, FILES, Navigated
-from insnav.messages import render
+from insnav.messages import phrase, render
 from insnav.plain_text import cell_text
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.colours import BLUE, GREEN, VERMILLION
-from insnav.report.page import LIGHTS, DataFrame, Light, Page, Section, Verdict, one_each, rows_frame
+from insnav.report.page import DataFrame, Light, Page, Section, Verdict, one_each, rows_frame
 from insnav.report.panels import Curve, Panel
 from insnav.result import Result
 from insnav.types import FloatArray
@@ -25,7 +25,6 @@ from insnav.types import FloatArray
 OUTLIER, FEWEST = 3.5, 8  # modified z-score beyond which a drive is one, and drives that make a median
 _LEAST = 0.1  # relative scatter of a fleet below which nothing stands out
 _ORDER = ("failed", "bad", "attention", "unknown", "good")
-_LABELS = {"failed": "failed", **{str(light): text for light, text in LIGHTS.items()}}
 # key, where it is in ``run.json``, unit of the table, label
 _FIGURES = (
     ("duration", ("solution", "duration_s"), "s", ""),
@@ -64,7 +63,7 @@ class Row:
         return (
             Quantity("drive", self.drive.name),
             Quantity("vehicle", self.drive.vehicle),
-            Quantity("result", _LABELS[self.light]),
+            Quantity("result", phrase(f"light.{self.light}")),
             *(Quantity(key, self.figures.get(key), unit, meaning=label) for key, _, unit, label in _FIGURES),
             Quantity("outlier", self.score or None, meaning="z-score", digits=2, mark="!" * bool(self.stands_out)),
             Quantity("reason", reason, meaning="why"),
@@ -184,7 +183,7 @@ def page(result: Result[tuple[Navigated, ...]]) -> Page:
     total = len(rows)
     count = {light: sum(row.light == light for row in rows) for light in _ORDER}
     out = max((row for row in rows if row.stands_out), key=lambda row: row.score, default=None)
-    said = ", ".join(f"{_LABELS[light]}: {n}" for light, n in count.items() if n)
+    said = ", ".join(f"{phrase(f'light.{light}')}: {n}" for light, n in count.items() if n)
     outcome = f"{said}." if out is None else f"{said}; {out.drive.name} stands out most."
     wrong = count["failed"] + count["bad"]
     light: Light = (
@@ -219,7 +218,7 @@ def page(result: Result[tuple[Navigated, ...]]) -> Page:
         verdict=Verdict(light, reason, outcome),
         merits=(
             Quantity("drives", total),
-            *(Quantity(name, n, meaning=_LABELS[name]) for name, n in count.items() if n),
+            *(Quantity(name, n, meaning=phrase(f"light.{name}")) for name, n in count.items() if n),
         ),
     )
 

@@ -231,7 +231,7 @@ def _case(name: str, case: CaseResult) -> tuple[Quantity, ...]:
     return (
         Quantity("case", name),
         Quantity("digest", case.digest),
-        Quantity("failures", {str(number): why for number, why in case.failures.items()}),
+        Quantity("failures", {str(number): each.code if each else None for number, each in case.failures.items()}),
         Quantity("values", {key: BY_KEY[key].typical(value) for key, value in case.measured.values.items()}),
     )
 

@@ -395,7 +395,7 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
     positions, rejected, resets = (int(columns[name].sum()) for name in _COUNTS)
     failed = tuple(failures_of(runs))
     failures = tuple(
-        (Quantity("run", each.number), Quantity("seed", each.seed), Quantity("reason", each.reason))
+        (Quantity("run", each.number), Quantity("seed", each.seed), Quantity("code", each.error.code))
         for each in runs.failures
     )
     parts = (Section("failed", rows=failures, show="json"), _errors(found))
@@ -477,7 +477,7 @@ def ensemble_lines(page: Page, out: Path) -> list[str]:
 def failures_of(runs: Runs) -> Iterator[Finding]:
     """Give the first runs that failed, and how many more did."""
     for each in runs.failures[:_SHOWN]:
-        yield Finding.of(Code.SIMULATION_RUN_FAILED, run=each.number, seed=each.seed, reason=each.reason)
+        yield Finding.of(Code.SIMULATION_RUN_FAILED, run=each.number, seed=each.seed, cause=each.error)
     more = len(runs.failures) - _SHOWN
     if more > 0:
         yield Finding.of(Code.SIMULATION_MORE_FAILED, count=more)

@@ -152,13 +152,13 @@ def test_windows_touching_a_hole_are_left_out_and_counted(drive):
         "torn",
     )
     windows = free_windows(drive, torn, LENGTH, 25.0)
-    assert windows.dropped == {"gap in the reference": len(drive.states) - windows.count}
-    assert 1 <= windows.dropped["gap in the reference"] <= 4
+    assert windows.dropped == {"reference_gap": len(drive.states) - windows.count}
+    assert 1 <= windows.dropped["reference_gap"] <= 4
     assert not ((windows.start < 175.0) & (windows.start + LENGTH > 151.0)).any()
     keep = ~((ready.imu.time > 200.0) & (ready.imu.time < 200.5))
     imu = ready.imu.rows(keep)
     broken = free_windows(replace(drive, ready=replace(ready, imu=imu)), whole, LENGTH, 25.0)
-    assert set(broken.dropped) == {"gap in the IMU record"}
+    assert set(broken.dropped) == {"imu_gap"}
 
 
 def test_a_short_gap_of_the_reference_leaves_the_window_and_its_other_times(drive):
