@@ -14,7 +14,7 @@ from insnav.errors.run_findings import judged, run_warnings
 from insnav.filter.noise_estimate import NoiseFigure
 from insnav.findings import Code, Finding, Severity
 from insnav.imu import load_imu
-from insnav.messages import sentence
+from insnav.messages import phrase, sentence
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.numbers import number
 from insnav.report.page import Page, Section, Verdict, cell, section_tables
@@ -54,10 +54,12 @@ def test_a_few_lines_say_what_matters(navigated):
 
 def test_errors_far_within_what_is_stated_are_said_so(navigated):
     found = navigated.found
-    assert navigated.page().verdict.reason.endswith("within what is stated")
+    assert navigated.page().verdict.reason == phrase("run.good")
     careful = replace(found.errors, sd=10.0 * found.errors.sd)
     far = replace(found, errors=careful, smoothed_errors=None)
-    assert "times their size" in replace(navigated, found=far).page().verdict.reason
+    reason = replace(navigated, found=far).page().verdict.reason
+    assert reason.startswith(phrase("run.good"))
+    assert reason != phrase("run.good")
     (stated,) = [each for each in run_merits(far, "filtered") if each.key == "horizontal_sd"]
     assert stated.value == pytest.approx(10.0 * float(np.sqrt(np.mean(np.sum(found.errors.sd[:, :2] ** 2, axis=1)))))
 
@@ -124,8 +126,11 @@ def test_a_few_wild_epochs_do_not_hide_how_good_the_rest_is(driven, navigated):
     wild = errors.position * np.where(np.arange(len(errors.time)) % 50, 1.0, 300.0)[:, None]
     worse = replace(navigated, found=EvaluatedRun(run, gps, replace(errors, position=wild)))
     most = number(float(np.percentile(np.hypot(*wild[:, :2].T), 95.0)))
-    assert f"RMS filtered (95 % within {most} m)" in worse.page().verdict.sentence
-    assert "95 % within" not in navigated.page().verdict.sentence
+    size = number(float(np.sqrt(np.mean(np.sum(wild[:, :2] ** 2, axis=1)))))
+    said = phrase("run.error_size", size=size, mode=phrase("run.filtered"), most=most)
+    assert said in worse.page().verdict.sentence
+    size = number(rms(errors.horizontal))
+    assert phrase("run.error_size", size=size, mode=phrase("run.filtered")) in navigated.page().verdict.sentence
 
 
 def test_a_notebook_gets_the_tables(navigated):
@@ -156,7 +161,7 @@ def test_the_light_follows_the_harm(driven, navigated):
     errors = navigated.found.errors
     part = replace(navigated, found=EvaluatedRun(run, gps, errors.rows(slice(len(errors.time) // 4)))).page().verdict
     assert part.light == "unknown"
-    assert "covers 25 % of the drive" in part.reason
+    assert part.reason == phrase("run.part", share=0.25)
     alone = replace(navigated, found=EvaluatedRun(run, gps)).page().verdict
     assert alone.light == "unknown"
     assert "no reference" in alone.reason
@@ -240,7 +245,8 @@ def test_many_rejected_fixes_are_pointed_out_and_few_are_not(driven, navigated):
     assert (many.code, many.severity) == (Code.RUN_MANY_REJECTED, WARNING)
     assert dict(many.values) == {"share": pytest.approx(0.5, abs=0.01)}
     assert "50 %" in sentence(many)
-    assert f"warning: {sentence(many)[:40]}" in result_of(bad).summary()
+    said = phrase("terminal.line", name=phrase("run.warning"), text=sentence(many))
+    assert " ".join(said.split())[:40] in " ".join(result_of(bad).summary().split())
     fixes = run.innovations
     row = np.arange(fixes.time.size) // (fixes.time.size // 5) == 2  # a fifth of the drive, whatever else is named
     event = Finding.of(Code.GATE_RECORD_POSITION, 0.0, distance_m=1.0)
@@ -327,7 +333,7 @@ def test_without_velocities_slow_errors_of_positions_are_said_to_be_believed(dri
 
 def test_the_shortest_run_is_summed_up(bare):
     text = result_of(bare).summary()
-    assert "no reference" in text
+    assert phrase("run.no_reference") in text
     assert "nan" not in text.lower().split()
 
 
@@ -358,7 +364,7 @@ def test_units_of_keys_are_put_in_brackets():
         ((row,),) = (table.rows for table in section_tables(Section("", items=(quantity_of(key, 1.0),))))
         assert row == (text, "1.00")
     assert cell(Quantity("any", ("1", "a\x1b[0m"))) == "1, a"
-    assert cell(Quantity("any", {"a": True})) == "a yes"
+    assert cell(Quantity("any", {"a": True})) == f"a {phrase('page.yes')}"
 
 
 def test_fixes_that_gates_rejected_are_told(driven, navigated):
