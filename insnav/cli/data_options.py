@@ -51,16 +51,17 @@ class Data:
     inputs: Inputs  # what was given with them
     options: dict[str, Any]  # all options of the command as the user gave them, JSON-ready
 
-    def read_imu(self, stage: Stages) -> Reading[ImuData]:
-        """Read the samples alone, and say how they were understood."""
+    def read_imu(self, stage: Stages, **how: Any) -> Reading[ImuData]:
+        """Read the samples alone, and say how they were understood; `how`: as of `insnav.session.read.read_samples`."""
         stage("reading")
         from insnav.session.read import read_samples
 
         assert self.imu is not None
-        reading = read_samples(self.imu, self.inputs)
+        reading = read_samples(self.imu, self.inputs, **how)
         say_reading(reading.facts)
         if console.level == 0:  # -v has said it; no fixes can contradict the unit here
-            for assumed in _findings.of_code(reading.facts.evidence, _findings.Code.UNITS_GYRO_ASSUMED):
+            codes = _findings.Code.UNITS_GYRO_ASSUMED, _findings.Code.READ_IMU_MODEL_BY_GRAVITY
+            for assumed in _findings.of_code(reading.facts.evidence, *codes):
                 note(_messages.sentence(assumed))
         return reading
 

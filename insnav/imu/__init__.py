@@ -19,7 +19,7 @@ from insnav.imu.specification import ClockSpec, ImuSpec, InitialSpec, SensorSpec
 
 if TYPE_CHECKING:
     from insnav.imu.calibration_file import calibration_to_toml, load_calibration
-    from insnav.imu.imu_file import load_imu, to_toml
+    from insnav.imu.imu_file import load_imu, to_kalibr, to_toml
     from insnav.imu.noise_density import identify, nearest_preset, white_noise
 
 _LAZY = {
@@ -28,6 +28,7 @@ _LAZY = {
     "load_calibration": "calibration_file",
     "load_imu": "imu_file",
     "nearest_preset": "noise_density",
+    "to_kalibr": "imu_file",
     "to_toml": "imu_file",
     "white_noise": "noise_density",
 }
@@ -49,6 +50,7 @@ __all__ = [
     "nearest_preset",
     "sample_errors",
     "sample_intervals",
+    "to_kalibr",
     "to_toml",
     "white_noise",
 ]

@@ -1,11 +1,18 @@
 """The IMU file (``imu.toml``): how large the errors of an IMU are, with a unit in every value.
 
 The keys of its sensor tables, and the units in which they are written, are those of `insnav.imu.error_terms.TERMS`.
+Kalibr and its companions have a file of their own (``imu.yaml``), which has white noise and random walk of the bias.
+
+References
+----------
+Kalibr wiki, "IMU Noise Model": ``noise_density`` [rad/s/sqrt(Hz)], [m/s^2/sqrt(Hz)]; ``random_walk``
+[rad/s^2/sqrt(Hz)], [m/s^3/sqrt(Hz)].
 """
 
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,6 +21,7 @@ import tomli_w
 from pydantic import PlainValidator, model_validator
 
 from insnav.config_file import (
+    MAX_BYTES,
     Table,
     axes,
     matrix_of,
@@ -84,9 +92,17 @@ _TABLES = {
 _FILE = with_fields(_ImuFile, _TABLES)
 
 
+_YAML_LINE = re.compile(r"(?m)^\s*(\w+)\s*:\s*([-+.\deE]+)\s*(?:#.*)?$")
+# sensor in the file of Kalibr -> in ours, units of noise density and of random walk
+_KALIBR: dict[str, tuple[Sensor, str, str]] = {
+    "accelerometer": ("accel", "m/s/sqrt(s)", "m/s^2/sqrt(s)"),
+    "gyroscope": ("gyro", "rad/sqrt(s)", "rad/s/sqrt(s)"),
+}
+
+
 def part_of(preset_or_path: str) -> Part | None:
     """Real part that a name means; None if it is a preset, a file or unknown."""
-    if preset_or_path in PRESETS or Path(preset_or_path).suffix == ".toml":
+    if preset_or_path in PRESETS or Path(preset_or_path).suffix in (".toml", ".yaml", ".yml"):
         return None
     from insnav.imu.library import find_part
 
@@ -121,7 +137,7 @@ def load_imu(preset_or_path: str) -> ImuSpec:
 
         known = similar(preset_or_path, PRESETS) | {"parts": close_names(preset_or_path)}
         raise ConfigError("imu.unknown", where="--imu", name=preset_or_path[:200], **known)
-    content = read_toml(path)
+    content = _of_kalibr(path) if path.suffix in (".yaml", ".yml") else read_toml(path)
     sensors = [table for table in (content.get("gyro"), content.get("accel")) if isinstance(table, dict)]
     if any("matrix" in table or "raw" in table for table in sensors):
         raise ConfigError("imu.calibration_for_file", where=str(path))
@@ -140,6 +156,32 @@ def load_imu(preset_or_path: str) -> ImuSpec:
         raise ConfigError("imu.lost_samples", where=f"{path}: clock")
     positions = np.array((file.accel and file.accel.positions) or np.zeros((3, 3)))
     return ImuSpec(file.name or path.stem, gyro, accel, initial, file.source.strip(), tuple(absent), clock, positions)
+
+
+def _of_kalibr(path: Path) -> dict[str, Any]:
+    """Read the file of Kalibr as the content of an IMU file."""
+    content: dict[str, Any] = {}
+    for key, value in _YAML_LINE.findall(path.read_text(encoding="utf-8", errors="replace")[:MAX_BYTES]):
+        sensor, _, figure = key.partition("_")
+        if sensor in _KALIBR and figure in ("noise_density", "random_walk"):
+            name, *units = _KALIBR[sensor]
+            term, unit = ("rate_random_walk", units[1]) if figure == "random_walk" else ("random_walk", units[0])
+            content.setdefault(name, {})[term] = f"{value} {unit}"
+    return content
+
+
+def to_kalibr(spec: ImuSpec, rate: float) -> str:
+    """Write the file of Kalibr (``imu.yaml``): root mean squares of the axes; `rate` of the samples [Hz].
+
+    The random walk of a bias is its rate random walk and the noise that drives a Gauss-Markov process, sd sqrt(2 / T).
+    """
+    lines = [f"# {spec.name}"]
+    for sensor, (name, *_) in _KALIBR.items():
+        figures: SensorSpec = getattr(spec, name)
+        walk = np.hypot(figures.rate_random_walk, figures.bias_instability * math.sqrt(2.0 / figures.correlation_time))
+        for figure, axes_of in (("noise_density", figures.random_walk), ("random_walk", walk)):
+            lines.append(f"{sensor}_{figure}: {float(np.sqrt(np.mean(np.square(axes_of)))):.6g}")
+    return "\n".join([*lines, "rostopic: /imu/data", f"update_rate: {rate:.6g}", ""])
 
 
 def _sensor(name: Sensor, table: _Sensor | None, absent: list[str]) -> SensorSpec:

@@ -14,7 +14,13 @@ from insnav.exceptions import ConfigError
 from insnav.findings import Finding
 from insnav.imu import load_calibration
 from insnav.input import Reading
+from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
+from insnav.input.interpret.clean import IMU_KINDS
+from insnav.input.interpret.columns import require, understand
+from insnav.input.interpret.schema import IMU_SCHEMA, Quantity
+from insnav.input.readers.imu import SLOWEST_ALONE
+from insnav.input.readers.rows import read_rows
 from insnav.lab.acceptance import Acceptance
 from insnav.lab.acceptance import acceptance as acceptance_figures
 from insnav.lab.bench_data.records import read_drift, read_powerups, read_static, read_steps
@@ -124,18 +130,20 @@ def allan(
     imu: Given | ImuData | Reading[ImuData],
     *,
     rate: float | None = ...,
+    column: str | None = ...,
     taus: Taus = ...,
     static: tuple[float, float] | None = ...,
     workers: int | None = ...,
     progress: Callable[[float], None] = ...,
     **inputs: Any,
-) -> Result[StaticNoise]: ...
+) -> Result[StaticNoise] | Result[SignalNoise]: ...
 
 
 def allan(
     imu: Any,
     *,
     rate: float | None = None,
+    column: str | None = None,
     taus: Taus = "log",
     static: tuple[float, float] | None = None,
     workers: int | None = None,
@@ -149,7 +157,9 @@ def allan(
     imu : array, path, data frame, arrays or ImuData
         One array, ``(n,)`` or ``(n, c)``, is a signal with `rate`; anything else an IMU as for `insnav.load`.
     rate : float, optional
-        Sampling rate of arrays without times [Hz].
+        Sampling rate of arrays and files without times [Hz].
+    column : str, optional
+        Header of the one column of a file to analyse, in its own unit.
     taus : {"log", "octave"} or sequence of float
         Averaging times [s]; about 90 evenly on the logarithmic axis, or powers of two.
     static : (float, float), optional
@@ -179,7 +189,9 @@ def allan(
     >>> round(noise.models[0].coefficients["N"].value, 1)
     0.1
     """
-    options = {"rate": rate, "taus": taus, "static": static, **inputs}
+    options = {"rate": rate, "column": column, "taus": taus, "static": static, **inputs}
+    if column is not None:
+        imu, rate = _signal(imu, column, rate)
     if isinstance(imu, np.ndarray):
         if rate is None or not rate > 0.0 or imu.ndim not in (1, 2) or len(imu) < 2:
             raise ConfigError("session.no_rate", where="rate")
@@ -187,7 +199,8 @@ def allan(
         signals = signal_noise(values, 1.0 / rate, taus, workers=workers, progress=progress)
         return Result("allan", signals, options=options)
     if not isinstance(imu, Reading):
-        imu = read_samples(imu, checked(cast("Inputs", inputs | ({} if rate is None else {"rate": rate}))))
+        given = cast("Inputs", inputs | ({} if rate is None else {"rate": rate}))
+        imu = read_samples(imu, checked(given), bench="noise")
     samples: ImuData = imu.data if static is None else between(imu.data, *static)
     name = Path(imu.facts.path).name
     found = static_noise(
@@ -199,6 +212,19 @@ def allan(
         progress=progress,
     )
     return Result("allan", found, {"imu": imu.facts}, options, findings=_each_once(found.warnings, found.notes))
+
+
+def _signal(source: Given, column: str, rate: float | None) -> tuple[FloatArray, float]:
+    """Values ``(n,)`` of one column of a file, and their rate [Hz]."""
+    table = open_table(samples_source(source, None))
+    of_time = tuple(each for each in IMU_SCHEMA if each.key == "time") if rate is None else ()
+    schema = (*of_time, Quantity("signal", "signal", "", "", ()))
+    found, _ = understand(table.headers, table.units, schema, columns={"signal": column}, where=table.name)
+    require(found, [each.key for each in schema], table, schema, hint="without_rate")
+    if rate is not None:
+        return table.cells.read([found["signal"].index]).columns[found["signal"].index], rate
+    cleaned = read_rows(table, found, ("time", "signal"), IMU_KINDS, slowest=SLOWEST_ALONE).clean()
+    return cleaned.columns["signal"], 1.0 / cleaned.interval
 
 
 def _each_once(*findings: Iterable[Finding]) -> tuple[Finding, ...]:

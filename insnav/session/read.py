@@ -15,11 +15,12 @@ import numpy as np
 from insnav import imu as sensors  # whose calibration files are imported when one is given: 10 ms
 from insnav.exceptions import ConfigError, InputError, InsnavError
 from insnav.input import Reading, ReadingFacts, read_gps, read_imu, read_reference
-from insnav.input.formats.registry import choose_table
+from insnav.input.formats.registry import choose_table, open_table
 from insnav.input.formats.table import ArrayCells, Table
 from insnav.input.interpret.clean import GPS_KINDS, IMU_KINDS, REFERENCE_KINDS, find_gaps
 from insnav.input.interpret.columns import match_header, understand
 from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA, Quantity
+from insnav.input.readers.imu import Bench
 from insnav.input.readers.kinds import open_parts
 from insnav.input.readers.sensor_log import read_sensor_log
 from insnav.plain_text import plain_text
@@ -121,11 +122,13 @@ def one_from_stdin(sources: Mapping[str, object]) -> None:
         raise ConfigError("session.one_from_stdin", where=", ".join(names))
 
 
-def read_samples(imu: Given | Table | ImuData, inputs: Inputs, *, any_way: bool = False) -> Reading[ImuData]:
+def read_samples(
+    imu: Given | Table | ImuData, inputs: Inputs, *, any_way: bool = False, bench: Bench | None = None
+) -> Reading[ImuData]:
     """Read the samples and correct known errors.
 
     Volts and counts become rates and specific forces by the lines of the calibration; `any_way`: z may point up
-    although no axes are given.
+    although no axes are given; `bench`: as of `read_imu`.
     """
     calibration = inputs.get("calibration")
     known = None if calibration is None else sensors.load_calibration(Path(calibration))
@@ -146,6 +149,8 @@ def read_samples(imu: Given | Table | ImuData, inputs: Inputs, *, any_way: bool 
                 stamp=inputs.get("stamp", getattr(imu, "attrs", {}).get("stamp")),
                 raw_scales={triad: scale for triad, scale in scales.items() if scale is not None},
                 any_way=any_way,
+                bench=bench,
+                accel_sign=inputs.get("accel_sign"),
             )
     return reading if known is None else replace(reading, data=sensors.correct(reading.data, known))
 
@@ -182,7 +187,7 @@ def samples_source(imu: Given | Table, rate: float | None) -> str | Path | Table
     """Samples as a file or a table; arrays are time [s], gyro [rad/s], accel [m/s^2], or the last two with `rate`."""
     if isinstance(imu, str | Path | Table) or is_frame(imu):
         table = _table(imu)
-        return _timed(table, rate) if isinstance(table, Table) and is_frame(imu) and rate is not None else table
+        return table if rate is None else _timed(open_table(table, "imu"), rate)
     arrays = [np.asarray(each, dtype=np.float64) for each in imu]
     if len(arrays) == 2 and rate is not None:
         arrays = [np.arange(1, len(arrays[0]) + 1) / rate, *arrays]
@@ -192,13 +197,14 @@ def samples_source(imu: Given | Table, rate: float | None) -> str | Path | Table
 
 
 def _timed(table: Table, rate: float) -> Table:
-    """Samples of a data frame without times, at a rate [Hz]."""
+    """Samples without times, at a rate [Hz]."""
     if any(match is not None and match[0].key == "time" for match in map(_meaning, table.headers)):
         return table
     numbers = table.cells.read(range(len(table.headers)))
     time = np.arange(1, numbers.n_rows + 1) / rate
-    columns = [numbers.columns[i] for i in range(len(table.headers))]
-    return named_columns(("time_s", *table.headers), np.column_stack([time, *columns]))
+    cells = ArrayCells((time, *(numbers.columns[i] for i in range(len(table.headers)))), table.cells.line)
+    units = None if table.units is None else ("", *table.units)
+    return replace(table, headers=("time_s", *table.headers), cells=cells, units=units)
 
 
 def _meaning(header: str) -> tuple[Quantity, str | None, int] | None:

@@ -6,7 +6,9 @@ from insnav.alignment import Mounting, find_mounting
 from insnav.alignment.mounting import ALL_ALIKE, IN_ORDER
 from insnav.exceptions import InputError
 from insnav.filter.innovation_likelihood import LONGEST
+from insnav.findings import Code, Finding
 from insnav.input import Reading
+from insnav.input.interpret.physics import turn_ratio, turns_with_course
 from insnav.strapdown import intervals
 from insnav.types import GpsData, ImuData
 
@@ -18,6 +20,23 @@ def refuse_unlike_gyros(imu: Reading[ImuData], fixes: GpsData) -> None:
     found = mounting_of(imu, fixes)
     if found is not None and (found.gyro_order != IN_ORDER or found.gyro_units != ALL_ALIKE):
         raise refusal(found, imu.facts.path)
+
+
+def accel_reversed(imu: Reading[ImuData], fixes: GpsData, found: Mounting | None) -> Finding | None:
+    """Make the finding of accelerometers that all have the opposite sign of the specific force; None if they have not.
+
+    `found`: mounting with which the fixes fit; None if no mounting explains them: then the course tells, unless gravity
+    shows that it is the gyros.
+    """
+    if found is not None:
+        in_order = found.gyro_order == IN_ORDER and found.gyro_units == ALL_ALIKE
+        reverse = in_order and found.mirrored and len(found.inverted) == 3
+        return Finding.of(Code.AXES_ACCEL_REVERSED, windows=found.windows) if reverse else None
+    data = imu.data.beginning(LONGEST)
+    correlation = turns_with_course(data.time, data.gyro, data.accel, fixes.time, fixes.v_n)
+    if correlation >= 0.0 or turn_ratio(data.time, data.gyro, data.accel)[1] < 0.0:
+        return None
+    return Finding.of(Code.AXES_ACCEL_REVERSED, correlation=correlation)
 
 
 def explained(imu: Reading[ImuData], fixes: GpsData) -> bool:
@@ -47,7 +66,8 @@ def refusal(found: Mounting, where: str) -> InputError:
         about = tuple("xyz"[found.gyro_order.index(gyro)] for gyro in range(3))
         return InputError("mounting.gyro_order", where=where, about=about, windows=windows)
     if found.mirrored and len(inverted) == 3:
-        return InputError("mounting.accelerometers_inverted", where=where, windows=windows)
+        gives = {"accel_sign": "minus-force"}
+        return InputError("mounting.accelerometers_inverted", where=where, gives=gives, windows=windows)
     if found.mirrored and found.changes == 1:
         points = tuple(WORDS[letter] for letter in found.letters)
         return InputError("mounting.accelerometer_inverted", where=where, axis=axes[0], points=points, windows=windows)

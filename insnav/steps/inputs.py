@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from insnav.filter.prepare import Start
     from insnav.imu.specification import ImuSpec
+    from insnav.input.readers.imu import AccelSign
     from insnav.input.readers.positions import Height
     from insnav.types import FloatArray, Sampling, Stamp
 
@@ -65,6 +66,7 @@ class Inputs(TypedDict, total=False):
     columns: Mapping[str, str] | None
     sampling: Sampling | None
     stamp: Stamp | None
+    accel_sign: AccelSign | None
     rate: float | None
     time_offset: float | None
     topic: str | None

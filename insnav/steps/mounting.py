@@ -18,10 +18,10 @@ from insnav.filter.innovation_likelihood import LONGEST
 from insnav.findings import Code, Finding
 from insnav.input import Reading
 from insnav.input.interpret.axes import axes_matrix
-from insnav.input.interpret.physics import check_axes, quiet_part
+from insnav.input.interpret.physics import check_axes, heading_convention, quiet_part, turns_with_course
 from insnav.kernels.smoother import STATE
 from insnav.steps import Estimate, Model, Recording, Source
-from insnav.steps.axes_by_fixes import WORDS, mounting_of, refusal
+from insnav.steps.axes_by_fixes import WORDS, accel_reversed, mounting_of, refusal
 from insnav.steps.inputs import Inputs
 from insnav.steps.set_up import set_up_filter
 from insnav.types import FloatArray, GpsData, ImuData
@@ -53,8 +53,27 @@ def mounting(recording: Recording, model: Model) -> tuple[Recording, Model, tupl
         imu, yaw, found = in_likely_axes(recording, model)
         findings = (*findings[:-1], found) if imu is recording.imu else (found,)
         recording, unknown = replace(recording, imu=imu), found is X_FORWARD
+    recording, turned = with_headings_turned(recording)
+    findings = (*findings, *turned)
     source: Source = "prior" if unknown else "data" if findings else "given"
     return recording, replace(model, mounting_yaw=Estimate(yaw, 0.0, source)), findings
+
+
+def with_headings_turned(recording: Recording) -> tuple[Recording, tuple[Finding, ...]]:
+    """Return headings of the receiver clockwise from north and along the vehicle, and how they were counted."""
+    fixes, data = recording.fixes, recording.imu.data.beginning(LONGEST)
+    if fixes is None or fixes.heading is None or not recording.inputs.get("gps_heading_sd"):
+        return recording, ()
+    along = np.column_stack([np.cos(fixes.heading), np.sin(fixes.heading), np.zeros_like(fixes.heading)])
+    turns = turns_with_course(data.time, data.gyro, data.accel, fixes.time, 10.0 * along)
+    sense, offset = heading_convention(turns, fixes.heading, fixes.v_n)
+    if sense > 0.0 and offset == 0.0:
+        return recording, ()
+    heading = (sense * fixes.heading - offset) % (2.0 * np.pi)
+    code = Code.GPS_HEADING_COUNTER_CLOCKWISE if sense < 0.0 else Code.GPS_HEADING_OFFSET
+    count = int(np.count_nonzero(np.isfinite(heading)))
+    found = Finding.of(code, subject="gps", offset_rad=offset, count=count)
+    return replace(recording, fixes=replace(fixes, heading=heading)), (found,)
 
 
 def turn_to_vehicle(
@@ -64,6 +83,10 @@ def turn_to_vehicle(
     if fixes is None:
         return imu, 0.0, ()
     data, found = imu.data, mounting_of(imu, fixes)
+    if inputs.get("accel_sign") is None and (reverse := accel_reversed(imu, fixes, found)) is not None:
+        turned = replace(data, accel=spill.by_blocks(np.negative, data.accel))
+        imu, yaw, more = turn_to_vehicle(replace(imu, data=turned), fixes, {**inputs, "accel_sign": "minus-force"})
+        return imu, yaw, (reverse, *more)
     given = inputs.get("axes")
     if found is None:
         from_file = bool(imu.facts.columns)  # whose axes are anybody's guess

@@ -183,7 +183,77 @@ def test_gravity_that_the_phone_has_taken_off_is_added_again_or_refused_by_name(
         open_tables(save(linear))
 
 
-@pytest.mark.parametrize("files", [kitti(), phyphox(), sensor_logger()])
+def gopro(motion: Motion = SAMPLES, fixes: Motion = FIXES, axes: str = " (z,x,y)") -> dict[str, bytes]:
+    """Tables of GoPro telemetry: Right, Forward, Up as z, x, y; milliseconds of the video, and dates."""
+    f, w = motion.accel[:, [2, 1, 0]] * [-1, 1, 1], motion.gyro[:, [2, 1, 0]] * [-1, 1, 1]
+
+    def rows(head: str, t: np.ndarray, values: np.ndarray) -> bytes:
+        start = np.datetime64("2024-01-01T10:00:00.000")
+        lines = [
+            ",".join(
+                [repr(1e3 * float(t)), f"{start + np.timedelta64(round(1e3 * float(t)), 'ms')}Z", *map(repr, each)]
+            )
+            for t, each in zip(t, values.tolist(), strict=True)
+        ]
+        return "\n".join([f"cts,date,{head}", *lines, ""]).encode()
+
+    place = rows("GPS (Lat.) [deg],GPS (Long.) [deg],GPS (Alt.) [m]", fixes.t, fixes.lla)
+    sensors = {"ACCL": ("Accelerometer", "m/s2", f), "GYRO": ("Gyroscope", "rad/s", w)}
+    tables = {
+        f"video-{short}.csv": rows(f'"{long}{axes} [{unit}]",1,2', motion.t, values)
+        for short, (long, unit, values) in sensors.items()
+    }
+    return {"video-GPS5.csv": place, **tables}
+
+
+def simulator(motion: Motion = SAMPLES, fixes: Motion = FIXES) -> dict[str, bytes]:
+    """Folder of gnss-ins-sim: a file for each quantity, times in files of their own."""
+
+    def named(words: str) -> str:
+        name, axes, unit = words.split(":")
+        return ",".join(f"{name}_{axis} ({unit})" for axis in axes.split())
+
+    v = fixes.v_n
+    return {
+        "time.csv": _csv("time (sec)", motion.t),
+        "gyro-0.csv": _csv(named("gyro:x y z:deg/s"), np.degrees(motion.gyro)),
+        "accel-0.csv": _csv(named("accel:x y z:m/s^2"), motion.accel),
+        "ref_accel.csv": _csv(named("ref_accel:x y z:m/s^2"), 0.0 * motion.accel),
+        "gps_time.csv": _csv("gps_time (sec)", fixes.t),
+        "gps-0.csv": _csv(
+            "gps_lat (deg),gps_lon (deg),gps_alt (m),gps_vN (m/s),gps_vE (m/s),gps_vD (m/s)", fixes.lla, v
+        ),
+        "ref_pos.csv": _csv("ref_pos_lat (deg),ref_pos_lon (deg),ref_pos_alt (m)", motion.lla),
+    }
+
+
+@pytest.mark.parametrize("axes", [" (z,x,y)", ""])
+def test_tables_of_a_camera(save, axes):
+    path = save(gopro(axes=axes))
+    mounting = "RFU" if axes else "URF"
+    imu, gps = read_imu(path, axes=mounting), read_gps(path)
+    assert np.allclose(imu.data.accel, [0.0, 2.5, -G], atol=1e-9)
+    assert np.allclose(imu.data.gyro, [0.0, 0.0, 0.25], atol=1e-12)
+    assert np.allclose(imu.data.time, SAMPLES.t)
+    assert same_places(gps.data)
+
+
+def test_a_folder_of_a_simulator(save):
+    path = save(simulator())
+    imu, gps, reference = read_imu(path), read_gps(path), read_reference(path)
+    assert np.allclose(imu.data.time, SAMPLES.t)
+    assert np.allclose(imu.data.accel, SAMPLES.accel)
+    assert np.allclose(imu.data.gyro, SAMPLES.gyro)
+    assert same_places(gps.data)
+    assert np.allclose(gps.data.v_n, FIXES.v_n)
+    assert np.allclose(reference.data.time, SAMPLES.t)
+    files = simulator()
+    files["time.csv"] = files["time.csv"].rsplit(b"\n", 2)[0]
+    with refused(InputError, "format.phone_no_time"):
+        read_imu(save({f"other/{name}": data for name, data in files.items()}))
+
+
+@pytest.mark.parametrize("files", [kitti(), phyphox(), sensor_logger(), gopro(), simulator()])
 def test_a_folder_needs_no_option(save, files):
     drive = insnav.load(save(files))
     assert drive.gps is not None

@@ -6,6 +6,7 @@ import pytest
 
 from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code
+from insnav.input.formats.table import ArrayCells, Table
 from insnav.input.interpret.columns import match_header, require, suggest, understand
 from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA, REFERENCE_SCHEMA
 from tests.refusals import refused
@@ -135,6 +136,10 @@ def test_other_columns_are_left_alone(header):
     assert match_header(header, GPS_SCHEMA) is None
 
 
+def _table(headers, units=None):
+    return Table("a.csv", "", tuple(headers), ArrayCells((), str), units)
+
+
 def test_units_row_gives_the_units():
     found, _ = understand(["time", "gx", "ax"], ["(ms)", "deg/s", "g"], IMU_SCHEMA)
     assert [f.unit for f in found.values()] == ["ms", "deg/s", "g"]
@@ -144,7 +149,7 @@ def test_unknown_unit_is_refused_with_choices():
     for headers, units in ((["gyro_x [furlong]"], None), (["gyro_x"], ["furlong"])):
         found, _ = understand(headers, units, IMU_SCHEMA)
         with refused(InputError, "columns.unknown_unit") as caught:
-            require(found, ["gyro_x"], headers, IMU_SCHEMA, where="imu.csv", units_row=units)
+            require(found, ["gyro_x"], _table(headers, units), IMU_SCHEMA)
         assert caught.value.values["text"] == "furlong"
         assert "deg/s" in caught.value.values["units"]
 
@@ -152,11 +157,11 @@ def test_unknown_unit_is_refused_with_choices():
 def test_an_unknown_unit_of_a_column_that_is_not_needed_leaves_the_column_out():
     headers = ["time", "gyro_x", "temperature [%]"]
     found, notes = understand(headers, None, IMU_SCHEMA)
-    require(found, ["time", "gyro_x"], headers, IMU_SCHEMA, where="imu.csv")
+    require(found, ["time", "gyro_x"], _table(headers), IMU_SCHEMA)
     assert found.keys() == {"time", "gyro_x"}
     assert [(note.code, note["columns"]) for note in notes] == [(Code.COLUMNS_UNUSED, ("temperature [%]",))]
     with refused(InputError, "columns.unknown_unit") as caught:
-        require(found, ["temperature"], headers, IMU_SCHEMA, where="imu.csv")
+        require(found, ["temperature"], _table(headers), IMU_SCHEMA)
     assert "degC" in caught.value.values["units"]
 
 
@@ -195,12 +200,12 @@ def test_what_is_to_be_copied_is_quoted_and_seconds_of_a_minute_are_no_time():
     headers = ["time stampp", "lat", "lon", "alt"]
     found, _ = understand(headers, None, GPS_SCHEMA)
     with pytest.raises(InputError) as caught:
-        require(found, ["time"], headers, GPS_SCHEMA, where="gps.csv", gives={"columns": {"time": "time stampp"}})
+        require(found, ["time"], _table(headers), GPS_SCHEMA, gives={"columns": {"time": "time stampp"}})
     assert "--columns 'time=time stampp'" in caught.value.fix
     headers = ["Hour", "Minute", "Second", "lat", "lon", "alt"]
     found, _ = understand(headers, None, GPS_SCHEMA)
     with pytest.raises(InputError) as caught:
-        require(found, ["time"], headers, GPS_SCHEMA, where="gps.csv", hint="wrong", gives={"columns": {}})
+        require(found, ["time"], _table(headers), GPS_SCHEMA, hint="wrong", gives={"columns": {}})
     assert caught.value.code == "columns.time_in_parts"
     assert not caught.value.gives
 
@@ -266,7 +271,7 @@ def test_missing_column_names_what_was_found_and_what_may_be_meant():
     headers = ["time", "gyro_x", "gyro_y", "girozz", "note"]
     found, _ = understand(headers, None, IMU_SCHEMA)
     with pytest.raises(InputError, match="gyro_z_rad_s") as caught:
-        require(found, ("time", "gyro_z"), headers, IMU_SCHEMA, where="a.csv")
+        require(found, ("time", "gyro_z"), _table(headers), IMU_SCHEMA)
     assert "--columns gyro_z=girozz" in caught.value.fix
     assert "note" in caught.value.why
 

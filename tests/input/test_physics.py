@@ -9,6 +9,7 @@ from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, Severity
 from insnav.input import read_imu
 from insnav.input.interpret.axes import axes_matrix
+from insnav.input.interpret.physics import heading_convention, turns_with_course
 from insnav.input.readers.imu import parse_units
 from tests.input.files import IMU_HEADER, G, noted, rolling, write
 from tests.refusals import refused
@@ -267,3 +268,29 @@ def test_a_rate_that_gravity_does_not_follow_is_a_bias_of_gyros_in_degrees(tmp_p
     assert found["unit"] == unit
     size = DEG if unit == "deg/s" else 1.0
     np.testing.assert_allclose(reading.data.gyro.std(axis=0)[1:], 0.04 * size, rtol=0.1)
+
+
+@pytest.mark.parametrize(("gyro_sign", "accel_sign", "way"), [(1, 1, 1.0), (1, -1, -1.0), (-1, 1, -1.0)])
+def test_turns_of_the_course_tell_a_sign(gyro_sign, accel_sign, way):
+    time = np.arange(0.0, 120.0, 0.02)
+    rate = 0.2 * np.sin(0.3 * time)  # clockwise
+    noise = np.random.default_rng(2).normal(size=(len(time), 6))
+    gyro = gyro_sign * (np.outer(rate, [0.0, 0.0, 1.0]) + 0.02 * noise[:, :3])
+    accel = accel_sign * (np.array([0.0, 0.0, -9.8]) + 0.3 * noise[:, 3:])
+    fixes = np.arange(1.0, 119.0)
+    course = np.interp(fixes - 0.8, time, np.cumsum(rate) * 0.02)  # late
+    v_n = 10.0 * np.column_stack([np.cos(course), np.sin(course), np.zeros_like(course)])
+    assert turns_with_course(time, gyro, accel, fixes, v_n) == pytest.approx(way, abs=0.1)
+    straight = np.tile([10.0, 0.0, 0.0], (len(fixes), 1))
+    assert turns_with_course(time, gyro, accel, fixes, straight) == 0.0
+    assert turns_with_course(time, gyro, accel, fixes, 0.1 * v_n) == 0.0
+
+
+@pytest.mark.parametrize(("sense", "offset"), [(1.0, 0.0), (-1.0, -90.0), (1.0, 90.0), (1.0, 35.0), (1.0, 4.0)])
+def test_headings_have_their_sense_and_offset(sense, offset):
+    course = np.linspace(0.0, 5.0, 60)
+    v_n = 10.0 * np.column_stack([np.cos(course), np.sin(course), np.zeros_like(course)])
+    heading = sense * (course + offset * DEG)
+    wanted = 0.0 if offset == 4.0 else offset * DEG  # slip makes as much
+    assert heading_convention(sense, heading, v_n) == pytest.approx((sense, wanted))
+    assert heading_convention(sense, heading, 0.1 * v_n) == pytest.approx((sense, 0.0 if sense > 0 else -90.0 * DEG))

@@ -20,6 +20,12 @@ from tests.filter import drives
 from tests.input.files import noted
 from tests.shared import recorded
 
+
+def _forward(v_n: np.ndarray) -> np.ndarray:
+    """Speed as a velocity East, as drivers that publish forward, left, up are read."""
+    return np.column_stack([0.0 * v_n[:, 0], np.linalg.norm(v_n[:, :2], axis=1), v_n[:, 2]])
+
+
 CONFUSED = {
     "-vn, -ve": lambda gps: replace(gps, v_n=-gps.v_n),
     "ve, vn": lambda gps: replace(gps, v_n=gps.v_n[:, [1, 0, 2]] * [1.0, 1.0, -1.0]),
@@ -27,6 +33,7 @@ CONFUSED = {
     "knot": lambda gps: replace(gps, v_n=gps.v_n / 0.514444),
     "mph": lambda gps: replace(gps, v_n=gps.v_n / 0.44704),
     "positions_exchanged": lambda gps: replace(gps, lla=gps.lla[:, [1, 0, 2]]),
+    "velocity_in_vehicle": lambda gps: replace(gps, v_n=_forward(gps.v_n)),
     "positions_radians": lambda gps: replace(gps, lla=gps.lla * [np.pi / 180.0, np.pi / 180.0, 1.0]),
     "heights_feet": lambda gps: replace(gps, lla=gps.lla * [1.0, 1.0, 1.0 / 0.3048]),
     "velocity_up": lambda gps: replace(gps, v_n=gps.v_n * [1.0, 1.0, -1.0]),

@@ -11,7 +11,7 @@ from scipy import stats
 from insnav.exceptions import InputError
 from insnav.imu import ImuErrors, correct, corrupt
 from insnav.imu.higher_order import ErrorTerms
-from insnav.input.readers.imu import read_counts
+from insnav.input.readers.imu import read_imu
 from insnav.lab.multi_position.gravity_norm import fit_gravity_norm, norm_error, sphere
 from insnav.lab.multi_position.gyro_rotations import prepare, rotations
 from insnav.lab.multi_position.many_positions import PosesCalibration, calibrate_poses
@@ -300,7 +300,7 @@ def test_clipping_is_a_run_at_the_extreme_in_motion_only() -> None:
 def test_recorded_counts_show_gravity_and_close_their_turns() -> None:
     """Xsens MTi in raw counts, 38 poses: gravity to 0.1 mg, turns to 0.14 deg, and the author's own figures."""
     folder = recorded("calib_imutk_xsens")
-    reading = read_counts(folder / "raw_counts.csv.gz")
+    reading = read_imu(folder / "raw_counts.csv.gz", bench="counts")
     found = calibrate_poses(reading.data, 9.81744, counts=True)
     assert len(found.poses) == pytest.approx(38, abs=2)
     assert np.sqrt(np.mean(found.norm_before**2)) > 20.0 * np.sqrt(np.mean(found.norm_after**2))

@@ -8,19 +8,14 @@ Burri et al., "The EuRoC micro aerial vehicle datasets", IJRR 35(10), 2016.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
-from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
 from insnav.input.formats import delimited_text
-from insnav.input.formats.conventions import ACCEL, GYRO, text_columns
 from insnav.input.formats.source import Source
-from insnav.input.formats.table import Table, column_table
+from insnav.input.formats.table import Table
 
 name = "EuRoC folder"
-
-_AXES = ("x", "y", "z")
-_HEADERS = dict(zip(GYRO, (f"w_RS_S_{axis} [rad s^-1]" for axis in _AXES), strict=True))
-_HEADERS |= dict(zip(ACCEL, (f"a_RS_S_{axis} [m s^-2]" for axis in _AXES), strict=True))
 
 
 def recognise(source: Source) -> bool:
@@ -30,16 +25,8 @@ def recognise(source: Source) -> bool:
 def read(source: Source) -> Mapping[str, Table]:
     tables = {}
     for folder, path in _tables(source).items():
-        file = source.members[path]()
-        table = delimited_text.read(file)[""]
-        wanted = {"time_s": table.headers[0], **_HEADERS}
-        read = text_columns(table, wanted.values())
-        columns = read.named(wanted)
-        if len(columns) != 7:
-            raise InputError("format.euroc_columns", where=file.name, columns=table.headers)
-        columns["time_s"] = columns["time_s"] * 1e-9
-        notes = [Finding.of(Code.READ_REFERENCE_LOCAL)]
-        tables[f"imu:{folder}"] = column_table(file, columns, notes, cut=read.cut)
+        table = delimited_text.read(source.members[path]())[""]
+        tables[f"imu:{folder}"] = replace(table, notes=(Finding.of(Code.READ_REFERENCE_LOCAL),))
     return tables
 
 

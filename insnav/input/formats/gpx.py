@@ -51,9 +51,6 @@ def read(source: Source) -> Mapping[str, Table]:
     notes = [note]
     if len(rows) < total:
         notes.append(Finding.of(Code.READ_ROWS_NO_TIME, count=total - len(rows), rows=total))
-    if not np.isfinite(height).any():
-        height = np.zeros(len(rows))
-        notes.append(Finding.of(Code.READ_HEIGHT_MISSING))
     columns = {"time_s": time, "lat_deg": lat, "lon_deg": lon, "height_msl_m": height}
     return {"gps": column_table(source, columns, notes, row="point", week=week)}
 

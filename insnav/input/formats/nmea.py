@@ -22,6 +22,8 @@ from insnav.input.formats.conventions import number_in, without_fix
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table
 from insnav.input.formats.time_scales import GpsTime, gps_days, seconds_of_week
+from insnav.input.interpret.columns import is_header
+from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA
 from insnav.types import FloatArray
 
 name = "NMEA log"
@@ -39,7 +41,9 @@ _OTHERS = ("sd_n_m", "sd_e_m", "sd_d_m", "heading_deg")
 
 
 def recognise(source: Source) -> bool:
-    return _ANY.search(source.head) is not None
+    first = source.head.split(b"\n", 1)[0].decode("latin-1")
+    in_table = any(is_header(first, schema) for schema in (IMU_SCHEMA, GPS_SCHEMA))  # sentences in a column of it
+    return _ANY.search(source.head) is not None and not in_table
 
 
 def read(source: Source) -> Mapping[str, Table]:
@@ -55,8 +59,6 @@ def read(source: Source) -> Mapping[str, Table]:
     damaged = Finding.of(Code.READ_ROWS_DAMAGED, subject="NMEA", count=log.damaged) if log.damaged else None
     untimed = Finding.of(Code.READ_VELOCITY_UNTIMED, subject="VTG") if log.from_vtg else None
     notes = [note, damaged, without_fix(placed), untimed]
-    if not np.isfinite(found["alt"]).any():
-        raise InputError("format.nmea_no_height", where=source.name)
     height, height_note = _height(found.pop("alt"), found.pop("separation"))
     columns = {"time_s": time[placed], "lat_deg": found.pop("lat_deg"), "lon_deg": found.pop("lon_deg"), **height}
     columns |= {key: column for key, column in found.items() if np.isfinite(column).any()}
@@ -198,6 +200,8 @@ def _velocity(knots: float, course: float) -> dict[str, float]:
 def _height(altitude: FloatArray, separation: FloatArray) -> tuple[dict[str, FloatArray], Finding | None]:
     """Height column, ellipsoidal if the separation of the geoid is known."""
     known = np.isfinite(separation)
+    if not np.isfinite(altitude).any():  # of RMC alone
+        return {}, None
     if known.any() and (separation[known] != 0.0).any():
         filled = np.where(known, separation, np.median(separation[known]))
         return {"height_m": altitude + filled}, Finding.of(Code.READ_HEIGHT_BY_GEOID)

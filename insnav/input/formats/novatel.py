@@ -264,5 +264,9 @@ def _samples(source: Source, log: Any, name: str, notes: list[Finding]) -> Table
         )
     kind, angle, speed = found[0]
     columns = {"time_s": time, **triad(DTHETA, counts[:, :3] * angle), **triad(DVEL, counts[:, 3:] * speed)}
-    note = Finding.of(Code.READ_IMU_MODEL if stated else Code.READ_IMU_MODEL_BY_GRAVITY, subject=name, model=kind)
+    note = Finding.of(Code.READ_IMU_MODEL, subject=name, model=kind)
+    if not stated:  # gravity tells the scale of the accelerometers alone
+        others = {each[0]: each[1] / angle for each in _SCALES.values() if each[1] != angle}
+        told: dict[str, Any] = {"model": kind, "others": tuple(others), "ratios": tuple(others.values())}
+        note = Finding.of(Code.READ_IMU_MODEL_BY_GRAVITY, subject=name, **told)
     return column_table(source, columns, [note, *notes], row=name, axes="RFU")

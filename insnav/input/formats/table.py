@@ -68,6 +68,7 @@ class Table:
     format: str = ""  # name of the format it was read from
     week: float | None = None  # GPS week from whose start the times count, if that is known
     axes: str = ""  # where the sensor's x, y, z point by the definition of the format; empty if it has none
+    parts: Mapping[str, int] = field(default_factory=dict)  # columns by header of which others were made
     unusable: tuple[str, ...] = ()  # messages of the file with samples that insnav cannot use
 
     def place(self, row: int, index: int | None = None) -> str:

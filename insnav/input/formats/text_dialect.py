@@ -173,7 +173,9 @@ def _delimiter(header: str, sample: Sequence[str]) -> str:
         fit = sum(n in (width, width + 1) for n in counts) / len(counts) if counts else 1.0
         return width > 1, fit, width
 
-    return max(_DELIMITERS, key=merit)
+    best = max(_DELIMITERS, key=merit)
+    single = best == " " and sample and all(_is_number(row.strip()) for row in sample)  # a name of several words
+    return "," if single else best
 
 
 def _units_row(
@@ -202,11 +204,12 @@ def _trailing(names: list[str], sample: Sequence[str], delimiter: str) -> list[s
 
 
 def _check_width(names: Sequence[str], sample: Sequence[str], delimiter: str, where: str, line: int) -> None:
-    if len(names) < 2:
+    rows = [split_line(row, delimiter) for row in sample]
+    if len(names) < 2 and not (rows and all(len(row) == 1 and _is_number(row[0]) for row in rows)):
         raise InputError("format.one_column", where=f"{where}:{line}", header=plain_text(names[0])[:80])
-    counts = [len(split_line(row, delimiter)) for row in sample]
+    counts = [len(row) for row in rows]
     if counts and all(n != len(names) for n in counts):
-        whole = all(_WHOLE.fullmatch(cell) for cell in split_line(sample[0], delimiter))
+        whole = all(_WHOLE.fullmatch(cell) for cell in rows[0])
         commas = delimiter == "," and whole and len(names) < counts[0] <= 2 * len(names)
         raise InputError(
             "format.commas_within_numbers" if commas else "format.header_width",

@@ -12,6 +12,7 @@ from typing import Any
 
 from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, Finding
+from insnav.input.formats.table import Table
 from insnav.input.interpret.headerless import is_headerless
 from insnav.input.interpret.schema import ALL_UNITS, PREFIXES, UNIT_SPELLINGS, Quantity, compact
 
@@ -26,7 +27,8 @@ _MEANT = {
     "micros": "time (us)",
     "utcnano": "time (ns)",
 }
-_NO_UNITS = {"wgs84", "txt"}  # words in brackets that say something else
+_NO_UNIT = re.compile("wgs84|txt|x[0-9a-f]{4}")  # in brackets, something else, such as the number of a message
+_NAMED = 3  # quantities besides the time that make a line a header
 _LISTED = 12  # unused columns that a finding names
 
 
@@ -76,7 +78,7 @@ def match_header(
     bracket = _BRACKETS.match(header)
     base, unit_text = (bracket["base"], bracket["unit"]) if bracket else (header, unit_below)
     unit_text = unit_text.strip(" []()-_")
-    if compact(unit_text) in _NO_UNITS:
+    if _NO_UNIT.fullmatch(compact(unit_text)):
         unit_text = ""
     word = compact(base)
     for attempt in range(4):
@@ -89,6 +91,15 @@ def match_header(
             return None
         word = word.removeprefix(prefix)
     return None
+
+
+def is_header(line: str, schema: Sequence[Quantity]) -> bool:
+    """Whether a line names time and three other quantities of a schema."""
+    keys = set()
+    for header in re.split("[,;\t]", line.replace('"', "")):
+        with suppress(InputError):  # a unit that is none
+            keys |= {match[0].key for match in (match_header(header, schema),) if match}
+    return "time" in keys and len(keys) > _NAMED
 
 
 def _match_word(word: str, unit_text: str, schema: Sequence[Quantity]) -> tuple[Quantity, str | None, int] | None:
@@ -112,10 +123,10 @@ def _match_word(word: str, unit_text: str, schema: Sequence[Quantity]) -> tuple[
         raise InputError("columns.unknown_unit", text=unit_text, **values)
     for cut in range(len(word) - 1, 0, -1):
         for quantity in schema:
-            if word[:cut] in quantity.spellings:
+            for base in (word[:cut], word[:cut].removesuffix("in")):  # such as ``time in ms``
                 unit = UNIT_SPELLINGS.get(quantity.dimension, {}).get(word[cut:])
-                if unit is not None:
-                    return quantity, unit, quantity.spellings.index(word[:cut])
+                if base in quantity.spellings and unit is not None:
+                    return quantity, unit, quantity.spellings.index(base)
     return None
 
 
@@ -125,13 +136,14 @@ def understand(
     schema: Sequence[Quantity],
     *,
     columns: Mapping[str, str] | None = None,
+    parts: Mapping[str, int] | None = None,
     where: str = "",
 ) -> tuple[dict[str, Found], tuple[Finding, ...]]:
     """Assign columns to quantities.
 
     `headers`, `units_row`: as in the file, and the cells of the row of units under the header, if there is one;
     `columns`: what the user says: name, with or without unit (``gyro_x``, ``gyro_x_dps``), to header; an empty header
-    says that the file has no such column.
+    says that the file has no such column; `parts`: columns by header that others were made of, which the user may name.
     Raises: InputError: a duplicate header, or two columns for one quantity; ConfigError: `columns` names
     something that does not exist, or in another unit than its header.
     """
@@ -139,10 +151,11 @@ def understand(
     twice = sorted({h for h in named if named.count(h) > 1})
     if twice:
         raise InputError("columns.header_twice", where=where, column=twice[0], count=named.count(twice[0]))
-    given, silent = _given(headers, units_row, schema, columns or {}, where)
+    given, silent = _given(headers, units_row, schema, columns or {}, parts or {}, where)
     taken = {found.index for found in given.values()}
     ranked: dict[str, list[tuple[int, Found]]] = {}
-    unused = []
+    unused: list[str] = []
+    notes: list[Finding] = []
     for index, (header, spelled) in enumerate(zip(headers, from_zero(headers), strict=True)):
         if not header or index in taken:
             continue
@@ -154,7 +167,6 @@ def understand(
         elif match is None:
             unused.append(header)
     found = dict(given)
-    notes: list[Finding] = []
     for key, candidates in ranked.items():
         candidates.sort(key=lambda item: (item[0], item[1].index))
         best = candidates[0]
@@ -198,6 +210,7 @@ def _given(
     units_row: Sequence[str] | None,
     schema: Sequence[Quantity],
     columns: Mapping[str, str],
+    parts: Mapping[str, int],
     where: str,
 ) -> tuple[dict[str, Found], set[str]]:
     """Columns that the user names, and keys that the user says are not there."""
@@ -213,7 +226,7 @@ def _given(
         if not header:
             silent.add(quantity.key)
             continue
-        if header not in headers:
+        if header not in headers and header not in parts:
             values: dict[str, Any] = {
                 "column": header,
                 "file": where,
@@ -221,7 +234,7 @@ def _given(
                 **_listed(headers),
             }
             raise ConfigError("columns.no_such_column", where=f"columns, {name}", **values)
-        index = list(headers).index(header)
+        index = parts[header] if header in parts else list(headers).index(header)
         own = _unit_in(header, units_row[index] if units_row else "", quantity.dimension)
         if unit and own not in (None, unit):
             values = {"column": header, "unit": own, "given": unit, "quantity": quantity.key}
@@ -243,13 +256,11 @@ def _unit_in(header: str, unit_below: str, dimension: str) -> str | None:
 def require(
     found: Mapping[str, Found],
     keys: Iterable[str],
-    headers: Sequence[str],
+    table: Table,
     schema: Sequence[Quantity],
     *,
-    where: str,
     hint: str = "",
     gives: Mapping[str, Any] | None = None,
-    units_row: Sequence[str] | None = None,
 ) -> None:
     """Refuse a file without a column for one of the keys, naming what was found and what may have been meant.
 
@@ -259,15 +270,18 @@ def require(
     missing = [q for key in keys if key not in found for q in schema if q.key == key]
     if not missing:
         return
-    for named, unit in zip(headers, units_row or [""] * len(headers), strict=False):
+    headers, where = table.headers, table.name
+    for named, unit in zip(headers, table.units or [""] * len(headers), strict=False):
         try:
             match_header(named, missing, unit)
         except InputError as error:
             error.where = f"{where}: column {named!r}"
             raise
+    if len(headers) == 1 and not hint:
+        raise InputError("format.one_column", where=where, header=headers[0][:80])
     guess = quote_columns(gives["columns"]) if gives else ""
     if is_headerless(headers):
-        numbers = "" if hint or guess else quote_columns({key: str(i + 1) for i, key in enumerate(keys)})
+        numbers = "" if hint or guess else quote_columns(dict.fromkeys(keys, "NUMBER"))
         values: dict[str, Any] = {
             "hint": hint,
             "guess": "" if hint else guess,
@@ -294,6 +308,16 @@ def require(
     raise InputError("columns.missing", where=where, gives=gives, **listed, **advice)
 
 
+def agrees(columns: Mapping[str, str], found: Mapping[str, Found], schema: Sequence[Quantity]) -> bool:
+    """Whether columns, chosen by their values, contradict no name: neither of one found, nor of another schema."""
+    named = {each.header: key for key, each in found.items()}
+    others = [header for key, header in columns.items() if key != "time" and header not in named]
+    with suppress(InputError):
+        known = any(match_header(header, schema) for header in others)
+        return not known and all(named.get(header, key) == key for key, header in columns.items())
+    return False
+
+
 def quote_columns(columns: Mapping[str, str]) -> str:
     """Quote names of columns for a shell, to follow an option."""
     return shlex.quote(",".join(f"{key}={header}" for key, header in columns.items()))
@@ -304,7 +328,8 @@ def suggest(quantity: Quantity, headers: Sequence[str]) -> str | None:
     best: tuple[float, str] | None = None
     names = (compact(quantity.name), compact(quantity.key), *(s for s in quantity.spellings if len(s) > 2))
     for header in headers:
-        score = max(difflib.SequenceMatcher(None, compact(header), s).ratio() for s in names)
+        word = compact(_BRACKETS.sub(r"\g<base>", header))
+        score = max(difflib.SequenceMatcher(None, word, s).ratio() for s in names)
         if score >= 0.7 and (best is None or score > best[0]):
             best = (score, header)
     return best[1] if best else None

@@ -3,6 +3,7 @@
 References
 ----------
 Xsens MT Low-Level Communication Protocol: ``SampleTimeFine`` counts 0.1 ms; ``UTC_Nano``: nanoseconds of the second.
+Movella DOT: ``SampleTimeFine`` counts microseconds. ROS `std_msgs/Header`: ``stamp.secs`` and ``stamp.nsecs``.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -21,13 +23,20 @@ from insnav.input.formats.table import Cells, Numbers, Table
 from insnav.input.formats.time_scales import Scale, gps_days, seconds_of_week
 from insnav.input.interpret.columns import match_header
 from insnav.input.interpret.schema import IMU_SCHEMA, compact
-from insnav.types import BoolArray, FloatArray
+from insnav.types import BoolArray, FloatArray, IntArray
 from insnav.units import DEG
 
 _DATE, _CLOCK, _NANO = ("year", "month", "day"), ("hour", "minute", "second"), "nano"
-_TICKS, _TICK = "sampletimefine", 1e-4  # [s]
+_TICKS, _TICK, _SHORT_TICK = "sampletimefine", 1e-4, 1e-6  # [s]
+_LONGEST_STEP = 5000.0  # ticks of 0.1 ms: no IMU is slower than 2 Hz, and 120 Hz, the most of a DOT, are 8333 us
+_SECONDS = "(s|secs?|seconds?)"
+_FRACTION = re.compile(f"(?P<stem>.*?)(?P<size>n|nano|u|micro){_SECONDS}")
+_SIZES = {"n": 1e-9, "u": 1e-6, "m": 1e-6}  # by the first letter [s]
+_INSTANCES = {"i", "instance", "imu", "imuid", "sensor", "sensorid", "device", "deviceid", "id"}
+_MOST_INSTANCES, _TURNS = 8, 0.5  # sensors in one table, and the part of its rows that are of another than the last
 _OF_TIME = re.compile(r"(utc|gps|time)*(year|month|day|hour|minute|min|second|sec|nano)s?(ns)?")
 _OF_PLACE = re.compile(r"(?:ecef|pos|position|field)*(v|vel|velocity)?(?:ecef)?([xyz])(?:ecef)?(?:[kcm]?m|[kcm]?ms)?")
+_VECTOR = re.compile(r"(?P<name>[A-Za-z ]+?) *(?:\((?P<axes>[xyz](?:,[xyz]){0,2})\))? *(?P<unit>\[[^\]]*\])")
 _EARTH = 6.33e6, 6.48e6  # distances of places from the centre of the Earth, up to 100 km of height [m]
 _SHARE = 0.9  # of the rows that must be such places
 _HIGH = 2e4  # no height above a map, whose northing may be as long as that: on a map at 57.5 deg it is [m]
@@ -60,9 +69,26 @@ class _Composed:
 
 def composed(table: Table) -> Table:
     """A table with its time in one column, and latitude, longitude and height, where it has them otherwise."""
+    table = _vectors(table)
     words = [compact(header) for header in table.headers]
-    table = _timed(table, words)
+    table = _timed(_first_instance(table, words), words)
     return table if any(word.startswith("lat") for word in words) else _placed(table, words)
+
+
+def _vectors(table: Table) -> Table:
+    """With a name for every axis of a sensor of which only the first has one: ``Gyroscope (z,x,y) [rad/s],1,2``."""
+    headers = list(table.headers)
+    for i, first in enumerate(map(_VECTOR.fullmatch, table.headers)):
+        others = [header.strip("()") for header in table.headers[i + 1 : i + 3]]
+        axes = ((first and first["axes"]) or "x,y,z").split(",")
+        axes = [*axes, *others] if len(axes) == 1 else axes
+        if first is not None and {*axes} == {*"xyz"} and (others == ["1", "2"] or others == axes[1:]):
+            headers[i : i + 3] = [f"{first['name']} {axis} {first['unit']}" for axis in axes]
+    dates = [i for i, header in enumerate(headers) if compact(header) == "date"]
+    if dates and not any(map(_is_time, headers)):
+        text = table.cells.read(dates[:1]).texts.get(dates[0])
+        headers[dates[0]] = "datetime" if text is not None and text.form == "date and time" else headers[dates[0]]
+    return replace(table, headers=tuple(headers))
 
 
 def _added(
@@ -75,10 +101,42 @@ def _added(
 ) -> Table:
     """A table with columns made of others, whose own headers are none any more."""
     headers = tuple("" if i in parts else header for i, header in enumerate(table.headers))
+    own = {table.headers[i]: i for i in parts}
     units = None if table.units is None else (*table.units, *[""] * len(names))
     cells = _Composed(table.cells, len(headers), tuple(parts), make)
     headers, known = (*headers, *names), (*table.notes, *filter(None, notes))
-    return replace(table, headers=headers, cells=cells, units=units, notes=known, week=week or table.week)
+    given: dict[str, Any] = {"week": week or table.week, "parts": {**table.parts, **own}}
+    return replace(table, headers=headers, cells=cells, units=units, notes=known, **given)
+
+
+@dataclass(frozen=True, slots=True)
+class _Instance:
+    """Rows of one sensor of a table; see `Cells`."""
+
+    cells: Cells
+    rows: IntArray  # (n,) which they are
+
+    def read(self, indices: Sequence[int]) -> Numbers:
+        """See `Cells`."""
+        numbers = self.cells.read(indices)
+        columns = {i: column[self.rows] for i, column in numbers.columns.items()}
+        return replace(numbers, columns=columns, n_rows=len(self.rows))
+
+    def line(self, row: int) -> str:
+        """See `Cells`."""
+        return self.cells.line(int(self.rows[row]))
+
+
+def _first_instance(table: Table, words: Sequence[str]) -> Table:
+    """Rows of the first sensor of a table in which several write by turns."""
+    for i in (i for i, word in enumerate(words) if word in _INSTANCES):
+        (number,) = _first(table, [i]) or [np.zeros(1)]
+        numbers = np.unique(number)
+        if 2 <= len(numbers) <= _MOST_INSTANCES and np.mean(np.diff(number) != 0.0) > _TURNS:
+            values: dict[str, Any] = {"column": table.headers[i], "count": len(numbers), "number": numbers[0]}
+            cells = _Instance(table.cells, np.flatnonzero(number == numbers[0]))
+            return replace(table, cells=cells, notes=(*table.notes, Finding.of(Code.READ_ROWS_INSTANCE, **values)))
+    return table
 
 
 def _first(table: Table, parts: Sequence[int]) -> list[FloatArray] | None:
@@ -96,10 +154,8 @@ def _timed(table: Table, words: Sequence[str]) -> Table:
     for i, word in enumerate(words):
         if (named := _OF_TIME.fullmatch(word)) is not None:
             found.setdefault({"min": "minute", "sec": "second"}.get(named[2], named[2]), i)
-    others = [header for i, header in enumerate(table.headers) if header and i not in found.values()]
-    if any(_is_time(header) for header in others):
-        return table
-    if found.keys() >= {*_DATE, *_CLOCK}:
+    others = [i for i, header in enumerate(table.headers) if i not in found.values() and _is_time(header)]
+    if not others and found.keys() >= {*_DATE, *_CLOCK}:
         names = [*_DATE, *_CLOCK, *[_NANO] * (_NANO in found)]
         parts = [found[name] for name in names]
         values = _first(table, parts)
@@ -114,16 +170,45 @@ def _timed(table: Table, words: Sequence[str]) -> Table:
             columns = table.headers[parts[0]], table.headers[parts[-1]]
             note = Finding.of(Code.TIME_FROM_PARTS, first=columns[0], last=columns[1])
             return _added(table, parts, ["time_s"], seconds, note, first.note, week=first.week)
-    if _TICKS in words:
-        ticks = words.index(_TICKS)
-        note = Finding.of(Code.TIME_FROM_TICKS, column=table.headers[ticks], tick_s=_TICK)
-        return _added(table, [ticks], ["time_s"], lambda n: np.unwrap(n, period=2.0**32)[:, None] * _TICK, note)
+    if not found.keys() >= {"minute", "second"} and (pair := _seconds_and_fraction(table, words)) is not None:
+        seconds_at, fraction, size = pair
+        note = Finding.of(Code.TIME_TWO_COLUMNS, columns=(table.headers[seconds_at], table.headers[fraction]))
+        return _added(table, [seconds_at, fraction], ["time_s"], lambda s, n: (s + size * n)[:, None], note)
+    if not others and _TICKS in words and (values := _first(table, [words.index(_TICKS)])):
+        tick = _TICK if float(np.median(np.abs(np.diff(values[0])))) < _LONGEST_STEP else _SHORT_TICK
+        note = Finding.of(Code.TIME_FROM_TICKS, column=table.headers[words.index(_TICKS)], tick_s=tick)
+        counted = [words.index(_TICKS)]
+        return _added(table, counted, ["time_s"], lambda n: np.unwrap(n, period=2.0**32)[:, None] * tick, note)
     return table
+
+
+def _seconds_and_fraction(table: Table, words: Sequence[str]) -> tuple[int, int, float] | None:
+    """Columns of whole seconds and of the rest of them, and the unit of the rest [s]; None if there are none.
+
+    Both have one name but for the unit, such as ``stamp.secs`` and ``stamp.nsecs``; a rest without a name of its own,
+    such as ``Microseconds``, goes with any time in whole seconds.
+    """
+    for i, part in enumerate(map(_FRACTION.fullmatch, words)):
+        if part is None:
+            continue
+        named = re.compile(re.escape(part["stem"]) + _SECONDS)
+        own = [k for k, word in enumerate(words) if named.fullmatch(word)]
+        others = [k for k, header in enumerate(table.headers) if not part["stem"] and k != i and _is_time(header)]
+        size = _SIZES[part["size"][0]]
+        for k in dict.fromkeys((*own, *others)):
+            whole, rest = _first(table, [k, i]) or [np.zeros(1), np.zeros(1)]
+            known = np.isfinite(whole) & np.isfinite(rest)
+            whole, rest = whole[known], size * rest[known]
+            if len(whole) > 1 and (whole == np.floor(whole)).all() and rest.min() >= 0.0 and rest.max() < 1.0:
+                steps = np.diff(whole + rest)
+                if steps.any() and np.mean(steps >= 0.0) > 1.0 - _TURNS:
+                    return k, i, size
+    return None
 
 
 def _is_time(header: str) -> bool:
     try:
-        return match_header(header, _TIME) is not None
+        return bool(header) and match_header(header, _TIME) is not None
     except InputError:  # in a unit that is none
         return True
 

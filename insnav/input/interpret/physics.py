@@ -33,6 +33,12 @@ _MAX_GROUPS = 2000
 _MIN_GROUPS = 10
 _TURN_BLOCK = 0.2  # length over which rotation and gravity are compared [s]
 _MIN_CORRELATION = 0.15
+# Correlation of turns with those of the course from which they have its sign, and Fisher's z of it in standard
+# deviations: of pure chance that is 1 in 2000
+_SAME_TURNS, _SURE_TURNS = 0.5, 3.5
+_ALONG, _SLIP = 0.9, 20.0 * DEG  # mean length of directions that are one, and what slip and wind make of a course
+_COURSE_LAGS = np.arange(0.0, 2.1, 0.25)  # receivers of phones filter their course [s]
+_COURSE_SPEED, _LONGEST_TURN = 3.0, 2.5  # above this speed velocities give a course [m/s]; and for steps so long [s]
 # changes of two gyros from sample to sample are alike within that factor, and those of one in deg/s differ by so much
 _LIKE, _OTHER = 8.0, 20.0
 # The zero-rate output of the MPU-6050 is within 20 deg/s (InvenSense, PS-MPU-6000A, rev. 3.4, section 6.1).
@@ -149,6 +155,58 @@ def turn_ratio(time: FloatArray, gyro: FloatArray, accel: FloatArray) -> tuple[f
     if abs(correlation) < max(_MIN_CORRELATION, 4.0 / math.sqrt(seen.size)):  # chance makes 1 / sqrt(size)
         return 0.0, 0.0
     return both / expected2, correlation
+
+
+def turns_with_course(
+    time: FloatArray, gyro: FloatArray, accel: FloatArray, fixes: FloatArray, v_n: FloatArray
+) -> float:
+    """Compare turns about the vertical, by gyros and specific force, with those of the course: their correlation.
+
+    `fixes` ``(m,)``: times of velocities North, East, Down ``(m, 3)``. Clockwise turns of the course have the rate
+    ``-w . f / |f|``, as specific force points up: a negative correlation means that gyros or accelerometers have the
+    opposite sign. Zero if that is not sure. The course may be late by two seconds.
+    """
+    known = np.flatnonzero(np.linalg.norm(v_n[:, :2], axis=1) > _COURSE_SPEED)
+    known = known[(fixes[known] >= time[0] + _COURSE_LAGS[-1]) & (fixes[known] <= time[-1])]
+    step, course = np.diff(fixes[known]), np.arctan2(v_n[known, 1], v_n[known, 0])
+    near = step < _LONGEST_TURN
+    if np.count_nonzero(near) < _MIN_GROUPS:
+        return 0.0
+    seen = ((np.diff(course) + np.pi) % (2.0 * np.pi) - np.pi)[near] / step[near]
+
+    totals = [np.cumsum(values * np.diff(time, prepend=time[0])[:, None], axis=0) for values in (gyro, accel)]
+
+    def between(total: FloatArray, lag: float) -> FloatArray:
+        at = np.column_stack([np.interp(fixes[known] - lag, time, column) for column in total.T])
+        return np.asarray(np.diff(at, axis=0)[near] / step[near, None])
+
+    found = [0.0]
+    for lag in _COURSE_LAGS:
+        turned, force = (between(total, lag) for total in totals)
+        felt = -np.einsum("ij,ij->i", turned, force) / np.maximum(np.linalg.norm(force, axis=1), 1e-9)
+        if felt.std() > 0.0 and seen.std() > 0.0:
+            found.append(float(np.corrcoef(felt, seen)[0, 1]))
+    best = max(found, key=abs)
+    sure = abs(best) > _SAME_TURNS and np.arctanh(abs(best)) * math.sqrt(len(seen) - 3) > _SURE_TURNS
+    return best if sure else 0.0
+
+
+def heading_convention(turns: float, heading: FloatArray, v_n: FloatArray) -> tuple[float, float]:
+    """Find the sense of headings ``(m,)``, 1 or -1, and by how much they then exceed that of the vehicle [rad].
+
+    `turns`: their correlation with turns of the vehicle, as of `turns_with_course`; `v_n` (m, 3): velocities, whose
+    course is the heading but for slip. Headings counted from east, and across the vehicle, are quarters of a turn off;
+    a sense that no course completes is that from east.
+    """
+    sense = -1.0 if turns < 0.0 else 1.0
+    moving = np.isfinite(heading) & (np.linalg.norm(v_n[:, :2], axis=1) > _COURSE_SPEED)
+    offset = sense * heading[moving] - np.arctan2(v_n[moving, 1], v_n[moving, 0])
+    mean = np.mean(np.exp(1j * offset)) if np.count_nonzero(moving) >= _MIN_GROUPS else 0.0
+    if abs(mean) < _ALONG:
+        return sense, -0.5 * np.pi if sense < 0.0 else 0.0
+    found = float(np.angle(mean))
+    quarters = 0.5 * np.pi * round(found / (0.5 * np.pi))
+    return sense, quarters if abs(found - quarters) < _SLIP else found
 
 
 def odd_one(gyros: Sequence[FloatArray]) -> int | None:

@@ -70,7 +70,6 @@ def schema(kind: str) -> tuple[Quantity, ...]:
     return tuple(each for name in _named(_NAMES["files"][kind], "files").split() for each in _quantities(name))
 
 
-TIME_PARTS = schema("time_parts")
 IMU_SCHEMA, GPS_SCHEMA, REFERENCE_SCHEMA = schema("imu"), schema("gps"), schema("reference")
 # Logs of further sensors: what each may hold, and the alternatives of columns of which it must hold one.
 LOG_SCHEMAS: dict[str, tuple[tuple[Quantity, ...], tuple[tuple[str, ...], ...]]] = {

@@ -29,6 +29,7 @@ _MOVE, _LEAST_MOVE, _TRIMMED = 8.0, 1.0, 3
 _LONG_ENOUGH = 60.0  # velocities that lag move less far in a start alone [s]
 # least scale error that is said, the same in standard deviations, and times its variance by errors that last
 _SCALED, _SURE, _LASTING = 0.03, 6.0, 4.0
+_SIDE = 0.1  # sideways by forward speed, median: a vehicle on wheels slips by less than 6 deg
 _RADIANS = 180.0 / np.pi
 _EARTH_RADIUS = 6.37e6  # a rough one will do [m]
 
@@ -44,6 +45,7 @@ class Fit:
     climb: float = 1.0  # how many times as far as it falls by the third column, read as m/s down, in what is read as m
     radians: str = ""  # what is in radians, not degrees: "positions", "latitudes" or "longitudes"; empty if nothing is
     exchanged: bool = False  # latitudes are longitudes
+    in_vehicle: bool = False  # the velocities are forward and sideways, in the axes of the vehicle
 
     @property
     def upward(self) -> bool:
@@ -53,7 +55,7 @@ class Fit:
     @property
     def as_named(self) -> bool:
         """Whether the columns are north and east in this order, with these signs."""
-        return self.order == (0, 1) and self.signs == (1.0, 1.0)
+        return self.order == (0, 1) and self.signs == (1.0, 1.0) and not self.in_vehicle
 
     @property
     def confusion(self) -> str:
@@ -62,6 +64,8 @@ class Fit:
             return f"{self.radians}_radians"
         if self.exchanged:
             return "positions_exchanged"
+        if self.in_vehicle:
+            return "velocity_in_vehicle"
         if not self.as_named:
             return "velocity_names"
         if self.unit != "m/s":
@@ -135,7 +139,12 @@ def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | 
     if exchanged < min(_FITS, best[0]):
         return Fit((0, 1), (1.0, 1.0), "m/s", ratio, exchanged=True)
     if best[0] > min(_FITS, _BETTER * given):
-        return None
+        speed = np.linalg.norm(v[:, :2], axis=1)
+        way = np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(t)))
+        apart = np.abs((way[stop] - way[start])[firm] / size - 1.0)
+        aside = np.sort(np.abs(v[start][firm, :2]), axis=1)
+        alone = float(np.median(apart)) < _FITS and float(np.median(aside[:, 0] / aside[:, 1])) < _SIDE
+        return Fit((0, 1), (1.0, 1.0), "m/s", ratio, in_vehicle=True) if alone else None
     factor = _UNITS[best[3]]
     return Fit(best[1], (best[2][0], best[2][1]), best[3], ratio, _climb(t, lla[known, 2], gone[:, 2] * factor))
 

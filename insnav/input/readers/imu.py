@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -13,18 +13,30 @@ from insnav import spill
 from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, Finding
 from insnav.imu.raw_outputs import RawScale
+from insnav.input.formats.conventions import number_in
 from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
 from insnav.input.interpret.axes import axes_matrix
 from insnav.input.interpret.clean import IMU_KINDS
-from insnav.input.interpret.columns import Found, find_unit, require, understand
+from insnav.input.interpret.columns import Found, agrees, find_unit, require, understand
 from insnav.input.interpret.headerless import imu_columns, is_headerless
-from insnav.input.interpret.physics import check_axes, find_accel_unit, find_gyro_unit, odd_one, quiet_part, turn_ratio
-from insnav.input.interpret.schema import ALL_UNITS, IMU_SCHEMA, Quantity
+from insnav.input.interpret.physics import (
+    check_axes,
+    find_accel_unit,
+    find_gyro_unit,
+    odd_one,
+    quiet_part,
+    stated_unit,
+    turn_ratio,
+)
+from insnav.input.interpret.schema import ALL_UNITS, GPS_SCHEMA, IMU_SCHEMA, Quantity
 from insnav.input.readers.raw_columns import SI_UNITS, from_outputs, raw_schema
 from insnav.input.readers.reading import Reading
 from insnav.input.readers.rows import read_rows
 from insnav.types import BoolArray, FloatArray, ImuData, Sampling, Stamp
+
+AccelSign = Literal["force", "minus-force"]
+Bench = Literal["noise", "counts"]
 
 _RATES = ("gyro_x", "gyro_y", "gyro_z")
 _FORCES = ("accel_x", "accel_y", "accel_z")
@@ -33,6 +45,7 @@ _VELOCITIES = ("dvel_x", "dvel_y", "dvel_z")
 _SENSIBLE = 1e12  # larger numbers are damage in any unit
 _BLOCK_ROWS = 1 << 13
 _SLOWEST = 0.5  # longest interval of an IMU [s]
+SLOWEST_ALONE = 45.0  # and of a single sensor on the bench [s]
 
 
 def read_imu(
@@ -45,6 +58,8 @@ def read_imu(
     stamp: Stamp | None = None,
     raw_scales: Mapping[str, RawScale] | None = None,
     any_way: bool = False,
+    accel_sign: AccelSign | None = None,
+    bench: Bench | None = None,
 ) -> Reading[ImuData]:
     """Read inertial data.
 
@@ -58,7 +73,7 @@ def read_imu(
         Quantity, with or without unit, to header: ``{"gyro_x_dps": "Gx"}``.
     units : mapping or str, optional
         Units of ``gyro``, ``accel`` and ``time``: ``"gyro=deg/s,accel=g"`` or ``"deg/s,g"``; default:
-        from the headers, else from physics.
+        from the headers, else from physics. Counts: ``"counts/(deg/s)=131,counts/g=16384"``.
     sampling : {"mean", "instant", "increment"}, optional
         Default ``increment`` for columns so named, else ``mean``.
     stamp : {"start", "mid", "end"}, optional
@@ -67,6 +82,11 @@ def read_imu(
         For ``gyro``, ``accel`` or both: the file holds volts or counts, and how they become rates and forces.
     any_way : bool, optional
         Axes that were not given may point anywhere: a drive tells where.
+    accel_sign : {"force", "minus-force"}, optional
+        Accelerometers have the sign of the specific force (default), or the opposite one, as in apps for iOS.
+    bench : {"noise", "counts"}, optional
+        For a noise analysis, sensors may be missing, with NaN in their columns, and axes may point anywhere. Counts or
+        volts whose sensitivity is to be found are only brought to body axes.
 
     Returns
     -------
@@ -79,48 +99,65 @@ def read_imu(
     ConfigError
         An option cannot be meant as given.
     """
+    some, counts = bench == "noise", bench == "counts"
     given = parse_units(units)
     table = open_table(path, "imu")
     by_format = not axes and table.axes
     axes = axes or table.axes or None
     matrix = axes_matrix(axes or "FRD")
     name = table.name
-    scales = dict(raw_scales or {})
+    scales = {**(raw_scales or {}), **_count_scales(units)}
     schema = raw_schema(scales)
     guessed = not columns and is_headerless(table.headers)
     columns = imu_columns(table) if guessed else columns
-    found, notes = understand(table.headers, table.units, schema, columns=columns, where=name)
+    found, notes = understand(table.headers, table.units, schema, columns=columns, parts=table.parts, where=name)
     if guessed and columns:
         by_number = tuple(f"{key}={number}" for key, number in columns.items())
         notes = (*notes, Finding.of(Code.READ_COLUMNS_BY_VALUES, columns=by_number))
-    increments = _choose(found, sampling, given, table, schema)
+    increments = _choose(found, sampling, given, table, schema, some=some)
     gyro_keys, accel_keys = (_ANGLES, _VELOCITIES) if increments else (_RATES, _FORCES)
+    there = [key for key in (*gyro_keys, *accel_keys) if key in found]
     stated = {
         "gyro": given.get("gyro") or _common_unit(found, gyro_keys, name),
         "accel": given.get("accel") or _common_unit(found, accel_keys, name),
     }
+    if counts and any(found[key].unit for key in there):
+        columns_stated = tuple(found[key].describe() for key in there if found[key].unit)
+        raise InputError("input.counts_with_units", where=name, columns=columns_stated)
     extras = [key for key in ("temperature", "odometer", "baro") if key in found]
-    keys = ["time", *gyro_keys, *accel_keys, *extras]
-    rows = read_rows(table, found, keys, IMU_KINDS, slowest=_SLOWEST, time_unit=given.get("time"))
+    keys = ["time", *there, *extras]
+    slowest = _SLOWEST if len(there) == 6 else SLOWEST_ALONE
+    rows = read_rows(table, found, keys, IMU_KINDS, slowest=slowest, time_unit=given.get("time"))
     raw_notes, raw_units = from_outputs(rows.columns, found, scales, given, increments=increments, where=name)
     stated |= {key: SI_UNITS[key] for key in scales}
-    cleaned = rows.clean(_damaged(rows.columns, keys[:7], found, name))
+    cleaned = rows.clean(_damaged(rows.columns, ["time", *there], found, name))
     rows.columns.clear()  # a day of samples is there only once
     time = cleaned.columns["time"]
+    for key in {*gyro_keys, *accel_keys} - {*there}:
+        cleaned.columns[key] = np.full(len(time), np.nan)
     scale = 1.0 / cleaned.interval if increments else 1.0
     one = odd_one([cleaned.columns[key] for key in gyro_keys])
     odd = "" if one is None else found[gyro_keys[one]].header
     gyro = _in_body(cleaned.columns, gyro_keys, matrix)
-    accel = _in_body(cleaned.columns, accel_keys, matrix)
-    quiet = quiet_part(gyro, accel, interval=cleaned.interval, scale=scale)
-    accel_unit, accel_evidence = find_accel_unit(
-        quiet, stated["accel"], interval=cleaned.interval, increments=increments, where=name
-    )
-    ratio, correlation = turn_ratio(time, gyro, accel)
-    gyro_unit, gyro_evidence = find_gyro_unit(
-        quiet, ratio / scale, correlation, stated["gyro"], increments=increments, where=name, odd=odd
-    )
-    axes_evidence = check_axes(quiet, axes, where=name, any_way=any_way, by_format=bool(by_format))
+    accel = _in_body(cleaned.columns, accel_keys, matrix if accel_sign != "minus-force" else -matrix)
+    units_evidence: tuple[Finding, ...]
+    if counts:
+        gyro_unit, accel_unit, units_evidence = "rad/s", "m/s^2", (Finding.of(Code.READ_IMU_RAW_COUNTS),)
+    elif len(there) < 6:
+        gyro_unit, accel_unit, units_evidence = _units_of_some(
+            gyro, accel, stated, interval=cleaned.interval, increments=increments, where=name
+        )
+    else:
+        quiet = quiet_part(gyro, accel, interval=cleaned.interval, scale=scale)
+        accel_unit, accel_evidence = find_accel_unit(
+            quiet, stated["accel"], interval=cleaned.interval, increments=increments, where=name
+        )
+        ratio, correlation = turn_ratio(time, gyro, accel)
+        gyro_unit, gyro_evidence = find_gyro_unit(
+            quiet, ratio / scale, correlation, stated["gyro"], increments=increments, where=name, odd=odd
+        )
+        axes_evidence = check_axes(quiet, axes, where=name, any_way=any_way or some, by_format=bool(by_format))
+        units_evidence = (gyro_evidence, accel_evidence, axes_evidence)
     for array, unit in ((gyro, gyro_unit), (accel, accel_unit)):
         if ALL_UNITS[unit][1] != 1.0:
             for block in spill.blocks(len(array)):
@@ -142,59 +179,19 @@ def read_imu(
     )
     units_used = dict.fromkeys(gyro_keys, gyro_unit) | dict.fromkeys(accel_keys, accel_unit) | {"time": rows.time_unit}
     units_used |= raw_units
+    described = {found[key].quantity.name: found[key].describe(units_used.get(key)) for key in keys}
     return rows.reading(
         "IMU",
         data,
         cleaned,
-        {found[key].quantity.name: found[key].describe(units_used.get(key)) for key in keys},
+        {found[key].quantity.key: found[key].header for key in keys} if counts else described,
         (
             *raw_notes,
-            gyro_evidence,
-            accel_evidence,
-            axes_evidence,
+            *units_evidence,
             _sampling_finding(data, sampling, stamp),
             *temperature_note,
             *notes,
         ),
-        axes=(axes or "FRD").strip().upper(),
-        sampling=data.sampling,
-        stamp=data.stamp,
-    )
-
-
-def read_counts(
-    path: str | Path | Table, *, axes: str | None = None, columns: Mapping[str, str] | None = None
-) -> Reading[ImuData]:
-    """Read counts or volts, whose sensitivity is to be found, only brought to body axes; arguments as for `read_imu`.
-
-    Raises: InputError: the file cannot be used, or its headers state units; ConfigError: an option cannot be meant as
-    given.
-    """
-    matrix = axes_matrix(axes or "FRD")
-    table = open_table(path, "imu")
-    name = table.name
-    found, notes = understand(table.headers, table.units, IMU_SCHEMA, columns=columns, where=name)
-    require(found, ("time", *_RATES, *_FORCES), table.headers, IMU_SCHEMA, where=name, units_row=table.units)
-    stated = [found[key].describe() for key in (*_RATES, *_FORCES) if found[key].unit is not None]
-    if stated:
-        raise InputError("input.counts_with_units", where=name, columns=tuple(stated))
-    keys = ["time", *_RATES, *_FORCES, *(key for key in ("temperature",) if key in found)]
-    rows = read_rows(table, found, keys, IMU_KINDS, slowest=_SLOWEST)
-    cleaned = rows.clean(_damaged(rows.columns, keys[:7], found, name))
-    time = cleaned.columns["time"]
-    temperature, temperature_note = _temperature(time, cleaned.columns.get("temperature"))
-    data = ImuData(
-        time,
-        _in_body(cleaned.columns, _RATES, matrix),
-        _in_body(cleaned.columns, _FORCES, matrix),
-        temperature=temperature,
-    )
-    return rows.reading(
-        "IMU",
-        data,
-        cleaned,
-        {found[key].quantity.key: found[key].header for key in keys},
-        (Finding.of(Code.READ_IMU_RAW_COUNTS), *temperature_note, *notes),
         axes=(axes or "FRD").strip().upper(),
         sampling=data.sampling,
         stamp=data.stamp,
@@ -207,15 +204,10 @@ def parse_units(units: Mapping[str, str] | str | None) -> dict[str, str]:
     Written as ``{"gyro": "deg/s"}``, ``"gyro=deg/s,accel=g,time=ms"``, or ``"deg/s,g"``; anything else is a
     `ConfigError`.
     """
-    if units is None:
-        return {}
-    if isinstance(units, str):
-        parts = [part.split("=", 1) for part in re.split(r"[,;]", units) if part.strip()]
-        pairs = [(p[0].strip(), p[1].strip()) if len(p) > 1 else ("", p[0].strip()) for p in parts]
-    else:
-        pairs = list(units.items())
     found: dict[str, str] = {}
-    for key, text in pairs:
+    for key, text in _pairs(units):
+        if _COUNTS_PER.fullmatch(key):
+            continue
         for name, dimensions in _DIMENSIONS.items():
             unit = next((u for d in dimensions if (u := find_unit(text, d)) is not None), None)
             if unit is not None and key in ("", name):
@@ -226,13 +218,67 @@ def parse_units(units: Mapping[str, str] | str | None) -> dict[str, str]:
     return found
 
 
+def _pairs(units: Mapping[str, str] | str | None) -> list[tuple[str, str]]:
+    """What units are given for, and the units; an empty word for units alone."""
+    if not isinstance(units, str):
+        return [*(units or {}).items()]
+    parts = [part.split("=", 1) for part in re.split(r"[,;]", units) if part.strip()]
+    return [(p[0].strip(), p[1].strip()) if len(p) > 1 else ("", p[0].strip()) for p in parts]
+
+
+def _count_scales(units: Mapping[str, str] | str | None) -> dict[str, RawScale]:
+    """Scale of counts given in place of a unit, such as ``counts/(deg/s)=131,counts/g=16384``."""
+    scales = {}
+    for key, text in _pairs(units):
+        if (per := _COUNTS_PER.fullmatch(key)) is None:
+            continue
+        triads = {"gyro": find_unit(per["unit"], "rate"), "accel": find_unit(per["unit"], "acceleration")}
+        triad, unit = next(((triad, unit) for triad, unit in triads.items() if unit), ("", ""))
+        if not triad or not 0.0 < number_in(text) < _SENSIBLE:
+            raise ConfigError("input.unknown_imu_unit", where="imu-units", text=f"{key}={text}")
+        scales[triad] = RawScale("LSB", np.zeros(3), np.full(3, number_in(text) / ALL_UNITS[unit][1]))
+    return scales
+
+
+_COUNTS_PER = re.compile(r"(?:counts?|lsb)/\(?(?P<unit>[^()]+)\)?", re.IGNORECASE)
 _DIMENSIONS = {"gyro": ("rate", "angle"), "accel": ("acceleration", "velocity"), "time": ("time",)}
 
 
+def _units_of_some(
+    gyro: FloatArray,
+    accel: FloatArray,
+    stated: Mapping[str, str | None],
+    *,
+    interval: float,
+    increments: bool,
+    where: str,
+) -> tuple[str, str, tuple[Finding, ...]]:
+    """Units of gyros and accelerometers ``(n, 3)`` some of which are NaN, and what decided them."""
+    usual, other = ("rad", "deg") if increments else ("rad/s", "deg/s")
+    accel_unit, gyro_unit = stated["accel"] or ("m/s" if increments else "m/s^2"), stated["gyro"] or usual
+    scale = 1.0 / interval if increments else 1.0
+    if not np.isnan(accel).any():
+        quiet = quiet_part(np.zeros_like(accel), accel, interval=interval, scale=scale)
+        unit, found = find_accel_unit(quiet, stated["accel"], interval=interval, increments=increments, where=where)
+        return gyro_unit, unit, (found,)
+    notes = [stated_unit(key, unit) for key, unit in (("gyros", stated["gyro"]), ("force", stated["accel"])) if unit]
+    if not stated["gyro"] and not np.isnan(gyro).all():
+        largest = scale * float(np.nanmax(np.abs(gyro)))
+        factor = ALL_UNITS[usual][1] / ALL_UNITS[other][1]
+        notes.append(Finding.of(Code.UNITS_GYRO_ASSUMED, largest=largest, unit=usual, other=other, factor=factor))
+    return gyro_unit, accel_unit, tuple(notes)
+
+
 def _choose(
-    found: dict[str, Found], sampling: Sampling | None, given: dict[str, str], table: Table, schema: Sequence[Quantity]
+    found: dict[str, Found],
+    sampling: Sampling | None,
+    given: dict[str, str],
+    table: Table,
+    schema: Sequence[Quantity],
+    *,
+    some: bool = False,
 ) -> bool:
-    """Whether to read increments; makes sure that all columns are there."""
+    """Whether to read increments; makes sure that all columns are there, or `some`."""
     dims = {ALL_UNITS[given[key]][0] for key in ("gyro", "accel") if key in given}
     if sampling == "increment" or dims & {"angle", "velocity"}:
         if dims & {"rate", "acceleration"} or sampling in ("mean", "instant"):
@@ -261,24 +307,28 @@ def _choose(
     if increments and dims & {"rate", "acceleration"}:
         raise ConfigError("input.units_of_rates", where="imu-units", **held)
     as_increments = increments or (some_increments and not some_rates)
+    if some and "time" in found and (some_rates or some_increments):
+        return as_increments
     wanted = _ANGLES + _VELOCITIES if as_increments else _RATES + _FORCES
     hint, gives = "", None
-    if not {"time", *wanted} <= found.keys() and (fitting := imu_columns(table)):
+    fitting = {} if {"time", *wanted} <= found.keys() else imu_columns(table)
+    if fitting and agrees(fitting, found, GPS_SCHEMA):
         gives = {"columns": {key: header for key, header in fitting.items() if key not in found}}
     words = {header.lower()[:3] for header in table.headers}
     if {"lat", "lon"} <= words and not some_rates:
         hint = "positions_as_imu"
-    require(
-        found, ("time", *wanted), table.headers, schema, where=table.name, hint=hint, gives=gives, units_row=table.units
-    )
+    elif some and "time" not in found:
+        hint = "without_rate"
+    require(found, ("time", *wanted), table, schema, hint=hint, gives=gives)
     return increments
 
 
 def _common_unit(found: dict[str, Found], keys: tuple[str, ...], name: str) -> str | None:
     """Find the unit that the headers of three axes state; None if they do not."""
-    stated = {found[key].unit for key in keys} - {None}
+    there = [key for key in keys if key in found]
+    stated = {found[key].unit for key in there} - {None}
     if len(stated) > 1:
-        raise InputError("input.mixed_units", where=name, columns=tuple(found[key].describe() for key in keys))
+        raise InputError("input.mixed_units", where=name, columns=tuple(found[key].describe() for key in there))
     return next(iter(stated), None)
 
 

@@ -11,7 +11,7 @@ from insnav.exceptions import InputError, InsnavError
 from insnav.input.formats.recording_folder import NAMES, NO_DATA
 from insnav.input.formats.registry import open_tables
 from insnav.input.formats.table import Table
-from insnav.input.interpret.columns import match_header
+from insnav.input.interpret.columns import agrees, match_header
 from insnav.input.interpret.headerless import imu_columns, is_headerless, position_columns
 from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA, REFERENCE_SCHEMA, Quantity
 
@@ -29,7 +29,7 @@ def kinds_of(tables: Mapping[str, Table], *, imu_known: bool = False) -> set[str
     if not samples and all(_key(header, REFERENCE_SCHEMA) in ("", "time") for header in table.headers):
         if imu_columns(table):
             return {"imu"}
-        if position_columns(table):
+        if (columns := position_columns(table)) and agrees(columns, {}, IMU_SCHEMA):
             return {"gps"}
         return set() if not is_headerless(table.headers) or imu_known else {"imu"}
     return {"imu" if samples else "reference" if attitude else "gps"}

@@ -13,15 +13,15 @@ import numpy as np
 from insnav.earth import ned_offset
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
-from insnav.input.formats import delimited_text, kf_gins, matlab, parquet, phone_folder
+from insnav.input.formats import delimited_text, kf_gins, matlab, parquet, sensor_folder
 from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
 from insnav.input.interpret.clean import GPS_KINDS, REFERENCE_KINDS, Kinds
-from insnav.input.interpret.columns import Found, quote_columns, require, understand
+from insnav.input.interpret.columns import Found, agrees, quote_columns, require, suggest, understand
 from insnav.input.interpret.derived import derive
 from insnav.input.interpret.headerless import position_columns
 from insnav.input.interpret.physics import stated_unit
-from insnav.input.interpret.schema import ALL_UNITS, GPS_SCHEMA, REFERENCE_SCHEMA, Quantity
+from insnav.input.interpret.schema import ALL_UNITS, GPS_SCHEMA, IMU_SCHEMA, REFERENCE_SCHEMA, Quantity, compact
 from insnav.input.interpret.velocities import Fit, fit_velocities
 from insnav.input.readers.reading import Reading
 from insnav.input.readers.rows import read_rows
@@ -35,13 +35,11 @@ _MAX_HEIGHT = 1e5  # [m]
 _MIN_HEIGHT = -1e4
 _FAR = 0.1 * DEG  # a fix at (0, 0) is a placeholder if all others are farther than this
 _MOVES, _CLIMBS = 100.0, 5.0  # ways of a reference along North or East, and up, in which nothing stays zero [m]
-# Headers of what else receivers say
-_NO_HEIGHT = re.compile(
-    "sat|sv|dop|provider|qual|status|mode|time|tow|week|date|utc|epoch|seq|index|course|heading|speed", re.IGNORECASE
-)
 _ROOM = {"px", "prsrx", "posx", "positionx"}  # headers of EuRoC, TUM-VI, and programs like them
 # formats that do not define what heights are above; an empty name is that of data in memory
-_ANY_HEIGHT = {"", *(each.name for each in (delimited_text, kf_gins, matlab, parquet, phone_folder))}
+_ANY_HEIGHT = {"", *(each.name for each in (delimited_text, kf_gins, matlab, parquet, sensor_folder))}
+# columns of ArduPilot, PX4 and GoPro (GPMF: MSLV), whose documents define ``Alt`` as above mean sea level
+_OF_SEA_LEVEL = {"timeus", "epv", "altitudesystem"}
 _STANDARD_DEVIATIONS = ("sd_n", "sd_e", "sd_d", "sd_vn", "sd_ve", "sd_vd")
 
 
@@ -88,7 +86,7 @@ def read_gps(
     reading = read_positions(path, "GPS", GPS_SCHEMA, GPS_KINDS, columns=columns, height=height)
     read = reading.data
     heading = read.columns.get("heading")
-    heading = None if heading is None else heading % (2.0 * np.pi)
+    heading = None if heading is None or not heading.any() else heading % (2.0 * np.pi)  # 0 stands for none
     sd = (read.stacked(_STANDARD_DEVIATIONS[:3]), read.stacked(_STANDARD_DEVIATIONS[3:]))
     data = GpsData(read.columns["time"], read.lla, read.v_n, *sd, reading.fix, heading)
     return Reading(data, reading.events, reading.facts)
@@ -150,27 +148,31 @@ def read_positions(
     """Read a file of positions; see `read_gps`."""
     table = open_table(path, "gps" if kind == "GPS" else "reference")
     name = table.name
-    found, notes = understand(table.headers, table.units, schema, columns=columns, where=name)
-    height_key, height_kind, height_evidence = _height(found, height, table.format)
+    found, notes = understand(table.headers, table.units, schema, columns=columns, parts=table.parts, where=name)
+    height_key, height_kind, height_evidence = _height(found, height, table)
     hint, gives = "", dict[str, Any]()
     if sum(header.lower().startswith(("gyro", "acc", "dtheta", "dvel")) for header in table.headers) > 3:
         hint = "imu_as_positions"
-    elif not {"time", "lat"} <= found.keys() and (held := position_columns(table)):
-        gives = {"columns": {key: header for key, header in held.items() if key not in found}}
+    elif not {"time", "lat"} <= found.keys() and agrees(fitting := position_columns(table), found, IMU_SCHEMA):
+        gives = {"columns": {key: header for key, header in fitting.items() if key not in found}} if fitting else {}
     if "lat" not in found and _ROOM & {re.sub(r"\[.*|[\W_]", "", header.lower()) for header in table.headers}:
         raise InputError("input.local_positions", where=name, headers=tuple(filter(None, table.headers[:8])))
-    others = set(filter(None, table.headers)) - {each.header for each in found.values()}
-    flat = kind == "GPS" and height_key not in found and all(map(_NO_HEIGHT.search, others))
-    if flat:
-        height_evidence = Finding.of(Code.READ_HEIGHT_MISSING)
+    held = {each.index for each in found.values()}
+    others = [header for i, header in enumerate(table.headers) if header and i not in held]
+    height_quantity = next(each for each in schema if each.key == height_key)
+    flat = kind == "GPS" and height_key not in found and suggest(height_quantity, others) is None
     wanted = ("time", "lat", "lon", *(() if flat else (height_key,)))
-    require(found, wanted, table.headers, schema, where=name, hint=hint, gives=gives, units_row=table.units)
+    require(found, wanted, table, schema, hint=hint, gives=gives)
     keys = [key for key in found if key not in ("height", "height_msl") or key == height_key]
     rows = read_rows(table, found, keys, kinds, slowest=_SLOWEST)
     raw = rows.columns
     for key in keys[:]:
         if key != "time" and found[key].factor != 1.0:
             raw[key] = raw[key] * found[key].factor
+    flat = flat or (kind == "GPS" and not np.isfinite(raw[height_key]).any())
+    if flat:
+        raw.pop(height_key, None)
+        height_evidence = Finding.of(Code.READ_HEIGHT_MISSING)
     raw["height"] = np.zeros_like(raw["lat"]) if flat else raw.pop(height_key)
     notes = (*notes, *derive(raw, found))
     bad = ~np.isfinite(raw["time"]) | _no_position(raw)
@@ -187,6 +189,9 @@ def read_positions(
     degrees, angles = _angles(lla, fit, found, name)
     lla[:, :2] *= degrees
     unit, velocity_notes = _velocity_unit(fit, found, name)
+    if fit is not None and fit.in_vehicle:
+        v_n[:] = np.nan
+        data |= {key: np.full(len(lla), np.nan) for key in _STANDARD_DEVIATIONS[3:] if key in data}
     if unit != 1.0:
         measured = 2 + bool({"vd", "vu"} & found.keys())  # a vertical speed from the heights has their unit
         v_n[:, :measured] *= unit
@@ -206,16 +211,22 @@ def read_positions(
     return replace(reading, fix=fix)
 
 
-def _height(found: Mapping[str, Found], height: Height | None, log: str) -> tuple[str, str, Finding]:
-    """Key of the height column, what it is, and what decided that; `log`: name of the format."""
+def _height(found: Mapping[str, Found], height: Height | None, table: Table) -> tuple[str, str, Finding]:
+    """Key of the height column, what it is, and what decided that."""
+    words = {compact(header) for header in table.headers}
+    stated = compact(found["height"].header) if "height" in found else ""
+    by_program = "alt" in stated and "ellipsoid" not in stated and bool(words & _OF_SEA_LEVEL)
     above_sea = "height_msl" in found and (height == "msl" or "height" not in found)
     key = "height_msl" if above_sea else "height"
-    kind = "msl" if above_sea or height == "msl" else "ellipsoidal"
+    kind = "msl" if above_sea or height == "msl" or (by_program and not height) else "ellipsoidal"
     given = "--gps-height" if height else ""
+    column = "" if height or not found.keys() & {key} else found[key].header
     if kind == "msl":
-        return key, kind, Finding.of(Code.READ_HEIGHT_MSL, column="" if height else found[key].header, option=given)
-    if height or log not in _ANY_HEIGHT:
-        return key, kind, Finding.of(Code.READ_HEIGHT_ELLIPSOIDAL, format="" if height else log, option=given)
+        return key, kind, Finding.of(Code.READ_HEIGHT_MSL, column=column, option=given)
+    named = column if "ellip" in compact(column) else ""
+    if height or named or table.format not in _ANY_HEIGHT:
+        by_format = "" if height or named else table.format
+        return key, kind, Finding.of(Code.READ_HEIGHT_ELLIPSOIDAL, format=by_format, column=named, option=given)
     return key, kind, Finding.of(Code.READ_HEIGHT_ELLIPSOIDAL_ASSUMED)
 
 
@@ -338,6 +349,8 @@ def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tu
     if fit.exchanged:
         raise _exchanged("input.exchanged_by_velocity", found, name)
     columns = [found[key] for key in ("vn", "ve", "vd", "vu", "speed") if key in found]
+    if fit.in_vehicle:
+        return 1.0, [Finding.of(Code.READ_VELOCITY_IN_VEHICLE, columns=tuple(each.header for each in columns))]
     if not fit.as_named:
         directions = [("vn", "ve")[i] for i in fit.order] if "vn" in found else []
         right = {key: found[other].header for key, other in zip(("vn", "ve"), directions, strict=False)}

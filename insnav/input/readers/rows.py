@@ -16,7 +16,7 @@ from insnav.input.formats.text_values import TextValues, with_date
 from insnav.input.interpret.clean import Cleaned, Kinds, clean
 from insnav.input.interpret.columns import Found
 from insnav.input.interpret.physics import clock_digits, find_time_unit
-from insnav.input.interpret.schema import ALL_UNITS, TIME_PARTS
+from insnav.input.interpret.schema import ALL_UNITS
 from insnav.input.readers.reading import Reading, ReadingFacts
 from insnav.types import BoolArray, FloatArray, Sampling, Stamp
 
@@ -106,24 +106,23 @@ def read_rows(
 
     Raises: InputError: a cell is not a number, or the unit of the time is unclear.
     """
-    parts = [each.key for each in TIME_PARTS if each.key in found and "time" in keys]
-    numbers = table.cells.read([found[key].index for key in (*keys, *parts)])
-    columns = {key: numbers.columns[found[key].index] for key in (*keys, *parts)}
+    if "time" in found and found["time"].header != "time_s":  # the user named another column
+        table = replace(table, notes=tuple(note for note in table.notes if note.code not in _MADE_TIMES))
+    keys = [*dict.fromkeys((*keys, *(["date"] if "date" in found and "time" in keys else [])))]
+    numbers = table.cells.read([found[key].index for key in keys])
+    columns = {key: numbers.columns[found[key].index] for key in keys}
     forms = {key: numbers.texts[found[key].index] for key in columns if found[key].index in numbers.texts}
+    if "date" in forms and forms["date"].form != "date":  # beside a time of its own
+        del columns["date"], forms["date"]
     _refuse_texts(forms, found, table)
     _refuse_marks(columns, found, table)
-    day, fraction = columns.pop("date", None), columns.pop("time_fraction", None)
+    day = columns.pop("date", None)
     evidence: Finding | None = None
     unit, week = "s", table.week
     if "time" in forms:
         evidence, week = forms["time"].note, forms["time"].week
         if forms["time"].form == "time of day" and day is not None and "date" in forms:
             columns["time"], evidence, week = with_date(day, columns["time"])
-        if fraction is not None:
-            columns["time"] = columns["time"] + fraction * found["time_fraction"].factor
-    elif fraction is not None:
-        columns["time"] = columns["time"] + fraction * found["time_fraction"].factor
-        evidence = Finding.of(Code.TIME_TWO_COLUMNS, columns=(found["time"].header, found["time_fraction"].header))
     elif "time" in columns and numbers.n_rows > 1:
         stated = time_unit or found["time"].unit
         clock = clock_digits(columns["time"]) if stated is None else None
@@ -151,6 +150,7 @@ def _refuse_marks(columns: Mapping[str, FloatArray], found: Mapping[str, Found],
                 )
 
 
+_MADE_TIMES = {Code.TIME_TWO_COLUMNS, Code.TIME_FROM_PARTS, Code.TIME_FROM_TICKS}
 # -999, 9999, ..., and -99: 99 may be a standard deviation
 _MARKS = {sign * 10.0**digits - sign for sign in (-1.0, 1.0) for digits in (3, 4, 5, 6)} | {-99.0}
 _FAR = 0.2  # part of such a number beyond which others may be, too

@@ -30,7 +30,7 @@ def read_sensor_log(path: str | Path | Table, name: str) -> Reading[SensorLog]:
     table = open_table(path, name)
     found, notes = understand(table.headers, table.units, schema, where=table.name)
     wanted = next((each for each in alternatives if set(each) <= set(found)), alternatives[-1])
-    require(found, ("time", *wanted), table.headers, schema, where=table.name, units_row=table.units)
+    require(found, ("time", *wanted), table, schema)
     kinds = Kinds("rows", name, 0, 3, gaps=False)
     keys = ("time", *wanted, *(["sd"] if "sd" in found else []))
     rows = read_rows(table, found, keys, kinds, slowest=_SLOWEST)

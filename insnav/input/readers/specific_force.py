@@ -58,7 +58,9 @@ def read_specific_force(
     """
     table = open_table(path)
     name = table.name
-    found, notes = understand(table.headers, table.units, SPECIFIC_FORCE_SCHEMA, columns=columns, where=name)
+    found, notes = understand(
+        table.headers, table.units, SPECIFIC_FORCE_SCHEMA, columns=columns, parts=table.parts, where=name
+    )
     _check_clock(found, sample_rate, table)
     chosen = _chosen(found, axes, table)
     columns_of = {"time": found["time"]} if sample_rate is None else {}
@@ -94,7 +96,7 @@ def read_specific_force(
 def _check_clock(found: Mapping[str, Found], sample_rate: float | None, table: Table) -> None:
     """Refuse a file without times, and one with times if the rate of the samples is given too."""
     if sample_rate is None:
-        require(found, ("time",), table.headers, SPECIFIC_FORCE_SCHEMA, where=table.name, hint="without_times")
+        require(found, ("time",), table, SPECIFIC_FORCE_SCHEMA, hint="without_times")
     elif "time" in found:
         values: dict[str, Any] = {"column": found["time"].header, "file": table.name}
         raise ConfigError("input.rate_beside_times", where="--sample-rate", **values)
@@ -108,7 +110,7 @@ def _chosen(found: Mapping[str, Found], axes: LevelAxes | None, table: Table) ->
             headers = tuple(found[key].header for key in plain)
             raise InputError("input.level_axes_unclear", where=table.name, headers=headers)
         return dict(zip(_ORDER[axes], plain, strict=True))
-    require(found, ("f_north", "f_east"), table.headers, SPECIFIC_FORCE_SCHEMA, where=table.name, units_row=table.units)
+    require(found, ("f_north", "f_east"), table, SPECIFIC_FORCE_SCHEMA)
     if "f_up" in found and "f_down" in found:
         headers = found["f_up"].header, found["f_down"].header
         raise InputError("input.two_vertical", where=table.name, headers=headers)

@@ -77,7 +77,7 @@ def read_bench(
     wanted = [
         other if key not in found and (other := (alternatives or {}).get(key, key)) in found else key for key in needed
     ]
-    require(found, wanted, table.headers, schema, where=table.name, units_row=table.units)
+    require(found, wanted, table, schema)
     for item in found.values():
         if item.unit is None and item.quantity.dimension:
             raise InputError("lab.no_unit", where=table.name, column=item.header, name=item.quantity.name)

@@ -15,7 +15,7 @@ from insnav.imu.model import ImuErrors
 from insnav.imu.raw_outputs import RawScale
 from insnav.input.formats.table import Table
 from insnav.input.interpret.axes import axes_matrix
-from insnav.input.readers.imu import read_counts, read_imu
+from insnav.input.readers.imu import read_imu
 from insnav.input.readers.reading import Reading, ReadingFacts
 from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, badly_conditioned, few, warming
 from insnav.lab.multi_position.many_positions import PosesCalibration, calibrate_poses
@@ -47,8 +47,6 @@ def read(files: Sequence[str | Path | Table], how: BenchOptions) -> Reading[ImuD
         raise ConfigError("lab.counts_have_no_units", where="--counts")
     if not 0.5 * np.pi <= how.turn <= 200.0 * np.pi:
         raise ConfigError("lab.turn_angle", where="--turn", turn_rad=how.turn)
-    if how.counts:
-        return read_counts(files[0], axes=how.axes, columns=how.columns)
     return read_imu(
         files[0],
         axes=how.axes or "FRD",  # a bench record shows any side up: axes are not inferred from it
@@ -56,6 +54,7 @@ def read(files: Sequence[str | Path | Table], how: BenchOptions) -> Reading[ImuD
         units=how.units,
         sampling=cast("Sampling | None", how.sampling),
         stamp=cast("Stamp | None", how.stamp),
+        bench="counts" if how.counts else None,
     )
 
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -36,7 +36,7 @@ from insnav.lab.noise.allan import (
 )
 from insnav.lab.noise.noise_model import B_FACTOR, NoiseModel, evaluated, fit_noise
 from insnav.lab.noise.sinusoids import SEEN, Sinusoid, find_sinusoids
-from insnav.types import FloatArray, ImuData
+from insnav.types import BoolArray, FloatArray, ImuData
 from insnav.units import DEG
 
 PEAK_TIME = 1.8926  # of the Gauss-Markov Allan deviation, in correlation times
@@ -239,16 +239,31 @@ def static_noise(
 
     Raises: InputError: the record is too short, or not at rest; ConfigError: averaging times that it does not hold.
     """
-    record = even_record(imu)
+    values = np.hstack([imu.gyro, imu.accel])
+    absent: BoolArray = np.asarray(np.isnan(values).all(axis=0))  # sensors that the record does not have
+    there = np.flatnonzero(~absent)
+    stand_in = [next((k for k in (i, *there) if not absent[k] and k // 3 == i // 3), i) for i in range(6)]
+    still, filled = (
+        replace(imu, gyro=np.where(absent[:3], fill, imu.gyro), accel=np.where(absent[3:], fill, imu.accel))
+        for fill in (0.0, values[:, there[:1]])
+    )
+    record = even_record(still)
     _refuse_motion(record)
     found = signal_noise(record.values, record.interval, taus, workers=workers, progress=progress)
     at_fit = tuple(
         None if m is None else evaluated(replace(m, sinusoids=()), found.fitted, i) for i, m in enumerate(found.models)
     )
     floors = tuple(None if m is None else floor_of(found.fitted, i, m) for i, m in enumerate(at_fit))
-    spec, notes = imu_spec(found.fitted, at_fit, name, source)
-    warnings = (*record.notes, *_of_record(imu, record), *_of_models(found.models, floors, record))
-    return StaticNoise(found.allan, found.models, floors, spec, notes, warnings)
+    fitted = replace(found.fitted, deviation=found.fitted.deviation[:, stand_in])
+    spec, notes = imu_spec(fitted, tuple(at_fit[i] for i in stand_in), name, source)
+    missing = {axis: AXES[i] for axis, i, none in zip(AXES, stand_in, absent, strict=True) if none}
+    replaced = [axis for axis, other in missing.items() if axis != other]
+    others = {"others": tuple(dict.fromkeys(missing[axis] for axis in replaced))}
+    notes = (*(each for each in notes if each.subject not in missing), *_of_axes(Code.ALLAN_ALIKE, replaced, **others))
+    warnings = (*record.notes, *_of_record(filled, record), *_of_models(found.models, floors, record, missing))
+    warnings = tuple(each for each in warnings if each.subject not in missing)
+    shown = replace(found.allan, deviation=np.where(absent, np.nan, found.allan.deviation))
+    return StaticNoise(shown, found.models, floors, spec, notes, warnings)
 
 
 def _refuse_motion(record: EvenRecord) -> None:
@@ -289,16 +304,16 @@ def _of_record(imu: ImuData, record: EvenRecord) -> list[Finding]:
 
 
 def _of_models(
-    models: tuple[NoiseModel | None, ...], floors: tuple[Floor | None, ...], record: EvenRecord
+    models: tuple[NoiseModel | None, ...], floors: tuple[Floor | None, ...], record: EvenRecord, missing: Container[str]
 ) -> list[Finding]:
-    """Find what the models do not describe, or the record does not show."""
+    """Find what the models do not describe, or the record does not show of the sensors that are not `missing`."""
     short = [AXES[i] for i, floor in enumerate(floors) if floor is not None and not floor.reached]
     known = {axis: model for axis, model in zip(AXES, models, strict=True) if model is not None}
     misfit = {axis: 0.5 * model.misfit for axis, model in known.items() if model.misfit > MISFIT}
     ramps = [axis for axis, model in known.items() if "R" in model.coefficients]
     warnings = [
         *_of_axes(Code.ALLAN_SHORT, short, length_s=record.length),
-        *_of_axes(Code.ALLAN_SILENT, [axis for axis in AXES if axis not in known]),
+        *_of_axes(Code.ALLAN_SILENT, [axis for axis in AXES if axis not in known and axis not in missing]),
         *_of_axes(Code.ALLAN_MISFIT, misfit, share=tuple(misfit.values()), limit_share=0.5 * MISFIT),
     ]
     for axes, unit in ((AXES[:3], "rad_s"), (AXES[3:], "m_s2")):

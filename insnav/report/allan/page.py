@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from insnav.imu import to_toml
+from insnav.imu import to_kalibr, to_toml
 from insnav.lab.noise.allan import AXES, AllanDeviation
 from insnav.lab.noise.noise_model import NoiseModel
 from insnav.lab.noise.static_noise import KEYS, SignalNoise, StaticNoise
@@ -22,7 +22,7 @@ from insnav.result import Result
 from insnav.types import FloatArray
 from insnav.units import M_S_PER_SQRT_H, UG, UNITS
 
-IMU_TOML, DEVIATIONS = "imu.toml", "allan.csv"
+IMU_TOML, IMU_YAML, DEVIATIONS = "imu.toml", "imu.yaml", "allan.csv"
 _TIMES = (0.01, 0.1, 1.0, 10.0, 100.0, 1000.0, 10000.0)  # of the table of deviations [s]
 _NEAR = 1.3  # a table entry stands for times this near
 
@@ -132,7 +132,9 @@ def _signal_page(found: SignalNoise) -> Page:
 def texts(result: Result[StaticNoise | SignalNoise]) -> dict[str, str]:
     """Give the deviations, and the IMU model, as texts of files."""
     found = result.found
-    model = {IMU_TOML: to_toml(found.spec)} if isinstance(found, StaticNoise) else {}
+    model = {}
+    if isinstance(found, StaticNoise):
+        model = {IMU_TOML: to_toml(found.spec), IMU_YAML: to_kalibr(found.spec, 1.0 / found.allan.interval)}
     return {DEVIATIONS: csv_text(_table(found), digits=9), **model}
 
 

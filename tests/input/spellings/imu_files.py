@@ -362,7 +362,6 @@ REFUSED: dict[str, tuple[Callable[[Path], object], str, dict[str, object], dict[
     "not in rad/s": (_units(DEG, 1.0, IMU_HEADERS), "clock.gyro_unit", {"unit": "deg/s"}, {"units": "gyro=deg/s"}),
     "left-handed": (_csv(matrix=np.diag([1.0, -1.0, 1.0])), "mounting.left_handed", {}, None),
     "gyros inverted": (_csv(gyro=-1.0), "mounting.gyros_wrong_way", {"axes": ("x", "y", "z")}, None),
-    "accelerometers inverted": (_csv(accel=-1.0), "mounting.accelerometers_inverted", {}, None),
     "increments named rates": (_increments(SHORT), "columns.accel_increments", {}, {"sampling": "increment"}),
     "two times a gyro": (_csv("time,gx,gx,gz,ax,ay,az"), "columns.header_twice", {"column": "gx"}, None),
     "unknown names": (

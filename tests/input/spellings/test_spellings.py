@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import insnav
-from insnav.exceptions import InsnavError
+from insnav.exceptions import InputError, InsnavError
+from insnav.findings import Code
 from insnav.input.interpret.overlap import epoch_offset, overlap
 from insnav.messages import sentence
 from insnav.session.read import read as readings
@@ -72,6 +73,18 @@ def test_turned_sensors(name, tmp_path, plain):
     *_, note = (note for note in read.notes if note.get("axes"))  # the last says what to give in all
     assert note["axes"] in sentence(note)
     _samples_are_those_of_the_drive(insnav.load(imu, plain[1], axes=note["axes"]).imu.data, tolerance=0.15)
+
+
+def test_accelerometers_with_the_opposite_sign_of_the_specific_force(tmp_path, plain):
+    imu = table(tmp_path / "imu.csv", samples(imu_files.SHORT, accel=-1.0))
+    read = insnav.load(imu, plain[1])
+    (changed,) = (note for note in read.notes if note.code is Code.AXES_ACCEL_REVERSED)
+    assert changed["windows"] > 20
+    _samples_are_those_of_the_drive(read.imu.data)
+    _samples_are_those_of_the_drive(insnav.load(imu, plain[1], accel_sign="minus-force").imu.data)
+    with refused(InputError, "mounting.accelerometers_inverted") as caught:
+        insnav.load(imu, plain[1], accel_sign="force")
+    assert caught.value.gives == {"accel_sign": "minus-force"}
 
 
 @pytest.mark.parametrize("name", gps_files.UNDERSTOOD)

@@ -1,0 +1,164 @@
+"""Tables as the tools of practitioners write them: several time columns, several sensors, units nobody needs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from insnav.exceptions import InputError
+from insnav.findings import Code
+from insnav.input import read_gps, read_imu
+from tests.input.files import IMU_HEADER, fixes, noted, rolling
+from tests.refusals import refused
+
+START = 1_711_483_461.5  # [s]
+
+
+def _table(path: Path, header: str, rows: np.ndarray, formats: str) -> Path:
+    lines = [",".join(form % value for form, value in zip(formats.split(), row, strict=True)) for row in rows]
+    path.write_text("\n".join([header, *lines, ""]))
+    return path
+
+
+def _stamped(rows: np.ndarray, late: float) -> np.ndarray:
+    """Rows with a time of arrival, whole seconds and nanoseconds in front, as bagpy writes them."""
+    seconds = np.floor(rows[:, 0])
+    return np.column_stack([rows[:, 0] + late, seconds, np.round((rows[:, 0] - seconds) * 1e9), rows[:, 1:]])
+
+
+def test_seconds_and_nanoseconds_of_the_sensor_come_before_the_time_of_arrival(tmp_path):
+    names = "Time,header.stamp.secs,header.stamp.nsecs"
+    imu = _stamped(rolling(start=START), 0.02)
+    path = _table(tmp_path / "imu.csv", IMU_HEADER.replace("time_s", names), imu, "%.6f %d %d " + "%.6f " * 6)
+    reading = read_imu(path)
+    assert reading.data.time[:2] == pytest.approx([START, START + 0.01], abs=1e-6)
+    (pair,) = noted(reading, Code.TIME_TWO_COLUMNS)
+    assert pair["columns"] == ("header.stamp.secs", "header.stamp.nsecs")
+    (other,) = noted(reading, Code.COLUMNS_TWICE)
+    assert other["column"] == "Time"
+    named = read_imu(path, columns={"time_s": "Time"})
+    assert named.data.time[0] == pytest.approx(START + 0.02, abs=1e-6)
+    assert not noted(named, Code.TIME_TWO_COLUMNS)
+
+
+def test_fixes_have_their_time_in_two_columns_too(tmp_path):
+    path = _table(
+        tmp_path / "gps.csv",
+        "Unix Time,Microseconds,latitude,longitude,altitude",
+        np.array([[1_700_000_000 + i // 2, 500_000 * (i % 2), *row[1:4]] for i, row in enumerate(fixes(20))]),
+        "%d %d %.8f %.8f %.3f",
+    )
+    reading = read_gps(path)
+    assert np.diff(reading.data.time) == pytest.approx(0.5)
+    assert reading.data.time[1] == 1_700_000_000.5
+
+
+@pytest.mark.parametrize(("tick", "rate"), [(1e-4, 100.0), (1e-6, 60.0)])
+def test_the_counter_of_samples_is_in_the_ticks_that_an_imu_can_have(tmp_path, tick, rate):
+    imu = rolling(rate=rate)
+    imu[:, 0] = np.round((imu[:, 0]) / tick)
+    header = "SampleTimeFine,Gyr_X,Gyr_Y,Gyr_Z,Acc_X,Acc_Y,Acc_Z"
+    path = _table(tmp_path / "imu.csv", header, imu, "%d " + "%.6f " * 6)
+    assert read_imu(path).facts.rate_hz == pytest.approx(rate, rel=0.01)
+    named = read_imu(path, columns={"time_us": "SampleTimeFine"})
+    assert named.facts.rate_hz == pytest.approx(1e6 * tick * rate, rel=0.01)
+
+
+def test_of_sensors_that_write_by_turns_the_first_is_read(tmp_path):
+    first = rolling(n=600)
+    second = first + np.array([0.0, 0.1, 0.0, 0.0, 0.3, 0.0, 0.0])
+    both = np.insert(np.stack([first, second], axis=1).reshape(1200, 7), 1, np.tile([0, 1], 600), axis=1)
+    header = IMU_HEADER.replace("time_s", "time_s,I")
+    reading = read_imu(_table(tmp_path / "imu.csv", header, both, "%.3f %d " + "%.6f " * 6))
+    np.testing.assert_allclose(reading.data.gyro, first[:, 1:4], atol=1e-6)
+    (instance,) = noted(reading, Code.READ_ROWS_INSTANCE)
+    assert (instance["column"], instance["count"], instance["number"]) == ("I", 2, 0.0)
+
+
+def test_an_unknown_unit_refuses_only_a_column_that_is_needed(tmp_path):
+    imu = np.column_stack([rolling(n=600), np.full(600, 25.0)])
+    reading = read_imu(_table(tmp_path / "imu.csv", f"{IMU_HEADER},temperature [%]", imu, "%.6f " * 8))
+    assert reading.data.temperature is None
+    (left_out,) = noted(reading, Code.COLUMNS_UNUSED)
+    assert left_out["columns"] == ("temperature [%]",)
+    gps = _table(tmp_path / "gps.csv", "time,lat,lon,height [furlong]", fixes(20)[:, :4], "%.1f %.8f %.8f %.3f")
+    with refused(InputError, "columns.unknown_unit"):
+        read_gps(gps)
+
+
+def test_the_number_of_a_message_is_no_unit_and_its_heading_of_zeros_no_heading(tmp_path):
+    header = "GPS TOW,Lat [x8103],Long [x8103],MSL Height [x8103],Horz Acc [x8103],Yaw"
+    rows = np.column_stack([fixes(20)[:, :4], np.full(20, 2.0), np.zeros(20)])
+    reading = read_gps(_table(tmp_path / "gps.csv", header, rows, "%.1f %.8f %.8f %.3f %.1f %.1f"))
+    assert reading.facts.height == "msl"
+    assert reading.data.heading is None
+
+
+@pytest.mark.parametrize(
+    ("header", "height"),
+    [
+        ("alt,epv", "msl"),
+        ("alt_ellipsoid,alt", "ellipsoidal"),
+        ("Alt,altitude system", "msl"),
+        ("alt,other", "ellipsoidal"),
+    ],
+)
+def test_heights_are_what_their_program_defines(tmp_path, header, height):
+    rows = np.column_stack([fixes(20)[:, :4], np.arange(20) + 500.0])
+    path = _table(tmp_path / "gps.csv", f"time,lat,lon,{header}", rows, "%.1f %.8f %.8f %.3f %.3f")
+    reading = read_gps(path)
+    assert reading.facts.height == height
+    assert reading.data.lla[0, 2] == 500.0
+
+
+@pytest.mark.parametrize("height", ["", ",height_m"])
+def test_samples_and_fixes_without_heights_stand_in_one_table(tmp_path, height):
+    imu = rolling(n=3000)
+    place = fixes(30)[np.repeat(np.arange(30), 100), 1:3]
+    rows = np.column_stack([imu, place])
+    lines = [",".join([f"{value:.9f}" for value in row] + [""] * bool(height)) for row in rows]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([f"{IMU_HEADER},lat_deg,lon_deg{height}", *lines, ""]))
+    reading = read_gps(path)
+    assert len(reading.data.time) == 30
+    assert noted(reading, Code.READ_HEIGHT_MISSING)
+
+
+def test_velocities_in_the_axes_of_the_vehicle_are_left_out(tmp_path):
+    angle = np.linspace(0.0, 6.0, 121)  # at 10 m/s on a circle of 200 m
+    north, east = 200.0 * np.sin(angle), 200.0 * (1.0 - np.cos(angle))
+    place = [48.0 + north / 111.2e3, 11.0 + east / (111.2e3 * np.cos(np.radians(48.0)))]
+    rows = np.column_stack([np.arange(121), *place, np.full(121, 500.0), np.full(121, 10.0), np.zeros((121, 2))])
+    header = "time_s,lat_deg,lon_deg,height_m,vn_m_s,ve_m_s,vd_m_s"
+    reading = read_gps(_table(tmp_path / "gps.csv", header, rows, "%.1f %.9f %.9f %.3f %.3f %.3f %.3f"))
+    assert np.isnan(reading.data.v_n).all()
+    (left_out,) = noted(reading, Code.READ_VELOCITY_IN_VEHICLE)
+    assert left_out["columns"] == ("vn_m_s", "ve_m_s", "vd_m_s")
+
+
+@pytest.mark.parametrize(
+    "sentence",
+    ["$GPRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*6A", "$VNYMR,1.0,2.0,3.0*45", "B562"],
+)
+def test_raw_sentences_in_a_column_do_not_decide_the_format(tmp_path, sentence):
+    rows = [",".join([*(f"{value:.6f}" for value in row), f'"{sentence}"']) for row in rolling(n=600)]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([f"{IMU_HEADER},raw", *rows, ""]))
+    assert read_imu(path).facts.n_used == 600
+
+
+def test_columns_are_not_suggested_against_their_names(tmp_path):
+    """Of a table without latitudes, the longitudes were suggested as these, and accelerometers as positions."""
+    place = fixes(40)
+    rows = np.column_stack([place[:, 0], place[:, 2], place[:, 3], np.full(40, 9.0)])
+    path = _table(tmp_path / "gps.csv", "time,Longitude,Altitude,numSats", rows, "%.1f %.8f %.3f %.1f")
+    with refused(InputError, "columns.missing") as caught:
+        read_gps(path)
+    assert not caught.value.gives
+    rows = np.column_stack([place[:, 0], place[:, 1:4] / 50.0])
+    path = _table(tmp_path / "imu.csv", "time,X Accel,Y Accel,Z Accel", rows, "%.1f %.8f %.8f %.3f")
+    with refused(InputError, "columns.missing") as caught:
+        read_gps(path)
+    assert not caught.value.gives
