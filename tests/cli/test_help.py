@@ -8,6 +8,7 @@ import time
 
 import pytest
 
+from insnav.messages import phrase
 from tests.cli.conftest import Cli
 
 COMMANDS = ("run", "align", "compare", "tune")
@@ -68,8 +69,8 @@ def test_help_needs_no_heavy_import_and_little_time():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("run", "imu.csv", "--gp", "x"), ("No such option: --gp", "--gps", "insnav run", "cli.usage")),
-        (("compare", "run"), ("Missing --ref", "insnav compare", "cli.usage")),
+        (("run", "imu.csv", "--gp", "x"), ("cli.no_such_option", "--gp.", "--gps", "insnav run")),
+        (("compare", "run"), ("cli.missing_option", "--ref", "insnav compare")),
         (("runn",), ("No such command 'runn'", "Did you mean 'run'", "cli.usage")),
         (("run", "a", "--gps", "b", "--figures", "pdf"), ("--figures", "'pdf'", "'png'")),
         (("run", "a", "--gps", "b", "--heading", "x"), ("--heading", "number")),
@@ -113,9 +114,10 @@ def test_colour_is_for_terminals_that_want_it(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(sys, "stdout", type("Terminal", (), {"isatty": lambda self: True})())
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.delenv("NO_COLOR", raising=False)
-    assert console.coloured("good: it holds\na good one") == "\x1b[32mgood\x1b[0m: it holds\na good one"
+    good = phrase("light.good")
+    assert console.coloured(f"{good}: it holds\na good one") == f"\x1b[32m{good}\x1b[0m: it holds\na good one"
     monkeypatch.setenv("NO_COLOR", "1")
-    assert console.coloured("good: it holds") == "good: it holds"
+    assert console.coloured(f"{good}: it holds") == f"{good}: it holds"
 
 
 def test_progress_counts_what_can_be_counted():
@@ -142,7 +144,8 @@ def test_work_that_takes_long_is_named_where_there_is_no_terminal(monkeypatch, c
         stage("navigating")
         time.sleep(0.5)
     lines = capsys.readouterr().err.splitlines()
-    assert lines[0] == "insnav: navigating: 0 s so far"
+    said = phrase("terminal.so_far", stage="navigating", time_s=0.0)
+    assert lines[0] == f"insnav: {said}".rstrip()
     assert 2 <= len(lines) <= 4  # ever more rarely: after once, twice, four, eight times as long
 
 

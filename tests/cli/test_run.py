@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from insnav.findings import Code, Severity, of_families
+from insnav.messages import phrase
 from insnav.output.folder import read_facts, verify_folder
 from insnav.steps import STEPS
 from insnav.units import DEG
@@ -37,14 +38,15 @@ def test_the_summary_says_what_matters(drive: Path, cli: Cli):
     assert len(lines) <= 15
     assert "…" not in shown.out  # nothing is cut where it goes to a file
     assert shown.err == "" or "compiling the numerical kernels" in shown.err
-    assert lines[0].startswith("imu.csv: 2.15 min")
+    assert phrase("terminal.line", name="imu.csv", text="2.15 min") in lines[0]
     row = next(line for line in lines if line.strip().startswith("horizontal error RMS [m]"))
     facts = read_facts(Path("run"))
     both = [facts["smoothed"]["accuracy"], facts["accuracy"]]
     for text, each in zip(row.split()[-2:], both, strict=True):
         assert float(text) == pytest.approx(each["all"]["horizontal_m"]["rms"], rel=0.01)
         assert 0.0 < float(text) < 3.0  # fixes are good to 1.5 m a component
-    assert lines[-1] == f"files: run: run.json, {len(TABLES) - 1} other files"
+    said = phrase("terminal.files", folder="run", names="run.json", others=len(TABLES) - 1)
+    assert lines[-1] == said.rstrip()
 
 
 def test_everything_or_nothing_is_printed_as_asked(drive: Path, cli: Cli):
@@ -126,7 +128,8 @@ def test_the_folder_holds_tables_page_and_figures_on_demand(drive: Path, cli: Cl
     drawn = [f"figures/{name}.png" for name in [*FIGURES, *ERROR_FIGURES]] if how else []
     assert _files(Path("run")) == sorted([*TABLES, "report.html", *drawn])
     verify_folder(Path("run"))
-    assert "files: run: report.html," in shown.out
+    names = ["report.html", *(["figures"] if how else []), "run.json"]
+    assert phrase("terminal.files", folder="run", names=", ".join(names), others=len(TABLES) - 1) in shown.out
 
 
 def test_the_same_input_gives_the_same_bytes(drive: Path, cli: Cli):
@@ -280,6 +283,6 @@ def test_the_smoothed_solution_stands_beside_that_of_the_filter(drive: Path, cli
     rms = [part["all"]["horizontal_m"]["rms"] for part in (facts["accuracy"], facts["smoothed"]["accuracy"])]
     assert rms[1] < rms[0]
     assert facts["smoothed"]["horizontal_rms_ratio"] == pytest.approx(rms[1] / rms[0])
-    assert "smoothed  filtered" in shown.out
+    assert f"{phrase('run.smoothed')}  {phrase('run.filtered')}" in shown.out
     headers = [Path("run", name).read_text().split("\n", 1)[0] for name in ("solution.csv", "smoothed.csv")]
     assert headers[0] == headers[1]

@@ -14,7 +14,7 @@ from insnav.errors.run_findings import judged, run_warnings
 from insnav.filter.noise_estimate import NoiseFigure
 from insnav.findings import Code, Finding, Severity
 from insnav.imu import load_imu
-from insnav.messages import sentence
+from insnav.messages import form, phrase, sentence
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.numbers import number
 from insnav.report.page import Page, Section, Verdict, cell, section_tables
@@ -54,10 +54,12 @@ def test_a_few_lines_say_what_matters(navigated):
 
 def test_errors_far_within_what_is_stated_are_said_so(navigated):
     found = navigated.found
-    assert navigated.page().verdict.reason.endswith("within what is stated")
+    assert navigated.page().verdict.reason == phrase("run.good")
     careful = replace(found.errors, sd=10.0 * found.errors.sd)
     far = replace(found, errors=careful, smoothed_errors=None)
-    assert "times their size" in replace(navigated, found=far).page().verdict.reason
+    reason = replace(navigated, found=far).page().verdict.reason
+    assert reason.startswith(phrase("run.good"))
+    assert reason != phrase("run.good")
     (stated,) = [each for each in run_merits(far, "filtered") if each.key == "horizontal_sd"]
     assert stated.value == pytest.approx(10.0 * float(np.sqrt(np.mean(np.sum(found.errors.sd[:, :2] ** 2, axis=1)))))
 
@@ -124,8 +126,11 @@ def test_a_few_wild_epochs_do_not_hide_how_good_the_rest_is(driven, navigated):
     wild = errors.position * np.where(np.arange(len(errors.time)) % 50, 1.0, 300.0)[:, None]
     worse = replace(navigated, found=EvaluatedRun(run, gps, replace(errors, position=wild)))
     most = number(float(np.percentile(np.hypot(*wild[:, :2].T), 95.0)))
-    assert f"RMS filtered (95 % within {most} m)" in worse.page().verdict.sentence
-    assert "95 % within" not in navigated.page().verdict.sentence
+    size = number(float(np.sqrt(np.mean(np.sum(wild[:, :2] ** 2, axis=1)))))
+    said = phrase("run.error_size", size=size, mode=phrase("run.filtered"), most=most)
+    assert said in worse.page().verdict.sentence
+    size = number(rms(errors.horizontal))
+    assert phrase("run.error_size", size=size, mode=phrase("run.filtered")) in navigated.page().verdict.sentence
 
 
 def test_a_notebook_gets_the_tables(navigated):
@@ -156,7 +161,7 @@ def test_the_light_follows_the_harm(driven, navigated):
     errors = navigated.found.errors
     part = replace(navigated, found=EvaluatedRun(run, gps, errors.rows(slice(len(errors.time) // 4)))).page().verdict
     assert part.light == "unknown"
-    assert "covers 25 % of the drive" in part.reason
+    assert part.reason == phrase("run.part", share=0.25)
     alone = replace(navigated, found=EvaluatedRun(run, gps)).page().verdict
     assert alone.light == "unknown"
     assert "no reference" in alone.reason
@@ -177,16 +182,17 @@ def test_a_reference_that_is_late_does_not_condemn_the_solution(driven, navigate
     said = replace(navigated, found=replace(found, run=replace(run, events=(*run.events, event)))).page()
     right, wrong = (number(rms(each.horizontal)) for each in (position_errors(run.solution, true), found.errors))
     assert said.verdict.light == "attention"
-    assert said.verdict.reason.startswith("the clock of the reference is off, not the solution")
-    for words in (f"{right} m RMS", f"with -1.00 s added to the times of the reference, {wrong} m without"):
-        assert words in said.verdict.reason
-        assert words.split(" m")[0] in said.verdict.sentence
+    unmoved = phrase("run.unmoved", shift_s=-1.0, size=wrong)
+    assert said.verdict.reason == phrase("run.late_reference", size=right, unmoved=unmoved)
+    for words in (right, unmoved):
+        assert words in said.verdict.sentence
     shown = replace(run, events=(*run.events, event), gps_delay=-0.7, gps_delay_sd=0.1)  # which explains it
     of_fixes = replace(navigated, found=replace(found, run=shown)).page().verdict.reason
-    assert of_fixes.startswith("the solution has the time of the fixes, not that of samples and reference")
+    assert of_fixes == phrase("run.late_fixes", size=right, unmoved=unmoved)
     fixes = replace(run.innovations, nis_position=4.0 * run.innovations.nis_position)  # which contradict it
     wild = replace(run, events=(*run.events, event), innovations=fixes)
-    assert not replace(navigated, found=replace(found, run=wild)).page().verdict.reason.startswith("the clock")
+    contradicted = replace(navigated, found=replace(found, run=wild)).page().verdict.reason
+    assert said.verdict.reason not in contradicted
 
 
 def test_a_lever_arm_of_zero_is_an_assumption_unless_it_was_given(driven, navigated):
@@ -240,7 +246,8 @@ def test_many_rejected_fixes_are_pointed_out_and_few_are_not(driven, navigated):
     assert (many.code, many.severity) == (Code.RUN_MANY_REJECTED, WARNING)
     assert dict(many.values) == {"share": pytest.approx(0.5, abs=0.01)}
     assert "50 %" in sentence(many)
-    assert f"warning: {sentence(many)[:40]}" in result_of(bad).summary()
+    said = phrase("terminal.line", name=phrase("run.warning"), text=sentence(many))
+    assert " ".join(said.split())[:40] in " ".join(result_of(bad).summary().split())
     fixes = run.innovations
     row = np.arange(fixes.time.size) // (fixes.time.size // 5) == 2  # a fifth of the drive, whatever else is named
     event = Finding.of(Code.GATE_RECORD_POSITION, 0.0, distance_m=1.0)
@@ -327,7 +334,7 @@ def test_without_velocities_slow_errors_of_positions_are_said_to_be_believed(dri
 
 def test_the_shortest_run_is_summed_up(bare):
     text = result_of(bare).summary()
-    assert "no reference" in text
+    assert phrase("run.no_reference") in text
     assert "nan" not in text.lower().split()
 
 
@@ -358,7 +365,7 @@ def test_units_of_keys_are_put_in_brackets():
         ((row,),) = (table.rows for table in section_tables(Section("", items=(quantity_of(key, 1.0),))))
         assert row == (text, "1.00")
     assert cell(Quantity("any", ("1", "a\x1b[0m"))) == "1, a"
-    assert cell(Quantity("any", {"a": True})) == "a yes"
+    assert cell(Quantity("any", {"a": True})) == f"a {phrase('page.yes')}"
 
 
 def test_fixes_that_gates_rejected_are_told(driven, navigated):
@@ -373,16 +380,15 @@ def test_fixes_that_gates_rejected_are_told(driven, navigated):
         for time, code in zip(fixes.time[rows], kinds, strict=True)
     ]
     other = replace(run, innovations=replace(fixes, innovation=innovation), events=tuple(events), lever_sd=np.zeros(3))
-    (said,) = [
-        line for line in brief_lines(navigated.page(), EvaluatedRun(other, gps), None) if line.startswith("found")
-    ]
+    text = "\n".join(brief_lines(navigated.page(), EvaluatedRun(other, gps), None))
     known = np.isfinite(innovation[:, [0, 3]]).sum(axis=0)
-    assert f"1 of {known[0]} positions, up to {number(20.0)} m off, rejected" in said
-    assert f"2 of {known[1]} velocities, up to {number(5.0)} m/s off, rejected" in said
+    positions = phrase("run.rejected_positions", count=1, total=int(known[0]), most=f"{number(20.0)} m")
+    velocities = phrase("run.rejected_velocities", count=2, total=int(known[1]), most=f"{number(5.0)} m/s")
+    assert f"{positions}{form('parts')}{velocities}" in text
     innovation[40, 2] = 300.0  # of heights that the fixes do not have
     flat = replace(gps, lla=gps.lla * [1.0, 1.0, 0.0])
     text = "\n".join(brief_lines(navigated.page(), EvaluatedRun(other, flat), None))
-    assert f"up to {number(20.0)} m off" in text
+    assert positions in text
 
 
 def test_what_went_wrong_somewhere_is_told_before_remarks_on_the_whole(driven):

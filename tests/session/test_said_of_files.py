@@ -14,7 +14,7 @@ from insnav.exceptions import InputError
 from insnav.findings import Code, Severity, of_code
 from insnav.input.interpret.overlap import named_offset
 from insnav.input.readers.reading import not_covered
-from insnav.messages import sentence
+from insnav.messages import phrase, sentence
 from insnav.units import DEG
 from tests.filter.test_gyro_fault import off
 from tests.input.files import noted
@@ -168,7 +168,7 @@ def test_two_epochs_of_a_reference_decide_nothing():
     truth = drive.reference.data
     two = truth.rows(np.array([len(truth.time) // 2, len(truth.time) - 5]))
     told = " ".join(insnav.load(drive.imu.data, drive.gps.data, ref=two).navigate().summary().split())
-    assert "the reference has 2 epochs within the drive, which tell little" in told
+    assert phrase("run.few_epochs", count=2) in told
 
 
 @pytest.mark.parametrize(
