@@ -11,8 +11,7 @@ from insnav.alignment.static import LONG_REST
 from insnav.attitude import dcm_from_quat, dcm_from_rph, quat_from_rph
 from insnav.exceptions import InputError
 from insnav.filter.engine import Engine
-from insnav.filter.error_model import ErrorModel, FilterState, InitialState
-from insnav.filter.parts import Across
+from insnav.filter.error_model import Across, ErrorModel, FilterState, InitialState
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import History
 from insnav.filter.state_layout import cross_covariance, layout, reset_correlated, set_to_fix
@@ -200,7 +199,7 @@ class Estimate:
     def go_on(self, start: InitialState, span: float) -> None:
         """Go on after a gap of `span` seconds: position, velocity and attitude from a new alignment.
 
-        Sensor errors, delay and lever arm stay, but for what fades; see `insnav.filter.parts`.
+        Sensor errors, delay and lever arm stay, but for what fades; see `insnav.filter.error_model`.
         """
         n, sensors, across = self.at.states, slice(NAV, STATES), Across.of(start)
         phi, q = np.eye(n), np.zeros((n, n))

@@ -17,10 +17,9 @@ from insnav.alignment.static import stays
 from insnav.exceptions import ConfigError
 from insnav.filter import gates as gate
 from insnav.filter.aiding_updates import AidingUpdates
-from insnav.filter.error_model import ErrorModel, FilterState, InitialState
+from insnav.filter.error_model import ErrorModel, FilterState, InitialState, Part
 from insnav.filter.estimate import Estimate
 from insnav.filter.gps_noise import LAG_WORTH
-from insnav.filter.parts import Part
 from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import History

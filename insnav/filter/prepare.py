@@ -14,7 +14,16 @@ from insnav.alignment.align import LEVEL_SPAN
 from insnav.alignment.false_fixes import away, count_false_start, without_false_motion
 from insnav.alignment.static import LONG_REST
 from insnav.exceptions import AlignmentError, InputError
-from insnav.filter.error_model import ErrorModel, InitialState, error_model, initial_state
+from insnav.filter.error_model import (
+    LONGEST_GAP,
+    SHORTEST,
+    ErrorModel,
+    InitialState,
+    Part,
+    error_model,
+    initial_state,
+    spans,
+)
 from insnav.filter.frozen import without_frozen
 from insnav.filter.gates import Gates, pass_quality
 from insnav.filter.gps_correlation import correlated_noise
@@ -22,7 +31,6 @@ from insnav.filter.gps_noise import LAG_WORTH, OPEN_HEIGHT, name_lag, velocity_l
 from insnav.filter.measurements.height import HeightAiding
 from insnav.filter.navigator import Navigator
 from insnav.filter.noise_estimate import NoiseEstimate, start_by
-from insnav.filter.parts import LONGEST_GAP, SHORTEST, Part, spans
 from insnav.filter.settings import FilterSettings
 from insnav.findings import Code, Finding
 from insnav.imu.health import inspect

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from insnav.imu.higher_order import ErrorTerms
 from insnav.imu.model import ImuErrors, correct, corrupt, sample_errors, sample_intervals
-from insnav.imu.presets import PRESETS
-from insnav.imu.specification import ClockSpec, ImuSpec, InitialSpec, SensorSpec
+from insnav.imu.specification import PRESETS, ClockSpec, ImuSpec, InitialSpec, SensorSpec
 
 if TYPE_CHECKING:
     from insnav.imu.calibration_file import calibration_to_toml, load_calibration

@@ -36,8 +36,7 @@ from insnav.config_file import (
 )
 from insnav.exceptions import ConfigError
 from insnav.imu.error_terms import Sensor, terms_of
-from insnav.imu.presets import FOLDER, PRESETS
-from insnav.imu.specification import ClockSpec, ImuSpec, InitialSpec, SensorSpec
+from insnav.imu.specification import FOLDER, PRESETS, ClockSpec, ImuSpec, InitialSpec, SensorSpec
 from insnav.units import UNITS
 
 if TYPE_CHECKING:  # a run that is given no part reads no file of one
@@ -115,8 +114,7 @@ def load_imu(preset_or_path: str) -> ImuSpec:
     Parameters
     ----------
     preset_or_path : str
-        Name of a preset (see `insnav.imu.presets`) or of a real part (see `insnav.imu.library`), or path of an IMU
-        file.
+        Name of a preset, or of a real part (see `insnav.imu.library`), or path of an IMU file.
 
     Returns
     -------

@@ -67,7 +67,7 @@ class Part:
 
     name: str
     maker: str
-    grade: str  # class it belongs to; see `insnav.imu.presets`
+    grade: str  # class it belongs to; see `insnav.imu.specification`
     temperature: str  # operating range as stated; empty if unknown
     note: str  # what is doubtful, or left out
     figures: tuple[Figure, ...]

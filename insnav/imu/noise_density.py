@@ -19,8 +19,7 @@ from insnav import spill
 from insnav.earth import OMEGA_EARTH
 from insnav.exceptions import InputError
 from insnav.imu.model import sample_intervals
-from insnav.imu.presets import PRESETS
-from insnav.imu.specification import ImuSpec, SensorSpec
+from insnav.imu.specification import PRESETS, ImuSpec, SensorSpec
 from insnav.types import FloatArray, ImuData
 from insnav.units import DEG_PER_H, DEG_PER_SQRT_H, M_S_PER_SQRT_H
 

@@ -109,9 +109,10 @@ class RunFolder:
         self._committing = self._committed = False
 
     def __enter__(self) -> Self:
+        for name in self.target.parts:
+            if (size := len(os.fsencode(name))) > _LONGEST_NAME:
+                raise OutputError("output.long_name", where=plain_text(name)[:60] + "…", size=size, limit=_LONGEST_NAME)
         self._place = resolved(self.target)
-        for name in self._place.parts:
-            _check_name(name)
         with contextlib.suppress(OSError):
             _clean_stale(self._place)
         _check_target(self._place, force=self.force)
@@ -232,13 +233,6 @@ def resolved(target: Path) -> Path:
         return target.resolve()
     except (OSError, RuntimeError) as error:
         raise OutputError("output.no_place", where=str(target), reason=reason_of(error)) from error
-
-
-def _check_name(name: str) -> None:
-    if len(os.fsencode(name)) > _LONGEST_NAME:
-        raise OutputError(
-            "output.long_name", where=plain_text(name)[:60] + "…", size=len(os.fsencode(name)), limit=_LONGEST_NAME
-        )
 
 
 def _check_target(place: Path, *, force: bool) -> None:

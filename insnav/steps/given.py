@@ -18,8 +18,7 @@ from insnav.filter.settings import FilterSettings
 from insnav.findings import Code, Finding
 from insnav.imu import load_imu
 from insnav.imu.imu_file import part_of
-from insnav.imu.presets import PRESETS
-from insnav.imu.specification import ImuSpec
+from insnav.imu.specification import PRESETS, ImuSpec
 from insnav.steps import Estimate, Model, Recording
 from insnav.steps.inputs import INPUTS, LOGS, Inputs
 from insnav.types import FloatArray, Trajectory

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from insnav import spill
-from insnav.alignment.clock_offset import ClockOffset, Unlike, find_clock_offset, likeness
-from insnav.alignment.turn_scale import turn_scale
+from insnav.alignment.clock_offset import ClockOffset, Unlike, find_clock_offset, likeness, turn_scale
 from insnav.exceptions import InputError
 from insnav.filter.gps_noise import LAG_WORTH, velocity_lag
 from insnav.findings import Code, Finding

@@ -9,8 +9,7 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 import insnav
-from insnav.alignment.clock_offset import STEP, Unlike, _best_lag, _compared, find_clock_offset, likeness
-from insnav.alignment.turn_scale import turn_scale
+from insnav.alignment.clock_offset import STEP, Unlike, _best_lag, _compared, find_clock_offset, likeness, turn_scale
 from insnav.attitude import dcm_from_rph
 from insnav.earth import lla_offset
 from insnav.exceptions import InputError

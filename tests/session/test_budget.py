@@ -12,7 +12,7 @@ import pytest
 from insnav.errors.budget.from_windows import RecordedBudget, WindowSettings
 from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, Finding, Severity, of_code
-from insnav.imu.presets import PRESETS
+from insnav.imu.specification import PRESETS
 from insnav.messages import sentence
 from insnav.output.folder import read_facts, verify_folder
 from insnav.result import open_result

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from insnav.findings import Code, Finding
 from insnav.imu.error_terms import TERMS
 from insnav.imu.library import PROVENANCE, Figure, Part
-from insnav.imu.presets import PRESETS
+from insnav.imu.specification import PRESETS
 from insnav.messages import sentence
 from insnav.quantity import Quantity
 from insnav.report.page import DataFrame, Page, Section, one_each, only_json, rows_frame
