@@ -15,7 +15,7 @@ import pytest
 
 import insnav
 from insnav.findings import Code, Finding, Severity
-from insnav.messages import LANGUAGES, PARTS, Message, catalogue, form, language, moment, render, sentence
+from insnav.messages import LANGUAGES, PARTS, Message, catalogue, form, language, moment, phrase, render, sentence
 from insnav.units import UNITS
 from tests.cli.conftest import SAMPLE
 from tests.error_sites import error_sites
@@ -118,6 +118,13 @@ def test_each_phrase_is_used_and_each_used_phrase_is_one():
     assert whole <= known
     assert all(any(name.startswith(start) for name in known) for start in begun)
     assert {name for name in known - whole if not name.startswith(tuple(begun))} == set()
+
+
+def test_the_delay_and_the_lever_arm_of_a_run_are_in_words():
+    assert phrase("run.delay", delay_s=-0.069, sd_s=0.004) == "the fixes are 0.069 ± 0.004 s early"
+    assert phrase("run.delay", delay_s=0.069, sd_s=0.004) == "the fixes are 0.069 ± 0.004 s late"
+    assert phrase("run.on_time", sd_s=0.05) == "the fixes are on time to ± 0.050 s"
+    assert phrase("run.lever", arm=("1.00 ± 0.10", "not told")) == "lever arm x, y, z 1.00 ± 0.10, not told m"
 
 
 def test_each_language_has_the_same_forms():

@@ -14,15 +14,16 @@ from insnav.errors.run_findings import judged, run_warnings
 from insnav.filter.noise_estimate import NoiseFigure
 from insnav.findings import Code, Finding, Severity
 from insnav.imu import load_imu
-from insnav.messages import form, phrase, sentence
+from insnav.messages import form, phrase, sentence, word
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.numbers import number
 from insnav.report.page import Page, Section, Verdict, cell, section_tables
 from insnav.report.panels import Clock
-from insnav.report.run.verdict import brief_lines, run_merits
+from insnav.report.run.quantities import mean_nis
+from insnav.report.run.verdict import brief_lines, inside, run_merits
 from insnav.report.terminal import WIDTH
 from insnav.result import Result
-from insnav.sample_statistics import rms
+from insnav.sample_statistics import rms, rms_length
 from tests.report.conftest import READING, result_of, stored
 
 WARNING = Severity.WARNING
@@ -46,9 +47,11 @@ def test_a_few_lines_say_what_matters(navigated):
     assert len(lines) <= LINES
     assert max(map(len, lines)) <= WIDTH == 80
     text = "\n".join(lines)
-    for words in ("drive.csv: 10.0 min", "GPS outage of 30.0 s", "horizontal error RMS [m]", "filtered"):
+    drive = phrase("terminal.line", name="drive.csv", text="10.0 min")
+    figure = f"{phrase('run.error_of', part=word('horizontal'))} [m]"
+    for words in (drive, phrase("run.outages", count=1, longest="30.0 s"), figure, phrase("run.filtered")):
         assert words in text
-    row = next(line for line in lines if line.strip().startswith("horizontal error RMS [m]"))
+    row = next(line for line in lines if line.strip().startswith(figure))
     assert row.split()[-1] == number(rms(navigated.found.errors.horizontal))
 
 
@@ -147,16 +150,19 @@ def test_a_crowded_and_hostile_run_still_fits(navigated):
     assert len(lines) <= LINES
     assert max(map(len, lines)) <= WIDTH
     assert not any("\x1b" in line for line in lines)
-    assert sum("of 50)" in line for line in lines) == 2
+    for name in ("warning", "assumed"):
+        first = tuple(phrase("terminal.first_of", name=phrase(f"run.{name}"), most=k, count=50) for k in range(1, 7))
+        assert sum(line.startswith(first) for line in lines) == 1
 
 
 def test_the_light_follows_the_harm(driven, navigated):
     assert navigated.page().verdict.light == "good"
     run, gps, true = driven
     few = replace(run, solution=replace(run.solution, sd=0.1 * run.solution.sd))
-    bad = seen(navigated, EvaluatedRun(few, gps, position_errors(few.solution, true)))
+    wrong = position_errors(few.solution, true)
+    bad = seen(navigated, EvaluatedRun(few, gps, wrong))
     assert bad.verdict.light == "bad"
-    assert "does not hold" in bad.verdict.sentence
+    assert phrase("run.sd_fails", share=inside(wrong)) in bad.verdict.sentence
     assert bad.warnings
     errors = navigated.found.errors
     part = replace(navigated, found=EvaluatedRun(run, gps, errors.rows(slice(len(errors.time) // 4)))).page().verdict
@@ -164,13 +170,15 @@ def test_the_light_follows_the_harm(driven, navigated):
     assert part.reason == phrase("run.part", share=0.25)
     alone = replace(navigated, found=EvaluatedRun(run, gps)).page().verdict
     assert alone.light == "unknown"
-    assert "no reference" in alone.reason
-    assert "not known" in alone.sentence
+    assert alone.reason == phrase("run.agree", nis=number(mean_nis(run)))
+    size = phrase("run.sd_size", size=number(rms_length(run.solution.sd[:, :2])), mode=phrase("run.filtered"))
+    assert alone.sentence == phrase("run.sd", sizes=(size,))
     fixes = run.innovations
     wild = replace(fixes, nis_position=4.0 * fixes.nis_position, nis_velocity=4.0 * fixes.nis_velocity)
-    doubtful = replace(navigated, found=EvaluatedRun(replace(run, innovations=wild), gps)).page().verdict
+    scattered = replace(run, innovations=wild)
+    doubtful = replace(navigated, found=EvaluatedRun(scattered, gps)).page().verdict
     assert doubtful.light == "attention"
-    assert "scatter more" in doubtful.reason
+    assert doubtful.reason == phrase("run.scatter_more", nis=number(mean_nis(scattered)))
 
 
 def test_a_reference_that_is_late_does_not_condemn_the_solution(driven, navigated):
@@ -212,19 +220,25 @@ def test_what_was_not_given_is_said_as_the_drive_shows_it(driven, navigated):
     page = navigated.page()
     notes = Finding.of(Code.IMU_CLOCK_RATE, rate=292e-6), Finding.of(Code.REF_NOT_FIXED, count=3), stored("other")
     lines = brief_lines(replace(page, findings=notes), EvaluatedRun(shown, gps), None)
-    (said,) = [line for line in lines if line.startswith("found")]
-    assert "the fixes are 0.069 ± 0.004 s early; lever arm x, y, z 1.00 ± 0.10, 0.00 ± 0.02, -0.50 ± 0.01 m" in said
-    assert f"corrected: {sentence(notes[0])}" in lines
+    sure, doubtful = (phrase("terminal.line", name=phrase(f"run.{x}estimates"), text="") for x in ("", "doubtful_"))
+    early = phrase("run.delay", delay_s=-0.069, sd_s=0.004)
+    lever = phrase("run.lever", arm=("1.00 ± 0.10", "0.00 ± 0.02", "-0.50 ± 0.01"))
+    (said,) = [line for line in lines if line.startswith((sure, doubtful))]
+    assert said.endswith(f"{early}{form('parts')}{lever}")
+    assert phrase("terminal.line", name=phrase("run.corrected"), text=sentence(notes[0])) in lines
     bad = replace(page, verdict=Verdict("bad", "the errors are larger than stated", ""))
-    assert any(line.startswith("found (doubtful") for line in brief_lines(bad, EvaluatedRun(shown, gps), None))
+    assert any(line.startswith(doubtful) for line in brief_lines(bad, EvaluatedRun(shown, gps), None))
     wrong = replace(shown, events=(*shown.events, Finding.of(Code.REF_GEOID, subject="ref", height_m=47.0)))
-    assert not any(line.startswith("found (doubtful") for line in brief_lines(bad, EvaluatedRun(wrong, gps), None))
+    assert not any(line.startswith(doubtful) for line in brief_lines(bad, EvaluatedRun(wrong, gps), None))
     untold = EvaluatedRun(replace(shown, lever_sd=np.full(3, 9.0)), gps)
-    assert any(line.endswith("early; lever arm not told") for line in brief_lines(page, untold, None))
+    unknown = f"{early}{form('parts')}{phrase('run.unknown_lever')}"
+    assert any(line.endswith(unknown) for line in brief_lines(page, untold, None))
     unsure = replace(shown, gps_delay_sd=0.05)
-    assert any("on time to ± 0.050 s; lever" in line for line in brief_lines(page, EvaluatedRun(unsure, gps), None))
+    on_time = f"{phrase('run.on_time', sd_s=0.05)}{form('parts')}{lever}"
+    assert any(on_time in line for line in brief_lines(page, EvaluatedRun(unsure, gps), None))
     given = replace(run, gps_delay_sd=0.0, lever_sd=np.zeros(3), events=())
-    assert not any(line.startswith("found") for line in brief_lines(navigated.page(), EvaluatedRun(given, gps)))
+    untouched = brief_lines(navigated.page(), EvaluatedRun(given, gps))
+    assert not any(line.startswith((sure, doubtful)) for line in untouched)
 
 
 def test_standard_deviations_that_were_assumed_are_listed(navigated):
