@@ -6,10 +6,13 @@ import re
 from dataclasses import replace
 from html.parser import HTMLParser
 
+import numpy as np
 import pytest
 
+from insnav.messages import phrase
 from insnav.plain_text import plain_text
 from insnav.report.html import page_html
+from insnav.report.numbers import number
 from insnav.report.page import Section
 from tests.report.conftest import result_of, stored
 
@@ -62,8 +65,12 @@ def test_the_page_shows_accuracy_figures_and_every_section(navigated, tmp_path):
     dom = Dom(html_of(navigated, tmp_path))
     assert dom.open == []
     text = " ".join(" ".join(dom.text).split())
+    size = navigated.found.errors.horizontal
+    cep50, r95, most = (number(np.percentile(size, share)) for share in (50.0, 95.0, 100.0))
+    values = {"mode": phrase("run.filtered"), "reference": navigated.inputs["reference"].path, "count": len(size)}
+    circles = phrase("run.circles", cep50=cep50, r95=r95, most=most, **values)
     for words in (
-        "CEP50",
+        " ".join(circles.split()),
         "horizontal [m]",
         "drive.csv",
         "gravity is 9.81 at rest",
@@ -75,7 +82,8 @@ def test_the_page_shows_accuracy_figures_and_every_section(navigated, tmp_path):
     drawn = [attrs["id"] for tag, attrs in dom.elements if tag == "figure"]
     assert drawn[:4] == ["track", "position_error", "velocity_error", "attitude_error"]
     assert {"innovations_position", "nis", "gyro_bias", "speed", "height", "heading", "events"} <= set(drawn)
-    order = [text.index(words) for words in ("Horizontal error", "Track", "all RMS", "GPS fixes", "Inputs", "Options")]
+    first = " ".join(navigated.page().verdict.sentence.split())
+    order = [text.index(words) for words in (first, "Track", "all RMS", "GPS fixes", "Inputs", "Options")]
     assert order == sorted(order)
 
 
@@ -131,4 +139,4 @@ def test_nothing_is_fetched_and_no_foreign_script_runs(navigated, tmp_path):
 
 def test_a_page_of_the_shortest_run_says_so(bare, tmp_path):
     dom = Dom(html_of(result_of(bare), tmp_path))
-    assert "there is no reference" in " ".join(dom.text)
+    assert phrase("run.no_sd") in " ".join(dom.text)
