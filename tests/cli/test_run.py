@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from insnav.findings import Code, Severity, of_families
-from insnav.messages import phrase
+from insnav.messages import phrase, word
 from insnav.output.folder import read_facts, verify_folder
 from insnav.steps import STEPS
 from insnav.units import DEG
@@ -39,7 +39,8 @@ def test_the_summary_says_what_matters(drive: Path, cli: Cli):
     assert "…" not in shown.out  # nothing is cut where it goes to a file
     assert shown.err == "" or "compiling the numerical kernels" in shown.err
     assert phrase("terminal.line", name="imu.csv", text="2.15 min") in lines[0]
-    row = next(line for line in lines if line.strip().startswith("horizontal error RMS [m]"))
+    figure = f"{phrase('run.error_of', part=word('horizontal'))} [m]"
+    row = next(line for line in lines if line.strip().startswith(figure))
     facts = read_facts(Path("run"))
     both = [facts["smoothed"]["accuracy"], facts["accuracy"]]
     for text, each in zip(row.split()[-2:], both, strict=True):
@@ -61,8 +62,9 @@ def test_everything_or_nothing_is_printed_as_asked(drive: Path, cli: Cli):
 def test_the_log_says_how_the_files_were_understood_and_no_more(drive: Path, cli: Cli):
     every = cli("run", *WITH_REFERENCE, "-v").err.splitlines()
     names = [line.split(":")[1].strip() for line in every if line.startswith("insnav: ")]
-    assert names == ["IMU", "GPS", "reference", "IMU model", *(f"step {step}" for step in STEPS)]
-    log = every[: next(row for row, line in enumerate(every) if line.startswith("insnav: step"))]
+    steps = [phrase("terminal.step", name=step, time_s=0.0).split(":")[0].strip() for step in STEPS]
+    assert names == ["IMU", "GPS", "reference", "IMU model", *steps]
+    log = every[: next(row for row, line in enumerate(every) if steps[0] in line)]
     text = " ".join(log)
     inputs = read_facts(Path("run"))["input"]
     imu, gps, _ = (findings_of({"findings": each["evidence"]}) for each in inputs.values())
