@@ -25,9 +25,10 @@ def test_folder_and_table(drive: Path, cli: Cli):
     assert 'id="outage_horizontal"' in Path("outage/report.html").read_text(encoding="utf-8")
     assert "predicted" in shown.out
     judged = facts["verdict"]
-    assert f"{phrase('light.' + judged['light'])}: {judged['reason']}" in shown.out
+    said = phrase("terminal.line", name=phrase(f"light.{judged['light']}"), text=judged["reason"])
+    assert said in shown.out
     again = cli("report", "outage")
-    assert f"{phrase('light.' + judged['light'])}: {judged['reason']}" in again.out
+    assert said in again.out
     assert "workers" not in facts["configuration"]
 
 

@@ -13,7 +13,7 @@ from insnav.errors.outage.gnss_outage import OutageStudy
 from insnav.errors.outage.statistics import outage_growth
 from insnav.errors.run_findings import judged
 from insnav.findings import Code, Finding, Severity
-from insnav.messages import render, sentence
+from insnav.messages import phrase, render, sentence
 from insnav.report.numbers import number
 from insnav.report.page import Page, section_tables
 from insnav.report.run_json import page_facts
@@ -118,7 +118,7 @@ def test_what_a_run_warns_of_is_said(tmp_path: Path, bare):
         assert [each for each in page.findings if each.severity is Severity.WARNING] == [gyro, late, lost]
         assert page.warnings == tuple(map(sentence, (gyro, late, lost)))
         assert page.verdict.light == "attention"
-        assert page.verdict.reason == f"{render(gyro).title} (and 2 more)"
+        assert page.verdict.reason == phrase("page.more_warnings", title=render(gyro).title, count=2)
 
 
 def test_shares_inside_stand_in_order():

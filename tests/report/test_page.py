@@ -10,6 +10,7 @@ import pytest
 
 from insnav.exceptions import ConfigError
 from insnav.findings import Severity
+from insnav.messages import phrase
 from insnav.output.folder import RunFolder, verify_folder
 from insnav.quantity import Quantity
 from insnav.report.figures import blank
@@ -50,8 +51,7 @@ def test_terminal_shows_every_text_and_lines_numbers_up() -> None:
     rows = [line for line in lines if line.endswith(("0.1957", "-12.50"))]
     assert len(rows) == 2
     assert len({len(row) for row in rows}) == 1
-    assert "Warnings" in lines
-    assert "Assumptions" in lines
+    assert {phrase("page.warnings"), phrase("page.assumptions")} <= {*lines}
 
 
 def test_a_table_that_is_too_wide_goes_on_below() -> None:

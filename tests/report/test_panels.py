@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from insnav.messages import phrase
 from insnav.report.figures import draw_drawings, drawing
 from insnav.report.html import page_fragment, page_html
 from insnav.report.panels import LINE_BINS, modes, panel_data, robust_limits
@@ -65,9 +66,10 @@ def test_only_the_scripts_of_the_page_run_and_data_cannot_end_them() -> None:
 
 def test_verdict_first_then_warnings_then_figures_of_merit() -> None:
     html = page_html(drawn.page(), {})
+    light = phrase("light.attention")
     order = [
         html.index(text)
-        for text in ("needs attention", "Horizontal error 0.148", "was not given<", "merit 5", "Drawn", "<summary>")
+        for text in (light, "Horizontal error 0.148", "was not given<", "merit 5", "Drawn", "<summary>")
     ]
     assert order == sorted(order)
     assert "panels-data" not in page_fragment(drawn.page())

@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from insnav.findings import Severity
+from insnav.messages import phrase
 from insnav.quantity import Quantity, key_suffix
 from insnav.report.html import page_fragment, page_html
 from insnav.report.page import FigureSpec, Page, Section, cell, section_tables
@@ -66,7 +67,7 @@ def test_a_page_escapes_and_needs_its_figures(tmp_path) -> None:
 def test_cells() -> None:
     assert cell(Quantity("a", None, "m")) == "–"
     assert cell(Quantity("a", float("nan"), "m")) == "–"
-    assert cell(Quantity("a", True)) == "yes"
+    assert cell(Quantity("a", True)) == phrase("page.yes")
     assert cell(Quantity("a", 8603.0, sd=4200.0)) == "8600 ± 4200"
     assert cell(Quantity("a", 0.0123456, sd=0.0001)) == "0.01235 ± 0.00010"
     assert cell(Quantity("a", 3)) == "3"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from insnav.findings import Code, Severity, of_code
-from insnav.messages import render
+from insnav.messages import phrase, render, word
 from insnav.output.folder import read_facts
 from insnav.report.save import _of_version_0_2
 from insnav.result import open_result
@@ -55,7 +55,7 @@ def test_its_figures_of_merit_are_those_of_its_tables():
     assert values["vertical"] == pytest.approx(np.sqrt(np.mean(errors.position[:, 2] ** 2)), rel=1e-12)
     assert values["horizontal"] == pytest.approx(44.7, rel=0.2)  # every 150th row of what it was
     assert values["inside_3_sd"] == 1.0
-    assert "horizontal error RMS [m]" in result.summary()
+    assert f"{phrase('run.error_of', part=word('horizontal'))} [m]" in result.summary()
 
 
 def test_pages_that_make_their_assumptions_again_do_not_say_them_twice():
