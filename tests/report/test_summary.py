@@ -237,7 +237,7 @@ def test_what_was_not_given_is_said_as_the_drive_shows_it(driven, navigated):
     on_time = f"{phrase('run.on_time', sd_s=0.05)}{form('parts')}{lever}"
     assert any(on_time in line for line in brief_lines(page, EvaluatedRun(unsure, gps), None))
     given = replace(run, gps_delay_sd=0.0, lever_sd=np.zeros(3), events=())
-    untouched = brief_lines(navigated.page(), EvaluatedRun(given, gps))
+    untouched = brief_lines(navigated.page(), EvaluatedRun(given, gps), None)
     assert not any(line.startswith((sure, doubtful)) for line in untouched)
 
 
