@@ -1,4 +1,4 @@
-"""False fixes: at the start of a record by consensus; and where a vehicle rests: multipath is tens of metres."""
+"""False fixes: at the start of a record by consensus; of a stationary vehicle: multipath is tens of metres."""
 
 from __future__ import annotations
 

@@ -115,5 +115,7 @@ def usage_error(error: Any) -> ConfigError:
             similar = tuple(sorted(error.possibilities or ()))
             return ConfigError("cli.no_such_option", option=error.option_name, similar=similar, command=command)
         case "MissingParameter" if parameter is not None:
-            return ConfigError("cli.missing_option", option=parameter.opts[0], command=command)
+            name = parameter.opts[0]
+            named = name if name.startswith("-") else parameter.metavar or name.upper()
+            return ConfigError("cli.missing_option", option=named, command=command)
     return ConfigError("cli.usage", problem=error.format_message().rstrip("."), command=command)
