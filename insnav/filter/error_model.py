@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from itertools import pairwise
 
 import numpy as np
 
-from insnav import spill
 from insnav.attitude import dcm_from_rph
 from insnav.earth import OMEGA_EARTH, gravity_n
 from insnav.findings import Code
 from insnav.imu.specification import ImuSpec, SensorSpec, level_bias, noise_of, noise_of_both
-from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
-from insnav.types import Alignment, FloatArray, ImuData
+from insnav.types import Alignment, FloatArray
 
 # Misalignment is not a state: much of it shows as scale factor or bias. What is left makes angle and velocity errors in
 # proportion to rate and acceleration; as noise, their squares times the length of a manoeuvre [s].
 MANOEUVRE = 1.0
-LONGEST_GAP = 3.0  # longest data gap that is bridged: the turn within a longer one is anybody's guess [s]
-SHORTEST = 10.0  # shorter parts are not navigated: no alignment fits in [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,26 +59,6 @@ class Part:
     after: float  # time of the last sample before the gap [s]
     alignment: Alignment
     initial: InitialState
-
-
-@dataclass(frozen=True, slots=True)
-class Across:
-    """How a new alignment after a gap depends on the errors of the sensors.
-
-    What the body did in the gap is not known; what its sensors are is. The transition of position, velocity and
-    attitude is zero, and the smoother carries what later parts say of the sensors back into earlier ones.
-    """
-
-    slope: FloatArray  # (9, 12) of position, velocity, attitude error by sensor error
-    own: FloatArray  # (9, 9) covariance that has other causes
-
-    @classmethod
-    def of(cls, initial: InitialState) -> Across:
-        """From the covariance of an initial state, in which the sensor errors are uncorrelated with each other."""
-        p = initial.covariance
-        variance = np.diag(p)[NAV:]
-        slope = np.where(variance > 0.0, p[:NAV, NAV:] / np.where(variance > 0.0, variance, 1.0), 0.0)
-        return cls(slope, p[:NAV, :NAV] - (slope * variance) @ slope.T)
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,9 +157,3 @@ def initial_state(
     p[6:9, 9:] = j @ p[9:, 9:]
     p[9:, 6:9] = p[6:9, 9:].T
     return InitialState(alignment.time, lla, v_n, alignment.rph, seen * alignment.gyro_bias, p, own, from_fix)
-
-
-def spans(imu: ImuData) -> list[slice]:
-    """Rows between long gaps."""
-    edges = [0, *(np.flatnonzero(spill.steps(imu.time) > LONGEST_GAP) + 1).tolist(), imu.time.shape[0]]
-    return [slice(first, last) for first, last in pairwise(edges)]

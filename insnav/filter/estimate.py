@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import deepcopy
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from insnav.alignment.static import LONG_REST
 from insnav.attitude import dcm_from_quat, dcm_from_rph, quat_from_rph
 from insnav.exceptions import InputError
 from insnav.filter.engine import Engine
-from insnav.filter.error_model import Across, ErrorModel, FilterState, InitialState
+from insnav.filter.error_model import ErrorModel, FilterState, InitialState
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import History
 from insnav.filter.state_layout import cross_covariance, layout, reset_correlated, set_to_fix
@@ -34,6 +35,26 @@ VELOCITY_RESET_SD = 5.0  # velocity of a reset by fixes without velocity [m/s]
 CHANGE_KNOWN = 0.3  # part of a change of the IMU by which it may be another [-]
 NONE = np.empty(0)  # row of no history
 RESET_FACTOR = 3.0  # the fix of a reset follows many that were rejected: its standard deviation counts so many times
+
+
+@dataclass(frozen=True, slots=True)
+class Across:
+    """How a new alignment after a gap depends on the errors of the sensors.
+
+    What the body did in the gap is not known; what its sensors are is. The transition of position, velocity and
+    attitude is zero, and the smoother carries what later parts say of the sensors back into earlier ones.
+    """
+
+    slope: FloatArray  # (9, 12) of position, velocity, attitude error by sensor error
+    own: FloatArray  # (9, 9) covariance that has other causes
+
+    @classmethod
+    def of(cls, initial: InitialState) -> Across:
+        """From the covariance of an initial state, in which the sensor errors are uncorrelated with each other."""
+        p = initial.covariance
+        variance = np.diag(p)[NAV:]
+        slope = np.where(variance > 0.0, p[:NAV, NAV:] / np.where(variance > 0.0, variance, 1.0), 0.0)
+        return cls(slope, p[:NAV, :NAV] - (slope * variance) @ slope.T)
 
 
 class Estimate:
@@ -199,7 +220,7 @@ class Estimate:
     def go_on(self, start: InitialState, span: float) -> None:
         """Go on after a gap of `span` seconds: position, velocity and attitude from a new alignment.
 
-        Sensor errors, delay and lever arm stay, but for what fades; see `insnav.filter.error_model`.
+        Sensor errors, delay and lever arm stay, but for what fades; see `Across`.
         """
         n, sensors, across = self.at.states, slice(NAV, STATES), Across.of(start)
         phi, q = np.eye(n), np.zeros((n, n))

@@ -4,26 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
-from insnav import strapdown
+from insnav import spill, strapdown
 from insnav.alignment import align, stationary_of
 from insnav.alignment import in_motion as motion
 from insnav.alignment.align import LEVEL_SPAN
 from insnav.alignment.false_fixes import away, count_false_start, without_false_motion
 from insnav.alignment.static import LONG_REST
 from insnav.exceptions import AlignmentError, InputError
-from insnav.filter.error_model import (
-    LONGEST_GAP,
-    SHORTEST,
-    ErrorModel,
-    InitialState,
-    Part,
-    error_model,
-    initial_state,
-    spans,
-)
+from insnav.filter.error_model import ErrorModel, InitialState, Part, error_model, initial_state
 from insnav.filter.frozen import without_frozen
 from insnav.filter.gates import Gates, pass_quality
 from insnav.filter.gps_correlation import correlated_noise
@@ -40,6 +32,8 @@ from insnav.types import Alignment, FloatArray, GpsData, ImuData
 STILL_SD = 0.05  # velocity of a vehicle that the alignment found stationary, its engine running [m/s]
 JITTER_WORTH = 1e-4  # a smaller scatter of the timestamps is rounding; at 30 m/s it makes 3 mm [s]
 DELAY_SD = 0.05  # how well receivers and loggers agree on time if nothing else is known [s]
+LONGEST_GAP = 3.0  # longest data gap that is bridged: the turn within a longer one is anybody's guess [s]
+SHORTEST = 10.0  # shorter parts are not navigated: no alignment fits in [s]
 FEWEST_FIXES = 5  # of a part of the record that is aligned by itself
 ROUNDS = 3  # of alignment, and of fixes less the lever arm that it turns
 AFTER = 2.0 * motion.SPAN + LEVEL_SPAN  # the first motion, or the start: no alignment looks farther [s]
@@ -289,6 +283,12 @@ def _parts(
     if not parts:
         raise errors[0]
     return imu.rows(kept), tuple(parts), findings
+
+
+def spans(imu: ImuData) -> list[slice]:
+    """Rows between long gaps."""
+    edges = [0, *(np.flatnonzero(spill.steps(imu.time) > LONGEST_GAP) + 1).tolist(), imu.time.shape[0]]
+    return [slice(first, last) for first, last in pairwise(edges)]
 
 
 def first_stationary(imu: ImuData, gps: GpsData) -> tuple[float, float] | None:

@@ -50,8 +50,8 @@ from insnav.filter.changes import (
     unused,
     widened,
 )
-from insnav.filter.error_model import LONGEST_GAP
 from insnav.filter.gates import Gates, Trust
+from insnav.filter.prepare import LONGEST_GAP
 from insnav.filter.settings import FilterSettings
 from insnav.findings import Code, Finding, of_code
 from insnav.sample_statistics import chi2_limit
