@@ -8,7 +8,7 @@ from insnav.exceptions import InputError
 from insnav.filter.innovation_likelihood import LONGEST
 from insnav.findings import Code, Finding
 from insnav.input import Reading
-from insnav.input.interpret.physics import turn_ratio, turns_with_course
+from insnav.input.interpret.physics import course_of, turn_ratio, turns_with_course
 from insnav.strapdown import intervals
 from insnav.types import GpsData, ImuData
 
@@ -33,7 +33,7 @@ def accel_reversed(imu: Reading[ImuData], fixes: GpsData, found: Mounting | None
         reverse = in_order and found.mirrored and len(found.inverted) == 3
         return Finding.of(Code.AXES_ACCEL_REVERSED, windows=found.windows) if reverse else None
     data = imu.data.beginning(LONGEST)
-    correlation = turns_with_course(data.time, data.gyro, data.accel, fixes.time, fixes.v_n)
+    correlation = turns_with_course(data.time, data.gyro, data.accel, fixes.time, course_of(fixes.v_n))
     if correlation >= 0.0 or turn_ratio(data.time, data.gyro, data.accel)[1] < 0.0:
         return None
     return Finding.of(Code.AXES_ACCEL_REVERSED, correlation=correlation)

@@ -64,15 +64,13 @@ def with_headings_turned(recording: Recording) -> tuple[Recording, tuple[Finding
     fixes, data = recording.fixes, recording.imu.data.beginning(LONGEST)
     if fixes is None or fixes.heading is None or not recording.inputs.get("gps_heading_sd"):
         return recording, ()
-    along = np.column_stack([np.cos(fixes.heading), np.sin(fixes.heading), np.zeros_like(fixes.heading)])
-    turns = turns_with_course(data.time, data.gyro, data.accel, fixes.time, 10.0 * along)
+    turns = turns_with_course(data.time, data.gyro, data.accel, fixes.time, fixes.heading)
     sense, offset = heading_convention(turns, fixes.heading, fixes.v_n)
     if sense > 0.0 and offset == 0.0:
         return recording, ()
     heading = (sense * fixes.heading - offset) % (2.0 * np.pi)
     code = Code.GPS_HEADING_COUNTER_CLOCKWISE if sense < 0.0 else Code.GPS_HEADING_OFFSET
-    count = int(np.count_nonzero(np.isfinite(heading)))
-    found = Finding.of(code, subject="gps", offset_rad=offset, count=count)
+    found = Finding.of(code, subject="gps", offset_rad=offset, count=np.isfinite(heading).sum())
     return replace(recording, fixes=replace(fixes, heading=heading)), (found,)
 
 

@@ -9,7 +9,7 @@ from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, Severity
 from insnav.input import read_imu
 from insnav.input.interpret.axes import axes_matrix
-from insnav.input.interpret.physics import heading_convention, turns_with_course
+from insnav.input.interpret.physics import course_of, heading_convention, turns_with_course
 from insnav.input.readers.imu import parse_units
 from tests.input.files import IMU_HEADER, G, noted, rolling, write
 from tests.refusals import refused
@@ -280,10 +280,10 @@ def test_turns_of_the_course_tell_a_sign(gyro_sign, accel_sign, way):
     fixes = np.arange(1.0, 119.0)
     course = np.interp(fixes - 0.8, time, np.cumsum(rate) * 0.02)  # late
     v_n = 10.0 * np.column_stack([np.cos(course), np.sin(course), np.zeros_like(course)])
-    assert turns_with_course(time, gyro, accel, fixes, v_n) == pytest.approx(way, abs=0.1)
+    assert turns_with_course(time, gyro, accel, fixes, course_of(v_n)) == pytest.approx(way, abs=0.1)
     straight = np.tile([10.0, 0.0, 0.0], (len(fixes), 1))
-    assert turns_with_course(time, gyro, accel, fixes, straight) == 0.0
-    assert turns_with_course(time, gyro, accel, fixes, 0.1 * v_n) == 0.0
+    assert turns_with_course(time, gyro, accel, fixes, course_of(straight)) == 0.0
+    assert turns_with_course(time, gyro, accel, fixes, course_of(0.1 * v_n)) == 0.0
 
 
 @pytest.mark.parametrize(("sense", "offset"), [(1.0, 0.0), (-1.0, -90.0), (1.0, 90.0), (1.0, 35.0), (1.0, 4.0)])

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from insnav import spill
+from insnav.attitude import wrap_pi
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
 from insnav.input.interpret.schema import ALL_UNITS
@@ -157,22 +158,27 @@ def turn_ratio(time: FloatArray, gyro: FloatArray, accel: FloatArray) -> tuple[f
     return both / expected2, correlation
 
 
+def course_of(v_n: FloatArray) -> FloatArray:
+    """Return the course ``(m,)`` [rad] of velocities North, East, Down ``(m, 3)``; NaN where they are too slow."""
+    fast = np.linalg.norm(v_n[:, :2], axis=1) > _COURSE_SPEED
+    return np.where(fast, np.arctan2(v_n[:, 1], v_n[:, 0]), np.nan)
+
+
 def turns_with_course(
-    time: FloatArray, gyro: FloatArray, accel: FloatArray, fixes: FloatArray, v_n: FloatArray
+    time: FloatArray, gyro: FloatArray, accel: FloatArray, fixes: FloatArray, course: FloatArray
 ) -> float:
     """Compare turns about the vertical, by gyros and specific force, with those of the course: their correlation.
 
-    `fixes` ``(m,)``: times of velocities North, East, Down ``(m, 3)``. Clockwise turns of the course have the rate
-    ``-w . f / |f|``, as specific force points up: a negative correlation means that gyros or accelerometers have the
-    opposite sign. Zero if that is not sure. The course may be late by two seconds.
+    `fixes` ``(m,)``: times of courses, or headings, ``(m,)`` [rad], NaN where unknown. Their clockwise turns have the
+    rate ``-w . f / |f|``, as specific force points up: a negative correlation means that gyros or accelerometers have
+    the opposite sign. Zero if that is not sure. The course may be late by two seconds.
     """
-    known = np.flatnonzero(np.linalg.norm(v_n[:, :2], axis=1) > _COURSE_SPEED)
-    known = known[(fixes[known] >= time[0] + _COURSE_LAGS[-1]) & (fixes[known] <= time[-1])]
-    step, course = np.diff(fixes[known]), np.arctan2(v_n[known, 1], v_n[known, 0])
+    known = np.flatnonzero(np.isfinite(course) & (fixes >= time[0] + _COURSE_LAGS[-1]) & (fixes <= time[-1]))
+    step = np.diff(fixes[known])
     near = step < _LONGEST_TURN
     if np.count_nonzero(near) < _MIN_GROUPS:
         return 0.0
-    seen = ((np.diff(course) + np.pi) % (2.0 * np.pi) - np.pi)[near] / step[near]
+    seen = wrap_pi(np.diff(course[known]))[near] / step[near]
 
     totals = [np.cumsum(values * np.diff(time, prepend=time[0])[:, None], axis=0) for values in (gyro, accel)]
 
@@ -199,9 +205,9 @@ def heading_convention(turns: float, heading: FloatArray, v_n: FloatArray) -> tu
     a sense that no course completes is that from east.
     """
     sense = -1.0 if turns < 0.0 else 1.0
-    moving = np.isfinite(heading) & (np.linalg.norm(v_n[:, :2], axis=1) > _COURSE_SPEED)
-    offset = sense * heading[moving] - np.arctan2(v_n[moving, 1], v_n[moving, 0])
-    mean = np.mean(np.exp(1j * offset)) if np.count_nonzero(moving) >= _MIN_GROUPS else 0.0
+    offset = sense * heading - course_of(v_n)
+    known = offset[np.isfinite(offset)]
+    mean = np.mean(np.exp(1j * known)) if known.size >= _MIN_GROUPS else 0.0
     if abs(mean) < _ALONG:
         return sense, -0.5 * np.pi if sense < 0.0 else 0.0
     found = float(np.angle(mean))
