@@ -139,8 +139,7 @@ def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | 
     if exchanged < min(_FITS, best[0]):
         return Fit((0, 1), (1.0, 1.0), "m/s", ratio, exchanged=True)
     if best[0] > min(_FITS, _BETTER * given):
-        speed = np.linalg.norm(v[:, :2], axis=1)
-        way = np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(t)))
+        way = _gone(t, np.linalg.norm(v[:, :2], axis=1, keepdims=True))[:, 0]
         apart = np.abs((way[stop] - way[start])[firm] / size - 1.0)
         aside = np.sort(np.abs(v[start][firm, :2]), axis=1)
         alone = float(np.median(apart)) < _FITS and float(np.median(aside[:, 0] / aside[:, 1])) < _SIDE
@@ -187,8 +186,8 @@ def scales(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> list[tuple[str
 
 
 def _gone(time: FloatArray, v_n: FloatArray) -> FloatArray:
-    """Velocities, integrated from the first on (n, 3) [m]."""
-    return np.vstack([np.zeros(3), np.cumsum(0.5 * (v_n[1:] + v_n[:-1]) * np.diff(time)[:, None], axis=0)])
+    """Velocities (n, k), integrated from the first on [m]."""
+    return np.vstack([np.zeros(v_n.shape[1]), np.cumsum(0.5 * (v_n[1:] + v_n[:-1]) * np.diff(time)[:, None], axis=0)])
 
 
 def _moves(time: FloatArray, least: float, most: float) -> tuple[IntArray, IntArray]:
