@@ -41,7 +41,7 @@ def clean(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
 
 def _refuse_zero_triad(imu: Reading[ImuData], fixes: GpsData) -> None:
     """Refuse three gyros, or accelerometers, that are zero throughout a drive; coarse gyros are at rest."""
-    moving = first_motion(velocity(fixes), fixes.time[0]) is not None
     for sensor, values in (("gyros", imu.data.gyro), ("accelerometers", imu.data.accel)):
-        if moving and not any(values[part].any() for part in blocks(len(values))):
+        zero = not any(values[part].any() for part in blocks(len(values)))
+        if zero and first_motion(velocity(fixes), fixes.time[0]) is not None:
             raise InputError("imu.triad_zero", where=imu.facts.path, sensor=sensor)
