@@ -54,10 +54,10 @@ class Table(BaseModel):
         return self
 
 
-def read_toml(path: Path) -> dict[str, Any]:
-    """Content of a TOML file, at most `MAX_BYTES` long.
+def read_short(path: Path) -> bytes:
+    """Content of a file that is at most `MAX_BYTES` long.
 
-    Raises: ConfigError: it cannot be read, is too long, or is no TOML.
+    Raises: ConfigError: it cannot be read, or is too long.
     """
     where = str(path)
     try:
@@ -67,8 +67,14 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ConfigError("config.unreadable", where=where, reason=reason_of(error)) from None
     if len(content) > MAX_BYTES:
         raise ConfigError("config.too_long", where=where, limit=MAX_BYTES)
+    return content
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Content of a TOML file; raises what `read_short` does, and ConfigError: it is no TOML."""
+    where = str(path)
     try:
-        text = content.decode("utf-8-sig")
+        text = read_short(path).decode("utf-8-sig")
         if _DEEP.search(_NO_KEYS.sub("_", text)):
             raise RecursionError
         return tomllib.loads(text)

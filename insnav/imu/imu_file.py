@@ -21,11 +21,11 @@ import tomli_w
 from pydantic import PlainValidator, model_validator
 
 from insnav.config_file import (
-    MAX_BYTES,
     Table,
     axes,
     matrix_of,
     preset_or_file,
+    read_short,
     read_toml,
     scalar,
     similar,
@@ -159,7 +159,7 @@ def load_imu(preset_or_path: str) -> ImuSpec:
 def _of_kalibr(path: Path) -> dict[str, Any]:
     """Read the file of Kalibr as the content of an IMU file."""
     content: dict[str, Any] = {}
-    for key, value in _YAML_LINE.findall(path.read_text(encoding="utf-8", errors="replace")[:MAX_BYTES]):
+    for key, value in _YAML_LINE.findall(read_short(path).decode("utf-8", errors="replace")):
         sensor, _, figure = key.partition("_")
         if sensor in _KALIBR and figure in ("noise_density", "random_walk"):
             name, *units = _KALIBR[sensor]
