@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from insnav.deferred import library
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import TrajectoryErrors
 from insnav.exceptions import InputError
@@ -21,8 +22,6 @@ from insnav.output.folder import RunFolder, read_facts
 from insnav.output.track_files import write_kml
 from insnav.report.page import DataFrame, Figure, FigureSpec, Later, Page, Section
 from insnav.report.panels import Clock
-from insnav.report.run.figures import figure_drawings
-from insnav.report.run.panels import run_panels
 from insnav.report.run.quantities import run_sections
 from insnav.report.run.verdict import brief_lines, rated, run_circles, run_line, run_merits, run_verdict
 from insnav.report.terminal import WIDTH
@@ -30,6 +29,7 @@ from insnav.result import Result
 from insnav.types import AidingUse, Alignment, Epochs, FloatArray, GpsData, Innovations, Run, SensorErrors, Smoothed
 from insnav.units import DEG, DEG_PER_H
 
+_panels = library("insnav.report.run.panels")  # needed by no run without a page
 PDF_PAGES = {
     "summary": ("track",),
     "accuracy": ("position_error", "attitude_error", "uncertainty", "attitude"),
@@ -64,7 +64,7 @@ def page(result: Result[EvaluatedRun], *, sections: bool = True) -> Page:
 def _sections(found: EvaluatedRun, reference: str) -> tuple[Section, ...]:
     accuracy, *others = run_sections(found, reference)
     return (
-        Section("", panels=Later(partial(run_panels, found)), figures=run_figures(found), show="page"),
+        Section("", panels=Later(lambda: _panels.run_panels(found)), figures=run_figures(found), show="page"),
         Section("", "Accuracy, stationary and moving", parts=(accuracy,), folded=True),
         Section("", "All figures of the run", parts=tuple(others), folded=True),
     )
@@ -100,6 +100,7 @@ def run_figures(found: EvaluatedRun) -> tuple[FigureSpec, ...]:
 
 def _draw(name: str, found: EvaluatedRun) -> Figure:
     from insnav.report.figures import draw_drawings  # matplotlib is imported only where a figure is asked for
+    from insnav.report.run.figures import figure_drawings
 
     title, note, drawings, columns = figure_drawings(name, found)
     return draw_drawings(drawings, title, note, columns=columns)
