@@ -22,8 +22,8 @@ RATE = 100.0  # [Hz]
 _SPAN = 40.0  # of one record [s]
 _EDGE = 1.0  # left out at either end, where windows of samples are one-sided [s]
 _ARCSEC = DEG / 3600.0
-# what is left of coning of 1 deg [deg/h]; it grows with the square of the angle. 20 Hz are five samples a cycle: no
-# algorithm on so few knows the motion, and the limit only says what to expect.
+# Largest residual drift under coning of 1 deg [deg/h], by frequency [Hz]. It grows with the square of the angle. At
+# 20 Hz a cycle has five samples, too few for any algorithm: this limit only states what to expect.
 _CONING_LIMITS = {1.0: 1e-4, 5.0: 0.02, 10.0: 0.1, 20.0: 70.0}
 _PLACE = np.array([48.0 * DEG, 11.0 * DEG, 500.0])
 _HOUR = 3600.0

@@ -8,7 +8,7 @@ with everything by axis but the gravity-sensitivity ``G`` of gyros to the specif
 ``f`` at the places where they sit: ``f + dw/dt x r + w x (w x r)`` (the size effect). IEEE Std 952-1997 section 1.3 and
 IEEE Std 1293-2018 annex A list these terms; Groves (2013), sections 4.4.3 to 4.4.6.
 
-Dynamic compensation of gyros is what is left of non-linearity, as a continuous piecewise-linear map: in each interval
+Dynamic compensation corrects the remaining non-linearity of gyros by a continuous map, linear in pieces: in each range
 of the measured rate m the error is ``k m + b``, and the rate ``m - (k m + b)``. The lines meet at the borders, and
 every ``k`` is below 1, so the map has exactly one inverse.
 """

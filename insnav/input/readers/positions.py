@@ -86,7 +86,7 @@ def read_gps(
     reading = read_positions(path, "GPS", GPS_SCHEMA, GPS_KINDS, columns=columns, height=height)
     read = reading.data
     heading = read.columns.get("heading")
-    heading = None if heading is None or not heading.any() else heading % (2.0 * np.pi)  # 0 stands for none
+    heading = None if heading is None or not heading.any() else heading % (2.0 * np.pi)  # 0: unknown
     sd = (read.stacked(_STANDARD_DEVIATIONS[:3]), read.stacked(_STANDARD_DEVIATIONS[3:]))
     data = GpsData(read.columns["time"], read.lla, read.v_n, *sd, reading.fix, heading)
     return Reading(data, reading.events, reading.facts)

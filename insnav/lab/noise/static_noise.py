@@ -113,7 +113,7 @@ def _sensor(
 
 
 def _process(allan: AllanDeviation, column: int, model: NoiseModel) -> tuple[float, float, Finding]:
-    """Standard deviation and correlation time of the process that stands for the bias instability, and why."""
+    """Standard deviation and correlation time of the process that represents the bias instability, and why."""
     if "GM" in model.coefficients:
         time = model.correlation_time
         return (model.coefficients["GM"].value, time, Finding.of(Code.ALLAN_BIAS_PROCESS, correlation_time_s=time))
