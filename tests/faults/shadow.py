@@ -28,6 +28,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial, wraps
 from pathlib import Path
@@ -213,6 +214,9 @@ def recorded_cells(drives: Iterable[str]) -> Iterator[Cell]:
 def recorded_data(files: Any, reference: Path) -> Data:
     """Give the `Files` of a recorded drive and its reference, where ambiguities are fixed."""
     truth = fixed_epochs(read_reference(reference))[0]
+    if not np.ptp(truth.lla, axis=0).any():  # at rest, also between its few rows
+        at = np.arange(*truth.time[[0, -1]], dtype=np.float64)
+        truth = replace(truth.rows(np.zeros(at.size, dtype=np.int64)), time=at)
     if files is None:
         return replace(injection.DRIVES["fog"](), truth=truth)
     return Data(files, files, truth)
@@ -245,7 +249,9 @@ def measured(cell: Cell, meter: Meter) -> dict[str, str]:
     if (run := getattr(getattr(meter.result, "found", None), "run", None)) is not None:
         codes = {each.code.value for each in meter.result.findings if each.severity >= Severity.WARNING}
         row["warnings"] = " ".join(sorted(codes))
-        row |= {name: f"{value:.4g}" for name, value in scores(run.smoothed.solution, truth, cell.case.shift).items()}
+        with suppress(InsnavError):  # no time in common with the truth
+            numbers = scores(run.smoothed.solution, truth, cell.case.shift)
+            row |= {name: f"{value:.4g}" for name, value in numbers.items()}
     return row
 
 
