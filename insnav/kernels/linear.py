@@ -26,18 +26,18 @@ NO_POSITION, NO_VELOCITY = 1, 2  # bits: offset and drift of positions are over;
 
 
 @inner()
-def read_row(system, k, i, n):  # type: ignore[no-untyped-def]
+def read_row(own, span, bits, i, n):  # type: ignore[no-untyped-def]
     """Return the diagonal of F in row `i` beyond navigation, and what multiplies the drift if it is of an offset."""
-    bits, position = system[5][k], n - 9 <= i < n - 3
+    position = n - 9 <= i < n - 3
     if (position and bits & NO_POSITION) or (i >= n - 3 and bits & NO_VELOCITY):
         return 0.0, 0.0
-    return system[2][k, i], system[0][k] if position and i < n - 6 else 0.0
+    return own, span if position and i < n - 6 else 0.0
 
 
 @inner()
 def propagate(system, k, x, w):  # type: ignore[no-untyped-def]
     """Replace `x` (n, c) by F x; `w` (9, c) is work space."""
-    (n, columns), phi = x.shape, system[1]
+    (n, columns), (span, phi, fade, _q, _qd, cleared) = x.shape, system
     for i in range(NAV):
         for j in range(columns):
             total = 0.0
@@ -45,7 +45,7 @@ def propagate(system, k, x, w):  # type: ignore[no-untyped-def]
                 total += phi[k, i, a] * x[a, j]
             w[i, j] = total
     for i in range(NAV, n):  # offsets of positions are before their drifts
-        own, drift = read_row(system, k, i, n)
+        own, drift = read_row(fade[k, i], span[k], cleared[k], i, n)
         for j in range(columns):
             x[i, j] *= own
         if drift != 0.0:
@@ -59,24 +59,24 @@ def propagate(system, k, x, w):  # type: ignore[no-untyped-def]
 @inner()
 def propagate_back(system, k, x, w):  # type: ignore[no-untyped-def]
     """Replace `x` (n, c) by F' x; `w` (9, c) is work space."""
-    (n, columns), phi = x.shape, system[1]
+    (n, columns), (span, phi, fade, _q, _qd, cleared) = x.shape, system
     for i in range(NAV):
         for j in range(columns):
             w[i, j], x[i, j] = x[i, j], 0.0
     for i in range(n - 1, NAV - 1, -1):
-        own = read_row(system, k, i, n)[0]
+        own, _ = read_row(fade[k, i], span[k], cleared[k], i, n)
         for j in range(columns):
             x[i, j] *= own
-        drift = read_row(system, k, i - 3, n)[1]
+        _, drift = read_row(fade[k, i], span[k], cleared[k], i - 3, n)
         if drift != 0.0:
             for j in range(columns):
                 x[i, j] += drift * x[i - 3, j]
     for a in range(STATES):
         for j in range(columns):
-            total = x[a, j]
+            total = 0.0
             for i in range(NAV):
                 total += phi[k, i, a] * w[i, j]
-            x[a, j] = total
+            x[a, j] += total
 
 
 @inner()
@@ -149,15 +149,10 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
                     for j in range(n):
                         p[i, j] += jump[following, i, c] * jump[following, j, c]
             following += 1
-        for i in range(NAV):
-            mean_nav[k, i] = mean[i, 0]
-            for j in range(n):
-                p_nav[k, i, j] = p[i, j]
+        mean_nav[k], p_nav[k] = mean[:NAV, 0], p[:NAV]
         for i in range(6):
             if var[k, i] <= 0.0:
-                innovation[k, i], variance[k, i] = 0.0, -1.0
-                for j in range(n):
-                    gain[k, i, j] = 0.0
+                innovation[k, i], variance[k, i], gain[k, i] = 0.0, -1.0, 0.0
                 continue
             error, s = z[k, i], var[k, i]
             multiply_row(h[k, i], p, ph)
@@ -172,8 +167,7 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
                 mean[j, 0] += gain[k, i, j] * error
                 ph[j] *= root
             subtract_product(ph, ph, p)
-        for j in range(n):
-            mean[j, 0] -= fed[k, j]
+        mean[:, 0] -= fed[k]
     return total
 
 
@@ -190,49 +184,30 @@ def backward(system, measured, out, r, info, u, uu):  # type: ignore[no-untyped-
     h, (innovation, variance, gain) = measured[1], out[:3]
     m, n = r.shape
     score, p, w, pk = np.zeros((n, 1)), np.zeros((n, n)), np.empty((NAV, n)), np.empty(n)
-    columns = np.empty(n, np.int64)
     for k in range(m - 1, -1, -1):
         for i in range(5, -1, -1):
             u[k, i] = uu[k, i] = 0.0
             if variance[k, i] <= 0.0:
                 continue
-            error, own, count = innovation[k, i] / variance[k, i], 1.0 / variance[k, i], 0
+            error, own = innovation[k, i] / variance[k, i], 1.0 / variance[k, i]
             multiply_row(gain[k, i], p, pk)
             for a in range(n):
                 error -= gain[k, i, a] * score[a, 0]
                 own += gain[k, i, a] * pk[a]
-                if h[k, i, a] != 0.0:
-                    columns[count] = a
-                    count += 1
             u[k, i], uu[k, i] = error, own
             # (I - K h')' N (I - K h') + h h' / s is N - h x' - x h' with x = N K - h uu / 2
-            for a in columns[:count]:
+            for a in range(n):
                 pk[a] -= 0.5 * own * h[k, i, a]
                 score[a, 0] += h[k, i, a] * error
             subtract_product(h[k, i], pk, p)
-            for a in columns[:count]:
-                for b in columns[:count]:
-                    p[a, b] -= pk[a] * h[k, i, b]
-            for a in columns[:count]:
-                for j in range(n):
-                    p[j, a] = p[a, j]
-        for i in range(n):
-            r[k, i] = score[i, 0]
-            for j in range(n):
-                info[k, i, j] = p[i, j]
+            subtract_product(pk, h[k, i], p)
+        mirror(p)
+        r[k], info[k] = score[:, 0], p
         if k > 0:
             propagate_back(system, k, score, w)
             propagate_back(system, k, p, w)
             transpose(p)
             propagate_back(system, k, p, w)
-            mirror(p)
-
-
-@inner()
-def fill_products(g, x, products):  # type: ignore[no-untyped-def]
-    """Fill `products` (d, d) with g' x."""
-    for c in range(g.shape[1]):
-        multiply_row(g[:, c], x, products[c])
 
 
 @njit(cache=True, nogil=True)
@@ -254,7 +229,8 @@ def cross_backward(system, measured, out, info_b, b, g, first):  # type: ignore[
                 if out[1][k, i] > 0.0:
                     multiply_row(out[2][k, i], x, y)
                     subtract_product(measured[1][k, i], y, x)
-        fill_products(g, x, cross[k])
+        for c in range(size):
+            multiply_row(g[:, c], x, cross[k, c])
     return cross
 
 
@@ -266,7 +242,7 @@ def cross_forward(system, measured, out, info, a, g, last):  # type: ignore[no-u
     epochs are zero.
     """
     n, size = g.shape
-    x, y, w, told = g.copy(), np.empty(size), np.empty((NAV, size)), np.empty((n, size))
+    x, y, w, row = g.copy(), np.empty(size), np.empty((NAV, size)), np.empty(n)
     cross = np.zeros((system[0].shape[0], size, size))
     for k in range(a, last + 1):
         if k > a:
@@ -275,7 +251,7 @@ def cross_forward(system, measured, out, info, a, g, last):  # type: ignore[no-u
                     multiply_row(measured[1][k - 1, i], x, y)
                     subtract_product(out[2][k - 1, i], y, x)
             propagate(system, k, x, w)
-        for i in range(n):
-            multiply_row(info[k, i], x, told[i])
-        fill_products(g, told, cross[k])
+        for c in range(size):
+            multiply_row(g[:, c], info[k], row)
+            multiply_row(row, x, cross[k, c])
     return cross

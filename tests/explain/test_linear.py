@@ -127,7 +127,8 @@ def test_likelihood_is_the_normal_density(case: Case):
     value, (innovation, variance, gains, *_) = run(case)
     assert value == pytest.approx(deviance(dense.innovation, dense.s), rel=1e-9)
     assert np.array_equal(variance == -1.0, ~dense.used)
-    assert not innovation[~dense.used].any() and not gains[~dense.used].any()
+    assert not innovation[~dense.used].any()
+    assert not gains[~dense.used].any()
     root = np.linalg.cholesky(dense.s)  # innovations in the order of measurement are those of its factor
     assert variance[dense.used] == pytest.approx(np.diag(root) ** 2, rel=1e-9)
     assert innovation[dense.used] == pytest.approx(np.diag(root) * np.linalg.solve(root, dense.innovation), abs=1e-8)
@@ -165,10 +166,12 @@ def test_gain_of_two_opposite_steps(case: Case):
     g = random.normal(size=(N, 2)) * (random.random((N, 2)) < 0.5)
     for a in range(EPOCHS):
         by_forward = cross_forward(case.system, case.measured, out, info, a, g, EPOCHS - 2)
-        assert not by_forward[EPOCHS - 1 :].any() and not by_forward[:a].any()
+        assert not by_forward[EPOCHS - 1 :].any()
+        assert not by_forward[:a].any()
         for b in range(a + 1, EPOCHS - 1):
             cross = cross_backward(case.system, case.measured, out, info[b], b, g, a)
-            assert not cross[:a].any() and not cross[b + 1 :].any()
+            assert not cross[:a].any()
+            assert not cross[b + 1 :].any()
             assert cross[b] == pytest.approx(g.T @ info[b] @ g, abs=1e-9)
             assert by_forward[b] == pytest.approx(cross[a].T, abs=1e-9)
             score = g.T @ (r[a] - r[b])
@@ -189,7 +192,8 @@ def test_smoothed_residuals(case: Case):
     assert (var * u)[dense.used] == pytest.approx(mean, abs=1e-8)
     variance = np.diag(noise - noise @ np.linalg.solve(dense.s, noise))
     assert (var - var**2 * uu)[dense.used] == pytest.approx(variance, abs=1e-9)
-    assert not u[~dense.used].any() and not uu[~dense.used].any()
+    assert not u[~dense.used].any()
+    assert not uu[~dense.used].any()
 
 
 def test_smoothed_errors_of_navigation(case: Case):
@@ -212,5 +216,6 @@ def test_information_stays_symmetric_and_positive():
     assert np.array_equal(info, info.swapaxes(1, 2))
     assert np.array_equal(out[4][:, :, :9], out[4][:, :, :9].swapaxes(1, 2))
     values = np.linalg.eigvalsh(info[::100])
-    assert 0.01 < values[:, -1].min() and values.max() < 1e3
+    assert values[:, -1].min() > 0.01
+    assert values.max() < 1e3
     assert values.min() > -1e-12 * values.max()
