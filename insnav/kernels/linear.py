@@ -5,8 +5,9 @@ the positions (3), drift of that offset (3) and offset of the velocities (3). Er
     e_k = F_k e_{k-1} + w_k,  z_k = H_k e_k + v_k.
 All functions take the same groups of arrays, for m epochs and n states:
     system: span (m,) [s]; phi (m, 9, 21), the rows of navigation errors of F; fade (m, n), its diagonal in the other
-        rows; q (m, 9, 9), noise of the navigation errors, symmetric; qd (m, n), noise variances of the others; cleared
-        (m,) int, bits `NO_POSITION` and `NO_VELOCITY`: rows of F of these fault states are zero.
+        rows; q (m, 9, 9), noise of the navigation errors, symmetric; qd (m, n), noise variances of the others, of which
+        those of sensor errors j covary with navigation errors i by qd_j phi_ij / 2; cleared (m,) int, bits
+        `NO_POSITION` and `NO_VELOCITY`: rows of F of these fault states are zero.
     measured: z (m, 6); h (m, 6, n); var (m, 6), variance of the white noise, not positive where nothing was measured;
         fed (m, n), error that the filter took off its state after the measurement.
     out: innovation (m, 6) and variance (m, 6), -1 where nothing was measured; gain (m, 6, n); mean (m, 9) and rows of
