@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from insnav.filter.gyro_fault import without_gyro_faults
 from insnav.filter.noise_identification import identify_noise, with_known_noise, with_noise, with_usual_noise
 from insnav.filter.prepare import Prepared
 from insnav.findings import Code, Finding, added
@@ -36,7 +35,6 @@ def _with_estimated_noise(recording: Recording, ready: Prepared, spec: ImuSpec) 
     if found is None:
         kept = Finding.of(Code.IMU_MODEL_KEPT, subject="imu", model=spec.name)
         return with_usual_noise(replace(ready, notes=(*ready.notes, kept)))
-    ready, found = without_gyro_faults(ready, found, spec)
     return with_noise(ready, found)
 
 

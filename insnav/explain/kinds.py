@@ -1,0 +1,84 @@
+"""What can go wrong in a recording, as a step of a few states, with its rate and its typical size.
+
+A fault is a step of unknown size in the state of the linear record (P. de Jong, J. Penzer, "Diagnosing shocks in time
+series", J. Am. Stat. Assoc. 93 (1998) 796-806). Rate and size are the priors of a kind and its only figures: how often
+it begins, and how large it usually is. The logarithm of a size is normal about the typical one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.types import FloatArray
+from insnav.units import DEG
+
+HOUR = 3600.0  # [s]
+SPREAD = 1.2  # of the logarithm of a size, one standard deviation: a factor of 3.3 either way [-]
+ENDS = 60.0  # rate at which what has begun ends: faults last a minute on average [1/h]
+FADES = 45.0  # correlation time of multipath: half a minute to a minute for a vehicle in a town [s]
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """A class of faults."""
+
+    name: str
+    steps: tuple[tuple[str, ...], ...]  # states that step, by name: each column is the sum of a few of them
+    rate: float  # how often it begins [1/h]
+    size: float  # typical size, in the unit of the states
+    of_fixes: bool  # whether the fixes are wrong, not the IMU
+    passes: bool = True  # whether it may end by a step back
+    fills: bool = False  # noise at every epoch of an interval, instead of one step
+
+    def cost(self, variance: FloatArray | float, interval: float) -> FloatArray:
+        """Twice the negative logarithm of the prior of a step of some variance at one epoch [-].
+
+        `interval`: between epochs [s]. The constant of the normal density and the width of its peak nearly cancel.
+        """
+        if not self.steps:
+            return np.asarray(cost_of_end(interval))
+        size = 0.5 * np.log(np.maximum(variance, 1e-30) / self.size**2)
+        return np.asarray(-2.0 * np.log(self.rate * interval / HOUR) + (size / SPREAD) ** 2)
+
+
+def cost_of_end(interval: float) -> float:
+    """Twice the negative logarithm of the prior of the end of a fault at one epoch [-]."""
+    return float(-2.0 * np.log(ENDS * interval / HOUR))
+
+
+def _axes(name: str) -> tuple[tuple[str, ...], ...]:
+    return tuple((f"{name} {axis}",) for axis in range(3))
+
+
+_FOLLOWED = tuple((f"drift {axis}", f"velocity offset {axis}") for axis in range(3))
+KINDS: tuple[Kind, ...] = (
+    Kind("offset", _axes("offset"), 1.0, 10.0, True),
+    Kind("drag", _axes("drift"), 0.2, 0.5, True),
+    Kind("followed_drag", _FOLLOWED, 0.2, 0.5, True),
+    Kind("velocity_offset", _axes("velocity offset"), 0.3, 1.0, True),
+    Kind("rough", _axes("offset"), 0.3, 1.0, True, fills=True),
+    Kind("velocity", _axes("velocity"), 0.1, 1.0, False, passes=False),
+    Kind("turned", _axes("attitude"), 0.05, 0.1, False),
+    Kind("heading", (("attitude 2",),), 0.05, 0.1, False),
+    *(Kind(f"gyro_{'xyz'[i]}", ((f"gyro {i}",),), 0.03, 0.6 * DEG, False) for i in range(3)),
+    *(Kind(f"accel_{'xyz'[i]}", ((f"accel {i}",),), 0.03, 0.2, False) for i in range(3)),
+    Kind("delay", (("delay 0",),), 0.1, 0.2, True),
+)
+# fixes that were off are back: the end of whatever moved them, at its own epoch
+RETURN = Kind("return", (), ENDS, 1.0, True, passes=False)
+
+
+def with_priors(given: Mapping[str, Mapping[str, float]]) -> tuple[Kind, ...]:
+    """Kinds with the rates [1/h] and sizes that a user gives, by name.
+
+    Raises: InputError: no kind has this name, a figure is neither rate nor size, or it is not positive.
+    """
+    names = [kind.name for kind in KINDS]
+    for name, figures in given.items():
+        if name not in names or set(figures) - {"rate", "size"} or not all(each > 0.0 for each in figures.values()):
+            raise InputError("faults.prior", name=name, names=names)
+    return tuple(replace(kind, **given.get(kind.name, {})) for kind in KINDS)

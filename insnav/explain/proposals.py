@@ -1,0 +1,177 @@
+"""Which faults would explain a record best, by the scores of one pass alone.
+
+The gain of a step of variance t with score r and information N of its columns is twice the gain of the log-likelihood,
+r' (I/t + N)^-1 r - log det(I + t N), less the prior of the kind (M. E. Tipping, A. C. Faul, "Fast marginal likelihood
+maximisation for sparse Bayesian models", AISTATS 2003). An episode is a pair of opposite steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from insnav.explain.kinds import HOUR, RETURN, Kind, cost_of_end
+from insnav.explain.record import LinearRecord, Pass, Step
+from insnav.types import FloatArray
+
+SIZES = 10.0 ** np.arange(-2.0, 4.1, 0.5)  # variances looked at, by the square of the typical size [-]
+REACH = 150.0  # longest episode that a pair is looked for [s]
+SETTLES = 2.0  # an episode is longer than so many epochs [-]
+TOPS, APART = 5, 8.0  # so many summits of a gain are looked at, so far from each other [s]
+SHORTEST = 5  # interval of noise, in epochs
+BLOCK = 60.0  # length of the parts of a drive whose largest gains tell what misfit of the model does [s]
+MOVING = "offset", "drag", "followed_drag"  # kinds after which fixes may come back
+FALSE_ALARMS = 0.01  # of a kind, by misfit of the model [1/h]
+
+
+class Proposal(NamedTuple):
+    """Faults that would explain the record better."""
+
+    gain: float  # predicted, priors included [-]
+    steps: tuple[Step, ...]
+
+
+class Scores(NamedTuple):
+    """Score and information of a kind at each epoch, and the gain of its likeliest step there."""
+
+    score: FloatArray  # (m, d)
+    information: FloatArray  # (m, d, d)
+    gain: FloatArray  # (m,) [-]
+    variance: FloatArray  # (m,)
+
+
+def score_kind(record: LinearRecord, of: Pass, kind: Kind) -> Scores:
+    """Score a step of one kind at every epoch."""
+    columns = record.columns(kind)
+    score = of.score @ columns
+    information = columns.T @ of.information @ columns
+    variances = kind.size**2 * SIZES
+    gains = gains_of(score, information, variances) - kind.cost(variances, record.interval)[:, None]
+    gains[:, : int(SETTLES)] = -np.inf
+    best = gains.argmax(axis=0)
+    return Scores(score, information, gains.max(axis=0), variances[best])
+
+
+def gains_of(score: FloatArray, information: FloatArray, variances: FloatArray) -> FloatArray:
+    """Twice the gain of the log-likelihood by steps of some variances (k,), without priors, (k, m)."""
+    size, vectors = np.linalg.eigh(information)
+    square = np.einsum("mab,ma->mb", vectors, score) ** 2
+    t, size = variances[:, None, None], np.maximum(size, 0.0)
+    return np.asarray((square * t / (1.0 + t * size) - np.log1p(t * size)).sum(axis=2))
+
+
+def misfit_of(record: LinearRecord, gain: FloatArray) -> float:
+    """Gain that the misfit of the model reaches `FALSE_ALARMS` times an hour, by the drive itself.
+
+    The largest gains of parts of the drive follow a Gumbel distribution (E. J. Gumbel, "Statistics of Extremes", 1958);
+    median and lower quartile of them do not see a fault in less than half of the parts.
+    """
+    block = np.floor((record.time - record.time[0]) / BLOCK).astype(int)
+    largest = np.array([gain[block == number].max() for number in np.unique(block)])
+    largest = largest[np.isfinite(largest)]
+    if largest.size < 4:
+        return -np.inf
+    low, middle = np.quantile(largest, [0.25, 0.5])
+    scale = (middle - low) / (np.log(np.log(4.0)) - np.log(np.log(2.0)))
+    rate = FALSE_ALARMS * BLOCK / HOUR
+    return float(middle + scale * (np.log(np.log(2.0)) - np.log(rate)))
+
+
+def propose(record: LinearRecord, of: Pass, kinds: Sequence[Kind], known: tuple[Step, ...]) -> list[Proposal]:
+    """What would gain most beside what is known: steps, episodes, intervals of noise and ends, best first."""
+    found: list[Proposal] = []
+    ends = cost_of_end(record.interval)
+    for kind in kinds:
+        if record.columns(kind).shape[1] == 0:
+            continue
+        if kind.fills:
+            found += _interval(record, of, kind)
+            continue
+        scores = score_kind(record, of, kind)
+        row = int(scores.gain.argmax())
+        found.append(Proposal(float(scores.gain[row]), (Step(kind, row, float(scores.variance[row])),)))
+        if kind.name == "offset" and any(step.kind.name in MOVING for step in known):
+            prior = float(kind.cost(scores.variance[row], record.interval)) - ends
+            found.append(Proposal(float(scores.gain[row]) + prior, (Step(RETURN, row, 0.0),)))
+        if kind.passes:
+            pairs = {pair[:2]: pair for top in _tops(record, scores.gain) for pair in _pair(record, of, kind, top)}
+            for begin, end, gain, variance in sorted(pairs.values(), key=lambda pair: -pair[2])[:2]:
+                prior = float(kind.cost(variance, record.interval)) + ends
+                found.append(Proposal(gain - prior, (Step(kind, begin, variance, end),)))
+    for number, step in enumerate(known):
+        if not step.end and step.kind.passes:
+            found += _end(record, of, known, number, ends)
+    return sorted((each for each in found if np.isfinite(each.gain)), key=lambda each: -each.gain)
+
+
+def _end(record: LinearRecord, of: Pass, known: tuple[Step, ...], number: int, prior: float) -> list[Proposal]:
+    """The end of a fault that is known to have begun."""
+    step = known[number]
+    scores = score_kind(record, of, step.kind)
+    gain = gains_of(scores.score, scores.information, np.array([step.variance]))[0] - prior
+    gain[: step.begin + 1] = -np.inf
+    row = int(gain.argmax())
+    return [Proposal(gain[row], (*known[:number], step.moved(step.begin, row), *known[number + 1 :]))]
+
+
+def _pair(record: LinearRecord, of: Pass, kind: Kind, top: int) -> list[tuple[int, int, float, float]]:
+    """An episode with one end near an epoch: alternately the best end and the best begin; gain without prior."""
+    columns, m = record.columns(kind), record.time.size
+    score, information = of.score @ columns, columns.T @ of.information @ columns
+    reach, at = max(int(REACH / record.interval), 3), top
+    best: tuple[int, int, float, float] | None = None
+    variances = kind.size**2 * SIZES
+    for turn in range(4):
+        side = reach if turn % 2 == 0 else -reach
+        if best is None and turn == 1:
+            at = top
+        cross = record.cross(of, columns, at, side)
+        rows = np.arange(at + int(SETTLES), min(at + reach, m)) if side > 0 else np.arange(max(at - reach, 1), at - 1)
+        if rows.size == 0:
+            continue
+        both = information[at] + information[rows] - cross[rows] - np.swapaxes(cross[rows], 1, 2)
+        change = (score[at] - score[rows]) * np.sign(side)
+        gains = gains_of(change, both, variances)
+        prior = kind.cost(variances, record.interval)[:, None]
+        size, place = np.unravel_index(int((gains - prior).argmax()), gains.shape)
+        found = (at, int(rows[place])) if side > 0 else (int(rows[place]), at)
+        if best is not None and gains[size, place] <= best[2] + 1e-6:
+            if turn > 1:
+                break
+            continue
+        best = (*found, float(gains[size, place]), float(variances[size]))
+        at = found[1] if side > 0 else found[0]
+    return [] if best is None else [best]
+
+
+def _interval(record: LinearRecord, of: Pass, kind: Kind) -> list[Proposal]:
+    """Intervals in which the state is driven by noise: of each size the best sum of the gains of its epochs.
+
+    The sum takes the steps of all epochs as if each were alone. It only chooses where to try.
+    """
+    columns = record.columns(kind)
+    score, information = of.score @ columns, columns.T @ of.information @ columns
+    found = []
+    for variance, gain in zip(
+        kind.size**2 * SIZES, gains_of(score, information, kind.size**2 * SIZES), strict=True
+    ):
+        whole = np.concatenate([[0.0], np.cumsum(gain)])
+        end = int((whole - np.minimum.accumulate(whole)).argmax())
+        begin = int(whole[: end + 1].argmin())
+        prior = float(kind.cost(variance, record.interval)) + cost_of_end(record.interval)
+        if end > begin + SHORTEST:
+            step = Step(kind, max(begin, 1), float(variance), min(end, record.time.size - 1))
+            found.append(Proposal(float(whole[end] - whole[begin]) - prior, (step,)))
+    return sorted(found, key=lambda each: -each.gain)[:1]
+
+
+def _tops(record: LinearRecord, gain: FloatArray) -> list[int]:
+    """Epochs of the largest gains, apart from each other."""
+    left, found = gain.copy(), []
+    for _ in range(TOPS):
+        row = int(left.argmax())
+        found.append(row)
+        left[np.abs(record.time - record.time[row]) < APART] = -np.inf
+    return found

@@ -1,0 +1,275 @@
+"""The linear record: the error model of one filter run at its epochs, on which every fault is searched.
+
+The filter runs once over the samples, with gates that weaken fixes instead of rejecting them. Its history has the
+transition of the errors between epochs, their covariance and each measurement. Errors are estimate minus truth; to
+first order they follow a linear model with the noise of the run. Steps of states, weights of fixes and factors of the
+noise then cost one pass of covariance algebra over the epochs, and no sample is read again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from insnav.explain.kinds import FADES, RETURN, Kind
+from insnav.filter.gates import Gates
+from insnav.filter.gps_correlation import CorrelatedNoise
+from insnav.filter.innovation_likelihood import thinned
+from insnav.filter.navigator import Navigator
+from insnav.filter.prepare import Prepared
+from insnav.filter.settings import FilterSettings
+from insnav.filter.state_layout import cross_covariance, layout, reset_correlated
+from insnav.kernels import linear
+from insnav.kernels.dynamics import NAV
+from insnav.kernels.errorstate import STATES
+from insnav.kernels.smoother import COAST, FIX, JACOBIAN, KIND, NOISE, RESIDUAL, SOURCE, STATE, TIME
+from insnav.types import BoolArray, FloatArray, GpsData, IntArray
+
+FAULTS = 9  # states of faults: offset of positions, its drift, offset of velocities
+TAILS = 4.0  # degrees of freedom of the errors of fixes, Student's t [-]
+LEAST = (TAILS + 3.0) / (TAILS + 1.8)  # weight of a fix with three squares of 0.6 each, at most [-]
+# Figures of the noise, as logarithms, with the sd of their priors upwards and downwards: factors of the sd of positions
+# and of velocities, and of the noise of the IMU; odds of the time-correlated share of the variance of positions;
+# factor of its correlation time. Innovations cannot show that positions are better than stated.
+FIGURES = (0.6, 0.03), (0.6, 0.6), (0.8, 0.8), (1.5, 1.5), (1.0, 1.0)
+POSITION, VELOCITY, IMU, SHARE, TIME_OF_SHARE = range(5)
+OVER_OFFSET, OVER_VELOCITY = 1, 2  # bits of what is over at an epoch; see `insnav.kernels.linear`
+# at the end, by kind; what is not here ends by a step back, after which what a drag has moved stays off
+CLEARED = {"offset": OVER_OFFSET, "rough": OVER_OFFSET, "velocity_offset": OVER_VELOCITY}
+NAMES = {"position": 0, "velocity": 3, "attitude": 6, "gyro": 9, "accel": 12, "delay": STATES}
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """A fault: a step of some states just before an epoch, perhaps taken back at another."""
+
+    kind: Kind
+    begin: int  # epoch
+    variance: float  # of its size, in each column
+    end: int = 0  # epoch before which it is over; 0: it stays
+
+    def moved(self, begin: int, end: int) -> Step:
+        """The same between other epochs."""
+        return replace(self, begin=begin, end=end)
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Figures of the noise, as logarithms by those of the run; see `FIGURES`."""
+
+    figures: tuple[float, ...] = (0.0,) * len(FIGURES)
+
+    @property
+    def cost(self) -> float:
+        """Twice the negative logarithm of their prior [-]."""
+        return float(sum((x / (up if x > 0.0 else down)) ** 2 for x, (up, down) in zip(self.figures, FIGURES, strict=True)))
+
+    def changed(self, number: int, by: float) -> Noise:
+        """The same with one of the figures changed."""
+        return Noise((*self.figures[:number], self.figures[number] + by, *self.figures[number + 1 :]))
+
+    @property
+    def share(self) -> float:
+        """Time-correlated share of the variance of a position [-]."""
+        return float(1.0 / (1.0 + np.exp(-self.figures[SHARE])))
+
+
+@dataclass(frozen=True, slots=True)
+class Pass:
+    """What a forward and a backward pass over the record tell."""
+
+    cost: float  # twice the negative log-likelihood of the fixes [-]
+    score: FloatArray  # (m, n) of a step of the state before each epoch
+    information: FloatArray  # (m, n, n) of it
+    squares: FloatArray  # (m, 2) expected squares of the residuals of position and velocity by their variance [-]
+    nav: FloatArray  # (m, 9) smoothed error of position, velocity and attitude
+    nav_variance: FloatArray  # (m, 9)
+    inner: tuple[tuple[FloatArray, ...], ...] = field(repr=False)  # of the passes, for `LinearRecord.cross`
+
+
+@dataclass(frozen=True, slots=True)
+class LinearRecord:
+    """Linear error model of one run at its epochs."""
+
+    time: FloatArray  # (m,) of the epochs, in the time of the samples [s]
+    rows: IntArray  # (m,) of the fixes, -1 without one
+    speed: FloatArray  # (m,) of the vehicle [m/s]
+    system: tuple[FloatArray, ...]  # spans, transitions, fading, noise; see `insnav.kernels.linear`
+    measured: tuple[FloatArray, ...]  # predicted minus measured, derivatives, errors taken off the state
+    variance: FloatArray  # (m, 6) of the white noise of the fixes, 0 where nothing was measured
+    start: FloatArray  # (n, n) covariance
+    states: dict[str, int]  # first index, by name
+    correlated_sd: FloatArray  # (3,) standard deviation of a position, of which a share is time-correlated [m]
+    from_fix: bool  # whether the first position is that of a fix, with its time-correlated error
+
+    @classmethod
+    def of(cls, ready: Prepared) -> LinearRecord:
+        """Run the filter over the longest part of a recording, and take its epochs.
+
+        Raises: DivergenceError: the filter lost consistency.
+        """
+        ready = ready.longest_part()
+        gates = ready.settings.gates
+        soft = Gates(gates.max_sd, np.inf, np.inf, gates.probability, np.inf, np.inf, np.inf)
+        sd = np.median(ready.gps.position_sd, axis=0)
+        correlated = CorrelatedNoise(Noise().share, FADES, np.sqrt(Noise().share) * sd)
+        settings = replace(
+            ready.settings, gates=soft, aiding=None, smooth=True, output_interval=10.0, correlated=correlated
+        )
+        gps = thinned(ready.gps)
+        navigator = Navigator(ready.initial, ready.model, gps, ready.alignment, ready.nominal, settings)
+        navigator.feed(ready.imu)
+        return cls._from_history(navigator.history().rows(), ready.gps, settings, ready.initial.from_fix)
+
+    @classmethod
+    def _from_history(
+        cls, history: FloatArray, gps: GpsData, settings: FilterSettings, from_fix: bool
+    ) -> LinearRecord:
+        """Take transitions, noise, measurements and what was taken off the state from the history of a run."""
+        at, m = layout(settings), history.shape[0]
+        n, time = at.states, history[:, TIME].copy()
+        span = np.diff(time, prepend=time[:1])
+        jacobian, transition, lower = np.split(history[:, JACOBIAN:], [6 * n, -n * (n + 1) // 2], axis=1)
+        before = np.empty((m, n, n))
+        rows, columns = np.tril_indices(n)
+        before[:, rows, columns] = before[:, columns, rows] = lower
+        phi, fade = transition[:, : NAV * STATES].reshape(m, NAV, STATES).copy(), np.ones((m, n + FAULTS))
+        fade[:, NAV:n] = transition[:, NAV * STATES :]
+        used = (history[:, KIND, None].astype(int) >> np.arange(6) & 1 > 0) & (history[:, KIND, None] > COAST)
+        h = np.where(used[:, :, None], jacobian.reshape(m, 6, n), 0.0)
+        z = np.where(used, history[:, RESIDUAL : RESIDUAL + 6], 0.0)
+        hp, both = h @ before, used[:, :, None] & used[:, None]
+        s = hp @ np.swapaxes(h, 1, 2) + np.where(both, history[:, NOISE : NOISE + 36].reshape(m, 6, 6), np.eye(6))
+        gain = np.linalg.solve(s, hp)
+        after = np.roll(before - np.swapaxes(hp, 1, 2) @ gain, 1, axis=0)  # the epoch before
+        # the noise of a span is what the covariance has more than the transition has carried on
+        q = before[:, :NAV, :NAV] - phi @ after[:, :STATES, :STATES] @ np.swapaxes(phi, 1, 2)
+        own, old = (np.diagonal(each, axis1=1, axis2=2)[:, NAV:] for each in (before, after))
+        qd = np.zeros((m, n + FAULTS))
+        qd[1:, NAV:n] = np.maximum(own - fade[:, NAV:n] ** 2 * old, 0.0)[1:]
+        values, vectors = np.linalg.eigh(0.5 * (q + np.swapaxes(q, 1, 2)))
+        q = (vectors * np.maximum(values, 0.0)[:, None]) @ np.swapaxes(vectors, 1, 2)
+        q[0] = 0.0
+        states = NAMES | {"correlated": at.correlated, "offset": n, "drift": n + 3, "velocity offset": n + 6}
+        states = {name: first for name, first in states.items() if name != "delay" or at.delay >= 0}
+        of_faults = np.zeros((m, 6, FAULTS))
+        of_faults[:, range(3), range(3)] = of_faults[:, range(3, 6), range(6, 9)] = -1.0
+        h = np.concatenate([h, np.where(used[:, :, None], of_faults, 0.0)], axis=2)
+        fed = np.zeros((m, n + FAULTS))
+        fed[:, :n] = np.einsum("mi,mij->mj", z, gain)
+        row = np.minimum(np.searchsorted(gps.time - settings.delay, time - 1e-4), gps.time.size - 1)
+        sd = np.hstack([gps.position_sd[row], gps.velocity_sd[row]])
+        # timestamps that scatter add speed and acceleration, the derivative by the delay
+        jitter = settings.jitter * h[:, :, STATES] if at.delay >= 0 else 0.0
+        start = np.zeros((n + FAULTS, n + FAULTS))
+        start[:n, :n] = before[0]
+        variance = np.where(used, np.nan_to_num(sd) ** 2 + jitter**2, 0.0)
+        speed = np.linalg.norm(history[:, STATE + 3 : STATE + 6], axis=1)
+        is_fix = used.any(axis=1) & (history[:, SOURCE] == FIX)
+        return cls(
+            *(time, np.where(is_fix, row, -1), speed, (span, phi, fade, q, qd), (z, h, fed), variance, start, states),
+            correlated_sd=np.median(gps.position_sd, axis=0),
+            from_fix=from_fix,
+        )
+
+    @property
+    def interval(self) -> float:
+        """Usual time between epochs [s]."""
+        return float(np.median(np.diff(self.time)))
+
+    @property
+    def known(self) -> BoolArray:
+        """Whether a position and a velocity were measured at each epoch, (m, 2)."""
+        return np.asarray(self.variance[:, ::3] > 0.0)
+
+    def columns(self, kind: Kind) -> FloatArray:
+        """What one unit of each column of a kind adds to the states, (n, d); (n, 0) if the record lacks them."""
+        found = np.zeros((self.start.shape[0], len(kind.steps)))
+        for column, names in enumerate(kind.steps):
+            for name, axis in (each.rsplit(" ", 1) for each in names):
+                if name not in self.states:
+                    return found[:, :0]
+                found[self.states[name] + int(axis), column] = 1.0
+        return found
+
+    def run(self, steps: tuple[Step, ...], weights: FloatArray, noise: Noise) -> Pass:
+        """Likelihood, scores and residuals with some faults, weights (m, 2) of positions and velocities, and noise."""
+        cost, inner = self._forward(steps, weights, noise)
+        system, measured, out = inner
+        m, n = self.time.size, self.start.shape[0]
+        score, information, u, uu = np.empty((m, n)), np.empty((m, n, n)), np.empty((m, 6)), np.empty((m, 6))
+        linear.backward(system, measured, out, score, information, u, uu)
+        variance, nav, p_nav = measured[2], *out[3:]
+        left = np.where(variance > 0.0, variance * u**2 + 1.0 - variance * uu, 0.0)
+        squares = left.reshape(m, 2, 3).sum(axis=2)
+        smoothed = nav + np.einsum("mij,mj->mi", p_nav, score)
+        told = np.einsum("mij,mji->mi", p_nav @ information, np.swapaxes(p_nav, 1, 2))
+        spread = np.diagonal(p_nav[:, :, :NAV], axis1=1, axis2=2) - told
+        return Pass(cost, score, information, squares, smoothed, np.maximum(spread, 0.0), inner)
+
+    def cost(self, steps: tuple[Step, ...], weights: FloatArray, noise: Noise) -> float:
+        """Twice the negative log-likelihood alone, by the forward pass [-]."""
+        return self._forward(steps, weights, noise)[0]
+
+    def _forward(
+        self, steps: tuple[Step, ...], weights: FloatArray, noise: Noise
+    ) -> tuple[float, tuple[tuple[FloatArray, ...], ...]]:
+        system, jumps, start = self._with(steps, noise)
+        by = np.exp(2.0 * np.array(noise.figures[:IMU])) * [1.0 - noise.share, 1.0]
+        z, h, fed = self.measured
+        measured = z, h, self.variance * np.repeat(by / weights, 3, axis=1), fed
+        m, n = self.time.size, self.start.shape[0]
+        out = np.empty((m, 6)), np.empty((m, 6)), np.empty((m, 6, n)), np.empty((m, NAV)), np.empty((m, NAV, n))
+        cost: float = linear.forward(system, measured, (np.zeros(n), start), jumps, out)
+        return cost, (system, measured, out)
+
+    def cross(self, of: Pass, columns: FloatArray, at: int, reach: int) -> FloatArray:
+        """Cross information of steps of some columns at an epoch and at each other one, (m, d, d).
+
+        `reach`: so many epochs later, or earlier if it is negative; others are zero.
+        """
+        m, d = self.time.size, columns.shape[1]
+        if reach > 0:
+            found = linear.cross_forward(*of.inner, of.information, at, columns, min(at + reach, m - 1))
+        else:
+            found = linear.cross_backward(*of.inner, of.information[at], at, columns, max(at + reach, 0))
+        return np.asarray(found).reshape(m, d, d)
+
+    def _with(
+        self, steps: tuple[Step, ...], noise: Noise
+    ) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...], FloatArray]:
+        """The system with some noise and faults, where the covariance is opened, and the first covariance."""
+        span, phi, fade, q, qd = self.system
+        by, at = float(np.exp(2.0 * noise.figures[IMU])), self.states["correlated"]
+        lasting = noise.share * np.exp(2.0 * noise.figures[POSITION]) * self.correlated_sd**2
+        fade, qd, start = fade.copy(), qd.copy(), self.start.copy()
+        kept = np.exp(-span / (FADES * np.exp(noise.figures[TIME_OF_SHARE])))[:, None]
+        fade[:, at : at + 3], qd[:, at : at + 3] = kept, (1.0 - kept**2) * lasting
+        reset_correlated(start, at, np.sqrt(lasting))
+        if self.from_fix:
+            cross_covariance(start, at, np.sqrt(lasting))
+        cleared = np.zeros(span.size, dtype=np.int64)
+        opened: list[tuple[int, FloatArray]] = []
+        first = self.states["offset"]
+        for step in steps:
+            if step.kind is RETURN:
+                cleared[step.begin] |= OVER_OFFSET | OVER_VELOCITY
+                continue
+            columns = np.sqrt(step.variance) * self.columns(step.kind)
+            g = np.zeros((columns.shape[0], 3))
+            g[:, : columns.shape[1]] = columns
+            if step.kind.fills:
+                inside = slice(step.begin, step.end)
+                fade[inside, first : first + 3] = np.exp(-span[inside, None] / FADES)
+                opened += [(k, g) for k in range(step.begin, step.end)]
+            else:
+                opened.append((step.begin, g))
+            if step.end and step.kind.name in CLEARED:
+                cleared[step.end] |= CLEARED[step.kind.name]
+            elif step.end:
+                opened.append((step.end, g))
+        opened.sort(key=lambda each: each[0])
+        rows = np.array([row for row, _ in opened], dtype=np.int64)
+        jumps = rows, np.array([g for _, g in opened]).reshape(rows.size, self.start.shape[0], 3)
+        return (span, phi, fade, by * q, qd, cleared), jumps, start

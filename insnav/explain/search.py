@@ -1,0 +1,258 @@
+"""The one search: score, try, accept, prune, within a budget of passes over the record.
+
+The criterion is the evidence: twice the negative log-likelihood of the fixes, whose errors have Student's t, with the
+priors of weights, faults and noise. Sizes of steps follow by their fixed point (D. J. C. MacKay, "Bayesian
+interpolation", Neural Computation 4 (1992) 415-447, eq. 4.5 ff.). Weights begin nearly alike and become strict step by
+step (H. Yang et al., "Graduated non-convexity for robust spatial perception", IEEE Robotics and Automation Letters 5
+(2020) 1127-1134; Agamennoni et al., IEEE Transactions on Signal Processing 60 (2012) 5024-5037).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from insnav.explain.kinds import Kind, cost_of_end
+from insnav.explain.proposals import Proposal, misfit_of, propose, score_kind
+from insnav.explain.record import IMU, LEAST, TAILS, LinearRecord, Noise, Pass, Step
+from insnav.tabular import runs_of
+from insnav.types import FloatArray
+
+ACCEPT = 6.0  # gain below which two explanations are alike: an approximate evidence may be wrong by that [-]
+GRADUATED = (300.0, 100.0, 30.0, 10.0, 3.0, 1.0)  # squares of residuals are divided by these, from first to last pass
+AGAIN = (1.0,) * 4  # the same where a fit changes little
+QUIET = -0.7  # logarithm of the factor of the noise of the IMU at which faults are looked for, too: noise hides them
+WIDTHS = 0.3, 0.3, 0.4, 0.8, 0.6  # of the parabolas by which each figure of the noise is found, about half a prior
+TRIED = 4  # proposals tried in a round
+ALONE = 2  # so many false fixes in a row are no fault of another kind
+WEAK = 0.3  # weight below which a fix counts as false [-]
+ROUNDS = 3  # of weights and noise without a fault
+MOVES = 3  # of a figure of the noise at a time, by its width
+BUDGET = 600  # passes
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """One explanation, fitted to the record."""
+
+    steps: tuple[Step, ...]
+    weights: FloatArray  # (m, 2) of positions and velocities
+    noise: Noise
+    cost: float  # twice the negative logarithm of the evidence [-]
+    seen: Pass
+
+
+@dataclass(frozen=True, slots=True)
+class Considered:
+    """A fault that was tried."""
+
+    steps: tuple[Step, ...]  # those that the fit before did not have
+    predicted: float  # gain by the scores alone [-]
+    gain: float  # found [-]
+    accepted: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """The likeliest explanation of a record, others that are nearly as likely, and what was tried."""
+
+    best: Fit
+    others: tuple[Fit, ...]
+    considered: tuple[Considered, ...]
+    passes: int
+    plain: Fit  # without a fault
+
+
+class _Searcher:
+    """Counts the passes, and keeps every fit."""
+
+    def __init__(self, record: LinearRecord, kinds: Sequence[Kind]) -> None:
+        self.record, self.kinds, self.passes = record, kinds, 0
+        self.fits: dict[tuple[Step, ...], Fit] = {}
+
+    def look(self, steps: tuple[Step, ...], weights: FloatArray, noise: Noise) -> Pass:
+        self.passes += 2
+        return self.record.run(steps, weights, noise)
+
+    def cost(self, seen: Pass, steps: tuple[Step, ...], weights: FloatArray, noise: Noise) -> float:
+        """Twice the negative logarithm of the evidence [-]."""
+        return self.other_cost(steps, weights, noise) + seen.cost
+
+    def other_cost(self, steps: tuple[Step, ...], weights: FloatArray, noise: Noise) -> float:
+        """Twice the negative logarithm of the priors of weights, noise and faults [-]."""
+        of_tails = (TAILS * (weights - 1.0 - np.log(weights)))[self.record.known].sum()
+        return float(of_tails) + noise.cost + prior_of(steps, self.record.interval)
+
+    def settle(self, start: Fit, steps: tuple[Step, ...], strictness: Sequence[float] = AGAIN) -> Fit:
+        """Fit weights and sizes of some faults, from another fit."""
+        weights, noise = start.weights, start.noise
+        seen = self.look(steps, weights, noise)
+        for divided in strictness:
+            weights = np.minimum((TAILS + 3.0) / (TAILS + seen.squares / divided), LEAST)
+            steps = tuple(sized(self.record, seen, step) for step in steps)
+            seen = self.look(steps, weights, noise)
+        fit = Fit(steps, weights, noise, self.cost(seen, steps, weights, noise), seen)
+        self.fits[steps] = fit
+        return fit
+
+    def tune(self, fit: Fit, numbers: Sequence[int]) -> Fit:
+        """Find the likeliest figures of the noise, one after the other, by parabolas of the cost."""
+        steps, weights, noise, cost = fit.steps, fit.weights, fit.noise, fit.cost
+
+        def at(other: Noise) -> float:
+            self.passes += 1
+            return self.record.cost(steps, weights, other) + self.other_cost(steps, weights, other)
+
+        for number in numbers:
+            width = WIDTHS[number]
+            for _ in range(MOVES):
+                less, more = (at(noise.changed(number, by)) for by in (-width, width))
+                curve = less + more - 2.0 * cost
+                by = 0.5 * width * (less - more) / curve if curve > 0.0 else np.inf
+                step = float(by) if abs(by) <= width else width * float(np.sign(less - more))
+                tried = noise.changed(number, step)
+                there = at(tried) if abs(by) <= width else min(less, more)
+                if there >= cost:
+                    break
+                noise, cost = tried, there
+                if abs(by) <= width:
+                    break
+        seen = self.look(steps, weights, noise)
+        return Fit(steps, weights, noise, self.cost(seen, steps, weights, noise), seen)
+
+    def proposals(self, fit: Fit) -> list[tuple[Proposal, Fit]]:
+        """What would gain most at the weights as they are, with all fixes believed, and with a quiet IMU."""
+        quiet = fit.noise.changed(IMU, min(0.0, QUIET - fit.noise.figures[IMU]))
+        ways = [(fit.weights, fit.noise), (believed(fit.weights), fit.noise), (fit.weights, quiet)]
+        found = []
+        for number, (weights, noise) in enumerate(ways):
+            if number and np.allclose(weights, fit.weights, atol=0.75) and noise == fit.noise:
+                continue
+            seen = fit.seen if number == 0 else self.look(fit.steps, weights, noise)
+            here = Fit(fit.steps, weights, fit.noise, self.cost(seen, fit.steps, weights, noise), seen)
+            less = here.cost - fit.cost  # what this way of looking has lost
+            found += [(each._replace(gain=each.gain - less), here) for each in propose(self.record, seen, self.kinds, fit.steps)]
+        return sorted(found, key=lambda each: -each[0].gain)
+
+    def improve(self, fit: Fit, considered: list[Considered]) -> Fit | None:
+        """Try the best proposal of each form; the likeliest fit, if it gains enough."""
+        best, forms = fit, set[tuple[str, bool]]()
+        for proposal, start in self.proposals(fit):
+            form = form_of(proposal, fit.steps)
+            if form in forms or proposal.gain <= 0.0:
+                continue
+            forms.add(form)
+            added = with_known(proposal, fit.steps)
+            trial = self.tune(self.settle(replace(start, noise=fit.noise), added), range(len(WIDTHS)))
+            new = tuple(step for step in added if step not in fit.steps)
+            considered.append(Considered(new, proposal.gain, fit.cost - trial.cost, accepted=False))
+            if trial.cost < min(best.cost, fit.cost - self.least(trial, new)) and matters(fit.seen, trial.seen):
+                best, chosen = trial, len(considered) - 1
+            if len(forms) == TRIED or self.passes > BUDGET:
+                break
+        if best is fit:
+            return None
+        considered[chosen] = replace(considered[chosen], accepted=True)
+        return best
+
+    def least(self, trial: Fit, new: Sequence[Step]) -> float:
+        """Gain that faults must have: misfit of the model, as the explained drive shows it, is no evidence."""
+        kinds = {step.kind.name: step.kind for step in new if step.kind.steps and not step.kind.fills}
+        gains = [score_kind(self.record, trial.seen, kind).gain for kind in kinds.values()]
+        return max([ACCEPT, *(misfit_of(self.record, gain) for gain in gains)])
+
+    def relocate(self, fit: Fit) -> Fit:
+        """Move each step to where the others leave it likeliest, or to another kind; drop what gains too little."""
+        for number in reversed(range(len(fit.steps))):
+            if self.passes > BUDGET:
+                break
+            rest = fit.steps[:number] + fit.steps[number + 1 :]
+            bare = self.settle(fit, rest, AGAIN[:2])
+            if bare.cost < fit.cost + ACCEPT:
+                fit = bare
+                continue
+            step = fit.steps[number]
+            tried = [each for each in self._elsewhere(bare, step) if each != (step,)]
+            trials = [self.settle(fit, (*rest, *each), AGAIN[:2]) for each in tried]
+            fit = min([fit, *trials], key=lambda each: each.cost)
+        return fit
+
+    def _elsewhere(self, bare: Fit, step: Step) -> list[tuple[Step, ...]]:
+        """The likeliest steps of each form that a fault may be instead, near its time."""
+        margin = max(30.0, self.record.time[step.end or step.begin] - self.record.time[step.begin])
+        first, last = self.record.time[step.begin] - margin, self.record.time[step.end or step.begin] + margin
+        found: dict[tuple[str, bool], Proposal] = {}
+        for each in propose(self.record, bare.seen, self.kinds, ()):
+            time = self.record.time[each.steps[0].begin]
+            if first <= time <= last:
+                found.setdefault((each.steps[0].kind.name, each.steps[0].end > 0), each)
+        return [each.steps for each in sorted(found.values(), key=lambda each: -each.gain)[:TRIED]]
+
+
+def search(record: LinearRecord, kinds: Sequence[Kind]) -> Search:
+    """Find which faults a record contains."""
+    searcher = _Searcher(record, kinds)
+    m, none = record.time.size, Noise()
+    weights = np.ones((m, 2))
+    seen = searcher.look((), weights, none)
+    start = Fit((), weights, none, np.inf, seen)
+    plain = searcher.settle(start, (), GRADUATED)
+    for _ in range(ROUNDS):  # what the noise gains is no gain of a fault
+        plain = searcher.settle(searcher.tune(plain, range(len(WIDTHS))), (), AGAIN[:2])
+    fit = plain
+    considered: list[Considered] = []
+    while searcher.passes < BUDGET:
+        better = searcher.improve(fit, considered)
+        if better is None:
+            break
+        fit = searcher.relocate(better)
+    others = [each for each in searcher.fits.values() if each.steps != fit.steps and each.cost < fit.cost + ACCEPT]
+    return Search(fit, tuple(others), tuple(considered), searcher.passes, plain)
+
+
+def matters(before: Pass, after: Pass) -> bool:
+    """Whether a fault moves the solution by more than its standard deviation somewhere, or doubles its variance."""
+    moved = (after.nav - before.nav) ** 2 > before.nav_variance
+    return bool((moved | (after.nav_variance > 2.0 * before.nav_variance)).any())
+
+
+def sized(record: LinearRecord, seen: Pass, step: Step) -> Step:
+    """A step with the variance that its score and information ask for."""
+    if not step.kind.steps:
+        return step
+    columns = record.columns(step.kind)
+    rows = slice(step.begin, step.end if step.kind.fills else step.begin + 1)
+    mean = step.variance * seen.score[rows] @ columns
+    known = step.variance * np.einsum("ia,kij,ja->", columns, seen.information[rows], columns)
+    return replace(step, variance=float(np.clip((mean**2).sum() / max(known, 1e-6), 1e-12, 1e8)))
+
+
+def prior_of(steps: Sequence[Step], interval: float) -> float:
+    """Twice the negative logarithm of the prior of some faults [-]."""
+    ends = sum(step.end > 0 for step in steps)
+    return sum(float(step.kind.cost(step.variance, interval)) for step in steps) + ends * cost_of_end(interval)
+
+
+def believed(weights: FloatArray) -> FloatArray:
+    """Weights of one, but of fixes that are false alone."""
+    found = np.ones_like(weights)
+    for column in range(2):
+        for first, last in runs_of(weights[:, column] < WEAK):
+            if last - first <= ALONE:
+                found[first:last, column] = weights[first:last, column]
+    return found
+
+
+def form_of(proposal: Proposal, known: tuple[Step, ...]) -> tuple[str, bool]:
+    """Kind and whether it passes, of what a proposal has that is not known."""
+    step = next((each for each in proposal.steps if each not in known), proposal.steps[0])
+    return step.kind.name, step.end > 0
+
+
+def with_known(proposal: Proposal, known: tuple[Step, ...]) -> tuple[Step, ...]:
+    """Steps of a proposal, and those known that it does not change."""
+    begins = {(each.kind.name, each.begin) for each in proposal.steps}
+    rest = (each for each in known if (each.kind.name, each.begin) not in begins)
+    return tuple(sorted((*rest, *proposal.steps), key=lambda each: each.begin))
