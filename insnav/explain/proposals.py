@@ -154,9 +154,7 @@ def _interval(record: LinearRecord, of: Pass, kind: Kind) -> list[Proposal]:
     columns = record.columns(kind)
     score, information = of.score @ columns, columns.T @ of.information @ columns
     found = []
-    for variance, gain in zip(
-        kind.size**2 * SIZES, gains_of(score, information, kind.size**2 * SIZES), strict=True
-    ):
+    for variance, gain in zip(kind.size**2 * SIZES, gains_of(score, information, kind.size**2 * SIZES), strict=True):
         whole = np.concatenate([[0.0], np.cumsum(gain)])
         end = int((whole - np.minimum.accumulate(whole)).argmax())
         begin = int(whole[: end + 1].argmin())

@@ -63,7 +63,9 @@ class Noise:
     @property
     def cost(self) -> float:
         """Twice the negative logarithm of their prior [-]."""
-        return float(sum((x / (up if x > 0.0 else down)) ** 2 for x, (up, down) in zip(self.figures, FIGURES, strict=True)))
+        return float(
+            sum((x / (up if x > 0.0 else down)) ** 2 for x, (up, down) in zip(self.figures, FIGURES, strict=True))
+        )
 
     def changed(self, number: int, by: float) -> Noise:
         """The same with one of the figures changed."""
@@ -82,7 +84,9 @@ class Pass:
     cost: float  # twice the negative log-likelihood of the fixes [-]
     score: FloatArray  # (m, n) of a step of the state before each epoch
     information: FloatArray  # (m, n, n) of it
-    squares: FloatArray  # (m, 2) expected squares of the residuals of position and velocity by their variance [-]
+    squares: (
+        FloatArray  # (m, 2) expected squares of the residuals of position and velocity by their variance at full weight
+    )
     nav: FloatArray  # (m, 9) smoothed error of position, velocity and attitude
     nav_variance: FloatArray  # (m, 9)
     inner: tuple[tuple[FloatArray, ...], ...] = field(repr=False)  # of the passes, for `LinearRecord.cross`
@@ -123,9 +127,7 @@ class LinearRecord:
         return cls._from_history(navigator.history().rows(), ready.gps, settings, ready.initial.from_fix)
 
     @classmethod
-    def _from_history(
-        cls, history: FloatArray, gps: GpsData, settings: FilterSettings, from_fix: bool
-    ) -> LinearRecord:
+    def _from_history(cls, history: FloatArray, gps: GpsData, settings: FilterSettings, from_fix: bool) -> LinearRecord:
         """Take transitions, noise, measurements and what was taken off the state from the history of a run."""
         at, m = layout(settings), history.shape[0]
         n, time = at.states, history[:, TIME].copy()
@@ -202,7 +204,7 @@ class LinearRecord:
         linear.backward(system, measured, out, score, information, u, uu)
         variance, nav, p_nav = measured[2], *out[3:]
         left = np.where(variance > 0.0, variance * u**2 + 1.0 - variance * uu, 0.0)
-        squares = left.reshape(m, 2, 3).sum(axis=2)
+        squares = left.reshape(m, 2, 3).sum(axis=2) / weights
         smoothed = nav + np.einsum("mij,mj->mi", p_nav, score)
         told = np.einsum("mij,mji->mi", p_nav @ information, np.swapaxes(p_nav, 1, 2))
         spread = np.diagonal(p_nav[:, :, :NAV], axis1=1, axis2=2) - told

@@ -30,6 +30,7 @@ ALONE = 2  # so many false fixes in a row are no fault of another kind
 WEAK = 0.3  # weight below which a fix counts as false [-]
 ROUNDS = 3  # of weights and noise without a fault
 MOVES = 3  # of a figure of the noise at a time, by its width
+SIZE_RANGE = np.array([1e-6, 1e6])  # of a variance by the square of the typical size: prior 33 worse at either end [-]
 BUDGET = 600  # passes
 
 
@@ -90,6 +91,8 @@ class _Searcher:
         weights, noise = start.weights, start.noise
         seen = self.look(steps, weights, noise)
         for divided in strictness:
+            if not np.isfinite(seen.score).all():
+                return replace(start, steps=steps, cost=np.inf)
             weights = np.minimum((TAILS + 3.0) / (TAILS + seen.squares / divided), LEAST)
             steps = tuple(sized(self.record, seen, step) for step in steps)
             seen = self.look(steps, weights, noise)
@@ -133,7 +136,10 @@ class _Searcher:
             seen = fit.seen if number == 0 else self.look(fit.steps, weights, noise)
             here = Fit(fit.steps, weights, fit.noise, self.cost(seen, fit.steps, weights, noise), seen)
             less = here.cost - fit.cost  # what this way of looking has lost
-            found += [(each._replace(gain=each.gain - less), here) for each in propose(self.record, seen, self.kinds, fit.steps)]
+            found += [
+                (each._replace(gain=each.gain - less), here)
+                for each in propose(self.record, seen, self.kinds, fit.steps)
+            ]
         return sorted(found, key=lambda each: -each[0].gain)
 
     def improve(self, fit: Fit, considered: list[Considered]) -> Fit | None:
@@ -145,10 +151,11 @@ class _Searcher:
                 continue
             forms.add(form)
             added = with_known(proposal, fit.steps)
-            trial = self.tune(self.settle(replace(start, noise=fit.noise), added), range(len(WIDTHS)))
+            trial = self.settle(replace(start, noise=fit.noise), added)
+            trial = self.tune(trial, range(len(WIDTHS))) if np.isfinite(trial.cost) else trial
             new = tuple(step for step in added if step not in fit.steps)
             considered.append(Considered(new, proposal.gain, fit.cost - trial.cost, accepted=False))
-            if trial.cost < min(best.cost, fit.cost - self.least(trial, new)) and matters(fit.seen, trial.seen):
+            if trial.cost < best.cost - ACCEPT * (best is fit) and self.is_real(fit, trial, new):
                 best, chosen = trial, len(considered) - 1
             if len(forms) == TRIED or self.passes > BUDGET:
                 break
@@ -156,6 +163,10 @@ class _Searcher:
             return None
         considered[chosen] = replace(considered[chosen], accepted=True)
         return best
+
+    def is_real(self, before: Fit, trial: Fit, new: Sequence[Step]) -> bool:
+        """Whether faults gain more than misfit of the model does, and change the solution."""
+        return trial.cost < before.cost - self.least(trial, new) and matters(before.seen, trial.seen)
 
     def least(self, trial: Fit, new: Sequence[Step]) -> float:
         """Gain that faults must have: misfit of the model, as the explained drive shows it, is no evidence."""
@@ -226,7 +237,7 @@ def sized(record: LinearRecord, seen: Pass, step: Step) -> Step:
     rows = slice(step.begin, step.end if step.kind.fills else step.begin + 1)
     mean = step.variance * seen.score[rows] @ columns
     known = step.variance * np.einsum("ia,kij,ja->", columns, seen.information[rows], columns)
-    return replace(step, variance=float(np.clip((mean**2).sum() / max(known, 1e-6), 1e-12, 1e8)))
+    return replace(step, variance=float(np.clip((mean**2).sum() / max(known, 1e-6), *(SIZE_RANGE * step.kind.size**2))))
 
 
 def prior_of(steps: Sequence[Step], interval: float) -> float:

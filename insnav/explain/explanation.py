@@ -1,0 +1,232 @@
+"""What a recording contains, handed to the filter: fixes to leave out, changes of the IMU, and what stays ambiguous.
+
+A fault of the IMU or of the clock is searched for about a run that has those found before: attitude errors of many
+degrees are no linear function of a gyro fault. Faults of the fixes are linear, and are searched for together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from insnav.exceptions import DivergenceError
+from insnav.explain.kinds import FADES, RETURN, Kind
+from insnav.explain.record import NAMES, LinearRecord
+from insnav.explain.search import Search, search
+from insnav.filter.ambiguity import Jump, widen_by_jumps, widened
+from insnav.filter.gates import Trust
+from insnav.filter.gps_correlation import Rough
+from insnav.filter.prepare import Prepared
+from insnav.findings import Code, Finding
+from insnav.types import BoolArray, FloatArray, GpsData, Run, StateChange
+
+ROUNDS = 5  # runs of the filter, each about the faults of the IMU found before
+FEWEST = 20  # epochs with a fix, below which a record shows no fault
+EITHER = 0.2  # least probability of an explanation that the record cannot tell from another [-]
+# what a finding of a kind says: its code where the fault passes and where it stays, and the name of its size
+CODES = {
+    "offset": (Code.RECORD_FALSE_POSITIONS, Code.RECORD_JUMP, "distance_m"),
+    "drag": (Code.RECORD_DRIFT, Code.RECORD_DRIFT, "distance_m"),
+    "followed_drag": (Code.RECORD_DRIFT, Code.RECORD_DRIFT, "distance_m"),
+    "velocity_offset": (Code.RECORD_FALSE_VELOCITIES, Code.RECORD_FALSE_VELOCITIES, "residual_m_s"),
+    "rough": (Code.RECORD_ROUGH, Code.RECORD_ROUGH, "sd_m"),
+    "velocity": (Code.RECORD_VELOCITY_MISSED, Code.RECORD_VELOCITY_MISSED, "speed_m_s"),
+    "turned": (Code.CHANGE_TURNED, Code.CHANGE_TURNED, "angle_rad"),
+    "heading": (Code.CHANGE_TURNED, Code.CHANGE_TURNED, "angle_rad"),
+    "gyro": (Code.CHANGE_GYRO_FAULT, Code.CHANGE_GYRO_BIAS, "rate_rad_s"),
+    "accel": (Code.CHANGE_ACCEL_BIAS, Code.CHANGE_ACCEL_BIAS, "acceleration_m_s2"),
+    "delay": (Code.CHANGE_DELAY, Code.CHANGE_DELAY, "delay_s"),
+}
+SUBJECTS = {"turned": "imu", "heading": "imu", "velocity": ""}  # beside sensors; else the fixes
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """A fault that the record contains."""
+
+    kind: Kind
+    begin: float  # [s], in the time of the samples
+    end: float  # infinite for one that stays [s]
+    size: FloatArray  # (d,) of each column of the kind
+    gain: float  # of the evidence by it [-]
+    returned: bool = False  # at its end the positions are back where they were
+
+    @property
+    def family(self) -> str:
+        """Name of the kind without an axis."""
+        return self.kind.name.removesuffix("_x").removesuffix("_y").removesuffix("_z")
+
+    def inside(self, time: FloatArray) -> BoolArray:
+        """Times between begin and end."""
+        return np.asarray((time >= self.begin) & (time < self.end))
+
+
+@dataclass(frozen=True, slots=True)
+class Tried:
+    """A fault that the search has tried, as a row of the table of the explanation."""
+
+    name: str  # of its kind
+    begin: float  # [s]
+    end: float  # infinite for one that stays [s]
+    gain: float  # of the evidence [-]
+    prior: float  # what of that its prior has cost [-]
+    accepted: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """The faults of a recording, and how they were found."""
+
+    faults: tuple[Fault, ...] = ()
+    tried: tuple[Tried, ...] = ()
+    passes: int = 0  # over the linear record
+    runs: int = 0  # of the filter over the samples
+    findings: tuple[Finding, ...] = field(default=())
+
+    def widen(self, run: Run) -> Run:
+        """Standard deviations that hold what the record cannot tell: which side of a lasting change is true."""
+        jumps = tuple(Jump(fault.begin, _settled(fault), _moved(fault)) for fault in self.faults if _lasts(fault))
+        run = widen_by_jumps(run, jumps) if jumps else run
+        for fault in self.faults:
+            if fault.family == "delay":
+                late = float(np.abs(fault.size[0]))
+                run = widened(run, lambda solution, late=late: late * solution.v_n, EITHER)  # type: ignore[misc]
+        return run
+
+
+def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Explanation]:
+    """Find the faults of a recording, and prepare it for the filter with them."""
+    faults, tried, passes, explained = list[Fault](), list[Tried](), 0, ready
+    runs = 0
+    for _ in range(ROUNDS):
+        found, record = None, None
+        with suppress(DivergenceError):
+            record = LinearRecord.of(explained)
+            runs += 1
+            if np.count_nonzero(record.known.any(axis=1)) >= FEWEST:
+                found = search(record, kinds)
+        if found is None or record is None:
+            break
+        passes += found.passes
+        tried += tried_of(record, found)
+        new = faults_of(record, found)
+        of_imu = [fault for fault in new if not fault.kind.of_fixes or fault.family == "delay"]
+        # the others are looked at again about the run that has the surest one of these
+        faults += sorted(of_imu, key=lambda fault: -fault.gain)[:1] if of_imu else new
+        explained = apply_faults(ready, faults)
+        if not of_imu:
+            break
+    findings = tuple(find(fault, explained.gps) for fault in faults)
+    explanation = Explanation(tuple(faults), tuple(tried), passes, runs, findings)
+    return replace(explained, explanation=explanation), explanation
+
+
+def faults_of(record: LinearRecord, found: Search) -> list[Fault]:
+    """The accepted steps of a search as faults in time; a return ends what has moved the fixes before it."""
+    faults: list[Fault] = []
+    gains = {step: each.gain for each in found.considered if each.accepted for step in each.steps}
+    for step in found.best.steps:
+        begin = float(record.time[step.begin])
+        if step.kind is RETURN:
+            faults = [replace(each, end=begin, returned=True) if _lasts(each) else each for each in faults]
+            continue
+        columns = record.columns(step.kind)
+        size = step.variance * found.best.seen.score[step.begin] @ columns
+        if step.kind.fills:
+            size = np.full(1, np.sqrt(step.variance / record.interval))
+        end = float(record.time[step.end]) if step.end else np.inf
+        gain = next((gain for other, gain in gains.items() if other.kind is step.kind), 0.0)
+        faults.append(Fault(step.kind, begin, end, size, gain))
+    return faults
+
+
+def tried_of(record: LinearRecord, found: Search) -> list[Tried]:
+    """Rows of the table of the explanation."""
+    rows = []
+    for each in found.considered:
+        for step in each.steps[:1]:
+            end = float(record.time[step.end]) if step.end else np.inf
+            prior = float(step.kind.cost(max(step.variance, 1e-12), record.interval))
+            rows.append(Tried(step.kind.name, float(record.time[step.begin]), end, each.gain, prior, each.accepted))
+    return rows
+
+
+def apply_faults(ready: Prepared, faults: Sequence[Fault]) -> Prepared:
+    """The recording with some faults: what the filter leaves out, takes off its state, and doubts."""
+    gps, changes, rough = ready.gps, list[StateChange](), list[Rough]()
+    for fault in faults:
+        if fault.family == "delay":
+            gps = replace(gps, time=gps.time - float(fault.size[0]) * fault.inside(gps.time - ready.settings.delay))
+    later = gps.time > np.maximum.accumulate(np.concatenate([[-np.inf], gps.time[:-1]]))
+    gps = gps.rows(np.flatnonzero(later))
+    time = gps.time - ready.settings.delay
+    false = np.zeros((2, time.size), dtype=np.bool_)
+    for fault in faults:
+        inside = fault.inside(time)
+        if fault.family in ("offset", "drag", "followed_drag"):
+            passes = np.isfinite(fault.end) or fault.family != "offset"
+            false[0] |= inside & passes
+            false[1] |= inside & (fault.family == "followed_drag")
+            if _lasts(fault):
+                changes.append(StateChange(_settled(fault), 0, -_moved(fault), fault.gain))
+        elif fault.family == "velocity_offset":
+            false[1] |= inside
+        elif fault.kind.fills:
+            rough.append(Rough(fault.begin, fault.end, float(fault.size[0]), FADES))
+        elif fault.family != "delay":
+            changes += _changes_of(fault)
+    changes.sort(key=lambda change: change.time)
+    trust = Trust(false, np.full(false.shape, np.nan)) if false.any() else None
+    settings = replace(ready.settings, changes=tuple(changes), trust=trust, rough=tuple(rough))
+    return replace(ready, gps=gps, settings=settings)
+
+
+def _changes_of(fault: Fault) -> list[StateChange]:
+    """A fault of the IMU as changes of the state."""
+    name, axis = fault.kind.steps[0][0].rsplit(" ", 1)
+    change = np.zeros(3)
+    change[int(axis) :][: fault.size.size] = fault.size
+    found = [StateChange(fault.begin, NAMES[name], change, fault.gain)]
+    if np.isfinite(fault.end):
+        found.append(StateChange(fault.end, NAMES[name], -change, fault.gain))
+    return found
+
+
+def _lasts(fault: Fault) -> bool:
+    """Whether positions stay off: a jump that does not pass, or a drag that does."""
+    return (fault.family == "offset" and not np.isfinite(fault.end)) or (
+        fault.family in ("drag", "followed_drag") and np.isfinite(fault.end) and not fault.returned
+    )
+
+
+def _settled(fault: Fault) -> float:
+    """From when on positions stay off [s]."""
+    return fault.begin if fault.family == "offset" else fault.end
+
+
+def _moved(fault: Fault) -> FloatArray:
+    """By how much positions are off after a fault, North, East, Down (3,) [m]."""
+    if fault.family == "offset":
+        return fault.size
+    return np.asarray(fault.size * (fault.end - fault.begin))
+
+
+def find(fault: Fault, gps: GpsData) -> Finding:
+    """Report a fault."""
+    passes, stays, name = CODES[fault.family]
+    size = _moved(fault) if name == "distance_m" and np.isfinite(fault.end) else fault.size
+    code = passes if np.isfinite(fault.end) else stays
+    value = float(np.linalg.norm(size)) if fault.size.size > 1 else float(fault.size[0])
+    subject = (
+        fault.kind.name.replace("_", " ") if fault.family in ("gyro", "accel") else SUBJECTS.get(fault.family, "gps")
+    )
+    values: dict[str, float] = {name: value}
+    if code in (Code.RECORD_FALSE_POSITIONS, Code.RECORD_FALSE_VELOCITIES):
+        values = {
+            "count": int(np.count_nonzero(fault.inside(gps.time))),
+            name.replace("distance_m", "residual_m"): value,
+        }
+    return Finding.of(code, fault.begin, fault.end if np.isfinite(fault.end) else None, subject=subject, **values)
