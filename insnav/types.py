@@ -333,25 +333,9 @@ class StateChange:
     """Change of three states of the filter that explains all later innovations best."""
 
     time: float  # of the epoch before which it is [s], in the time of the samples
-    first: int  # of the three error states, or the delay
-    change: FloatArray  # (3,), (1,) of the error, estimate minus truth
+    first: int  # of the three error states
+    change: FloatArray  # (3,) of the error, estimate minus truth
     gain: float  # twice the gain of the log-likelihood [-]
-    since: float = np.inf  # positions from then to its time are not used, if that is earlier [s]
-
-    @property
-    def begin(self) -> float:
-        """When it begins [s]."""
-        return min(self.since, self.time)
-
-
-@dataclass(frozen=True, slots=True)
-class DelayStep:
-    """Change of the delay of the fixes within a drive."""
-
-    time: float  # of the first fix with another delay, in the time of the samples [s]
-    before: float  # than what is given, or none [s]
-    after: float
-    sure: bool = True  # no other change explains as much
 
 
 @dataclass(frozen=True, slots=True)
@@ -361,12 +345,6 @@ class Smoothed:
     solution: Trajectory  # at the times of the filter's solution
     epochs: Epochs  # state and covariance at each fix that was used
     sensor_errors: SensorErrors  # biases and scale factors at these times
-    # (3,) jump of the fixes [m], change of their velocity and a minute of drift beside true velocities [m/s] that are
-    # told from true fixes nine times in ten; see `insnav.filter.shocks`
-    smallest_seen: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
-    surest: StateChange | None = None  # what stands out most, if anything does
-    likely: tuple[StateChange, ...] = ()  # of each kind at most one, the clearest first
-    delay_step: DelayStep | None = None  # if one stands out
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from insnav.exceptions import DivergenceError
 from insnav.explain.kinds import FADES, RETURN, Kind
-from insnav.explain.record import NAMES, LinearRecord
-from insnav.explain.search import Search, search
+from insnav.explain.record import NAMES, LinearRecord, Pass
+from insnav.explain.search import ACCEPT, Search, search
 from insnav.filter.ambiguity import Jump, widen_by_jumps, widened
 from insnav.filter.gates import Trust
 from insnav.filter.gps_correlation import Rough
@@ -25,6 +26,9 @@ from insnav.types import BoolArray, FloatArray, GpsData, Run, StateChange
 
 ROUNDS = 5  # runs of the filter, each about the faults of the IMU found before
 FEWEST = 20  # epochs with a fix, below which a record shows no fault
+MINUTE, PLACES, NEARLY_ALL = 60.0, 20, 0.9  # drag whose least size is stated [s]; where it is looked for; part of these
+NINE_IN_TEN = 1.28  # standard deviations by which a fault exceeds the limit to be found nine times in ten [-]
+UNSEEN = 1e3  # times the typical size from which nothing is seen [-]
 EITHER = 0.2  # least probability of an explanation that the record cannot tell from another [-]
 # what a finding of a kind says: its code where the fault passes and where it stays, and the name of its size
 CODES = {
@@ -100,7 +104,7 @@ class Explanation:
 def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Explanation]:
     """Find the faults of a recording, and prepare it for the filter with them."""
     faults, tried, passes, explained = list[Fault](), list[Tried](), 0, ready
-    runs = 0
+    runs, detectable = 0, tuple[Finding, ...]()
     for _ in range(ROUNDS):
         found, record = None, None
         with suppress(DivergenceError):
@@ -111,6 +115,7 @@ def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Ex
         if found is None or record is None:
             break
         passes += found.passes
+        detectable = (state_detectable(record, found.best.seen, kinds),)
         tried += tried_of(record, found)
         new = faults_of(record, found)
         of_imu = [fault for fault in new if not fault.kind.of_fixes or fault.family == "delay"]
@@ -121,7 +126,7 @@ def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Ex
             break
     findings = tuple(find(fault, explained.gps) for fault in faults)
     explanation = Explanation(tuple(faults), tuple(tried), passes, runs, findings)
-    return replace(explained, explanation=explanation), explanation
+    return replace(explained, explanation=explanation, notes=(*explained.notes, *detectable)), explanation
 
 
 def faults_of(record: LinearRecord, found: Search) -> list[Fault]:
@@ -152,6 +157,32 @@ def tried_of(record: LinearRecord, found: Search) -> list[Tried]:
             prior = float(step.kind.cost(max(step.variance, 1e-12), record.interval))
             rows.append(Tried(step.kind.name, float(record.time[step.begin]), end, each.gain, prior, each.accepted))
     return rows
+
+
+def state_detectable(record: LinearRecord, of: Pass, kinds: Sequence[Kind]) -> Finding:
+    """The least faults of the fixes that are found nine times in ten in nearly all of the record.
+
+    Minimal detectable bias: W. Baarda, "A testing procedure for use in geodetic networks", Netherlands Geodetic
+    Commission 2/5 (1968), with the prior of the kind for the critical value.
+    """
+    values = {}
+    length = max(int(MINUTE / record.interval), 2)
+    for name, key in (("offset", "jump_m"), ("followed_drag", "drift_m_s"), ("drag", "minute_m_s")):
+        kind = next(each for each in kinds if each.name == name)
+        columns = record.columns(kind)
+        rows = np.linspace(1, max(record.time.size - length - 1, 1), PLACES).astype(int)
+        known = columns.T @ of.information[rows] @ columns
+        if name == "drag":
+            later = np.minimum(rows + length, record.time.size - 1)
+            cross = np.array([record.cross(of, columns, a, length)[b] for a, b in zip(rows, later, strict=True)])
+            known = known + columns.T @ of.information[later] @ columns - cross - np.swapaxes(cross, 1, 2)
+        least = np.linalg.eigvalsh(known[:, :2, :2])[:, 0]
+        critical = np.sqrt(float(kind.cost(kind.size**2, record.interval)) + ACCEPT) + NINE_IN_TEN
+        sd = 1.0 / np.sqrt(np.maximum(least, 1e-30))
+        value = critical * float(np.quantile(sd, NEARLY_ALL))
+        if value < UNSEEN * kind.size:
+            values[key] = value
+    return Finding.of(Code.GPS_DETECTABLE, **values)  # type: ignore[arg-type]
 
 
 def apply_faults(ready: Prepared, faults: Sequence[Fault]) -> Prepared:
@@ -223,7 +254,7 @@ def find(fault: Fault, gps: GpsData) -> Finding:
     subject = (
         fault.kind.name.replace("_", " ") if fault.family in ("gyro", "accel") else SUBJECTS.get(fault.family, "gps")
     )
-    values: dict[str, float] = {name: value}
+    values: dict[str, Any] = {name: value}
     if code in (Code.RECORD_FALSE_POSITIONS, Code.RECORD_FALSE_VELOCITIES):
         values = {
             "count": int(np.count_nonzero(fault.inside(gps.time))),

@@ -101,6 +101,7 @@ class Estimate:
         self._phi, self._q, self._unity = np.eye(n), np.zeros((n, n)), np.eye(n)
         self._work = errorstate.scratch()
         self.before = np.zeros(12)  # variances predicted for the last epoch
+        self._rough = settings.rough
         self._changes = [change for change in settings.changes if change.time > start.time]
         begin, rest = alignment.static or (-np.inf, -np.inf)
         rest = max(rest, alignment.left)
@@ -157,6 +158,8 @@ class Estimate:
         if abs(self.x[0]) > NEXT_TO_POLE:
             raise InputError("filter.at_pole", where=f"t = {time:.3f} s")
         at, times, sds = self.at.correlated, self._lasting_time, self._lasting_sd
+        for rough in self._rough if sds.size else ():
+            times, sds = rough.drive(time, times, sds)
         epoch.turn(self._phi, self.all)
         epoch.not_linear(self._q, self.all, self.covariance)
         epoch.fade(self.all, at, times, sds, self._phi, self._q, self.span)
@@ -169,11 +172,10 @@ class Estimate:
     def _change(self, found: StateChange) -> None:
         """Take a change off the state, and open the covariance for what is not known of it."""
         error, part = np.zeros(self.at.states), slice(found.first, found.first + 3)
-        drag = found.since < found.time  # how far it went is not known before it is over
-        error[part] = 0.0 if drag else found.change
+        error[part] = found.change
         errorstate.feed_back(self.x, self.correction, error)
         size = float(np.linalg.norm(found.change))
-        self._q[part, part] += ((1.0 if drag else CHANGE_KNOWN) * size) ** 2 * np.eye(3)
+        self._q[part, part] += (CHANGE_KNOWN * size) ** 2 * np.eye(3)
         if found.first == NAV:  # it has turned the IMU for as long as from one epoch to the next
             self._q[6:9, 6:9] += (self._coast * size) ** 2 * np.eye(3)
         if found.first >= NAV:  # what stepped does not fade

@@ -51,6 +51,26 @@ class CorrelatedNoise:
         return np.repeat([self.time, self.velocity_time], 3)[: self.sds.size]
 
 
+@dataclass(frozen=True, slots=True)
+class Rough:
+    """Interval in which the time-correlated error of positions is driven by more noise: multipath."""
+
+    begin: float  # [s]
+    end: float
+    driven: float  # root of the spectral density of that noise, each axis [m/sqrt(s)]
+    time: float  # correlation time of the error [s]
+
+    def drive(self, now: float, times: FloatArray, sds: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Correlation times [s] and standard deviations of the states at some time, of positions first."""
+        if not self.begin <= now < self.end + 3.0 * self.time:  # by then the rest of the error has faded
+            return times, sds
+        times, sds = times.copy(), sds.copy()
+        times[:3] = self.time
+        if now < self.end:
+            sds[:3] = np.hypot(sds[:3], self.driven * np.sqrt(0.5 * self.time))
+        return times, sds
+
+
 def correlated_noise(gps: GpsData, lag: float, *, reported: bool = True) -> CorrelatedNoise | None:
     """Find the time-correlated part of the position error.
 

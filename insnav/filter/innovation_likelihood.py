@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from insnav.filter.gps_noise import ALIKE, OPEN_VELOCITY
 from insnav.filter.navigator import Navigator
 from insnav.filter.noise_estimate import NoiseEstimate, start_by
 from insnav.filter.prepare import Prepared
-from insnav.filter.sensor_axes import by_turn, errors_of_axes, informed
+from insnav.filter.sensor_axes import errors_of_axes, informed
 from insnav.filter.state_layout import first_state, layout
 from insnav.imu.noise_density import SLOW, white_noise
 from insnav.imu.specification import ImuSpec, SensorSpec
@@ -37,12 +36,8 @@ HUBER = 3.0  # innovations beyond so many standard deviations count less, so tha
 # what the variance of clean innovations loses by that: 1 - 2 Q(3), the expectation of psi(u) u for standard normal u
 CLEAN = 0.9973
 FAR_OFF, FAR_OFF_SHARE = np.deg2rad(5.0), 0.1  # attitude error whose square counts [rad], in this part of a drive [-]
-REJECTED = 3.5  # times the usual interval between fixes that are used, beyond which others are missing
-SETTLING, SETTLED = 4, 60.0  # the attitude of a filter settles in this part of a drive, one in so many, or so soon [s]
-LATER, MOVED = 3, 4  # first of the causes that innovations are looked at for, beside three gyros
+SETTLING = 4  # the attitude of a filter settles in this part of a drive, one in so many [-]
 SENSELESS = 1e6  # no misalignment moves fixes so far [m], [m/s]
-SHOWN = 2.0  # so long after it is lost a run shows by what [s]
-LOST, AFTER = 9.0, 5.0  # mean square of normalised innovations of so long [s] beyond which a run is no start
 # Largest figures, where the preset has no larger ones. Consumer sensors are sold with scale factors of 0.03, biases of
 # 3 deg/s and 0.5 m/s^2 at most; what is larger explains noise, or faults, by itself.
 LARGEST = {
@@ -117,7 +112,6 @@ class InnovationLikelihood:
         self._lasting = at.correlated
         self._tape = kernel.tape(rows, at.states, run.model.noise, bridged(imu.time, time))
         self._offered = rows[:, SOURCE] == FIX
-        self._known = np.zeros((1, self._offered.size, NAV))  # errors that each span adds
         h, jitter = self._tape[7], ready.settings.jitter
         # of fixes: what the scatter of the timestamps makes of speed and acceleration, the negatives of the column of
         # the delay; of other aiding: its noise
@@ -162,21 +156,7 @@ class InnovationLikelihood:
         part._other, part._offered, part._sd, part._c = (
             each[:last] for each in (self._other, self._offered, self._sd, self._c)
         )
-        part._known = self._known[:, :last]
         return part
-
-    def linear(self, at: FloatArray) -> InnovationLikelihood:
-        """The same until the run is lost, soon after which innovations are no linear function of what is wrong."""
-        e, s = self.normalised(at)[:2]
-        many = np.concatenate([[0], np.cumsum(np.bitwise_count(np.maximum(self._tape[1], COAST)).astype(int))])
-        square = np.concatenate([[0.0], np.cumsum(e**2 / s)])[many]
-        first = np.searchsorted(self.times, self.times - AFTER)
-        mean = (square[1:] - square[first]) / np.maximum(many[1:] - many[first], 1)
-        settled = min(mean.size // SETTLING, int(np.searchsorted(self.times, self.times[0] + SETTLED)))
-        row = settled + int(np.argmax(mean[settled:] > LOST))
-        if row == settled:  # never, or before it has settled: what is wrong is all over
-            return self
-        return self.beginning(float(self.times[row] + SHOWN - self._run.initial.time))
 
     def of_positions(self, *, sizes: bool) -> InnovationLikelihood:
         """The same with no figures but what part of the errors of positions lasts, how long, and their `sizes`."""
@@ -242,7 +222,7 @@ class InnovationLikelihood:
 
     def normalised(self, at: FloatArray, push: FloatArray | None = None) -> FloatArray:
         """Innovations and variances with a set of figures, and derivatives by `push`, as of `kernel.innovations`."""
-        push = self._known.copy() if push is None else push
+        push = np.zeros((1, self._offered.size, NAV)) if push is None else push
         out = np.empty((1 + push.shape[0], 6 * self._offered.size))
         model = error_model(self.spec(at), self._states)
         position, velocity, correlated = self.fixes_of(at)
@@ -303,51 +283,6 @@ class InnovationLikelihood:
     def misalignment_sd(self) -> FloatArray:
         """Standard deviations of the twelve misalignments by the prior [rad]."""
         return np.concatenate([np.repeat(sensor.misalignment, 2) for sensor in (self.prior.gyro, self.prior.accel)])
-
-    def rejected(self) -> bool:
-        """Whether several fixes in a row were rejected in the run, positions or velocities."""
-        kind = self._tape[1]
-        used = np.append(self.times[kind == kind.max()], self.times[-1])
-        step, offered = np.diff(used), np.diff(np.searchsorted(self._given, used + 1e-4))
-        return bool(((step > REJECTED * np.median(step)) & (offered > REJECTED)).any())
-
-    @property
-    def times(self) -> FloatArray:
-        """Of the epochs, (m,) [s]."""
-        return np.asarray(self._run.initial.time + np.cumsum(self._tape[0]))
-
-    def by_spans(self, at: FloatArray, edges: FloatArray, cause: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Innovations (n,), their weights (n,), and what one unit of a cause between `edges` (k + 1,) [s] adds, (k, n).
-
-        `cause`: a gyro shows more, 0 to 2 [rad/s]; fixes are later, `LATER` [s], or off to North, East, Down, `MOVED`
-        and the two after it [m].
-        """
-        e, s, *by = self.normalised(at, self._pushes(edges, cause))
-        return e, weights_of(e, s), np.array(by)
-
-    def without(self, begin: float, end: float, cause: int, size: float) -> InnovationLikelihood:
-        """The same without a cause of a known size between two times [s]; see `by_spans`."""
-        other = copy(self)
-        other._known = size * self._pushes(np.array([begin, end]), cause)[1:]
-        return other
-
-    def _pushes(self, edges: FloatArray, cause: int) -> FloatArray:
-        """Errors that one unit of a cause adds between `edges` in each span, (k + 1, m, 9), the first of nothing."""
-        end, push = self.times, [np.zeros((self._offered.size, NAV))]
-        off = np.zeros(push[0].shape)
-        if cause == LATER:
-            off[:, :6] = -self._tape[7][:, :, STATES]  # by the speed
-        else:
-            off[:, cause - MOVED] = -1.0
-        for first, last in pairwise(edges):
-            if cause >= LATER:  # errors that are there only as long as the fixes are off
-                now = off * ((end > first) & (end <= last))[:, None]
-                before = np.vstack([push[0][:1], now[:-1]])
-                push.append(now - np.einsum("kij,kj->ki", self._tape[2][:, :, :NAV], before))
-            else:
-                inside = np.maximum(np.minimum(end, last) - np.maximum(end - self._tape[0], first), 0.0)
-                push.append(by_turn(-self._c[:, :, cause] * inside[:, None], self._tape[2]))
-        return np.array(push)
 
     def bias_seen(self, at: FloatArray) -> float:
         """Negative log-likelihood of the gyro bias that the alignment saw."""

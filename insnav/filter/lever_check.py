@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from insnav.attitude import dcm_from_quat, quat_from_rph, wrap_pi
-from insnav.filter.changes import with_wider_sd
+from insnav.filter.ambiguity import with_wider_sd
 from insnav.filter.gps_delay import filtered
 from insnav.filter.navigate import feed
 from insnav.filter.noise_search import SHORT

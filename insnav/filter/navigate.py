@@ -11,8 +11,8 @@ import numpy as np
 
 from insnav import spill
 from insnav.exceptions import DivergenceError
-from insnav.filter.changes import resets_of, unused, with_wider_sd
-from insnav.filter.gates import Gates, Trust
+from insnav.filter.agreement import contradicted, unlikely
+from insnav.filter.ambiguity import resets_of, widen_by_jumps, with_wider_sd
 from insnav.filter.gps_noise import heights_measured
 from insnav.filter.measurements import measurements_from_drive
 from insnav.filter.measurements.first_pass import FirstPass
@@ -21,21 +21,14 @@ from insnav.filter.measurements.zero_velocity import ZeroVelocity
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import Prepared, Start, prepare
 from insnav.filter.settings import FilterSettings
-from insnav.filter.whole_record import OPEN, WEAKER, contradicted, decided, unlikely
 from insnav.findings import Code, Finding
 from insnav.imu.specification import ImuSpec
-from insnav.types import FloatArray, GpsData, ImuData, Run, StateChange, Trajectory
+from insnav.types import FloatArray, GpsData, ImuData, Run, Trajectory
 
 AidingChoice = Literal["auto", "on", "off"]
-# Times what a model shows: noise found anew, with the fault in it, hides a part. Drags that two of 14 drives hid were
-# 1.9 and 2.2 times that.
-ABSORBED = 2.5
 GAP_WORTH = 3.0  # a GPS gap from which other aiding is worth a second pass: less drifts by centimetres [s]
 CREEPS = 10.0  # twice the logarithm of how much likelier fixes must be without the stops that none of them sees
-PLAUSIBLE = 3.0  # a lever arm found within so many standard deviations of the one given, or none, is believed
 UNKNOWN_HEIGHT = 1000.0  # standard deviation where fixes have none [m]
-ASSUMED = NonHolonomic, ZeroVelocity  # what no sensor measures: how vehicles move
-WEIGHED_EVERY = 1.0  # aiding while fixes are weighed: most of the time goes into it otherwise [s]
 DENSE = 0.1  # of the solution from which aiding is calibrated, and with which fixes are compared [s]
 
 
@@ -94,17 +87,16 @@ def navigate_prepared(
         ready = aided(ready, spec, None if progress is None else _half_of(progress, 0.0))
         progress = None if progress is None else _half_of(progress, 0.5)
     ready, run = _standing(ready, _run(ready, progress))
-    run, found = _decided(ready, run)
+    if run.smoothed is not None and (jumps := resets_of(run)):  # onto fixes that may be false
+        run = widen_by_jumps(run, jumps)
+    if run.smoothed is not None and ready.explanation is not None:
+        run = ready.explanation.widen(run)
     outside = _outside(ready.gps.time - ready.settings.delay, ready.initial.time, float(ready.imu.time[-1]))
-    events = (*ready.faults, *found, *run.events, *outside)
+    events = (*ready.faults, *run.events, *outside)
     run = replace(thinned(run, every), events=events, gps_delay=run.gps_delay + ready.clock)
     if not heights_measured(ready.gps.lla) and ready.settings.fixed_height_sd <= 0.0:
         run = with_wider_sd(run, lambda _, sd: np.hypot(sd, UNKNOWN_HEIGHT * np.eye(9)[2]))
-    if run.smoothed is not None and run.smoothed.delay_step is not None:
-        step = run.smoothed.delay_step
-        step = replace(step, before=step.before + ready.clock, after=step.after + ready.clock)
-        run = replace(run, smoothed=replace(run.smoothed, delay_step=step))
-    return Navigated(run, ready.gps, (*ready.notes, *_axes(run, ready), *_undetected(run)), ready)
+    return Navigated(run, ready.gps, (*ready.notes, *_axes(run, ready)), ready)
 
 
 def dense(every: float) -> float:
@@ -123,40 +115,6 @@ def thinned(run: Run, every: float) -> Run:
 
     smoothed = run.smoothed and replace(run.smoothed, solution=few(run.smoothed.solution))
     return replace(run, solution=few(run.solution), smoothed=smoothed)
-
-
-def _decided(ready: Prepared, first: Run) -> tuple[Run, tuple[Finding, ...]]:
-    """See `decided`."""
-    off = np.abs(first.lever_b - ready.settings.lever_b)
-    lever_b = first.lever_b if (off <= PLAUSIBLE * ready.settings.lever_sd).all() else ready.settings.lever_b
-
-    def again(
-        fixes: GpsData,
-        trust: Trust | None = None,
-        opened: float = 0.0,
-        changes: tuple[StateChange, ...] = (),
-        gates: Gates = OPEN,
-        *,
-        weighing: bool = False,
-        doubting: bool = False,
-    ) -> Run:
-        covariance = ready.initial.covariance.copy()
-        covariance[:3, :3] += opened**2 * np.eye(3)
-        initial = replace(ready.initial, covariance=covariance, from_fix=ready.initial.from_fix and not opened)
-        trust = unused(changes, fixes, ready.settings.delay, trust)
-        every = sorted((*ready.settings.changes, *changes), key=lambda each: each.time)
-        settings = replace(ready.settings, gates=gates, trust=trust, changes=tuple(every))
-        if weighing:  # false fixes that count would make an arm of 50 m
-            settings = replace(settings, lever_b=lever_b, lever_sd=0.0, aided_every=WEIGHED_EVERY)
-        if doubting:
-            aiding = (
-                replace(each, sd=WEAKER * each.sd) if isinstance(each, ASSUMED) else each
-                for each in settings.aiding or ()
-            )
-            settings = replace(settings, aiding=tuple(aiding))
-        return _run(replace(ready, gps=fixes, settings=settings, initial=initial), None)
-
-    return decided(first, ready.gps, ready.settings, again)
 
 
 def aided(ready: Prepared, spec: ImuSpec, progress: Callable[[float], None] | None = None) -> Prepared:
@@ -229,14 +187,6 @@ def _axes(run: Run, ready: Prepared) -> tuple[Finding, ...]:
             aiding=NonHolonomic.name * nhc,
         ),
     )
-
-
-def _undetected(run: Run) -> tuple[Finding, ...]:
-    """Name the largest false fixes that would not be detected."""
-    if run.smoothed is None or not np.isfinite(run.smoothed.smallest_seen).any():
-        return ()
-    jump, drift, minute = ABSORBED * run.smoothed.smallest_seen
-    return (Finding.of(Code.GPS_DETECTABLE, jump_m=jump, drift_m_s=drift, minute_m_s=minute),)
 
 
 def _longest_gap(ready: Prepared) -> float:

@@ -55,14 +55,14 @@ SUFFIXES = {
 }
 
 
-def identify_noise(ready: Prepared, spec: ImuSpec, near: DriveNoise | None = None) -> DriveNoise | None:
+def identify_noise(ready: Prepared, spec: ImuSpec) -> DriveNoise | None:
     """Noise of IMU and fixes from the innovations of one drive; none where it tells none.
 
-    `spec`: IMU error specification it was prepared with: the prior; `near`: see `identify`.
+    `spec`: IMU error specification it was prepared with: the prior.
     """
     drive = _likelihood(ready, spec)
     with suppress(DivergenceError):
-        return None if drive is None else identify([drive], ready.kinds, near)
+        return None if drive is None else identify([drive], ready.kinds)
     return None
 
 

@@ -201,16 +201,13 @@ def _begun(posterior: Posterior) -> FloatArray:
     return short.climb(min(starts, key=lambda at: short.innovations(at)[2]), NEAR)[0]
 
 
-def maximise(drives: Sequence[InnovationLikelihood], near: DriveNoise | None = None) -> DriveNoise:
-    """Figures with the largest posterior density, or with the largest `near` others; several drives share one set."""
+def maximise(drives: Sequence[InnovationLikelihood]) -> DriveNoise:
+    """Figures with the largest posterior density; several drives share one set."""
     posterior = Posterior(drives)
     white = posterior.middle.copy()
     white[-2] = -np.inf
     before = posterior.innovations(white)
-    first = _begun(posterior) if near is None or near.seen is None else near.seen[1]
-    if first.size > posterior.middle.size:
-        posterior = posterior.wider()
-    top, covariance, (e, s, cost) = posterior.climb(first)
+    top, covariance, (e, s, cost) = posterior.climb(_begun(posterior))
     if posterior.can_be_wider:
         wider = posterior.wider()
         starts = [np.concatenate([top[:-2], each, top[-2:]]) for each in VELOCITY_STARTS]
@@ -244,17 +241,6 @@ def maximise(drives: Sequence[InnovationLikelihood], near: DriveNoise | None = N
         far_off,
         (drive, top),
     )
-
-
-def climbed(drive: InnovationLikelihood, at: FloatArray) -> tuple[FloatArray, float]:
-    """Figures of the noise that are likeliest near others, and what the drive then costs: -log posterior density."""
-    top, _, found = Posterior([drive]).climb(at, NEAR)
-    return top, found[2]
-
-
-def cost_at(drive: InnovationLikelihood, at: FloatArray) -> float:
-    """What a drive costs with figures of the noise: -log posterior density."""
-    return Posterior([drive]).innovations(at)[2]
 
 
 def misalignments(drives: Sequence[InnovationLikelihood], at: FloatArray, prior_sd: float) -> tuple[Misalignment, bool]:
@@ -317,35 +303,27 @@ def kind_of(found: DriveNoise, kinds: Sequence[ImuSpec]) -> ImuSpec:
     return kinds[best if worth[best] > worth[0] + OTHER_KIND else 0]
 
 
-def identify(
-    drives: Sequence[InnovationLikelihood], kinds: Sequence[ImuSpec] = (), near: DriveNoise | None = None
-) -> DriveNoise:
+def identify(drives: Sequence[InnovationLikelihood], kinds: Sequence[ImuSpec] = ()) -> DriveNoise:
     """Noise in drives of one IMU, about second runs with it if the first are far off or reject fixes.
 
-    `kinds`: what IMU it may also be, if its figures tell so; `near`: as was found with samples that hardly differ.
+    `kinds`: what IMU it may also be, if its figures tell so.
     """
-    if near is not None and near.seen is not None:
-        drives = [drive.of(near.seen[0].prior) for drive in drives]
-
-    def likeliest(drives: Sequence[InnovationLikelihood], last: DriveNoise) -> DriveNoise:
-        return maximise(drives, None if near is None else last)
-
-    found = maximise(drives, near)
+    found = maximise(drives)
     doubtful = bool(np.min(found.white) > DOUBTED)
     if found.far_off or doubtful:
         with suppress(DivergenceError):
             again = [drive.again(found) for drive in drives]
             if min(drive.fixes for drive in again) >= FEWEST:  # gates may reject all that this noise is none of
-                drives, found = again, likeliest(again, found)
+                drives, found = again, maximise(again)
     if doubtful:
         drives = [drive.doubted(found) for drive in drives]
-        found = likeliest(drives, found)
+        found = maximise(drives)
     for _ in range(KINDS_TRIED):
         kind = kind_of(found, kinds)
         if found.seen is None or kind is found.seen[0].prior:
             break
         try:
-            found = likeliest([drive.of(kind) for drive in drives], found)
+            found = maximise([drive.of(kind) for drive in drives])
         except DivergenceError:
             break
     return found

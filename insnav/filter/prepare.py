@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Container
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from insnav.filter.settings import FilterSettings
 from insnav.findings import Code, Finding
 from insnav.imu.health import inspect
 from insnav.imu.specification import ImuSpec
-from insnav.types import Alignment, FloatArray, GpsData, ImuData
+from insnav.types import Alignment, FloatArray, GpsData, ImuData, Run
 
 STILL_SD = 0.05  # velocity of a vehicle that the alignment found stationary, its engine running [m/s]
 JITTER_WORTH = 1e-4  # a smaller scatter of the timestamps is rounding; at 30 m/s it makes 3 mm [s]
@@ -56,6 +57,13 @@ class Start:
     attitude_sd: FloatArray
 
 
+class Explains(Protocol):
+    """Faults of a record; see `insnav.explain.explanation.Explanation`."""
+
+    def widen(self, run: Run) -> Run:
+        """Standard deviations that hold what the record cannot tell."""
+
+
 @dataclass(frozen=True, slots=True)
 class Prepared:
     """A recording ready for the filter."""
@@ -74,6 +82,7 @@ class Prepared:
     parts: tuple[Part, ...] = ()  # where the filter goes on after a long gap of the samples
     clock: float = 0.0  # by which the samples were moved into the time of the fixes [s]: their delay as it was found
     rate: float = 0.0  # by which their clock was made faster [s/s]
+    explanation: Explains | None = None  # faults found in the record, of which `settings` has what the filter needs
 
     @property
     def findings(self) -> tuple[Finding, ...]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -12,7 +11,6 @@ from insnav.exceptions import InputError
 from insnav.filter.estimate import Estimate
 from insnav.filter.measurements.measurement import Measurement
 from insnav.filter.settings import FilterSettings
-from insnav.filter.shocks import shocks
 from insnav.filter.smoother import SmoothedErrors
 from insnav.filter.state_layout import Layout, layout
 from insnav.findings import Code, Finding, by_time
@@ -25,7 +23,6 @@ from insnav.strapdown import TIME_TOLERANCE
 from insnav.types import (
     AidingUse,
     Alignment,
-    DelayStep,
     Epochs,
     FloatArray,
     Innovations,
@@ -194,7 +191,6 @@ class Record:
         if found is not None:
             rows = np.searchsorted(time, found.time[found.used] - 1e-6)
             moved = _moved(state[rows], delay_sd)
-            shown = shocks(found, innovations)
             both = np.ascontiguousarray(found.covariance[:, [*range(NAV), 6, 6, 7], [*range(NAV), 7, 8, 8]])
             track = self._trajectory(
                 found.time,
@@ -204,13 +200,6 @@ class Record:
                 True,
             )
             smoothed = _smoothed(track, found, clock, moved)
-            step = None
-            if shown.late is not None:
-                before = float(epochs[np.searchsorted(epochs[:, 0], shown.late.time - TIME_TOLERANCE) - 1, 25])
-                step = DelayStep(shown.late.time, before, before - float(shown.late.change[0]), shown.sure)
-            smoothed = replace(
-                smoothed, smallest_seen=shown.smallest, surest=shown.surest, likely=shown.likely, delay_step=step
-            )
         sensor, variance = fixes[:, epoch.FIX_SENSOR], fixes[:, epoch.FIX_VARIANCE]
         spill.release()
         return Run(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from insnav.filter.gates import Gates, Trust
-from insnav.filter.gps_correlation import CorrelatedNoise
+from insnav.filter.gps_correlation import CorrelatedNoise, Rough
 from insnav.filter.measurements.measurement import Measurement
 from insnav.filter.measurements.residual_noise import INTERVAL
 from insnav.types import FloatArray, SensorLog, StateChange
@@ -45,5 +45,6 @@ class FilterSettings:
     aiding: tuple[Measurement, ...] | None = None  # besides fixes, in the order of use; None: not looked for
     aided_every: float = INTERVAL  # so often, of what has its noise anew every `INTERVAL` [s]
     smooth: bool = True  # backward over the recording at its end; see `insnav.filter.smoother`
-    changes: tuple[StateChange, ...] = ()  # in order of time; see `insnav.filter.changes`
-    trust: Trust | None = None  # fixes to leave out, found by `insnav.filter.whole_record`
+    changes: tuple[StateChange, ...] = ()  # in order of time; see `insnav.explain.explanation`
+    trust: Trust | None = None  # fixes to leave out, by the same
+    rough: tuple[Rough, ...] = ()  # intervals in which the time-correlated errors of positions are larger, by the same

@@ -30,8 +30,6 @@ class SmoothedErrors:
     variance: FloatArray  # (m, 12) of the smoothed sensor errors
     # (m, 25) of each fix, accepted or not, against filter and smoother; see `insnav.kernels.smoother.backward`
     innovations: FloatArray
-    shocks: FloatArray  # (m, 30) changes of the state that later measurements ask for, by the same kernel
-    late: FloatArray  # (m, 2) gain and change of the delay that they ask for
 
 
 class History:
@@ -90,15 +88,12 @@ class History:
         head = spill.empty((count, kernel.RESIDUAL))
         after, before, variance = spill.empty((count, m)), spill.empty((count, m)), np.empty((count, SENSOR))
         covariance, innovations = spill.empty((count, NAV, NAV)), spill.empty((count, 25))
-        shocks, cross, ends = spill.empty((count, 6 * kernel.SHOCK)), np.zeros((9, n + 3)), np.zeros((3, 5, 3))
-        late, arm = np.empty((count, 2)), self.last[kernel.ARM : kernel.ARM + 3].copy()
-        ends[1:, 4] = np.nan
+        arm = self.last[kernel.ARM : kernel.ARM + 3].copy()
         for number in range(len(self._blocks) - 1, -1, -1):
             last = min(count, (number + 1) * ROWS)
             part = slice(number * ROWS, last)
             block = self._blocks[number][: last - number * ROWS]
             earlier = self._blocks[number - 1][-1] if number else block[0]
-            ends[0, 4, 0] = earlier[kernel.TIME]
             kernel.backward(
                 block,
                 n,
@@ -110,10 +105,6 @@ class History:
                 covariance[part],
                 variance[part],
                 innovations[part],
-                cross,
-                ends,
-                shocks[part],
-                late[part],
             )
             head[part] = block[:, : kernel.RESIDUAL]
             arms = np.vstack([earlier, block])[:, kernel.ARM : kernel.RESIDUAL]
@@ -131,8 +122,6 @@ class History:
             covariance,
             variance,
             innovations,
-            shocks,
-            late,
         )
 
 

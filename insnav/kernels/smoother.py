@@ -21,8 +21,6 @@ JACOBIAN = NOISE + 36
 COAST, RESTART = 0, -1  # kinds; else a bit for each row of the measurement that was used
 POSITION, VELOCITY = 7, 56
 FIX, AIDING = 1, 2  # sources of a measurement
-SHOCK = 5  # numbers of a change: see `_change`
-DRAG = 60.0  # duration of the drags that are looked for [s]
 
 
 def width(n: int) -> int:
@@ -132,21 +130,17 @@ def _product(a, b, rows, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def backward(  # type: ignore[no-untyped-def]
-    history, n, least, adjoint, information, after, before, covariance, variance, innovations, cross, ends, shocks, late
+    history, n, least, adjoint, information, after, before, covariance, variance, innovations
 ):
     """Carry the adjoint backwards through some epochs, and find the smoothed errors there.
 
     `history` (m, width(n)): epochs in order of time; `least`: for `less_sure`; `adjoint` (n,), `information` (n, n):
     just after the last of these, zero at the end of the record; on return just after the epoch before the first.
-    `cross` (9, n + 3), `ends` (3, 5, 3): the same of drags, zero at the end, but for the time before the first epoch in
-    ``ends[0, 4, 0]`` and ``NaN`` in ``ends[1:, 4, 0]``; see `_minute`.
     Filled: `after`, `before` (m, 21): smoothed error of the filter's state after and before the measurement;
     `covariance` (m, 9, 9) of smoothed position, velocity and attitude, as in `at_fix_time`; `variance` (m, 12) of the
     smoothed sensor errors; `innovations` (m, 25): where there was a fix, predicted minus measured and the variance of
     the prediction, by the filter before it (0 to 11) and smoothed (12 to 23), and the filter's variance of the attitude
-    error about Down (24); elsewhere ``NaN``; `shocks` (m, 6 * SHOCK): see `_change`, of position, velocity, attitude,
-    biases of gyros and accelerometers, and a minute of drag that begins at the epoch; `late` (m, 2): twice the gain of
-    a change of the delay, and the change [s], or zero without that state.
+    error about Down (24); elsewhere ``NaN``.
     """
     p, part, kept, lines = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n)), np.zeros((4, n))
     h, hp, weight, by = np.zeros((6, n)), np.zeros((6, n)), np.zeros((6, n)), np.zeros((6, n))
@@ -197,14 +191,6 @@ def backward(  # type: ignore[no-untyped-def]
                 left, right = part[a, i], weight[a, i]
                 for j in range(n):
                     information[i, j] += left * weight[a, j] + right * part[a, j]
-        for c in range(9):  # (I - K H)' on what drags have with the states
-            for i in range(m):
-                pull[i] = 0.0
-                for j in range(n):
-                    pull[i] += hp[i, j] * cross[c, j]
-            for i in range(m):
-                for j in range(n):
-                    cross[c, j] -= weight[i, j] * pull[i]
         _product(p, information, rows, part)
         for i in range(n):
             moved[i] = 0.0  # error before the measurement
@@ -225,101 +211,7 @@ def backward(  # type: ignore[no-untyped-def]
             x[i] = row[STATE + i]
         at_fix_time(less_sure(kept, least), x, covariance[k])
         _compare(row, n, p, information, moved, h, by, innovations[k])
-        for i in range(5):
-            j = 3 * i
-            _change(adjoint[j : j + 3], information[j : j + 3, j : j + 3], shocks[k, SHOCK * i :])
-        late[k] = 0.0
-        if n > STATES and information[STATES, STATES] > 0.0:
-            late[k, 1] = adjoint[STATES] / information[STATES, STATES]
-            late[k, 0] = late[k, 1] * adjoint[STATES]
-        _minute(row[TIME], n, cross, ends, shocks[k, SHOCK * 5 :])
-        span = row[TIME] - (history[k - 1, TIME] if k > 0 else ends[0, 4, 0])
-        _undragged(row, n, span, adjoint, information, cross, ends)
         _past(row, n, adjoint, information, part, moved)
-
-
-@inner()
-def _minute(time, n, cross, ends, out):  # type: ignore[no-untyped-def]
-    """Ask for a drag that begins now and ended a minute later, if that is one of the ends, and let a new end be now.
-
-    A drag is a state that the filter lacks: the velocity by which positions leave the track, and no velocity does.
-    `cross` (9, n + 3): its information with all states and with itself; from the third and the sixth row on the
-    covariance of its adjoint with that at one of two ends, half a minute apart. `ends` (3, 5, 3): its adjoint now; at
-    each end adjoint, information and the time of the end.
-    """
-    by, block = np.zeros(3), np.zeros((3, 4))[:, :3]  # in memory as parts of `information`: one compiled function
-    out[:] = np.nan
-    for e in range(2):
-        end, at = ends[1 + e], 3 + 3 * e
-        if time <= end[4, 0] - DRAG:
-            for i in range(3):
-                by[i] = ends[0, 0, i] - end[0, i]
-                for j in range(3):
-                    block[i, j] = cross[i, n + j] + end[1 + i, j] - cross[at + i, n + j] - cross[at + j, n + i]
-            _change(by, block, out)
-            end[4, 0] = np.nan
-        if np.isnan(end[4, 0]) and not ends[2 - e, 4, 0] < time + 0.5 * DRAG:
-            end[4, 0] = time
-            for i in range(3):
-                end[0, i] = ends[0, 0, i]
-                for j in range(3):
-                    end[1 + i, j] = cross[i, n + j]
-                for j in range(n + 3):
-                    cross[at + i, j] = cross[i, j]
-
-
-@inner()
-def _undragged(row, n, span, adjoint, information, cross, ends):  # type: ignore[no-untyped-def]
-    """Carry what `_minute` needs to the epoch before, a `span` in which positions are dragged [s]."""
-    first, at = JACOBIAN + 6 * n, JACOBIAN + 6 * n + NAV * STATES - NAV
-    for i in range(3):
-        ends[0, 0, i] += span * adjoint[i]
-        for j in range(3):
-            cross[i, n + j] += span * (cross[i, j] + cross[j, i]) + span * span * information[i, j]
-            cross[3 + i, n + j] += span * cross[3 + i, j]
-            cross[6 + i, n + j] += span * cross[6 + i, j]
-    moved = np.zeros(n)
-    for c in range(9):
-        for j in range(n if c < 3 else 0):
-            cross[c, j] += span * information[c, j]
-        for j in range(n):
-            moved[j] = cross[c, j] * row[at + j] if j >= NAV else 0.0
-        for j in range(STATES):
-            for i in range(NAV):
-                moved[j] += row[first + i * STATES + j] * cross[c, i]
-        for j in range(n):
-            cross[c, j] = moved[j]
-    if int(row[KIND]) == RESTART:
-        for i in range(3):
-            ends[0, 0, i] = 0.0
-        ends[1, 4, 0] = ends[2, 4, 0] = np.nan
-        for c in range(9):
-            for j in range(n + 3):
-                cross[c, j] = 0.0
-
-
-@inner()
-def _change(by, information, out):  # type: ignore[no-untyped-def]
-    """Change of three states that explains all later innovations best, and how much better.
-
-    `by` (3,), `information` (3, 3): derivative of the log-likelihood by the change, and its variance.
-    `out` (SHOCK,) or more: twice the gain of the log-likelihood, chi-square distributed with three degrees of freedom
-    where nothing changed, the change, and the larger standard deviation of its first two parts; ``NaN`` where later
-    measurements do not tell.
-    """
-    out[:SHOCK] = np.nan
-    a, b, c = information[0, 0], information[1, 1], information[2, 2]
-    d, e, f = information[0, 1], information[0, 2], information[1, 2]
-    det = a * (b * c - f * f) - d * (d * c - e * f) + e * (d * f - b * e)
-    if not det > 1e-12 * a * b * c > 0.0:
-        return
-    own = (b * c - f * f) / det, (a * c - e * e) / det, (a * b - d * d) / det
-    de, df, ef = (e * f - d * c) / det, (d * f - b * e) / det, (d * e - a * f) / det
-    out[1] = own[0] * by[0] + de * by[1] + df * by[2]
-    out[2] = de * by[0] + own[1] * by[1] + ef * by[2]
-    out[3] = df * by[0] + ef * by[1] + own[2] * by[2]
-    out[0] = out[1] * by[0] + out[2] * by[1] + out[3] * by[2]
-    out[4] = np.sqrt(max(own[0], own[1]))
 
 
 @inner()

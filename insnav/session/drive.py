@@ -20,10 +20,10 @@ from insnav.errors.metrics import at_point
 from insnav.errors.outage.windows import LENGTHS, WindowReference, reference_from_trajectory
 from insnav.errors.run_findings import judged
 from insnav.exceptions import AlignmentError, ConfigError, as_keywords
+from insnav.filter.agreement import without_rejected
 from insnav.filter.gps_noise import with_sd
 from insnav.filter.navigate import AidingChoice, thinned
 from insnav.filter.prepare import Prepared
-from insnav.filter.whole_record import without_rejected
 from insnav.findings import Code, Finding, Severity, added, by_time
 from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec

@@ -35,16 +35,16 @@ STEPS = (
     "imu_noise",  # choose the IMU error specification
     "mounting",  # turn the samples into the axes of the vehicle
     "align",  # estimate initial attitude, GPS delay and clock rate
+    "explain",  # find the faults of fixes, clock and IMU
     "noise",  # estimate the noise of IMU and fixes from the innovations
     "lever_arm",  # compare the lever arm that was given with the drive
     "navigate",  # run the filter and the smoother
-    "explain",  # explain by a change of the delay what is left
+    "check_given",  # doubt what was given where the solution contradicts it
     "evaluate",  # compare the solution with the reference
 )
 LOAD = STEPS[: STEPS.index("align")]
 # parts of the path that a later step runs again with another lever arm, or other fixes
 PREPARE = STEPS[STEPS.index("align") : STEPS.index("lever_arm")]
-SOLVE = STEPS[STEPS.index("align") : STEPS.index("explain")]
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,38 @@
+"""Step 11: compare what was given with the solution."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from insnav.filter.lever_check import delay_contradicted, lever_contradicted, with_hidden_lever
+from insnav.filter.noise_identification import understated
+from insnav.findings import OF_THE_IMU, Code, Finding, added, by_time, of_code
+from insnav.steps import Model, Recording
+
+
+def check_given(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
+    """Doubt what was given, or assumed, where the solution contradicts it."""
+    assert model.ready is not None
+    assert model.solved is not None
+    first, ready, solved = model.solved, model.ready, model.solved
+    doubts = () if recording.gps is None else understated(ready, recording.gps.data)
+    if model.gps_delay.source == "given":
+        doubts = (*doubts, *delay_contradicted(ready))
+    if ready.settings.lever_sd:
+        run, hidden = with_hidden_lever(solved.ready or ready, solved.run)
+        solved, doubts = replace(solved, run=run), (*doubts, *hidden)
+    if ready.settings.lever_sd and not model.lever_arm.sd:
+        doubts = (*doubts, lever_contradicted(model.lever_arm.value, solved.run))
+    if model.mounting_yaw.source == "prior":
+        doubts = (*doubt_mounting((*ready.faults, *solved.run.events)), *doubts)
+    found = (*doubts, *added(first.findings, solved.findings))
+    of_files = [event for reading in recording.given().values() for event in reading.events]
+    events = by_time([*of_files, *doubts, *solved.run.events])
+    solved = replace(solved, run=replace(solved.run, events=events))
+    return recording, replace(model, solved=solved), found
+
+
+def doubt_mounting(events: tuple[Finding, ...]) -> tuple[Finding, ...]:
+    """Doubt an assumed mounting if the IMU contradicts the fixes, as it does in wrong axes."""
+    found = list(of_code(events, *OF_THE_IMU))
+    return tuple(Finding.of(Code.MOUNTING_DOUBTED, each.begin, subject="imu", count=len(found)) for each in found[:1])
