@@ -41,7 +41,6 @@ from insnav.attitude import dcm_from_rph
 from insnav.earth import lla_offset, ned_offset
 from insnav.errors.evaluated_run import failure
 from insnav.exceptions import InsnavError
-from insnav.filter.navigate import ABSORBED
 from insnav.findings import CORRELATED_POSITIONS, Code, Finding, Severity, is_shown, of_code, of_families
 from insnav.input import read_gps, read_imu, read_reference
 from insnav.messages import sentence
@@ -382,7 +381,10 @@ def _number(text: str) -> float:
 def _seen(result: Any, of: int | Code) -> float:
     """Size that a run states it would not show."""
     if isinstance(of, int):
-        return ABSORBED * float(result.found.run.smoothed.smallest_seen[of])  # as the note has it
+        name = ("jump_m", "drift_m_s", "minute_m_s")[of]
+        return next(
+            (float(dict(note.values).get(name, np.inf)) for note in of_code(result.findings, Code.GPS_DETECTABLE)), 0.0
+        )
     return next((float(note["detectable_m"][0]) for note in of_code(result.findings, of)), 0.0)
 
 
