@@ -44,6 +44,7 @@ CODES = {
     "accel": (Code.CHANGE_ACCEL_BIAS, Code.CHANGE_ACCEL_BIAS, "acceleration_m_s2"),
     "delay": (Code.CHANGE_DELAY, Code.CHANGE_DELAY, "delay_s"),
 }
+SIGNED = Code.CHANGE_GYRO_FAULT, Code.CHANGE_DELAY
 SUBJECTS = {"turned": "imu", "heading": "imu", "velocity": ""}  # beside sensors; else the fixes
 
 
@@ -190,7 +191,7 @@ def apply_faults(ready: Prepared, faults: Sequence[Fault]) -> Prepared:
     gps, changes, rough = ready.gps, list[StateChange](), list[Rough]()
     for fault in faults:
         if fault.family == "delay":
-            gps = replace(gps, time=gps.time - float(fault.size[0]) * fault.inside(gps.time - ready.settings.delay))
+            gps = replace(gps, time=gps.time + float(fault.size[0]) * fault.inside(gps.time - ready.settings.delay))
     later = gps.time > np.maximum.accumulate(np.concatenate([[-np.inf], gps.time[:-1]]))
     gps = gps.rows(np.flatnonzero(later))
     time = gps.time - ready.settings.delay
@@ -250,7 +251,9 @@ def find(fault: Fault, gps: GpsData) -> Finding:
     passes, stays, name = CODES[fault.family]
     size = _moved(fault) if name == "distance_m" and np.isfinite(fault.end) else fault.size
     code = passes if np.isfinite(fault.end) else stays
-    value = float(np.linalg.norm(size)) if fault.size.size > 1 else float(fault.size[0])
+    value = float(np.linalg.norm(size))
+    if code in SIGNED:
+        value = -float(size[0])  # errors are estimate minus truth
     subject = (
         fault.kind.name.replace("_", " ") if fault.family in ("gyro", "accel") else SUBJECTS.get(fault.family, "gps")
     )
