@@ -33,6 +33,7 @@ LEAST = (TAILS + 3.0) / (TAILS + 1.8)  # weight of a fix with three squares of 0
 # and of velocities, and of the noise of the IMU; odds of the time-correlated share of the variance of positions;
 # factor of its correlation time. Innovations cannot show that positions are better than stated.
 FIGURES = (0.6, 0.03), (0.6, 0.6), (0.8, 0.8), (1.5, 1.5), (1.0, 1.0)
+FAR = 2.0  # a figure of the noise is at most so far from its prior, by its sd: beyond, the model is wrong, not precise [-]
 POSITION, VELOCITY, IMU, SHARE, TIME_OF_SHARE = range(5)
 OVER_OFFSET, OVER_VELOCITY = 1, 2  # bits of what is over at an epoch; see `insnav.kernels.linear`
 # at the end, by kind; what is not here ends by a step back, after which what a drag has moved stays off
@@ -68,8 +69,10 @@ class Noise:
         )
 
     def changed(self, number: int, by: float) -> Noise:
-        """The same with one of the figures changed."""
-        return Noise((*self.figures[:number], self.figures[number] + by, *self.figures[number + 1 :]))
+        """The same with one of the figures changed, as far as its prior allows."""
+        up, down = FIGURES[number]
+        figure = float(np.clip(self.figures[number] + by, -FAR * down, FAR * up))
+        return Noise((*self.figures[:number], figure, *self.figures[number + 1 :]))
 
     @property
     def share(self) -> float:

@@ -28,7 +28,7 @@ WIDTHS = 0.3, 0.3, 0.4, 0.8, 0.6  # of the parabolas by which each figure of the
 TRIED = 4  # proposals tried in a round
 ALONE = 2  # so many false fixes in a row are no fault of another kind
 WEAK = 0.3  # weight below which a fix counts as false [-]
-ROUNDS = 3  # of weights and noise without a fault
+ROUNDS = 6  # of weights and noise without a fault
 MOVES = 3  # of a figure of the noise at a time, by its width
 SIZE_RANGE = np.array([1e-6, 1e6])  # of a variance by the square of the typical size: prior 33 worse at either end [-]
 BUDGET = 600  # passes
@@ -106,21 +106,23 @@ class _Searcher:
 
         def at(other: Noise) -> float:
             self.passes += 1
-            return self.record.cost(steps, weights, other) + self.other_cost(steps, weights, other)
+            found = self.record.cost(steps, weights, other) + self.other_cost(steps, weights, other)
+            return found if np.isfinite(found) else np.inf
 
         for number in numbers:
             width = WIDTHS[number]
             for _ in range(MOVES):
-                less, more = (at(noise.changed(number, by)) for by in (-width, width))
+                tried = [noise.changed(number, by) for by in (-width, width)]
+                less, more = costs = [at(each) for each in tried]
                 curve = less + more - 2.0 * cost
-                by = 0.5 * width * (less - more) / curve if curve > 0.0 else np.inf
-                step = float(by) if abs(by) <= width else width * float(np.sign(less - more))
-                tried = noise.changed(number, step)
-                there = at(tried) if abs(by) <= width else min(less, more)
-                if there >= cost:
+                if is_inside := abs(less - more) < 2.0 * curve < np.inf:
+                    tried.append(noise.changed(number, 0.5 * width * (less - more) / curve))
+                    costs.append(at(tried[-1]))
+                best = int(np.argmin(costs))
+                if costs[best] >= cost:
                     break
-                noise, cost = tried, there
-                if abs(by) <= width:
+                noise, cost = tried[best], costs[best]
+                if is_inside:
                     break
         seen = self.look(steps, weights, noise)
         return Fit(steps, weights, noise, self.cost(seen, steps, weights, noise), seen)
@@ -142,9 +144,10 @@ class _Searcher:
             ]
         return sorted(found, key=lambda each: -each[0].gain)
 
-    def improve(self, fit: Fit, considered: list[Considered]) -> Fit | None:
-        """Try the best proposal of each form; the likeliest fit, if it gains enough."""
-        best, forms = fit, set[tuple[str, bool]]()
+    def improve(self, fit: Fit, considered: list[Considered]) -> Fit:
+        """Try the best proposal of each form; the likeliest fit of a fault that is real, or else the same faults."""
+        trials: dict[int, Fit] = {}
+        forms = set[tuple[str, bool]]()
         for proposal, start in self.proposals(fit):
             form = form_of(proposal, fit.steps)
             if form in forms or proposal.gain <= 0.0:
@@ -153,16 +156,19 @@ class _Searcher:
             added = with_known(proposal, fit.steps)
             trial = self.settle(replace(start, noise=fit.noise), added)
             trial = self.tune(trial, range(len(WIDTHS))) if np.isfinite(trial.cost) else trial
+            trials[len(considered)] = trial
             new = tuple(step for step in added if step not in fit.steps)
             considered.append(Considered(new, proposal.gain, fit.cost - trial.cost, accepted=False))
-            if trial.cost < best.cost - ACCEPT * (best is fit) and self.is_real(fit, trial, new):
-                best, chosen = trial, len(considered) - 1
             if len(forms) == TRIED or self.passes > BUDGET:
                 break
-        if best is fit:
-            return None
-        considered[chosen] = replace(considered[chosen], accepted=True)
-        return best
+        for number, trial in sorted(trials.items(), key=lambda each: each[1].cost):
+            if trial.cost > fit.cost - ACCEPT:
+                break
+            fit = min(fit, self.settle(trial, fit.steps), key=lambda each: each.cost)  # noise and weights as found
+            if self.is_real(fit, trial, considered[number].steps):
+                considered[number] = replace(considered[number], accepted=True)
+                return trial
+        return fit
 
     def is_real(self, before: Fit, trial: Fit, new: Sequence[Step]) -> bool:
         """Whether faults gain more than misfit of the model does, and change the solution."""
@@ -181,10 +187,10 @@ class _Searcher:
                 break
             rest = fit.steps[:number] + fit.steps[number + 1 :]
             bare = self.settle(fit, rest, AGAIN[:2])
-            if bare.cost < fit.cost + ACCEPT:
+            step = fit.steps[number]
+            if not self.is_real(bare, fit, (step,)):
                 fit = bare
                 continue
-            step = fit.steps[number]
             tried = [each for each in self._elsewhere(bare, step) if each != (step,)]
             trials = [self.settle(fit, (*rest, *each), AGAIN[:2]) for each in tried]
             fit = min([fit, *trials], key=lambda each: each.cost)
@@ -211,12 +217,16 @@ def search(record: LinearRecord, kinds: Sequence[Kind]) -> Search:
     start = Fit((), weights, none, np.inf, seen)
     plain = searcher.settle(start, (), GRADUATED)
     for _ in range(ROUNDS):  # what the noise gains is no gain of a fault
+        before = plain.cost
         plain = searcher.settle(searcher.tune(plain, range(len(WIDTHS))), (), AGAIN[:2])
+        if plain.cost > before - ACCEPT:
+            break
     fit = plain
     considered: list[Considered] = []
     while searcher.passes < BUDGET:
         better = searcher.improve(fit, considered)
-        if better is None:
+        if better.steps == fit.steps:
+            fit = better
             break
         fit = searcher.relocate(better)
     others = [each for each in searcher.fits.values() if each.steps != fit.steps and each.cost < fit.cost + ACCEPT]
