@@ -14,7 +14,7 @@ from insnav.simulate.faults import parse_fault
 from insnav.units import DEG
 from tests.faults.injection import OUTCOMES, Case, cases, clean, drive, navigated, outcome
 
-OF_GYROS = {Code.CHANGE_GYRO_FAULT, Code.CHANGE_GYRO_BIAS, Code.CHANGE_GYRO_BIAS_AMBIGUOUS}
+OF_GYROS = {Code.CHANGE_GYRO_FAULT, Code.CHANGE_GYRO_BIAS}
 WANTED = {
     "spike 1000m": "good",
     "first fix 300m": "told",

@@ -15,7 +15,7 @@ from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.innovation_likelihood import LARGEST, InnovationLikelihood, thinned
 from insnav.filter.noise_estimate import NoiseEstimate
 from insnav.filter.noise_identification import NO_NOISE, identify_noise, known_likelihood, with_noise
-from insnav.filter.noise_search import climbed, cost_at, maximise
+from insnav.filter.noise_search import maximise
 from insnav.filter.prepare import Prepared
 from insnav.findings import Code, Severity, of_code
 from insnav.imu.specification import ImuSpec, SensorSpec, level_bias
@@ -275,19 +275,6 @@ def test_a_share_that_is_the_largest_has_finite_log_odds():
     found = seen[0].fixes_of(seen[1])[2]
     assert found.share == pytest.approx(0.95, abs=1e-5)
     assert found.time == pytest.approx(300.0)
-
-
-def test_the_search_climbs_from_fixes_that_are_known_to_be_white():
-    """Whose log odds of a time-correlated share are minus infinity, before a step and after it."""
-    imu, gps = recorded(2, laps=2)
-    gps = replace(gps, position_sd=3.0 * gps.position_sd)
-    seen = known_likelihood(prepared(imu, gps, drives.SPEC, 2, laps=2), drives.SPEC)
-    assert seen is not None
-    assert seen[1][-2] == -np.inf
-    top, cost = climbed(*seen)
-    print(f"cost {cost_at(*seen):.1f} -> {cost:.1f}")
-    assert cost < cost_at(*seen) - 10.0
-    assert np.isfinite(top[:-2]).all()
 
 
 def test_velocities_that_are_off_for_minutes_do_not_lead_heights_away():

@@ -20,7 +20,7 @@ from insnav.input.interpret.axes import axes_matrix
 from insnav.kernels.smoother import STATE
 from insnav.messages import sentence
 from insnav.simulate import GpsErrors
-from insnav.steps.explain import doubt_mounting
+from insnav.steps.check_given import doubt_mounting
 from insnav.steps.mounting import _travel
 from insnav.strapdown import intervals
 from insnav.units import DEG

@@ -16,7 +16,7 @@ from insnav.input.interpret.overlap import named_offset
 from insnav.input.readers.reading import not_covered
 from insnav.messages import phrase, sentence
 from insnav.units import DEG
-from tests.filter.test_gyro_fault import off
+from tests.explain.test_faults import off
 from tests.input.files import noted
 from tests.refusals import refused
 
