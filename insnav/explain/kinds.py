@@ -66,7 +66,7 @@ KINDS: tuple[Kind, ...] = (
     Kind("heading", (("attitude 2",),), 0.05, 0.1, False),
     *(Kind(f"gyro_{'xyz'[i]}", ((f"gyro {i}",),), 0.03, 0.6 * DEG, False) for i in range(3)),
     *(Kind(f"accel_{'xyz'[i]}", ((f"accel {i}",),), 0.03, 0.2, False) for i in range(3)),
-    Kind("delay", (("delay 0",),), 0.1, 0.2, True),
+    Kind("delay", (("delay 0",),), 0.1, 0.2, True, passes=False),
 )
 # fixes that were off are back: the end of whatever moved them, at its own epoch
 RETURN = Kind("return", (), ENDS, 1.0, True, passes=False)
@@ -81,4 +81,7 @@ def with_priors(given: Mapping[str, Mapping[str, float]]) -> tuple[Kind, ...]:
     for name, figures in given.items():
         if name not in names or set(figures) - {"rate", "size"} or not all(each > 0.0 for each in figures.values()):
             raise InputError("faults.prior", name=name, names=names)
-    return tuple(replace(kind, **given.get(kind.name, {})) for kind in KINDS)
+    return tuple(
+        replace(kind, rate=figures.get("rate", kind.rate), size=figures.get("size", kind.size))
+        for kind, figures in ((kind, given.get(kind.name, {})) for kind in KINDS)
+    )

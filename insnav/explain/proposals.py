@@ -23,6 +23,7 @@ TOPS, APART = 5, 8.0  # so many summits of a gain are looked at, so far from eac
 SHORTEST = 5  # interval of noise, in epochs
 BLOCK = 60.0  # length of the parts of a drive whose largest gains tell what misfit of the model does [s]
 MOVING = "offset", "drag", "followed_drag"  # kinds after which fixes may come back
+FEWEST = 4  # parts of a drive that have a median and a quartile
 FALSE_ALARMS = 0.01  # of a kind, by misfit of the model [1/h]
 
 
@@ -62,21 +63,31 @@ def gains_of(score: FloatArray, information: FloatArray, variances: FloatArray) 
     return np.asarray((square * t / (1.0 + t * size) - np.log1p(t * size)).sum(axis=2))
 
 
-def misfit_of(record: LinearRecord, gain: FloatArray) -> float:
-    """Gain that the misfit of the model reaches `FALSE_ALARMS` times an hour, by the drive itself.
+def misfit_of(record: LinearRecord, of: Pass, like: Step) -> float:
+    """Gain that misfit of the model reaches `FALSE_ALARMS` times an hour with faults of some form, by the drive itself.
 
     The largest gains of parts of the drive follow a Gumbel distribution (E. J. Gumbel, "Statistics of Extremes", 1958);
     median and lower quartile of them do not see a fault in less than half of the parts.
     """
+    gain = score_kind(record, of, like.kind).gain
     block = np.floor((record.time - record.time[0]) / BLOCK).astype(int)
-    largest = np.array([gain[block == number].max() for number in np.unique(block)])
+    firsts = np.unique(block, return_index=True)[1]
+    tops = [first + int(part.argmax()) for first, part in zip(firsts, np.split(gain, firsts[1:]), strict=True)]
+    largest = np.array([_best_pair(record, of, like.kind, top) for top in tops] if like.end else gain[tops])
     largest = largest[np.isfinite(largest)]
-    if largest.size < 4:
+    if largest.size < FEWEST:
         return -np.inf
     low, middle = np.quantile(largest, [0.25, 0.5])
     scale = (middle - low) / (np.log(np.log(4.0)) - np.log(np.log(2.0)))
     rate = FALSE_ALARMS * BLOCK / HOUR
     return float(middle + scale * (np.log(np.log(2.0)) - np.log(rate)))
+
+
+def _best_pair(record: LinearRecord, of: Pass, kind: Kind, top: int) -> float:
+    """Gain of the likeliest episode with one end near an epoch [-]."""
+    ends = cost_of_end(record.interval)
+    pairs = _pair(record, of, kind, top)
+    return max((gain - float(kind.cost(size, record.interval)) - ends for *_, gain, size in pairs), default=-np.inf)
 
 
 def propose(record: LinearRecord, of: Pass, kinds: Sequence[Kind], known: tuple[Step, ...]) -> list[Proposal]:

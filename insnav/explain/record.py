@@ -163,6 +163,15 @@ class LinearRecord:
         h = np.concatenate([h, np.where(used[:, :, None], of_faults, 0.0)], axis=2)
         fed = np.zeros((m, n + FAULTS))
         fed[:, :n] = np.einsum("mi,mij->mj", z, gain)
+        for change in settings.changes:  # the run took it off its state there, and opened its covariance
+            row = int(np.searchsorted(time, change.time - 1e-6))
+            if 0 < row < m:
+                part = np.zeros(STATES)
+                part[change.first : change.first + 3] = change.change
+                part[NAV:] /= fade[row, NAV:STATES]
+                part[:NAV] = np.linalg.solve(phi[row, :, :NAV], part[:NAV] - phi[row, :, NAV:] @ part[NAV:])
+                fed[row - 1, :STATES] += part
+                q[row], qd[row] = q[row - 1], qd[row - 1]
         row = np.minimum(np.searchsorted(gps.time - settings.delay, time - 1e-4), gps.time.size - 1)
         sd = np.hstack([gps.position_sd[row], gps.velocity_sd[row]])
         # timestamps that scatter add speed and acceleration, the derivative by the delay

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from insnav.explain.kinds import Kind, cost_of_end
-from insnav.explain.proposals import Proposal, misfit_of, propose, score_kind
+from insnav.explain.proposals import Proposal, misfit_of, propose
 from insnav.explain.record import IMU, LEAST, TAILS, LinearRecord, Noise, Pass, Step
 from insnav.tabular import runs_of
 from insnav.types import FloatArray
@@ -172,13 +172,12 @@ class _Searcher:
 
     def is_real(self, before: Fit, trial: Fit, new: Sequence[Step]) -> bool:
         """Whether faults gain more than misfit of the model does, and change the solution."""
-        return trial.cost < before.cost - self.least(trial, new) and matters(before.seen, trial.seen)
+        return trial.cost < before.cost - self.least(trial, new) and matters(before, trial)
 
     def least(self, trial: Fit, new: Sequence[Step]) -> float:
         """Gain that faults must have: misfit of the model, as the explained drive shows it, is no evidence."""
-        kinds = {step.kind.name: step.kind for step in new if step.kind.steps and not step.kind.fills}
-        gains = [score_kind(self.record, trial.seen, kind).gain for kind in kinds.values()]
-        return max([ACCEPT, *(misfit_of(self.record, gain) for gain in gains)])
+        alike = {(step.kind.name, step.end > 0): step for step in new if step.kind.steps and not step.kind.fills}
+        return max([ACCEPT, *(misfit_of(self.record, trial.seen, step) for step in alike.values())])
 
     def relocate(self, fit: Fit) -> Fit:
         """Move each step to where the others leave it likeliest, or to another kind; drop what gains too little."""
@@ -197,7 +196,7 @@ class _Searcher:
         return fit
 
     def _elsewhere(self, bare: Fit, step: Step) -> list[tuple[Step, ...]]:
-        """The likeliest steps of each form that a fault may be instead, near its time."""
+        """The likeliest steps of each form that a fault may be instead, near its time; one end of it alone."""
         margin = max(30.0, self.record.time[step.end or step.begin] - self.record.time[step.begin])
         first, last = self.record.time[step.begin] - margin, self.record.time[step.end or step.begin] + margin
         found: dict[tuple[str, bool], Proposal] = {}
@@ -205,11 +204,12 @@ class _Searcher:
             time = self.record.time[each.steps[0].begin]
             if first <= time <= last:
                 found.setdefault((each.steps[0].kind.name, each.steps[0].end > 0), each)
-        return [each.steps for each in sorted(found.values(), key=lambda each: -each.gain)[:TRIED]]
+        ends = [(step.moved(row, 0),) for row in (step.begin, step.end) if step.end and not step.kind.fills]
+        return ends + [each.steps for each in sorted(found.values(), key=lambda each: -each.gain)[:TRIED]]
 
 
-def search(record: LinearRecord, kinds: Sequence[Kind]) -> Search:
-    """Find which faults a record contains."""
+def search(record: LinearRecord, kinds: Sequence[Kind], known: tuple[Step, ...] = ()) -> Search:
+    """Find which faults a record contains; `known`: where to begin."""
     searcher = _Searcher(record, kinds)
     m, none = record.time.size, Noise()
     weights = np.ones((m, 2))
@@ -222,6 +222,9 @@ def search(record: LinearRecord, kinds: Sequence[Kind]) -> Search:
         if plain.cost > before - ACCEPT:
             break
     fit = plain
+    if known:
+        begun = searcher.settle(plain, known)
+        fit = searcher.relocate(begun) if begun.cost < plain.cost else plain
     considered: list[Considered] = []
     while searcher.passes < BUDGET:
         better = searcher.improve(fit, considered)
@@ -233,10 +236,12 @@ def search(record: LinearRecord, kinds: Sequence[Kind]) -> Search:
     return Search(fit, tuple(others), tuple(considered), searcher.passes, plain)
 
 
-def matters(before: Pass, after: Pass) -> bool:
-    """Whether a fault moves the solution by more than its standard deviation somewhere, or doubles its variance."""
-    moved = (after.nav - before.nav) ** 2 > before.nav_variance
-    return bool((moved | (after.nav_variance > 2.0 * before.nav_variance)).any())
+def matters(before: Fit, after: Fit) -> bool:
+    """Whether a fault moves the solution by more than its sd somewhere, doubles its variance, or explains weak fixes."""
+    moved = (after.seen.nav - before.seen.nav) ** 2 > before.seen.nav_variance
+    doubled = after.seen.nav_variance > 2.0 * before.seen.nav_variance
+    explained = (before.weights < believed(before.weights)) & (after.weights > WEAK)
+    return bool(moved.any() or doubled.any() or explained.any())
 
 
 def sized(record: LinearRecord, seen: Pass, step: Step) -> Step:
