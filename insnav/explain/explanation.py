@@ -1,7 +1,7 @@
 """What a recording contains, handed to the filter: fixes to leave out, changes of the IMU, and what stays ambiguous.
 
-A fault of the IMU or of the clock is searched for about a run that has those found before: attitude errors of many
-degrees are no linear function of a gyro fault. Faults of the fixes are linear, and are searched for together.
+Attitude errors of many degrees are no linear function of a gyro fault: where the IMU has one, the linear record is made
+again about a run with it, until it stays the same (Gauss-Newton).
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from insnav.findings import Code, Finding
 from insnav.types import BoolArray, FloatArray, GpsData, Run, StateChange
 
 ROUNDS = 5  # runs of the filter, each about the faults of the IMU found before
+SAME = 0.1  # part of its size by which a fault may change in the last of them [-]
 FEWEST = 20  # epochs with a fix, below which a record shows no fault
 MINUTE, PLACES, NEARLY_ALL = 60.0, 20, 0.9  # drag whose least size is stated [s]; where it is looked for; part of these
 NINE_IN_TEN = 1.28  # standard deviations by which a fault exceeds the limit to be found nine times in ten [-]
@@ -91,43 +92,59 @@ class Explanation:
     runs: int = 0  # of the filter over the samples
     findings: tuple[Finding, ...] = field(default=())
 
+    def of_delay(self) -> tuple[Fault, ...]:
+        """Steps of the delay of the fixes, which no run takes into account: whoever aligns puts them on one delay."""
+        return tuple(fault for fault in self.faults if fault.family == "delay")
+
     def widen(self, run: Run) -> Run:
         """Standard deviations that hold what the record cannot tell: which side of a lasting change is true."""
         jumps = tuple(Jump(fault.begin, _settled(fault), _moved(fault)) for fault in self.faults if _lasts(fault))
         run = widen_by_jumps(run, jumps) if jumps else run
-        for fault in self.faults:
-            if fault.family == "delay":
-                late = float(np.abs(fault.size[0]))
-                run = widened(run, lambda solution, late=late: late * solution.v_n, EITHER)  # type: ignore[misc]
+        for fault in self.of_delay():
+            late = float(np.abs(fault.size[0]))
+            run = widened(run, lambda solution, late=late: late * solution.v_n, EITHER)  # type: ignore[misc]
         return run
 
 
 def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Explanation]:
     """Find the faults of a recording, and prepare it for the filter with them."""
-    faults, tried, passes, explained = list[Fault](), list[Tried](), 0, ready
-    runs, detectable = 0, tuple[Finding, ...]()
+    found, record, passes, runs = None, None, 0, 0
+    faults: list[Fault] = []
     for _ in range(ROUNDS):
-        found, record = None, None
         with suppress(DivergenceError):
-            record = LinearRecord.of(explained)
+            about = LinearRecord.of(apply_faults(ready, of_imu(faults)))
             runs += 1
-            if np.count_nonzero(record.known.any(axis=1)) >= FEWEST:
-                found = search(record, kinds)
-        if found is None or record is None:
-            break
-        passes += found.passes
-        detectable = (state_detectable(record, found.best.seen, kinds),)
-        tried += tried_of(record, found)
-        new = faults_of(record, found)
-        of_imu = [fault for fault in new if not fault.kind.of_fixes or fault.family == "delay"]
-        # the others are looked at again about the run that has the surest one of these
-        faults += sorted(of_imu, key=lambda fault: -fault.gain)[:1] if of_imu else new
-        explained = apply_faults(ready, faults)
-        if not of_imu:
-            break
-    findings = tuple(find(fault, explained.gps) for fault in faults)
-    explanation = Explanation(tuple(faults), tuple(tried), passes, runs, findings)
-    return replace(explained, explanation=explanation, notes=(*explained.notes, *detectable)), explanation
+            if np.count_nonzero(about.known.any(axis=1)) < FEWEST:
+                break
+            known = () if found is None else found.best.steps
+            record, found = about, search(about, kinds, known)
+            passes += found.passes
+            before, faults = faults, faults_of(record, found)
+            if alike(of_imu(before), of_imu(faults)):
+                break
+            continue
+        break
+    if record is None or found is None:
+        return ready, Explanation()
+    explained = apply_faults(ready, faults)
+    findings = tuple(find(fault, explained.gps) for fault in faults if fault.family != "delay")
+    explanation = Explanation(tuple(faults), tried_of(record, found), passes, runs, findings)
+    notes = (*explained.notes, state_detectable(record, found.best.seen, kinds))
+    return replace(explained, explanation=explanation, notes=notes), explanation
+
+
+def of_imu(faults: Sequence[Fault]) -> list[Fault]:
+    """Faults about which the error model is made anew: of many degrees, they are not linear."""
+    return [fault for fault in faults if not fault.kind.of_fixes]
+
+
+def alike(some: Sequence[Fault], others: Sequence[Fault]) -> bool:
+    """Whether the faults are the same, up to a tenth of their size: what is left then is linear."""
+    return len(some) == len(others) and all(
+        (one.kind.name, one.begin, one.end) == (two.kind.name, two.begin, two.end)
+        and np.linalg.norm(one.size - two.size) <= SAME * np.linalg.norm(two.size)
+        for one, two in zip(some, others, strict=True)
+    )
 
 
 def faults_of(record: LinearRecord, found: Search) -> list[Fault]:
@@ -149,7 +166,7 @@ def faults_of(record: LinearRecord, found: Search) -> list[Fault]:
     return faults
 
 
-def tried_of(record: LinearRecord, found: Search) -> list[Tried]:
+def tried_of(record: LinearRecord, found: Search) -> tuple[Tried, ...]:
     """Rows of the table of the explanation."""
     rows = []
     for each in found.considered:
@@ -157,7 +174,7 @@ def tried_of(record: LinearRecord, found: Search) -> list[Tried]:
             end = float(record.time[step.end]) if step.end else np.inf
             prior = float(step.kind.cost(max(step.variance, 1e-12), record.interval))
             rows.append(Tried(step.kind.name, float(record.time[step.begin]), end, each.gain, prior, each.accepted))
-    return rows
+    return tuple(rows)
 
 
 def state_detectable(record: LinearRecord, of: Pass, kinds: Sequence[Kind]) -> Finding:
@@ -188,13 +205,8 @@ def state_detectable(record: LinearRecord, of: Pass, kinds: Sequence[Kind]) -> F
 
 def apply_faults(ready: Prepared, faults: Sequence[Fault]) -> Prepared:
     """The recording with some faults: what the filter leaves out, takes off its state, and doubts."""
-    gps, changes, rough = ready.gps, list[StateChange](), list[Rough]()
-    for fault in faults:
-        if fault.family == "delay":
-            gps = replace(gps, time=gps.time + float(fault.size[0]) * fault.inside(gps.time - ready.settings.delay))
-    later = gps.time > np.maximum.accumulate(np.concatenate([[-np.inf], gps.time[:-1]]))
-    gps = gps.rows(np.flatnonzero(later))
-    time = gps.time - ready.settings.delay
+    changes, rough = list[StateChange](), list[Rough]()
+    time = ready.gps.time - ready.settings.delay
     false = np.zeros((2, time.size), dtype=np.bool_)
     for fault in faults:
         inside = fault.inside(time)
@@ -213,7 +225,7 @@ def apply_faults(ready: Prepared, faults: Sequence[Fault]) -> Prepared:
     changes.sort(key=lambda change: change.time)
     trust = Trust(false, np.full(false.shape, np.nan)) if false.any() else None
     settings = replace(ready.settings, changes=tuple(changes), trust=trust, rough=tuple(rough))
-    return replace(ready, gps=gps, settings=settings)
+    return replace(ready, settings=settings)
 
 
 def _changes_of(fault: Fault) -> list[StateChange]:
@@ -263,4 +275,5 @@ def find(fault: Fault, gps: GpsData) -> Finding:
             "count": int(np.count_nonzero(fault.inside(gps.time))),
             name.replace("distance_m", "residual_m"): value,
         }
-    return Finding.of(code, fault.begin, fault.end if np.isfinite(fault.end) else None, subject=subject, **values)
+    end = float(gps.time[-1]) if fault.family == "delay" else fault.end if np.isfinite(fault.end) else None
+    return Finding.of(code, fault.begin, end, subject=subject, **values)

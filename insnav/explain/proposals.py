@@ -90,8 +90,13 @@ def _best_pair(record: LinearRecord, of: Pass, kind: Kind, top: int) -> float:
     return max((gain - float(kind.cost(size, record.interval)) - ends for *_, gain, size in pairs), default=-np.inf)
 
 
-def propose(record: LinearRecord, of: Pass, kinds: Sequence[Kind], known: tuple[Step, ...]) -> list[Proposal]:
-    """What would gain most beside what is known: steps, episodes, intervals of noise and ends, best first."""
+def propose(
+    record: LinearRecord, of: Pass, kinds: Sequence[Kind], known: tuple[Step, ...], near: Sequence[int] = ()
+) -> list[Proposal]:
+    """What would gain most beside what is known: steps, episodes, intervals of noise and ends, best first.
+
+    `near`: epochs from which episodes are looked for, instead of the summits of each kind.
+    """
     found: list[Proposal] = []
     ends = cost_of_end(record.interval)
     for kind in kinds:
@@ -107,7 +112,9 @@ def propose(record: LinearRecord, of: Pass, kinds: Sequence[Kind], known: tuple[
             prior = float(kind.cost(scores.variance[row], record.interval)) - ends
             found.append(Proposal(float(scores.gain[row]) + prior, (Step(RETURN, row, 0.0),)))
         if kind.passes:
-            pairs = {pair[:2]: pair for top in _tops(record, scores.gain) for pair in _pair(record, of, kind, top)}
+            pairs = {
+                pair[:2]: pair for top in near or _tops(record, scores.gain) for pair in _pair(record, of, kind, top)
+            }
             for begin, end, gain, variance in sorted(pairs.values(), key=lambda pair: -pair[2])[:2]:
                 prior = float(kind.cost(variance, record.interval)) + ends
                 found.append(Proposal(gain - prior, (Step(kind, begin, variance, end),)))

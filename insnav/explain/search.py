@@ -26,6 +26,7 @@ AGAIN = (1.0,) * 4  # the same where a fit changes little
 QUIET = -0.7  # logarithm of the factor of the noise of the IMU at which faults are looked for, too: noise hides them
 WIDTHS = 0.3, 0.3, 0.4, 0.8, 0.6  # of the parabolas by which each figure of the noise is found, about half a prior
 TRIED = 4  # proposals tried in a round
+SOON = 60.0  # steps within a minute may be begin and end of one fault, see `insnav.explain.kinds.ENDS` [s]
 ALONE = 2  # so many false fixes in a row are no fault of another kind
 WEAK = 0.3  # weight below which a fix counts as false [-]
 ROUNDS = 6  # of weights and noise without a fault
@@ -192,20 +193,37 @@ class _Searcher:
                 continue
             tried = [each for each in self._elsewhere(bare, step) if each != (step,)]
             trials = [self.settle(fit, (*rest, *each), AGAIN[:2]) for each in tried]
-            fit = min([fit, *trials], key=lambda each: each.cost)
+            better = [(each.cost, i) for i, each in enumerate(trials) if each.cost < fit.cost]
+            real = (trials[i] for _, i in sorted(better) if self.is_real(bare, trials[i], tried[i]))
+            fit = next(real, fit)
+        return self.join(fit)
+
+    def join(self, fit: Fit) -> Fit:
+        """Replace steps soon after one another by one fault, if that is likelier: they may only have stood for it."""
+        time = self.record.time
+        for first, last in clusters([(time[step.begin], time[step.end or step.begin]) for step in fit.steps]):
+            members = fit.steps[first:last]
+            rest = fit.steps[:first] + fit.steps[last:]
+            whole = members[0].moved(members[0].begin, max(step.end or step.begin for step in members))
+            bare = self.settle(fit, rest, AGAIN[:2])
+            trials = [self.settle(fit, (*rest, *each), AGAIN[:2]) for each in self._elsewhere(bare, whole, 2 * TRIED)]
+            best = min(trials, key=lambda each: each.cost, default=fit)
+            if best.cost < fit.cost:
+                return best
         return fit
 
-    def _elsewhere(self, bare: Fit, step: Step) -> list[tuple[Step, ...]]:
+    def _elsewhere(self, bare: Fit, step: Step, count: int = TRIED) -> list[tuple[Step, ...]]:
         """The likeliest steps of each form that a fault may be instead, near its time; one end of it alone."""
         margin = max(30.0, self.record.time[step.end or step.begin] - self.record.time[step.begin])
         first, last = self.record.time[step.begin] - margin, self.record.time[step.end or step.begin] + margin
         found: dict[tuple[str, bool], Proposal] = {}
-        for each in propose(self.record, bare.seen, self.kinds, ()):
+        near = [row for row in (step.begin, step.end) if row]
+        for each in propose(self.record, bare.seen, self.kinds, (), near):
             time = self.record.time[each.steps[0].begin]
             if first <= time <= last:
                 found.setdefault((each.steps[0].kind.name, each.steps[0].end > 0), each)
         ends = [(step.moved(row, 0),) for row in (step.begin, step.end) if step.end and not step.kind.fills]
-        return ends + [each.steps for each in sorted(found.values(), key=lambda each: -each.gain)[:TRIED]]
+        return ends + [each.steps for each in sorted(found.values(), key=lambda each: -each.gain)[:count]]
 
 
 def search(record: LinearRecord, kinds: Sequence[Kind], known: tuple[Step, ...] = ()) -> Search:
@@ -234,6 +252,16 @@ def search(record: LinearRecord, kinds: Sequence[Kind], known: tuple[Step, ...] 
         fit = searcher.relocate(better)
     others = [each for each in searcher.fits.values() if each.steps != fit.steps and each.cost < fit.cost + ACCEPT]
     return Search(fit, tuple(others), tuple(considered), searcher.passes, plain)
+
+
+def clusters(spans: Sequence[tuple[float, float]]) -> list[tuple[int, int]]:
+    """First and last but one of faults, in order of time, that follow each other within `SOON`."""
+    found, first = [], 0
+    for number in range(1, len(spans) + 1):
+        if number == len(spans) or spans[number][0] - max(end for _, end in spans[first:number]) > SOON:
+            found += [(first, number)] * (number - first > 1)
+            first = number
+    return found
 
 
 def matters(before: Fit, after: Fit) -> bool:

@@ -2,17 +2,49 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
-from insnav.explain.explanation import explain_faults
+import numpy as np
+
+from insnav.explain.explanation import Fault, explain_faults, find
 from insnav.explain.kinds import KINDS
+from insnav.filter.prepare import Prepared
 from insnav.findings import Finding
-from insnav.steps import Model, Recording
+from insnav.steps import Model, Recording, run_steps
+from insnav.types import GpsData
+
+ROUNDS = 3  # of fixes put on one delay
 
 
 def explain(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
-    """Find the faults of a recording."""
+    """Find the faults of a recording; where the delay of the fixes changes, put them on one delay and align again."""
     assert model.ready is not None
-    ready, explanation = explain_faults(model.ready, KINDS)
-    ready = replace(ready, faults=(*ready.faults, *explanation.findings))
-    return recording, replace(model, ready=ready), explanation.findings
+    assert recording.fixes is not None
+    before, fixes, late = model.ready, recording.fixes, list[Fault]()
+    ready, explanation = explain_faults(before, KINDS)
+    for _ in range(ROUNDS):
+        steps = explanation.of_delay()
+        if not steps:
+            break
+        late += steps
+        fixes = put_on_one_delay(fixes, before, steps)
+        model = run_steps(("align",), replace(recording, fixes=fixes), model)[1]
+        assert model.ready is not None
+        before = model.ready
+        ready, explanation = explain_faults(before, KINDS)
+    explanation = replace(explanation, faults=(*late, *explanation.faults))
+    findings = (*(find(step, fixes) for step in late), *explanation.findings)
+    ready = replace(ready, explanation=explanation, faults=(*ready.faults, *findings))
+    return replace(recording, fixes=fixes), replace(model, ready=ready), findings
+
+
+def put_on_one_delay(fixes: GpsData, ready: Prepared, steps: Sequence[Fault]) -> GpsData:
+    """Move fixes whose delay changes by some steps onto the least of their delays: receivers begin to lag."""
+    # errors are estimate minus truth: a delay that is larger than before makes a negative one
+    late = -np.sum([step.size[0] * step.inside(fixes.time - ready.settings.delay) for step in steps], axis=0)
+    every = ready.clock + late - late.mean()  # the delay found before is that of the mean
+    right = late[int(np.argmin(np.abs(every)))]
+    time = fixes.time - (late - right)
+    kept = time > np.maximum.accumulate(np.concatenate([[-np.inf], time[:-1]]))
+    return replace(fixes, time=time).rows(np.flatnonzero(kept))
