@@ -31,9 +31,9 @@ TAILS = 4.0  # degrees of freedom of the errors of fixes, Student's t [-]
 LEAST = (TAILS + 3.0) / (TAILS + 1.8)  # weight of a fix with three squares of 0.6 each, at most [-]
 # Figures of the noise, as logarithms, with the sd of their priors upwards and downwards: factors of the sd of positions
 # and of velocities, and of the noise of the IMU; odds of the time-correlated share of the variance of positions;
-# factor of its correlation time. Innovations cannot show that fixes are better than stated: errors that last hide in them.
+# factor of its correlation time. Innovations cannot show that fixes are better than stated: lasting errors hide in them.
 FIGURES = (0.6, 0.03), (0.6, 0.03), (0.8, 0.8), (1.5, 1.5), (1.0, 1.0)
-FAR = 2.0  # a figure of the noise is at most so far from its prior, by its sd: beyond, the model is wrong, not precise [-]
+FAR = 2.0  # a figure of the noise is at most so many sd of its prior away: beyond, the model is wrong, not precise [-]
 POSITION, VELOCITY, IMU, SHARE, TIME_OF_SHARE = range(5)
 OVER_OFFSET, OVER_VELOCITY = 1, 2  # bits of what is over at an epoch; see `insnav.kernels.linear`
 # at the end, by kind; what is not here ends by a step back, after which what a drag has moved stays off

@@ -265,7 +265,7 @@ def clusters(spans: Sequence[tuple[float, float]]) -> list[tuple[int, int]]:
 
 
 def matters(before: Fit, after: Fit) -> bool:
-    """Whether a fault moves the solution by more than its sd somewhere, doubles its variance, or explains weak fixes."""
+    """Whether a fault moves the solution by its sd somewhere, doubles its variance, or explains weak fixes."""
     moved = (after.seen.nav - before.seen.nav) ** 2 > before.seen.nav_variance
     doubled = after.seen.nav_variance > 2.0 * before.seen.nav_variance
     explained = (before.weights < believed(before.weights)) & (after.weights > WEAK)
