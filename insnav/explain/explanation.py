@@ -13,16 +13,18 @@ from typing import Any
 
 import numpy as np
 
+from insnav.earth import lla_offset
 from insnav.exceptions import DivergenceError
-from insnav.explain.kinds import FADES, RETURN, Kind
+from insnav.explain.kinds import ENDS, FADES, HOUR, RETURN, Kind
 from insnav.explain.record import NAMES, LinearRecord, Pass
 from insnav.explain.search import ACCEPT, Search, search
-from insnav.filter.ambiguity import Jump, widen_by_jumps, widened
+from insnav.filter.ambiguity import with_wider_sd
+from insnav.filter.error_model import InitialState
 from insnav.filter.gates import Trust
 from insnav.filter.gps_correlation import Rough
 from insnav.filter.prepare import Prepared
 from insnav.findings import Code, Finding
-from insnav.types import BoolArray, FloatArray, GpsData, Run, StateChange
+from insnav.types import BoolArray, FloatArray, GpsData, Run, StateChange, Trajectory
 
 ROUNDS = 5  # runs of the filter, each about the faults of the IMU found before
 SAME = 0.1  # part of its size by which a fault may change in the last of them [-]
@@ -57,6 +59,7 @@ class Fault:
     begin: float  # [s], in the time of the samples
     end: float  # infinite for one that stays [s]
     size: FloatArray  # (d,) of each column of the kind
+    sd: FloatArray  # (d,) of that
     gain: float  # of the evidence by it [-]
     returned: bool = False  # at its end the positions are back where they were
 
@@ -98,12 +101,21 @@ class Explanation:
 
     def widen(self, run: Run) -> Run:
         """Standard deviations that hold what the record cannot tell: which side of a lasting change is true."""
-        jumps = tuple(Jump(fault.begin, _settled(fault), _moved(fault)) for fault in self.faults if _lasts(fault))
-        run = widen_by_jumps(run, jumps) if jumps else run
-        for fault in self.of_delay():
-            late = float(np.abs(fault.size[0]))
-            run = widened(run, lambda solution, late=late: late * solution.v_n, EITHER)  # type: ignore[misc]
-        return run
+        first, last = run.solution.time[[0, -1]]
+
+        def wider(solution: Trajectory, sd: FloatArray) -> FloatArray:
+            variance = sd[:, :3] ** 2
+            for fault in filter(_lasts, self.faults):
+                likely = begins_true(fault, first, last)
+                variance += max(EITHER, min(likely, 1.0 - likely)) * _moved(fault) ** 2
+                moved = is_moved(fault, solution.time, first, last)
+                variance += moved[:, None] * _moved(replace(fault, size=fault.sd)) ** 2
+            for fault in self.of_delay():
+                variance += EITHER * (fault.size[0] * solution.v_n) ** 2
+            sd[:, :3] = np.sqrt(variance)
+            return sd
+
+        return with_wider_sd(run, wider)
 
 
 def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Explanation]:
@@ -160,9 +172,11 @@ def faults_of(record: LinearRecord, found: Search) -> list[Fault]:
         size = step.variance * found.best.seen.score[step.begin] @ columns
         if step.kind.fills:
             size = np.full(1, np.sqrt(step.variance / record.interval))
+        known = np.diagonal(columns.T @ found.best.seen.information[step.begin] @ columns)
+        sd = np.sqrt(np.maximum(step.variance - step.variance**2 * known, 0.0))
         end = float(record.time[step.end]) if step.end else np.inf
         gain = next((gain for other, gain in gains.items() if other.kind is step.kind), 0.0)
-        faults.append(Fault(step.kind, begin, end, size, gain))
+        faults.append(Fault(step.kind, begin, end, size, sd, gain))
     return faults
 
 
@@ -200,12 +214,12 @@ def state_detectable(record: LinearRecord, of: Pass, kinds: Sequence[Kind]) -> F
         value = critical * float(np.quantile(sd, NEARLY_ALL))
         if value < UNSEEN * kind.size:
             values[key] = value
-    return Finding.of(Code.GPS_DETECTABLE, **values)  # type: ignore[arg-type]
+    return Finding.of(Code.GPS_DETECTABLE, **values)
 
 
 def apply_faults(ready: Prepared, faults: Sequence[Fault]) -> Prepared:
     """The recording with some faults: what the filter leaves out, takes off its state, and doubts."""
-    changes, rough = list[StateChange](), list[Rough]()
+    gps, initial, changes, rough = ready.gps, ready.initial, list[StateChange](), list[Rough]()
     time = ready.gps.time - ready.settings.delay
     false = np.zeros((2, time.size), dtype=np.bool_)
     for fault in faults:
@@ -215,7 +229,7 @@ def apply_faults(ready: Prepared, faults: Sequence[Fault]) -> Prepared:
             false[0] |= inside & passes
             false[1] |= inside & (fault.family == "followed_drag")
             if _lasts(fault):
-                changes.append(StateChange(_settled(fault), 0, -_moved(fault), fault.gain))
+                gps, initial = move_fixes(gps, time, fault), move_start(initial, time, fault)
         elif fault.family == "velocity_offset":
             false[1] |= inside
         elif fault.kind.fills:
@@ -225,7 +239,33 @@ def apply_faults(ready: Prepared, faults: Sequence[Fault]) -> Prepared:
     changes.sort(key=lambda change: change.time)
     trust = Trust(false, np.full(false.shape, np.nan)) if false.any() else None
     settings = replace(ready.settings, changes=tuple(changes), trust=trust, rough=tuple(rough))
-    return replace(ready, settings=settings)
+    return replace(ready, gps=gps, initial=initial, settings=settings)
+
+
+def begins_true(fault: Fault, first: float, last: float) -> float:
+    """Probability that the fixes before a lasting change are true, those after it false, in a record [s].
+
+    What begins ends at the rate `ENDS`. The record begins within a fault with the probability of its rate by that.
+    """
+    early, late = (max(length, 0.0) * ENDS / HOUR for length in (fault.begin - first, last - _settled(fault)))
+    return float(1.0 / (1.0 + np.exp(np.clip(late - early + np.log(fault.kind.rate / ENDS), -500.0, 500.0))))
+
+
+def move_fixes(gps: GpsData, time: FloatArray, fault: Fault) -> GpsData:
+    """Fixes of which those on the less likely side of a lasting change are moved back by it."""
+    by = _moved(fault) * (-1.0 if begins_true(fault, time[0], time[-1]) >= 0.5 else 1.0)
+    return replace(gps, lla=lla_offset(gps.lla, by * is_moved(fault, time, time[0], time[-1])[:, None]))
+
+
+def move_start(initial: InitialState, time: FloatArray, fault: Fault) -> InitialState:
+    """The initial state, moved with the fixes that it is from."""
+    moved = begins_true(fault, time[0], time[-1]) < 0.5 and initial.time < fault.begin
+    return replace(initial, lla=lla_offset(initial.lla, _moved(fault))) if moved else initial
+
+
+def is_moved(fault: Fault, time: FloatArray, first: float, last: float) -> BoolArray:
+    """Whether times are on the less likely side of a lasting change, in a record from `first` to `last` [s]."""
+    return np.asarray(time >= _settled(fault) if begins_true(fault, first, last) >= 0.5 else time < fault.begin)
 
 
 def _changes_of(fault: Fault) -> list[StateChange]:
