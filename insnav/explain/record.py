@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from insnav.explain.kinds import FADES, RETURN, Kind
+from insnav.filter.error_model import MANOEUVRE
 from insnav.filter.gates import Gates
 from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.innovation_likelihood import thinned
@@ -24,7 +25,7 @@ from insnav.kernels import linear
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
 from insnav.kernels.smoother import COAST, FIX, JACOBIAN, KIND, NOISE, RESIDUAL, SOURCE, STATE, TIME
-from insnav.types import BoolArray, FloatArray, GpsData, IntArray
+from insnav.types import BoolArray, FloatArray, GpsData, ImuData, IntArray
 
 FAULTS = 9  # states of faults: offset of positions, its drift, offset of velocities
 TAILS = 4.0  # degrees of freedom of the errors of fixes, Student's t [-]
@@ -127,7 +128,8 @@ class LinearRecord:
         gps = thinned(ready.gps)
         navigator = Navigator(ready.initial, ready.model, gps, ready.alignment, ready.nominal, settings)
         navigator.feed(ready.imu)
-        return cls._from_history(navigator.history().rows(), ready.gps, settings, ready.initial.from_fix)
+        record = cls._from_history(navigator.history().rows(), ready.gps, settings, ready.initial.from_fix)
+        return record.with_axes(ready.imu, np.sqrt(ready.model.noise[-2:] / MANOEUVRE))
 
     @classmethod
     def _from_history(cls, history: FloatArray, gps: GpsData, settings: FilterSettings, from_fix: bool) -> LinearRecord:
@@ -186,6 +188,37 @@ class LinearRecord:
             correlated_sd=np.median(gps.position_sd, axis=0),
             from_fix=from_fix,
         )
+
+    def with_axes(self, imu: ImuData, sd: FloatArray) -> LinearRecord:
+        """The same with misalignments of the sensors as states, after the sensor errors.
+
+        They are constants, of which the share of each axis in another shows by the mean rate or force of a span.
+        `sd`: (2,) of gyros and accelerometers [rad].
+        """
+        last = NAV + 12
+        step = 1.0 if imu.sampling == "increment" else np.gradient(imu.time)[:, None]
+        sums = np.cumsum(np.hstack([imu.gyro, imu.accel]) * step, axis=0)
+        sums = np.stack([np.interp(self.time, imu.time, column) for column in sums.T], axis=1)
+        span, phi, fade, q, qd = self.system
+        mean = np.diff(sums, axis=0, prepend=sums[:1]) / np.maximum(span, 1e-9)[:, None]
+        pairs = [(i, j) for i in range(6) for j in range(i // 3 * 3, i // 3 * 3 + 3) if i != j]
+        phi = np.dstack([phi, *(phi[:, :, NAV + i] * mean[:, j, None] for i, j in pairs)])
+        fade, qd, h, fed, start = (
+            np.insert(each, [last] * len(pairs), value, axis=-1)
+            for each, value in (
+                (fade, 1.0),
+                (qd, 0.0),
+                (self.measured[1], 0.0),
+                (self.measured[2], 0.0),
+                (self.start, 0.0),
+            )
+        )
+        start = np.insert(start, [last] * len(pairs), 0.0, axis=0)
+        added = np.arange(last, last + len(pairs))
+        start[added, added] = np.repeat(sd**2, len(pairs) // 2)
+        states = {name: first + len(pairs) * (first >= last) for name, first in self.states.items()}
+        measured = self.measured[0], h, fed
+        return replace(self, system=(span, phi, fade, q, qd), measured=measured, start=start, states=states)
 
     @property
     def interval(self) -> float:

@@ -1,10 +1,10 @@
 """Linear error model of one filter run at epoch rate, on which faults are searched.
 
-The states are navigation errors (9), sensor errors (12), further errors, and nine fault states at the end: offset of
+The states are navigation errors (9), sensor errors (12), further errors that may act on navigation, others, and nine fault states at the end: offset of
 the positions (3), drift of that offset (3) and offset of the velocities (3). Errors are estimate minus truth:
     e_k = F_k e_{k-1} + w_k,  z_k = H_k e_k + v_k.
 All functions take the same groups of arrays, for m epochs and n states:
-    system: span (m,) [s]; phi (m, 9, 21), the rows of navigation errors of F; fade (m, n), its diagonal in the other
+    system: span (m,) [s]; phi (m, 9, s), the rows of navigation errors of F by the first s states, 21 or more; fade (m, n), its diagonal in the other
         rows; q (m, 9, 9), noise of the navigation errors, symmetric; qd (m, n), noise variances of the others, of which
         those of sensor errors j covary with navigation errors i by qd_j phi_ij / 2; cleared (m,) int, bits
         `NO_POSITION` and `NO_VELOCITY`: rows of F of these fault states are zero.
@@ -42,7 +42,7 @@ def propagate(system, k, x, w):  # type: ignore[no-untyped-def]
     for i in range(NAV):
         for j in range(columns):
             total = 0.0
-            for a in range(STATES):
+            for a in range(phi.shape[2]):
                 total += phi[k, i, a] * x[a, j]
             w[i, j] = total
     for i in range(NAV, n):  # offsets of positions are before their drifts
@@ -72,7 +72,7 @@ def propagate_back(system, k, x, w):  # type: ignore[no-untyped-def]
         if drift != 0.0:
             for j in range(columns):
                 x[i, j] += drift * x[i - 3, j]
-    for a in range(STATES):
+    for a in range(phi.shape[2]):
         for j in range(columns):
             total = 0.0
             for i in range(NAV):
