@@ -86,7 +86,7 @@ class Case:
     apply: Callable[[Data], tuple[ImuData, GpsData]]
     inputs: dict[str, Any] = field(default_factory=dict)
     shift: float = 0.0  # by which the times of the fixes are off, and so those of the solution [s]
-    # a size that the run states it would not show: one of `Smoothed.smallest_seen`, or the first number of a finding
+    # a size that the run states it would not show: one of those of `gps.detectable`, or the first number of a finding
     seen: int | Code | None = None
 
 
