@@ -177,8 +177,9 @@ class _Searcher:
 
     def least(self, trial: Fit, new: Sequence[Step]) -> float:
         """Gain that faults must have: misfit of the model, as the explained drive shows it, is no evidence."""
-        alike = {(step.kind.name, step.end > 0): step for step in new if step.kind.steps and not step.kind.fills}
-        return max([ACCEPT, *(misfit_of(self.record, trial.seen, step) for step in alike.values())])
+        kinds = {step.kind.name: step.kind for step in new if step.kind.steps and not step.kind.fills}
+        prior = prior_of(new, self.record.interval)
+        return max([ACCEPT, *(misfit_of(self.record, trial.seen, kind) - prior for kind in kinds.values())])
 
     def relocate(self, fit: Fit) -> Fit:
         """Move each step to where the others leave it likeliest, or to another kind; drop what gains too little."""
