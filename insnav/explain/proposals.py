@@ -89,11 +89,16 @@ def misfit_of(record: LinearRecord, of: Pass, kind: Kind) -> float:
 
 
 def propose(
-    record: LinearRecord, of: Pass, kinds: Sequence[Kind], known: tuple[Step, ...], near: Sequence[int] = ()
+    record: LinearRecord,
+    of: Pass,
+    kinds: Sequence[Kind],
+    known: tuple[Step, ...],
+    near: Sequence[int] = (),
+    edges: Sequence[int] = (),
 ) -> list[Proposal]:
     """What would gain most beside what is known: steps, episodes, intervals of noise and ends, best first.
 
-    `near`: epochs from which episodes are looked for, instead of the summits of each kind.
+    `near`: epochs from which episodes are looked for, instead of the summits of each kind; `edges`: beside these.
     """
     found: list[Proposal] = []
     ends = cost_of_end(record.interval)
@@ -111,7 +116,9 @@ def propose(
             found.append(Proposal(float(scores.gain[row]) + prior, (Step(RETURN, row, 0.0),)))
         if kind.passes:
             pairs = {
-                pair[:2]: pair for top in near or _tops(record, scores.gain) for pair in _pair(record, of, kind, top)
+                pair[:2]: pair
+                for top in near or (*edges, *_tops(record, scores.gain))
+                for pair in _pair(record, of, kind, top)
             }
             for begin, end, gain, variance in sorted(pairs.values(), key=lambda pair: -pair[2])[:2]:
                 prior = float(kind.cost(variance, record.interval)) + ends

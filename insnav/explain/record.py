@@ -83,6 +83,11 @@ class Noise:
         return float(1.0 / (1.0 + np.exp(-self.figures[SHARE])))
 
 
+def usual_correlated(position_sd: FloatArray) -> CorrelatedNoise:
+    """Time-correlated errors of positions with standard deviations (n, 3) [m], as receivers usually have them."""
+    return CorrelatedNoise(Noise().share, FADES, np.sqrt(Noise().share) * np.median(position_sd, axis=0))
+
+
 @dataclass(frozen=True, slots=True)
 class Pass:
     """What a forward and a backward pass over the record tell."""
@@ -122,8 +127,7 @@ class LinearRecord:
         ready = ready.longest_part()
         gates = ready.settings.gates
         soft = Gates(gates.max_sd, np.inf, np.inf, gates.probability, np.inf, np.inf, np.inf)
-        sd = np.median(ready.gps.position_sd, axis=0)
-        correlated = CorrelatedNoise(Noise().share, FADES, np.sqrt(Noise().share) * sd)
+        correlated = usual_correlated(ready.gps.position_sd)
         settings = replace(
             ready.settings, gates=soft, aiding=None, smooth=True, output_interval=10.0, correlated=correlated
         )

@@ -18,7 +18,7 @@ from insnav.explain.kinds import Kind, cost_of_end
 from insnav.explain.proposals import Proposal, misfit_of, propose
 from insnav.explain.record import IMU, LEAST, TAILS, LinearRecord, Noise, Pass, Step
 from insnav.tabular import runs_of
-from insnav.types import FloatArray
+from insnav.types import BoolArray, FloatArray
 
 ACCEPT = 6.0  # gain below which two explanations are alike: an approximate evidence may be wrong by that [-]
 GRADUATED = (300.0, 100.0, 30.0, 10.0, 3.0, 1.0)  # squares of residuals are divided by these, from first to last pass
@@ -98,7 +98,7 @@ class _Searcher:
             steps = tuple(sized(self.record, seen, step) for step in steps)
             seen = self.look(steps, weights, noise)
         fit = Fit(steps, weights, noise, self.cost(seen, steps, weights, noise), seen)
-        self.fits[steps] = fit
+        self.fits[steps] = replace(fit, seen=replace(seen, information=np.empty((0, 0, 0)), inner=()))  # memory
         return fit
 
     def tune(self, fit: Fit, numbers: Sequence[int]) -> Fit:
@@ -132,6 +132,7 @@ class _Searcher:
         """What would gain most at the weights as they are, with all fixes believed, and with a quiet IMU."""
         quiet = fit.noise.changed(IMU, min(0.0, QUIET - fit.noise.figures[IMU]))
         ways = [(fit.weights, fit.noise), (believed(fit.weights), fit.noise), (fit.weights, quiet)]
+        edges = runs_of(false_for_long(fit.weights).any(axis=1))[:, 0]
         found = []
         for number, (weights, noise) in enumerate(ways):
             if number and np.allclose(weights, fit.weights, atol=0.75) and noise == fit.noise:
@@ -141,7 +142,7 @@ class _Searcher:
             less = here.cost - fit.cost  # what this way of looking has lost
             found += [
                 (each._replace(gain=each.gain - less), here)
-                for each in propose(self.record, seen, self.kinds, fit.steps)
+                for each in propose(self.record, seen, self.kinds, fit.steps, edges=edges.tolist())
             ]
         return sorted(found, key=lambda each: -each[0].gain)
 
@@ -269,7 +270,7 @@ def matters(before: Fit, after: Fit) -> bool:
     """Whether a fault moves the solution by its sd somewhere, doubles its variance, or explains weak fixes."""
     moved = (after.seen.nav - before.seen.nav) ** 2 > before.seen.nav_variance
     doubled = after.seen.nav_variance > 2.0 * before.seen.nav_variance
-    explained = (before.weights < believed(before.weights)) & (after.weights > WEAK)
+    explained = false_for_long(before.weights) & (after.weights > WEAK)
     return bool(moved.any() or doubled.any() or explained.any())
 
 
@@ -298,6 +299,11 @@ def believed(weights: FloatArray) -> FloatArray:
             if last - first <= ALONE:
                 found[first:last, column] = weights[first:last, column]
     return found
+
+
+def false_for_long(weights: FloatArray) -> BoolArray:
+    """Which fixes are false with too many others to be so alone, (m, 2)."""
+    return np.asarray((weights < WEAK) & (believed(weights) > WEAK))
 
 
 def form_of(proposal: Proposal, known: tuple[Step, ...]) -> tuple[str, bool]:

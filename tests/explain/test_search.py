@@ -26,7 +26,9 @@ PASSING = {"offset": 15.0, "drag": 1.0, "followed_drag": 1.0, "velocity_offset":
 @lru_cache(maxsize=1)
 def nominal() -> LinearRecord:
     drive = insnav.simulate("figure_eight", imu="automotive", seed=1)
-    return LinearRecord.of(run_steps(PREPARE[:1], drive.recording, drive.model)[1].ready)
+    ready = run_steps(PREPARE[:1], drive.recording, drive.model)[1].ready
+    assert ready is not None
+    return LinearRecord.of(ready)
 
 
 def drawn(seed: int, step: Step | None = None, size: float = 0.0, weak: int = 0) -> LinearRecord:
