@@ -8,15 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from insnav.earth import lla_offset
 from insnav.exceptions import DivergenceError
-from insnav.explain.kinds import ENDS, FADES, HOUR, RETURN, Kind
-from insnav.explain.record import NAMES, LinearRecord, Pass
+from insnav.explain.kinds import ENDS, FADES, HOUR, KINDS, RETURN, Kind
+from insnav.explain.record import NAMES, LinearRecord, Pass, usual_correlated
 from insnav.explain.search import ACCEPT, Search, search
 from insnav.filter.ambiguity import with_wider_sd
 from insnav.filter.error_model import InitialState
@@ -32,6 +32,7 @@ FEWEST = 20  # epochs with a fix, below which a record shows no fault
 MINUTE, PLACES, NEARLY_ALL = 60.0, 20, 0.9  # drag whose least size is stated [s]; where it is looked for; part of these
 NINE_IN_TEN = 1.28  # standard deviations by which a fault exceeds the limit to be found nine times in ten [-]
 UNSEEN = 1e3  # times the typical size from which nothing is seen [-]
+OFFSET = next(kind for kind in KINDS if kind.name == "offset")
 EITHER = 0.2  # least probability of an explanation that the record cannot tell from another [-]
 # what a finding of a kind says: its code where the fault passes and where it stays, and the name of its size
 CODES = {
@@ -93,7 +94,9 @@ class Explanation:
     tried: tuple[Tried, ...] = ()
     passes: int = 0  # over the linear record
     runs: int = 0  # of the filter over the samples
-    findings: tuple[Finding, ...] = field(default=())
+    findings: tuple[Finding, ...] = ()
+    # times (m,) [s] and variances (m, 9) of position, velocity and attitude between explanations that are nearly alike
+    between: tuple[FloatArray, FloatArray] = (np.zeros(0), np.zeros((0, 9)))
 
     def of_delay(self) -> tuple[Fault, ...]:
         """Steps of the delay of the fixes, which no run takes into account: whoever aligns puts them on one delay."""
@@ -113,6 +116,9 @@ class Explanation:
             for fault in self.of_delay():
                 variance += EITHER * (fault.size[0] * solution.v_n) ** 2
             sd[:, :3] = np.sqrt(variance)
+            time, more = self.between
+            for column, each in enumerate(more.T):
+                sd[:, column] = np.hypot(sd[:, column], np.sqrt(np.interp(solution.time, time, each)))
             return sd
 
         return with_wider_sd(run, wider)
@@ -140,9 +146,18 @@ def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Ex
         return ready, Explanation()
     explained = apply_faults(ready, faults)
     findings = tuple(find(fault, explained.gps) for fault in faults if fault.family != "delay")
-    explanation = Explanation(tuple(faults), tried_of(record, found), passes, runs, findings)
+    explanation = Explanation(tuple(faults), tried_of(record, found), passes, runs, findings, mix(record, found))
     notes = (*explained.notes, state_detectable(record, found.best.seen, kinds))
     return replace(explained, explanation=explanation, notes=notes), explanation
+
+
+def mix(record: LinearRecord, found: Search) -> tuple[FloatArray, FloatArray]:
+    """Variance of the mean between explanations by their probability, at the epochs (m,) [s], (m, 9)."""
+    every = [found.best, *found.others]
+    part = np.exp(-0.5 * (np.array([each.cost for each in every]) - found.best.cost))
+    off = np.array([each.seen.nav - found.best.seen.nav for each in every])
+    off[:, :, 6:8] = np.linalg.norm(off[:, :, 6:8], axis=2, keepdims=True)  # tilts are of the level axes
+    return record.time, np.asarray(np.tensordot(part / part.sum(), off**2, axes=1))
 
 
 def of_imu(faults: Sequence[Fault]) -> list[Fault]:
@@ -234,11 +249,15 @@ def apply_faults(ready: Prepared, faults: Sequence[Fault]) -> Prepared:
             false[1] |= inside
         elif fault.kind.fills:
             rough.append(Rough(fault.begin, fault.end, float(fault.size[0]), FADES))
+            # larger than an offset usually is, they are worth nothing, and need not be random at all
+            false[0] |= inside & (rough[-1].sd > OFFSET.size)
         elif fault.family != "delay":
             changes += _changes_of(fault)
     changes.sort(key=lambda change: change.time)
     trust = Trust(false, np.full(false.shape, np.nan)) if false.any() else None
     settings = replace(ready.settings, changes=tuple(changes), trust=trust, rough=tuple(rough))
+    if rough and settings.correlated is None:
+        settings = replace(settings, correlated=usual_correlated(gps.position_sd))
     return replace(ready, gps=gps, initial=initial, settings=settings)
 
 
@@ -315,5 +334,7 @@ def find(fault: Fault, gps: GpsData) -> Finding:
             "count": int(np.count_nonzero(fault.inside(gps.time))),
             name.replace("distance_m", "residual_m"): value,
         }
-    end = float(gps.time[-1]) if fault.family == "delay" else fault.end if np.isfinite(fault.end) else None
+    inside = gps.time[fault.inside(gps.time)]
+    last = float(inside[-1]) if inside.size else fault.begin
+    end = last if np.isfinite(fault.end) or fault.family == "delay" else None
     return Finding.of(code, fault.begin, end, subject=subject, **values)
