@@ -23,7 +23,7 @@ from insnav.exceptions import ConfigError, InputError, InsnavError
 
 EPILOG = """\b
 Examples:
-  insnav run imu.csv --gps gps.csv           writes run/: solution, figures, report.html
+  insnav run imu.csv gps.csv                 writes run/: solution, figures, report.html
   insnav run --help                          all options, with more examples
 \b
 Exit codes:

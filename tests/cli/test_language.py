@@ -171,7 +171,7 @@ def test_the_environment_chooses_the_language_and_english_is_taken_for_an_unknow
 
 
 def test_what_follows_two_dashes_is_no_language(cli: Cli):
-    assert "unexpected extra argument(s) (--lang)" in cli("run", "--", "imu.csv", "--lang").err
+    assert "unexpected extra argument(s) (--lang)" in cli("run", "--", "imu.csv", "gps.csv", "--lang").err
 
 
 def test_the_help_shows_the_languages(cli: Cli):

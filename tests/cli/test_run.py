@@ -142,6 +142,20 @@ def test_the_same_input_gives_the_same_bytes(drive: Path, cli: Cli):
         assert Path("first", name).read_bytes() == Path("second", name).read_bytes(), name
 
 
+def test_two_files_are_told_apart_by_their_content(drive: Path, cli: Cli):
+    cli("run", *QUICK, "--out", "named")
+    named = read_facts(Path("named"))
+    for order in (("imu.csv", "gps.csv"), ("gps.csv", "imu.csv")):
+        shown = cli("run", *order, *QUICK[3:], "--out", order[0][:3])
+        assert shown.code == 0, shown.err
+        facts = read_facts(Path(order[0][:3]))
+        assert facts["configuration"] == named["configuration"]
+        assert facts["files"]["solution.csv"] == named["files"]["solution.csv"]
+    twice = cli("run", "imu.csv", "gps.csv", "--gps", "gps.csv")
+    assert twice.code == 2
+    assert "cli.fixes_twice" in twice.err
+
+
 def test_a_folder_brings_its_reference_and_is_as_its_files(drive: Path, cli: Cli):
     folder = Path("recording")
     folder.mkdir()
