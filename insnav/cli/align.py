@@ -11,12 +11,7 @@ from insnav.exceptions import ConfigError
 
 
 @takes_data(without=("logs",))
-def align(
-    data: Data,
-    out: Out = Path("alignment"),
-    force: Force = False,
-    as_json: Json = False,
-) -> None:
+def align(data: Data, out: Out = Path("alignment"), force: Force = False, as_json: Json = False) -> None:
     """Align a static record."""
     if data.gps is None and data.inputs.get("lat") is None:
         raise ConfigError("session.no_latitude", where="--lat")

@@ -102,12 +102,7 @@ def budget(
             from insnav.errors.budget.from_windows import WindowSettings
 
             windows = WindowSettings(
-                first=first,
-                spacing=spacing,
-                start=start,
-                uncalibrated=uncalibrated,
-                replicas=replicas,
-                workers=engine,
+                first=first, spacing=spacing, start=start, uncalibrated=uncalibrated, replicas=replicas, workers=engine
             )
             outcome = data.load(stage).budget(settings, windows=windows, progress=progress)
         else:

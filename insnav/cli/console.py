@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self, TextIO
+from typing import TYPE_CHECKING, Any, Literal, Self, TextIO
 
 from insnav.cli import signals
 from insnav.exceptions import InsnavError, OutputError, reason_of
@@ -193,12 +193,16 @@ def _plain(text: str) -> str:
 
 
 @contextlib.contextmanager
-def working(out: Path, force: bool) -> Iterator[tuple[RunFolder, Stages]]:
+def working(out: Path, force: bool | Literal["keep"]) -> Iterator[tuple[RunFolder, Stages]]:
     """Folder that a command makes, which is complete in the end or absent, and the stages of its work."""
     from insnav.output.folder import RunFolder
 
     with RunFolder(out, force=force) as folder, Stages() as stage:
         yield folder, stage
+    if folder.kept is not None:
+        from insnav.messages import phrase
+
+        note(phrase("terminal.kept", folder=folder.kept.name))
 
 
 class Stages:

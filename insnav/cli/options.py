@@ -21,9 +21,9 @@ def option(group: str, value: str, meaning: str, *names: str, **more: Any) -> An
     return typer.Option(*names, metavar=value, help=meaning, rich_help_panel=group, **more)
 
 
-def flag(group: str, name: str, meaning: str) -> Any:
+def flag(group: str, name: str, meaning: str, **more: Any) -> Any:
     """Declare an option without a value."""
-    return typer.Option(name, help=meaning, rich_help_panel=group)
+    return typer.Option(name, help=meaning, rich_help_panel=group, **more)
 
 
 def argument(value: str, meaning: str, group: str = FILES) -> Any:
@@ -48,8 +48,19 @@ Engine = Annotated[
         callback=_engine,
     ),
 ]
-Out = Annotated[Path, option(RESULT, "FOLDER", "Folder to make.")]
-Force = Annotated[bool, flag(RESULT, "--force", "Replace an existing result of insnav.")]
+
+
+def _force(context: typer.Context, value: bool) -> bool | Literal["keep"]:
+    """Let a result in the default folder make way without --force, too; `insnav.output.folder.RunFolder` keeps it."""
+    source = context.get_parameter_source("out")
+    default = source is not None and source.name == "DEFAULT" and context.params.get("out") is not None
+    return value or ("keep" if default else False)
+
+
+Out = Annotated[
+    Path, option(RESULT, "FOLDER", "Folder to make. An earlier result in the default folder is kept as FOLDER~1.")
+]
+Force = Annotated[bool, flag(RESULT, "--force", "Replace an existing result of insnav.", callback=_force)]
 Json = Annotated[bool, flag(RESULT, "--json", "Print run.json instead of a summary.")]
 Columns = Annotated[str | None, option(FILES, "NAME=HEADER,…", "Headers that are not understood by themselves.")]
 SpikeLimit = Annotated[

@@ -63,12 +63,7 @@ def require(
             stage("motion")
             model = data.inputs.get("imu_model")
             outcome = required(
-                error,
-                after,
-                profile=profile,
-                imu=None if model is None else str(model),
-                progress=progress,
-                **options,
+                error, after, profile=profile, imu=None if model is None else str(model), progress=progress, **options
             )
         outcome, where = data.save(outcome, folder, stage, figures="png")
     result_page(where, outcome.page(), out, as_json=as_json)

@@ -73,7 +73,7 @@ def simulate(
     target = out or Path("sim")
     span = _temperatures(temperature) if temperature else None
     options: SimulationOptions = shared | {"rate": rate, "faults": fault or [], "temperature": span}
-    with working(target, force) as (folder, stage):
+    with working(target, force or (False if out else "keep")) as (folder, stage):
         stage("motion")
         from insnav.session.simulation import plan_of, profiled, replica
 

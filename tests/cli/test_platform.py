@@ -12,10 +12,11 @@ from insnav.earth import gravity_n
 from insnav.errors import platform_errors
 from insnav.errors.platform_errors import level_force
 from insnav.output.data_files import write_data, write_table
-from insnav.output.folder import read_facts, verify_folder
+from insnav.output.folder import read_facts
 from insnav.output.solution_tables import read_solution
 from insnav.simulate import circle, reference, straight
 from tests.cli.conftest import Cli
+from tests.shared import verify_folder
 
 START = ("--lat", "48.000000000", "--lon", "11.0", "--height", "1000")
 

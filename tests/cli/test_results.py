@@ -12,9 +12,10 @@ from matplotlib.figure import Figure
 
 import insnav
 from insnav.exceptions import ConfigError
-from insnav.output.folder import read_facts, verify_folder
+from insnav.output.folder import read_facts
 from insnav.result import Result
 from tests.cli.conftest import Cli
+from tests.shared import verify_folder
 
 LEVER = (0.8, -0.3, -1.2)
 GIVEN = ("--lever-arm", "0.8,-0.3,-1.2")

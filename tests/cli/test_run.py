@@ -12,10 +12,11 @@ import pytest
 
 from insnav.findings import Code, Severity, of_families
 from insnav.messages import phrase, word
-from insnav.output.folder import read_facts, verify_folder
+from insnav.output.folder import read_facts
 from insnav.steps import STEPS
 from insnav.units import DEG
 from tests.cli.conftest import QUICK, Cli, findings_of, says
+from tests.shared import verify_folder
 
 WITH_REFERENCE = (*QUICK, "--ref", "ref.csv", "--lever-arm", "0.8,-0.3,-1.2")
 TABLES = [

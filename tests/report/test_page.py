@@ -11,13 +11,14 @@ import pytest
 from insnav.exceptions import ConfigError
 from insnav.findings import Severity
 from insnav.messages import phrase
-from insnav.output.folder import RunFolder, verify_folder
+from insnav.output.folder import RunFolder
 from insnav.quantity import Quantity
 from insnav.report.figures import blank
 from insnav.report.page import FigureSpec, Page, Section
 from insnav.report.save import write_page
 from insnav.report.terminal import page_text
 from tests.report.conftest import stored
+from tests.shared import verify_folder
 
 HOSTILE = '<script>alert(1)</script>"><img src=x onerror=y>\x1b[31m'
 

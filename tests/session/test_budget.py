@@ -14,9 +14,10 @@ from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, Finding, Severity, of_code
 from insnav.imu.specification import PRESETS
 from insnav.messages import sentence
-from insnav.output.folder import read_facts, verify_folder
+from insnav.output.folder import read_facts
 from insnav.result import open_result
 from insnav.session.drive import load
+from tests.shared import verify_folder
 
 WINDOWS = WindowSettings(spacing=15.0)
 

@@ -18,11 +18,11 @@ from insnav.errors.metrics import at_point
 from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, Finding, Severity
 from insnav.input.interpret.schema import LOG_SCHEMAS
-from insnav.output.folder import verify_folder
 from insnav.output.solution_tables import read_solution
 from insnav.sample_statistics import rms
 from insnav.steps.inputs import INPUTS, LOGS, Inputs
 from tests.cli.conftest import Cli, cli
+from tests.shared import verify_folder
 
 __all__ = ["cli"]
 LEVER = (0.8, -0.3, -1.2)
