@@ -24,11 +24,11 @@ def check(
 ) -> None:
     """Examine files."""
     with Stages() as stage:
-        stage("reading")
         from insnav.report.save import text_of
         from insnav.session.check import check as checked
 
         compile_at_first(*files, *filter(None, (data.gps, data.ref)))
+        stage("reading")
         found = replace(checked(*files, gps=data.gps, ref=data.ref, **data.inputs), options=data.options)
     where = None
     if out is not None:

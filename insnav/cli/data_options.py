@@ -19,6 +19,7 @@ from insnav.cli.console import Stages, detail, note, write_result
 from insnav.cli.options import FILES, argument, option
 from insnav.deferred import library
 from insnav.exceptions import CheckError, ConfigError, OutputError
+from insnav.progress import announce
 from insnav.steps.inputs import INPUTS, LOGS, Input, Inputs
 
 if TYPE_CHECKING:
@@ -68,16 +69,15 @@ class Data:
 
     def load(self, stage: Stages) -> Drive:
         """Read the recording, say how it was understood, and choose what was not given."""
-        stage("reading")
         from insnav.session.drive import drive_of
         from insnav.session.read import read
 
         assert self.imu is not None
         compile_at_first(self.imu)
+        stage("reading")
         recording = read(self.imu, self.gps, self.ref, self.inputs)
         for facts in recording.facts.values():
             say_reading(facts)
-        stage("aligning")
         drive = drive_of(recording)
         detail(f"IMU model: {drive.imu_spec.name}", _messages.sentence(drive.imu_chosen))
         return drive
@@ -269,4 +269,5 @@ def compile_at_first(*files: Path) -> None:
         note(_messages.phrase("terminal.no_cache"))
     elif ahead.needed():
         note(_messages.phrase("terminal.compiling"))
+        announce("compiling kernels (once)")
         ahead.compile_ahead()

@@ -37,7 +37,7 @@ def outage(
             spacing=spacing,
             aiding=aiding,
             workers=engine,
-            progress=lambda fraction: stage("navigating", fraction),
+            progress=stage.advance,
         )
         outcome, where = data.save(outcome, folder, stage)
     result_page(where, judged(outcome.page()), out, as_json=as_json)

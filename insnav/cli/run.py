@@ -67,7 +67,7 @@ def run(
             smooth=smooth,
             output_interval=interval,
             mechanization=mechanization,
-            progress=lambda fraction: stage("navigating", fraction),
+            progress=stage.advance,
         )
         outcome, where = data.save(
             with_backdrop(outcome, backdrop), folder, stage, figures=figures, table_format=format

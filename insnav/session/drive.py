@@ -29,6 +29,7 @@ from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec
 from insnav.input import Reading
 from insnav.messages import sentence
+from insnav.progress import announce, in_notebook
 from insnav.result import Result, StepRecord
 from insnav.session.read import read
 from insnav.steps import LOAD, STEPS, Model, Recording, Task, run_steps
@@ -47,6 +48,11 @@ if TYPE_CHECKING:  # what takes long to import is imported where it is used: a r
     from insnav.session.requirement import RequirementOptions
 
 SHORT_REST = 10.0  # so long may steady motion look like rest [s]
+STAGES = {  # of the work, by step
+    **dict.fromkeys(("clean", "one_clock", "receiver_noise", "imu_noise", "mounting"), "checking the data"),
+    **{"align": "aligning", "noise": "finding the noise", "lever_arm": "finding the noise"},
+    **{"navigate": "navigating", "explain": "evaluating", "evaluate": "evaluating"},
+}
 REFERENCE_SD = (0.05, None)  # of reference positions; velocities count only if theirs is given [m], [m/s]
 
 
@@ -107,7 +113,19 @@ def drive_of(recording: Recording) -> Drive:
 
     Raises: InputError: IMU and GPS have no time in common.
     """
-    return Drive(*run_steps(LOAD, recording, given_model(recording)))
+    return Drive(*_stepwise(LOAD, recording, given_model(recording)))
+
+
+def _stepwise(
+    names: Sequence[str], recording: Recording, model: Model
+) -> tuple[Recording, Model, tuple[StepRecord, ...]]:
+    """Run some steps, and name each to whoever shows what is being done."""
+    records: tuple[StepRecord, ...] = ()
+    for name in names:
+        announce(STAGES[name])
+        recording, model, record = run_steps((name,), recording, model)
+        records += record
+    return recording, model, records
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,9 +221,10 @@ class Drive:
         """
         model = self.model if task is None else replace(self.model, task=task)
         wanted = STEPS[len(self.steps) : STEPS.index(step) + 1]
-        recording, model, steps = run_steps(wanted, self.recording, model)
+        recording, model, steps = _stepwise(wanted, self.recording, model)
         return Drive(recording, model, (*self.steps, *steps))
 
+    @in_notebook
     def navigate(
         self,
         *,
@@ -275,6 +294,7 @@ class Drive:
         assert self.model.evaluated is not None
         return self.model.evaluated
 
+    @in_notebook
     def outage(
         self,
         *,
@@ -320,6 +340,7 @@ class Drive:
         done = self.until("evaluate", task)
         ready, run, notes = done.ready, done.evaluated, done.findings
         reference = None if self.reference is None else partial(self._antenna_positions, self.reference)
+        announce("simulating outages")
         windows = outages(
             replace(ready, gps=without_rejected(ready.gps, run.run, ready.settings)),
             lengths=lengths,
@@ -336,6 +357,7 @@ class Drive:
         options = {"lengths_s": lengths, "first_s": first, "spacing_s": spacing, "aiding": aiding}
         return done.result("outage", found, options, (*notes, *run.run.events), run)
 
+    @in_notebook
     def budget(
         self,
         settings: BudgetSettings | None = None,
@@ -379,6 +401,7 @@ class Drive:
         chosen = replace(
             windows or WindowSettings(replicas=20, workers=2), length=float(max(settings.times)), seed=settings.seed
         )
+        announce("simulating outages")
         recorded = recorded_budget(ready, spec, reference, chosen, progress)
         given = self.recording.inputs.get("imu_model") is not None
         assumed = () if given else (self.imu_chosen,)
@@ -386,6 +409,7 @@ class Drive:
         found = budget_of_windows(recorded, settings, progress)
         return done.result("budget", found, asdict(settings), (*recorded.notes, *self._events()))
 
+    @in_notebook
     def require(
         self,
         error: str | float,
@@ -428,6 +452,7 @@ class Drive:
         given = self.recording.inputs.get("imu_model")
         spec = load_imu(str(given)) if isinstance(given, str | Path) else given
         motion = Moving(truth_from_track(track), f"the drive {Path(self.imu.facts.path).name}")
+        announce("simulating")
         found = study_of(required, motion, spec, settings, workers, progress)
         return self.result("requirement", found.found, found.options, (*self.notes, *self._events()))
 

@@ -120,21 +120,6 @@ def test_colour_is_for_terminals_that_want_it(monkeypatch: pytest.MonkeyPatch):
     assert console.coloured(f"{good}: it holds") == f"{good}: it holds"
 
 
-def test_progress_counts_what_can_be_counted():
-    from insnav.cli.console import Stages
-
-    shown = []
-    stage = Stages()
-    stage._bar = type(
-        "Bar", (), {"update": lambda _, task, **what: shown.append(what), "reset": lambda *_, **__: None}
-    )()
-    stage._task = 0
-    stage("navigating", 0.25, 300)
-    assert shown[-1] == {"description": "navigating 75/300", "total": 1.0, "completed": 0.25}
-    stage("writing")
-    assert shown[-1] == {"description": "writing", "total": None, "completed": 0.0}
-
-
 def test_work_that_takes_long_is_named_where_there_is_no_terminal(monkeypatch, capsys):
     from insnav.cli import console
 
