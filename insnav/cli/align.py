@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from insnav.cli.console import note, result, result_facts, working
+from insnav.cli.console import brief_text, note, result, result_facts, working
 from insnav.cli.data_options import Data, takes_data
 from insnav.cli.options import Force, Json, Out
 from insnav.exceptions import ConfigError
@@ -28,7 +28,6 @@ def align(data: Data, out: Out = Path("alignment"), force: Force = False, as_jso
     if as_json:
         result_facts(where)
     else:
-        from insnav.report.save import text_of
         from insnav.report.terminal import entry
 
-        result(f"{text_of(outcome)}\n{entry('files', f'{out}: report.html, run.json')}")
+        result(f"{brief_text(outcome)}\n{entry('files', f'{out}: report.html, run.json')}")

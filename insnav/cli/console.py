@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 # where there is no terminal, after this, twice, four times this and so on a line says what is being done [s]
 LOGGED = 15.0
-WIDTH = 110  # largest of a line of the log
+WIDTH = 110  # of a line of the log where no terminal says another
 CLEARED = "\r\x1b[K"  # the line of a terminal that shows the progress
 _COLOURS = {"light.good": 32, "light.attention": 33, "light.bad": 31, "run.warning": 33}  # of the terminal
 
@@ -104,11 +104,10 @@ def write_result(outcome: Result[Any], folder: RunFolder, stage: Stages, **how: 
 
 
 def brief_text(found: Result[Any]) -> str:
-    """Sum up a result: lines of 80 columns on a terminal; elsewhere nothing of a run is wrapped or cut."""
-    from insnav.report.run.page import text
+    """Sum up a result: lines of the width of the terminal; elsewhere nothing is wrapped."""
     from insnav.report.save import text_of
 
-    return text(found, None) if found.kind == "run" and not sys.stdout.isatty() else text_of(found)
+    return text_of(found, terminal_width())
 
 
 def terminal_width() -> int | None:
@@ -147,6 +146,11 @@ def error_block(error: InsnavError) -> None:
 
     lines = [f"insnav: {form('error')} {_plain(error.what)}"]
     lines += [f"  {label} {_plain(text)}" for label, text in error.details() if text]
+    if sys.stderr.isatty():
+        from insnav.plain_text import wrapped
+
+        width, rows = shutil.get_terminal_size().columns, "\n".join(lines).splitlines()
+        lines = [part for row in rows for part in wrapped(row, width, subsequent_indent=" " * 9)]
     print("\n".join(lines), file=sys.stderr, flush=True)
 
 
@@ -178,7 +182,7 @@ def _log(text: str, lead: str, stream: TextIO | None = None) -> None:
     from insnav.plain_text import wrapped
 
     body = _plain(text)
-    width = min(WIDTH, shutil.get_terminal_size((WIDTH, 0)).columns)
+    width = shutil.get_terminal_size((WIDTH, 0)).columns
     lines = wrapped(
         body, width, initial_indent=lead, subsequent_indent=" " * 10, break_long_words=False, break_on_hyphens=False
     )

@@ -2,8 +2,9 @@
 
 A kind of result is a room of this package, found by its name: ``insnav.report.<kind>.page`` has ``page(result)``,
 which gives its `Page`, and ``frame(result)`` for its main table. Where there is more, it has ``texts(result)``, text
-files by name, ``write_files(result, folder, table_format)`` for other files, and ``text(result)`` for the terminal. A
-result is stored whole and read again, unless its room has ``read_found(folder, findings)``, which reads these files.
+files by name, ``write_files(result, folder, table_format)`` for other files, and ``text(result, width)`` for the
+terminal. A result is stored whole and read again, unless its room has ``read_found(folder, findings)``, which reads
+these files.
 """
 
 from __future__ import annotations
@@ -53,10 +54,10 @@ def frame(result: Result[Any]) -> DataFrame:
     return cast(DataFrame, _room(result.kind).frame(result))
 
 
-def text_of(result: Result[Any]) -> str:
-    """Give a result as text: as its room lays it out, else its page."""
+def text_of(result: Result[Any], width: int | None = None) -> str:
+    """Give a result as text, wrapped to a width if there is one: as its room lays it out, else its page."""
     room = _room(result.kind)
-    return str(room.text(result)) if hasattr(room, "text") else page_text(page_of(result))
+    return str(room.text(result, width)) if hasattr(room, "text") else page_text(page_of(result), width)
 
 
 def _room(kind: str) -> ModuleType:

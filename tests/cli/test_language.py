@@ -70,7 +70,7 @@ def test_a_run_warns_in_the_language_that_is_asked_for(drive: Path, cli: Cli):
 def test_nothing_on_the_terminal_is_an_english_sentence(drive: Path, cli: Cli):
     assert english_lines("insnav: error: The file has no times, fixes or samples.")
     plain, shown = (cli(*lang, "run", *QUICK, *REFERENCE, "--out", "run", "--force") for lang in ((), ("--lang=zh",)))
-    assert len(english_lines(plain.out)) > 3
+    assert len(english_lines(plain.out)) >= 3
     assert english_lines(shown.out) == []
     assert english_lines(shown.err) == []
     assert shown.code == 0

@@ -99,9 +99,9 @@ def judged(laid_out: Page) -> Page:
     return replace(laid_out, summary=(laid_out.verdict.rating, *laid_out.summary))
 
 
-def text(result: Result[OutageStudy]) -> str:
+def text(result: Result[OutageStudy], width: int | None = None) -> str:
     """Give the report for the terminal."""
-    return page_text(judged(page(result)))
+    return page_text(judged(page(result)), width)
 
 
 def _verdict(study: OutageStudy, told: tuple[Finding, ...]) -> Verdict:

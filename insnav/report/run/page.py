@@ -24,7 +24,6 @@ from insnav.report.page import DataFrame, Figure, FigureSpec, Later, Page, Secti
 from insnav.report.panels import Clock
 from insnav.report.run.quantities import run_sections
 from insnav.report.run.verdict import brief_lines, rated, run_circles, run_line, run_merits, run_verdict
-from insnav.report.terminal import WIDTH
 from insnav.result import Result
 from insnav.types import AidingUse, Alignment, Epochs, FloatArray, GpsData, Innovations, Run, SensorErrors, Smoothed
 from insnav.units import DEG, DEG_PER_H
@@ -70,8 +69,8 @@ def _sections(found: EvaluatedRun, reference: str) -> tuple[Section, ...]:
     )
 
 
-def text(result: Result[EvaluatedRun], width: int | None = WIDTH) -> str:
-    """Sum up a run in a few lines of some width."""
+def text(result: Result[EvaluatedRun], width: int | None = None) -> str:
+    """Sum up a run in a few lines."""
     return "\n".join(brief_lines(result.laid_out or page(result, sections=False), result.found, width))
 
 

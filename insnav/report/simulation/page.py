@@ -259,7 +259,7 @@ def in_folder(command: str, folder: Path) -> str:
 def shown_lines(page: Page, out: Path) -> list[str]:
     """What the terminal shows of a simulated recording: its summary, its files, and the command as from here."""
     *lines, last = page.summary
-    files = entry("files", f"{out}: imu.csv, gps.csv, ref.csv, report.html, run.json, …")
+    files = entry("files", f"{out}: imu.csv, gps.csv, ref.csv, report.html, run.json and others")
     return [*lines, files, entry("next", in_folder(last.removeprefix("next").strip(), out))]
 
 
