@@ -133,9 +133,9 @@ class AlignmentError(InsnavError):
 
 
 class DivergenceError(InsnavError):
-    """The filter lost consistency and cannot go on."""
+    """The data make the filter lose consistency, so that it cannot go on."""
 
-    exit_code = 1
+    exit_code = 3
 
 
 class CheckError(InsnavError):

@@ -13,8 +13,9 @@ import typer
 
 from insnav.cli import console, parse
 from insnav.cli.console import Stages, note, quiet_figures, result_page
+from insnav.cli.data_options import check_usable
 from insnav.cli.options import RESULT, Engine, Json, Out, argument, flag
-from insnav.exceptions import CheckError, ConfigError, InsnavError, OutputError
+from insnav.exceptions import ConfigError, InsnavError, OutputError
 
 if TYPE_CHECKING:
     from insnav.findings import Finding
@@ -82,8 +83,7 @@ def batch(
     unwritten = [each.failed for each in made if isinstance(each.failed, OutputError)]
     if unwritten:
         raise OutputError("batch.unwritten", where=str(folder), count=len(unwritten), cause=unwritten[0])
-    if page.verdict is not None and page.verdict.light == "bad":
-        raise CheckError("cli.fleet_bad", reason=page.verdict.reason)
+    check_usable(outcome)
 
 
 def run_drive(arguments: Sequence[str]) -> None:

@@ -34,11 +34,7 @@ _ALL: tuple[tuple[str, Any, Any], ...] = (
 )
 
 app = typer.Typer(
-    name="calibrate",
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
+    name="calibrate", no_args_is_help=True, add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False
 )
 
 

@@ -97,10 +97,13 @@ class Data:
 
 
 def check_usable(outcome: Result[Any]) -> None:
-    """End with exit code 1 if the filter was lost, whatever was made of its solution."""
+    """End with exit code 1 if the result is complete, but not to be relied on: the rule of all commands."""
     for lost in outcome.findings:
         if lost.severity is _findings.Severity.UNUSABLE:
             raise CheckError("cli.unusable", cause=lost)
+    verdict = outcome.page().verdict
+    if verdict is not None and verdict.light == "bad":
+        raise CheckError("cli.not_relied_on", reason=verdict.reason)
 
 
 def takes_data(

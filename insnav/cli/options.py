@@ -78,8 +78,7 @@ Backdrop = Annotated[
     Path | None, option(RESULT, "FILE", "Lines behind the track of the page: GeoJSON, such as streets.")
 ]
 Profile = Annotated[
-    str | None,
-    option(MOTION, "PROFILE", "Motion: name of a profile (insnav simulate --list), or a .toml. [at rest]"),
+    str | None, option(MOTION, "PROFILE", "Motion: name of a profile (insnav simulate --list), or a .toml. [at rest]")
 ]
 Aiding = Annotated[
     Literal["auto", "on", "off"],

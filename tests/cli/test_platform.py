@@ -161,11 +161,11 @@ def test_the_demonstration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli:
         (("fw.csv", *START, "--sample-rate", "20"), 2, ("input.rate_beside_times",)),
         (
             ("away.csv", "--lat", "89.9", "--lon", "11", "--gyro-drift", "0,50,0"),
-            1,
+            3,
             ("platform.near_pole_with_errors",),
         ),
         (("gap.csv", *START), 3, ("gap.csv",)),
-        (("away.csv", *START, "--vertical", "free"), 1, ("platform.free_height",)),
+        (("away.csv", *START, "--vertical", "free"), 3, ("platform.free_height",)),
         (("fw.csv", *START, "--columns", "f_east=nothing"), 2, ("--columns", "columns.no_such_column")),
     ],
 )
