@@ -77,11 +77,7 @@ def figure(result: Result[Any], name: str) -> Figure:
 
 
 def save_result(
-    result: Result[Any],
-    folder: RunFolder,
-    *,
-    figures: FigureFiles = "page",
-    table_format: TableFormat = "csv",
+    result: Result[Any], folder: RunFolder, *, figures: FigureFiles = "page", table_format: TableFormat = "csv"
 ) -> Path:
     """Write a result into a folder and put it in its place.
 

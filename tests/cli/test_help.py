@@ -9,7 +9,7 @@ import time
 import pytest
 
 from insnav.messages import phrase
-from tests.cli.conftest import Cli
+from tests.cli.conftest import ROOT, Cli
 
 COMMANDS = ("run", "align", "compare", "tune")
 
@@ -106,6 +106,29 @@ def test_a_shell_completes_commands(cli: Cli, monkeypatch: pytest.MonkeyPatch, s
     monkeypatch.setenv("COMP_CWORD", "1")
     monkeypatch.setenv("_TYPER_COMPLETE_ARGS", "insnav comp")
     assert "compare" in cli().out
+
+
+@pytest.mark.parametrize(
+    ("typed", "folders"),
+    [
+        ("run --imu ", ("imu/grades", "imu/parts")),
+        ("run --imu ADIS", ("imu/grades", "imu/parts")),
+        ("simulate city --gps r", ("simulate/receivers",)),
+        ("imus st", ("imu/parts",)),
+        ("simulate c", ("profiles",)),
+        ("require --profile t", ("profiles",)),
+        ("run imu", ()),  # a file, which the shell completes itself
+    ],
+)
+def test_a_shell_completes_presets_parts_and_profiles(cli: Cli, monkeypatch, typed: str, folders: tuple[str, ...]):
+    monkeypatch.setenv("_INSNAV_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", f"insnav {typed}")
+    monkeypatch.setenv("COMP_CWORD", str(len(typed.split(" "))))
+    places = [ROOT / "trajectories" if name == "profiles" else ROOT / "insnav" / name for name in folders]
+    known = {path.stem for place in places for path in place.glob("*.toml")} - {"corpus"}
+    begun = {name for name in known if name.startswith(typed.split(" ")[-1].lower())}
+    assert {*cli().out.lower().split()} == begun
+    assert bool(begun) == bool(folders)
 
 
 def test_colour_is_for_terminals_that_want_it(monkeypatch: pytest.MonkeyPatch):

@@ -325,10 +325,7 @@ def power_lines(baseline: Baseline) -> list[str]:
     for case, metric, _, least in section.rows:
         found.setdefault(str(case.value), {})[str(metric.value)] = least.value
     rows = tuple(
-        (
-            Quantity("case", name),
-            *(Quantity(key, values.get(key), "%", meaning=label) for key, label in _POWER.items()),
-        )
+        (Quantity("case", name), *(Quantity(key, values.get(key), "%", meaning=label) for key, label in _POWER.items()))
         for name, values in found.items()
     )
     return [*_text(replace(section, rows=rows)), "", *_notes(baseline)]

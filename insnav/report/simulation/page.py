@@ -101,12 +101,7 @@ def recording_page(plan: Plan, made: Recording) -> Page:
             *(entry("fault", text) for text in plan.configuration.get("fault", [])),
             entry("next", command),
         ),
-        (
-            *motion_drawings(plan, time, motion),
-            moved,
-            *realisation,
-            sensor_section(plan, *counts),
-        ),
+        (*motion_drawings(plan, time, motion), moved, *realisation, sensor_section(plan, *counts)),
         findings=(Finding.of(Code.SIMULATION_ABSENT, terms=absent),) if absent else (),
         merits=(*moved.items[:3], *counts[:2], sensor_section(plan).items[0]),
         verdict=Verdict(
