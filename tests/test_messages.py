@@ -204,8 +204,8 @@ def test_a_wrong_option_names_the_command_that_shows_the_options(lang: str):
 
 
 def test_what_is_printed_in_python_names_keywords_not_options():
-    drive = insnav.load(SAMPLE / "imu.csv.gz", gps=SAMPLE / "gps.csv", imu_model="automotive", ref=SAMPLE / "ref.csv")
-    assert "imu_model automotive" in repr(drive)
+    drive = insnav.load(SAMPLE / "imu.csv.gz", gps=SAMPLE / "gps.csv", imu="automotive", ref=SAMPLE / "ref.csv")
+    assert "imu automotive" in repr(drive)
     assert "--" not in repr(drive)
     found = drive.navigate(smooth=False, output_interval=1.0)
     advice = Finding.of(Code.RUN_LEVER_ZERO)

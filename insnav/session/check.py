@@ -28,7 +28,7 @@ from insnav.input.readers.kinds import data_files, kinds_of
 from insnav.input.readers.reading import not_covered
 from insnav.result import Result
 from insnav.session.drive import Drive, drive_of
-from insnav.session.read import read
+from insnav.session.read import NamedInputs, by_name, read
 from insnav.steps import Recording
 from insnav.steps.given import options_of
 from insnav.steps.imu_noise import stationary_part
@@ -130,7 +130,7 @@ class _Patient:
 
 
 def check(
-    *files: str | Path, gps: str | Path | None = None, ref: str | Path | None = None, **inputs: Unpack[Inputs]
+    *files: str | Path, gps: str | Path | None = None, ref: str | Path | None = None, **inputs: Unpack[NamedInputs]
 ) -> Result[Checked]:
     """Examine files of a recording, in any order, or its folder.
 
@@ -152,7 +152,8 @@ def check(
         The worst problem comes first in ``found.problems``.
     """
     roles = {Path(each): role for each, role in ((gps, "gps"), (ref, "reference")) if each is not None}
-    patient = _Patient({**inputs})
+    known = by_name(inputs)
+    patient = _Patient(known)
     given = _sorted([*files, *roles], patient, roles)
     data, drive = _opened(given, patient)
     found = Checked(dict(patient.roles), "", ())
@@ -167,7 +168,7 @@ def check(
     found = replace(found, command=line, runs=found.run is not None, runs_as_given=as_given, problems=problems)
     events: tuple[Finding, ...] = () if data is None else data.imu.events
     notes: tuple[Finding, ...] = () if drive is None else drive.notes
-    return Result("check", found, facts, options_of(inputs), None, (*problems, *notes, *events))
+    return Result("check", found, facts, options_of(known), None, (*problems, *notes, *events))
 
 
 def _sorted(files: Sequence[str | Path], patient: _Patient, roles: Mapping[Path, str]) -> dict[str, str | Path]:

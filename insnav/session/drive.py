@@ -31,10 +31,9 @@ from insnav.input import Reading
 from insnav.messages import sentence
 from insnav.progress import announce, in_notebook
 from insnav.result import Result, StepRecord
-from insnav.session.read import read
+from insnav.session.read import NamedInputs, by_name, read
 from insnav.steps import LOAD, STEPS, Model, Recording, Task, run_steps
 from insnav.steps.given import given_model, one_of, options_of, reference_point, reference_sd
-from insnav.steps.inputs import Inputs
 from insnav.strapdown import intervals
 from insnav.types import FloatArray, GpsData, ImuData, Trajectory
 
@@ -57,24 +56,25 @@ REFERENCE_SD = (0.05, None)  # of reference positions; velocities count only if 
 
 
 def load(
-    imu: Given | ImuData,
+    samples: Given | ImuData,
     gps: Given | GpsData | None = None,
     ref: Given | Trajectory | None = None,
-    **inputs: Unpack[Inputs],
+    **inputs: Unpack[NamedInputs],
 ) -> Drive:
     """Read a recorded drive, find out what it is, and choose the IMU model.
 
     Parameters
     ----------
-    imu : path, data frame, arrays or ImuData
-        Samples: a file of any supported format; a data frame with any columns a file may have; arrays
+    samples : path, data frame, arrays or ImuData
+        IMU data: a file of any supported format; a data frame with any columns a file may have; arrays
         ``(time, gyro, accel)`` in [s], [rad/s], [m/s^2], or ``(gyro, accel)`` with ``rate=``.
     gps : path, data frame, arrays or GpsData, optional
         Fixes; arrays are ``(time, lla)`` in [s], [deg], [deg], [m].
     ref : path, data frame, arrays or Trajectory, optional
         Reference trajectory.
     **inputs
-        What the data do not say themselves, as in `insnav.steps.inputs.Inputs`.
+        What the data do not say themselves, as in `insnav.steps.inputs.Inputs`; ``imu`` is the IMU error specification:
+        a preset, a part, a file or an `ImuSpec`. Its older name ``imu_model`` is deprecated.
 
     Returns
     -------
@@ -87,25 +87,27 @@ def load(
 
     Examples
     --------
-    >>> drive = insnav.load("imu.csv", gps="gps.csv", lever_arm=(0.8, -0.3, -1.2))  # doctest: +SKIP
+    >>> drive = insnav.load("imu.csv", "gps.csv", imu="automotive", lever_arm=(0.8, -0.3, -1.2))  # doctest: +SKIP
     >>> drive.navigate().save("run1")  # doctest: +SKIP
     """
-    return drive_of(read(imu, gps, ref, inputs))
+    return drive_of(read(samples, gps, ref, by_name(inputs)))
 
 
-def align(imu: Given | ImuData, gps: Given | GpsData | None = None, **inputs: Unpack[Inputs]) -> Result[FineAlignment]:
+def align(
+    samples: Given | ImuData, gps: Given | GpsData | None = None, **inputs: Unpack[NamedInputs]
+) -> Result[FineAlignment]:
     """Align a static record; see `load` for what is given, and `Drive.align`.
 
     Parameters
     ----------
-    imu, gps, **inputs
+    samples, gps, **inputs
         As for `load`; the latitude is ``lat``, or that of the fixes.
 
     Returns
     -------
     Result of FineAlignment
     """
-    return load(imu, gps, **inputs).align()
+    return drive_of(read(samples, gps, None, by_name(inputs))).align()
 
 
 def drive_of(recording: Recording) -> Drive:

@@ -312,10 +312,7 @@ def in_run_errors(spec: ImuSpec) -> ImuSpec:
     gravity as a bias, and is counted there.
     """
     return replace(
-        spec,
-        gyro=_since(spec.gyro),
-        accel=replace(_since(spec.accel), misalignment=np.zeros(3)),
-        initial=None,
+        spec, gyro=_since(spec.gyro), accel=replace(_since(spec.accel), misalignment=np.zeros(3)), initial=None
     )
 
 
