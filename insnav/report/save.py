@@ -28,7 +28,7 @@ from insnav.output.stored import FILE as STORED_FILE
 from insnav.output.stored import read_stored, store
 from insnav.plain_text import NOT_UTF8
 from insnav.quantity import Quantity, quantity_of
-from insnav.report.page import DataFrame, Figure, FigureSpec, Page, Section, only_json
+from insnav.report.page import DataFrame, Figure, FigureSpec, Page, Section, cell, only_json
 from insnav.report.run_json import SCHEMA, json_ready, page_facts, versions
 from insnav.report.terminal import page_text
 from insnav.result import Result
@@ -49,9 +49,20 @@ def page_of(result: Result[Any]) -> Page:
     )
 
 
-def frame(result: Result[Any]) -> DataFrame:
-    """Give the main table of a result."""
-    return cast(DataFrame, _room(result.kind).frame(result))
+def frame(result: Result[Any], solution: str) -> DataFrame:
+    """Give the main table of a result: of a run, that of a solution."""
+    known = {"best": None, **(result.found.solutions if result.kind == "run" else {})}
+    if solution not in known:
+        raise ConfigError("input.unknown_word", where="solution", value=str(solution), known=tuple(known))
+    chosen = known[solution]
+    return cast(DataFrame, _room(result.kind).frame(result) if chosen is None else chosen.to_frame())
+
+
+def key_lines(result: Result[Any]) -> list[str]:
+    """Give the verdict of a result and its key figures, a line each."""
+    page = result.page()
+    merits = ", ".join(f"{each.label} {cell(each)} {each.shown_unit}".rstrip() for each in page.merits)
+    return [line for line in ("" if page.verdict is None else page.verdict.rating, merits) if line]
 
 
 def text_of(result: Result[Any], width: int | None = None) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pydoc
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -22,6 +23,7 @@ from insnav.output.solution_tables import read_solution
 from insnav.sample_statistics import rms
 from insnav.steps.inputs import INPUTS, LOGS, Inputs
 from tests.cli.conftest import Cli, cli
+from tests.refusals import refused
 from tests.shared import verify_folder
 
 __all__ = ["cli"]
@@ -60,15 +62,31 @@ def test_the_first_lines_of_a_notebook(drive: Path) -> None:
     result = drive_.navigate()
     assert isinstance(result.plot("position_error"), Figure)
     assert isinstance(result.plot("track"), Figure)
-    frame = result.to_frame()
-    assert len(frame) == len(result.found.run.solution.time)
-    assert {"time_s", "lat_deg", "heading_deg"} <= set(frame.columns)
+    frame, filtered = result.to_frame(), result.to_frame("filtered")
+    best, run = result.found.run.smoothed.solution, result.found.run
+    for table, solution in ((frame, best), (result.to_frame("smoothed"), best), (filtered, run.solution)):
+        np.testing.assert_allclose(np.deg2rad(table["lat_deg"]), solution.lla[:, 0], rtol=0, atol=1e-15)
+    assert {f"``{name}``" for name in frame.columns} <= set(re.findall("``[a-z_]+``", insnav.Result.to_frame.__doc__))
+    with refused(ConfigError, "input.unknown_word"):
+        result.to_frame("forward")
+    reference = pd.read_csv("ref.csv")
+    times = frame.time_s[(frame.time_s >= reference.time_s.min()) & (frame.time_s <= reference.time_s.max())]
+    height = np.interp(times, reference.time_s, reference.height_m) - frame.height_m[times.index]
+    assert list(result.accuracy) == ["smoothed", "filtered"]
+    assert result.accuracy["smoothed"]["vertical_m"] == pytest.approx(rms(height.to_numpy()), rel=0.02)
+    assert result.accuracy["smoothed"]["horizontal_m"] < result.accuracy["filtered"]["horizontal_m"]
+    stated = insnav.load("imu.csv", "gps.csv").navigate(smooth=False).accuracy
+    assert stated.keys() == {"filtered"}
+    assert {name for name in stated["filtered"] if not name.startswith("sd_")} == {"nis_mean_per_axis"}
     result.save("run1")
     verify_folder(Path("run1"))
     again, smoothed = insnav.open_result("run1").found.run.smoothed, result.found.run.smoothed
     np.testing.assert_allclose(again.sensor_errors.value, smoothed.sensor_errors.value, rtol=0, atol=1e-8)
     assert "horizontal error RMS" in result.summary()
-    assert repr(result) == "Result: run of imu.csv, gps.csv, ref.csv"
+    head, verdict, figures = repr(result).splitlines()
+    assert head == "Result: run of imu.csv, gps.csv, ref.csv"
+    assert verdict == result.page().verdict.rating
+    assert f"{result.accuracy['smoothed']['horizontal_m']:.3g} m" in figures
     assert "<table" in result._repr_html_()
     outage = drive_.outage(lengths=(10, 30))
     assert [each.length for each in outage.found.growth] == [10.0, 30.0]

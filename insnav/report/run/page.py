@@ -20,6 +20,7 @@ from insnav.output import solution_tables
 from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder, read_facts
 from insnav.output.track_files import write_kml
+from insnav.quantity import Quantity, key_suffix
 from insnav.report.page import DataFrame, Figure, FigureSpec, Later, Page, Section
 from insnav.report.panels import Clock
 from insnav.report.run.quantities import run_sections
@@ -135,11 +136,19 @@ def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: s
 
 
 def frame(result: Result[EvaluatedRun]) -> DataFrame:
-    """Give the solution as a table.
+    """Give the better solution as a table, with the columns of ``solution.csv``."""
+    return result.found.best.to_frame()
 
-    Returns: columns as in ``solution.csv``.
-    """
-    return result.found.run.solution.to_frame()
+
+def accuracy(found: EvaluatedRun) -> dict[str, dict[str, float]]:
+    """Give the figures of merit of each solution, the unit in the name; those that are stated begin with ``sd_``."""
+    merits = {mode: [each for each in run_merits(found, mode) if each.value is not None] for mode in rated(found)}
+    lead = "" if found.known_errors else "sd_"
+
+    def name(each: Quantity) -> str:
+        return f"{lead * (each.unit != '')}{each.key.replace(' ', '_')}{key_suffix(each.unit)}"
+
+    return {mode: {name(each): float(each.scaled(each.value)) for each in own} for mode, own in merits.items()}
 
 
 def read_found(folder: Path, findings: Sequence[Finding]) -> EvaluatedRun:
