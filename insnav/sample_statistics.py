@@ -79,8 +79,7 @@ def effective_count(start: FloatArray, length: float) -> float:
     """
     if len(start) == 0:
         return 0.0
-    covered = float(np.minimum(np.diff(start), length).sum()) + length
-    return covered / length
+    return (float(np.minimum(np.diff(start), length).sum()) + length) / length
 
 
 def block_rows(n: int, length: int, samples: int, seed: int, *, circular: bool = True) -> IntArray:

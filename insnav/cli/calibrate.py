@@ -27,11 +27,11 @@ Add = Annotated[
     Path | None, option(RESULT, "FILE", "A calibration.toml whose other triad is carried over into the new file.")
 ]
 _KEYWORD = inspect.Parameter.KEYWORD_ONLY
-_OF_RESULT = ("out", "force", "as_json")
-_ALL: tuple[tuple[str, Any, Any], ...] = (
+_KINDS: tuple[tuple[str, Any, Any], ...] = (
     *(("columns", Columns, None), ("gravity", Gravity, 9.80665), ("spike_limit", SpikeLimit, None)),
     *(("add", Add, None), ("name", Name, ""), ("out", Out, OUT), ("force", Force, False), ("as_json", Json, False)),
 )
+_SHARED = {name: inspect.Parameter(name, _KEYWORD, default=value, annotation=kind) for name, kind, value in _KINDS}
 
 app = typer.Typer(
     name="calibrate", no_args_is_help=True, add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False
@@ -44,12 +44,9 @@ def _command(method: str, *shared: str) -> Callable[[Callable[..., None]], Calla
     def decorate(function: Callable[..., None]) -> Callable[..., None]:
         own = dict(inspect.signature(function, eval_str=True).parameters)
         if own.pop("how", None):
-            named = {
-                name: inspect.Parameter(name, _KEYWORD, default=value, annotation=kind) for name, kind, value in _ALL
-            }
-            first, *rest = own.values()
-            every = [first, *(named[name] for name in shared), *rest, *(named[name] for name in _OF_RESULT)]
-            every = [each.replace(kind=_KEYWORD) for each in every]
+            first, *rest = (each.replace(kind=_KEYWORD) for each in own.values())
+            shown = [_SHARED[name] for name in (*shared, "out", "force", "as_json")]
+            every = [first, *shown[:-3], *rest, *shown[-3:]]
             function.__dict__["__signature__"] = inspect.Signature(every)
             function.__annotations__ = {each.name: each.annotation for each in every}
         return app.command(method, cls=GroupedCommand, **help_of(f"calibrate/{method}"))(function)

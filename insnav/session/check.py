@@ -294,8 +294,7 @@ def _standing(imu: ImuData, gps: GpsData) -> BoolArray | None:
     known = np.isfinite(gps.v_n).all(axis=1)
     if known.sum() < 2:
         return None
-    speed = np.interp(imu.time, gps.time[known], np.linalg.norm(gps.v_n[known], axis=1))
-    return np.asarray(speed < STANDING)
+    return np.asarray(np.interp(imu.time, gps.time[known], np.linalg.norm(gps.v_n[known], axis=1)) < STANDING)
 
 
 def _faults(imu: ImuData, patient: _Patient) -> None:

@@ -272,3 +272,36 @@ def test_names_with_escape_codes_do_not_reach_the_terminal(drive: Path, cli: Cli
     shown = cli("run", "\x1b[31mred.csv", "--gps", "gps.csv")
     refused(shown, 3, "red.csv")
     assert "\x1b" not in shown.err
+
+
+def test_advice_fits_the_mistake(drive: Path, cli: Cli):
+    assert cli("run", *QUICK).code == 0
+    Path("short.csv").write_text("".join(Path("imu.csv").read_text().splitlines(keepends=True)[:51]))  # 0.5 s
+    for arguments, code, words in (
+        (("short.csv", "gps.csv"), 3, ("columns.short_record", "0.49 s")),
+        (("imu.csv", "gps.csv", "--imu", "imu.csv"), 2, ("imu.no_specification", "--imu", "imu.csv")),
+        (("imu.csv", "gps.csv", "--imu", "gps.csv"), 2, ("imu.no_specification", "gps.csv")),
+        (("run", "gps.csv"), 3, ("format.result_folder", "insnav report run")),
+    ):
+        shown = cli("run", *arguments)
+        refused(shown, code, *words)
+        assert "offset" not in shown.err
+        assert "biases.csv" not in shown.err
+
+
+def test_a_record_of_some_fixes_may_still_be_of_another_clock(drive: Path, cli: Cli):
+    rows = Path("imu.csv").read_text().splitlines(keepends=True)
+    Path("part.csv").write_text("".join([rows[0], *rows[:351][1:]]))  # 3.5 s
+    gps = [line.split(",", 1) for line in Path("gps.csv").read_text().splitlines()]
+    later = [gps[0], *([f"{float(time) + 18.0}", rest] for time, rest in gps[1:])]
+    Path("later.csv").write_text("\n".join(map(",".join, later)))
+    refused(cli("run", "part.csv", "later.csv"), 3, "columns.clock_offset", "--imu-time-offset 18")
+
+
+def test_fixes_are_no_reference_of_a_red_verdict(drive: Path, cli: Cli):
+    shown = cli("run", *QUICK, "--ref", "gps.csv")
+    assert shown.code == 0, shown.err
+    assert phrase("terminal.line", name=phrase("light.unknown"), text=phrase("run.same_as_gps")) in shown.out
+    assert phrase("light.bad") not in shown.out
+    again = cli("report", "run")
+    assert phrase("run.same_as_gps") in again.out

@@ -88,13 +88,9 @@ def _conclusions(each: GyroDrift) -> tuple[str, ...]:
     shortest, longest = float(corrected.allan.tau[0]), float(corrected.allan.tau[-1])
     lower = float(corrected.deviation[0] / smoothed.deviation[0])
     ratio = float(smoothed.deviation[-1] / corrected.deviation[-1])
-    return (
-        f"{name}: smoothing lowers the Allan deviation at {shortest:g} s by a factor of {number(lower, 2)}, and up to "
-        f"{each.helped_until:g} s; at {longest:g} s ({number(float(corrected.freedom[-1]), 2)} degrees of freedom) it "
-        f"is {number(ratio, 2)} times that of the corrected rate.",
-        f"{name}: it delays the rate by {number(each.smoother.lag)} s. It cannot remove bias instability: whatever "
-        "changes more slowly than the filter passes through it.",
-    )
+    how = {"factor": number(lower, 2), "until_s": each.helped_until, "ratio": number(ratio, 2), "name": name}
+    how |= {"freedom": number(float(corrected.freedom[-1]), 2), "lag": number(each.smoother.lag)}
+    return tuple(phrase("method.smoothing", shortest_s=shortest, longest_s=longest, **how).splitlines())
 
 
 def _gyro(each: GyroDrift) -> Section:

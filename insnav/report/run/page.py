@@ -189,7 +189,8 @@ def read_found(folder: Path, findings: Sequence[Finding]) -> EvaluatedRun:
     )
     gps = solution_tables.read_run_table(folder, GpsData) if any(folder.glob("fixes.*")) else None
     backdrop = read_backdrop(folder / BACKDROP) if (folder / BACKDROP).is_file() else None
-    return EvaluatedRun(run, gps, errors, smoothed_errors, backdrop=backdrop)
+    same = any(each.code is Code.REF_SAME_AS_GPS for each in findings)
+    return EvaluatedRun(run, gps, errors, smoothed_errors, backdrop=backdrop, reference_is_gps=same)
 
 
 def _is_event(finding: Finding) -> bool:
