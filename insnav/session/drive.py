@@ -553,9 +553,12 @@ class Drive:
         """Make a result; that of a `run` has the findings about it, too."""
         given, spec, chosen = options_of(self.recording.inputs, **options), self.model.filter_imu, self.imu_chosen
         if spec is not self.imu_spec:
-            prior = () if chosen in findings else (replace(chosen, severity=Severity.NOTE),)
-            chosen = Finding.of(Code.IMU_MODEL_ESTIMATED, prior=self.imu_spec.name)
-            findings = (*findings, *prior)
+            prior, nearest = spec.name.removesuffix(", as found"), self.imu_spec.name
+            if prior != nearest:  # what says that the nearest one is used
+                findings = tuple(each for each in findings if each != chosen)
+            elif chosen not in findings:
+                findings = (*findings, replace(chosen, severity=Severity.NOTE))
+            chosen = Finding.of(Code.IMU_MODEL_ESTIMATED, prior=prior, nearest="" if prior == nearest else nearest)
         every = (*findings, chosen)
         result = Result(kind, found, self.recording.facts, given, (spec, chosen), every, self.steps)
         return result if run is None else judged(result, run)

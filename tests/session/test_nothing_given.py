@@ -96,7 +96,8 @@ def test_a_budget_uses_the_noise_that_was_found():
     assert (
         found.imu_model[0].name == "automotive, as found"
     )  # as it is; its noise at rest is that of consumer grade, too
-    assert found.imu_model[1] == Finding.of(Code.IMU_MODEL_ESTIMATED, prior="consumer")
+    assert found.imu_model[1] == Finding.of(Code.IMU_MODEL_ESTIMATED, prior="automotive", nearest="consumer")
+    assert not any(of_code(found.findings, Code.IMU_MODEL_FROM_REST))  # which says that consumer is used
     assert any(of_code(found.findings, Code.ESTIMATE_NOISE))
     horizontal = found.found.windows.calibrated.verdicts[-1]
     assert horizontal.low < horizontal.predicted < horizontal.high
