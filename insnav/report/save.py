@@ -2,8 +2,9 @@
 
 A kind of result is a room of this package, found by its name: ``insnav.report.<kind>.page`` has ``page(result)``,
 which gives its `Page`, and ``frame(result)`` for its main table. Where there is more, it has ``texts(result)``, text
-files by name, ``write_files(result, folder, table_format)`` for other files, and ``text(result)`` for the terminal. A
-result is stored whole and read again, unless its room has ``read_found(folder, findings)``, which reads these files.
+files by name, ``write_files(result, folder, table_format)`` for other files, and ``text(result, width)`` for the
+terminal. A result is stored whole and read again, unless its room has ``read_found(folder, findings)``, which reads
+these files.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from insnav.output.stored import FILE as STORED_FILE
 from insnav.output.stored import read_stored, store
 from insnav.plain_text import NOT_UTF8
 from insnav.quantity import Quantity, quantity_of
-from insnav.report.page import DataFrame, Figure, FigureSpec, Page, Section, only_json
+from insnav.report.page import DataFrame, Figure, FigureSpec, Page, Section, cell, only_json
 from insnav.report.run_json import SCHEMA, json_ready, page_facts, versions
 from insnav.report.terminal import page_text
 from insnav.result import Result
@@ -48,15 +49,26 @@ def page_of(result: Result[Any]) -> Page:
     )
 
 
-def frame(result: Result[Any]) -> DataFrame:
-    """Give the main table of a result."""
-    return cast(DataFrame, _room(result.kind).frame(result))
+def frame(result: Result[Any], solution: str) -> DataFrame:
+    """Give the main table of a result: of a run, that of a solution."""
+    known = {"best": None, **(result.found.solutions if result.kind == "run" else {})}
+    if solution not in known:
+        raise ConfigError("input.unknown_word", where="solution", value=str(solution), known=tuple(known))
+    chosen = known[solution]
+    return cast(DataFrame, _room(result.kind).frame(result) if chosen is None else chosen.to_frame())
 
 
-def text_of(result: Result[Any]) -> str:
-    """Give a result as text: as its room lays it out, else its page."""
+def key_lines(result: Result[Any]) -> list[str]:
+    """Give the verdict of a result and its key figures, a line each."""
+    page = result.page()
+    merits = ", ".join(f"{each.label} {cell(each)} {each.shown_unit}".rstrip() for each in page.merits)
+    return [line for line in ("" if page.verdict is None else page.verdict.rating, merits) if line]
+
+
+def text_of(result: Result[Any], width: int | None = None) -> str:
+    """Give a result as text, wrapped to a width if there is one: as its room lays it out, else its page."""
     room = _room(result.kind)
-    return str(room.text(result)) if hasattr(room, "text") else page_text(page_of(result))
+    return str(room.text(result, width)) if hasattr(room, "text") else page_text(page_of(result), width)
 
 
 def _room(kind: str) -> ModuleType:
@@ -76,11 +88,7 @@ def figure(result: Result[Any], name: str) -> Figure:
 
 
 def save_result(
-    result: Result[Any],
-    folder: RunFolder,
-    *,
-    figures: FigureFiles = "page",
-    table_format: TableFormat = "csv",
+    result: Result[Any], folder: RunFolder, *, figures: FigureFiles = "page", table_format: TableFormat = "csv"
 ) -> Path:
     """Write a result into a folder and put it in its place.
 
