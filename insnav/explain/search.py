@@ -132,7 +132,7 @@ class _Searcher:
         """What would gain most at the weights as they are, with all fixes believed, and with a quiet IMU."""
         quiet = fit.noise.changed(IMU, min(0.0, QUIET - fit.noise.figures[IMU]))
         ways = [(fit.weights, fit.noise), (believed(fit.weights), fit.noise), (fit.weights, quiet)]
-        edges = runs_of(false_for_long(fit.weights).any(axis=1))[:, 0]
+        edges = runs_of(np.asarray(false_for_long(fit.weights).any(axis=1)))[:, 0]
         found = []
         for number, (weights, noise) in enumerate(ways):
             if number and np.allclose(weights, fit.weights, atol=0.75) and noise == fit.noise:
