@@ -15,11 +15,11 @@ import numpy as np
 
 from insnav.earth import lla_offset
 from insnav.exceptions import DivergenceError
-from insnav.explain.kinds import ENDS, FADES, HOUR, KINDS, RETURN, Kind
+from insnav.explain.kinds import FADES, KINDS, RETURN, Kind, cost_of_end
+from insnav.explain.proposals import SIZES, gains_of, misfit_of
 from insnav.explain.record import NAMES, LinearRecord, Pass, usual_correlated
 from insnav.explain.search import ACCEPT, Search, search
 from insnav.filter.ambiguity import with_wider_sd
-from insnav.filter.error_model import InitialState
 from insnav.filter.gates import Trust
 from insnav.filter.gps_correlation import Rough
 from insnav.filter.prepare import Prepared
@@ -33,7 +33,8 @@ MINUTE, PLACES, NEARLY_ALL = 60.0, 20, 0.9  # drag whose least size is stated [s
 NINE_IN_TEN = 1.28  # standard deviations by which a fault exceeds the limit to be found nine times in ten [-]
 UNSEEN = 1e3  # times the typical size from which nothing is seen [-]
 OFFSET = next(kind for kind in KINDS if kind.name == "offset")
-EITHER = 0.2  # least probability of an explanation that the record cannot tell from another [-]
+EITHER = 0.5  # probability of either side of a lasting change: a record is the same read backwards [-]
+LATE = 0.2  # that fixes on the larger of two delays are on time, at least [-]
 # what a finding of a kind says: its code where the fault passes and where it stays, and the name of its size
 CODES = {
     "offset": (Code.RECORD_FALSE_POSITIONS, Code.RECORD_JUMP, "distance_m"),
@@ -104,17 +105,15 @@ class Explanation:
 
     def widen(self, run: Run) -> Run:
         """Standard deviations that hold what the record cannot tell: which side of a lasting change is true."""
-        first, last = run.solution.time[[0, -1]]
 
         def wider(solution: Trajectory, sd: FloatArray) -> FloatArray:
             variance = sd[:, :3] ** 2
             for fault in filter(_lasts, self.faults):
-                likely = begins_true(fault, first, last)
-                variance += max(EITHER, min(likely, 1.0 - likely)) * _moved(fault) ** 2
-                moved = is_moved(fault, solution.time, first, last)
-                variance += moved[:, None] * _moved(replace(fault, size=fault.sd)) ** 2
+                variance += EITHER * _moved(fault) ** 2
+                after = solution.time >= _settled(fault)
+                variance += after[:, None] * _moved(replace(fault, size=fault.sd)) ** 2
             for fault in self.of_delay():
-                variance += EITHER * (fault.size[0] * solution.v_n) ** 2
+                variance += LATE * (fault.size[0] * solution.v_n) ** 2
             sd[:, :3] = np.sqrt(variance)
             time, more = self.between
             for column, each in enumerate(more.T):
@@ -210,31 +209,41 @@ def state_detectable(record: LinearRecord, of: Pass, kinds: Sequence[Kind]) -> F
     """The least faults of the fixes that are found nine times in ten in nearly all of the record.
 
     Minimal detectable bias: W. Baarda, "A testing procedure for use in geodetic networks", Netherlands Geodetic
-    Commission 2/5 (1968), with the prior of the kind for the critical value.
+    Commission 2/5 (1968), with the gain that the search asks for as the critical value.
     """
-    values = {}
+    values: dict[str, Any] = {}
     length = max(int(MINUTE / record.interval), 2)
+    rows = np.linspace(1, max(record.time.size - length - 1, 1), PLACES).astype(int)
     for name, key in (("offset", "jump_m"), ("followed_drag", "drift_m_s"), ("drag", "minute_m_s")):
         kind = next(each for each in kinds if each.name == name)
-        columns = record.columns(kind)
-        rows = np.linspace(1, max(record.time.size - length - 1, 1), PLACES).astype(int)
+        columns, ends = record.columns(kind), cost_of_end(record.interval) * (name == "drag")
         known = columns.T @ of.information[rows] @ columns
         if name == "drag":
             later = np.minimum(rows + length, record.time.size - 1)
             cross = np.array([record.cross(of, columns, a, length)[b] for a, b in zip(rows, later, strict=True)])
             known = known + columns.T @ of.information[later] @ columns - cross - np.swapaxes(cross, 1, 2)
-        least = np.linalg.eigvalsh(known[:, :2, :2])[:, 0]
-        critical = np.sqrt(float(kind.cost(kind.size**2, record.interval)) + ACCEPT) + NINE_IN_TEN
-        sd = 1.0 / np.sqrt(np.maximum(least, 1e-30))
-        value = critical * float(np.quantile(sd, NEARLY_ALL))
+        misfit = misfit_of(record, of, kind)
+        least = [_least_found(each, kind, record.interval, ends, misfit) for each in known]
+        value = float(np.quantile(least, NEARLY_ALL))
         if value < UNSEEN * kind.size:
             values[key] = value
     return Finding.of(Code.GPS_DETECTABLE, **values)
 
 
+def _least_found(known: FloatArray, kind: Kind, interval: float, ends: float, misfit: float) -> float:
+    """Least size of a step with some information (d, d) that gains enough nine times in ten, where it is seen least."""
+    value, vectors = np.linalg.eigh(known[:2, :2])
+    sizes, variances = kind.size * np.geomspace(1.0 / UNSEEN, UNSEEN, 121), kind.size**2 * SIZES
+    score = sizes[:, None] * (known[:, :2] @ vectors[:, 0])
+    prior = kind.cost(variances, interval) + ends
+    gain = (gains_of(score, np.tile(known, (sizes.size, 1, 1)), variances) - prior[:, None]).max(axis=0)
+    enough = gain >= max(ACCEPT, misfit - float(prior.min()))
+    return float(sizes[np.argmax(enough)] + NINE_IN_TEN / np.sqrt(max(value[0], 1e-30))) if enough.any() else np.inf
+
+
 def apply_faults(ready: Prepared, faults: Sequence[Fault]) -> Prepared:
     """The recording with some faults: what the filter leaves out, takes off its state, and doubts."""
-    gps, initial, changes, rough = ready.gps, ready.initial, list[StateChange](), list[Rough]()
+    gps, changes, rough = ready.gps, list[StateChange](), list[Rough]()
     time = ready.gps.time - ready.settings.delay
     false = np.zeros((2, time.size), dtype=np.bool_)
     for fault in faults:
@@ -244,7 +253,7 @@ def apply_faults(ready: Prepared, faults: Sequence[Fault]) -> Prepared:
             false[0] |= inside & passes
             false[1] |= inside & (fault.family == "followed_drag")
             if _lasts(fault):
-                gps, initial = move_fixes(gps, time, fault), move_start(initial, time, fault)
+                gps = move_fixes(gps, time, fault)
         elif fault.family == "velocity_offset":
             false[1] |= inside
         elif fault.kind.fills:
@@ -258,33 +267,12 @@ def apply_faults(ready: Prepared, faults: Sequence[Fault]) -> Prepared:
     settings = replace(ready.settings, changes=tuple(changes), trust=trust, rough=tuple(rough))
     if rough and settings.correlated is None:
         settings = replace(settings, correlated=usual_correlated(gps.position_sd))
-    return replace(ready, gps=gps, initial=initial, settings=settings)
-
-
-def begins_true(fault: Fault, first: float, last: float) -> float:
-    """Probability that the fixes before a lasting change are true, those after it false, in a record [s].
-
-    What begins ends at the rate `ENDS`. The record begins within a fault with the probability of its rate by that.
-    """
-    early, late = (max(length, 0.0) * ENDS / HOUR for length in (fault.begin - first, last - _settled(fault)))
-    return float(1.0 / (1.0 + np.exp(np.clip(late - early + np.log(fault.kind.rate / ENDS), -500.0, 500.0))))
+    return replace(ready, gps=gps, settings=settings)
 
 
 def move_fixes(gps: GpsData, time: FloatArray, fault: Fault) -> GpsData:
-    """Fixes of which those on the less likely side of a lasting change are moved back by it."""
-    by = _moved(fault) * (-1.0 if begins_true(fault, time[0], time[-1]) >= 0.5 else 1.0)
-    return replace(gps, lla=lla_offset(gps.lla, by * is_moved(fault, time, time[0], time[-1])[:, None]))
-
-
-def move_start(initial: InitialState, time: FloatArray, fault: Fault) -> InitialState:
-    """The initial state, moved with the fixes that it is from."""
-    moved = begins_true(fault, time[0], time[-1]) < 0.5 and initial.time < fault.begin
-    return replace(initial, lla=lla_offset(initial.lla, _moved(fault))) if moved else initial
-
-
-def is_moved(fault: Fault, time: FloatArray, first: float, last: float) -> BoolArray:
-    """Whether times are on the less likely side of a lasting change, in a record from `first` to `last` [s]."""
-    return np.asarray(time >= _settled(fault) if begins_true(fault, first, last) >= 0.5 else time < fault.begin)
+    """Fixes of which those after a lasting change are moved back by it; standard deviations hold that they are true."""
+    return replace(gps, lla=lla_offset(gps.lla, -_moved(fault) * (time >= _settled(fault))[:, None]))
 
 
 def _changes_of(fault: Fault) -> list[StateChange]:

@@ -132,7 +132,9 @@ class LinearRecord:
             ready.settings, gates=soft, aiding=None, smooth=True, output_interval=10.0, correlated=correlated
         )
         gps = thinned(ready.gps)
-        navigator = Navigator(ready.initial, ready.model, gps, ready.alignment, ready.nominal, settings)
+        # misalignments are states here, not noise as in the filter
+        model = replace(ready.model, noise=np.append(ready.model.noise[:-2], [0.0, 0.0]))
+        navigator = Navigator(ready.initial, model, gps, ready.alignment, ready.nominal, settings)
         navigator.feed(ready.imu)
         record = cls._from_history(navigator.history().rows(), ready.gps, settings, ready.initial.from_fix)
         return record.with_axes(ready.imu, np.sqrt(ready.model.noise[-2:] / MANOEUVRE))

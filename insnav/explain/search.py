@@ -114,16 +114,17 @@ class _Searcher:
             width = WIDTHS[number]
             for _ in range(MOVES):
                 tried = [noise.changed(number, by) for by in (-width, width)]
-                less, more = costs = [at(each) for each in tried]
-                curve = less + more - 2.0 * cost
-                if is_inside := abs(less - more) < 2.0 * curve < np.inf:
-                    tried.append(noise.changed(number, 0.5 * width * (less - more) / curve))
+                costs = [at(each) for each in tried]
+                here = noise.figures[number]
+                top = top_of([each.figures[number] - here for each in (noise, *tried)], [cost, *costs])
+                if top is not None:
+                    tried.append(noise.changed(number, top))
                     costs.append(at(tried[-1]))
                 best = int(np.argmin(costs))
                 if costs[best] >= cost:
                     break
                 noise, cost = tried[best], costs[best]
-                if is_inside:
+                if top is not None:
                     break
         seen = self.look(steps, weights, noise)
         return Fit(steps, weights, noise, self.cost(seen, steps, weights, noise), seen)
@@ -254,6 +255,15 @@ def search(record: LinearRecord, kinds: Sequence[Kind], known: tuple[Step, ...] 
         fit = searcher.relocate(better)
     others = [each for each in searcher.fits.values() if each.steps != fit.steps and each.cost < fit.cost + ACCEPT]
     return Search(fit, tuple(others), tuple(considered), searcher.passes, plain)
+
+
+def top_of(places: Sequence[float], costs: Sequence[float]) -> float | None:
+    """Where the parabola through three costs is least, if that is between the outer places."""
+    if len(set(places)) < 3 or not np.isfinite(costs).all():
+        return None
+    curve, slope, _ = np.polyfit(places, costs, 2)
+    top = -0.5 * slope / curve if curve > 0.0 else np.inf
+    return float(top) if min(places) < top < max(places) else None
 
 
 def clusters(spans: Sequence[tuple[float, float]]) -> list[tuple[int, int]]:

@@ -50,7 +50,12 @@ SHORT_REST = 10.0  # so long may steady motion look like rest [s]
 STAGES = {  # of the work, by step
     **dict.fromkeys(("clean", "one_clock", "receiver_noise", "imu_noise", "mounting"), "checking the data"),
     **{"align": "aligning", "noise": "finding the noise", "lever_arm": "finding the noise"},
-    **{"navigate": "navigating", "explain": "evaluating", "evaluate": "evaluating"},
+    **{
+        "explain": "looking for faults",
+        "navigate": "navigating",
+        "check_given": "evaluating",
+        "evaluate": "evaluating",
+    },
 }
 REFERENCE_SD = (0.05, None)  # of reference positions; velocities count only if theirs is given [m], [m/s]
 
