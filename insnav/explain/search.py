@@ -65,6 +65,7 @@ class Search:
     considered: tuple[Considered, ...]
     passes: int
     plain: Fit  # without a fault
+    gains: tuple[float, ...]  # of the evidence by each step of the best fit, beside the others [-]
 
 
 class _Searcher:
@@ -253,7 +254,9 @@ def search(record: LinearRecord, kinds: Sequence[Kind], known: tuple[Step, ...] 
             break
         fit = searcher.relocate(better)
     others = [each for each in searcher.fits.values() if each.steps != fit.steps and each.cost < fit.cost + ACCEPT]
-    return Search(fit, tuple(others), tuple(considered), searcher.passes, plain)
+    without = [searcher.settle(fit, fit.steps[:i] + fit.steps[i + 1 :], AGAIN[:2]) for i in range(len(fit.steps))]
+    gains = tuple(each.cost - fit.cost for each in without)
+    return Search(fit, tuple(others), tuple(considered), searcher.passes, plain, gains)
 
 
 def clusters(spans: Sequence[tuple[float, float]]) -> list[tuple[int, int]]:
