@@ -88,15 +88,12 @@ class Data:
 
         `how`: as of `insnav.report.save.save_result`.
         """
+        explained = outcome.explanation is not None
         for step in outcome.steps:
             detail(
                 _messages.phrase("terminal.step", name=step.name, time_s=step.time_s),
                 *map(_messages.sentence, step.findings),
-                *(
-                    [_explanation.explanation_line(outcome.explanation)]
-                    if step.name == "explain" and outcome.explanation
-                    else []
-                ),
+                *map(_explanation.explanation_line, [outcome.explanation] * (step.name == "explain" and explained)),
             )
         outcome = replace(outcome, options=self.options)
         return outcome, write_result(outcome, folder, stage, **how)

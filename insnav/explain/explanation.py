@@ -83,8 +83,8 @@ class Tried:
     end: float  # infinite for one that stays [s]
     gain: float  # of the evidence [-]
     prior: float  # what of that its prior has cost [-]
+    unit: str  # in which its size is shown
     accepted: bool
-    unit: str = ""  # in which its size is shown
     size: float | None = None  # [SI]; of one that was accepted
     left_out: int = 0  # fixes, by what is known of the fault
 
@@ -216,7 +216,8 @@ def considered_of(record: LinearRecord, found: Search) -> list[Tried]:
             step = each.steps[0]
             end = float(record.time[step.end]) if step.end else np.inf
             prior = prior_of(each.steps, record.interval)
-            rows.append(Tried(step.kind.name, float(record.time[step.begin]), end, each.gain, prior, accepted=False))
+            begin, kind = float(record.time[step.begin]), step.kind
+            rows.append(Tried(kind.name, begin, end, each.gain, prior, kind.unit, accepted=False))
     return rows
 
 
@@ -225,7 +226,7 @@ def accepted_as(ready: Prepared, fault: Fault, step: Step, interval: float) -> T
     trust = apply_faults(ready, [fault]).settings.trust
     left_out = 0 if trust is None else int(np.count_nonzero(trust.false.any(axis=0)))
     kind, size, prior = fault.kind, float(np.linalg.norm(fault.size)), prior_of((step,), interval)
-    return Tried(kind.name, fault.begin, fault.end, fault.gain, prior, True, kind.unit, size, left_out)
+    return Tried(kind.name, fault.begin, fault.end, fault.gain, prior, kind.unit, True, size, left_out)
 
 
 def state_detectable(record: LinearRecord, of: Pass, kinds: Sequence[Kind]) -> Finding:

@@ -254,8 +254,9 @@ def search(record: LinearRecord, kinds: Sequence[Kind], known: tuple[Step, ...] 
             break
         fit = searcher.relocate(better)
     others = [each for each in searcher.fits.values() if each.steps != fit.steps and each.cost < fit.cost + ACCEPT]
-    without = [searcher.settle(fit, fit.steps[:i] + fit.steps[i + 1 :], AGAIN[:2]) for i in range(len(fit.steps))]
-    gains = tuple(each.cost - fit.cost for each in without)
+    rests = [fit.steps[:i] + fit.steps[i + 1 :] for i in range(len(fit.steps))]
+    without = (min(plain.cost, searcher.settle(fit, rest, 3 * AGAIN).cost) if rest else plain.cost for rest in rests)
+    gains = tuple(cost - fit.cost for cost in without)
     return Search(fit, tuple(others), tuple(considered), searcher.passes, plain, gains)
 
 

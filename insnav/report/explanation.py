@@ -14,12 +14,15 @@ MOST = 8  # rows
 
 def explanation_section(found: Explanation) -> Section:
     """Give the table, best first; folded where nothing was accepted."""
-    items = (Quantity("passes", found.passes), Quantity("runs", found.runs, meaning="runs of the filter"))
-    accepted = any(row.accepted for row in found.tried)
+    items = (
+        Quantity("considered", len(found.tried), meaning="faults considered"),
+        Quantity("passes", found.passes, meaning="passes over the linear record"),
+        Quantity("runs", found.runs, meaning="runs of the filter"),
+    )
     rows = tuple(_row(row) for row in found.tried[:MOST])
-    items = (Quantity("considered", len(found.tried), meaning="faults considered"), *items)
-    note = phrase("explanation.note")
-    return Section("explanation", "Explanation", items, rows, note=note, show="page", folded=not accepted)
+    table = Section("rows", "What insnav considered", rows=rows, note=phrase("explanation.note"), show="page")
+    folded = not any(row.accepted for row in found.tried)
+    return Section("explanation", "Explanation", items, parts=(table,), show="page", folded=folded)
 
 
 def explanation_line(found: Explanation) -> str:
@@ -41,9 +44,9 @@ def _row(row: Tried) -> tuple[Quantity, ...]:
     )
 
 
-def _changed(row: Tried) -> str:
+def _changed(row: Tried) -> str | None:
     """What the fault has changed, in words."""
     if not row.accepted:
-        return ""
+        return None
     how = row.name if row.name in ("rough", "delay") else "left_out" if row.left_out else "corrected"
     return phrase(f"explanation.{how}", count=row.left_out)
