@@ -88,13 +88,11 @@ class Data:
 
         `how`: as of `insnav.report.save.save_result`.
         """
-        explained = outcome.explanation is not None
         for step in outcome.steps:
-            detail(
-                _messages.phrase("terminal.step", name=step.name, time_s=step.time_s),
-                *map(_messages.sentence, step.findings),
-                *map(_explanation.explanation_line, [outcome.explanation] * (step.name == "explain" and explained)),
-            )
+            lines = [*map(_messages.sentence, step.findings)]
+            if step.name == "explain" and outcome.explanation is not None:
+                lines.append(_explanation.explanation_line(outcome.explanation))
+            detail(_messages.phrase("terminal.step", name=step.name, time_s=step.time_s), *lines)
         outcome = replace(outcome, options=self.options)
         return outcome, write_result(outcome, folder, stage, **how)
 
