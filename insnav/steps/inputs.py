@@ -62,8 +62,6 @@ class Inputs(TypedDict, total=False):
 
     imu_model: str | Path | ImuSpec | None
     noise: NoiseChoice | None
-    explain: ExplainChoice | None
-    faults: str | Path | Mapping[str, Mapping[str, str]] | None
     calibration: str | Path | None
     axes: str | None
     units: Mapping[str, str] | str | None
@@ -87,6 +85,8 @@ class Inputs(TypedDict, total=False):
     static: tuple[float, float] | None
     heading: float | None
     initial: str | Path | Start | None
+    explain: ExplainChoice | None
+    faults: str | Path | Mapping[str, Mapping[str, str]] | None
     logs: Mapping[str, str | Path | pd.DataFrame] | None
     lat: float | None
     height: float | None

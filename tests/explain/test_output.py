@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 
 import insnav
-from insnav.cli import console
-from insnav.cli.data_options import Data
 from insnav.exceptions import ConfigError
 from insnav.explain.explanation import Explanation, Tried
 from insnav.explain.kinds import KINDS, Kind, with_priors
@@ -167,18 +165,6 @@ def test_every_kind_has_words(lang):
         for accepted in (False, True):
             assert "7" in explanation_line(Explanation(tried=(row("offset", accepted=accepted),), passes=7))
     assert len({*words}) == len(words)
-
-
-def test_the_log_has_one_line_of_it(tmp_path: Path, monkeypatch, capfd):
-    from insnav.output.folder import RunFolder
-
-    monkeypatch.setattr(console, "level", 1)
-    with RunFolder(tmp_path / "run") as folder:
-        data = Data(None, None, None, {}, {})
-        data.save(result_of(), folder, lambda *_: None, figures="none")
-    log = capfd.readouterr().err
-    assert log.count(phrase("explanation.some", count=0, accepted=0, passes=0).split(":")[0] + ": ") == 1
-    assert f"({result_of().explanation.passes} passes)" in log
 
 
 # --- settings ----------------------------------------------------------------------------------------------
