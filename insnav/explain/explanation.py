@@ -86,7 +86,8 @@ class Tried:
     unit: str  # in which its size is shown
     accepted: bool
     size: float | None = None  # [SI]; of one that was accepted
-    left_out: int = 0  # fixes, by what is known of the fault
+    left_out: int = 0  # fixes
+    moved: int = 0  # fixes moved back
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,10 +224,11 @@ def considered_of(record: LinearRecord, found: Search) -> list[Tried]:
 
 def accepted_as(ready: Prepared, fault: Fault, step: Step, interval: float) -> Tried:
     """Row of a fault that explains the record."""
-    trust = apply_faults(ready, [fault]).settings.trust
+    trust, time = apply_faults(ready, [fault]).settings.trust, ready.gps.time - ready.settings.delay
     left_out = 0 if trust is None else int(np.count_nonzero(trust.false.any(axis=0)))
+    moved = int(np.count_nonzero(is_moved(fault, time, time[0], time[-1]))) if _lasts(fault) else 0
     kind, size, prior = fault.kind, float(np.linalg.norm(fault.size)), prior_of((step,), interval)
-    return Tried(kind.name, fault.begin, fault.end, fault.gain, prior, kind.unit, True, size, left_out)
+    return Tried(kind.name, fault.begin, fault.end, fault.gain, prior, kind.unit, True, size, left_out, moved)
 
 
 def state_detectable(record: LinearRecord, of: Pass, kinds: Sequence[Kind]) -> Finding:

@@ -44,9 +44,9 @@ def _row(row: Tried) -> tuple[Quantity, ...]:
     )
 
 
-def _changed(row: Tried) -> str | None:
+def _changed(row: Tried) -> tuple[str, ...]:
     """What the fault has changed, in words."""
-    if not row.accepted:
-        return None
-    how = row.name if row.name in ("rough", "delay") else "left_out" if row.left_out else "corrected"
-    return phrase(f"explanation.{how}", count=row.left_out)
+    fixes = {"left_out": row.left_out, "moved": row.moved}
+    words = tuple(phrase(f"explanation.{how}", count=count) for how, count in fixes.items() if count)
+    how = row.name if row.name in ("rough", "delay") else "corrected"
+    return words if words or not row.accepted else (phrase(f"explanation.{how}"),)

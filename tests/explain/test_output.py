@@ -49,6 +49,16 @@ def result_of(*, explain: str = "on", clean: bool = False) -> Result:
     return drive_of(explain=explain, clean=clean).navigate()
 
 
+def test_the_fixes_behind_a_jump_that_stays_are_moved_back():
+    """Those after it, as there are fewer of them."""
+    made, begin = recording(SEED), float(recording(SEED).gps.time[-1]) - 99.5
+    stays = gps_jump(made.gps, METRES, (begin, begin + 1000.0))
+    found = insnav.load(made.imu, stays, imu_model="automotive").until("explain").ready.explanation
+    (jump,) = (each for each in found.tried if each.accepted)
+    assert (jump.name, jump.left_out) == ("offset", 0)
+    assert jump.moved == pytest.approx(100, abs=1)
+
+
 def row(name: str, *, gain: float = 1.0, accepted: bool = False, **more: float) -> Tried:
     kind = next(each for each in KINDS if each.name == name)
     return Tried(name, 1.0, np.inf, gain, 5.0, kind.unit, accepted, **more)
@@ -91,7 +101,7 @@ def test_what_is_saved_is_opened_again(tmp_path: Path):
         np.testing.assert_array_equal(ours.size, theirs.size)
     facts = read_facts(tmp_path / "run")["explanation"]
     best = facts["rows"][0]
-    assert (best["accepted"], best["changed"]) == (True, "20 fixes left out")
+    assert (best["accepted"], best["changed"]) == (True, ["20 fixes left out"])
     assert best["size_m"] == saved.explanation.tried[0].size
     assert facts["considered"] == len(saved.explanation.tried)
     opened = open_result(tmp_path / "run")
@@ -127,7 +137,7 @@ def test_delays_that_were_found_earlier_stay_in_the_table():
 
 def test_the_page_shows_at_most_eight_faults_and_what_they_changed():
     rows = [
-        row("offset", gain=99.0, accepted=True, size=60.0, left_out=20),
+        row("offset", gain=99.0, accepted=True, size=60.0, left_out=20, moved=5),
         row("gyro_z", gain=90.0, accepted=True, size=DEG),
         row("rough", gain=80.0, accepted=True, size=3.0),
         row("delay", gain=70.0, accepted=True, size=0.2),
@@ -138,6 +148,7 @@ def test_the_page_shows_at_most_eight_faults_and_what_they_changed():
     assert len(tables[1].rows) == MOST == 8
     shown = [" ".join(each) for each in tables[1].rows]
     changed = [phrase("explanation.left_out", count=20), *(phrase(f"explanation.{n}") for n in ("corrected", "rough"))]
+    assert phrase("explanation.moved", count=5) in shown[0]
     for line, size, words in zip(shown, ("60.0 m", "1.00 deg/s", "3.00 m"), changed, strict=False):
         assert size in line
         assert words in line
