@@ -59,6 +59,8 @@ class Result(Generic[F]):
         Everything that was detected, most important first.
     steps : tuple of StepRecord
         Steps that were run, in order; empty for a result that was opened.
+    explanation : insnav.explain.explanation.Explanation or None
+        Faults that the record contains and what else was considered; None where they were not looked for.
     """
 
     kind: str
@@ -68,6 +70,7 @@ class Result(Generic[F]):
     imu_model: tuple[ImuSpec, Finding] | None = None
     findings: tuple[Finding, ...] = ()
     steps: tuple[StepRecord, ...] = ()
+    explanation: Any = None
 
     def __repr__(self) -> str:
         sources = ", ".join(facts.path for facts in self.inputs.values())

@@ -10,7 +10,7 @@ from insnav.cli.options import Force, Json, Out
 from insnav.exceptions import ConfigError
 
 
-@takes_data(without=("logs",))
+@takes_data(without=("logs", "explain", "faults"))
 def align(data: Data, out: Out = Path("alignment"), force: Force = False, as_json: Json = False) -> None:
     """Align a static record."""
     if data.gps is None and data.inputs.get("lat") is None:

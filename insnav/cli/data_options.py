@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from insnav.types import ImuData
 
 _findings, _messages = library("insnav.findings"), library("insnav.messages")  # the help needs no catalogue
+_explanation = library("insnav.report.explanation")
 
 READING = ("axes", "units", "columns", "sampling", "stamp")  # inputs that say how to read samples
 _IMU_HELP = "IMU data, or a log with IMU and GPS: a file of any supported format, a folder, or - for standard input."
@@ -88,10 +89,10 @@ class Data:
         `how`: as of `insnav.report.save.save_result`.
         """
         for step in outcome.steps:
-            detail(
-                _messages.phrase("terminal.step", name=step.name, time_s=step.time_s),
-                *map(_messages.sentence, step.findings),
-            )
+            lines = [*map(_messages.sentence, step.findings)]
+            if step.name == "explain" and outcome.explanation is not None:
+                lines.append(_explanation.explanation_line(outcome.explanation))
+            detail(_messages.phrase("terminal.step", name=step.name, time_s=step.time_s), *lines)
         outcome = replace(outcome, options=self.options)
         return outcome, write_result(outcome, folder, stage, **how)
 

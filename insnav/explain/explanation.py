@@ -17,8 +17,8 @@ from insnav.earth import lla_offset
 from insnav.exceptions import DivergenceError
 from insnav.explain.kinds import FADES, KINDS, RETURN, Kind, cost_of_end
 from insnav.explain.proposals import SIZES, gains_of, misfit_of
-from insnav.explain.record import NAMES, LinearRecord, Pass, usual_correlated
-from insnav.explain.search import ACCEPT, Search, search
+from insnav.explain.record import NAMES, LinearRecord, Pass, Step, usual_correlated
+from insnav.explain.search import ACCEPT, Search, prior_of, search
 from insnav.filter.ambiguity import with_wider_sd
 from insnav.filter.gates import Trust
 from insnav.filter.gps_correlation import Rough
@@ -84,7 +84,11 @@ class Tried:
     end: float  # infinite for one that stays [s]
     gain: float  # of the evidence [-]
     prior: float  # what of that its prior has cost [-]
+    unit: str  # in which its size is shown
     accepted: bool
+    size: float | None = None  # [SI]; of one that was accepted
+    left_out: int = 0  # fixes
+    moved: int = 0  # fixes moved back
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +102,12 @@ class Explanation:
     findings: tuple[Finding, ...] = ()
     # times (m,) [s] and variances (m, 9) of position, velocity and attitude between explanations that are nearly alike
     between: tuple[FloatArray, FloatArray] = (np.zeros(0), np.zeros((0, 9)))
+
+    def after(self, earlier: Sequence[Explanation]) -> Explanation:
+        """The same with the work of explanations whose delays the fixes are free of, and with these delays."""
+        tried = (row for each in earlier for row in each.tried if row.accepted and row.name == "delay")
+        passes, runs = (sum(getattr(each, name) for each in (*earlier, self)) for name in ("passes", "runs"))
+        return replace(self, tried=(*tried, *self.tried), passes=passes, runs=runs)
 
     def of_delay(self) -> tuple[Fault, ...]:
         """Steps of the delay of the fixes, which no run takes into account: whoever aligns puts them on one delay."""
@@ -126,7 +136,7 @@ class Explanation:
 def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Explanation]:
     """Find the faults of a recording, and prepare it for the filter with them."""
     found, record, passes, runs = None, None, 0, 0
-    faults: list[Fault] = []
+    faults, considered = list[Fault](), list[Tried]()
     for _ in range(ROUNDS):
         with suppress(DivergenceError):
             about = LinearRecord.of(apply_faults(ready, of_imu(faults)))
@@ -136,6 +146,7 @@ def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Ex
             known = () if found is None else found.best.steps
             record, found = about, search(about, kinds, known)
             passes += found.passes
+            considered += considered_of(record, found)
             before, faults = faults, faults_of(record, found)
             if alike(of_imu(before), of_imu(faults)):
                 break
@@ -145,7 +156,12 @@ def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Ex
         return ready, Explanation()
     explained = apply_faults(ready, faults)
     findings = tuple(find(fault, explained.gps) for fault in faults if fault.family != "delay")
-    explanation = Explanation(tuple(faults), tried_of(record, found), passes, runs, findings, mix(record, found))
+    steps = (step for step in found.best.steps if step.kind is not RETURN)
+    tried = [accepted_as(ready, fault, step, record.interval) for fault, step in zip(faults, steps, strict=True)]
+    rows = {(each.name, each.begin, each.end): each for each in sorted(considered, key=lambda each: each.gain)}
+    rows |= {(each.name, each.begin, each.end): each for each in tried}
+    best_first = sorted(rows.values(), key=lambda each: (not each.accepted, -each.gain))
+    explanation = Explanation(tuple(faults), tuple(best_first), passes, runs, findings, mix(record, found))
     notes = (*explained.notes, state_detectable(record, found.best.seen, kinds))
     return replace(explained, explanation=explanation, notes=notes), explanation
 
@@ -176,8 +192,7 @@ def alike(some: Sequence[Fault], others: Sequence[Fault]) -> bool:
 def faults_of(record: LinearRecord, found: Search) -> list[Fault]:
     """The accepted steps of a search as faults in time; a return ends what has moved the fixes before it."""
     faults: list[Fault] = []
-    gains = {step: each.gain for each in found.considered if each.accepted for step in each.steps}
-    for step in found.best.steps:
+    for step, gain in zip(found.best.steps, found.gains, strict=True):
         begin = float(record.time[step.begin])
         if step.kind is RETURN:
             faults = [replace(each, end=begin, returned=True) if _lasts(each) else each for each in faults]
@@ -189,20 +204,30 @@ def faults_of(record: LinearRecord, found: Search) -> list[Fault]:
         known = np.diagonal(columns.T @ found.best.seen.information[step.begin] @ columns)
         sd = np.sqrt(np.maximum(step.variance - step.variance**2 * known, 0.0))
         end = float(record.time[step.end]) if step.end else np.inf
-        gain = next((gain for other, gain in gains.items() if other.kind is step.kind), 0.0)
         faults.append(Fault(step.kind, begin, end, size, sd, gain))
     return faults
 
 
-def tried_of(record: LinearRecord, found: Search) -> tuple[Tried, ...]:
-    """Rows of the table of the explanation."""
+def considered_of(record: LinearRecord, found: Search) -> list[Tried]:
+    """Rows of the table of the explanation, of faults that the search has not accepted."""
     rows = []
     for each in found.considered:
-        for step in each.steps[:1]:
+        if not each.accepted:
+            step = each.steps[0]
             end = float(record.time[step.end]) if step.end else np.inf
-            prior = float(step.kind.cost(max(step.variance, 1e-12), record.interval))
-            rows.append(Tried(step.kind.name, float(record.time[step.begin]), end, each.gain, prior, each.accepted))
-    return tuple(rows)
+            prior = prior_of(each.steps, record.interval)
+            begin, kind = float(record.time[step.begin]), step.kind
+            rows.append(Tried(kind.name, begin, end, each.gain, prior, kind.unit, accepted=False))
+    return rows
+
+
+def accepted_as(ready: Prepared, fault: Fault, step: Step, interval: float) -> Tried:
+    """Row of a fault that explains the record."""
+    trust, time = apply_faults(ready, [fault]).settings.trust, ready.gps.time - ready.settings.delay
+    left_out = 0 if trust is None else int(np.count_nonzero(trust.false.any(axis=0)))
+    moved = int(np.count_nonzero(is_moved(fault, time, time[0], time[-1]))) if _lasts(fault) else 0
+    kind, size, prior = fault.kind, float(np.linalg.norm(fault.size)), prior_of((step,), interval)
+    return Tried(kind.name, fault.begin, fault.end, fault.gain, prior, kind.unit, True, size, left_out, moved)
 
 
 def state_detectable(record: LinearRecord, of: Pass, kinds: Sequence[Kind]) -> Finding:

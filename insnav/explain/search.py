@@ -65,6 +65,7 @@ class Search:
     considered: tuple[Considered, ...]
     passes: int
     plain: Fit  # without a fault
+    gains: tuple[float, ...]  # of the evidence by each step of the best fit, beside the others [-]
 
 
 class _Searcher:
@@ -254,7 +255,10 @@ def search(record: LinearRecord, kinds: Sequence[Kind], known: tuple[Step, ...] 
             break
         fit = searcher.relocate(better)
     others = [each for each in searcher.fits.values() if each.steps != fit.steps and each.cost < fit.cost + ACCEPT]
-    return Search(fit, tuple(others), tuple(considered), searcher.passes, plain)
+    rests = [fit.steps[:i] + fit.steps[i + 1 :] for i in range(len(fit.steps))]
+    without = (min(plain.cost, searcher.settle(fit, rest, 3 * AGAIN).cost) if rest else plain.cost for rest in rests)
+    gains = tuple(cost - fit.cost for cost in without)
+    return Search(fit, tuple(others), tuple(considered), searcher.passes, plain, gains)
 
 
 def top_of(places: Sequence[float], costs: Sequence[float]) -> float | None:

@@ -28,11 +28,13 @@ from insnav.output.stored import FILE as STORED_FILE
 from insnav.output.stored import read_stored, store
 from insnav.plain_text import NOT_UTF8
 from insnav.quantity import Quantity, quantity_of
+from insnav.report.explanation import explanation_section
 from insnav.report.page import DataFrame, Figure, FigureSpec, Page, Section, cell, only_json
 from insnav.report.run_json import SCHEMA, json_ready, page_facts, versions
 from insnav.report.terminal import page_text
 from insnav.result import Result
 
+EXPLANATION_FILE = "explanation.npz"
 FigureFiles = Literal["page", "png", "svg", "none"]
 _TABLE = ("path", "n_used", "start", "end", "rate", "n_gaps", "longest_gap", "axes", "sampling", "stamp", "height")
 _TIMES = ("start", "end")
@@ -95,7 +97,10 @@ def save_result(
     `folder`: entered, not committed; `figures`: see `write_page`; `table_format` {"csv", "parquet"}.
     """
     room = _room(result.kind)
-    if not hasattr(room, "read_found"):
+    if hasattr(room, "read_found"):
+        if result.explanation is not None:
+            store(result.explanation, folder.path(EXPLANATION_FILE))
+    else:
         store(replace(result, options=json_ready(result.options), steps=()), folder.path(STORED_FILE))
     with speaking("en"):
         if hasattr(room, "write_files"):
@@ -158,7 +163,8 @@ def open_folder(folder: Path) -> Result[Any]:
     if isinstance(model, dict) and model and chosen is None:
         chosen = Finding.of(Code.STORED_TEXT, text=str(model.get("chosen", "")))
     imu_model = (load_imu(str(file)), chosen) if chosen is not None and file.is_file() else None
-    return Result(kind, found, inputs, facts.get("configuration", {}), imu_model, findings)
+    explanation = read_stored(folder, EXPLANATION_FILE) if (folder / EXPLANATION_FILE).is_file() else None
+    return Result(kind, found, inputs, facts.get("configuration", {}), imu_model, findings, explanation=explanation)
 
 
 def _of_version_0_2(kind: str, facts: Mapping[str, Any]) -> tuple[Finding, ...]:
@@ -220,6 +226,7 @@ def provenance(result: Result[Any]) -> tuple[Section, ...]:
     given = {name: value for name, value in json_ready(dict(result.options)).items() if value is not None}
     options = tuple((Quantity("option", name), Quantity("value", str(value))) for name, value in given.items())
     return (
+        *((explanation_section(result.explanation),) if result.explanation is not None else ()),
         *(_inputs(result.inputs) if result.inputs else ()),
         *((imu_model(*result.imu_model),) if result.imu_model is not None else ()),
         only_json("", Quantity("configuration", dict(result.options))),

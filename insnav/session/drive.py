@@ -565,5 +565,6 @@ class Drive:
                 findings = (*findings, replace(chosen, severity=Severity.NOTE))
             chosen = Finding.of(Code.IMU_MODEL_ESTIMATED, prior=prior, nearest="" if prior == nearest else nearest)
         every = (*findings, chosen)
-        result = Result(kind, found, self.recording.facts, given, (spec, chosen), every, self.steps)
+        explanation = None if self.model.ready is None else self.model.ready.explanation
+        result = Result(kind, found, self.recording.facts, given, (spec, chosen), every, self.steps, explanation)
         return result if run is None else judged(result, run)

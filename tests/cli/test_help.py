@@ -35,7 +35,7 @@ def test_help_of_a_command_has_examples_and_fits_a_terminal(cli: Cli, command: s
 def test_help_of_run_has_its_options_in_groups(cli: Cli):
     shown = cli("run", "--help").out
     groups = [line[:-1] for line in shown.splitlines() if line.endswith(":") and line[0] != " "]
-    assert groups == ["Files", "IMU", "GPS and reference", "Start", "Other aiding", "Result", "Other"]
+    assert groups == ["Files", "IMU", "GPS and reference", "Start", "Faults", "Other aiding", "Result", "Other"]
 
 
 def test_no_command_shows_the_help(cli: Cli):

@@ -21,8 +21,16 @@ from tests.shared import verify_folder
 
 WITH_REFERENCE = (*QUICK, "--ref", "ref.csv", "--lever-arm", "0.8,-0.3,-1.2")
 TABLES = [
-    *("biases.csv", "errors.csv", "events.csv", "fixes.csv", "imu.toml", "innovations.csv", "run.json"),
-    *("smoothed.csv", "smoothed_biases.csv", "smoothed_errors.csv", "solution.csv", "track.kml"),
+    *("biases.csv", "errors.csv", "events.csv", "explanation.npz", "fixes.csv", "imu.toml"),
+    *(
+        "innovations.csv",
+        "run.json",
+        "smoothed.csv",
+        "smoothed_biases.csv",
+        "smoothed_errors.csv",
+        "solution.csv",
+        "track.kml",
+    ),
 ]
 FIGURES = ["attitude", "biases", "height", "innovations", "track", "uncertainty", "velocity"]
 HEIGHTS = [code for code in of_families("read") if code.startswith("read.height.")]
@@ -115,7 +123,8 @@ def test_json_alone_is_on_standard_output_and_is_that_of_the_folder(drive: Path,
             "aiding",
             "outages",
         ),
-        *("sensor_errors", "alignment", "events", "input", "imu_model", "configuration"),
+        *("sensor_errors", "alignment", "events", "explanation"),
+        *("input", "imu_model", "configuration"),
         *("verdict", "summary", "method", "findings", "files"),
     ]
     assert facts["configuration"]["lever_arm"] == "0.8,-0.3,-1.2"
