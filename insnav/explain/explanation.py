@@ -225,7 +225,7 @@ def accepted_as(ready: Prepared, fault: Fault, step: Step, interval: float) -> T
     """Row of a fault that explains the record."""
     trust, time = apply_faults(ready, [fault]).settings.trust, ready.gps.time - ready.settings.delay
     left_out = 0 if trust is None else int(np.count_nonzero(trust.false.any(axis=0)))
-    moved = int(np.count_nonzero(is_moved(fault, time, time[0], time[-1]))) if _lasts(fault) else 0
+    moved = int(np.count_nonzero(time >= _settled(fault))) if _lasts(fault) else 0
     kind, size, prior = fault.kind, float(np.linalg.norm(fault.size)), prior_of((step,), interval)
     return Tried(kind.name, fault.begin, fault.end, fault.gain, prior, kind.unit, True, size, left_out, moved)
 
