@@ -23,7 +23,7 @@ from insnav.kernels import inner, njit
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
 
-MOST = 64  # states, less one: compilers like rows of known length
+BLOCKS, WIDE = 8, 72  # blocks of nine rows, as many as states of navigation; states at most: compilers like known sizes
 NO_POSITION, NO_VELOCITY = 1, 2  # bits: offset and drift of positions are over; the offset of velocities is over
 
 
@@ -82,17 +82,14 @@ def propagate_back(system, k, x, w):  # type: ignore[no-untyped-def]
 
 
 @inner(forceinline=True)
-def add_product(y, i, by, k, x, terms, columns):  # type: ignore[no-untyped-def]
-    """Add row `k` of `by` times `x` to row `i` of `y`, of so many terms and columns.
-
-    Nine terms at a time, the states of navigation: after the last, `by` or `x` are zero up to a multiple of nine.
-    """
-    for a in range(0, terms, 9):
-        b0, b1, b2, b3, b4 = by[k, a], by[k, a + 1], by[k, a + 2], by[k, a + 3], by[k, a + 4]
-        b5, b6, b7, b8 = by[k, a + 5], by[k, a + 6], by[k, a + 7], by[k, a + 8]
+def add_product(y, i, by, k, x, blocks, columns):  # type: ignore[no-untyped-def]
+    """Add row `k` of `by` (..., blocks, 9) times `x` (blocks, 9, ...) to row `i` of `y`, for so many columns."""
+    for a in range(blocks):
+        b0, b1, b2, b3, b4 = by[k, a, 0], by[k, a, 1], by[k, a, 2], by[k, a, 3], by[k, a, 4]
+        b5, b6, b7, b8 = by[k, a, 5], by[k, a, 6], by[k, a, 7], by[k, a, 8]
         for j in range(columns):
-            part = b0 * x[a, j] + b1 * x[a + 1, j] + b2 * x[a + 2, j] + b3 * x[a + 3, j] + b4 * x[a + 4, j]
-            y[i, j] += part + b5 * x[a + 5, j] + b6 * x[a + 6, j] + b7 * x[a + 7, j] + b8 * x[a + 8, j]
+            part = b0 * x[a, 0, j] + b1 * x[a, 1, j] + b2 * x[a, 2, j] + b3 * x[a, 3, j] + b4 * x[a, 4, j]
+            y[i, j] += part + b5 * x[a, 5, j] + b6 * x[a, 6, j] + b7 * x[a, 7, j] + b8 * x[a, 8, j]
 
 
 @inner(forceinline=True)
@@ -171,9 +168,12 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
     (z, h, var, fed), (q, qd), (row, jump) = measured, system[3:5], jumps
     innovation, variance, gain, mean_nav, p_nav = out
     (m, n), s = fed.shape, system[1].shape[2]
-    assert n < MOST
-    p, w, f, ft = np.zeros((MOST, MOST)), np.zeros((NAV, MOST)), np.zeros((NAV, MOST)), np.zeros((MOST, 16))
-    mean, nav, ph, d, at = np.zeros((1, MOST)), np.zeros((NAV + 1, 16)), np.zeros((3, MOST)), np.ones(MOST), np.empty(n, np.int64)
+    assert n <= WIDE
+    p, ft, w, f, mean = np.zeros((WIDE, WIDE)), np.zeros((WIDE, 18)), np.zeros((NAV, WIDE)), np.zeros((NAV, WIDE)), np.zeros((1, WIDE))
+    p9, ft9 = p.reshape(BLOCKS, NAV, WIDE), ft.reshape(BLOCKS, NAV, 18)  # as factors
+    w9, f9, mean9 = w.reshape(NAV, BLOCKS, NAV), f.reshape(NAV, BLOCKS, NAV), mean.reshape(1, BLOCKS, NAV)
+    nav, ph, d, at = np.zeros((NAV + 1, 16)), np.zeros((3, WIDE)), np.ones(WIDE), np.empty(n, np.int64)
+    short = (s + NAV - 1) // NAV
     mean[0, :n], p[:n, :n] = start
     live, following, total = n, 0, 0.0
     for k in range(m):
@@ -190,10 +190,10 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
                     if live > n - 9:
                         shear(p, i, i + 3, own, drift, wide)
             w[:], nav[:] = 0.0, 0.0
-            add_product(nav, NAV, mean, 0, ft, s, 16)
+            add_product(nav, NAV, mean9, 0, ft9, short, 16)
             for i in range(NAV):
-                add_product(w, i, f, i, p, s, wide)
-                add_product(nav, i, w, i, ft, s, 16)
+                add_product(w, i, f9, i, p9, short, wide)
+                add_product(nav, i, w9, i, ft9, short, 16)
             for i in range(NAV, live):
                 own = d[i]
                 for j in range(wide):
@@ -279,17 +279,19 @@ def backward(system, measured, out, r, info, u, uu):  # type: ignore[no-untyped-
     """
     h, (innovation, variance, gain) = measured[1], out[:3]
     (m, n), s = r.shape, system[1].shape[2]
-    assert n < MOST
+    assert n <= WIDE
     wide, short = 8 * ((n + 7) // 8), 8 * ((s + 7) // 8)
-    p, t, f, ft = np.zeros((MOST, MOST)), np.zeros((NAV + 1, MOST)), np.zeros((NAV, MOST)), np.zeros((MOST, 16))
-    score, x, hs, ks, by = np.zeros((1, MOST)), np.zeros((3, MOST)), np.zeros((3, MOST)), np.zeros((3, MOST)), np.zeros((1, 9))
-    d = np.zeros(MOST)  # of navigation it stays zero
+    p, t, f, ft = np.zeros((WIDE, WIDE)), np.zeros((2 * NAV, WIDE)), np.zeros((NAV, WIDE)), np.zeros((WIDE, 18))
+    score, x, hs, ks = np.zeros((1, WIDE)), np.zeros((3, WIDE)), np.zeros((3, WIDE)), np.zeros((3, WIDE))
+    p9, t9, f9, pt9 = p.reshape(BLOCKS, NAV, WIDE), t.reshape(2, NAV, WIDE), f.reshape(1, NAV, WIDE), p.reshape(WIDE, BLOCKS, NAV)
+    ft9, score9, ks9, by = ft.reshape(WIDE, 2, NAV), score.reshape(1, BLOCKS, NAV), ks.reshape(3, BLOCKS, NAV), np.zeros((1, 1, NAV))
+    d = np.zeros(WIDE)  # of navigation it stays zero
     for k in range(m - 1, -1, -1):
         for first in (3, 0):
             u[k, first : first + 3] = uu[k, first : first + 3] = 0.0
             if max(variance[k, first], variance[k, first + 1], variance[k, first + 2]) <= 0.0:
                 continue
-            x[:], terms = 0.0, 0
+            x[:] = 0.0
             for c in range(3):
                 for j in range(n):  # zero where nothing was measured
                     hs[c, j], ks[c, j] = h[k, first + c, j], gain[k, first + c, j]
@@ -299,7 +301,7 @@ def backward(system, measured, out, r, info, u, uu):  # type: ignore[no-untyped-
             while terms > 0 and ks[0, terms - 1] == 0.0 and ks[1, terms - 1] == 0.0 and ks[2, terms - 1] == 0.0:
                 terms -= 1
             for c in range(3):
-                add_product(x, c, ks, c, p, terms, wide)
+                add_product(x, c, ks9, c, p9, (terms + NAV - 1) // NAV, wide)
             for c in range(2, -1, -1):
                 i = first + c
                 if variance[k, i] <= 0.0:
@@ -319,11 +321,10 @@ def backward(system, measured, out, r, info, u, uu):  # type: ignore[no-untyped-
                 subtract_three(p, a, x, hs, wide)
                 if hs[0, a] != 0.0 or hs[1, a] != 0.0 or hs[2, a] != 0.0:
                     subtract_three(p, a, hs, x, wide)
-        for i in range(n):
+        for i in range(n - 1, -1, -1):  # those after it have filled the rest of row i
             r[k, i] = score[0, i]
             for j in range(i):
                 p[j, i] = p[i, j]
-        for i in range(n):
             for j in range(n):
                 info[k, i, j] = p[i, j]
         if k > 0:
@@ -336,23 +337,23 @@ def backward(system, measured, out, r, info, u, uu):  # type: ignore[no-untyped-
                     d[i + 3] = 1.0
             for j in range(wide):
                 t[NAV, j] = score[0, j] * d[j]
-            add_product(t, NAV, score, 0, f, NAV, short)
+            add_product(t, NAV, score9, 0, f9, 1, short)
             for j in range(wide):
                 score[0, j] = t[NAV, j]
             for i in range(NAV):
                 for j in range(wide):
                     t[i, j] = p[i, j] * d[j]
-                add_product(t, i, p, i, f, NAV, short)
+                add_product(t, i, pt9, i, f9, 1, short)
             for a in range(n):
                 own = d[a]
                 for c in range(NAV):
-                    by[0, c] = own * p[a, c]
+                    by[0, 0, c] = own * p[a, c]
                 for j in range(wide):
                     p[a, j] *= own * d[j]
                 if a >= NAV:
-                    add_product(p, a, by, 0, f, NAV, short)
+                    add_product(p, a, by, 0, f9, 1, short)
                 if a < s:
-                    add_product(p, a, ft, a, t, NAV, wide)
+                    add_product(p, a, ft9, a, t9, 1, wide)
 
 
 @njit(cache=True, nogil=True)
