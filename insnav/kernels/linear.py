@@ -23,6 +23,7 @@ from insnav.kernels import inner, njit
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
 
+BLOCKS, WIDE = 8, 72  # blocks of nine rows, as many as states of navigation; states at most: compilers like known sizes
 NO_POSITION, NO_VELOCITY = 1, 2  # bits: offset and drift of positions are over; the offset of velocities is over
 
 
@@ -80,20 +81,59 @@ def propagate_back(system, k, x, w):  # type: ignore[no-untyped-def]
             x[a, j] += total
 
 
-@inner()
-def transpose(x):  # type: ignore[no-untyped-def]
-    """Transpose `x` (n, n) in place."""
-    for i in range(x.shape[0]):
-        for j in range(i):
-            x[i, j], x[j, i] = x[j, i], x[i, j]
+@inner(forceinline=True)
+def add_product(y, i, by, k, x, blocks, columns):  # type: ignore[no-untyped-def]
+    """Add row `k` of `by` (..., blocks, 9) times `x` (blocks, 9, ...) to row `i` of `y`, for so many columns."""
+    for a in range(blocks):
+        b0, b1, b2, b3, b4 = by[k, a, 0], by[k, a, 1], by[k, a, 2], by[k, a, 3], by[k, a, 4]
+        b5, b6, b7, b8 = by[k, a, 5], by[k, a, 6], by[k, a, 7], by[k, a, 8]
+        for j in range(columns):
+            part = b0 * x[a, 0, j] + b1 * x[a, 1, j] + b2 * x[a, 2, j] + b3 * x[a, 3, j] + b4 * x[a, 4, j]
+            y[i, j] += part + b5 * x[a, 5, j] + b6 * x[a, 6, j] + b7 * x[a, 7, j] + b8 * x[a, 8, j]
+
+
+@inner(forceinline=True)
+def subtract_three(y, i, by, x, columns):  # type: ignore[no-untyped-def]
+    """Subtract the product of column `i` of `by` (3, ...) with `x` (3, ...) from row `i` of `y`."""
+    b0, b1, b2 = by[0, i], by[1, i], by[2, i]
+    for j in range(columns):
+        y[i, j] -= b0 * x[0, j] + b1 * x[1, j] + b2 * x[2, j]
+
+
+@inner(forceinline=True)
+def inner_product(x, i, y, k, n):  # type: ignore[no-untyped-def]
+    """Product of row `i` of `x` with row `k` of `y`, which are zero beyond `n` up to a multiple of four."""
+    s0 = s1 = s2 = s3 = 0.0
+    for j in range(0, n, 4):
+        s0 += x[i, j] * y[k, j]
+        s1 += x[i, j + 1] * y[k, j + 1]
+        s2 += x[i, j + 2] * y[k, j + 2]
+        s3 += x[i, j + 3] * y[k, j + 3]
+    return (s0 + s2) + (s1 + s3)
+
+
+@inner(forceinline=True)
+def shear(p, i, a, own, by, columns):  # type: ignore[no-untyped-def]
+    """Replace state `i` in symmetric `p` by own times it plus by times state `a`, as a row and as a column."""
+    for j in range(columns):
+        p[i, j] = own * p[i, j] + by * p[a, j]
+    p[i, i] = own * p[i, i] + by * p[i, a]
+    for j in range(columns):
+        p[j, i] = p[i, j]
 
 
 @inner()
-def mirror(x):  # type: ignore[no-untyped-def]
-    """Make `x` (n, n) exactly symmetric by its lower triangle."""
-    for i in range(x.shape[0]):
-        for j in range(i):
-            x[j, i] = x[i, j]
+def read_transition(system, k, f, ft, d):  # type: ignore[no-untyped-def]
+    """Fill `f` (9, ...) and `ft` (..., 16) with rows of navigation of F and their transpose, `d` (n,) with its diagonal."""
+    span, phi, fade, cleared = system[0], system[1], system[2], system[5]
+    n = fade.shape[1]
+    for i in range(NAV):
+        for a in range(phi.shape[2]):
+            f[i, a] = ft[a, i] = phi[k, i, a]
+    for i in range(NAV, n - 9):
+        d[i] = fade[k, i]
+    for i in range(n - 9, n):
+        d[i], _ = read_row(fade[k, i], span[k], cleared[k], i, n)
 
 
 @inner()
@@ -127,48 +167,103 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
     """
     (z, h, var, fed), (q, qd), (row, jump) = measured, system[3:5], jumps
     innovation, variance, gain, mean_nav, p_nav = out
-    m, n = fed.shape
-    mean, p, w, ph = start[0].copy().reshape(n, 1), start[1].copy(), np.empty((NAV, n)), np.empty(n)
-    following, total = 0, 0.0
+    (m, n), s = fed.shape, system[1].shape[2]
+    assert n <= WIDE
+    p, ft, w, f, mean = np.zeros((WIDE, WIDE)), np.zeros((WIDE, 18)), np.zeros((NAV, WIDE)), np.zeros((NAV, WIDE)), np.zeros((1, WIDE))
+    p9, ft9 = p.reshape(BLOCKS, NAV, WIDE), ft.reshape(BLOCKS, NAV, 18)  # as factors
+    w9, f9, mean9 = w.reshape(NAV, BLOCKS, NAV), f.reshape(NAV, BLOCKS, NAV), mean.reshape(1, BLOCKS, NAV)
+    nav, ph, d, at = np.zeros((NAV + 1, 16)), np.zeros((3, WIDE)), np.ones(WIDE), np.empty(n, np.int64)
+    short = (s + NAV - 1) // NAV
+    mean[0, :n], p[:n, :n] = start
+    live, following, total = n, 0, 0.0
     for k in range(m):
+        while live > s and p[live - 1, live - 1] == 0.0:  # known exactly, as faults before they begin
+            live -= 1
+        wide = 8 * ((live + 7) // 8)
         if k > 0:
-            propagate(system, k, mean, w)
-            propagate(system, k, p, w)
-            transpose(p)
-            propagate(system, k, p, w)
+            read_transition(system, k, f, ft, d)
+            for i in range(n - 9, n - 6):
+                own, drift = read_row(system[2][k, i], system[0][k], system[5][k], i, n)
+                if drift != 0.0:
+                    mean[0, i] = own * mean[0, i] + drift * mean[0, i + 3]
+                    d[i] = 1.0
+                    if live > n - 9:
+                        shear(p, i, i + 3, own, drift, wide)
+            w[:], nav[:] = 0.0, 0.0
+            add_product(nav, NAV, mean9, 0, ft9, short, 16)
             for i in range(NAV):
-                for j in range(NAV):
-                    p[i, j] += q[k, i, j]
+                add_product(w, i, f9, i, p9, short, wide)
+                add_product(nav, i, w9, i, ft9, short, 16)
+            for i in range(NAV, live):
+                own = d[i]
+                for j in range(wide):
+                    p[i, j] *= own * d[j]
+            for i in range(NAV):
+                for j in range(wide):
+                    p[i, j] = w[i, j] * d[j]
                 for j in range(NAV, STATES):  # noise that drives sensor errors acts on navigation half a span later
-                    p[j, i] += 0.5 * qd[k, j] * system[1][k, i, j]
+                    p[i, j] += 0.5 * qd[k, j] * f[i, j]
+                for j in range(i + 1):
+                    p[i, j] = p[j, i] = nav[i, j] + q[k, i, j]
+                mean[0, i] = nav[NAV, i]
             for j in range(NAV, n):
-                p[j, j] += qd[k, j]
-            mirror(p)
+                mean[0, j] *= d[j]
+                if qd[k, j] > 0.0:
+                    p[j, j] += qd[k, j]
+                    live = max(live, j + 1)
+                for i in range(NAV):
+                    p[j, i] = p[i, j]
         while following < row.shape[0] and row[following] <= k:
-            for c in range(jump.shape[2]):
-                for i in range(n):
-                    for j in range(n):
-                        p[i, j] += jump[following, i, c] * jump[following, j, c]
+            for i in range(n):
+                for c in range(jump.shape[2]):
+                    by = jump[following, i, c]
+                    if by != 0.0:
+                        live = max(live, i + 1)
+                        for j in range(n):
+                            p[i, j] += by * jump[following, j, c]
             following += 1
-        mean_nav[k], p_nav[k] = mean[:NAV, 0], p[:NAV]
-        for i in range(6):
-            if var[k, i] <= 0.0:
-                innovation[k, i], variance[k, i], gain[k, i] = 0.0, -1.0, 0.0
-                continue
-            error, s = z[k, i], var[k, i]
-            multiply_row(h[k, i], p, ph)
-            for a in range(n):
-                error -= h[k, i, a] * mean[a, 0]
-                s += h[k, i, a] * ph[a]
-            innovation[k, i], variance[k, i] = error, s
-            total += np.log(s) + error * error / s
-            root = 1.0 / np.sqrt(s)
+        wide = 8 * ((live + 7) // 8)
+        for i in range(NAV):
+            mean_nav[k, i] = mean[0, i]
             for j in range(n):
-                gain[k, i, j] = ph[j] / s
-                mean[j, 0] += gain[k, i, j] * error
-                ph[j] *= root
-            subtract_product(ph, ph, p)
-        mean[:, 0] -= fed[k]
+                p_nav[k, i, j] = p[i, j]
+        for first in (0, 3):
+            used = False
+            for c in range(3):
+                i = first + c
+                ph[c] = 0.0
+                if var[k, i] <= 0.0:
+                    innovation[k, i], variance[k, i], gain[k, i] = 0.0, -1.0, 0.0
+                    continue
+                used, error, own, count = True, z[k, i], var[k, i], 0
+                for a in range(n):
+                    by = h[k, i, a]
+                    if by != 0.0:
+                        error -= by * mean[0, a]
+                        at[count] = a
+                        count += 1
+                        for j in range(wide):
+                            ph[c, j] += by * p[a, j]
+                for b in range(c):  # less what the components before have told
+                    by = 0.0
+                    for a in at[:count]:
+                        by += h[k, i, a] * ph[b, a]
+                    for j in range(wide):
+                        ph[c, j] -= by * ph[b, j]
+                for a in at[:count]:
+                    own += h[k, i, a] * ph[c, a]
+                innovation[k, i], variance[k, i] = error, own
+                total += np.log(own) + error * error / own
+                root = 1.0 / np.sqrt(own)
+                for j in range(n):
+                    ph[c, j] *= root
+                    gain[k, i, j] = ph[c, j] * root
+                    mean[0, j] += gain[k, i, j] * error
+            if used:
+                for a in range(live):
+                    subtract_three(p, a, ph, ph, wide)
+        for j in range(n):
+            mean[0, j] -= fed[k, j]
     return total
 
 
@@ -183,32 +278,82 @@ def backward(system, measured, out, r, info, u, uu):  # type: ignore[no-untyped-
     Time Series Analysis by State Space Methods, 2nd ed., Oxford 2012, ch. 4 and 6.4.
     """
     h, (innovation, variance, gain) = measured[1], out[:3]
-    m, n = r.shape
-    score, p, w, pk = np.zeros((n, 1)), np.zeros((n, n)), np.empty((NAV, n)), np.empty(n)
+    (m, n), s = r.shape, system[1].shape[2]
+    assert n <= WIDE
+    wide, short = 8 * ((n + 7) // 8), 8 * ((s + 7) // 8)
+    p, t, f, ft = np.zeros((WIDE, WIDE)), np.zeros((2 * NAV, WIDE)), np.zeros((NAV, WIDE)), np.zeros((WIDE, 18))
+    score, x, hs, ks = np.zeros((1, WIDE)), np.zeros((3, WIDE)), np.zeros((3, WIDE)), np.zeros((3, WIDE))
+    p9, t9, f9, pt9 = p.reshape(BLOCKS, NAV, WIDE), t.reshape(2, NAV, WIDE), f.reshape(1, NAV, WIDE), p.reshape(WIDE, BLOCKS, NAV)
+    ft9, score9, ks9, by = ft.reshape(WIDE, 2, NAV), score.reshape(1, BLOCKS, NAV), ks.reshape(3, BLOCKS, NAV), np.zeros((1, 1, NAV))
+    d = np.zeros(WIDE)  # of navigation it stays zero
     for k in range(m - 1, -1, -1):
-        for i in range(5, -1, -1):
-            u[k, i] = uu[k, i] = 0.0
-            if variance[k, i] <= 0.0:
+        for first in (3, 0):
+            u[k, first : first + 3] = uu[k, first : first + 3] = 0.0
+            if max(variance[k, first], variance[k, first + 1], variance[k, first + 2]) <= 0.0:
                 continue
-            error, own = innovation[k, i] / variance[k, i], 1.0 / variance[k, i]
-            multiply_row(gain[k, i], p, pk)
+            x[:] = 0.0
+            for c in range(3):
+                for j in range(n):  # zero where nothing was measured
+                    hs[c, j], ks[c, j] = h[k, first + c, j], gain[k, first + c, j]
+                if variance[k, first + c] <= 0.0:
+                    hs[c] = 0.0
+            terms = n
+            while terms > 0 and ks[0, terms - 1] == 0.0 and ks[1, terms - 1] == 0.0 and ks[2, terms - 1] == 0.0:
+                terms -= 1
+            for c in range(3):
+                add_product(x, c, ks9, c, p9, (terms + NAV - 1) // NAV, wide)
+            for c in range(2, -1, -1):
+                i = first + c
+                if variance[k, i] <= 0.0:
+                    continue
+                error = innovation[k, i] / variance[k, i] - inner_product(ks, c, score, 0, n)
+                own = 1.0 / variance[k, i] + inner_product(ks, c, x, c, n)
+                u[k, i], uu[k, i] = error, own
+                # (I - K h')' N (I - K h') + h h' / s is N - h x' - x h' with x = N K - h uu / 2
+                for j in range(wide):
+                    x[c, j] -= 0.5 * own * hs[c, j]
+                    score[0, j] += error * hs[c, j]
+                for b in range(c):
+                    of_h, of_x = inner_product(ks, b, hs, c, n), inner_product(ks, b, x, c, n)
+                    for j in range(wide):
+                        x[b, j] -= of_h * x[c, j] + of_x * hs[c, j]
             for a in range(n):
-                error -= gain[k, i, a] * score[a, 0]
-                own += gain[k, i, a] * pk[a]
-            u[k, i], uu[k, i] = error, own
-            # (I - K h')' N (I - K h') + h h' / s is N - h x' - x h' with x = N K - h uu / 2
-            for a in range(n):
-                pk[a] -= 0.5 * own * h[k, i, a]
-                score[a, 0] += h[k, i, a] * error
-            subtract_product(h[k, i], pk, p)
-            subtract_product(pk, h[k, i], p)
-        mirror(p)
-        r[k], info[k] = score[:, 0], p
+                subtract_three(p, a, x, hs, wide)
+                if hs[0, a] != 0.0 or hs[1, a] != 0.0 or hs[2, a] != 0.0:
+                    subtract_three(p, a, hs, x, wide)
+        for i in range(n - 1, -1, -1):  # those after it have filled the rest of row i
+            r[k, i] = score[0, i]
+            for j in range(i):
+                p[j, i] = p[i, j]
+            for j in range(n):
+                info[k, i, j] = p[i, j]
         if k > 0:
-            propagate_back(system, k, score, w)
-            propagate_back(system, k, p, w)
-            transpose(p)
-            propagate_back(system, k, p, w)
+            read_transition(system, k, f, ft, d)
+            for i in range(n - 9, n - 6):
+                _, drift = read_row(system[2][k, i], system[0][k], system[5][k], i, n)
+                if drift != 0.0:
+                    score[0, i + 3] = d[i + 3] * score[0, i + 3] + drift * score[0, i]
+                    shear(p, i + 3, i, d[i + 3], drift, wide)
+                    d[i + 3] = 1.0
+            for j in range(wide):
+                t[NAV, j] = score[0, j] * d[j]
+            add_product(t, NAV, score9, 0, f9, 1, short)
+            for j in range(wide):
+                score[0, j] = t[NAV, j]
+            for i in range(NAV):
+                for j in range(wide):
+                    t[i, j] = p[i, j] * d[j]
+                add_product(t, i, pt9, i, f9, 1, short)
+            for a in range(n):
+                own = d[a]
+                for c in range(NAV):
+                    by[0, 0, c] = own * p[a, c]
+                for j in range(wide):
+                    p[a, j] *= own * d[j]
+                if a >= NAV:
+                    add_product(p, a, by, 0, f9, 1, short)
+                if a < s:
+                    add_product(p, a, ft9, a, t9, 1, wide)
 
 
 @njit(cache=True, nogil=True)
