@@ -42,7 +42,7 @@ drives = {
 figure, axes = plt.subplots(2, 1, figsize=(8, 7), sharex=True, layout="constrained")
 for axis, (name, (samples, fixes)) in zip(axes, drives.items(), strict=True):
     settings = FilterSettings(delay_sd=DELAY_SD)
-    record = LinearRecord.of(prepare(samples, fixes, load_imu("automotive"), settings))
+    record = LinearRecord.of(prepare(samples, fixes, load_imu("automotive"), settings))[0]
     found = search(record, KINDS)
     seen, time = found.plain.seen, record.time - imu.time[0]
     for kind in (each for each in KINDS if each.name in SHOWN):

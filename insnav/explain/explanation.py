@@ -6,10 +6,10 @@ again about a run with it, until it stays the same (Gauss-Newton).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -135,35 +135,54 @@ class Explanation:
 
 def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Explanation]:
     """Find the faults of a recording, and prepare it for the filter with them."""
-    found, record, passes, runs = None, None, 0, 0
-    faults, considered = list[Fault](), list[Tried]()
+    parts, tried, passes, runs = list[Part](), list[Tried](), 0, 0
     for _ in range(ROUNDS):
+        records: list[LinearRecord] = []
         with suppress(DivergenceError):
-            about = LinearRecord.of(apply_faults(ready, of_imu(faults)))
+            records = LinearRecord.of(apply_faults(ready, of_imu(faults_of(parts))))
             runs += 1
-            if np.count_nonzero(about.known.any(axis=1)) < FEWEST:
-                break
-            known = () if found is None else found.best.steps
-            record, found = about, search(about, kinds, known)
-            passes += found.passes
-            considered += considered_of(record, found)
-            before, faults = faults, faults_of(record, found)
-            if alike(of_imu(before), of_imu(faults)):
-                break
-            continue
-        break
-    if record is None or found is None:
+        if not records or np.count_nonzero(records[0].known.any(axis=1)) < FEWEST:
+            break
+        before: Sequence[Part | None] = parts or [None] * len(records)
+        parts = []
+        for record, known in zip(records, before, strict=True):
+            if known is not None and not of_imu(known.faults):
+                parts.append(known)
+                continue
+            found = search(record, kinds, () if known is None else known.found.best.steps)
+            passes, tried = passes + found.passes, [*tried, *considered_of(record, found)]
+            parts.append(Part(record, found, faults_in(record, found)))
+        if alike(of_imu(faults_of(filter(None, before))), of_imu(faults_of(parts))):
+            break
+    if not parts:
         return ready, Explanation()
+    faults = faults_of(parts)
     explained = apply_faults(ready, faults)
     findings = tuple(find(fault, explained.gps) for fault in faults if fault.family != "delay")
-    steps = (step for step in found.best.steps if step.kind is not RETURN)
-    tried = [accepted_as(ready, fault, step, record.interval) for fault, step in zip(faults, steps, strict=True)]
-    rows = {(each.name, each.begin, each.end): each for each in sorted(considered, key=lambda each: each.gain)}
-    rows |= {(each.name, each.begin, each.end): each for each in tried}
+    rows = {(each.name, each.begin, each.end): each for each in sorted(tried, key=lambda each: each.gain)}
+    for part in parts:
+        steps = (step for step in part.found.best.steps if step.kind is not RETURN)
+        for fault, step in zip(part.faults, steps, strict=True):
+            rows[fault.kind.name, fault.begin, fault.end] = accepted_as(ready, fault, step, part.record.interval)
     best_first = sorted(rows.values(), key=lambda each: (not each.accepted, -each.gain))
-    explanation = Explanation(tuple(faults), tuple(best_first), passes, runs, findings, mix(record, found))
-    notes = (*explained.notes, state_detectable(record, found.best.seen, kinds))
+    times, variances = zip(*(mix(part.record, part.found) for part in parts), strict=True)
+    between = np.concatenate(times), np.concatenate(variances)
+    explanation = Explanation(tuple(faults), tuple(best_first), passes, runs, findings, between)
+    notes = (*explained.notes, state_detectable(parts[0].record, parts[0].found.best.seen, kinds))
     return replace(explained, explanation=explanation, notes=notes), explanation
+
+
+class Part(NamedTuple):
+    """A part of a recording, and what was found in it."""
+
+    record: LinearRecord
+    found: Search
+    faults: list[Fault]
+
+
+def faults_of(parts: Iterable[Part]) -> list[Fault]:
+    """Faults of all parts, in order of time."""
+    return [fault for part in parts for fault in part.faults]
 
 
 def mix(record: LinearRecord, found: Search) -> tuple[FloatArray, FloatArray]:
@@ -189,7 +208,7 @@ def alike(some: Sequence[Fault], others: Sequence[Fault]) -> bool:
     )
 
 
-def faults_of(record: LinearRecord, found: Search) -> list[Fault]:
+def faults_in(record: LinearRecord, found: Search) -> list[Fault]:
     """The accepted steps of a search as faults in time; a return ends what has moved the fixes before it."""
     faults: list[Fault] = []
     for step, gain in zip(found.best.steps, found.gains, strict=True):

@@ -29,6 +29,7 @@ from insnav.kernels.errorstate import STATES
 from insnav.kernels.smoother import COAST, FIX, JACOBIAN, KIND, NOISE, RESIDUAL, SOURCE, STATE, TIME
 from insnav.types import BoolArray, FloatArray, GpsData, ImuData, IntArray
 
+SHORTEST = 256  # epochs of a part, below which it belongs to the one before
 FAULTS = 9  # states of faults: offset of positions, its drift, offset of velocities
 TAILS = 4.0  # degrees of freedom of the errors of fixes, Student's t [-]
 LEAST = (TAILS + 3.0) / (TAILS + 1.8)  # weight of a fix with three squares of 0.6 each, at most [-]
@@ -119,8 +120,8 @@ class LinearRecord:
     from_fix: bool  # whether the first position is that of a fix, with its time-correlated error
 
     @classmethod
-    def of(cls, ready: Prepared) -> LinearRecord:
-        """Run the filter over the longest part of a recording, and take its epochs.
+    def of(cls, ready: Prepared) -> list[LinearRecord]:
+        """Run the filter over the longest part of a recording, and take its epochs, in parts of bounded length.
 
         Raises: DivergenceError: the filter lost consistency.
         """
@@ -136,11 +137,16 @@ class LinearRecord:
         model = replace(ready.model, noise=np.append(ready.model.noise[:-2], [0.0, 0.0]))
         navigator = Navigator(ready.initial, model, gps, ready.alignment, ready.nominal, settings)
         navigator.feed(ready.imu)
-        record = cls._from_history(navigator.history().rows(), ready.gps, settings, ready.initial.from_fix)
-        return record.with_axes(ready.imu, np.sqrt(ready.model.noise[-2:] / MANOEUVRE))
+        blocks = navigator.history().blocks()
+        if len(blocks) > 1 and len(blocks[-1]) < SHORTEST:
+            blocks[-2:] = [np.concatenate(blocks[-2:])]
+        sd = np.sqrt(ready.model.noise[-2:] / MANOEUVRE)
+        first = [ready.initial.from_fix, *[False] * (len(blocks) - 1)]
+        records = (cls._from_history(*each, ready.gps, settings) for each in zip(blocks, first, strict=True))
+        return [record.with_axes(ready.imu, sd) for record in records]
 
     @classmethod
-    def _from_history(cls, history: FloatArray, gps: GpsData, settings: FilterSettings, from_fix: bool) -> LinearRecord:
+    def _from_history(cls, history: FloatArray, from_fix: bool, gps: GpsData, settings: FilterSettings) -> LinearRecord:
         """Take transitions, noise, measurements and what was taken off the state from the history of a run."""
         at, m = layout(settings), history.shape[0]
         n, time = at.states, history[:, TIME].copy()
@@ -204,6 +210,8 @@ class LinearRecord:
         `sd`: (2,) of gyros and accelerometers [rad].
         """
         last = NAV + 12
+        rows = slice(*np.searchsorted(imu.time, [self.time[0] - 1.0, self.time[-1] + 1.0]))
+        imu = imu.rows(rows)
         step = np.ones(1) if imu.sampling == "increment" else np.gradient(imu.time)[:, None]
         sums = np.cumsum(np.hstack([imu.gyro, imu.accel]) * step, axis=0)
         sums = np.stack([np.interp(self.time, imu.time, column) for column in sums.T], axis=1)

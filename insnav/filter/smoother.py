@@ -76,9 +76,13 @@ class History:
         self.epoch(time, x, correction, arm, np.eye(self._states), p)
         self.last[kernel.KIND] = kernel.RESTART
 
+    def blocks(self) -> list[FloatArray]:
+        """Every epoch, in arrays of up to `ROWS`."""
+        return [*self._blocks[:-1], self._blocks[-1][: self._used]]
+
     def rows(self) -> FloatArray:
         """Every epoch in one array."""
-        return np.concatenate([*self._blocks[:-1], self._blocks[-1][: self._used]])
+        return np.concatenate(self.blocks())
 
     def smooth(self, surest: float = 0.0) -> SmoothedErrors:
         """Go backwards over all epochs; `surest`: least standard deviation of the delay that is stated [s]."""

@@ -28,7 +28,7 @@ def nominal() -> LinearRecord:
     drive = insnav.simulate("figure_eight", imu="automotive", seed=1)
     ready = run_steps(PREPARE[:1], drive.recording, drive.model)[1].ready
     assert ready is not None
-    return LinearRecord.of(ready)
+    return LinearRecord.of(ready)[0]
 
 
 def drawn(seed: int, step: Step | None = None, size: float = 0.0, weak: int = 0) -> LinearRecord:
