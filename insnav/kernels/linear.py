@@ -82,6 +82,14 @@ def propagate_back(system, k, x, w):  # type: ignore[no-untyped-def]
 
 
 @inner(forceinline=True)
+def fill_zeros(rows, columns):  # type: ignore[no-untyped-def]
+    """Zeros (rows, columns) from the start of a cache line on: a load across two lines takes twice as long."""
+    flat = np.zeros(rows * columns + 7)
+    first = -(flat.ctypes.data // 8) % 8
+    return flat[first : first + rows * columns].reshape(rows, columns)
+
+
+@inner(forceinline=True)
 def add_product(y, i, by, k, x, blocks, columns):  # type: ignore[no-untyped-def]
     """Add row `k` of `by` (..., blocks, 9) times `x` (blocks, 9, ...) to row `i` of `y`, for so many columns."""
     for a in range(blocks):
@@ -169,10 +177,10 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
     innovation, variance, gain, mean_nav, p_nav = out
     (m, n), s = fed.shape, system[1].shape[2]
     assert n <= WIDE
-    p, ft, w, f, mean = np.zeros((WIDE, WIDE)), np.zeros((WIDE, 18)), np.zeros((NAV, WIDE)), np.zeros((NAV, WIDE)), np.zeros((1, WIDE))
-    p9, ft9 = p.reshape(BLOCKS, NAV, WIDE), ft.reshape(BLOCKS, NAV, 18)  # as factors
+    p, ft, w, f, mean = fill_zeros(WIDE, WIDE), fill_zeros(WIDE, WIDE), fill_zeros(NAV, WIDE), fill_zeros(NAV, WIDE), fill_zeros(1, WIDE)
+    p9, ft9 = p.reshape(BLOCKS, NAV, WIDE), ft.reshape(BLOCKS, NAV, WIDE)  # as factors
     w9, f9, mean9 = w.reshape(NAV, BLOCKS, NAV), f.reshape(NAV, BLOCKS, NAV), mean.reshape(1, BLOCKS, NAV)
-    nav, ph, d, at = np.zeros((NAV + 1, 16)), np.zeros((3, WIDE)), np.ones(WIDE), np.empty(n, np.int64)
+    nav, ph, d, at = fill_zeros(NAV + 1, 16), fill_zeros(3, WIDE), np.ones(WIDE), np.empty(n, np.int64)
     short = (s + NAV - 1) // NAV
     mean[0, :n], p[:n, :n] = start
     live, following, total = n, 0, 0.0
@@ -281,11 +289,11 @@ def backward(system, measured, out, r, info, u, uu):  # type: ignore[no-untyped-
     (m, n), s = r.shape, system[1].shape[2]
     assert n <= WIDE
     wide, short = 8 * ((n + 7) // 8), 8 * ((s + 7) // 8)
-    p, t, f, ft = np.zeros((WIDE, WIDE)), np.zeros((2 * NAV, WIDE)), np.zeros((NAV, WIDE)), np.zeros((WIDE, 18))
-    score, x, hs, ks = np.zeros((1, WIDE)), np.zeros((3, WIDE)), np.zeros((3, WIDE)), np.zeros((3, WIDE))
+    p, t, f, ft = fill_zeros(WIDE, WIDE), fill_zeros(2 * NAV, WIDE), fill_zeros(NAV, WIDE), fill_zeros(WIDE, WIDE)
+    score, x, hs, ks = fill_zeros(1, WIDE), fill_zeros(3, WIDE), fill_zeros(3, WIDE), fill_zeros(3, WIDE)
     p9, t9, f9, pt9 = p.reshape(BLOCKS, NAV, WIDE), t.reshape(2, NAV, WIDE), f.reshape(1, NAV, WIDE), p.reshape(WIDE, BLOCKS, NAV)
-    ft9, score9, ks9, by = ft.reshape(WIDE, 2, NAV), score.reshape(1, BLOCKS, NAV), ks.reshape(3, BLOCKS, NAV), np.zeros((1, 1, NAV))
-    d = np.zeros(WIDE)  # of navigation it stays zero
+    ft9, score9, ks9, by = ft.reshape(WIDE, BLOCKS, NAV), score.reshape(1, BLOCKS, NAV), ks.reshape(3, BLOCKS, NAV), np.zeros((1, 1, NAV))
+    d, fades, offset = np.zeros(WIDE), np.empty(3), n - 9  # d of navigation stays zero
     for k in range(m - 1, -1, -1):
         for first in (3, 0):
             u[k, first : first + 3] = uu[k, first : first + 3] = 0.0
@@ -321,39 +329,47 @@ def backward(system, measured, out, r, info, u, uu):  # type: ignore[no-untyped-
                 subtract_three(p, a, x, hs, wide)
                 if hs[0, a] != 0.0 or hs[1, a] != 0.0 or hs[2, a] != 0.0:
                     subtract_three(p, a, hs, x, wide)
-        for i in range(n - 1, -1, -1):  # those after it have filled the rest of row i
+        for i in range(n):
             r[k, i] = score[0, i]
             for j in range(i):
                 p[j, i] = p[i, j]
-            for j in range(n):
-                info[k, i, j] = p[i, j]
+        drift = 0.0
         if k > 0:
             read_transition(system, k, f, ft, d)
-            for i in range(n - 9, n - 6):
-                _, drift = read_row(system[2][k, i], system[0][k], system[5][k], i, n)
-                if drift != 0.0:
-                    score[0, i + 3] = d[i + 3] * score[0, i + 3] + drift * score[0, i]
-                    shear(p, i + 3, i, d[i + 3], drift, wide)
-                    d[i + 3] = 1.0
-            for j in range(wide):
-                t[NAV, j] = score[0, j] * d[j]
+            _, drift = read_row(system[2][k, offset], system[0][k], system[5][k], offset, n)
+            for c in range(3):
+                fades[c] = d[offset + 3 + c]
+            for i in range(NAV + 1):
+                for j in range(wide):
+                    t[i, j] = d[j] * (p[i, j] if i < NAV else score[0, j])
+                for j in range(offset, offset + 3):
+                    t[i, j + 3] += drift * (p[i, j] if i < NAV else score[0, j])
+                if i < NAV:
+                    add_product(t, i, pt9, i, f9, 1, short)
             add_product(t, NAV, score9, 0, f9, 1, short)
             for j in range(wide):
                 score[0, j] = t[NAV, j]
-            for i in range(NAV):
-                for j in range(wide):
-                    t[i, j] = p[i, j] * d[j]
-                add_product(t, i, pt9, i, f9, 1, short)
-            for a in range(n):
-                own = d[a]
-                for c in range(NAV):
-                    by[0, 0, c] = own * p[a, c]
-                for j in range(wide):
-                    p[a, j] *= own * d[j]
-                if a >= NAV:
-                    add_product(p, a, by, 0, f9, 1, short)
-                if a < s:
-                    add_product(p, a, ft9, a, t9, 1, wide)
+            if drift != 0.0:
+                d[offset + 3 : offset + 6] = 1.0
+        for a in range(n - 1, -1, -1):  # drifts before the offsets that they move
+            for j in range(n):  # beside the work on it: memory is slow
+                info[k, a, j] = p[a, j]
+            if k == 0:
+                continue
+            if drift != 0.0:
+                if offset + 3 <= a < offset + 6:
+                    for j in range(wide):
+                        p[a, j] = fades[a - offset - 3] * p[a, j] + drift * p[a - 3, j]
+                for c in range(3):
+                    p[a, offset + 3 + c] = fades[c] * p[a, offset + 3 + c] + drift * p[a, offset + c]
+            for c in range(NAV):
+                by[0, 0, c] = d[a] * p[a, c]
+            for j in range(wide):
+                p[a, j] *= d[a] * d[j]
+            if a >= NAV:
+                add_product(p, a, by, 0, f9, 1, short)
+            if a < s:
+                add_product(p, a, ft9, a, t9, 1, wide)
 
 
 @njit(cache=True, nogil=True)
