@@ -235,14 +235,7 @@ def _as_pydantic(error: ConfigError) -> PydanticCustomError:
 
 def _kind(value: object) -> str:
     """Name the kind of a TOML value, without its content, which may be of any length."""
-    kinds = {
-        bool: "true or false",
-        int: "a number",
-        float: "a number",
-        list: "a list",
-        dict: "a table",
-        str: "a text",
-    }
+    kinds = {bool: "true or false", int: "a number", float: "a number", list: "a list", dict: "a table", str: "a text"}
     return kinds.get(type(value), "a date")
 
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # a disk, a quota or a file is full
 KEYWORDS = {"--out": "folder"}  # options whose keyword in Python has another name; `insnav.steps.inputs` adds its own
+_COMMAND = re.compile(r"insnav (run|batch|check|align|compare|export|outage|budget|require|simulate|allan|tune) ")
 _OPTION = re.compile(r"--([a-z](?:[a-z-]*[a-z])?)\b")
 
 
@@ -26,7 +27,7 @@ def as_keywords(text: str) -> str:
     def keyword(found: re.Match[str]) -> str:
         return KEYWORDS.get(found[0], found[1].replace("-", "_"))
 
-    return "\n".join(line if "insnav " in line else _OPTION.sub(keyword, line) for line in text.splitlines())
+    return "\n".join(line if _COMMAND.search(line) else _OPTION.sub(keyword, line) for line in text.splitlines())
 
 
 class InsnavError(Exception):
@@ -132,9 +133,9 @@ class AlignmentError(InsnavError):
 
 
 class DivergenceError(InsnavError):
-    """The filter lost consistency and cannot go on."""
+    """The data make the filter lose consistency, so that it cannot go on."""
 
-    exit_code = 1
+    exit_code = 3
 
 
 class CheckError(InsnavError):

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 F = TypeVar("F")
 # by name: rooms of results know results, which show themselves late
-_save, _html = library("insnav.report.save"), library("insnav.report.html")
+_save, _html, _run = (library(f"insnav.report.{name}") for name in ("save", "html", "run.page"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +59,8 @@ class Result(Generic[F]):
         Everything that was detected, most important first.
     steps : tuple of StepRecord
         Steps that were run, in order; empty for a result that was opened.
+    explanation : insnav.explain.explanation.Explanation or None
+        Faults that the record contains and what else was considered; None where they were not looked for.
     """
 
     kind: str
@@ -68,10 +70,12 @@ class Result(Generic[F]):
     imu_model: tuple[ImuSpec, Finding] | None = None
     findings: tuple[Finding, ...] = ()
     steps: tuple[StepRecord, ...] = ()
+    explanation: Any = None
 
     def __repr__(self) -> str:
         sources = ", ".join(facts.path for facts in self.inputs.values())
-        return f"Result: {self.kind} of {sources}" if sources else f"Result: {self.kind}"
+        head = f"Result: {self.kind} of {sources}" if sources else f"Result: {self.kind}"
+        return as_keywords("\n".join([head, *_save.key_lines(self)]))
 
     def __getattr__(self, name: str) -> Any:
         if name in ("notes", "events"):  # of version 0.2
@@ -149,14 +153,37 @@ class Result(Generic[F]):
         """
         return cast("Figure", _save.figure(self, name))
 
-    def to_frame(self) -> pd.DataFrame:
+    @property
+    def accuracy(self) -> dict[str, dict[str, float]]:
+        """Figures of merit of a run by solution, the better one first, such as ``accuracy["smoothed"]["heading_deg"]``.
+
+        They are RMS errors against the reference; without one, stated standard deviations, with ``sd_`` before the
+        name. Other results have none.
+        """
+        return cast("dict[str, dict[str, float]]", _run.accuracy(self.found) if self.kind == "run" else {})
+
+    def to_frame(self, solution: Literal["best", "smoothed", "filtered"] = "best") -> pd.DataFrame:
         """Give the main table of the result, units in the column names.
+
+        Parameters
+        ----------
+        solution : {"best", "smoothed", "filtered"}
+            Of a run; best is smoothed where there is a smoothed one. Other results have one table.
 
         Returns
         -------
         pandas.DataFrame
+            Of a run, one row an epoch: ``time_s``, ``lat_deg``, ``lon_deg``, ``height_m``, ``vn_m_s``, ``ve_m_s``,
+            ``vd_m_s``, ``roll_deg``, ``pitch_deg``, ``heading_deg`` and their standard deviations ``sd_n_m``,
+            ``sd_e_m``, ``sd_d_m``, ``sd_vn_m_s``, ``sd_ve_m_s``, ``sd_vd_m_s``, ``sd_roll_deg``, ``sd_pitch_deg``,
+            ``sd_heading_deg``. Of other results, the rows of their main table.
+
+        Raises
+        ------
+        ConfigError
+            The result has no such solution.
         """
-        return cast("pd.DataFrame", _save.frame(self))
+        return cast("pd.DataFrame", _save.frame(self, solution))
 
     def summary(self) -> str:
         """Give the result as text, as the command line prints it, but with keywords for its options.

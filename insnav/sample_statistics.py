@@ -79,8 +79,7 @@ def effective_count(start: FloatArray, length: float) -> float:
     """
     if len(start) == 0:
         return 0.0
-    covered = float(np.minimum(np.diff(start), length).sum()) + length
-    return covered / length
+    return (float(np.minimum(np.diff(start), length).sum()) + length) / length
 
 
 def block_rows(n: int, length: int, samples: int, seed: int, *, circular: bool = True) -> IntArray:
@@ -91,8 +90,7 @@ def block_rows(n: int, length: int, samples: int, seed: int, *, circular: bool =
     """
     blocks = -(-n // length)
     first = np.random.default_rng(seed).integers(0, n if circular else n - length + 1, (samples, blocks))
-    rows = (first[:, :, None] + np.arange(length)) % n
-    return np.asarray(rows.reshape(samples, -1)[:, :n])
+    return np.asarray(((first[:, :, None] + np.arange(length)) % n).reshape(samples, -1)[:, :n])
 
 
 def block_weights(start: FloatArray, length: float, samples: int = SAMPLES) -> FloatArray:

@@ -209,10 +209,7 @@ def split(parts: Intervals, times: FloatArray, first: int, last: int) -> tuple[I
 
 
 def increments(
-    parts: Intervals,
-    pieces: tuple[IntArray, FloatArray, FloatArray] | None = None,
-    *,
-    method: Method = "polynomial",
+    parts: Intervals, pieces: tuple[IntArray, FloatArray, FloatArray] | None = None, *, method: Method = "polynomial"
 ) -> Increments:
     """Angle and velocity increments with coning and sculling terms.
 

@@ -56,7 +56,7 @@ _FACTORS: dict[str, dict[str, float]] = {
     "rate per acceleration squared": {"deg/h/g^2": DEG_PER_H / G0**2, "(rad/s)/(m/s^2)^2": 1.0},
     "per acceleration": {"ug/g^2": UG / G0**2, "1/(m/s^2)": 1.0},
     "per rate": {"ppm/(deg/s)": PPM / DEG, "1/(rad/s)": 1.0},
-    "frequency": {"Hz": 1.0},
+    "frequency": {"Hz": 1.0, "1/h": 1.0 / HOUR},
     "vibration density": {"(m/s^2)^2/Hz": 1.0, "g^2/Hz": G0 * G0},
 }
 # unit text -> (dimension, factor to SI)

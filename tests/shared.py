@@ -8,8 +8,11 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
+
+from insnav.output.folder import damage, files_in, read_facts
 
 SHARED = Path(__file__).parents[1].parent / "shared"
 DATA = SHARED / "data"
@@ -56,3 +59,12 @@ def standard_job(factory: pytest.TempPathFactory, scenario: str, *, hours: float
     if fault:
         pytest.fail(f"the standard job could not be made:\n{fault}")
     return folder
+
+
+def verify_folder(folder: Path) -> dict[str, Any]:
+    """Check that a run folder holds exactly the files it was written with; its ``run.json``."""
+    facts = read_facts(folder)
+    missing, changed = damage(folder)
+    added = [name for name in files_in(folder) if name not in facts["files"]]
+    assert (missing, changed, added) == ((), (), []), folder
+    return facts

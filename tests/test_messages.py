@@ -124,7 +124,8 @@ def test_the_delay_and_the_lever_arm_of_a_run_are_in_words():
     assert phrase("run.delay", delay_s=-0.069, sd_s=0.004) == "the fixes are 0.069 ± 0.004 s early"
     assert phrase("run.delay", delay_s=0.069, sd_s=0.004) == "the fixes are 0.069 ± 0.004 s late"
     assert phrase("run.on_time", sd_s=0.05) == "the fixes are on time to ± 0.050 s"
-    assert phrase("run.lever", arm=("1.00 ± 0.10", "not told")) == "lever arm x, y, z 1.00 ± 0.10, not told m"
+    arm = phrase("run.lever", arm=("1.00 ± 0.10", "not told"))
+    assert arm == "lever arm forward, right, down 1.00 ± 0.10, not told m"
 
 
 def test_each_language_has_the_same_forms():
@@ -203,8 +204,8 @@ def test_a_wrong_option_names_the_command_that_shows_the_options(lang: str):
 
 
 def test_what_is_printed_in_python_names_keywords_not_options():
-    drive = insnav.load(SAMPLE / "imu.csv.gz", gps=SAMPLE / "gps.csv", imu_model="automotive", ref=SAMPLE / "ref.csv")
-    assert "imu_model automotive" in repr(drive)
+    drive = insnav.load(SAMPLE / "imu.csv.gz", gps=SAMPLE / "gps.csv", imu="automotive", ref=SAMPLE / "ref.csv")
+    assert "imu automotive" in repr(drive)
     assert "--" not in repr(drive)
     found = drive.navigate(smooth=False, output_interval=1.0)
     advice = Finding.of(Code.RUN_LEVER_ZERO)

@@ -11,7 +11,7 @@ from insnav.library import sample_drive
 
 imu, gps, ref = sample_drive()
 found = insnav.load(imu, gps=gps, ref=ref).navigate()
-preset = insnav.load(imu, gps=gps, ref=ref, imu_model="consumer", noise="model", lever_arm=(0.0, 0.0, 0.0)).navigate()
+preset = insnav.load(imu, gps=gps, ref=ref, imu="consumer", noise="model", lever_arm=(0.0, 0.0, 0.0)).navigate()
 both = insnav.compare(found, preset, ref=ref)
 print(both.summary())
 

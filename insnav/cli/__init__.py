@@ -21,16 +21,6 @@ from insnav.cli.help import GroupedCommand, LightGroup, help_of
 from insnav.cli.parse import usage_error
 from insnav.exceptions import ConfigError, InputError, InsnavError
 
-EPILOG = """\b
-Examples:
-  insnav run imu.csv --gps gps.csv           writes run/: solution, figures, report.html
-  insnav run --help                          all options, with more examples
-\b
-Exit codes:
-  0 done            1 a check failed    2 wrong option or configuration
-  3 unusable data   4 cannot write      70 defect of insnav    130, 143 interrupted
-"""
-
 # each is the function of its name in a file of its name, in the order of the help
 COMMANDS = (
     *("run", "batch", "check", "demo", "align", "compare", "report", "export", "outage", "budget", "require"),
@@ -45,7 +35,7 @@ def commands(*names: str) -> Any:
         cls=LightGroup,
         help="Strapdown INS / GPS navigation and INS error analysis.",
         no_args_is_help=True,
-        epilog=EPILOG,
+        epilog=help_of("insnav")["help"],
         rich_markup_mode=None,
         pretty_exceptions_enable=False,
     )

@@ -4,19 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from insnav.cli.console import note, result, result_facts, working
+from insnav.cli.console import brief_text, note, result, result_facts, working
 from insnav.cli.data_options import Data, takes_data
 from insnav.cli.options import Force, Json, Out
 from insnav.exceptions import ConfigError
 
 
-@takes_data(without=("logs",))
-def align(
-    data: Data,
-    out: Out = Path("alignment"),
-    force: Force = False,
-    as_json: Json = False,
-) -> None:
+@takes_data(without=("logs", "explain", "faults"))
+def align(data: Data, out: Out = Path("alignment"), force: Force = False, as_json: Json = False) -> None:
     """Align a static record."""
     if data.gps is None and data.inputs.get("lat") is None:
         raise ConfigError("session.no_latitude", where="--lat")
@@ -33,7 +28,6 @@ def align(
     if as_json:
         result_facts(where)
     else:
-        from insnav.report.save import text_of
         from insnav.report.terminal import entry
 
-        result(f"{text_of(outcome)}\n{entry('files', f'{out}: report.html, run.json')}")
+        result(f"{brief_text(outcome)}\n{entry('files', f'{out}: report.html, run.json')}")

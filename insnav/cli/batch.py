@@ -4,30 +4,26 @@ from __future__ import annotations
 
 import contextlib
 import io
-import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from textwrap import shorten
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from insnav.cli import console, parse
 from insnav.cli.console import Stages, note, quiet_figures, result_page
+from insnav.cli.data_options import check_usable
 from insnav.cli.options import RESULT, Engine, Json, Out, argument, flag
-from insnav.exceptions import CheckError, ConfigError, InsnavError, OutputError
+from insnav.exceptions import ConfigError, InsnavError, OutputError
 
 if TYPE_CHECKING:
     from insnav.findings import Finding
     from insnav.fleet.batch import Drive
-    from insnav.quantity import Quantity
-    from insnav.report.page import Section
 
 SETTINGS = {"ignore_unknown_options": True, "allow_extra_args": True}  # those of run go on to it
 _SHOWN = 20  # drives in the terminal
 _COLUMNS = ("drive", "vehicle", "result", "horizontal_error", "horizontal_sd", "rejected", "outlier", "reason")  # there
-_WHY, WIDTH = 16, 120  # least characters of a reason there, and columns where no terminal says how many it has
 
 
 def batch(
@@ -51,7 +47,7 @@ def batch(
         from insnav.fleet.batch import check_folder, moved_aside
         from insnav.fleet.recordings import find_drives
         from insnav.output.folder import resolved
-        from insnav.report.fleet.page import write_fleet
+        from insnav.report.fleet.page import told, write_fleet
         from insnav.result import Result
 
         quiet_figures()
@@ -81,30 +77,13 @@ def batch(
     page = outcome.page()
     more = max(len(made) - _SHOWN, 0)
     names = ("drives", f"fleet.csv ({more} drives more)" if more else "fleet.csv")
-    shown = _narrow(page.sections[1], shutil.get_terminal_size((WIDTH, 0)).columns)
+    rows = told([[each for each in row if each.key in _COLUMNS] for row in page.sections[1].rows[:_SHOWN]])
+    shown = replace(page.sections[1], rows=rows)
     result_page(folder, replace(page, sections=(shown,)), out, as_json=as_json, more=names)
     unwritten = [each.failed for each in made if isinstance(each.failed, OutputError)]
     if unwritten:
         raise OutputError("batch.unwritten", where=str(folder), count=len(unwritten), cause=unwritten[0])
-    if page.verdict is not None and page.verdict.light == "bad":
-        raise CheckError("cli.fleet_bad", reason=page.verdict.reason)
-
-
-def _narrow(table: Section, width: int) -> Section:
-    """Columns of a fleet that matter, in so many characters."""
-    from insnav.report.fleet.page import told
-    from insnav.report.page import section_tables
-    from insnav.report.terminal import table_text
-
-    rows = told([[each for each in row if each.key in _COLUMNS] for row in table.rows[:_SHOWN]])
-    without = replace(table, rows=tuple(tuple(each for each in row if each.key != "reason") for row in rows), note="")
-    room = max(width - 2 - max(map(len, table_text(section_tables(without)[0]).splitlines())), _WHY)
-
-    def short(each: Quantity) -> Quantity:
-        cut = each.key == "reason"
-        return replace(each, value=shorten(str(each.value), room, placeholder=" …")) if cut else each
-
-    return replace(table, rows=tuple(tuple(map(short, row)) for row in rows))
+    check_usable(outcome)
 
 
 def run_drive(arguments: Sequence[str]) -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import functools
 import math
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -97,25 +97,19 @@ def budget(
         from insnav.session.budget import BudgetSettings, budget_of_motion, motion_of
 
         settings = BudgetSettings(wanted, runs, seed, slope, hold)
-        progress = functools.partial(stage, "navigating" if data.imu else "simulating")
         if data.imu is not None:
             from insnav.errors.budget.from_windows import WindowSettings
 
             windows = WindowSettings(
-                first=first,
-                spacing=spacing,
-                start=start,
-                uncalibrated=uncalibrated,
-                replicas=replicas,
-                workers=engine,
+                first=first, spacing=spacing, start=start, uncalibrated=uncalibrated, replicas=replicas, workers=engine
             )
-            outcome = data.load(stage).budget(settings, windows=windows, progress=progress)
+            outcome = data.load(stage).budget(settings, windows=windows, progress=stage.advance)
         else:
             from insnav.imu import load_imu
 
             stage("motion")
             motion = motion_of(profile, begin, settings, rest)
-            outcome = budget_of_motion(load_imu(str(imu)), motion, settings, progress)
+            outcome = budget_of_motion(load_imu(str(imu)), motion, settings, partial(stage, "simulating"))
         found = outcome.found
         note(f"motion: {found.budget.motion}")
         if found.budget.absent:

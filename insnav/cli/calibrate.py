@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -25,86 +26,70 @@ Name = Annotated[str, option(RESULT, "TEXT", "What was calibrated.")]
 Add = Annotated[
     Path | None, option(RESULT, "FILE", "A calibration.toml whose other triad is carried over into the new file.")
 ]
+_KEYWORD = inspect.Parameter.KEYWORD_ONLY
+_KINDS: tuple[tuple[str, Any, Any], ...] = (
+    *(("columns", Columns, None), ("gravity", Gravity, 9.80665), ("spike_limit", SpikeLimit, None)),
+    *(("add", Add, None), ("name", Name, ""), ("out", Out, OUT), ("force", Force, False), ("as_json", Json, False)),
+)
+_SHARED = {name: inspect.Parameter(name, _KEYWORD, default=value, annotation=kind) for name, kind, value in _KINDS}
 
 app = typer.Typer(
-    name="calibrate",
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
+    name="calibrate", no_args_is_help=True, add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False
 )
 
 
-def _command(name: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Make a command of a method, with its help."""
-    return app.command(name, cls=GroupedCommand, **help_of(f"calibrate/{name}"))
+def _command(method: str, *shared: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Make a command of a method, with its help; its ``**how`` stands for `shared` options and those of the result."""
+
+    def decorate(function: Callable[..., None]) -> Callable[..., None]:
+        own = dict(inspect.signature(function, eval_str=True).parameters)
+        if own.pop("how", None):
+            first, *rest = (each.replace(kind=_KEYWORD) for each in own.values())
+            shown = [_SHARED[name] for name in (*shared, "out", "force", "as_json")]
+            every = [first, *shown[:-3], *rest, *shown[-3:]]
+            function.__dict__["__signature__"] = inspect.Signature(every)
+            function.__annotations__ = {each.name: each.annotation for each in every}
+        return app.command(method, cls=GroupedCommand, **help_of(f"calibrate/{method}"))(function)
+
+    return decorate
 
 
-@_command("gyro")
+@_command("gyro", "columns", "spike_limit", "add", "name")
 def gyro(
     files: Annotated[list[Path], argument("FILE", "Rate table of x, y, z, or one.")],
-    columns: Columns = None,
     keep: Annotated[
         str | None, option(METHOD, "FROM:TO", "Rates to use, deg/s. [all that are linear]", "--range")
     ] = None,
-    spike_limit: SpikeLimit = None,
-    add: Add = None,
-    name: Name = "",
-    out: Out = OUT,
-    force: Force = False,
-    as_json: Json = False,
+    **how: Any,
 ) -> None:
     """Calibrate gyros on a rate table."""
-    _calibrate("gyro", locals() | {"keep": parse.span(keep, "--range") if keep else None})
+    _calibrate("gyro", {"files": files, "keep": parse.span(keep, "--range") if keep else None, **how})
 
 
-@_command("accel")
-def accel(
-    files: Annotated[list[Path], argument("FILE", "Tumble test of x, y, z, or one.")],
-    columns: Columns = None,
-    gravity: Gravity = 9.80665,
-    spike_limit: SpikeLimit = None,
-    add: Add = None,
-    name: Name = "",
-    out: Out = OUT,
-    force: Force = False,
-    as_json: Json = False,
-) -> None:
+@_command("accel", "columns", "gravity", "spike_limit", "add", "name")
+def accel(files: Annotated[list[Path], argument("FILE", "Tumble test of x, y, z, or one.")], **how: Any) -> None:
     """Calibrate accelerometers by tumbling."""
-    _calibrate("accel", locals())
+    _calibrate("accel", {"files": files, **how})
 
 
-@_command("imu")
+@_command("imu", "columns", "spike_limit", "add", "name")
 def imu(
     files: Annotated[list[Path], argument("FILE", "Sweeps about x, y, z, or one.")],
-    columns: Columns = None,
-    spike_limit: SpikeLimit = None,
     intercepts: Annotated[
         str | None,
         option(METHOD, "PIECE=DEG/S,…", "Intercepts b' set by hand; x2 is the second piece of gyro x.", "--intercept"),
     ] = None,
-    add: Add = None,
-    name: Name = "",
-    out: Out = OUT,
-    force: Force = False,
-    as_json: Json = False,
+    **how: Any,
 ) -> None:
     """Calibrate three gyros by sweeps."""
-    _calibrate("imu", locals() | {"intercepts": parse.named_numbers(intercepts, "--intercept", "-0.01")})
+    pieces = parse.named_numbers(intercepts, "--intercept", "-0.01")
+    _calibrate("imu", {"files": files, "intercepts": pieces, **how})
 
 
-@_command("nine")
-def nine(
-    files: Annotated[Path, argument("FILE", "Table of positions.")],
-    columns: Columns = None,
-    gravity: Gravity = 9.80665,
-    name: Name = "",
-    out: Out = OUT,
-    force: Force = False,
-    as_json: Json = False,
-) -> None:
+@_command("nine", "columns", "gravity", "name")
+def nine(files: Annotated[Path, argument("FILE", "Table of positions.")], **how: Any) -> None:
     """Calibrate dual-axis modules."""
-    _calibrate("nine", locals())
+    _calibrate("nine", {"files": files, **how})
 
 
 @_command("poses")
@@ -150,7 +135,7 @@ def poses(
     _calibrate("poses", how | {"out": out, "force": force, "as_json": as_json})
 
 
-@_command("rotor")
+@_command("rotor", "gravity")
 def rotor(
     fall: Annotated[Path, argument("FALL", "Heights and times of fall.")],
     precession: Annotated[Path, argument("PRECESSION", "Periods and rotor rates.")],
@@ -158,14 +143,11 @@ def rotor(
     radius: Annotated[float, option(METHOD, "M", "Radius the cord is wound on.")],
     arm: Annotated[float, option(METHOD, "M", "Distance of the weight from the support.")],
     mass: Annotated[float, option(METHOD, "KG", "Mass of the weight on the arm. [column mass_kg]")] = 0.0,
-    gravity: Gravity = 9.80665,
-    out: Out = OUT,
-    force: Force = False,
-    as_json: Json = False,
+    **how: Any,
 ) -> None:
     """Measure a rotor."""
-    how = locals()
-    _calibrate("rotor", {"files": [how.pop("fall"), how.pop("precession")], **how})
+    how |= {"fall_mass": fall_mass, "radius": radius, "arm": arm, "mass": mass}
+    _calibrate("rotor", {"files": [fall, precession], **how})
 
 
 def _calibrate(method: str, how: dict[str, Any]) -> None:

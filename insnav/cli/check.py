@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from insnav.cli.console import Stages, result, result_facts
+from insnav.cli.console import Stages, brief_text, result, result_facts
 from insnav.cli.data_options import READING, Data, compile_at_first, takes_data
 from insnav.cli.options import RESULT, Force, Json, argument, option
 
@@ -24,11 +24,10 @@ def check(
 ) -> None:
     """Examine files."""
     with Stages() as stage:
-        stage("reading")
-        from insnav.report.save import text_of
         from insnav.session.check import check as checked
 
         compile_at_first(*files, *filter(None, (data.gps, data.ref)))
+        stage("reading")
         found = replace(checked(*files, gps=data.gps, ref=data.ref, **data.inputs), options=data.options)
     where = None
     if out is not None:
@@ -42,6 +41,6 @@ def check(
 
             result(json.dumps({"kind": "check", "versions": versions(), **facts_of(found)}, indent=2))
     else:
-        result(text_of(found))
+        result(brief_text(found))
     if not found.found.runs_as_given:
         raise typer.Exit(1)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-from insnav.cli.console import quiet_figures, result
+from insnav.cli.console import brief_text, quiet_figures, result
 from insnav.cli.data_options import Data, takes_data
 from insnav.cli.options import RESULT, Force, Json, argument, option
 
@@ -49,6 +49,4 @@ def compare(
 
         result(json.dumps(json_ready(found.rows()), indent=1, ensure_ascii=False))
     else:
-        from insnav.report.save import text_of
-
-        result(text_of(outcome))
+        result(brief_text(outcome))

@@ -3,30 +3,29 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import re
 import shutil
 import sys
-import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
+from functools import partial
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self, TextIO
+from typing import TYPE_CHECKING, Any, Literal, TextIO
 
+from insnav import progress
 from insnav.cli import signals
 from insnav.exceptions import InsnavError, OutputError, reason_of
 
 if TYPE_CHECKING:
-    from rich.progress import Progress, TaskID
-
     from insnav.output.folder import RunFolder
     from insnav.report.page import Page, Show
     from insnav.result import Result
 
-DELAY = 1.0  # work shorter than this shows no progress bar [s]
 # where there is no terminal, after this, twice, four times this and so on a line says what is being done [s]
 LOGGED = 15.0
-WIDTH = 110  # largest of a line of the log
+WIDTH = 110  # of a line of the log where no terminal says another
+CLEARED = "\r\x1b[K"  # the line of a terminal that shows the progress
 _COLOURS = {"light.good": 32, "light.attention": 33, "light.bad": 31, "run.warning": 33}  # of the terminal
 
 
@@ -105,11 +104,10 @@ def write_result(outcome: Result[Any], folder: RunFolder, stage: Stages, **how: 
 
 
 def brief_text(found: Result[Any]) -> str:
-    """Sum up a result: lines of 80 columns on a terminal; elsewhere nothing of a run is wrapped or cut."""
-    from insnav.report.run.page import text
+    """Sum up a result: lines of the width of the terminal; elsewhere nothing is wrapped."""
     from insnav.report.save import text_of
 
-    return text(found, None) if found.kind == "run" and not sys.stdout.isatty() else text_of(found)
+    return text_of(found, terminal_width())
 
 
 def terminal_width() -> int | None:
@@ -148,6 +146,11 @@ def error_block(error: InsnavError) -> None:
 
     lines = [f"insnav: {form('error')} {_plain(error.what)}"]
     lines += [f"  {label} {_plain(text)}" for label, text in error.details() if text]
+    if sys.stderr.isatty():
+        from insnav.plain_text import wrapped
+
+        width, rows = shutil.get_terminal_size().columns, "\n".join(lines).splitlines()
+        lines = [part for row in rows for part in wrapped(row, width, subsequent_indent=" " * 9)]
     print("\n".join(lines), file=sys.stderr, flush=True)
 
 
@@ -179,11 +182,12 @@ def _log(text: str, lead: str, stream: TextIO | None = None) -> None:
     from insnav.plain_text import wrapped
 
     body = _plain(text)
-    width = min(WIDTH, shutil.get_terminal_size((WIDTH, 0)).columns)
+    width = shutil.get_terminal_size((WIDTH, 0)).columns
     lines = wrapped(
         body, width, initial_indent=lead, subsequent_indent=" " * 10, break_long_words=False, break_on_hyphens=False
     )
-    print("\n".join(lines), file=stream or sys.stderr, flush=True)
+    stream = stream or sys.stderr
+    print(CLEARED * stream.isatty() + "\n".join(lines), file=stream, flush=True)
 
 
 def _plain(text: str) -> str:
@@ -193,89 +197,40 @@ def _plain(text: str) -> str:
 
 
 @contextlib.contextmanager
-def working(out: Path, force: bool) -> Iterator[tuple[RunFolder, Stages]]:
+def working(out: Path, force: bool | Literal["keep"]) -> Iterator[tuple[RunFolder, Stages]]:
     """Folder that a command makes, which is complete in the end or absent, and the stages of its work."""
     from insnav.output.folder import RunFolder
 
     with RunFolder(out, force=force) as folder, Stages() as stage:
         yield folder, stage
+    if folder.kept is not None:
+        from insnav.messages import phrase
+
+        note(phrase("terminal.kept", folder=folder.kept.name))
 
 
-class Stages:
-    """Names what is being done: with a bar on a terminal once the work has taken a second, else by a line now and then.
+class Stages(progress.Stages):
+    """Shows it on a terminal in a line that is redrawn, else by a line of the log now and then.
 
-    Use it as a context manager, inside the one that removes what is half written. Call it with a name at the start of
-    each stage, and with `fraction` where the stage knows how far it is.
+    Use it inside the context manager that removes what is half written.
     """
 
     def __init__(self) -> None:
-        self._name = ""
-        self._fraction: float | None = None
-        self._total = 0
-        self._bar: Progress | None = None
-        self._task: TaskID | None = None
-        self._timer: threading.Timer | None = None
-        self._lock = threading.Lock()
-        self._stream = sys.stderr  # that of now: a drive of a fleet is navigated without a word
+        stream = sys.stderr  # that of now: a drive of a fleet is navigated without a word
+        if stream.isatty():
+            waits: Iterable[float] = itertools.chain((progress.DELAY,), itertools.repeat(progress.REDRAWN))
+        else:
+            waits = (LOGGED * 2.0 ** max(count - 1, 0) for count in itertools.count())
+        super().__init__(partial(_show, stream), waits if level >= 0 else ())
 
-    def __enter__(self) -> Self:
-        if level >= 0:
-            if sys.stderr.isatty():
-                self._begin(DELAY, self._show)
-            else:
-                self._begin(LOGGED, self._say, LOGGED)
-        return self
-
-    def _begin(self, delay: float, what: Callable[..., None], *more: float) -> None:
-        self._timer = threading.Timer(delay, what, more)
-        self._timer.daemon = True
-        self._timer.start()
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         signals.arrived()
-        if self._timer is not None:
-            self._timer.cancel()
-        with self._lock:
-            self._timer = None
-            if self._bar is not None:
-                self._bar.stop()
-                self._bar = None
+        super().__exit__(*error)
 
-    def __call__(self, name: str, fraction: float | None = None, total: int = 0) -> None:
-        """Begin a stage, or say how far it is, of so many in all."""
-        with self._lock:
-            if name != self._name and self._bar is not None and self._task is not None:
-                self._bar.reset(self._task, description=name, total=None)
-            self._name, self._fraction, self._total = name, fraction, total
-            self._update()
 
-    def _update(self) -> None:
-        if self._bar is not None and self._task is not None:
-            total = None if self._fraction is None else 1.0
-            count = f" {round((self._fraction or 0.0) * self._total)}/{self._total}" if self._total else ""
-            self._bar.update(self._task, description=self._name + count, total=total, completed=self._fraction or 0.0)
-
-    def _say(self, since: float) -> None:
-        from insnav.messages import phrase
-
-        with self._lock:
-            if self._timer is not None:
-                _log(phrase("terminal.so_far", stage=self._name, time_s=since), "insnav: ", self._stream)
-                self._begin(since, self._say, 2.0 * since)
-
-    def _show(self) -> None:
-        from rich import progress
-        from rich.console import Console
-
-        to_come = (progress.TextColumn("to come"), progress.TimeRemainingColumn())
-        done = (progress.BarColumn(), progress.TaskProgressColumn(), progress.TimeElapsedColumn())
-        columns = (progress.TextColumn("{task.description:<10}"), *done, *to_come)
-        with self._lock:
-            if self._timer is None:  # the work ended meanwhile
-                return
-            self._bar = progress.Progress(*columns, console=Console(file=self._stream), transient=True)
-            self._task = self._bar.add_task(self._name, total=None)
-            self._update()
-            self._bar.start()
+def _show(stream: TextIO, line: str) -> None:
+    """Show a line in the place of the one before, or in a log."""
+    if stream.isatty():
+        print(CLEARED + line[: shutil.get_terminal_size().columns - 1], end="", file=stream, flush=True)
+    elif line:
+        _log(line, "insnav: ", stream)

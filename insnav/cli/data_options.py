@@ -18,7 +18,8 @@ from insnav.cli import console, parse
 from insnav.cli.console import Stages, detail, note, write_result
 from insnav.cli.options import FILES, argument, option
 from insnav.deferred import library
-from insnav.exceptions import CheckError, OutputError
+from insnav.exceptions import CheckError, ConfigError, OutputError
+from insnav.progress import announce
 from insnav.steps.inputs import INPUTS, LOGS, Input, Inputs
 
 if TYPE_CHECKING:
@@ -29,9 +30,11 @@ if TYPE_CHECKING:
     from insnav.types import ImuData
 
 _findings, _messages = library("insnav.findings"), library("insnav.messages")  # the help needs no catalogue
+_explanation = library("insnav.report.explanation")
 
 READING = ("axes", "units", "columns", "sampling", "stamp")  # inputs that say how to read samples
 _IMU_HELP = "IMU data, or a log with IMU and GPS: a file of any supported format, a folder, or - for standard input."
+_SECOND_HELP = "GPS fixes, as with --gps; of two files the content says which has the IMU data."
 _FILE_HELP = {
     "gps": "GPS fixes. [those in the IMU file]",
     "ref": "Reference trajectory, of position and as much else as it has.",
@@ -67,16 +70,15 @@ class Data:
 
     def load(self, stage: Stages) -> Drive:
         """Read the recording, say how it was understood, and choose what was not given."""
-        stage("reading")
         from insnav.session.drive import drive_of
         from insnav.session.read import read
 
         assert self.imu is not None
         compile_at_first(self.imu)
+        stage("reading")
         recording = read(self.imu, self.gps, self.ref, self.inputs)
         for facts in recording.facts.values():
             say_reading(facts)
-        stage("aligning")
         drive = drive_of(recording)
         detail(f"IMU model: {drive.imu_spec.name}", _messages.sentence(drive.imu_chosen))
         return drive
@@ -87,19 +89,22 @@ class Data:
         `how`: as of `insnav.report.save.save_result`.
         """
         for step in outcome.steps:
-            detail(
-                _messages.phrase("terminal.step", name=step.name, time_s=step.time_s),
-                *map(_messages.sentence, step.findings),
-            )
+            lines = [*map(_messages.sentence, step.findings)]
+            if step.name == "explain" and outcome.explanation is not None:
+                lines.append(_explanation.explanation_line(outcome.explanation))
+            detail(_messages.phrase("terminal.step", name=step.name, time_s=step.time_s), *lines)
         outcome = replace(outcome, options=self.options)
         return outcome, write_result(outcome, folder, stage, **how)
 
 
 def check_usable(outcome: Result[Any]) -> None:
-    """End with exit code 1 if the filter was lost, whatever was made of its solution."""
+    """End with exit code 1 if the result is complete, but not to be relied on: the rule of all commands."""
     for lost in outcome.findings:
         if lost.severity is _findings.Severity.UNUSABLE:
             raise CheckError("cli.unusable", cause=lost)
+    verdict = outcome.page().verdict
+    if verdict is not None and verdict.light == "bad":
+        raise CheckError("cli.not_relied_on", reason=verdict.reason)
 
 
 def takes_data(
@@ -123,6 +128,8 @@ def takes_data(
     def decorate(function: Callable[..., None]) -> Callable[..., None]:
         own = list(inspect.signature(function, eval_str=True).parameters.values())[1:]
         parameters = [_parameter("imu_file", Path, argument(imu, _IMU_HELP), needed=not optional)] if imu else []
+        if imu and "gps" in wanted:
+            parameters.append(_parameter("gps_file", Path, argument("GPS_FILE", _SECOND_HELP)))
         for name, needed in wanted.items():
             parameters.append(_parameter(name, Path, option(FILES, "FILE", _FILE_HELP[name]), needed=needed))
         parameters += [_option(INPUTS[key]) for key in keys]
@@ -135,6 +142,8 @@ def takes_data(
             inputs["logs"] = {
                 key: file for key, each in logs.items() if (file := options[_name(each)]) is not None
             } or None
+            if (second := options.pop("gps_file", None)) is not None:
+                options["imu_file"], options["gps"] = _told_apart(options["imu_file"], second, options["gps"])
             data = Data(
                 options.get("imu_file"),
                 options.get("gps"),
@@ -154,6 +163,19 @@ def takes_data(
         return command
 
     return decorate
+
+
+def _told_apart(first: Path, second: Path, gps: Path | None) -> tuple[Path, Path]:
+    """Put the file with samples before that with fixes, as `insnav check` tells them apart; ``-`` is read once only."""
+    if gps is not None:
+        raise ConfigError("cli.fixes_twice", where="--gps", file=str(second))
+    if "-" in (str(first), str(second)):
+        return first, second
+    from insnav.input.readers.kinds import kinds_of, open_parts
+
+    held = kinds_of(open_parts(first))
+    swapped = "imu" in kinds_of(open_parts(second), imu_known="imu" in held) and "imu" not in held
+    return (second, first) if swapped else (first, second)
 
 
 def _refuse_nothing(*files: Path | None) -> None:
@@ -251,4 +273,5 @@ def compile_at_first(*files: Path) -> None:
         note(_messages.phrase("terminal.no_cache"))
     elif ahead.needed():
         note(_messages.phrase("terminal.compiling"))
+        announce("compiling kernels (once)")
         ahead.compile_ahead()

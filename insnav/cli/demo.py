@@ -19,5 +19,6 @@ def demo(context: typer.Context, out: Out = Path("demo"), force: Force = False) 
     arguments = [imu, "--gps", gps, "--ref", reference, "--lever-arm", "0.8,-0.3,-1.2", "--out", str(out)]
     typer.echo("$ " + shlex.join(["insnav", "run", *arguments]), err=True)  # not wrapped: it is to be copied
     run = commands("run").commands["run"]
-    with run.make_context("run", [*arguments, *["--force"] * force], parent=context.find_root()) as inner:
+    with run.make_context("run", arguments, parent=context.find_root()) as inner:
+        inner.params["force"] = force
         run.invoke(inner)

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
 
+from insnav.library import library
+
 # groups of the help
 FILES, IMU, GPS, START = "Files", "IMU", "GPS and reference", "Start"
 METHOD, MOTION, RESULT = "Method", "Motion", "Result"
+# values that may be the name of a file in folders of insnav, or of a profile
+_NAMED = {(IMU, "MODEL"): ("imu/grades", "imu/parts"), (IMU, "PART"): ("imu/parts",), (MOTION, "PROFILE"): ()}
+_NAMED |= {("GPS", "MODEL"): ("simulate/receivers",)}
 
 
 def option(group: str, value: str, meaning: str, *names: str, **more: Any) -> Any:
@@ -18,17 +24,32 @@ def option(group: str, value: str, meaning: str, *names: str, **more: Any) -> An
     `group`: of options it stands with in the help; `value`: what its value looks like; `names`: where they are not that
     of the parameter; `more`: as of `typer.Option`.
     """
-    return typer.Option(*names, metavar=value, help=meaning, rich_help_panel=group, **more)
+    named = _named(group, value)
+    return typer.Option(*names, metavar=value, help=meaning, rich_help_panel=group, autocompletion=named, **more)
 
 
-def flag(group: str, name: str, meaning: str) -> Any:
+def flag(group: str, name: str, meaning: str, **more: Any) -> Any:
     """Declare an option without a value."""
-    return typer.Option(name, help=meaning, rich_help_panel=group)
+    return typer.Option(name, help=meaning, rich_help_panel=group, **more)
 
 
 def argument(value: str, meaning: str, group: str = FILES) -> Any:
     """Declare an argument."""
-    return typer.Argument(metavar=value, help=meaning, rich_help_panel=group)
+    named = _named(group, value)
+    return typer.Argument(metavar=value, help=meaning, rich_help_panel=group, autocompletion=named)
+
+
+def _named(group: str, value: str) -> Callable[[str], list[str]] | None:
+    """Give what completes a name of the library, where such a name may stand; the shell completes files itself."""
+    if (folders := _NAMED.get((group, value))) is None:
+        return None
+
+    def begun(incomplete: str) -> list[str]:
+        files = [each for name in folders for each in (Path(__file__).parents[1] / name).glob("*.toml")] or library()
+        stems = sorted(each.stem for each in files if each.stem.startswith(incomplete.lower()))
+        return [incomplete + stem[len(incomplete) :] for stem in stems]  # a part may be spelled in any way
+
+    return begun
 
 
 def _engine(text: str) -> str:
@@ -48,8 +69,19 @@ Engine = Annotated[
         callback=_engine,
     ),
 ]
-Out = Annotated[Path, option(RESULT, "FOLDER", "Folder to make.")]
-Force = Annotated[bool, flag(RESULT, "--force", "Replace an existing result of insnav.")]
+
+
+def _force(context: typer.Context, value: bool) -> bool | Literal["keep"]:
+    """Let a result in the default folder make way without --force, too; `insnav.output.folder.RunFolder` keeps it."""
+    source = context.get_parameter_source("out")
+    default = source is not None and source.name == "DEFAULT" and context.params.get("out") is not None
+    return value or ("keep" if default else False)
+
+
+Out = Annotated[
+    Path, option(RESULT, "FOLDER", "Folder to make. An earlier result in the default folder is kept as FOLDER~1.")
+]
+Force = Annotated[bool, flag(RESULT, "--force", "Replace an existing result of insnav.", callback=_force)]
 Json = Annotated[bool, flag(RESULT, "--json", "Print run.json instead of a summary.")]
 Columns = Annotated[str | None, option(FILES, "NAME=HEADER,…", "Headers that are not understood by themselves.")]
 SpikeLimit = Annotated[
@@ -67,8 +99,7 @@ Backdrop = Annotated[
     Path | None, option(RESULT, "FILE", "Lines behind the track of the page: GeoJSON, such as streets.")
 ]
 Profile = Annotated[
-    str | None,
-    option(MOTION, "PROFILE", "Motion: name of a profile (insnav simulate --list), or a .toml. [at rest]"),
+    str | None, option(MOTION, "PROFILE", "Motion: name of a profile (insnav simulate --list), or a .toml. [at rest]")
 ]
 Aiding = Annotated[
     Literal["auto", "on", "off"],

@@ -32,12 +32,7 @@ def outage(
 
     with working(out, force) as (folder, stage):
         outcome = data.load(stage).outage(
-            lengths=wanted,
-            first=first,
-            spacing=spacing,
-            aiding=aiding,
-            workers=engine,
-            progress=lambda fraction: stage("navigating", fraction),
+            lengths=wanted, first=first, spacing=spacing, aiding=aiding, workers=engine, progress=stage.advance
         )
         outcome, where = data.save(outcome, folder, stage)
     result_page(where, judged(outcome.page()), out, as_json=as_json)

@@ -30,8 +30,7 @@ def regress(
     plot: Annotated[bool, flag(RESULT, "--plot", "Draw plots, accuracy.html and accuracy.md.")] = False,
     peers: Annotated[bool, flag(RESULT, "--peers", "Also run pyins and GTSAM, where installed; minutes.")] = False,
     published: Annotated[
-        bool,
-        flag(RESULT, "--published", "Also simulate published GNSS outage tests; writes published.md; minutes."),
+        bool, flag(RESULT, "--published", "Also simulate published GNSS outage tests; writes published.md; minutes.")
     ] = False,
     out: Annotated[
         Path | None, option(RESULT, "FOLDER", "Folder of baseline and reports. [reports next to the corpus' folder]")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import functools
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -56,9 +56,8 @@ def require(
     with working(out, force) as (folder, stage):
         from insnav.session.requirement import require as required
 
-        progress = functools.partial(stage, "simulating")
         if data.imu is not None:
-            outcome = data.load(stage).require(error, after, progress=progress, **options)
+            outcome = data.load(stage).require(error, after, progress=stage.advance, **options)
         else:
             stage("motion")
             model = data.inputs.get("imu_model")
@@ -67,7 +66,7 @@ def require(
                 after,
                 profile=profile,
                 imu=None if model is None else str(model),
-                progress=progress,
+                progress=partial(stage, "simulating"),
                 **options,
             )
         outcome, where = data.save(outcome, folder, stage, figures="png")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from insnav.cli import console, parse
 from insnav.cli.console import working
@@ -11,9 +11,6 @@ from insnav.cli.data_options import Data, check_usable, takes_data
 from insnav.cli.options import RESULT, START, Aiding, Backdrop, Force, Json, Out, Rate, flag, option
 from insnav.cli.report import with_backdrop
 from insnav.exceptions import CheckError, ConfigError
-
-if TYPE_CHECKING:
-    from insnav.errors.metrics import TrajectoryErrors
 
 
 @takes_data(without=("lat", "height"))
@@ -67,7 +64,7 @@ def run(
             smooth=smooth,
             output_interval=interval,
             mechanization=mechanization,
-            progress=lambda fraction: stage("navigating", fraction),
+            progress=stage.advance,
         )
         outcome, where = data.save(
             with_backdrop(outcome, backdrop), folder, stage, figures=figures, table_format=format
@@ -89,13 +86,7 @@ def run(
                 console.result("\n" + table_text(table))
     check_usable(outcome)
     if fail_above is not None and outcome.found.errors is not None:
-        _check_accuracy(outcome.found.errors, fail_above)
+        from insnav.sample_statistics import rms
 
-
-def _check_accuracy(errors: TrajectoryErrors, limit: float) -> None:
-    """End with exit code 1 if the solution is worse than asked for."""
-    import numpy as np
-
-    rms = float(np.sqrt(np.mean(errors.horizontal**2)))
-    if rms > limit:
-        raise CheckError("cli.worse_than_limit", where="--fail-above", rms_m=rms, limit_m=limit)
+        if (size := rms(outcome.found.errors.horizontal)) > fail_above:
+            raise CheckError("cli.worse_than_limit", where="--fail-above", rms_m=size, limit_m=fail_above)

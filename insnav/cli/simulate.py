@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from insnav.cli import parse
 from insnav.cli.console import Stages, note, quiet_figures, result, result_facts, working
@@ -65,34 +65,15 @@ def simulate(
     if listed:
         _list(out, force, as_json)
         return
-    configuration = {
-        "profile": profile,
-        "from": None if source is None else str(source),
-        "imu": imu,
-        "rate_hz": rate,
-        "sampling": sampling,
-        "temperature_c": temperature,
-        "gps": gps,
-        "fault": fault or [],
-        "gravity": gravity,
-        "seed": seed,
-        "runs": runs,
-        "run": run,
-    }
+    place = None if source is None else str(source)
+    shared: Any = {"imu": imu, "sampling": sampling, "gps": gps, "gravity": gravity, "seed": seed, "run": run}
+    configuration = {"profile": profile, "from": place, **shared, "rate_hz": rate, "temperature_c": temperature}
+    configuration |= {"fault": fault or [], "runs": runs}
     _check(profile, source, runs, run, (imu, gps), resume)
     target = out or Path("sim")
-    options: SimulationOptions = {
-        "imu": imu,
-        "gps": gps,
-        "seed": seed,
-        "run": run,
-        "rate": rate,
-        "sampling": sampling,
-        "faults": fault or [],
-        "temperature": _temperatures(temperature) if temperature else None,
-        "gravity": gravity,
-    }
-    with working(target, force) as (folder, stage):
+    span = _temperatures(temperature) if temperature else None
+    options: SimulationOptions = shared | {"rate": rate, "faults": fault or [], "temperature": span}
+    with working(target, force or (False if out else "keep")) as (folder, stage):
         stage("motion")
         from insnav.session.simulation import plan_of, profiled, replica
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from insnav.cli.console import note, result_page, working
 from insnav.cli.data_options import Data, takes_data
@@ -28,7 +28,8 @@ def tune(
         from insnav.fleet.tuning import tune as tuned
         from insnav.messages import sentence
 
-        outcome = tuned(*drives, gps=data.gps, **data.inputs)
+        inputs: Any = {"imu" if key == "imu_model" else key: value for key, value in data.inputs.items()}
+        outcome = tuned(*drives, gps=data.gps, **inputs)
         note(f"prior: {outcome.found.prior.name}: {sentence(outcome.found.prior_chosen)}")
         outcome, where = data.save(outcome, folder, stage, figures="png")
     result_page(where, outcome.page(), out, as_json=as_json, more=("imu.toml",))

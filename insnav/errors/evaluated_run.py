@@ -124,8 +124,7 @@ def same_positions(gps: GpsData, reference: Trajectory) -> bool:
     _, i, j = np.intersect1d(gps.time, reference.time, return_indices=True)
     if len(i) < _FEW:
         return False
-    apart = np.abs(gps.lla[i, :2] - reference.lla[j, :2]).max(axis=1)
-    return bool(np.mean(apart < _SAME) > _MOST)
+    return bool(np.mean(np.abs(gps.lla[i, :2] - reference.lla[j, :2]).max(axis=1) < _SAME) > _MOST)
 
 
 def fixed_epochs(reference: Reading[Trajectory]) -> tuple[Trajectory, tuple[Finding, ...]]:

@@ -8,18 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from insnav.earth import lla_offset
 from insnav.exceptions import DivergenceError
-from insnav.explain.kinds import ENDS, FADES, HOUR, RETURN, Kind
-from insnav.explain.record import NAMES, LinearRecord, Pass
-from insnav.explain.search import ACCEPT, Search, search
+from insnav.explain.kinds import FADES, KINDS, RETURN, Kind, cost_of_end
+from insnav.explain.proposals import SIZES, gains_of, misfit_of
+from insnav.explain.record import NAMES, LinearRecord, Pass, Step, usual_correlated
+from insnav.explain.search import ACCEPT, Search, prior_of, search
 from insnav.filter.ambiguity import with_wider_sd
-from insnav.filter.error_model import InitialState
 from insnav.filter.gates import Trust
 from insnav.filter.gps_correlation import Rough
 from insnav.filter.prepare import Prepared
@@ -32,7 +32,9 @@ FEWEST = 20  # epochs with a fix, below which a record shows no fault
 MINUTE, PLACES, NEARLY_ALL = 60.0, 20, 0.9  # drag whose least size is stated [s]; where it is looked for; part of these
 NINE_IN_TEN = 1.28  # standard deviations by which a fault exceeds the limit to be found nine times in ten [-]
 UNSEEN = 1e3  # times the typical size from which nothing is seen [-]
-EITHER = 0.2  # least probability of an explanation that the record cannot tell from another [-]
+OFFSET = next(kind for kind in KINDS if kind.name == "offset")
+EITHER = 0.5  # probability of either side of a lasting change: a record is the same read backwards [-]
+LATE = 0.2  # that fixes on the larger of two delays are on time, at least [-]
 # what a finding of a kind says: its code where the fault passes and where it stays, and the name of its size
 CODES = {
     "offset": (Code.RECORD_FALSE_POSITIONS, Code.RECORD_JUMP, "distance_m"),
@@ -82,7 +84,11 @@ class Tried:
     end: float  # infinite for one that stays [s]
     gain: float  # of the evidence [-]
     prior: float  # what of that its prior has cost [-]
+    unit: str  # in which its size is shown
     accepted: bool
+    size: float | None = None  # [SI]; of one that was accepted
+    left_out: int = 0  # fixes
+    moved: int = 0  # fixes moved back
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +99,15 @@ class Explanation:
     tried: tuple[Tried, ...] = ()
     passes: int = 0  # over the linear record
     runs: int = 0  # of the filter over the samples
-    findings: tuple[Finding, ...] = field(default=())
+    findings: tuple[Finding, ...] = ()
+    # times (m,) [s] and variances (m, 9) of position, velocity and attitude between explanations that are nearly alike
+    between: tuple[FloatArray, FloatArray] = (np.zeros(0), np.zeros((0, 9)))
+
+    def after(self, earlier: Sequence[Explanation]) -> Explanation:
+        """The same with the work of explanations whose delays the fixes are free of, and with these delays."""
+        tried = (row for each in earlier for row in each.tried if row.accepted and row.name == "delay")
+        passes, runs = (sum(getattr(each, name) for each in (*earlier, self)) for name in ("passes", "runs"))
+        return replace(self, tried=(*tried, *self.tried), passes=passes, runs=runs)
 
     def of_delay(self) -> tuple[Fault, ...]:
         """Steps of the delay of the fixes, which no run takes into account: whoever aligns puts them on one delay."""
@@ -101,18 +115,19 @@ class Explanation:
 
     def widen(self, run: Run) -> Run:
         """Standard deviations that hold what the record cannot tell: which side of a lasting change is true."""
-        first, last = run.solution.time[[0, -1]]
 
         def wider(solution: Trajectory, sd: FloatArray) -> FloatArray:
             variance = sd[:, :3] ** 2
             for fault in filter(_lasts, self.faults):
-                likely = begins_true(fault, first, last)
-                variance += max(EITHER, min(likely, 1.0 - likely)) * _moved(fault) ** 2
-                moved = is_moved(fault, solution.time, first, last)
-                variance += moved[:, None] * _moved(replace(fault, size=fault.sd)) ** 2
+                variance += EITHER * _moved(fault) ** 2
+                after = solution.time >= _settled(fault)
+                variance += after[:, None] * _moved(replace(fault, size=fault.sd)) ** 2
             for fault in self.of_delay():
-                variance += EITHER * (fault.size[0] * solution.v_n) ** 2
+                variance += LATE * (fault.size[0] * solution.v_n) ** 2
             sd[:, :3] = np.sqrt(variance)
+            time, more = self.between
+            for column, each in enumerate(more.T):
+                sd[:, column] = np.hypot(sd[:, column], np.sqrt(np.interp(solution.time, time, each)))
             return sd
 
         return with_wider_sd(run, wider)
@@ -121,7 +136,7 @@ class Explanation:
 def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Explanation]:
     """Find the faults of a recording, and prepare it for the filter with them."""
     found, record, passes, runs = None, None, 0, 0
-    faults: list[Fault] = []
+    faults, considered = list[Fault](), list[Tried]()
     for _ in range(ROUNDS):
         with suppress(DivergenceError):
             about = LinearRecord.of(apply_faults(ready, of_imu(faults)))
@@ -131,6 +146,7 @@ def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Ex
             known = () if found is None else found.best.steps
             record, found = about, search(about, kinds, known)
             passes += found.passes
+            considered += considered_of(record, found)
             before, faults = faults, faults_of(record, found)
             if alike(of_imu(before), of_imu(faults)):
                 break
@@ -140,9 +156,23 @@ def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Ex
         return ready, Explanation()
     explained = apply_faults(ready, faults)
     findings = tuple(find(fault, explained.gps) for fault in faults if fault.family != "delay")
-    explanation = Explanation(tuple(faults), tried_of(record, found), passes, runs, findings)
+    steps = (step for step in found.best.steps if step.kind is not RETURN)
+    tried = [accepted_as(ready, fault, step, record.interval) for fault, step in zip(faults, steps, strict=True)]
+    rows = {(each.name, each.begin, each.end): each for each in sorted(considered, key=lambda each: each.gain)}
+    rows |= {(each.name, each.begin, each.end): each for each in tried}
+    best_first = sorted(rows.values(), key=lambda each: (not each.accepted, -each.gain))
+    explanation = Explanation(tuple(faults), tuple(best_first), passes, runs, findings, mix(record, found))
     notes = (*explained.notes, state_detectable(record, found.best.seen, kinds))
     return replace(explained, explanation=explanation, notes=notes), explanation
+
+
+def mix(record: LinearRecord, found: Search) -> tuple[FloatArray, FloatArray]:
+    """Variance of the mean between explanations by their probability, at the epochs (m,) [s], (m, 9)."""
+    every = [found.best, *found.others]
+    part = np.exp(-0.5 * (np.array([each.cost for each in every]) - found.best.cost))
+    off = np.array([each.seen.nav - found.best.seen.nav for each in every])
+    off[:, :, 6:8] = np.linalg.norm(off[:, :, 6:8], axis=2, keepdims=True)  # tilts are of the level axes
+    return record.time, np.asarray(np.tensordot(part / part.sum(), off**2, axes=1))
 
 
 def of_imu(faults: Sequence[Fault]) -> list[Fault]:
@@ -162,8 +192,7 @@ def alike(some: Sequence[Fault], others: Sequence[Fault]) -> bool:
 def faults_of(record: LinearRecord, found: Search) -> list[Fault]:
     """The accepted steps of a search as faults in time; a return ends what has moved the fixes before it."""
     faults: list[Fault] = []
-    gains = {step: each.gain for each in found.considered if each.accepted for step in each.steps}
-    for step in found.best.steps:
+    for step, gain in zip(found.best.steps, found.gains, strict=True):
         begin = float(record.time[step.begin])
         if step.kind is RETURN:
             faults = [replace(each, end=begin, returned=True) if _lasts(each) else each for each in faults]
@@ -175,51 +204,71 @@ def faults_of(record: LinearRecord, found: Search) -> list[Fault]:
         known = np.diagonal(columns.T @ found.best.seen.information[step.begin] @ columns)
         sd = np.sqrt(np.maximum(step.variance - step.variance**2 * known, 0.0))
         end = float(record.time[step.end]) if step.end else np.inf
-        gain = next((gain for other, gain in gains.items() if other.kind is step.kind), 0.0)
         faults.append(Fault(step.kind, begin, end, size, sd, gain))
     return faults
 
 
-def tried_of(record: LinearRecord, found: Search) -> tuple[Tried, ...]:
-    """Rows of the table of the explanation."""
+def considered_of(record: LinearRecord, found: Search) -> list[Tried]:
+    """Rows of the table of the explanation, of faults that the search has not accepted."""
     rows = []
     for each in found.considered:
-        for step in each.steps[:1]:
+        if not each.accepted:
+            step = each.steps[0]
             end = float(record.time[step.end]) if step.end else np.inf
-            prior = float(step.kind.cost(max(step.variance, 1e-12), record.interval))
-            rows.append(Tried(step.kind.name, float(record.time[step.begin]), end, each.gain, prior, each.accepted))
-    return tuple(rows)
+            prior = prior_of(each.steps, record.interval)
+            begin, kind = float(record.time[step.begin]), step.kind
+            rows.append(Tried(kind.name, begin, end, each.gain, prior, kind.unit, accepted=False))
+    return rows
+
+
+def accepted_as(ready: Prepared, fault: Fault, step: Step, interval: float) -> Tried:
+    """Row of a fault that explains the record."""
+    trust, time = apply_faults(ready, [fault]).settings.trust, ready.gps.time - ready.settings.delay
+    left_out = 0 if trust is None else int(np.count_nonzero(trust.false.any(axis=0)))
+    moved = int(np.count_nonzero(time >= _settled(fault))) if _lasts(fault) else 0
+    kind, size, prior = fault.kind, float(np.linalg.norm(fault.size)), prior_of((step,), interval)
+    return Tried(kind.name, fault.begin, fault.end, fault.gain, prior, kind.unit, True, size, left_out, moved)
 
 
 def state_detectable(record: LinearRecord, of: Pass, kinds: Sequence[Kind]) -> Finding:
     """The least faults of the fixes that are found nine times in ten in nearly all of the record.
 
     Minimal detectable bias: W. Baarda, "A testing procedure for use in geodetic networks", Netherlands Geodetic
-    Commission 2/5 (1968), with the prior of the kind for the critical value.
+    Commission 2/5 (1968), with the gain that the search asks for as the critical value.
     """
-    values = {}
+    values: dict[str, Any] = {}
     length = max(int(MINUTE / record.interval), 2)
+    rows = np.linspace(1, max(record.time.size - length - 1, 1), PLACES).astype(int)
     for name, key in (("offset", "jump_m"), ("followed_drag", "drift_m_s"), ("drag", "minute_m_s")):
         kind = next(each for each in kinds if each.name == name)
-        columns = record.columns(kind)
-        rows = np.linspace(1, max(record.time.size - length - 1, 1), PLACES).astype(int)
+        columns, ends = record.columns(kind), cost_of_end(record.interval) * (name == "drag")
         known = columns.T @ of.information[rows] @ columns
         if name == "drag":
             later = np.minimum(rows + length, record.time.size - 1)
             cross = np.array([record.cross(of, columns, a, length)[b] for a, b in zip(rows, later, strict=True)])
             known = known + columns.T @ of.information[later] @ columns - cross - np.swapaxes(cross, 1, 2)
-        least = np.linalg.eigvalsh(known[:, :2, :2])[:, 0]
-        critical = np.sqrt(float(kind.cost(kind.size**2, record.interval)) + ACCEPT) + NINE_IN_TEN
-        sd = 1.0 / np.sqrt(np.maximum(least, 1e-30))
-        value = critical * float(np.quantile(sd, NEARLY_ALL))
+        misfit = misfit_of(record, of, kind)
+        least = [_least_found(each, kind, record.interval, ends, misfit) for each in known]
+        value = float(np.quantile(least, NEARLY_ALL))
         if value < UNSEEN * kind.size:
             values[key] = value
     return Finding.of(Code.GPS_DETECTABLE, **values)
 
 
+def _least_found(known: FloatArray, kind: Kind, interval: float, ends: float, misfit: float) -> float:
+    """Least size of a step with some information (d, d) that gains enough nine times in ten, where it is seen least."""
+    value, vectors = np.linalg.eigh(known[:2, :2])
+    sizes, variances = kind.size * np.geomspace(1.0 / UNSEEN, UNSEEN, 121), kind.size**2 * SIZES
+    score = sizes[:, None] * (known[:, :2] @ vectors[:, 0])
+    prior = kind.cost(variances, interval) + ends
+    gain = (gains_of(score, np.tile(known, (sizes.size, 1, 1)), variances) - prior[:, None]).max(axis=0)
+    enough = gain >= max(ACCEPT, misfit - float(prior.min()))
+    return float(sizes[np.argmax(enough)] + NINE_IN_TEN / np.sqrt(max(value[0], 1e-30))) if enough.any() else np.inf
+
+
 def apply_faults(ready: Prepared, faults: Sequence[Fault]) -> Prepared:
     """The recording with some faults: what the filter leaves out, takes off its state, and doubts."""
-    gps, initial, changes, rough = ready.gps, ready.initial, list[StateChange](), list[Rough]()
+    gps, changes, rough = ready.gps, list[StateChange](), list[Rough]()
     time = ready.gps.time - ready.settings.delay
     false = np.zeros((2, time.size), dtype=np.bool_)
     for fault in faults:
@@ -229,43 +278,26 @@ def apply_faults(ready: Prepared, faults: Sequence[Fault]) -> Prepared:
             false[0] |= inside & passes
             false[1] |= inside & (fault.family == "followed_drag")
             if _lasts(fault):
-                gps, initial = move_fixes(gps, time, fault), move_start(initial, time, fault)
+                gps = move_fixes(gps, time, fault)
         elif fault.family == "velocity_offset":
             false[1] |= inside
         elif fault.kind.fills:
             rough.append(Rough(fault.begin, fault.end, float(fault.size[0]), FADES))
+            # larger than an offset usually is, they are worth nothing, and need not be random at all
+            false[0] |= inside & (rough[-1].sd > OFFSET.size)
         elif fault.family != "delay":
             changes += _changes_of(fault)
     changes.sort(key=lambda change: change.time)
     trust = Trust(false, np.full(false.shape, np.nan)) if false.any() else None
     settings = replace(ready.settings, changes=tuple(changes), trust=trust, rough=tuple(rough))
-    return replace(ready, gps=gps, initial=initial, settings=settings)
-
-
-def begins_true(fault: Fault, first: float, last: float) -> float:
-    """Probability that the fixes before a lasting change are true, those after it false, in a record [s].
-
-    What begins ends at the rate `ENDS`. The record begins within a fault with the probability of its rate by that.
-    """
-    early, late = (max(length, 0.0) * ENDS / HOUR for length in (fault.begin - first, last - _settled(fault)))
-    return float(1.0 / (1.0 + np.exp(np.clip(late - early + np.log(fault.kind.rate / ENDS), -500.0, 500.0))))
+    if rough and settings.correlated is None:
+        settings = replace(settings, correlated=usual_correlated(gps.position_sd))
+    return replace(ready, gps=gps, settings=settings)
 
 
 def move_fixes(gps: GpsData, time: FloatArray, fault: Fault) -> GpsData:
-    """Fixes of which those on the less likely side of a lasting change are moved back by it."""
-    by = _moved(fault) * (-1.0 if begins_true(fault, time[0], time[-1]) >= 0.5 else 1.0)
-    return replace(gps, lla=lla_offset(gps.lla, by * is_moved(fault, time, time[0], time[-1])[:, None]))
-
-
-def move_start(initial: InitialState, time: FloatArray, fault: Fault) -> InitialState:
-    """The initial state, moved with the fixes that it is from."""
-    moved = begins_true(fault, time[0], time[-1]) < 0.5 and initial.time < fault.begin
-    return replace(initial, lla=lla_offset(initial.lla, _moved(fault))) if moved else initial
-
-
-def is_moved(fault: Fault, time: FloatArray, first: float, last: float) -> BoolArray:
-    """Whether times are on the less likely side of a lasting change, in a record from `first` to `last` [s]."""
-    return np.asarray(time >= _settled(fault) if begins_true(fault, first, last) >= 0.5 else time < fault.begin)
+    """Fixes of which those after a lasting change are moved back by it; standard deviations hold that they are true."""
+    return replace(gps, lla=lla_offset(gps.lla, -_moved(fault) * (time >= _settled(fault))[:, None]))
 
 
 def _changes_of(fault: Fault) -> list[StateChange]:
@@ -315,5 +347,7 @@ def find(fault: Fault, gps: GpsData) -> Finding:
             "count": int(np.count_nonzero(fault.inside(gps.time))),
             name.replace("distance_m", "residual_m"): value,
         }
-    end = float(gps.time[-1]) if fault.family == "delay" else fault.end if np.isfinite(fault.end) else None
+    inside = gps.time[fault.inside(gps.time)]
+    last = float(inside[-1]) if inside.size else fault.begin
+    end = last if np.isfinite(fault.end) or fault.family == "delay" else None
     return Finding.of(code, fault.begin, end, subject=subject, **values)

@@ -9,16 +9,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from insnav.exceptions import InputError
+from insnav.config_file import Table, read_toml, scalar, validate, with_fields
 from insnav.types import FloatArray
-from insnav.units import DEG
+from insnav.units import DEG, UNITS
 
 HOUR = 3600.0  # [s]
 SPREAD = 1.2  # of the logarithm of a size, one standard deviation: a factor of 3.3 either way [-]
 ENDS = 60.0  # rate at which what has begun ends: faults last a minute on average [1/h]
+UNITS_OF = {  # in which sizes are shown, by the state that steps
+    **{"offset": "m", "drift": "m/s", "velocity": "m/s", "velocity offset": "m/s", "attitude": "deg"},
+    **{"gyro": "deg/s", "accel": "m/s^2", "delay": "s"},
+}
 FADES = 45.0  # correlation time of multipath: half a minute to a minute for a vehicle in a town [s]
 
 
@@ -33,6 +39,11 @@ class Kind:
     of_fixes: bool  # whether the fixes are wrong, not the IMU
     passes: bool = True  # whether it may end by a step back
     fills: bool = False  # noise at every epoch of an interval, instead of one step
+
+    @property
+    def unit(self) -> str:
+        """Unit in which its size is shown."""
+        return UNITS_OF[self.steps[0][0].rsplit(" ", 1)[0]] if self.steps else ""
 
     def cost(self, variance: FloatArray | float, interval: float) -> FloatArray:
         """Twice the negative logarithm of the prior of a step of some variance at one epoch [-].
@@ -72,16 +83,25 @@ KINDS: tuple[Kind, ...] = (
 RETURN = Kind("return", (), ENDS, 1.0, True, passes=False)
 
 
-def with_priors(given: Mapping[str, Mapping[str, float]]) -> tuple[Kind, ...]:
-    """Kinds with the rates [1/h] and sizes that a user gives, by name.
+class _Priors(Table):
+    """Rate and size of a kind."""
 
-    Raises: InputError: no kind has this name, a figure is neither rate nor size, or it is not positive.
+    above_zero = ("rate", "size")
+
+
+def with_priors(given: str | Path | Mapping[str, Any]) -> tuple[Kind, ...]:
+    """Kinds with the rates and sizes that a user gives: tables by name, quantities with their units.
+
+    `given`: ``{"offset": {"rate": "0.2 1/h", "size": "30 m"}}``, or a TOML file with the table ``faults`` of that.
+    Raises: ConfigError: the file cannot be read; no kind has this name; a figure is not positive, or no quantity.
     """
-    names = [kind.name for kind in KINDS]
-    for name, figures in given.items():
-        if name not in names or set(figures) - {"rate", "size"} or not all(each > 0.0 for each in figures.values()):
-            raise InputError("faults.prior", name=name, names=names)
+    data = {"faults": dict(given)} if isinstance(given, Mapping) else read_toml(Path(given))
+    rate = scalar("frequency")
+    tables = {each.name: with_fields(_Priors, {"rate": rate, "size": scalar(UNITS[each.unit][0])}) for each in KINDS}
+    model = with_fields(Table, {"faults": with_fields(Table, tables)})
+    found = validate(model, data, "" if isinstance(given, Mapping) else str(given)).model_dump()["faults"] or {}
+    priors = ((kind, found.get(kind.name) or {}) for kind in KINDS)
     return tuple(
-        replace(kind, rate=figures.get("rate", kind.rate), size=figures.get("size", kind.size))
-        for kind, figures in ((kind, given.get(kind.name, {})) for kind in KINDS)
+        replace(kind, rate=HOUR * (own.get("rate") or kind.rate / HOUR), size=own.get("size") or kind.size)
+        for kind, own in priors
     )

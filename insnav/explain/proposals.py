@@ -56,46 +56,49 @@ def score_kind(record: LinearRecord, of: Pass, kind: Kind) -> Scores:
 
 
 def gains_of(score: FloatArray, information: FloatArray, variances: FloatArray) -> FloatArray:
-    """Twice the gain of the log-likelihood by steps of some variances (k,), without priors, (k, m)."""
+    """Twice the gain of the log-likelihood by steps of some variances (k,), without priors, (k, m).
+
+    An infinite variance stands for the largest likelihood, r' N^-1 r.
+    """
     size, vectors = np.linalg.eigh(information)
     square = np.einsum("mab,ma->mb", vectors, score) ** 2
-    t, size = variances[:, None, None], np.maximum(size, 0.0)
-    return np.asarray((square * t / (1.0 + t * size) - np.log1p(t * size)).sum(axis=2))
+    t, size = variances[:, None, None], np.maximum(size, 1e-9 * size[:, -1:] + 1e-30)
+    with np.errstate(invalid="ignore"):
+        gain = np.where(np.isinf(t), square / size, square * t / (1.0 + t * size) - np.log1p(t * size))
+    return np.asarray(gain.sum(axis=2))
 
 
-def misfit_of(record: LinearRecord, of: Pass, like: Step) -> float:
-    """Gain that misfit of the model reaches `FALSE_ALARMS` times an hour with faults of some form, by the drive itself.
+def misfit_of(record: LinearRecord, of: Pass, kind: Kind) -> float:
+    """Gain without priors that misfit of the model reaches `FALSE_ALARMS` times an hour, by the drive itself.
 
-    The largest gains of parts of the drive follow a Gumbel distribution (E. J. Gumbel, "Statistics of Extremes", 1958);
-    median and lower quartile of them do not see a fault in less than half of the parts.
+    The largest r' N^-1 r of parts of the drive follow a Gumbel distribution (E. J. Gumbel, "Statistics of Extremes",
+    1958), whose scale is the wider one of the two by quartiles of these.
     """
-    gain = score_kind(record, of, like.kind).gain
+    columns = record.columns(kind)
+    score, information = of.score @ columns, columns.T @ of.information @ columns
+    gain = gains_of(score, information, np.array([np.inf]))[0]
     block = np.floor((record.time - record.time[0]) / BLOCK).astype(int)
     firsts = np.unique(block, return_index=True)[1]
-    tops = [first + int(part.argmax()) for first, part in zip(firsts, np.split(gain, firsts[1:]), strict=True)]
-    largest = np.array([_best_pair(record, of, like.kind, top) for top in tops] if like.end else gain[tops])
-    largest = largest[np.isfinite(largest)]
-    if largest.size < FEWEST:
-        return -np.inf
-    low, middle = np.quantile(largest, [0.25, 0.5])
-    scale = (middle - low) / (np.log(np.log(4.0)) - np.log(np.log(2.0)))
-    rate = FALSE_ALARMS * BLOCK / HOUR
-    return float(middle + scale * (np.log(np.log(2.0)) - np.log(rate)))
-
-
-def _best_pair(record: LinearRecord, of: Pass, kind: Kind, top: int) -> float:
-    """Gain of the likeliest episode with one end near an epoch [-]."""
-    ends = cost_of_end(record.interval)
-    pairs = _pair(record, of, kind, top)
-    return max((gain - float(kind.cost(size, record.interval)) - ends for *_, gain, size in pairs), default=-np.inf)
+    if firsts.size < FEWEST:
+        return 0.0
+    levels = np.array([0.25, 0.5, 0.75])
+    largest = np.quantile(np.maximum.reduceat(gain, firsts), levels)
+    reduced = -np.log(-np.log(levels))
+    scale = (np.diff(largest) / np.diff(reduced)).max()
+    return float(largest[1] + scale * (-np.log(FALSE_ALARMS * BLOCK / HOUR) - reduced[1]))
 
 
 def propose(
-    record: LinearRecord, of: Pass, kinds: Sequence[Kind], known: tuple[Step, ...], near: Sequence[int] = ()
+    record: LinearRecord,
+    of: Pass,
+    kinds: Sequence[Kind],
+    known: tuple[Step, ...],
+    near: Sequence[int] = (),
+    edges: Sequence[int] = (),
 ) -> list[Proposal]:
     """What would gain most beside what is known: steps, episodes, intervals of noise and ends, best first.
 
-    `near`: epochs from which episodes are looked for, instead of the summits of each kind.
+    `near`: epochs from which episodes are looked for, instead of the summits of each kind; `edges`: beside these.
     """
     found: list[Proposal] = []
     ends = cost_of_end(record.interval)
@@ -113,7 +116,9 @@ def propose(
             found.append(Proposal(float(scores.gain[row]) + prior, (Step(RETURN, row, 0.0),)))
         if kind.passes:
             pairs = {
-                pair[:2]: pair for top in near or _tops(record, scores.gain) for pair in _pair(record, of, kind, top)
+                pair[:2]: pair
+                for top in near or (*edges, *_tops(record, scores.gain))
+                for pair in _pair(record, of, kind, top)
             }
             for begin, end, gain, variance in sorted(pairs.values(), key=lambda pair: -pair[2])[:2]:
                 prior = float(kind.cost(variance, record.interval)) + ends

@@ -9,8 +9,10 @@ noise then cost one pass of covariance algebra over the epochs, and no sample is
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from insnav.explain.kinds import FADES, RETURN, Kind
 from insnav.filter.error_model import MANOEUVRE
@@ -32,7 +34,7 @@ TAILS = 4.0  # degrees of freedom of the errors of fixes, Student's t [-]
 LEAST = (TAILS + 3.0) / (TAILS + 1.8)  # weight of a fix with three squares of 0.6 each, at most [-]
 # Figures of the noise, as logarithms, with the sd of their priors upwards and downwards: factors of the sd of positions
 # and of velocities, and of the noise of the IMU; odds of the time-correlated share of the variance of positions;
-# factor of its correlation time. Innovations cannot show that fixes are better than stated: lasting errors hide in them.
+# factor of its correlation time. Innovations cannot show that fixes are better than stated, for lasting errors hide.
 FIGURES = (0.6, 0.03), (0.6, 0.03), (0.8, 0.8), (1.5, 1.5), (1.0, 1.0)
 FAR = 2.0  # a figure of the noise is at most so many sd of its prior away: beyond, the model is wrong, not precise [-]
 POSITION, VELOCITY, IMU, SHARE, TIME_OF_SHARE = range(5)
@@ -81,6 +83,11 @@ class Noise:
         return float(1.0 / (1.0 + np.exp(-self.figures[SHARE])))
 
 
+def usual_correlated(position_sd: FloatArray) -> CorrelatedNoise:
+    """Time-correlated errors of positions with standard deviations (n, 3) [m], as receivers usually have them."""
+    return CorrelatedNoise(Noise().share, FADES, np.sqrt(Noise().share) * np.median(position_sd, axis=0))
+
+
 @dataclass(frozen=True, slots=True)
 class Pass:
     """What a forward and a backward pass over the record tell."""
@@ -120,13 +127,14 @@ class LinearRecord:
         ready = ready.longest_part()
         gates = ready.settings.gates
         soft = Gates(gates.max_sd, np.inf, np.inf, gates.probability, np.inf, np.inf, np.inf)
-        sd = np.median(ready.gps.position_sd, axis=0)
-        correlated = CorrelatedNoise(Noise().share, FADES, np.sqrt(Noise().share) * sd)
+        correlated = usual_correlated(ready.gps.position_sd)
         settings = replace(
             ready.settings, gates=soft, aiding=None, smooth=True, output_interval=10.0, correlated=correlated
         )
         gps = thinned(ready.gps)
-        navigator = Navigator(ready.initial, ready.model, gps, ready.alignment, ready.nominal, settings)
+        # misalignments are states here, not noise as in the filter
+        model = replace(ready.model, noise=np.append(ready.model.noise[:-2], [0.0, 0.0]))
+        navigator = Navigator(ready.initial, model, gps, ready.alignment, ready.nominal, settings)
         navigator.feed(ready.imu)
         record = cls._from_history(navigator.history().rows(), ready.gps, settings, ready.initial.from_fix)
         return record.with_axes(ready.imu, np.sqrt(ready.model.noise[-2:] / MANOEUVRE))
@@ -166,14 +174,14 @@ class LinearRecord:
         fed = np.zeros((m, n + FAULTS))
         fed[:, :n] = np.einsum("mi,mij->mj", z, gain)
         for change in settings.changes:  # the run took it off its state there, and opened its covariance
-            row = int(np.searchsorted(time, change.time - 1e-6))
-            if 0 < row < m:
+            of = int(np.searchsorted(time, change.time - 1e-6))
+            if 0 < of < m:
                 part = np.zeros(STATES)
                 part[change.first : change.first + 3] = change.change
-                part[NAV:] /= fade[row, NAV:STATES]
-                part[:NAV] = np.linalg.solve(phi[row, :, :NAV], part[:NAV] - phi[row, :, NAV:] @ part[NAV:])
-                fed[row - 1, :STATES] += part
-                q[row], qd[row] = q[row - 1], qd[row - 1]
+                part[NAV:] /= fade[of, NAV:STATES]
+                part[:NAV] = np.linalg.solve(phi[of, :, :NAV], part[:NAV] - phi[of, :, NAV:] @ part[NAV:])
+                fed[of - 1, :STATES] += part
+                q[of], qd[of] = q[of - 1], qd[of - 1]
         row = np.minimum(np.searchsorted(gps.time - settings.delay, time - 1e-4), gps.time.size - 1)
         sd = np.hstack([gps.position_sd[row], gps.velocity_sd[row]])
         # timestamps that scatter add speed and acceleration, the derivative by the delay
@@ -196,7 +204,7 @@ class LinearRecord:
         `sd`: (2,) of gyros and accelerometers [rad].
         """
         last = NAV + 12
-        step = 1.0 if imu.sampling == "increment" else np.gradient(imu.time)[:, None]
+        step = np.ones(1) if imu.sampling == "increment" else np.gradient(imu.time)[:, None]
         sums = np.cumsum(np.hstack([imu.gyro, imu.accel]) * step, axis=0)
         sums = np.stack([np.interp(self.time, imu.time, column) for column in sums.T], axis=1)
         span, phi, fade, q, qd = self.system
@@ -285,7 +293,7 @@ class LinearRecord:
 
     def _with(
         self, steps: tuple[Step, ...], noise: Noise
-    ) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...], FloatArray]:
+    ) -> tuple[tuple[NDArray[Any], ...], tuple[NDArray[Any], ...], FloatArray]:
         """The system with some noise and faults, where the covariance is opened, and the first covariance."""
         span, phi, fade, q, qd = self.system
         by, at = float(np.exp(2.0 * noise.figures[IMU])), self.states["correlated"]
@@ -296,7 +304,7 @@ class LinearRecord:
         reset_correlated(start, at, np.sqrt(lasting))
         if self.from_fix:
             cross_covariance(start, at, np.sqrt(lasting))
-        cleared = np.zeros(span.size, dtype=np.int64)
+        cleared: IntArray = np.zeros(span.size, dtype=np.int64)
         opened: list[tuple[int, FloatArray]] = []
         first = self.states["offset"]
         for step in steps:

@@ -18,7 +18,7 @@ from insnav.explain.kinds import Kind, cost_of_end
 from insnav.explain.proposals import Proposal, misfit_of, propose
 from insnav.explain.record import IMU, LEAST, TAILS, LinearRecord, Noise, Pass, Step
 from insnav.tabular import runs_of
-from insnav.types import FloatArray
+from insnav.types import BoolArray, FloatArray
 
 ACCEPT = 6.0  # gain below which two explanations are alike: an approximate evidence may be wrong by that [-]
 GRADUATED = (300.0, 100.0, 30.0, 10.0, 3.0, 1.0)  # squares of residuals are divided by these, from first to last pass
@@ -65,6 +65,7 @@ class Search:
     considered: tuple[Considered, ...]
     passes: int
     plain: Fit  # without a fault
+    gains: tuple[float, ...]  # of the evidence by each step of the best fit, beside the others [-]
 
 
 class _Searcher:
@@ -98,7 +99,7 @@ class _Searcher:
             steps = tuple(sized(self.record, seen, step) for step in steps)
             seen = self.look(steps, weights, noise)
         fit = Fit(steps, weights, noise, self.cost(seen, steps, weights, noise), seen)
-        self.fits[steps] = fit
+        self.fits[steps] = replace(fit, seen=replace(seen, information=np.empty((0, 0, 0)), inner=()))  # memory
         return fit
 
     def tune(self, fit: Fit, numbers: Sequence[int]) -> Fit:
@@ -114,16 +115,17 @@ class _Searcher:
             width = WIDTHS[number]
             for _ in range(MOVES):
                 tried = [noise.changed(number, by) for by in (-width, width)]
-                less, more = costs = [at(each) for each in tried]
-                curve = less + more - 2.0 * cost
-                if is_inside := abs(less - more) < 2.0 * curve < np.inf:
-                    tried.append(noise.changed(number, 0.5 * width * (less - more) / curve))
+                costs = [at(each) for each in tried]
+                here = noise.figures[number]
+                top = top_of([each.figures[number] - here for each in (noise, *tried)], [cost, *costs])
+                if top is not None:
+                    tried.append(noise.changed(number, top))
                     costs.append(at(tried[-1]))
                 best = int(np.argmin(costs))
                 if costs[best] >= cost:
                     break
                 noise, cost = tried[best], costs[best]
-                if is_inside:
+                if top is not None:
                     break
         seen = self.look(steps, weights, noise)
         return Fit(steps, weights, noise, self.cost(seen, steps, weights, noise), seen)
@@ -132,6 +134,7 @@ class _Searcher:
         """What would gain most at the weights as they are, with all fixes believed, and with a quiet IMU."""
         quiet = fit.noise.changed(IMU, min(0.0, QUIET - fit.noise.figures[IMU]))
         ways = [(fit.weights, fit.noise), (believed(fit.weights), fit.noise), (fit.weights, quiet)]
+        edges = runs_of(np.asarray(false_for_long(fit.weights).any(axis=1)))[:, 0]
         found = []
         for number, (weights, noise) in enumerate(ways):
             if number and np.allclose(weights, fit.weights, atol=0.75) and noise == fit.noise:
@@ -141,7 +144,7 @@ class _Searcher:
             less = here.cost - fit.cost  # what this way of looking has lost
             found += [
                 (each._replace(gain=each.gain - less), here)
-                for each in propose(self.record, seen, self.kinds, fit.steps)
+                for each in propose(self.record, seen, self.kinds, fit.steps, edges=edges.tolist())
             ]
         return sorted(found, key=lambda each: -each[0].gain)
 
@@ -177,8 +180,9 @@ class _Searcher:
 
     def least(self, trial: Fit, new: Sequence[Step]) -> float:
         """Gain that faults must have: misfit of the model, as the explained drive shows it, is no evidence."""
-        alike = {(step.kind.name, step.end > 0): step for step in new if step.kind.steps and not step.kind.fills}
-        return max([ACCEPT, *(misfit_of(self.record, trial.seen, step) for step in alike.values())])
+        kinds = {step.kind.name: step.kind for step in new if step.kind.steps and not step.kind.fills}
+        prior = prior_of(new, self.record.interval)
+        return max([ACCEPT, *(misfit_of(self.record, trial.seen, kind) - prior for kind in kinds.values())])
 
     def relocate(self, fit: Fit) -> Fit:
         """Move each step to where the others leave it likeliest, or to another kind; drop what gains too little."""
@@ -251,7 +255,19 @@ def search(record: LinearRecord, kinds: Sequence[Kind], known: tuple[Step, ...] 
             break
         fit = searcher.relocate(better)
     others = [each for each in searcher.fits.values() if each.steps != fit.steps and each.cost < fit.cost + ACCEPT]
-    return Search(fit, tuple(others), tuple(considered), searcher.passes, plain)
+    rests = [fit.steps[:i] + fit.steps[i + 1 :] for i in range(len(fit.steps))]
+    without = (min(plain.cost, searcher.settle(fit, rest, 3 * AGAIN).cost) if rest else plain.cost for rest in rests)
+    gains = tuple(cost - fit.cost for cost in without)
+    return Search(fit, tuple(others), tuple(considered), searcher.passes, plain, gains)
+
+
+def top_of(places: Sequence[float], costs: Sequence[float]) -> float | None:
+    """Where the parabola through three costs is least, if that is between the outer places."""
+    if len(set(places)) < 3 or not np.isfinite(costs).all():
+        return None
+    curve, slope, _ = np.polyfit(places, costs, 2)
+    top = -0.5 * slope / curve if curve > 0.0 else np.inf
+    return float(top) if min(places) < top < max(places) else None
 
 
 def clusters(spans: Sequence[tuple[float, float]]) -> list[tuple[int, int]]:
@@ -268,7 +284,7 @@ def matters(before: Fit, after: Fit) -> bool:
     """Whether a fault moves the solution by its sd somewhere, doubles its variance, or explains weak fixes."""
     moved = (after.seen.nav - before.seen.nav) ** 2 > before.seen.nav_variance
     doubled = after.seen.nav_variance > 2.0 * before.seen.nav_variance
-    explained = (before.weights < believed(before.weights)) & (after.weights > WEAK)
+    explained = false_for_long(before.weights) & (after.weights > WEAK)
     return bool(moved.any() or doubled.any() or explained.any())
 
 
@@ -297,6 +313,11 @@ def believed(weights: FloatArray) -> FloatArray:
             if last - first <= ALONE:
                 found[first:last, column] = weights[first:last, column]
     return found
+
+
+def false_for_long(weights: FloatArray) -> BoolArray:
+    """Which fixes are false with too many others to be so alone, (m, 2)."""
+    return np.asarray((weights < WEAK) & (believed(weights) > WEAK))
 
 
 def form_of(proposal: Proposal, known: tuple[Step, ...]) -> tuple[str, bool]:

@@ -19,7 +19,7 @@ from insnav.types import BoolArray, FloatArray, GpsData, IntArray
 
 @dataclass(frozen=True, slots=True)
 class Trust:
-    """Which positions and velocities the whole record contradicts; see `insnav.filter.whole_record`."""
+    """Which positions and velocities the whole record contradicts; see `insnav.explain.explanation`."""
 
     false: BoolArray  # (2, n) not to be used
     residual: FloatArray  # (2, n) distance from the smoothed track [m], [m/s]

@@ -60,6 +60,11 @@ class Rough:
     driven: float  # root of the spectral density of that noise, each axis [m/sqrt(s)]
     time: float  # correlation time of the error [s]
 
+    @property
+    def sd(self) -> float:
+        """Standard deviation that this noise leads to [m]."""
+        return float(self.driven * np.sqrt(0.5 * self.time))
+
     def drive(self, now: float, times: FloatArray, sds: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Correlation times [s] and standard deviations of the states at some time, of positions first."""
         if not self.begin <= now < self.end + 3.0 * self.time:  # by then the rest of the error has faded
@@ -67,7 +72,7 @@ class Rough:
         times, sds = times.copy(), sds.copy()
         times[:3] = self.time
         if now < self.end:
-            sds[:3] = np.hypot(sds[:3], self.driven * np.sqrt(0.5 * self.time))
+            sds[:3] = np.hypot(sds[:3], self.sd)
         return times, sds
 
 

@@ -28,6 +28,8 @@ from insnav.types import FloatArray, GpsData, ImuData, Run, Trajectory
 AidingChoice = Literal["auto", "on", "off"]
 GAP_WORTH = 3.0  # a GPS gap from which other aiding is worth a second pass: less drifts by centimetres [s]
 CREEPS = 10.0  # twice the logarithm of how much likelier fixes must be without the stops that none of them sees
+ASSUMED = NonHolonomic, ZeroVelocity  # what no sensor measures: how vehicles move
+WEAKER = 5.0  # times the sd of how vehicles are assumed to move, where that is doubted: gaps need it still [-]
 UNKNOWN_HEIGHT = 1000.0  # standard deviation where fixes have none [m]
 DENSE = 0.1  # of the solution from which aiding is calibrated, and with which fixes are compared [s]
 
@@ -84,9 +86,12 @@ def navigate_prepared(
     every = ready.settings.output_interval
     ready = replace(ready, settings=replace(ready.settings, output_interval=dense(every)))
     if aiding == "on" or (aiding == "auto" and (ready.settings.logs or _longest_gap(ready) > GAP_WORTH)):
-        ready = aided(ready, spec, None if progress is None else _half_of(progress, 0.0))
+        first = _first_pass(ready, None if progress is None else _half_of(progress, 0.0))
         progress = None if progress is None else _half_of(progress, 0.5)
-    ready, run = _standing(ready, _run(ready, progress))
+        ready = _add_aiding(ready, first, spec)
+        ready, run = _doubt_motion(*_standing(ready, _run(ready, progress)), first)
+    else:
+        ready, run = _standing(ready, _run(ready, progress))
     if run.smoothed is not None and (jumps := resets_of(run)):  # onto fixes that may be false
         run = widen_by_jumps(run, jumps)
     if run.smoothed is not None and ready.explanation is not None:
@@ -119,8 +124,17 @@ def thinned(run: Run, every: float) -> Run:
 
 def aided(ready: Prepared, spec: ImuSpec, progress: Callable[[float], None] | None = None) -> Prepared:
     """Navigate once, calibrate the aiding by the smoothed solution, and add it to the settings, with notes on it."""
+    return _add_aiding(ready, _first_pass(ready, progress), spec)
+
+
+def _first_pass(ready: Prepared, progress: Callable[[float], None] | None) -> Run:
+    """Navigate without the aiding that this run calibrates."""
     settings = replace(ready.settings, smooth=True, output_interval=DENSE)
-    run = _likelier(replace(ready, settings=settings), progress)
+    return _likelier(replace(ready, settings=settings), progress)
+
+
+def _add_aiding(ready: Prepared, run: Run, spec: ImuSpec) -> Prepared:
+    """Add what the first pass calibrates."""
     assert run.smoothed is not None
     # the solution is in the time of the fixes, moved by the delay found beyond the one given; the samples are not
     clock = run.gps_delay - ready.settings.delay
@@ -130,7 +144,7 @@ def aided(ready: Prepared, spec: ImuSpec, progress: Callable[[float], None] | No
         ready.imu,
         replace(ready.gps, time=ready.gps.time - run.gps_delay),
         spec,
-        {log.name: log for log in settings.logs},
+        {log.name: log for log in ready.settings.logs},
     )
     found, notes = measurements_from_drive(first)
     given = ready.settings.aiding or ()
@@ -140,6 +154,19 @@ def aided(ready: Prepared, spec: ImuSpec, progress: Callable[[float], None] | No
         axes_sd[2] = max(axes_sd[2], first.mounting.sd[1])  # no heading by it is surer than straight ahead is known
     model, settings = replace(ready.model, axes_sd=axes_sd), replace(ready.settings, aiding=aiding)
     return replace(ready, model=model, settings=settings, notes=(*ready.notes, *notes))
+
+
+def _doubt_motion(ready: Prepared, run: Run, first: Run) -> tuple[Prepared, Run]:
+    """Weaken what is assumed of the motion where it makes the fixes less likely than in the first pass, without it."""
+    aiding, cost = ready.settings.aiding or (), unlikely(run, ready.gps, ready.settings)
+    assumed = any(isinstance(each, ASSUMED) for each in aiding)
+    if not assumed or cost < unlikely(first, ready.gps, ready.settings) + CREEPS:
+        return ready, run
+    weaker = (replace(each, sd=WEAKER * each.sd) if isinstance(each, ASSUMED) else each for each in aiding)
+    note = Finding.of(Code.RECORD_MOTION, run.innovations.time[0], sd_factor=WEAKER)
+    other = replace(ready, settings=replace(ready.settings, aiding=tuple(weaker)), faults=(*ready.faults, note))
+    freer = _run(other, None)
+    return (other, freer) if unlikely(freer, ready.gps, ready.settings) < cost - CREEPS else (ready, run)
 
 
 def _standing(ready: Prepared, run: Run) -> tuple[Prepared, Run]:

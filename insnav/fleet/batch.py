@@ -31,8 +31,7 @@ _LONGEST = 100  # bytes of a name
 
 def name_of(text: str) -> str:
     """Name of a run folder made from a text, fit for every file system; notes beside the folders end in ``.json``."""
-    short = _UNSAFE.sub("_", text).encode()[:_LONGEST].decode(errors="ignore")
-    return short.removesuffix(".json").strip("._")
+    return _UNSAFE.sub("_", text).encode()[:_LONGEST].decode(errors="ignore").removesuffix(".json").strip("._")
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,8 +16,8 @@ from insnav.fleet.recordings import find_drives
 from insnav.imu.specification import ImuSpec
 from insnav.result import Result
 from insnav.session.drive import Drive, load
+from insnav.session.read import NamedInputs, by_name
 from insnav.steps.given import better_kinds, options_of
-from insnav.steps.inputs import Inputs
 
 Files: TypeAlias = tuple[Path, Path | None]  # IMU and GPS file of a drive; None for a log of both
 
@@ -37,7 +37,7 @@ class Tuned:
     prior_chosen: Finding  # how the prior was chosen
 
 
-def tune(*drives: str | Path | Files, gps: str | Path | None = None, **inputs: Unpack[Inputs]) -> Result[Tuned]:
+def tune(*drives: str | Path | Files, gps: str | Path | None = None, **inputs: Unpack[NamedInputs]) -> Result[Tuned]:
     """Estimate the noise of one IMU from its drives, by the likelihood of all their innovations together.
 
     Parameters
@@ -47,7 +47,7 @@ def tune(*drives: str | Path | Files, gps: str | Path | None = None, **inputs: U
     gps : path, optional
         GPS fixes of the one IMU file; by default those in it.
     **inputs
-        As for `insnav.load`, the same for all drives. ``imu_model`` is the prior, by default that of the first drive.
+        As for `insnav.load`, the same for all drives. ``imu`` is the prior, by default that of the first drive.
 
     Returns
     -------
@@ -70,7 +70,7 @@ def tune(*drives: str | Path | Files, gps: str | Path | None = None, **inputs: U
     figures = noise.figures, noise.gain, noise.mean_before, noise.mean_after
     found = Tuned(noise.spec, *figures, len(loaded), loaded[0].imu_spec, loaded[0].imu_chosen)
     names = [str(each[0]) for each in recordings]
-    return Result("tune", found, facts, options_of(inputs, drives=names), findings=different)
+    return Result("tune", found, facts, options_of(by_name(inputs), drives=names), findings=different)
 
 
 def _files(drive: str | Path | Files, gps: Path | None) -> Iterator[Files]:
@@ -84,15 +84,15 @@ def _files(drive: str | Path | Files, gps: Path | None) -> Iterator[Files]:
 
 
 def _of_recordings(
-    recordings: Sequence[Files], inputs: Inputs
+    recordings: Sequence[Files], inputs: NamedInputs
 ) -> tuple[NoiseEstimate, list[Drive], tuple[Finding, ...]]:
     """Give the noise, the drives, and a warning for each figure by which drives are of different IMUs."""
     drives: list[Drive] = []
     likelihoods: list[InnovationLikelihood] = []
     for imu, gps in recordings:
-        given: Inputs = {**inputs, "noise": "estimate"}
+        given: NamedInputs = {**inputs, "noise": "estimate"}
         if drives:
-            given["imu_model"] = drives[0].imu_spec
+            given["imu"] = drives[0].imu_spec
         drive = load(imu, gps, **given)
         if drive.fixes is None:
             raise InputError("tune.no_fixes", where=str(imu))

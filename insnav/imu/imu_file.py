@@ -135,7 +135,12 @@ def load_imu(preset_or_path: str) -> ImuSpec:
 
         known = similar(preset_or_path, PRESETS) | {"parts": close_names(preset_or_path)}
         raise ConfigError("imu.unknown", where="--imu", name=preset_or_path[:200], **known)
-    content = _of_kalibr(path) if path.suffix in (".yaml", ".yml") else read_toml(path)
+    try:
+        content = _of_kalibr(path) if path.suffix in (".yaml", ".yml") else read_toml(path)
+    except ConfigError as error:
+        if path.suffix in (".toml", ".yaml", ".yml") or error.code not in ("config.too_long", "config.no_toml"):
+            raise
+        raise ConfigError("imu.no_specification", where="--imu", file=str(path)) from error
     sensors = [table for table in (content.get("gyro"), content.get("accel")) if isinstance(table, dict)]
     if any("matrix" in table or "raw" in table for table in sensors):
         raise ConfigError("imu.calibration_for_file", where=str(path))

@@ -200,11 +200,5 @@ def sample_errors(spec: ImuSpec, rng: np.random.Generator) -> ImuErrors:
             values[key] = rng.standard_normal(SHAPES[key]) * (sd if SHAPES[key] == (3,) else sd[:, None])
         terms.append(ErrorTerms(**values) if any(value.any() for value in values.values()) else None)
     return ImuErrors(
-        gyro_bias,
-        gyro_matrix,
-        accel_bias,
-        accel_matrix,
-        name=spec.name,
-        gyro_terms=terms[0],
-        accel_terms=terms[1],
+        gyro_bias, gyro_matrix, accel_bias, accel_matrix, name=spec.name, gyro_terms=terms[0], accel_terms=terms[1]
     )

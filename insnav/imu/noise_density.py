@@ -170,8 +170,7 @@ def nearest_preset(
         specs = [spec for spec in specs if np.max(spec.gyro.bias) < OMEGA_EARTH]
     distances = [
         math.hypot(
-            _log_ratio(gyro_density, spec.gyro.random_walk),
-            min(0.0, _log_ratio(accel_density, spec.accel.random_walk)),
+            _log_ratio(gyro_density, spec.gyro.random_walk), min(0.0, _log_ratio(accel_density, spec.accel.random_walk))
         )
         for spec in specs
     ]

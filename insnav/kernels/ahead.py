@@ -27,6 +27,7 @@ from insnav.kernels import (
     gps_measurement,
     health,
     increments,
+    linear,
     output,
     smoother,
 )
@@ -107,6 +108,7 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
         (d2, d2, d2, d1, d2, d2, d1, d2),
     )
     assessment = (d1, d2, d1, *4 * [d2], i, flag, d, d, d, i1, d1, d2, d2, d2, d1)
+    system, measured, kept = (d1, d3, d2, d3, d2, i1), (d2, d3, d2, d2), (d2, d2, d3, d2, d3)
     run = (d1, i1, d3, d4, d2, d2, d2, d3, d2, d2, d2)
     return (
         (
@@ -117,7 +119,7 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
             (epoch.take, *3 * [d1], i1, flag),
         ),
         (
-            (smoother.backward, d2, i, d, d1, d2, d2, d2, d3, d2, d2, d2, d3, d2, d2),
+            (smoother.backward, d2, i, d, d1, d2, d2, d2, d3, d2, d2),
             (aiding_measurements.innovation, d2, d1, d2, d1, i, i, d2),
             *((gps_measurement.inverse, d2), (errorstate.less_sure, d2, d), (epoch.surest, d1, d1)),
             (epoch.note_fix, d1, d, d1, d1, d, d, flag, flag, d1, d1, d2),
@@ -131,6 +133,12 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
             (epoch.assess_fix, *assessment),
             (aiding_measurements.zero_velocity, d1, d1, d1, d1, d2),
             (aiding_measurements.vehicle_velocity, d1, d1, d2, d1, d, d1, d2),
+        ),
+        (
+            (linear.forward, system, measured, (d1, d2), (i1, d3), kept),
+            (linear.backward, system, measured, kept, d2, d3, d2, d2),
+            (linear.cross_forward, system, measured, kept, d3, i, d2, i),
+            (linear.cross_backward, system, measured, kept, d2, i, d2, i),
         ),
         ((alignment.level_history, d1, d2, d2, d1, d, d1, d2),),
         ((csv_rows.rows_as_text, d2, d1, types.uint64[::1], types.uint8[::1]),),

@@ -10,6 +10,7 @@ import contextlib
 import errno
 import glob
 import hashlib
+import itertools
 import json
 import os
 import re
@@ -17,7 +18,7 @@ import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 from insnav.exceptions import NO_ROOM, InputError, OutputError, reason_of, writing
 from insnav.plain_text import NOT_UTF8, plain_text
@@ -39,19 +40,6 @@ def read_facts(folder: Path) -> dict[str, Any]:
         raise InputError("output.damaged_json", where=str(path), reason=str(error)) from error
     if not isinstance(facts, dict) or not isinstance(facts.get("files"), dict):
         raise InputError("output.json_without_files", where=str(path))
-    return facts
-
-
-def verify_folder(folder: Path) -> dict[str, Any]:
-    """Check that a run folder holds exactly the files it was written with; its ``run.json``.
-
-    Raises: InputError: not a run folder, or a file is missing, changed or added.
-    """
-    facts = read_facts(folder)
-    missing, changed = damage(folder)
-    added = tuple(name for name in files_in(folder) if name not in facts["files"])
-    if missing or changed or added:
-        raise InputError("output.changed_folder", where=str(folder), missing=missing, changed=changed, added=added)
     return facts
 
 
@@ -93,16 +81,18 @@ class RunFolder:
     Use it as a context manager around the whole work: everything that could keep the result from being
     written is checked on entry, and leaving without `commit`, for any reason, leaves the target as it was.
 
-    Folders on the way to it are made.
+    Folders on the way to it are made. `force`: replace a run there; ``keep``: rename it to the first of ``run~1``,
+    ``run~2``, … that is free, which is `kept` then.
 
     Raises: OutputError: on entry: no permission, a file in the way, an existing folder without
     `force`, or with `force` a folder that holds anything but a run. Later: disk full, or the target has appeared
     meanwhile.
     """
 
-    def __init__(self, target: Path, *, force: bool) -> None:
+    def __init__(self, target: Path, *, force: bool | Literal["keep"]) -> None:
         self.target = target
         self.force = force
+        self.kept: Path | None = None
         self._place = target
         self._aside = target
         self._made: list[Path] = []  # folders on the way to the target
@@ -126,10 +116,7 @@ class RunFolder:
         return self
 
     def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._committed:
             return
@@ -180,7 +167,9 @@ class RunFolder:
         return self._place
 
     def _move_into_place(self) -> None:
-        old = _beside(self._place, "old")
+        numbered = (self._place.with_name(f"{self._place.name}~{number}") for number in itertools.count(1))
+        keep = self.force == "keep"
+        old = next(each for each in numbered if not each.exists()) if keep else _beside(self._place, "old")
         replacing = self._place.exists()
         if replacing:
             _check_target(self._place, force=self.force)
@@ -192,7 +181,9 @@ class RunFolder:
                 old.rename(self._place)
             raise OutputError("output.folder_unmovable", where=str(self._place), reason=reason_of(error)) from error
         _sync(self._place.parent)
-        if replacing:
+        if replacing and keep:
+            self.kept = old
+        elif replacing:
             shutil.rmtree(old, ignore_errors=True)
 
     def _explained(self, error: OSError, written: int, free: int) -> OutputError | None:
@@ -235,7 +226,7 @@ def resolved(target: Path) -> Path:
         raise OutputError("output.no_place", where=str(target), reason=reason_of(error)) from error
 
 
-def _check_target(place: Path, *, force: bool) -> None:
+def _check_target(place: Path, *, force: bool | Literal["keep"]) -> None:
     where = str(place)
     if not place.name or Path.cwd().is_relative_to(place):
         raise OutputError("output.current_folder", where=where)
@@ -247,11 +238,11 @@ def _check_target(place: Path, *, force: bool) -> None:
         return
     if not place.is_dir():
         raise OutputError("output.folder_is_file", where=where)
-    if not force:
-        raise OutputError("output.folder_exists", where=where)
-    foreign = foreign_files(place)
+    foreign = foreign_files(place) if force else []
     if foreign:
         raise OutputError("output.foreign_files", where=where, count=len(foreign), files=tuple(foreign[:3]))
+    if not force or (force == "keep" and not (place / FACTS_FILE).exists()):
+        raise OutputError("output.folder_exists", where=where)
 
 
 def foreign_files(place: Path) -> list[str]:

@@ -32,12 +32,7 @@ T = TypeVar("T", bound=Tabular)
 
 _EVENTS = ("time_s", "end_s", "code", "severity", "subject", "value", "limit", "unit", "action", "hint", "values")
 
-_NAMES: dict[type, str] = {
-    Trajectory: "solution",
-    Innovations: "innovations",
-    SensorErrors: "biases",
-    GpsData: "fixes",
-}
+_NAMES: dict[type, str] = {Trajectory: "solution", Innovations: "innovations", SensorErrors: "biases", GpsData: "fixes"}
 _GROUP = 1 << 16  # rows of a group of a parquet file
 _OPTIONAL = ("sd", "fix", "heading")  # fields that may have no columns
 _DECIMALS: Decimals = (

@@ -50,12 +50,12 @@ def store(found: object, file: Path) -> None:
     np.savez_compressed(file, **{_STRUCTURE: np.frombuffer(structure, np.uint8)}, **content)  # type: ignore[arg-type]
 
 
-def read_stored(folder: Path) -> Any:
+def read_stored(folder: Path, name: str = FILE) -> Any:
     """Read what was found from its folder.
 
     Raises: InputError: the file is missing, damaged, or of another version.
     """
-    file = folder / FILE
+    file = folder / name
     try:
         with file.open("rb") as stream, np.load(stream, allow_pickle=False) as content:
             return _restored(json.loads(content[_STRUCTURE].tobytes()), content)

@@ -240,10 +240,7 @@ def kml_text(solution: Trajectory, name: str) -> str:
     )
     marks = "".join(
         f"<Placemark><name>{label} {time:.1f} s</name><Point><coordinates>{point}</coordinates></Point></Placemark>\n"
-        for label, time, point in (
-            ("start", solution.time[0], points[0]),
-            ("end", solution.time[-1], points[-1]),
-        )
+        for label, time, point in (("start", solution.time[0], points[0]), ("end", solution.time[-1], points[-1]))
     )
     title = escape(plain_text(name), quote=False)
     return (

@@ -2,8 +2,9 @@
 
 A kind of result is a room of this package, found by its name: ``insnav.report.<kind>.page`` has ``page(result)``,
 which gives its `Page`, and ``frame(result)`` for its main table. Where there is more, it has ``texts(result)``, text
-files by name, ``write_files(result, folder, table_format)`` for other files, and ``text(result)`` for the terminal. A
-result is stored whole and read again, unless its room has ``read_found(folder, findings)``, which reads these files.
+files by name, ``write_files(result, folder, table_format)`` for other files, and ``text(result, width)`` for the
+terminal. A result is stored whole and read again, unless its room has ``read_found(folder, findings)``, which reads
+these files.
 """
 
 from __future__ import annotations
@@ -27,11 +28,13 @@ from insnav.output.stored import FILE as STORED_FILE
 from insnav.output.stored import read_stored, store
 from insnav.plain_text import NOT_UTF8
 from insnav.quantity import Quantity, quantity_of
-from insnav.report.page import DataFrame, Figure, FigureSpec, Page, Section, only_json
+from insnav.report.explanation import explanation_section
+from insnav.report.page import DataFrame, Figure, FigureSpec, Page, Section, cell, only_json
 from insnav.report.run_json import SCHEMA, json_ready, page_facts, versions
 from insnav.report.terminal import page_text
 from insnav.result import Result
 
+EXPLANATION_FILE = "explanation.npz"
 FigureFiles = Literal["page", "png", "svg", "none"]
 _TABLE = ("path", "n_used", "start", "end", "rate", "n_gaps", "longest_gap", "axes", "sampling", "stamp", "height")
 _TIMES = ("start", "end")
@@ -48,15 +51,26 @@ def page_of(result: Result[Any]) -> Page:
     )
 
 
-def frame(result: Result[Any]) -> DataFrame:
-    """Give the main table of a result."""
-    return cast(DataFrame, _room(result.kind).frame(result))
+def frame(result: Result[Any], solution: str) -> DataFrame:
+    """Give the main table of a result: of a run, that of a solution."""
+    known = {"best": None, **(result.found.solutions if result.kind == "run" else {})}
+    if solution not in known:
+        raise ConfigError("input.unknown_word", where="solution", value=str(solution), known=tuple(known))
+    chosen = known[solution]
+    return cast(DataFrame, _room(result.kind).frame(result) if chosen is None else chosen.to_frame())
 
 
-def text_of(result: Result[Any]) -> str:
-    """Give a result as text: as its room lays it out, else its page."""
+def key_lines(result: Result[Any]) -> list[str]:
+    """Give the verdict of a result and its key figures, a line each."""
+    page = result.page()
+    merits = ", ".join(f"{each.label} {cell(each)} {each.shown_unit}".rstrip() for each in page.merits)
+    return [line for line in ("" if page.verdict is None else page.verdict.rating, merits) if line]
+
+
+def text_of(result: Result[Any], width: int | None = None) -> str:
+    """Give a result as text, wrapped to a width if there is one: as its room lays it out, else its page."""
     room = _room(result.kind)
-    return str(room.text(result)) if hasattr(room, "text") else page_text(page_of(result))
+    return str(room.text(result, width)) if hasattr(room, "text") else page_text(page_of(result), width)
 
 
 def _room(kind: str) -> ModuleType:
@@ -76,18 +90,17 @@ def figure(result: Result[Any], name: str) -> Figure:
 
 
 def save_result(
-    result: Result[Any],
-    folder: RunFolder,
-    *,
-    figures: FigureFiles = "page",
-    table_format: TableFormat = "csv",
+    result: Result[Any], folder: RunFolder, *, figures: FigureFiles = "page", table_format: TableFormat = "csv"
 ) -> Path:
     """Write a result into a folder and put it in its place.
 
     `folder`: entered, not committed; `figures`: see `write_page`; `table_format` {"csv", "parquet"}.
     """
     room = _room(result.kind)
-    if not hasattr(room, "read_found"):
+    if hasattr(room, "read_found"):
+        if result.explanation is not None:
+            store(result.explanation, folder.path(EXPLANATION_FILE))
+    else:
         store(replace(result, options=json_ready(result.options), steps=()), folder.path(STORED_FILE))
     with speaking("en"):
         if hasattr(room, "write_files"):
@@ -150,7 +163,8 @@ def open_folder(folder: Path) -> Result[Any]:
     if isinstance(model, dict) and model and chosen is None:
         chosen = Finding.of(Code.STORED_TEXT, text=str(model.get("chosen", "")))
     imu_model = (load_imu(str(file)), chosen) if chosen is not None and file.is_file() else None
-    return Result(kind, found, inputs, facts.get("configuration", {}), imu_model, findings)
+    explanation = read_stored(folder, EXPLANATION_FILE) if (folder / EXPLANATION_FILE).is_file() else None
+    return Result(kind, found, inputs, facts.get("configuration", {}), imu_model, findings, explanation=explanation)
 
 
 def _of_version_0_2(kind: str, facts: Mapping[str, Any]) -> tuple[Finding, ...]:
@@ -212,6 +226,7 @@ def provenance(result: Result[Any]) -> tuple[Section, ...]:
     given = {name: value for name, value in json_ready(dict(result.options)).items() if value is not None}
     options = tuple((Quantity("option", name), Quantity("value", str(value))) for name, value in given.items())
     return (
+        *((explanation_section(result.explanation),) if result.explanation is not None else ()),
         *(_inputs(result.inputs) if result.inputs else ()),
         *((imu_model(*result.imu_model),) if result.imu_model is not None else ()),
         only_json("", Quantity("configuration", dict(result.options))),

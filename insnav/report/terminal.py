@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
 
 from rich.cells import cell_len
 
@@ -10,7 +11,7 @@ from insnav.messages import phrase
 from insnav.plain_text import plain_text, wrapped
 from insnav.report.page import Page, Show, Table, section_tables
 
-WIDTH = 80  # of a line that is not part of a table
+_WORDS = 16  # columns of words that are worth wrapping
 _MARGIN = 12  # of the names of a summary
 
 
@@ -26,28 +27,40 @@ def page_text(page: Page, width: int | None = None, shown: Sequence[Show] = ("al
     Returns: lines without control characters.
     """
     verdict = [] if page.verdict is None else [page.verdict.sentence]
-    blocks = ["\n".join(_wrapped([page.title, *verdict, *page.summary], width))]
+    blocks = ["\n".join(hanging([page.title, *verdict, *page.summary], width))]
     blocks += [table_text(table, width) for section in page.sections for table in section_tables(section, shown)]
     warnings = ((phrase("page.warnings"), page.warnings),) if page.warnings else ()
     for heading, lines in (*warnings, *page.lists):
-        blocks.append("\n".join([heading, *_wrapped([f"  - {line}" for line in lines], width)]))
+        blocks.append("\n".join([heading, *hanging([f"  - {line}" for line in lines], width)]))
     return "\n".join(plain_text(line) for line in "\n\n".join(blocks).splitlines())
 
 
-def _wrapped(lines: Sequence[str], width: int | None) -> list[str]:
+def hanging(lines: Iterable[str], width: int | None) -> list[str]:
+    """Give plain lines in rows of some width, the second and further ones of each indented; as they are without it."""
+    plain = [plain_text(line) for line in lines]
     if width is None:
-        return list(lines)
-    return [row for line in lines for row in wrapped(line, width, subsequent_indent="    ") or [""]]
+        return plain
+    indents = [" " * (2 + len(line) - len(line.lstrip())) for line in plain]
+    split = (
+        wrapped(line, width, subsequent_indent=indent, break_on_hyphens=False) or [""]
+        for line, indent in zip(plain, indents, strict=True)
+    )
+    return [*chain.from_iterable(split)]
 
 
 def table_text(table: Table, width: int | None = None) -> str:
     """Write a table in columns: the first to the left, a last one of words too, numbers to the right.
 
-    `width`: of the terminal; columns that do not fit in it follow below, their rows named again.
+    `width`: of the terminal; a last column of words is wrapped; other columns that do not fit in it follow below, their
+    rows named again.
     """
     cells = [row for row in (table.columns, *table.rows) if any(row)]
     widths = [max(cell_len(row[i]) for row in cells) for i in range(len(table.columns))]
     words = any(row[-1][:1].isalpha() and " " in row[-1] for row in table.rows)
+    room = (width or 0) - 2 * len(widths) - sum(widths[:-1])
+    if words and _WORDS <= room < widths[-1]:
+        cells = [part for row in cells for part in _in_rows(row, room)]
+        widths[-1] = room
     left = {0, len(widths) - 1} if words else {0}
     lines: list[str] = []
     for columns in _fitting(widths, width):
@@ -56,8 +69,15 @@ def table_text(table: Table, width: int | None = None) -> str:
             texts = (row[i] + spaces[i] if i in left else spaces[i] + row[i] for i in columns)
             lines.append("  ".join(texts).rstrip())
     head = [table.title] if table.title else []
-    note = _wrapped([f"  {table.note}"], width) if table.note else []
+    note = hanging([f"  {table.note}"], width) if table.note else []
     return "\n".join([*head, *(f"  {line}" for line in lines), *note])
+
+
+def _in_rows(row: Sequence[str], room: int) -> Iterator[tuple[str, ...]]:
+    """A row whose last cell, in words, goes on below itself."""
+    first, *more = wrapped(row[-1], room) or [""]
+    yield *row[:-1], first
+    yield from ((*("" for _ in row[:-1]), each) for each in more)
 
 
 def _fitting(widths: Sequence[int], width: int | None) -> list[list[int]]:

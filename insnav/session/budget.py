@@ -75,10 +75,7 @@ def motion_of(
 
 
 def budget_of_motion(
-    spec: ImuSpec,
-    motion: SampledMotion,
-    settings: BudgetSettings,
-    progress: Callable[[float], None] | None = None,
+    spec: ImuSpec, motion: SampledMotion, settings: BudgetSettings, progress: Callable[[float], None] | None = None
 ) -> Result[BudgetStudy]:
     """Draw up the budget of an IMU on a motion.
 

@@ -28,7 +28,7 @@ from insnav.input.readers.kinds import data_files, kinds_of
 from insnav.input.readers.reading import not_covered
 from insnav.result import Result
 from insnav.session.drive import Drive, drive_of
-from insnav.session.read import read
+from insnav.session.read import NamedInputs, by_name, read
 from insnav.steps import Recording
 from insnav.steps.given import options_of
 from insnav.steps.imu_noise import stationary_part
@@ -40,38 +40,13 @@ from insnav.units import G0
 
 TO_MEND = 3
 WORST_FIRST: Final = (
-    Code.CHECK_REFUSED,
-    Code.CHECK_OPTION_NEEDED,
-    Code.CHECK_STUCK,
-    Code.CHECK_CLIPPED,
-    Code.ROWS_CUT,
-    Code.READ_ROWS_UNREADABLE,
-    Code.FILES_IMU_BEGINS_LATE,
-    Code.FILES_IMU_ENDS_EARLY,
-    Code.FILES_GPS_BEGINS_LATE,
-    Code.FILES_GPS_ENDS_EARLY,
-    Code.CHECK_IMU_GAPS,
-    Code.CHECK_LOW_RATE,
-    Code.CHECK_FALSE_VELOCITIES,
-    Code.CHECK_JUMPS,
-    Code.CHECK_NO_VELOCITIES,
-    Code.CHECK_SMALL_SD,
-    Code.CHECK_NO_SD,
-    Code.CHECK_SAME_DATA,
-    Code.CHECK_AXES,
-    Code.CHECK_FORCE_STEP,
-    Code.CHECK_JOLT,
-    Code.CHECK_DELAY,
-    Code.CHECK_UNSORTED,
-    Code.CHECK_SAME_TIME,
-    Code.CHECK_GPS_GAPS,
-    Code.CHECK_LEVER_ARM,
-    Code.CHECK_COARSE,
-    Code.CHECK_SPIKES,
-    Code.CHECK_JITTER,
-    Code.CHECK_NO_REST,
-    Code.CHECK_VELOCITY_LAG,
-    Code.CHECK_NO_LEVER_ARM,
+    *(Code.CHECK_REFUSED, Code.CHECK_OPTION_NEEDED, Code.CHECK_STUCK, Code.CHECK_CLIPPED, Code.ROWS_CUT),
+    *(Code.READ_ROWS_UNREADABLE, Code.FILES_IMU_BEGINS_LATE, Code.FILES_IMU_ENDS_EARLY, Code.FILES_GPS_BEGINS_LATE),
+    *(Code.FILES_GPS_ENDS_EARLY, Code.CHECK_IMU_GAPS, Code.CHECK_LOW_RATE, Code.CHECK_FALSE_VELOCITIES),
+    *(Code.CHECK_JUMPS, Code.CHECK_NO_VELOCITIES, Code.CHECK_SMALL_SD, Code.CHECK_NO_SD, Code.CHECK_SAME_DATA),
+    *(Code.CHECK_AXES, Code.CHECK_FORCE_STEP, Code.CHECK_JOLT, Code.CHECK_DELAY, Code.CHECK_UNSORTED),
+    *(Code.CHECK_SAME_TIME, Code.CHECK_GPS_GAPS, Code.CHECK_LEVER_ARM, Code.CHECK_COARSE, Code.CHECK_SPIKES),
+    *(Code.CHECK_JITTER, Code.CHECK_NO_REST, Code.CHECK_VELOCITY_LAG, Code.CHECK_NO_LEVER_ARM),
 )
 BEGIN = 300.0  # so much of a drive is navigated [s]
 ATTEMPTS = 6  # with what refusals ask for
@@ -130,7 +105,7 @@ class _Patient:
 
 
 def check(
-    *files: str | Path, gps: str | Path | None = None, ref: str | Path | None = None, **inputs: Unpack[Inputs]
+    *files: str | Path, gps: str | Path | None = None, ref: str | Path | None = None, **inputs: Unpack[NamedInputs]
 ) -> Result[Checked]:
     """Examine files of a recording, in any order, or its folder.
 
@@ -152,7 +127,8 @@ def check(
         The worst problem comes first in ``found.problems``.
     """
     roles = {Path(each): role for each, role in ((gps, "gps"), (ref, "reference")) if each is not None}
-    patient = _Patient({**inputs})
+    known = by_name(inputs)
+    patient = _Patient(known)
     given = _sorted([*files, *roles], patient, roles)
     data, drive = _opened(given, patient)
     found = Checked(dict(patient.roles), "", ())
@@ -167,7 +143,7 @@ def check(
     found = replace(found, command=line, runs=found.run is not None, runs_as_given=as_given, problems=problems)
     events: tuple[Finding, ...] = () if data is None else data.imu.events
     notes: tuple[Finding, ...] = () if drive is None else drive.notes
-    return Result("check", found, facts, options_of(inputs), None, (*problems, *notes, *events))
+    return Result("check", found, facts, options_of(known), None, (*problems, *notes, *events))
 
 
 def _sorted(files: Sequence[str | Path], patient: _Patient, roles: Mapping[Path, str]) -> dict[str, str | Path]:
@@ -318,8 +294,7 @@ def _standing(imu: ImuData, gps: GpsData) -> BoolArray | None:
     known = np.isfinite(gps.v_n).all(axis=1)
     if known.sum() < 2:
         return None
-    speed = np.interp(imu.time, gps.time[known], np.linalg.norm(gps.v_n[known], axis=1))
-    return np.asarray(speed < STANDING)
+    return np.asarray(np.interp(imu.time, gps.time[known], np.linalg.norm(gps.v_n[known], axis=1)) < STANDING)
 
 
 def _faults(imu: ImuData, patient: _Patient) -> None:

@@ -29,11 +29,11 @@ from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec
 from insnav.input import Reading
 from insnav.messages import sentence
+from insnav.progress import announce, in_notebook
 from insnav.result import Result, StepRecord
-from insnav.session.read import read
+from insnav.session.read import NamedInputs, by_name, read
 from insnav.steps import LOAD, STEPS, Model, Recording, Task, run_steps
 from insnav.steps.given import given_model, one_of, options_of, reference_point, reference_sd
-from insnav.steps.inputs import Inputs
 from insnav.strapdown import intervals
 from insnav.types import FloatArray, GpsData, ImuData, Trajectory
 
@@ -47,28 +47,39 @@ if TYPE_CHECKING:  # what takes long to import is imported where it is used: a r
     from insnav.session.requirement import RequirementOptions
 
 SHORT_REST = 10.0  # so long may steady motion look like rest [s]
+STAGES = {  # of the work, by step
+    **dict.fromkeys(("clean", "one_clock", "receiver_noise", "imu_noise", "mounting"), "checking the data"),
+    **{"align": "aligning", "noise": "finding the noise", "lever_arm": "finding the noise"},
+    **{
+        "explain": "looking for faults",
+        "navigate": "navigating",
+        "check_given": "evaluating",
+        "evaluate": "evaluating",
+    },
+}
 REFERENCE_SD = (0.05, None)  # of reference positions; velocities count only if theirs is given [m], [m/s]
 
 
 def load(
-    imu: Given | ImuData,
+    samples: Given | ImuData,
     gps: Given | GpsData | None = None,
     ref: Given | Trajectory | None = None,
-    **inputs: Unpack[Inputs],
+    **inputs: Unpack[NamedInputs],
 ) -> Drive:
     """Read a recorded drive, find out what it is, and choose the IMU model.
 
     Parameters
     ----------
-    imu : path, data frame, arrays or ImuData
-        Samples: a file of any supported format; a data frame with any columns a file may have; arrays
+    samples : path, data frame, arrays or ImuData
+        IMU data: a file of any supported format; a data frame with any columns a file may have; arrays
         ``(time, gyro, accel)`` in [s], [rad/s], [m/s^2], or ``(gyro, accel)`` with ``rate=``.
     gps : path, data frame, arrays or GpsData, optional
         Fixes; arrays are ``(time, lla)`` in [s], [deg], [deg], [m].
     ref : path, data frame, arrays or Trajectory, optional
         Reference trajectory.
     **inputs
-        What the data do not say themselves, as in `insnav.steps.inputs.Inputs`.
+        What the data do not say themselves, as in `insnav.steps.inputs.Inputs`; ``imu`` is the IMU error specification:
+        a preset, a part, a file or an `ImuSpec`. Its older name ``imu_model`` is deprecated.
 
     Returns
     -------
@@ -81,25 +92,27 @@ def load(
 
     Examples
     --------
-    >>> drive = insnav.load("imu.csv", gps="gps.csv", lever_arm=(0.8, -0.3, -1.2))  # doctest: +SKIP
+    >>> drive = insnav.load("imu.csv", "gps.csv", imu="automotive", lever_arm=(0.8, -0.3, -1.2))  # doctest: +SKIP
     >>> drive.navigate().save("run1")  # doctest: +SKIP
     """
-    return drive_of(read(imu, gps, ref, inputs))
+    return drive_of(read(samples, gps, ref, by_name(inputs)))
 
 
-def align(imu: Given | ImuData, gps: Given | GpsData | None = None, **inputs: Unpack[Inputs]) -> Result[FineAlignment]:
+def align(
+    samples: Given | ImuData, gps: Given | GpsData | None = None, **inputs: Unpack[NamedInputs]
+) -> Result[FineAlignment]:
     """Align a static record; see `load` for what is given, and `Drive.align`.
 
     Parameters
     ----------
-    imu, gps, **inputs
+    samples, gps, **inputs
         As for `load`; the latitude is ``lat``, or that of the fixes.
 
     Returns
     -------
     Result of FineAlignment
     """
-    return load(imu, gps, **inputs).align()
+    return drive_of(read(samples, gps, None, by_name(inputs))).align()
 
 
 def drive_of(recording: Recording) -> Drive:
@@ -107,7 +120,19 @@ def drive_of(recording: Recording) -> Drive:
 
     Raises: InputError: IMU and GPS have no time in common.
     """
-    return Drive(*run_steps(LOAD, recording, given_model(recording)))
+    return Drive(*_stepwise(LOAD, recording, given_model(recording)))
+
+
+def _stepwise(
+    names: Sequence[str], recording: Recording, model: Model
+) -> tuple[Recording, Model, tuple[StepRecord, ...]]:
+    """Run some steps, and name each to whoever shows what is being done."""
+    records: tuple[StepRecord, ...] = ()
+    for name in names:
+        announce(STAGES[name])
+        recording, model, record = run_steps((name,), recording, model)
+        records += record
+    return recording, model, records
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,9 +228,10 @@ class Drive:
         """
         model = self.model if task is None else replace(self.model, task=task)
         wanted = STEPS[len(self.steps) : STEPS.index(step) + 1]
-        recording, model, steps = run_steps(wanted, self.recording, model)
+        recording, model, steps = _stepwise(wanted, self.recording, model)
         return Drive(recording, model, (*self.steps, *steps))
 
+    @in_notebook
     def navigate(
         self,
         *,
@@ -275,6 +301,7 @@ class Drive:
         assert self.model.evaluated is not None
         return self.model.evaluated
 
+    @in_notebook
     def outage(
         self,
         *,
@@ -320,6 +347,7 @@ class Drive:
         done = self.until("evaluate", task)
         ready, run, notes = done.ready, done.evaluated, done.findings
         reference = None if self.reference is None else partial(self._antenna_positions, self.reference)
+        announce("simulating outages")
         windows = outages(
             replace(ready, gps=without_rejected(ready.gps, run.run, ready.settings)),
             lengths=lengths,
@@ -336,6 +364,7 @@ class Drive:
         options = {"lengths_s": lengths, "first_s": first, "spacing_s": spacing, "aiding": aiding}
         return done.result("outage", found, options, (*notes, *run.run.events), run)
 
+    @in_notebook
     def budget(
         self,
         settings: BudgetSettings | None = None,
@@ -379,6 +408,7 @@ class Drive:
         chosen = replace(
             windows or WindowSettings(replicas=20, workers=2), length=float(max(settings.times)), seed=settings.seed
         )
+        announce("simulating outages")
         recorded = recorded_budget(ready, spec, reference, chosen, progress)
         given = self.recording.inputs.get("imu_model") is not None
         assumed = () if given else (self.imu_chosen,)
@@ -386,6 +416,7 @@ class Drive:
         found = budget_of_windows(recorded, settings, progress)
         return done.result("budget", found, asdict(settings), (*recorded.notes, *self._events()))
 
+    @in_notebook
     def require(
         self,
         error: str | float,
@@ -428,6 +459,7 @@ class Drive:
         given = self.recording.inputs.get("imu_model")
         spec = load_imu(str(given)) if isinstance(given, str | Path) else given
         motion = Moving(truth_from_track(track), f"the drive {Path(self.imu.facts.path).name}")
+        announce("simulating")
         found = study_of(required, motion, spec, settings, workers, progress)
         return self.result("requirement", found.found, found.options, (*self.notes, *self._events()))
 
@@ -526,9 +558,13 @@ class Drive:
         """Make a result; that of a `run` has the findings about it, too."""
         given, spec, chosen = options_of(self.recording.inputs, **options), self.model.filter_imu, self.imu_chosen
         if spec is not self.imu_spec:
-            prior = () if chosen in findings else (replace(chosen, severity=Severity.NOTE),)
-            chosen = Finding.of(Code.IMU_MODEL_ESTIMATED, prior=self.imu_spec.name)
-            findings = (*findings, *prior)
+            prior, nearest = spec.name.removesuffix(", as found"), self.imu_spec.name
+            if prior != nearest:  # what says that the nearest one is used
+                findings = tuple(each for each in findings if each != chosen)
+            elif chosen not in findings:
+                findings = (*findings, replace(chosen, severity=Severity.NOTE))
+            chosen = Finding.of(Code.IMU_MODEL_ESTIMATED, prior=prior, nearest="" if prior == nearest else nearest)
         every = (*findings, chosen)
-        result = Result(kind, found, self.recording.facts, given, (spec, chosen), every, self.steps)
+        explanation = None if self.model.ready is None else self.model.ready.explanation
+        result = Result(kind, found, self.recording.facts, given, (spec, chosen), every, self.steps, explanation)
         return result if run is None else judged(result, run)

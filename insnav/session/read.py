@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import re
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar, cast, get_args
 
 import numpy as np
 
 from insnav import imu as sensors  # whose calibration files are imported when one is given: 10 ms
-from insnav.exceptions import ConfigError, InputError, InsnavError
+from insnav.exceptions import KEYWORDS, ConfigError, InputError, InsnavError
 from insnav.input import Reading, ReadingFacts, read_gps, read_imu, read_reference
 from insnav.input.formats.registry import choose_table, open_table
 from insnav.input.formats.table import ArrayCells, Table
@@ -33,14 +34,34 @@ if TYPE_CHECKING:
     import pandas as pd
     from typing_extensions import TypeIs
 
+    from insnav.imu.specification import ImuSpec
+
     Given: TypeAlias = "str | Path | pd.DataFrame | Sequence[FloatArray]"
 
+
+class NamedInputs(Inputs, total=False):
+    """What may be given with a recording, where ``imu`` is the IMU error specification: `Inputs` has an older name."""
+
+    imu: str | Path | ImuSpec | None
+
+
+KEYWORDS["--imu"] = "imu"
 T = TypeVar("T", ImuData, GpsData, Trajectory)
 _KINDS = {"IMU": IMU_KINDS, "GPS": GPS_KINDS, "reference": REFERENCE_KINDS}
 MOST_FIXES = 0.5  # part of the rows of samples that may hold a new fix
 _DESCRIBING = ("axes", "units", "columns", "sampling", "stamp")
 _GYRO = ("gyro_x_rad_s", "gyro_y_rad_s", "gyro_z_rad_s")
 _ACCEL = ("accel_x_m_s2", "accel_y_m_s2", "accel_z_m_s2")
+
+
+def by_name(inputs: NamedInputs) -> Inputs:
+    """Give the inputs by the names of `Inputs`; ``imu_model`` is deprecated until 0.4."""
+    known: dict[str, Any] = {**inputs}
+    if known.get("imu_model") is not None:
+        warnings.warn("imu_model is deprecated and ends with version 0.4: use imu", DeprecationWarning, stacklevel=3)
+    if (given := known.pop("imu", None)) is not None:
+        known["imu_model"] = given
+    return cast(Inputs, known)
 
 
 def read(

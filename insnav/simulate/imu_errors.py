@@ -59,13 +59,7 @@ class ImuSimulation:
     accel_bias: FloatArray
 
 
-def corrupt_imu(
-    imu: ImuData,
-    spec: ImuSpec,
-    seed: Seed,
-    *,
-    temperature: FloatArray | None = None,
-) -> ImuSimulation:
+def corrupt_imu(imu: ImuData, spec: ImuSpec, seed: Seed, *, temperature: FloatArray | None = None) -> ImuSimulation:
     """Sample an IMU from a specification and let it measure.
 
     Constant errors come first (`insnav.imu.corrupt`), then in-run bias, white noise, quantisation, range, rounding,
@@ -105,12 +99,7 @@ def corrupt_imu(
 
 
 def further_errors(
-    sensor: Sensor,
-    size: SensorSpec,
-    rate: FloatArray,
-    force: FloatArray,
-    since: FloatArray,
-    rng: np.random.Generator,
+    sensor: Sensor, size: SensorSpec, rate: FloatArray, force: FloatArray, since: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
     """Errors by constant or steadily growing terms of the budget that `sample_errors` does not sample, ``(n, 3)``.
 

@@ -103,5 +103,4 @@ def temperature_ramp(imu: ImuData, ends: tuple[float, float] | None) -> FloatArr
 
 def times(truth: Truth, rate: float) -> FloatArray:
     """Evenly spaced times of the whole motion at a rate [Hz], its start included, ``(n,)`` [s]."""
-    count = math.floor(truth.duration * rate * (1.0 + 1e-12)) + 1
-    return truth.start + np.arange(count) / rate
+    return truth.start + np.arange(math.floor(truth.duration * rate * (1.0 + 1e-12)) + 1) / rate

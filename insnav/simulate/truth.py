@@ -217,13 +217,7 @@ def straight(
 
 
 def circle(
-    lla: FloatArray,
-    speed: float,
-    turn_rate: float,
-    duration: float,
-    *,
-    heading: float = 0.0,
-    start: float = 0.0,
+    lla: FloatArray, speed: float, turn_rate: float, duration: float, *, heading: float = 0.0, start: float = 0.0
 ) -> LevelTruth:
     """Constant turn at constant height, banked so that a plumb line stays in the plane of symmetry.
 

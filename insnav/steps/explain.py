@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from insnav.explain.explanation import Fault, explain_faults, find
-from insnav.explain.kinds import KINDS
+from insnav.explain.explanation import Explanation, Fault, explain_faults, find
+from insnav.explain.kinds import with_priors
 from insnav.filter.prepare import Prepared
 from insnav.findings import Finding
 from insnav.steps import Model, Recording, run_steps
@@ -19,21 +19,26 @@ ROUNDS = 3  # of fixes put on one delay
 
 def explain(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
     """Find the faults of a recording; where the delay of the fixes changes, put them on one delay and align again."""
+    if recording.inputs.get("explain") == "off":
+        return recording, model, ()
     assert model.ready is not None
     assert recording.fixes is not None
+    kinds = with_priors(recording.inputs.get("faults") or {})
     before, fixes, late = model.ready, recording.fixes, list[Fault]()
-    ready, explanation = explain_faults(before, KINDS)
+    rounds = list[Explanation]()
+    ready, explanation = explain_faults(before, kinds)
     for _ in range(ROUNDS):
         steps = explanation.of_delay()
         if not steps:
             break
         late += steps
+        rounds.append(explanation)
         fixes = put_on_one_delay(fixes, before, steps)
         model = run_steps(("align",), replace(recording, fixes=fixes), model)[1]
         assert model.ready is not None
         before = model.ready
-        ready, explanation = explain_faults(before, KINDS)
-    explanation = replace(explanation, faults=(*late, *explanation.faults))
+        ready, explanation = explain_faults(before, kinds)
+    explanation = replace(explanation.after(rounds), faults=(*late, *explanation.faults))
     findings = (*(find(step, fixes) for step in late), *explanation.findings)
     ready = replace(ready, explanation=explanation, faults=(*ready.faults, *findings))
     return replace(recording, fixes=fixes), replace(model, ready=ready), findings

@@ -13,6 +13,7 @@ import numpy as np
 
 from insnav import spill
 from insnav.exceptions import ConfigError, InputError
+from insnav.explain.kinds import with_priors
 from insnav.filter.prepare import DELAY_SD, Prepared, Start, prepare
 from insnav.filter.settings import FilterSettings
 from insnav.findings import Code, Finding
@@ -43,6 +44,9 @@ def checked(inputs: Inputs) -> Inputs:
             raise ConfigError(
                 "input.out_of_range", where=key, value=value / what.size, low=what.low, high=what.high, unit=what.unit
             )
+        if value is not None and what.choices:
+            one_of(key, value, what.choices)
+    with_priors(inputs.get("faults") or {})
     vector(inputs, "lever_arm")
     vector(inputs, "ref_lever_arm")
     span = inputs.get("static")

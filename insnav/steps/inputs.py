@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from insnav.types import FloatArray, Sampling, Stamp
 
 NoiseChoice = Literal["estimate", "fixes", "model"]
+ExplainChoice = Literal["on", "off"]
 Kind = Literal["text", "file", "number", "numbers", "vector", "span", "columns"]
 
 
@@ -55,7 +56,8 @@ class Inputs(TypedDict, total=False):
 
     SI and radians. Lever arms are forward, right, down; ``rate`` is for arrays without times; ``ref_sd`` is that of
     positions [m], or of positions and velocities [m], [m/s]; ``logs`` are further sensors by name:
-    ``{"speedometer": "speed.csv", "magnetometer": "imu.csv"}``.
+    ``{"speedometer": "speed.csv", "magnetometer": "imu.csv"}``; ``faults`` are rates and sizes by kind, or their file:
+    ``{"offset": {"rate": "0.2 1/h", "size": "30 m"}}``.
     """
 
     imu_model: str | Path | ImuSpec | None
@@ -83,6 +85,8 @@ class Inputs(TypedDict, total=False):
     static: tuple[float, float] | None
     heading: float | None
     initial: str | Path | Start | None
+    explain: ExplainChoice | None
+    faults: str | Path | Mapping[str, Mapping[str, str]] | None
     logs: Mapping[str, str | Path | pd.DataFrame] | None
     lat: float | None
     height: float | None

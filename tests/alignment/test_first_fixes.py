@@ -68,7 +68,7 @@ def test_few_fixes_are_not_judged():
 def test_one_false_first_fix_costs_nothing(given: bool):
     """With the IMU model given this drive was 167 m off, with a standard deviation of 169 km."""
     made = insnav.simulate("city", imu="automotive", seed=57)
-    inputs = {"imu_model": "automotive"} if given else {}
+    inputs = {"imu": "automotive"} if given else {}
     lla = made.gps.data.lla.copy()
     lla[0] = lla_offset(lla[0], np.array([1100.0, 0.0, 0.0]))
     rms, sd = [], []

@@ -6,12 +6,14 @@ import csv
 import errno
 import json
 import os
+import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from insnav.messages import phrase
 from tests.cli.conftest import QUICK, Cli, Outcome
 
 
@@ -218,12 +220,40 @@ def test_a_parent_that_is_a_file_is_known_at_once(drive: Path, cli: Cli):
     assert "IMU:" not in shown.err  # nothing was read in vain
 
 
+def _content(folder: str) -> dict[Path, bytes]:
+    return {path.relative_to(folder): path.read_bytes() for path in Path(folder).rglob("*") if path.is_file()}
+
+
 def test_an_existing_result_is_kept_without_force(drive: Path, cli: Cli):
     assert cli("run", *QUICK).code == 0
-    before = {path: path.read_bytes() for path in Path("run").rglob("*") if path.is_file()}
-    refused(cli("run", *QUICK), 4, "output.folder_exists")
-    assert before == {path: path.read_bytes() for path in Path("run").rglob("*") if path.is_file()}
+    before = _content("run")
+    refused(cli("run", *QUICK, "--out", "run"), 4, "output.folder_exists")
+    assert before == _content("run")
     assert cli("run", *QUICK, "--force").code == 0
+    assert not Path("run~1").exists()
+
+
+def test_a_result_in_the_default_folder_makes_way_and_is_kept(drive: Path, cli: Cli):
+    assert cli("run", *QUICK).code == 0
+    Path("run/run.json").write_text(Path("run/run.json").read_text() + " ")
+    first, second = _content("run"), cli("run", *QUICK)
+    assert (second.code, _content("run~1")) == (0, first)
+    assert phrase("terminal.kept", folder="run~1") in second.err
+    shutil.rmtree("run~1")
+    Path("run~1").mkdir()  # of the user: not touched
+    assert cli("run", *QUICK).code == 0
+    assert list(Path("run~1").iterdir()) == []
+    assert _content("run~2").keys() == first.keys()
+
+
+@pytest.mark.parametrize("file", ["thesis.tex", None])
+def test_a_folder_of_the_user_never_makes_way(drive: Path, cli: Cli, file: str | None):
+    Path("run").mkdir()
+    if file:
+        Path("run", file).write_text("years of work")
+    refused(cli("run", *QUICK), 4, "output.foreign_files" if file else "output.folder_exists")
+    assert sorted(path.name for path in Path().glob("run*")) == ["run"]
+    assert [path.name for path in Path("run").iterdir()] == ([file] if file else [])
 
 
 def test_force_does_not_replace_what_is_not_a_result(drive: Path, cli: Cli):
@@ -242,3 +272,36 @@ def test_names_with_escape_codes_do_not_reach_the_terminal(drive: Path, cli: Cli
     shown = cli("run", "\x1b[31mred.csv", "--gps", "gps.csv")
     refused(shown, 3, "red.csv")
     assert "\x1b" not in shown.err
+
+
+def test_advice_fits_the_mistake(drive: Path, cli: Cli):
+    assert cli("run", *QUICK).code == 0
+    Path("short.csv").write_text("".join(Path("imu.csv").read_text().splitlines(keepends=True)[:51]))  # 0.5 s
+    for arguments, code, words in (
+        (("short.csv", "gps.csv"), 3, ("columns.short_record", "0.49 s")),
+        (("imu.csv", "gps.csv", "--imu", "imu.csv"), 2, ("imu.no_specification", "--imu", "imu.csv")),
+        (("imu.csv", "gps.csv", "--imu", "gps.csv"), 2, ("imu.no_specification", "gps.csv")),
+        (("run", "gps.csv"), 3, ("format.result_folder", "insnav report run")),
+    ):
+        shown = cli("run", *arguments)
+        refused(shown, code, *words)
+        assert "offset" not in shown.err
+        assert "biases.csv" not in shown.err
+
+
+def test_a_record_of_some_fixes_may_still_be_of_another_clock(drive: Path, cli: Cli):
+    rows = Path("imu.csv").read_text().splitlines(keepends=True)
+    Path("part.csv").write_text("".join([rows[0], *rows[:351][1:]]))  # 3.5 s
+    gps = [line.split(",", 1) for line in Path("gps.csv").read_text().splitlines()]
+    later = [gps[0], *([f"{float(time) + 18.0}", rest] for time, rest in gps[1:])]
+    Path("later.csv").write_text("\n".join(map(",".join, later)))
+    refused(cli("run", "part.csv", "later.csv"), 3, "columns.clock_offset", "--imu-time-offset 18")
+
+
+def test_fixes_are_no_reference_of_a_red_verdict(drive: Path, cli: Cli):
+    shown = cli("run", *QUICK, "--ref", "gps.csv")
+    assert shown.code == 0, shown.err
+    assert phrase("terminal.line", name=phrase("light.unknown"), text=phrase("run.same_as_gps")) in shown.out
+    assert phrase("light.bad") not in shown.out
+    again = cli("report", "run")
+    assert phrase("run.same_as_gps") in again.out

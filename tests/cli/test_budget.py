@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from insnav.output.folder import read_facts, verify_folder
+from insnav.output.folder import read_facts
 from tests.cli.conftest import SAMPLE, Cli
+from tests.shared import verify_folder
 
 MEMS = """
 name = "mems"

@@ -11,9 +11,10 @@ import pytest
 
 from insnav.findings import Code
 from insnav.imu import load_calibration, load_imu
-from insnav.output.folder import read_facts, verify_folder
+from insnav.output.folder import read_facts
 from tests.cli.conftest import QUICK, Cli, findings_of, says, warnings_of
 from tests.lab.published import lab_file
+from tests.shared import verify_folder
 
 RATES = np.arange(-80.0, 81.0, 20.0)
 ANGLES = np.arange(0.0, 360.0, 30.0)

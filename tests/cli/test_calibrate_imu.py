@@ -10,11 +10,12 @@ import pytest
 
 from insnav.findings import Code, Severity
 from insnav.imu import corrupt, load_calibration
-from insnav.output.folder import read_facts, verify_folder
+from insnav.output.folder import read_facts
 from insnav.types import ImuData
 from insnav.units import DEG
 from tests.cli.conftest import QUICK, Cli, findings_of, says
 from tests.lab.sweeps import asymmetric, cubic, gyros, straight, write
+from tests.shared import verify_folder
 
 
 @pytest.fixture

@@ -14,11 +14,12 @@ from insnav.imu import correct, load_calibration
 from insnav.imu.higher_order import ErrorTerms
 from insnav.input import read_imu
 from insnav.input.interpret.axes import axes_matrix
-from insnav.output.folder import read_facts, verify_folder
+from insnav.output.folder import read_facts
 from insnav.types import ImuData
 from tests.cli.conftest import Cli, findings_of, says
 from tests.lab.test_multi_position import G_SENSITIVITY, TRUE, measured
 from tests.lab.test_six_positions import measured as six_measured
+from tests.shared import verify_folder
 
 HEADER = "time_s,gyro_x_rad_s,gyro_y_rad_s,gyro_z_rad_s,accel_x_m_s2,accel_y_m_s2,accel_z_m_s2"
 RAW_HEADER = "time,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z"

@@ -24,7 +24,9 @@ def test_the_demo_says_its_command_and_that_command_gives_the_same(cli: Cli) -> 
     again = cli(*shlex.split(line)[2:-1], "again")
     assert again.code == 0
     assert Path("demo", "smoothed.csv").read_bytes() == Path("again", "smoothed.csv").read_bytes()
-    assert cli("demo").code == 4, "an existing result is not replaced unasked"
+    kept = Path("demo", "run.json").read_bytes()
+    assert cli("demo").code == 0
+    assert Path("demo~1", "run.json").read_bytes() == kept
 
 
 COMPARE = """

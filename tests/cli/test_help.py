@@ -9,7 +9,7 @@ import time
 import pytest
 
 from insnav.messages import phrase
-from tests.cli.conftest import Cli
+from tests.cli.conftest import ROOT, Cli
 
 COMMANDS = ("run", "align", "compare", "tune")
 
@@ -35,7 +35,7 @@ def test_help_of_a_command_has_examples_and_fits_a_terminal(cli: Cli, command: s
 def test_help_of_run_has_its_options_in_groups(cli: Cli):
     shown = cli("run", "--help").out
     groups = [line[:-1] for line in shown.splitlines() if line.endswith(":") and line[0] != " "]
-    assert groups == ["Files", "IMU", "GPS and reference", "Start", "Other aiding", "Result", "Other"]
+    assert groups == ["Files", "IMU", "GPS and reference", "Start", "Faults", "Other aiding", "Result", "Other"]
 
 
 def test_no_command_shows_the_help(cli: Cli):
@@ -108,6 +108,29 @@ def test_a_shell_completes_commands(cli: Cli, monkeypatch: pytest.MonkeyPatch, s
     assert "compare" in cli().out
 
 
+@pytest.mark.parametrize(
+    ("typed", "folders"),
+    [
+        ("run --imu ", ("imu/grades", "imu/parts")),
+        ("run --imu ADIS", ("imu/grades", "imu/parts")),
+        ("simulate city --gps r", ("simulate/receivers",)),
+        ("imus st", ("imu/parts",)),
+        ("simulate c", ("profiles",)),
+        ("require --profile t", ("profiles",)),
+        ("run imu", ()),  # a file, which the shell completes itself
+    ],
+)
+def test_a_shell_completes_presets_parts_and_profiles(cli: Cli, monkeypatch, typed: str, folders: tuple[str, ...]):
+    monkeypatch.setenv("_INSNAV_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", f"insnav {typed}")
+    monkeypatch.setenv("COMP_CWORD", str(len(typed.split(" "))))
+    places = [ROOT / "trajectories" if name == "profiles" else ROOT / "insnav" / name for name in folders]
+    known = {path.stem for place in places for path in place.glob("*.toml")} - {"corpus"}
+    begun = {name for name in known if name.startswith(typed.split(" ")[-1].lower())}
+    assert {*cli().out.lower().split()} == begun
+    assert bool(begun) == bool(folders)
+
+
 def test_colour_is_for_terminals_that_want_it(monkeypatch: pytest.MonkeyPatch):
     from insnav.cli import console
 
@@ -118,21 +141,6 @@ def test_colour_is_for_terminals_that_want_it(monkeypatch: pytest.MonkeyPatch):
     assert console.coloured(f"{good}: it holds\na good one") == f"\x1b[32m{good}\x1b[0m: it holds\na good one"
     monkeypatch.setenv("NO_COLOR", "1")
     assert console.coloured(f"{good}: it holds") == f"{good}: it holds"
-
-
-def test_progress_counts_what_can_be_counted():
-    from insnav.cli.console import Stages
-
-    shown = []
-    stage = Stages()
-    stage._bar = type(
-        "Bar", (), {"update": lambda _, task, **what: shown.append(what), "reset": lambda *_, **__: None}
-    )()
-    stage._task = 0
-    stage("navigating", 0.25, 300)
-    assert shown[-1] == {"description": "navigating 75/300", "total": 1.0, "completed": 0.25}
-    stage("writing")
-    assert shown[-1] == {"description": "writing", "total": None, "completed": 0.0}
 
 
 def test_work_that_takes_long_is_named_where_there_is_no_terminal(monkeypatch, capsys):

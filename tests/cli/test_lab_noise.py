@@ -13,11 +13,12 @@ import pytest
 import insnav
 from insnav.findings import Code
 from insnav.imu import load_calibration, load_imu
-from insnav.output.folder import read_facts, verify_folder
+from insnav.output.folder import read_facts
 from insnav.result import Result
 from insnav.units import DEG
 from tests.cli.conftest import Cli, says, warnings_of
 from tests.lab.published import lab_file
+from tests.shared import verify_folder
 
 IMU = "time_s,gyro_x_rad_s,gyro_y_rad_s,gyro_z_rad_s,accel_x_m_s2,accel_y_m_s2,accel_z_m_s2"
 RATES = np.array([0.0, 10.0, 20.0, 40.0, 60.0, 80.0, -10.0, -20.0, -40.0, -60.0, -80.0])

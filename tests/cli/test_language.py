@@ -70,7 +70,7 @@ def test_a_run_warns_in_the_language_that_is_asked_for(drive: Path, cli: Cli):
 def test_nothing_on_the_terminal_is_an_english_sentence(drive: Path, cli: Cli):
     assert english_lines("insnav: error: The file has no times, fixes or samples.")
     plain, shown = (cli(*lang, "run", *QUICK, *REFERENCE, "--out", "run", "--force") for lang in ((), ("--lang=zh",)))
-    assert len(english_lines(plain.out)) > 3
+    assert len(english_lines(plain.out)) >= 3
     assert english_lines(shown.out) == []
     assert english_lines(shown.err) == []
     assert shown.code == 0
@@ -171,7 +171,7 @@ def test_the_environment_chooses_the_language_and_english_is_taken_for_an_unknow
 
 
 def test_what_follows_two_dashes_is_no_language(cli: Cli):
-    assert "unexpected extra argument(s) (--lang)" in cli("run", "--", "imu.csv", "--lang").err
+    assert "unexpected extra argument(s) (--lang)" in cli("run", "--", "imu.csv", "gps.csv", "--lang").err
 
 
 def test_the_help_shows_the_languages(cli: Cli):

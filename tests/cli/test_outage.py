@@ -9,8 +9,9 @@ import pytest
 
 from insnav.findings import Code, Finding
 from insnav.messages import phrase, sentence
-from insnav.output.folder import read_facts, verify_folder
+from insnav.output.folder import read_facts
 from tests.cli.conftest import Cli, findings_of
+from tests.shared import verify_folder
 
 QUICK = ("outage", "imu.csv", "--gps", "gps.csv", "--imu", "automotive", "--lengths", "3,6", "--first", "80")
 

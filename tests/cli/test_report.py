@@ -11,10 +11,11 @@ import pytest
 from PIL import Image
 
 from insnav.findings import ASSUMED_POSITION_SD, Code, Severity
-from insnav.output.folder import read_facts, verify_folder
+from insnav.output.folder import read_facts
 from insnav.types import FloatArray
 from insnav.units import DEG
 from tests.cli.conftest import Cli, findings_of
+from tests.shared import verify_folder
 
 RUN = ("run", "imu.csv", "--gps", "gps.csv", "--imu", "automotive", "--ref", "ref.csv", "--lever-arm", "0.8,-0.3,-1.2")
 

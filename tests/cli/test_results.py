@@ -12,9 +12,10 @@ from matplotlib.figure import Figure
 
 import insnav
 from insnav.exceptions import ConfigError
-from insnav.output.folder import read_facts, verify_folder
+from insnav.output.folder import read_facts
 from insnav.result import Result
 from tests.cli.conftest import Cli
+from tests.shared import verify_folder
 
 LEVER = (0.8, -0.3, -1.2)
 GIVEN = ("--lever-arm", "0.8,-0.3,-1.2")
@@ -23,7 +24,7 @@ _OF_WRITING = ("configuration", "files")  # options as they were given, digests 
 
 
 def run() -> Result[Any]:
-    return insnav.load("imu.csv", gps="gps.csv", imu_model="automotive", lever_arm=LEVER).navigate()
+    return insnav.load("imu.csv", gps="gps.csv", imu="automotive", lever_arm=LEVER).navigate()
 
 
 # kind -> how Python and the command line make it, its figure if it has one, a column of its table
@@ -35,7 +36,7 @@ RESULTS: dict[str, tuple[Callable[[], Result[Any]], tuple[str, ...], str, str]] 
         "prior",
     ),
     "alignment": (
-        lambda: insnav.align("imu.csv", imu_model="navigation", lat=np.radians(48.0)),
+        lambda: insnav.align("imu.csv", imu="navigation", lat=np.radians(48.0)),
         ("align", "imu.csv", "--imu", "navigation", "--lat", "48"),
         "",
         "heading_deg",

@@ -10,17 +10,27 @@ from pathlib import Path
 
 import pytest
 
+from insnav.exceptions import DivergenceError, InputError
 from insnav.findings import Code, Severity, of_families
 from insnav.messages import phrase, word
-from insnav.output.folder import read_facts, verify_folder
+from insnav.output.folder import read_facts
 from insnav.steps import STEPS
 from insnav.units import DEG
 from tests.cli.conftest import QUICK, Cli, findings_of, says
+from tests.shared import verify_folder
 
 WITH_REFERENCE = (*QUICK, "--ref", "ref.csv", "--lever-arm", "0.8,-0.3,-1.2")
 TABLES = [
-    *("biases.csv", "errors.csv", "events.csv", "fixes.csv", "imu.toml", "innovations.csv", "run.json"),
-    *("smoothed.csv", "smoothed_biases.csv", "smoothed_errors.csv", "solution.csv", "track.kml"),
+    *("biases.csv", "errors.csv", "events.csv", "explanation.npz", "fixes.csv", "imu.toml"),
+    *(
+        "innovations.csv",
+        "run.json",
+        "smoothed.csv",
+        "smoothed_biases.csv",
+        "smoothed_errors.csv",
+        "solution.csv",
+        "track.kml",
+    ),
 ]
 FIGURES = ["attitude", "biases", "height", "innovations", "track", "uncertainty", "velocity"]
 HEIGHTS = [code for code in of_families("read") if code.startswith("read.height.")]
@@ -113,7 +123,8 @@ def test_json_alone_is_on_standard_output_and_is_that_of_the_folder(drive: Path,
             "aiding",
             "outages",
         ),
-        *("sensor_errors", "alignment", "events", "input", "imu_model", "configuration"),
+        *("sensor_errors", "alignment", "events", "explanation"),
+        *("input", "imu_model", "configuration"),
         *("verdict", "summary", "method", "findings", "files"),
     ]
     assert facts["configuration"]["lever_arm"] == "0.8,-0.3,-1.2"
@@ -140,6 +151,20 @@ def test_the_same_input_gives_the_same_bytes(drive: Path, cli: Cli):
     assert _files(Path("first")) == _files(Path("second")) == TABLES
     for name in TABLES:
         assert Path("first", name).read_bytes() == Path("second", name).read_bytes(), name
+
+
+def test_two_files_are_told_apart_by_their_content(drive: Path, cli: Cli):
+    cli("run", *QUICK, "--out", "named")
+    named = read_facts(Path("named"))
+    for order in (("imu.csv", "gps.csv"), ("gps.csv", "imu.csv")):
+        shown = cli("run", *order, *QUICK[3:], "--out", order[0][:3])
+        assert shown.code == 0, shown.err
+        facts = read_facts(Path(order[0][:3]))
+        assert facts["configuration"] == named["configuration"]
+        assert facts["files"]["solution.csv"] == named["files"]["solution.csv"]
+    twice = cli("run", "imu.csv", "gps.csv", "--gps", "gps.csv")
+    assert twice.code == 2
+    assert "cli.fixes_twice" in twice.err
 
 
 def test_a_folder_brings_its_reference_and_is_as_its_files(drive: Path, cli: Cli):
@@ -170,6 +195,32 @@ def test_a_limit_on_the_error_decides_the_exit_code(drive: Path, cli: Cli):
     assert f"{rms:.3f}" in bad.err
     assert "error" not in good.err
     verify_folder(Path("bad"))
+
+
+@pytest.mark.parametrize(("north_m", "code"), [(0.0, 0), (200.0, 1)])
+def test_exit_code_1_is_the_verdict_in_every_command(drive: Path, cli: Cli, north_m: float, code: int):
+    head, *rows = Path("ref.csv").read_text().splitlines()
+    place = head.split(",").index("lat_deg")
+    cells = [row.split(",") for row in rows]
+    for row in cells:
+        row[place] = f"{float(row[place]) + north_m / 111_000.0:.9f}"
+    Path("ref.csv").write_text("\n".join([head, *map(",".join, cells)]))
+    Path("drives.toml").write_text('[[drive]]\nfile = "imu.csv"\ngps = "gps.csv"\nref = "ref.csv"\n')
+    options = ("--imu", "automotive")
+    for command in (
+        ("run", *QUICK, "--ref", "ref.csv"),
+        ("outage", "imu.csv", "gps.csv", *options, "--ref", "ref.csv", "--lengths", "10", "--engine", "1"),
+        ("batch", "drives.toml", *options, "--figures", "none", "--engine", "1"),
+    ):
+        shown = cli(*command)
+        assert shown.code == code, (command, shown.err)
+        assert ("cli.not_relied_on" in shown.err) == bool(code)
+        light = read_facts(Path({"batch": "fleet"}.get(command[0], command[0])))["verdict"]["light"]
+        assert (light == "bad") == bool(code)
+
+
+def test_data_that_lose_the_filter_are_unusable_data():
+    assert DivergenceError.exit_code == InputError.exit_code == 3
 
 
 @pytest.mark.parametrize(

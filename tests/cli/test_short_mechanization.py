@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from insnav.output.folder import verify_folder
 from tests.cli.conftest import QUICK, Cli
+from tests.shared import verify_folder
 
 
 def test_the_short_form_is_reported_beside_the_full_one(drive: Path, cli: Cli):

@@ -19,9 +19,10 @@ import pytest
 from insnav.findings import Code
 from insnav.imu import load_calibration, load_imu
 from insnav.input import read_gps, read_imu, read_reference
-from insnav.output.folder import read_facts, verify_folder
+from insnav.output.folder import read_facts
 from insnav.simulate.motion import library, load_profile
 from tests.cli.conftest import ROOT, Cli, findings_of, says
+from tests.shared import verify_folder
 
 MOTION = "drive.toml"  # two minutes
 PROFILE = """

@@ -14,8 +14,9 @@ from insnav.certificate import certify, gravity, strapdown_checks
 from insnav.certificate import integrators as peer
 from insnav.findings import Code, Finding
 from insnav.messages import sentence
-from insnav.output.folder import read_facts, verify_folder
+from insnav.output.folder import read_facts
 from tests.cli.conftest import Cli
+from tests.shared import verify_folder
 
 
 @pytest.fixture
@@ -122,7 +123,9 @@ def test_what_cannot_be_is_refused(short: None, cli: Cli, options: tuple[str, ..
     assert shown.out == ""
 
 
-def test_an_older_certificate_is_replaced_only_if_told(short: None, cli: Cli):
+def test_an_older_certificate_is_kept_unless_told(short: None, cli: Cli):
     assert cli("verify").code == 0
-    assert cli("verify").code == 4
-    assert cli("verify", "--force").code == 0
+    assert cli("verify").code == 0
+    assert Path("certificate~1", "run.json").exists()
+    assert cli("verify", "--out", "certificate").code == 4
+    assert cli("verify", "--out", "certificate", "--force").code == 0

@@ -288,7 +288,7 @@ def test_attitude_and_velocity_are_no_surer_than_the_clock():
         plan = plan_of(profiled("city", seed), {"imu": "navigation", "seed": seed})
         made = plan.measured()
         run = (
-            insnav.load(made.imu, gps=made.gps, imu_model=plan.imu, lever_arm=tuple(made.lever_b)).navigate().found.run
+            insnav.load(made.imu, gps=made.gps, imu=plan.imu, lever_arm=tuple(made.lever_b)).navigate().found.run
         )
         for state in (run.epochs, run.smoothed.epochs):
             state = state.rows((state.time > plan.truth.start + 30.0) & (state.time < plan.truth.start + 600.0))
@@ -491,7 +491,7 @@ def test_noise_of_the_fixes_shows_no_delay():
     begin = made.imu.time[0] + 400.0
     imu, gps = (each.rows((each.time > begin) & (each.time < begin + 150.0)) for each in (made.imu, made.gps))
     true = plan.truth.evaluate(gps.time)
-    ready = insnav.load(imu, replace(gps, lla=true.lla, v_n=true.v_n), imu_model="consumer").until("align").ready
+    ready = insnav.load(imu, replace(gps, lla=true.lla, v_n=true.v_n), imu="consumer").until("align").ready
     ready = replace(ready, settings=replace(ready.settings, settled=True))
     for noise in (0.0, 1.0, 1.0, 1.0):
         rng = np.random.default_rng([31, len(found)])

@@ -80,7 +80,7 @@ def test_noise_of_gyros_makes_an_arm_no_shorter(profile, seed):
     made = plan_of(profiled(profile, seed), {"imu": "adxl103-class", "gps": gps, "seed": seed}).measured()
     end = made.imu.time[0] + 260.0
     some = made.imu.rows(made.imu.time < end), made.gps.rows(made.gps.time < end)
-    run = insnav.load(*some, imu_model="adxl103-class").navigate().found.run
+    run = insnav.load(*some, imu="adxl103-class").navigate().found.run
     assert (np.abs(run.lever_b - ARM) < 3.0 * run.lever_sd).all()
     assert (run.lever_sd_alone < 0.1).all()
 

@@ -577,7 +577,7 @@ def test_where_rounding_decides_what_misalignments_do_the_drive_tells_no_noise(m
 
     monkeypatch.setattr(InnovationLikelihood, "normalised", endless)
     drive = insnav.simulate("bends", imu="consumer", gps="dgps", seed=3)
-    found = insnav.load(drive.imu.data, drive.gps.data, imu_model=model).navigate().found
+    found = insnav.load(drive.imu.data, drive.gps.data, imu=model).navigate().found
     assert found.noise is None
     sd = found.run.solution.sd
     assert sd is not None

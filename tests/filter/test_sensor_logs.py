@@ -223,7 +223,7 @@ def test_a_drive_takes_logs_and_says_what_came_of_them(tmp_path: Path):
     rng = rng_of(0)
     imu = drives.noisy_imu(drives.perfect_imu(laps=0), drives.MODEL, rng)
     gps = drives.noisy_gps(drives.perfect_gps(laps=0), rng)
-    drive = load(imu, gps=gps, imu_model=drives.SPEC, lever_arm=drives.LEVER_B, logs={"speedometer": path})
+    drive = load(imu, gps=gps, imu=drives.SPEC, lever_arm=drives.LEVER_B, logs={"speedometer": path})
     done = drive.navigate()
     assert "speedometer" in {use.name for use in done.found.run.aiding}
     assert lag_of(done.findings) == pytest.approx(EPOCH, abs=0.03)

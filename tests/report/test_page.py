@@ -11,13 +11,14 @@ import pytest
 from insnav.exceptions import ConfigError
 from insnav.findings import Severity
 from insnav.messages import phrase
-from insnav.output.folder import RunFolder, verify_folder
+from insnav.output.folder import RunFolder
 from insnav.quantity import Quantity
 from insnav.report.figures import blank
-from insnav.report.page import FigureSpec, Page, Section
+from insnav.report.page import FigureSpec, Page, Section, section_tables
 from insnav.report.save import write_page
-from insnav.report.terminal import page_text
+from insnav.report.terminal import hanging, page_text, table_text
 from tests.report.conftest import stored
+from tests.shared import verify_folder
 
 HOSTILE = '<script>alert(1)</script>"><img src=x onerror=y>\x1b[31m'
 
@@ -86,3 +87,23 @@ def test_same_name_twice_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"report.same_name"), RunFolder(tmp_path / "out", force=False) as folder:
         write_page(folder, a_page(figures=2))
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("width", [60, 80, 160])
+def test_a_column_of_words_is_wrapped_under_itself_and_nothing_is_cut(width: int):
+    words = "a reason that has more words than a narrow terminal has room for " * 2
+    rows = tuple((Quantity("drive", name), Quantity("reason", words)) for name in ("monday", "tuesday"))
+    (table,) = section_tables(Section("drives", "", rows=rows))
+    lines = table_text(table, width).splitlines()
+    assert max(map(len, lines)) <= width
+    assert " ".join(lines).split().count("terminal") == 4
+    begin = lines[0].index("reason")
+    assert all(line[:begin].strip() in ("", "drive", "monday", "tuesday") for line in lines)
+
+
+def test_rows_of_a_text_hang_under_its_first_and_words_are_whole():
+    shown = hanging(["warning: " + "word " * 60, "  - " + "word " * 60], 80)
+    assert max(map(len, shown)) <= 80
+    assert {len(line) - len(line.lstrip()) for line in shown[1:4]} == {2}
+    assert {len(line) - len(line.lstrip()) for line in shown[-3:]} == {4}
+    assert " ".join(shown).split().count("word") == 120

@@ -8,12 +8,15 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from insnav.messages import phrase
 from insnav.plain_text import plain_text
 from insnav.report.html import page_html
 from insnav.report.numbers import number
 from insnav.report.page import Section
+from insnav.report.run.panels import run_panels
+from insnav.report.run.quantities import mean_nis
 from tests.report.conftest import result_of, stored
 
 HOSTILE = [
@@ -140,3 +143,12 @@ def test_nothing_is_fetched_and_no_foreign_script_runs(navigated, tmp_path):
 def test_a_page_of_the_shortest_run_says_so(bare, tmp_path):
     dom = Dom(html_of(result_of(bare), tmp_path))
     assert phrase("run.no_sd") in " ".join(dom.text)
+
+
+def test_the_ideal_nis_is_one_in_the_panel_as_in_the_tables(driven, navigated):
+    run, _, _ = driven
+    (shown,) = [each for each in run_panels(navigated.found) if getattr(each, "key", "") == "nis"]
+    drawn = np.concatenate([each.y for each in shown.curves if each.name == "position"])
+    assert float(drawn.mean()) == pytest.approx(mean_nis(run, "position"), rel=0.02)
+    assert shown.levels[0][0] == pytest.approx(stats.chi2.ppf(0.95, 3) / 3.0, rel=1e-3)
+    assert "1 on average" in shown.note

@@ -15,7 +15,7 @@ from insnav.findings import Code, Severity
 from insnav.imu import load_calibration, load_imu
 from insnav.input import Reading, ReadingFacts
 from insnav.messages import sentence
-from insnav.output.folder import RunFolder, verify_folder
+from insnav.output.folder import RunFolder
 from insnav.report.figures import draw_drawings, drawing
 from insnav.report.simulation.page import (
     correlation_notes,
@@ -41,6 +41,7 @@ from insnav.simulate import circle, corrupt_imu, gps_from_truth, imu_from_truth,
 from insnav.simulate.gps_file import load_gps
 from insnav.simulate.montecarlo import Failure, Runs
 from insnav.simulate.recording import Recording, times
+from tests.shared import verify_folder
 from tests.simulate.motions import PLACE, town
 
 NO_FIX = InputError("gps.no_fix").facts

@@ -21,14 +21,13 @@ from insnav.report.page import Page, Section, Verdict, cell, section_tables
 from insnav.report.panels import Clock
 from insnav.report.run.quantities import mean_nis
 from insnav.report.run.verdict import brief_lines, inside, run_merits
-from insnav.report.terminal import WIDTH
 from insnav.result import Result
 from insnav.sample_statistics import rms, rms_length
 from tests.report.conftest import READING, result_of, stored
 
 WARNING = Severity.WARNING
 ASSUMPTION = Severity.ASSUMPTION
-LINES = 20  # of title 2, verdict 2, table 7, warnings and assumptions; the command adds the files
+LINES = 15  # of a common run on a terminal of 80 columns or more
 
 
 def seen(result: Result, found: EvaluatedRun, **more) -> Page:
@@ -43,10 +42,14 @@ def in_words(findings, time) -> tuple[str, ...]:
 
 
 def test_a_few_lines_say_what_matters(navigated):
-    lines = navigated.summary().splitlines()
-    assert len(lines) <= LINES
-    assert max(map(len, lines)) <= WIDTH == 80
-    text = "\n".join(lines)
+    text = navigated.summary()
+    lines = text.splitlines()
+    for width in (80, 160):
+        rows = brief_lines(navigated.page(), navigated.found, width)
+        assert len(rows) < LINES  # the command adds the files
+        assert max(map(len, rows)) <= width
+        whole = brief_lines(navigated.page(), navigated.found)
+        assert "".join(" ".join(rows).split()) == "".join(" ".join(whole).split())  # nothing is cut
     drive = phrase("terminal.line", name="drive.csv", text="10.0 min")
     figure = f"{phrase('run.error_of', part=word('horizontal'))} [m]"
     for words in (drive, phrase("run.outages", count=1, longest="30.0 s"), figure, phrase("run.filtered")):
@@ -146,9 +149,9 @@ def test_a_crowded_and_hostile_run_still_fits(navigated):
     page = navigated.page()
     noise = [stored(f"\x1b[31mwarning {i} " + "x" * 300, each) for each in (WARNING, ASSUMPTION) for i in range(50)]
     crowd = replace(page, title="p" * 200, findings=tuple(noise))
-    lines = brief_lines(crowd, navigated.found)
-    assert len(lines) <= LINES
-    assert max(map(len, lines)) <= WIDTH
+    lines = brief_lines(crowd, navigated.found, 80)
+    assert max(map(len, lines)) <= 80
+    assert "…" not in "".join(lines)
     assert not any("\x1b" in line for line in lines)
     for name in ("warning", "assumed"):
         first = tuple(phrase("terminal.first_of", name=phrase(f"run.{name}"), most=k, count=50) for k in range(1, 7))

@@ -18,7 +18,7 @@ from insnav.certificate import certify, gravity, strapdown_checks
 from insnav.errors import platform_errors
 from insnav.gimbal import PlatformErrors
 from insnav.lab.multi_position.six_positions import find_sections
-from insnav.output.folder import read_facts, verify_folder
+from insnav.output.folder import read_facts
 from insnav.result import Result
 from insnav.session.platform_run import demonstrate
 from insnav.types import ImuData
@@ -26,6 +26,7 @@ from tests.lab import modules, sweeps
 from tests.lab.published import lab_file
 from tests.lab.test_multi_position import measured as poses
 from tests.lab.test_six_positions import measured as six_positions
+from tests.shared import verify_folder
 
 
 def of_an_imu() -> Result[Any]:

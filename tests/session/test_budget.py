@@ -14,9 +14,10 @@ from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, Finding, Severity, of_code
 from insnav.imu.specification import PRESETS
 from insnav.messages import sentence
-from insnav.output.folder import read_facts, verify_folder
+from insnav.output.folder import read_facts
 from insnav.result import open_result
 from insnav.session.drive import load
+from tests.shared import verify_folder
 
 WINDOWS = WindowSettings(spacing=15.0)
 
@@ -32,13 +33,13 @@ def recorded(
     **inputs: Any,
 ) -> RecordedBudget:
     """Windows of a short drive."""
-    found = load(imu, gps, ref, imu_model=imu_model, **inputs).budget(times=(length,), windows=windows).found
+    found = load(imu, gps, ref, imu=imu_model, **inputs).budget(times=(length,), windows=windows).found
     assert found.windows is not None
     return found.windows
 
 
 def test_from_files_to_a_folder(drive: Path):
-    result = load("imu.csv", "gps.csv", imu_model="automotive").budget(
+    result = load("imu.csv", "gps.csv", imu="automotive").budget(
         times=(10.0, 20.0), windows=replace(WINDOWS, uncalibrated=True)
     )
     assert set(result.inputs) == {"imu", "gps"}

@@ -38,7 +38,7 @@ def test_without_rest_the_poorest_imu_is_assumed():
 def test_unix_time_beside_gps_time_is_an_assumption():
     drive = insnav.simulate("figure_eight", imu="automotive", seed=1)
     gps, offset = drive.gps.data, GPS_EPOCH - LEAP
-    found = insnav.load(drive.imu.data, replace(gps, time=gps.time + offset), imu_model="automotive")
+    found = insnav.load(drive.imu.data, replace(gps, time=gps.time + offset), imu="automotive")
     (clock,) = of_code(found.notes, Code.CLOCK_EPOCHS)
     assert clock["offset_s"] == offset
     assert clock.severity is Severity.ASSUMPTION

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pydoc
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -18,11 +19,12 @@ from insnav.errors.metrics import at_point
 from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, Finding, Severity
 from insnav.input.interpret.schema import LOG_SCHEMAS
-from insnav.output.folder import verify_folder
 from insnav.output.solution_tables import read_solution
 from insnav.sample_statistics import rms
 from insnav.steps.inputs import INPUTS, LOGS, Inputs
 from tests.cli.conftest import Cli, cli
+from tests.refusals import refused
+from tests.shared import verify_folder
 
 __all__ = ["cli"]
 LEVER = (0.8, -0.3, -1.2)
@@ -40,21 +42,51 @@ def test_false_fixes_are_no_reference_of_outages(drive: Path) -> None:
     assert (rejected.begin - fixes.time_s[0], rejected.end - fixes.time_s[0]) == pytest.approx((91.0, 99.0), abs=0.1)
 
 
+def test_the_imu_error_specification_has_one_name(drive: Path) -> None:
+    for name in ("tactical", "STIM300", insnav.load_imu("tactical")):
+        named = insnav.load("imu.csv", "gps.csv", imu=name)
+        with pytest.warns(DeprecationWarning, match="use imu") as caught:
+            old = insnav.load("imu.csv", "gps.csv", imu_model=name)
+        assert [each.filename for each in caught] == [__file__]  # so Python shows it to who wrote it
+        assert (named.imu_spec.name, named.imu_chosen) == (old.imu_spec.name, old.imu_chosen)
+        assert named.imu_spec.name != insnav.load("imu.csv", "gps.csv").imu_spec.name
+    assert insnav.check("imu.csv", "gps.csv", imu="tactical").found.command.endswith("--imu tactical")
+    assert insnav.align("imu.csv", "gps.csv", imu="tactical").imu_model[0].name == "tactical"
+    made = insnav.simulate("city", imu="tactical")
+    assert made.imu_spec.name == insnav.load(made.imu.data, made.gps.data, imu="tactical").imu_spec.name
+
+
 def test_the_first_lines_of_a_notebook(drive: Path) -> None:
     drive_ = insnav.load("imu.csv", gps="gps.csv", ref="ref.csv", lever_arm=LEVER)
     assert "13000 rows" in repr(drive_)
     result = drive_.navigate()
     assert isinstance(result.plot("position_error"), Figure)
     assert isinstance(result.plot("track"), Figure)
-    frame = result.to_frame()
-    assert len(frame) == len(result.found.run.solution.time)
-    assert {"time_s", "lat_deg", "heading_deg"} <= set(frame.columns)
+    frame, filtered = result.to_frame(), result.to_frame("filtered")
+    best, run = result.found.run.smoothed.solution, result.found.run
+    for table, solution in ((frame, best), (result.to_frame("smoothed"), best), (filtered, run.solution)):
+        np.testing.assert_allclose(np.deg2rad(table["lat_deg"]), solution.lla[:, 0], rtol=0, atol=1e-15)
+    assert {f"``{name}``" for name in frame.columns} <= set(re.findall("``[a-z_]+``", insnav.Result.to_frame.__doc__))
+    with refused(ConfigError, "input.unknown_word"):
+        result.to_frame("forward")
+    reference = pd.read_csv("ref.csv")
+    times = frame.time_s[(frame.time_s >= reference.time_s.min()) & (frame.time_s <= reference.time_s.max())]
+    height = np.interp(times, reference.time_s, reference.height_m) - frame.height_m[times.index]
+    assert list(result.accuracy) == ["smoothed", "filtered"]
+    assert result.accuracy["smoothed"]["vertical_m"] == pytest.approx(rms(height.to_numpy()), rel=0.02)
+    assert result.accuracy["smoothed"]["horizontal_m"] < result.accuracy["filtered"]["horizontal_m"]
+    stated = insnav.load("imu.csv", "gps.csv").navigate(smooth=False).accuracy
+    assert stated.keys() == {"filtered"}
+    assert {name for name in stated["filtered"] if not name.startswith("sd_")} == {"nis_mean_per_axis"}
     result.save("run1")
     verify_folder(Path("run1"))
     again, smoothed = insnav.open_result("run1").found.run.smoothed, result.found.run.smoothed
     np.testing.assert_allclose(again.sensor_errors.value, smoothed.sensor_errors.value, rtol=0, atol=1e-8)
     assert "horizontal error RMS" in result.summary()
-    assert repr(result) == "Result: run of imu.csv, gps.csv, ref.csv"
+    head, verdict, figures = repr(result).splitlines()
+    assert head == "Result: run of imu.csv, gps.csv, ref.csv"
+    assert verdict == result.page().verdict.rating
+    assert f"{result.accuracy['smoothed']['horizontal_m']:.3g} m" in figures
     assert "<table" in result._repr_html_()
     outage = drive_.outage(lengths=(10, 30))
     assert [each.length for each in outage.found.growth] == [10.0, 30.0]
@@ -90,7 +122,7 @@ def test_notebook_and_shell_give_the_same_bytes(drive: Path, cli: Cli) -> None:
 
 def test_files_frames_arrays_and_types_are_the_same_data(drive: Path) -> None:
     imu, gps = pd.read_csv("imu.csv"), pd.read_csv("gps.csv")
-    given = {"imu_model": "automotive", "lever_arm": LEVER}
+    given = {"imu": "automotive", "lever_arm": LEVER}
     from_files = insnav.load("imu.csv", gps="gps.csv", **given)
     solution = from_files.navigate(smooth=False).found.run.solution
     columns = [imu[[f"{name}_{axis}_{unit}" for axis in "xyz"]].to_numpy() for name, unit in _UNITS.items()]
@@ -110,10 +142,10 @@ _UNITS = {"gyro": "rad_s", "accel": "m_s2"}
 
 def test_a_data_frame_may_hold_datetimes_and_remarks(drive: Path) -> None:
     imu, gps = pd.read_csv("imu.csv"), pd.read_csv("gps.csv")
-    plain = insnav.load(imu, gps=gps, imu_model="automotive")
+    plain = insnav.load(imu, gps=gps, imu="automotive")
     imu["time_s"] = pd.to_datetime(imu["time_s"], unit="s")
     imu["remark"] = "ok"
-    dated = insnav.load(imu, gps=gps, imu_model="automotive", columns={"time": "time_s"})
+    dated = insnav.load(imu, gps=gps, imu="automotive", columns={"time": "time_s"})
     np.testing.assert_allclose(dated.imu.data.time, plain.imu.data.time, atol=1e-6)
     np.testing.assert_array_equal(dated.imu.data.gyro, plain.imu.data.gyro)
 
@@ -126,7 +158,7 @@ def test_every_input_has_a_type_and_a_meaning() -> None:
 
 
 def test_what_is_given_about_the_start_holds_for_every_method(drive: Path) -> None:
-    at_0 = insnav.load("imu.csv", "gps.csv", imu_model="automotive", heading=0.75, static=(100000.0, 100050.0))
+    at_0 = insnav.load("imu.csv", "gps.csv", imu="automotive", heading=0.75, static=(100000.0, 100050.0))
     alignment = at_0.until("align").ready.alignment
     assert alignment.rph[2] == pytest.approx(0.75, abs=0.01)
     assert alignment.heading_method is Code.ALIGN_HEADING_GIVEN
@@ -161,7 +193,7 @@ def test_positions_in_radians_are_refused_as_such() -> None:
         ({"lever": (0.0, 0.0, 0.0)}, ConfigError, "input.unknown_input"),
         ({"logs": {"sonar": "sonar.csv"}}, ConfigError, "input.unknown_sensor"),
         ({"gps_columns": {"lat": "zz"}}, InputError, "zz"),
-        ({"imu_model": "none.toml"}, ConfigError, "imu.unknown"),
+        ({"imu": "none.toml"}, ConfigError, "imu.unknown"),
     ],
 )
 def test_what_cannot_be_meant_is_refused(
@@ -172,14 +204,14 @@ def test_what_cannot_be_meant_is_refused(
 
 
 def test_a_place_is_needed_to_navigate_and_to_align(drive: Path) -> None:
-    alone = insnav.load("imu.csv", imu_model="automotive")
+    alone = insnav.load("imu.csv", imu="automotive")
     with pytest.raises(ConfigError, match=r"align.no_position") as error:
         alone.navigate()
     assert error.value.values == {"imu": "imu.csv", "beside": "gps.csv"}
     with pytest.raises(ConfigError, match=r"session.no_latitude"):
         alone.align()
-    at_a_latitude = insnav.load("imu.csv", imu_model="automotive", lat=np.deg2rad(48.0)).align()
-    with_fixes = insnav.load("imu.csv", gps="gps.csv", imu_model="automotive").align()
+    at_a_latitude = insnav.load("imu.csv", imu="automotive", lat=np.deg2rad(48.0)).align()
+    with_fixes = insnav.load("imu.csv", gps="gps.csv", imu="automotive").align()
     np.testing.assert_allclose(with_fixes.found.coarse.rph[:2], at_a_latitude.found.coarse.rph[:2], atol=1e-3)
 
 
@@ -197,13 +229,13 @@ def test_a_reference_of_another_point_is_brought_to_the_antenna(drive: Path) -> 
 
 def test_bare_positions_are_of_the_antenna_for_every_command(drive: Path) -> None:
     """The same reference once as a solution of the IMU, and once as positions of a receiver at the antenna."""
-    of_imu = insnav.load("imu.csv", "gps.csv", "ref.csv", lever_arm=LEVER, imu_model="automotive")
+    of_imu = insnav.load("imu.csv", "gps.csv", "ref.csv", lever_arm=LEVER, imu="automotive")
     assert of_imu.reference is not None
     data = of_imu.reference.data
     at_antenna = at_point(data, np.array(LEVER))
     unknown = np.full_like(data.rph, np.nan)
     bare = insnav.Trajectory(at_antenna.time, at_antenna.lla, unknown, unknown)
-    of_antenna = insnav.load("imu.csv", "gps.csv", bare, lever_arm=LEVER, imu_model="automotive")
+    of_antenna = insnav.load("imu.csv", "gps.csv", bare, lever_arm=LEVER, imu="automotive")
     run = of_antenna.navigate()
     assert Finding.of(Code.REF_AT_ANTENNA, subject="ref") in run.page().findings
     size = rms(of_imu.navigate().found.errors.horizontal)
@@ -250,7 +282,7 @@ def test_the_public_names_are_seen_and_explained() -> None:
         assert getattr(insnav, name).__doc__
     text = pydoc.render_doc(insnav, renderer=pydoc.plaintext)
     assert "Conventions, everywhere in insnav" in text
-    assert "load(imu" in text
+    assert "load(samples" in text
 
 
 def test_the_package_can_be_run() -> None:

@@ -48,7 +48,7 @@ def test_position_errors_are_inside_three_sd(result):
 
 def test_with_all_given_but_what_lasts_of_the_errors_of_fixes_that_is_found():
     """Of the variance of the fixes 7 % lasts for 30 s: taken for white, smoothed positions are 93.5 % inside."""
-    given = {"imu_model": str(SAMPLE / "imu.toml"), "lever_arm": LEVER, "gps_delay": 0.0}
+    given = {"imu": str(SAMPLE / "imu.toml"), "lever_arm": LEVER, "gps_delay": 0.0}
     found, white = navigated(**given), navigated(**given, noise="model")
     assert inside(found.found.smoothed_errors) > 0.99 > 0.95 > inside(white.found.smoothed_errors)
     horizontal = [np.sqrt(np.mean(each.found.errors.position[:, :2] ** 2)) for each in (found, white)]
@@ -65,7 +65,7 @@ def test_noise_that_is_given_too_small_is_said(model, factor, said):
     drive = insnav.simulate("figure_eight", imu="automotive", gps="single", seed=11)
     fixes = drive.gps.data
     fixes = replace(fixes, position_sd=factor * fixes.position_sd, velocity_sd=factor * fixes.velocity_sd)
-    result = insnav.load(drive.imu.data, fixes, imu_model=model).navigate()
+    result = insnav.load(drive.imu.data, fixes, imu=model).navigate()
     warned = list(of_code(result.findings, Code.GIVEN_NOISE))
     assert len(warned) == said
     assert all(each["mean_square"] > each["limit_mean_square"] for each in warned)
@@ -84,10 +84,10 @@ def test_the_imu_as_found_can_be_given(result, tmp_path):
     folder = result.save(tmp_path / "run", figures="none")
     spec = load_imu(str(folder / "imu.toml"))
     np.testing.assert_allclose(spec.gyro.bias_instability, result.imu_model[0].gyro.bias_instability)
-    again = navigated(imu_model=spec)
+    again = navigated(imu=spec)
     assert again.found.noise is None  # a model that is given is taken as it is
     assert result.found.noise is not None
-    assert navigated(imu_model=spec, noise="estimate").found.noise is not None
+    assert navigated(imu=spec, noise="estimate").found.noise is not None
 
 
 def test_a_budget_uses_the_noise_that_was_found():
@@ -96,7 +96,8 @@ def test_a_budget_uses_the_noise_that_was_found():
     assert (
         found.imu_model[0].name == "automotive, as found"
     )  # as it is; its noise at rest is that of consumer grade, too
-    assert found.imu_model[1] == Finding.of(Code.IMU_MODEL_ESTIMATED, prior="consumer")
+    assert found.imu_model[1] == Finding.of(Code.IMU_MODEL_ESTIMATED, prior="automotive", nearest="consumer")
+    assert not any(of_code(found.findings, Code.IMU_MODEL_FROM_REST))  # which says that consumer is used
     assert any(of_code(found.findings, Code.ESTIMATE_NOISE))
     horizontal = found.found.windows.calibrated.verdicts[-1]
     assert horizontal.low < horizontal.predicted < horizontal.high
@@ -148,7 +149,7 @@ def test_with_an_imu_given_standard_deviations_that_were_not_are_found(profile, 
     made = insnav.simulate(profile, imu="automotive", gps="urban", seed=seed)
     nothing = np.full_like(made.gps.data.lla, np.nan)
     silent = replace(made.gps.data, position_sd=nothing, velocity_sd=nothing)
-    drive = insnav.load(made.imu.data, silent, made.reference.data, imu_model="automotive")
+    drive = insnav.load(made.imu.data, silent, made.reference.data, imu="automotive")
     done = drive.navigate()
     assert inside(done.found.smoothed_errors) > 0.97
     assert any(of_code(done.findings, Code.ESTIMATE_POSITION_SD))
@@ -198,4 +199,4 @@ def test_fixes_that_are_all_too_poor_are_refused(given: bool):
     made = insnav.simulate("city", imu="automotive", seed=51)
     poor = replace(made.gps.data, position_sd=np.full_like(made.gps.data.lla, 1e6))
     with pytest.raises(AlignmentError):
-        insnav.load(made.imu.data, poor, **({"imu_model": "automotive"} if given else {})).navigate()
+        insnav.load(made.imu.data, poor, **({"imu": "automotive"} if given else {})).navigate()

@@ -18,7 +18,7 @@ def test_an_unknown_word_of_a_simulation_is_refused(options):
 
 
 def test_unknown_words_of_a_drive_are_refused():
-    drive = insnav.load(SAMPLE / "imu.csv.gz", gps=SAMPLE / "gps.csv", imu_model="automotive")
+    drive = insnav.load(SAMPLE / "imu.csv.gz", gps=SAMPLE / "gps.csv", imu="automotive")
     for use, word in (
         (lambda: drive.navigate(aiding="yes"), "yes"),
         (lambda: drive.navigate(mechanization="shrt"), "shrt"),

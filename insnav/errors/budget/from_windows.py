@@ -27,6 +27,7 @@ from insnav.filter.error_model import ErrorModel
 from insnav.filter.prepare import Prepared
 from insnav.findings import Code, Finding
 from insnav.imu import ImuSpec, SensorSpec
+from insnav.progress import announce
 from insnav.sample_statistics import CONFIDENCE, chi_square
 from insnav.simulate.truth_from_track import truth_from_track
 from insnav.types import Trajectory
@@ -135,6 +136,7 @@ def recorded_budget(
     ]
     made: tuple[Replicas | None, ...] = (None,) * len(kinds)
     if settings.replicas and settings.start == "forward":
+        announce("simulating replicas")
         made = replicas(
             drive,
             replica_task(drive, reference, spec, windows, table_times(windows[0])),
@@ -310,10 +312,7 @@ def in_run_errors(spec: ImuSpec) -> ImuSpec:
     gravity as a bias, and is counted there.
     """
     return replace(
-        spec,
-        gyro=_since(spec.gyro),
-        accel=replace(_since(spec.accel), misalignment=np.zeros(3)),
-        initial=None,
+        spec, gyro=_since(spec.gyro), accel=replace(_since(spec.accel), misalignment=np.zeros(3)), initial=None
     )
 
 

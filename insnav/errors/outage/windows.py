@@ -247,12 +247,7 @@ def reference_from_fixes(ready: Prepared) -> WindowReference:
 
 
 def reference_from_trajectory(
-    reference: Trajectory,
-    name: str,
-    *,
-    position_sd: float,
-    velocity_sd: float,
-    lever_b: FloatArray | None = _AT_IMU,
+    reference: Trajectory, name: str, *, position_sd: float, velocity_sd: float, lever_b: FloatArray | None = _AT_IMU
 ) -> WindowReference:
     """A reference trajectory.
 

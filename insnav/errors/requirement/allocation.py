@@ -23,10 +23,7 @@ TAU = 3600.0  # correlation time of an in-run bias that is allocated [s]
 STEEP = 2.0 * DEG  # attitude error up to which the linear model holds well [rad]
 _INITIAL_UNITS = {"initial tilt": "deg", "initial heading": "deg", "initial velocity": "m/s"}
 # families that share the limit, in the order of a report
-FAMILIES = (
-    *(term.family for sensor in SENSORS for term in terms_of(sensor) if term.datasheet),
-    *_INITIAL_UNITS,
-)
+FAMILIES = (*(term.family for sensor in SENSORS for term in terms_of(sensor) if term.datasheet), *_INITIAL_UNITS)
 
 
 @dataclass(frozen=True, slots=True)

@@ -135,6 +135,8 @@ def _folder(folder: Source) -> InputError:
     shown = tuple(map(plain_text, (names or [*folder.members])[:8]))
     if not shown:
         return InputError("format.empty_archive", where=folder.name)
+    if "run.json" in folder.members:
+        return InputError("format.result_folder", where=folder.name, folder=folder.name)
     return InputError(
         "format.folder_of_data" if names else "format.folder_without_data",
         where=folder.name,

@@ -28,10 +28,13 @@ def check_overlap(imu: ImuData, gps: GpsData) -> None:
     start, end = _spans(imu, gps)[1]
     offset, reason = likely_offset((first, last), (start, end))
     spans: dict[str, Any] = {"imu_begin_s": first, "imu_end_s": last, "gps_begin_s": start, "gps_end_s": end}
+    if reason and offset is None:
+        raise InputError("columns.clock_unit", **spans, **reason)
+    interval = float(np.median(np.diff(gps.time))) if len(gps.time) > 1 else 0.0
+    if last - first < interval:  # which holds no two fixes, whatever the clocks are
+        raise InputError("columns.short_record", length_s=last - first, interval_s=interval)
     if offset is not None:
         raise InputError("columns.clock_offset", gives={"time_offset": offset}, offset_s=offset, **spans, **reason)
-    if reason:
-        raise InputError("columns.clock_unit", **spans, **reason)
     if min(abs(first), abs(start)) < DAY and abs(first - start) > 1.0:
         raise InputError("columns.clock_restarted", offset_s=start - first, **spans)
     raise InputError("columns.no_overlap", **spans)

@@ -105,14 +105,7 @@ def drift_model(record: DriftRecord, axis: str) -> DriftModel:
         raise InputError("lab.rate_scale", where=record.name, sensor=f"gyro {axis}", ratio=1.0 + value["B"])
     inflation, freedom = variance_inflation(fit.residual, len(names))
     sd = fit.sd * np.sqrt(inflation)
-    return DriftModel(
-        axis,
-        value,
-        dict(zip(names, sd.tolist(), strict=True)),
-        left_out,
-        fit,
-        freedom,
-    )
+    return DriftModel(axis, value, dict(zip(names, sd.tolist(), strict=True)), left_out, fit, freedom)
 
 
 def _left_out(term: str, cause: FloatArray | None, columns: list[FloatArray], subject: str) -> Finding | None:

@@ -10,7 +10,7 @@ from insnav.lab.acceptance import BENCH_UNIT, Acceptance, Accepted, Spread, Stab
 from insnav.lab.bench_data.records import SI
 from insnav.lab.least_squares import Fit
 from insnav.lab.single_axis.rate_table import Dropped
-from insnav.messages import sentence
+from insnav.messages import phrase, sentence
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import Series, bench_input, quality_section, residual_panels
 from insnav.report.colours import AXIS_COLOURS, BLACK, GREY
@@ -22,17 +22,6 @@ from insnav.units import DEG, G0, UNITS
 FINE = 0.01 * DEG  # a gyro whose biases are all below is shown in deg/h [rad/s]
 _SENSORS = {"gyro": "gyros", "accel": "accelerometers"}
 _JSON_UNIT = {"gyro": "deg/s", "accel": "ug"}  # in run.json whatever the size
-ASSUMPTIONS = (
-    "output = U0 + K setting by least squares; forward: settings from zero up, reverse: from zero down; the mean of "
-    "both counts where both are there; bias = U0 / K",
-    "bias stability: standard deviation (n - 1) of the means of equal parts of the record at rest, over K",
-    "bias repeatability: standard deviation (n - 1) of the biases of the power-ups, each (mean at +w + mean at -w) / "
-    "2, over K",
-    "intervals 95 %, chi-square with n - 1 degrees of freedom: means of neighbouring parts taken as independent, which "
-    "those of a drifting sensor are not",
-    "the bias of a gyro has the part of the Earth's rotation along its axis in it, at most 0.0042 deg/s (15 deg/h); "
-    "the bias of a power-up has it as well, its scatter has not",
-)
 
 
 def page(result: Result[Acceptance]) -> Page:
@@ -62,7 +51,7 @@ def page(result: Result[Acceptance]) -> Page:
             Section("left_out", rows=tuple(_left_out(*each) for each in left_out), show="json"),
         ),
         result.findings,
-        ASSUMPTIONS,
+        tuple(phrase("method.acceptance").splitlines()),
         merits=merits,
         merits_note="the largest of the axes",
         verdict=by_warnings(

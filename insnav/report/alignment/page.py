@@ -16,7 +16,7 @@ from insnav.quantity import Quantity
 from insnav.report.numbers import number
 from insnav.report.page import DataFrame, Page, Section, only_json, rows_frame
 from insnav.report.run.quantities import alignment_items
-from insnav.report.terminal import entry
+from insnav.report.terminal import entry, hanging
 from insnav.result import Result
 from insnav.types import Alignment
 from insnav.units import DEG
@@ -52,9 +52,10 @@ def page(result: Result[FineAlignment]) -> Page:
     )
 
 
-def text(result: Result[FineAlignment]) -> str:
+def text(result: Result[FineAlignment], width: int | None = None) -> str:
     """Give an alignment for the terminal: its summary and warnings."""
-    return "\n".join([*result.page().summary, *(entry("warning", each) for each in result.page().warnings)])
+    warnings = (entry("warning", each) for each in result.page().warnings)
+    return "\n".join(hanging([*result.page().summary, *warnings], width))
 
 
 def _warnings(found: FineAlignment, sd: float | None) -> Iterator[Finding]:

@@ -13,6 +13,7 @@ from insnav.imu import to_kalibr, to_toml
 from insnav.lab.noise.allan import AXES, AllanDeviation
 from insnav.lab.noise.noise_model import NoiseModel
 from insnav.lab.noise.static_noise import KEYS, SignalNoise, StaticNoise
+from insnav.messages import phrase
 from insnav.output.data_files import csv_text
 from insnav.quantity import Quantity, key_suffix
 from insnav.report.colours import AXIS_COLOURS, GREY
@@ -37,16 +38,6 @@ _TERMS = {
 }
 _KEYS = KEYS | {"B": "bias_instability", "GM": "gauss_markov"}
 _IN_FILE = ("N", "GM", "K", "Q", "R")
-ASSUMPTIONS = (
-    "overlapping Allan deviation, NIST SP 1065 (2008) section 5.2.4; noise terms of IEEE Std 952-1997 annex C",
-    "intervals 95 %: chi-square with the degrees of freedom that the fitted noise gives a record of this length "
-    "(Greenhall and Riley 2003)",
-    "fit by generalised least squares with the correlation between averaging times that the noise itself makes, up to "
-    "a sixth of the record; no term is negative, and one that lowers chi-square by less than 6.63 (1 %) is left out",
-    "sinusoidal noise: steady lines that stand out of the spectrum and make 5 % of an Allan variance; floor, fit and "
-    "imu.toml are of what they leave (IEEE Std 952-1997 annex C)",
-    "bias instability is B (a flat floor, 0.664 B) or a Gauss-Markov process, whichever is likelier",
-)
 NOTE = "points: overlapping Allan deviation; band: 95 %; lines: fitted model; grey: slopes of Q, N, B, K, R"
 _GUIDES = ((-1.0, "Q −1"), (-0.5, "N −½"), (0.0, "B 0"), (0.5, "K +½"), (1.0, "R +1"))
 _TALL = 2.4  # the lines reach up and down by this factor at most
@@ -90,7 +81,7 @@ def page(result: Result[StaticNoise | SignalNoise]) -> Page:
             _filter_figures(found),
         ),
         result.findings,
-        ASSUMPTIONS,
+        tuple(phrase("method.allan").splitlines()),
         verdict=by_warnings(_sentence(found), result.findings, ("good", "noise models follow the Allan deviation")),
         merits=tuple(each for each in named if each is not None),
         merits_note="medians of the three axes; N, B, K: IEEE Std 952",
@@ -125,7 +116,7 @@ def _signal_page(found: SignalNoise) -> Page:
             only_json("", Quantity("length", allan.length, "s"), Quantity("interval", allan.interval, "s")),
             Section("signals", parts=tuple(sections), note="in the unit of the signal and SI"),
         ),
-        method=ASSUMPTIONS,
+        method=tuple(phrase("method.allan").splitlines()),
     )
 
 

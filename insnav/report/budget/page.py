@@ -18,7 +18,7 @@ from insnav.errors.requirement.study import FIELD_FACTOR
 from insnav.findings import Code, Finding
 from insnav.imu import ImuSpec
 from insnav.imu.imu_file import to_toml
-from insnav.messages import sentence
+from insnav.messages import phrase, sentence
 from insnav.output.folder import RunFolder
 from insnav.output.solution_tables import TableFormat
 from insnav.output.stored import FILE as FOUND
@@ -29,7 +29,6 @@ from insnav.report.budget import windows as recorded
 from insnav.report.budget.panels import budget_panels, windows_drawings
 from insnav.report.budget.quantities import extent, horizontal, ranked, recorded_text, shares, size
 from insnav.report.numbers import number
-from insnav.report.outage.page import INTERVALS
 from insnav.report.page import (
     DataFrame,
     Figure,
@@ -77,7 +76,7 @@ def page(result: Result[BudgetStudy]) -> Page:
         summary(budget),
         sections,
         (*wrong, *taken),
-        (INTERVALS,) * (windows is not None),
+        (phrase("method.intervals"),) * (windows is not None),
         verdict=_verdict(budget, windows, wrong),
         merits=quantities.merits(budget, windows),
     )

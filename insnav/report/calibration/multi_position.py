@@ -15,6 +15,7 @@ from insnav.lab.multi_position.method import Found
 from insnav.lab.multi_position.six_positions import POSITIONS, TURN_SD, TURNS, SixPositions
 from insnav.lab.multi_position.triad import AXES, Triad
 from insnav.lab.nine_position.method import AXIS, SENSORS, NinePositions, NineRecord
+from insnav.messages import phrase
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import Series, corrected_section, impact_section, quality_section, residual_panels
 from insnav.report.colours import AXIS_COLOURS, BLUE, GREY, ORANGE, VERMILLION
@@ -60,12 +61,7 @@ def multi_position_page(calibration: Calibration[ReadingFacts, Found]) -> Page:
             *own.merits,
         ),
         merits_note="RMS over the positions; left out: by a calibration that has not seen the position",
-        method=(
-            *own.method,
-            f"Gravity is {found.g:.5f} m/s^2; accelerometer scale factors are as good as that.",
-            "A positive output is a positive specific force (an axis pointing up) and a positive rate.",
-            "The Earth's rotation (15 deg/h) is neglected; biases are those of this time since switching on.",
-        ),
+        method=(*own.method, *phrase("method.poses_and_six", gravity_m_s2=found.g).splitlines()),
     )
 
 
@@ -93,12 +89,7 @@ def _of_poses(found: PosesCalibration) -> Page:
             f"scatter less than {found.factor:g} times as in the quietest tenth.",
         ),
         (drawing, _quality(found), every, more),
-        method=(
-            "Body x is the sensitive axis of accelerometer x; body y lies in the plane of x and y.",
-            "Standard deviations come from the scatter of the residuals, "
-            f"{len(found.poses) - 9} degrees of freedom for the accelerometers.",
-            "Method: Tedaldi, Pretto, Menegatti (ICRA 2014), plus g-sensitivity from the stationary spans.",
-        ),
+        method=tuple(phrase("method.poses", count=len(found.poses) - 9).splitlines()),
         merits=tuple(
             Quantity(f"turn_{name}", rms(values[used]), "deg", meaning=f"error of turn, {name}")
             for name, values in each.items()
@@ -121,11 +112,7 @@ def _of_six_positions(found: SixPositions) -> Page:
             f"Six positions and three turns by {found.angle / DEG:g} deg.",
         ),
         (drawing, _turns(found), every, more),
-        method=(
-            f"Turns are by {found.angle / DEG:g} deg within {TURN_SD / DEG:g} deg (1 sd), to either side.",
-            "Axes are those of the housing, as well as it stood: off the diagonal that is the uncertainty.",
-            "Method: Ferraris, Grimaldi, Parvis (1995).",
-        ),
+        method=tuple(phrase("method.six", turn_deg=found.angle / DEG, turn_sd_deg=TURN_SD / DEG).splitlines()),
         merits=(Quantity("position_tilt", found.tilt, "mrad", meaning="positions off by, 1 sd"),),
     )
 
@@ -270,13 +257,7 @@ def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
     across = "position, in the order of the file"
     panels = residual_panels(_residuals(found, len(calibration.record.dwells.setting)), across)
     intervals = "1 sd of noise; the interval adds what the first order leaves out"
-    converted = (
-        "Every output first became a specific force, by bias and scale factor as printed; calibration.toml is of these "
-        "forces, each axis the mean of its two accelerometers."
-    )
-    earth = (
-        "The gyros turn with the Earth, 15 deg/h in a direction that the positions hardly average: it is in their bias."
-    )
+    diagonal, second_order = ", ".join(f"{v:.5f}" for v in found.gyro_diagonal), number(1e3 * found.second_order, 2)
     places = [f"roll {roll:.4g}, pitch {pitch:.4g} deg" for roll, pitch in calibration.record.dwells.setting / DEG]
     largest = 1e3 * float(np.abs(found.gyro_matrix - np.eye(3)).max())
     left = 1e3 * float(found.half_width(found.gyro_matrix_sd, first_order=True).max())
@@ -315,16 +296,9 @@ def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
         ),
         merits_note="x_ay: the accelerometer of module x that points along y",
         method=(
-            *((converted,) * raw),
-            *((earth,) * bool(at_rest)),
-            "Valid to first order in the misalignments; errors of second order are up to about "
-            f"{number(1e3 * found.second_order, 2)} mrad here and are in the intervals.",
-            "The positions are symmetric in ± roll and ± pitch, and exact; their errors are in the residuals.",
-            "Gyro and accelerometers of a module turn together.",
-            f"The diagonal of M_G ({', '.join(f'{v:.5f}' for v in found.gyro_diagonal)}) carries the scale of the "
-            "accelerometers, not of the gyros: each row is divided by it. Gyro scale factors stay unknown, and biases "
-            "without the outputs of the gyros.",
-            "M_G is the sensitivity of the gyros: its inverse corrects, itself it would double the error.",
+            *((phrase("method.nine_converted"),) * raw),
+            *((phrase("method.nine_earth"),) * bool(at_rest)),
+            *phrase("method.nine", second_order_mrad=second_order, diagonal=diagonal).splitlines(),
         ),
     )
 

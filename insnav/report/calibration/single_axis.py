@@ -15,7 +15,7 @@ from insnav.lab.rotor_inertia import Inertia, Inertias
 from insnav.lab.single_axis.rate_table import RateTable
 from insnav.lab.single_axis.records import Record
 from insnav.lab.single_axis.tumble import Tumble, harmonics
-from insnav.messages import sentence
+from insnav.messages import phrase, sentence
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import Series, corrected_section, impact_section, quality_section, residual_panels
 from insnav.report.colours import AXIS_COLOURS, BLACK, GREY
@@ -61,10 +61,7 @@ def gyro_page(calibration: Calibration[tuple[Record, ...], tuple[RateTable, ...]
             impact_section(calibration),
             Section("dropped", rows=left_out, show="json"),
         ),
-        method=(
-            "The rate of the table is exact, and the component of the Earth's rotation along the axis is in U0.",
-            "Forward are rates from zero up, reverse from zero down.",
-        ),
+        method=tuple(phrase("method.rate_table").splitlines()),
     )
 
 
@@ -91,10 +88,7 @@ def accel_page(calibration: Calibration[tuple[Record, ...], tuple[Tumble, ...]])
             impact_section(calibration),
             only_json("", Quantity("gravity", gravity, "m/s^2")),
         ),
-        method=(
-            f"Gravity is {gravity:.6g} m/s²; the angles are exact.",
-            "The calibration file holds bias and scale factor; second order and cross-coupling are reported only.",
-        ),
+        method=tuple(phrase("method.tumble", gravity_m_s2=gravity).splitlines()),
     )
 
 
@@ -221,11 +215,7 @@ def sweep_page(calibration: Calibration[SweepRecord, SweepCalibration]) -> Page:
             impact_section(calibration),
             only_json("", condition, parts=(Section("dropped", rows=dropped),)),
         ),
-        method=(
-            "The rate of the table is exact and about the axis named; the Earth's rotation along it is in the bias.",
-            "The corrected rate is inverse(B) (output - b); its error is subtracted, k rate + b' in each piece.",
-            "Beyond the swept rates the outer pieces are continued.",
-        ),
+        method=tuple(phrase("method.sweeps").splitlines()),
     )
 
 
@@ -356,6 +346,7 @@ def rotor_page(calibration: Calibration[tuple[BenchTable, BenchTable], Inertias]
     """Report both methods and whether they agree."""
     fall, precession, both = calibration.detail.fall, calibration.detail.precession, calibration.detail.agreement
     how = calibration.options
+    taken = {"fall_mass_kg": how.fall_mass, "radius_m": how.radius, "arm_m": how.arm, "gravity_m_s2": how.gravity}
     agreed = (
         f"The methods agree: the difference {number(both.difference, 2)} is within the {number(both.limit, 2)} kg m² "
         f"that their uncertainties explain (95 %); weighted mean {number(both.mean, 4)} ± {number(both.mean_sd, 2)} "
@@ -405,12 +396,7 @@ def rotor_page(calibration: Calibration[tuple[BenchTable, BenchTable], Inertias]
             quality,
             agreement,
         ),
-        method=(
-            f"Falling weight {how.fall_mass:g} kg on a radius of {how.radius:g} m, weight {weight} on an arm "
-            f"of {how.arm:g} m, gravity {how.gravity:g} m/s²: taken as exact; their uncertainty comes on top.",
-            "Falling weight: no friction, a cord without weight, released from rest.",
-            "Precession: a rotor much faster than its precession, balanced without the added weight.",
-        ),
+        method=tuple(phrase("method.rotor", weight=weight, **taken).splitlines()),
     )
 
 

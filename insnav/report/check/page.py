@@ -14,7 +14,7 @@ from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
 from insnav.report.page import DataFrame, Page, Section, only_json, rows_frame
 from insnav.report.panels import Clock
-from insnav.report.terminal import page_text
+from insnav.report.terminal import hanging, page_text
 from insnav.result import Result
 from insnav.session.check import TO_MEND, Checked
 from insnav.steps.one_clock import SIGMAS
@@ -38,16 +38,17 @@ def _run_line(found: Checked, before: str) -> str:
     return f"run:  nothing to copy before {before}{known}"
 
 
-def text(result: Result[Checked]) -> str:
+def text(result: Result[Checked], width: int | None = None) -> str:
     """Give the report for the terminal: what is to be mended, and the line to run, stand last."""
     laid_out, at = page(result), _from_start(result)
     left = [each for each in result.found.problems if each.severity > Severity.NOTE][:TO_MEND]
     mend = [f"mend {i}: {sentence(each, at=at)}" for i, each in enumerate(left, 1)] or ["nothing to mend was found"]
     understood = [f"  {name}: {sentence(each)}" for name, facts in result.inputs.items() for each in facts.evidence]
-    lines = ["", *understood, "", *mend, _run_line(result.found, "mend 1")]
+    lines = hanging(["", *understood, "", *mend], width)
     listed = {*result.found.problems, *(each for each in result.findings if each.timed)}
     shown = replace(laid_out, summary=(), findings=tuple(each for each in result.findings if each not in listed))
-    return "\n".join([page_text(shown), *(plain_text(line) for line in lines)])
+    # the line to run is to be copied
+    return "\n".join([page_text(shown, width), *lines, plain_text(_run_line(result.found, "mend 1"))])
 
 
 def _from_start(result: Result[Checked]) -> At:

@@ -21,7 +21,7 @@ from insnav.report.colours import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from insnav.report.numbers import number
 from insnav.report.page import DataFrame, Light, Page, Section, Verdict, by_warnings, drawn, rows_frame, section_tables
 from insnav.report.panels import Clock, Curve, Kind, Panel, broken_at_gaps
-from insnav.report.terminal import table_text
+from insnav.report.terminal import hanging, table_text
 from insnav.result import Result
 from insnav.sample_statistics import rms
 from insnav.types import FloatArray
@@ -114,7 +114,7 @@ def frame(result: Result[Comparison]) -> DataFrame:
     return rows_frame(_row(each) for each in result.found.compared)
 
 
-def text(result: Result[Comparison]) -> str:
+def text(result: Result[Comparison], width: int | None = None) -> str:
     """Give a comparison for the terminal: a heading, one line a solution, what the columns are, and findings."""
     found = result.found
     (table,) = section_tables(_section(found))
@@ -122,11 +122,12 @@ def text(result: Result[Comparison]) -> str:
     headings = [reduce(lambda head, unit: head.replace(unit, units[unit]), units, name) for name in table.columns]
     rows = [("  smoothed" if solution == "smoothed" else run, *cells) for run, solution, *cells in table.rows]
     columns = (headings[0], *headings[2:])
-    lines = table_text(replace(table, title="", note="", columns=columns, rows=tuple(rows))).splitlines()
+    lines = table_text(replace(table, title="", note="", columns=columns, rows=tuple(rows)), width).splitlines()
     count = len(found.compared[0].errors.time)
     warned = [f"warning: {sentence(each)}" for each in _warnings(found)]
     notes = (line.format(n=count) for line in _NOTE)
-    return "\n".join([*(line[2:] for line in lines), *notes, *warned, *map(sentence, result.findings)])
+    below = hanging([*notes, *warned, *map(sentence, result.findings)], width)
+    return "\n".join([*(line[2:] for line in lines), *below])
 
 
 def _section(found: Comparison) -> Section:

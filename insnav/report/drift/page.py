@@ -11,6 +11,7 @@ from insnav.lab.drift.allan_before_after import POWERS, DriftStudy, GyroDrift
 from insnav.lab.drift.allan_before_after import Curve as Deviations
 from insnav.lab.drift.drift_model import DriftModel
 from insnav.lab.drift.rate_smoothing import P0
+from insnav.messages import phrase
 from insnav.output.data_files import csv_text
 from insnav.quantity import Quantity
 from insnav.report.allan.page import noise_quantity
@@ -29,19 +30,6 @@ _TERMS = {
     "c_T": ("temperature, c_T", "deg/s/K"),
     "c_g": ("g-sensitivity, c_g", "deg/s/g"),
 }
-ASSUMPTIONS = (
-    "drift = A + B rate + c_T (T - 25 C) + c_g a by least squares over the whole record; standard deviations with what "
-    "the residuals have in common from sample to sample (means of parts of the record, up to a twelfth of it)",
-    "the true rate is that of the columns rate_x_deg_s …, zero without them; A has the Earth's rotation along the axis "
-    "in it, at most 0.0042 deg/s, and so has it whatever a term that is left out makes in this record",
-    "scalar Kalman filter: transition 1, observation 1, initial state 0 with variance 1 (deg/s)²; Q and R are those of "
-    "greatest likelihood of the random part at rest, taken as random walk plus white noise (Harvey 1989); Q not below "
-    "what a time constant of a tenth of that part has",
-    "overlapping Allan deviation; intervals 95 %, chi-square with the degrees of freedom of white noise and random "
-    "walk of these R and Q, smoothed: a Gauss-Markov process and the walk",
-    "Q, N, B, K, R from sigma² = sum of A_m tau^m, m = -2 .. 2, by generalised least squares over the times of the "
-    "table (IEEE Std 952-1997, annex C); no term is dropped, and a negative A_m counts as zero",
-)
 
 
 def page(result: Result[DriftStudy]) -> Page:
@@ -66,7 +54,7 @@ def page(result: Result[DriftStudy]) -> Page:
             quality_section((fits, "rad/s", dict.fromkeys(fits, times))),
         ),
         result.findings,
-        ASSUMPTIONS,
+        tuple(phrase("method.drift").splitlines()),
         merits=_merits(gyros[0]),
         merits_note=f"gyro {gyros[0].model.axis}; Allan deviations at the shortest averaging time",
         verdict=by_warnings(_conclusions(gyros[0])[0], result.findings, ("good", "no warning from the fits")),
@@ -100,13 +88,9 @@ def _conclusions(each: GyroDrift) -> tuple[str, ...]:
     shortest, longest = float(corrected.allan.tau[0]), float(corrected.allan.tau[-1])
     lower = float(corrected.deviation[0] / smoothed.deviation[0])
     ratio = float(smoothed.deviation[-1] / corrected.deviation[-1])
-    return (
-        f"{name}: smoothing lowers the Allan deviation at {shortest:g} s by a factor of {number(lower, 2)}, and up to "
-        f"{each.helped_until:g} s; at {longest:g} s ({number(float(corrected.freedom[-1]), 2)} degrees of freedom) it "
-        f"is {number(ratio, 2)} times that of the corrected rate.",
-        f"{name}: it delays the rate by {number(each.smoother.lag)} s. It cannot remove bias instability: whatever "
-        "changes more slowly than the filter passes through it.",
-    )
+    how = {"factor": number(lower, 2), "until_s": each.helped_until, "ratio": number(ratio, 2), "name": name}
+    how |= {"freedom": number(float(corrected.freedom[-1]), 2), "lag": number(each.smoother.lag)}
+    return tuple(phrase("method.smoothing", shortest_s=shortest, longest_s=longest, **how).splitlines())
 
 
 def _gyro(each: GyroDrift) -> Section:

@@ -13,7 +13,7 @@ from insnav.errors.outage.gnss_outage import OutageEpochs, OutageStudy
 from insnav.errors.outage.statistics import Growth, common_error, outage_growth
 from insnav.errors.outage.windows import Outage
 from insnav.findings import Code, Finding, Severity, is_shown
-from insnav.messages import sentence
+from insnav.messages import phrase, sentence
 from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_run_table, write_events, write_run_table
 from insnav.quantity import Quantity
@@ -55,11 +55,6 @@ _POINTS = 24  # times at which the windows are summed up
 NOTE = "errors of the reference in all lines"
 _WINDOWS = 80  # drawn one by one
 BELOW = "below reference noise"
-INTERVALS = (
-    "Intervals: RMS error of drives like this one, 95 % intended. In simulations they hold it in 90 to 99 % of cases "
-    "where windows differ by chance, in 85 to 97 % where half of the variance is common to all windows of a drive: "
-    "that part counts as one window."
-)
 
 
 def page(result: Result[OutageStudy]) -> Page:
@@ -94,14 +89,7 @@ def page(result: Result[OutageStudy]) -> Page:
         verdict=_verdict(study, tuple(each for each in shown if each.code is not Code.OUTAGE_COMMON)),
         merits=_merits(study.growth[-1]),
         merits_note=f"After {study.growth[-1].length:g} s, as measured: the error of {study.reference} is in it.",
-        method=(
-            "Each window starts from the filter at its first epoch, with all fixes before and none within.",
-            "RMS, 95 % and max: difference to the reference, whose own errors are in all three, and make most of the "
-            "largest against noisy fixes; corrected: RMS with the variance of the reference subtracted.",
-            "Smoothed: at the epoch of each window where the sd of the smoothed position is largest.",
-            "Heading is compared with that smoothed from all fixes, so it is not independent.",
-            INTERVALS,
-        ),
+        method=(*phrase("method.outage").splitlines(), phrase("method.intervals")),
     )
 
 
@@ -111,9 +99,9 @@ def judged(laid_out: Page) -> Page:
     return replace(laid_out, summary=(laid_out.verdict.rating, *laid_out.summary))
 
 
-def text(result: Result[OutageStudy]) -> str:
+def text(result: Result[OutageStudy], width: int | None = None) -> str:
     """Give the report for the terminal."""
-    return page_text(judged(page(result)))
+    return page_text(judged(page(result)), width)
 
 
 def _verdict(study: OutageStudy, told: tuple[Finding, ...]) -> Verdict:

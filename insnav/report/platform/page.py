@@ -174,10 +174,7 @@ def _errors(study: PlatformStudy, theory: StaticErrors | None) -> tuple[Section,
                 row.append(Quantity("closed_form", float(np.abs(closed[:, k]).max()), unit))
                 row.append(Quantity("difference", float(np.abs(values - closed)[:, k].max()), unit))
             rows.append(tuple(row))
-    sections = (
-        only_json("platform_errors", *items),
-        Section("", "Impact of the platform's errors", rows=tuple(rows)),
-    )
+    sections = (only_json("platform_errors", *items), Section("", "Impact of the platform's errors", rows=tuple(rows)))
     lat, _, height = run.undisturbed.lla[0]
     time = run.solution.time - run.solution.time[0]
     if theory is None or time[-1] < SHORTEST_RECORD * 86400.0 or lat == 0.0:

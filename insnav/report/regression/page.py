@@ -27,7 +27,7 @@ from insnav.report.html import filled, page_html
 from insnav.report.numbers import number
 from insnav.report.page import DataFrame, Page, Section, Verdict, drawn, only_json, rows_frame, section_tables
 from insnav.report.regression import panels
-from insnav.report.terminal import table_text
+from insnav.report.terminal import hanging, table_text
 from insnav.result import Result
 from insnav.sample_statistics import rms
 
@@ -120,7 +120,7 @@ def frame(result: Result[Regression]) -> DataFrame:
     return rows_frame(case_section(result.found).rows)
 
 
-def text(result: Result[Regression]) -> str:
+def text(result: Result[Regression], width: int | None = None) -> str:
     """Give the accuracy for the terminal: cases, changes, and the verdict."""
     found = result.found
     comparison, baseline = found.comparison, found.baseline
@@ -135,7 +135,7 @@ def text(result: Result[Regression]) -> str:
     lines += [f"apart   {sentence(each)}" for each in comparison.apart.values()]
     lines += [f"BROKEN  {sentence(each)}" for each in comparison.broken.values()]
     lines += [f"FAILS   {change_text(change)}" for change in comparison.failing]
-    return "\n".join([*lines, verdict_text(comparison, baseline.origin), *below])
+    return "\n".join([*lines, *hanging([verdict_text(comparison, baseline.origin)], width), *below])
 
 
 def _text(section: Section) -> list[str]:
@@ -325,10 +325,7 @@ def power_lines(baseline: Baseline) -> list[str]:
     for case, metric, _, least in section.rows:
         found.setdefault(str(case.value), {})[str(metric.value)] = least.value
     rows = tuple(
-        (
-            Quantity("case", name),
-            *(Quantity(key, values.get(key), "%", meaning=label) for key, label in _POWER.items()),
-        )
+        (Quantity("case", name), *(Quantity(key, values.get(key), "%", meaning=label) for key, label in _POWER.items()))
         for name, values in found.items()
     )
     return [*_text(replace(section, rows=rows)), "", *_notes(baseline)]

@@ -12,7 +12,7 @@ from insnav.errors.metrics import MOVING_M_S, travelled
 from insnav.report.colours import AXIS_COLOURS, BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION
 from insnav.report.numbers import distance_text, duration_text, number
 from insnav.report.panels import Clock, Curve, Drawing, Panel, broken_at_gaps
-from insnav.report.run.panels import CHI2_95, GROUPS, RunAxis, gate_levels, run_track, sensor_errors
+from insnav.report.run.panels import GROUPS, RunAxis, nis_levels, run_track, sensor_errors
 from insnav.sample_statistics import rms
 from insnav.types import BoolArray, FloatArray
 from insnav.units import DEG, DEG_PER_H, G0, PPM
@@ -190,15 +190,15 @@ def _innovations(found: EvaluatedRun) -> tuple[tuple[Panel, ...], int]:
             panels.append(_panel(found, f"{name} [{unit}]", curves, title=group, limits=(-limit, limit)))
     for i in groups:
         group = GROUPS[i][0]
-        nis, used = getattr(fixes, f"nis_{group}"), getattr(fixes, f"used_{group}")
+        nis, used = getattr(fixes, f"nis_{group}") / 3.0, getattr(fixes, f"used_{group}")
         kept, refused = (nis > 0.0) & used, (nis > 0.0) & ~used
         curves = [
             Curve("accepted", time[kept], nis[kept], BLUE, "points"),
             Curve("rejected", time[refused], nis[refused], VERMILLION, "crosses"),
         ]
-        levels = ((CHI2_95, f"95 % ({CHI2_95:.1f})"), *gate_levels(found.run, group))
+        levels = nis_levels(found.run, group)
         limits = (1e-2, max(100.0, 2.0 * float(np.max(nis[nis > 0.0], initial=0.0))))
-        panels.append(_panel(found, "NIS, 3 dof [-]", curves, title=group, log="y", limits=limits, levels=levels))
+        panels.append(_panel(found, "NIS per axis [-]", curves, title=group, log="y", limits=limits, levels=levels))
     return tuple(panels), len(groups)
 
 

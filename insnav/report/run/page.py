@@ -20,11 +20,11 @@ from insnav.output import solution_tables
 from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder, read_facts
 from insnav.output.track_files import write_kml
+from insnav.quantity import Quantity, key_suffix
 from insnav.report.page import DataFrame, Figure, FigureSpec, Later, Page, Section
 from insnav.report.panels import Clock
 from insnav.report.run.quantities import run_sections
 from insnav.report.run.verdict import brief_lines, rated, run_circles, run_line, run_merits, run_verdict
-from insnav.report.terminal import WIDTH
 from insnav.result import Result
 from insnav.types import AidingUse, Alignment, Epochs, FloatArray, GpsData, Innovations, Run, SensorErrors, Smoothed
 from insnav.units import DEG, DEG_PER_H
@@ -70,8 +70,8 @@ def _sections(found: EvaluatedRun, reference: str) -> tuple[Section, ...]:
     )
 
 
-def text(result: Result[EvaluatedRun], width: int | None = WIDTH) -> str:
-    """Sum up a run in a few lines of some width."""
+def text(result: Result[EvaluatedRun], width: int | None = None) -> str:
+    """Sum up a run in a few lines."""
     return "\n".join(brief_lines(result.laid_out or page(result, sections=False), result.found, width))
 
 
@@ -136,11 +136,19 @@ def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: s
 
 
 def frame(result: Result[EvaluatedRun]) -> DataFrame:
-    """Give the solution as a table.
+    """Give the better solution as a table, with the columns of ``solution.csv``."""
+    return result.found.best.to_frame()
 
-    Returns: columns as in ``solution.csv``.
-    """
-    return result.found.run.solution.to_frame()
+
+def accuracy(found: EvaluatedRun) -> dict[str, dict[str, float]]:
+    """Give the figures of merit of each solution, the unit in the name; those that are stated begin with ``sd_``."""
+    merits = {mode: [each for each in run_merits(found, mode) if each.value is not None] for mode in rated(found)}
+    lead = "" if found.known_errors else "sd_"
+
+    def name(each: Quantity) -> str:
+        return f"{lead * (each.unit != '')}{each.key.replace(' ', '_')}{key_suffix(each.unit)}"
+
+    return {mode: {name(each): float(each.scaled(each.value)) for each in own} for mode, own in merits.items()}
 
 
 def read_found(folder: Path, findings: Sequence[Finding]) -> EvaluatedRun:
@@ -181,7 +189,8 @@ def read_found(folder: Path, findings: Sequence[Finding]) -> EvaluatedRun:
     )
     gps = solution_tables.read_run_table(folder, GpsData) if any(folder.glob("fixes.*")) else None
     backdrop = read_backdrop(folder / BACKDROP) if (folder / BACKDROP).is_file() else None
-    return EvaluatedRun(run, gps, errors, smoothed_errors, backdrop=backdrop)
+    same = any(each.code is Code.REF_SAME_AS_GPS for each in findings)
+    return EvaluatedRun(run, gps, errors, smoothed_errors, backdrop=backdrop, reference_is_gps=same)
 
 
 def _is_event(finding: Finding) -> bool:

@@ -20,7 +20,7 @@ from insnav.types import BoolArray, FloatArray, Run, SensorErrors, Trajectory
 from insnav.units import DEG, DEG_PER_H, G0
 
 LINK = "time"
-CHI2_95 = 7.815  # 95 % point of chi-square with 3 degrees of freedom
+CHI2_95 = 7.815 / 3.0  # 95 % point of chi-square with 3 degrees of freedom, per axis
 MAP_POINTS = 2000
 DRAWN = 200_000  # rows of a solution at most
 T = TypeVar("T", Trajectory, TrajectoryErrors | None)
@@ -151,22 +151,21 @@ def _innovation_panels(run: Run, axis: RunAxis) -> list[Panel]:
         note = "measured minus predicted; band: ±3 sd as predicted"
         title = f"Innovations of GPS {group}"
         panels.append(axis.panel(f"innovations_{group}", title, f"innovation [{unit}]", curves, note=note))
-        size, colour = getattr(fixes, f"nis_{group}"), (BLUE, ORANGE)[i]
+        size, colour = getattr(fixes, f"nis_{group}") / 3.0, (BLUE, ORANGE)[i]
         positive = size > 0.0
         nis += [
             Curve(group, time[used & positive], size[used & positive], colour, "points"),
             Curve("rejected", time[~used & positive], size[~used & positive], colour, "crosses"),
         ]
-    levels = [(CHI2_95, f"95 % ({CHI2_95:.1f})"), *gate_levels(run)]
-    note = "normalised innovation squared of each fix, 3 degrees of freedom: 3 on average if the stated sd is right"
-    panels.append(axis.panel("nis", "NIS", "NIS [-]", nis, note=note, log="y", levels=tuple(levels)))
+    note = "normalised innovation squared of each fix, per axis: 1 on average if the stated sd is right"
+    panels.append(axis.panel("nis", "NIS", "NIS per axis [-]", nis, note=note, log="y", levels=nis_levels(run)))
     return panels
 
 
-def gate_levels(run: Run, group: str = "") -> list[tuple[float, str]]:
-    """Limits of the gates that rejected or de-weighted, with their names; `group`: those of positions or velocities."""
-    limits = sorted({each.limit for each in of_code(run.events, *_GATES[group]) if np.isfinite(each.limit)})
-    return [(limit, f"gate ({limit:.1f})") for limit in limits]
+def nis_levels(run: Run, group: str = "") -> tuple[tuple[float, str], ...]:
+    """95 % of the NIS per axis, and the gates that rejected or de-weighted; `group`: of positions or velocities."""
+    limits = sorted({each.limit / 3.0 for each in of_code(run.events, *_GATES[group]) if np.isfinite(each.limit)})
+    return (CHI2_95, f"95 % ({CHI2_95:.1f})"), *((limit, f"gate ({limit:.1f})") for limit in limits)
 
 
 def sensor_errors(run: Run) -> dict[str, SensorErrors]:
@@ -270,8 +269,8 @@ def run_track(found: EvaluatedRun) -> Track:
         shades.append(Shade("fix", gps.fix[nearest_rows(gps.time, time)].astype(np.float64), _FIX_TYPES))
     if np.isfinite(run.innovations.nis_position).any():
         known = np.isfinite(run.innovations.nis_position)
-        at, nis = run.innovations.time[known], run.innovations.nis_position[known]
-        shades.append(Shade("NIS of position [-]", nis[nearest_rows(at, time)]))
+        at, nis = run.innovations.time[known], run.innovations.nis_position[known] / 3.0
+        shades.append(Shade("NIS of position, per axis [-]", nis[nearest_rows(at, time)]))
     fixes = None if gps is None else ned_offset(gps.lla, origin)[:, [1, 0]]
     behind = _rejected(run, time, position)
     if found.backdrop is not None:

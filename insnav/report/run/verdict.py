@@ -1,4 +1,4 @@
-"""A run in one sentence, how accurate or how sure and whether what it states is true, and in at most 21 lines."""
+"""A run in one sentence, how accurate or how sure and whether what it states is true, and in a few lines."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from insnav.filter.gps_noise import heights_measured
 from insnav.findings import CORRECTIONS, Code, Severity, of_code
 from insnav.input.readers.reading import ReadingFacts
 from insnav.messages import form, phrase, sentence, word
-from insnav.plain_text import plain_text, wrapped
 from insnav.quantity import Quantity
 from insnav.report.numbers import distance_text, duration_text, number
 from insnav.report.page import Light, Page, Table, Verdict, cell
 from insnav.report.run.quantities import mean_nis
-from insnav.report.terminal import WIDTH, table_text
+from insnav.report.terminal import hanging, table_text
 from insnav.result import Result
 from insnav.sample_statistics import rms, rms_length
 from insnav.types import FloatArray, Run
 
+_IN_WORDS = ("nis_mean_per_axis", "horizontal_sd", "inside_3_sd")  # figures of merit that the verdict says already
 SCATTER = 2.0  # mean NIS per axis from which on fixes and solution contradict each other
 CAREFUL = 3.0  # times the errors of positions from which on what is stated is much more
 FEW = 10  # epochs of a reference, fewer of which tell nothing of a whole drive
@@ -36,7 +36,7 @@ _PARTS = (
     ("tilt", "deg", slice(6, 8)),
     ("heading", "deg", slice(8, 9)),
 )
-_WARNINGS, _FOUND, _ASSUMED = 3, 3, 6  # rows of each at most, of the last two together; the others are on the page
+_WARNINGS, _ASSUMED = 3, 6  # of each at most; the others are on the page
 _HARDLY, _UNKNOWN = 0.1, 0.7  # from which a delay [s] and an arm [m] that are found are hardly known
 
 
@@ -151,8 +151,8 @@ def _light(found: EvaluatedRun, warnings: int) -> tuple[Light, str]:
     epochs = max((len(each.time) for each in found.errors_on_clock.values()), default=0)
     if 0 < epochs < FEW:
         return "unknown", phrase("run.few_epochs", count=epochs)
-    if found.other_drive:
-        return "unknown", phrase("run.other_drive")
+    if found.other_drive or found.reference_is_gps:
+        return "unknown", phrase("run.other_drive" if found.other_drive else "run.same_as_gps")
     if any(share < HOLDS for share in shares):
         return "bad", phrase("run.overconfident")
     if diverged:
@@ -205,24 +205,30 @@ def _rate(name: str, facts: ReadingFacts) -> str:
     return phrase("run.rate", sensor=name.upper(), rate=number(facts.rate_hz) if facts.rate_hz else "")
 
 
-def brief_lines(page: Page, found: EvaluatedRun, width: int | None = WIDTH) -> list[str]:
+def brief_lines(page: Page, found: EvaluatedRun, width: int | None = None) -> list[str]:
     """Sum up a run: verdict, figures of merit of both solutions, warnings, what was assumed.
 
-    `page`: that of the run; `width`: of the lines, which may cut long texts; none: nothing is wrapped or cut.
+    `page`: that of the run; `width`: of the lines; none: nothing is wrapped.
     """
     title = phrase("terminal.line", name=page.title, text=page.summary[0]) if page.summary else page.title
-    verdict = [] if page.verdict is None else _rows(page.verdict.rating, 2, width)
+    verdict = [] if page.verdict is None else [page.verdict.rating]
     best, *others = rated(found) or [""]
-    table = _table({best: page.merits} | {mode: run_merits(found, mode) for mode in others})
-    warnings = _listed("warning", page.warnings, _WARNINGS, width)
+    merits = {best: page.merits} | {mode: run_merits(found, mode) for mode in others}
+    table = _table({mode: [each for each in own if each.key not in _IN_WORDS] for mode, own in merits.items()})
+    warnings = _listed("warning", page.warnings, _WARNINGS)
     estimates = form("parts").join(_estimates(found))
     corrections = tuple(sentence(each, at=page.at) for each in of_code(page.findings, *CORRECTIONS))
     doubtful = page.verdict is not None and page.verdict.light == "bad" and not _wrong_reference(found.run)
     name = phrase("run.doubtful_estimates" if doubtful else "run.estimates")
-    shown = _rows(phrase("terminal.line", name=name, text=estimates), _FOUND, width) if estimates else []
-    shown += _listed("corrected", corrections, len(CORRECTIONS), width)
-    assumed = _listed("assumed", page.assumptions, _ASSUMED - len(shown), width)
-    return [*_rows(title, 2, width), *verdict, *table, *warnings, *shown, *assumed]
+    shown = [phrase("terminal.line", name=name, text=estimates)] if estimates else []
+    shown += _listed("corrected", corrections, len(CORRECTIONS))
+    # one for what is assumed of several files
+    taken = {
+        each.get("text") or each.code: each for each in page.findings[::-1] if each.severity is Severity.ASSUMPTION
+    }
+    assumed = [sentence(each, at=page.at) for each in reversed(taken.values())]
+    shown += _listed("assumed", [form("joint").join(assumed[:_ASSUMED])] * bool(assumed), _ASSUMED, len(assumed))
+    return [*hanging([title, *verdict], width), *table, *hanging([*warnings, *shown], width)]
 
 
 def _wrong_reference(run: Run) -> bool:
@@ -260,7 +266,7 @@ def _rejected(run: Run, measured: int) -> Iterator[str]:
             yield phrase(f"run.{name}", count=int(rows.sum()), total=int(np.isfinite(every).sum()), most=most)
 
 
-def _table(merits: dict[str, tuple[Quantity, ...]]) -> list[str]:
+def _table(merits: dict[str, list[Quantity]]) -> list[str]:
     """One row a figure, one column a solution."""
     first = next(iter(merits.values()))
     if not first:
@@ -270,19 +276,8 @@ def _table(merits: dict[str, tuple[Quantity, ...]]) -> list[str]:
     return table_text(Table("", ("", *(phrase(f"run.{mode}") for mode in merits)), rows)).splitlines()
 
 
-def _listed(name: str, texts: Sequence[str], most: int, width: int | None) -> list[str]:
-    """The first texts of some, one row each, and how many more there are."""
-    name = phrase(f"run.{name}")
-    first = phrase("terminal.first_of", name=name, most=most, count=len(texts)) if len(texts) > most else name
-    shown = [phrase("terminal.line", name=name if i else first, text=text) for i, text in enumerate(texts[:most])]
-    return [line for text in shown for line in _rows(text, 2 if len(texts) == 1 else 1, width)]
-
-
-def _rows(text: str, most: int, width: int | None) -> list[str]:
-    """A text in at most so many rows, the rest of it cut; whole in one row without a width."""
-    if width is None:
-        return [plain_text(text)]
-    rows = wrapped(plain_text(text), width, subsequent_indent="  ", break_on_hyphens=False) or [""]
-    if len(rows) > most:
-        rows[most - 1 :] = [f"{rows[most - 1][: width - 1]}…"]
-    return rows
+def _listed(name: str, texts: Sequence[str], most: int, count: int = 0) -> list[str]:
+    """The first texts of some, one row each, and how many there are: `count` if a text joins several."""
+    name, count = phrase(f"run.{name}"), count or len(texts)
+    first = phrase("terminal.first_of", name=name, most=most, count=count) if count > most else name
+    return [phrase("terminal.line", name=name if i else first, text=text) for i, text in enumerate(texts[:most])]

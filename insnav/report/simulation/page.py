@@ -101,12 +101,7 @@ def recording_page(plan: Plan, made: Recording) -> Page:
             *(entry("fault", text) for text in plan.configuration.get("fault", [])),
             entry("next", command),
         ),
-        (
-            *motion_drawings(plan, time, motion),
-            moved,
-            *realisation,
-            sensor_section(plan, *counts),
-        ),
+        (*motion_drawings(plan, time, motion), moved, *realisation, sensor_section(plan, *counts)),
         findings=(Finding.of(Code.SIMULATION_ABSENT, terms=absent),) if absent else (),
         merits=(*moved.items[:3], *counts[:2], sensor_section(plan).items[0]),
         verdict=Verdict(
@@ -259,7 +254,7 @@ def in_folder(command: str, folder: Path) -> str:
 def shown_lines(page: Page, out: Path) -> list[str]:
     """What the terminal shows of a simulated recording: its summary, its files, and the command as from here."""
     *lines, last = page.summary
-    files = entry("files", f"{out}: imu.csv, gps.csv, ref.csv, report.html, run.json, …")
+    files = entry("files", f"{out}: imu.csv, gps.csv, ref.csv, report.html, run.json and others")
     return [*lines, files, entry("next", in_folder(last.removeprefix("next").strip(), out))]
 
 

@@ -1,0 +1,109 @@
+"""The search for faults, on records whose errors are drawn from their own linear model with a fault of known time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+import insnav
+from insnav.explain.kinds import KINDS
+from insnav.explain.record import FAULTS, TAILS, LinearRecord, Noise, Step
+from insnav.explain.search import Search, search
+from insnav.kernels.dynamics import NAV
+from insnav.steps import PREPARE, run_steps
+
+BEGIN, END = 120, 170  # epochs
+NEAR = 3  # epochs by which a time may be off
+OF = {kind.name: kind for kind in KINDS}
+# size of the drawn fault in each of its states: some ten times what the drive resolves
+LASTING = {"gyro_z": 0.01, "accel_x": 0.3, "delay": 0.3, "turned": 0.1}
+PASSING = {"offset": 15.0, "drag": 1.0, "followed_drag": 1.0, "velocity_offset": 1.0}
+
+
+@lru_cache(maxsize=1)
+def nominal() -> LinearRecord:
+    drive = insnav.simulate("figure_eight", imu="automotive", seed=1)
+    ready = run_steps(PREPARE[:1], drive.recording, drive.model)[1].ready
+    assert ready is not None
+    return LinearRecord.of(ready)
+
+
+def drawn(seed: int, step: Step | None = None, size: float = 0.0, weak: int = 0) -> LinearRecord:
+    """The nominal record with errors of states and fixes from its model, and one fault."""
+    record, random = nominal(), np.random.default_rng(seed)
+    (span, phi, fade, q, qd, _), _, start = record._with((), Noise())
+    _, h, fed = record.measured
+    m, n = fed.shape
+    e = random.multivariate_normal(np.zeros(n), start, method="svd")
+    z, sd = np.zeros((m, 6)), np.sqrt(record.variance * [*[1.0 - Noise().share] * 3, 1.0, 1.0, 1.0])
+    change = size * record.columns(step.kind).sum(axis=1) if step else np.zeros(n)
+    moving = step.kind.name in ("offset", "velocity_offset") if step else False
+    values, vectors = np.linalg.eigh(q)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None]
+    for k in range(m):
+        if k > 0:
+            position = slice(n - FAULTS, n - FAULTS + 3)
+            drift = span[k] * e[n - FAULTS + 3 : n - FAULTS + 6]
+            e = np.concatenate([phi[k] @ e[: phi.shape[2]], fade[k, NAV:] * e[NAV:]])
+            e[position] += drift
+            e[:NAV] += root[k] @ random.normal(size=NAV)
+            e[NAV:] += np.sqrt(qd[k, NAV:]) * random.normal(size=n - NAV)
+        if step and k == step.begin:
+            e += change
+        if step and step.end and k == step.end:
+            e = np.where(change != 0.0, 0.0, e) if moving else e - change
+        z[k] = h[k] @ e + sd[k] * random.normal(size=6)
+    if weak:
+        z[weak, :3] += 300.0
+    z[record.variance <= 0.0] = 0.0
+    return replace(record, measured=(z, h, np.zeros_like(fed)))
+
+
+def told(found: Search) -> list[tuple[str, int, int]]:
+    return [(step.kind.name, step.begin, step.end) for step in found.best.steps]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_nothing_is_found_where_nothing_is_wrong(seed: int) -> None:
+    found = search(drawn(seed), KINDS)
+    assert told(found) == []
+    assert found.passes <= 150
+
+
+def test_a_single_false_fix_is_weak_and_no_fault() -> None:
+    found = search(drawn(5, weak=100), KINDS)
+    assert told(found) == []
+    assert found.best.weights[100, 0] < 1e-3
+    # the density of Student's t at d sd in each of three axes, of which a normal distribution would cost d^2 each
+    white = nominal().variance[100, :3] * (1.0 - found.best.noise.share)
+    distance = (300.0**2 / white).sum()
+    assert found.best.weights[100, 0] == pytest.approx((TAILS + 3.0) / (TAILS + distance), rel=0.1)
+
+
+@pytest.mark.parametrize("name", LASTING)
+def test_a_step_that_stays_is_found_at_its_time(name: str) -> None:
+    found = search(drawn(7, Step(OF[name], BEGIN, 1.0), LASTING[name]), KINDS)
+    ((kind, begin, end),) = told(found)
+    assert kind == name
+    assert abs(begin - BEGIN) <= NEAR
+    assert end == 0
+    assert np.sqrt(found.best.steps[0].variance) == pytest.approx(LASTING[name], rel=0.5)
+
+
+@pytest.mark.parametrize("name", PASSING)
+def test_an_episode_is_found_with_its_end(name: str) -> None:
+    found = search(drawn(8, Step(OF[name], BEGIN, 1.0, END), PASSING[name]), KINDS)
+    ((kind, begin, end),) = told(found)
+    assert kind == name
+    assert abs(begin - BEGIN) <= NEAR
+    assert abs(end - END) <= NEAR
+
+
+def test_figures_of_noise_stay_near_their_prior() -> None:
+    noise = Noise()
+    for number in range(len(noise.figures)):
+        assert abs(noise.changed(number, 50.0).figures[number]) <= 3.0
+        assert abs(noise.changed(number, -50.0).figures[number]) <= 3.0
