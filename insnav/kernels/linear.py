@@ -1,18 +1,21 @@
 """Linear error model of one filter run at epoch rate, on which faults are searched.
 
-The states are navigation errors (9), sensor errors (12), further errors that may act on navigation, others, and nine fault states at the end: offset of
-the positions (3), drift of that offset (3) and offset of the velocities (3). Errors are estimate minus truth:
+The states are navigation errors (9), sensor errors (12), further errors that may act on navigation, others, and nine
+fault states at the end: offset of the positions (3), drift of that offset (3) and offset of the velocities (3). Errors
+are estimate minus truth:
     e_k = F_k e_{k-1} + w_k,  z_k = H_k e_k + v_k.
-All functions take the same groups of arrays, for m epochs and n states:
-    system: span (m,) [s]; phi (m, 9, s), the rows of navigation errors of F by the first s states, 21 or more; fade (m, n), its diagonal in the other
-        rows; q (m, 9, 9), noise of the navigation errors, symmetric; qd (m, n), noise variances of the others, of which
-        those of sensor errors j covary with navigation errors i by qd_j phi_ij / 2; cleared (m,) int, bits
-        `NO_POSITION` and `NO_VELOCITY`: rows of F of these fault states are zero.
+Functions take the same groups of arrays, for m epochs and n states, up to `WIDE`:
+    system: span (m,) [s]; phi (m, 9, s), the rows of navigation errors of F by the first s states, 21 or more;
+        fade (m, n), its diagonal in the other rows; q (m, 9, 9), noise of the navigation errors, symmetric; qd (m, n),
+        noise variances of the others, of which those of sensor errors j covary with navigation errors i by
+        qd_j phi_ij / 2; cleared (m,) int, bits `NO_POSITION` and `NO_VELOCITY`: rows of F of these fault states are
+        zero.
     measured: z (m, 6); h (m, 6, n); var (m, 6), variance of the white noise, not positive where nothing was measured;
         fed (m, n), error that the filter took off its state after the measurement.
     out: innovation (m, 6) and variance (m, 6), -1 where nothing was measured; gain (m, 6, n); mean (m, 9) and rows of
         the covariance (m, 9, n) of the navigation errors just before the measurement.
-Components of a measurement are processed one after the other.
+Components of a measurement are processed one after the other, and change matrices by threes. Rows are padded by
+zeros. The covariance of states that are known exactly at the end, as faults before they begin, is not touched.
 """
 
 from __future__ import annotations
@@ -23,70 +26,17 @@ from insnav.kernels import inner, njit
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
 
-BLOCKS, WIDE = 8, 72  # blocks of nine rows, as many as states of navigation; states at most: compilers like known sizes
+BLOCKS, WIDE = 8, 72  # so many blocks of nine rows or columns; states at most: compilers like known sizes
 NO_POSITION, NO_VELOCITY = 1, 2  # bits: offset and drift of positions are over; the offset of velocities is over
 
 
-@inner()
-def read_row(own, span, bits, i, n):  # type: ignore[no-untyped-def]
-    """Return the diagonal of F in row `i` beyond navigation, and what multiplies the drift if it is of an offset."""
-    position = n - 9 <= i < n - 3
-    if (position and bits & NO_POSITION) or (i >= n - 3 and bits & NO_VELOCITY):
-        return 0.0, 0.0
-    return own, span if position and i < n - 6 else 0.0
-
-
-@inner()
-def propagate(system, k, x, w):  # type: ignore[no-untyped-def]
-    """Replace `x` (n, c) by F x; `w` (9, c) is work space."""
-    (n, columns), (span, phi, fade, _q, _qd, cleared) = x.shape, system
-    for i in range(NAV):
-        for j in range(columns):
-            total = 0.0
-            for a in range(phi.shape[2]):
-                total += phi[k, i, a] * x[a, j]
-            w[i, j] = total
-    for i in range(NAV, n):  # offsets of positions are before their drifts
-        own, drift = read_row(fade[k, i], span[k], cleared[k], i, n)
-        for j in range(columns):
-            x[i, j] *= own
-        if drift != 0.0:
-            for j in range(columns):
-                x[i, j] += drift * x[i + 3, j]
-    for i in range(NAV):
-        for j in range(columns):
-            x[i, j] = w[i, j]
-
-
-@inner()
-def propagate_back(system, k, x, w):  # type: ignore[no-untyped-def]
-    """Replace `x` (n, c) by F' x; `w` (9, c) is work space."""
-    (n, columns), (span, phi, fade, _q, _qd, cleared) = x.shape, system
-    for i in range(NAV):
-        for j in range(columns):
-            w[i, j], x[i, j] = x[i, j], 0.0
-    for i in range(n - 1, NAV - 1, -1):
-        own, _ = read_row(fade[k, i], span[k], cleared[k], i, n)
-        for j in range(columns):
-            x[i, j] *= own
-        _, drift = read_row(fade[k, i], span[k], cleared[k], i - 3, n)
-        if drift != 0.0:
-            for j in range(columns):
-                x[i, j] += drift * x[i - 3, j]
-    for a in range(phi.shape[2]):
-        for j in range(columns):
-            total = 0.0
-            for i in range(NAV):
-                total += phi[k, i, a] * w[i, j]
-            x[a, j] += total
-
-
 @inner(forceinline=True)
-def fill_zeros(rows, columns):  # type: ignore[no-untyped-def]
-    """Zeros (rows, columns) from the start of a cache line on: a load across two lines takes twice as long."""
-    flat = np.zeros(rows * columns + 7)
+def make_rows(count):  # type: ignore[no-untyped-def]
+    """Zeros (count, WIDE) from the start of a cache line on, as loads across two lines take longer; in blocks, too."""
+    flat = np.zeros(count * WIDE + 7)
     first = -(flat.ctypes.data // 8) % 8
-    return flat[first : first + rows * columns].reshape(rows, columns)
+    flat = flat[first : first + count * WIDE]
+    return flat.reshape(count, WIDE), flat.reshape(count, BLOCKS, NAV)
 
 
 @inner(forceinline=True)
@@ -110,7 +60,7 @@ def subtract_three(y, i, by, x, columns):  # type: ignore[no-untyped-def]
 
 @inner(forceinline=True)
 def inner_product(x, i, y, k, n):  # type: ignore[no-untyped-def]
-    """Product of row `i` of `x` with row `k` of `y`, which are zero beyond `n` up to a multiple of four."""
+    """Product of row `i` of `x` with row `k` of `y`, of which one is zero beyond `n` up to a multiple of four."""
     s0 = s1 = s2 = s3 = 0.0
     for j in range(0, n, 4):
         s0 += x[i, j] * y[k, j]
@@ -120,50 +70,51 @@ def inner_product(x, i, y, k, n):  # type: ignore[no-untyped-def]
     return (s0 + s2) + (s1 + s3)
 
 
-@inner(forceinline=True)
-def shear(p, i, a, own, by, columns):  # type: ignore[no-untyped-def]
-    """Replace state `i` in symmetric `p` by own times it plus by times state `a`, as a row and as a column."""
-    for j in range(columns):
-        p[i, j] = own * p[i, j] + by * p[a, j]
-    p[i, i] = own * p[i, i] + by * p[i, a]
-    for j in range(columns):
-        p[j, i] = p[i, j]
-
-
 @inner()
 def read_transition(system, k, f, ft, d):  # type: ignore[no-untyped-def]
-    """Fill `f` (9, ...) and `ft` (..., 16) with rows of navigation of F and their transpose, `d` (n,) with its diagonal."""
-    span, phi, fade, cleared = system[0], system[1], system[2], system[5]
+    """Read F: rows of navigation into `f` and its transpose `ft`, the diagonal into `d`; return what drifts act by."""
+    span, phi, fade, _q, _qd, cleared = system
     n = fade.shape[1]
     for i in range(NAV):
         for a in range(phi.shape[2]):
             f[i, a] = ft[a, i] = phi[k, i, a]
-    for i in range(NAV, n - 9):
-        d[i] = fade[k, i]
-    for i in range(n - 9, n):
-        d[i], _ = read_row(fade[k, i], span[k], cleared[k], i, n)
+    for i in range(NAV, n):
+        over = NO_POSITION if i < n - 3 else NO_VELOCITY
+        d[i] = 0.0 if i >= n - 9 and cleared[k] & over else fade[k, i]
+    return 0.0 if cleared[k] & NO_POSITION else span[k]
+
+
+@inner(forceinline=True)
+def propagate(x, x9, c, d, drift, ft9, blocks, nav, n):  # type: ignore[no-untyped-def]
+    """Replace row `c` of `x` by F times it; `nav` (1, 16) is work space."""
+    nav[:] = 0.0
+    add_product(nav, 0, x9, c, ft9, blocks, 16)
+    for j in range(NAV, n):  # offsets of positions are before their drifts
+        x[c, j] *= d[j]
+        if n - 9 <= j < n - 6:
+            x[c, j] += drift * x[c, j + 3]
+    for j in range(NAV):
+        x[c, j] = nav[0, j]
+
+
+@inner(forceinline=True)
+def propagate_back(y, i, x, x9, c, d, drift, f9, short, n):  # type: ignore[no-untyped-def]
+    """Fill row `i` of `y` with row `c` of `x` times F, of which `short` columns are not diagonal."""
+    for j in range(n):
+        y[i, j] = d[j] * x[c, j]
+    for j in range(n - 9, n - 6):
+        y[i, j + 3] += drift * x[c, j]
+    add_product(y, i, x9, c, f9, 1, short)
 
 
 @inner()
-def multiply_row(row, x, y):  # type: ignore[no-untyped-def]
-    """Fill `y` (c,) with row' x, of which rows (n, c) with a zero entry of `row` (n,) are skipped."""
-    for j in range(y.shape[0]):
-        y[j] = 0.0
-    for a in range(row.shape[0]):
-        by = row[a]
-        if by != 0.0:
-            for j in range(y.shape[0]):
-                y[j] += by * x[a, j]
-
-
-@inner()
-def subtract_product(column, row, x):  # type: ignore[no-untyped-def]
-    """Subtract column row' from `x` (n, c), where `column` (n,) is not zero."""
-    for a in range(column.shape[0]):
-        by = column[a]
-        if by != 0.0:
-            for j in range(row.shape[0]):
-                x[a, j] -= by * row[j]
+def close_loop(x, c, by, along):  # type: ignore[no-untyped-def]
+    """Take from row `c` of `x` its product with `by` (n,) times `along` (n,)."""
+    total = 0.0
+    for j in range(by.shape[0]):
+        total += by[j] * x[c, j]
+    for j in range(by.shape[0]):
+        x[c, j] -= total * along[j]
 
 
 @njit(cache=True, nogil=True)
@@ -177,11 +128,10 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
     innovation, variance, gain, mean_nav, p_nav = out
     (m, n), s = fed.shape, system[1].shape[2]
     assert n <= WIDE
-    p, ft, w, f, mean = fill_zeros(WIDE, WIDE), fill_zeros(WIDE, WIDE), fill_zeros(NAV, WIDE), fill_zeros(NAV, WIDE), fill_zeros(1, WIDE)
-    p9, ft9 = p.reshape(BLOCKS, NAV, WIDE), ft.reshape(BLOCKS, NAV, WIDE)  # as factors
-    w9, f9, mean9 = w.reshape(NAV, BLOCKS, NAV), f.reshape(NAV, BLOCKS, NAV), mean.reshape(1, BLOCKS, NAV)
-    nav, ph, d, at = fill_zeros(NAV + 1, 16), fill_zeros(3, WIDE), np.ones(WIDE), np.empty(n, np.int64)
-    short = (s + NAV - 1) // NAV
+    (p, _), (ft, _), (w, w9), (f, f9) = make_rows(WIDE), make_rows(WIDE), make_rows(NAV), make_rows(NAV)
+    (mean, mean9), (ph, _), d, at = make_rows(1), make_rows(3), np.zeros(WIDE), np.empty(n, np.int64)
+    p9, ft9, blocks = p.reshape(BLOCKS, NAV, WIDE), ft.reshape(BLOCKS, NAV, WIDE), (s + NAV - 1) // NAV
+    nav, moved = np.empty((NAV, 16)), np.empty((1, 16))
     mean[0, :n], p[:n, :n] = start
     live, following, total = n, 0, 0.0
     for k in range(m):
@@ -189,19 +139,20 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
             live -= 1
         wide = 8 * ((live + 7) // 8)
         if k > 0:
-            read_transition(system, k, f, ft, d)
-            for i in range(n - 9, n - 6):
-                own, drift = read_row(system[2][k, i], system[0][k], system[5][k], i, n)
-                if drift != 0.0:
-                    mean[0, i] = own * mean[0, i] + drift * mean[0, i + 3]
+            drift = read_transition(system, k, f, ft, d)
+            propagate(mean, mean9, 0, d, drift, ft9, blocks, moved, n)
+            if live > n - 9 and drift != 0.0:
+                for i in range(n - 9, n - 6):
+                    for j in range(wide):
+                        p[i, j] = d[i] * p[i, j] + drift * p[i + 3, j]
+                    p[i, i] = d[i] * p[i, i] + drift * p[i, i + 3]
+                    for j in range(wide):
+                        p[j, i] = p[i, j]
                     d[i] = 1.0
-                    if live > n - 9:
-                        shear(p, i, i + 3, own, drift, wide)
             w[:], nav[:] = 0.0, 0.0
-            add_product(nav, NAV, mean9, 0, ft9, short, 16)
             for i in range(NAV):
-                add_product(w, i, f9, i, p9, short, wide)
-                add_product(nav, i, w9, i, ft9, short, 16)
+                add_product(w, i, f9, i, p9, blocks, wide)
+                add_product(nav, i, w9, i, ft9, blocks, 16)
             for i in range(NAV, live):
                 own = d[i]
                 for j in range(wide):
@@ -213,9 +164,7 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
                     p[i, j] += 0.5 * qd[k, j] * f[i, j]
                 for j in range(i + 1):
                     p[i, j] = p[j, i] = nav[i, j] + q[k, i, j]
-                mean[0, i] = nav[NAV, i]
             for j in range(NAV, n):
-                mean[0, j] *= d[j]
                 if qd[k, j] > 0.0:
                     p[j, j] += qd[k, j]
                     live = max(live, j + 1)
@@ -288,12 +237,12 @@ def backward(system, measured, out, r, info, u, uu):  # type: ignore[no-untyped-
     h, (innovation, variance, gain) = measured[1], out[:3]
     (m, n), s = r.shape, system[1].shape[2]
     assert n <= WIDE
-    wide, short = 8 * ((n + 7) // 8), 8 * ((s + 7) // 8)
-    p, t, f, ft = fill_zeros(WIDE, WIDE), fill_zeros(2 * NAV, WIDE), fill_zeros(NAV, WIDE), fill_zeros(WIDE, WIDE)
-    score, x, hs, ks = fill_zeros(1, WIDE), fill_zeros(3, WIDE), fill_zeros(3, WIDE), fill_zeros(3, WIDE)
-    p9, t9, f9, pt9 = p.reshape(BLOCKS, NAV, WIDE), t.reshape(2, NAV, WIDE), f.reshape(1, NAV, WIDE), p.reshape(WIDE, BLOCKS, NAV)
-    ft9, score9, ks9, by = ft.reshape(WIDE, BLOCKS, NAV), score.reshape(1, BLOCKS, NAV), ks.reshape(3, BLOCKS, NAV), np.zeros((1, 1, NAV))
-    d, fades, offset = np.zeros(WIDE), np.empty(3), n - 9  # d of navigation stays zero
+    wide, short, drifts = 8 * ((n + 7) // 8), 8 * ((s + 7) // 8), n - 6
+    (p, p_by), (t, _), (f, _), (ft, ft_by) = make_rows(WIDE), make_rows(NAV), make_rows(NAV), make_rows(WIDE)
+    (score, score_by), (x, _), (hs, _), (ks, ks_by) = make_rows(1), make_rows(3), make_rows(3), make_rows(3)
+    p9, t9, f9 = p.reshape(BLOCKS, NAV, WIDE), t.reshape(1, NAV, WIDE), f.reshape(1, NAV, WIDE)
+    by = np.empty((1, 1, NAV))
+    d, fades, drift = np.zeros(WIDE), np.empty(3), 0.0  # d of navigation stays zero
     for k in range(m - 1, -1, -1):
         for first in (3, 0):
             u[k, first : first + 3] = uu[k, first : first + 3] = 0.0
@@ -309,7 +258,7 @@ def backward(system, measured, out, r, info, u, uu):  # type: ignore[no-untyped-
             while terms > 0 and ks[0, terms - 1] == 0.0 and ks[1, terms - 1] == 0.0 and ks[2, terms - 1] == 0.0:
                 terms -= 1
             for c in range(3):
-                add_product(x, c, ks9, c, p9, (terms + NAV - 1) // NAV, wide)
+                add_product(x, c, ks_by, c, p9, (terms + NAV - 1) // NAV, wide)
             for c in range(2, -1, -1):
                 i = first + c
                 if variance[k, i] <= 0.0:
@@ -333,35 +282,27 @@ def backward(system, measured, out, r, info, u, uu):  # type: ignore[no-untyped-
             r[k, i] = score[0, i]
             for j in range(i):
                 p[j, i] = p[i, j]
-        drift = 0.0
         if k > 0:
-            read_transition(system, k, f, ft, d)
-            _, drift = read_row(system[2][k, offset], system[0][k], system[5][k], offset, n)
+            drift = read_transition(system, k, f, ft, d)
+            for i in range(NAV):
+                propagate_back(t, i, p, p_by, i, d, drift, f9, short, n)
+            propagate_back(x, 0, score, score_by, 0, d, drift, f9, short, n)
+            score[0] = x[0]
             for c in range(3):
-                fades[c] = d[offset + 3 + c]
-            for i in range(NAV + 1):
-                for j in range(wide):
-                    t[i, j] = d[j] * (p[i, j] if i < NAV else score[0, j])
-                for j in range(offset, offset + 3):
-                    t[i, j + 3] += drift * (p[i, j] if i < NAV else score[0, j])
-                if i < NAV:
-                    add_product(t, i, pt9, i, f9, 1, short)
-            add_product(t, NAV, score9, 0, f9, 1, short)
-            for j in range(wide):
-                score[0, j] = t[NAV, j]
-            if drift != 0.0:
-                d[offset + 3 : offset + 6] = 1.0
+                fades[c] = d[drifts + c]
+                if drift != 0.0:
+                    d[drifts + c] = 1.0
         for a in range(n - 1, -1, -1):  # drifts before the offsets that they move
             for j in range(n):  # beside the work on it: memory is slow
                 info[k, a, j] = p[a, j]
             if k == 0:
                 continue
             if drift != 0.0:
-                if offset + 3 <= a < offset + 6:
+                if drifts <= a < drifts + 3:
                     for j in range(wide):
-                        p[a, j] = fades[a - offset - 3] * p[a, j] + drift * p[a - 3, j]
+                        p[a, j] = fades[a - drifts] * p[a, j] + drift * p[a - 3, j]
                 for c in range(3):
-                    p[a, offset + 3 + c] = fades[c] * p[a, offset + 3 + c] + drift * p[a, offset + c]
+                    p[a, drifts + c] = fades[c] * p[a, drifts + c] + drift * p[a, drifts + c - 3]
             for c in range(NAV):
                 by[0, 0, c] = d[a] * p[a, c]
             for j in range(wide):
@@ -369,51 +310,59 @@ def backward(system, measured, out, r, info, u, uu):  # type: ignore[no-untyped-
             if a >= NAV:
                 add_product(p, a, by, 0, f9, 1, short)
             if a < s:
-                add_product(p, a, ft9, a, t9, 1, wide)
+                add_product(p, a, ft_by, a, t9, 1, wide)
 
 
 @njit(cache=True, nogil=True)
 def cross_backward(system, measured, out, info_b, b, g, first):  # type: ignore[no-untyped-def]
-    """Return cross information (m, d, d) of steps along `g` (n, d) at epochs `first` to `b` with such at `b`.
+    """Return cross information (m, d, d) of steps along `g` (n, d), d up to 9, at epochs `first` to `b` with `b`.
 
     With L the closed-loop transition from just before the measurement of epoch a to that of b, and `info_b` (n, n) the
     information at b, entry a is g' L' info_b g; entries of other epochs are zero.
     """
-    n, size = g.shape
-    x, y, w = np.empty((n, size)), np.empty(size), np.empty((NAV, size))
-    cross = np.zeros((system[0].shape[0], size, size))
-    for i in range(n):
-        multiply_row(info_b[i], g, x[i])
+    (n, size), d, short = g.shape, np.zeros(WIDE), system[1].shape[2]
+    (x, x_by), (y, _), (f, _), (ft, _) = make_rows(NAV), make_rows(NAV), make_rows(NAV), make_rows(WIDE)
+    f9, cross = f.reshape(1, NAV, WIDE), np.zeros((system[0].shape[0], size, size))
+    x[:size, :n] = (info_b @ g).T
     for k in range(b, first - 1, -1):
         if k < b:
-            propagate_back(system, k + 1, x, w)
-            for i in range(5, -1, -1):
-                if out[1][k, i] > 0.0:
-                    multiply_row(out[2][k, i], x, y)
-                    subtract_product(measured[1][k, i], y, x)
+            drift = read_transition(system, k + 1, f, ft, d)
         for c in range(size):
-            multiply_row(g[:, c], x, cross[k, c])
+            if k < b:
+                propagate_back(y, c, x, x_by, c, d, drift, f9, short, n)
+                x[c] = y[c]
+                for i in range(5, -1, -1):
+                    if out[1][k, i] > 0.0:
+                        close_loop(x, c, out[2][k, i], measured[1][k, i])
+            for e in range(size):
+                for j in range(n):
+                    cross[k, e, c] += g[j, e] * x[c, j]
     return cross
 
 
 @njit(cache=True, nogil=True)
 def cross_forward(system, measured, out, info, a, g, last):  # type: ignore[no-untyped-def]
-    """Return cross information (m, d, d) of steps along `g` (n, d) at epochs `a` to `last` with such at `a`.
+    """Return cross information (m, d, d) of steps along `g` (n, d), d up to 9, at epochs `a` to `last` with `a`.
 
     With L as in `cross_backward` and `info` (m, n, n) from `backward`, entry b is g' info_b L g; entries of other
     epochs are zero.
     """
-    n, size = g.shape
-    x, y, w, row = g.copy(), np.empty(size), np.empty((NAV, size)), np.empty(n)
-    cross = np.zeros((system[0].shape[0], size, size))
+    (n, size), d, nav = g.shape, np.zeros(WIDE), np.empty((1, 16))
+    (x, x_by), (f, _), (ft, _) = make_rows(NAV), make_rows(NAV), make_rows(WIDE)
+    ft9, cross = ft.reshape(BLOCKS, NAV, WIDE), np.zeros((system[0].shape[0], size, size))
+    x[:size, :n] = g.T
     for k in range(a, last + 1):
         if k > a:
-            for i in range(6):
-                if out[1][k - 1, i] > 0.0:
-                    multiply_row(measured[1][k - 1, i], x, y)
-                    subtract_product(out[2][k - 1, i], y, x)
-            propagate(system, k, x, w)
+            drift = read_transition(system, k, f, ft, d)
         for c in range(size):
-            multiply_row(g[:, c], info[k], row)
-            multiply_row(row, x, cross[k, c])
+            if k > a:
+                for i in range(6):
+                    if out[1][k - 1, i] > 0.0:
+                        close_loop(x, c, measured[1][k - 1, i], out[2][k - 1, i])
+                propagate(x, x_by, c, d, drift, ft9, (system[1].shape[2] + NAV - 1) // NAV, nav, n)
+            for e in range(size):
+                for i in range(n):
+                    if g[i, e] != 0.0:
+                        for j in range(n):
+                            cross[k, e, c] += g[i, e] * info[k, i, j] * x[c, j]
     return cross
