@@ -107,6 +107,17 @@ def propagate_back(y, i, x, x9, c, d, drift, f9, short, n):  # type: ignore[no-u
     add_product(y, i, x9, c, f9, 1, short)
 
 
+@inner(forceinline=True)
+def move_drift(p, i, a, d, drift, columns):  # type: ignore[no-untyped-def]
+    """Replace state `i` in symmetric `p`, as row and as column, by what is kept of it plus `drift` times state `a`."""
+    for j in range(columns):
+        p[i, j] = d[i] * p[i, j] + drift * p[a, j]
+    p[i, i] = d[i] * p[i, i] + drift * p[i, a]
+    for j in range(columns):
+        p[j, i] = p[i, j]
+    d[i] = 1.0
+
+
 @inner()
 def close_loop(x, c, by, along):  # type: ignore[no-untyped-def]
     """Take from row `c` of `x` its product with `by` (n,) times `along` (n,)."""
@@ -143,12 +154,7 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
             propagate(mean, mean9, 0, d, drift, ft9, blocks, moved, n)
             if live > n - 9 and drift != 0.0:
                 for i in range(n - 9, n - 6):
-                    for j in range(wide):
-                        p[i, j] = d[i] * p[i, j] + drift * p[i + 3, j]
-                    p[i, i] = d[i] * p[i, i] + drift * p[i, i + 3]
-                    for j in range(wide):
-                        p[j, i] = p[i, j]
-                    d[i] = 1.0
+                    move_drift(p, i, i + 3, d, drift, wide)
             w[:], nav[:] = 0.0, 0.0
             for i in range(NAV):
                 add_product(w, i, f9, i, p9, blocks, wide)
@@ -237,12 +243,11 @@ def backward(system, measured, out, r, info, u, uu):  # type: ignore[no-untyped-
     h, (innovation, variance, gain) = measured[1], out[:3]
     (m, n), s = r.shape, system[1].shape[2]
     assert n <= WIDE
-    wide, short, drifts = 8 * ((n + 7) // 8), 8 * ((s + 7) // 8), n - 6
+    wide, short = 8 * ((n + 7) // 8), 8 * ((s + 7) // 8)
     (p, p_by), (t, _), (f, _), (ft, ft_by) = make_rows(WIDE), make_rows(NAV), make_rows(NAV), make_rows(WIDE)
     (score, score_by), (x, _), (hs, _), (ks, ks_by) = make_rows(1), make_rows(3), make_rows(3), make_rows(3)
     p9, t9, f9 = p.reshape(BLOCKS, NAV, WIDE), t.reshape(1, NAV, WIDE), f.reshape(1, NAV, WIDE)
-    by = np.empty((1, 1, NAV))
-    d, fades, drift = np.zeros(WIDE), np.empty(3), 0.0  # d of navigation stays zero
+    by, d = np.empty((1, 1, NAV)), np.zeros(WIDE)  # d of navigation stays zero
     for k in range(m - 1, -1, -1):
         for first in (3, 0):
             u[k, first : first + 3] = uu[k, first : first + 3] = 0.0
@@ -254,11 +259,8 @@ def backward(system, measured, out, r, info, u, uu):  # type: ignore[no-untyped-
                     hs[c, j], ks[c, j] = h[k, first + c, j], gain[k, first + c, j]
                 if variance[k, first + c] <= 0.0:
                     hs[c] = 0.0
-            terms = n
-            while terms > 0 and ks[0, terms - 1] == 0.0 and ks[1, terms - 1] == 0.0 and ks[2, terms - 1] == 0.0:
-                terms -= 1
             for c in range(3):
-                add_product(x, c, ks_by, c, p9, (terms + NAV - 1) // NAV, wide)
+                add_product(x, c, ks_by, c, p9, (n + NAV - 1) // NAV, wide)
             for c in range(2, -1, -1):
                 i = first + c
                 if variance[k, i] <= 0.0:
@@ -278,39 +280,42 @@ def backward(system, measured, out, r, info, u, uu):  # type: ignore[no-untyped-
                 subtract_three(p, a, x, hs, wide)
                 if hs[0, a] != 0.0 or hs[1, a] != 0.0 or hs[2, a] != 0.0:
                     subtract_three(p, a, hs, x, wide)
-        for i in range(n):
+        for i in range(n - 1, -1, -1):  # states after it have filled the rest of row i
             r[k, i] = score[0, i]
             for j in range(i):
                 p[j, i] = p[i, j]
+            for j in range(n):
+                info[k, i, j] = p[i, j]
         if k > 0:
             drift = read_transition(system, k, f, ft, d)
-            for i in range(NAV):
-                propagate_back(t, i, p, p_by, i, d, drift, f9, short, n)
             propagate_back(x, 0, score, score_by, 0, d, drift, f9, short, n)
             score[0] = x[0]
-            for c in range(3):
-                fades[c] = d[drifts + c]
+            for i in range(n - 6, n - 3):
                 if drift != 0.0:
-                    d[drifts + c] = 1.0
-        for a in range(n - 1, -1, -1):  # drifts before the offsets that they move
-            for j in range(n):  # beside the work on it: memory is slow
-                info[k, a, j] = p[a, j]
-            if k == 0:
-                continue
-            if drift != 0.0:
-                if drifts <= a < drifts + 3:
-                    for j in range(wide):
-                        p[a, j] = fades[a - drifts] * p[a, j] + drift * p[a - 3, j]
-                for c in range(3):
-                    p[a, drifts + c] = fades[c] * p[a, drifts + c] + drift * p[a, drifts + c - 3]
-            for c in range(NAV):
-                by[0, 0, c] = d[a] * p[a, c]
-            for j in range(wide):
-                p[a, j] *= d[a] * d[j]
-            if a >= NAV:
-                add_product(p, a, by, 0, f9, 1, short)
-            if a < s:
-                add_product(p, a, ft_by, a, t9, 1, wide)
+                    move_drift(p, i, i - 3, d, drift, wide)
+            for i in range(NAV):
+                propagate_back(t, i, p, p_by, i, d, 0.0, f9, short, n)
+            for a in range(n):
+                for c in range(NAV):
+                    by[0, 0, c] = d[a] * p[a, c]
+                for j in range(wide):
+                    p[a, j] *= d[a] * d[j]
+                if a >= NAV:
+                    add_product(p, a, by, 0, f9, 1, short)
+                if a < s:
+                    add_product(p, a, ft_by, a, t9, 1, wide)
+
+
+@inner()
+def combine(g, info, y):  # type: ignore[no-untyped-def]
+    """Fill rows of `y` with those of g' info, for `g` (n, d) and `info` (n, n)."""
+    n, size = g.shape
+    for c in range(size):
+        y[c] = 0.0
+        for i in range(n):
+            if g[i, c] != 0.0:
+                for j in range(n):
+                    y[c, j] += g[i, c] * info[i, j]
 
 
 @njit(cache=True, nogil=True)
@@ -323,14 +328,14 @@ def cross_backward(system, measured, out, info_b, b, g, first):  # type: ignore[
     (n, size), d, short = g.shape, np.zeros(WIDE), system[1].shape[2]
     (x, x_by), (y, _), (f, _), (ft, _) = make_rows(NAV), make_rows(NAV), make_rows(NAV), make_rows(WIDE)
     f9, cross = f.reshape(1, NAV, WIDE), np.zeros((system[0].shape[0], size, size))
-    x[:size, :n] = (info_b @ g).T
+    combine(g, info_b, x)
     for k in range(b, first - 1, -1):
         if k < b:
             drift = read_transition(system, k + 1, f, ft, d)
         for c in range(size):
             if k < b:
-                propagate_back(y, c, x, x_by, c, d, drift, f9, short, n)
-                x[c] = y[c]
+                propagate_back(y, 0, x, x_by, c, d, drift, f9, short, n)
+                x[c] = y[0]
                 for i in range(5, -1, -1):
                     if out[1][k, i] > 0.0:
                         close_loop(x, c, out[2][k, i], measured[1][k, i])
@@ -348,7 +353,7 @@ def cross_forward(system, measured, out, info, a, g, last):  # type: ignore[no-u
     epochs are zero.
     """
     (n, size), d, nav = g.shape, np.zeros(WIDE), np.empty((1, 16))
-    (x, x_by), (f, _), (ft, _) = make_rows(NAV), make_rows(NAV), make_rows(WIDE)
+    (x, x_by), (y, _), (f, _), (ft, _) = make_rows(NAV), make_rows(NAV), make_rows(NAV), make_rows(WIDE)
     ft9, cross = ft.reshape(BLOCKS, NAV, WIDE), np.zeros((system[0].shape[0], size, size))
     x[:size, :n] = g.T
     for k in range(a, last + 1):
@@ -360,9 +365,8 @@ def cross_forward(system, measured, out, info, a, g, last):  # type: ignore[no-u
                     if out[1][k - 1, i] > 0.0:
                         close_loop(x, c, measured[1][k - 1, i], out[2][k - 1, i])
                 propagate(x, x_by, c, d, drift, ft9, (system[1].shape[2] + NAV - 1) // NAV, nav, n)
-            for e in range(size):
-                for i in range(n):
-                    if g[i, e] != 0.0:
-                        for j in range(n):
-                            cross[k, e, c] += g[i, e] * info[k, i, j] * x[c, j]
+        combine(g, info[k], y)
+        for e in range(size):
+            for c in range(size):
+                cross[k, e, c] = inner_product(y, e, x, c, n)
     return cross
