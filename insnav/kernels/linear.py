@@ -140,7 +140,7 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
     (m, n), s = fed.shape, system[1].shape[2]
     assert n <= WIDE
     (p, _), (ft, _), (w, w9), (f, f9) = make_rows(WIDE), make_rows(WIDE), make_rows(NAV), make_rows(NAV)
-    (mean, mean9), (ph, _), d, at = make_rows(1), make_rows(3), np.zeros(WIDE), np.empty(n, np.int64)
+    (mean, mean9), (ph, _), (hs, _), d = make_rows(1), make_rows(3), make_rows(3), np.zeros(WIDE)
     p9, ft9, blocks = p.reshape(BLOCKS, NAV, WIDE), ft.reshape(BLOCKS, NAV, WIDE), (s + NAV - 1) // NAV
     nav, moved = np.empty((NAV, 16)), np.empty((1, 16))
     mean[0, :n], p[:n, :n] = start
@@ -177,17 +177,14 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
                 for i in range(NAV):
                     p[j, i] = p[i, j]
         while following < row.shape[0] and row[following] <= k:
-            for i in range(n):
-                for c in range(jump.shape[2]):
-                    by = jump[following, i, c]
-                    if by != 0.0:
-                        live = max(live, i + 1)
-                        for j in range(n):
-                            p[i, j] += by * jump[following, j, c]
+            for i, c in np.ndindex(n, jump.shape[2]):
+                if jump[following, i, c] != 0.0:
+                    live = max(live, i + 1)
+                    p[i, :n] += jump[following, i, c] * jump[following, :, c]
             following += 1
         wide = 8 * ((live + 7) // 8)
+        mean_nav[k] = mean[0, :NAV]
         for i in range(NAV):
-            mean_nav[k, i] = mean[0, i]
             for j in range(n):
                 p_nav[k, i, j] = p[i, j]
         for first in (0, 3):
@@ -198,23 +195,17 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
                 if var[k, i] <= 0.0:
                     innovation[k, i], variance[k, i], gain[k, i] = 0.0, -1.0, 0.0
                     continue
-                used, error, own, count = True, z[k, i], var[k, i], 0
+                used = True
                 for a in range(n):
-                    by = h[k, i, a]
+                    by = hs[c, a] = h[k, i, a]
                     if by != 0.0:
-                        error -= by * mean[0, a]
-                        at[count] = a
-                        count += 1
                         for j in range(wide):
                             ph[c, j] += by * p[a, j]
                 for b in range(c):  # less what the components before have told
-                    by = 0.0
-                    for a in at[:count]:
-                        by += h[k, i, a] * ph[b, a]
+                    by = inner_product(hs, c, ph, b, n)
                     for j in range(wide):
                         ph[c, j] -= by * ph[b, j]
-                for a in at[:count]:
-                    own += h[k, i, a] * ph[c, a]
+                error, own = z[k, i] - inner_product(hs, c, mean, 0, n), var[k, i] + inner_product(hs, c, ph, c, n)
                 innovation[k, i], variance[k, i] = error, own
                 total += np.log(own) + error * error / own
                 root = 1.0 / np.sqrt(own)
@@ -225,8 +216,7 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
             if used:
                 for a in range(live):
                     subtract_three(p, a, ph, ph, wide)
-        for j in range(n):
-            mean[0, j] -= fed[k, j]
+        mean[0, :n] -= fed[k]
     return total
 
 
@@ -339,9 +329,8 @@ def cross_backward(system, measured, out, info_b, b, g, first):  # type: ignore[
                 for i in range(5, -1, -1):
                     if out[1][k, i] > 0.0:
                         close_loop(x, c, out[2][k, i], measured[1][k, i])
-            for e in range(size):
-                for j in range(n):
-                    cross[k, e, c] += g[j, e] * x[c, j]
+            for e, j in np.ndindex(size, n):
+                cross[k, e, c] += g[j, e] * x[c, j]
     return cross
 
 
@@ -366,7 +355,6 @@ def cross_forward(system, measured, out, info, a, g, last):  # type: ignore[no-u
                         close_loop(x, c, measured[1][k - 1, i], out[2][k - 1, i])
                 propagate(x, x_by, c, d, drift, ft9, (system[1].shape[2] + NAV - 1) // NAV, nav, n)
         combine(g, info[k], y)
-        for e in range(size):
-            for c in range(size):
-                cross[k, e, c] = inner_product(y, e, x, c, n)
+        for e, c in np.ndindex(size, size):
+            cross[k, e, c] = inner_product(y, e, x, c, n)
     return cross
