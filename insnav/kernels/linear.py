@@ -59,15 +59,14 @@ def subtract_three(y, i, by, x, columns):  # type: ignore[no-untyped-def]
 
 
 @inner(forceinline=True)
-def inner_product(x, i, y, k, n):  # type: ignore[no-untyped-def]
-    """Product of row `i` of `x` with row `k` of `y`, of which one is zero beyond `n` up to a multiple of four."""
-    s0 = s1 = s2 = s3 = 0.0
-    for j in range(0, n, 4):
-        s0 += x[i, j] * y[k, j]
-        s1 += x[i, j + 1] * y[k, j + 1]
-        s2 += x[i, j + 2] * y[k, j + 2]
-        s3 += x[i, j + 3] * y[k, j + 3]
-    return (s0 + s2) + (s1 + s3)
+def inner_product(x, i, y, k, blocks):  # type: ignore[no-untyped-def]
+    """Product of row `i` of `x` (..., blocks, 9) with row `k` of `y`, likewise."""
+    s0 = s1 = s2 = 0.0
+    for a in range(blocks):
+        s0 += x[i, a, 0] * y[k, a, 0] + x[i, a, 1] * y[k, a, 1] + x[i, a, 2] * y[k, a, 2]
+        s1 += x[i, a, 3] * y[k, a, 3] + x[i, a, 4] * y[k, a, 4] + x[i, a, 5] * y[k, a, 5]
+        s2 += x[i, a, 6] * y[k, a, 6] + x[i, a, 7] * y[k, a, 7] + x[i, a, 8] * y[k, a, 8]
+    return s0 + s1 + s2
 
 
 @inner()
@@ -140,25 +139,25 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
     (m, n), s = fed.shape, system[1].shape[2]
     assert n <= WIDE
     (p, _), (ft, _), (w, w9), (f, f9) = make_rows(WIDE), make_rows(WIDE), make_rows(NAV), make_rows(NAV)
-    (mean, mean9), (ph, _), (hs, _), d = make_rows(1), make_rows(3), make_rows(3), np.zeros(WIDE)
-    p9, ft9, blocks = p.reshape(BLOCKS, NAV, WIDE), ft.reshape(BLOCKS, NAV, WIDE), (s + NAV - 1) // NAV
+    (mean, mean9), (ph, ph9), (hs, hs9), d = make_rows(1), make_rows(3), make_rows(3), np.zeros(WIDE)
+    p9, ft9, of_s = p.reshape(BLOCKS, NAV, WIDE), ft.reshape(BLOCKS, NAV, WIDE), -(-s // NAV)
     nav, moved = np.empty((NAV, 16)), np.empty((1, 16))
     mean[0, :n], p[:n, :n] = start
-    live, following, total = n, 0, 0.0
+    live, following, total, blocks = n, 0, 0.0, -(-n // NAV)
     for k in range(m):
         while live > s and p[live - 1, live - 1] == 0.0:  # known exactly, as faults before they begin
             live -= 1
         wide = 8 * ((live + 7) // 8)
         if k > 0:
             drift = read_transition(system, k, f, ft, d)
-            propagate(mean, mean9, 0, d, drift, ft9, blocks, moved, n)
+            propagate(mean, mean9, 0, d, drift, ft9, of_s, moved, n)
             if live > n - 9 and drift != 0.0:
                 for i in range(n - 9, n - 6):
                     move_drift(p, i, i + 3, d, drift, wide)
             w[:], nav[:] = 0.0, 0.0
             for i in range(NAV):
-                add_product(w, i, f9, i, p9, blocks, wide)
-                add_product(nav, i, w9, i, ft9, blocks, 16)
+                add_product(w, i, f9, i, p9, of_s, wide)
+                add_product(nav, i, w9, i, ft9, of_s, 16)
             for i in range(NAV, live):
                 own = d[i]
                 for j in range(wide):
@@ -202,10 +201,11 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
                         for j in range(wide):
                             ph[c, j] += by * p[a, j]
                 for b in range(c):  # less what the components before have told
-                    by = inner_product(hs, c, ph, b, n)
+                    by = inner_product(hs9, c, ph9, b, blocks)
                     for j in range(wide):
                         ph[c, j] -= by * ph[b, j]
-                error, own = z[k, i] - inner_product(hs, c, mean, 0, n), var[k, i] + inner_product(hs, c, ph, c, n)
+                error = z[k, i] - inner_product(hs9, c, mean9, 0, blocks)
+                own = var[k, i] + inner_product(hs9, c, ph9, c, blocks)
                 innovation[k, i], variance[k, i] = error, own
                 total += np.log(own) + error * error / own
                 root = 1.0 / np.sqrt(own)
@@ -233,9 +233,9 @@ def backward(system, measured, out, r, info, u, uu):  # type: ignore[no-untyped-
     h, (innovation, variance, gain) = measured[1], out[:3]
     (m, n), s = r.shape, system[1].shape[2]
     assert n <= WIDE
-    wide, short = 8 * ((n + 7) // 8), 8 * ((s + 7) // 8)
+    wide, short, blocks = 8 * ((n + 7) // 8), 8 * ((s + 7) // 8), -(-n // NAV)
     (p, p_by), (t, _), (f, _), (ft, ft_by) = make_rows(WIDE), make_rows(NAV), make_rows(NAV), make_rows(WIDE)
-    (score, score_by), (x, _), (hs, _), (ks, ks_by) = make_rows(1), make_rows(3), make_rows(3), make_rows(3)
+    (score, score_by), (x, x_by), (hs, hs_by), (ks, ks_by) = make_rows(1), make_rows(3), make_rows(3), make_rows(3)
     p9, t9, f9 = p.reshape(BLOCKS, NAV, WIDE), t.reshape(1, NAV, WIDE), f.reshape(1, NAV, WIDE)
     by, d = np.empty((1, 1, NAV)), np.zeros(WIDE)  # d of navigation stays zero
     for k in range(m - 1, -1, -1):
@@ -250,20 +250,21 @@ def backward(system, measured, out, r, info, u, uu):  # type: ignore[no-untyped-
                 if variance[k, first + c] <= 0.0:
                     hs[c] = 0.0
             for c in range(3):
-                add_product(x, c, ks_by, c, p9, (n + NAV - 1) // NAV, wide)
+                add_product(x, c, ks_by, c, p9, blocks, wide)
             for c in range(2, -1, -1):
                 i = first + c
                 if variance[k, i] <= 0.0:
                     continue
-                error = innovation[k, i] / variance[k, i] - inner_product(ks, c, score, 0, n)
-                own = 1.0 / variance[k, i] + inner_product(ks, c, x, c, n)
+                error = innovation[k, i] / variance[k, i] - inner_product(ks_by, c, score_by, 0, blocks)
+                own = 1.0 / variance[k, i] + inner_product(ks_by, c, x_by, c, blocks)
                 u[k, i], uu[k, i] = error, own
                 # (I - K h')' N (I - K h') + h h' / s is N - h x' - x h' with x = N K - h uu / 2
                 for j in range(wide):
                     x[c, j] -= 0.5 * own * hs[c, j]
                     score[0, j] += error * hs[c, j]
                 for b in range(c):
-                    of_h, of_x = inner_product(ks, b, hs, c, n), inner_product(ks, b, x, c, n)
+                    of_h = inner_product(ks_by, b, hs_by, c, blocks)
+                    of_x = inner_product(ks_by, b, x_by, c, blocks)
                     for j in range(wide):
                         x[b, j] -= of_h * x[c, j] + of_x * hs[c, j]
             for a in range(n):
@@ -342,7 +343,7 @@ def cross_forward(system, measured, out, info, a, g, last):  # type: ignore[no-u
     epochs are zero.
     """
     (n, size), d, nav = g.shape, np.zeros(WIDE), np.empty((1, 16))
-    (x, x_by), (y, _), (f, _), (ft, _) = make_rows(NAV), make_rows(NAV), make_rows(NAV), make_rows(WIDE)
+    (x, x_by), (y, y_by), (f, _), (ft, _) = make_rows(NAV), make_rows(NAV), make_rows(NAV), make_rows(WIDE)
     ft9, cross = ft.reshape(BLOCKS, NAV, WIDE), np.zeros((system[0].shape[0], size, size))
     x[:size, :n] = g.T
     for k in range(a, last + 1):
@@ -353,8 +354,8 @@ def cross_forward(system, measured, out, info, a, g, last):  # type: ignore[no-u
                 for i in range(6):
                     if out[1][k - 1, i] > 0.0:
                         close_loop(x, c, measured[1][k - 1, i], out[2][k - 1, i])
-                propagate(x, x_by, c, d, drift, ft9, (system[1].shape[2] + NAV - 1) // NAV, nav, n)
+                propagate(x, x_by, c, d, drift, ft9, -(-system[1].shape[2] // NAV), nav, n)
         combine(g, info[k], y)
         for e, c in np.ndindex(size, size):
-            cross[k, e, c] = inner_product(y, e, x, c, n)
+            cross[k, e, c] = inner_product(y_by, e, x_by, c, -(-n // NAV))
     return cross
