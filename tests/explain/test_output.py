@@ -41,7 +41,7 @@ def jumped() -> tuple[GpsData, float]:
 @lru_cache
 def drive_of(*, explain: str, clean: bool = False) -> insnav.Drive:
     made = recording(SEED)
-    return insnav.load(made.imu, made.gps if clean else jumped()[0], imu_model="automotive", explain=explain)
+    return insnav.load(made.imu, made.gps if clean else jumped()[0], imu="automotive", explain=explain)
 
 
 @lru_cache
@@ -53,7 +53,7 @@ def test_the_fixes_behind_a_jump_that_stays_are_moved_back():
     """Those after it, as there are fewer of them."""
     made, begin = recording(SEED), float(recording(SEED).gps.time[-1]) - 99.5
     stays = gps_jump(made.gps, METRES, (begin, begin + 1000.0))
-    found = insnav.load(made.imu, stays, imu_model="automotive").until("explain").ready.explanation
+    found = insnav.load(made.imu, stays, imu="automotive").until("explain").ready.explanation
     (jump,) = (each for each in found.tried if each.accepted)
     assert (jump.name, jump.left_out) == ("offset", 0)
     assert jump.moved == pytest.approx(100, abs=1)
@@ -83,7 +83,7 @@ def test_the_gain_is_that_of_the_evidence_and_the_prior_its_closed_form():
     kind = next(each for each in KINDS if each.name == "offset")
     given = {"offset": {"rate": f"{0.5 * kind.rate} 1/h"}}
     made = recording(SEED)
-    rarer = insnav.load(made.imu, jumped()[0], imu_model="automotive", faults=given).until("explain").ready.explanation
+    rarer = insnav.load(made.imu, jumped()[0], imu="automotive", faults=given).until("explain").ready.explanation
     before, after = (next(each for each in found.tried if each.accepted) for found in (result_of().explanation, rarer))
     assert after.prior - before.prior == pytest.approx(2.0 * np.log(2.0), abs=0.01)
     assert before.gain - after.gain == pytest.approx(2.0 * np.log(2.0), abs=0.5)
