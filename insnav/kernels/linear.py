@@ -1,18 +1,21 @@
 """Linear error model of one filter run at epoch rate, on which faults are searched.
 
-The states are navigation errors (9), sensor errors (12), further errors that may act on navigation, others, and nine fault states at the end: offset of
-the positions (3), drift of that offset (3) and offset of the velocities (3). Errors are estimate minus truth:
+The states are navigation errors (9), sensor errors (12), further errors that may act on navigation, others, and nine
+fault states at the end: offset of the positions (3), drift of that offset (3) and offset of the velocities (3). Errors
+are estimate minus truth:
     e_k = F_k e_{k-1} + w_k,  z_k = H_k e_k + v_k.
-All functions take the same groups of arrays, for m epochs and n states:
-    system: span (m,) [s]; phi (m, 9, s), the rows of navigation errors of F by the first s states, 21 or more; fade (m, n), its diagonal in the other
-        rows; q (m, 9, 9), noise of the navigation errors, symmetric; qd (m, n), noise variances of the others, of which
-        those of sensor errors j covary with navigation errors i by qd_j phi_ij / 2; cleared (m,) int, bits
-        `NO_POSITION` and `NO_VELOCITY`: rows of F of these fault states are zero.
+Functions take the same groups of arrays, for m epochs and n states, up to `WIDE`:
+    system: span (m,) [s]; phi (m, 9, s), the rows of navigation errors of F by the first s states, 21 or more;
+        fade (m, n), its diagonal in the other rows; q (m, 9, 9), noise of the navigation errors, symmetric; qd (m, n),
+        noise variances of the others, of which those of sensor errors j covary with navigation errors i by
+        qd_j phi_ij / 2; cleared (m,) int, bits `NO_POSITION` and `NO_VELOCITY`: rows of F of these fault states are
+        zero.
     measured: z (m, 6); h (m, 6, n); var (m, 6), variance of the white noise, not positive where nothing was measured;
         fed (m, n), error that the filter took off its state after the measurement.
     out: innovation (m, 6) and variance (m, 6), -1 where nothing was measured; gain (m, 6, n); mean (m, 9) and rows of
         the covariance (m, 9, n) of the navigation errors just before the measurement.
-Components of a measurement are processed one after the other.
+Components of a measurement are processed one after the other, and change matrices by threes. Rows are padded by
+zeros. The covariance of states that are known exactly at the end, as faults before they begin, is not touched.
 """
 
 from __future__ import annotations
@@ -23,62 +26,17 @@ from insnav.kernels import inner, njit
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
 
-BLOCKS, WIDE = 8, 72  # blocks of nine rows, as many as states of navigation; states at most: compilers like known sizes
+BLOCKS, WIDE = 8, 72  # so many blocks of nine rows or columns; states at most: compilers like known sizes
 NO_POSITION, NO_VELOCITY = 1, 2  # bits: offset and drift of positions are over; the offset of velocities is over
 
 
-@inner()
-def read_row(own, span, bits, i, n):  # type: ignore[no-untyped-def]
-    """Return the diagonal of F in row `i` beyond navigation, and what multiplies the drift if it is of an offset."""
-    position = n - 9 <= i < n - 3
-    if (position and bits & NO_POSITION) or (i >= n - 3 and bits & NO_VELOCITY):
-        return 0.0, 0.0
-    return own, span if position and i < n - 6 else 0.0
-
-
-@inner()
-def propagate(system, k, x, w):  # type: ignore[no-untyped-def]
-    """Replace `x` (n, c) by F x; `w` (9, c) is work space."""
-    (n, columns), (span, phi, fade, _q, _qd, cleared) = x.shape, system
-    for i in range(NAV):
-        for j in range(columns):
-            total = 0.0
-            for a in range(phi.shape[2]):
-                total += phi[k, i, a] * x[a, j]
-            w[i, j] = total
-    for i in range(NAV, n):  # offsets of positions are before their drifts
-        own, drift = read_row(fade[k, i], span[k], cleared[k], i, n)
-        for j in range(columns):
-            x[i, j] *= own
-        if drift != 0.0:
-            for j in range(columns):
-                x[i, j] += drift * x[i + 3, j]
-    for i in range(NAV):
-        for j in range(columns):
-            x[i, j] = w[i, j]
-
-
-@inner()
-def propagate_back(system, k, x, w):  # type: ignore[no-untyped-def]
-    """Replace `x` (n, c) by F' x; `w` (9, c) is work space."""
-    (n, columns), (span, phi, fade, _q, _qd, cleared) = x.shape, system
-    for i in range(NAV):
-        for j in range(columns):
-            w[i, j], x[i, j] = x[i, j], 0.0
-    for i in range(n - 1, NAV - 1, -1):
-        own, _ = read_row(fade[k, i], span[k], cleared[k], i, n)
-        for j in range(columns):
-            x[i, j] *= own
-        _, drift = read_row(fade[k, i], span[k], cleared[k], i - 3, n)
-        if drift != 0.0:
-            for j in range(columns):
-                x[i, j] += drift * x[i - 3, j]
-    for a in range(phi.shape[2]):
-        for j in range(columns):
-            total = 0.0
-            for i in range(NAV):
-                total += phi[k, i, a] * w[i, j]
-            x[a, j] += total
+@inner(forceinline=True)
+def make_rows(count):  # type: ignore[no-untyped-def]
+    """Zeros (count, WIDE) from the start of a cache line on, as loads across two lines take longer; in blocks, too."""
+    flat = np.zeros(count * WIDE + 7)
+    first = -(flat.ctypes.data // 8) % 8
+    flat = flat[first : first + count * WIDE]
+    return flat.reshape(count, WIDE), flat.reshape(count, BLOCKS, NAV)
 
 
 @inner(forceinline=True)
@@ -101,61 +59,72 @@ def subtract_three(y, i, by, x, columns):  # type: ignore[no-untyped-def]
 
 
 @inner(forceinline=True)
-def inner_product(x, i, y, k, n):  # type: ignore[no-untyped-def]
-    """Product of row `i` of `x` with row `k` of `y`, which are zero beyond `n` up to a multiple of four."""
-    s0 = s1 = s2 = s3 = 0.0
-    for j in range(0, n, 4):
-        s0 += x[i, j] * y[k, j]
-        s1 += x[i, j + 1] * y[k, j + 1]
-        s2 += x[i, j + 2] * y[k, j + 2]
-        s3 += x[i, j + 3] * y[k, j + 3]
-    return (s0 + s2) + (s1 + s3)
-
-
-@inner(forceinline=True)
-def shear(p, i, a, own, by, columns):  # type: ignore[no-untyped-def]
-    """Replace state `i` in symmetric `p` by own times it plus by times state `a`, as a row and as a column."""
-    for j in range(columns):
-        p[i, j] = own * p[i, j] + by * p[a, j]
-    p[i, i] = own * p[i, i] + by * p[i, a]
-    for j in range(columns):
-        p[j, i] = p[i, j]
+def inner_product(x, i, y, k, blocks):  # type: ignore[no-untyped-def]
+    """Product of row `i` of `x` (..., blocks, 9) with row `k` of `y`, likewise."""
+    s0 = s1 = s2 = 0.0
+    for a in range(blocks):
+        s0 += x[i, a, 0] * y[k, a, 0] + x[i, a, 1] * y[k, a, 1] + x[i, a, 2] * y[k, a, 2]
+        s1 += x[i, a, 3] * y[k, a, 3] + x[i, a, 4] * y[k, a, 4] + x[i, a, 5] * y[k, a, 5]
+        s2 += x[i, a, 6] * y[k, a, 6] + x[i, a, 7] * y[k, a, 7] + x[i, a, 8] * y[k, a, 8]
+    return s0 + s1 + s2
 
 
 @inner()
 def read_transition(system, k, f, ft, d):  # type: ignore[no-untyped-def]
-    """Fill `f` (9, ...) and `ft` (..., 16) with rows of navigation of F and their transpose, `d` (n,) with its diagonal."""
-    span, phi, fade, cleared = system[0], system[1], system[2], system[5]
+    """Read F: rows of navigation into `f` and its transpose `ft`, the diagonal into `d`; return what drifts act by."""
+    span, phi, fade, _q, _qd, cleared = system
     n = fade.shape[1]
     for i in range(NAV):
         for a in range(phi.shape[2]):
             f[i, a] = ft[a, i] = phi[k, i, a]
-    for i in range(NAV, n - 9):
-        d[i] = fade[k, i]
-    for i in range(n - 9, n):
-        d[i], _ = read_row(fade[k, i], span[k], cleared[k], i, n)
+    for i in range(NAV, n):
+        over = NO_POSITION if i < n - 3 else NO_VELOCITY
+        d[i] = 0.0 if i >= n - 9 and cleared[k] & over else fade[k, i]
+    return 0.0 if cleared[k] & NO_POSITION else span[k]
+
+
+@inner(forceinline=True)
+def propagate(x, x9, c, d, drift, ft9, blocks, nav, n):  # type: ignore[no-untyped-def]
+    """Replace row `c` of `x` by F times it; `nav` (1, 16) is work space."""
+    nav[:] = 0.0
+    add_product(nav, 0, x9, c, ft9, blocks, 16)
+    for j in range(NAV, n):  # offsets of positions are before their drifts
+        x[c, j] *= d[j]
+        if n - 9 <= j < n - 6:
+            x[c, j] += drift * x[c, j + 3]
+    for j in range(NAV):
+        x[c, j] = nav[0, j]
+
+
+@inner(forceinline=True)
+def propagate_back(y, i, x, x9, c, d, drift, f9, short, n):  # type: ignore[no-untyped-def]
+    """Fill row `i` of `y` with row `c` of `x` times F, of which `short` columns are not diagonal."""
+    for j in range(n):
+        y[i, j] = d[j] * x[c, j]
+    for j in range(n - 9, n - 6):
+        y[i, j + 3] += drift * x[c, j]
+    add_product(y, i, x9, c, f9, 1, short)
+
+
+@inner(forceinline=True)
+def move_drift(p, i, a, d, drift, columns):  # type: ignore[no-untyped-def]
+    """Replace state `i` in symmetric `p`, as row and as column, by what is kept of it plus `drift` times state `a`."""
+    for j in range(columns):
+        p[i, j] = d[i] * p[i, j] + drift * p[a, j]
+    p[i, i] = d[i] * p[i, i] + drift * p[i, a]
+    for j in range(columns):
+        p[j, i] = p[i, j]
+    d[i] = 1.0
 
 
 @inner()
-def multiply_row(row, x, y):  # type: ignore[no-untyped-def]
-    """Fill `y` (c,) with row' x, of which rows (n, c) with a zero entry of `row` (n,) are skipped."""
-    for j in range(y.shape[0]):
-        y[j] = 0.0
-    for a in range(row.shape[0]):
-        by = row[a]
-        if by != 0.0:
-            for j in range(y.shape[0]):
-                y[j] += by * x[a, j]
-
-
-@inner()
-def subtract_product(column, row, x):  # type: ignore[no-untyped-def]
-    """Subtract column row' from `x` (n, c), where `column` (n,) is not zero."""
-    for a in range(column.shape[0]):
-        by = column[a]
-        if by != 0.0:
-            for j in range(row.shape[0]):
-                x[a, j] -= by * row[j]
+def close_loop(x, c, by, along):  # type: ignore[no-untyped-def]
+    """Take from row `c` of `x` its product with `by` (n,) times `along` (n,)."""
+    total = 0.0
+    for j in range(by.shape[0]):
+        total += by[j] * x[c, j]
+    for j in range(by.shape[0]):
+        x[c, j] -= total * along[j]
 
 
 @njit(cache=True, nogil=True)
@@ -169,31 +138,26 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
     innovation, variance, gain, mean_nav, p_nav = out
     (m, n), s = fed.shape, system[1].shape[2]
     assert n <= WIDE
-    p, ft, w, f, mean = np.zeros((WIDE, WIDE)), np.zeros((WIDE, 18)), np.zeros((NAV, WIDE)), np.zeros((NAV, WIDE)), np.zeros((1, WIDE))
-    p9, ft9 = p.reshape(BLOCKS, NAV, WIDE), ft.reshape(BLOCKS, NAV, 18)  # as factors
-    w9, f9, mean9 = w.reshape(NAV, BLOCKS, NAV), f.reshape(NAV, BLOCKS, NAV), mean.reshape(1, BLOCKS, NAV)
-    nav, ph, d, at = np.zeros((NAV + 1, 16)), np.zeros((3, WIDE)), np.ones(WIDE), np.empty(n, np.int64)
-    short = (s + NAV - 1) // NAV
+    (p, _), (ft, _), (w, w9), (f, f9) = make_rows(WIDE), make_rows(WIDE), make_rows(NAV), make_rows(NAV)
+    (mean, mean9), (ph, ph9), (hs, hs9), d = make_rows(1), make_rows(3), make_rows(3), np.zeros(WIDE)
+    p9, ft9, of_s = p.reshape(BLOCKS, NAV, WIDE), ft.reshape(BLOCKS, NAV, WIDE), -(-s // NAV)
+    nav, moved = np.empty((NAV, 16)), np.empty((1, 16))
     mean[0, :n], p[:n, :n] = start
-    live, following, total = n, 0, 0.0
+    live, following, total, blocks = n, 0, 0.0, -(-n // NAV)
     for k in range(m):
         while live > s and p[live - 1, live - 1] == 0.0:  # known exactly, as faults before they begin
             live -= 1
         wide = 8 * ((live + 7) // 8)
         if k > 0:
-            read_transition(system, k, f, ft, d)
-            for i in range(n - 9, n - 6):
-                own, drift = read_row(system[2][k, i], system[0][k], system[5][k], i, n)
-                if drift != 0.0:
-                    mean[0, i] = own * mean[0, i] + drift * mean[0, i + 3]
-                    d[i] = 1.0
-                    if live > n - 9:
-                        shear(p, i, i + 3, own, drift, wide)
+            drift = read_transition(system, k, f, ft, d)
+            propagate(mean, mean9, 0, d, drift, ft9, of_s, moved, n)
+            if live > n - 9 and drift != 0.0:
+                for i in range(n - 9, n - 6):
+                    move_drift(p, i, i + 3, d, drift, wide)
             w[:], nav[:] = 0.0, 0.0
-            add_product(nav, NAV, mean9, 0, ft9, short, 16)
             for i in range(NAV):
-                add_product(w, i, f9, i, p9, short, wide)
-                add_product(nav, i, w9, i, ft9, short, 16)
+                add_product(w, i, f9, i, p9, of_s, wide)
+                add_product(nav, i, w9, i, ft9, of_s, 16)
             for i in range(NAV, live):
                 own = d[i]
                 for j in range(wide):
@@ -205,26 +169,21 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
                     p[i, j] += 0.5 * qd[k, j] * f[i, j]
                 for j in range(i + 1):
                     p[i, j] = p[j, i] = nav[i, j] + q[k, i, j]
-                mean[0, i] = nav[NAV, i]
             for j in range(NAV, n):
-                mean[0, j] *= d[j]
                 if qd[k, j] > 0.0:
                     p[j, j] += qd[k, j]
                     live = max(live, j + 1)
                 for i in range(NAV):
                     p[j, i] = p[i, j]
         while following < row.shape[0] and row[following] <= k:
-            for i in range(n):
-                for c in range(jump.shape[2]):
-                    by = jump[following, i, c]
-                    if by != 0.0:
-                        live = max(live, i + 1)
-                        for j in range(n):
-                            p[i, j] += by * jump[following, j, c]
+            for i, c in np.ndindex(n, jump.shape[2]):
+                if jump[following, i, c] != 0.0:
+                    live = max(live, i + 1)
+                    p[i, :n] += jump[following, i, c] * jump[following, :, c]
             following += 1
         wide = 8 * ((live + 7) // 8)
+        mean_nav[k] = mean[0, :NAV]
         for i in range(NAV):
-            mean_nav[k, i] = mean[0, i]
             for j in range(n):
                 p_nav[k, i, j] = p[i, j]
         for first in (0, 3):
@@ -235,23 +194,18 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
                 if var[k, i] <= 0.0:
                     innovation[k, i], variance[k, i], gain[k, i] = 0.0, -1.0, 0.0
                     continue
-                used, error, own, count = True, z[k, i], var[k, i], 0
+                used = True
                 for a in range(n):
-                    by = h[k, i, a]
+                    by = hs[c, a] = h[k, i, a]
                     if by != 0.0:
-                        error -= by * mean[0, a]
-                        at[count] = a
-                        count += 1
                         for j in range(wide):
                             ph[c, j] += by * p[a, j]
                 for b in range(c):  # less what the components before have told
-                    by = 0.0
-                    for a in at[:count]:
-                        by += h[k, i, a] * ph[b, a]
+                    by = inner_product(hs9, c, ph9, b, blocks)
                     for j in range(wide):
                         ph[c, j] -= by * ph[b, j]
-                for a in at[:count]:
-                    own += h[k, i, a] * ph[c, a]
+                error = z[k, i] - inner_product(hs9, c, mean9, 0, blocks)
+                own = var[k, i] + inner_product(hs9, c, ph9, c, blocks)
                 innovation[k, i], variance[k, i] = error, own
                 total += np.log(own) + error * error / own
                 root = 1.0 / np.sqrt(own)
@@ -262,8 +216,7 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
             if used:
                 for a in range(live):
                     subtract_three(p, a, ph, ph, wide)
-        for j in range(n):
-            mean[0, j] -= fed[k, j]
+        mean[0, :n] -= fed[k]
     return total
 
 
@@ -280,12 +233,11 @@ def backward(system, measured, out, r, info, u, uu):  # type: ignore[no-untyped-
     h, (innovation, variance, gain) = measured[1], out[:3]
     (m, n), s = r.shape, system[1].shape[2]
     assert n <= WIDE
-    wide, short = 8 * ((n + 7) // 8), 8 * ((s + 7) // 8)
-    p, t, f, ft = np.zeros((WIDE, WIDE)), np.zeros((2 * NAV, WIDE)), np.zeros((NAV, WIDE)), np.zeros((WIDE, 18))
-    score, x, hs, ks = np.zeros((1, WIDE)), np.zeros((3, WIDE)), np.zeros((3, WIDE)), np.zeros((3, WIDE))
-    p9, t9, f9, pt9 = p.reshape(BLOCKS, NAV, WIDE), t.reshape(2, NAV, WIDE), f.reshape(1, NAV, WIDE), p.reshape(WIDE, BLOCKS, NAV)
-    ft9, score9, ks9, by = ft.reshape(WIDE, 2, NAV), score.reshape(1, BLOCKS, NAV), ks.reshape(3, BLOCKS, NAV), np.zeros((1, 1, NAV))
-    d = np.zeros(WIDE)  # of navigation it stays zero
+    wide, short, blocks = 8 * ((n + 7) // 8), 8 * ((s + 7) // 8), -(-n // NAV)
+    (p, p_by), (t, _), (f, _), (ft, ft_by) = make_rows(WIDE), make_rows(NAV), make_rows(NAV), make_rows(WIDE)
+    (score, score_by), (x, x_by), (hs, hs_by), (ks, ks_by) = make_rows(1), make_rows(3), make_rows(3), make_rows(3)
+    p9, t9, f9 = p.reshape(BLOCKS, NAV, WIDE), t.reshape(1, NAV, WIDE), f.reshape(1, NAV, WIDE)
+    by, d = np.empty((1, 1, NAV)), np.zeros(WIDE)  # d of navigation stays zero
     for k in range(m - 1, -1, -1):
         for first in (3, 0):
             u[k, first : first + 3] = uu[k, first : first + 3] = 0.0
@@ -297,107 +249,113 @@ def backward(system, measured, out, r, info, u, uu):  # type: ignore[no-untyped-
                     hs[c, j], ks[c, j] = h[k, first + c, j], gain[k, first + c, j]
                 if variance[k, first + c] <= 0.0:
                     hs[c] = 0.0
-            terms = n
-            while terms > 0 and ks[0, terms - 1] == 0.0 and ks[1, terms - 1] == 0.0 and ks[2, terms - 1] == 0.0:
-                terms -= 1
             for c in range(3):
-                add_product(x, c, ks9, c, p9, (terms + NAV - 1) // NAV, wide)
+                add_product(x, c, ks_by, c, p9, blocks, wide)
             for c in range(2, -1, -1):
                 i = first + c
                 if variance[k, i] <= 0.0:
                     continue
-                error = innovation[k, i] / variance[k, i] - inner_product(ks, c, score, 0, n)
-                own = 1.0 / variance[k, i] + inner_product(ks, c, x, c, n)
+                error = innovation[k, i] / variance[k, i] - inner_product(ks_by, c, score_by, 0, blocks)
+                own = 1.0 / variance[k, i] + inner_product(ks_by, c, x_by, c, blocks)
                 u[k, i], uu[k, i] = error, own
                 # (I - K h')' N (I - K h') + h h' / s is N - h x' - x h' with x = N K - h uu / 2
                 for j in range(wide):
                     x[c, j] -= 0.5 * own * hs[c, j]
                     score[0, j] += error * hs[c, j]
                 for b in range(c):
-                    of_h, of_x = inner_product(ks, b, hs, c, n), inner_product(ks, b, x, c, n)
+                    of_h = inner_product(ks_by, b, hs_by, c, blocks)
+                    of_x = inner_product(ks_by, b, x_by, c, blocks)
                     for j in range(wide):
                         x[b, j] -= of_h * x[c, j] + of_x * hs[c, j]
             for a in range(n):
                 subtract_three(p, a, x, hs, wide)
                 if hs[0, a] != 0.0 or hs[1, a] != 0.0 or hs[2, a] != 0.0:
                     subtract_three(p, a, hs, x, wide)
-        for i in range(n - 1, -1, -1):  # those after it have filled the rest of row i
+        for i in range(n - 1, -1, -1):  # states after it have filled the rest of row i
             r[k, i] = score[0, i]
             for j in range(i):
                 p[j, i] = p[i, j]
             for j in range(n):
                 info[k, i, j] = p[i, j]
         if k > 0:
-            read_transition(system, k, f, ft, d)
-            for i in range(n - 9, n - 6):
-                _, drift = read_row(system[2][k, i], system[0][k], system[5][k], i, n)
+            drift = read_transition(system, k, f, ft, d)
+            propagate_back(x, 0, score, score_by, 0, d, drift, f9, short, n)
+            score[0] = x[0]
+            for i in range(n - 6, n - 3):
                 if drift != 0.0:
-                    score[0, i + 3] = d[i + 3] * score[0, i + 3] + drift * score[0, i]
-                    shear(p, i + 3, i, d[i + 3], drift, wide)
-                    d[i + 3] = 1.0
-            for j in range(wide):
-                t[NAV, j] = score[0, j] * d[j]
-            add_product(t, NAV, score9, 0, f9, 1, short)
-            for j in range(wide):
-                score[0, j] = t[NAV, j]
+                    move_drift(p, i, i - 3, d, drift, wide)
             for i in range(NAV):
-                for j in range(wide):
-                    t[i, j] = p[i, j] * d[j]
-                add_product(t, i, pt9, i, f9, 1, short)
+                propagate_back(t, i, p, p_by, i, d, 0.0, f9, short, n)
             for a in range(n):
-                own = d[a]
                 for c in range(NAV):
-                    by[0, 0, c] = own * p[a, c]
+                    by[0, 0, c] = d[a] * p[a, c]
                 for j in range(wide):
-                    p[a, j] *= own * d[j]
+                    p[a, j] *= d[a] * d[j]
                 if a >= NAV:
                     add_product(p, a, by, 0, f9, 1, short)
                 if a < s:
-                    add_product(p, a, ft9, a, t9, 1, wide)
+                    add_product(p, a, ft_by, a, t9, 1, wide)
+
+
+@inner()
+def combine(g, info, y):  # type: ignore[no-untyped-def]
+    """Fill rows of `y` with those of g' info, for `g` (n, d) and `info` (n, n)."""
+    n, size = g.shape
+    for c in range(size):
+        y[c] = 0.0
+        for i in range(n):
+            if g[i, c] != 0.0:
+                for j in range(n):
+                    y[c, j] += g[i, c] * info[i, j]
 
 
 @njit(cache=True, nogil=True)
 def cross_backward(system, measured, out, info_b, b, g, first):  # type: ignore[no-untyped-def]
-    """Return cross information (m, d, d) of steps along `g` (n, d) at epochs `first` to `b` with such at `b`.
+    """Return cross information (m, d, d) of steps along `g` (n, d), d up to 9, at epochs `first` to `b` with `b`.
 
     With L the closed-loop transition from just before the measurement of epoch a to that of b, and `info_b` (n, n) the
     information at b, entry a is g' L' info_b g; entries of other epochs are zero.
     """
-    n, size = g.shape
-    x, y, w = np.empty((n, size)), np.empty(size), np.empty((NAV, size))
-    cross = np.zeros((system[0].shape[0], size, size))
-    for i in range(n):
-        multiply_row(info_b[i], g, x[i])
+    (n, size), d, short = g.shape, np.zeros(WIDE), system[1].shape[2]
+    (x, x_by), (y, _), (f, _), (ft, _) = make_rows(NAV), make_rows(NAV), make_rows(NAV), make_rows(WIDE)
+    f9, cross = f.reshape(1, NAV, WIDE), np.zeros((system[0].shape[0], size, size))
+    combine(g, info_b, x)
     for k in range(b, first - 1, -1):
         if k < b:
-            propagate_back(system, k + 1, x, w)
-            for i in range(5, -1, -1):
-                if out[1][k, i] > 0.0:
-                    multiply_row(out[2][k, i], x, y)
-                    subtract_product(measured[1][k, i], y, x)
+            drift = read_transition(system, k + 1, f, ft, d)
         for c in range(size):
-            multiply_row(g[:, c], x, cross[k, c])
+            if k < b:
+                propagate_back(y, 0, x, x_by, c, d, drift, f9, short, n)
+                x[c] = y[0]
+                for i in range(5, -1, -1):
+                    if out[1][k, i] > 0.0:
+                        close_loop(x, c, out[2][k, i], measured[1][k, i])
+            for e, j in np.ndindex(size, n):
+                cross[k, e, c] += g[j, e] * x[c, j]
     return cross
 
 
 @njit(cache=True, nogil=True)
 def cross_forward(system, measured, out, info, a, g, last):  # type: ignore[no-untyped-def]
-    """Return cross information (m, d, d) of steps along `g` (n, d) at epochs `a` to `last` with such at `a`.
+    """Return cross information (m, d, d) of steps along `g` (n, d), d up to 9, at epochs `a` to `last` with `a`.
 
     With L as in `cross_backward` and `info` (m, n, n) from `backward`, entry b is g' info_b L g; entries of other
     epochs are zero.
     """
-    n, size = g.shape
-    x, y, w, row = g.copy(), np.empty(size), np.empty((NAV, size)), np.empty(n)
-    cross = np.zeros((system[0].shape[0], size, size))
+    (n, size), d, nav = g.shape, np.zeros(WIDE), np.empty((1, 16))
+    (x, x_by), (y, y_by), (f, _), (ft, _) = make_rows(NAV), make_rows(NAV), make_rows(NAV), make_rows(WIDE)
+    ft9, cross = ft.reshape(BLOCKS, NAV, WIDE), np.zeros((system[0].shape[0], size, size))
+    x[:size, :n] = g.T
     for k in range(a, last + 1):
         if k > a:
-            for i in range(6):
-                if out[1][k - 1, i] > 0.0:
-                    multiply_row(measured[1][k - 1, i], x, y)
-                    subtract_product(out[2][k - 1, i], y, x)
-            propagate(system, k, x, w)
+            drift = read_transition(system, k, f, ft, d)
         for c in range(size):
-            multiply_row(g[:, c], info[k], row)
-            multiply_row(row, x, cross[k, c])
+            if k > a:
+                for i in range(6):
+                    if out[1][k - 1, i] > 0.0:
+                        close_loop(x, c, measured[1][k - 1, i], out[2][k - 1, i])
+                propagate(x, x_by, c, d, drift, ft9, -(-system[1].shape[2] // NAV), nav, n)
+        combine(g, info[k], y)
+        for e, c in np.ndindex(size, size):
+            cross[k, e, c] = inner_product(y_by, e, x_by, c, -(-n // NAV))
     return cross

@@ -1,0 +1,50 @@
+"""Passes over the linear record beside dense linear algebra, in the same run."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from insnav.kernels.linear import backward, forward
+
+N, WITH_SENSORS, EPOCHS, REPEAT = 52, 33, 200, 7
+
+
+def best_cpu(function: Callable[[], object]) -> float:
+    def timed() -> float:
+        begin = time.thread_time()
+        function()
+        return time.thread_time() - begin
+
+    return min(timed() for _ in range(REPEAT))
+
+
+def test_a_pass_each_way_costs_less_than_dense_propagation() -> None:
+    """A filter of dense matrices multiplies 2 n^3 times for F P F' alone, without measurements and a way back."""
+    random = np.random.default_rng(1)
+    phi = np.zeros((EPOCHS, 9, WITH_SENSORS)) + np.eye(9, WITH_SENSORS)
+    phi[:, :, 9:] = 0.01 * random.normal(size=(EPOCHS, 9, WITH_SENSORS - 9))
+    faults = np.arange(N) >= N - 9
+    noise = np.broadcast_to(0.01 * np.eye(9), (EPOCHS, 9, 9)).copy()
+    driving = np.broadcast_to(0.001 * ~faults, (EPOCHS, N)).copy()
+    cleared = np.zeros(EPOCHS, np.int64)
+    system = np.ones(EPOCHS), phi, np.full((EPOCHS, N), 0.99), noise, driving, cleared
+    h = random.normal(size=(EPOCHS, 6, N)) * (random.random(N) < 0.2)
+    measured = random.normal(size=(EPOCHS, 6)), h, np.ones((EPOCHS, 6)), np.zeros((EPOCHS, N))
+    start, jumps = (np.zeros(N), np.diag(1.0 - faults)), (np.array([100]), np.eye(N, 3, 9 - N)[None])
+    out = (*np.empty((2, EPOCHS, 6)), np.empty((EPOCHS, 6, N)), np.empty((EPOCHS, 9)), np.empty((EPOCHS, 9, N)))
+    back = np.empty((EPOCHS, N)), np.empty((EPOCHS, N, N)), np.empty((EPOCHS, 6)), np.empty((EPOCHS, 6))
+    f = 0.1 * random.normal(size=(N, N))
+
+    def propagate() -> None:
+        for _ in range(EPOCHS):
+            f @ f @ f.T
+
+    forward(system, measured, start, jumps, out)  # compiles, if that is to do
+    backward(system, measured, out, *back)
+    passes = best_cpu(lambda: (forward(system, measured, start, jumps, out), backward(system, measured, out, *back)))
+    dense = best_cpu(propagate)
+    print(f"forward and backward {1e6 * passes / EPOCHS:.1f} us an epoch, dense propagation {1e6 * dense / EPOCHS:.1f}")
+    assert passes < dense
