@@ -29,7 +29,7 @@ from insnav.kernels.errorstate import STATES
 from insnav.kernels.smoother import COAST, FIX, JACOBIAN, KIND, NOISE, RESIDUAL, SOURCE, STATE, TIME
 from insnav.types import BoolArray, FloatArray, GpsData, ImuData, IntArray
 
-SHORTEST = 256  # epochs of a part, below which it belongs to the one before
+LONGEST, SHORTEST = 1024, 256  # epochs of a part of a long record; a shorter one at the end belongs to the one before
 FAULTS = 9  # states of faults: offset of positions, its drift, offset of velocities
 TAILS = 4.0  # degrees of freedom of the errors of fixes, Student's t [-]
 LEAST = (TAILS + 3.0) / (TAILS + 1.8)  # weight of a fix with three squares of 0.6 each, at most [-]
@@ -137,7 +137,8 @@ class LinearRecord:
         model = replace(ready.model, noise=np.append(ready.model.noise[:-2], [0.0, 0.0]))
         navigator = Navigator(ready.initial, model, gps, ready.alignment, ready.nominal, settings)
         navigator.feed(ready.imu)
-        blocks = navigator.history().blocks()
+        whole = navigator.history().blocks()
+        blocks = [part for each in whole for part in np.array_split(each, -(-len(each) // LONGEST))]
         if len(blocks) > 1 and len(blocks[-1]) < SHORTEST:
             blocks[-2:] = [np.concatenate(blocks[-2:])]
         sd = np.sqrt(ready.model.noise[-2:] / MANOEUVRE)
