@@ -17,9 +17,7 @@ from insnav.errors.outage.free_inertial import end_errors
 from insnav.errors.outage.gnss_outage import outages
 from insnav.errors.outage.statistics import horizontal_at
 from insnav.exceptions import InputError, InsnavError
-from insnav.explain.explanation import explain_faults
-from insnav.explain.kinds import KINDS
-from insnav.filter.navigate import Navigated, aided, navigate_prepared
+from insnav.filter.navigate import Navigated, aided, navigate_recording
 from insnav.filter.prepare import prepare
 from insnav.findings import Code, ErrorFacts, Finding
 from insnav.regression.accuracy_metrics import FREE, METRICS, OUTAGES
@@ -65,8 +63,7 @@ def measure(material: Material) -> Measured:
     """
     loop = loop_time()
     begin = clock.process_time()
-    ready, _ = explain_faults(prepare(material.imu, material.gps, material.spec, material.settings), KINDS)
-    done = navigate_prepared(ready, material.spec)
+    done = navigate_recording(material.imu, material.gps, material.spec, material.settings)
     cpu = clock.process_time() - begin
     values = {"cpu_ratio": np.array([cpu / len(material.imu.time) / loop])}
     time = settled(done.run.solution, material)
