@@ -117,18 +117,15 @@ _POLAR_RADIUS = A / np.sqrt(1.0 - E2)  # of curvature [m]
 
 @dataclass(frozen=True, slots=True)
 class PolarTruth(Truth):
-    """The ellipsoid's normal goes round a circle at a steady rate: ``fixed + cosine cos(w t) + sine sin(w t)``.
+    """The ellipsoid's normal goes round a circle at a steady rate: ``offset + cosine cos(w t) + sine sin(w t)``.
 
     Position and velocity are those of the point at constant height on that normal. Forward is along the circle, down is
     against the normal but for a swinging roll, so that nothing but the roll moves the body in the axes of the circle.
     """
 
-    # (3,) in Earth-fixed axes, at right angles to each other; cosine and sine of one length, ``|fixed|^2 + |sine|^2 =
-    # 1``
-    fixed: FloatArray
-    cosine: FloatArray
-    sine: FloatArray
-    omega: float  # angular rate on the circle [rad/s], not zero
+    # in Earth-fixed axes, its vectors at right angles to each other; cosine and sine of one length, ``|offset|^2 +
+    # |sine|^2 = 1``; its angular frequency not zero
+    normal: Harmonic
     height: float  # above the ellipsoid [m]
     duration: float  # length [s]
     # amplitude [rad] and angular frequency [rad/s] of the roll
@@ -141,12 +138,7 @@ class PolarTruth(Truth):
     @property
     def knots(self) -> FloatArray:
         """No derivative jumps."""
-        return np.empty(0)
-
-    def _normal(self, time: FloatArray, order: int = 0) -> FloatArray:
-        phase = (self.omega * time + order * (np.pi / 2))[:, None]
-        turning = self.omega**order * (self.cosine * np.cos(phase) + self.sine * np.sin(phase))
-        return np.asarray(turning + self.fixed if order == 0 else turning)
+        return self.normal.knots
 
     def position(self, time: FloatArray, order: int = 0) -> FloatArray:
         """Earth-fixed position ``(n, 3)`` [m], or its first or second derivative, ``(n,)`` [s] after the start.
@@ -154,7 +146,7 @@ class PolarTruth(Truth):
         Groves (2013), eq. 2.112, with the normal instead of latitude and longitude, and its chain rule.
         """
         flat = np.array([1.0, 1.0, 1.0 - E2])
-        n0, n1, n2 = (self._normal(time, k) for k in range(3))
+        n0, n1, n2 = (self.normal(time, k) for k in range(3))
         s, ds, dds = n0[:, 2:], n1[:, 2:], n2[:, 2:]
         w2 = 1.0 - E2 * s * s
         radius = A / np.sqrt(w2)
@@ -169,21 +161,21 @@ class PolarTruth(Truth):
 
     def _body(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Attitude ``C_eb`` and the rate of the body against the Earth in its own axes."""
-        forward = self._normal(time, 1)
+        forward = self.normal(time, 1)
         forward = forward / np.linalg.norm(forward, axis=1, keepdims=True)
-        down = -self._normal(time)
+        down = -self.normal(time)
         right = np.cross(down, forward)
         roll = (self.swing * np.sin(self.swing_omega * time))[:, None]
         right, down = right * np.cos(roll) + down * np.sin(roll), down * np.cos(roll) - right * np.sin(roll)
         c_eb = np.stack([forward, right, down], axis=-1)
-        axis = np.cross(self.cosine, self.sine)
-        w_eb_b = np.einsum("nji,j->ni", c_eb, self.omega * axis / np.linalg.norm(axis))
+        axis = np.cross(self.normal.cosine, self.normal.sine)
+        w_eb_b = np.einsum("nji,j->ni", c_eb, self.normal.omega * axis / np.linalg.norm(axis))
         w_eb_b[:, 0] += self.swing * self.swing_omega * np.cos(self.swing_omega * time)
         return c_eb, w_eb_b
 
     def sensed(self, tau: FloatArray) -> tuple[Vector, Vector]:
         """See `Truth`; Groves (2013), section 5.3, solved for the specific force."""
-        n_e, v_e, a_e = self._normal(tau), self.position(tau, 1), self.position(tau, 2)
+        n_e, v_e, a_e = self.normal(tau), self.position(tau, 1), self.position(tau, 2)
         c_eb, w_eb_b = self._body(tau)
         w_ib_b = w_eb_b + OMEGA_EARTH * c_eb[:, 2, :]
         coriolis = 2.0 * OMEGA_EARTH * np.cross(_AXIS, v_e)
@@ -205,7 +197,7 @@ class PolarTruth(Truth):
         together.
         """
         tau = self.elapsed(time)
-        n_e = self._normal(tau)
+        n_e = self.normal(tau)
         lat, lon = np.arctan2(n_e[:, 2], np.hypot(n_e[:, 0], n_e[:, 1])), np.arctan2(n_e[:, 1], n_e[:, 0])
         c_en = axes_of(lat, lon)
         w_ib_b, f_b = self.sensed(tau)
@@ -232,7 +224,8 @@ def over_pole(
     omega = speed / radius
     half = 0.5 * omega * duration
     cosine, sine = np.cos(half) * top - np.sin(half) * way, np.sin(half) * top + np.cos(half) * way
-    return PolarTruth(np.zeros(3), cosine, sine, omega, height, duration, np.radians(5.0), 2.0)
+    normal = Harmonic(np.zeros(3), np.zeros(3), cosine, sine, omega)
+    return PolarTruth(normal, height, duration, np.radians(5.0), 2.0)
 
 
 def around_pole(
@@ -241,7 +234,8 @@ def around_pole(
     """Parallel of latitude of a radius [m] about a pole, eastward, at a speed [m/s] for a time [s]."""
     angle = radius / (_POLAR_RADIUS + height)
     top = np.cos(angle) * _AXIS * (-1.0 if south else 1.0)
-    return PolarTruth(top, np.sin(angle) * _X, np.sin(angle) * _Y, speed / radius, height, duration)
+    normal = Harmonic(top, np.zeros(3), np.sin(angle) * _X, np.sin(angle) * _Y, speed / radius)
+    return PolarTruth(normal, height, duration)
 
 
 def axes_of(lat: FloatArray, lon: FloatArray) -> FloatArray:

@@ -15,6 +15,7 @@ from insnav.certificate.motions import PolarTruth, around_pole, axes_of, over_po
 from insnav.earth import earth_rate_n, gravity_n
 from insnav.output.solution_tables import write_run_table
 from insnav.simulate import imu_from_truth
+from insnav.simulate.curves import Harmonic
 from insnav.types import FloatArray, ImuData, Trajectory
 from insnav.units import DEG
 
@@ -121,7 +122,8 @@ def test_a_flight_begins_or_ends_at_a_pole(begin, axis):
     turned = omega * begin  # the phase at which the pole is reached
     top = np.array([0.0, 0.0, axis])
     cosine, sine = np.cos(turned) * top - np.sin(turned) * way, np.sin(turned) * top + np.cos(turned) * way
-    truth = PolarTruth(np.zeros(3), cosine, sine, omega, 3000.0, 120.0, 5 * DEG, 2.0)
+    normal = Harmonic(np.zeros(3), np.zeros(3), cosine, sine, omega)
+    truth = PolarTruth(normal, 3000.0, 120.0, 5 * DEG, 2.0)
     assert abs(truth.evaluate(np.array([begin])).lla[0, 0]) == pytest.approx(POLE, abs=1e-12)
     assert_over_a_pole(flown(truth), truth, 1e-4)
 
