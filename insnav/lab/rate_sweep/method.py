@@ -78,11 +78,6 @@ class SweepCalibration:
     warnings: tuple[Finding, ...]
     adjusted: tuple[Adjusted, ...] = ()  # by hand
 
-    @property
-    def corrected(self) -> FloatArray:
-        """Rate by the matrix, without the pieces, (n, 3) [rad/s]."""
-        return np.asarray(self.rate + self.error_matrix)
-
 
 def calibrate_sweeps(
     rate: FloatArray,
