@@ -185,7 +185,7 @@ def _adjust(
 
 def read(files: Sequence[str | Path | Table], how: BenchOptions) -> SweepRecord:
     """Read three sweeps about x, y, z, or one file of all; see `read_sweeps`."""
-    return read_sweeps(files, columns=how.columns, spike_limit=how.spike_limit)
+    return read_sweeps(files, how)
 
 
 def fit(record: SweepRecord, how: BenchOptions) -> Calibration[SweepRecord, SweepCalibration]:

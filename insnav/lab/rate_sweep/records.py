@@ -5,7 +5,7 @@ That is which rates there are, where a gyro is saturated, and whether columns ar
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,7 +23,7 @@ from insnav.lab.bench_data.bench_tables import (
     read_bench,
     reduce_dwells,
 )
-from insnav.lab.calibration import WRONG_UNIT, about, common_unit, few
+from insnav.lab.calibration import STANDARD, WRONG_UNIT, BenchOptions, about, common_unit, few
 from insnav.lab.least_squares import Fit
 from insnav.lab.single_axis.rate_table import FEWEST, Dropped
 from insnav.types import BoolArray, FloatArray, IntArray
@@ -70,24 +70,20 @@ class SweepRecord:
         return ", ".join(table.name for table in self.tables)
 
 
-def read_sweeps(
-    paths: Sequence[str | Path | Table], *, columns: Mapping[str, str] | None = None, spike_limit: float | None = None
-) -> SweepRecord:
+def read_sweeps(paths: Sequence[str | Path | Table], how: BenchOptions = STANDARD) -> SweepRecord:
     """Read the sweeps.
 
     paths: three files with ``rate_deg_s``, the table turned about x, about y, about z; or one with
     ``rate_x_deg_s``, ``rate_y_deg_s``, ``rate_z_deg_s``. Each with ``gyro_x_deg_s`` to ``gyro_z_deg_s``, or in
-    volts or counts. Successive rows of one rate are the samples of a dwell; columns: as in `read_bench`;
-    spike_limit: samples further than this from a polynomial through their dwell are dropped, in the unit of the
-    outputs; default 0.005 V, and for other units than volts none are. Raises InputError: the files cannot be used,
-    or are neither one nor three.
+    volts or counts. Successive rows of one rate are the samples of a dwell; how: columns and limit of spikes.
+    Raises InputError: the files cannot be used, or are neither one nor three.
     """
     if len(paths) not in (1, 3):
         raise InputError("lab.not_three_sweeps", count=len(paths))
     settings = ("rate",) if len(paths) == 3 else tuple(f"rate_{a}" for a in AXES)
     needed = (*settings, *(f"gyro_{a}" for a in AXES))
     raw_too = {f"gyro_{a}": f"raw_{a}" for a in AXES}
-    tables = tuple(read_bench(path, SCHEMA, needed, columns=columns, alternatives=raw_too) for path in paths)
+    tables = tuple(read_bench(path, SCHEMA, needed, columns=how.columns, alternatives=raw_too) for path in paths)
     unit = common_unit(
         [
             (key.replace("raw", "gyro").replace("_", " "), table.units[key])
@@ -96,7 +92,7 @@ def read_sweeps(
             if key.startswith(("raw_", "gyro_"))
         ]
     )
-    limit = spike_limit if spike_limit is not None else default_limit(unit)
+    limit = how.spike_limit if how.spike_limit is not None else default_limit(unit)
     raw = UNITS[unit][0] == "signal"
     dwells: list[Dwells] = []
     warnings: list[Finding] = []
