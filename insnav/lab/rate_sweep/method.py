@@ -117,20 +117,21 @@ def calibrate_sweeps(
     if any(item is not None for item in pieces):
         # a gyro of this shape shows B times the bent rate: its matrix is then found without the shape as scatter
         bent = np.column_stack(
-            [r if p is None else _axis_map(p).inverse(r) for r, p in zip(rate.T, pieces, strict=True)]
+            [r if p is None else AxisMap(p.knot, p.value).inverse(r) for r, p in zip(rate.T, pieces, strict=True)]
         )
         fits = _fits(bent, output, used, names)
         pieces = _all_pieces(rate, output, used, fits, names)
     matrix, bias, after = _matrix_errors(rate, output, used, fits)
+    complete = used.all(axis=1)[:, None]
     adjusted: list[Adjusted] = []
     for name, value in (intercepts or {}).items():
-        pieces, change = _adjust(pieces, name, value * DEG, rate, np.where(_complete(used)[:, None], after, np.nan))
+        pieces, change = _adjust(pieces, name, value * DEG, rate, np.where(complete, after, np.nan))
         adjusted.append(change)
     final = after.copy()
     for i, item in enumerate(pieces):
         if item is not None:
-            final[:, i] -= _axis_map(item).rate_error(rate[:, i] + after[:, i])
-    free = np.where(_complete(used)[:, None], output - bias, np.nan)
+            final[:, i] -= AxisMap(item.knot, item.value).rate_error(rate[:, i] + after[:, i])
+    free = np.where(complete, output - bias, np.nan)
     return SweepCalibration(
         rate=rate,
         output=output,
@@ -225,7 +226,7 @@ def _worse(found: SweepCalibration) -> tuple[Finding, ...]:
 
 def sweep_errors(found: SweepCalibration, unit: str, name: str = "") -> tuple[ImuErrors, CalibrationSd]:
     """Errors for the calibration file, outputs in `unit`, and their uncertainty."""
-    maps = tuple(None if item is None else _axis_map(item) for item in found.pieces)
+    maps = tuple(None if item is None else AxisMap(item.knot, item.value) for item in found.pieces)
     gyro_map = DynamicMap(maps) if any(item is not None for item in maps) else None
     bias_sd = np.array([fit.sd[3] for fit in found.fits])
     matrix_sd = np.array([fit.sd[:3] for fit in found.fits])
@@ -265,15 +266,6 @@ def _parameters(found: SweepCalibration, unit: str) -> tuple[Quantity, ...]:
     return tuple(items)
 
 
-def _axis_map(item: Pieces) -> AxisMap:
-    return AxisMap(item.knot, item.value)
-
-
-def _complete(used: BoolArray) -> BoolArray:
-    """Dwells in which no gyro is saturated."""
-    return np.asarray(np.logical_and.reduce(used, axis=1), dtype=np.bool_)
-
-
 def _fits(rate: FloatArray, output: FloatArray, used: BoolArray, names: Sequence[str]) -> tuple[Fit, ...]:
     design = np.column_stack((rate, np.ones(len(rate))))
     return tuple(
@@ -287,7 +279,7 @@ def _matrix_errors(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Matrix, bias, and the error of the rate by these, NaN where a gyro is saturated."""
     matrix, bias = np.array([fit.value[:3] for fit in fits]), np.array([fit.value[3] for fit in fits])
-    free = np.where(_complete(used)[:, None], output - bias, np.nan)
+    free = np.where(used.all(axis=1)[:, None], output - bias, np.nan)
     return matrix, bias, np.asarray(np.linalg.solve(matrix, free.T).T - rate)
 
 
@@ -295,7 +287,7 @@ def _all_pieces(
     rate: FloatArray, output: FloatArray, used: BoolArray, fits: Sequence[Fit], names: Sequence[str]
 ) -> tuple[Pieces | None, ...]:
     after = _matrix_errors(rate, output, used, fits)[2]
-    good = _complete(used)
+    good = used.all(axis=1)  # no gyro is saturated
     return tuple(_pieces(rate[good, i], after[good, i], name) for i, name in enumerate(names))
 
 
@@ -311,7 +303,7 @@ def _pieces(rate: FloatArray, error: FloatArray, where: str) -> Pieces | None:
     if found.straight:
         return None
     try:
-        _axis_map(found)
+        AxisMap(found.knot, found.value)
     except ConfigError as problem:
         raise InputError("lab.map_not_invertible", where=where, cause=problem) from None
     return found
