@@ -34,7 +34,7 @@ from insnav.lab.bench_data.bench_tables import (
     reduce_dwells,
 )
 from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, badly_conditioned, common_unit, measured
-from insnav.lab.least_squares import LEVEL, Fit, coverage_factor, linear_fit
+from insnav.lab.least_squares import LEVEL, Fit, affine_fits, coverage_factor, linear_fit
 from insnav.lab.nine_position.table_positions import OPPOSITE, check_positions, ideal_force, opposite_pairs, products
 from insnav.quantity import Quantity
 from insnav.types import FloatArray, IntArray
@@ -108,7 +108,7 @@ def calibrate_nine(
     """
     warnings = check_positions(roll, pitch, where)
     force = ideal_force(roll, pitch, gravity)
-    fits = _affine(force, measured, where)
+    fits = affine_fits(force, measured, [f"{where}, {sensor}" for sensor in SENSORS])
     _refuse_exchanged(fits, where)
     dof = sum(fit.dof for fit in fits)
     sigma = float(np.sqrt(sum(np.sum(fit.residual**2) for fit in fits) / dof))
@@ -178,15 +178,6 @@ def _estimate(
     )
 
 
-def _affine(force: FloatArray, measured: FloatArray, where: str) -> tuple[Fit, ...]:
-    design = np.column_stack((force, np.ones(len(force))))
-    names = ("sensitivity to x", "to y", "to z", "bias")
-    return tuple(
-        linear_fit(design, column, names, where=f"{where}, {sensor}")
-        for sensor, column in zip(SENSORS, measured.T, strict=True)
-    )
-
-
 def _crossed(fit: Fit, axis: int) -> FloatArray:
     """What an accelerometer senses of the other two axes, (2,) [-]."""
     return np.delete(fit.value[:3], axis)
@@ -240,7 +231,7 @@ def fit(record: NineRecord, how: BenchOptions) -> Calibration[NineRecord, NinePo
     force = ideal_force(roll, pitch, how.gravity)
     scale, zero = np.ones(6), np.zeros(6)
     if record.unit != "m/s^2":  # each output first becomes a force by its own line; what is left is as of any sensor
-        lines = _affine(force, output, table.name)
+        lines = affine_fits(force, output, [f"{table.name}, {sensor}" for sensor in SENSORS])
         scale = np.array([line.value[axis] for line, axis in zip(lines, AXIS, strict=True)])
         zero = np.array([line.value[3] for line in lines])
         if not np.abs(scale).min() > WEAKEST * np.abs(scale).max():

@@ -21,7 +21,7 @@ from insnav.imu.model import ImuErrors
 from insnav.imu.raw_outputs import RawScale
 from insnav.input.formats.table import Table
 from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, badly_conditioned, measured
-from insnav.lab.least_squares import Fit, linear_fit
+from insnav.lab.least_squares import Fit, affine_fits
 from insnav.lab.rate_sweep.piecewise_fit import Pieces, fit_pieces
 from insnav.lab.rate_sweep.records import (
     FEWEST_FOR_MAP,
@@ -37,7 +37,6 @@ from insnav.quantity import Quantity
 from insnav.types import BoolArray, FloatArray, IntArray
 from insnav.units import DEG
 
-NAMES = ("sensitivity to x", "to y", "to z", "bias")
 ROUNDING = 1e-9  # errors of such a share of the largest rate are those of arithmetic
 
 
@@ -111,7 +110,7 @@ def calibrate_sweeps(
         if left < FEWEST:
             raise InputError("lab.saturated_sweep", where=where, axis="xyz"[axis], count=left, limit=FEWEST)
     names = tuple(f"{where}, gyro {axis}" for axis in "xyz")
-    fits = _fits(rate, output, used, names)
+    fits = affine_fits(rate, output, names, used)
     refuse_crossed(fits, raw, where)
     pieces = _all_pieces(rate, output, used, fits, names)
     if any(item is not None for item in pieces):
@@ -119,7 +118,7 @@ def calibrate_sweeps(
         bent = np.column_stack(
             [r if p is None else AxisMap(p.knot, p.value).inverse(r) for r, p in zip(rate.T, pieces, strict=True)]
         )
-        fits = _fits(bent, output, used, names)
+        fits = affine_fits(bent, output, names, used)
         pieces = _all_pieces(rate, output, used, fits, names)
     matrix, bias, after = _matrix_errors(rate, output, used, fits)
     complete = used.all(axis=1)[:, None]
@@ -264,14 +263,6 @@ def _parameters(found: SweepCalibration, unit: str) -> tuple[Quantity, ...]:
                 crossed = (1e3 * each.value[j] / own, "mrad", 1e3 * each.sd[j] / abs(own), 1e3 * half[j] / abs(own))
                 items.append(measured(f"gyro {axis} senses {other}", *crossed))
     return tuple(items)
-
-
-def _fits(rate: FloatArray, output: FloatArray, used: BoolArray, names: Sequence[str]) -> tuple[Fit, ...]:
-    design = np.column_stack((rate, np.ones(len(rate))))
-    return tuple(
-        linear_fit(design[good], column[good], NAMES, where=name)
-        for good, column, name in zip(used.T, output.T, names, strict=True)
-    )
 
 
 def _matrix_errors(
