@@ -190,9 +190,8 @@ def read(files: Sequence[str | Path | Table], how: BenchOptions) -> SweepRecord:
 
 def fit(record: SweepRecord, how: BenchOptions) -> Calibration[SweepRecord, SweepCalibration]:
     """Fit matrix, bias and the error over the rate; see `calibrate_sweeps`."""
-    found = calibrate_sweeps(
-        record.rate, record.output, record.sd, raw=record.raw, where=record.name, intercepts=how.intercepts
-    )
+    rate, output, sd_of_output = record.dwells.setting, record.dwells.value, record.dwells.sd
+    found = calibrate_sweeps(rate, output, sd_of_output, raw=record.raw, where=record.name, intercepts=how.intercepts)
     errors, sd = sweep_errors(found, record.unit, how.name)
     fits = {f"gyro {axis}": each for axis, each in zip("xyz", found.fits, strict=True)}
     left_out = (Finding.of(Code.BENCH_LEFT_OUT, count=len(found.dropped)),) * bool(found.dropped)

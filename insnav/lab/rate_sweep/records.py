@@ -6,7 +6,7 @@ That is which rates there are, where a gyro is saturated, and whether columns ar
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -39,8 +39,7 @@ class SweepRecord:
     """Sweeps reduced to one output a dwell."""
 
     tables: tuple[BenchTable, ...]  # as read
-    # of each file: setting is the rate about x, y, z [rad/s], value the outputs of gyros x, y, z
-    dwells: tuple[Dwells, ...]
+    dwells: Dwells  # of all: setting is the rate about x, y, z [rad/s], value the outputs of gyros x, y, z
     unit: str  # of the outputs; values are in it if it is one of volts or counts, else in rad/s
     warnings: tuple[Finding, ...]
 
@@ -48,21 +47,6 @@ class SweepRecord:
     def raw(self) -> bool:
         """Whether the outputs are in volts or counts."""
         return UNITS[self.unit][0] == "signal"
-
-    @property
-    def rate(self) -> FloatArray:
-        """Rate of the table in each dwell, (n, 3) [rad/s]."""
-        return np.concatenate([item.setting for item in self.dwells])
-
-    @property
-    def output(self) -> FloatArray:
-        """Mean output of each gyro, (n, 3)."""
-        return np.concatenate([item.value for item in self.dwells])
-
-    @property
-    def sd(self) -> FloatArray:
-        """Standard deviation of these means, (n, 3)."""
-        return np.concatenate([item.sd for item in self.dwells])
 
     @property
     def name(self) -> str:
@@ -110,7 +94,8 @@ def read_sweeps(paths: Sequence[str | Path | Table], how: BenchOptions = STANDAR
         if found.raw:
             warnings += few("samples of a dwell", int(found.count.min()), USUAL_SAMPLES, table.name)
         dwells.append(found)
-    return SweepRecord(tables, tuple(dwells), unit, tuple(warnings))
+    joined = (np.concatenate([getattr(each, part.name) for each in dwells]) for part in fields(Dwells))
+    return SweepRecord(tables, Dwells(*joined), unit, tuple(warnings))
 
 
 USUAL = 31  # rates about an axis, from which pieces are distinguishable from noise
