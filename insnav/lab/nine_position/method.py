@@ -253,21 +253,10 @@ def fit(record: NineRecord, how: BenchOptions) -> Calibration[NineRecord, NinePo
         value, spread = (np.array([getattr(line, name) for line in gyros.values()]) for name in ("value", "sd"))
         errors = replace(errors, gyro_bias=value[:, 0], gyro_terms=ErrorTerms(g_sensitivity=value[:, 1:]))
         sd = replace(sd, gyro_bias=spread[:, 0], g_sensitivity=spread[:, 1:])
-    return Calibration(
-        "nine",
-        errors,
-        sd,
-        (*_parameters(found, record.unit, zero, scale), *_gyro_parameters(gyros, record.gyro_unit)),
-        fits,
-        record,
-        found,
-        how,
-        (
-            *found.warnings,
-            *dwell_warnings(dwells, (*SENSORS, *GYROS)[: dwells.value.shape[1]], table.get("temperature")),
-            *badly_conditioned(fits),
-        ),
-    )
+    parameters = (*_parameters(found, record.unit, zero, scale), *_gyro_parameters(gyros, record.gyro_unit))
+    spiky = dwell_warnings(dwells, (*SENSORS, *GYROS)[: dwells.value.shape[1]], table.get("temperature"))
+    warnings = (*found.warnings, *spiky, *badly_conditioned(fits))
+    return Calibration("nine", errors, sd, parameters, fits, record, found, how, warnings)
 
 
 def _gyros_at_rest(force: FloatArray, rates: FloatArray, where: str) -> dict[str, Fit]:

@@ -195,17 +195,9 @@ def fit(record: SweepRecord, how: BenchOptions) -> Calibration[SweepRecord, Swee
     errors, sd = sweep_errors(found, record.unit, how.name)
     fits = {f"gyro {axis}": each for axis, each in zip("xyz", found.fits, strict=True)}
     left_out = (Finding.of(Code.BENCH_LEFT_OUT, count=len(found.dropped)),) * bool(found.dropped)
-    return Calibration(
-        "imu",
-        errors,
-        sd,
-        _parameters(found, record.unit if record.raw else "deg/s"),
-        fits,
-        record,
-        found,
-        how,
-        (*left_out, *record.warnings, *found.warnings, *_worse(found), *badly_conditioned(fits)),
-    )
+    warnings = (*left_out, *record.warnings, *found.warnings, *_worse(found), *badly_conditioned(fits))
+    parameters = _parameters(found, record.unit if record.raw else "deg/s")
+    return Calibration("imu", errors, sd, parameters, fits, record, found, how, warnings)
 
 
 def _worse(found: SweepCalibration) -> tuple[Finding, ...]:
