@@ -121,7 +121,7 @@ def calibrate_sweeps(
         fits = affine_fits(bent, output, names, used)
         pieces = _all_pieces(rate, output, used, fits, names)
     matrix, bias, after = _matrix_errors(rate, output, used, fits)
-    complete = used.all(axis=1)[:, None]
+    complete = used.all(axis=1, keepdims=True)
     adjusted: list[Adjusted] = []
     for name, value in (intercepts or {}).items():
         pieces, change = _adjust(pieces, name, value * DEG, rate, np.where(complete, after, np.nan))
@@ -261,7 +261,7 @@ def _matrix_errors(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Matrix, bias, and the error of the rate by these, NaN where a gyro is saturated."""
     matrix, bias = np.array([fit.value[:3] for fit in fits]), np.array([fit.value[3] for fit in fits])
-    free = np.where(used.all(axis=1)[:, None], output - bias, np.nan)
+    free = np.where(used.all(axis=1, keepdims=True), output - bias, np.nan)
     return matrix, bias, np.asarray(np.linalg.solve(matrix, free.T).T - rate)
 
 
