@@ -73,12 +73,9 @@ class Scull:
 def swell(duration: float, place: FloatArray) -> LevelTruth:
     """A ride on a swell about a place: all three angles swing by degrees while the vehicle travels along a wave."""
     swing = np.array([3.0, 2.0, 4.0]) * DEG
-    return LevelTruth(
-        place,
-        Harmonic(np.zeros(3), np.array([2e-6, 3e-6, 0.0]), np.array([0, 0, 0.2]), np.array([2e-7, 0, 0.1]), 2.0),
-        Harmonic(np.array([0.02, -0.01, 0.5]), np.zeros(3), 0.7 * swing, np.roll(swing, 1), 6.0),
-        duration,
-    )
+    rate, cosine, sine = np.array([2e-6, 3e-6, 0.0]), np.array([0, 0, 0.2]), np.array([2e-7, 0, 0.1])
+    attitude = Harmonic(np.array([0.02, -0.01, 0.5]), np.zeros(3), 0.7 * swing, np.roll(swing, 1), 6.0)
+    return LevelTruth(place, Harmonic(np.zeros(3), rate, cosine, sine, 2.0), attitude, duration)
 
 
 def start_of(truth: Truth, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -121,18 +121,15 @@ def spin(integrators: Sequence[Integrator]) -> list[Check]:
 
 def upright(integrators: Sequence[Integrator]) -> list[Check]:
     """Two loops through pitch +-90 deg, and rest with the nose straight up and down: attitude error."""
-    checks = []
+    checks, zero = [], np.zeros(3)
+    position = Harmonic(zero, np.array([2e-6, 3e-6, 0.0]), zero, zero)
     for case, pitch, rate in (
         ("two loops at 20 deg/s", 0.0, 20.0 * DEG),
         ("rest, nose up", np.pi / 2, 0.0),
         ("rest, nose down", -np.pi / 2, 0.0),
     ):
-        motion = LevelTruth(
-            _PLACE,
-            Harmonic(np.zeros(3), np.array([2e-6, 3e-6, 0.0]), np.zeros(3), np.zeros(3)),
-            Harmonic(np.array([0.0, pitch, 0.7]), np.array([0.0, rate, 0.0]), np.zeros(3), np.zeros(3)),
-            36.0,
-        )
+        turning = Harmonic(np.array([0.0, pitch, 0.7]), np.array([0.0, rate, 0.0]), zero, zero)
+        motion = LevelTruth(_PLACE, position, turning, 36.0)
         time = even(motion.duration, RATE)
         imu, start = imu_from_truth(motion, time), start_of(motion, time)
         true = attitude.dcm_from_rph(motion.attitude(time[2:]))

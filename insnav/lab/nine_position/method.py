@@ -167,15 +167,8 @@ def _estimate(
     correction = np.linalg.lstsq(free[:, TRIAD].mean(axis=2), force, rcond=None)[0].T  # M_A, L_A A_m^+
     measured_products = free[gyro_rows][:, MODULES].prod(axis=2)
     gyro = np.linalg.lstsq(measured_products, products(force)[gyro_rows], rcond=None)[0].T  # Omega_L Omega_m^+
-    return np.concatenate(
-        (
-            bias,
-            bias[TRIAD].mean(axis=1),
-            np.linalg.inv(correction).ravel(),
-            gyro.ravel(),
-            (gyro / np.diag(gyro)[:, None]).ravel(),
-        )
-    )
+    triad, by_rows = np.linalg.inv(correction), gyro / np.diag(gyro)[:, None]
+    return np.concatenate((bias, bias[TRIAD].mean(axis=1), triad.ravel(), gyro.ravel(), by_rows.ravel()))
 
 
 def _crossed(fit: Fit, axis: int) -> FloatArray:
