@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from insnav.attitude import quat_from_dcm, rph_from_quat
-from insnav.earth import E2, OMEGA_EARTH, A, gravity_n
-from insnav.earth_fixed import components
+from insnav.attitude import quat_from_dcm, quat_from_rotvec, quat_multiply
+from insnav.earth import E2, A
 from insnav.simulate import LevelTruth, Truth
 from insnav.simulate.curves import Harmonic
-from insnav.simulate.truth import Gravity, Kinematics, Vector
+from insnav.simulate.earthfixed import EarthTruth
 from insnav.types import FloatArray
 from insnav.units import DEG
 
@@ -74,12 +73,9 @@ class Scull:
 def swell(duration: float, place: FloatArray) -> LevelTruth:
     """A ride on a swell about a place: all three angles swing by degrees while the vehicle travels along a wave."""
     swing = np.array([3.0, 2.0, 4.0]) * DEG
-    return LevelTruth(
-        place,
-        Harmonic(np.zeros(3), np.array([2e-6, 3e-6, 0.0]), np.array([0, 0, 0.2]), np.array([2e-7, 0, 0.1]), 2.0),
-        Harmonic(np.array([0.02, -0.01, 0.5]), np.zeros(3), 0.7 * swing, np.roll(swing, 1), 6.0),
-        duration,
-    )
+    rate, cosine, sine = np.array([2e-6, 3e-6, 0.0]), np.array([0, 0, 0.2]), np.array([2e-7, 0, 0.1])
+    attitude = Harmonic(np.array([0.02, -0.01, 0.5]), np.zeros(3), 0.7 * swing, np.roll(swing, 1), 6.0)
+    return LevelTruth(place, Harmonic(np.zeros(3), rate, cosine, sine, 2.0), attitude, duration)
 
 
 def start_of(truth: Truth, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -104,8 +100,8 @@ def uneven(duration: float) -> FloatArray:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def _column(values: FloatArray, axis: int) -> FloatArray:
-    full = np.zeros((values.size, 3))
+def _column(values: FloatArray, axis: int, count: int = 3) -> FloatArray:
+    full = np.zeros((values.size, count))
     full[:, axis] = values
     return full
 
@@ -116,45 +112,25 @@ _POLAR_RADIUS = A / np.sqrt(1.0 - E2)  # of curvature [m]
 
 
 @dataclass(frozen=True, slots=True)
-class PolarTruth(Truth):
-    """The ellipsoid's normal goes round a circle at a steady rate: ``fixed + cosine cos(w t) + sine sin(w t)``.
+class PolarPosition:
+    """Point at constant height on a normal of the ellipsoid that goes round a circle, in Earth-fixed axes [m]."""
 
-    Position and velocity are those of the point at constant height on that normal. Forward is along the circle, down is
-    against the normal but for a swinging roll, so that nothing but the roll moves the body in the axes of the circle.
-    """
-
-    # (3,) in Earth-fixed axes, at right angles to each other; cosine and sine of one length, ``|fixed|^2 + |sine|^2 =
-    # 1``
-    fixed: FloatArray
-    cosine: FloatArray
-    sine: FloatArray
-    omega: float  # angular rate on the circle [rad/s], not zero
+    # its vectors at right angles to each other; cosine and sine of one length, ``|offset|^2 + |sine|^2 = 1``
+    normal: Harmonic
     height: float  # above the ellipsoid [m]
-    duration: float  # length [s]
-    # amplitude [rad] and angular frequency [rad/s] of the roll
-    swing: float = 0.0
-    swing_omega: float = 0.0
-    # see `Truth`
-    start: float = 0.0
-    gravity: Gravity = "full"
 
     @property
     def knots(self) -> FloatArray:
         """No derivative jumps."""
-        return np.empty(0)
+        return self.normal.knots
 
-    def _normal(self, time: FloatArray, order: int = 0) -> FloatArray:
-        phase = (self.omega * time + order * (np.pi / 2))[:, None]
-        turning = self.omega**order * (self.cosine * np.cos(phase) + self.sine * np.sin(phase))
-        return np.asarray(turning + self.fixed if order == 0 else turning)
-
-    def position(self, time: FloatArray, order: int = 0) -> FloatArray:
-        """Earth-fixed position ``(n, 3)`` [m], or its first or second derivative, ``(n,)`` [s] after the start.
+    def __call__(self, t: FloatArray, order: int = 0) -> FloatArray:
+        """Position ``(n, 3)``, or its first or second derivative, ``(n,)`` [s] after the start.
 
         Groves (2013), eq. 2.112, with the normal instead of latitude and longitude, and its chain rule.
         """
         flat = np.array([1.0, 1.0, 1.0 - E2])
-        n0, n1, n2 = (self._normal(time, k) for k in range(3))
+        n0, n1, n2 = (self.normal(t, k) for k in range(3))
         s, ds, dds = n0[:, 2:], n1[:, 2:], n2[:, 2:]
         w2 = 1.0 - E2 * s * s
         radius = A / np.sqrt(w2)
@@ -167,61 +143,47 @@ class PolarTruth(Truth):
         rate = bend * ds * ds + slope * dds
         return np.asarray(rate * flat * n0 + 2.0 * slope * ds * flat * n1 + radius * flat * n2 + self.height * n2)
 
-    def _body(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Attitude ``C_eb`` and the rate of the body against the Earth in its own axes."""
-        forward = self._normal(time, 1)
-        forward = forward / np.linalg.norm(forward, axis=1, keepdims=True)
-        down = -self._normal(time)
-        right = np.cross(down, forward)
-        roll = (self.swing * np.sin(self.swing_omega * time))[:, None]
-        right, down = right * np.cos(roll) + down * np.sin(roll), down * np.cos(roll) - right * np.sin(roll)
-        c_eb = np.stack([forward, right, down], axis=-1)
-        axis = np.cross(self.cosine, self.sine)
-        w_eb_b = np.einsum("nji,j->ni", c_eb, self.omega * axis / np.linalg.norm(axis))
-        w_eb_b[:, 0] += self.swing * self.swing_omega * np.cos(self.swing_omega * time)
-        return c_eb, w_eb_b
 
-    def sensed(self, tau: FloatArray) -> tuple[Vector, Vector]:
-        """See `Truth`; Groves (2013), section 5.3, solved for the specific force."""
-        n_e, v_e, a_e = self._normal(tau), self.position(tau, 1), self.position(tau, 2)
-        c_eb, w_eb_b = self._body(tau)
-        w_ib_b = w_eb_b + OMEGA_EARTH * c_eb[:, 2, :]
-        coriolis = 2.0 * OMEGA_EARTH * np.cross(_AXIS, v_e)
-        f_b = np.einsum("nji,nj->ni", c_eb, a_e + coriolis - self._gravity(n_e))
-        return components(w_ib_b), components(f_b)
+@dataclass(frozen=True, slots=True)
+class PolarAttitude:
+    """Forward along that circle, down against the normal but for a swinging roll: quaternion in Earth-fixed axes."""
 
-    def _gravity(self, n_e: FloatArray) -> FloatArray:
-        """Normal gravity in Earth-fixed axes ``(n, 3)``, without the cosine of the latitude in a denominator."""
-        s = n_e[:, 2:]
-        local = gravity_n(np.arctan2(n_e[:, 2], np.hypot(n_e[:, 0], n_e[:, 1])), self.height)
-        # over the cosine: the north component goes with sin L cos L
-        north = 2.0 * s * gravity_n(np.pi / 4, self.height)[0] if self.gravity == "full" else 0.0
-        return np.asarray(north * (_AXIS - s * n_e) - local[:, 2:] * n_e)
+    normal: Harmonic
+    swing: float = 0.0  # amplitude [rad] and angular frequency [rad/s] of the roll
+    swing_omega: float = 0.0
 
-    def evaluate(self, time: FloatArray) -> Kinematics:
-        """Motion as any other, in the axes North, East, Down wherever it is, at times ``(n,)`` [s].
+    @property
+    def knots(self) -> FloatArray:
+        """No derivative jumps."""
+        return self.normal.knots
 
-        Within millimetres of a pole these axes depend on rounding; position and attitude then only mean anything
-        together.
-        """
-        tau = self.elapsed(time)
-        n_e = self._normal(tau)
-        lat, lon = np.arctan2(n_e[:, 2], np.hypot(n_e[:, 0], n_e[:, 1])), np.arctan2(n_e[:, 1], n_e[:, 0])
-        c_en = axes_of(lat, lon)
-        w_ib_b, f_b = self.sensed(tau)
-        c_nb = np.swapaxes(c_en, 1, 2) @ self._body(tau)[0]
-        return Kinematics(
-            np.column_stack([lat, lon, np.full(len(tau), self.height)]),
-            np.einsum("nji,nj->ni", c_en, self.position(tau, 1)),
-            rph_from_quat(quat_from_dcm(c_nb)),
-            np.column_stack(w_ib_b),
-            np.column_stack(f_b),
-        )
+    def __call__(self, t: FloatArray, order: int = 0) -> FloatArray:
+        """Quaternion ``(n, 4)``, or its first derivative, ``(n,)`` [s] after the start."""
+        start, forward = self.normal(np.zeros(1))[0], self.normal.sine / np.linalg.norm(self.normal.sine)
+        at_start = quat_from_dcm(np.column_stack([forward, np.cross(forward, start), -start]))
+        # turned about the middle of the circle, then rolled
+        axis = np.cross(self.normal.cosine, self.normal.sine)
+        axis = self.normal.omega * axis / np.linalg.norm(axis)
+        turned = quat_multiply(quat_from_rotvec(t[:, None] * axis), at_start)
+        q = quat_multiply(turned, quat_from_rotvec(_column(self.swing * np.sin(self.swing_omega * t), 0)))
+        if order == 0:
+            return q
+        rolling = self.swing * self.swing_omega * np.cos(self.swing_omega * t)
+        turning = quat_multiply(np.append(0.0, axis), q)
+        return np.asarray(0.5 * (turning + quat_multiply(q, _column(rolling, 1, 4))))
+
+
+def polar_truth(
+    normal: Harmonic, height: float, duration: float, swing: float = 0.0, swing_omega: float = 0.0
+) -> EarthTruth:
+    """Motion at a height [m] on a normal that goes round a circle, for a time [s]; see `PolarAttitude`."""
+    position, attitude = PolarPosition(normal, height), PolarAttitude(normal, swing, swing_omega)
+    return EarthTruth(np.zeros(3), position, attitude, None, duration)
 
 
 def over_pole(
     speed: float, duration: float, *, height: float = 10e3, miss: float = 0.0, south: bool = False
-) -> PolarTruth:
+) -> EarthTruth:
     """Great circle with the pole, or the point at `miss` [m] next to it, at half time; the roll swings by 5 deg.
 
     `speed` [m/s], `duration` [s], `height` above the ellipsoid [m].
@@ -232,20 +194,14 @@ def over_pole(
     omega = speed / radius
     half = 0.5 * omega * duration
     cosine, sine = np.cos(half) * top - np.sin(half) * way, np.sin(half) * top + np.cos(half) * way
-    return PolarTruth(np.zeros(3), cosine, sine, omega, height, duration, np.radians(5.0), 2.0)
+    return polar_truth(Harmonic(np.zeros(3), np.zeros(3), cosine, sine, omega), height, duration, np.radians(5.0), 2.0)
 
 
 def around_pole(
     speed: float, radius: float, duration: float, *, height: float = 100.0, south: bool = False
-) -> PolarTruth:
+) -> EarthTruth:
     """Parallel of latitude of a radius [m] about a pole, eastward, at a speed [m/s] for a time [s]."""
     angle = radius / (_POLAR_RADIUS + height)
     top = np.cos(angle) * _AXIS * (-1.0 if south else 1.0)
-    return PolarTruth(top, np.sin(angle) * _X, np.sin(angle) * _Y, speed / radius, height, duration)
-
-
-def axes_of(lat: FloatArray, lon: FloatArray) -> FloatArray:
-    """``C_en``, columns North, East, Down in Earth-fixed axes ``(n, 3, 3)`` (Groves 2013, eq. 2.150)."""
-    s, c, sl, cl = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
-    north, east = np.stack([-s * cl, -s * sl, c], -1), np.stack([-sl, cl, np.zeros_like(s)], -1)
-    return np.stack([north, east, np.stack([-c * cl, -c * sl, -s], -1)], axis=-1)
+    normal = Harmonic(top, np.zeros(3), np.sin(angle) * _X, np.sin(angle) * _Y, speed / radius)
+    return polar_truth(normal, height, duration)

@@ -22,14 +22,9 @@ if TYPE_CHECKING:
     from insnav.imu.noise_density import identify, nearest_preset, white_noise
 
 _LAZY = {
-    "calibration_to_toml": "calibration_file",
-    "identify": "noise_density",
-    "load_calibration": "calibration_file",
-    "load_imu": "imu_file",
-    "nearest_preset": "noise_density",
-    "to_kalibr": "imu_file",
-    "to_toml": "imu_file",
-    "white_noise": "noise_density",
+    "calibration_file": ("calibration_to_toml", "load_calibration"),
+    "imu_file": ("load_imu", "to_kalibr", "to_toml"),
+    "noise_density": ("identify", "nearest_preset", "white_noise"),
 }
 
 __all__ = [
@@ -56,6 +51,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _LAZY:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_LAZY[name]}"), name)
+    for module, names in _LAZY.items():
+        if name in names:
+            return getattr(import_module(f"{__name__}.{module}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -15,6 +15,7 @@ every ``k`` is below 1, so the map has exactly one inverse.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from functools import partial
 
@@ -130,24 +131,15 @@ class AxisMap:
             raise ConfigError("imu.map_not_invertible", where="gyro.map", slope=steepest, limit=1.0 - SMALLEST_SLOPE)
 
     def apply(self, measured: FloatArray) -> FloatArray:
-        """Rate without the error.
-
-        measured: [rad/s].
-        """
+        """Take the error off measured rates [rad/s]."""
         return _line(self.rate, self.rate - self.error, measured)
 
     def rate_error(self, measured: FloatArray) -> FloatArray:
-        """Error that `apply` takes off.
-
-        measured: [rad/s].
-        """
+        """Error that `apply` takes off measured rates [rad/s]."""
         return _line(self.rate, self.error, measured)
 
     def inverse(self, compensated: FloatArray) -> FloatArray:
-        """Undo `apply`.
-
-        compensated: [rad/s].
-        """
+        """Undo `apply`."""
         return _line(self.rate - self.error, self.rate, compensated)
 
 
@@ -158,19 +150,15 @@ class DynamicMap:
     axes: tuple[AxisMap | None, ...]  # of x, y, z; None leaves an axis as it is
 
     def apply(self, measured: FloatArray) -> FloatArray:
-        """Rates without the errors.
-
-        measured (n, 3): [rad/s].
-        """
-        columns = [c if a is None else a.apply(c) for a, c in zip(self.axes, measured.T, strict=True)]
-        return np.ascontiguousarray(np.column_stack(columns))
+        """Take the errors off measured rates, (n, 3) [rad/s]."""
+        return self._by_axis(AxisMap.apply, measured)
 
     def inverse(self, compensated: FloatArray) -> FloatArray:
-        """Undo `apply`.
+        """Undo `apply`."""
+        return self._by_axis(AxisMap.inverse, compensated)
 
-        compensated (n, 3): [rad/s].
-        """
-        columns = [c if a is None else a.inverse(c) for a, c in zip(self.axes, compensated.T, strict=True)]
+    def _by_axis(self, change: Callable[[AxisMap, FloatArray], FloatArray], rate: FloatArray) -> FloatArray:
+        columns = [c if a is None else change(a, c) for a, c in zip(self.axes, rate.T, strict=True)]
         return np.ascontiguousarray(np.column_stack(columns))
 
 

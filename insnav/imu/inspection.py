@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,10 +71,8 @@ def inspect_samples(imu: ImuData, rest: tuple[float, float] | None, still: BoolA
         inside = (imu.time >= rest[0]) & (imu.time <= rest[1])
         moving = ~inside if still is None else ~still
         at_rest = values[inside].mean(axis=0) if inside.any() else at_rest
-        try:
+        with suppress(InputError):
             noise = np.concatenate(white_noise(imu, *rest))
-        except InputError:
-            noise = np.full(6, np.nan)
     change = np.diff(values, axis=0)
     both = moving[1:] & moving[:-1]
     step = np.diff(imu.time)

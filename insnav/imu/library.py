@@ -163,20 +163,13 @@ def read_part(path: Path) -> Part:
         if figure.key not in _DIMENSIONS or figure.document not in file.documents:
             raise ConfigError("imu.unknown_figure", where=str(path), key=figure.key, document=figure.document)
     chosen = _chosen(file)
-    figures = tuple(
-        Figure(
-            each.key,
-            (each.value,) if isinstance(each.value, str) else tuple(each.value),
-            _si(each, path),
-            each.statistic,
-            each.stated,
-            file.documents[each.document].title,
-            file.documents[each.document].where,
-            file.documents[each.document].provenance,
-            each is chosen[each.key],
-        )
-        for each in file.figures
-    )
+    made = []
+    for each in file.figures:
+        of, used = file.documents[each.document], each is chosen[each.key]
+        text = (each.value,) if isinstance(each.value, str) else tuple(each.value)
+        origin = of.title, of.where, of.provenance
+        made.append(Figure(each.key, text, _si(each, path), each.statistic, each.stated, *origin, used))
+    figures = tuple(made)
     return Part(file.name, file.maker, file.grade, file.temperature, file.note, figures, _spec(file, figures))
 
 

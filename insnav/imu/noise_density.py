@@ -19,7 +19,7 @@ from insnav import spill
 from insnav.earth import OMEGA_EARTH
 from insnav.exceptions import InputError
 from insnav.imu.model import sample_intervals
-from insnav.imu.specification import PRESETS, ImuSpec, SensorSpec
+from insnav.imu.specification import PRESETS, ImuSpec
 from insnav.types import FloatArray, ImuData
 from insnav.units import DEG_PER_H, DEG_PER_SQRT_H, M_S_PER_SQRT_H
 
@@ -176,19 +176,18 @@ def nearest_preset(
     ]
     limit = min(distances) + math.log(SAME)
     spec = next(spec for spec, distance in zip(specs, distances, strict=True) if distance <= limit)
-    gyro = replace(spec.gyro, bias=np.maximum(spec.gyro.bias, excess))
+    bias = np.maximum(spec.gyro.bias, excess)
     seen = " and the gyros show the Earth's rate" if earth_seen else ""
-    biased = np.any(gyro.bias > spec.gyro.bias)
-    bias = f", and with a gyro bias of {excess / DEG_PER_H:.2g} deg/h" if biased else ""
+    biased = f", and with a gyro bias of {excess / DEG_PER_H:.2g} deg/h" if np.any(bias > spec.gyro.bias) else ""
     sentence = (
         f"The white noise at rest is {_span(gyro_density, DEG_PER_SQRT_H)} deg/sqrt(h) and "
         f"{_span(accel_density, M_S_PER_SQRT_H)} m/s/sqrt(h){seen}; the nearest preset is {spec.name!r}, "
-        f"taken with the measured noise where that is larger{bias}."
+        f"taken with the measured noise where that is larger{biased}."
     )
     found = replace(
         spec,
-        gyro=_not_below(gyro, gyro_density),
-        accel=_not_below(spec.accel, accel_density),
+        gyro=replace(spec.gyro, bias=bias, random_walk=np.maximum(spec.gyro.random_walk, gyro_density)),
+        accel=replace(spec.accel, random_walk=np.maximum(spec.accel.random_walk, accel_density)),
         source=f"{sentence} The other figures: {spec.source}",
     )
     return found, sentence
@@ -212,10 +211,6 @@ def mean_rate(imu: ImuData, start: float, end: float) -> FloatArray:
 
 def _log_ratio(measured: FloatArray, preset: FloatArray) -> float:
     return math.log(max(float(np.min(measured)), _SMALLEST) / float(np.min(preset)))
-
-
-def _not_below(sensor: SensorSpec, measured: FloatArray) -> SensorSpec:
-    return replace(sensor, random_walk=np.maximum(sensor.random_walk, measured))
 
 
 def _span(density: FloatArray, unit: float) -> str:

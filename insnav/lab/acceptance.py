@@ -201,13 +201,15 @@ def acceptance(
     scales: dict[str, tuple[Scale, str]] = {}
     for record in steps:
         for axis, channel in record.channels.items():
-            _refuse_twice(axis in scales, axis, record)
+            if axis in scales:
+                raise ConfigError("lab.sensor_twice", where=record.table.name, sensor=axis)
             scales[axis] = scale_of(channel, where=record.table.name), channel.unit
     spreads: dict[str, Spread] = {}
     for record in powerups:
         assert record.powerup is not None
         for axis, channel in record.channels.items():
-            _refuse_twice(axis in spreads, axis, record)
+            if axis in spreads:
+                raise ConfigError("lab.sensor_twice", where=record.table.name, sensor=axis)
             spreads[axis] = _repeatability(channel, record, scales.get(axis), warnings, notes)
     sensors = []
     for axis in AXES:
@@ -222,11 +224,6 @@ def acceptance(
     length = float(static.time[-1] - static.time[0]) if static is not None and static.time is not None else 0.0
     files = tuple(r.table.file for r in (*steps, *([] if static is None else [static]), *powerups))
     return Acceptance(tuple(sensors), length, tuple(warnings), tuple(dict.fromkeys(notes)), files)
-
-
-def _refuse_twice(twice: bool, axis: str, record: BenchRecord) -> None:
-    if twice:
-        raise ConfigError("lab.sensor_twice", where=record.table.name, sensor=axis)
 
 
 def _repeatability(

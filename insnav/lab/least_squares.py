@@ -13,9 +13,10 @@ import numpy as np
 from scipy.special import stdtrit
 
 from insnav.exceptions import InputError
-from insnav.types import FloatArray
+from insnav.types import BoolArray, FloatArray
 
 RANK_TOLERANCE = 1e-9  # singular values of the scaled design below this share of the largest count as zero
+AFFINE = ("sensitivity to x", "to y", "to z", "bias")  # parameters of a sensor among three axes
 LEVEL = 0.95  # of a printed interval, unless stated otherwise
 FALSE_ALARM = 0.05  # probability that a row of a good fit is taken for an outlier
 
@@ -121,3 +122,13 @@ def linear_fit(design: FloatArray, measured: FloatArray, names: Sequence[str], *
         dof=dof,
         condition=float(singular[0] / singular[-1]),
     )
+
+
+def affine_fits(
+    true: FloatArray, measured: FloatArray, where: Sequence[str], used: BoolArray | None = None
+) -> tuple[Fit, ...]:
+    """Fit each column of `measured` (n, m) by three components (n, 3) and a bias; `used` (n, m): rows that count."""
+    design = np.column_stack((true, np.ones(len(true))))
+    rows = np.ones(measured.shape, dtype=np.bool_) if used is None else used
+    sensors = zip(measured.T, rows.T, where, strict=True)
+    return tuple(linear_fit(design[good], column[good], AFFINE, where=name) for column, good, name in sensors)

@@ -99,20 +99,13 @@ def fit(
     )
     both, compared = (first, second), agreement(first, second)
     differ = Finding.of(Code.ROTOR_DISAGREE, difference_kg_m2=abs(compared.difference), limit_kg_m2=compared.limit)
-    return Calibration(
-        "rotor",
-        None,
-        CalibrationSd(),
-        tuple(
-            measured(f"moment of inertia, {item.method}", item.value, "kg m^2", item.sd, item.half_width)
-            for item in both
-        ),
-        {item.method: item.fit for item in both},
-        record,
-        Inertias(first, second, compared),
-        how,
-        (*(() if compared.agree else (differ,)), *about("fall", first.warnings), *about("precession", second.warnings)),
+    warnings = (*about("fall", first.warnings), *about("precession", second.warnings))
+    parameters = tuple(
+        measured(f"moment of inertia, {each.method}", each.value, "kg m^2", each.sd, each.half_width) for each in both
     )
+    fits, found = {each.method: each.fit for each in both}, Inertias(first, second, compared)
+    warnings = warnings if compared.agree else (differ, *warnings)
+    return Calibration("rotor", None, CalibrationSd(), parameters, fits, record, found, how, warnings)
 
 
 def inertia_from_fall(

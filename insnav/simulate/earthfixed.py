@@ -17,7 +17,7 @@ import numpy as np
 from insnav.attitude import quat_conjugate, quat_from_rotvec, quat_multiply, rph_from_quat
 from insnav.earth import OMEGA_EARTH
 from insnav.earth_fixed import components, geodetic, lla_from_earth, quat_earth_from_level
-from insnav.simulate.curves import Spline
+from insnav.simulate.curves import Curve, Spline
 from insnav.simulate.truth import Gravity, Kinematics, Truth, Vector, gravity_of
 from insnav.types import FloatArray
 
@@ -73,10 +73,10 @@ class EarthTruth(Truth):
     """A motion in Earth-fixed axes."""
 
     origin: FloatArray  # (3,) position that `position` counts from [m]
-    position: Spline  # position minus `origin` over the time since `start` [m]; smooth in at least two derivatives
+    position: Curve  # position minus `origin` over the time since `start` [m]; smooth in at least two derivatives
     # quaternion ``q_ev`` of the vehicle over the time since `start`, of any length but zero; smooth in at least one
     # derivative. Divided by its length it is the attitude, so its four polynomials need not know of each other.
-    attitude: Spline
+    attitude: Curve
     turns: Turns | None  # turns of the body in the vehicle, if it does not simply stay there
     # see `Truth`
     duration: float

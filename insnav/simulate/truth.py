@@ -206,14 +206,9 @@ def straight(
     attitude [rad]; `duration`, `start`: length, and time of the first instant [s].
     """
     along = np.array([speed * math.cos(heading), speed * math.sin(heading), climb])
+    position = Harmonic(_ZERO, along / metres_per_unit(lla), _ZERO, _ZERO)
     attitude = Harmonic(np.array([roll, pitch, heading]), _ZERO, _ZERO, _ZERO)
-    return LevelTruth(
-        np.asarray(lla, dtype=np.float64),
-        Harmonic(_ZERO, along / metres_per_unit(lla), _ZERO, _ZERO),
-        attitude,
-        duration,
-        start,
-    )
+    return LevelTruth(np.asarray(lla, dtype=np.float64), position, attitude, duration, start)
 
 
 def circle(
@@ -235,10 +230,6 @@ def circle(
     radius, sin, cos = speed / turn_rate, math.sin(heading), math.cos(heading)
     cosine, sine = np.array([sin, -cos, 0.0]) * radius, np.array([cos, sin, 0.0]) * radius
     bank = math.atan2(speed * turn_rate, float(gravity_n(lla[0], lla[2])[2]))
-    return LevelTruth(
-        np.asarray(lla, dtype=np.float64),
-        Harmonic(_ZERO, _ZERO, cosine / metres_per_unit(lla), sine / metres_per_unit(lla), turn_rate),
-        Harmonic(np.array([bank, 0.0, heading]), np.array([0.0, 0.0, turn_rate]), _ZERO, _ZERO),
-        duration,
-        start,
-    )
+    position = Harmonic(_ZERO, _ZERO, cosine / metres_per_unit(lla), sine / metres_per_unit(lla), turn_rate)
+    attitude = Harmonic(np.array([bank, 0.0, heading]), np.array([0.0, 0.0, turn_rate]), _ZERO, _ZERO)
+    return LevelTruth(np.asarray(lla, dtype=np.float64), position, attitude, duration, start)

@@ -70,17 +70,13 @@ def truth_from_track(track: Trajectory) -> LevelTruth:
     rates = track.v_n * [1.0, 1.0, -1.0] / scale
     spacing = max(_SPACING, 2.0 * float(np.median(np.diff(tau))))
     size = scale.mean(axis=0)
-    position = [
+    places = [
         _fitted(tau, duration, spacing, offset[:, i] * size[i], rates[:, i] * size[i]) / size[i] for i in range(3)
     ]
-    attitude = [_fitted(tau, duration, spacing, rph[:, i] / _ANGLE_SD * _POSITION_SD, None) for i in range(3)]
-    return LevelTruth(
-        origin,
-        _curve(duration, spacing, np.column_stack(position)),
-        _curve(duration, spacing, np.column_stack(attitude) * (_ANGLE_SD / _POSITION_SD)),
-        duration,
-        start,
-    )
+    angles = [_fitted(tau, duration, spacing, rph[:, i] / _ANGLE_SD * _POSITION_SD, None) for i in range(3)]
+    position = _curve(duration, spacing, np.column_stack(places))
+    attitude = _curve(duration, spacing, np.column_stack(angles) * (_ANGLE_SD / _POSITION_SD))
+    return LevelTruth(origin, position, attitude, duration, start)
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,9 +8,11 @@ import pytest
 
 from insnav.attitude import dcm_from_rph
 from insnav.certificate.gravity import exact_gravity_n
-from insnav.certificate.motions import PolarTruth, around_pole, axes_of, over_pole
+from insnav.certificate.motions import around_pole, over_pole
+from insnav.simulate.earthfixed import EarthTruth
 from insnav.types import FloatArray
 from insnav.units import UG
+from tests.physics.equations import axes_of
 
 OMEGA = 7.292115e-5
 MOTIONS = {
@@ -21,7 +23,7 @@ MOTIONS = {
 TIME = np.array([31.0, 150.0, 299.2, 300.7, 420.0, 577.0])
 
 
-def state(truth: PolarTruth, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+def state(truth: EarthTruth, time: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Position and body axes in axes that do not turn, from latitude, longitude and roll, pitch, heading."""
     at = truth.evaluate(time)
     r_e = np.stack(pymap3d.geodetic2ecef(*at.lla.T, deg=False), axis=-1)

@@ -122,7 +122,7 @@ def test_volts_become_lines_of_the_calibration_file(tmp_path: Path) -> None:
         path.write_text(path.read_text().replace("gyro_y_deg_s", "gyro_y_v").replace("gyro_z_deg_s", "gyro_z_v"))
     record = read_sweeps(paths)
     assert record.raw
-    found = calibrate_sweeps(record.rate, record.output, record.sd, raw=True)
+    found = calibrate_sweeps(record.dwells.setting, record.dwells.value, record.dwells.sd, raw=True)
     errors, sd = sweep_errors(found, record.unit)
     # 10 uV of noise by 5 mV/(deg/s), over the root of 183 dwells
     np.testing.assert_allclose(sd.gyro_bias / DEG, 0.002 / np.sqrt(183.0), rtol=0.3)
@@ -144,9 +144,9 @@ def test_one_file_and_three_are_the_same_and_dwells_are_reduced(tmp_path: Path) 
     both = np.column_stack((rate, np.vstack(rows)[:, 1:]))
     np.savetxt(tmp_path / "all.csv", both, "%.9g", ",", header=header, comments="")
     one = read_sweeps([tmp_path / "all.csv"])
-    assert three.rate.shape == (3 * RATES.size, 3)
-    np.testing.assert_allclose(one.output, three.output, atol=1e-15)
-    np.testing.assert_allclose(one.rate, three.rate)
+    assert three.dwells.setting.shape == (3 * RATES.size, 3)
+    np.testing.assert_allclose(one.dwells.value, three.dwells.value, atol=1e-15)
+    np.testing.assert_allclose(one.dwells.setting, three.dwells.setting)
     assert {(each["what"], each["count"]) for each in of_code(three.warnings, Code.BENCH_FEW)} == {
         ("samples of a dwell", 20)
     }
@@ -235,7 +235,7 @@ def test_an_intercept_set_by_hand_moves_one_piece_and_leaves_its_neighbours() ->
         assert np.sqrt(change.after**2 - change.before**2) / DEG == pytest.approx(0.02, rel=0.35)
         # what is left changes by as much in the piece, and by nothing far from it
         off = (found.error_map - fitted.error_map)[:, 0] / DEG
-        measured = found.corrected[:, 0]
+        measured = (found.rate + found.error_matrix)[:, 0]  # by the matrix, without the pieces
         own = np.searchsorted(moved.knot[1:-1], measured) == np.searchsorted(item.knot[1:-1], measured)
         inside = own & (np.searchsorted(moved.knot[1:-1], measured) == piece)
         np.testing.assert_allclose(off[inside], -0.02, atol=1e-9)

@@ -39,6 +39,13 @@ def gravity(lat: float, h: float) -> np.ndarray:
     return np.array([-8.08e-9 * h * np.sin(2 * lat), 0.0, down])
 
 
+def axes_of(lat: np.ndarray, lon: np.ndarray) -> np.ndarray:
+    """``C_en``, columns North, East, Down in Earth-fixed axes ``(n, 3, 3)`` (Groves 2013, eq. 2.150)."""
+    s, c, sl, cl = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
+    north, east = np.stack([-s * cl, -s * sl, c], -1), np.stack([-sl, cl, np.zeros_like(s)], -1)
+    return np.stack([north, east, np.stack([-c * cl, -c * sl, -s], -1)], axis=-1)
+
+
 def cross(v: np.ndarray) -> np.ndarray:
     return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
 

@@ -11,12 +11,15 @@ import pytest
 
 from insnav import strapdown
 from insnav.attitude import dcm_from_rph
-from insnav.certificate.motions import PolarTruth, around_pole, axes_of, over_pole
+from insnav.certificate.motions import around_pole, over_pole, polar_truth
 from insnav.earth import earth_rate_n, gravity_n
 from insnav.output.solution_tables import write_run_table
 from insnav.simulate import imu_from_truth
+from insnav.simulate.curves import Harmonic
+from insnav.simulate.earthfixed import EarthTruth
 from insnav.types import FloatArray, ImuData, Trajectory
 from insnav.units import DEG
+from tests.physics.equations import axes_of
 
 RATE = 100.0  # [Hz]
 KILOMETRE = 1000.0 / 6399593.6  # angle of it at a pole, whose radius of curvature is a^2 / b [rad]
@@ -41,18 +44,18 @@ def earth_fixed(lla: FloatArray) -> FloatArray:
     return np.stack(pymap3d.geodetic2ecef(*lla.T, deg=False), axis=-1)
 
 
-def flown(truth: PolarTruth, *, free: bool = False, sampling="increment") -> Trajectory:
+def flown(truth: EarthTruth, *, free: bool = False, sampling="increment") -> Trajectory:
     """From the exact start on, height held to the truth unless `free`."""
     time = np.arange(round(truth.duration * RATE) + 1) / RATE
     inc = strapdown.increments(strapdown.intervals(imu_from_truth(truth, time, sampling)))
     if sampling == "instant":  # the first value ends no interval
         inc = inc.rows(slice(1, None))
     start = truth.evaluate(time[:1])
-    held = None if free else (np.full(inc.time.size, truth.height), np.zeros(inc.time.size))
+    held = None if free else (np.full(inc.time.size, truth.position.height), np.zeros(inc.time.size))
     return strapdown.navigate(inc, start.lla[0], start.v_n[0], start.rph[0], vertical=held)
 
 
-def errors(found: Trajectory, truth: PolarTruth) -> Errors:
+def errors(found: Trajectory, truth: EarthTruth) -> Errors:
     """Attitude only where the heading is told."""
     off = np.linalg.norm(earth_fixed(found.lla) - truth.position(found.time), axis=1)
     axes = axes_of(found.lla[:, 0], found.lla[:, 1])
@@ -63,7 +66,7 @@ def errors(found: Trajectory, truth: PolarTruth) -> Errors:
     return Errors(off.max(), np.linalg.norm(speed, axis=1).max(), np.abs(turn).max() if told.any() else 0.0, off[-1])
 
 
-def assert_over_a_pole(found: Trajectory, truth: PolarTruth, bar: float) -> None:
+def assert_over_a_pole(found: Trajectory, truth: EarthTruth, bar: float) -> None:
     measured = errors(found, truth)
     print(measured)
     assert measured.position <= bar
@@ -121,7 +124,8 @@ def test_a_flight_begins_or_ends_at_a_pole(begin, axis):
     turned = omega * begin  # the phase at which the pole is reached
     top = np.array([0.0, 0.0, axis])
     cosine, sine = np.cos(turned) * top - np.sin(turned) * way, np.sin(turned) * top + np.cos(turned) * way
-    truth = PolarTruth(np.zeros(3), cosine, sine, omega, 3000.0, 120.0, 5 * DEG, 2.0)
+    normal = Harmonic(np.zeros(3), np.zeros(3), cosine, sine, omega)
+    truth = polar_truth(normal, 3000.0, 120.0, 5 * DEG, 2.0)
     assert abs(truth.evaluate(np.array([begin])).lla[0, 0]) == pytest.approx(POLE, abs=1e-12)
     assert_over_a_pole(flown(truth), truth, 1e-4)
 
@@ -171,7 +175,7 @@ def test_another_package_leaves_the_map_there():
     time = 0.003 + np.arange(59_900) / RATE
     time[1:] += 0.0041
     imu, n = imu_from_truth(truth, time), time.size - 2
-    held = np.full(n, truth.height), np.zeros(n)
+    held = np.full(n, truth.position.height), np.zeros(n)
     beyond = [
         np.abs(each.navigate(imu, start_of(truth, time), *held, 1).lla[:, 0]).max() / DEG
         for each in (integrators()[0], pyins())

@@ -132,19 +132,13 @@ def _one(record: DriftRecord, rest: slice, model: DriftModel, rate: FloatArray, 
     # smoothed white noise is a Gauss-Markov process; a walk stays one
     left = smoother.r * smoother.gain / (2.0 - smoother.gain)
     smooth_noise = np.array([0.0, 0.0, 0.0, walk, left])
-    return GyroDrift(
-        model,
-        smoother,
-        rest,
-        measured,
-        rate,
-        smoothed,
+    curves = (
         _curve(measured[rest], interval, factors, noise, math.inf),
         _curve(random, interval, factors, noise, math.inf),
         _curve(smooth(random, smoother), interval, factors, smooth_noise, smoother.time_constant),
-        computed_ramp(smoother),
-        recorded_ramp(record.time, record.true_rate(model.axis), smoothed),
     )
+    ramps = computed_ramp(smoother), recorded_ramp(record.time, record.true_rate(model.axis), smoothed)
+    return GyroDrift(model, smoother, rest, measured, rate, smoothed, *curves, *ramps)
 
 
 def _curve(values: FloatArray, interval: float, factors: IntArray, squares: FloatArray, time: float) -> Curve:

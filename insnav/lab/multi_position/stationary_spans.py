@@ -55,15 +55,8 @@ def pose_between(imu: ImuData, first: int, last: int) -> Pose:
     first, last: at least two samples inside the record.
     """
     force, rate = imu.accel[first:last], imu.gyro[first:last]
-    return Pose(
-        first,
-        last,
-        float(imu.time[first]),
-        float(imu.time[last - 1]),
-        force.mean(axis=0),
-        rate.mean(axis=0),
-        force.std(axis=0, ddof=1),
-    )
+    start, end = float(imu.time[first]), float(imu.time[last - 1])
+    return Pose(first, last, start, end, force.mean(axis=0), rate.mean(axis=0), force.std(axis=0, ddof=1))
 
 
 @dataclass(frozen=True, slots=True)

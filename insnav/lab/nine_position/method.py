@@ -34,7 +34,7 @@ from insnav.lab.bench_data.bench_tables import (
     reduce_dwells,
 )
 from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, badly_conditioned, common_unit, measured
-from insnav.lab.least_squares import LEVEL, Fit, coverage_factor, linear_fit
+from insnav.lab.least_squares import LEVEL, Fit, affine_fits, coverage_factor, linear_fit
 from insnav.lab.nine_position.table_positions import OPPOSITE, check_positions, ideal_force, opposite_pairs, products
 from insnav.quantity import Quantity
 from insnav.types import FloatArray, IntArray
@@ -108,7 +108,7 @@ def calibrate_nine(
     """
     warnings = check_positions(roll, pitch, where)
     force = ideal_force(roll, pitch, gravity)
-    fits = _affine(force, measured, where)
+    fits = affine_fits(force, measured, [f"{where}, {sensor}" for sensor in SENSORS])
     _refuse_exchanged(fits, where)
     dof = sum(fit.dof for fit in fits)
     sigma = float(np.sqrt(sum(np.sum(fit.residual**2) for fit in fits) / dof))
@@ -167,24 +167,8 @@ def _estimate(
     correction = np.linalg.lstsq(free[:, TRIAD].mean(axis=2), force, rcond=None)[0].T  # M_A, L_A A_m^+
     measured_products = free[gyro_rows][:, MODULES].prod(axis=2)
     gyro = np.linalg.lstsq(measured_products, products(force)[gyro_rows], rcond=None)[0].T  # Omega_L Omega_m^+
-    return np.concatenate(
-        (
-            bias,
-            bias[TRIAD].mean(axis=1),
-            np.linalg.inv(correction).ravel(),
-            gyro.ravel(),
-            (gyro / np.diag(gyro)[:, None]).ravel(),
-        )
-    )
-
-
-def _affine(force: FloatArray, measured: FloatArray, where: str) -> tuple[Fit, ...]:
-    design = np.column_stack((force, np.ones(len(force))))
-    names = ("sensitivity to x", "to y", "to z", "bias")
-    return tuple(
-        linear_fit(design, column, names, where=f"{where}, {sensor}")
-        for sensor, column in zip(SENSORS, measured.T, strict=True)
-    )
+    triad, by_rows = np.linalg.inv(correction), gyro / np.diag(gyro)[:, None]
+    return np.concatenate((bias, bias[TRIAD].mean(axis=1), triad.ravel(), gyro.ravel(), by_rows.ravel()))
 
 
 def _crossed(fit: Fit, axis: int) -> FloatArray:
@@ -240,7 +224,7 @@ def fit(record: NineRecord, how: BenchOptions) -> Calibration[NineRecord, NinePo
     force = ideal_force(roll, pitch, how.gravity)
     scale, zero = np.ones(6), np.zeros(6)
     if record.unit != "m/s^2":  # each output first becomes a force by its own line; what is left is as of any sensor
-        lines = _affine(force, output, table.name)
+        lines = affine_fits(force, output, [f"{table.name}, {sensor}" for sensor in SENSORS])
         scale = np.array([line.value[axis] for line, axis in zip(lines, AXIS, strict=True)])
         zero = np.array([line.value[3] for line in lines])
         if not np.abs(scale).min() > WEAKEST * np.abs(scale).max():
@@ -262,21 +246,10 @@ def fit(record: NineRecord, how: BenchOptions) -> Calibration[NineRecord, NinePo
         value, spread = (np.array([getattr(line, name) for line in gyros.values()]) for name in ("value", "sd"))
         errors = replace(errors, gyro_bias=value[:, 0], gyro_terms=ErrorTerms(g_sensitivity=value[:, 1:]))
         sd = replace(sd, gyro_bias=spread[:, 0], g_sensitivity=spread[:, 1:])
-    return Calibration(
-        "nine",
-        errors,
-        sd,
-        (*_parameters(found, record.unit, zero, scale), *_gyro_parameters(gyros, record.gyro_unit)),
-        fits,
-        record,
-        found,
-        how,
-        (
-            *found.warnings,
-            *dwell_warnings(dwells, (*SENSORS, *GYROS)[: dwells.value.shape[1]], table.get("temperature")),
-            *badly_conditioned(fits),
-        ),
-    )
+    parameters = (*_parameters(found, record.unit, zero, scale), *_gyro_parameters(gyros, record.gyro_unit))
+    spiky = dwell_warnings(dwells, (*SENSORS, *GYROS)[: dwells.value.shape[1]], table.get("temperature"))
+    warnings = (*found.warnings, *spiky, *badly_conditioned(fits))
+    return Calibration("nine", errors, sd, parameters, fits, record, found, how, warnings)
 
 
 def _gyros_at_rest(force: FloatArray, rates: FloatArray, where: str) -> dict[str, Fit]:

@@ -61,15 +61,9 @@ def check_positions(roll: FloatArray, pitch: FloatArray, where: str) -> tuple[Fi
     bad = (angles > SAME) & ((angles < SMALLEST - SAME) | (angles > LARGEST + SAME))
     if bad.any():
         raise InputError("lab.table_angle", where=where, angle_rad=float(angles[bad][0]))
-    missing = sorted(
-        {
-            _key(a * r, b * p)
-            for r, p in zip(roll[tilted], pitch[tilted], strict=True)
-            for a in (1.0, -1.0)
-            for b in (1.0, -1.0)
-        }
-        - _nearby(here)
-    )
+    signs = ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0))
+    mirrored = {_key(a * r, b * p) for r, p in zip(roll[tilted], pitch[tilted], strict=True) for a, b in signs}
+    missing = sorted(mirrored - _nearby(here))
     if missing:
         raise InputError("lab.positions_asymmetric", where=where, positions=_written(missing[:4]))
     if not _determined(roll, pitch):

@@ -21,7 +21,7 @@ from insnav.imu.model import ImuErrors
 from insnav.imu.raw_outputs import RawScale
 from insnav.input.formats.table import Table
 from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, badly_conditioned, measured
-from insnav.lab.least_squares import Fit, linear_fit
+from insnav.lab.least_squares import Fit, affine_fits
 from insnav.lab.rate_sweep.piecewise_fit import Pieces, fit_pieces
 from insnav.lab.rate_sweep.records import (
     FEWEST_FOR_MAP,
@@ -37,7 +37,6 @@ from insnav.quantity import Quantity
 from insnav.types import BoolArray, FloatArray, IntArray
 from insnav.units import DEG
 
-NAMES = ("sensitivity to x", "to y", "to z", "bias")
 ROUNDING = 1e-9  # errors of such a share of the largest rate are those of arithmetic
 
 
@@ -78,11 +77,6 @@ class SweepCalibration:
     warnings: tuple[Finding, ...]
     adjusted: tuple[Adjusted, ...] = ()  # by hand
 
-    @property
-    def corrected(self) -> FloatArray:
-        """Rate by the matrix, without the pieces, (n, 3) [rad/s]."""
-        return np.asarray(self.rate + self.error_matrix)
-
 
 def calibrate_sweeps(
     rate: FloatArray,
@@ -116,26 +110,27 @@ def calibrate_sweeps(
         if left < FEWEST:
             raise InputError("lab.saturated_sweep", where=where, axis="xyz"[axis], count=left, limit=FEWEST)
     names = tuple(f"{where}, gyro {axis}" for axis in "xyz")
-    fits = _fits(rate, output, used, names)
+    fits = affine_fits(rate, output, names, used)
     refuse_crossed(fits, raw, where)
     pieces = _all_pieces(rate, output, used, fits, names)
     if any(item is not None for item in pieces):
         # a gyro of this shape shows B times the bent rate: its matrix is then found without the shape as scatter
         bent = np.column_stack(
-            [r if p is None else _axis_map(p).inverse(r) for r, p in zip(rate.T, pieces, strict=True)]
+            [r if p is None else AxisMap(p.knot, p.value).inverse(r) for r, p in zip(rate.T, pieces, strict=True)]
         )
-        fits = _fits(bent, output, used, names)
+        fits = affine_fits(bent, output, names, used)
         pieces = _all_pieces(rate, output, used, fits, names)
     matrix, bias, after = _matrix_errors(rate, output, used, fits)
+    complete = used.all(axis=1, keepdims=True)
     adjusted: list[Adjusted] = []
     for name, value in (intercepts or {}).items():
-        pieces, change = _adjust(pieces, name, value * DEG, rate, np.where(_complete(used)[:, None], after, np.nan))
+        pieces, change = _adjust(pieces, name, value * DEG, rate, np.where(complete, after, np.nan))
         adjusted.append(change)
     final = after.copy()
     for i, item in enumerate(pieces):
         if item is not None:
-            final[:, i] -= _axis_map(item).rate_error(rate[:, i] + after[:, i])
-    free = np.where(_complete(used)[:, None], output - bias, np.nan)
+            final[:, i] -= AxisMap(item.knot, item.value).rate_error(rate[:, i] + after[:, i])
+    free = np.where(complete, output - bias, np.nan)
     return SweepCalibration(
         rate=rate,
         output=output,
@@ -190,28 +185,19 @@ def _adjust(
 
 def read(files: Sequence[str | Path | Table], how: BenchOptions) -> SweepRecord:
     """Read three sweeps about x, y, z, or one file of all; see `read_sweeps`."""
-    return read_sweeps(files, columns=how.columns, spike_limit=how.spike_limit)
+    return read_sweeps(files, how)
 
 
 def fit(record: SweepRecord, how: BenchOptions) -> Calibration[SweepRecord, SweepCalibration]:
     """Fit matrix, bias and the error over the rate; see `calibrate_sweeps`."""
-    found = calibrate_sweeps(
-        record.rate, record.output, record.sd, raw=record.raw, where=record.name, intercepts=how.intercepts
-    )
+    rate, output, sd_of_output = record.dwells.setting, record.dwells.value, record.dwells.sd
+    found = calibrate_sweeps(rate, output, sd_of_output, raw=record.raw, where=record.name, intercepts=how.intercepts)
     errors, sd = sweep_errors(found, record.unit, how.name)
     fits = {f"gyro {axis}": each for axis, each in zip("xyz", found.fits, strict=True)}
     left_out = (Finding.of(Code.BENCH_LEFT_OUT, count=len(found.dropped)),) * bool(found.dropped)
-    return Calibration(
-        "imu",
-        errors,
-        sd,
-        _parameters(found, record.unit if record.raw else "deg/s"),
-        fits,
-        record,
-        found,
-        how,
-        (*left_out, *record.warnings, *found.warnings, *_worse(found), *badly_conditioned(fits)),
-    )
+    warnings = (*left_out, *record.warnings, *found.warnings, *_worse(found), *badly_conditioned(fits))
+    parameters = _parameters(found, record.unit if record.raw else "deg/s")
+    return Calibration("imu", errors, sd, parameters, fits, record, found, how, warnings)
 
 
 def _worse(found: SweepCalibration) -> tuple[Finding, ...]:
@@ -230,7 +216,7 @@ def _worse(found: SweepCalibration) -> tuple[Finding, ...]:
 
 def sweep_errors(found: SweepCalibration, unit: str, name: str = "") -> tuple[ImuErrors, CalibrationSd]:
     """Errors for the calibration file, outputs in `unit`, and their uncertainty."""
-    maps = tuple(None if item is None else _axis_map(item) for item in found.pieces)
+    maps = tuple(None if item is None else AxisMap(item.knot, item.value) for item in found.pieces)
     gyro_map = DynamicMap(maps) if any(item is not None for item in maps) else None
     bias_sd = np.array([fit.sd[3] for fit in found.fits])
     matrix_sd = np.array([fit.sd[:3] for fit in found.fits])
@@ -270,29 +256,12 @@ def _parameters(found: SweepCalibration, unit: str) -> tuple[Quantity, ...]:
     return tuple(items)
 
 
-def _axis_map(item: Pieces) -> AxisMap:
-    return AxisMap(item.knot, item.value)
-
-
-def _complete(used: BoolArray) -> BoolArray:
-    """Dwells in which no gyro is saturated."""
-    return np.asarray(np.logical_and.reduce(used, axis=1), dtype=np.bool_)
-
-
-def _fits(rate: FloatArray, output: FloatArray, used: BoolArray, names: Sequence[str]) -> tuple[Fit, ...]:
-    design = np.column_stack((rate, np.ones(len(rate))))
-    return tuple(
-        linear_fit(design[good], column[good], NAMES, where=name)
-        for good, column, name in zip(used.T, output.T, names, strict=True)
-    )
-
-
 def _matrix_errors(
     rate: FloatArray, output: FloatArray, used: BoolArray, fits: Sequence[Fit]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Matrix, bias, and the error of the rate by these, NaN where a gyro is saturated."""
     matrix, bias = np.array([fit.value[:3] for fit in fits]), np.array([fit.value[3] for fit in fits])
-    free = np.where(_complete(used)[:, None], output - bias, np.nan)
+    free = np.where(used.all(axis=1, keepdims=True), output - bias, np.nan)
     return matrix, bias, np.asarray(np.linalg.solve(matrix, free.T).T - rate)
 
 
@@ -300,7 +269,7 @@ def _all_pieces(
     rate: FloatArray, output: FloatArray, used: BoolArray, fits: Sequence[Fit], names: Sequence[str]
 ) -> tuple[Pieces | None, ...]:
     after = _matrix_errors(rate, output, used, fits)[2]
-    good = _complete(used)
+    good = used.all(axis=1)  # no gyro is saturated
     return tuple(_pieces(rate[good, i], after[good, i], name) for i, name in enumerate(names))
 
 
@@ -316,7 +285,7 @@ def _pieces(rate: FloatArray, error: FloatArray, where: str) -> Pieces | None:
     if found.straight:
         return None
     try:
-        _axis_map(found)
+        AxisMap(found.knot, found.value)
     except ConfigError as problem:
         raise InputError("lab.map_not_invertible", where=where, cause=problem) from None
     return found

@@ -5,8 +5,8 @@ That is which rates there are, where a gyro is saturated, and whether columns ar
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +23,7 @@ from insnav.lab.bench_data.bench_tables import (
     read_bench,
     reduce_dwells,
 )
-from insnav.lab.calibration import WRONG_UNIT, about, common_unit, few
+from insnav.lab.calibration import STANDARD, WRONG_UNIT, BenchOptions, about, common_unit, few
 from insnav.lab.least_squares import Fit
 from insnav.lab.single_axis.rate_table import FEWEST, Dropped
 from insnav.types import BoolArray, FloatArray, IntArray
@@ -39,8 +39,7 @@ class SweepRecord:
     """Sweeps reduced to one output a dwell."""
 
     tables: tuple[BenchTable, ...]  # as read
-    # of each file: setting is the rate about x, y, z [rad/s], value the outputs of gyros x, y, z
-    dwells: tuple[Dwells, ...]
+    dwells: Dwells  # of all: setting is the rate about x, y, z [rad/s], value the outputs of gyros x, y, z
     unit: str  # of the outputs; values are in it if it is one of volts or counts, else in rad/s
     warnings: tuple[Finding, ...]
 
@@ -50,44 +49,25 @@ class SweepRecord:
         return UNITS[self.unit][0] == "signal"
 
     @property
-    def rate(self) -> FloatArray:
-        """Rate of the table in each dwell, (n, 3) [rad/s]."""
-        return np.concatenate([item.setting for item in self.dwells])
-
-    @property
-    def output(self) -> FloatArray:
-        """Mean output of each gyro, (n, 3)."""
-        return np.concatenate([item.value for item in self.dwells])
-
-    @property
-    def sd(self) -> FloatArray:
-        """Standard deviation of these means, (n, 3)."""
-        return np.concatenate([item.sd for item in self.dwells])
-
-    @property
     def name(self) -> str:
         """The files."""
         return ", ".join(table.name for table in self.tables)
 
 
-def read_sweeps(
-    paths: Sequence[str | Path | Table], *, columns: Mapping[str, str] | None = None, spike_limit: float | None = None
-) -> SweepRecord:
+def read_sweeps(paths: Sequence[str | Path | Table], how: BenchOptions = STANDARD) -> SweepRecord:
     """Read the sweeps.
 
     paths: three files with ``rate_deg_s``, the table turned about x, about y, about z; or one with
     ``rate_x_deg_s``, ``rate_y_deg_s``, ``rate_z_deg_s``. Each with ``gyro_x_deg_s`` to ``gyro_z_deg_s``, or in
-    volts or counts. Successive rows of one rate are the samples of a dwell; columns: as in `read_bench`;
-    spike_limit: samples further than this from a polynomial through their dwell are dropped, in the unit of the
-    outputs; default 0.005 V, and for other units than volts none are. Raises InputError: the files cannot be used,
-    or are neither one nor three.
+    volts or counts. Successive rows of one rate are the samples of a dwell; how: columns and limit of spikes.
+    Raises InputError: the files cannot be used, or are neither one nor three.
     """
     if len(paths) not in (1, 3):
         raise InputError("lab.not_three_sweeps", count=len(paths))
     settings = ("rate",) if len(paths) == 3 else tuple(f"rate_{a}" for a in AXES)
     needed = (*settings, *(f"gyro_{a}" for a in AXES))
     raw_too = {f"gyro_{a}": f"raw_{a}" for a in AXES}
-    tables = tuple(read_bench(path, SCHEMA, needed, columns=columns, alternatives=raw_too) for path in paths)
+    tables = tuple(read_bench(path, SCHEMA, needed, columns=how.columns, alternatives=raw_too) for path in paths)
     unit = common_unit(
         [
             (key.replace("raw", "gyro").replace("_", " "), table.units[key])
@@ -96,7 +76,7 @@ def read_sweeps(
             if key.startswith(("raw_", "gyro_"))
         ]
     )
-    limit = spike_limit if spike_limit is not None else default_limit(unit)
+    limit = how.spike_limit if how.spike_limit is not None else default_limit(unit)
     raw = UNITS[unit][0] == "signal"
     dwells: list[Dwells] = []
     warnings: list[Finding] = []
@@ -114,7 +94,8 @@ def read_sweeps(
         if found.raw:
             warnings += few("samples of a dwell", int(found.count.min()), USUAL_SAMPLES, table.name)
         dwells.append(found)
-    return SweepRecord(tables, tuple(dwells), unit, tuple(warnings))
+    joined = (np.concatenate([getattr(each, part.name) for each in dwells]) for part in fields(Dwells))
+    return SweepRecord(tables, Dwells(*joined), unit, tuple(warnings))
 
 
 USUAL = 31  # rates about an axis, from which pieces are distinguishable from noise

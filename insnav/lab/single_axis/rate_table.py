@@ -110,15 +110,8 @@ def calibrate_rate_table(
     if keep is not None:
         reason = Finding.of(Code.BENCH_RATE_EXCLUDED, low_setting=keep[0], high_setting=keep[1])
         dropped = tuple(_dropped(rate[i], output[i], fit, FALSE_ALARM, reason) for i in np.flatnonzero(~used))
-    return RateTable(
-        rate,
-        output,
-        used,
-        fit,
-        _one_sense(rate, output, used & (rate >= 0.0), where),
-        _one_sense(rate, output, used & (rate <= 0.0), where),
-        dropped,
-    )
+    forward, reverse = (_one_sense(rate, output, used & sense, where) for sense in (rate >= 0.0, rate <= 0.0))
+    return RateTable(rate, output, used, fit, forward, reverse, dropped)
 
 
 def prediction_limit(fit: Fit, rate: float, probability: float) -> float:

@@ -151,14 +151,8 @@ def triad_calibration(
     both = zip(full.values(), record, by_sensor, strict=True)
     own = [each for name, item, more in both for each in about(name, (*item.warnings, *more))]
     one = (Finding.of(Code.BENCH_ONE_SENSOR, subject=sensor),) * (len(record) == 1)
-    return Calibration(
-        sensor,
-        ImuErrors(**known, name=how.name),
-        CalibrationSd(**spread),
-        tuple(p for name, fit in fits.items() for p in fitted(fit, [f"{unit}{each}" for each in per_units], name)),
-        fits,
-        record,
-        found,
-        how,
-        (*own, *badly_conditioned({full[name]: fit for name, fit in fits.items()}), *one),
-    )
+    warnings = (*own, *badly_conditioned({full[name]: fit for name, fit in fits.items()}), *one)
+    units = [f"{unit}{each}" for each in per_units]
+    parameters = tuple(each for name, fit in fits.items() for each in fitted(fit, units, name))
+    errors, sd_of = ImuErrors(**known, name=how.name), CalibrationSd(**spread)
+    return Calibration(sensor, errors, sd_of, parameters, fits, record, found, how, warnings)

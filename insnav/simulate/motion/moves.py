@@ -287,16 +287,8 @@ def _carried(state: State, rise: Rise, way: Course, slope: Course) -> Move:
         return lambda t: slope(rise(t))[:, axis] * rise.slope(t)
 
     to = table + way(np.array([rise.total]))[0, 2:]
-    end = replace(state, table=tuple(to.tolist())) if turned.any() else state
-    return Move(
-        rise.duration,
-        state,
-        end,
-        speed=along(0),
-        right=along(1),
-        body=body if turned.any() else None,
-        frequency=rise.frequency,
-    )
+    end, turning = (replace(state, table=tuple(to.tolist())), body) if turned.any() else (state, None)
+    return Move(rise.duration, state, end, speed=along(0), right=along(1), body=turning, frequency=rise.frequency)
 
 
 def coning(state: State, angle: float, frequency: float, duration: float) -> Move:
