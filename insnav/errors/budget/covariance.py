@@ -187,12 +187,8 @@ def _add_noises(
 ) -> None:
     ways = list(dict.fromkeys(unit_of(sources[i]) for i in noisy))
     given = np.stack([integrated(disturbance(each, motion), motion, steps) for each in ways], axis=1)
-    owner, axis, numbers = [], [], []
-    for i in noisy:
-        for process in processes(sources[i], motion):
-            owner.append(i)
-            axis.append(ways.index(unit_of(sources[i])))
-            numbers.append(process)
+    owner, numbers = zip(*((i, process) for i in noisy for process in processes(sources[i], motion)), strict=True)
+    axis = [ways.index(unit_of(sources[i])) for i in owner]
     white, drive, decay, first = np.array(numbers).T.copy()
     found = np.empty((len(at), len(owner), 9, 9))
     _kernel.noises(
