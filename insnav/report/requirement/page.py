@@ -287,11 +287,9 @@ def _aided_assumptions(study: RequirementStudy) -> Iterator[Finding]:
 def outages_text(study: RequirementStudy) -> str:
     """How much GPS there was before the outages."""
     first, last = study.begins[0], study.begins[-1]
-    return (
-        f"after {first} s of GPS"
-        if first == last
-        else f"mean of {len(study.begins)} outages after {first} to {last} s of GPS"
-    )
+    if first == last:
+        return f"after {first} s of GPS"
+    return f"mean of {len(study.begins)} outages after {first} to {last} s of GPS"
 
 
 def nearest(study: RequirementStudy, count: int) -> list[Candidate]:
