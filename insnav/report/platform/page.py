@@ -186,10 +186,8 @@ def _demonstration(found: Demonstration) -> Page:
     """Lay out the integrators against closed forms, and a platform against a strapdown navigator."""
     orders, flight, rest, turning = found.orders, found.flight, found.rest, found.turning
     theory = static_errors(rest.time, platform_errors.LAT, 0.0, platform_errors.ERRORS)
-    ends = {
-        name: float(np.hypot(*error[-1, :2]))
-        for name, error in (("platform", turning.platform), ("strapdown", turning.strapdown))
-    }
+    both = {"platform": turning.platform, "strapdown": turning.strapdown}
+    ends = {name: float(np.hypot(*error[-1, :2])) for name, error in both.items()}
     apart = float(np.abs(rest.platform[:, :2] - theory.position).max() / np.abs(theory.position).max())
     at_rest, in_turns = "A day at rest, latitude 45°", "The same errors in a turning vehicle"
     drawings = (
