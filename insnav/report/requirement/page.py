@@ -16,7 +16,7 @@ from insnav.quantity import Quantity
 from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION
 from insnav.report.numbers import number
 from insnav.report.page import DataFrame, Page, Section, Verdict, by_warnings, drawn, only_json, rows_frame
-from insnav.report.panels import Curve, Kind, Panel
+from insnav.report.panels import Curve, Kind, Panel, bars
 from insnav.result import Result
 from insnav.types import FloatArray
 from insnav.units import UNITS
@@ -346,13 +346,9 @@ def allocation_panel(study: RequirementStudy) -> Panel:
         f"{number(share.alone / UNITS[share.unit][1])} alone"
         for share in shares
     ]
-    curves = []
-    for kind, colour in (("of the set", BLUE), ("given", ORANGE), ("hardly acts", GREY)):
-        own = [row for row, each in enumerate(kinds) if each == kind]
-        if own:
-            part = np.array([min(shares[row].size / shares[row].alone, 1.2) for row in own])
-            rows, text = np.array(own, dtype=np.float64), tuple(texts[row] for row in own)
-            curves.append(Curve(kind, part, rows, colour, "bars", np.zeros(len(own)), text=text))
+    part = np.array([min(share.size / share.alone, 1.2) for share in shares])
+    colours = {"of the set": BLUE, "given": ORANGE, "hardly acts": GREY}
+    curves = bars(kinds, colours, np.zeros(len(shares)), part, texts)
     return Panel(
         "allocation",
         "How large each error may be",
