@@ -72,11 +72,8 @@ def size_at(windows: Sequence[ShortWindow], name: str, elapsed: float) -> FloatA
     `name` {"position", "velocity", "dropped", "rest", "untilted"}; `elapsed` [s].
     Returns: (n,): one a window [m] or [m/s].
     """
-    found = []
-    for window in windows:
-        row = int(np.argmin(np.abs(window.elapsed - elapsed)))
-        found.append(float(np.hypot(*getattr(window, name)[row, :2])))
-    return np.array(found)
+    rows = [int(np.argmin(np.abs(window.elapsed - elapsed))) for window in windows]
+    return np.array([np.hypot(*getattr(window, name)[row, :2]) for window, row in zip(windows, rows, strict=True)])
 
 
 def _compared(piece: Increments, solution: Trajectory, state: int, every: int) -> ShortWindow:

@@ -64,15 +64,6 @@ class Navigated:
     file: str = ""  # its samples
 
 
-@dataclass(frozen=True, slots=True)
-class _How:
-    """What all drives have in common."""
-
-    run: Callable[[Sequence[str]], None]
-    place: Path  # of the run folders
-    again: bool
-
-
 def batch(
     run: Callable[[Sequence[str]], None],
     drives: Sequence[Drive],
@@ -93,9 +84,20 @@ def batch(
         files = ", ".join(each.arguments[0] for each in drives if each.name.lower() == several[0])
         raise ConfigError("batch.same_name", where=files, name=several[0])
     check_folder(folder)
-    how = _How(run, folder / DRIVES, again)
+    place, found = folder / DRIVES, []
     with _alone(folder):
-        return list(_each(how, drives, workers, progress))
+        keys = [_digest(drive) for drive in drives]
+        finished = [None if again else _finished(place, drive, key) for drive, key in zip(drives, keys, strict=True)]
+        jobs = [(drive, key) for drive, key, kept in zip(drives, keys, finished, strict=True) if kept is None]
+        navigated = each(_navigated, jobs, workers, (run, place))
+        for number, (drive, kept) in enumerate(zip(drives, finished, strict=True), start=1):
+            outcome = next(navigated) if kept is None else kept
+            if isinstance(outcome, InsnavError):  # its process died
+                outcome = Navigated(drive.name, drive.vehicle, "", outcome, file=drive.arguments[0])
+            found.append(_with_facts(outcome, place))
+            if progress is not None:
+                progress(number)
+    return found
 
 
 @contextmanager
@@ -129,22 +131,6 @@ def _alone(folder: Path) -> Iterator[None]:
                 lock.unlink()
 
 
-def _each(
-    how: _How, drives: Sequence[Drive], workers: Workers, progress: Callable[[int], None] | None
-) -> Iterator[Navigated]:
-    keys = [_digest(drive) for drive in drives]
-    finished = [_finished(how, drive, key) for drive, key in zip(drives, keys, strict=True)]
-    jobs = [(drive, key) for drive, key, kept in zip(drives, keys, finished, strict=True) if kept is None]
-    navigated = each(_navigated, jobs, workers, (how,))
-    for number, (drive, kept) in enumerate(zip(drives, finished, strict=True), start=1):
-        outcome = next(navigated) if kept is None else kept
-        if isinstance(outcome, InsnavError):  # its process died
-            outcome = Navigated(drive.name, drive.vehicle, "", outcome, file=drive.arguments[0])
-        yield _with_facts(outcome, how.place)
-        if progress is not None:
-            progress(number)
-
-
 def check_folder(folder: Path) -> None:
     """Refuse a folder that holds something else than a fleet.
 
@@ -164,36 +150,33 @@ def moved_aside(folder: Path) -> list[Finding]:
     return [Finding.of(Code.BATCH_MOVED_ASIDE, subject=str(each)) for each in places]
 
 
-def _finished(how: _How, drive: Drive, key: str) -> Navigated | None:
-    """What became of a drive, if it is finished."""
-    finished = None if how.again else _read_note(how.place / f"{drive.name}.json", key)
+def _finished(place: Path, drive: Drive, key: str) -> Navigated | None:
+    """What became of a drive, if it is finished; `place`: of the run folders."""
+    finished = _read_note(place / f"{drive.name}.json", key)
     if finished is not None and (  # what could not be written, and a defect, may do now
-        attempt(damage, how.place / drive.name) == ((), ())
-        if finished.failed is None
-        else finished.failed.exit_code < 4
+        attempt(damage, place / drive.name) == ((), ()) if finished.failed is None else finished.failed.exit_code < 4
     ):
         return replace(finished, kept=True)
     return None
 
 
-def _navigated(how: _How, job: tuple[Drive, str]) -> Navigated:
+def _navigated(run: Callable[[Sequence[str]], None], place: Path, job: tuple[Drive, str]) -> Navigated:
     """Navigate a drive, of this digest, and note what became of it."""
     (drive, key), begin = job, time.monotonic()
-    outcome = attempt(_run, how, drive)
+    outcome = attempt(_run, run, place / drive.name, drive)
     failed = outcome if isinstance(outcome, InsnavError) else None
     found = Navigated(drive.name, drive.vehicle, key, failed, file=drive.arguments[0])
     # how long it took stands in no result: that depends on the machine
     note = {**asdict(found), "seconds": round(time.monotonic() - begin, 3)}
-    write_text(how.place / f"{drive.name}.json", json.dumps(note, indent=1, default=InsnavError.as_dict))
+    write_text(place / f"{drive.name}.json", json.dumps(note, indent=1, default=InsnavError.as_dict))
     return found
 
 
-def _run(how: _How, drive: Drive) -> None:
+def _run(run: Callable[[Sequence[str]], None], place: Path, drive: Drive) -> None:
     drive.files()
-    place = how.place / drive.name
     if place.is_dir() and foreign_files(place):  # or a damaged result: kept, whatever it is
         place.rename(place.with_name(f"{place.name}{_ASIDE}{time.time_ns()}"))
-    how.run([*drive.arguments, "--out", str(place), "--force"])
+    run([*drive.arguments, "--out", str(place), "--force"])
 
 
 def _digest(drive: Drive) -> str:

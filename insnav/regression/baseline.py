@@ -154,10 +154,7 @@ def short(value: FloatArray, digits: int = _DIGITS) -> Any:
 
 
 def _case(content: Mapping[str, Any]) -> CaseResult:
-    values = {
-        key: np.array([np.nan if number is None else number for number in value], dtype=np.float64)
-        for key, value in content["values"].items()
-        if key in BY_KEY
-    }
+    # what is not known is null in the file, of which numpy makes NaN
+    values = {key: np.array([*value], dtype=np.float64) for key, value in content["values"].items() if key in BY_KEY}
     measured = replace(NOTHING, values=values, growth=np.array(content["growth"], dtype=np.float64))
     return CaseResult(content["digest"], content["pieces"], measured, dict.fromkeys(content["failed"]), {})

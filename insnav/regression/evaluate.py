@@ -299,16 +299,6 @@ class Accuracy:
     quick: bool  # only a part was run
 
 
-@dataclass(frozen=True, slots=True)
-class _Outcome:
-    """Accuracy of one drive, or the error it ended in."""
-
-    digest: str
-    files: dict[str, str]
-    measured: Measured | None
-    error: ErrorFacts | None = None
-
-
 def run_corpus(
     corpus: Corpus,
     data: Path,
@@ -332,29 +322,28 @@ def run_corpus(
         if not count:
             skipped[case.name] = Finding.of(Code.REGRESSION_NOT_QUICK, subject=case.name)
         jobs += [(case, number) for number in range(1, count + 1)]
-    outcomes: dict[str, list[_Outcome]] = {}
-    for (case, _), outcome in zip(jobs, every(_attempt, jobs, workers, (data,), progress), strict=True):
-        outcomes.setdefault(case.name, []).append(outcome)
-    by_name = {case.name: case for case in corpus.cases}
-    return Accuracy({name: _case(by_name[name], each) for name, each in outcomes.items()}, skipped, quick)
+    drives: dict[str, list[CaseResult]] = {}
+    for (case, _), drive in zip(jobs, every(_attempt, jobs, workers, (data,), progress), strict=True):
+        drives.setdefault(case.name, []).append(drive)
+    return Accuracy({name: _together(each) for name, each in drives.items()}, skipped, quick)
 
 
-def _case(case: AnyCase, outcomes: list[_Outcome]) -> CaseResult:
-    failures = {number: each.error for number, each in enumerate(outcomes, start=1) if each.error is not None}
-    measured = joined([each.measured or NOTHING for each in outcomes])
-    pieces = isinstance(case, RecordedCase) and case.seeds == 1
-    return CaseResult(outcomes[0].digest, pieces, measured, failures, outcomes[0].files)
+def _together(drives: list[CaseResult]) -> CaseResult:
+    """Put the drives of one case together."""
+    failures = {number: error for each in drives for number, error in each.failures.items()}
+    return replace(drives[0], measured=joined([each.measured for each in drives]), failures=failures)
 
 
-def _attempt(data: Path, job: tuple[AnyCase, int]) -> _Outcome:
+def _attempt(data: Path, job: tuple[AnyCase, int]) -> CaseResult:
+    """Accuracy of one drive of a case, or the error it ended in."""
     case, number = job
     key = f"{case.folder} {case.name} {case!r}"
     if key not in _made:
         _made.clear()
         _made[key] = source_of(case, data)
-    source = _made[key]
+    source, pieces = _made[key], isinstance(case, RecordedCase) and case.seeds == 1
     try:
         measured = measure(source.material(run_seed(SERIES, number)))
     except InsnavError as error:
-        return _Outcome(source.digest, source.files, None, error.facts)
-    return _Outcome(source.digest, source.files, measured)
+        return CaseResult(source.digest, pieces, NOTHING, {number: error.facts}, source.files)
+    return CaseResult(source.digest, pieces, measured, {}, source.files)

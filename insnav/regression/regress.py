@@ -14,7 +14,7 @@ import numpy as np
 from insnav.engine import Workers
 from insnav.exceptions import InputError
 from insnav.output.folder import write_text
-from insnav.regression.accuracy_metrics import BY_KEY, METRICS
+from insnav.regression.accuracy_metrics import BY_KEY
 from insnav.regression.baseline import BASELINE_FILE, Baseline, Origin, kept_text, origin, read_baseline, short
 from insnav.regression.corpus import default_corpus, load_corpus
 from insnav.regression.evaluate import Accuracy, run_corpus
@@ -101,9 +101,8 @@ def write_history(path: Path, history: Sequence[Entry]) -> None:
 
 
 def _entry(content: dict[str, Any]) -> Entry:
-    known = {metric.key for metric in METRICS}
     metrics = {
-        name: {key: _value(value) for key, value in metrics.items() if key in known}
+        name: {key: _value(value) for key, value in metrics.items() if key in BY_KEY}
         for name, metrics in content["metrics"].items()
     }
     return Entry(Origin(**content["origin"]), content["digests"], content["data"], metrics, content["verdicts"])

@@ -14,7 +14,7 @@ Scandinavian Journal of Statistics 6 (1979) 65-70.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -223,9 +223,8 @@ def compare(result: Accuracy, baseline: Baseline) -> Comparison:
     return Comparison(tuple(changes), broken, apart)
 
 
-def _shifts(name: str, now: CaseResult, then: CaseResult) -> list[tuple[str, Metric, float, float, Shift]]:
+def _shifts(name: str, now: CaseResult, then: CaseResult) -> Iterator[tuple[str, Metric, float, float, Shift]]:
     before, after = then.measured.values, now.measured.values
-    found = []
     for metric in (each for each in METRICS if each.key in before and each.key in after):
         # values of the drives that both have
         n = min(len(before[metric.key]), len(after[metric.key]))
@@ -234,8 +233,7 @@ def _shifts(name: str, now: CaseResult, then: CaseResult) -> list[tuple[str, Met
         old, new = old[known], new[known]
         change = _cpu(old, new) if metric.kind == "cpu" else shift(old, new, metric, pieces=now.pieces)
         if np.isfinite(change.change):
-            found.append((name, metric, metric.typical(old), metric.typical(new), change))
-    return found
+            yield name, metric, metric.typical(old), metric.typical(new), change
 
 
 def _cpu(old: FloatArray, new: FloatArray) -> Shift:

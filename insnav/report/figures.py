@@ -178,15 +178,15 @@ def _draw_curve(axes: Axes, curve: Curve, low: float, high: float) -> None:
     """Draw one curve; what lies beyond the limits is marked at the edge."""
     if curve.kind == "band" and curve.low is not None:
         x, bottom, top = envelope(curve.x, curve.low, curve.y)
-        axes.fill_between(x, bottom, top, color=curve.colour, alpha=0.2, linewidth=0.0, label=_label(curve))
+        axes.fill_between(x, bottom, top, color=curve.colour, alpha=0.2, linewidth=0.0, label=curve.name or "_")
         return
     if curve.kind == "bars" and curve.low is not None:
-        axes.barh(curve.y, curve.x - curve.low, 0.7, curve.low, color=curve.colour, label=_label(curve))
+        axes.barh(curve.y, curve.x - curve.low, 0.7, curve.low, color=curve.colour, label=curve.name or "_")
         return
     style = _STYLES[curve.kind]
     if curve.kind == "points" and len(curve.x) <= _WHERE_FEW:
         style = style | {"marker": "o", "markersize": 4.0}
-    axes.plot(*thinned(curve.x, curve.y), color=curve.colour, label=_label(curve), **style)
+    axes.plot(*thinned(curve.x, curve.y), color=curve.colour, label=curve.name or "_", **style)
     if curve.kind == "thin" and curve.text:
         axes.annotate(curve.text[0], (curve.x[0], curve.y[0]), fontsize=7, color=curve.colour, ha="right", va="center")
     if curve.kind == "thin":
@@ -197,10 +197,6 @@ def _draw_curve(axes: Axes, curve: Curve, low: float, high: float) -> None:
             axes.plot(
                 at, np.full(len(at), edge), marker, color=curve.colour, markersize=5.0, clip_on=False, label="beyond"
             )
-
-
-def _label(curve: Curve) -> str:
-    return curve.name or "_"
 
 
 def _draw_track(track: Track, title: str, note: str) -> Figure:
@@ -221,7 +217,7 @@ def _draw_track(track: Track, title: str, note: str) -> Figure:
             axes.plot(x, y, "x", color=curve.colour, markersize=6.0, label=name, zorder=3, clip_on=False)
         else:
             width = 0.8 if curve.kind == "thin" else 2.6
-            axes.plot(curve.x, curve.y, color=curve.colour, label=_label(curve), linewidth=width, zorder=1.7)
+            axes.plot(curve.x, curve.y, color=curve.colour, label=curve.name or "_", linewidth=width, zorder=1.7)
     lost = np.zeros(len(track.time), dtype=np.bool_)
     for start, end in track.spans:
         lost |= (track.time >= start) & (track.time <= end)

@@ -7,7 +7,7 @@ and one cursor, which a map of the same link follows too.
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -226,6 +226,18 @@ def over_time(
         )
         for i, (title, label, lines, least) in enumerate(rows)
     )
+
+
+def bars(
+    kinds: Sequence[str], colours: Mapping[str, str], low: FloatArray, high: FloatArray, text: Sequence[str]
+) -> list[Curve]:
+    """Draw one bar a row, those of one kind as one curve in its colour; `kinds`, `low`, `high`, `text`: of the rows."""
+    rows = {kind: [row for row, each in enumerate(kinds) if each == kind] for kind in colours}
+    return [
+        Curve(kind, high[at], np.array(at, np.float64), colours[kind], "bars", low[at], text=tuple(text[i] for i in at))
+        for kind, at in rows.items()
+        if at
+    ]
 
 
 def panel_data(drawing: Drawing) -> dict[str, Any]:

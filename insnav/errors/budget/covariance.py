@@ -132,7 +132,21 @@ def covariance(sources: tuple[Source, ...], motion: SampledMotion, rows: IntArra
         _kernel.sensitivities(steps.state, steps.force_n, steps.dt, given, first, hold, at, found)
         parts[:, constant] = found[..., :, None] * found[..., None, :]
     if noisy:
-        _add_noises(parts, sources, noisy, motion, steps, at, hold)
+        ways = list(dict.fromkeys(unit_of(sources[i]) for i in noisy))
+        given = np.stack([integrated(disturbance(each, motion), motion, steps) for each in ways], axis=1)
+        owner, numbers = zip(*((i, process) for i in noisy for process in processes(sources[i], motion)), strict=True)
+        axis = [ways.index(unit_of(sources[i])) for i in owner]
+        white, drive, decay, begun = np.array(numbers).T.copy()
+        found = np.empty((len(rows), len(owner), 9, 9))
+        _kernel.noises(
+            steps.state, steps.force_n, steps.dt, given, np.array(axis), white, drive, decay, begun, hold, at, found
+        )
+        for k, i in enumerate(owner):
+            parts[:, i] += found[:, k]
+    for i in noisy:
+        if sources[i].kind == "quantisation":
+            last = sources[i].sd * last_step(sources[i], motion, steps.edges[at], hold)
+            parts[:, i] += last[:, :, None] * last[:, None, :]
     return parts
 
 
@@ -174,36 +188,6 @@ def integrated(values: FloatArray, motion: SampledMotion, steps: Steps) -> Float
     """Integral of rates of samples over steps."""
     values = (values * motion.dt[:, None])[: steps.edges[-1]]
     return np.asarray(np.add.reduceat(values, steps.edges[:-1], axis=0))
-
-
-def _add_noises(
-    parts: FloatArray,
-    sources: tuple[Source, ...],
-    noisy: list[int],
-    motion: SampledMotion,
-    steps: Steps,
-    at: IntArray,
-    hold: bool,
-) -> None:
-    ways = list(dict.fromkeys(unit_of(sources[i]) for i in noisy))
-    given = np.stack([integrated(disturbance(each, motion), motion, steps) for each in ways], axis=1)
-    owner, axis, numbers = [], [], []
-    for i in noisy:
-        for process in processes(sources[i], motion):
-            owner.append(i)
-            axis.append(ways.index(unit_of(sources[i])))
-            numbers.append(process)
-    white, drive, decay, first = np.array(numbers).T.copy()
-    found = np.empty((len(at), len(owner), 9, 9))
-    _kernel.noises(
-        steps.state, steps.force_n, steps.dt, given, np.array(axis), white, drive, decay, first, hold, at, found
-    )
-    for k, i in enumerate(owner):
-        parts[:, i] += found[:, k]
-    for i in noisy:
-        if sources[i].kind == "quantisation":
-            last = sources[i].sd * last_step(sources[i], motion, steps.edges[at], hold)
-            parts[:, i] += last[:, :, None] * last[:, None, :]
 
 
 def unit_of(source: Source) -> Source:

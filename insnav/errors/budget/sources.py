@@ -91,10 +91,8 @@ def sources_of(spec: ImuSpec, deflection: float = 0.0) -> tuple[Source, ...]:
         for axis, (i, _) in zip(term.axes, term.elements, strict=True):
             listed.append(Source(term.sensor, term.name, axis, term.process, float(size[i]), tau))
     listed += [Source("gravity", "model", axis, "constant", deflection * G0) for axis in LOCAL]
-    listed += [
-        Source("timing", "offset", "t", "constant", abs(spec.clock.offset)),
-        Source("timing", "drift", "t", "constant", abs(spec.clock.drift)),
-    ]
+    timing = {"offset": spec.clock.offset, "drift": spec.clock.drift}
+    listed += [Source("timing", term, "t", "constant", abs(size)) for term, size in timing.items()]
     return tuple(listed)
 
 

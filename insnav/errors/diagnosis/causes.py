@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -130,9 +131,6 @@ def _axis(
                 limit,
             )
         )
-    terms: dict[str, int] = {}
-    for curve in curves:
-        label = " + ".join(curve.terms)
-        terms[label] = terms.get(label, 0) + 1
+    terms = dict(Counter(" + ".join(curve.terms) for curve in curves))
     assert len(TERMS) == len(causes)
     return AxisDiagnosis(name, tuple(causes), tuple(curves), terms, int(np.argmax(part)))

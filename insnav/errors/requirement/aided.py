@@ -139,10 +139,11 @@ def aided_covariances(
     """
     process = _process(specs)
     found, at_end = [], []
-    P, k = _start(specs), 0
+    start = np.stack([start_covariance(spec) for spec in specs])
+    P, k = start, 0
     for begin in moved.begins:
         if math.isfinite(aiding.before):
-            P, k = _start(specs), max(begin - round(aiding.before), 0)
+            P, k = start, max(begin - round(aiding.before), 0)
         while k < begin:
             k += 1
             P = _second(moved, P, k, aiding, process, gps=True)
@@ -161,10 +162,6 @@ def error_curves(required: Requirement, moved: Propagation, specs: Sequence[ImuS
     """Error of each IMU that is to be expected through an outage, ``(b, m)`` [m], at the probability required."""
     # of the mean over the outages: the error that is to be expected in any of them
     return required.sizes(np.mean(aided_covariances(moved, specs, aiding)[1], axis=0))
-
-
-def _start(specs: Sequence[ImuSpec]) -> FloatArray:
-    return np.stack([start_covariance(spec) for spec in specs])
 
 
 def _second(

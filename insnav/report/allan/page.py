@@ -279,12 +279,11 @@ def allan_panels(found: StaticNoise | SignalNoise) -> Iterator[Panel]:
         note = ""
 
 
-def _guides(tau: FloatArray, high: float) -> list[Curve]:
+def _guides(tau: FloatArray, high: float) -> Iterator[Curve]:
     """Short lines of every slope through one point, in the corner that the curves leave free."""
     half = (float(tau[-1]) / float(tau[0])) ** 0.1
-    x, y, curves = float(tau[-1]) / half, 1.8 * high, []
+    x, y = float(tau[-1]) / half, 1.8 * high
     for slope, text in _GUIDES:
         reach = half if slope == 0.0 else min(half, _TALL ** (1.0 / abs(slope)))
         ends = np.array([1.0 / reach, reach])
-        curves.append(Curve("", x * ends, y * ends**slope, GREY, "thin", text=(text, text)))
-    return curves
+        yield Curve("", x * ends, y * ends**slope, GREY, "thin", text=(text, text))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -198,30 +198,28 @@ def warnings(budget: Budget, windows: RecordedBudget | None = None) -> tuple[Fin
     return (*found, *(() if windows is None else recorded.windows_warnings(windows)))
 
 
-def assumptions(budget: Budget) -> tuple[Finding, ...]:
+def assumptions(budget: Budget) -> Iterator[Finding]:
     """Give what explains the budget, and what it takes for granted."""
     last = float(budget.time[budget.chosen[-1]])
     at = min(last, SHORT)
     bias, drift = budget.short_form_error(at)
     limit = SHORT if last > SHORT else math.nan
-    found = [
-        Finding.of(Code.BUDGET_METHODS),
-        Finding.of(Code.BUDGET_INDEPENDENT_SOURCES),
-        Finding.of(Code.BUDGET_SHORT_FORMS, time_s=at, limit_s=limit, bias_share=bias, drift_share=drift),
-        Finding.of(Code.BUDGET_VERTICAL_HELD if budget.hold else Code.BUDGET_VERTICAL_FREE),
-    ]
+    yield Finding.of(Code.BUDGET_METHODS)
+    yield Finding.of(Code.BUDGET_INDEPENDENT_SOURCES)
+    yield Finding.of(Code.BUDGET_SHORT_FORMS, time_s=at, limit_s=limit, bias_share=bias, drift_share=drift)
+    yield Finding.of(Code.BUDGET_VERTICAL_HELD if budget.hold else Code.BUDGET_VERTICAL_FREE)
     if budget.recorded is None:
-        found += [Finding.of(Code.BUDGET_TURN_ON_BIASES), FIELD_FACTOR]
+        yield Finding.of(Code.BUDGET_TURN_ON_BIASES)
+        yield FIELD_FACTOR
     else:
-        found.append(Finding.of(Code.BUDGET_WINDOW_BIASES))
+        yield Finding.of(Code.BUDGET_WINDOW_BIASES)
     if math.isfinite(budget.flicker_lowest):
-        found.append(Finding.of(Code.BUDGET_FLICKER, frequency_hz=budget.flicker_lowest))
+        yield Finding.of(Code.BUDGET_FLICKER, frequency_hz=budget.flicker_lowest)
     if not any(source.sd > 0.0 for source in budget.sources if source.group == "gravity"):
-        found.append(Finding.of(Code.BUDGET_NORMAL_GRAVITY))
+        yield Finding.of(Code.BUDGET_NORMAL_GRAVITY)
     if budget.simulated is not None:
         runs, alone, seed = budget.simulated.runs, budget.simulated.alone, budget.simulated.seed
-        found.append(Finding.of(Code.BUDGET_SIMULATED_BOUNDS, probability=BAND, runs=runs, alone=alone, seed=seed))
-    return tuple(found)
+        yield Finding.of(Code.BUDGET_SIMULATED_BOUNDS, probability=BAND, runs=runs, alone=alone, seed=seed)
 
 
 def simulated_matches(budget: Budget, simulated: SimulatedColumn) -> bool:

@@ -16,7 +16,7 @@ from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY,
 from insnav.report.numbers import number
 from insnav.report.outage.page import below_noise, power_lines, thin_lines
 from insnav.report.page import Section, drawn
-from insnav.report.panels import Curve, Panel
+from insnav.report.panels import Curve, Panel, bars
 from insnav.units import UNITS
 
 _WINDOWS, _POINTS = 80, 120  # drawn one by one, and points of each; in the smaller drawings of all windows
@@ -104,13 +104,8 @@ def _contributions(budget: Budget, origin: str) -> Panel:
     end = 100.0 * np.cumsum(part[shown])
     texts = source_texts(budget, shown, origin)
     rows = [f"{budget.families[k]}" for k in shown]
-    curves = []
-    for group, (name, colour) in _GROUPS.items():
-        own = [row for row, k in enumerate(shown) if budget.families[k].startswith(group)]
-        if own:
-            low = end[own] - 100.0 * part[[shown[row] for row in own]]
-            text = tuple(texts[row] for row in own)
-            curves.append(Curve(name, end[own], np.array(own, dtype=np.float64), colour, "bars", low, text=text))
+    kinds = [_GROUPS[name.partition(" ")[0]][0] for name in rows]
+    curves = bars(kinds, dict(_GROUPS.values()), end - 100.0 * part[shown], end, texts)
     left = len(order) - len(shown)
     if left:
         rows.append(f"{left} more")
@@ -134,16 +129,11 @@ def _contributions(budget: Budget, origin: str) -> Panel:
 def _explained(part: RecordedPart) -> Panel:
     """Recorded over predicted error at the end, in colour whether it is explained."""
     rows = [each for each in part.verdicts if each.predicted > 0.0]
-    kinds: dict[str, list[int]] = {}
-    for row, each in enumerate(rows):
-        kinds.setdefault(_kind(each), []).append(row)
+    kinds = [_kind(each) for each in rows]
     colours = {"explained": GREEN, "less than predicted": SKY, "not explained": VERMILLION}
-    curves = []
-    for kind, own in kinds.items():
-        ends = np.array([_ratios(rows[row]) for row in own])
-        texts = tuple(_reason(rows[row], part) for row in own)
-        place = np.array(own, dtype=np.float64)
-        curves.append(Curve(kind, ends[:, 1], place, colours[kind], "bars", ends[:, 0], text=texts))
+    low, high = np.array([_ratios(each) for each in rows]).reshape(-1, 2).T
+    texts = [_reason(each, part) for each in rows]
+    curves = bars(kinds, {kind: colours[kind] for kind in kinds}, low, high, texts)
     dots = [(row, each.recorded / each.predicted) for row, each in enumerate(rows) if np.isfinite(each.recorded)]
     if dots:
         at, value = np.array(dots).T

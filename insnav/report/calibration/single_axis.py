@@ -219,9 +219,8 @@ def sweep_page(calibration: Calibration[SweepRecord, SweepCalibration]) -> Page:
     )
 
 
-def _dropped(found: SweepCalibration) -> list[str]:
+def _dropped(found: SweepCalibration) -> Iterator[str]:
     """What was left out, gyro by gyro and end by end."""
-    lines = []
     for i, axis in enumerate("xyz"):
         for sense in (-1.0, 1.0):
             rates = [item.rate for gyro, item in found.dropped if gyro == i and sense * item.rate > 0.0]
@@ -229,8 +228,7 @@ def _dropped(found: SweepCalibration) -> list[str]:
                 first, last = min(rates, key=abs), max(rates, key=abs)
                 reason = next(item.reason for gyro, item in found.dropped if gyro == i and item.rate == first)
                 span = f"{first:+g}" + (f" to {last:+g}" if last != first else "")
-                lines.append(f"gyro {axis} leaves out {span} deg/s: {sentence(reason)}")
-    return lines
+                yield f"gyro {axis} leaves out {span} deg/s: {sentence(reason)}"
 
 
 def _gain(found: SweepCalibration, stages: Sequence[float]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -186,10 +186,8 @@ def _demonstration(found: Demonstration) -> Page:
     """Lay out the integrators against closed forms, and a platform against a strapdown navigator."""
     orders, flight, rest, turning = found.orders, found.flight, found.rest, found.turning
     theory = static_errors(rest.time, platform_errors.LAT, 0.0, platform_errors.ERRORS)
-    ends = {
-        name: float(np.hypot(*error[-1, :2]))
-        for name, error in (("platform", turning.platform), ("strapdown", turning.strapdown))
-    }
+    both = {"platform": turning.platform, "strapdown": turning.strapdown}
+    ends = {name: float(np.hypot(*error[-1, :2])) for name, error in both.items()}
     apart = float(np.abs(rest.platform[:, :2] - theory.position).max() / np.abs(theory.position).max())
     at_rest, in_turns = "A day at rest, latitude 45°", "The same errors in a turning vehicle"
     drawings = (
@@ -336,7 +334,7 @@ def torquing_panels(run: PlatformRun) -> tuple[Panel, ...]:
     return over_time(run.solution.time, rows, "Earth rate plus transport rate, as computed; the Earth: 15.041 deg/h")
 
 
-def platform_error_panels(run: PlatformRun, theory: StaticErrors | None) -> tuple[Panel, ...]:
+def platform_error_panels(run: PlatformRun, theory: StaticErrors | None) -> Iterator[Panel]:
     """Draw what the platform's errors do to position, velocity and to its own attitude."""
     position = ned_offset(run.solution.lla, run.undisturbed.lla)[:, :2]
     velocity = (run.solution.v_n - run.undisturbed.v_n)[:, :2]
@@ -350,31 +348,28 @@ def platform_error_panels(run: PlatformRun, theory: StaticErrors | None) -> tupl
         (title, label, list(zip(_NED, values.T, AXIS_COLOURS, strict=False)), 0.0) for title, label, values, _ in blocks
     ]
     note = f"solution minus the same without the platform's errors{'; dashed: closed form' if theory else ''}"
-    found = []
     for panel, (*_, expected) in zip(over_time(run.solution.time, rows, note), blocks, strict=True):
         at, closed = panel.curves[0].x, () if expected is None else expected.T
         more = (Curve("closed form", at, y, BLACK, "dashed") for y in closed)
-        found.append(replace(panel, curves=(*panel.curves, *more)))
-    return tuple(found)
+        yield replace(panel, curves=(*panel.curves, *more))
 
 
-def both_panels(found: PlatformComparison, theory: StaticErrors | None, key: str, note: str) -> tuple[Panel, ...]:
+def both_panels(found: PlatformComparison, theory: StaticErrors | None, key: str, note: str) -> Iterator[Panel]:
     """Draw the position error of a platform and of a strapdown navigator with the same errors."""
     hours = (found.time - found.time[0]) / _HOUR
     both = (("platform", found.platform, BLUE), ("strapdown", found.strapdown, VERMILLION))
-    label, panels = "time since start [h]", []
+    label = "time since start [h]"
     for column, axis in enumerate(("north", "east")):
         curves = [Curve(name, hours, error[:, column] / 1000.0, colour) for name, error, colour in both]
         if theory is not None:
             curves.append(Curve("closed form", hours, theory.position[:, column] / 1000.0, BLACK, "dashed"))
         title = f"Position error {axis}"
-        panels.append(Panel(f"{key}_{axis}", title, "error [km]", label, tuple(curves), key, "" if column else note))
+        yield Panel(f"{key}_{axis}", title, "error [km]", label, tuple(curves), key, "" if column else note)
     if theory is not None:
         off = tuple(
             Curve(name, hours, np.hypot(*(error[:, :2] - theory.position).T), colour) for name, error, colour in both
         )
-        panels.append(Panel(f"{key}_off", "Difference to the closed form", "difference [m]", label, off, key))
-    return tuple(panels)
+        yield Panel(f"{key}_off", "Difference to the closed form", "difference [m]", label, off, key)
 
 
 def straight_panels() -> tuple[Panel, Panel]:
@@ -416,30 +411,26 @@ def convergence_panel(found: Sequence[Convergence]) -> Panel:
     )
 
 
-def flight_panels(found: Mapping[float, Sequence[TrajectoryErrors]], motion: str) -> tuple[Panel, ...]:
+def flight_panels(found: Mapping[float, Sequence[TrajectoryErrors]], motion: str) -> Iterator[Panel]:
     """Draw the position error of each integrator against truth, a panel for each sampling rate.
 
     `found`: by sampling rate [Hz], in the order of `INTEGRATORS`.
     """
     limits = _decades([each.horizontal for errors in found.values() for each in errors])
-    panels = []
     for rate, errors in found.items():
         lines = {name: each.horizontal for name, each in zip(INTEGRATORS, errors, strict=True)}
         title = f"Sampled at {rate:g} Hz"
-        panels.append(_differing(f"flight_{rate:g}", title, "error [m]", errors[0].time, lines, limits, motion))
-    return tuple(panels)
+        yield _differing(f"flight_{rate:g}", title, "error [m]", errors[0].time, lines, limits, motion)
 
 
-def difference_panels(differences: Mapping[Integrator, TrajectoryErrors], against: str) -> tuple[Panel, ...]:
+def difference_panels(differences: Mapping[Integrator, TrajectoryErrors], against: str) -> Iterator[Panel]:
     """Draw how far the integrators are from one of them, or from a reference."""
     time = next(iter(differences.values())).time
-    panels = []
     for what, unit, size in (("Position", "m", lambda each: each.horizontal), ("Velocity", "m/s", speed_of)):
         lines = {name: size(each) for name, each in differences.items()}
         title = f"{what} of the integrators against {against}"
         limits = _decades(list(lines.values()))
-        panels.append(_differing(f"difference_{what}".lower(), title, f"horizontal [{unit}]", time, lines, limits))
-    return tuple(panels)
+        yield _differing(f"difference_{what}".lower(), title, f"horizontal [{unit}]", time, lines, limits)
 
 
 def speed_of(errors: TrajectoryErrors) -> FloatArray:

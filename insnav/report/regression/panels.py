@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -245,13 +245,12 @@ def fitted(predicted: FloatArray, actual: FloatArray) -> tuple[Any, float] | Non
     return line, float(stdtrit(len(predicted) - 2, 0.975)) * line.stderr
 
 
-def predicted_panels(cases: Mapping[str, CaseResult]) -> list[Panel]:
+def predicted_panels(cases: Mapping[str, CaseResult]) -> Iterator[Panel]:
     """Draw the actual error over the predicted standard deviation, with the regression line.
 
     `cases`: each gives eight points, one a part of its drives, for every axis.
     """
     known = [case.measured.spread for case in cases.values() if case.measured.values]
-    panels = []
     for i, (title, unit, _, names) in enumerate(GROUPS if known else ()):
         part = np.sqrt(np.concatenate(known))[:, 3 * i : 3 * i + 3]
         usable: BoolArray = np.logical_and.reduce(np.isfinite(part) & (part > 0.0), axis=2)
@@ -269,5 +268,4 @@ def predicted_panels(cases: Mapping[str, CaseResult]) -> list[Panel]:
             interval = f"{line.slope - half:.2f} to {line.slope + half:.2f}"
             head = f"{title}: slope {line.slope:.2f} ({interval}), R² {line.rvalue**2:.2f}"
         labels = f"actual RMS error [{unit}]", f"predicted sd [{unit}], n {len(predicted)}"
-        panels.append(Panel(title, head, *labels, tuple(curves), log="xy", height=330))
-    return panels
+        yield Panel(title, head, *labels, tuple(curves), log="xy", height=330)

@@ -16,7 +16,7 @@ from insnav.quantity import Quantity
 from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION
 from insnav.report.numbers import number
 from insnav.report.page import DataFrame, Page, Section, Verdict, by_warnings, drawn, only_json, rows_frame
-from insnav.report.panels import Curve, Kind, Panel
+from insnav.report.panels import Curve, Kind, Panel, bars
 from insnav.result import Result
 from insnav.types import FloatArray
 from insnav.units import UNITS
@@ -287,11 +287,9 @@ def _aided_assumptions(study: RequirementStudy) -> Iterator[Finding]:
 def outages_text(study: RequirementStudy) -> str:
     """How much GPS there was before the outages."""
     first, last = study.begins[0], study.begins[-1]
-    return (
-        f"after {first} s of GPS"
-        if first == last
-        else f"mean of {len(study.begins)} outages after {first} to {last} s of GPS"
-    )
+    if first == last:
+        return f"after {first} s of GPS"
+    return f"mean of {len(study.begins)} outages after {first} to {last} s of GPS"
 
 
 def nearest(study: RequirementStudy, count: int) -> list[Candidate]:
@@ -348,13 +346,9 @@ def allocation_panel(study: RequirementStudy) -> Panel:
         f"{number(share.alone / UNITS[share.unit][1])} alone"
         for share in shares
     ]
-    curves = []
-    for kind, colour in (("of the set", BLUE), ("given", ORANGE), ("hardly acts", GREY)):
-        own = [row for row, each in enumerate(kinds) if each == kind]
-        if own:
-            part = np.array([min(shares[row].size / shares[row].alone, 1.2) for row in own])
-            rows, text = np.array(own, dtype=np.float64), tuple(texts[row] for row in own)
-            curves.append(Curve(kind, part, rows, colour, "bars", np.zeros(len(own)), text=text))
+    part = np.array([min(share.size / share.alone, 1.2) for share in shares])
+    colours = {"of the set": BLUE, "given": ORANGE, "hardly acts": GREY}
+    curves = bars(kinds, colours, np.zeros(len(shares)), part, texts)
     return Panel(
         "allocation",
         "How large each error may be",

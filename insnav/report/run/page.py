@@ -112,17 +112,13 @@ def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: s
     `folder`: entered, not committed; `table_format` {"csv", "parquet"}.
     """
     found, run, place = result.found, result.found.run, folder.directory
-    solution_tables.write_run_table(place, run.solution, table_format)
+    tables = [("", run.solution), ("", run.innovations), ("", run.sensor_errors), ("", found.gps)]
+    tables += [("errors", found.errors), ("smoothed_errors", found.smoothed_errors)]
     if run.smoothed is not None:
-        solution_tables.write_run_table(place, run.smoothed.solution, table_format, "smoothed")
-        solution_tables.write_run_table(place, run.smoothed.sensor_errors, table_format, "smoothed_biases")
-    solution_tables.write_run_table(place, run.innovations, table_format)
-    solution_tables.write_run_table(place, run.sensor_errors, table_format)
-    for name, errors in (("errors", found.errors), ("smoothed_errors", found.smoothed_errors)):
-        if errors is not None:
-            solution_tables.write_run_table(place, errors, table_format, name)
-    if found.gps is not None:
-        solution_tables.write_run_table(place, found.gps, table_format)
+        tables += [("smoothed", run.smoothed.solution), ("smoothed_biases", run.smoothed.sensor_errors)]
+    for name, table in tables:
+        if table is not None:
+            solution_tables.write_run_table(place, table, table_format, name)
     if result.imu_model is not None:
         folder.path("imu.toml").write_text(to_toml(result.imu_model[0]), encoding="utf-8", newline="\n")
     solution_tables.write_events(place, result.findings or run.events)

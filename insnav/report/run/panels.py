@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -88,9 +88,9 @@ def _drawn(found: EvaluatedRun) -> EvaluatedRun:
     return replace(found, run=run, errors=some(found.errors), smoothed_errors=some(found.smoothed_errors))
 
 
-def _state_panels(found: EvaluatedRun, axis: RunAxis) -> list[Panel]:
+def _state_panels(found: EvaluatedRun, axis: RunAxis) -> Iterator[Panel]:
     """Errors with three standard deviations where there is a reference, else the standard deviations."""
-    errors, panels = found.known_errors, []
+    errors = found.known_errors
     for i, (group, unit, size, names) in enumerate(GROUPS):
         columns = slice(3 * i, 3 * i + 3)
         curves: list[Curve] = []
@@ -100,15 +100,14 @@ def _state_panels(found: EvaluatedRun, axis: RunAxis) -> list[Panel]:
                 value, half = getattr(each, group) / size, 3.0 * sd / size
                 curves += _banded(axis, names, each.time, value, half, mode, around=0.0)
             title, note = f"{group.capitalize()} error", "solution minus reference; band: ±3 sd as stated"
-            panels.append(axis.panel(f"{group}_error", title, f"error [{unit}]", curves, note=note))
+            yield axis.panel(f"{group}_error", title, f"error [{unit}]", curves, note=note)
             continue
         for mode, solution in found.solutions.items():
             if solution.sd is not None:
                 time, sd = broken_at_gaps(axis.clock(solution.time), solution.sd[:, columns] / size)
                 curves += [Curve(n, time, sd[:, k], AXIS_COLOURS[k], mode=mode) for k, n in enumerate(names)]
         title, note = f"Stated uncertainty of {group}", "one standard deviation"
-        panels.append(axis.panel(f"{group}_sd", title, f"sd [{unit}]", curves, note=note, log="y"))
-    return panels
+        yield axis.panel(f"{group}_sd", title, f"sd [{unit}]", curves, note=note, log="y")
 
 
 def _banded(
@@ -136,8 +135,8 @@ def _banded(
     return curves
 
 
-def _innovation_panels(run: Run, axis: RunAxis) -> list[Panel]:
-    fixes, panels, nis = run.innovations, [], []
+def _innovation_panels(run: Run, axis: RunAxis) -> Iterator[Panel]:
+    fixes, nis = run.innovations, []
     time = axis.clock(fixes.time)
     for i, (group, unit, _, names) in enumerate(GROUPS[:2]):
         columns = slice(3 * i, 3 * i + 3)
@@ -150,7 +149,7 @@ def _innovation_panels(run: Run, axis: RunAxis) -> list[Panel]:
             curves.append(Curve("rejected", time[~used], value[~used, k], colour, "crosses"))
         note = "measured minus predicted; band: ±3 sd as predicted"
         title = f"Innovations of GPS {group}"
-        panels.append(axis.panel(f"innovations_{group}", title, f"innovation [{unit}]", curves, note=note))
+        yield axis.panel(f"innovations_{group}", title, f"innovation [{unit}]", curves, note=note)
         size, colour = getattr(fixes, f"nis_{group}") / 3.0, (BLUE, ORANGE)[i]
         positive = size > 0.0
         nis += [
@@ -158,8 +157,7 @@ def _innovation_panels(run: Run, axis: RunAxis) -> list[Panel]:
             Curve("rejected", time[~used & positive], size[~used & positive], colour, "crosses"),
         ]
     note = "normalised innovation squared of each fix, per axis: 1 on average if the stated sd is right"
-    panels.append(axis.panel("nis", "NIS", "NIS per axis [-]", nis, note=note, log="y", levels=nis_levels(run)))
-    return panels
+    yield axis.panel("nis", "NIS", "NIS per axis [-]", nis, note=note, log="y", levels=nis_levels(run))
 
 
 def nis_levels(run: Run, group: str = "") -> tuple[tuple[float, str], ...]:
@@ -174,8 +172,8 @@ def sensor_errors(run: Run) -> dict[str, SensorErrors]:
     return {mode: each for mode, each in (both | {"filtered": run.sensor_errors}).items() if len(each.time)}
 
 
-def _bias_panels(run: Run, axis: RunAxis) -> list[Panel]:
-    found, panels = sensor_errors(run), []
+def _bias_panels(run: Run, axis: RunAxis) -> Iterator[Panel]:
+    found = sensor_errors(run)
     for key, title, unit, size, first in (
         ("gyro_bias", "Gyro bias", "deg/h", DEG_PER_H, 0),
         ("accel_bias", "Accelerometer bias", "mg", 1e-3 * G0, 3),
@@ -185,8 +183,7 @@ def _bias_panels(run: Run, axis: RunAxis) -> list[Panel]:
         for mode, each in found.items():
             value, sd = each.value[:, own] / size, each.sd[:, own] / size
             curves += _banded(axis, _XYZ, each.time, value, sd, mode if len(found) > 1 else "")
-        panels.append(axis.panel(key, title, f"bias [{unit}]", curves, note="as estimated, body axes; band: ±1 sd"))
-    return panels
+        yield axis.panel(key, title, f"bias [{unit}]", curves, note="as estimated, body axes; band: ±1 sd")
 
 
 def _separation(run: Run, axis: RunAxis) -> list[Panel]:

@@ -46,7 +46,7 @@ def run_sections(found: EvaluatedRun, reference: str = "") -> tuple[Section, ...
     mechanization, events; without figures.
     """
     run = found.run
-    codes = Counter(event.code.value for event in run.events)
+    events = Quantity("events", dict(sorted(Counter(event.code.value for event in run.events).items())))
     spans = [
         (
             Quantity("start", a, "s", decimals=1),
@@ -68,7 +68,7 @@ def run_sections(found: EvaluatedRun, reference: str = "") -> tuple[Section, ...
         *((noise_section(found.noise),) if found.noise is not None else ()),
         Section("alignment", "Initial alignment", alignment_items(run.alignment), show="page"),
         *_short_duration(found),
-        _only("events", dict(sorted(codes.items())), "events.csv has each of them", "page"),
+        Section("", "Events", (events,), note="events.csv has each of them", show="page"),
     )
 
 
@@ -78,10 +78,6 @@ def _short_duration(found: EvaluatedRun) -> tuple[Section, ...]:
     from insnav.report.run.short_duration import short_section
 
     return (short_section(found.short_duration),)
-
-
-def _only(key: str, value: Any, note: str = "", show: Any = "json") -> Section:
-    return Section("", key.capitalize(), (Quantity(key, value),), note=note, show=show)
 
 
 def noise_section(found: NoiseEstimate | Tuned) -> Section:
@@ -251,7 +247,7 @@ def _sensor_errors(sensor_errors: SensorErrors) -> tuple[Quantity, ...]:
 
 def _accuracy(title: str, errors: TrajectoryErrors | None, reference: str) -> Section:
     if errors is None:
-        return _only("accuracy", None)
+        return only_json("", Quantity("accuracy", None))
     parts = {
         part: () if figures is None else tuple(quantity_of(key, value) for key, value in figures.items())
         for part, figures in accuracy_by_motion(errors).items()
@@ -303,7 +299,7 @@ def _shown(part: str, error: Quantity) -> Quantity:
 
 def _consistency(found: Mapping[str, Any] | None) -> Section:
     if found is None:
-        return _only("consistency", None)
+        return only_json("", Quantity("consistency", None))
     groups = {
         name: tuple(quantity_of(key, value) for key, value in (each or {}).items()) for name, each in found.items()
     }
@@ -315,7 +311,7 @@ def _smoothed(found: EvaluatedRun, reference: str) -> Section:
     """What smoothing brought: uncertainty, and error where there is a reference, compared with the filter's."""
     run = found.run
     if run.smoothed is None:
-        return _only("smoothed", None)
+        return only_json("", Quantity("smoothed", None))
     both = (run.solution.sd, run.smoothed.solution.sd)
     sd = [None if each is None else rms_length(each[:, :2]) for each in both]
     items = [

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -46,7 +46,7 @@ def short_section(windows: Sequence[ShortWindow]) -> Section:
     )
 
 
-def short_panels(windows: Sequence[ShortWindow]) -> tuple[Panel, ...]:
+def short_panels(windows: Sequence[ShortWindow]) -> Iterator[Panel]:
     """Draw how far the short form is from the full one in every window, and what the dropped terms explain."""
     elapsed = windows[0].elapsed
 
@@ -57,7 +57,6 @@ def short_panels(windows: Sequence[ShortWindow]) -> tuple[Panel, ...]:
     def mean(name: str) -> FloatArray:
         return np.asarray(np.sqrt(np.mean(sizes(name) ** 2, axis=0)))
 
-    panels = []
     for title, name, label in (
         ("Position", "position", "horizontal [m]"),
         ("Velocity", "velocity", "horizontal [m/s]"),
@@ -70,8 +69,7 @@ def short_panels(windows: Sequence[ShortWindow]) -> tuple[Panel, ...]:
             curves.append(Curve("RMS by the dropped terms", elapsed, mean("dropped"), BLACK, "dashed"))
             curves.append(Curve("RMS by Euler's rule", elapsed, mean("rest"), VERMILLION, "dashed"))
         across = "time since the start of the window [s]"
-        panels.append(Panel(f"short_{name}", f"{title}, short minus full", label, across, tuple(curves), "short"))
-    return tuple(panels)
+        yield Panel(f"short_{name}", f"{title}, short minus full", label, across, tuple(curves), "short")
 
 
 def short_columns(windows: Sequence[ShortWindow]) -> dict[str, FloatArray]:

@@ -387,6 +387,7 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
     nees = {name: float(columns[f"nees_{name}"].mean()) for name in GROUPS[: len(share)]}
     inside_band = dict(zip(GROUPS, map(float, share), strict=False))
     horizontal = columns["rms_horizontal"]
+    mean, worst = float(horizontal.mean()), float(horizontal.max())
     positions, rejected, resets = (int(columns[name].sum()) for name in _COUNTS)
     failed = tuple(failures_of(runs))
     failures = tuple(
@@ -396,7 +397,7 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
     parts = (Section("failed", rows=failures, show="json"), _errors(found))
     items = (
         Quantity("runs", len(runs.number)),
-        Quantity("rms_horizontal", {"mean": float(horizontal.mean()), "largest": float(horizontal.max())}, "m"),
+        Quantity("rms_horizontal", {"mean": mean, "largest": worst}, "m"),
         Quantity("nees_per_axis", nees, meaning="NEES per axis"),
         Quantity("nees_inside_band", inside_band, meaning="share inside the band"),
         Quantity("nees_band", BAND, meaning="probability of the band", digits=2),
@@ -414,11 +415,7 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
         (
             *motion_lines(plan, time, motion),
             entry("runs", f"{count} of {imu} and {model_name(plan.gps)}, seed {plan.seed}"),
-            entry(
-                "horizontal",
-                f"RMS {number(float(horizontal.mean()))} m in the mean of the runs, "
-                f"{number(float(horizontal.max()))} m in the worst",
-            ),
+            entry("horizontal", f"RMS {number(mean)} m in the mean of the runs, {number(worst)} m in the worst"),
             entry("NEES", inside_text or "not known: there was no fix"),
             entry(
                 "", f"per axis: 1 if the stated sd is right (share of the fixes inside the {100.0 * BAND:.0f} % band)"
@@ -437,8 +434,8 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
         (*failed, Finding.of(Code.SIMULATION_RUNS)),
         verdict=_verdict(plan, horizontal, nees, failed),
         merits=(
-            Quantity("mean", float(horizontal.mean()), "m", meaning="horizontal RMS, mean of the runs"),
-            Quantity("worst", float(horizontal.max()), "m", meaning="horizontal RMS, worst run"),
+            Quantity("mean", mean, "m", meaning="horizontal RMS, mean of the runs"),
+            Quantity("worst", worst, "m", meaning="horizontal RMS, worst run"),
             *(Quantity(f"nees_{name}", value, meaning=f"NEES per axis, {name}") for name, value in nees.items()),
             Quantity("rejected", f"{rejected} of {positions}", meaning="fixes rejected"),
         ),
