@@ -143,11 +143,6 @@ def filtered(ready: Prepared, *, starts: int | None = None, gates: Gates | None 
     return Filtered(ready, settings, epochs, *navigator.delay, shaken, lever_sd, *navigator.misfit())
 
 
-def _half(ready: Prepared) -> float:
-    """Half the length of what is looked at of a record [s]."""
-    return 0.5 * min(float(np.ptp(ready.imu.time)), LONGEST)
-
-
 def _open_gates(ready: Prepared) -> Gates:
     """Gates that reject no fix."""
     return replace(ready.settings.gates, max_speed=np.inf, probability=1.0, reset_after=np.inf)
@@ -308,12 +303,6 @@ def _found(seen: Filtered, likelihood: LateFixes | None, alone: tuple[float, flo
     return Found(delay, sd, drift, lag, lag_sd, likelihood.moments, sum_sd)
 
 
-def shown_again(ready: Prepared) -> FilterSettings:
-    """Settings with the delay that the search shows now, and the least standard deviation of it that is stated."""
-    found = delay_of(filtered(ready), velocity_lag(ready.gps))
-    return replace(ready.settings, surest=found.surest, shown=found.delay + found.drift * _half(ready))
-
-
 def _with_lag(
     likelihood: LateFixes, delay: float, drift: float, alone: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray, float]:
@@ -358,7 +347,8 @@ def on_time(
         return ready
     seen = filtered(ready)
     further, width, lags = seen, settings.delay_sd, (ready.settings.velocity_lag, 0.0, ready.settings.moments)
-    before, last, surest, shown, half = (ready, seen, at_first), 0.0, 0.0, 0.0, _half(ready)
+    before, last, surest, shown = (ready, seen, at_first), 0.0, 0.0, 0.0
+    half = 0.5 * min(float(np.ptp(ready.imu.time)), LONGEST)  # of what is looked at of the record [s]
     alone = velocity_lag(ready.gps) if settings.delay_sd > 0.0 else (0.0, np.inf)
     tried, misfit, cost = before, np.nan, np.nan
     for _ in range(ROUNDS if settings.delay_sd > 0.0 else 0):
