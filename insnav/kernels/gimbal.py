@@ -124,15 +124,7 @@ def derivative(y, f, k, vertical, gains, disturbed, errors, d):  # type: ignore[
     fn, fe, fd = f[k, 0], f[k, 1], f[k, 2]
     un, ue, ud = turned(q0, -q1, -q2, -q3, fn, fe, fd)
     cn, ce, cd = channel(
-        y,
-        COMPUTED,
-        fn + un + errors[3],
-        fe + ue + errors[4],
-        fd + ud + errors[5],
-        f[k, 3],
-        vertical,
-        gains,
-        d,
+        y, COMPUTED, fn + un + errors[3], fe + ue + errors[4], fd + ud + errors[5], f[k, 3], vertical, gains, d
     )
     # 1/2 (q p - r q), p the rate of the platform in its axes, r that of true North, East, Down
     px, py, pz = cn + errors[0], ce + errors[1], cd + errors[2]

@@ -193,11 +193,7 @@ def step(x, dt, tx, ty, tz, vx, vy, vz, coning, sculling, k, c, north, hold, hei
     en, ed = OMEGA * cos_mid, -OMEGA * sin_mid
     zn, ze, zd = (en + wn) * dt, we * dt, (ed + wd) * dt
     kn, ke, kd = 2.0 * en + wn, we, 2.0 * ed + wd
-    un, ue, ud = (
-        un - 0.5 * (ze * ud - zd * ue),
-        ue - 0.5 * (zd * un - zn * ud),
-        ud - 0.5 * (zn * ue - ze * un),
-    )
+    un, ue, ud = un - 0.5 * (ze * ud - zd * ue), ue - 0.5 * (zd * un - zn * ud), ud - 0.5 * (zn * ue - ze * un)
     v1n = vn + un + (north * gravity_north(sin_mid, cos_mid, h_mid) - (ke * md - kd * me)) * dt
     v1e = ve + ue - (kd * mn - kn * md) * dt
     v1d = vd + ud + (gravity_down(sin_mid, h_mid) - (kn * me - ke * mn)) * dt
