@@ -13,7 +13,7 @@ import numpy as np
 from insnav.kernels import inner, njit
 from insnav.kernels.earth import OMEGA, gravity_down, gravity_north, radii
 from insnav.kernels.increments import turned
-from insnav.kernels.mechanization import TWO_PI
+from insnav.kernels.mechanization import within_turn
 
 FORWARD, BACKWARD, MEAN, FOURTH = 0, 1, 2, 3
 OFF, FREE, DAMPED = 0, 1, 2
@@ -172,10 +172,7 @@ def advance(method, h, f, mid, k, vertical, gains, disturbed, errors, y, work): 
     for i in range(STATES):
         y[i] = z[i]
     for o in range(1, TURN, COMPUTED):
-        if y[o] >= np.pi:
-            y[o] -= TWO_PI
-        elif y[o] < -np.pi:
-            y[o] += TWO_PI
+        y[o] = within_turn(y[o])
     norm = 1.5 - 0.5 * (y[TURN] ** 2 + y[TURN + 1] ** 2 + y[TURN + 2] ** 2 + y[TURN + 3] ** 2)
     for i in range(TURN, STATES):
         y[i] *= norm
