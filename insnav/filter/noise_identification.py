@@ -66,14 +66,17 @@ def identify_noise(ready: Prepared, spec: ImuSpec) -> DriveNoise | None:
     return None
 
 
-def _known_figures(drive: InnovationLikelihood, correlated: CorrelatedNoise | None) -> FloatArray:
-    """Figures of the noise of a drive as it is specified."""
-    at = np.array([p.middle for p in drive.parameters])
+def known_likelihood(ready: Prepared, spec: ImuSpec) -> tuple[InnovationLikelihood, FloatArray] | None:
+    """Innovations of a drive and the figures of its noise as it is specified; none as of `_likelihood`."""
+    drive = _likelihood(ready, spec)
+    if drive is None:
+        return None
+    at, correlated = np.array([p.middle for p in drive.parameters]), ready.settings.correlated
     at[-2] = -np.inf
     if correlated is not None:
         part = min(correlated.share / drive.parameters[-2].most, ALL)
         at[-2:] = np.log([part / (1.0 - part), correlated.time])
-    return at
+    return drive, at
 
 
 def _likelihood(ready: Prepared, spec: ImuSpec) -> InnovationLikelihood | None:
@@ -146,10 +149,10 @@ def with_known_noise(ready: Prepared, spec: ImuSpec, *, lasting: bool, sizes: bo
     """
     lasting &= sizes or ready.settings.correlated is None
     needed = lasting or ready.model.axes_sd.any()
-    drive = _likelihood(ready.beginning(ENOUGH_FOR_AXES), spec) if needed else None
-    if drive is None:
+    known = known_likelihood(ready.beginning(ENOUGH_FOR_AXES), spec) if needed else None
+    if known is None:
         return ready
-    at = _known_figures(drive, ready.settings.correlated)
+    drive, at = known
     if ready.model.axes_sd.any():
         with suppress(DivergenceError):
             ready = _with_axes(ready, misalignments([drive], at, 0.0)[0])
