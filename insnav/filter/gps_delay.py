@@ -102,7 +102,7 @@ class Filtered:
 def filtered(ready: Prepared, *, starts: int | None = None, gates: Gates | None = None) -> Filtered:
     """Navigate the beginning of a drive with what the comparison of clocks needs.
 
-    A start in motion is navigated twice; `started`: the second time; `gates`: others than those of the settings.
+    A start in motion is navigated again, `starts` times; `gates`: others than those of the settings.
     """
     ready = ready if starts is not None else _thinned(ready.beginning(LONGEST))
     starts = STARTS if starts is None else starts
