@@ -5,12 +5,4 @@ from insnav.filter.gates import Gates
 from insnav.filter.navigator import Navigator
 from insnav.filter.settings import FilterSettings
 
-__all__ = [
-    "ErrorModel",
-    "FilterSettings",
-    "Gates",
-    "InitialState",
-    "Navigator",
-    "error_model",
-    "initial_state",
-]
+__all__ = ["ErrorModel", "FilterSettings", "Gates", "InitialState", "Navigator", "error_model", "initial_state"]

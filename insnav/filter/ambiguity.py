@@ -18,38 +18,22 @@ class Jump(NamedTuple):
     """A change of place of the fixes that lasts."""
 
     begin: float  # [s]
-    end: float  # when it is over; the same as `begin` of what is no drift [s]
     moved: FloatArray  # (3,) North, East, Down [m]
-
-
-def widened(run: Run, off: Callable[[Trajectory], FloatArray], share: float) -> Run:
-    """Standard deviations that hold positions that are `off` (n, 3) [m] with a probability of `share`."""
-    part = float(np.clip(share, LEAST, 1.0 - LEAST))
-
-    def wider(solution: Trajectory, sd: FloatArray) -> FloatArray:
-        sd[:, :3] = np.sqrt(sd[:, :3] ** 2 + part * off(solution) ** 2)
-        return sd
-
-    return with_wider_sd(run, wider)
 
 
 def widen_by_jumps(run: Run, jumps: Sequence[Jump]) -> Run:
     """Standard deviations that hold both: fixes before the first jump are true, or fixes after the last."""
     assert run.smoothed is not None
-    time, begin, end = run.smoothed.solution.time, min(each.begin for each in jumps), max(each.end for each in jumps)
-    early = (begin - time[0]) / (begin - time[0] + time[-1] - end)
-    run = widened(run, lambda solution: _moved(jumps, solution.time), early)
-    last = _moved(jumps, time[-1:])
-    return widened(run, lambda solution: last - _moved(jumps, solution.time), 1.0 - early)
+    time, begin = run.smoothed.solution.time, np.array([each.begin for each in jumps])
+    before, after = begin.min() - time[0], time[-1] - begin.max()
+    early = float(np.clip(before / (before + after), LEAST, 1.0 - LEAST))  # probability that the fixes after are false
 
+    def wider(solution: Trajectory, sd: FloatArray) -> FloatArray:
+        off = (solution.time[:, None] >= begin) @ np.array([each.moved for each in jumps])  # against those at the begin
+        sd[:, :3] = np.sqrt(sd[:, :3] ** 2 + early * off**2 + (1.0 - early) * (off[-1] - off) ** 2)
+        return sd
 
-def _moved(jumps: Sequence[Jump], time: FloatArray) -> FloatArray:
-    """By how much the fixes are off against those at the begin, (n, 3) [m]."""
-    off = np.zeros((time.size, 3))
-    for begin, end, moved in jumps:
-        part = (time >= begin).astype(float) if end <= begin else np.clip((time - begin) / (end - begin), 0.0, 1.0)
-        off += part[:, None] * moved
-    return off
+    return with_wider_sd(run, wider)
 
 
 def resets_of(run: Run) -> tuple[Jump, ...]:
@@ -58,8 +42,7 @@ def resets_of(run: Run) -> tuple[Jump, ...]:
     for reset in of_code(run.events, Code.FILTER_RESET):
         row = int(np.searchsorted(found.time, reset.begin - 1e-6))
         first = int(np.flatnonzero(found.used_position[:row]).max(initial=-1)) + 1
-        begin = float(found.time[first])
-        jumps.append(Jump(begin, begin, found.innovation[row, :3]))
+        jumps.append(Jump(float(found.time[first]), found.innovation[row, :3]))
     return tuple(jumps)
 
 

@@ -59,10 +59,7 @@ class Engine:
         r = np.ascontiguousarray(r)  # one kind of array, one kernel
         if measurement_fault(z, h, r):
             raise DivergenceError(
-                "filter.bad_measurement",
-                where=f"t = {time:.3f} s",
-                innovation=str(z),
-                variance=str(np.diagonal(r)),
+                "filter.bad_measurement", where=f"t = {time:.3f} s", innovation=str(z), variance=str(np.diagonal(r))
             )
         self._filter.update(z.reshape(-1, 1), R=r, H=h)
         error: FloatArray = self._filter.x[:, 0]

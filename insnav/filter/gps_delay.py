@@ -102,7 +102,7 @@ class Filtered:
 def filtered(ready: Prepared, *, starts: int | None = None, gates: Gates | None = None) -> Filtered:
     """Navigate the beginning of a drive with what the comparison of clocks needs.
 
-    A start in motion is navigated twice; `started`: the second time; `gates`: others than those of the settings.
+    A start in motion is navigated again, `starts` times; `gates`: others than those of the settings.
     """
     ready = ready if starts is not None else _thinned(ready.beginning(LONGEST))
     starts = STARTS if starts is None else starts
@@ -141,11 +141,6 @@ def filtered(ready: Prepared, *, starts: int | None = None, gates: Gates | None 
         shaken = scale_of(vibration, vibration_cov, other, np.geomspace(LEAST_OTHER, other, SCALES))[1]
     shaken = shaken if shaken > OTHER_WORTH else 0.0
     return Filtered(ready, settings, epochs, *navigator.delay, shaken, lever_sd, *navigator.misfit())
-
-
-def _half(ready: Prepared) -> float:
-    """Half the length of what is looked at of a record [s]."""
-    return 0.5 * min(float(np.ptp(ready.imu.time)), LONGEST)
 
 
 def _open_gates(ready: Prepared) -> Gates:
@@ -308,12 +303,6 @@ def _found(seen: Filtered, likelihood: LateFixes | None, alone: tuple[float, flo
     return Found(delay, sd, drift, lag, lag_sd, likelihood.moments, sum_sd)
 
 
-def shown_again(ready: Prepared) -> FilterSettings:
-    """Settings with the delay that the search shows now, and the least standard deviation of it that is stated."""
-    found = delay_of(filtered(ready), velocity_lag(ready.gps))
-    return replace(ready.settings, surest=found.surest, shown=found.delay + found.drift * _half(ready))
-
-
 def _with_lag(
     likelihood: LateFixes, delay: float, drift: float, alone: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray, float]:
@@ -358,7 +347,8 @@ def on_time(
         return ready
     seen = filtered(ready)
     further, width, lags = seen, settings.delay_sd, (ready.settings.velocity_lag, 0.0, ready.settings.moments)
-    before, last, surest, shown, half = (ready, seen, at_first), 0.0, 0.0, 0.0, _half(ready)
+    before, last, surest, shown = (ready, seen, at_first), 0.0, 0.0, 0.0
+    half = 0.5 * min(float(np.ptp(ready.imu.time)), LONGEST)  # of what is looked at of the record [s]
     alone = velocity_lag(ready.gps) if settings.delay_sd > 0.0 else (0.0, np.inf)
     tried, misfit, cost = before, np.nan, np.nan
     for _ in range(ROUNDS if settings.delay_sd > 0.0 else 0):

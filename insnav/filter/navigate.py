@@ -76,11 +76,7 @@ def navigate_recording(
 
 
 def navigate_prepared(
-    ready: Prepared,
-    spec: ImuSpec,
-    *,
-    aiding: AidingChoice = "auto",
-    progress: Callable[[float], None] | None = None,
+    ready: Prepared, spec: ImuSpec, *, aiding: AidingChoice = "auto", progress: Callable[[float], None] | None = None
 ) -> Navigated:
     """Navigate a recording that is aligned; see `navigate_recording`."""
     every = ready.settings.output_interval

@@ -328,13 +328,7 @@ class Navigator:
         return found
 
     def _gate(
-        self,
-        time: float,
-        row: int,
-        nis: tuple[float, float],
-        distance: float,
-        change: float,
-        quality: Finding | None,
+        self, time: float, row: int, nis: tuple[float, float], distance: float, change: float, quality: Finding | None
     ) -> tuple[Finding | None, Finding | None]:
         """Why position and velocity are rejected or de-weighted, or None."""
         gates, gps = self._settings.gates, self._gps

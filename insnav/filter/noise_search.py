@@ -82,7 +82,7 @@ _Seen = tuple[FloatArray, FloatArray, float]  # innovations, their variances, an
 class DriveNoise(NoiseEstimate):
     """Noise of drives, and the innovations that show it."""
 
-    seen: tuple[InnovationLikelihood, FloatArray] | None = None  # of the first drive, and the logarithms of figures
+    seen: tuple[InnovationLikelihood, FloatArray]  # of the first drive, and the logarithms of figures
 
 
 class Posterior:
@@ -92,16 +92,6 @@ class Posterior:
         self.drives, self.parameters = drives, drives[0].parameters
         self.middle = np.array([p.middle for p in self.parameters])
         self._sd = np.array([[p.sd, p.sd_below] for p in self.parameters]).T
-
-    @property
-    def can_be_wider(self) -> bool:
-        """Whether velocities may have a time-correlated error, too."""
-        keys = {p.key for p in self.parameters}
-        return "gps.velocity" in keys and "gps.velocity_correlated" not in keys
-
-    def wider(self) -> Posterior:
-        """The same with a time-correlated error of the velocities."""
-        return Posterior([drive.with_correlated_velocities() for drive in self.drives])
 
     def weight(self, at: FloatArray) -> FloatArray:
         """Curvature of the prior."""
@@ -208,8 +198,8 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> DriveNoise:
     white[-2] = -np.inf
     before = posterior.innovations(white)
     top, covariance, (e, s, cost) = posterior.climb(_begun(posterior))
-    if posterior.can_be_wider:
-        wider = posterior.wider()
+    if any(p.key == "gps.velocity" for p in posterior.parameters):  # which may have a time-correlated error, too
+        wider = Posterior([drive.with_correlated_velocities() for drive in drives])
         starts = [np.concatenate([top[:-2], each, top[-2:]]) for each in VELOCITY_STARTS]
         costs = [wider.innovations(at)[2] for at in starts]
         if min(costs) < cost:
@@ -288,7 +278,6 @@ def kind_of(found: DriveNoise, kinds: Sequence[ImuSpec]) -> ImuSpec:
     Innovations tell the logarithm of a figure with an error, a normal one each, which is what the posterior density has
     beside the prior; for IMUs of one kind it is normally distributed about that of the kind.
     """
-    assert found.seen is not None
     drive, kinds = found.seen[0], [found.seen[0].prior, *kinds]
     worth = np.zeros(len(kinds))
     for figure, p in zip(found.figures, drive.parameters, strict=True):
@@ -320,7 +309,7 @@ def identify(drives: Sequence[InnovationLikelihood], kinds: Sequence[ImuSpec] = 
         found = maximise(drives)
     for _ in range(KINDS_TRIED):
         kind = kind_of(found, kinds)
-        if found.seen is None or kind is found.seen[0].prior:
+        if kind is found.seen[0].prior:
             break
         try:
             found = maximise([drive.of(kind) for drive in drives])
@@ -335,7 +324,6 @@ def unlike(drives: Sequence[InnovationLikelihood], found: DriveNoise) -> list[li
     `found`: in all of them together. Drives by one IMU share its figures, not those of their fixes: it is another one
     where its own figures make the innovations so much likelier that chance does not, and are far from those of all.
     """
-    assert found.seen is not None
     shared, figures, far = found.seen[1], [], np.zeros(found.seen[1].size, dtype=np.bool_)
     for drive in drives:
         one = drive if len(drive.parameters) == shared.size else drive.with_correlated_velocities()

@@ -15,7 +15,7 @@ import numpy as np
 from insnav.kernels import inner, njit
 from insnav.kernels.dynamics import NAV, second_order, system_matrix
 from insnav.kernels.earth import OMEGA, radii
-from insnav.kernels.mechanization import quaternion_step, rotation, step
+from insnav.kernels.mechanization import quaternion_step, rotation, step, within_turn
 
 SENSOR = 12  # sensor errors
 STATES = NAV + SENSOR
@@ -375,13 +375,9 @@ def feed_back(x, correction, error):  # type: ignore[no-untyped-def]
     sin_lat = np.sin(x[0])
     rm, rn = radii(sin_lat)
     h = x[2]
-    x[1] -= error[1] / ((rn + h) * np.cos(x[0]))
+    x[1] = within_turn(x[1] - error[1] / ((rn + h) * np.cos(x[0])))
     x[0] -= error[0] / (rm + h)
     x[2] += error[2]
-    if x[1] >= np.pi:
-        x[1] -= 2.0 * np.pi
-    elif x[1] < -np.pi:
-        x[1] += 2.0 * np.pi
     x[3] -= error[3]
     x[4] -= error[4]
     x[5] -= error[5]
@@ -406,10 +402,6 @@ def move_along(state, seconds):  # type: ignore[no-untyped-def]
     for k in range(state.shape[0]):
         s = seconds[k]
         rm, rn = radii(np.sin(state[k, 0]))
-        state[k, 1] += s * state[k, 4] / ((rn + state[k, 2]) * np.cos(state[k, 0]))
+        state[k, 1] = within_turn(state[k, 1] + s * state[k, 4] / ((rn + state[k, 2]) * np.cos(state[k, 0])))
         state[k, 0] += s * state[k, 3] / (rm + state[k, 2])
         state[k, 2] -= s * state[k, 5]
-        if state[k, 1] >= np.pi:
-            state[k, 1] -= 2.0 * np.pi
-        elif state[k, 1] < -np.pi:
-            state[k, 1] += 2.0 * np.pi

@@ -13,7 +13,7 @@ import numpy as np
 from insnav.kernels import inner, njit
 from insnav.kernels.earth import OMEGA, gravity_down, gravity_north, radii
 from insnav.kernels.increments import turned
-from insnav.kernels.mechanization import TWO_PI
+from insnav.kernels.mechanization import within_turn
 
 FORWARD, BACKWARD, MEAN, FOURTH = 0, 1, 2, 3
 OFF, FREE, DAMPED = 0, 1, 2
@@ -124,15 +124,7 @@ def derivative(y, f, k, vertical, gains, disturbed, errors, d):  # type: ignore[
     fn, fe, fd = f[k, 0], f[k, 1], f[k, 2]
     un, ue, ud = turned(q0, -q1, -q2, -q3, fn, fe, fd)
     cn, ce, cd = channel(
-        y,
-        COMPUTED,
-        fn + un + errors[3],
-        fe + ue + errors[4],
-        fd + ud + errors[5],
-        f[k, 3],
-        vertical,
-        gains,
-        d,
+        y, COMPUTED, fn + un + errors[3], fe + ue + errors[4], fd + ud + errors[5], f[k, 3], vertical, gains, d
     )
     # 1/2 (q p - r q), p the rate of the platform in its axes, r that of true North, East, Down
     px, py, pz = cn + errors[0], ce + errors[1], cd + errors[2]
@@ -180,10 +172,7 @@ def advance(method, h, f, mid, k, vertical, gains, disturbed, errors, y, work): 
     for i in range(STATES):
         y[i] = z[i]
     for o in range(1, TURN, COMPUTED):
-        if y[o] >= np.pi:
-            y[o] -= TWO_PI
-        elif y[o] < -np.pi:
-            y[o] += TWO_PI
+        y[o] = within_turn(y[o])
     norm = 1.5 - 0.5 * (y[TURN] ** 2 + y[TURN + 1] ** 2 + y[TURN + 2] ** 2 + y[TURN + 3] ** 2)
     for i in range(TURN, STATES):
         y[i] *= norm

@@ -140,11 +140,7 @@ def quaternion_rate(q0, q1, q2, q3, x, y, z):  # type: ignore[no-untyped-def]
 def turned(q0, q1, q2, q3, x, y, z):  # type: ignore[no-untyped-def]
     """Rotate a vector by a quaternion and take the vector off: (C(q) - I) v, without cancellation."""
     tx, ty, tz = 2.0 * (q2 * z - q3 * y), 2.0 * (q3 * x - q1 * z), 2.0 * (q1 * y - q2 * x)
-    return (
-        q0 * tx + q2 * tz - q3 * ty,
-        q0 * ty + q3 * tx - q1 * tz,
-        q0 * tz + q1 * ty - q2 * tx,
-    )
+    return q0 * tx + q2 * tz - q3 * ty, q0 * ty + q3 * tx - q1 * tz, q0 * tz + q1 * ty - q2 * tx
 
 
 @njit(cache=True)

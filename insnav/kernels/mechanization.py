@@ -8,13 +8,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from insnav.kernels import njit
+from insnav.kernels import inner, njit
 from insnav.kernels.earth import OMEGA, gravity_down, gravity_north, radii
 from insnav.kernels.increments import turn_factors, turned
 
 TWO_PI = 2.0 * np.pi
 HALF_PI = 0.5 * np.pi
 POLAR_CAP = 0.02  # cosine of the latitude below which axes fixed to the Earth serve: 128 km around each pole
+
+
+@inner()
+def within_turn(lon):  # type: ignore[no-untyped-def]
+    """Longitude from -pi to pi of one that is less than a turn beyond [rad]."""
+    if lon >= np.pi:
+        return lon - TWO_PI
+    return lon + TWO_PI if lon < -np.pi else lon
 
 
 @njit(cache=True)
@@ -93,12 +101,7 @@ def polar_step(x, dt, un, ue, ud, px, py, pz, north, hold, height, v_down):  # t
     rise = (cos_mid * along - sin_mid * out) / (rm + h + 0.5 * up)
     rise *= 1.0 + rise * rise / 24.0  # the chord to the arc
     x[0] = min(max(lat + rise, -HALF_PI), HALF_PI)
-    lon += turn
-    if lon >= np.pi:
-        lon -= TWO_PI
-    elif lon < -np.pi:
-        lon += TWO_PI
-    x[1] = lon
+    x[1] = within_turn(lon + turn)
 
     quaternion_step(x, tn, 0.0, td, px, py, pz)
     c, s = np.cos(0.5 * turn), np.sin(0.5 * turn)
@@ -193,23 +196,14 @@ def step(x, dt, tx, ty, tz, vx, vy, vz, coning, sculling, k, c, north, hold, hei
     en, ed = OMEGA * cos_mid, -OMEGA * sin_mid
     zn, ze, zd = (en + wn) * dt, we * dt, (ed + wd) * dt
     kn, ke, kd = 2.0 * en + wn, we, 2.0 * ed + wd
-    un, ue, ud = (
-        un - 0.5 * (ze * ud - zd * ue),
-        ue - 0.5 * (zd * un - zn * ud),
-        ud - 0.5 * (zn * ue - ze * un),
-    )
+    un, ue, ud = un - 0.5 * (ze * ud - zd * ue), ue - 0.5 * (zd * un - zn * ud), ud - 0.5 * (zn * ue - ze * un)
     v1n = vn + un + (north * gravity_north(sin_mid, cos_mid, h_mid) - (ke * md - kd * me)) * dt
     v1e = ve + ue - (kd * mn - kn * md) * dt
     v1d = vd + ud + (gravity_down(sin_mid, h_mid) - (kn * me - ke * mn)) * dt
     if hold:
         v1d = v_down
     x[0] = lat + 0.5 * dt * (vn + v1n) * north_by
-    lon += 0.5 * dt * (ve + v1e) * (east_by * secant)
-    if lon >= np.pi:
-        lon -= TWO_PI
-    elif lon < -np.pi:
-        lon += TWO_PI
-    x[1] = lon
+    x[1] = within_turn(lon + 0.5 * dt * (ve + v1e) * (east_by * secant))
     x[2] = height if hold else h - 0.5 * dt * (vd + v1d)
     x[3], x[4], x[5] = v1n, v1e, v1d
     quaternion_step(x, zn, ze, zd, px, py, pz)

@@ -7,7 +7,7 @@ from numpy import cos, sin
 from insnav.kernels import njit
 from insnav.kernels.earth import OMEGA, gravity_down, gravity_north, radii
 from insnav.kernels.increments import turned
-from insnav.kernels.mechanization import TWO_PI, quaternion_step
+from insnav.kernels.mechanization import quaternion_step, within_turn
 
 
 @njit(cache=True)
@@ -26,12 +26,7 @@ def navigate(x, turning, dt, dtheta, dvel, coning, every, out):  # type: ignore[
         fx, fy, fz = dvel[k, 0], dvel[k, 1], dvel[k, 2]
         un, ue, ud = turned(x[6], x[7], x[8], x[9], fx, fy, fz)
         x[0] = lat + t * vn / (rm + h)
-        lon += t * ve / ((rn + h) * c)
-        if lon >= 0.5 * TWO_PI:
-            lon -= TWO_PI
-        elif lon < -0.5 * TWO_PI:
-            lon += TWO_PI
-        x[1] = lon
+        x[1] = within_turn(lon + t * ve / ((rn + h) * c))
         x[2] = h - t * vd
         x[3] = vn + fx + un + t * gravity_north(s, c, h)
         x[4] = ve + fy + ue

@@ -16,6 +16,7 @@ import numpy as np
 from insnav import imu as sensors  # whose calibration files are imported when one is given: 10 ms
 from insnav.exceptions import KEYWORDS, ConfigError, InputError, InsnavError
 from insnav.input import Reading, ReadingFacts, read_gps, read_imu, read_reference
+from insnav.input.formats.conventions import ACCEL, GYRO
 from insnav.input.formats.registry import choose_table, open_table
 from insnav.input.formats.table import ArrayCells, Table
 from insnav.input.interpret.clean import GPS_KINDS, IMU_KINDS, REFERENCE_KINDS, find_gaps
@@ -50,8 +51,6 @@ T = TypeVar("T", ImuData, GpsData, Trajectory)
 _KINDS = {"IMU": IMU_KINDS, "GPS": GPS_KINDS, "reference": REFERENCE_KINDS}
 MOST_FIXES = 0.5  # part of the rows of samples that may hold a new fix
 _DESCRIBING = ("axes", "units", "columns", "sampling", "stamp")
-_GYRO = ("gyro_x_rad_s", "gyro_y_rad_s", "gyro_z_rad_s")
-_ACCEL = ("accel_x_m_s2", "accel_y_m_s2", "accel_z_m_s2")
 
 
 def by_name(inputs: NamedInputs) -> Inputs:
@@ -214,7 +213,7 @@ def samples_source(imu: Given | Table, rate: float | None) -> str | Path | Table
         arrays = [np.arange(1, len(arrays[0]) + 1) / rate, *arrays]
     if len(arrays) != 3 or any(each.shape != (len(arrays[0]), 3) for each in arrays[1:]) or arrays[0].ndim != 1:
         raise ConfigError("session.not_samples", shapes=tuple(str(each.shape) for each in arrays))
-    return named_columns(("time_s", *_GYRO, *_ACCEL), np.column_stack(arrays))
+    return named_columns(("time_s", *GYRO, *ACCEL), np.column_stack(arrays))
 
 
 def _timed(table: Table, rate: float) -> Table:

@@ -9,7 +9,7 @@ import pytest
 
 from insnav.exceptions import InputError
 from insnav.findings import Code
-from insnav.input.readers.heights import read_heights
+from insnav.input.readers.specific_force import read_heights
 from tests.input.files import noted, write
 
 T = np.arange(50) / 2.0

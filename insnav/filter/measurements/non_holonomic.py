@@ -7,9 +7,8 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from insnav.filter.measurements.first_pass import ENOUGH, FAST, FirstPass
+from insnav.filter.measurements.first_pass import ENOUGH, FAST, LARGEST_RMS, WIDEST, FirstPass
 from insnav.filter.measurements.measurement import NOTHING, FilterView
-from insnav.filter.measurements.mounting import LARGEST_RMS, WIDEST
 from insnav.filter.measurements.residual_noise import time_correlated_sd
 from insnav.findings import Code, Finding
 from insnav.kernels.aiding_measurements import vehicle_velocity

@@ -40,19 +40,15 @@ class Cells(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ArrayCells:
-    """Rows of a format that is converted as a whole: columns ``(n,)`` in the order of the headers; see `Cells.line`."""
+    """Rows of a format that is converted as a whole: columns ``(n,)`` in the order of the headers; see `Cells`."""
 
     columns: tuple[FloatArray, ...]
-    find_line: Callable[[int], str]
+    line: Callable[[int], str]
     cut: Finding | None = None
 
     def read(self, indices: Sequence[int]) -> Numbers:
         """See `Cells`."""
         return Numbers({i: self.columns[i] for i in indices}, len(self.columns[0]), self.cut)
-
-    def line(self, row: int) -> str:
-        """See `Cells`."""
-        return self.find_line(row)
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -30,7 +31,6 @@ from insnav.input.interpret.physics import (
     turn_ratio,
 )
 from insnav.input.interpret.schema import ALL_UNITS, GPS_SCHEMA, IMU_SCHEMA, Quantity
-from insnav.input.readers.raw_columns import SI_UNITS, from_outputs, raw_schema
 from insnav.input.readers.reading import Reading
 from insnav.input.readers.rows import read_rows
 from insnav.types import BoolArray, FloatArray, ImuData, Sampling, Stamp
@@ -42,6 +42,7 @@ _RATES = ("gyro_x", "gyro_y", "gyro_z")
 _FORCES = ("accel_x", "accel_y", "accel_z")
 _ANGLES = ("dtheta_x", "dtheta_y", "dtheta_z")
 _VELOCITIES = ("dvel_x", "dvel_y", "dvel_z")
+_SI_UNITS = {"gyro": "rad/s", "accel": "m/s^2"}
 _SENSIBLE = 1e12  # larger numbers are damage in any unit
 _BLOCK_ROWS = 1 << 13
 _SLOWEST = 0.5  # longest interval of an IMU [s]
@@ -107,7 +108,7 @@ def read_imu(
     matrix = axes_matrix(axes or "FRD")
     name = table.name
     scales = {**(raw_scales or {}), **_count_scales(units)}
-    schema = raw_schema(scales)
+    schema = _raw_schema(scales)
     guessed = not columns and is_headerless(table.headers)
     columns = imu_columns(table) if guessed else columns
     found, notes = understand(table.headers, table.units, schema, columns=columns, parts=table.parts, where=name)
@@ -128,8 +129,8 @@ def read_imu(
     keys = ["time", *there, *extras]
     slowest = _SLOWEST if len(there) == 6 else SLOWEST_ALONE
     rows = read_rows(table, found, keys, IMU_KINDS, slowest=slowest, time_unit=given.get("time"))
-    raw_notes, raw_units = from_outputs(rows.columns, found, scales, given, increments=increments, where=name)
-    stated |= {key: SI_UNITS[key] for key in scales}
+    raw_notes, raw_units = _from_outputs(rows.columns, found, scales, given, increments=increments, where=name)
+    stated |= {key: _SI_UNITS[key] for key in scales}
     cleaned = rows.clean(_damaged(rows.columns, ["time", *there], found, name))
     rows.columns.clear()  # a day of samples is there only once
     time = cleaned.columns["time"]
@@ -232,6 +233,54 @@ def _count_scales(units: Mapping[str, str] | str | None) -> dict[str, RawScale]:
             raise ConfigError("input.unknown_imu_unit", where="imu-units", text=f"{key}={text}")
         scales[triad] = RawScale("LSB", np.zeros(3), np.full(3, number_in(text) / ALL_UNITS[unit][1]))
     return scales
+
+
+def _raw_schema(scales: Mapping[str, RawScale]) -> tuple[Quantity, ...]:
+    """Columns of an IMU file, those of the named triads in volts or counts."""
+    if not scales:
+        return IMU_SCHEMA
+    schema = []
+    for quantity in IMU_SCHEMA:
+        triad, _, axis = quantity.key.rpartition("_")
+        if triad in scales:
+            unit = scales[triad].unit
+            quantity = replace(quantity, name=f"{triad}_{axis}_{unit.lower()}", dimension="signal", unit=unit)
+        schema.append(quantity)
+    return tuple(schema)
+
+
+def _from_outputs(
+    columns: dict[str, FloatArray],
+    found: Mapping[str, Found],
+    scales: Mapping[str, RawScale],
+    given: Mapping[str, str],
+    *,
+    increments: bool,
+    where: str,
+) -> tuple[tuple[Finding, ...], dict[str, str]]:
+    """Replace outputs by rates [rad/s] and specific forces [m/s^2], in place.
+
+    Raises: ConfigError: a unit that is not one of volts or counts was given; InputError: the file holds increments, or
+    counts where volts are needed.
+    """
+    notes, units = [], {}
+    for triad, scale in scales.items():
+        if triad in given:
+            values: dict[str, Any] = {"triad": triad, "unit": scale.unit, "given": given[triad]}
+            raise ConfigError("input.unit_of_raw", where="imu-units", **values)
+        if increments:
+            raise InputError("input.increments_of_raw", where=where, triad=triad, unit=scale.unit)
+        for i, axis in enumerate("xyz"):
+            key = f"{triad}_{axis}"
+            unit = found[key].unit or scale.unit
+            try:
+                columns[key] = scale.value(columns[key], i, unit)
+            except ConfigError:
+                where = f"{where}:{found[key].header}"
+                raise InputError("input.other_raw_unit", where=where, unit=scale.unit, given=unit) from None
+            units[key] = unit
+        notes.append(Finding.of(Code.READ_IMU_RAW_SCALED, subject=triad, unit=scale.unit, si_unit=_SI_UNITS[triad]))
+    return tuple(notes), units
 
 
 _COUNTS_PER = re.compile(r"(?:counts?|lsb)/\(?(?P<unit>[^()]+)\)?", re.IGNORECASE)

@@ -1,4 +1,4 @@
-"""Specific force along level axes, as the accelerometers of a platform measure it, from a file."""
+"""What a north-pointing platform measures, from files: specific force along level axes, and heights over time."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, Finding
 from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
-from insnav.input.interpret.clean import IMU_KINDS, Cleaned
+from insnav.input.interpret.clean import IMU_KINDS, REFERENCE_KINDS, Cleaned
 from insnav.input.interpret.columns import Found, require, understand
 from insnav.input.interpret.physics import stated_unit
-from insnav.input.interpret.schema import ALL_UNITS, schema
+from insnav.input.interpret.schema import ALL_UNITS, IMU_SCHEMA, REFERENCE_SCHEMA, schema
 from insnav.input.readers.reading import Reading
 from insnav.input.readers.rows import read_rows
 from insnav.types import FloatArray
@@ -27,6 +27,9 @@ _SLOWEST = 10.0  # longest interval between samples [s]
 _SENSIBLE = 1e3  # larger specific force is damage [m/s^2]
 _GRAVITY = (9.0, 10.6)  # what the vertical axis shows in the middle of a record, in flight too [m/s^2]
 SPECIFIC_FORCE_SCHEMA = schema("specific_force")
+_SLOWEST_HEIGHTS = 1000.0  # longest interval between heights [s]
+_HEIGHTS = ("height", "baro", "height_msl")  # the first there is counts
+_HEIGHT_SCHEMA = tuple({q.key: q for q in (*REFERENCE_SCHEMA, *IMU_SCHEMA) if q.key in ("time", *_HEIGHTS)}.values())
 _ORDER = {"ENU": ("f_east", "f_north", "f_up"), "NED": ("f_north", "f_east", "f_down")}
 
 
@@ -37,6 +40,14 @@ class SpecificForce:
     time: FloatArray  # (n,) times of the samples [s], strictly increasing
     # (n, 3) North, East, Down at these instants [m/s^2]; Down ``NaN`` throughout if the file has no vertical axis
     f_n: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Heights:
+    """Heights over time, as a barometer or a surveyed profile gives them."""
+
+    time: FloatArray  # (n,) [s], strictly increasing
+    height: FloatArray  # (n,) as in the file [m]
 
 
 def read_specific_force(
@@ -163,3 +174,23 @@ def _refuse_impossible(time: FloatArray, f_n: FloatArray, name: str) -> None:
             "count": int(np.count_nonzero(wild.any(axis=1))),
         }
         raise InputError("input.impossible_force", where=f"{name}: at {time[row]:.6f} s", **values)
+
+
+def read_heights(path: str | Path | Table) -> Reading[Heights]:
+    """Read a time and a height from a data file; whatever else it holds is not looked at.
+
+    Raises: InputError: the file cannot be used.
+    """
+    table = open_table(path)
+    name = table.name
+    found, notes = understand(table.headers, table.units, _HEIGHT_SCHEMA, where=name)
+    key = next((key for key in _HEIGHTS if key in found), None)
+    if key is None or "time" not in found:
+        raise InputError("input.no_heights", where=name, known=tuple(filter(None, table.headers)))
+    rows = read_rows(table, found, ("time", key), REFERENCE_KINDS, slowest=_SLOWEST_HEIGHTS)
+    rows.columns["height"] = rows.columns.pop(key) * found[key].factor
+    cleaned = rows.clean()
+    time, height = cleaned.columns["time"], cleaned.columns["height"]
+    longest = Finding.of(Code.READ_HEIGHT_INTERPOLATED, step_s=np.diff(time).max())
+    columns = {"time_s": found["time"].describe(rows.time_unit), "height_m": found[key].describe()}
+    return rows.reading("heights", Heights(time, height), cleaned, columns, (longest, *notes), gaps=False)
