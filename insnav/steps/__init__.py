@@ -45,6 +45,7 @@ STEPS = (
 LOAD = STEPS[: STEPS.index("align")]
 # parts of the path that a later step runs again with another lever arm, or other fixes
 PREPARE = STEPS[STEPS.index("align") : STEPS.index("lever_arm")]
+ALIGN = STEPS[STEPS.index("align") : STEPS.index("explain")]
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from insnav.explain.explanation import Explanation, Fault, explain_faults, find
 from insnav.explain.kinds import with_priors
 from insnav.filter.prepare import Prepared
 from insnav.findings import Finding
-from insnav.steps import Model, Recording, run_steps
+from insnav.steps import ALIGN, Model, Recording, run_steps
 from insnav.types import GpsData
 
 ROUNDS = 3  # of fixes put on one delay
@@ -34,7 +34,7 @@ def explain(recording: Recording, model: Model) -> tuple[Recording, Model, tuple
         late += steps
         rounds.append(explanation)
         fixes = put_on_one_delay(fixes, before, steps)
-        model = run_steps(("align",), replace(recording, fixes=fixes), model)[1]
+        model = run_steps(ALIGN, replace(recording, fixes=fixes), model)[1]
         assert model.ready is not None
         before = model.ready
         ready, explanation = explain_faults(before, kinds)

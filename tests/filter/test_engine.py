@@ -94,7 +94,7 @@ def test_a_covariance_that_is_not_finite_is_an_error(bad):
         pytest.raises(DivergenceError, match=r"filter.not_finite") as caught,
     ):
         Engine(covariance()).predict(f, np.zeros((N, N)), 3.0)
-    assert caught.value.exit_code == 1
+    assert caught.value.exit_code == 3
 
 
 def test_a_negative_variance_is_repaired_and_counted():
