@@ -126,7 +126,7 @@ class Explanation:
                 variance += LATE * (fault.size[0] * solution.v_n) ** 2
             sd[:, :3] = np.sqrt(variance)
             time, more = self.between
-            for column, each in enumerate(more.T):
+            for column, each in enumerate(more.T if time.size else ()):
                 sd[:, column] = np.hypot(sd[:, column], np.sqrt(np.interp(solution.time, time, each)))
             return sd
 
@@ -150,6 +150,8 @@ def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Ex
                 parts.append(known)
                 continue
             found = search(record, kinds, () if known is None else known.found.best.steps)
+            if not np.isfinite(found.best.cost):  # too far from linear to be calculated
+                return ready, Explanation()
             passes, tried = passes + found.passes, [*tried, *considered_of(record, found)]
             parts.append(Part(record, found, faults_in(record, found)))
         if alike(of_imu(faults_of(filter(None, before))), of_imu(faults_of(parts))):
@@ -268,7 +270,7 @@ def state_detectable(record: LinearRecord, of: Pass, kinds: Sequence[Kind]) -> F
             known = known + columns.T @ of.information[later] @ columns - cross - np.swapaxes(cross, 1, 2)
         misfit = misfit_of(record, of, kind)
         least = [_least_found(each, kind, record.interval, ends, misfit) for each in known]
-        value = float(np.quantile(least, NEARLY_ALL))
+        value = float(np.quantile(least, NEARLY_ALL, method="lower"))  # some are infinite
         if value < UNSEEN * kind.size:
             values[key] = value
     return Finding.of(Code.GPS_DETECTABLE, **values)

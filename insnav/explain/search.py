@@ -243,6 +243,8 @@ def search(record: LinearRecord, kinds: Sequence[Kind], known: tuple[Step, ...] 
         plain = searcher.settle(searcher.tune(plain, range(len(WIDTHS))), (), AGAIN[:2])
         if plain.cost > before - ACCEPT:
             break
+    if not np.isfinite(plain.cost) or most_are_weak(record, plain.weights):
+        return Search(plain, (), (), searcher.passes, plain, ())
     fit = plain
     if known:
         begun = searcher.settle(plain, known)
@@ -263,7 +265,7 @@ def search(record: LinearRecord, kinds: Sequence[Kind], known: tuple[Step, ...] 
 
 def top_of(places: Sequence[float], costs: Sequence[float]) -> float | None:
     """Where the parabola through three costs is least, if that is between the outer places."""
-    if len(set(places)) < 3 or not np.isfinite(costs).all():
+    if len(set(np.round(places, 6))) < 3 or not np.isfinite(costs).all():
         return None
     curve, slope, _ = np.polyfit(places, costs, 2)
     top = -0.5 * slope / curve if curve > 0.0 else np.inf
@@ -318,6 +320,14 @@ def believed(weights: FloatArray) -> FloatArray:
 def false_for_long(weights: FloatArray) -> BoolArray:
     """Which fixes are false with too many others to be so alone, (m, 2)."""
     return np.asarray((weights < WEAK) & (believed(weights) > WEAK))
+
+
+def most_are_weak(record: LinearRecord, weights: FloatArray) -> bool:
+    """Whether most positions, or most velocities, are weak in every minute: that is the noise, for faults are rare."""
+    minutes = np.array_split(np.arange(record.time.size), max(2, round(np.ptp(record.time) / SOON)))
+    weak, known = (weights < WEAK) & record.known, record.known
+    few = [2 * weak[rows].sum(axis=0) <= known[rows].sum(axis=0) for rows in minutes if known[rows].any()]
+    return not np.any(few, axis=0).all()
 
 
 def form_of(proposal: Proposal, known: tuple[Step, ...]) -> tuple[str, bool]:
