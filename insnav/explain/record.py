@@ -35,11 +35,10 @@ TAILS = 4.0  # degrees of freedom of the errors of fixes, Student's t [-]
 LEAST = (TAILS + 3.0) / (TAILS + 1.8)  # weight of a fix with three squares of 0.6 each, at most [-]
 # Figures of the noise, as logarithms, with the sd of their priors upwards and downwards: factors of the sd of positions
 # and of velocities, and of the noise of the IMU; odds of the time-correlated share of the variance of positions;
-# factor of its correlation time. Innovations cannot show that fixes are better than stated, for lasting errors hide.
-FIGURES = (0.6, 0.03), (0.6, 0.03), (0.8, 0.8), (1.5, 1.5), (1.0, 1.0)
-# a figure of the noise is at most so many sd of its prior below and above it: less would believe the IMU too much,
-# more may be, as by vibration
-FAR = 2.0, 4.0
+# factor of its correlation time. Innovations cannot show that fixes are better than stated, for lasting errors hide;
+# vibration may make an IMU far noisier than its kind.
+FIGURES = (0.6, 0.03), (0.6, 0.03), (1.5, 0.8), (1.5, 1.5), (1.0, 1.0)
+FAR = 2.0  # a figure of the noise is at most so many sd of its prior away: beyond, the model is wrong, not precise [-]
 POSITION, VELOCITY, IMU, SHARE, TIME_OF_SHARE = range(5)
 OVER_OFFSET, OVER_VELOCITY = 1, 2  # bits of what is over at an epoch; see `insnav.kernels.linear`
 # at the end, by kind; what is not here ends by a step back, after which what a drag has moved stays off
@@ -77,7 +76,7 @@ class Noise:
     def changed(self, number: int, by: float) -> Noise:
         """The same with one of the figures changed, as far as its prior allows."""
         up, down = FIGURES[number]
-        figure = float(np.clip(self.figures[number] + by, -FAR[0] * down, FAR[1] * up))
+        figure = float(np.clip(self.figures[number] + by, -FAR * down, FAR * up))
         return Noise((*self.figures[:number], figure, *self.figures[number + 1 :]))
 
     @property
