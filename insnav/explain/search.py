@@ -323,10 +323,10 @@ def false_for_long(weights: FloatArray) -> BoolArray:
 
 
 def most_are_weak(record: LinearRecord, weights: FloatArray) -> bool:
-    """Whether most positions, or most velocities, are weak in every minute: that is the noise, for faults are rare."""
-    minutes = np.array_split(np.arange(record.time.size), max(2, round(np.ptp(record.time) / SOON)))
+    """Whether most positions, or most velocities, are weak in each part of 20 epochs: noise, for no fault is always."""
+    parts = np.array_split(np.arange(record.time.size), max(2, record.time.size // 20))
     weak, known = (weights < WEAK) & record.known, record.known
-    few = [2 * weak[rows].sum(axis=0) <= known[rows].sum(axis=0) for rows in minutes if known[rows].any()]
+    few = [2 * weak[rows].sum(axis=0) <= known[rows].sum(axis=0) for rows in parts if known[rows].any()]
     return not np.any(few, axis=0).all()
 
 

@@ -83,6 +83,20 @@ def test_a_single_false_fix_is_weak_and_no_fault() -> None:
     assert found.best.weights[100, 0] == pytest.approx((TAILS + 3.0) / (TAILS + distance), rel=0.1)
 
 
+@pytest.mark.parametrize("part", [30.0, 100.0])
+def test_standard_deviations_of_positions_far_too_small_are_no_fault(part: float) -> None:
+    record = drawn(8)
+    variance = record.variance / ([part**2] * 3 + [1.0] * 3)
+    found = search(replace(record, variance=variance, correlated_sd=record.correlated_sd / part), KINDS)
+    assert told(found) == []
+
+
+@pytest.mark.parametrize(("name", "size"), [("velocity_offset", 50.0), ("gyro_z", 1.0)])
+def test_a_fault_that_makes_most_fixes_weak_is_still_found(name: str, size: float) -> None:
+    begin = 25
+    assert told(search(drawn(8, Step(OF[name], begin, 1.0), size), KINDS)) == [(name, begin, 0)]
+
+
 @pytest.mark.parametrize("name", LASTING)
 def test_a_step_that_stays_is_found_at_its_time(name: str) -> None:
     found = search(drawn(7, Step(OF[name], BEGIN, 1.0), LASTING[name]), KINDS)
