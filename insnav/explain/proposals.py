@@ -68,8 +68,10 @@ def gains_of(score: FloatArray, information: FloatArray, variances: FloatArray) 
     return np.asarray(gain.sum(axis=2))
 
 
-def misfit_of(record: LinearRecord, of: Pass, kind: Kind) -> float:
+def misfit_of(record: LinearRecord, of: Pass, kind: Kind, beside: Sequence[int] = ()) -> float:
     """Gain without priors that misfit of the model reaches `FALSE_ALARMS` times an hour, by the drive itself.
+
+    `beside`: epochs of faults, whose parts of the drive tell nothing of misfit.
 
     The largest r' N^-1 r of parts of the drive follow a Gumbel distribution (E. J. Gumbel, "Statistics of Extremes",
     1958), whose scale is the wider one of the two by quartiles of these.
@@ -78,11 +80,12 @@ def misfit_of(record: LinearRecord, of: Pass, kind: Kind) -> float:
     score, information = of.score @ columns, columns.T @ of.information @ columns
     gain = gains_of(score, information, np.array([np.inf]))[0]
     block = np.floor((record.time - record.time[0]) / BLOCK).astype(int)
-    firsts = np.unique(block, return_index=True)[1]
+    numbers, firsts = np.unique(block, return_index=True)
     if firsts.size < FEWEST:
         return 0.0
     levels = np.array([0.25, 0.5, 0.75])
-    largest = np.quantile(np.maximum.reduceat(gain, firsts), levels)
+    other = ~np.isin(numbers, block[list(beside)])
+    largest = np.quantile(np.maximum.reduceat(gain, firsts)[other if other.sum() >= FEWEST else slice(None)], levels)
     reduced = -np.log(-np.log(levels))
     scale = (np.diff(largest) / np.diff(reduced)).max()
     return float(largest[1] + scale * (-np.log(FALSE_ALARMS * BLOCK / HOUR) - reduced[1]))

@@ -133,8 +133,8 @@ class _Searcher:
     def proposals(self, fit: Fit) -> list[tuple[Proposal, Fit]]:
         """What would gain most at the weights as they are, with all fixes believed, and with a quiet IMU."""
         quiet = fit.noise.changed(IMU, min(0.0, QUIET - fit.noise.figures[IMU]))
-        ways = [(fit.weights, fit.noise), (believed(fit.weights), fit.noise), (fit.weights, quiet)]
-        edges = runs_of(np.asarray(false_for_long(fit.weights).any(axis=1)))[:, 0]
+        ways = [(fit.weights, fit.noise), (believed(fit.weights, self.record.known), fit.noise), (fit.weights, quiet)]
+        edges = runs_of(np.asarray(false_for_long(fit.weights, self.record.known).any(axis=1)))[:, 0]
         found = []
         for number, (weights, noise) in enumerate(ways):
             if number and np.allclose(weights, fit.weights, atol=0.75) and noise == fit.noise:
@@ -176,13 +176,14 @@ class _Searcher:
 
     def is_real(self, before: Fit, trial: Fit, new: Sequence[Step]) -> bool:
         """Whether faults gain more than misfit of the model does, and change the solution."""
-        return trial.cost < before.cost - self.least(trial, new) and matters(before, trial)
+        return trial.cost < before.cost - self.least(trial, new) and matters(before, trial, self.record.known)
 
     def least(self, trial: Fit, new: Sequence[Step]) -> float:
         """Gain that faults must have: misfit of the model, as the explained drive shows it, is no evidence."""
         kinds = {step.kind.name: step.kind for step in new if step.kind.steps and not step.kind.fills}
         prior = prior_of(new, self.record.interval)
-        return max([ACCEPT, *(misfit_of(self.record, trial.seen, kind) - prior for kind in kinds.values())])
+        rows = [row for step in new for row in (step.begin, step.end) if row]
+        return max([ACCEPT, *(misfit_of(self.record, trial.seen, kind, rows) - prior for kind in kinds.values())])
 
     def relocate(self, fit: Fit) -> Fit:
         """Move each step to where the others leave it likeliest, or to another kind; drop what gains too little."""
@@ -282,11 +283,11 @@ def clusters(spans: Sequence[tuple[float, float]]) -> list[tuple[int, int]]:
     return found
 
 
-def matters(before: Fit, after: Fit) -> bool:
+def matters(before: Fit, after: Fit, known: BoolArray) -> bool:
     """Whether a fault moves the solution by its sd somewhere, doubles its variance, or explains weak fixes."""
     moved = (after.seen.nav - before.seen.nav) ** 2 > before.seen.nav_variance
     doubled = after.seen.nav_variance > 2.0 * before.seen.nav_variance
-    explained = false_for_long(before.weights) & (after.weights > WEAK)
+    explained = false_for_long(before.weights, known) & (after.weights > WEAK)
     return bool(moved.any() or doubled.any() or explained.any())
 
 
@@ -307,19 +308,20 @@ def prior_of(steps: Sequence[Step], interval: float) -> float:
     return sum(float(step.kind.cost(step.variance, interval)) for step in steps) + ends * cost_of_end(interval)
 
 
-def believed(weights: FloatArray) -> FloatArray:
-    """Weights of one, but of fixes that are false alone."""
+def believed(weights: FloatArray, known: BoolArray) -> FloatArray:
+    """Weights of one, but of fixes that are false alone among those `known`, (m, 2)."""
     found = np.ones_like(weights)
     for column in range(2):
-        for first, last in runs_of(weights[:, column] < WEAK):
+        rows = np.flatnonzero(known[:, column])
+        for first, last in runs_of(weights[rows, column] < WEAK):
             if last - first <= ALONE:
-                found[first:last, column] = weights[first:last, column]
+                found[rows[first:last], column] = weights[rows[first:last], column]
     return found
 
 
-def false_for_long(weights: FloatArray) -> BoolArray:
+def false_for_long(weights: FloatArray, known: BoolArray) -> BoolArray:
     """Which fixes are false with too many others to be so alone, (m, 2)."""
-    return np.asarray((weights < WEAK) & (believed(weights) > WEAK))
+    return np.asarray((weights < WEAK) & (believed(weights, known) > WEAK))
 
 
 def most_are_weak(record: LinearRecord, weights: FloatArray) -> bool:

@@ -205,7 +205,7 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
                     for j in range(wide):
                         ph[c, j] -= by * ph[b, j]
                 error = z[k, i] - inner_product(hs9, c, mean9, 0, blocks)
-                own = var[k, i] + inner_product(hs9, c, ph9, c, blocks)
+                own = var[k, i] + max(inner_product(hs9, c, ph9, c, blocks), 0.0)  # below zero is rounding alone
                 innovation[k, i], variance[k, i] = error, own
                 total += np.log(own) + error * error / own
                 root = 1.0 / np.sqrt(own)

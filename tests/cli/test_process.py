@@ -105,7 +105,7 @@ def test_long_work_names_its_stages_on_a_terminal(drive: Path):
     import pty
 
     # shown from the begin on: on a fast machine this drive is navigated within the second that short work has
-    code = "from insnav import progress; from insnav.cli import main; progress.DELAY = 0.0; progress.REDRAWN = 0.01; main()"
+    code = "from insnav import cli, progress; progress.DELAY, progress.REDRAWN = 0.0, 0.01; cli.main()"
     ours, theirs = pty.openpty()
     terminal = _environment(TERM="xterm", COLUMNS="100")
     with subprocess.Popen(

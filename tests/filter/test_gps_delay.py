@@ -287,9 +287,7 @@ def test_attitude_and_velocity_are_no_surer_than_the_clock():
     for seed in (32, 33):  # with 32 the delay is off by 2.4 of its sd
         plan = plan_of(profiled("city", seed), {"imu": "navigation", "seed": seed})
         made = plan.measured()
-        run = (
-            insnav.load(made.imu, gps=made.gps, imu=plan.imu, lever_arm=tuple(made.lever_b)).navigate().found.run
-        )
+        run = insnav.load(made.imu, gps=made.gps, imu=plan.imu, lever_arm=tuple(made.lever_b)).navigate().found.run
         for state in (run.epochs, run.smoothed.epochs):
             state = state.rows((state.time > plan.truth.start + 30.0) & (state.time < plan.truth.start + 600.0))
             nees = normalised(state, plan.truth, np.zeros(3))

@@ -38,7 +38,11 @@ def test_false_fixes_are_no_reference_of_outages(drive: Path) -> None:
     found = insnav.load("imu.csv", gps="false.csv", lever_arm=LEVER).outage(lengths=10, workers=1)
     assert found.found.growth[0].largest[-1, found.found.growth[0].column("horizontal")] < 50.0
     rejected = found.page().findings[0]
-    assert (rejected.code, rejected.severity, rejected.subject) == (Code.RECORD_FALSE_POSITIONS, Severity.WARNING, "gps")
+    assert (rejected.code, rejected.severity, rejected.subject) == (
+        Code.RECORD_FALSE_POSITIONS,
+        Severity.WARNING,
+        "gps",
+    )
     assert (rejected.begin - fixes.time_s[0], rejected.end - fixes.time_s[0]) == pytest.approx((91.0, 99.0), abs=0.1)
 
 
