@@ -104,6 +104,11 @@ class Pass:
     nav_variance: FloatArray  # (m, 9)
     inner: tuple[tuple[FloatArray, ...], ...] = field(repr=False)  # of the passes, for `LinearRecord.cross`
 
+    @property
+    def is_finite(self) -> bool:
+        """Whether all is finite: what overflows on the way back is so at the first epoch, too."""
+        return bool(np.isfinite([self.cost, *self.score[0], *self.information[0].ravel()]).all())
+
 
 @dataclass(frozen=True, slots=True)
 class LinearRecord:

@@ -81,7 +81,7 @@ class _Searcher:
 
     def cost(self, seen: Pass, steps: tuple[Step, ...], weights: FloatArray, noise: Noise) -> float:
         """Twice the negative logarithm of the evidence [-]."""
-        return self.other_cost(steps, weights, noise) + seen.cost
+        return self.other_cost(steps, weights, noise) + seen.cost if seen.is_finite else np.inf
 
     def other_cost(self, steps: tuple[Step, ...], weights: FloatArray, noise: Noise) -> float:
         """Twice the negative logarithm of the priors of weights, noise and faults [-]."""
@@ -93,7 +93,7 @@ class _Searcher:
         weights, noise = start.weights, start.noise
         seen = self.look(steps, weights, noise)
         for divided in strictness:
-            if not np.isfinite(seen.score).all():
+            if not seen.is_finite:
                 return replace(start, steps=steps, cost=np.inf)
             weights = np.minimum((TAILS + 3.0) / (TAILS + seen.squares / divided), LEAST)
             steps = tuple(sized(self.record, seen, step) for step in steps)
@@ -140,6 +140,8 @@ class _Searcher:
             if number and np.allclose(weights, fit.weights, atol=0.75) and noise == fit.noise:
                 continue
             seen = fit.seen if number == 0 else self.look(fit.steps, weights, noise)
+            if not seen.is_finite:
+                continue
             here = Fit(fit.steps, weights, fit.noise, self.cost(seen, fit.steps, weights, noise), seen)
             less = here.cost - fit.cost  # what this way of looking has lost
             found += [

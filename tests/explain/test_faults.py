@@ -401,7 +401,6 @@ def test_a_gyro_that_is_off_for_a_while_is_named_and_heading_is_as_good_as_state
     assert np.mean(errors < 3.0) > 0.98
 
 
-@WORSE
 def test_a_drive_without_its_gyro_fault_is_no_surer_of_the_lever_arm_than_its_parts_agree():
     """The antenna is on the IMU; an arm of 0.33 m was stated with an sd of 0.02."""
     folder = recorded("rtklib_drive_20250708")
