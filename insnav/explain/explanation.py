@@ -20,7 +20,6 @@ from insnav.explain.proposals import SIZES, gains_of, misfit_of
 from insnav.explain.record import NAMES, LinearRecord, Pass, Step, usual_correlated
 from insnav.explain.search import ACCEPT, Search, prior_of, search
 from insnav.filter.ambiguity import with_wider_sd
-from insnav.filter.gates import Trust
 from insnav.filter.gps_correlation import Rough
 from insnav.filter.prepare import Prepared
 from insnav.findings import Code, Finding
@@ -244,8 +243,8 @@ def considered_of(record: LinearRecord, found: Search) -> list[Tried]:
 
 def accepted_as(ready: Prepared, fault: Fault, step: Step, interval: float) -> Tried:
     """Row of a fault that explains the record."""
-    trust, time = apply_faults(ready, [fault]).settings.trust, ready.gps.time - ready.settings.delay
-    left_out = 0 if trust is None else int(np.count_nonzero(trust.false.any(axis=0)))
+    false, time = apply_faults(ready, [fault]).settings.false, ready.gps.time - ready.settings.delay
+    left_out = 0 if false is None else int(np.count_nonzero(false.any(axis=0)))
     moved = int(np.count_nonzero(time >= _settled(fault))) if _lasts(fault) else 0
     kind, size, prior = fault.kind, float(np.linalg.norm(fault.size)), prior_of((step,), interval)
     return Tried(kind.name, fault.begin, fault.end, fault.gain, prior, kind.unit, True, size, left_out, moved)
@@ -309,8 +308,8 @@ def apply_faults(ready: Prepared, faults: Sequence[Fault]) -> Prepared:
         elif fault.family != "delay":
             changes += _changes_of(fault)
     changes.sort(key=lambda change: change.time)
-    trust = Trust(false, np.full(false.shape, np.nan)) if false.any() else None
-    settings = replace(ready.settings, changes=tuple(changes), trust=trust, rough=tuple(rough))
+    settings = replace(ready.settings, changes=tuple(changes), rough=tuple(rough))
+    settings = replace(settings, false=false if false.any() else None)
     if rough and settings.correlated is None:
         settings = replace(settings, correlated=usual_correlated(gps.position_sd))
     return replace(ready, gps=gps, settings=settings)

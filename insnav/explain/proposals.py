@@ -45,9 +45,7 @@ class Scores(NamedTuple):
 
 def score_kind(record: LinearRecord, of: Pass, kind: Kind) -> Scores:
     """Score a step of one kind at every epoch."""
-    columns = record.columns(kind)
-    score = of.score @ columns
-    information = columns.T @ of.information @ columns
+    score, information = record.project(of, kind)
     variances = kind.size**2 * SIZES
     gains = gains_of(score, information, variances) - kind.cost(variances, record.interval)[:, None]
     gains[:, : int(SETTLES)] = -np.inf
@@ -76,9 +74,7 @@ def misfit_of(record: LinearRecord, of: Pass, kind: Kind, beside: Sequence[int] 
     The largest r' N^-1 r of parts of the drive follow a Gumbel distribution (E. J. Gumbel, "Statistics of Extremes",
     1958), whose scale is the wider one of the two by quartiles of these.
     """
-    columns = record.columns(kind)
-    score, information = of.score @ columns, columns.T @ of.information @ columns
-    gain = gains_of(score, information, np.array([np.inf]))[0]
+    gain = gains_of(*record.project(of, kind), np.array([np.inf]))[0]
     block = np.floor((record.time - record.time[0]) / BLOCK).astype(int)
     numbers, firsts = np.unique(block, return_index=True)
     if firsts.size < FEWEST:
@@ -121,7 +117,7 @@ def propose(
             pairs = {
                 pair[:2]: pair
                 for top in near or (*edges, *_tops(record, scores.gain))
-                for pair in _pair(record, of, kind, top)
+                for pair in _pair(record, of, kind, scores, top)
             }
             for begin, end, gain, variance in sorted(pairs.values(), key=lambda pair: -pair[2])[:2]:
                 prior = float(kind.cost(variance, record.interval)) + ends
@@ -142,17 +138,15 @@ def _end(record: LinearRecord, of: Pass, known: tuple[Step, ...], number: int, p
     return [Proposal(gain[row], (*known[:number], step.moved(step.begin, row), *known[number + 1 :]))]
 
 
-def _pair(record: LinearRecord, of: Pass, kind: Kind, top: int) -> list[tuple[int, int, float, float]]:
+def _pair(record: LinearRecord, of: Pass, kind: Kind, scores: Scores, top: int) -> list[tuple[int, int, float, float]]:
     """An episode with one end near an epoch: alternately the best end and the best begin; gain without prior."""
     columns, m = record.columns(kind), record.time.size
-    score, information = of.score @ columns, columns.T @ of.information @ columns
+    score, information, *_ = scores
     reach, at = max(int(REACH / record.interval), 3), top
     best: tuple[int, int, float, float] | None = None
     variances = kind.size**2 * SIZES
     for turn in range(4):
         side = reach if turn % 2 == 0 else -reach
-        if best is None and turn == 1:
-            at = top
         cross = record.cross(of, columns, at, side)
         rows = np.arange(at + int(SETTLES), min(at + reach, m)) if side > 0 else np.arange(max(at - reach, 1), at - 1)
         if rows.size == 0:
@@ -177,10 +171,8 @@ def _interval(record: LinearRecord, of: Pass, kind: Kind) -> list[Proposal]:
 
     The sum takes the steps of all epochs as if each were alone. It only chooses where to try.
     """
-    columns = record.columns(kind)
-    score, information = of.score @ columns, columns.T @ of.information @ columns
-    found = []
-    for variance, gain in zip(kind.size**2 * SIZES, gains_of(score, information, kind.size**2 * SIZES), strict=True):
+    variances, found = kind.size**2 * SIZES, []
+    for variance, gain in zip(variances, gains_of(*record.project(of, kind), variances), strict=True):
         whole = np.concatenate([[0.0], np.cumsum(gain)])
         end = int((whole - np.minimum.accumulate(whole)).argmax())
         begin = int(whole[: end + 1].argmin())

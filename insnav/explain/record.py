@@ -26,7 +26,7 @@ from insnav.filter.state_layout import cross_covariance, layout, reset_correlate
 from insnav.kernels import linear
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
-from insnav.kernels.smoother import COAST, FIX, JACOBIAN, KIND, NOISE, RESIDUAL, SOURCE, STATE, TIME
+from insnav.kernels.smoother import COAST, JACOBIAN, KIND, NOISE, RESIDUAL, TIME
 from insnav.types import BoolArray, FloatArray, GpsData, ImuData, IntArray
 
 LONGEST, SHORTEST = 1024, 256  # epochs of a part of a long record; a shorter one at the end belongs to the one before
@@ -40,9 +40,8 @@ LEAST = (TAILS + 3.0) / (TAILS + 1.8)  # weight of a fix with three squares of 0
 FIGURES = (0.6, 0.03), (0.6, 0.03), (1.5, 0.8), (1.5, 1.5), (1.0, 1.0)
 FAR = 2.0  # a figure of the noise is at most so many sd of its prior away: beyond, the model is wrong, not precise [-]
 POSITION, VELOCITY, IMU, SHARE, TIME_OF_SHARE = range(5)
-OVER_OFFSET, OVER_VELOCITY = 1, 2  # bits of what is over at an epoch; see `insnav.kernels.linear`
 # at the end, by kind; what is not here ends by a step back, after which what a drag has moved stays off
-CLEARED = {"offset": OVER_OFFSET, "rough": OVER_OFFSET, "velocity_offset": OVER_VELOCITY}
+CLEARED = {"offset": linear.NO_POSITION, "rough": linear.NO_POSITION, "velocity_offset": linear.NO_VELOCITY}
 NAMES = {"position": 0, "velocity": 3, "attitude": 6, "gyro": 9, "accel": 12, "delay": STATES}
 
 
@@ -97,9 +96,7 @@ class Pass:
     cost: float  # twice the negative log-likelihood of the fixes [-]
     score: FloatArray  # (m, n) of a step of the state before each epoch
     information: FloatArray  # (m, n, n) of it
-    squares: (
-        FloatArray  # (m, 2) expected squares of the residuals of position and velocity by their variance at full weight
-    )
+    squares: FloatArray  # (m, 2) expected ones of the residuals of position and velocity by the variance at full weight
     nav: FloatArray  # (m, 9) smoothed error of position, velocity and attitude
     nav_variance: FloatArray  # (m, 9)
     inner: tuple[tuple[FloatArray, ...], ...] = field(repr=False)  # of the passes, for `LinearRecord.cross`
@@ -115,8 +112,7 @@ class LinearRecord:
     """Linear error model of one run at its epochs."""
 
     time: FloatArray  # (m,) of the epochs, in the time of the samples [s]
-    rows: IntArray  # (m,) of the fixes, -1 without one
-    speed: FloatArray  # (m,) of the vehicle [m/s]
+    interval: float  # usual time between epochs [s]
     system: tuple[FloatArray, ...]  # spans, transitions, fading, noise; see `insnav.kernels.linear`
     measured: tuple[FloatArray, ...]  # predicted minus measured, derivatives, errors taken off the state
     variance: FloatArray  # (m, 6) of the white noise of the fixes, 0 where nothing was measured
@@ -202,10 +198,8 @@ class LinearRecord:
         start = np.zeros((n + FAULTS, n + FAULTS))
         start[:n, :n] = before[0]
         variance = np.where(used, np.nan_to_num(sd) ** 2 + jitter**2, 0.0)
-        speed = np.linalg.norm(history[:, STATE + 3 : STATE + 6], axis=1)
-        is_fix = used.any(axis=1) & (history[:, SOURCE] == FIX)
         return cls(
-            *(time, np.where(is_fix, row, -1), speed, (span, phi, fade, q, qd), (z, h, fed), variance, start, states),
+            *(time, float(np.median(np.diff(time))), (span, phi, fade, q, qd), (z, h, fed), variance, start, states),
             correlated_sd=np.median(gps.position_sd, axis=0),
             from_fix=from_fix,
         )
@@ -244,14 +238,14 @@ class LinearRecord:
         return replace(self, system=(span, phi, fade, q, qd), measured=measured, start=start, states=states)
 
     @property
-    def interval(self) -> float:
-        """Usual time between epochs [s]."""
-        return float(np.median(np.diff(self.time)))
-
-    @property
     def known(self) -> BoolArray:
         """Whether a position and a velocity were measured at each epoch, (m, 2)."""
         return np.asarray(self.variance[:, ::3] > 0.0)
+
+    def project(self, of: Pass, kind: Kind) -> tuple[FloatArray, FloatArray]:
+        """Score (m, d) and information (m, d, d) of a step of one kind before each epoch."""
+        columns = self.columns(kind)
+        return of.score @ columns, np.asarray(columns.T @ of.information @ columns)
 
     def columns(self, kind: Kind) -> FloatArray:
         """What one unit of each column of a kind adds to the states, (n, d); (n, 0) if the record lacks them."""
@@ -324,7 +318,7 @@ class LinearRecord:
         first = self.states["offset"]
         for step in steps:
             if step.kind is RETURN:
-                cleared[step.begin] |= OVER_OFFSET | OVER_VELOCITY
+                cleared[step.begin] |= linear.NO_POSITION | linear.NO_VELOCITY
                 continue
             columns = np.sqrt(step.variance) * self.columns(step.kind)
             g = np.zeros((columns.shape[0], 3))

@@ -91,7 +91,7 @@ class _Searcher:
     def settle(self, start: Fit, steps: tuple[Step, ...], strictness: Sequence[float] = AGAIN) -> Fit:
         """Fit weights and sizes of some faults, from another fit."""
         weights, noise = start.weights, start.noise
-        seen = self.look(steps, weights, noise)
+        seen = start.seen if steps == start.steps else self.look(steps, weights, noise)
         for divided in strictness:
             if not seen.is_finite:
                 return replace(start, steps=steps, cost=np.inf)

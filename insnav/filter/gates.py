@@ -18,14 +18,6 @@ from insnav.types import BoolArray, FloatArray, GpsData, IntArray
 
 
 @dataclass(frozen=True, slots=True)
-class Trust:
-    """Which positions and velocities the whole record contradicts; see `insnav.explain.explanation`."""
-
-    false: BoolArray  # (2, n) not to be used
-    residual: FloatArray  # (2, n) distance from the smoothed track [m], [m/s]
-
-
-@dataclass(frozen=True, slots=True)
 class Gates:
     """Limits of the gates."""
 
@@ -166,13 +158,13 @@ def statistical(
 
 
 def whole_record(
-    time: float, row: int, trust: Trust, distance: float, change: float
+    time: float, row: int, false: BoolArray, distance: float, change: float
 ) -> tuple[Finding | None, Finding | None]:
     """Reject position or velocity of a fix that the whole record contradicts.
 
     `distance`, `change`: lengths of its innovations [m], [m/s].
     """
-    position, velocity = trust.false[:, row]
+    position, velocity = false[:, row]
     return (
         Finding.of(Code.GATE_RECORD_POSITION, time, distance_m=distance) if position else None,
         Finding.of(Code.GATE_RECORD_VELOCITY, time, speed_m_s=change) if velocity else None,

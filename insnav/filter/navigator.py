@@ -302,7 +302,7 @@ class Navigator:
         if use[0]:
             self._last_good = time
             self._rejections.clear()
-        elif quality is None and (self._settings.trust is None or not self._settings.trust.false[0, row]):
+        elif quality is None and (self._settings.false is None or not self._settings.false[0, row]):
             self._consider_reset(time, row)
         self._note_fix(time, nis, use)
 
@@ -333,8 +333,8 @@ class Navigator:
         """Why position and velocity are rejected or de-weighted, or None."""
         gates, gps = self._settings.gates, self._gps
         position, velocity = None, None
-        if self._settings.trust is not None:
-            position, velocity = gate.whole_record(time, row, self._settings.trust, distance, change)
+        if self._settings.false is not None:
+            position, velocity = gate.whole_record(time, row, self._settings.false, distance, change)
         position = (
             position
             or quality

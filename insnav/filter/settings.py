@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from insnav.filter.gates import Gates, Trust
+from insnav.filter.gates import Gates
 from insnav.filter.gps_correlation import CorrelatedNoise, Rough
 from insnav.filter.measurements.measurement import Measurement
 from insnav.filter.measurements.residual_noise import INTERVAL
-from insnav.types import FloatArray, SensorLog, StateChange
+from insnav.types import BoolArray, FloatArray, SensorLog, StateChange
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,5 +46,5 @@ class FilterSettings:
     aided_every: float = INTERVAL  # so often, of what has its noise anew every `INTERVAL` [s]
     smooth: bool = True  # backward over the recording at its end; see `insnav.filter.smoother`
     changes: tuple[StateChange, ...] = ()  # in order of time; see `insnav.explain.explanation`
-    trust: Trust | None = None  # fixes to leave out, by the same
+    false: BoolArray | None = None  # (2, n) positions and velocities to leave out, by the same
     rough: tuple[Rough, ...] = ()  # intervals in which the time-correlated errors of positions are larger, by the same

@@ -1,4 +1,4 @@
-"""Step 11: compare the solution with the reference, if there is one."""
+"""Step 12: compare the solution with the reference, if there is one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Step 8: compare the lever arm that was given with the one that the drive shows."""
+"""Step 9: compare the lever arm that was given with the one that the drive shows."""
 
 from __future__ import annotations
 

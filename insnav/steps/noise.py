@@ -1,4 +1,4 @@
-"""Step 7: estimate the noise of IMU and fixes from the innovations of the drive."""
+"""Step 8: estimate the noise of IMU and fixes from the innovations of the drive."""
 
 from __future__ import annotations
 
@@ -21,13 +21,11 @@ def noise(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
     """Estimate the noise, as far as it was not given."""
     assert model.ready is not None
     assert model.imu is not None
-    believed = believe(model.ready)
-    ready = _with_estimated_noise(recording, believed, model.imu[0])
+    gps, false = model.ready.gps, model.ready.settings.false
+    ready = _with_estimated_noise(recording, believe(model.ready), model.imu[0])
     # fixes that are left out stay in the record, with the standard deviations of the others
-    gps, at = model.ready.gps, model.ready
-    if believed.gps is not gps:
-        scaled = at.apply_noise(ready.noise) if ready.noise is not None else at
-        ready = replace(ready, gps=scaled.gps, settings=replace(ready.settings, trust=at.settings.trust))
+    gps = replace(ready.gps, fix=gps.fix, v_n=gps.v_n)
+    ready = replace(ready, gps=gps, settings=replace(ready.settings, false=false))
     return recording, replace(model, ready=ready), added(model.ready.findings, ready.findings)
 
 
@@ -47,13 +45,13 @@ def _with_estimated_noise(recording: Recording, ready: Prepared, spec: ImuSpec) 
 def believe(ready: Prepared) -> Prepared:
     """The recording without the fixes that its faults concern: their noise is not that of the others."""
     settings, gps, time = ready.settings, ready.gps, ready.gps.time - ready.settings.delay
-    if settings.trust is None and not settings.rough:
+    if settings.false is None and not settings.rough:
         return ready
-    none = np.zeros((2, time.size), dtype=np.bool_)
-    false = none if settings.trust is None else settings.trust.false
-    rough = np.any([(time >= each.begin) & (time < each.end) for each in settings.rough] or [none[0]], axis=0)
-    gps = replace(gps, v_n=np.where(false[1][:, None], np.nan, gps.v_n)).rows(np.flatnonzero(~false[0] & ~rough))
-    return replace(ready, gps=gps, settings=replace(settings, trust=None))
+    position, velocity = np.zeros((2, time.size), dtype=np.bool_) if settings.false is None else settings.false
+    position = np.any([position, *((time >= each.begin) & (time < each.end) for each in settings.rough)], axis=0)
+    fix = np.where(position, 0, 1 if gps.fix is None else gps.fix)
+    gps = replace(gps, fix=fix, v_n=np.where(velocity[:, None], np.nan, gps.v_n))
+    return replace(ready, gps=gps, settings=replace(settings, false=None))
 
 
 def noise_wanted(inputs: Inputs, gps: Reading[GpsData] | None) -> NoiseChoice:

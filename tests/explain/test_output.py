@@ -112,7 +112,7 @@ def test_off_leaves_the_plain_filter_with_its_gates(tmp_path: Path):
     plain = result_of(explain="off")
     assert plain.explanation is None
     ready = drive_of(explain="off").until("explain").ready
-    assert (ready.settings.trust, ready.settings.changes, ready.settings.rough) == (None, (), ())
+    assert (ready.settings.false, ready.settings.changes, ready.settings.rough) == (None, (), ())
     assert any(of_code(result_of().findings, Code.RECORD_FALSE_POSITIONS))
     assert not any(of_code(plain.findings, Code.RECORD_FALSE_POSITIONS))
     assert "explanation" not in read_facts(plain.save(tmp_path / "run", figures="none"))
