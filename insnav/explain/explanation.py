@@ -16,8 +16,8 @@ import numpy as np
 from insnav.earth import lla_offset
 from insnav.exceptions import DivergenceError
 from insnav.explain.kinds import FADES, KINDS, RETURN, Kind, cost_of_end
-from insnav.explain.proposals import SIZES, gains_of, misfit_of
-from insnav.explain.record import NAMES, LinearRecord, Pass, Step, usual_correlated
+from insnav.explain.proposals import MOVING, SIZES, gains_of, misfit_of
+from insnav.explain.record import CLEARED, NAMES, LinearRecord, Pass, Step, usual_correlated
 from insnav.explain.search import ACCEPT, Search, prior_of, search
 from insnav.filter.ambiguity import with_wider_sd
 from insnav.filter.gps_correlation import Rough
@@ -62,7 +62,7 @@ class Fault:
     size: FloatArray  # (d,) of each column of the kind
     sd: FloatArray  # (d,) of that
     gain: float  # of the evidence by it [-]
-    returned: bool = False  # at its end the positions are back where they were
+    back: float = np.inf  # from when on positions are again where they were before [s]
 
     @property
     def family(self) -> str:
@@ -72,6 +72,11 @@ class Fault:
     def inside(self, time: FloatArray) -> BoolArray:
         """Times between begin and end."""
         return np.asarray((time >= self.begin) & (time < self.end))
+
+    def displaces(self, time: FloatArray) -> BoolArray:
+        """Times at which positions are off by a constant: from a jump that stays or the end of a drag to a return."""
+        begin = self.begin if self.family == "offset" and np.isinf(self.end) else self.end
+        return np.asarray((time >= begin) & (time < self.back) & (self.family in MOVING))
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,10 +122,10 @@ class Explanation:
 
         def wider(solution: Trajectory, sd: FloatArray) -> FloatArray:
             variance = sd[:, :3] ** 2
-            for fault in filter(_lasts, self.faults):
-                variance += EITHER * _moved(fault) ** 2
-                after = solution.time >= _settled(fault)
-                variance += after[:, None] * _moved(replace(fault, size=fault.sd)) ** 2
+            for fault in self.faults:
+                if (off := fault.displaces(solution.time)).any():
+                    variance += off[:, None] * _moved(replace(fault, size=fault.sd)) ** 2
+                    variance += EITHER * np.isinf(fault.back) * _moved(fault) ** 2
             for fault in self.of_delay():
                 variance += LATE * (fault.size[0] * solution.v_n) ** 2
             sd[:, :3] = np.sqrt(variance)
@@ -215,7 +220,9 @@ def faults_in(record: LinearRecord, found: Search) -> list[Fault]:
     for step, gain in zip(found.best.steps, found.gains, strict=True):
         begin = float(record.time[step.begin])
         if step.kind is RETURN:
-            faults = [replace(each, end=begin, returned=True) if _lasts(each) else each for each in faults]
+            faults = [
+                replace(each, end=min(each.end, begin), back=begin) if np.isinf(each.back) else each for each in faults
+            ]
             continue
         columns = record.columns(step.kind)
         size = step.variance * found.best.seen.score[step.begin] @ columns
@@ -224,7 +231,8 @@ def faults_in(record: LinearRecord, found: Search) -> list[Fault]:
         known = np.diagonal(columns.T @ found.best.seen.information[step.begin] @ columns)
         sd = np.sqrt(np.maximum(step.variance - step.variance**2 * known, 0.0))
         end = float(record.time[step.end]) if step.end else np.inf
-        faults.append(Fault(step.kind, begin, end, size, sd, gain))
+        back = end if step.kind.name not in MOVING or step.kind.name in CLEARED else np.inf
+        faults.append(Fault(step.kind, begin, end, size, sd, gain, back))
     return faults
 
 
@@ -245,7 +253,7 @@ def accepted_as(ready: Prepared, fault: Fault, step: Step, interval: float) -> T
     """Row of a fault that explains the record."""
     false, time = apply_faults(ready, [fault]).settings.false, ready.gps.time - ready.settings.delay
     left_out = 0 if false is None else int(np.count_nonzero(false.any(axis=0)))
-    moved = int(np.count_nonzero(time >= _settled(fault))) if _lasts(fault) else 0
+    moved = int(np.count_nonzero(fault.displaces(time)))
     kind, size, prior = fault.kind, float(np.linalg.norm(fault.size)), prior_of((step,), interval)
     return Tried(kind.name, fault.begin, fault.end, fault.gain, prior, kind.unit, True, size, left_out, moved)
 
@@ -293,12 +301,12 @@ def apply_faults(ready: Prepared, faults: Sequence[Fault]) -> Prepared:
     false = np.zeros((2, time.size), dtype=np.bool_)
     for fault in faults:
         inside = fault.inside(time)
-        if fault.family in ("offset", "drag", "followed_drag"):
+        if fault.family in MOVING:
             passes = np.isfinite(fault.end) or fault.family != "offset"
             false[0] |= inside & passes
             false[1] |= inside & (fault.family == "followed_drag")
-            if _lasts(fault):
-                gps = move_fixes(gps, time, fault)
+            if (off := fault.displaces(time)).any():
+                gps = replace(gps, lla=lla_offset(gps.lla, -_moved(fault) * off[:, None]))
         elif fault.family == "velocity_offset":
             false[1] |= inside
         elif fault.kind.fills:
@@ -315,11 +323,6 @@ def apply_faults(ready: Prepared, faults: Sequence[Fault]) -> Prepared:
     return replace(ready, gps=gps, settings=settings)
 
 
-def move_fixes(gps: GpsData, time: FloatArray, fault: Fault) -> GpsData:
-    """Fixes of which those after a lasting change are moved back by it; standard deviations hold that they are true."""
-    return replace(gps, lla=lla_offset(gps.lla, -_moved(fault) * (time >= _settled(fault))[:, None]))
-
-
 def _changes_of(fault: Fault) -> list[StateChange]:
     """A fault of the IMU as changes of the state."""
     name, axis = fault.kind.steps[0][0].rsplit(" ", 1)
@@ -329,18 +332,6 @@ def _changes_of(fault: Fault) -> list[StateChange]:
     if np.isfinite(fault.end):
         found.append(StateChange(fault.end, NAMES[name], -change, fault.gain))
     return found
-
-
-def _lasts(fault: Fault) -> bool:
-    """Whether positions stay off: a jump that does not pass, or a drag that does."""
-    return (fault.family == "offset" and not np.isfinite(fault.end)) or (
-        fault.family in ("drag", "followed_drag") and np.isfinite(fault.end) and not fault.returned
-    )
-
-
-def _settled(fault: Fault) -> float:
-    """From when on positions stay off [s]."""
-    return fault.begin if fault.family == "offset" else fault.end
 
 
 def _moved(fault: Fault) -> FloatArray:

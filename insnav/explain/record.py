@@ -31,8 +31,9 @@ from insnav.types import BoolArray, FloatArray, GpsData, ImuData, IntArray
 
 LONGEST, SHORTEST = 1024, 256  # epochs of a part of a long record; a shorter one at the end belongs to the one before
 FAULTS = 9  # states of faults: offset of positions, its drift, offset of velocities
-TAILS = 4.0  # degrees of freedom of the errors of fixes, Student's t [-]
-LEAST = (TAILS + 3.0) / (TAILS + 1.8)  # weight of a fix with three squares of 0.6 each, at most [-]
+TAILS = 4.0  # degrees of freedom of the errors of fixes and of the noise of the IMU, Student's t [-]
+WEIGHTED = np.array([3.0, 3.0, NAV])  # values under one weight: a position, a velocity, the noise of a span between [-]
+LEAST = (TAILS + WEIGHTED) / (TAILS + 0.6 * WEIGHTED)  # weight of values with squares of 0.6 each, at most [-]
 # Figures of the noise, as logarithms, with the sd of their priors upwards and downwards: factors of the sd of positions
 # and of velocities, and of the noise of the IMU; odds of the time-correlated share of the variance of positions;
 # factor of its correlation time. Innovations cannot show that fixes are better than stated, for lasting errors hide;
@@ -96,7 +97,8 @@ class Pass:
     cost: float  # twice the negative log-likelihood of the fixes [-]
     score: FloatArray  # (m, n) of a step of the state before each epoch
     information: FloatArray  # (m, n, n) of it
-    squares: FloatArray  # (m, 2) expected ones of the residuals of position and velocity by the variance at full weight
+    # (m, 3) expected squares by the variance at full weight: residuals of position, of velocity, noise of the IMU [-]
+    squares: FloatArray
     nav: FloatArray  # (m, 9) smoothed error of position, velocity and attitude
     nav_variance: FloatArray  # (m, 9)
     inner: tuple[tuple[FloatArray, ...], ...] = field(repr=False)  # of the passes, for `LinearRecord.cross`
@@ -258,7 +260,7 @@ class LinearRecord:
         return found
 
     def run(self, steps: tuple[Step, ...], weights: FloatArray, noise: Noise) -> Pass:
-        """Likelihood, scores and residuals with some faults, weights (m, 2) of positions and velocities, and noise."""
+        """Likelihood, scores and residuals with some faults, weights (m, 3) and noise; see `WEIGHTED`."""
         cost, inner = self._forward(steps, weights, noise)
         system, measured, out = inner
         m, n = self.time.size, self.start.shape[0]
@@ -266,7 +268,9 @@ class LinearRecord:
         linear.backward(system, measured, out, score, information, u, uu)
         variance, nav, p_nav = measured[2], *out[3:]
         left = np.where(variance > 0.0, variance * u**2 + 1.0 - variance * uu, 0.0)
-        squares = left.reshape(m, 2, 3).sum(axis=2) / weights
+        q, by_nav, lost = system[3], score[:, :NAV], information[:, :NAV, :NAV]
+        driven = np.einsum("mi,mij,mj->m", by_nav, q, by_nav) + NAV - np.einsum("mij,mji->m", q, lost)
+        squares = np.column_stack([left.reshape(m, 2, 3).sum(axis=2), driven]) / weights
         smoothed = nav + np.einsum("mij,mj->mi", p_nav, score)
         told = np.einsum("mij,mji->mi", p_nav @ information, np.swapaxes(p_nav, 1, 2))
         spread = np.diagonal(p_nav[:, :, :NAV], axis1=1, axis2=2) - told
@@ -282,7 +286,8 @@ class LinearRecord:
         system, jumps, start = self._with(steps, noise)
         by = np.exp(2.0 * np.array(noise.figures[:IMU])) * [1.0 - noise.share, 1.0]
         z, h, fed = self.measured
-        measured = z, h, self.variance * np.repeat(by / weights, 3, axis=1), fed
+        measured = z, h, self.variance * np.repeat(by / weights[:, :2], 3, axis=1), fed
+        system = *system[:3], system[3] / weights[:, 2, None, None], *system[4:]
         m, n = self.time.size, self.start.shape[0]
         out = np.empty((m, 6)), np.empty((m, 6)), np.empty((m, 6, n)), np.empty((m, NAV)), np.empty((m, NAV, n))
         cost: float = linear.forward(system, measured, (np.zeros(n), start), jumps, out)

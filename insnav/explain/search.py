@@ -16,7 +16,7 @@ import numpy as np
 
 from insnav.explain.kinds import Kind, cost_of_end
 from insnav.explain.proposals import Proposal, misfit_of, propose
-from insnav.explain.record import IMU, LEAST, TAILS, LinearRecord, Noise, Pass, Step
+from insnav.explain.record import IMU, LEAST, TAILS, WEIGHTED, LinearRecord, Noise, Pass, Step
 from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray
 
@@ -40,7 +40,7 @@ class Fit:
     """One explanation, fitted to the record."""
 
     steps: tuple[Step, ...]
-    weights: FloatArray  # (m, 2) of positions and velocities
+    weights: FloatArray  # (m, 3) of positions, velocities and the noise of the IMU; see `WEIGHTED`
     noise: Noise
     cost: float  # twice the negative logarithm of the evidence [-]
     seen: Pass
@@ -85,8 +85,9 @@ class _Searcher:
 
     def other_cost(self, steps: tuple[Step, ...], weights: FloatArray, noise: Noise) -> float:
         """Twice the negative logarithm of the priors of weights, noise and faults [-]."""
-        of_tails = (TAILS * (weights - 1.0 - np.log(weights)))[self.record.known].sum()
-        return float(of_tails) + noise.cost + prior_of(steps, self.record.interval)
+        of_tails = TAILS * (weights - 1.0 - np.log(weights))
+        of_weights = of_tails[:, :2][self.record.known].sum() + of_tails[:, 2].sum()
+        return float(of_weights) + noise.cost + prior_of(steps, self.record.interval)
 
     def settle(self, start: Fit, steps: tuple[Step, ...], strictness: Sequence[float] = AGAIN) -> Fit:
         """Fit weights and sizes of some faults, from another fit."""
@@ -95,7 +96,7 @@ class _Searcher:
         for divided in strictness:
             if not seen.is_finite:
                 return replace(start, steps=steps, cost=np.inf)
-            weights = np.minimum((TAILS + 3.0) / (TAILS + seen.squares / divided), LEAST)
+            weights = np.minimum((TAILS + WEIGHTED) / (TAILS + seen.squares / divided), LEAST)
             steps = tuple(sized(self.record, seen, step) for step in steps)
             seen = self.look(steps, weights, noise)
         fit = Fit(steps, weights, noise, self.cost(seen, steps, weights, noise), seen)
@@ -131,7 +132,7 @@ class _Searcher:
         return Fit(steps, weights, noise, self.cost(seen, steps, weights, noise), seen)
 
     def proposals(self, fit: Fit) -> list[tuple[Proposal, Fit]]:
-        """What would gain most at the weights as they are, with all fixes believed, and with a quiet IMU."""
+        """What would gain most at the weights as they are, with weak ones made strong, and with a quiet IMU."""
         quiet = fit.noise.changed(IMU, min(0.0, QUIET - fit.noise.figures[IMU]))
         ways = [(fit.weights, fit.noise), (believed(fit.weights, self.record.known), fit.noise), (fit.weights, quiet)]
         edges = runs_of(np.asarray(false_for_long(fit.weights, self.record.known).any(axis=1)))[:, 0]
@@ -237,7 +238,7 @@ def search(record: LinearRecord, kinds: Sequence[Kind], known: tuple[Step, ...] 
     """Find which faults a record contains; `known`: where to begin."""
     searcher = _Searcher(record, kinds)
     m, none = record.time.size, Noise()
-    weights = np.ones((m, 2))
+    weights = np.ones((m, WEIGHTED.size))
     seen = searcher.look((), weights, none)
     start = Fit((), weights, none, np.inf, seen)
     plain = searcher.settle(start, (), GRADUATED)
@@ -311,8 +312,8 @@ def prior_of(steps: Sequence[Step], interval: float) -> float:
 
 
 def believed(weights: FloatArray, known: BoolArray) -> FloatArray:
-    """Weights of one, but of fixes that are false alone among those `known`, (m, 2)."""
-    found = np.ones_like(weights)
+    """Weights (m, 3), of which weak ones become one; except of fixes that are false alone among those `known`."""
+    found = np.where(weights < WEAK, 1.0, weights)
     for column in range(2):
         rows = np.flatnonzero(known[:, column])
         for first, last in runs_of(weights[rows, column] < WEAK):
@@ -322,14 +323,14 @@ def believed(weights: FloatArray, known: BoolArray) -> FloatArray:
 
 
 def false_for_long(weights: FloatArray, known: BoolArray) -> BoolArray:
-    """Which fixes are false with too many others to be so alone, (m, 2)."""
+    """Which weights (m, 3) are weak, except those of fixes that are false alone."""
     return np.asarray((weights < WEAK) & (believed(weights, known) > WEAK))
 
 
 def most_are_weak(record: LinearRecord, weights: FloatArray) -> bool:
     """Whether most positions, or most velocities, are weak in each part of 20 epochs: noise, for no fault is always."""
     parts = np.array_split(np.arange(record.time.size), max(2, record.time.size // 20))
-    weak, known = (weights < WEAK) & record.known, record.known
+    weak, known = (weights[:, :2] < WEAK) & record.known, record.known
     few = [2 * weak[rows].sum(axis=0) <= known[rows].sum(axis=0) for rows in parts if known[rows].any()]
     return not np.any(few, axis=0).all()
 

@@ -97,7 +97,7 @@ def test_what_is_saved_is_opened_again(tmp_path: Path):
     assert (again.passes, again.runs, again.findings) == (saved.explanation.passes, 1, saved.explanation.findings)
     for ours, theirs in zip(again.faults, saved.explanation.faults, strict=True):
         assert ours.kind == theirs.kind
-        assert (ours.begin, ours.end, ours.gain, ours.returned) == (theirs.begin, theirs.end, theirs.gain, False)
+        assert (ours.begin, ours.end, ours.gain, ours.back) == (theirs.begin, theirs.end, theirs.gain, theirs.back)
         np.testing.assert_array_equal(ours.size, theirs.size)
     facts = read_facts(tmp_path / "run")["explanation"]
     best = facts["rows"][0]

@@ -10,7 +10,7 @@ import pytest
 
 import insnav
 from insnav.explain.kinds import KINDS
-from insnav.explain.record import FAULTS, TAILS, LinearRecord, Noise, Step
+from insnav.explain.record import FAULTS, TAILS, WEIGHTED, LinearRecord, Noise, Step
 from insnav.explain.search import Search, search
 from insnav.kernels.dynamics import NAV
 from insnav.steps import PREPARE, run_steps
@@ -81,6 +81,20 @@ def test_a_single_false_fix_is_weak_and_no_fault() -> None:
     white = nominal().variance[100, :3] * (1.0 - found.best.noise.share)
     distance = (300.0**2 / white).sum()
     assert found.best.weights[100, 0] == pytest.approx((TAILS + 3.0) / (TAILS + distance), rel=0.1)
+
+
+@pytest.mark.parametrize("column", range(3))
+def test_expected_squares_are_the_derivative_of_the_likelihood_by_the_weights(column: int) -> None:
+    """Fisher's identity, with differences of the likelihood of the forward pass alone."""
+    record, random, by = drawn(3), np.random.default_rng(3), 1e-4
+    weights = random.uniform(0.2, 1.2, (record.time.size, WEIGHTED.size))
+    squares = record.run((), weights, Noise()).squares
+    for row in (1, 57, 200):
+        changed = np.ones_like(weights)
+        changed[row, column] = np.exp(by)
+        more, less = (record.cost((), weights * changed**sign, Noise()) for sign in (1, -1))
+        expected = weights[row, column] * squares[row, column] - WEIGHTED[column]
+        assert (more - less) / (2.0 * by) == pytest.approx(expected, rel=1e-3, abs=1e-3)
 
 
 @pytest.mark.parametrize("part", [30.0, 100.0])
