@@ -330,12 +330,12 @@ class Epochs(Tabular):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StateChange:
-    """Change of three states of the filter that explains all later innovations best."""
+    """Change of three error states of the filter at one time."""
 
     time: float  # of the epoch before which it is [s], in the time of the samples
     first: int  # of the three error states
     change: FloatArray  # (3,) of the error, estimate minus truth
-    gain: float  # twice the gain of the log-likelihood [-]
+    variance: FloatArray  # (3,) that the error has afterwards, at least
 
 
 @dataclass(frozen=True, slots=True)

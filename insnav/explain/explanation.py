@@ -26,6 +26,7 @@ from insnav.findings import Code, Finding
 from insnav.types import BoolArray, FloatArray, GpsData, Run, StateChange, Trajectory
 
 ROUNDS = 5  # runs of the filter, each about the faults of the IMU found before
+CHANGE_KNOWN = 0.3  # part of a change of the IMU by which it may be another [-]
 SAME = 0.1  # part of its size by which a fault may change in the last of them [-]
 FEWEST = 20  # epochs with a fix, below which a record shows no fault
 MINUTE, PLACES, NEARLY_ALL = 60.0, 20, 0.9  # drag whose least size is stated [s]; where it is looked for; part of these
@@ -296,7 +297,7 @@ def _least_found(known: FloatArray, kind: Kind, interval: float, ends: float, mi
 
 def apply_faults(ready: Prepared, faults: Sequence[Fault]) -> Prepared:
     """The recording with some faults: what the filter leaves out, takes off its state, and doubts."""
-    gps, changes, rough = ready.gps, list[StateChange](), list[Rough]()
+    gps, changes, rough = ready.gps, [*ready.settings.changes], list[Rough]()
     time = ready.gps.time - ready.settings.delay
     false = np.zeros((2, time.size), dtype=np.bool_)
     for fault in faults:
@@ -328,9 +329,10 @@ def _changes_of(fault: Fault) -> list[StateChange]:
     name, axis = fault.kind.steps[0][0].rsplit(" ", 1)
     change = np.zeros(3)
     change[int(axis) :][: fault.size.size] = fault.size
-    found = [StateChange(fault.begin, NAMES[name], change, fault.gain)]
+    variance = np.full(3, (CHANGE_KNOWN * np.linalg.norm(change)) ** 2)
+    found = [StateChange(fault.begin, NAMES[name], change, variance)]
     if np.isfinite(fault.end):
-        found.append(StateChange(fault.end, NAMES[name], -change, fault.gain))
+        found.append(StateChange(fault.end, NAMES[name], -change, variance))
     return found
 
 

@@ -184,7 +184,7 @@ class LinearRecord:
         h = np.concatenate([h, np.where(used[:, :, None], of_faults, 0.0)], axis=2)
         fed = np.zeros((m, n + FAULTS))
         fed[:, :n] = np.einsum("mi,mij->mj", z, gain)
-        for change in settings.changes:  # the run took it off its state there, and opened its covariance
+        for change in (each for each in settings.changes if each.change.any()):  # as the run took it off its state
             of = int(np.searchsorted(time, change.time - 1e-6))
             if 0 < of < m:
                 part = np.zeros(STATES)

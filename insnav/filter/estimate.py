@@ -32,7 +32,6 @@ NEXT_TO_POLE = np.pi / 2 - 1.6e-4  # latitude beyond which a local-level frame i
 ATTITUDE_RESET_SD = np.deg2rad([6.0, 6.0, 10.0])
 BIAS_RESET_SD = np.array([*np.deg2rad([0.5, 0.5, 0.5]), 0.2, 0.2, 0.2])  # of such a step [rad/s], [m/s^2]
 VELOCITY_RESET_SD = 5.0  # velocity of a reset by fixes without velocity [m/s]
-CHANGE_KNOWN = 0.3  # part of a change of the IMU by which it may be another [-]
 NONE = np.empty(0)  # row of no history
 RESET_FACTOR = 3.0  # the fix of a reset follows many that were rejected: its standard deviation counts so many times
 
@@ -174,11 +173,10 @@ class Estimate:
         error, part = np.zeros(self.at.states), slice(found.first, found.first + 3)
         error[part] = found.change
         errorstate.feed_back(self.x, self.correction, error)
-        size = float(np.linalg.norm(found.change))
-        self._q[part, part] += (CHANGE_KNOWN * size) ** 2 * np.eye(3)
+        self._q[part, part] += np.diag(np.maximum(found.variance - np.diag(self.covariance)[part], 0.0))
         if found.first == NAV:  # it has turned the IMU for as long as from one epoch to the next
-            self._q[6:9, 6:9] += (self._coast * size) ** 2 * np.eye(3)
-        if found.first >= NAV:  # what stepped does not fade
+            self._q[6:9, 6:9] += self._coast**2 * (found.change @ found.change + found.variance.max()) * np.eye(3)
+        if found.first >= NAV and found.change.any():  # what stepped does not fade
             decay = self._noise.decay.copy()
             decay[found.first - NAV : found.first - NAV + 3] = 0.0
             self._noise = self._noise._replace(decay=decay)

@@ -27,6 +27,7 @@ from insnav.filter.noise_estimate import NoiseEstimate, start_by
 from insnav.filter.settings import FilterSettings
 from insnav.findings import Code, Finding
 from insnav.imu.health import inspect
+from insnav.imu.noise_density import rounding_changes
 from insnav.imu.specification import ImuSpec
 from insnav.types import Alignment, FloatArray, GpsData, ImuData, Run
 
@@ -230,6 +231,7 @@ def prepare(
     if settings.fixed_height_sd > 0.0:
         level = HeightAiding(np.array([initial.time]), initial.lla[2:], np.array([settings.fixed_height_sd]))
         settings = replace(settings, aiding=(level,))
+    settings = replace(settings, changes=rounding_changes(imu))
     return Prepared(
         *(imu, gps, model, settings, alignment, initial, nominal, (*notes, *found)),
         faults=(*faults, *frozen, *of_parts[1:]),

@@ -20,7 +20,8 @@ from insnav.earth import OMEGA_EARTH
 from insnav.exceptions import InputError
 from insnav.imu.model import sample_intervals
 from insnav.imu.specification import PRESETS, ImuSpec
-from insnav.types import FloatArray, ImuData
+from insnav.kernels.dynamics import NAV
+from insnav.types import FloatArray, ImuData, StateChange
 from insnav.units import DEG_PER_H, DEG_PER_SQRT_H, M_S_PER_SQRT_H
 
 # Length of the pieces the spectrum is averaged over, also the shortest record that will do [s], and the band [Hz]:
@@ -32,6 +33,7 @@ PIECES = 64  # after so many memory is let go
 NYQUIST_PART = 0.8  # of the Nyquist frequency: nearer to it anti-aliasing filters lower the floor
 QUANTILE = 0.25
 LEVELS = 0.1  # different values of a coarse sensor, as a part of its samples
+HELD = 0.86  # samples of one value: with noise of a third of a step, which leaves a tenth of the rounding error [-]
 LOOKED = 1 << 16  # samples of a record in which its steps show
 
 # Of presets almost as near as the nearest (within this factor) the least accurate is taken: noise alone
@@ -133,6 +135,25 @@ def resolution_noise(imu: ImuData) -> tuple[FloatArray, FloatArray]:
     density = np.sqrt(interval / 12.0) / (interval if imu.sampling == "increment" else 1.0)
     gyro, accel = (np.array([resolution(column) for column in each.T]) for each in (imu.gyro, imu.accel))
     return density * gyro, density * accel
+
+
+def rounding_changes(imu: ImuData) -> tuple[StateChange, ...]:
+    """Find when gyros of coarse resolution begin or cease to cross their steps: their bias changes then.
+
+    Where nearly all samples of a second are the same, no noise averages the rounding error. It acts as a bias of
+    variance step^2 / 12 (B. Widrow and I. Kollar, "Quantization Noise", Cambridge 2008, chapters 4 and 19).
+    """
+    step = np.array([resolution(column) for column in imu.gyro.T])
+    if not step.any():
+        return ()
+    first = np.unique(np.searchsorted(imu.time, np.arange(imu.time[0], imu.time[-1])))
+    seconds = np.split(imu.gyro, first[1:])
+    same = [(np.abs(each - np.median(each, axis=0)) < 0.5 * step).mean(axis=0) > HELD for each in seconds]
+    changed = np.diff(same, axis=0)
+    unit = float(np.median(np.diff(imu.time[: spill.ROWS]))) if imu.sampling == "increment" else 1.0
+    rows = np.flatnonzero(changed.any(axis=1))
+    variance = changed * (step / unit) ** 2 / 12.0
+    return tuple(StateChange(float(imu.time[first[i + 1]]), NAV, np.zeros(3), variance[i]) for i in rows)
 
 
 def resolution(column: FloatArray) -> float:
