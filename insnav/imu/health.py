@@ -20,7 +20,6 @@ from insnav.types import BoolArray, FloatArray, ImuData, IntArray
 
 SPIKE_GYRO, SPIKE_ACCEL = 1.5, 9.5  # a smaller jump of one sample does no harm worth a search [rad/s], [m/s^2]
 SPIKE_FACTOR = 12.0  # times the usual change from sample to sample
-FINE = 0.01  # a sensor whose steps are larger, by its largest value, is coarse, not clipped
 CLIPPED = 3  # samples in a row at the largest value of the record that are the end of a range
 STUCK = 20  # samples in a row with the same value, at least, that may be a stuck sensor ...
 STUCK_TIME = 0.5  # ... and at least so long [s]
@@ -34,7 +33,7 @@ IN_MOTION = 0.25  # activity, in parts of the median of the record, above which 
 LONGEST = 3  # rows of repeats that do not count as usual: a fault is a few long ones ...
 OFTEN, FAR_LONGER = 200, 4.0  # ... or up to so many that are all so many times longer than the next
 CONSTANT = 1e-9  # a smaller change, in parts of the largest value, is none
-BY_CHANCE = 1e-6  # expected number of rows that long in the record, as often as values repeat elsewhere
+BY_CHANCE = 1e-6  # expected number of rows that long by chance, below which they are none
 _AXES = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz")
 
 
@@ -79,16 +78,18 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Finding]]:
         column = spill.by_blocks(np.copy, values[:, axis])
         first, count = _runs(same[:, axis])
         largest = float(np.abs(column).max())
-        step = np.abs(np.diff(column[: 1 << 16]))
-        finest = float(np.min(step[step > 0.0], initial=np.inf))
-        far = largest > 4.0 * float(np.abs(column - np.median(column)).mean())
+        far = largest > 4.0 * float(np.abs(column - np.median(column)).mean()) > 0.0
         clipped = (np.abs(column[first]) >= largest * (1.0 - 1e-9)) & far
         bounded = _bounded(column, first, count)
         long = bounded & ~clipped & (_length(imu.time, first, count) > BRIDGED)
         clipped |= bounded & ~long
-        clipped &= (finest < FINE * largest) & _others_vary(quiet, axis, first, count)
+        clipped &= _others_vary(quiet, axis, first, count)
+        # of all values the largest is one for sure, but coarse steps may repeat it
+        clipped &= _chance(same[:, axis], first, count, np.flatnonzero(clipped)) < BY_CHANCE
         stuck = ~clipped & ~long & (count >= STUCK) & (_length(imu.time, first, count) >= STUCK_TIME)
-        stuck &= _others_vary(quiet, axis, first, count) & _no_chance(same[:, axis], first, count)
+        suspects = _longest(count)
+        chance = same.shape[0] * _chance(same[:, axis], first, count, suspects[count[suspects] >= STUCK])
+        stuck &= _others_vary(quiet, axis, first, count) & (chance < BY_CHANCE)
         stuck[stuck] = activity.unusual(column, axis, first[stuck], count[stuck])
         found += [
             (Code.IMU_SATURATED, _AXES[axis], first[clipped], count[clipped]),
@@ -241,17 +242,15 @@ def _longest(count: IntArray) -> IntArray:
     return order[: max(LONGEST, int(drops[0]) + 1 if drops.size else 0)]
 
 
-def _no_chance(same: BoolArray, first: IntArray, count: IntArray) -> BoolArray:
-    """Rows of equal samples longer than the steps of the sensor explain, by how often a row goes on elsewhere."""
+def _chance(same: BoolArray, first: IntArray, count: IntArray, suspects: IntArray) -> FloatArray:
+    """Probability of rows so long by the steps of the sensor, as a row goes on elsewhere than in the `suspects`."""
     elsewhere = np.array(same)
-    for row in _longest(count):
-        if count[row] >= STUCK:
-            elsewhere[first[row] : first[row] + count[row] - 1] = False
+    for row in suspects:
+        elsewhere[first[row] : first[row] + count[row] - 1] = False
     alike = float(elsewhere.mean())
     if elsewhere[:-1].any():
         alike = max(alike, float(np.sum(elsewhere[1:] & elsewhere[:-1]) / np.sum(elsewhere[:-1])))
-    expected = same.shape[0] * max(alike, 1e-9) ** (count - 1.0)
-    return np.asarray((count >= STUCK) & (expected < BY_CHANCE))
+    return np.asarray(max(alike, 1e-9) ** (count - 1.0))
 
 
 def _frozen(time: FloatArray, same: BoolArray, values: FloatArray, activity: _Activity) -> tuple[IntArray, IntArray]:

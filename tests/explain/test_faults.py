@@ -576,3 +576,12 @@ def test_what_is_stated_as_seen_is_seen_and_half_of_it_is_not(kind):
 
 def test_no_fault_is_named_where_noise_is_twice_what_is_stated():
     assert [shown(seed, louder=2.0)[1].faults for seed in SEEDS] == [()] * len(SEEDS)
+
+
+@pytest.mark.parametrize("of", [np.round, np.floor])
+def test_gyros_that_cross_no_step_at_rest_have_no_fault(of):
+    drive, step = insnav.simulate("tunnel", imu="automotive", seed=5), 0.02
+    imu = drive.imu.data
+    coarse = replace(imu, gyro=step * of(imu.gyro / step))
+    found = insnav.load(coarse, drive.gps.data).navigate()
+    assert found.explanation.faults == ()

@@ -139,6 +139,14 @@ def test_coarse_gyros_are_no_fault(step):
     assert inspect(replace(imu, gyro=np.round(imu.gyro / step) * step))[1] == []
 
 
+@pytest.mark.parametrize("step", [0.02, 0.05, 0.1])
+def test_coarse_accelerometers_do_not_reach_the_end_of_their_range(step):
+    imu = rests_between_turns(3)
+    accel = imu.accel.copy()
+    accel[2000:2300, 0] = -6.03 + 0.01 * np.random.default_rng(3).standard_normal(300)  # steady braking
+    assert inspect(replace(imu, accel=np.round(accel / step) * step))[1] == []
+
+
 @pytest.mark.parametrize("steps", [1, 2, 3])
 @pytest.mark.parametrize("step", [0.001, 0.005])
 def test_gyros_with_a_dead_band_are_no_fault(step, steps):

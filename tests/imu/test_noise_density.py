@@ -12,7 +12,7 @@ import pytest
 import insnav
 from insnav.exceptions import InputError
 from insnav.imu import identify, load_imu, nearest_preset, white_noise
-from insnav.imu.noise_density import SLOW
+from insnav.imu.noise_density import SLOW, rounding_changes
 from insnav.types import ImuData, Sampling
 from tests.refusals import refused
 
@@ -216,3 +216,24 @@ def test_coarse_gyros_do_not_pass_for_those_of_an_aircraft() -> None:
         sd.append(np.sqrt(np.mean(found.run.smoothed.solution.sd[:, :2] ** 2)))
     assert rms[1] < 1.5 * rms[0]
     assert sd[1] < 1.5 * sd[0]
+
+
+def test_a_gyro_that_reads_a_constant_has_the_variance_of_its_rounding_error_as_bias() -> None:
+    """By Monte Carlo: the mean of rounded samples of a constant rate, with little noise and with that of motion."""
+    step, random, rates = 0.01, np.random.default_rng(3), 4000
+    rate = random.uniform(-0.05, 0.05, rates)
+    errors = []
+    for noise in (1e-4 * step, 0.5 * step):
+        samples = rate[:, None] + noise * random.standard_normal((rates, 100))
+        errors.append((np.round(samples / step) * step).mean(axis=1) - rate)
+    gyro = 0.0032 + 0.005 * random.standard_normal((4000, 3))
+    gyro[:2000] = 0.0032 + 1e-4 * random.standard_normal((2000, 3))
+    accel = [0.0, 0.0, -9.8] + 0.01 * random.standard_normal((4000, 3))
+    (change,) = rounding_changes(ImuData(0.01 * np.arange(4000), np.round(gyro / step) * step, accel))
+    assert change.time == pytest.approx(20.0, abs=1.0)
+    np.testing.assert_allclose(change.variance, np.var(errors[0]), rtol=0.06)
+    assert np.var(errors[1]) < 0.1 * np.var(errors[0])
+
+
+def test_fine_gyros_have_no_changes_by_rounding() -> None:
+    assert rounding_changes(still(60.0, 100.0)) == ()
