@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from insnav.explain.kinds import Kind, cost_of_end
-from insnav.explain.proposals import Proposal, misfit_of, propose
+from insnav.explain.proposals import TOPS, Proposal, misfit_of, propose
 from insnav.explain.record import IMU, LEAST, TAILS, WEIGHTED, LinearRecord, Noise, Pass, Step
 from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray
@@ -135,7 +135,8 @@ class _Searcher:
         """What would gain most at the weights as they are, with weak ones made strong, and with a quiet IMU."""
         quiet = fit.noise.changed(IMU, min(0.0, QUIET - fit.noise.figures[IMU]))
         ways = [(fit.weights, fit.noise), (believed(fit.weights, self.record.known), fit.noise), (fit.weights, quiet)]
-        edges = runs_of(np.asarray(false_for_long(fit.weights, self.record.known).any(axis=1)))[:, 0]
+        rows = runs_of(np.asarray(false_for_long(fit.weights, self.record.known).any(axis=1)))
+        edges = rows[np.argsort(rows[:, 0] - rows[:, 1], kind="stable")[:TOPS], 0]  # of the longest
         found = []
         for number, (weights, noise) in enumerate(ways):
             if number and np.allclose(weights, fit.weights, atol=0.75) and noise == fit.noise:
