@@ -174,7 +174,7 @@ def number(value: object) -> float:
 def quantity(value: object, dimension: str, *, signed: bool) -> float:
     """Value of one quantity in SI and radians, for validators.
 
-    `value`: what stands in the file; `dimension`: as in `insnav.units.UNITS`; `signed`: whether negative values make
+    `value`: what stands in the file. `dimension`: as in `insnav.units.UNITS`. `signed`: whether negative values make
     sense.
     Raises: PydanticCustomError: it is none.
     """

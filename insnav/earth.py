@@ -54,7 +54,7 @@ def gravity_n(lat: ArrayLike, height: ArrayLike) -> FloatArray:
 
     Somigliana's formula with the second-order term in height, and the north component above the ellipsoid.
 
-    `lat` (...): latitude [rad]; `height` (...): above the ellipsoid [m]; better than 1 ug up to 20 km.
+    `lat` (...): latitude [rad]. `height` (...): above the ellipsoid [m]; better than 1 ug up to 20 km.
     """
     lat, height = np.broadcast_arrays(np.asarray(lat, dtype=float), np.asarray(height, dtype=float))
     s, c = np.sin(lat), np.cos(lat)
@@ -70,7 +70,7 @@ def earth_rate_n(lat: ArrayLike) -> FloatArray:
 def transport_rate_n(lat: ArrayLike, height: ArrayLike, v_n: ArrayLike) -> FloatArray:
     """Rotation rate of the local-level frame against the Earth (Groves 2013, eq. 5.44).
 
-    `lat` (...): latitude [rad]; `height` (...) [m]; `v_n` (..., 3): velocity North, East, Down [m/s].
+    `lat` (...): latitude [rad]; `height` (...) [m]. `v_n` (..., 3): velocity North, East, Down [m/s].
     Returns: (..., 3): ``w_en_n`` [rad/s].
     """
     v_n = np.asarray(v_n, dtype=float)
@@ -109,7 +109,7 @@ def ned_offset(lla: ArrayLike, origin: ArrayLike) -> FloatArray:
 def lla_offset(origin: ArrayLike, ned: ArrayLike) -> FloatArray:
     """Position at a small offset; the inverse of `ned_offset`.
 
-    `origin` (..., 3): latitude [rad], longitude [rad], height [m]; `ned` (..., 3): offset North, East, Down [m].
+    `origin` (..., 3): latitude [rad], longitude [rad], height [m]. `ned` (..., 3): offset North, East, Down [m].
     Returns: (..., 3): latitude [rad], longitude [rad] in [-pi, pi), height [m].
     """
     origin, ned = np.asarray(origin, dtype=float), np.asarray(ned, dtype=float)

@@ -70,7 +70,7 @@ def each(
 ) -> Generator[T | InsnavError]:
     """Outcome of ``function(*shared, job)`` for every job, in their order, whoever works at them.
 
-    `function`: of a module, as it must be found there by the workers; `shared`: sent to each of them once.
+    `function`: of a module, as it must be found there by the workers. `shared`: sent to each of them once.
     Yields: what the function returned; an `InsnavError` if it raised, or its process died twice. Jobs that were under
     way in a process that died, by lack of memory for one, are repeated one at a time: the one that dies again is to
     blame.

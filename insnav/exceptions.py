@@ -152,7 +152,7 @@ class OutputError(InsnavError):
 
 @contextmanager
 def writing(code: str, where: object, **values: Any) -> Iterator[None]:
-    """Raise what the operating system refuses inside as an `OutputError`; `where`: file or folder."""
+    """Raise what the operating system refuses inside as an `OutputError`. `where`: file or folder."""
     try:
         yield
     except OSError as error:

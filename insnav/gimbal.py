@@ -71,9 +71,9 @@ def navigate_platform(
 ) -> PlatformRun:
     """Integrate the specific force measured on a north-pointing platform.
 
-    `time` (n,): of the samples [s], strictly increasing; each step has its own length; `f_n` (n, 3): specific force
+    `time` (n,): of the samples [s], strictly increasing; each step has its own length. `f_n` (n, 3): specific force
     North, East, Down at these instants [m/s^2]. With the vertical channel off Down may be ``NaN`` throughout: gravity
-    at the start then stands for it; `lla`, `v_n` (3,): latitude, longitude [rad], height [m]; velocity North, East,
+    at the start then stands for it. `lla`, `v_n` (3,): latitude, longitude [rad], height [m]; velocity North, East,
     Down [m/s] at the first time.
 
     `integrator`: ``forward`` takes the rates of the state as they are at the start of each step (Euler), ``backward``
@@ -84,9 +84,9 @@ def navigate_platform(
     with an e-folding time of 570 s. ``damped``: drawn to `height` (n,) [m] by a loop of third order with three equal
     time constants of `DAMPING_TIME`, ``k1 = 3/T, k2 = 3/T^2 + 2 g/R, k3 = 1/T^3``.
 
-    `errors`: what the platform does wrong. The samples then are those of a platform without these errors; `gravity`: of
+    `errors`: what the platform does wrong. The samples then are those of a platform without these errors. `gravity`: of
     this size everywhere, straight down [m/s^2]; by default normal gravity, which above the ellipsoid has a part to the
-    north (7 m in ten minutes at a height of 5 km); `every`: return every so-manieth sample, beginning with the first.
+    north (7 m in ten minutes at a height of 5 km). `every`: return every so-manieth sample, beginning with the first.
 
     Raises: ConfigError: the start is within 6 km of a pole, there is no height to damp with or one too many, a vertical
     velocity without a vertical channel, or a tilt beyond 10 deg; InputError: too few samples, times that do not
@@ -165,7 +165,7 @@ def damping_gains(lla: FloatArray) -> FloatArray:
 def integral(time: FloatArray, values: FloatArray, integrator: Integrator) -> FloatArray:
     """Integrate a sampled function by the rule that an integrator of the platform comes down to.
 
-    `time`, `values` (n,): times [s] and values there; `integrator`: rectangle with the height at its start or its end,
+    `time`, `values` (n,): times [s] and values there. `integrator`: rectangle with the height at its start or its end,
     trapezoid, Simpson's rule with the polynomial's middle.
     Returns: (n,): integral from the first time on.
     """

@@ -14,8 +14,8 @@ _QUANTITY = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*
 def parse_quantity(text: str, dimension: str, *, where: str = "") -> float:
     """Number in SI and radians of a text with a unit.
 
-    `text`: such as ``"0.1 deg/h"``; the unit is obligatory; `dimension`: what it must be: ``"rate"``,
-    ``"acceleration"``, ``"angle random walk"``, …; `where`: place to name in the error.
+    `text`: such as ``"0.1 deg/h"``; the unit is obligatory. `dimension`: what it must be: ``"rate"``,
+    ``"acceleration"``, ``"angle random walk"``, …. `where`: place to name in the error.
     Raises: ConfigError: no unit, an unknown unit, a unit of another dimension, or a number that is not finite.
 
     Examples

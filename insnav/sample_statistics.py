@@ -75,7 +75,7 @@ def chi2_limit(count: int, share: float) -> float:
 def effective_count(start: FloatArray, length: float) -> float:
     """Effective sample size of windows: the time that they cover together over their length; 0 without any.
 
-    `start` (n,): where they begin, increasing [s]; `length`: of each [s].
+    `start` (n,): where they begin, increasing [s]. `length`: of each [s].
     """
     if len(start) == 0:
         return 0.0
@@ -85,7 +85,7 @@ def effective_count(start: FloatArray, length: float) -> float:
 def block_rows(n: int, length: int, samples: int, seed: int, *, circular: bool = True) -> IntArray:
     """Rows ``(samples, n)`` of each bootstrap sample, in blocks of successive ones.
 
-    `n`: number of rows; `length`: of the blocks; `samples`, `seed`: how many samples; the same seed gives the same;
+    `n`: number of rows. `length`: of the blocks. `samples`, `seed`: how many samples; the same seed gives the same.
     `circular`: the first row follows the last; otherwise no block runs over the end.
     """
     blocks = -(-n // length)
@@ -96,7 +96,7 @@ def block_rows(n: int, length: int, samples: int, seed: int, *, circular: bool =
 def block_weights(start: FloatArray, length: float, samples: int = SAMPLES) -> FloatArray:
     """How often each window is in each bootstrap sample, in blocks that are as long as the overlap.
 
-    `start` (n,): where the windows begin, increasing [s]; `length`: of each [s].
+    `start` (n,): where the windows begin, increasing [s]. `length`: of each [s].
     Returns: (samples, n): always the same for the same windows; each row has the sum n.
     """
     n = len(start)
@@ -109,7 +109,7 @@ def block_weights(start: FloatArray, length: float, samples: int = SAMPLES) -> F
 def means(values: FloatArray, weights: FloatArray) -> FloatArray:
     """Mean over the windows of what is known, in each bootstrap sample.
 
-    `values` (n, ...): ``NaN`` where not known; `weights` (samples, n): from `block_weights`.
+    `values` (n, ...): ``NaN`` where not known. `weights` (samples, n): from `block_weights`.
     Returns: (samples, ...): ``NaN`` where nothing is known.
     """
     known = np.isfinite(values)
@@ -125,8 +125,8 @@ def mean_square_interval(
 ) -> tuple[FloatArray, FloatArray]:
     """95 % confidence interval of the mean square of errors of windows of a drive, for drives like it.
 
-    `start` (n,): where the windows begin [s]; `length`: of each [s]; `square` (n, ...): squared errors; ``NaN`` where
-    not known; `axes` (...): of how many numbers, each as large as the others, a squared error is the sum; `common`
+    `start` (n,): where the windows begin [s]. `length`: of each [s]. `square` (n, ...): squared errors; ``NaN`` where
+    not known. `axes` (...): of how many numbers, each as large as the others, a squared error is the sum. `common`
     (...): share of the mean square that all windows have in common [-]: it counts as one window, as a drive is one.
     Returns: `low`, `high` (...): ``NaN`` where the effective sample size is below `FEWEST`.
 
@@ -155,7 +155,7 @@ def interval(
 ) -> tuple[FloatArray, FloatArray]:
     """95 % confidence interval of a figure of windows.
 
-    `start` (n,): where the windows begin [s]; `length`: of each [s]; `statistic`: given the weights ``(samples, n)``,
+    `start` (n,): where the windows begin [s]. `length`: of each [s]. `statistic`: given the weights ``(samples, n)``,
     the figure of each sample ``(samples, ...)``.
     Returns: `low`, `high` (...): ``NaN`` where the effective sample size is below `FEWEST`.
 

@@ -189,7 +189,7 @@ def split(parts: Intervals, times: FloatArray, first: int, last: int) -> tuple[I
     """Cut intervals from `first` up to, not including, `last` at given times.
 
     `times` (m,): increasing [s]. One within a microsecond of the end of an interval cuts nothing.
-    Returns: `parent` (k,): interval of each piece; `s0`, `s1` (k,): its start and end as a fraction of the interval.
+    Returns: `parent` (k,): interval of each piece. `s0`, `s1` (k,): its start and end as a fraction of the interval.
     """
     owner = np.searchsorted(parts.end[first:last], times - TIME_TOLERANCE) + first
     inside = owner < last
@@ -370,10 +370,10 @@ def navigate_short(
 ) -> Trajectory:
     """Free-inertial navigation by ``v(t + T) = v(t) + T (f_n + g)``: Earth and transport rate dropped, Euler's rule.
 
-    `inc`: its sculling is not used; `lla`, `v_n`, `rph` (3,): latitude, longitude [rad], height [m]; velocity North,
-    East, Down [m/s]; roll, pitch, heading [rad] at the start of the first interval; `turning`: whether the attitude
+    `inc`: its sculling is not used. `lla`, `v_n`, `rph` (3,): latitude, longitude [rad], height [m]; velocity North,
+    East, Down [m/s]; roll, pitch, heading [rad] at the start of the first interval. `turning`: whether the attitude
     still follows the turn of North, East, Down. Without it the attitude stays in the axes of the start, which tilt
-    against the level at the Earth's rate: by far the larger error; `every`: return every so-manieth state.
+    against the level at the Earth's rate: by far the larger error. `every`: return every so-manieth state.
     Returns: states at the ends of intervals ``every``, ``2 every``, …
 
     Notes

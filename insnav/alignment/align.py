@@ -45,7 +45,7 @@ def align_static(
 ) -> Alignment:
     """Attitude of a stationary IMU.
 
-    `lat`, `height`: latitude [rad], height [m]; `rest`: start and end of the stationary interval [s]; `heading`: given
+    `lat`, `height`: latitude [rad], height [m]. `rest`: start and end of the stationary interval [s]. `heading`: given
     heading [rad]; by default it is found by gyrocompass if the gyros allow it.
     Returns: with a heading of zero and an infinite standard deviation where it cannot be found.
     """
@@ -83,8 +83,8 @@ def align(
 ) -> Alignment:
     """Attitude at the first fix that the samples cover, from whatever the data offer.
 
-    `static_span`: stationary interval as given [s]; found by default; `heading`: heading at the start as given [rad];
-    `yaw`: by which the IMU is turned in the vehicle [rad]; `lever_sd`: standard deviation of the lever arm [m].
+    `static_span`: stationary interval as given [s]; found by default. `heading`: heading at the start as given [rad].
+    `yaw`: by which the IMU is turned in the vehicle [rad]. `lever_sd`: standard deviation of the lever arm [m].
     Raises: AlignmentError: nothing in the data determines the heading, or the level.
     """
     begin, stop = parts.end[0] - parts.dt[0], parts.end[-1]

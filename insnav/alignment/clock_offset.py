@@ -121,7 +121,7 @@ class _Compared:
 def find_clock_offset(parts: Intervals, gps: GpsData, *, worth: float = 0.0) -> ClockOffset | Unlike | None:
     """Offset of the clocks, or what says that there is none; None if the records show neither beyond doubt.
 
-    `parts`: samples as intervals; `gps`: fixes with standard deviations; `worth`: smaller offsets are not looked at
+    `parts`: samples as intervals. `gps`: fixes with standard deviations. `worth`: smaller offsets are not looked at
     closely, None [s].
     """
     imu, track = _of_imu(parts), _of_gps(gps)

@@ -138,7 +138,7 @@ def interval_of(time: FloatArray) -> float:
 def history(
     parts: Intervals, start: float, end: float, rph: FloatArray, bias: FloatArray, lat: float | None
 ) -> History:
-    """Integrate gyros and specific force from `rph` at `start` to `end`; `lat`: None if Earth's rate is in `bias`."""
+    """Integrate gyros and specific force from `rph` at `start` to `end`. `lat`: None if Earth's rate is in `bias`."""
     first, last = np.searchsorted(parts.end, [start + 1e-6, end], side="right")
     dt = parts.dt[first:last]
     scale = dt[:, None] if parts.instant else 1.0
@@ -153,7 +153,7 @@ def history(
 def at_imu(gps: GpsData, parts: Intervals, found: Alignment, lever_b: FloatArray) -> GpsData:
     """Fixes as of an antenna at the IMU: less the lever arm, turned as by an alignment and the gyros, and its change.
 
-    `parts`: samples as intervals, around the alignment `found`; `lever_b`: (3,) antenna seen from the IMU [m].
+    `parts`: samples as intervals, around the alignment `found`. `lever_b`: (3,) antenna seen from the IMU [m].
     """
     track = history(parts, parts.end[0] - parts.dt[0], parts.end[-1], found.rph, found.gyro_bias, gps.lla[0, 0])
 
@@ -319,9 +319,9 @@ def level_in_motion(
     acceleration of GPS minus gravity (compare Wu and Pan, "Velocity/position integration formula part I: application
     to in-flight coarse alignment", IEEE Trans. AES 49 (2013) 1006-1023, eq. 12).
 
-    Returns: `rph` (3,): roll, pitch, heading [rad]; `tilt_sd`: standard deviation of the level that the noise of the
+    Returns: `rph` (3,): roll, pitch, heading [rad]. `tilt_sd`: standard deviation of the level that the noise of the
     velocities and the difference between the whole span and its first half leave [rad]; errors of the sensors and of
-    the heading come on top; `acceleration`: mean acceleration in the span, which a wrong heading turns into a wrong
+    the heading come on top. `acceleration`: mean acceleration in the span, which a wrong heading turns into a wrong
     level [m/s^2].
     """
     whole = _level(parts, start, end, speed, lla, yaw)

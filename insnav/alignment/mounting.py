@@ -147,7 +147,7 @@ class Mounting:
 def find_mounting(parts: Intervals, gps: GpsData) -> Mounting | None:
     """Mounting of an IMU from a drive, by velocities or else by positions; None if the drive does not tell it.
 
-    `parts`: samples as intervals, in the axes they were given in; `gps`: fixes, with standard deviations.
+    `parts`: samples as intervals, in the axes they were given in. `gps`: fixes, with standard deviations.
     """
     found = _find(parts, gps, placed=False) if gives_velocities(gps) else None
     return found or _find(parts, positions_alone(gps), placed=True)
@@ -201,7 +201,7 @@ def _mixed_up(
 ) -> Mounting:
     """Mounting if gyros are in another order than accelerometers, or one in another unit; else that `found`.
 
-    `left`: what it leaves; `rates` (n, 3): of the gyros [rad/s]; `refined`: others, and what they leave.
+    `left`: what it leaves. `rates` (n, 3): of the gyros [rad/s]. `refined`: others, and what they leave.
     """
     fits = left <= FITS
     if fits and not found.right_handed:

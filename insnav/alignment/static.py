@@ -89,7 +89,7 @@ def sway(parts: Intervals, still: FloatArray, at: StationaryMeans | None = None)
 
     Changes of the heading are those beside the mean rate. They are none of a short rest, nor where the vehicle does not
     leave: filters track their gyros' biases there; and not a number next to a part in which the vehicle is shaken.
-    `still` (m, 2): stationary intervals of the rest [s]; `at`: means over the first, which are those of a short rest.
+    `still` (m, 2): stationary intervals of the rest [s]. `at`: means over the first, which are those of a short rest.
     Means are of the parts that lie in them, if there are enough.
     """
     start, end = float(still[0, 0]), float(still[-1, 1])

@@ -64,7 +64,7 @@ def result_facts(folder: Path) -> None:
 def files_line(folder: Path, out: Path) -> str:
     """Say what a finished folder holds, each folder in it once, what people read first.
 
-    `folder`: with its ``run.json``; `out`: as it was named.
+    `folder`: with its ``run.json``. `out`: as it was named.
     """
     from insnav.messages import phrase
     from insnav.output.folder import read_facts

@@ -55,7 +55,7 @@ class Data:
     options: dict[str, Any]  # all options of the command as the user gave them, JSON-ready
 
     def read_imu(self, stage: Stages, **how: Any) -> Reading[ImuData]:
-        """Read the samples alone, and say how they were understood; `how`: as of `insnav.session.read.read_samples`."""
+        """Read the samples alone, and say how they were understood. `how`: as of `insnav.session.read.read_samples`."""
         stage("reading")
         from insnav.session.read import read_samples
 
@@ -117,8 +117,8 @@ def takes_data(
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command the options that describe a recording.
 
-    `imu`: name of the argument with the IMU data; None for a command without; `files`: ``gps``, ``ref``: whether it
-    must be given; by default neither must, as a log may hold fixes too; `without`, `only`: inputs that mean nothing to
+    `imu`: name of the argument with the IMU data; None for a command without. `files`: ``gps``, ``ref``: whether it
+    must be given; by default neither must, as a log may hold fixes too. `without`, `only`: inputs that mean nothing to
     the command, or the only ones that do.
     """
     wanted = {"gps": False, "ref": False} if files is None else files

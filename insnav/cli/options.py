@@ -21,8 +21,8 @@ _NAMED |= {("GPS", "MODEL"): ("simulate/receivers",)}
 def option(group: str, value: str, meaning: str, *names: str, **more: Any) -> Any:
     """Declare an option.
 
-    `group`: of options it stands with in the help; `value`: what its value looks like; `names`: where they are not that
-    of the parameter; `more`: as of `typer.Option`.
+    `group`: of options it stands with in the help. `value`: what its value looks like. `names`: where they are not that
+    of the parameter. `more`: as of `typer.Option`.
     """
     named = _named(group, value)
     return typer.Option(*names, metavar=value, help=meaning, rich_help_panel=group, autocompletion=named, **more)

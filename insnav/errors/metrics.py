@@ -71,7 +71,7 @@ def position_errors(
 
     Reference epochs outside the estimate's span, or inside one of its gaps, are left out.
 
-    `estimate`: its velocity and attitude make the interpolation and the lever arm exact; `lever_b` (3,): the point of
+    `estimate`: its velocity and attitude make the interpolation and the lever arm exact. `lever_b` (3,): the point of
     the reference seen from the point of the estimate, body axes [m].
     Raises: InputError: no epoch of the reference lies inside the estimate.
     """
@@ -260,7 +260,7 @@ def _attitude(rph: FloatArray, index: IntArray, share: FloatArray) -> FloatArray
 def travelled(solution: Trajectory) -> tuple[float, float, float]:
     """Distance and time in motion, and largest speed; the noise of a stationary vehicle is not counted.
 
-    Returns: `distance` [m]; `moving`: time faster than `MOVING_M_S` [s]; `fastest` [m/s].
+    Returns: `distance` [m]. `moving`: time faster than `MOVING_M_S` [s]; `fastest` [m/s].
     """
     north, east, down = solution.v_n.T
     speed = np.sqrt(north**2 + east**2 + down**2)  # numpy's norm of rows takes four times as long

@@ -141,7 +141,7 @@ def integrator_errors(
 ) -> dict[float, list[TrajectoryErrors]]:
     """Errors of each integrator on a level motion, for several sampling rates.
 
-    `truth`: a motion at constant height: the vertical channel is off; `rates`: samples per second [Hz]; `keep`:
+    `truth`: a motion at constant height: the vertical channel is off. `rates`: samples per second [Hz]. `keep`:
     interval between the errors returned [s], and no less than that of the samples.
     """
     found = {}
@@ -162,9 +162,9 @@ def compare_with_strapdown(truth: Truth, errors: PlatformErrors, rate: float, ke
     """Give a platform and a strapdown navigator the same errors on the same motion.
 
     `truth`: a motion at constant height that begins level and to the north: forward, right, down then are the
-    platform's axes, and the strapdown sensors have about the first what the platform has about the second; `errors`:
+    platform's axes, and the strapdown sensors have about the first what the platform has about the second. `errors`:
     drift d of the platform becomes a gyro bias of -d of the strapdown system, which turns its computed axes by d as
-    well; `rate`: samples per second [Hz]; `keep`: interval between the errors returned [s].
+    well. `rate`: samples per second [Hz]. `keep`: interval between the errors returned [s].
     """
     time = truth.start + np.arange(round(truth.duration * rate) + 1) / rate
     every = max(1, round(keep * rate))

@@ -57,8 +57,8 @@ def check_reference(
 ) -> tuple[Trajectory, list[Finding]]:
     """Leave out of a reference what cannot be right, and say it; its clock is said, but not moved to flatter us.
 
-    `lever_b` (3,): point of the reference seen from the IMU, body axes [m]; `delay`: of the fixes,
-    as of `known_delay`; `lever_sd` (3,): of the lever arm of the track, if that is not known [m].
+    `lever_b` (3,): point of the reference seen from the IMU, body axes [m]. `delay`: of the fixes,
+    as of `known_delay`. `lever_sd` (3,): of the lever arm of the track, if that is not known [m].
     Raises: InputError: no time in common.
     """
     findings: list[Finding] = []

@@ -109,7 +109,7 @@ def jackknifed(terms: FloatArray, values: FloatArray) -> tuple[FloatArray, Float
 
 
 def offset_findings(found: ReferenceOffset, taken: FloatArray) -> list[Finding]:
-    """What it is, and what to do about it; `taken` (3,): the point compared with, from the IMU [m]."""
+    """What it is, and what to do about it. `taken` (3,): the point compared with, from the IMU [m]."""
     findings = []
     if found.clear:
         x, y = taken[:2] + found.body

@@ -188,7 +188,7 @@ def _late(run: Run) -> Iterator[Finding]:
 
 
 def overconfident(name: str, errors: TrajectoryErrors | None, *, same_data: bool) -> list[Finding]:
-    """The reference is outside 3 sd much more often than it should be; `name`: of the solution."""
+    """The reference is outside 3 sd much more often than it should be. `name`: of the solution."""
     position = None if errors is None else (nees(errors) or {}).get("position")
     if errors is None or not position or position["inside_3_sd"] >= HOLDS:
         return []

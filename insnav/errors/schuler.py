@@ -72,7 +72,7 @@ def periods(lat: float, height: float) -> Periods:
 def static_errors(time: FloatArray, lat: float, height: float, errors: PlatformErrors) -> StaticErrors:
     """Errors of a level, north-pointing navigator at rest with the vertical channel off, in closed form.
 
-    `time` (n,): times since the start [s]; `lat`, `height`: latitude [rad] and height [m] of the place; `errors`: tilt
+    `time` (n,): times since the start [s]. `lat`, `height`: latitude [rad] and height [m] of the place. `errors`: tilt
     and heading error at the start, drift and bias, all constant; position and velocity start right.
 
     Notes
@@ -130,7 +130,7 @@ def static_errors(time: FloatArray, lat: float, height: float, errors: PlatformE
 def measured_periods(time: FloatArray, position: FloatArray, lat: float, height: float) -> Periods:
     """Periods found in a record of position errors at rest, by least squares.
 
-    `time` (n,): since the start [s]; `position` (n, 2): error North, East [m]; `lat`, `height`: latitude [rad] and
+    `time` (n,): since the start [s]. `position` (n, 2): error North, East [m]. `lat`, `height`: latitude [rad] and
     height [m]: where the search begins.
     Raises: InputError: the record is shorter than half a day.
 

@@ -61,7 +61,7 @@ class Estimate:
     """State and covariance of the filter.
 
     `all` is what it estimates, see `insnav.kernels.epoch`, of which `x`, `correction`, `motion`, `shaken`, `lever` (3,)
-    [m] and `delay` [s] are parts; `doubt`: how sure the delay is at most, see there; `at` the indices of the states,
+    [m] and `delay` [s] are parts. `doubt`: how sure the delay is at most, see there; `at` the indices of the states,
     `places` the same with the number of the time-correlated ones, `span` the time since the last epoch, (1,) [s], and
     `history` what the smoother needs. `note` records an event. `coast` is the longest time between filter epochs [s].
     """

@@ -38,7 +38,7 @@ def fine_alignment(
 ) -> FineAlignment:
     """Align a stationary record, first from means, then by the filter with zero velocity and fixed position.
 
-    `lla` (3,): latitude, longitude [rad], height [m]; `rest`: stationary interval [s]; `heading`: given heading [rad].
+    `lla` (3,): latitude, longitude [rad], height [m]. `rest`: stationary interval [s]. `heading`: given heading [rad].
     Raises: AlignmentError: fewer than two samples in the interval.
     """
     inside = (imu.time >= rest[0]) & (imu.time <= rest[1])

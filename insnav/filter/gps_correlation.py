@@ -83,7 +83,7 @@ def correlated_noise(gps: GpsData, lag: float, *, reported: bool = True) -> Corr
     velocity errors. Half its variance grows from the white part, for small m, to the whole variance, for large m, with
     the velocity noise as a straight line on top; a non-negative fit separates the three.
 
-    `lag`: by which velocities lag positions [s]; `reported`: the standard deviations are the receiver's own, and stand
+    `lag`: by which velocities lag positions [s]. `reported`: the standard deviations are the receiver's own, and stand
     in where a drive is too short to show the whole error.
     Returns: none where there are no velocities, too few fixes, or only white errors.
     """

@@ -102,7 +102,7 @@ class Filtered:
 def filtered(ready: Prepared, *, starts: int | None = None, gates: Gates | None = None) -> Filtered:
     """Navigate the beginning of a drive with what the comparison of clocks needs.
 
-    A start in motion is navigated again, `starts` times; `gates`: others than those of the settings.
+    A start in motion is navigated again, `starts` times. `gates`: others than those of the settings.
     """
     ready = ready if starts is not None else _thinned(ready.beginning(LONGEST))
     starts = STARTS if starts is None else starts
@@ -172,7 +172,7 @@ def scale_of(
     The RMS is over all that are plausible. Empirical and full Bayes: B. P. Carlin and T. A. Louis, "Bayes and empirical
     Bayes methods for data analysis" (Chapman and Hall 2000), chapters 2 and 3.
 
-    `off` (3,) found with `opened` for it, and its covariance; `scales`, `prior`: standard deviations with the logarithm
+    `off` (3,) found with `opened` for it, and its covariance. `scales`, `prior`: standard deviations with the logarithm
     of what is likely of them before.
     """
     variance, axes = np.linalg.eigh(covariance)
@@ -339,7 +339,7 @@ def on_time(
 
     Whether vibration moves the antenna otherwise than turns do is seen on the way, and where a moving start was.
     `prepared`: prepares with the clock of the samples moved by so much at the start [s], and made faster by so much
-    [s/s]; `settings`: of the filter; a delay that is given is not looked for; `at_first`: where the search begins.
+    [s/s]. `settings`: of the filter; a delay that is given is not looked for. `at_first`: where the search begins.
     """
     ready = prepared(*at_first)
     clock, rate = own = at_first

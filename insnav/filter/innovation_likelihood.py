@@ -89,7 +89,7 @@ class Parameter:
 
 
 class InnovationLikelihood:
-    """Innovations of one drive as a function of the noise; `about`: noise of the run they are a linear function of."""
+    """Innovations of one drive as a function of the noise. `about`: noise of the run they are a linear function of."""
 
     def __init__(self, ready: Prepared, spec: ImuSpec, about: NoiseEstimate | None = None) -> None:
         ready = ready.longest_part()

@@ -62,7 +62,7 @@ class _Seen(NamedTuple):
 
 
 class LateFixes:
-    """Fixes of a record against a run; `epochs`: its rows, `settings`: of the filter that made them."""
+    """Fixes of a record against a run. `epochs`: its rows, `settings`: of the filter that made them."""
 
     def __init__(self, ready: Prepared, settings: FilterSettings, epochs: FloatArray) -> None:
         at, time, gps = layout(settings), epochs[:, TIME], ready.gps
@@ -168,7 +168,7 @@ class LateFixes:
     def cost_of_step(self, delays: FloatArray, wider: float) -> float:
         """Cost with one delay up to the end of a block and another one from there on, which may be any block.
 
-        `delays`: evenly spaced [s]; `wider`: how far below and above them, too [s].
+        `delays`: evenly spaced [s]. `wider`: how far below and above them, too [s].
         """
         step = delays[1] - delays[0]
         delays = np.arange(delays[0] - wider, delays[-1] + wider + 0.5 * step, step)

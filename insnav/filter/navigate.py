@@ -64,10 +64,10 @@ def navigate_recording(
 ) -> Navigated:
     """Navigate one recording: `prepare` it and feed it to the filter.
 
-    `states`: 21 or 15, with or without scale factor errors; `start`: initial state, by default the data are aligned;
-    `static_span`: stationary interval for the alignment [s]; `heading`: at the start [rad]; `aiding`: non-holonomic
+    `states`: 21 or 15, with or without scale factor errors. `start`: initial state, by default the data are aligned.
+    `static_span`: stationary interval for the alignment [s]. `heading`: at the start [rad]. `aiding`: non-holonomic
     constraint, odometer, ZUPT, barometer and `settings.logs`, calibrated in a first pass (auto: where there are logs or
-    GPS gaps); `progress`: called with the fraction done.
+    GPS gaps). `progress`: called with the fraction done.
     Raises: InputError: no fixes, or an initial state outside the record; AlignmentError: the data do not determine the
     attitude; DivergenceError: the filter lost consistency.
     """

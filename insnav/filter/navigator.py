@@ -45,8 +45,8 @@ FEWEST_REJECTIONS = 5  # before a reset: at low rates a second or two of multipa
 class Navigator:
     """Loosely coupled INS/GPS filter over a stream of IMU samples.
 
-    `start`: to start, or to go on, from; samples and fixes before its time are passed over; `nominal`: sampling
-    interval [s]; `marks`: rows of `gps` after which the whole state is kept, in `kept`, to go on from; `parts`:
+    `start`: to start, or to go on, from; samples and fixes before its time are passed over. `nominal`: sampling
+    interval [s]. `marks`: rows of `gps` after which the whole state is kept, in `kept`, to go on from. `parts`:
     where to go on after long gaps of the samples.
 
     Examples
@@ -265,7 +265,7 @@ class Navigator:
         return k
 
     def _update(self, time: float, number: int) -> None:
-        """Use a fix; `number`: its row of the rates."""
+        """Use a fix. `number`: its row of the rates."""
         estimate = self._estimate
         estimate.predict(time)
         late, at = self._late[self._next], estimate.at
@@ -377,7 +377,7 @@ def turned(parts: strapdown.Intervals) -> FloatArray:
 def rates_at(times: FloatArray, end: FloatArray, angles: FloatArray, reach: float = SEEN) -> FloatArray:
     """Mean body rate about each of the fixes (k,) [s], without what vibrates: (k, 3) [rad/s].
 
-    `end` (n,): of the samples [s]; `angles` (n, 3): as `turned` has them.
+    `end` (n,): of the samples [s]. `angles` (n, 3): as `turned` has them.
     """
     window = np.clip(times + np.array([[-reach], [reach]]), end[0], end[-1])
     row = np.clip(np.searchsorted(end, window), 1, end.size - 1)

@@ -249,7 +249,7 @@ def _parts(
 ) -> tuple[ImuData, tuple[Part, ...], list[Finding]]:
     """Align the record, and anew after each long gap of the samples.
 
-    `aligned`: of samples and fixes, and whether they are the first part; `begin_at`: earlier parts are passed over [s].
+    `aligned`: of samples and fixes, and whether they are the first part. `begin_at`: earlier parts are passed over [s].
     Returns: samples of the parts that could be aligned; these parts; if there is a gap, findings on all gaps, and
     then on the parts.
     Raises: AlignmentError: no part can be aligned.

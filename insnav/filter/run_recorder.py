@@ -115,8 +115,8 @@ class Record:
     ) -> Trajectory:
         """Outputs as a trajectory with roll, pitch, heading and standard deviations.
 
-        `epochs` (m,) [s]; `variance`: before and after these, see `variances`; `change` of states (n, 10) at times (n,)
-        from those of the filter, in place; `common`: of the clock by which times are later and its standard deviation
+        `epochs` (m,) [s]. `variance`: before and after these, see `variances`; `change` of states (n, 10) at times (n,)
+        from those of the filter, in place. `common`: of the clock by which times are later and its standard deviation
         [s], and standard deviations (3,) of what all attitudes share [rad]. Misalignment is no state of the filter but
         noise, which averages out as the misalignment does not: the attitude is that of the IMU, in which the axes of
         the sensors are turned by these. `last`: nobody asks for the outputs again.

@@ -34,7 +34,7 @@ def errors_of_axes(
 ) -> tuple[FloatArray, FloatArray]:
     """What one radian of each misalignment, gyros first, adds to the errors of the filter from epoch to epoch.
 
-    `epochs` (m, width): history of the filter; `transition` (m, 9, 21); `imu`, `nominal`: samples, interval [s].
+    `epochs` (m, width): history of the filter; `transition` (m, 9, 21). `imu`, `nominal`: samples, interval [s].
     Returns: (12, m, 9) errors of position, velocity and attitude; (m, 3, 3) attitude matrices between the epochs.
     """
     time, q = epochs[:, TIME], epochs[:, STATE + 6 : STATE + 10].copy()
@@ -82,7 +82,7 @@ def informed(
     P. J. Huber, "The behavior of maximum likelihood estimates under nonstandard conditions", 5th Berkeley Symp. 1
     (1967) 221-233; by blocks: K.-Y. Liang, S. L. Zeger, Biometrika 73 (1986) 13-22).
 
-    `innovation`, `weight` (n,): innovations and their inverse variances; `sd` (k,): of the terms before.
+    `innovation`, `weight` (n,): innovations and their inverse variances. `sd` (k,): of the terms before.
     """
     scale = np.where(sd > 0.0, sd, 1.0)
     by = by * scale[:, None]
@@ -124,8 +124,8 @@ def misalignment(
 ) -> Misalignment:
     """Misalignments from their likelihood.
 
-    `fisher` (12, 12), `slope` (12,): curvature and slope of the log-likelihood by the terms; `turned` (12, k, 3): error
-    of roll, pitch, heading at some epochs by each [-]; `sd` (12,): of the specification [rad]; `prior_sd`: of the
+    `fisher` (12, 12), `slope` (12,): curvature and slope of the log-likelihood by the terms. `turned` (12, k, 3): error
+    of roll, pitch, heading at some epochs by each [-]. `sd` (12,): of the specification [rad]. `prior_sd`: of the
     logarithm of the size, zero if the specification is that of this IMU.
     """
     grid = GRID if prior_sd > 0.0 else np.zeros(1)

@@ -85,7 +85,7 @@ class History:
         return np.concatenate(self.blocks())
 
     def smooth(self, surest: float = 0.0) -> SmoothedErrors:
-        """Go backwards over all epochs; `surest`: least standard deviation of the delay that is stated [s]."""
+        """Go backwards over all epochs. `surest`: least standard deviation of the delay that is stated [s]."""
         count = (len(self._blocks) - 1) * ROWS + self._used
         n, m = self._states, STATES
         adjoint, information = np.zeros(n), np.zeros((n, n))
@@ -136,8 +136,8 @@ def _place(
 
     The products of the errors of lever arm and attitude are centimetres, far more than where the antenna is unknown.
 
-    `head` (m, RESIDUAL): of the epochs; `arms` (m + 1, 12): before them and after, see
-    `insnav.kernels.gps_measurement.correct_with_arm`; `arm` (3,): smoothed [m]; the others change, see
+    `head` (m, RESIDUAL): of the epochs. `arms` (m + 1, 12): before them and after, see
+    `insnav.kernels.gps_measurement.correct_with_arm`. `arm` (3,): smoothed [m]; the others change, see
     `SmoothedErrors`.
     """
     off, turned = arms[:, :3] - arm, arms[:, 3:].reshape(-1, 3, 3)

@@ -75,8 +75,8 @@ def batch(
 ) -> list[Navigated]:
     """Navigate drives into run folders below `folder`; those that are finished are not navigated again.
 
-    `run`: navigates by arguments of ``insnav run``; of a module, as workers must find it; `again`: also drives whose
-    files, options and version are as they were; `progress`: called with the number of drives done.
+    `run`: navigates by arguments of ``insnav run``; of a module, as workers must find it. `again`: also drives whose
+    files, options and version are as they were. `progress`: called with the number of drives done.
     Raises: ConfigError: two drives of one name; OutputError: `folder` holds something else, or cannot be written.
     """
     several = [name for name, count in Counter(each.name.lower() for each in drives).items() if count > 1]
@@ -151,7 +151,7 @@ def moved_aside(folder: Path) -> list[Finding]:
 
 
 def _finished(place: Path, drive: Drive, key: str) -> Navigated | None:
-    """What became of a drive, if it is finished; `place`: of the run folders."""
+    """What became of a drive, if it is finished. `place`: of the run folders."""
     finished = _read_note(place / f"{drive.name}.json", key)
     if finished is not None and (  # what could not be written, and a defect, may do now
         attempt(damage, place / drive.name) == ((), ()) if finished.failed is None else finished.failed.exit_code < 4

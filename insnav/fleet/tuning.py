@@ -112,7 +112,7 @@ def _of_recordings(
 
 
 def _different_drives(figures: Sequence[NoiseFigure], files: Sequence[str]) -> Finding:
-    """Report a figure of one IMU that differs from drive to drive; `files`: of the drives."""
+    """Report a figure of one IMU that differs from drive to drive. `files`: of the drives."""
     low, high = (end(range(len(figures)), key=lambda drive: figures[drive].value) for end in (min, max))
     ratio = figures[high].value / figures[low].value
     return Finding.of(Code.TUNE_DRIVES_DIFFER, subject=figures[low].key, ratio=ratio, high=files[high], low=files[low])

@@ -61,7 +61,7 @@ class ImuFigures:
 def inspect_samples(imu: ImuData, rest: tuple[float, float] | None, still: BoolArray | None = None) -> ImuFigures:
     """Look at the sensors of a record.
 
-    `rest`: start and end of a stationary part [s]; `still` (n,): samples at which the vehicle stands, all over.
+    `rest`: start and end of a stationary part [s]. `still` (n,): samples at which the vehicle stands, all over.
     """
     scale = per_sample(imu)
     values = np.hstack([imu.gyro / scale, imu.accel / scale])

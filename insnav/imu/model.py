@@ -154,7 +154,7 @@ def _bent(imu: ImuData, errors: ImuErrors) -> ImuData:
 
 
 def _straight(imu: ImuData, dt: FloatArray | None, errors: ImuErrors) -> tuple[FloatArray, FloatArray]:
-    """Undo `_bent`, in the opposite order; `dt` (n, 1): lengths of the intervals [s], where they matter."""
+    """Undo `_bent`, in the opposite order. `dt` (n, 1): lengths of the intervals [s], where they matter."""
     gyro_terms, accel_terms = errors.gyro_terms or ErrorTerms(), errors.accel_terms or ErrorTerms()
     warmer = _warmer(imu, errors, gyro_terms.by_temperature or accel_terms.by_temperature)
     span = dt if dt is not None and imu.sampling == "increment" else 1.0
@@ -180,7 +180,7 @@ def _warmer(imu: ImuData, errors: ImuErrors, matters: bool) -> FloatArray | None
 def sample_errors(spec: ImuSpec, rng: np.random.Generator) -> ImuErrors:
     """Sample the constant errors of one sensor realisation: turn-on bias, scale factor and misalignment.
 
-    `spec`: standard deviations, all errors independent and Gaussian; `rng`: source of randomness; always the same count
+    `spec`: standard deviations, all errors independent and Gaussian. `rng`: source of randomness; always the same count
     of numbers is taken, so that a zero does not shift what follows.
     """
 

@@ -53,9 +53,9 @@ def white_noise(
     distribution for white noise (chi-square; P. D. Welch, IEEE Trans. Audio Electroacoust. AU-15 (1967) 70). At least
     the noise of the resolution; see `resolution_noise`.
 
-    `start`, `end`: the static stretch [s], both ends included, at least 4 s; `band`: `BAND` or `SLOW`. A density is
+    `start`, `end`: the static stretch [s], both ends included, at least 4 s. `band`: `BAND` or `SLOW`. A density is
     known to 18 % from 4 s and to 5 % from 20 s (one standard deviation), with `SLOW` to 15 % from 60 s.
-    Returns: `gyro` (3,): noise density of the gyros [rad/sqrt(s)]; `accel` (3,): noise density of the accelerometers
+    Returns: `gyro` (3,): noise density of the gyros [rad/sqrt(s)]. `accel` (3,): noise density of the accelerometers
     [m/s/sqrt(s)].
     Raises: InputError: the stretch is too short or sampled too slowly.
     """
@@ -156,8 +156,8 @@ def nearest_preset(
     the least accurate is taken, and none with gyro biases above the Earth's rate if the gyros show that
     rate.
 
-    `gyro_density` (3,): noise density of the gyros [rad/sqrt(s)]; `accel_density` (3,): noise density of the
-    accelerometers [m/s/sqrt(s)]; `mean_rate` (3,): mean of the gyros over the static stretch [rad/s].
+    `gyro_density` (3,): noise density of the gyros [rad/sqrt(s)]. `accel_density` (3,): noise density of the
+    accelerometers [m/s/sqrt(s)]. `mean_rate` (3,): mean of the gyros over the static stretch [rad/s].
     Returns: `spec`: the preset. On every axis its random walk is not less than the measured one, and its gyro bias not
     less than the difference between the mean rate and the Earth's.
     """
@@ -203,7 +203,7 @@ def identify(imu: ImuData, start: float, end: float) -> tuple[ImuSpec, str]:
 
 
 def mean_rate(imu: ImuData, start: float, end: float) -> FloatArray:
-    """Return the mean rate of the gyros over a stretch, (3,) [rad/s]; `start`, `end`: of it [s]."""
+    """Return the mean rate of the gyros over a stretch, (3,) [rad/s]. `start`, `end`: of it [s]."""
     rows = _rows(imu, start, end)
     mean = spill.mean(imu.gyro[rows])
     return mean / sample_intervals(imu)[rows].mean() if imu.sampling == "increment" else mean

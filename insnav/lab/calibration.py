@@ -188,7 +188,7 @@ def carried_over(new: ImuErrors, other: ImuErrors, kept: str) -> ImuErrors:
 def measured(name: str, value: float, unit: str, sd: float | None = None, half_width: float | None = None) -> Quantity:
     """Quantity of what is already in the unit shown.
 
-    `value`, `sd`, `half_width`: estimate, standard deviation and half its 95 % interval, in `unit`; `unit`: of
+    `value`, `sd`, `half_width`: estimate, standard deviation and half its 95 % interval, in `unit`. `unit`: of
     `insnav.units`, or any other.
     """
     factor = UNITS[unit][1] if unit in UNITS else 1.0

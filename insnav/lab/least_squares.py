@@ -84,7 +84,7 @@ def outliers(fit: Fit, design: FloatArray) -> tuple[int, ...]:
 def linear_fit(design: FloatArray, measured: FloatArray, names: Sequence[str], *, where: str = "") -> Fit:
     """Fit ``measured = design @ parameters`` by least squares.
 
-    `design` (n, k): what each measurement is of each parameter; `measured` (n,): measurements, errors independent and
+    `design` (n, k): what each measurement is of each parameter. `measured` (n,): measurements, errors independent and
     alike.
     Raises: InputError: a value that is not finite, no more measurements than parameters, or parameters that the
     measurements do not determine, by name.
@@ -127,7 +127,7 @@ def linear_fit(design: FloatArray, measured: FloatArray, names: Sequence[str], *
 def affine_fits(
     true: FloatArray, measured: FloatArray, where: Sequence[str], used: BoolArray | None = None
 ) -> tuple[Fit, ...]:
-    """Fit each column of `measured` (n, m) by three components (n, 3) and a bias; `used` (n, m): rows that count."""
+    """Fit each column of `measured` (n, m) by three components (n, 3) and a bias. `used` (n, m): rows that count."""
     design = np.column_stack((true, np.ones(len(true))))
     rows = np.ones(measured.shape, dtype=np.bool_) if used is None else used
     sensors = zip(measured.T, rows.T, where, strict=True)

@@ -113,7 +113,7 @@ def inertia_from_fall(
 ) -> Inertia:
     """Moment of inertia from a falling weight.
 
-    `height` (n,): heights [m]; `time` (n,): times of fall [s]; `mass`: of the weight [kg]; `radius`: of the drum the
+    `height` (n,): heights [m]. `time` (n,): times of fall [s]. `mass`: of the weight [kg]. `radius`: of the drum the
     cord is wound on [m]; `gravity` [m/s^2].
     Raises: InputError: values that are not positive, too few, or a fall faster than free.
     """
@@ -142,8 +142,8 @@ def inertia_from_precession(
 ) -> Inertia:
     """Moment of inertia from precession, one regression over all spins and torques.
 
-    `period` (n,): precession periods [s]; `rate` (n,): rates of the rotor [rad/s]; `mass`: of the added weight [kg],
-    one or (n,); `arm`: its distance from the support [m]; `gravity` [m/s^2]. With several weights the periods fitted
+    `period` (n,): precession periods [s]. `rate` (n,): rates of the rotor [rad/s]. `mass`: of the added weight [kg],
+    one or (n,). `arm`: its distance from the support [m]; `gravity` [m/s^2]. With several weights the periods fitted
     are those that their mean would have: the period is as the inverse of the torque.
     Raises: InputError: values that are not positive, too few, or a rotor that is not fast.
     """

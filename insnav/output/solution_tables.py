@@ -48,7 +48,7 @@ _DECIMALS: Decimals = (
 def write_run_table(folder: Path, data: Tabular, file_format: TableFormat = "csv", name: str = "") -> Path:
     """Write a solution, fixes, every fix with its innovation and NIS, estimated sensor errors or errors of a solution.
 
-    `data`: every row of it is written; a field that is None has no columns; `file_format` {"csv", "parquet"}; `name`:
+    `data`: every row of it is written; a field that is None has no columns; `file_format` {"csv", "parquet"}. `name`:
     of the file, without suffix; default ``solution``, ``innovations``, ``biases`` or ``fixes``.
     """
     path, count = folder / f"{name or _NAMES[type(data)]}.{file_format}", len(next(iter(data._arrays().values())))

@@ -258,7 +258,7 @@ def tum_files(
 ) -> dict[str, str]:
     """Text of the reference and of each run at their common epochs, by the name of the file.
 
-    `time` (n,): the epochs [s]; `errors` (n, 3): name of each run, its position errors North, East, Down [m] and
+    `time` (n,): the epochs [s]. `errors` (n, 3): name of each run, its position errors North, East, Down [m] and
     attitude errors roll, pitch, heading [rad].
     """
     rows = np.searchsorted(reference.time, time)

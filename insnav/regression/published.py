@@ -83,7 +83,7 @@ def compare_published(
 ) -> list[Compared]:
     """Simulate every case; cases of one test share a simulation.
 
-    `seeds`: drives of a replica; `progress`: called with the fraction done.
+    `seeds`: drives of a replica. `progress`: called with the fraction done.
     """
     made: dict[tuple[str, str, float, bool], list[FloatArray]] = {}
     tests = list(dict.fromkeys(_test(case) for case in cases))

@@ -109,7 +109,7 @@ def legend_above(axes: Axes, lift: float) -> None:
 
 
 def draw_drawings(drawings: Sequence[Drawing], title: str, note: str = "", *, columns: int = 1) -> Figure:
-    """Draw one map, or panels below one another; `columns`: of panels."""
+    """Draw one map, or panels below one another. `columns`: of panels."""
     if isinstance(drawings[0], Track):
         return _draw_track(drawings[0], title, note)
     panels = [each for each in drawings if isinstance(each, Panel)]
@@ -135,7 +135,7 @@ def draw_drawings(drawings: Sequence[Drawing], title: str, note: str = "", *, co
 
 
 def draw_panel(axes: Axes, panel: Panel, mode: str = "", *, heading: bool = True, letters: int = _BESIDE) -> None:
-    """Draw what a panel shows under one position of the switch; `letters`: that title and legend may share."""
+    """Draw what a panel shows under one position of the switch. `letters`: that title and legend may share."""
     low, high = (-0.6, len(panel.rows) - 0.4) if panel.rows else limits_of(panel, mode) or (0.0, 1.0)
     axes.set_xscale("log" if "x" in panel.log else "linear")
     axes.set_yscale("log" if "y" in panel.log else "linear")
@@ -247,7 +247,7 @@ def _pieces(track: Track, values: FloatArray) -> LineCollection:
 
 
 def _start_map(points: FloatArray, title: str, note: str, beside: float) -> tuple[Figure, Axes]:
-    """Start a map of points East, North (n, 2) [m] and a margin, no narrower than a page; `beside`: room [inch]."""
+    """Start a map of points East, North (n, 2) [m] and a margin, no narrower than a page. `beside`: room [inch]."""
     low, high = points.min(axis=0), points.max(axis=0)
     width, height = (max(float(size), _NARROWEST_M) for size in high - low)
     margin = 0.07 * max(width, height)

@@ -109,7 +109,7 @@ def broken_at_gaps(time: FloatArray, values: FloatArray) -> tuple[FloatArray, Fl
 def robust_limits(values: Iterable[FloatArray], least: float = 0.0) -> tuple[float, float] | None:
     """Limits of an axis that a few outliers do not set.
 
-    `values`: arrays (n,) of any lengths, each with the same say; `least`: smallest height of the view.
+    `values`: arrays (n,) of any lengths, each with the same say. `least`: smallest height of the view.
     Returns: none if no value is finite.
     """
     known = [each[np.isfinite(each)] for each in values]
@@ -208,8 +208,8 @@ def over_time(
 ) -> tuple[Panel, ...]:
     """Draw lines over time, panels over one another.
 
-    `time` (n,) [s]; `rows`: for each panel title, label of its axis, lines (name, values (n,), colour), and the
-    smallest height of its view; `note`: on the first.
+    `time` (n,) [s]. `rows`: for each panel title, label of its axis, lines (name, values (n,), colour), and the
+    smallest height of its view. `note`: on the first.
     """
     clock = Clock.of(time)
     at = clock(time)
@@ -231,7 +231,7 @@ def over_time(
 def bars(
     kinds: Sequence[str], colours: Mapping[str, str], low: FloatArray, high: FloatArray, text: Sequence[str]
 ) -> list[Curve]:
-    """Draw one bar a row, those of one kind as one curve in its colour; `kinds`, `low`, `high`, `text`: of the rows."""
+    """Draw one bar a row, those of one kind as one curve in its colour. `kinds`, `low`, `high`, `text`: of the rows."""
     rows = {kind: [row for row, each in enumerate(kinds) if each == kind] for kind in colours}
     return [
         Curve(kind, high[at], np.array(at, np.float64), colours[kind], "bars", low[at], text=tuple(text[i] for i in at))

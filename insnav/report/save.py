@@ -94,7 +94,7 @@ def save_result(
 ) -> Path:
     """Write a result into a folder and put it in its place.
 
-    `folder`: entered, not committed; `figures`: see `write_page`; `table_format` {"csv", "parquet"}.
+    `folder`: entered, not committed. `figures`: see `write_page`; `table_format` {"csv", "parquet"}.
     """
     room = _room(result.kind)
     if hasattr(room, "read_found"):
@@ -189,10 +189,10 @@ def write_page(
 ) -> Path:
     """Write figures, page, JSON and text files into a folder and put it in its place.
 
-    `folder`: entered, not committed; `page`: content of ``report.html``, ``figures`` and ``run.json``; `metadata`: what
-    stands first in ``run.json``: command, input, options; `texts`: further files: name to content, such as
+    `folder`: entered, not committed. `page`: content of ``report.html``, ``figures`` and ``run.json``. `metadata`: what
+    stands first in ``run.json``: command, input, options. `texts`: further files: name to content, such as
     ``calibration.toml``; `figures` {"page", "png", "svg", "none"}: files of those figures that the page embeds, files
-    of all of them, or neither figures nor page; `facts`: content of ``run.json`` instead of that of the page.
+    of all of them, or neither figures nor page. `facts`: content of ``run.json`` instead of that of the page.
     Raises: ConfigError: two figures of one name; OutputError: the folder cannot be written.
     """
     names = [figure.name for figure in page.figures]

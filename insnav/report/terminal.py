@@ -23,7 +23,7 @@ def entry(name: str, text: str) -> str:
 def page_text(page: Page, width: int | None = None, shown: Sequence[Show] = ("all",)) -> str:
     """Write a report for the terminal: title, verdict, summary, tables, warnings, notes, assumptions.
 
-    `width`: of the terminal; nothing is wrapped if none; `shown`: sections marked otherwise are left out.
+    `width`: of the terminal; nothing is wrapped if none. `shown`: sections marked otherwise are left out.
     Returns: lines without control characters.
     """
     verdict = [] if page.verdict is None else [page.verdict.sentence]

@@ -321,7 +321,7 @@ def drift(file: Given, *, columns: Mapping[str, str] | None = None) -> Result[Dr
 def bench_gravity(gravity: float | None, lat: float | None, height: float = 0.0) -> tuple[float, str]:
     """Gravity at the bench and where it is from; never assumed.
 
-    `gravity`: as measured [m/s^2]; `lat`: latitude [deg], for normal gravity instead; `height`: above the ellipsoid
+    `gravity`: as measured [m/s^2]. `lat`: latitude [deg], for normal gravity instead. `height`: above the ellipsoid
     [m].
     Returns: `gravity` [m/s^2].
     Raises: ConfigError: neither is given, or both, or no latitude.

@@ -57,8 +57,8 @@ def motion_of(
 ) -> SampledMotion:
     """Motion of a budget without a recorded drive: a part of a profile, or rest.
 
-    `profile`: name or file of a profile; `begin`: start after that of the profile [s]; by default 1 s before it sets
-    off; `rest`: place, as `insnav.errors.budget.sampled_motion.at_rest` takes it.
+    `profile`: name or file of a profile. `begin`: start after that of the profile [s]; by default 1 s before it sets
+    off. `rest`: place, as `insnav.errors.budget.sampled_motion.at_rest` takes it.
     Raises: ConfigError: a start without a profile, a place with one, an unknown profile.
     """
     duration = max(settings.times)

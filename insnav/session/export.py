@@ -24,8 +24,8 @@ _UNIX_FROM = 1e9  # times beyond are Unix time [s]
 def export(folder: Path, kind: str, *, solution: Solution | None = None, week: int | None = None) -> bytes:
     """Content of a run in another format.
 
-    `folder`: of a run; `kind`: one of `insnav.output.track_files.WRITERS`; `solution`: default smoothed if there is
-    one; `week`: GPS week of its first epoch, where neither fixes nor times tell it.
+    `folder`: of a run. `kind`: one of `insnav.output.track_files.WRITERS`. `solution`: default smoothed if there is
+    one. `week`: GPS week of its first epoch, where neither fixes nor times tell it.
     Raises: InputError: no such run; ConfigError: an unknown format, or one that needs a date where none is known.
     """
     if kind not in WRITERS:

@@ -147,8 +147,8 @@ def read_samples(
 ) -> Reading[ImuData]:
     """Read the samples and correct known errors.
 
-    Volts and counts become rates and specific forces by the lines of the calibration; `any_way`: z may point up
-    although no axes are given; `bench`: as of `read_imu`.
+    Volts and counts become rates and specific forces by the lines of the calibration. `any_way`: z may point up
+    although no axes are given. `bench`: as of `read_imu`.
     """
     calibration = inputs.get("calibration")
     known = None if calibration is None else sensors.load_calibration(Path(calibration))

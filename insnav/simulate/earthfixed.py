@@ -45,7 +45,7 @@ class Turns:
     def __call__(self, tau: FloatArray) -> tuple[Quaternion, Vector]:
         """Attitude and rate at times ``(n,)`` [s].
 
-        Returns: `q_vb` (n,): attitude; `w_vb_b` (n,): rate of the body against the vehicle, body axes [rad/s]: Bortz,
+        Returns: `q_vb` (n,): attitude. `w_vb_b` (n,): rate of the body against the vehicle, body axes [rad/s]: Bortz,
         "A new mathematical formulation for strapdown inertial navigation", IEEE Trans. AES-7 (1971) 61-66, solved for
         the rate.
         """

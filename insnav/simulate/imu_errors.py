@@ -143,7 +143,7 @@ def quantised(values: FloatArray, sensor: SensorSpec, dt: FloatArray, span: Floa
 def flicker(seed: np.random.SeedSequence, time: FloatArray, size: FloatArray) -> FloatArray:
     """Flicker noise ``(n, 3)`` as a sum of Gauss-Markov processes whose correlation times go in steps.
 
-    `time` (n,): times [s], taken as evenly spaced; `size` (3,): coefficient B of IEEE Std 952-1997, annex C:
+    `time` (n,): times [s], taken as evenly spaced. `size` (3,): coefficient B of IEEE Std 952-1997, annex C:
     two-sided density ``B^2 / (2 pi f)``.
 
     Notes

@@ -151,7 +151,7 @@ def monte_carlo(
 ) -> Runs:
     """Make many runs of a task.
 
-    `task`: called with the seed of each run; `checkpoint`: where to continue from, and to keep what is done. The caller
+    `task`: called with the seed of each run. `checkpoint`: where to continue from, and to keep what is done. The caller
     removes it when the result is safe.
     Returns: the same, bit for bit, for any engine and after any interruption. A run that raises an exception, or whose
     process dies, becomes a failure and leaves the others alone.

@@ -49,9 +49,9 @@ def simulate_recording(
 ) -> Recording:
     """Measure a motion with sensors sampled from their specifications; None is a sensor without errors.
 
-    `seed`: the same seed gives the same recording; other seeds other sensor realisations and other noise; `rate`: of
-    the IMU [Hz]; `sampling` {"mean", "instant", "increment"}; `faults`: applied one after the other; one that changes
-    nothing is refused; `temperature` (n,): of the IMU at each sample [deg C]; `perfect`: what `perfect_imu` gives for
+    `seed`: the same seed gives the same recording; other seeds other sensor realisations and other noise. `rate`: of
+    the IMU [Hz]; `sampling` {"mean", "instant", "increment"}. `faults`: applied one after the other; one that changes
+    nothing is refused. `temperature` (n,): of the IMU at each sample [deg C]. `perfect`: what `perfect_imu` gives for
     the same truth, rate and sampling: spares doing it again for every seed.
     Raises: ConfigError: a rate that makes no sense, or a motion shorter than two samples.
     """

@@ -201,9 +201,9 @@ def straight(
     Due east or west the speed is constant; else the radii change it by parts in 1e5 over 100 km. With zero
     speed it is the motion of a thing at rest on the turning Earth.
 
-    `lla` (3,): start: latitude [rad], longitude [rad], height [m]; `speed`, `climb`: horizontal speed at the start, and
-    rate of height [m/s]; `heading`, `roll`, `pitch`: heading, which is the course at the start, and the rest of the
-    attitude [rad]; `duration`, `start`: length, and time of the first instant [s].
+    `lla` (3,): start: latitude [rad], longitude [rad], height [m]. `speed`, `climb`: horizontal speed at the start, and
+    rate of height [m/s]. `heading`, `roll`, `pitch`: heading, which is the course at the start, and the rest of the
+    attitude [rad]. `duration`, `start`: length, and time of the first instant [s].
     """
     along = np.array([speed * math.cos(heading), speed * math.sin(heading), climb])
     position = Harmonic(_ZERO, along / metres_per_unit(lla), _ZERO, _ZERO)
@@ -220,7 +220,7 @@ def circle(
     Earth is flat. The heading turns steadily and is the course to the same order.
 
     `lla` (3,): centre: latitude [rad], longitude [rad], height [m]; `speed`, `turn_rate` [m/s]; rate of heading
-    [rad/s], positive to the right, not zero; `duration`, `start`: length, and time of the first instant [s]; `heading`:
+    [rad/s], positive to the right, not zero. `duration`, `start`: length, and time of the first instant [s]. `heading`:
     at the start [rad].
     Raises: ConfigError: no turn.
     """

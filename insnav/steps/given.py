@@ -218,7 +218,7 @@ def set_up_filter(
 ) -> Prepared:
     """Align a recording and set the filter up.
 
-    `clock`, `rate`: by which all that has the time of the samples is moved at the start [s], and made faster [s/s];
+    `clock`, `rate`: by which all that has the time of the samples is moved at the start [s], and made faster [s/s].
     `heading`: at the start [rad].
     """
     inputs, imu = recording.inputs, recording.imu.data

@@ -113,7 +113,7 @@ def _check_radians(path: str, parts: Intervals, fixes: GpsData) -> None:
 def clock_offset(parts: Intervals, fixes: GpsData, *, worth: float = 0.0) -> ClockOffset | Unlike | None:
     """How far the clock of the IMU is behind that of the positions, or that no clock explains them; None if not told.
 
-    `parts`: samples as intervals; `fixes`: with standard deviations; `worth`: smaller offsets may be None too [s].
+    `parts`: samples as intervals. `fixes`: with standard deviations. `worth`: smaller offsets may be None too [s].
     """
     found = find_clock_offset(parts, fixes, worth=worth)
     if not isinstance(found, ClockOffset):

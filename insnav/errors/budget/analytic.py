@@ -98,7 +98,7 @@ def _constant(source: Source, motion: SampledMotion) -> FloatArray:
 def _noise(source: Source, motion: SampledMotion, steps: Steps, at: IntArray, loop: FloatArray) -> FloatArray:
     """Standard deviations by a noise, ``(m, 9)``.
 
-    `at` (m,): steps after which they are wanted; `loop` (m,): rate of the Schuler loop, zero for the short forms.
+    `at` (m,): steps after which they are wanted. `loop` (m,): rate of the Schuler loop, zero for the short forms.
 
     Notes
     -----

@@ -37,7 +37,7 @@ class Steps:
 def steps_of(motion: SampledMotion, rows: IntArray, count: int = _STEPS, longest: float = LONGEST) -> Steps:
     """Join samples to steps that end where results are wanted.
 
-    `rows` (r,): samples after which results are wanted, increasing; `count`: how many steps, about; `longest`: [s].
+    `rows` (r,): samples after which results are wanted, increasing. `count`: how many steps, about. `longest`: [s].
     """
     step = min(max(float(motion.elapsed[rows[-1] - 1]) / count, SHORTEST), longest)
     size = max(1, round(step / float(np.median(motion.dt))))
@@ -108,8 +108,8 @@ def _sensed(source: Source, motion: SampledMotion) -> tuple[FloatArray | None, F
 def covariance(sources: tuple[Source, ...], motion: SampledMotion, rows: IntArray, *, hold: bool = False) -> FloatArray:
     """Carry each source alone along a motion.
 
-    `sources`: see `insnav.errors.budget.sources.sources_of`; those of size zero cost nothing; `rows` (m,): samples
-    after which results are wanted, increasing; `hold`: constrain the vertical channel to the reference height, the
+    `sources`: see `insnav.errors.budget.sources.sources_of`; those of size zero cost nothing. `rows` (m,): samples
+    after which results are wanted, increasing. `hold`: constrain the vertical channel to the reference height, the
     free-inertial convention: no errors down. Otherwise it is free, and unstable with an e-folding time of 570 s.
     Returns: (m, s, 9, 9) covariance of the errors of position N, E, D [m], velocity [m/s] and attitude [rad] by each
     source, whose sum is that of all; the attitude error is that of ``C_hat = (I - [phi x]) C``.
@@ -211,7 +211,7 @@ def last_step(source: Source, motion: SampledMotion, rows: IntArray, hold: bool)
 def processes(source: Source, motion: SampledMotion) -> list[tuple[float, float, float, float]]:
     """Processes that make up a noise: density of its white part, density that drives it, decay [1/s], first variance.
 
-    `source`: of one of the kinds that are not constant; `motion`: its length and sampling decide which processes make
+    `source`: of one of the kinds that are not constant. `motion`: its length and sampling decide which processes make
     flicker noise.
     """
     variance = source.sd**2

@@ -139,10 +139,10 @@ def budget(
 ) -> Budget:
     """Draw up the budget.
 
-    `times`: when the errors are wanted, since the start [s]; `runs`: how many times to simulate; 0 for analytic and
-    covariance alone; `deflection`: deflection of the vertical [rad]; see `insnav.errors.budget.sources.sources_of`;
-    `hold`: constrain the vertical channel to the reference height; see `insnav.errors.budget.covariance.covariance`;
-    `known`: correlated errors of start and sensors besides those of `spec`; see `start_sources`; `progress`:
+    `times`: when the errors are wanted, since the start [s]. `runs`: how many times to simulate; 0 for analytic and
+    covariance alone. `deflection`: deflection of the vertical [rad]; see `insnav.errors.budget.sources.sources_of`.
+    `hold`: constrain the vertical channel to the reference height; see `insnav.errors.budget.covariance.covariance`.
+    `known`: correlated errors of start and sensors besides those of `spec`; see `start_sources`. `progress`:
     called with the fraction of the simulation that is done.
     Raises: ConfigError: an IMU without errors, or times that are not those of the motion.
     """
@@ -199,7 +199,7 @@ def budget(
 def check_times(times: Sequence[float], longest: float = LONGEST) -> None:
     """Refuse times that a budget is not for.
 
-    `times` [s]; `longest`: end of the motion [s].
+    `times` [s]. `longest`: end of the motion [s].
     Raises: ConfigError: there are none, or some are too short or too long.
     """
     if np.ndim(times) != 1:

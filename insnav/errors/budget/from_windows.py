@@ -108,7 +108,7 @@ def recorded_budget(
 ) -> RecordedBudget:
     """Cut a drive into free-inertial windows and find the causes of their errors.
 
-    `ready`: the drive; aiding besides fixes is not used in the windows either; `reference`: what errors are against;
+    `ready`: the drive; aiding besides fixes is not used in the windows either. `reference`: what errors are against;
     the fixes of the drive by default.
     Raises: ConfigError: windows outside 10 to 300 s, one or two replicas; InputError: a drive too short for one window,
     or no window without a gap.

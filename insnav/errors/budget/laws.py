@@ -29,7 +29,7 @@ def integral(kind: Process, order: int, time: ArrayLike) -> FloatArray:
     """Standard deviation of the n-fold integral of an error of unit size that begins at time zero.
 
     `kind`: process of the error, ``constant``, ``ramp``, ``white`` or ``random walk``; see
-    `insnav.imu.error_terms.ErrorTerm`; `order`: n; `time` [s].
+    `insnav.imu.error_terms.ErrorTerm`. `order`: n; `time` [s].
     Returns: [s^n], [s^(n + 1)] for a ramp, [s^(n - 1/2)] for white noise, [s^(n + 1/2)] for a random walk.
 
     Notes
@@ -50,7 +50,7 @@ def schuler(kind: Process, order: int, time: ArrayLike, rate: float) -> FloatArr
     """Factor of the closed Schuler loop on the short form of an n-fold integral.
 
     `kind`: process of the error. What changes slowly (Gauss-Markov, flicker) is taken as constant here; `time` [s],
-    above zero; `rate`: Schuler rate ``sqrt(g / R)`` [rad/s].
+    above zero. `rate`: Schuler rate ``sqrt(g / R)`` [rad/s].
     Returns: one for short times.
 
     Notes

@@ -52,7 +52,7 @@ class SampledMotion:
 def sampled(truth: Truth, begin: float, duration: float, description: str = "", rate: float = RATE) -> SampledMotion:
     """Cut a stretch out of a motion.
 
-    `begin`: start of the stretch, since that of the motion [s]; `duration`: its length [s]; `rate`: of the samples
+    `begin`: start of the stretch, since that of the motion [s]. `duration`: its length [s]. `rate`: of the samples
     [Hz].
     Raises: ConfigError: the motion ends before, the stretch begins before it, or comes close to a pole.
     """
@@ -83,7 +83,7 @@ def at_rest(
 ) -> SampledMotion:
     """Make the default motion of a budget: stationary and level.
 
-    `duration`: length [s]; `lat`, `heading` [rad]; `gravity`: stand at the height that has this gravity [m/s^2], not
+    `duration`: length [s]; `lat`, `heading` [rad]. `gravity`: stand at the height that has this gravity [m/s^2], not
     on the ellipsoid.
     Raises: ConfigError: gravity that is nowhere near the ellipsoid, or a pole.
     """

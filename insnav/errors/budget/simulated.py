@@ -47,9 +47,9 @@ def free_runs(
 ) -> FloatArray:
     """Navigate without aiding, many times, each time with another IMU and another start.
 
-    `rows` (m,): samples after which errors are wanted, increasing; `seed`: the same seed gives the same runs, and the
-    first runs are the same however many follow; `deflection`: deflection of the vertical [rad]; see
-    `insnav.errors.budget.sources.sources_of`; `known`: correlated errors of start and sensors besides those of `spec`;
+    `rows` (m,): samples after which errors are wanted, increasing. `seed`: the same seed gives the same runs, and the
+    first runs are the same however many follow. `deflection`: deflection of the vertical [rad]; see
+    `insnav.errors.budget.sources.sources_of`. `known`: correlated errors of start and sensors besides those of `spec`;
     see `start_sources`.
     Returns: (runs, m, 9) errors of position N, E, D [m], velocity [m/s], attitude [rad], estimate minus truth; the
     attitude error is that of ``C_hat = (I - [phi x]) C``.

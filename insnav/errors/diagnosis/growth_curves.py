@@ -51,8 +51,8 @@ class Curve:
 def fit_curve(elapsed: FloatArray, position: FloatArray, velocity: FloatArray, covariance: FloatArray) -> Curve:
     """Fit position and velocity errors of one axis by generalised least squares.
 
-    `elapsed` (k,): time since the start [s]; `position` (k,): error [m]; `velocity` (k,): error [m/s]; ``NaN`` where
-    not known; `covariance` (2 k, 2 k): of all positions, then all velocities, about the curve; see `about_the_curve`.
+    `elapsed` (k,): time since the start [s]. `position` (k,): error [m]. `velocity` (k,): error [m/s]; ``NaN`` where
+    not known. `covariance` (2 k, 2 k): of all positions, then all velocities, about the curve; see `about_the_curve`.
     """
     observed = np.concatenate([position, velocity])
     known = np.isfinite(observed)
@@ -93,9 +93,9 @@ def about_the_curve(
 ) -> FloatArray:
     """Covariance of positions and velocities about their curve.
 
-    `elapsed` (k,): time since the start [s]; `reference_variance` (2 k,): of the reference positions, then velocities;
-    anything where not known [m^2], [m^2/s^2]; `start_variance`: of the position at the start, common to all positions
-    [m^2]; `accel_noise`, `gyro_noise`: spectral densities of the white noise [m^2/s^3], [rad^2/s]; `gravity` [m/s^2].
+    `elapsed` (k,): time since the start [s]. `reference_variance` (2 k,): of the reference positions, then velocities;
+    anything where not known [m^2], [m^2/s^2]. `start_variance`: of the position at the start, common to all positions
+    [m^2]. `accel_noise`, `gyro_noise`: spectral densities of the white noise [m^2/s^3], [rad^2/s]; `gravity` [m/s^2].
     Returns: (2 k, 2 k).
 
     Notes
@@ -165,7 +165,7 @@ def explain_end(
 ) -> tuple[EndAxis, ...]:
     """Explain the errors at the end of a run that began without error.
 
-    `time`: length of the run [s]; `position`, `velocity` (2,): errors North, East [m], [m/s]; `position_sd`,
+    `time`: length of the run [s]. `position`, `velocity` (2,): errors North, East [m], [m/s]. `position_sd`,
     `velocity_sd`: standard deviations of the reference [m], [m/s].
     """
     at = np.array([time])

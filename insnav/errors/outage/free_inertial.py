@@ -87,8 +87,8 @@ def free_window_starts(
 ) -> FloatArray:
     """Timestamps of the fixes at which windows may begin, evenly along the drive.
 
-    `length`: of the windows [s]; `first`: where the first begins, after the start of navigation [s]; a minute, or less
-    if the drive is short; `spacing`: from one to the next [s]; by default so that about sixty fit.
+    `length`: of the windows [s]. `first`: where the first begins, after the start of navigation [s]; a minute, or less
+    if the drive is short. `spacing`: from one to the next [s]; by default so that about sixty fit.
     Returns: (n,) [s].
     Raises: ConfigError: a length outside 10 to 300 s, a spacing of less than 0.1 s, or a negative `first`; InputError:
     the drive is too short.
@@ -119,10 +119,10 @@ def free_windows(
 ) -> Windows:
     """Navigate windows without any fix.
 
-    `length`, `spacing`: of the windows, as in `free_window_starts` [s]; `uncalibrated`: do not correct the sensor
+    `length`, `spacing`: of the windows, as in `free_window_starts` [s]. `uncalibrated`: do not correct the sensor
     errors that the filter has estimated; the prediction then comes from the specified turn-on errors of the IMU;
     `start` {"forward", "smoothed"}: a smoothed start uses the fixes in and after the window: it is not independent of
-    them; `times` (k,): since the start, at which to compare [s]; by default every second, or as often as there is a
+    them. `times` (k,): since the start, at which to compare [s]; by default every second, or as often as there is a
     reference.
     Returns: without those that touch a gap; `Windows.dropped` counts these.
     Raises: InputError: no window is left.
@@ -258,8 +258,8 @@ def end_errors(
 
     Position and velocity at the start are those of the reference, attitude and sensor errors those of the filter.
 
-    `length`: of the windows [s]; `most`: how many windows at most, evenly along the drive and without overlap;
-    `settle`: the first begins so long after the start [s]; `run_clock`, `reference_clock`: times of the run and of the
+    `length`: of the windows [s]. `most`: how many windows at most, evenly along the drive and without overlap.
+    `settle`: the first begins so long after the start [s]. `run_clock`, `reference_clock`: times of the run and of the
     reference minus those of the samples [s].
     Returns: (n,) [m]; empty if the drive is too short.
     """

@@ -46,10 +46,10 @@ def outages(
 ) -> list[Outage]:
     """Simulate GNSS outages all over a drive.
 
-    `lengths`: lengths of the windows [s]; `first`: where the first window begins, after the start of navigation [s]; a
-    minute, or less if the drive is short; `spacing`: from the start of one window to that of the next of the same
+    `lengths`: lengths of the windows [s]. `first`: where the first window begins, after the start of navigation [s]; a
+    minute, or less if the drive is short. `spacing`: from the start of one window to that of the next of the same
     length [s]; by default so that about sixty fit. Windows overlap if it is less than their length: each goes on from
-    the filter that had all fixes before it; `reference`: better positions of the antenna to compare with, instead of
+    the filter that had all fixes before it. `reference`: better positions of the antenna to compare with, instead of
     the fixes taken away, or how to have them by the lever arm that the filter ends with, (3,) [m].
     Raises: ConfigError: lengths or spacing that are not above zero; InputError: the drive is too short for any window.
     """

@@ -149,7 +149,7 @@ def common_error(found: Growth) -> tuple[Finding, ...]:
 def horizontal_at(windows: Sequence[Outage], times: Sequence[float], near: float) -> tuple[FloatArray, FloatArray]:
     """Horizontal error and standard deviation of outages at the epochs nearest to some times.
 
-    `times`: since their start [s]; `near`: how near such an epoch must be [s].
+    `times`: since their start [s]. `near`: how near such an epoch must be [s].
     Returns: `error`, `sd` (n, k) [m]; ``NaN`` where there is no epoch.
     """
     found = np.full((2, len(windows), len(times)), np.nan)

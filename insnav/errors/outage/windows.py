@@ -64,9 +64,9 @@ def window_starts(
 ) -> IntArray:
     """Fixes at which windows begin, evenly along a drive.
 
-    `fixes` (n,): times of the fixes, on the clock of the IMU [s]; `begin`, `end`: of navigation [s]; `length`: of the
-    windows, of the shortest if there are several lengths [s]; `first`: where the first begins, after `begin` [s]; by
-    default a minute, or less by `rule` on a short drive; `spacing`: from the start of one window to the next [s]; by
+    `fixes` (n,): times of the fixes, on the clock of the IMU [s]. `begin`, `end`: of navigation [s]. `length`: of the
+    windows, of the shortest if there are several lengths [s]. `first`: where the first begins, after `begin` [s]; by
+    default a minute, or less by `rule` on a short drive. `spacing`: from the start of one window to the next [s]; by
     default so that about sixty fit; `rule` {"quarter of drive", "half of slack"}: how much of a short drive the filter
     gets to settle. A quarter of the drive, whatever the length: windows of several lengths then begin at the same
     fixes. Half of what one window leaves: a single long one still fits.
@@ -123,7 +123,7 @@ def navigated_drive(
 ) -> NavigatedDrive:
     """Navigate the whole drive and keep the filter's state at some fixes.
 
-    `starts` (n,): timestamps of these fixes [s]; `smooth`: smooth as well, for smoothed starts and for a simulated
+    `starts` (n,): timestamps of these fixes [s]. `smooth`: smooth as well, for smoothed starts and for a simulated
     replica.
     """
     rows = np.searchsorted(ready.gps.time, starts - 1e-6)
@@ -209,7 +209,7 @@ def growth_by_start_error(q_nb: FloatArray, lla: FloatArray) -> FloatArray:
     A level vehicle that does not turn: velocity error, effective horizontal acceleration ``g x phi - C db`` and its
     change ``g x C dw``, for estimate minus truth with ``C_hat = (I - [phi x]) C`` (Groves 2013, section 5.7).
 
-    `q_nb` (4,): attitude at the start; `lla` (3,): where [rad], [rad], [m].
+    `q_nb` (4,): attitude at the start. `lla` (3,): where [rad], [rad], [m].
     Returns: (2, 3, 21): for North and East: velocity [m/s], acceleration [m/s^2], jerk [m/s^3] by the 21 errors of the
     filter.
     """
@@ -251,7 +251,7 @@ def reference_from_trajectory(
 ) -> WindowReference:
     """A reference trajectory.
 
-    `position_sd`, `velocity_sd`: its uncertainty on each axis elsewhere [m], [m/s]; `lever_b` (3,): the point of the
+    `position_sd`, `velocity_sd`: its uncertainty on each axis elsewhere [m], [m/s]. `lever_b` (3,): the point of the
     reference seen from the IMU, body axes [m]; None for the antenna.
     Raises: InputError: fewer than two rows.
     """
@@ -269,7 +269,7 @@ def reference_from_trajectory(
 def stationary_fixes(lla: FloatArray, begin: float, end: float, position_sd: float, velocity_sd: float) -> GpsData:
     """Fixes once a second of a stationary vehicle: what a bench knows without a receiver.
 
-    `lla` (3,): latitude, longitude [rad], height [m]; `begin`, `end`: first and last time [s]; `position_sd`,
+    `lla` (3,): latitude, longitude [rad], height [m]. `begin`, `end`: first and last time [s]. `position_sd`,
     `velocity_sd`: of place and zero velocity, each axis [m], [m/s].
     """
     time: FloatArray = np.arange(begin, end + 1e-6, 1.0)

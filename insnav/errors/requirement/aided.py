@@ -86,7 +86,7 @@ class Propagation:
 def propagation(truth: Truth, begins: Sequence[float], length: float) -> Propagation:
     """Work out what errors do in each second of a motion, from its start to the end of the last outage.
 
-    `begins`: when GPS ends, after the start of the motion [s], increasing; `length`: of the outages [s].
+    `begins`: when GPS ends, after the start of the motion [s], increasing. `length`: of the outages [s].
     """
     seconds = [math.floor(begin) for begin in begins]
     later = min(math.ceil(length), math.floor(truth.duration + 1e-9) - seconds[-1])

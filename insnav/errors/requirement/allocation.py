@@ -116,7 +116,7 @@ def allocate(
 ) -> Allocation:
     """Allocate the limit to the families of errors that `given` does not give.
 
-    `cost`: weight of a family, 1 where none is given; `hold`: see `insnav.errors.budget.covariance.covariance`.
+    `cost`: weight of a family, 1 where none is given. `hold`: see `insnav.errors.budget.covariance.covariance`.
 
     Notes
     -----

@@ -41,7 +41,7 @@ NOISE = "noise of the outage"  # independent of the start
 def shapley_effects(gain: FloatArray, covariance: FloatArray, groups: Sequence[Sequence[int]]) -> FloatArray:
     """Share the trace of the variance of ``gain @ x`` among groups of correlated Gaussian inputs x.
 
-    `gain` (m, n); `covariance` (n, n) of x; `groups`: of numbers of inputs, which together are all of them.
+    `gain` (m, n); `covariance` (n, n) of x. `groups`: of numbers of inputs, which together are all of them.
     Returns: variance of each group; their sum is the trace.
     """
     count = len(groups)
@@ -69,8 +69,8 @@ def start_shares(
 ) -> dict[str, float]:
     """Shares of the errors at the start of outages, and of the noise in them, in the variance of the position.
 
-    `at_end` (w, 52, 52): covariance when GPS ends; `through` (w, m, 9, 9): of the navigation errors in the outages;
-    `axes`: North, East, Down that count; `after`: time of the outage that counts [s].
+    `at_end` (w, 52, 52): covariance when GPS ends. `through` (w, m, 9, 9): of the navigation errors in the outages.
+    `axes`: North, East, Down that count. `after`: time of the outage that counts [s].
     """
     here = np.diagonal(at_end, axis1=1, axis2=2).max(axis=0)
     present = {name: states for name, states in GROUPS.items() if np.any(here[states] > 0.0)}

@@ -21,7 +21,7 @@ def clock_offset(time: FloatArray, speed: FloatArray, log_time: FloatArray, log_
 
     On a way that repeats itself several shifts are alike; clocks that agree within seconds then decide.
 
-    `time`, `speed` (n,): times [s] and speed known [m/s]; `log_time`, `log_speed` (m,): the same by the log; any unit
+    `time`, `speed` (n,): times [s] and speed known [m/s]. `log_time`, `log_speed` (m,): the same by the log; any unit
     of speed.
     Returns: time by the log minus time [s]; None if no shift stands out.
     """

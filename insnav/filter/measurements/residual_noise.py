@@ -16,8 +16,8 @@ UNCORRELATED = 0.05  # a smaller autocorrelation is that of chance [-]
 def robust_fit(design: FloatArray, values: FloatArray, step: float) -> tuple[FloatArray, FloatArray, float]:
     """Least squares with Huber's weights (P. J. Huber, Robust Statistics, 1981, chapter 7).
 
-    `design`, `values` (n,); `step`: time between rows [s].
-    Returns: `found`, `residual` (n,); `sd`: standard deviation of the first parameter; as many rows count as one as the
+    `design`, `values` (n,). `step`: time between rows [s].
+    Returns: `found`, `residual` (n,). `sd`: standard deviation of the first parameter; as many rows count as one as the
     residuals are correlated over.
     """
     weight = np.ones(values.shape[0])

@@ -60,7 +60,7 @@ def find_stops(imu: ImuData, speed: Velocity, spec: ImuSpec) -> tuple[FloatArray
 
     It is in the time of the samples.
 
-    Returns: `stops` (k, 2): begin and end [s]; none if standing and moving cannot be told apart; `rate_sd` (3,):
+    Returns: `stops` (k, 2): begin and end [s]; none if standing and moving cannot be told apart. `rate_sd` (3,):
     standard deviation of the mean gyro output over `INTERVAL` at a stop [rad/s]; what became of it.
     """
     none = np.empty((0, 2))

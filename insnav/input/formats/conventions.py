@@ -96,7 +96,7 @@ def fix_table(
 ) -> Table:
     """Table of fixes without those that are none.
 
-    `kind` (n,): as the format has it; `types`: fix types of the kinds that are fixes; `good` (n,): those that are.
+    `kind` (n,): as the format has it. `types`: fix types of the kinds that are fixes. `good` (n,): those that are.
     """
     fix = np.array([types.get(int(each), 0.0) if each == each else 0.0 for each in kind], dtype=np.float64)
     kept = (fix > 0.0) if good is None else (fix > 0.0) & good

@@ -85,7 +85,7 @@ def column_table(
 ) -> Table:
     """Table of columns ``(n,)`` by canonical name, as formats make it that convert a file as a whole.
 
-    `row`: what stands in the file for a row, such as ``NAV-PVT``; `cut`: why a last one was left out; `axes`, `week`:
+    `row`: what stands in the file for a row, such as ``NAV-PVT``. `cut`: why a last one was left out. `axes`, `week`:
     see `Table`.
     """
     cells = ArrayCells(tuple(columns.values()), lambda number: f"{row} {number + 1}", cut)

@@ -32,7 +32,7 @@ def unsupported(head: bytes) -> str:
 
 
 def refusal(head: bytes, name: str, suffixes: tuple[str, ...]) -> InputError:
-    """Make the error of a file that insnav cannot read; `suffixes`: of the formats that it reads."""
+    """Make the error of a file that insnav cannot read. `suffixes`: of the formats that it reads."""
     kind = unsupported(head)
     if kind in _ARCHIVES.values():
         return InputError("format.other_archive", where=name, kind=kind)

@@ -73,7 +73,7 @@ def clean(
 ) -> Cleaned:
     """Put rows in order, and leave out bad ones ``(n,)`` and those that cannot be used.
 
-    `columns` (n,): with ``time`` [s]; as read; `bad` (n,): rows to leave out; `lacking`: what they lack; `place`: from
+    `columns` (n,): with ``time`` [s]; as read. `bad` (n,): rows to leave out. `lacking`: what they lack. `place`: from
     the number of a row to ``file:line``.
     Raises: InputError: too few rows, too many out of order, or a clock that was set back.
     """

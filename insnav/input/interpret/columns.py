@@ -141,9 +141,9 @@ def understand(
 ) -> tuple[dict[str, Found], tuple[Finding, ...]]:
     """Assign columns to quantities.
 
-    `headers`, `units_row`: as in the file, and the cells of the row of units under the header, if there is one;
+    `headers`, `units_row`: as in the file, and the cells of the row of units under the header, if there is one.
     `columns`: what the user says: name, with or without unit (``gyro_x``, ``gyro_x_dps``), to header; an empty header
-    says that the file has no such column; `parts`: columns by header that others were made of, which the user may name.
+    says that the file has no such column. `parts`: columns by header that others were made of, which the user may name.
     Raises: InputError: a duplicate header, or two columns for one quantity; ConfigError: `columns` names
     something that does not exist, or in another unit than its header.
     """
@@ -264,7 +264,7 @@ def require(
 ) -> None:
     """Refuse a file without a column for one of the keys, naming what was found and what may have been meant.
 
-    `hint`: word of the catalogue for what the file seems to be; `gives`: the columns that fit by their values.
+    `hint`: word of the catalogue for what the file seems to be. `gives`: the columns that fit by their values.
     """
     keys = tuple(keys)
     missing = [q for key in keys if key not in found for q in schema if q.key == key]

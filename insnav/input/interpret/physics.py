@@ -200,7 +200,7 @@ def turns_with_course(
 def heading_convention(turns: float, heading: FloatArray, v_n: FloatArray) -> tuple[float, float]:
     """Find the sense of headings ``(m,)``, 1 or -1, and by how much they then exceed that of the vehicle [rad].
 
-    `turns`: their correlation with turns of the vehicle, as of `turns_with_course`; `v_n` (m, 3): velocities, whose
+    `turns`: their correlation with turns of the vehicle, as of `turns_with_course`. `v_n` (m, 3): velocities, whose
     course is the heading but for slip. Headings counted from east, and across the vehicle, are quarters of a turn off;
     a sense that no course completes is that from east.
     """
@@ -230,7 +230,7 @@ def find_gyro_unit(
 ) -> tuple[str, Finding]:
     """Find the unit of the gyros, by the rates of vehicles and by how gravity turns.
 
-    `ratio` and `correlation` are from `turn_ratio`, for the numbers as in the file; `odd`: column by `odd_one`.
+    `ratio` and `correlation` are from `turn_ratio`, for the numbers as in the file. `odd`: column by `odd_one`.
 
     Raises: InputError: the stated unit contradicts the evidence.
     """

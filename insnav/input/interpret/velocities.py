@@ -207,7 +207,7 @@ def _scatter(path: FloatArray) -> float:
 
 
 def _climb(time: FloatArray, height: FloatArray, fallen: FloatArray) -> float:
-    """How far heights fall by the third velocity, over moves of some length, if not as far; `fallen`: its integral."""
+    """How far heights fall by the third velocity, over moves of some length, if not as far. `fallen`: its integral."""
     for span in _CLIMBS:
         start, stop = _moves(time, span, 2.0 * span)
         said, moved = fallen[stop] - fallen[start], height[start] - height[stop]

@@ -22,7 +22,7 @@ _SLOWEST = 45.0  # longest interval that is taken for seconds [s]
 def read_sensor_log(path: str | Path | Table, name: str) -> Reading[SensorLog]:
     """Read the log of a further sensor.
 
-    `path`: a data file of any supported format; that of the IMU may hold the columns of another sensor, too; `name`:
+    `path`: a data file of any supported format; that of the IMU may hold the columns of another sensor, too. `name`:
     the sensor, one of `LOG_SCHEMAS`, such as ``speedometer`` with columns ``time_s, speed_m_s`` and perhaps ``sd_m_s``.
     Raises: InputError: the file cannot be used.
     """

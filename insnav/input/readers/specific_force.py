@@ -60,8 +60,8 @@ def read_specific_force(
     """Read specific force along the axes of a north-pointing platform.
 
     `path`: a data file of any supported format, or ``-`` for standard input; `axes` {"ENU", "NED"}: what columns x, y,
-    z are; columns whose names state their direction (``f_east_m_s2``, ``fe``) need none; `columns`: quantity, with or
-    without unit, to header; `sample_rate`: samples per second [Hz] of a file without a time column; the first is at 0
+    z are; columns whose names state their direction (``f_east_m_s2``, ``fe``) need none. `columns`: quantity, with or
+    without unit, to header. `sample_rate`: samples per second [Hz] of a file without a time column; the first is at 0
     s.
     Raises: InputError: the file cannot be used: columns missing, not along level axes, or a gap of more than five
     samples, in which the motion is unknown; ConfigError: `columns` cannot be meant as given, or `sample_rate` is given

@@ -58,8 +58,8 @@ class PosesCalibration(MultiPosition):
 def calibrate_poses(imu: ImuData, g: float, *, counts: bool = False) -> PosesCalibration:
     """Calibrate accelerometers and gyros by poses and the turns between them.
 
-    `imu`: record of at least ten poses, in SI units, or in any units if `counts`; `g`: gravity where it was made
-    [m/s^2]; `counts`: sensitivities are not known, not even roughly.
+    `imu`: record of at least ten poses, in SI units, or in any units if `counts`. `g`: gravity where it was made
+    [m/s^2]. `counts`: sensitivities are not known, not even roughly.
     Raises: InputError: no poses, too few, or such as leave a parameter undetermined; units, axes or signs that cannot
     be.
     """
@@ -252,7 +252,7 @@ def _steps(covariance: FloatArray) -> FloatArray:
 def _left_out(error: FloatArray, without: Callable[[BoolArray], FloatArray]) -> FloatArray:
     """Errors by calibrations that have not seen them, every fifth at a time; that of all where the rest gives none.
 
-    `error` (n,): by the calibration of all; `without`: errors (n,) by one of those that are kept (n,).
+    `error` (n,): by the calibration of all. `without`: errors (n,) by one of those that are kept (n,).
     """
     error = error.copy()
     for fold in range(FOLDS):

@@ -58,9 +58,9 @@ def calibrate_six_positions(
 ) -> SixPositions:
     """Calibrate by six positions and three turns.
 
-    `imu`: record in SI units, or in any units if `counts`; `g`: gravity where it was made [m/s^2]; `sections`: first
-    and last plus one sample of all `SECTIONS`; found by `find_sections` by default; `turn`: angle of each turn [rad];
-    its sense is taken from the gyros; `counts`: sensitivities are not known, not even roughly.
+    `imu`: record in SI units, or in any units if `counts`. `g`: gravity where it was made [m/s^2]. `sections`: first
+    and last plus one sample of all `SECTIONS`; found by `find_sections` by default. `turn`: angle of each turn [rad];
+    its sense is taken from the gyros. `counts`: sensitivities are not known, not even roughly.
     Raises: InputError: sections that are not what they are called, turns that fall short, units that cannot be;
     ConfigError: sections that are missing or outside the record.
     """

@@ -101,8 +101,8 @@ def calibrate_nine(
 ) -> NinePositions:
     """Calibrate three dual-axis modules.
 
-    `roll`, `pitch` (n,): positions of the table [rad], Forward-Right-Down axes; `measured` (n, 6): accelerometers in
-    the order of `SENSORS` [m/s^2]; `gravity`: local gravity [m/s^2].
+    `roll`, `pitch` (n,): positions of the table [rad], Forward-Right-Down axes. `measured` (n, 6): accelerometers in
+    the order of `SENSORS` [m/s^2]. `gravity`: local gravity [m/s^2].
     Raises: InputError: positions that leave something undetermined, with the one to add; or columns that do not belong
     to their names.
     """

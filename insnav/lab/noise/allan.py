@@ -156,8 +156,8 @@ def allan_deviation(
 ) -> AllanDeviation:
     """Compute the overlapping Allan deviation of each column.
 
-    `values` (n, c): rates or specific forces at even steps; constant parts do not matter; `interval`: step [s];
-    `factors` (k,): averaging times in samples, at most n / 2; `workers`: threads; one for each column at most, by
+    `values` (n, c): rates or specific forces at even steps; constant parts do not matter. `interval`: step [s].
+    `factors` (k,): averaging times in samples, at most n / 2. `workers`: threads; one for each column at most, by
     default as many as there are processors.
     """
     n, count = values.shape

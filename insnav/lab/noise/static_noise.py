@@ -185,8 +185,8 @@ def signal_noise(
 ) -> SignalNoise:
     """Allan deviation and noise coefficients of signals.
 
-    `values` (n, c): at even steps, a column for each signal, such as rates [rad/s] or specific forces [m/s^2];
-    `interval`: step [s]; `taus`: averaging times [s], see `averaging_factors`.
+    `values` (n, c): at even steps, a column for each signal, such as rates [rad/s] or specific forces [m/s^2].
+    `interval`: step [s]. `taus`: averaging times [s], see `averaging_factors`.
     Raises: ConfigError: averaging times that the signals do not hold.
     """
     factors, every = averaging_factors(len(values), interval, taus), averaging_factors(len(values), interval)

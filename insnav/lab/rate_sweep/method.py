@@ -89,9 +89,9 @@ def calibrate_sweeps(
 ) -> SweepCalibration:
     """Calibrate three gyros.
 
-    `rate` (n, 3): rates of the table about x, y, z [rad/s]; one row a dwell; `output` (n, 3): mean outputs of gyros x,
-    y, z [rad/s, or volts or counts]; `sd` (n, 3): standard deviations of these means, zero where not known; `raw`:
-    whether the outputs are in volts or counts; `intercepts`: of pieces, instead of those found, ``{"x2": 0.01}`` the
+    `rate` (n, 3): rates of the table about x, y, z [rad/s]; one row a dwell. `output` (n, 3): mean outputs of gyros x,
+    y, z [rad/s, or volts or counts]. `sd` (n, 3): standard deviations of these means, zero where not known. `raw`:
+    whether the outputs are in volts or counts. `intercepts`: of pieces, instead of those found, ``{"x2": 0.01}`` the
     second of gyro x [deg/s].
     Raises: ConfigError: an intercept of no piece, or one that takes it past its neighbours; InputError: an axis without
     a sweep, too few rates, gyros that do not follow the rate about their axis or are not in the unit of their columns,

@@ -87,7 +87,7 @@ def calibrate_rate_table(
 ) -> RateTable:
     """Fit zero and scale factor.
 
-    `rate` (n,): rates of the table, in any unit; `output` (n,): output at each, in volts or counts; `keep`: smallest
+    `rate` (n,): rates of the table, in any unit. `output` (n,): output at each, in volts or counts. `keep`: smallest
     and largest rate to use; by default saturated rates are found and left out.
     Raises: InputError: too few rates, columns that seem to be exchanged, or a sensor that does not respond.
     """

@@ -132,8 +132,8 @@ def triad_calibration(
 ) -> Calibration[tuple[Record, ...], tuple[F, ...]]:
     """Zero and scale factor of sensors x, y, z, or of one that stands for all.
 
-    `found`: of each, scale factors for a setting of `per` [rad/s] or [m/s^2]; `per_units`: what follows the unit of the
-    output in that of each parameter; `by_sensor`: warnings of the method.
+    `found`: of each, scale factors for a setting of `per` [rad/s] or [m/s^2]. `per_units`: what follows the unit of the
+    output in that of each parameter. `by_sensor`: warnings of the method.
     """
     names = ("x", "y", "z") if len(record) == 3 else ("sensor",)
     fits = {name: item.fit for name, item in zip(names, found, strict=True)}

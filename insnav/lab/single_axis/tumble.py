@@ -43,7 +43,7 @@ class Tumble:
 def calibrate_tumble(angle: FloatArray, output: FloatArray, *, where: str = "") -> Tumble:
     """Fit the model.
 
-    `angle` (n,): angle of the input axis above the horizontal [rad], evenly spaced over the circle; `output` (n,):
+    `angle` (n,): angle of the input axis above the horizontal [rad], evenly spaced over the circle. `output` (n,):
     output at each, in volts or counts.
     Raises: InputError: a position is missing, the angles look like another unit, or the output does not follow gravity.
     """

@@ -59,7 +59,7 @@ def text(result: Result[FineAlignment], width: int | None = None) -> str:
 
 
 def _warnings(found: FineAlignment, sd: float | None) -> Iterator[Finding]:
-    """Give a contradiction between gyros and latitude; `sd`: of the latitude from the gyros [rad]."""
+    """Give a contradiction between gyros and latitude. `sd`: of the latitude from the gyros [rad]."""
     off = abs(found.sensor_latitude - found.latitude)
     if sd is not None and off >= CONTRADICTED * sd:
         limit = CONTRADICTED * sd

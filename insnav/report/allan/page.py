@@ -54,7 +54,7 @@ def noise_quantity(
 ) -> Quantity:
     """One noise coefficient of a gyro or an accelerometer.
 
-    `term` {"Q", "N", "B", "K", "GM", "R"}; `si`: shown in SI, not in the unit usual for it.
+    `term` {"Q", "N", "B", "K", "GM", "R"}. `si`: shown in SI, not in the unit usual for it.
     """
     label, *units = _TERMS[term]
     return Quantity(_KEYS[term], value, units[0 if gyro else 1][1 if si else 0], sd, interval, label)

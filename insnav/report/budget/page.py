@@ -285,7 +285,7 @@ def end_page(
 ) -> Page:
     """Lay out the explanations of each axis, beside what the specification of the IMU says, if there is one.
 
-    `gravity` [m/s^2]; `sd`: of the reference [m], [m/s].
+    `gravity` [m/s^2]. `sd`: of the reference [m], [m/s].
     """
     given = _specified(spec)
     rows = []

@@ -238,7 +238,7 @@ def frame(result: Result[OutageStudy]) -> DataFrame:
 def thin_lines(name: str, windows: Sequence[tuple[FloatArray, FloatArray]], most: int, points: int = 0) -> list[Curve]:
     """Draw the error of each window behind everything else.
 
-    `windows`: time without GPS (n,) and error (n,) of each; `most`: of them, `points`: about so many of each, all if 0.
+    `windows`: time without GPS (n,) and error (n,) of each. `most`: of them, `points`: about so many of each, all if 0.
     """
     shown = np.linspace(0, len(windows) - 1, min(most, len(windows))).astype(int)
     step = max(1, len(windows[0][0]) // points) if points else 1

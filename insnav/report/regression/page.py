@@ -362,7 +362,7 @@ def write_pages(folder: Path, result: Result[Regression]) -> list[Path]:
 
 
 def markdown(found: Regression, pictures: Sequence[tuple[str, str]], kept: Sequence[str] = ()) -> str:
-    """Write the section for the README: plots and tables in Markdown; `kept`: other programs if none were run now."""
+    """Write the section for the README: plots and tables in Markdown. `kept`: other programs if none were run now."""
     made = _where(found.origin)
     lines = ["# Accuracy on the corpus", "", made, ""]
     for caption, name in pictures:

@@ -122,7 +122,7 @@ def _banded(
 ) -> list[Curve]:
     """Three lines with their bands.
 
-    `time` (n,) [s]; `value`, `half` (n, 3): middle and half width; `around`: middle of the band; the line if none.
+    `time` (n,) [s]. `value`, `half` (n, 3): middle and half width. `around`: middle of the band; the line if none.
     """
     at, columns = broken_at_gaps(axis.clock(time), np.column_stack((value, half)))
     curves = []
@@ -161,7 +161,7 @@ def _innovation_panels(run: Run, axis: RunAxis) -> Iterator[Panel]:
 
 
 def nis_levels(run: Run, group: str = "") -> tuple[tuple[float, str], ...]:
-    """95 % of the NIS per axis, and the gates that rejected or de-weighted; `group`: of positions or velocities."""
+    """95 % of the NIS per axis, and the gates that rejected or de-weighted. `group`: of positions or velocities."""
     limits = sorted({each.limit / 3.0 for each in of_code(run.events, *_GATES[group]) if np.isfinite(each.limit)})
     return (CHI2_95, f"95 % ({CHI2_95:.1f})"), *((limit, f"gate ({limit:.1f})") for limit in limits)
 

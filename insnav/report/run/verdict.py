@@ -208,7 +208,7 @@ def _rate(name: str, facts: ReadingFacts) -> str:
 def brief_lines(page: Page, found: EvaluatedRun, width: int | None = None) -> list[str]:
     """Sum up a run: verdict, figures of merit of both solutions, warnings, what was assumed.
 
-    `page`: that of the run; `width`: of the lines; none: nothing is wrapped.
+    `page`: that of the run. `width`: of the lines; none: nothing is wrapped.
     """
     title = phrase("terminal.line", name=page.title, text=page.summary[0]) if page.summary else page.title
     verdict = [] if page.verdict is None else [page.verdict.rating]

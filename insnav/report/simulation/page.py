@@ -368,7 +368,7 @@ def track_length(time: FloatArray, motion: Kinematics) -> float:
 def write_runs(folder: RunFolder, plan: Plan, runs: Runs) -> tuple[Path, Page]:
     """Write an ensemble of runs and put its folder in its place.
 
-    `folder`: entered, not committed; `runs`: what the runs came to, as `insnav.errors.ensemble.NavigatedRecording`
+    `folder`: entered, not committed. `runs`: what the runs came to, as `insnav.errors.ensemble.NavigatedRecording`
     makes them.
     Raises: InputError: every run failed.
     """

@@ -133,9 +133,9 @@ def position_curve(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> Spli
 def earth_path(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> tuple[Spline, FloatArray]:
     """Integral of a velocity over the ellipsoid, in Earth-fixed axes, also over a pole.
 
-    `t` (n,): times [s]; `velocity` (n, 3): along two level axes that are North and East at the start and turn with the
-    vertical but not about it, and up [m/s]; `lla` (3,): start: latitude [rad], longitude [rad], height [m].
-    Returns: `position`: Earth-fixed position since the start [m]; `axes` (n, 4): quaternion of the level axes and down
+    `t` (n,): times [s]. `velocity` (n, 3): along two level axes that are North and East at the start and turn with the
+    vertical but not about it, and up [m/s]. `lla` (3,): start: latitude [rad], longitude [rad], height [m].
+    Returns: `position`: Earth-fixed position since the start [m]. `axes` (n, 4): quaternion of the level axes and down
     in Earth-fixed ones.
     """
     start = quat_earth_from_level(lla[None])[0]

@@ -249,8 +249,8 @@ def circular(
 ) -> Move:
     """Move two axes round a circle.
 
-    `pair`: which of `AXES`; `radius`: in their unit; `angles`: direction of the start seen from the middle, and angle
-    to go [rad]; `limits`: largest rate and acceleration along the circle and to its middle.
+    `pair`: which of `AXES`. `radius`: in their unit. `angles`: direction of the start seen from the middle, and angle
+    to go [rad]. `limits`: largest rate and acceleration along the circle and to its middle.
     """
     start, angle = angles
     gain = _BOTH * limits[1] / radius

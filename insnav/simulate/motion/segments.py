@@ -297,7 +297,7 @@ class _Planned(Segment):
     above_zero = ("speed", "acceleration", "rate", "ramp")
 
     def limits(self, state: State, vehicle: Kind, turned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Largest rates and accelerations, (5,) by `moves.AXES`; `turned` (3,): by how much the table turns [rad]."""
+        """Largest rates and accelerations, (5,) by `moves.AXES`. `turned` (3,): by how much the table turns [rad]."""
         _still(state, vehicle)
         acceleration = vehicle.acceleration if self.acceleration is None else self.acceleration
         if state.speed != 0.0:
