@@ -42,7 +42,7 @@ class InitialState:
     """Initial state and covariance."""
 
     time: float  # [s]
-    # (3,) latitude, longitude [rad], height [m]; velocity N, E, D [m/s]; roll, pitch, heading [rad], at the IMU
+    # (3,) latitude, longitude [rad], height [m]. Velocity N, E, D [m/s]. Roll, pitch, heading [rad], at the IMU
     lla: FloatArray
     v_n: FloatArray
     rph: FloatArray

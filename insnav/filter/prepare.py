@@ -47,7 +47,7 @@ class Start:
     """Initial state specified by the user."""
 
     time: float  # [s]
-    # (3,) latitude, longitude [rad], height [m]; velocity N, E, D [m/s]; roll, pitch, heading [rad]
+    # (3,) latitude, longitude [rad], height [m]. Velocity N, E, D [m/s]. Roll, pitch, heading [rad]
     lla: FloatArray
     v_n: FloatArray
     rph: FloatArray
