@@ -1,4 +1,4 @@
-"""The report of a requirement: how large each error may be, and which IMUs meet it."""
+"""Report of a requirement: allowed size of each error, and IMUs that meet it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from insnav.units import UNITS
 
 GRADES = {"consumer": VERMILLION, "automotive": ORANGE, "industrial": BLUE, "tactical": GREEN, "navigation": PURPLE}
 SMALLEST = 0.01  # end of the error axis [m]
-NAMED = 6  # parts with an entry of their own: those nearest to the limit
+NAMED = 6  # parts with separate entries: nearest to the limit
 _NEAR = 10  # parts of the short table, and its columns
 _BRIEF = ("part", "class", "alone_error", "alone_meets", "nhc_error", "nhc_meets")
 
@@ -53,14 +53,14 @@ def page(result: Result[RequirementStudy]) -> Page:
 
 
 def frame(result: Result[RequirementStudy]) -> DataFrame:
-    """Give the real IMUs as a table, or the allocation where none were evaluated."""
+    """Build a table of the real IMUs, or of the allocation without them."""
     study = result.found
     parts = tuple(_part(study, each) for each in study.candidates)
     return rows_frame(parts or _rows(study))
 
 
 def _met(study: RequirementStudy, kind: str, *answers: str) -> list[str]:
-    """Parts that meet the requirement with one of these answers, by default any, the least accurate first."""
+    """List the parts with these answers to the requirement, by default any, the least accurate first."""
     wanted = answers or ("yes", "likely")
     return [each.name for each in study.candidates if getattr(each, kind).answer in wanted][::-1]
 
@@ -94,7 +94,7 @@ def _merits(study: RequirementStudy) -> tuple[Quantity, ...]:
 
 
 def _answer(study: RequirementStudy) -> str:
-    """Which parts meet the requirement, in a sentence; likely ones are no more than that."""
+    """Write the parts that meet the requirement in a sentence, with likely ones marked as such."""
     alone, aided = _met(study, "alone"), _met(study, "nhc")
     more = [name for name in aided if name not in alone]
     count, required = len(study.candidates), study.required
@@ -106,7 +106,7 @@ def _answer(study: RequirementStudy) -> str:
 
 
 def _likely(study: RequirementStudy, kind: str) -> str:
-    """How many more do if what no document gives is as in their class."""
+    """Write the number of parts that also meet it with class figures for undocumented ones."""
     count = len(_met(study, kind, "likely"))
     return f" and {count} more likely do (figures of their class where no document gives any)" if count else ""
 
@@ -146,7 +146,7 @@ def _part(study: RequirementStudy, each: Candidate) -> tuple[Quantity, ...]:
 
 
 def _example(study: RequirementStudy) -> tuple[Section, ...]:
-    """What helps one IMU, and which of its errors counts."""
+    """Lay out improvements of one IMU, and its dominant errors."""
     if not study.remedies:
         return ()
     limit = study.required.error
@@ -225,7 +225,7 @@ def _verification(study: RequirementStudy) -> tuple[tuple[Quantity, ...], ...]:
 
 
 def summary(study: RequirementStudy) -> tuple[str, ...]:
-    """Say the result in a few sentences."""
+    """Write the result in a few sentences."""
     found, required = study.allocation, study.required
     lines = [f"Motion: {study.motion}."]
     if study.imu:
@@ -248,14 +248,14 @@ def summary(study: RequirementStudy) -> tuple[str, ...]:
 
 
 def warnings(study: RequirementStudy) -> tuple[Finding, ...]:
-    """Give what the reader must not overlook."""
+    """Return warnings."""
     error, limit = study.allocation.given, study.required.error
     finding = Finding.of(Code.REQUIREMENT_INFEASIBLE, subject=study.imu, error_m=error, limit_m=limit)
     return () if study.allocation.feasible else (finding,)
 
 
 def assumptions(study: RequirementStudy) -> tuple[Finding, ...]:
-    """Give what explains the requirement, and what it takes for granted."""
+    """Return explanations and assumptions."""
     return (
         Finding.of(Code.REQUIREMENT_COVARIANCE),
         Finding.of(Code.REQUIREMENT_IN_RUN_BIAS, correlation_time_s=TAU),
@@ -285,7 +285,7 @@ def _aided_assumptions(study: RequirementStudy) -> Iterator[Finding]:
 
 
 def outages_text(study: RequirementStudy) -> str:
-    """How much GPS there was before the outages."""
+    """Describe the GPS time before the outages."""
     first, last = study.begins[0], study.begins[-1]
     if first == last:
         return f"after {first} s of GPS"
@@ -293,16 +293,16 @@ def outages_text(study: RequirementStudy) -> str:
 
 
 def nearest(study: RequirementStudy, count: int) -> list[Candidate]:
-    """The parts whose errors are nearest to the limit, the most accurate first."""
+    """Select the parts with errors nearest to the limit, the most accurate first."""
     limit = study.required.error
     order = sorted(study.candidates, key=lambda each: abs(np.log(each.alone.error / limit)))[:count]
     return [each for each in study.candidates if any(each is one for one in order)]
 
 
 def part_panels(study: RequirementStudy) -> Iterator[Panel]:
-    """Draw the error of every part over time, the IMU alone and with the NHC, with the limit.
+    """Draw the error of every part over time, alone and with the NHC, with the limit.
 
-    Parts near the limit have names of their own, the others that of their class.
+    Parts near the limit are named, the others share their class name.
     """
     required, named = study.required, nearest(study, NAMED)
     kinds: tuple[Kind, ...] = ("line", "dashed") * NAMED
@@ -338,7 +338,7 @@ def _error(each: Candidate, kind: str) -> FloatArray:
 
 
 def allocation_panel(study: RequirementStudy) -> Panel:
-    """Draw what each error may be in the set, as a part of what it may be alone."""
+    """Draw the allowed size of each error in the set, relative to its size alone."""
     shares = [share for share in study.allocation.shares if np.isfinite(share.alone)]
     kinds = ["given" if share.given else "hardly acts" if share.capped else "of the set" for share in shares]
     texts = [

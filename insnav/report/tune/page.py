@@ -1,4 +1,4 @@
-"""The noise of an IMU from its drives, as a page."""
+"""Report of IMU noise from its drives."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ def page(result: Result[Tuned]) -> Page:
 
 
 def texts(result: Result[Tuned]) -> dict[str, str]:
-    """Give the IMU error specification as the text of a file."""
+    """Return the IMU error specification as file text."""
     return {"imu.toml": to_toml(result.found.spec)}
 
 
 def frame(result: Result[Tuned]) -> DataFrame:
-    """Give the noise figures as a table, one row a figure, with its prior and the interval of 95 %."""
+    """Build a table of noise parameters, one row each, with prior and 95 % interval."""
     sizes = ((each, UNITS[each.unit][1] if each.unit else 1.0) for each in result.found.figures)
     return rows_frame(
         (
