@@ -1,4 +1,4 @@
-"""``insnav budget``: how much error an IMU makes in a minute, and from what."""
+"""``insnav budget``: error budget of an IMU over a minute, by sources."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def budget(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Draw up a budget."""
+    """Compute a budget."""
     imu = data.inputs.get("imu_model")
     if data.imu is not None and (profile is not None or begin is not None):
         raise ConfigError("cli.drive_and_profile", where="--profile")

@@ -1,4 +1,4 @@
-"""``insnav platform``: the north-pointing gimballed platform."""
+"""``insnav platform``: north-pointing gimballed platform."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``insnav report``: page and figures of a result again, from its folder."""
+"""``insnav report``: page and figures of a stored result."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def report(
 
 
 def with_backdrop(opened: Result[Any], file: Path | None) -> Result[Any]:
-    """Add the lines of a file behind the map of a run, if there is one."""
+    """Add the lines of a file to the background of a run's map, if any."""
     if file is None:
         return opened
     from insnav.report.run.page import read_backdrop
