@@ -194,10 +194,10 @@ def clock_error(
 ) -> tuple[float, float, float]:
     """Estimate by how much the reference clock leads [s]; horizontal RMS before and after correction [m].
 
-    First the lag with the closest tracks, then least squares with a constant offset and another reference point, which
-    must not be mistaken for a clock error. Weights follow the stated standard deviations: an epoch after minutes of
-    drift determines no clock. `errors`: of the uncorrected track.
-    Returns: zeros if the difference is small, or not significant.
+    First the lag with the closest tracks. Then least squares with a constant offset and another reference point, to
+    separate these from a clock error. Weights follow the stated standard deviations: an epoch after minutes of drift
+    determines no clock. `errors`: of the uncorrected track. Returns: zeros if the difference is small, or not
+    significant.
     """
     as_it_is = rms(errors.horizontal)
     before = rms(errors.horizontal * stated_weights(errors, HORIZONTAL))
@@ -283,8 +283,8 @@ def misread_tilts(reference: Trajectory, track: Trajectory) -> str:
 def heading_error(errors: TrajectoryErrors, track: Trajectory) -> tuple[float | None, float, bool]:
     """Compare the headings of a reference with a solution, overall and at the start.
 
-    Returns: end of an initial contradiction [s]; constant difference afterwards, reference minus solution [rad], or
-    zero; and whether the course over ground proves the reference wrong.
+    Returns: end of an initial contradiction [s], and the later constant difference, reference minus solution [rad], or
+    zero. Then whether the course over ground proves the reference wrong.
     """
     apart = -errors.attitude[:, 2]
     known = np.isfinite(apart)

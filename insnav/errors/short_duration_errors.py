@@ -41,8 +41,8 @@ def short_windows(imu: ImuData, solution: Trajectory, sensor_errors: SensorError
     """Run both mechanizations free-inertial through successive windows of a drive.
 
     `sensor_errors`: biases and scale factors known at the start of a window, corrected in its samples.
-    Returns: successive windows of a minute, without those with a data gap.
-    Raises: InputError: the drive is too short, or every window has a gap.
+    Returns: successive windows of a minute without a data gap. Raises: InputError: the drive is too short, or every
+    window has a gap.
     """
     parts = strapdown.intervals(imu)
     inc = strapdown.increments(parts)

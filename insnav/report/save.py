@@ -167,7 +167,7 @@ def open_folder(folder: Path) -> Result[Any]:
 
 
 def _of_version_0_2(kind: str, facts: Mapping[str, Any]) -> tuple[Finding, ...]:
-    """Convert texts of an old folder to findings, except those that the page recomputes."""
+    """Convert texts of an old folder to findings, except findings that the page recomputes."""
     again = {"budget": ("warnings", "assumptions"), "outage": ("assumptions",)}.get(kind, ())
     severities = {"warnings": Severity.WARNING, "assumptions": Severity.ASSUMPTION, "notes": Severity.NOTE}
     return tuple(

@@ -55,7 +55,6 @@ class SimulatedColumn:
     parts: FloatArray  # (m, f, 9) RMS error of the runs with one family of sources alone, in the units of `Column`
     total: FloatArray  # (m, 9) RMS error of the runs with all errors together
     # (m,) mean normalised squared error over the runs and states: one if the covariance is true
-    # if the covariance is true
     nees: FloatArray
 
     @property

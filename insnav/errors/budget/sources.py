@@ -45,8 +45,8 @@ class Source:
     # sensitive axis
     axis: str
     kind: Process  # its process in time
-    # standard deviation; root power spectral density of white noise, or of a random walk's driving noise; coefficient
-    # of flicker noise. SI units and radians.
+    # standard deviation, or root power spectral density of white noise or of a random walk's driving noise, or
+    # coefficient of flicker noise. SI, radians.
     sd: float
     correlation_time: float = math.inf  # of a Gauss-Markov process [s]
     # for a source of correlated errors, its unit vector in 21 states; see `insnav.errors.budget.from_windows`

@@ -156,7 +156,7 @@ class EndAxis:
 
     @property
     def fits(self) -> tuple[bool, ...]:
-        """Whether each cause alone explains the errors, at 95 %."""
+        """True for each cause that alone explains the errors, at 95 %."""
         return tuple(bool(each**2 <= chi_square(1, FITS)) for each in self.left)
 
 

@@ -54,7 +54,7 @@ class Replicas:
 
     @property
     def inside(self) -> np.ndarray:
-        """Whether the recorded RMS is in the band, (k, 6); false if unknown."""
+        """True if the recorded RMS is in the band, (k, 6); false if unknown."""
         return np.asarray((self.recorded >= self.low) & (self.recorded <= self.high))
 
     @property

@@ -261,7 +261,6 @@ class Regression:
     r_squared: float
     # (m,) points: predicted standard deviation including reference, and error size over the mean size of a standard
     # normal number [m]
-    # standard normal number [m]
     predicted: FloatArray
     recorded: FloatArray
 

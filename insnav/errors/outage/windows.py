@@ -40,7 +40,6 @@ class Outage:
     length: float
     elapsed: FloatArray  # (k,) time since `start` [s]
     # (k, 6) error of position North, East, Down [m] and velocity [m/s], filtered and smoothed; ``NaN`` without a value
-    # has no such value
     error: FloatArray
     # (k, 6) stated standard deviation of the filter
     sd: FloatArray

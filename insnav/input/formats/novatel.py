@@ -146,7 +146,7 @@ _WHEN = layout("week:u2 ms:u4")
 
 
 def _messages(source: Source) -> tuple[dict[str, Any], float, int, list[str]]:
-    """Return times and contents of each log; base week; number of damaged messages; unused sample logs."""
+    """Return times and contents of each log, base week, number of damaged messages, and unused sample logs."""
     parts: dict[str, list[tuple[Any, Any, Any]]] = {}
     damaged, useless = 0, set[str]()
     for framing, header, when_at in _FRAMINGS:

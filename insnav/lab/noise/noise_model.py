@@ -55,7 +55,6 @@ class NoiseModel:
     correlation_time: float  # of the Gauss-Markov process [s]; infinite without one
     correlation_time_sd: float  # its standard deviation [s]
     # relative standard deviation of the model error beyond the uncertainty of the Allan variances; zero without
-    # it describes them
     misfit: float
     variance: FloatArray  # (k,) Allan variance of the model at the times of the record
     freedom: FloatArray  # (k,) equivalent degrees of freedom of each estimate
