@@ -58,10 +58,10 @@ def periods(lat: float, height: float) -> Periods:
 
     Notes
     -----
-    ``s^4 + (k_N + k_E + 4 W^2 sin^2(L)) s^2 + k_N k_E = 0`` with ``k = g / R`` of north and east has the roots ``+- i
-    (p +- q)``. ``p^2 = W^2 sin^2(L) + (sqrt(k_N) + sqrt(k_E))^2 / 4`` is the oscillation rate and ``q^2 = W^2 sin^2(L)
-    + (sqrt(k_N) - sqrt(k_E))^2 / 4`` the rate of its plane. On a sphere q is the Foucault rate ``W sin(L)``, on the
-    ellipsoid 0.02 % more at latitude 45 and 1.3 % at latitude 10.
+    ``s^4 + (k_N + k_E + 4 W^2 sin^2(L)) s^2 + k_N k_E = 0`` with ``k = g / R`` of north and east has the roots
+    ``+- i (p +- q)``. ``p^2 = W^2 sin^2(L) + (sqrt(k_N) + sqrt(k_E))^2 / 4`` is the oscillation rate and
+    ``q^2 = W^2 sin^2(L) + (sqrt(k_N) - sqrt(k_E))^2 / 4`` the rate of its plane. On a sphere q is the Foucault rate
+    ``W sin(L)``, on the ellipsoid 0.02 % more at latitude 45 and 1.3 % at latitude 10.
     """
     rate, swing = _pendulum(lat, height)
     if np.sin(lat) == 0.0:
@@ -78,8 +78,8 @@ def static_errors(time: FloatArray, lat: float, height: float, errors: PlatformE
     Notes
     -----
     Exact to first order in the errors, except for the north component of gravity above the ellipsoid: at 5 km 2e-4 of
-    the velocity after a day. With ``psi = phi - dtheta``, tilt phi and position error dtheta as a rotation, ``psi' =
-    -w_ie x psi + d``. With ``k = g / R``, meridian radius R for north and transverse radius for east,
+    the velocity after a day. With ``psi = phi - dtheta``, tilt phi and position error dtheta as a rotation,
+    ``psi' = -w_ie x psi + d``. With ``k = g / R``, meridian radius R for north and transverse radius for east,
 
         ``x_N'' + 2 W sin(L) x_E' + k_N x_N =  g psi_E + b_N``
         ``x_E'' - 2 W sin(L) x_N' + k_E x_E = -g psi_N + b_E``.

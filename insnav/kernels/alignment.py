@@ -16,8 +16,8 @@ def gyro_history(q, w_ie_n, dt, dtheta, dvel, q_out, u_out):  # type: ignore[no-
     """Integrate the gyros from an attitude ``q_nb``, (4,), and integrate the specific force in these axes.
 
     The axes n rotate with the Earth, `w_ie_n` (3,) [rad/s], at a fixed place. The increments are angles [rad] and
-    velocities [m/s] without bias. Row 0 of `q_out`, (n + 1, 4), and of `u_out`, (n + 1, 3), the integral of ``C_nb
-    f_b`` [m/s], is the start.
+    velocities [m/s] without bias. Row 0 of `q_out`, (n + 1, 4), and of `u_out`, (n + 1, 3), the integral of
+    ``C_nb f_b`` [m/s], is the start.
     """
     # element by element: assigning slices takes seconds to compile
     x = np.zeros(10)

@@ -189,8 +189,8 @@ def _substep(x, sums, noise, phi, q, work, stays, sway):  # type: ignore[no-unty
 def less_sure(p, surest):  # type: ignore[no-untyped-def]
     """Raise the standard deviation of the delay in a covariance (n, n) to `surest` [s], with its correlations.
 
-    The covariance conditional on the delay is unchanged (law of total covariance): ``P + (s^2 - P_dd) P_d P_d' /
-    P_dd^2``.
+    The covariance conditional on the delay is unchanged (law of total covariance):
+    ``P + (s^2 - P_dd) P_d P_d' / P_dd^2``.
     """
     n = p.shape[0]
     if n <= STATES or p[STATES, STATES] >= surest * surest:

@@ -43,8 +43,8 @@ def uniform_weights(instant: bool) -> np.ndarray:
 def stage_weights(weights: np.ndarray) -> np.ndarray:
     """Compute values at the start, middle and end of an interval from neighbouring samples at equal spacing.
 
-    The fourth row is the integral over the first half minus the estimate of the dense Runge-Kutta output, ``(5 start +
-    8 middle - end) / 24``. It halves the sculling error.
+    The fourth row is the integral over the first half minus the estimate of the dense Runge-Kutta output,
+    ``(5 start + 8 middle - end) / 24``. It halves the sculling error.
 
     `weights`: from `uniform_weights`.
 

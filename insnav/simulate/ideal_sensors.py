@@ -19,11 +19,11 @@ _SLIVER = 1e-9  # [s]; a knot closer to a sample time needs no separate piece
 def imu_from_truth(truth: Truth, time: FloatArray, sampling: Sampling = "increment") -> ImuData:
     """Measure with a perfect IMU.
 
-    `time` (n + 1,): edges of the sampling intervals [s], strictly increasing: sample i covers ``time[i]`` to ``time[i +
-    1]`` and is stamped with its end. ``instant`` has no intervals: (n,) times. `sampling` {"increment", "mean",
-    "instant"}: integral over the interval, mean over it, or value at the instant.
-    Returns: n samples, each integrated over its exact floating-point interval.
-    Raises: ConfigError: times outside the motion, not increasing, or too few.
+    `time` (n + 1,): edges of the sampling intervals [s], strictly increasing: sample i covers ``time[i]`` to
+    ``time[i + 1]`` and is stamped with its end. ``instant`` has no intervals: (n,) times. `sampling` {"increment",
+    "mean", "instant"}: integral over the interval, mean over it, or value at the instant. Returns: n samples, each
+    integrated over its exact floating-point interval. Raises: ConfigError: times outside the motion, not increasing, or
+    too few.
     """
     time = np.asarray(time, dtype=np.float64)
     if sampling == "instant":

@@ -1,12 +1,12 @@
 """Closed short-time laws of inertial error, without Earth rate and curvature.
 
-An accelerometer error is integrated once to velocity and twice to position: ``B t^2 / 2`` for a bias, ``N t^1.5 /
-sqrt(3)`` for white noise. A gyro error is integrated once to a tilt, which couples gravity g into the level axes.
-Velocity and position are ``g`` times its second and third integral: ``g eps t^3 / 6`` for a bias, ``g N sqrt(t^5 /
-20)`` for white noise. Each law is the standard deviation of an n-fold integral of a unit error (`integral`). Compare
-Groves (2013), section 14.2 and chapter 5 (short-term error propagation); Titterton and Weston, "Strapdown Inertial
-Navigation Technology", 2nd ed. (2004), chapter 12. For integrals of white noise: Papoulis, "Probability, Random
-Variables, and Stochastic Processes" (1991), chapter 10.
+An accelerometer error is integrated once to velocity and twice to position: ``B t^2 / 2`` for a bias,
+``N t^1.5 / sqrt(3)`` for white noise. A gyro error is integrated once to a tilt, which couples gravity g into the level
+axes. Velocity and position are ``g`` times its second and third integral: ``g eps t^3 / 6`` for a bias,
+``g N sqrt(t^5 / 20)`` for white noise. Each law is the standard deviation of an n-fold integral of a unit error
+(`integral`). Compare Groves (2013), section 14.2 and chapter 5 (short-term error propagation); Titterton and Weston,
+"Strapdown Inertial Navigation Technology", 2nd ed. (2004), chapter 12. For integrals of white noise: Papoulis,
+"Probability, Random Variables, and Stochastic Processes" (1991), chapter 10.
 
 Beyond two minutes the feedback through the Earth's curvature matters: a position error tilts the level. The closed
 Schuler loop (`schuler`), ``w_s^2 = g / R``, then replaces every n-fold integral.

@@ -121,8 +121,8 @@ def allocate(
     Notes
     -----
     Family f of size s has the covariance ``s^2 U_f`` and the limit L_f alone. Sizes in the set are ``k w_f^(1/3) L_f``,
-    where k makes the total covariance just meet the limit. This is the cheapest set if a family of x times L costs ``w
-    / x``, the reciprocal cost model of tolerance allocation (Chase and Greenwood, "Design issues in mechanical
+    where k makes the total covariance just meet the limit. This is the cheapest set if a family of x times L costs
+    ``w / x``, the reciprocal cost model of tolerance allocation (Chase and Greenwood, "Design issues in mechanical
     tolerance analysis", Manufacturing Review 1 (1988) 50-59). Without weights shares are equal.
     """
     weights = {**dict.fromkeys(FAMILIES, 1.0), **(cost or {})}

@@ -23,8 +23,8 @@ class Format(Protocol):
     """Interface of a format module: a new format is one file."""
 
     name: str  # display name of the format
-    # optional attributes: usual file endings, for help and messages only, and the extra dependencies, as in ``pip
-    # install insnav[extra]``
+    # optional attributes: usual file endings, for help and messages only, and the extra dependencies, as in
+    # ``pip install insnav[extra]``
     suffixes: tuple[str, ...]
     extra: str
 
