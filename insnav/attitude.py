@@ -108,9 +108,10 @@ def rph_from_quat(q: ArrayLike) -> FloatArray:
     Returns: (..., 3): roll in [-pi, pi), pitch in [-pi/2, pi/2], heading in [0, 2 pi) [rad].
     """
     a, b, c, d = np.moveaxis(np.asarray(q, dtype=float), -1, 0)
-    # By the half angles of eq. 2.38, a + c and d - b are cosine and sine of (heading - roll) / 2, times the sine of
-    # pitch / 2 + 45 deg. a - c and d + b are those of (heading + roll) / 2, times the cosine. Near the vertical one
-    # pair vanishes with its half sum or difference, but the attitude of the three angles remains exact.
+    # By the half angles of eq. 2.38, a + c and d - b are cosine and sine of (heading - roll) / 2, times s. Then a - c
+    # and d + b are cosine and sine of (heading + roll) / 2, times c. Here s and c are sine and cosine of pitch / 2 + 45
+    # deg. Near the vertical one pair vanishes with its half sum or difference, but the attitude of the three angles
+    # remains exact.
     apart, together = np.arctan2(d - b, a + c), np.arctan2(d + b, a - c)
     pitch = 2 * np.arctan2(np.hypot(a + c, d - b), np.hypot(a - c, d + b)) - np.pi / 2
     return np.stack([wrap_pi(together - apart), pitch, wrap_two_pi(together + apart)], axis=-1)

@@ -83,9 +83,9 @@ def navigate_platform(
     e-folding time of 570 s. ``damped``: controlled to `height` (n,) [m] by a third-order loop with three equal time
     constants of `DAMPING_TIME`, ``k1 = 3/T, k2 = 3/T^2 + 2 g/R, k3 = 1/T^3``.
 
-    `errors`: of the platform; the samples are those of an error-free platform. `gravity`: constant magnitude, straight
-    down [m/s^2]. By default normal gravity, which has a north component above the ellipsoid (7 m in ten minutes at a
-    height of 5 km). `every`: decimation of the returned samples, from the first on.
+    `errors`: of the platform; the samples are without platform errors. `gravity`: constant magnitude, straight down
+    [m/s^2]. By default normal gravity, which has a north component above the ellipsoid (7 m in ten minutes at a height
+    of 5 km). `every`: decimation of the returned samples, from the first on.
 
     Raises: ConfigError: the start is within 6 km of a pole, a missing or unnecessary damping height, a vertical
     velocity without a vertical channel, or a tilt beyond 10 deg. InputError: too few samples, times that do not

@@ -213,8 +213,8 @@ def increments(
 ) -> Increments:
     """Compute angle and velocity increments with coning and sculling terms.
 
-    A polynomial through five neighbouring increments (six neighbouring values of an instantaneous record), at their
-    true times and never across a gap, represents rate and specific force inside the interval. Fourth-order Runge-Kutta
+    A polynomial represents rate and specific force inside the interval. It goes through five neighbouring increments
+    (six values of an instantaneous record), at their true times and never across a gap. Fourth-order Runge-Kutta
     integrates the quaternion. The use of samples on both sides suits post-processing: coning of 1 deg and 10 Hz at 100
     Hz samples leaves 0.06 deg/h. The usual algorithm with only the previous increment leaves 9.8 deg/h.
 

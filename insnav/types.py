@@ -301,8 +301,8 @@ class SensorErrors(Tabular):
     }
 
     time: FloatArray  # (m,) [s]
-    # (m, 12) gyro bias x, y, z [rad/s], accelerometer bias x, y, z [m/s^2], gyro scale factor error x, y, z [-],
-    # accelerometer scale factor error x, y, z [-]
+    # (m, 12) sensor errors x, y, z: gyro bias [rad/s], accelerometer bias [m/s^2], scale factor of gyro and
+    # accelerometer [-]
     value: FloatArray
     sd: FloatArray
 
@@ -323,8 +323,8 @@ class Epochs(Tabular):
     lla: FloatArray  # (m, 3) latitude, longitude [rad], height [m]
     v_n: FloatArray  # (m, 3) velocity North, East, Down [m/s]
     q_nb: FloatArray  # (m, 4) attitude quaternion, scalar first
-    # (m, 9, 9) of position N, E, D [m], velocity N, E, D [m/s] and attitude error ``phi`` [rad],
-    # ``C_hat = (I - [phi x]) C``, where C is the attitude of the sensor axes
+    # (m, 9, 9) of position N, E, D [m], velocity N, E, D [m/s] and attitude error ``phi`` [rad]. It is
+    # ``C_hat = (I - [phi x]) C`` with the attitude C of the sensor axes
     covariance: FloatArray
 
 

@@ -123,7 +123,7 @@ def accuracy(errors: TrajectoryErrors) -> dict[str, Any] | None:
     """Compute mean, RMS, 95 % and largest error of every quantity in the reference.
 
     Returns: ``n``. For each quantity (``north_m``, ``horizontal_m``, ``velocity_down_m_s``, ``heading_deg``, …) a dict
-    of ``mean``, ``rms``, ``p95``, ``max`` (the last two of the absolute error), or None if the reference lacks it.
+    of ``mean``, ``rms``, ``p95``, ``max`` (the last two of the absolute error). None if the reference lacks it.
     ``cep50_m`` and ``r95_m``: radii that contain 50 % and 95 % of the horizontal errors. None without epochs.
     """
     if not len(errors.time):

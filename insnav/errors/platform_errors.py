@@ -141,8 +141,8 @@ def integrator_errors(
 ) -> dict[float, list[TrajectoryErrors]]:
     """Compute errors of each integrator on a level motion, for several sampling rates.
 
-    `truth`: a motion at constant height: the vertical channel is off. `rates`: samples per second [Hz]. `keep`:
-    interval of the returned errors [s], at least the sample interval.
+    `truth`: a motion at constant height, without vertical channel. `rates`: samples per second [Hz]. `keep`: interval
+    of the returned errors [s], at least the sample interval.
     """
     found = {}
     for rate in rates:

@@ -3,7 +3,7 @@
 The error of a level, north-pointing navigator without vertical channel has two parts. The axes of the computed inertial
 frame, with the error ``psi``, rotate with the Earth once a day and with the gyro drift. The horizontal position
 oscillates about the equilibrium of these axes and the accelerometers. This is a Foucault pendulum of the length of the
-Earth's radius: a period of 84 minutes, in a plane that rotates at the Earth's rate times the sine of latitude.
+Earth's radius, with a period of 84 minutes. Its plane rotates at the Earth's rate times the sine of latitude.
 
 References
 ----------

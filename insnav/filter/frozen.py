@@ -14,8 +14,8 @@ from insnav.tabular import runs_of
 from insnav.types import FloatArray, GpsData, ImuData
 
 UNUSABLE = 1e4  # standard deviation of invalid positions [m]
-# Distance by the velocities at one repeated position, with jitter (largest share of it in the distance) and without:
-# total [m], multiples of the resolution, least speed [m/s]
+# Distance by the velocities at one repeated position, with jitter (its largest share) and without: total [m], multiples
+# of the resolution, least speed [m/s]
 FROZEN, HARDLY, SAME, STEPS, AT_REST = 30.0, 0.01, 3.0, 10.0, 0.5
 KEPT = 0.9  # share of the steps by velocities that must cover the distance
 PARKED = 0.2  # of their sd: positions of a stationary vehicle with false velocities scatter more

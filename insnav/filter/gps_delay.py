@@ -52,8 +52,8 @@ SURE, REFINED = 4.0, 2.0  # significance of a delay in standard deviations; with
 ROUNDS = 3  # of moving the clock
 BACK = 0.5  # reject a delay if the next move reverses more than this part of it, within the filter's reach
 LEAST_OTHER, OTHER_WORTH = 0.03, 0.45  # vibration lever arm: smallest, and size from which it becomes states [m]
-# Sampling instants that the receiver averages into a velocity, in lags before the fix: one instant, many since the
-# previous fix, or a first-order low-pass filter
+# Sampling instants averaged into a velocity, in lags before the fix: one, many since the previous fix, or a low-pass
+# filter
 MOMENTS = (1.0,), tuple(0.25 * np.arange(0.5, 8.0)), tuple(-1.0109 * np.log(1.0 - np.arange(0.5, 32.0) / 32.0))
 LAGS = 0.2 * np.arange(-1, 6)  # initial values of the lag search, relative to the assumed lag [s]
 NEWTON, LAG_STEP, LARGEST_STEP = 6, 0.005, 0.2  # Newton steps, step of the derivatives, and largest step [s]

@@ -14,8 +14,8 @@ from insnav.kernels.mechanization import rotation
 def vehicle_velocity(x, rate, to_vehicle, lever, speed, z, h):  # type: ignore[no-untyped-def]
     """Compute a point's velocity in vehicle axes minus its measurement.
 
-    `x` is the state, `rate` the body rate [rad/s], `to_vehicle` turns IMU to vehicle axes, `lever` is the point seen
-    from the IMU, body axes [m], `speed` the measured forward speed [m/s]. The first three of ``z`` are predicted minus
+    `x`: state. `rate`: body rate [rad/s]. `to_vehicle`: rotation from IMU to vehicle axes. `lever`: point relative to
+    the IMU, body axes [m]. `speed`: measured forward speed [m/s]. The first three of ``z`` are predicted minus
     measured: forward, right (zero), down (zero) [m/s]. The first three rows of ``h`` are their derivatives by the
     state.
 

@@ -30,9 +30,9 @@ SQUARES = slice(60, 63)  # see `beyond_linear`
 TILTED = slice(63, 67)  # sum of tilt corrections N, E [rad]; its largest square, and the squares counted [rad^2]
 TO_AND_FRO = 5.0  # squared tilt corrections count up to so many times the largest squared sum: the rest is noise [-]
 ESTIMATED = 67
-# Columns of a row for each fix: time, delay [s], NIS of position and velocity, use flags, innovation as predicted minus
-# measured [m], [m/s], its standard deviation, state and motion, sensor errors, their variances, and covariance (9, 9)
-# in the time of the fixes
+# Columns of a row for each fix: time, delay [s], NIS of position and velocity, use flags, innovation (predicted minus
+# measured) [m], [m/s]. Then: its standard deviation, state and motion, sensor errors, their variances, and covariance
+# (9, 9) at fix time
 FIX_TIME, FIX_DELAY, FIX_NIS, FIX_USE, FIX_INNOVATION = 0, 1, slice(2, 4), slice(4, 6), slice(6, 12)
 FIX_SD, FIX_STATE, FIX_SENSOR, FIX_VARIANCE = slice(12, 18), slice(18, 34), slice(34, 46), slice(46, 58)
 FIX_COVARIANCE, FIX_WIDTH = slice(58, 139), 139
@@ -85,9 +85,9 @@ def beyond_linear(squares, heading, accel):  # type: ignore[no-untyped-def]
     combination changes, as if another axis had been measured (A. H. Jazwinski, "Stochastic Processes and Filtering
     Theory" (1970), section 9.3).
 
-    `squares` (3,): squared change of the horizontal velocity in the span [m^2/s^2], squared tilt corrections before it
-    as counted [rad^2], and these times squared bias corrections [m^2/s^4]. `heading`, `accel`: variances of heading and
-    of all biases at the start of the span [rad^2], [m^2/s^4].
+    `squares` (3,): squared change of horizontal velocity in the span [m^2/s^2]; squared tilt corrections before it
+    [rad^2]; these times squared bias corrections [m^2/s^4]. `heading`, `accel`: variances of heading and of all biases
+    at the start of the span [rad^2], [m^2/s^4].
     """
     part = 0.75 * heading**2
     if heading > 1e-3:  # below, the exact form is a small difference of large numbers
@@ -152,10 +152,10 @@ def predicted(row, time, estimated, doubt, p, phi, q, span, before):  # type: ig
 def felt(estimated, rates, forces, swings, older, number, late, has_arm, stays, motion):  # type: ignore[no-untyped-def]
     """Fill `motion` (25,) of `insnav.kernels.gps_measurement.Predicted` for a fix, except its noise limits.
 
-    `estimated` (67,). For each of the next fixes, including sensor errors: `rates` (k, 3) mean body rate [rad/s],
-    `forces` (k, 3) mean specific force [m/s^2], `swings` (k, 3) rate at the time of the velocity, `older` (k, 6) angle
-    turned and velocity gained since then [rad], [m/s], used if the velocity is older. `number`: row of these. `late`:
-    age of the velocity [s]. `stays`: treat all rotation as noise.
+    `estimated` (67,). For each of the next fixes, including sensor errors: `rates` (k, 3): mean body rate [rad/s].
+    `forces` (k, 3): mean specific force [m/s^2]. `swings` (k, 3): rate at the time of the velocity. `older` (k, 6):
+    angle and velocity increment since then [rad], [m/s], for older velocities. `number`: row of these. `late`: age of
+    the velocity [s]. `stays`: treat all rotation as noise.
     """
     correction, moving, corrected = estimated[CORRECTION], estimated[MOTION], estimated[CORRECTED]
     for i in range(3):

@@ -84,8 +84,8 @@ def noises(x, f_n, dt, given, axis, white, drive, decay, first, hold, rows, out)
     """Propagate the covariance of each noise alone: white noise, or a process driven by white noise.
 
     `x`, `f_n`, `dt`, `hold`, `rows`: see `sensitivities`. `given` (m, c, 9): disturbance by a unit error in each of c
-    channels. `axis` (s,) int: channel of each noise. `white`, `drive`, `decay`, `first` (s,): spectral density of the
-    noise; density that drives the process; inverse correlation time [1/s]; variance at the start. `out` (r, s, 9, 9):
+    channels. `axis` (s,) int: channel of each noise. `white`, `drive` (s,): spectral density of the noise, and of the
+    driving noise. `decay`, `first` (s,): inverse correlation time [1/s], initial variance. `out` (r, s, 9, 9):
     covariances.
     """
     n = axis.shape[0]

@@ -1,9 +1,9 @@
 """Error-state transition and process noise, accumulated along the trajectory between filter epochs.
 
-Error = estimate - truth. States: position N, E, D [m] (0-2), velocity (3-5), attitude ``C_hat = (I - [phi x]) C``
-(6-8), gyro bias (9-11), accelerometer bias (12-14), gyro scale factor (15-17), accelerometer scale factor (18-20).
-Further states are constant. The first nine states are driven, the next twelve decay exponentially. A transition matrix
-thus has the form ``[[A, B], [0, diag(d)]]``, and only these blocks are multiplied.
+Error = estimate - truth. States 0-8: position N, E, D [m], velocity, attitude ``C_hat = (I - [phi x]) C``. States 9-20:
+gyro bias, accelerometer bias, gyro scale factor, accelerometer scale factor. Further states are constant. The first
+nine states are driven, the next twelve decay exponentially. A transition matrix thus has the form
+``[[A, B], [0, diag(d)]]``, and only these blocks are multiplied.
 """
 
 from __future__ import annotations
@@ -60,8 +60,8 @@ class Model(NamedTuple):
     # filter is invalid beyond
     gap: np.ndarray
     decay: np.ndarray  # (12,) inverse correlation times of the sensor errors [1/s]
-    # (k, 2) rate of change of level and heading variance between the k + 1 parts of a stationary period [rad^2/s];
-    # empty or NaN where attitude may change
+    # (k, 2) rate of change of level and heading variance between parts of a stationary period [rad^2/s]; empty or NaN
+    # where attitude may change
     sway: np.ndarray
 
 

@@ -1,9 +1,9 @@
 """North-pointing platform: its equations of motion, and four methods to integrate them from sampled specific force.
 
-State ``y``, 18 numbers: latitude, longitude [rad], height [m], velocity North, East, Down [m/s] and the integral of the
-height error [m/s^2], as computed by an ideal platform. Then the same seven states of the platform with errors, and the
-quaternion from its axes to true North, East, Down. The same method integrates both from the same samples: their
-difference is the effect of the errors alone.
+State ``y``, 18 numbers, first of an ideal platform: latitude, longitude [rad], height [m], velocity North, East, Down
+[m/s], integral of the height error [m/s^2]. Then the same seven states of the platform with errors, and the quaternion
+from its axes to true North, East, Down. The same method integrates both from the same samples: their difference is the
+effect of the errors alone.
 """
 
 from __future__ import annotations

@@ -141,10 +141,10 @@ class Predicted(NamedTuple):
 
     x: np.ndarray  # (10,) state
     # (25,) body rate [rad/s] and acceleration in n [m/s^2] at the time of the velocity. Where turns determine the lever
-    # arm, this rate is the mean about the fix. Then: vibration or noise in addition to it [rad/s]; noise limits of the
-    # squared mean rate and of the squared addition, below which no lever arm is observable [rad^2/s^2]; recent velocity
-    # corrections [m/s], which are no motion and give no delay; mean specific force about the fix [m/s^2], body axes;
-    # noise limit of squared acceleration; then `older` of `antenna`.
+    # arm, this rate is the mean about the fix. Then: vibration or noise in addition to it [rad/s]. Noise limits of the
+    # squared mean rate and addition: below them no lever arm is observable [rad^2/s^2]. Recent velocity corrections
+    # [m/s]: they are no motion and give no delay. Mean specific force about the fix [m/s^2], body axes. Noise limit of
+    # squared acceleration. `older` of `antenna`.
     motion: np.ndarray
     arm: np.ndarray  # (12,) see `correct_with_arm`
     shaken: np.ndarray  # (3,) the additional lever arm by which vibration moves the antenna [m]
@@ -178,8 +178,8 @@ def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_a
 
     `predicted`, `fix`. `lag`: age of the velocity beyond `older` [s]. `jitter`: standard deviation of the timestamps
     [s]. `share`: share of the time-correlated error in the variance of a fix [-]. `correlated_at`, `lever_at`,
-    `shaken_at`, `lag_at`: first state of the time-correlated error, of the lever arm, of the vibration arm and of the
-    lag; negative where not estimated.
+    `shaken_at`, `lag_at`: first state of time-correlated error, lever arm, vibration arm and lag; negative where not
+    estimated.
 
     Returns: `position`, `velocity`: NIS of each half, 3 degrees of freedom; ``NaN`` without a measurement.
     `distance`, `change`: length of the innovation of position [m] and of velocity [m/s].

@@ -38,8 +38,8 @@ def noise_variances(  # type: ignore[no-untyped-def]
     the noise. `rate` (r,): Schuler rate at each row, zero for the short forms [rad/s]. `rows` (r,) int: steps after
     which the variances are stored. `white`, `drive`, `first` (p,), per process: density of its white part, density of
     its random walk, variance of its Gauss-Markov part. `fade`, `gained`, `alone` (m, p): decay of a Gauss-Markov
-    process over a step, integral of that decay, and variance of the integral of a process of unit variance. `out` (r,
-    9): variances.
+    process over a step, its integral, and variance of the integrated process for unit variance. `out` (r, 9):
+    variances.
     """
     h, moved, placed = np.empty(9), np.empty(3), np.empty(3)
     for r in range(rows.shape[0]):

@@ -123,11 +123,10 @@ def innovations(  # type: ignore[no-untyped-def]
     `driving` (12,): driving noise of the sensor errors. `lasting`: first state of the time-correlated errors of
     position, or of position and velocity; negative without. `lasting_sd` (k,) [m, m/s], `lasting_time` (k,) [s].
     `variance` (m, 6): white noise of the measurements. `start`: mean (n,) and covariance (n, n) of the error of the
-    nominal run. `push` (k, m, 9): known error that each span adds to position, velocity and attitude, then k - 1
-    further ones for derivatives only; overwritten by the mean errors at the end of each epoch and their derivatives.
-    `limit`: innovations beyond this many standard deviations are de-weighted (Huber). `out` (k + 1, 6 m): filled with
-    innovation and variance of every used measurement component, given the components before it, and with derivatives of
-    the innovation.
+    nominal run. `push` (k, m, 9): known error that each span adds to position, velocity and attitude, then k - 1 for
+    derivatives only. Overwritten by the mean errors at the end of each epoch and their derivatives. `limit`:
+    innovations beyond this many standard deviations are de-weighted (Huber). `out` (k + 1, 6 m): filled with innovation
+    and variance of every used component, conditional on the components before it, and derivatives of the innovation.
     Returns: number of components.
     """
     span, kind, phi, white, share, bridge, z, h, fed, correction, restart = run

@@ -135,12 +135,11 @@ def backward(  # type: ignore[no-untyped-def]
     """Propagate the adjoint backwards through some epochs, and compute the smoothed errors there.
 
     `history` (m, width(n)): epochs in order of time. `least`: for `less_sure`. `adjoint` (n,), `information` (n, n):
-    just after the last of these, zero at the end of the record; on return just after the epoch before the first.
-    Filled: `after`, `before` (m, 21): smoothed error of the filter's state after and before the measurement.
-    `covariance` (m, 9, 9) of smoothed position, velocity and attitude, as in `at_fix_time`. `variance` (m, 12) of the
-    smoothed sensor errors. `innovations` (m, 25), at fixes: predicted minus measured and variance of the prediction, by
-    the filter before the fix (0 to 11) and smoothed (12 to 23), and the filter's variance of attitude about Down (24);
-    else ``NaN``.
+    after the last epoch, zero at the end of the record. On return: after the epoch before the first. Filled: `after`,
+    `before` (m, 21): smoothed error of the filter's state after and before the measurement. `covariance` (m, 9, 9) of
+    smoothed position, velocity and attitude, as in `at_fix_time`. `variance` (m, 12) of the smoothed sensor errors.
+    `innovations` (m, 25), at fixes, else ``NaN``: predicted minus measured and variance of the prediction, of the
+    filter (0 to 11) and smoothed (12 to 23). Column 24: the filter's variance of attitude about Down.
     """
     p, part, kept, lines = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n)), np.zeros((4, n))
     h, hp, weight, by = np.zeros((6, n)), np.zeros((6, n)), np.zeros((6, n)), np.zeros((6, n))

@@ -48,8 +48,8 @@ class BenchOptions:
     """
 
     columns: Mapping[str, str] | None = None  # quantity to header, for headers that are not understood by themselves
-    # samples farther than this from a polynomial through their dwell are dropped, in the unit of the output; default
-    # 0.005 V, and no limit for other units
+    # largest distance of samples from a polynomial through their dwell, in the unit of the output; default 0.005 V, no
+    # limit for other units
     spike_limit: float | None = None
     gravity: float = G0  # at the bench [m/s^2]
     gravity_source: str = "as given"  # source of the gravity value

@@ -2,8 +2,8 @@
 
 Times follow the format: UTC in GPX, GeoJSON, NMEA, bags and CSV, GPS time in .pos, nanoseconds in EuRoC.
 
-TUM files (``time x y z qx qy qz qw``) contain positions East, North, Up in the tangent plane at the first epoch, and
-the rotation from body axes (Forward, Right, Down) to these axes. Poses of compared runs are the reference plus their
+TUM files (``time x y z qx qy qz qw``) contain positions East, North, Up in the tangent plane at the first epoch. Their
+rotation is from body axes (Forward, Right, Down) to these axes. Poses of compared runs are the reference plus their
 errors North, East, Down in metres. The distances between two files thus equal insnav's errors, to rounding.
 
 References

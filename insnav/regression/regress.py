@@ -146,9 +146,9 @@ def regress(
     corpus : path, optional
         The drives, by default ``trajectories/corpus.toml`` of insnav.
     data : path, optional
-        Folder of recorded drives, by default ``shared/data`` beside the project.
+        Folder of recorded drives, by default ``shared/data`` next to the project.
     reports : path, optional
-        Folder of the baseline and the history, by default ``reports`` beside the folder of the corpus.
+        Folder of the baseline and the history, by default ``reports`` next to the folder of the corpus.
     quick, peers : bool
         Run only some cases; also run pyins and GTSAM, if installed.
     workers, stage

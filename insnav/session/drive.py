@@ -71,7 +71,7 @@ def load(
     Parameters
     ----------
     samples : path, data frame, arrays or ImuData
-        IMU data: a file of any supported format, a data frame with the columns of such a file, or arrays
+        IMU data: a file of any supported format, or a data frame with the columns of such a file. Arrays are
         ``(time, gyro, accel)`` in [s], [rad/s], [m/s^2], or ``(gyro, accel)`` with ``rate=``.
     gps : path, data frame, arrays or GpsData, optional
         Fixes; arrays are ``(time, lla)`` in [s], [deg], [deg], [m].

@@ -49,8 +49,8 @@ class Truth(ABC):
 
     duration: float  # length [s]
     start: float  # time of the first instant [s]
-    # full normal gravity, without its north component above the ellipsoid (0.7 ug at 1 km), or also linear in height
-    # (error 0.5 ug at 1 km). The latter two serve comparisons with other packages
+    # normal gravity: full, without its north component above the ellipsoid (0.7 ug at 1 km), or also linear in height
+    # (0.5 ug). The latter two serve comparisons with other packages
     gravity: Gravity
 
     @property

@@ -308,7 +308,7 @@ def in_run_errors(spec: ImuSpec) -> ImuSpec:
     """Return the errors that an IMU adds after the start: noise, bias change, terms without filter states.
 
     In-run bias since the start is a random walk with the driving noise of the IMU file's Gauss-Markov process,
-    ``2 sd^2 / T`` (Gelb 1974, section 3.6), valid for times far below T. Accelerometer misalignment acts as a bias
+    ``2 sd^2 / T`` (Gelb 1974, section 3.6). This holds for times far below T. Accelerometer misalignment acts as a bias
     through gravity, and is included as such.
     """
     return replace(

@@ -103,8 +103,8 @@ def start_sources(covariance: FloatArray) -> tuple[Source, ...]:
     covariance gives independent sources: each includes its share of the later errors. Sensors come first: a bias
     includes its tilt, and ``initial tilt`` is the remainder for known biases.
 
-    `covariance` (21, 21): of the errors of position N, E, D [m], velocity [m/s], attitude [rad], gyro and accelerometer
-    bias, gyro and accelerometer scale factor, estimate minus truth.
+    `covariance` (21, 21): of position N, E, D [m], velocity [m/s], attitude [rad], bias and scale factor (gyro,
+    accelerometer), estimate minus truth.
     Returns: sources with their shares in `Source.joint`. The sum of squares is the covariance (Cholesky).
     """
     labels = [(group, term, axis, first + i) for group, term, axes, first in _NAMES for i, axis in enumerate(axes)]

@@ -1,8 +1,8 @@
 """Growth curve of an error: t for a wrong velocity, t^2 for a tilt or a bias, t^3 for a drift.
 
 Over a minute or two, a nearly level vehicle without turns has the horizontal error
-``p0 + v t + a t^2 / 2 + j t^3 / 6``. Here `v` is the velocity error at the start, ``a = g phi`` a tilt or the bias of a
-level accelerometer, ``j = g w`` the drift of a level gyro (Titterton and Weston, "Strapdown Inertial Navigation
+``p0 + v t + a t^2 / 2 + j t^3 / 6``. Here `v` is the velocity error at the start. ``a = g phi`` is a tilt or the bias
+of a level accelerometer. ``j = g w`` is the drift of a level gyro (Titterton and Weston, "Strapdown Inertial Navigation
 Technology", 2nd ed., 2004, chapter 12). The velocity error is its derivative.
 
 The fit is weighted: sensor white noise, integrated two and three times, correlates neighbouring errors. Without the
@@ -38,8 +38,8 @@ class Curve:
     value: FloatArray
     covariance: FloatArray  # (3, 3) from noise and reference; infinite where not observable
     terms: tuple[str, ...]  # the fewest of `TERMS` that fit
-    # squared residual of all three terms over its expectation [-]: about one if the error is such a curve and its noise
-    # is known; ``NaN`` without degrees of freedom
+    # squared residual of all three terms over its expectation [-]: about 1 for such a curve and correct noise; ``NaN``
+    # without degrees of freedom
     roughness: float
 
     @property

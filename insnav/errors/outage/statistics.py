@@ -48,8 +48,8 @@ class Growth:
     predicted: FloatArray  # (k, q) RMS predicted standard deviation
     # (k, q) share of errors within 3 sd of prediction plus reference [-]; for several axes their mean
     inside: FloatArray
-    # (k, q) significant share of the mean square common to all windows, from the mean error [-]; for horizontal errors
-    # along north and east, or along and across the track. Another drive has another common error
+    # (k, q) significant share of the mean square common to all windows, from the mean error [-]. Horizontal errors:
+    # north and east, or along and across the track. Another drive has another common error
     common: FloatArray
 
     @property
@@ -252,8 +252,8 @@ class Regression:
     """Regression of recorded error sizes on predicted standard deviations."""
 
     slope: float  # one if the prediction is right, two if errors are twice as large
-    # 95 % confidence interval: the wider of a block bootstrap and chi-square with two axes per independent window (one
-    # window if all share turn-on errors); ``NaN`` for a too small effective sample size
+    # 95 % confidence interval: the wider of block bootstrap and chi-square (two axes per independent window, one window
+    # if all share turn-on errors); ``NaN`` for a too small effective sample size
     low: float
     high: float
     # share of the variation explained by the line [-]: at most about 0.6 for normal errors of very different predicted

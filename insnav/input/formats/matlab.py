@@ -1,8 +1,9 @@
 """MATLAB ``.mat`` files, version 5 and 7.3: NaveGo structures and PSINS arrays.
 
 NaveGo: ``imu.t, imu.wb [rad/s], imu.fb [m/s^2]``; ``gnss.t, lat, lon [rad], h, vel, stdm, stdv``; ``ref`` with roll,
-pitch, yaw [rad]. PSINS: ``imu`` (n, 7): increments of angle [rad] and velocity [m/s] and time, axes Right, Forward, Up;
-``gps`` (n, 4): latitude, longitude [rad], height, time, or (n, 7) with velocity East, North, Up before them; ``avp``.
+pitch, yaw [rad]. PSINS: ``imu`` (n, 7): increments of angle [rad] and velocity [m/s] and time, axes Right, Forward, Up.
+``gps`` (n, 4): latitude, longitude [rad], height, time. ``gps`` (n, 7): with velocity East, North, Up before them. Also
+``avp``.
 
 References
 ----------

@@ -31,8 +31,8 @@ WORST_CONDITION = 150.0  # beyond it, moving a pose by a degree changes the resu
 class GravityFit:
     """Calibrated accelerometers with their gravity errors."""
 
-    # lower triangular sensitivity: body x is the sensitive axis of accelerometer x, and body y is in the plane of the
-    # sensitive axes x and y
+    # lower triangular sensitivity: body x is the sensitive axis of accelerometer x, body y is in the plane of both
+    # sensitive axes
     triad: Triad
     covariance: FloatArray  # (9, 9) of bias x, y, z and the lower triangle of the matrix by rows
     error: FloatArray  # (n,) length of the corrected specific force minus gravity in each pose [m/s^2]

@@ -40,8 +40,8 @@ class MultiPosition:
     g_sensitivity: FloatArray
     g_sensitivity_sd: FloatArray
     g: float  # gravity used [m/s^2]
-    # (n,) magnitude of specific force minus gravity in each position, calibrated, and before: as recorded, or for raw
-    # units with one bias and sensitivity for all axes [m/s^2]
+    # (n,) magnitude of specific force minus gravity in each position [m/s^2], calibrated and before. Raw units: before
+    # is with one bias and sensitivity for all axes
     norm_before: FloatArray
     norm_after: FloatArray
     clipped: int  # samples at the end of the range

@@ -7,7 +7,7 @@ It thus determines the direction of that axis. With ideal values L and measured 
     M_A = L_A A_m^+                  corrects the accelerometers,
     M_G = Omega_L Omega_m^+          is the sensitivity of the gyros, corrected by its inverse.
 
-For a small rotation of a module its product loses exactly what its gyro gains, so M_G is valid to first order. The
+For a small rotation of a module, errors of its product and of its gyro cancel, so M_G is valid to first order. The
 second-order remainder, a difference of two squares, cancels over positions symmetric in roll and pitch.
 """
 

@@ -16,8 +16,8 @@ from scipy.optimize import brentq
 from insnav.attitude import quat_conjugate, quat_from_rph, quat_multiply, rotvec_from_quat
 from insnav.types import FloatArray
 
-# x^5 … x^9 of the polynomial from 0 to 1 on [0, 1] with four zero derivatives at both ends: the integral of x^4 (1 -
-# x)^4, normalised to 1 at x = 1.
+# x^5 … x^9 of the polynomial from 0 to 1 on [0, 1] with four zero derivatives at both ends: the normalised integral of
+# x^4 (1 - x)^4
 STEP = (126.0, -420.0, 540.0, -315.0, 70.0)
 STEEPEST = 315.0 / 128.0  # slope in its middle
 BUMP_AREA = 128.0 / 315.0  # integral of `bump`
