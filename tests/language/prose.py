@@ -102,6 +102,18 @@ def comments(source: str) -> Iterator[Text]:
     yield Text(begin, "\n".join(block))
 
 
+def labels(source: str) -> Iterator[Text]:
+    """Yield the strings of three words or more, except docstrings; a value in braces counts as one word."""
+    tree = ast.parse(source)
+    other = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    other |= {id(part) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for part in node.values}
+    for node in ast.walk(tree):
+        parts = node.values if isinstance(node, ast.JoinedStr) else [node] if isinstance(node, ast.Constant) else []
+        words = "".join(str(part.value) if isinstance(part, ast.Constant) else "1" for part in parts)
+        if id(node) not in other and words.count(" ") >= 2:
+            yield Text(getattr(node, "lineno", 0), words)
+
+
 def strings(value: Any) -> Iterator[Text]:
     """Yield the strings of a table that have words; a value in braces counts as one word."""
     if isinstance(value, dict | list):
@@ -125,6 +137,7 @@ def texts(path: Path) -> Iterator[Text]:
     if path.suffix == ".py":
         yield from docstrings(source)
         yield from comments(source)
+        yield from labels(source)
     elif path.suffix == ".toml":
         yield from strings(tomllib.loads(source))
     elif path.suffix == ".md":

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.language.prose import LONGEST_BULLET, Text, comments, defects, docstrings, paragraphs, texts
+from tests.language.prose import LONGEST_BULLET, Text, comments, defects, docstrings, labels, paragraphs, texts
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "insnav"
@@ -76,6 +76,8 @@ def test_texts_are_read_from_code_and_pages():
     source = '"""Module."""\n# A comment\n# of two lines.\nx = 1  # value [m]  # noqa: E501\n'
     assert [text.words for text in docstrings(source)] == ["Module."]
     assert [text.words.strip() for text in comments(source)] == ["A comment\nof two lines.", "value [m]  #"]
+    source = '"""Not a label at all."""\nx = f"error of {name} only", "two words", "a label of \\"s\\""\n'
+    assert [text.words for text in labels(source)] == ["error of 1 only", 'a label of "s"']
     page = "# Title\n\nA [link](a.md) in text.\n\n```\ncode\n```\n\n| a | table |\n"
     assert [(text.line, text.words.strip()) for text in paragraphs(page) if text.words.strip()] == [
         (3, "A link in text.")

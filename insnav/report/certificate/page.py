@@ -31,9 +31,9 @@ def page(result: Result[Certificate]) -> Page:
     return Page(
         "Numerical certificate: " + ("all checks passed" if not failed else f"{len(failed)} FAILED"),
         (
-            "Every figure is an error against a closed form or a published value. The limit applies to the first of "
-            f"them, the others are there to compare (orders of convergence: to all); {_EXCEEDS} marks what "
-            "exceeds the limit, – what is no number.",
+            "Every figure is an error against a closed form or a published value. The limit applies to the first "
+            f"figure of a row, the others are for comparison (orders of convergence: to all). {_EXCEEDS} marks a "
+            "figure beyond the limit, – a missing figure.",
         ),
         (
             only_json(

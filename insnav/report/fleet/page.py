@@ -203,7 +203,7 @@ def page(result: Result[tuple[Navigated, ...]]) -> Page:
         f"outliers first; z-score: largest of error, sd, NIS and rejected fixes, against the fleet; ! beyond {OUTLIER}"
     )
     note *= any(row.score for row in rows)
-    noise = "with 95 % interval; a drive of no named vehicle stands alone; those of GPS are factors on the stated sd"
+    noise = "with 95 % interval; drives of unnamed vehicles are separate; values of GPS are factors of the stated sd"
     cells = tuple(map(Row.quantities, rows))
     return Page(
         f"Fleet of {total} drives",

@@ -137,7 +137,7 @@ def _less_reference(found: Growth, column: int) -> str:
     left, low, high = (float(each[-1, column]) for each in (found.corrected, found.low, found.high))
     if left > _SAME * found.rms[-1, column]:
         return ""
-    return f" as measured, {corrected_text(left, low, high)} without that of the reference"
+    return f" as measured, {corrected_text(left, low, high)} without the error of the reference"
 
 
 def _inside(found: Growth, mode: str) -> float:
