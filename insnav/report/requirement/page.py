@@ -98,11 +98,11 @@ def _answer(study: RequirementStudy) -> str:
     alone, aided = _met(study, "alone"), _met(study, "nhc")
     more = [name for name in aided if name not in alone]
     count, required = len(study.candidates), study.required
-    said = f"{len(_met(study, 'alone', 'yes'))} of {count} IMUs stay within {required.error:g} m for "
-    said += f"{required.after:g} s alone{_likely(study, 'alone')}"
-    said += f", the least accurate of them {', '.join(alone[:3])}" if alone else ""
-    said += f"; {len(_met(study, 'nhc', 'yes'))} with NHC{_likely(study, 'nhc')}"
-    return said + (f", the least accurate {', '.join(more[:3])}." if more else ".")
+    text = f"{len(_met(study, 'alone', 'yes'))} of {count} IMUs stay within {required.error:g} m for "
+    text += f"{required.after:g} s alone{_likely(study, 'alone')}"
+    text += f", the least accurate of them {', '.join(alone[:3])}" if alone else ""
+    text += f"; {len(_met(study, 'nhc', 'yes'))} with NHC{_likely(study, 'nhc')}"
+    return text + (f", the least accurate {', '.join(more[:3])}." if more else ".")
 
 
 def _likely(study: RequirementStudy, kind: str) -> str:
