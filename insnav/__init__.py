@@ -10,18 +10,18 @@ Attitude
 Vectors
     Carry their frame: ``v_n``, ``w_ib_b``, ``lever_b``. Order: latitude, longitude, height; North, East, Down.
 Specific force
-    What an accelerometer senses: level and at rest, z is -9.8 m/s^2.
+    Sensed by an accelerometer: level and at rest, z is -9.8 m/s^2.
 Height
     Above the WGS-84 ellipsoid.
 Units
-    SI and radians inside, without a suffix. At every edge (columns, configuration, options, plots) the unit is in the
-    name: ``lat_deg``, ``gyro_x_rad_s``.
+    SI and radians inside, without a suffix. In columns, configuration, options and plots the unit is in the name:
+    ``lat_deg``, ``gyro_x_rad_s``.
 Errors
     Estimate minus truth. ``sd`` is one standard deviation.
 Time
     Seconds as float64 from an epoch of the file's own.
 Shapes
-    One row a sample: ``(n,)``, ``(n, 3)``, quaternions ``(n, 4)``, matrices ``(n, 3, 3)``.
+    One row per sample: ``(n,)``, ``(n, 3)``, quaternions ``(n, 4)``, matrices ``(n, 3, 3)``.
 
 Start here
 ----------
@@ -31,9 +31,9 @@ Start here
 >>> result.plot("position_error"); result.to_frame(); result.save("run1")  # doctest: +SKIP
 >>> drive.outage(lengths=(10, 30)); drive.budget(times=(10, 60))  # doctest: +SKIP
 
-Files, data frames and arrays come in through `load`, simulated drives through `simulate`, bench records through
-`calibrate`, `acceptance`, `allan`, `drift` and `platform`. The commands of the shell call the same functions, with the
-same defaults. `navigate_recording`, `navigate` and `increments` are the parts for those who build their own.
+`load` takes files, data frames and arrays; `simulate` makes simulated drives; `calibrate`, `acceptance`, `allan`,
+`drift` and `platform` take bench records. The shell commands call the same functions, with the same defaults.
+`navigate_recording`, `navigate` and `increments` are parts for own algorithms.
 """
 
 from __future__ import annotations
@@ -127,8 +127,8 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    # numba, filterpy and pyarrow take most of a second to import: only when something that needs them is used
-    if name == "simulate":  # a package that can be called
+    # numba, filterpy and pyarrow take most of a second to import: they are loaded on use
+    if name == "simulate":  # a callable package
         return import_module("insnav.simulate")
     if name in _HOME:
         return getattr(import_module(_HOME[name]), name)

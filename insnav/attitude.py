@@ -1,8 +1,8 @@
 """Attitude: quaternions, direction cosine matrices, rotation vectors, roll-pitch-heading.
 
-``q_nb`` (scalar first) and ``C_nb`` take body coordinates to navigation coordinates: ``v_n = C_nb @ v_b``. Roll,
-pitch and heading are the rotations about the forward, right and down axis, heading first (z-y-x). At pitch +-90 deg
-roll and heading are not separately defined: heading plus or minus roll is right, and roll is returned as computed.
+``q_nb`` (scalar first) and ``C_nb`` take body coordinates to navigation coordinates: ``v_n = C_nb @ v_b``. Roll, pitch
+and heading are the rotations about the forward, right and down axis, heading first (z-y-x). At pitch +-90 deg only
+heading plus or minus roll is defined; roll is returned as computed.
 
 References
 ----------
@@ -18,18 +18,18 @@ from insnav.types import FloatArray
 
 
 def wrap_pi(angle: ArrayLike) -> FloatArray:
-    """Angle brought to [-pi, pi) [rad]."""
+    """Wrap an angle to [-pi, pi) [rad]."""
     return np.asarray((np.asarray(angle, dtype=float) + np.pi) % (2 * np.pi) - np.pi)
 
 
 def wrap_two_pi(angle: ArrayLike) -> FloatArray:
-    """Angle brought to [0, 2 pi) [rad]."""
+    """Wrap an angle to [0, 2 pi) [rad]."""
     wrapped = np.asarray(np.asarray(angle, dtype=float) % (2 * np.pi))
     return np.where(wrapped >= 2 * np.pi, 0.0, wrapped)  # a tiny negative angle rounds up to 2 pi
 
 
 def skew(v: ArrayLike) -> FloatArray:
-    """Matrix (..., 3, 3) of the cross product with v (..., 3): ``skew(v) @ u = v x u`` (Groves 2013, eq. 2.50)."""
+    """Build the matrix (..., 3, 3) of the cross product with v (..., 3): ``skew(v) @ u = v x u`` (Groves, eq. 2.50)."""
     v = np.asarray(v, dtype=float)
     of = np.zeros((*v.shape, 3))
     of[..., [2, 0, 1], [1, 2, 0]] = v
@@ -38,7 +38,7 @@ def skew(v: ArrayLike) -> FloatArray:
 
 
 def quat_multiply(p: ArrayLike, q: ArrayLike) -> FloatArray:
-    """Product ``(..., 4)`` of quaternions, the rotation `q` followed by `p` (Groves 2013, appendix E.6)."""
+    """Multiply quaternions ``(..., 4)``: the rotation `q` followed by `p` (Groves 2013, appendix E.6)."""
     p0, p1, p2, p3 = np.moveaxis(np.asarray(p, dtype=float), -1, 0)
     q0, q1, q2, q3 = np.moveaxis(np.asarray(q, dtype=float), -1, 0)
     return np.stack(
@@ -53,19 +53,19 @@ def quat_multiply(p: ArrayLike, q: ArrayLike) -> FloatArray:
 
 
 def quat_conjugate(q: ArrayLike) -> FloatArray:
-    """Inverse rotation of a unit quaternion, (..., 4)."""
+    """Return the inverse rotation of a unit quaternion, (..., 4)."""
     return np.asarray(np.asarray(q, dtype=float) * np.array([1.0, -1.0, -1.0, -1.0]))
 
 
 def quat_from_rotvec(rotvec: ArrayLike) -> FloatArray:
-    """Unit quaternion ``(..., 4)`` of a rotation vector ``(..., 3)``, axis times angle [rad]."""
+    """Convert a rotation vector ``(..., 3)``, axis times angle [rad], to a unit quaternion ``(..., 4)``."""
     rotvec = np.asarray(rotvec, dtype=float)
     half = 0.5 * np.linalg.norm(rotvec, axis=-1, keepdims=True)
     return np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * rotvec], axis=-1)
 
 
 def rotvec_from_quat(q: ArrayLike) -> FloatArray:
-    """Rotation vector ``(..., 3)``, axis times angle [rad], of length at most pi, of a unit quaternion ``(..., 4)``."""
+    """Convert a unit quaternion ``(..., 4)`` to a rotation vector ``(..., 3)`` [rad], of length at most pi."""
     q = np.asarray(q, dtype=float)
     q = np.where(q[..., :1] < 0, -q, q)
     s = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
@@ -74,7 +74,7 @@ def rotvec_from_quat(q: ArrayLike) -> FloatArray:
 
 
 def dcm_from_quat(q: ArrayLike) -> FloatArray:
-    """Direction cosine matrix ``C_nb`` (..., 3, 3) of a unit quaternion ``q_nb`` (..., 4) (Groves 2013, eq. 2.34)."""
+    """Convert a unit quaternion ``q_nb`` (..., 4) to ``C_nb`` (..., 3, 3) (Groves 2013, eq. 2.34)."""
     a, b, c, d = np.moveaxis(np.asarray(q, dtype=float), -1, 0)
     return np.stack(
         [
@@ -87,7 +87,7 @@ def dcm_from_quat(q: ArrayLike) -> FloatArray:
 
 
 def quat_from_rph(rph: ArrayLike) -> FloatArray:
-    """Quaternion ``q_nb`` ``(..., 4)`` of roll, pitch, heading ``(..., 3)`` [rad] (Groves 2013, eq. 2.38)."""
+    """Convert roll, pitch, heading ``(..., 3)`` [rad] to a quaternion ``q_nb`` ``(..., 4)`` (Groves 2013, eq. 2.38)."""
     half = 0.5 * np.asarray(rph, dtype=float)
     cr, cp, ch = np.moveaxis(np.cos(half), -1, 0)
     sr, sp, sh = np.moveaxis(np.sin(half), -1, 0)
@@ -103,26 +103,27 @@ def quat_from_rph(rph: ArrayLike) -> FloatArray:
 
 
 def rph_from_quat(q: ArrayLike) -> FloatArray:
-    """Roll, pitch, heading of a unit quaternion ``q_nb`` ``(..., 4)`` (Groves 2013, eq. 2.38, solved for the angles).
+    """Convert a unit quaternion ``q_nb`` ``(..., 4)`` to roll, pitch, heading (Groves 2013, eq. 2.38, inverted).
 
     Returns: (..., 3): roll in [-pi, pi), pitch in [-pi/2, pi/2], heading in [0, 2 pi) [rad].
     """
     a, b, c, d = np.moveaxis(np.asarray(q, dtype=float), -1, 0)
-    # By the half angles of eq. 2.38, a + c and d - b are cosine and sine of (heading - roll) / 2, times the sine of
-    # pitch / 2 + 45 deg; a - c and d + b the same of (heading + roll) / 2, times the cosine. Near the vertical one pair
-    # vanishes and takes its half sum or difference with it, but the attitude that the three angles make stays exact.
+    # By the half angles of eq. 2.38, a + c and d - b are cosine and sine of (heading - roll) / 2, times s. Then a - c
+    # and d + b are cosine and sine of (heading + roll) / 2, times c. Here s and c are sine and cosine of pitch / 2 + 45
+    # deg. Near the vertical one pair vanishes with its half sum or difference, but the attitude of the three angles
+    # remains exact.
     apart, together = np.arctan2(d - b, a + c), np.arctan2(d + b, a - c)
     pitch = 2 * np.arctan2(np.hypot(a + c, d - b), np.hypot(a - c, d + b)) - np.pi / 2
     return np.stack([wrap_pi(together - apart), pitch, wrap_two_pi(together + apart)], axis=-1)
 
 
 def dcm_from_rph(rph: ArrayLike) -> FloatArray:
-    """Direction cosine matrix ``C_nb`` (..., 3, 3) of roll, pitch, heading (..., 3) [rad]."""
+    """Convert roll, pitch, heading (..., 3) [rad] to ``C_nb`` (..., 3, 3)."""
     return dcm_from_quat(quat_from_rph(rph))
 
 
 def rph_by_turn(dcm: ArrayLike, turn: ArrayLike) -> FloatArray:
-    """Change of roll, pitch, heading by small turns about North, East, Down, not near the vertical.
+    """Compute the change of roll, pitch, heading by small rotations about North, East, Down, not near the vertical.
 
     `dcm` (..., 3, 3): ``C_nb``; `turn` (..., 3) [rad] (Euler rates: Groves 2013, eq. 2.58). Returns: (..., 3) [rad].
     """
@@ -134,7 +135,7 @@ def rph_by_turn(dcm: ArrayLike, turn: ArrayLike) -> FloatArray:
 
 
 def quat_from_dcm(dcm: ArrayLike) -> FloatArray:
-    """Quaternion of a direction cosine matrix, by the largest of its four components (Shepperd 1978).
+    """Convert a direction cosine matrix to a quaternion, by its largest component (Shepperd 1978).
 
     `dcm` (..., 3, 3): ``C_nb``.
     Returns: (..., 4): unit quaternion with a non-negative scalar part.
@@ -142,7 +143,7 @@ def quat_from_dcm(dcm: ArrayLike) -> FloatArray:
     m = np.asarray(dcm, dtype=float)
     trace = m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2]
     squares = np.stack([trace, m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]], axis=-1)
-    # Row i of K is 4 q_i q: any row gives q, the one with the largest diagonal without loss of digits.
+    # Row i of K is 4 q_i q: any row gives q, the row with the largest diagonal without loss of digits.
     k = np.zeros((*m.shape[:-2], 4, 4))
     k[..., 0, 0] = 1 + trace
     for i in range(3):

@@ -1,4 +1,4 @@
-"""The catalogues of messages, ``messages/<language>.toml``, read once."""
+"""Message catalogues, ``messages/<language>.toml``, read once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Configuration files in TOML: presets by name, quantities as text with their unit, all errors reported at once."""
+"""Configuration files in TOML: presets by name, quantities with unit, all errors reported together."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from insnav.quantity_text import parse_quantity
 from insnav.units import UNITS, units_of
 
 MAX_BYTES = 1_000_000  # an IMU file has one or two kB
-MAX_TEXT = 100  # longest sensible "number unit"
-# of errors of pydantic: what the value should be, and how it should compare with a limit
+MAX_TEXT = 100  # longest plausible "number unit"
+# kinds of pydantic errors: expected type, and comparison with a limit
 _KINDS = {
     **{"bool_type": "true or false", "dict_type": "a table", "list_type": "a list"},
     **dict.fromkeys(("float_type", "float_parsing"), "a number"),
     **dict.fromkeys(("int_type", "int_from_float"), "a whole number"),
 }
 _RELATIONS = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤", "min_length": "≥", "max_length": "≤"}
-# strings and comments; a key of more than twenty parts, for which tomllib takes memory by the square of their number
+# strings and comments; a key of more than twenty parts, for which tomllib needs quadratic memory
 _NO_KEYS = re.compile(r'''"""(?:\\.|[^\\])*?"""|\'{3}.*?\'{3}|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|#[^\n]*''', re.DOTALL)
 _DEEP = re.compile(r"(?:\.[ \t]*[\w-]+[ \t]*){20}")
 
@@ -38,10 +38,10 @@ Model = TypeVar("Model", bound="Table")
 
 
 class Table(BaseModel):
-    """A TOML table in which an unknown key is an error."""
+    """TOML table in which an unknown key is an error."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
-    either: ClassVar[tuple[str, ...]] = ()  # two keys of which exactly one is needed
+    either: ClassVar[tuple[str, ...]] = ()  # two keys, of which exactly one is required
     above_zero: ClassVar[tuple[str, ...]] = ()
 
     @model_validator(mode="after")
@@ -55,7 +55,7 @@ class Table(BaseModel):
 
 
 def read_short(path: Path) -> bytes:
-    """Content of a file that is at most `MAX_BYTES` long.
+    """Read a file of at most `MAX_BYTES`.
 
     Raises: ConfigError: it cannot be read, or is too long.
     """
@@ -71,7 +71,7 @@ def read_short(path: Path) -> bytes:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Content of a TOML file; raises what `read_short` does, and ConfigError: it is no TOML."""
+    """Read a TOML file; raises as `read_short`, and ConfigError for invalid TOML."""
     where = str(path)
     try:
         text = read_short(path).decode("utf-8-sig")
@@ -88,7 +88,7 @@ def validate(model: type[Model], data: dict[str, Any], where: str) -> Model:
     """Check the content of a TOML file against its model.
 
     `where`: file to name in the error.
-    Raises: ConfigError: all errors at once, each with the dotted name of its key.
+    Raises: ConfigError: all errors together, each with the dotted name of its key.
     """
     found, problems = checked(model, data)
     if found is None:
@@ -97,7 +97,7 @@ def validate(model: type[Model], data: dict[str, Any], where: str) -> Model:
 
 
 def checked(model: type[Model], data: dict[str, Any]) -> tuple[Model | None, list[ConfigError]]:
-    """Check a table against its model without an error yet: the checked content, or what is wrong with it."""
+    """Check a table against its model; return the checked content, or its errors."""
     try:
         return model.model_validate(data), []
     except ValidationError as error:
@@ -105,7 +105,7 @@ def checked(model: type[Model], data: dict[str, Any]) -> tuple[Model | None, lis
 
 
 def refuse(problems: list[ConfigError], where: str) -> NoReturn:
-    """Say everything that is wrong with a file at once; the place of each problem is a key of the file."""
+    """Raise all errors of a file together; the location of each is a key of the file."""
     if len(problems) == 1:
         problems[0].where = ": ".join(filter(None, (where, problems[0].where)))
         raise problems[0]
@@ -113,17 +113,17 @@ def refuse(problems: list[ConfigError], where: str) -> NoReturn:
 
 
 def scalar(dimension: str, *, signed: bool = False) -> PlainValidator:
-    """Make a validator of one quantity, negative only if `signed`; its dimension as in `insnav.units.UNITS`."""
+    """Build a validator of one quantity, negative only if `signed`; its dimension as in `insnav.units.UNITS`."""
     return PlainValidator(lambda value: quantity(value, dimension, signed=signed))
 
 
 def signed_scalar(dimension: str) -> PlainValidator:
-    """Make a validator of one quantity of either sign; its dimension as in `insnav.units.UNITS`."""
+    """Build a validator of one quantity of either sign; its dimension as in `insnav.units.UNITS`."""
     return scalar(dimension, signed=True)
 
 
 def axes(dimension: str, *, signed: bool = False) -> PlainValidator:
-    """Make a validator of one quantity for all axes or a list of one per axis; see `scalar`."""
+    """Build a validator of one quantity for all axes or a list of one per axis; see `scalar`."""
 
     def check(value: object) -> Axes:
         if isinstance(value, list):
@@ -138,7 +138,7 @@ def axes(dimension: str, *, signed: bool = False) -> PlainValidator:
 
 
 def matrix_of(dimension: str = "") -> PlainValidator:
-    """Make a validator of three rows of three quantities of either sign, or of numbers if there is no dimension."""
+    """Build a validator of three rows of three quantities of either sign, or of numbers without dimension."""
 
     def check(value: object) -> Matrix:
         rows = value if isinstance(value, list) else []
@@ -153,7 +153,7 @@ def matrix_of(dimension: str = "") -> PlainValidator:
 
 
 def with_fields(base: type[Model], fields: Mapping[str, PlainValidator | type[Table]]) -> type[Model]:
-    """Add optional keys to a table: quantities by their validators, or tables; a key that is there is replaced."""
+    """Add optional keys to a table: quantities by validators, or tables; an existing key is replaced."""
     found: dict[str, Any] = {
         key: (of | None if isinstance(of, type) else Annotated[Any, of], None) for key, of in fields.items()
     }
@@ -161,7 +161,7 @@ def with_fields(base: type[Model], fields: Mapping[str, PlainValidator | type[Ta
 
 
 def number(value: object) -> float:
-    """Finite number of a TOML value, for validators."""
+    """Convert a TOML value to a finite number, for validators."""
     try:
         found = math.nan if isinstance(value, bool) or not isinstance(value, int | float) else float(value)
     except OverflowError:
@@ -172,11 +172,10 @@ def number(value: object) -> float:
 
 
 def quantity(value: object, dimension: str, *, signed: bool) -> float:
-    """Value of one quantity in SI and radians, for validators.
+    """Convert a quantity to SI and radians, for validators.
 
-    `value`: what stands in the file; `dimension`: as in `insnav.units.UNITS`; `signed`: whether negative values make
-    sense.
-    Raises: PydanticCustomError: it is none.
+    `value`: from the file. `dimension`: as in `insnav.units.UNITS`. `signed`: allow negative values.
+    Raises: PydanticCustomError: not such a quantity.
     """
     if not isinstance(value, str):
         raise wrong("config.no_quantity", unit=units_of(dimension)[0], kind=_kind(value))
@@ -192,9 +191,9 @@ def quantity(value: object, dimension: str, *, signed: bool) -> float:
 
 
 def text(value: ArrayLike, unit: str) -> Any:
-    """Write a quantity in SI, or a list of them, in a unit, as the readers above take it.
+    """Write a quantity in SI, or a list of them, in a unit, for the readers above.
 
-    Returns: one text for three axes if they are equal. In SI units every bit is kept, in others 15 digits.
+    Returns: one text for three equal axes. SI units keep every bit, other units 15 digits.
     """
     if np.ndim(value) == 2:
         return [[text(item, unit) for item in row] for row in np.asarray(value)]
@@ -207,25 +206,25 @@ def text(value: ArrayLike, unit: str) -> Any:
 
 
 def preset_or_file(given: str, folder: Path, presets: Sequence[str]) -> Path | None:
-    """File of a preset in a folder by its name, or the file itself by its path; None if it is neither."""
+    """Return the file of a preset in a folder by name, or a file by path; None if neither exists."""
     if given in presets:
         return folder / f"{given}.toml"
     path = Path(given)
     try:
         return path if path.exists() else None
-    except (OSError, ValueError):  # too long a name, for one
+    except (OSError, ValueError):  # for example, a too long name
         return None
 
 
 def similar(name: str, known: Iterable[str]) -> dict[str, Any]:
-    """Values of the error of an unknown name: ``close``, the known one that it resembles, else ``known``: all."""
+    """Return values for the error of an unknown name: ``close``, a similar known name, else ``known``, all names."""
     known = tuple(known)
     close = difflib.get_close_matches(name, known, n=1)
     return {"close": close[0]} if close else {"known": known}
 
 
 def wrong(code: str, **values: Any) -> PydanticCustomError:
-    """Error that a validator raises."""
+    """Build the error of a validator."""
     return _as_pydantic(ConfigError(code, **values))
 
 
@@ -240,7 +239,7 @@ def _kind(value: object) -> str:
 
 
 def _problem(model: type[Table], details: ErrorDetails) -> ConfigError:
-    """One error of pydantic as one of ours."""
+    """Convert a pydantic error to an error of insnav."""
     path, kind, context = details["loc"], details["type"], details.get("ctx", {})
     key = "".join(f" {part + 1}" if isinstance(part, int) else f".{part}" for part in path).lstrip(". ")
     if kind == "extra_forbidden":
@@ -270,7 +269,7 @@ def _problem(model: type[Table], details: ErrorDetails) -> ConfigError:
 
 
 def _keys(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:
-    """Known keys of the table at `path`."""
+    """List the known keys of the table at `path`."""
     for part in path:
         if isinstance(part, int):  # a row of a list of tables
             continue

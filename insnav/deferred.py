@@ -1,4 +1,4 @@
-"""Modules that are loaded when they are used: libraries, and what a library imports for what hardly anybody uses."""
+"""Deferred imports: libraries loaded on first use, and rarely used imports of a library."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 
 class _Later(ModuleType):
-    """Stands for a module while others are imported."""
+    """Placeholder of a module while others are imported."""
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
         if name.startswith("__"):
@@ -20,20 +20,20 @@ class _Later(ModuleType):
 
 
 class _Library(ModuleType):
-    """Stands for a library until something of it is used."""
+    """Placeholder of a library until first use."""
 
     def __getattr__(self, name: str) -> Any:
         return getattr(import_module(self.__name__), name)
 
 
 def library(name: str) -> Any:
-    """Library, or a module of one, that is imported when something of it is used first."""
+    """Import a library, or a module of one, on first use."""
     return _Library(name)
 
 
 @contextmanager
 def deferred(*names: str) -> Iterator[None]:
-    """Import something without these of the modules that it imports in turn."""
+    """Skip these modules while another module imports them."""
     later = {name: _Later(name) for name in names if name not in sys.modules}
     sys.modules.update(later)
     try:

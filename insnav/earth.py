@@ -1,4 +1,4 @@
-"""The Earth: WGS-84 radii, rotation, transport rate, normal gravity. Geodetic conversions are those of pymap3d.
+"""Earth: WGS-84 radii, rotation, transport rate, normal gravity. pymap3d provides geodetic conversions.
 
 References
 ----------
@@ -20,11 +20,11 @@ from insnav.kernels.earth import F as F
 from insnav.types import BoolArray, FloatArray
 
 OMEGA_EARTH = _kernel.OMEGA
-POLE_DISTANCE = 1000.0  # closer to a pole than this, heading and longitude mean nothing to a user [m]
+POLE_DISTANCE = 1000.0  # closer to a pole, heading and longitude are meaningless to a user [m]
 
 
 def _elementwise(compiled: Any) -> Any:
-    """Source of a compiled elementwise function; the function itself where compilation is switched off."""
+    """Return the source of a compiled elementwise function, or the function itself without compilation."""
     return getattr(compiled, "py_func", compiled)
 
 
@@ -34,7 +34,7 @@ _gravity_north = _elementwise(_kernel.gravity_north)
 
 
 def radii(lat: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Radii of curvature in the meridian and in the prime vertical [m] (Groves 2013, section 2.4.2).
+    """Compute radii of curvature in the meridian and in the prime vertical [m] (Groves 2013, section 2.4.2).
 
     `lat` (...): latitude [rad].
     """
@@ -43,18 +43,18 @@ def radii(lat: ArrayLike) -> tuple[FloatArray, FloatArray]:
 
 
 def metres_per_unit(lla: ArrayLike) -> FloatArray:
-    """Metres per radian of latitude and of longitude, and per metre of height, (..., 3), at positions (..., 3)."""
+    """Compute metres per radian of latitude and of longitude, and per metre of height, (..., 3)."""
     lat, _, height = np.moveaxis(np.asarray(lla, dtype=float), -1, 0)
     meridian, transverse = radii(lat)
     return np.stack([meridian + height, (transverse + height) * np.cos(lat), np.ones_like(lat)], axis=-1)
 
 
 def gravity_n(lat: ArrayLike, height: ArrayLike) -> FloatArray:
-    """WGS-84 normal gravity (..., 3), North-East-Down [m/s^2] (NIMA TR8350.2, eq. 4-1, 4-3; Groves 2013, eq. 2.140).
+    """Compute WGS-84 normal gravity (..., 3), NED [m/s^2] (NIMA TR8350.2, eq. 4-1, 4-3; Groves 2013, eq. 2.140).
 
     Somigliana's formula with the second-order term in height, and the north component above the ellipsoid.
 
-    `lat` (...): latitude [rad]; `height` (...): above the ellipsoid [m]; better than 1 ug up to 20 km.
+    `lat` (...): latitude [rad]. `height` (...): above the ellipsoid [m]; accurate to 1 ug up to 20 km.
     """
     lat, height = np.broadcast_arrays(np.asarray(lat, dtype=float), np.asarray(height, dtype=float))
     s, c = np.sin(lat), np.cos(lat)
@@ -62,15 +62,15 @@ def gravity_n(lat: ArrayLike, height: ArrayLike) -> FloatArray:
 
 
 def earth_rate_n(lat: ArrayLike) -> FloatArray:
-    """Rotation rate of the Earth ``w_ie_n`` (..., 3) [rad/s] at latitudes (...) [rad] (Groves 2013, eq. 2.123)."""
+    """Compute the Earth's rotation rate ``w_ie_n`` (..., 3) [rad/s] at latitudes (...) [rad] (Groves, eq. 2.123)."""
     lat = np.asarray(lat, dtype=float)
     return OMEGA_EARTH * np.stack([np.cos(lat), np.zeros_like(lat), -np.sin(lat)], axis=-1)
 
 
 def transport_rate_n(lat: ArrayLike, height: ArrayLike, v_n: ArrayLike) -> FloatArray:
-    """Rotation rate of the local-level frame against the Earth (Groves 2013, eq. 5.44).
+    """Compute the rotation rate of the local-level frame against the Earth (Groves 2013, eq. 5.44).
 
-    `lat` (...): latitude [rad]; `height` (...) [m]; `v_n` (..., 3): velocity North, East, Down [m/s].
+    `lat` (...): latitude [rad]; `height` (...) [m]. `v_n` (..., 3): velocity North, East, Down [m/s].
     Returns: (..., 3): ``w_en_n`` [rad/s].
     """
     v_n = np.asarray(v_n, dtype=float)
@@ -81,16 +81,16 @@ def transport_rate_n(lat: ArrayLike, height: ArrayLike, v_n: ArrayLike) -> Float
 
 
 def near_pole(lat: ArrayLike) -> BoolArray:
-    """Whether a place is within a kilometre of a pole, where a heading is not said, (...) from latitudes [rad]."""
+    """Return whether latitudes (...) [rad] are within a kilometre of a pole, where heading is undefined."""
     return np.asarray(A / np.sqrt(1.0 - E2) * np.cos(np.asarray(lat, dtype=float)) < POLE_DISTANCE)
 
 
 def ned_offset(lla: ArrayLike, origin: ArrayLike) -> FloatArray:
-    """Small difference of two positions in metres.
+    """Compute a small difference of two positions in metres.
 
     `lla`, `origin` (..., 3): latitude [rad], longitude [rad], height [m].
-    Returns: (..., 3): North, East, Down from `origin` to `lla` [m], with the radii at `origin`: right to first order,
-    meant for errors and lever arms and not for distances of kilometres.
+    Returns: (..., 3): North, East, Down from `origin` to `lla` [m], with the radii at `origin`. First-order accurate,
+    for errors and lever arms, not for distances of kilometres.
     """
     lla, origin = np.asarray(lla, dtype=float), np.asarray(origin, dtype=float)
     meridian, transverse = radii(origin[..., 0])
@@ -109,7 +109,7 @@ def ned_offset(lla: ArrayLike, origin: ArrayLike) -> FloatArray:
 def lla_offset(origin: ArrayLike, ned: ArrayLike) -> FloatArray:
     """Position at a small offset; the inverse of `ned_offset`.
 
-    `origin` (..., 3): latitude [rad], longitude [rad], height [m]; `ned` (..., 3): offset North, East, Down [m].
+    `origin` (..., 3): latitude [rad], longitude [rad], height [m]. `ned` (..., 3): offset North, East, Down [m].
     Returns: (..., 3): latitude [rad], longitude [rad] in [-pi, pi), height [m].
     """
     origin, ned = np.asarray(origin, dtype=float), np.asarray(ned, dtype=float)

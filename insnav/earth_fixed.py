@@ -1,4 +1,4 @@
-"""Earth-fixed axes: positions and the attitude of the local level in them, without a singular latitude.
+"""Earth-fixed axes: positions and local-level attitude in them, without a singular latitude.
 
 References
 ----------
@@ -18,9 +18,9 @@ _EP2 = E2 / (1.0 - E2)  # second eccentricity squared [-]
 
 
 def geodetic(x: FloatArray, y: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Distance from the axis [m], latitude [rad], height [m] (Bowring, Survey Review 28 (1985) 202-206).
+    """Compute distance from the axis [m], latitude [rad], height [m] (Bowring, Survey Review 28 (1985) 202-206).
 
-    One step from Bowring's start, better than 1e-12 rad and 1e-9 m up to 100 km.
+    One step from Bowring's initial value, accurate to 1e-12 rad and 1e-9 m up to 100 km.
     """
     p = np.hypot(x, y)
     r = np.hypot(p, z)
@@ -33,14 +33,14 @@ def geodetic(x: FloatArray, y: FloatArray, z: FloatArray) -> tuple[FloatArray, F
 
 
 def lla_from_earth(r_e: FloatArray) -> FloatArray:
-    """Latitude [rad], longitude [rad] in [-pi, pi), height [m] of Earth-fixed positions ``(n, 3)`` [m]."""
+    """Convert Earth-fixed positions ``(n, 3)`` [m] to latitude, longitude in [-pi, pi) [rad], height [m]."""
     x, y, z = components(r_e)
     _, lat, height = geodetic(x, y, z)
     return np.column_stack([lat, wrap_pi(np.arctan2(y, x)), height])
 
 
 def earth_from_lla(lla: FloatArray) -> FloatArray:
-    """Earth-fixed positions ``(n, 3)`` [m] of latitude [rad], longitude [rad], height [m] (Groves 2013, eq. 2.112)."""
+    """Convert latitude, longitude [rad], height [m] to Earth-fixed positions ``(n, 3)`` [m] (Groves, eq. 2.112)."""
     lat, lon, height = components(lla)
     _, transverse = radii(lat)
     out = (transverse + height) * np.cos(lat)
@@ -48,7 +48,7 @@ def earth_from_lla(lla: FloatArray) -> FloatArray:
 
 
 def quat_earth_from_level(lla: FloatArray) -> FloatArray:
-    """Quaternion ``q_en`` ``(n, 4)`` of North, East, Down at latitude and longitude [rad] (Groves 2013, eq. 2.150)."""
+    """Compute the quaternion ``q_en`` ``(n, 4)`` of North, East, Down at positions (Groves 2013, eq. 2.150)."""
     half_lat, half_lon = 0.5 * lla[:, 0], 0.5 * lla[:, 1]
     zero = np.zeros_like(half_lat)
     about_axis = np.column_stack([np.cos(half_lon), zero, zero, np.sin(half_lon)])
@@ -57,7 +57,7 @@ def quat_earth_from_level(lla: FloatArray) -> FloatArray:
 
 
 def level_from_earth(lla: FloatArray) -> FloatArray:
-    """Matrices ``C_ne`` ``(n, 3, 3)`` that turn Earth-fixed vectors to North, East, Down at ``(n, 3)`` positions."""
+    """Compute rotations ``C_ne`` ``(n, 3, 3)`` from Earth-fixed axes to North, East, Down at ``(n, 3)`` positions."""
     return np.swapaxes(dcm_from_quat(quat_earth_from_level(lla)), 1, 2)
 
 

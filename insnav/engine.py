@@ -1,7 +1,7 @@
-"""One task for many jobs, on processes of this machine or on a Dask cluster: the same results in the same order.
+"""Parallel execution of jobs on processes or a Dask cluster, with results identical and in order.
 
-joblib hands the jobs out; what is here says where to, and what becomes of a job that fails or whose process dies.
-Workers are processes: much of a run is Python, and the compiled kernels keep the interpreter's lock.
+joblib distributes the jobs. This module selects the workers, and handles failing jobs and dying processes. Workers are
+processes: much of a run is Python, and the compiled kernels keep the interpreter's lock.
 """
 
 from __future__ import annotations
@@ -28,30 +28,30 @@ from insnav.exceptions import ConfigError, InsnavError, reason_of
 
 J = TypeVar("J")
 T = TypeVar("T")
-Workers = int | str  # a number of processes, or an engine: ``processes:4``, ``dask:tcp://10.0.0.1:8786``
+Workers = int | str  # number of processes, or an engine: ``processes:4``, ``dask:tcp://10.0.0.1:8786``
 
-IDLE = 10.0  # workers without work end after this [s]
+IDLE = 10.0  # idle workers end after this [s]
 _LOOPBACK = "127.0.0.1"
-CONNECT = 10.0  # a scheduler and its workers answer within this [s]
+CONNECT = 10.0  # response time of a scheduler and its workers [s]
 _FORM = re.compile(r"processes(?::(?P<count>\d+))?|dask(?::(?P<address>.+))?|(?P<number>\d+)")
 _LEFT_BEHIND = "ignore:resource_tracker:UserWarning"
 _log = logging.getLogger(__name__)
 _STOPS = (signal.SIGINT, signal.SIGTERM)
-_one_at_a_time = threading.RLock()  # threads of a Dask worker share what is kept from job to job
+_one_at_a_time = threading.RLock()  # threads of a Dask worker share data between jobs
 
 
 @dataclass(frozen=True, slots=True)
 class Engine:
-    """Where jobs are worked at."""
+    """Workers of jobs."""
 
-    processes: int = 1  # of this machine; with one, everything happens in this process
+    processes: int = 1  # on this machine; 1: in this process
     dask: str | None = None  # address of a Dask scheduler; empty: a cluster of local workers; None: no Dask
 
 
 def engine_of(workers: Workers) -> Engine:
-    """Engine of a number of processes or a text: ``processes[:N]``, ``dask[:ADDRESS]``.
+    """Parse an engine from a number of processes or a text: ``processes[:N]``, ``dask[:ADDRESS]``.
 
-    Raises: ConfigError: none of these, or no process.
+    Raises: ConfigError: another text, or no process.
     """
     form = _FORM.fullmatch(str(workers).strip())
     if form is None:
@@ -68,12 +68,11 @@ def engine_of(workers: Workers) -> Engine:
 def each(
     function: Callable[..., T], jobs: Sequence[J], workers: Workers = 1, shared: tuple[Any, ...] = ()
 ) -> Generator[T | InsnavError]:
-    """Outcome of ``function(*shared, job)`` for every job, in their order, whoever works at them.
+    """Yield the outcome of ``function(*shared, job)`` for every job, in order, on any workers.
 
-    `function`: of a module, as it must be found there by the workers; `shared`: sent to each of them once.
-    Yields: what the function returned; an `InsnavError` if it raised, or its process died twice. Jobs that were under
-    way in a process that died, by lack of memory for one, are repeated one at a time: the one that dies again is to
-    blame.
+    `function`: of a module that the workers can import. `shared`: sent to each of them once.
+    Yields: results; an `InsnavError` if the function raised, or its process died twice. Jobs that were running in a
+    dying process, for example at lack of memory, are repeated one at a time, to find the cause.
     """
     engine = engine_of(workers)
     if engine.dask is None and (engine.processes == 1 or len(jobs) < 2):
@@ -119,7 +118,7 @@ def every(
     shared: tuple[Any, ...] = (),
     progress: Callable[[float], None] | None = None,
 ) -> Generator[T]:
-    """Result of every job as `each` has them; the first that fails is raised. `progress`: told the share done."""
+    """Yield the result of every job in order; raise the first error. `progress`: called with the completed share."""
     with closing(each(function, jobs, workers, shared)) as outcomes:
         for number, outcome in enumerate(outcomes, start=1):
             if isinstance(outcome, InsnavError):
@@ -130,12 +129,12 @@ def every(
 
 
 def share_of(progress: Callable[[float], None] | None, begin: float, part: float) -> Callable[[float], None] | None:
-    """Progress of a part of the work, which begins at the share `begin` of it."""
+    """Scale the progress of a part of the work that begins at share `begin`."""
     return None if progress is None else lambda done: progress(begin + part * done)
 
 
 def attempt(function: Callable[..., T], *arguments: Any) -> T | InsnavError:
-    """What a function returns, or the error it raises, without what was at work then."""
+    """Return the result of a function, or the error it raises, without its traceback."""
     try:
         with _one_at_a_time:
             return function(*arguments)
@@ -153,7 +152,7 @@ Pool = Callable[..., Generator[Any]]
 
 @contextmanager
 def _pool(engine: Engine, jobs: int, shared: tuple[Any, ...]) -> Iterator[Pool]:
-    """What works at jobs: called with a function, its first arguments and the jobs, yields results in order."""
+    """Provide the worker pool: called with a function, its first arguments and the jobs, yields results in order."""
     from joblib import Parallel, delayed, parallel_config
 
     def work(config: dict[str, Any], how: dict[str, Any], *call: Any, jobs: Iterator[Any]) -> Generator[Any]:
@@ -165,16 +164,16 @@ def _pool(engine: Engine, jobs: int, shared: tuple[Any, ...]) -> Iterator[Pool]:
                     yield result
             finally:
                 with warnings.catch_warnings():
-                    warnings.simplefilter("ignore")  # that some results will not be used: so it was meant
+                    warnings.simplefilter("ignore")  # unused results are intended
                     results.close()
 
     if engine.dask is None:
-        # what a process that is stopped leaves behind is removed by a process of loky, which gets these, without a word
+        # loky's cleanup process removes the remains of stopped processes, silently with this option
         sys.warnoptions += {_LEFT_BEHIND} - {*sys.warnoptions}
         config = {"backend": "loky", "inner_max_num_threads": 1, "n_jobs": min(engine.processes, jobs)}
         how = {"idle_worker_timeout": IDLE, "initializer": _serve, "initargs": (os.getpid(),)}
         with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message="A worker stopped")  # its jobs are given to another one
+            warnings.filterwarnings("ignore", message="A worker stopped")  # its jobs are given to another worker
             yield partial(work, config, how)
         return
     with _client(engine, jobs) as client:
@@ -182,13 +181,13 @@ def _pool(engine: Engine, jobs: int, shared: tuple[Any, ...]) -> Iterator[Pool]:
 
 
 def _serve(parent: int) -> None:
-    """Set up a worker: Ctrl-C is for the first process to decide about, and nobody works on when that is gone."""
+    """Set up a worker: only the first process handles Ctrl-C, and workers end with it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
 
 def dask_setup(worker: object) -> None:
-    """Set up a local Dask worker, whose name for this function is not ours."""
+    """Set up a local Dask worker; Dask prescribes the name of this function."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
@@ -213,7 +212,7 @@ def _need_dask() -> None:
 
 @contextmanager
 def _client(engine: Engine, jobs: int) -> Iterator[Any]:
-    """Client of the scheduler at an address, whose workers have this version of insnav; or of local workers."""
+    """Connect to the scheduler at an address with workers of this version, or to local workers."""
     dask: Any = import_module("dask")
     distributed: Any = import_module("distributed")
     with ExitStack() as stack:
@@ -223,17 +222,17 @@ def _client(engine: Engine, jobs: int) -> Iterator[Any]:
             client = stack.enter_context(_connected(distributed, engine.dask))
         else:
             how: dict[str, Any] = {"threads_per_worker": 1, "silence_logs": logging.CRITICAL}
-            how |= {"n_workers": min(engine.processes, jobs), "preload": __name__}  # `dask_setup` here
-            how |= {"host": _LOOPBACK, "dashboard_address": f"{_LOOPBACK}:0"}  # nothing for other machines
+            how |= {"n_workers": min(engine.processes, jobs), "preload": __name__}  # `dask_setup` of this module
+            how |= {"host": _LOOPBACK, "dashboard_address": f"{_LOOPBACK}:0"}  # not visible to other machines
             how |= {"worker_dashboard_address": f"{_LOOPBACK}:0"}
-            # the first death ends the calculation: the job is repeated from here
+            # the first death ends the calculation: this module repeats the job
             stack.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": 0}))
             client = stack.enter_context(distributed.Client(stack.enter_context(distributed.LocalCluster(**how))))
         try:
             yield client
         except (Exception, GeneratorExit):
             raise
-        except BaseException:  # somebody asks to stop: what is open is closed without being asked again
+        except BaseException:  # a stop request: close without further requests
             if threading.current_thread() is threading.main_thread():
                 _handle(dict.fromkeys(_STOPS, signal.SIG_IGN))
             raise
@@ -245,7 +244,7 @@ def _handle(handlers: dict[signal.Signals, Any]) -> None:
 
 
 def _connected(distributed: Any, address: str) -> Any:
-    """Client of a scheduler that has workers, all of this version of insnav."""
+    """Connect to a scheduler that has workers, all of this version of insnav."""
     where = f"--engine dask:{address}"
     try:
         client = distributed.Client(address, timeout=CONNECT)
@@ -265,14 +264,14 @@ def _version() -> str:
 
 
 def _dask_backend(client: Any, shared: tuple[Any, ...]) -> Any:
-    """Backend of joblib for a client, with what the jobs share as results that the cluster can make again."""
-    from joblib._dask import DaskDistributedBackend  # what its documentation names ``backend="dask"``
+    """Build joblib's backend for a client, with shared data as results that the cluster can recompute."""
+    from joblib._dask import DaskDistributedBackend  # documented as ``backend="dask"``
 
     class Backend(DaskDistributedBackend):  # type: ignore[misc]
-        """As it is, but it says when a worker died, for which joblib would wait for ever, and never works here."""
+        """Backend that reports dead workers, for which joblib would wait forever, and never works in this process."""
 
         def effective_n_jobs(self, n_jobs: int) -> int:
-            return max(2, int(super().effective_n_jobs(n_jobs)))  # with one joblib takes this process
+            return max(2, int(super().effective_n_jobs(n_jobs)))  # with one, joblib uses this process
 
         def submit(self, func: Any, callback: Any = None) -> Any:
             future = super().submit(func, callback)
@@ -286,7 +285,7 @@ def _dask_backend(client: Any, shared: tuple[Any, ...]) -> Any:
 
     backend = Backend(client=client)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # that it is large: it is sent once, and computed again where it is lost
+        warnings.simplefilter("ignore")  # large data: sent once, and recomputed if lost
         made = [client.submit(pickle.loads, pickle.dumps(each), pure=False) for each in shared]
     backend.data_futures = {id(each): future for each, future in zip(shared, made, strict=True)}
     return backend

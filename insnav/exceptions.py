@@ -1,7 +1,7 @@
-"""Every error insnav raises on purpose, as data: a code, a place and values, never a sentence.
+"""Intentional errors of insnav, as data: a code, a place and values, never a sentence.
 
-`insnav.messages` turns them into what went wrong, why, and what the user can do, once somebody reads them. The command
-line prints one block per error and ends with `exit_code`; nothing else in the package calls `sys.exit`.
+`insnav.messages` converts them to the fact, the evidence and advice when they are displayed. The command line prints
+one block per error and exits with `exit_code`; nothing else in the package calls `sys.exit`.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from insnav.findings import ErrorFacts
 
-NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # a disk, a quota or a file is full
-KEYWORDS = {"--out": "folder"}  # options whose keyword in Python has another name; `insnav.steps.inputs` adds its own
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # full disk, quota or file
+KEYWORDS = {"--out": "folder"}  # options whose Python keyword has another name; `insnav.steps.inputs` adds its own
 _COMMAND = re.compile(r"insnav (run|batch|check|align|compare|export|outage|budget|require|simulate|allan|tune) ")
 _OPTION = re.compile(r"--([a-z](?:[a-z-]*[a-z])?)\b")
 
 
 def as_keywords(text: str) -> str:
-    """Text for who calls from Python, and has keywords, not options; a line to copy into a shell stays as it is."""
+    """Replace options by Python keywords in a text; a shell command for copying stays unchanged."""
 
     def keyword(found: re.Match[str]) -> str:
         return KEYWORDS.get(found[0], found[1].replace("-", "_"))
@@ -31,18 +31,19 @@ def as_keywords(text: str) -> str:
 
 
 class InsnavError(Exception):
-    """Base of all errors insnav raises on purpose: a code and values, which `insnav.messages` puts into words.
+    """Base of all intentional errors of insnav: a code and values, which `insnav.messages` puts into words.
 
     Parameters
     ----------
     code : str
-        What went wrong: a code of the catalogue of errors, such as ``"unit.unknown"``.
+        Code of the error catalogue, such as ``"unit.unknown"``.
     where : str
         Place: ``file:row:column``, a configuration key, a time.
     gives : mapping, optional
-        Inputs by name, as of `insnav.load`, that the evidence says to give.
+        Inputs by name, for `insnav.load`, that the evidence suggests.
     **values
-        What the words hold: numbers in SI units and radians, names, tuples of these, and the cause: errors or findings.
+        Values in the message: numbers in SI units and radians, names, tuples of these, and the cause: errors or
+        findings.
     """
 
     exit_code = 70
@@ -56,17 +57,17 @@ class InsnavError(Exception):
 
     @property
     def what(self) -> str:
-        """What went wrong, understood without the rest."""
+        """Fact of the error, understandable without the rest."""
         return self._part("what")
 
     @property
     def why(self) -> str:
-        """The evidence, with numbers."""
+        """Evidence with numbers."""
         return self._part("why")
 
     @property
     def fix(self) -> str:
-        """What the user can do about it."""
+        """Advice to the user."""
         return self._part("fix")
 
     def _part(self, name: str) -> str:
@@ -76,7 +77,7 @@ class InsnavError(Exception):
 
     @property
     def reason(self) -> str:
-        """What went wrong and the evidence, in one line."""
+        """Fact and evidence in one line."""
         from insnav.messages import form
 
         return form("joint").join(part for part in (self.what, self.why) if part)
@@ -95,18 +96,18 @@ class InsnavError(Exception):
 
     @property
     def facts(self) -> ErrorFacts:
-        """The error as a value of a finding or of another error."""
+        """Error as a value of a finding or of another error."""
         from insnav.findings import ErrorFacts
 
         return ErrorFacts.from_dict({"code": self.code, "where": self.where, "values": self.values})
 
     def as_dict(self) -> dict[str, Any]:
-        """Give the error in a form ready for JSON."""
+        """Convert the error for JSON."""
         return {"kind": type(self).__name__} | self.facts.as_dict()
 
     @staticmethod
     def from_dict(facts: Mapping[str, Any]) -> InsnavError:
-        """Take an error back from JSON."""
+        """Restore an error from JSON."""
         from insnav.findings import ErrorFacts
 
         kinds: tuple[type[InsnavError], ...] = (InsnavError, *InsnavError.__subclasses__())
@@ -115,44 +116,44 @@ class InsnavError(Exception):
 
 
 class ConfigError(InsnavError):
-    """An option or a configuration file that cannot be meant as written."""
+    """Invalid option or configuration file."""
 
     exit_code = 2
 
 
 class InputError(InsnavError):
-    """A data file that cannot be used."""
+    """Unusable data file."""
 
     exit_code = 3
 
 
 class AlignmentError(InsnavError):
-    """The data do not determine an initial attitude."""
+    """Data that do not determine an initial attitude."""
 
     exit_code = 3
 
 
 class DivergenceError(InsnavError):
-    """The data make the filter lose consistency, so that it cannot go on."""
+    """Data that make the filter inconsistent, so that it cannot continue."""
 
     exit_code = 3
 
 
 class CheckError(InsnavError):
-    """A result that is complete, but not to be used, or not as good as asked for."""
+    """Complete but unusable result, or a result below requirements."""
 
     exit_code = 1
 
 
 class OutputError(InsnavError):
-    """A result that cannot be written."""
+    """Result that cannot be written."""
 
     exit_code = 4
 
 
 @contextmanager
 def writing(code: str, where: object, **values: Any) -> Iterator[None]:
-    """Raise what the operating system refuses inside as an `OutputError`; `where`: file or folder."""
+    """Convert operating system errors inside to an `OutputError`. `where`: file or folder."""
     try:
         yield
     except OSError as error:
@@ -160,5 +161,5 @@ def writing(code: str, where: object, **values: Any) -> Iterator[None]:
 
 
 def reason_of(error: BaseException) -> str:
-    """Say what the operating system or a library reports, for the value ``reason`` of an error."""
+    """Return the report of the operating system or a library, for the value ``reason`` of an error."""
     return (getattr(error, "strerror", None) or str(error)).rstrip(".")

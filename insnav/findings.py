@@ -1,4 +1,4 @@
-"""What insnav detects, as data: a code and numbers, never a sentence.
+"""Findings of insnav, as data: a code and numbers, never a sentence.
 
 `insnav.messages` turns a finding into words. Nothing else in the package may depend on those words.
 """
@@ -16,39 +16,39 @@ from insnav.catalogues import catalogue
 
 @dataclass(frozen=True, slots=True)
 class ErrorFacts:
-    """An error as a value of a finding or of another error: see `insnav.exceptions.InsnavError`."""
+    """Error as a value of a finding or of another error: see `insnav.exceptions.InsnavError`."""
 
     code: str
     where: str
     values: tuple[tuple[str, Any], ...]
 
     def as_dict(self) -> dict[str, Any]:
-        """Give the error in a form ready for JSON; a number that is not finite is None."""
+        """Convert the error for JSON; a number that is not finite is None."""
         values = {name: _json_ready(each) for name, each in self.values}
         return {"code": self.code, "where": self.where, "values": values}
 
     @classmethod
     def from_dict(cls, facts: Mapping[str, Any]) -> Self:
-        """Take an error back from JSON."""
+        """Restore an error from JSON."""
         return cls(facts["code"], facts["where"], tuple((name, _plain(each)) for name, each in facts["values"].items()))
 
 
-# A number or numbers in SI units and radians, a count, a name that stands in no language: of a column, option, unit; or
-# the error that is the cause
+# Number or numbers in SI units and radians, a count, a language-independent name (column, option, unit), or the error
+# that is the cause
 Value: TypeAlias = float | int | str | tuple[float, ...] | tuple[str, ...] | ErrorFacts
 
 
 class Severity(IntEnum):
-    """How much a finding matters, in rising order."""
+    """Severity of a finding, in rising order."""
 
-    NOTE = 0  # detected, and dealt with
-    ASSUMPTION = 1  # taken for granted: neither the user nor the data said so
-    WARNING = 2  # makes the result worse than it states, or may
+    NOTE = 0  # detected, and handled
+    ASSUMPTION = 1  # assumed: specified neither by the user nor by the data
+    WARNING = 2  # makes the result worse than stated, or may do so
     UNUSABLE = 3  # the result must not be used
 
 
 class _AnyName(EnumType):
-    """Lets a type checker take any name for a member; a test looks for those that are none."""
+    """Enum type that lets a type checker accept any member name; a test finds unknown names."""
 
     if TYPE_CHECKING:
 
@@ -56,12 +56,12 @@ class _AnyName(EnumType):
 
 
 class _Coded(StrEnum, metaclass=_AnyName):
-    """Code of a finding with its usual severity."""
+    """Code of a finding with its default severity."""
 
     severity: Severity
 
     def __new__(cls, code: str, severity: str = "note") -> Self:
-        """Make a member of its name in files and its usual severity."""
+        """Make a member from its name in files and its default severity."""
         member = str.__new__(cls, code)
         member._value_ = code
         member.severity = Severity[severity.upper()]
@@ -71,10 +71,10 @@ class _Coded(StrEnum, metaclass=_AnyName):
 if TYPE_CHECKING:
 
     class Code(_Coded):
-        """Everything that insnav can detect: one member for each entry of ``insnav/messages/en.toml``."""
+        """Codes of everything that insnav can detect: one member per entry of ``insnav/messages/en.toml``."""
 
 else:
-    # ``gps.frozen`` is `Code.GPS_FROZEN`; the part before the first dot says where it is detected
+    # ``gps.frozen`` is `Code.GPS_FROZEN`; the part before the first dot is the origin
     Code = _Coded(
         "Code",
         {
@@ -91,13 +91,13 @@ def of_families(*families: str) -> frozenset[Code]:
     return frozenset(code for code in Code if code.partition(".")[0] in families)
 
 
-# Changes of the IMU, and of the delay: an IMU in other axes looks like one.
+# Changes of the IMU and of the delay: wrong IMU axes resemble them.
 OF_THE_IMU = of_families("change")
-# Fixes and IMU disagree, whichever is wrong.
+# Fixes and IMU disagree, with unknown cause.
 CONTRADICTIONS = of_families("change", "given", "noise", "record")
-# Fixes that a receiver or logger repeats or makes up.
+# Fixes that a receiver or logger repeats or extrapolates.
 NOT_MEASURED = frozenset({Code.GPS_FROZEN, Code.GPS_FROZEN_VELOCITY, Code.GPS_EXTRAPOLATED})
-# Time-correlated errors of positions, from whatever source.
+# Time-correlated errors of positions, of any origin.
 CORRELATED_POSITIONS = frozenset(
     {
         Code.GPS_CORRELATED_REPORTED,
@@ -111,36 +111,36 @@ CORRELATED_POSITIONS = frozenset(
 ASSUMED_POSITION_SD = frozenset(
     {Code.GPS_POSITION_SD_SCATTER, Code.GPS_POSITION_SD_FIX_TYPE, Code.GPS_POSITION_SD_STAND_ALONE}
 )
-# What insnav corrected in clocks and velocities; the short form of a run names these.
+# Corrections of clocks and velocities; the short form of a run lists these.
 CORRECTIONS = frozenset({Code.GPS_VELOCITY_LAG, Code.IMU_CLOCK_RATE})
 # How an IMU error specification was chosen.
 MODEL_CHOICES = of_families("imu_model") - {Code.IMU_MODEL_KEPT}
-# What a result says of its data and of a whole run: no event in it.
+# Findings on the data and the whole run, never events.
 OF_RESULTS = of_families("files", "imu_model", "run")
-# Single rows and fixes: ``events.csv`` lists them, and pages have what follows from them.
+# Findings on single rows and fixes: ``events.csv`` lists them, pages show their consequences.
 SINGLE = of_families("deweighted", "gate", "rows") | {Code.IMU_SPIKE, Code.GPS_OUTSIDE, Code.FILTER_REPAIR}
-# One warning of a run sums up all of a code.
+# One warning of a run summarises all findings of such a code.
 _LOST = frozenset({Code.IMU_SATURATED, Code.IMU_LIMITED, Code.IMU_STUCK, Code.IMU_FROZEN, Code.ROWS_GAP})
 SUMMED = _LOST | {Code.FILTER_RESET, Code.FILTER_DIVERGED}
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that insnav detected.
+    """Detected fact.
 
     Attributes
     ----------
     code : Code
-        What it is.
+        Code of the finding.
     severity : Severity
-        How much it matters; by default as usual for its code.
+        Severity; by default the default of its code.
     begin, end : float
-        When it begins and ends, in the time of the data [s]; ``NaN`` if it has no time. A moment has the same twice.
+        Begin and end in the time of the data [s]; ``NaN`` without time. Equal for an instant.
     values : tuple of (str, Value)
         Named numbers, most important first: SI units and radians, the unit at the end of the name (``delay_s``). A
-        number that decided has its limit beside it, named ``limit`` with the same unit (``limit_s``).
+        decisive number is followed by its limit, named ``limit`` with the same unit (``limit_s``).
     subject : str
-        What it is about, by a name that stands in no language: ``imu``, ``gps``, ``gyro x``, a column, a file.
+        Subject by a language-independent name: ``imu``, ``gps``, ``gyro x``, a column, a file.
     """
 
     code: Code
@@ -152,7 +152,7 @@ class Finding:
 
     def __post_init__(self) -> None:
         for name in ("begin", "end"):
-            if math.isnan(getattr(self, name)):  # one object, so that findings without a time compare equal
+            if math.isnan(getattr(self, name)):  # a single NaN object, so that findings without a time compare equal
                 object.__setattr__(self, name, math.nan)
 
     @classmethod
@@ -166,7 +166,7 @@ class Finding:
         severity: Severity | None = None,
         **values: Value,
     ) -> Self:
-        """Make a finding: one moment if `end` is not given, the usual severity of its code unless that is given."""
+        """Make a finding: an instant without `end`, with the default severity of its code unless specified."""
         return cls(
             code,
             code.severity if severity is None else severity,
@@ -177,7 +177,7 @@ class Finding:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """Give the finding in a form ready for JSON; a number that is not finite is None."""
+        """Convert the finding for JSON; a number that is not finite is None."""
         values = {name: _json_ready(value) for name, value in self.values}
         times = {"from_s": self.begin, "to_s": self.end} if self.timed else {}
         return {
@@ -190,7 +190,7 @@ class Finding:
 
     @classmethod
     def from_dict(cls, facts: Mapping[str, Any] | str) -> Self:
-        """Take a finding back from JSON; a code that this version does not know, or a text of 0.2, is a stored text."""
+        """Restore a finding from JSON; an unknown code, or a text of 0.2, becomes a stored text."""
         if isinstance(facts, str):
             return cls.of(Code.STORED_TEXT, text=facts)
         code, severity = str(facts["code"]), str(facts.get("severity", "warning")).upper()
@@ -207,64 +207,64 @@ class Finding:
         )
 
     def __getitem__(self, name: str) -> Any:
-        """Give one of its values by its name."""
+        """Return a value by name."""
         for key, value in self.values:
             if key == name:
                 return value
         raise KeyError(f"{self.code} has no {name}")
 
     def get(self, name: str, otherwise: Any = None) -> Any:
-        """Give one of its values, or `otherwise` if it has none of this name."""
+        """Return a value by name, or `otherwise` if absent."""
         return next((value for key, value in self.values if key == name), otherwise)
 
     @property
     def value(self) -> float:
-        """The number that decided: the first of its values; ``NaN`` if there is none."""
+        """Decisive number: the first value; ``NaN`` without values."""
         return self.measured[1]
 
     @property
     def measured(self) -> tuple[str, float]:
-        """The name of that number, with its unit, and the number; ``""`` and ``NaN`` if there is none."""
+        """Name of this number, with its unit, and the number; ``""`` and ``NaN`` without values."""
         return next(((name, float(value)) for name, value in self._numbers() if name[:5] != "limit"), ("", math.nan))
 
     @property
     def limit(self) -> float:
-        """What that number was compared with; ``NaN`` if there is none."""
+        """Limit of this number; ``NaN`` without one."""
         return next((float(value) for name, value in self._numbers() if name.startswith("limit")), math.nan)
 
     def _numbers(self) -> Iterator[tuple[str, float]]:
         return ((name, value) for name, value in self.values if isinstance(value, int | float))
 
     def later(self, offset: float) -> Finding:
-        """Give the same finding on a clock that is ahead by `offset` [s]."""
+        """Return the finding on a clock ahead by `offset` [s]."""
         return replace(self, begin=self.begin + offset, end=self.end + offset) if self.timed else self
 
     @property
     def timed(self) -> bool:
-        """Whether it happened at a time of the data."""
+        """True if the finding has a time."""
         return not math.isnan(self.begin)
 
 
 def added(before: Iterable[Finding], after: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Return what was detected since."""
+    """Return the findings in `after` that are not in `before`."""
     known = {*before}
     return tuple(finding for finding in after if finding not in known)
 
 
 def of_code(findings: Iterable[Finding], *codes: Code) -> Iterator[Finding]:
-    """Choose the findings that have one of some codes."""
+    """Yield the findings with one of some codes."""
     return (each for each in findings if each.code in codes)
 
 
 def is_shown(finding: Finding) -> bool:
-    """Whether a page shows a finding; ``events.csv`` has the others, one a row."""
-    # version 0.2 wrote a text beside each event
+    """Return whether a page shows a finding; ``events.csv`` lists the others."""
+    # version 0.2 stored a text with each event
     single = finding.code in SINGLE or finding.get("text") is not None
     return finding.code not in SUMMED and not (finding.timed and single and finding.severity is Severity.NOTE)
 
 
 def by_time(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Sort findings by time; those without any come first, in their order."""
+    """Sort findings by time; findings without time come first, in their order."""
     return tuple(sorted(findings, key=lambda each: each.begin if each.timed else -math.inf))
 
 
@@ -277,7 +277,7 @@ def _json_ready(value: Any) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    """Turn numbers and arrays of numpy into those of Python, which can be hashed, and errors into facts."""
+    """Convert numpy numbers and arrays to Python types, which are hashable, and errors to facts."""
     if isinstance(value, str | bool | ErrorFacts):
         return value
     if isinstance(value, Mapping) and "code" in value:

@@ -1,8 +1,8 @@
-"""The north-pointing gimballed platform: from specific force along its axes to velocity, position and torquing rates.
+"""North-pointing gimballed platform: velocity, position and torquing rates from specific force along its axes.
 
-The platform is kept level and to the north by torquing its gyros at the rate at which North, East, Down turn against
-inertial space, as computed. Its accelerometers so measure along North, East, Down, and nothing needs to be rotated; an
-error of its axes, however, comes back as an error of velocity and position, which is how it swings (Schuler).
+Torquing its gyros at the computed rate of North, East, Down in inertial space keeps the platform level and
+north-pointing. Its accelerometers thus measure along North, East, Down, without any rotation of vectors. An error of
+its axes causes an error of velocity and position, which feeds back to the axes: the Schuler oscillation.
 """
 
 from __future__ import annotations
@@ -25,35 +25,34 @@ INTEGRATORS: tuple[Integrator, ...] = get_args(Integrator)
 _METHOD = {name: getattr(_kernel, name.upper()) for name in INTEGRATORS}
 _VERTICAL = {name: getattr(_kernel, name.upper()) for name in get_args(Vertical)}
 DAMPING_TIME = 100.0  # time constant of the damped vertical channel [s]
-MAX_TILT = np.radians(10.0)  # a platform farther off points nowhere
+MAX_TILT = np.radians(10.0)  # a platform with a larger tilt is unusable
 
 
 @dataclass(frozen=True, slots=True)
 class PlatformErrors:
-    """What a platform and its sensors do wrong, along North, East, Down."""
+    """Errors of a platform and its sensors, along North, East, Down."""
 
-    # (3,) turn of the platform's axes at the start, from the true North, East, Down to them [rad]
+    # (3,) initial rotation from the true North, East, Down to the platform's axes [rad]
     tilt: FloatArray = field(default_factory=lambda: np.zeros(3))
-    # (3,) rate at which it turns beyond its command [rad/s]. A gyro that shows a rate too large by b makes the servo
-    # turn the platform by -b.
+    # (3,) rotation rate in addition to the command [rad/s]. A gyro bias of b makes the servo rotate the platform by -b.
     drift: FloatArray = field(default_factory=lambda: np.zeros(3))
-    bias: FloatArray = field(default_factory=lambda: np.zeros(3))  # (3,) what its accelerometers show too much [m/s^2]
+    bias: FloatArray = field(default_factory=lambda: np.zeros(3))  # (3,) accelerometer bias [m/s^2]
 
     @property
     def any(self) -> bool:
-        """Whether anything is wrong at all."""
+        """Return whether any error is nonzero."""
         return bool(np.any(self.tilt) or np.any(self.drift) or np.any(self.bias))
 
 
 @dataclass(frozen=True, slots=True)
 class PlatformRun:
-    """What a platform computes."""
+    """Result of a platform integration."""
 
     integrator: Integrator
     vertical: Vertical
-    solution: Trajectory  # position and velocity; the attitude of the vehicle is not known
-    undisturbed: Trajectory  # the same without the platform's errors; `solution` itself if there are none
-    tilt: FloatArray  # (n, 3) turn of the platform's axes from the true North, East, Down to them [rad]
+    solution: Trajectory  # position and velocity; the vehicle attitude is unknown
+    undisturbed: Trajectory  # without the platform's errors; `solution` itself if they are zero
+    tilt: FloatArray  # (n, 3) rotation from the true North, East, Down to the platform's axes [rad]
 
 
 def navigate_platform(
@@ -71,32 +70,32 @@ def navigate_platform(
 ) -> PlatformRun:
     """Integrate the specific force measured on a north-pointing platform.
 
-    `time` (n,): of the samples [s], strictly increasing; each step has its own length; `f_n` (n, 3): specific force
-    North, East, Down at these instants [m/s^2]. With the vertical channel off Down may be ``NaN`` throughout: gravity
-    at the start then stands for it; `lla`, `v_n` (3,): latitude, longitude [rad], height [m]; velocity North, East,
-    Down [m/s] at the first time.
+    `time` (n,): of the samples [s], strictly increasing; each step has its own length. `f_n` (n, 3): specific force
+    North, East, Down at these instants [m/s^2]. Without vertical channel Down may be ``NaN`` throughout: initial
+    gravity replaces it. `lla`, `v_n` (3,): initial latitude, longitude [rad], height [m] and velocity North, East, Down
+    [m/s].
 
-    `integrator`: ``forward`` takes the rates of the state as they are at the start of each step (Euler), ``backward``
-    as they are at its end, ``mean`` the mean of both, ``fourth`` is the classical Runge-Kutta method of fourth order.
-    It needs the specific force half-way: a polynomial through the six samples around it gives that.
+    `integrator`: ``forward`` uses the rates at the start of each step (Euler), ``backward`` the rates at its end,
+    ``mean`` the mean of both. ``fourth`` is the classical fourth-order Runge-Kutta method. It needs the specific force
+    half-way, from a polynomial through the six nearest samples.
 
-    `vertical`: ``off``: height as at the start, no vertical velocity. ``free``: integrated like the others, its error
-    with an e-folding time of 570 s. ``damped``: drawn to `height` (n,) [m] by a loop of third order with three equal
-    time constants of `DAMPING_TIME`, ``k1 = 3/T, k2 = 3/T^2 + 2 g/R, k3 = 1/T^3``.
+    `vertical`: ``off``: constant height, no vertical velocity. ``free``: integrated like the others, unstable with an
+    e-folding time of 570 s. ``damped``: controlled to `height` (n,) [m] by a third-order loop with three equal time
+    constants of `DAMPING_TIME`, ``k1 = 3/T, k2 = 3/T^2 + 2 g/R, k3 = 1/T^3``.
 
-    `errors`: what the platform does wrong. The samples then are those of a platform without these errors; `gravity`: of
-    this size everywhere, straight down [m/s^2]; by default normal gravity, which above the ellipsoid has a part to the
-    north (7 m in ten minutes at a height of 5 km); `every`: return every so-manieth sample, beginning with the first.
+    `errors`: of the platform; the samples are without platform errors. `gravity`: constant magnitude, straight down
+    [m/s^2]. By default normal gravity, which has a north component above the ellipsoid (7 m in ten minutes at a height
+    of 5 km). `every`: decimation of the returned samples, from the first on.
 
-    Raises: ConfigError: the start is within 6 km of a pole, there is no height to damp with or one too many, a vertical
-    velocity without a vertical channel, or a tilt beyond 10 deg; InputError: too few samples, times that do not
-    increase, or values that are no numbers; DivergenceError: the solution left the Earth, came within 6 km of a pole,
-    where there is no north to point to, or the free vertical channel ran away.
+    Raises: ConfigError: the start is within 6 km of a pole, a missing or unnecessary damping height, a vertical
+    velocity without a vertical channel, or a tilt beyond 10 deg. InputError: too few samples, times that do not
+    increase, or NaN values. DivergenceError: the solution left the Earth, came within 6 km of a pole, or the free
+    vertical channel diverged.
 
     Notes
     -----
-    A fourth-order method could step over two samples instead, and use the one between as the middle. With the
-    polynomial it is measured to be 16 times better on smooth motion, gives every sample, and takes uneven steps.
+    A fourth-order method could also step over two samples, with the one between as the middle. The polynomial is 16
+    times more accurate on smooth motion in tests, gives every sample, and accepts uneven steps.
 
     References
     ----------
@@ -142,7 +141,7 @@ def navigate_platform(
 
 
 def torquing_rates(solution: Trajectory) -> FloatArray:
-    """Rates at which the gyros of a north-pointing platform are torqued: Earth rate plus transport rate.
+    """Compute the torquing rates of a north-pointing platform's gyros: Earth rate plus transport rate.
 
     Returns: (n, 3): about North, East, Down [rad/s]: ``W cos L + vE / (Rx + h)``, ``-vN / (Ry + h)`` and
     ``-(W sin L + vE tan L / (Rx + h))`` (Groves 2013, eq. 2.123, 5.44).
@@ -152,10 +151,10 @@ def torquing_rates(solution: Trajectory) -> FloatArray:
 
 
 def damping_gains(lla: FloatArray) -> FloatArray:
-    """Gains of the damped vertical channel at a place ``(3,)``: latitude [rad], longitude, height [m].
+    """Compute the gains of the damped vertical channel at a place ``(3,)``: latitude [rad], longitude, height [m].
 
-    Returns: (3,): ``k1`` [1/s], ``k2`` [1/s^2], ``k3`` [1/s^3]: the errors of height, vertical velocity and
-    acceleration obey ``s^3 + k1 s^2 + (k2 - 2 g/R) s + k3 = 0``, which they make ``(s + 1/T)^3``.
+    Returns: (3,): ``k1`` [1/s], ``k2`` [1/s^2], ``k3`` [1/s^3]. The errors of height, vertical velocity and
+    acceleration obey ``s^3 + k1 s^2 + (k2 - 2 g/R) s + k3 = 0``, equal to ``(s + 1/T)^3``.
     """
     rate = 1.0 / DAMPING_TIME
     mean = float(np.sqrt(np.prod(radii(lla[0]))))
@@ -163,10 +162,10 @@ def damping_gains(lla: FloatArray) -> FloatArray:
 
 
 def integral(time: FloatArray, values: FloatArray, integrator: Integrator) -> FloatArray:
-    """Integrate a sampled function by the rule that an integrator of the platform comes down to.
+    """Integrate a sampled function by the quadrature rule of a platform integrator.
 
-    `time`, `values` (n,): times [s] and values there; `integrator`: rectangle with the height at its start or its end,
-    trapezoid, Simpson's rule with the polynomial's middle.
+    `time`, `values` (n,): times [s] and values. `integrator`: rectangle rule with the initial or final value, trapezoid
+    rule, Simpson's rule with the polynomial's middle.
     Returns: (n,): integral from the first time on.
     """
     time = np.ascontiguousarray(time, dtype=float)
@@ -204,7 +203,7 @@ def _refuse_samples(time: FloatArray, samples: FloatArray) -> None:
 
 
 def _left(time: float, y: FloatArray, vertical: Vertical, disturbed: bool) -> DivergenceError:
-    """Say where the solution stopped to make sense."""
+    """Build the error for a solution outside its validity."""
     where = f"t = {time:.3f} s"
     for first in (0, _kernel.COMPUTED):
         if not abs(y[first + 2]) < _kernel.HIGHEST:
@@ -213,7 +212,7 @@ def _left(time: float, y: FloatArray, vertical: Vertical, disturbed: bool) -> Di
                 where=where,
                 height_m=float(y[first + 2]),
             )
-    # the state that is farther north or south is the one that stopped
+    # the state farther north or south caused the stop
     lat = max((y[0], y[_kernel.COMPUTED]) if disturbed else (y[0],), key=abs)
     return DivergenceError(
         "platform.near_pole_with_errors" if disturbed else "platform.near_pole", where=where, lat_rad=float(lat)

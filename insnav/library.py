@@ -1,4 +1,4 @@
-"""Where the profiles and the sample drive are that come with insnav."""
+"""Location of the included profiles and sample drive."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ SAMPLE = ("imu.csv.gz", "gps.csv", "ref.csv")
 
 
 def library(folder: Path | None = None) -> list[Path]:
-    """Motion profiles of the library, or of another folder, in alphabetical order; none if it is not here."""
+    """List motion profiles of the library, or of another folder, alphabetically; empty without a library."""
     found = _folder() if folder is None else folder
     return sorted(path for path in found.glob("*.toml") if path.stem != "corpus")
 
 
 def sample_drive() -> list[Path]:
-    """IMU, GPS and reference file of the sample drive.
+    """Return the IMU, GPS and reference file of the sample drive.
 
-    Raises: InputError: they are not here.
+    Raises: InputError: they are not present.
     """
     files = [_folder() / "sample" / name for name in SAMPLE]
     absent = [str(file) for file in files if not file.is_file()]
@@ -29,7 +29,7 @@ def sample_drive() -> list[Path]:
 
 
 def _folder() -> Path:
-    """Beside the package where it is developed, inside it where it was installed."""
+    """Return the library folder: next to the package in development, inside it after installation."""
     package = Path(__file__).parent
     beside = package.parent / FOLDER
     return beside if any(beside.glob("*.toml")) else package / FOLDER

@@ -1,4 +1,4 @@
-"""What is being done, how far it is and how long it takes: named by who works, shown by the command or the notebook."""
+"""Progress of the work: stage, fraction and remaining time, announced by the work, displayed by its caller."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from insnav.messages import phrase, word
 
 P = ParamSpec("P")
 T = TypeVar("T")
-DELAY, REDRAWN = 1.0, 0.2  # before a line is shown first, and from then on [s]
-_shown: list[Stages] = []  # the last one shows what is announced
+DELAY, REDRAWN = 1.0, 0.2  # before the first display, and between displays [s]
+_shown: list[Stages] = []  # the last one displays announcements
 
 
 def announce(name: str) -> None:
-    """Name the stage of the work that begins, for whoever shows it; nobody need."""
+    """Announce the next stage of the work to the display, if any."""
     for stage in _shown[-1:]:
         stage(name)
 
 
 class Stages:
-    """Names what is being done, in a line that is handed to `show` after each of `waits` [s], and empty in the end.
+    """Stages of the work, as a line passed to `show` after each of `waits` [s], and empty at the end.
 
-    Use it as a context manager. Call it with a name at the start of each stage, and with `fraction` where the stage
-    knows how far it is.
+    Use it as a context manager. Call it with a name at the start of each stage, and with `fraction` if the stage knows
+    its progress.
     """
 
     def __init__(self, show: Callable[[str], object], waits: Iterable[float]) -> None:
@@ -63,7 +63,7 @@ class Stages:
                 self._wait()
 
     def __call__(self, name: str, fraction: float | None = None, total: int = 0) -> None:
-        """Begin a stage, or say how far it is, of so many in all."""
+        """Begin a stage, or report its fraction, optionally with the total count."""
         with self._lock:
             if name != self._name or (fraction is not None and self._reports and fraction < self._reports[-1][1]):
                 self._reports = []
@@ -71,20 +71,20 @@ class Stages:
             self._reports += [] if fraction is None else [(time.monotonic(), fraction)]
 
     def advance(self, fraction: float) -> None:
-        """Say how far the stage is."""
+        """Report the fraction of the stage."""
         self(self._name, fraction, self._total)
 
     def line(self) -> str:
-        """Say what is being done and since when; how far it is and how long it still takes, where that is known."""
+        """Compose stage and elapsed time, with fraction and remaining time if known."""
         now, share = time.monotonic(), self._reports[-1][1] if self._reports else math.nan
         count = f" {round(share * self._total)}/{self._total}" if self._total and self._reports else ""
         how = {"share": share, "time_s": now - self._begin, "left_s": self._left(now)}
         return phrase("terminal.so_far", stage=word(self._name) + count, **how)
 
     def _left(self, now: float) -> float:
-        """Time that the rest takes at the speed of the latter half of the stage [s]; NaN without two reports of it.
+        """Estimate the remaining time from the speed in the later half of the stage [s]; NaN before two reports.
 
-        The speed of the whole would promise too little where the quick part comes first.
+        The mean speed would be too optimistic after a fast beginning.
         """
         if not self._reports:
             return math.nan
@@ -95,7 +95,7 @@ class Stages:
 
 
 def in_notebook(method: Callable[P, T]) -> Callable[P, T]:
-    """Show the progress of a method that takes `progress`, where a notebook calls it without."""
+    """Display the progress of a method with a `progress` argument, if a notebook calls it without."""
 
     @functools.wraps(method)
     def shown(*args: P.args, **kwargs: P.kwargs) -> T:

@@ -1,4 +1,4 @@
-"""One figure of a result: its value, unit, uncertainty and meaning, said once for text, page and JSON."""
+"""Figure of a result: value, unit, uncertainty and meaning, defined once for text, page and JSON."""
 
 from __future__ import annotations
 
@@ -18,39 +18,39 @@ Value: TypeAlias = "_One | Mapping[str, _One]"
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """One figure of a result."""
+    """Figure of a result."""
 
-    key: str  # name in JSON without its unit, such as ``gyro_bias``; the unit is put behind it
-    # in SI; None where it is not known. A mapping holds several figures of the same thing, such as ``rms`` and ``max``;
-    # each is a column of a table.
+    key: str  # name in JSON without its unit, such as ``gyro_bias``; the unit is appended
+    # in SI; None if unknown. A mapping has several figures of the same thing, such as ``rms`` and ``max``; each is a
+    # table column.
     value: Value
-    # what it is shown in: a unit of `insnav.units`, one that has no factor to SI (``V/(deg/s)``), or none
+    # display unit: of `insnav.units`, another without factor to SI (``V/(deg/s)``), or none
     unit: str = ""
     sd: Value = None  # one standard deviation, in SI
     interval: tuple[float, float] | None = None  # 95 % interval, in SI
     meaning: str = ""  # label in text; the key in words if empty
-    digits: int = 3  # significant digits in text, where no `sd` says how many are worth showing
-    mark: str = ""  # put behind the value in text: ``!`` where it exceeds a limit
-    # decimals in text instead, for what is counted from an arbitrary zero: times, latitudes
+    digits: int = 3  # significant digits in text, unless `sd` determines them
+    mark: str = ""  # appended to the value in text: ``!`` if it exceeds a limit
+    # fixed decimals in text, for values from an arbitrary zero: times, latitudes
     decimals: int | None = None
 
     @property
     def label(self) -> str:
-        """Its name in words, without the unit."""
+        """Name in words, without the unit."""
         return self.meaning or self.key.replace("_", " ")
 
     @property
     def shown_unit(self) -> str:
-        """The unit as it is read: ``deg/√h``."""
+        """Unit in readable form: ``deg/√h``."""
         return shown_unit(self.unit)
 
     def scaled(self, value: Value) -> Any:
-        """Bring a value from SI to the unit shown; texts, flags and None stay what they are."""
+        """Convert a value from SI to the display unit; texts, flags and None stay unchanged."""
         factor = _factor(self.unit)
         return value if factor == 1.0 else _mapped(value, lambda each: each / factor)
 
     def facts(self) -> dict[str, Any]:
-        """Give value, standard deviation and interval for JSON, the unit in every key.
+        """Convert value, standard deviation and interval for JSON, with the unit in every key.
 
         Examples
         --------
@@ -67,7 +67,7 @@ class Quantity:
 
 
 def key_suffix(unit: str) -> str:
-    """Unit as the end of a key: ``_deg_sqrt_h`` for ``deg/sqrt(h)``, nothing where there is none."""
+    """Convert a unit to a key ending: ``_deg_sqrt_h`` for ``deg/sqrt(h)``, empty without unit."""
     words = re.sub(r"[^0-9A-Za-z]+", "_", unit.replace("^", "").replace("%", "percent")).strip("_")
     return f"_{words.lower() if words not in ('V', 'mV', 'K') else words}" if words and words != "1" else ""
 
@@ -76,7 +76,7 @@ _SUFFIXES = {key_suffix(unit): unit for unit in UNITS}
 
 
 def quantity_of(key: str, value: Any) -> Quantity:
-    """Make a quantity of a key with its unit in it, such as ``gyro_bias_deg_h``, and its value in that unit.
+    """Build a quantity from a key with its unit, such as ``gyro_bias_deg_h``, and its value in that unit.
 
     Examples
     --------

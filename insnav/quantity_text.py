@@ -1,4 +1,4 @@
-"""The parser of quantities with a unit, such as ``"0.1 deg/h"``."""
+"""Parser of quantities with a unit, such as ``"0.1 deg/h"``."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ _QUANTITY = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*
 
 
 def parse_quantity(text: str, dimension: str, *, where: str = "") -> float:
-    """Number in SI and radians of a text with a unit.
+    """Convert a text with a unit to a number in SI and radians.
 
-    `text`: such as ``"0.1 deg/h"``; the unit is obligatory; `dimension`: what it must be: ``"rate"``,
-    ``"acceleration"``, ``"angle random walk"``, …; `where`: place to name in the error.
+    `text`: such as ``"0.1 deg/h"``; the unit is required. `dimension`: required dimension: ``"rate"``,
+    ``"acceleration"``, ``"angle random walk"``, …. `where`: location named in the error.
     Raises: ConfigError: no unit, an unknown unit, a unit of another dimension, or a number that is not finite.
 
     Examples

@@ -1,7 +1,7 @@
-"""What a command or a method of `insnav.session.drive.Drive` found: one class for all of them.
+"""Results of commands and of the methods of `insnav.session.drive.Drive`: one class for all.
 
-A result holds what was found, what it was found from and how. Its page, tables and figures are those of the room of
-its kind, ``insnav.report.<kind>``, which is imported only when it is asked for.
+A result contains the outcome, its inputs and its options. ``insnav.report.<kind>`` provides its page, tables and
+figures, and is imported on use.
 """
 
 from __future__ import annotations
@@ -26,41 +26,41 @@ if TYPE_CHECKING:
     from insnav.report.page import Page
 
 F = TypeVar("F")
-# by name: rooms of results know results, which show themselves late
+# by name: reports import results, so results import reports late
 _save, _html, _run = (library(f"insnav.report.{name}") for name in ("save", "html", "run.page"))
 
 
 @dataclass(frozen=True, slots=True)
 class StepRecord:
-    """A step of the way from a recording to a result; see `insnav.steps`."""
+    """Step from a recording to a result; see `insnav.steps`."""
 
     name: str
-    findings: tuple[Finding, ...]  # what it detected
+    findings: tuple[Finding, ...]  # its findings
     time_s: float  # computing time, wall clock [s]
 
 
 @dataclass(frozen=True)
 class Result(Generic[F]):
-    """What was found, from which data, with which options.
+    """Result with its data and options.
 
     Attributes
     ----------
     kind : str
-        Which room of `insnav.report` shows it: ``run``, ``outage``, ``budget``, …
+        Name of its report in `insnav.report`: ``run``, ``outage``, ``budget``, …
     found : object
-        The result itself, such as `insnav.errors.evaluated_run.EvaluatedRun`.
+        Outcome, such as `insnav.errors.evaluated_run.EvaluatedRun`.
     inputs : mapping of str to ReadingFacts
-        What was understood of each input: ``imu``, ``gps``, ``reference``.
+        Interpretation of each input: ``imu``, ``gps``, ``reference``.
     options : mapping
-        Options in force, JSON-ready.
+        Options in force, ready for JSON.
     imu_model : (ImuSpec, Finding) or None
-        IMU error specification, and how it was chosen.
+        IMU error specification, and the finding on its choice.
     findings : tuple of Finding
-        Everything that was detected, most important first.
+        All findings, most important first.
     steps : tuple of StepRecord
-        Steps that were run, in order; empty for a result that was opened.
+        Executed steps, in order; empty for a result read from a folder.
     explanation : insnav.explain.explanation.Explanation or None
-        Faults that the record contains and what else was considered; None where they were not looked for.
+        Faults of the record and alternatives considered; None without a search.
     """
 
     kind: str
@@ -78,7 +78,7 @@ class Result(Generic[F]):
         return as_keywords("\n".join([head, *_save.key_lines(self)]))
 
     def __getattr__(self, name: str) -> Any:
-        if name in ("notes", "events"):  # of version 0.2
+        if name in ("notes", "events"):  # attributes of version 0.2
             raise AttributeError(f"Result.{name} is gone: use Result.findings")
         raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
@@ -97,7 +97,7 @@ class Result(Generic[F]):
 
     @property
     def laid_out(self) -> Page | None:
-        """The page, if it has been asked for."""
+        """Page, if already laid out."""
         return self.__dict__.get("_page")
 
     def save(
@@ -157,18 +157,18 @@ class Result(Generic[F]):
     def accuracy(self) -> dict[str, dict[str, float]]:
         """Figures of merit of a run by solution, the better one first, such as ``accuracy["smoothed"]["heading_deg"]``.
 
-        They are RMS errors against the reference; without one, stated standard deviations, with ``sd_`` before the
-        name. Other results have none.
+        They are RMS errors against the reference. Without a reference they are stated standard deviations, with ``sd_``
+        before the name. Other results have none.
         """
         return cast("dict[str, dict[str, float]]", _run.accuracy(self.found) if self.kind == "run" else {})
 
     def to_frame(self, solution: Literal["best", "smoothed", "filtered"] = "best") -> pd.DataFrame:
-        """Give the main table of the result, units in the column names.
+        """Return the main table of the result, units in the column names.
 
         Parameters
         ----------
         solution : {"best", "smoothed", "filtered"}
-            Of a run; best is smoothed where there is a smoothed one. Other results have one table.
+            Of a run; best is smoothed if available. Other results have one table.
 
         Returns
         -------
@@ -186,7 +186,7 @@ class Result(Generic[F]):
         return cast("pd.DataFrame", _save.frame(self, solution))
 
     def summary(self) -> str:
-        """Give the result as text, as the command line prints it, but with keywords for its options.
+        """Return the result as text, as printed by the command line, with keywords instead of options.
 
         Returns
         -------
@@ -196,17 +196,17 @@ class Result(Generic[F]):
         return as_keywords(_save.text_of(self))
 
     def _repr_html_(self) -> str:
-        """Show the result in a notebook: its tables, without the figures."""
+        """Display the result in a notebook: its tables, without figures."""
         return str(_html.page_fragment(self.page()))
 
 
 def open_result(folder: str | Path) -> Result[Any]:
-    """Read a saved result again.
+    """Read a saved result.
 
     Parameters
     ----------
     folder : str or Path
-        As `Result.save` or the command line wrote it.
+        Folder written by `Result.save` or by the command line.
 
     Returns
     -------

@@ -1,9 +1,8 @@
-"""RMS, and confidence intervals of figures of overlapping windows by a block bootstrap.
+"""RMS, and confidence intervals for overlapping windows by a block bootstrap.
 
-Windows that overlap have correlated errors. Blocks as long as the overlap keep neighbours together, so that the
-resampled figures vary as much as other drives would (moving, circular blocks: Politis and Romano, "A circular
-block-resampling procedure for stationary data", 1992; Lahiri, "Resampling Methods for Dependent Data", 2003,
-chapter 2).
+Overlapping windows have correlated errors. Blocks as long as the overlap keep neighbours together, so that resampled
+statistics vary as much as other drives would (moving, circular blocks: Politis and Romano, "A circular block-resampling
+procedure for stationary data", 1992; Lahiri, "Resampling Methods for Dependent Data", 2003, chapter 2).
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-import scipy  # its parts load themselves when they are used: a tenth of a second
+import scipy  # its parts are loaded on first use: a tenth of a second
 
 from insnav.types import FloatArray, IntArray
 
@@ -25,20 +24,20 @@ _SEED = 20210412
 
 
 def rms(values: FloatArray | Sequence[float]) -> float:
-    """Root mean square of the values that are known, in their unit; ``NaN`` if there are none."""
+    """Compute the root mean square of the known values, in their unit; ``NaN`` without any."""
     array = np.asarray(values, dtype=np.float64)
     known = array[np.isfinite(array)]
     return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
 
 
 def chi_square(freedom: Any, probability: float) -> Any:
-    """Sum of the squares of so many standard normal numbers that is not exceeded with a probability."""
+    """Return the chi-square quantile of a probability."""
     return 2.0 * scipy.special.gammaincinv(0.5 * np.asarray(freedom, dtype=np.float64), probability)
 
 
 def rms_length(values: FloatArray) -> float:
-    """RMS length of the vectors ``(n, k)`` that are known; ``NaN`` if there are none."""
-    sums = [float(np.einsum("i,i->", column, column)) for column in values.T]  # by rows it takes thrice as long
+    """Compute the RMS length of the known vectors ``(n, k)``; ``NaN`` without any."""
+    sums = [float(np.einsum("i,i->", column, column)) for column in values.T]  # by rows it takes three times as long
     if np.isfinite(sums).all() and len(values):
         return float(np.sqrt(sum(sums) / len(values)))
     known = values[np.isfinite(values).all(axis=1)]
@@ -46,17 +45,17 @@ def rms_length(values: FloatArray) -> float:
 
 
 def moving_variance(values: FloatArray, width: int) -> FloatArray:
-    """Variance of each column ``(n, k)`` within so many rows around each; the first and the last go on at the ends."""
-    off = values - values.mean(axis=0)  # else the difference of the means loses what is small against gravity
+    """Compute the variance of each column ``(n, k)`` within a window around each row, extended at the ends."""
+    off = values - values.mean(axis=0)  # otherwise the difference of means loses values small against gravity
     mean, square = (scipy.ndimage.uniform_filter1d(each, width, axis=0, mode="nearest") for each in (off, off * off))
     return np.asarray(np.maximum(square - mean * mean, 0.0))
 
 
-@cache  # asked for at every fix
+@cache  # called for every fix
 def chi2_limit(count: int, share: float) -> float:
-    """Value that the sum of squares of so many standard normal numbers exceeds with a probability.
+    """Compute the value that a sum of `count` squared standard normal numbers exceeds with probability `share`.
 
-    Chance by recurrence from one or two numbers (Abramowitz and Stegun 1964, 26.4.4 and 26.4.5), limit by bisection.
+    Probability by recurrence from one or two numbers (Abramowitz and Stegun 1964, 26.4.4 and 26.4.5), by bisection.
     """
 
     def chance(limit: float) -> float:
@@ -73,9 +72,9 @@ def chi2_limit(count: int, share: float) -> float:
 
 
 def effective_count(start: FloatArray, length: float) -> float:
-    """Effective sample size of windows: the time that they cover together over their length; 0 without any.
+    """Compute the effective sample size of windows: their total covered time over their length; 0 without any.
 
-    `start` (n,): where they begin, increasing [s]; `length`: of each [s].
+    `start` (n,): start times, increasing [s]. `length`: of each [s].
     """
     if len(start) == 0:
         return 0.0
@@ -83,10 +82,10 @@ def effective_count(start: FloatArray, length: float) -> float:
 
 
 def block_rows(n: int, length: int, samples: int, seed: int, *, circular: bool = True) -> IntArray:
-    """Rows ``(samples, n)`` of each bootstrap sample, in blocks of successive ones.
+    """Sample rows ``(samples, n)`` for the bootstrap, in blocks of successive rows.
 
-    `n`: number of rows; `length`: of the blocks; `samples`, `seed`: how many samples; the same seed gives the same;
-    `circular`: the first row follows the last; otherwise no block runs over the end.
+    `n`: number of rows. `length`: of the blocks. `samples`: number of samples. `seed`: determines them. `circular`: the
+    first row follows the last; otherwise no block passes the end.
     """
     blocks = -(-n // length)
     first = np.random.default_rng(seed).integers(0, n if circular else n - length + 1, (samples, blocks))
@@ -94,10 +93,10 @@ def block_rows(n: int, length: int, samples: int, seed: int, *, circular: bool =
 
 
 def block_weights(start: FloatArray, length: float, samples: int = SAMPLES) -> FloatArray:
-    """How often each window is in each bootstrap sample, in blocks that are as long as the overlap.
+    """Count each window in each bootstrap sample, in blocks as long as the overlap.
 
-    `start` (n,): where the windows begin, increasing [s]; `length`: of each [s].
-    Returns: (samples, n): always the same for the same windows; each row has the sum n.
+    `start` (n,): start times of the windows, increasing [s]. `length`: of each [s].
+    Returns: (samples, n): deterministic; each row has the sum n.
     """
     n = len(start)
     size = min(n, max(1, int(np.ceil(n / effective_count(start, length)))))
@@ -107,10 +106,10 @@ def block_weights(start: FloatArray, length: float, samples: int = SAMPLES) -> F
 
 
 def means(values: FloatArray, weights: FloatArray) -> FloatArray:
-    """Mean over the windows of what is known, in each bootstrap sample.
+    """Compute the mean of known values over the windows, in each bootstrap sample.
 
-    `values` (n, ...): ``NaN`` where not known; `weights` (samples, n): from `block_weights`.
-    Returns: (samples, ...): ``NaN`` where nothing is known.
+    `values` (n, ...): ``NaN`` if unknown. `weights` (samples, n): from `block_weights`.
+    Returns: (samples, ...): ``NaN`` without known values.
     """
     known = np.isfinite(values)
     shape = values.shape[1:]
@@ -123,23 +122,23 @@ def means(values: FloatArray, weights: FloatArray) -> FloatArray:
 def mean_square_interval(
     start: FloatArray, length: float, square: FloatArray, axes: FloatArray, common: FloatArray | float = 0.0
 ) -> tuple[FloatArray, FloatArray]:
-    """95 % confidence interval of the mean square of errors of windows of a drive, for drives like it.
+    """Compute the 95 % confidence interval of the mean square error of windows, for similar drives.
 
-    `start` (n,): where the windows begin [s]; `length`: of each [s]; `square` (n, ...): squared errors; ``NaN`` where
-    not known; `axes` (...): of how many numbers, each as large as the others, a squared error is the sum; `common`
-    (...): share of the mean square that all windows have in common [-]: it counts as one window, as a drive is one.
-    Returns: `low`, `high` (...): ``NaN`` where the effective sample size is below `FEWEST`.
+    `start` (n,): start times of the windows [s]. `length`: of each [s]. `square` (n, ...): squared errors; ``NaN`` if
+    unknown. `axes` (...): number of equal terms in a squared error. `common` (...): share of the mean square common to
+    all windows [-]; it counts as one window, as a drive is one sample.
+    Returns: `low`, `high` (...): ``NaN`` for an effective sample size below `FEWEST`.
 
     Notes
     -----
-    The wider of two: of the bootstrap, which sees that some windows have larger errors than others but too little of
-    the spread where windows overlap; and of chi-square with the effective sample size, which is right for normal
-    errors of one size and for no others. In simulations (4 to 60 windows without and with overlap; errors normal, of
-    two sizes, of Student's t with 5 degrees of freedom) each alone covers 85 to 98 and 77 to 98 %, both together 90 to
-    99 %. Of n windows whose errors have the share c in common, 1 / (c + (1 - c) / n) count, as in samples from
-    clusters (Kish, "Survey Sampling", 1965): the mean square of other drives then is inside in 94 to 99 % with c of a
-    quarter, in 85 to 97 % with a half, in 80 to 94 % with three quarters (without: 74 to 98, 37 to 93, 21 to 79 %).
-    Fewer than 95 %: a drive whose common error happens to be small does not show that drives have one.
+    The interval is the wider of two. The bootstrap accounts for unequal errors, but underestimates the spread of
+    overlapping windows. Chi-square with the effective sample size is right only for normal errors of one size.
+    Simulations had 4 to 60 windows without and with overlap, and errors normal, of two sizes, or Student's t with 5
+    degrees of freedom. They cover 85 to 98 and 77 to 98 % alone, 90 to 99 % together. In total, n windows with a common
+    error share c count as 1 / (c + (1 - c) / n), as in cluster sampling (Kish, "Survey Sampling", 1965). The coverage
+    for other drives is then 94 to 99 % with c of a quarter, 85 to 97 % with a half, 80 to 94 % with three quarters
+    (without: 74 to 98, 37 to 93, 21 to 79 %). It is below 95 %, since a drive with a small common error does not reveal
+    that drives have one.
     """
     low, high = interval(start, length, lambda weights: means(square, weights))
     share = np.nan_to_num(common)
@@ -153,17 +152,17 @@ def mean_square_interval(
 def interval(
     start: FloatArray, length: float, statistic: Callable[[FloatArray], FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
-    """95 % confidence interval of a figure of windows.
+    """Compute the 95 % confidence interval of a statistic of windows.
 
-    `start` (n,): where the windows begin [s]; `length`: of each [s]; `statistic`: given the weights ``(samples, n)``,
-    the figure of each sample ``(samples, ...)``.
-    Returns: `low`, `high` (...): ``NaN`` where the effective sample size is below `FEWEST`.
+    `start` (n,): start times of the windows [s]. `length`: of each [s]. `statistic`: maps weights ``(samples, n)`` to
+    the statistic of each sample ``(samples, ...)``.
+    Returns: `low`, `high` (...): ``NaN`` for an effective sample size below `FEWEST`.
 
     Notes
     -----
-    Quantiles of the bootstrap samples are too narrow for few independent windows: their coverage is 62 % for four of
-    them. The standard deviation of their logarithms, with Student's t of as many degrees of freedom as there are
-    independent windows less one, covers about 90 % for four to sixty.
+    Bootstrap quantiles are too narrow for few independent windows: 62 % coverage for four. The standard deviation of
+    their logarithms, with Student's t of one degree of freedom less than independent windows, covers about 90 % for
+    four to sixty.
     """
     weights = block_weights(start, length)
     found, middle = statistic(weights), statistic(np.ones((1, weights.shape[1])))[0]
@@ -171,7 +170,7 @@ def interval(
     if count < FEWEST:
         return np.full_like(middle, np.nan), np.full_like(middle, np.nan)
     reach = float(scipy.special.stdtrit(count - 1.0, 0.5 * (1.0 + CONFIDENCE))) * np.sqrt(count / (count - 1.0))
-    # a figure that may be zero has no logarithm
+    # a statistic that may be zero has no logarithm
     positive = (found > 0.0).all(axis=0) & (middle > 0.0)
     size = np.where(positive, found, 1.0)
     spread = np.exp(reach * np.std(np.log(size), axis=0))

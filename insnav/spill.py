@@ -1,7 +1,7 @@
-"""Arrays of long drives: beyond some size they lie in a temporary file, and memory holds what is in use of them.
+"""Arrays of long drives: large ones are in a temporary file, and memory contains only the parts in use.
 
-The file has no name, so that it goes with the last use of the array however the program ends. Blocks of rows are as
-many as give the same numbers faster than the whole.
+The file is unnamed and disappears with the last use of the array, however the program ends. Blocks of rows are sized
+for speed, with results identical to the whole.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from numpy.typing import NDArray
 
 from insnav.exceptions import NO_ROOM, OutputError, reason_of
 
-LARGE = 64 << 20  # bytes of an array that never stays in memory
-SMALL = 1 << 20  # bytes of one that always does
-MOST = 192 << 20  # bytes of those between that do together: page faults of a file cost more
+LARGE = 64 << 20  # bytes; larger arrays are always in a file
+SMALL = 1 << 20  # bytes; smaller arrays are always in memory
+MOST = 192 << 20  # total bytes in memory of arrays between these sizes: page faults of a file cost more
 ROWS = 1 << 16  # of a block
 _mapped: weakref.WeakSet[mmap.mmap] = weakref.WeakSet()
 _held: dict[int, int] = {}  # bytes of arrays in memory that are not small
 
 
 def empty(shape: Sequence[int], dtype: Any = np.float64) -> NDArray[Any]:
-    """Array to be filled; in a file if it is larger than `LARGE`, or others already fill the memory.
+    """Allocate an array; in a file if it is larger than `LARGE`, or others already fill the memory.
 
-    Raises: OutputError: there is no room for the file.
+    Raises: OutputError: the disk is too full for the file.
     """
     size = int(np.prod(shape)) * np.dtype(dtype).itemsize
     if size <= min(SMALL, LARGE):
@@ -54,16 +54,16 @@ def empty(shape: Sequence[int], dtype: Any = np.float64) -> NDArray[Any]:
 
 @cache
 def _give_back() -> None:
-    """Let go of freed arrays at once from now on: glibc keeps those of up to 32 MB, half of what a day fills."""
+    """Release freed arrays immediately from now on: glibc keeps those up to 32 MB, half of a day's arrays."""
     if sys.platform == "linux" and hasattr(libc := ctypes.CDLL(None), "mallopt"):
-        libc.mallopt(-3, 4 << 20)  # M_MMAP_THRESHOLD: larger ones lie in maps of their own
+        libc.mallopt(-3, 4 << 20)  # M_MMAP_THRESHOLD: larger arrays have their own maps
         libc.mallopt(-1, 64 << 20)  # M_TRIM_THRESHOLD
 
 
 def together(pieces: Iterable[bytes]) -> bytes | mmap.mmap:
-    """Bytes one after the other; in a file if they are more than `LARGE`.
+    """Concatenate bytes; in a file if they exceed `LARGE`.
 
-    Raises: OutputError: there is no room for the file.
+    Raises: OutputError: the disk is too full for the file.
     """
     size = 0
     try:
@@ -81,27 +81,27 @@ def together(pieces: Iterable[bytes]) -> bytes | mmap.mmap:
 
 
 def _no_room(error: OSError, size: int) -> OSError | OutputError:
-    """What to raise where a file of so many bytes could not be written."""
+    """Build the error for a file of `size` bytes that could not be written."""
     if error.errno not in NO_ROOM:
         return error
     return OutputError("engine.no_room", where=tempfile.gettempdir(), size=size >> 20, reason=reason_of(error))
 
 
 def watched(memory: mmap.mmap) -> mmap.mmap:
-    """Let `release` know of a mapped file."""
+    """Register a mapped file for `release`."""
     _mapped.add(memory)
     return memory
 
 
 def release() -> None:
-    """Let go of the memory that mapped files fill; what they hold stays."""
+    """Release the memory of mapped files; their content stays."""
     if hasattr(mmap, "MADV_DONTNEED"):
         for memory in list(_mapped):
             memory.madvise(mmap.MADV_DONTNEED)
 
 
 def blocks(rows: int, *, before: int = 0, size: int = 0) -> Iterator[slice]:
-    """Parts of so many rows in order, of a `size` and with some rows `before` each; memory is let go after each."""
+    """Yield slices of rows in order, of a `size` and with `before` earlier rows each; memory is released after each."""
     size = size or ROWS
     for start in range(0, rows, size):
         yield slice(max(start - before, 0), min(start + size, rows))
@@ -109,7 +109,7 @@ def blocks(rows: int, *, before: int = 0, size: int = 0) -> Iterator[slice]:
 
 
 def by_blocks(function: Callable[..., NDArray[Any]], *arrays: NDArray[Any]) -> NDArray[Any]:
-    """Array of a function that makes each row of it from that row of `arrays`."""
+    """Apply a row-wise function to `arrays` in blocks."""
     rows = len(arrays[0])
     if rows <= ROWS:
         return function(*arrays)
@@ -124,26 +124,26 @@ def by_blocks(function: Callable[..., NDArray[Any]], *arrays: NDArray[Any]) -> N
 
 
 def mean(values: NDArray[Any]) -> NDArray[Any]:
-    """Mean of rows, of two columns or more: the sum goes on from block to block, with the bits of that of all."""
+    """Compute the mean of rows, of two columns or more, by blocks, bit-identical to the whole."""
     total = np.zeros((0, *values.shape[1:]))
-    for part in blocks(len(values)):  # `sum` takes five times as long for rows of three
+    for part in blocks(len(values)):  # `sum` is five times slower for rows of three
         total = np.einsum("ij->j", np.concatenate([total, values[part]]))[None]
     return np.asarray(total[0] / len(values))
 
 
 def steps(values: NDArray[Any]) -> NDArray[Any]:
-    """Differences of successive values."""
+    """Compute differences of successive values."""
     return by_blocks(np.subtract, values[1:], values[:-1])
 
 
 def every(array: NDArray[Any], step: int) -> NDArray[Any]:
-    """Each so-manieth row."""
+    """Select every `step`-th row."""
     size = step * max(1, LARGE // (step * max(array[:1].nbytes, 1)))
-    return np.concatenate([array[part][::step].copy() for part in blocks(len(array), size=size)])  # before letting go
+    return np.concatenate([array[part][::step].copy() for part in blocks(len(array), size=size)])  # before releasing
 
 
 def chosen(array: NDArray[Any], selection: NDArray[Any]) -> NDArray[Any]:
-    """Rows of an array by a mask, or by their numbers."""
+    """Select rows of an array by a mask, or by numbers."""
     if array.nbytes <= LARGE:
         return np.asarray(array[selection])
     numbers = np.flatnonzero(selection) if selection.dtype == np.bool_ else selection
@@ -151,7 +151,7 @@ def chosen(array: NDArray[Any], selection: NDArray[Any]) -> NDArray[Any]:
 
 
 def joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    """Arrays one after the other."""
+    """Concatenate arrays."""
     if len(parts) == 1:
         return parts[0]
     out, at = empty((sum(map(len, parts)), *parts[0].shape[1:]), parts[0].dtype), 0
@@ -163,7 +163,7 @@ def joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
 
 
 def _reserve(file: int, size: int) -> None:
-    """Take the room on the disk at once: a page that finds none later would end the process."""
+    """Reserve the disk space immediately: a later failure would end the process."""
     if hasattr(os, "posix_fallocate"):
         os.posix_fallocate(file, 0, size)
         return

@@ -1,6 +1,6 @@
-"""Cubic splines with not-a-knot ends, and least squares without negative parts, without the import of scipy's.
+"""Cubic splines with not-a-knot ends, and non-negative least squares, without importing scipy's.
 
-Importing scipy.interpolate and scipy.optimize takes a fifth of a second, as long as the navigation of half an hour.
+Importing scipy.interpolate and scipy.optimize takes a fifth of a second, as long as navigating half an hour.
 """
 
 from __future__ import annotations
@@ -28,26 +28,26 @@ class Spline:
         self._time, self._parts = time, (before, values[:-1], slope[:-1], (rise - slope[:-1]) / h - bend, bend / h)
 
     def _at(self, time: FloatArray) -> tuple[FloatArray, ...]:
-        """The way into the piece of each of `time` (k,), the integral before it, and its coefficients."""
+        """Return the offset in the piece of each of `time` (k,), the integral before it, and its coefficients."""
         piece = np.clip(np.searchsorted(self._time, time, side="right") - 1, 0, self._time.size - 2)
         return (time - self._time[piece])[:, None], *(each[piece] for each in self._parts)
 
     def changes(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """First and second derivative, (k, m) each."""
+        """Evaluate first and second derivative, (k, m) each."""
         u, _, _, b, c, d = self._at(time)
         return b + u * (2.0 * c + 3.0 * u * d), 2.0 * c + 6.0 * u * d
 
     def integral(self, time: FloatArray) -> FloatArray:
-        """Integral from the first time on, (k, m)."""
+        """Evaluate the integral from the first time on, (k, m)."""
         u, before, a, b, c, d = self._at(time)
         return before + u * (a + u * (b / 2.0 + u * (c / 3.0 + u * d / 4.0)))
 
 
 def _slopes(h: FloatArray, rise: FloatArray) -> FloatArray:
-    """Slopes at the knots, (n, m), from the steps (n - 1, 1) and the slopes of the chords (n - 1, m).
+    """Solve for slopes at the knots, (n, m), from steps (n - 1, 1) and chord slopes (n - 1, m).
 
-    By cyclic reduction, which doubles the distance of the unknowns that an equation joins (R. W. Hockney, "A fast
-    direct solution of Poisson's equation using Fourier analysis", J. ACM 12 (1965) 95-113).
+    Cyclic reduction doubles the distance of the unknowns in each equation (R. W. Hockney, "A fast direct solution of
+    Poisson's equation using Fourier analysis", J. ACM 12 (1965) 95-113).
     """
     first, last = h[0] + h[1], h[-1] + h[-2]
     ends = (
@@ -56,7 +56,7 @@ def _slopes(h: FloatArray, rise: FloatArray) -> FloatArray:
     )
     whole = 2.0 * (h[:-1] + h[1:])
     right = 3.0 * (h[1:] * rise[:-1] + h[:-1] * rise[1:])
-    whole[[0, -1]] /= 2.0  # the slopes at the ends eliminated
+    whole[[0, -1]] /= 2.0  # eliminated end slopes
     right[0] -= ends[0]
     right[-1] -= ends[1]
     before, after, inner = h[1:] / whole, h[:-1] / whole, right / whole
@@ -73,9 +73,9 @@ def _slopes(h: FloatArray, rise: FloatArray) -> FloatArray:
 
 
 def positive_parts(terms: FloatArray, values: FloatArray) -> tuple[FloatArray, float]:
-    """Least squares of `values` (n,) by few `terms` (n, k), none with a negative part: parts (k,), and the misfit.
+    """Fit `values` (n,) by few `terms` (n, k) with non-negative parts: parts (k,), and the misfit.
 
-    The answer is the plain one of some of the terms: all choices are tried.
+    The result is the unconstrained fit of some subset of the terms: all subsets are tried.
     """
     count = terms.shape[1]
     best, least = np.zeros(count), float(np.linalg.norm(values))

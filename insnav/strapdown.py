@@ -1,7 +1,7 @@
 """Strapdown mechanization: samples -> increments with coning and sculling -> velocity, position, attitude.
 
-The samples of a recording are first brought to one form, successive intervals with integrated rate and specific
-force (`intervals`), gaps filled and marked. `increments` adds the coning and sculling terms; `navigate` integrates.
+`intervals` converts the samples of a recording to successive intervals with integrated rate and specific force, with
+gaps filled and marked. `increments` adds the coning and sculling terms; `navigate` integrates.
 """
 
 from __future__ import annotations
@@ -28,25 +28,25 @@ from insnav.types import BoolArray, FloatArray, ImuData, Increments, IntArray, T
 Method = Literal["polynomial", "rk4", "rotvec", "euler"]
 _STUDY = {"euler": _study.EULER, "rotvec": _study.ROTVEC, "rk4": _study.RK4}
 
-BESIDE = 16  # samples on either side that an interval may depend on
-TIME_TOLERANCE = 1e-6  # times closer than this are the same [s]
-LOST_WINDOW = 5  # steps on either side that are looked at to tell lost samples from jitter
-JOINED = 0.04  # a vehicle shakes faster, but does not turn [s]
-GAP = 1.5  # an interval this many times the nominal one has lost samples
+BESIDE = 16  # samples on either side that affect an interval
+TIME_TOLERANCE = 1e-6  # times closer than this are equal [s]
+LOST_WINDOW = 5  # steps on either side that separate lost samples from jitter
+JOINED = 0.04  # a vehicle vibrates faster, but does not turn faster [s]
+GAP = 1.5  # an interval longer than this multiple of the nominal one has lost samples
 
 
 @dataclass(frozen=True, slots=True)
 class Intervals:
     """Samples as successive intervals without gaps."""
 
-    end: FloatArray  # (n,) end and length of each interval [s]; each starts where the one before ends
+    end: FloatArray  # (n,) end and length of each interval [s]; each starts at the end of the previous one
     dt: FloatArray
     # (n, 3) integral over the interval [rad], [m/s], or, if `instant`, value at its end [rad/s], [m/s^2]
     gyro: FloatArray
     accel: FloatArray
-    segment: IntArray  # (n,) number of the uninterrupted stretch
-    # (n,) zero where something was measured; else the length of the gap [s] that this interval helps to bridge, its
-    # value on the straight line between the neighbours
+    segment: IntArray  # (n,) number of the uninterrupted segment
+    # (n,) zero for measured data; else the length of the gap [s] that this interval helps to bridge, with values by
+    # linear interpolation
     gap: FloatArray
     instant: bool  # see `gyro`. The first interval of an instantaneous record has zero length.
 
@@ -58,7 +58,7 @@ def _weights(instant: bool) -> tuple[FloatArray, FloatArray]:
 
 
 def nominal_interval(time: FloatArray) -> float:
-    """Mean spacing of the samples where none is missing [s]; InputError if there are fewer than two."""
+    """Return the median sample interval without gaps [s]; InputError for fewer than two samples."""
     if time.shape[0] < 2:
         raise InputError("data.few_samples", count=time.shape[0])
     step = np.diff(time[: 1 << 16])
@@ -68,7 +68,7 @@ def nominal_interval(time: FloatArray) -> float:
 
 
 def _lost(time: FloatArray, nominal: float) -> BoolArray:
-    """Steps in which samples are missing: too long, and not made up for by shorter ones around as jitter is."""
+    """Find steps with missing samples: too long, and not compensated by shorter neighbours as jitter is."""
     lost = spill.by_blocks(lambda now, then: then - now > GAP * nominal, time[:-1], time[1:])
     k = np.flatnonzero(lost)
     first, last = np.maximum(k - LOST_WINDOW, 0), np.minimum(k + LOST_WINDOW + 1, time.shape[0] - 1)
@@ -78,7 +78,7 @@ def _lost(time: FloatArray, nominal: float) -> BoolArray:
 
 
 def _interval_ends(imu: ImuData, nominal: float) -> tuple[FloatArray, FloatArray]:
-    """Start and end of each sample's interval [s], whatever end of it the timestamp marks."""
+    """Return start and end of each sample's interval [s], for any stamp convention."""
     t = imu.time
     gap = _lost(t, nominal)
 
@@ -98,7 +98,7 @@ def _interval_ends(imu: ImuData, nominal: float) -> tuple[FloatArray, FloatArray
 
 
 def intervals(imu: ImuData, nominal: float | None = None) -> Intervals:
-    """Bring samples to successive intervals and fill gaps.
+    """Convert samples to successive intervals and fill gaps.
 
     Parameters
     ----------
@@ -110,8 +110,8 @@ def intervals(imu: ImuData, nominal: float | None = None) -> Intervals:
     Returns
     -------
     Intervals
-        Where samples are missing, intervals of about nominal length whose rate and specific force join the
-        neighbouring samples in a straight line, marked by `gap`.
+        Missing samples are replaced by intervals of about nominal length, with rate and specific force interpolated
+        linearly between the neighbours, marked by `gap`.
     """
     nominal = nominal_interval(imu.time) if nominal is None else nominal
     instant = imu.sampling == "instant"
@@ -122,7 +122,7 @@ def intervals(imu: ImuData, nominal: float | None = None) -> Intervals:
     gaps = np.flatnonzero(spill.by_blocks(lambda then, before: then - before > least, start[1:], end[:-1]))
     gyro, accel = imu.gyro, imu.accel
     if gaps.size:
-        # rates are what is continued across a gap; the samples themselves keep every bit
+        # rates are interpolated across a gap; the samples themselves keep every bit
         length_of = end - start if imu.sampling == "increment" else np.ones(end.shape[0])
         at, new_gap, new_end, new_gyro, new_accel = [], [], [], [], []
         for k in gaps:
@@ -153,7 +153,7 @@ def intervals(imu: ImuData, nominal: float | None = None) -> Intervals:
 
 
 def pieces(imu: ImuData) -> Iterator[Intervals]:
-    """`intervals` of a long record block by block: the same ones, but that segments are counted in each."""
+    """Yield `intervals` of a long record block by block: identical, except that segments are counted in each."""
     nominal, rows = nominal_interval(imu.time), imu.time.shape[0]
     for block in spill.blocks(rows):
         first = max(block.start - BESIDE, 0)
@@ -166,7 +166,7 @@ def pieces(imu: ImuData) -> Iterator[Intervals]:
 
 
 def joined(blocks: Iterable[Intervals]) -> Intervals:
-    """Successive intervals of a segment joined to ones of about `JOINED`, for what needs no high rate."""
+    """Join successive intervals of a segment to about `JOINED`, for uses without high rate."""
     found, row, count, inside = [], np.empty((0, 9)), 0, 0
     for parts in blocks:
         count = count or max(1, round(JOINED / float(np.median(parts.dt[: 1 << 16]))))
@@ -188,8 +188,8 @@ def joined(blocks: Iterable[Intervals]) -> Intervals:
 def split(parts: Intervals, times: FloatArray, first: int, last: int) -> tuple[IntArray, FloatArray, FloatArray]:
     """Cut intervals from `first` up to, not including, `last` at given times.
 
-    `times` (m,): increasing [s]. One within a microsecond of the end of an interval cuts nothing.
-    Returns: `parent` (k,): interval of each piece; `s0`, `s1` (k,): its start and end as a fraction of the interval.
+    `times` (m,): increasing [s]. A time within a microsecond of the end of an interval cuts nothing.
+    Returns: `parent` (k,): interval of each piece. `s0`, `s1` (k,): its start and end as a fraction of the interval.
     """
     owner = np.searchsorted(parts.end[first:last], times - TIME_TOLERANCE) + first
     inside = owner < last
@@ -211,29 +211,28 @@ def split(parts: Intervals, times: FloatArray, first: int, last: int) -> tuple[I
 def increments(
     parts: Intervals, pieces: tuple[IntArray, FloatArray, FloatArray] | None = None, *, method: Method = "polynomial"
 ) -> Increments:
-    """Angle and velocity increments with coning and sculling terms.
+    """Compute angle and velocity increments with coning and sculling terms.
 
-    A polynomial through five neighbouring increments (six neighbouring values of an instantaneous record), at their
-    true times and never across a gap, stands for rate and specific force inside the interval; the quaternion is
-    integrated from it by fourth-order Runge-Kutta. Looking at samples on both sides suits post-processing: at 1 deg,
-    10 Hz coning and 100 Hz samples it leaves 0.06 deg/h, where the usual algorithm with only the previous increment
-    leaves 9.8 deg/h.
+    A polynomial represents rate and specific force inside the interval. It goes through five neighbouring increments
+    (six values of an instantaneous record), at their true times and never across a gap. Fourth-order Runge-Kutta
+    integrates the quaternion. The use of samples on both sides suits post-processing: coning of 1 deg and 10 Hz at 100
+    Hz samples leaves 0.06 deg/h. The usual algorithm with only the previous increment leaves 9.8 deg/h.
 
     Parameters
     ----------
     parts : Intervals
         From `intervals`.
     pieces : tuple of arrays, optional
-        From `split`; every interval whole by default.
+        From `split`; by default whole intervals.
     method : {"polynomial", "rk4", "rotvec", "euler"}
-        The others are there to compare with: ``rk4`` is Runge-Kutta on the straight line between samples and has no
-        coning benefit at all, ``rotvec`` takes the increment itself for the rotation vector, ``euler`` takes the rate
-        as it is at the start of the interval, or its mean, and does not turn the specific force meanwhile.
+        The others are for comparison. ``rk4``: Runge-Kutta on the straight line between samples, without any coning
+        benefit. ``rotvec``: the increment is the rotation vector. ``euler``: the rate at the start of the interval, or
+        its mean, without rotation of the specific force.
 
     Returns
     -------
     Increments
-        One row a piece.
+        One row per piece.
 
     Raises
     ------
@@ -299,7 +298,7 @@ def navigate(
     north_gravity: bool = True,
     every: int = 1,
 ) -> Trajectory:
-    """Free-inertial navigation: no aiding but, if wanted, a given vertical channel.
+    """Navigate free-inertial: without aiding, optionally with a given vertical channel.
 
     Parameters
     ----------
@@ -312,16 +311,16 @@ def navigate(
         Height [m] and down velocity [m/s] at the end of every interval. Without it the vertical channel is free, and
         its error grows as ``cosh(sqrt(2 g / R) t)``: by e every 570 s.
     north_gravity : bool
-        Include the north component of normal gravity above the ellipsoid (0.7 ug at 1 km). Switch it off only to
-        compare with data or packages that leave it out.
+        Include the north component of normal gravity above the ellipsoid (0.7 ug at 1 km). False is only for
+        comparison with data or packages that neglect it.
     every : int
-        Return every so-manieth state.
+        Decimation: return every n-th state.
 
     Returns
     -------
     Trajectory
         States at the ends of intervals ``every``, ``2 every``, …; within a kilometre of a pole the heading is ``NaN``.
-        North and East are there, as everywhere, those of the longitude given with them.
+        North and East there are relative to the given longitude, as everywhere.
 
     References
     ----------
@@ -352,14 +351,14 @@ def navigate(
 
 
 def nearest_rows(time: FloatArray, wanted: ArrayLike) -> IntArray:
-    """Row that is nearest in time to each that is wanted; the later one of two as near."""
+    """Find the row nearest in time to each wanted time; the later of two equally near."""
     wanted = np.asarray(wanted, dtype=float)
     after = np.clip(np.searchsorted(time, wanted), 1, len(time) - 1)
     return np.asarray(after - (wanted - time[after - 1] < time[after] - wanted))
 
 
 def between(time: FloatArray, values: FloatArray, wanted: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Row behind each wanted time, and the values there on straight lines, constant beyond the ends."""
+    """Find the row after each wanted time, and interpolate the values linearly, constant beyond the ends."""
     after = np.clip(np.searchsorted(time, wanted), 1, time.shape[0] - 1)
     part = np.clip((wanted - time[after - 1]) / (time[after] - time[after - 1]), 0.0, 1.0)[:, None]
     return after, values[after - 1] + part * (values[after] - values[after - 1])
@@ -368,19 +367,20 @@ def between(time: FloatArray, values: FloatArray, wanted: FloatArray) -> tuple[I
 def navigate_short(
     inc: Increments, lla: FloatArray, v_n: FloatArray, rph: FloatArray, *, turning: bool = True, every: int = 1
 ) -> Trajectory:
-    """Free-inertial navigation by ``v(t + T) = v(t) + T (f_n + g)``: Earth and transport rate dropped, Euler's rule.
+    """Navigate by ``v(t + T) = v(t) + T (f_n + g)``: Euler's rule without Earth and transport rate.
 
-    `inc`: its sculling is not used; `lla`, `v_n`, `rph` (3,): latitude, longitude [rad], height [m]; velocity North,
-    East, Down [m/s]; roll, pitch, heading [rad] at the start of the first interval; `turning`: whether the attitude
-    still follows the turn of North, East, Down. Without it the attitude stays in the axes of the start, which tilt
-    against the level at the Earth's rate: by far the larger error; `every`: return every so-manieth state.
+    `inc`: its sculling is not used. `lla`, `v_n`, `rph` (3,): latitude, longitude [rad], height [m]; velocity North,
+    East, Down [m/s]; roll, pitch, heading [rad] at the start of the first interval. `turning`: the attitude follows the
+    rotation of North, East, Down. Otherwise it remains in the initial axes, which tilt at the Earth's rate: by far the
+    larger error. `every`: return every n-th state.
     Returns: states at the ends of intervals ``every``, ``2 every``, …
 
     Notes
     -----
-    Velocity: Groves (2013), eq. 5.53 without its Coriolis term. The specific force is turned by the attitude at the
-    start of each interval, the position moved with the velocity there. Against the full form the velocity is wrong by
-    the integral of ``(2 w_ie + w_en) x v``: horizontally about ``2 W sin(L) v t``, the position by half that times t.
+    Velocity: Groves (2013), eq. 5.53 without its Coriolis term. The attitude at the start of each interval rotates the
+    specific force, and the velocity there moves the position. Compared with the full form, the velocity error is the
+    integral of ``(2 w_ie + w_en) x v``: horizontally about ``2 W sin(L) v t``. The position error is half of that times
+    t.
     """
     x = np.concatenate([lla, v_n, quat_from_rph(rph)])
     out = np.empty((inc.time.shape[0] // every, 10))

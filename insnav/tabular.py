@@ -1,6 +1,6 @@
-"""What all data in rows can do: choose some of the rows, become a table of named columns, and come from one.
+"""Row-wise data: selection of rows, and conversion to and from tables of named columns.
 
-The columns of a field are named once, with their unit in the name as in files (see `insnav`); the factor to SI follows
+The columns of a field are defined once, with the unit in the name as in files (see `insnav`). The factor to SI follows
 from that name.
 """
 
@@ -28,21 +28,21 @@ _FACTORS = (("_deg_h", DEG_PER_H), ("_deg", DEG), ("_mg", 1e-3 * G0), ("_ppm", P
 
 @dataclass(frozen=True, slots=True)
 class Tabular:
-    """Frozen dataclass of arrays that all have one row an epoch."""
+    """Frozen dataclass of arrays with one row per epoch."""
 
     COLUMNS: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     """Columns of each array field, their unit in the name."""
 
     def rows(self, selection: Selection) -> Self:
-        """Some of the rows, of every array that is there; all else is kept. Views for a slice, else copies."""
+        """Select rows of every present array; other fields are unchanged. Views for a slice, else copies."""
         if not isinstance(selection, slice):
             return replace(self, **{name: chosen(values, selection) for name, values in self._arrays().items()})
         return replace(self, **{name: values[selection] for name, values in self._arrays().items()})
 
     def joined(self, after: Self) -> Self:
-        """These rows and then those of another, of every array that both have; all else as here.
+        """Append the rows of another object, for every array that both have; other fields are unchanged.
 
-        Arrays are copies, and None where only one of the two has them.
+        Arrays are copies, and None if only one object has them.
         """
         others = after._arrays()
         return replace(
@@ -54,12 +54,12 @@ class Tabular:
         )
 
     def to_frame(self) -> pd.DataFrame:
-        """Table in the canonical columns, unit in the name; of a covariance the standard deviations.
+        """Convert to a table with canonical columns, unit in the name; covariances become standard deviations.
 
         Returns
         -------
         pandas.DataFrame
-            One row an epoch. What is no array (sampling, stamp) is in its ``attrs``.
+            One row per epoch. Fields other than arrays (sampling, stamp) are in its ``attrs``.
         """
         import pandas as pd
 
@@ -70,7 +70,7 @@ class Tabular:
         return frame
 
     def columns(self) -> dict[str, NDArray[Any]]:
-        """Columns ``(n,)`` of every array that is there, by their canonical names and in the units of these."""
+        """Return columns ``(n,)`` of every present array, by canonical name and in its unit."""
         columns: dict[str, NDArray[Any]] = {}
         for field, values in self._arrays().items():
             table = np.sqrt(np.diagonal(values, axis1=1, axis2=2)) if values.ndim == 3 else values
@@ -88,21 +88,21 @@ class Tabular:
 
 @dataclass(frozen=True, slots=True)
 class FromTable(Tabular):
-    """Rows that a table can be made into."""
+    """Rows that can be read from a table."""
 
     NEEDED: ClassVar[tuple[str, ...]] = ("time", "lla")
     """Fields that a table cannot do without; others are ``NaN``, or None if they may be."""
 
     @classmethod
     def from_frame(cls, frame: pd.DataFrame, **others: str) -> Self:
-        """Arrays from a table in the canonical columns; `insnav.load` reads other spellings and units.
+        """Read arrays from a table with canonical columns; `insnav.load` reads other spellings and units.
 
         Parameters
         ----------
         frame : pandas.DataFrame
-            As from `to_frame`. Columns of what is not known may be absent.
+            As from `to_frame`. Columns of unknown values may be absent.
         **others : str
-            What is no array, such as ``sampling``; by default as in the ``attrs`` of the frame.
+            Fields other than arrays, such as ``sampling``; by default from the ``attrs`` of the frame.
 
         Returns
         -------
@@ -112,7 +112,7 @@ class FromTable(Tabular):
         Raises
         ------
         InputError
-            A column is unknown, or one that is needed is absent.
+            A column is unknown, or a required one is absent.
         """
         known = [name for names in cls.COLUMNS.values() for name in names]
         needed = [name for field in cls.NEEDED for name in cls.COLUMNS[field]]
@@ -133,17 +133,17 @@ class FromTable(Tabular):
 
 
 def unit_of(name: str) -> float:
-    """SI value of the unit in which a column is, by the end of its name; 1 if that is an SI unit or none."""
+    """Return the SI value of a column's unit, by the end of its name; 1 for an SI unit or none."""
     return next((factor for suffix, factor in _FACTORS if name.endswith(suffix)), 1.0)
 
 
 def runs_of(chosen: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Begin and end ``(m, 2)`` of each unbroken run of chosen rows ``(n,)``."""
+    """Return begin and end ``(m, 2)`` of each unbroken run of chosen rows ``(n,)``."""
     return np.flatnonzero(np.diff(np.concatenate([[0], chosen.astype(np.int8), [0]]))).reshape(-1, 2)
 
 
 def _array(frame: pd.DataFrame, names: tuple[str, ...]) -> NDArray[Any]:
-    """(n,) or (n, k) array of SI values; whole numbers for a column that means a kind, such as ``fix``."""
+    """Return an (n,) or (n, k) array of SI values; integers for a column of categories, such as ``fix``."""
     absent = np.full(len(frame), np.nan)
     # a copy: the arrays that pandas returns are read-only
     columns = [

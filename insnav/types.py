@@ -1,7 +1,7 @@
-"""The few shapes that data take on their way through insnav.
+"""Data types of insnav.
 
-All arrays are float64, SI units and radians; see `insnav` for frames and signs. ``NaN`` inside a field that is
-documented so means "not known"; no other value stands for it.
+All arrays are float64, SI units and radians; see `insnav` for frames and signs. ``NaN`` in a field documented so means
+"unknown"; no other value does.
 """
 
 from __future__ import annotations
@@ -88,17 +88,17 @@ class ImuData(FromTable):
     baro: FloatArray | None = None
 
     def columns(self) -> dict[str, NDArray[Any]]:
-        """Canonical columns ``(n,)``, those of increments if that is what the samples are."""
+        """Return canonical columns ``(n,)``, of increments if the samples are increments."""
         names = dict(zip(_GYRO + _ACCEL, _DTHETA + _DVEL, strict=True)) if self.sampling == "increment" else {}
         return {names.get(name, name): column for name, column in Tabular.columns(self).items()}
 
     def beginning(self, length: float) -> ImuData:
-        """Samples of the first `length` [s]."""
+        """Return the samples of the first `length` [s]."""
         return self.rows(slice(int(np.searchsorted(self.time, self.time[0] + length))))
 
     @classmethod
     def from_frame(cls, frame: pd.DataFrame, **others: str) -> Self:
-        """As `insnav.tabular.FromTable.from_frame`, of rates or of increments by the columns there are."""
+        """Read as `insnav.tabular.FromTable.from_frame`, rates or increments by the columns present."""
         if _DTHETA[0] in frame.columns:
             frame = frame.rename(columns=dict(zip(_DTHETA + _DVEL, _GYRO + _ACCEL, strict=True)))
             others["sampling"] = "increment"
@@ -182,11 +182,11 @@ class Trajectory(FromTable):
 
 @dataclass(frozen=True, slots=True)
 class SensorLog:
-    """Log of a further sensor, on a clock of its own."""
+    """Log of a further sensor, on its own clock."""
 
-    name: str  # kind of measurement that it is for, such as ``speedometer``
+    name: str  # its kind of measurement, such as ``speedometer``
     time: FloatArray  # (n,) [s], strictly increasing
-    values: Mapping[str, FloatArray]  # (n,) columns by name, in SI and radians; ``NaN`` where not known
+    values: Mapping[str, FloatArray]  # (n,) columns by name, in SI and radians; ``NaN`` if unknown
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,12 +202,12 @@ class Increments(Tabular):
     dtheta : (n, 3) array
         Integral of the body rate over the interval [rad].
     dvel : (n, 3) array
-        Integral of the specific force, as sensed, over the interval [m/s].
+        Integral of the measured specific force over the interval [m/s].
     coning : (n, 3) array
         Rotation vector of the interval minus `dtheta` [rad].
     sculling : (n, 3) array
-        Velocity increment in the body axes of the interval's start, minus `dvel` and minus the rotation of `dvel`
-        that constant rate and constant specific force would make [m/s].
+        Velocity increment in the body axes at the interval's start, minus `dvel` and minus its rotation under
+        constant rate and constant specific force [m/s].
     """
 
     COLUMNS: ClassVar = {
@@ -229,9 +229,9 @@ class Increments(Tabular):
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
-    """Attitude of the body at one time, with its uncertainty and where it came from."""
+    """Attitude of the body at one time, with uncertainty and origin."""
 
-    time: float  # for which it holds [s]
+    time: float  # of this attitude [s]
     rph: FloatArray  # (3,) roll, pitch, heading [rad]
     sd: FloatArray  # (3,) standard deviation of the attitude error about North, East, Down [rad]
     # (3,) mean of the stationary gyros minus the Earth rate, and its standard deviation [rad/s]; zero and infinite if
@@ -239,21 +239,21 @@ class Alignment:
     gyro_bias: FloatArray
     gyro_bias_sd: FloatArray
     static: tuple[float, float] | None  # start and end of the static interval used [s]
-    # how roll and pitch, and how heading, were found; in words in folders of earlier versions
+    # methods of roll and pitch, and of heading; in words in folders of earlier versions
     level_method: Code | str
     heading_method: Code | str
-    # (k, 2) by how much level and heading change from part to part of a long rest, drift of the sensors with it [rad]:
-    # a boat at its mooring, a car that is loaded; NaN where people board; none in a short one
+    # (k, 2) level and heading changes between parts of a long stationary period, including sensor drift [rad]: a moored
+    # boat, a car being loaded. NaN where people board; empty for a short period
     sway: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
-    left: float = -np.inf  # end of that rest, which begins with the static interval [s]
+    left: float = -np.inf  # end of that period, which begins with the static interval [s]
 
 
 @dataclass(frozen=True, slots=True)
 class Innovations(Tabular):
     """Innovation statistics of every fix that the filter processed.
 
-    Columns 0..2 are position North, East, Down [m], 3..5 velocity North, East, Down [m/s]; ``NaN`` where the fix had no
-    such value.
+    Columns 0..2 are position North, East, Down [m], 3..5 velocity North, East, Down [m/s]; ``NaN`` without such a
+    value.
     """
 
     COLUMNS: ClassVar = {
@@ -282,17 +282,17 @@ class AidingUse:
     """Innovation statistics of one kind of aiding measurement."""
 
     name: str  # such as ``nhc``, ``zupt``, ``odometer``, ``height``, ``heading``
-    # how many
+    # number of measurements
     processed: int
     rejected: int
-    innovation_rms: float  # root mean square of the accepted ones, of the first three numbers at most [`unit`]
-    nis: float  # mean normalised innovation squared of the accepted ones, per number [-]
+    innovation_rms: float  # root mean square of the accepted ones, over at most the first three components [`unit`]
+    nis: float  # mean normalised innovation squared of the accepted ones, per component [-]
     unit: str
 
 
 @dataclass(frozen=True, slots=True)
 class SensorErrors(Tabular):
-    """Estimated sensor errors over time, and their standard deviations."""
+    """Estimated sensor errors over time, with standard deviations."""
 
     COLUMNS: ClassVar = {
         "time": ("time_s",),
@@ -301,8 +301,8 @@ class SensorErrors(Tabular):
     }
 
     time: FloatArray  # (m,) [s]
-    # (m, 12) gyro bias x, y, z [rad/s], accelerometer bias x, y, z [m/s^2], gyro scale factor error x, y, z [-],
-    # accelerometer scale factor error x, y, z [-]
+    # (m, 12) sensor errors x, y, z: gyro bias [rad/s], accelerometer bias [m/s^2], scale factor of gyro and
+    # accelerometer [-]
     value: FloatArray
     sd: FloatArray
 
@@ -323,8 +323,8 @@ class Epochs(Tabular):
     lla: FloatArray  # (m, 3) latitude, longitude [rad], height [m]
     v_n: FloatArray  # (m, 3) velocity North, East, Down [m/s]
     q_nb: FloatArray  # (m, 4) attitude quaternion, scalar first
-    # (m, 9, 9) of position N, E, D [m], velocity N, E, D [m/s] and attitude error ``phi`` [rad],
-    # ``C_hat = (I - [phi x]) C``, where C is the attitude of the sensors' axes
+    # (m, 9, 9) of position N, E, D [m], velocity N, E, D [m/s] and attitude error ``phi`` [rad]. It is
+    # ``C_hat = (I - [phi x]) C`` with the attitude C of the sensor axes
     covariance: FloatArray
 
 
@@ -332,18 +332,18 @@ class Epochs(Tabular):
 class StateChange:
     """Change of three error states of the filter at one time."""
 
-    time: float  # of the epoch before which it is [s], in the time of the samples
-    first: int  # of the three error states
+    time: float  # of the epoch after the change [s], in sample time
+    first: int  # index of the first of the three error states
     change: FloatArray  # (3,) of the error, estimate minus truth
-    variance: FloatArray  # (3,) that the error has afterwards, at least
+    variance: FloatArray  # (3,) lower limit of the error variance after the change
 
 
 @dataclass(frozen=True, slots=True)
 class Smoothed:
-    """The smoothed (RTS) solution: every epoch from the whole recording, later fixes included."""
+    """Smoothed (RTS) solution: every epoch from the whole recording, including later fixes."""
 
     solution: Trajectory  # at the times of the filter's solution
-    epochs: Epochs  # state and covariance at each fix that was used
+    epochs: Epochs  # state and covariance at each used fix
     sensor_errors: SensorErrors  # biases and scale factors at these times
 
 
@@ -360,21 +360,22 @@ class Run:
     sensor_errors : SensorErrors
         Estimated biases and scale factors.
     events : tuple of Finding
-        Everything out of the ordinary, in order of time.
+        Unusual events, in order of time.
     alignment : Alignment
-        The attitude the filter started from.
+        Initial attitude of the filter.
     epochs : Epochs
         State and full covariance after each fix.
     gps_delay, gps_delay_sd : float
-        How much older the fixes are than their timestamps [s], as given or estimated, and its standard deviation.
+        Age of the fixes relative to their timestamps [s], specified or estimated, and its standard deviation.
     lever_b, lever_sd : (3,) array
-        Antenna seen from the IMU, body axes [m], as given or estimated, and its standard deviation.
+        Antenna seen from the IMU, body axes [m], specified or estimated, and its standard deviation.
     smoothed : Smoothed or None
-        The smoothed solution, if there is one.
+        The smoothed solution, if any.
     aiding : tuple of AidingUse
         Aiding measurements besides fixes.
     lever_sd_alone : (3,) array
-        `lever_sd` as the filter has it: parts of the drive may agree less on the delay, and with it on the arm [m].
+        `lever_sd` of the filter alone, without the disagreement of parts of the drive on the delay and thus the arm
+        [m].
     """
 
     solution: Trajectory

@@ -1,6 +1,6 @@
 """Units by name, and their factors to SI.
 
-A unit is always written out where a number enters or leaves insnav; inside there is only SI and radians.
+Numbers that enter or leave insnav have a written unit; inside there are only SI and radians.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _FACTORS: dict[str, dict[str, float]] = {
     "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "km": 1e3},
     "velocity": {"m/s": 1.0, "km/h": 1.0 / 3.6, "cm/s": 1e-2, "mm/s": 1e-3},
     "time": {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": HOUR},
-    # what a sensor puts out before it is calibrated
+    # raw sensor outputs
     "signal": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "LSB": 1.0},
     "jerk": {"m/s^3": 1.0, "g/s": G0},
     "rate ramp": {"rad/s^2": 1.0, "deg/s/s": DEG, "deg/h/s": DEG_PER_H, "deg/h/h": DEG_PER_H / HOUR},
@@ -73,17 +73,17 @@ _PRETTY = (("sqrt(Hz)", "√Hz"), ("sqrt(h)", "√h"), ("sqrt(s)", "√s"), ("^2
 
 
 def shown_unit(unit: str) -> str:
-    """Write a unit as it is read: ``deg/√h`` for ``deg/sqrt(h)``."""
+    """Write a unit in readable form: ``deg/√h`` for ``deg/sqrt(h)``."""
     for plain, pretty in _PRETTY:
         unit = unit.replace(plain, pretty)
     return unit
 
 
 def units_of(dimension: str) -> list[str]:
-    """Names of all units of a dimension, such as ``"rate"``; see `UNITS`."""
+    """List all units of a dimension, such as ``"rate"``; see `UNITS`."""
     return [name for name, (dim, _) in UNITS.items() if dim == dimension]
 
 
 def si_unit(dimension: str) -> str:
-    """Name of the unit of a dimension whose factor is one."""
+    """Return the unit of a dimension with factor one."""
     return next(name for name, (dim, factor) in UNITS.items() if dim == dimension and factor == 1.0)

@@ -1,3 +1,3 @@
-"""The release of insnav; it stands here alone, so that no module needs the whole package to name it."""
+"""Release of insnav, in a separate module to avoid importing the whole package."""
 
 __version__ = "0.2.0"

@@ -1,4 +1,4 @@
-"""Initial attitude: stationary (levelling, gyrocompass), from GPS course, or in motion; each with its uncertainty."""
+"""Initial attitude with its uncertainty: stationary (levelling, gyrocompass), from GPS course, or in motion."""
 
 from insnav.alignment.align import align, align_static, stationary_of
 from insnav.alignment.mounting import Mounting, find_mounting

@@ -1,4 +1,4 @@
-"""Which alignment the data allow: stationary or moving start, gyrocompass, course, or a given heading."""
+"""Choice of the alignment: stationary or moving start, gyrocompass, course, or a specified heading."""
 
 from __future__ import annotations
 
@@ -17,43 +17,43 @@ from insnav.strapdown import Intervals
 from insnav.types import Alignment, BoolArray, FloatArray, GpsData
 from insnav.units import G0
 
-GYROCOMPASS_SD = np.deg2rad(15.0)  # beyond it the filter's small-angle errors no longer hold
-SURE_SD = np.deg2rad(3.0)  # a gyrocompass as good as the course of a car needs no course
-GIVEN_HEADING_SD = np.deg2rad(2.0)  # of a heading that the user gives: read from a map or a compass
-STATIC_SPEED = 0.5  # GPS speed of a stationary vehicle, with the noise of a poor receiver [m/s]
-SWUNG = 10.0  # from where it rests, and standard deviations of fixes on top, beyond which a vehicle has left [m]
-MOVED = 3.0  # standard deviations of the way between two positions from which it is motion
-# Before fixes see a vehicle leave they may miss it for so long [s]. Steady acceleration, or speed, looks like a rest
-# then: none that follows on a change of velocity by more than STATIC_SPEED and this for each second [m/s^2]
+GYROCOMPASS_SD = np.deg2rad(15.0)  # beyond it the filter's small-angle approximation fails
+SURE_SD = np.deg2rad(3.0)  # a gyrocompass as accurate as the course of a car needs no course
+GIVEN_HEADING_SD = np.deg2rad(2.0)  # of a heading that the user specifies: from a map or a compass
+STATIC_SPEED = 0.5  # GPS speed of a stationary vehicle, including the noise of a poor receiver [m/s]
+SWUNG = 10.0  # distance from its stop, plus so many sd of the fixes, beyond which a vehicle has left [m]
+MOVED = 3.0  # standard deviations of a displacement between two positions that prove motion
+# Fixes may detect a departure this much too late [s]. Steady acceleration or speed then resembles a stop. A later stop
+# is rejected if the velocity has changed by more than STATIC_SPEED and this rate [m/s^2]
 UNSEEN, LEVEL_DRIFT = 30.0, 0.05
-SOON = 10.0  # a stop that begins this soon after the first fix is the start of the drive [s]
-HIDDEN = 60.0  # that motion may be hidden for by the noise of positions [s]
-COURSE_TIME = 0.5  # a course in motion may be off by the turn in this time, or up to the nearest velocity [s]
-SPARSE = 5.0  # fixes farther apart show no change of velocity in a short record [s]
-LATER = 10.0  # fixes that go on for longer than the samples may have seen what these have not [s]
-THEN_FILTER = {  # methods of an alignment that a run of the filter has refined
+SOON = 10.0  # a stop that begins this soon after the first fix starts the drive [s]
+HIDDEN = 60.0  # position noise may mask motion for this long [s]
+COURSE_TIME = 0.5  # course error in motion: the turn in this time, or up to the nearest velocity [s]
+SPARSE = 5.0  # sparser fixes show no change of velocity in a short record [s]
+LATER = 10.0  # fixes that continue so much longer than the samples may contain motion that the samples miss [s]
+THEN_FILTER = {  # alignment methods that a run of the filter has refined
     Code.ALIGN_LEVEL_MOTION: Code.ALIGN_LEVEL_MOTION_FILTER,
     Code.ALIGN_HEADING_COURSE: Code.ALIGN_HEADING_COURSE_FILTER,
     Code.ALIGN_HEADING_GYROCOMPASS: Code.ALIGN_HEADING_GYROCOMPASS_FILTER,
     Code.ALIGN_HEADING_GIVEN: Code.ALIGN_HEADING_GIVEN_FILTER,
 }
-LEVEL_SPAN = 20.0  # of the level from GPS velocity change: longer, gyro drift tilts the frame; shorter, noise [s]
+LEVEL_SPAN = 20.0  # for the level from GPS velocity change: longer, gyro drift; shorter, noise [s]
 
 
 def align_static(
     parts: Intervals, spec: ImuSpec, lat: float, height: float, rest: tuple[float, float], heading: float | None = None
 ) -> Alignment:
-    """Attitude of a stationary IMU.
+    """Align a stationary IMU.
 
-    `lat`, `height`: latitude [rad], height [m]; `rest`: start and end of the stationary interval [s]; `heading`: given
-    heading [rad]; by default it is found by gyrocompass if the gyros allow it.
-    Returns: with a heading of zero and an infinite standard deviation where it cannot be found.
+    `lat`, `height`: latitude [rad], height [m]. `rest`: start and end of the stationary interval [s]. `heading`:
+    specified heading [rad]; by default from a gyrocompass if the gyros allow it.
+    Returns: an alignment, with zero heading of infinite standard deviation if unobservable.
     """
     return _of_means(static.summarize(parts, *rest), spec, lat, height, heading)
 
 
 def _of_means(at: static.StationaryMeans, spec: ImuSpec, lat: float, height: float, heading: float | None) -> Alignment:
-    """The same from means over the stationary interval."""
+    """Align from means over the stationary interval."""
     roll, pitch = static.level(at.force)
     tilt = static.tilt_sd(at, spec, lat, height)
     compass, compass_sd = static.gyrocompass(at, spec, lat, float(tilt[0]))
@@ -65,7 +65,7 @@ def _of_means(at: static.StationaryMeans, spec: ImuSpec, lat: float, height: flo
         heading, heading_sd, method = 0.0, np.inf, Code.ALIGN_HEADING_UNKNOWN
     rph = np.array([roll, pitch, heading])
     bias, bias_sd = static.gyro_bias(at, spec, rph, heading_sd, lat)
-    if method is Code.ALIGN_HEADING_GYROCOMPASS:  # the rates have given the heading and cannot give the bias again
+    if method is Code.ALIGN_HEADING_GYROCOMPASS:  # the rates determine the heading and cannot give the bias as well
         bias, bias_sd = np.zeros(3), np.full(3, np.inf)
     sd = np.array([*tilt, heading_sd])
     return Alignment(at.start, rph, sd, bias, bias_sd, (at.start, at.end), Code.ALIGN_LEVEL_STATIC, method)
@@ -81,11 +81,11 @@ def align(
     yaw: float = 0.0,
     lever_sd: float = 0.0,
 ) -> Alignment:
-    """Attitude at the first fix that the samples cover, from whatever the data offer.
+    """Align at the first fix within the samples, by the best method for the data.
 
-    `static_span`: stationary interval as given [s]; found by default; `heading`: heading at the start as given [rad];
-    `yaw`: by which the IMU is turned in the vehicle [rad]; `lever_sd`: standard deviation of the lever arm [m].
-    Raises: AlignmentError: nothing in the data determines the heading, or the level.
+    `static_span`: stationary interval [s], by default detected. `heading`: specified heading at the start [rad]. `yaw`:
+    of the IMU in the vehicle [rad]. `lever_sd`: standard deviation of the lever arm [m].
+    Raises: AlignmentError: the data do not determine the heading, or the level.
     """
     begin, stop = parts.end[0] - parts.dt[0], parts.end[-1]
     covered = (gps.time >= begin) & (gps.time <= stop)
@@ -93,7 +93,7 @@ def align(
         raise AlignmentError("align.no_fix_inside")
     first_fix = float(gps.time[covered][0])
     rest = static_span or stationary_of(parts, gps)
-    # a rest that ends before the first fix says nothing of the attitude at that
+    # a stop that ends before the first fix does not determine the attitude at that fix
     if rest is not None and (static_span is not None or (rest[0] <= first_fix + SOON and first_fix <= rest[1])):
         still = np.array([rest]) if static_span else still_of(parts, gps, rest)
         found = _from_rest(parts, spec, gps, still, heading, yaw)
@@ -103,17 +103,17 @@ def align(
 
 
 def stationary_of(parts: Intervals, gps: GpsData) -> tuple[float, float] | None:
-    """First stationary interval of a recording [s], as `find_stationary` with GPS as the other sensor."""
+    """Find the first stationary interval of a recording [s]: `find_stationary` with GPS as second sensor."""
     slow = _slow(parts, motion.velocity(gps))
     found = static.find_stationary(parts, slow)
-    while found is not None and slow is not None and _moved(gps, *found):  # steady braking looks like rest
+    while found is not None and slow is not None and _moved(gps, *found):  # steady braking resembles a stop
         slow &= (parts.end < found[0]) | (parts.end > found[1])
         found = static.find_stationary(parts, slow)
     return found
 
 
 def still_of(parts: Intervals, gps: GpsData, rest: tuple[float, float]) -> FloatArray:
-    """Stationary intervals from the first until GPS sees the vehicle leave, people boarding in between, (m, 2) [s]."""
+    """Find the stationary intervals until the vehicle leaves by GPS, despite boarding, (m, 2) [s]."""
     here = gps.rows(np.flatnonzero(gps.time >= rest[0]))
     way = np.linalg.norm(ned_offset(here.lla, here.lla[:1])[:, :2], axis=1)
     away = here.time[way > SWUNG + MOVED * np.linalg.norm(here.position_sd[:, :2] + here.position_sd[:1, :2], axis=1)]
@@ -133,23 +133,23 @@ def still_of(parts: Intervals, gps: GpsData, rest: tuple[float, float]) -> Float
 
 
 def _left(parts: Intervals, still: list[tuple[float, float]], time: float) -> bool:
-    """Whether gyros and accelerometers see the vehicle leave between its last rest and a time [s]."""
+    """Return whether gyros and accelerometers show a departure between the last stop and a time [s]."""
     end = still[-1][1]
     rows = slice(*np.searchsorted(parts.end, [max(still[-1][0], end - LEVEL_SPAN), end], side="right"))
-    if rows.start == rows.stop:  # a rest of one fix
+    if rows.start == rows.stop:  # a stop with a single fix
         return False
     rph = np.array([*static.level(static.rates(parts, rows)[1].mean(axis=0)), 0.0])
-    # the Earth's rotation is in the mean rate
+    # the mean rate contains the Earth's rotation
     track = motion.history(parts, end, time, rph, static.summarize(parts, *still[0]).rate, None)
     return bool(np.hypot(*track.u_n[-1, :2]) > STATIC_SPEED + LEVEL_DRIFT * (time - end))
 
 
 def _moved(gps: GpsData, begin: float, end: float) -> bool:
-    """Whether the mean velocity, or positions without velocities, show more motion in an interval than they err."""
+    """Return whether mean velocity, or positions without velocities, show significant motion in an interval."""
     rows = np.flatnonzero((gps.time >= begin) & (gps.time <= end))
     if rows.size < 2:
         return False
-    if np.isfinite(gps.v_n[rows]).all():  # errors that last as long have no mean of zero
+    if np.isfinite(gps.v_n[rows]).all():  # errors that persist as long have no zero mean
         mean = float(np.hypot(*gps.v_n[rows, :2].mean(axis=0)))
         return mean > motion.CREEP and bool(motion.is_clear(mean, np.median(gps.velocity_sd[rows, :2])))
     first, last = rows[0], rows[-1]
@@ -159,7 +159,7 @@ def _moved(gps: GpsData, begin: float, end: float) -> bool:
 
 
 def _slow(parts: Intervals, speed: motion.Velocity) -> BoolArray | None:
-    """Whether GPS sees no motion, at every interval."""
+    """Find the intervals in which GPS shows no motion."""
     if speed.time.size < 2:
         return None
     horizontal = np.hypot(speed.v_n[:, 0], speed.v_n[:, 1])
@@ -170,7 +170,7 @@ def _slow(parts: Intervals, speed: motion.Velocity) -> BoolArray | None:
 def _from_rest(
     parts: Intervals, spec: ImuSpec, gps: GpsData, still: FloatArray, heading: float | None, yaw: float
 ) -> Alignment | None:
-    """`still` (m, 2): stationary intervals of the rest [s]."""
+    """Align from a stop; `still` (m, 2): its stationary intervals [s]."""
     rest = float(still[0, 0]), float(still[0, 1])
     fixes = gps.time[(gps.time >= rest[0]) & (gps.time <= rest[1])]
     if fixes.size == 0:
@@ -188,20 +188,20 @@ def _from_rest(
     if given:
         return long
     speed, moving = motion.sure_motion(gps, start)
-    if moving is not None and np.isnan(sway).sum() > 0.5 * sway.size:  # a boat that rocks is still by chance
+    if moving is not None and np.isnan(sway).sum() > 0.5 * sway.size:  # a rocking boat is stationary by chance
         return None
     course = None
     if moving is not None:
         end = min(moving + speed.span + 1.0, float(parts.end[-1]))
         rph = np.array([found.rph[0], found.rph[1], 0.0])
-        # gyros carry the heading only after their stationary mean is subtracted; through a long rest it stays
+        # gyros carry the heading only after their stationary mean is subtracted; it is constant through a long stop
         bias, bias_sd = static.gyro_bias(at, spec, rph, np.inf, lat)
         track = motion.history(parts, at.end if sway.size else start, end, rph, bias, lat)
-        # the horizontal Earth rate, unknown with the heading, is in the bias sd but does not turn the heading
+        # the horizontal Earth rate, unknown with the heading, is in the bias sd but does not rotate the heading
         drift = float(min(bias_sd[2], np.max(gyro_bias_sd(spec.gyro))))
         course = motion.course_heading(track, speed, moving, drift, float(found.sd[0]), yaw)
     if course is None or course.sd >= found.sd[2]:
-        if np.isfinite(found.sd[2]):  # gyros that find the heading drift little
+        if np.isfinite(found.sd[2]):  # gyros that can gyrocompass drift little
             return found
         if moving is not None and motion.interval_of(gps.time) > SPARSE:
             raise motion.too_sparse(motion.interval_of(gps.time))
@@ -213,7 +213,7 @@ def _from_rest(
 
 
 def _ends_before(parts: Intervals, gps: GpsData) -> float:
-    """Return how long before the fixes the samples end, NaN if that is not long [s]."""
+    """Return the time by which the samples end before the fixes, NaN if it is short [s]."""
     later = float(gps.time[-1] - parts.end[-1])
     return later if later > LATER else np.nan
 
@@ -221,7 +221,7 @@ def _ends_before(parts: Intervals, gps: GpsData) -> float:
 def _in_motion(
     parts: Intervals, spec: ImuSpec, gps: GpsData, start: float, heading: float | None, yaw: float, lever_sd: float
 ) -> Alignment:
-    """`start`: first fix that the samples cover [s]."""
+    """Align in motion; `start`: first fix within the samples [s]."""
     speed, moving = motion.sure_motion(gps, start, HIDDEN)
     if moving is None:
         raise AlignmentError("align.no_motion", limit_m_s=motion.CREEP, before_s=_ends_before(parts, gps))
@@ -245,13 +245,13 @@ def _in_motion(
     rates, _ = static.rates(parts)
     around = np.abs(parts.end - begin) <= 1.0
     turning = float(np.max(np.abs(rates[around].mean(axis=0)))) if around.any() else 0.0
-    # in a turn the course is not that of one instant, nor that of antenna and IMU the same
+    # in a turn, the mean course differs from the course at one time, and from antenna to IMU
     across = float(np.hypot(np.median(speed.sd[near]), turning * lever_sd)) / max(np.hypot(v[0], v[1]), 1e-9)
     course_sd = float(np.sqrt(speed.slip_sd**2 + across**2 + (turning * max(COURSE_TIME, nearest)) ** 2))
     method = Code.ALIGN_HEADING_CREEPING if speed.creeps else Code.ALIGN_HEADING_COURSE
     if heading is not None:
         rph[2], course_sd, method = heading, GIVEN_HEADING_SD, Code.ALIGN_HEADING_GIVEN
-    # gyro bias tilts the frame in which the specific force was averaged; a wrong heading turns the acceleration
+    # gyro bias tilts the frame of the averaged specific force; a heading error rotates the acceleration
     drift = 0.5 * gyro * (end - begin)
     tilt = float(np.linalg.norm([level_sd, bias / G0, drift, acceleration / G0 * course_sd]))
     rph[2] = wrap_two_pi(rph[2])

@@ -1,12 +1,11 @@
-"""Offset between the clocks of IMU and receiver, by turns and accelerations that both see.
+"""Offset between the clocks of IMU and receiver, from common turns and accelerations.
 
-How the IMU is mounted need not be known: its turn rate about the vertical is compared with that of the course over
-ground, and the size of its horizontal specific force with that of the acceleration by GPS. The offset is looked for
-over the whole of both records, by their correlation at every lag, computed by fast Fourier transform with the samples
-that are there (masked normalised correlation: Padfield, "Masked object registration in the Fourier domain", IEEE Trans.
-Image Processing 21 (2012) 2706-2718); then refined by least squares, whose standard deviation allows for residuals
-that are alike within blocks of the record (Liang and Zeger, Biometrika 73 (1986) 13-22), for what lever arm and
-levelling leave, and for what turns and accelerations differ by.
+The IMU's mounting need not be known. Its turn rate about the vertical is compared with the course rate, and the size of
+its horizontal specific force with the GPS acceleration. A correlation at every lag covers both records: by fast Fourier
+transform, with masks for missing samples (masked normalised correlation: Padfield, "Masked object registration in the
+Fourier domain", IEEE Trans. Image Processing 21 (2012) 2706-2718). Least squares refine the offset. Its standard
+deviation allows for residuals correlated in blocks of the record (Liang and Zeger, Biometrika 73 (1986) 13-22), for
+lever arm and levelling, and for disagreement of turns and accelerations.
 """
 
 from __future__ import annotations
@@ -25,54 +24,54 @@ from insnav.kernels.earth import A
 from insnav.strapdown import Intervals
 from insnav.types import BoolArray, FloatArray, GpsData
 
-TURN_SPAN = 2.0  # over which turns are compared [s]
-FEWEST_TURNS = 20  # spans that can tell
-TURNS = 0.04  # RMS turn of the spans that can tell [rad]
-SHARP = 2.5  # larger turns may go the other way round [rad]
-COARSE = 0.5  # to which the best lag of the correlation tells the offset, at least [s]
-STEEPEST = 1.55  # latitude, north or south, beyond which the course turns with every metre [rad]
-STEP = 0.1  # of the grid on which records are compared [s]
-SPAN = 1.0  # over which turns and changes of velocity are taken, at least [s]
-LEVELLING = 30.0  # time constant with which gravity is found; longer than accelerations last [s]
-PASSES = 3  # each leaves of the gyro bias what it has not pulled gravity by, a tenth in five minutes
-LONG = 8.0 * LEVELLING  # records longer than that can do without their beginning [s]
-SLOW = 0.8  # below it the course of GPS velocity is noise [m/s]
-MOVES = 0.1  # RMS of what is compared, below which nothing moved [rad/s], [m/s^2]
-SHORTEST = 20.0  # records must overlap so long [s]
-SHARE = 0.3  # and by that part of the shorter one
-MEMORY = 2.0  # turns and accelerations so far apart are independent, if they are not of longer spans [s]
-SURE = 15.0  # log-likelihood above which a lag is no accident, among so many lags
-AS_TOLD = 0.3  # part of the best log-likelihood with which the clocks as they are are believed
-AS_LIKELY = 0.92  # the same with which hardly any offset is: circles in wind, and slow motion, have no clear one
-JUDGED = 0.75  # part of the motion by fixes that must be compared, where the records overlap as they are
-APART = 5.0  # other lags are at least so far away [s]
-BLOCKS = 12  # of the record, in which residuals may be alike
-SYSTEMATIC = 0.01  # error that lever arm and levelling leave, RMS of simulated city drives [s]
-# standard deviations beyond which a residual is that of a false velocity, if it exceeds the RMS of what is seen, too:
-# in a flight straight for most of the time it would else be that of every turn
+TURN_SPAN = 2.0  # interval of a turn [s]
+FEWEST_TURNS = 20  # least number of useful intervals
+TURNS = 0.04  # RMS turn of useful intervals [rad]
+SHARP = 2.5  # the sense of larger turns is ambiguous [rad]
+COARSE = 0.5  # resolution of the best lag, at least [s]
+STEEPEST = 1.55  # latitude, north or south, beyond which the course changes with every metre [rad]
+STEP = 0.1  # of the comparison grid [s]
+SPAN = 1.0  # least interval of turns and velocity changes [s]
+LEVELLING = 30.0  # time constant of the gravity estimate, longer than accelerations [s]
+PASSES = 3  # each pass reduces the effect of gyro bias on gravity to a tenth in five minutes
+LONG = 8.0 * LEVELLING  # longer records can omit their beginning [s]
+SLOW = 0.8  # below this speed the GPS course is noise [m/s]
+MOVES = 0.1  # least RMS of turns or accelerations that shows motion [rad/s], [m/s^2]
+SHORTEST = 20.0  # least overlap of the records [s]
+SHARE = 0.3  # and least share of the shorter record
+MEMORY = 2.0  # turns and accelerations decorrelate over this time, unless their interval is longer [s]
+SURE = 15.0  # log-likelihood beyond chance, among all lags
+AS_TOLD = 0.3  # share of the best log-likelihood that zero offset needs to be accepted
+AS_LIKELY = 0.92  # the same, if nearly all offsets reach it: circles in wind and slow motion have no clear best
+JUDGED = 0.75  # least share of the fixes' motion that is compared at zero offset
+APART = 5.0  # least distance to other lags [s]
+BLOCKS = 12  # of the record, with correlated residuals
+SYSTEMATIC = 0.01  # error by lever arm and levelling, RMS of simulated city drives [s]
+# Residual in standard deviations that indicates a false velocity, if it also exceeds the RMS of the signal. Otherwise
+# every turn of a mostly straight flight would be rejected.
 OUTSIDE = 4.0
-FINE = 2.0  # the offset is refined so far around the lag that was found [s]
-CONTRARY = -0.5  # correlation of accelerations that contradicts turns: gravity was taken from one, banked [-]
-# Acceleration by fixes in their noise, beyond which it is seen, so that one correlation or the other is 0.7 and more in
-# a hundred simulated and recorded drives. Those of 25 pairs of two drives were up to 0.35 with the clocks as they are,
-# up to 0.6 at the best of all offsets.
+FINE = 2.0  # the offset is refined this far around the best lag [s]
+CONTRARY = -0.5  # correlation of accelerations that contradicts turns: gravity estimated in a banked turn [-]
+# Acceleration of the fixes, relative to its noise, that is significant. Then one of the correlations is at least 0.7 in
+# a hundred simulated and recorded drives. 25 pairs of different drives had up to 0.35 at zero offset, up to 0.6 at the
+# best offset.
 SEEN = 1.5
-DRIVES = 0.15  # and this: on rough ground tractors and robots feel twice the 0.15 m/s^2 that fixes show [m/s^2]
-ALIKE, UNLIKE = 0.6, 0.4  # correlation from which motion that is seen is the same, and below which it is another [-]
-LONG_ENOUGH = 60.0  # time in common after which two drives are told from one [s]
-AS_IS = 3.0  # offsets that are none, but a delay [s]
-DENSE = 6.0  # changes over longer spans may be whole circles: a flight with a fix every 10 s has r = 0.3 [s]
-BEYOND = 1.5  # times what any sample feels, what fixes show is false
-NOISE = 2.0  # times the RMS of what samples feel, what fixes show is noise, whatever they claim
-LEAST = 0.5  # correlation of turns or accelerations, refined, that tells an offset [-]
-# An IMU at rest: what its means over such a time differ by at most, and how fast those of fixes that move change; a
-# consumer's wander by 0.03 m/s^2 and 0.001 rad/s in ten minutes, and ships, trains and flights may change no faster.
+DRIVES = 0.15  # least acceleration: on rough ground IMUs sense twice the 0.15 m/s^2 of the fixes [m/s^2]
+ALIKE, UNLIKE = 0.6, 0.4  # correlation of significant motion: same drive above, different drives below [-]
+LONG_ENOUGH = 60.0  # least common time to detect different drives [s]
+AS_IS = 3.0  # smaller offsets are a delay [s]
+DENSE = 6.0  # longer intervals may contain full circles: a flight with a fix every 10 s has r = 0.3 [s]
+BEYOND = 1.5  # fixes with more acceleration than this multiple of any sample are false
+NOISE = 2.0  # fixes with more than this multiple of the samples' RMS are noise, whatever their sd
+LEAST = 0.5  # least refined correlation of turns or accelerations for an offset [-]
+# IMU at rest: largest difference of its means over such a time, and least change rate of moving fixes. Consumer biases
+# vary by 0.03 m/s^2 and 0.001 rad/s in ten minutes. Ships, trains and flights may change no faster.
 MEAN, STILL, STILL_TURN, MOVED = 10.0, 0.05, 0.005, 0.3  # [s], [m/s^2], [rad/s], [m/s^2]
 
 
 @dataclass(frozen=True, slots=True)
 class ClockOffset:
-    """How far the clock of the IMU is behind that of the receiver."""
+    """Offset of the IMU clock behind the receiver clock."""
 
     offset: float  # to be added to the times of the IMU [s]
     sd: float  # standard deviation [s]
@@ -83,22 +82,22 @@ class ClockOffset:
 
 @dataclass(frozen=True, slots=True)
 class Unlike:
-    """How little motion of IMU and receiver have in common with the clocks as they are: those of two drives."""
+    """Lack of common motion of IMU and receiver at zero offset: two different drives."""
 
-    turns: float  # correlation of turn rates, the best near no offset [-]
+    turns: float  # correlation of turn rates, the best near zero offset [-]
     accelerations: float  # of horizontal accelerations [-]
     overlap: float  # of the records [s]
-    at_rest: bool = False  # whether the IMU stands and the fixes move
+    at_rest: bool = False  # the IMU is stationary and the fixes move
 
 
 @dataclass(frozen=True, slots=True)
 class _Track:
-    """Integrals over a record; what is compared are their changes."""
+    """Integrals over a record; their changes are compared."""
 
     time: FloatArray  # (n,) [s]
     turn: FloatArray  # (n,) [rad]
     change: FloatArray  # (n, 2) [m/s]
-    turns: BoolArray  # (n,) whether the turn is known there
+    turns: BoolArray  # (n,) rows with a known turn
     known: BoolArray  # (n,)
     sd: float = 0.0  # scatter of `change`, each component [m/s]
 
@@ -107,22 +106,22 @@ class _Track:
 class _Compared:
     """Turns and accelerations of samples and fixes, correlated at every lag."""
 
-    span: float  # that changes are over [s]
+    span: float  # interval of the changes [s]
     lags: FloatArray  # (k,) [s]
     alike: FloatArray  # (2, k) correlation of turns and of accelerations [-]
-    common: FloatArray  # (2, k) time that both know [s]
+    common: FloatArray  # (2, k) common time [s]
     score: FloatArray  # (k,) log-likelihood
-    most: float  # of both correlations, weighted by time, where the likelihood is largest [-]
-    felt: float  # acceleration by samples, RMS [m/s^2]
-    seen: float  # and by fixes
-    judged: float  # part of the motion by fixes that samples are compared with, the clocks as they are [-]
+    most: float  # largest time-weighted mean of both correlations, at the best lag [-]
+    felt: float  # RMS acceleration of the samples [m/s^2]
+    seen: float  # and of the fixes
+    judged: float  # share of the fixes' motion that is compared at zero offset [-]
 
 
 def find_clock_offset(parts: Intervals, gps: GpsData, *, worth: float = 0.0) -> ClockOffset | Unlike | None:
-    """Offset of the clocks, or what says that there is none; None if the records show neither beyond doubt.
+    """Find the offset of the clocks, or evidence of different drives; None if neither is significant.
 
-    `parts`: samples as intervals; `gps`: fixes with standard deviations; `worth`: smaller offsets are not looked at
-    closely, None [s].
+    `parts`: samples as intervals. `gps`: fixes with standard deviations. `worth`: smaller offsets are not refined and
+    give None [s].
     """
     imu, track = _of_imu(parts), _of_gps(gps)
     if track is None or len(imu.time) < 10:
@@ -137,7 +136,7 @@ def find_clock_offset(parts: Intervals, gps: GpsData, *, worth: float = 0.0) -> 
         unlike = Unlike(*_near(compared))
         return unlike if max(abs(unlike.turns), abs(unlike.accelerations)) < UNLIKE else None
     lag = _best_lag(compared)
-    if compared.span >= DENSE:  # nor are they told to less than that
+    if compared.span >= DENSE:  # their resolution is no better
         worth = max(worth, compared.span)
     found = None if lag is None or abs(lag) < worth - COARSE else _refined(imu, track, lag, compared.span)
     if found is None or found.accelerations < CONTRARY or max(abs(found.turns), found.accelerations) < LEAST:
@@ -146,7 +145,7 @@ def find_clock_offset(parts: Intervals, gps: GpsData, *, worth: float = 0.0) -> 
 
 
 def likeness(parts: Intervals, *others: GpsData) -> list[float]:
-    """Correlation of accelerations by samples and each of some fixes, the clocks as they are; zero if unknown [-]."""
+    """Compute the correlation of accelerations between samples and each set of fixes at zero offset; 0: unknown [-]."""
     imu, found = _of_imu(parts), []
     for gps in others:
         track = _of_gps(gps)
@@ -157,7 +156,7 @@ def likeness(parts: Intervals, *others: GpsData) -> list[float]:
 
 
 def _at_rest(parts: Intervals, track: _Track) -> float:
-    """Time in common [s] if the IMU stands in all of it while the fixes move; zero if not."""
+    """Return the common time [s] if the IMU is stationary in all of it while the fixes move; else zero."""
     first, last = max(parts.end[0], track.time[0]), min(parts.end[-1], track.time[-1])
     starts = np.arange(first, last - MEAN, MEAN)
     if last - first < LONG_ENOUGH or not _moves(track, starts):
@@ -175,7 +174,7 @@ def _at_rest(parts: Intervals, track: _Track) -> float:
 
 
 def _moves(track: _Track, starts: FloatArray) -> bool:
-    """Whether the mean velocity by fixes after these times changes faster than `MOVED` a tenth of the time."""
+    """Return whether the mean velocity of the fixes changes faster than `MOVED` in a tenth of the time."""
     v = track.change
     gone = np.vstack([[0.0, 0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(track.time)[:, None], axis=0)])
     at = [np.column_stack([np.interp(each, track.time, axis) for axis in gone.T]) for each in (starts, starts + MEAN)]
@@ -188,14 +187,14 @@ def _of_imu(parts: Intervals) -> _Track:
     n = len(parts.dt)
     turn, change = np.empty(n + 1), np.empty((n + 1, 2))
     gyro, accel = parts.gyro * scale, parts.accel * scale
-    bias = np.zeros(3)  # a consumer gyro's would tilt gravity by 18 deg, which accelerations then add to or take from
+    bias = np.zeros(3)  # a consumer gyro's bias would tilt gravity by 18 deg and corrupt the accelerations
     for _ in range(PASSES):
         level_history(parts.dt, gyro, accel, bias, LEVELLING, turn, change)
     time = np.concatenate([[parts.end[0] - parts.dt[0]], parts.end])
     spill.release()
     known = np.concatenate([[True], parts.gap == 0.0])
     if time[-1] - time[0] > LONG:
-        known[: np.searchsorted(time, time[0] + LEVELLING)] = False  # until gravity is found
+        known[: np.searchsorted(time, time[0] + LEVELLING)] = False  # until gravity is estimated
     return _Track(time, turn, change, known, known)
 
 
@@ -205,7 +204,7 @@ def _of_gps(gps: GpsData) -> _Track | None:
         return None
     v = speed.v_n[:, :2]
     fast = np.hypot(v[:, 0], v[:, 1]) > np.maximum(SLOW, 4.0 * speed.sd)
-    # North turns as the vehicle moves east, which no gyro feels: metres from a pole, that is all there is
+    # North rotates as the vehicle moves east, which gyros do not sense: near a pole this dominates
     lat = np.interp(speed.time, gps.time, gps.lla[:, 0])
     north = v[:, 1] * np.tan(np.clip(lat, -STEEPEST, STEEPEST)) / A
     turned = np.concatenate([[0.0], np.cumsum(0.5 * (north[1:] + north[:-1]) * np.diff(speed.time))])
@@ -216,13 +215,13 @@ def _of_gps(gps: GpsData) -> _Track | None:
     turn[rows] = np.unwrap(course[rows])
     known = np.abs(lat) < STEEPEST
     fast &= known
-    # what fixes claim may be errors that last, in which no acceleration is hidden; or too little
+    # the reported sd may describe time-correlated errors, which mask no acceleration, or may be too small
     scatter = 1.4826 / math.sqrt(6.0) * float(np.median(np.abs(np.diff(v, n=2, axis=0))))
     return _Track(speed.time, turn, _levelled(speed.time, v), np.asarray(fast), known, scatter)
 
 
 def _levelled(time: FloatArray, v: FloatArray) -> FloatArray:
-    """Velocities less what lasts (n, 2) [m/s]: the level of the samples follows it, and they do not show it."""
+    """Remove slow velocity changes (n, 2) [m/s]: the level of the samples follows them and hides them."""
     follows = 1.0 - np.exp(-np.diff(time, prepend=time[0]) / LEVELLING)
     lasting, (north, east) = [], v[0].tolist()
     for share, (v_north, v_east) in zip(follows.tolist(), v.tolist(), strict=True):
@@ -232,14 +231,14 @@ def _levelled(time: FloatArray, v: FloatArray) -> FloatArray:
 
 
 def _over(track: _Track, ends: Sequence[FloatArray]) -> FloatArray:
-    """Turn, and size of the change of velocity, between two times each, (2, m) [rad], [m/s]."""
+    """Compute turn and size of velocity change between pairs of times, (2, m) [rad], [m/s]."""
     turn = [np.interp(each, track.time, track.turn) for each in ends]
     change = [np.column_stack([np.interp(each, track.time, track.change[:, i]) for i in range(2)]) for each in ends]
     return np.array([turn[1] - turn[0], np.linalg.norm(change[1] - change[0], axis=1)])
 
 
 def _rates(track: _Track, span: float) -> tuple[float, FloatArray, BoolArray]:
-    """Turn rate and size of acceleration over spans, on a grid: its start [s], (2, m) values and (2, m) masks."""
+    """Compute turn rate and acceleration over spans, on a grid: its start [s], (2, m) values and (2, m) masks."""
     grid = np.arange(track.time[0] + 0.5 * span, track.time[-1] - 0.5 * span, STEP)
     ends = grid - 0.5 * span, grid + 0.5 * span
     values = _over(track, ends) / span
@@ -251,7 +250,7 @@ def _rates(track: _Track, span: float) -> tuple[float, FloatArray, BoolArray]:
 
 
 def _covered(track: _Track, flags: BoolArray, ends: tuple[FloatArray, FloatArray]) -> BoolArray:
-    """Whether every row from before the start to after the end of each span is known, and none is missing."""
+    """Find spans whose rows are all known, from before the start to after the end."""
     step = np.diff(track.time)
     bad = np.concatenate([[0], np.cumsum(~flags)])
     gap = np.concatenate([[0], np.cumsum(step > 2.5 * np.median(step))])
@@ -261,7 +260,7 @@ def _covered(track: _Track, flags: BoolArray, ends: tuple[FloatArray, FloatArray
 
 
 def _of_tracks(imu: _Track, track: _Track) -> _Compared | None:
-    """Samples and fixes, compared over spans that fit the fixes; None if they are too short."""
+    """Compare samples and fixes over spans that suit the fixes; None if they are too short."""
     span = max(SPAN, 2.0 * float(np.median(np.diff(track.time))))
     return _compared(_rates(imu, span), _rates(track, span), span)
 
@@ -269,7 +268,7 @@ def _of_tracks(imu: _Track, track: _Track) -> _Compared | None:
 def _compared(
     imu: tuple[float, FloatArray, BoolArray], gps: tuple[float, FloatArray, BoolArray], span: float
 ) -> _Compared | None:
-    """Correlate turns and accelerations, changes over `span` [s], at every lag; None if they are too short."""
+    """Correlate turns and accelerations, changes over `span` [s], at every lag; None if the records are too short."""
     n, m = imu[1].shape[1], gps[1].shape[1]
     if min(n, m) * STEP < SHORTEST:
         return None
@@ -282,7 +281,7 @@ def _compared(
         my = my & (np.abs(y) < BEYOND * np.max(np.abs(x), where=mx, initial=0.0))
         if not (mx.any() and my.any()) or float(np.std(y[my])) < 0.1 * MOVES:
             continue
-        felt, seen = float(np.std(x[mx])), float(np.std(y[my]))  # accelerations come last
+        felt, seen = float(np.std(x[mx])), float(np.std(y[my]))  # accelerations are last
         motion = np.where(my & within, (y - np.median(y[my])) ** 2, 0.0)
         inside, judged = inside + motion.sum(), judged + motion[within] @ mx[at[within]]
         correlation, count = _masked_correlation(x, mx, y, my)
@@ -296,14 +295,14 @@ def _compared(
 
 
 def _near(compared: _Compared) -> tuple[float, float, float]:
-    """Correlation of turns and of accelerations with the clocks as they are, 1 if too short; and time in common [s]."""
+    """Return correlation of turns and accelerations at zero offset, 1 if too short, and the common time [s]."""
     near = np.flatnonzero((abs(compared.lags) < AS_IS) & (compared.common[1] >= LONG_ENOUGH))
     turns, accelerations = (float(max(each[near], key=abs, default=1.0)) for each in compared.alike)
     return turns, accelerations, float(compared.common[1, near].max(initial=0.0))
 
 
 def _best_lag(compared: _Compared) -> float | None:
-    """Lag with the largest likelihood [s], if no other comes near."""
+    """Find the most likely lag [s], if no other lag is similar."""
     lags, score = compared.lags, compared.score
     best = int(np.argmax(score))
     around = abs(np.arange(len(lags)) - best) * STEP < APART
@@ -315,21 +314,21 @@ def _best_lag(compared: _Compared) -> float | None:
         return None
     as_told = float(np.max(score[(np.abs(lags) < APART) & ~around], initial=0.0))
     if abs(lags[best]) >= APART and as_told > max(SURE, AS_TOLD * score[best]):
-        return None  # the motion repeats itself, and the clocks as they are explain it too
+        return None  # the motion repeats itself, and zero offset explains it, too
     if abs(lags[best]) >= APART and compared.judged < JUDGED:
-        return None  # most of it is where the level of the samples is still looked for
+        return None  # mostly where the samples' level has not settled
     return float(lags[best])
 
 
 def _masked_correlation(x: FloatArray, mx: BoolArray, y: FloatArray, my: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Correlation of two series at every lag, over what both have; and how many values that are.
+    """Correlate two series at every lag, over common values; return also the number of these.
 
-    Entry k is for x shifted by ``k - (n - 1)`` steps to later.
+    Entry k is for x delayed by ``k - (n - 1)`` steps.
     """
     size = len(x) + len(y) - 1
     size = min(m << math.ceil(math.log2(size / m)) for m in (1, 3, 5, 9, 15))  # of small factors: their FFT is fast
     x, y = np.where(mx, x - x[mx].mean(), 0.0), np.where(my, y - y[my].mean(), 0.0)
-    # of each its values, their squares and how many there are: six transforms
+    # of values, squares and masks of both: six transforms
     of_x, square_x, ones_x = (np.fft.rfft(each[::-1], size) for each in (x, x**2, mx.astype(np.float64)))
     of_y, square_y, ones_y = (np.fft.rfft(each, size) for each in (y, y**2, my.astype(np.float64)))
 
@@ -346,7 +345,7 @@ def _masked_correlation(x: FloatArray, mx: BoolArray, y: FloatArray, my: BoolArr
 
 
 def _refined(imu: _Track, gps: _Track, lag: float, span: float) -> ClockOffset | None:
-    """Least squares of what fixes show on what the samples show, over spans between fixes."""
+    """Fit the signal of the fixes by the signal of the samples, over spans between fixes."""
     rows = max(1, round(span / float(np.median(np.diff(gps.time)))))
     ends = gps.time[:-rows], gps.time[rows:]
     if not len(ends[0]):
@@ -368,7 +367,7 @@ def _refined(imu: _Track, gps: _Track, lag: float, span: float) -> ClockOffset |
             if np.count_nonzero(use[i]) < 10:
                 continue
             row = np.flatnonzero(use[i])
-            for _ in range(2):  # then once more without what no clock explains: false velocities
+            for _ in range(2):  # then once more without false velocities
                 x, y = felt[i, row], seen[i, row]
                 x, y = x - x.mean(), y - y.mean()
                 power = float(np.sum(x**2))
@@ -401,7 +400,7 @@ def _refined(imu: _Track, gps: _Track, lag: float, span: float) -> ClockOffset |
         blocks = [float(np.sum(part)) for part in np.array_split(gradient, BLOCKS)]
         sd = float(np.sqrt(np.sum(np.square(blocks)) * BLOCKS / (BLOCKS - 1.0))) / power
         each = np.sum(weighted * slope, axis=1)
-        alone = -np.sum(weighted * left, axis=1) / np.where(each > 0.0, each, np.inf)  # by each kind
+        alone = -np.sum(weighted * left, axis=1) / np.where(each > 0.0, each, np.inf)  # each kind separately
         apart = float(np.abs(alone[0] - alone[1])) if (each > 0.0).all() else 0.0
         at += float(np.clip(change, -0.2, 0.2))
         if abs(change) < 1e-4:
@@ -411,15 +410,15 @@ def _refined(imu: _Track, gps: _Track, lag: float, span: float) -> ClockOffset |
 
 
 def _likelihood(left: FloatArray, r: FloatArray) -> float:
-    """How well the samples explain the fixes: logarithm of the residuals, each kind by the number of its rows."""
+    """Compute the log-likelihood of the fixes by the samples: logarithm of residuals, weighted by rows."""
     count = np.count_nonzero(left, axis=1)
     return float(np.sum(-0.5 * count * np.log1p(-(np.clip(r, -0.9999, 0.9999) ** 2))))
 
 
 def turn_scale(parts: Intervals, gps: GpsData) -> tuple[float, float]:
-    """Turn of the course for a turn by the gyros, and the correlation of the two; zeros if nothing turns.
+    """Compute the ratio of course turns to gyro turns, and their correlation; zeros without turns.
 
-    Turns are those about the mean specific force, which is near the vertical of all vehicles on the ground.
+    Gyro turns are about the mean specific force, which is near vertical in ground vehicles.
     """
     speed = velocity(gps)
     rows = np.flatnonzero(speed.fast)

@@ -1,4 +1,4 @@
-"""False fixes: at the start of a record by consensus; of a stationary vehicle: multipath is tens of metres."""
+"""False fixes: at the start of a record, by consensus; of a stationary vehicle, by multipath of tens of metres."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from insnav.earth import ned_offset
 from insnav.strapdown import GAP, Intervals
 from insnav.types import BoolArray, FloatArray, GpsData
 
-LONGER = 10.0  # a rest that is longer than fixes have it by less says nothing of them [s]
-AWAY, AWAY_SD = 50.0, 6.0  # from where it was, beyond which a vehicle has left its place [m], [sd]
-MOST = 0.1  # part of the fixes that may be there while it rests
-DRIFT = 10.0  # way from the first quarter of a rest to the last that a current makes [m]
-CONSENSUS = 9  # fixes that decide together
+LONGER = 10.0  # a stop must exceed the fixes' own stop by this, to contradict fixes [s]
+AWAY, AWAY_SD = 50.0, 6.0  # distance from its place beyond which a vehicle has left it [m], [sd]
+MOST = 0.1  # largest share of fixes there while it is stationary
+DRIFT = 10.0  # displacement by a current between first and last quarter of a stop [m]
+CONSENSUS = 9  # number of fixes for a consensus
 # Limit of the distance from the median in robust standard deviations: Student's t, 3 degrees of freedom, two-sided
 # 0.001. The median absolute deviation of nine numbers has that many (efficiency 0.37: Huber and Ronchetti, "Robust
-# Statistics", 2nd ed., 2009, section 5.1). A good fix that is left out costs a start one fix later.
+# Statistics", 2nd ed., 2009, section 5.1). Dropping a good fix delays the start by one fix.
 LIMIT = 12.9
 
 
 def away(gps: GpsData, place: FloatArray) -> BoolArray:
-    """Fixes that are too far from a place, (3,) as `gps.lla`, for a vehicle that stays there, (n,)."""
+    """Find fixes that are too far from a place, (3,) as `gps.lla`, for a vehicle that stays there, (n,)."""
     way = np.linalg.norm(ned_offset(gps.lla, place)[:, :2], axis=1)
     return np.asarray(way > AWAY + AWAY_SD * np.linalg.norm(gps.position_sd[:, :2], axis=1))
 
 
 def without_false_motion(parts: Intervals, gps: GpsData, rest: tuple[float, float] | None) -> GpsData:
-    """Fixes as an alignment is to see them: while the IMU goes on resting they are where most of them are.
+    """Remove apparent motion of the fixes while the IMU remains stationary, for an alignment.
 
-    What is to move must be pushed: where neither mean nor scatter of gyros and accelerometers changes from those of the
-    rest before, positions that leave for some tens of metres, and come back, are false.
+    A vehicle that leaves accelerates. If neither mean nor scatter of gyros and accelerometers change after the stop,
+    positions that leave by some tens of metres and return are false.
 
     `rest`: first stationary interval by IMU and fixes [s], or None.
     """
@@ -55,8 +55,8 @@ def without_false_motion(parts: Intervals, gps: GpsData, rest: tuple[float, floa
 def count_false_start(gps: GpsData) -> int:
     """Count the fixes at the start that contradict the median of the first ones.
 
-    Positions are compared less the path travelled: by the velocities, else at the median rate (Theil and Sen: P. K.
-    Sen, J. Am. Stat. Assoc. 63 (1968) 1379-1389).
+    Positions are compared minus the path, by velocities or by the median rate (Theil and Sen: P. K. Sen, J. Am. Stat.
+    Assoc. 63 (1968) 1379-1389).
     """
     interval = np.diff(gps.time[: CONSENSUS + 1])
     least = CONSENSUS // 2 + 1

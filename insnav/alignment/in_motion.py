@@ -1,4 +1,4 @@
-"""Heading from the course over ground, and level from the change of GPS velocity, for a vehicle that moves."""
+"""Heading from the course over ground, and level from the GPS velocity change, for a moving vehicle."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from insnav.strapdown import Intervals, between
 from insnav.types import Alignment, BoolArray, FloatArray, GpsData, IntArray
 from insnav.units import G0
 
-SLOWEST = 2.0  # below this the noise of GPS velocity turns the course by degrees [m/s]
-CRAWL = 0.7  # the same of robots and boats that are never faster: a course as much less sure is better than none [m/s]
-SURELY = 3.0  # a spike of the positions looks like motion for less than this [s]
-SPAN = 15.0  # motion that a heading is found from: longer, gyro drift counts [s]
-SLIP_SD = np.deg2rad(3.0)  # of the direction of travel against the body's forward axis: slip and mounting
-CREEP = SLIP_SD * SLOWEST / np.deg2rad(30.0)  # slip turns the course so far: below, a course tells nothing [m/s]
-RATE_SPAN = 0.1  # turn of the lever arm before and after a fix that its velocity is taken from [s]
-DIFFERENCE = 2.0  # base of velocities from positions: 1 m of noise makes 0.7 m/s [s]
-LONGER = 5.0, 10.0  # the same where by it no motion is sure: of positions as poor as those of telephones [s]
-APART = 0.1  # part of a span that the mean times of the velocities at its ends must be apart
-STEADY = 300.0  # of the motion that the gyro bias is found from by the course: turns tell more than longer ones [s]
-CHANGING = 1.0 / 3.0  # part of the slip that changes in that: a vehicle crabs, or its IMU is turned, all the time
-FEWEST = 10  # epochs of it
-CLEAR_SD = np.deg2rad(20.0)  # of the direction of acceleration, beyond which it decides nothing
-TURNED, REVERSED = np.deg2rad(40.0), np.deg2rad(30.0)  # course and acceleration so far apart, or from opposite
+SLOWEST = 2.0  # below this, GPS velocity noise changes the course by degrees [m/s]
+CRAWL = 0.7  # limit for robots and boats that are never faster, with a larger course sd [m/s]
+SURELY = 3.0  # a spike of the positions resembles motion for less than this [s]
+SPAN = 15.0  # length of motion for a heading: longer, gyro drift dominates [s]
+SLIP_SD = np.deg2rad(3.0)  # between direction of travel and the body's forward axis: slip and mounting
+CREEP = SLIP_SD * SLOWEST / np.deg2rad(30.0)  # below this speed the course is dominated by slip [m/s]
+RATE_SPAN = 0.1  # time around a fix over which the lever arm's rotation gives its velocity [s]
+DIFFERENCE = 2.0  # base of velocities from positions: 1 m of noise gives 0.7 m/s [s]
+LONGER = 5.0, 10.0  # longer bases if no motion is significant: positions as poor as a telephone's [s]
+APART = 0.1  # least share of a span between the mean times of the velocities at its ends
+STEADY = 300.0  # longest motion for the gyro bias by the course: turns dominate beyond [s]
+CHANGING = 1.0 / 3.0  # changing share of the slip: crabbing and mounting are constant
+FEWEST = 10  # epochs in this motion
+CLEAR_SD = np.deg2rad(20.0)  # of the direction of acceleration, beyond which it is not used
+TURNED, REVERSED = np.deg2rad(40.0), np.deg2rad(30.0)  # differences between course and acceleration, and from reverse
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,75 +42,75 @@ class Velocity:
     time: FloatArray  # (n,) [s]
     v_n: FloatArray  # (n, 3) North, East, Down [m/s]
     sd: FloatArray  # (n,) standard deviation of each horizontal component [m/s]
-    slowest: float = SLOWEST  # with which the vehicle is said to move [m/s]
+    slowest: float = SLOWEST  # speed that counts as motion [m/s]
 
     @property
     def fast(self) -> BoolArray:
-        """Where the vehicle moves, (n,)."""
+        """Epochs in motion, (n,)."""
         speed = np.hypot(self.v_n[:, 0], self.v_n[:, 1])
         return (speed > self.slowest) & is_clear(speed, self.sd)
 
     @property
     def span(self) -> float:
-        """Length of the motion that a heading is found from: two epochs at least [s]."""
+        """Length of motion for a heading: two epochs at least [s]."""
         return max(SPAN, 1.5 * interval_of(self.time))
 
     @property
     def slip_sd(self) -> float:
-        """Standard deviation of the direction of travel against the body's forward axis [rad]."""
+        """Standard deviation between direction of travel and the body's forward axis [rad]."""
         pace = np.median(np.hypot(*self.v_n[self.fast, :2].T)) if self.creeps else self.slowest
         return float(SLIP_SD * SLOWEST / pace)
 
     @property
     def creeps(self) -> bool:
-        """Whether the vehicle never is as fast as `CRAWL`."""
+        """True if the vehicle never reaches `CRAWL`."""
         return self.slowest < CRAWL
 
 
 @dataclass(frozen=True)
 class History:
-    """Attitude by gyros alone and integrated specific force, at interval ends from a start."""
+    """Attitude by gyros alone and integrated specific force, at interval ends from the start."""
 
     time: FloatArray
     q_nb: FloatArray
     u_n: FloatArray
 
     def heading(self, time: FloatArray) -> FloatArray:
-        """Heading at the interval ends nearest to `time` [rad]."""
+        """Return heading at the interval ends nearest to `time` [rad]."""
         return np.asarray(rph_from_quat(self.q_nb[self.nearest(time)])[..., 2])
 
     def integral(self, time: FloatArray) -> FloatArray:
-        """Integrated specific force at `time` [m/s], linear between interval ends."""
+        """Interpolate the integrated specific force at `time` [m/s], linear between interval ends."""
         return between(self.time, self.u_n, time)[1]
 
     @cached_property
     def way(self) -> FloatArray:
-        """Specific force integrated twice, at interval ends (n, 3) [m]."""
+        """Integrate specific force twice, at interval ends (n, 3) [m]."""
         moved = np.cumsum(0.5 * (self.u_n[1:] + self.u_n[:-1]) * np.diff(self.time)[:, None], axis=0)
         return np.vstack([np.zeros(3), moved])
 
     def nearest(self, time: FloatArray) -> IntArray:
-        """Rows at interval ends, the first that are not before `time`."""
+        """Return the first rows at interval ends that are not before `time`."""
         return np.clip(np.searchsorted(self.time, time), 0, self.time.shape[0] - 1)
 
 
 def is_clear(size: ArrayLike, sd: ArrayLike) -> BoolArray:
-    """Whether speeds, or ways, are motion: noise of two components exceeds five sd once in 270 000, exp(-25/2)."""
+    """Test speeds or displacements for motion: noise of two components exceeds five sd once in 270 000, exp(-25/2)."""
     return np.asarray(size) > 5.0 * np.asarray(sd)
 
 
 def gives_velocities(gps: GpsData) -> bool:
-    """Whether the receiver gives a velocity at most epochs."""
+    """Return whether the receiver gives a velocity at most epochs."""
     return bool(np.isfinite(gps.v_n).all(axis=1).mean() > 0.5)
 
 
 def positions_alone(gps: GpsData) -> GpsData:
-    """The same fixes without velocities."""
+    """Remove the velocities of fixes."""
     return replace(gps, v_n=np.full_like(gps.v_n, np.nan))
 
 
 def velocity(gps: GpsData, difference: float = DIFFERENCE) -> Velocity:
-    """Velocity from the receiver where it is given at most epochs, else from positions so many seconds apart."""
+    """Return velocities of the receiver if most epochs have them, else from positions `difference` seconds apart."""
     if gives_velocities(gps):
         known = np.isfinite(gps.v_n).all(axis=1)
         return Velocity(gps.time[known], gps.v_n[known], gps.velocity_sd[known, :2].max(axis=1))
@@ -126,19 +126,19 @@ def velocity(gps: GpsData, difference: float = DIFFERENCE) -> Velocity:
 
 
 def too_sparse(interval: float) -> AlignmentError:
-    """What to say of fixes so far apart [s] that they show no change of velocity."""
+    """Build the error for fixes too sparse [s] to show velocity changes."""
     return AlignmentError("align.fixes_far_apart", interval_s=interval)
 
 
 def interval_of(time: FloatArray) -> float:
-    """Median interval of some times, 0 of one [s]."""
+    """Return the median interval of times, 0 for a single time [s]."""
     return float(np.median(np.diff(time))) if time.size > 1 else 0.0
 
 
 def history(
     parts: Intervals, start: float, end: float, rph: FloatArray, bias: FloatArray, lat: float | None
 ) -> History:
-    """Integrate gyros and specific force from `rph` at `start` to `end`; `lat`: None if Earth's rate is in `bias`."""
+    """Integrate gyros and specific force from `rph` at `start` to `end`. `lat`: None if Earth's rate is in `bias`."""
     first, last = np.searchsorted(parts.end, [start + 1e-6, end], side="right")
     dt = parts.dt[first:last]
     scale = dt[:, None] if parts.instant else 1.0
@@ -151,9 +151,9 @@ def history(
 
 
 def at_imu(gps: GpsData, parts: Intervals, found: Alignment, lever_b: FloatArray) -> GpsData:
-    """Fixes as of an antenna at the IMU: less the lever arm, turned as by an alignment and the gyros, and its change.
+    """Move fixes from antenna to IMU: subtract the lever arm in the alignment's attitude, and its velocity.
 
-    `parts`: samples as intervals, around the alignment `found`; `lever_b`: (3,) antenna seen from the IMU [m].
+    `parts`: samples as intervals, around the alignment `found`. `lever_b`: (3,) antenna seen from the IMU [m].
     """
     track = history(parts, parts.end[0] - parts.dt[0], parts.end[-1], found.rph, found.gyro_bias, gps.lla[0, 0])
 
@@ -170,12 +170,12 @@ def at_imu(gps: GpsData, parts: Intervals, found: Alignment, lever_b: FloatArray
 
 
 def start_velocity(parts: Intervals, found: Alignment, gps: GpsData, lever_sd: float) -> tuple[FloatArray, FloatArray]:
-    """Velocity at the first fix of an alignment, from positions and specific force, and its sd, (3,) [m/s].
+    """Estimate velocity at the alignment's first fix from positions and specific force; its sd, (3,) [m/s].
 
-    The way to another fix is ``v t + 1/2 g t^2``, and the specific force integrated twice. The longer it takes, the
-    less the noise of positions counts, and the more the level of the alignment: the fix of the best is taken.
-    `lever_sd`: standard deviation of the lever arm, with which turns move the antenna otherwise than the IMU [m].
-    Raises: AlignmentError: no other fix lies in the samples.
+    The displacement to another fix is ``v t + 1/2 g t^2`` plus twice integrated specific force. With time, position
+    noise matters less and the level error more: the best fix is used. `lever_sd`: standard deviation of the lever arm,
+    whose rotation moves the antenna relative to the IMU [m].
+    Raises: AlignmentError: the samples contain no other fix.
     """
     later = gps.rows(np.flatnonzero((gps.time >= found.time - 1e-6) & (gps.time <= parts.end[-1])))
     if later.time.size < 2:
@@ -193,7 +193,7 @@ def start_velocity(parts: Intervals, found: Alignment, gps: GpsData, lever_sd: f
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """Heading at the start of a history, found from motion."""
+    """Heading at the start of a history, estimated from motion."""
 
     heading: float  # [rad]
     sd: float
@@ -201,11 +201,11 @@ class Course:
 
 
 def first_motion(speed: Velocity, start: float) -> float | None:
-    """Time at which the vehicle first is surely moving: for `SURELY` seconds at every epoch, two at least [s].
+    """Find the first time of significant motion: for `SURELY` seconds at every epoch, at least two [s].
 
-    A vehicle that creeps must do so for `SPAN`.
+    A creeping vehicle must move for `SPAN`.
     """
-    # with an sd four times too small 0.46 of the speeds at rest are fast, fifteen in a row once in 100 000
+    # with an sd four times too small, 0.46 of the speeds at rest are fast, fifteen in a row once in 100 000
     surely = max(SPAN if speed.creeps else SURELY, 1.5 * interval_of(speed.time))
     fast = speed.fast & (speed.time >= start)
     slow = np.concatenate([[0], np.cumsum(~fast)])
@@ -216,7 +216,7 @@ def first_motion(speed: Velocity, start: float) -> float | None:
 
 
 def _leaves(gps: GpsData, start: float) -> bool:
-    """Whether positions leave the place of the first one: errors of a velocity may last for minutes."""
+    """Return whether positions leave the first position: velocity errors may persist for minutes."""
     here = gps.rows(np.flatnonzero(gps.time >= start))
     way = np.linalg.norm(ned_offset(here.lla, here.lla[:1])[:, :2], axis=1)
     sd = here.position_sd[:, :2].max(axis=1)
@@ -224,11 +224,11 @@ def _leaves(gps: GpsData, start: float) -> bool:
 
 
 def sure_motion(gps: GpsData, start: float, hidden: float = np.inf) -> tuple[Velocity, float | None]:
-    """Velocity, from positions no farther apart than it takes, and when by it the vehicle first is surely moving.
+    """Compute velocity, from positions on the shortest usable base, and the first time of significant motion.
 
-    Velocities that scatter too much for that, as those of a walk five times a second, give way to positions. Those
-    farther apart, which show the motion of slow ships for longer, are taken if nearer ones hide it longer than `hidden`
-    [s]: what stands may seem to move by them.
+    If velocities scatter too much for that, as of a walk at 5 Hz, positions replace them. Longer bases, which show the
+    motion of slow ships, are used if shorter bases mask it for more than `hidden` [s]. With longer bases a stationary
+    vehicle may seem to move.
     """
     measured = [[velocity(gps)]] if gives_velocities(gps) else []
     placed = [velocity(positions_alone(gps), difference) for difference in (DIFFERENCE, *LONGER)]
@@ -245,15 +245,15 @@ def sure_motion(gps: GpsData, start: float, hidden: float = np.inf) -> tuple[Vel
 def course_heading(
     track: History, speed: Velocity, moving: float, drift_sd: float, tilt: float, yaw: float = 0.0
 ) -> Course | None:
-    """Heading offset of a history from the direction of travel and from the direction of acceleration.
+    """Compute the heading offset of a history from the directions of travel and acceleration.
 
-    The course assumes that the vehicle travels where its forward axis points, and that the IMU is turned by `yaw` in it
-    [rad]. The velocity change seen by the accelerometers, compared with that seen by GPS, needs no such assumption but
-    is less precise: it decides between forward and reverse, and takes over where the IMU sits turned in the vehicle.
+    The course assumes travel along the vehicle's forward axis, and a yaw of the IMU in the vehicle of `yaw` [rad]. The
+    velocity change by accelerometers, compared with GPS, needs no such assumption but is less precise. It decides
+    between forward and reverse, and replaces the course if the IMU is rotated in the vehicle.
 
-    `track` starts with heading zero and reaches to `Velocity.span` after `moving`, the time from `first_motion` [s];
-    `drift_sd` is the standard deviation of the gyro bias [rad/s], `tilt` that of the level [rad]. None if there are too
-    few epochs in motion.
+    `track` starts with heading zero and covers `Velocity.span` after `moving`, the time from `first_motion` [s].
+    `drift_sd`: standard deviation of the gyro bias [rad/s]. `tilt`: of the level [rad]. None with too few epochs in
+    motion.
     """
     use = speed.fast & (speed.time >= moving) & (speed.time <= min(moving + speed.span, track.time[-1]))
     if use.sum() < 2:
@@ -289,12 +289,11 @@ def course_heading(
 
 
 def bias_by_course(parts: Intervals, found: Alignment, speed: Velocity, lat: float) -> tuple[float, float]:
-    """Bias of the gyros about the vertical, and its standard deviation [rad/s], of a vehicle that goes as it points.
+    """Estimate the vertical gyro bias and its sd [rad/s] by the course of a vehicle that moves forward.
 
-    The heading by gyros alone turns from the course by the bias. How much the direction of travel itself does is not to
-    be told from it: what a straight line leaves, as slow as it may be, makes ``sqrt(12) rms / span``, the standard
-    deviation of a slope by errors at its ends. The span ends with the first epoch that is not fast.
-    Returns: zero and infinite where there are too few epochs.
+    The gyro heading drifts from the course by the bias. Changes of slip are inseparable from it. Residuals ``rms`` of a
+    straight line give the sd ``sqrt(12) rms / span`` of a slope with errors at its ends. The span ends with the first
+    epoch that is not fast. Returns: zero and infinity with too few epochs.
     """
     time, fast = speed.time, speed.fast
     inside = np.flatnonzero((time >= found.time) & (time <= min(found.time + STEADY, parts.end[-1])))
@@ -313,16 +312,15 @@ def bias_by_course(parts: Intervals, found: Alignment, speed: Velocity, lat: flo
 def level_in_motion(
     parts: Intervals, start: float, end: float, speed: Velocity, lla: FloatArray, yaw: float = 0.0
 ) -> tuple[FloatArray, float, float] | None:
-    """Attitude at `start` [s] of a vehicle in motion: heading from its course, level from GPS velocity until `end`.
+    """Estimate attitude at `start` [s] in motion: heading from the course, level from GPS velocity until `end`.
 
-    The mean specific force between the two ends, carried to the navigation frame by the gyros, must be the mean
-    acceleration of GPS minus gravity (compare Wu and Pan, "Velocity/position integration formula part I: application
-    to in-flight coarse alignment", IEEE Trans. AES 49 (2013) 1006-1023, eq. 12).
+    The mean specific force, in the navigation frame by the gyros, must equal GPS acceleration minus gravity (compare Wu
+    and Pan, "Velocity/position integration formula part I: application to in-flight coarse alignment", IEEE Trans. AES
+    49 (2013) 1006-1023, eq. 12).
 
-    Returns: `rph` (3,): roll, pitch, heading [rad]; `tilt_sd`: standard deviation of the level that the noise of the
-    velocities and the difference between the whole span and its first half leave [rad]; errors of the sensors and of
-    the heading come on top; `acceleration`: mean acceleration in the span, which a wrong heading turns into a wrong
-    level [m/s^2].
+    Returns: `rph` (3,): roll, pitch, heading [rad]. `tilt_sd`: standard deviation of the level by velocity noise and by
+    the difference to the first half of the span [rad], without sensor and heading errors. `acceleration`: mean
+    acceleration in the span, which a heading error converts to a level error [m/s^2].
     """
     whole = _level(parts, start, end, speed, lla, yaw)
     half = _level(parts, start, 0.5 * (start + end), speed, lla, yaw)
@@ -336,7 +334,7 @@ def level_in_motion(
 def _level(
     parts: Intervals, start: float, end: float, speed: Velocity, lla: FloatArray, yaw: float
 ) -> tuple[FloatArray, float, float] | None:
-    """Attitude from one span, and the standard deviation and size of the mean acceleration [m/s^2]."""
+    """Estimate attitude from one span, with standard deviation and size of the mean acceleration [m/s^2]."""
     near = max(1.5, 1.5 * interval_of(speed.time))
     first = np.abs(speed.time - start) <= near
     last = np.abs(speed.time - end) <= near
@@ -344,7 +342,7 @@ def _level(
         return None
     t0, v0 = speed.time[first].mean(), speed.v_n[first].mean(axis=0)
     t1, v1 = speed.time[last].mean(), speed.v_n[last].mean(axis=0)
-    if t1 - t0 < APART * (end - start):  # fixes so far apart that both ends have the same
+    if t1 - t0 < APART * (end - start):  # too sparse fixes: both ends use the same
         return None
     slope = (v1 - v0) / (t1 - t0)
     heading = course = float(np.arctan2(v0[1], v0[0])) + yaw
@@ -353,7 +351,7 @@ def _level(
     rph = np.array([0.0, 0.0, heading])
     for _ in range(8):
         track = history(parts, start, end, rph, np.zeros(3), lla[0])
-        # the course is that of t0; the gyros measure the turn since the start
+        # the course at t0; the gyros measure the rotation since the start
         turned = track.heading(np.array([t0])) - track.heading(np.array([start]))
         heading = course - float(wrap_pi(turned)[0])
         ends = track.integral(np.array([max(t0, track.time[0]), min(t1, track.time[-1])]))
@@ -365,6 +363,6 @@ def _level(
             break
         axis = turn / length * angle
         rph = rph_from_quat(quat_multiply(quat_from_rotvec(axis), quat_from_rph(rph)))
-        rph[2] = heading  # the level correction is not to move the heading
+        rph[2] = heading  # the level correction must not change the heading
     noise = np.sqrt(np.median(speed.sd[first]) ** 2 / first.sum() + np.median(speed.sd[last]) ** 2 / last.sum())
     return rph, float(noise / (t1 - t0)), float(np.hypot(slope[0], slope[1]))

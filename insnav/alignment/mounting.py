@@ -1,13 +1,13 @@
-"""How the IMU sits in the vehicle: its axes against the direction of travel, from gravity and from accelerations.
+"""Mounting of the IMU in the vehicle, relative to the direction of travel, from gravity and accelerations.
 
-In windows of a few seconds the gyros carry the specific force into the axes of the window's start, where its integrals
-must be the changes of GPS velocity less gravity (compare Wu and Pan, "Velocity/position integration formula part I:
-application to in-flight coarse alignment", IEEE Trans. AES 49 (2013) 1006-1023), or, integrated twice, those of
-positions from a place and a velocity that are left open. The rotation between the two sets of vectors (Wahba, "A least
-squares estimate of satellite attitude", SIAM Review 7 (1965) 409; Markley, J. Astronautical Sciences 36 (1988) 245-258:
-by singular values) is the attitude of the IMU, and nothing but the data tells it; against the course over ground it is
-the mounting. Where a reflection fits far better than any rotation, or gyros of other signs than those given, the axes
-are no right-handed set; where gyros fit in another order, or one in another unit, the columns are mixed up.
+In windows of a few seconds the gyros carry the specific force into the axes at the window's start. Its integrals there
+must equal the changes of GPS velocity minus gravity (compare Wu and Pan, "Velocity/position integration formula part I:
+application to in-flight coarse alignment", IEEE Trans. AES 49 (2013) 1006-1023). Twice integrated, they must equal
+position changes from a free place and velocity. The rotation between the two sets of vectors (Wahba, "A least squares
+estimate of satellite attitude", SIAM Review 7 (1965) 409; Markley, J. Astronautical Sciences 36 (1988) 245-258: by
+singular values) is the IMU attitude, from the data alone. Relative to the course over ground it is the mounting. If a
+reflection, or gyros of other signs, fit far better, the axes are left-handed. If other gyro orders or units fit, the
+columns are mixed up.
 """
 
 from __future__ import annotations
@@ -29,36 +29,36 @@ from insnav.strapdown import Intervals, joined
 from insnav.types import FloatArray, GpsData, IntArray
 from insnav.units import DEG
 
-WINDOW = 8.0  # longer, gyro drift counts; shorter, there are too few changes of velocity [s]
-STEP = 1.0  # of GPS velocity: shorter ones drown in noise [s]
-NOISY, LONGEST = 3.0, 3.0  # both are so many times longer per m/s of noise, but not more
-PLACED, LONGEST_PLACED = 2.0, 5.0  # windows of positions, per root of a metre: their change grows with time squared
-BASE = 4.0  # of the course by positions [s]
-OVERLAP = 2  # windows in which each second is
-MOST = 200  # windows, those with the largest accelerations
-FEWEST = 5  # windows that can tell
-LIVELY = 0.3  # RMS acceleration of a window that tells a direction [m/s^2]
-TURN = np.deg2rad(25.0)  # of the course, from which a window shows a bend
-TELLING = 30  # bends, and straight windows, that the signs of the gyros are looked for in
+WINDOW = 8.0  # longer, gyro drift dominates; shorter, there are too few velocity changes [s]
+STEP = 1.0  # of GPS velocity: shorter steps are noise [s]
+NOISY, LONGEST = 3.0, 3.0  # factor on both per m/s of noise, and its maximum
+PLACED, LONGEST_PLACED = 2.0, 5.0  # windows of positions, factor per root of a metre: change grows as time squared
+BASE = 4.0  # for the course by positions [s]
+OVERLAP = 2  # windows that contain each second
+MOST = 200  # windows with the largest accelerations
+FEWEST = 5  # windows for an estimate
+LIVELY = 0.3  # RMS acceleration of a useful window [m/s^2]
+TURN = np.deg2rad(25.0)  # course change of a turning window
+TELLING = 30  # turning and straight windows used for the signs of the gyros
 SUDDEN = 15.0  # no vehicle accelerates more: the velocities are false [m/s^2]
-SCATTER = np.deg2rad(8.0)  # standard deviation of the yaw beyond which nothing is said
-# signs are wrong if others leave less than so much of the residuals, at first and with bias and delay
+SCATTER = np.deg2rad(8.0)  # standard deviation of the yaw beyond which there is no result
+# other signs must leave less than this share of the residuals, at first, and with bias and delay
 TRIED, HANDED = 0.75, 0.6
-ALIKE = 1.1  # times the least residuals; of such signs those are taken that change the fewest
-FITS = 0.4  # and they leave more of the accelerations; in level turns of an aircraft both kinds of axes fit [-]
-SURE_SD = np.deg2rad(1.0)  # slip and scale factors leave no yaw better known [rad]
-MISFIT = 0.6  # part of the accelerations that may be left unexplained
+ALIKE = 1.1  # similar residuals, relative to the least: among such signs the fewest changes are chosen
+FITS = 0.4  # share of unexplained accelerations that permits other signs; in level aircraft turns both fit [-]
+SURE_SD = np.deg2rad(1.0)  # lower limit of the yaw sd, by slip and scale factors [rad]
+MISFIT = 0.6  # largest unexplained share of the accelerations
 Signs = tuple[int, int, int]
 SIGNS: list[Signs] = [(x, y, z) for x in (1, -1) for y in (1, -1) for z in (1, -1)]
 AS_GIVEN = SIGNS[0]
 Order = tuple[int, int, int]
 IN_ORDER: Order = (0, 1, 2)
-# Orders of gyros, and of accelerometers with two axes exchanged, a reflection. x and y, which hardly turn on a plain,
-# may be exchanged unseen.
+# Gyro orders, and accelerometers with two axes exchanged, a reflection. On level roads x and y hardly turn: their
+# exchange may go undetected.
 _ORDERS: list[Order] = [(0, 2, 1), (1, 2, 0), (2, 0, 1), (2, 1, 0)]
 EXCHANGED: list[tuple[Signs, bool, Order]] = [(AS_GIVEN, False, order) for order in _ORDERS]
 EXCHANGED += [((-1, -1, -1), True, order) for order in (_ORDERS[0], _ORDERS[-1])]
-# what brings gyros, one of which is in another unit than two, or all in another than given, to one
+# factors that convert gyros to one unit, if one of three or all have another unit
 Units = tuple[float, ...]
 ALL_ALIKE: Units = (1.0, 1.0, 1.0)
 OTHER_UNITS: list[Units] = [
@@ -67,23 +67,23 @@ OTHER_UNITS: list[Units] = [
     for x, y, z in itertools.product((1.0, factor), repeat=3)
     if (x, y, z) != ALL_ALIKE
 ]
-# no vehicle turns faster in one of a thousand samples, and none rolls and pitches so little that these rates may be
-# radians for degrees [rad/s]
+# no vehicle turns faster in a thousandth of its samples; with smaller roll and pitch rates, radians may be degrees
+# [rad/s]
 FASTEST, HARDLY = 12.0, np.deg2rad(1.0)
-MISSED = 1.2  # times what is left that a gyro leaves which is not used: less, and it may as well be off for a while
-# part of the difference in noise that gyros keep in their true units, and of what is left where they hardly turn
+MISSED = 1.2  # factor on the residuals without one gyro: below it, that gyro may have a temporary fault
+# share of the noise difference that gyros in correct units keep; residual ratio if they hardly turn
 NOISE_TELLS, CLOSER = 0.5, 0.99
 AS_IS: tuple[Signs, bool, Order] = (AS_GIVEN, False, IN_ORDER)
-ROUNDS, SETTLED = 10, 0.999  # of Gauss-Newton, at most; as large a part of the misfit of the round before ends them
+ROUNDS, SETTLED = 10, 0.999  # of Gauss-Newton at most; ratio of successive misfits that ends the iteration
 NUDGE = np.diag([1e-3, 1e-3, 1e-3, 0.02, 0.02, 0.02, 0.02])  # steps of its derivatives [rad/s], [m/s^2], [s]
 LARGEST_BIAS = 0.1  # of gyros that can be used [rad/s]
-# what is known of gyro bias [rad/s], accelerometer bias [m/s^2] and delay [s] before: a bias turns the accelerations of
-# every window alike, much as the mounting does; at rest that of gyros is seen, but may warm up, as on a recorded flight
-# by 0.07 deg/s
+# prior sd of gyro bias [rad/s], accelerometer bias [m/s^2] and delay [s]. A bias rotates the accelerations of every
+# window, as the mounting does. At rest, gyro bias is observed, but may change by warm-up: by 0.07 deg/s on a recorded
+# flight
 AT_REST, AT_ALL, FORCE_SD, DELAY_SD = np.deg2rad(0.1), np.deg2rad(0.5), 0.2, 1.0
 _DIRECTIONS = dict(zip("FBRLDU", np.repeat(np.eye(3), 2, axis=0) * np.tile([1.0, -1.0], 3)[:, None], strict=True))
 _OPPOSITE = dict(zip("FBRLDU", "BFLRUD", strict=True))
-_USUAL = ("FRD", "FLU")  # axes in which IMUs are mounted if nothing else is known
+_USUAL = ("FRD", "FLU")  # usual axes of IMUs
 # right-handed and left-handed sets of axes by their letters
 _SETS: tuple[list[tuple[str, FloatArray]], list[tuple[str, FloatArray]]] = ([], [])
 for _letters in itertools.permutations(_DIRECTIONS, 3):
@@ -93,45 +93,45 @@ for _letters in itertools.permutations(_DIRECTIONS, 3):
 
 
 def letters_of(to_vehicle: FloatArray, *, mirrored: bool = False) -> str:
-    """Nearest axes of the vehicle to x, y and z, such as ``FLU``, of a matrix (3, 3) to forward, right, down."""
+    """Return the nearest vehicle axes to x, y and z, such as ``FLU``, of a matrix (3, 3) to forward, right, down."""
     return max(_SETS[mirrored], key=lambda each: float(np.sum(each[1] * to_vehicle)))[0]
 
 
 @dataclass(frozen=True, slots=True)
 class Mounting:
-    """The axes of the IMU in the vehicle, which travels along its forward axis."""
+    """IMU axes in a vehicle that travels along its forward axis."""
 
     to_vehicle: FloatArray  # (3, 3) from IMU axes to forward, right, down
     sd: float  # of the yaw of the IMU in the vehicle [rad]
-    windows: int  # that told it
-    misfit: float  # part of the accelerations that the IMU does not show [-]
-    gyro_signs: Signs  # of the gyros with which the windows fit; other than 1, 1, 1: no rotation
-    mirrored: bool  # whether the accelerometers fit only in a left-handed set of axes
-    gyro_order: Order = IN_ORDER  # which gyro, as given, turns about each axis of the accelerometers
-    gyro_units: Units = ALL_ALIKE  # what brings gyros of different units to one
+    windows: int  # number of windows used
+    misfit: float  # unexplained share of the accelerations [-]
+    gyro_signs: Signs  # gyro signs that fit; other than 1, 1, 1: no rotation
+    mirrored: bool  # the accelerometers fit only in left-handed axes
+    gyro_order: Order = IN_ORDER  # gyro column for each accelerometer axis
+    gyro_units: Units = ALL_ALIKE  # factors that convert the gyros to one unit
 
     @property
     def letters(self) -> str:
-        """Nearest axes of the vehicle to x, y and z, such as ``FLU``."""
+        """Nearest vehicle axes to x, y and z, such as ``FLU``."""
         return letters_of(self.to_vehicle, mirrored=self.mirrored)
 
     @property
     def angles(self) -> FloatArray:
-        """Roll, pitch, yaw of the IMU in the vehicle, (3,) [rad]; of a right-handed set."""
+        """Roll, pitch, yaw of the IMU in the vehicle, (3,) [rad]; of right-handed axes."""
         angles = np.asarray(rph_from_quat(quat_from_dcm(self.to_vehicle)))
         return np.asarray(wrap_pi(angles))
 
     @property
     def inverted(self) -> list[str]:
-        """Axes whose gyros turn the wrong way in the set of axes that the accelerometers fit in.
+        """List the axes whose gyros turn the wrong way relative to the accelerometers.
 
-        If that is left-handed because one accelerometer is inverted, and its gyro is not, it is that axis.
+        If one accelerometer is inverted, and its gyro is not, that axis is listed.
         """
         return [axis for axis, sign in zip("xyz", self.gyro_signs, strict=True) if (sign < 0) != self.mirrored]
 
     @property
     def changes(self) -> int:
-        """How many columns, at least, are to change their signs."""
+        """Least number of columns that must change their signs."""
         if self.mirrored and len(self.inverted) == 1:
             at = "xyz".index(self.inverted[0])
             return 1 if self.letters[:at] + _OPPOSITE[self.letters[at]] + self.letters[at + 1 :] in _USUAL else 4
@@ -139,15 +139,15 @@ class Mounting:
 
     @property
     def right_handed(self) -> bool:
-        """Whether a rotation brings the axes to those of the vehicle, and the gyros turn as they should."""
+        """True if a rotation maps the axes to the vehicle axes, with correct gyro signs."""
         as_given = self.gyro_signs == AS_GIVEN and self.gyro_order == IN_ORDER and self.gyro_units == ALL_ALIKE
         return as_given and not self.mirrored
 
 
 def find_mounting(parts: Intervals, gps: GpsData) -> Mounting | None:
-    """Mounting of an IMU from a drive, by velocities or else by positions; None if the drive does not tell it.
+    """Estimate the mounting of an IMU from a drive, by velocities or else positions; None if unobservable.
 
-    `parts`: samples as intervals, in the axes they were given in; `gps`: fixes, with standard deviations.
+    `parts`: samples as intervals, in their original axes. `gps`: fixes with standard deviations.
     """
     found = _find(parts, gps, placed=False) if gives_velocities(gps) else None
     return found or _find(parts, positions_alone(gps), placed=True)
@@ -168,7 +168,7 @@ def _find(parts: Intervals, gps: GpsData, *, placed: bool) -> Mounting | None:
             _fit(telling, *each, mirrored=way)[0] for each in zip(felt, SIGNS, strict=True) for way in (False, True)
         ]
         given, best = tried[0].misfit, min(each.misfit for each in tried)
-        if given > FITS and best < TRIED * given:  # what hardly turns, as about x on a plain, has any sign
+        if given > FITS and best < TRIED * given:  # a hardly turning axis, as x on level roads, fits with any sign
             alike = [each for each in tried if each.misfit < ALIKE * best]
             chosen = min(alike, key=lambda each: (each.changes, each.misfit))
             signs, mirrored = chosen.gyro_signs, chosen.mirrored
@@ -176,7 +176,7 @@ def _find(parts: Intervals, gps: GpsData, *, placed: bool) -> Mounting | None:
     def refined(
         signs: Signs, mirrored: bool, order: Order = IN_ORDER, units: Units = ALL_ALIKE
     ) -> tuple[Mounting, float]:
-        """Mounting by all windows, and what the telling ones leave."""
+        """Estimate the mounting by all windows; return also the residuals of the selected windows."""
         before, changed = still.copy(), parts
         if order != IN_ORDER or units != ALL_ALIKE:
             before[:3] = (still[:3] * units)[list(order)]
@@ -187,7 +187,7 @@ def _find(parts: Intervals, gps: GpsData, *, placed: bool) -> Mounting | None:
         return found, left
 
     found, left = refined(signs, mirrored)
-    if not found.right_handed:  # nor do bias and delay make a drive fit as it was given
+    if not found.right_handed:  # bias and delay do not explain the drive in these axes, either
         plain, as_given = refined(AS_GIVEN, mirrored=False)
         found, left = (plain, as_given) if as_given <= FITS or left >= HANDED * as_given else (found, left)
     if telling.bends >= FEWEST:
@@ -199,9 +199,9 @@ def _find(parts: Intervals, gps: GpsData, *, placed: bool) -> Mounting | None:
 def _mixed_up(
     found: Mounting, left: float, rates: FloatArray, refined: Callable[..., tuple[Mounting, float]]
 ) -> Mounting:
-    """Mounting if gyros are in another order than accelerometers, or one in another unit; else that `found`.
+    """Test other gyro orders and units; return the mounting that fits, or `found`.
 
-    `left`: what it leaves; `rates` (n, 3): of the gyros [rad/s]; `refined`: others, and what they leave.
+    `left`: residual of `found`. `rates` (n, 3): of the gyros [rad/s]. `refined`: estimates others and their residuals.
     """
     fits = left <= FITS
     if fits and not found.right_handed:
@@ -209,7 +209,7 @@ def _mixed_up(
     fastest, up = np.quantile(np.abs(rates), 0.999, axis=0), int(np.argmax(np.abs(found.to_vehicle[2])))
 
     def small(units: Units) -> bool:
-        """Whether only gyros that hardly turn are in a smaller one: these fit as they are, too."""
+        """Return whether only hardly turning gyros have a smaller unit: the original unit fits them, too."""
         larger = np.array(units) > 1.0
         return min(units) == 1.0 and not larger[up] and bool((fastest[larger] < HARDLY).all())
 
@@ -224,7 +224,7 @@ def _mixed_up(
         return found
     ones = [refined(*each) for each in others]
     least = min(each[1] for each in ones)
-    # of units that fit, one for all if that may be, as the course tells: what hardly turns has any
+    # prefer one common unit by the course: a hardly turning gyro fits any unit
     other = min(ones, key=lambda each: (each[1] > ALIKE * least, len({*each[0].gyro_units}), each[1]))[0]
     better, factor = least < min(FITS, HANDED * left), np.array(other.gyro_units)
     alike = _unlike(rates * factor) < NOISE_TELLS * _unlike(rates)
@@ -238,7 +238,7 @@ def _mixed_up(
 
 
 def _unlike(rates: FloatArray) -> float:
-    """How much the noise of three gyros (n, 3) differs, by the logarithm of that from sample to sample."""
+    """Return the ratio between sample-to-sample noise of three gyros (n, 3), as a logarithm."""
     noise = np.median(np.abs(np.diff(rates, axis=0)), axis=0)
     return float(np.std(np.log(np.maximum(noise, 1e-12))))
 
@@ -246,10 +246,10 @@ def _unlike(rates: FloatArray) -> float:
 def _refined(
     windows: _Windows, parts: Intervals, before: tuple[FloatArray, FloatArray], signs: Signs, *, mirrored: bool
 ) -> tuple[FloatArray, float, float]:
-    """Biases [rad/s], [m/s^2], and how much later the samples are stamped than the velocities [s], by Gauss-Newton.
+    """Estimate biases [rad/s], [m/s^2] and the delay of the samples behind the velocities [s], by Gauss-Newton.
 
-    `before`: mean (7,) and standard deviation (7,) of them before. Returns them, (7,), the standard deviation of the
-    yaw by what is not known of them [rad], and the misfit that they leave.
+    `before`: prior mean (7,) and standard deviation (7,). Returns the estimates, (7,), the yaw sd by their uncertainty
+    [rad], and the misfit.
     """
 
     def fitted(at: FloatArray) -> tuple[Mounting, FloatArray]:
@@ -261,7 +261,7 @@ def _refined(
     for _ in range(ROUNDS):
         pushed = [fitted(at + step) for step in NUDGE]
         slope = np.column_stack([(each[1] - left) / step.sum() for each, step in zip(pushed, NUDGE, strict=True)])
-        # a window counts once, as what is not modelled lasts, and half as its halves are those of others
+        # a window counts once, as unmodelled errors persist, and half as its halves are shared
         noise = OVERLAP * float(np.sum(left**2)) / len(windows.turned)
         covariance = np.linalg.inv(slope.T @ slope / noise + np.diag(sd**-2))
         turns = [each[0].to_vehicle @ found.to_vehicle.T for each in pushed]
@@ -280,26 +280,26 @@ def _refined(
 
 @dataclass(frozen=True, slots=True)
 class _Windows:
-    """Spans of a drive with accelerations, by GPS."""
+    """Spans of a drive with GPS accelerations."""
 
     times: FloatArray  # (w, k) of fixes [s]
-    compared: FloatArray  # (w, m, k) sums over them: changes of velocity, or of positions what no steady way makes
-    change: FloatArray  # (w, m, 3) those of GPS less gravity, forward, right, down [m/s] or [m]
+    compared: FloatArray  # (w, m, k) sums over fixes: velocity changes, or position changes without steady motion
+    change: FloatArray  # (w, m, 3) changes of GPS minus gravity, forward, right, down [m/s] or [m]
     strength: FloatArray  # sum of squared horizontal changes
-    turned: FloatArray  # change of the course from its start to its end [rad]
+    turned: FloatArray  # course change from start to end [rad]
     lla: FloatArray  # of the first fix
-    placed: bool  # whether positions are compared, not velocities
+    placed: bool  # positions are compared, not velocities
 
     @property
     def telling(self) -> _Windows:
-        """As many with a bend in them as straight ones: signs of gyros show in bends, against the axis of travel."""
+        """Select equal numbers of turning and straight windows: turns reveal gyro signs, travel the axis."""
         bend = np.abs(self.turned) > TURN
         rows = np.concatenate([np.flatnonzero(bend)[-TELLING:], np.flatnonzero(~bend)[-TELLING:]])
         return self._rows(rows)
 
     @property
     def bends(self) -> int:
-        """Number of windows with a bend in them."""
+        """Number of turning windows."""
         return int((np.abs(self.turned) > TURN).sum())
 
     def _rows(self, rows: IntArray) -> _Windows:
@@ -308,7 +308,7 @@ class _Windows:
 
     @classmethod
     def of(cls, parts: Intervals, gps: GpsData, *, placed: bool) -> _Windows | None:
-        """The liveliest windows, if there are enough."""
+        """Select the windows of largest acceleration, if there are enough."""
         speed, lla = velocity(gps, BASE), gps.lla[0]
         time = gps.time if placed else speed.time
         inside = (time > parts.end[0]) & (time < parts.end[-1])
@@ -336,22 +336,22 @@ class _Windows:
         if placed:
             steady = np.stack([np.ones_like(since), since], axis=-1)
             compared, unit = np.swapaxes(np.linalg.qr(steady, mode="complete")[0][..., 2:], 1, 2), 0.5 * since**2
-        unit = unit[..., None]  # what an acceleration of one makes
+        unit = unit[..., None]  # effect of a unit acceleration
         power = np.sum((compared @ value[some, :2]) ** 2, axis=(1, 2))
         power -= 2.0 * np.sum(compared**2, axis=(1, 2)) * np.mean(noise[some] ** 2, axis=1)
         course, end = np.arctan2(v[:, 0, 1], v[:, 0, 0]), v[:, -1]
         change = compared @ (value[some] - gravity_n(lla[0], lla[2]) * unit) @ _about_down(course)
         turned = np.asarray(wrap_pi(np.arctan2(end[:, 1], end[:, 0]) - course))
-        turned[np.hypot(end[:, 0], end[:, 1]) <= least] = 0.0  # the course of one that has stopped is noise
+        turned[np.hypot(end[:, 0], end[:, 1]) <= least] = 0.0  # the course of a stopped vehicle is noise
         windows = cls(time[some], compared, change, power, turned, lla, placed)
         windows = windows._rows(np.flatnonzero(power >= LIVELY**2 * np.sum((compared @ unit) ** 2, axis=(1, 2))))
         if windows.strength.size < FEWEST * (1 if windows.bends >= OVERLAP else OVERLAP):
-            return None  # straight on, a drone may fly any side ahead
+            return None  # without turns, a drone may fly in any direction
         return windows._rows(np.argsort(windows.strength)[-MOST:])
 
 
 def _felt(windows: _Windows, parts: Intervals, given: FloatArray, signs: Signs) -> FloatArray:
-    """Specific force, integrated to the times of each window and compared, (w, m, 3) in the axes of its start.
+    """Integrate specific force to the times of each window for comparison, (w, m, 3) in the axes of its start.
 
     `given` (7,): bias of gyros [rad/s] and accelerometers [m/s^2], and delay of the samples [s].
     """
@@ -367,19 +367,19 @@ def _felt(windows: _Windows, parts: Intervals, given: FloatArray, signs: Signs) 
 
 
 def _fit(windows: _Windows, felt: FloatArray, signs: Signs, *, mirrored: bool) -> tuple[Mounting, FloatArray]:
-    """Mean rotation (or reflection) over the windows, and what it leaves of each change.
+    """Fit the mean rotation (or reflection) over the windows; return the residual of each change.
 
-    `felt`: by `_felt`, with gyros of these `signs`.
+    `felt`: from `_felt`, with gyros of these `signs`.
     """
     weight, matrices, mean = np.sqrt(windows.strength), np.empty((len(felt), 3, 3)), np.empty((3, 3))
     away = np.empty(len(felt))
-    # windows in reverse, or with wheels that slip, do not count
+    # windows in reverse or with wheel slip are de-weighted
     mean_rotation(windows.change, felt, weight, -1.0 if mirrored else 1.0, matrices, mean, away)
-    axis = int(np.argmin(np.abs(mean[2])))  # the least vertical: its direction is the yaw
+    axis = int(np.argmin(np.abs(mean[2])))  # the least vertical axis: its direction is the yaw
     yaw = np.arctan2(matrices[:, 1, axis], matrices[:, 0, axis])
     off = np.asarray(wrap_pi(yaw - np.arctan2(mean[1, axis], mean[0, axis])))
     apart = 2.0 * np.arcsin(np.minimum(away / np.sqrt(8.0), 1.0))
-    scatter = 1.4826 * float(np.median(apart))  # of an aircraft: banks, too
+    scatter = 1.4826 * float(np.median(apart))  # of an aircraft: includes banks
     turned = _about_down(-off) @ matrices
     left = (windows.change - felt @ np.swapaxes(turned, 1, 2)) / weight[:, None, None]
     squares = np.minimum(np.sum(left**2, axis=(1, 2)), 1.0)
@@ -389,7 +389,7 @@ def _fit(windows: _Windows, felt: FloatArray, signs: Signs, *, mirrored: bool) -
 
 
 def _about_down(angle: ArrayLike) -> FloatArray:
-    """Rotation of vectors about the down axis by each angle [rad], (..., 3, 3)."""
+    """Return rotations of vectors about the down axis by each angle [rad], (..., 3, 3)."""
     turn = np.zeros((*np.shape(angle), 3, 3))
     turn[..., 0, 0] = turn[..., 1, 1] = np.cos(angle)
     turn[..., 1, 0] = np.sin(angle)

@@ -1,4 +1,4 @@
-"""The stationary vehicle: finding it, levelling, gyrocompassing, gyro bias.
+"""Stationary vehicle: detection, levelling, gyrocompass, gyro bias.
 
 References
 ----------
@@ -23,27 +23,27 @@ from insnav.tabular import runs_of
 from insnav.types import Alignment, BoolArray, FloatArray
 from insnav.units import G0
 
-WINDOW = 0.5  # length of the windows that are classified: several periods of an idling engine [s]
-BLOCK = 4096  # windows whose samples are looked at together
-FEWEST = 10  # samples a mean is taken of
+WINDOW = 0.5  # length of the classified windows: several periods of an idling engine [s]
+BLOCK = 4096  # windows processed together
+FEWEST = 10  # samples per mean
 SHORTEST = 3.0  # a shorter stop levels no better than the first fixes [s]
-CALM_ACCEL, CALM_GYRO = 0.3, 0.03  # without GPS, quiet below: standard deviation [m/s^2], [rad/s] ...
+CALM_ACCEL, CALM_GYRO = 0.3, 0.03  # quiet below these without GPS: standard deviation [m/s^2], [rad/s] ...
 QUIET_FACTOR = 4.0  # ... and up to this many times the quietest tenth of the record
 LOUD_ACCEL, LOUD_GYRO = 1.0, 0.15  # never quiet above, even with an engine running: sd [m/s^2], [rad/s]
-TURNING = 0.01  # mean rate against the median of the quiet windows that is a turn: 0.6 deg/s [rad/s]
-PUSHED = 0.2  # change of mean specific force from window to window that is a motion: 0.02 g [m/s^2]
-# A soft departure changes them by less, but for longer: means so many robust standard deviations, or so much [m/s^2],
-# [rad/s], from those of the rest, for so long [s]. An IMU that is quieter sees it earlier.
+TURNING = 0.01  # mean rate relative to the median of quiet windows that is a turn: 0.6 deg/s [rad/s]
+PUSHED = 0.2  # change of mean specific force between windows that is a motion: 0.02 g [m/s^2]
+# A soft departure changes them less, but for longer: deviation of means in robust standard deviations, least deviation
+# [m/s^2], [rad/s], duration [s]. A quieter IMU detects it earlier.
 DEPARTED, DEPARTED_ACCEL, DEPARTED_GYRO, DEPARTED_TIME = 6.0, 1e-3, 1e-5, 2.0
-# means and scatter of windows are compared with those of so long before, of so many at least [s], [-]
+# means and scatter of windows are compared with earlier windows: span [s], ratio [-], least number
 COMPARED, LOUDER, FEWEST_WINDOWS = 60.0, 2.0, 6
-# In a longer rest at the start the attitude stays: gyros that drift would turn a lever arm that is not known, and show
-# it, and noise that is felt horizontally the heading, 25 -> 5 deg in 15 min, where transitions are linear about them
-# (see `insnav.filter.gps_delay.with_surer_start`). By how much it may change is seen in means of so long, and where the
-# vehicle has not left so soon after it, it is no start of a drive [s].
+# In a longer initial stop the attitude is constant. Drifting gyros would rotate an unknown lever arm and make it
+# observable. Horizontal noise would reduce the heading sd, 25 -> 5 deg in 15 min, by linearisation (see
+# `insnav.filter.gps_delay.with_surer_start`). Attitude changes are measured in means of this length. A stop without
+# departure soon after it starts no drive [s].
 LONG_REST, SWAYED, LEFT = 300.0, 10.0, 1.0
-ROCKS = np.deg2rad(0.5)  # change of the level from part to part that people who board do not make [rad]
-CONTRADICTED = 5.0  # a mean rate so many sd from the Earth's rotation has a bias that the IMU model does not have
+ROCKS = np.deg2rad(0.5)  # level change between parts, beyond the effect of boarding passengers [rad]
+CONTRADICTED = 5.0  # beyond so many sd from the Earth's rotation, the bias exceeds the IMU model
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +59,7 @@ class StationaryMeans:
 
 
 def rates(parts: Intervals, rows: slice = slice(None)) -> tuple[FloatArray, FloatArray]:
-    """Angular rate and specific force of each interval, (n, 3) each."""
+    """Compute angular rate and specific force of each interval, (n, 3) each."""
     if parts.instant:
         return parts.gyro[rows], parts.accel[rows]
     gyro, accel = (spill.by_blocks(np.divide, each[rows], parts.dt[rows, None]) for each in (parts.gyro, parts.accel))
@@ -67,7 +67,7 @@ def rates(parts: Intervals, rows: slice = slice(None)) -> tuple[FloatArray, Floa
 
 
 def summarize(parts: Intervals, start: float, end: float) -> StationaryMeans:
-    """Means over the intervals that end in (start, end]."""
+    """Compute means over the intervals that end in (start, end]."""
     rate, force = rates(parts, slice(*np.searchsorted(parts.end, [start, end], side="right")))
     if rate.shape[0] < FEWEST:
         raise AlignmentError("align.short_static", count=rate.shape[0], begin=start, end=end)
@@ -85,12 +85,11 @@ def _means(start: float, end: float, rate: FloatArray, force: FloatArray) -> Sta
 
 
 def sway(parts: Intervals, still: FloatArray, at: StationaryMeans | None = None) -> tuple[StationaryMeans, FloatArray]:
-    """Means of a long rest, and by how much level and heading change from part to part of it, (k, 2) [rad].
+    """Compute means of a long stop, and level and heading changes between its parts, (k, 2) [rad].
 
-    Changes of the heading are those beside the mean rate. They are none of a short rest, nor where the vehicle does not
-    leave: filters track their gyros' biases there; and not a number next to a part in which the vehicle is shaken.
-    `still` (m, 2): stationary intervals of the rest [s]; `at`: means over the first, which are those of a short rest.
-    Means are of the parts that lie in them, if there are enough.
+    Heading changes are relative to the mean rate. A short stop, or one without departure, has no changes: filters track
+    gyro bias there. Next to a disturbed part the changes are NaN. `still` (m, 2): stationary intervals of the stop [s].
+    `at`: means over the first, for a short stop. Means use the parts within these intervals, if there are enough.
     """
     start, end = float(still[0, 0]), float(still[-1, 1])
     if end - start < LONG_REST or end > parts.end[-1] - LEFT:
@@ -111,7 +110,7 @@ def sway(parts: Intervals, still: FloatArray, at: StationaryMeans | None = None)
 
 
 def stays(alignment: Alignment, time: float) -> bool:
-    """Whether the attitude stays: in the long rest that a drive begins with, where the vehicle is not shaken."""
+    """Return whether the attitude is constant: in a long initial stop, while the vehicle is undisturbed."""
     if alignment.static is None or time > alignment.left or not alignment.sway.size:
         return False
     begin, changes = alignment.static[0], alignment.sway[:, 0]
@@ -120,18 +119,18 @@ def stays(alignment: Alignment, time: float) -> bool:
 
 
 def find_stationary(parts: Intervals, slow: BoolArray | None = None) -> tuple[float, float] | None:
-    """First stationary interval, see `stationary`: start and end [s]."""
+    """Find the first stationary interval, see `stationary`: start and end [s]."""
     return next(stationary(parts, slow, SHORTEST), None)
 
 
 def stationary(parts: Intervals, slow: BoolArray | None = None, shortest: float = 0.0) -> Iterator[tuple[float, float]]:
-    """Stationary intervals of some length, one after the other: start and end [s].
+    """Yield stationary intervals of some length in order: start and end [s].
 
-    Windows of half a second are stationary where the mean rate is that of the other quiet windows, the mean specific
-    force does not change, and `slow` is true. Without `slow`, specific force and rate must also scatter little, or
-    little more than in the quietest tenth of the record; with it an idling engine does no harm.
+    A window of half a second is stationary if its mean rate is usual, its mean specific force is constant, and `slow`
+    is true. Without `slow`, specific force and rate must also scatter little, or little more than in the quietest tenth
+    of the record. With it, an idling engine does no harm.
 
-    `slow` (n,): false where another sensor has seen motion.
+    `slow` (n,): false where another sensor detects motion.
     """
     size = _samples_in_window(parts)
     n = parts.end.shape[0] // size
@@ -150,12 +149,12 @@ def stationary(parts: Intervals, slow: BoolArray | None = None, shortest: float 
     change = np.linalg.norm(np.diff(mean_f, axis=0), axis=1) > PUSHED
     quiet[1:] &= ~change
     for begin, last in runs_of(quiet):
-        # without fixes a step of a sensor looks like a soft departure
+        # without fixes a sensor step resembles a soft departure
         end = last if slow is None else begin + _before_departure(mean_f[begin:last], mean_w[begin:last])
         start = float(parts.end[begin * size] - parts.dt[begin * size])
         stop = float(parts.end[end * size - 1])
         if stop - start >= shortest:
-            # the last window may already hold the start of the motion
+            # the last window may contain the start of the motion
             yield start, stop - (WINDOW if end < n else 0.0)
 
 
@@ -166,16 +165,16 @@ def _samples_in_window(parts: Intervals) -> int:
 def _windows(
     parts: Intervals, n: int, size: int, begin: int = 0
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Rate of `n` windows from a row on: mean (n, 3), length of the sd (n,); the same of specific force."""
+    """Compute means (n, 3) and norms of the sd (n,) of rate, and of specific force, in `n` windows from a row on."""
     mean, loud = np.empty((2, n, 3)), np.empty((2, n))
-    for some in spill.blocks(n, size=BLOCK):  # a rest may last for days
+    for some in spill.blocks(n, size=BLOCK):  # a stop may last for days
         samples = parts.dt, parts.gyro, parts.accel, parts.instant
         window_scatter(*samples, size, begin, some.start, some.stop, mean, loud)
     return mean[0], loud[0], mean[1], loud[1]
 
 
 def _before_departure(force: FloatArray, rate: FloatArray) -> int:
-    """Windows before a slow departure in the second half of a rest, from the means of specific force and rate."""
+    """Count windows before a slow departure in the second half of a stop, by means of force and rate."""
     off = np.zeros(force.shape[0], dtype=bool)
     for means, least in ((force, DEPARTED_ACCEL), (rate, DEPARTED_GYRO)):
         off |= _unlike(means, means, least)
@@ -188,14 +187,14 @@ def _before_departure(force: FloatArray, rate: FloatArray) -> int:
 
 
 def _unlike(means: FloatArray, rest: FloatArray, least: float) -> BoolArray:
-    """Windows whose means (m, 3) are not those of a rest (k, 3), from `least` on."""
+    """Find windows whose means (m, 3) differ from a stop (k, 3) by more than `least`."""
     usual = np.median(rest, axis=0)
     limit = np.maximum(DEPARTED * 1.4826 * np.median(np.abs(rest - usual), axis=0), least)
     return np.asarray((np.abs(means - usual) > limit).any(axis=1))
 
 
 def departure(parts: Intervals, rest: tuple[float, float]) -> float:
-    """When the IMU alone sees a vehicle leave after a rest [s]: windows unlike those just before it, for long."""
+    """Find when the IMU alone detects a departure from a stop [s]: windows unlike the previous ones, for long."""
     if parts.end.size < FEWEST:
         return rest[1]
     size = _samples_in_window(parts)
@@ -214,29 +213,29 @@ def departure(parts: Intervals, rest: tuple[float, float]) -> float:
         for first, last in runs_of(off):
             if last - first >= lasting:
                 return float(parts.end[now + first * size - 1])
-        more = off.size - int(np.argmin(off[::-1])) if off[-1] else off.size  # a run at the end begins the next ones
+        more = off.size - int(np.argmin(off[::-1])) if off[-1] else off.size  # a run at the end begins the next block
         before, now = here, now + more * size
     return float(parts.end[-1])
 
 
 def level(force: FloatArray) -> tuple[float, float]:
-    """Roll and pitch [rad] of a stationary body from its specific force, (3,) (Groves 2013, section 5.6.2)."""
+    """Compute roll and pitch [rad] of a stationary body from specific force, (3,) (Groves 2013, section 5.6.2)."""
     x, y, z = force
     return float(np.arctan2(-y, -z)), float(np.arctan2(x, np.hypot(y, z)))
 
 
 def tilt_sd(rest: StationaryMeans, spec: ImuSpec, lat: float, height: float) -> FloatArray:
-    """Standard deviation of the level about North and East [rad], for any heading (Groves 2013, section 5.6.2)."""
+    """Compute the level sd about North and East [rad], for any heading (Groves 2013, section 5.6.2)."""
     g = gravity_n(lat, height)[2]
     return np.full(2, float(np.sqrt(np.max(level_bias_sd(spec.accel) ** 2 + rest.force_sd**2))) / g + 2e-6)
 
 
 def gyrocompass(rest: StationaryMeans, spec: ImuSpec, lat: float, tilt: float) -> tuple[float, float]:
-    """Heading and its standard deviation [rad] from the Earth's rotation (Groves 2013, section 5.6.2).
+    """Compute heading and its standard deviation [rad] from the Earth's rotation (Groves 2013, section 5.6.2).
 
     The standard deviation is infinite at the poles and meaningless above about a radian. A `tilt` error (1 sd) [rad]
-    about North turns the vertical part of the rotation into the East. The bias across the heading is not seen: where
-    the others contradict the IMU model it is taken as twice theirs (3 sd hold 98.6 % of equal ones).
+    about North rotates the vertical part of the Earth rate into East. Bias across the heading is unobservable. If the
+    other biases contradict the IMU model, it is assumed as twice theirs (3 sd cover 98.6 % of equal ones).
     """
     w = _levelled_rate(rest)
     sd = max(_rate_sd(rest, spec), 2.0 * unexplained_rate(rest, spec, lat))
@@ -245,7 +244,7 @@ def gyrocompass(rest: StationaryMeans, spec: ImuSpec, lat: float, tilt: float) -
 
 
 def unexplained_rate(rest: StationaryMeans, spec: ImuSpec, lat: float) -> float:
-    """By how much [rad/s] the levelled rate differs from the Earth's; zero where the IMU model explains it."""
+    """Compute the excess of the levelled rate over the Earth rate [rad/s]; zero if the IMU model explains it."""
     w, earth = _levelled_rate(rest), earth_rate_n(lat)
     misfit = float(np.hypot(np.hypot(w[0], w[1]) - earth[0], w[2] - earth[2]))
     return misfit if misfit > CONTRADICTED * _rate_sd(rest, spec) else 0.0
@@ -261,7 +260,7 @@ def _rate_sd(rest: StationaryMeans, spec: ImuSpec) -> float:
 
 
 def latitude_from_sensors(rest: StationaryMeans) -> float:
-    """Latitude [rad] from the angle between the Earth's rotation and gravity; its sign comes out of it too."""
+    """Compute latitude [rad], with its sign, from the angle between the Earth's rotation and gravity."""
     up = rest.force / np.linalg.norm(rest.force)
     return float(np.arcsin(np.clip(rest.rate @ up / np.linalg.norm(rest.rate), -1.0, 1.0)))
 
@@ -269,11 +268,11 @@ def latitude_from_sensors(rest: StationaryMeans) -> float:
 def gyro_bias(
     rest: StationaryMeans, spec: ImuSpec, rph: FloatArray, heading_sd: float, lat: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Mean gyro output minus the Earth's rotation, and its standard deviation [rad/s], (3,) each."""
+    """Compute mean gyro output minus the Earth's rotation, and its standard deviation [rad/s], (3,) each."""
     earth = earth_rate_n(lat)
     bias = rest.rate - dcm_from_rph(rph).T @ earth
     walk = spec.gyro.random_walk**2 / (rest.end - rest.start)
-    # an unknown heading leaves the horizontal earth rate unknown about both level axes
+    # an unknown heading leaves the horizontal Earth rate unknown about both level axes
     horizontal = OMEGA_EARTH * np.cos(lat) * min(heading_sd, 1.0)
     sd = np.sqrt(walk + rest.rate_sd**2 + spec.gyro.bias_instability**2 + np.array([1.0, 1.0, 0.05]) * horizontal**2)
     return bias, sd

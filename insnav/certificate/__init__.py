@@ -1,1 +1,1 @@
-"""The certificate of the numerics: every integrator against closed forms and published values."""
+"""Certificate of the numerics: every integrator against closed forms and published values."""

@@ -1,4 +1,4 @@
-"""All checks, one after the other, and what they amount to."""
+"""Certificate: all checks in order, and their summary."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from insnav.findings import Code, Finding
 from insnav.result import Result
 from insnav.version import __version__
 
-# other mechanizations and models answer for themselves
+# other mechanizations and models have separate checks
 OTHERS: tuple[Callable[[], list[Check]], ...] = (gimballed, gravity)
 _ABOUT_ALL = Code.CERTIFICATE_SAMPLES, Code.CERTIFICATE_INTEGRATORS, Code.CERTIFICATE_CONING
 _ABOUT = {"fourth": Code.CERTIFICATE_PLATFORM, "pyins": Code.CERTIFICATE_PYINS}  # by the name of an integrator
@@ -24,10 +24,10 @@ _ABOUT = {"fourth": Code.CERTIFICATE_PLATFORM, "pyins": Code.CERTIFICATE_PYINS} 
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """Every check of one installation."""
+    """Checks of one installation."""
 
     checks: tuple[Check, ...]
-    seconds: float  # how long it took, compilation included [s]
+    seconds: float  # duration including compilation [s]
     machine: str = field(default_factory=lambda: f"{platform.system()} {platform.machine()}")
     version: str = __version__  # of insnav
 
@@ -45,14 +45,14 @@ class Certificate:
 
 
 def verify(*, peer: bool = False, progress: Callable[[float], None] | None = None) -> Result[Certificate]:
-    """Measure the numerics of this installation against closed forms and published values, in seconds.
+    """Test the numerics of this installation against closed forms and published values, in seconds.
 
     Parameters
     ----------
     peer : bool
         Compare with python-ins.
     progress : callable, optional
-        Called with the fraction of the work that is done.
+        Called with the completed fraction of the work.
 
     Returns
     -------
@@ -74,9 +74,9 @@ def verify(*, peer: bool = False, progress: Callable[[float], None] | None = Non
 
 
 def certify(peers: Sequence[Integrator] = (), progress: Callable[[float], None] | None = None) -> Certificate:
-    """Measure the integrators, the platform's too, and the gravity model of this installation against closed forms.
+    """Test the integrators, including the platform's, and the gravity model against closed forms.
 
-    Takes seconds. Integrators of other packages are compared with the own ones; `progress` gets the fraction done.
+    Takes seconds. Integrators of other packages are compared with the own ones; `progress` gets the completed fraction.
     """
     begin = time.perf_counter()
     asked = (*integrators(), *peers)

@@ -1,4 +1,4 @@
-"""The fault matrix: what recordings, files and machines do wrong, what must not come of it, and how that is known."""
+"""Fault matrix: faults of recordings, files and machines, required behaviour, and the tests that verify it."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from typing import Literal
 
 @dataclass(frozen=True, slots=True)
 class FaultRow:
-    """One fault, and the test that holds its limit."""
+    """Fault with the test of its limit."""
 
     key: str  # such as ``N1``: N navigation and sensors, F files, P process
     fault: str
-    bar: str  # what must hold
+    bar: str  # required behaviour
     measured: str
-    test: str  # file, or file and function; empty if there is none
+    test: str  # file, or file and function; empty without a test
     state: Literal["met", "partly", "open"]  # partly: the test is weaker than the limit
-    reason: str = ""  # why the limit, or what is expected, was changed
+    reason: str = ""  # reason for a changed limit or expectation
 
 
 def fault_matrix() -> tuple[FaultRow, ...]:
-    """Every row of the matrix."""
+    """Read every row of the matrix."""
     text = files("insnav.certificate").joinpath("faults.toml").read_text(encoding="utf-8")
     return tuple(FaultRow(key, **row) for key, row in tomllib.loads(text).items())
 
 
 def matrix_lines(rows: tuple[FaultRow, ...]) -> list[str]:
-    """The matrix as text: a line of state and fault, and what was measured below."""
+    """Format the matrix as text: a line of state and fault, and the measurement below."""
     lines = []
     for row in rows:
         lines.append(f"{row.key:<4} {row.state:<7} {row.fault}")

@@ -1,4 +1,4 @@
-"""Normal gravity of the WGS-84 ellipsoid without any series, and the gravity of this package against it.
+"""Exact normal gravity of the WGS-84 ellipsoid without series, compared with this package's gravity.
 
 References
 ----------
@@ -18,7 +18,7 @@ from insnav.earth import gravity_n
 from insnav.types import FloatArray
 from insnav.units import DEG, UG
 
-# the four that define the ellipsoid, written out once more: nothing here is the package's own
+# the four defining constants, independent of the package's own
 _A, _F, _GM, _OMEGA = 6378137.0, 1.0 / 298.257223563, 3.986004418e14, 7.292115e-5
 _B = _A * (1.0 - _F)
 _E = np.sqrt(_A * _A - _B * _B)  # linear eccentricity [m]
@@ -27,7 +27,7 @@ HEIGHTS = (1e3, 5e3, 10e3, 20e3)  # [m]
 
 
 def _q(u: FloatArray | float) -> FloatArray:
-    """Function ``q`` of the potential and its derivative by ``u`` (section 2-7)."""
+    """Compute function ``q`` of the potential and its derivative by ``u`` (section 2-7)."""
     turn = np.arctan(_E / u)
     value = 0.5 * ((1.0 + 3.0 * u * u / _E**2) * turn - 3.0 * u / _E)
     slope = 0.5 * (6.0 * u / _E**2 * turn - (1.0 + 3.0 * u * u / _E**2) * _E / (u * u + _E**2) - 3.0 / _E)
@@ -35,9 +35,9 @@ def _q(u: FloatArray | float) -> FloatArray:
 
 
 def exact_gravity_n(lat: ArrayLike, height: ArrayLike) -> FloatArray:
-    """Normal gravity North, East, Down ``(..., 3)`` [m/s^2] at latitudes [rad] and heights [m], exact at any height.
+    """Compute normal gravity North, East, Down ``(..., 3)`` [m/s^2] at latitudes [rad] and heights [m], exactly.
 
-    The gradient of the potential of the rotating level ellipsoid.
+    It is the gradient of the potential of the rotating level ellipsoid.
     """
     lat, height = np.broadcast_arrays(np.asarray(lat, dtype=float), np.asarray(height, dtype=float))
     x, _, z = pymap3d.geodetic2ecef(lat, np.zeros_like(lat), height, deg=False)
@@ -59,7 +59,7 @@ def exact_gravity_n(lat: ArrayLike, height: ArrayLike) -> FloatArray:
 
 
 def gravity() -> list[Check]:
-    """Normal gravity at the ellipsoid against the published values, and up to 20 km against the exact gradient."""
+    """Compare gravity at the ellipsoid with published values, and up to 20 km with the exact gradient."""
     lat = np.linspace(-90.0, 90.0, 181) * DEG
     published = max(abs(float(gravity_n(at * DEG, 0.0)[2]) - value) for at, value in PUBLISHED.items())
     surface = np.abs(gravity_n(lat, 0.0) - exact_gravity_n(lat, 0.0))

@@ -1,4 +1,4 @@
-"""The integrators of this package and of another, in one shape, and the limits that their errors have to keep."""
+"""Integrators of this package and of another, with a common interface, and their error limits."""
 
 from __future__ import annotations
 
@@ -22,15 +22,16 @@ from insnav.units import DEG
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One property of the numerics, measured against a closed form or a published value."""
+    """Numerical property, measured against a closed form or a published value."""
 
-    topic: str  # what is checked, such as ``coning``
-    case: str  # on what
+    topic: str  # subject of the check, such as ``coning``
+    case: str  # test case
     unit: str  # of `limit` and `values`
     limit: float  # largest error allowed
-    # integrator and its error. The limit applies to the first, which is navigated with; the others are to compare.
+    # integrator and its error. The limit applies to the first, the default of navigation; the others are for
+    # comparison.
     values: tuple[tuple[str, float], ...]
-    required: int = 1  # to how many of them the limit applies, from the first on
+    required: int = 1  # number of integrators to which the limit applies, from the first on
 
     @property
     def name(self) -> str:
@@ -39,13 +40,13 @@ class Check:
 
     @property
     def error(self) -> float:
-        """Largest of the errors to which the limit applies; NaN if one of them is."""
+        """Largest error with a limit; NaN if one of them is NaN."""
         errors = [value for _, value in self.values[: self.required]]
         return math.nan if any(math.isnan(value) for value in errors) else max(errors)
 
     @property
     def passed(self) -> bool:
-        """Whether the error is within the limit; NaN is not."""
+        """True if the error is within the limit, false for NaN."""
         return self.error <= self.limit
 
 
@@ -54,7 +55,7 @@ METHODS: tuple[Method, ...] = ("polynomial", "rk4", "rotvec", "euler")  # the li
 
 @dataclass(frozen=True, slots=True)
 class Steps:
-    """What an integrator makes of the samples of each interval."""
+    """Result of an integrator for each sampling interval."""
 
     # (n,) end and length [s]
     time: FloatArray
@@ -63,18 +64,18 @@ class Steps:
     velocity: FloatArray  # (n, 3) integral of the specific force in the axes of the interval's start [m/s]
 
 
-Start = tuple[FloatArray, FloatArray, FloatArray]  # latitude, longitude, height; velocity N, E, D; roll, pitch, heading
+Start = tuple[FloatArray, FloatArray, FloatArray]  # position; velocity N, E, D; roll, pitch, heading
 
 
 @dataclass(frozen=True, slots=True)
 class Integrator:
-    """One way from samples to attitude and position."""
+    """Algorithm from samples to attitude and position."""
 
     name: str
     steps: Callable[[ImuData], Steps]  # increments of a record, sampled as increments
-    # trajectory of a record, ``(imu, start, height, v_down, every)``. The start is that at the end of the first sample,
-    # as algorithms that look back need one before; height [m] and down velocity [m/s] are held to those at the ends of
-    # the intervals that follow.
+    # trajectory of a record, ``(imu, start, height, v_down, every)``. The start is at the end of the first sample,
+    # since some algorithms need an earlier sample. Height [m] and down velocity [m/s] are constrained to these values
+    # at the ends of the following intervals.
     navigate: Callable[[ImuData, Start, FloatArray, FloatArray, int], Trajectory]
 
 
@@ -95,7 +96,7 @@ def _own(method: Method) -> Integrator:
 
 
 def steps_of(inc: Increments) -> Steps:
-    """Put increments together to rotation and velocity, as `insnav.types.Increments` defines them."""
+    """Combine increments to rotation and velocity, as defined in `insnav.types.Increments`."""
     angle = np.linalg.norm(inc.dtheta, axis=1, keepdims=True)
     # (1 - cos a) / a^2 and (a - sin a) / a^3 without dividing by zero
     first = 0.5 * np.sinc(0.5 * angle / np.pi) ** 2
@@ -106,7 +107,7 @@ def steps_of(inc: Increments) -> Steps:
 
 
 def attitude_after(rotation: FloatArray) -> FloatArray:
-    """Quaternion after successive rotation vectors ``(n, 3)`` [rad], by pairs: roundings grow with log n."""
+    """Compute the quaternion after successive rotation vectors ``(n, 3)`` [rad], by pairs: rounding grows as log n."""
     q = quat_from_rotvec(rotation)
     while len(q) > 1:
         last = q[len(q) - len(q) % 2 :]
@@ -115,9 +116,9 @@ def attitude_after(rotation: FloatArray) -> FloatArray:
 
 
 def pyins() -> Integrator:
-    """Strapdown integrator of python-ins: increments with the term of the previous one, local-level mechanization.
+    """Build the strapdown integrator of python-ins: increments with the previous term, local-level mechanization.
 
-    Its normal gravity has no north component, which alone is metres after an hour at a height of 500 m. Without
+    Its normal gravity has no north component, which causes metres after an hour at a height of 500 m. Without
     python-ins a `ConfigError` names the option.
     """
     if find_spec("pyins") is None:
@@ -126,7 +127,7 @@ def pyins() -> Integrator:
 
 
 def _pyins_increments(imu: ImuData) -> Any:
-    """Its table of increments: one for every sample but the first, which it only looks back at."""
+    """Return its table of increments: one per sample except the first, which is only the previous one."""
     import pandas as pd
 
     theirs, util = import_module("pyins.strapdown"), import_module("pyins.util")
@@ -142,14 +143,14 @@ def _pyins_steps(imu: ImuData) -> Steps:
 
 
 def _pyins_navigate(imu: ImuData, start: Start, height: FloatArray, v_down: FloatArray, every: int) -> Trajectory:
-    """Navigate with its height held to the first, and tell that given: only what is horizontal is its own."""
+    """Navigate with constant height, then replace it by the given height: only horizontal motion is its own."""
     import pandas as pd
 
     theirs, util = import_module("pyins.strapdown"), import_module("pyins.util")
     lla, v_n, rph = start
     first = np.concatenate([lla[:2] / DEG, lla[2:], v_n, rph / DEG])
     pva = pd.Series(first, index=util.TRAJECTORY_COLS, name=imu.time[0])
-    with warnings.catch_warnings(), np.errstate(all="ignore"):  # it divides by zero at a pole, and uses pandas of old
+    with warnings.catch_warnings(), np.errstate(all="ignore"):  # divides by zero at a pole; deprecated pandas functions
         warnings.simplefilter("ignore")
         try:
             table = theirs.Integrator(pva, with_altitude=False).integrate(_pyins_increments(imu)).to_numpy()

@@ -1,4 +1,4 @@
-"""Motions in closed form: coning, sculling, a swell, and ways over and around a pole, in axes fixed to the Earth."""
+"""Motions in closed form: coning, sculling, a swell, and paths across and around a pole, in Earth-fixed axes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from insnav.units import DEG
 
 @dataclass(frozen=True, slots=True)
 class Cone:
-    """The body's third axis runs round a cone: a rotation vector of constant length turns in the x-y plane.
+    """Coning: the third body axis moves around a cone: a rotation vector of constant length rotates in the x-y plane.
 
     References
     ----------
@@ -28,17 +28,17 @@ class Cone:
     omega: float  # angular frequency [rad/s]
 
     def quaternion(self, time: FloatArray) -> FloatArray:
-        """Attitude at times ``(n,)`` [s], ``(n, 4)``."""
+        """Compute the attitude at times ``(n,)`` [s], ``(n, 4)``."""
         c, s, phase = np.cos(0.5 * self.half_angle), np.sin(0.5 * self.half_angle), self.omega * time
         return np.stack([np.full_like(time, c), s * np.cos(phase), s * np.sin(phase), np.zeros_like(time)], -1)
 
     def angle(self, time: FloatArray) -> FloatArray:
-        """Integral of the body rate [rad], which is twice the vector part of ``q* q'``; ``(n, 3)``."""
+        """Compute the integral of the body rate [rad], twice the vector part of ``q* q'``; ``(n, 3)``."""
         s, phase = np.sin(self.half_angle), self.omega * time
         return np.stack([s * np.cos(phase), s * np.sin(phase), (np.cos(self.half_angle) - 1) * phase], -1)
 
     def rate(self, time: FloatArray) -> FloatArray:
-        """Body rate [rad/s], ``(n, 3)``."""
+        """Compute the body rate [rad/s], ``(n, 3)``."""
         s, phase = np.sin(self.half_angle), self.omega * time
         turn = np.stack([-s * np.sin(phase), s * np.cos(phase), np.full_like(time, np.cos(self.half_angle) - 1)], -1)
         return np.asarray(self.omega * turn)
@@ -46,22 +46,22 @@ class Cone:
 
 @dataclass(frozen=True, slots=True)
 class Scull:
-    """Rotation ``A sin wt`` about x, specific force ``a sin wt`` along y, in phase: along z they make ``a J1(A)``."""
+    """Sculling: rotation ``A sin wt`` about x, specific force ``a sin wt`` along y; mean force ``a J1(A)`` along z."""
 
     amplitude: float  # of the rotation [rad]
     omega: float  # angular frequency [rad/s]
     force: float  # amplitude of the specific force [m/s^2]
 
     def rotation(self, time: FloatArray) -> FloatArray:
-        """Rotation vector, which is the integral of the body rate too [rad], ``(n, 3)``."""
+        """Compute the rotation vector, also the integral of the body rate [rad], ``(n, 3)``."""
         return _column(self.amplitude * np.sin(self.omega * time), 0)
 
     def impulse(self, time: FloatArray) -> FloatArray:
-        """Integral of the specific force as sensed [m/s], ``(n, 3)``."""
+        """Compute the integral of the sensed specific force [m/s], ``(n, 3)``."""
         return _column(-self.force / self.omega * np.cos(self.omega * time), 1)
 
     def gained(self, begin: float, end: float) -> float:
-        """Velocity gained along z of the axes that do not turn [m/s], by quadrature of the exact product."""
+        """Compute the velocity gained along z of non-rotating axes [m/s], by quadrature of the exact product."""
         pieces = max(1, round((end - begin) * self.omega))
         node, weight = np.polynomial.legendre.leggauss(8)
         edges = np.linspace(begin, end, pieces + 1)
@@ -71,7 +71,7 @@ class Scull:
 
 
 def swell(duration: float, place: FloatArray) -> LevelTruth:
-    """A ride on a swell about a place: all three angles swing by degrees while the vehicle travels along a wave."""
+    """Build a motion on a swell about a place: all angles oscillate by degrees while the vehicle follows a wave."""
     swing = np.array([3.0, 2.0, 4.0]) * DEG
     rate, cosine, sine = np.array([2e-6, 3e-6, 0.0]), np.array([0, 0, 0.2]), np.array([2e-7, 0, 0.1])
     attitude = Harmonic(np.array([0.02, -0.01, 0.5]), np.zeros(3), 0.7 * swing, np.roll(swing, 1), 6.0)
@@ -79,20 +79,20 @@ def swell(duration: float, place: FloatArray) -> LevelTruth:
 
 
 def start_of(truth: Truth, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Position, velocity and attitude at the end of the first of the intervals with these edges ``(n + 1,)`` [s]."""
+    """Return position, velocity and attitude at the end of the first interval of the edges ``(n + 1,)`` [s]."""
     at = truth.evaluate(time[1:2])
     return at.lla[0], at.v_n[0], at.rph[0]
 
 
 def even(duration: float, rate: float) -> FloatArray:
-    """Edges of sampling intervals [s]: `duration` [s] at `rate` [Hz]."""
+    """Return edges of sampling intervals [s]: `duration` [s] at `rate` [Hz]."""
     return np.asarray(np.arange(round(duration * rate) + 1) / rate)
 
 
 def uneven(duration: float) -> FloatArray:
-    """Edges of intervals of 8 to 11 ms, as loggers make them [s].
+    """Return edges of intervals of 8 to 11 ms, as of loggers [s].
 
-    A file does not tell where the first interval began, and the mean is taken; here it is so.
+    A file does not contain the start of its first interval: readers assume the mean length, which is true here.
     """
     steps = np.random.default_rng(4).uniform(0.008, 0.011, round(duration * 120.0))
     steps = steps[np.cumsum(steps) <= duration - 0.011]
@@ -113,19 +113,19 @@ _POLAR_RADIUS = A / np.sqrt(1.0 - E2)  # of curvature [m]
 
 @dataclass(frozen=True, slots=True)
 class PolarPosition:
-    """Point at constant height on a normal of the ellipsoid that goes round a circle, in Earth-fixed axes [m]."""
+    """Point at constant height on an ellipsoid normal that moves around a circle, in Earth-fixed axes [m]."""
 
-    # its vectors at right angles to each other; cosine and sine of one length, ``|offset|^2 + |sine|^2 = 1``
+    # with orthogonal vectors; cosine and sine of equal length, ``|offset|^2 + |sine|^2 = 1``
     normal: Harmonic
     height: float  # above the ellipsoid [m]
 
     @property
     def knots(self) -> FloatArray:
-        """No derivative jumps."""
+        """Knots: none, as all derivatives are continuous."""
         return self.normal.knots
 
     def __call__(self, t: FloatArray, order: int = 0) -> FloatArray:
-        """Position ``(n, 3)``, or its first or second derivative, ``(n,)`` [s] after the start.
+        """Evaluate position ``(n, 3)``, or its first or second derivative, ``(n,)`` [s] after the start.
 
         Groves (2013), eq. 2.112, with the normal instead of latitude and longitude, and its chain rule.
         """
@@ -146,7 +146,7 @@ class PolarPosition:
 
 @dataclass(frozen=True, slots=True)
 class PolarAttitude:
-    """Forward along that circle, down against the normal but for a swinging roll: quaternion in Earth-fixed axes."""
+    """Forward along that circle, down against the normal except for an oscillating roll: quaternion, Earth-fixed."""
 
     normal: Harmonic
     swing: float = 0.0  # amplitude [rad] and angular frequency [rad/s] of the roll
@@ -154,14 +154,14 @@ class PolarAttitude:
 
     @property
     def knots(self) -> FloatArray:
-        """No derivative jumps."""
+        """Knots: none, as all derivatives are continuous."""
         return self.normal.knots
 
     def __call__(self, t: FloatArray, order: int = 0) -> FloatArray:
-        """Quaternion ``(n, 4)``, or its first derivative, ``(n,)`` [s] after the start."""
+        """Evaluate the quaternion ``(n, 4)``, or its first derivative, ``(n,)`` [s] after the start."""
         start, forward = self.normal(np.zeros(1))[0], self.normal.sine / np.linalg.norm(self.normal.sine)
         at_start = quat_from_dcm(np.column_stack([forward, np.cross(forward, start), -start]))
-        # turned about the middle of the circle, then rolled
+        # rotated about the centre of the circle, then rolled
         axis = np.cross(self.normal.cosine, self.normal.sine)
         axis = self.normal.omega * axis / np.linalg.norm(axis)
         turned = quat_multiply(quat_from_rotvec(t[:, None] * axis), at_start)
@@ -176,7 +176,7 @@ class PolarAttitude:
 def polar_truth(
     normal: Harmonic, height: float, duration: float, swing: float = 0.0, swing_omega: float = 0.0
 ) -> EarthTruth:
-    """Motion at a height [m] on a normal that goes round a circle, for a time [s]; see `PolarAttitude`."""
+    """Build a motion at a height [m] on a normal that moves around a circle, for a time [s]; see `PolarAttitude`."""
     position, attitude = PolarPosition(normal, height), PolarAttitude(normal, swing, swing_omega)
     return EarthTruth(np.zeros(3), position, attitude, None, duration)
 
@@ -184,7 +184,7 @@ def polar_truth(
 def over_pole(
     speed: float, duration: float, *, height: float = 10e3, miss: float = 0.0, south: bool = False
 ) -> EarthTruth:
-    """Great circle with the pole, or the point at `miss` [m] next to it, at half time; the roll swings by 5 deg.
+    """Build a great circle with the pole, or the point `miss` [m] from it, at half time; roll oscillates by 5 deg.
 
     `speed` [m/s], `duration` [s], `height` above the ellipsoid [m].
     """
@@ -200,7 +200,7 @@ def over_pole(
 def around_pole(
     speed: float, radius: float, duration: float, *, height: float = 100.0, south: bool = False
 ) -> EarthTruth:
-    """Parallel of latitude of a radius [m] about a pole, eastward, at a speed [m/s] for a time [s]."""
+    """Build a motion on a parallel of a radius [m] about a pole, eastward, at a speed [m/s] for a time [s]."""
     angle = radius / (_POLAR_RADIUS + height)
     top = np.cos(angle) * _AXIS * (-1.0 if south else 1.0)
     normal = Harmonic(top, np.zeros(3), np.sin(angle) * _X, np.sin(angle) * _Y, speed / radius)

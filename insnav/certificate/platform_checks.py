@@ -1,4 +1,4 @@
-"""The integrators of the north-pointing platform: order of convergence, and motions whose outcome is one formula."""
+"""Integrators of the north-pointing platform: order of convergence, and motions with closed-form results."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ ORDERS = {"fourth": 4, "mean": 2, "forward": 1, "backward": 1}
 RATE = 10.0  # [Hz]
 _TOPIC = "platform"
 _STEPS = (8.0, 4.0, 2.0, 1.0)  # on a turn: coarse enough that fourth order is not rounding [s]
-_DAY_STEP = 10.0  # so coarse that the plain integrators show what they are [s]
+_DAY_STEP = 10.0  # coarse, so that the plain integrators differ visibly [s]
 _HOUR = 3600.0
 
 
 def platform() -> list[Check]:
-    """Every check of the platform."""
+    """Execute all checks of the platform."""
     return [*orders(), *flights(), *date_line(), *vertical(), *day()]
 
 
 def orders() -> list[Check]:
-    """A straight line, and how fast the error falls with the step on a sine and on a turn: the limits apply to all."""
+    """Check a straight line, and the error order over step size on a sine and a turn: the limits apply to all."""
     x = np.linspace(0.0, 3.0, 31)
     line = tuple((name, abs(float(integral(x, 2.0 * x, name)[-1]) - 9.0)) for name in NAMES)
     sine = {each.integrator: each.order for each in sine_convergence()}
@@ -44,7 +44,7 @@ def orders() -> list[Check]:
 
 
 def flights() -> list[Check]:
-    """Largest error on closed-form motions, with the vertical channel free on one of them."""
+    """Check the largest error on closed-form motions, one with free vertical channel."""
     place = np.array([48.0 * DEG, 11.0 * DEG, 500.0])
     motions: tuple[tuple[str, Truth, Vertical], ...] = (
         ("1 h of circles at 20 m/s", circle(place, 20.0, 0.1, _HOUR), "off"),
@@ -59,7 +59,7 @@ def flights() -> list[Check]:
 
 
 def date_line() -> list[Check]:
-    """Difference between the same motion across the date line and across longitude 57 deg."""
+    """Compare the same motion across the date line and across longitude 57 deg."""
     values = []
     for name in NAMES:
         tracks = []
@@ -72,10 +72,10 @@ def date_line() -> list[Check]:
 
 
 def vertical() -> list[Check]:
-    """Height, 1 m off at the start at rest: it runs away, or is forgotten as the damping loop says.
+    """Check the height after an initial error of 1 m at rest: unstable, or decaying by the damping loop.
 
-    Rising is also turned to the west, and that weighs more: ``x'' = k^2 x - (2 W cos L)^2 (x - 1)``, with ``k^2`` the
-    fall-off of gravity with height.
+    A rising vehicle also drifts west, which dominates: ``x'' = k^2 x - (2 W cos L)^2 (x - 1)``, where ``k^2`` is the
+    decrease of gravity with height.
     """
     step = 1e-3
     time = even(1200.0, RATE)
@@ -101,7 +101,7 @@ def vertical() -> list[Check]:
 
 
 def day() -> list[Check]:
-    """The errors of a platform at rest against their closed form."""
+    """Compare the errors of a platform at rest with their closed form."""
     time = even(DAY, 1.0 / _DAY_STEP)
     force = np.tile(-gravity_n(PLACE[0], PLACE[2]), (time.size, 1))
     records = []
@@ -119,6 +119,6 @@ def _flown(truth: Truth, time: FloatArray, name: Integrator, vertical: Vertical 
 
 
 def _worst(truth: Truth, time: FloatArray, name: Integrator, vertical: Vertical = "off") -> float:
-    """Largest distance from the truth [m]."""
+    """Compute the largest distance from the truth [m]."""
     off = ned_offset(_flown(truth, time, name, vertical).solution.lla, truth.evaluate(time).lla)
     return float(np.linalg.norm(off, axis=1).max())

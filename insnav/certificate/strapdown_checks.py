@@ -1,4 +1,4 @@
-"""What is asked of strapdown integrators: motion within a few samples, hours without aiding, poles, a day of errors."""
+"""Checks of strapdown integrators: motion within a few samples, hours without aiding, poles, a day of errors."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ from insnav.units import DEG, DEG_PER_H, G0, UG
 
 RATE = 100.0  # [Hz]
 _SPAN = 40.0  # of one record [s]
-_EDGE = 1.0  # left out at either end, where windows of samples are one-sided [s]
+_EDGE = 1.0  # excluded at either end, where windows of samples are one-sided [s]
 _ARCSEC = DEG / 3600.0
-# Largest residual drift under coning of 1 deg [deg/h], by frequency [Hz]. It grows with the square of the angle. At
-# 20 Hz a cycle has five samples, too few for any algorithm: this limit only states what to expect.
+# Largest residual drift under coning of 1 deg [deg/h], by frequency [Hz]. It grows with the square of the angle. At 20
+# Hz a cycle has five samples, too few for any algorithm: this limit documents the expected error.
 _CONING_LIMITS = {1.0: 1e-4, 5.0: 0.02, 10.0: 0.1, 20.0: 70.0}
 _PLACE = np.array([48.0 * DEG, 11.0 * DEG, 500.0])
 _HOUR = 3600.0
 DAY = 86400.0  # [s]
 PLACE = np.array([45.0 * DEG, 0.2, 0.0])
-# small, as the closed form is linear, and so that each of them shows
+# small, for the linear closed form, and each visible
 ERRORS = PlatformErrors(
     tilt=np.array([0.0, 0.0, 20.0 / 3600.0]) * DEG,
     drift=np.array([1e-3, 1e-3, 1e-3]) * DEG_PER_H,
     bias=np.array([30.0, 30.0, 0.0]) * UG,
 )
-_AMPLITUDE, _PERIOD = 0.002, 0.001  # limits, as parts of what theory says
+_AMPLITUDE, _PERIOD = 0.002, 0.001  # limits relative to theory
 Record = tuple[str, FloatArray, FloatArray]  # integrator, time since the start [s], position error North, East [m]
 
 
 def coning(integrators: Sequence[Integrator]) -> list[Check]:
-    """Drift under coning of three amplitudes at four frequencies, and from uneven samples."""
+    """Check the drift under coning of three amplitudes at four frequencies, and from uneven samples."""
     checks = []
     for angle in (0.1, 1.0, 3.0):
         for frequency, limit in _CONING_LIMITS.items():
@@ -56,12 +56,12 @@ def coning(integrators: Sequence[Integrator]) -> list[Check]:
 
 
 def coning_drift(integrator: Integrator, motion: Cone, time: FloatArray) -> float:
-    """Rate at which the attitude leaves the true one [rad/s], from intervals with edges ``(n + 1,)`` [s]."""
+    """Compute the attitude drift rate [rad/s], from intervals with edges ``(n + 1,)`` [s]."""
     gyro = np.diff(motion.angle(time), axis=0)
     steps = integrator.steps(ImuData(time[1:], gyro, np.zeros_like(gyro), "increment"))
     begin, inside = _inner(steps.time, steps.dt, time[-1])
     before, after = motion.quaternion(begin[inside]), motion.quaternion(steps.time[inside])
-    # error of every interval in the axes of its start, brought to the fixed frame: small, so that they add up
+    # error of every interval in its initial axes, rotated to the fixed frame: small, so they can be summed
     turned = attitude.quat_multiply(attitude.quat_conjugate(before), after)
     error = attitude.rotvec_from_quat(
         attitude.quat_multiply(attitude.quat_from_rotvec(steps.rotation[inside]), attitude.quat_conjugate(turned))
@@ -71,7 +71,7 @@ def coning_drift(integrator: Integrator, motion: Cone, time: FloatArray) -> floa
 
 
 def sculling(integrators: Sequence[Integrator]) -> list[Check]:
-    """Mean acceleration error of rotation and vibration in phase."""
+    """Check the mean acceleration error of rotation and vibration in phase."""
     motion = Scull(0.1 * DEG, 2 * np.pi * 10.0, G0)
     return [
         Check("sculling", case, "ug", 0.5, tuple((i.name, abs(sculling_error(i, motion, t)) / UG) for i in integrators))
@@ -83,7 +83,7 @@ def sculling(integrators: Sequence[Integrator]) -> list[Check]:
 
 
 def sculling_error(integrator: Integrator, motion: Scull, time: FloatArray) -> float:
-    """Mean acceleration along z that is not there [m/s^2], from intervals with edges ``(n + 1,)`` [s]."""
+    """Compute the false mean acceleration along z [m/s^2], from intervals with edges ``(n + 1,)`` [s]."""
     gyro, accel = np.diff(motion.rotation(time), axis=0), np.diff(motion.impulse(time), axis=0)
     steps = integrator.steps(ImuData(time[1:], gyro, accel, "increment"))
     begin, inside = _inner(steps.time, steps.dt, time[-1])
@@ -94,11 +94,11 @@ def sculling_error(integrator: Integrator, motion: Scull, time: FloatArray) -> f
 
 
 def spin(integrators: Sequence[Integrator]) -> list[Check]:
-    """1000 deg/s about a slanting axis with constant specific force in the body: everything is known."""
+    """Check 1000 deg/s about an oblique axis with constant specific force in the body, a closed form."""
     rate, force = 1000 * DEG * np.array([2.0, -3.0, 6.0]) / 7.0, np.array([3.0, -2.0, -9.8])
     dt, n = 1 / RATE, round(_SPAN * RATE)
     imu = ImuData(even(_SPAN, RATE)[1:], np.tile(rate * dt, (n, 1)), np.tile(force * dt, (n, 1)), "increment")
-    # exact velocity of one interval: the mean of the turned force, by quadrature fine enough to be exact
+    # exact velocity of one interval: the mean rotated force, by an exact quadrature
     node, weight = np.polynomial.legendre.leggauss(12)
     turned = attitude.dcm_from_quat(attitude.quat_from_rotvec(0.5 * dt * (node + 1.0)[:, None] * rate)) @ force
     velocity = 0.5 * dt * (weight @ turned)
@@ -120,7 +120,7 @@ def spin(integrators: Sequence[Integrator]) -> list[Check]:
 
 
 def upright(integrators: Sequence[Integrator]) -> list[Check]:
-    """Two loops through pitch +-90 deg, and rest with the nose straight up and down: attitude error."""
+    """Check two loops through pitch +-90 deg, and rest with the nose straight up and down: attitude error."""
     checks, zero = [], np.zeros(3)
     position = Harmonic(zero, np.array([2e-6, 3e-6, 0.0]), zero, zero)
     for case, pitch, rate in (
@@ -145,13 +145,13 @@ def upright(integrators: Sequence[Integrator]) -> list[Check]:
 
 
 def _inner(end: FloatArray, dt: FloatArray, last: float) -> tuple[FloatArray, IntArray]:
-    """Start of each interval, and which of them are away from the ends of the record."""
+    """Return the start of each interval, and the intervals away from the ends of the record."""
     begin = end - dt
     return begin, np.flatnonzero((begin > _EDGE - 1e-6) & (end < last - _EDGE + 1e-6))
 
 
 def free_inertial(integrators: Sequence[Integrator]) -> list[Check]:
-    """Largest horizontal error of an hour on closed-form motions, and five minutes of uneven samples."""
+    """Check the largest horizontal error of an hour on closed-form motions, and five minutes of uneven samples."""
     east = straight(_PLACE, 250.0, np.pi / 2, _HOUR, roll=0.2, pitch=0.05)
     motions = (
         ("1 h of circles at 20 m/s", circle(_PLACE, 20.0, 0.1, _HOUR), even(_HOUR, 50.0)),
@@ -166,10 +166,10 @@ def free_inertial(integrators: Sequence[Integrator]) -> list[Check]:
 
 
 def schuler(integrators: Sequence[Integrator]) -> list[Check]:
-    """Period of the oscillation that a tilt about North starts at the equator, against ``2 pi sqrt((R_N + h) / g)``.
+    """Check the oscillation period of a tilt about North at the equator, against ``2 pi sqrt((R_N + h) / g)``.
 
-    There the Earth's rotation turns the level frame about North only, so that tilt and east velocity are an
-    oscillator of their own (Groves 2013, section 5.7.2).
+    There the Earth's rotation rotates the level frame about North only, so that tilt and east velocity form a separate
+    oscillator (Groves 2013, section 5.7.2).
     """
     place, rate = np.array([0.0, 0.0, 500.0]), 5.0
     period = 2 * np.pi * np.sqrt((float(radii(0.0)[1]) + place[2]) / float(gravity_n(0.0, place[2])[2]))
@@ -186,7 +186,7 @@ def schuler(integrators: Sequence[Integrator]) -> list[Check]:
 
 
 def rest(integrators: Sequence[Integrator]) -> list[Check]:
-    """How far a thing at rest moves in four hours, height held."""
+    """Check the motion of a stationary body in four hours, height-constrained."""
     rph = np.array([0.1, -0.3, 2.2])
     checks = []
     for lat in (0.0, 45.0, 80.0, 89.9):
@@ -198,7 +198,7 @@ def rest(integrators: Sequence[Integrator]) -> list[Check]:
 
 
 def meridians(integrators: Sequence[Integrator]) -> list[Check]:
-    """Difference between the same motion across a meridian and across longitude 57 deg."""
+    """Compare the same motion across a meridian and across longitude 57 deg."""
     checks = []
     for case, lon in (("Greenwich", 0.0), ("date line", np.pi)):
         tracks = []
@@ -217,7 +217,7 @@ def meridians(integrators: Sequence[Integrator]) -> list[Check]:
 
 
 def poles(integrators: Sequence[Integrator]) -> list[Check]:
-    """Flights over and next to a pole, a small circle about one, rest at one; latitude and heading on the way."""
+    """Check flights across and next to a pole, a small circle around a pole, and rest at a pole."""
     over = over_pole(250.0, 600.0)
     time = even(600.0, RATE)
     tracks = _tracks(integrators, over, time)
@@ -240,13 +240,13 @@ def poles(integrators: Sequence[Integrator]) -> list[Check]:
 
 
 def _headings_given(track: Trajectory) -> float:
-    """Number of headings given within a kilometre of a pole; NaN where the latitude is."""
+    """Count the headings within a kilometre of a pole; NaN if latitude is NaN."""
     lat = track.lla[:, 0]
     return float(np.sum(np.where(np.isnan(lat), np.nan, near_pole(lat) & np.isfinite(track.rph[:, 2]))))
 
 
 def _at_rest(place: FloatArray, rph: FloatArray, time: FloatArray) -> ImuData:
-    """Increments at rest on the turning Earth: its rate and gravity in body axes, both constant."""
+    """Build increments at rest on the rotating Earth: its rate and gravity in body axes, both constant."""
     c_bn, dt = attitude.dcm_from_rph(rph).T, np.diff(time)[:, None]
     return ImuData(
         time[1:], dt * (c_bn @ earth_rate_n(place[0])), -dt * (c_bn @ gravity_n(place[0], place[2])), "increment"
@@ -263,23 +263,23 @@ def _moved(found: Trajectory, place: FloatArray) -> float:
 
 
 def _tracks(integrators: Sequence[Integrator], truth: Truth, time: FloatArray) -> list[tuple[str, Trajectory]]:
-    """What each integrator makes of a motion, from its exact start and with its exact height."""
+    """Navigate a motion with each integrator, from its exact start and with its exact height."""
     imu, true = imu_from_truth(truth, time), truth.evaluate(time[2:])
     held = true.lla[:, 2], true.v_n[:, 2]
     return [(i.name, i.navigate(imu, start_of(truth, time), *held, 1)) for i in integrators]
 
 
 def _apart(tracks: Sequence[tuple[str, Trajectory]], truth: Truth) -> tuple[tuple[str, float], ...]:
-    """Largest distance from the truth [m]."""
+    """Compute the largest distance from the truth [m]."""
     true = earth_from_lla(truth.evaluate(tracks[0][1].time).lla)
     return tuple((name, float(np.linalg.norm(earth_from_lla(t.lla) - true, axis=1).max())) for name, t in tracks)
 
 
 def day(integrators: Sequence[Integrator]) -> list[Check]:
-    """Strapdown navigators that are level and head north, height held."""
+    """Check level strapdown navigators heading north, height-constrained."""
     time = even(DAY + 1.0, 1.0)
     dt = np.diff(time)[:, None]
-    # a gyro that shows too much turns the computed axes the other way than a platform that drifts
+    # a gyro with positive bias rotates the computed axes opposite to a drifting platform
     gyro, accel = earth_rate_n(PLACE[0]) - ERRORS.drift, ERRORS.bias - gravity_n(PLACE[0], PLACE[2])
     imu = ImuData(time[1:], dt * gyro, dt * accel, "increment")
     held = np.zeros(imu.time.size - 1)
@@ -307,7 +307,7 @@ def compared(topic: str, records: Sequence[Record], where: str = "") -> list[Che
 
 
 def _parts(time: FloatArray, position: FloatArray) -> tuple[float, ...]:
-    """Largest error, Schuler, Foucault and Earth's period: how far off, in parts of what theory says."""
+    """Compute largest error, and Schuler, Foucault and Earth periods, relative to theory."""
     if not np.isfinite(position).all():
         return (np.inf,) * 4
     lat, height = float(PLACE[0]), float(PLACE[2])
@@ -318,5 +318,5 @@ def _parts(time: FloatArray, position: FloatArray) -> tuple[float, ...]:
     return off, *(abs(a / b - 1.0) if a is not None and b is not None else np.inf for a, b in pairs)
 
 
-# what every strapdown integrator is asked
+# checks of every strapdown integrator
 TOPICS = (coning, sculling, spin, upright, free_inertial, schuler, rest, day, meridians, poles)

@@ -1,4 +1,4 @@
-"""Command line: one thin file a command, its help in ``texts``; heavy imports in the command, mathematics elsewhere."""
+"""Command line: one thin file per command, its help in ``texts``; heavy imports in the command, no mathematics."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from insnav.cli.help import GroupedCommand, LightGroup, help_of
 from insnav.cli.parse import usage_error
 from insnav.exceptions import ConfigError, InputError, InsnavError
 
-# each is the function of its name in a file of its name, in the order of the help
+# each is the function of its name in a file of its name, in help order
 COMMANDS = (
     *("run", "batch", "check", "demo", "align", "compare", "report", "export", "outage", "budget", "require"),
     *("simulate", "imus", "allan", "tune", "acceptance", "drift", "platform", "verify", "regress"),
@@ -29,7 +29,7 @@ COMMANDS = (
 
 
 def commands(*names: str) -> Any:
-    """Group of these commands, or of all if there is none among them: making them all takes 50 ms."""
+    """Return the group of these commands, or of all if none is among them: building all takes 50 ms."""
     app = typer.Typer(
         name="insnav",
         cls=LightGroup,
@@ -52,12 +52,12 @@ def commands(*names: str) -> Any:
     return get_command(app)
 
 
-# options of earlier versions, which went by private words
+# options of earlier versions
 COMPLETE = "_INSNAV_COMPLETE"
 QUIET, VERBOSE = {"-q", "--quiet"}, {"-v", "--verbose"}
-# matrices are small: threads of the linear algebra wait for each other in a third of the CPU time of a run
+# matrices are small: threads of linear algebra would waste a third of a run's CPU time waiting
 THREADS = "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"
-LEAST_MEMORY = 1200 << 20  # of addresses, of which a third is used [bytes]
+LEAST_MEMORY = 1200 << 20  # address space, of which a third is used [bytes]
 RENAMED = {"--twins": "--replicas", "--raw": "--uncalibrated", "--workers": "--engine"}
 
 
@@ -81,20 +81,20 @@ def _common(
 
 def main() -> None:
     """Run the command line and end the process with its exit code."""
-    for name in THREADS:  # read when numpy is imported: later than here
+    for name in THREADS:  # read when numpy is imported, later
         os.environ.setdefault(name, "1")
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # it would look for some in all that is installed
-    gc.set_threshold(200_000, 50)  # what is imported lasts (125 000): looking for garbage among it takes 3 % of a run
-    words = list(itertools.takewhile(lambda text: text != "--", sys.argv[1:]))  # these may stand anywhere before it
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # otherwise it searches all installed packages
+    gc.set_threshold(200_000, 50)  # imported objects persist (125 000): collecting garbage there takes 3 % of a run
+    words = list(itertools.takewhile(lambda text: text != "--", sys.argv[1:]))  # these may be anywhere before it
     debug = "--debug" in words
     console.level = -1 if QUIET & set(words) else 1 if VERBOSE & set(words) else 0
-    renamed = {} if "allan" in words else RENAMED  # whose workers are threads
+    renamed = {} if "allan" in words else RENAMED  # its workers are threads
     rest, languages = _without_language([text for text in words if text not in {"--debug", *QUIET, *VERBOSE}])
     arguments = [renamed.get(text, text) for text in rest] + sys.argv[1 + len(words) :]
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # a terminal that does not know ± gets a question mark
-    if COMPLETE in os.environ:  # the shell asks what may follow
+            stream.reconfigure(errors="replace")  # a terminal without ± prints a question mark
+    if COMPLETE in os.environ:  # the shell requests completions
         commands()(prog_name="insnav")
     signals.listen()
     try:
@@ -110,12 +110,12 @@ def main() -> None:
 
             traceback.print_exc()
         code = _explain(error)
-    gc.freeze()  # the interpreter looks through all that lasts once more before it ends: 0.2 s
+    gc.freeze()  # avoids a final garbage collection over all objects: 0.2 s
     sys.exit(code)
 
 
 def _without_language(words: list[str]) -> tuple[list[str], list[str]]:
-    """Take ``--lang zh`` and ``--lang=zh`` out of the words of a command: the others, and the languages."""
+    """Extract ``--lang zh`` and ``--lang=zh`` from the words of a command; return the others, and the languages."""
     others, languages, left = [], [], iter(words)
     for word in left:
         name, _, value = word.partition("=")
@@ -127,7 +127,7 @@ def _without_language(words: list[str]) -> tuple[list[str], list[str]]:
 
 
 def _set_language(wanted: str) -> None:
-    """Set the language of all messages, also for the processes that this one starts."""
+    """Set the language of all messages, also for child processes."""
     from insnav.messages import LANGUAGES
 
     if not wanted:
@@ -140,7 +140,7 @@ def _set_language(wanted: str) -> None:
 def _run(arguments: list[str]) -> int:
     command = commands(*itertools.islice((word for word in arguments if not word.startswith("-")), 1))
     try:
-        # not called, which has its own words and exit codes for errors
+        # not called directly, which has its own messages and exit codes
         with command.make_context("insnav", arguments) as context:
             _check_memory()
             command.invoke(context)
@@ -151,7 +151,7 @@ def _run(arguments: list[str]) -> int:
 
 
 def _check_memory() -> None:
-    """Refuse a limit that the libraries do not fit into: OpenBLAS does not end then, but asks for memory for ever."""
+    """Refuse a memory limit below the need of the libraries: OpenBLAS would retry forever."""
     if sys.platform == "win32":
         return
     import resource
@@ -162,14 +162,14 @@ def _check_memory() -> None:
 
 
 def _explain(error: BaseException) -> int:
-    """Say what went wrong, in one block; the exit code for it."""
+    """Print an error as one block; return its exit code."""
     if isinstance(error, SystemExit):
         return error.code if isinstance(error.code, int) else 0
     if isinstance(error, signals.Stopped):
         error_block(InsnavError("cli.interrupted" if error.number == signal.SIGINT else "cli.terminated"))
         return 128 + error.number
     if isinstance(error, BrokenPipeError):
-        discard_output()  # the reader went away, as `| head` does; nothing more can be said there
+        discard_output()  # the reader closed the pipe, as `| head` does; nothing more can be printed
         return 141
     context = getattr(error, "ctx", None)
     if context is not None and type(error).__name__ == "NoArgsIsHelpError":
@@ -181,7 +181,7 @@ def _explain(error: BaseException) -> int:
 
 
 def _explained(error: Any) -> InsnavError:
-    """Make an error of insnav of any other."""
+    """Convert any error to an error of insnav."""
     if isinstance(error, InsnavError):
         from insnav.cli.data_options import as_option
 
@@ -190,10 +190,10 @@ def _explained(error: Any) -> InsnavError:
     no_memory = isinstance(error, OSError) and error.errno == errno.ENOMEM
     if isinstance(error, MemoryError) or no_memory or (isinstance(error, ImportError) and "map segment" in str(error)):
         return InputError("cli.no_memory")
-    if type(error).__name__ == "UnpicklingError":  # numba's cache is all that is kept so; its module is used nowhere
+    if type(error).__name__ == "UnpicklingError":  # only numba's cache is pickled; the module is used nowhere else
         from insnav.kernels.errorstate import propagate
 
         return InputError("cli.damaged_kernel", folder=str(propagate.stats.cache_path), reason=str(error))
-    if hasattr(error, "format_message"):  # of the parser of options, of different types in different releases of typer
+    if hasattr(error, "format_message"):  # of the option parser, with different types in different releases of typer
         return usage_error(error)
     return InsnavError("cli.defect", kind=type(error).__name__, reason=str(error))

@@ -24,7 +24,7 @@ def acceptance(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Work out acceptance figures."""
+    """Compute acceptance figures."""
     times = parse.positive_numbers(lengths, "--lengths", "1,10,100")
     named = parse.columns(columns, "--columns")
     with working(out, force) as (folder, stage):

@@ -22,7 +22,7 @@ def align(data: Data, out: Out = Path("alignment"), force: Force = False, as_jso
         outcome = drive.align()
         read = {event for reading in drive.recording.given().values() for event in reading.events}
         for finding in outcome.findings:
-            if finding not in read and finding is not drive.imu_chosen:  # of these the table and -v tell
+            if finding not in read and finding is not drive.imu_chosen:  # the table and -v already contain these
                 note(sentence(finding))
         outcome, where = data.save(outcome, folder, stage)
     if as_json:

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from insnav.findings import Finding
     from insnav.fleet.batch import Drive
 
-SETTINGS = {"ignore_unknown_options": True, "allow_extra_args": True}  # those of run go on to it
-_SHOWN = 20  # drives in the terminal
-_COLUMNS = ("drive", "vehicle", "result", "horizontal_error", "horizontal_sd", "rejected", "outlier", "reason")  # there
+SETTINGS = {"ignore_unknown_options": True, "allow_extra_args": True}  # options of run are passed on
+_SHOWN = 20  # drives in the terminal table
+_COLUMNS = ("drive", "vehicle", "result", "horizontal_error", "horizontal_sd", "rejected", "outlier", "reason")
 
 
 def batch(
@@ -47,7 +47,7 @@ def batch(
         from insnav.fleet.batch import check_folder, moved_aside
         from insnav.fleet.recordings import find_drives
         from insnav.output.folder import resolved
-        from insnav.report.fleet.page import told, write_fleet
+        from insnav.report.fleet.page import nonempty_columns, write_fleet
         from insnav.result import Result
 
         quiet_figures()
@@ -77,7 +77,7 @@ def batch(
     page = outcome.page()
     more = max(len(made) - _SHOWN, 0)
     names = ("drives", f"fleet.csv ({more} drives more)" if more else "fleet.csv")
-    rows = told([[each for each in row if each.key in _COLUMNS] for row in page.sections[1].rows[:_SHOWN]])
+    rows = nonempty_columns([[each for each in row if each.key in _COLUMNS] for row in page.sections[1].rows[:_SHOWN]])
     shown = replace(page.sections[1], rows=rows)
     result_page(folder, replace(page, sections=(shown,)), out, as_json=as_json, more=names)
     unwritten = [each.failed for each in made if isinstance(each.failed, OutputError)]
@@ -87,7 +87,7 @@ def batch(
 
 
 def run_drive(arguments: Sequence[str]) -> None:
-    """Navigate one drive as ``insnav run`` does, without a word; what it refuses, or ends with, is raised."""
+    """Navigate one drive as ``insnav run`` does, silently; refusals and errors are raised."""
     from insnav.cli import _run
     from insnav.cli.data_options import as_option
 
@@ -103,7 +103,7 @@ def run_drive(arguments: Sequence[str]) -> None:
 
 
 def _read(path: Path) -> list[Drive]:
-    """Drives of a TOML file; its paths are from its folder."""
+    """Read the drives of a TOML file; its paths are relative to its folder."""
     from insnav.config_file import read_toml
     from insnav.fleet.batch import Drive, name_of
 
@@ -128,7 +128,7 @@ def _read(path: Path) -> list[Drive]:
 
 
 def _words(key: str, value: Any) -> list[str]:
-    """One key of a table as it stands on the command line."""
+    """Convert one key of a table to command-line words."""
     option = f"--{key.replace('_', '-')}"
     if key in ("file", "name", "vehicle"):
         return []
@@ -140,7 +140,7 @@ def _words(key: str, value: Any) -> list[str]:
 
 
 def _absolute(words: Sequence[str], folder: Path) -> list[str]:
-    """Names of files, wherever a worker is: of ``--imu=FILE`` a word of their own, as whether they change matters."""
+    """Make file names absolute for any worker; split ``--imu=FILE``, as changes of the file matter."""
     found: list[str] = []
     for word in words:
         option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
@@ -150,7 +150,7 @@ def _absolute(words: Sequence[str], folder: Path) -> list[str]:
 
 
 def _parsed(arguments: list[str], where: str) -> None:
-    """Refuse options that insnav run does not take, before the first drive."""
+    """Refuse options unknown to insnav run, before the first drive."""
     from insnav.cli import commands
 
     try:

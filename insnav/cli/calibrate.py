@@ -1,4 +1,4 @@
-"""``insnav calibrate``: from the bench to a calibration file, one command a method."""
+"""``insnav calibrate``: calibration file from bench data, one command per method."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 OUT = Path("calibration")
 Gravity = Annotated[float, option(METHOD, "M/S2", "Local gravity.")]
-Name = Annotated[str, option(RESULT, "TEXT", "What was calibrated.")]
+Name = Annotated[str, option(RESULT, "TEXT", "Name of the calibrated sensor.")]
 Add = Annotated[
-    Path | None, option(RESULT, "FILE", "A calibration.toml whose other triad is carried over into the new file.")
+    Path | None, option(RESULT, "FILE", "A calibration.toml with the other triad, to copy into the new file.")
 ]
 _KEYWORD = inspect.Parameter.KEYWORD_ONLY
 _KINDS: tuple[tuple[str, Any, Any], ...] = (
@@ -39,7 +39,7 @@ app = typer.Typer(
 
 
 def _command(method: str, *shared: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Make a command of a method, with its help; its ``**how`` stands for `shared` options and those of the result."""
+    """Build the command of a method, with help; its ``**how`` stands for `shared` and result options."""
 
     def decorate(function: Callable[..., None]) -> Callable[..., None]:
         own = dict(inspect.signature(function, eval_str=True).parameters)
@@ -153,7 +153,7 @@ def rotor(
 def _calibrate(method: str, how: dict[str, Any]) -> None:
     """Calibrate, write the folder with calibration file and report, and print the result.
 
-    `how`: ``files``, options of `insnav.session.bench.calibrate`, and those of the result.
+    `how`: ``files``, options of `insnav.session.bench.calibrate`, and result options.
     """
     files, out, as_json = (how.pop(name) for name in ("files", "out", "as_json"))
     if isinstance(how.get("columns"), str):

@@ -1,4 +1,4 @@
-"""``insnav check``: what files are and what is wrong with them."""
+"""``insnav check``: content and problems of files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the user sees: results on standard output, progress and errors on standard error."""
+"""Console output: results on standard output, progress and errors on standard error."""
 
 from __future__ import annotations
 
@@ -22,23 +22,22 @@ if TYPE_CHECKING:
     from insnav.report.page import Page, Show
     from insnav.result import Result
 
-# where there is no terminal, after this, twice, four times this and so on a line says what is being done [s]
+# without a terminal, a line reports the current work after this, twice, four times this and so on [s]
 LOGGED = 15.0
-WIDTH = 110  # of a line of the log where no terminal says another
-CLEARED = "\r\x1b[K"  # the line of a terminal that shows the progress
+WIDTH = 110  # of a log line without a terminal
+CLEARED = "\r\x1b[K"  # clears the progress line of a terminal
 _COLOURS = {"light.good": 32, "light.attention": 33, "light.bad": 31, "run.warning": 33}  # of the terminal
 
 
-level = 0  # of detail: -1 nothing but errors, 0 what matters, 1 everything
+level = 0  # of detail: -1 errors only, 0 normal, 1 everything
 
 
 def result(text: str, *, always: bool = False) -> None:
-    """Print what was asked for, on standard output.
+    """Print the requested result on standard output.
 
-    `always`: also where the user wants nothing printed, as he asked for this.
+    `always`: also in quiet mode, as the user requested this output.
 
-    Raises: OutputError: standard output takes no more, such as a file on a full disk; BrokenPipeError: its reader went
-    away.
+    Raises: OutputError: standard output fails, such as a file on a full disk. BrokenPipeError: its reader closed it.
     """
     if level < 0 and not always:
         return
@@ -62,9 +61,9 @@ def result_facts(folder: Path) -> None:
 
 
 def files_line(folder: Path, out: Path) -> str:
-    """Say what a finished folder holds, each folder in it once, what people read first.
+    """List the content of a finished folder, subfolders once, the most readable first.
 
-    `folder`: with its ``run.json``; `out`: as it was named.
+    `folder`: with its ``run.json``. `out`: name as specified.
     """
     from insnav.messages import phrase
     from insnav.output.folder import read_facts
@@ -76,7 +75,7 @@ def files_line(folder: Path, out: Path) -> str:
 
 
 def result_page(folder: Path, page: Page, out: Path, *, as_json: bool, more: Iterable[str] = ()) -> None:
-    """Print the report of a finished folder and where it is, or its ``run.json`` instead.
+    """Print the report of a finished folder and its location, or its ``run.json`` instead.
 
     `folder`: with its ``run.json``.
     """
@@ -92,9 +91,9 @@ def result_page(folder: Path, page: Page, out: Path, *, as_json: bool, more: Ite
 
 
 def write_result(outcome: Result[Any], folder: RunFolder, stage: Stages, **how: Any) -> Path:
-    """Write a result into its folder, and give the finished folder.
+    """Write a result into its folder; return the finished folder.
 
-    `how`: as of `insnav.report.save.save_result`.
+    `how`: arguments of `insnav.report.save.save_result`.
     """
     stage("writing")
     from insnav.report.save import save_result
@@ -104,19 +103,19 @@ def write_result(outcome: Result[Any], folder: RunFolder, stage: Stages, **how: 
 
 
 def brief_text(found: Result[Any]) -> str:
-    """Sum up a result: lines of the width of the terminal; elsewhere nothing is wrapped."""
+    """Summarise a result in lines of the terminal width, without wrapping elsewhere."""
     from insnav.report.save import text_of
 
     return text_of(found, terminal_width())
 
 
 def terminal_width() -> int | None:
-    """Columns of the terminal that results are printed on; none where they go elsewhere."""
+    """Return the columns of the terminal for results; None for other outputs."""
     return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
 
 
 def coloured(text: str) -> str:
-    """Colour the words at the start of a line that say how good a result is, on a terminal that takes colours."""
+    """Colour the rating at the start of a line, on a terminal with colours."""
     if not sys.stdout.isatty() or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb":
         return text
     from insnav.messages import phrase
@@ -128,20 +127,20 @@ def coloured(text: str) -> str:
 
 
 def quiet_figures() -> None:
-    """Keep the care of matplotlib for its own cache out of the log."""
+    """Suppress matplotlib's log on its cache."""
     import logging
 
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
 
 
 def discard_output() -> None:
-    """Let what is still to be printed vanish, also what the interpreter flushes at its end."""
+    """Discard remaining output, including the interpreter's final flush."""
     with contextlib.suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def error_block(error: InsnavError) -> None:
-    """Print one error: what, and where, why, how to mend it, and its code."""
+    """Print one error: its fact, location, reason, correction and code."""
     from insnav.messages import form
 
     lines = [f"insnav: {form('error')} {_plain(error.what)}"]
@@ -171,7 +170,7 @@ def note_warnings(found: Result[Any]) -> None:
 
 
 def detail(text: str, *more: str) -> None:
-    """Print one entry of the log with what belongs to it, for those who want to know everything."""
+    """Print one log entry with details, in verbose mode."""
     if level > 0:
         _log(text, "insnav: ")
         for each in more:
@@ -198,7 +197,7 @@ def _plain(text: str) -> str:
 
 @contextlib.contextmanager
 def working(out: Path, force: bool | Literal["keep"]) -> Iterator[tuple[RunFolder, Stages]]:
-    """Folder that a command makes, which is complete in the end or absent, and the stages of its work."""
+    """Provide the output folder of a command, complete or absent at the end, and its stages of work."""
     from insnav.output.folder import RunFolder
 
     with RunFolder(out, force=force) as folder, Stages() as stage:
@@ -210,13 +209,13 @@ def working(out: Path, force: bool | Literal["keep"]) -> Iterator[tuple[RunFolde
 
 
 class Stages(progress.Stages):
-    """Shows it on a terminal in a line that is redrawn, else by a line of the log now and then.
+    """Stages displayed on a redrawn terminal line, else by occasional log lines.
 
-    Use it inside the context manager that removes what is half written.
+    Use it inside the context manager that removes incomplete output.
     """
 
     def __init__(self) -> None:
-        stream = sys.stderr  # that of now: a drive of a fleet is navigated without a word
+        stream = sys.stderr  # the current stream: fleet drives run silently
         if stream.isatty():
             waits: Iterable[float] = itertools.chain((progress.DELAY,), itertools.repeat(progress.REDRAWN))
         else:
@@ -229,7 +228,7 @@ class Stages(progress.Stages):
 
 
 def _show(stream: TextIO, line: str) -> None:
-    """Show a line in the place of the one before, or in a log."""
+    """Write a line over the previous one, or to a log."""
     if stream.isatty():
         print(CLEARED + line[: shutil.get_terminal_size().columns - 1], end="", file=stream, flush=True)
     elif line:

@@ -1,7 +1,7 @@
-"""The options that describe a recording: made from one table, and handed to a command as one value.
+"""Options that describe a recording: built from one table, and passed to a command as one value.
 
-A command that takes a recording is written with `data` as its first parameter and decorated with `takes_data`; its
-other parameters are its own options.
+A command on a recording has `data` as its first parameter and the decorator `takes_data`. Its other parameters are its
+own options.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ if TYPE_CHECKING:
 _findings, _messages = library("insnav.findings"), library("insnav.messages")  # the help needs no catalogue
 _explanation = library("insnav.report.explanation")
 
-READING = ("axes", "units", "columns", "sampling", "stamp")  # inputs that say how to read samples
+READING = ("axes", "units", "columns", "sampling", "stamp")  # inputs for reading samples
 _IMU_HELP = "IMU data, or a log with IMU and GPS: a file of any supported format, a folder, or - for standard input."
-_SECOND_HELP = "GPS fixes, as with --gps; of two files the content says which has the IMU data."
+_SECOND_HELP = "GPS fixes, as with --gps; the content of two files determines which has the IMU data."
 _FILE_HELP = {
     "gps": "GPS fixes. [those in the IMU file]",
-    "ref": "Reference trajectory, of position and as much else as it has.",
+    "ref": "Reference trajectory: position, and velocity and attitude if available.",
 }
 _FIRST_WORD = re.compile(r"^[a-z_-]+(?=[:,]|$)")
 _READER_OPTION = re.compile(r"imu-[a-z]+")
@@ -45,31 +45,31 @@ _READER_OPTION = re.compile(r"imu-[a-z]+")
 
 @dataclass(frozen=True, slots=True)
 class Data:
-    """A recording as it was given on the command line."""
+    """Recording as specified on the command line."""
 
     # files
     imu: Path | None
     gps: Path | None
     ref: Path | None
-    inputs: Inputs  # what was given with them
-    options: dict[str, Any]  # all options of the command as the user gave them, JSON-ready
+    inputs: Inputs  # inputs specified with them
+    options: dict[str, Any]  # all specified options of the command, ready for JSON
 
     def read_imu(self, stage: Stages, **how: Any) -> Reading[ImuData]:
-        """Read the samples alone, and say how they were understood; `how`: as of `insnav.session.read.read_samples`."""
+        """Read the samples alone, and log their interpretation. `how`: as of `insnav.session.read.read_samples`."""
         stage("reading")
         from insnav.session.read import read_samples
 
         assert self.imu is not None
         reading = read_samples(self.imu, self.inputs, **how)
         say_reading(reading.facts)
-        if console.level == 0:  # -v has said it; no fixes can contradict the unit here
+        if console.level == 0:  # already in -v; no fixes can contradict the unit here
             codes = _findings.Code.UNITS_GYRO_ASSUMED, _findings.Code.READ_IMU_MODEL_BY_GRAVITY
             for assumed in _findings.of_code(reading.facts.evidence, *codes):
                 note(_messages.sentence(assumed))
         return reading
 
     def load(self, stage: Stages) -> Drive:
-        """Read the recording, say how it was understood, and choose what was not given."""
+        """Read the recording, log its interpretation, and choose unspecified inputs."""
         from insnav.session.drive import drive_of
         from insnav.session.read import read
 
@@ -84,9 +84,9 @@ class Data:
         return drive
 
     def save(self, outcome: Result[Any], folder: RunFolder, stage: Stages, **how: Any) -> tuple[Result[Any], Path]:
-        """Save what was found with the options as they were given: the result with these, and the finished folder.
+        """Save a result with the specified options; return it with these, and the finished folder.
 
-        `how`: as of `insnav.report.save.save_result`.
+        `how`: arguments of `insnav.report.save.save_result`.
         """
         for step in outcome.steps:
             lines = [*map(_messages.sentence, step.findings)]
@@ -98,7 +98,7 @@ class Data:
 
 
 def check_usable(outcome: Result[Any]) -> None:
-    """End with exit code 1 if the result is complete, but not to be relied on: the rule of all commands."""
+    """Exit with code 1 if the result is complete but unreliable: the rule of all commands."""
     for lost in outcome.findings:
         if lost.severity is _findings.Severity.UNUSABLE:
             raise CheckError("cli.unusable", cause=lost)
@@ -115,11 +115,10 @@ def takes_data(
     without: Collection[str] = (),
     only: Collection[str] | None = None,
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command the options that describe a recording.
+    """Add the options that describe a recording to a command.
 
-    `imu`: name of the argument with the IMU data; None for a command without; `files`: ``gps``, ``ref``: whether it
-    must be given; by default neither must, as a log may hold fixes too; `without`, `only`: inputs that mean nothing to
-    the command, or the only ones that do.
+    `imu`: name of the argument with the IMU data; None for a command without. `files`: ``gps``, ``ref``: whether it is
+    required; by default neither, as a log may contain fixes. `without`, `only`: inputs to exclude, or to include alone.
     """
     wanted = {"gps": False, "ref": False} if files is None else files
     logs = {} if only is not None or "logs" in without else LOGS
@@ -166,7 +165,7 @@ def takes_data(
 
 
 def _told_apart(first: Path, second: Path, gps: Path | None) -> tuple[Path, Path]:
-    """Put the file with samples before that with fixes, as `insnav check` tells them apart; ``-`` is read once only."""
+    """Put the file with samples before the file with fixes, identified as in `insnav check`; ``-`` is read once."""
     if gps is not None:
         raise ConfigError("cli.fixes_twice", where="--gps", file=str(second))
     if "-" in (str(first), str(second)):
@@ -179,7 +178,7 @@ def _told_apart(first: Path, second: Path, gps: Path | None) -> tuple[Path, Path
 
 
 def _refuse_nothing(*files: Path | None) -> None:
-    """Refuse what is not there, or empty: to be said before a folder that is in the way."""
+    """Refuse missing or empty files, before reporting an existing folder."""
     for each in files:
         if each is None or str(each) == "-" or (each.exists() and (not each.is_file() or each.stat().st_size)):
             continue
@@ -219,14 +218,14 @@ _READ: dict[str, Callable[[str, str], Any]] = {
 
 
 def _value(what: Input, given: Any) -> Any:
-    """Value of an input from what stands on the command line, in SI."""
+    """Convert the command-line form of an input to its value in SI."""
     if given is not None and what.kind in _READ:
         return _READ[what.kind](given, what.option)
     return given * what.size if given is not None and what.kind == "number" else given
 
 
 def as_option(where: str) -> str:
-    """Where an error arose: an input as the option that gives it, anything else as it is.
+    """Name the origin of an error: the option of an input, anything else unchanged.
 
     `where`: of an `InsnavError`: ``lever_arm`` becomes ``--lever-arm``.
     """
@@ -240,7 +239,7 @@ def _option_of(word: str) -> str:
 
 
 def say_reading(facts: ReadingFacts) -> None:
-    """Log what was read and how it was understood, without what goes without saying."""
+    """Log the interpretation of a file, without the obvious."""
     head, *_ = facts.lines()
     renamed = _renamed(facts.columns)
     columns = [f"columns: {renamed}; the others by their names"] if renamed else []
@@ -249,7 +248,7 @@ def say_reading(facts: ReadingFacts) -> None:
 
 
 def _renamed(columns: Mapping[str, str]) -> str:
-    """Columns whose header is not the quantity's own name, with or without its unit."""
+    """List columns whose header differs from the quantity's own name, with or without its unit."""
     headers = {name: text.split(" [")[0] for name, text in columns.items()}
     return ", ".join(
         f"{name} = {columns[name]}"
@@ -259,9 +258,9 @@ def _renamed(columns: Mapping[str, str]) -> str:
 
 
 def compile_at_first(*files: Path) -> None:
-    """Compile the kernels ahead of the first use after an installation, and say why it takes longer.
+    """Compile the kernels at the first use after an installation, and log the reason for the delay.
 
-    Not where one of `files` is missing: that is to be said at once.
+    Skipped if one of `files` is missing, to report that at once.
     """
     if not all(file.exists() for file in files):
         return

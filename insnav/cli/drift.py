@@ -1,4 +1,4 @@
-"""``insnav drift``: what the drift of a gyro depends on, and what smoothing it does."""
+"""``insnav drift``: causes of gyro drift, and effect of smoothing."""
 
 from __future__ import annotations
 

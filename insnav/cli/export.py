@@ -10,7 +10,7 @@ from insnav.cli.options import RESULT, Force, argument, flag, option
 from insnav.exceptions import OutputError, writing
 
 Kind = Literal["gpx", "kml", "geojson", "tum", "euroc", "pos", "nmea", "bag", "csv"]
-_OWN_NAMES = {"euroc": "track.euroc.csv"}  # others are track.FORMAT
+_OWN_NAMES = {"euroc": "track.euroc.csv"}  # other files are track.FORMAT
 
 
 def export(

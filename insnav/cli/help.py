@@ -1,4 +1,4 @@
-"""Help of the commands: their texts, and options in named groups; plain, as rich is not worth its import time here."""
+"""Help of the commands: texts, and options in named groups; plain text, as importing rich takes too long."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any, get_args
 
 from typer.core import TyperCommand, TyperGroup
 
-_TYPE = re.compile(r" <[^>]*>$")  # Python's type of an argument behind its name
-_TWICE = re.compile(r"(?<=\])\s+\[(default: [^]]*|[-\d.<=>x]+)\]$")  # what the text in brackets before it says better
+_TYPE = re.compile(r" <[^>]*>$")  # Python's type of an argument after its name
+_TWICE = re.compile(r"(?<=\])\s+\[(default: [^]]*|[-\d.<=>x]+)\]$")  # repeated default or range, already in the text
 _WHOLE = re.compile(r"(\[default: -?\d+)\.0\]")
 _TEXTS = Path(__file__).parent / "texts"
 
 
 def help_of(command: str) -> dict[str, Any]:
-    """Help of a command, from its file; its line in a list of commands, if that is not the first, stands above ``---``.
+    """Read the help of a command from its file; an optional short form for the command list precedes ``---``.
 
     `command`: such as ``run`` or ``calibrate/gyro``. Returns: ``help`` and ``short_help`` for typer.
     """
@@ -25,7 +25,7 @@ def help_of(command: str) -> dict[str, Any]:
 
 
 class _Light:
-    """Without pydantic, slow to import, where typer uses that for texts, paths, words to choose from and defaults."""
+    """Mixin without pydantic, which is slow to import; typer uses it for texts, paths, choices and defaults."""
 
     def get_params(self, ctx: Any) -> list[Any]:
         params: list[Any] = super().get_params(ctx)  # type: ignore[misc]
@@ -35,11 +35,11 @@ class _Light:
 
 
 class LightGroup(_Light, TyperGroup):
-    """The commands."""
+    """Group of the commands."""
 
 
 class GroupedCommand(_Light, TyperCommand):
-    """A command whose help lists its options under the panel each was given."""
+    """Command whose help lists options by panel."""
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write the groups in the order of their first option."""
@@ -54,7 +54,7 @@ class GroupedCommand(_Light, TyperCommand):
                 formatter.write_dl(records)
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
-        """Write arguments as most programs do: RUN, not {RUN}."""
+        """Write arguments in the usual form: RUN, not {RUN}."""
         return [piece.replace("{", "").replace("}", "") for piece in super().collect_usage_pieces(ctx)]
 
 
@@ -65,7 +65,7 @@ def _processed(param: Any, ctx: Any, value: Any) -> Any:
         return type(param).process_value(param, ctx, value)
     if isinstance(value, str) and kind in (str, Path):
         value = kind(value)
-    elif value in get_args(kind):  # one of the words that it may be
+    elif value in get_args(kind):  # one of the allowed words
         pass
     elif source.name != "DEFAULT":
         return type(param).process_value(param, ctx, value)

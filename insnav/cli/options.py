@@ -1,4 +1,4 @@
-"""What declares an option, and the options that several commands share, under one name and help text each."""
+"""Declaration of options, and the options shared by several commands, with one name and help text each."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from insnav.library import library
 # groups of the help
 FILES, IMU, GPS, START = "Files", "IMU", "GPS and reference", "Start"
 METHOD, MOTION, RESULT = "Method", "Motion", "Result"
-# values that may be the name of a file in folders of insnav, or of a profile
+# values that may name a file in insnav folders, or a profile
 _NAMED = {(IMU, "MODEL"): ("imu/grades", "imu/parts"), (IMU, "PART"): ("imu/parts",), (MOTION, "PROFILE"): ()}
 _NAMED |= {("GPS", "MODEL"): ("simulate/receivers",)}
 
@@ -21,8 +21,8 @@ _NAMED |= {("GPS", "MODEL"): ("simulate/receivers",)}
 def option(group: str, value: str, meaning: str, *names: str, **more: Any) -> Any:
     """Declare an option.
 
-    `group`: of options it stands with in the help; `value`: what its value looks like; `names`: where they are not that
-    of the parameter; `more`: as of `typer.Option`.
+    `group`: of the option in the help. `value`: placeholder of its value. `names`: if they differ from the parameter's.
+    `more`: arguments of `typer.Option`.
     """
     named = _named(group, value)
     return typer.Option(*names, metavar=value, help=meaning, rich_help_panel=group, autocompletion=named, **more)
@@ -40,14 +40,14 @@ def argument(value: str, meaning: str, group: str = FILES) -> Any:
 
 
 def _named(group: str, value: str) -> Callable[[str], list[str]] | None:
-    """Give what completes a name of the library, where such a name may stand; the shell completes files itself."""
+    """Return the completion of library names, if applicable; the shell completes files itself."""
     if (folders := _NAMED.get((group, value))) is None:
         return None
 
     def begun(incomplete: str) -> list[str]:
         files = [each for name in folders for each in (Path(__file__).parents[1] / name).glob("*.toml")] or library()
         stems = sorted(each.stem for each in files if each.stem.startswith(incomplete.lower()))
-        return [incomplete + stem[len(incomplete) :] for stem in stems]  # a part may be spelled in any way
+        return [incomplete + stem[len(incomplete) :] for stem in stems]  # a part may have any spelling
 
     return begun
 
@@ -72,7 +72,7 @@ Engine = Annotated[
 
 
 def _force(context: typer.Context, value: bool) -> bool | Literal["keep"]:
-    """Let a result in the default folder make way without --force, too; `insnav.output.folder.RunFolder` keeps it."""
+    """Keep an existing result of the default folder without --force; see `insnav.output.folder.RunFolder`."""
     source = context.get_parameter_source("out")
     default = source is not None and source.name == "DEFAULT" and context.params.get("out") is not None
     return value or ("keep" if default else False)

@@ -1,4 +1,4 @@
-"""Option texts to values, with errors that name the option."""
+"""Conversion of option texts to values, with errors that name the option."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def _numbers(text: str, separator: str, count: int, option: str, example: str) -
 
 
 def positive_numbers(text: str, option: str, example: str = "10,60") -> list[float]:
-    """Numbers above zero with commas between them."""
+    """Parse comma-separated numbers above zero."""
     values = _numbers(text, ",", text.count(",") + 1, option, example)
     if not all(value > 0.0 for value in values):
         raise ConfigError("cli.not_positive", where=option, text=text)
@@ -32,19 +32,19 @@ def positive_numbers(text: str, option: str, example: str = "10,60") -> list[flo
 
 
 def vector(text: str, option: str) -> tuple[float, ...]:
-    """Three numbers in metres, such as a lever arm."""
+    """Parse three numbers in metres, such as a lever arm."""
     return tuple(_numbers(text, ",", 3, option, "0.136,-0.301,-0.184"))
 
 
 def numbers(text: str, option: str, count: int, example: str) -> FloatArray:
-    """So many numbers with commas between them, in the unit of the option."""
+    """Parse `count` comma-separated numbers, in the unit of the option."""
     import numpy as np
 
     return np.array(_numbers(text, ",", count, option, example))
 
 
 def span(text: str, option: str) -> tuple[float, float]:
-    """Start and end of a time interval in seconds."""
+    """Parse start and end of a time interval in seconds."""
     begin, end = _numbers(text, ":", 2, option, "0:300")
     if not end > begin:
         raise ConfigError("cli.span_backward", where=option, option=option, text=text)
@@ -52,21 +52,21 @@ def span(text: str, option: str) -> tuple[float, float]:
 
 
 def finite(value: float, option: str, *, largest: float = math.inf) -> float:
-    """A number that is not NaN, infinite, or larger than sensible."""
+    """Accept a number that is finite and not implausibly large."""
     if not math.isfinite(value) or abs(value) > largest:
         raise ConfigError("cli.not_sensible", where=option, value=value)
     return value
 
 
 def not_negative(value: float, option: str, *, largest: float = math.inf) -> float:
-    """A number that is zero or more and not larger than sensible."""
+    """Accept a number that is zero or more and not implausibly large."""
     if finite(value, option, largest=largest) < 0.0:
         raise ConfigError("cli.negative", where=option, value=value)
     return value
 
 
 def interval(rate: str) -> float:
-    """Seconds between rows of the solution; 0 for every sample."""
+    """Parse the seconds between rows of the solution; 0 for every sample."""
     if rate == "full":
         return 0.0
     try:
@@ -79,7 +79,7 @@ def interval(rate: str) -> float:
 
 
 def columns(text: str | None, option: str) -> dict[str, str] | None:
-    """Quantity to header, ``gyro_x=Gx,time_s=t``; ``sd_n=`` leaves that one out."""
+    """Parse quantity to header, ``gyro_x=Gx,time_s=t``; ``sd_n=`` excludes that quantity."""
     if text is None:
         return None
     pairs = [part.split("=", 1) for part in text.split(",")]
@@ -89,28 +89,28 @@ def columns(text: str | None, option: str) -> dict[str, str] | None:
 
 
 def weights(text: str | None, option: str) -> dict[str, float] | None:
-    """Name to a number above zero, ``gyro bias=8,accel bias=2``."""
+    """Parse names and numbers above zero, ``gyro bias=8,accel bias=2``."""
     pairs = columns(text, option)
     return None if pairs is None else {name: positive_numbers(value, option)[0] for name, value in pairs.items()}
 
 
 def named_numbers(text: str | None, option: str, example: str) -> dict[str, float] | None:
-    """Name to a number, ``x2=-0.01,z1=0.02``."""
+    """Parse names and numbers, ``x2=-0.01,z1=0.02``."""
     pairs = columns(text, option)
     return None if pairs is None else {name: numbers(v, option, 1, example)[0].item() for name, v in pairs.items()}
 
 
 def configuration(options: dict[str, Any]) -> dict[str, Any]:
-    """Options as the user gave them, for run.json; those that do not change its content are left out."""
+    """Return the specified options for run.json, except options without effect on its content."""
     kept = {name: value for name, value in options.items() if name not in ("out", "force", "as_json", "engine")}
     return {name: str(value) if isinstance(value, Path) else value for name, value in kept.items()}
 
 
 def usage_error(error: Any) -> ConfigError:
-    """Make an error of insnav of one of the parser of options."""
+    """Convert an error of the option parser to an error of insnav."""
     context, parameter = getattr(error, "ctx", None), getattr(error, "param", None)
     command = context.command_path if context is not None else "insnav"
-    match type(error).__name__:  # typer hides these classes, and has them of its own or from click
+    match type(error).__name__:  # typer hides these classes: its own, or click's
         case "NoSuchOption":
             similar = tuple(sorted(error.possibilities or ()))
             return ConfigError("cli.no_such_option", option=error.option_name, similar=similar, command=command)

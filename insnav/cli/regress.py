@@ -1,4 +1,4 @@
-"""``insnav regress``: is this version better or worse than the last, and where."""
+"""``insnav regress``: accuracy of this version compared with the last."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def regress(
         found = outcome.found
         for skipped in found.accuracy.skipped.values() if not quick else ():
             note(sentence(skipped))
-        if not quick and folder != Path(__file__).parents[1] / "reports":  # an installed package is not written to
+        if not quick and folder != Path(__file__).parents[1] / "reports":  # an installed package is read-only
             write_history(folder / HISTORY_FILE, found.history)
         if published:
             stage("published")
@@ -79,7 +79,7 @@ def regress(
 
 
 def _power(folder: Path, as_json: bool) -> None:
-    """Print what changes the figures of the baseline can show."""
+    """Print the changes that the baseline figures can detect."""
     from insnav.regression.baseline import BASELINE_FILE, read_baseline
     from insnav.report.page import Page
     from insnav.report.regression.page import power_lines, power_section

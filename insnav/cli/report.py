@@ -1,4 +1,4 @@
-"""``insnav report``: page and figures of a result again, from its folder."""
+"""``insnav report``: page and figures of a stored result."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ def report(
     run: Annotated[Path, argument("RUN", "Folder of a run, outage test or budget.")],
     figures: Annotated[Literal["png", "svg"], option(RESULT, "FORMAT", "Figures as png or svg.")] = "png",
     backdrop: Backdrop = None,
-    out: Annotated[Path | None, option(RESULT, "FOLDER", "Folder to make; default RUN_report beside RUN.")] = None,
+    out: Annotated[Path | None, option(RESULT, "FOLDER", "Folder to make; default RUN_report next to RUN.")] = None,
     force: Force = False,
-    pdf: Annotated[bool, flag(RESULT, "--pdf", "Only a PDF of three pages, RUN.pdf beside the folder.")] = False,
+    pdf: Annotated[bool, flag(RESULT, "--pdf", "Only a PDF of three pages, RUN.pdf next to the folder.")] = False,
     as_json: Json = False,
 ) -> None:
     """Draw a run again."""
@@ -45,7 +45,7 @@ def report(
 
 
 def with_backdrop(opened: Result[Any], file: Path | None) -> Result[Any]:
-    """Add the lines of a file behind the map of a run, if there is one."""
+    """Add the lines of a file to the background of a run's map, if any."""
     if file is None:
         return opened
     from insnav.report.run.page import read_backdrop

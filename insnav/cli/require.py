@@ -1,4 +1,4 @@
-"""``insnav require``: the error budget backwards, which IMU do I need."""
+"""``insnav require``: inverse error budget: the IMU that a limit requires."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def require(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Work a requirement out."""
+    """Compute a requirement."""
     if data.imu is not None and profile is not None:
         raise ConfigError("cli.drive_and_profile", where="--profile")
     if data.imu is None and (data.gps is not None or data.ref is not None):

@@ -1,7 +1,7 @@
-"""Stopping on request: Ctrl-C, SIGTERM and a CPU limit unwind the program, so that half-written folders are removed.
+"""Stop requests: Ctrl-C, SIGTERM and a CPU limit unwind the program, so that incomplete folders are removed.
 
-A handler stops the program by raising, and an exception raised inside a destructor or a callback of compiled code is
-lost. So the signal is repeated until somebody says that the request has arrived.
+A handler stops the program by raising. An exception raised inside a destructor or a callback of compiled code is lost,
+so the signal is repeated until `arrived` is called.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _requested = _heard = False
 
 
 class Stopped(BaseException):
-    """The user, or the system, asked to stop."""
+    """Stop request of the user or the system."""
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -35,13 +35,13 @@ def listen() -> None:
 
 
 def over() -> None:
-    """Ignore requests from now on: all is done, and to be stopped while ending would only look like a failure."""
+    """Ignore further requests: the work is done, and stopping would resemble a failure."""
     for number in STOPS:
         signal.signal(number, signal.SIG_IGN)
 
 
 def arrived() -> None:
-    """Stop repeating the request: what unwinds must not be disturbed, by a repetition already on its way either."""
+    """Stop repeating the request, including a repetition in progress: unwinding must not be disturbed."""
     global _heard
     _heard = _requested
     _cancel()
@@ -67,6 +67,6 @@ def _stop(number: int, frame: FrameType | None) -> None:
 
 
 def _unless_stopped(lost: sys.UnraisableHookArgs) -> None:
-    """Report nothing that is lost while stopping: the request, or destructors of objects it left half made."""
+    """Suppress reports of lost exceptions while stopping: the request, or destructors of incomplete objects."""
     if not _requested:
         sys.__unraisablehook__(lost)

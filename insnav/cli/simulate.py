@@ -1,4 +1,4 @@
-"""``insnav simulate``: recordings of a known motion, one or many."""
+"""``insnav simulate``: simulated recordings of a known motion, one or many."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def simulate(
     ] = "consumer",
     rate: Annotated[float, option(IMU, "HZ", "Samples per second.")] = 100.0,
     sampling: Annotated[
-        Literal["instant", "mean", "increment"], option(IMU, "HOW", "What a sample is: mean, instant, increment.")
+        Literal["instant", "mean", "increment"], option(IMU, "HOW", "Meaning of a sample: mean, instant, increment.")
     ] = "mean",
     temperature: Annotated[
         str | None, option(IMU, "FROM:TO", "Temperature of the IMU, from start to end, deg C.")
@@ -102,7 +102,7 @@ def simulate(
 def _check(
     profile: str | None, source: Path | None, runs: int | None, run: int | None, sensors: tuple[str, str], resume: bool
 ) -> None:
-    """Refuse options that do not go together."""
+    """Refuse incompatible options."""
     if (profile is None) == (source is None):
         raise ConfigError("cli.no_motion" if profile is None else "cli.two_motions", where="PROFILE, --from")
     if runs is not None and run is not None:
@@ -114,7 +114,7 @@ def _check(
 
 
 def _temperatures(text: str) -> tuple[float, float]:
-    """Temperature at the start and at the end [deg C], from ``FROM:TO`` or one number."""
+    """Parse temperature at the start and at the end [deg C], from ``FROM:TO`` or one number."""
     try:
         values = [parse.finite(float(part), "--temperature", largest=300.0) for part in text.split(":")]
     except ValueError:
@@ -162,7 +162,7 @@ def _many(folder: RunFolder, plan: Plan, runs: int, engine: str, resume: bool, s
 
 
 def _list(out: Path | None, force: bool, as_json: bool) -> None:
-    """Show the library, and draw it into a folder if one is given."""
+    """List the library, and draw it into a folder if specified."""
     from insnav.simulate.motion import library, load_profile
 
     profiles = [load_profile(path) for path in library()]

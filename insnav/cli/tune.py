@@ -22,7 +22,7 @@ def tune(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Find the noise of an IMU."""
+    """Estimate the noise of an IMU."""
     with working(out, force) as (folder, stage):
         stage("reading")
         from insnav.fleet.tuning import tune as tuned

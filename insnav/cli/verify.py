@@ -1,4 +1,4 @@
-"""``insnav verify``: the numerics of this installation against closed forms."""
+"""``insnav verify``: numerical certificate of this installation."""
 
 from __future__ import annotations
 

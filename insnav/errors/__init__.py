@@ -1,1 +1,1 @@
-"""Errors of a navigation solution: against a reference, and whether its stated uncertainty is true."""
+"""Errors of a navigation solution against a reference, and tests of its stated uncertainty."""

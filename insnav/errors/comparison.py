@@ -1,4 +1,4 @@
-"""Accuracy of several runs against one reference, side by side, over the epochs that all of them cover."""
+"""Accuracy of several runs against one reference, at their common epochs."""
 
 from __future__ import annotations
 
@@ -16,34 +16,34 @@ from insnav.types import FloatArray, Trajectory
 
 
 class Solution(NamedTuple):
-    """One solution of one run."""
+    """Solution of a run."""
 
     run: str  # name of the run
-    solution: str  # which of its solutions
+    solution: str  # filtered or smoothed
     trajectory: Trajectory
     lever_b: FloatArray  # (3,) its antenna seen from the IMU, body axes [m]
 
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """Errors of one solution of one run."""
+    """Errors of a solution of a run."""
 
     run: str  # name of the run
-    solution: str  # which of its solutions
-    errors: TrajectoryErrors  # at the epochs that all runs share
+    solution: str  # filtered or smoothed
+    errors: TrajectoryErrors  # at the common epochs of all runs
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Runs against one reference."""
+    """Comparison of runs with one reference."""
 
-    reference: Trajectory  # at the epochs that all runs share and perhaps others
-    compared: tuple[Compared, ...]  # in the order given, the smoothed solution after the filtered one of a run
+    reference: Trajectory  # at the common epochs and possibly others
+    compared: tuple[Compared, ...]  # in input order, the smoothed solution after the filtered one of a run
 
     def rows(self) -> list[dict[str, Any]]:
-        """Accuracy of each solution.
+        """List the accuracy of each solution.
 
-        Returns: ``run``, ``solution``, ``accuracy`` as of `insnav.errors.metrics.accuracy`, and ``consistency`` as of
+        Returns: ``run``, ``solution``, ``accuracy`` from `insnav.errors.metrics.accuracy`, ``consistency`` from
         `insnav.errors.metrics.nees`.
         """
         return [
@@ -57,7 +57,7 @@ class Comparison:
         ]
 
     def named(self) -> dict[str, TrajectoryErrors]:
-        """Errors of each solution under a name of its own."""
+        """Return the errors of each solution under a unique name."""
         named: dict[str, TrajectoryErrors] = {}
         for each in self.compared:
             name = f"{each.run}-smoothed" if each.solution == "smoothed" else each.run
@@ -69,10 +69,10 @@ class Comparison:
 def compare_solutions(
     solutions: Sequence[Solution], reference: Trajectory, lever_b: FloatArray | None = None
 ) -> Comparison:
-    """Compare solutions with a reference, at the epochs that all of them cover.
+    """Compare solutions with a reference, at their common epochs.
 
     `lever_b` (3,): the point of the reference seen from the IMU, body axes [m]; None for the antenna of each.
-    Raises: InputError: no epoch that all solutions and the reference share.
+    Raises: InputError: no epoch common to all solutions and the reference.
     """
     errors = []
     for each in solutions:

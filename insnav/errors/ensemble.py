@@ -1,7 +1,7 @@
-"""Many simulated recordings of one motion, all navigated: their errors, and the covariance of the filter.
+"""Ensemble of simulated recordings of one motion, all navigated: their errors and the filter covariance.
 
-Every recording has an IMU, fixes and noise of its own. Errors are squared and added up over the recordings at each
-second, and so are the variances of the filter, so that the two can be compared at every time.
+Every recording has its own IMU, fixes and noise. At each second, squared errors and filter variances are summed over
+the recordings, for a comparison at every time.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ STEP = 1.0  # between epochs of the ensemble [s]
 _STATES = 21  # of the filter
 COMPONENTS = ("north", "east", "down", "v_north", "v_east", "v_down", "roll", "pitch", "heading")
 GROUPS = ("position", "velocity", "attitude")
-BAND = 0.95  # probability of the band that a consistent filter stays in
+BAND = 0.95  # probability of the band for a consistent filter
 FIGURES = (
     *(f"rms_{name}" for name in COMPONENTS),
     "rms_horizontal",
@@ -49,18 +49,18 @@ _WIDTH = 23
 
 @dataclass(frozen=True, slots=True)
 class NavigatedRecording:
-    """Simulate a recording and navigate it as ``insnav run`` does, the lever arm known: the task of a Monte Carlo."""
+    """Monte Carlo task: simulate a recording and navigate it as ``insnav run`` does, with known lever arm."""
 
     truth: Truth  # the motion
-    # errors of the sensors, which the filter knows too
+    # sensor errors, also specified to the filter
     imu_spec: ImuSpec
     gps_spec: GpsSpec
-    perfect: ImuData  # what an IMU without errors measures
-    faults: tuple[Fault, ...] = ()  # what goes wrong in every recording
+    perfect: ImuData  # samples of an error-free IMU
+    faults: tuple[Fault, ...] = ()  # faults in every recording
     temperature: FloatArray | None = None  # (n,) of the IMU [deg C]
 
     def __call__(self, seed: int) -> Sample:
-        """Figures of one run, in the order of `FIGURES`, and its sums at each second."""
+        """Return the figures of one run, in the order of `FIGURES`, and its sums at each second."""
         made = simulate_recording(
             self.truth,
             self.imu_spec,
@@ -76,11 +76,11 @@ class NavigatedRecording:
 
 
 def reduced(run: Run, truth: Truth, axes_sd: FloatArray) -> Sample:
-    """Errors of a run against the truth: its figures, and what an ensemble adds up.
+    """Reduce the errors of a run to its figures and the sums of an ensemble.
 
     `axes_sd` (3,): uncertainty of the axes of the sensors in the body [rad]; see
     `insnav.filter.error_model.ErrorModel`.
-    Returns: `figures` in the order of `FIGURES`, SI units and radians; `series` for `ensemble`.
+    Returns: `figures` in the order of `FIGURES`, SI units and radians. `series` for `ensemble`.
     Raises: InputError: no row of the solution lies within the motion.
     """
     inside = _within(truth, run.solution.time)
@@ -91,7 +91,7 @@ def reduced(run: Run, truth: Truth, axes_sd: FloatArray) -> Sample:
     value = np.column_stack((errors.position, errors.velocity, errors.attitude))
     sd = np.zeros_like(value) if errors.sd is None else errors.sd
     series = np.zeros((epochs(truth), _WIDTH))
-    # one row an epoch: the first of its second, whatever the rate of the solution
+    # the first row of each second, at any solution rate
     at, first = np.unique(_row(truth, errors.time), return_index=True)
     series[at, _EPOCH] = 1.0
     series[at, _SQUARE], series[at, _VARIANCE] = value[first] ** 2, sd[first] ** 2
@@ -113,17 +113,17 @@ def reduced(run: Run, truth: Truth, axes_sd: FloatArray) -> Sample:
 
 
 def normalised(state: Epochs, truth: Truth, axes_sd: FloatArray) -> FloatArray:
-    """Normalised estimation error squared of position, velocity and attitude, with the whole covariance of each.
+    """Compute normalised squared errors of position, velocity and attitude, each with its full covariance.
 
-    `axes_sd` (3,): the covariance is that of the sensors' axes; the attitude of the body is known no better than these
-    in it [rad].
+    `axes_sd` (3,): the covariance describes the sensor axes, and these sds add the body attitude relative to them
+    [rad].
     Returns: (m, 3): ``e' P^-1 e``, three degrees of freedom each (Bar-Shalom, Li and Kirubarajan, Estimation with
     Applications to Tracking and Navigation, 2001, section 5.4.2).
     """
     true = reference(truth, state.time)
     q_true = quat_from_rph(true.rph)
     turn = quat_multiply(state.q_nb, quat_conjugate(q_true))
-    # C_hat = (I - [phi x]) C turns by -phi
+    # C_hat = (I - [phi x]) C rotates by -phi
     phi = -2.0 * turn[:, 1:] * np.sign(turn[:, :1])
     C_nb = dcm_from_quat(q_true)
     C_bn = np.swapaxes(C_nb, 1, 2)
@@ -140,23 +140,23 @@ def normalised(state: Epochs, truth: Truth, axes_sd: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class Ensemble:
-    """Errors of many runs at each second, and the uncertainty that the filter states."""
+    """Errors of many runs at each second, and the stated uncertainty of the filter."""
 
     time: FloatArray  # (m,) [s]
-    count: IntArray  # (m,) runs that were navigating
+    count: IntArray  # (m,) number of active runs
     # (m, 9) root mean square error, and of the stated standard deviation, in the order of `COMPONENTS` [m], [m/s],
     # [rad]
     rms: FloatArray
     sd: FloatArray
     nees_time: FloatArray  # (k,) seconds with fixes [s]
-    nees_count: IntArray  # (k,) number of epochs that `nees` is the mean of
+    nees_count: IntArray  # (k,) number of epochs in the mean `nees`
     # (k, 3) mean normalised error squared of position, velocity and attitude, by its three degrees of freedom: one if
     # the stated covariance is true
     nees: FloatArray
 
 
 def ensemble(runs: Runs, truth: Truth) -> Ensemble:
-    """Put together what `reduced` made of the runs.
+    """Combine the sums of `reduced` over the runs.
 
     Raises: InputError: every run failed.
     """
@@ -185,9 +185,9 @@ def ensemble(runs: Runs, truth: Truth) -> Ensemble:
 
 
 def band(degrees: FloatArray | IntArray) -> tuple[FloatArray, FloatArray]:
-    """Limits between which the mean of independent squared standard normal errors lies with probability `BAND`.
+    """Compute limits of the mean of independent squared standard normal errors with probability `BAND`.
 
-    `degrees` (m,): how many: the mean times this is distributed as chi-square (Bar-Shalom, Li and Kirubarajan 2001,
+    `degrees` (m,): their number. The mean times this is chi-square distributed (Bar-Shalom, Li and Kirubarajan 2001,
     section 5.4.2).
     Returns: `low`, `high` (m,).
     """
@@ -196,21 +196,21 @@ def band(degrees: FloatArray | IntArray) -> tuple[FloatArray, FloatArray]:
 
 
 def inside(found: Ensemble) -> BoolArray:
-    """Whether the mean normalised error of each group was inside its band, (k, 3)."""
+    """Return whether the mean normalised error of each group is inside its band, (k, 3)."""
     low, high = band(3 * found.nees_count)
     return np.asarray((found.nees >= low[:, None]) & (found.nees <= high[:, None]))
 
 
 def epochs(truth: Truth) -> int:
-    """Number of seconds an ensemble of this motion has."""
+    """Return the number of seconds of this motion."""
     return int(truth.duration / STEP + 0.5) + 1
 
 
 def _row(truth: Truth, time: FloatArray) -> IntArray:
-    """Number of the nearest epoch."""
+    """Return the number of the nearest epoch."""
     return np.floor((time - truth.start) / STEP + 0.5).astype(np.int64)
 
 
 def _within(truth: Truth, time: FloatArray) -> BoolArray:
-    """Times that the truth covers: an estimated delay of the fixes may have moved a few out of it."""
+    """Find times within the truth: an estimated delay may have moved a few outside."""
     return np.asarray((time >= truth.start) & (time <= truth.start + truth.duration))

@@ -1,4 +1,4 @@
-"""A run of the filter, evaluated against a reference where there is one; the GPS outages in it."""
+"""Run of the filter, evaluated against a reference if available, and its GPS outages."""
 
 from __future__ import annotations
 
@@ -22,65 +22,65 @@ from insnav.types import FloatArray, GpsData, Run, Trajectory
 if TYPE_CHECKING:
     from insnav.errors.short_duration_errors import ShortWindow
 
-_FEW, _MOST, _SAME = 10, 0.9, 1e-10  # epochs in common, and share of them that are the same [rad]: half a millimetre
-_REJECTED = 0.5  # share of rejected positions of a filter that is lost ...
-_LOST, _LOST_RESETS = 0.2, 3  # ... or after so many resets
-_UNKNOWN = 300.0  # standard deviation at fixes that are used, beyond that of all receivers [m]
+_FEW, _MOST, _SAME = 10, 0.9, 1e-10  # common epochs, and share of them with equal positions [rad]: half a millimetre
+_REJECTED = 0.5  # share of rejected positions of a lost filter ...
+_LOST, _LOST_RESETS = 0.2, 3  # ... or after this many resets
+_UNKNOWN = 300.0  # standard deviation of used fixes, beyond all receivers [m]
 SHORTEST_OUTAGE_S = 2.0
-MISSED_FIXES = 3.0  # median intervals without a used position fix make an outage
+MISSED_FIXES = 3.0  # median intervals without a used position fix that make an outage
 
 
 @dataclass(frozen=True)
 class EvaluatedRun:
-    """A run, the fixes it used, and its errors."""
+    """Run with the fixes it used, and its errors."""
 
     run: Run
-    gps: GpsData | None = None  # fixes as they were used, every value with a standard deviation
+    gps: GpsData | None = None  # processed fixes, every value with a standard deviation
     # of the filtered and of the smoothed solution against the reference
     errors: TrajectoryErrors | None = None
     smoothed_errors: TrajectoryErrors | None = None
-    # short-duration mechanization against the full one, if that was asked for
+    # short-duration mechanization compared with the full one, if requested
     short_duration: tuple[ShortWindow, ...] = ()
-    noise: NoiseEstimate | None = None  # as found in the innovations
-    reference_is_gps: bool = False  # the reference is what the run was aided with
+    noise: NoiseEstimate | None = None  # estimate from the innovations
+    reference_is_gps: bool = False  # the reference equals the aiding fixes
     backdrop: FloatArray | None = None  # (n, 2) latitude and longitude of lines behind the map, NaN between them [rad]
 
     @property
     def reference_offset(self) -> ReferenceOffset | None:
-        """Constant parts of the filter's errors, if there is a reference that tells them."""
+        """Constant parts of the filter's errors, if the reference determines them."""
         return None if self.errors is None else reference_offset(self.errors, self.run.solution, self.run.lever_sd)
 
     @property
     def solutions(self) -> dict[str, Trajectory]:
-        """Solutions by their names, the better one first."""
+        """Solutions by name, the better one first."""
         smoothed = {} if self.run.smoothed is None else {"smoothed": self.run.smoothed.solution}
         return {**smoothed, "filtered": self.run.solution}
 
     @property
     def best(self) -> Trajectory:
-        """The smoothed solution, or the filtered one where there is no other."""
+        """Smoothed solution, or else the filtered solution."""
         return next(iter(self.solutions.values()))
 
     @property
     def known_errors(self) -> dict[str, TrajectoryErrors]:
-        """Errors of the solutions, where there is a reference, the better one first."""
+        """Errors of the solutions with a reference, the better one first."""
         both = {"smoothed": self.smoothed_errors, "filtered": self.errors}
         return {name: each for name, each in both.items() if each is not None}
 
     @property
     def reference_late(self) -> float:
-        """How far the clock of the reference is ahead of the solution [s]; zero if that is not known."""
+        """Time by which the reference clock leads the solution [s]; zero if unknown."""
         clock = of_code(self.run.events, Code.REF_CLOCK, Code.REF_CLOCK_OF_IMU)
         return next((finding["late_s"] for finding in clock), 0.0)
 
     @property
     def other_drive(self) -> bool:
-        """Whether the reference is of another drive, so that its errors say nothing."""
+        """True if the reference belongs to another drive: its errors are meaningless."""
         return any(of_code(self.run.events, Code.REF_OTHER_DRIVE))
 
     @cached_property
     def errors_on_clock(self) -> dict[str, TrajectoryErrors]:
-        """As `known_errors`, with the clock of the reference corrected."""
+        """Return `known_errors` with the clock of the reference corrected."""
         late, known = self.reference_late, self.known_errors
         return {name: on_clock(each, self.solutions[name], late) for name, each in known.items()} if late else known
 
@@ -91,7 +91,7 @@ def evaluate_run(
     """Compare a run with a reference.
 
     `lever_b` (3,): point of the reference seen from the IMU, body axes [m].
-    Raises: InputError: run and reference have no time in common.
+    Raises: InputError: run and reference have no common time.
     """
     notes: tuple[Finding, ...] = ()
     errors, smoothed_errors, same = None, None, False
@@ -111,7 +111,7 @@ def evaluate_run(
 
 
 def _held(reference: Trajectory, time: FloatArray) -> Trajectory:
-    """Reference; of a place that never moves, such as a bench, also where it has no rows, at these times ``(n,)``."""
+    """Sample the reference at times ``(n,)``; extend a stationary reference, such as a bench, to all of them."""
     inside = (reference.time >= time[0]) & (reference.time <= time[-1]) if len(time) else np.ones(1, dtype=np.bool_)
     rests = len(reference.time) > 1 and not np.any(np.ptp(reference.lla, axis=0)) and not np.any(reference.v_n)
     if inside.any() or not rests or reference.time[0] > time[0] or reference.time[-1] < time[-1]:
@@ -120,7 +120,7 @@ def _held(reference: Trajectory, time: FloatArray) -> Trajectory:
 
 
 def same_positions(gps: GpsData, reference: Trajectory) -> bool:
-    """Whether the epochs that fixes and reference have in common are the same positions."""
+    """Return whether fixes and reference have equal positions at their common epochs."""
     _, i, j = np.intersect1d(gps.time, reference.time, return_indices=True)
     if len(i) < _FEW:
         return False
@@ -128,7 +128,7 @@ def same_positions(gps: GpsData, reference: Trajectory) -> bool:
 
 
 def fixed_epochs(reference: Reading[Trajectory]) -> tuple[Trajectory, tuple[Finding, ...]]:
-    """Epochs of a reference with fixed ambiguities, and what is left out; all where the file does not tell."""
+    """Select reference epochs with fixed ambiguities, with findings; all epochs if the file has no types."""
     if reference.fix is None or not (reference.fix == 1).any() or (reference.fix == 1).all():
         return reference.data, ()
     fixed = np.asarray(reference.fix == 1)
@@ -137,10 +137,10 @@ def fixed_epochs(reference: Reading[Trajectory]) -> tuple[Trajectory, tuple[Find
 
 
 def failure(run: Run) -> Finding | None:
-    """Why a solution is not to be used: the filter was lost again and again; none if it was not."""
+    """Return the finding that a solution is unusable after repeated filter resets; otherwise None."""
     resets = len(list(of_code(run.events, Code.FILTER_RESET)))
     fixes = run.innovations
-    # frozen ones are none: they contradict nothing
+    # frozen fixes contradict nothing
     processed = np.isfinite(fixes.innovation[:, :3]).any(axis=1) & ~(fixes.sd[:, 0] >= UNUSABLE)
     lost = float(np.mean(~fixes.used_position[processed])) if processed.any() else 0.0
     if lost > _REJECTED:
@@ -159,15 +159,15 @@ def failure(run: Run) -> Finding | None:
 
 
 class Unaided(NamedTuple):
-    """A time without a used position fix."""
+    """Time without a used position fix."""
 
     start: float  # [s]
     end: float
-    rejected: int  # fixes that were there but rejected; zero in an outage
+    rejected: int  # rejected fixes in this time; zero in an outage
 
 
 def outages(run: Run) -> list[Unaided]:
-    """Times without a used position fix, at the ends of the run too.
+    """Find times without a used position fix, including the ends of the run.
 
     Returns: longer than `MISSED_FIXES` median intervals between fixes and than `SHORTEST_OUTAGE_S`; empty if the run
     had no position fix at all.

@@ -1,7 +1,7 @@
-"""Errors of a trajectory against a reference, and the figures that sum them up.
+"""Errors of a trajectory against a reference, and summary statistics.
 
-Error is estimate minus truth, at the epochs of the reference. The estimate is brought to those epochs by
-cubic Hermite interpolation of position, so that a 10 Hz solution adds less than a millimetre of its own.
+Error is estimate minus truth, at the epochs of the reference. Cubic Hermite interpolation of position brings the
+estimate to those epochs, with errors below a millimetre at 10 Hz.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from insnav.sample_statistics import rms
 from insnav.tabular import Tabular, unit_of
 from insnav.types import BoolArray, FloatArray, IntArray, Trajectory
 
-MOVING_M_S = 0.5  # faster than this counts as moving
-LONGEST_STEP = 2.0  # times the median step of the estimate; longer is a gap, and nothing is made up inside it
-_SAME_TIME = 1e-6  # of a step: times written with different digits are the same time
+MOVING_M_S = 0.5  # a faster vehicle counts as moving
+LONGEST_STEP = 2.0  # median steps of the estimate; a longer step is a gap without interpolation
+_SAME_TIME = 1e-6  # of a step: tolerance for times written with different digits
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,27 +51,27 @@ class TrajectoryErrors(Tabular):
     # (m, 3) error in roll, pitch, heading [rad], within +-pi; ``NaN`` where the reference has no attitude
     attitude: FloatArray
     sd: FloatArray | None  # (m, 9) stated standard deviation of the estimate, columns as in `Trajectory`
-    speed: FloatArray  # (m,) speed of the reference, or of the estimate where the reference does not know it [m/s]
+    speed: FloatArray  # (m,) speed of the reference, or of the estimate if the reference has none [m/s]
 
     @property
     def moving(self) -> BoolArray:
-        """(m,) array: faster than `MOVING_M_S`."""
+        """Epochs faster than `MOVING_M_S`, (m,)."""
         return np.asarray(self.speed > MOVING_M_S, dtype=np.bool_)
 
     @property
     def horizontal(self) -> FloatArray:
-        """(m,) array: length of the horizontal position error [m]."""
+        """Length of the horizontal position error, (m,) [m]."""
         return np.hypot(self.position[:, 0], self.position[:, 1])
 
 
 def position_errors(
     estimate: Trajectory, reference: Trajectory, *, lever_b: FloatArray | None = None
 ) -> TrajectoryErrors:
-    """Errors of position, velocity and attitude at the epochs of the reference.
+    """Compute errors of position, velocity and attitude at the epochs of the reference.
 
-    Reference epochs outside the estimate's span, or inside one of its gaps, are left out.
+    Reference epochs outside the estimate's span, or inside one of its gaps, are omitted.
 
-    `estimate`: its velocity and attitude make the interpolation and the lever arm exact; `lever_b` (3,): the point of
+    `estimate`: its velocity and attitude make the interpolation and the lever arm exact. `lever_b` (3,): the point of
     the reference seen from the point of the estimate, body axes [m].
     Raises: InputError: no epoch of the reference lies inside the estimate.
     """
@@ -95,7 +95,7 @@ def position_errors(
 
 
 def on_clock(errors: TrajectoryErrors, track: Trajectory, late: float) -> TrajectoryErrors:
-    """Position errors of a track as they were if the times of the reference were `late` smaller [s]."""
+    """Compute position errors of a track with reference times reduced by `late` [s]."""
     spans = (_brackets(time, errors.time) for time in (track.time + late, track.time))
     (earlier, part, inside), (index, share, covered) = spans
     rows = inside & covered
@@ -107,12 +107,12 @@ def at_point(trajectory: Trajectory, lever_b: FloatArray) -> Trajectory:
     """Move a trajectory to another point of the same rigid body.
 
     `lever_b` (3,): the other point seen from the first, body axes [m].
-    Returns: attitude and standard deviations are those of the first point.
+    Returns: trajectory with attitude and standard deviations of the first point.
 
     Notes
     -----
-    Groves (2013), section 14.3.1; the rotation rate is taken from the attitude itself, by differencing
-    the lever arm in local axes.
+    Groves (2013), section 14.3.1. The rotation rate comes from the attitude, by differencing the lever arm in local
+    axes.
     """
     lever_n = dcm_from_rph(trajectory.rph) @ np.asarray(lever_b, dtype=np.float64)
     v_n = trajectory.v_n + _rates(trajectory.time, lever_n)
@@ -120,12 +120,11 @@ def at_point(trajectory: Trajectory, lever_b: FloatArray) -> Trajectory:
 
 
 def accuracy(errors: TrajectoryErrors) -> dict[str, Any] | None:
-    """Mean, RMS, 95 % and largest error of everything the reference knows.
+    """Compute mean, RMS, 95 % and largest error of every quantity in the reference.
 
-    Returns: ``n``; for each quantity (``north_m``, ``horizontal_m``, ``velocity_down_m_s``, ``heading_deg``, …) a dict
-    of ``mean``, ``rms``, ``p95``, ``max`` (the last two of the absolute error) or None if the reference does not know
-    it; ``cep50_m`` and ``r95_m``, the radii that hold 50 % and 95 % of the horizontal errors. None if there is no epoch
-    to count.
+    Returns: ``n``. For each quantity (``north_m``, ``horizontal_m``, ``velocity_down_m_s``, ``heading_deg``, …) a dict
+    of ``mean``, ``rms``, ``p95``, ``max`` (the last two of the absolute error). None if the reference lacks it.
+    ``cep50_m`` and ``r95_m``: radii that contain 50 % and 95 % of the horizontal errors. None without epochs.
     """
     if not len(errors.time):
         return None
@@ -140,7 +139,7 @@ def accuracy(errors: TrajectoryErrors) -> dict[str, Any] | None:
 
 
 def accuracy_by_motion(errors: TrajectoryErrors) -> dict[str, Any]:
-    """`accuracy` of ``all`` epochs, and of the ``static`` and the ``moving`` ones apart."""
+    """Compute `accuracy` of ``all`` epochs, and separately of ``static`` and ``moving`` epochs."""
     return {
         "all": accuracy(errors),
         "static": accuracy(errors.rows(~errors.moving)),
@@ -149,16 +148,16 @@ def accuracy_by_motion(errors: TrajectoryErrors) -> dict[str, Any]:
 
 
 def nees(errors: TrajectoryErrors) -> dict[str, Any] | None:
-    """Whether the stated standard deviations are true: normalised squared error, and the share inside 3 sd.
+    """Test the stated standard deviations: normalised squared error, and the share inside 3 sd.
 
     Returns: for ``position``, ``velocity`` and ``attitude``: ``nees``, the mean over epochs and axes of (error / sd)^2,
-    one if the sd is true, and ``inside_3_sd``, the share of errors inside 3 sd (0.997 if normal); None for a group the
-    reference does not know. None if the estimate states no sd.
+    one if the sd is true. ``inside_3_sd``: the share of errors inside 3 sd (0.997 if normal). None for a group without
+    reference. None if the estimate has no sd.
 
     Notes
     -----
-    Correlation between the axes is not in the sd, so each axis is normalised by itself; for the full form see
-    Bar-Shalom, Li and Kirubarajan (2001), section 5.4.2.
+    The sd contains no correlation between axes, so each axis is normalised by itself. For the full form see Bar-Shalom,
+    Li and Kirubarajan (2001), section 5.4.2.
     """
     if errors.sd is None:
         return None
@@ -188,7 +187,7 @@ def _statistics(error: FloatArray) -> dict[str, float] | None:
 
 
 def _brackets(time: FloatArray, wanted: FloatArray) -> tuple[IntArray, FloatArray, BoolArray]:
-    """Interval of `time` that holds each wanted time, the share of it gone by, and whether it may be used."""
+    """Find the interval of `time` around each wanted time, the position in it, and whether it is usable."""
     if len(time) < 2:
         return np.zeros(len(wanted), dtype=np.intp), np.zeros(len(wanted)), np.isin(wanted, time)
     index = np.clip(np.searchsorted(time, wanted, side="right") - 1, 0, len(time) - 2)
@@ -204,7 +203,7 @@ def _gaps(step: FloatArray) -> BoolArray:
 
 
 def _rates(time: FloatArray, value: FloatArray) -> FloatArray:
-    """Slope of values at their own times, second order, one-sided next to a gap."""
+    """Compute slopes of values at their own times, second order, one-sided next to a gap."""
     if len(time) < 2:
         return np.zeros_like(value)
     step = np.diff(time)
@@ -212,7 +211,7 @@ def _rates(time: FloatArray, value: FloatArray) -> FloatArray:
     weight = np.where(_gaps(step), 0.0, 1.0 / step)
     before, after = np.append(0.0, weight), np.append(weight, 0.0)
     total = before + after
-    alone = total == 0.0  # a sample between two gaps: no slope is better than one across a gap
+    alone = total == 0.0  # a sample between two gaps has zero slope
     total[alone] = 1.0
     first, last = np.concatenate((slope[:1], slope)), np.concatenate((slope, slope[-1:]))
     return np.asarray((before[:, None] * first + after[:, None] * last) / total[:, None])
@@ -221,7 +220,7 @@ def _rates(time: FloatArray, value: FloatArray) -> FloatArray:
 def _interpolated(
     estimate: Trajectory, index: IntArray, share: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:
-    """Position, velocity, attitude and sd of an estimate at given shares of its intervals."""
+    """Interpolate position, velocity, attitude and sd of an estimate at given shares of its intervals."""
     if len(estimate.time) < 2:
         sd = None if estimate.sd is None else estimate.sd[index]
         return estimate.lla[index], estimate.v_n[index], estimate.rph[index], sd
@@ -240,7 +239,7 @@ def _interpolated(
 
 
 def _known_velocity(trajectory: Trajectory) -> FloatArray:
-    """Velocity of a trajectory, differenced from its positions where it is not given."""
+    """Return the velocity of a trajectory, else differences of its positions."""
     given = np.isfinite(trajectory.v_n)
     if given.all():
         return trajectory.v_n
@@ -250,7 +249,7 @@ def _known_velocity(trajectory: Trajectory) -> FloatArray:
 
 
 def _attitude(rph: FloatArray, index: IntArray, share: FloatArray) -> FloatArray:
-    """Attitude along the shortest rotation between neighbouring samples (Shoemake 1985)."""
+    """Interpolate attitude along the shortest rotation between neighbouring samples (Shoemake 1985)."""
     q = quat_from_rph(rph)
     first, second = q[index], q[index + 1]
     turn = rotvec_from_quat(quat_multiply(quat_conjugate(first), second))
@@ -258,11 +257,11 @@ def _attitude(rph: FloatArray, index: IntArray, share: FloatArray) -> FloatArray
 
 
 def travelled(solution: Trajectory) -> tuple[float, float, float]:
-    """Distance and time in motion, and largest speed; the noise of a stationary vehicle is not counted.
+    """Compute distance and time in motion, and largest speed, without the noise of a stationary vehicle.
 
-    Returns: `distance` [m]; `moving`: time faster than `MOVING_M_S` [s]; `fastest` [m/s].
+    Returns: `distance` [m]. `moving`: time faster than `MOVING_M_S` [s]. `fastest` [m/s].
     """
     north, east, down = solution.v_n.T
-    speed = np.sqrt(north**2 + east**2 + down**2)  # numpy's norm of rows takes four times as long
+    speed = np.sqrt(north**2 + east**2 + down**2)  # numpy's norm of rows is four times slower
     step = np.where(speed[1:] > MOVING_M_S, np.diff(solution.time), 0.0)
     return float(np.sum(speed[1:] * step)), float(np.sum(step)), float(speed.max(initial=0.0))

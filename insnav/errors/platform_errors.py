@@ -1,4 +1,4 @@
-"""Errors of the platform's integrators on a known motion, and of a platform compared with a strapdown navigator."""
+"""Integrator errors of a platform on a known motion, and platform errors compared with strapdown errors."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from insnav.simulate import Truth, circle, imu_from_truth, reference, straight
 from insnav.types import FloatArray, Trajectory
 from insnav.units import DEG, DEG_PER_H, UG
 
-SINE_STEPS = (40, 80, 160, 320)  # over `SINE_END`: coarse enough that no rule is exact to rounding
+SINE_STEPS = (40, 80, 160, 320)  # steps over `SINE_END`: coarse enough that no rule reaches rounding
 SINE_END = 5.0
-REST_M_S = 0.1  # a platform slower than this without its errors is at rest
-AGAINST: Integrator = "fourth"  # what the other integrators are compared with
+REST_M_S = 0.1  # a slower error-free platform is at rest
+AGAINST: Integrator = "fourth"  # reference integrator of the comparison
 # of the demonstration
 LAT = 45.0 * DEG
 HEIGHT, SPEED, ROUND = 5000.0, 150.0, 600.0  # of the holding pattern [m], [m/s], [s]
@@ -37,7 +37,7 @@ ERRORS = PlatformErrors(
 
 @dataclass(frozen=True, slots=True)
 class Convergence:
-    """Largest error of an integrator for several steps."""
+    """Largest error of an integrator for several step sizes."""
 
     integrator: Integrator
     # (n,)
@@ -46,13 +46,13 @@ class Convergence:
 
     @property
     def order(self) -> float:
-        """Slope of the error over the step on logarithmic axes."""
+        """Slope of log error over log step."""
         return float(np.polyfit(np.log(self.step), np.log(self.error), 1)[0])
 
 
 @dataclass(frozen=True, slots=True)
 class PlatformComparison:
-    """A platform and a strapdown navigator with the same errors on the same motion."""
+    """Platform and strapdown navigator with equal errors on the same motion."""
 
     time: FloatArray  # (n,) [s]
     # (n, 3) error of position North, East, Down [m]; both height-constrained
@@ -62,7 +62,7 @@ class PlatformComparison:
 
 @dataclass(frozen=True, slots=True)
 class Demonstration:
-    """Integrators on a sine and a known flight, and a platform beside a strapdown navigator at rest and in circles."""
+    """Integrators on a sine and a known flight; platform and strapdown navigator at rest and in circles."""
 
     orders: Sequence[Convergence]
     flight: Mapping[float, Sequence[TrajectoryErrors]]  # by sampling rate [Hz], in the order of `INTEGRATORS`
@@ -72,21 +72,21 @@ class Demonstration:
 
 @dataclass(frozen=True, slots=True)
 class PlatformStudy:
-    """One record, by all integrators."""
+    """Record of specific force, integrated by all integrators."""
 
-    chosen: Integrator  # whose solution is wanted
+    chosen: Integrator  # integrator of the main solution
     runs: Mapping[Integrator, PlatformRun]  # by integrator; with the errors of the platform
     errors: PlatformErrors
-    reference: Trajectory | None  # what the integrators are evaluated against
+    reference: Trajectory | None  # reference of the integrators
 
     @property
     def run(self) -> PlatformRun:
-        """The run that was asked for."""
+        """Run of the chosen integrator."""
         return self.runs[self.chosen]
 
     @property
     def theory(self) -> StaticErrors | None:
-        """Closed form of the errors, where the vehicle is at rest and the vertical channel off."""
+        """Closed form of the errors, for a vehicle at rest with the vertical channel off."""
         run = self.run
         still = float(np.abs(run.undisturbed.v_n).max()) < REST_M_S
         if not self.errors.any or run.vertical != "off" or not still:
@@ -95,7 +95,7 @@ class PlatformStudy:
         return static_errors(run.solution.time - run.solution.time[0], start[0], start[2], self.errors)
 
     def differences(self) -> dict[Integrator, TrajectoryErrors]:
-        """Each integrator, on a platform without errors, against the reference; else the others against the fourth."""
+        """Compare each integrator, on an error-free platform, with the reference, else with the fourth-order one."""
         if self.reference is not None:
             return {name: position_errors(run.undisturbed, self.reference) for name, run in self.runs.items()}
         fourth = self.runs[AGAINST].solution
@@ -103,7 +103,7 @@ class PlatformStudy:
 
 
 def demonstrate() -> Demonstration:
-    """Integrate a sine, a holding pattern and a day at rest, whose truth is known."""
+    """Integrate a sine, a holding pattern and a day at rest, with known truth."""
     holding = partial(circle, np.array([LAT, 0.0, HEIGHT]), SPEED, 2.0 * np.pi / ROUND)
     at_rest = straight(np.array([LAT, 0.0, 0.0]), 0.0, 0.0, DAY)
     return Demonstration(
@@ -115,7 +115,7 @@ def demonstrate() -> Demonstration:
 
 
 def sine_convergence() -> list[Convergence]:
-    """Largest error of the integral of sin(t) from 0 to 5, whose truth is 1 - cos(t), by each integrator."""
+    """Compute each integrator's largest error of the integral of sin(t) from 0 to 5; truth is 1 - cos(t)."""
     found = []
     for name in INTEGRATORS:
         errors = []
@@ -127,7 +127,7 @@ def sine_convergence() -> list[Convergence]:
 
 
 def level_force(truth: Truth, time: FloatArray) -> FloatArray:
-    """Specific force along North, East, Down, as a platform without errors measures it.
+    """Compute specific force along North, East, Down, as measured by an error-free platform.
 
     `time` (n,): times [s].
     Returns: (n, 3): ``C_nb f_b`` [m/s^2].
@@ -139,10 +139,10 @@ def level_force(truth: Truth, time: FloatArray) -> FloatArray:
 def integrator_errors(
     truth: Truth, rates: Sequence[float], *, keep: float = 1.0
 ) -> dict[float, list[TrajectoryErrors]]:
-    """Errors of each integrator on a level motion, for several sampling rates.
+    """Compute errors of each integrator on a level motion, for several sampling rates.
 
-    `truth`: a motion at constant height: the vertical channel is off; `rates`: samples per second [Hz]; `keep`:
-    interval between the errors returned [s], and no less than that of the samples.
+    `truth`: a motion at constant height, without vertical channel. `rates`: samples per second [Hz]. `keep`: interval
+    of the returned errors [s], at least the sample interval.
     """
     found = {}
     for rate in rates:
@@ -159,12 +159,12 @@ def integrator_errors(
 
 
 def compare_with_strapdown(truth: Truth, errors: PlatformErrors, rate: float, keep: float) -> PlatformComparison:
-    """Give a platform and a strapdown navigator the same errors on the same motion.
+    """Apply equal errors to a platform and a strapdown navigator on the same motion.
 
-    `truth`: a motion at constant height that begins level and to the north: forward, right, down then are the
-    platform's axes, and the strapdown sensors have about the first what the platform has about the second; `errors`:
-    drift d of the platform becomes a gyro bias of -d of the strapdown system, which turns its computed axes by d as
-    well; `rate`: samples per second [Hz]; `keep`: interval between the errors returned [s].
+    `truth`: a motion at constant height that begins level and northward. Forward, right, down are then the platform's
+    axes, and strapdown and platform sensors sense almost the same. `errors`: platform drift d becomes a strapdown gyro
+    bias of -d, which also rotates the computed axes by d. `rate`: samples per second [Hz]. `keep`: interval of the
+    returned errors [s].
     """
     time = truth.start + np.arange(round(truth.duration * rate) + 1) / rate
     every = max(1, round(keep * rate))

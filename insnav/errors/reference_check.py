@@ -1,6 +1,6 @@
-"""What of a reference cannot be right: its clock, velocities that are those of the fixes, its headings.
+"""Plausibility of a reference: its clock, velocities copied from the fixes, its headings.
 
-Each is compared with the solution, which knows what gyros and fixes say, and said with what was done about it.
+Each is compared with the solution from gyros and fixes; a finding reports the action.
 """
 
 from __future__ import annotations
@@ -32,19 +32,19 @@ from insnav.tabular import runs_of
 from insnav.types import FloatArray, GpsData, Run, Trajectory
 from insnav.units import DEG
 
-FARTHEST, STEP = 30.0, 0.25  # errors of the clock looked for, and steps of the search [s]
-LEAST_CLOCK, CLEAR = 0.03, 5.0  # what is said: errors so large [s], and so many standard deviations
-STANDS, FOLLOWS = 0.2, 0.9  # speed of a vehicle at rest [m/s], and resultant of heading by course of one that rolls [-]
-IN_PLACE, TIGHTEST = 5.0 * DEG, 4.0  # turn without way that no such vehicle makes [rad], and radius of its bends [m]
-DENSE, GAP = 0.1, 2.0  # so dense rows show turns, and so far apart none [s]
-LATE = 0.1  # delay of the fixes that receivers and loggers do not make by themselves [s]
-SURE_LATE = 2.0  # standard deviations of a delay from which a drive shows one
-STEADY = 1.0  # scatter of the speed below which an error of the clock is like one of the position [m/s]
-FAST = 2.0  # speed above which the course is a heading [m/s]
-LEAST_TILT = 0.3 * DEG  # scatter of roll and pitch apart from the solution's that is looked at [rad]
-LEAST_HEADING, LEAST_TURN, SURE = 1.0 * DEG, 5.0 * DEG, 5.0  # that contradict: all, some, and standard deviations
-_MOST = 0.9  # share of epochs that stands for all
-_SAME = 0.5  # of an error of the clock by which the delay of the fixes may differ and be most of its cause
+FARTHEST, STEP = 30.0, 0.25  # range and step of the search for a clock error [s]
+LEAST_CLOCK, CLEAR = 0.03, 5.0  # least reported clock error [s], and its significance in standard deviations
+STANDS, FOLLOWS = 0.2, 0.9  # speed at rest [m/s], and resultant of heading minus course of a wheeled vehicle [-]
+IN_PLACE, TIGHTEST = 5.0 * DEG, 4.0  # impossible turn at rest [rad], smallest turn radius [m]
+DENSE, GAP = 0.1, 2.0  # row interval that resolves turns, and gaps that hide them [s]
+LATE = 0.1  # delay of the fixes beyond normal receivers and loggers [s]
+SURE_LATE = 2.0  # significance of a delay in standard deviations
+STEADY = 1.0  # scatter of the speed below which a clock error resembles a position error [m/s]
+FAST = 2.0  # speed above which the course is used as heading [m/s]
+LEAST_TILT = 0.3 * DEG  # least scatter of roll and pitch differences that is examined [rad]
+LEAST_HEADING, LEAST_TURN, SURE = 1.0 * DEG, 5.0 * DEG, 5.0  # contradictions of heading: all, some, significance in sd
+_MOST = 0.9  # share of epochs that counts as all
+_SAME = 0.5  # relative difference of fix delay and clock error, if the delay is the main cause
 
 
 def check_reference(
@@ -55,11 +55,11 @@ def check_reference(
     delay: float = 0.0,
     lever_sd: FloatArray | None = None,
 ) -> tuple[Trajectory, list[Finding]]:
-    """Leave out of a reference what cannot be right, and say it; its clock is said, but not moved to flatter us.
+    """Remove impossible parts of a reference and report them; report its clock error, but do not correct it.
 
-    `lever_b` (3,): point of the reference seen from the IMU, body axes [m]; `delay`: of the fixes,
-    as of `known_delay`; `lever_sd` (3,): of the lever arm of the track, if that is not known [m].
-    Raises: InputError: no time in common.
+    `lever_b` (3,): point of the reference seen from the IMU, body axes [m]. `delay`: of the fixes, from `known_delay`.
+    `lever_sd` (3,): of the track's lever arm, if unknown [m].
+    Raises: InputError: no common time.
     """
     findings: list[Finding] = []
 
@@ -108,7 +108,7 @@ def check_reference(
         code = Code.REF_HEADING_AXES if by_course else Code.REF_HEADING_OFFSET
         add(code, angle_rad=constant, limit_rad=LEAST_HEADING)
     turn = None if until is None else turned_in_place(track)
-    own = until is not None and turn is not None and turn[0] < until < turn[1]  # what the solution did by itself
+    own = until is not None and turn is not None and turn[0] < until < turn[1]  # caused by the solution itself
     if until is not None and not by_course and not own:
         largest = float(np.nanmax(np.abs(errors.attitude[errors.time < until, 2])))
         rows = (reference.time < until)[:, None]
@@ -120,7 +120,7 @@ def check_reference(
 
 
 def _confusion(fit: Fit) -> Finding:
-    """What is confused in positions and velocities of a reference."""
+    """Report the kind of confusion in positions and velocities of a reference."""
     if fit.radians:
         return Finding.of(Code.REF_RADIANS, subject="ref", what=fit.radians)
     if fit.exchanged:
@@ -134,13 +134,13 @@ def _confusion(fit: Fit) -> Finding:
 
 
 def turned_in_place(track: Trajectory) -> tuple[float, float, float] | None:
-    """Where a vehicle that rolls turns most without way to do so: begin, end [s], and by how much [rad]; or none.
+    """Find the largest turn of a wheeled vehicle without enough travel: begin, end [s], angle [rad]; or None.
 
-    In motion it follows its course, which a drone or one who walks need not.
+    In motion the heading must follow the course, unlike a drone's or a pedestrian's.
     """
     if len(track.time) < FEWEST:
         return None
-    # a day at the full rate of the samples stays small
+    # limits memory for a day at full rate
     every = max(1, round(DENSE / float(np.median(np.diff(track.time[:1000])))))
     track = track.rows(np.arange(0, len(track.time), every))
     spill.release()
@@ -150,7 +150,7 @@ def turned_in_place(track: Trajectory) -> tuple[float, float, float] | None:
     if apart.size < FEWEST or abs(np.mean(np.exp(1j * apart))) < FOLLOWS:
         return None
     step = np.diff(time, prepend=time[:1])
-    stands = (speed < STANDS) & (step < GAP)  # what was not recorded tells nothing
+    stands = (speed < STANDS) & (step < GAP)  # unrecorded motion is unknown
     if not stands.any():
         return None
     first, last = (runs_of(stands) - [0, 1]).T
@@ -166,24 +166,24 @@ def turned_in_place(track: Trajectory) -> tuple[float, float, float] | None:
 
 
 def delay_shown(run: Run) -> float:
-    """Delay of the fixes that a drive shows surely, and that was not given and is not small, else zero [s]."""
+    """Return a significant delay of the fixes that was not specified and is not small, else zero [s]."""
     delay, sd = run.gps_delay, run.gps_delay_sd
     return delay if sd and abs(delay) >= max(LATE, SURE_LATE * sd) else 0.0
 
 
 def known_delay(run: Run) -> float:
-    """Delay of the fixes that the drive shows, as `delay_shown`, or NaN if it contradicts the delay given [s]."""
+    """Return the delay of the fixes as `delay_shown`, or NaN if it contradicts the specified delay [s]."""
     wrong = any(of_code(run.events, Code.GIVEN_DELAY))
     return np.nan if wrong else delay_shown(run)
 
 
 def fixes_are_late(late: float, delay: float) -> bool:
-    """Whether the delay of the fixes that the drive shows explains the clock of a reference that is so far ahead."""
+    """Return whether the delay of the fixes explains a reference clock ahead by `late`."""
     return abs(late + delay) < _SAME * abs(late)
 
 
 def _copied(values: FloatArray, others: FloatArray) -> bool:
-    """Whether nearly all horizontal velocities in motion are among those of others, to a millimetre a second."""
+    """Return whether nearly all horizontal velocities in motion equal other velocities, to a millimetre a second."""
     mine, theirs = (np.round(each[:, 0], 3) + 1j * np.round(each[:, 1], 3) for each in (values, others))
     mine = mine[np.abs(mine) > FAST]
     return len(mine) >= FEWEST and bool(np.mean(np.isin(mine, theirs)) > _MOST)
@@ -192,12 +192,12 @@ def _copied(values: FloatArray, others: FloatArray) -> bool:
 def clock_error(
     errors: TrajectoryErrors, reference: Trajectory, track: Trajectory, lever_b: FloatArray
 ) -> tuple[float, float, float]:
-    """How far the clock of a reference is ahead [s]; horizontal RMS difference as it is, and with that corrected [m].
+    """Estimate by how much the reference clock leads [s]; horizontal RMS before and after correction [m].
 
-    By the lag with which the two tracks lie closest, then by least squares with a constant offset and another point of
-    the vehicle, which a clock must not be taken for; epochs count by the standard deviations that the track states, as
-    one that has drifted for minutes tells no clock. `errors`: of the track against the reference as it is.
-    Returns: zeros where the difference is small, or not clear.
+    First the lag with the closest tracks. Then least squares with a constant offset and another reference point, to
+    separate these from a clock error. Weights follow the stated standard deviations: an epoch after minutes of drift
+    determines no clock. `errors`: of the uncorrected track. Returns: zeros if the difference is small, or not
+    significant.
     """
     as_it_is = rms(errors.horizontal)
     before = rms(errors.horizontal * stated_weights(errors, HORIZONTAL))
@@ -219,14 +219,14 @@ def clock_error(
         terms = np.concatenate([v[:, :, None], -c, np.broadcast_to(np.eye(2), c.shape)], axis=2)
         value, value_sd = jackknifed(terms * weight[:, None, None], errors.position[:, :2] * weight[:, None])
         late, sd = late + float(value[0]), float(value_sd[0])
-        if not 0.5 * LEAST_CLOCK <= abs(late) <= FARTHEST:  # no further step makes it worth saying
+        if not 0.5 * LEAST_CLOCK <= abs(late) <= FARTHEST:  # iterations cannot make it significant
             return 0.0, 0.0, 0.0
     clear = abs(late) > max(LEAST_CLOCK, CLEAR * sd) and difference < WORTH * before
     return (round(late, 3), as_it_is, after) if clear else (0.0, 0.0, 0.0)
 
 
 def _coarse(reference: Trajectory, track: Trajectory) -> float:
-    """Lag of a reference with which its track is closest, a constant difference apart; zero if it is no other [s]."""
+    """Find the lag of the closest tracks, apart from a constant difference; zero if not better [s]."""
     away = apart(reference, track)
 
     def scatter(lag: float) -> float:
@@ -238,7 +238,7 @@ def _coarse(reference: Trajectory, track: Trajectory) -> float:
 
 
 def misread_headings(errors: TrajectoryErrors, track: Trajectory) -> str:
-    """As what headings of a reference fit the solution if they do not as they are; empty if they do, or never."""
+    """Return the interpretation under which reference headings match (for example reversed), or ""."""
     known = np.isfinite(errors.attitude[:, 2])
     if np.count_nonzero(known) < FEWEST:
         return ""
@@ -257,7 +257,7 @@ def misread_headings(errors: TrajectoryErrors, track: Trajectory) -> str:
 
 
 def misread_tilts(reference: Trajectory, track: Trajectory) -> str:
-    """As what roll and pitch of a reference move as the solution's if they do not as they are; empty if they do."""
+    """Return the interpretation under which reference roll and pitch match, or ""."""
     inside = (reference.time >= track.time[0]) & (reference.time <= track.time[-1])
     rows = np.flatnonzero(inside & np.isfinite(reference.rph[:, :2]).all(axis=1))
     rows = rows[:: max(1, len(rows) // EPOCHS)]
@@ -274,17 +274,17 @@ def misread_tilts(reference: Trajectory, track: Trajectory) -> str:
         "exchanged_opposite": (-pitch, -roll),
         "as_radians": (roll / DEG, pitch / DEG),
     }
-    # but for a constant difference, of the mounting
+    # apart from a constant mounting difference
     apart = {name: float(np.linalg.norm(np.std(np.transpose(each) - mine, axis=0))) for name, each in others.items()}
     best = min(apart, key=lambda name: apart[name])
     return best if apart[""] > LEAST_TILT and apart[best] < 0.5 * apart[""] else ""
 
 
 def heading_error(errors: TrajectoryErrors, track: Trajectory) -> tuple[float | None, float, bool]:
-    """Whether headings of a reference contradict a solution, all or only at first.
+    """Compare the headings of a reference with a solution, overall and at the start.
 
-    Returns: until when they do, and not afterwards [s]; the constant difference of the rest, reference minus solution
-    [rad], or zero; and whether the course over ground says that it is the reference that is wrong.
+    Returns: end of an initial contradiction [s], and the later constant difference, reference minus solution [rad], or
+    zero. Then whether the course over ground proves the reference wrong.
     """
     apart = -errors.attitude[:, 2]
     known = np.isfinite(apart)
@@ -307,7 +307,7 @@ def heading_error(errors: TrajectoryErrors, track: Trajectory) -> tuple[float | 
 
 
 def _middle(angle: FloatArray) -> tuple[float, float]:
-    """Median of angles about their mean direction, and the median distance from it [rad]."""
+    """Compute the median of angles about their mean direction, and the median distance from it [rad]."""
     mean = float(np.angle(np.mean(np.exp(1j * angle))))
     value = float(wrap_pi(mean + float(np.median(wrap_pi(angle - mean)))))
     return value, float(np.median(np.abs(wrap_pi(angle - value))))

@@ -1,4 +1,4 @@
-"""Whether a reference is of this drive and this hour at all, before its errors are looked at."""
+"""Test whether a reference belongs to this drive and time."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from insnav.exceptions import InputError
 from insnav.input.interpret.overlap import LEAP, ZONE, named_offset
 from insnav.types import FloatArray, GpsData, Trajectory
 
-EPOCHS = 500  # of a search: a drive shows its turns in as many
-FEWEST = 10  # in common
-APART, OTHERWISE = 50.0, 0.5  # least difference [m], and part of the extent of the drive, of tracks that are no other's
-ALIKE = 0.1  # of that extent, by which a track at another hour is told to be the same
+EPOCHS = 500  # epochs of a search, enough for the turns of a drive
+FEWEST = 10  # common epochs
+APART, OTHERWISE = 50.0, 0.5  # least distance to another drive [m], and share of the drive's extent
+ALIKE = 0.1  # share of this extent below which tracks at different hours are the same
 
 
 def other_drive(reference: Trajectory, track: Trajectory, gps: GpsData | None) -> float:
-    """How far a reference is from the fixes [m], if it moves otherwise than they and the track do; else zero."""
+    """Return the distance of a reference from the fixes [m], if it moves differently from both; else zero."""
     if gps is None:
         return 0.0
     inside = (gps.time >= reference.time[0]) & (gps.time <= reference.time[-1]) & np.isfinite(gps.lla[:, 0])
@@ -37,7 +37,7 @@ def other_drive(reference: Trajectory, track: Trajectory, gps: GpsData | None) -
 
 
 def no_time_in_common(reference: Trajectory, track: Trajectory) -> InputError:
-    """Make the error of a reference of another time, with the whole hours, days and leap seconds that mend it."""
+    """Build the error for a reference of another time, with whole hours, days and leap seconds as correction."""
     values: dict[str, Any] = {"reference_s": tuple(reference.time[[0, -1]]) if len(reference.time) else ()}
     values |= {"solution_s": tuple(track.time[[0, -1]]) if len(track.time) else ()}
     offset, far = _hours_off(reference, track)
@@ -48,7 +48,7 @@ def no_time_in_common(reference: Trajectory, track: Trajectory) -> InputError:
 
 
 def apart(reference: Trajectory, track: Trajectory) -> Callable[[float], FloatArray]:
-    """How far some epochs of a reference are from a track, (k, 2) [m], if its clock is ahead by some time [s]."""
+    """Build a function: distance of reference epochs from a track, (k, 2) [m], by clock lead [s]."""
     rows = np.unique(np.linspace(0, len(reference.time) - 1, EPOCHS).astype(np.int64))
     time, origin = reference.time[rows], track.lla[0]
     there, here = ned_offset(reference.lla[rows], origin)[:, :2], ned_offset(track.lla, origin)
@@ -61,7 +61,7 @@ def apart(reference: Trajectory, track: Trajectory) -> Callable[[float], FloatAr
 
 
 def _hours_off(reference: Trajectory, track: Trajectory) -> tuple[float, float]:
-    """Half hours and leap seconds with which a reference lies on a track [s], and how far from it then [m]; or zero."""
+    """Find half hours and leap seconds that match a reference to a track [s], and their distance then [m]; or zero."""
     if not (len(reference.time) and len(track.time)):
         return 0.0, 0.0
     away = apart(reference, track)
@@ -75,10 +75,10 @@ def _hours_off(reference: Trajectory, track: Trajectory) -> tuple[float, float]:
 
 
 def _at(time: FloatArray, known: FloatArray, place: FloatArray) -> FloatArray:
-    """North and east of a place that is known at other times."""
+    """Interpolate north and east at other times."""
     return np.column_stack([np.interp(time, known, axis) for axis in place.T[:2]])
 
 
 def _spread(place: FloatArray) -> float:
-    """Median distance from the middle [m]."""
+    """Compute the median distance from the middle [m]."""
     return float(np.median(np.linalg.norm(place - np.median(place, axis=0), axis=1)))

@@ -1,4 +1,4 @@
-"""What of the difference to a reference is constant: another point of the vehicle, another datum, another height."""
+"""Constant difference to a reference: another point of the vehicle, another datum, another height."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from insnav.findings import Code, Finding
 from insnav.sample_statistics import rms
 from insnav.types import BoolArray, FloatArray, IntArray, Trajectory
 
-FEWEST = 100  # epochs; fewer tell nothing
-BLOCKS = 10  # of the jackknife: errors of neighbouring epochs are alike
-TURNED = 0.3  # smallest change of the direction, as the RMS distance of the mean of unit vectors from all [-]
-CLEAR = 5.0  # standard deviations beyond which another point is told ...
-LEAST = 0.05  # so far away at least [m] ...
-WORTH = 0.8  # ... if with it the difference falls to this part: a run that is metres off has offsets, too
+FEWEST = 100  # least number of epochs
+BLOCKS = 10  # of the jackknife: errors of neighbouring epochs are correlated
+TURNED = 0.3  # least direction change, as the RMS distance of unit vectors from their mean [-]
+CLEAR = 5.0  # significance of another point in standard deviations ...
+LEAST = 0.05  # ... its least distance [m] ...
+WORTH = 0.8  # ... and the largest remaining share of the difference: an inaccurate run has offsets, too
 HORIZONTAL, VERTICAL = slice(2), slice(2, 3)  # axes of a position
-GEOID = 10.0  # a mean difference of the heights that no navigation makes [m]
+GEOID = 10.0  # mean height difference that navigation errors cannot cause [m]
 LARGEST_UNDULATION = 110.0  # of EGM2008 -107 to 86 m [m]
 
 
@@ -27,22 +27,22 @@ LARGEST_UNDULATION = 110.0  # of EGM2008 -107 to 86 m [m]
 class ReferenceOffset:
     """Constant parts of the difference between a run and its reference."""
 
-    body: FloatArray  # (2,) forward, right: the point of the reference seen from that it was compared with [m]
+    body: FloatArray  # (2,) forward, right: point of the reference seen from the compared point [m]
     body_sd: FloatArray  # (2,)
-    horizontal_rms: float  # of the difference as it is [m]
+    horizontal_rms: float  # of the uncorrected difference [m]
     horizontal_rms_without: float  # with that point moved [m]
-    down: float  # mean difference of the heights, positive where the reference is the higher [m]
-    surest_down: float  # the same, epochs weighted by their stated variances: heights drift without fixes [m]
+    down: float  # mean height difference, positive if the reference is higher [m]
+    surest_down: float  # weighted by stated variances: heights drift without fixes [m]
 
     @property
     def clear(self) -> bool:
-        """Whether the point is another one, beyond doubt."""
+        """True if the point differs significantly."""
         explained = self.horizontal_rms_without < WORTH * self.horizontal_rms
         return explained and bool((np.abs(self.body) > np.maximum(LEAST, CLEAR * self.body_sd)).any())
 
     @property
     def geoid(self) -> bool:
-        """Whether heights differ by as much as ellipsoid and mean sea level do."""
+        """True if heights differ like ellipsoid and mean sea level."""
         return abs(self.surest_down) > GEOID
 
 
@@ -51,10 +51,10 @@ def reference_offset(
 ) -> ReferenceOffset | None:
     """Fit a body-fixed and a local offset to the horizontal errors.
 
-    Error = estimate - reference, so that a reference elsewhere on the vehicle makes ``-C b``; a constant of the datum
-    does not turn with it. An error of the lever arm of the run turns with it as well: `lever_sd` (3,) [m].
+    Error = estimate - reference, so that another point on the vehicle adds ``-C b``, whereas a datum offset is fixed to
+    the ground. A lever-arm error of the run also rotates with the vehicle: `lever_sd` (3,) [m].
 
-    Returns: none where there are few epochs, or the vehicle does not turn.
+    Returns: None with few epochs, or without turns.
     """
     known: BoolArray = np.asarray(np.isfinite(errors.position).all(axis=1))
     position = errors.position[known]
@@ -80,24 +80,24 @@ def reference_offset(
 
 
 def stated_weights(errors: TrajectoryErrors, axes: slice) -> FloatArray:
-    """Weight of each epoch by the standard deviation of its position that is stated, 1 that of the surest, (m,).
+    """Weight epochs by stated position standard deviation, 1 for the smallest, (m,).
 
-    What has drifted for minutes without fixes tells no constant. All are 1 where one has none.
+    Epochs after minutes without fixes get small weight. Without standard deviations all weights are 1.
     """
     sd = np.zeros(1) if errors.sd is None else np.linalg.norm(errors.sd[:, axes], axis=1)
     return np.asarray(sd.min() / sd) if (sd > 0.0).all() else np.ones(len(errors.time))
 
 
 def rows_at(track: Trajectory, time: FloatArray) -> IntArray:
-    """Row of a track at each time, or the next."""
+    """Return the row of a track at each time, or the next row."""
     return np.searchsorted(track.time, time).clip(max=len(track.time) - 1)
 
 
 def jackknifed(terms: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Fit k unknowns to pairs of values ``(n, 2)`` by their `terms` ``(n, 2, k)``, with standard deviations.
 
-    These are of a jackknife over ten parts of the drive, as errors are alike for long (Efron and Tibshirani, "An
-    Introduction to the Bootstrap", 1993, chapter 11).
+    The jackknife uses ten parts of the drive, as errors are correlated (Efron and Tibshirani, "An Introduction to the
+    Bootstrap", 1993, chapter 11).
     """
     normal, right = np.swapaxes(terms, 1, 2) @ terms, np.einsum("nij,ni->nj", terms, values)
     parts = np.array_split(np.arange(len(values)), BLOCKS)
@@ -109,7 +109,7 @@ def jackknifed(terms: FloatArray, values: FloatArray) -> tuple[FloatArray, Float
 
 
 def offset_findings(found: ReferenceOffset, taken: FloatArray) -> list[Finding]:
-    """What it is, and what to do about it; `taken` (3,): the point compared with, from the IMU [m]."""
+    """Report offsets and advice. `taken` (3,): compared point, from the IMU [m]."""
     findings = []
     if found.clear:
         x, y = taken[:2] + found.body

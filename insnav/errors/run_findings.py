@@ -1,6 +1,6 @@
-"""Assess a finished run: what makes it worse than it states, and what was taken for granted, most important first.
+"""Assessment of a finished run: problems beyond its stated uncertainty, and assumptions, most important first.
 
-A `insnav.result.Result` holds all findings in this order; pages and the terminal choose from them by severity.
+`insnav.result.Result` holds all findings in this order; pages and the terminal select them by severity.
 """
 
 from __future__ import annotations
@@ -34,20 +34,20 @@ from insnav.tabular import runs_of
 from insnav.types import FloatArray, Run, Trajectory
 from insnav.units import DEG
 
-HOLDS = 0.95  # share of errors inside 3 sd that needs no word
+HOLDS = 0.95  # share of errors inside 3 sd without a finding
 _LARGEST_SCALE = LARGEST["scale_factor"]["accel"]
-_MANY = 0.1  # share of rejected fixes that wants an explanation
-_MOST, _ONE_ROW = 0.5, 0.8  # the same where so large a part of them is one row: a fault that ended
-_ROW, _ROW_TIME = 3, 1.9  # rejected fixes in a row, and over so long [s], that are more than chance
-_LONG_GAP = 1.0  # of samples [s]: a car turns and brakes in it
-_EXPLAINED = 0.5  # part of the epochs outside 3 sd that a constant difference must not leave, to be their cause
-_AT_THE_LIMIT = 0.99  # part of the largest scale factor error that was looked for, where fixes and IMU do not fit
-_ACROSS = 0.02  # part of what is about the other axes that such sensors show, too [-]
-_TURN_ON = 2.0  # times the turn-on bias of such an IMU, that is none: clean drives have 1.4, of navigation grade 4 [-]
-_ALONG, _MOVING = 0.5, 3.0  # resultant of what has no axis along the course, clean drives have 0.84 [-]; where, [m/s]
-_UNUSED = 0.3  # part of the fixes that may lie before the start of navigation unsaid
-_TURNED = 5.0 * DEG  # that headings in a rest may be off unseen [rad]
-_PACE = 1.0  # over which turns and accelerations are those of the motion, not of vibration [s]
+_MANY = 0.1  # share of rejected fixes that requires an explanation
+_MOST, _ONE_ROW = 0.5, 0.8  # limits if this share of the rejected fixes is one run: a fault that ended
+_ROW, _ROW_TIME = 3, 1.9  # length of a run of rejected fixes, and its duration [s], beyond chance
+_LONG_GAP = 1.0  # of samples [s]: a car may turn and brake in it
+_EXPLAINED = 0.5  # largest remaining share of epochs outside 3 sd, if a constant difference is their cause
+_AT_THE_LIMIT = 0.99  # share of the search limit of scale factors, if fixes and IMU disagree
+_ACROSS = 0.02  # share of the signal about other axes that such sensors sense [-]
+_TURN_ON = 2.0  # multiple of the turn-on bias beyond plausibility: clean drives have 1.4, of navigation grade 4 [-]
+_ALONG, _MOVING = 0.5, 3.0  # resultant of a heading unrelated to the course, clean drives have 0.84 [-]; above [m/s]
+_UNUSED = 0.3  # share of the fixes before the start of navigation without a finding
+_TURNED = 5.0 * DEG  # unnoticed heading error at rest [rad]
+_PACE = 1.0  # averaging time of turns and accelerations, against vibration [s]
 _LOST = {
     Code.IMU_SATURATED: Code.RUN_SATURATED,
     Code.IMU_LIMITED: Code.RUN_LIMITED,
@@ -58,9 +58,9 @@ _LOST = {
 
 
 def judged(result: Result[Any], run: EvaluatedRun) -> Result[Any]:
-    """Give a result with the findings about its run, and with all findings in order of importance.
+    """Add the findings about its run to a result, and sort all findings by importance.
 
-    `result`: its findings are those of the drive, the filter and the reference.
+    `result`: with the findings of the drive, the filter and the reference.
     """
     taken = [each for each in result.findings if each.severity is Severity.ASSUMPTION]
     of_files = [each for facts in result.inputs.values() for each in facts.evidence]
@@ -76,7 +76,7 @@ def judged(result: Result[Any], run: EvaluatedRun) -> Result[Any]:
 
 
 def run_warnings(found: EvaluatedRun) -> tuple[Finding, ...]:
-    """Warn of what makes a solution worse than it states, most important first."""
+    """Report problems that make a solution worse than stated, most important first."""
     stated, same = found.errors_on_clock, found.reference_is_gps
     modes = "filtered", "smoothed"
     too_sure = [each for mode in modes for each in overconfident(mode, stated.get(mode), same_data=same)]
@@ -102,7 +102,7 @@ def run_warnings(found: EvaluatedRun) -> tuple[Finding, ...]:
 
 
 def file_warnings(result: Result[Any]) -> tuple[Finding, ...]:
-    """Warn of files that are cut off, of one that covers only a part of the other, and of what is wrong in a drive."""
+    """Report truncated files, partly overlapping files, and problems of a drive."""
     both = {"imu", "gps"} <= result.inputs.keys()
     return (
         *of_code(result.findings, Code.ROWS_CUT),
@@ -113,11 +113,11 @@ def file_warnings(result: Result[Any]) -> tuple[Finding, ...]:
 
 
 def event_warnings(run: Run) -> tuple[list[Finding], list[Finding]]:
-    """Give what cannot be right in fixes and samples, and what cannot in the reference."""
+    """Split findings into implausible fixes and samples, and implausible references."""
     begun = run.solution.time[0] + 1.0
     elsewhere = SUMMED | {Code.ROWS_CUT}
     serious = [event for event in run.events if event.severity >= Severity.WARNING and event.code not in elsewhere]
-    # what is so all along, from the start, is a remark beside what went wrong somewhere
+    # a problem from the start is less serious than a later fault
     serious.sort(key=lambda event: not event.begin >= begun)
     of_drive = [event for event in serious if event.subject != "ref"]
     resets = list(of_code(run.events, Code.FILTER_RESET))
@@ -134,7 +134,7 @@ def _no_heights(found: EvaluatedRun) -> Iterator[Finding]:
 
 
 def _begun_late(run: Run) -> Iterator[Finding]:
-    """A start long after the first fix, before which there is no solution: the drive did not tell the attitude."""
+    """Report a start long after the first fix: the drive did not determine the attitude before."""
     outside = of_code(run.events, Code.GPS_OUTSIDE)
     early = sum(event.value for event in outside if event.begin <= run.solution.time[0])
     every = early + run.innovations.time.size
@@ -143,7 +143,7 @@ def _begun_late(run: Run) -> Iterator[Finding]:
 
 
 def _samples_lost(run: Run) -> Iterator[Finding]:
-    """Samples that were no measurement, or missing for long: nothing but the uncertainty knows what happened there."""
+    """Report invalid samples, and long data gaps: only the uncertainty covers these times."""
     lost: dict[tuple[Code, str], list[Finding]] = {}
     for event in of_code(run.events, *_LOST):
         if event.code is not Code.ROWS_GAP or (event.subject == "imu" and event.value > _LONG_GAP):
@@ -154,7 +154,7 @@ def _samples_lost(run: Run) -> Iterator[Finding]:
 
 
 def _many_rejected(run: Run) -> Iterator[Finding]:
-    """So many fixes rejected that the fixes are hardly to blame, and nothing that names them."""
+    """Report a large number of rejected fixes without a known cause: the fixes are hardly to blame."""
     fixes = run.innovations
     named = {event.code for event in run.events}
     shares: dict[str, Any] = {}
@@ -182,13 +182,13 @@ def _many_rejected(run: Run) -> Iterator[Finding]:
 
 
 def _late(run: Run) -> Iterator[Finding]:
-    """Clocks of samples and fixes so far apart that the time of the solution is a question."""
+    """Report clocks of samples and fixes that differ too much for a definite solution time."""
     if delay := delay_shown(run):
         yield Finding.of(Code.RUN_LATE_FIXES, subject="gps", delay_s=delay)
 
 
 def overconfident(name: str, errors: TrajectoryErrors | None, *, same_data: bool) -> list[Finding]:
-    """The reference is outside 3 sd much more often than it should be; `name`: of the solution."""
+    """Report errors outside 3 sd far more often than expected. `name`: of the solution."""
     position = None if errors is None else (nees(errors) or {}).get("position")
     if errors is None or not position or position["inside_3_sd"] >= HOLDS:
         return []
@@ -210,9 +210,9 @@ def _diverged(run: Run) -> Iterator[Finding]:
 
 
 def _turned_at_rest(run: Run) -> Iterator[Finding]:
-    """A long rest whose mean rate the drive contradicts: a steady turn looks like a bias of the gyros.
+    """Report a long stationary period whose mean rate the drive contradicts: a steady turn resembles gyro bias.
 
-    What is compared is the bias about down in the minutes after the vehicle has left.
+    The comparison uses the bias about down in the minutes after departure.
     """
     at, errors = run.alignment, (run.smoothed or run).sensor_errors
     after = (errors.time > at.left) & (errors.time < at.left + LONG_REST)
@@ -230,7 +230,7 @@ def _turned_at_rest(run: Run) -> Iterator[Finding]:
 
 
 def _turned_in_place(track: Trajectory) -> Iterator[Finding]:
-    """A vehicle that rolls, and turns where it stands."""
+    """Report a wheeled vehicle that turns while stationary."""
     turn = turned_in_place(track)
     if turn is not None:
         begin, end, angle = turn
@@ -238,13 +238,13 @@ def _turned_in_place(track: Trajectory) -> Iterator[Finding]:
 
 
 def _lost_heading(found: EvaluatedRun) -> Iterator[Finding]:
-    """A heading that turns about the course, with a gyro bias that such an IMU does not have.
+    """Report a heading that rotates relative to the course, with an implausible gyro bias.
 
-    What drives forward and backward, or flies in wind, has its course near an axis: doubled angles have a long mean
-    resultant (K. V. Mardia, P. E. Jupp, "Directional Statistics", Wiley 2000, 1.1). Drones may turn: the bias tells.
+    A vehicle that reverses or flies in wind has its course near an axis: doubled angles have a long mean resultant (K.
+    V. Mardia, P. E. Jupp, "Directional Statistics", Wiley 2000, 1.1). Drones may turn: only the bias decides.
     """
     alignment = found.run.alignment
-    at_rest = alignment.gyro_bias if alignment.static is not None else np.zeros(3)  # seen before, and no doubt of it
+    at_rest = alignment.gyro_bias if alignment.static is not None else np.zeros(3)  # observed at rest, so certain
     bias = np.max(np.abs(found.run.sensor_errors.value[-1:, :3] - at_rest), initial=0.0)
     usual = [figure.prior for figure in found.noise.figures if figure.key == "gyro.bias"] if found.noise else []
     if not (usual and bias > _TURN_ON * usual[0]):
@@ -257,9 +257,9 @@ def _lost_heading(found: EvaluatedRun) -> Iterator[Finding]:
 
 
 def _impossible_scale(run: Run) -> Iterator[Finding]:
-    """A scale factor surely beyond what a sensor, and this IMU, has: the state stands for what the model lacks.
+    """Report a scale factor significantly beyond the sensor type: the state absorbs a model error.
 
-    An axis about which, or along which, little happens shows no scale factor, but what it senses of the others.
+    An axis with little signal determines no scale factor, but senses cross-axis signals.
     """
     if len(run.sensor_errors.time) == 0:
         return
@@ -278,7 +278,7 @@ def _impossible_scale(run: Run) -> Iterator[Finding]:
 
 
 def _motion(track: Trajectory) -> FloatArray:
-    """Root mean square of turning rate [rad/s] and acceleration [m/s^2] about and along the axes of the body, (6,)."""
+    """Compute RMS turn rate [rad/s] and acceleration [m/s^2] about and along the body axes, (6,)."""
     track = track.rows(np.unique(np.searchsorted(track.time, np.arange(track.time[0], track.time[-1], _PACE))))
     c, step = dcm_from_rph(track.rph), np.diff(track.time)[:, None]
     turned = np.swapaxes(c[:-1], 1, 2) @ c[1:]
@@ -288,7 +288,7 @@ def _motion(track: Trajectory) -> FloatArray:
 
 
 def _not_given(result: Result[Any], found: EvaluatedRun) -> Iterator[Finding]:
-    """Assumptions about what neither the user nor the data say."""
+    """Report assumptions where neither user nor data provide a value."""
     run, errors = found.run, found.errors
     given = {name for name, value in result.options.items() if value is not None}
     point_known = "ref_lever_arm" in given or any(of_code(run.events, Code.REF_HEADING_MISREAD, Code.REF_TILT_MISREAD))

@@ -1,9 +1,9 @@
-"""Error oscillations of a stationary inertial navigator over a day: closed form, and their periods in a record.
+"""Error oscillations of a stationary inertial navigator over a day: closed form, and periods in a record.
 
-The error of a level, north-pointing navigator, vertical channel off, has two parts. The axes of the
-computed inertial frame, with the error ``psi``, turn with the Earth once a day and at the drift of the gyros. And the
-horizontal position swings about where these axes and the accelerometers draw it, as a Foucault pendulum of the length
-of the Earth's radius would: once in 84 minutes, in a plane that turns at the Earth's rate times the sine of latitude.
+The error of a level, north-pointing navigator without vertical channel has two parts. The axes of the computed inertial
+frame, with the error ``psi``, rotate with the Earth once a day and with the gyro drift. The horizontal position
+oscillates about the equilibrium of these axes and the accelerometers. This is a Foucault pendulum of the length of the
+Earth's radius, with a period of 84 minutes. Its plane rotates at the Earth's rate times the sine of latitude.
 
 References
 ----------
@@ -24,8 +24,8 @@ from insnav.exceptions import ConfigError, InputError
 from insnav.gimbal import PlatformErrors
 from insnav.types import FloatArray
 
-FAINT = 0.01  # a motion smaller than this part of the whole has no period to measure
-SEARCH = 0.1  # periods are looked for within this part of those expected
+FAINT = 0.01  # a smaller motion, relative to the whole, has no measurable period
+SEARCH = 0.1  # relative search range around the expected periods
 ComplexArray = NDArray[np.complex128]
 SHORTEST_RECORD = 0.5  # of a day: a shorter record does not separate the slow oscillations
 
@@ -35,8 +35,8 @@ class Periods:
     """Periods of the error oscillations [s]."""
 
     schuler: float  # of the pendulum of the Earth's radius, about ``2 pi sqrt(R / g)``
-    foucault: float  # in which the plane of that swing turns once
-    earth: float | None  # of the Earth's rotation; None if the record does not show it
+    foucault: float  # of the rotation of the oscillation plane
+    earth: float | None  # of the Earth's rotation; None if not observable
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,20 +47,20 @@ class StaticErrors:
     # (n, 2) North, East [m], [m/s]
     position: FloatArray
     velocity: FloatArray
-    tilt: FloatArray  # (n, 3) turn from the true North, East, Down to the navigator's axes [rad]
+    tilt: FloatArray  # (n, 3) rotation from the true North, East, Down to the navigator's axes [rad]
 
 
 def periods(lat: float, height: float) -> Periods:
-    """Periods of the error oscillations of a stationary navigator.
+    """Compute periods of the error oscillations of a stationary navigator.
 
     `lat`, `height`: latitude [rad] and height [m].
-    Raises: ConfigError: on the equator, where the plane of the swing does not turn.
+    Raises: ConfigError: on the equator, where the oscillation plane does not rotate.
 
     Notes
     -----
     ``s^4 + (k_N + k_E + 4 W^2 sin^2(L)) s^2 + k_N k_E = 0`` with ``k = g / R`` of north and east has the roots
-    ``+- i (p +- q)``, ``p^2 = W^2 sin^2(L) + (sqrt(k_N) + sqrt(k_E))^2 / 4`` the rate of the swing and
-    ``q^2 = W^2 sin^2(L) + (sqrt(k_N) - sqrt(k_E))^2 / 4`` that of its plane: on a sphere the Foucault rate
+    ``+- i (p +- q)``. ``p^2 = W^2 sin^2(L) + (sqrt(k_N) + sqrt(k_E))^2 / 4`` is the oscillation rate and
+    ``q^2 = W^2 sin^2(L) + (sqrt(k_N) - sqrt(k_E))^2 / 4`` the rate of its plane. On a sphere q is the Foucault rate
     ``W sin(L)``, on the ellipsoid 0.02 % more at latitude 45 and 1.3 % at latitude 10.
     """
     rate, swing = _pendulum(lat, height)
@@ -70,23 +70,22 @@ def periods(lat: float, height: float) -> Periods:
 
 
 def static_errors(time: FloatArray, lat: float, height: float, errors: PlatformErrors) -> StaticErrors:
-    """Errors of a level, north-pointing navigator at rest with the vertical channel off, in closed form.
+    """Compute errors of a level, north-pointing navigator at rest without vertical channel, in closed form.
 
-    `time` (n,): times since the start [s]; `lat`, `height`: latitude [rad] and height [m] of the place; `errors`: tilt
-    and heading error at the start, drift and bias, all constant; position and velocity start right.
+    `time` (n,): times since the start [s]. `lat`, `height`: latitude [rad] and height [m]. `errors`: initial tilt and
+    heading error, constant drift and bias; initial position and velocity are exact.
 
     Notes
     -----
-    Exact to first order in the errors, but for what gravity's component to the north does above the ellipsoid: at 5 km
-    2e-4 of the velocity after a day. With ``psi = phi - dtheta``, phi the tilt and dtheta the error of position as a
-    rotation, ``psi' = -w_ie x psi + d``; and with ``k = g / R``, R the radius of the meridian for north and the
-    transverse one for east,
+    Exact to first order in the errors, except for the north component of gravity above the ellipsoid: at 5 km 2e-4 of
+    the velocity after a day. With ``psi = phi - dtheta``, tilt phi and position error dtheta as a rotation,
+    ``psi' = -w_ie x psi + d``. With ``k = g / R``, meridian radius R for north and transverse radius for east,
 
         ``x_N'' + 2 W sin(L) x_E' + k_N x_N =  g psi_E + b_N``
         ``x_E'' - 2 W sin(L) x_N' + k_E x_E = -g psi_N + b_E``.
 
-    The first has a solution with terms 1, t, cos(W t), sin(W t); each gives a term of the solution of the second, and
-    the pendulum's own two swings make position and velocity zero at the start.
+    The first equation has a solution with terms 1, t, cos(W t), sin(W t). Each gives a term of the second solution. The
+    pendulum's two free oscillations make initial position and velocity zero.
     """
     t = np.asarray(time, dtype=float)
     lat = float(lat)
@@ -110,13 +109,13 @@ def static_errors(time: FloatArray, lat: float, height: float, errors: PlatformE
 
     stiffness = np.diag(g / radius)
     turning = 2.0 * omega * np.sin(lat) * np.array([[0.0, 1.0], [-1.0, 0.0]])
-    # what is forced: steady + ramp t + the real part of daily exp(i W t)
+    # forced part: steady + ramp t + the real part of daily exp(i W t)
     ramp = np.linalg.solve(stiffness, pull(slope))
     steady = np.linalg.solve(stiffness, pull(constant) + errors.bias[:2] - turning @ ramp)
     daily = np.linalg.solve(stiffness - omega**2 * np.eye(2) + 1j * omega * turning, pull(cosine - 1j * sine))
     forced = steady + ramp * t[:, None] + daily * np.exp(1j * phase)
     forced_rate = ramp + 1j * omega * daily * np.exp(1j * phase)
-    # the own swings, which begin as minus what is forced
+    # free oscillations, whose initial values cancel the forced part
     own, shape = np.linalg.eig(np.block([[np.zeros((2, 2)), np.eye(2)], [-stiffness, -turning]]))
     size = np.linalg.solve(shape, -np.concatenate([(steady + daily).real, (ramp + 1j * omega * daily).real]))
     swing = ((size * np.exp(np.outer(t, own))) @ shape.T).real
@@ -128,17 +127,17 @@ def static_errors(time: FloatArray, lat: float, height: float, errors: PlatformE
 
 
 def measured_periods(time: FloatArray, position: FloatArray, lat: float, height: float) -> Periods:
-    """Periods found in a record of position errors at rest, by least squares.
+    """Measure periods in a record of position errors at rest, by least squares.
 
-    `time` (n,): since the start [s]; `position` (n, 2): error North, East [m]; `lat`, `height`: latitude [rad] and
-    height [m]: where the search begins.
+    `time` (n,): since the start [s]. `position` (n, 2): error North, East [m]. `lat`, `height`: latitude [rad] and
+    height [m] for the initial guess.
     Raises: InputError: the record is shorter than half a day.
 
     Notes
     -----
-    ``x_N + i x_E`` is fitted by a constant, a ramp and six circular motions, four of the swing and two of the Earth's
-    rate; the three rates are free within a tenth, and so are all amplitudes. Nothing of the closed form's amplitudes
-    is used. An accelerometer bias alone makes no motion at the Earth's rate, which then has no period.
+    The fit of ``x_N + i x_E`` has a constant, a ramp and six circular motions: four of the pendulum and two at the
+    Earth's rate. The three rates are free within a tenth, and all amplitudes are free. It uses nothing of the closed
+    form's amplitudes. An accelerometer bias alone causes no motion at the Earth's rate, which then has no period.
     """
     if time[-1] - time[0] < SHORTEST_RECORD * 86400.0:
         raise InputError(
@@ -168,7 +167,7 @@ def measured_periods(time: FloatArray, position: FloatArray, lat: float, height:
 
 
 def _pendulum(lat: float, height: float) -> tuple[float, float]:
-    """Rate at which the plane of the swing turns, and of the swing as seen from it [rad/s]."""
+    """Compute the rotation rate of the oscillation plane, and the oscillation rate in that plane [rad/s]."""
     rate = OMEGA_EARTH * float(np.sin(lat))
     north, east = np.sqrt(gravity_n(lat, height)[2] / (np.array(radii(lat)) + height))
     turning = np.sqrt(rate**2 + 0.25 * (north - east) ** 2)

@@ -1,4 +1,4 @@
-"""How far the short-duration mechanization is from the full one, in windows all over a drive."""
+"""Difference of the short-duration and the full mechanization, in windows of a drive."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from insnav.strapdown import navigate_short
 from insnav.types import FloatArray, ImuData, Increments, SensorErrors, Trajectory
 
 LENGTH = 60.0  # of a window [s]
-KEEP = 0.5  # between the states that are looked at [s]
+KEEP = 0.5  # interval of the compared states [s]
 
 
 @dataclass(frozen=True, slots=True)
 class ShortWindow:
-    """Short form minus full form over one window; both start from the same state."""
+    """Short form minus full form over one window, from the same state."""
 
     start: float  # time of the start [s]
     speed: float  # mean horizontal speed [m/s]
     elapsed: FloatArray  # (n,) time since the start [s]
-    # (n, 3) difference North, East, Down [m], [m/s]; the attitude of both is that of the full form
+    # (n, 3) difference North, East, Down [m], [m/s]; the attitude of both comes from the full form
     position: FloatArray
     velocity: FloatArray
-    dropped: FloatArray  # (n, 3) what the terms left out make of the position, integrated along the full form [m]
-    # (n, 3) difference of position if Earth and transport rate are dropped from the attitude too [m]
+    dropped: FloatArray  # (n, 3) position error of the omitted terms, integrated along the full form [m]
+    # (n, 3) position error if the attitude also omits Earth and transport rate [m]
     untilted: FloatArray
 
     @property
     def rest(self) -> FloatArray:
-        """Difference of position that the terms left out do not explain: Euler's rule [m], ``(n, 3)``."""
+        """Position difference that the omitted terms do not explain: Euler's rule [m], ``(n, 3)``."""
         return self.position - self.dropped
 
 
@@ -41,8 +41,8 @@ def short_windows(imu: ImuData, solution: Trajectory, sensor_errors: SensorError
     """Run both mechanizations free-inertial through successive windows of a drive.
 
     `sensor_errors`: biases and scale factors known at the start of a window, corrected in its samples.
-    Returns: windows of a minute, one after the other; those with a data gap are left out.
-    Raises: InputError: no window of the drive is without gaps, or the drive is too short for one.
+    Returns: successive windows of a minute without a data gap. Raises: InputError: the drive is too short, or every
+    window has a gap.
     """
     parts = strapdown.intervals(imu)
     inc = strapdown.increments(parts)
@@ -51,7 +51,7 @@ def short_windows(imu: ImuData, solution: Trajectory, sensor_errors: SensorError
     tolerance = strapdown.TIME_TOLERANCE
     starts = inc.time - inc.dt
     for begin in np.arange(float(solution.time[0]), float(solution.time[-1]) - LENGTH + tolerance, LENGTH):
-        # a sample earlier or later makes no difference: both forms start from the same state
+        # an index error of one sample is irrelevant: both forms start from the same state
         state = int(np.searchsorted(solution.time, begin))
         first = int(np.searchsorted(starts, solution.time[state] - tolerance))
         last = int(np.searchsorted(inc.time, starts[min(first, len(starts) - 1)] + LENGTH + tolerance))
@@ -67,10 +67,10 @@ def short_windows(imu: ImuData, solution: Trajectory, sensor_errors: SensorError
 
 
 def size_at(windows: Sequence[ShortWindow], name: str, elapsed: float) -> FloatArray:
-    """Horizontal size of a difference in each window at a time since its start.
+    """Compute the horizontal size of a difference in each window at a time since its start.
 
-    `name` {"position", "velocity", "dropped", "rest", "untilted"}; `elapsed` [s].
-    Returns: (n,): one a window [m] or [m/s].
+    `name` {"position", "velocity", "dropped", "rest", "untilted"}. `elapsed` [s].
+    Returns: (n,): per window [m] or [m/s].
     """
     rows = [int(np.argmin(np.abs(window.elapsed - elapsed))) for window in windows]
     return np.array([np.hypot(*getattr(window, name)[row, :2]) for window, row in zip(windows, rows, strict=True)])
@@ -97,14 +97,14 @@ def _compared(piece: Increments, solution: Trajectory, state: int, every: int) -
 
 
 def _integral(elapsed: FloatArray, values: FloatArray) -> FloatArray:
-    """Trapezoid from zero, the first value standing for what is before it."""
+    """Integrate by the trapezoid rule from zero, with the first value as value before it."""
     step = np.diff(elapsed, prepend=0.0)[:, None]
     before = np.concatenate([values[:1], values[:-1]])
     return np.asarray(np.cumsum(0.5 * step * (before + values), axis=0))
 
 
 def _corrected(piece: Increments, errors: SensorErrors | None, begin: float) -> Increments:
-    """Correct biases and scale factor errors as last known at the start of the window."""
+    """Correct biases and scale factor errors known at the start of the window."""
     if errors is None or len(errors.time) == 0:
         return piece
     row = max(0, int(np.searchsorted(errors.time, begin, side="right")) - 1)

@@ -1,4 +1,4 @@
-"""Loosely coupled INS/GPS: error model, gates, the filterpy engine behind its guards, and the resumable loop."""
+"""Loosely coupled INS/GPS filter: error model, gates, guarded filterpy engine and resumable loop."""
 
 from insnav.filter.error_model import ErrorModel, InitialState, error_model, initial_state
 from insnav.filter.gates import Gates

@@ -1,4 +1,4 @@
-"""How well a run agrees with its fixes: residuals from the smoothed track, likelihood, contradictions."""
+"""Agreement of a run with its fixes: residuals from the smoothed track, likelihood, contradictions."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from insnav.types import BoolArray, FloatArray, GpsData, IntArray, Run
 LIMIT = chi2_limit(3, 0.01)  # squared normalised residual of three numbers of a fix that the track supports [-]
 GROSS = chi2_limit(3, 1e-9)  # of an accepted fix: filter and smoother contradict each other [-]
 MEDIAN = chi2_limit(3, 0.5)
-LONGEST = 3.0  # fixes that the smoothed track supports may be rejected for so long [s]
-ENDS = 0.2  # a fix so little before or after the track is compared with its end [s]
-# likelihood of runs, twice its negative logarithm: from where on the NIS of a fix counts by its logarithm, what a
-# fix costs that was not used, and as much more a row of them, however long: a false one is seldom alone [-]
+LONGEST = 3.0  # longest time without use of fixes that agree with the smoothed track [s]
+ENDS = 0.2  # fixes up to this time outside the track are compared with its end [s]
+# Cost of fixes, twice the negative log-likelihood: NIS from which it grows logarithmically, cost of an unused fix, and
+# additional cost of each run of unused fixes of any length [-]. False fixes come in runs.
 LARGEST, UNUSED, EPISODE = 30.0, 10.0, 30.0
 
 
 def residuals(run: Run, gps: GpsData, settings: FilterSettings) -> tuple[FloatArray, FloatArray]:
-    """Compare fixes with the smoothed track at the antenna, velocities with that of the time they are of.
+    """Compute residuals of fixes from the smoothed track at the antenna, each velocity at its own time.
 
-    Returns: (2, n, 3) what positions and velocities are off, North, East, Down [m], [m/s]; (2, n) its square, by the
-    variance reported and smoothed: 3 on average, if both are true. ``NaN`` without a value, or outside the track.
+    Returns: (2, n, 3) position and velocity residuals, North, East, Down [m], [m/s]. (2, n) their squares normalised by
+    reported plus smoothed covariance: 3 on average, if both are true. ``NaN`` without a value, or outside the track.
     """
     assert run.smoothed is not None
     track = run.smoothed.solution
@@ -39,7 +39,7 @@ def residuals(run: Run, gps: GpsData, settings: FilterSettings) -> tuple[FloatAr
     after, lla = strapdown.between(track.time, track.lla, time)
     late, v_n = strapdown.between(track.time, track.v_n, time - settings.velocity_lag)
     antenna = lla_offset(lla, dcm_from_rph(track.rph[after]) @ run.lever_b)
-    turned = dcm_from_rph(track.rph[late]) - dcm_from_rph(track.rph[late - 1])  # the antenna swings about the IMU
+    turned = dcm_from_rph(track.rph[late]) - dcm_from_rph(track.rph[late - 1])  # the antenna moves around the IMU
     swing = turned @ run.lever_b / (track.time[late] - track.time[late - 1])[:, None]
     off = np.array([ned_offset(gps.lla, antenna), gps.v_n - v_n - swing])
     outside = (time < track.time[0] - ENDS) | (time > track.time[-1] + ENDS)
@@ -51,9 +51,9 @@ def residuals(run: Run, gps: GpsData, settings: FilterSettings) -> tuple[FloatAr
 
 
 def unlikely(run: Run, gps: GpsData, settings: FilterSettings) -> float:
-    """Twice the negative log-likelihood of all fixes against white noise of the reported standard deviations.
+    """Compute twice the negative log-likelihood of all fixes under white noise of the reported standard deviations.
 
-    A fix that was not used costs more than those that were.
+    An unused fix costs `UNUSED` in addition.
     """
     found, rows = run.innovations, rows_of(run, gps, settings)
     total = EPISODE * sum(1 for _ in of_code(run.events, Code.FILTER_RESET))
@@ -71,7 +71,7 @@ def unlikely(run: Run, gps: GpsData, settings: FilterSettings) -> float:
 
 
 def contradicted(run: Run, gps: GpsData, settings: FilterSettings) -> bool:
-    """Whether the filter reset, believed a fix that the smoothed track contradicts, or rejected many it supports."""
+    """Return whether the filter reset, accepted fixes against the smoothed track, or rejected many that agree."""
     if any(of_code(run.events, Code.FILTER_RESET)):
         return True
     gates, rows = settings.gates, rows_of(run, gps, settings)
@@ -87,12 +87,12 @@ def contradicted(run: Run, gps: GpsData, settings: FilterSettings) -> bool:
 
 
 def rows_of(run: Run, gps: GpsData, settings: FilterSettings) -> IntArray:
-    """Row of the fix of each innovation."""
+    """Return the row of the fix of each innovation."""
     return np.searchsorted(gps.time - settings.delay, run.innovations.time - 1e-6)
 
 
 def without_rejected(gps: GpsData, run: Run, settings: FilterSettings) -> GpsData:
-    """Fixes of which those whose position a run rejected are marked as none; velocities the gates decide anew."""
+    """Mark fixes as invalid where a run rejected their position; the gates test the velocities again."""
     found, rows = run.innovations, rows_of(run, gps, settings)
     fix = np.ones(gps.time.shape[0], dtype=np.int64) if gps.fix is None else gps.fix.copy()
     fix[rows[~found.used_position]] = 0
@@ -100,11 +100,11 @@ def without_rejected(gps: GpsData, run: Run, settings: FilterSettings) -> GpsDat
 
 
 def _scales(run: Run) -> FloatArray:
-    """How much larger squared innovations of position and velocity are than they should be, (2,); no less than one."""
+    """Compute the inflation factors of squared innovations of position and velocity, (2,), at least one."""
     both = [nis[np.isfinite(nis)] for nis in (run.innovations.nis_position, run.innovations.nis_velocity)]
     return np.array([max(1.0, float(np.median(nis)) / MEDIAN) if nis.size else 1.0 for nis in both])
 
 
 def stretches(time: FloatArray, chosen: BoolArray) -> list[tuple[float, float]]:
-    """First and last time of each unbroken row of chosen fixes."""
+    """Return first and last time of each unbroken sequence of chosen fixes."""
     return [(float(time[start]), float(time[stop - 1])) for start, stop in runs_of(chosen)]

@@ -1,4 +1,4 @@
-"""Aiding measurements on their way into the estimate: gated like fixes, counted, kept for the smoother."""
+"""Updates by aiding measurements: gated like fixes, counted, stored for the smoother."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from insnav.types import FloatArray, GpsData
 
 
 class AidingUpdates:
-    """Use of the aiding measurements in one estimate, from the time `start` [s] on; fixes may come with a heading."""
+    """Aiding updates of one estimate, from the time `start` [s] on; fixes may come with a heading."""
 
     def __init__(
         self, estimate: Estimate, settings: FilterSettings, record: Record, gps: GpsData, start: float
@@ -32,12 +32,12 @@ class AidingUpdates:
         self._z, self._h, self._r = np.zeros(6), np.zeros((6, estimate.at.states)), np.zeros((6, 6))
 
     def restart(self, time: float) -> None:
-        """Forget how the body turned before."""
+        """Reset the sums of the body rate."""
         self._turned[:] = 0.0
         self._last = time
 
     def turned(self, samples: Samples, first: int, last: int) -> None:
-        """Sum up how the body turned."""
+        """Sum the body rate over samples."""
         if self._every is not None:
             self._turned[:3] += samples.dtheta[first:last].sum(axis=0)
             self._turned[3] += samples.dt[first:last].sum()
@@ -48,7 +48,7 @@ class AidingUpdates:
             self._use(each, self._view(time, time, np.zeros(3)))
 
     def at_epoch(self, time: float) -> None:
-        """Use all others, at most once in the interval of the settings, and then as surely as those left out."""
+        """Use all other measurements, at most once per interval; the noise is scaled for those left out."""
         if self._every is None or time - self._last < 0.9 * self._interval:
             return
         view = self._view(self._last, time, self._turned[:3] / self._turned[3])
@@ -64,7 +64,7 @@ class AidingUpdates:
         return FilterView(begin, time, at.x, at.correction, at.motion[:3], mean_gyro, float(np.hypot(at.x[3], at.x[4])))
 
     def _use(self, measurement: Measurement, at: FilterView, noise: float = 1.0) -> bool:
-        """Use a measurement, with so much of its noise, unless its gate rejects it; whether it had anything to say."""
+        """Apply a measurement with its noise times `noise`, unless gated; return whether there was a measurement."""
         z, h, r, estimate = self._z, self._h, self._r, self._estimate
         part = measurement.observe(at, z, h)
         m = part.stop - part.start

@@ -1,4 +1,4 @@
-"""Standard deviations that hold what a record cannot decide: fixes before or after a lasting jump may be false."""
+"""Standard deviations for ambiguous records: either the fixes before or those after a lasting jump may be false."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ import numpy as np
 from insnav.findings import Code, of_code
 from insnav.types import FloatArray, Run, Trajectory
 
-LEAST = 0.2  # probability of either explanation, at least: half of three standard deviations hold it
+LEAST = 0.2  # least probability of either explanation: half of three standard deviations then covers the other
 
 
 class Jump(NamedTuple):
-    """A change of place of the fixes that lasts."""
+    """Lasting jump of the fixes."""
 
     begin: float  # [s]
     moved: FloatArray  # (3,) North, East, Down [m]
 
 
 def widen_by_jumps(run: Run, jumps: Sequence[Jump]) -> Run:
-    """Standard deviations that hold both: fixes before the first jump are true, or fixes after the last."""
+    """Widen standard deviations to cover two hypotheses: fixes before the first, or after the last jump are true."""
     assert run.smoothed is not None
     time, begin = run.smoothed.solution.time, np.array([each.begin for each in jumps])
     before, after = begin.min() - time[0], time[-1] - begin.max()
     early = float(np.clip(before / (before + after), LEAST, 1.0 - LEAST))  # probability that the fixes after are false
 
     def wider(solution: Trajectory, sd: FloatArray) -> FloatArray:
-        off = (solution.time[:, None] >= begin) @ np.array([each.moved for each in jumps])  # against those at the begin
+        off = (solution.time[:, None] >= begin) @ np.array([each.moved for each in jumps])  # relative to the first jump
         sd[:, :3] = np.sqrt(sd[:, :3] ** 2 + early * off**2 + (1.0 - early) * (off[-1] - off) ** 2)
         return sd
 
@@ -37,7 +37,7 @@ def widen_by_jumps(run: Run, jumps: Sequence[Jump]) -> Run:
 
 
 def resets_of(run: Run) -> tuple[Jump, ...]:
-    """Resets as jumps of the fixes from the first of those that were rejected on."""
+    """Return resets as jumps of the fixes, from the first rejected fix on."""
     found, jumps = run.innovations, list[Jump]()
     for reset in of_code(run.events, Code.FILTER_RESET):
         row = int(np.searchsorted(found.time, reset.begin - 1e-6))
@@ -47,7 +47,7 @@ def resets_of(run: Run) -> tuple[Jump, ...]:
 
 
 def with_wider_sd(run: Run, wider: Callable[[Trajectory, FloatArray], FloatArray]) -> Run:
-    """A run with other standard deviations, filtered and smoothed."""
+    """Replace the standard deviations of a run, filtered and smoothed."""
 
     def changed(solution: Trajectory) -> Trajectory:
         assert solution.sd is not None

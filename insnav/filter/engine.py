@@ -1,7 +1,7 @@
 """filterpy's Kalman filter behind guards.
 
-filterpy checks nothing: one NaN, one wrong shape or one negative variance spoils all that follows, silently. Nothing
-enters or leaves here unchecked.
+filterpy checks nothing: one NaN, one wrong shape or one negative variance silently corrupts all later results. All
+input and output is checked here.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from insnav.exceptions import DivergenceError
 from insnav.kernels.gps_measurement import NOT_FINITE, fault_of, inverse, measurement_fault
 from insnav.types import FloatArray
 
-MAX_REPAIRS = 10  # rounding costs one or two in hours; more are a defect of model or data
-# filterpy imports all its parts at once; scipy.stats and scipy.linalg for these take half a second; no run does
+MAX_REPAIRS = 10  # rounding causes one or two in hours; more indicate a defect of model or data
+# filterpy imports all its parts, and for them scipy.stats and scipy.linalg, in half a second; no run needs these
 with deferred("filterpy.discrete_bayes", "filterpy.stats", "scipy.linalg"):
     KalmanFilter: Any = import_module("filterpy.kalman").KalmanFilter
 
@@ -29,7 +29,7 @@ class Engine:
         n = covariance.shape[0]
         self._filter = KalmanFilter(dim_x=n, dim_z=6)
         self._filter.P = covariance.copy()
-        # numpy's inverse takes longer than the whole rest of an update with three numbers
+        # numpy's inverse takes longer than the rest of an update with three numbers
         self._filter.inv = inverse
         self._zero = np.zeros((n, 1))
         self.repairs = 0
@@ -41,9 +41,9 @@ class Engine:
         return p
 
     def predict(self, transition: FloatArray, noise: FloatArray, time: float) -> bool:
-        """Carry the covariance to `time` [s] by transition and noise, (n, n) each, accumulated since the last call.
+        """Propagate the covariance to `time` [s] by transition and noise, (n, n) each, accumulated since the last call.
 
-        Returns whether a negative variance had to be repaired.
+        Returns whether a negative variance was repaired.
 
         Raises: DivergenceError: a number that is not finite, or too many repairs.
         """
@@ -51,12 +51,12 @@ class Engine:
         return self._check(time, self._zero[:, 0])
 
     def update(self, z: FloatArray, h: FloatArray, r: FloatArray, time: float) -> tuple[FloatArray, bool]:
-        """Use a measurement: predicted minus measured, (m,), its derivative by the error state, (m, n), its covariance.
+        """Apply a measurement: predicted minus measured, (m,), its derivative, (m, n), and its covariance.
 
-        Returns: `error` (n,): estimated error, for the caller to correct the state by.
-        Raises: DivergenceError: as `predict`; also where the measurement is not finite or its covariance not positive.
+        Returns: `error` (n,): estimated error, to subtract from the state.
+        Raises: DivergenceError: as in `predict`; also if the measurement is not finite or its covariance not positive.
         """
-        r = np.ascontiguousarray(r)  # one kind of array, one kernel
+        r = np.ascontiguousarray(r)  # one memory layout, one compiled kernel
         if measurement_fault(z, h, r):
             raise DivergenceError(
                 "filter.bad_measurement", where=f"t = {time:.3f} s", innovation=str(z), variance=str(np.diagonal(r))
@@ -79,7 +79,7 @@ class Engine:
         self.repairs += 1
         if self.repairs > MAX_REPAIRS:
             raise DivergenceError("filter.no_variance", where=f"t = {time:.3f} s", count=self.repairs)
-        # in units of each state's own standard deviation, or the largest would set the floor for all
+        # relative to each state's own standard deviation: a common floor would follow the largest
         scale = np.sqrt(np.abs(np.diagonal(self._filter.P)))
         live = scale > 0.0
         unit = np.where(live, scale, 1.0)

@@ -1,4 +1,4 @@
-"""From the IMU error specification and an alignment to the noise and the initial covariance of the filter."""
+"""Noise and initial covariance of the filter from the IMU error specification and an alignment."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from insnav.imu.specification import ImuSpec, SensorSpec, level_bias, noise_of, 
 from insnav.kernels.errorstate import STATES
 from insnav.types import Alignment, FloatArray
 
-# Misalignment is not a state: much of it shows as scale factor or bias. What is left makes angle and velocity errors in
-# proportion to rate and acceleration; as noise, their squares times the length of a manoeuvre [s].
+# Misalignment is not a state: most of it appears as scale factor or bias. The remainder makes angle and velocity errors
+# proportional to rate and acceleration, as noise: their squares times the length of a manoeuvre [s].
 MANOEUVRE = 1.0
 
 
@@ -22,18 +22,18 @@ MANOEUVRE = 1.0
 class ErrorModel:
     """Noise of the error-state filter."""
 
-    # (20,) spectral densities: gyro [rad^2/s] and accelerometer [m^2/s^3] white noise, then the noise driving gyro
-    # bias, accelerometer bias, gyro scale factor, accelerometer scale factor; then misalignment, see `MANOEUVRE`
+    # (20,) spectral densities: gyro [rad^2/s] and accelerometer [m^2/s^3] white noise, driving noise of gyro bias,
+    # accelerometer bias, gyro and accelerometer scale factor. Then misalignment, see `MANOEUVRE`
     noise: FloatArray
     decay: FloatArray  # (12,) inverse correlation time of the twelve sensor errors [1/s]
     sd: FloatArray  # (12,) initial standard deviation of each sensor error
-    # (3,) misalignment of the sensors, whose attitude the filter finds, against the IMU [rad]: roll and pitch of the
-    # accelerometers, heading of the gyros. It is not a state.
+    # (3,) misalignment between the sensor axes, whose attitude the filter estimates, and the IMU [rad]: roll and pitch
+    # of the accelerometers, heading of the gyros. It is not a state.
     axes_sd: FloatArray = field(default_factory=lambda: np.zeros(3))
 
     @property
     def states(self) -> int:
-        """21, or 15 where scale factor errors are zero and known."""
+        """Number of states: 21, or 15 with scale factor errors that are known to be zero."""
         return STATES if self.sd[6:].any() else STATES - 6
 
 
@@ -42,19 +42,19 @@ class InitialState:
     """Initial state and covariance."""
 
     time: float  # [s]
-    # (3,) latitude, longitude [rad], height [m]; velocity N, E, D [m/s]; roll, pitch, heading [rad], at the IMU
+    # (3,) latitude, longitude [rad], height [m]. Velocity N, E, D [m/s]. Roll, pitch, heading [rad], at the IMU
     lla: FloatArray
     v_n: FloatArray
     rph: FloatArray
     gyro_bias: FloatArray  # (3,) first estimate of the gyro bias [rad/s]
     covariance: FloatArray  # (21, 21) of the error states; see `insnav.kernels.errorstate`
-    own: FloatArray  # (3,) variance of the attitude besides what sensor errors make of it
-    from_fix: bool = False  # the position is that of a fix, with its errors
+    own: FloatArray  # (3,) variance of the attitude, without the share of sensor errors
+    from_fix: bool = False  # the position comes from a fix and has its errors
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Where the filter goes on after a gap."""
+    """Point where the filter continues after a gap."""
 
     after: float  # time of the last sample before the gap [s]
     alignment: Alignment
@@ -68,20 +68,20 @@ class FilterState:
     time: float  # [s]
     x: FloatArray  # (10,) position, velocity, quaternion; see `insnav.kernels.mechanization`
     correction: FloatArray  # (12,) estimated sensor errors; see `insnav.kernels.errorstate`
-    delay: float  # estimated GPS delay, beyond the one given [s]
+    delay: float  # estimated GPS delay, in addition to the specified delay [s]
     lag: float  # of velocities behind positions [s]
     correlated: FloatArray  # (3,) estimated time-correlated GPS position error, North, East, Down [m]
     lever_b: FloatArray  # (3,) antenna seen from the IMU, body axes [m]
-    shaken_b: FloatArray  # (3,) the same as vibration moves it, for the receiver [m]
+    shaken_b: FloatArray  # (3,) additional lever arm by which vibration moves the antenna, for the receiver [m]
     motion: FloatArray  # (6,) body rate [rad/s] and acceleration in n [m/s^2]
     covariance: FloatArray  # (n, n) of the error states
 
 
 def _bias(sensor: SensorSpec, turn_on: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Noise density, inverse correlation time and standard deviation of turn-on and in-run bias as one state.
+    """Combine turn-on and in-run bias into one state: noise density, inverse correlation time, sd.
 
-    The in-run Gauss-Markov process keeps its driving noise, ``2 sd^2 / T``; the correlation time is stretched so that
-    the stationary variance is that of both together. A turn-on bias then does not fade away within `T`.
+    The in-run Gauss-Markov process keeps its driving noise, ``2 sd^2 / T``. A longer correlation time gives the
+    stationary variance of both together. A turn-on bias then does not fade within `T`.
     """
     in_run = noise_of(sensor, "Gauss-Markov")
     sd = np.hypot(turn_on, in_run)
@@ -91,15 +91,15 @@ def _bias(sensor: SensorSpec, turn_on: FloatArray) -> tuple[FloatArray, FloatArr
 
 
 def _scale(sensor: SensorSpec) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Scale factor error as a Gauss-Markov process with the correlation time of the bias: temperature moves both."""
+    """Model scale factor error as a Gauss-Markov process with the bias's correlation time: temperature drives both."""
     decay = np.full(3, 1.0 / sensor.correlation_time)
     return 2.0 * sensor.scale_factor**2 * decay, decay, sensor.scale_factor
 
 
 def error_model(spec: ImuSpec, states: int) -> ErrorModel:
-    """Filter noise of an IMU with Gauss-Markov sensor errors (Groves 2013, section 14.2.6).
+    """Build the filter noise of an IMU with Gauss-Markov sensor errors (Groves 2013, section 14.2.6).
 
-    With 15 `states`, not 21, scale factor errors are taken as zero and known.
+    With 15 `states`, scale factor errors are zero.
     """
     parts = [
         _bias(spec.gyro, spec.gyro.bias),
@@ -127,15 +127,15 @@ def initial_state(
     own: FloatArray | None = None,
     from_fix: bool = False,
 ) -> InitialState:
-    """State and covariance from an alignment, a position and a velocity with their standard deviations [m], [m/s].
+    """Build state and covariance from an alignment, a position and a velocity, with sds [m], [m/s].
 
-    Levelling hides the accelerometer bias in the tilt, and gyrocompassing the gyro bias in the heading: their sum is
-    zero. The covariance holds both as correlations. The gyro bias is the mean of zero, as the specification has it, and
-    what the alignment has seen, each by its variance. `own`: variance of the attitude besides what sensor errors make
-    of it (3,), in place of that of the alignment.
+    Levelling compensates accelerometer bias by tilt, and gyrocompassing compensates gyro bias by heading: the sums are
+    zero. The covariance contains these correlations. The gyro bias is the weighted mean of zero (specification) and the
+    alignment's estimate. `own` (3,): variance of the attitude without the share of sensor errors, instead of the
+    alignment's.
     """
     sd = model.sd.copy()
-    seen = 1.0 / (1.0 + (alignment.gyro_bias_sd / np.maximum(sd[:3], 1e-15)) ** 2)  # its share of the mean
+    seen = 1.0 / (1.0 + (alignment.gyro_bias_sd / np.maximum(sd[:3], 1e-15)) ** 2)  # weight of the alignment
     sd[:3] *= np.sqrt(1.0 - seen)
     p = np.zeros((STATES, STATES))
     p[:9, :9] = np.diag(np.concatenate([position_sd, velocity_sd, alignment.sd]) ** 2)

@@ -1,4 +1,4 @@
-"""State, covariance and the history for the smoother, changed only together: predict, correct, restart."""
+"""State, covariance and smoother history, changed only together: predict, correct, restart."""
 
 from __future__ import annotations
 
@@ -25,31 +25,31 @@ from insnav.strapdown import TIME_TOLERANCE
 from insnav.types import Alignment, FloatArray, StateChange
 
 SUBSTEP = 0.1  # longest sub-step of transition and noise: a car turns by less than 6 deg in it [s]
-# unseen change of rate [rad/s^2] and specific force [m/s^3] in a gap, and the most assumed of it [rad], [m/s]
+# unseen change of rate [rad/s^2] and specific force [m/s^3] in a gap, and largest error assumed [rad], [m/s]
 GAP_NOISE = np.array([0.1, 0.5, 0.3, 20.0])
-NEXT_TO_POLE = np.pi / 2 - 1.6e-4  # latitude beyond which a local-level frame is no use: 1 km from the pole [rad]
-# added at a reset: whatever led there, perhaps a bias that stepped, has tilted and turned the frame, too [rad]
+NEXT_TO_POLE = np.pi / 2 - 1.6e-4  # latitude beyond which a local-level frame is unusable: 1 km from the pole [rad]
+# added at a reset: its cause, perhaps a bias step, has also tilted and rotated the frame [rad]
 ATTITUDE_RESET_SD = np.deg2rad([6.0, 6.0, 10.0])
-BIAS_RESET_SD = np.array([*np.deg2rad([0.5, 0.5, 0.5]), 0.2, 0.2, 0.2])  # of such a step [rad/s], [m/s^2]
-VELOCITY_RESET_SD = 5.0  # velocity of a reset by fixes without velocity [m/s]
-NONE = np.empty(0)  # row of no history
-RESET_FACTOR = 3.0  # the fix of a reset follows many that were rejected: its standard deviation counts so many times
+BIAS_RESET_SD = np.array([*np.deg2rad([0.5, 0.5, 0.5]), 0.2, 0.2, 0.2])  # bias step that may cause it [rad/s], [m/s^2]
+VELOCITY_RESET_SD = 5.0  # velocity sd of a reset by fixes without velocity [m/s]
+NONE = np.empty(0)  # no history row
+RESET_FACTOR = 3.0  # factor on the sd of the fix of a reset, as it follows many rejected fixes
 
 
 @dataclass(frozen=True, slots=True)
 class Across:
-    """How a new alignment after a gap depends on the errors of the sensors.
+    """Dependence of a new alignment after a gap on the sensor errors.
 
-    What the body did in the gap is not known; what its sensors are is. The transition of position, velocity and
-    attitude is zero, and the smoother carries what later parts say of the sensors back into earlier ones.
+    The motion in the gap is unknown, but the sensor errors are known. The transition of position, velocity and attitude
+    is zero. The smoother carries later information on the sensors back into earlier parts.
     """
 
     slope: FloatArray  # (9, 12) of position, velocity, attitude error by sensor error
-    own: FloatArray  # (9, 9) covariance that has other causes
+    own: FloatArray  # (9, 9) covariance from other causes
 
     @classmethod
     def of(cls, initial: InitialState) -> Across:
-        """From the covariance of an initial state, in which the sensor errors are uncorrelated with each other."""
+        """Derive it from the covariance of an initial state with uncorrelated sensor errors."""
         p = initial.covariance
         variance = np.diag(p)[NAV:]
         slope = np.where(variance > 0.0, p[:NAV, NAV:] / np.where(variance > 0.0, variance, 1.0), 0.0)
@@ -59,10 +59,10 @@ class Across:
 class Estimate:
     """State and covariance of the filter.
 
-    `all` is what it estimates, see `insnav.kernels.epoch`, of which `x`, `correction`, `motion`, `shaken`, `lever` (3,)
-    [m] and `delay` [s] are parts; `doubt`: how sure the delay is at most, see there; `at` the indices of the states,
-    `places` the same with the number of the time-correlated ones, `span` the time since the last epoch, (1,) [s], and
-    `history` what the smoother needs. `note` records an event. `coast` is the longest time between filter epochs [s].
+    `all` is the array of all estimates, see `insnav.kernels.epoch`. Parts of it: `x`, `correction`, `motion`, `shaken`,
+    `lever` (3,) [m] and `delay` [s]. `doubt` limits the certainty of the delay, see there. `at` holds the state
+    indices, `places` adds the number of time-correlated states. `span` (1,): time since the last epoch [s]. `history`:
+    for the smoother. `note` records an event. `coast`: longest time between filter epochs [s].
     """
 
     def __init__(
@@ -99,12 +99,12 @@ class Estimate:
         self._carried = errorstate.Carried(self.x, self.correction, self.motion, np.zeros(errorstate.SUMS), self.span)
         self._phi, self._q, self._unity = np.eye(n), np.zeros((n, n)), np.eye(n)
         self._work = errorstate.scratch()
-        self.before = np.zeros(12)  # variances predicted for the last epoch
+        self.before = np.zeros(12)  # predicted variances at the last epoch
         self._rough = settings.rough
         self._changes = [change for change in settings.changes if change.time > start.time]
         begin, rest = alignment.static or (-np.inf, -np.inf)
         rest = max(rest, alignment.left)
-        part = (rest - begin) / (len(alignment.sway) + 1)  # changes are from part to part
+        part = (rest - begin) / (len(alignment.sway) + 1)  # changes occur between parts
         sway = alignment.sway**2 / part
         limit = np.array([SUBSTEP, coast, begin, rest if rest - begin >= LONG_REST else -np.inf])
         self._noise = errorstate.Model(limit, model.noise, GAP_NOISE, model.decay, sway)
@@ -113,16 +113,16 @@ class Estimate:
 
     @property
     def covariance(self) -> FloatArray:
-        """Of the error states, (n, n); do not change it."""
+        """Covariance of the error states, (n, n); do not change it."""
         return self._engine.covariance
 
     @property
     def delay(self) -> float:
-        """How much older the fixes are, beyond what was given [s]."""
+        """Delay of the fixes in addition to the specified delay [s]."""
         return float(self._clock[0])
 
     def kept(self, time: float) -> FilterState:
-        """Copy of everything, to go on from."""
+        """Copy the whole state, to continue from."""
         levers, phi = (self.lever, self.shaken), self._unity.copy()
         epoch.turn(phi, self.all.copy())
         if self.at.lever >= 0:
@@ -135,7 +135,7 @@ class Estimate:
     def propagate(
         self, samples: errorstate.Samples, first: int, last: int, close: bool, out: errorstate.Outputs
     ) -> int:
-        """Carry the state over samples from `first`, at most to `last`; see `errorstate.propagate`."""
+        """Propagate the state over samples from `first`, at most to `last`; see `errorstate.propagate`."""
         k: int = errorstate.propagate(
             *(first, last, close, *samples, *self._carried, *self._noise, self._phi, self._q, *out, *self._work)
         )
@@ -143,17 +143,17 @@ class Estimate:
 
     @property
     def surest(self) -> float:
-        """Least standard deviation of the delay that is plausible [s]: search and filter may not agree so well."""
+        """Least plausible standard deviation of the delay [s]: search and filter may disagree."""
         found: float = epoch.surest(self.all, self.doubt)
         return found
 
     def stated(self) -> FloatArray:
-        """Covariance with the delay no surer than is plausible; that of the filter makes its gains."""
+        """Covariance with a plausible standard deviation of the delay; gains use the filter's own covariance."""
         found: FloatArray = errorstate.less_sure(self.covariance, self.surest)
         return found
 
     def predict(self, time: float) -> None:
-        """Carry the covariance to `time`: a filter epoch."""
+        """Propagate the covariance to `time`: a filter epoch."""
         if abs(self.x[0]) > NEXT_TO_POLE:
             raise InputError("filter.at_pole", where=f"t = {time:.3f} s")
         at, times, sds = self.at.correlated, self._lasting_time, self._lasting_sd
@@ -169,35 +169,34 @@ class Estimate:
         epoch.predicted(row, time, self.all, self.doubt, self.covariance, self._phi, self._q, self.span, self.before)
 
     def _change(self, found: StateChange) -> None:
-        """Take a change off the state, and open the covariance for what is not known of it."""
+        """Apply a known change to the state, and increase the covariance by its uncertainty."""
         error, part = np.zeros(self.at.states), slice(found.first, found.first + 3)
         error[part] = found.change
         errorstate.feed_back(self.x, self.correction, error)
         self._q[part, part] += np.diag(np.maximum(found.variance - np.diag(self.covariance)[part], 0.0))
-        if found.first == NAV:  # it has turned the IMU for as long as from one epoch to the next
+        if found.first == NAV:  # it has rotated the IMU for a time between two epochs
             self._q[6:9, 6:9] += self._coast**2 * (found.change @ found.change + found.variance.max()) * np.eye(3)
-        if found.first >= NAV and found.change.any():  # what stepped does not fade
+        if found.first >= NAV and found.change.any():  # a stepped bias does not fade
             decay = self._noise.decay.copy()
             decay[found.first - NAV : found.first - NAV + 3] = 0.0
             self._noise = self._noise._replace(decay=decay)
 
     def epoch(self, time: float) -> None:
-        """Another epoch at the time of the last, for one more measurement."""
+        """Start another epoch at the time of the last, for a further measurement."""
         if self.history is not None:
             self.history.epoch(time, *self._seen, self._unity, self.covariance)
 
     def correct(self, time: float, z: FloatArray, h: FloatArray, r: FloatArray) -> None:
-        """Use a measurement: predicted minus measured, its derivative by the error states, its covariance."""
+        """Apply a measurement: predicted minus measured, its derivative by the error states, its covariance."""
         error, repaired = self._engine.update(z, h, r, time)
         row = NONE if self.history is None else self.history.last
         epoch.take(row, self.all, error, self.places, self._settled)
         self._note_repair(time, repaired)
 
     def restart(self, time: float, z: FloatArray, position_sd: FloatArray, velocity_sd: FloatArray | None) -> None:
-        """Set position, and velocity if its standard deviation is given, to a fix, with a covariance to match.
+        """Set position, and velocity if its standard deviation is given, to a fix, with a matching covariance.
 
-        `z` is predicted minus measured position [m] and velocity [m/s], (6,); the standard deviations are those of the
-        fix.
+        `z` (6,): predicted minus measured position [m] and velocity [m/s]. The standard deviations belong to the fix.
         """
         p = self.covariance.copy()
         error = np.zeros(p.shape[0])
@@ -218,9 +217,9 @@ class Estimate:
             self.history.restart(time, *self._seen, p)
 
     def go_on(self, start: InitialState, span: float) -> None:
-        """Go on after a gap of `span` seconds: position, velocity and attitude from a new alignment.
+        """Continue after a gap of `span` seconds: position, velocity and attitude from a new alignment.
 
-        Sensor errors, delay and lever arm stay, but for what fades; see `Across`.
+        Sensor errors, delay and lever arm are kept, apart from their decay; see `Across`.
         """
         n, sensors, across = self.at.states, slice(NAV, STATES), Across.of(start)
         phi, q = np.eye(n), np.zeros((n, n))
@@ -238,14 +237,14 @@ class Estimate:
         p[NAV:, :NAV] = p[:NAV, NAV:].T
         p[:NAV, :NAV] = across.own + across.slope @ p[sensors, sensors] @ across.slope.T
         x, c = np.concatenate([start.lla, start.v_n, quat_from_rph(start.rph)]), dcm_from_rph(start.rph)
-        # the alignment took sensor errors, delay and lever arm as they were given: by now they are known better
+        # the alignment used the specified sensor errors, delay and lever arm; the filter now has better estimates
         error = np.zeros(STATES)
         error[:NAV] = -across.slope @ (self.correction - np.concatenate([start.gyro_bias, np.zeros(9)]))
         error[:3] -= start.v_n * self.delay - c @ (self.lever - self._lever_given)
         errorstate.feed_back(x, self.correction, error)
         self.x[:] = x
         self.motion[:] = 0.0
-        # independent of delay and lever arm, of which the smoother's transitions know no position
+        # independent of delay and lever arm: the smoother's transitions carry no position for them
         by = set_to_fix(self.at, start.v_n, c)[:3, STATES:]
         p[:3, :3] += by @ p[STATES:, STATES:] @ by.T
         self._begin_at_fix(p)
@@ -254,7 +253,7 @@ class Estimate:
             self.history.epoch(start.time, *self._seen, phi, p)
 
     def _begin_at_fix(self, p: FloatArray) -> None:
-        """Set the covariance where the position is that of a fix, with its time-correlated error."""
+        """Set the covariance where the position comes from a fix, with its time-correlated error."""
         self.arm[3:] = self._swung[:] = 0.0
         self.all[epoch.CORRECTED] = self.all[epoch.TURNED] = self.all[epoch.SQUARES] = 0.0
         self.all[epoch.BEGAN] = self.x[3:5]

@@ -1,4 +1,4 @@
-"""Fine alignment: the filter over a stationary record, with zero velocity and fixed position as its fixes."""
+"""Fine alignment: filter a stationary record with zero velocity and fixed position as measurements."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from insnav.findings import Code
 from insnav.imu.specification import ImuSpec
 from insnav.types import Alignment, FloatArray, GpsData, ImuData
 
-POSITION_SD, VELOCITY_SD = 0.1, 0.02  # a vehicle rocked by wind and people [m], [m/s]
-INTERVAL = 1.0  # between zero-velocity updates: rocking is correlated over shorter times [s]
-COARSE_SHARE, COARSE_TIME = 0.1, 10.0  # of the record, at least [s], for the alignment that the filter starts from
+POSITION_SD, VELOCITY_SD = 0.1, 0.02  # a vehicle moved by wind and people [m], [m/s]
+INTERVAL = 1.0  # between zero-velocity updates: vehicle motion is correlated over shorter times [s]
+COARSE_SHARE, COARSE_TIME = 0.1, 10.0  # part of the record, and least time [s], of the coarse alignment
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class FineAlignment:
     """Alignment of a stationary record."""
 
     coarse: Alignment  # from the means of the whole record
-    fine: Alignment | None  # by the filter, at the end of the record; None where gyros do not show the Earth's rotation
+    fine: Alignment | None  # by the filter, at the end of the record; None without visible Earth rotation
     sensor_latitude: float  # latitude from the sensors alone [rad]
     latitude: float  # latitude as given [rad]
 
@@ -36,9 +36,9 @@ class FineAlignment:
 def fine_alignment(
     imu: ImuData, spec: ImuSpec, lla: FloatArray, rest: tuple[float, float], heading: float | None = None
 ) -> FineAlignment:
-    """Align a stationary record, first from means, then by the filter with zero velocity and fixed position.
+    """Align a stationary record, first from means, then with the filter, zero velocity and fixed position.
 
-    `lla` (3,): latitude, longitude [rad], height [m]; `rest`: stationary interval [s]; `heading`: given heading [rad].
+    `lla` (3,): latitude, longitude [rad], height [m]. `rest`: stationary interval [s]. `heading`: given heading [rad].
     Raises: AlignmentError: fewer than two samples in the interval.
     """
     inside = (imu.time >= rest[0]) & (imu.time <= rest[1])
@@ -56,7 +56,7 @@ def fine_alignment(
     latitude = latitude_from_sensors(means)
     if not np.isfinite(coarse.sd[2]) or unexplained_rate(means, spec, float(lla[0])) > 0.0:
         return FineAlignment(coarse, None, latitude, float(lla[0]))
-    # the filter takes its start from the first part only, so that it does not see the same data twice
+    # the filter starts from the first part only, to use no data twice
     first = min(end, begin + max(COARSE_TIME, COARSE_SHARE * (end - begin)))
     start = align_static(parts, spec, float(lla[0]), float(lla[2]), (begin, first), heading)
     if not np.isfinite(start.sd[2]):

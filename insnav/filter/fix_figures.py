@@ -1,4 +1,4 @@
-"""What fixes of a receiver show of themselves: rate, scatter, velocities against positions, jumps."""
+"""Statistics of fixes: rate, scatter, velocities compared with positions, jumps."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from insnav.earth import ned_offset
 from insnav.filter.gps_noise import velocity_lag
 from insnav.types import BoolArray, FloatArray, GpsData
 
-FALSE = 1.0  # velocities that differ by more from what the positions move are false [m/s] ...
-SIGMAS = 8.0  # ... if it is that many times what is usual
-MEDIANS = 5.0  # times the usual one that a jump is longer: of one length in 3e7 of normal errors in two directions
-BEND = 0.35  # of the change of slope between fixes: so far a straight line may be off in a bend
-REPORTED = 5.0  # standard deviations of the positions, as reported
-NEAR = 2.5  # intervals, by the median, over which positions tell a velocity
+FALSE = 1.0  # velocities differing by more from the position change may be false [m/s] ...
+SIGMAS = 8.0  # ... if also by so many times the usual difference
+MEDIANS = 5.0  # a jump exceeds so many medians: exceeded by one in 3e7 of normal errors in two directions
+BEND = 0.35  # of the slope change between fixes: largest deviation of a straight line in a bend
+REPORTED = 5.0  # reported standard deviations of the positions
+NEAR = 2.5  # median intervals over which positions determine a velocity
 
 
 @dataclass(frozen=True, slots=True)
 class FixFigures:
-    """What the fixes show."""
+    """Statistics of the fixes."""
 
     n: int
     rate: float  # [Hz]
@@ -31,7 +31,7 @@ class FixFigures:
     with_sd: float  # share whose position has a standard deviation
     reported_sd: FloatArray  # (3,) median of the standard deviations as reported, N, E, D [m]; NaN without
     scatter: FloatArray  # (3,) white part of the position error by third differences [m]
-    velocity_lag: float  # of velocities behind positions [s]; NaN where they do not tell
+    velocity_lag: float  # lag of velocities behind positions [s]; NaN if not observable
     velocity_lag_sd: float
     false_velocities: float  # share that contradict the positions
     worst_velocity: float  # largest such difference [m/s]
@@ -41,7 +41,7 @@ class FixFigures:
 
 
 def look_at_fixes(gps: GpsData) -> FixFigures:
-    """Look at fixes as they were read."""
+    """Compute statistics of fixes as read."""
     step = np.diff(gps.time)
     usual = float(np.median(step))
     known = np.isfinite(gps.v_n).all(axis=1)
@@ -76,10 +76,10 @@ def look_at_fixes(gps: GpsData) -> FixFigures:
 def _contradictions(
     gps: GpsData, gone: FloatArray, step: FloatArray, even: BoolArray, lag: float
 ) -> tuple[float, float, int | None, float]:
-    """Share of false velocities and the worst; number of jumps of the position and the largest; unknown without both.
+    """Find false velocities (share and worst) and position jumps (number and largest); unknown without both.
 
-    Between fixes the positions move by the mean of both velocities. Where one step differs and its neighbours agree the
-    position has jumped and stays; where a velocity is false both steps beside it differ, and their sum is that of it.
+    Between fixes the positions should change by the mean of both velocities. If a single step differs, the position has
+    jumped and stays. If a velocity is false, both adjacent steps differ and their sum reflects that velocity.
     """
     v = gps.v_n.copy()
     rows = np.isfinite(v).all(axis=1)
@@ -98,12 +98,12 @@ def _contradictions(
         return np.nan, np.nan, None, np.nan
     limits = [max(FALSE, SIGMAS * float(np.median(each[usable]))) for each in (level, vertical)]
     limit, apart = limits[0], np.maximum(level, vertical)
-    # positions that are as poor as reported tell no velocity: the slope is that of two of them
+    # positions with poor reported sd determine no velocity: the slope uses two of them
     poor = REPORTED * np.hypot(sd[2:], sd[:-2]) / (step[1:] + step[:-1])[:, None]
     beyond = level > limits[0] + BEND * np.linalg.norm(bend[:, :2], axis=1) + poor[:, :2].max(axis=1)
     beyond |= vertical > limits[1] + BEND * np.abs(bend[:, 2]) + poor[:, 2]
     jump = np.linalg.norm((gone - 0.5 * (v[1:] + v[:-1]) * step[:, None])[:, :2], axis=1)
-    # a jump is where the positions, not the velocity, leave the line: velocities on both sides are alike
+    # a jump: the positions leave the line while the velocities before and after agree
     smooth = np.linalg.norm((v[1:] - v[:-1])[:, :2], axis=1) < limit
     apart_by = max(3.0, MEDIANS * float(np.nanmedian(jump[even])))
     jumped = even & smooth & (jump > np.maximum(apart_by, REPORTED * np.hypot(sd[1:], sd[:-1])[:, :2].max(axis=1)))

@@ -1,4 +1,4 @@
-"""Fixes that measure nothing: a receiver repeats its last one, or goes straight on from it, a logger writes zeros."""
+"""Fixes without information: a receiver repeats or extrapolates its last fix, or a logger writes zeros."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from insnav.findings import Code, Finding
 from insnav.tabular import runs_of
 from insnav.types import FloatArray, GpsData, ImuData
 
-UNUSABLE = 1e4  # standard deviation of positions that are none [m]
-# way of the velocities at one position, where that is written with jitter, which goes so small a part of it, and where
-# it is not: in all [m], in steps as well as positions are written, and faster than velocities drift at rest [m/s]
+UNUSABLE = 1e4  # standard deviation of invalid positions [m]
+# Distance by the velocities at one repeated position, with jitter (its largest share) and without: total [m], multiples
+# of the resolution, least speed [m/s]
 FROZEN, HARDLY, SAME, STEPS, AT_REST = 30.0, 0.01, 3.0, 10.0, 0.5
-KEPT = 0.9  # part of the steps by velocities that must go so far
-PARKED = 0.2  # of their sd: positions of a vehicle that rests while its velocities are false scatter by more
-# Where velocities are repeated too, or none are given, samples tell motion: for so long [s], means over so long [s]
-# scatter by more than at any rest [m/s^2], in a vehicle that goes so far [m]
+KEPT = 0.9  # share of the steps by velocities that must cover the distance
+PARKED = 0.2  # of their sd: positions of a stationary vehicle with false velocities scatter more
+# With repeated or missing velocities, samples detect motion: duration [s], averaging time [s], scatter of means above
+# rest [m/s^2], distance covered [m]
 WHILE, MEANS, SHAKEN, JOURNEY = 10.0, 2.0, 0.3, 100.0
-COASTS, FEWEST = 5.0, 4  # for so long [s], and in so many fixes, no vehicle has the same velocity to the last digit
-# Part of the usual distance of a position from where the velocity leads, in what is made of that; and largest part of
-# all fixes in motion, as those without any noise go straight on, too
+COASTS, FEWEST = 5.0, 4  # no vehicle keeps a velocity to the last digit for this time [s] and number of fixes
+# Share of the usual distance between a position and its prediction by velocity, in extrapolated fixes. Largest share of
+# fixes in motion: noise-free simulated fixes are collinear, too
 EXACT, LARGEST = 0.2, 0.3
-FAR = 10.0  # so many of their sd are positions elsewhere than velocities that stay the same say
+FAR = 10.0  # distance, in sd, between positions and the prediction by constant velocities
 
 
 def without_frozen(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[Finding]]:
-    """Fixes without positions that stay the same in motion, velocities while positions go on, or both made of these."""
+    """Remove repeated positions in motion, repeated velocities, and fixes extrapolated from these."""
     gps, positions = _without_frozen_positions(gps, imu)
     gps, velocities = _without_held_velocities(gps, imu)
     gps, both = _without_coasting(gps)
@@ -38,9 +38,9 @@ def without_frozen(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[Finding]]:
 
 
 def _without_frozen_positions(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[Finding]]:
-    """Fixes without positions that stay the same in motion, nor velocities that are repeated there; and an event.
+    """Remove positions that repeat in motion, with velocities repeated there; report the largest episode.
 
-    Motion shows in the velocities, or in the samples where all of a fix is repeated.
+    Velocities reveal motion, or the IMU samples where whole fixes are repeated.
     """
     position_sd, v_n = gps.position_sd.copy(), gps.v_n.copy()
     frozen = list[tuple[float, float, int, int, float]]()
@@ -70,17 +70,17 @@ def _without_frozen_positions(gps: GpsData, imu: ImuData) -> tuple[GpsData, list
 
 
 def _way(steps: FloatArray) -> float:
-    """How far steps (n, 2) go [m], without the few that are larger than all others: velocities may be false, too."""
+    """Sum the length of steps (n, 2) [m] without the few largest: velocities may be false, too."""
     length = np.linalg.norm(steps, axis=1)
     return float(np.linalg.norm(steps[np.argsort(length)[: max(1, int(KEPT * length.size))]].sum(axis=0)))
 
 
 def _without_held_velocities(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[Finding]]:
-    """Fixes without velocities that stay the same, or zero, while their positions go elsewhere; and an event."""
+    """Remove constant or zero velocities while the positions move otherwise; report the largest episode."""
     v_n, held = gps.v_n.copy(), list[tuple[float, int, int]]()
     same = (np.diff(v_n, axis=0) == 0.0).all(axis=1)
     for first, last in runs_of(same):
-        # fix by fix, as north turns on a long way
+        # fix by fix: north rotates along a long track
         moved = ned_offset(gps.lla[first + 1 : last + 1], gps.lla[first:last])
         off = np.cumsum(moved - v_n[first] * np.diff(gps.time[first : last + 1])[:, None], axis=0)
         far, rests = float(np.linalg.norm(off[:, :2], axis=1).max()), not v_n[first].any()
@@ -97,7 +97,7 @@ def _without_held_velocities(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[
 
 
 def _without_coasting(gps: GpsData) -> tuple[GpsData, list[Finding]]:
-    """Fixes without those that go straight on from the last one, as receivers have it in tunnels; and an event."""
+    """Remove fixes that a receiver extrapolates in a straight line, as in tunnels; report the largest episode."""
     position_sd, v_n, coasts = gps.position_sd.copy(), gps.v_n.copy(), list[tuple[float, int, int]]()
     step = np.diff(gps.time)
     moved, led = ned_offset(gps.lla[1:], gps.lla[:-1]), 0.5 * (v_n[1:] + v_n[:-1]) * step[:, None]
@@ -120,14 +120,14 @@ def _without_coasting(gps: GpsData) -> tuple[GpsData, list[Finding]]:
 def _report(
     code: Code, gps: GpsData, first: int, last: int, episodes: Sequence[object], shown: dict[str, Any]
 ) -> Finding:
-    """Report the largest of some episodes, by its rows, how many fixes of it repeat, and how many there are."""
+    """Report the largest episode: its rows, its number of repeated fixes, and the number of episodes."""
     begin, end = gps.time[[first, last]]
     more = len(episodes) - 1 or np.nan
     return Finding.of(code, begin, end, subject="gps", **shown, count=last - first, more_count=more)
 
 
 def _scatter(imu: ImuData, first: float, last: float) -> float:
-    """Standard deviation of the mean specific force [m/s^2]: at rest it is small; zero for a span that is too short."""
+    """Compute the sd of the mean specific force [m/s^2], small at rest; zero for a short span."""
     rows = slice(*np.searchsorted(imu.time, [first, last]).tolist())
     time, accel = imu.time[rows], imu.accel[rows]
     if last - first < WHILE or time.size < WHILE:

@@ -1,7 +1,7 @@
-"""Which fixes the filter accepts: quality, physics, statistics, each with its own code.
+"""Gates that accept or reject fixes: quality, physics and statistics, each with its own code.
 
-A wrong covariance misleads a statistical test, so the physical gate does not look at it. Rejections never widen the
-covariance; a long unbroken row of them leads to one explicit reset.
+A wrong covariance misleads a statistical test, so the physical gate does not use it. Rejections never increase the
+covariance. A long unbroken row of rejections leads to one explicit reset.
 """
 
 from __future__ import annotations
@@ -21,52 +21,53 @@ from insnav.types import BoolArray, FloatArray, GpsData, IntArray
 class Gates:
     """Limits of the gates."""
 
-    # a fix with a larger reported position standard deviation is rejected [m]: it would aid nothing
+    # a fix with a larger reported position standard deviation is rejected [m]: it has almost no weight
     max_sd: float = 100.0
-    max_speed: float = 400.0  # no vehicle here moves faster [m/s]; above that of airliners
-    physical_sd: float = 5.0  # standard deviations of the fix that the physical gates add [-]
-    # of passing the statistical gate when the covariances of filter and fix are true: one false rejection in 10,000
-    # fixes, an hour at 3 Hz [-]
+    max_speed: float = 400.0  # above the speed of airliners [m/s]
+    physical_sd: float = 5.0  # tolerance of the physical gates, in standard deviations of the fix [-]
+    # probability that a fix passes the statistical gate with true covariances: one false rejection in 10,000 fixes, an
+    # hour at 3 Hz [-]
     probability: float = 0.9999
-    # a smaller innovation is never rejected, only de-weighted to what the statistical gate allows [m], [m/s]: at this
-    # scale lever arm, timestamps and vibration are to blame as often as the fix
+    # a smaller innovation is never rejected, but de-weighted to the limit of the statistical gate [m], [m/s]. Lever
+    # arm, timestamps and vibration often cause such innovations
     small_position: float = 1.0
     small_velocity: float = 0.5
-    # after rejecting every position for this long the filter is reset to the fixes [s]: multipath seldom lasts so long,
-    # a diverged filter does
+    # after rejecting every position for this long, the filter is reset to the fixes [s]: multipath seldom persists so
+    # long, divergence does
     reset_after: float = 10.0
 
-    nis_limit: float = field(init=False)  # limit of the NIS of three numbers that follows from `probability` [-]
+    nis_limit: float = field(init=False)  # limit of the NIS of three numbers, from `probability` [-]
 
     def __post_init__(self) -> None:
         limit = chi2_limit(3, 1.0 - self.probability) if self.probability < 1.0 else math.inf
         object.__setattr__(self, "nis_limit", limit)
 
     def believing(self) -> Gates:
-        """The same without statistics, which time-correlated errors mislead, and so without resets by them."""
+        """Copy without statistical gate and its resets: time-correlated errors mislead statistics."""
         return replace(self, probability=1.0, reset_after=math.inf)
 
     def small_of(self, position_sd: FloatArray) -> float:
-        """Length of an innovation that is never rejected [m], for a fix of `position_sd` (3,).
+        """Return the length of an innovation that is never rejected [m], for a fix of `position_sd` (3,).
 
-        Where most of the error is time-correlated, the NIS tests its small white part: a step within the whole is none.
+        If most of the error is time-correlated, the NIS tests only the small white part. A step within the whole is
+        normal.
         """
         return max(self.small_position, WHOLE_SD * float(min(position_sd.tolist())))
 
     def limit(self, count: int) -> float:
-        """Limit of the NIS of so many numbers [-]."""
+        """Return the limit of the NIS of `count` numbers [-]."""
         return self.nis_limit if count == 3 else chi2_limit(count, 1.0 - self.probability)
 
 
-WHOLE_SD = 3.0  # so many of its standard deviations may a fix step, whatever part of them is white [-]
-MOST_ACCELERATION = 30.0  # of a vehicle from fix to fix, and back [m/s^2]
-IN_A_ROW, ROUNDS = 3, 5  # false fixes looked for together, and how often, without those found
-ON_LINE = 0.25  # part of what they are off within which the fixes around them are on one line; a jump has two thirds
-OF_REFERENCE = -99  # fix type of what is no fix but only compared with, and has none of the errors of fixes
+WHOLE_SD = 3.0  # plausible step of a fix in standard deviations, whatever their white part [-]
+MOST_ACCELERATION = 30.0  # of a vehicle between fixes [m/s^2]
+IN_A_ROW, ROUNDS = 3, 5  # false fixes in a row that can be found, and passes without those found before
+ON_LINE = 0.25  # the neighbouring fixes are collinear within this share of the deviation; at a jump it is two thirds
+OF_REFERENCE = -99  # fix type of reference positions: compared with only, without errors of fixes
 
 
 def quality(gates: Gates, time: float, fix: int | None, position_sd: FloatArray) -> Finding | None:
-    """Reject a fix that is reported as none: type 0, or a standard deviation beyond `Gates.max_sd`."""
+    """Reject an invalid fix: type 0, or a standard deviation beyond `Gates.max_sd`."""
     if fix in (0, OF_REFERENCE):
         return Finding.of(Code.GATE_QUALITY, time)
     worst = max(position_sd.tolist())
@@ -84,7 +85,7 @@ def pass_quality(gates: Gates, gps: GpsData) -> BoolArray:
 def physical_position(
     gates: Gates, time: float, distance: float, position_sd: FloatArray, gap: float
 ) -> Finding | None:
-    """Reject a position farther from the predicted one than anything can have moved since the last good fix."""
+    """Reject a position beyond the largest possible move since the last good fix."""
     limit = gates.max_speed * gap + gates.physical_sd * max(position_sd.tolist())
     if distance <= limit:
         return None
@@ -100,7 +101,7 @@ def physical_velocity(gates: Gates, time: float, v_n: FloatArray) -> Finding | N
 
 
 def impossible(gates: Gates, gps: GpsData) -> BoolArray:
-    """Find positions that nothing can have come to from the fix before and left for the one after."""
+    """Find positions that no vehicle can reach from the fix before, nor leave for the fix after."""
     sd = gps.position_sd.max(axis=1)
     limit = gates.max_speed * np.diff(gps.time) + gates.physical_sd * (sd[1:] + sd[:-1])
     far = np.linalg.norm(ned_offset(gps.lla[1:], gps.lla[:-1]), axis=1) > limit
@@ -108,13 +109,13 @@ def impossible(gates: Gates, gps: GpsData) -> BoolArray:
 
 
 def aside(gates: Gates, gps: GpsData) -> BoolArray:
-    """Find positions beside the line between the fixes around them, farther than any vehicle turns out and back.
+    """Find positions off the line between the neighbouring fixes, farther than any vehicle turns out and back.
 
-    Up to `IN_A_ROW` together, where these fixes are on one line with the next: after a jump that stays they are not.
+    Up to `IN_A_ROW` together, if these neighbours are collinear with the next: after a lasting jump they are not.
     """
     found, every = np.zeros(gps.time.size, dtype=np.bool_), np.arange(gps.time.size)
-    left = every if gps.fix is None else every[gps.fix != 0]  # one that is none may be anywhere
-    for _ in range(ROUNDS):  # a false one hides others
+    left = every if gps.fix is None else every[gps.fix != 0]  # invalid fixes may be anywhere
+    for _ in range(ROUNDS):  # a false fix masks others
         false = _beside(gates, gps.rows(left))
         if not false.any():
             break
@@ -128,7 +129,7 @@ def _beside(gates: Gates, gps: GpsData) -> BoolArray:
     place = np.cumsum(np.vstack([np.zeros(3), ned_offset(gps.lla[1:], gps.lla[:-1])]), axis=0)
 
     def off(row: IntArray, first: IntArray, last: IntArray) -> tuple[FloatArray, FloatArray]:
-        """How far a fix is from the line between two others, and what acceleration and errors allow [m]."""
+        """Compute a fix's distance from the line between two others, and its limit by acceleration and errors [m]."""
         since, until = time[row] - time[first], time[last] - time[row]
         share = (since / (since + until))[:, None]
         way = place[row] - (1.0 - share) * place[first] - share * place[last]
@@ -136,7 +137,7 @@ def _beside(gates: Gates, gps: GpsData) -> BoolArray:
         return np.linalg.norm(way, axis=1), 0.5 * MOST_ACCELERATION * since * until + errors
 
     for length in range(1, IN_A_ROW + 1):
-        first = np.arange(1, time.size - length - 2)  # of two fixes before, the nearer one
+        first = np.arange(1, time.size - length - 2)  # the nearer of two earlier fixes
         last = first + length + 1
         far, limit = np.array([off(first + k, first, last) for k in range(1, length + 1)]).swapaxes(0, 1)
         aligned = np.minimum(off(first, first - 1, last)[0], off(last, first, last + 1)[0])
@@ -150,7 +151,7 @@ def statistical(
 ) -> Finding | None:
     """Reject an innovation whose NIS is improbable, or de-weight it if its length `size` is `small` [m] or [m/s].
 
-    `codes` are those of a rejection and of a de-weighting; None if it passes.
+    `codes`: of a rejection and of a de-weighting. Return None if the innovation passes.
     """
     if nis <= gates.nis_limit:
         return None
@@ -160,7 +161,7 @@ def statistical(
 def whole_record(
     time: float, row: int, false: BoolArray, distance: float, change: float
 ) -> tuple[Finding | None, Finding | None]:
-    """Reject position or velocity of a fix that the whole record contradicts.
+    """Reject position or velocity of a fix that contradicts the whole record.
 
     `distance`, `change`: lengths of its innovations [m], [m/s].
     """

@@ -1,11 +1,11 @@
-"""How much older fixes are than their timestamps, over seconds, by profile likelihood.
+"""Delay of fixes behind their timestamps, up to seconds, by profile likelihood.
 
-The filter has the delay as a state, which is linear: from zero it stops half way to 0.3 s, at a top of the likelihood
-that is only a local one, and bends attitude and lever arm to it. Here the likelihood of the fixes is taken for every
-delay of a grid, with attitude, biases and lever arm at their best for that delay (`insnav.filter.late_fixes`; profile
-likelihood: Murphy and van der Vaart, "On profile likelihood", J. Am. Stat. Assoc. 95 (2000) 449-465). The samples are
-moved to its top, and from there the state of the filter is linear enough. A lever arm that vibration shows is wrong
-by metres where the clock is off by half its period: it is believed only then.
+The filter has the delay as a linear state. From zero it stops half way to 0.3 s, at a local top of the likelihood, and
+distorts attitude and lever arm. This module computes the likelihood of the fixes on a grid of delays, each with its
+best attitude, biases and lever arm (`insnav.filter.late_fixes`; profile likelihood: Murphy and van der Vaart, "On
+profile likelihood", J. Am. Stat. Assoc. 95 (2000) 449-465). It shifts the samples to the best delay, where the filter
+is linear enough. With a clock error of half the vibration period, vibration gives a lever arm wrong by metres.
+Vibration is used only after the shift.
 """
 
 from __future__ import annotations
@@ -38,71 +38,71 @@ from insnav.units import DEG
 
 GRID = 0.1  # first steps: the likelihood of a delay is as wide as a manoeuvre [s]
 COARSE = np.arange(-REACH, REACH + 0.5 * GRID, GRID)
-FINE, FINE_STEPS = 0.02, 5  # steps about the best of these to either side; the rest is a parabola [s]
+FINE, FINE_STEPS = 0.02, 5  # further steps around the best value, either side; then a parabola [s]
 DRIFTS = 0.02 * np.arange(-10, 11)  # of the delay, from the middle to the ends of the record [s]
-DRIFT_WORTH, LARGEST_DRIFT = 0.02, 4e-4  # a smaller one is not moved by [s], larger ones no crystal has [s/s]
-LONGEST = 900.0  # of the record that is looked at [s]
-FIXES = 600  # of it at most, besides those of a long rest before
-# Smaller delays the state of the filter finds: by larger ones turns that vibrate at 8 Hz show a lever arm wrongly, and
-# nothing mends that later [s]
+DRIFT_WORTH, LARGEST_DRIFT = 0.02, 4e-4  # smaller drifts are ignored [s]; no crystal has larger ones [s/s]
+LONGEST = 900.0  # part of the record that is used [s]
+FIXES = 600  # used at most, in addition to a long stationary start
+# The filter state estimates smaller delays. With larger ones, vibration in rotation at 8 Hz biases the lever arm
+# permanently [s]
 WORTH = 0.003
-DOUBTFUL = 0.03  # larger delays, and standard deviations of them, are looked at again [s]
-WIDEST = 0.5  # standard deviation of a delay with which the filter begins where a drive hardly shows it [s]
-SURE, REFINED = 4.0, 2.0  # delays are believed beyond so many of their standard deviations, or with other evidence
+DOUBTFUL = 0.03  # larger delays and standard deviations are estimated again [s]
+WIDEST = 0.5  # initial sd of the filter's delay if the drive hardly determines it [s]
+SURE, REFINED = 4.0, 2.0  # significance of a delay in standard deviations; with other evidence
 ROUNDS = 3  # of moving the clock
-BACK = 0.5  # part of a move within the filter's reach by which the next must not go back: neither is believed
-LEAST_OTHER, OTHER_WORTH = 0.03, 0.45  # of an arm of vibration's own: the least, and what is worth states [m]
-# Moments whose mean lagging velocities are, in lags before the fix: one, as many since the fix before, or those of a
-# low-pass filter of first order
+BACK = 0.5  # reject a delay if the next move reverses more than this part of it, within the filter's reach
+LEAST_OTHER, OTHER_WORTH = 0.03, 0.45  # vibration lever arm: smallest, and size from which it becomes states [m]
+# Sampling instants averaged into a velocity, in lags before the fix: one, many since the previous fix, or a low-pass
+# filter
 MOMENTS = (1.0,), tuple(0.25 * np.arange(0.5, 8.0)), tuple(-1.0109 * np.log(1.0 - np.arange(0.5, 32.0) / 32.0))
-LAGS = 0.2 * np.arange(-1, 6)  # of velocities where the search for one begins, from the one assumed on [s]
-NEWTON, LAG_STEP, LARGEST_STEP = 6, 0.005, 0.2  # steps of it, over which derivatives are taken, and at most [s]
-# Part of the receivers whose velocities lag, and by how much: Doppler counted since the fix before lags by half an
-# interval, what a filter in the receiver smooths by its time constant [s]
+LAGS = 0.2 * np.arange(-1, 6)  # initial values of the lag search, relative to the assumed lag [s]
+NEWTON, LAG_STEP, LARGEST_STEP = 6, 0.005, 0.2  # Newton steps, step of the derivatives, and largest step [s]
+# Prior: share of receivers with a lag, and its sd. Doppler counted since the previous fix lags by half an interval, a
+# filter in the receiver by its time constant [s]
 LAGGING, LAG_SD = 0.1, 0.2
-# Times the standard deviation of the lag that fixes alone show, and the least [s]: in a town it was eight of them off
+# multiple of the lag sd from fixes alone, and least value [s]: in a town the lag was wrong by eight sd
 ALONE, ALONE_LEAST = 3.0, 0.02
-LAG_SD_WORTH = 0.003  # a smaller standard deviation is no state: at 2 m/s^2 it makes 6 mm/s [s]
+LAG_SD_WORTH = 0.003  # a smaller sd needs no state: at 2 m/s^2 it makes 6 mm/s [s]
 SCALES = 50  # steps of the search for a standard deviation
-OPENED, FREEDOM = 2.0, 3.0  # times the scale of the prior of a lever arm at first; its degrees of freedom
-STARTS = 2  # of a start in motion by the run before
-# The same for the start that it has found: with 2, heading sds of recorded minutes were half to a quarter of the errors
+OPENED, FREEDOM = 2.0, 3.0  # initial factor on the prior scale of a lever arm; its degrees of freedom
+STARTS = 2  # repetitions of a start in motion, each from the previous run
+# factor on attitude sd for that start: with 2, heading sds of recorded minutes were half to a quarter of the errors
 LOOKED_START = 5.0
-LOOKED = 2.0  # times the standard deviation of the first run for the second: its measurements count little twice
-LEAST_START = 0.5 * DEG  # least standard deviation of attitude from there [rad]
-TRUE_FIXES = 0.9  # part of the fixes that the first look must have accepted for that
-POOR = 3.0, 0.5  # standard deviations of positions [m] and velocities [m/s] for another look where it has not
-# Mean square of what fixes, all believed, are off by their variance with some delay: recorded RTK had 2 to 4, with one
-# that was dragged away for half a minute 97
+LOOKED = 2.0  # factor on the sd of the first run for the second: counts its measurements little twice
+LEAST_START = 0.5 * DEG  # least initial sd of attitude [rad]
+TRUE_FIXES = 0.9  # least share of accepted fixes in the first run
+POOR = 3.0, 0.5  # sd of positions [m] and velocities [m/s] for another run otherwise
+# Mean normalised squared innovation with all fixes accepted, at the best delay. Recorded RTK had 2 to 4, and 97 with a
+# drag of half a minute
 EXPLAINED = 10.0
-BETTER = 0.5  # by which that of a fix, all believed, must fall with another clock where gates reject many
-WORSE = 0.02  # by which a fix's misfit may grow by chance when the clock is moved rightly (up to 0.0095 seen)
-# It grows further where vibration bends a start in motion. The move is believed all the same if the search about the
-# run with it finds no other delay, and all but that free a value costs so much less than without it [-]
+BETTER = 0.5  # least decrease of the misfit with another clock, all fixes accepted, where gates reject many
+WORSE = 0.02  # largest chance increase of the misfit per fix after a correct shift (up to 0.0095 seen)
+# The misfit grows further where vibration distorts a start in motion. The shift is still accepted if the next search
+# finds no further delay and the cost per measured value falls by this much [-]
 CHEAPER = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class Filtered:
-    """The beginning of a drive as the filter sees it with the clock of its samples as it is."""
+    """Result of the filter over the beginning of a drive, with the clock of its samples unchanged."""
 
     ready: Prepared  # the beginning
     settings: FilterSettings  # with which it was navigated
     epochs: FloatArray | None  # see `insnav.kernels.smoother.keep`; none if the filter diverged
-    delay: float  # in which its state ended, and its standard deviation [s]
+    delay: float  # final delay state, and its standard deviation [s]
     delay_sd: float
-    # of each component: how vibration moves the antenna otherwise than turns do, and the lever arm as given [m]
+    # sd of each component: vibration lever arm, and lever arm [m]
     shaken: float
     lever_sd: float
-    # how unlikely fixes were, and the mean square of their innovations by its variance [-], see `Record.misfit`
+    # misfit of the fixes, and mean normalised squared innovation [-], see `Record.misfit`
     misfit: float
     squares: float
 
 
 def filtered(ready: Prepared, *, starts: int | None = None, gates: Gates | None = None) -> Filtered:
-    """Navigate the beginning of a drive with what the comparison of clocks needs.
+    """Navigate the beginning of a drive for the comparison of clocks.
 
-    A start in motion is navigated again, `starts` times; `gates`: others than those of the settings.
+    A start in motion is navigated again, `starts` times. `gates`: instead of the gates of the settings.
     """
     ready = ready if starts is not None else _thinned(ready.beginning(LONGEST))
     starts = STARTS if starts is None else starts
@@ -111,7 +111,7 @@ def filtered(ready: Prepared, *, starts: int | None = None, gates: Gates | None 
     lever_sd = ready.settings.lever_sd
     other = float(np.hypot(OPENED * lever_sd, np.linalg.norm(ready.settings.lever_b)))
     correlated = ready.settings.correlated
-    if correlated is not None and correlated.by_reported:  # which hardly tells a long time, and a lag takes its place
+    if correlated is not None and correlated.by_reported:  # its long time is uncertain, and a lag replaces it
         correlated = replace(correlated, time=min(correlated.time, usual_time()))
     settings = replace(ready.settings, aiding=None, smooth=True, output_interval=10.0, gates=gates, settled=False)
     settings = replace(settings, lever_sd=OPENED * lever_sd, shaken=other, correlated=correlated)
@@ -121,7 +121,7 @@ def filtered(ready: Prepared, *, starts: int | None = None, gates: Gates | None 
         history = navigator.history()
         epochs = history.rows()
         again = with_surer_start(ready, history) if starts else None
-        if starts and again is None and ready.alignment.static is None:  # gates reject what such a start contradicts
+        if starts and again is None and ready.alignment.static is None:  # the gates rejected fixes
             other_run = replace(_doubted(ready), settings=replace(settings, gates=_open_gates(ready))).navigator()
             feed(other_run, ready.imu)
             again = with_surer_start(ready, other_run.history())
@@ -132,8 +132,8 @@ def filtered(ready: Prepared, *, starts: int | None = None, gates: Gates | None 
     (arm, vibration), (arm_cov, vibration_cov) = navigator.levers()
     if lever_sd > 0.0:
         scales = lever_sd * np.geomspace(1.0, OPENED, SCALES)
-        # antennas are within a metre or so, and now and then five: Student's distribution in three dimensions, a normal
-        # one whose variance is unknown, too
+        # most antennas are within a metre, a few at five: Student's distribution in three dimensions, that is, a normal
+        # distribution of unknown variance
         prior = -FREEDOM * (np.log(scales) + 0.5 * (lever_sd / scales) ** 2)
         lever_sd = scale_of(arm, arm_cov, OPENED * lever_sd, scales, prior)[0]
     shaken = 0.0
@@ -149,31 +149,31 @@ def _open_gates(ready: Prepared) -> Gates:
 
 
 def _doubted(ready: Prepared) -> Prepared:
-    """A recording whose fixes are hardly precise."""
+    """Return a recording with very uncertain fixes."""
     position_sd, velocity_sd = np.hypot(ready.gps.position_sd, POOR[0]), np.hypot(ready.gps.velocity_sd, POOR[1])
     return replace(ready, gps=replace(ready.gps, position_sd=position_sd, velocity_sd=velocity_sd))
 
 
 def _thinned(ready: Prepared) -> Prepared:
-    """Take so many fixes as are needed of what is looked at, and that of the start; none that is surely false."""
+    """Thin the fixes of the part that is used; keep the fix of the start, drop certainly false fixes."""
     ready = replace(ready, gps=ready.gps.rows(~aside(ready.settings.gates, ready.gps)))
     time = ready.gps.time
     number = np.floor((time - time[0]) / (min(time[-1] - time[0], LONGEST) / FIXES) + 1e-6)
     wanted = np.diff(number, prepend=-1.0) > 0.0
-    wanted[np.argmin(np.abs(time - ready.settings.delay - ready.initial.time))] = True  # whose attitude is known
+    wanted[np.argmin(np.abs(time - ready.settings.delay - ready.initial.time))] = True  # the fix of the known attitude
     return replace(ready, gps=ready.gps.rows(np.flatnonzero(wanted)))
 
 
 def scale_of(
     off: FloatArray, covariance: FloatArray, opened: float, scales: FloatArray, prior: ArrayLike = 0.0
 ) -> tuple[float, float]:
-    """Standard deviation of three numbers about zero, by what a filter found of them: the likeliest, and the RMS.
+    """Estimate the zero-mean sd of three numbers from their filter estimates: most likely value, and RMS.
 
-    The RMS is over all that are plausible. Empirical and full Bayes: B. P. Carlin and T. A. Louis, "Bayes and empirical
+    The RMS is over all plausible values. Empirical and full Bayes: B. P. Carlin and T. A. Louis, "Bayes and empirical
     Bayes methods for data analysis" (Chapman and Hall 2000), chapters 2 and 3.
 
-    `off` (3,) found with `opened` for it, and its covariance; `scales`, `prior`: standard deviations with the logarithm
-    of what is likely of them before.
+    `off` (3,): estimates with prior sd `opened`, and their covariance. `scales`, `prior`: standard deviations, and the
+    logarithm of their prior probability.
     """
     variance, axes = np.linalg.eigh(covariance)
     known = np.maximum(1.0 / variance - opened**-2.0, 1e-9)
@@ -185,80 +185,80 @@ def scale_of(
 
 
 class Found(NamedTuple):
-    """What the likelihood says of the clock of the fixes."""
+    """Estimate of the fix clock."""
 
-    delay: float  # at the start of the record, and its standard deviation, infinite where nothing tells it [s]
+    delay: float  # at the start of the record, and its standard deviation, infinite if unobservable [s]
     sd: float
-    drift: float  # of it, where it is sure [s/s]
+    drift: float  # of the delay, if significant [s/s]
     lag: float  # of velocities behind positions, and its standard deviation [s]
     lag_sd: float
     moments: tuple[float, ...]  # of `MOMENTS`
-    sum_sd: float = np.inf  # of delay and lag together, which is what velocities tell [s]
-    misfit: float = np.nan  # how unlikely fixes were in the run that tells it, if gates would reject many [-]
-    # of a value that was measured, the mean cost with the clock as it is, and with what was found [-]
+    sum_sd: float = np.inf  # sd of delay plus lag, which velocities determine [s]
+    misfit: float = np.nan  # misfit of the fixes in the run of this estimate, if gates would reject many [-]
+    # mean cost per measured value: with the clock unchanged, and with this estimate [-]
     cost: float = np.nan
     least: float = np.nan
 
     @property
     def surest(self) -> float:
-        """Least standard deviation of the delay that is stated, or 0 if nothing tells it [s]."""
+        """Least plausible standard deviation of the delay, or 0 if unobservable [s]."""
         return self.sd if self.sd < np.inf else 0.0
 
 
 def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Found:
-    """Delay of the fixes and lag of their velocities.
+    """Estimate the delay of the fixes and the lag of their velocities.
 
-    Most receivers have no lag, and velocities then tell the delay far better than positions do; with one they tell a
-    wrong delay. Both are held possible, each as likely as the fixes have it against the odds before (Bayesian model
-    averaging: J. A. Hoeting, D. Madigan, A. E. Raftery and C. T. Volinsky, Statistical Science 14 (1999) 382-417).
-    `alone`: the lag that the fixes show without the IMU, whose scatter is theirs whatever their stated one, and its
-    standard deviation [s]: in a minute a delay explains the same.
+    Most receivers have no lag, and velocities then determine the delay far better than positions do. With a lag,
+    velocities give a wrong delay. Both hypotheses are weighted by likelihood and prior odds (Bayesian model averaging:
+    J. A. Hoeting, D. Madigan, A. E. Raftery and C. T. Volinsky, Statistical Science 14 (1999) 382-417). `alone`: lag
+    from the fixes alone, without the IMU, and its sd [s]. It uses the observed scatter instead of the reported sd.
+    Within a minute, a delay would explain the same data.
     """
     likelihood = _likelihood(seen)
     if likelihood is not None and (likelihood.accepted >= TRUE_FIXES or not likelihood.moves):
         found = _found(seen, likelihood, alone)
-        if not found.surest:  # perhaps no fix at all
+        if not found.surest:  # perhaps all fixes were rejected
             return found
         there = [found.delay + found.drift * likelihood.half, found.drift, found.lag]
         cost, least = likelihood.mean_costs(*np.array([[0.0, 0.0, likelihood.lag], there]).T)
         return found._replace(cost=cost, least=least)
-    # seconds late, nearly all fixes look false, and precise ones bend the filter too much
+    # with seconds of delay, nearly all fixes look false, and precise fixes distort the filter
     rough = filtered(_doubted(seen.ready), starts=0, gates=_open_gates(seen.ready))
     found = _found(rough, _likelihood(rough), alone)
     if found.sd <= DOUBTFUL:
         return found
-    # precise ones tell it to milliseconds, if they are as precise as they claim with some delay
+    # precise fixes determine it to milliseconds, if the reported sds are true at some delay
     believed = filtered(seen.ready, starts=0, gates=_open_gates(seen.ready))
     likelihood = _likelihood(believed)
     off = EXPLAINED if likelihood is None else likelihood.off(COARSE)
     if off >= EXPLAINED:
         return found
     told = _found(believed, likelihood, alone)
-    # what they are off is no noise but what bends the filter, and the lever arm with the delay
+    # the misfit is systematic: it distorts the filter, and the lever arm with the delay
     wider = max(1.0, float(np.sqrt(off)))
     sure = told._replace(sd=wider * told.sd, sum_sd=wider * told.sum_sd, misfit=believed.misfit)
     return sure if told.sd <= DOUBTFUL else found
 
 
 def _likelihood(seen: Filtered) -> LateFixes | None:
-    """Likelihood of the fixes by a run; none if it diverged."""
+    """Compute the likelihood of the fixes from a run; None if it diverged."""
     return None if seen.epochs is None else LateFixes(seen.ready, seen.settings, seen.epochs)
 
 
 def _found(seen: Filtered, likelihood: LateFixes | None, alone: tuple[float, float]) -> Found:
-    """What a run says of the clock of the fixes; see `delay_of`."""
+    """Estimate the fix clock from a run; see `delay_of`."""
     nothing = Found(0.0, np.inf, 0.0, seen.settings.velocity_lag, 0.0, seen.settings.moments)
-    if likelihood is None or likelihood.blocks < BLOCKS or not likelihood.moves:  # fewer may agree by accident
+    if likelihood is None or likelihood.blocks < BLOCKS or not likelihood.moves:  # fewer may agree by chance
         return nothing
     best = likelihood.likeliest(COARSE, likelihood.lag)
-    if best in (0, COARSE.size - 1):  # no top, or one beyond the grid
+    if best in (0, COARSE.size - 1):  # no top within the grid
         return nothing
     near = COARSE[best] + FINE * np.arange(-FINE_STEPS, FINE_STEPS + 1)
     fine, drift = likelihood.costs(near), 0.0
     rates = DRIFTS[np.abs(DRIFTS) < LARGEST_DRIFT * likelihood.half + FINE] / likelihood.half
     drifting = likelihood.costs(near[[np.argmin(fine.sum(axis=1))]], rates).sum(axis=1)
     least = int(np.clip(np.argmin(drifting), 1, rates.size - 2))
-    # a single high step is an accident of the weights
+    # a single high value is chance
     sure = drifting[rates.size // 2] - drifting[least - 1 : least + 2].max() > SURE**2
     wide = abs(float(rates[least])) * likelihood.half
     if sure and wide > DRIFT_WORTH and likelihood.cost_of_step(near, wide) > drifting[least]:
@@ -269,12 +269,12 @@ def _found(seen: Filtered, likelihood: LateFixes | None, alone: tuple[float, flo
     bend, slopes = (before - 2.0 * top + after) / FINE**2, 0.5 * (after - before) / FINE
     curvature = float(bend.sum())
     innovation, variance = likelihood.innovations(near[middle], drift, likelihood.lag)
-    if curvature <= 0.0 or np.median(np.abs(innovation) / np.sqrt(variance)) > HUBER:  # nor does any delay explain it
+    if curvature <= 0.0 or np.median(np.abs(innovation) / np.sqrt(variance)) > HUBER:  # no delay explains the fixes
         return nothing
     away = -float(np.clip(slopes.sum() / curvature, -FINE, FINE))
     delay = float(near[middle]) + away
-    # the curvature at the top of an uneven likelihood is not its width: no delay at all must be as unlikely, too, and
-    # parts must agree: the variance of the sum of their slopes, by their scatter (White, Econometrica 50 (1982) 1-25)
+    # for an uneven likelihood the curvature is too optimistic. Zero delay must be as improbable, too, and parts must
+    # agree: variance of the sum of their slopes, by their scatter (White, Econometrica 50 (1982) 1-25)
     width = 0.0
     if abs(delay) > DOUBTFUL and not drift:
         width = abs(delay) / float(np.sqrt(2.0 * max(likelihood.costs(np.zeros(1)).sum() - top.sum(), 1e-9)))
@@ -297,7 +297,7 @@ def _found(seen: Filtered, likelihood: LateFixes | None, alone: tuple[float, flo
         sd = float(np.sqrt(share * max(covariance[0, 0], sd**2) + (1.0 - share) * sd**2 + apart * (other - delay) ** 2))
         delay += share * (other - delay)
         lag, lag_sd = share * along, float(np.sqrt(share * covariance[1, 1] + apart * along**2))
-    # to the microsecond: where the arrays of the search lie in memory rounds its sums, and must not round the run
+    # round to the microsecond: memory alignment changes the rounding of sums, and must not change the run
     every = delay - drift * likelihood.half, sd, lag, lag_sd, sum_sd
     delay, sd, lag, lag_sd, sum_sd = (round(float(each), 6) for each in every)
     return Found(delay, sd, drift, lag, lag_sd, likelihood.moments, sum_sd)
@@ -306,10 +306,10 @@ def _found(seen: Filtered, likelihood: LateFixes | None, alone: tuple[float, flo
 def _with_lag(
     likelihood: LateFixes, delay: float, drift: float, alone: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Delay and lag of velocities where both together are likeliest, with the prior of a lag, by Gauss and Newton.
+    """Find the most likely delay and velocity lag jointly, with the prior of the lag, by Gauss-Newton.
 
-    `delay`: with the lag that was assumed [s].
-    Returns: delay and lag (2,) [s], their covariance, and by how much that is likelier than no lag (Laplace).
+    `delay`: with the assumed lag [s].
+    Returns: delay and lag (2,) [s], their covariance, and the log odds against zero lag (Laplace).
     """
     start = np.array([(delay - by * lag, likelihood.lag + lag) for by in (0.0, 1.0) for lag in LAGS])
     shown, weight = alone[0], float(np.hypot(ALONE * alone[1], ALONE_LEAST)) ** -2.0
@@ -335,11 +335,11 @@ def _with_lag(
 def on_time(
     prepared: Callable[[float, float], Prepared], settings: FilterSettings, at_first: tuple[float, float] = (0.0, 0.0)
 ) -> Prepared:
-    """Prepare a recording, its samples moved into the time of the fixes where these are late or early.
+    """Prepare a recording with its samples shifted to the time of the fixes, if the delay is significant.
 
-    Whether vibration moves the antenna otherwise than turns do is seen on the way, and where a moving start was.
-    `prepared`: prepares with the clock of the samples moved by so much at the start [s], and made faster by so much
-    [s/s]; `settings`: of the filter; a delay that is given is not looked for; `at_first`: where the search begins.
+    The search also estimates the vibration lever arm and the attitude of a start in motion. `prepared`: function of the
+    clock shift at the start [s] and its rate [s/s]. `settings`: of the filter; a specified delay is not estimated.
+    `at_first`: where the search begins.
     """
     ready = prepared(*at_first)
     clock, rate = own = at_first
@@ -348,24 +348,24 @@ def on_time(
     seen = filtered(ready)
     further, width, lags = seen, settings.delay_sd, (ready.settings.velocity_lag, 0.0, ready.settings.moments)
     before, last, surest, shown = (ready, seen, at_first), 0.0, 0.0, 0.0
-    half = 0.5 * min(float(np.ptp(ready.imu.time)), LONGEST)  # of what is looked at of the record [s]
+    half = 0.5 * min(float(np.ptp(ready.imu.time)), LONGEST)  # half of the used part of the record [s]
     alone = velocity_lag(ready.gps) if settings.delay_sd > 0.0 else (0.0, np.inf)
     tried, misfit, cost = before, np.nan, np.nan
     for _ in range(ROUNDS if settings.delay_sd > 0.0 else 0):
         found = delay_of(further, alone)
-        if found.misfit < misfit - BETTER:  # of fixes of which gates reject many, those left tell nothing
+        if found.misfit < misfit - BETTER:  # gates reject many fixes, and the others do not determine the delay
             ready, seen, own = tried
         misfit, cost = found.misfit, found.cost if further is seen else cost
         delay, sd, drift = found[:3]
         surest, shown = found.surest, clock + delay + half * (rate + drift)
         was, lags = further.settings, found[3:6]
         lagging = abs(found.lag - was.velocity_lag) >= LAG_WORTH or found.moments != was.moments
-        # velocities tell delay and lag together; a lag that is too small to be taken off leaves both to the clock
+        # velocities determine the sum of delay and lag: a negligible lag leaves both to the clock
         ahead, ahead_sd = (delay, sd) if lagging else (delay + found.lag - was.velocity_lag, found.sum_sd)
-        # once it was moved, or where the state of the filter, which is linear, goes as surely the same way
+        # after a shift, or if the linear state of the filter significantly agrees in sign
         agrees = further.delay * np.sign(ahead) > SURE * further.delay_sd
         sure = SURE if clock == 0.0 and not agrees else REFINED
-        # within its reach a run with that lag tells the delay, which one with another lag has bent
+        # within its reach, the delay of a run with that lag is valid; another lag distorts it
         near = abs(ahead) < settings.delay_sd
         moved = bool(abs(ahead) >= max(WORTH, sure * ahead_sd) or drift) and not (lagging and near)
         left = float(np.hypot(sd, delay - ahead if moved else delay))
@@ -382,11 +382,11 @@ def on_time(
             clock, rate = clock + ahead, rate + drift
         there = prepared(clock, rate)
         there = replace(there, settings=replace(there.settings, velocity_lag=found.lag, moments=found.moments))
-        # within its reach the filter explains a delay as well by its state, but for what is not linear in it
+        # within its reach, the filter's state explains a delay as well, except for nonlinearity
         refined = further is seen and sure == REFINED and near and not drift
         further = filtered(there)
         tried = there, further, (clock, rate)
-        if refined or further.misfit <= seen.misfit + WORSE:  # a large one is found in steps: the first may be worse
+        if refined or further.misfit <= seen.misfit + WORSE:  # a large delay is found in steps: the first may be worse
             ready, seen, own = tried
     arm = replace(ready.settings, shaken=seen.shaken, lever_sd=seen.lever_sd)
     lag_sd = LOOKED * lags[1] if lags[1] > LAG_SD_WORTH else 0.0
@@ -414,10 +414,10 @@ def on_time(
 
 
 def with_surer_start(ready: Prepared, history: History) -> Prepared | None:
-    """Start in motion with attitude and gyro bias as a first run has smoothed them; none if it is stationary or given.
+    """Start in motion with smoothed attitude and gyro bias of a first run; None if it is stationary or specified.
 
-    A lever arm is seen through the attitude: one that is off by degrees and is corrected on the way looks like turns,
-    which show the arm surely and wrongly (G. P. Huang, A. I. Mourikis and S. I. Roumeliotis, "Observability-based rules
+    Fixes observe the lever arm through the attitude. An attitude error of degrees that is corrected during the run
+    resembles turns, and biases the arm (G. P. Huang, A. I. Mourikis and S. I. Roumeliotis, "Observability-based rules
     for designing consistent EKF SLAM estimators", Int. J. Robotics Research 29 (2010) 502-528).
     """
     alignment = ready.alignment
@@ -443,9 +443,9 @@ def with_surer_start(ready: Prepared, history: History) -> Prepared | None:
 
 
 def _with_course(ready: Prepared, alignment: Alignment) -> Alignment:
-    """An alignment with its bias about the vertical also by the course after it: on a straight road nothing else tells.
+    """Refine the vertical gyro bias of an alignment by the later course: a straight road offers nothing else.
 
-    What it leaves of the other biases tilts the gyros' frame, and turns them into the vertical.
+    Remaining errors of the other biases tilt the gyro frame and leak into the vertical.
     """
     gps = replace(ready.gps, time=ready.gps.time - ready.settings.delay)
     rows = slice(*np.searchsorted(ready.imu.time, alignment.time + np.array([-SPAN, STEADY + SPAN])))

@@ -1,4 +1,4 @@
-"""Noise of the fixes: standard deviations that were not reported, and the lag of velocity against position."""
+"""Noise of the fixes: unreported standard deviations, and the lag of velocity behind position."""
 
 from __future__ import annotations
 
@@ -17,51 +17,50 @@ from insnav.types import BoolArray, FloatArray, GpsData
 from insnav.units import DEG
 
 POSITION_FLOOR, VELOCITY_FLOOR = 0.03, 0.05  # smallest standard deviation assumed [m], [m/s]
-ALIKE = 2.0  # so many times the scatter from fix to fix is the whole error of fixes without a size of their own [-]
-AT_ONCE = 1 << 16  # numbers of each component that are sorted at a time
-WINDOW = 10.0  # scatter is taken over this long before and after: shorter is noise, longer misses a tunnel's end [s]
-# Of a receiver on its own [m], [m/s]: most of the position error changes over minutes and does not show in the scatter
-# of successive fixes. Data sheet of the ZED-F9P (UBX-17051259): horizontal 1.5 m CEP, which is 1.177 sd of one axis.
+ALIKE = 2.0  # whole error of fixes over their fix-to-fix scatter, if no sd is reported [-]
+AT_ONCE = 1 << 16  # numbers per component sorted at a time
+WINDOW = 10.0  # time before and after for the scatter: shorter is noise, longer misses a tunnel's end [s]
+# Stand-alone receiver [m], [m/s]: most of the position error changes over minutes, invisible in fix-to-fix scatter.
+# Data sheet of the ZED-F9P (UBX-17051259): horizontal 1.5 m CEP, which is 1.177 sd of one axis.
 DEFAULT_POSITION, DEFAULT_VELOCITY = (1.5, 1.5, 3.0), (0.2, 0.2, 0.3)
-DISTINCT = 5  # latitudes and longitudes, or velocities, that show to what they are rounded
-ON_STEP = 0.1  # of a step: so near are velocities to its multiples, as decimals have them
-FINEST = 4  # decimals of velocities in steps that would matter [m/s]
-CARRIER = 0.1  # a larger scatter of positions is not that of carrier-phase fixes [m]
-FLOAT, FLOAT_SD = 2, 0.3  # ambiguities not fixed: decimetres at best, whatever is reported [m]
-FIXED, DGPS = 1, 4  # further fix types; with corrections of a satellite system 1.0 m CEP, same data sheet
+DISTINCT = 5  # least number of distinct latitudes and longitudes, or velocities, to find a rounding step
+ON_STEP = 0.1  # of a step: tolerance of velocities to its multiples, from decimals
+FINEST = 4  # decimals of relevant velocity steps [m/s]
+CARRIER = 0.1  # position scatter beyond this is not carrier-phase quality [m]
+FLOAT, FLOAT_SD = 2, 0.3  # ambiguities not fixed: decimetres at best, whatever the reported sd [m]
+FIXED, DGPS = 1, 4  # further fix types; with satellite corrections 1.0 m CEP, same data sheet
 BY_FIX = {FIXED: (POSITION_FLOOR,) * 3, FLOAT: (FLOAT_SD, FLOAT_SD, 2.0 * FLOAT_SD), DGPS: (1.0, 1.0, 2.0)}  # [m]
-OPEN_VELOCITY = 100.0  # of a vertical velocity that was not measured: it counts as nothing [m/s]
-OPEN_HEIGHT = 100.0  # the same of heights: as poor as a fix may be to be used [m]
-SPARSE = 2.0  # fixes so far apart do not tell what the velocity was in between: they scatter by the motion [s]
+OPEN_VELOCITY = 100.0  # sd of an unmeasured vertical velocity: no weight [m/s]
+OPEN_HEIGHT = 100.0  # sd of an unmeasured height: the largest of a usable fix [m]
+SPARSE = 2.0  # at longer intervals the velocity in between is unknown: motion dominates the scatter [s]
 LAG_WORTH = 0.03  # a smaller lag is not corrected: at 2 m/s^2 it makes 0.06 m/s, the noise of a good velocity [s]
 
 
 def heights_measured(lla: FloatArray) -> bool:
-    """Whether heights are more than a number that stands in every row (n, 3) while the vehicle moves."""
+    """Return whether heights (n, 3) are measured, not one constant in every row while the vehicle moves."""
     return len(lla) < 2 or bool(np.ptp(lla[:, 2]) > 0.0 or np.ptp(lla[:, 0]) == 0.0)
 
 
 def vertical_measured(v_n: FloatArray) -> bool:
-    """Whether vertical velocities are more than a number that stands in every row (n, 3) beside others that change."""
+    """Return whether vertical velocities are measured, not one constant in every row (n, 3) while others change."""
     known = v_n[np.isfinite(v_n).all(axis=1)]
     changes = known.max(axis=0, initial=-np.inf) - known.min(axis=0, initial=np.inf)
     return bool(changes[2] != 0.0 or not changes[:2].any())
 
 
 def name_lag(lag: float, sd: float) -> Finding:
-    """Name the lag of velocities behind positions [s] that insnav corrects."""
+    """Report the lag of velocities behind positions [s] that insnav corrects."""
     return Finding.of(Code.GPS_VELOCITY_LAG, lag_s=lag, lag_sd_s=max(sd, 0.001))
 
 
 def velocity_lag(gps: GpsData) -> tuple[float, float]:
-    """Lag of velocities behind positions, from the fixes alone.
+    """Estimate the lag of velocities behind positions from the fixes alone.
 
-    Some receivers give, with the position of now, the mean velocity since the fix before. The difference between the
-    velocity and the slope of a spline through the positions is then the lag times the acceleration; a robust straight
-    line through the horizontal components finds it.
+    Some receivers combine the current position with the mean velocity since the previous fix. Velocity minus the slope
+    of a spline through the positions is then the lag times the acceleration. A robust straight line through the
+    horizontal components estimates it.
 
-    Returns: `lag`, `sd` [s]; the standard deviation is infinite where there are too few fixes, or too far apart to tell
-    what the velocity was in between, or no accelerations.
+    Returns: `lag`, `sd` [s]. The sd is infinite with too few or too sparse fixes, or without accelerations.
     """
     usable = np.isfinite(gps.v_n).all(axis=1)
     gps = gps.rows(np.flatnonzero(usable if gps.fix is None else usable & (gps.fix != 0)))
@@ -85,9 +84,9 @@ def velocity_lag(gps: GpsData) -> tuple[float, float]:
     t, v, instrument = t[inside], v[inside], change[inside].ravel()
     lag, sd = 0.0, np.inf
     for _ in range(20):
-        # Gauss-Newton on the spline of velocity shifted by the lag found so far. Its acceleration is noisy, and that
-        # noise is in the difference too; the change of the measured velocity is free of it and stands in for it as
-        # instrumental variable (Soderstrom and Stoica, "System Identification", 1989, chapter 8).
+        # Gauss-Newton on the spline of velocity, shifted by the current lag. Noise of its acceleration is also in the
+        # residual. The change of the measured velocity is free of it and serves as instrumental variable (Soderstrom
+        # and Stoica, "System Identification", 1989, chapter 8).
         speed, a = position.changes(t - lag)
         d, a = (speed - v).ravel(), a.ravel()
         scale = 1.4826 * float(np.median(np.abs(d))) + 1e-9
@@ -106,13 +105,13 @@ def velocity_lag(gps: GpsData) -> tuple[float, float]:
 def _scatter(
     time: FloatArray, values: FloatArray, floor: float, default: tuple[float, ...], least_scatter: float
 ) -> FloatArray:
-    """White noise of a smooth series from its third differences, overall and locally, whichever is larger.
+    """Estimate white noise of a smooth series from third differences, overall and locally: the larger.
 
-    Above `least_scatter`, that of carrier-phase fixes, it does not fall below `default` either.
+    Above `least_scatter`, the scatter of carrier-phase fixes, `default` is the lower limit.
 
     ``x[i] - 3 x[i+1] + 3 x[i+2] - x[i+3]`` removes any uniformly accelerated motion and has 20 times the variance of
-    the noise; 1.4826 times the median of its magnitude is its standard deviation, outliers or not. `ALIKE` times that,
-    because the errors of neighbouring fixes are alike and partly cancel in the difference.
+    the noise. 1.4826 times the median of its magnitude is a robust standard deviation. The factor `ALIKE` accounts for
+    the correlation of neighbouring errors, which partly cancel in the difference.
     """
     n = time.shape[0]
     good = np.flatnonzero(np.isfinite(values).all(axis=1))
@@ -129,7 +128,7 @@ def _scatter(
         return np.tile(np.asarray(default), (n, 1))
     overall: FloatArray = np.median(third, axis=0)
     sd_floor: FloatArray = np.full(3, floor)
-    if overall[:2].max() > least_scatter:  # a receiver's own smoothing hides metres of slow error from this measure
+    if overall[:2].max() > least_scatter:  # smoothing in the receiver hides metres of slow error from this estimate
         sd_floor = np.maximum(floor, default)
     begin, end = np.searchsorted(middle, [time - WINDOW, time + WINDOW])
     count = end - begin
@@ -145,9 +144,9 @@ def _scatter(
 
 
 def _by_fix(gps: GpsData, scatter: FloatArray) -> FloatArray:
-    """Standard deviation of the whole error of each position by its fix type, at least its scatter (n, 3) [m]; (n, 3).
+    """Return the standard deviation of each position by its fix type, at least its scatter (n, 3) [m]; (n, 3).
 
-    A type of 1 with the scatter of single-point fixes is a flag of validity, and says nothing.
+    Type 1 with the scatter of single-point fixes is a validity flag and has no meaning.
     """
     sd = np.tile(DEFAULT_POSITION, (gps.time.shape[0], 1))
     if gps.fix is not None:
@@ -157,10 +156,9 @@ def _by_fix(gps: GpsData, scatter: FloatArray) -> FloatArray:
 
 
 def _digits(lla: FloatArray) -> int:
-    """Decimals of a degree to which latitudes and longitudes ``(n, 3)`` are rounded; zero if they have more than five.
+    """Find the decimals of a degree in latitudes and longitudes ``(n, 3)``; zero if more than five.
 
-    Of a receiver that never leaves a step, or with hardly any fixes, nothing is known; a tenth of a metre shows in the
-    innovations by itself.
+    The rounding is unknown if a receiver stays on one step or has few fixes. The innovations reveal a tenth of a metre.
     """
     degrees = lla[:, :2] / DEG
 
@@ -174,9 +172,9 @@ def _digits(lla: FloatArray) -> int:
 
 
 def _rounding(values: FloatArray) -> tuple[float, FloatArray]:
-    """Step of which values (n,) are multiples, but for their decimals, and how many in a row are the same; or zero.
+    """Find the rounding step of values (n,), and the lengths of runs of equal values; or zero.
 
-    What stays on one of them, not zero, is off alike for as long: the mean of such fixes is no surer than one.
+    A repeated nonzero value keeps its rounding error: the mean of such fixes is no better than one fix.
     """
     alike = np.ones(values.size)
     known = np.flatnonzero(np.isfinite(values))
@@ -195,17 +193,16 @@ def _rounding(values: FloatArray) -> tuple[float, FloatArray]:
 
 
 def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple[Finding, ...]]:
-    """Fill in missing standard deviations; also findings on what was assumed.
+    """Fill in missing standard deviations; return also findings on assumptions.
 
-    `scatter_alone`: positions that hardly scatter are taken for those of carrier phase. Otherwise the whole error is
-    that of the fix type, of which scatter from fix to fix shows only the white part: for a filter that tells the two
-    apart.
+    `scatter_alone`: small position scatter means carrier-phase fixes. Otherwise the fix type gives the whole error, and
+    the fix-to-fix scatter only its white part, for a filter that separates the two.
     """
     notes = []
     position_sd, velocity_sd = gps.position_sd, gps.velocity_sd
     measured = 3 if heights_measured(gps.lla) else 2  # components
     missing: BoolArray = np.isnan(position_sd)
-    beside = missing & ~missing.all(axis=1, keepdims=True)  # what is given
+    beside = missing & ~missing.all(axis=1, keepdims=True)  # components with a reported sd
     if missing.any():
         carrier, code = CARRIER, Code.GPS_POSITION_SD_SCATTER
         if not scatter_alone:
@@ -216,7 +213,7 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
         found = _scatter(gps.time, ned_offset(gps.lla, gps.lla[0]), POSITION_FLOOR, DEFAULT_POSITION, carrier)
         if not scatter_alone:
             found = _by_fix(gps, found / ALIKE)
-        largest = np.fmax.reduce(position_sd, axis=1, keepdims=True)  # of what is given: the others are no surer
+        largest = np.fmax.reduce(position_sd, axis=1, keepdims=True)  # largest reported sd: the others are no better
         position_sd = np.where(missing, np.fmax(found, largest), position_sd)
         rows = missing[:, :measured].any(axis=1)
         if rows.any():
@@ -225,7 +222,7 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
     if digits := _digits(gps.lla):
         step = 10.0**-digits * DEG * A * np.array([1.0, math.cos(float(gps.lla[0, 0])), 0.0])
         if (position_sd < step / math.sqrt(12.0)).any():
-            position_sd = np.maximum(position_sd, step / math.sqrt(12.0))  # errors between half a step more and less
+            position_sd = np.maximum(position_sd, step / math.sqrt(12.0))  # rounding error: uniform within half a step
             least = step[:2].max() / math.sqrt(12.0)
             notes.append(Finding.of(Code.GPS_ROUNDED_POSITION, sd_m=least, step_m=step[0], decimals=digits))
     if gps.fix is not None:
@@ -256,7 +253,7 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
             Finding.of(Code.GPS_VELOCITY_SD_SCATTER, count=missing.sum(), sd_m_s=middle, floor_m_s=VELOCITY_FLOOR)
         )
     steps, alike = zip(*map(_rounding, v_n.T), strict=True)
-    step = np.where(steps, steps, max(steps))  # few values: as the others
+    step = np.where(steps, steps, max(steps))  # few values: assume the step of the others
     least = step * np.sqrt(np.column_stack(alike) / 12.0)
     if (velocity_sd < least).any():
         velocity_sd = np.maximum(velocity_sd, least)

@@ -1,8 +1,7 @@
 """Likelihood of the innovations of one drive as a function of the noise of IMU and fixes.
 
-The filter runs once with a preset. Its innovations have a likelihood for every other set of noise figures, found by
-covariance algebra at the fixes alone (`insnav.kernels.noise_likelihood`). Beside it stands what IMUs of this grade, and
-receivers, are like: the prior of each figure.
+The filter runs once with a preset. Covariance algebra at the fixes alone then gives the likelihood under any other
+noise parameters (`insnav.kernels.noise_likelihood`). Priors describe IMUs of this grade and receivers.
 """
 
 from __future__ import annotations
@@ -30,16 +29,16 @@ from insnav.kernels.errorstate import STATES
 from insnav.kernels.smoother import COAST, FIX, NOISE, RESTART, SOURCE, TIME
 from insnav.types import FloatArray, GpsData
 
-LONGEST = 1800.0  # of the record that is looked at [s]
-SPACING = 0.9  # time between the fixes that are looked at, on average at least [s]
-HUBER = 3.0  # innovations beyond so many standard deviations count less, so that false fixes do not decide
-# what the variance of clean innovations loses by that: 1 - 2 Q(3), the expectation of psi(u) u for standard normal u
+LONGEST = 1800.0  # part of the record that is used [s]
+SPACING = 0.9  # least mean time between the fixes that are used [s]
+HUBER = 3.0  # innovations beyond so many standard deviations are de-weighted, to limit false fixes
+# remaining variance of clean innovations: 1 - 2 Q(3), the expectation of psi(u) u for standard normal u
 CLEAN = 0.9973
-FAR_OFF, FAR_OFF_SHARE = np.deg2rad(5.0), 0.1  # attitude error whose square counts [rad], in this part of a drive [-]
-SETTLING = 4  # the attitude of a filter settles in this part of a drive, one in so many [-]
-SENSELESS = 1e6  # no misalignment moves fixes so far [m], [m/s]
-# Largest figures, where the preset has no larger ones. Consumer sensors are sold with scale factors of 0.03, biases of
-# 3 deg/s and 0.5 m/s^2 at most; what is larger explains noise, or faults, by itself.
+FAR_OFF, FAR_OFF_SHARE = np.deg2rad(5.0), 0.1  # attitude error whose square matters [rad], in this share of a drive [-]
+SETTLING = 4  # the attitude of a filter settles in one part in so many of a drive [-]
+SENSELESS = 1e6  # implausibly large innovation by misalignment [m], [m/s]
+# Upper limits, unless the preset is larger. Consumer sensors have scale factors up to 0.03, biases up to 3 deg/s and
+# 0.5 m/s^2. Larger values would explain noise or faults by themselves.
 LARGEST = {
     "scale_factor": {"gyro": 0.05, "accel": 0.05},
     "misalignment": {"gyro": 0.1, "accel": 0.1},
@@ -47,26 +46,26 @@ LARGEST = {
     "bias_instability": {"gyro": 0.02, "accel": 0.3},
 }
 
-# how far figures of an IMU may be from those of the nearest grade, one sd of their logarithm: datasheets of parts of
-# one grade differ by factors of two to three in noise, by ten in what is called in-run bias
+# sd of the logarithm of IMU parameters about the nearest grade. Datasheets of one grade differ by factors of two to
+# three in noise, and of ten in in-run bias
 IMU_PRIOR = {"random_walk": 0.8} | dict.fromkeys(("bias_instability", "bias", "scale_factor", "misalignment"), 1.5)
-# The same of white noise of gyros where a rest of at least so long [s] has shown it at the frequencies that count
-# between fixes: motion adds to it. What a rest shows at higher ones, which chose the preset, may be an idle engine.
+# sd for gyro white noise if a stationary period of this length [s] measured it below the fix rate; motion adds to it.
+# At higher frequencies, which selected the preset, an idling engine may dominate.
 REST, REST_PRIOR = 60.0, (0.5, 0.3)
-# The same of the standard deviation of a position, upwards and downwards. Innovations cannot show that it is smaller:
-# errors that hardly change from fix to fix leave no trace in them. Smaller innovations are time correlation.
+# sd of the position sd's logarithm, upwards and downwards. Innovations give no lower value: errors that hardly change
+# between fixes leave no trace. Small innovations mean time correlation.
 POSITION_PRIOR = (0.6, 0.03)
 LEVELS = "gps.horizontal", "gps.vertical"
 VELOCITY_PRIOR = 0.6
-# Log odds of the time-correlated share of the variance of a position, and their sd: it is never none. In seven minutes
-# 9 % are not told from none; taken for none they make smoothed errors twice what is stated (error2/variance 3 to 4).
+# Log odds of the time-correlated share of position variance, and their sd: the share is never zero. In seven minutes 9
+# % are not significant; neglected, they double the smoothed errors (error2/variance 3 to 4).
 SHARE = (0.0, 1.5)
 CORRELATION_TIME = (float(np.log(45.0)), 1.0)  # logarithm of its correlation time [s], and its sd
-# Largest share, and that of fixes more than so long apart [s]: their white rest is also what the IMU model lacks in a
-# turn, whose way grows with the square of the time in between.
+# Largest share, overall and for fixes farther apart than this [s]. Their white part also contains IMU model errors in
+# turns, which grow with the squared interval.
 ALL, LARGEST_SHARE, FAR_APART = 1.0 - 1e-6, 0.95, 0.5
-# Velocities, too, may have a time-correlated error, as their integral shows against positions: logarithms of its sd by
-# that of a velocity and of its correlation time [s], and their sd. What is alike for seconds only is a receiver's
+# Velocities may also have a time-correlated error, observable by their integral against positions. Logarithms of its sd
+# relative to the velocity sd, of its correlation time [s], and their sd. Correlation over seconds is receiver
 # smoothing.
 VELOCITY_CORRELATED = {
     "velocity_correlated": (float(np.log(0.3)), 1.0),
@@ -76,9 +75,9 @@ VELOCITY_CORRELATED = {
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A figure, as a logarithm: the middle of its prior, and its standard deviation above and below that.
+    """Parameter, as a logarithm: the middle of its prior, and the sd above and below it.
 
-    A share, as log odds, is one of `most`.
+    A share, as log odds, is a share of `most`.
     """
 
     key: str
@@ -89,7 +88,7 @@ class Parameter:
 
 
 class InnovationLikelihood:
-    """Innovations of one drive as a function of the noise; `about`: noise of the run they are a linear function of."""
+    """Innovations of one drive as a function of the noise. `about`: noise of the run about which they are linear."""
 
     def __init__(self, ready: Prepared, spec: ImuSpec, about: NoiseEstimate | None = None) -> None:
         ready = ready.longest_part()
@@ -97,7 +96,7 @@ class InnovationLikelihood:
         gps = thinned(ready.gps)
         self.median_sd: FloatArray = np.median(gps.position_sd, axis=0)
         correlated = run.settings.correlated
-        if correlated is None:  # the nominal run needs the states, whatever their size
+        if correlated is None:  # the nominal run needs the states at any size
             correlated = CorrelatedNoise(0.1, 40.0, np.sqrt(0.1) * self.median_sd)
         correlated = replace(correlated, velocity_sd=None)
         self._settings = replace(ready.settings, correlated=correlated, aiding=None, smooth=True, output_interval=10.0)
@@ -113,8 +112,8 @@ class InnovationLikelihood:
         self._tape = kernel.tape(rows, at.states, run.model.noise, bridged(imu.time, time))
         self._offered = rows[:, SOURCE] == FIX
         h, jitter = self._tape[7], ready.settings.jitter
-        # of fixes: what the scatter of the timestamps makes of speed and acceleration, the negatives of the column of
-        # the delay; of other aiding: its noise
+        # fixes: timestamp jitter times speed and acceleration, the negative of the delay column; other aiding: its
+        # noise
         measured = rows[:, SOURCE, None] != 0.0
         self._other = np.where(measured, rows[:, NOISE : NOISE + 36 : 7], 0.0)
         self._other[self._offered] = (jitter * h[self._offered][:, :, STATES]) ** 2
@@ -131,25 +130,25 @@ class InnovationLikelihood:
         self.parameters = self._choose()
 
     def again(self, found: NoiseEstimate) -> InnovationLikelihood:
-        """The same about another run, with the noise that was found."""
+        """Repeat about another run, with the estimated noise."""
         return InnovationLikelihood(self._ready, self.prior, found)
 
     def doubted(self, found: NoiseEstimate) -> InnovationLikelihood:
-        """The same if what came with the positions says nothing of their size, where it is far smaller than `found`."""
+        """Copy without weight of the reported position sds, if these are far below `found`."""
         part, larger = copy(self), np.clip(found.white, 1.0, ALIKE)
         middle = dict(zip(LEVELS, np.log(found.position_factor[1:] * larger), strict=True))
         part.parameters = tuple(replace(p, middle=float(middle.get(p.key, p.middle))) for p in self.parameters)
         return part
 
     def of(self, kind: ImuSpec) -> InnovationLikelihood:
-        """The same by another kind of IMU, with its figures for the prior."""
+        """Copy with another IMU prior."""
         other, of_imu = copy(self), sum(not p.key.startswith("gps.") for p in self.parameters)
         other.prior = kind
         other.parameters = (*other._choose()[:of_imu], *self.parameters[of_imu:])
         return other
 
     def beginning(self, length: float) -> InnovationLikelihood:
-        """The same of the innovations of so long from the start only [s]."""
+        """Copy with the innovations of the first `length` seconds only."""
         part = copy(self)
         last = int(np.searchsorted(np.cumsum(self._tape[0]), length))
         part._tape = tuple(each[:last] for each in self._tape)
@@ -159,13 +158,13 @@ class InnovationLikelihood:
         return part
 
     def of_positions(self, *, sizes: bool) -> InnovationLikelihood:
-        """The same with no figures but what part of the errors of positions lasts, how long, and their `sizes`."""
+        """Copy with only these parameters: time-correlated share of position errors, its time, and `sizes`."""
         same = copy(self)
         same.parameters = (*(p for p in self.parameters if sizes and p.key in LEVELS), *self.parameters[-2:])
         return same
 
     def with_correlated_velocities(self) -> InnovationLikelihood:
-        """The same if velocities have a time-correlated error: three more states, which the run took for zero."""
+        """Copy with time-correlated velocity errors: three more states, zero in the nominal run."""
         wider, at, tape = copy(self), self._lasting + 3, list(self._tape)
         tape[7], tape[8] = (np.insert(each, [at] * 3, 0.0, axis=-1) for each in self._tape[7:9])
         tape[7][:, range(3, 6), range(at, at + 3)] = self._offered[:, None]
@@ -190,13 +189,13 @@ class InnovationLikelihood:
         for axis, name in ((0, "velocity"), (2, "vertical_velocity")):
             if self.velocity_sd[axis] < OPEN_VELOCITY:
                 found.append(Parameter(f"gps.{name}", 0.0, VELOCITY_PRIOR, VELOCITY_PRIOR))
-        near = float(np.quantile(np.diff(self._given), 0.25))  # fixes are looked at in pairs
+        near = float(np.quantile(np.diff(self._given), 0.25))  # fixes are used in pairs
         most = LARGEST_SHARE if near > FAR_APART else ALL
         found.append(Parameter("gps.share", *SHARE, SHARE[1], most))
         return (*found, Parameter("gps.correlation_time", *CORRELATION_TIME, CORRELATION_TIME[1]))
 
     def spec(self, at: FloatArray) -> ImuSpec:
-        """IMU of a set of figures."""
+        """Return the IMU specification of a parameter set."""
         factor = {p.key: float(np.exp(x)) for p, x in zip(self.parameters, at, strict=True)}
 
         def scaled(sensor: SensorSpec, name: str) -> SensorSpec:
@@ -207,7 +206,7 @@ class InnovationLikelihood:
         return replace(self.prior, gyro=scaled(self.prior.gyro, "gyro"), accel=scaled(self.prior.accel, "accel"))
 
     def fixes_of(self, at: FloatArray) -> tuple[FloatArray, FloatArray, CorrelatedNoise]:
-        """Factors of the sd of position and velocity; the time-correlated part of the errors."""
+        """Return the factors on position and velocity sd, and the time-correlated part of the errors."""
         value = {p.key: float(x) for p, x in zip(self.parameters, at, strict=True)}
         level, down = (np.exp(value.get(key, 0.0)) for key in LEVELS)
         share = self.parameters[-2].most / (1.0 + np.exp(-value["gps.share"]))
@@ -221,7 +220,7 @@ class InnovationLikelihood:
         return position, velocity, correlated
 
     def normalised(self, at: FloatArray, push: FloatArray | None = None) -> FloatArray:
-        """Innovations and variances with a set of figures, and derivatives by `push`, as of `kernel.innovations`."""
+        """Compute innovations and variances with some parameters, and derivatives by `push` (`kernel.innovations`)."""
         push = np.zeros((1, self._offered.size, NAV)) if push is None else push
         out = np.empty((1 + push.shape[0], 6 * self._offered.size))
         model = error_model(self.spec(at), self._states)
@@ -233,7 +232,7 @@ class InnovationLikelihood:
         mean = np.zeros(start.covariance.shape[0])
         mean[NAV : NAV + 3] = self._run.initial.gyro_bias - start.correction[:3]
         factor = np.concatenate([np.sqrt(1.0 - correlated.share) * position, velocity])
-        factor = np.where(self._sd < OPEN_VELOCITY, factor, 1.0)  # what was not measured says nothing of it
+        factor = np.where(self._sd < OPEN_VELOCITY, factor, 1.0)  # unmeasured values carry no information on it
         variance = self._other + self._offered[:, None] * (factor * self._sd) ** 2
         count = kernel.innovations(
             self._tape,
@@ -253,12 +252,12 @@ class InnovationLikelihood:
         return out[:, :count]
 
     def by_axes(self, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
-        """Curvature (12, 12) and slope (12,) of the log-likelihood by the misalignments [rad], and what these do.
+        """Compute curvature (12, 12) and slope (12,) of the log-likelihood by misalignments [rad], and their effect.
 
-        That is the error of roll, pitch and heading by each (12, k, 3) [-]. Last, whether the attitude of the run was
-        so far off so long that the innovations are no linear function of it. All is of the settled filter: while the
-        heading is off by degrees, its products with tilts count as much as misalignments. A long rest, where these do
-        nothing to the filter, would make what they do seem less.
+        The effect is the error of roll, pitch and heading by each (12, k, 3) [-]. The last value is whether large
+        attitude errors of the run make the innovations nonlinear in them. Only the settled filter counts: with a
+        heading error of degrees, its products with tilts are as large as misalignments. A long stationary period does
+        not count, either: misalignments have no effect there.
         """
         push = np.insert(self._axes, 0, 0.0, axis=0)
         rest = np.flatnonzero(kernel.held(self._tape[2]) & (self._tape[0] > 0.0)).max(initial=-1) + 1
@@ -276,16 +275,16 @@ class InnovationLikelihood:
 
     @property
     def reset(self) -> bool:
-        """Whether the run was reset to fixes."""
+        """Return whether the run was reset to fixes."""
         return bool((self._tape[1] == RESTART).any())
 
     @property
     def misalignment_sd(self) -> FloatArray:
-        """Standard deviations of the twelve misalignments by the prior [rad]."""
+        """Prior standard deviations of the twelve misalignments [rad]."""
         return np.concatenate([np.repeat(sensor.misalignment, 2) for sensor in (self.prior.gyro, self.prior.accel)])
 
     def bias_seen(self, at: FloatArray) -> float:
-        """Negative log-likelihood of the gyro bias that the alignment saw."""
+        """Compute the negative log-likelihood of the gyro bias that the alignment measured."""
         known = self._ready.alignment.gyro_bias_sd
         seen = np.isfinite(known)
         gyro = self.spec(at).gyro
@@ -294,30 +293,30 @@ class InnovationLikelihood:
 
 
 def cost_of(innovation: FloatArray, variance: FloatArray) -> float:
-    """Negative log-likelihood of innovations, robust: beyond three sd it grows with their size, not with its square.
+    """Compute a robust negative log-likelihood of innovations: beyond three sd it grows linearly.
 
     `innovation`, `variance` (k,): innovations and their variances.
     """
-    if not (variance > 0.0).all():  # rounding, where errors of the model are far too large
+    if not (variance > 0.0).all():  # rounding with far too large model errors
         return np.inf
     return float(np.sum(costs_of(innovation, variance)))
 
 
 def costs_of(innovation: FloatArray, variance: FloatArray) -> FloatArray:
-    """The same of each innovation (k,)."""
+    """Compute the cost of each innovation (k,); see `cost_of`."""
     u = np.abs(innovation) / np.sqrt(variance)
     square = np.where(u <= HUBER, 0.5 * u * u, HUBER * u - 0.5 * HUBER**2)
     return np.asarray(square + 0.5 * CLEAN * np.log(variance))
 
 
 def weights_of(innovation: FloatArray, variance: FloatArray) -> FloatArray:
-    """Curvature of `costs_of` by each innovation (k,), in iteratively reweighted least squares."""
+    """Compute the curvature of `costs_of` by each innovation (k,), for iteratively reweighted least squares."""
     variance = np.where(variance > 0.0, variance, np.inf)  # see `cost_of`
     return np.asarray(1.0 / (variance * np.maximum(np.abs(innovation) / np.sqrt(variance) / HUBER, 1.0)))
 
 
 def bridged(samples: FloatArray, epochs: FloatArray) -> FloatArray:
-    """Whether a gap of the samples lies before each epoch."""
+    """Find the epochs that follow a data gap of the samples."""
     step = np.diff(samples)
     gap = samples[1:][step > 2.5 * np.median(step)]
     count = np.searchsorted(gap, epochs + 0.5)
@@ -325,9 +324,9 @@ def bridged(samples: FloatArray, epochs: FloatArray) -> FloatArray:
 
 
 def thinned(gps: GpsData) -> GpsData:
-    """Fixes in pairs of neighbours, two `SPACING` from pair to pair.
+    """Thin fixes to pairs of neighbours, with twice `SPACING` between pairs.
 
-    Noise that is new in each fix is told from what the IMU adds in between only if the times in between differ.
+    Different intervals are needed to separate the white noise of the fixes from IMU noise.
     """
     keep, begin, single = [], -np.inf, False
     for row, time in enumerate(gps.time.tolist()):

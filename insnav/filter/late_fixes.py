@@ -1,10 +1,9 @@
-"""How likely fixes are whose timestamps are late by a given time, and all else that the filter estimates.
+"""Likelihood of fixes with timestamps late by a given time, over all other estimates of the filter.
 
-A filter has run once. In its error states a fix that is of another time than that of its epoch shows linearly: the
-velocity error times the time between, the tilt of the specific force that acted in it, and the lever arm as it was
-turned then. The innovations that the filter would have had with every fix in its own time then cost one pass of
-covariance algebra (`insnav.kernels.noise_likelihood`), whatever the delay; the filter's own one is undone. Lever arm,
-attitude and biases, of which a wrong delay makes others, are free in it, from a start that is hardly known.
+A filter has run once. A fix at another time than its epoch is linear in the error states: velocity error times time
+difference, tilt times specific force, and rotated lever arm. One pass of covariance algebra then gives the innovations
+with every fix at its own time (`insnav.kernels.noise_likelihood`), for any delay, without the filter's own delay. Lever
+arm, attitude and biases depend on the delay: they are free, from an uncertain start.
 """
 
 from __future__ import annotations
@@ -33,28 +32,28 @@ from insnav.strapdown import TIME_TOLERANCE
 from insnav.types import FloatArray
 from insnav.units import DEG
 
-REACH = 2.0  # delays looked for, early and late [s]
-EDGE = REACH + 1.0  # fixes so near to the ends of the record may be of a time outside [s]
-# Part of the fixes, from the start on, by which no case is the likeliest that another one is likelier than by so much
+REACH = 2.0  # range of the delay search, early and late [s]
+EDGE = REACH + 1.0  # fixes nearer to the ends of the record may belong to a time outside [s]
+# A candidate worse by this cost after this share of the fixes is dropped
 SOON, UNLIKELY = 0.3, 50.0
-GAP = 100.0  # times the usual variance of a velocity, that of one after a gap of the fixes
-BLOCK, BLOCKS = (10.0, 20.0), 3  # parts whose errors are independent: how long, and so many of a short record [s]
-OPEN_START = 20.0, 2.0, 5.0 * DEG  # sd of position [m], velocity [m/s], attitude at the start, which is late, too
+GAP = 100.0  # limit of the velocity variance after a gap of fixes, over the usual one
+BLOCK, BLOCKS = (10.0, 20.0), 3  # parts with independent errors: length, and number in a short record [s]
+OPEN_START = 20.0, 2.0, 5.0 * DEG  # sd of position [m], velocity [m/s], attitude at the start, whose fix is late, too
 
 
-_Since = tuple[FloatArray, FloatArray, FloatArray]  # velocity and position gained by specific force, and ``C_nb`` then
+_Since = tuple[FloatArray, FloatArray, FloatArray]  # velocity and position by specific force, and ``C_nb`` then
 
 
 class _Seen(NamedTuple):
-    """Each of the fixes, against the state of its epoch before the measurement."""
+    """Fixes compared with the state of their epoch before the measurement."""
 
     time: FloatArray  # of the epoch [s]
-    away: FloatArray  # the same from the middle of the record on
+    away: FloatArray  # time relative to the middle of the record
     v_n: FloatArray  # measured [m/s]
     off: FloatArray  # position, predicted minus measured [m]
     v: FloatArray  # velocity of the state [m/s]
-    lever: FloatArray  # arm that turns show [m]
-    shaken: FloatArray  # the one that vibration shows [m]
+    lever: FloatArray  # lever arm by turns [m]
+    shaken: FloatArray  # lever arm by vibration [m]
     lasting: FloatArray  # time-correlated error that was fed back, (k, 6) [m], [m/s]
     bias: FloatArray  # sensor errors (k, 12)
     here: FloatArray  # the track of gyros and accelerometers alone (k, 15)
@@ -62,14 +61,14 @@ class _Seen(NamedTuple):
 
 
 class LateFixes:
-    """Fixes of a record against a run; `epochs`: its rows, `settings`: of the filter that made them."""
+    """Fixes of a record compared with a run. `epochs`: its rows. `settings`: of the filter that made them."""
 
     def __init__(self, ready: Prepared, settings: FilterSettings, epochs: FloatArray) -> None:
         at, time, gps = layout(settings), epochs[:, TIME], ready.gps
         self._tape = noise_likelihood.tape(epochs, at.states, ready.model.noise, bridged(ready.imu.time, time))
         own = np.minimum(np.searchsorted(gps.time - settings.delay, time - TIME_TOLERANCE), gps.time.size - 1)
         good = np.abs(gps.time[own] - settings.delay - time) <= TIME_TOLERANCE
-        # a position that is 100 km off would decide alone
+        # a position wrong by 100 km would dominate
         good &= (pass_quality(settings.gates, gps) & ~impossible(settings.gates, gps))[own]
         good &= (time > time[0] + EDGE) & (time < time[-1] - EDGE)
         fixes, seen, self._rows = gps.rows(own[good]), time[good], np.flatnonzero(good)
@@ -86,19 +85,19 @@ class LateFixes:
         share = 0.0 if settings.correlated is None else settings.correlated.share
         self._variance[good, :3] = (1.0 - share) * fixes.position_sd**2
         self._variance[good, 3:] = np.nan_to_num(fixes.velocity_sd**2, nan=1.0)
-        # the state before the measurement is the one after it and what was fed back
+        # the state before the measurement is the state after it plus the feedback
         x, fed = epochs[good, STATE : STATE + 10], self._tape[8]
         v = x[:, 3:6] + fed[good, 3:6]
         covariance = epochs.shape[1] - at.states * (at.states + 1) // 2  # its lower triangle
         unsure = np.sum(epochs[good][:, covariance + np.array([9, 14, 20])], axis=1)
-        most = GAP * np.median(unsure) if unsure.size else 0.0  # after a gap it is known to metres a second
+        most = GAP * np.median(unsure) if unsure.size else 0.0  # after a gap the velocity sd is metres per second
         usual = unsure <= most
         self.moves = bool(np.sum(v[usual] ** 2) > STILL * np.sum(unsure[usual]))
         taken = np.cumsum(np.vstack([np.zeros(at.states), fed[:-1]]), axis=0)[good]
-        taken = np.hstack([taken, np.zeros((self._rows.size, 3))])  # at -1, where an arm is no state
+        taken = np.hstack([taken, np.zeros((self._rows.size, 3))])  # -1 indexes these where an arm is no state
         lever, shaken = (settings.lever_b - taken[:, k:][:, :3] for k in (at.lever, max(at.shaken, at.lever)))
         lasting = np.zeros((self._rows.size, 6))
-        if settings.correlated is not None:  # what was fed back fades from its epoch on
+        if settings.correlated is not None:  # feedback fades from its epoch on
             size = settings.correlated.times.size
             left = np.zeros((time.size, size))
             for k, fade in enumerate(np.exp(-np.diff(time)[:, None] / settings.correlated.times)):
@@ -121,7 +120,7 @@ class LateFixes:
         )
         self._start = first_state(ready.initial, settings).covariance
         self._start[:NAV, :NAV] += np.diag(np.repeat(OPEN_START, 3) ** 2)
-        # made once, as every delay fills the same places
+        # allocated once: every delay fills the same places
         self._out, self._z, self._h = (
             np.zeros(each) for each in ((2, 6 * time.size), (time.size, 6), (time.size, 6, at.states))
         )
@@ -134,7 +133,7 @@ class LateFixes:
         self._density = np.array([np.mean(noise[:3]), np.mean(noise[3:6]), *noise[18:]])
 
     def _beginning(self) -> LateFixes:
-        """The same of the first fixes only."""
+        """Copy with the first fixes only."""
         part, fixes = copy(self), max(1, int(self._rows.size * SOON))
         epochs = int(self._rows[fixes - 1]) + 1
         part._seen, part._rows = _Seen(*(each[:fixes] for each in self._seen)), self._rows[:fixes]
@@ -143,7 +142,7 @@ class LateFixes:
         return part
 
     def _since(self, span: FloatArray) -> _Since:
-        """What specific force adds to velocity and position in a time (k,) from the epoch on [s], and ``C_nb`` then."""
+        """Compute velocity and position by specific force over a time (k,) from the epoch on [s], and ``C_nb`` then."""
         seen, s = self._seen, span[:, None]
         there = strapdown.between(*self._track, seen.time + span)[1]
         v, p = there[:, :3] - seen.here[:, :3], there[:, 3:6] - seen.here[:, 3:6] - seen.here[:, :3] * s
@@ -152,23 +151,23 @@ class LateFixes:
         return _times(seen.turn, v) - push * s, _times(seen.turn, p) - 0.5 * push * s**2, c
 
     def costs(self, delays: FloatArray, drift: FloatArray | float = 0.0, lag: FloatArray | None = None) -> FloatArray:
-        """Negative log-likelihood of each block of the record, (k, blocks), with delays in its middle [s].
+        """Compute the negative log-likelihood of each block of the record, (k, blocks).
 
-        `delays`, `drift` of these [s/s], `lag` of the velocities behind the positions, of none the one assumed [s]:
-        (k,), or one of each.
+        `delays`: in the middle of the record [s]. `drift` of these [s/s]. `lag` of velocities behind positions [s], by
+        default as assumed. Each is (k,) or a single value.
         """
         cases = np.broadcast(delays, drift, self.lag if lag is None else lag)
         every = [costs_of(*self.innovations(*each)) for each in cases]
         return np.array([np.bincount(self._block, each) for each in every])
 
     def mean_costs(self, delays: FloatArray, drifts: FloatArray, lags: FloatArray) -> FloatArray:
-        """Cost of a value that was measured, on average, (k,); see `costs`."""
+        """Compute the mean cost per measured value, (k,); see `costs`."""
         return np.asarray(self.costs(delays, drifts, lags).sum(axis=1) / self._block.size)
 
     def cost_of_step(self, delays: FloatArray, wider: float) -> float:
-        """Cost with one delay up to the end of a block and another one from there on, which may be any block.
+        """Compute the least cost with one delay up to the end of some block and another delay after it.
 
-        `delays`: evenly spaced [s]; `wider`: how far below and above them, too [s].
+        `delays`: evenly spaced [s]. `wider`: extension of their range below and above [s].
         """
         step = delays[1] - delays[0]
         delays = np.arange(delays[0] - wider, delays[-1] + wider + 0.5 * step, step)
@@ -176,31 +175,31 @@ class LateFixes:
         since = until[:, -1:] - until
         last = int(np.argmin(until.min(axis=0) + since.min(axis=0)))
         of_fix = self._block[np.cumsum(np.bitwise_count(self._kind))[self._rows] - 1]
-        # what the wrong delay of one part has made of the state is in the costs of the other
+        # the state distorted by the wrong delay of one part affects the cost of the other
         both = np.where(of_fix <= last, delays[np.argmin(until[:, last])], delays[np.argmin(since[:, last])])
         return float(costs_of(*self.innovations(both, 0.0, self.lag)).sum()) + float(np.log(self.blocks))
 
     def likeliest(self, delays: FloatArray, lags: ArrayLike, off: ArrayLike = 0.0, drift: float = 0.0) -> int:
-        """The case of least cost, see `costs`, of which each has a cost `off` besides; most are unlikely soon."""
+        """Find the case of least cost, see `costs`, plus its cost `off`; unlikely cases are dropped early."""
         _, lags, off = np.broadcast_arrays(delays, lags, off)
         soon = self._beginning().costs(delays, drift, lags).sum(axis=1) + off
         left = np.flatnonzero(soon <= soon.min() + UNLIKELY)
         return int(left[np.argmin(self.costs(delays[left], drift, lags[left]).sum(axis=1) + off[left])])
 
     def off(self, delays: FloatArray) -> float:
-        """Mean square of what fixes are off by their variance with the likeliest of some delays [-]."""
+        """Compute the mean normalised squared innovation at the most likely of some delays [-]."""
         innovation, variance = self.innovations(delays[self.likeliest(delays, self.lag)], 0.0, self.lag)
         return float(np.mean(innovation**2 / variance))
 
     def slopes(self, delay: float, drift: float, lag: float, step: float) -> tuple[FloatArray, FloatArray]:
-        """Slopes of the cost of each block by delay and lag, (2, blocks), and its curvature (2, 2), Gauss-Newton's."""
+        """Compute slopes of each block's cost by delay and lag, (2, blocks), and Gauss-Newton curvature (2, 2)."""
         e, s = self.innovations(delay, drift, lag)
         by = np.array([self.innovations(delay + d, drift, lag + q)[0] - e for d, q in step * np.eye(2)]) / step
         weight = weights_of(e, s)
         return np.array([np.bincount(self._block, each * weight * e) for each in by]), (by * weight) @ by.T
 
     def measured(self, delay: FloatArray | float, drift: float, lag: float) -> tuple[FloatArray, FloatArray]:
-        """Predicted minus measured of each row (m, 6) and how errors show in that (m, 6, n), until the next call."""
+        """Compute predicted minus measured of each row (m, 6) and derivatives (m, 6, n), valid until the next call."""
         at, seen, rows = self._at, self._seen, self._rows
         span = -(delay + drift * seen.away)
         since = v, p, c = self._since(span)
@@ -227,9 +226,9 @@ class LateFixes:
         return z, h
 
     def _measured_at(self, late: FloatArray, lag: float, since: _Since | None) -> tuple[FloatArray, ...]:
-        """Velocity since the epoch, ``C_nb`` times the time, and what lever arms make of turns then, (k, 3, 3).
+        """Compute velocity change since the epoch, ``C_nb`` times the time, and lever-arm derivatives, (k, 3, 3).
 
-        `since`: what specific force adds in that time, if it is known.
+        `since`: contribution of specific force in that time, if known.
         """
         v, _, c = since or self._since(late)
         reach = max(0.5 * self._nominal, abs(lag) * (len(self.moments) - 1) / len(self.moments) ** 2)
@@ -241,9 +240,9 @@ class LateFixes:
         return v, late[:, None, None] * c, by_lever, c @ skew(whole - rate)
 
     def innovations(self, delay: FloatArray | float, drift: float, lag: float) -> FloatArray:
-        """Innovations and their variances, (2, n), with a delay in the middle of the record [s], drift and lag.
+        """Compute innovations and variances, (2, n), with a delay in the middle of the record [s], drift and lag.
 
-        `delay`: one, or that of each fix.
+        `delay`: one value, or a value per fix.
         """
         at, (z, h) = self._at, self.measured(delay, drift, lag)
         (time, _, *before), decay = self._tape, self._model.decay

@@ -1,4 +1,4 @@
-"""A lever arm, a heading or a delay that was given and that the drive contradicts."""
+"""Test of a specified lever arm, heading or delay against the drive."""
 
 from __future__ import annotations
 
@@ -17,37 +17,37 @@ from insnav.findings import Code, Finding
 from insnav.types import FloatArray, Run, Trajectory
 from insnav.units import DEG_PER_SQRT_H
 
-OPENED = 2.0  # standard deviation of each component in the pass that looks for it [m]
-WRONG, SURE = 0.4, 6.0  # smallest error that is said [m], and in standard deviations of what was found
-MARGIN = 3.0  # further ones by which what is surely seen exceeds that: noise found with an error in it is larger
-LATE, LATE_SURE = 0.03, 10.0  # smallest error of a delay that is said [s], and in standard deviations of what was found
-OPENED_DELAY = 0.5  # standard deviation of the delay in the pass that looks for it [s]
-# Part of what is known of a lever arm that noise of the gyros may pretend, from which it is said; and for about how
-# long noise turns the attitude before fixes show it [s]
+OPENED = 2.0  # standard deviation of each component in the pass that estimates it [m]
+WRONG, SURE = 0.4, 6.0  # smallest reported error [m], and in standard deviations of the estimate
+MARGIN = 3.0  # additional margin in sd: noise identified with a wrong arm is too large
+LATE, LATE_SURE = 0.03, 10.0  # smallest reported delay error [s], and in sd of the estimate
+OPENED_DELAY = 0.5  # standard deviation of the delay in the pass that estimates it [s]
+# Share of the lever-arm information that may come from gyro noise before it is reported. Approximate time over which
+# noise rotates the attitude before fixes correct it [s]
 PRETENDED, SHOWN_AFTER = 0.2, 10.0
-DOUBLED = 2.0  # times the standard deviations then
-NO_GYROS = 30.0 * DEG_PER_SQRT_H  # noise that no gyros have; hard mounts in vehicles: up to 8 deg/√h [rad/√s]
-WRONG_HEADING = 3.0  # standard deviations of a heading given from which another one that the drive shows is tried
+DOUBLED = 2.0  # factor on the standard deviations then
+NO_GYROS = 30.0 * DEG_PER_SQRT_H  # no gyro has this noise; hard mounts in vehicles: up to 8 deg/√h [rad/√s]
+WRONG_HEADING = 3.0  # error of a specified heading in sd, from which the heading of the drive is tried
 
 
 def with_right_heading(given: Prepared, found: Prepared) -> Prepared:
-    """Return a recording as prepared with the heading that was given, or without it, if that makes fixes likelier."""
-    said, shown = given.alignment, found.alignment
-    off = abs(float(wrap_pi(shown.rph[2] - said.rph[2])))
-    limit = WRONG_HEADING * float(said.sd[2])
+    """Return a recording prepared with or without the specified heading, whichever makes the fixes more likely."""
+    assumed, shown = given.alignment, found.alignment
+    off = abs(float(wrap_pi(shown.rph[2] - assumed.rph[2])))
+    limit = WRONG_HEADING * float(assumed.sd[2])
     if off < limit:
         return given
     ready, code = found, Code.GIVEN_HEADING_REJECTED
     if filtered(given).misfit <= filtered(found).misfit:
         ready, code = given, Code.GIVEN_HEADING_KEPT
-        if off < WRONG_HEADING * np.hypot(said.sd[2], shown.sd[2]):
+        if off < WRONG_HEADING * np.hypot(assumed.sd[2], shown.sd[2]):
             return given
     heading = Finding.of(
         code,
         ready.initial.time,
         difference_rad=off,
         limit_rad=limit,
-        given_rad=said.rph[2],
+        given_rad=assumed.rph[2],
         estimate_rad=shown.rph[2],
         estimate_sd_rad=shown.sd[2],
     )
@@ -55,7 +55,7 @@ def with_right_heading(given: Prepared, found: Prepared) -> Prepared:
 
 
 def with_right_lever(given: Prepared, alone: Callable[[], Prepared]) -> Prepared:
-    """A recording as prepared with a lever arm that was given, or `alone`, without it, if the drive shows another."""
+    """Return a recording with the specified lever arm, or `alone` without it, if the drive contradicts it."""
     arm, run = given.settings.lever_b, looked(given, lever_sd=OPENED)
     off, limit = np.abs(run.lever_b - arm), np.maximum(WRONG, SURE * run.lever_sd)
     if not (off > limit).any():
@@ -64,7 +64,7 @@ def with_right_lever(given: Prepared, alone: Callable[[], Prepared]) -> Prepared
     other = alone()
     if pretended(given, run) <= PRETENDED:
         return other
-    run = looked(other)  # noise found with a wrong arm holds it
+    run = looked(other)  # noise identified with a wrong arm includes its error
     hidden = min(pretended(other, run), 1.0) * np.abs(arm)
     if (np.abs(run.lever_b - arm) > limit + hidden).any():
         return other
@@ -80,11 +80,11 @@ def with_right_lever(given: Prepared, alone: Callable[[], Prepared]) -> Prepared
 
 
 def pretended(ready: Prepared, run: Run) -> float:
-    """Part of what a run knows of its lever arm, where it knows least, that noise of the gyros may pretend.
+    """Compute the share of the lever-arm information, on its weakest axis, that may come from gyro noise.
 
-    What the gyros' noise turns is no turn, but shows an arm as one does: like that of no length, as the antenna does
-    not move (errors in variables: W. A. Fuller, Measurement Error Models, Wiley 1987, section 1.1). Of each fix that
-    is twice the variance of the attitude by that noise over that of the innovation, for each axis.
+    Rotation by gyro noise is no rotation, but acts as evidence for a lever arm of zero length, as the antenna does not
+    move (errors in variables: W. A. Fuller, Measurement Error Models, Wiley 1987, section 1.1). Per fix and axis, this
+    is twice the attitude variance by that noise over the innovation variance.
     """
     row = np.searchsorted(run.epochs.time, run.innovations.time).clip(max=run.epochs.time.size - 1)
     attitude = np.diagonal(run.epochs.covariance, axis1=1, axis2=2)[row, 6:]
@@ -94,10 +94,10 @@ def pretended(ready: Prepared, run: Run) -> float:
 
 
 def with_hidden_lever(ready: Prepared, run: Run) -> tuple[Run, tuple[Finding, ...]]:
-    """A run whose lever arm may be noise of its gyros, with arm, delay and positions as uncertain as that.
+    """Widen the standard deviations of arm, delay and positions if the lever arm may come from gyro noise.
 
-    Standard deviations are doubled: of short parts of a recorded car by RTK arms were 3 to 4 of them off. Where noise
-    tells more than the drive, the arm is short by that, too. Noise that no gyros have is reported.
+    Standard deviations are doubled: in short parts of a recorded car with RTK, arms were wrong by 3 to 4 of them. Where
+    noise outweighs the drive, its bias towards zero is added. Impossible gyro noise is reported.
     """
     part, noise = pretended(ready, run), float(np.sqrt(ready.model.noise[:3].mean()))
     begin = float(run.solution.time[0])
@@ -120,7 +120,7 @@ def with_hidden_lever(ready: Prepared, run: Run) -> tuple[Run, tuple[Finding, ..
 
 
 def lever_contradicted(arm: FloatArray, run: Run) -> Finding:
-    """An arm (3,) that was given [m], and that a run without it does not have: what to give is the run's own one."""
+    """Report a specified arm (3,) [m] that a run without it contradicts, with the run's estimate to specify."""
     return Finding.of(
         Code.GIVEN_LEVER_ARM_REJECTED,
         run.solution.time[0],
@@ -133,9 +133,9 @@ def lever_contradicted(arm: FloatArray, run: Run) -> Finding:
 
 
 def delay_contradicted(ready: Prepared) -> tuple[Finding, ...]:
-    """Navigate the begin of a drive with the delay of the fixes as a state, and report one far from that given.
+    """Navigate the first part of a drive with the delay as a state, and report a wrong specified delay.
 
-    The words have no difference: the noise was found with the error in it, and holds it back.
+    The finding gives no difference: noise identified with the error in it biases the estimate.
     """
     given, run = ready.settings.delay, looked(ready, delay_sd=OPENED_DELAY)
     off, limit = abs(run.gps_delay - given), max(LATE, LATE_SURE * run.gps_delay_sd)
@@ -145,7 +145,7 @@ def delay_contradicted(ready: Prepared) -> tuple[Finding, ...]:
 
 
 def looked(ready: Prepared, **opened: float) -> Run:
-    """The begin of a drive, navigated with other settings."""
+    """Navigate the first part of a drive with other settings."""
     settings = replace(ready.settings, smooth=False, surest=0.0, **opened)  # type: ignore[arg-type]
     some = replace(ready.beginning(SHORT), settings=settings)
     return feed(some.navigator(), some.imu).finish()

@@ -1,4 +1,4 @@
-"""From one recording to a run: prepare, calibrate the aiding in a first pass where it is needed, feed the filter."""
+"""Navigation of one recording: prepare it, calibrate the aiding in a first pass if needed, feed the filter."""
 
 from __future__ import annotations
 
@@ -26,26 +26,26 @@ from insnav.imu.specification import ImuSpec
 from insnav.types import FloatArray, GpsData, ImuData, Run, Trajectory
 
 AidingChoice = Literal["auto", "on", "off"]
-GAP_WORTH = 3.0  # a GPS gap from which other aiding is worth a second pass: less drifts by centimetres [s]
-CREEPS = 10.0  # twice the logarithm of how much likelier fixes must be without the stops that none of them sees
-ASSUMED = NonHolonomic, ZeroVelocity  # what no sensor measures: how vehicles move
-WEAKER = 5.0  # times the sd of how vehicles are assumed to move, where that is doubted: gaps need it still [-]
-UNKNOWN_HEIGHT = 1000.0  # standard deviation where fixes have none [m]
-DENSE = 0.1  # of the solution from which aiding is calibrated, and with which fixes are compared [s]
+GAP_WORTH = 3.0  # shortest GPS gap for a second pass with other aiding: shorter gaps drift by centimetres [s]
+CREEPS = 10.0  # least increase of twice the log-likelihood for dropping stops that no fix confirms
+ASSUMED = NonHolonomic, ZeroVelocity  # assumptions on vehicle motion, not sensors
+WEAKER = 5.0  # factor on the sd of doubtful motion assumptions, which gaps still need [-]
+UNKNOWN_HEIGHT = 1000.0  # standard deviation if fixes have no heights [m]
+DENSE = 0.1  # interval of the solution for calibration of aiding and comparison with fixes [s]
 
 
 @dataclass(frozen=True, slots=True)
 class Navigated:
-    """A run and what was assumed on the way to it."""
+    """Run and its assumptions."""
 
     run: Run  # the result
     gps: GpsData  # the fixes as processed, every value with a standard deviation
-    notes: tuple[Finding, ...] = field(default=())  # what was detected
-    ready: Prepared | None = None  # what was navigated, other aiding included
+    notes: tuple[Finding, ...] = field(default=())  # findings
+    ready: Prepared | None = None  # input of the navigation, including other aiding
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What was detected, events of the run included."""
+        """All findings, including events of the run."""
         return (*self.notes, *self.run.events)
 
 
@@ -64,12 +64,12 @@ def navigate_recording(
 ) -> Navigated:
     """Navigate one recording: `prepare` it and feed it to the filter.
 
-    `states`: 21 or 15, with or without scale factor errors; `start`: initial state, by default the data are aligned;
-    `static_span`: stationary interval for the alignment [s]; `heading`: at the start [rad]; `aiding`: non-holonomic
+    `states`: 21 or 15, with or without scale factor errors. `start`: initial state, by default the data are aligned.
+    `static_span`: stationary interval for the alignment [s]. `heading`: at the start [rad]. `aiding`: non-holonomic
     constraint, odometer, ZUPT, barometer and `settings.logs`, calibrated in a first pass (auto: where there are logs or
-    GPS gaps); `progress`: called with the fraction done.
-    Raises: InputError: no fixes, or an initial state outside the record; AlignmentError: the data do not determine the
-    attitude; DivergenceError: the filter lost consistency.
+    GPS gaps). `progress`: called with the fraction done.
+    Raises: InputError: no fixes, or an initial state outside the record. AlignmentError: the data do not determine the
+    attitude. DivergenceError: the filter lost consistency.
     """
     ready = prepare(imu, gps, spec, settings, states=states, start=start, static_span=static_span, heading=heading)
     return navigate_prepared(ready, spec, aiding=aiding, progress=progress)
@@ -78,7 +78,7 @@ def navigate_recording(
 def navigate_prepared(
     ready: Prepared, spec: ImuSpec, *, aiding: AidingChoice = "auto", progress: Callable[[float], None] | None = None
 ) -> Navigated:
-    """Navigate a recording that is aligned; see `navigate_recording`."""
+    """Navigate an aligned recording; see `navigate_recording`."""
     every = ready.settings.output_interval
     ready = replace(ready, settings=replace(ready.settings, output_interval=dense(every)))
     if aiding == "on" or (aiding == "auto" and (ready.settings.logs or _longest_gap(ready) > GAP_WORTH)):
@@ -88,7 +88,7 @@ def navigate_prepared(
         ready, run = _doubt_motion(*_standing(ready, _run(ready, progress)), first)
     else:
         ready, run = _standing(ready, _run(ready, progress))
-    if run.smoothed is not None and (jumps := resets_of(run)):  # onto fixes that may be false
+    if run.smoothed is not None and (jumps := resets_of(run)):  # to fixes that may be false
         run = widen_by_jumps(run, jumps)
     if run.smoothed is not None and ready.explanation is not None:
         run = ready.explanation.widen(run)
@@ -101,12 +101,12 @@ def navigate_prepared(
 
 
 def dense(every: float) -> float:
-    """Interval of a solution with which fixes, or a reference, can be compared: a part of `every` [s]."""
+    """Return the interval of a solution for comparison with fixes or a reference: a part of `every` [s]."""
     return every / float(np.ceil(max(every / DENSE, 1.0)))
 
 
 def thinned(run: Run, every: float) -> Run:
-    """A run whose solutions have the first row of each interval only, where that is longer than a dense one [s]."""
+    """Thin the solutions of a run to the first row of each interval, if that is longer than a dense one [s]."""
     if every <= DENSE:
         return run
 
@@ -119,7 +119,7 @@ def thinned(run: Run, every: float) -> Run:
 
 
 def aided(ready: Prepared, spec: ImuSpec, progress: Callable[[float], None] | None = None) -> Prepared:
-    """Navigate once, calibrate the aiding by the smoothed solution, and add it to the settings, with notes on it."""
+    """Navigate once, calibrate the aiding by the smoothed solution, and add it to the settings with findings."""
     return _add_aiding(ready, _first_pass(ready, progress), spec)
 
 
@@ -130,9 +130,9 @@ def _first_pass(ready: Prepared, progress: Callable[[float], None] | None) -> Ru
 
 
 def _add_aiding(ready: Prepared, run: Run, spec: ImuSpec) -> Prepared:
-    """Add what the first pass calibrates."""
+    """Add the aiding that the first pass calibrates."""
     assert run.smoothed is not None
-    # the solution is in the time of the fixes, moved by the delay found beyond the one given; the samples are not
+    # the solution is in fix time, by the estimated minus the specified delay; the samples are not
     clock = run.gps_delay - ready.settings.delay
     solution = run.smoothed.solution
     first = FirstPass(
@@ -147,13 +147,13 @@ def _add_aiding(ready: Prepared, run: Run, spec: ImuSpec) -> Prepared:
     aiding = (*given, *(each for each in found if each.name not in {other.name for other in given}))
     axes_sd = ready.model.axes_sd.copy()
     if first.mounting is not None and any(each.name == NonHolonomic.name for each in aiding):
-        axes_sd[2] = max(axes_sd[2], first.mounting.sd[1])  # no heading by it is surer than straight ahead is known
+        axes_sd[2] = max(axes_sd[2], first.mounting.sd[1])  # the direction of travel limits such a heading
     model, settings = replace(ready.model, axes_sd=axes_sd), replace(ready.settings, aiding=aiding)
     return replace(ready, model=model, settings=settings, notes=(*ready.notes, *notes))
 
 
 def _doubt_motion(ready: Prepared, run: Run, first: Run) -> tuple[Prepared, Run]:
-    """Weaken what is assumed of the motion where it makes the fixes less likely than in the first pass, without it."""
+    """Weaken the motion assumptions if the first pass, without them, makes the fixes more likely."""
     aiding, cost = ready.settings.aiding or (), unlikely(run, ready.gps, ready.settings)
     assumed = any(isinstance(each, ASSUMED) for each in aiding)
     if not assumed or cost < unlikely(first, ready.gps, ready.settings) + CREEPS:
@@ -166,7 +166,7 @@ def _doubt_motion(ready: Prepared, run: Run, first: Run) -> tuple[Prepared, Run]
 
 
 def _standing(ready: Prepared, run: Run) -> tuple[Prepared, Run]:
-    """Without stops in gaps of the fixes, or without any, if these contradict them: what creeps may not shake."""
+    """Drop stops in gaps of the fixes, or all stops, if fixes contradict them: a creeping vehicle may not shake."""
     settings, aiding = ready.settings, ready.settings.aiding or ()
     zupt = next((each for each in aiding if isinstance(each, ZeroVelocity)), None)
     if zupt is None or run.smoothed is None or not contradicted(run, ready.gps, settings):
@@ -184,13 +184,13 @@ def _standing(ready: Prepared, run: Run) -> tuple[Prepared, Run]:
         bare = replace(ready, settings=replace(settings, aiding=(*others, *some)), notes=(*notes, note))
         other = _run(bare, None)
         cost = unlikely(other, bare.gps, bare.settings)
-        if cost < least and not contradicted(other, bare.gps, bare.settings):  # else fixes are false
+        if cost < least and not contradicted(other, bare.gps, bare.settings):  # otherwise the fixes are false
             least, best = cost, (bare, other)
     return best
 
 
 def _axes(run: Run, ready: Prepared) -> tuple[Finding, ...]:
-    """Name the part of the attitude's standard deviation that no drive makes smaller, if it is most of it."""
+    """Report the irreducible part of the attitude's standard deviation, if it dominates."""
     sd = (run.smoothed or run).solution.sd
     axes = ready.model.axes_sd
     if sd is None or not axes.any():
@@ -213,19 +213,19 @@ def _axes(run: Run, ready: Prepared) -> tuple[Finding, ...]:
 
 
 def _longest_gap(ready: Prepared) -> float:
-    """Longest time that is navigated without a valid fix, the one after the last fix too [s]."""
+    """Compute the longest time without a valid fix, including the end of the record [s]."""
     time = _fix_times(ready)
     inside = time[(time > ready.initial.time) & (time < ready.imu.time[-1])]
     return float(np.diff(inside, prepend=ready.initial.time, append=ready.imu.time[-1]).max())
 
 
 def _fix_times(ready: Prepared) -> FloatArray:
-    """Times of the fixes that are some [s]."""
+    """Return the times of valid fixes [s]."""
     return ready.gps.time if ready.gps.fix is None else ready.gps.time[ready.gps.fix != 0]
 
 
 def feed(navigator: Navigator, imu: ImuData, progress: Callable[[float], None] | None = None) -> Navigator:
-    """A filter, given the samples of a recording in blocks; `progress` is called with the fraction done."""
+    """Feed a filter with the samples in blocks; `progress` is called with the fraction done."""
     for block in spill.blocks(imu.time.shape[0]):
         navigator.feed(imu.rows(block))
         if progress is not None:
@@ -238,7 +238,7 @@ def _run(ready: Prepared, progress: Callable[[float], None] | None) -> Run:
 
 
 def _likelier(ready: Prepared, progress: Callable[[float], None] | None) -> Run:
-    """Navigate; where fixes reset the filter, as false ones between houses do, believe all if that is likelier."""
+    """Navigate; after resets, which false fixes in streets cause, accept all fixes if that is more likely."""
     run, settings = _run(ready, progress), ready.settings
     if resets_of(run):
         with suppress(DivergenceError):
@@ -252,6 +252,6 @@ def _half_of(progress: Callable[[float], None], before: float) -> Callable[[floa
 
 
 def _outside(fixes: FloatArray, start: float, end: float) -> list[Finding]:
-    """One event for the fixes before the start of navigation and one for those after the last sample."""
+    """Report the fixes before the start of navigation, and the fixes after the last sample, once each."""
     sides = ("before", fixes < start - 1e-6, start), ("after", fixes > end + 1e-6, end)
     return [Finding.of(Code.GPS_OUTSIDE, time, count=rows.sum(), side=side) for side, rows, time in sides if rows.any()]

@@ -1,9 +1,9 @@
-"""The resumable loop: blocks of IMU samples in, state and covariance out, whatever the size of the blocks.
+"""Resumable loop: IMU samples in, state and covariance out, independent of the block size.
 
-Between filter epochs the compiled kernel carries the state and accumulates transition and noise; at each fix, and once
-a second where there is none, they are handed to the filter. A fix between two samples splits the interval at its time.
-Post-processing feeds one recording in blocks; a live system could feed samples as they come, and is answered `MARGIN`
-samples later.
+Between filter epochs the compiled kernel propagates the state and accumulates transition and noise. The filter gets
+them at each fix, and once a second without fixes. A fix between two samples splits the interval at its time.
+Post-processing feeds a recording in blocks. A live system could feed samples as they arrive, and would lag by `MARGIN`
+samples.
 """
 
 from __future__ import annotations
@@ -33,21 +33,21 @@ from insnav.types import Alignment, FloatArray, GpsData, ImuData, Increments, Ru
 POSITION = (Code.GATE_POSITION, Code.DEWEIGHTED_POSITION)
 VELOCITY = (Code.GATE_VELOCITY, Code.DEWEIGHTED_VELOCITY)
 DEWEIGHTED = (Code.DEWEIGHTED_POSITION, Code.DEWEIGHTED_VELOCITY)
-MARGIN = LOOKAHEAD + strapdown.LOST_WINDOW + 2  # newest samples that must wait for their neighbours
-SEEN = 0.1  # before and after a fix: what its receiver has smoothed over, at most [s]
-QUANTUM = 2.0**-40  # of angles, far below what any gyro tells [rad]
+MARGIN = LOOKAHEAD + strapdown.LOST_WINDOW + 2  # newest samples, which wait for their neighbours
+SEEN = 0.1  # before and after a fix: longest smoothing in a receiver [s]
+QUANTUM = 2.0**-40  # of angles, far below gyro resolution [rad]
 COAST = 1.0  # longest time between filter epochs: the transition is of second order [s]
-BROKEN = 3.0  # a longer time without a rejected fix ends a row of rejections, if fixes come more often [s]
-NOISY, FAR_BEYOND = 3.0, 10.0  # times the RMS of the gyros' white noise: smaller rates, or parts, may be that
-FEWEST_REJECTIONS = 5  # before a reset: at low rates a second or two of multipath must not cause one
+BROKEN = 3.0  # a longer time without a rejected fix ends a run of rejections, if fixes come more often [s]
+NOISY, FAR_BEYOND = 3.0, 10.0  # factors on the RMS of the gyros' white noise: smaller rates, or parts, may be noise
+FEWEST_REJECTIONS = 5  # before a reset: at low rates a second or two of multipath must not cause a reset
 
 
 class Navigator:
     """Loosely coupled INS/GPS filter over a stream of IMU samples.
 
-    `start`: to start, or to go on, from; samples and fixes before its time are passed over; `nominal`: sampling
-    interval [s]; `marks`: rows of `gps` after which the whole state is kept, in `kept`, to go on from; `parts`:
-    where to go on after long gaps of the samples.
+    `start`: initial state; samples and fixes before its time are skipped. `nominal`: sampling interval [s]. `marks`:
+    rows of `gps` after which `kept` stores the whole state, to continue from. `parts`: restarts after long gaps of the
+    samples.
 
     Examples
     --------
@@ -74,7 +74,7 @@ class Navigator:
         self._fix = np.flatnonzero(later)
         self._fix_time = gps.time[later] - settings.delay
         own = np.full(gps.time.shape[0], True) if gps.fix is None else gps.fix != gate.OF_REFERENCE
-        # by which velocities are older [s]; a smaller lag is linear enough
+        # age of the velocities [s]; a smaller lag is linear enough
         self._late = own[later] * (settings.velocity_lag if abs(settings.velocity_lag) > LAG_WORTH else 0.0)
         self._settings, self._model, self._nominal, self._alignment = settings, model, nominal, alignment
         self._marks, self.kept = marks, dict[int, FilterState]()
@@ -89,29 +89,29 @@ class Navigator:
         every = settings.output_interval
         self._grid = np.array([start.time if every > 0 else np.inf, every, start.time])
         self._start, self._done = start.time, -np.inf
-        self._next = 0  # first fix not yet processed
+        self._next = 0  # first unprocessed fix
         none = np.empty((0, 3))
         self._sensed, self._motion = (none, none, none, none), np.zeros(25)  # see `felt`
         noise = float(model.noise[:3].sum()) / nominal
-        mean = 0.5 * nominal / SEEN  # of what noise a mean has
+        mean = 0.5 * nominal / SEEN  # noise reduction by the mean
         self._motion[9:11] = mean * NOISY**2 * noise, FAR_BEYOND**2 * noise
-        if len(settings.moments) > 1:  # how a receiver smooths fast turns is not known: they show no arm
+        if len(settings.moments) > 1:  # the receiver's response to fast turns is unknown: do not use them for the arm
             self._motion[10] = np.inf
-        if not self._late.any():  # older velocities have other noise than that of the mean
+        if not self._late.any():  # older velocities have other noise than the mean
             self._motion[17] = NOISY**2 * float(model.noise[3:6].sum()) / (2.0 * SEEN)
-        # newest samples that wait; twice as many processed ones are kept
+        # newest samples wait; twice as many processed samples are kept
         self._margin = MARGIN + int((SEEN + max(settings.moments) * abs(settings.velocity_lag)) / nominal)
         self._last_good = start.time  # time of the last accepted position
         often = float(np.median(np.diff(gps.time))) if gps.time.shape[0] > 1 else 1.0
         self._broken = max(BROKEN, 2.5 * often)
-        self._rejections: list[float] = []  # times of an unbroken row of rejected positions
+        self._rejections: list[float] = []  # times of an unbroken run of rejected positions
         self._tail: ImuData | None = None
         self._parts = [part for part in parts if part.initial.time > start.time]
 
     def feed(self, imu: ImuData) -> None:
-        """Take the next block of samples; what needs later neighbours waits for the next call.
+        """Process the next block of samples; samples without later neighbours wait for the next call.
 
-        `imu`: samples that follow those of the call before.
+        `imu`: samples that follow the previous call.
         """
         while self._parts and imu.time[-1] > self._parts[0].after:
             before = int(np.searchsorted(imu.time, self._parts[0].after, side="right"))
@@ -122,7 +122,7 @@ class Navigator:
         self._advance(imu, last=False)
 
     def _go_on(self, part: Part) -> None:
-        """End a part of the record and begin the next."""
+        """End a part of the record and begin the next part."""
         if self._tail is not None:
             self._advance(None, last=True)
         estimate, start = self._estimate, part.initial
@@ -139,20 +139,20 @@ class Navigator:
         self._aiding.restart(start.time)
 
     def _close(self) -> None:
-        """End with an epoch, so that every row lies between two."""
+        """End with an epoch, so that every row lies between two epochs."""
         if self._estimate.span[0] > 0.0:
             self._estimate.predict(self._done)
             self._record.epoch(self._done, self._estimate)
 
     @property
     def delay(self) -> tuple[float, float]:
-        """By how much older the fixes are, beyond what was given, as estimated so far, and its sd [s]."""
+        """Estimate of the delay of the fixes so far, in addition to the specified delay, and its sd [s]."""
         estimate = self._estimate
         at = max(estimate.at.delay, 0)
         return estimate.delay, float(np.sqrt(estimate.covariance[at, at])) if estimate.at.delay >= 0 else np.inf
 
     def levers(self) -> tuple[FloatArray, FloatArray]:
-        """Lever arm less as given, and that of vibration less that of turns: (2, 3) [m], covariances (2, 3, 3)."""
+        """Lever arm minus the specified arm, and vibration arm minus lever arm: (2, 3) [m], covariances (2, 3, 3)."""
         estimate, at = self._estimate, self._estimate.at
         by = np.zeros((2, 3, at.states))
         for row, first, sign in ((0, at.lever, 1.0), (1, at.shaken, 1.0), (1, at.lever, -1.0)):
@@ -162,7 +162,7 @@ class Navigator:
         return off, by @ estimate.covariance @ np.swapaxes(by, 1, 2)
 
     def finish(self) -> Run:
-        """Process the samples still waiting and return the result."""
+        """Process the waiting samples and return the result."""
         if self._tail is not None:
             self._advance(None, last=True)
         estimate = self._estimate
@@ -179,11 +179,11 @@ class Navigator:
         )
 
     def misfit(self) -> tuple[float, float]:
-        """How unlikely fixes were so far, and their mean square; see `Record.misfit`."""
+        """Misfit of the fixes so far, and their mean square; see `Record.misfit`."""
         return self._record.misfit()
 
     def history(self) -> History:
-        """Process the samples still waiting and return every epoch."""
+        """Process the waiting samples and return all epochs."""
         if self._tail is not None:
             self._advance(None, last=True)
         if self._estimate.history is None:
@@ -199,7 +199,7 @@ class Navigator:
             self._tail = buffer
             return
         parts = strapdown.intervals(buffer, self._nominal)
-        # everything up to the last sample that has all its neighbours, gaps before it included
+        # everything up to the last sample with all its neighbours, including gaps before it
         stop = parts.end.shape[0] - (parts.gap[::-1] == 0.0).cumsum().searchsorted(n - ready, side="left") - 1
         stop = parts.end.shape[0] if last else stop
         first = int(np.searchsorted(parts.end, max(self._done, self._start + strapdown.TIME_TOLERANCE), side="right"))
@@ -218,7 +218,7 @@ class Navigator:
                 reach = max(half, np.abs(late).max() * (len(several) - 1) / len(several) ** 2)
                 swings = np.mean([rates_at(each - half, parts.end, angles, reach) for each in several], axis=0)
                 older = np.mean([since(times, times - each, parts) for each in several], axis=0)
-            # an acceleration of another shape than the velocity has would show less delay than there is
+            # an acceleration of another shape than the velocity would bias the delay towards zero
             forces = np.mean([forces_about(each, parts, max(1, number)) for each in several], axis=0)
             rates = np.mean([rates_at(each, parts.end, angles, slow) for each in several], axis=0)
             self._sensed = rates, forces, swings, older
@@ -252,7 +252,7 @@ class Navigator:
         self._run(samples, k, inc.time.shape[0], False, out)
 
     def _run(self, samples: Samples, first: int, last: int, close: bool, out: Outputs) -> int:
-        """Carry on to `last`; a filter epoch there if `close`, and in between wherever the next fix is far."""
+        """Propagate to `last`; `close` adds a filter epoch there. Further epochs where the next fix is far."""
         estimate, k = self._estimate, first
         while k < last:
             done = k
@@ -265,11 +265,11 @@ class Navigator:
         return k
 
     def _update(self, time: float, number: int) -> None:
-        """Use a fix; `number`: its row of the rates."""
+        """Process a fix. `number`: its row of the rates."""
         estimate = self._estimate
         estimate.predict(time)
         late, at = self._late[self._next], estimate.at
-        still = stays(self._alignment, time)  # all turns are noise
+        still = stays(self._alignment, time)  # all rotation is noise
         felt(estimate.all, *self._sensed, number, late, at.has_arm, still, self._motion)
         row = self._fix[self._next]
         z, h, r = self._z, self._h, self._r
@@ -278,7 +278,7 @@ class Navigator:
         use = [True, nis_velocity == nis_velocity]
         fix = int(self._gps.fix[row]) if self._gps.fix is not None else None
         quality = gate.quality(self._settings.gates, time, fix, self._gps.position_sd[row])
-        if quality is not None and fix in (0, gate.OF_REFERENCE):  # no fix at all, and no velocity either
+        if quality is not None and fix in (0, gate.OF_REFERENCE):  # invalid fix, without velocity
             if estimate.history is not None:
                 estimate.history.measurement(False, False, z, h, r)
             self._record.event(quality)
@@ -289,7 +289,7 @@ class Navigator:
                 continue
             self._record.event(event)
             if event.code in DEWEIGHTED:
-                # exactly the noise that brings the NIS down to its limit
+                # the noise that reduces the NIS to its limit
                 part = slice(3 * half, 3 * half + 3)
                 r[part, part] += (event["nis"] / event["limit_nis"] - 1.0) * self._s[part, part]
             else:
@@ -307,7 +307,7 @@ class Navigator:
         self._note_fix(time, nis, use)
 
     def _show(self, time: float, out: Outputs) -> None:
-        """Put the state after an epoch's measurements into the row of the solution at its time, if there is one."""
+        """Store the state after an epoch in the row of the solution at its time, if any."""
         self._record.epoch(time, self._estimate)
         if out.used[0] and out.time[out.used[0] - 1] >= time - strapdown.TIME_TOLERANCE:
             out.state[out.used[0] - 1] = self._estimate.x
@@ -316,7 +316,7 @@ class Navigator:
         self._record.fix(time, self._z, self._sd, nis, use, self._estimate)
 
     def _assess(self, row: int) -> tuple[float, float, float, float]:
-        """Innovation of a fix, its covariance, NIS of position and velocity, and their lengths."""
+        """Compute the innovation of a fix, its covariance, NIS of position and velocity, and their lengths."""
         gps, settings, estimate = self._gps, self._settings, self._estimate
         found: tuple[float, float, float, float] = assess_fix(
             *(estimate.all, estimate.covariance, self._motion),
@@ -330,7 +330,7 @@ class Navigator:
     def _gate(
         self, time: float, row: int, nis: tuple[float, float], distance: float, change: float, quality: Finding | None
     ) -> tuple[Finding | None, Finding | None]:
-        """Why position and velocity are rejected or de-weighted, or None."""
+        """Return the findings that reject or de-weight position and velocity, or None."""
         gates, gps = self._settings.gates, self._gps
         position, velocity = None, None
         if self._settings.false is not None:
@@ -348,14 +348,14 @@ class Navigator:
         return position, velocity
 
     def _consider_reset(self, time: float, row: int) -> None:
-        """After a long unbroken row of rejected positions, reset to the fix, once, with an event."""
+        """Reset to the fix after a long unbroken run of rejected positions, with an event."""
         gates, gps = self._settings.gates, self._gps
         if self._rejections and time - self._rejections[-1] > self._broken:
             self._rejections.clear()
         self._rejections.append(time)
         if time - self._rejections[0] < gates.reset_after or len(self._rejections) < FEWEST_REJECTIONS:
             return
-        self._assess(row)  # anew: the velocity of this fix may have been accepted already
+        self._assess(row)  # again: the velocity of this fix may have been used
         z = self._z
         with_velocity = np.isfinite(z[3:]).all() and gate.physical_velocity(gates, time, gps.v_n[row]) is None
         self._estimate.restart(time, z, gps.position_sd[row], gps.velocity_sd[row] if with_velocity else None)
@@ -366,18 +366,18 @@ class Navigator:
 
 
 def turned(parts: strapdown.Intervals) -> FloatArray:
-    """Angle about each axis from the first of the samples on, at their ends, (n, 3) [rad].
+    """Compute the angle about each axis from the first sample to the end of each, (n, 3) [rad].
 
-    Differences are to the last bit alike wherever the samples begin: sums of whole numbers of `QUANTUM` are exact.
+    Differences do not depend on the first sample: sums of integer multiples of `QUANTUM` are exact.
     """
     angles = parts.gyro * parts.dt[:, None] if parts.instant else parts.gyro
     return QUANTUM * np.cumsum(np.round(angles / QUANTUM), axis=0)
 
 
 def rates_at(times: FloatArray, end: FloatArray, angles: FloatArray, reach: float = SEEN) -> FloatArray:
-    """Mean body rate about each of the fixes (k,) [s], without what vibrates: (k, 3) [rad/s].
+    """Compute the mean body rate about each of the fixes (k,) [s], without vibration: (k, 3) [rad/s].
 
-    `end` (n,): of the samples [s]; `angles` (n, 3): as `turned` has them.
+    `end` (n,): of the samples [s]. `angles` (n, 3): from `turned`.
     """
     window = np.clip(times + np.array([[-reach], [reach]]), end[0], end[-1])
     row = np.clip(np.searchsorted(end, window), 1, end.size - 1)
@@ -387,7 +387,7 @@ def rates_at(times: FloatArray, end: FloatArray, angles: FloatArray, reach: floa
 
 
 def forces_about(times: FloatArray, parts: strapdown.Intervals, number: int) -> FloatArray:
-    """Mean specific force of so many samples before each of the times (k,) [s] and as many after: (k, 3) [m/s^2]."""
+    """Compute mean specific force of `number` samples before and after each time (k,) [s]: (k, 3) [m/s^2]."""
     first = np.searchsorted(parts.end - parts.dt, times - strapdown.TIME_TOLERANCE)
     rows = np.clip(first[:, None] + np.arange(-number, number), 0, parts.end.size - 1)
     dt = parts.dt[rows]
@@ -396,9 +396,9 @@ def forces_about(times: FloatArray, parts: strapdown.Intervals, number: int) -> 
 
 
 def since(times: FloatArray, late: FloatArray, parts: strapdown.Intervals) -> FloatArray:
-    """Angle turned and velocity gained by specific force since so long before each time (k,) [s]: (k, 6) [rad], [m/s].
+    """Compute rotation and velocity by specific force in the time before each of `times` (k,): (k, 6) [rad], [m/s].
 
-    `late` (k,), negative for what comes after [s]. In body axes of the times; turns are small.
+    `late` (k,): length of that time [s], negative for times after. In body axes at `times`; rotations are small.
     """
     begin, end = np.sort([times, times - late], axis=0)[..., None]
     first, last = np.searchsorted(parts.end, begin), np.searchsorted(parts.end, end)
@@ -409,6 +409,6 @@ def since(times: FloatArray, late: FloatArray, parts: strapdown.Intervals) -> Fl
     part = (part if parts.instant else part / parts.dt[rows])[..., None]
     turn, gain = part * parts.gyro[rows], part * parts.accel[rows]
     whole, angle = turn.sum(axis=1), np.cumsum(turn, axis=1) - 0.5 * turn
-    angle = np.where(part.sum(axis=1, keepdims=True) > 0.0, whole[:, None] - angle, angle)  # on to the time
+    angle = np.where(part.sum(axis=1, keepdims=True) > 0.0, whole[:, None] - angle, angle)  # forward in time
     once = np.cross(gain, angle)
     return np.hstack([whole, (gain + once + 0.5 * np.cross(once, angle)).sum(axis=1)])

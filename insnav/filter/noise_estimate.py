@@ -1,4 +1,4 @@
-"""Noise that the innovations of a drive show, and alignment and initial state adapted to it."""
+"""Noise estimate from the innovations of a drive; alignment and initial state for this noise."""
 
 from __future__ import annotations
 
@@ -16,47 +16,47 @@ from insnav.types import Alignment, FloatArray
 
 @dataclass(frozen=True, slots=True)
 class NoiseFigure:
-    """One figure of the noise, as found."""
+    """Estimated noise parameter."""
 
     key: str  # its dotted name, such as ``gyro.random_walk`` or ``gps.share``
-    unit: str  # unit to show it in
-    # of the nearest grade, as found, and its interval of 95 %; RMS of the axes; factors of reported sd [SI]
+    unit: str  # display unit
+    # prior (nearest grade), estimate, and its 95 % interval; RMS of the axes; factors of reported sd [SI]
     prior: float
     value: float
     low: float
     high: float
-    observable: bool  # the drive tells it; otherwise it is the prior's
+    observable: bool  # the drive determines it; otherwise the prior does
 
 
 @dataclass(frozen=True, slots=True)
 class NoiseEstimate:
-    """What the innovations of a drive say about noise."""
+    """Noise estimate from the innovations of a drive."""
 
     spec: ImuSpec  # the IMU
-    filter_spec: ImuSpec  # the same with the misalignment whose noise is that of the innovations
-    careful_accel_bias: FloatArray  # (3,) as large as it may be, where the drive tells little of it [m/s^2]
-    axes: Misalignment  # its misalignments
-    position_factor: FloatArray  # (3,) of the standard deviations of positions, North, East, Down [-]
-    velocity_factor: FloatArray  # (3,) of those of velocities [-]
+    filter_spec: ImuSpec  # IMU with the misalignment noise of the innovations
+    careful_accel_bias: FloatArray  # (3,) upper plausible value where the drive determines it poorly [m/s^2]
+    axes: Misalignment  # misalignments of the IMU
+    position_factor: FloatArray  # (3,) on position standard deviations, North, East, Down [-]
+    velocity_factor: FloatArray  # (3,) on velocity standard deviations [-]
     correlated: CorrelatedNoise  # time-correlated part of the position error
-    figures: tuple[NoiseFigure, ...]  # what was found, with intervals
-    gain: float  # log-likelihood gained over the prior's figures
-    # mean square of the normalised innovations with the figures before and with those found [-]
+    figures: tuple[NoiseFigure, ...]  # estimates with intervals
+    gain: float  # gain of log-likelihood over the prior
+    # mean square of the normalised innovations before and with the estimate [-]
     mean_before: float
     mean_after: float
-    far_off: bool  # the attitude of the run was so far off that the innovations are no linear function of it
+    far_off: bool  # the attitude error of the run was too large for linear innovations
 
     @property
     def white(self) -> FloatArray:
-        """White part of the errors of positions, horizontal and vertical, by what came with them, (2,)."""
+        """White part of the position errors, horizontal and vertical, relative to the reported sd, (2,)."""
         return np.asarray(self.position_factor[1:] * np.sqrt(1.0 - self.correlated.share))
 
 
 def after_rest(alignment: Alignment, assumed: ImuSpec, found: ImuSpec) -> Alignment:
-    """An alignment at rest with the gyro bias as sure as a smaller in-run instability leaves it until the drive.
+    """Sharpen the gyro bias of an alignment at rest if the in-run instability is smaller than assumed.
 
-    `assumed`: the IMU of the alignment. A larger instability is of the drive: vibration, which was not there at rest.
-    In a long rest a bias changes more than in a drive that may be short.
+    `assumed`: the IMU of the alignment. A larger instability comes from the drive: vibration, absent at rest. In a long
+    stationary period a bias changes more than in a drive, which may be short.
     """
     if alignment.static is None or alignment.static[1] - alignment.static[0] >= LONG_REST:
         return alignment
@@ -66,7 +66,7 @@ def after_rest(alignment: Alignment, assumed: ImuSpec, found: ImuSpec) -> Alignm
 
 
 def start_by(initial: InitialState, alignment: Alignment, model: ErrorModel, factor: FloatArray) -> InitialState:
-    """Initial state for another error model: alignment errors by the sensor errors change with these, others stay."""
+    """Adapt the initial state to another error model: the share of sensor errors in the attitude changes."""
     sd = np.sqrt(np.diag(initial.covariance)[:6])
     place = initial.lla, initial.v_n, sd[:3] * factor if initial.from_fix else sd[:3], sd[3:]
     return initial_state(alignment, model, *place, own=initial.own, from_fix=initial.from_fix)

@@ -1,7 +1,7 @@
-"""Noise of IMU and fixes by maximum likelihood, from the drive itself: estimated, applied and reported.
+"""Noise of IMU and fixes by maximum likelihood from the drive: estimated, applied and reported.
 
-What the innovations of a run say is in `insnav.filter.innovation_likelihood`, the search for the likeliest noise in
-`insnav.filter.noise_search`.
+`insnav.filter.innovation_likelihood` evaluates the innovations of a run. `insnav.filter.noise_search` finds the most
+likely noise.
 """
 
 from __future__ import annotations
@@ -35,16 +35,16 @@ from insnav.findings import CORRELATED_POSITIONS, Code, Finding
 from insnav.imu.specification import ImuSpec
 from insnav.types import FloatArray, GpsData
 
-NOT_LOST = 0.95  # part of the fixes used with resets that a run uses without them, or it is lost
-MOST_REJECTED = 0.3  # part of them that must have been used, else the gates are wrong
-TOO_SMALL = 1.5  # mean square of innovations by their variance with noise that is given: true ones have up to 1.1 [-]
-ENOUGH_FOR_AXES = 900.0  # of the record, where nothing else is looked for [s]
-WORTH_TURNING = 0.5  # of what is not known of attitude: if misalignments that are known do more, samples are corrected
-UNDERSTATED = 2.0  # times what came with the fixes from which their standard deviations are said to be too small [-]
-NO_NOISE = 10.0  # times from which it may be more than a remark on the receiver [-]
-FEET, ALIKE_IN_METRES = (2.7, 4.0), 2.0  # factor of heights as of feet (3.28), and by that of horizontal positions [-]
-FACTOR_WORTH = 0.1  # a smaller change of a standard deviation is not told
-# of names of figures in SI, by the unit that a figure is shown in
+NOT_LOST = 0.95  # least share of accepted fixes, compared with a run with resets; otherwise the run is lost
+MOST_REJECTED = 0.3  # least share of accepted fixes; otherwise the gates are wrong
+TOO_SMALL = 1.5  # mean normalised squared innovation with specified noise: correct noise gives up to 1.1 [-]
+ENOUGH_FOR_AXES = 900.0  # of the record, if only misalignments are estimated [s]
+WORTH_TURNING = 0.5  # of the attitude uncertainty: larger known effects of misalignment correct the samples
+UNDERSTATED = 2.0  # factor on reported standard deviations from which they are reported as too small [-]
+NO_NOISE = 10.0  # factor from which this is more than a note on the receiver [-]
+FEET, ALIKE_IN_METRES = (2.7, 4.0), 2.0  # factor of heights in feet (3.28), relative to horizontal positions [-]
+FACTOR_WORTH = 0.1  # a smaller change of a standard deviation is not reported
+# suffix of SI names, by display unit
 SUFFIXES = {
     "deg/sqrt(h)": "_rad_sqrt_s",
     "m/s/sqrt(h)": "_m_s_sqrt_s",
@@ -56,9 +56,9 @@ SUFFIXES = {
 
 
 def identify_noise(ready: Prepared, spec: ImuSpec) -> DriveNoise | None:
-    """Noise of IMU and fixes from the innovations of one drive; none where it tells none.
+    """Estimate the noise of IMU and fixes from the innovations of one drive; None if not observable.
 
-    `spec`: IMU error specification it was prepared with: the prior.
+    `spec`: IMU error specification of the preparation: the prior.
     """
     drive = _likelihood(ready, spec)
     with suppress(DivergenceError):
@@ -67,7 +67,7 @@ def identify_noise(ready: Prepared, spec: ImuSpec) -> DriveNoise | None:
 
 
 def known_likelihood(ready: Prepared, spec: ImuSpec) -> tuple[InnovationLikelihood, FloatArray] | None:
-    """Innovations of a drive and the figures of its noise as it is specified; none as of `_likelihood`."""
+    """Return innovations of a drive and its specified noise parameters; None as in `_likelihood`."""
     drive = _likelihood(ready, spec)
     if drive is None:
         return None
@@ -80,10 +80,10 @@ def known_likelihood(ready: Prepared, spec: ImuSpec) -> tuple[InnovationLikeliho
 
 
 def _likelihood(ready: Prepared, spec: ImuSpec) -> InnovationLikelihood | None:
-    """Innovations of a drive; none where it is too short to tell, or the filter diverges."""
+    """Compute the innovations of a drive; None if it is too short, or the filter diverges."""
     if thinned(ready.gps).time.shape[0] < FEWEST:
         return None
-    # where gates reject most fixes by what came with these, all are looked at
+    # where gates reject most fixes by their reported sd, accept all
     for gates in (ready.settings.gates, ready.settings.gates.believing()):
         with suppress(DivergenceError):
             drive = _with_gates(ready, spec, gates)
@@ -93,7 +93,7 @@ def _likelihood(ready: Prepared, spec: ImuSpec) -> InnovationLikelihood | None:
 
 
 def _with_gates(ready: Prepared, spec: ImuSpec, gates: Gates) -> InnovationLikelihood:
-    """Innovations of a run with some gates, without resets if it is not lost so: they forget what sensor errors did."""
+    """Run with given gates, without resets unless it is lost: a reset discards the effect of sensor errors."""
     drive = InnovationLikelihood(replace(ready, settings=replace(ready.settings, gates=gates)), spec)
     if drive.reset:
         with suppress(DivergenceError):
@@ -104,13 +104,13 @@ def _with_gates(ready: Prepared, spec: ImuSpec, gates: Gates) -> InnovationLikel
 
 
 def with_noise(ready: Prepared, found: NoiseEstimate) -> Prepared:
-    """The recording prepared with the noise that was found."""
+    """Apply the estimated noise to a prepared recording."""
     notes = (*_without_correlated(ready.notes), *_report(found))
     return _with_axes(replace(ready.apply_noise(found), notes=notes), found.axes)
 
 
 def with_careful_biases(ready: Prepared, assumed: ImuSpec) -> Prepared:
-    """The recording to navigate: biases as sure as drive and rest make them, not as they are likeliest.
+    """Apply plausible upper values of biases for navigation, instead of the most likely biases.
 
     `assumed`: the IMU of the alignment.
     """
@@ -126,13 +126,13 @@ def with_careful_biases(ready: Prepared, assumed: ImuSpec) -> Prepared:
 
 
 def usual_time() -> float:
-    """Correlation time of positions as receivers have it, where a drive tells none [s]."""
+    """Return the usual correlation time of positions, for drives that do not determine it [s]."""
     middle, sd = CORRELATION_TIME
     return float(np.exp(middle + AVERAGED["gps.correlation_time"] * sd**2))
 
 
 def with_usual_noise(ready: Prepared) -> Prepared:
-    """The recording prepared with time-correlated errors of positions as receivers have them: it tells none itself."""
+    """Apply the usual time-correlated position errors, for a drive that does not determine them."""
     if ready.settings.correlated is not None:
         return ready
     time, share = usual_time(), 1.0 / (1.0 + np.exp(-SHARE[0]))
@@ -142,10 +142,10 @@ def with_usual_noise(ready: Prepared) -> Prepared:
 
 
 def with_known_noise(ready: Prepared, spec: ImuSpec, *, lasting: bool, sizes: bool) -> Prepared:
-    """The recording prepared with the misalignments that it tells, all noise as it is specified.
+    """Apply the misalignments that the drive determines; keep the specified noise.
 
-    `lasting`: but for the time-correlated errors of positions, which the drive is asked for, and for the `sizes` of all
-    errors of them, where these are assumed.
+    `lasting`: also estimate the time-correlated errors of positions. `sizes`: also all their standard deviations, where
+    these are assumed.
     """
     lasting &= sizes or ready.settings.correlated is None
     needed = lasting or ready.model.axes_sd.any()
@@ -162,30 +162,30 @@ def with_known_noise(ready: Prepared, spec: ImuSpec, *, lasting: bool, sizes: bo
     starts = [np.concatenate([posterior.middle[:-2], each]) for each in STARTS]
     top, covariance, (e, s, _) = posterior.climb(min(starts, key=lambda each: posterior.innovations(each)[2]), NEAR)
     faults = _too_small(ready, e, s)
-    if faults:  # time-correlated errors would stand for other noise
+    if faults:  # time-correlated errors would absorb other noise
         return replace(ready, faults=(*ready.faults, *faults))
     plausible = posterior.plausible(top, covariance)
     position, _, correlated = posterior.drives[0].fixes_of(plausible[0])
     if sizes:
         ready = ready.scale_sds(ready.model, position, np.ones(3))
-    told = posterior.figures(plausible, spec)
-    more = *_report_factor(Code.ESTIMATE_POSITION_SD, position), _report_correlated(correlated, told)
+    estimates = posterior.figures(plausible, spec)
+    more = *_report_factor(Code.ESTIMATE_POSITION_SD, position), _report_correlated(correlated, estimates)
     settings, notes = replace(ready.settings, correlated=correlated), (*_without_correlated(ready.notes), *more)
     return replace(ready, settings=settings, notes=notes)
 
 
 def _too_small(ready: Prepared, innovation: FloatArray, variance: FloatArray) -> tuple[Finding, ...]:
-    """Report innovations that are larger than the noise given allows; false fixes count little."""
+    """Report innovations larger than the specified noise allows, robust against false fixes."""
     size = float(np.mean(np.minimum(innovation**2 / variance, HUBER**2)))
     given = Finding.of(Code.GIVEN_NOISE, ready.initial.time, mean_square=size, limit_mean_square=TOO_SMALL)
     return (given,) * bool(size > TOO_SMALL)
 
 
 def _with_axes(ready: Prepared, found: Misalignment) -> Prepared:
-    """Samples corrected by the misalignments found, and attitude as uncertain as these leave it.
+    """Correct samples by the estimated misalignments, with the remaining attitude uncertainty.
 
-    Only where there are likelier some than none. Roll and pitch are told apart from biases by the prior of these, too:
-    a correction is doubted by its own size.
+    This applies only if misalignments are more likely than none. Only the bias prior separates roll and pitch from
+    biases: the uncertainty of a correction is its own size.
     """
     imu, notes = ready.imu, ready.notes
     if found.evidence > 0.0 and (np.abs(found.attitude) > WORTH_TURNING * found.attitude_sd).any():
@@ -201,7 +201,7 @@ def _without_correlated(notes: tuple[Finding, ...]) -> list[Finding]:
 
 
 def understated(ready: Prepared, read: GpsData) -> tuple[Finding, ...]:
-    """Report innovations that are far larger than the standard deviations that came with the fixes `read`."""
+    """Report innovations far larger than the reported standard deviations of the fixes `read`."""
     found = ready.noise
     if found is None or not np.isfinite(read.position_sd).all():
         return ()
@@ -219,7 +219,7 @@ def understated(ready: Prepared, read: GpsData) -> tuple[Finding, ...]:
     code = Code.NOISE_SD_IMPLAUSIBLE if most > NO_NOISE else Code.NOISE_SD_UNDERSTATED
     begin = ready.initial.time
     findings = [Finding.of(code, begin, **large, limit_factor=UNDERSTATED)]
-    noisy = np.median(read.position_sd[:, 2]) > CARRIER  # else motion, not noise, is that much larger in feet
+    noisy = np.median(read.position_sd[:, 2]) > CARRIER  # otherwise motion, not noise, has this factor in feet
     if noisy and FEET[0] < height < FEET[1] and height > ALIKE_IN_METRES * level:
         findings.append(Finding.of(Code.NOISE_HEIGHTS_IN_FEET, begin, height_factor=height, position_factor=level))
     return tuple(findings)

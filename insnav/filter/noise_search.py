@@ -1,9 +1,9 @@
-"""The noise of IMU and fixes that is likeliest by the innovations of drives, given what IMUs of this grade are like.
+"""Most probable noise of IMU and fixes, from the innovations of drives and a prior of the IMU grade.
 
-Figures with the largest posterior density are found by Fisher scoring; curvature gives their intervals. Noise from
-innovations: R. K. Mehra, "On the identification of variances and adaptive Kalman filtering", IEEE Trans. Autom. Control
-15 (1970) 175-184; by what is measured rather than by truth: P. Abbeel, A. Coates, M. Montemerlo, A. Y. Ng, S. Thrun,
-"Discriminative training of Kalman filters", Robotics: Science and Systems (2005).
+Fisher scoring finds the largest posterior density; the curvature gives intervals. Noise from innovations: R. K. Mehra,
+"On the identification of variances and adaptive Kalman filtering", IEEE Trans. Autom. Control 15 (1970) 175-184; from
+measurements instead of truth: P. Abbeel, A. Coates, M. Montemerlo, A. Y. Ng, S. Thrun, "Discriminative training of
+Kalman filters", Robotics: Science and Systems (2005).
 """
 
 from __future__ import annotations
@@ -33,24 +33,23 @@ from insnav.sample_statistics import chi2_limit
 from insnav.types import FloatArray
 from insnav.units import G0
 
-FEWEST = 30  # fixes needed: what fewer show is less than what the prior knows
-SHORT = 600.0  # of a record for the first steps, from which the rest is not far [s]
+FEWEST = 30  # fixes needed: fewer add little to the prior
+SHORT = 600.0  # length of the record for the first steps, which end near the solution [s]
 ROUNDS = 12  # of Fisher scoring at most
 STEP = 0.01  # of numerical derivatives, in logarithms
-DIGITS = 6  # of these logarithms that count: what is found does not hang on how sums are rounded, which is far less
-LARGEST_STEP = 1.5  # of a round, in logarithms
-ENOUGH = 0.6  # smaller gains of the log-likelihood end the search: an interval of 95 % is two wide
-NEAR = 3.0  # smaller ones end the first steps
-FAR = 5.0  # after a larger one the derivatives serve another step
-OBSERVABLE = 0.8  # a figure is observable if the drive narrows its interval to this part of the prior's
+DIGITS = 6  # significant digits of these logarithms: far coarser than the rounding of sums
+LARGEST_STEP = 1.5  # per iteration, in logarithms
+ENOUGH = 0.6  # smaller gains of the log-likelihood end the search: a 95 % interval spans two
+NEAR = 3.0  # smaller gains end the first steps
+FAR = 5.0  # after a larger gain the derivatives serve another step
+OBSERVABLE = 0.8  # largest ratio of a parameter's interval to the prior interval, if observable
 INTERVAL = np.array([-1.96, 1.96])  # ends of 95 % of a normal distribution, in its sd
-KINK = 3.0  # sd of the steeper side of a prior from its middle: the other side is what is plausible there
-# By so many times their variance, figures are larger in the mean than where they are likeliest: a correlation time as a
-# log-normal one is; a size by twice that: the mean variance that n errors tell, n = 1 / (2 sd^2), is n / (n - 2) of it
-# (inverse gamma).
+KINK = 3.0  # prior sd of the steeper side from its middle: the limit of plausible values there
+# Mean over mode of a parameter in units of its variance. A correlation time is log-normal. A size has twice that: the
+# mean variance from n errors, n = 1 / (2 sd^2), is n / (n - 2) times the mode (inverse gamma).
 AVERAGED = {"gps.horizontal": 2.0, "gps.vertical": 2.0, "gps.correlation_time": 0.5}
-# Of misalignments as the constants they are: datasheets of one kind differ by a factor of two. With a wider prior the
-# two or three that a drive tells, small by chance, made all others small.
+# Misalignments as constants: datasheets of one kind differ by a factor of two. With a wider prior, two or three
+# observed misalignments, small by chance, made all others small.
 SIZE_PRIOR = 0.7
 UNITS_SHOWN = {
     "random_walk": ("deg/sqrt(h)", "m/s/sqrt(h)"),
@@ -59,30 +58,28 @@ UNITS_SHOWN = {
 }
 # log odds of the share of time-correlated errors of positions and logarithm of their correlation time [s]
 STARTS = [np.log([share / (1.0 - share), time]) for time in (8.0, 40.0, 150.0) for share in (0.1, 0.5, 0.85)]
-# From these starts on a time-correlated error of velocities is looked for, and taken where innovations become likelier
-# by so much: half the logarithm of their number for each of its two figures, 10, and as much again, as a minute of
-# positions that drift gains 15.
+# From these starts, a time-correlated velocity error is estimated. It is accepted for this gain of log-likelihood: half
+# the logarithm of their number for each of its two parameters, 10, plus 10. A minute of drifting positions gains 15.
 VELOCITY_STARTS = np.log([(share, time) for time in (30.0, 150.0) for share in (0.1, 0.3)])
 VELOCITY_WORTH = 20.0
-# Where the white part alone of the errors of fixes is so many times what came with these, the lasting part, of which a
-# drive shows little, is larger than that says, too: the whole is then taken for as many times more, up to `ALIKE`, as
-# the white part exceeds it.
+# If the white part alone of the fix errors exceeds the reported sd by this factor, the poorly observed time-correlated
+# part is too small, too. The whole sd is then scaled by the excess of the white part, up to `ALIKE`.
 DOUBTED = 1.15
-UNDERSTATED_STARTS = 1.0, 5.0, 50.0  # factors it is looked for from: most fixes may have been rejected
-# a drive is by another IMU if by chance its innovations are so unlikely, and figures so many times and standard
-# deviations off those of all
+UNDERSTATED_STARTS = 1.0, 5.0, 50.0  # initial factors: most fixes may have been rejected
+# a drive has another IMU below this chance probability of its innovations, with parameters beyond this factor and
+# number of sd from the common ones
 CHANCE, UNLIKE, UNLIKE_SD = 1e-4, 2.0, 3.0
-# the figures of a drive are those of another kind of IMU where these make them so much likelier [-]; tried so often
+# gain that assigns a drive to another kind of IMU [-]; number of attempts
 OTHER_KIND, KINDS_TRIED = 2.0, 2
 
-_Seen = tuple[FloatArray, FloatArray, float]  # innovations, their variances, and the cost of a set of figures
+_Seen = tuple[FloatArray, FloatArray, float]  # innovations, their variances, and the cost of a parameter set
 
 
 @dataclass(frozen=True, slots=True)
 class DriveNoise(NoiseEstimate):
-    """Noise of drives, and the innovations that show it."""
+    """Noise of drives, with the innovations of its estimate."""
 
-    seen: tuple[InnovationLikelihood, FloatArray]  # of the first drive, and the logarithms of figures
+    seen: tuple[InnovationLikelihood, FloatArray]  # of the first drive, and logarithms of the parameters
 
 
 class Posterior:
@@ -94,44 +91,45 @@ class Posterior:
         self._sd = np.array([[p.sd, p.sd_below] for p in self.parameters]).T
 
     def weight(self, at: FloatArray) -> FloatArray:
-        """Curvature of the prior."""
+        """Compute the curvature of the prior."""
         curvature: FloatArray = np.where(at >= self.middle, self._sd[0], self._sd[1]) ** -2.0
         return curvature
 
     def plausible(self, top: FloatArray, covariance: FloatArray) -> FloatArray:
-        """Mean variances and mean correlation time over what is plausible, and the ends of the interval: (3, k).
+        """Compute mean variances and mean correlation time over plausible values, and the ends of the interval: (3, k).
 
-        Of time-correlated errors as long as the drive they are known to a factor, and the likeliest ones are too small.
+        Time-correlated errors as long as the drive are known to a factor only, and their most likely values are too
+        small.
         """
         wide = top + np.diag(covariance) * [AVERAGED.get(p.key, 0.0) for p in self.parameters]
         return np.array([wide, *(top + end * np.sqrt(np.diag(covariance)) for end in INTERVAL)])
 
     def figures(self, plausible: FloatArray, spec: ImuSpec) -> list[NoiseFigure]:
-        """Figures of what is `plausible`."""
+        """Convert `plausible` values to parameters."""
         return [_figure(p, x, spec) for p, x in zip(self.parameters, plausible.T, strict=True)]
 
     def innovations(self, at: FloatArray) -> _Seen:
-        """Innovations, their variances, and the cost of a set of figures."""
+        """Compute innovations, their variances, and the cost of a parameter set."""
         parts = [drive.normalised(at) for drive in self.drives]
         e, s = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
         return e, s, cost_of(e, s) + self._before(at)
 
     def _side_by_side(self, cases: FloatArray) -> list[_Seen]:
-        """The same of several sets, in as many threads as numba may have: its kernel waits for none."""
+        """Evaluate several sets, in as many threads as numba may use: its kernel releases the lock."""
         with ThreadPoolExecutor(min(len(cases), NUMBA_NUM_THREADS)) as pool:
             return list(pool.map(self.innovations, cases))
 
     def _before(self, at: FloatArray) -> float:
-        """What the cost of a set of figures is without any innovation."""
+        """Compute the cost of a parameter set by the prior alone."""
         off = np.where(np.isfinite(at), at - self.middle, 0.0)
         return 0.5 * float(np.sum(self.weight(at) * off**2)) + sum(drive.bias_seen(at) for drive in self.drives)
 
     def climb(self, at: FloatArray, settled: float = ENOUGH) -> tuple[FloatArray, FloatArray, _Seen]:
-        """Where the posterior density is largest, covariance and innovations there: Fisher scoring, damped (Levenberg).
+        """Find the maximum of the posterior density, with covariance and innovations: damped Fisher scoring.
 
-        Along the last step the curvature is what the slope shows: on a ridge, as of time-correlated errors, scoring
-        alone goes from side to side and ends up to 80 nats too low.
-        In a round the derivatives of the innovations are those of its start, as long as steps with them gain enough.
+        The last step replaces the curvature along it by the observed change of slope. On a ridge, as with
+        time-correlated errors, scoring alone oscillates and ends up to 80 nats too low. An iteration keeps the
+        derivatives of the innovations while steps with them gain enough.
         """
         e, s, cost = self.innovations(at)
         damping, steps, last, moved = 1e-3, STEP * np.eye(at.size), np.zeros(at.size), np.zeros(at.size)
@@ -169,7 +167,7 @@ class Posterior:
 
 
 def _bent(curvature: FloatArray, step: FloatArray, change: FloatArray) -> FloatArray:
-    """Curvature by which a step changes the slope as it did, as of BFGS.
+    """Update a curvature to the observed change of slope along a step, as in BFGS.
 
     J. Nocedal, S. J. Wright, Numerical Optimization, 2nd ed., Springer 2006, eq. (6.19).
     """
@@ -180,7 +178,7 @@ def _bent(curvature: FloatArray, step: FloatArray, change: FloatArray) -> FloatA
 
 
 def _begun(posterior: Posterior) -> FloatArray:
-    """Figures from which the largest density is near: of several starts the likeliest, by the first of the record."""
+    """Find initial parameters: the most likely of several starts, by the first part of the record."""
     level = np.array([p.key in LEVELS for p in posterior.parameters[:-2]])
     starts = [
         np.concatenate([posterior.middle[:-2] + np.log(factor) * level, each])
@@ -192,13 +190,13 @@ def _begun(posterior: Posterior) -> FloatArray:
 
 
 def maximise(drives: Sequence[InnovationLikelihood]) -> DriveNoise:
-    """Figures with the largest posterior density; several drives share one set."""
+    """Find the parameters of largest posterior density; several drives share one set."""
     posterior = Posterior(drives)
     white = posterior.middle.copy()
     white[-2] = -np.inf
     before = posterior.innovations(white)
     top, covariance, (e, s, cost) = posterior.climb(_begun(posterior))
-    if any(p.key == "gps.velocity" for p in posterior.parameters):  # which may have a time-correlated error, too
+    if any(p.key == "gps.velocity" for p in posterior.parameters):  # velocities may have a time-correlated error, too
         wider = Posterior([drive.with_correlated_velocities() for drive in drives])
         starts = [np.concatenate([top[:-2], each, top[-2:]]) for each in VELOCITY_STARTS]
         costs = [wider.innovations(at)[2] for at in starts]
@@ -210,7 +208,7 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> DriveNoise:
     plausible = posterior.plausible(top, covariance)
     position, velocity, correlated = drive.fixes_of(plausible[0])
     filter_spec = drive.spec(top)
-    # one axis shows a bias, on a straight road, and all are taken for alike: mean variance, see `AVERAGED`
+    # on a straight road only one axis is observable, and all get its value: mean variance, see `AVERAGED`
     larger = np.where([p.key == "accel.bias" for p in posterior.parameters], 2.0 * np.diag(covariance), 0.0)
     axes, far_off = misalignments(posterior.drives, top, SIZE_PRIOR)
     return DriveNoise(
@@ -234,14 +232,14 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> DriveNoise:
 
 
 def misalignments(drives: Sequence[InnovationLikelihood], at: FloatArray, prior_sd: float) -> tuple[Misalignment, bool]:
-    """Misalignments of the IMU of all drives, attitude is that of the first; and whether a run was far off."""
+    """Estimate the common misalignments of all drives, attitude of the first; whether a run was nonlinear."""
     fisher, slope, turned, far_off = zip(*(drive.by_axes(at) for drive in drives), strict=True)
     fisher, slope = np.sum(fisher, axis=0), np.sum(slope, axis=0)
     return misalignment(fisher, slope, turned[0], drives[0].misalignment_sd, prior_sd), any(far_off)
 
 
 def _turned(prior: ImuSpec, found: ImuSpec, size: float) -> ImuSpec:
-    """IMU as found, with misalignments of a size by those of the prior; what gravity makes of them stays, as a bias."""
+    """Build the estimated IMU with scaled prior misalignments; their effect on gravity remains a bias."""
     gyro, accel = (size * sensor.misalignment for sensor in (prior.gyro, prior.accel))
     bias = np.sqrt(np.maximum(level_bias(found.accel) ** 2 - (G0 * accel) ** 2, (0.1 * found.accel.bias) ** 2))
     return replace(
@@ -254,7 +252,7 @@ def _turned(prior: ImuSpec, found: ImuSpec, size: float) -> ImuSpec:
 
 
 def _figure(parameter: Parameter, x: FloatArray, spec: ImuSpec) -> NoiseFigure:
-    """Figure of a parameter and of the ends of its interval of 95 %, `x` (3,)."""
+    """Convert a parameter and the ends of its 95 % interval, `x` (3,)."""
     sensor, key = parameter.key.split(".")
     values = np.concatenate([[parameter.middle], x])
     unit = ""
@@ -267,16 +265,16 @@ def _figure(parameter: Parameter, x: FloatArray, spec: ImuSpec) -> NoiseFigure:
         of_axes = getattr(spec.gyro if sensor == "gyro" else spec.accel, key)
         values = np.exp(values) * float(np.sqrt(np.mean(of_axes**2)))
         unit = UNITS_SHOWN.get(key, ("deg/h", "ug"))[sensor == "accel"]
-    told = bool(np.isfinite(x[0]) and np.ptp(x[1:]) < OBSERVABLE * parameter.sd * np.ptp(INTERVAL))
+    observable = bool(np.isfinite(x[0]) and np.ptp(x[1:]) < OBSERVABLE * parameter.sd * np.ptp(INTERVAL))
     prior, value, low, high = values.tolist()
-    return NoiseFigure(parameter.key, unit, prior, value, low, high, told)
+    return NoiseFigure(parameter.key, unit, prior, value, low, high, observable)
 
 
 def kind_of(found: DriveNoise, kinds: Sequence[ImuSpec]) -> ImuSpec:
-    """The kind of IMU, of some or that of the prior, by which the figures found are likeliest: their evidence.
+    """Select the kind of IMU with the largest evidence for the estimates, among some and the prior's kind.
 
-    Innovations tell the logarithm of a figure with an error, a normal one each, which is what the posterior density has
-    beside the prior; for IMUs of one kind it is normally distributed about that of the kind.
+    Innovations determine the logarithm of a parameter with a normal error: the posterior density without the prior.
+    IMUs of one kind are normally distributed about the values of the kind.
     """
     drive, kinds = found.seen[0], [found.seen[0].prior, *kinds]
     worth = np.zeros(len(kinds))
@@ -285,24 +283,24 @@ def kind_of(found: DriveNoise, kinds: Sequence[ImuSpec]) -> ImuSpec:
         if not figure.observable or sensor == "gps" or key == "misalignment":
             continue
         error = 1.0 / ((np.ptp(INTERVAL) / np.log(figure.high / figure.low)) ** 2 - p.sd**-2.0)
-        told = np.log(figure.value) + np.log(figure.value / figure.prior) * error / p.sd**2
+        measured = np.log(figure.value) + np.log(figure.value / figure.prior) * error / p.sd**2
         usual = [0.5 * np.log(np.mean(getattr(getattr(kind, sensor), key) ** 2)) for kind in kinds]
-        worth -= 0.5 * (told - usual) ** 2 / (IMU_PRIOR[key] ** 2 + error)
+        worth -= 0.5 * (measured - usual) ** 2 / (IMU_PRIOR[key] ** 2 + error)
     best = int(np.argmax(worth))
     return kinds[best if worth[best] > worth[0] + OTHER_KIND else 0]
 
 
 def identify(drives: Sequence[InnovationLikelihood], kinds: Sequence[ImuSpec] = ()) -> DriveNoise:
-    """Noise in drives of one IMU, about second runs with it if the first are far off or reject fixes.
+    """Estimate the noise of drives of one IMU; repeat the runs with it if the first are inaccurate or reject fixes.
 
-    `kinds`: what IMU it may also be, if its figures tell so.
+    `kinds`: alternative kinds of IMU, if the estimates favour them.
     """
     found = maximise(drives)
     doubtful = bool(np.min(found.white) > DOUBTED)
     if found.far_off or doubtful:
         with suppress(DivergenceError):
             again = [drive.again(found) for drive in drives]
-            if min(drive.fixes for drive in again) >= FEWEST:  # gates may reject all that this noise is none of
+            if min(drive.fixes for drive in again) >= FEWEST:  # gates may reject all fixes with this noise
                 drives, found = again, maximise(again)
     if doubtful:
         drives = [drive.doubted(found) for drive in drives]
@@ -319,10 +317,10 @@ def identify(drives: Sequence[InnovationLikelihood], kinds: Sequence[ImuSpec] = 
 
 
 def unlike(drives: Sequence[InnovationLikelihood], found: DriveNoise) -> list[list[NoiseFigure]]:
-    """Figures of the IMU that one of several drives has of its own, each in every drive; see `identify`.
+    """Find drives with other IMU parameters than the rest, each with its parameters; see `identify`.
 
-    `found`: in all of them together. Drives by one IMU share its figures, not those of their fixes: it is another one
-    where its own figures make the innovations so much likelier that chance does not, and are far from those of all.
+    `found`: common estimate. Drives of one IMU share its parameters, but not the parameters of their fixes. A drive has
+    another IMU if its own parameters raise the likelihood beyond chance, and differ much from the common ones.
     """
     shared, figures, far = found.seen[1], [], np.zeros(found.seen[1].size, dtype=np.bool_)
     for drive in drives:

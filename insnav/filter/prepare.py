@@ -1,4 +1,4 @@
-"""From the samples and fixes of a recording to a filter at its start: check, look at the noise of the fixes, align."""
+"""Preparation of samples and fixes for the filter: check, estimate the noise of the fixes, align."""
 
 from __future__ import annotations
 
@@ -31,24 +31,24 @@ from insnav.imu.noise_density import rounding_changes
 from insnav.imu.specification import ImuSpec
 from insnav.types import Alignment, FloatArray, GpsData, ImuData, Run
 
-STILL_SD = 0.05  # velocity of a vehicle that the alignment found stationary, its engine running [m/s]
-JITTER_WORTH = 1e-4  # a smaller scatter of the timestamps is rounding; at 30 m/s it makes 3 mm [s]
-DELAY_SD = 0.05  # how well receivers and loggers agree on time if nothing else is known [s]
-LONGEST_GAP = 3.0  # longest data gap that is bridged: the turn within a longer one is anybody's guess [s]
-SHORTEST = 10.0  # shorter parts are not navigated: no alignment fits in [s]
-FEWEST_FIXES = 5  # of a part of the record that is aligned by itself
-ROUNDS = 3  # of alignment, and of fixes less the lever arm that it turns
-AFTER = 2.0 * motion.SPAN + LEVEL_SPAN  # the first motion, or the start: no alignment looks farther [s]
-LONGEST_REST = 3600.0  # that searches go beyond [s]
-START_VELOCITY_SD = 0.1  # lever arm and turn between antenna and IMU at the start, on top of the fix [m/s]
+STILL_SD = 0.05  # velocity of a vehicle that the alignment found stationary, engine running [m/s]
+JITTER_WORTH = 1e-4  # a smaller timestamp scatter is rounding; at 30 m/s it makes 3 mm [s]
+DELAY_SD = 0.05  # agreement of receivers and loggers on time, without other information [s]
+LONGEST_GAP = 3.0  # longest bridged data gap: the turn in a longer gap is unknown [s]
+SHORTEST = 10.0  # shorter parts are not navigated: they are too short for an alignment [s]
+FEWEST_FIXES = 5  # for a separately aligned part of the record
+ROUNDS = 3  # of alignment, and of fixes minus the lever arm in its attitude
+AFTER = 2.0 * motion.SPAN + LEVEL_SPAN  # the first motion, or the start: alignment uses no later data [s]
+LONGEST_REST = 3600.0  # searches skip longer stationary time [s]
+START_VELOCITY_SD = 0.1  # lever arm and rotation between antenna and IMU at the start, added to the fix [m/s]
 
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Initial state that the user gives."""
+    """Initial state specified by the user."""
 
     time: float  # [s]
-    # (3,) latitude, longitude [rad], height [m]; velocity N, E, D [m/s]; roll, pitch, heading [rad]
+    # (3,) latitude, longitude [rad], height [m]. Velocity N, E, D [m/s]. Roll, pitch, heading [rad]
     lla: FloatArray
     v_n: FloatArray
     rph: FloatArray
@@ -62,7 +62,7 @@ class Explains(Protocol):
     """Faults of a record; see `insnav.explain.explanation.Explanation`."""
 
     def widen(self, run: Run) -> Run:
-        """Standard deviations that hold what the record cannot tell."""
+        """Widen the standard deviations by the remaining ambiguity of the record."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,36 +72,36 @@ class Prepared:
     imu: ImuData  # samples, calibrated
     gps: GpsData  # fixes, every value with a standard deviation
     model: ErrorModel  # noise of the sensors
-    settings: FilterSettings  # with lag, jitter and time-correlated errors as found in the data
+    settings: FilterSettings  # with lag, jitter and time-correlated errors estimated from the data
     alignment: Alignment  # initial attitude
     initial: InitialState  # initial state
     nominal: float  # sampling interval [s]
-    notes: tuple[Finding, ...]  # what was detected
-    faults: tuple[Finding, ...] = ()  # samples that were replaced or taken out
-    noise: NoiseEstimate | None = None  # as found in the innovations of the drive
-    kinds: tuple[ImuSpec, ...] = ()  # what IMU it may be beside that of the model, where none was given
-    parts: tuple[Part, ...] = ()  # where the filter goes on after a long gap of the samples
-    clock: float = 0.0  # by which the samples were moved into the time of the fixes [s]: their delay as it was found
-    rate: float = 0.0  # by which their clock was made faster [s/s]
-    explanation: Explains | None = None  # faults found in the record, of which `settings` has what the filter needs
+    notes: tuple[Finding, ...]  # findings
+    faults: tuple[Finding, ...] = ()  # samples that were replaced or removed
+    noise: NoiseEstimate | None = None  # estimate from the innovations of the drive
+    kinds: tuple[ImuSpec, ...] = ()  # alternative kinds of IMU, if none was specified
+    parts: tuple[Part, ...] = ()  # restarts after long gaps of the samples
+    clock: float = 0.0  # shift of the samples to fix time [s]: the estimated delay
+    rate: float = 0.0  # rate of this shift [s/s]
+    explanation: Explains | None = None  # faults found in the record; `settings` has the filter's share
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What was detected, faults of samples included."""
+        """Findings, including sample faults."""
         return (*self.notes, *self.faults)
 
     def navigator(self, marks: Container[int] = ()) -> Navigator:
-        """Filter at the start; see `Navigator` for `marks`."""
+        """Build the filter at its start; see `Navigator` for `marks`."""
         return Navigator(
             self.initial, self.model, self.gps, self.alignment, self.nominal, self.settings, marks, self.parts
         )
 
     def unbroken_until(self, time: float) -> float:
-        """End of the part of the record that a time lies in [s]."""
+        """Return the end of the part of the record around a time [s]."""
         return min((part.after for part in self.parts if part.after >= time), default=float(self.imu.time[-1]))
 
     def longest_part(self) -> Prepared:
-        """The same recording with the samples of its longest part only."""
+        """Copy with the samples of the longest part only."""
         if not self.parts:
             return self
         starts = [(self.alignment, self.initial), *((part.alignment, part.initial) for part in self.parts)]
@@ -113,7 +113,7 @@ class Prepared:
         return replace(self, imu=self.imu.rows(rows), alignment=alignment, initial=initial, parts=())
 
     def _rest(self) -> float:
-        """How long the vehicle is stationary at first, as fixes have it, or 0 where that is short [s]."""
+        """Compute the initial stationary time by the fixes, or 0 if it is short [s]."""
         time = self.gps.time - self.initial.time
         gps = self.gps.rows(np.flatnonzero((time > 0.0) & (time < LONGEST_REST)))
         if gps.time.shape[0] == 0:
@@ -123,7 +123,7 @@ class Prepared:
         return length if length > LONG_REST else 0.0
 
     def started(self, alignment: Alignment) -> Prepared:
-        """The same recording with another alignment, at the time of its own."""
+        """Copy with another alignment, at that alignment's time."""
         good = good_fixes(replace(self.gps, time=self.gps.time - self.settings.delay), self.settings.gates)
         good = _without_false_start(good)
         until = int(np.searchsorted(self.imu.time, alignment.time + AFTER))
@@ -132,7 +132,7 @@ class Prepared:
         return replace(self, alignment=alignment, initial=initial)
 
     def apply_noise(self, found: NoiseEstimate) -> Prepared:
-        """Return the recording with the noise that was found, except misalignments."""
+        """Copy with the estimated noise, except misalignments."""
         model = error_model(found.filter_spec, self.model.states)
         return replace(
             self.scale_sds(model, found.position_factor, found.velocity_factor),
@@ -158,12 +158,12 @@ class Prepared:
         )
 
     def first(self, length: float) -> ImuData:
-        """Samples of the first `length` seconds, and of a long rest before: it tells little of delay, arm and noise."""
+        """Return the first `length` seconds after any long stationary time, which hardly determines delay or noise."""
         until = self.initial.time + self._rest() + length
-        return self.imu.rows(slice(int(np.searchsorted(self.imu.time, until, side="right"))))  # a view: they are many
+        return self.imu.rows(slice(int(np.searchsorted(self.imu.time, until, side="right"))))  # a view
 
     def beginning(self, length: float) -> Prepared:
-        """The first `length` seconds of the longest part, for searches: samples joined, unless some are missing."""
+        """Copy the first `length` seconds of the longest part, for searches; joins samples unless some are missing."""
         part = self.longest_part()
         imu = part.first(length)
         part = replace(part, imu=imu)
@@ -185,7 +185,7 @@ def prepare(
     static_span: tuple[float, float] | None = None,
     heading: float | None = None,
 ) -> Prepared:
-    """Find out from a recording what the filter must know, and align; see `navigate_recording`."""
+    """Prepare a recording for the filter, and align; see `navigate_recording`."""
     imu, faults = inspect(imu)
     _check(imu, gps, start)
     reported = bool(np.isfinite(gps.position_sd).all())
@@ -200,7 +200,7 @@ def prepare(
         good, notes = good.rows(slice(false, None)), (*notes, left_out)
 
     def aligned(some: ImuData, here: GpsData, *, first: bool) -> tuple[Alignment, InitialState]:
-        """Initial state of a part of the record."""
+        """Align a part of the record."""
         if start is not None and first:
             return _as_given(start, model)
         inside = static_span is not None and some.time[0] - nominal <= static_span[0] < some.time[-1]
@@ -216,7 +216,7 @@ def prepare(
                 yaw=settings.mounting_yaw,
                 lever_sd=settings.lever_sd,
             )
-            if left:  # the course is that of the antenna, in a turn
+            if left:  # in a turn, the course belongs to the antenna
                 fixes = motion.at_imu(seen, intervals, found, settings.lever_b)
         return found, _at_fix(found, intervals, here, model, settings)
 
@@ -249,12 +249,12 @@ def _as_given(start: Start, model: ErrorModel) -> tuple[Alignment, InitialState]
 def _parts(
     imu: ImuData, gps: GpsData, aligned: Callable[..., tuple[Alignment, InitialState]], begin_at: float
 ) -> tuple[ImuData, tuple[Part, ...], list[Finding]]:
-    """Align the record, and anew after each long gap of the samples.
+    """Align the record, and again after each long gap of the samples.
 
-    `aligned`: of samples and fixes, and whether they are the first part; `begin_at`: earlier parts are passed over [s].
-    Returns: samples of the parts that could be aligned; these parts; if there is a gap, findings on all gaps, and
-    then on the parts.
-    Raises: AlignmentError: no part can be aligned.
+    `aligned`: function of samples, fixes and whether they are the first part. `begin_at`: earlier parts are skipped
+    [s].
+    Returns: samples of the aligned parts, these parts, and findings on gaps and parts. Raises: AlignmentError: no part
+    can be aligned.
     """
     nominal, rows = strapdown.nominal_interval(imu.time), spans(imu)
     if len(rows) == 1:
@@ -297,19 +297,19 @@ def _parts(
 
 
 def spans(imu: ImuData) -> list[slice]:
-    """Rows between long gaps."""
+    """Return the rows between long gaps."""
     edges = [0, *(np.flatnonzero(spill.steps(imu.time) > LONGEST_GAP) + 1).tolist(), imu.time.shape[0]]
     return [slice(first, last) for first, last in pairwise(edges)]
 
 
 def first_stationary(imu: ImuData, gps: GpsData) -> tuple[float, float] | None:
-    """First stationary interval of a recording, by IMU and GPS: start and end [s], or None."""
+    """Find the first stationary interval by IMU and GPS: start and end [s], or None."""
     gps = _resting(imu, _without_false_start(good_fixes(with_sd(gps)[0], Gates())))
     return stationary_of(strapdown.intervals(_first_part(imu, gps), strapdown.nominal_interval(imu.time)), gps)
 
 
 def _check(imu: ImuData, gps: GpsData, start: Start | None) -> None:
-    """Refuse what cannot be navigated."""
+    """Reject unusable recordings."""
     nominal = strapdown.nominal_interval(imu.time)
     if gps.time.shape[0] == 0:
         raise InputError("gps.no_fix")
@@ -328,7 +328,7 @@ def _check(imu: ImuData, gps: GpsData, start: Start | None) -> None:
 def _noise_of_fixes(
     imu: ImuData, gps: GpsData, settings: FilterSettings, *, reported: bool
 ) -> tuple[FilterSettings, list[Finding]]:
-    """Settings with velocity lag, time-correlated errors and timestamp jitter, and findings on them."""
+    """Estimate velocity lag, time-correlated errors and timestamp jitter for the settings, with findings."""
     notes = []
     lag, lag_sd = velocity_lag(gps)
     if abs(lag) > max(LAG_WORTH, 5.0 * lag_sd):
@@ -348,7 +348,7 @@ def _noise_of_fixes(
 
 
 def good_fixes(gps: GpsData, gates: Gates) -> GpsData:
-    """Return fixes that pass the quality gate; a start is made from no others."""
+    """Return fixes that pass the quality gate; a start uses only these."""
     keep = pass_quality(gates, gps)
     if not keep.any():
         raise AlignmentError("gps.no_good_fix")
@@ -356,12 +356,12 @@ def good_fixes(gps: GpsData, gates: Gates) -> GpsData:
 
 
 def _without_false_start(gps: GpsData) -> GpsData:
-    """Return fixes from the first one that agrees with those after it."""
+    """Return fixes from the first one that agrees with later fixes."""
     return gps.rows(slice(count_false_start(gps), None))
 
 
 def _resting(imu: ImuData, gps: GpsData) -> GpsData:
-    """Fixes without what moves them, but not the samples, in the rest at the start; velocities tell that themselves."""
+    """Remove apparent motion of fixes while samples show an initial rest; velocities need no such correction."""
     if motion.gives_velocities(gps):
         return gps
     nominal = strapdown.nominal_interval(imu.time)
@@ -370,7 +370,7 @@ def _resting(imu: ImuData, gps: GpsData) -> GpsData:
 
 
 def _first_part(imu: ImuData, gps: GpsData) -> ImuData:
-    """Samples up to a little after the first motion that GPS sees."""
+    """Return samples up to shortly after the first motion in the fixes."""
     moving = motion.first_motion(motion.velocity(gps), float(imu.time[0]))
     if moving is None:
         return imu
@@ -380,12 +380,12 @@ def _first_part(imu: ImuData, gps: GpsData) -> ImuData:
 def _at_fix(
     alignment: Alignment, parts: strapdown.Intervals, gps: GpsData, model: ErrorModel, settings: FilterSettings
 ) -> InitialState:
-    """Initial state at the fix the alignment was made for."""
+    """Build the initial state at the fix of the alignment."""
     if settings.lever_b.any():
         gps = motion.at_imu(gps, parts, alignment, settings.lever_b)
     row = int(np.argmin(np.abs(gps.time - alignment.time)))
     alignment = replace(alignment, time=float(gps.time[row]))
-    # an uncertain heading swings the horizontal part of the lever arm, by its length at most
+    # an uncertain heading rotates the horizontal part of the lever arm, an error of at most its length
     horizontal = float(np.hypot(settings.lever_b[0], settings.lever_b[1]))
     position_sd = np.hypot(gps.position_sd[row], horizontal * min(float(alignment.sd[2]), 1.0))
     if alignment.static is not None:

@@ -1,4 +1,4 @@
-"""Outputs, innovations and events of a run, collected on the way and put into shape at its end."""
+"""Outputs, innovations and events of a run, collected during the run and converted at its end."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ from insnav.types import (
     Trajectory,
 )
 
-CONSISTENCY_WINDOW = 60.0  # NIS is averaged over this long: time-correlated errors of fixes average out [s]
-# Mean NIS, by its expectation, beyond which the filter has diverged. A mean far below one is no divergence: stationary,
-# and with the cautious standard deviations of many receivers, it is the rule (30 minutes of a good recorded drive).
+CONSISTENCY_WINDOW = 60.0  # NIS is averaged over this long, to average out time-correlated errors of fixes [s]
+# Normalised mean NIS beyond which the filter has diverged. A mean far below one is no divergence. It is usual at rest,
+# and with the cautious standard deviations of many receivers (30 minutes of a good recorded drive).
 TOO_LARGE = 5.0
-FALSE_FROM = 30.0  # a larger NIS of a position says no more, chi-square with three degrees of freedom [-]
-ROOM = 1 << 12  # outputs for which there is room at a time, at least
-ROWS = 1 << 13  # outputs that are put into shape at a time: they stay in the processor's cache
+FALSE_FROM = 30.0  # a larger NIS of a position has no further effect, chi-square with three degrees of freedom [-]
+ROOM = 1 << 12  # least number of outputs allocated at a time
+ROWS = 1 << 13  # outputs converted at a time: they fit in the processor's cache
 
 
 class Record:
@@ -54,7 +54,7 @@ class Record:
         self._fixes = spill.empty((fixes, epoch.FIX_WIDTH))
 
     def reserve(self, rows: int, grid: FloatArray) -> Outputs:
-        """Room for at most `rows` more outputs at the times of a `grid`, see there."""
+        """Allocate at most `rows` more outputs at the times of a `grid`, see there."""
         if not self._rooms or self._rooms[-1].time.shape[0] < self._rooms[-1].used[0] + rows:
             size = max(ROOM, rows)
             time, state, motion = np.split(spill.empty((17 * size,)), [size, 11 * size])
@@ -63,7 +63,7 @@ class Record:
         return self._rooms[-1]
 
     def epoch(self, time: float, estimate: Estimate) -> None:
-        """Note the variances at a filter epoch, before and after its measurements."""
+        """Store the variances at a filter epoch, before and after its measurements."""
         if self._epoch == len(self._epochs):
             self._epochs = np.concatenate([self._epochs, np.empty_like(self._epochs)])
         row = self._epochs[self._epoch]
@@ -71,11 +71,11 @@ class Record:
         self._epoch += 1
 
     def event(self, event: Finding) -> None:
-        """Note an event."""
+        """Store an event."""
         self._events.append(event)
 
     def aiding(self, measurement: Measurement, innovation: FloatArray, nis: float, used: bool) -> None:
-        """Note the innovation of an aiding measurement; at most its first three numbers are of one unit."""
+        """Store the innovation of an aiding measurement; at most its first three numbers share a unit."""
         rows = self._aiding.setdefault((measurement.name, measurement.unit.split(",")[0]), [])
         first = innovation[:3]
         rows.append((nis / innovation.shape[0], float(first @ first) / first.size, float(used)))
@@ -89,15 +89,15 @@ class Record:
         use: list[bool],
         estimate: Estimate,
     ) -> None:
-        """Note the innovation of a fix, as predicted minus measured, and the state after it."""
+        """Store the innovation of a fix, as predicted minus measured, and the state after it."""
         row, at = self._fixes[self._count], estimate
         epoch.note_fix(row, time, predicted, sd, *nis, *use, at.all, at.doubt, at.covariance)
         self._count += 1
 
     def misfit(self) -> tuple[float, float]:
-        """Twice the negative log-likelihood of a fix's innovations, on average, and their mean square.
+        """Compute mean cost (twice the negative log-likelihood) and mean square of the fixes' innovations.
 
-        False ones are limited.
+        The cost of false fixes is limited.
         """
         rows = self._fixes[: self._count]
         nis, sd = rows[:, epoch.FIX_NIS], rows[:, epoch.FIX_SD].reshape(-1, 2, 3)
@@ -113,13 +113,12 @@ class Record:
         common: tuple[float, float, FloatArray],
         last: bool,
     ) -> Trajectory:
-        """Outputs as a trajectory with roll, pitch, heading and standard deviations.
+        """Build a trajectory of the outputs with roll, pitch, heading and standard deviations.
 
-        `epochs` (m,) [s]; `variance`: before and after these, see `variances`; `change` of states (n, 10) at times (n,)
-        from those of the filter, in place; `common`: of the clock by which times are later and its standard deviation
-        [s], and standard deviations (3,) of what all attitudes share [rad]. Misalignment is no state of the filter but
-        noise, which averages out as the misalignment does not: the attitude is that of the IMU, in which the axes of
-        the sensors are turned by these. `last`: nobody asks for the outputs again.
+        `epochs` (m,) [s]. `variance`: before and after these, see `variances`. `change`: modifies states (n, 10) at
+        times (n,) in place. `common`: clock shift of the times and its standard deviation [s], and standard deviations
+        (3,) common to all attitudes [rad]. Misalignment is filter noise, not a state, but does not average out. These
+        sds describe the rotation between sensor axes and IMU. `last`: outputs are not needed again.
         """
         clock, delay_sd, axes_sd = common
         (rows, some), begin, first = np.sum([room.used for room in self._rooms], axis=0).tolist(), 0, 0
@@ -143,7 +142,7 @@ class Record:
                 part, first = slice(first, first + len(at)), first + len(at)
                 known[part], found[part] = at + begin - count, between
         for block in spill.blocks(some):
-            # what lies between two known rows needs both
+            # rows between two known rows need both
             before = slice(max(block.start - 1, 0), block.stop)
             first = int(known[before.start]) if before.start else 0
             part = slice(first, int(known[block.stop - 1]) + 1 if block.stop < some else None)
@@ -161,7 +160,7 @@ class Record:
         alone: FloatArray,
         found: SmoothedErrors | None,
     ) -> Run:
-        """Put everything into shape; `covariance` as stated, `alone` as the filter has it."""
+        """Convert everything; `covariance` as stated, `alone` as in the filter."""
         at, fixes = layout(settings), self._fixes[: self._count]
         time, state = fixes[:, epoch.FIX_TIME].copy(), fixes[:, epoch.FIX_STATE].copy()
         fix_covariance = fixes[:, epoch.FIX_COVARIANCE].reshape(-1, NAV, NAV)
@@ -172,10 +171,10 @@ class Record:
             *(*fixes[:, epoch.FIX_NIS].T.copy(), *fixes[:, epoch.FIX_USE].T.astype(bool)),
         )
         self._events += _divergence(innovations, settings.gates.nis_limit)
-        # an offset that was estimated, not given, is attributed to the IMU clock: GPS time is the better one
+        # an estimated clock offset is attributed to the IMU: GPS time is more accurate
         clock = delay if settings.delay_sd > 0 else 0.0
         delay_sd = float(np.sqrt(covariance[STATES, STATES])) if at.delay >= 0 else 0.0
-        if clock != 0.0:  # the offset as estimated at the time has put the state elsewhere along its velocity
+        if clock != 0.0:  # the offset estimated at that time shifted the state along its velocity
             move_along(state, clock - fixes[:, epoch.FIX_DELAY])
         epochs, self._epochs = np.asfortranarray(self._epochs[: self._epoch]), self._epochs[:0]
         filtered = self._trajectory(
@@ -230,7 +229,7 @@ def _aiding_use(name: str, unit: str, rows: FloatArray) -> AidingUse:
 
 
 def _moved(state: FloatArray, delay_sd: float) -> FloatArray:
-    """`moved` of states (n, 16), (n, 9)."""
+    """Apply `moved` to states (n, 16): (n, 9)."""
     out = np.empty((state.shape[0], NAV))
     for row, by in zip(state, out, strict=True):
         moved(row[:10], row[10:], delay_sd, by)
@@ -242,12 +241,12 @@ def _squared(error: FloatArray) -> FloatArray:
 
 
 def _before(time: FloatArray, epochs: FloatArray) -> IntArray:
-    """Last of the epochs up to each time."""
+    """Find the last epoch up to each time."""
     return np.maximum(np.searchsorted(epochs, time + TIME_TOLERANCE, side="right") - 1, 0)
 
 
 def _between(time: FloatArray, epochs: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
-    """Values at some times (n,) of what changes in a straight line from after an epoch to before the next."""
+    """Interpolate at some times (n,) from the value after an epoch to the value before the next."""
     k = _before(time, epochs)
     following = np.minimum(k + 1, epochs.shape[0] - 1)
     span = epochs[following] - epochs[k]
@@ -257,7 +256,7 @@ def _between(time: FloatArray, epochs: FloatArray, before: FloatArray, after: Fl
 
 
 def _smoothed(track: Trajectory, found: SmoothedErrors, clock: float, moved: FloatArray) -> Smoothed:
-    """The smoothed solution, and its states and sensor errors at the epochs with a fix that was used.
+    """Build the smoothed solution, and its states and sensor errors at the epochs with an accepted fix.
 
     `moved` (m, 9): see `_moved`, at these.
     """
@@ -284,9 +283,9 @@ def _smoothed(track: Trajectory, found: SmoothedErrors, clock: float, moved: Flo
 
 
 def _divergence(innovations: Innovations, limit: float) -> list[Finding]:
-    """Minutes in which accepted measurements are, on average, farther from their predictions than expected.
+    """Find minutes in which accepted measurements are, on average, too far from their predictions.
 
-    `limit`: NIS to which the gates de-weight what is small: a few such fixes are no divergence, a minute of them is.
+    `limit`: NIS of de-weighted small innovations; a minute of such fixes means divergence, a few do not.
     """
     found: list[Finding] = []
     if innovations.time.size == 0:

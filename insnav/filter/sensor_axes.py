@@ -1,14 +1,13 @@
-"""How far the axes of the sensors are turned, from what twelve constants do to the innovations.
+"""Misalignment of the sensor axes, from the effect of twelve constants on the innovations.
 
-A misalignment is a constant, which the filter takes for noise. Each of the twelve off-diagonal terms shifts the
-innovations in proportion, so that beside the filter they are a linear regression: B. Friedland, "Treatment of bias in
-recursive filtering", IEEE Trans. Autom. Control 14 (1969) 359-367. A drive tells some of them, and none that turns all
-sensors alike; but the IMU error specification has one size for all, and that of the terms seen is evidence of it. With
-so few the size is averaged over what is plausible: the most likely one would be too sure (D. J. C. MacKay, "Bayesian
-interpolation", Neural Computation 4 (1992) 415-447, has the evidence; its maximum is not used). What the drive tells of
-each term corrects the samples; what it leaves open, by what it does to the attitude, is the part of the attitude's
-error that the filter does not know of (its "consider" covariance: S. F. Schmidt, "Application of state-space methods to
-navigation problems", Advances in Control Systems 3 (1966) 293-340).
+A misalignment is a constant, which the filter treats as noise. Each of the twelve off-diagonal terms shifts the
+innovations proportionally: a linear regression outside the filter (B. Friedland, "Treatment of bias in recursive
+filtering", IEEE Trans. Autom. Control 14 (1969) 359-367). A drive determines some terms, and never a common rotation of
+all sensors. The IMU error specification has one size for all terms, and the observed terms are evidence of it. With so
+few terms the size is averaged over plausible values: the most likely one would be over-confident (D. J. C. MacKay,
+"Bayesian interpolation", Neural Computation 4 (1992) 415-447, gives the evidence). The mean of each term corrects the
+samples. The remaining uncertainty adds to the attitude error outside the filter (its "consider" covariance: S. F.
+Schmidt, "Application of state-space methods to navigation problems", Advances in Control Systems 3 (1966) 293-340).
 """
 
 from __future__ import annotations
@@ -23,34 +22,34 @@ from insnav.kernels.noise_likelihood import held
 from insnav.kernels.smoother import STATE, TIME
 from insnav.types import FloatArray, ImuData
 
-TERMS = tuple((i, j) for i in range(3) for j in range(3) if i != j)  # axis i senses a part of what is about axis j
-# Parts of a drive, and scatter of what they say of a term, by that expected, from which it is none by chance
+TERMS = tuple((i, j) for i in range(3) for j in range(3) if i != j)  # axis i senses a part of the signal about axis j
+# parts of a drive, and normalised scatter between their estimates from which a term is inconsistent
 BLOCKS, BY_CHANCE = 20, 2.5
-GRID = np.linspace(-7.0, 4.0, 221)  # logarithm of the size, by the prior's
+GRID = np.linspace(-7.0, 4.0, 221)  # logarithm of the size relative to the prior
 
 
 def errors_of_axes(
     epochs: FloatArray, transition: FloatArray, imu: ImuData, nominal: float
 ) -> tuple[FloatArray, FloatArray]:
-    """What one radian of each misalignment, gyros first, adds to the errors of the filter from epoch to epoch.
+    """Compute the filter error from epoch to epoch per radian of each misalignment, gyros first.
 
-    `epochs` (m, width): history of the filter; `transition` (m, 9, 21); `imu`, `nominal`: samples, interval [s].
+    `epochs` (m, width): history of the filter; `transition` (m, 9, 21). `imu`, `nominal`: samples, interval [s].
     Returns: (12, m, 9) errors of position, velocity and attitude; (m, 3, 3) attitude matrices between the epochs.
     """
     time, q = epochs[:, TIME], epochs[:, STATE + 6 : STATE + 10].copy()
-    q[1:] += np.sign(np.sum(q[1:] * q[:-1], axis=1))[:, None] * q[:-1]  # halfway from the epoch before
+    q[1:] += np.sign(np.sum(q[1:] * q[:-1], axis=1))[:, None] * q[:-1]  # halfway from the previous epoch
     c = dcm_from_quat(q / np.linalg.norm(q, axis=1)[:, None])
     parts = strapdown.intervals(imu, nominal)
     edges = np.concatenate([parts.end[:1] - parts.dt[:1], parts.end])
 
     def between(values: FloatArray) -> FloatArray:
-        """Integral of a triad from epoch to epoch, (m, 3)."""
+        """Integrate a triad from epoch to epoch, (m, 3)."""
         whole = np.cumsum(values * parts.dt[:, None] if parts.instant else values, axis=0)
         at = np.column_stack([np.interp(time, edges, np.concatenate([[0.0], column])) for column in whole.T])
         return np.diff(at, axis=0, prepend=at[:1])
 
     turned, pushed = between(parts.gyro), between(parts.accel)
-    # What it makes of gravity is a bias, and known as such: see `level_bias`. What it makes of a mean rate is not: good
+    # The effect on gravity is a bias and is estimated as such: see `level_bias`. The effect on a mean rate is not: good
     # gyros have far smaller biases.
     pushed[1:] -= pushed.sum(axis=0) * (np.diff(time) / (time[-1] - time[0]))[:, None]
     found = np.zeros((2 * len(TERMS), time.size, 9))
@@ -62,12 +61,12 @@ def errors_of_axes(
 
 
 def by_turn(tilt: FloatArray, transition: FloatArray) -> FloatArray:
-    """Errors of position, velocity and attitude, (m, 9), by a `tilt` (m, 3) [rad] that grows from epoch to epoch.
+    """Compute errors of position, velocity and attitude, (m, 9), by a `tilt` (m, 3) [rad] that grows over epochs.
 
-    None while the filter holds the attitude.
+    Zero while the filter holds the attitude.
     """
     tilt = np.where(held(transition)[:, None], 0.0, tilt)
-    # spread evenly over the span, an error acts on the next one for half of it, on the one after for a third
+    # an error spread evenly over the span acts on the next integral for half of it, on the second for a third
     parts = (transition[:, :3, 6:9] / 3.0, transition[:, 3:6, 6:9] / 2.0)
     return np.hstack([*(np.einsum("kij,kj->ki", part, tilt) for part in parts), tilt])
 
@@ -75,14 +74,14 @@ def by_turn(tilt: FloatArray, transition: FloatArray) -> FloatArray:
 def informed(
     innovation: FloatArray, by: FloatArray, weight: FloatArray, sd: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Curvature (k, k) and slope (k,) of the log-likelihood by terms of which one adds `by` (k, n) to an innovation.
+    """Compute curvature (k, k) and slope (k,) of the log-likelihood by terms with the effect `by` (k, n).
 
-    Innovations that err together, as in multipath, say less than as many that err each by itself: slopes of parts of
-    the drive then scatter more than their curvature allows, and count as much less (the "sandwich" covariance:
-    P. J. Huber, "The behavior of maximum likelihood estimates under nonstandard conditions", 5th Berkeley Symp. 1
-    (1967) 221-233; by blocks: K.-Y. Liang, S. L. Zeger, Biometrika 73 (1986) 13-22).
+    Correlated innovations, as in multipath, carry less information than independent ones. The slopes of parts of the
+    drive then scatter more than their curvature implies, which reduces their weight (the "sandwich" covariance: P. J.
+    Huber, "The behavior of maximum likelihood estimates under nonstandard conditions", 5th Berkeley Symp. 1 (1967)
+    221-233; by blocks: K.-Y. Liang, S. L. Zeger, Biometrika 73 (1986) 13-22).
 
-    `innovation`, `weight` (n,): innovations and their inverse variances; `sd` (k,): of the terms before.
+    `innovation`, `weight` (n,): innovations and their inverse variances. `sd` (k,): prior of the terms.
     """
     scale = np.where(sd > 0.0, sd, 1.0)
     by = by * scale[:, None]
@@ -99,16 +98,16 @@ def informed(
 
 @dataclass(frozen=True, slots=True)
 class Misalignment:
-    """What a drive tells about misalignments."""
+    """Misalignments as determined by a drive."""
 
-    size: tuple[float, float, float]  # root mean square by that of the specification, and its interval of 95 %
+    size: tuple[float, float, float]  # root mean square relative to the specification, and its 95 % interval
     terms: FloatArray  # (12,) mean of each [rad]
-    attitude: FloatArray  # (3,) mean of what they do to roll, pitch, heading [rad]
-    attitude_sd: FloatArray  # (3,) standard deviation of that [rad]
-    evidence: float  # log odds of misalignments, their size averaged over, against none
+    attitude: FloatArray  # (3,) mean effect on roll, pitch, heading [rad]
+    attitude_sd: FloatArray  # (3,) standard deviation of this effect [rad]
+    evidence: float  # log odds of misalignments, with averaged size, against none
 
     def corrected(self, imu: ImuData) -> ImuData:
-        """Samples less what the terms make of them, of specific force beside a bias."""
+        """Correct samples for the terms, except their accelerometer bias."""
 
         def of(values: FloatArray, terms: FloatArray, mean: FloatArray) -> FloatArray:
             askew = np.zeros((3, 3))
@@ -122,11 +121,11 @@ class Misalignment:
 def misalignment(
     fisher: FloatArray, slope: FloatArray, turned: FloatArray, sd: FloatArray, prior_sd: float
 ) -> Misalignment:
-    """Misalignments from their likelihood.
+    """Estimate misalignments from their likelihood.
 
-    `fisher` (12, 12), `slope` (12,): curvature and slope of the log-likelihood by the terms; `turned` (12, k, 3): error
-    of roll, pitch, heading at some epochs by each [-]; `sd` (12,): of the specification [rad]; `prior_sd`: of the
-    logarithm of the size, zero if the specification is that of this IMU.
+    `fisher` (12, 12), `slope` (12,): curvature and slope of the log-likelihood by the terms. `turned` (12, k, 3): error
+    of roll, pitch, heading at some epochs by each term [-]. `sd` (12,): of the specification [rad]. `prior_sd`: of the
+    logarithm of the size, zero if the specification belongs to this IMU.
     """
     grid = GRID if prior_sd > 0.0 else np.zeros(1)
     scaled, log = fisher * np.outer(sd, sd), -0.5 * (grid / max(prior_sd, 1e-9)) ** 2

@@ -1,4 +1,4 @@
-"""History of the filter's epochs, and the backward pass of the smoother over it."""
+"""History of the filter's epochs, and the smoother's backward pass over it."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class SmoothedErrors:
 
 
 class History:
-    """Every filter epoch, in blocks."""
+    """History of all filter epochs, in blocks."""
 
     def __init__(self, states: int) -> None:
         self._states = states
@@ -42,7 +42,7 @@ class History:
         self._used = ROWS
 
     def new_row(self) -> FloatArray:
-        """Row of another epoch, for `insnav.kernels.smoother.keep`."""
+        """Return the row of a new epoch, for `insnav.kernels.smoother.keep`."""
         if self._used == ROWS:
             self._blocks.append(spill.empty((ROWS, self._width)))
             self._used = 0
@@ -51,41 +51,41 @@ class History:
 
     @property
     def last(self) -> FloatArray:
-        """Row of the last epoch."""
+        """Return the row of the last epoch."""
         row: FloatArray = self._blocks[-1][self._used - 1]
         return row
 
     def epoch(
         self, time: float, x: FloatArray, correction: FloatArray, arm: FloatArray, phi: FloatArray, p: FloatArray
     ) -> None:
-        """Note state and covariance before a measurement, and the transition that led there."""
+        """Store state and covariance before a measurement, and the transition up to it."""
         kernel.keep(self.new_row(), time, x, correction, arm, phi, p)
 
     def measurement(self, position: bool, velocity: bool, z: FloatArray, h: FloatArray, r: FloatArray) -> None:
-        """Note what of a fix was used at the last epoch: predicted minus measured, its derivative and covariance."""
+        """Store the accepted part of a fix at the last epoch: predicted minus measured, derivative and covariance."""
         kind = (kernel.POSITION if position else 0) + (kernel.VELOCITY if velocity else 0)
         kernel.keep_measurement(self.last, kind, kernel.FIX, z, h, r)
 
     def aiding(self, part: slice, z: FloatArray, h: FloatArray, r: FloatArray) -> None:
-        """Note which rows of an aiding measurement were used at the last epoch."""
+        """Store the accepted rows of an aiding measurement at the last epoch."""
         kind = (1 << part.stop) - (1 << part.start)
         kernel.keep_measurement(self.last, kind, kernel.AIDING, z, h, r)
 
     def restart(self, time: float, x: FloatArray, correction: FloatArray, arm: FloatArray, p: FloatArray) -> None:
-        """Note a reset: what follows says nothing of what was before."""
+        """Store a reset: later data carry no information on earlier states."""
         self.epoch(time, x, correction, arm, np.eye(self._states), p)
         self.last[kernel.KIND] = kernel.RESTART
 
     def blocks(self) -> list[FloatArray]:
-        """Every epoch, in arrays of up to `ROWS`."""
+        """Return all epochs, in arrays of up to `ROWS`."""
         return [*self._blocks[:-1], self._blocks[-1][: self._used]]
 
     def rows(self) -> FloatArray:
-        """Every epoch in one array."""
+        """Return all epochs in one array."""
         return np.concatenate(self.blocks())
 
     def smooth(self, surest: float = 0.0) -> SmoothedErrors:
-        """Go backwards over all epochs; `surest`: least standard deviation of the delay that is stated [s]."""
+        """Run the backward pass over all epochs. `surest`: least plausible standard deviation of the delay [s]."""
         count = (len(self._blocks) - 1) * ROWS + self._used
         n, m = self._states, STATES
         adjoint, information = np.zeros(n), np.zeros((n, n))
@@ -132,12 +132,12 @@ class History:
 def _place(
     head: FloatArray, arms: FloatArray, arm: FloatArray, after: FloatArray, before: FloatArray, covariance: FloatArray
 ) -> None:
-    """Make the smoothed position that of the smoothed antenna less the smoothed lever arm in the smoothed attitude.
+    """Place the smoothed position at the smoothed antenna minus the smoothed lever arm in smoothed attitude.
 
-    The products of the errors of lever arm and attitude are centimetres, far more than where the antenna is unknown.
+    The product of lever-arm and attitude errors is centimetres, far above the uncertainty of the antenna.
 
-    `head` (m, RESIDUAL): of the epochs; `arms` (m + 1, 12): before them and after, see
-    `insnav.kernels.gps_measurement.correct_with_arm`; `arm` (3,): smoothed [m]; the others change, see
+    `head` (m, RESIDUAL): of the epochs. `arms` (m + 1, 12): before and after them, see
+    `insnav.kernels.gps_measurement.correct_with_arm`. `arm` (3,): smoothed [m]. The others change, see
     `SmoothedErrors`.
     """
     off, turned = arms[:, :3] - arm, arms[:, 3:].reshape(-1, 3, 3)

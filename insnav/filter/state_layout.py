@@ -1,4 +1,4 @@
-"""Which states the filter has beyond those of every filter, and their initial covariance."""
+"""Layout of the filter's optional states, and their initial covariance."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from insnav.types import FloatArray
 
 
 class Layout(NamedTuple):
-    """Number of states, and the first index of those that are optional; -1 where they are absent."""
+    """Number of states, and the first index of each optional group; -1 if absent."""
 
     states: int
     delay: int
     correlated: int
-    """Those of the time-correlated GPS error: three of position, and three of velocity where it has one."""
+    """States of the time-correlated GPS error: three of position, and three of velocity if modelled."""
     lever: int
-    """The three of the lever arm, body axes."""
+    """Three states of the lever arm, body axes."""
     shaken: int
-    """The three of the lever arm by which vibration moves the antenna for the receiver.
+    """Three states of the lever arm by which vibration moves the antenna for the receiver.
 
-    A receiver measures velocity over its own 20 to 200 ms, and what shakes an IMU need not move the antenna.
+    A receiver measures velocity over its own 20 to 200 ms, and vibration of the IMU need not move the antenna.
     """
     lag: int
     """Of the velocities of fixes behind their positions."""
 
     @property
     def has_arm(self) -> bool:
-        """Whether turns show an arm that is estimated."""
+        """Return whether turns determine an estimated lever arm."""
         return self.lever >= 0 or self.shaken >= 0
 
 
 def layout(settings: FilterSettings) -> Layout:
-    """States that the settings ask for; whatever follows the delay needs its place, if only as a known zero."""
+    """Lay out the states for the settings; states after the delay need its place, if only as a known zero."""
     swings = settings.shaken > 0.0 and (settings.lever_sd > 0.0 or settings.lever_b.any())
     more = settings.correlated is not None or settings.lever_sd > 0.0 or settings.lag_sd > 0.0 or swings
     if not more and settings.delay_sd <= 0.0:
@@ -56,7 +56,7 @@ def layout(settings: FilterSettings) -> Layout:
 
 
 def first_state(start: InitialState, settings: FilterSettings) -> FilterState:
-    """Initial state and covariance of all the states that the settings ask for."""
+    """Build the initial state and covariance of all states for the settings."""
     at = layout(settings)
     covariance = np.zeros((at.states, at.states))
     covariance[:STATES, :STATES] = start.covariance
@@ -85,7 +85,7 @@ def first_state(start: InitialState, settings: FilterSettings) -> FilterState:
 
 
 def set_to_fix(at: Layout, v_n: FloatArray, c: FloatArray) -> FloatArray:
-    """What errors become, (n, n), if a position is set to a fix, at a velocity (3,) [m/s] and ``C_nb`` (3, 3)."""
+    """Return the error mapping (n, n) of setting a position to a fix, at a velocity (3,) [m/s] and ``C_nb`` (3, 3)."""
     by = np.eye(at.states)
     if at.delay >= 0:
         by[:3, at.delay] = v_n
@@ -95,17 +95,17 @@ def set_to_fix(at: Layout, v_n: FloatArray, c: FloatArray) -> FloatArray:
 
 
 def reset_correlated(covariance: FloatArray, at: int, sd: FloatArray) -> None:
-    """Forget the time-correlated GPS error: only its own standard deviation is left."""
+    """Reset the time-correlated GPS error to its own standard deviation."""
     part = slice(at, at + sd.size)
     covariance[part, :] = covariance[:, part] = 0.0
     covariance[part, part] = np.diag(sd**2)
 
 
 def cross_covariance(covariance: FloatArray, at: int, sd: FloatArray) -> None:
-    """Tell a position, or position and velocity, that was set to a fix from the time-correlated error of that fix.
+    """Correlate a position, or position and velocity, that was set to a fix with the fix's time-correlated error.
 
-    The position error is the error of the fix, and the state is what the fix lacks: their covariance is ``-sd^2``. The
-    variance of the position is kept a little above, so that the matrix stays positive.
+    The position error equals the error of the fix, and the state compensates it: their covariance is ``-sd^2``. The
+    position variance is slightly larger, so that the matrix stays positive.
     """
     for i in range(sd.size):
         covariance[i, i] = max(covariance[i, i], 1.0001 * sd[i] ** 2)

@@ -1,1 +1,1 @@
-"""Many drives with one command: found, navigated on any engine, resumed, and compared on one page."""
+"""Fleets: many drives found, navigated on any engine, resumed, and compared on one page."""

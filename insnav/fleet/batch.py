@@ -1,4 +1,4 @@
-"""Many drives, each navigated into a run folder of its own, whatever becomes of the others, and gone on with."""
+"""Navigation of many drives, each in its own run folder, independent of the others, and resumable."""
 
 from __future__ import annotations
 
@@ -21,30 +21,30 @@ from insnav.findings import Code, Finding
 from insnav.output.folder import FACTS_FILE, damage, file_sha256, files_in, foreign_files, read_facts, write_text
 from insnav.version import __version__
 
-DRIVES = "drives"  # folder of the run folders, within that of the fleet
-FILES = ("found.npz", "report.html", "fleet.csv", FACTS_FILE)  # what a fleet folder holds beside that
+DRIVES = "drives"  # folder of the run folders in the fleet folder
+FILES = ("found.npz", "report.html", "fleet.csv", FACTS_FILE)  # further files of a fleet folder
 _OWN = {DRIVES, *FILES}
 _UNSAFE = re.compile(r"[^\w.+-]+")
-_ASIDE = ".aside-"  # in the name of a folder that was in the way of a result
+_ASIDE = ".aside-"  # in the new name of a folder at the place of a result
 _LONGEST = 100  # bytes of a name
 
 
 def name_of(text: str) -> str:
-    """Name of a run folder made from a text, fit for every file system; notes beside the folders end in ``.json``."""
+    """Convert a text to a run folder name valid in every file system; notes next to the folders end in ``.json``."""
     return _UNSAFE.sub("_", text).encode()[:_LONGEST].decode(errors="ignore").removesuffix(".json").strip("._")
 
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """One drive of a fleet."""
+    """Drive of a fleet."""
 
     name: str  # of its run folder
     vehicle: str
     arguments: tuple[str, ...]  # of ``insnav run``, paths absolute, without --out
-    unclear: str = ""  # files of which it is not clear which are this drive
+    unclear: str = ""  # files whose assignment to the drive is ambiguous
 
     def files(self) -> tuple[Path, Path | None]:
-        """IMU and GPS file; none if the first has both. Raises InputError: it is not clear which they are."""
+        """Return IMU and GPS file; None if one file has both. Raises InputError: the assignment is ambiguous."""
         if self.unclear:
             raise InputError("batch.unclear_files", where=self.arguments[0], files=self.unclear)
         before = self.arguments.index("--gps") if "--gps" in self.arguments else None
@@ -53,14 +53,14 @@ class Drive:
 
 @dataclass(frozen=True, slots=True)
 class Navigated:
-    """What became of one drive."""
+    """Outcome of one drive."""
 
     name: str
     vehicle: str
     digest: str  # of its files, its options and this version
     failed: InsnavError | None = None
-    facts: Mapping[str, Any] | None = None  # ``run.json`` of its folder, if there is one
-    kept: bool = False  # it was finished already
+    facts: Mapping[str, Any] | None = None  # ``run.json`` of its folder, if present
+    kept: bool = False  # finished earlier
     file: str = ""  # its samples
 
 
@@ -73,11 +73,11 @@ def batch(
     workers: Workers = "processes",
     progress: Callable[[int], None] | None = None,
 ) -> list[Navigated]:
-    """Navigate drives into run folders below `folder`; those that are finished are not navigated again.
+    """Navigate drives into run folders below `folder`, except finished drives.
 
-    `run`: navigates by arguments of ``insnav run``; of a module, as workers must find it; `again`: also drives whose
-    files, options and version are as they were; `progress`: called with the number of drives done.
-    Raises: ConfigError: two drives of one name; OutputError: `folder` holds something else, or cannot be written.
+    `run`: navigates with arguments of ``insnav run``; importable by workers. `again`: include drives with unchanged
+    files, options and version. `progress`: called with the number of drives done.
+    Raises: ConfigError: two drives of one name. OutputError: `folder` has other content, or cannot be written.
     """
     several = [name for name, count in Counter(each.name.lower() for each in drives).items() if count > 1]
     if several:
@@ -102,9 +102,9 @@ def batch(
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
-    """Hold the folder of a fleet, made if need be; who ends, however, lets go of it.
+    """Lock the folder of a fleet, created if necessary, until the process ends.
 
-    Raises: OutputError: another batch has it, or nothing can be written there.
+    Raises: OutputError: another batch uses it, or it cannot be written.
     """
     with writing("batch.unwritable", folder):
         (folder / DRIVES).mkdir(parents=True, exist_ok=True)
@@ -132,28 +132,28 @@ def _alone(folder: Path) -> Iterator[None]:
 
 
 def check_folder(folder: Path) -> None:
-    """Refuse a folder that holds something else than a fleet.
+    """Refuse a folder with other content than a fleet.
 
     Raises: OutputError.
     """
     held = {each.name for each in folder.iterdir() if not each.name.startswith(".")} if folder.is_dir() else set()
     facts = attempt(read_facts, folder)
     if DRIVES in held and not isinstance(facts, InsnavError) and facts.get("kind") == "fleet":
-        return  # nothing is taken away that lies beside
+        return  # other content is never removed
     if held - _OWN or (held and DRIVES not in held):
         raise OutputError("batch.other_folder", where=str(folder), files=tuple(sorted(held - _OWN)[:3]), needed=DRIVES)
 
 
 def moved_aside(folder: Path) -> list[Finding]:
-    """What lies beside the run folders of a fleet because it was none, or damaged."""
+    """Report content moved aside from the place of run folders, as foreign or damaged."""
     places = sorted((folder / DRIVES).glob(f"*{_ASIDE}*"))
     return [Finding.of(Code.BATCH_MOVED_ASIDE, subject=str(each)) for each in places]
 
 
 def _finished(place: Path, drive: Drive, key: str) -> Navigated | None:
-    """What became of a drive, if it is finished; `place`: of the run folders."""
+    """Return the outcome of a finished drive, else None. `place`: of the run folders."""
     finished = _read_note(place / f"{drive.name}.json", key)
-    if finished is not None and (  # what could not be written, and a defect, may do now
+    if finished is not None and (  # a write failure or a defect may succeed now
         attempt(damage, place / drive.name) == ((), ()) if finished.failed is None else finished.failed.exit_code < 4
     ):
         return replace(finished, kept=True)
@@ -161,12 +161,12 @@ def _finished(place: Path, drive: Drive, key: str) -> Navigated | None:
 
 
 def _navigated(run: Callable[[Sequence[str]], None], place: Path, job: tuple[Drive, str]) -> Navigated:
-    """Navigate a drive, of this digest, and note what became of it."""
+    """Navigate a drive with this digest, and store its outcome."""
     (drive, key), begin = job, time.monotonic()
     outcome = attempt(_run, run, place / drive.name, drive)
     failed = outcome if isinstance(outcome, InsnavError) else None
     found = Navigated(drive.name, drive.vehicle, key, failed, file=drive.arguments[0])
-    # how long it took stands in no result: that depends on the machine
+    # results exclude the duration, which depends on the machine
     note = {**asdict(found), "seconds": round(time.monotonic() - begin, 3)}
     write_text(place / f"{drive.name}.json", json.dumps(note, indent=1, default=InsnavError.as_dict))
     return found
@@ -174,13 +174,13 @@ def _navigated(run: Callable[[Sequence[str]], None], place: Path, job: tuple[Dri
 
 def _run(run: Callable[[Sequence[str]], None], place: Path, drive: Drive) -> None:
     drive.files()
-    if place.is_dir() and foreign_files(place):  # or a damaged result: kept, whatever it is
+    if place.is_dir() and foreign_files(place):  # or a damaged result: kept in any case
         place.rename(place.with_name(f"{place.name}{_ASIDE}{time.time_ns()}"))
     run([*drive.arguments, "--out", str(place), "--force"])
 
 
 def _digest(drive: Drive) -> str:
-    """Key of everything the run folder of a drive depends on."""
+    """Compute a key of everything that determines the run folder of a drive."""
     digest = hashlib.sha256(json.dumps([__version__, asdict(drive)]).encode())
     for argument in drive.arguments:
         path = Path(argument)
@@ -205,7 +205,7 @@ def _read_note(note: Path, key: str) -> Navigated | None:
 
 
 def _with_facts(found: Navigated, place: Path) -> Navigated:
-    if found.failed is not None and found.failed.exit_code != 1:  # it ended without a solution; an old one may be left
+    if found.failed is not None and found.failed.exit_code != 1:  # no solution; an old one may exist
         return found
     facts = attempt(read_facts, place / found.name)
     return replace(found, failed=facts) if isinstance(facts, InsnavError) else replace(found, facts=facts)

@@ -1,4 +1,4 @@
-"""The recordings below a folder: which files are IMU data, fixes and references, and which belong together."""
+"""Recordings below a folder: identification of IMU data, fixes and references, and their grouping."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from insnav.output.folder import FACTS_FILE, read_facts
 _PARTS = ("imu", "gps", "ref")
 _NAMED = {"samples": "imu", "gnss": "gps", "gnns": "gps", "fixes": "gps", "reference": "ref", "truth": "ref"}
 _SPARE = {"imu": Code.BATCH_SPARE_SAMPLES, "gps": Code.BATCH_SPARE_FIXES, "ref": Code.BATCH_SPARE_REFERENCE}
-_MANY = 200  # files, from which on several processes look at them
+_MANY = 200  # number of files from which several processes examine them
 
 _Parts = dict[str, Path]  # file of each part
-_Roles = Mapping[Path, str | Finding]  # what each file is: ``imu``, ``gps``, ``ref``, ``both``; else why it is none
+_Roles = Mapping[Path, str | Finding]  # role of each file: ``imu``, ``gps``, ``ref``, ``both``; else the reason
 
 
 def find_drives(folder: Path, without: Path | None, workers: Workers) -> tuple[list[Drive], list[Finding]]:
-    """Recordings in a folder and those in it, by what insnav recognises; results of insnav are left out.
+    """Find recordings in a folder and its subfolders, except results of insnav.
 
-    `without`: a folder not to look into, if any.
-    Returns: the drives, named by their place; and what was left out, with the file as its subject.
-    Raises: InputError: the folder cannot be read, or holds no recording.
+    `without`: a folder to exclude, if any.
+    Returns: the drives, named by their location; and skipped files, each as the subject of a finding.
+    Raises: InputError: the folder cannot be read, or contains no recording.
     """
     if not os.access(folder, os.R_OK | os.X_OK) or not folder.is_dir():
         reason = errno.ENOTDIR if folder.is_file() else errno.EACCES if folder.is_dir() else errno.ENOENT
@@ -40,7 +40,7 @@ def find_drives(folder: Path, without: Path | None, workers: Workers) -> tuple[l
     left: list[Finding] = []
     places = list(_places(folder.resolve(), without and without.resolve(), left))
     names: Counter[str] = Counter()
-    engine = workers if sum(map(len, places)) > _MANY else 1  # processes take seconds to begin
+    engine = workers if sum(map(len, places)) > _MANY else 1  # processes take seconds to start
     for place, roles in zip(places, each(_roles, places, engine), strict=True):
         if isinstance(roles, InsnavError):
             left += [Finding.of(Code.BATCH_NO_RECORDING, subject=str(path), cause=roles.facts) for path in place]
@@ -66,8 +66,8 @@ def find_drives(folder: Path, without: Path | None, workers: Workers) -> tuple[l
 
 
 def _places(folder: Path, without: Path | None, left: list[Finding]) -> Iterator[list[Path]]:
-    """Files of every folder, or itself if it is one recording; `left` gets those that cannot be read."""
-    seen: set[Path] = set()  # links lead to folders, too, and in circles
+    """Yield the files of every folder, or the folder if it is one recording; `left` gets unreadable ones."""
+    seen: set[Path] = set()  # links may form circles
 
     def unreadable(error: OSError) -> None:
         left.append(Finding.of(Code.BATCH_UNREADABLE, subject=str(error.filename), reason=str(error.strerror)))
@@ -80,7 +80,7 @@ def _places(folder: Path, without: Path | None, left: list[Finding]) -> Iterator
         seen.add(real)
         names = sorted(each for each in files if not each.startswith(".") and Path(each).suffix.lower() not in NO_DATA)
         data = [here / each for each in names]
-        inner = any(_whole(here / each) for each in folders)  # formats look into the folders of a folder
+        inner = any(_whole(here / each) for each in folders)  # formats examine subfolders of a folder
         others = [here / each for each in unused(names)]
         parts = [(_named(each), _key(each)) for each in others]
         pair = any(("gps", key) in parts for part, key in parts if part == "imu")
@@ -95,7 +95,7 @@ def _places(folder: Path, without: Path | None, left: list[Finding]) -> Iterator
 
 
 def _result(folder: Path) -> bool:
-    """Whether insnav wrote this folder and it is no simulated recording."""
+    """Return whether insnav wrote this folder, except simulated recordings."""
     if not (folder / FACTS_FILE).is_file():
         return False
     try:
@@ -106,10 +106,10 @@ def _result(folder: Path) -> bool:
 
 
 def _whole(folder: Path, files: int = 1) -> bool:
-    """Whether a folder with so many files is one recording: with its fixes, if these can be in another file."""
+    """Return whether a folder with so many files is one recording, with fixes if these may be in another file."""
     try:
         return kinds_of(open_tables(folder)) != {"imu"} or files == 1
-    except Exception:  # whatever is wrong with its files: they are looked at one by one
+    except Exception:  # after any error its files are examined individually
         return False
 
 
@@ -129,41 +129,41 @@ def _role(path: Path) -> str | Finding:
 
 
 def _with_broken(roles: _Roles) -> _Roles:
-    """Roles, and those of samples and fixes that cannot be read, by name, or as the only file beside fixes: they fail.
+    """Add roles of unreadable samples and fixes, by name, or as the only file with fixes: these drives fail.
 
-    A file is taken for the part that its drive, or the whole folder, lacks beside the other one.
+    A file gets the part that its drive, or the whole folder, lacks.
     """
     unread = [path for path, role in roles.items() if role not in _PARTS and set(path.suffixes) & set(suffixes())]
     parts = {path: _named(path) or "imu" * (len(unread) == 1) for path in unread}
-    said = {**roles, **parts}
+    content = {**roles, **parts}
     found = dict(roles)
     for path in unread if "both" not in roles.values() else ():
         other = {"imu": "gps", "gps": "imu"}.get(parts[path], "none")
         own = [each for each in roles if _key(each) == _key(path)]
-        lacking = other in said.values() and parts[path] not in roles.values()
-        if parts[path] not in map(roles.get, own) and (lacking or other in map(said.get, own)):
+        lacking = other in content.values() and parts[path] not in roles.values()
+        if parts[path] not in map(roles.get, own) and (lacking or other in map(content.get, own)):
             found[path] = parts[path]
     return found
 
 
 def _named(path: Path) -> str:
-    """Part that a name says; empty for none."""
+    """Return the part in a file name; empty for none."""
     word = ROLE.search(_stem(path))
     return _NAMED.get(word[2].lower(), word[2].lower()) if word else ""
 
 
 def _key(path: Path) -> str:
-    """Name without what says the part: that of the drive."""
+    """Return the drive's name: a file name without its part."""
     return ROLE.sub("", _stem(path)).strip("-_. ").lower()
 
 
 def _paired(files: Sequence[Path], roles: _Roles) -> Iterator[tuple[Path, _Parts, str]]:
-    """Place, files, and what is unclear of the drives of one folder: logs of their own, and files that go together."""
+    """Yield location, files, and ambiguities of the drives in a folder: separate logs, and matching files."""
     for path in files:
         if roles[path] == "both":
             yield path if path.is_dir() else path.with_name(_stem(path)), {"imu": path}, ""
     parts = {part: [path for path in files if roles[path] == part] for part in _PARTS}
-    if len(parts["imu"]) == len(parts["gps"]) == 1 < len(parts["ref"]):  # that with the name of one of the two
+    if len(parts["imu"]) == len(parts["gps"]) == 1 < len(parts["ref"]):  # the reference named like one of the two
         keys = {_key(parts["imu"][0]), _key(parts["gps"][0])}
         parts["ref"] = [path for path in parts["ref"] if _key(path) in keys]
     if max(map(len, parts.values())) == 1 and parts["imu"]:

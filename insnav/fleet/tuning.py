@@ -28,26 +28,26 @@ class Tuned:
 
     spec: ImuSpec
     figures: tuple[NoiseFigure, ...]
-    gain: float  # log-likelihood gained over the prior's figures
-    # mean square of the normalised innovations with the figures before and with those found [-]
+    gain: float  # gain of log-likelihood over the prior
+    # mean square of the normalised innovations before and with the estimate [-]
     mean_before: float
     mean_after: float
-    drives: int  # how many
+    drives: int  # number of drives
     prior: ImuSpec  # of the first drive
-    prior_chosen: Finding  # how the prior was chosen
+    prior_chosen: Finding  # finding on the choice of the prior
 
 
 def tune(*drives: str | Path | Files, gps: str | Path | None = None, **inputs: Unpack[NamedInputs]) -> Result[Tuned]:
-    """Estimate the noise of one IMU from its drives, by the likelihood of all their innovations together.
+    """Estimate the noise of one IMU from its drives, by the joint likelihood of all innovations.
 
     Parameters
     ----------
     *drives : path or (Path, Path or None)
-        Folders of recordings, each of which may hold several drives; one IMU file; or IMU and GPS file of each drive.
+        Folders of recordings, which may contain several drives. One IMU file. Or IMU and GPS file of each drive.
     gps : path, optional
-        GPS fixes of the one IMU file; by default those in it.
+        GPS fixes of the one IMU file; by default from this file.
     **inputs
-        As for `insnav.load`, the same for all drives. ``imu`` is the prior, by default that of the first drive.
+        As for `insnav.load`, equal for all drives. ``imu`` is the prior, by default from the first drive.
 
     Returns
     -------
@@ -74,7 +74,7 @@ def tune(*drives: str | Path | Files, gps: str | Path | None = None, **inputs: U
 
 
 def _files(drive: str | Path | Files, gps: Path | None) -> Iterator[Files]:
-    """Files of the drives of a folder, or of one drive."""
+    """Yield the files of the drives of a folder, or of one drive."""
     if isinstance(drive, tuple):
         yield drive
     elif Path(drive).is_file():
@@ -86,7 +86,7 @@ def _files(drive: str | Path | Files, gps: Path | None) -> Iterator[Files]:
 def _of_recordings(
     recordings: Sequence[Files], inputs: NamedInputs
 ) -> tuple[NoiseEstimate, list[Drive], tuple[Finding, ...]]:
-    """Give the noise, the drives, and a warning for each figure by which drives are of different IMUs."""
+    """Estimate the noise; return it with the drives, and a warning for each parameter that differs between them."""
     drives: list[Drive] = []
     likelihoods: list[InnovationLikelihood] = []
     for imu, gps in recordings:
@@ -112,7 +112,7 @@ def _of_recordings(
 
 
 def _different_drives(figures: Sequence[NoiseFigure], files: Sequence[str]) -> Finding:
-    """Report a figure of one IMU that differs from drive to drive; `files`: of the drives."""
+    """Report a parameter of one IMU that differs between drives. `files`: of the drives."""
     low, high = (end(range(len(figures)), key=lambda drive: figures[drive].value) for end in (min, max))
     ratio = figures[high].value / figures[low].value
     return Finding.of(Code.TUNE_DRIVES_DIFFER, subject=figures[low].key, ratio=ratio, high=files[high], low=files[low])

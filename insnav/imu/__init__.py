@@ -1,8 +1,7 @@
-"""The inertial measurement unit: its errors, how large they may be, how to add and how to remove them.
+"""Inertial measurement unit: its errors, their specification, and functions that add and remove them.
 
-`ImuErrors` is a set of known errors (of a calibration, or sampled); `corrupt` adds and `correct`
-removes exactly these. `ImuSpec` is the IMU error specification; `load_imu` reads it from a preset or a
-file.
+`ImuErrors` is a set of known errors (calibrated or sampled). `corrupt` adds and `correct` removes exactly these errors.
+`ImuSpec` is the IMU error specification; `load_imu` reads it from a preset or a file.
 
 Reading files needs pydantic, which is imported only when one of the reading functions is first used.
 """

@@ -1,4 +1,4 @@
-"""The calibration file (``calibration.toml``): known errors of one IMU, measured = matrix @ true + bias.
+"""Calibration file (``calibration.toml``): known errors of one IMU, measured = matrix @ true + bias.
 
 An example with every key is in ``docs/howto/calibration.md``.
 """
@@ -90,7 +90,7 @@ class _Accel(_Sensor):
 
 
 def _dimensions(sensor: Sensor) -> dict[str, str]:
-    """Dimensions of what a calibration may hold beyond bias and matrix, by the name in `ErrorTerms`."""
+    """Return the dimensions of calibration terms beyond bias and matrix, by their name in `ErrorTerms`."""
     known = {term.key: term.dimension for term in terms_of(sensor) if term.key in SHAPES}
     return known if sensor == "gyro" else known | {"positions": "length"}
 
@@ -116,8 +116,8 @@ _FILE = with_fields(_CalibrationFile, {"gyro": _with_terms(_Gyro, "gyro"), "acce
 def load_calibration(path: str | Path) -> ImuErrors:
     """Read the known errors of an IMU.
 
-    Returns: for `insnav.imu.correct`. A table or key that is absent means no error there.
-    Raises: ConfigError: no such file, no TOML, wrong keys or values (all at once), or a matrix that cannot be inverted.
+    Returns: errors for `insnav.imu.correct`. An absent table or key means no error.
+    Raises: ConfigError: no such file, invalid TOML, wrong keys or values (all at once), or a singular matrix.
     """
     path = Path(path)
     content = read_toml(path)
@@ -169,14 +169,14 @@ def _terms(sensor: Sensor, table: Table) -> ErrorTerms | None:
 def calibration_to_toml(errors: ImuErrors) -> str:
     """Write a calibration file.
 
-    Returns: text that `load_calibration` reads back to exactly the same values.
+    Returns: text that `load_calibration` reads as exactly the same values.
     """
     content: dict[str, Any] = {"name": errors.name, "date": errors.date, "temperature_c": errors.temperature}
     content = {key: value for key, value in content.items() if value not in ("", None)}
     units: tuple[tuple[Sensor, str, str], ...] = (("gyro", "rad/s", "rad_s"), ("accel", "m/s^2", "m_s2"))
     for sensor, unit, suffix in units:
         raw, terms = getattr(errors, f"{sensor}_raw"), getattr(errors, f"{sensor}_terms")
-        # SI units, which keep every bit: a calibration must not change by being written
+        # SI units, which keep every bit: writing must not change a calibration
         table: dict[str, Any] = {
             "bias": text(getattr(errors, f"{sensor}_bias"), unit),
             "matrix": getattr(errors, f"{sensor}_matrix").tolist(),

@@ -1,6 +1,6 @@
-"""The table of error terms, ``error_terms.toml``: the IMU file, budget, simulation and reports are driven from it.
+"""Table of error terms, ``error_terms.toml``: the basis of IMU file, budget, simulation and reports.
 
-A new term needs one row of that file, if its process and its signal are among those of this module.
+A new term needs one row of that file, if its process and signal exist in this module.
 """
 
 from __future__ import annotations
@@ -32,47 +32,47 @@ ELEMENTS: dict[Spread, tuple[tuple[int, int], ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class ErrorTerm:
-    """One kind of error of the gyros or of the accelerometers."""
+    """Error term of the gyros or of the accelerometers."""
 
     sensor: Sensor  # which triad
     key: str  # in the IMU file and in `insnav.imu.SensorSpec`
     name: str  # in a budget
-    # what its size is and the unit in which it is written and shown; see `insnav.units.UNITS`
+    # dimension and display unit of its size; see `insnav.units.UNITS`
     dimension: str
     unit: str
-    process: Process  # how it changes in time
-    spread: Spread  # whether there is one error for each axis, or one for elements (i, j) of the sensor matrix
-    # of angular rate [rad/s], specific force [m/s^2], both ``(n, 3)``, and time [s], ``(n, 1)``, the ``(n, 3)`` signals
-    # by which the error is multiplied: element (i, j) adds signal j to axis i. None: the term depends on more than
-    # these, and only simulations have it.
+    process: Process  # process in time
+    spread: Spread  # one error per axis, or one per element (i, j) of the sensor matrix
+    # signals ``(n, 3)`` that multiply the error: element (i, j) adds signal j to axis i. Arguments: angular rate
+    # [rad/s], specific force [m/s^2], both ``(n, 3)``, time [s], ``(n, 1)``. None: the term depends on more than these,
+    # and only simulations have it.
     drive: Drive | None = None
-    text: str = ""  # its impact on navigation, in words
-    datasheet: Literal["", "often", "usual"] = ""  # whether datasheets give it
+    text: str = ""  # impact on navigation, in words
+    datasheet: Literal["", "often", "usual"] = ""  # frequency in datasheets
     allan: str = ""  # its coefficient in an Allan deviation; see `insnav.lab.noise.noise_model`
 
     @property
     def family(self) -> str:
-        """Name with the sensor, such as ``gyro bias``."""
+        """Name including the sensor, such as ``gyro bias``."""
         return f"{self.sensor} {self.name}"
 
     @property
     def usual(self) -> bool:
-        """Whether a file without it is incomplete."""
+        """True if a file without the term is incomplete."""
         return self.datasheet == "usual"
 
     @property
     def in_budget(self) -> bool:
-        """Whether the budget has it; otherwise it is only simulated."""
+        """True if the budget includes the term; otherwise it is only simulated."""
         return self.drive is not None
 
     @property
     def integrals(self) -> int:
-        """How often it is integrated to a position error: a gyro error once more, from rate to tilt."""
+        """Number of integrations to a position error: one more for gyros, from rate to tilt."""
         return 3 if self.sensor == "gyro" else 2
 
     @property
     def elements(self) -> tuple[tuple[int, int], ...]:
-        """Axis that shows the error and axis of the signal, for each of its independent scalar errors."""
+        """Sensitive axis and axis of the signal, for each independent scalar error."""
         return ELEMENTS[self.spread]
 
     @property
@@ -83,12 +83,12 @@ class ErrorTerm:
 
 @dataclass(frozen=True, slots=True)
 class _Signal:
-    """Drive by its name in the table: ``one``, ``time``, ``rate`` or ``force``; its ``_size``, or it ``_squared``."""
+    """Drive by its name in the table: ``one``, ``time``, ``rate`` or ``force``; with ``_size`` or ``_squared``."""
 
     name: str
 
     def __call__(self, w: FloatArray, f: FloatArray, t: FloatArray) -> FloatArray:
-        """Return the signals; see `ErrorTerm.drive`."""
+        """Compute the signals; see `ErrorTerm.drive`."""
         of, _, shape = self.name.partition("_")
         signal: FloatArray = {"one": np.ones_like(w), "time": t * np.ones(3), "rate": w, "force": f}[of]
         if shape == "size":
@@ -97,7 +97,7 @@ class _Signal:
 
 
 def _terms() -> Iterator[ErrorTerm]:
-    """Rows of ``error_terms.toml``."""
+    """Yield the rows of ``error_terms.toml``."""
     table = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
     for key, row in table.items():
         for sensor in SENSORS:
@@ -113,5 +113,5 @@ TERMS = tuple(_terms())
 
 
 def terms_of(sensor: Sensor) -> tuple[ErrorTerm, ...]:
-    """Terms of the gyros or of the accelerometers, in the order of the table."""
+    """Return the terms of the gyros or of the accelerometers, in table order."""
     return tuple(term for term in TERMS if term.sensor == sensor)

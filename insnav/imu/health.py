@@ -1,7 +1,7 @@
-"""Samples that cannot be what the sensor felt: spikes, sensors at the end of their range, sensors that are stuck.
+"""Faulty samples: spikes, sensors at the end of their range, stuck sensors.
 
-A spike is replaced. What a clipped or stuck sensor felt is not known at all: such samples are taken out, so that they
-count as a data gap, which the mechanization bridges and whose uncertainty the filter knows.
+A spike is replaced. The true signal of a clipped or stuck sensor is unknown: such samples are removed. The resulting
+data gap is bridged by the mechanization, with the filter's uncertainty.
 """
 
 from __future__ import annotations
@@ -18,29 +18,29 @@ from insnav.kernels.health import glance
 from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray, ImuData, IntArray
 
-SPIKE_GYRO, SPIKE_ACCEL = 1.5, 9.5  # a smaller jump of one sample does no harm worth a search [rad/s], [m/s^2]
-SPIKE_FACTOR = 12.0  # times the usual change from sample to sample
-CLIPPED = 3  # samples in a row at the largest value of the record that are the end of a range
-STUCK = 20  # samples in a row with the same value, at least, that may be a stuck sensor ...
-STUCK_TIME = 0.5  # ... and at least so long [s]
-BRIDGED = 1.0  # longer rows below the end of the range are used: more is lost with them than they are wrong [s]
-UNLIKE = 0.9  # part of the other values beside such rows that are all different: no steps, no dead band
-COMPARABLE = 2.0  # blocks whose other axes are that much more or less active are comparable
-ENOUGH = 10  # comparable blocks that can tell what is usual
-UNUSUAL = 0.01  # share of comparable blocks that may be as still as a stuck sensor
-STEPS = 4.0  # resolution steps that a sensor must usually change by: else its repeats are its resolution or a dead band
-IN_MOTION = 0.25  # activity, in parts of the median of the record, above which the other axes feel motion
-LONGEST = 3  # rows of repeats that do not count as usual: a fault is a few long ones ...
-OFTEN, FAR_LONGER = 200, 4.0  # ... or up to so many that are all so many times longer than the next
-CONSTANT = 1e-9  # a smaller change, in parts of the largest value, is none
-BY_CHANCE = 1e-6  # expected number of rows that long by chance, below which they are none
+SPIKE_GYRO, SPIKE_ACCEL = 1.5, 9.5  # a smaller jump of one sample is harmless [rad/s], [m/s^2]
+SPIKE_FACTOR = 12.0  # multiple of the usual change from sample to sample
+CLIPPED = 3  # successive samples at the largest value that mark the end of the range
+STUCK = 20  # least number of successive equal samples of a stuck sensor ...
+STUCK_TIME = 0.5  # ... and least duration [s]
+BRIDGED = 1.0  # longer runs below the end of the range are used: removing them costs more than their error [s]
+UNLIKE = 0.9  # share of different values next to such runs: no steps, no dead band
+COMPARABLE = 2.0  # activity ratio of the other axes up to which blocks are comparable
+ENOUGH = 10  # comparable blocks needed for statistics
+UNUSUAL = 0.01  # share of comparable blocks that may be as constant as a stuck sensor
+STEPS = 4.0  # least usual change in resolution steps: otherwise repeats come from resolution or a dead band
+IN_MOTION = 0.25  # activity relative to the median of the record that indicates motion of the other axes
+LONGEST = 3  # runs of repeats that do not count as usual: a fault has a few long runs ...
+OFTEN, FAR_LONGER = 200, 4.0  # ... or up to this many, all longer than the next by this factor
+CONSTANT = 1e-9  # a smaller change, relative to the largest value, counts as zero
+BY_CHANCE = 1e-6  # expected number of such long runs by chance, below which it is no chance
 _AXES = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz")
 
 
 def inspect(imu: ImuData) -> tuple[ImuData, list[Finding]]:
-    """Replace spikes and take out clipped and stuck samples.
+    """Replace spikes and remove clipped and stuck samples.
 
-    Returns imu: the same object if there is nothing to object to; events: one for each stretch, with what was done.
+    Returns imu: the same object without faults; events: one per interval, with the action.
     """
     if imu.time.shape[0] < 2 * STUCK:
         return imu, []
@@ -58,14 +58,14 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Finding]]:
             events.append(_spike(float(imu.time[row]), axis, float(values[row, axis] - mean)))
             values[row, axis] = mean
         change = _changes(values)
-    # of the samples as they are: divided by intervals, equal increments would differ in their last digits
+    # of the original samples: division by intervals would make equal increments differ
     same = spill.by_blocks(
         lambda *some: np.hstack([some[0] == some[1], some[2] == some[3]]),
         *(imu.gyro[1:], imu.gyro[:-1], imu.accel[1:], imu.accel[:-1]),
     )
     repeats, high = np.zeros(6, dtype=np.bool_), np.zeros(6)
     for block in spill.blocks(same.shape[0], before=1):
-        # most axes never show a value three times: there is no row to judge
+        # most axes never repeat a value three times: no run to judge
         repeats |= (same[block][1:] & same[block][:-1]).any(axis=0)
     for block in spill.blocks(values.shape[0]):
         high = np.maximum(high, np.abs(values[block]).max(axis=0))
@@ -84,7 +84,7 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Finding]]:
         long = bounded & ~clipped & (_length(imu.time, first, count) > BRIDGED)
         clipped |= bounded & ~long
         clipped &= _others_vary(quiet, axis, first, count)
-        # of all values the largest is one for sure, but coarse steps may repeat it
+        # the largest value occurs once for certain, and coarse steps may repeat it by chance
         clipped &= _chance(same[:, axis], first, count, np.flatnonzero(clipped)) < BY_CHANCE
         stuck = ~clipped & ~long & (count >= STUCK) & (_length(imu.time, first, count) >= STUCK_TIME)
         suspects = _longest(count)
@@ -111,20 +111,20 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Finding]]:
 
 
 def _spike(time: float, axis: int, size: float) -> Finding:
-    """Name a jump of one sample of an axis by `size` [rad/s], [m/s^2]."""
+    """Report a jump of one sample of an axis by `size` [rad/s], [m/s^2]."""
     if axis < 3:
         return Finding.of(Code.IMU_SPIKE, time, subject=_AXES[axis], rate_rad_s=size, limit_rad_s=SPIKE_GYRO)
     return Finding.of(Code.IMU_SPIKE, time, subject=_AXES[axis], acceleration_m_s2=size, limit_m_s2=SPIKE_ACCEL)
 
 
 def _plain(imu: ImuData, scale: FloatArray | float) -> bool:
-    """Whether no change of the samples can be a spike, none comes three times in a row, and every axis changes."""
+    """Return whether the samples need no inspection: no spike, no value three times in a row, no constant axis."""
     head = slice(1 << 16)
     some = np.hstack([imu.gyro[head], imu.accel[head]]) / (scale if isinstance(scale, float) else scale[head])
     each, limit = np.broadcast_to(scale, (imu.time.shape[0], 1)), _far(_changes(some))
     largest = change = np.zeros(6)
     for block in spill.blocks(imu.time.shape[0], before=2):
-        # copied: what is broadcast may not be written to, for which another kernel would be compiled
+        # copied: broadcast arrays are read-only and would compile another kernel
         high, step, odd = glance(imu.gyro[block], imu.accel[block], each[block].flatten(), limit)
         if odd:
             return False
@@ -133,24 +133,24 @@ def _plain(imu: ImuData, scale: FloatArray | float) -> bool:
 
 
 def _far(change: FloatArray) -> FloatArray:
-    """Changes from sample to sample beyond which a sample may be a spike, by axis."""
+    """Compute the change between samples that may be a spike, by axis."""
     usual = np.median(change[: (1 << 16) - 1], axis=0)
     return np.asarray(np.maximum(np.array([SPIKE_GYRO] * 3 + [SPIKE_ACCEL] * 3), SPIKE_FACTOR * usual))
 
 
 def _changes(values: FloatArray) -> FloatArray:
-    """Size of the changes from sample to sample, (n - 1, 6)."""
+    """Compute the absolute changes between samples, (n - 1, 6)."""
     return spill.by_blocks(lambda after, before: np.abs(after - before), values[1:], values[:-1])
 
 
 def _spikes(values: FloatArray, change: FloatArray) -> tuple[IntArray, IntArray]:
-    """Rows and axes of single samples far from both neighbours, which agree with each other."""
+    """Find rows and axes of single samples far from both neighbours, which agree."""
     limit = _far(change)
     row, axis = np.nonzero(
         spill.by_blocks(lambda one, next_one: (one > limit) & (next_one > limit), change[:-1], change[1:])
     )
     before, after = values[row + 1, axis] - values[row, axis], values[row + 2, axis] - values[row + 1, axis]
-    # out by about as much as back
+    # jump and return are of similar size
     out = np.minimum(np.abs(before), np.abs(after))
     found = (before * after < 0.0) & (np.abs(before + after) < 0.25 * out)
     return row[found] + 1, axis[found]
@@ -158,18 +158,18 @@ def _spikes(values: FloatArray, change: FloatArray) -> tuple[IntArray, IntArray]
 
 @dataclass(frozen=True, slots=True)
 class _Activity:
-    """How much every axis changes in blocks of a record; the scale by which repeats are usual or not.
+    """Activity of every axis in blocks of a record; the scale for unusual repeats.
 
-    Equal samples are no fault of a sensor with a dead band or coarse steps, and they come together: at rest always, in
-    motion seldom. So a row of them is compared with blocks in which the *other* axes are as active.
+    Equal samples are normal for a sensor with a dead band or coarse steps, and cluster: always at rest, seldom in
+    motion. A run of them is therefore compared with blocks in which the *other* axes are equally active.
     """
 
-    length: int  # samples of a block
-    square: FloatArray  # (blocks, 6) mean squared change, in parts of that of the record
+    length: int  # samples per block
+    square: FloatArray  # (blocks, 6) mean squared change, relative to the record
 
     @classmethod
     def of(cls, change: FloatArray, length: int) -> _Activity:
-        """From the changes from sample to sample."""
+        """Compute the activity from changes between samples."""
         blocks = change[: change.shape[0] // length * length].reshape(-1, length, 6)
         parts = spill.blocks(blocks.shape[0], size=-(-spill.ROWS // length))
         square = np.concatenate([np.empty((0, 6)), *(np.mean(blocks[part] ** 2, axis=1) for part in parts)])
@@ -178,7 +178,7 @@ class _Activity:
         return cls(length, square / np.maximum(mean, 1e-300))
 
     def unusual(self, column: FloatArray, axis: int, first: IntArray, count: IntArray) -> BoolArray:
-        """Rows of repeats that the sensor does not show elsewhere when the vehicle moves as it does in the row."""
+        """Find runs of repeats that the sensor does not have elsewhere at similar vehicle motion."""
         found = np.zeros(first.size, dtype=np.bool_)
         if not first.size or not self.square.shape[0]:
             return found
@@ -199,18 +199,18 @@ class _Activity:
         return found
 
     def _range(self, column: FloatArray) -> FloatArray:
-        """Largest minus smallest value of each block."""
+        """Compute the range of values in each block."""
         blocks = column[: self.square.shape[0] * self.length].reshape(-1, self.length)
         return np.asarray(np.ptp(blocks, axis=1))
 
     def _blocks(self, first: int, count: int) -> slice:
-        """Blocks that a row of samples fills, at least one."""
+        """Return the blocks that a run of samples fills, at least one."""
         start = min(-(-int(first) // self.length), self.square.shape[0] - 1)
         return slice(start, max((int(first) + int(count)) // self.length, start + 1))
 
 
 def _bounded(column: FloatArray, first: IntArray, count: IntArray) -> BoolArray:
-    """Rows of repeats at a value that none beside them exceeds, of a sensor that shows no other value twice there."""
+    """Find runs of repeats at a local extreme, of a sensor with otherwise different values there."""
     found = np.zeros(first.size, dtype=np.bool_)
     for level in np.unique(column[first]):
         rows = np.flatnonzero(column[first] == level)
@@ -222,9 +222,9 @@ def _bounded(column: FloatArray, first: IntArray, count: IntArray) -> BoolArray:
 
 
 def _resolution(column: FloatArray, held: FloatArray) -> FloatArray:
-    """Distance from each value to the nearest other one of the record: a step, or the edge of a dead band.
+    """Compute the distance from each value to the nearest other value: a step, or the edge of a dead band.
 
-    No less than the changes are: a sensor that reports only what changed by more than a limit holds any value.
+    At least the size of the changes: a sensor that reports only changes above a limit may hold any value.
     """
     change = np.abs(np.diff(column[: 1 << 16]))
     least = float(np.quantile(change[change > 0.0], UNUSUAL)) if change.any() else 0.0
@@ -235,7 +235,7 @@ def _resolution(column: FloatArray, held: FloatArray) -> FloatArray:
 
 
 def _longest(count: IntArray) -> IntArray:
-    """Rows of repeats that may be a fault: the longest few, or all before the lengths drop; coarse steps make many."""
+    """Find runs of repeats that may be a fault: the longest few, or all before a drop in length; steps give many."""
     order = np.argsort(count)[::-1]
     lengths = np.append(count[order], CLIPPED - 1)[: OFTEN + 1]
     drops = np.flatnonzero(lengths[:-1] >= FAR_LONGER * lengths[1:])
@@ -243,7 +243,7 @@ def _longest(count: IntArray) -> IntArray:
 
 
 def _chance(same: BoolArray, first: IntArray, count: IntArray, suspects: IntArray) -> FloatArray:
-    """Probability of rows so long by the steps of the sensor, as a row goes on elsewhere than in the `suspects`."""
+    """Compute the probability of runs of equal samples by chance, from the continuation frequency outside `suspects`."""
     elsewhere = np.array(same)
     for row in suspects:
         elsewhere[first[row] : first[row] + count[row] - 1] = False
@@ -254,7 +254,7 @@ def _chance(same: BoolArray, first: IntArray, count: IntArray, suspects: IntArra
 
 
 def _frozen(time: FloatArray, same: BoolArray, values: FloatArray, activity: _Activity) -> tuple[IntArray, IntArray]:
-    """Rows in which all axes repeat their values although the noise of most never lets them: the logger hung."""
+    """Find runs in which all axes repeat values although most have noise: the logger hung."""
     first, count = _runs(np.asarray(same.all(axis=1)))
     long = (count >= STUCK) & (_length(time, first, count) >= STUCK_TIME)
     first, count = first[long], count[long]
@@ -266,13 +266,13 @@ def _frozen(time: FloatArray, same: BoolArray, values: FloatArray, activity: _Ac
     if usual.sum() < ENOUGH:
         return first[:0], count[:0]
     spread = np.column_stack([activity._range(values[:, axis])[usual] for axis in range(6)])
-    if int(np.sum(np.quantile(spread, UNUSUAL, axis=0) > 0.0)) < 4:  # sensors without noise rest like that
+    if int(np.sum(np.quantile(spread, UNUSUAL, axis=0) > 0.0)) < 4:  # noise-free sensors are constant at rest
         return first[:0], count[:0]
     return first, count
 
 
 def _refuse_constant(values: FloatArray, quiet: BoolArray) -> None:
-    """Refuse a record with an axis that never changes while the others of its kind do."""
+    """Refuse a record with a constant axis while the others of its kind vary."""
     dead = np.asarray(quiet.all(axis=0))
     for axis in np.flatnonzero(dead):
         kind = values[:, :3] if axis < 3 else values[:, 3:]
@@ -284,18 +284,18 @@ def _refuse_constant(values: FloatArray, quiet: BoolArray) -> None:
 
 
 def _length(time: FloatArray, first: IntArray, count: IntArray) -> FloatArray:
-    """Duration of rows of samples [s]."""
+    """Compute the duration of runs of samples [s]."""
     return np.asarray(time[np.minimum(first + count, time.shape[0]) - 1] - time[first])
 
 
 def _others_vary(quiet: BoolArray, axis: int, first: IntArray, count: IntArray) -> BoolArray:
-    """Whether some other axis changes in most of each row: else it is a rest of sensors without noise, not a fault."""
+    """Return whether some other axis varies in most of each run; otherwise noise-free sensors are at rest."""
     still = np.concatenate([[0], np.cumsum(quiet.sum(axis=1) - quiet[:, axis] == 5)])
     return np.asarray(still[first + count - 1] - still[first] < 0.5 * (count - 1))
 
 
 def _runs(same: BoolArray) -> tuple[IntArray, IntArray]:
-    """First sample and number of samples of each row of equal ones, at least `CLIPPED`."""
+    """Find first sample and length of each run of equal samples, at least `CLIPPED`."""
     first, end = runs_of(same).T
     count = end - first + 1
     long = count >= CLIPPED

@@ -1,14 +1,14 @@
-"""What bias and matrix leave out of the errors of a sensor: asymmetry, curvature, temperature, gravity, size.
+"""Sensor errors beyond bias and matrix: asymmetry, curvature, temperature, gravity, size effect.
 
-Of a value z that bias-free, matrix-bent sensors would show, the sensor shows
+If a sensor with bias and matrix alone outputs z (without bias), the output with these terms is
 
     y = (1 + s dT) z + a |z| + q z^2 + b dT [+ G f for gyros],    dT = T - T_ref
 
-with everything by axis but the gravity-sensitivity ``G`` of gyros to the specific force ``f``. The accelerometers feel
-``f`` at the places where they sit: ``f + dw/dt x r + w x (w x r)`` (the size effect). IEEE Std 952-1997 section 1.3 and
-IEEE Std 1293-2018 annex A list these terms; Groves (2013), sections 4.4.3 to 4.4.6.
+with all terms per axis except the g-sensitivity ``G`` of gyros to the specific force ``f``. The accelerometers sense
+``f`` at their own positions: ``f + dw/dt x r + w x (w x r)`` (the size effect). IEEE Std 952-1997 section 1.3 and IEEE
+Std 1293-2018 annex A list these terms; Groves (2013), sections 4.4.3 to 4.4.6.
 
-Dynamic compensation corrects the remaining non-linearity of gyros by a continuous map, linear in pieces: in each range
+Dynamic compensation corrects the remaining non-linearity of gyros by a continuous, piecewise linear map. In each range
 of the measured rate m the error is ``k m + b``, and the rate ``m - (k m + b)``. The lines meet at the borders, and
 every ``k`` is below 1, so the map has exactly one inverse.
 """
@@ -24,26 +24,26 @@ import numpy as np
 from insnav.exceptions import ConfigError, InputError
 from insnav.types import FloatArray
 
-REFERENCE_TEMPERATURE = 25.0  # unless a calibration has another one [deg C]
+REFERENCE_TEMPERATURE = 25.0  # default of a calibration [deg C]
 # defaults of fields: no error of three axes, or of three rows of three
 zeros, zero_matrix = partial(np.zeros, 3), partial(np.zeros, (3, 3))
 
 
 @dataclass(frozen=True, slots=True)
 class ErrorTerms:
-    """Further errors of a sensor triad, none of them by default.
+    """Further errors of a sensor triad, zero by default.
 
-    Raises ConfigError: A value that is not finite, or terms so large that the sensor cannot be inverted.
+    Raises ConfigError: a value that is not finite, or terms too large for an inverse.
     """
 
-    # (3,) half of what the scale factor of positive values exceeds that of negative ones by [-]
+    # (3,) half the difference of scale factors for positive and negative values [-]
     asymmetry: FloatArray = field(default_factory=zeros)
     quadratic: FloatArray = field(default_factory=zeros)  # (3,) second-order non-linearity [1/(rad/s)] or [1/(m/s^2)]
     bias_slope: FloatArray = field(default_factory=zeros)  # (3,) bias by temperature [rad/s/K] or [m/s^2/K]
     scale_slope: FloatArray = field(default_factory=zeros)  # (3,) scale factor by temperature [1/K]
     # (3, 3) of gyros: rate by specific force [rad/s/(m/s^2)]
     g_sensitivity: FloatArray = field(default_factory=zero_matrix)
-    # (3, 3) of accelerometers: row i is the place of accelerometer i from the point that is navigated, body axes [m]
+    # (3, 3) of accelerometers: row i is the position of accelerometer i from the navigated point, body axes [m]
     positions: FloatArray = field(default_factory=zero_matrix)
 
     def __post_init__(self) -> None:
@@ -57,23 +57,23 @@ class ErrorTerms:
 
     @property
     def by_temperature(self) -> bool:
-        """Whether the temperature matters."""
+        """True if an error depends on temperature."""
         return bool(np.any(self.bias_slope) or np.any(self.scale_slope))
 
     def shown(self, z: FloatArray, warmer: FloatArray | None) -> FloatArray:
-        """What the sensor shows.
+        """Compute the sensor output.
 
-        z (n, 3): bent by the matrix, without bias [rad/s] or [m/s^2]; warmer (n,): temperature above the reference [K].
-        Returns (n, 3): without bias and g-sensitivity.
+        `z` (n, 3): after the matrix, without bias [rad/s] or [m/s^2]. `warmer` (n,): temperature above the reference
+        [K]. Returns (n, 3): without bias and g-sensitivity.
         """
         y = z * self._gain(warmer) + self.asymmetry * np.abs(z) + self.quadratic * z * z
         return np.asarray(y if warmer is None else y + warmer[:, None] * self.bias_slope)
 
     def meant(self, y: FloatArray, warmer: FloatArray | None) -> FloatArray:
-        """Undo `shown`: the root of the quadratic on the side of the sign, in the form that keeps digits.
+        """Invert `shown`: the root of the quadratic with the right sign, in a form without cancellation.
 
-        y (n, 3): shown, bias and g-sensitivity subtracted [rad/s] or [m/s^2]; warmer (n,): temperature above the
-        reference [K]. Raises InputError: A value that the curvature never reaches.
+        `y` (n, 3): output without bias and g-sensitivity [rad/s] or [m/s^2]. `warmer` (n,): temperature above the
+        reference [K]. Raises InputError: a value that the curvature never reaches.
         """
         if warmer is not None:
             y = y - warmer[:, None] * self.bias_slope
@@ -92,10 +92,10 @@ SHAPES = {each.name: (3, 3) if each.default_factory is zero_matrix else (3,) for
 
 
 def size_effect(rate: FloatArray, dt: FloatArray, positions: FloatArray) -> FloatArray:
-    """What accelerometers feel because they do not sit in one point (Groves 2013, eq. 4.15 for each of them).
+    """Compute the specific force differences of accelerometers at different positions (Groves 2013, eq. 4.15).
 
-    rate (n, 3): angular rate [rad/s]; dt (n,): sampling intervals [s]; positions (3, 3): row i is the place of
-    accelerometer i [m]. Returns (n, 3): [m/s^2]. Angular acceleration by differences of the rates: good for motion
+    `rate` (n, 3): angular rate [rad/s]. `dt` (n,): sampling intervals [s]. `positions` (3, 3): row i is the position of
+    accelerometer i [m]. Returns (n, 3): [m/s^2]. Angular acceleration comes from rate differences, valid for motion
     slow against the sampling.
     """
     time = np.cumsum(dt)
@@ -107,14 +107,14 @@ def size_effect(rate: FloatArray, dt: FloatArray, positions: FloatArray) -> Floa
     return felt
 
 
-SMALLEST_SLOPE = 0.1  # of the compensated over the measured rate; a gyro that needs more is broken, not non-linear
+SMALLEST_SLOPE = 0.1  # of the compensated over the measured rate; a smaller slope means a broken gyro
 
 
 @dataclass(frozen=True, slots=True)
 class AxisMap:
-    """Error of one gyro over its measured rate, straight between knots and beyond the outer ones.
+    """Error of one gyro over its measured rate, linear between knots and beyond the outer ones.
 
-    Raises ConfigError: not such arrays, or a map that cannot be inverted.
+    Raises ConfigError: invalid arrays, or a map without inverse.
     """
 
     rate: FloatArray  # (k,) measured rates at the knots [rad/s], increasing, at least two
@@ -131,30 +131,30 @@ class AxisMap:
             raise ConfigError("imu.map_not_invertible", where="gyro.map", slope=steepest, limit=1.0 - SMALLEST_SLOPE)
 
     def apply(self, measured: FloatArray) -> FloatArray:
-        """Take the error off measured rates [rad/s]."""
+        """Subtract the error from measured rates [rad/s]."""
         return _line(self.rate, self.rate - self.error, measured)
 
     def rate_error(self, measured: FloatArray) -> FloatArray:
-        """Error that `apply` takes off measured rates [rad/s]."""
+        """Compute the error that `apply` subtracts from measured rates [rad/s]."""
         return _line(self.rate, self.error, measured)
 
     def inverse(self, compensated: FloatArray) -> FloatArray:
-        """Undo `apply`."""
+        """Invert `apply`."""
         return _line(self.rate - self.error, self.rate, compensated)
 
 
 @dataclass(frozen=True, slots=True)
 class DynamicMap:
-    """One map a gyro."""
+    """Maps of three gyros."""
 
-    axes: tuple[AxisMap | None, ...]  # of x, y, z; None leaves an axis as it is
+    axes: tuple[AxisMap | None, ...]  # of x, y, z; None: no correction
 
     def apply(self, measured: FloatArray) -> FloatArray:
-        """Take the errors off measured rates, (n, 3) [rad/s]."""
+        """Subtract the errors from measured rates, (n, 3) [rad/s]."""
         return self._by_axis(AxisMap.apply, measured)
 
     def inverse(self, compensated: FloatArray) -> FloatArray:
-        """Undo `apply`."""
+        """Invert `apply`."""
         return self._by_axis(AxisMap.inverse, compensated)
 
     def _by_axis(self, change: Callable[[AxisMap, FloatArray], FloatArray], rate: FloatArray) -> FloatArray:
@@ -163,7 +163,7 @@ class DynamicMap:
 
 
 def _line(x: FloatArray, y: FloatArray, at: FloatArray) -> FloatArray:
-    """Straight lines through the points, the outer ones continued."""
+    """Interpolate linearly through the points, with linear extrapolation."""
     at = np.asarray(at, dtype=np.float64)
     piece = np.clip(np.searchsorted(x, at, side="right") - 1, 0, x.size - 2)
     slope = np.diff(y) / np.diff(x)

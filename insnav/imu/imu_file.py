@@ -1,7 +1,7 @@
-"""The IMU file (``imu.toml``): how large the errors of an IMU are, with a unit in every value.
+"""IMU file (``imu.toml``): error specification of an IMU, with a unit in every value.
 
-The keys of its sensor tables, and the units in which they are written, are those of `insnav.imu.error_terms.TERMS`.
-Kalibr and its companions have a file of their own (``imu.yaml``), which has white noise and random walk of the bias.
+`insnav.imu.error_terms.TERMS` defines the keys and units of its sensor tables. Kalibr and related programs use another
+file (``imu.yaml``) with white noise and bias random walk.
 
 References
 ----------
@@ -39,12 +39,12 @@ from insnav.imu.error_terms import Sensor, terms_of
 from insnav.imu.specification import FOLDER, PRESETS, ClockSpec, ImuSpec, InitialSpec, SensorSpec
 from insnav.units import UNITS
 
-if TYPE_CHECKING:  # a run that is given no part reads no file of one
+if TYPE_CHECKING:  # a run without a part reads no part file
     from insnav.imu.library import Part
 
 
 class _Sensor(Table):
-    """What the tables of both sensors have besides their error terms, and what must hold between these."""
+    """Common fields of both sensor tables besides their error terms, and their constraints."""
 
     correlation_time: Annotated[float | None, scalar("time")] = None
     positions: None = None  # of the accelerometers only
@@ -73,13 +73,13 @@ def _with_terms(sensor: Sensor, **more: PlainValidator) -> type[_Sensor]:
 
 
 def _of_units(units: dict[str, str], signed: tuple[str, ...] = ()) -> type[Table]:
-    """Table of quantities by the units in which they are written."""
+    """Build a table of quantities by their units."""
     return with_fields(Table, {key: scalar(UNITS[unit][0], signed=key in signed) for key, unit in units.items()})
 
 
-_LARGEST = 1e6  # no error of any kind is larger in SI units, and squares of it are numbers still
+_LARGEST = 1e6  # no error exceeds this in SI units, and its square is finite
 _CLOCK_UNITS = {"offset": "s", "drift": "ppm", "jitter": "s", "lost_every": "s", "lost_length": "s"}
-# the order of the file, in which its digest counts too; the others follow
+# file order, on which the digest depends; other keys follow
 _FIRST = ("bias", "bias_instability", "correlation_time", "random_walk", "rate_random_walk")
 _INITIAL_UNITS = {"position": "m", "velocity": "m/s", "tilt": "deg", "heading": "deg"}
 _TABLES = {
@@ -100,7 +100,7 @@ _KALIBR: dict[str, tuple[Sensor, str, str]] = {
 
 
 def part_of(preset_or_path: str) -> Part | None:
-    """Real part that a name means; None if it is a preset, a file or unknown."""
+    """Find the real part of a name; None if it is a preset, a file or unknown."""
     if preset_or_path in PRESETS or Path(preset_or_path).suffix in (".toml", ".yaml", ".yml"):
         return None
     from insnav.imu.library import find_part
@@ -109,7 +109,7 @@ def part_of(preset_or_path: str) -> Part | None:
 
 
 def load_imu(preset_or_path: str) -> ImuSpec:
-    """Read how large the errors of an IMU are.
+    """Read the error specification of an IMU.
 
     Parameters
     ----------
@@ -119,12 +119,12 @@ def load_imu(preset_or_path: str) -> ImuSpec:
     Returns
     -------
     ImuSpec
-        In SI units and radians. What the file does not give is zero and listed in `ImuSpec.absent`.
+        In SI units and radians. Missing figures are zero and listed in `ImuSpec.absent`.
 
     Raises
     ------
     ConfigError
-        No such preset or file, no TOML, or wrong keys or values: all of them at once.
+        No such preset or file, invalid TOML, or wrong keys or values, all at once.
     """
     part = part_of(preset_or_path)
     if part is not None:
@@ -162,7 +162,7 @@ def load_imu(preset_or_path: str) -> ImuSpec:
 
 
 def _of_kalibr(path: Path) -> dict[str, Any]:
-    """Read the file of Kalibr as the content of an IMU file."""
+    """Convert a Kalibr file to the content of an IMU file."""
     content: dict[str, Any] = {}
     for key, value in _YAML_LINE.findall(read_short(path).decode("utf-8", errors="replace")):
         sensor, _, figure = key.partition("_")
@@ -174,9 +174,9 @@ def _of_kalibr(path: Path) -> dict[str, Any]:
 
 
 def to_kalibr(spec: ImuSpec, rate: float) -> str:
-    """Write the file of Kalibr (``imu.yaml``): root mean squares of the axes; `rate` of the samples [Hz].
+    """Write a Kalibr file (``imu.yaml``): root mean squares over the axes; `rate` of the samples [Hz].
 
-    The random walk of a bias is its rate random walk and the noise that drives a Gauss-Markov process, sd sqrt(2 / T).
+    The bias random walk combines rate random walk and the driving noise of a Gauss-Markov process, sd sqrt(2 / T).
     """
     lines = [f"# {spec.name}"]
     for sensor, (name, *_) in _KALIBR.items():
@@ -202,7 +202,7 @@ def _sensor(name: Sensor, table: _Sensor | None, absent: list[str]) -> SensorSpe
 def to_toml(spec: ImuSpec) -> str:
     """Write an IMU file.
 
-    Returns: text that `load_imu` reads back to the same values within 1e-14 of each.
+    Returns: text that `load_imu` reads as the same values within a relative 1e-14.
     """
     content: dict[str, Any] = {"name": spec.name} | ({"source": spec.source} if spec.source else {})
     sensors: tuple[tuple[Sensor, SensorSpec], ...] = (("gyro", spec.gyro), ("accel", spec.accel))

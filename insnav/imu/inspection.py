@@ -1,4 +1,4 @@
-"""What samples of an IMU show of their sensors: resolution, noise at rest and in motion, vibration, clock."""
+"""Sensor statistics from IMU samples: resolution, noise at rest and in motion, vibration, clock."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # its parts load themselves when they are used
+import scipy  # its parts are loaded on first use
 
 from insnav.exceptions import InputError
 from insnav.imu.model import per_sample
@@ -16,30 +16,30 @@ from insnav.types import BoolArray, FloatArray, ImuData
 
 AXES = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accel") for axis in "xyz")
 SEGMENT = 4.0  # of the vibration spectrum [s]
-LOWEST = 5.0  # below are the vehicle's own motions [Hz]
-PROMINENT = 20.0  # power of a line against its neighbourhood
-NEIGHBOURS = 41  # frequencies that are its neighbourhood
+LOWEST = 5.0  # below this, vehicle motion dominates [Hz]
+PROMINENT = 20.0  # power of a line relative to its neighbourhood
+NEIGHBOURS = 41  # frequencies in the neighbourhood
 PEAKS = 3
-JOLT = 5.0  # times the usual change from second to second
-JITTER_GAP = 1.5  # longer intervals, by the median, are missing samples
+JOLT = 5.0  # multiple of the usual change from second to second
+JITTER_GAP = 1.5  # longer intervals, relative to the median, are missing samples
 
 
 @dataclass(frozen=True, slots=True)
 class AxisFigures:
-    """One sensor, SI."""
+    """Statistics of one sensor, SI."""
 
     name: str
     at_rest: float  # mean at rest [rad/s] or [m/s^2]; NaN without a rest
     noise: float  # white noise density at rest [rad/sqrt(s)] or [m/s/sqrt(s)]; NaN without a rest
     in_motion: float  # standard deviation of the change between samples, over sqrt(2), when not at rest
     largest: float  # largest magnitude
-    resolution: float  # distance between neighbouring values of a coarse sensor; 0 if it is fine
-    repeated: float  # share of samples equal to the one before
+    resolution: float  # distance between neighbouring values of a coarse sensor; 0 for a fine sensor
+    repeated: float  # share of samples equal to the previous one
 
 
 @dataclass(frozen=True, slots=True)
 class VibrationPeak:
-    """A line in the spectrum of the specific force in motion."""
+    """Line in the spectrum of the specific force in motion."""
 
     axis: str
     frequency: float  # [Hz]
@@ -48,20 +48,21 @@ class VibrationPeak:
 
 @dataclass(frozen=True, slots=True)
 class ImuFigures:
-    """What the samples show."""
+    """Statistics of IMU samples."""
 
     axes: tuple[AxisFigures, ...]
     peaks: tuple[VibrationPeak, ...]
-    jitter: float  # standard deviation of the intervals, missing samples apart [s]
-    missing: int  # intervals with samples missing
-    gravity_steps: tuple[float, float]  # largest step of the specific force between rests [m/s^2], and its time [s]
-    jolt: tuple[float, float]  # the same from one second of the first rest to the next, if it stands out
+    jitter: float  # standard deviation of the intervals, without missing samples [s]
+    missing: int  # number of intervals with missing samples
+    gravity_steps: tuple[float, float]  # largest step of the specific force between stops [m/s^2], and its time [s]
+    jolt: tuple[float, float]  # largest step between seconds of the first stop, if significant
 
 
 def inspect_samples(imu: ImuData, rest: tuple[float, float] | None, still: BoolArray | None = None) -> ImuFigures:
-    """Look at the sensors of a record.
+    """Compute sensor statistics of a record.
 
-    `rest`: start and end of a stationary part [s]; `still` (n,): samples at which the vehicle stands, all over.
+    `rest`: start and end of a stationary interval [s]. `still` (n,): samples of the stationary vehicle, in the whole
+    record.
     """
     scale = per_sample(imu)
     values = np.hstack([imu.gyro / scale, imu.accel / scale])
@@ -102,7 +103,7 @@ def inspect_samples(imu: ImuData, rest: tuple[float, float] | None, still: BoolA
 
 
 def _peaks(force: FloatArray, rate: float) -> tuple[VibrationPeak, ...]:
-    """Strongest lines of the spectrum that stand out of their neighbourhood."""
+    """Find the strongest spectral lines above their neighbourhood."""
     length = round(SEGMENT * rate)
     if len(force) < 4 * length or rate < 4.0 * LOWEST:
         return ()
@@ -121,7 +122,7 @@ def _peaks(force: FloatArray, rate: float) -> tuple[VibrationPeak, ...]:
 
 
 def _jolt(time: FloatArray, force: FloatArray, interval: float) -> tuple[float, float]:
-    """Largest change of the specific force from one second to the next [m/s^2], and when [s]; zero if it is usual."""
+    """Find the largest change of specific force between seconds [m/s^2], and its time [s]; zero if usual."""
     n = max(1, round(1.0 / interval))
     seconds = force[: len(force) // n * n].reshape(-1, n, 3).mean(axis=1)
     change = np.linalg.norm(np.diff(seconds, axis=0), axis=1)
@@ -132,7 +133,7 @@ def _jolt(time: FloatArray, force: FloatArray, interval: float) -> tuple[float, 
 
 
 def _gravity_step(time: FloatArray, force: FloatArray, still: BoolArray) -> tuple[float, float]:
-    """Largest change of the size of the specific force from one rest to the next [m/s^2], and when [s]."""
+    """Find the largest change of specific force between stops [m/s^2], and its time [s]."""
     rests = [(a, b) for a, b in runs_of(still) if time[b - 1] - time[a] > 2.0]
     sizes = np.array([float(np.linalg.norm(force[a:b].mean(axis=0))) for a, b in rests])
     if sizes.size < 2:

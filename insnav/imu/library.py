@@ -1,15 +1,15 @@
-"""Real IMUs by name: every figure with the document it stands in, and an IMU error specification made by one rule.
+"""Library of real IMUs: every figure with its source document, and an error specification by one rule.
 
-A part is one file of ``parts/``. What its documents do not say is missing, not guessed. To one standard deviation:
+A part is one file of ``parts/``. Undocumented figures are missing, not guessed. Conversion to one standard deviation:
 
-- a tolerance (+-) or a maximum of a bias, a scale factor or an angle is two standard deviations, "3 sd" three; what is
-  typical, RMS or 1 sd is taken as it stands, and so is every noise density, also one that is a limit;
-- the lowest point of an Allan deviation is 0.664 of the flicker noise, and stands for an in-run bias of that size over
-  0.664 (IEEE Std 952-1997, annex C); it is measured at constant temperature, so the standard deviation of an in-run
-  bias (of a filter, or of a paper) comes before it;
-- turn-on and in-run bias stay apart; a correlation time that is not given is an hour;
-- of several documents the one nearest to the sensor counts: datasheet, Allan deviation, paper, filter tuning, second
-  hand; of several of the same standing the largest figure.
+- a tolerance (+-) or a maximum of a bias, a scale factor or an angle is two standard deviations, "3 sd" is three.
+Typical, RMS and 1 sd values count unchanged, and so does every noise density, including limits;
+- the lowest point of an Allan deviation is 0.664 of the flicker noise, and gives an in-run bias of its value over 0.664
+(IEEE Std 952-1997, annex C). It is measured at constant temperature, so a documented standard deviation of the in-run
+bias (of a filter, or of a paper) has priority;
+- turn-on and in-run bias are separate; an undocumented correlation time is an hour;
+- of several documents the most direct one counts: datasheet, Allan deviation, paper, filter tuning, second hand. Of
+equal documents the largest figure counts.
 """
 
 from __future__ import annotations
@@ -32,28 +32,28 @@ from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.types import FloatArray
 
 FOLDER = Path(__file__).parent / "parts"
-PROVENANCE = ("datasheet", "Allan", "paper", "filter tuning", "second hand")  # nearest to the sensor first
+PROVENANCE = ("datasheet", "Allan", "paper", "filter tuning", "second hand")  # most direct first
 Statistic = Literal["density", "1 sd", "typical", "tolerance", "maximum", "3 sd", "Allan minimum"]
 TO_SD: dict[str, float] = {"tolerance": 0.5, "maximum": 0.5, "3 sd": 1.0 / 3.0, "Allan minimum": 1.0 / 0.664}
-HOUR = 3600.0  # correlation time where none is given [s]
+HOUR = 3600.0  # default correlation time [s]
 _DIMENSIONS = {f"{term.sensor}.{term.key}": term.dimension for term in TERMS}
 _DIMENSIONS |= {f"{name}.correlation_time": "time" for name in SENSORS}
 
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """One figure of a part, as a document gives it."""
+    """Figure of a part in a document."""
 
     key: str  # of the IMU file: ``gyro.bias``
     text: tuple[str, ...]  # as written, one or one per axis
     value: FloatArray  # (3,) the same in SI
-    statistic: str  # what it is: one of `Statistic`
-    stated: str  # in the words of the document, or how it follows from what is written there
-    # title and place of the document, and its standing, one of `PROVENANCE`
+    statistic: str  # one of `Statistic`
+    stated: str  # wording of the document, or derivation from its content
+    # title and location of the document, and its standing, one of `PROVENANCE`
     document: str
     where: str
     provenance: str
-    used: bool  # it is the one that counts for its key
+    used: bool  # the effective figure of its key
 
     @property
     def sd(self) -> FloatArray:
@@ -63,37 +63,37 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A real IMU."""
+    """Real IMU."""
 
     name: str
     maker: str
-    grade: str  # class it belongs to; see `insnav.imu.specification`
-    temperature: str  # operating range as stated; empty if unknown
-    note: str  # what is doubtful, or left out
+    grade: str  # grade of the part; see `insnav.imu.specification`
+    temperature: str  # specified operating range; empty if unknown
+    note: str  # doubtful or omitted figures
     figures: tuple[Figure, ...]
-    spec: ImuSpec  # made of the figures that count
+    spec: ImuSpec  # from the effective figures
 
     @property
     def provenance(self) -> str:
-        """Standing of the weakest document that counts."""
+        """Standing of the weakest effective document."""
         return max((figure.provenance for figure in self.figures if figure.used), key=PROVENANCE.index)
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Usual figures that no document gives, such as ``gyro.bias``."""
+        """Usual figures without document, such as ``gyro.bias``."""
         return tuple(key for key in self.spec.absent if not key.endswith("correlation_time"))
 
 
 def completed(part: Part, of: ImuSpec) -> tuple[ImuSpec, tuple[str, ...]]:
-    """Figures of a part, what is missing taken from those of its class, for a filter, which zeros would deceive.
+    """Complete the specification of a part from its class, as a filter would take missing figures as zero.
 
-    `of`: its class. Returns: the specification, and the keys that were taken.
+    `of`: its class. Returns: the specification, and the keys taken from the class.
     """
     sensors = {}
     for name in SENSORS:
         own, other = getattr(part.spec, name), getattr(of, name)
         keys = [key.partition(".")[2] for key in part.spec.absent if key.startswith(f"{name}.")]
-        if "bias_instability" not in keys:  # its correlation time is that of its own
+        if "bias_instability" not in keys:  # the correlation time belongs to it
             keys = [key for key in keys if key != "correlation_time"]
         sensors[name] = replace(own, **{key: getattr(other, key) for key in keys})
     return replace(part.spec, **sensors), part.missing
@@ -124,29 +124,29 @@ class _File(Table):
 
 
 def _plain(name: str) -> str:
-    """A name without case and punctuation: ``ADIS16505-3`` and ``adis 16505 3`` are the same."""
+    """Reduce a name to letters and digits: ``ADIS16505-3`` and ``adis 16505 3`` are equal."""
     return re.sub(r"[^a-z0-9]", "", name.casefold())
 
 
 @functools.cache
 def _files() -> dict[str, Path]:
-    """Plain name of every part and its file."""
+    """Return plain name and file of every part."""
     return {_plain(path.stem): path for path in sorted(FOLDER.glob("*.toml"))}
 
 
 def find_part(name: str) -> Part | None:
-    """Part of a name, in any spelling of case and hyphens; None if there is none."""
+    """Find a part by name, in any case and with or without hyphens; None if unknown."""
     path = _files().get(_plain(name))
     return None if path is None else read_part(path)
 
 
 def parts() -> tuple[Part, ...]:
-    """All parts, in the order of their names."""
+    """Return all parts, in the order of their names."""
     return tuple(read_part(path) for path in _files().values())
 
 
 def close_names(name: str) -> tuple[str, ...]:
-    """Find names of parts like one that is unknown."""
+    """Find part names similar to an unknown name."""
     plain = _plain(name)
     close = [key for key in _files() if plain and plain in key] or difflib.get_close_matches(plain, _files(), n=3)
     return tuple(_files()[key].stem for key in close)
@@ -156,7 +156,7 @@ def close_names(name: str) -> tuple[str, ...]:
 def read_part(path: Path) -> Part:
     """Read the file of a part.
 
-    Raises: ConfigError: it is none, or a figure is of an unknown key, unit or document.
+    Raises: ConfigError: invalid file, or a figure with unknown key, unit or document.
     """
     file = validate(_File, read_toml(path), str(path))
     for figure in file.figures:
@@ -174,7 +174,7 @@ def read_part(path: Path) -> Part:
 
 
 def _chosen(file: _File) -> dict[str, _Figure]:
-    """The figure that counts for every key."""
+    """Return the effective figure of every key."""
 
     def standing(figure: _Figure) -> tuple[bool, int, float]:
         rank = PROVENANCE.index(file.documents[figure.document].provenance)
@@ -184,7 +184,7 @@ def _chosen(file: _File) -> dict[str, _Figure]:
 
 
 def _si(figure: _Figure, path: Path) -> FloatArray:
-    """Value of a figure in SI, ``(3,)``."""
+    """Convert the value of a figure to SI, ``(3,)``."""
     dimension = _DIMENSIONS[figure.key]
     kind: PlainValidator = scalar(dimension) if dimension == "time" else axes(dimension)
 
@@ -195,7 +195,7 @@ def _si(figure: _Figure, path: Path) -> FloatArray:
 
 
 def _spec(file: _File, figures: tuple[Figure, ...]) -> ImuSpec:
-    """IMU error specification of the figures that count."""
+    """Build the error specification from the effective figures."""
     found = {figure.key: figure.sd for figure in figures if figure.used}
     sensors, absent = {}, []
     for name in SENSORS:

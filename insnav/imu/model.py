@@ -1,8 +1,8 @@
-"""The IMU error model: one object that both corrupts and corrects, and how a sensor realisation is sampled.
+"""IMU error model: one object that corrupts and corrects samples, and sampling of sensor realisations.
 
-measured = matrix @ true + bias, with matrix = I + S + M: scale factor errors S on the diagonal,
-misalignment M off it; P. D. Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation
-Systems, 2nd ed. (2013), eqs. 4.17 and 4.18. What goes beyond that is in `insnav.imu.higher_order`.
+measured = matrix @ true + bias, with matrix = I + S + M: scale factor errors S on the diagonal, misalignment M off it;
+P. D. Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems, 2nd ed. (2013), eqs. 4.17 and
+4.18. `insnav.imu.higher_order` has further terms.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.types import FloatArray, ImuData
 
 _SAMPLED_TERMS = tuple(key for key in SHAPES if key != "positions")
-SAMPLED = frozenset({"bias", "scale_factor", "misalignment", *_SAMPLED_TERMS})  # terms that `sample_errors` samples
-MAX_CONDITION = 1e6  # beyond it the inverse of the matrix would lose what sensors can resolve
-GAP = 1.75  # a spacing so many times the median has lost samples before it
+SAMPLED = frozenset({"bias", "scale_factor", "misalignment", *_SAMPLED_TERMS})  # terms of `sample_errors`
+MAX_CONDITION = 1e6  # a larger condition number loses sensor resolution in the inverse
+GAP = 1.75  # an interval longer than this multiple of the median has lost samples
 _eye = partial(np.eye, 3)
 
 
@@ -38,7 +38,7 @@ _eye = partial(np.eye, 3)
 class ImuErrors:
     """Known errors of one IMU: measured = matrix @ true + bias, for the gyros and for the accelerometers.
 
-    Raises: ConfigError: an array of another shape, a value that is not finite, or a matrix that cannot be inverted.
+    Raises: ConfigError: an array of another shape, a value that is not finite, or a singular matrix.
     """
 
     gyro_bias: FloatArray = field(default_factory=zeros)  # (3,) gyro bias [rad/s]
@@ -46,16 +46,15 @@ class ImuErrors:
     gyro_matrix: FloatArray = field(default_factory=_eye)
     accel_bias: FloatArray = field(default_factory=zeros)  # (3,) accelerometer bias [m/s^2]
     accel_matrix: FloatArray = field(default_factory=_eye)  # (3, 3) accelerometer sensitivity [-]
-    name: str = ""  # what was calibrated
-    date: str = ""  # when
-    # at which temperature [deg C]; what depends on the temperature counts from it, or from 25 deg C
+    name: str = ""  # name of the calibrated IMU
+    date: str = ""  # calibration date
+    # of the calibration [deg C]; temperature terms refer to it, or to 25 deg C
     temperature: float | None = None
-    gyro_map: DynamicMap | None = None  # error that non-linear gyros have left after all else is corrected
-    # how the volts or counts of a file become rates and specific forces, if they do; for the reader, not for `correct`,
-    # which takes what the reader makes of them
+    gyro_map: DynamicMap | None = None  # remaining error of non-linear gyros after all other corrections
+    # conversion of a file's volts or counts to rates and specific forces, if any. The reader applies it, not `correct`
     gyro_raw: RawScale | None = None
     accel_raw: RawScale | None = None
-    # what bias and matrix leave out
+    # errors beyond bias and matrix
     gyro_terms: ErrorTerms | None = None
     accel_terms: ErrorTerms | None = None
 
@@ -82,12 +81,12 @@ class ImuErrors:
 
 
 def sample_intervals(imu: ImuData) -> FloatArray:
-    """Length of the interval each sample stands for.
+    """Compute the length of the interval of each sample.
 
-    The spacing to the sample before; the first sample, which has none, and those after a gap get the median spacing.
+    It is the time since the previous sample. The first sample, and samples after a gap, get the median interval.
 
     Returns: (n,): interval lengths [s].
-    Raises: InputError: fewer than two samples: the spacing is not known.
+    Raises: InputError: fewer than two samples: the interval is unknown.
     """
     if imu.time.size < 2:
         raise InputError("data.few_samples", count=imu.time.size)
@@ -98,18 +97,18 @@ def sample_intervals(imu: ImuData) -> FloatArray:
 
 
 def per_sample(imu: ImuData) -> FloatArray | float:
-    """Factor from a rate or a specific force to the unit of the samples: the interval for increments, (n, 1)."""
+    """Return the factor from a rate or a specific force to the unit of the samples: the interval for increments."""
     return sample_intervals(imu)[:, None] if imu.sampling == "increment" else 1.0
 
 
 def corrupt(imu: ImuData, errors: ImuErrors) -> ImuData:
-    """Add known errors: what an IMU with these errors shows when the truth is `imu`.
+    """Add known errors: convert true samples `imu` to the output of an IMU with these errors.
 
     `imu`: true rates and specific forces, or their integrals.
-    Returns: ``matrix @ true + bias``, bent by the `ErrorTerms`; the bias is multiplied by the sampling interval for
-    increments.
-    Raises: InputError: increments of fewer than two samples, whose interval is not known, or terms that depend on the
-    temperature and samples without one.
+    Returns: ``matrix @ true + bias``, modified by the `ErrorTerms`; for increments the bias is multiplied by the
+    sampling interval.
+    Raises: InputError: increments of fewer than two samples, whose interval is unknown, or temperature-dependent terms
+    without temperature.
     """
     if errors.gyro_terms is not None or errors.accel_terms is not None:
         return _bent(imu, errors)
@@ -125,22 +124,22 @@ def correct(imu: ImuData, errors: ImuErrors) -> ImuData:
     """Remove known errors from measured samples: the exact inverse of `corrupt`.
 
     `imu`: measured rates and specific forces, or their integrals.
-    Returns: ``inverse(matrix) @ (measured - bias)``, the `ErrorTerms` corrected before.
-    Raises: InputError: increments of fewer than two samples, whose interval is not known, or terms that depend on the
-    temperature and samples without one.
+    Returns: ``inverse(matrix) @ (measured - bias)``, after correction of the `ErrorTerms`.
+    Raises: InputError: increments of fewer than two samples, whose interval is unknown, or temperature-dependent terms
+    without temperature.
     """
     accel_terms = errors.accel_terms or ErrorTerms()
     sized = bool(np.any(accel_terms.positions))
     dt = sample_intervals(imu)[:, None] if sized or imu.sampling == "increment" else None
     gyro, accel = spill.empty(imu.gyro.shape), spill.empty(imu.accel.shape)
-    # the angular acceleration of a block would miss the samples beside it
+    # the angular acceleration of a block needs its neighbouring samples
     for part in spill.blocks(len(imu.time), size=len(imu.time) if sized else 0):
         gyro[part], accel[part] = _straight(imu.rows(part), None if dt is None else dt[part], errors)
     return replace(imu, gyro=gyro, accel=accel)
 
 
 def _bent(imu: ImuData, errors: ImuErrors) -> ImuData:
-    """`corrupt` with error terms: what the accelerometers feel, then what they show, then the gyros."""
+    """Apply `corrupt` with error terms: sensed force of the accelerometers, their output, then the gyros."""
     gyro_terms, accel_terms = errors.gyro_terms or ErrorTerms(), errors.accel_terms or ErrorTerms()
     dt, warmer = sample_intervals(imu), _warmer(imu, errors, gyro_terms.by_temperature or accel_terms.by_temperature)
     span = dt[:, None] if imu.sampling == "increment" else 1.0
@@ -154,7 +153,7 @@ def _bent(imu: ImuData, errors: ImuErrors) -> ImuData:
 
 
 def _straight(imu: ImuData, dt: FloatArray | None, errors: ImuErrors) -> tuple[FloatArray, FloatArray]:
-    """Undo `_bent`, in the opposite order; `dt` (n, 1): lengths of the intervals [s], where they matter."""
+    """Invert `_bent`, in the opposite order. `dt` (n, 1): lengths of the intervals [s], if needed."""
     gyro_terms, accel_terms = errors.gyro_terms or ErrorTerms(), errors.accel_terms or ErrorTerms()
     warmer = _warmer(imu, errors, gyro_terms.by_temperature or accel_terms.by_temperature)
     span = dt if dt is not None and imu.sampling == "increment" else 1.0
@@ -180,8 +179,8 @@ def _warmer(imu: ImuData, errors: ImuErrors, matters: bool) -> FloatArray | None
 def sample_errors(spec: ImuSpec, rng: np.random.Generator) -> ImuErrors:
     """Sample the constant errors of one sensor realisation: turn-on bias, scale factor and misalignment.
 
-    `spec`: standard deviations, all errors independent and Gaussian; `rng`: source of randomness; always the same count
-    of numbers is taken, so that a zero does not shift what follows.
+    `spec`: standard deviations, all errors independent and Gaussian. `rng`: source of randomness; the count of drawn
+    numbers is constant, so that a zero does not shift later values.
     """
 
     def sampled(sensor: SensorSpec) -> tuple[FloatArray, FloatArray]:

@@ -1,10 +1,9 @@
-"""White noise of an IMU at rest, and the preset that fits it.
+"""White noise of an IMU at rest, and the nearest preset.
 
-A vehicle at rest is not still: it rocks on its suspension below a few Hz, and its engine shakes it at a few
-lines above. The Allan deviation adds all of that up. The white noise is the floor between: the power
-spectral density of white noise of density N is N^2 at every frequency (IEEE Std 952-1997, annex C, angle
-random walk), so a low quantile of the spectrum over a band ignores whatever occupies less than three
-quarters of it.
+A vehicle at rest moves on its suspension below a few Hz, and its engine causes a few lines above. The Allan deviation
+sums all of that. The white noise is the floor between: the power spectral density of white noise of density N is N^2 at
+every frequency (IEEE Std 952-1997, annex C, angle random walk). A low quantile of the spectrum over a band thus ignores
+signals in less than three quarters of it.
 """
 
 from __future__ import annotations
@@ -24,24 +23,23 @@ from insnav.kernels.dynamics import NAV
 from insnav.types import FloatArray, ImuData, StateChange
 from insnav.units import DEG_PER_H, DEG_PER_SQRT_H, M_S_PER_SQRT_H
 
-# Length of the pieces the spectrum is averaged over, also the shortest record that will do [s], and the band [Hz]:
-# below are drift and what the window lets through of the mean, above engines, quantisation and the sensors' filters.
+# Length of the averaged pieces, also the shortest record [s], and the band [Hz]. Below are drift and window leakage of
+# the mean, above engines, quantisation and the sensors' filters.
 BAND = 4.0, 0.5, 10.0
-# That of the noise between fixes: an idle engine shakes above it, and what shakes to and fro adds up to no angle.
+# Band of the noise between fixes: an idling engine is above it, and oscillation adds up to no angle.
 SLOW = 20.0, 0.1, 0.5
-PIECES = 64  # after so many memory is let go
+PIECES = 64  # memory is released after this many
 NYQUIST_PART = 0.8  # of the Nyquist frequency: nearer to it anti-aliasing filters lower the floor
 QUANTILE = 0.25
-LEVELS = 0.1  # different values of a coarse sensor, as a part of its samples
-HELD = 0.86  # samples of one value: with noise of a third of a step, which leaves a tenth of the rounding error [-]
-LOOKED = 1 << 16  # samples of a record in which its steps show
+LEVELS = 0.1  # distinct values of a coarse sensor, relative to its samples
+HELD = 0.86  # share of one value in a second: noise of a third of a step, which leaves a tenth of the rounding bias [-]
+LOOKED = 1 << 16  # samples examined for steps
 
-# Of presets almost as near as the nearest (within this factor) the least accurate is taken: noise alone
-# does not tell neighbouring grades apart, and too good a grade lets the filter trust biases that are not
-# there.
+# Of presets within this factor of the nearest distance, the least accurate is chosen. Noise alone does not separate
+# neighbouring grades, and a too good grade makes the filter over-confident in biases.
 SAME = 1.5
-# Gyros whose mean at rest is the Earth's rate to this part have no biases of an Earth rate and more, except
-# by a chance of less than one per cent.
+# If the gyros' mean at rest agrees with the Earth's rate within this share, larger biases than that rate are improbable
+# (below one per cent).
 EARTH_SEEN = 0.1
 _SMALLEST = 1e-12  # SI, far below any sensor: keeps the logarithm of noise-free data finite
 
@@ -49,17 +47,17 @@ _SMALLEST = 1e-12  # SI, far below any sensor: keeps the logarithm of noise-free
 def white_noise(
     imu: ImuData, start: float, end: float, band: tuple[float, float, float] = BAND
 ) -> tuple[FloatArray, FloatArray]:
-    """Estimate the white noise of the sensors from a static stretch.
+    """Estimate the white noise of the sensors from a stationary interval.
 
-    The 25 % quantile of the power spectral density over a band (0.5 to 10 Hz), divided by the same quantile of its
-    distribution for white noise (chi-square; P. D. Welch, IEEE Trans. Audio Electroacoust. AU-15 (1967) 70). At least
-    the noise of the resolution; see `resolution_noise`.
+    It is the 25 % quantile of the power spectral density over a band (0.5 to 10 Hz), divided by the same quantile for
+    white noise (chi-square; P. D. Welch, IEEE Trans. Audio Electroacoust. AU-15 (1967) 70). The lower limit is the
+    resolution noise; see `resolution_noise`.
 
-    `start`, `end`: the static stretch [s], both ends included, at least 4 s; `band`: `BAND` or `SLOW`. A density is
-    known to 18 % from 4 s and to 5 % from 20 s (one standard deviation), with `SLOW` to 15 % from 60 s.
-    Returns: `gyro` (3,): noise density of the gyros [rad/sqrt(s)]; `accel` (3,): noise density of the accelerometers
+    `start`, `end`: the stationary interval [s], both ends included, at least 4 s. `band`: `BAND` or `SLOW`. The
+    relative sd of a density is 18 % from 4 s and 5 % from 20 s; with `SLOW` 15 % from 60 s.
+    Returns: `gyro` (3,): noise density of the gyros [rad/sqrt(s)]. `accel` (3,): noise density of the accelerometers
     [m/s/sqrt(s)].
-    Raises: InputError: the stretch is too short or sampled too slowly.
+    Raises: InputError: the interval is too short or sampled too slowly.
     """
     rows = _rows(imu, start, end)
     count = rows.stop - rows.start
@@ -91,12 +89,12 @@ def white_noise(
 
 
 def _rows(imu: ImuData, start: float, end: float) -> slice:
-    """Samples from `start` to `end`, both included."""
+    """Return the samples from `start` to `end`, both included."""
     return slice(int(np.searchsorted(imu.time, start)), int(np.searchsorted(imu.time, end, side="right")))
 
 
 def _floor(imu: ImuData, rows: slice, interval: float, length: int, band: tuple[float, float]) -> FloatArray:
-    """Level of the flat part of the two-sided power spectral density of each axis, (6,) [unit^2/Hz]."""
+    """Estimate the floor of the two-sided power spectral density of each axis, (6,) [unit^2/Hz]."""
     window = np.hanning(length + 1)[:-1, None]  # periodic Hann window
     step = length // 2
     count = (rows.stop - rows.start - length) // step + 1
@@ -107,7 +105,7 @@ def _floor(imu: ImuData, rows: slice, interval: float, length: int, band: tuple[
         piece = np.hstack([imu.gyro[some], imu.accel[some]])
         if took is not None:
             piece /= took[some]
-        if number % PIECES == 0:  # of a rest that may last for days
+        if number % PIECES == 0:  # of a stop that may last for days
             spill.release()
         power += np.abs(np.fft.rfft((piece - piece.mean(axis=0)) * window, axis=0)) ** 2
     power *= interval / (count * float(np.sum(window**2)))
@@ -119,17 +117,17 @@ def _floor(imu: ImuData, rows: slice, interval: float, length: int, band: tuple[
 
 
 def _chi_square_quantile(probability: float, freedom: float) -> float:
-    """Wilson and Hilferty's approximation (PNAS 17 (1931) 684), within 2 % from 2 degrees of freedom on."""
+    """Approximate by Wilson and Hilferty (PNAS 17 (1931) 684), within 2 % from 2 degrees of freedom on."""
     spread = 2.0 / (9.0 * freedom)
     return freedom * (1.0 - spread + NormalDist().inv_cdf(probability) * math.sqrt(spread)) ** 3
 
 
 def resolution_noise(imu: ImuData) -> tuple[FloatArray, FloatArray]:
-    """Estimate the white noise that rounding makes of samples, (3,) each, as `white_noise`.
+    """Compute the white noise by rounding of samples, (3,) each, as `white_noise`.
 
-    A rounding error is uniform over one step. Where the signal crosses steps it is white, and its variance in each
-    sample is step^2 / 12 (B. Widrow and I. Kollar, "Quantization Noise", Cambridge 2008, chapter 4). A sensor
-    that reads a constant at rest shows nothing of it there.
+    A rounding error is uniform over one step. If the signal crosses steps it is white, with a variance per sample of
+    step^2 / 12 (B. Widrow and I. Kollar, "Quantization Noise", Cambridge 2008, chapter 4). A constant output at rest
+    has no such noise.
     """
     interval = float(np.median(np.diff(imu.time[: spill.ROWS])))
     density = np.sqrt(interval / 12.0) / (interval if imu.sampling == "increment" else 1.0)
@@ -157,7 +155,7 @@ def rounding_changes(imu: ImuData) -> tuple[StateChange, ...]:
 
 
 def resolution(column: FloatArray) -> float:
-    """Return the distance of neighbouring values, if there are few of them, else 0."""
+    """Return the distance of neighbouring values, if they are few, else 0."""
     some = column[:: 1 + column.shape[0] // LOOKED]
     levels = np.unique(some)
     if levels.size > LEVELS * some.size or levels.size < 3:
@@ -169,20 +167,19 @@ def resolution(column: FloatArray) -> float:
 def nearest_preset(
     gyro_density: FloatArray, accel_density: FloatArray, mean_rate: FloatArray | None = None
 ) -> tuple[ImuSpec, str]:
-    """Choose the preset whose white noise is nearest to a measured one.
+    """Choose the preset with white noise nearest to a measured one.
 
-    Nearest is the smallest distance of the logarithms of the noise of the quietest axes, as the others
-    carry more of the vehicle's vibration. Accelerometers at rest in a vehicle show more of it than of
-    themselves, so for them only a preset noisier than measured counts as distant. Of presets almost as near
-    the least accurate is taken, and none with gyro biases above the Earth's rate if the gyros show that
-    rate.
+    The distance is between log noise of the quietest axes, as the others contain more vehicle vibration. Accelerometers
+    at rest in a vehicle measure more vibration than own noise, so only noisier presets count as distant. Among presets
+    almost as near the least accurate is chosen. Presets with gyro biases above the Earth's rate are excluded if the
+    gyros resolve that rate.
 
-    `gyro_density` (3,): noise density of the gyros [rad/sqrt(s)]; `accel_density` (3,): noise density of the
-    accelerometers [m/s/sqrt(s)]; `mean_rate` (3,): mean of the gyros over the static stretch [rad/s].
-    Returns: `spec`: the preset. On every axis its random walk is not less than the measured one, and its gyro bias not
-    less than the difference between the mean rate and the Earth's.
+    `gyro_density` (3,): noise density of the gyros [rad/sqrt(s)]. `accel_density` (3,): noise density of the
+    accelerometers [m/s/sqrt(s)]. `mean_rate` (3,): mean gyro output over the stationary interval [rad/s].
+    Returns: `spec`: the preset. On every axis its random walk is at least the measured one. Its gyro bias is at least
+    the difference between mean rate and Earth rate.
     """
-    from insnav.imu.imu_file import load_imu  # pydantic is not needed to estimate noise
+    from insnav.imu.imu_file import load_imu  # noise estimation needs no pydantic
 
     excess = 0.0 if mean_rate is None else abs(float(np.linalg.norm(mean_rate)) - OMEGA_EARTH)
     earth_seen = mean_rate is not None and excess < EARTH_SEEN * OMEGA_EARTH
@@ -215,16 +212,16 @@ def nearest_preset(
 
 
 def identify(imu: ImuData, start: float, end: float) -> tuple[ImuSpec, str]:
-    """Find out from a static stretch how good an IMU is: noise and mean rate, then `nearest_preset`.
+    """Identify an IMU from a stationary interval: noise and mean rate, then `nearest_preset`.
 
-    `start`, `end`: the static stretch [s].
-    Raises: InputError: the stretch is too short or sampled too slowly.
+    `start`, `end`: the stationary interval [s].
+    Raises: InputError: the interval is too short or sampled too slowly.
     """
     return nearest_preset(*white_noise(imu, start, end), mean_rate(imu, start, end))
 
 
 def mean_rate(imu: ImuData, start: float, end: float) -> FloatArray:
-    """Return the mean rate of the gyros over a stretch, (3,) [rad/s]; `start`, `end`: of it [s]."""
+    """Compute the mean rate of the gyros over an interval, (3,) [rad/s]. `start`, `end`: of the interval [s]."""
     rows = _rows(imu, start, end)
     mean = spill.mean(imu.gyro[rows])
     return mean / sample_intervals(imu)[rows].mean() if imu.sampling == "increment" else mean

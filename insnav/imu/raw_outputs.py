@@ -1,4 +1,4 @@
-"""Raw outputs of sensors, volts or counts, and how they become rates and specific forces."""
+"""Raw outputs of sensors, volts or counts, and their conversion to rates and specific forces."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from insnav.units import UNITS, units_of
 
 @dataclass(frozen=True, slots=True)
 class RawScale:
-    """Straight line of each sensor of a triad: ``value = (output - zero) / scale``.
+    """Line of each sensor of a triad: ``value = (output - zero) / scale``.
 
-    It turns the columns of a file into rates [rad/s] or specific forces [m/s^2] where they are read, before axes are
-    exchanged and known errors corrected.
+    It converts file columns to rates [rad/s] or specific forces [m/s^2] on reading, before axes are exchanged and known
+    errors corrected.
 
     Raises ConfigError: another unit, another shape, a value that is not finite, or a scale of zero.
     """
@@ -40,10 +40,10 @@ class RawScale:
             )
 
     def value(self, output: FloatArray, axis: int, unit: str | None = None) -> FloatArray:
-        """Rate [rad/s] or specific force [m/s^2] of the outputs of one sensor.
+        """Convert outputs of one sensor to rate [rad/s] or specific force [m/s^2].
 
-        output (n,): its outputs; axis: 0, 1, 2 for x, y, z; unit: unit of `output` if it is another than `unit`, such
-        as mV for V. Raises ConfigError: counts where volts are needed, or volts where counts are.
+        `output` (n,): of the sensor. `axis`: 0, 1, 2 for x, y, z. `unit`: of `output` if it differs from the own unit,
+        such as mV for V. Raises ConfigError: counts instead of volts, or volts instead of counts.
         """
         factor = 1.0
         if unit is not None and unit != self.unit:

@@ -1,4 +1,4 @@
-"""How large the errors of an IMU are: standard deviations and noise densities of its sensors, its start, its clock."""
+"""IMU error specification: standard deviations and noise densities of sensors, initial state and clock."""
 
 from __future__ import annotations
 
@@ -15,30 +15,29 @@ from insnav.types import FloatArray
 from insnav.units import G0
 
 # The grades of IMU that insnav knows by name, from the least to the most accurate.
-# Each is one real part; its ``source`` says which figures its datasheet gives and which are assumed. Where a
+# Each is one real part; its ``source`` separates figures of the datasheet from assumed figures. Where a
 # datasheet leaves a choice, the same rules hold for all:
 #
 # - a tolerance (+-) or a limit (<, also on an RMS) of a bias, a scale factor or an angle is read as two
 #   standard deviations;
 # - an error given as one standard deviation (1 sigma, RMS) and a noise density are taken as they stand;
 # - ``bias_instability`` is the standard deviation of the bias about its turn-on value over an hour of use. The
-#   lowest point of the Allan deviation is measured at constant temperature and would promise too much. So:
-#   the temperature coefficient times 5 K; where there is none, a tenth of the bias error over the full
-#   temperature range (as a standard deviation); where there is neither, a fifth of the turn-on bias. Never
-#   less than the lowest point of the Allan deviation over 0.664 (IEEE Std 952-1997, annex C). Its correlation
-#   time is assumed to be an hour.
+#   lowest point of the Allan deviation is measured at constant temperature and would be too small. So it is the
+#   temperature coefficient times 5 K. Without coefficient: a tenth of the bias error over the full temperature
+#   range (as a standard deviation). Without both: a fifth of the turn-on bias. Never less than the lowest point
+#   of the Allan deviation over 0.664 (IEEE Std 952-1997, annex C). Its correlation time is assumed to be an hour.
 PRESETS = ("consumer", "automotive", "industrial", "tactical", "navigation")
 FOLDER = Path(__file__).parent / "grades"
 
 if TYPE_CHECKING:
 
     class SensorSpec:
-        """Sizes of the errors of a sensor triad, one standard deviation or density per axis: (3,) for each term.
+        """Error sizes of a sensor triad, one standard deviation or density per axis: (3,) for each term.
 
-        The terms and their dimensions are those of `insnav.imu.error_terms.TERMS`; a term that is not given is zero.
+        `insnav.imu.error_terms.TERMS` defines the terms and their dimensions; a missing term is zero.
         """
 
-        correlation_time: float  # of the in-run bias [s]; infinite where there is no such process
+        correlation_time: float  # of the in-run bias [s]; infinite without such a process
         __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
         def __init__(self, **sizes: FloatArray | float) -> None: ...
@@ -47,28 +46,28 @@ if TYPE_CHECKING:
 else:
     _KEYS = dict.fromkeys(term.key for term in TERMS)
     _FIELDS = [(key, FloatArray, field(default_factory=zeros)) for key in _KEYS]
-    _FIELDS.insert(2, ("correlation_time", float, math.inf))  # beside the in-run bias, also in stored results
+    _FIELDS.insert(2, ("correlation_time", float, math.inf))  # next to the in-run bias, also in stored results
     SensorSpec = make_dataclass("SensorSpec", _FIELDS, frozen=True, slots=True, namespace={"__module__": __name__})
 
 
 def noise_of(sensor: SensorSpec, process: Process) -> FloatArray:
-    """Size of all the noise of one process, (3,): the root of the sum of squares of its terms in the budget."""
+    """Compute the total noise of one process, (3,): the root sum of squares of its budget terms."""
     keys = dict.fromkeys(term.key for term in TERMS if term.process == process and term.in_budget)
     return np.asarray(np.hypot.reduce([getattr(sensor, key) for key in keys]))
 
 
 def gyro_bias_sd(gyro: SensorSpec) -> FloatArray:
-    """Standard deviation of the whole bias of gyros, turn-on and in-run, (3,) [rad/s]."""
+    """Compute the standard deviation of the total gyro bias, turn-on and in-run, (3,) [rad/s]."""
     return np.hypot(gyro.bias, gyro.bias_instability)
 
 
 def level_bias_sd(accel: SensorSpec) -> FloatArray:
-    """Standard deviation of the whole bias of accelerometers that are about level, (3,) [m/s^2]."""
+    """Compute the standard deviation of the total bias of nearly level accelerometers, (3,) [m/s^2]."""
     return np.hypot(level_bias(accel), accel.bias_instability)
 
 
 def level_bias(accel: SensorSpec) -> FloatArray:
-    """Turn-on bias of accelerometers that are about level: misaligned, they sense a part of gravity, (3,) [m/s^2]."""
+    """Compute the turn-on bias of nearly level accelerometers, including misaligned gravity, (3,) [m/s^2]."""
     return np.hypot(accel.bias, G0 * accel.misalignment)
 
 
@@ -84,32 +83,32 @@ class InitialSpec:
 
 @dataclass(frozen=True, slots=True)
 class ClockSpec:
-    """What is wrong with the timestamps of an IMU, for simulation."""
+    """Timestamp errors of an IMU, for simulation."""
 
     offset: float = 0.0  # timestamps are late by this [s]
-    drift: float = 0.0  # and by this part of the time since the start [-]
+    drift: float = 0.0  # and by this share of the time since the start [-]
     jitter: float = 0.0  # standard deviation of each timestamp [s]
-    # mean time between drop-outs, exponentially distributed, and their mean length [s]; zero for none
+    # mean time between drop-outs, exponentially distributed, and their mean length [s]; zero: none
     lost_every: float = 0.0
     lost_length: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class ImuSpec:
-    """How good an IMU is."""
+    """IMU error specification."""
 
-    name: str  # name of the preset, or the name in the file
+    name: str  # name of the preset, or in the file
     # sizes of the errors of the gyros and of the accelerometers
     gyro: SensorSpec
     accel: SensorSpec
     initial: InitialSpec | None = None  # initial errors, if the file gives them
-    source: str = ""  # where the figures come from
-    absent: tuple[str, ...] = ()  # dotted names of everything that was not given and therefore counts as zero
+    source: str = ""  # source of the figures
+    absent: tuple[str, ...] = ()  # dotted names of missing figures, taken as zero
     clock: ClockSpec = field(default_factory=ClockSpec)  # its timestamps
-    # (3, 3) row i is the place of accelerometer i from the point that is navigated, body axes [m]
+    # (3, 3) row i is the position of accelerometer i from the navigated point, body axes [m]
     positions: FloatArray = field(default_factory=zero_matrix)
 
 
 def noise_of_both(spec: ImuSpec, process: Process) -> FloatArray:
-    """Size of all the noise of one process, gyros and accelerometers, (6,); see `noise_of`."""
+    """Compute the total noise of one process, gyros and accelerometers, (6,); see `noise_of`."""
     return np.concatenate([noise_of(spec.gyro, process), noise_of(spec.accel, process)])

@@ -1,4 +1,4 @@
-"""Files in: recordings are read, and how they were understood is kept as data."""
+"""Input of recordings: files are read, and their interpretation is kept as data."""
 
 from __future__ import annotations
 

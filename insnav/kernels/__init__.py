@@ -1,4 +1,4 @@
-"""All compiled code: functions over plain arrays in SI and radians; no input or output, no logging."""
+"""Compiled functions over plain arrays in SI units and radians, without input, output or logging."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from typing import Any
 
 from insnav.deferred import deferred
 
-# numba reads it once: colours for errors, of which it makes many that it gets over, take 3 % of the compiling
+# numba reads this once. Coloured error messages take 3 % of the compile time: numba raises and catches many errors.
 os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
-with deferred("yaml"):  # it only looks whether it is there
+with deferred("yaml"):  # numba only tests whether this module exists
     import numba
 from numba.core.caching import FunctionCache
 from numba.core.runtime.nrt import rtsys
@@ -26,15 +26,15 @@ _NAMED = "numba.cpython.numbers", "numba.np.arrayobj", "numba.np.npyimpl"
 
 
 class _Kept(FunctionCache):
-    """Compiled kernels on the disk; what numba knows of numpy is loaded where it has to compile only (0.12 s)."""
+    """Cache of compiled kernels on disk. It loads numba's model of numpy only to compile (0.12 s)."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)  # type: ignore[no-untyped-call]
-        # numba looks at the file of a kernel alone: kernels of other files are compiled into it
+        # numba stamps the source file of one kernel only, though kernels of other files are compiled into it
         self._cache_file._source_stamp = self._cache_file._source_stamp, CONTENT
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
-        # bytecode depends on the options of Python, as -OO, and the source is in the stamp; a closure is not
+        # the source is in the stamp, and kernels have no closure; bytecode depends on Python options such as -OO
         *rest, (_, closure) = super()._index_key(sig, codegen)  # type: ignore[no-untyped-call]
         return (*rest, closure)
 
@@ -42,10 +42,11 @@ class _Kept(FunctionCache):
         found = None
         rtsys.initialize(target_context)
         try:
-            # a kernel names them as where functions within it come from, and needs nothing of them
+            # the pickle of a kernel names these modules as the origin of inner functions, and needs none of their
+            # content
             with self._guard_against_spurious_io_errors(), deferred(*_NAMED):
                 found = self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
-        except (EOFError, UnpicklingError):  # cut short, as by a disk that was full
+        except (EOFError, UnpicklingError):  # truncated, for example by a full disk
             with suppress(OSError):
                 self.flush()  # type: ignore[no-untyped-call]
         if found is None:
@@ -54,26 +55,27 @@ class _Kept(FunctionCache):
         return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        with suppress(OSError):  # a full disk keeps no run from its end: the next one compiles again
+        with suppress(OSError):  # a full disk does not abort a run: the next run compiles again
             super().save_overload(sig, data)  # type: ignore[no-untyped-call]
 
 
-# division by zero gives inf or NaN, as in numpy, and C calls no kernel: a tenth less to compile. What numba compiles of
-# numpy for one kernel is taken for others: with other liberties in one of them, results depend on which came first.
+# Division by zero gives inf or NaN, as in numpy. C calls no kernel, which saves a tenth of the compile time. Numba
+# shares the compiled numpy functions between kernels: all kernels need the same fastmath flags for reproducible
+# results.
 _njit: Any = partial(numba.njit, error_model="numpy", no_cfunc_wrapper=True, fastmath={"contract"})
 
 
 def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Decorator of a kernel."""
+    """Decorate a function as a compiled kernel."""
 
     def compiled(function: Callable[..., Any]) -> Any:
         kernel = _njit(function, **options)
         if cache:
-            with suppress(RuntimeError):  # nowhere to write: every run compiles
+            with suppress(RuntimeError):  # no writable directory: every run compiles
                 kernel._cache = _Kept(function)
         return kernel
 
     return compiled
 
 
-inner = partial(njit, no_cpython_wrapper=True)  # called by kernels alone: kept within these, no entry from Python
+inner = partial(njit, no_cpython_wrapper=True)  # for functions that only kernels call: no entry from Python

@@ -1,7 +1,7 @@
-"""Kernels of a run compiled before they are needed, in as many processes as there are cores, up to four.
+"""Compilation of the kernels before a run needs them, in up to four processes, at most one per core.
 
-Numba holds a lock while it compiles: threads would wait for each other. What a process compiles it leaves in numba's
-cache on the disk, for all others. ``python -m insnav.kernels.ahead`` is such a process; a pipe says what it compiles.
+Numba holds a lock while it compiles, so threads would wait for each other. Each process stores its kernels in numba's
+disk cache for all others. ``python -m insnav.kernels.ahead`` is such a process; a pipe names the kernels to compile.
 """
 
 from __future__ import annotations
@@ -34,28 +34,28 @@ from insnav.kernels import (
 from insnav.kernels import noise_likelihood as likelihood
 
 _tuple: Any = types.BaseTuple.from_types
-MOST = 4  # processes: the longest kernel takes as long as a fourth of all
+MOST = 4  # processes: the longest kernel takes a quarter of the total time
 
 
 def needed() -> bool:
-    """Whether the kernels as they are now have not been compiled ahead on this machine, which can keep them."""
+    """Return whether this version of the kernels still has to be compiled on this machine, and can be stored."""
     return kept() and not _mark().exists()
 
 
 def kept() -> bool:
-    """Whether compiled kernels can be kept for the next run."""
+    """Return whether compiled kernels can be stored for the next run."""
     return errorstate.propagate.stats.cache_path is not None
 
 
 def _mark() -> Path:
-    """File that says so, beside what numba keeps."""
+    """Return the marker file next to numba's cache: it exists once these kernels are compiled."""
     return Path(errorstate.propagate.stats.cache_path) / f"ahead-{CONTENT[:16]}-{numba_version}"
 
 
 def compile_ahead() -> None:
-    """Compile all kernels, some of them in this process; one that fails is made up for when a kernel is called.
+    """Compile all kernels, some of them in this process. A kernel that fails here is compiled when it is first called.
 
-    Who is free takes the next number from a pipe.
+    A pipe holds the numbers of the kernels; an idle process reads the next number.
     """
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     numbers, ours = os.pipe()
@@ -78,7 +78,7 @@ def compile_ahead() -> None:
 
 def _compile(numbers: int) -> None:
     """Compile the kernels whose numbers can be read from a file descriptor."""
-    gc.disable()  # a sixth of the time
+    gc.disable()  # saves a sixth of the time
     kernels = _kernels()
     while number := os.read(numbers, 1):
         for kernel, *given in kernels[number[0]]:
@@ -87,14 +87,14 @@ def _compile(numbers: int) -> None:
 
 
 def _type(given: Any) -> Any:
-    """Numba's type of an argument: tuples of types have one, too."""
+    """Return numba's type of an argument or of a tuple of arguments."""
     if not isinstance(given, tuple):
         return given
     return _tuple(tuple(map(_type, given)), type(given) if hasattr(given, "_fields") else None)
 
 
 def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
-    """Kernels with the types of their arguments, those that take longest first, beside those that need the same."""
+    """Return the kernels with their argument types, the slowest first; kernels that share code stand together."""
     d: Any = types.float64
     i, flag = types.int64, types.boolean
     d1, d2, d3, d4, i1 = d[::1], d[:, ::1], d[:, :, ::1], d[:, :, :, ::1], i[::1]

@@ -1,4 +1,4 @@
-"""Aiding measurements: vehicle velocity (NHC, odometer), zero velocity, heading; and their innovation statistics."""
+"""Aiding measurements: vehicle velocity (NHC, odometer), zero velocity and heading, with innovation statistics."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from insnav.kernels.mechanization import rotation
 
 @njit(cache=True)
 def vehicle_velocity(x, rate, to_vehicle, lever, speed, z, h):  # type: ignore[no-untyped-def]
-    """Velocity of a point of the vehicle in the axes of the vehicle, less what is measured of it.
+    """Compute a point's velocity in vehicle axes minus its measurement.
 
-    `x` is the state, `rate` the body rate [rad/s], `to_vehicle` turns IMU to vehicle axes, `lever` is the point seen
-    from the IMU, body axes [m], `speed` the measured forward speed [m/s]. The first three of ``z`` are predicted minus
-    measured: forward, right (zero), down (zero) [m/s]; those of ``h`` the derivative by the error states.
+    `x`: state. `rate`: body rate [rad/s]. `to_vehicle`: rotation from IMU to vehicle axes. `lever`: point relative to
+    the IMU, body axes [m]. `speed`: measured forward speed [m/s]. The first three of ``z`` are predicted minus
+    measured: forward, right (zero), down (zero) [m/s]. The first three rows of ``h`` are their derivatives by the
+    state.
 
     ``z = C_vb (C_bn v + w x lever)``; with ``C_hat = (I - [phi x]) C`` the derivative by velocity is ``C_vb C_bn``, by
     attitude ``-C_vb C_bn [v x]``, by gyro bias ``C_vb [lever x]``.
@@ -38,10 +39,10 @@ def vehicle_velocity(x, rate, to_vehicle, lever, speed, z, h):  # type: ignore[n
 
 @njit(cache=True)
 def zero_velocity(x, bias, rate, z, h):  # type: ignore[no-untyped-def]
-    """Velocity N, E, D [m/s] and gyro output against the Earth [rad/s], which are zero for a stationary vehicle.
+    """Compute velocity N, E, D [m/s] and gyro rate against the Earth [rad/s], both zero for a stationary vehicle.
 
-    `bias` is the estimated gyro bias, `rate` the mean gyro output with the bias in it [rad/s]; ``z``, (6,), is
-    predicted minus measured, ``h``, (6, n), its derivative by the error states.
+    `bias` is the estimated gyro bias, `rate` the mean gyro output including the bias [rad/s]. ``z``, (6,), is predicted
+    minus measured. ``h``, (6, n), is its derivative by the error states.
     """
     c = np.zeros((3, 3))
     rotation(x, c.reshape(9))
@@ -57,7 +58,7 @@ def zero_velocity(x, bias, rate, z, h):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def body_heading(x, heading, z, h):  # type: ignore[no-untyped-def]
-    """Heading of the body less a measured one [rad], within +-pi, in ``z[0]``, and its derivative in ``h[0]``.
+    """Compute heading of the body minus a measured heading [rad], within +-pi, in ``z[0]``; its derivative in ``h[0]``.
 
     ``C_hat = (I - [phi x]) C`` turns the body by ``-phi``; the derivative of ``atan2(C_hat_10, C_hat_00)`` follows.
     """
@@ -76,7 +77,7 @@ def body_heading(x, heading, z, h):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def innovation(p, z, h, r, first, last, s):  # type: ignore[no-untyped-def]
-    """Covariance of an innovation of rows `first` to `last` - 1, with white noise of variances `r`, and its NIS."""
+    """Compute covariance and NIS of an innovation: rows `first` to `last` - 1, white noise of variances `r`."""
     n = p.shape[0]
     m = last - first
     for i in range(m):

@@ -7,17 +7,17 @@ import numpy as np
 from insnav.kernels import inner, njit
 from insnav.kernels.mechanization import quaternion_step
 
-SWEEPS = 20  # of Jacobi's rotations, at most; five or so do
-REWEIGHTED, NEAR = 10, 0.05  # rounds of a mean in which what is far off counts less, and what counts wholly [-]
+SWEEPS = 20  # Jacobi rotations at most; about five suffice
+REWEIGHTED, NEAR = 10, 0.05  # iterations of a robust mean; norm up to which an observation has full weight [-]
 
 
 @njit(cache=True)
 def gyro_history(q, w_ie_n, dt, dtheta, dvel, q_out, u_out):  # type: ignore[no-untyped-def]
-    """Integrate the gyros from an attitude ``q_nb``, (4,), and the specific force along it.
+    """Integrate the gyros from an attitude ``q_nb``, (4,), and integrate the specific force in these axes.
 
-    The axes n turn with the Earth, `w_ie_n` (3,) [rad/s], and do not move over it. Increments are of angle [rad] and
-    velocity [m/s], bias taken off; row 0 of `q_out`, (n + 1, 4), and `u_out`, (n + 1, 3), the integral of ``C_nb f_b``
-    [m/s], is the start.
+    The axes n rotate with the Earth, `w_ie_n` (3,) [rad/s], at a fixed place. The increments are angles [rad] and
+    velocities [m/s] without bias. Row 0 of `q_out`, (n + 1, 4), and of `u_out`, (n + 1, 3), the integral of
+    ``C_nb f_b`` [m/s], is the start.
     """
     # element by element: assigning slices takes seconds to compile
     x = np.zeros(10)
@@ -44,13 +44,13 @@ def gyro_history(q, w_ie_n, dt, dtheta, dvel, q_out, u_out):  # type: ignore[no-
 
 @njit(cache=True)
 def joined(end, dt, gyro, accel, gap, instant, count, inside, out):  # type: ignore[no-untyped-def]
-    """Join each `count` successive intervals of a segment, all of one `gap`, to one; see `insnav.strapdown.joined`.
+    """Join each `count` successive intervals of a segment with equal `gap` into one; see `insnav.strapdown.joined`.
 
-    The rotation vector grows by its own second-order term (Bortz, IEEE Trans. AES 7 (1971) 61-66), and the specific
-    force is that in the axes of the middle. `out` (m, 9): end, length, angles, velocities, gap; its first row goes on
-    with what has `inside` intervals, if any, from the call before.
+    The rotation vector includes its second-order term (Bortz, IEEE Trans. AES 7 (1971) 61-66). The specific force is in
+    the axes at the middle. `out` (m, 9): end, length, angles, velocities, gap. The first row continues the last
+    interval of the previous call, which has `inside` parts so far.
 
-    Returns: number of rows filled, and of intervals in the last.
+    Returns: number of rows filled, and number of parts in the last row.
     """
     rows = 1 if inside > 0 else 0
     for k in range(end.shape[0]):
@@ -66,7 +66,7 @@ def joined(end, dt, gyro, accel, gap, instant, count, inside, out):  # type: ign
         inside += 1
         row = out[rows - 1]
         a, b, c = row[2], row[3], row[4]
-        # what was felt before is seen from axes that turn on, by half of each rotation in the end
+        # earlier specific force is resolved in axes that keep turning, on average by half of each rotation
         px, py, pz = row[5], row[6], row[7]
         row[2] = a + x + 0.5 * (b * z - c * y)
         row[3] = b + y + 0.5 * (c * x - a * z)
@@ -80,11 +80,11 @@ def joined(end, dt, gyro, accel, gap, instant, count, inside, out):  # type: ign
 
 @njit(cache=True)
 def felt_windows(end, dt, gyro, accel, turn, bias, w_ie_n, times, ends, twice, out):  # type: ignore[no-untyped-def]
-    """Specific force integrated, once or `twice`, from the start of windows to their times, (w, m) [s], in its axes.
+    """Integrate specific force once, or `twice`, from the start of each window to its times, in the axes at the start.
 
-    Intervals without the instantaneous form; `turn` (3,): signs of the gyros; `bias` (6,) of gyros
-    and accelerometers [rad/s], [m/s^2]; `ends` (w, 2): the first interval of each window and the one after its last;
-    `out` (w, m, 3) [m/s] or [m].
+    Intervals are increments. `turn` (3,): signs of the gyros. `bias` (6,) of gyros and accelerometers [rad/s], [m/s^2].
+    `times` (w, m) [s]. `ends` (w, 2): first interval of each window, and one past its last. `out` (w, m, 3) [m/s] or
+    [m].
     """
     level, path = np.zeros(4), np.zeros(3)
     level[0] = 1.0
@@ -93,7 +93,7 @@ def felt_windows(end, dt, gyro, accel, turn, bias, w_ie_n, times, ends, twice, o
         span, angles, forces = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3))
         for k in range(n):
             span[k] = dt[first + k]
-        span[0] = min(end[first] - times[w, 0], dt[first])  # the window begins inside of it
+        span[0] = min(end[first] - times[w, 0], dt[first])  # the window begins within this interval
         for k in range(n):
             part = span[k] / dt[first + k]
             for i in range(3):
@@ -116,10 +116,10 @@ def felt_windows(end, dt, gyro, accel, turn, bias, w_ie_n, times, ends, twice, o
 
 @njit(cache=True)
 def window_scatter(dt, gyro, accel, instant, size, begin, first, last, mean, loud):  # type: ignore[no-untyped-def]
-    """Means and scatter of rate and specific force in windows of `size` intervals, the first from row `begin` on.
+    """Compute mean and scatter of rate and specific force in windows of `size` intervals, from row `begin` on.
 
-    Of the windows from `first` to `last`, not included, are filled `mean` (2, n, 3) and `loud` (2, n), the length of
-    the standard deviation [rad/s], [m/s^2].
+    Windows `first` to `last` - 1 are filled: `mean` (2, n, 3), and `loud` (2, n), the norm of the standard deviation
+    [rad/s], [m/s^2].
     """
     here = np.zeros((size, 6))
     for w in range(first, last):
@@ -142,7 +142,7 @@ def window_scatter(dt, gyro, accel, instant, size, begin, first, last, mean, lou
 
 @inner()
 def _nearest(b, sign, k, v, out):  # type: ignore[no-untyped-def]
-    """Rotation, (3, 3), times a `sign`, nearest to that times a sum of outer products `b`; `k`, `v` (4, 4): room.
+    """Find the rotation (3, 3), times a `sign`, nearest to `sign` times a sum of outer products `b`; `k`, `v`: work.
 
     Davenport's q-method (Markley and Mortari, J. Astronautical Sciences 48 (2000) 359-380): its quaternion is the
     eigenvector of the largest eigenvalue, here by Jacobi's rotations.
@@ -191,10 +191,10 @@ def _nearest(b, sign, k, v, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def mean_rotation(seen, felt, weight, sign, each, mean, away):  # type: ignore[no-untyped-def]
-    """Rotation, times a `sign`, of what is `felt` to what is `seen` (w, m, 3), of each window and of all.
+    """Find the rotation, times a `sign`, from `felt` to `seen` vectors (w, m, 3), for each window and for all.
 
-    Windows far off the mean count the less, as `weight` (w,) over their distance; `each` (w, 3, 3), `mean` (3, 3) and
-    `away` (w,), how far each is from the mean in the norm of Frobenius, are filled.
+    A window far from the mean is de-weighted: `weight` (w,) over its distance. Filled: `each` (w, 3, 3), `mean` (3, 3),
+    and `away` (w,), the Frobenius distance of each window from the mean.
     """
     k, v, b = np.zeros((4, 4)), np.zeros((4, 4)), np.zeros((3, 3))
     for w in range(seen.shape[0]):
@@ -222,15 +222,15 @@ def mean_rotation(seen, felt, weight, sign, each, mean, away):  # type: ignore[n
 
 @njit(cache=True)
 def level_history(dt, dtheta, dvel, bias, time_constant, turn, change):  # type: ignore[no-untyped-def]
-    """Turn about the vertical and horizontal specific force, integrated, without knowing how the IMU is mounted.
+    """Integrate turn about the vertical and horizontal specific force for an IMU of unknown mounting.
 
-    The down axis in the body is carried by the gyros and pulled towards the specific force with a `time_constant` [s];
-    a horizontal axis is carried with it and turns with no vehicle. Increments (n, 3) [rad], [m/s]; `bias` (3,) of the
-    gyros [rad/s], to which is added what pulls the axis on average, as accelerations of a vehicle do not; `turn`
-    (n + 1,) [rad] and `change` (n + 1, 2) [m/s] are integrals from zero.
+    The gyros carry the down axis in the body, and the specific force corrects it with a `time_constant` [s]. A
+    horizontal axis is carried along without the vehicle's turns. Increments (n, 3) [rad], [m/s]. `bias` (3,) of the
+    gyros [rad/s]: the mean correction is added to it, since accelerations of a vehicle average to zero. `turn` (n + 1,)
+    [rad] and `change` (n + 1, 2) [m/s] are integrals from zero.
     """
     d, h, pulled, length = np.zeros(3), np.zeros(3), np.zeros(3), 0.0
-    for k in range(min(dt.shape[0], 25)):  # a start; the constant draws it in
+    for k in range(min(dt.shape[0], 25)):  # initial value; the time constant corrects it
         for i in range(3):
             d[i] -= dvel[k, i]
     size = np.sqrt(d[0] ** 2 + d[1] ** 2 + d[2] ** 2)

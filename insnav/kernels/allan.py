@@ -1,4 +1,4 @@
-"""Sums behind the overlapping Allan variance and behind the covariance of its estimates."""
+"""Sums for the overlapping Allan variance and for the covariance of its estimates."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 
 from insnav.kernels import inner, njit
 
-BLOCK = 2048  # terms added up before the sum joins the others: keeps rounding small, and the block in the cache
-FAR = 30.0  # lags beyond so many times both averaging times: differences as derivatives, as they would cancel
+BLOCK = 2048  # terms of a partial sum: limits rounding and fits into the cache
+FAR = 30.0  # lags beyond this many times both averaging times: derivatives replace differences, which would cancel
 SHORT = 8  # segments with fewer lags are summed lag by lag
 
 # nodes and weights of Gauss and Legendre's rule on (-1, 1)
@@ -16,9 +16,9 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 @njit(cache=True, nogil=True)
 def running_sum(values, mean, out):  # type: ignore[no-untyped-def]
-    """Running sum of values less their mean, starting at zero, compensated (W. Kahan, CACM 8 (1965) 40).
+    """Compute the running sum of values minus their mean, from zero, compensated (W. Kahan, CACM 8 (1965) 40).
 
-    `values` (n,); `mean`; `out` (n + 1,): filled.
+    `values` (n,); `mean`. `out` (n + 1,): filled.
     """
     total, lost = 0.0, 0.0
     out[0] = 0.0
@@ -30,11 +30,11 @@ def running_sum(values, mean, out):  # type: ignore[no-untyped-def]
         out[k + 1] = total
 
 
-# the one kernel whose sums may be reordered, many at a time: it calls nothing of numpy that others would then take
+# the only kernel with reassociated (vectorised) sums: it calls no numpy function that other kernels share
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
 def _square_sum(near, middle, far):  # type: ignore[no-untyped-def]
     total = 0.0
-    for k in range(near.shape[0]):  # counts from zero: an index that might be negative would keep it from SIMD
+    for k in range(near.shape[0]):  # counts from zero: a possibly negative index would prevent SIMD
         z = far[k] - 2.0 * middle[k] + near[k]
         total += z * z
     return total
@@ -42,9 +42,9 @@ def _square_sum(near, middle, far):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def mean_square_second_difference(x, factors, out):  # type: ignore[no-untyped-def]
-    """Mean of the squared second differences of `x` over each distance.
+    """Compute the mean squared second difference of `x` over each distance.
 
-    `x` (n,): from `running_sum`; `factors` (k,) int: distances m [samples], 2 m < n; `out` (k,): filled with the mean
+    `x` (n,): from `running_sum`. `factors` (k,) int: distances m [samples], 2 m < n. `out` (k,): filled with the mean
     of ``(x[i + 2m] - 2 x[i + m] + x[i])^2`` over all i.
     """
     n = x.shape[0]
@@ -60,7 +60,7 @@ def mean_square_second_difference(x, factors, out):  # type: ignore[no-untyped-d
 
 @inner()
 def _phase_covariance(t, theta, time):  # type: ignore[no-untyped-def]
-    """Generalised autocovariance of the integral of the noise at lag t >= 0, up to even polynomials of degree 2.
+    """Generalised autocovariance of the integrated noise at lag t >= 0, up to even polynomials of degree 2.
 
     theta: Q^2, N^2, B^2, K^2, variance of a Gauss-Markov process; `time` is the correlation time of the latter.
     """
@@ -72,7 +72,7 @@ def _phase_covariance(t, theta, time):  # type: ignore[no-untyped-def]
     value += theta[3] / 12.0 * t * t * t
     if theta[4] > 0.0:
         u = t / time
-        if u < 0.05:  # its leading terms, which cancel in the closed form
+        if u < 0.05:  # the leading terms of the closed form cancel
             f = -u * u * u * (1.0 / 6.0 - u / 24.0 + u * u / 120.0 - u * u * u / 720.0)
         else:
             f = np.exp(-u) + u - 1.0 - 0.5 * u * u
@@ -82,12 +82,12 @@ def _phase_covariance(t, theta, time):  # type: ignore[no-untyped-def]
 
 @inner()
 def _square(d, mi, mj, theta, time, ni, nj):  # type: ignore[no-untyped-def]
-    """Square of the covariance of second differences d apart, times the number of pairs so far apart."""
+    """Squared covariance of second differences d apart, times the number of such pairs."""
     pairs = min(ni, nj - d) - max(0.0, -d)
     if pairs <= 0.0:
         return 0.0
     centre = abs(d + mj - mi)
-    if centre > FAR * (mi + mj):  # the fourth derivative; that of the other terms is zero
+    if centre > FAR * (mi + mj):  # use the fourth derivative; it is zero for the other terms
         r = -theta[2] / (np.pi * centre * centre)
         if theta[4] > 0.0:
             r -= theta[4] / (time * time) * np.exp(-centre / time)
@@ -133,7 +133,7 @@ def _pair(mi, mj, n, theta, time):  # type: ignore[no-untyped-def]
             while d < end:
                 total += _square(d, mi, mj, theta, time, ni, nj)
                 d += 1.0
-        else:  # the sum over the lags between as an integral: each lag stands for half a lag to either side
+        else:  # the sum over the lags between as an integral: each lag represents half a lag on either side
             half = 0.5 * inside
             for q in range(_NODES.shape[0]):
                 d = 0.5 * (begin + end) + half * _NODES[q]
@@ -143,11 +143,11 @@ def _pair(mi, mj, n, theta, time):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def variance_covariance(factors, n, theta, time, diagonal, out):  # type: ignore[no-untyped-def]
-    """Covariance of overlapping Allan variances of one Gaussian record, in sample units.
+    """Compute the covariance of overlapping Allan variances of one Gaussian record, in sample units.
 
-    `factors` (k,) int: averaging times m [samples]; `n`: number of points of the integral, one more than samples;
-    `theta` (5,): Q^2, N^2, B^2, K^2 and Gauss-Markov variance with one sample as the unit of time; `time`: correlation
-    time [samples]; `diagonal`: compute the variances only; `out` (k, k): filled.
+    `factors` (k,) int: averaging times m [samples]. `n`: number of points of the integral, one more than samples.
+    `theta` (5,): Q^2, N^2, B^2, K^2 and Gauss-Markov variance with one sample as the unit of time. `time`: correlation
+    time [samples]. `diagonal`: compute the variances only. `out` (k, k): filled.
     """
     for i in range(factors.shape[0]):
         mi = float(factors[i])

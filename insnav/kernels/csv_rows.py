@@ -1,4 +1,4 @@
-"""Numbers as text: rows of a table in fixed decimals, without the zeros at their ends."""
+"""Numbers as text: rows of a table with fixed decimals, without trailing zeros."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import numpy as np
 
 from insnav.kernels import njit
 
-WIDEST = 26  # bytes of a cell with what follows it
-LARGEST = 1e10  # from it on, and below `SMALLEST`, shortest texts have exponents
+WIDEST = 26  # bytes of a cell including its separator
+LARGEST = 1e10  # from here on, and below `SMALLEST`, the shortest text has an exponent
 SMALLEST = 1e-6
-_EXACT = 1e15  # a number of so many digits is the only one with its digits
+_EXACT = 1e15  # largest number with unique digits
 _PAIRS = np.frombuffer(b"".join(b"%02d" % i for i in range(100)), np.uint8).copy()  # all numbers of two digits
 
 
@@ -17,10 +17,11 @@ _PAIRS = np.frombuffer(b"".join(b"%02d" % i for i in range(100)), np.uint8).copy
 def rows_as_text(values, scale, places, out):  # type: ignore[no-untyped-def]
     """Write numbers (k, n) as n rows, each column rounded to `places` (k,) decimals, into bytes `out`.
 
-    `scale` (k,): ten to the power of `places`. What is not finite is an empty cell; `out` has `WIDEST` bytes a number.
+    `scale` (k,): ten to the power of `places`. A value that is not finite gives an empty cell. `out` has `WIDEST` bytes
+    per number.
     Returns: number of bytes; -1 if a number needs an exponent or more digits.
     """
-    at, one = np.uint64(0), np.uint64(1)  # places without a sign need no look whether they count from the end
+    at, one = np.uint64(0), np.uint64(1)  # unsigned indices need no check for counting from the end
     ten, hundred, myriad = np.uint64(10), np.uint32(100), np.uint64(10000)
     for row in range(values.shape[1]):
         for column in range(values.shape[0]):

@@ -12,16 +12,16 @@ NAV = 9  # errors of position N, E, D [m], velocity [m/s] and attitude [rad]
 
 @njit(cache=True)
 def system_matrix(x, f_n, out):  # type: ignore[no-untyped-def]
-    """Continuous-time error dynamics of position, velocity and attitude.
+    """Fill the continuous-time error dynamics of position, velocity and attitude.
 
-    `x` (10,): navigation state; see `insnav.kernels.mechanization`; `f_n` (3,): specific force in n [m/s^2]; `out` (9,
+    `x` (10,): navigation state; see `insnav.kernels.mechanization`. `f_n` (3,): specific force in n [m/s^2]. `out` (9,
     9): filled with ``F``.
 
     Notes
     -----
-    Perturbation of the equations integrated by `insnav.kernels.mechanization.step`; compare Groves (2013), section
-    14.2.4, who keeps position error in radians. Position errors here are ``(R_M + h) dL``, ``(R_N + h) cos L dlon``
-    and ``-dh``. The change of the radii with latitude, 0.7 % of terms of 1e-9, is left out of the velocity rows.
+    Perturbation of the equations in `insnav.kernels.mechanization.step`; compare Groves (2013), section 14.2.4, who
+    keeps position errors in radians. Position errors here are ``(R_M + h) dL``, ``(R_N + h) cos L dlon`` and ``-dh``.
+    The velocity rows neglect the change of the radii with latitude, 0.7 % of terms of 1e-9.
     """
     sin_lat, cos_lat = np.sin(x[0]), np.cos(x[0])
     tan_lat = sin_lat / cos_lat
@@ -66,9 +66,9 @@ def system_matrix(x, f_n, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def second_order(f, dt, a):  # type: ignore[no-untyped-def]
-    """``a = F dt + (F dt)^2 / 2``: the transition over a step of `dt` [s], less the identity, (9, 9).
+    """Compute ``a = F dt + (F dt)^2 / 2``: the transition over a step of `dt` [s] minus the identity, (9, 9).
 
-    All products go row by row: the innermost loop runs along memory, and most of F is zero.
+    All products go row by row: the innermost loop follows the memory, and most of F is zero.
     """
     for i in range(NAV):
         for j in range(NAV):

@@ -1,7 +1,7 @@
-"""WGS-84 shape, rotation and normal gravity, for one point in a kernel and, undecorated, for arrays.
+"""WGS-84 shape, rotation and normal gravity: for one point in a kernel and, undecorated, for arrays.
 
-Every function is written with numpy's elementwise functions only, so that the same source serves both the compiled
-loops and, through ``py_func``, whole arrays in `insnav.earth`.
+Every function uses numpy's elementwise functions only. The same source serves the compiled loops and, through
+``py_func``, whole arrays in `insnav.earth`.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ G_NORTH = 8.08e-9  # north component above the ellipsoid [1/s^2]         Groves 
 
 @njit(cache=True)
 def radii(sin_lat):  # type: ignore[no-untyped-def]
-    """Meridian and transverse radius of curvature [m] (Groves 2013, section 2.4.2)."""
-    root = 1.0 / np.sqrt(1.0 - E2 * (sin_lat * sin_lat))  # as below: compiled, both of a latitude share it
+    """Compute meridian and transverse radius of curvature [m] (Groves 2013, section 2.4.2)."""
+    root = 1.0 / np.sqrt(1.0 - E2 * (sin_lat * sin_lat))  # same expression as below: compiled code shares it
     transverse = A * root
     return transverse * (1.0 - E2) * (root * root), transverse
 
 
 @njit(cache=True)
 def gravity_down(sin_lat, height):  # type: ignore[no-untyped-def]
-    """Down component of normal gravity [m/s^2] (NIMA TR8350.2, eq. 4-1 and 4-3)."""
+    """Compute the down component of normal gravity [m/s^2] (NIMA TR8350.2, eq. 4-1 and 4-3)."""
     s2 = sin_lat * sin_lat
     surface = G_EQUATOR * (1.0 + K_SOMIGLIANA * s2) * (1.0 / np.sqrt(1.0 - E2 * s2))
     r = height * (1.0 / A)
@@ -39,5 +39,5 @@ def gravity_down(sin_lat, height):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def gravity_north(sin_lat, cos_lat, height):  # type: ignore[no-untyped-def]
-    """North component of normal gravity above the ellipsoid [m/s^2] (Groves 2013, eq. 2.140)."""
+    """Compute the north component of normal gravity above the ellipsoid [m/s^2] (Groves 2013, eq. 2.140)."""
     return -2.0 * G_NORTH * height * sin_lat * cos_lat

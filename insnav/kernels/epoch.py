@@ -1,4 +1,4 @@
-"""A filter epoch around the filter's own predict and update: what leads to each, and what follows, in a call each."""
+"""Filter epoch: the operations before and after the predict and the update of the filter, one call each."""
 
 from __future__ import annotations
 
@@ -10,28 +10,29 @@ from insnav.kernels.errorstate import SENSOR, at_fix_time, feed_back, less_sure,
 from insnav.kernels.gps_measurement import Assessment, Fix, Predicted, assess, correct_with_arm, swing
 from insnav.kernels.smoother import keep, keep_state
 
-# A delay and a lever arm ahead move the antenna alike at one speed, and noise of the velocity would tell one from the
-# other: for so long a velocity is carried by the accelerometers, not corrected, before it shows a delay [s]
+# At constant speed, a delay and a forward lever arm move the antenna alike, so velocity noise could separate them
+# falsely. Only the velocity change of the accelerometers over this time, without corrections, makes a delay observable
+# [s]
 SHOWN_BY_IMU = 20.0
-MOST_CORRECTED = 0.3  # more is no noise of the velocity [m/s]
+MOST_CORRECTED = 0.3  # velocity noise does not exceed this [m/s]
 
 
-# All that the filter estimates, in one array that changes in place, see `insnav.filter.error_model.FilterState`: a call
-# with one array takes a tenth of the time of one with a tuple of as many.
+# Everything that the filter estimates, in one array that changes in place; see `insnav.filter.error_model.FilterState`.
+# A call with one array takes a tenth of the time of a call with an equivalent tuple.
 STATE, CORRECTION, MOTION = slice(0, 10), slice(10, 22), slice(22, 28)
-CORRECTED = slice(28, 31)  # what corrections have made of the velocity within `SHOWN_BY_IMU` [m/s]
+CORRECTED = slice(28, 31)  # velocity corrections within `SHOWN_BY_IMU` [m/s]
 ARM, SWUNG = slice(31, 43), slice(43, 46)  # see `insnav.kernels.gps_measurement.correct_with_arm`
 SHAKEN, CLOCK = slice(46, 49), slice(49, 51)  # [m]; delay, and lag of velocities behind positions [s]
 LASTING = slice(51, 57)  # time-correlated errors of fixes [m], [m/s]
-TURNED = 57  # by which corrections have turned the heading since the last epoch [rad]
-BEGAN = slice(58, 60)  # horizontal velocity with which the span since that began [m/s]
+TURNED = 57  # heading change by corrections since the last epoch [rad]
+BEGAN = slice(58, 60)  # horizontal velocity at the start of the span since the last epoch [m/s]
 SQUARES = slice(60, 63)  # see `beyond_linear`
-TILTED = slice(63, 67)  # by all corrections so far, North, East [rad]; the largest square, and what was counted [rad^2]
-TO_AND_FRO = 5.0  # so many times the square of the largest tilt by corrections count those of all: others are noise [-]
+TILTED = slice(63, 67)  # sum of tilt corrections N, E [rad]; its largest square, and the squares counted [rad^2]
+TO_AND_FRO = 5.0  # squared tilt corrections count up to so many times the largest squared sum: the rest is noise [-]
 ESTIMATED = 67
-# Columns of a row for each fix: time, delay [s], NIS of position and velocity, whether they were used, innovation as
-# predicted minus measured [m], [m/s], its standard deviation, state and motion, sensor errors, their variances, and
-# covariance (9, 9) in the time of the fixes
+# Columns of a row for each fix: time, delay [s], NIS of position and velocity, use flags, innovation (predicted minus
+# measured) [m], [m/s]. Then: its standard deviation, state and motion, sensor errors, their variances, and covariance
+# (9, 9) at fix time
 FIX_TIME, FIX_DELAY, FIX_NIS, FIX_USE, FIX_INNOVATION = 0, 1, slice(2, 4), slice(4, 6), slice(6, 12)
 FIX_SD, FIX_STATE, FIX_SENSOR, FIX_VARIANCE = slice(12, 18), slice(18, 34), slice(34, 46), slice(46, 58)
 FIX_COVARIANCE, FIX_WIDTH = slice(58, 139), 139
@@ -39,22 +40,22 @@ FIX_COVARIANCE, FIX_WIDTH = slice(58, 139), 139
 
 @njit(cache=True)
 def surest(estimated, doubt):  # type: ignore[no-untyped-def]
-    """Least standard deviation of the delay that is plausible [s].
+    """Return the smallest plausible standard deviation of the delay [s].
 
-    `doubt` (2,): the least by what parts of the record show, 0: as the filter has it, and the delay that a search
-    found, with which the filter may not agree so well [s].
+    `doubt` (2,): lower limit from the scatter between parts of the record, 0 for the filter's own value. Then the delay
+    by the search [s]; the filter's own delay may differ from it.
     """
     return max(doubt[0], abs(estimated[CLOCK][0] - doubt[1])) if doubt[0] > 0.0 else 0.0
 
 
 @njit(cache=True)
 def turn(phi, estimated):  # type: ignore[no-untyped-def]
-    """Let a transition (n, n) begin with the heading that corrections have `TURNED`, which becomes zero.
+    """Rotate the start of a transition (n, n) by the heading correction `TURNED`, then set that to zero.
 
-    What tilts, and what changes the velocity, is in the axes of the IMU: an error of the accelerometers stands against
-    both about axes that turn with the heading as it gets known. With those of the first guess, degrees off, tilt and
-    error seem known, which only turns tell apart (A. Barrau and S. Bonnabel, IEEE Trans. Autom. Control 62 (2017)
-    1797-1812: errors of attitude and velocity in the body). Errors of positions are those of fixes, which do not turn.
+    Tilt and velocity change are fixed to the IMU axes, as are accelerometer errors. When corrections rotate the
+    heading, these errors must rotate with it. Otherwise tilt and accelerometer error seem separable although only turns
+    separate them (A. Barrau and S. Bonnabel, IEEE Trans. Autom. Control 62 (2017) 1797-1812: attitude and velocity
+    errors in the body). Position errors come from fixes and are not rotated.
     """
     sine, cosine = np.sin(estimated[TURNED]), np.cos(estimated[TURNED])
     for first in (3, 6):
@@ -66,7 +67,7 @@ def turn(phi, estimated):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def count_tilt(tilted, north, east):  # type: ignore[no-untyped-def]
-    """Note in `tilted` (4,), see `TILTED`, a correction of the tilt [rad]; returns what of its square counts."""
+    """Add a tilt correction [rad] to `tilted` (4,), see `TILTED`; return the part of its square that counts."""
     tilted[0] += north
     tilted[1] += east
     tilted[2] = max(tilted[2], tilted[0] ** 2 + tilted[1] ** 2)
@@ -77,28 +78,28 @@ def count_tilt(tilted, north, east):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def beyond_linear(squares, heading, accel):  # type: ignore[no-untyped-def]
-    """Variances of velocity and accelerometer bias by what an extended filter leaves out of second order.
+    """Compute the variances of velocity and accelerometer bias that an extended filter neglects (second order).
 
-    An error of the heading changes the velocity along its change, too, by ``(1 - cos error) change``: that of a
-    normally distributed one. And a rest says that biases of the accelerometers stand against the tilt, and that none is
-    vertical: when corrections tilt the IMU another axis is, as if it had been measured (A. H. Jazwinski, "Stochastic
-    Processes and Filtering Theory" (1970), section 9.3).
+    A normally distributed heading error also changes the velocity along its change, by ``(1 - cos error) change``. At
+    rest, accelerometer bias is observed only in combination with the tilt. When corrections tilt the IMU, the observed
+    combination changes, as if another axis had been measured (A. H. Jazwinski, "Stochastic Processes and Filtering
+    Theory" (1970), section 9.3).
 
-    `squares` (3,): of the change of the horizontal velocity in the span [m^2/s^2], of corrections of the tilt before it
-    [rad^2], as far as these count, and of these times corrections of the biases [m^2/s^4]; `heading`, `accel`:
-    variances of heading and of all biases at its beginning [rad^2], [m^2/s^4].
+    `squares` (3,): squared change of horizontal velocity in the span [m^2/s^2]; squared tilt corrections before it
+    [rad^2]; these times squared bias corrections [m^2/s^4]. `heading`, `accel`: variances of heading and of all biases
+    at the start of the span [rad^2], [m^2/s^4].
     """
     part = 0.75 * heading**2
-    if heading > 1e-3:  # below, the whole is a small difference of large numbers
+    if heading > 1e-3:  # below, the exact form is a small difference of large numbers
         part = 1.5 - 2.0 * np.exp(-0.5 * heading) + 0.5 * np.exp(-2.0 * heading)
     return part * squares[0], squares[1] * accel + squares[2]
 
 
 @njit(cache=True)
 def not_linear(q, estimated, p):  # type: ignore[no-untyped-def]
-    """Add to the noise (n, n) of a span what is of second order; `p` (n, n): covariance at its beginning.
+    """Add the second-order terms to the noise (n, n) of a span; `p` (n, n): covariance at its start.
 
-    That of the velocity to both axes: across its change it is little beside what the transition has.
+    Both horizontal axes get the velocity term. Across the velocity change it is small against the transition's own.
     """
     velocity, began, squares = estimated[STATE][3:5], estimated[BEGAN], estimated[SQUARES]
     squares[0] = (velocity[0] - began[0]) ** 2 + (velocity[1] - began[1]) ** 2
@@ -115,10 +116,10 @@ def not_linear(q, estimated, p):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def fade(estimated, at, times, sds, phi, q, span):  # type: ignore[no-untyped-def]
-    """Before a predict: what fades within `span` (1,) [s] does, and the transition begins with what has swung.
+    """Decay the time-correlated states over `span` (1,) [s] and apply the antenna swing, before a predict.
 
-    `estimated` (67,); `at`: first state of the time-correlated errors of fixes; `times`, `sds`: their correlation times
-    [s] and standard deviations, (0,) where there are none; `phi`, `q` (n, n): transition and noise.
+    `estimated` (67,). `at`: first state of the time-correlated errors of fixes. `times`, `sds`: their correlation times
+    [s] and standard deviations, (0,) where there are none. `phi`, `q` (n, n): transition and noise.
     """
     lasting, corrected, swung = estimated[LASTING], estimated[CORRECTED], estimated[SWUNG]
     for i in range(times.shape[0]):
@@ -135,9 +136,9 @@ def fade(estimated, at, times, sds, phi, q, span):  # type: ignore[no-untyped-de
 
 @njit(cache=True)
 def predicted(row, time, estimated, doubt, p, phi, q, span, before):  # type: ignore[no-untyped-def]
-    """After a predict to `time` [s]: note the epoch in `row` of the history, if it is not empty, and begin a new one.
+    """Store the epoch in `row` of the history, unless empty, and begin a new epoch, after a predict to `time` [s].
 
-    `estimated` (67,); `doubt`: see `surest`; `p` (n, n): covariance; `phi`, `q`, `span`: see `fade`; `before` (12,) is
+    `estimated` (67,). `doubt`: see `surest`. `p` (n, n): covariance. `phi`, `q`, `span`: see `fade`. `before` (12,) is
     filled with the variances, see `insnav.kernels.errorstate.variances`.
     """
     variances(less_sure(p, surest(estimated, doubt)), estimated[STATE], before)
@@ -149,12 +150,12 @@ def predicted(row, time, estimated, doubt, p, phi, q, span, before):  # type: ig
 
 @njit(cache=True)
 def felt(estimated, rates, forces, swings, older, number, late, has_arm, stays, motion):  # type: ignore[no-untyped-def]
-    """Fill `motion` (25,) of `insnav.kernels.gps_measurement.Predicted` for a fix, but for its limits of noise.
+    """Fill `motion` (25,) of `insnav.kernels.gps_measurement.Predicted` for a fix, except its noise limits.
 
-    `estimated` (67,); about each of the next fixes, sensor errors included: `rates` (k, 3) mean body rate [rad/s],
-    `forces` (k, 3) mean specific force [m/s^2], `swings` (k, 3) the rate at the time of the velocity, `older` (k, 6)
-    angle turned and velocity gained since then [rad], [m/s], which count where that is older; `number`: row of these;
-    `late`: by how much the velocity is older [s]; `stays`: whether all turns are noise.
+    `estimated` (67,). For each of the next fixes, including sensor errors: `rates` (k, 3): mean body rate [rad/s].
+    `forces` (k, 3): mean specific force [m/s^2]. `swings` (k, 3): rate at the time of the velocity. `older` (k, 6):
+    angle and velocity increment since then [rad], [m/s], for older velocities. `number`: row of these. `late`: age of
+    the velocity [s]. `stays`: treat all rotation as noise.
     """
     correction, moving, corrected = estimated[CORRECTION], estimated[MOTION], estimated[CORRECTED]
     for i in range(3):
@@ -172,7 +173,7 @@ def felt(estimated, rates, forces, swings, older, number, late, has_arm, stays, 
         if stays:
             motion[i] = motion[6 + i] = 0.0
     motion[24] = late
-    if late != 0.0:  # the gyro bias has turned the velocity gained, too
+    if late != 0.0:  # the gyro bias also rotates the velocity gained
         half, x, y, z = 0.5 * late, motion[21], motion[22], motion[23]
         motion[21] += half * (correction[1] * z - correction[2] * y)
         motion[22] += half * (correction[2] * x - correction[0] * z)
@@ -183,10 +184,10 @@ def felt(estimated, rates, forces, swings, older, number, late, has_arm, stays, 
 def assess_fix(  # type: ignore[no-untyped-def]
     estimated, p, motion, lla, v_n, position_sd, velocity_sd, row, own, late, jitter, share, at, z, h, r, s, sd
 ):
-    """Assess row `row` of the fixes; see `insnav.kernels.gps_measurement.assess`, which this is with plain arrays.
+    """Assess row `row` of the fixes: `insnav.kernels.gps_measurement.assess` with plain arrays.
 
-    `own`: whether it has the errors of fixes; `late`: by how much its velocity is older [s]; `at` (7,):
-    `insnav.filter.state_layout.Layout`, and how many time-correlated errors there are.
+    `own`: the fix has its own time-correlated errors. `late`: age of its velocity [s]. `at` (7,):
+    `insnav.filter.state_layout.Layout`, and the number of time-correlated errors.
     """
     clock, lasting = estimated[CLOCK], estimated[LASTING][: at[6]]
     correlated, lever, shaken, lag = at[2], at[3], at[4], at[5]
@@ -206,9 +207,9 @@ def assess_fix(  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def take(row, estimated, error, at, settled):  # type: ignore[no-untyped-def]
-    """After an update: take the estimated error (n,) off the state (closed loop), and note that in `row`, see there.
+    """Subtract the estimated error (n,) from the state (closed loop), after an update, and store the state in `row`.
 
-    `estimated` (67,); `at`: see `assess_fix`; `settled`: how late fixes are is known, see
+    `estimated` (67,). `at`: see `assess_fix`. `settled`: the delay of the fixes is known, see
     `insnav.kernels.gps_measurement.correct_with_arm`.
     """
     x, correction, arm, corrected = estimated[STATE], estimated[CORRECTION], estimated[ARM], estimated[CORRECTED]
@@ -249,7 +250,7 @@ def take(row, estimated, error, at, settled):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def note_epoch(row, time, before, estimated, doubt, p):  # type: ignore[no-untyped-def]
-    """Fill `row` (26,): time [s], variances before and after the measurements of an epoch, delay [s]."""
+    """Fill `row` (26,): time [s], variances before and after the measurements of an epoch, and delay [s]."""
     row[0], row[25] = time, estimated[CLOCK][0]
     for i in range(12):
         row[1 + i] = before[i]
@@ -258,7 +259,7 @@ def note_epoch(row, time, before, estimated, doubt, p):  # type: ignore[no-untyp
 
 @njit(cache=True)
 def note_fix(row, time, z, sd, nis_position, nis_velocity, position, velocity, estimated, doubt, p):  # type: ignore[no-untyped-def]
-    """Fill `row` (139,) of a fix: innovation (6,), its standard deviation (6,), NIS, what was used, the state after."""
+    """Fill `row` (139,) of a fix: innovation (6,), its standard deviation (6,), NIS, use flags and the state after."""
     x, motion, correction = estimated[STATE], estimated[MOTION], estimated[CORRECTION]
     nis, use, state, innovation = row[FIX_NIS], row[FIX_USE], row[FIX_STATE], row[FIX_INNOVATION]
     deviation, sensor, variance = row[FIX_SD], row[FIX_SENSOR], row[FIX_VARIANCE]

@@ -1,6 +1,6 @@
-"""Error budgets: every source carried alone through the linear error dynamics, and free-inertial runs with errors.
+"""Error budgets: each source propagated alone through linear error dynamics, and free-inertial runs with errors.
 
-Error = estimate - truth; the nine states are those of `insnav.kernels.dynamics`.
+Error = estimate - truth; `insnav.kernels.dynamics` defines the nine states.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from insnav.kernels import inner, njit
 from insnav.kernels.dynamics import NAV, second_order, system_matrix
 from insnav.kernels.mechanization import step
 
-WIDTH = NAV + 1  # a process and what it has done so far
+WIDTH = NAV + 1  # columns: a process and its accumulated error
 
 
 @inner()
 def _transition(x, f_n, dt, hold, f, a):  # type: ignore[no-untyped-def]
-    """``a = I + F dt + (F dt)^2 / 2``; held vertical errors stay zero."""
+    """``a = I + F dt + (F dt)^2 / 2``; height-constrained errors stay zero."""
     system_matrix(x, f_n, f)
     second_order(f, dt, a)
     for i in range(NAV):
@@ -28,7 +28,7 @@ def _transition(x, f_n, dt, hold, f, a):  # type: ignore[no-untyped-def]
 
 @inner()
 def _entering(f, dt, hold, given, out):  # type: ignore[no-untyped-def]
-    """What a disturbance of all nine states, integrated over a step, is at its end: ``(I + F dt / 2) u``."""
+    """Error at the end of a step from a disturbance of all nine states integrated over it: ``(I + F dt / 2) u``."""
     for i in range(3):
         out[i], out[3 + i], out[6 + i] = given[6 + i], given[3 + i], given[i]
     for i in range(NAV):
@@ -42,12 +42,12 @@ def _entering(f, dt, hold, given, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def sensitivities(x, f_n, dt, given, state, hold, rows, out):  # type: ignore[no-untyped-def]
-    """Carry errors that are one constant times a known disturbance.
+    """Propagate errors that are a constant times a known disturbance.
 
-    `x` (m, 10): navigation state in the middle of each step; `f_n` (m, 3): mean specific force in n [m/s^2]; `dt` (m,):
-    steps [s]; `given` (m, s, 9): disturbance of each of s sources, integrated over the step: of attitude [rad],
-    velocity [m/s], position [m]; `state` (s, 9): errors at the start; changed; `hold`: the vertical channel has no
-    error; `rows` (r,) int: steps after which the errors are wanted, increasing; `out` (r, s, 9): errors there.
+    `x` (m, 10): navigation state in the middle of each step. `f_n` (m, 3): mean specific force in n [m/s^2]. `dt` (m,):
+    steps [s]. `given` (m, s, 9): disturbance of each of s sources, integrated over the step: attitude [rad], velocity
+    [m/s], position [m]. `state` (s, 9): errors at the start; changed. `hold`: no error in the vertical channel. `rows`
+    (r,) int: steps after which errors are stored, increasing. `out` (r, s, 9): errors there.
     """
     f, a, b, w = np.empty((NAV, NAV)), np.empty((NAV, NAV)), np.empty(NAV), np.empty(NAV)
     row = 0
@@ -71,7 +71,7 @@ def sensitivities(x, f_n, dt, given, state, hold, rows, out):  # type: ignore[no
 
 @inner()
 def _half(p, b, white, drive, dt):  # type: ignore[no-untyped-def]
-    """Add half of the noise of a step: one half enters before the transition, one after it."""
+    """Add half of the noise of a step: half enters before the transition, half after it."""
     for i in range(NAV):
         share = 0.5 * white / dt * b[i]
         for j in range(NAV):
@@ -81,12 +81,12 @@ def _half(p, b, white, drive, dt):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def noises(x, f_n, dt, given, axis, white, drive, decay, first, hold, rows, out):  # type: ignore[no-untyped-def]
-    """Carry the covariance of each noise alone: white noise, or a process that white noise drives.
+    """Propagate the covariance of each noise alone: white noise, or a process driven by white noise.
 
-    `x`, `f_n`, `dt`, `hold`, `rows`: as of `sensitivities`; `given` (m, c, 9): disturbance by a unit error in each of c
-    ways, as of `sensitivities`; `axis` (s,) int: in which of these ways each noise enters; `white`, `drive`, `decay`,
-    `first` (s,): spectral density of the noise itself, of what drives the process; inverse correlation time [1/s];
-    variance at the start; `out` (r, s, 9, 9): covariances.
+    `x`, `f_n`, `dt`, `hold`, `rows`: see `sensitivities`. `given` (m, c, 9): disturbance by a unit error in each of c
+    channels. `axis` (s,) int: channel of each noise. `white`, `drive` (s,): spectral density of the noise, and of the
+    driving noise. `decay`, `first` (s,): inverse correlation time [1/s], initial variance. `out` (r, s, 9, 9):
+    covariances.
     """
     n = axis.shape[0]
     f, a = np.empty((NAV, NAV)), np.empty((NAV, NAV))
@@ -107,7 +107,7 @@ def noises(x, f_n, dt, given, axis, white, drive, decay, first, hold, rows, out)
             q, u = p[s], b[axis[s]]
             gone = dt[k] * decay[s]
             d = np.exp(-gone)
-            g = -np.expm1(-gone) / gone if gone > 0.0 else 1.0  # mean of a process that decays over the step
+            g = -np.expm1(-gone) / gone if gone > 0.0 else 1.0  # mean of a decaying process over the step
             _half(q, c[axis[s]], white[s], drive[s], dt[k])
             for i in range(NAV):
                 for j in range(WIDTH):
@@ -160,18 +160,18 @@ def corrupted_run(  # type: ignore[no-untyped-def]
     rows,
     out,
 ):
-    """Let one IMU measure a motion and navigate with it.
+    """Simulate the IMU samples of a motion with errors, and navigate with them.
 
-    `rng`: of noise and in-run bias; `x` (10,): state at the start, with its errors; see `insnav.kernels.mechanization`.
-    Changed; `dt` (n,): samples [s]; `rate`, `force` (n, 3): true means of each sample [rad/s], [m/s^2]; `coning`,
-    `sculling` (n, 3): of the true samples: what errors change in them is of second order; `more` (n, 6): errors of
-    gyros and accelerometers that were made elsewhere; or none, (0, 6); `bias` (6,): of gyros and accelerometers;
-    `matrix` (2, 3, 3): sensitivities, near the identity; `bend` (2, 2, 3): asymmetry and quadratic non-linearity;
-    `g_sensitivity` (3, 3): rate by specific force; `noise`, `drift`, `walk` (6,): root density of white noise, standard
-    deviation of the Gauss-Markov process, root density of what drives the random walk; `decay` (2,): inverse
-    correlation times of gyros and accelerometers [1/s]; `gravity` (3,): what the gravity model says too much, North,
-    East, Down [m/s^2]; `hold`: the vertical channel is held to `height` (n,) [m] and `v_down` (n,) [m/s]; `rows` (r,)
-    int: samples after which the state is wanted, increasing; `out` (r, 10): states there.
+    `rng`: for noise and in-run bias. `x` (10,): initial state including its errors, see `insnav.kernels.mechanization`;
+    changed. `dt` (n,): sample intervals [s]. `rate`, `force` (n, 3): true means of each sample [rad/s], [m/s^2].
+    `coning`, `sculling` (n, 3): of the true samples (the errors change these in second order only). `more` (n, 6):
+    further given errors of gyros and accelerometers, or (0, 6). `bias` (6,): of gyros and accelerometers. `matrix` (2,
+    3, 3): sensitivities, near the identity. `bend` (2, 2, 3): asymmetry and quadratic non-linearity. `g_sensitivity`
+    (3, 3): rate by specific force. `noise`, `drift`, `walk` (6,): root density of white noise, standard deviation of
+    the Gauss-Markov process, root density of the random walk's driving noise. `decay` (2,): inverse correlation times
+    of gyros and accelerometers [1/s]. `gravity` (3,): error of the gravity model, North, East, Down [m/s^2]. `hold`:
+    constrain the vertical channel to `height` (n,) [m] and `v_down` (n,) [m/s]. `rows` (r,) int: samples after which
+    the state is stored, increasing. `out` (r, 10): states there.
     """
     wandering, walking = np.empty(6), np.zeros(6)
     for i in range(6):
@@ -209,7 +209,7 @@ def corrupted_run(  # type: ignore[no-untyped-def]
         if more.shape[0] > 0:
             for i in range(6):
                 y[i] += more[k, i]
-        # what is wrong with gravity, half of it before the step and half after it
+        # gravity error, half before the step and half after it
         x[3] += 0.5 * h * gravity[0]
         x[4] += 0.5 * h * gravity[1]
         if not hold:
@@ -230,7 +230,7 @@ def corrupted_run(  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def first_order(drive, decay):  # type: ignore[no-untyped-def]
-    """Process (n, 3) of steps `drive` that keeps the part `decay` of itself from each to the next."""
+    """First-order process (n, 3) with driving steps `drive` that keeps the factor `decay` from step to step."""
     process = drive.copy()
     for k in range(1, drive.shape[0]):
         for axis in range(drive.shape[1]):

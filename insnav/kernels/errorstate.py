@@ -1,9 +1,9 @@
 """Error-state transition and process noise, accumulated along the trajectory between filter epochs.
 
-Error = estimate - truth. States: position N, E, D [m] (0-2), velocity (3-5), attitude ``C_hat = (I - [phi x]) C``
-(6-8), gyro bias (9-11), accelerometer bias (12-14), gyro scale factor (15-17), accelerometer scale factor (18-20);
-anything beyond is constant. The first nine are driven, the next twelve decay exponentially on their own, so that a
-transition matrix has the form ``[[A, B], [0, diag(d)]]`` and only those blocks are ever multiplied.
+Error = estimate - truth. States 0-8: position N, E, D [m], velocity, attitude ``C_hat = (I - [phi x]) C``. States 9-20:
+gyro bias, accelerometer bias, gyro scale factor, accelerometer scale factor. Further states are constant. The first
+nine states are driven, the next twelve decay exponentially. A transition matrix thus has the form
+``[[A, B], [0, diag(d)]]``, and only these blocks are multiplied.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ class Samples(NamedTuple):
     dvel: np.ndarray  # (n, 3) [m/s]
     coning: np.ndarray  # (n, 3) [rad]
     sculling: np.ndarray  # (n, 3) [m/s]
-    gap: np.ndarray  # (n,) length of the data gap that an interval helps to bridge [s]; 0: measured
+    gap: np.ndarray  # (n,) length of the data gap that the interval bridges [s]; 0: measured
 
 
 class Carried(NamedTuple):
-    """What is carried from interval to interval."""
+    """State carried from interval to interval."""
 
     x: np.ndarray  # (10,) state
     # (12,) estimated sensor errors: gyro bias [rad/s], accelerometer bias [m/s^2], gyro, accelerometer scale factor [-]
@@ -49,36 +49,36 @@ class Carried(NamedTuple):
 class Model(NamedTuple):
     """Noise of the sensors."""
 
-    # (4,) longest sub-step, longest time without a filter epoch, from when and until when the vehicle rests, in which
-    # what is felt horizontally is noise [s]
+    # (4,) longest sub-step, longest time without a filter epoch, begin and end of the time at rest, in which horizontal
+    # specific force is noise [s]
     limit: np.ndarray
-    # (20,) spectral densities: gyro, accelerometer white noise, driving noise of the twelve sensor errors; then the
-    # squared misalignment of gyros and accelerometers times the length of a manoeuvre [rad^2 s]
+    # (20,) spectral densities: gyro, accelerometer white noise, driving noise of the twelve sensor errors. Then squared
+    # misalignment of gyros and accelerometers times the length of a manoeuvre [rad^2 s]
     noise: np.ndarray
-    # (4,) how fast rate [rad/s^2] and specific force [m/s^3] may change unseen: a straight line across a gap of length
-    # T leaves an angle or velocity error of about that times T^2; and the most that is assumed of these errors, beyond
-    # which a linear filter makes no sense [rad], [m/s]
+    # (4,) largest unseen change of rate [rad/s^2] and specific force [m/s^3]: linear interpolation across a gap of
+    # length T leaves about that times T^2. Then the largest angle [rad] and velocity [m/s] error assumed, as a linear
+    # filter is invalid beyond
     gap: np.ndarray
     decay: np.ndarray  # (12,) inverse correlation times of the sensor errors [1/s]
-    # (k, 2) how fast level and heading may change from each of k + 1 parts of a rest to the next [rad^2/s]; none or
-    # NaN where they do not stay
+    # (k, 2) rate of change of level and heading variance between parts of a stationary period [rad^2/s]; empty or NaN
+    # where attitude may change
     sway: np.ndarray
 
 
 class Outputs(NamedTuple):
-    """Rows of the solution, and those of them, in the order of time, for which standard deviations are worked out."""
+    """Rows of the solution, and the time-ordered subset of rows for which standard deviations are computed."""
 
     grid: np.ndarray  # (3,) next output time, output interval (0: every interval), origin of the grid [s]
-    used: np.ndarray  # (2,) rows filled of the first two arrays and of the last two
+    used: np.ndarray  # (2,) rows filled in the first two arrays and in the last two
     time: np.ndarray  # (m,) [s]
     state: np.ndarray  # (m, 10)
     known: np.ndarray  # (m,) number of the row
-    motion: np.ndarray  # (m, 6) motion there, as in `Carried`
+    motion: np.ndarray  # (m, 6) motion at these rows, as in `Carried`
 
 
 @inner()
 def _half_of_the_noise(sums, noise, q, stays, sway):  # type: ignore[no-untyped-def]
-    """Add half of a sub-step's white and driving noise: one half enters before the transition, one after it."""
+    """Add half of a sub-step's white and driving noise: half enters before the transition, half after it."""
     half = 0.5 / sums[0]
     for i in range(3):
         for j in range(3):
@@ -100,8 +100,8 @@ def _half_of_the_noise(sums, noise, q, stays, sway):  # type: ignore[no-untyped-
 def _substep(x, sums, noise, phi, q, work, stays, sway):  # type: ignore[no-untyped-def]
     """Close a sub-step: second-order transition from the sums, folded into `phi` and `q`.
 
-    The noise enters by the trapezoid rule, ``Q <- a (Q + q/2) a' + q/2``; `work` holds how the sensor errors decay. In
-    a vehicle that `stays` as it is no error of the gyros turns it, but `sway` (2,) does.
+    The noise enters by the trapezoid rule, ``Q <- a (Q + q/2) a' + q/2``. `work` holds the decay of the sensor errors.
+    If the attitude `stays`, gyro errors do not rotate the vehicle, only `sway` (2,) does.
     """
     f, a, ab, d, w, y, f_n, turned_ab = work
     dt = sums[0]
@@ -137,7 +137,7 @@ def _substep(x, sums, noise, phi, q, work, stays, sway):  # type: ignore[no-unty
             for j in range(STATES):
                 ab[i, j] = 1.0 if i == j else 0.0
     _half_of_the_noise(sums, noise, q, stays, sway)
-    # misalignment turns rotations and accelerations into errors that last as long as a manoeuvre
+    # misalignment turns rotations and accelerations into errors that persist for a manoeuvre
     turned = 0.0
     for i in range(13, 22):
         turned += sums[i] * sums[i]
@@ -146,7 +146,7 @@ def _substep(x, sums, noise, phi, q, work, stays, sway):  # type: ignore[no-unty
     for i in range(3):
         q[3 + i, 3 + i] += pushing
         q[6 + i, 6 + i] += turning
-    # Sums of a whole row at once, zeros included, are compiled for many columns at a time: a third of the time.
+    # Sums over a whole row, zeros included, vectorise: a third of the time.
     # transition: w = [a b] phi; noise: y = [a b] q, then q = y [a b]'
     for i in range(NAV):
         for j in range(STATES):
@@ -187,9 +187,10 @@ def _substep(x, sums, noise, phi, q, work, stays, sway):  # type: ignore[no-unty
 
 @njit(cache=True)
 def less_sure(p, surest):  # type: ignore[no-untyped-def]
-    """A covariance (n, n) with the delay no surer than `surest` [s], and all else with it.
+    """Raise the standard deviation of the delay in a covariance (n, n) to `surest` [s], with its correlations.
 
-    What is known of that with a delay given stays (law of total covariance): ``P + (s^2 - P_dd) P_d P_d' / P_dd^2``.
+    The covariance conditional on the delay is unchanged (law of total covariance):
+    ``P + (s^2 - P_dd) P_d P_d' / P_dd^2``.
     """
     n = p.shape[0]
     if n <= STATES or p[STATES, STATES] >= surest * surest:
@@ -203,9 +204,9 @@ def less_sure(p, surest):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def at_fix_time(p, x, out):  # type: ignore[no-untyped-def]
-    """Covariance (9, 9) in the time of the fixes of a covariance `p` (n, n) in that of the samples, state `x` (10,).
+    """Convert a covariance `p` (n, n) from sample time to fix time, (9, 9), at state `x` (10,).
 
-    The delay error takes the position along the velocity: ``dp - v dd`` is what the fixes see.
+    The delay error moves the position along the velocity: fixes observe ``dp - v dd``.
     """
     for i in range(NAV):  # element by element: assigning slices takes seconds to compile
         for j in range(NAV):
@@ -222,7 +223,7 @@ def at_fix_time(p, x, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def variances(p, x, out):  # type: ignore[no-untyped-def]
-    """Variances as in `at_fix_time`, and covariances of attitude N-E, N-D, E-D: `out` (12,) of a covariance (n, n)."""
+    """Fill `out` (12,): variances as in `at_fix_time`, and attitude covariances N-E, N-D, E-D, of `p` (n, n)."""
     n = p.shape[0]
     for i in range(NAV):
         out[i] = p[i, i]
@@ -263,13 +264,13 @@ def propagate(  # type: ignore[no-untyped-def]
     out_motion,
     *work,
 ):
-    """Carry state, transition and noise through intervals `first` to `last` - 1.
+    """Propagate state, transition and noise through intervals `first` to `last` - 1.
 
-    `close`: a filter epoch follows: end the sub-step at `last`; else it stays open for the next call; then the parts of
-    `Samples`, of `Carried`, which change in place, and of `Model`, one by one, as tuples take a tenth of the time;
-    `phi`, `q` (n, n), transition and noise since the last epoch, change in place; then those of `Outputs`, filled
-    further; `work`: from `scratch`.
-    Returns: first interval not processed, `last` or earlier if the model's limit asks for a filter epoch.
+    `close`: a filter epoch follows, so end the sub-step at `last`; else it stays open for the next call. Then follow
+    the fields of `Samples`, of `Carried`, which change in place, and of `Model`, one by one: tuples take ten times as
+    long. `phi`, `q` (n, n): transition and noise since the last epoch, changed in place. Then the fields of `Outputs`,
+    filled further. `work`: from `scratch`.
+    Returns: first interval not processed: `last`, or earlier if the model's limit asks for a filter epoch.
     """
     part = (limit[3] - limit[2]) / (sway.shape[0] + 1)
     kept, c, none = work[3], work[6], np.zeros(2)
@@ -288,7 +289,7 @@ def propagate(  # type: ignore[no-untyped-def]
         resting = time[k] <= limit[3]
         row = max(0, min(int((time[k] - limit[2]) / part - 0.5), sway.shape[0] - 1)) if resting else 0
         stays = resting and sway.shape[0] > 0 and not np.isnan(sway[row, 0])
-        if stays:  # there is the turn of the Earth only
+        if stays:  # only the Earth turns
             rotation(x, c)
             north, down = OMEGA * np.cos(x[0]) * h, -OMEGA * np.sin(x[0]) * h
             tx, ty, tz = c[0] * north + c[6] * down, c[1] * north + c[7] * down, c[2] * north + c[8] * down
@@ -323,7 +324,7 @@ def propagate(  # type: ignore[no-untyped-def]
         full = span[0] >= limit[1] - 1e-9
         ends = full or sums[0] >= limit[0] - 1e-9 or (close and k == last - 1)
         if ends:
-            for j in range(SENSOR):  # the expectation of a decaying error decays
+            for j in range(SENSOR):  # a decaying error has a decaying expectation
                 u = sums[0] * decay[j]
                 kept[j] = 1.0 - u * (1.0 - u * (0.5 - u * (1.0 / 6.0 - u / 24.0))) if u < 5e-4 else np.exp(-u)
                 correction[j] *= kept[j]
@@ -340,7 +341,7 @@ def propagate(  # type: ignore[no-untyped-def]
                 known[used[1]] = used[0]
                 for i in range(3):
                     out_motion[used[1], i] = motion[i]
-                # vibration, too, is late where the clock is: not the mean that `motion` has
+                # vibration is delayed with the clock, too, but the mean in `motion` is not
                 out_motion[used[1], 3] = (x[3] - vn) * rate
                 out_motion[used[1], 4] = (x[4] - ve) * rate
                 out_motion[used[1], 5] = (x[5] - vd) * rate
@@ -361,7 +362,7 @@ def scratch() -> tuple[np.ndarray, ...]:
 
 @njit(cache=True)
 def reset_transition(phi, q, span):  # type: ignore[no-untyped-def]
-    """Start accumulating anew after a filter epoch."""
+    """Reset transition and noise after a filter epoch."""
     phi[:] = 0.0
     q[:] = 0.0
     span[0] = 0.0
@@ -371,7 +372,7 @@ def reset_transition(phi, q, span):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def feed_back(x, correction, error):  # type: ignore[no-untyped-def]
-    """Take the estimated error off the state and the sensor corrections (closed loop)."""
+    """Subtract the estimated error from the state and the sensor corrections (closed loop)."""
     sin_lat = np.sin(x[0])
     rm, rn = radii(sin_lat)
     h = x[2]
@@ -383,10 +384,10 @@ def feed_back(x, correction, error):  # type: ignore[no-untyped-def]
     x[5] -= error[5]
     # C = (I + [phi x]) C_hat: the navigation-side factor of quaternion_step is q(-r)
     angle, share = np.sqrt(error[6] ** 2 + error[7] ** 2 + error[8] ** 2), 1.0
-    if angle > np.pi:  # whole turns are none, and of a smoother that is lost there may be milliards
+    if angle > np.pi:  # remove whole turns; a smoother that has diverged may have 1e9 of them
         share = 1.0 - 2.0 * np.pi / angle * np.floor(angle / (2.0 * np.pi) + 0.5)
     north, east, down = share * error[6], share * error[7], share * error[8]
-    parts = int(abs(share) * angle / 0.05) + 1  # its half-angle series is for small angles
+    parts = int(abs(share) * angle / 0.05) + 1  # the half-angle series is for small angles
     for _ in range(parts):
         quaternion_step(x, -north / parts, -east / parts, -down / parts, 0.0, 0.0, 0.0)
     norm = np.sqrt(x[6] ** 2 + x[7] ** 2 + x[8] ** 2 + x[9] ** 2)
@@ -398,7 +399,7 @@ def feed_back(x, correction, error):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def move_along(state, seconds):  # type: ignore[no-untyped-def]
-    """Move the position of each state along its velocity by so many seconds, (n, 10) and (n,) arrays, in place."""
+    """Move the position of each state along its velocity by `seconds`, (n, 10) and (n,) arrays, in place."""
     for k in range(state.shape[0]):
         s = seconds[k]
         rm, rn = radii(np.sin(state[k, 0]))

@@ -1,9 +1,9 @@
-"""North-pointing platform: its equations of motion, and four ways to integrate them from sampled specific force.
+"""North-pointing platform: its equations of motion, and four methods to integrate them from sampled specific force.
 
-State ``y``, 18 numbers: latitude, longitude [rad], height [m], velocity North, East, Down [m/s] and the integral of the
-height error [m/s^2] that a platform without errors computes; the same seven as the platform with errors computes them;
-and the quaternion of that platform's axes, from them to the true North, East, Down. Both are integrated side by side,
-by the same method from the same samples, so that their difference is what the errors do and nothing else.
+State ``y``, 18 numbers, first of an ideal platform: latitude, longitude [rad], height [m], velocity North, East, Down
+[m/s], integral of the height error [m/s^2]. Then the same seven states of the platform with errors, and the quaternion
+from its axes to true North, East, Down. The same method integrates both from the same samples: their difference is the
+effect of the errors alone.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ OFF, FREE, DAMPED = 0, 1, 2
 STATES = 18
 COMPUTED = 7  # first state of the platform with errors
 TURN = 14  # first of its quaternion
-NEIGHBOURS = 6  # samples that the value half-way between two of them is taken from
-ITERATIONS = 4  # of the implicit steps; each gains a factor of at least 30, at 100 Hz of 1e4
+NEIGHBOURS = 6  # samples for the interpolated value half-way between two samples
+ITERATIONS = 4  # of the implicit steps; each gains a factor of at least 30, and 1e4 at 100 Hz
 NEAREST_POLE = 1e-3  # cosine of the latitude: 6 km
 HIGHEST = 1e6  # [m]
 
 
 @njit(cache=True)
 def midpoints(time, values, out):  # type: ignore[no-untyped-def]
-    """Values half-way between successive samples, on the polynomial through the six samples nearest to each middle.
+    """Interpolate half-way between successive samples, by the polynomial through the six nearest samples.
 
     Lagrange's form at the true times; ``time`` (n,), ``values`` (n, m), ``out`` (n - 1, m).
     """
@@ -55,7 +55,7 @@ def midpoints(time, values, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def quadrature(method, time, values, mid, out):  # type: ignore[no-untyped-def]
-    """Integral of samples ``(n,)`` from the first on, ``out`` (n,), by the rule that the method comes down to."""
+    """Integrate samples ``(n,)`` from the first on, ``out`` (n,), by the quadrature rule of the method."""
     out[0] = 0.0
     for k in range(time.shape[0] - 1):
         a, b = values[k], values[k + 1]
@@ -72,7 +72,7 @@ def quadrature(method, time, values, mid, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def channel(y, o, fn, fe, fd, height, vertical, gains, d):  # type: ignore[no-untyped-def]
-    """Rates of the seven states from `o` on, into `d`; returns the rate of North, East, Down against inertial space.
+    """Compute rates of the seven states from `o` on, in `d`; return the rate of North, East, Down in inertial space.
 
     Groves (2013), eq. 2.111, 2.123, 5.44 and 5.53; damping of the vertical channel of third order.
     """
@@ -103,19 +103,19 @@ def channel(y, o, fn, fe, fd, height, vertical, gains, d):  # type: ignore[no-un
 
 @njit(cache=True)
 def derivative(y, f, k, vertical, gains, disturbed, errors, d):  # type: ignore[no-untyped-def]
-    """Rate of the whole state, into `d`.
+    """Compute the rate of the whole state, in `d`.
 
-    `y`, `d` (18,): state, and its rate; `f` (n, 4): specific force along the true North, East, Down [m/s^2], and height
-    for the damping [m]; row `k` counts; `vertical`: `OFF`, `FREE` or `DAMPED`; `gains` (4,): of the damping [1/s],
-    [1/s^2], [1/s^3]; and gravity straight down [m/s^2], ``NaN`` for normal gravity; `disturbed`: whether there are
-    errors; if not, the second half of the state is left alone; `errors` (6,): drift of the platform [rad/s] and bias of
-    its accelerometers [m/s^2], along its axes.
+    `y`, `d` (18,): state and its rate. `f` (n, 4): specific force along the true North, East, Down [m/s^2], and height
+    for the damping [m], in row `k`. `vertical`: `OFF`, `FREE` or `DAMPED`. `gains` (4,): damping gains [1/s], [1/s^2],
+    [1/s^3], and the vertical gravity [m/s^2], ``NaN`` for normal gravity. `disturbed`: there are errors; otherwise the
+    second half of the state does not change. `errors` (6,): platform drift [rad/s] and accelerometer bias [m/s^2],
+    along the platform axes.
 
     Notes
     -----
-    The platform turns at the computed rate, its command, and at its drift; true North, East, Down turn at the
-    true one. For a small angle ``phi``, the turn of the platform, this is ``phi' = -w_in x phi + drift + dw_in``, and
-    what it senses is ``f - phi x f + bias`` (Britting 1971, chapter on the local-level system).
+    The platform rotates at the commanded (computed) rate plus its drift; true North, East, Down rotate at the true
+    rate. For a small platform tilt ``phi`` this is ``phi' = -w_in x phi + drift + dw_in``. Its accelerometers measure
+    ``f - phi x f + bias`` (Britting 1971, chapter on the local-level system).
     """
     wn, we, wd = channel(y, 0, f[k, 0], f[k, 1], f[k, 2], f[k, 3], vertical, gains, d)
     if not disturbed:
@@ -126,7 +126,7 @@ def derivative(y, f, k, vertical, gains, disturbed, errors, d):  # type: ignore[
     cn, ce, cd = channel(
         y, COMPUTED, fn + un + errors[3], fe + ue + errors[4], fd + ud + errors[5], f[k, 3], vertical, gains, d
     )
-    # 1/2 (q p - r q), p the rate of the platform in its axes, r that of true North, East, Down
+    # 1/2 (q p - r q): p is the platform rate in its axes, r the rate of true North, East, Down
     px, py, pz = cn + errors[0], ce + errors[1], cd + errors[2]
     sx, sy, sz = px - wn, py - we, pz - wd
     tx, ty, tz = px + wn, py + we, pz + wd
@@ -144,7 +144,7 @@ def _moved(y, h, d, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def advance(method, h, f, mid, k, vertical, gains, disturbed, errors, y, work):  # type: ignore[no-untyped-def]
-    """Advance the state from sample k to the next, `h` later, in place; `work` is (5, 18), zeros at first."""
+    """Advance the state from sample k to the next, `h` later, in place; `work` is (5, 18), initially zero."""
     a, b, c, e, z = work[0], work[1], work[2], work[3], work[4]
     if method != BACKWARD:
         derivative(y, f, k, vertical, gains, disturbed, errors, a)
@@ -159,7 +159,7 @@ def advance(method, h, f, mid, k, vertical, gains, disturbed, errors, y, work): 
         derivative(z, f, k + 1, vertical, gains, disturbed, errors, e)
         for i in range(STATES):
             z[i] = y[i] + h / 6.0 * (a[i] + 2.0 * b[i] + 2.0 * c[i] + e[i])
-    else:  # implicit: the rate at the end is that of the end found so far
+    else:  # implicit: evaluate the final rate at the current estimate of the final state
         for i in range(STATES):
             z[i] = y[i]
         for _ in range(ITERATIONS):
@@ -180,12 +180,12 @@ def advance(method, h, f, mid, k, vertical, gains, disturbed, errors, y, work): 
 
 @njit(cache=True)
 def navigate(method, time, f, mid, vertical, gains, disturbed, errors, y, every, out):  # type: ignore[no-untyped-def]
-    """Integrate a whole record; the state at each `every`-th sample goes to the rows of `out`, the first one included.
+    """Integrate a whole record; store the state at each `every`-th sample, including the first, in the rows of `out`.
 
     Returns
     -------
     int
-        Number of steps made: one less than there are samples, fewer where a state left what the equations hold for.
+        Number of steps: one less than samples, or fewer if a state leaves the validity of the equations.
     """
     work = np.zeros((5, STATES))
     last = 2 if disturbed else 1
@@ -195,7 +195,7 @@ def navigate(method, time, f, mid, vertical, gains, disturbed, errors, y, every,
         advance(method, time[k + 1] - time[k], f, mid, k, vertical, gains, disturbed, errors, y, work)
         for part in range(last):
             o = part * COMPUTED
-            # written so that a state that is no number fails too
+            # written so that NaN fails, too
             if not (np.cos(y[o]) > NEAREST_POLE and abs(y[o]) < 1.6 and abs(y[o + 2]) < HIGHEST):
                 return k
         if (k + 1) % every == 0:

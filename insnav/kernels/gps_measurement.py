@@ -1,4 +1,4 @@
-"""Measurement of antenna position and velocity: what the state predicts, and how errors show in it."""
+"""Measurement of antenna position and velocity: prediction and derivatives by the error states."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from insnav.kernels.earth import OMEGA, gravity_down, radii
 from insnav.kernels.errorstate import STATES, feed_back
 from insnav.kernels.mechanization import rotation
 
-STILL = 4.0  # square of a velocity, times the variance of its error, that may be none and shows no delay
+STILL = 4.0  # a squared velocity below this multiple of its error variance may be zero, and makes no delay observable
 NOT_FINITE, NEGATIVE = 1, 2  # faults of a covariance
-LARGEST_TURN = 0.35  # of all corrections together: what is more than an alignment errs is drift [1]
+LARGEST_TURN = 0.35  # of all corrections together: more than an alignment error is drift [1]
 
 
 @inner()
 def crossed(matrix, vector, row, at, out):  # type: ignore[no-untyped-def]
-    """``matrix [vector x]``, (3, 3), into `out` from a row and a column on."""
+    """Write ``matrix [vector x]``, (3, 3), into `out` at `row` and column `at`."""
     for i in range(3):
         out[row + i, at] = matrix[i, 1] * vector[2] - matrix[i, 2] * vector[1]
         out[row + i, at + 1] = matrix[i, 2] * vector[0] - matrix[i, 0] * vector[2]
@@ -39,14 +39,13 @@ def _before(c, turn, earlier):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def antenna(x, motion, older, lever, delay, lag, lla, v_n, z, h):  # type: ignore[no-untyped-def]
-    """Predicted minus measured antenna position and velocity, and their derivative by the error states.
+    """Compute predicted minus measured antenna position and velocity, and their derivatives by the error states.
 
-    `x` (10,): state; `motion` (6,): body rate [rad/s] and acceleration in n [m/s^2] when the velocity was measured;
-    `older` (7,): angle turned since then [rad] and velocity gained by specific force [m/s], body axes, and how long ago
-    that is [s]; `lever` (3,): antenna from the IMU, body axes [m]; `delay`: how much older the fix is than its
-    timestamp [s], beyond what its time accounts for; `lag`: by which its velocity lags its position beyond that [s];
-    `lla` (3,), `v_n` (3,): measured, the velocity may be ``NaN``.
-    Filled: `z` (6,), position N, E, D [m], velocity N, E, D [m/s]; `h` (6, n), with a 22nd state that is the delay [s].
+    `x` (10,): state. `motion` (6,): body rate [rad/s] and acceleration in n [m/s^2] at the time of the velocity.
+    `older` (7,): rotation since then [rad] and velocity gained by specific force [m/s], body axes, and age of the
+    velocity [s]. `lever` (3,): antenna seen from the IMU, body axes [m]. `delay`: age of the fix beyond its timestamp
+    [s]. `lag`: further age of its velocity [s]. `lla` (3,), `v_n` (3,): measured; the velocity may be ``NaN``.
+    Filled: `z` (6,), position N, E, D [m], velocity N, E, D [m/s]; `h` (6, n), where state 22 is the delay [s].
     Lever arm: Groves (2013), section 14.3.1, with errors as estimate minus truth.
     """
     c, earlier, turning = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
@@ -60,7 +59,7 @@ def antenna(x, motion, older, lever, delay, lag, lla, v_n, z, h):  # type: ignor
             swing[i] += turning[i, j] * lever[j]
             moved[i] -= c[i, j] * older[3 + j]
     sin_lat, cos_lat = np.sin(x[0]), np.cos(x[0])
-    # the velocity is against the turning Earth
+    # velocity is relative to the rotating Earth
     en, ed = OMEGA * cos_lat, -OMEGA * sin_lat
     swing[0] += ed * arm[1]
     swing[1] += en * arm[2] - ed * arm[0]
@@ -99,15 +98,15 @@ def antenna(x, motion, older, lever, delay, lag, lla, v_n, z, h):  # type: ignor
 
 @njit(cache=True)
 def correct_with_arm(x, correction, error, at, arm, swung):  # type: ignore[no-untyped-def]
-    """Take an estimated error (n,) off the state, and off the lever arm, whose states begin at `at`.
+    """Subtract an estimated error (n,) from the state, and from the lever arm, whose states begin at `at`.
 
-    `arm` (12,): the lever arm [m]; then by how much corrections have turned ``C_nb`` so far. A correction of the
-    attitude is no turn, and shows no lever arm: where the antenna was seen, it was seen with the error that the IMU had
-    then. The state of the position is therefore its error and what these turns make of that of the lever arm, and what
-    positions tell about the arm stays as it was when they were measured. Likewise with the antenna, as it has `swung`
-    (3,) in navigation axes since the last epoch [m], and the heading (observability-constrained filter: G. P. Huang, A.
-    I. Mourikis and S. I. Roumeliotis, Int. J. Robotics Research 29 (2010) 502-528). Not while fixes may be late:
-    attitude is then corrected for that, and the arm is seen anew.
+    `arm` (12,): the lever arm [m], then the sum of the corrections of ``C_nb``. An attitude correction is no rotation
+    and makes no lever arm observable. The position state therefore includes the lever-arm error times these
+    corrections. Earlier position measurements then keep their information on the lever arm. The same holds for the
+    antenna motion `swung` (3,) in navigation axes since the last epoch [m], and for the heading
+    (observability-constrained filter: G. P. Huang, A. I. Mourikis and S. I. Roumeliotis, Int. J. Robotics Research 29
+    (2010) 502-528). Exception: while the delay is unsettled, attitude corrections follow the delay, and the arm is
+    observed anew.
     """
     before, after, moved, square = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(STATES), 0.0
     rotation(x, before.reshape(9))
@@ -128,7 +127,7 @@ def correct_with_arm(x, correction, error, at, arm, swung):  # type: ignore[no-u
 
 @njit(cache=True)
 def swing(phi, swung):  # type: ignore[no-untyped-def]
-    """Let a transition (n, n) begin with what the antenna has `swung` (3,), which becomes zero: ``-phi [swung x]``."""
+    """Apply the antenna swing `swung` (3,) to the start of a transition (n, n), ``-phi [swung x]``; set it to zero."""
     for i in range(NAV):
         north, east, down = phi[i, 0], phi[i, 1], phi[i, 2]
         phi[i, 6] -= east * swung[2] - down * swung[1]
@@ -138,19 +137,18 @@ def swing(phi, swung):  # type: ignore[no-untyped-def]
 
 
 class Predicted(NamedTuple):
-    """What the filter believes when a fix arrives; see `antenna`."""
+    """Predicted state of the filter when a fix arrives; see `antenna`."""
 
     x: np.ndarray  # (10,) state
-    # (25,) body rate [rad/s], acceleration in n [m/s^2]; where turns show an arm, the rate is the mean about the fix,
-    # then what vibration or noise adds to it [rad/s]; squares of rates so small that they may be noise of the gyros,
-    # which swings no antenna and must show no lever arm: of the mean, and of what is added [rad^2/s^2]; then what
-    # corrections have lately made of the velocity [m/s], which is no change of velocity and must show no delay; then
-    # the mean specific force about the fix [m/s^2] in body axes, and the square of accelerations that may be its noise;
-    # then `older` of `antenna`. Rates and force are of the time of the velocity, where that is older
+    # (25,) body rate [rad/s] and acceleration in n [m/s^2] at the time of the velocity. Where turns determine the lever
+    # arm, this rate is the mean about the fix. Then: vibration or noise in addition to it [rad/s]. Noise limits of the
+    # squared mean rate and addition: below them no lever arm is observable [rad^2/s^2]. Recent velocity corrections
+    # [m/s]: they are no motion and give no delay. Mean specific force about the fix [m/s^2], body axes. Noise limit of
+    # squared acceleration. `older` of `antenna`.
     motion: np.ndarray
     arm: np.ndarray  # (12,) see `correct_with_arm`
-    shaken: np.ndarray  # (3,) the same as vibration moves it for the receiver [m]
-    correlated: np.ndarray  # (3,) time-correlated position error [m], or (6,) with that of velocity [m/s]
+    shaken: np.ndarray  # (3,) the additional lever arm by which vibration moves the antenna [m]
+    correlated: np.ndarray  # (3,) time-correlated position error [m], or (6,) position and velocity error [m], [m/s]
     delay: float  # estimated [s]
     covariance: np.ndarray  # (n, n)
 
@@ -165,38 +163,39 @@ class Fix(NamedTuple):
 
 
 class Assessment(NamedTuple):
-    """Filled with what the gates and the filter need."""
+    """Result of an assessment, for the gates and the filter."""
 
     z: np.ndarray  # (6,) predicted minus measured [m], [m/s]
     h: np.ndarray  # (6, n) its derivative by the error states
     r: np.ndarray  # (6, 6) covariance of the measurement
     s: np.ndarray  # (6, 6) covariance of the innovation
-    sd: np.ndarray  # (6,) standard deviation of the innovation; ``NaN`` where nothing was measured
+    sd: np.ndarray  # (6,) standard deviation of the innovation; ``NaN`` without a measurement
 
 
 @njit(cache=True)
 def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_at, lag_at, out):  # type: ignore[no-untyped-def]
-    """Everything about a fix that the gates and the filter need.
+    """Assess a fix for the gates and the filter, into `out`.
 
-    `predicted`; `fix`; `lag`: how much older the velocity of the fix is than `older` has it [s]; `jitter`: standard
-    deviation of the timestamps [s]; `share`: share of the time-correlated error in the variance of a fix, which is not
-    white [-]; `correlated_at`, `lever_at`, `shaken_at`, `lag_at`: first state of the time-correlated error, of the
-    lever arm, of that by which vibration moves the antenna, of the lag; negative where not estimated; `out`.
+    `predicted`, `fix`. `lag`: age of the velocity beyond `older` [s]. `jitter`: standard deviation of the timestamps
+    [s]. `share`: share of the time-correlated error in the variance of a fix [-]. `correlated_at`, `lever_at`,
+    `shaken_at`, `lag_at`: first state of time-correlated error, lever arm, vibration arm and lag; negative where not
+    estimated.
 
-    Returns: `position`, `velocity`: NIS of each half, 3 degrees of freedom; ``NaN`` where nothing was measured;
+    Returns: `position`, `velocity`: NIS of each half, 3 degrees of freedom; ``NaN`` without a measurement.
     `distance`, `change`: length of the innovation of position [m] and of velocity [m/s].
     """
     x, motion, arm, shaken, correlated, delay, p = predicted
     lla, v_n, position_sd, velocity_sd = fix
     z, h, r, s, sd = out
     whole = np.zeros(6)
-    for i in range(6):  # the antenna is swung by all of the rate
+    for i in range(6):  # the total rate moves the antenna
         whole[i] = motion[i] + (motion[6 + i] if i < 3 and shaken_at < 0 else 0.0)
     rotated, earlier = np.zeros((3, 3)), np.zeros((3, 3))
     rotation(x, rotated.reshape(9))
     _before(rotated, motion[18:21], earlier)
-    # An acceleration must show no delay by noise that the velocity at this fix has, too, or at the next: of the mean
-    # about the fix both are as large, with opposite signs. It counts where it is beyond noise (see below).
+    # Noise that the velocity of this fix or the next shares with the acceleration must not determine the delay. The
+    # mean about the fix correlates with both equally, with opposite signs. Acceleration beyond noise counts (see
+    # below).
     changing = 0.0
     for i in range(3):
         whole[3 + i] = gravity_down(np.sin(x[0]), x[2]) if i == 2 else 0.0
@@ -209,7 +208,7 @@ def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_a
         h[i, STATES] += motion[11 + i]
         h[3 + i, STATES] *= changing / max(changing + motion[17], 1e-30)
         moving, unsure = moving + h[i, STATES] ** 2, unsure + STILL * p[3 + i, 3 + i]
-    for i in range(3 if h.shape[1] > STATES else 0):  # nor must a velocity that may be none
+    for i in range(3 if h.shape[1] > STATES else 0):  # a velocity within its noise must not determine the delay
         h[i, STATES] *= moving**2 / max(moving**2 + unsure**2, 1e-30)
     if correlated_at >= 0:
         for i in range(correlated.shape[0]):
@@ -219,15 +218,15 @@ def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_a
         for i in range(3):
             for j in range(3):
                 h[i, lever_at + j] = rotated[i, j] - arm[3 + 3 * i + j]
-        # A rate that predicts with its noise, and shows the arm by the same number, makes the arm too short (errors in
-        # variables: W. A. Fuller, Measurement Error Models, Wiley 1987, section 1.1). The mean about the fix hardly has
-        # that noise (an instrumental variable, section 1.4); what is beyond it counts where it is far beyond noise.
+        # Errors in variables: a noisy rate that both predicts and multiplies the arm biases it towards zero (W. A.
+        # Fuller, Measurement Error Models, Wiley 1987, section 1.1). The mean about the fix has little of that noise
+        # (an instrumental variable, section 1.4). The remaining rate counts where it is far above noise.
         turning = motion[0] ** 2 + motion[1] ** 2 + motion[2] ** 2
         beyond = motion[6] ** 2 + motion[7] ** 2 + motion[8] ** 2
-        told = turning**2 / max(turning**2 + motion[9] ** 2, 1e-30)
+        steady = turning**2 / max(turning**2 + motion[9] ** 2, 1e-30)
         also = beyond / max(beyond + motion[10], 1e-30) if shaken_at < 0 else 0.0
         for i in range(3):  # element by element: products of arrays take long to compile
-            whole[i] = motion[i] * told + motion[6 + i] * also**2
+            whole[i] = motion[i] * steady + motion[6 + i] * also**2
         crossed(earlier, whole, 3, lever_at, h)
     if shaken_at >= 0:
         crossed(earlier, motion[6:], 3, shaken_at, h)
@@ -305,7 +304,7 @@ def inverse(s):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def measurement_fault(z, h, r):  # type: ignore[no-untyped-def]
-    """Whether a measurement has a number that is not finite or a variance that is not positive."""
+    """Return whether a measurement has a number that is not finite or a variance that is not positive."""
     total = 0.0
     for i in range(z.shape[0]):
         total += z[i]
@@ -320,7 +319,7 @@ def measurement_fault(z, h, r):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def fault_of(p, error):  # type: ignore[no-untyped-def]
-    """Whether covariance (n, n) or state (n,) are not finite, or a variance is negative; symmetrises in place."""
+    """Find a non-finite covariance (n, n) or state (n,), or a negative variance; symmetrise in place."""
     n, fault, total = p.shape[0], 0, 0.0
     for i in range(n):
         total += error[i]

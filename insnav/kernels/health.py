@@ -1,4 +1,4 @@
-"""One pass over the samples for what tells that nothing is the matter with them."""
+"""One pass over the samples that finds out whether all of them are plausible."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from insnav.kernels import njit
 
 @njit(cache=True)
 def glance(gyro, accel, scale, limit):  # type: ignore[no-untyped-def]
-    """Largest value and change of each axis, (6,), whether two changes in a row exceed `limit` or a value comes thrice.
+    """Return largest value and change of each axis, (6,), and whether two successive changes exceed `limit` or repeat.
 
-    `gyro`, `accel` (n, 3), divided by `scale` (n,) for values and changes, but not for what comes thrice.
+    `gyro`, `accel` (n, 3) are divided by `scale` (n,) for values and changes. Repeat: the same raw value three times.
     """
     largest, change, value, step = np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(6)
     before, older, odd = np.zeros(6), np.zeros(6), False

@@ -1,8 +1,8 @@
 """Coning and sculling: from samples to the rotation vector and velocity increment of each interval.
 
-Angular rate and specific force are represented inside an interval by the polynomial through the neighbouring
-samples; the quaternion of the interval is integrated from it by the classical Runge-Kutta method, the velocity
-increment by Simpson's rule on the rotated specific force.
+Inside an interval, a polynomial through the neighbouring samples represents angular rate and specific force. The
+classical Runge-Kutta method integrates the quaternion from it, and Simpson's rule the velocity from the rotated
+specific force.
 """
 
 from __future__ import annotations
@@ -11,19 +11,19 @@ import numpy as np
 
 from insnav.kernels import inner, njit
 
-WINDOW = 5  # increments in the polynomial; instantaneous samples: one more
-LOOKAHEAD = WINDOW - 1  # samples needed after an interval before it can be computed, at the start of a segment
-UNIFORM = 1e-4  # relative spread of the intervals below which the weights for equal intervals serve
+WINDOW = 5  # increments in the polynomial; one more with instantaneous samples
+LOOKAHEAD = WINDOW - 1  # samples after an interval that its computation needs, at the start of a segment
+UNIFORM = 1e-4  # relative spread of the intervals below which the weights for equal intervals apply
 
 
 def uniform_weights(instant: bool) -> np.ndarray:
-    """Polynomial coefficients from neighbouring samples at equal spacing.
+    """Compute polynomial coefficients from neighbouring samples at equal spacing.
 
     `instant`: samples are values at the interval ends instead of integrals over intervals.
 
-    Returns: `(WINDOW + 2`, `WINDOW + 1`, `WINDOW + 1`, `WINDOW + 1) array`: ``w[size, offset, j, i]``: coefficient of
-    ``s**j`` from sample ``i`` of a window of `size` samples in which the interval is number `offset`; ``s`` is 0 at the
-    start and 1 at the end of the interval, the polynomial is the integrand per unit of ``s`` (rate times interval).
+    Returns: `(WINDOW + 2`, `WINDOW + 1`, `WINDOW + 1`, `WINDOW + 1) array`: ``w[size, offset, j, i]``. It is the
+    coefficient of ``s**j`` from sample ``i`` of a window of `size` samples, for interval `offset`. ``s`` is 0 at the
+    start and 1 at the end of the interval. The polynomial is the integrand per unit of ``s`` (rate times interval).
     """
     largest = WINDOW + 1
     weights = np.zeros((largest + 1, largest, largest, largest))
@@ -41,10 +41,10 @@ def uniform_weights(instant: bool) -> np.ndarray:
 
 
 def stage_weights(weights: np.ndarray) -> np.ndarray:
-    """Value at the start, middle and end of an interval from neighbouring samples at equal spacing.
+    """Compute values at the start, middle and end of an interval from neighbouring samples at equal spacing.
 
-    The fourth row is the integral over the first half, less what the dense output of the Runge-Kutta method takes for
-    it: ``(5 start + 8 middle - end) / 24``. It halves the sculling error.
+    The fourth row is the integral over the first half minus the estimate of the dense Runge-Kutta output,
+    ``(5 start + 8 middle - end) / 24``. It halves the sculling error.
 
     `weights`: from `uniform_weights`.
 
@@ -59,7 +59,7 @@ def stage_weights(weights: np.ndarray) -> np.ndarray:
 
 @inner()
 def _regular(a, size, weights, scale, gyro, accel, coefficient):  # type: ignore[no-untyped-def]
-    """Coefficients for equal spacing, for all six channels."""
+    """Compute coefficients for equal spacing, for all six channels."""
     coefficient[:] = 0.0
     for i in range(size):
         for j in range(size):
@@ -71,7 +71,7 @@ def _regular(a, size, weights, scale, gyro, accel, coefficient):  # type: ignore
 
 @inner()
 def _irregular(k, a, size, instant, end, dt, gyro, accel, node, table, coefficient):  # type: ignore[no-untyped-def]
-    """Coefficients for unequal spacing: Newton's divided differences at the true times, for all six channels."""
+    """Compute coefficients for unequal spacing: Newton's divided differences at the true times, all six channels."""
     start, scale = end[k] - dt[k], dt[k]
     points = size if instant else size + 1
     if instant:
@@ -127,7 +127,7 @@ def _integral(coefficient, channel, s):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def quaternion_rate(q0, q1, q2, q3, x, y, z):  # type: ignore[no-untyped-def]
-    """Quaternion differential equation q' = 1/2 q (x) w (Groves 2013, appendix E.6)."""
+    """Compute the quaternion rate q' = 1/2 q (x) w (Groves 2013, appendix E.6)."""
     return (
         -0.5 * (q1 * x + q2 * y + q3 * z),
         0.5 * (q0 * x + q2 * z - q3 * y),
@@ -138,14 +138,14 @@ def quaternion_rate(q0, q1, q2, q3, x, y, z):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def turned(q0, q1, q2, q3, x, y, z):  # type: ignore[no-untyped-def]
-    """Rotate a vector by a quaternion and take the vector off: (C(q) - I) v, without cancellation."""
+    """Rotate a vector by a quaternion and subtract the vector: (C(q) - I) v, without cancellation."""
     tx, ty, tz = 2.0 * (q2 * z - q3 * y), 2.0 * (q3 * x - q1 * z), 2.0 * (q1 * y - q2 * x)
     return q0 * tx + q2 * tz - q3 * ty, q0 * ty + q3 * tx - q1 * tz, q0 * tz + q1 * ty - q2 * tx
 
 
 @njit(cache=True)
 def turn_factors(angle2):  # type: ignore[no-untyped-def]
-    """(1 - cos a) / a^2 and (a - sin a) / a^3 of the squared angle (Savage 1998, part 2)."""
+    """Compute (1 - cos a) / a^2 and (a - sin a) / a^3 from the squared angle (Savage 1998, part 2)."""
     if angle2 < 0.04:
         # the seventh-order series is exact to rounding below 0.2 rad
         return (
@@ -160,14 +160,14 @@ def turn_factors(angle2):  # type: ignore[no-untyped-def]
 def increments(  # type: ignore[no-untyped-def]
     instant, end, dt, gyro, accel, segment, weights, stages, parent, s0, s1, dtheta, dvel, coning, sculling
 ):
-    """Increments, coning and sculling of pieces of intervals.
+    """Compute increments, coning and sculling of pieces of intervals.
 
-    `instant`: `gyro` and `accel` are values at `end` instead of integrals over the interval; `end`, `dt` (n,): end and
-    length of each interval [s]; `gyro`, `accel` (n, 3): integrated rate [rad] and specific force [m/s] of the interval,
-    or values [rad/s], [m/s^2] at its end; `segment` (n,) int: number of the uninterrupted stretch the interval belongs
-    to; polynomials never reach across; `weights`, `stages`: from `uniform_weights` and `stage_weights`; `parent` (m,)
-    int: interval a piece belongs to; `s0`, `s1` (m,): start and end of the piece as a fraction of its interval;
-    `dtheta`, `dvel`, `coning`, `sculling` (m, 3): results; see `insnav.types.Increments`.
+    `instant`: `gyro` and `accel` are values at `end` instead of integrals over the interval. `end`, `dt` (n,): end and
+    length of each interval [s]. `gyro`, `accel` (n, 3): integrated rate [rad] and specific force [m/s] of the interval,
+    or values [rad/s], [m/s^2] at its end. `segment` (n,) int: number of the uninterrupted segment; polynomials stay
+    within it. `weights`, `stages`: from `uniform_weights` and `stage_weights`. `parent` (m,) int: interval of each
+    piece. `s0`, `s1` (m,): start and end of the piece as a fraction of its interval. `dtheta`, `dvel`, `coning`,
+    `sculling` (m, 3): results; see `insnav.types.Increments`.
     """
     n = end.shape[0]
     coefficient, stage = np.zeros((6, WINDOW + 1)), np.zeros((6, 3))
@@ -199,7 +199,7 @@ def increments(  # type: ignore[no-untyped-def]
                 if abs(dt[i] - dt[k]) > UNIFORM * dt[k]:
                     regular = False
             scale = dt[k] if instant else 1.0
-            ready = False  # the polynomial's coefficients are only worked out where they are needed
+            ready = False  # the coefficients are computed only where they are needed
         b, e = s0[m], s1[m]
         h = e - b
         if regular and h == 1.0:
@@ -283,7 +283,7 @@ def increments(  # type: ignore[no-untyped-def]
             stretch = 2.0 * (1.0 - u * (1.0 / 3.0 - u * (0.2 - u * stretch))) / q0
         else:
             stretch = 2.0 * np.arctan2(np.sqrt(sine2), q0) / np.sqrt(sine2)
-        # what the method itself loses of a constant rate, to leading order: 0.5 ppm at 1000 deg/s and 100 Hz
+        # error of the method itself at a constant rate, leading order: 0.5 ppm at 1000 deg/s and 100 Hz
         tx, ty, tz = dtheta[m, 0], dtheta[m, 1], dtheta[m, 2]
         angle2 = tx * tx + ty * ty + tz * tz
         kept = 1.0 - angle2 * angle2 / 1920.0

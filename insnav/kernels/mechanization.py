@@ -1,7 +1,7 @@
 """One step, and a whole record, of the strapdown navigation equations in the local-level frame.
 
-State ``x``: latitude, longitude [rad], height [m], velocity North, East, Down [m/s], quaternion ``q_nb``. Near a pole,
-where North turns as fast as one likes, a step is made in axes fixed to the Earth; the state stays what it is.
+State ``x``: latitude, longitude [rad], height [m], velocity North, East, Down [m/s], quaternion ``q_nb``. Near a pole
+North rotates arbitrarily fast. Steps there use Earth-fixed axes; the state keeps its form.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from insnav.kernels.increments import turn_factors, turned
 
 TWO_PI = 2.0 * np.pi
 HALF_PI = 0.5 * np.pi
-POLAR_CAP = 0.02  # cosine of the latitude below which axes fixed to the Earth serve: 128 km around each pole
+POLAR_CAP = 0.02  # cosine of the latitude below which Earth-fixed axes are used: 128 km around each pole
 
 
 @inner()
 def within_turn(lon):  # type: ignore[no-untyped-def]
-    """Longitude from -pi to pi of one that is less than a turn beyond [rad]."""
+    """Wrap a longitude to -pi to pi, from less than one turn outside [rad]."""
     if lon >= np.pi:
         return lon - TWO_PI
     return lon + TWO_PI if lon < -np.pi else lon
@@ -27,7 +27,7 @@ def within_turn(lon):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def quaternion_step(x, rx, ry, rz, px, py, pz):  # type: ignore[no-untyped-def]
-    """Q <- q(-r) (x) q (x) q(p): the navigation frame turned by r, the body by p, both rotation vectors [rad]."""
+    """Q <- q(-r) (x) q (x) q(p): navigation frame rotated by r, body by p, both rotation vectors [rad]."""
     # half-angle series: both rotations of one step are small, and exact to rounding below 0.6 rad; scalar parts less 1
     r2 = 0.25 * (rx * rx + ry * ry + rz * rz)
     a0 = -0.5 * r2
@@ -41,8 +41,8 @@ def quaternion_step(x, rx, ry, rz, px, py, pz):  # type: ignore[no-untyped-def]
         p = np.sqrt(p2)
         b0, s = np.cos(p) - 1.0, 0.5 * np.sin(p) / p
     b1, b2, b3 = s * px, s * py, s * pz
-    # The change of q is summed up apart and added once: several roundings a step, the same for hours in a vehicle at
-    # rest, would move it by a millimetre.
+    # The change of q is accumulated separately and added once. Several equal rounding errors per step, over hours at
+    # rest, would move the vehicle by a millimetre.
     q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
     c0 = q0 * b0 - q1 * b1 - q2 * b2 - q3 * b3
     c1 = q0 * b1 + q1 * b0 + q2 * b3 - q3 * b2
@@ -58,29 +58,29 @@ def quaternion_step(x, rx, ry, rz, px, py, pz):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def polar_step(x, dt, un, ue, ud, px, py, pz, north, hold, height, v_down):  # type: ignore[no-untyped-def]
-    """Advance the state by one interval in the axes that are North, East, Down at its start, held fixed to the Earth.
+    """Advance the state by one interval in axes that are North, East, Down at its start, fixed to the Earth.
 
-    `x`, `dt`, `north`, `hold`, `height`, `v_down`: as of `step`; `un`, `ue`, `ud`: velocity increment of the specific
-    force along these axes [m/s]; `px`, `py`, `pz`: rotation vector of the body over the interval [rad].
+    `x`, `dt`, `north`, `hold`, `height`, `v_down`: see `step`. `un`, `ue`, `ud`: velocity increment of the specific
+    force along these axes [m/s]. `px`, `py`, `pz`: rotation vector of the body over the interval [rad].
 
     Notes
     -----
-    Groves (2013) section 5.3, Earth-frame equations; there is no transport rate, and so no tangent of the latitude. At
-    the end the state is brought to North, East, Down there: latitude and height along the ellipsoid's normal half-way,
-    with which all errors are of third order in the angle travelled, longitude by an arctangent. The turn of the axes,
-    ``q_y(lat1 + pi/2) q_z(lon0 - lon1) q_y(-lat0 - pi/2)``, is written out, so that at rest it is exactly none.
+    Groves (2013) section 5.3, Earth-frame equations, without transport rate and its tangent of the latitude. The end of
+    the step converts the state to North, East, Down there: latitude and height along the ellipsoid normal half-way,
+    with third-order errors in the angle travelled; longitude by an arctangent. The rotation of the axes,
+    ``q_y(lat1 + pi/2) q_z(lon0 - lon1) q_y(-lat0 - pi/2)``, is expanded so that it is exactly zero at rest.
     """
     lat, lon, h = x[0], x[1], x[2]
     vn, ve, vd = x[3], x[4], x[5]
     sin_lat, cos_lat = np.sin(lat), np.cos(lat)
     rm, rn = radii(sin_lat)
-    tn, td = OMEGA * cos_lat * dt, -OMEGA * sin_lat * dt  # the Earth's turn
+    tn, td = OMEGA * cos_lat * dt, -OMEGA * sin_lat * dt  # the Earth's rotation
     un, ue, ud = un + 0.5 * td * ue, ue - 0.5 * (td * un - tn * ud), ud - 0.5 * tn * ue
     mn = vn + 0.5 * (un + north * gravity_north(sin_lat, cos_lat, h) * dt) + td * ve
     me = ve + 0.5 * ue - (td * vn - tn * vd)
     md = vd + 0.5 * (ud + gravity_down(sin_lat, h) * dt) - tn * ve
-    # Half-way: down has leaned back by the angle travelled, and the north component of gravity is along the distance
-    # from the axis, so it has an east component too.
+    # Half-way: down has leaned back by the angle travelled. The north component of gravity points along the distance
+    # from the axis, so it has an east component, too.
     an, ae, h_mid = 0.25 * dt * (vn + mn) / (rm + h), 0.25 * dt * (ve + me) / (rn + h), h - 0.25 * dt * (vd + md)
     g = gravity_down(sin_lat + an * cos_lat, h_mid)
     g_north = north * gravity_north(sin_lat, cos_lat - an * sin_lat, h_mid) - g * an
@@ -123,7 +123,7 @@ def polar_step(x, dt, un, ue, ud, px, py, pz, north, hold, height, v_down):  # t
 
 @njit(cache=True)
 def rotation(x, c):  # type: ignore[no-untyped-def]
-    """``C_nb`` of the state, row by row (9,)."""
+    """Compute ``C_nb`` of the state, row by row (9,)."""
     q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
     c[0] = q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3
     c[1] = 2.0 * (q1 * q2 - q0 * q3)
@@ -138,19 +138,19 @@ def rotation(x, c):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def step(x, dt, tx, ty, tz, vx, vy, vz, coning, sculling, k, c, north, hold, height, v_down):  # type: ignore[no-untyped-def]
-    """Advance the state by one interval and return the velocity increment of the specific force, ``(3,)`` in n.
+    """Advance the state by one interval; return the velocity increment of the specific force, ``(3,)`` in n.
 
-    `x` (10,): state, changed in place; `dt`: interval [s]; `tx`, `ty`, `tz`, `vx`, `vy`, `vz`: corrected angle [rad]
-    and velocity [m/s] increment in body axes; `coning` [rad], `sculling` [m/s] (n, 3), of which row `k` counts; `c`
-    (9,): filled with ``C_nb`` at the start of the interval, row by row; `north`: share of normal gravity's north
-    component: 1, or 0 to leave it out as most other packages do; `hold`: hold the vertical channel to `height` [m] and
-    `v_down` [m/s] at the end of the interval.
+    `x` (10,): state, changed in place. `dt`: interval [s]. `tx`, `ty`, `tz`, `vx`, `vy`, `vz`: corrected angle [rad]
+    and velocity [m/s] increment in body axes. `coning` [rad], `sculling` [m/s] (n, 3): row `k` counts. `c` (9,): filled
+    with ``C_nb`` at the start of the interval, row by row. `north`: share of normal gravity's north component: 1, or 0
+    to neglect it as most other packages do. `hold`: constrain the vertical channel to `height` [m] and `v_down` [m/s]
+    at the end of the interval.
 
     Notes
     -----
-    Velocity: Groves (2013) eq. 5.54 with the rotation of the navigation frame half-way (Savage 1998, part 2);
-    Coriolis, transport rate and gravity at the middle of the interval, from the velocity extrapolated with the
-    specific force just measured. Position: trapezoid, whose error telescopes. Attitude: quaternions of both frames.
+    Velocity: Groves (2013) eq. 5.54 with the rotation of the navigation frame half-way (Savage 1998, part 2). Coriolis,
+    transport rate and gravity are taken at mid-interval, with the velocity extrapolated by the measured specific force.
+    Position: trapezoid rule, whose error telescopes. Attitude: quaternions of both frames.
     """
     px, py, pz = tx + coning[k, 0], ty + coning[k, 1], tz + coning[k, 2]
     sx, sy, sz = sculling[k, 0], sculling[k, 1], sculling[k, 2]
@@ -171,9 +171,9 @@ def step(x, dt, tx, ty, tz, vx, vy, vz, coning, sculling, k, c, north, hold, hei
         return polar_step(x, dt, un, ue, ud, px, py, pz, north, hold, height, v_down)
     g = gravity_down(sin_lat, h)
     rm, rn = radii(sin_lat)
-    # All that changes the velocity belongs to its extrapolation to the middle. The Earth's rotation of u left out would
-    # be a velocity of 1e-7 m/s at 50 Hz, whose transport rate moves a vehicle at rest by a millimetre in 4 h; Coriolis
-    # left out is 0.03 m/s^2 at 250 m/s, and metres after an hour.
+    # Extrapolation to mid-interval needs every velocity change. Without Earth rotation of u, the error is 1e-7 m/s at
+    # 50 Hz. Through the transport rate it moves a vehicle at rest by a millimetre in 4 h. Without Coriolis, 0.03 m/s^2
+    # at 250 m/s gives metres after an hour.
     en, ed = OMEGA * cos_lat, -OMEGA * sin_lat
     north_by, east_by = 1.0 / (rm + h), 1.0 / (rn + h)
     wn, we = ve * east_by, -vn * north_by
@@ -212,7 +212,7 @@ def step(x, dt, tx, ty, tz, vx, vy, vz, coning, sculling, k, c, north, hold, hei
 
 @njit(cache=True)
 def free_inertial(x, dt, dtheta, dvel, coning, sculling, north, hold, height, v_down, every, out):  # type: ignore[no-untyped-def]
-    """Mechanize a whole record; the state after each `every`-th interval goes to the rows of `out`."""
+    """Mechanize a whole record; store the state after each `every`-th interval in the rows of `out`."""
     c = np.zeros(9)
     row = 0
     for k in range(dt.shape[0]):

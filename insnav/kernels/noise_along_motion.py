@@ -1,4 +1,4 @@
-"""The short laws of noise along a motion: the answer to a pulse at every instant, squared and summed."""
+"""Short-form noise laws along a motion: pulse responses at every instant, squared and summed."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from insnav.kernels import inner, njit
 
 @inner()
 def _answer(since, rate, given, velocity, position, out):  # type: ignore[no-untyped-def]
-    """Errors by a pulse of attitude, velocity and position, some time after it.
+    """Compute errors some time after a pulse of attitude, velocity and position.
 
-    velocity, position (3,): what the specific force has made of rest since then; rate: of the Schuler loop [rad/s].
+    velocity, position (3,): integrals of the specific force since then. rate: of the Schuler loop [rad/s].
     """
     x = rate * since
     once = twice = thrice = 1.0
@@ -31,15 +31,15 @@ def _answer(since, rate, given, velocity, position, out):  # type: ignore[no-unt
 def noise_variances(  # type: ignore[no-untyped-def]
     dt, velocity, position, given, rate, rows, white, drive, first, fade, gained, alone, out
 ):
-    """Variances that one noise makes: white noise, random walks, Gauss-Markov processes.
+    """Compute the variances from one noise: white noise, random walks, Gauss-Markov processes.
 
-    `dt` (m,): steps [s]; `velocity`, `position` (m + 1, 3): first and second integral of the specific force, North,
-    East, Down, at the edges of the steps; `given` (m, 9): rate of the errors of attitude, velocity and position by a
-    unit of the noise; `rate` (r,): of the Schuler loop, zero for the short forms, at each row [rad/s]; `rows` (r,) int:
-    steps after which the variances are wanted; `white`, `drive`, `first` (p,): of each process: density of its white
-    part, density of what drives a random walk, variance of a Gauss-Markov process; `fade`, `gained`, `alone` (m, p):
-    what a step leaves of a Gauss-Markov process; integral over it of what is left; and variance of the integral of a
-    process of unit variance; `out` (r, 9): variances.
+    `dt` (m,): steps [s]. `velocity`, `position` (m + 1, 3): first and second integral of the specific force, North,
+    East, Down, at the edges of the steps. `given` (m, 9): rate of attitude, velocity and position errors per unit of
+    the noise. `rate` (r,): Schuler rate at each row, zero for the short forms [rad/s]. `rows` (r,) int: steps after
+    which the variances are stored. `white`, `drive`, `first` (p,), per process: density of its white part, density of
+    its random walk, variance of its Gauss-Markov part. `fade`, `gained`, `alone` (m, p): decay of a Gauss-Markov
+    process over a step, its integral, and variance of the integrated process for unit variance. `out` (r, 9):
+    variances.
     """
     h, moved, placed = np.empty(9), np.empty(3), np.empty(3)
     for r in range(rows.shape[0]):
@@ -50,7 +50,7 @@ def noise_variances(  # type: ignore[no-untyped-def]
             since += 0.5 * dt[k]
             for i in range(3):
                 middle = 0.5 * (velocity[k, i] + velocity[k + 1, i])
-                # the mean over the step of what both were in it, and their product with the time
+                # means over the step, and means of the products with time
                 at = 0.5 * (position[k, i] + position[k + 1, i]) - dt[k] * (velocity[k + 1, i] - velocity[k, i]) / 6.0
                 moved[i] = velocity[end, i] - middle
                 placed[i] = position[end, i] - at - since * middle

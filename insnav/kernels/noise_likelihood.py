@@ -1,8 +1,8 @@
-"""Likelihood of the innovations of a filter under other noise than it was run with, without integrating again.
+"""Likelihood of filter innovations under noise other than in the run, without integrating again.
 
-A filter has run once; its epochs keep transition, measurement and feedback. The error of that nominal run is a linear
-system whose noise is linear in its spectral densities, so that any set of densities costs one pass of covariance
-algebra over the epochs: the innovations form of the likelihood (F. C. Schweppe, "Evaluation of likelihood functions for
+A filter has run once; its epochs store transition, measurement and feedback. The error of that nominal run is a linear
+system, with noise linear in its spectral densities. Any set of densities thus costs one pass of covariance algebra over
+the epochs. This is the innovations form of the likelihood (F. C. Schweppe, "Evaluation of likelihood functions for
 Gaussian signals", IEEE Trans. Inf. Theory 11 (1965) 61-70; T. Kailath, "An innovations approach to least-squares
 estimation", IEEE Trans. Autom. Control 13 (1968) 646-655).
 """
@@ -18,14 +18,14 @@ from insnav.kernels.errorstate import SENSOR, STATES
 from insnav.kernels.smoother import COAST, CORRECTION, JACOBIAN, KIND, NOISE, RESIDUAL, RESTART, STATE, TIME
 
 OPENED = 15  # states that a reset opens: navigation errors and biases
-MOST = 40  # states, of which a filter has up to 35: compilers like a row of known length
+MOST = 40  # states; a filter has up to 35. Compilers prefer rows of known length
 
 
 def _white(phi: np.ndarray, span: np.ndarray, column: int) -> np.ndarray:
-    """Noise at the end of spans of unit white noise on three states from `column` on, isotropic, (m, 9, 9).
+    """Noise at the end of spans from unit isotropic white noise on three states from `column` on, (m, 9, 9).
 
-    Injected at s, it shows at the end by the transition over the rest of the span, whose blocks grow as powers of that
-    rest: attitude to velocity and velocity to position with the first, attitude to position with the second.
+    Noise injected at s propagates over the rest of the span. The blocks of the transition grow as powers of the rest:
+    attitude to velocity and velocity to position linearly, attitude to position quadratically.
     """
     injected = phi[:, :, column : column + 3]
     power = np.repeat([column // 3 - a if a <= column // 3 else 1 for a in range(3)], 3)
@@ -34,22 +34,21 @@ def _white(phi: np.ndarray, span: np.ndarray, column: int) -> np.ndarray:
 
 
 def held(transition: np.ndarray) -> np.ndarray:
-    """Where the filter holds the attitude by its transitions (m, 9, 21): in a long rest the gyros turn nothing."""
+    """Find, in transitions (m, 9, 21), the epochs of a long rest, where the filter ignores the gyros' rotation."""
     return np.asarray((transition[:, 6:9, 9:12] == 0.0).all(axis=(1, 2)))
 
 
 def tape(history: np.ndarray, n: int, noise: np.ndarray, bridged: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Take from the history of a run what the likelihood of its innovations needs.
+    """Extract from the history of a run the input of the innovation likelihood.
 
-    `history` (m, width(n)): epochs, see `insnav.kernels.smoother`; `noise` (20,): spectral densities of the run, see
-    `insnav.kernels.errorstate`; `bridged` (m,): a gap of the samples was bridged on the way to the epoch.
-    Returns, for each epoch: span since the one before [s]; kind, as in the history; transition (9, 21); noise of unit
-    density, of gyros and accelerometers (2, 9, 9), and so many times that of misalignment of one rad^2 s (2,); variance
-    that bridging, or what moves a vehicle at rest, added to velocity and attitude, and then squares of what noise of
-    second order goes by, see `beyond_linear` of `insnav.kernels.epoch` (9,); measurement (6,), predicted
-    minus measured, and derivative (6, n); error that the run took off its state (n,); sensor errors it used from then
-    on (12,); variances of position, velocity, attitude and biases that an explicit reset set or added (15,), zero
-    elsewhere.
+    `history` (m, width(n)): epochs, see `insnav.kernels.smoother`. `noise` (20,): spectral densities of the run, see
+    `insnav.kernels.errorstate`. `bridged` (m,): a data gap was bridged before the epoch.
+    Returns, for each epoch: time since the previous epoch [s]. Kind, as in the history. Transition (9, 21). Noise of
+    unit density of gyros and accelerometers (2, 9, 9), and the factor for misalignment of one rad^2 s (2,). Variance
+    added to velocity and attitude by bridging or sway at rest, then the squares for second-order noise, see
+    `beyond_linear` of `insnav.kernels.epoch` (9,). Measurement (6,), predicted minus measured, and derivative (6, n).
+    Error that the run subtracted from its state (n,). Sensor errors used from then on (12,). Variances of position,
+    velocity, attitude and biases from an explicit reset (15,), else zero.
     """
     m, kind, time = history.shape[0], history[:, KIND].astype(np.int64), history[:, TIME]
     span = np.diff(time, prepend=time[:1])
@@ -70,13 +69,13 @@ def tape(history: np.ndarray, n: int, noise: np.ndarray, bridged: np.ndarray) ->
     noise_of = np.where(both, history[:, NOISE : NOISE + 36].reshape(m, 6, 6), np.eye(6))
     s = hp @ np.swapaxes(of_used, 1, 2) + noise_of
     gain = np.linalg.inv(s) @ hp
-    told = np.swapaxes(gain[:, :, :STATES], 1, 2) @ hp[:, :, :STATES]
-    after = np.roll(before[:, :STATES, :STATES] - told, 1, axis=0)  # the epoch before
+    reduction = np.swapaxes(gain[:, :, :STATES], 1, 2) @ hp[:, :, :STATES]
+    after = np.roll(before[:, :STATES, :STATES] - reduction, 1, axis=0)  # previous epoch
     gyro, accel = _white(phi, span, 6), _white(phi, span, 3)
     still = held(phi)
     gyro[still] = 0.0
     by_gyro, own = (np.diagonal(each, axis1=1, axis2=2) for each in (gyro, before))
-    # what white noise and driving noise leave of the whole is that of misalignment, or of a bridged gap or a rest
+    # the rest beyond white and driving noise comes from misalignment, a bridged gap or a stationary period
     rest = own[:, :NAV] - noise[0] * by_gyro - noise[3] * np.diagonal(accel, axis1=1, axis2=2)
     rest -= np.sum(phi @ after * phi, axis=2)
     fed, state = np.einsum("mi,mij->mj", z, gain), history[:, STATE : STATE + 10]
@@ -117,25 +116,24 @@ def tape(history: np.ndarray, n: int, noise: np.ndarray, bridged: np.ndarray) ->
 def innovations(  # type: ignore[no-untyped-def]
     run, nominal_decay, density, driving, decay, lasting, lasting_sd, lasting_time, variance, start, push, limit, out
 ):
-    """Innovations of the filter that other noise makes, about the nominal run.
+    """Compute the innovations of the filter under other noise, about the nominal run.
 
-    `run`: from `tape`; `nominal_decay`, `decay` (12,): inverse correlation times of the sensor errors in the nominal
-    run and in the other [1/s]; `density` (4,): of white noise of gyros and accelerometers, and by misalignment of each;
-    `driving` (12,): of what drives the sensor errors; `lasting`: first of the states of time-correlated errors of
-    position, or of position and velocity, or negative, with `lasting_sd` (k,) [m, m/s] and `lasting_time` (k,) [s];
-    `variance` (m, 6): white noise of the measurements; `start`: mean (n,) and covariance (n, n) of the error of the
-    nominal run; `push` (k, m, 9): known errors that each span adds to position, velocity and attitude, and k - 1 others
-    of which only the derivatives are asked for; overwritten by the mean of the errors at the end of each epoch, and by
-    its derivatives; `limit`: an innovation beyond so many standard deviations is de-weighted, in the manner of Huber;
-    `out` (k + 1, 6 m): filled with innovation and variance of every component of a measurement used, one given those
-    before, and with the derivatives of the innovation.
+    `run`: from `tape`. `nominal_decay`, `decay` (12,): inverse correlation times of the sensor errors in the nominal
+    run and in the other [1/s]. `density` (4,): of white noise of gyros and accelerometers, and by misalignment of each.
+    `driving` (12,): driving noise of the sensor errors. `lasting`: first state of the time-correlated errors of
+    position, or of position and velocity; negative without. `lasting_sd` (k,) [m, m/s], `lasting_time` (k,) [s].
+    `variance` (m, 6): white noise of the measurements. `start`: mean (n,) and covariance (n, n) of the error of the
+    nominal run. `push` (k, m, 9): known error that each span adds to position, velocity and attitude, then k - 1 for
+    derivatives only. Overwritten by the mean errors at the end of each epoch and their derivatives. `limit`:
+    innovations beyond this many standard deviations are de-weighted (Huber). `out` (k + 1, 6 m): filled with innovation
+    and variance of every used component, conditional on the components before it, and derivatives of the innovation.
     Returns: number of components.
     """
     span, kind, phi, white, share, bridge, z, h, fed, correction, restart = run
     each, n = push.shape[0], start[0].shape[0]
     means = np.zeros((each, n))
     mean = means[0]
-    wide = 8 * ((n + 7) // 8)  # whole registers, two at a time, of which the rest stays zero
+    wide = 8 * ((n + 7) // 8)  # whole registers, two at a time, padded with zeros
     p, work = np.zeros((wide, MOST)), np.zeros((20, MOST))
     w, ph, moved = work[:9], work[9:15], work[15]
     fade, pace, last, inverse = work[16], work[17], work[18], work[19]
@@ -161,7 +159,7 @@ def innovations(  # type: ignore[no-untyped-def]
             gyro = density[0] + density[2] * share[k, 0]
             accel = density[1] + density[3] * share[k, 1]
             for i in range(NAV):
-                for j in range(wide):  # compiled for many columns at a time
+                for j in range(wide):  # vectorised over columns
                     total = 0.0
                     for a in range(STATES):
                         total += phi[k, i, a] * p[a, j]
@@ -184,12 +182,12 @@ def innovations(  # type: ignore[no-untyped-def]
                 p[3 + i, 3 + i] += bridge[k, i] + (second if i < 2 else 0.0)
             for i in range(NAV, n):
                 by = fade[i]
-                for j in range(8, wide):  # whole registers: column 8 is that of a navigation error, and follows
+                for j in range(8, wide):  # whole registers: column 8, a navigation error, is overwritten below
                     p[i, j] *= by * fade[j]
             for i in range(NAV):
                 for j in range(NAV, wide):
                     p[i, j] = w[i, j] * fade[j]
-                # noise that drives the sensor errors shows in the navigation errors with half a span's delay
+                # sensor-error noise enters the navigation errors with a delay of half a span
                 for j in range(SENSOR):
                     p[i, NAV + j] += 0.5 * dt * driving[j] * phi[k, i, NAV + j]
             for j in range(NAV, n):
@@ -200,7 +198,7 @@ def innovations(  # type: ignore[no-untyped-def]
                     means[c, j] *= fade[j]
             for j in range(SENSOR):
                 p[NAV + j, NAV + j] += dt * driving[j] + (shown if 3 <= j < 6 else 0.0)
-                # the nominal run let its correction decay at its own pace
+                # the correction of the nominal run decays with its own time constant
                 mean[NAV + j] = fade[NAV + j] * mean[NAV + j] + (pace[j] - fade[NAV + j]) * last[j]
             for j in range(lasts):
                 at = lasting + j
@@ -233,7 +231,7 @@ def innovations(  # type: ignore[no-untyped-def]
                         error -= by * mean[a]
                         for j in range(wide):
                             ph[used, j] += by * p[a, j]
-                for b in range(used):  # less what the components before have told
+                for b in range(used):  # subtract the information of the components before
                     by = 0.0
                     for a in range(n):
                         by += h[k, i, a] * ph[b, a]
@@ -254,7 +252,7 @@ def innovations(  # type: ignore[no-untyped-def]
                     for a in range(n):
                         error -= h[k, i, a] * means[c, a]
                     out[1 + c, count] = error
-                    if far <= limit:  # beyond, the pull no longer grows
+                    if far <= limit:  # beyond, the influence is constant
                         for a in range(n):
                             means[c, a] += error / s * ph[used, a]
                 used += 1

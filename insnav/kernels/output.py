@@ -1,4 +1,4 @@
-"""From filter states and variances to what a user reads: roll, pitch, heading and standard deviations."""
+"""Output of filter states and variances: roll, pitch, heading and standard deviations."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ TWO_PI = 2.0 * np.pi
 
 @njit(cache=True)
 def sides(state, opposite, adjacent):  # type: ignore[no-untyped-def]
-    """Sides of the triangles whose angles are roll, pitch, heading (Groves 2013, eq. 2.25) of states (n, 10): (n, 3).
+    """Compute the sides of the triangles whose angles are roll, pitch, heading, states (n, 10), (n, 3).
 
-    The arctangent is left to numpy, which takes many at once.
+    Groves (2013), eq. 2.25. Numpy takes the arctangent of many values at once.
     """
     for k in range(state.shape[0]):
         a, b, c, d = state[k, 6], state[k, 7], state[k, 8], state[k, 9]
@@ -26,9 +26,9 @@ def sides(state, opposite, adjacent):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def moved(state, motion, delay_sd, out):  # type: ignore[no-untyped-def]
-    """What the error of the clock makes of velocity and attitude in a state (10,) with its motion (6,): `out` (9,).
+    """Compute the effect of the clock error on velocity and attitude of a state (10,), motion (6,), in `out` (9,).
 
-    Their own errors hardly know of it: gyros and accelerometers turn and push in the time of the samples.
+    The velocity and attitude errors are almost independent of it: IMU samples use their own time.
     """
     for i in range(3):
         out[i], out[3 + i] = 0.0, -delay_sd * motion[3 + i]
@@ -39,7 +39,7 @@ def moved(state, motion, delay_sd, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def add_moved(state, rows, motion, delay_sd, variance):  # type: ignore[no-untyped-def]
-    """Add what `moved` says of some `rows` (m,) of the states to their variances (m, 12); `motion` (m, 6)."""
+    """Add the variances from `moved` at `rows` (m,) of the states to their `variance` (m, 12); `motion` (m, 6)."""
     by = np.zeros(9)
     for m in range(rows.shape[0]):
         moved(state[rows[m]], motion[m], delay_sd, by)
@@ -52,14 +52,14 @@ def add_moved(state, rows, motion, delay_sd, variance):  # type: ignore[no-untyp
 
 @njit(cache=True)
 def deviations(time, known, variance, axes_sd, rph, sd):  # type: ignore[no-untyped-def]
-    """Standard deviations from variances; headings, of which any turn is given, between 0 and one turn.
+    """Compute standard deviations from variances; wrap headings to one turn.
 
     ``C_hat = (I - [phi x]) C`` turns the estimate by ``-phi`` about n; its parts along the axes of roll, pitch and
     heading follow from their rates (Groves 2013, eq. 2.58).
 
-    `time` (n,) [s]; `known` (m,): rows whose `variance` (m, 12) is known, in order, see
-    `insnav.kernels.errorstate.variances`; `axes_sd` (3,): of what all attitudes have in common [rad]; `rph` (n, 3)
-    roll, pitch, heading [rad]. Filled: `sd` (n, 9), linear in time between the known rows.
+    `time` (n,) [s]. `known` (m,): rows with known `variance` (m, 12), in order, see
+    `insnav.kernels.errorstate.variances`. `axes_sd` (3,): attitude sd common to all rows [rad]. `rph` (n, 3) roll,
+    pitch, heading [rad]. Filled: `sd` (n, 9), linear in time between the known rows.
     """
     n, last = time.shape[0], -1
     now, before = np.zeros(9), np.zeros(9)

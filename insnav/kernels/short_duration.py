@@ -12,12 +12,12 @@ from insnav.kernels.mechanization import quaternion_step, within_turn
 
 @njit(cache=True)
 def navigate(x, turning, dt, dtheta, dvel, coning, every, out):  # type: ignore[no-untyped-def]
-    """Mechanize a record; the state after each `every`-th interval goes to the rows of `out`.
+    """Mechanize a record; store the state after each `every`-th interval in the rows of `out`.
 
-    `x` (10,): state as in `insnav.kernels.mechanization`, changed in place; `turning`: whether the attitude follows the
-    turn of North, East, Down, as in the full form; `dt` (n,): intervals [s]; `dtheta`, `dvel`, `coning` (n, 3): angle
-    [rad] and velocity [m/s] increments as sensed, and coning [rad]; of sculling the form knows nothing; `every`: rows
-    to leave out; `out` (n // every, 10).
+    `x` (10,): state as in `insnav.kernels.mechanization`, changed in place. `turning`: the attitude follows the
+    rotation of North, East, Down, as in the full form. `dt` (n,): intervals [s]. `dtheta`, `dvel`, `coning` (n, 3):
+    measured angle [rad] and velocity [m/s] increments, and coning [rad]; the form neglects sculling. `every`:
+    decimation. `out` (n // every, 10).
     """
     for k in range(dt.shape[0]):
         lat, lon, h, vn, ve, vd = x[0], x[1], x[2], x[3], x[4], x[5]

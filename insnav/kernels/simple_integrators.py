@@ -1,7 +1,6 @@
-"""Attitude and velocity integrators for study: what a plain algorithm makes of the same samples.
+"""Attitude and velocity integrators for study: plain algorithms on the same samples.
 
-None of them knows more than the neighbouring samples on a straight line; see `insnav.kernels.increments` for the one to
-navigate with.
+All of them join neighbouring samples by straight lines. To navigate, use `insnav.kernels.increments`.
 """
 
 from __future__ import annotations
@@ -16,9 +15,9 @@ EULER, ROTVEC, RK4 = 0, 1, 2
 
 @inner()
 def _line(instant, k, dt, values, channel):  # type: ignore[no-untyped-def]
-    """Integrand times interval at the start, middle and end of interval k, samples joined by straight lines.
+    """Compute integrand times interval at the start, middle and end of interval k, samples joined by straight lines.
 
-    An instantaneous sample is a value at the end of its interval, a mean or an increment stands for the middle.
+    An instantaneous sample is the value at the end of its interval. A mean or an increment is the value at the middle.
     """
     h, here = dt[k], values[k, channel]
     if instant:
@@ -34,7 +33,7 @@ def _line(instant, k, dt, values, channel):  # type: ignore[no-untyped-def]
 
 @inner()
 def _forward(q0, q1, q2, q3, x, y, z):  # type: ignore[no-untyped-def]
-    """Rotate a vector by a quaternion of any length but zero."""
+    """Rotate a vector by a quaternion of any length except zero."""
     scale = 1.0 / np.sqrt(q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
     tx, ty, tz = turned(scale * q0, scale * q1, scale * q2, scale * q3, x, y, z)
     return x + tx, y + ty, z + tz
@@ -66,11 +65,11 @@ def _runge_kutta(xb, yb, zb, xm, ym, zm, xe, ye, ze, fb, gb, hb, fm, gm, hm, fe,
 
 @njit(cache=True)
 def increments(method, instant, dt, gyro, accel, dtheta, dvel, coning, sculling):  # type: ignore[no-untyped-def]
-    """Increments of whole intervals by a plain method, in the form of `insnav.kernels.increments.increments`.
+    """Compute increments of whole intervals by a plain method; form of `insnav.kernels.increments.increments`.
 
-    `method`: `EULER`: the rate at the start of the interval, or its mean, all the way, attitude and specific force not
-    turned on meanwhile. `ROTVEC`: the mean rate is the rotation vector. `RK4`: Runge-Kutta on the straight line between
-    samples; `instant`, `dt`, `gyro`, `accel`, `dtheta`, `dvel`, `coning`, `sculling`: as there.
+    `method`: `EULER`: constant rate, from the start of the interval or its mean; attitude and specific force are not
+    rotated within it. `ROTVEC`: the mean rate is the rotation vector. `RK4`: Runge-Kutta on straight lines between
+    samples. Other arguments: see there.
     """
     for k in range(dt.shape[0]):
         if dt[k] == 0.0:  # the first instantaneous value ends no interval
@@ -104,7 +103,7 @@ def increments(method, instant, dt, gyro, accel, dtheta, dvel, coning, sculling)
         sine = np.sqrt(q1 * q1 + q2 * q2 + q3 * q3)
         stretch = 2.0 * np.arctan2(sine, q0) / sine if sine > 1e-9 else 2.0 / q0
         coning[k, 0], coning[k, 1], coning[k, 2] = stretch * q1 - tx, stretch * q2 - ty, stretch * q3 - tz
-        # what a constant rate makes of the velocity increment is not sculling
+        # the effect of a constant rate on the velocity increment is not sculling
         f1, f2 = turn_factors(tx * tx + ty * ty + tz * tz)
         kx, ky, kz = ty * vz - tz * vy, tz * vx - tx * vz, tx * vy - ty * vx
         sculling[k, 0] = ux - vx - f1 * kx - f2 * (ty * kz - tz * ky)

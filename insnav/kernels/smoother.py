@@ -1,9 +1,9 @@
-"""Fixed-interval smoother: the information of later measurements, carried backwards through the filter's epochs.
+"""Fixed-interval smoother: propagates the information of later measurements backwards through the filter's epochs.
 
-The backward pass is that of Bryson and Frazier in the discrete form of Bierman ("Fixed interval smoothing with discrete
-measurements", Int. J. Control 18 (1973) 65-75): an adjoint vector and matrix instead of inverses of covariances, which
-may be singular where a state is known. Errors are estimate minus truth and the loop is closed: the filter expects every
-error to be zero, so the smoothed error is all that later data add.
+The backward pass is the Bryson-Frazier smoother in Bierman's discrete form ("Fixed interval smoothing with discrete
+measurements", Int. J. Control 18 (1973) 65-75). It uses an adjoint vector and matrix, not inverses of covariances,
+which are singular where a state is known. Errors are estimate minus truth. The filter is closed-loop and expects every
+error to be zero: the smoothed error comes from later data alone.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from insnav.kernels.gps_measurement import inverse
 # columns of a row of the history
 TIME, KIND, SOURCE, STATE, CORRECTION, ARM, RESIDUAL, NOISE = 0, 1, 2, 3, 13, 25, 37, 43
 JACOBIAN = NOISE + 36
-COAST, RESTART = 0, -1  # kinds; else a bit for each row of the measurement that was used
+COAST, RESTART = 0, -1  # kinds; otherwise one bit for each used row of the measurement
 POSITION, VELOCITY = 7, 56
 FIX, AIDING = 1, 2  # sources of a measurement
 
 
 def width(n: int) -> int:
-    """Numbers in a row of the history of a filter with `n` states."""
+    """Return the row width of the history of a filter with `n` states."""
     return JACOBIAN + 6 * n + NAV * STATES + (n - NAV) + n * (n + 1) // 2
 
 
 @njit(cache=True)
 def keep(row, time, x, correction, arm, phi, p):  # type: ignore[no-untyped-def]
-    """Note a filter epoch: state (10,), sensor errors (12,) and covariance before its measurement, at `time` [s].
+    """Store a filter epoch: state (10,), sensor errors (12,) and covariance before its measurement, at `time` [s].
 
-    `arm` (12,): see `insnav.kernels.gps_measurement.correct_with_arm`; `phi` is the transition from the epoch before;
-    `row`, (width(n),), is filled.
+    `arm` (12,): see `insnav.kernels.gps_measurement.correct_with_arm`. `phi`: transition from the previous epoch. `row`
+    (width(n),): filled.
     """
     n = p.shape[0]
     row[TIME] = time
@@ -56,7 +56,7 @@ def keep(row, time, x, correction, arm, phi, p):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def keep_state(row, x, correction, arm):  # type: ignore[no-untyped-def]
-    """Note the state after the measurement."""
+    """Store the state after the measurement."""
     for i in range(10):
         row[STATE + i] = x[i]
     for i in range(SENSOR):
@@ -66,7 +66,7 @@ def keep_state(row, x, correction, arm):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def keep_measurement(row, kind, source, z, h, r):  # type: ignore[no-untyped-def]
-    """Note the measurement of an epoch: predicted minus measured, its derivative and its covariance."""
+    """Store the measurement of an epoch: predicted minus measured, its derivative and its covariance."""
     row[KIND] = kind
     row[SOURCE] = source
     n = h.shape[1]
@@ -80,9 +80,9 @@ def keep_measurement(row, kind, source, z, h, r):  # type: ignore[no-untyped-def
 
 @inner()
 def _used(row, n, p, z, h, hp, chosen):  # type: ignore[no-untyped-def]
-    """Measurement of an epoch by the rows that were used of it: ``z``, ``H`` and ``H P``; inverse of ``H P H' + R``.
+    """Select the used rows of a measurement: ``z``, ``H`` and ``H P``; return the inverse of ``H P H' + R``.
 
-    `row` (width(n),); `p` (n, n): covariance before it; filled from the front: `z` (6,), `h`, `hp` (6, n);
+    `row` (width(n),). `p` (n, n): covariance before it; filled from the front: `z` (6,), `h`, `hp` (6, n).
     `chosen` (6,): work space.
     Returns: inverse (m, m), of no rows at an epoch without a measurement.
     """
@@ -113,7 +113,7 @@ def _used(row, n, p, z, h, hp, chosen):  # type: ignore[no-untyped-def]
 
 @inner()
 def _product(a, b, rows, out):  # type: ignore[no-untyped-def]
-    """First rows of the product of a matrix with a square one, of which four rows are added at a time."""
+    """Multiply the first rows of a matrix with a square matrix, four rows at a time."""
     n = b.shape[0]
     fours = n - n % 4
     for i in range(rows):
@@ -132,15 +132,14 @@ def _product(a, b, rows, out):  # type: ignore[no-untyped-def]
 def backward(  # type: ignore[no-untyped-def]
     history, n, least, adjoint, information, after, before, covariance, variance, innovations
 ):
-    """Carry the adjoint backwards through some epochs, and find the smoothed errors there.
+    """Propagate the adjoint backwards through some epochs, and compute the smoothed errors there.
 
-    `history` (m, width(n)): epochs in order of time; `least`: for `less_sure`; `adjoint` (n,), `information` (n, n):
-    just after the last of these, zero at the end of the record; on return just after the epoch before the first.
-    Filled: `after`, `before` (m, 21): smoothed error of the filter's state after and before the measurement;
-    `covariance` (m, 9, 9) of smoothed position, velocity and attitude, as in `at_fix_time`; `variance` (m, 12) of the
-    smoothed sensor errors; `innovations` (m, 25): where there was a fix, predicted minus measured and the variance of
-    the prediction, by the filter before it (0 to 11) and smoothed (12 to 23), and the filter's variance of the attitude
-    error about Down (24); elsewhere ``NaN``.
+    `history` (m, width(n)): epochs in order of time. `least`: for `less_sure`. `adjoint` (n,), `information` (n, n):
+    after the last epoch, zero at the end of the record. On return: after the epoch before the first. Filled: `after`,
+    `before` (m, 21): smoothed error of the filter's state after and before the measurement. `covariance` (m, 9, 9) of
+    smoothed position, velocity and attitude, as in `at_fix_time`. `variance` (m, 12) of the smoothed sensor errors.
+    `innovations` (m, 25), at fixes, else ``NaN``: predicted minus measured and variance of the prediction, of the
+    filter (0 to 11) and smoothed (12 to 23). Column 24: the filter's variance of attitude about Down.
     """
     p, part, kept, lines = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n)), np.zeros((4, n))
     h, hp, weight, by = np.zeros((6, n)), np.zeros((6, n)), np.zeros((6, n)), np.zeros((6, n))
@@ -173,8 +172,8 @@ def backward(  # type: ignore[no-untyped-def]
         for j in range(n):
             for i in range(m):
                 adjoint[j] += weight[i, j] * z[i]
-        # (I - K H)' information (I - K H) + H' S^-1 H, with what is on both sides of the diagonal alike: u w' + w u',
-        # where w = S^-1 H and u = (w H P information P H' + H) / 2 - H P information
+        # (I - K H)' information (I - K H) + H' S^-1 H, with the symmetric part written as u w' + w u', where w = S^-1 H
+        # and u = (w H P information P H' + H) / 2 - H P information
         _product(hp, information, m, by)
         for a in range(m):
             for c in range(m):
@@ -196,7 +195,7 @@ def backward(  # type: ignore[no-untyped-def]
             moved[i] = 0.0  # error before the measurement
             for j in range(n):
                 moved[i] += p[i, j] * adjoint[j]
-        for i in range(rows):  # of what the smoother leaves, what is asked for
+        for i in range(rows):  # select the required states of the smoother's result
             for j in range(i + 1):
                 if j == i or (j < NAV and not NAV <= i < STATES):
                     kept[i, j] = p[i, j]
@@ -216,10 +215,10 @@ def backward(  # type: ignore[no-untyped-def]
 
 @inner()
 def _past(row, n, adjoint, information, part, moved):  # type: ignore[no-untyped-def]
-    """Carry adjoint and information to the epoch before; `part` (n, n), `moved` (n,): work space."""
-    rest = 0.0 if int(row[KIND]) == RESTART else 1.0  # later measurements say nothing of states before a reset
+    """Propagate adjoint and information to the previous epoch; `part` (n, n), `moved` (n,): work space."""
+    rest = 0.0 if int(row[KIND]) == RESTART else 1.0  # later measurements carry no information on states before a reset
     first, at = JACOBIAN + 6 * n, JACOBIAN + 6 * n + NAV * STATES - NAV
-    # phi = [[A, B], [0, diag(d)]]: information phi, then phi' of that
+    # phi = [[A, B], [0, diag(d)]]: information phi, then phi' times the product
     for i in range(n):
         for j in range(STATES):
             total = 0.0
@@ -249,7 +248,7 @@ def _past(row, n, adjoint, information, part, moved):  # type: ignore[no-untyped
 
 @inner()
 def _compare(row, n, p, information, error, hp, by, out):  # type: ignore[no-untyped-def]
-    """Innovation of a fix, accepted or not, against filter and smoother; `hp`, `by` (6, n): work space."""
+    """Compare the innovation of a fix, accepted or not, with filter and smoother; `hp`, `by` (6, n): work space."""
     if row[SOURCE] != FIX:
         for i in range(25):
             out[i] = np.nan
@@ -262,31 +261,31 @@ def _compare(row, n, p, information, error, hp, by, out):  # type: ignore[no-unt
             if share != 0.0:
                 for j in range(n):
                     hp[i, j] += share * p[a, j]
-    _product(hp, information, hp.shape[0], by)  # not by a constant: for each there would be a compiled function
+    _product(hp, information, hp.shape[0], by)  # a constant size would compile a separate function for each
     for i in range(6):
-        shift, before, told = 0.0, 0.0, 0.0
+        shift, before, explained = 0.0, 0.0, 0.0
         for j in range(n):
             h = row[JACOBIAN + n * i + j]
             shift += h * error[j]
             before += h * hp[i, j]
-            told += by[i, j] * hp[i, j]
+            explained += by[i, j] * hp[i, j]
         out[i], out[6 + i] = row[RESIDUAL + i], before
-        out[12 + i], out[18 + i] = row[RESIDUAL + i] - shift, before - told
+        out[12 + i], out[18 + i] = row[RESIDUAL + i] - shift, before - explained
     out[24] = p[8, 8]
 
 
 @njit(cache=True)
 def correct(time, state, epoch, after, before):  # type: ignore[no-untyped-def]
-    """Correct the filter's states by the smoothed errors, between epochs as well.
+    """Correct the filter's states by the smoothed errors, also between epochs.
 
-    Between two epochs the error is smooth: its position follows the cubic that its position and velocity at both ends
-    determine, all else a straight line.
+    The error is smooth between two epochs. Position error follows the cubic through position and velocity errors at
+    both ends. All other errors follow a straight line.
 
-    `time` (n,) [s], `state` (n, 10): filter's states, after the measurement where there was one, changed in place;
-    `epoch` (m,): times of the epochs [s]; `after`, `before`: from `backward`.
+    `time` (n,) [s], `state` (n, 10): filter's states, after the measurement where there was one, changed in place.
+    `epoch` (m,): times of the epochs [s]. `after`, `before`: from `backward`.
     """
     m, k, end = epoch.shape[0], 0, epoch.shape[0]
-    while k + 1 < end:  # numpy's search takes as long to be compiled as all else here
+    while k + 1 < end:  # compiling numpy's search would take as long as everything else here
         middle = (k + end) // 2
         if epoch[middle] < time[0]:
             k = middle
@@ -298,7 +297,7 @@ def correct(time, state, epoch, after, before):  # type: ignore[no-untyped-def]
         while k + 1 < m and epoch[k + 1] <= t + 1e-6:
             k += 1
         if t < epoch[k] - 1e-6 or (k + 1 == m and t > epoch[k] + 1e-6):
-            continue  # no epoch before or after it
+            continue  # no epoch before or after this time
         span = epoch[k + 1] - epoch[k] if t > epoch[k] + 1e-6 else 0.0
         for i in range(NAV):
             error[i] = after[k, i]

@@ -1,1 +1,1 @@
-"""The inertial laboratory: bench data to calibrations and noise models, each with its uncertainty."""
+"""Inertial laboratory: calibrations and noise models from bench data, each with its uncertainty."""

@@ -1,8 +1,9 @@
-"""Scale factor, bias, bias stability and bias repeatability of one sensor, as an acceptance test has them.
+"""Acceptance test of a sensor: scale factor, bias, bias stability and bias repeatability.
 
-U = U0 + K w over all settings, and forward and reverse by themselves; the mean of the two senses counts where both are
-there. Bias is U0 / K. Bias stability is the standard deviation of the means of equal parts of a record at rest, over K;
-bias repeatability that of the biases of several power-ups, over K, each the mean of the outputs at +w and at -w.
+U = U0 + K w over all settings, and over forward and reverse separately; if both exist, their mean counts. Bias is U0 /
+K. Bias stability is the standard deviation of the means of equal parts of a record at rest, over K. Bias repeatability
+is the standard deviation of the biases of several power-ups, over K. Each of these is the mean of the outputs at +w and
+at -w.
 """
 
 from __future__ import annotations
@@ -24,10 +25,10 @@ from insnav.types import FloatArray
 from insnav.units import DEG, G0, UNITS
 
 BENCH_UNIT = {"gyro": ("deg/s", DEG), "accel": ("g", G0)}
-COMPLETE = 0.9  # a part with fewer of its samples is left out
+COMPLETE = 0.9  # a part with a smaller share of its samples is omitted
 CONFIDENCE = 0.95
-ONE_PART = 1.05  # a record must be so much longer than a moving average for this to move
-LARGEST_K = 2.0  # of a sensor whose output is in the unit of what it senses
+ONE_PART = 1.05  # least record length for a moving average, relative to its window
+LARGEST_K = 2.0  # of a sensor whose output has the unit of its input
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +71,7 @@ class Stability:
 def spread_of(values: FloatArray, *, where: str = "") -> Spread:
     """Standard deviation with n - 1, and its interval.
 
-    values (n,): at least two. Raises InputError: fewer than two values.
+    `values` (n,): at least two. Raises: InputError: fewer than two values.
     """
     if values.size < 2:
         raise InputError("lab.no_scatter", where=where, count=values.size)
@@ -82,7 +83,7 @@ def spread_of(values: FloatArray, *, where: str = "") -> Spread:
 def scale_of(channel: Channel, *, where: str = "") -> Scale:
     """Scale factor and bias of one sensor.
 
-    channel: one row a dwell. Raises InputError: too few settings, or a sensor that does not follow them.
+    `channel`: one row a dwell. Raises: InputError: too few settings, or a sensor that does not follow them.
     """
     factor = BENCH_UNIT[channel.axis.split()[0]][1]
     setting = np.round(channel.setting / factor, 9)  # round numbers, as they were set
@@ -114,8 +115,8 @@ def _refuse_few(setting: FloatArray, where: str) -> None:
 def stability_of(time: FloatArray, output: FloatArray, length: float) -> Stability | None:
     """Bias stability at one averaging time.
 
-    time (n,): [s], growing; output (n,): bias over time [rad/s] or [m/s^2], whatever constant is in it; length: of
-    the parts [s]. None if the record does not hold two parts of that length.
+    `time` (n,): [s], growing. `output` (n,): bias over time [rad/s] or [m/s^2], whatever constant is in it. `length`:
+    of the parts [s]. None if the record does not hold two parts of that length.
     """
     expected = length / float(np.median(np.diff(time)))
     if expected < 1.0 - 1e-6:
@@ -137,9 +138,9 @@ def stability_of(time: FloatArray, output: FloatArray, length: float) -> Stabili
 def powerup_biases(channel: Channel, powerup: FloatArray, *, where: str = "") -> FloatArray:
     """Bias of each power-up: the mean of the outputs at +w and at -w.
 
-    channel: settings and outputs; powerup (n,): number of the power-up of each row. Returns (q,): in the unit of
-    the output. Several w in one power-up are averaged. Raises InputError: A power-up without rows at +w or at -w,
-    or of other settings than the first.
+    `channel`: settings and outputs. `powerup` (n,): number of the power-up of each row. Returns (q,): in the unit of
+    the output. Several w in one power-up are averaged. Raises: InputError: A power-up without rows at +w or at -w, or
+    of other settings than the first.
     """
     biases, first = [], None
     size = np.round(np.abs(channel.setting), 9)
@@ -164,7 +165,7 @@ TREND = 0.7  # share of the variance of the means that a steady drift explains a
 
 @dataclass(frozen=True, slots=True)
 class Accepted:
-    """Figures of one sensor; None for what was not measured."""
+    """Acceptance figures of one sensor; None if not measured."""
 
     axis: str  # such as ``gyro x``
     unit: str  # of its output
@@ -190,11 +191,11 @@ def acceptance(
     powerups: Sequence[BenchRecord],
     lengths: Sequence[float] = (1.0, 10.0, 100.0),
 ) -> Acceptance:
-    """All acceptance figures that some files give.
+    """Compute all acceptance figures that the files determine.
 
     `lengths`: averaging times of the bias stability [s].
-    Raises: ConfigError: two files for one sensor, units that do not go together, or volts without a scale factor;
-    InputError: files that do not show what they should.
+    Raises: ConfigError: two files for one sensor, incompatible units, or volts without a scale factor. InputError:
+    files with unsuitable data.
     """
     warnings = [each for r in (*steps, *powerups) for each in about(r.table.name, r.warnings)]
     notes: list[Finding] = []

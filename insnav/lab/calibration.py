@@ -1,4 +1,4 @@
-"""What every calibration method has in common: options, reading, fitting, findings and a result with its uncertainty.
+"""Common parts of all calibration methods: options, reading, fitting, findings, and a result with uncertainty.
 
 A method is a module with `read` and `fit` (see `Method`); `METHODS` has the module of each command.
 """
@@ -37,23 +37,23 @@ METHODS = {
     "poses": "multi_position.method",
     "rotor": "rotor_inertia",
 }
-WRONG_UNIT = 0.25  # scale factor error that no sensor with a digital output, in SI units, has
+WRONG_UNIT = 0.25  # scale factor error beyond every digital sensor in SI units
 
 
 @dataclass(frozen=True, slots=True)
 class BenchOptions:
-    """Options of the calibration methods; each method takes those that concern it.
+    """Options of the calibration methods; each method uses its own.
 
-    Raises: ConfigError: a value that cannot be.
+    Raises: ConfigError: an invalid value.
     """
 
     columns: Mapping[str, str] | None = None  # quantity to header, for headers that are not understood by themselves
-    # samples further than this from a polynomial through their dwell are dropped, in the unit of the output; default
-    # 0.005 V, and for other units than volts none are
+    # largest distance of samples from a polynomial through their dwell, in the unit of the output; default 0.005 V, no
+    # limit for other units
     spike_limit: float | None = None
     gravity: float = G0  # at the bench [m/s^2]
-    gravity_source: str = "as given"  # where that is from
-    name: str = ""  # what was calibrated
+    gravity_source: str = "as given"  # source of the gravity value
+    name: str = ""  # name of the calibrated sensor
     # smallest and largest rate of a rate table to use [deg/s]; default all that are linear
     keep: tuple[float, float] | None = None
     # of pieces of a sweep's compensation, instead of those found, "x2" the second of gyro x [deg/s]
@@ -87,7 +87,7 @@ STANDARD = BenchOptions()
 
 @dataclass(frozen=True, slots=True)
 class CalibrationSd:
-    """How sure calibrated errors are, one standard deviation of each number, all independent."""
+    """Uncertainty of calibrated errors: one standard deviation of each number, all independent."""
 
     # (3,) [rad/s], [m/s^2]
     gyro_bias: FloatArray = field(default_factory=zeros)
@@ -100,10 +100,11 @@ class CalibrationSd:
     gyro_map: tuple[FloatArray | None, ...] = (None, None, None)
 
     def corrected(self, errors: ImuErrors, rate: FloatArray, force: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Uncertainty of corrected rates and specific forces that comes from the calibration alone.
+        """Compute the uncertainty of corrected rates and specific forces by the calibration alone.
 
-        errors: of which these are the standard deviations; rate, force (n, 3): true ones [rad/s], [m/s^2]. Returns
-        rate_sd, force_sd (n, 3): one standard deviation, for sensors that are nearly a perfect triad [rad/s], [m/s^2].
+        `errors`: of which these are the standard deviations. `rate`, `force` (n, 3): true ones [rad/s], [m/s^2].
+        Returns rate_sd, force_sd (n, 3): one standard deviation, for sensors that are nearly a perfect triad [rad/s],
+        [m/s^2].
         """
         of_rate = rate**2 @ self.gyro_matrix.T**2 + force**2 @ self.g_sensitivity.T**2 + self.gyro_bias**2
         known = () if errors.gyro_map is None else zip(errors.gyro_map.axes, self.gyro_map, strict=True)
@@ -126,35 +127,35 @@ class Impact:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Calibration(Generic[R, D]):
-    """What a calibration method found."""
+    """Result of a calibration method."""
 
     method: str  # one of `METHODS`
     errors: ImuErrors | None  # as written to the calibration file; None where the method is not of an IMU
     sd: CalibrationSd  # their uncertainty in SI units
     parameters: tuple[Quantity, ...]  # estimates with standard deviation and 95 % interval
     fits: Mapping[str, Fit]  # the least-squares fits they come from, by sensor
-    record: R  # the input, as the method reads it; of samples, what was understood of them
+    record: R  # input of the method; for samples, their interpretation
     detail: D  # everything else, in the form of the method
     options: BenchOptions  # in force
-    warnings: tuple[Finding, ...] = ()  # what must not be overlooked
-    # the errors of rates and specific forces, where those of the file are of volts or counts too; see `physical`
+    warnings: tuple[Finding, ...] = ()
+    # errors of rates and specific forces, if the file has errors of volts or counts; see `physical`
     sensed: ImuErrors | None = None
     impact: tuple[Impact, ...] = ()  # on navigation
 
     def __repr__(self) -> str:
-        """Method and extent; the numbers are in `parameters`."""
+        """Return method and extent; the numbers are in `parameters`."""
         counts = f"{len(self.parameters)} parameters, {len(self.warnings)} warnings"
         return f"{type(self).__name__}({self.method!r}, {counts})"
 
 
 class Method(Protocol[R, D]):
-    """How a calibration method is called."""
+    """Interface of a calibration method."""
 
     def read(self, files: Sequence[str | Path | Table], how: BenchOptions) -> R:
         """Read the files of the bench."""
 
     def fit(self, record: R, how: BenchOptions) -> Calibration[R, D]:
-        """Estimate the errors, and how sure they are."""
+        """Estimate the errors, and their uncertainty."""
 
 
 def method_named(name: str) -> Method[Any, Any]:
@@ -186,9 +187,9 @@ def carried_over(new: ImuErrors, other: ImuErrors, kept: str) -> ImuErrors:
 
 
 def measured(name: str, value: float, unit: str, sd: float | None = None, half_width: float | None = None) -> Quantity:
-    """Quantity of what is already in the unit shown.
+    """Build a quantity from values in the display unit.
 
-    `value`, `sd`, `half_width`: estimate, standard deviation and half its 95 % interval, in `unit`; `unit`: of
+    `value`, `sd`, `half_width`: estimate, standard deviation and half its 95 % interval, in `unit`. `unit`: of
     `insnav.units`, or any other.
     """
     factor = UNITS[unit][1] if unit in UNITS else 1.0
@@ -208,7 +209,7 @@ def fitted(fit: Fit, units: Sequence[str], sensor: str = "") -> tuple[Quantity, 
 def common_unit(units: Sequence[tuple[str, str]]) -> str:
     """Unit that all outputs share, of pairs of a name and a unit.
 
-    Raises InputError: they differ.
+    Raises: InputError: they differ.
     """
     if len({unit for _, unit in units}) > 1:
         raise InputError("lab.mixed_units", units=tuple(dict.fromkeys(f"{name}: {unit}" for name, unit in units)))

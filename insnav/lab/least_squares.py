@@ -1,4 +1,4 @@
-"""Linear least squares, the one every bench method uses: estimates, their uncertainty, and what is not determined.
+"""Linear least squares of all bench methods: estimates, their uncertainty, and undetermined parameters.
 
 Sources: G. A. F. Seber and A. J. Lee, Linear Regression Analysis, 2nd ed. (2003), chapters 3 (estimation), 5
 (confidence intervals) and 10 (deleted residuals).
@@ -18,20 +18,20 @@ from insnav.types import BoolArray, FloatArray
 RANK_TOLERANCE = 1e-9  # singular values of the scaled design below this share of the largest count as zero
 AFFINE = ("sensitivity to x", "to y", "to z", "bias")  # parameters of a sensor among three axes
 LEVEL = 0.95  # of a printed interval, unless stated otherwise
-FALSE_ALARM = 0.05  # probability that a row of a good fit is taken for an outlier
+FALSE_ALARM = 0.05  # probability that a row of a good fit is reported as outlier
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """What linear least squares found."""
+    """Result of linear least squares."""
 
     names: tuple[str, ...]  # of the k parameters
     value: FloatArray  # (k,) estimates
     covariance: FloatArray  # (k, k) of the estimates, from the scatter of the residuals
-    residual: FloatArray  # (n,) measured minus fitted, in the unit of what was measured
+    residual: FloatArray  # (n,) measured minus fitted, in the unit of the measurement
     sigma: float  # standard deviation of a measurement: root of the sum of squares over `dof`
     dof: int  # degrees of freedom, ``n - k``
-    condition: float  # condition number of the design, each column scaled to length 1: what no choice of units can mend
+    condition: float  # condition number of the design with columns of length 1, independent of units
 
     @property
     def sd(self) -> FloatArray:
@@ -49,28 +49,28 @@ class Fit:
         return int(np.argmax(np.abs(self.residual)))
 
     def half_width(self, level: float = LEVEL) -> FloatArray:
-        """Half width of the confidence interval of each estimate, (k,).
+        """Compute the half width of the confidence interval of each estimate, (k,).
 
-        level: probability with which the interval holds the true value, normally distributed errors given.
+        `level`: probability with which the interval holds the true value, normally distributed errors given.
         """
         return self.sd * coverage_factor(self.dof, level)
 
 
 def coverage_factor(dof: float, level: float = LEVEL) -> float:
-    """Half width of a confidence interval in standard deviations: Student's t for few degrees of freedom.
+    """Compute the half width of a confidence interval in standard deviations: Student's t.
 
-    dof: degrees of freedom of the standard deviation, infinite if it is known; level: probability of the interval.
+    `dof`: degrees of freedom of the standard deviation, infinite if it is known. `level`: probability of the interval.
     """
     return float(stdtrit(min(dof, 1e9), 0.5 + 0.5 * level))
 
 
 def outliers(fit: Fit, design: FloatArray) -> tuple[int, ...]:
-    """Rows that do not belong to the others.
+    """Find outlying rows.
 
     Each residual is compared with the scatter of all other rows (deleted residual: Seber and Lee, section 10.2), at a
     level that lets all rows of a good fit pass except with a probability of `FALSE_ALARM`.
 
-    design (n, k): of that fit.
+    `design` (n, k): of that fit.
     """
     if fit.dof < 2 or fit.sigma <= 0.0:
         return ()
@@ -84,10 +84,10 @@ def outliers(fit: Fit, design: FloatArray) -> tuple[int, ...]:
 def linear_fit(design: FloatArray, measured: FloatArray, names: Sequence[str], *, where: str = "") -> Fit:
     """Fit ``measured = design @ parameters`` by least squares.
 
-    `design` (n, k): what each measurement is of each parameter; `measured` (n,): measurements, errors independent and
-    alike.
-    Raises: InputError: a value that is not finite, no more measurements than parameters, or parameters that the
-    measurements do not determine, by name.
+    `design` (n, k): derivative of each measurement by each parameter. `measured` (n,): measurements with independent
+    errors of equal variance.
+    Raises: InputError: a value that is not finite, no more measurements than parameters, or undetermined parameters, by
+    name.
     """
     design = np.asarray(design, dtype=np.float64)
     measured = np.asarray(measured, dtype=np.float64)
@@ -104,7 +104,7 @@ def linear_fit(design: FloatArray, measured: FloatArray, names: Sequence[str], *
     left, singular, right = np.linalg.svd(design / lengths, full_matrices=False)
     loose = singular <= RANK_TOLERANCE * singular[0]
     if loose.any():
-        shares = np.sqrt(np.sum(right[loose] ** 2, axis=0))  # of each parameter in what leaves no trace
+        shares = np.sqrt(np.sum(right[loose] ** 2, axis=0))  # weight of each parameter in the undetermined combinations
         mixed = [name for name, share in zip(names, shares, strict=True) if share > 1e-6]
         raise InputError("lab.parameters_mixed", where=where, parameters=tuple(mixed))
     scaled = right.T @ ((left.T @ measured) / singular)
@@ -127,7 +127,7 @@ def linear_fit(design: FloatArray, measured: FloatArray, names: Sequence[str], *
 def affine_fits(
     true: FloatArray, measured: FloatArray, where: Sequence[str], used: BoolArray | None = None
 ) -> tuple[Fit, ...]:
-    """Fit each column of `measured` (n, m) by three components (n, 3) and a bias; `used` (n, m): rows that count."""
+    """Fit each column of `measured` (n, m) by three components (n, 3) and a bias. `used` (n, m): rows that count."""
     design = np.column_stack((true, np.ones(len(true))))
     rows = np.ones(measured.shape, dtype=np.bool_) if used is None else used
     sensors = zip(measured.T, rows.T, where, strict=True)

@@ -29,7 +29,7 @@ def navigation_impact(errors: ImuErrors, sd: CalibrationSd) -> tuple[Impact, ...
     """Navigate a simulated minute at rest and on a circle, sensors without other errors.
 
     The true errors are sampled about the calibrated ones with their uncertainty; the calibration corrects the known
-    part. Both start from the true state, and height is held.
+    part. Both navigate from the true state, height-constrained.
     """
     known = physical(errors)
     rng = np.random.default_rng(SEED)

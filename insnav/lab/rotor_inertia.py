@@ -1,4 +1,4 @@
-"""Moment of inertia of a gyroscope's rotor two ways: a falling weight that spins it up, and its precession.
+"""Moment of inertia of a gyroscope's rotor by two methods: a falling weight that spins it up, and precession.
 
 Falling weight m on a cord round radius r: energy gives ``m g h = (m v^2 + I w^2) / 2`` with ``v = r w``, and constant
 acceleration ``h = v t / 2``, so ``t^2 = 2 h (I + m r^2) / (m g r^2)``. Precession under a weight m at arm R:
@@ -25,9 +25,9 @@ from insnav.lab.least_squares import Fit, coverage_factor, linear_fit, outliers
 from insnav.types import FloatArray
 
 FALL, PRECESSION = schema("fall"), schema("precession")
-WORST = 0.1  # relative uncertainty of a slope that still is one
-USUAL = 5  # measurements
-SLOW = 10.0  # the rotor must turn so much faster than it precesses for the formula to hold
+WORST = 0.1  # largest relative uncertainty of a usable slope
+USUAL = 5  # usual number of measurements
+SLOW = 10.0  # least ratio of spin to precession rate for the formula
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,31 +39,31 @@ class Inertia:
     sd: float
     half_width: float  # half its 95 % interval [kg m^2]
     fit: Fit  # of the slope alone, through the origin
-    x: FloatArray  # (n,) what was fitted: height [m] and squared time [s^2], or period [s] and rotor rate [rad/s]
+    x: FloatArray  # (n,) fitted data: height [m] and squared time [s^2], or period [s] and rotor rate [rad/s]
     y: FloatArray
     warnings: tuple[Finding, ...]
-    powers: Fit | None = None  # of torque and of spin in the precession rate, where both were changed
+    powers: Fit | None = None  # exponents of torque and of spin in the precession rate, if both were varied
 
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """Whether two results agree."""
+    """Agreement of two results."""
 
     difference: float  # first minus second, and its standard deviation [kg m^2]
     sd: float
     limit: float  # largest difference that their uncertainties explain, 95 % [kg m^2]
-    mean: float  # weighted mean and its standard deviation [kg m^2]; of no use where they disagree
+    mean: float  # weighted mean and its standard deviation [kg m^2]; meaningless if they disagree
     mean_sd: float
 
     @property
     def agree(self) -> bool:
-        """Whether the difference is within the limit."""
+        """True if the difference is within the limit."""
         return abs(self.difference) <= self.limit
 
 
 @dataclass(frozen=True, slots=True)
 class Inertias:
-    """Moment of inertia by a falling weight and by precession, and whether they agree."""
+    """Moments of inertia by a falling weight and by precession, and their agreement."""
 
     fall: Inertia
     precession: Inertia
@@ -73,7 +73,7 @@ class Inertias:
 def read(files: Sequence[str | Path | Table], how: BenchOptions) -> tuple[BenchTable, BenchTable]:
     """Read heights and times of a falling weight, and precession periods and rotor rates.
 
-    Raises ConfigError: a mass or length that cannot be.
+    Raises: ConfigError: an impossible mass or length.
     """
     fall, precession = files
     turns = read_bench(precession, PRECESSION, ("period", "rotor_rate"))
@@ -89,7 +89,7 @@ def read(files: Sequence[str | Path | Table], how: BenchOptions) -> tuple[BenchT
 def fit(
     record: tuple[BenchTable, BenchTable], how: BenchOptions
 ) -> Calibration[tuple[BenchTable, BenchTable], Inertias]:
-    """Moments of inertia by `inertia_from_fall` and `inertia_from_precession`; without errors, as it is no IMU."""
+    """Compute moments of inertia by `inertia_from_fall` and `inertia_from_precession`; no IMU errors."""
     falls, turns = record
     time = falls.columns["fall_time" if "fall_time" in falls.columns else "time"]
     first = inertia_from_fall(falls.columns["height"], time, how.fall_mass, how.radius, how.gravity, where=falls.name)
@@ -111,9 +111,9 @@ def fit(
 def inertia_from_fall(
     height: FloatArray, time: FloatArray, mass: float, radius: float, gravity: float, *, where: str = ""
 ) -> Inertia:
-    """Moment of inertia from a falling weight.
+    """Compute the moment of inertia from a falling weight.
 
-    `height` (n,): heights [m]; `time` (n,): times of fall [s]; `mass`: of the weight [kg]; `radius`: of the drum the
+    `height` (n,): heights [m]. `time` (n,): times of fall [s]. `mass`: of the weight [kg]. `radius`: of the drum the
     cord is wound on [m]; `gravity` [m/s^2].
     Raises: InputError: values that are not positive, too few, or a fall faster than free.
     """
@@ -140,11 +140,11 @@ def inertia_from_fall(
 def inertia_from_precession(
     period: FloatArray, rate: FloatArray, mass: float | FloatArray, arm: float, gravity: float, *, where: str = ""
 ) -> Inertia:
-    """Moment of inertia from precession, one regression over all spins and torques.
+    """Compute the moment of inertia from precession, by one regression over all spins and torques.
 
-    `period` (n,): precession periods [s]; `rate` (n,): rates of the rotor [rad/s]; `mass`: of the added weight [kg],
-    one or (n,); `arm`: its distance from the support [m]; `gravity` [m/s^2]. With several weights the periods fitted
-    are those that their mean would have: the period is as the inverse of the torque.
+    `period` (n,): precession periods [s]. `rate` (n,): rates of the rotor [rad/s]. `mass`: of the added weight [kg],
+    one or (n,). `arm`: its distance from the support [m]. `gravity` [m/s^2]. With several weights, periods are
+    converted to their mean, as the period is inverse to the torque.
     Raises: InputError: values that are not positive, too few, or a rotor that is not fast.
     """
     weights = np.broadcast_to(mass, period.shape)
@@ -171,7 +171,7 @@ def inertia_from_precession(
 
 
 def _powers(period: FloatArray, rate: FloatArray, mass: FloatArray) -> Fit | None:
-    """Powers of torque and of spin in the precession rate, 1 and -1 by theory; None where either does not change."""
+    """Fit the exponents of torque and of spin in the precession rate, in theory 1 and -1; None if one is constant."""
     if min(np.unique(mass).size, np.unique(rate).size) < 2 or period.size < 5:
         return None
     design = np.column_stack((np.ones_like(period), np.log(mass), np.log(rate)))
@@ -181,8 +181,7 @@ def _powers(period: FloatArray, rate: FloatArray, mass: FloatArray) -> Fit | Non
 def agreement(first: Inertia, second: Inertia) -> Agreement:
     """Compare two moments of inertia.
 
-    The number of degrees of freedom of their difference is that of Welch and Satterthwaite: ISO/IEC Guide 98-3 (2008),
-    eq. G.2b.
+    Welch-Satterthwaite gives the degrees of freedom of their difference: ISO/IEC Guide 98-3 (2008), eq. G.2b.
     """
     difference, sd = first.value - second.value, math.hypot(first.sd, second.sd)
     if sd == 0.0:
@@ -204,7 +203,7 @@ def _slope(x: FloatArray, y: FloatArray, where: str) -> Fit:
 
 
 def _suspicions(fit: Fit, x: FloatArray, y: FloatArray, missed: Code) -> tuple[Finding, ...]:
-    """Find whether the line misses the origin, points are few, or one is not with the others."""
+    """Report a line that misses the origin, few points, or an outlier."""
     warnings: list[Finding] = []
     if x.size > 3:
         free = linear_fit(np.column_stack((np.ones_like(x), x)), y, ("intercept", "slope"))

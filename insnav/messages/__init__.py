@@ -1,27 +1,27 @@
-"""The words of findings: one catalogue a language, and the renderer that puts numbers into it.
+"""Words of findings: one catalogue per language, and the renderer that inserts numbers.
 
-An entry of ``<language>.toml`` stands under the code of `insnav.findings.Code` and holds:
+An entry of ``<language>.toml`` has the code of `insnav.findings.Code` as its key and contains:
 
-- ``severity``: ``assumption``, ``warning`` or ``unusable``, unless it is usually a ``note`` (in English only);
+- ``severity``: ``assumption``, ``warning`` or ``unusable``; by default ``note`` (in English only);
 - ``title``: the name of the thing, two to six words, without numbers;
-- ``text``: what was seen, one or two sentences with the numbers that decide;
-- ``done``: what insnav did about it;
-- ``advice``: what the user can do.
+- ``text``: the observation, one or two sentences with the decisive numbers;
+- ``done``: action of insnav;
+- ``advice``: recommended action of the user.
 
-An error stands under its code in ``errors/<family>.<language>.toml``, where the family is the first part of its code:
+An error has its code as key in ``errors/<family>.<language>.toml``; the family is the first part of its code:
 
-- ``what``: what is wrong, understood without the rest;
-- ``why``: the evidence, with the numbers that decide;
-- ``fix``: what the user can do.
+- ``what``: the error, understandable without the rest;
+- ``why``: the evidence, with the decisive numbers;
+- ``fix``: recommended action of the user.
 
 A text holds values by name in braces, with a format: ``{delay_s:.3f s}`` (format, then the unit to convert to from SI),
 ``{count:count fix|fixes}`` (number and noun), ``{count:plural fix|fixes}`` (noun alone), ``{delay_s:sign late|early}``
 (first word unless negative), ``{delay_s:abs .3f s}`` (without the sign), ``{axis:word}`` (a word of the table
 ``[words]`` of either file, or several), ``{problems:lines}`` (each on a line of its own), ``{begin:moment}`` and
 ``{span}`` (times of the record). ``{subject}`` is the subject. A part in double square brackets is left out where one
-of its values is missing or not finite: ``[[ ± {delay_sd_s:.3f s}]]``. An error among the values, ``{cause}``, is shown
-behind its place: what is wrong and why alone by ``{cause:reason}``, what the user can do alone by ``{cause:fix}``.
-The table ``[form]`` says how a language joins sentences, lists and the two ends of a span.
+of its values is missing or not finite: ``[[ ± {delay_sd_s:.3f s}]]``. An error among the values, ``{cause}``, follows
+its location: ``what`` and ``why`` alone by ``{cause:reason}``, ``fix`` alone by ``{cause:fix}``. The table ``[form]``
+defines the punctuation of sentences, lists and spans in a language.
 """
 
 from __future__ import annotations
@@ -48,14 +48,14 @@ LANGUAGES = ("en", "zh")
 PARTS = ("title", "text", "done", "advice")
 _OPTIONAL = re.compile(r"\[\[(.*?)\]\]")
 _FORMATTER = Formatter()
-_SPOKEN = ContextVar("_SPOKEN", default="")  # language of what is done inside, whatever that of the process is
+_SPOKEN = ContextVar("_SPOKEN", default="")  # language inside `speaking`, whatever the process language
 
 At = Callable[[float, float], str]
 """How times of the record, from one to another [s], are written."""
 
 
 class _Form(NamedTuple):
-    """How values are written."""
+    """Format of values."""
 
     lang: str
     at: At
@@ -64,13 +64,13 @@ class _Form(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """A finding in words."""
+    """Finding in words."""
 
-    title: str  # name of the thing
-    text: str  # what was seen
-    done: str = ""  # what insnav did about it
-    advice: str = ""  # what the user can do
-    joint: str = " "  # between two sentences
+    title: str  # name of the finding
+    text: str  # observation
+    done: str = ""  # action of insnav
+    advice: str = ""  # recommended action of the user
+    joint: str = " "  # separator of two sentences
 
     def __str__(self) -> str:
         return self.joint.join(part for part in (self.text, self.done, self.advice) if part)
@@ -78,7 +78,7 @@ class Message:
 
 @contextmanager
 def speaking(lang: str) -> Iterator[None]:
-    """Write every message inside in this language."""
+    """Use this language for every message inside."""
     token = _SPOKEN.set(lang)
     try:
         yield
@@ -87,18 +87,18 @@ def speaking(lang: str) -> Iterator[None]:
 
 
 def language() -> str:
-    """Give the language of messages: that of `speaking`, else by ``INSNAV_LANG``."""
+    """Return the language of messages: from `speaking`, else from ``INSNAV_LANG``."""
     wanted = _SPOKEN.get() or os.environ.get("INSNAV_LANG", "")[:2].lower()
     return wanted if wanted in LANGUAGES else "en"
 
 
 def form(name: str, lang: str | None = None) -> str:
-    """Give how a language writes what is not in a message: an entry of its table ``[form]``."""
+    """Return an entry of a language's table ``[form]``, for text outside messages."""
     return str(catalogue(lang or language())["form"][name])
 
 
 def word(name: str) -> str:
-    """Give the word of a language for a name, or the name itself."""
+    """Return the word of a language for a name, or the name itself."""
     return str(catalogue(language())["words"].get(name, name))
 
 
@@ -108,15 +108,15 @@ def moment(begin: float, end: float, lang: str | None = None) -> str:
 
 
 def render(finding: Finding, lang: str | None = None, at: At | None = None) -> Message:
-    """Put a finding into words.
+    """Write a finding in words.
 
     Parameters
     ----------
     finding : Finding
     lang : str, optional
-        A language of `LANGUAGES`; by default that of `language`.
+        A language of `LANGUAGES`; by default `language`.
     at : callable, optional
-        How times of the record are written, in this language; by default as of `moment`.
+        Format of record times in this language; by default `moment`.
 
     Returns
     -------
@@ -124,7 +124,7 @@ def render(finding: Finding, lang: str | None = None, at: At | None = None) -> M
     """
     lang = lang or language()
     entry = catalogue(lang)[finding.code.value]
-    if text := finding.get("text"):  # of a folder that an earlier version wrote
+    if text := finding.get("text"):  # of a folder of an earlier version
         return Message(entry["title"], text)
     values = dict(finding.values) | {"subject": finding.subject, "begin": finding.begin, "end": finding.end}
     form_of = _Form(lang, at or partial(moment, lang=lang), catalogue(lang)["words"])
@@ -133,18 +133,18 @@ def render(finding: Finding, lang: str | None = None, at: At | None = None) -> M
 
 
 def sentence(finding: Finding, lang: str | None = None, at: At | None = None) -> str:
-    """Put a finding into one line: what was seen, what insnav did, and what the user can do."""
+    """Write a finding in one line: the observation, insnav's action, and the user's action."""
     return str(render(finding, lang, at))
 
 
 def shows_time(finding: Finding, lang: str | None = None) -> bool:
-    """Whether the words of a finding hold a time of the record."""
+    """Return whether the words of a finding contain a time of the record."""
     entry = catalogue(lang or language())[finding.code.value]
     return finding.timed and any(place in entry.get(part, "") for part in PARTS for place in ("{span}", ":moment}"))
 
 
 def render_error(code: str, part: str, values: Mapping[str, Any], lang: str | None = None) -> str:
-    """Put a part of an error into words: ``what``, ``why`` or ``fix``; empty if it has none."""
+    """Write a part of an error: ``what``, ``why`` or ``fix``; empty if absent."""
     lang = lang or language()
     entries = catalogue(f"errors/{code.partition('.')[0]}.{lang}")
     words = ChainMap(entries.get("words", {}), catalogue(lang)["words"])
@@ -159,7 +159,7 @@ def phrase(name: str, /, **values: Any) -> str:
 
 
 def _filled(text: str, values: Mapping[str, Any], how: _Form) -> str:
-    """Put values into a text."""
+    """Insert values into a text."""
 
     def optional(part: re.Match[str]) -> str:
         names = [name for _, name, _, _ in _FORMATTER.parse(part[1]) if name and name != "span"]
@@ -180,7 +180,7 @@ def _known(value: Any) -> bool:
 
 
 def _shown(value: Any, spec: str, how: _Form) -> str:
-    """Write a value by its format."""
+    """Write a value in its format."""
     if isinstance(value, Finding | ErrorFacts):
         return sentence(value, how.lang, how.at) if isinstance(value, Finding) else _error(value, spec, how.lang)
     if isinstance(value, tuple):
@@ -209,7 +209,7 @@ def _shown(value: Any, spec: str, how: _Form) -> str:
 
 
 def _error(error: ErrorFacts, spec: str, lang: str) -> str:
-    """Write an error in one line behind its place: what and why for ``reason``, only what to do for ``fix``."""
+    """Write an error in one line after its location: fact and evidence for ``reason``, only advice for ``fix``."""
     parts = {"reason": ("what", "why"), "fix": ("fix",)}.get(spec, ("what", "why", "fix"))
     texts = [render_error(error.code, part, dict(error.values), lang) for part in parts]
     text = form("joint", lang).join(" ".join(each.split()) for each in texts if each)
@@ -217,7 +217,7 @@ def _error(error: ErrorFacts, spec: str, lang: str) -> str:
 
 
 def _word(value: Any, how: _Form) -> str:
-    """Write a word of the table, or each of several, also where the name of a file follows: ``gyro x (rates.csv)``."""
+    """Write a word of the table, or several, optionally followed by a file name: ``gyro x (rates.csv)``."""
     if not isinstance(value, tuple) and value in how.words:
         return str(how.words[value])
     parts = [str(each).partition(" (") for each in (value if isinstance(value, tuple) else str(value).split(", "))]
@@ -229,7 +229,7 @@ def _number(value: Any, spec: str, unit: str) -> str:
         return str(value)
     scaled: Any = value / UNITS[unit][1] if unit in UNITS else value
     text = format(scaled, spec or ".3g") if not isinstance(scaled, int) or spec else str(scaled)
-    if "e+" in text:  # people write large numbers out
+    if "e+" in text:  # large numbers are written out
         text = f"{scaled:.0f}"
     return text.removeprefix("-") if not text.strip("-0.") else text  # no negative zero
 

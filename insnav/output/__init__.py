@@ -1,1 +1,1 @@
-"""Files out: run folders, tables, tracks and data files, complete or absent."""
+"""Output files: run folders, tables, tracks and data files, complete or absent."""

@@ -1,7 +1,7 @@
-"""Columns of numbers as text, and simulated data as files that every command reads: IMU, GPS and reference.
+"""Number columns as text, and simulated data as readable files: IMU, GPS and reference.
 
-The same data give the same bytes: numbers are rounded to fixed decimals and written as short as they go, and
-compressed files carry no time of writing.
+Equal data give equal bytes: numbers are rounded to fixed decimals in the shortest form, and compressed files contain no
+write time.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from insnav.exceptions import writing
 from insnav.kernels.csv_rows import WIDEST, rows_as_text
 from insnav.types import FloatArray, GpsData, ImuData, IntArray, Trajectory
 
-# pattern that is found in the name of a column, and its decimals; the first counts
+# pattern of a column name, and its decimals; the first match counts
 Decimals = tuple[tuple[str, int], ...]
-TEXT_ROWS = 1 << 13  # made text at a time: their numbers stay in the processor's cache
+TEXT_ROWS = 1 << 13  # rows converted at a time: they fit in the processor's cache
 
 
 def rounded(name: str, values: NDArray[Any], decimals: Decimals) -> NDArray[Any]:
-    """Round a column, unless it counts, to its decimals; zero has no sign, and a heading is below 360 deg."""
+    """Round a column, unless integer, to its decimals; zero has no sign, and a heading is below 360 deg."""
     if values.dtype.kind == "i":
         return values
     values = np.round(values, _places(name, decimals)) + 0.0
@@ -41,7 +41,7 @@ def _places(name: str, decimals: Decimals) -> int:
 
 
 def arrow_table(columns: Mapping[str, Any]) -> pa.Table:
-    """Table of numbers, null where they are not finite, and of text."""
+    """Build a table of numbers, null where not finite, and of text."""
     return pa.table({name: _arrow_array(values) for name, values in columns.items()})
 
 
@@ -58,7 +58,7 @@ def _arrow_array(values: Any) -> Any:
 
 
 def write_numbers(columns: Mapping[str, NDArray[Any]], decimals: Decimals, stream: Any, *, header: bool) -> None:
-    """Write columns of numbers, `rounded`, as `write_csv` does, in a third of its time."""
+    """Write columns of numbers, `rounded`, in the format of `write_csv`, in a third of its time."""
     numbers = np.empty((len(columns), len(next(iter(columns.values())))))
     for row, (name, values) in zip(numbers, columns.items(), strict=True):
         row[:] = rounded(name, values, decimals) if name == "heading_deg" else values
@@ -81,7 +81,7 @@ def write_csv(table: pa.Table, stream: Any, *, header: bool = True) -> None:
     pa.csv.write_csv(table, stream, pa.csv.WriteOptions(include_header=False, quoting_style="needed"))
 
 
-# Decimals far below what any sensor resolves or any test looks at.
+# Decimals far below any sensor resolution and test tolerance.
 _DECIMALS: Decimals = (
     ("^dtheta|^dvel", 13),
     ("^lat|^lon", 11),
@@ -95,8 +95,8 @@ _DECIMALS: Decimals = (
 def write_data(path: Path, data: ImuData | GpsData | Trajectory) -> None:
     """Write samples, fixes or a reference as csv, compressed if the name ends in ``.gz``.
 
-    `data`: columns of which nothing is known are left out. Sampling and timestamp convention of an IMU are not in the
-    file: they are options of whoever reads it.
+    `data`: unknown columns are omitted. Sampling and timestamp convention of an IMU are not in the file: the reader
+    specifies them.
     Raises: OutputError: the file cannot be written.
     """
     known = [name for name, values in data.columns().items() if not np.isnan(values).all()]
@@ -107,7 +107,7 @@ def write_data(path: Path, data: ImuData | GpsData | Trajectory) -> None:
 
 
 def csv_text(columns: Mapping[str, FloatArray], digits: int) -> str:
-    """Text of a csv table of columns ``(n,)``, each number in so many significant digits."""
+    """Write csv text of columns ``(n,)``, each number with `digits` significant digits."""
     lines = (",".join(f"{value:.{digits}g}" for value in row) for row in np.column_stack(list(columns.values())))
     return "\n".join([",".join(columns), *lines]) + "\n"
 
@@ -123,7 +123,7 @@ def write_table(path: Path, columns: Mapping[str, FloatArray | IntArray]) -> Non
 
 @contextlib.contextmanager
 def _opened(path: Path) -> Iterator[Any]:
-    """File to be written, compressed if its name says so."""
+    """Open a file for writing, compressed if its name ends in ``.gz``."""
     with writing("output.file_unwritable", path), path.open("wb") as stream:
         if path.suffix == ".gz":
             with gzip.GzipFile("", "wb", 9, stream, 0) as packed:

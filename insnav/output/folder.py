@@ -1,7 +1,7 @@
-"""The run folder: built aside, complete or absent, with its facts and a digest of every file in it.
+"""Run folder: built separately, complete or absent, with its facts and a digest of every file.
 
-The folder is made as ``.NAME.tmp-PID`` beside its target and renamed when everything is on the disk, so
-whatever stops the program, the target is either what it was before or complete.
+The folder is built as ``.NAME.tmp-PID`` next to its target and renamed when everything is on disk. After any
+interruption, the target is either unchanged or complete.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def read_facts(folder: Path) -> dict[str, Any]:
 
 
 def damage(folder: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Name the missing and the changed ones of the files that a run folder was written with.
+    """List the missing and the changed files of a run folder.
 
     Raises: InputError: not a run folder.
     """
@@ -64,29 +64,28 @@ def file_sha256(path: Path) -> str:
 
 
 def files_in(folder: Path) -> dict[str, Path]:
-    """Every file below a folder but ``run.json``, by its name with forward slashes, sorted."""
+    """Return every file below a folder except ``run.json``, by its name with forward slashes, sorted."""
     paths = sorted(p for p in folder.rglob("*") if p.is_symlink() or not p.is_dir())
     names = {p.relative_to(folder).as_posix(): p for p in paths}
     return {name: path for name, path in names.items() if name != FACTS_FILE}
 
 
-_DROPPINGS = {".DS_Store", "Thumbs.db", "desktop.ini"}  # left by file managers, nobody's work
-_LONGEST_NAME = 230  # with what a folder has beside it while it is built, file systems take 255 bytes
+_DROPPINGS = {".DS_Store", "Thumbs.db", "desktop.ini"}  # written by file managers
+_LONGEST_NAME = 230  # file systems allow 255 bytes, including the suffix during construction
 _MARK = re.compile(r"\.(tmp|old)-(\d+)$")
 
 
 class RunFolder:
-    """A folder that appears at its target only when `commit` has succeeded.
+    """Folder that appears at its target only when `commit` has succeeded.
 
-    Use it as a context manager around the whole work: everything that could keep the result from being
-    written is checked on entry, and leaving without `commit`, for any reason, leaves the target as it was.
+    Use it as a context manager around the whole work. On entry it checks everything that could prevent writing. Leaving
+    without `commit`, for any reason, keeps the target unchanged.
 
-    Folders on the way to it are made. `force`: replace a run there; ``keep``: rename it to the first of ``run~1``,
-    ``run~2``, … that is free, which is `kept` then.
+    Parent folders are created. `force`: replace a run there. ``keep``: rename it to the first free name of ``run~1``,
+    ``run~2``, …, stored as `kept`.
 
-    Raises: OutputError: on entry: no permission, a file in the way, an existing folder without
-    `force`, or with `force` a folder that holds anything but a run. Later: disk full, or the target has appeared
-    meanwhile.
+    Raises: OutputError: on entry: no permission, a file at the target, an existing folder without `force`, or with
+    `force` a folder without a run. Later: disk full, or the target has appeared meanwhile.
     """
 
     def __init__(self, target: Path, *, force: bool | Literal["keep"]) -> None:
@@ -95,7 +94,7 @@ class RunFolder:
         self.kept: Path | None = None
         self._place = target
         self._aside = target
-        self._made: list[Path] = []  # folders on the way to the target
+        self._made: list[Path] = []  # created parent folders of the target
         self._committing = self._committed = False
 
     def __enter__(self) -> Self:
@@ -110,7 +109,7 @@ class RunFolder:
         with writing("output.folder_unwritable", self._place.parent):
             self._made = [each for each in self._place.parents if not each.exists()]
             self._place.parent.mkdir(parents=True, exist_ok=True)
-            if self._aside.exists():  # left by a dead process that had our number
+            if self._aside.exists():  # left by a dead process with the same PID
                 shutil.rmtree(self._aside)
             self._aside.mkdir()
         return self
@@ -123,7 +122,7 @@ class RunFolder:
         written = _bytes_in(self._aside)
         free = _bytes_free(self._place.parent)
         shutil.rmtree(self._aside, ignore_errors=True)
-        with contextlib.suppress(OSError):  # another has written there
+        with contextlib.suppress(OSError):  # another process has written there
             for each in self._made:
                 each.rmdir()
         if isinstance(error, OSError):
@@ -133,13 +132,13 @@ class RunFolder:
 
     @property
     def directory(self) -> Path:
-        """Where to write the files, until `commit`."""
+        """Directory for the files, until `commit`."""
         return self._aside
 
     def path(self, name: str) -> Path:
-        """Place of a file of the result, such as ``figures/track.png``; folders on the way are made.
+        """Return the path of a result file, such as ``figures/track.png``; create its parent folders.
 
-        Raises: OutputError: the name leads out of the folder, or is ``run.json``, which `commit` writes.
+        Raises: OutputError: the name is outside the folder, or is ``run.json``, which `commit` writes.
         """
         path = Path(os.path.normpath(self._aside / name))
         if path == self._aside or not path.is_relative_to(self._aside) or name == FACTS_FILE:
@@ -148,9 +147,9 @@ class RunFolder:
         return path
 
     def commit(self, facts: Mapping[str, Any]) -> Path:
-        """Write ``run.json`` last, bring everything to the disk and move the folder to its target, which is returned.
+        """Write ``run.json`` last, flush everything to disk and move the folder to its target, which is returned.
 
-        `facts`: JSON-ready; ``files``, the size and SHA-256 digest of every other file, is added.
+        `facts`: ready for JSON; ``files`` (size and SHA-256 digest of every other file) is added.
         Raises: OutputError: the target appeared meanwhile.
         """
         self._committing = True
@@ -187,7 +186,7 @@ class RunFolder:
             shutil.rmtree(old, ignore_errors=True)
 
     def _explained(self, error: OSError, written: int, free: int) -> OutputError | None:
-        """Explain a failure to write the result; None if the `OSError` came from elsewhere."""
+        """Explain a write failure; None if the `OSError` has another cause."""
         ours = error.filename is not None and str(error.filename).startswith(str(self._aside))
         if error.errno not in NO_ROOM and not ours and not self._committing:
             return None
@@ -197,10 +196,10 @@ class RunFolder:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file aside and move it into its place.
+    """Write a temporary file and move it to its path.
 
-    `path`: its folder is made if need be.
-    Raises: OutputError: it cannot be written.
+    `path`: its folder is created if necessary.
+    Raises: OutputError: the file cannot be written.
     """
     aside = _beside(path, "tmp")
     with writing("output.file_unwritable", path):
@@ -216,7 +215,7 @@ def write_text(path: Path, text: str) -> None:
 def resolved(target: Path) -> Path:
     """Resolve the path of an output folder.
 
-    Raises: OutputError: no such path can be, or it is a link to nothing, which would make a folder elsewhere.
+    Raises: OutputError: an impossible path, or a dangling link, which would create a folder elsewhere.
     """
     if target.is_symlink() and not target.exists():
         raise OutputError("output.dangling_link", where=str(target), target=plain_text(target.readlink()))
@@ -246,7 +245,7 @@ def _check_target(place: Path, *, force: bool | Literal["keep"]) -> None:
 
 
 def foreign_files(place: Path) -> list[str]:
-    """Names of the files in a folder that no run has written there."""
+    """List files in a folder that no run has written there."""
     found = [name for name in files_in(place) if Path(name).name not in _DROPPINGS]
     try:
         listed = read_facts(place)["files"]
@@ -260,7 +259,7 @@ def _beside(place: Path, kind: str) -> Path:
 
 
 def _clean_stale(place: Path) -> None:
-    """Remove what dead processes left beside a target; bring back a result caught between two renames."""
+    """Remove remains of dead processes next to a target; restore a result interrupted between two renames."""
     for path in place.parent.glob(f".{glob.escape(place.name)}.*-*"):
         mark = _MARK.search(path.name)
         if mark is None or path.name[1 : mark.start()] != place.name or _alive(int(mark[2])):

@@ -1,8 +1,8 @@
 """Tables of a run: solution, innovations, sensor errors and events, as text or parquet.
 
-What is not known is an empty cell (csv) or null (parquet), never NaN. Text is rounded well below what the
-numbers can mean, which keeps the files short and the same on every machine; parquet holds states as computed
-and standard deviations in single precision.
+Unknown values are empty cells (csv) or null (parquet), never NaN. Text is rounded far below the accuracy of the
+numbers, which keeps files short and identical on every machine. Parquet has states as computed and standard deviations
+in single precision.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ T = TypeVar("T", bound=Tabular)
 _EVENTS = ("time_s", "end_s", "code", "severity", "subject", "value", "limit", "unit", "action", "hint", "values")
 
 _NAMES: dict[type, str] = {Trajectory: "solution", Innovations: "innovations", SensorErrors: "biases", GpsData: "fixes"}
-_GROUP = 1 << 16  # rows of a group of a parquet file
-_OPTIONAL = ("sd", "fix", "heading")  # fields that may have no columns
+_GROUP = 1 << 16  # rows per group of a parquet file
+_OPTIONAL = ("sd", "fix", "heading")  # fields that may be absent
 _DECIMALS: Decimals = (
     ("^lat|^lon", 10),
     ("value|limit", 9),
@@ -46,10 +46,10 @@ _DECIMALS: Decimals = (
 
 
 def write_run_table(folder: Path, data: Tabular, file_format: TableFormat = "csv", name: str = "") -> Path:
-    """Write a solution, fixes, every fix with its innovation and NIS, estimated sensor errors or errors of a solution.
+    """Write a solution, fixes, innovations with NIS, sensor errors or errors of a solution.
 
-    `data`: every row of it is written; a field that is None has no columns; `file_format` {"csv", "parquet"}; `name`:
-    of the file, without suffix; default ``solution``, ``innovations``, ``biases`` or ``fixes``.
+    `data`: all rows are written; a None field has no columns. `file_format` {"csv", "parquet"}. `name`: of the file,
+    without suffix; default ``solution``, ``innovations``, ``biases`` or ``fixes``.
     """
     path, count = folder / f"{name or _NAMES[type(data)]}.{file_format}", len(next(iter(data._arrays().values())))
     with path.open("wb") as stream, contextlib.ExitStack() as closing:
@@ -64,8 +64,8 @@ def write_run_table(folder: Path, data: Tabular, file_format: TableFormat = "csv
                 {key: v.astype(np.float32) if key.startswith("sd_") else v for key, v in numbers.items()}
             )
             if writer is None:
-                # Numbers that never repeat gain nothing from a dictionary or from minima and maxima, and snappy makes
-                # files smaller by 4 % in twice the time.
+                # Unique numbers gain nothing from a dictionary or statistics. Snappy reduces the size by 4 % in twice
+                # the time.
                 how = {"use_dictionary": False, "write_statistics": False, "compression": "none"}
                 writer = closing.enter_context(_parquet().ParquetWriter(stream, table.schema, **how))
             writer.write_table(table)
@@ -73,9 +73,9 @@ def write_run_table(folder: Path, data: Tabular, file_format: TableFormat = "csv
 
 
 def write_events(folder: Path, findings: Sequence[Finding]) -> Path:
-    """Write ``events.csv``: every finding that has a time, one a row; English text, safe to open in a spreadsheet.
+    """Write ``events.csv``: every finding with a time, one per row; English text, safe for spreadsheets.
 
-    ``value`` and ``limit`` are the number that decided and its limit in SI, ``values`` all numbers as JSON.
+    ``value`` and ``limit`` are the decisive number and its limit in SI, ``values`` all numbers as JSON.
     """
     timed = by_time(each for each in findings if each.timed)
     numbers = {"time_s": "begin", "end_s": "end", "value": "value", "limit": "limit"}
@@ -88,7 +88,7 @@ def write_events(folder: Path, findings: Sequence[Finding]) -> Path:
         "code": [each.code.value for each in timed],
         "severity": [each.severity.name.lower() for each in timed],
         "subject": [each.subject for each in timed],
-        # no unit is an empty cell: a lone "-" would look like the start of a formula
+        # no unit is an empty cell: a single "-" would look like a formula
         "unit": [quantity_of(each.measured[0], 0.0).unit for each in timed],
         "action": [" ".join(filter(None, (each.text, each.done))) for each in messages],
         "hint": [each.advice for each in messages],
@@ -102,7 +102,7 @@ def write_events(folder: Path, findings: Sequence[Finding]) -> Path:
 
 
 def has_smoothed(folder: Path) -> bool:
-    """Whether a run folder holds a smoothed solution."""
+    """Return whether a run folder contains a smoothed solution."""
     return any((folder / f"smoothed.{kind}").is_file() for kind in ("parquet", "csv"))
 
 
@@ -114,8 +114,8 @@ def read_solution(folder: Path, name: str = "solution") -> Trajectory:
 def read_run_table(folder: Path, kind: type[T], name: str = "") -> T:
     """Read a table of a run folder, csv or parquet.
 
-    `name`: of the file, without suffix, as there.
-    Raises: InputError: no such table in the folder, or not one written by insnav.
+    `name`: of the file, without suffix.
+    Raises: InputError: the folder has no such table, or insnav did not write it.
     """
     name = name or _NAMES[kind]
     path = next((p for p in (folder / f"{name}.{suffix}" for suffix in ("parquet", "csv")) if p.is_file()), None)
@@ -129,7 +129,7 @@ def read_run_table(folder: Path, kind: type[T], name: str = "") -> T:
 
 
 def _field(table: Any, field: str, names: Sequence[str]) -> Any:
-    """One field of a type, None if it may be and has no columns."""
+    """Read one field of a type; None if optional and absent."""
     if field in _OPTIONAL and names[0] not in table.column_names:
         return None
     values = np.column_stack([table[name].cast(pa.float64()).to_numpy() * unit_of(name) for name in names])
@@ -141,9 +141,9 @@ def _field(table: Any, field: str, names: Sequence[str]) -> Any:
 
 
 def read_events(folder: Path) -> tuple[Finding, ...]:
-    """Read ``events.csv`` of a run folder, of this version or of 0.2, which had kinds and texts.
+    """Read ``events.csv`` of a run folder, of this version or of 0.2 with kinds and texts.
 
-    Raises: InputError: it is damaged.
+    Raises: InputError: the file is damaged.
     """
     path = folder / "events.csv"
     texts = dict.fromkeys(("code", "kind", "severity", "subject", "unit", "action", "hint", "values"), pa.string())
@@ -166,6 +166,6 @@ def _finding_of_row(row: Mapping[str, Any]) -> Finding:
 
 
 def _parquet() -> Any:
-    from pyarrow import parquet  # its file systems take longer to import than a table to write
+    from pyarrow import parquet  # its file systems are slow to import
 
     return parquet

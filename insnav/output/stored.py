@@ -1,4 +1,4 @@
-"""A result as one file and back: dataclasses of this package by their fields, arrays as they are, nothing that runs."""
+"""Result as one file: package dataclasses by field, arrays unchanged, no executable content."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _STRUCTURE = "structure"
 
 
 def store(found: object, file: Path) -> None:
-    """Write what was found; an array that stands in several places is written once."""
+    """Write a result; an array referenced several times is written once."""
     arrays: dict[int, np.ndarray] = {}
 
     def plain(value: Any) -> Any:
@@ -51,7 +51,7 @@ def store(found: object, file: Path) -> None:
 
 
 def read_stored(folder: Path, name: str = FILE) -> Any:
-    """Read what was found from its folder.
+    """Read a result from its folder.
 
     Raises: InputError: the file is missing, damaged, or of another version.
     """

@@ -1,16 +1,15 @@
-"""A trajectory in the formats of other programs: GPX, KML, GeoJSON, TUM, EuRoC, RTKLIB .pos, NMEA, ROS bag, CSV.
+"""Trajectory in the formats of other programs: GPX, KML, GeoJSON, TUM, EuRoC, RTKLIB .pos, NMEA, ROS bag, CSV.
 
-Times are what the format wants: UTC in GPX, GeoJSON, NMEA, bags and CSV, GPS time in .pos, nanoseconds in EuRoC.
+Times follow the format: UTC in GPX, GeoJSON, NMEA, bags and CSV, GPS time in .pos, nanoseconds in EuRoC.
 
-TUM files (``time x y z qx qy qz qw``) hold positions East, North, Up in the tangent plane at the first epoch, and the
-attitude that turns body axes (Forward, Right, Down) into these. Of compared runs every pose stands where the error, in
-metres North, East, Down at its epoch, puts it from the reference: so the distances between two files are the errors
-that insnav counts, to rounding.
+TUM files (``time x y z qx qy qz qw``) contain positions East, North, Up in the tangent plane at the first epoch. Their
+rotation is from body axes (Forward, Right, Down) to these axes. Poses of compared runs are the reference plus their
+errors North, East, Down in metres. The distances between two files thus equal insnav's errors, to rounding.
 
 References
 ----------
-ROS sensor_msgs, geometry_msgs and nav_msgs, noetic: how messages are written; REP-103, REP-105 (axes: East, North, Up;
-Forward, Left, Up).
+ROS sensor_msgs, geometry_msgs and nav_msgs, noetic: message encoding. REP-103, REP-105 (axes: East, North, Up; Forward,
+Left, Up).
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ from insnav.types import FloatArray, Trajectory
 from insnav.units import DEG
 
 _DEGREES = np.array([DEG, DEG, 1.0])  # of latitude and longitude; metres of height
-KML_POINTS = 5000  # more makes map programs slow and shows nothing new
+KML_POINTS = 5000  # more points slow map programs without visible benefit
 _KNOT = 1852.0 / 3600.0
 _FIXED_SD, _FLOAT_SD = 0.1, 1.0  # horizontal deviations up to which a .pos row is of quality 1, 2; else 5 [m]
 _NED_TO_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -47,11 +46,11 @@ _HALF_ROLL = np.array([0.0, 1.0, 0.0, 0.0])  # quaternion from Forward-Left-Up t
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """A trajectory to be written."""
+    """Trajectory for export."""
 
     trajectory: Trajectory
     name: str
-    utc: NDArray[np.datetime64] | None  # (n,) instants in UTC and in GPS time [ns]; None if no date is known
+    utc: NDArray[np.datetime64] | None  # (n,) instants in UTC and in GPS time [ns]; None without a date
     gps: NDArray[np.datetime64] | None
     height: str  # ``ellipsoidal`` or ``msl``
 
@@ -64,14 +63,14 @@ class Track:
 
     @property
     def sd(self) -> FloatArray:
-        """Standard deviations of position and velocity, (n, 6); NaN where not known."""
+        """Standard deviations of position and velocity, (n, 6); NaN if unknown."""
         sd = self.trajectory.sd
         return np.full((len(self.trajectory.time), 6), np.nan) if sd is None else sd[:, :6]
 
     def instants(self, of: str) -> NDArray[np.datetime64]:
-        """Instants in ``utc`` or ``gps``.
+        """Return instants in ``utc`` or ``gps``.
 
-        Raises: ConfigError: no date is known.
+        Raises: ConfigError: the date is unknown.
         """
         found: NDArray[np.datetime64] | None = getattr(self, of)
         if found is None:
@@ -80,7 +79,7 @@ class Track:
 
 
 def gpx(track: Track) -> str:
-    """GPX 1.1; its elevations are the heights of the run."""
+    """Write GPX 1.1; its elevations are the heights of the run."""
     instants = np.datetime_as_string(track.instants("utc"), unit="us")
     points = (
         f'<trkpt lat="{lat:.9f}" lon="{lon:.9f}"><ele>{h:.3f}</ele><time>{t}Z</time></trkpt>\n'
@@ -95,12 +94,12 @@ def gpx(track: Track) -> str:
 
 
 def kml(track: Track) -> str:
-    """KML, as beside a run."""
+    """Write KML, as in a run folder."""
     return kml_text(track.trajectory, track.name)
 
 
 def geojson(track: Track) -> str:
-    """GeoJSON (RFC 7946): a line, cut at the date line, with the times of its points."""
+    """Write GeoJSON (RFC 7946): a line, cut at the date line, with the times of its points."""
     place = track.degrees
     cuts = np.flatnonzero(np.abs(np.diff(place[:, 1])) > 180.0) + 1
     lines = [
@@ -119,12 +118,12 @@ def geojson(track: Track) -> str:
 
 
 def tum(track: Track) -> str:
-    """TUM, see `tum_files`."""
+    """Write TUM, see `tum_files`."""
     return tum_files(track.trajectory, track.trajectory.time, {})["reference.tum"]
 
 
 def euroc(track: Track) -> str:
-    """EuRoC ground truth: nanoseconds, East, North, Up from the first epoch, attitude of Forward-Right-Down axes."""
+    """Write EuRoC ground truth: nanoseconds, East, North, Up from the first epoch, attitude of FRD axes."""
     place, q, v = tangent_poses(track.trajectory)
     if track.utc is not None:
         stamps = (track.utc - np.datetime64(0, "ns")).astype(np.int64)
@@ -138,7 +137,7 @@ def euroc(track: Track) -> str:
 
 
 def pos(track: Track) -> str:
-    """RTKLIB solution in GPS time, with standard deviations and velocity; cross terms are not kept: zero."""
+    """Write an RTKLIB solution in GPS time, with standard deviations and velocity; cross terms are zero."""
     instants = np.datetime_as_string(track.instants("gps"), unit="us").tolist()
     sd = np.where(np.isfinite(track.sd), track.sd, 0.0)
     across = np.hypot(*track.sd[:, :2].T)
@@ -165,7 +164,7 @@ def pos(track: Track) -> str:
 
 
 def nmea(track: Track) -> str:
-    """GGA, RMC, GST and HDT of each epoch; an ellipsoidal height is written as altitude with a separation of zero."""
+    """Write GGA, RMC, GST and HDT of each epoch; an ellipsoidal height is an altitude with zero separation."""
     instants = np.datetime_as_string(track.instants("utc"), unit="us").tolist()
     heading = np.degrees(track.trajectory.rph[:, 2]) % 360.0
     lines: list[str] = []
@@ -193,7 +192,7 @@ def nmea(track: Track) -> str:
 
 
 def csv(track: Track) -> str:
-    """Columns of the solution, and UTC if it is known."""
+    """Write columns of the solution, and UTC if known."""
     import pandas as pd
 
     table = pd.DataFrame(track.trajectory.columns())
@@ -203,7 +202,7 @@ def csv(track: Track) -> str:
 
 
 def _minutes(angle: float, digits: int) -> str:
-    """Degrees and minutes, as NMEA has them."""
+    """Write degrees and minutes in NMEA format."""
     total = round(abs(angle) * 60.0, 7)
     return f"{int(total // 60):0{digits}d}{total % 60:010.7f}"
 
@@ -213,17 +212,17 @@ def _checksum(text: str) -> int:
 
 
 def write_kml(folder: Path, solution: Trajectory, name: str) -> Path:
-    """Write ``track.kml``, see `kml_text`; its path."""
+    """Write ``track.kml``, see `kml_text`; return its path."""
     path = folder / "track.kml"
     path.write_text(kml_text(solution, name), encoding="utf-8", newline="\n")
     return path
 
 
 def kml_text(solution: Trajectory, name: str) -> str:
-    """Track on the ground, thinned to `KML_POINTS`, with its start and end.
+    """Write the track on the ground, thinned to `KML_POINTS`, with its start and end.
 
-    The height written is ellipsoidal, which map programs would take for height above sea level; so the track
-    is clamped to the ground.
+    The height is ellipsoidal, which map programs would take for height above sea level. The track is therefore clamped
+    to the ground.
     """
     count = len(solution.time)
     rows = np.unique(np.linspace(0, count - 1, min(count, KML_POINTS)).round().astype(np.int64))
@@ -256,9 +255,9 @@ def kml_text(solution: Trajectory, name: str) -> str:
 def tum_files(
     reference: Trajectory, time: FloatArray, errors: Mapping[str, tuple[FloatArray, FloatArray]]
 ) -> dict[str, str]:
-    """Text of the reference and of each run at their common epochs, by the name of the file.
+    """Write the reference and each run at their common epochs, by file name.
 
-    `time` (n,): the epochs [s]; `errors` (n, 3): name of each run, its position errors North, East, Down [m] and
+    `time` (n,): the epochs [s]. `errors` (n, 3): name of each run, its position errors North, East, Down [m] and
     attitude errors roll, pitch, heading [rad].
     """
     rows = np.searchsorted(reference.time, time)
@@ -273,7 +272,7 @@ def tum_files(
 
 
 def _in_tangent(lla: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Positions (n, 3) in East, North, Up of the first, and matrices (n, 3, 3) to it from North, East, Down at each."""
+    """Return positions (n, 3) in East, North, Up of the first, and rotations (n, 3, 3) to it from local NED axes."""
     place = np.column_stack(pymap3d.geodetic2enu(*(lla / _DEGREES).T, *lla[0] / _DEGREES))
     here, there = (dcm_from_quat(quat_earth_from_level(each)) for each in (lla, lla[:1]))
     return place, np.asarray(_NED_TO_ENU @ np.swapaxes(there, 1, 2) @ here)
@@ -286,7 +285,7 @@ def _poses_text(head: str, time: FloatArray, place: FloatArray, turn: FloatArray
 
 
 def _attitude(turn: FloatArray, rph: FloatArray) -> FloatArray:
-    """Quaternions from body axes to the tangent plane, scalar first; none where the attitude is not known, (n, 4)."""
+    """Return quaternions from body axes to the tangent plane, scalar first, (n, 4); NaN for unknown attitude."""
     known = np.isfinite(rph).all(axis=1)
     q = np.tile([1.0, 0.0, 0.0, 0.0], (len(rph), 1))
     q[known] = quat_multiply(quat_from_dcm(turn[known]), quat_from_rph(rph[known]))
@@ -294,15 +293,15 @@ def _attitude(turn: FloatArray, rph: FloatArray) -> FloatArray:
 
 
 def tangent_poses(track: Trajectory) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Positions East, North, Up of the first epoch ``(n, 3)`` [m], quaternions scalar first, velocities [m/s]."""
+    """Return positions East, North, Up of the first epoch ``(n, 3)`` [m], scalar-first quaternions, velocities."""
     place, turn = _in_tangent(track.lla)
     return place, _attitude(turn, track.rph), np.einsum("nij,nj->ni", turn, track.v_n)
 
 
 def bag(track: Track) -> bytes:
-    """ROS 1 bag; heights in NavSatFix are those of the run.
+    """Write a ROS 1 bag; NavSatFix has the heights of the run.
 
-    Raises: ConfigError: no date is known, or `rosbags` is not installed.
+    Raises: ConfigError: the date is unknown, or `rosbags` is not installed.
     """
     try:
         from rosbags.rosbag1 import Writer
@@ -314,7 +313,7 @@ def bag(track: Track) -> bytes:
     q = quat_multiply(q, _HALF_ROLL)
     level = track.trajectory.v_n[:, [1, 0, 2]] * [1.0, 1.0, -1.0]  # East, North, Up here, not at the first epoch
     body = np.einsum("nji,nj->ni", dcm_from_quat(q), v)
-    sd = track.sd[:, [1, 0, 2]]  # rows of covariances are East, North, Up
+    sd = track.sd[:, [1, 0, 2]]  # covariance rows are East, North, Up
     known = np.asarray(np.isfinite(sd).all(axis=1))
     variance = np.where(known[:, None], sd, 0.0) ** 2
     store = get_typestore(Stores.ROS1_NOETIC)

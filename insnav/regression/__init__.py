@@ -1,4 +1,4 @@
-"""Is this version better or worse than the last, and where: a corpus of drives, figures of merit, and fair tests.
+"""Accuracy regression between versions: a corpus of drives, figures of merit, and statistical tests.
 
 corpus.toml -> cases -> measure -> Accuracy -> compare with baseline.json -> better, same, worse
                                           -> a line of history.jsonl    -> plots over versions

@@ -1,4 +1,4 @@
-"""The figures of merit: their names, units, and when two values of one are the same."""
+"""Figures of merit: names, units, and criteria for equality."""
 
 from __future__ import annotations
 
@@ -10,41 +10,41 @@ import numpy as np
 from insnav.types import FloatArray
 
 Kind = Literal["size", "ratio", "cpu"]
-FAILS_FROM = 0.05  # worsening that fails, if it is significant; of most figures
-CAUTION = 0.5  # weight of a standard deviation too large against one too small
-LIKELY = 1e-3  # of the innovations: in the logarithm a thousandth of a standard deviation, which doubled noise exceeds
+FAILS_FROM = 0.05  # relative worsening that fails, if significant; for most figures
+CAUTION = 0.5  # weight of a too large standard deviation against a too small one
+LIKELY = 1e-3  # floor of innovation likelihoods: a thousandth of a standard deviation in the logarithm
 
 
 @dataclass(frozen=True, slots=True)
 class Metric:
-    """One figure of merit."""
+    """Figure of merit."""
 
-    key: str  # its name in files, unit included
+    key: str  # key in files, including the unit
     label: str  # its name in words
     unit: str
-    # smaller values are as good as none [`unit`]: added to every value before ratios are taken, so that rounding on
-    # another computer is no change
+    # added to every value before ratios are taken [`unit`]: smaller values count as equal, so that rounding on another
+    # computer is no change
     floor: float
-    kind: Kind = "size"  # a size is better the smaller it is, a ratio the nearer to one; CPU time has a rule of its own
+    kind: Kind = "size"  # a size is better if smaller, a ratio if nearer to one; CPU time has a separate rule
     fails_from: float = FAILS_FROM
 
     def logarithm(self, value: FloatArray) -> FloatArray:
-        """Logarithm that is compared drive by drive, floor added, (n,)."""
+        """Compute the logarithm for comparison by drive, floor added, (n,)."""
         if self.kind == "ratio":
             return np.log(np.maximum(value, 1e-6))
         return np.log(value + self.floor)
 
     def badness(self, logarithm: float) -> float:
-        """How bad a mean logarithm is, smaller is better: of a ratio its distance from one.
+        """Convert a mean logarithm to badness, smaller is better: for a ratio its distance from one.
 
-        Too large a ratio is over-confidence and counts in full; too small a one is caution and counts half.
+        A too large ratio is over-confidence and counts fully; a too small ratio is caution and counts half.
         """
         if self.kind != "ratio":
             return logarithm
         return logarithm if logarithm > 0.0 else -CAUTION * logarithm
 
     def typical(self, value: FloatArray) -> float:
-        """Geometric mean of the values known, on which the score is built, of CPU time the median; NaN without any.
+        """Compute the geometric mean of known values, the median for CPU time; NaN without values.
 
         `value` (n,).
         """

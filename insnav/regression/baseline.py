@@ -1,4 +1,4 @@
-"""The accuracy that later versions are compared with (``baseline.json``), and where such figures are from."""
+"""Accuracy baseline for later versions (``baseline.json``), and the origin of its figures."""
 
 from __future__ import annotations
 
@@ -26,23 +26,23 @@ _PACKAGES = ("numpy", "scipy", "numba", "filterpy", "pandas", "pymap3d")
 _CPUINFO = Path("/proc/cpuinfo")
 BASELINE_FILE = "baseline.json"
 FORMAT = 1
-_DIGITS = 5  # of the values kept: a relative rounding of 1e-5, far below any change that counts
+_DIGITS = 5  # of stored values: a relative rounding of 1e-5, far below any relevant change
 
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """What belongs to figures that are kept."""
+    """Origin of stored figures."""
 
-    # of insnav; a plus sign after the commit says that files had changed since; UTC, to the minute
+    # of insnav. Commit, with a plus sign for modified files. UTC, to the minute
     version: str
     commit: str
     date: str
-    packages: dict[str, str]  # releases of Python and of what results depend on
+    packages: dict[str, str]  # versions of Python and of relevant packages
     computer: str  # number of processors, and their model
 
 
 def origin(folder: Path) -> Origin:
-    """Find out where and with what this is running."""
+    """Determine version, commit, time and computer of this run."""
     packages = {"python": platform.python_version()}
     for name in _PACKAGES:
         try:
@@ -54,7 +54,7 @@ def origin(folder: Path) -> Origin:
 
 
 def computer() -> str:
-    """Number of processors of this computer, and their model."""
+    """Return number and model of this computer's processors."""
     model = platform.processor() or platform.machine()
     if _CPUINFO.is_file():
         lines = _CPUINFO.read_text(encoding="utf-8", errors="replace").splitlines()
@@ -63,7 +63,7 @@ def computer() -> str:
 
 
 def _commit(folder: Path) -> str:
-    """Short commit; empty without one."""
+    """Return the short commit; empty without one."""
     name = _git(folder, "rev-parse", "--short=10", "HEAD")
     # the reports themselves change with every run
     changed = _git(folder, "status", "--porcelain", "--untracked-files=no", "--", ":/insnav", ":/trajectories")
@@ -82,14 +82,14 @@ def _git(folder: Path, *arguments: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Baseline:
-    """All cases as they were, and where the figures are from."""
+    """Stored cases, and the origin of their figures."""
 
     origin: Origin
-    cases: dict[str, CaseResult]  # without spreads, errors and digests of files
+    cases: dict[str, CaseResult]  # without spreads, errors and file digests
 
 
 def renewed(old: Baseline | None, result: Accuracy, origin: Origin) -> Baseline:
-    """Make a baseline of a result; cases that were skipped stay as they were."""
+    """Build a baseline from a result; skipped cases keep their old figures."""
     kept = {} if old is None else {name: case for name, case in old.cases.items() if name in result.skipped}
     made = {name: case for name, case in result.cases.items() if case.measured.values}
     return Baseline(origin, kept | made)
@@ -116,9 +116,9 @@ def read_baseline(path: Path) -> Baseline | None:
 
 
 def kept_text(code: str, path: Path) -> str | None:
-    """Text of a file of earlier versions; None if there is none yet.
+    """Read a file of earlier versions; None if there is none yet.
 
-    Raises: InputError: it cannot be read.
+    Raises: InputError: the file cannot be read.
     """
     try:
         return path.read_text(encoding="utf-8")
@@ -129,9 +129,9 @@ def kept_text(code: str, path: Path) -> str | None:
 
 
 def write_baseline(path: Path, baseline: Baseline) -> None:
-    """Write a baseline, one metric a line, so that differences can be read.
+    """Write a baseline, one metric per line, for readable differences.
 
-    Raises: OutputError: it cannot be written.
+    Raises: OutputError: the file cannot be written.
     """
     lines = ["{", f' "format": {FORMAT},', f' "origin": {json.dumps(asdict(baseline.origin))},', ' "cases": {']
     for number, (name, case) in enumerate(baseline.cases.items(), start=1):
@@ -147,14 +147,14 @@ def write_baseline(path: Path, baseline: Baseline) -> None:
 
 
 def short(value: FloatArray, digits: int = _DIGITS) -> Any:
-    """Round figures to be kept; None where they are not known."""
+    """Round figures for storage; None if unknown."""
     if value.ndim:
         return [short(each, digits) for each in value]
     return float(f"{value:.{digits}g}") if np.isfinite(value) else None
 
 
 def _case(content: Mapping[str, Any]) -> CaseResult:
-    # what is not known is null in the file, of which numpy makes NaN
+    # unknown values are null in the file, NaN in numpy
     values = {key: np.array([*value], dtype=np.float64) for key, value in content["values"].items() if key in BY_KEY}
     measured = replace(NOTHING, values=values, growth=np.array(content["growth"], dtype=np.float64))
     return CaseResult(content["digest"], content["pieces"], measured, dict.fromkeys(content["failed"]), {})

@@ -1,4 +1,4 @@
-"""The corpus file (``corpus.toml``): the drives on which accuracy is evaluated; and their samples, fixes, references.
+"""Corpus file (``corpus.toml``): the drives of the accuracy evaluation, with samples, fixes and references.
 
 [[simulated]]                 # a motion profile with sensors sampled from the models, once a seed
 name = "city"
@@ -48,71 +48,70 @@ Group = Literal["position", "velocity", "attitude", "heading"]
 GROUPS: tuple[Group, ...] = ("position", "velocity", "attitude", "heading")
 AT_REST = "at rest"  # IMU model by the noise at rest
 CORPUS_FILE = "corpus.toml"
-_EXACT_SD = 1e-3  # of fixes made without errors [m], [m/s]
-_EXACT_RATE = 1.0  # of these [Hz]
+_EXACT_SD = 1e-3  # of error-free generated fixes [m], [m/s]
+_EXACT_RATE = 1.0  # of generated fixes [Hz]
 _NOISE_STREAM = 7
 _MOTION_SEED = 1  # of the vibration
-_STEP = 1.0  # a sparse reference is filled to this interval [s]
+_STEP = 1.0  # interval to which a sparse reference is interpolated [s]
 
 
 class Case(Table):
-    """What simulated and recorded drives have in common."""
+    """Common fields of simulated and recorded drives."""
 
-    name: str  # shown with its results
+    name: str  # label of its results
     imu: str  # preset or file; ``at rest`` for the preset nearest to the noise at rest
     # antenna seen from the IMU, body axes [m]
     lever_arm: Annotated[Axes, axes("length", signed=True)] = (0.0, 0.0, 0.0)
-    settle: Annotated[float, scalar("time")] = 60.0  # errors count from so long after the first fix [s]
+    settle: Annotated[float, scalar("time")] = 60.0  # errors count from this time after the first fix [s]
     seeds: Annotated[int, Field(ge=1, le=1000)] = 16  # repetitions with other noise
-    # how many of them a quick run makes; none leaves the case out of it
+    # repetitions in a quick run; 0 excludes the case
     quick: Annotated[int, Field(ge=0, le=1000)] = 0
     _folder: Path = PrivateAttr(default=Path())
 
     @property
     def folder(self) -> Path:
-        """Where the corpus file is."""
+        """Folder of the corpus file."""
         return self._folder
 
     def model(self, name: str) -> str:
-        """Name of a preset, or path of a file next to the corpus."""
+        """Return the name of a preset, or the path of a file next to the corpus."""
         return str(self._folder / name) if name.endswith(".toml") else name
 
 
 class SimulatedCase(Case):
-    """A motion profile with randomly sampled sensors."""
+    """Motion profile with randomly sampled sensors."""
 
     profile: str  # name in the folder of the corpus file
     gps: str  # receiver: preset or file
     rate: Annotated[float, scalar("frequency")] = 100.0  # of the IMU [Hz]
-    fault: list[str] = Field(default_factory=list)  # what goes wrong, as for ``insnav simulate --fault``
+    fault: list[str] = Field(default_factory=list)  # faults, as for ``insnav simulate --fault``
 
 
 class MadeFixes(Table):
-    """Fixes made from the reference, with noise."""
+    """Fixes generated from the reference, with noise."""
 
     sd: Annotated[float, scalar("length")]  # white noise on each axis [m]
     interval: Annotated[float, scalar("time")] = 1.0  # between fixes [s]
 
 
 class RecordedCase(Case):
-    """A recorded drive."""
+    """Recorded drive."""
 
     data: str  # name of its folder
     # in the folder
     imu_file: str = "imu.csv.gz"
     gps_file: str = "gps.csv"
-    fixes: MadeFixes | None = None  # make the fixes from the reference instead
-    reference: str = ""  # file with the reference, which is of the antenna; without it the fixes that are not used
-    # only every n-th fix is used, and the others are a reference of position: for receivers better than the rest of the
-    # system
+    fixes: MadeFixes | None = None  # generate the fixes from the reference instead
+    reference: str = ""  # reference file, at the antenna; without it the unused fixes
+    # use every n-th fix only, and the others as a position reference: for receivers better than the rest of the system
     use_every: Annotated[int, Field(ge=1, le=100)] = 1
-    judge: list[Group] = Field(default_factory=lambda: list(GROUPS))  # what the reference is accurate enough for
-    min_speed: Annotated[float, scalar("velocity")] = 0.0  # slower epochs of the reference do not count [m/s]
-    # a constant difference of position is no error: reference and fixes have base stations of their own
+    judge: list[Group] = Field(default_factory=lambda: list(GROUPS))  # quantities of sufficient accuracy
+    min_speed: Annotated[float, scalar("velocity")] = 0.0  # slower epochs of the reference are ignored [m/s]
+    # ignore a constant position difference: reference and fixes use different base stations
     remove_offset: bool = False
-    # rotation vector from the axes of the reference to those of the IMU, body axes [rad]
+    # rotation vector from reference axes to IMU axes, body axes [rad]
     mounting: Annotated[Axes, axes("angle", signed=True)] = (0.0, 0.0, 0.0)
-    block: Annotated[float, scalar("time")] = 60.0  # the drive is evaluated in pieces of this length [s]
+    block: Annotated[float, scalar("time")] = 60.0  # length of the evaluated pieces [s]
     seeds: Annotated[int, Field(ge=1, le=1000)] = 1
 
     @model_validator(mode="after")
@@ -133,14 +132,14 @@ class Corpus(Table):
 
     @property
     def cases(self) -> list[SimulatedCase | RecordedCase]:
-        """All of them, in order."""
+        """All cases, in order."""
         return [*self.simulated, *self.recorded]
 
 
 def load_corpus(path: Path) -> Corpus:
     """Read a corpus file.
 
-    Raises: ConfigError: no such file, no TOML, unknown or wrong keys, two cases of one name: all of it at once.
+    Raises: ConfigError: no such file, invalid TOML, wrong keys, two cases of one name, all at once.
     """
     corpus = validate(Corpus, read_toml(path), str(path))
     names = [case.name for case in corpus.cases]
@@ -157,7 +156,7 @@ def load_corpus(path: Path) -> Corpus:
 def default_corpus() -> Path:
     """Find the corpus file of the library of profiles.
 
-    Raises: ConfigError: it is not here.
+    Raises: ConfigError: the file is not present.
     """
     from insnav.library import library
 
@@ -169,7 +168,7 @@ def default_corpus() -> Path:
 
 
 def digest(case: Case, parts: Mapping[str, str]) -> str:
-    """Short digest of a case and of all files behind it: figures of other cases are not comparable.
+    """Compute a short digest of a case and its files: figures of other cases are not comparable.
 
     `parts`: text or digest of the files.
     """
@@ -180,22 +179,22 @@ def digest(case: Case, parts: Mapping[str, str]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """One recording to navigate, and its reference."""
+    """Recording for navigation, and its reference."""
 
-    # what is navigated
+    # input of the navigation
     imu: ImuData
     gps: GpsData
-    spec: ImuSpec  # specified errors of the IMU, for the filter
+    spec: ImuSpec  # IMU specification for the filter
     settings: FilterSettings  # of the filter
     truth: Trajectory  # the reference
     truth_lever_b: FloatArray  # (3,) the point of the truth seen from the IMU, body axes [m]
-    exact: GpsData | None  # better positions of the antenna as the reference of outages; None for the fixes themselves
-    groups: frozenset[str] = frozenset(GROUPS)  # what the reference is accurate enough for
-    whole_state: bool = False  # the reference has position, velocity and attitude of the IMU's own axes
-    settle: float = 0.0  # errors count from so long after the first fix [s]
-    min_speed: float = 0.0  # slower epochs of the truth do not count [m/s]
-    remove_offset: bool = False  # a constant difference of position is no error
-    block: float = 0.0  # length of the pieces that are evaluated [s]; zero for the whole as one piece
+    exact: GpsData | None  # better antenna positions as outage reference; None for the fixes
+    groups: frozenset[str] = frozenset(GROUPS)  # quantities for which the reference is accurate enough
+    whole_state: bool = False  # the reference has position, velocity and attitude in the IMU axes
+    settle: float = 0.0  # errors count from this time after the first fix [s]
+    min_speed: float = 0.0  # slower epochs of the truth are ignored [m/s]
+    remove_offset: bool = False  # ignore a constant position difference
+    block: float = 0.0  # length of the evaluated pieces [s]; zero for a single piece
 
 
 class SimulatedSource:
@@ -237,7 +236,7 @@ class SimulatedSource:
 
 
 class RecordedSource:
-    """One recorded drive.
+    """Recorded drive of a case.
 
     Raises: InputError: a file is missing or cannot be used.
     """
@@ -292,7 +291,7 @@ class RecordedSource:
         return identify(self._imu, *rest)[0]
 
     def material(self, seed: int) -> Material:
-        """Make the fixes of one seed, where they are made at all."""
+        """Generate the fixes of one seed, if the case requires it."""
         case, gps = self._case, self._gps
         if case.fixes is not None:
             noise = case.fixes.sd * np.random.default_rng((seed, _NOISE_STREAM)).standard_normal(gps.lla.shape)
@@ -315,16 +314,16 @@ class RecordedSource:
         )
 
 
-Source = SimulatedSource | RecordedSource  # with digests of everything that decides about the recordings
+Source = SimulatedSource | RecordedSource  # with digests of everything that determines the recordings
 
 
 def source_of(case: SimulatedCase | RecordedCase, data: Path) -> Source:
-    """Make what makes the recordings of a case; see there for errors."""
+    """Build the source of a case's recordings; see the classes for errors."""
     return SimulatedSource(case) if isinstance(case, SimulatedCase) else RecordedSource(case, data)
 
 
 def _filled(truth: Trajectory, step: float) -> Trajectory:
-    """A reference with few rows, of a stationary vehicle for one, on a straight line between them."""
+    """Interpolate a sparse reference, such as of a stationary vehicle, linearly."""
     time = np.arange(truth.time[0], truth.time[-1], step)
 
     def on(values: FloatArray) -> FloatArray:
@@ -334,7 +333,7 @@ def _filled(truth: Trajectory, step: float) -> Trajectory:
 
 
 def _fixes_on(reference: Trajectory, interval: float) -> GpsData:
-    """Positions of a reference without errors, every `interval`."""
+    """Generate error-free fixes from a reference, every `interval`."""
     if np.median(np.diff(reference.time)) > interval:
         reference = _filled(reference, interval)
     step = max(1, round(interval / float(np.median(np.diff(reference.time)))))

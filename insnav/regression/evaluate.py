@@ -1,4 +1,4 @@
-"""The accuracy of the recordings of a corpus against their references: with all fixes, in outages, free-inertial."""
+"""Accuracy of corpus recordings against references: with all fixes, in outages, free-inertial."""
 
 from __future__ import annotations
 
@@ -27,38 +27,38 @@ from insnav.simulate.montecarlo import run_seed
 from insnav.types import BoolArray, FloatArray, Run, Trajectory
 from insnav.units import DEG
 
-SLICES = 8  # of a recording, in each of which predicted and actual error are compared
-_SHORTEST = 0.2  # a last piece shorter than this share of the others belongs to the one before
+SLICES = 8  # parts of a recording for comparing predicted and actual error
+_SHORTEST = 0.2  # a last piece with a smaller share of the usual length joins the previous one
 _FAR = 7.0  # NIS / 3 at the end of the gate
-_LOOP = 400  # turns of the calibration loop
-GROWTH = (5.0, 10.0, 20.0, 30.0, 45.0, 60.0)  # times without GPS at which the error is kept [s]
-_WINDOWS = 20  # at most, in a recording
-_NEAR = 1.5  # a fix so near to one of these times stands for it [s]
+_LOOP = 400  # iterations of the calibration loop
+GROWTH = (5.0, 10.0, 20.0, 30.0, 45.0, 60.0)  # times without GPS of the stored errors [s]
+_WINDOWS = 20  # at most, per recording
+_NEAR = 1.5  # largest distance of a fix from these times [s]
 AnyCase = SimulatedCase | RecordedCase
-SERIES = 8  # seed of all seeds
-_made: dict[str, Source] = {}  # of the case this process is at
+SERIES = 8  # master seed
+_made: dict[str, Source] = {}  # source of the current case in this process
 
 
 @dataclass(frozen=True, slots=True)
 class Measured:
     """Accuracy of one recording."""
 
-    values: dict[str, FloatArray]  # (n,) by metric: one value a recording, or one for each of its pieces
-    # (6, 3) at each of `GROWTH` the number of windows, the sum of squared horizontal errors [m^2], and that of the
+    values: dict[str, FloatArray]  # (n,) by metric: one value per recording, or per piece
+    # (6, 3) at each of `GROWTH` the number of windows, the sum of squared horizontal errors [m^2], and the sum of
     # predicted variances [m^2]
     growth: FloatArray
-    # (8, 9, 2) in each slice of the recording and for N, E, D position [m], velocity [m/s], roll, pitch, heading [deg]
-    # the mean squared error and the mean stated variance; NaN where not known
+    # (8, 9, 2) mean squared error and mean stated variance per slice of N, E, D position [m], velocity [m/s], roll,
+    # pitch, heading [deg]; NaN if unknown
     spread: FloatArray
 
 
-NOTHING = Measured({}, np.zeros((len(GROWTH), 3)), np.full((SLICES, 9, 2), np.nan))  # of a drive that fails
+NOTHING = Measured({}, np.zeros((len(GROWTH), 3)), np.full((SLICES, 9, 2), np.nan))  # of a failed drive
 
 
 def measure(material: Material) -> Measured:
-    """Navigate a recording in every way and sum up the errors.
+    """Navigate a recording in every way and summarise the errors.
 
-    Returns: metrics that are unavailable, for lack of a reference or of time, are left out.
+    Returns: metrics, except those unavailable for lack of a reference or of time.
     Raises: InsnavError: the recording cannot be navigated.
     """
     loop = loop_time()
@@ -84,9 +84,9 @@ def measure(material: Material) -> Measured:
 
 
 def loop_time() -> float:
-    """CPU time of one turn of a fixed loop [s], by which the speed of the computer is taken out.
+    """Measure the CPU time of one iteration of a fixed loop [s], to normalise the speed of the computer.
 
-    It multiplies matrices of the size the filter has.
+    The loop multiplies matrices of the filter's size.
     """
     best = np.inf
     transition = np.eye(21) + 0.01 * np.sin(np.arange(441.0)).reshape(21, 21)
@@ -101,14 +101,14 @@ def loop_time() -> float:
 
 
 def settled(solution: Trajectory, material: Material) -> FloatArray:
-    """Times of the reference that count."""
+    """Return the evaluated times of the reference."""
     begin = max(solution.time[0], material.gps.time[0]) + material.settle
     time = material.truth.time
     return np.asarray(time[(time >= begin) & (time <= solution.time[-1])])
 
 
 def errors_of(solution: Trajectory, time: FloatArray, material: Material) -> TrajectoryErrors:
-    """Errors at the times that count; NaN in what the reference is not good for."""
+    """Compute errors at the evaluated times; NaN in quantities beyond the reference's accuracy."""
     first, last = np.searchsorted(material.truth.time, [time[0], time[-1] + 1e-9])
     part = material.truth.rows(slice(first, last))
     lever_b = material.truth_lever_b if material.truth_lever_b.any() else None
@@ -123,7 +123,7 @@ def errors_of(solution: Trajectory, time: FloatArray, material: Material) -> Tra
 
 
 def _edges(time: FloatArray, block: float) -> FloatArray:
-    """Borders of the pieces: of the whole, or of blocks of one length."""
+    """Return the borders of the pieces: of the whole, or of blocks of one length."""
     if block <= 0.0:
         return np.array([time[0], time[-1] + 1e-6])
     count = max(1, int((time[-1] - time[0]) / block + 1.0 - _SHORTEST))
@@ -168,7 +168,7 @@ def _smoothed(errors: TrajectoryErrors, edges: FloatArray) -> dict[str, FloatArr
 
 
 def _fixes(run: Run, edges: FloatArray) -> dict[str, FloatArray]:
-    """How the filter took the fixes."""
+    """Compute innovation and rejection statistics of the fixes."""
     processed = run.innovations
     found: dict[str, FloatArray] = {}
     pieces = _pieces(processed.time, edges)
@@ -187,11 +187,11 @@ def _fixes(run: Run, edges: FloatArray) -> dict[str, FloatArray]:
 
 
 def _likely_size(innovation: FloatArray, sd: FloatArray) -> FloatArray:
-    """Logarithm of the innovations' size by their likelihood, per fix and component, (n,).
+    """Compute the log size of the innovations by likelihood, per fix and component, (n,).
 
-    ``ln S + z^2 / 2 - 1/2`` of each is least, on average, for the true S: too large and too small a prediction are both
-    worse (logarithmic score: Gneiting and Raftery, J. Amer. Statist. Assoc. 102 (2007) 359-378). A fix far off counts
-    as one at the end of the gate, whether it was used or not.
+    ``ln S + z^2 / 2 - 1/2`` has its minimum, on average, at the true S: too large and too small predictions are both
+    worse (logarithmic score: Gneiting and Raftery, J. Amer. Statist. Assoc. 102 (2007) 359-378). An outlier counts like
+    a fix at the gate limit, used or not.
     """
     z2 = np.minimum(np.mean((innovation / sd) ** 2, axis=1), _FAR)
     return np.asarray(np.mean(np.log(sd), axis=1) + 0.5 * z2 - 0.5)
@@ -214,7 +214,7 @@ def _spread(errors: TrajectoryErrors) -> FloatArray:
 
 
 def _outages(material: Material) -> tuple[dict[str, FloatArray], FloatArray]:
-    """Horizontal error after some time without fixes, and `Measured.growth`; no metrics if the drive is too short."""
+    """Compute horizontal errors after times without fixes, and `Measured.growth`; no metrics for a short drive."""
     growth = np.zeros((len(GROWTH), 3))
     ready = aided(prepare(material.imu, material.gps, material.spec, material.settings), material.spec)
     longest = max(OUTAGES)
@@ -230,11 +230,11 @@ def _outages(material: Material) -> tuple[dict[str, FloatArray], FloatArray]:
 
 
 def _free_inertial(done: Navigated, material: Material) -> dict[str, FloatArray]:
-    """Horizontal error after a minute by the IMU alone; none if the drive is too short.
+    """Compute the horizontal error after a free-inertial minute; empty for a short drive.
 
-    Where the reference has no velocity, the smoothed solution stands for it.
+    Without reference velocity, the smoothed solution replaces it.
     """
-    clock = done.run.gps_delay - material.settings.delay  # the solution is in the time of the fixes
+    clock = done.run.gps_delay - material.settings.delay  # the solution uses fix time
     reference, reference_clock = material.truth, 0.0
     if not material.whole_state:
         if done.run.smoothed is None:
@@ -254,7 +254,7 @@ def _free_inertial(done: Navigated, material: Material) -> dict[str, FloatArray]
 
 
 def _by_recording(value: FloatArray, block: float) -> FloatArray:
-    """Every window by itself where a drive is evaluated in pieces, else their root mean square."""
+    """Return every window's error for a drive in pieces, else their root mean square."""
     return value if block > 0.0 else np.array([rms(value)])
 
 
@@ -268,7 +268,7 @@ def _quantile(error: FloatArray, percent: float) -> float:
 
 
 def joined(parts: Sequence[Measured]) -> Measured:
-    """Put the recordings of one case together: values one after the other, sums added up."""
+    """Combine the recordings of one case: concatenate values, add sums."""
     order = [metric.key for metric in METRICS if any(metric.key in part.values for part in parts)]
     nothing = np.array([np.nan])
     values = {key: np.concatenate([part.values.get(key, nothing) for part in parts]) for key in order}
@@ -283,10 +283,10 @@ def joined(parts: Sequence[Measured]) -> Measured:
 class CaseResult:
     """Accuracy of one case."""
 
-    digest: str  # of the case and all files behind it
-    pieces: bool  # values are those of successive pieces of one drive, else of independent drives
-    measured: Measured  # without values if every drive failed
-    failures: Mapping[int, ErrorFacts | None]  # of drives by their numbers, from 1; None in a baseline
+    digest: str  # of the case and its files
+    pieces: bool  # values of successive pieces of one drive; otherwise of independent drives
+    measured: Measured  # empty if every drive failed
+    failures: Mapping[int, ErrorFacts | None]  # failed drives by number, from 1; None in a baseline
     files: dict[str, str]  # digest of each recorded file
 
 
@@ -295,8 +295,8 @@ class Accuracy:
     """Accuracy of the whole corpus."""
 
     cases: dict[str, CaseResult]  # by name
-    skipped: dict[str, Finding]  # name of each case that was left out, and why
-    quick: bool  # only a part was run
+    skipped: dict[str, Finding]  # skipped cases with the reason
+    quick: bool  # partial run
 
 
 def run_corpus(
@@ -309,7 +309,7 @@ def run_corpus(
 ) -> Accuracy:
     """Navigate all drives.
 
-    Raises: ConfigError: no worker, or a profile or model that a case names is wrong.
+    Raises: ConfigError: no worker, or a wrong profile or model name in a case.
     """
     skipped: dict[str, Finding] = {}
     jobs: list[tuple[AnyCase, int]] = []
@@ -329,13 +329,13 @@ def run_corpus(
 
 
 def _together(drives: list[CaseResult]) -> CaseResult:
-    """Put the drives of one case together."""
+    """Combine the drives of one case."""
     failures = {number: error for each in drives for number, error in each.failures.items()}
     return replace(drives[0], measured=joined([each.measured for each in drives]), failures=failures)
 
 
 def _attempt(data: Path, job: tuple[AnyCase, int]) -> CaseResult:
-    """Accuracy of one drive of a case, or the error it ended in."""
+    """Compute the accuracy of one drive of a case, or return its error."""
     case, number = job
     key = f"{case.folder} {case.name} {case!r}"
     if key not in _made:

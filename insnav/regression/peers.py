@@ -1,4 +1,4 @@
-"""Other programs on the same drives: pyins, a filter, and GTSAM, a batch smoother, where they are installed."""
+"""Comparison with other programs on the same drives: pyins (a filter) and GTSAM (a batch smoother), if installed."""
 
 from __future__ import annotations
 
@@ -28,29 +28,29 @@ from insnav.simulate.montecarlo import run_seed
 from insnav.types import FloatArray, GpsData, ImuData, IntArray, Trajectory
 from insnav.units import DEG
 
-_WARM = 2.0  # of the drive, to compile by [s]
+_WARM = 2.0  # part of the drive for compilation [s]
 _INTEGRATION = 1e-8  # covariance of GTSAM's integration of position, as in its examples [m^2/s]
 _DEGREES = np.array([DEG, DEG, 1.0])
 LONGEST = 150.0  # of a drive: pyins needs a quarter of a minute for it [s]
-LATEST = 80.0  # errors count from here on at the latest [s]
-_SPARSE = 0.5  # a solution with longer steps is evaluated at its own epochs, not between them [s]
-_SAME = 5e-3  # as far from an epoch at most [s]
+LATEST = 80.0  # latest start of the evaluated errors [s]
+_SPARSE = 0.5  # a solution with longer steps is evaluated at its own epochs only [s]
+_SAME = 5e-3  # largest distance from an epoch [s]
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What a peer is given."""
+    """Input of a peer."""
 
     imu: ImuData  # mean rates and specific forces, stamped at the end
     gps: GpsData  # fixes after the start, with the standard deviation of each
     start: Start
     lever_b: FloatArray  # (3,) antenna seen from the IMU, body axes [m]
-    spec: ImuSpec  # sensor figures
+    spec: ImuSpec  # sensor specification
 
 
 @dataclass(frozen=True, slots=True)
 class PeerRun:
-    """What a peer made of it."""
+    """Result of a peer."""
 
     cpu_s: float  # CPU time of the filter alone [s]
     samples: int  # filtered
@@ -62,21 +62,21 @@ def _bias_sd(sensor: SensorSpec) -> FloatArray:
 
 
 def _bias_walk(sensor: SensorSpec) -> FloatArray:
-    """Driving noise of the Gauss-Markov process of the in-run bias, which the peers take for a random walk."""
+    """Compute the driving noise of the in-run bias process, which the peers model as a random walk."""
     return np.asarray(sensor.bias_instability * np.sqrt(2.0 / sensor.correlation_time))
 
 
 def _increments(imu: ImuData) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Length of each sampling interval, and angle and velocity increment over it."""
+    """Compute length, angle and velocity increment of each sampling interval."""
     step = np.diff(imu.time, prepend=2.0 * imu.time[0] - imu.time[1])
     scale = 1.0 if imu.sampling == "increment" else step[:, None]
     return step, imu.gyro * scale, imu.accel * scale
 
 
 def run_pyins(task: Task) -> PeerRun:
-    """Filter with pyins; compiling its integrator, and making its tables, are not counted."""
+    """Filter with pyins; compilation and table building are not timed."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what it still uses of pandas is its own affair
+        warnings.simplefilter("ignore")  # warnings of its pandas use are irrelevant here
         _pyins(task, task.start.time + _WARM)
         return _pyins(task, float("inf"))
 
@@ -87,7 +87,7 @@ def _pyins(task: Task, end: float) -> PeerRun:
     from pyins.util import ACCEL_COLS, GYRO_COLS, LLA_COLS, RPH_COLS, VEL_COLS
 
     imu, gps = task.imu, task.gps
-    rows = (imu.time > task.start.time - 1e-6) & (imu.time < end)  # pyins wants one sample before
+    rows = (imu.time > task.start.time - 1e-6) & (imu.time < end)  # pyins needs one earlier sample
     _, dtheta, dvel = _increments(imu)
     table = pd.DataFrame(np.hstack([dtheta, dvel])[rows], index=imu.time[rows], columns=GYRO_COLS + ACCEL_COLS)
     increments = strapdown.compute_increments_from_imu(table, "increment")
@@ -100,7 +100,7 @@ def _pyins(task: Task, end: float) -> PeerRun:
         known = inside & np.isfinite(value).all(axis=1)
         if known.any():
             measured = kind(pd.DataFrame(value[known], index=gps.time[known], columns=columns), 1.0, task.lever_b)
-            measured.R = np.diag(np.mean(sd[known] ** 2, axis=0))  # the constructor takes one figure for all axes
+            measured.R = np.diag(np.mean(sd[known] ** 2, axis=0))  # the constructor accepts one value for all axes
             used.append(measured)
     gyro, accel = (
         inertial_sensor.EstimationModel(_bias_sd(s), s.random_walk, _bias_walk(s), np.diag(s.scale_factor))
@@ -127,8 +127,8 @@ def _pyins(task: Task, end: float) -> PeerRun:
 def run_gtsam(task: Task) -> PeerRun:
     """Smooth with GTSAM, in the tangent plane at the start (North, East, Down).
 
-    Preintegrated IMU factors between the fixes, a factor for each position, biases as a walk. Velocities of the fixes
-    are not used: it has no factor for them at a lever arm.
+    Preintegrated IMU factors between the fixes, a factor for each position, biases as a random walk. Velocities of the
+    fixes are not used: GTSAM has no velocity factor with a lever arm.
     """
     origin = task.start.lla / _DEGREES
     inside = (task.gps.time > task.start.time + 1e-6) & (task.gps.time <= task.imu.time[-1])
@@ -147,7 +147,7 @@ def run_gtsam(task: Task) -> PeerRun:
 def _gtsam(
     task: Task, ned: FloatArray, sd: FloatArray, edges: IntArray
 ) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
-    """Position, velocity and attitude at each fix."""
+    """Return position, velocity and attitude at each fix."""
     import gtsam
     from gtsam.symbol_shorthand import B, V, X
 
@@ -186,7 +186,7 @@ def _gtsam(
         graph.add(gtsam.BetweenFactorConstantBias(B(k), B(k + 1), zero, noise(walk * np.sqrt(interval))))
         graph.add(gtsam.GPSFactorArm(X(k + 1), ned[k], task.lever_b, noise(sd[k])))
         state = measured.predict(state, zero)
-        # the fix is the better guess of the position: without it the first linearization is kilometres off
+        # the fix is the better initial position: without it the first linearization is kilometres off
         state = gtsam.NavState(gtsam.Pose3(state.attitude(), ned[k]), state.velocity())
         values.insert(X(k + 1), state.pose())
         values.insert(V(k + 1), state.velocity())
@@ -198,18 +198,18 @@ def _gtsam(
 
 @dataclass(frozen=True, slots=True)
 class PeerRow:
-    """One program on one case."""
+    """Result of one program on one case."""
 
     case: str
     program: str
     rms: tuple[float | None, ...]  # North, East, Down [m]
     attitude_deg: tuple[float | None, ...]  # roll and pitch together, heading [deg]
-    cpu_us: float | None  # CPU time a sample [us]
-    remark: str = ""  # why there are no figures
+    cpu_us: float | None  # CPU time per sample [us]
+    remark: str = ""  # reason for missing figures
 
 
 def installed() -> dict[str, Callable[[Task], PeerRun]]:
-    """Peers that are installed, by name."""
+    """Return the installed peers by name."""
     known = {"pyins": ("pyins", run_pyins), "gtsam, smoothed": ("gtsam", run_gtsam)}
     return {name: run for name, (module, run) in known.items() if importlib.util.find_spec(module) is not None}
 
@@ -217,9 +217,9 @@ def installed() -> dict[str, Callable[[Task], PeerRun]]:
 def run_peers(
     corpus: Corpus, data: Path, *, workers: Workers = 1, progress: Callable[[float], None] | None = None
 ) -> list[PeerRow]:
-    """Give the first drive of every case, its first part, to insnav and to every peer.
+    """Run insnav and every peer on the first part of every case's first drive.
 
-    `data`: folder of recorded data; cases without theirs are left out.
+    `data`: folder of recorded data; cases without data are skipped.
     """
     cases = [case for case in corpus.cases if not isinstance(case, RecordedCase) or (data / case.data).is_dir()]
     found = every(_compared, [(case, data) for case in cases], workers, progress=progress)
@@ -227,7 +227,7 @@ def run_peers(
 
 
 def _compared(of: tuple[AnyCase, Path]) -> list[PeerRow]:
-    """Every program on one case, with the folder of recorded data."""
+    """Run every program on one case, with the folder of recorded data."""
     case, data = of
     whole = source_of(case, data).material(run_seed(SERIES, 1))
     rows = []
@@ -248,7 +248,7 @@ def _compared(of: tuple[AnyCase, Path]) -> list[PeerRow]:
         try:
             peer = run(task)
             rows.append(_row(case.name, name, peer.solution, material, 1e6 * peer.cpu_s / peer.samples))
-        except Exception as error:  # whatever a peer may raise is its result
+        except Exception as error:  # any error of a peer is its result
             rows.append(_failed(case.name, name, error))
     return rows
 
@@ -275,7 +275,7 @@ def _row(case: str, program: str, solution: Trajectory, material: Material, cpu_
 
 
 def _begun(whole: Material) -> tuple[Material, Prepared]:
-    """As short a first part of a drive as it can be aligned by, and with a reference for it."""
+    """Cut the shortest first part of a drive that can be aligned, with its reference."""
     seconds = LONGEST
     while True:
         part = shortened(whole, seconds)
@@ -292,7 +292,7 @@ def _begun(whole: Material) -> tuple[Material, Prepared]:
 
 
 def shortened(material: Material, seconds: float) -> Material:
-    """The first part of a recording."""
+    """Cut the first part of a recording."""
     imu, gps = material.imu, material.gps
     n, m = (int(np.searchsorted(time, imu.time[0] + seconds)) for time in (imu.time, gps.time))
     settle = min(material.settle, LATEST)
@@ -300,7 +300,7 @@ def shortened(material: Material, seconds: float) -> Material:
 
 
 def task_of(material: Material, ready: Prepared) -> Task:
-    """What a peer is given, by what insnav starts from."""
+    """Build the input of a peer from insnav's initial state."""
     initial, gps = ready.initial, ready.gps
     sd = np.sqrt(np.diag(initial.covariance)[:9])
     good = gps.time > initial.time + 1e-6

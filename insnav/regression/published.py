@@ -1,7 +1,7 @@
-"""Published outage figures, the same tests simulated, and the factor between the field and the paper.
+"""Published outage results, simulations of the same tests, and the ratio of field to simulation.
 
-A replica has the published figures of the IMU and no others, a motion of the same kind, RTK fixes, and the statistic
-that was published. Field factor: recorded over predicted error, so what the figures of a paper leave out is in it.
+A replica has only the published figures of the IMU, a motion of the same kind, RTK fixes, and the published statistic.
+Field factor: recorded over predicted error. It includes the effect of unpublished figures.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from insnav.sample_statistics import rms
 from insnav.session.simulation import simulate
 from insnav.types import FloatArray
 
-SEEDS = 3  # drives of a replica
+SEEDS = 3  # drives per replica
 FIRST, SPACING = 120.0, 15.0  # of the outages in a drive [s]
 Statistic = Literal["RMS of maxima", "RMS at the end", "mean at the end", "maximum"]
 
 
 class Case(Table):
-    """One published figure."""
+    """Published result."""
 
     source: str
     where: str
@@ -36,10 +36,10 @@ class Case(Table):
     length: Annotated[float, scalar("time")]
     statistic: Statistic
     value: Annotated[float, scalar("length")]
-    reason: str  # of the ratio
+    reason: str  # reason for the ratio
     aiding: bool = False  # NHC and ZUPT in the outage
-    independent: bool = True  # not another figure of a test that is already there
-    comparable: bool = True  # the replica has all the aiding that the test had
+    independent: bool = True  # from a separate test
+    comparable: bool = True  # the replica has all aiding of the test
 
 
 class _File(Table):
@@ -48,32 +48,32 @@ class _File(Table):
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """A published figure and its replica."""
+    """Published result and its replica."""
 
     case: Case
-    missing: tuple[str, ...]  # usual figures of the IMU that are not published, and not in the replica
+    missing: tuple[str, ...]  # usual IMU figures that are unpublished, and absent in the replica
     replica: float  # the same statistic [m]
     interval: tuple[float, float]  # 95 % of an RMS of as many outages [m]
     outages: int
 
     @property
     def ratio(self) -> float:
-        """Published over simulated."""
+        """Ratio of published to simulated error."""
         return self.case.value / self.replica
 
 
 @dataclass(frozen=True, slots=True)
 class FieldFactor:
-    """How much larger errors are in the field than predicted."""
+    """Ratio of field errors to predicted errors."""
 
     ratios: Mapping[str, float]  # of every recorded drive and every independent published case
     typical: float  # geometric mean
-    interval: tuple[float, float]  # 95 % of that
-    span: tuple[float, float]  # 95 % of the ratios of further drives
+    interval: tuple[float, float]  # its 95 % interval
+    span: tuple[float, float]  # 95 % range of further drives' ratios
 
 
 def read_cases() -> list[Case]:
-    """Read the published figures."""
+    """Read the published results."""
     path = Path(__file__).with_suffix(".toml")
     return validate(_File, read_toml(path), str(path)).case
 
@@ -83,7 +83,7 @@ def compare_published(
 ) -> list[Compared]:
     """Simulate every case; cases of one test share a simulation.
 
-    `seeds`: drives of a replica; `progress`: called with the fraction done.
+    `seeds`: drives of a replica. `progress`: called with the fraction done.
     """
     made: dict[tuple[str, str, float, bool], list[FloatArray]] = {}
     tests = list(dict.fromkeys(_test(case) for case in cases))
@@ -99,7 +99,7 @@ def _test(case: Case) -> tuple[str, str, float, bool]:
 
 
 def errors_in_outages(imu: str, profile: str, length: float, aiding: bool, *, seeds: int) -> list[FloatArray]:
-    """Horizontal errors in the outages of simulated drives, one array an outage [m]."""
+    """Simulate horizontal errors in outages, one array per outage [m]."""
     spec = load_imu(imu)
     found = []
     for seed in range(1, seeds + 1):
@@ -112,7 +112,7 @@ def errors_in_outages(imu: str, profile: str, length: float, aiding: bool, *, se
 
 
 def statistic(kind: Statistic, errors: Sequence[FloatArray]) -> float:
-    """Sum up horizontal errors of outages as a paper does [m]."""
+    """Summarise horizontal outage errors by the statistic of a paper [m]."""
     ends, largest = np.array([each[-1] for each in errors]), np.array([each.max() for each in errors])
     if kind == "RMS of maxima":
         return float(rms(largest))
@@ -123,7 +123,7 @@ def statistic(kind: Statistic, errors: Sequence[FloatArray]) -> float:
 
 def _compared(case: Case, errors: Sequence[FloatArray]) -> Compared:
     value = statistic(case.statistic, errors)
-    # outages of one drive overlap: as many as fit without are independent
+    # outages of one drive overlap: the number that fits without overlap is independent
     count = max(2.0, len(errors) * min(1.0, SPACING / case.length))
     spread = 1.96 / math.sqrt(2.0 * count)
     interval = (value * math.exp(-spread), value * math.exp(spread))
@@ -132,10 +132,10 @@ def _compared(case: Case, errors: Sequence[FloatArray]) -> Compared:
 
 
 def recorded_ratios(growth: Mapping[str, FloatArray]) -> dict[str, float]:
-    """Recorded over predicted horizontal error after a minute, of drives.
+    """Compute the ratio of recorded to predicted horizontal error after a minute, by drive.
 
-    `growth`: of each drive ``(n, 3)`` at increasing times, the last a minute: windows, sums of squared errors and of
-    predicted variances [m^2].
+    `growth`: of each drive ``(n, 3)`` at increasing times, the last a minute: number of windows, sums of squared errors
+    and of predicted variances [m^2].
     """
     return {
         name: math.sqrt(float(rows[-1, 1] / rows[-1, 2]))
@@ -145,7 +145,7 @@ def recorded_ratios(growth: Mapping[str, FloatArray]) -> dict[str, float]:
 
 
 def field_factor(compared: Sequence[Compared], recorded: Mapping[str, float]) -> FieldFactor:
-    """Factor between field and paper: geometric mean, its interval and that of further ratios, by Student's t."""
+    """Compute the field factor: geometric mean, its interval and the range of further ratios, by Student's t."""
     ratios = dict(recorded)
     ratios |= {each.case.source: each.ratio for each in compared if each.case.independent and each.case.comparable}
     logs = np.log(list(ratios.values()))

@@ -1,4 +1,4 @@
-"""The accuracy of this version against the baseline, and the history (``history.jsonl``): every version in one line."""
+"""Accuracy of this version against the baseline, and the history (``history.jsonl``): one line per version."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ from insnav.regression.verdict import Comparison, Verdict, compare, interval
 from insnav.result import Result
 
 HISTORY_FILE = "history.jsonl"
-_DIGITS = 4  # of the figures kept
+_DIGITS = 4  # of stored figures
 
-Value = tuple[float, float, float]  # typical, and its 95 % interval
+Value = tuple[float, float, float]  # typical value, and its 95 % interval
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One version."""
+    """History entry of one version."""
 
     origin: Origin
-    digests: dict[str, str]  # of every case and the files behind it
+    digests: dict[str, str]  # of every case and its files
     data: dict[str, dict[str, str]]  # for each recorded case the digests of its files
-    # for each case its metrics: typical value and 95 % interval, NaN where not known
+    # for each case its metrics: typical value and 95 % interval, NaN if unknown
     metrics: dict[str, dict[str, Value]]
-    # for each case the metrics that were better or worse than in the baseline of that time
+    # for each case the metrics that changed relative to the baseline of that time
     verdicts: dict[str, dict[str, Verdict]]
 
 
 def entry(result: Accuracy, comparison: Comparison | None, origin: Origin) -> Entry:
-    """Sum up a run of the whole corpus."""
+    """Summarise a run of the whole corpus."""
     metrics = {
         name: {key: interval(value, BY_KEY[key], pieces=case.pieces) for key, value in case.measured.values.items()}
         for name, case in result.cases.items()
@@ -76,7 +76,7 @@ def read_history(path: Path) -> list[Entry]:
 
 
 def with_entry(history: Sequence[Entry], new: Entry) -> list[Entry]:
-    """Add a version at the end, or in the place of the same version and commit."""
+    """Add a version at the end, or replace the entry of the same version and commit."""
     mark = (new.origin.version, new.origin.commit)
     marks = [(each.origin.version, each.origin.commit) for each in history]
     if mark not in marks:
@@ -85,9 +85,9 @@ def with_entry(history: Sequence[Entry], new: Entry) -> list[Entry]:
 
 
 def write_history(path: Path, history: Sequence[Entry]) -> None:
-    """Write all versions, one a line.
+    """Write all versions, one per line.
 
-    Raises: OutputError: it cannot be written.
+    Raises: OutputError: the file cannot be written.
     """
     lines = []
     for each in history:
@@ -115,17 +115,17 @@ def _value(numbers: list[float | None]) -> Value:
 
 @dataclass(frozen=True)
 class Regression:
-    """Accuracy of this version, and what changed since the baseline."""
+    """Accuracy of this version, and its changes since the baseline."""
 
     accuracy: Accuracy
     baseline: Baseline | None
     origin: Origin  # of this version
-    history: tuple[Entry, ...] = ()  # oldest first; this version is the last unless only a part was run
+    history: tuple[Entry, ...] = ()  # oldest first; this version is the last unless partial
     peers: tuple[PeerRow, ...] = ()  # other programs
 
     @cached_property
     def comparison(self) -> Comparison | None:
-        """Changes since the baseline, if there is one."""
+        """Changes since the baseline, if any."""
         return None if self.baseline is None else compare(self.accuracy, self.baseline)
 
 
@@ -139,20 +139,20 @@ def regress(
     workers: Workers = "processes",
     stage: Callable[[str, float | None], None] = lambda name, fraction: None,
 ) -> Result[Regression]:
-    """Navigate all drives of a corpus, and compare the accuracy with that of the baseline.
+    """Navigate all drives of a corpus, and compare the accuracy with the baseline.
 
     Parameters
     ----------
     corpus : path, optional
         The drives, by default ``trajectories/corpus.toml`` of insnav.
     data : path, optional
-        Folder of recorded drives, by default ``shared/data`` beside the project.
+        Folder of recorded drives, by default ``shared/data`` next to the project.
     reports : path, optional
-        Folder of the baseline and the history, by default ``reports`` beside the folder of the corpus.
+        Folder of the baseline and the history, by default ``reports`` next to the folder of the corpus.
     quick, peers : bool
-        Run only some cases; run pyins and GTSAM too, where they are installed.
+        Run only some cases; also run pyins and GTSAM, if installed.
     workers, stage
-        Where to compute; called with the name of each stage of the work and the fraction that is done.
+        Where to compute; called with the name of each stage of the work and its completed fraction.
 
     Returns
     -------

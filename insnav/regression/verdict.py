@@ -1,12 +1,12 @@
-"""Whether one version is better or worse than another on the same drives: paired tests, corrected for their number.
+"""Comparison of two versions on the same drives: paired tests, corrected for their number.
 
-Figures of merit are compared by the logarithm of their ratio, drive by drive: seed by seed where they are simulated,
-piece by piece where they are recorded. The mean of these logarithms is the change, and is tested
+Figures of merit are compared by the logarithm of their ratio, drive by drive: by seed for simulated drives, by piece
+for recorded ones. The mean of these logarithms is the change. It is tested
 
 - by Student's t for seeds, which are independent;
-- for successive pieces of one drive, which are not, with a standard error from the moving-block bootstrap (Kuensch,
-  "The jackknife and the bootstrap for general stationary observations", Annals of Statistics 17 (1989) 1217-1241),
-  and as many degrees of freedom as there are blocks.
+- for successive pieces of one drive, which are dependent, with a standard error from the moving-block bootstrap
+(Kuensch, "The jackknife and the bootstrap for general stationary observations", Annals of Statistics 17 (1989)
+1217-1241), and one degree of freedom per block.
 
 All pairs of case and metric are tested at once: Holm, "A simple sequentially rejective multiple test procedure",
 Scandinavian Journal of Statistics 6 (1979) 65-70.
@@ -28,29 +28,29 @@ from insnav.regression.evaluate import Accuracy, CaseResult
 from insnav.sample_statistics import CONFIDENCE, block_rows
 from insnav.types import FloatArray
 
-ALPHA = 0.01  # of wrongly calling anything changed, over the whole corpus
-POWER = 0.8  # with which a change must be found to count as excluded
-FEWEST = 5  # pairs below which nothing is called changed
-SMALLEST = 0.01  # a smaller change is none, however certain
+ALPHA = 0.01  # probability of any false change in the whole corpus
+POWER = 0.8  # probability of finding a change that counts as excluded
+FEWEST = 5  # fewer pairs give no change
+SMALLEST = 0.01  # a smaller change is ignored, however significant
 MOST_ALIKE = 0.9  # correlation of successive pieces
 BLOCK = 2  # successive pieces that are resampled together
 _SAMPLES = 2000
 _SEED = 20260101
 Verdict = Literal["better", "same", "worse"]
-CPU_FAILS_FROM = 3.0  # times the baseline's, in the median over five drives or more; else CPU time is only shown
+CPU_FAILS_FROM = 3.0  # ratio to the baseline, in the median over five drives or more; else CPU time is only displayed
 
 
 @dataclass(frozen=True, slots=True)
 class Shift:
     """Change of one figure of merit."""
 
-    # ratio of new to old, less one; of a ratio (NEES, NIS) that of the distances from one, caution at half its weight
+    # ratio of new to old, minus one; for NEES and NIS the ratio of distances from one, caution at half weight
     change: float
     # 95 % interval of that
     low: float
     high: float
-    p: float  # probability of a change as large if there is none, two-sided
-    # standard error of the logarithm of the ratio, infinite where there are too few pairs; and its degrees of freedom
+    p: float  # two-sided probability of such a change by chance
+    # standard error of the log ratio, infinite with too few pairs; and its degrees of freedom
     error: float = 0.0
     degrees: float = np.inf
 
@@ -58,7 +58,7 @@ class Shift:
 def shift(old: FloatArray, new: FloatArray, metric: Metric, *, pieces: bool) -> Shift:
     """Test whether a figure of merit has changed.
 
-    `old`, `new` (n,): values of the same drives, or pieces, in the same order; NaN where not known.
+    `old`, `new` (n,): values of the same drives, or pieces, in the same order; NaN if unknown.
     """
     n = min(len(old), len(new))
     then, now = metric.logarithm(np.asarray(old[:n])), metric.logarithm(np.asarray(new[:n]))
@@ -70,21 +70,21 @@ def shift(old: FloatArray, new: FloatArray, metric: Metric, *, pieces: bool) -> 
     error, degrees = standard_error(score, pieces=pieces)
     if len(score) < FEWEST:
         return Shift(float(np.expm1(mean)), -1.0, float("inf"), 1.0, float("inf"))
-    sure = 1.0 if mean == 0.0 else 0.0  # all the same
+    sure = 1.0 if mean == 0.0 else 0.0  # all equal
     p = 2.0 * float(stdtr(degrees, -abs(mean) / error)) if error > 0.0 else sure
     half = float(stdtrit(degrees, 0.5 + 0.5 * CONFIDENCE)) * error
     before = float(np.mean(then[known]))
-    # significance is that of the logarithm itself; what it means for a ratio depends on the side of one it is on
+    # significance refers to the logarithm; its meaning for a ratio depends on the side of one
     worse = [metric.badness(before + mean + each) - metric.badness(before) for each in (0.0, -half, half)]
     return Shift(float(np.expm1(worse[0])), float(np.expm1(min(worse))), float(np.expm1(max(worse))), p, error, degrees)
 
 
 def detectable(found: Shift, tests: int) -> float:
-    """Smallest relative change that is found with the probability `POWER`, among so many tests.
+    """Compute the smallest relative change found with probability `POWER`, among so many tests.
 
     Notes
     -----
-    At the strictest level of Holm's correction; by the t distribution shifted by the change, which is close to the
+    The level is the strictest of Holm's correction. The t distribution shifted by the change approximates the
     noncentral one from five pairs on (Cohen, "Statistical Power Analysis", 1988, section 12.3).
     """
     if found.error == 0.0 or not np.isfinite(found.error):
@@ -94,15 +94,15 @@ def detectable(found: Shift, tests: int) -> float:
 
 
 def detectable_apart(value: FloatArray, metric: Metric, *, pieces: bool, tests: int) -> float:
-    """Smallest relative change of a figure that is found with the probability `POWER`, NaN for too few values.
+    """Compute the smallest relative change of a figure found with probability `POWER`, NaN for few values.
 
-    The scatter is that of the drives themselves, as if both versions erred independently: an upper limit, as the same
-    seeds make most errors alike. `tests`: so many figures share the level `ALPHA`, as Holm's first step has it.
+    The scatter is between the drives, as if both versions had independent errors. This is an upper limit, as equal
+    seeds correlate most errors. `tests`: number of figures that share the level `ALPHA`, as in Holm's first step.
 
     Notes
     -----
-    The non-centrality at which Student's t exceeds its critical value so often, times ``s sqrt(2 / n)`` (Cohen,
-    "Statistical Power Analysis", 2nd ed. 1988, chapter 2).
+    The noncentrality at which Student's t exceeds its critical value with this probability, times ``s sqrt(2 / n)``
+    (Cohen, "Statistical Power Analysis", 2nd ed. 1988, chapter 2).
     """
     logarithm = metric.logarithm(value[np.isfinite(value)])
     if len(logarithm) < FEWEST:
@@ -113,9 +113,9 @@ def detectable_apart(value: FloatArray, metric: Metric, *, pieces: bool, tests: 
 
 
 def interval(value: FloatArray, metric: Metric, *, pieces: bool) -> tuple[float, float, float]:
-    """Typical value of a figure of merit, and its 95 % interval.
+    """Compute the typical value of a figure of merit, and its 95 % interval.
 
-    `value` (n,): one a drive, or a piece.
+    `value` (n,): one per drive or piece.
     """
     known = value[np.isfinite(value)]
     middle = metric.typical(known)
@@ -130,7 +130,7 @@ def interval(value: FloatArray, metric: Metric, *, pieces: bool) -> tuple[float,
 
 
 def standard_error(value: FloatArray, *, pieces: bool) -> tuple[float, float]:
-    """Standard error of a mean, and its degrees of freedom.
+    """Compute the standard error of a mean, and its degrees of freedom.
 
     `value` (n,).
     """
@@ -141,10 +141,10 @@ def standard_error(value: FloatArray, *, pieces: bool) -> tuple[float, float]:
         return float(np.std(value, ddof=1) / np.sqrt(n)), n - 1.0
     length = min(BLOCK, n - 1)
     means = value[block_rows(n, length, _SAMPLES, _SEED, circular=False)].mean(axis=1)
-    # the bootstrap variance of few blocks is too small by the share of what it estimates from them
+    # the bootstrap variance of few blocks is too small, by the share of its own estimate
     error = float(np.std(means) * np.sqrt(n / (n - length)))
-    # what lasts longer than a block does not show in it: as much as a first-order autoregression has, whose coefficient
-    # n values show too small by about (1 + 3 r) / n (Kendall, Biometrika 41 (1954) 403-404)
+    # correlation beyond a block is not detected. A first-order autoregression is assumed, whose coefficient is biased
+    # low by about (1 + 3 r) / n (Kendall, Biometrika 41 (1954) 403-404)
     centred = value - value.mean()
     r = float(centred[1:] @ centred[:-1]) / max(float(centred @ centred), 1e-300)
     r = min(max(r + (1.0 + 3.0 * r) / n, 0.0), MOST_ALIKE)
@@ -156,7 +156,7 @@ def standard_error(value: FloatArray, *, pieces: bool) -> tuple[float, float]:
 def holm(p: Sequence[float]) -> FloatArray:
     """Correct p-values for their number.
 
-    Returns: (n,): adjusted: compare them with the level that is to hold for all together.
+    Returns: (n,): adjusted p-values, for comparison with the joint level.
     """
     value = np.asarray(p, dtype=np.float64)
     order = np.argsort(value)
@@ -168,11 +168,11 @@ def holm(p: Sequence[float]) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """One figure of merit of one case, then and now."""
+    """Figure of merit of one case, old and new."""
 
     case: str
     metric: Metric
-    # geometric mean over the drives, or pieces, that both have; of CPU time the median
+    # geometric mean over the common drives, or pieces; median of CPU time
     old: float
     new: float
     shift: Shift  # paired change and its p-value
@@ -183,25 +183,25 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """All changes, and what could not be compared."""
+    """All changes, and cases without comparison."""
 
     changes: tuple[Change, ...]  # by case, then by metric
-    broken: dict[str, Finding]  # cases in which a drive fails that did not, with the reason
-    apart: dict[str, Finding]  # cases that could not be compared, with the reason
+    broken: dict[str, Finding]  # cases with a newly failing drive, with the reason
+    apart: dict[str, Finding]  # cases without comparison, with the reason
 
     @property
     def failing(self) -> tuple[Change, ...]:
-        """The changes that fail."""
+        """Failing changes."""
         return tuple(change for change in self.changes if change.fails)
 
     @property
     def passed(self) -> bool:
-        """Nothing is broken, and nothing so much worse that it fails."""
+        """True if no drive is broken and no change fails."""
         return not self.failing and not self.broken
 
 
 def compare(result: Accuracy, baseline: Baseline) -> Comparison:
-    """Compare a result, of the whole corpus or of a quick run, with a baseline: drives that both have count."""
+    """Compare a result, of the whole corpus or of a quick run, with a baseline on common drives."""
     broken: dict[str, Finding] = {}
     apart: dict[str, Finding] = {}
     found: list[tuple[str, Metric, float, float, Shift]] = []
@@ -226,7 +226,7 @@ def compare(result: Accuracy, baseline: Baseline) -> Comparison:
 def _shifts(name: str, now: CaseResult, then: CaseResult) -> Iterator[tuple[str, Metric, float, float, Shift]]:
     before, after = then.measured.values, now.measured.values
     for metric in (each for each in METRICS if each.key in before and each.key in after):
-        # values of the drives that both have
+        # values of common drives
         n = min(len(before[metric.key]), len(after[metric.key]))
         old, new = before[metric.key][:n], after[metric.key][:n]
         known = np.isfinite(old) & np.isfinite(new)
@@ -237,7 +237,7 @@ def _shifts(name: str, now: CaseResult, then: CaseResult) -> Iterator[tuple[str,
 
 
 def _cpu(old: FloatArray, new: FloatArray) -> Shift:
-    """Change of CPU time: the median over the drives, which a busy computer or the first call do not change."""
+    """Compare CPU time: the median over the drives, robust against a busy computer and the first call."""
     change = float(np.median(new / old)) - 1.0 if len(old) and (old > 0.0).all() else float("nan")
     few = len(old) < FEWEST
     return Shift(change, -1.0 if few else change, float("inf") if few else change, 1.0)

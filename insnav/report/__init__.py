@@ -1,1 +1,1 @@
-"""What a run says about itself: facts, figures, a page, one screen of text, and runs side by side."""
+"""Reports of results: facts, figures, pages, one screen of text, and comparisons of runs."""

@@ -1,4 +1,4 @@
-"""The explanation of a record as a table: what was considered, what it gains, and what it changed."""
+"""Table of the explanation of a record: faults considered, their gain, and their effect."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ MOST = 8  # rows
 
 
 def explanation_section(found: Explanation) -> Section:
-    """Give the table, best first; folded where nothing was accepted."""
+    """Build the table, best first; folded if no fault was accepted."""
     items = (
         Quantity("considered", len(found.tried), meaning="faults considered"),
         Quantity("passes", found.passes, meaning="passes over the linear record"),
         Quantity("runs", found.runs, meaning="runs of the filter"),
     )
     rows = tuple(_row(row) for row in found.tried[:MOST])
-    table = Section("rows", "What insnav considered", rows=rows, note=phrase("explanation.note"), show="page")
+    table = Section("rows", "Considered faults", rows=rows, note=phrase("explanation.note"), show="page")
     folded = not any(row.accepted for row in found.tried)
     return Section("explanation", "Explanation", items, parts=(table,), show="page", folded=folded)
 
 
 def explanation_line(found: Explanation) -> str:
-    """Sum it up in one line."""
+    """Summarise the explanation in one line."""
     values = {"count": len(found.tried), "accepted": sum(row.accepted for row in found.tried), "passes": found.passes}
     return phrase("explanation.some" if values["accepted"] else "explanation.none", **values)
 
@@ -45,7 +45,7 @@ def _row(row: Tried) -> tuple[Quantity, ...]:
 
 
 def _changed(row: Tried) -> tuple[str, ...]:
-    """What the fault has changed, in words."""
+    """Describe the effect of a fault."""
     fixes = {"left_out": row.left_out, "moved": row.moved}
     words = tuple(phrase(f"explanation.{how}", count=count) for how, count in fixes.items() if count)
     how = row.name if row.name in ("rough", "delay") else "corrected"

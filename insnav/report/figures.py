@@ -1,4 +1,4 @@
-"""Figures for papers: type, margins, axes, legends, files; and the panels and maps of a page in matplotlib."""
+"""Figures for papers: fonts, margins, axes, legends, files; panels and maps of a page in matplotlib."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from insnav.report.panels import Curve, Drawing, Panel, Track, envelope, limits_
 from insnav.types import FloatArray
 
 DOTS_PER_INCH = 130
-_LONG = 1e4  # ends of a logarithmic axis so far apart have no room for more than powers of ten
+_LONG = 1e4  # a logarithmic axis of this range is labelled at powers of ten only
 _RC: Any = mpl.rc_params_from_file(Path(__file__).with_name("papers.mplstyle"), use_default_template=False)
-_NARROWEST_M = 4.0  # a vehicle at rest needs a map too
+_NARROWEST_M = 4.0  # smallest map width, for a vehicle at rest
 _WIDTH = 7.35  # of the map [inch]
-_PIXELS = 108.0  # of a panel on the page that are an inch here
-_BESIDE = 62  # letters of title and legend that share a line over a panel of full width
+_PIXELS = 108.0  # pixels of a page panel per inch
+_BESIDE = 62  # letters of title and legend that fit on one line above a full-width panel
 _STYLES: dict[str, dict[str, Any]] = {
     "line": {"linewidth": 1.3},
     "dashed": {"linewidth": 1.2, "linestyle": "--"},
@@ -37,22 +37,22 @@ _STYLES: dict[str, dict[str, Any]] = {
     "points": {"linestyle": "", "marker": ".", "markersize": 5.0},
     "crosses": {"linestyle": "", "marker": "x", "markersize": 5.0},
 }
-_FEW = 0.05  # share of a curve that may be beyond the limits to be marked as outliers
-_WHERE_FEW = 40  # points of a cloud that are drawn large
+_FEW = 0.05  # largest share of a curve beyond the limits that is marked as outliers
+_WHERE_FEW = 40  # point count up to which a cloud is drawn large
 
 
 @contextmanager
 def drawing() -> Iterator[None]:
-    """Set the style of everything drawn inside, and English words: the font has no others."""
+    """Set the style of everything drawn inside, and English words, as the font has no others."""
     with mpl.rc_context(_RC), speaking("en"):
         yield
 
 
 def blank(width: float, height: float, title: str, note: str) -> Figure:
-    """Start an empty figure, size in [inch], with its headline, a quieter note on how to read it, and margins."""
+    """Create an empty figure, size in [inch], with headline, explanatory note and margins."""
     figure = Figure(figsize=(width, height))
     FigureCanvasAgg(figure)
-    # Fixed margins: measuring them would draw everything twice.
+    # Fixed margins: measured margins would draw everything twice.
     figure.subplots_adjust(left=0.85 / width, right=1.0 - 0.2 / width, bottom=0.55 / height, top=1.0 - 0.85 / height)
     left = 0.15 / width
     figure.text(left, 1.0 - 0.12 / height, title, ha="left", va="top", fontsize=11.5, fontweight="bold")
@@ -66,13 +66,13 @@ def save(figure: Figure, path: Path, file_format: Literal["png", "svg"]) -> Path
     if file_format == "svg":
         figure.savefig(file, metadata={"Date": None, "Creator": None})
     else:
-        # Light compression: the files grow by a fifth and are written in half the time.
+        # Light compression: files grow by a fifth and are written in half the time.
         figure.savefig(file, dpi=DOTS_PER_INCH, metadata={"Software": None}, pil_kwargs={"compress_level": 3})
     return file
 
 
 def save_pages(figures: Sequence[Figure], file: Path) -> Path:
-    """Write figures into one PDF, a page each; the same figures give the same bytes."""
+    """Write figures into one PDF, a page each; equal figures give equal bytes."""
     with PdfPages(file, metadata={"CreationDate": None, "Creator": None, "Producer": None}) as pages:
         for figure in figures:
             pages.savefig(figure)
@@ -80,7 +80,7 @@ def save_pages(figures: Sequence[Figure], file: Path) -> Path:
 
 
 def logarithmic(axis: Axis) -> None:
-    """Mark a logarithmic axis at 1, 2 and 5 of each power of ten, a long one at powers, as plain numbers."""
+    """Label a logarithmic axis at 1, 2 and 5 of each power of ten, a long one at powers, as plain numbers."""
     low, high = sorted(axis.get_view_interval())
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < _LONG * low else (1.0,)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
@@ -88,7 +88,7 @@ def logarithmic(axis: Axis) -> None:
 
 
 def legend_above(axes: Axes, lift: float) -> None:
-    """Put the legend on one line over the upper right corner of a panel, out of the way of the data.
+    """Place the legend on one line above the upper right corner of a panel.
 
     `lift`: height of the legend's lower edge in heights of the panel.
     """
@@ -109,7 +109,7 @@ def legend_above(axes: Axes, lift: float) -> None:
 
 
 def draw_drawings(drawings: Sequence[Drawing], title: str, note: str = "", *, columns: int = 1) -> Figure:
-    """Draw one map, or panels below one another; `columns`: of panels."""
+    """Draw a map, or panels below one another. `columns`: of panels."""
     if isinstance(drawings[0], Track):
         return _draw_track(drawings[0], title, note)
     panels = [each for each in drawings if isinstance(each, Panel)]
@@ -135,7 +135,7 @@ def draw_drawings(drawings: Sequence[Drawing], title: str, note: str = "", *, co
 
 
 def draw_panel(axes: Axes, panel: Panel, mode: str = "", *, heading: bool = True, letters: int = _BESIDE) -> None:
-    """Draw what a panel shows under one position of the switch; `letters`: that title and legend may share."""
+    """Draw a panel for one switch position. `letters`: space shared by title and legend."""
     low, high = (-0.6, len(panel.rows) - 0.4) if panel.rows else limits_of(panel, mode) or (0.0, 1.0)
     axes.set_xscale("log" if "x" in panel.log else "linear")
     axes.set_yscale("log" if "y" in panel.log else "linear")
@@ -148,7 +148,7 @@ def draw_panel(axes: Axes, panel: Panel, mode: str = "", *, heading: bool = True
         axes.axhline(value, color=VERMILLION, linewidth=1.0, linestyle="--", label=name)
     if panel.rows:
         axes.set_yticks(range(len(panel.rows)), panel.rows)
-        low, high = high, low  # the first row stands at the top
+        low, high = high, low  # the first row is at the top
     axes.set_ylim(low, high)
     for name in panel.log:
         logarithmic(axes.xaxis if name == "x" else axes.yaxis)
@@ -175,7 +175,7 @@ def draw_panel(axes: Axes, panel: Panel, mode: str = "", *, heading: bool = True
 
 
 def _draw_curve(axes: Axes, curve: Curve, low: float, high: float) -> None:
-    """Draw one curve; what lies beyond the limits is marked at the edge."""
+    """Draw one curve; mark values beyond the limits at the edge."""
     if curve.kind == "band" and curve.low is not None:
         x, bottom, top = envelope(curve.x, curve.low, curve.y)
         axes.fill_between(x, bottom, top, color=curve.colour, alpha=0.2, linewidth=0.0, label=curve.name or "_")
@@ -200,10 +200,10 @@ def _draw_curve(axes: Axes, curve: Curve, low: float, high: float) -> None:
 
 
 def _draw_track(track: Track, title: str, note: str) -> Figure:
-    """Draw a map, its track in the colours of the first shade; what lies beyond it is marked at its edge."""
+    """Draw a map with the track coloured by its first shade; mark points beyond at the edge."""
     wide = [np.column_stack((each.x, each.y)) for each in track.behind if each.kind in ("line", "dashed")]
     points = np.empty((0, 2)) if track.fixes is None else track.fixes
-    most = [np.percentile(points, (5.0, 95.0), axis=0)] if len(points) else []  # a few wild ones must not shrink it
+    most = [np.percentile(points, (5.0, 95.0), axis=0)] if len(points) else []  # a few outliers must not shrink it
     every = np.concatenate([np.column_stack((track.east, track.north)), *wide, *most])
     shade = track.shades[0] if track.shades and not track.shades[0].classes else None
     figure, axes = _start_map(every, title, note, 0.85 if shade else 0.0)
@@ -237,7 +237,7 @@ def _draw_track(track: Track, title: str, note: str) -> Figure:
 
 
 def _pieces(track: Track, values: FloatArray) -> LineCollection:
-    """Cut a track into pieces, coloured by a value (n,)."""
+    """Cut a track into pieces coloured by a value (n,)."""
     points = np.column_stack((track.east, track.north))
     pieces = LineCollection(
         list(np.stack((points[:-1], points[1:]), axis=1)), cmap="cividis", linewidth=2.2, capstyle="round", zorder=2
@@ -247,7 +247,7 @@ def _pieces(track: Track, values: FloatArray) -> LineCollection:
 
 
 def _start_map(points: FloatArray, title: str, note: str, beside: float) -> tuple[Figure, Axes]:
-    """Start a map of points East, North (n, 2) [m] and a margin, no narrower than a page; `beside`: room [inch]."""
+    """Create a map of points East, North (n, 2) [m] with margin, at least page width. `beside`: space [inch]."""
     low, high = points.min(axis=0), points.max(axis=0)
     width, height = (max(float(size), _NARROWEST_M) for size in high - low)
     margin = 0.07 * max(width, height)
@@ -262,8 +262,8 @@ def _start_map(points: FloatArray, title: str, note: str, beside: float) -> tupl
 
 
 def _finish_map(axes: Axes, track: Track) -> None:
-    """Mark start and end of a track, scale and north, name the axes and put the legend below."""
-    # many a drive ends where it began: the start is the larger mark, so that both are seen
+    """Mark start and end of a track, scale and north, label the axes and place the legend below."""
+    # many drives end at their start: the larger start mark keeps both visible
     for row, marker, colour, size, name in ((0, "^", GREEN, 13.0, "start"), (-1, "s", BLACK, 5.0, "end")):
         place = track.east[row], track.north[row]
         axes.plot(*place, marker, color=colour, markersize=size, markeredgecolor="white", label=name, zorder=4)

@@ -1,4 +1,4 @@
-"""What all report pages share: templates that escape everything, interactive panels and figures inside the page."""
+"""HTML writer of all report pages: escaping templates, interactive panels and embedded figures."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ _BOKEH = ("bokeh.min.js", "bokeh-api.min.js")
 
 
 def filled(template: str, **values: Any) -> str:
-    """Fill a template; a value that it asks for and does not get is an error.
+    """Fill a template; a missing value is an error.
 
-    `template`: a file of ``templates``; in those of HTML everything that is filled in is escaped.
+    `template`: a file of ``templates``; HTML templates escape every value.
     """
     environment = Environment(
         loader=FileSystemLoader(_TEMPLATES),
@@ -42,14 +42,14 @@ def filled(template: str, **values: Any) -> str:
 
 
 def data_uri(file: Path) -> str:
-    """Content of a PNG or SVG file as an address, so that the page needs no other file."""
+    """Encode a PNG or SVG file as a data URI, for self-contained pages."""
     return f"data:{_MEDIA[file.suffix]};base64,{base64.b64encode(file.read_bytes()).decode('ascii')}"
 
 
 def page_html(page: Page, files: Mapping[str, Path]) -> str:
     """Write a report as one self-contained page.
 
-    `files`: pictures of the figures that it shows, by their names; a figure without one is left out.
+    `files`: pictures of its figures by name; a figure without picture is omitted.
     """
     scripts = _scripts() if page.panels else ()
     return filled(
@@ -65,7 +65,7 @@ def page_html(page: Page, files: Mapping[str, Path]) -> str:
 
 
 def page_fragment(page: Page) -> str:
-    """Write a report as a part of another page, such as a notebook: what the terminal shows, as tables."""
+    """Write a report as part of another page, such as a notebook: the terminal content, as tables."""
     still = tuple(_without_panels(section) for section in page.sections)
     return filled("fragment.html.j2", page=replace(page, sections=still), images={}, tables=_tables_of("all"))
 
@@ -75,13 +75,13 @@ def _without_panels(section: Section) -> Section:
 
 
 def _tables_of(*shown: Show) -> Callable[[Section], list[Table]]:
-    """Tables of one section, and none of its parts, which follow its figures."""
+    """Return the tables of a section, without its parts, which follow its figures."""
     return lambda section: section_tables(replace(section, parts=()), shown)
 
 
 def _scripts() -> tuple[str, ...]:
-    """BokehJS as its package brings it, and what draws the panels with it."""
-    spec = find_spec("bokeh")  # found, not imported: only its JavaScript is used
+    """Return BokehJS from its package, and the script that draws the panels."""
+    spec = find_spec("bokeh")  # located, not imported: only its JavaScript is used
     assert spec is not None
     assert spec.origin is not None
     bokeh = Path(spec.origin).parent / "server" / "static" / "js"
@@ -91,14 +91,14 @@ def _scripts() -> tuple[str, ...]:
 
 
 def _policy(scripts: tuple[str, ...]) -> str:
-    """Content-Security-Policy under which nothing is fetched, and only the scripts of the page run."""
+    """Build a Content-Security-Policy that permits no requests, and only the scripts of the page."""
     hashes = (base64.b64encode(hashlib.sha256(each.encode()).digest()).decode("ascii") for each in scripts)
     allowed = " ".join(f"'sha256-{each}'" for each in hashes) or "'none'"
     return f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src {allowed}"
 
 
 def _json_script(value: list[Any]) -> Markup:
-    """JSON that may stand inside a script element."""
+    """Encode JSON for a script element."""
     text = json.dumps(value, separators=(",", ":"), allow_nan=False)
     for sign in "<>&":
         text = text.replace(sign, f"\\u{ord(sign):04x}")

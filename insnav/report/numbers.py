@@ -1,4 +1,4 @@
-"""Numbers as short as they may be."""
+"""Number formatting in the shortest form."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ _SMALLEST = 1e-7  # written without an exponent
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """Write a number with so many significant digits, large ones without an exponent.
+    """Write a number with `digits` significant digits, large ones without an exponent.
 
-    `value`: none gives a dash.
+    `value`: None gives a dash.
     """
     if value is None:
         return _UNKNOWN
@@ -24,7 +24,7 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def rounded(value: float, sd: float) -> str:
-    """Number to the second digit of its standard deviation, never in less than three."""
+    """Round a number to the second digit of its standard deviation, with at least three digits."""
     scale = max(abs(value), 1e-300)
     if not sd > 0.0:
         return f"{value:.6g}"
@@ -33,12 +33,12 @@ def rounded(value: float, sd: float) -> str:
 
 
 def distance_text(length_m: float) -> str:
-    """Length in metres or kilometres."""
+    """Write a length in metres or kilometres."""
     return f"{number(length_m / 1000.0)} km" if length_m >= 1000.0 else f"{number(length_m)} m"
 
 
 def duration_text(seconds: float) -> str:
-    """Time in seconds, minutes or hours."""
+    """Write a time in seconds, minutes or hours."""
     if seconds >= 7200.0:
         return f"{number(seconds / 3600.0)} h"
     return f"{number(seconds / 60.0)} min" if seconds >= 120.0 else f"{number(seconds)} s"

@@ -1,7 +1,7 @@
-"""What every report is made of: sections of quantities and figures, written as text, as a page and as JSON.
+"""Structure of every report: sections of quantities and figures, written as text, as a page and as JSON.
 
-A report says each quantity once. `insnav.report.terminal`, `insnav.report.html` and `insnav.report.run_json` are the
-three writers; none of them knows what a report is about.
+A report contains each quantity once. `insnav.report.terminal`, `insnav.report.html` and `insnav.report.run_json` are
+the three writers; they are independent of the subject of a report.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from insnav.report.panels import Drawing
 else:
-    DataFrame = Figure = Any  # their libraries are imported where some are made
+    DataFrame = Figure = Any  # their libraries are imported on use
 
 Show = Literal["all", "page", "json"]
 Light = Literal["good", "attention", "bad", "unknown"]
@@ -35,34 +35,34 @@ STATISTICS = {
     "max": "max",
     "mean": "mean",
     "predicted": "predicted sd",
-}  # members of a value that is a mapping
+}  # members of a mapping value
 
 
 @dataclass(frozen=True, slots=True)
 class FigureSpec:
-    """A figure that is drawn when it is asked for."""
+    """Figure that is drawn on request."""
 
-    name: str  # of its file, without suffix; `insnav.result.Result.plot` knows it by this name
-    caption: str  # what it shows
-    draw: Callable[[], Figure]  # draws it; called inside `insnav.report.figures.drawing`
+    name: str  # file name without suffix; also the name in `insnav.result.Result.plot`
+    caption: str  # caption
+    draw: Callable[[], Figure]  # called inside `insnav.report.figures.drawing`
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """The result in one sentence, and whether it can be relied on."""
+    """Result in one sentence, with its reliability."""
 
     light: Light
-    reason: str  # of the light
+    reason: str  # reason for the light
     sentence: str
 
     @property
     def rating(self) -> str:
-        """The light in words, with its reason."""
+        """Light in words, with its reason."""
         return phrase("terminal.line", name=phrase(f"light.{self.light}"), text=self.reason)
 
 
 def by_warnings(sentence: str, findings: Sequence[Finding], without: tuple[Light, str]) -> Verdict:
-    """Give a result that needs attention if it has warnings; `without` any, or where worse, this light and reason."""
+    """Build a verdict: needs attention if there are warnings; otherwise, or if worse, `without` (light and reason)."""
     warnings = [each for each in findings if each.severity >= Severity.WARNING]
     if lost := [each for each in warnings if each.severity is Severity.UNUSABLE]:
         return Verdict("bad", render(lost[0]).title, sentence)
@@ -75,31 +75,31 @@ def by_warnings(sentence: str, findings: Sequence[Finding], without: tuple[Light
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One cell of a matrix."""
+    """Cell of a matrix."""
 
     text: str  # a few letters
     tone: str  # its colour: ``better1`` to ``better3``, ``worse1`` to ``worse3``, ``same``, ``unclear``, ``fails``
-    title: str  # what it says in full, shown when it is pointed at
-    key: str = ""  # its id in the page, if there is something behind it
-    behind: tuple[Table, ...] = ()  # what it opens
+    title: str  # full text, shown on hover
+    key: str = ""  # id in the page, if it opens details
+    behind: tuple[Table, ...] = ()  # tables that it opens
 
 
 @dataclass(frozen=True, slots=True)
 class Matrix:
-    """Cells in colour, on the page only; each opens what is behind it."""
+    """Coloured cells, on the page only; each opens its details."""
 
     columns: tuple[str, ...]
-    rows: tuple[tuple[str, tuple[Cell | None, ...]], ...]  # name of each row and its cells
-    tones: tuple[tuple[str, str], ...]  # colours and what they mean
+    rows: tuple[tuple[str, tuple[Cell | None, ...]], ...]  # row names and cells
+    tones: tuple[tuple[str, str], ...]  # colours and their meaning
 
     @property
     def cells(self) -> tuple[Cell, ...]:
-        """All cells that open something."""
+        """All cells with details."""
         return tuple(cell for _, row in self.rows for cell in row if cell is not None and cell.behind)
 
 
 class Later(Sequence[Any]):
-    """Drawings that are made when they are looked at first: where only tables are written they are not."""
+    """Drawings that are made on first access: output of tables alone makes none."""
 
     def __init__(self, make: Callable[[], Sequence[Drawing]]) -> None:
         self._make = cache(make)
@@ -113,46 +113,45 @@ class Later(Sequence[Any]):
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """Quantities that belong together: single ones, or rows of a table, one row an item."""
+    """Related quantities: single ones, or rows of a table, one row per item."""
 
-    # where its quantities stand in JSON; empty puts them beside those of its parent, ``name[]`` makes them the next of
-    # a list
+    # position of its quantities in JSON; empty: next to the parent's quantities, ``name[]``: next entry of a list
     key: str
-    title: str = ""  # heading; empty for none
+    title: str = ""  # heading; may be empty
     items: tuple[Quantity, ...] = ()  # single quantities
     # a table: quantities of one key are a column, the first names the row. Without a `key` the table is on the page
-    # only: the same quantities stand elsewhere in JSON, in another shape.
+    # only: JSON has the same quantities elsewhere, in another shape.
     rows: tuple[tuple[Quantity, ...], ...] = ()
-    # below its tables: on the page where it has no panels, as files where they are asked for
+    # below its tables: on the page without panels, as files on request
     figures: tuple[FigureSpec, ...] = ()
     panels: Sequence[Drawing] = ()  # interactive drawings, above its tables on the page
-    columns: int = 1  # of panels side by side, where the page is wide
-    parts: tuple[Section, ...] = ()  # what it consists of
-    note: str = ""  # how to read it
-    show: Show = "all"  # everywhere; on the page and in JSON; in JSON only
-    keyed: bool = False  # in JSON the rows stand under their names, not in a list
-    folded: bool = False  # on the page only its title is seen until it is asked for
+    columns: int = 1  # of panels side by side, on a wide page
+    parts: tuple[Section, ...] = ()  # subsections
+    note: str = ""  # explanation
+    show: Show = "all"  # everywhere, on the page and in JSON, or in JSON only
+    keyed: bool = False  # in JSON the rows are keyed by name, not listed
+    folded: bool = False  # on the page only its title is visible until opened
     matrix: Matrix | None = None  # above its tables on the page
 
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """A whole report."""
+    """Complete report."""
 
-    title: str  # what was done, to what
+    title: str  # action and subject
     summary: tuple[str, ...]  # the result in a few sentences
     sections: tuple[Section, ...]
-    findings: tuple[Finding, ...] = ()  # what was detected, most important first
-    method: tuple[str, ...] = ()  # how the figures were made, and what they rest on
-    at: At = moment  # how times of the record are written
+    findings: tuple[Finding, ...] = ()  # most important first
+    method: tuple[str, ...] = ()  # method of the figures, and their basis
+    at: At = moment  # format of record times
     starts_at: float = 0.0  # zero of these times, in the time of the data [s]
     verdict: Verdict | None = None  # the first thing on the page
-    merits: tuple[Quantity, ...] = ()  # figures of merit, about six; they stand in the sections too
-    merits_note: str = ""  # what they are of
+    merits: tuple[Quantity, ...] = ()  # figures of merit, about six; also in the sections
+    merits_note: str = ""  # subject of the merits
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the reader must not overlook; the first with a time says from when times count."""
+        """Warnings; the first with a time states the time origin."""
         texts, hint = [], abs(self.starts_at) > 1.0
         for finding in (each for each in self.findings if each.severity >= Severity.WARNING):
             hinted = hint and shows_time(finding)
@@ -162,12 +161,12 @@ class Page:
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What was taken for granted: defaults, validity, sources."""
+        """Assumptions: defaults, validity, sources."""
         return (*self.method, *self._texts(Severity.ASSUMPTION))
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was detected and dealt with."""
+        """Findings that insnav has handled."""
         return self._texts(Severity.NOTE)
 
     def _texts(self, severity: Severity) -> tuple[str, ...]:
@@ -175,41 +174,41 @@ class Page:
 
     @property
     def lists(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
-        """Headings and lines of what stands below the tables, where there is any."""
+        """Headings and lines of the lists below the tables, if any."""
         both = (("notes", self.notes), ("assumptions", self.assumptions))
         return tuple((phrase(f"page.{name}"), lines) for name, lines in both if lines)
 
     @property
     def figures(self) -> tuple[FigureSpec, ...]:
-        """All figures, in the order of the page."""
+        """All figures, in page order."""
         return tuple(figure for section in self.sections for each in _with_parts(section) for figure in each.figures)
 
     @property
     def embedded(self) -> tuple[FigureSpec, ...]:
-        """Figures that the page shows: those of sections without panels."""
+        """Figures shown on the page: of sections without panels."""
         parts = (each for section in self.sections for each in _with_parts(section) if not each.panels)
         return tuple(figure for each in parts for figure in each.figures)
 
     @property
     def panels(self) -> tuple[Drawing, ...]:
-        """All interactive drawings, in the order of the page."""
+        """All interactive drawings, in page order."""
         return tuple(panel for section in self.sections for each in _with_parts(section) for panel in each.panels)
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Quantities laid out to be read."""
+    """Quantities laid out as a table."""
 
-    title: str  # what the rows are
+    title: str  # subject of the rows
     columns: tuple[str, ...]  # headings, units in brackets
     rows: tuple[tuple[str, ...], ...]  # cells, as many as columns; the first names the row
-    note: str = ""  # how to read them
+    note: str = ""  # explanation
 
 
 def one_each(key: str, title: str, items: Mapping[str, Sequence[Quantity]], first: str = "", note: str = "") -> Section:
-    """The same quantities of several things: in JSON under the name of each, in text one table with a row for each.
+    """Lay out equal quantities of several things: keyed by name in JSON, in text a table with a row per thing.
 
-    `items`: name to quantities; the value of one without any is None in JSON, and it has no row.
+    `items`: name to quantities; a name without quantities is None in JSON, and has no row.
     """
     unknown = tuple(only_json("", Quantity(name, None)) for name, own in items.items() if not own)
     rows = tuple((Quantity("name", name, meaning=first), *own) for name, own in items.items() if own)
@@ -217,11 +216,11 @@ def one_each(key: str, title: str, items: Mapping[str, Sequence[Quantity]], firs
 
 
 def drawn(name: str, caption: str, drawings: Iterable[Drawing], note: str = "", *, columns: int = 1) -> Section:
-    """Drawings that are panels on the page and one figure for papers, of panels side by side in so many columns."""
+    """Build drawings that are panels on the page and one figure for papers, with panels in `columns` columns."""
     panels = tuple(drawings)
 
     def draw() -> Figure:
-        from insnav.report.figures import draw_drawings  # matplotlib, only where a figure is asked for
+        from insnav.report.figures import draw_drawings  # imports matplotlib, only for a requested figure
 
         return draw_drawings(panels, caption, note, columns=columns)
 
@@ -230,7 +229,7 @@ def drawn(name: str, caption: str, drawings: Iterable[Drawing], note: str = "", 
 
 
 def only_json(key: str, *items: Quantity, parts: tuple[Section, ...] = ()) -> Section:
-    """Quantities for ``run.json`` alone."""
+    """Build quantities for ``run.json`` alone."""
     return Section(key, items=items, parts=parts, show="json")
 
 
@@ -241,8 +240,8 @@ def _with_parts(section: Section) -> tuple[Section, ...]:
 def section_tables(section: Section, shown: Sequence[Show] = ("all",)) -> list[Table]:
     """Lay out a section and its parts.
 
-    `shown`: sections marked otherwise are left out.
-    Returns: one for the single quantities, one for the rows, then those of the parts.
+    `shown`: other sections are omitted.
+    Returns: a table of the single quantities, a table of the rows, then the tables of the parts.
     """
     if section.show not in shown:
         return []
@@ -256,7 +255,7 @@ def section_tables(section: Section, shown: Sequence[Show] = ("all",)) -> list[T
 
 
 def _rows_table(section: Section) -> Table:
-    """Rows as cells; a unit that a whole column shares stands in its heading unless in the title, others in cells."""
+    """Format rows as cells; a unit shared by a column is in its heading unless in the title, others in cells."""
     found = [{each.key: each for whole in row for each in members(whole)} for row in section.rows]
     columns = list(dict.fromkeys(key for row in found for key in row))
     headings, shared = [], {}
@@ -271,7 +270,7 @@ def _rows_table(section: Section) -> Table:
 
 
 def members(each: Quantity) -> list[Quantity]:
-    """Columns of a quantity: one, or one for each member of a mapping."""
+    """Return the columns of a quantity: one, or one for each member of a mapping."""
     if not isinstance(each.value, Mapping):
         return [each]
     return [
@@ -294,7 +293,7 @@ def _cell_in_row(each: Quantity | None, *, with_unit: bool) -> str:
 
 
 def cell(each: Quantity) -> str:
-    """Write a quantity without its name and unit: ``12.3 ± 0.4``, ``12.3 (11.8 … 12.9)``, ``–`` if not known."""
+    """Format a quantity without name and unit: ``12.3 ± 0.4``, ``12.3 (11.8 … 12.9)``, ``–`` if unknown."""
     text = _value_text(each)
     return f"{text} {each.mark}" if each.mark else text
 
@@ -345,9 +344,9 @@ def _with_sd(value: float | None, sd: Any, each: Quantity) -> str:
 
 
 def rows_frame(rows: Iterable[Iterable[Quantity]]) -> DataFrame:
-    """Make a data frame of rows of quantities.
+    """Build a data frame from rows of quantities.
 
-    `rows`: a value of several figures is as many columns, such as ``horizontal_rms_m``.
+    `rows`: a value with several members fills several columns, such as ``horizontal_rms_m``.
     """
     import pandas as pd
 

@@ -1,7 +1,7 @@
-"""Interactive drawings of a page, and series made ready to be drawn: time axes, thinning, robust limits.
+"""Interactive drawings of a page, and preparation of series: time axes, thinning, robust limits.
 
 ``templates/panels.js`` draws them with BokehJS in the browser. Panels of one `Panel.link` share their horizontal axis
-and one cursor, which a map of the same link follows too.
+and one cursor, also with a map of the same link.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from insnav.messages import form, sentence
 from insnav.plain_text import plain_text
 from insnav.types import FloatArray
 
-BINS = 1200  # about one a pixel: more cannot be seen
-_TAIL = 0.5  # share on either side that may lie outside of the limits [%]
-_WORTH = 1.5  # limits that hold everything are taken where they are no wider than so many times the robust ones
-LINE_BINS = 1000  # a line keeps the smallest and largest value of so many stretches
+BINS = 1200  # about one per pixel: the visible resolution
+_TAIL = 0.5  # share on either side that may exceed the limits [%]
+_WORTH = 1.5  # full limits are used up to this multiple of the robust ones
+LINE_BINS = 1000  # a line keeps the smallest and largest value of so many intervals
 BAND_BINS = 500
-MARKERS = 2000  # most points of a cloud, the extremes among them
+MARKERS = 2000  # largest number of points of a cloud, including extremes
 Kind = Literal["line", "dashed", "thin", "points", "crosses", "band", "bars"]
 
 
@@ -46,11 +46,11 @@ class Clock:
         return cls(start, unit_s, unit, f"time{since} [{unit}]")
 
     def __call__(self, time: Any) -> Any:
-        """Return times of the data [s] as places on the axis."""
+        """Convert times of the data [s] to axis positions."""
         return (np.asarray(time) - self.start) / self.unit_s
 
     def moment(self, begin: float, end: float) -> str:
-        """Write a time of the data, or a span [s], as it stands on the axis."""
+        """Format a time of the data, or a span [s], in axis units."""
         first, *rest = (self._decimal(abs(time - self.start) + self.start) for time in dict.fromkeys((begin, end)))
         until, before = f" {form('until')} ", form("before_start")
         if begin >= self.start:
@@ -60,7 +60,7 @@ class Clock:
         return f"{before.format(f'{first} {self.unit}')}{until}{rest[0]} {self.unit}"
 
     def sentence(self, finding: Finding) -> str:
-        """Put a finding into words, with its times as they stand on the axis."""
+        """Write a finding as a sentence, with times in axis units."""
         return sentence(finding, at=self.moment)
 
     def _decimal(self, time: float) -> str:
@@ -79,7 +79,7 @@ def envelope(
 
 
 def thinned(time: FloatArray, value: FloatArray, bins: int = BINS) -> tuple[FloatArray, FloatArray]:
-    """Thin a line ``(n,)`` to its smallest and largest value in each of `bins` stretches; breaks (NaN) are kept."""
+    """Thin a line ``(n,)`` to its smallest and largest value in each of `bins` intervals; breaks (NaN) are kept."""
     if len(time) <= 2 * bins:
         return time, value
     length = -(-len(time) // bins)
@@ -96,7 +96,7 @@ def thinned(time: FloatArray, value: FloatArray, bins: int = BINS) -> tuple[Floa
 
 
 def broken_at_gaps(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Put a row of NaN into every gap of values ``(n, k)``, so that no line is drawn across it."""
+    """Insert a row of NaN into every gap of values ``(n, k)``, to interrupt the line."""
     if len(time) < 3:
         return time, values
     step = np.diff(time)
@@ -107,10 +107,10 @@ def broken_at_gaps(time: FloatArray, values: FloatArray) -> tuple[FloatArray, Fl
 
 
 def robust_limits(values: Iterable[FloatArray], least: float = 0.0) -> tuple[float, float] | None:
-    """Limits of an axis that a few outliers do not set.
+    """Compute limits of an axis that are robust against a few outliers.
 
-    `values`: arrays (n,) of any lengths, each with the same say; `least`: smallest height of the view.
-    Returns: none if no value is finite.
+    `values`: arrays (n,) of any lengths, with equal weight. `least`: smallest height of the view.
+    Returns: None without finite values.
     """
     known = [each[np.isfinite(each)] for each in values]
     known = [each for each in known if each.size]
@@ -127,7 +127,7 @@ def robust_limits(values: Iterable[FloatArray], least: float = 0.0) -> tuple[flo
 
 
 def wrapped(heading: FloatArray) -> FloatArray:
-    """Headings (n,) [deg] within 0..360, broken at north."""
+    """Wrap headings (n,) [deg] to 0..360, broken at north."""
     found = heading % 360.0
     found[1:][np.abs(np.diff(found)) > 180.0] = np.nan
     return found
@@ -135,16 +135,16 @@ def wrapped(heading: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """One line, band, cloud of points or set of bars. Curves of one name are one entry of the legend."""
+    """Line, band, cloud of points or set of bars. Curves of one name share a legend entry."""
 
     name: str  # empty: not in the legend
     x: FloatArray  # (n,); of bars: their right ends
-    y: FloatArray  # (n,); of a band: its upper edge; of bars: the row of each, 0 at the top
-    colour: str  # "#RRGGBB", those of `insnav.report.colours`; the dark page lightens them
+    y: FloatArray  # (n,); of a band: its upper edge; of bars: the row, 0 at the top
+    colour: str  # "#RRGGBB", from `insnav.report.colours`; the dark page lightens it
     kind: Kind = "line"
     low: FloatArray | None = None  # (n,) lower edge of a band, left ends of bars
-    mode: str = ""  # of the switch of the page under which it is shown, such as "filtered"; empty: always
-    # of points and bars: what is shown when they are pointed at; of a thin line: what stands beside its start
+    mode: str = ""  # switch position of the page that shows it, such as "filtered"; empty: always
+    # of points and bars: hover text; of a thin line: label at its start
     text: tuple[str, ...] = ()
 
 
@@ -154,34 +154,34 @@ class Panel:
 
     key: str  # its id in the page
     title: str
-    y_label: str  # with the unit: ``error [m]``
+    y_label: str  # including the unit: ``error [m]``
     x_label: str
     curves: tuple[Curve, ...]
-    link: str = ""  # panels with the same one share their horizontal axis and cursor
-    note: str = ""  # how to read it
+    link: str = ""  # panels with equal link share horizontal axis and cursor
+    note: str = ""  # explanation
     log: Literal["", "x", "y", "xy"] = ""  # which axes are logarithmic
-    limits: tuple[float, float] | None = None  # of the vertical axis; by the curves, without outliers, if none
-    least: float = 0.0  # smallest height of the view: what is constant is drawn as a line, not as its rounding
+    limits: tuple[float, float] | None = None  # of the vertical axis; None: by the curves, without outliers
+    least: float = 0.0  # smallest height of the view: a constant is drawn as a line, not as its rounding
     levels: tuple[tuple[float, str], ...] = ()  # horizontal lines with their names: gates
-    spans: tuple[tuple[float, float], ...] = ()  # shaded stretches of the horizontal axis
+    spans: tuple[tuple[float, float], ...] = ()  # shaded intervals of the horizontal axis
     rows: tuple[str, ...] = ()  # names of the rows of bars or of events, from the top
     height: int = 190  # [px]
-    ticks: tuple[tuple[float, str], ...] = ()  # names on the horizontal axis, of figures for papers alone
+    ticks: tuple[tuple[float, str], ...] = ()  # labels on the horizontal axis, of figures for papers alone
 
 
 @dataclass(frozen=True, slots=True)
 class Shade:
-    """One way to colour a track."""
+    """Colouring of a track."""
 
     name: str  # with the unit: ``horizontal sd [m]``
     values: FloatArray  # (n,)
-    classes: tuple[tuple[float, str], ...] = ()  # names of the values if they are kinds, not sizes
+    classes: tuple[tuple[float, str], ...] = ()  # names of the values if they are categories
     mode: str = ""  # as in `Curve`
 
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """A map in local metres, of true aspect."""
+    """Map in local metres, with true aspect ratio."""
 
     key: str
     title: str
@@ -191,9 +191,9 @@ class Track:
     shades: tuple[Shade, ...]
     link: str = ""
     fixes: FloatArray | None = None  # (k, 2) measured positions, east and north [m]
-    spans: tuple[tuple[float, float], ...] = ()  # stretches of `time` to mark: outages
+    spans: tuple[tuple[float, float], ...] = ()  # marked intervals of `time`: outages
     note: str = ""
-    behind: tuple[Curve, ...] = ()  # lines below the track, east and north [m]: other solutions, a backdrop
+    behind: tuple[Curve, ...] = ()  # background lines, east and north [m]: other solutions, a backdrop
     height: int = 420  # [px]
 
 
@@ -206,10 +206,10 @@ def over_time(
     note: str = "",
     link: str = "time",
 ) -> tuple[Panel, ...]:
-    """Draw lines over time, panels over one another.
+    """Draw lines over time, in panels above one another.
 
-    `time` (n,) [s]; `rows`: for each panel title, label of its axis, lines (name, values (n,), colour), and the
-    smallest height of its view; `note`: on the first.
+    `time` (n,) [s]. `rows`: for each panel title, label of its axis, lines (name, values (n,), colour), and the
+    smallest height of its view. `note`: on the first.
     """
     clock = Clock.of(time)
     at = clock(time)
@@ -231,7 +231,7 @@ def over_time(
 def bars(
     kinds: Sequence[str], colours: Mapping[str, str], low: FloatArray, high: FloatArray, text: Sequence[str]
 ) -> list[Curve]:
-    """Draw one bar a row, those of one kind as one curve in its colour; `kinds`, `low`, `high`, `text`: of the rows."""
+    """Draw one bar per row, one curve per kind in its colour. `kinds`, `low`, `high`, `text`: of the rows."""
     rows = {kind: [row for row, each in enumerate(kinds) if each == kind] for kind in colours}
     return [
         Curve(kind, high[at], np.array(at, np.float64), colours[kind], "bars", low[at], text=tuple(text[i] for i in at))
@@ -241,7 +241,7 @@ def bars(
 
 
 def panel_data(drawing: Drawing) -> dict[str, Any]:
-    """Give what ``panels.js`` needs of a drawing, thinned, ready for JSON."""
+    """Convert a drawing for ``panels.js``, thinned, ready for JSON."""
     common = {
         "key": drawing.key,
         "link": drawing.link,
@@ -252,7 +252,7 @@ def panel_data(drawing: Drawing) -> dict[str, Any]:
 
 
 def modes(drawings: Sequence[Drawing]) -> tuple[str, ...]:
-    """Positions of the switch that the drawings know, in their order."""
+    """Return the switch positions of the drawings, in order."""
     found = [each.mode for d in drawings for each in (d.curves if isinstance(d, Panel) else d.shades)]
     return tuple(dict.fromkeys(mode for mode in found if mode))
 
@@ -272,7 +272,7 @@ def _panel(panel: Panel) -> dict[str, Any]:
 
 
 def limits_of(panel: Panel, mode: str) -> tuple[float, float] | None:
-    """Limits of the vertical axis under a position of the switch; none if there is nothing to see."""
+    """Compute limits of the vertical axis at a switch position; None without data."""
     own = [each for each in panel.curves if each.mode in ("", mode)]
     return panel.limits or _robust(own, "y" in panel.log, panel.least)
 
@@ -332,12 +332,12 @@ def _track(track: Track) -> dict[str, Any]:
 
 
 def _behind(line: Curve) -> dict[str, Any]:
-    """Give a line of a map: every point of a backdrop, some of a whole drive."""
+    """Convert a background line of a map: all points of a backdrop, a thinned drive."""
     step = 1 if line.kind in ("thin", "crosses") else max(1, -(-len(line.x) // (2 * LINE_BINS)))
     points = {"x": packed(line.x[::step]), "y": packed(line.y[::step])}
     return {"name": plain_text(line.name), "kind": line.kind, "colour": line.colour, **points}
 
 
 def packed(values: FloatArray) -> str:
-    """Write numbers as 32-bit floats, base64."""
+    """Encode numbers as 32-bit floats, base64."""
     return base64.b64encode(np.asarray(values, dtype="<f4").tobytes()).decode("ascii")

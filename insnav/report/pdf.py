@@ -1,4 +1,4 @@
-"""A report as a PDF of a few A4 pages: verdict and figures of merit first, then figures under page titles."""
+"""PDF report of a few A4 pages: verdict and figures of merit first, then figures under page titles."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ LIGHT_COLOURS = {"good": GREEN, "attention": ORANGE, "bad": VERMILLION, "unknown
 def write_pdf(page: Page, file: Path, pages: Mapping[str, Sequence[str]]) -> None:
     """Write a report as PDF.
 
-    `pages`: titles of the pages and the names of figures for each: the first two that the report has.
+    `pages`: page titles with figure names: of each, the first two that the report has.
     """
     known = {each.name: each for each in page.figures}
     with drawing(), PdfPages(file, metadata={"CreationDate": None, "Creator": None, "Producer": None}) as pdf:
@@ -46,7 +46,7 @@ def write_pdf(page: Page, file: Path, pages: Mapping[str, Sequence[str]]) -> Non
 
 
 def _first(sheet: Figure, page: Page, top: float) -> float:
-    """Write verdict, summary, warnings and figures of merit; the height that is left below them [inch]."""
+    """Write verdict, summary, warnings and figures of merit; return the remaining height [inch]."""
     left = _MARGIN / WIDTH
     lines: list[tuple[str, str]] = []
     if page.verdict is not None:
@@ -67,7 +67,7 @@ def _first(sheet: Figure, page: Page, top: float) -> float:
 
 
 def _figures(sheet: Figure, figures: Sequence[FigureSpec], top: float) -> None:
-    """Put figures below one another, all by the same scale, no wider than the page."""
+    """Place figures below one another at a common scale, at most page width."""
     images = [_image(each) for each in figures]
     heights = [image.shape[0] / image.shape[1] for image in images]
     room = top - _MARGIN - 0.1

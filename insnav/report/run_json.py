@@ -1,6 +1,6 @@
-"""The content of ``run.json``: the quantities of a report, units in the keys, and the releases that made it.
+"""Content of ``run.json``: the quantities of a report, with units in the keys, and software versions.
 
-What is not known is None. Nothing depends on the clock or the machine, so the same input gives the same content.
+Unknown values are None. The content depends on the input alone, not on clock or machine.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ import numpy as np
 from insnav.report.page import Page, Section
 from insnav.version import __version__
 
-# of ``run.schema.json``: the first number changes when a key goes or changes its meaning, the second when keys come
+# of ``run.schema.json``: major version for removed or changed keys, minor version for new keys
 SCHEMA = "2.0"
 _VERSIONS_OF = ("numpy", "scipy", "numba", "filterpy", "pyarrow", "matplotlib")
 
 
 def page_facts(page: Page) -> dict[str, Any]:
-    """Give everything in a report as one nested dict, ready for JSON.
+    """Convert a report to one nested dict for JSON.
 
-    Returns: under the key of each section its quantities, units in the keys; the rows of a table as a list.
-    ``verdict`` where there is one, ``summary``, ``method`` and ``findings`` last.
+    Returns: quantities under the key of each section, units in the keys, with table rows as a list. Last: ``verdict``
+    if present, ``summary``, ``method`` and ``findings``.
     """
     facts = section_facts(page.sections)
     if page.verdict is not None:
@@ -38,7 +38,7 @@ def page_facts(page: Page) -> dict[str, Any]:
 
 
 def section_facts(sections: Sequence[Section]) -> dict[str, Any]:
-    """Give the quantities of some sections as one nested dict, ready for JSON."""
+    """Convert sections to one nested dict for JSON."""
     facts: dict[str, Any] = {}
     for section in sections:
         _put(facts, section)
@@ -72,7 +72,7 @@ def _put(facts: dict[str, Any], section: Section) -> None:
 
 
 def json_ready(value: Any) -> Any:
-    """Turn arrays, paths and the like into what JSON knows; a number that is not finite becomes None."""
+    """Convert arrays, paths and similar to JSON types; a number that is not finite becomes None."""
     if isinstance(value, Mapping):
         return {str(key): json_ready(item) for key, item in value.items()}
     if isinstance(value, Enum):
@@ -92,7 +92,7 @@ def json_ready(value: Any) -> Any:
 
 
 def versions() -> dict[str, str | None]:
-    """Release of insnav, of Python and of the packages that results depend on."""
+    """Return the versions of insnav, Python and the packages that affect results."""
     found: dict[str, str | None] = {"insnav": __version__, "python": platform.python_version()}
     for name in _VERSIONS_OF:
         try:

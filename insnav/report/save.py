@@ -1,10 +1,9 @@
-"""A result into a folder and back: tables, figures, page, ``run.json``; and what it was made from, last on every page.
+"""Saving and reading of results: tables, figures, page, ``run.json``, with their provenance last on every page.
 
-A kind of result is a room of this package, found by its name: ``insnav.report.<kind>.page`` has ``page(result)``,
-which gives its `Page`, and ``frame(result)`` for its main table. Where there is more, it has ``texts(result)``, text
-files by name, ``write_files(result, folder, table_format)`` for other files, and ``text(result, width)`` for the
-terminal. A result is stored whole and read again, unless its room has ``read_found(folder, findings)``, which reads
-these files.
+A kind of result is a subpackage, found by its name: ``insnav.report.<kind>.page`` has ``page(result)``, which returns a
+`Page`, and ``frame(result)`` for its main table. Optional functions: ``texts(result)`` for text files by name,
+``write_files(result, folder, table_format)`` for other files, ``text(result, width)`` for the terminal. A result is
+stored whole and read back, unless ``read_found(folder, findings)`` reads the files instead.
 """
 
 from __future__ import annotations
@@ -52,7 +51,7 @@ def page_of(result: Result[Any]) -> Page:
 
 
 def frame(result: Result[Any], solution: str) -> DataFrame:
-    """Give the main table of a result: of a run, that of a solution."""
+    """Return the main table of a result; of a run, the given solution."""
     known = {"best": None, **(result.found.solutions if result.kind == "run" else {})}
     if solution not in known:
         raise ConfigError("input.unknown_word", where="solution", value=str(solution), known=tuple(known))
@@ -61,20 +60,20 @@ def frame(result: Result[Any], solution: str) -> DataFrame:
 
 
 def key_lines(result: Result[Any]) -> list[str]:
-    """Give the verdict of a result and its key figures, a line each."""
+    """Return the verdict of a result and its key figures, one per line."""
     page = result.page()
     merits = ", ".join(f"{each.label} {cell(each)} {each.shown_unit}".rstrip() for each in page.merits)
     return [line for line in ("" if page.verdict is None else page.verdict.rating, merits) if line]
 
 
 def text_of(result: Result[Any], width: int | None = None) -> str:
-    """Give a result as text, wrapped to a width if there is one: as its room lays it out, else its page."""
+    """Write a result as text, wrapped if `width` is given: by its own text function, else its page."""
     room = _room(result.kind)
     return str(room.text(result, width)) if hasattr(room, "text") else page_text(page_of(result), width)
 
 
 def _room(kind: str) -> ModuleType:
-    """Report room of a kind of result."""
+    """Import the report module of a kind of result."""
     return import_module(f"insnav.report.{kind}.page")
 
 
@@ -92,9 +91,9 @@ def figure(result: Result[Any], name: str) -> Figure:
 def save_result(
     result: Result[Any], folder: RunFolder, *, figures: FigureFiles = "page", table_format: TableFormat = "csv"
 ) -> Path:
-    """Write a result into a folder and put it in its place.
+    """Write a result into a folder and commit it.
 
-    `folder`: entered, not committed; `figures`: see `write_page`; `table_format` {"csv", "parquet"}.
+    `folder`: entered, not committed. `figures`: see `write_page`. `table_format` {"csv", "parquet"}.
     """
     room = _room(result.kind)
     if hasattr(room, "read_found"):
@@ -110,7 +109,7 @@ def save_result(
 
 
 def facts_of(result: Result[Any]) -> dict[str, Any]:
-    """Give what ``run.json`` has of a result, in English whatever the language of its page."""
+    """Return the content of a result's ``run.json``, always in English."""
     if language() == "en":
         return page_facts(result.page())
     with speaking("en"):
@@ -118,14 +117,14 @@ def facts_of(result: Result[Any]) -> dict[str, Any]:
 
 
 def write_result_pdf(result: Result[Any], file: Path) -> None:
-    """Write a result as PDF: the figures that its room puts on ``PDF_PAGES``, else all, two a page.
+    """Write a result as PDF: the figures in ``PDF_PAGES``, else all, two per page.
 
-    Raises: OutputError: it cannot be written.
+    Raises: OutputError: the file cannot be written.
     """
     from insnav.report.figures import drawing
     from insnav.report.pdf import write_pdf
 
-    with writing("output.file_unwritable", file), drawing():  # its verdict, too, is in words that can be drawn
+    with writing("output.file_unwritable", file), drawing():  # its verdict, too, needs drawable characters
         page = page_of(result)
         names = [figure.name for figure in page.figures]
         pairs = {f"figures {i // 2 + 1}": names[i : i + 2] for i in range(0, len(names), 2)} or {"summary": []}
@@ -133,7 +132,7 @@ def write_result_pdf(result: Result[Any], file: Path) -> None:
 
 
 def open_folder(folder: Path) -> Result[Any]:
-    """Read a saved result again; see `insnav.result.open_result`."""
+    """Read a saved result; see `insnav.result.open_result`."""
     facts = read_facts(folder)
     kind = str(facts.get("kind", "run"))
     known: dict[str, Any] = {
@@ -151,7 +150,7 @@ def open_folder(folder: Path) -> Result[Any]:
     try:
         inputs = {name: ReadingFacts.from_dict(each) for name, each in facts.get("input", {}).items()}
         stored = tuple(map(Finding.from_dict, facts.get("findings", ()))) or _of_version_0_2(kind, facts)
-        for each in stored:  # one with values missing cannot be put into words
+        for each in stored:  # a finding with missing values cannot be written as a sentence
             render(each)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError("report.damaged", where=str(folder / FACTS_FILE), reason=str(error)) from error
@@ -159,7 +158,7 @@ def open_folder(folder: Path) -> Result[Any]:
     findings = tuple(dict.fromkeys((*stored, *events)))
     found = _room(kind).read_found(folder, findings)
     file, model = folder / "imu.toml", facts.get("imu_model")
-    *_, chosen = (None, *of_code(stored, *MODEL_CHOICES))  # what was chosen first may be the prior of an estimate
+    *_, chosen = (None, *of_code(stored, *MODEL_CHOICES))  # the first choice may be the prior of an estimate
     if isinstance(model, dict) and model and chosen is None:
         chosen = Finding.of(Code.STORED_TEXT, text=str(model.get("chosen", "")))
     imu_model = (load_imu(str(file)), chosen) if chosen is not None and file.is_file() else None
@@ -168,7 +167,7 @@ def open_folder(folder: Path) -> Result[Any]:
 
 
 def _of_version_0_2(kind: str, facts: Mapping[str, Any]) -> tuple[Finding, ...]:
-    """Findings of a folder that had texts, but for those that the page of its kind makes again."""
+    """Convert texts of an old folder to findings, except findings that the page recomputes."""
     again = {"budget": ("warnings", "assumptions"), "outage": ("assumptions",)}.get(kind, ())
     severities = {"warnings": Severity.WARNING, "assumptions": Severity.ASSUMPTION, "notes": Severity.NOTE}
     return tuple(
@@ -187,13 +186,13 @@ def write_page(
     figures: FigureFiles = "png",
     facts: Mapping[str, Any] | None = None,
 ) -> Path:
-    """Write figures, page, JSON and text files into a folder and put it in its place.
+    """Write figures, page, JSON and text files into a folder and commit it.
 
-    `folder`: entered, not committed; `page`: content of ``report.html``, ``figures`` and ``run.json``; `metadata`: what
-    stands first in ``run.json``: command, input, options; `texts`: further files: name to content, such as
-    ``calibration.toml``; `figures` {"page", "png", "svg", "none"}: files of those figures that the page embeds, files
-    of all of them, or neither figures nor page; `facts`: content of ``run.json`` instead of that of the page.
-    Raises: ConfigError: two figures of one name; OutputError: the folder cannot be written.
+    `folder`: entered, not committed. `page`: content of ``report.html``, ``figures`` and ``run.json``. `metadata`:
+    first part of ``run.json``: command, input, options. `texts`: further files by name, such as ``calibration.toml``.
+    `figures` {"page", "png", "svg", "none"}: files of embedded figures only, of all figures, or neither figures nor
+    page. `facts`: content of ``run.json`` instead of the page's.
+    Raises: ConfigError: two figures of one name. OutputError: the folder cannot be written.
     """
     names = [figure.name for figure in page.figures]
     if len(set(names)) < len(names):
@@ -211,7 +210,7 @@ def write_page(
 
 
 def _drawn(folder: RunFolder, figures: Sequence[FigureSpec], file_format: FigureFiles) -> dict[str, Path]:
-    """Draw figures into their files; a page whose panels say it all does not wait for matplotlib."""
+    """Draw figures into files; a page with panels only does not import matplotlib."""
     if not figures:
         return {}
     from insnav.report.figures import drawing, save
@@ -222,7 +221,7 @@ def _drawn(folder: RunFolder, figures: Sequence[FigureSpec], file_format: Figure
 
 
 def provenance(result: Result[Any]) -> tuple[Section, ...]:
-    """Give the sections that say from what and how a result was found."""
+    """Build the provenance sections: inputs and method of a result."""
     given = {name: value for name, value in json_ready(dict(result.options)).items() if value is not None}
     options = tuple((Quantity("option", name), Quantity("value", str(value))) for name, value in given.items())
     return (
@@ -263,7 +262,7 @@ def _inputs(inputs: Mapping[str, ReadingFacts]) -> tuple[Section, ...]:
 
 
 def imu_model(spec: ImuSpec, how: Finding) -> Section:
-    """Give an IMU error specification, one standard deviation each, x, y, z."""
+    """Build an IMU error specification, one standard deviation each, x, y, z."""
     sensors = {}
     for name, (_, unit, walk_unit) in _SENSORS.items():
         sensor = getattr(spec, name)

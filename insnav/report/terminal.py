@@ -11,19 +11,19 @@ from insnav.messages import phrase
 from insnav.plain_text import plain_text, wrapped
 from insnav.report.page import Page, Show, Table, section_tables
 
-_WORDS = 16  # columns of words that are worth wrapping
-_MARGIN = 12  # of the names of a summary
+_WORDS = 16  # least column width for wrapping
+_MARGIN = 12  # width of the names in a summary
 
 
 def entry(name: str, text: str) -> str:
-    """One line of a summary, under its name."""
+    """Format one named line of a summary."""
     return f"{name:<{_MARGIN}}{text}"
 
 
 def page_text(page: Page, width: int | None = None, shown: Sequence[Show] = ("all",)) -> str:
     """Write a report for the terminal: title, verdict, summary, tables, warnings, notes, assumptions.
 
-    `width`: of the terminal; nothing is wrapped if none; `shown`: sections marked otherwise are left out.
+    `width`: of the terminal; None: no wrapping. `shown`: other sections are omitted.
     Returns: lines without control characters.
     """
     verdict = [] if page.verdict is None else [page.verdict.sentence]
@@ -36,7 +36,7 @@ def page_text(page: Page, width: int | None = None, shown: Sequence[Show] = ("al
 
 
 def hanging(lines: Iterable[str], width: int | None) -> list[str]:
-    """Give plain lines in rows of some width, the second and further ones of each indented; as they are without it."""
+    """Wrap plain lines to a width with hanging indent; unchanged without a width."""
     plain = [plain_text(line) for line in lines]
     if width is None:
         return plain
@@ -49,10 +49,10 @@ def hanging(lines: Iterable[str], width: int | None) -> list[str]:
 
 
 def table_text(table: Table, width: int | None = None) -> str:
-    """Write a table in columns: the first to the left, a last one of words too, numbers to the right.
+    """Write a table in columns: first column and text left-aligned, numbers right-aligned.
 
-    `width`: of the terminal; a last column of words is wrapped; other columns that do not fit in it follow below, their
-    rows named again.
+    `width`: of the terminal. A last column of text is wrapped. Other columns that do not fit follow below, with the row
+    names repeated.
     """
     cells = [row for row in (table.columns, *table.rows) if any(row)]
     widths = [max(cell_len(row[i]) for row in cells) for i in range(len(table.columns))]
@@ -74,14 +74,14 @@ def table_text(table: Table, width: int | None = None) -> str:
 
 
 def _in_rows(row: Sequence[str], room: int) -> Iterator[tuple[str, ...]]:
-    """A row whose last cell, in words, goes on below itself."""
+    """Wrap the text in the last cell of a row over several rows."""
     first, *more = wrapped(row[-1], room) or [""]
     yield *row[:-1], first
     yield from ((*("" for _ in row[:-1]), each) for each in more)
 
 
 def _fitting(widths: Sequence[int], width: int | None) -> list[list[int]]:
-    """Columns in groups that fit, the first column in each."""
+    """Group columns that fit, with the first column in each group."""
     groups = [[0]]
     room = full = (width or 10**9) - 2 - widths[0]
     for column, own in enumerate(widths[1:], 1):

@@ -1,4 +1,4 @@
-"""Bench data from files or arrays to results, the same for the command line and a notebook."""
+"""Bench data from files or arrays to results, identical for command line and notebook."""
 
 from __future__ import annotations
 
@@ -57,10 +57,10 @@ def calibrate(
     Parameters
     ----------
     method : {"gyro", "accel", "imu", "nine", "poses", "rotor"}
-        Rate table; tumble test; rate sweeps about three axes; nine positions; multi-position without a table; moment
+        Rate table, tumble test, rate sweeps about three axes, nine positions, multi-position without a table, moment
         of inertia of a rotor.
     files : path, data frame or sequence of these; for ``poses`` also arrays or ImuData
-        With columns as the command of this name takes them, such as ``insnav calibrate gyro --help``. Arrays are
+        For the columns see the help of the command, such as ``insnav calibrate gyro --help``. Arrays are
         ``(time, gyro, accel)``, or ``(gyro, accel)`` with `rate`.
     rate : float, optional
         Sampling rate of arrays without times [Hz].
@@ -76,14 +76,14 @@ def calibrate(
     Returns
     -------
     Result of Calibration
-        ``found.errors`` is what the calibration file holds, ``found.impact`` the impact on navigation.
+        ``found.errors`` is the content of the calibration file, ``found.impact`` the impact on navigation.
 
     Raises
     ------
     ConfigError
         No such method, or an option that cannot be.
     InputError
-        A file that cannot be used, or does not determine what is to be found.
+        A file cannot be used, or does not determine the result.
     """
     started = stage or (lambda name: None)
     module = method_named(method)
@@ -110,13 +110,13 @@ def calibrate(
 
 
 def _sources(files: Any, rate: float | None, counts: bool) -> list[str | Path | Table]:
-    """Files, data frames and arrays as the readers of the bench take them."""
+    """Convert files, data frames and arrays to the input of the bench readers."""
     if isinstance(files, str | Path) or is_frame(files):
         return [samples_source(files, rate)]
     if all(isinstance(each, str | Path) or is_frame(each) for each in files):
         return [samples_source(each, rate) for each in files]
     table = samples_source(files, rate)
-    if counts and isinstance(table, Table):  # raw counts have no unit in their headers
+    if counts and isinstance(table, Table):  # headers of raw counts have no unit
         table = replace(table, headers=("time_s", *(name[:6] for name in table.headers[1:4]), *_COUNTS))
     return [table]
 
@@ -150,7 +150,7 @@ def allan(
     progress: Callable[[float], None] = lambda fraction: None,
     **inputs: Any,
 ) -> Result[StaticNoise] | Result[SignalNoise]:
-    """Work out the Allan deviation and the noise coefficients of a stationary IMU, or of plain signals.
+    """Compute the Allan deviation and the noise coefficients of a stationary IMU, or of plain signals.
 
     Parameters
     ----------
@@ -215,7 +215,7 @@ def allan(
 
 
 def _signal(source: Given, column: str, rate: float | None) -> tuple[FloatArray, float]:
-    """Values ``(n,)`` of one column of a file, and their rate [Hz]."""
+    """Read values ``(n,)`` of one column of a file, and their rate [Hz]."""
     table = open_table(samples_source(source, None))
     of_time = tuple(each for each in IMU_SCHEMA if each.key == "time") if rate is None else ()
     schema = (*of_time, Quantity("signal", "signal", "", "", ()))
@@ -228,7 +228,7 @@ def _signal(source: Given, column: str, rate: float | None) -> tuple[FloatArray,
 
 
 def _each_once(*findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Join findings, each once, in their order."""
+    """Join findings in order, without repetition."""
     return tuple(dict.fromkeys(each for some in findings for each in some))
 
 
@@ -241,7 +241,7 @@ def acceptance(
     columns: Mapping[str, str] | None = None,
     spike_limit: float | None = None,
 ) -> Result[Acceptance]:
-    """Work out scale factor, bias, bias stability and repeatability of sensors from records of the bench.
+    """Compute scale factor, bias, bias stability and repeatability of sensors from bench records.
 
     Parameters
     ----------
@@ -288,12 +288,12 @@ def acceptance(
 
 
 def drift(file: Given, *, columns: Mapping[str, str] | None = None) -> Result[DriftStudy]:
-    """Study what the drift of gyros depends on, and what smoothing does to it.
+    """Study the causes of gyro drift, and the effect of smoothing on it.
 
     Parameters
     ----------
     file : path, data frame or arrays
-        Times, rates, and what the drift may depend on; for its columns see ``insnav drift --help``.
+        Times, rates, and possible causes of drift; for its columns see ``insnav drift --help``.
     columns : mapping of str to str, optional
         Quantity to header, for headers that are not understood by themselves.
 
@@ -319,9 +319,9 @@ def drift(file: Given, *, columns: Mapping[str, str] | None = None) -> Result[Dr
 
 
 def bench_gravity(gravity: float | None, lat: float | None, height: float = 0.0) -> tuple[float, str]:
-    """Gravity at the bench and where it is from; never assumed.
+    """Return gravity at the bench and its source; it is never assumed.
 
-    `gravity`: as measured [m/s^2]; `lat`: latitude [deg], for normal gravity instead; `height`: above the ellipsoid
+    `gravity`: as measured [m/s^2]. `lat`: latitude [deg], for normal gravity instead. `height`: above the ellipsoid
     [m].
     Returns: `gravity` [m/s^2].
     Raises: ConfigError: neither is given, or both, or no latitude.

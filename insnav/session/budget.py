@@ -1,4 +1,4 @@
-"""The error budget of an IMU: along a motion, or in the windows of a recorded drive."""
+"""Error budget of an IMU: along a motion, or in the windows of a recorded drive."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ from insnav.result import Result
 from insnav.simulate.motion import load_profile
 from insnav.simulate.recording import MOTION_STREAM
 
-RUNS_BEYOND_LINEAR = 100  # simulated where nothing else holds and none were asked for
-LONGEST_FREE = 300.0  # up to here the instability of the vertical channel does no harm [s]
+RUNS_BEYOND_LINEAR = 100  # runs simulated if no linear method applies and none were requested
+LONGEST_FREE = 300.0  # the vertical channel's instability is negligible up to here [s]
 
 
 @dataclass(frozen=True, slots=True)
 class BudgetSettings:
-    """How a budget is drawn up."""
+    """Settings of a budget."""
 
     times: Sequence[float] = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0)  # when errors are reported [s]
-    runs: int = 0  # simulated runs; none with zero
+    runs: int = 0  # simulated runs; 0: none
     seed: int = 1  # random seed
-    deflection: float = 0.0  # deflection of the vertical, 1 sd of each axis, that the gravity model does not have [rad]
-    hold: bool | None = None  # hold the vertical channel to the reference; None: where it would become unstable
+    deflection: float = 0.0  # deflection of the vertical outside the gravity model, 1 sd per axis [rad]
+    hold: bool | None = None  # constrain the vertical channel to the reference; None: where it would become unstable
 
     def __post_init__(self) -> None:
         check_times(self.times)
@@ -55,11 +55,11 @@ class BudgetOptions(TypedDict, total=False):
 def motion_of(
     profile: str | None, begin: float | None, settings: BudgetSettings, rest: Mapping[str, float] | None = None
 ) -> SampledMotion:
-    """Motion of a budget without a recorded drive: a part of a profile, or rest.
+    """Build the motion of a budget without a recorded drive: a part of a profile, or rest.
 
-    `profile`: name or file of a profile; `begin`: start after that of the profile [s]; by default 1 s before it sets
-    off; `rest`: place, as `insnav.errors.budget.sampled_motion.at_rest` takes it.
-    Raises: ConfigError: a start without a profile, a place with one, an unknown profile.
+    `profile`: name or file of a profile. `begin`: start after the profile's start [s]; by default 1 s before it moves.
+    `rest`: place, for `insnav.errors.budget.sampled_motion.at_rest`.
+    Raises: ConfigError: a start without a profile, a place with a profile, or an unknown profile.
     """
     duration = max(settings.times)
     if profile is None:
@@ -77,9 +77,9 @@ def motion_of(
 def budget_of_motion(
     spec: ImuSpec, motion: SampledMotion, settings: BudgetSettings, progress: Callable[[float], None] | None = None
 ) -> Result[BudgetStudy]:
-    """Draw up the budget of an IMU on a motion.
+    """Compute the budget of an IMU on a motion.
 
-    `progress`: called with the fraction of the simulated runs that is done.
+    `progress`: called with the completed fraction of the simulated runs.
     """
     found = _drawn_up(spec, motion, settings, (), progress)
     model = spec, Finding.of(Code.IMU_MODEL_GIVEN)
@@ -89,7 +89,7 @@ def budget_of_motion(
 def budget_of_windows(
     windows: RecordedBudget, settings: BudgetSettings, progress: Callable[[float], None] | None = None
 ) -> BudgetStudy:
-    """Draw up the budget of the typical window of a drive, and compare it with all of them."""
+    """Compute the budget of the typical window of a drive, and compare it with all windows."""
     spec, motion = spec_in_windows(windows), window_motion(windows, max(settings.times))
     found = _drawn_up(spec, motion, settings, window_start_sources(windows), progress)
     return BudgetStudy(with_recorded(found, windows), windows)

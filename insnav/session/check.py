@@ -1,4 +1,4 @@
-"""The doctor: what recorded files are, what is wrong with them, and how to run them."""
+"""Check of recorded files: their content, their problems, and the command that runs them."""
 
 from __future__ import annotations
 
@@ -48,48 +48,48 @@ WORST_FIRST: Final = (
     *(Code.CHECK_SAME_TIME, Code.CHECK_GPS_GAPS, Code.CHECK_LEVER_ARM, Code.CHECK_COARSE, Code.CHECK_SPIKES),
     *(Code.CHECK_JITTER, Code.CHECK_NO_REST, Code.CHECK_VELOCITY_LAG, Code.CHECK_NO_LEVER_ARM),
 )
-BEGIN = 300.0  # so much of a drive is navigated [s]
-ATTEMPTS = 6  # with what refusals ask for
+BEGIN = 300.0  # navigated part of a drive [s]
+ATTEMPTS = 6  # with inputs that a refusal requests
 _ALONE = "give the IMU file too"
-STANDING = 0.3  # GPS speed of a vehicle that stands [m/s]
-WORTH = {"delay": 0.05, "lever": 0.2}  # what is worth a word [s], [m]
-STEP = 0.004 * G0  # of the specific force from one rest to the next [m/s^2]
-LEAST_RATE, JITTER = 40.0, 0.05  # of an IMU that needs no finding [Hz], as a share of its interval
+STANDING = 0.3  # GPS speed of a stationary vehicle [m/s]
+WORTH = {"delay": 0.05, "lever": 0.2}  # smallest reported values [s], [m]
+STEP = 0.004 * G0  # of the specific force between stops [m/s^2]
+LEAST_RATE, JITTER = 40.0, 0.05  # of an IMU without finding [Hz], relative to its interval
 
 
 @dataclass(frozen=True, slots=True)
 class Checked:
-    """What was found in the files."""
+    """Result of a check of files."""
 
-    roles: Mapping[str, str]  # file to what it was taken for
-    command: str  # line that runs them, as far as it is known
+    roles: Mapping[str, str]  # role of each file
+    command: str  # command that runs them, as far as known
     problems: tuple[Finding, ...]  # the worst first; notes need no action
     imu: ImuFigures | None = None
     gps: FixFigures | None = None
     offset: ClockOffset | None = None
     mounting: Mounting | None = None
-    run: Run | None = None  # by the filter, if the files can be navigated
-    rest: tuple[float, float] | None = None  # first stationary part [s]
-    runs: bool = False  # the line was seen to run
-    runs_as_given: bool = False  # insnav run takes the files without a further word
+    run: Run | None = None  # of the filter, if the files can be navigated
+    rest: tuple[float, float] | None = None  # first stationary interval [s]
+    runs: bool = False  # the command ran successfully
+    runs_as_given: bool = False  # insnav run accepts the files without options
 
 
 @dataclass(slots=True)
 class _Patient:
-    """Files on their way through the examination."""
+    """Files under examination, with the findings so far."""
 
     inputs: Inputs
     roles: dict[str, str] = field(default_factory=dict)
     problems: list[Finding] = field(default_factory=list)
     refusals: int = 0
-    parts: Mapping[str, str | Path] = field(default_factory=dict)  # files that go together
+    parts: Mapping[str, str | Path] = field(default_factory=dict)  # files that belong together
 
     def add(self, code: Code, begin: float = np.nan, **values: Any) -> None:
         """Add a finding."""
         self.problems.append(Finding.of(code, begin, **values))
 
     def refused(self, error: InsnavError) -> bool:
-        """Add why insnav run refuses, and give the inputs that it asks for; whether these are new."""
+        """Add the error of insnav run, and the inputs that it requests; return whether these are new."""
         self.refusals += 1
         before = {**self.inputs}
         for key, value in error.gives.items():
@@ -107,17 +107,17 @@ class _Patient:
 def check(
     *files: str | Path, gps: str | Path | None = None, ref: str | Path | None = None, **inputs: Unpack[NamedInputs]
 ) -> Result[Checked]:
-    """Examine files of a recording, in any order, or its folder.
+    """Examine the files of a recording, in any order, or its folder.
 
     insnav refuses no file: a file that it cannot read or navigate is the first problem of the result. insnav tries the
-    inputs that a refusal asks for, and adds them to ``found.command`` if it has seen that line run.
+    inputs that a refusal requests. It adds them to ``found.command`` if that command ran.
 
     Parameters
     ----------
     *files : path
         Files or folders.
     gps, ref : path, optional
-        Files that are known to be the GPS fixes and the reference.
+        Files that are known to contain the GPS fixes and the reference.
     **inputs
         As for `insnav.load`.
 
@@ -147,7 +147,7 @@ def check(
 
 
 def _sorted(files: Sequence[str | Path], patient: _Patient, roles: Mapping[Path, str]) -> dict[str, str | Path]:
-    """Which file is what: IMU, GPS, reference."""
+    """Identify the files: IMU, GPS, reference."""
     held: dict[str | Path, set[str]] = {}
     for each in [inside for path in files for inside in _inside(path)]:
         try:
@@ -156,7 +156,7 @@ def _sorted(files: Sequence[str | Path], patient: _Patient, roles: Mapping[Path,
             patient.roles[str(each)] = "not readable"
             patient.refused(error)
     given: dict[str, str | Path] = {}
-    # fixes are better than none, and what is known comes first, then the longest
+    # first fixes with more content, then specified roles, then the longest
     order = {
         path: (
             "imu" not in kinds,
@@ -188,7 +188,7 @@ def _sorted(files: Sequence[str | Path], patient: _Patient, roles: Mapping[Path,
 
 
 def _inside(path: str | Path) -> list[str | Path]:
-    """A file, or a folder that is a recording by its names; the files of any other folder."""
+    """Return a file, or a folder that is a recording by its names; else the files of the folder."""
     if not Path(path).is_dir():
         return [path]
     try:
@@ -199,7 +199,7 @@ def _inside(path: str | Path) -> list[str | Path]:
 
 
 def _opened(given: Mapping[str, str | Path], patient: _Patient) -> tuple[Recording | None, Drive | None]:
-    """Recording, and the drive, of as many of the files as go together."""
+    """Open the recording, and the drive, from as many of the files as fit together."""
     if "imu" not in given:
         patient.refused(InputError("session.no_imu_file"))
         return None, None
@@ -208,7 +208,7 @@ def _opened(given: Mapping[str, str | Path], patient: _Patient) -> tuple[Recordi
         recording, drive = _attempt(parts, patient)
         best = best or recording
         patient.parts = parts
-        if drive is not None and "reference" not in given and "reference" in parts:  # so they are no fixes after all
+        if drive is not None and "reference" not in given and "reference" in parts:  # so the file contains no fixes
             patient.problems, patient.refusals = [], 0
             patient.roles[str(parts["reference"])] = "reference"
         if drive is not None or (recording is not None and recording.gps is not None and "reference" not in parts):
@@ -217,7 +217,7 @@ def _opened(given: Mapping[str, str | Path], patient: _Patient) -> tuple[Recordi
 
 
 def _ways(given: Mapping[str, str | Path]) -> Iterator[dict[str, str | Path]]:
-    """All files; without the reference; the fixes as the place of a bench; the samples alone."""
+    """Yield combinations: all files, without reference, fixes as place of a bench, samples alone."""
     imu, gps = given["imu"], given.get("gps")
     yield {**given}
     if "reference" in given:
@@ -229,7 +229,7 @@ def _ways(given: Mapping[str, str | Path]) -> Iterator[dict[str, str | Path]]:
 
 
 def _attempt(parts: Mapping[str, str | Path], patient: _Patient) -> tuple[Recording | None, Drive | None]:
-    """Read files with the inputs that refusals ask for."""
+    """Read files with the inputs that refusals request."""
     recording = None
     for _ in range(ATTEMPTS):
         try:
@@ -242,7 +242,7 @@ def _attempt(parts: Mapping[str, str | Path], patient: _Patient) -> tuple[Record
 
 
 def _fixes_alone(path: str | Path, found: Checked, patient: _Patient) -> tuple[dict[str, ReadingFacts], Checked]:
-    """Figures of a file of fixes without samples."""
+    """Examine a file of fixes without samples."""
     inputs = patient.inputs
     try:
         reading = read_gps(path, columns=inputs.get("gps_columns"), height=inputs.get("gps_height"))
@@ -255,7 +255,7 @@ def _fixes_alone(path: str | Path, found: Checked, patient: _Patient) -> tuple[d
 
 
 def _examined(found: Checked, data: Recording, drive: Drive | None, patient: _Patient) -> Checked:
-    """Figures of what there is, and what is wrong with it."""
+    """Add statistics and problems of the data."""
     imu = data.imu.data
     fixes = None if data.gps is None else with_sd(data.gps.data)[0]
     together = drive is not None and fixes is not None
@@ -290,7 +290,7 @@ def _examined(found: Checked, data: Recording, drive: Drive | None, patient: _Pa
 
 
 def _standing(imu: ImuData, gps: GpsData) -> BoolArray | None:
-    """Samples at which GPS says that the vehicle stands."""
+    """Find samples at which the vehicle is stationary by GPS."""
     known = np.isfinite(gps.v_n).all(axis=1)
     if known.sum() < 2:
         return None
@@ -366,9 +366,9 @@ def _of_gps(reading: Reading[GpsData], found: Checked, patient: _Patient) -> Non
 
 
 def _run(drive: Drive, patient: _Patient) -> Run | None:
-    """Navigate the begin of a drive by the filter alone, and if that fails the whole as ``insnav run`` does.
+    """Navigate the first part of a drive by the filter alone; if that fails, the whole as ``insnav run`` does.
 
-    None if the files are refused or the filter is lost.
+    None if the files are refused or the filter diverges.
     """
     if drive.gps is not None and drive.reference is not None and same_positions(drive.gps.data, drive.reference.data):
         patient.add(Code.CHECK_SAME_DATA)
@@ -410,7 +410,7 @@ def _of_both(found: Checked, data: Recording, patient: _Patient) -> None:
 
 
 def _command(patient: _Patient) -> str:
-    """Line that runs the files."""
+    """Compose the command that runs the files."""
     parts = patient.parts
     words = ["insnav", "run", str(parts["imu"])]
     if parts.get("gps", parts["imu"]) != parts["imu"]:
@@ -424,7 +424,7 @@ def _command(patient: _Patient) -> str:
 
 
 def _spelled(value: object, size: float) -> str:
-    """Value of an option in the unit that has this size."""
+    """Format the value of an option in the unit of this size."""
     if isinstance(value, Mapping):
         return ",".join(f"{key}={each}" for key, each in value.items())
     if isinstance(value, list | tuple | np.ndarray):

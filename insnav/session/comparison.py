@@ -1,4 +1,4 @@
-"""Runs against one reference, side by side: results in memory, or folders."""
+"""Comparison of runs with one reference: results in memory, or folders."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 def compare(
     *runs: Result[EvaluatedRun] | str | Path, ref: Given | Trajectory, **inputs: Unpack[Inputs]
 ) -> Result[Comparison]:
-    """Compare runs with one reference, at the epochs that all of them cover.
+    """Compare runs with one reference, at their common epochs.
 
     Parameters
     ----------
@@ -39,8 +39,8 @@ def compare(
     ref : path, data frame, arrays or Trajectory
         Reference, as for `insnav.load`.
     **inputs
-        ``ref_columns``, ``ref_lever_arm``: the point of the reference seen from the IMU; by default the IMU, and for
-        positions without attitude the antenna.
+        ``ref_columns``: columns of the reference. ``ref_lever_arm``: point of the reference seen from the IMU; by
+        default the IMU, or the antenna for positions without attitude.
 
     Returns
     -------
@@ -49,7 +49,7 @@ def compare(
     Raises
     ------
     InputError
-        A folder without a solution, or no epoch that all runs and the reference share.
+        A folder without a solution, or no epoch common to all runs and the reference.
     """
     inputs = checked(inputs)
     reference = read_ref(ref, inputs)
@@ -60,7 +60,7 @@ def compare(
     if gps is not None and same_positions(gps, fixed):
         notes = (*notes, Finding.of(Code.REF_SAME_AS_GPS, subject="ref"))
     else:
-        with suppress(InputError):  # no time in common: said below, with the run
+        with suppress(InputError):  # no common time: reported below, with the run
             fixed, doubts = check_reference(fixed, best.trajectory, gps, best.lever_b if point is None else point)
             notes = (*notes, *doubts)
     found = compare_solutions(solutions, fixed, point)
@@ -69,14 +69,14 @@ def compare(
 
 
 def _fixes(run: Result[EvaluatedRun] | str | Path) -> GpsData | None:
-    """Fixes of a run, if it has any."""
+    """Read the fixes of a run, if any."""
     if isinstance(run, Result):
         return run.found.gps
     return read_run_table(Path(run), GpsData) if any(Path(run).glob("fixes.*")) else None
 
 
 def _solutions(run: Result[EvaluatedRun] | str | Path, number: int) -> Iterator[Solution]:
-    """Filtered and, if there is one, smoothed solution of a run."""
+    """Yield the filtered and, if present, the smoothed solution of a run."""
     if isinstance(run, Result):
         name, found = f"run {number}", run.found.run
         yield Solution(name, "filtered", found.solution, found.lever_b)

@@ -1,6 +1,6 @@
-"""A recorded drive: read, understood, and everything that can be done with it.
+"""Recorded drive: reading, interpretation, and all operations on it.
 
-`load` reads and chooses; nothing is navigated before a method of `Drive` is called. The command line calls the same.
+`load` reads and chooses models; only the methods of `Drive` navigate. The command line uses the same functions.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from insnav.steps.given import given_model, one_of, options_of, reference_point,
 from insnav.strapdown import intervals
 from insnav.types import FloatArray, GpsData, ImuData, Trajectory
 
-if TYPE_CHECKING:  # what takes long to import is imported where it is used: a run needs no budget
+if TYPE_CHECKING:  # slow imports happen where they are used: a run needs no budget
     from insnav.errors.budget.from_windows import BudgetStudy, WindowSettings
     from insnav.errors.outage.gnss_outage import OutageStudy
     from insnav.errors.requirement.study import RequirementStudy
@@ -46,8 +46,8 @@ if TYPE_CHECKING:  # what takes long to import is imported where it is used: a r
     from insnav.session.read import Given
     from insnav.session.requirement import RequirementOptions
 
-SHORT_REST = 10.0  # so long may steady motion look like rest [s]
-STAGES = {  # of the work, by step
+SHORT_REST = 10.0  # steady motion may resemble a stop for this long [s]
+STAGES = {  # description of the work, by step
     **dict.fromkeys(("clean", "one_clock", "receiver_noise", "imu_noise", "mounting"), "checking the data"),
     **{"align": "aligning", "noise": "finding the noise", "lever_arm": "finding the noise"},
     **{
@@ -57,7 +57,7 @@ STAGES = {  # of the work, by step
         "evaluate": "evaluating",
     },
 }
-REFERENCE_SD = (0.05, None)  # of reference positions; velocities count only if theirs is given [m], [m/s]
+REFERENCE_SD = (0.05, None)  # sd of reference positions and velocities [m], [m/s]; None: velocities are not used
 
 
 def load(
@@ -66,20 +66,20 @@ def load(
     ref: Given | Trajectory | None = None,
     **inputs: Unpack[NamedInputs],
 ) -> Drive:
-    """Read a recorded drive, find out what it is, and choose the IMU model.
+    """Read a recorded drive, interpret it, and choose the IMU model.
 
     Parameters
     ----------
     samples : path, data frame, arrays or ImuData
-        IMU data: a file of any supported format; a data frame with any columns a file may have; arrays
+        IMU data: a file of any supported format, or a data frame with the columns of such a file. Arrays are
         ``(time, gyro, accel)`` in [s], [rad/s], [m/s^2], or ``(gyro, accel)`` with ``rate=``.
     gps : path, data frame, arrays or GpsData, optional
         Fixes; arrays are ``(time, lla)`` in [s], [deg], [deg], [m].
     ref : path, data frame, arrays or Trajectory, optional
         Reference trajectory.
     **inputs
-        What the data do not say themselves, as in `insnav.steps.inputs.Inputs`; ``imu`` is the IMU error specification:
-        a preset, a part, a file or an `ImuSpec`. Its older name ``imu_model`` is deprecated.
+        Inputs that the data do not contain, see `insnav.steps.inputs.Inputs`. ``imu`` is the IMU error specification: a
+        preset, a part, a file or an `ImuSpec`. Its older name ``imu_model`` is deprecated.
 
     Returns
     -------
@@ -88,7 +88,7 @@ def load(
     Raises
     ------
     ConfigError, InputError
-        What cannot be meant, or used.
+        An input is invalid, or the data cannot be used.
 
     Examples
     --------
@@ -101,12 +101,12 @@ def load(
 def align(
     samples: Given | ImuData, gps: Given | GpsData | None = None, **inputs: Unpack[NamedInputs]
 ) -> Result[FineAlignment]:
-    """Align a static record; see `load` for what is given, and `Drive.align`.
+    """Align a static record; see `load` for the inputs, and `Drive.align`.
 
     Parameters
     ----------
     samples, gps, **inputs
-        As for `load`; the latitude is ``lat``, or that of the fixes.
+        As for `load`; the latitude is ``lat``, or comes from the fixes.
 
     Returns
     -------
@@ -116,9 +116,9 @@ def align(
 
 
 def drive_of(recording: Recording) -> Drive:
-    """Check that files belong together, and choose what was not given.
+    """Check that files belong together, and choose unspecified inputs.
 
-    Raises: InputError: IMU and GPS have no time in common.
+    Raises: InputError: IMU and GPS have no common time.
     """
     return Drive(*_stepwise(LOAD, recording, given_model(recording)))
 
@@ -126,7 +126,7 @@ def drive_of(recording: Recording) -> Drive:
 def _stepwise(
     names: Sequence[str], recording: Recording, model: Model
 ) -> tuple[Recording, Model, tuple[StepRecord, ...]]:
-    """Run some steps, and name each to whoever shows what is being done."""
+    """Run some steps, and report each to the progress display."""
     records: tuple[StepRecord, ...] = ()
     for name in names:
         announce(STAGES[name])
@@ -137,12 +137,12 @@ def _stepwise(
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """A recorded drive, read and understood but not navigated; made by `load`.
+    """Recorded drive, interpreted but not navigated; made by `load`.
 
     Attributes
     ----------
     recording : Recording
-        Data, with what was understood of the files, and the inputs given with them.
+        Data, their interpretation, and the inputs specified with them.
     model : Model
         Estimates: IMU error specification, lever arm, delay, mounting.
     steps : tuple of StepRecord
@@ -170,7 +170,7 @@ class Drive:
 
     @property
     def fixes(self) -> GpsData | None:
-        """Fixes with a standard deviation for every value."""
+        """Fixes with a standard deviation for each value."""
         return self.recording.fixes
 
     @property
@@ -180,7 +180,7 @@ class Drive:
 
     @property
     def imu_chosen(self) -> Finding:
-        """How the IMU error specification was chosen."""
+        """Finding on the choice of the IMU error specification."""
         return self._imu_model[1]
 
     @property
@@ -190,7 +190,7 @@ class Drive:
 
     @property
     def notes(self) -> tuple[Finding, ...]:
-        """What was assumed, besides the IMU error specification."""
+        """Assumptions, besides the IMU error specification."""
         found = (finding for step in self.steps if step.name in LOAD for finding in step.findings)
         return tuple(finding for finding in found if finding is not self.imu_chosen)
 
@@ -200,24 +200,24 @@ class Drive:
         return as_keywords("\n".join(["Drive", *lines, model]))
 
     def beginning(self, length: float) -> Drive:
-        """Give the drive with the samples of its first `length` [s] only."""
+        """Return the drive with the samples of its first `length` [s] only."""
         imu = self.recording.imu
         return replace(self, recording=replace(self.recording, imu=replace(imu, data=imu.data.beginning(length))))
 
     def until(self, step: str, task: Task | None = None) -> Drive:
-        """Run the steps up to one of them.
+        """Run the steps up to one step.
 
         Parameters
         ----------
         step : str
             One of `insnav.steps.STEPS`.
         task : Task, optional
-            How the drive is navigated.
+            Options of the navigation.
 
         Returns
         -------
         Drive
-            With the data and estimates as that step leaves them.
+            Drive with the data and estimates after that step.
 
         Raises
         ------
@@ -242,7 +242,7 @@ class Drive:
         mechanization: Literal["full", "short"] = "full",
         progress: Callable[[float], None] | None = None,
     ) -> Result[EvaluatedRun]:
-        """Navigate the drive, and evaluate it against the reference if there is one.
+        """Navigate the drive, and evaluate it against the reference, if any.
 
         Parameters
         ----------
@@ -290,14 +290,14 @@ class Drive:
 
     @property
     def ready(self) -> Prepared:
-        """The filter at its start, other aiding included where the drive is navigated."""
+        """Filter at its start, with other aiding if the drive is navigated."""
         ready, solved = self.model.ready, self.model.solved
         assert ready is not None
         return ready if solved is None or solved.ready is None else solved.ready
 
     @property
     def evaluated(self) -> EvaluatedRun:
-        """The solution, compared with the reference where there is one."""
+        """Solution, compared with the reference, if any."""
         assert self.model.evaluated is not None
         return self.model.evaluated
 
@@ -312,18 +312,18 @@ class Drive:
         workers: Workers = 2,
         progress: Callable[[float], None] | None = None,
     ) -> Result[OutageStudy]:
-        """Simulate GNSS outages all over the drive.
+        """Simulate GNSS outages throughout the drive.
 
         Parameters
         ----------
         lengths : float or sequence of float
             Lengths of the outage windows [s].
         first : float, optional
-            Where the first begins, after the start of navigation [s].
+            Start of the first window, after the start of navigation [s].
         spacing : float, optional
-            From one to the next [s]; by default so that about sixty fit.
+            Interval between windows [s]; by default about sixty fit.
         aiding : {"auto", "on", "off"}
-            Use other aiding in the windows: auto and on do, off does not.
+            Use other aiding in the windows: with auto and on, not with off.
         workers : int or str
             Processes, or an engine: ``processes:4``, ``dask:ADDRESS``.
         progress : callable, optional
@@ -336,13 +336,13 @@ class Drive:
         Raises
         ------
         ConfigError, InputError, AlignmentError
-            Windows that make no sense, or data that cannot be navigated.
+            Invalid windows, or data that cannot be navigated.
         """
         from insnav.errors.outage.gnss_outage import OutageStudy, outages
         from insnav.errors.outage.statistics import common_error, outage_growth
 
         lengths = [float(length) for length in np.ravel(lengths)]
-        share = 0.4  # of the work is the run
+        share = 0.4  # share of the run in the work
         task = Task(aiding="off" if aiding == "off" else "on", progress=share_of(progress, 0.0, share))
         done = self.until("evaluate", task)
         ready, run, notes = done.ready, done.evaluated, done.findings
@@ -373,15 +373,15 @@ class Drive:
         progress: Callable[[float], None] | None = None,
         **options: Unpack[BudgetOptions],
     ) -> Result[BudgetStudy]:
-        """Find out how much error the IMU makes without GPS, and from what.
+        """Compute the position error of the IMU without GPS, and its sources.
 
         Parameters
         ----------
         settings : BudgetSettings, optional
-            How the budget is drawn up; the windows of the drive are as long as the last of its times.
+            Settings of the budget. The windows of the drive are as long as its last time.
         windows : WindowSettings, optional
-            How free-inertial windows are slid along the drive, with 20 simulated replicas by default; their length and
-            seed are those of the budget.
+            Spacing of the free-inertial windows, with 20 simulated replicas by default. Their length and seed come from
+            the budget.
         progress : callable, optional
             Called with the fraction done.
         **options
@@ -394,7 +394,7 @@ class Drive:
         Raises
         ------
         ConfigError, InputError, AlignmentError
-            Windows that make no sense, or data that cannot be navigated.
+            Invalid windows, or data that cannot be navigated.
         """
         from insnav.errors.budget.from_windows import WindowSettings, recorded_budget
         from insnav.session.budget import BudgetOptions, BudgetSettings, budget_of_windows
@@ -426,17 +426,17 @@ class Drive:
         progress: Callable[[float], None] | None = None,
         **options: Unpack[RequirementOptions],
     ) -> Result[RequirementStudy]:
-        """Find out how good an IMU must be on this drive for a limit on the position error.
+        """Find the IMU quality that a limit on the position error requires on this drive.
 
         Parameters
         ----------
         error, after : str or float
-            Limit and time without GPS; see `insnav.require`. An IMU model that was given with the drive is that whose
-            errors are given.
+            Limit and time without GPS; see `insnav.require`. An IMU model specified with the drive provides the given
+            errors.
         workers : int or str
             Processes, or an engine: ``processes:4``, ``dask:ADDRESS``.
         progress : callable, optional
-            Called with the fraction of the simulated runs that is done.
+            Called with the completed fraction of the simulated runs.
         **options
             As of `insnav.require`.
 
@@ -447,7 +447,7 @@ class Drive:
         Raises
         ------
         ConfigError, InputError, AlignmentError
-            A requirement that makes no sense, or data that cannot be navigated.
+            Invalid requirement, or data that cannot be navigated.
         """
         from insnav.session.requirement import Moving, requirement_of, settings_of, study_of
         from insnav.simulate.truth_from_track import truth_from_track
@@ -492,7 +492,7 @@ class Drive:
         return self.result("alignment", found, {}, (*notes, *self._events()))
 
     def _place(self) -> FloatArray:
-        """Latitude, longitude [rad] and height [m] of a stationary record."""
+        """Return latitude, longitude [rad] and height [m] of a stationary record."""
         inputs = self.recording.inputs
         lat = inputs.get("lat")
         if lat is not None:
@@ -502,7 +502,7 @@ class Drive:
         return np.asarray(self.fixes.lla[0])
 
     def _antenna_positions(self, reference: Reading[Trajectory], lever_b: FloatArray) -> GpsData:
-        """Positions of the reference brought to the antenna, `lever_b` from the IMU, each with a standard deviation."""
+        """Move reference positions to the antenna, `lever_b` from the IMU, each with a standard deviation."""
         point, data = reference_point(self.recording.inputs, reference.data), reference.data
         if point is not None and not np.allclose(point, lever_b, atol=1e-3):
             if not np.isfinite(data.rph).all():
@@ -516,7 +516,7 @@ class Drive:
         return complete if fix is None or not (fix == 1).any() else complete.rows(fix == 1)
 
     def _window_reference(self, reference: Reading[Trajectory]) -> WindowReference:
-        """The reference as what free-inertial windows are compared with."""
+        """Build the reference of free-inertial windows."""
         position_sd, velocity_sd = reference_sd(self.recording.inputs) or REFERENCE_SD
         data, _ = fixed_epochs(reference)
         if velocity_sd is None:
@@ -542,7 +542,7 @@ class Drive:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What was assumed and chosen on the way to the solution."""
+        """Assumptions and choices for the solution."""
         solved, events = self.model.solved, self.evaluated.run.events
         notes = () if solved is None else solved.notes
         return (*self.notes, *notes, *added(events, self.steps[-1].findings))
@@ -555,11 +555,11 @@ class Drive:
         findings: tuple[Finding, ...],
         run: EvaluatedRun | None = None,
     ) -> Result[Any]:
-        """Make a result; that of a `run` has the findings about it, too."""
+        """Build a result; a `run` adds its findings."""
         given, spec, chosen = options_of(self.recording.inputs, **options), self.model.filter_imu, self.imu_chosen
         if spec is not self.imu_spec:
             prior, nearest = spec.name.removesuffix(", as found"), self.imu_spec.name
-            if prior != nearest:  # what says that the nearest one is used
+            if prior != nearest:  # drop the finding that the nearest grade is used
                 findings = tuple(each for each in findings if each != chosen)
             elif chosen not in findings:
                 findings = (*findings, replace(chosen, severity=Severity.NOTE))

@@ -1,4 +1,4 @@
-"""A run written in the format of another program."""
+"""Export of a run to the format of another program."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from insnav.types import FloatArray
 
 Solution = Literal["smoothed", "filtered"]
 _START = EPOCH.astype("datetime64[ns]")
-_UNIX_FROM = 1e9  # times beyond are Unix time [s]
+_UNIX_FROM = 1e9  # larger times are Unix time [s]
 
 
 def export(folder: Path, kind: str, *, solution: Solution | None = None, week: int | None = None) -> bytes:
-    """Content of a run in another format.
+    """Convert a run to another format.
 
-    `folder`: of a run; `kind`: one of `insnav.output.track_files.WRITERS`; `solution`: default smoothed if there is
-    one; `week`: GPS week of its first epoch, where neither fixes nor times tell it.
-    Raises: InputError: no such run; ConfigError: an unknown format, or one that needs a date where none is known.
+    `folder`: of a run. `kind`: one of `insnav.output.track_files.WRITERS`. `solution`: by default smoothed, if present.
+    `week`: GPS week of the first epoch, if neither fixes nor times determine it.
+    Raises: InputError: no such run. ConfigError: an unknown format, or a missing date.
     """
     if kind not in WRITERS:
         raise ConfigError("session.unknown_format", where="--to", value=str(kind), known=tuple(WRITERS))
@@ -46,7 +46,7 @@ def export(folder: Path, kind: str, *, solution: Solution | None = None, week: i
 
 
 def _week(inputs: Any) -> int | None:
-    """GPS week that was known when the files were read; the solution has the time of the fixes."""
+    """Return the GPS week from reading the files; the solution uses the time of the fixes."""
     found = (inputs.get(key) for key in ("gps", "reference", "imu"))
     return next((each["gps_week"] for each in found if isinstance(each, dict) and "gps_week" in each), None)
 
@@ -54,7 +54,7 @@ def _week(inputs: Any) -> int | None:
 def _instants(
     time: FloatArray, week: int | None
 ) -> tuple[NDArray[np.datetime64], NDArray[np.datetime64]] | tuple[None, None]:
-    """Instants in UTC and in GPS time, of times in seconds of a GPS week or in Unix time; None if neither."""
+    """Convert seconds of a GPS week, or Unix time, to UTC and GPS time; None if neither."""
     if time[0] > _UNIX_FROM:
         since = time - UNIX_DAYS * DAY
         day = np.floor(since / DAY)
@@ -64,6 +64,6 @@ def _instants(
         return None, None
     gps = _START + int(week * WEEK_DAYS) * np.timedelta64(1, "D") + np.round(time * 1e9).astype(np.int64)
     day = WEEK_DAYS * week + np.floor(time / DAY)
-    # the table is in UTC: at the seconds of a leap itself it may be off by one, which a drive hardly meets
+    # the table is in UTC: within a leap second it may be wrong by one, which drives hardly meet
     ahead = leap_seconds(day, time % DAY - 18.0)
     return gps - ahead.astype(np.int64) * np.timedelta64(1, "s"), gps

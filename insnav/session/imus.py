@@ -1,4 +1,4 @@
-"""Real IMUs by name, the same for the command line and a notebook."""
+"""Real IMUs by name, identical for command line and notebook."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from insnav.result import Result
 
 
 def imus(name: str | None = None) -> Result[tuple[Part, ...]]:
-    """List real IMUs, or show one with the documents of its figures.
+    """List real IMUs, or show one IMU with the documents of its figures.
 
     Parameters
     ----------
     name : str, optional
-        A part, in any spelling of case and hyphens; by default all.
+        A part, in any case and with or without hyphens; by default all.
 
     Returns
     -------

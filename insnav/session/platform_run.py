@@ -1,4 +1,4 @@
-"""A record of specific force on a north-pointing platform: read, and integrated by every integrator."""
+"""North-pointing platform: a record of specific force, integrated by every integrator."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def platform(
     interval: float = 0.1,
     **reading: Any,
 ) -> Result[PlatformStudy]:
-    """Integrate the specific force on a north-pointing platform, by every integrator.
+    """Integrate the specific force on a north-pointing platform with every integrator.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def platform(
     errors : insnav.gimbal.PlatformErrors, optional
         Errors of the platform and its sensors; by default none.
     integrator : {"forward", "backward", "mean", "fourth"}
-        Whose solution is wanted; all are compared.
+        Integrator of the returned solution; all are compared.
     vertical : {"off", "free", "damped"}
         Vertical channel; ``damped`` needs `heights`.
     gravity : float, optional
@@ -60,9 +60,9 @@ def platform(
     interval : float
         Time between rows of the solutions [s].
     **reading
-        ``heights`` to damp the vertical channel with; ``ref``, a reference; ``axes``, ``columns``, ``sample_rate`` as
-        of `insnav.input.readers.specific_force.read_specific_force`; ``opened``, called with what was understood of
-        each file.
+        ``heights``: damp the vertical channel. ``ref``: reference. ``axes``, ``columns``, ``sample_rate``: see
+        `insnav.input.readers.specific_force.read_specific_force`. ``opened``: called with the interpretation of each
+        file.
 
     Returns
     -------
@@ -71,11 +71,11 @@ def platform(
     Raises
     ------
     ConfigError
-        An option that cannot be, or a start too near a pole.
+        Invalid option, or a start too near a pole.
     InputError
         The file cannot be used, has no vertical axis, or the heights do not cover it.
     DivergenceError
-        The solution came too near a pole, or the free vertical channel ran away.
+        The solution came too near a pole, or the free vertical channel diverged.
 
     Examples
     --------
@@ -104,7 +104,7 @@ def platform(
 
 
 def demonstrate() -> Result[Demonstration]:
-    """Compare the integrators on a known flight, and a platform with a strapdown navigator that has the same errors."""
+    """Compare the integrators on a known flight, and a platform with a strapdown navigator of equal errors."""
     sizes = {"heading_rad": ERRORS.tilt[2], "drift_rad_s": ERRORS.drift[0], "bias_m_s2": ERRORS.bias[0]}
     errors = Finding.of(Code.PLATFORM_DEMO_ERRORS, **sizes)
     findings = errors, Finding.of(Code.PLATFORM_DEMO_FOURTH), Finding.of(Code.PLATFORM_FIRST_ORDER)
@@ -157,7 +157,7 @@ def _assumptions(study: PlatformStudy) -> Iterator[Finding]:
 
 
 def _heights(given: Heights, time: FloatArray) -> FloatArray:
-    """Height at the times of the samples."""
+    """Interpolate the height at the times of the samples."""
     if not (given.time[0] <= time[0] and time[-1] <= given.time[-1]):
         raise InputError(
             "platform.heights_do_not_cover",

@@ -1,4 +1,4 @@
-"""Data as they were given (files, tables, arrays, insnav's own types) to a recording."""
+"""Conversion of input data (files, tables, arrays, insnav's own types) to a recording."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar, cast, get_ar
 
 import numpy as np
 
-from insnav import imu as sensors  # whose calibration files are imported when one is given: 10 ms
+from insnav import imu as sensors  # its calibration files are imported on use: 10 ms
 from insnav.exceptions import KEYWORDS, ConfigError, InputError, InsnavError
 from insnav.input import Reading, ReadingFacts, read_gps, read_imu, read_reference
 from insnav.input.formats.conventions import ACCEL, GYRO
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 
 class NamedInputs(Inputs, total=False):
-    """What may be given with a recording, where ``imu`` is the IMU error specification: `Inputs` has an older name."""
+    """Inputs of a recording, with ``imu`` as the IMU error specification: `Inputs` has an older name."""
 
     imu: str | Path | ImuSpec | None
 
@@ -49,12 +49,12 @@ class NamedInputs(Inputs, total=False):
 KEYWORDS["--imu"] = "imu"
 T = TypeVar("T", ImuData, GpsData, Trajectory)
 _KINDS = {"IMU": IMU_KINDS, "GPS": GPS_KINDS, "reference": REFERENCE_KINDS}
-MOST_FIXES = 0.5  # part of the rows of samples that may hold a new fix
+MOST_FIXES = 0.5  # largest share of sample rows with a new fix
 _DESCRIBING = ("axes", "units", "columns", "sampling", "stamp")
 
 
 def by_name(inputs: NamedInputs) -> Inputs:
-    """Give the inputs by the names of `Inputs`; ``imu_model`` is deprecated until 0.4."""
+    """Rename the inputs for `Inputs`; ``imu_model`` is deprecated until 0.4."""
     known: dict[str, Any] = {**inputs}
     if known.get("imu_model") is not None:
         warnings.warn("imu_model is deprecated and ends with version 0.4: use imu", DeprecationWarning, stacklevel=3)
@@ -66,9 +66,9 @@ def by_name(inputs: NamedInputs) -> Inputs:
 def read(
     imu: Given | ImuData, gps: Given | GpsData | None, ref: Given | Trajectory | None, inputs: Inputs
 ) -> Recording:
-    """Read a drive; the small files first, so that what is wrong with them is known at once.
+    """Read a drive, small files first, to report their errors early.
 
-    Raises: ConfigError, InputError: what cannot be meant, or used; `where` names the input.
+    Raises: ConfigError, InputError: invalid inputs or data; `where` names the input.
     """
     inputs = checked(inputs)
     given_logs = inputs.get("logs") or {}
@@ -86,17 +86,17 @@ def read(
 
 
 def _fixes_beside(imu: Any, inputs: Inputs) -> Reading[GpsData] | None:
-    """Fixes in the rows of the samples; none where they are new in most: a solution, which may be given with --gps."""
-    with suppress(InputError):  # nobody has said that there are fixes
+    """Read fixes in the rows of the samples; None if most rows have new ones: a solution, usable with --gps."""
+    with suppress(InputError):  # no fixes were specified
         found = _read_gps(imu, inputs)
         return found if found.facts.n_used < MOST_FIXES * found.facts.n_rows else None
     return None
 
 
 def _parts(sources: Mapping[str, Any], inputs: Inputs) -> dict[str, Any]:
-    """Table of each file that is its ``imu``, ``gps``, ``reference``; a log with samples and fixes gives both.
+    """Return the table of each file: ``imu``, ``gps``, ``reference``; a log with samples and fixes gives both.
 
-    A folder gives the reference, too, if that is a file of its own: that in a log is of the device that wrote it.
+    A folder also gives a reference from a separate file: a reference in a log comes from the logging device.
     """
     logs = {str(each): open_parts(each) for each in sources.values() if isinstance(each, str | Path)}
     if not logs:
@@ -119,14 +119,14 @@ def _parts(sources: Mapping[str, Any], inputs: Inputs) -> dict[str, Any]:
 
 
 def _has_positions(table: Table) -> bool:
-    """Whether a table of samples has fixes in its rows, too."""
+    """Return whether a table of samples also has fixes in its rows."""
     with suppress(InputError):
         return {"lat", "lon"} <= understand(table.headers, table.units, GPS_SCHEMA)[0].keys()
     return False
 
 
 def _topics(inputs: Inputs, parts: Sequence[str]) -> list[str]:
-    """Topics that were asked for, all of which must be there; see `insnav.input.formats.registry.Format.read`."""
+    """Return the requested topics, all required; see `insnav.input.formats.registry.Format.read`."""
     topics = [each.strip() for each in (inputs.get("topic") or "").split(",") if each.strip()]
     known = sorted({part.partition(":")[2] for part in parts} - {""})
     unknown = [each for each in topics if each not in known]
@@ -147,8 +147,8 @@ def read_samples(
 ) -> Reading[ImuData]:
     """Read the samples and correct known errors.
 
-    Volts and counts become rates and specific forces by the lines of the calibration; `any_way`: z may point up
-    although no axes are given; `bench`: as of `read_imu`.
+    The calibration converts volts and counts to rates and specific forces. `any_way`: accept z up without specified
+    axes. `bench`: see `read_imu`.
     """
     calibration = inputs.get("calibration")
     known = None if calibration is None else sensors.load_calibration(Path(calibration))
@@ -183,7 +183,7 @@ def _read_gps(gps: Given | GpsData, inputs: Inputs) -> Reading[GpsData]:
 
 
 def read_ref(reference: Given | Trajectory, inputs: Inputs) -> Reading[Trajectory]:
-    """Read a reference, given as for `insnav.load`."""
+    """Read a reference, specified as for `insnav.load`."""
     if isinstance(reference, Trajectory):
         return in_memory(reference, "reference")
     with _named("ref_columns"):
@@ -192,7 +192,7 @@ def read_ref(reference: Given | Trajectory, inputs: Inputs) -> Reading[Trajector
 
 @contextmanager
 def _named(columns: Literal["columns", "gps_columns", "ref_columns"]) -> Iterator[None]:
-    """Let errors of the readers name the input that gives the columns of this file."""
+    """Name the input with this file's columns in errors of the readers."""
     try:
         yield
     except InsnavError as error:
@@ -204,7 +204,7 @@ def _named(columns: Literal["columns", "gps_columns", "ref_columns"]) -> Iterato
 
 
 def samples_source(imu: Given | Table, rate: float | None) -> str | Path | Table:
-    """Samples as a file or a table; arrays are time [s], gyro [rad/s], accel [m/s^2], or the last two with `rate`."""
+    """Return samples as file or table; arrays are time [s], gyro [rad/s], accel [m/s^2], or without time by `rate`."""
     if isinstance(imu, str | Path | Table) or is_frame(imu):
         table = _table(imu)
         return table if rate is None else _timed(open_table(table, "imu"), rate)
@@ -217,7 +217,7 @@ def samples_source(imu: Given | Table, rate: float | None) -> str | Path | Table
 
 
 def _timed(table: Table, rate: float) -> Table:
-    """Samples without times, at a rate [Hz]."""
+    """Add times to samples, at a rate [Hz]."""
     if any(match is not None and match[0].key == "time" for match in map(_meaning, table.headers)):
         return table
     numbers = table.cells.read(range(len(table.headers)))
@@ -230,12 +230,12 @@ def _timed(table: Table, rate: float) -> Table:
 def _meaning(header: str) -> tuple[Quantity, str | None, int] | None:
     try:
         return match_header(header, IMU_SCHEMA)
-    except InputError:  # a unit that is none: said when the table is read
+    except InputError:  # an invalid unit is reported when the table is read
         return None
 
 
 def _table(given: Given | Table) -> str | Path | Table:
-    """A file, or table, as it is; a data frame, or time [s] and latitude, longitude [deg], height [m], as a table."""
+    """Return a file or table unchanged; convert a data frame, or time [s], lat, lon [deg], height [m], to a table."""
     if isinstance(given, str | Path | Table):
         return given
     if is_frame(given):
@@ -251,7 +251,7 @@ def _table(given: Given | Table) -> str | Path | Table:
 
 
 def _numbers(name: str, series: pd.Series[Any]) -> FloatArray:
-    """Column of a data frame as numbers, times in seconds; NaN for a column of remarks.
+    """Convert a column of a data frame to numbers, times in seconds; NaN for a column of remarks.
 
     Raises: InputError: text among the numbers of a column.
     """
@@ -281,18 +281,18 @@ def _numbers(name: str, series: pd.Series[Any]) -> FloatArray:
 
 
 def is_frame(given: object) -> TypeIs[pd.DataFrame]:
-    """Whether data are a data frame."""
+    """Return whether data are a data frame."""
     return hasattr(given, "columns") and hasattr(given, "to_numpy")  # pandas takes a third of a second to import
 
 
 def named_columns(headers: tuple[str, ...], numbers: FloatArray) -> Table:
-    """Table of numbers in memory, units in the headers."""
+    """Build a table of numbers in memory, with units in the headers."""
     cells = ArrayCells(tuple(np.ascontiguousarray(numbers.T)), lambda row: f"row {row + 1}")
     return Table("data in memory", hashlib.sha256(numbers.tobytes()).hexdigest(), headers, cells)
 
 
 def _sound(data: ImuData | GpsData | Trajectory) -> None:
-    """Refuse arrays of other shapes or units, numbers that are none, and words that mean nothing."""
+    """Reject arrays of wrong shape or unit, NaN values and meaningless strings."""
     n = len(data.time)
     for name in ("gyro", "accel") if isinstance(data, ImuData) else ("lla", "v_n"):
         shape = np.shape(getattr(data, name))
@@ -315,7 +315,7 @@ def _sound(data: ImuData | GpsData | Trajectory) -> None:
 
 
 def in_memory(data: T, kind: str, name: str = "data in memory") -> Reading[T]:
-    """Reading of data that need no understanding.
+    """Wrap data that need no interpretation as a reading.
 
     `kind` {"IMU", "GPS", "reference"}.
     """

@@ -1,4 +1,4 @@
-"""The error budget backwards: which IMU is needed."""
+"""Inverse error budget: the IMU that a limit requires."""
 
 from __future__ import annotations
 
@@ -28,22 +28,22 @@ from insnav.simulate.recording import MOTION_STREAM
 from insnav.simulate.truth import Truth, straight
 from insnav.steps.given import one_of
 
-BEFORE = 300.0  # GPS before the outage, where the motion is long enough [s]
-HORIZON = 300.0  # of the outage to which errors of real IMUs are followed, where the motion is long enough [s]
-OUTAGES = 5  # all over a motion
-LEAST_BEFORE = 60.0  # GPS in motion before the first of them [s]
-LONGEST_PARTS = 600.0  # outage up to which they are evaluated [s]
+BEFORE = 300.0  # GPS before the outage, if the motion is long enough [s]
+HORIZON = 300.0  # propagation of real IMU errors after the outage begins, if the motion is long enough [s]
+OUTAGES = 5  # spread over a motion
+LEAST_BEFORE = 60.0  # GPS in motion before the first outage [s]
+LONGEST_PARTS = 600.0  # longest outage with an evaluation of real IMUs [s]
 
 
 @dataclass(frozen=True, slots=True)
 class RequirementSettings:
-    """How a requirement is worked out."""
+    """Settings of a requirement."""
 
-    probability: float = 0.95  # of being within the limit
-    component: Component = "horizontal"  # which part of the position error
-    begin: float | None = None  # when GPS ends, after the start of the motion [s]; None: after `BEFORE` of it
-    cost: Mapping[str, float] | None = None  # weight of a family of errors in the set, 1 where none is given
-    runs: int = 500  # simulated runs that verify the set; none with zero
+    probability: float = 0.95  # of an error within the limit
+    component: Component = "horizontal"  # component of the position error
+    begin: float | None = None  # end of GPS after the start of the motion [s]; None: after `BEFORE`
+    cost: Mapping[str, float] | None = None  # weight of an error family in the set, default 1
+    runs: int = 500  # simulated runs that verify the set; 0: none
     seed: int = 1  # random seed
 
 
@@ -60,11 +60,11 @@ class RequirementOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True)
 class Moving:
-    """A motion that a requirement is for."""
+    """Motion for a requirement."""
 
     truth: Truth
     description: str
-    moves: bool = True  # it is not rest
+    moves: bool = True  # not at rest
 
 
 def require(
@@ -77,7 +77,7 @@ def require(
     progress: Callable[[float], None] | None = None,
     **options: Unpack[RequirementOptions],
 ) -> Result[RequirementStudy]:
-    """Find out how good an IMU must be for a limit on the position error.
+    """Find the IMU quality that a limit on the position error requires.
 
     Parameters
     ----------
@@ -88,11 +88,11 @@ def require(
     profile : str, optional
         Motion: name or file of a profile; at rest by default.
     imu : str or ImuSpec, optional
-        IMU whose errors are given; only the others are allocated.
+        IMU with given errors; the other errors are allocated.
     workers : int or str
         Processes, or an engine: ``processes:4``, ``dask:ADDRESS``.
     progress : callable, optional
-        Called with the fraction of the simulated runs that is done.
+        Called with the completed fraction of the simulated runs.
     **options
         Any of `RequirementSettings` by name, such as ``probability=0.99``.
 
@@ -103,7 +103,7 @@ def require(
     Raises
     ------
     ConfigError
-        A requirement, motion or IMU that makes no sense.
+        Invalid requirement, motion or IMU.
 
     Examples
     --------
@@ -116,21 +116,21 @@ def require(
 
 
 def settings_of(options: RequirementOptions) -> RequirementSettings:
-    """Settings of options by name, unknown ones refused."""
+    """Convert options by name to settings; unknown names are refused."""
     for name in options:
         one_of("require", name, tuple(RequirementOptions.__annotations__))
     return RequirementSettings(**options)
 
 
 def requirement_of(error: str | float, after: str | float, settings: RequirementSettings) -> Requirement:
-    """Requirement of a limit and a time, texts with units or SI."""
+    """Build a requirement from limit and time, as texts with units or SI values."""
     limit = parse_quantity(error, "length", where="--error") if isinstance(error, str) else float(error)
     time = parse_quantity(after, "time", where="--after") if isinstance(after, str) else float(after)
     return Requirement(limit, time, settings.probability, settings.component)
 
 
 def moving(profile: str | None, settings: RequirementSettings, after: float) -> Moving:
-    """Motion of a profile, or rest."""
+    """Build the motion of a profile, or rest."""
     if profile is None:
         truth: Truth = straight(REST, 0.0, 0.0, BEFORE + max(after, HORIZON) + 1.0)
         return Moving(truth, "at rest, level, heading north, at a latitude of 45 deg", moves=False)
@@ -139,7 +139,7 @@ def moving(profile: str | None, settings: RequirementSettings, after: float) -> 
 
 
 def outage_begin(motion: Moving, after: float, begin: float | None) -> float:
-    """When GPS ends, since the start of a motion [s]: as given, or after `BEFORE` of it, as far as it is long enough.
+    """Return the end of GPS after the start of a motion [s]: as specified, or after up to `BEFORE`.
 
     Raises: ConfigError: the motion is too short.
     """
@@ -163,7 +163,7 @@ def study_of(
     workers: Workers = 1,
     progress: Callable[[float], None] | None = None,
 ) -> Result[RequirementStudy]:
-    """Work out a requirement on a motion."""
+    """Compute a requirement on a motion."""
     begin = outage_begin(motion, required.after, settings.begin)
     window = sampled(motion.truth, begin, required.after, f"{motion.description}, GPS ends at {begin:g} s")
     hold = required.after > LONGEST_FREE
@@ -185,7 +185,7 @@ def study_of(
 
 
 def outages(motion: Moving, after: float, begin: float, settings: RequirementSettings) -> list[float]:
-    """When GPS ends in the outages in which IMUs are compared [s]: the one asked for, or some all over the motion."""
+    """Return the ends of GPS for the comparison of IMUs [s]: as specified, or several over the motion."""
     first = first_movement(motion.truth) + LEAST_BEFORE
     last = motion.truth.duration - max(after, min(HORIZON, 0.5 * (motion.truth.duration - first)))
     if settings.begin is not None or not motion.moves or last <= first:
@@ -196,7 +196,7 @@ def outages(motion: Moving, after: float, begin: float, settings: RequirementSet
 def with_parts(
     study: RequirementStudy, motion: Moving, begins: Sequence[float], given: ImuSpec | None
 ) -> RequirementStudy:
-    """Add which real IMUs meet a requirement after GPS, what helps one that does not, and which figure counts."""
+    """Add the real IMUs that meet a requirement, useful aiding for the others, and the dominant figures."""
     required = study.required
     moved = propagation(motion.truth, begins, max(required.after, HORIZON))
     listed = candidates(required, moved, parts())

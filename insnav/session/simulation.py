@@ -1,4 +1,4 @@
-"""A simulated drive: a motion that is exactly known, measured by sensors that are sampled from their specifications."""
+"""Simulated drive: an exactly known motion, measured by sensors sampled from their specifications."""
 
 from __future__ import annotations
 
@@ -30,30 +30,30 @@ IDEAL = "ideal"  # name of a sensor without errors
 
 
 class SimulationOptions(TypedDict, total=False):
-    """How a motion is measured."""
+    """Options of a simulation."""
 
-    # IMU and receiver: a preset, a file, ``ideal`` for one without errors, or a specification
+    # IMU and receiver: a preset, a file, ``ideal`` for no errors, or a specification
     imu: str | ImuSpec
     gps: str | GpsSpec
     seed: int  # random seed
-    run: int | None  # number of a run of a series of this seed; by default not one of a series
+    run: int | None  # number of a run in the series of this seed; by default no series
     rate: float  # samples per second [Hz]
-    sampling: Sampling  # what a sample is
-    faults: Sequence[str]  # what goes wrong: ``gps-outage@200s+30s``
+    sampling: Sampling  # type of a sample
+    faults: Sequence[str]  # simulated faults: ``gps-outage@200s+30s``
     temperature: tuple[float, float] | None  # of the IMU at the start and at the end [deg C]
-    gravity: Literal["full", "plumb", "linear"]  # as it is; without its north component; and linear in height
+    gravity: Literal["full", "plumb", "linear"]  # full, without north component, or linear in height
 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """A motion to be measured."""
+    """Motion to be measured."""
 
     name: str
     purpose: str
     truth: Truth
-    profile: str = ""  # text of the motion profile; empty if the motion is that of a recorded track
-    track: Reading[Trajectory] | None = None  # track that the motion is a simulated replica of
-    residual: Residual | None = None  # how far the replica is from its track
+    profile: str = ""  # text of the motion profile; empty for the motion of a recorded track
+    track: Reading[Trajectory] | None = None  # original track of a simulated replica
+    residual: Residual | None = None  # deviation of the replica from its track
 
     @property
     def source(self) -> dict[str, str]:
@@ -63,7 +63,7 @@ class Motion:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Everything a simulation is made from."""
+    """Complete input of a simulation."""
 
     motion: Motion
     # sensors; None for ideal ones
@@ -71,14 +71,14 @@ class Plan:
     gps: GpsSpec | None
     seed: int = 1  # random seed
     rate: float = 100.0  # of the IMU [Hz]
-    sampling: Sampling = "mean"  # what its samples are
-    faults: tuple[Fault, ...] = ()  # what goes wrong
+    sampling: Sampling = "mean"  # type of its samples
+    faults: tuple[Fault, ...] = ()  # simulated faults
     temperature: tuple[float, float] | None = None  # of the IMU at the start and at the end [deg C]
-    configuration: Mapping[str, Any] = field(default_factory=dict)  # options as given
+    configuration: Mapping[str, Any] = field(default_factory=dict)  # specified options
 
     @property
     def truth(self) -> Truth:
-        """The motion itself."""
+        """Exact motion."""
         return self.motion.truth
 
     def measured(self) -> Recording:
@@ -108,12 +108,12 @@ def simulate(profile: str | Path, **options: Unpack[SimulationOptions]) -> Drive
     Returns
     -------
     Drive
-        Numbers are those of ``insnav simulate`` before they are written to files.
+        Same numbers as ``insnav simulate`` before it writes files.
 
     Raises
     ------
     ConfigError
-        An unknown profile, model or fault, or one that changes nothing.
+        Unknown profile, model or fault, or a fault without effect.
 
     Examples
     --------
@@ -139,7 +139,7 @@ def plan_of(motion: Motion, options: SimulationOptions, configuration: Mapping[s
     """Look up the models of a simulation; see `SimulationOptions`."""
     imu, gps = options.get("imu", "consumer"), options.get("gps", "single")
     seed, run = options.get("seed", 1), options.get("run")
-    dataclass_of: Any = motion.truth  # every truth is one, which its base class cannot say
+    dataclass_of: Any = motion.truth  # every truth is a dataclass, which its base class cannot declare
     truth: Truth = replace(dataclass_of, gravity=options.get("gravity", "full"))
     return Plan(
         replace(motion, truth=truth),
@@ -155,15 +155,15 @@ def plan_of(motion: Motion, options: SimulationOptions, configuration: Mapping[s
 
 
 def profiled(name: str | Path, seed: int) -> Motion:
-    """Motion of a profile, by its name or file."""
+    """Load the motion of a profile, by name or file."""
     profile = load_profile(name)
     return Motion(profile.name, profile.purpose, profile.truth((seed, MOTION_STREAM)), profile.text)
 
 
 def replica(source: Path) -> Motion:
-    """Motion of a recorded track: the smoothed solution of a run folder, or its solution, or a file.
+    """Build the motion of a recorded track: the smoothed or filtered solution of a run folder, or a file.
 
-    Raises: InputError: the folder holds no solution, or the track cannot be used.
+    Raises: InputError: the folder has no solution, or the track cannot be used.
     """
     track = source
     if source.is_dir():

@@ -1,12 +1,12 @@
-"""Simulated drives: exact truth over the rotating Earth, sensors that measure it, and the errors they make.
+"""Simulated drives: exact truth over the rotating Earth, sensors that measure it, and their errors.
 
     profile or track -> Truth -> imu_from_truth -> corrupt_imu
                               -> gps_from_truth -> corrupt_gps
                               -> reference
 
-A truth is made of two curves, position and attitude; everything else is derived from them. `straight` and `circle` are
-truths in closed form; `insnav.simulate.motion` makes them from motion profiles, `truth_from_track` from recorded
-tracks.
+A truth consists of two curves, position and attitude; all other quantities are derived from them. `straight` and
+`circle` are truths in closed form; `insnav.simulate.motion` builds them from motion profiles, `truth_from_track` from
+recorded tracks.
 
 The package itself can be called: ``insnav.simulate("city", imu="automotive")`` is `insnav.session.simulation.simulate`.
 """
@@ -43,7 +43,7 @@ __all__ = [
 
 
 class _Simulate(ModuleType):
-    """Package that can be called, as the function of its name."""
+    """Package that is callable like the function of its name."""
 
     def __call__(self, *args: Any, **options: Any) -> Drive:
         """Simulate a drive; see `insnav.session.simulation.simulate`."""

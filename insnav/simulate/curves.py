@@ -1,4 +1,4 @@
-"""Smooth functions of time with exact derivatives: what position and attitude of a truth are made of."""
+"""Smooth functions of time with exact derivatives: position and attitude of a truth."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from insnav.types import FloatArray
 
 
 class Curve(Protocol):
-    """Anything that is three functions of time.
+    """Interface of three functions of time.
 
     Attributes
     ----------
@@ -45,11 +45,11 @@ class Harmonic:
 
     @property
     def knots(self) -> FloatArray:
-        """No derivative jumps."""
+        """Knots: none, as all derivatives are continuous."""
         return np.empty(0)
 
     def __call__(self, t: FloatArray, order: int = 0) -> FloatArray:
-        """Values ``(n, 3)`` of derivative number `order` at times `t` ``(n,)`` [s]."""
+        """Evaluate derivative number `order`, ``(n, 3)``, at times `t` ``(n,)`` [s]."""
         t = t[:, None]
         phase = self.omega * t + order * (np.pi / 2)
         value: FloatArray = self.omega**order * (self.cosine * np.cos(phase) + self.sine * np.sin(phase))
@@ -68,16 +68,16 @@ class Spline:
 
     @property
     def knots(self) -> FloatArray:
-        """Where the polynomials meet [s]."""
+        """Times at which the polynomials meet [s]."""
         breaks: FloatArray = self.polynomials.x
         return breaks
 
     def __call__(self, t: FloatArray, order: int = 0) -> FloatArray:
-        """Values ``(n, m)`` of derivative number `order` at times `t` ``(n,)`` [s]."""
+        """Evaluate derivative number `order`, ``(n, m)``, at times `t` ``(n,)`` [s]."""
         return by_blocks(lambda part: self._values(part, order), t)
 
     def _values(self, t: FloatArray, order: int) -> FloatArray:
-        """Differentiate only the pieces where `t` is: kept for the whole motion that takes more than its samples."""
+        """Differentiate only the pieces that contain `t`: storing whole derivatives takes more memory than samples."""
         c, x = self.polynomials.c, self.polynomials.x
         first, last = np.searchsorted(x[1:-1], (t.min(), t.max()), side="right")
         part = PPoly.construct_fast(c[:, first : last + 1], x[first : last + 2])
@@ -92,7 +92,7 @@ class Spline:
 
 
 def spline_of(basis: BSpline) -> Spline:
-    """The same function, by the polynomials between its knots."""
+    """Convert a B-spline to the polynomials between its knots."""
     breaks = np.unique(basis.t)
     taylor = np.empty((basis.k + 1, breaks.size - 1, *basis.c.shape[1:]))
     for k in range(basis.k + 1):
@@ -101,5 +101,5 @@ def spline_of(basis: BSpline) -> Spline:
 
 
 def spline_through(t: FloatArray, values: FloatArray, degree: int = 7) -> Spline:
-    """Interpolating spline of odd degree through values ``(m, 3)``, continuous in ``degree - 1`` derivatives."""
+    """Interpolate values ``(m, 3)`` by a spline of odd degree, continuous in ``degree - 1`` derivatives."""
     return spline_of(make_interp_spline(t, values, k=degree))

@@ -1,7 +1,7 @@
-"""Exact motion in Earth-fixed axes: over a pole, with the nose straight up, and head over heels.
+"""Exact motion in Earth-fixed axes: across a pole, with the nose straight up, and inverted.
 
-Position is a curve in Earth-fixed axes and attitude a quaternion against them, so no latitude and no pitch is special.
-Velocity, angular rate and specific force are derivatives of the same curves.
+Position is a curve in Earth-fixed axes and attitude a quaternion relative to them: no latitude and no pitch is
+singular. Velocity, angular rate and specific force are derivatives of the same curves.
 
 References
 ----------
@@ -28,13 +28,13 @@ Quaternion = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
 @dataclass(frozen=True, slots=True)
 class Turns:
-    """Attitude ``q_vb`` of the body b against the vehicle v: constant attitudes, each followed by a rotation vector."""
+    """Attitude ``q_vb`` of the body b relative to the vehicle v: constant attitudes, each followed by a rotation."""
 
-    # (m,) times at which the next stretch begins [s], increasing; the first one is the start of the motion
+    # (m,) start times of the sections [s], increasing; the first is the start of the motion
     edges: FloatArray
-    base: FloatArray  # (m, 4) quaternion at the beginning of each stretch
-    # rotation vector since the beginning of the stretch [rad]. It jumps at `edges`, back to zero, and with it goes all
-    # it had turned into `base`; its derivatives do not.
+    base: FloatArray  # (m, 4) quaternion at the start of each section
+    # rotation vector since the start of the section [rad]. At `edges` it returns to zero and its rotation moves into
+    # `base`; its derivatives are continuous.
     rotvec: Spline
 
     @property
@@ -43,9 +43,9 @@ class Turns:
         return self.rotvec.knots
 
     def __call__(self, tau: FloatArray) -> tuple[Quaternion, Vector]:
-        """Attitude and rate at times ``(n,)`` [s].
+        """Evaluate attitude and rate at times ``(n,)`` [s].
 
-        Returns: `q_vb` (n,): attitude; `w_vb_b` (n,): rate of the body against the vehicle, body axes [rad/s]: Bortz,
+        Returns: `q_vb` (n,): attitude. `w_vb_b` (n,): rate of the body against the vehicle, body axes [rad/s]: Bortz,
         "A new mathematical formulation for strapdown inertial navigation", IEEE Trans. AES-7 (1971) 61-66, solved for
         the rate.
         """
@@ -60,7 +60,7 @@ class Turns:
 
 
 def turn_factors(angle2: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """``(1 - cos a) / a^2`` and ``(a - sin a) / a^3`` of squared angles ``a^2`` ``(n,)`` [rad^2]."""
+    """Compute ``(1 - cos a) / a^2`` and ``(a - sin a) / a^3`` of squared angles ``a^2`` ``(n,)`` [rad^2]."""
     safe = np.where(angle2 < _SMALL, 1.0, angle2)
     angle = np.sqrt(safe)
     series = 1 / 6 - angle2 / 120 * (1 - angle2 / 42 * (1 - angle2 / 72))
@@ -70,14 +70,14 @@ def turn_factors(angle2: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 @dataclass(frozen=True, slots=True)
 class EarthTruth(Truth):
-    """A motion in Earth-fixed axes."""
+    """Motion in Earth-fixed axes."""
 
-    origin: FloatArray  # (3,) position that `position` counts from [m]
+    origin: FloatArray  # (3,) origin of `position` [m]
     position: Curve  # position minus `origin` over the time since `start` [m]; smooth in at least two derivatives
     # quaternion ``q_ev`` of the vehicle over the time since `start`, of any length but zero; smooth in at least one
     # derivative. Divided by its length it is the attitude, so its four polynomials need not know of each other.
     attitude: Curve
-    turns: Turns | None  # turns of the body in the vehicle, if it does not simply stay there
+    turns: Turns | None  # turns of the body in the vehicle; None if it is fixed
     # see `Truth`
     duration: float
     start: float = 0.0
@@ -89,10 +89,10 @@ class EarthTruth(Truth):
         return np.concatenate([self.position.knots, self.attitude.knots, *turns])
 
     def sensed(self, tau: FloatArray) -> tuple[Vector, Vector]:
-        """See `Truth`: Groves 2013, section 2.5.5 solved for the specific force.
+        """Compute the rates; see `Truth`: Groves 2013, section 2.5.5 solved for the specific force.
 
-        The rate against the Earth follows from ``w = 2 vec(q* (x) q')`` for a quaternion of length one; that of any
-        other has a part along ``q`` more, which falls out, and a factor.
+        The rate relative to the Earth follows from ``w = 2 vec(q* (x) q')`` for a unit quaternion. Another length adds
+        a part along ``q``, which cancels, and a factor.
         """
         a, b, c, d = q = _columns(self.attitude(tau))
         da, db, dc, dd = _columns(self.attitude(tau, 1))
@@ -115,7 +115,7 @@ class EarthTruth(Truth):
         return (x + w_vb_b[0], y + w_vb_b[1], z + w_vb_b[2]), turned_back(q_vb, f)
 
     def evaluate(self, time: FloatArray) -> Kinematics:
-        """See `Truth`. At a pole the longitude is 0 there and then, and so the heading is well defined."""
+        """Evaluate the motion; see `Truth`. At a pole the longitude is 0, which defines the heading."""
         tau = self.elapsed(time)
         w_ib_b, f_b = self.sensed(tau)
         r_e = self.position(tau) + self.origin
@@ -136,7 +136,7 @@ def _columns(q: FloatArray) -> Quaternion:
 
 
 def turned_back(q: Quaternion, vector: Vector) -> Vector:
-    """``C(q)^T @ vector``, of a body-to-`vector` quaternion of any length (Groves 2013, eq. 2.34)."""
+    """Compute ``C(q)^T @ vector``, for a body-to-`vector` quaternion of any length (Groves 2013, eq. 2.34)."""
     a, b, c, d = q
     x, y, z = vector
     twice = 2.0 / (a * a + b * b + c * c + d * d)
@@ -146,7 +146,7 @@ def turned_back(q: Quaternion, vector: Vector) -> Vector:
 
 
 def gravity_e(x: FloatArray, y: FloatArray, z: FloatArray, gravity: Gravity) -> Vector:
-    """Gravity, centrifugal acceleration included, in Earth-fixed axes [m/s^2], at Earth-fixed positions [m]."""
+    """Compute gravity including centrifugal acceleration in Earth-fixed axes [m/s^2], at Earth-fixed positions [m]."""
     p, lat, height = geodetic(x, y, z)
     north, down = gravity_of(gravity, lat, height)
     s, c = np.sin(lat), np.cos(lat)

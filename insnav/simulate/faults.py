@@ -1,7 +1,7 @@
-"""Faults put into data on purpose: what receivers, sensors and loggers do wrong, as pure functions and by name.
+"""Deliberate faults in data: errors of receivers, sensors and loggers, as pure functions and by name.
 
-A fault is written ``VERB[:SIZE][@TIME[+LENGTH]]``, times in seconds after the first sample. The verbs, each with an
-example, are `VERBS`; what they do is in ``trajectories/README.md``.
+A fault is written ``VERB[:SIZE][@TIME[+LENGTH]]``, times in seconds after the first sample. `VERBS` lists the verbs
+with examples; ``trajectories/README.md`` describes them.
 """
 
 from __future__ import annotations
@@ -24,25 +24,25 @@ from insnav.units import DEG, G0, UNITS
 
 NORTH_EAST = np.array([0.6, 0.8, 0.0])
 _AXES = ("gyro-x", "gyro-y", "gyro-z", "accel-x", "accel-y", "accel-z")
-_ALWAYS = "imu-units", "imu-axes"  # of all samples
+_ALWAYS = "imu-units", "imu-axes"  # apply to all samples
 _DIRECTIONS = {"F": (0, 1.0), "B": (0, -1.0), "R": (1, 1.0), "L": (1, -1.0), "D": (2, 1.0), "U": (2, -1.0)}
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One fault."""
+    """Fault of a recording."""
 
-    verb: str  # what goes wrong; see `VERBS`
-    # how much, in SI units; an axis, a unit or three directions for the faults that want them
+    verb: str  # type of the fault; see `VERBS`
+    # size in SI units; an axis, a unit or three directions for some faults
     size: float | str | None = None
-    begin: float = -math.inf  # when it begins, after the first sample [s]; all data if not given
-    length: float = math.inf  # how long it lasts [s]; infinite if not given
+    begin: float = -math.inf  # start after the first sample [s]; by default all data
+    length: float = math.inf  # duration [s]; infinite by default
 
     def apply(self, imu: ImuData, gps: GpsData, start: float | None = None) -> tuple[ImuData, GpsData]:
-        """Put the fault into the data, which themselves stay as they are.
+        """Apply the fault to copies of the data.
 
-        Times count from `start` [s], by default that of the first sample. Order and finiteness that the types promise
-        may be what is wrong.
+        Times count from `start` [s], by default the first sample. Faulty data may violate the order and finiteness of
+        their types.
         """
         begin = self.begin + (float(imu.time[0]) if start is None else start)
         span = (begin, begin + self.length) if begin > -math.inf else (-math.inf, math.inf)
@@ -53,9 +53,9 @@ class Fault:
 
 
 def parse_fault(text: str) -> Fault:
-    """Read a fault as it is written on the command line, such as ``gps-jump:60m@120s+8s``.
+    """Parse a fault as written on the command line, such as ``gps-jump:60m@120s+8s``.
 
-    Raises: ConfigError: an unknown verb, or a size or time that is missing, not wanted or not understood.
+    Raises: ConfigError: an unknown verb, or a missing, unexpected or invalid size or time.
     """
     found = re.fullmatch(r"([^:@]+)(?::([^@]+))?(?:@([^+]+)(?:\+(.+))?)?", text.strip())
     name = found[1] if found else text.split(":")[0]
@@ -91,7 +91,7 @@ def parse_fault(text: str) -> Fault:
 
 
 def gps_spike(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
-    """Move the first fix at or after the begin of `span` by `size` [m]."""
+    """Move the first fix from the start of `span` on by `size` [m]."""
     rows = np.arange(gps.time.shape[0]) == int(np.searchsorted(gps.time, span[0] - 1e-6))
     return _moved(gps, rows * float(size))
 
@@ -102,7 +102,7 @@ def gps_jump(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
 
 
 def gps_drag(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
-    """Move the fixes by `size` [m/s] times the time since the begin of `span`, and leave them there after its end."""
+    """Move the fixes by `size` [m/s] times the time since the start of `span`; the final offset remains afterwards."""
     return _moved(gps, float(size) * np.clip(gps.time - span[0], 0.0, span[1] - span[0]))
 
 
@@ -110,27 +110,27 @@ def gps_flap(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
     """Move four of five fixes in `span` by `size` [m], each in another direction."""
     rows = np.flatnonzero(_inside(gps.time, span))
     off = np.zeros((gps.time.shape[0], 3))
-    angle = 2.4 * np.arange(rows.shape[0])  # never the same direction twice in a row
+    angle = 2.4 * np.arange(rows.shape[0])  # successive directions differ
     off[rows] = float(size) * np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
     off[rows[::5]] = 0.0
     return replace(gps, lla=lla_offset(gps.lla, off))
 
 
 def gps_latency(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
-    """Stamp the fixes in `span` so much later."""
+    """Delay the timestamps of the fixes in `span` by `size`."""
     late = gps.time + size * _inside(gps.time, span)
     order = np.argsort(late, kind="stable")
     return replace(gps.rows(order), time=late[order])
 
 
 def gps_sd(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
-    """Report standard deviations in `span` so many times as large."""
+    """Multiply the reported standard deviations in `span` by `size`."""
     factor = np.where(_inside(gps.time, span), size, 1.0)[:, None]
     return replace(gps, position_sd=gps.position_sd * factor, velocity_sd=gps.velocity_sd * factor)
 
 
 def gps_duplicate(gps: GpsData, size: None, span: tuple[float, float]) -> GpsData:
-    """Repeat the fix at the begin of `span`, ten metres off."""
+    """Repeat the fix at the start of `span`, with an error of ten metres."""
     row = _first(gps.time, span)
     again = gps.rows(np.insert(np.arange(gps.time.shape[0]), row + 1, row))
     lla = again.lla.copy()
@@ -150,7 +150,7 @@ def gps_shuffle(gps: GpsData, size: None, span: tuple[float, float]) -> GpsData:
 
 
 def imu_clip(imu: ImuData, size: str, span: tuple[float, float]) -> ImuData:
-    """Hold gyros or accelerometers in `span` within a range; increments by its share of an interval."""
+    """Clip gyros or accelerometers in `span` to a range; increments to its share of an interval."""
     dimension, limit = _sensor_quantity(str(size))
     largest = np.where(_inside(imu.time, span), limit * _scale(imu), np.inf)[:, None]
     gyro, accel = (largest, np.inf) if dimension == "rate" else (np.inf, largest)
@@ -158,7 +158,7 @@ def imu_clip(imu: ImuData, size: str, span: tuple[float, float]) -> ImuData:
 
 
 def imu_stuck(imu: ImuData, size: str, span: tuple[float, float]) -> ImuData:
-    """Keep an axis, or ``all``, at its value at the begin of `span`."""
+    """Hold an axis, or ``all``, at its value at the start of `span`."""
     rows = np.flatnonzero(_inside(imu.time, span))
     values = np.hstack([imu.gyro, imu.accel])
     if rows.size:
@@ -213,7 +213,7 @@ def _directions(text: str) -> str:
 
 
 def _sensor_quantity(text: str) -> tuple[str, float]:
-    """Dimension and value of a rate or an acceleration."""
+    """Parse dimension and value of a rate or an acceleration."""
     unit = re.sub(r"^[-+\d.eE\s]*", "", text)
     dimension = UNITS.get(unit, ("rate", 1.0))[0]
     return dimension, parse_quantity(text, dimension if dimension in ("rate", "acceleration") else "rate")
@@ -226,11 +226,11 @@ def _sensor_text(text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Verb:
-    """How a fault is written and what it does."""
+    """Syntax and function of a fault."""
 
     example: str
     size: Callable[[str], float | str] | None
-    change: Callable[..., Any]  # fixes or samples, size, begin and end [s] -> what comes of them
+    change: Callable[..., Any]  # fixes or samples, size, begin and end [s] -> changed data
 
 
 def _first(time: FloatArray, span: tuple[float, float]) -> int:
@@ -258,7 +258,7 @@ def _moved(gps: GpsData, metres: np.ndarray) -> GpsData:
 
 
 def _scale(imu: ImuData) -> float:
-    """What a rate of one is in a sample."""
+    """Return the value of a unit rate in a sample."""
     return float(np.median(np.diff(imu.time))) if imu.sampling == "increment" else 1.0
 
 

@@ -28,57 +28,57 @@ class GpsErrors:
 
     @property
     def position_sd(self) -> FloatArray:
-        """Standard deviation of the whole position error North, East, Down ``(3,)`` [m]."""
+        """Standard deviation of the total position error North, East, Down ``(3,)`` [m]."""
         return np.hypot(self.position_noise, self.position_drift)
 
 
 @dataclass(frozen=True, slots=True)
 class GpsSpec:
-    """How good a receiver is and where its antenna sits."""
+    """Receiver specification with its antenna position."""
 
     name: str
     errors: GpsErrors  # errors of its fixes
     rate: float = 1.0  # [Hz]
     lever_b: Triple = (0.0, 0.0, 0.0)  # antenna seen from the IMU, body axes [m]
-    velocities: bool = True  # whether it gives velocities
-    # how much later than valid the timestamp of a fix is: on average, and its standard deviation [s]
+    velocities: bool = True  # the receiver gives velocities
+    # delay of the timestamp of a fix: mean, and its standard deviation [s]
     latency: float = 0.0
     jitter: float = 0.0
-    fix: int = 5  # fix type it reports (1 fixed, 2 float, 4 DGPS, 5 single)
-    # jumps of the position, and their standard deviation on each axis [m], which is not reported
+    fix: int = 5  # reported fix type (1 fixed, 2 float, 4 DGPS, 5 single)
+    # position jumps, and their unreported standard deviation on each axis [m]
     multipath: RandomSpells | None = None
     multipath_size: float = 0.0
-    # times of a worse kind of fix (an RTK float solution), type 2, and their white error on each axis [m], reported
+    # periods of a worse fix type (an RTK float solution), type 2, and their reported white error on each axis [m]
     degraded: RandomSpells | None = None
     degraded_noise: float = 0.0
-    outages: tuple[tuple[float, float], ...] = ()  # begin, since the start of the motion, and length of outages [s]
+    outages: tuple[tuple[float, float], ...] = ()  # start after the start of the motion, and length of outages [s]
     # period of regular outages, and the length of each, at the end of the period [s]
     outage_period: tuple[float, float] | None = None
     outage: RandomSpells | None = None  # random outages
-    stated: float = 1.0  # reported standard deviations over the true ones
-    source: str = ""  # where the figures come from
+    stated: float = 1.0  # ratio of reported to true standard deviations
+    source: str = ""  # source of the figures
 
 
 def measure_gps(truth: Truth, spec: GpsSpec, seed: Seed) -> GpsData:
-    """Fixes of a receiver that measures a motion, with what it reports of them.
+    """Simulate the fixes of a receiver for a motion, with their reported values.
 
-    The same seed gives the same fixes; every kind of error has a stream of its own, so that none changes when another
-    one is switched on.
+    The same seed gives the same fixes. Every error type has its own random stream: enabling one does not change the
+    others.
 
-    Raises: ConfigError: a motion that is over before the first fix.
+    Raises: ConfigError: the motion ends before the first fix.
     """
     kept, jumps, floats, times, white = np.random.SeedSequence(seed).spawn(5)
     count = int(np.floor(truth.duration * spec.rate * (1.0 + 1e-12)))
-    # a timestamp is never earlier than the first instant that can be measured
+    # no timestamp precedes the first measurable instant
     time: FloatArray = truth.start + np.arange(1.0, count + 1.0) / spec.rate
     late = spec.latency + spec.jitter * np.random.default_rng(times).standard_normal(count)
-    valid = np.sort(time - late)  # jitter may be longer than the time between fixes
+    valid = np.sort(time - late)  # jitter may exceed the interval between fixes
     span = truth.start, truth.start + truth.duration
     inside = (valid >= span[0]) & (valid <= span[1])
     inside &= ~_outages(spec, time, truth, np.random.default_rng(kept))
     if not inside.any():
         raise ConfigError("sim.no_fix", where="gps", duration_s=truth.duration, rate_hz=spec.rate)
-    # errors go on while there are no fixes
+    # errors continue without fixes
     gps = gps_from_truth(truth, np.clip(valid, *span), np.asarray(spec.lever_b))
     gps = corrupt_gps(replace(gps, time=time), spec.errors, white.generate_state(4).tolist())
     position_sd = gps.position_sd.copy()
@@ -107,7 +107,7 @@ def measure_gps(truth: Truth, spec: GpsSpec, seed: Seed) -> GpsData:
 
 
 def _outages(spec: GpsSpec, time: FloatArray, truth: Truth, rng: np.random.Generator) -> BoolArray:
-    """Which fixes fall into an outage."""
+    """Find the fixes within an outage."""
     since = time - truth.start
     dark = within(since, [(begin, begin + length) for begin, length in spec.outages])
     if spec.outage_period is not None:
@@ -119,10 +119,9 @@ def _outages(spec: GpsSpec, time: FloatArray, truth: Truth, rng: np.random.Gener
 
 
 def corrupt_gps(gps: GpsData, errors: GpsErrors, seed: Seed) -> GpsData:
-    """Add errors, drawn with a seed, to error-free fixes, and standard deviations that are their true size.
+    """Add random errors to error-free fixes, and their true standard deviations.
 
-    Raises: ConfigError: a standard deviation that is not above zero: no receiver is perfect, and no filter takes a
-    zero.
+    Raises: ConfigError: a standard deviation not above zero, which no receiver has and no filter accepts.
     """
     velocity_sd = np.asarray(errors.velocity_noise, dtype=np.float64)
     sizes = np.concatenate([errors.position_sd, velocity_sd, [errors.correlation_time]])
@@ -148,5 +147,5 @@ def corrupt_gps(gps: GpsData, errors: GpsErrors, seed: Seed) -> GpsData:
 
 
 def without_fixes(gps: GpsData, begin: float, end: float) -> GpsData:
-    """Take out the fixes of an outage, at ``begin < time <= end`` [s]."""
+    """Remove the fixes of an outage, at ``begin < time <= end`` [s]."""
     return gps.rows(~((gps.time > begin) & (gps.time <= end)))

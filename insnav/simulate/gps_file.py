@@ -1,4 +1,4 @@
-"""The receiver file (``gps.toml``): how good a receiver is, with a unit in every value.
+"""Receiver file (``gps.toml``): error specification of a receiver, with a unit in every value.
 
 An example with every key is in ``trajectories/README.md``.
 """
@@ -108,10 +108,10 @@ class _GpsFile(Table):
 
 
 def load_gps(preset_or_path: str) -> GpsSpec:
-    """Read how good a receiver is.
+    """Read a receiver specification.
 
     `preset_or_path`: ``single``, ``dgps``, ``rtk``, ``urban``, or a receiver file.
-    Raises: ConfigError: no such preset or file, no TOML, or wrong keys or values: all of them at once.
+    Raises: ConfigError: no such preset or file, invalid TOML, or wrong keys or values, all at once.
     """
     path = preset_or_file(preset_or_path, _FOLDER, PRESETS)
     if path is None:
@@ -142,7 +142,7 @@ def load_gps(preset_or_path: str) -> GpsSpec:
 
 
 def to_toml(spec: GpsSpec) -> str:
-    """Write a receiver file; what is zero is left out."""
+    """Write a receiver file without zero values."""
     errors = spec.errors
     content: dict[str, Any] = {"name": spec.name, **({"source": spec.source} if spec.source else {})}
     content |= _given("Hz", rate=spec.rate) | _given("m", lever_arm=spec.lever_b)
@@ -168,7 +168,7 @@ def _now(when: RandomSpells) -> dict[str, Any]:
 
 
 def _given(unit: str, **values: Any) -> dict[str, Any]:
-    """Quantities that are not zero, by their keys."""
+    """Return the nonzero quantities by key."""
     return {key: _text(value, unit) for key, value in values.items() if np.any(value)}
 
 

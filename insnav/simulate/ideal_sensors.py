@@ -11,19 +11,19 @@ from insnav.simulate.truth import Truth
 from insnav.types import FloatArray, GpsData, ImuData, Sampling, Trajectory
 
 _LONGEST_PIECE = 0.02  # [s]; five nodes a piece leave less than 1e-13 of an increment up to 15 Hz
-_FINE = 4.2  # pieces between two knots from which on four nodes leave as little: what moves is slower than the knots
-_CHUNK = 1024  # pieces at a time: the arrays of one chunk stay in the cache
-_SLIVER = 1e-9  # [s]; a knot this close to a sample time needs no piece of its own
+_FINE = 4.2  # pieces between two knots from which four nodes suffice: the motion is slower than the knots
+_CHUNK = 1024  # pieces at a time: the arrays of one chunk fit in the cache
+_SLIVER = 1e-9  # [s]; a knot closer to a sample time needs no separate piece
 
 
 def imu_from_truth(truth: Truth, time: FloatArray, sampling: Sampling = "increment") -> ImuData:
     """Measure with a perfect IMU.
 
-    `time` (n + 1,): edges of the sampling intervals [s], strictly increasing: sample i covers ``time[i]`` to ``time[i +
-    1]`` and is stamped with its end. For ``instant`` there are no intervals: (n,) times; `sampling` {"increment",
-    "mean", "instant"}: integral over the interval, mean over it, or value at the instant.
-    Returns: n samples, each interval integrated with its own length as the floating-point times have it.
-    Raises: ConfigError: times outside the motion, not increasing, or not enough of them.
+    `time` (n + 1,): edges of the sampling intervals [s], strictly increasing: sample i covers ``time[i]`` to
+    ``time[i + 1]`` and is stamped with its end. ``instant`` has no intervals: (n,) times. `sampling` {"increment",
+    "mean", "instant"}: integral over the interval, mean over it, or value at the instant. Returns: n samples, each
+    integrated over its exact floating-point interval. Raises: ConfigError: times outside the motion, not increasing, or
+    too few.
     """
     time = np.asarray(time, dtype=np.float64)
     if sampling == "instant":
@@ -39,10 +39,10 @@ def imu_from_truth(truth: Truth, time: FloatArray, sampling: Sampling = "increme
 
 
 def integrate(truth: Truth, edges: FloatArray) -> FloatArray:
-    """Integrals of angular rate [rad] and specific force [m/s] between successive edges ``(n + 1,)`` [s], ``(n, 6)``.
+    """Integrate angular rate [rad] and specific force [m/s] between successive edges ``(n + 1,)`` [s], ``(n, 6)``.
 
-    Gauss-Legendre quadrature on pieces that end at every edge and every knot, so that no piece hides a jump
-    of a derivative. The edges count from the start of the motion.
+    Gauss-Legendre quadrature on pieces that end at every edge and every knot, so that derivatives are continuous within
+    each. The edges count from the start of the motion.
     """
     knots = truth.knots
     breaks = pieces(edges, knots)
@@ -64,7 +64,7 @@ def integrate(truth: Truth, edges: FloatArray) -> FloatArray:
 
 
 def pieces(edges: FloatArray, knots: FloatArray) -> FloatArray:
-    """Edges, the knots between them, and enough points more that no piece is longer than `_LONGEST_PIECE`."""
+    """Return edges, the knots between them, and further points that limit pieces to `_LONGEST_PIECE`."""
     knots = np.unique(knots[(knots > edges[0]) & (knots < edges[-1])])
     after = np.searchsorted(edges, knots)
     clear = np.minimum(edges[after] - knots, knots - edges[after - 1]) > _SLIVER
@@ -79,7 +79,7 @@ def pieces(edges: FloatArray, knots: FloatArray) -> FloatArray:
 
 
 def reference(truth: Truth, time: FloatArray) -> Trajectory:
-    """Position, velocity and attitude of the IMU at times ``(n,)`` [s], strictly increasing.
+    """Sample position, velocity and attitude of the IMU at times ``(n,)`` [s], strictly increasing.
 
     Raises: ConfigError: times outside the motion.
     """
@@ -90,8 +90,8 @@ def reference(truth: Truth, time: FloatArray) -> Trajectory:
 def gps_from_truth(truth: Truth, time: FloatArray, lever_b: FloatArray) -> GpsData:
     """Measure with a perfect receiver at times ``(n,)`` [s], its antenna at `lever_b` ``(3,)`` from the IMU [m].
 
-    Returns: position and velocity of the antenna, v + C_nb (w_eb_b x lever) (Groves 2013, section 14.3.1), the lever
-    arm laid on the tangent plane: 1e-7 m off for one metre. Standard deviations are not known.
+    Returns: position and velocity of the antenna, v + C_nb (w_eb_b x lever) (Groves 2013, section 14.3.1). The lever
+    arm is projected on the tangent plane, with an error of 1e-7 m per metre. Standard deviations are unknown.
     Raises: ConfigError: times outside the motion.
     """
     at = truth.evaluate(time)

@@ -1,4 +1,4 @@
-"""Errors of inertial sensors: a realisation of a specification, with its drift, noise, resolution, range and clock."""
+"""Errors of inertial sensors: a sampled specification with drift, noise, resolution, range and clock."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from insnav.kernels.error_propagation import first_order
 from insnav.sample_statistics import moving_variance
 from insnav.types import BoolArray, FloatArray, ImuData
 
-_FLICKER_RATIO = 3.0  # between the correlation times whose processes make flicker noise together
-_VIBRATION_WINDOW = 0.5  # in which the variance of the specific force is taken [s]
+_FLICKER_RATIO = 3.0  # ratio of successive correlation times of the flicker processes
+_VIBRATION_WINDOW = 0.5  # window for the variance of the specific force [s]
 
 Seed = int | tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class RandomSpells:
-    """Spells at random, a Poisson process: mean time from the end of one to the next, and mean length [s]."""
+    """Random periods, a Poisson process: mean time between two periods, and mean length [s]."""
 
-    every: float  # none if it is zero
+    every: float  # 0: no periods
     length: float
 
     def between(self, start: float, end: float, rng: np.random.Generator) -> list[tuple[float, float]]:
-        """Sample begin and end of each spell that begins between two times [s]."""
+        """Sample begin and end of each period that begins between two times [s]."""
         spells: list[tuple[float, float]] = []
         while self.every > 0.0:
             begin = (spells[-1][1] if spells else start) + self.every * float(rng.exponential())
@@ -41,7 +41,7 @@ class RandomSpells:
 
 
 def within(time: FloatArray, spells: Iterable[tuple[float, float]]) -> BoolArray:
-    """Which times ``(n,)`` are in a spell."""
+    """Return whether times ``(n,)`` are in a period."""
     inside = np.zeros(len(time), dtype=np.bool_)
     for begin, end in spells:
         inside |= (time >= begin) & (time < end)
@@ -50,23 +50,23 @@ def within(time: FloatArray, spells: Iterable[tuple[float, float]]) -> BoolArray
 
 @dataclass(frozen=True, slots=True)
 class ImuSimulation:
-    """What a simulated IMU shows, and the errors in it."""
+    """Samples of a simulated IMU, with their errors."""
 
     imu: ImuData  # samples with errors
     errors: ImuErrors  # its constant errors: turn-on bias, scale factor, misalignment
-    # (n, 3) whole bias over time, turn-on and in-run [rad/s], [m/s^2]
+    # (n, 3) total bias over time, turn-on and in-run [rad/s], [m/s^2]
     gyro_bias: FloatArray
     accel_bias: FloatArray
 
 
 def corrupt_imu(imu: ImuData, spec: ImuSpec, seed: Seed, *, temperature: FloatArray | None = None) -> ImuSimulation:
-    """Sample an IMU from a specification and let it measure.
+    """Sample an IMU from a specification and simulate its measurements.
 
     Constant errors come first (`insnav.imu.corrupt`), then in-run bias, white noise, quantisation, range, rounding,
-    timestamps. Every source has a stream of random numbers of its own: switching one on does not change the others.
+    timestamps. Every source has its own random stream: enabling one does not change the others.
 
     `temperature` (n,): of the IMU at each sample [deg C].
-    Raises: InputError: fewer than two samples, or terms that depend on the temperature without one.
+    Raises: InputError: fewer than two samples, or temperature-dependent terms without temperature.
     """
     constant, *noises, clock = np.random.SeedSequence(seed).spawn(6)
     constants = np.random.default_rng(constant)
@@ -75,7 +75,7 @@ def corrupt_imu(imu: ImuData, spec: ImuSpec, seed: Seed, *, temperature: FloatAr
         imu = replace(imu, temperature=np.asarray(temperature, dtype=np.float64))
     wrong = corrupt(imu, errors)
     dt = sample_intervals(imu)[:, None]
-    # The noise of an instant is taken to be that of the mean: a sensor's bandwidth is about its rate.
+    # Instantaneous noise equals the noise of the mean: a sensor's bandwidth is about its rate.
     span = dt if imu.sampling == "increment" else 1.0
     since = (imu.time - imu.time[0])[:, None]
     rate, force = np.asarray(imu.gyro / span), np.asarray(imu.accel / span)
@@ -101,14 +101,14 @@ def corrupt_imu(imu: ImuData, spec: ImuSpec, seed: Seed, *, temperature: FloatAr
 def further_errors(
     sensor: Sensor, size: SensorSpec, rate: FloatArray, force: FloatArray, since: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
-    """Errors by constant or steadily growing terms of the budget that `sample_errors` does not sample, ``(n, 3)``.
+    """Compute constant or linearly growing budget errors that `sample_errors` does not sample, ``(n, 3)``.
 
-    rate, force (n, 3): what is sensed [rad/s], [m/s^2]; since (n, 1): time since the start [s].
+    rate, force (n, 3): sensed [rad/s], [m/s^2]. since (n, 1): time since the start [s].
     """
     made = np.zeros(rate.shape)
     for term in terms_of(sensor):
         sizes = getattr(size, term.key)
-        # a ramp takes its random numbers even if it is zero, so that others stay as they are
+        # a ramp draws its random numbers even if zero, to keep other values
         made_here = term.process == "ramp" or (term.process == "constant" and np.any(sizes))
         if term.drive is None or term.key in SAMPLED or not made_here:
             continue
@@ -119,13 +119,13 @@ def further_errors(
 
 
 def quantised(values: FloatArray, sensor: SensorSpec, dt: FloatArray, span: FloatArray | float) -> FloatArray:
-    """What is left of samples ``(n, 3)`` by quantisation of their integral, the end of the range, and resolution.
+    """Apply quantisation of the integral, range and resolution to samples ``(n, 3)``.
 
-    `dt` ``(n, 1)`` are the intervals [s]; `span` is what makes a rate a sample: the intervals for increments, else 1.
+    `dt` ``(n, 1)``: intervals [s]. `span`: factor from a rate to a sample: the intervals for increments, else 1.
     """
     step = math.sqrt(12.0) * noise_of(sensor, "quantisation")
     if np.any(step):
-        # counts of the integral: what is cut off one sample is in the next one
+        # counts of the integral: the remainder of one sample carries over to the next
         per_sample = dt / span
         total = np.cumsum(values * per_sample, axis=0)
         counted = np.where(step > 0.0, np.round(total / np.where(step > 0.0, step, 1.0)) * step, total)
@@ -141,16 +141,16 @@ def quantised(values: FloatArray, sensor: SensorSpec, dt: FloatArray, span: Floa
 
 
 def flicker(seed: np.random.SeedSequence, time: FloatArray, size: FloatArray) -> FloatArray:
-    """Flicker noise ``(n, 3)`` as a sum of Gauss-Markov processes whose correlation times go in steps.
+    """Simulate flicker noise ``(n, 3)`` as a sum of Gauss-Markov processes with graded correlation times.
 
-    `time` (n,): times [s], taken as evenly spaced; `size` (3,): coefficient B of IEEE Std 952-1997, annex C:
+    `time` (n,): times [s], taken as evenly spaced. `size` (3,): coefficient B of IEEE Std 952-1997, annex C:
     two-sided density ``B^2 / (2 pi f)``.
 
     Notes
     -----
-    Processes of one variance v, correlation times in a ratio r, have together a two-sided density
-    ``v / (2 f ln r)`` between the inverse of the longest and of the shortest time (the integral of Lorentzians over the
-    logarithm of the time; van der Ziel, Physica 16 (1950) 359-372), and so ``v = B^2 ln(r) / pi``.
+    Processes of variance v with correlation times in a ratio r have together a two-sided density ``v / (2 f ln r)``
+    between the inverse longest and shortest times (the integral of Lorentzians over the logarithm of the time; van der
+    Ziel, Physica 16 (1950) 359-372). Therefore ``v = B^2 ln(r) / pi``.
     """
     if not np.any(size):
         return np.zeros((len(time), 3))
@@ -163,9 +163,9 @@ def flicker(seed: np.random.SeedSequence, time: FloatArray, size: FloatArray) ->
 
 
 def flicker_processes(spacing: float, length: float) -> tuple[float, list[float]]:
-    """Standard deviation, in coefficients of the noise, and correlation times [s] of the processes of `flicker`.
+    """Return standard deviation, in noise coefficients, and correlation times [s] of the processes of `flicker`.
 
-    `spacing` is the interval of the samples and `length` that from the first to the last one [s].
+    `spacing`: interval of the samples. `length`: from the first to the last sample [s].
     """
     found = []
     correlation_time = 0.3 * spacing
@@ -176,9 +176,9 @@ def flicker_processes(spacing: float, length: float) -> tuple[float, list[float]
 
 
 def timestamped(imu: ImuData, clock: ClockSpec, rng: np.random.Generator) -> tuple[ImuData, BoolArray]:
-    """Give samples the times of a clock with errors, and lose some; also which ``(n,)`` are kept.
+    """Apply clock errors to sample times, and drop some samples; return also the kept rows ``(n,)``.
 
-    Jitter beyond 0.4 of an interval is cut there, so that the order stays.
+    Jitter is limited to 0.4 of an interval, to keep the order.
     """
     spacing = float(np.median(np.diff(imu.time)))
     jitter = np.clip(clock.jitter * rng.standard_normal(len(imu.time)), -0.4 * spacing, 0.4 * spacing)
@@ -191,9 +191,9 @@ def timestamped(imu: ImuData, clock: ClockSpec, rng: np.random.Generator) -> tup
 def drift_and_noise(
     time: FloatArray, dt: FloatArray, sensor: SensorSpec, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """In-run bias, and white noise as the mean over each interval `dt` [s]: both ``(n, 3)``, in the unit of the bias.
+    """Simulate in-run bias, and white noise as mean over each interval `dt` [s]: both ``(n, 3)``, in the bias unit.
 
-    How many random numbers are taken does not depend on the sizes.
+    The number of random values does not depend on the sizes.
     """
     noise = rng.standard_normal((len(time), 3)) * (noise_of(sensor, "white") / np.sqrt(dt))
     drift = gauss_markov(rng, time, noise_of(sensor, "Gauss-Markov"), sensor.correlation_time)
@@ -203,11 +203,11 @@ def drift_and_noise(
 
 
 def gauss_markov(rng: np.random.Generator, time: FloatArray, sd: FloatArray, correlation_time: float) -> FloatArray:
-    """Stationary first-order Gauss-Markov process on three axes, ``(n, 3)``.
+    """Simulate a stationary first-order Gauss-Markov process on three axes, ``(n, 3)``.
 
     ``x_k = a x_(k-1) + sd sqrt(1 - a^2) w_k`` with ``a = exp(-dt / T)`` (Maybeck, Stochastic Models, Estimation, and
-    Control, vol. 1, 1979, section 4.11). Times ``(n,)`` are taken as evenly spaced at their mean distance; `sd`
-    ``(3,)`` holds at every instant; an infinite correlation time [s] makes a constant.
+    Control, vol. 1, 1979, section 4.11). Times ``(n,)`` count as evenly spaced at their mean interval. `sd` ``(3,)``
+    applies at every instant. An infinite correlation time [s] gives a constant.
     """
     ratio = (time[-1] - time[0]) / max(1, len(time) - 1) / correlation_time
     decay = math.exp(-ratio)

@@ -1,9 +1,9 @@
-"""The same task many times with other random numbers, on several processors, always with the same result.
+"""Repetition of a task with other random numbers on several processors, with reproducible results.
 
-Every run has a seed of its own, which depends on its number alone; results are taken in the order of the numbers. So
-neither the engine nor a pause changes a bit of the outcome. Only the figures of each run are kept; series are added up
-as they come, so memory does not grow with the number of runs. A `Checkpoint` remembers how far a series has come: a
-stopped one can go on.
+Every run has a seed that depends on its number alone; results are taken in the order of the numbers. The outcome thus
+does not depend on engine or interruptions. Only the figures of each run are stored; series are summed as they arrive,
+so memory does not grow with the number of runs. A `Checkpoint` stores the progress of a series, to continue after a
+stop.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from insnav.exceptions import ConfigError, InsnavError, reason_of, writing
 from insnav.findings import ErrorFacts
 from insnav.types import FloatArray, IntArray
 
-KEEP_EVERY = 2.0  # progress is kept on the disk so often [s]
-_SEED_BITS = 53  # readers of JSON know integers up to here
+KEEP_EVERY = 2.0  # interval of storing progress on disk [s]
+_SEED_BITS = 53  # largest integers of JSON readers
 _ARRAYS = ("number", "seed", "figures", "total")
 
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """A run that ended in an error."""
+    """Run that ended in an error."""
 
     number: int
     seed: int
@@ -42,22 +42,22 @@ class Failure:
 
 @dataclass(frozen=True, slots=True)
 class Runs:
-    """What a series of runs came to, so far."""
+    """Results of a series of runs, so far."""
 
-    # (n,) number, from 1, and seed of the runs that ended well
+    # (n,) number, from 1, and seed of the successful runs
     number: IntArray
     seed: IntArray
     figures: FloatArray  # (n, k) their figures
     total: FloatArray  # sum of their series
-    failures: tuple[Failure, ...]  # the others
+    failures: tuple[Failure, ...]  # failed runs
 
     @property
     def done(self) -> int:
-        """Runs that have ended, well or not."""
+        """Number of finished runs, successful or not."""
         return len(self.number) + len(self.failures)
 
     def after(self, outcome: Sample | InsnavError, seed: int) -> Runs:
-        """Take the outcome of the next run."""
+        """Add the outcome of the next run."""
         number = self.done + 1
         if isinstance(outcome, InsnavError):
             return replace(self, failures=(*self.failures, Failure(number, seed, outcome.facts)))
@@ -73,13 +73,13 @@ class Runs:
 
 @dataclass(frozen=True, slots=True)
 class Checkpoint:
-    """Where progress is kept, and a key of everything the runs depend on: progress of another key is refused."""
+    """File of the progress, with a key of everything the runs depend on: another key is refused."""
 
     path: Path
     key: str
 
     def save(self, runs: Runs) -> None:
-        """Replace the file in one step: whatever stops the program, it is as it was or complete."""
+        """Replace the file atomically: after any interruption it is unchanged or complete."""
         failures = np.array(json.dumps([(each.number, each.seed, each.error.as_dict()) for each in runs.failures]))
         aside = self.path.with_name(f"{self.path.name}.new")
         arrays = {name: getattr(runs, name) for name in _ARRAYS}
@@ -90,13 +90,13 @@ class Checkpoint:
                     file.flush()
                     os.fsync(file.fileno())
                 aside.replace(self.path)
-            finally:  # also where a signal ends it
+            finally:  # also after a signal
                 aside.unlink(missing_ok=True)
 
     def load(self) -> Runs | None:
-        """Read the file; None if there is none. A file of other runs, or of another program, is refused."""
+        """Read the file; None without a file. A file of other runs, or of another program, is refused."""
         try:
-            # opened here: numpy leaves a file open that turns out to be none of its own
+            # opened here: numpy does not close an invalid file
             with self.path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
                 held = {name: file[name] for name in file.files}
             key, failures = str(held["key"]), json.loads(str(held["failures"]))
@@ -113,30 +113,30 @@ class Checkpoint:
         return found
 
     def remove(self) -> None:
-        """Forget the progress."""
+        """Delete the progress."""
         with contextlib.suppress(OSError):
             self.path.unlink(missing_ok=True)
 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """What one run comes to."""
+    """Outcome of one run."""
 
-    figures: FloatArray  # (k,) kept for every run
-    series: FloatArray  # added up over the runs: of the same shape in all of them, without NaN
+    figures: FloatArray  # (k,) stored for every run
+    series: FloatArray  # summed over the runs: of equal shape, without NaN
 
 
 class Task(Protocol):
-    """One run, given its seed; it must be picklable and depend on nothing else."""
+    """Interface of one run, given its seed; picklable and without other dependencies."""
 
     def __call__(self, seed: int) -> Sample:
-        """Make the run."""
+        """Execute the run."""
         ...
 
 
 def run_seed(seed: int, number: int) -> int:
-    """Seed of a run, counted from 1, of a series: independent of all others, and the same however many there are."""
-    child = np.random.SeedSequence(seed, spawn_key=(number - 1,))  # what `spawn` gives, one at a time
+    """Compute the seed of a run, counted from 1: independent of all others and of their number."""
+    child = np.random.SeedSequence(seed, spawn_key=(number - 1,))  # equals `spawn`, one at a time
     return int(child.generate_state(1, np.uint64)[0]) >> (64 - _SEED_BITS)
 
 
@@ -149,12 +149,12 @@ def monte_carlo(
     progress: Callable[[float], None] | None = None,
     checkpoint: Checkpoint | None = None,
 ) -> Runs:
-    """Make many runs of a task.
+    """Execute many runs of a task.
 
-    `task`: called with the seed of each run; `checkpoint`: where to continue from, and to keep what is done. The caller
-    removes it when the result is safe.
-    Returns: the same, bit for bit, for any engine and after any interruption. A run that raises an exception, or whose
-    process dies, becomes a failure and leaves the others alone.
+    `task`: called with the seed of each run. `checkpoint`: progress to continue from, and to store. The caller removes
+    it when the result is saved.
+    Returns: identical for any engine and after any interruption. A run that raises an exception, or whose process dies,
+    becomes a failure and does not affect others.
     Raises: ConfigError: fewer than one run or worker, a negative seed, or a checkpoint of another series.
     """
     engine_of(workers)
@@ -178,7 +178,7 @@ def monte_carlo(
                 checkpoint.save(found)
                 kept = time.monotonic()
     finally:
-        # stopped, too: what is done need not be done again
+        # also after a stop: finished runs are kept
         if checkpoint is not None and found.done > begun.done:
             checkpoint.save(found)
     return found

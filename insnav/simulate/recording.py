@@ -1,4 +1,4 @@
-"""One simulated recording: what an IMU and a receiver, sampled from their specifications, make of an exact motion."""
+"""Simulated recording: an exact motion measured by an IMU and a receiver sampled from their specifications."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from insnav.simulate.truth import Truth
 from insnav.types import FloatArray, GpsData, ImuData, Sampling, Trajectory
 
 REFERENCE_RATE = 10.0  # [Hz]
-IDEAL_GPS_RATE = 1.0  # of a receiver without errors [Hz]
-SLOWEST, FASTEST = 1.0, 10_000.0  # sampling rates that make sense [Hz]
-MOTION_STREAM, _IMU_STREAM, _GPS_STREAM = 0, 1, 2  # with the seed: one for each source of randomness
+IDEAL_GPS_RATE = 1.0  # of an error-free receiver [Hz]
+SLOWEST, FASTEST = 1.0, 10_000.0  # plausible sampling rates [Hz]
+MOTION_STREAM, _IMU_STREAM, _GPS_STREAM = 0, 1, 2  # random streams of a seed, one per source of randomness
 
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """What was recorded, and the truth behind it."""
+    """Simulated data with their truth."""
 
     imu: ImuData  # samples with errors and faults
     gps: GpsData  # fixes with errors and faults
     reference: Trajectory  # exact motion of the IMU at `REFERENCE_RATE`
-    errors: ImuErrors | None  # constant errors of the IMU that was sampled; None if it has none
+    errors: ImuErrors | None  # constant errors of the sampled IMU; None without errors
     lever_b: FloatArray  # (3,) antenna seen from the IMU, body axes [m]
 
 
@@ -47,13 +47,12 @@ def simulate_recording(
     temperature: FloatArray | None = None,
     perfect: ImuData | None = None,
 ) -> Recording:
-    """Measure a motion with sensors sampled from their specifications; None is a sensor without errors.
+    """Measure a motion with sensors sampled from their specifications; None means an error-free sensor.
 
-    `seed`: the same seed gives the same recording; other seeds other sensor realisations and other noise; `rate`: of
-    the IMU [Hz]; `sampling` {"mean", "instant", "increment"}; `faults`: applied one after the other; one that changes
-    nothing is refused; `temperature` (n,): of the IMU at each sample [deg C]; `perfect`: what `perfect_imu` gives for
-    the same truth, rate and sampling: spares doing it again for every seed.
-    Raises: ConfigError: a rate that makes no sense, or a motion shorter than two samples.
+    `seed`: determines sensor realisations and noise. `rate`: of the IMU [Hz]. `sampling` {"mean", "instant",
+    "increment"}. `faults`: applied in order; a fault without effect is refused. `temperature` (n,): of the IMU at each
+    sample [deg C]. `perfect`: result of `perfect_imu` for the same truth, rate and sampling, for reuse with many seeds.
+    Raises: ConfigError: an implausible rate, or a motion shorter than two samples.
     """
     samples = perfect if perfect is not None else perfect_imu(truth, rate, sampling)
     errors = None
@@ -81,13 +80,13 @@ def simulate_recording(
 
 
 def _same(one: ImuData | GpsData, other: ImuData | GpsData) -> bool:
-    """Whether two records hold the same numbers."""
+    """Return whether two records contain the same numbers."""
     mine, yours = one.columns(), other.columns()
     return mine.keys() == yours.keys() and all(np.array_equal(v, yours[k], equal_nan=True) for k, v in mine.items())
 
 
 def perfect_imu(truth: Truth, rate: float = 100.0, sampling: Sampling = "mean") -> ImuData:
-    """Measure a motion with an IMU without errors; see `simulate_recording`."""
+    """Measure a motion with an error-free IMU; see `simulate_recording`."""
     if not SLOWEST <= rate <= FASTEST:
         raise ConfigError("sim.sampling_rate", where="rate", rate_hz=rate, lowest_hz=SLOWEST, highest_hz=FASTEST)
     edges = times(truth, rate)
@@ -97,10 +96,10 @@ def perfect_imu(truth: Truth, rate: float = 100.0, sampling: Sampling = "mean") 
 
 
 def temperature_ramp(imu: ImuData, ends: tuple[float, float] | None) -> FloatArray | None:
-    """Temperature at each sample ``(n,)`` [deg C], linear between the first and the last one; None without `ends`."""
+    """Interpolate the temperature at each sample ``(n,)`` [deg C], from first to last; None without `ends`."""
     return None if ends is None else np.linspace(*ends, len(imu.time))
 
 
 def times(truth: Truth, rate: float) -> FloatArray:
-    """Evenly spaced times of the whole motion at a rate [Hz], its start included, ``(n,)`` [s]."""
+    """Return evenly spaced times of the whole motion at a rate [Hz], including its start, ``(n,)`` [s]."""
     return truth.start + np.arange(math.floor(truth.duration * rate * (1.0 + 1e-12)) + 1) / rate

@@ -1,10 +1,10 @@
-"""Exact motion over the rotating Earth: everything is an analytic function of position and attitude curves.
+"""Exact motion over the rotating Earth: analytic functions of position and attitude curves.
 
-Nothing is integrated to get from motion to sensors: velocity, angular rate and specific force are derivatives
-of the same curves, so they agree with each other to rounding at every instant. `Truth` is what every motion can tell;
-`LevelTruth` has curves of latitude, longitude, height and of roll, pitch, heading, which is what formulas are
-written in; `straight` and `circle` make it of one formula, for tests and for certifying integrators.
-`insnav.simulate.earthfixed.EarthTruth` has neither poles nor a pitch of 90 deg.
+Nothing is integrated between motion and sensors: velocity, angular rate and specific force are derivatives of the same
+curves. They agree to rounding at every instant. `Truth` is the interface of every motion. `LevelTruth` has curves of
+latitude, longitude, height and of roll, pitch, heading, for use with formulas. `straight` and `circle` use one formula,
+for tests and for certifying integrators. `insnav.simulate.earthfixed.EarthTruth` has no singularity at poles or at a
+pitch of 90 deg.
 
 References
 ----------
@@ -28,12 +28,12 @@ from insnav.simulate.curves import Curve, Harmonic
 from insnav.types import FloatArray
 
 Gravity = Literal["full", "plumb", "linear"]  # see `Truth`
-Vector = tuple[FloatArray, FloatArray, FloatArray]  # components apart: numpy is twice as fast on contiguous arrays
+Vector = tuple[FloatArray, FloatArray, FloatArray]  # separate components: numpy is twice as fast on contiguous arrays
 
 
 @dataclass(frozen=True, slots=True)
 class Kinematics:
-    """State of motion at some instants."""
+    """Kinematic state at some instants."""
 
     lla: FloatArray  # (n, 3) latitude [rad], longitude [rad] in [-pi, pi), ellipsoidal height [m]
     v_n: FloatArray  # (n, 3) velocity North, East, Down [m/s]
@@ -49,8 +49,8 @@ class Truth(ABC):
 
     duration: float  # length [s]
     start: float  # time of the first instant [s]
-    # normal gravity as it is; without its north component above the ellipsoid (0.7 ug at 1 km); or also falling with
-    # height in a straight line (0.5 ug off at 1 km): as most other packages have it, for comparison with these
+    # normal gravity: full, without its north component above the ellipsoid (0.7 ug at 1 km), or also linear in height
+    # (0.5 ug). The latter two serve comparisons with other packages
     gravity: Gravity
 
     @property
@@ -60,19 +60,19 @@ class Truth(ABC):
 
     @abstractmethod
     def sensed(self, tau: FloatArray) -> tuple[Vector, Vector]:
-        """Inertial angular rate [rad/s] and specific force [m/s^2] in body axes, at times since `start` [s]."""
+        """Compute inertial angular rate [rad/s] and specific force [m/s^2] in body axes, at times since `start` [s]."""
 
     @abstractmethod
     def evaluate(self, time: FloatArray) -> Kinematics:
-        """Motion at times ``(n,)`` [s], in any order.
+        """Evaluate the motion at times ``(n,)`` [s], in any order.
 
         Raises: ConfigError: a time outside the motion.
         """
 
     def elapsed(self, time: FloatArray) -> FloatArray:
-        """Time since `start` ``(n,)`` [s]; a time outside the motion is refused."""
+        """Return the time since `start` ``(n,)`` [s]; refuse a time outside the motion."""
         tau: FloatArray = np.asarray(time, dtype=np.float64) - self.start
-        slack = 4.0 * np.spacing(abs(self.start) + self.duration)  # times such as k * 0.01 round to either side
+        slack = 4.0 * np.spacing(abs(self.start) + self.duration)  # times such as k * 0.01 may round to either side
         if tau.size and not (tau.min() >= -slack and tau.max() <= self.duration + slack):
             raise ConfigError(
                 "sim.outside_motion",
@@ -85,9 +85,9 @@ class Truth(ABC):
 
 @dataclass(frozen=True, slots=True)
 class LevelTruth(Truth):
-    """A motion in latitude, longitude, height and roll, pitch, heading: not at a pole, nor at a pitch of 90 deg."""
+    """Motion in latitude, longitude, height and roll, pitch, heading: not at a pole, nor at a pitch of 90 deg."""
 
-    # (3,) latitude [rad], longitude [rad], height [m] that `position` counts from: small numbers keep digits
+    # (3,) latitude [rad], longitude [rad], height [m], the origin of `position`: small numbers keep digits
     origin: FloatArray
     # latitude [rad], longitude [rad] and height [m] minus `origin`, over the time since `start` [s]; smooth in at least
     # two derivatives
@@ -119,7 +119,7 @@ class LevelTruth(Truth):
 
 
 def _sensed(truth: LevelTruth, tau: FloatArray) -> tuple[Vector, Vector, Vector]:
-    """Angular rate [rad/s] and specific force [m/s^2] in body axes, and velocity North, East, Down [m/s].
+    """Compute angular rate [rad/s] and specific force [m/s^2] in body axes, and velocity North, East, Down [m/s].
 
     At times since the start [s]: Groves 2013, eq. 2.111 solved for the velocity, eq. 5.53 for the specific force.
     """
@@ -161,7 +161,7 @@ def _sensed(truth: LevelTruth, tau: FloatArray) -> tuple[Vector, Vector, Vector]
 
 
 def gravity_of(model: Gravity, lat: FloatArray, height: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """North and Down component of gravity [m/s^2] by a model of `Truth`, at latitudes [rad] and heights [m]."""
+    """Compute North and Down gravity [m/s^2] by a model of `Truth`, at latitudes [rad] and heights [m]."""
     north, _, down = components(gravity_n(lat, height if model != "linear" else np.zeros_like(height)))
     if model == "full":
         return north, down
@@ -169,9 +169,9 @@ def gravity_of(model: Gravity, lat: FloatArray, height: FloatArray) -> tuple[Flo
 
 
 def to_body(trig: tuple[tuple[FloatArray, FloatArray], ...], vector: Vector) -> Vector:
-    """``C_bn @ vector``, one rotation after the other: heading, pitch, roll (Groves 2013, eq. 2.22).
+    """Compute ``C_bn @ vector`` by successive rotations: heading, pitch, roll (Groves 2013, eq. 2.22).
 
-    `trig` are sine and cosine ``(n,)`` of roll, pitch and heading; `vector` North, East, Down.
+    `trig`: sine and cosine ``(n,)`` of roll, pitch and heading. `vector`: North, East, Down.
     """
     (s_roll, c_roll), (s_pitch, c_pitch), (s_heading, c_heading) = trig
     north, east, down = vector
@@ -196,14 +196,14 @@ def straight(
     pitch: float = 0.0,
     start: float = 0.0,
 ) -> LevelTruth:
-    """Constant rates of latitude, longitude and height, constant attitude.
+    """Build a motion with constant rates of latitude, longitude and height, and constant attitude.
 
-    Due east or west the speed is constant; else the radii change it by parts in 1e5 over 100 km. With zero
-    speed it is the motion of a thing at rest on the turning Earth.
+    Due east or west the speed is constant; otherwise the radii change it by parts in 1e5 over 100 km. Zero speed gives
+    rest on the rotating Earth.
 
-    `lla` (3,): start: latitude [rad], longitude [rad], height [m]; `speed`, `climb`: horizontal speed at the start, and
-    rate of height [m/s]; `heading`, `roll`, `pitch`: heading, which is the course at the start, and the rest of the
-    attitude [rad]; `duration`, `start`: length, and time of the first instant [s].
+    `lla` (3,): start: latitude [rad], longitude [rad], height [m]. `speed`, `climb`: horizontal speed at the start, and
+    rate of height [m/s]. `heading`, `roll`, `pitch`: heading, equal to the course at the start, and other angles [rad].
+    `duration`, `start`: length, and time of the first instant [s].
     """
     along = np.array([speed * math.cos(heading), speed * math.sin(heading), climb])
     position = Harmonic(_ZERO, along / metres_per_unit(lla), _ZERO, _ZERO)
@@ -214,15 +214,15 @@ def straight(
 def circle(
     lla: FloatArray, speed: float, turn_rate: float, duration: float, *, heading: float = 0.0, start: float = 0.0
 ) -> LevelTruth:
-    """Constant turn at constant height, banked so that a plumb line stays in the plane of symmetry.
+    """Build a constant turn at constant height, banked so that a plumb line stays in the plane of symmetry.
 
-    Latitude and longitude are harmonic: a circle of radius ``speed / turn_rate`` as far as its part of the
-    Earth is flat. The heading turns steadily and is the course to the same order.
+    Latitude and longitude are harmonic: a circle of radius ``speed / turn_rate``, to the flatness of its part of the
+    Earth. The heading rotates uniformly and equals the course to the same order.
 
-    `lla` (3,): centre: latitude [rad], longitude [rad], height [m]; `speed`, `turn_rate` [m/s]; rate of heading
-    [rad/s], positive to the right, not zero; `duration`, `start`: length, and time of the first instant [s]; `heading`:
+    `lla` (3,): centre: latitude [rad], longitude [rad], height [m]. `speed` [m/s]. `turn_rate`: rate of heading
+    [rad/s], positive to the right, not zero. `duration`, `start`: length, and time of the first instant [s]. `heading`:
     at the start [rad].
-    Raises: ConfigError: no turn.
+    Raises: ConfigError: zero turn rate.
     """
     if turn_rate == 0.0:
         raise ConfigError("sim.no_turn_rate", where="turn_rate")

@@ -1,7 +1,7 @@
-"""From a recorded track to an exact motion: the simulated replica of a drive.
+"""Conversion of a recorded track to an exact motion: the simulated replica of a drive.
 
-Splines are fitted to position and velocity together, and to attitude. What is faster than their knots, vibration above
-all, is not in them; what they make of the rest is an exact motion close to the recorded one.
+Splines are fitted jointly to position and velocity, and to attitude. Motion faster than their knots, mainly vibration,
+is lost. The result is an exact motion close to the recorded one.
 """
 
 from __future__ import annotations
@@ -24,34 +24,34 @@ from insnav.types import FloatArray, Trajectory
 
 _SPACING = 0.2  # of knots, unless the track has fewer than two rows in that [s]
 _DEGREE = 5
-# how closely positions and velocities are followed: only their ratio counts, and velocity is the smoother of the two
+# fit tolerances of positions and velocities: only their ratio matters, and velocity is smoother
 _POSITION_SD, _VELOCITY_SD, _ANGLE_SD = 0.05, 0.02, 1e-3
-_STIFFNESS = 1e-3  # of the spline where there are no rows, far below the weight of any row
-_MOVING = 1.0  # speed from which on the course is the heading [m/s]
+_STIFFNESS = 1e-3  # of the spline without rows, far below the weight of any row
+_MOVING = 1.0  # speed above which the course is used as heading [m/s]
 _PASSES = 5
-_FAR = 3.0  # standard deviations at which a row has half its weight
+_FAR = 3.0  # residual in standard deviations with half weight
 _FEWEST = 20
-_FAR_OFF = 1.0  # root mean square of position from which on a replica is doubted [m]
-_WILD = 10.0  # acceleration over ground from which on it is [m/s^2]
-_LONG_GAP = 3.0  # and time without a row [s]
-_GAP = 1.0  # time without a row that is bridged [s]
-_LOOK = 0.05  # between the instants whose acceleration is looked at [s]
+_FAR_OFF = 1.0  # root mean square of position beyond which a replica is doubtful [m]
+_WILD = 10.0  # acceleration over ground beyond which it is doubtful [m/s^2]
+_LONG_GAP = 3.0  # time without a row beyond which it is doubtful [s]
+_GAP = 1.0  # bridged time without a row [s]
+_LOOK = 0.05  # interval for examining the acceleration [s]
 _STEEPEST, _HIGHEST_LATITUDE = math.radians(80.0), math.radians(85.0)
 
 
 def truth_from_track(track: Trajectory) -> LevelTruth:
-    """Make an exact motion close to a track.
+    """Build an exact motion close to a track.
 
-    `track`: positions; velocities and attitudes where they are known. Where no attitude is, the heading is the course,
-    the pitch the climb, and there is no roll. Gaps are bridged without overshoot.
-    Returns: from the first row to the last one, continuous in four derivatives.
+    `track`: positions, with velocities and attitudes where known. Without attitude the heading is the course, the pitch
+    the climb angle, and the roll zero. Gaps are bridged without overshoot.
+    Returns: from the first row to the last, continuous in four derivatives.
     Raises: InputError: fewer than 20 rows, within 5 deg of a pole, or a pitch beyond 80 deg.
 
     Notes
     -----
-    A penalised spline (Eilers and Marx, "Flexible smoothing with B-splines and penalties", Statistical Science 11
-    (1996) 89-121) of degree five with knots every 0.2 s, by weighted least squares on positions and velocities; the
-    penalty only bridges what the rows leave open.
+    Penalised spline (Eilers and Marx, "Flexible smoothing with B-splines and penalties", Statistical Science 11 (1996)
+    89-121) of degree five with knots every 0.2 s. Weighted least squares fit positions and velocities; the penalty only
+    bridges gaps.
     """
     if len(track.time) < _FEWEST:
         raise InputError("sim.short_track", count=len(track.time), limit=_FEWEST)
@@ -81,24 +81,24 @@ def truth_from_track(track: Trajectory) -> LevelTruth:
 
 @dataclass(frozen=True, slots=True)
 class Residual:
-    """How far a motion is from the track it was made of, and how wild it is."""
+    """Deviation of a motion from its track, and its extremes."""
 
-    # root mean square of the differences [m], [m/s]; NaN for velocities that the track does not have
+    # root mean square of the differences [m], [m/s]; NaN without velocities in the track
     position: float
     velocity: float
-    # largest difference of position [m], and when [s]
+    # largest difference of position [m], and its time [s]
     farthest: float
     farthest_time: float
-    # largest acceleration over ground of the motion [m/s^2], and when [s]
+    # largest acceleration over ground of the motion [m/s^2], and its time [s]
     acceleration: float
     acceleration_time: float
-    # longest time without a row [s], and when it begins [s]
+    # longest time without a row [s], and its start [s]
     gap: float
     gap_time: float
 
     @property
     def doubts(self) -> tuple[Finding, ...]:
-        """Why the motion may not be a replica of what was driven."""
+        """Reasons to doubt that the motion is a replica of the drive."""
         rms, felt, gap = self.position, self.acceleration, self.gap
         at, jump, begin = self.farthest_time, self.farthest, self.gap_time
         far = Finding.of(Code.REPLICA_FAR, at, rms_m=rms, limit_m=_FAR_OFF, farthest_m=jump)
@@ -109,7 +109,7 @@ class Residual:
 
 
 def track_residual(truth: Truth, track: Trajectory) -> Residual:
-    """Compare a motion with the track it was made of."""
+    """Compare a motion with its track."""
     at = truth.evaluate(track.time)
     off = np.linalg.norm(ned_offset(track.lla, at.lla), axis=1)
     known = np.isfinite(track.v_n).all(axis=1)
@@ -130,7 +130,7 @@ def track_residual(truth: Truth, track: Trajectory) -> Residual:
 
 
 def _knots(duration: float, spacing: float) -> FloatArray:
-    """Knots of the basis, evenly spaced from the first instant to the last one, the outer ones repeated."""
+    """Build evenly spaced knots from the first instant to the last, with repeated outer knots."""
     inner = np.linspace(0.0, duration, max(2, math.ceil(duration / spacing) + 1))
     return np.concatenate([np.zeros(_DEGREE), inner, np.full(_DEGREE, duration)])
 
@@ -138,10 +138,10 @@ def _knots(duration: float, spacing: float) -> FloatArray:
 def _fitted(
     t: FloatArray, duration: float, spacing: float, values: FloatArray, slopes: FloatArray | None
 ) -> FloatArray:
-    """Coefficients of the spline that follows values [m] and, where they are known, slopes [m/s].
+    """Fit the spline coefficients to values [m] and, where known, slopes [m/s].
 
-    Rows far off the others lose weight (Cauchy's weights, Huber and Ronchetti, "Robust Statistics", 2009, chapter 7): a
-    receiver's track has jumps.
+    Outliers are de-weighted (Cauchy's weights, Huber and Ronchetti, "Robust Statistics", 2009, chapter 7): a receiver's
+    track has jumps.
     """
     knots = _knots(duration, spacing)
     count = len(knots) - _DEGREE - 1
@@ -184,7 +184,7 @@ def _curve(duration: float, spacing: float, coefficients: FloatArray) -> Spline:
 
 
 def _attitude(track: Trajectory) -> FloatArray:
-    """Roll, pitch and heading without jumps; from the course where there are none."""
+    """Return roll, pitch and heading without jumps; from the course if unknown."""
     rph = track.rph.copy()
     known = np.isfinite(rph).all(axis=1)
     if not known.all():
@@ -205,10 +205,10 @@ def _attitude(track: Trajectory) -> FloatArray:
 
 
 def _bridged(track: Trajectory, rph: FloatArray) -> tuple[Trajectory, FloatArray]:
-    """Track and attitude with rows in the gaps: a smooth spline alone would swing out there.
+    """Add rows in gaps of track and attitude: a smooth spline alone would overshoot there.
 
-    Shape-preserving cubics (Fritsch and Carlson, SIAM J. Numer. Anal. 17 (1980) 238-246) never leave the range of the
-    rows on either side.
+    Shape-preserving cubics (Fritsch and Carlson, SIAM J. Numer. Anal. 17 (1980) 238-246) stay within the range of the
+    neighbouring rows.
     """
     steps = np.diff(track.time)
     usual = float(np.median(steps))

@@ -1,4 +1,4 @@
-"""How a recording becomes a result: the data, the estimates, and the steps between them.
+"""Processing of a recording: data, estimates, and the steps between them.
 
 A step is a pure function ``step(recording, model) -> (recording, model, findings)`` in the file of its name. It imports
 no other step. It reads the results of earlier steps from the recording and the model.
@@ -12,7 +12,7 @@ from importlib import import_module
 from time import perf_counter
 from typing import TYPE_CHECKING, Generic, Literal, TypeVar
 
-if TYPE_CHECKING:  # the help of the command line needs the names of inputs only
+if TYPE_CHECKING:  # the command-line help needs only the names of inputs
     from collections.abc import Callable
 
     from insnav.errors.evaluated_run import EvaluatedRun
@@ -29,7 +29,7 @@ T = TypeVar("T")
 Source = Literal["given", "data", "prior"]
 
 STEPS = (
-    "clean",  # leave out what is no measurement
+    "clean",  # remove invalid data
     "one_clock",  # put the samples on the clock of the fixes
     "receiver_noise",  # give each fix a standard deviation
     "imu_noise",  # choose the IMU error specification
@@ -37,13 +37,13 @@ STEPS = (
     "align",  # estimate initial attitude, GPS delay and clock rate
     "explain",  # find the faults of fixes, clock and IMU
     "noise",  # estimate the noise of IMU and fixes from the innovations
-    "lever_arm",  # compare the lever arm that was given with the drive
+    "lever_arm",  # compare the specified lever arm with the drive
     "navigate",  # run the filter and the smoother
-    "check_given",  # doubt what was given where the solution contradicts it
+    "check_given",  # check specified inputs that the solution contradicts
     "evaluate",  # compare the solution with the reference
 )
 LOAD = STEPS[: STEPS.index("align")]
-# parts of the path that a later step runs again with another lever arm, or other fixes
+# steps that are repeated with another lever arm, or other fixes
 PREPARE = STEPS[STEPS.index("align") : STEPS.index("lever_arm")]
 ALIGN = STEPS[STEPS.index("align") : STEPS.index("explain")]
 
@@ -56,24 +56,24 @@ class Recording:
     gps: Reading[GpsData] | None
     reference: Reading[Trajectory] | None
     logs: Mapping[str, Reading[SensorLog]]  # further sensors by name
-    inputs: Inputs  # what the user gave with them
-    fixes: GpsData | None = None  # positions in use, a standard deviation with each value
-    fixes_by_scatter: GpsData | None = None  # the same, frozen ones left out, with the sd of their own scatter
+    inputs: Inputs  # inputs specified with them
+    fixes: GpsData | None = None  # fixes in use, with a standard deviation for each value
+    fixes_by_scatter: GpsData | None = None  # without frozen fixes, with the sd of their own scatter
 
     def given(self) -> dict[str, Reading[ImuData] | Reading[GpsData] | Reading[Trajectory] | Reading[SensorLog]]:
-        """Return the readings by name: ``imu``, ``gps``, ``reference`` and those of further sensors."""
+        """Return the readings by name: ``imu``, ``gps``, ``reference`` and further sensors."""
         named = {"imu": self.imu, "gps": self.gps, "reference": self.reference, **self.logs}
         return {name: each for name, each in named.items() if each is not None}
 
     @property
     def facts(self) -> dict[str, ReadingFacts]:
-        """What was understood of each file."""
+        """Interpretation of each file."""
         return {name: each.facts for name, each in self.given().items()}
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate(Generic[T]):
-    """A value, how well it is known, and where it is from."""
+    """Value with its standard deviation and source."""
 
     value: T
     sd: float  # of each component; 0 for a value that the filter does not estimate
@@ -82,7 +82,7 @@ class Estimate(Generic[T]):
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """How the drive is navigated; see `insnav.session.drive.Drive.navigate`."""
+    """Options of the navigation; see `insnav.session.drive.Drive.navigate`."""
 
     states: int = 21
     aiding: AidingChoice = "auto"
@@ -93,22 +93,22 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """The estimates."""
+    """Estimates of the steps."""
 
     lever_arm: Estimate[FloatArray]  # antenna seen from the IMU, body axes (3,) [m]
     gps_delay: Estimate[float]  # of the fixes behind their timestamps [s]
     imu: tuple[ImuSpec, Finding] | None = None  # error specification, and how it was chosen
-    # of the IMU in the vehicle, to the right [rad]; the source tells who says that the axes are those of the vehicle
+    # of the IMU in the vehicle, to the right [rad]; the source states the origin of the vehicle axes
     mounting_yaw: Estimate[float] = field(default=Estimate(0.0, 0.0, "given"))
-    clock: tuple[float, float] = (0.0, 0.0)  # where the search for the clock of the samples begins: [s], rate [s/s]
+    clock: tuple[float, float] = (0.0, 0.0)  # start of the clock search: offset [s], rate [s/s]
     task: Task = field(default_factory=Task)
     ready: Prepared | None = None  # the filter at its start
     solved: Navigated | None = None  # the solution
-    evaluated: EvaluatedRun | None = None  # the solution against the reference
+    evaluated: EvaluatedRun | None = None  # solution compared with the reference
 
     @property
     def filter_imu(self) -> ImuSpec:
-        """The specification that the filter uses: the estimated one where there is one."""
+        """IMU specification of the filter: the estimated one, if any."""
         assert self.imu is not None
         return self.imu[0] if self.ready is None or self.ready.noise is None else self.ready.noise.spec
 
@@ -116,8 +116,8 @@ class Model:
 def run_steps(
     names: tuple[str, ...], recording: Recording, model: Model
 ) -> tuple[Recording, Model, tuple[StepRecord, ...]]:
-    """Run some steps, one after the other."""
-    from insnav.result import StepRecord  # late, as all that is heavy
+    """Run some steps in order."""
+    from insnav.result import StepRecord  # heavy import, therefore late
     from insnav.steps.failures import naming_data
 
     records = []

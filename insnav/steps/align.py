@@ -1,4 +1,4 @@
-"""Step 6: estimate the initial attitude, and by how much the samples are on another clock than the fixes."""
+"""Step 6: estimate the initial attitude, and the clock offset between samples and fixes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from insnav.steps.given import filter_settings, set_up_filter
 def align(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
     """Align the drive and set the filter up.
 
-    Raises: ConfigError: neither GPS nor a reference at rest gives a position; InputError, AlignmentError: the data
+    Raises: ConfigError: neither GPS nor a reference at rest gives a position. InputError, AlignmentError: the data
     cannot be navigated.
     """
     if model.task.states not in (15, 21):
@@ -29,7 +29,7 @@ def align(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
     given = recording.inputs.get("heading")
     ready = _on_time(recording, model, given)
     if given is not None:
-        with suppress(AlignmentError):  # the drive shows no heading
+        with suppress(AlignmentError):  # the drive does not determine the heading
             ready = with_right_heading(ready, _on_time(recording, model, None))
     return recording, replace(model, ready=ready), ready.findings
 

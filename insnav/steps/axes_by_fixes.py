@@ -1,4 +1,4 @@
-"""Axes of an IMU that explain the fixes, and what no rotation explains."""
+"""IMU axes that explain the fixes, and axes that no rotation explains."""
 
 from __future__ import annotations
 
@@ -16,17 +16,16 @@ WORDS = {"F": "forward", "B": "back", "R": "right", "L": "left", "D": "down", "U
 
 
 def refuse_unlike_gyros(imu: Reading[ImuData], fixes: GpsData) -> None:
-    """Refuse gyros in another order than the accelerometers, or one of them in another unit."""
+    """Refuse gyros in another order than the accelerometers, or one gyro in another unit."""
     found = mounting_of(imu, fixes)
     if found is not None and (found.gyro_order != IN_ORDER or found.gyro_units != ALL_ALIKE):
         raise refusal(found, imu.facts.path)
 
 
 def accel_reversed(imu: Reading[ImuData], fixes: GpsData, found: Mounting | None) -> Finding | None:
-    """Make the finding of accelerometers that all have the opposite sign of the specific force; None if they have not.
+    """Report accelerometers that all have the opposite sign of the specific force; None otherwise.
 
-    `found`: mounting with which the fixes fit; None if no mounting explains them: then the course tells, unless gravity
-    shows that it is the gyros.
+    `found`: mounting that explains the fixes. If None, the course decides, unless gravity shows inverted gyros.
     """
     if found is not None:
         in_order = found.gyro_order == IN_ORDER and found.gyro_units == ALL_ALIKE
@@ -40,7 +39,7 @@ def accel_reversed(imu: Reading[ImuData], fixes: GpsData, found: Mounting | None
 
 
 def explained(imu: Reading[ImuData], fixes: GpsData) -> bool:
-    """Whether some axes explain the fixes, those that no IMU has too."""
+    """Return whether some axes, possibly impossible ones, explain the fixes."""
     return mounting_of(imu, fixes) is not None
 
 
@@ -50,7 +49,7 @@ def mounting_of(imu: Reading[ImuData], fixes: GpsData) -> Mounting | None:
 
 
 def refusal(found: Mounting, where: str) -> InputError:
-    """What is wrong with axes that no rotation brings to those of the vehicle, or with gyros of other columns."""
+    """Build the error for axes that no rotation maps to the vehicle, or for gyros of other columns."""
     inverted = found.inverted
     if found.gyro_units != ALL_ALIKE:
         units = ("deg/s", "rad/s") if min(found.gyro_units) < 1.0 else ("rad/s", "deg/s")

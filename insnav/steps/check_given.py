@@ -1,4 +1,4 @@
-"""Step 11: compare what was given with the solution."""
+"""Step 11: compare the inputs with the solution."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from insnav.steps import Model, Recording
 
 
 def check_given(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
-    """Doubt what was given, or assumed, where the solution contradicts it."""
+    """Report inputs and assumptions that the solution contradicts."""
     assert model.ready is not None
     assert model.solved is not None
     first, ready, solved = model.solved, model.ready, model.solved
@@ -33,6 +33,6 @@ def check_given(recording: Recording, model: Model) -> tuple[Recording, Model, t
 
 
 def doubt_mounting(events: tuple[Finding, ...]) -> tuple[Finding, ...]:
-    """Doubt an assumed mounting if the IMU contradicts the fixes, as it does in wrong axes."""
+    """Report an assumed mounting as doubtful if the IMU contradicts the fixes, as it does in wrong axes."""
     found = list(of_code(events, *OF_THE_IMU))
     return tuple(Finding.of(Code.MOUNTING_DOUBTED, each.begin, subject="imu", count=len(found)) for each in found[:1])

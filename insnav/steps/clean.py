@@ -1,4 +1,4 @@
-"""Step 1: leave out what is no measurement."""
+"""Step 1: remove invalid data."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from insnav.spill import blocks
 from insnav.steps import Model, Recording
 from insnav.types import GpsData, ImuData
 
-SLOWEST = 2.5  # rate of an IMU that can be navigated [Hz]
+SLOWEST = 2.5  # least rate of an IMU for navigation [Hz]
 
 
 def clean(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
-    """Refuse samples that are too far apart, and leave out frozen fixes.
+    """Refuse samples that are too far apart, and remove frozen fixes.
 
-    What changes slowly hides no motion: fixes without a standard deviation are as good as they scatter.
+    Slow errors mask no motion: fixes without a standard deviation get the sd of their scatter.
 
-    Raises: InputError: the rate of the samples is too low; AlignmentError: no fix is good enough.
+    Raises: InputError: the rate of the samples is too low. AlignmentError: no fix is good enough.
     """
     facts = recording.imu.facts
     if facts.rate_hz < SLOWEST:
@@ -40,7 +40,7 @@ def clean(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
 
 
 def _refuse_zero_triad(imu: Reading[ImuData], fixes: GpsData) -> None:
-    """Refuse three gyros, or accelerometers, that are zero throughout a drive; coarse gyros are at rest."""
+    """Refuse three gyros or accelerometers that are zero throughout a drive; coarse gyros are zero at rest."""
     for sensor, values in (("gyros", imu.data.gyro), ("accelerometers", imu.data.accel)):
         zero = not any(values[part].any() for part in blocks(len(values)))
         if zero and first_motion(velocity(fixes), fixes.time[0]) is not None:

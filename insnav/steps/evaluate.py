@@ -13,7 +13,7 @@ from insnav.steps.given import reference_point
 def evaluate(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
     """Evaluate the solution.
 
-    Raises: InputError: solution and reference have no time in common.
+    Raises: InputError: solution and reference have no common time.
     """
     assert model.solved is not None
     assert model.ready is not None

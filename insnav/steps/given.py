@@ -1,4 +1,4 @@
-"""What the user gave: inputs checked, the estimates before any data are looked at, and the filter made of both."""
+"""Inputs from the user: checks, initial estimates, and the filter built from both."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ from insnav.steps.inputs import INPUTS, LOGS, Inputs
 from insnav.types import FloatArray, Trajectory
 from insnav.units import DEG
 
-_LONGEST_LEVER = 100.0  # a longer one was given in another unit [m]
-LEVER_SD = 1.0  # of each component of a lever arm that was not given: antenna and IMU are on one vehicle [m]
+_LONGEST_LEVER = 100.0  # a longer lever arm has another unit [m]
+LEVER_SD = 1.0  # of each component of an unspecified lever arm: antenna and IMU are on one vehicle [m]
 
 
 def checked(inputs: Inputs) -> Inputs:
-    """Check what was given, and read the initial state if it is a file.
+    """Check the inputs, and read the initial state if it is a file.
 
-    Raises: ConfigError: an unknown name, or a value that makes no sense; `where` is the name; InputError: the file of
-    the initial state cannot be read or is incomplete.
+    Raises: ConfigError: an unknown name, or an invalid value; `where` is the name. InputError: the file of the initial
+    state cannot be read or is incomplete.
     """
     for key, value in inputs.items():
         if key not in INPUTS:
             raise ConfigError("input.unknown_input", value=key, known=tuple(INPUTS))
         what = INPUTS[key]
-        # a comparison that NaN fails too
+        # a comparison that also fails for NaN
         if isinstance(value, int | float) and not what.low <= value / what.size <= what.high:
             raise ConfigError(
                 "input.out_of_range", where=key, value=value / what.size, low=what.low, high=what.high, unit=what.unit
@@ -61,13 +61,13 @@ def checked(inputs: Inputs) -> Inputs:
 
 
 def one_of(name: str, value: object, known: Sequence[object]) -> None:
-    """Refuse a word, or a number, that is none of those known."""
+    """Refuse a word or number that is not known."""
     if value not in known:
         raise ConfigError("input.unknown_word", where=name, value=str(value), known=tuple(map(str, known)))
 
 
 def vector(inputs: Inputs, key: Literal["lever_arm", "ref_lever_arm"]) -> FloatArray | None:
-    """Lever arm ``(3,)`` in body axes [m]; None if it was not given."""
+    """Return a lever arm ``(3,)`` in body axes [m]; None if unspecified."""
     value = inputs.get(key)
     if value is None:
         return None
@@ -80,10 +80,10 @@ def vector(inputs: Inputs, key: Literal["lever_arm", "ref_lever_arm"]) -> FloatA
 
 
 def reference_point(inputs: Inputs, reference: Trajectory) -> FloatArray | None:
-    """Point of a reference seen from the IMU, body axes ``(3,)`` [m]; None for the antenna.
+    """Return the point of a reference seen from the IMU, body axes ``(3,)`` [m]; None for the antenna.
 
-    What has an attitude is a solution of an inertial system, and of its IMU; bare positions are of a receiver, and of
-    its antenna, taken as the antenna of the drive.
+    A reference with attitude is an inertial solution, at its IMU. Positions alone belong to a receiver antenna, assumed
+    at the drive's antenna.
     """
     given = vector(inputs, "ref_lever_arm")
     if given is not None:
@@ -92,7 +92,7 @@ def reference_point(inputs: Inputs, reference: Trajectory) -> FloatArray | None:
 
 
 def reference_sd(inputs: Inputs) -> tuple[float, float | None] | None:
-    """Standard deviation of the reference: position [m], and velocity [m/s] if it was given."""
+    """Return the sd of the reference: position [m], and velocity [m/s] if specified."""
     value = inputs.get("ref_sd")
     if value is None:
         return None
@@ -103,7 +103,7 @@ def reference_sd(inputs: Inputs) -> tuple[float, float | None] | None:
 
 
 def options_of(inputs: Inputs, **others: object) -> dict[str, object]:
-    """Everything that was given, for `insnav.result.Result.options`."""
+    """Return all specified inputs, for `insnav.result.Result.options`."""
     named = {key: value.name if isinstance(value, ImuSpec) else value for key, value in inputs.items()}
     return {key: value for key, value in {**named, **others}.items() if value is not None}
 
@@ -124,7 +124,7 @@ _START_KEYS = {
 def read_start(path: Path) -> Start:
     """Read an initial state from a JSON file.
 
-    Raises: InputError: it cannot be read, or is incomplete.
+    Raises: InputError: the file cannot be read, or is incomplete.
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
@@ -155,7 +155,7 @@ def read_start(path: Path) -> Start:
 
 
 def given_model(recording: Recording) -> Model:
-    """Return what the user gave; the filter estimates lever arm and delay unless they are given."""
+    """Build the initial model of the inputs; the filter estimates lever arm and delay unless specified."""
     inputs, fixes = recording.inputs, recording.gps is not None
     lever_b, lever_sd, delay = vector(inputs, "lever_arm"), inputs.get("lever_arm_sd"), inputs.get("gps_delay")
     if lever_sd is None:
@@ -168,14 +168,14 @@ def given_model(recording: Recording) -> Model:
 
 
 def free_lever_arm(sd: float = LEVER_SD) -> Estimate[np.ndarray]:
-    """Return the prior of a lever arm, `sd` [m]."""
+    """Return the prior of an unknown lever arm, `sd` [m]."""
     return Estimate(np.zeros(3), sd, "prior")
 
 
 def given_imu(model: object) -> tuple[ImuSpec, Finding] | None:
-    """Return the IMU model as given, and its source; None if it is left to the data.
+    """Return the specified IMU model and its source; None if the data choose it.
 
-    What the documents of a real part do not state is taken from its class: a filter takes zero for certain.
+    Missing figures of a real part come from its class: a filter would take zero as certain.
     """
     if model is None:
         return None
@@ -192,7 +192,7 @@ def given_imu(model: object) -> tuple[ImuSpec, Finding] | None:
 
 
 def better_kinds(inputs: Inputs, chosen: ImuSpec) -> tuple[ImuSpec, ...]:
-    """Return the better grades that the IMU may be if none was given; the noise of a poorer one would hold faults."""
+    """Return the better grades that an unspecified IMU may have; a poorer grade's noise would absorb faults."""
     if inputs.get("imu_model") is not None:
         return ()
     return tuple(map(load_imu, PRESETS[PRESETS.index(chosen.name) + 1 :]))
@@ -218,7 +218,7 @@ def set_up_filter(
 ) -> Prepared:
     """Align a recording and set the filter up.
 
-    `clock`, `rate`: by which all that has the time of the samples is moved at the start [s], and made faster [s/s];
+    `clock`, `rate`: shift of the sample times at the start [s], and its rate [s/s].
     `heading`: at the start [rad].
     """
     inputs, imu = recording.inputs, recording.imu.data

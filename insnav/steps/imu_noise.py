@@ -1,4 +1,4 @@
-"""Step 4: choose the IMU error specification, if none was given, by the noise of a stationary part."""
+"""Step 4: choose an unspecified IMU error specification by the noise of a stationary interval."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from insnav.steps.inputs import Inputs
 from insnav.strapdown import intervals
 from insnav.types import GpsData, ImuData
 
-SHORTEST_REST = 5.0  # shorter ones do not show the noise of an IMU [s]
+SHORTEST_REST = 5.0  # shorter intervals do not determine the noise of an IMU [s]
 
 
 def imu_noise(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
@@ -28,7 +28,7 @@ def imu_noise(recording: Recording, model: Model) -> tuple[Recording, Model, tup
 
 
 def imu_from_rest(imu: ImuData, rest: tuple[float, float] | None) -> tuple[ImuSpec, Finding]:
-    """Choose an IMU model by the noise of a stationary part, and name its source.
+    """Choose an IMU model by the noise of a stationary interval, and report its source.
 
     `rest`: its start and end [s].
     """
@@ -42,7 +42,7 @@ def imu_from_rest(imu: ImuData, rest: tuple[float, float] | None) -> tuple[ImuSp
 
 
 def stationary_part(imu: ImuData, fixes: GpsData | None, inputs: Inputs) -> tuple[float, float] | None:
-    """Return the stationary interval as given, else the first one by IMU and GPS, or by the IMU alone [s]."""
+    """Return the specified stationary interval, else the first one by IMU and GPS, or by the IMU alone [s]."""
     span = inputs.get("static")
     if span is not None:
         return span

@@ -1,7 +1,7 @@
-"""What may be given with a recording: one list of names, meanings and limits for `insnav.load` and every command.
+"""Inputs of a recording: one list of names, meanings and limits for `insnav.load` and every command.
 
-A new input is two entries: its type in `Inputs`, and its meaning in ``inputs.toml``. Nothing heavy is imported, as the
-help of the command line is made from this file.
+A new input is two entries: its type in `Inputs`, and its meaning in ``inputs.toml``. The help of the command line uses
+this file, so it imports nothing heavy.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ Kind = Literal["text", "file", "number", "numbers", "vector", "span", "columns"]
 
 @dataclass(frozen=True, slots=True)
 class Input:
-    """How an input is given on the command line, and what makes sense."""
+    """Command-line form of an input, and its limits."""
 
-    option: str  # its name there; empty if it has none
-    metavar: str  # what its value looks like
-    meaning: str  # for the help; units of the command line, which are degrees where the library has radians
-    group: str  # options it stands with
-    kind: Kind = "text"  # how the text becomes a value
+    option: str  # option name; empty without option
+    metavar: str  # placeholder of the value
+    meaning: str  # for the help; in command-line units, with degrees where the library has radians
+    group: str  # group of the option
+    kind: Kind = "text"  # conversion of the text to a value
     unit: str = ""  # unit on the command line and in messages
-    # smallest and largest sensible value [`unit`]
+    # smallest and largest plausible value [`unit`]
     low: float = -math.inf
     high: float = math.inf
-    choices: tuple[str, ...] = ()  # values there are; any if empty
+    choices: tuple[str, ...] = ()  # allowed values; any if empty
 
     @property
     def size(self) -> float:
@@ -52,12 +52,12 @@ class Input:
 
 
 class Inputs(TypedDict, total=False):
-    """What may be given with a recording, as `INPUTS` says; None is as if it were absent.
+    """Inputs of a recording, see `INPUTS`; None means absent.
 
-    SI and radians. Lever arms are forward, right, down; ``rate`` is for arrays without times; ``ref_sd`` is that of
-    positions [m], or of positions and velocities [m], [m/s]; ``logs`` are further sensors by name:
-    ``{"speedometer": "speed.csv", "magnetometer": "imu.csv"}``; ``faults`` are rates and sizes by kind, or their file:
-    ``{"offset": {"rate": "0.2 1/h", "size": "30 m"}}``.
+    SI and radians. Lever arms are forward, right, down. ``rate`` is for arrays without times. ``ref_sd``: of positions
+    [m], or of positions and velocities [m], [m/s]. ``logs``: further sensors by name: ``{"speedometer": "speed.csv",
+    "magnetometer": "imu.csv"}``. ``faults``: rates and sizes by kind, or their file: ``{"offset": {"rate": "0.2 1/h",
+    "size": "30 m"}}``.
     """
 
     imu_model: str | Path | ImuSpec | None

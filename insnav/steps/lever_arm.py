@@ -1,4 +1,4 @@
-"""Step 9: compare the lever arm that was given with the one that the drive shows."""
+"""Step 9: compare the specified lever arm with the estimate of the drive."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from insnav.steps.given import free_lever_arm
 
 
 def lever_arm(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
-    """Keep the lever arm that was given, or set the filter up without it if the drive shows another one."""
+    """Keep the specified lever arm, or set the filter up without it if the drive contradicts it."""
     assert model.ready is not None
     if model.lever_arm.source != "given" or model.ready.settings.lever_sd:
         return recording, model, ()

@@ -1,4 +1,4 @@
-"""Step 5: estimate how the IMU is mounted, and turn the samples into the axes of the vehicle."""
+"""Step 5: estimate the mounting of the IMU, and rotate the samples into vehicle axes."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ from insnav.steps.inputs import Inputs
 from insnav.types import FloatArray, GpsData, ImuData
 from insnav.units import DEG
 
-TURNED = 10.0 * DEG  # a smaller yaw is within what slip and wind make of the course [rad]
+TURNED = 10.0 * DEG  # a smaller yaw may be slip and wind [rad]
 UPRIGHT, INVERTED = "FRD", "FLU"
-QUARTERS, QUARTER = (UPRIGHT, "RBD", "BLD", "LFD"), 0.5 * np.pi  # x forward, then turned to the right
-SLANTED = 20.0 * DEG  # an IMU turned so far from a quarter is not meant to point along an axis of the vehicle
-# cosines of how far an IMU may lean from axes of the vehicle that it is said to point along, and from upright else
+QUARTERS, QUARTER = (UPRIGHT, "RBD", "BLD", "LFD"), 0.5 * np.pi  # x forward, then rotated to the right
+SLANTED = 20.0 * DEG  # beyond this angle from all vehicle axes, the IMU is not aligned with any of them
+# cosine limits between IMU and vehicle axes: for specified axes, and for upright
 LEANING, ON_ITS_SIDE = 0.9, 0.5
-CLEAR = 4.0 * DEG  # standard deviation of the yaw below which such an IMU has angles to give: flights had 5 and 8
-POINTED = 0.9  # length of the mean direction of travel in the vehicle of what goes where it points [-]
-LIKELY = 2.0  # mean square of innovations by their variance up to which axes may be right: where they are it is 1 [-]
-LIKELIER = 30.0  # twice the logarithm of how much likelier fixes must be with other axes than with x forward
+CLEAR = 4.0 * DEG  # yaw sd below which such an IMU has significant angles: flights had 5 and 8
+POINTED = 0.9  # length of the mean travel direction of a vehicle that moves forward [-]
+LIKELY = 2.0  # largest mean normalised squared innovation for correct axes: ideally 1 [-]
+LIKELIER = 30.0  # least gain of twice the log-likelihood of other axes over x forward
 X_FORWARD = Finding.of(Code.MOUNTING_ASSUMED, subject="imu")
 
 
 def mounting(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
-    """Turn the samples into the axes of the vehicle, unless axes were given.
+    """Rotate the samples into vehicle axes, unless axes were specified.
 
-    Raises: InputError: the axes are left-handed, the gyros turn against the accelerometers or are in another order, or
-    z points up and the vehicle does not move.
+    Raises: InputError: the axes are left-handed, the gyros have wrong signs or order, or z points up and the vehicle
+    does not move.
     """
     inputs, fixes = recording.inputs, recording.fixes
     imu, yaw, findings = turn_to_vehicle(recording.imu, recording.fixes_by_scatter or fixes, inputs)
@@ -60,7 +60,7 @@ def mounting(recording: Recording, model: Model) -> tuple[Recording, Model, tupl
 
 
 def with_headings_turned(recording: Recording) -> tuple[Recording, tuple[Finding, ...]]:
-    """Return headings of the receiver clockwise from north and along the vehicle, and how they were counted."""
+    """Return receiver headings clockwise from north along the vehicle, and their original convention."""
     fixes, data = recording.fixes, recording.imu.data.beginning(LONGEST)
     if fixes is None or fixes.heading is None or not recording.inputs.get("gps_heading_sd"):
         return recording, ()
@@ -77,7 +77,7 @@ def with_headings_turned(recording: Recording) -> tuple[Recording, tuple[Finding
 def turn_to_vehicle(
     imu: Reading[ImuData], fixes: GpsData | None, inputs: Inputs
 ) -> tuple[Reading[ImuData], float, tuple[Finding, ...]]:
-    """Return samples in the axes of the vehicle if none were given, the yaw of the IMU in it [rad], and findings."""
+    """Rotate samples into vehicle axes if none were specified; return the yaw of the IMU [rad], and findings."""
     if fixes is None:
         return imu, 0.0, ()
     data, found = imu.data, mounting_of(imu, fixes)
@@ -87,7 +87,7 @@ def turn_to_vehicle(
         return imu, yaw, (reverse, *more)
     given = inputs.get("axes")
     if found is None:
-        from_file = bool(imu.facts.columns)  # whose axes are anybody's guess
+        from_file = bool(imu.facts.columns)  # its axes are unknown
         moves = given is None and sure_motion(fixes, float(data.time[0]))[1] is not None
         if given is None and from_file and imu.facts.axes == UPRIGHT:
             scale = 1.0 / float(np.median(np.diff(data.time))) if data.sampling == "increment" else 1.0
@@ -105,7 +105,7 @@ def turn_to_vehicle(
     matrix, notes, windows = found.to_vehicle, [], found.windows
     as_read = axes_matrix(given or imu.facts.axes or UPRIGHT)
     letters, turn = letters_of(matrix @ as_read), axes_matrix(found.letters)
-    # far from all axes of the vehicle, which wind and banks move further: as it was read, if that is not on its side
+    # far from all vehicle axes, and wind and banks add to that: keep the original axes unless on its side
     elsewhere = found.letters != UPRIGHT and given is None
     slanted = elsewhere and (matrix @ turn.T)[2, 2] < LEANING and matrix[2, 2] > ON_ITS_SIDE
     if elsewhere and not slanted:
@@ -129,17 +129,17 @@ def turn_to_vehicle(
 
 
 def in_likely_axes(recording: Recording, model: Model) -> tuple[Reading[ImuData], float, Finding]:
-    """As `turn_to_vehicle` where accelerations tell nothing: by fixes, with x forward, backward, to the right or left.
+    """Choose x forward, backward, right or left by the fixes, if accelerations do not determine the mounting.
 
-    Slow vehicles hardly accelerate, but turn: with x of the IMU taken for that of the vehicle the heading begins wrong
-    by quarters of a turn. `X_FORWARD` if fixes are no likelier with other axes than with x forward, unless all that
-    are as likely end with the same heading, which is not where the vehicle goes. What does not go where it points, as
-    drones do, keeps its axes, and begins with the likeliest heading.
+    Slow vehicles turn but hardly accelerate: wrong x axes give a heading wrong by quarter turns. `X_FORWARD` if no
+    other axes make the fixes more likely, unless all likely ones end with the same heading, away from the direction of
+    travel. A vehicle that does not move forward, such as a drone, keeps its axes and starts with the most likely
+    heading.
     """
     imu = recording.imu
     seen, begin = dict[str, Filtered](), imu.data.beginning(LONGEST)
     for letters in QUARTERS:
-        with suppress(AlignmentError, InputError):  # which the drive as it is will tell
+        with suppress(AlignmentError, InputError):  # the unchanged drive reports this error
             data = _in_axes(begin, axes_matrix(letters))
             seen[letters] = filtered(set_up_filter(replace(recording, imu=replace(imu, data=data)), model))
     best = min(seen, key=lambda each: seen[each].misfit, default=UPRIGHT)
@@ -150,7 +150,7 @@ def in_likely_axes(recording: Recording, model: Model) -> tuple[Reading[ImuData]
     most = seen[best].misfit + LIKELIER / fixes
     travels = {each: _travel(seen[each], QUARTERS.index(each)) for each in seen if seen[each].misfit <= most}
     yaw, share = travels[best]
-    # all the same if the heading has come round to where x points; x forward is as likely as the others else
+    # equivalent if the heading has converged to x; otherwise x forward is as likely as the others
     alike = max(abs(wrap_pi(other - yaw)) for other, _ in travels.values()) < SLANTED
     if UPRIGHT in travels and not (alike and min(share for _, share in travels.values()) > POINTED):
         return imu, 0.0, X_FORWARD
@@ -174,14 +174,14 @@ def in_likely_axes(recording: Recording, model: Model) -> tuple[Reading[ImuData]
 
 
 def _travel(found: Filtered, quarter: int) -> tuple[float, float]:
-    """By how much the IMU is turned against the direction of travel [rad], and how much of the way is along that [-].
+    """Compute the IMU yaw against the direction of travel [rad], and the share of travel along it [-].
 
-    An axis, as a forklift goes backward as well: the mean of doubled angles (Mardia and Jupp, "Directional statistics",
-    2000, section 1.1); forward on it is where it goes more.
+    The axis allows reverse travel, as of a forklift: the mean of doubled angles (Mardia and Jupp, "Directional
+    statistics", 2000, section 1.1). Forward is the direction of most travel.
     """
     if found.epochs is None:
         return 0.0, 0.0
-    settled = found.epochs[found.epochs.shape[0] // 2 :, STATE : STATE + 10]  # a heading that began wrong is right then
+    settled = found.epochs[found.epochs.shape[0] // 2 :, STATE : STATE + 10]  # a wrong initial heading has converged
     along = settled[:, 3] - 1j * settled[:, 4]
     ahead = np.exp(1j * rph_from_quat(settled[:, 6:])[:, 2]) * along * np.abs(along)
     size = np.maximum(np.abs(ahead), 1e-12)
@@ -194,7 +194,7 @@ def _travel(found: Filtered, quarter: int) -> tuple[float, float]:
 def _turned(
     imu: Reading[ImuData], turn: FloatArray, letters: str, code: Code, **values: Any
 ) -> tuple[Reading[ImuData], Finding]:
-    """Samples turned into the axes of the vehicle, and the finding of `code` about their axes."""
+    """Rotate samples into vehicle axes, and report the axes with `code`."""
     evidence = tuple(each for each in imu.facts.evidence if getattr(each, "code", None) is not Code.AXES_ASSUMED)
     facts = replace(imu.facts, axes=letters, evidence=evidence)
     note = Finding.of(code, subject="imu", **values, **_named(letters))
@@ -202,7 +202,7 @@ def _turned(
 
 
 def _named(letters: str) -> dict[str, Any]:
-    """Axes as --imu-axes takes them, and where each of x, y, z points."""
+    """Return axes for --imu-axes, and the direction of each of x, y, z."""
     return {"axes": letters, **{axis: WORDS[letter] for axis, letter in zip("xyz", letters, strict=True)}}
 
 

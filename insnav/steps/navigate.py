@@ -1,4 +1,4 @@
-"""Step 10: run the filter over the drive, with aiding where there is some, and the smoother."""
+"""Step 10: run the filter over the drive, with available aiding, and the smoother."""
 
 from __future__ import annotations
 

@@ -18,12 +18,12 @@ from insnav.types import GpsData
 
 
 def noise(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
-    """Estimate the noise, as far as it was not given."""
+    """Estimate unspecified noise."""
     assert model.ready is not None
     assert model.imu is not None
     gps, false = model.ready.gps, model.ready.settings.false
     ready = _with_estimated_noise(recording, believe(model.ready), model.imu[0])
-    # fixes that are left out stay in the record, with the standard deviations of the others
+    # rejected fixes stay in the record, with the standard deviations of the others
     gps = replace(ready.gps, fix=gps.fix, v_n=gps.v_n)
     ready = replace(ready, gps=gps, settings=replace(ready.settings, false=false))
     return recording, replace(model, ready=ready), added(model.ready.findings, ready.findings)
@@ -43,7 +43,7 @@ def _with_estimated_noise(recording: Recording, ready: Prepared, spec: ImuSpec) 
 
 
 def believe(ready: Prepared) -> Prepared:
-    """The recording without the fixes that its faults concern: their noise is not that of the others."""
+    """Remove the fixes that faults concern: their noise is not typical."""
     settings, gps, time = ready.settings, ready.gps, ready.gps.time - ready.settings.delay
     if settings.false is None and not settings.rough:
         return ready
@@ -55,7 +55,7 @@ def believe(ready: Prepared) -> Prepared:
 
 
 def noise_wanted(inputs: Inputs, gps: Reading[GpsData] | None) -> NoiseChoice:
-    """Return which noise is estimated: as given, else all; with an IMU model, the time-correlated errors of fixes."""
+    """Return the noise to estimate: as specified, else all; with an IMU model, the time-correlated errors of fixes."""
     if gps is None:
         return "model"
     return inputs.get("noise") or ("estimate" if inputs.get("imu_model") is None else "fixes")

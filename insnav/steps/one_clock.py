@@ -1,6 +1,6 @@
 """Step 2: put the samples on the clock of the fixes.
 
-Offsets that calendars explain are applied, others are estimated from the motion and refused.
+Offsets explained by calendars are applied. Other offsets are estimated from the motion and refused.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ from insnav.strapdown import Intervals, joined, pieces
 from insnav.types import GpsData, ImuData
 from insnav.units import DEG
 
-WORTH = 1.5  # smaller offsets are the delay that the filter looks for [s]
-SURE, FACTOR = 0.7, 1.5  # correlation of turns, and error of a scale, with which units are told
-SIGMAS = 6.0  # by which an offset must differ from none
-EXPLAINS = 0.5  # part of what another unit leaves unexplained that this one may leave
+WORTH = 1.5  # smaller offsets are the delay that the filter estimates [s]
+SURE, FACTOR = 0.7, 1.5  # correlation of turns, and scale error, that identify units
+SIGMAS = 6.0  # significance of an offset in sd
+EXPLAINS = 0.5  # largest residual of the new unit, relative to the old one
 BOTH = 0.6  # correlation of turns and of accelerations that only one drive has: ten true offsets had 0.68 and more [-]
-SHOWN = 0.3  # correlation from which turns or accelerations show an offset [-]
+SHOWN = 0.3  # correlation of turns or accelerations that proves an offset [-]
 
 
 def one_clock(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
-    """Put samples, and logs that were recorded with them, on the clock of the fixes.
+    """Put samples, and logs recorded with them, on the clock of the fixes.
 
-    Raises: InputError: they have no time in common, or another one than their motion says, with the offset to give; or
-    no motion in common.
+    Raises: InputError: no common time, a time that contradicts the motion (with the offset to specify), or no common
+    motion.
     """
     imu, gps, inputs = recording.imu, recording.gps, recording.inputs
     given, fixes = inputs.get("time_offset"), recording.fixes_by_scatter
@@ -55,12 +55,12 @@ def one_clock(recording: Recording, model: Model) -> tuple[Recording, Model, tup
     parts = joined(pieces(imu.data))
     fixes = replace(fixes, time=fixes.time - (inputs.get("gps_delay") or 0.0))
     apart = overlap(imu.data, gps.data) == 0.0
-    if not apart:  # first: turns that are too large by far fit at another time
+    if not apart:  # first: far too large turns fit at another time
         _check_gyro_unit(imu, parts, fixes)
         if given is None:
             _check_radians(gps.facts.path, parts, fixes)
     found = None if given is not None else clock_offset(parts, fixes, worth=WORTH)
-    # one file is of one drive, though noise hides what both have in common
+    # one file contains one drive, even if noise hides the common motion
     of_one = imu.facts.path == gps.facts.path and Path(imu.facts.path).is_file()
     if isinstance(found, Unlike) and not apart and not of_one and not explained(imu, fixes):
         values: dict[str, Any] = {"where": f"{imu.facts.path}, {gps.facts.path}", "overlap_s": found.overlap}
@@ -68,7 +68,7 @@ def one_clock(recording: Recording, model: Model) -> tuple[Recording, Model, tup
             raise InputError("clock.imu_at_rest", **values)
         raise InputError("clock.two_drives", turns=found.turns, forces=found.accelerations, **values)
     if isinstance(found, ClockOffset) and abs(found.offset) > max(WORTH, SIGMAS * found.sd):
-        if not apart:  # an axis that is none of the turns seems to turn at another time
+        if not apart:  # a wrong turn axis seems to fit at another time
             refuse_unlike_gyros(imu, fixes)
         offset, parts_of_it = named_offset(offset + found.offset, found.sd)
         sure = min(abs(found.turns), found.accelerations) > BOTH
@@ -88,7 +88,7 @@ def one_clock(recording: Recording, model: Model) -> tuple[Recording, Model, tup
 
 
 def _check_gyro_unit(imu: Reading[ImuData], parts: Intervals, fixes: GpsData) -> None:
-    """Refuse gyros that turn so many times as far as the course as units differ: rad/s, deg/s, and mrad/s as deg/s."""
+    """Refuse gyros whose turn ratio to the course equals a unit ratio: rad/s, deg/s, and mrad/s as deg/s."""
     scale, correlation = turn_scale(parts, fixes)
     for factor, unit in ((DEG, "deg/s"), (1.0 / DEG, "rad/s"), (1e-3 / DEG, "mrad/s")):
         if correlation > SURE and 1.0 / FACTOR < scale / factor < FACTOR:
@@ -100,7 +100,7 @@ def _check_gyro_unit(imu: Reading[ImuData], parts: Intervals, fixes: GpsData) ->
 
 
 def _check_radians(path: str, parts: Intervals, fixes: GpsData) -> None:
-    """Refuse latitudes or longitudes that accelerate as the samples do only if they are radians."""
+    """Refuse latitudes or longitudes whose accelerations match the samples only if they are radians."""
     for column, name in enumerate(("latitudes", "longitudes")):
         if np.max(np.abs(fixes.lla[:, column])) < (0.5 * np.pi, np.pi)[column] * DEG:
             lla = fixes.lla.copy()
@@ -111,9 +111,9 @@ def _check_radians(path: str, parts: Intervals, fixes: GpsData) -> None:
 
 
 def clock_offset(parts: Intervals, fixes: GpsData, *, worth: float = 0.0) -> ClockOffset | Unlike | None:
-    """How far the clock of the IMU is behind that of the positions, or that no clock explains them; None if not told.
+    """Estimate the IMU clock's lag behind the positions, or find that no clock explains them; None if unknown.
 
-    `parts`: samples as intervals; `fixes`: with standard deviations; `worth`: smaller offsets may be None too [s].
+    `parts`: samples as intervals. `fixes`: with standard deviations. `worth`: smaller offsets may give None [s].
     """
     found = find_clock_offset(parts, fixes, worth=worth)
     if not isinstance(found, ClockOffset):
@@ -123,18 +123,18 @@ def clock_offset(parts: Intervals, fixes: GpsData, *, worth: float = 0.0) -> Clo
 
 
 def is_shown(found: ClockOffset) -> bool:
-    """Whether turns or accelerations show an offset."""
+    """Return whether turns or accelerations prove an offset."""
     return max(abs(found.turns), found.accelerations) > SHOWN
 
 
 def shown_values(found: ClockOffset) -> dict[str, Any]:
-    """Return an offset, and the correlations that show it, as values of an error."""
+    """Return an offset, and its correlations, as values of an error."""
     turns, forces = (r if r > SHOWN else np.nan for r in (abs(found.turns), found.accelerations))
     return {"found_s": found.offset, "sd_s": found.sd, "overlap_s": found.overlap, "turns": turns, "forces": forces}
 
 
 def _moved(recording: Recording, offset: float) -> Recording:
-    """Move the samples to later times, and logs on their clock with them."""
+    """Shift samples, and logs on their clock, to later times."""
     imu = recording.imu
     first, last = float(imu.data.time[0]), float(imu.data.time[-1])
     logs = {

@@ -13,13 +13,13 @@ from insnav.input.interpret.velocities import fit_velocities, scales
 from insnav.steps import Model, Recording
 from insnav.types import GpsData, Trajectory
 
-BENCH_SD = (0.01, 0.005)  # how well a place that is not left is known [m], [m/s]
+BENCH_SD = (0.01, 0.005)  # accuracy of a fixed place [m], [m/s]
 
 
 def receiver_noise(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
-    """Complete the fixes; without GPS, a reference that never moves gives the position of a bench.
+    """Complete the fixes; without GPS, a stationary reference gives the position of a bench.
 
-    Raises: InputError: positions and velocities contradict each other in a way that has a name.
+    Raises: InputError: positions and velocities contradict each other in a known way.
     """
     gps, reference = recording.gps, recording.reference
     if reference is not None:
@@ -37,7 +37,7 @@ def receiver_noise(recording: Recording, model: Model) -> tuple[Recording, Model
 
 
 def with_scales_checked(gps: Reading[GpsData]) -> Reading[GpsData]:
-    """Return fixes with a finding for each axis along which positions do not move as far as velocities imply."""
+    """Add a finding for each axis along which positions move less or more than velocities imply."""
     begin = float(gps.data.time[0])
     wrong = scales(gps.data.time, gps.data.lla, gps.data.v_n)
     found = (Finding.of(Code.GPS_SCALE, begin, subject="gps", ratio=size, sd=sd, axis=axis) for axis, size, sd in wrong)
@@ -47,9 +47,9 @@ def with_scales_checked(gps: Reading[GpsData]) -> Reading[GpsData]:
 def refuse_confused(
     read: Reading[GpsData] | Reading[Trajectory], option: str = "--gps-columns", *, velocities: bool = True
 ) -> None:
-    """Refuse positions and velocities that contradict each other in a way that has a name.
+    """Refuse positions and velocities that contradict each other in a known way.
 
-    `velocities`: also where it is these that are wrong.
+    `velocities`: also if the velocities are wrong.
     """
     fit = fit_velocities(read.data.time, read.data.lla, read.data.v_n)
     if fit is not None and fit.confusion and (velocities or fit.misplaced):

@@ -1,4 +1,4 @@
-"""The error budget of free-inertial navigation: how much, after how long, from what.
+"""Error budget of free-inertial navigation: size of the errors over time, and their sources.
 
 sources -> analytic (closed laws) | covariance (the whole linear model) | simulated (Monte Carlo) | recorded (windows)
         -> Budget

@@ -1,8 +1,8 @@
-"""The analytic budget: the short laws applied to a list of sources, with the motion's own integrals where it counts.
+"""Analytic budget: the short-time laws for a list of sources, with integrals along the motion.
 
-Constant errors are integrated along the attitude and the specific force of the motion: at rest this is ``1/2 B t^2``
-and the like to the last digit; turns and accelerations bring in scale factor, misalignment and heading. Noise is
-integrated the same way, pulse by pulse: at rest this gives the laws of `insnav.errors.budget.laws`.
+Constant errors are integrated along attitude and specific force of the motion. At rest this equals ``1/2 B t^2`` and
+similar laws to the last digit. Turns and accelerations add scale factor, misalignment and heading errors. Noise is
+integrated likewise, pulse by pulse, and gives the laws of `insnav.errors.budget.laws` at rest.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from insnav.kernels.noise_along_motion import noise_variances
 from insnav.types import FloatArray, IntArray
 
 _STEPS = 1500  # of the integrals of noise
-# how often a constant is integrated on its way to tilt, velocity and position; None: the loop does not touch it
+# number of integrations of a constant up to tilt, velocity and position; None: the Schuler loop has no effect
 _ORDERS = {
     "initial velocity": (None, 0, 1),
     "initial tilt": (0, 1, 2),
@@ -41,23 +41,23 @@ _ORDERS = {
 
 
 def gravity_of(motion: SampledMotion) -> float:
-    """Gravity where a motion begins [m/s^2]."""
+    """Compute gravity at the start of a motion [m/s^2]."""
     lat, _, height = motion.truth.lla[0]
     return float(np.linalg.norm(gravity_n(lat, height)))
 
 
 def schuler_rate(motion: SampledMotion) -> float:
-    """Schuler rate where a motion begins, ``sqrt(g / R)`` with the mean of both radii of curvature [rad/s]."""
+    """Compute the Schuler rate at the start of a motion, ``sqrt(g / R)`` with the mean radius of curvature [rad/s]."""
     lat, _, height = motion.truth.lla[0]
     return float(np.sqrt(gravity_of(motion) / (np.mean(radii(lat)) + height)))
 
 
 def analytic(sources: tuple[Source, ...], motion: SampledMotion, rows: IntArray, *, hold: bool = False) -> FloatArray:
-    """Standard deviation that each source makes, by closed forms.
+    """Compute the standard deviation from each source, by closed forms.
 
-    `rows` (m,): samples after which results are wanted, increasing.
-    Returns: (m, s, 9): of position N, E, D [m], velocity [m/s], attitude [rad]: short forms up to `laws.SHORT`, beyond
-    it the closed Schuler forms in the level axes. The vertical channel is that of the short forms at all times.
+    `rows` (m,): samples after which results are returned, increasing.
+    Returns: (m, s, 9): of position N, E, D [m], velocity [m/s], attitude [rad]. Short forms apply up to `laws.SHORT`,
+    then the closed Schuler forms in the level axes. The vertical channel uses the short forms at all times.
     """
     time, rate = motion.elapsed[rows - 1], schuler_rate(motion)
     out = np.zeros((len(rows), len(sources), 9))
@@ -76,10 +76,10 @@ def analytic(sources: tuple[Source, ...], motion: SampledMotion, rows: IntArray,
 
 
 def _constant(source: Source, motion: SampledMotion) -> FloatArray:
-    """Errors by a unit of a constant source at the ends of all samples, ``(n + 1, 9)``.
+    """Compute errors from a unit constant source at the ends of all samples, ``(n + 1, 9)``.
 
-    ``phi' = -C e_gyro``, ``dv' = f x phi + C e_accel``, ``dp' = dv``. The rotation of the level axes counts only where
-    it alone lets an error in: heading into the tilt, ``phi' = -w_in x psi``, vertical velocity into the level axes.
+    ``phi' = -C e_gyro``, ``dv' = f x phi + C e_accel``, ``dp' = dv``. Rotation of the level axes is included only where
+    it alone couples an error: heading into the tilt, ``phi' = -w_in x psi``, vertical velocity into the level axes.
     """
     dt = motion.dt[:, None]
     state, given = np.tile(at_start(source), (len(dt) + 1, 1)), disturbance(source, motion)
@@ -96,16 +96,16 @@ def _constant(source: Source, motion: SampledMotion) -> FloatArray:
 
 
 def _noise(source: Source, motion: SampledMotion, steps: Steps, at: IntArray, loop: FloatArray) -> FloatArray:
-    """Standard deviations by a noise, ``(m, 9)``.
+    """Compute standard deviations from a noise, ``(m, 9)``.
 
-    `at` (m,): steps after which they are wanted; `loop` (m,): rate of the Schuler loop, zero for the short forms.
+    `at` (m,): steps after which results are returned. `loop` (m,): Schuler rate, zero for the short forms.
 
     Notes
     -----
-    The answers to a pulse at u: a velocity error ``c`` becomes ``(t - u) c`` of position, an attitude error ``a`` lets
-    the specific force into the velocity, ``(F(t) - F(u)) x a`` with F its integral, and so on; their squares, or
-    products with the autocorrelation of the noise, are integrated over u (Papoulis 1991, chapter 10). At rest these are
-    the laws of `insnav.errors.budget.laws`.
+    Pulse responses at u: a velocity error ``c`` becomes ``(t - u) c`` of position. An attitude error ``a`` couples the
+    specific force into the velocity, ``(F(t) - F(u)) x a`` with its integral F, and so on. Their squares, or products
+    with the autocorrelation of the noise, are integrated over u (Papoulis 1991, chapter 10). At rest this gives the
+    laws of `insnav.errors.budget.laws`.
     """
     dt = steps.dt
     given = integrated(disturbance(unit_of(source), motion), motion, steps) / dt[:, None]
@@ -116,7 +116,7 @@ def _noise(source: Source, motion: SampledMotion, steps: Steps, at: IntArray, lo
     gone = np.minimum(dt[:, None] * decay, 700.0)
     tau = 1.0 / np.maximum(decay, 1e-30)
     gained = np.where(gone > 0.0, -np.expm1(-gone) * tau, dt[:, None])
-    # 2 (x - 1 + exp(-x)) of the step, by its series where that loses digits
+    # 2 (x - 1 + exp(-x)) of the step, by its series where that form cancels
     alone = np.where(gone > 0.01, 2.0 * (gone - 1.0 + np.exp(-gone)) * tau**2, dt[:, None] ** 2 * (1.0 - gone / 3.0))
     variance = np.empty((len(at), 9))
     noise_variances(
@@ -140,7 +140,7 @@ def _noise(source: Source, motion: SampledMotion, steps: Steps, at: IntArray, lo
 
 
 def _in_the_loop(source: Source, time: FloatArray, rate: float) -> FloatArray:
-    """Factor of the Schuler loop on the level errors beyond `laws.SHORT`, ``(m, 9)``."""
+    """Compute the factor of the Schuler loop on the level errors beyond `laws.SHORT`, ``(m, 9)``."""
     factor = np.ones((len(time), 9))
     orders = _ORDERS.get(source.family) or _ORDERS.get(source.group)
     late = time > laws.SHORT

@@ -1,7 +1,7 @@
-"""The covariance budget: every source carried alone along the motion through the whole linear error model.
+"""Covariance budget: each source propagated along the motion with the full linear error model.
 
-Nothing is assumed to be small but the errors: Earth rate, curvature, Coriolis, turns and accelerations all count. The
-model is linear, so the covariance of everything together is the sum of those of the sources.
+Only the errors are assumed small: Earth rate, curvature, Coriolis, turns and accelerations are included. The model is
+linear, so the total covariance is the sum over the sources.
 """
 
 from __future__ import annotations
@@ -19,25 +19,26 @@ from insnav.simulate.imu_errors import flicker_processes
 from insnav.types import FloatArray, IntArray
 
 SHORTEST, LONGEST = 0.02, 0.1  # steps of the propagation [s]
-_STEPS = 3000  # so many, if they may be as long as that
+_STEPS = 3000  # number of steps, if this length allows it
 _CONSTANT = ("constant", "ramp")
-_DIRECTIONS = 720  # a quarter of a degree: of a worst case all but 2e-6
+_DIRECTIONS = 720  # a quarter of a degree: underestimates a worst case by up to 2e-6
 
 
 @dataclass(frozen=True, slots=True)
 class Steps:
-    """A motion in steps of several samples."""
+    """Motion divided into steps of several samples."""
 
     state: FloatArray  # (m, 10) in the middle of each step; see `insnav.kernels.mechanization`
     force_n: FloatArray  # (m, 3) mean specific force North, East, Down [m/s^2]
     dt: FloatArray  # (m,) [s]
-    edges: IntArray  # (m + 1,) numbers of the samples they begin with
+    edges: IntArray  # (m + 1,) numbers of the first samples
 
 
 def steps_of(motion: SampledMotion, rows: IntArray, count: int = _STEPS, longest: float = LONGEST) -> Steps:
-    """Join samples to steps that end where results are wanted.
+    """Join samples to steps that end at the requested results.
 
-    `rows` (r,): samples after which results are wanted, increasing; `count`: how many steps, about; `longest`: [s].
+    `rows` (r,): samples after which results are returned, increasing. `count`: approximate number of steps. `longest`:
+    [s].
     """
     step = min(max(float(motion.elapsed[rows[-1] - 1]) / count, SHORTEST), longest)
     size = max(1, round(step / float(np.median(motion.dt))))
@@ -47,18 +48,18 @@ def steps_of(motion: SampledMotion, rows: IntArray, count: int = _STEPS, longest
     def mean(values: FloatArray) -> FloatArray:
         return np.asarray(np.add.reduceat(values[: rows[-1]], edges[:-1], axis=0) / samples)
 
-    # neither the longitude, of which a mean across the date line is nonsense, nor the attitude enters what follows
+    # longitude, whose mean fails across the date line, and attitude are not used later
     state = np.concatenate([mean(motion.lla), mean(motion.v_n), np.zeros((len(samples), 4))], axis=1)
     return Steps(state, mean(motion.force_n), mean(motion.dt[:, None])[:, 0] * samples[:, 0], edges)
 
 
 def disturbance(source: Source, motion: SampledMotion) -> FloatArray:
-    """Errors of attitude and velocity rates by a unit of a source.
+    """Compute the rates of attitude and velocity errors from a unit source.
 
     Returns: (n, 9): rate of the attitude error [rad/s], of the velocity error [m/s^2] and of the position error [m/s],
     North, East, Down, in every sample: ``phi' = ... - C e_gyro``, ``dv' = ... + C e_accel`` (compare Groves 2013,
-    section 14.2.4). Quantisation e is of the integral, ``x' = F x + B e'``: what is given is ``F B - B'``, by which e
-    drives ``x - B e``.
+    section 14.2.4). Quantisation e acts on the integral, ``x' = F x + B e'``. The returned ``F B - B'`` multiplies e
+    and drives ``x - B e``.
     """
     out = np.zeros((len(motion.dt), 9))
     if source.kind == "quantisation":
@@ -86,33 +87,33 @@ def disturbance(source: Source, motion: SampledMotion) -> FloatArray:
 
 
 def _sensed(source: Source, motion: SampledMotion) -> tuple[FloatArray | None, FloatArray | None]:
-    """Errors of the gyros and of the accelerometers, body axes, ``(n, 3)``; None where there is none."""
+    """Compute errors of gyros and accelerometers, body axes, ``(n, 3)``; None without errors."""
     if source.joint:
-        # the estimate of the sensor error, with its own error, was corrected
+        # the estimate of the sensor error, including its own error, was corrected
         sensors = np.array(source.joint)[9:].reshape(4, 3)
         return -(sensors[0] + sensors[2] * motion.rate), -(sensors[1] + sensors[3] * motion.force)
     since = motion.elapsed - 0.5 * motion.dt
     if source.group == "timing":
-        # late by tau, or by a growing part of the time: what is shown is what was true before
+        # a delay of tau, or growing with time: the output shows the past
         late = np.ones_like(since) if source.term == "offset" else since
         middle = since + motion.truth.time[0]
         rate, force = (-late[:, None] * np.gradient(value, middle, axis=0) for value in (motion.rate, motion.force))
         return rate, force
     term, (shown, driving) = source.error_term, source.element
-    assert term.drive is not None  # a term of the budget
+    assert term.drive is not None  # a budget term
     error = np.zeros((len(motion.dt), 3))
     error[:, shown] = term.drive(motion.rate, motion.force, since[:, None])[:, driving]
     return (error, None) if source.group == "gyro" else (None, error)
 
 
 def covariance(sources: tuple[Source, ...], motion: SampledMotion, rows: IntArray, *, hold: bool = False) -> FloatArray:
-    """Carry each source alone along a motion.
+    """Propagate each source alone along a motion.
 
-    `sources`: see `insnav.errors.budget.sources.sources_of`; those of size zero cost nothing; `rows` (m,): samples
-    after which results are wanted, increasing; `hold`: constrain the vertical channel to the reference height, the
+    `sources`: see `insnav.errors.budget.sources.sources_of`; zero sources cost nothing. `rows` (m,): samples after
+    which results are returned, increasing. `hold`: constrain the vertical channel to the reference height, the
     free-inertial convention: no errors down. Otherwise it is free, and unstable with an e-folding time of 570 s.
     Returns: (m, s, 9, 9) covariance of the errors of position N, E, D [m], velocity [m/s] and attitude [rad] by each
-    source, whose sum is that of all; the attitude error is that of ``C_hat = (I - [phi x]) C``.
+    source. Their sum is the total covariance. Attitude error: ``C_hat = (I - [phi x]) C``.
     """
     steps = steps_of(motion, rows)
     at = np.searchsorted(steps.edges, rows)
@@ -151,17 +152,17 @@ def covariance(sources: tuple[Source, ...], motion: SampledMotion, rows: IntArra
 
 
 def worst_case(parts: FloatArray) -> FloatArray:
-    """Largest position errors when every source errs by no more than one standard deviation.
+    """Compute the largest position errors if every source is within one standard deviation.
 
-    `parts` (m, s, 9, 9): as of `covariance`.
+    `parts` (m, s, 9, 9): from `covariance`.
     Returns: (m, 4): North, East, Down, horizontal [m].
 
     Notes
     -----
-    What a source can do in a direction u is ``sqrt(u' P u)``, for a constant of either sign ``|u' e|``. All together
-    reach the sum of that, and no further: North, East and Down are such directions, and the horizontal error is the
-    largest of the sums over all horizontal directions (support function of a sum of ellipsoids: Schneider, "Convex
-    Bodies: The Brunn-Minkowski Theory", 2nd ed. 2014, theorem 1.7.5).
+    The maximum effect of a source in a direction u is ``sqrt(u' P u)``, for a constant of either sign ``|u' e|``. The
+    maximum of all together is their sum. This holds for North, East and Down. The horizontal error is the largest sum
+    over all horizontal directions (support function of a sum of ellipsoids: Schneider, "Convex Bodies: The
+    Brunn-Minkowski Theory", 2nd ed. 2014, theorem 1.7.5).
     """
     angle = np.linspace(0.0, np.pi, _DIRECTIONS, endpoint=False)
     u = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -174,7 +175,7 @@ def worst_case(parts: FloatArray) -> FloatArray:
 
 
 def at_start(source: Source) -> FloatArray:
-    """Errors of position, velocity and attitude at the start by a unit of a source, ``(9,)``."""
+    """Compute errors of position, velocity and attitude at the start from a unit source, ``(9,)``."""
     if source.joint:
         return np.array(source.joint[:9])
     out = np.zeros(9)
@@ -185,20 +186,20 @@ def at_start(source: Source) -> FloatArray:
 
 
 def integrated(values: FloatArray, motion: SampledMotion, steps: Steps) -> FloatArray:
-    """Integral of rates of samples over steps."""
+    """Integrate rates of samples over steps."""
     values = (values * motion.dt[:, None])[: steps.edges[-1]]
     return np.asarray(np.add.reduceat(values, steps.edges[:-1], axis=0))
 
 
 def unit_of(source: Source) -> Source:
-    """Source of unit size through which a noise enters: a bias of its axis, or the quantisation of it."""
+    """Return the unit source through which a noise enters: a bias of its axis, or its quantisation."""
     if source.kind == "quantisation":
         return replace(source, sd=1.0)
     return Source(source.group, "bias", source.axis, "constant", 1.0)
 
 
 def last_step(source: Source, motion: SampledMotion, rows: IntArray, hold: bool) -> FloatArray:
-    """Errors by a unit error of the last step of a quantised integral, ``(m, 9)``."""
+    """Compute errors from a unit error of the last step of a quantised integral, ``(m, 9)``."""
     out = np.zeros((len(rows), 9))
     along = motion.C_nb[rows - 1, :, BODY.index(source.axis)]
     if source.group == "gyro":
@@ -209,10 +210,9 @@ def last_step(source: Source, motion: SampledMotion, rows: IntArray, hold: bool)
 
 
 def processes(source: Source, motion: SampledMotion) -> list[tuple[float, float, float, float]]:
-    """Processes that make up a noise: density of its white part, density that drives it, decay [1/s], first variance.
+    """Return the processes of a noise: density of white part, driving density, decay [1/s], first variance.
 
-    `source`: of one of the kinds that are not constant; `motion`: its length and sampling decide which processes make
-    flicker noise.
+    `source`: not constant. `motion`: its length and sampling determine the processes of flicker noise.
     """
     variance = source.sd**2
     if source.kind == "white":
@@ -224,7 +224,7 @@ def processes(source: Source, motion: SampledMotion) -> list[tuple[float, float,
     if source.kind == "Gauss-Markov":
         return [_markov(variance, source.correlation_time)]
     spacing = float(np.median(motion.dt))
-    # as it is simulated: the first sample of a record has no spacing before it
+    # as in the simulation: the first sample of a record has no earlier interval
     share, times = flicker_processes(spacing, motion.elapsed[-1] - spacing)
     return [_markov(variance * share**2, tau) for tau in times]
 

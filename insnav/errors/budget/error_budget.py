@@ -1,4 +1,4 @@
-"""The error budget itself: the same errors at the same times, analytic, predicted, simulated and recorded."""
+"""Error budget: the same errors at the same times, analytic, predicted, simulated and recorded."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from insnav.units import DEG
 
 BAND = 0.95  # probability of the bands
 LINEAR = 5.0 * DEG  # attitude errors up to here are small
-SHORTEST, LONGEST = 0.1, 3600.0  # times that a budget is for [s]
-_CURVE = 60  # points of a curve, about
-_AT_START = re.compile(r"initial\.|.*\.(bias|scale_factor)$")  # keys of errors that a known start has
-_ALONE = 200  # runs of each family alone: their RMS is good to 5 %
+SHORTEST, LONGEST = 0.1, 3600.0  # time range of a budget [s]
+_CURVE = 60  # approximate number of points of a curve
+_AT_START = re.compile(r"initial\.|.*\.(bias|scale_factor)$")  # keys of errors at a known start
+_ALONE = 200  # runs of each family alone: their RMS is accurate to 5 %
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class Column:
 
     @property
     def total(self) -> FloatArray:
-        """Root of the sum of the squares, ``(m, 9)``: what is to be expected, as the families are independent."""
+        """Root sum of squares over the independent families, ``(m, 9)``."""
         return np.asarray(np.sqrt(np.sum(self.parts**2, axis=1)))
 
 
@@ -48,19 +48,18 @@ class Column:
 class SimulatedColumn:
     """Errors of free-inertial Monte Carlo runs."""
 
-    # how many runs with all errors, and of each family alone; and of which seed
+    # number of runs with all errors, and of each family alone; random seed
     runs: int
     alone: int
     seed: int
     parts: FloatArray  # (m, f, 9) RMS error of the runs with one family of sources alone, in the units of `Column`
     total: FloatArray  # (m, 9) RMS error of the runs with all errors together
-    # (m,) mean over the runs of the squared errors normalised by the predicted covariance, divided by their number: one
-    # if the covariance is true
+    # (m,) mean normalised squared error over the runs and states: one if the covariance is true
     nees: FloatArray
 
     @property
     def band(self) -> tuple[float, float]:
-        """Limits of RMS error over true standard deviation that hold with the probability `BAND`."""
+        """Limits of RMS error over true standard deviation, with probability `BAND`."""
         tails = (0.5 * (1.0 - BAND), 0.5 * (1.0 + BAND))
         low, high = (float(np.sqrt(chi_square(self.runs, p) / self.runs)) for p in tails)
         return low, high
@@ -78,49 +77,49 @@ class RecordedColumn:
     high: FloatArray
     predicted: FloatArray  # (k, 4) predicted standard deviation [m]
     windows: int  # how many
-    description: str  # what was recorded, and what errors are against
+    description: str  # record, and reference of the errors
 
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """How much error an IMU makes, after how long, from what."""
+    """Error budget of an IMU: size of its errors over time, and their sources."""
 
     imu: str  # name of the IMU
-    motion: str  # what motion it is
+    motion: str  # description of the motion
     time: FloatArray  # (m,) times of the curves, since the start [s]
-    chosen: IntArray  # (k,) those of them that the tables show
-    families: tuple[str, ...]  # families of sources that are not zero, such as ``gyro bias``
-    sources: tuple[Source, ...]  # all sources, also those of size zero
-    # by closed laws; and by the linear model along the motion
+    chosen: IntArray  # (k,) indices of the times in the tables
+    families: tuple[str, ...]  # families of nonzero sources, such as ``gyro bias``
+    sources: tuple[Source, ...]  # all sources, including zero ones
+    # by closed laws; by the linear model along the motion
     analytic: Column
     covariance: Column
-    # (m, 4) largest error North, East, Down, horizontal of all sources within one sd, by the linear model [m]
+    # (m, 4) largest error North, East, Down, horizontal with all sources within one sd, by the linear model [m]
     worst: FloatArray
     hold: bool  # the vertical channel was constrained to the reference height
-    # gravity [m/s^2] and Schuler rate [rad/s] where the motion begins
+    # gravity [m/s^2] and Schuler rate [rad/s] at the start of the motion
     gravity: float
     schuler_rate: float
-    # keys that the IMU file does not give, counted as zero; and errors it gives that the budget leaves out
+    # absent keys of the IMU file, zero here; and errors of the file that the budget does not include
     absent: tuple[str, ...]
     ignored: tuple[str, ...]
     simulated: SimulatedColumn | None = None
     recorded: RecordedColumn | None = None
-    flicker_lowest: float = math.nan  # lowest frequency of the flicker noise [Hz]; NaN if there is none
+    flicker_lowest: float = math.nan  # lowest frequency of the flicker noise [Hz]; NaN without
 
     @property
     def linear(self) -> bool:
-        """Whether the attitude errors are small enough for the analytic and the covariance columns."""
+        """True if the attitude errors are small enough for the analytic and the covariance columns."""
         return bool(self.covariance.total[self.chosen, 6:].max() <= LINEAR)
 
     @property
     def headline(self) -> FloatArray:
-        """Standard deviations (m, 9) that hold: of the covariance, or simulated where it is beyond its range."""
+        """Valid standard deviations (m, 9): from covariance, or simulated beyond its range."""
         if self.simulated is None or self.linear:
             return self.covariance.total
         return self.simulated.total
 
     def short_form_error(self, time: float) -> tuple[float, float]:
-        """Relative error of the short forms after a time, for a bias or tilt and for a gyro bias: true / form - 1."""
+        """Compute the relative error of the short forms, for a bias or tilt and for a gyro bias: true / form - 1."""
         bias, drift = (float(laws.schuler("constant", order, time, self.schuler_rate)) for order in (2, 3))
         return bias - 1.0, drift - 1.0
 
@@ -137,14 +136,14 @@ def budget(
     known: tuple[Source, ...] = (),
     progress: Callable[[float], None] | None = None,
 ) -> Budget:
-    """Draw up the budget.
+    """Compute the budget.
 
-    `times`: when the errors are wanted, since the start [s]; `runs`: how many times to simulate; 0 for analytic and
-    covariance alone; `deflection`: deflection of the vertical [rad]; see `insnav.errors.budget.sources.sources_of`;
-    `hold`: constrain the vertical channel to the reference height; see `insnav.errors.budget.covariance.covariance`;
-    `known`: correlated errors of start and sensors besides those of `spec`; see `start_sources`; `progress`:
-    called with the fraction of the simulation that is done.
-    Raises: ConfigError: an IMU without errors, or times that are not those of the motion.
+    `times`: of the results, since the start [s]. `runs`: number of simulated runs; 0 for analytic and covariance alone.
+    `deflection`: deflection of the vertical [rad]; see `insnav.errors.budget.sources.sources_of`. `hold`: constrain the
+    vertical channel to the reference height; see `insnav.errors.budget.covariance.covariance`. `known`: correlated
+    errors of start and sensors in addition to `spec`; see `start_sources`. `progress`: called with the completed
+    fraction of the simulation.
+    Raises: ConfigError: an IMU without errors, or times outside the motion.
     """
     sources = (*known, *sources_of(spec, deflection))
     names = families(sources)
@@ -197,10 +196,10 @@ def budget(
 
 
 def check_times(times: Sequence[float], longest: float = LONGEST) -> None:
-    """Refuse times that a budget is not for.
+    """Refuse times outside the range of a budget.
 
-    `times` [s]; `longest`: end of the motion [s].
-    Raises: ConfigError: there are none, or some are too short or too long.
+    `times` [s]. `longest`: end of the motion [s].
+    Raises: ConfigError: no times, or some are too short or too long.
     """
     if np.ndim(times) != 1:
         raise ConfigError("budget.times_sequence", where="times", value=str(times))
@@ -210,7 +209,7 @@ def check_times(times: Sequence[float], longest: float = LONGEST) -> None:
 
 
 def _rows(motion: SampledMotion, times: Sequence[float]) -> tuple[IntArray, IntArray]:
-    """Samples after which the curves have points, and which of them are the wanted times."""
+    """Return the samples of the curves' points, and the indices of the requested times."""
     elapsed = motion.elapsed
     check_times(times, min(LONGEST, float(elapsed[-1])))
     wanted = np.unique(np.searchsorted(elapsed, np.array(times) - 1e-6) + 1)
@@ -222,17 +221,17 @@ def _rows(motion: SampledMotion, times: Sequence[float]) -> tuple[IntArray, IntA
 
 
 def _by_family(variance: FloatArray, sources: tuple[Source, ...], names: tuple[str, ...]) -> FloatArray:
-    """Standard deviation by family from the variance by source."""
+    """Sum the variance by source to standard deviations by family."""
     of = [[k for k, source in enumerate(sources) if source.family == name] for name in names]
     return np.asarray(np.sqrt(np.stack([variance[:, each].sum(axis=1) for each in of], axis=1)))
 
 
 def _normalised(error: FloatArray, total: FloatArray) -> FloatArray:
-    """Mean over the runs of ``e' P^-1 e / n`` at every time; states without error are left out."""
+    """Compute the mean ``e' P^-1 e / n`` over the runs at every time, without error-free states."""
     found = np.empty(len(total))
     for k, whole in enumerate(total):
         sd = np.sqrt(np.diag(whole))
-        # a fixed state, and one that equals another to the last digit, has no covariance of its own
+        # a fixed state, or an exact duplicate of another, has no covariance of its own
         free = np.flatnonzero(sd > 0.0)
         correlation = whole[np.ix_(free, free)] / np.outer(sd[free], sd[free])
         value, vector = np.linalg.eigh(correlation)

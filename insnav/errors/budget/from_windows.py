@@ -1,6 +1,6 @@
-"""The recorded half of an error budget: windows, prediction, diagnosis, simulated replicas, verdict.
+"""Recorded part of an error budget: windows, prediction, diagnosis, simulated replicas, verdict.
 
-The budget of a drive predicts from the motion and the start of its typical window.
+The budget of a drive predicts from motion and initial state of its typical window.
 """
 
 from __future__ import annotations
@@ -37,22 +37,22 @@ MINUTE = 60.0  # [s]
 
 @dataclass(frozen=True, slots=True)
 class WindowSettings:
-    """What a user may want to choose about the windows."""
+    """Settings of the windows."""
 
     length: float = MINUTE  # of the windows [s]
-    # where the first begins, after the start of navigation [s]; a minute, or less if the drive is short
+    # start of the first, after the start of navigation [s]; None: a minute, or less in a short drive
     first: float | None = None
-    spacing: float | None = None  # from one to the next [s]; so that about sixty fit
-    start: StartChoice = "forward"  # state at the start; a smoothed one is not independent of the reference
-    uncalibrated: bool = False  # also windows with the turn-on errors of the sensors in full
-    replicas: int = 0  # how many simulated replicas; none with zero
+    spacing: float | None = None  # interval between starts [s]; None: about sixty fit
+    start: StartChoice = "forward"  # initial state; a smoothed state is not independent of the reference
+    uncalibrated: bool = False  # also windows with uncorrected turn-on errors
+    replicas: int = 0  # number of simulated replicas
     seed: int = 0  # of the replicas
     workers: Workers = 1  # processes or engine of the replicas
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Whether the recorded error at the end of the windows agrees with the prediction."""
+    """Agreement of the recorded error at the end of the windows with the prediction."""
 
     component: str
     # RMS error and its 95 % confidence interval [m]; `recorded` is NaN below the noise of the reference
@@ -66,12 +66,12 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class RecordedPart:
-    """All about windows of one kind, calibrated or uncalibrated."""
+    """Results of windows of one kind, calibrated or uncalibrated."""
 
     windows: Windows
     growth: Growth  # at the times of the tables
     curve: Growth  # at every time
-    # `growth` of windows ``static``, ``straight``, ``turning``; None where there are none
+    # `growth` of windows ``static``, ``straight``, ``turning``; None without such windows
     motions: dict[str, Growth | None]
     diagnosis: Diagnosis
     sensors: SensorFit
@@ -82,12 +82,12 @@ class RecordedPart:
 
 @dataclass(frozen=True, slots=True)
 class RecordedBudget:
-    """The recorded half of an error budget."""
+    """Recorded part of an error budget."""
 
     settings: WindowSettings
-    reference: str  # what errors are against, in words
-    duration: float  # of the drive as it was navigated [s]
-    calibrated: RecordedPart  # the filter's estimates of sensor errors corrected
+    reference: str  # description of the reference
+    duration: float  # of the navigated drive [s]
+    calibrated: RecordedPart  # corrected by the filter's estimates of sensor errors
     uncalibrated: RecordedPart | None  # nothing corrected
     spec: ImuSpec  # specification of the IMU
     track: Trajectory  # the smoothed drive
@@ -95,7 +95,7 @@ class RecordedBudget:
 
     @property
     def shown(self) -> RecordedPart:
-        """Windows to compare the other columns with: uncalibrated if these were asked for."""
+        """Windows for the comparison with other columns: uncalibrated if requested."""
         return self.calibrated if self.uncalibrated is None else self.uncalibrated
 
 
@@ -106,11 +106,11 @@ def recorded_budget(
     settings: WindowSettings | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> RecordedBudget:
-    """Cut a drive into free-inertial windows and find the causes of their errors.
+    """Divide a drive into free-inertial windows and find the causes of their errors.
 
-    `ready`: the drive; aiding besides fixes is not used in the windows either; `reference`: what errors are against;
-    the fixes of the drive by default.
-    Raises: ConfigError: windows outside 10 to 300 s, one or two replicas; InputError: a drive too short for one window,
+    `ready`: the drive; the windows use no other aiding, either. `reference`: of the errors; by default the fixes of the
+    drive.
+    Raises: ConfigError: windows outside 10 to 300 s, one or two replicas. InputError: a drive too short for one window,
     or no window without a gap.
     """
     settings = settings or WindowSettings()
@@ -153,7 +153,7 @@ def recorded_budget(
     assert drive.run.smoothed is not None
     correlated = ready.settings.correlated is not None
     return RecordedBudget(
-        replace(settings, workers=1),  # the same result, whoever worked at it
+        replace(settings, workers=1),  # the result does not depend on the workers
         reference.name,
         float(solution.time[-1] - solution.time[0]),
         parts[0],
@@ -187,19 +187,19 @@ def _part(windows: Windows, model: ErrorModel, made: Replicas | None) -> Recorde
 def verdicts(found: Growth, *, one_sensor: bool = False) -> tuple[Verdict, ...]:
     """Compare recorded and predicted error at the last time.
 
-    Errors are explained if their confidence interval reaches down to the prediction, or their square is one that as
-    many normal errors could have. An error common to all windows is one sample, whatever their number; of a mean square
-    of which it is the share c, n windows are worth ``1 / (c^2 + (1 - c)^2 / n)`` (Satterthwaite 1946).
+    Errors are explained if their confidence interval includes the prediction, or if their square is plausible for as
+    many normal errors. An error common to all windows is one sample. If it makes up the share c of the mean square, n
+    windows are equivalent to ``1 / (c^2 + (1 - c)^2 / n)`` samples (Satterthwaite 1946).
 
-    `one_sensor`: the errors of all windows come from the same few numbers, the turn-on errors of one IMU: their RMS may
-    differ from the prediction as much as a single sample may.
+    `one_sensor`: the errors of all windows come from the turn-on errors of one IMU. Their RMS may differ from the
+    prediction like a single sample.
     """
     out = []
     tail = 0.5 * (1.0 - CONFIDENCE)
     for name in ("north", "east", "down", "horizontal"):
         i = found.column(name)
         rms, low, high, predicted = (float(v[-1, i]) for v in (found.corrected, found.low, found.high, found.predicted))
-        # below the noise of the reference nothing is larger than predicted
+        # an error below the noise of the reference is not larger than predicted
         recorded = 0.0 if found.below_noise[-1, i] else rms
         common = float(np.nan_to_num(found.common[-1, i]))
         samples = 1.0 / (common**2 + (1.0 - common) ** 2 / max(found.effective, 1.0))
@@ -217,7 +217,7 @@ def verdicts(found: Growth, *, one_sensor: bool = False) -> tuple[Verdict, ...]:
 def _findings(
     reference: WindowReference, spec: ImuSpec, settings: WindowSettings, part: RecordedPart, *, correlated: bool
 ) -> Iterator[Finding]:
-    """Give what was assumed, and what is missing."""
+    """Report assumptions and missing items."""
     if reference.own_fixes:
         yield Finding.of(Code.BUDGET_OWN_FIXES)
     gyro, accel = (
@@ -244,9 +244,9 @@ _MARGIN = 5.0  # of the track on both sides of a window [s]
 
 
 def typical_window(part: RecordedPart) -> int:
-    """Number of the window whose predicted variances at the end, horizontal and down, are nearest their mean.
+    """Return the window whose predicted final variances, horizontal and down, are nearest their mean.
 
-    So the budget of this one window predicts what the RMS of all windows is compared with.
+    The budget of this window then predicts the RMS of all windows.
     """
     north, east, down = np.diagonal(part.windows.covariance[:, -1], axis1=1, axis2=2)[:, :3].T
     sizes = np.column_stack((north + east, down))
@@ -257,7 +257,7 @@ def typical_window(part: RecordedPart) -> int:
 def window_motion(budget: RecordedBudget, duration: float) -> SampledMotion:
     """Motion of the typical window, from the smoothed track of the drive.
 
-    `duration`: from its start on [s].
+    `duration`: from the start of the window [s].
     """
     part, track = budget.shown, budget.track
     start = float(part.windows.start[typical_window(part)])
@@ -265,7 +265,7 @@ def window_motion(budget: RecordedBudget, duration: float) -> SampledMotion:
     first = max(0, first - 1)
     truth = truth_from_track(track.rows(slice(first, last + 1)))
     begin = min(max(start - truth.start, 0.0), truth.duration - duration)
-    text = f"that of the drive from {start:.1f} s, the window nearest the mean prediction"
+    text = f"motion of the drive from {start:.1f} s, the window closest to the mean prediction"
     return sampled(truth, begin, duration, text)
 
 
@@ -275,14 +275,14 @@ def window_start_sources(budget: RecordedBudget) -> tuple[Source, ...]:
 
 
 def spec_in_windows(budget: RecordedBudget) -> ImuSpec:
-    """Errors that the IMU adds within the window."""
+    """Return the IMU errors that arise within the window."""
     return replace(in_run_errors(budget.spec), name=f"{budget.spec.name}, {_kind(budget)}")
 
 
 def with_recorded(found: Budget, budget: RecordedBudget) -> Budget:
     """Add the recorded column.
 
-    `found`: of `spec_in_windows`, `window_start_sources` and `window_motion`.
+    `found`: budget from `spec_in_windows`, `window_start_sources` and `window_motion`.
     """
     windows = budget.shown.windows
     times = found.time[found.chosen]
@@ -305,11 +305,11 @@ def _kind(budget: RecordedBudget) -> str:
 
 
 def in_run_errors(spec: ImuSpec) -> ImuSpec:
-    """What an IMU adds to the errors at the start: noise, change of the bias, terms the filter has no states for.
+    """Return the errors that an IMU adds after the start: noise, bias change, terms without filter states.
 
-    In-run bias since the start is a random walk that is driven as the Gauss-Markov process of the IMU file is,
-    ``2 sd^2 / T`` (Gelb 1974, section 3.6), right for times far below T. Misalignment of accelerometers shows in
-    gravity as a bias, and is counted there.
+    In-run bias since the start is a random walk with the driving noise of the IMU file's Gauss-Markov process,
+    ``2 sd^2 / T`` (Gelb 1974, section 3.6). This holds for times far below T. Accelerometer misalignment acts as a bias
+    through gravity, and is included as such.
     """
     return replace(
         spec, gyro=_since(spec.gyro), accel=replace(_since(spec.accel), misalignment=np.zeros(3)), initial=None
@@ -324,8 +324,8 @@ def _since(sensor: SensorSpec) -> SensorSpec:
 
 @dataclass(frozen=True, slots=True)
 class BudgetStudy:
-    """A budget and the drive that it is of."""
+    """Budget and its drive."""
 
     budget: Budget
-    # free-inertial windows of the drive; None for a budget of a motion without a record
+    # free-inertial windows of the drive; None for a budget without a record
     windows: RecordedBudget | None = None

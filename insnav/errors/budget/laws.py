@@ -1,15 +1,15 @@
-"""The closed short-time laws of inertial error: Earth rate and curvature of the Earth neglected.
+"""Closed short-time laws of inertial error, without Earth rate and curvature.
 
-An accelerometer error is integrated once to velocity and twice to position: ``B t^2 / 2`` of a bias, ``N t^1.5 /
-sqrt(3)`` of white noise. A gyro error is integrated once to a tilt, which lets gravity g into the level axes: ``g``
-times its second integral in velocity and its third in position, ``g eps t^3 / 6`` of a bias, ``g N sqrt(t^5 / 20)`` of
-white noise. So every law is the standard deviation of an n-fold integral of an error of unit size (`integral`). Compare
-Groves (2013), section 14.2 and chapter 5 (short-term error propagation); Titterton and Weston, "Strapdown Inertial
-Navigation Technology", 2nd ed. (2004), chapter 12; for the integrals of white noise Papoulis, "Probability, Random
-Variables, and Stochastic Processes" (1991), chapter 10.
+An accelerometer error is integrated once to velocity and twice to position: ``B t^2 / 2`` for a bias,
+``N t^1.5 / sqrt(3)`` for white noise. A gyro error is integrated once to a tilt, which couples gravity g into the level
+axes. Velocity and position are ``g`` times its second and third integral: ``g eps t^3 / 6`` for a bias,
+``g N sqrt(t^5 / 20)`` for white noise. Each law is the standard deviation of an n-fold integral of a unit error
+(`integral`). Compare Groves (2013), section 14.2 and chapter 5 (short-term error propagation); Titterton and Weston,
+"Strapdown Inertial Navigation Technology", 2nd ed. (2004), chapter 12. For integrals of white noise: Papoulis,
+"Probability, Random Variables, and Stochastic Processes" (1991), chapter 10.
 
-Beyond two minutes the loop through the Earth's curvature counts: an error in position tilts the level. Then every
-n-fold integral is replaced by its counterpart in the closed Schuler loop (`schuler`), ``w_s^2 = g / R``.
+Beyond two minutes the feedback through the Earth's curvature matters: a position error tilts the level. The closed
+Schuler loop (`schuler`), ``w_s^2 = g / R``, then replaces every n-fold integral.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ SHORT = 120.0  # up to here the short forms, beyond it the closed Schuler forms 
 
 
 def integral(kind: Process, order: int, time: ArrayLike) -> FloatArray:
-    """Standard deviation of the n-fold integral of an error of unit size that begins at time zero.
+    """Compute the standard deviation of the n-fold integral of a unit error that begins at time zero.
 
     `kind`: process of the error, ``constant``, ``ramp``, ``white`` or ``random walk``; see
-    `insnav.imu.error_terms.ErrorTerm`; `order`: n; `time` [s].
+    `insnav.imu.error_terms.ErrorTerm`. `order`: n; `time` [s].
     Returns: [s^n], [s^(n + 1)] for a ramp, [s^(n - 1/2)] for white noise, [s^(n + 1/2)] for a random walk.
 
     Notes
@@ -47,18 +47,18 @@ def integral(kind: Process, order: int, time: ArrayLike) -> FloatArray:
 
 
 def schuler(kind: Process, order: int, time: ArrayLike, rate: float) -> FloatArray:
-    """Factor of the closed Schuler loop on the short form of an n-fold integral.
+    """Compute the factor of the closed Schuler loop on the short form of an n-fold integral.
 
-    `kind`: process of the error. What changes slowly (Gauss-Markov, flicker) is taken as constant here; `time` [s],
-    above zero; `rate`: Schuler rate ``sqrt(g / R)`` [rad/s].
+    `kind`: process of the error; slow processes (Gauss-Markov, flicker) count as constant. `time` [s], above zero.
+    `rate`: Schuler rate ``sqrt(g / R)`` [rad/s].
     Returns: one for short times.
 
     Notes
     -----
-    The loop ``dv' = -g phi + B``, ``phi' = dv / R - eps`` answers a constant with x = w_s t by cos x, sin x / x,
-    2 (1 - cos x) / x^2, 6 (x - sin x) / x^3 times the short form, n = 0 to 3 (Groves 2013, section 5.7; Titterton and
-    Weston 2004, chapter 12), n = 4 by 24 (x^2 / 2 - 1 + cos x) / x^4. White noise is the sum of the squares of answers
-    to pulses: the integral of the square of the answer of one order less.
+    The loop ``dv' = -g phi + B``, ``phi' = dv / R - eps`` multiplies the short form of a constant, with x = w_s t, by
+    cos x, sin x / x, 2 (1 - cos x) / x^2, 6 (x - sin x) / x^3 for n = 0 to 3 (Groves 2013, section 5.7; Titterton and
+    Weston 2004, chapter 12), and by 24 (x^2 / 2 - 1 + cos x) / x^4 for n = 4. White noise sums squared pulse responses:
+    the integral of the squared response of one order less.
     """
     x = rate * np.asarray(time, dtype=np.float64)
     if kind in ("ramp", "random walk"):

@@ -1,4 +1,4 @@
-"""A motion as an IMU senses it, sample by sample: the input of every part of the budget."""
+"""Motion as sensed by an IMU, sample by sample: the input of all parts of the budget."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from insnav.units import DEG
 
 RATE = 100.0  # [Hz]
 REST = np.array([45.0 * DEG, 0.0, 0.0])  # latitude, longitude [rad], height [m] of the stationary motion
-HIGHEST = 1e5  # distance from the ellipsoid at which gravity is looked for [m]
+HIGHEST = 1e5  # largest height in the search for a gravity value [m]
 
 
 @dataclass(frozen=True, slots=True)
 class SampledMotion:
-    """A stretch of an exact motion, cut into the intervals of n samples."""
+    """Section of an exact motion, divided into n sample intervals."""
 
     truth: Trajectory  # at the n + 1 ends of the samples
     dt: FloatArray  # (n,) length of each sample [s]
@@ -35,8 +35,8 @@ class SampledMotion:
     # (n, 3) mean angular rate [rad/s] and specific force [m/s^2] of each sample, body axes
     rate: FloatArray
     force: FloatArray
-    increments: Increments  # what the mechanization takes, with coning and sculling
-    description: str = ""  # what the motion is
+    increments: Increments  # input of the mechanization, with coning and sculling
+    description: str = ""  # description of the motion
 
     @property
     def elapsed(self) -> FloatArray:
@@ -50,11 +50,11 @@ class SampledMotion:
 
 
 def sampled(truth: Truth, begin: float, duration: float, description: str = "", rate: float = RATE) -> SampledMotion:
-    """Cut a stretch out of a motion.
+    """Cut a section out of a motion.
 
-    `begin`: start of the stretch, since that of the motion [s]; `duration`: its length [s]; `rate`: of the samples
+    `begin`: start of the section, after the start of the motion [s]. `duration`: its length [s]. `rate`: of the samples
     [Hz].
-    Raises: ConfigError: the motion ends before, the stretch begins before it, or comes close to a pole.
+    Raises: ConfigError: the section exceeds the motion, or approaches a pole.
     """
     if begin < 0.0 or begin + duration > truth.duration + 1e-6:
         raise ConfigError("budget.motion_too_short", after_s=duration, begin_s=begin, duration_s=truth.duration)
@@ -81,11 +81,11 @@ def sampled(truth: Truth, begin: float, duration: float, description: str = "", 
 def at_rest(
     duration: float, lat: float = float(REST[0]), heading: float = 0.0, gravity: float | None = None
 ) -> SampledMotion:
-    """Make the default motion of a budget: stationary and level.
+    """Build the default motion of a budget: stationary and level.
 
-    `duration`: length [s]; `lat`, `heading` [rad]; `gravity`: stand at the height that has this gravity [m/s^2], not
-    on the ellipsoid.
-    Raises: ConfigError: gravity that is nowhere near the ellipsoid, or a pole.
+    `duration`: length [s]. `lat`, `heading` [rad]. `gravity`: choose the height of this gravity [m/s^2] instead of
+    zero.
+    Raises: ConfigError: gravity that occurs nowhere near the ellipsoid, or a pole.
     """
     height = 0.0 if gravity is None else _height_of(gravity, lat)
     truth = straight(np.array([lat, 0.0, height]), 0.0, heading, duration + 1.0)
@@ -96,7 +96,7 @@ def at_rest(
 
 
 def _height_of(gravity: float, lat: float) -> float:
-    """Height [m] at which normal gravity has a size [m/s^2]."""
+    """Find the height [m] of a normal gravity [m/s^2]."""
 
     def excess(height: float) -> float:
         return float(np.linalg.norm(gravity_n(lat, height))) - gravity
@@ -115,7 +115,7 @@ def _height_of(gravity: float, lat: float) -> float:
 
 
 def first_movement(truth: Truth) -> float:
-    """Time from the start of a motion to a second before its first movement [s]; 0 if it moves at once."""
+    """Compute the time from the start to a second before the first movement [s]; 0 without a pause."""
     tau = np.arange(0.0, truth.duration, 0.5)
     speed = np.linalg.norm(truth.evaluate(truth.start + tau).v_n, axis=1)
     moving = np.flatnonzero(speed > 0.05)

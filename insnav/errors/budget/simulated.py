@@ -1,8 +1,8 @@
-"""The simulated budget: free-inertial Monte Carlo runs of IMUs sampled from a specification, on one motion.
+"""Simulated budget: free-inertial Monte Carlo runs of sampled IMUs on one motion.
 
-Every run samples its constant errors with `insnav.imu.sample_errors`, its noise as `insnav.simulate.corrupt_imu` does,
-and is integrated by the step that navigates recordings. The compiled loop neglects the change that sensor errors make
-in coning and sculling, which is of second order.
+Every run samples its constant errors with `insnav.imu.sample_errors`, its noise as `insnav.simulate.corrupt_imu` does.
+The step that navigates recordings integrates it. The compiled loop neglects the effect of sensor errors on coning and
+sculling, which is of second order.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from insnav.types import FloatArray, IntArray
 from insnav.units import G0
 
 _NO_TERMS = ErrorTerms()
-_BLOCK = 500  # runs that one process makes at a time; it is started for more than these
-# noise of the compiled kernel; other noise is made sample by sample before it
+_BLOCK = 500  # runs per process call; more runs start processes
+# noise in the compiled kernel; other noise is added to the samples before
 _IN_KERNEL: tuple[Process, ...] = ("white", "Gauss-Markov", "random walk")
 
 
@@ -47,12 +47,12 @@ def free_runs(
 ) -> FloatArray:
     """Navigate without aiding, many times, each time with another IMU and another start.
 
-    `rows` (m,): samples after which errors are wanted, increasing; `seed`: the same seed gives the same runs, and the
-    first runs are the same however many follow; `deflection`: deflection of the vertical [rad]; see
-    `insnav.errors.budget.sources.sources_of`; `known`: correlated errors of start and sensors besides those of `spec`;
+    `rows` (m,): samples after which errors are returned, increasing. `seed`: determines the runs; their number does not
+    change the first runs. `deflection`: deflection of the vertical [rad]; see
+    `insnav.errors.budget.sources.sources_of`. `known`: correlated errors of start and sensors in addition to `spec`;
     see `start_sources`.
-    Returns: (runs, m, 9) errors of position N, E, D [m], velocity [m/s], attitude [rad], estimate minus truth; the
-    attitude error is that of ``C_hat = (I - [phi x]) C``.
+    Returns: (runs, m, 9) errors of position N, E, D [m], velocity [m/s], attitude [rad], estimate minus truth. Attitude
+    error: ``C_hat = (I - [phi x]) C``.
     """
     blocks = [range(first, min(first + _BLOCK, runs)) for first in range(0, runs, _BLOCK)]
     shared = (spec, motion, rows, seed, deflection, hold, known)
@@ -69,7 +69,7 @@ def _states(
     known: tuple[Source, ...],
     numbers: range,
 ) -> FloatArray:
-    """States of some runs after the samples `rows`, (runs, m, 10)."""
+    """Compute the states of some runs after the samples `rows`, (runs, m, 10)."""
     truth, inc, n = motion.truth, motion.increments, int(rows[-1])
     height, v_down = truth.lla[1 : n + 1, 2].copy(), truth.v_n[1 : n + 1, 2].copy()
     states = np.empty((len(numbers), len(rows), 10))
@@ -121,7 +121,7 @@ def _states(
 
 
 def _of_errors(errors: ImuErrors) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Bias, matrices, bends and g-sensitivity as the kernel takes them."""
+    """Convert bias, matrices, bends and g-sensitivity for the kernel."""
     terms = [errors.gyro_terms or _NO_TERMS, errors.accel_terms or _NO_TERMS]
     return (
         np.concatenate([errors.gyro_bias, errors.accel_bias]),
@@ -134,7 +134,7 @@ def _of_errors(errors: ImuErrors) -> tuple[FloatArray, FloatArray, FloatArray, F
 def _starts(
     initial: InitialSpec, motion: SampledMotion, drawn: FloatArray, hold: bool, together: FloatArray
 ) -> FloatArray:
-    """Initial states (runs, 10) of normal numbers and correlated errors, (runs, 9) both."""
+    """Build initial states (runs, 10) from normal numbers and correlated errors, both (runs, 9)."""
     sd = np.array([*3 * [initial.position], *3 * [initial.velocity], initial.tilt, initial.tilt, initial.heading])
     error = drawn * sd + together
     if hold:
@@ -144,7 +144,7 @@ def _starts(
 
 
 def _changes(motion: SampledMotion, n: int) -> FloatArray:
-    """How fast the true samples change, ``(n, 6)``: what a clock that is late does is this times the delay."""
+    """Compute the change rate of the true samples, ``(n, 6)``: times a clock delay, it is the delay's effect."""
     middle = motion.elapsed - 0.5 * motion.dt
     return np.asarray(np.gradient(np.concatenate([motion.rate, motion.force], axis=1), middle, axis=0)[:n])
 
@@ -152,7 +152,7 @@ def _changes(motion: SampledMotion, n: int) -> FloatArray:
 def _more(
     spec: ImuSpec, motion: SampledMotion, n: int, rng: np.random.Generator, changes: FloatArray | None
 ) -> FloatArray:
-    """Sample the errors that the kernel does not make, ``(n, 6)``."""
+    """Sample the errors outside the kernel, ``(n, 6)``."""
     elapsed = motion.elapsed[:n]
     made = np.zeros((n, 6))
     since = (elapsed - elapsed[0])[:, None]
@@ -172,7 +172,7 @@ def _more(
 
 
 def _errors(states: FloatArray, motion: SampledMotion, rows: IntArray) -> FloatArray:
-    """Errors of states ``(runs, m, 10)`` against the truth, ``(runs, m, 9)``."""
+    """Compute errors of states ``(runs, m, 10)`` against the truth, ``(runs, m, 9)``."""
     truth = motion.truth
     lla, v_n, rph = truth.lla[rows], truth.v_n[rows], truth.rph[rows]
     turn = quat_multiply(states[..., 6:], quat_conjugate(quat_from_rph(rph)))

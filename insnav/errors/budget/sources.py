@@ -1,8 +1,8 @@
-"""Where the errors of free-inertial navigation come from: a list of independent scalar sources with their sizes.
+"""Sources of free-inertial errors: a list of independent scalar sources with their sizes.
 
-The terms of the sensors are those of `insnav.imu.error_terms.TERMS`; errors at the start, of gravity and of timing come
-with them. The list holds all 39 sources of the covariance budget of the PSINS toolbox (attitude, velocity, position,
-gyro and accelerometer bias, white noise of both, and the nine elements of both sensor matrices) and more.
+`insnav.imu.error_terms.TERMS` defines the sensor terms; errors of initial state, gravity and timing are added. The list
+contains all 39 sources of the covariance budget of the PSINS toolbox (attitude, velocity, position, gyro and
+accelerometer bias, white noise of both, the nine elements of both sensor matrices) and more.
 """
 
 from __future__ import annotations
@@ -32,21 +32,21 @@ _NAMES: tuple[tuple[Group, str, tuple[str, ...], int], ...] = (
     ("initial", "velocity", LOCAL, 3),
     ("initial", "position", LOCAL, 0),
 )
-_NOTHING = 1e-9  # of a variance that is left when those before are known
+_NOTHING = 1e-9  # smallest remaining share of a variance, given the previous ones
 
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """One independent scalar error."""
+    """Independent scalar error."""
 
-    group: Group  # what it belongs to
-    term: str  # what it is, such as ``scale factor``
-    # ``x``, ``y``, ``z`` of the body; ``north``, ``east``, ``down``; two letters for an element of a matrix, the axis
-    # that shows it first
+    group: Group  # group of the source
+    term: str  # error type, such as ``scale factor``
+    # ``x``, ``y``, ``z`` of the body; ``north``, ``east``, ``down``. A matrix element has two letters, first the
+    # sensitive axis
     axis: str
     kind: Process  # its process in time
-    # standard deviation; root power spectral density of white noise and of the noise that drives a random walk;
-    # coefficient of flicker noise. SI units and radians.
+    # standard deviation, or root power spectral density of white noise or of a random walk's driving noise, or
+    # coefficient of flicker noise. SI, radians.
     sd: float
     correlation_time: float = math.inf  # of a Gauss-Markov process [s]
     # for a source of correlated errors, its unit vector in 21 states; see `insnav.errors.budget.from_windows`
@@ -54,30 +54,30 @@ class Source:
 
     @property
     def family(self) -> str:
-        """Name shared by the sources that differ in the axis alone, such as ``gyro bias``."""
+        """Family: the name without the axis, such as ``gyro bias``."""
         return f"{self.group} {self.term}"
 
     @property
     def name(self) -> str:
-        """Name of its own, such as ``gyro bias x``."""
+        """Full name, such as ``gyro bias x``."""
         return f"{self.family} {self.axis}"
 
     @property
     def error_term(self) -> ErrorTerm:
-        """What it is an element of; KeyError if it is of no sensor."""
+        """Sensor error term; KeyError if it belongs to no sensor."""
         return term_of(self.family)
 
     @property
     def element(self) -> tuple[int, int]:
-        """Axis of the sensor that shows it, and axis of the signal that drives it."""
+        """Sensitive axis of the sensor, and axis of the driving signal."""
         return BODY.index(self.axis[0]), BODY.index(self.axis[-1])
 
 
 def sources_of(spec: ImuSpec, deflection: float = 0.0) -> tuple[Source, ...]:
-    """List every source, also those of size zero.
+    """List every source, including zero ones.
 
-    `deflection`: deflection of the vertical about each horizontal axis [rad]: real gravity is off the normal gravity of
-    the model by this angle times gravity, and by as much in size.
+    `deflection`: deflection of the vertical about each horizontal axis [rad]. Real gravity differs from the model's
+    normal gravity by this angle times gravity, and as much in magnitude.
     Returns: in the order of the report: initial, gyro, accel, gravity, timing.
     """
     start = spec.initial or InitialSpec()
@@ -97,16 +97,15 @@ def sources_of(spec: ImuSpec, deflection: float = 0.0) -> tuple[Source, ...]:
 
 
 def start_sources(covariance: FloatArray) -> tuple[Source, ...]:
-    """Make independent sources of a filter's covariance at the start, errors of its sensors included.
+    """Derive independent sources from a filter's covariance at the start, including sensor errors.
 
-    Correlated errors (tilt and the bias that it hides) are no independent sources. A triangular factor of their
-    covariance makes them so: each source carries its share of those after it. Sensors come first: a bias brings the
-    tilt that hides it, and ``initial tilt`` is only what is left when the biases are known.
+    Correlated errors (a tilt and the bias that compensates it) are not independent. A triangular factor of their
+    covariance gives independent sources: each includes its share of the later errors. Sensors come first: a bias
+    includes its tilt, and ``initial tilt`` is the remainder for known biases.
 
-    `covariance` (21, 21): of the errors of position N, E, D [m], velocity [m/s], attitude [rad], gyro and accelerometer
-    bias, gyro and accelerometer scale factor, estimate minus truth.
-    Returns: with its share of the other errors in `Source.joint`. The sum of their squares is the covariance
-    (Cholesky).
+    `covariance` (21, 21): of position N, E, D [m], velocity [m/s], attitude [rad], bias and scale factor (gyro,
+    accelerometer), estimate minus truth.
+    Returns: sources with their shares in `Source.joint`. The sum of squares is the covariance (Cholesky).
     """
     labels = [(group, term, axis, first + i) for group, term, axes, first in _NAMES for i, axis in enumerate(axes)]
     left = covariance.copy()
@@ -123,19 +122,19 @@ def start_sources(covariance: FloatArray) -> tuple[Source, ...]:
 
 
 def term_of(family: str) -> ErrorTerm:
-    """Error term of a sensor by the name of its family, such as ``gyro bias``; KeyError if there is none."""
+    """Return the error term of a sensor by family, such as ``gyro bias``; KeyError if there is none."""
     return {term.family: term for term in TERMS}[family]
 
 
 def families(sources: tuple[Source, ...]) -> tuple[str, ...]:
-    """Names of the families of sources that are not all zero, in the order of the list."""
+    """List the families of nonzero sources, in order."""
     return tuple(dict.fromkeys(source.family for source in sources if source.sd > 0.0))
 
 
 def only(spec: ImuSpec, family: str) -> ImuSpec:
-    """Leave one family of sources in an IMU, and nothing else.
+    """Reduce an IMU to one family of sources.
 
-    `family`: see `Source.family`; the family ``gravity model`` is not of the IMU and leaves nothing.
+    `family`: see `Source.family`; ``gravity model`` is not part of the IMU and leaves nothing.
     """
     group, _, term = family.partition(" ")
     bare = ImuSpec(spec.name, SensorSpec(), SensorSpec())
@@ -152,7 +151,7 @@ def only(spec: ImuSpec, family: str) -> ImuSpec:
 
 
 def left_out(spec: ImuSpec) -> tuple[str, ...]:
-    """Errors that the IMU has and the budget does not, in words."""
+    """List the IMU errors that the budget does not include, in words."""
     found = [
         term.family
         for sensor in SENSORS
@@ -166,6 +165,6 @@ def left_out(spec: ImuSpec) -> tuple[str, ...]:
 
 
 def not_given(spec: ImuSpec) -> tuple[str, ...]:
-    """Keys of the IMU file that are absent and count as zero, such as ``accel.scale_factor``."""
+    """List the absent keys of the IMU file, taken as zero, such as ``accel.scale_factor``."""
     initial = () if spec.initial is not None else tuple(f"initial.{key}" for key in InitialSpec.__dataclass_fields__)
     return tuple(key for key in spec.absent if not key.endswith("correlation_time")) + initial

@@ -1,1 +1,1 @@
-"""Why the errors of free-inertial windows are as they are: growth curves, sensor errors, simulated replicas."""
+"""Causes of errors in free-inertial windows: growth curves, sensor errors, simulated replicas."""

@@ -1,4 +1,4 @@
-"""What makes the errors of free-inertial windows: velocity, tilt or bias, drift; against filter and specification."""
+"""Causes of window errors: velocity, tilt or bias, drift, compared with filter and specification."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from insnav.sample_statistics import CONFIDENCE, FEWEST, chi_square, effective_c
 from insnav.types import FloatArray
 
 CAUSES = ("velocity", "acceleration", "drift")
-ROUGH = 10.0  # residuals this much larger than noise explains follow no curve [-]
+ROUGH = 10.0  # residuals above this multiple of the noise follow no curve [-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,42 +34,42 @@ class Cause:
     # RMS standard deviation at the starts, of the filter, or for uncalibrated sensors of the specification
     filter_sd: float
     spec_sd: float  # by the specification alone: accelerometer bias, gyro bias; ``NaN`` for a velocity
-    share: float  # share of the mean square error at the end [-]; contributions may compensate one another
-    ratio: float  # mean square of the value over that of `filter_sd` and `fit_sd` together: one if predicted right [-]
+    share: float  # share of the mean square error at the end [-]; contributions may cancel
+    ratio: float  # mean square over summed variances of `filter_sd` and `fit_sd`: one if the prediction is right [-]
     limit: float  # upper 97.5 % limit of that ratio [-]
 
     @property
     def explained(self) -> bool:
-        """Not larger than predicted."""
+        """True if not larger than predicted."""
         return self.ratio <= self.limit
 
 
 @dataclass(frozen=True, slots=True)
 class AxisDiagnosis:
-    """One axis."""
+    """Diagnosis of one axis."""
 
     axis: str  # ``north`` or ``east``
     causes: tuple[Cause, ...]  # velocity, acceleration, drift
-    curves: tuple[Curve, ...]  # one a window
-    terms: dict[str, int]  # number of windows by the terms that they need
-    leading: int  # which of `CAUSES` contributes most
+    curves: tuple[Curve, ...]  # one per window
+    terms: dict[str, int]  # number of windows by their required terms
+    leading: int  # index of the largest contribution in `CAUSES`
 
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """Both axes."""
+    """Diagnosis of both axes."""
 
     axes: tuple[AxisDiagnosis, ...]  # North, then East
     gravity: float  # converts acceleration to tilt and jerk to drift [m/s^2]
-    windows: Windows  # those that were used, in the order of the curves
-    rough: int  # number of windows left out because their error is no curve of t, t² and t³: reference or sensors jump
-    # all are stationary or straight, where tilt and bias are not separately observable; else there were too few of
-    # these and all windows were used, although in a turn no sensor error follows a curve
+    windows: Windows  # the windows used, in the order of the curves
+    rough: int  # number of windows whose error is no cubic: reference or sensors jump
+    # all windows are stationary or straight, where tilt and bias are not separable. If false, there were too few and
+    # all windows were used, although sensor errors follow no curve in turns
     steady: bool
 
 
 def diagnose(windows: Windows, model: ErrorModel) -> Diagnosis:
-    """Fit every window without turns, or all if these are too few, and sum up."""
+    """Fit every window without turns, or all if these are too few, and summarise."""
     calm = windows.motion != "turning"
     steady = effective_count(windows.start[calm], windows.length) >= FEWEST
     windows = windows.only(calm) if steady else windows
@@ -79,7 +79,7 @@ def diagnose(windows: Windows, model: ErrorModel) -> Diagnosis:
     if not steady or effective_count(windows.start[smooth], windows.length) < FEWEST:
         smooth[:] = True
     windows = windows.only(smooth)
-    # covariance of velocity, acceleration and jerk (n, 2, 3, 3) from that of the filter at each start
+    # covariance of velocity, acceleration and jerk (n, 2, 3, 3) from the filter's covariance at each start
     shown = map(growth_by_start_error, windows.q_nb[:, 0], windows.lla)
     starts = zip(shown, windows.start_covariance, strict=True)
     predicted = np.array([shows @ start @ np.swapaxes(shows, 1, 2) for shows, start in starts])
@@ -95,7 +95,7 @@ def diagnose(windows: Windows, model: ErrorModel) -> Diagnosis:
 
 
 def _fitted(windows: Windows, i: int, axis: int, model: ErrorModel, gravity: float) -> Curve:
-    """Curve of one window on one axis."""
+    """Fit the curve of one window on one axis."""
     reference = np.concatenate([windows.reference_sd[i, :, axis], windows.reference_sd[i, :, 3 + axis]]) ** 2
     at_start = float(windows.start_covariance[i, axis, axis])
     accel_noise, gyro_noise = float(model.noise[3:6].mean()), float(model.noise[:3].mean())
@@ -113,7 +113,7 @@ def _axis(
     grown = value * position_terms(windows.elapsed[:, -1])
     part = np.mean(grown**2, axis=0)
     units = np.array([1.0, 1.0, 1.0 / gravity])  # from jerk to drift
-    draws = 1.0 if windows.uncalibrated else max(count, 1.0)  # turn-on errors are the same in all windows
+    draws = 1.0 if windows.uncalibrated else max(count, 1.0)  # turn-on errors are common to all windows
     limit = float(chi_square(draws, 0.5 + 0.5 * CONFIDENCE) / draws)
     causes = []
     for k in range(3):

@@ -1,7 +1,7 @@
-"""Equivalent sensor error: the constant biases that best explain the errors of all windows, turns included.
+"""Equivalent sensor error: the constant biases that best explain the errors of all windows, including turns.
 
-A bias keeps its direction in the body, a tilt at the start its direction on the ground. Windows on several headings, or
-with turns, make the two separately observable; a single straight one does not.
+A bias is constant in the body, an initial tilt is constant on the ground. Windows on several headings, or with turns,
+make the two separately observable; a single straight window does not.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from insnav.filter.error_model import ErrorModel
 from insnav.sample_statistics import effective_count
 from insnav.types import FloatArray
 
-_EVERY = 5.0  # points of a window that are used, apart [s]
-_DIFFERENT = 0.8  # mean of the unit vectors ahead, below which the headings differ [-]
+_EVERY = 5.0  # interval of the window's points in the fit [s]
+_DIFFERENT = 0.8  # norm of the mean forward unit vector, below which headings differ [-]
 
 
 @dataclass(frozen=True, slots=True)
 class SensorFit:
-    """Constant errors of the sensors, body axes, that were not corrected in the windows."""
+    """Constant sensor errors, body axes, that were not corrected in the windows."""
 
     # (3,) accelerometer bias [m/s^2]
     accel: FloatArray
@@ -33,21 +33,20 @@ class SensorFit:
     # (3,) gyro bias [rad/s]
     gyro: FloatArray
     gyro_sd: FloatArray
-    spread: float  # misfit over its expectation [-]; above one, the standard deviations are already widened by its root
-    # headings differ enough to separate the level accelerometers' bias from a tilt that all starts have in common
+    spread: float  # misfit over its expectation [-]; above one, the standard deviations include its root
+    # headings differ enough to separate the level accelerometers' bias from a tilt common to all starts
     level_observable: bool
 
 
 def fit_sensors(windows: Windows, model: ErrorModel) -> SensorFit:
-    """Fit six biases to all windows together.
+    """Fit six biases jointly to all windows.
 
-    The errors of each start, with the covariance of the filter, are estimated along.
+    The fit also estimates the errors of each start, with the filter's covariance as prior.
 
     Notes
     -----
-    Error model: ``d phi = -C w dt``, ``d v = (f x phi + C b) dt``, ``d p = v dt`` for biases b and w that are in the
-    samples (Groves 2013, section 14.2.4, without the terms of the Earth's rotation and curvature, which take 0.05 % in
-    a minute).
+    Error model: ``d phi = -C w dt``, ``d v = (f x phi + C b) dt``, ``d p = v dt`` for biases b and w in the samples
+    (Groves 2013, section 14.2.4, without Earth rotation and curvature, which contribute 0.05 % in a minute).
     """
     normal, right, misfit, points = np.zeros((6, 6)), np.zeros(6), 0.0, 0
     each: list[tuple[FloatArray, FloatArray]] = []  # normal matrix and right side of every window
@@ -58,7 +57,7 @@ def fit_sensors(windows: Windows, model: ErrorModel) -> SensorFit:
         bias, start = bias[:, at], start[:, at]
         observed = np.concatenate([windows.error[i, at, :3].T.ravel(), windows.error[i, at, 3:].T.ravel()])
         known = np.isfinite(observed)
-        # rows: all of North, East, Down, then of the velocities
+        # rows: all North, East, Down, then the velocities
         design, own = (each.reshape(-1, each.shape[-1])[known] for each in (bias, start))
         spread = _noise(windows, i, at, model)[np.ix_(known, known)]
         spread += own @ windows.start_covariance[i, :9, :9] @ own.T
@@ -74,28 +73,27 @@ def fit_sensors(windows: Windows, model: ErrorModel) -> SensorFit:
     found = inverse @ right
     misfit -= float(right @ found)
     spread_ratio = misfit / max(points - 6, 1)
-    # overlapping windows repeat themselves
+    # overlapping windows share data
     repeated = windows.count / effective_count(windows.start, windows.length)
-    # what the model lacks, such as misalignment in turns, is alike within a window: the scatter from window to window
-    # shows it (Liang and Zeger, Biometrika 73 (1986) 13-22, with the windows as clusters)
+    # model errors, such as misalignment in turns, are common within a window: the scatter between windows reveals them
+    # (Liang and Zeger, Biometrika 73 (1986) 13-22, with the windows as clusters)
     scores = np.array([b - n @ found for n, b in each])
     count = effective_count(windows.start, windows.length)
     robust = np.diag(inverse @ scores.T @ scores @ inverse) * repeated * count / max(count - 1.0, 1.0)
     variance = np.maximum(np.diag(inverse) * max(spread_ratio, 1.0) * repeated, robust)
-    # a tilt that turns with the body through all starts, as the filter makes of a bias that it does not know, looks
-    # like the bias itself
+    # a tilt that rotates with the body over all starts, as a filter makes of an unknown bias, equals that bias
     tilt = float(np.mean(np.einsum("nii->n", windows.start_covariance[:, 6:8, 6:8]))) / 2.0
     level = 1.0 - np.mean(dcm_from_quat(windows.q_nb[:, 0])[:, 2] ** 2, axis=0)
     variance[:3] += level * tilt * float(gravity_n(*windows.lla[0, [0, 2]])[2]) ** 2
     sd = np.sqrt(variance)
-    # unit vectors ahead, whose mean is short where headings differ: a tilt that all have in common then averages out
+    # forward unit vectors have a short mean if headings differ: a common tilt then averages out
     ahead = dcm_from_quat(windows.q_nb)[..., :2, 0].reshape(-1, 2).mean(axis=0)
     differ = float(np.linalg.norm(ahead)) < _DIFFERENT
     return SensorFit(found[:3], sd[:3], found[3:], sd[3:], spread_ratio, differ)
 
 
 def _responses(windows: Windows, i: int) -> tuple[FloatArray, FloatArray]:
-    """Position and velocity errors of window i by biases, (6, k, 6), and by the errors of its start, (6, k, 9)."""
+    """Compute position and velocity errors of window i per bias, (6, k, 6), and per start error, (6, k, 9)."""
     time = np.concatenate([[0.0], windows.elapsed[i]])
     c = dcm_from_quat(windows.q_nb[i])
     gravity = gravity_n(windows.lla[i, 0], windows.lla[i, 2])
@@ -114,7 +112,7 @@ def _responses(windows: Windows, i: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _integral(time: FloatArray, values: FloatArray) -> FloatArray:
-    """Integral from the first time to each, by the trapezoid rule with the end correction of the slopes."""
+    """Integrate from the first time to each, by the trapezoid rule with end correction of the slopes."""
     step = np.diff(time)[:, None, None]
     slope = np.gradient(values, time, axis=0)
     parts = 0.5 * step * (values[1:] + values[:-1]) - step**2 / 12.0 * (slope[1:] - slope[:-1])
@@ -122,7 +120,7 @@ def _integral(time: FloatArray, values: FloatArray) -> FloatArray:
 
 
 def _noise(windows: Windows, i: int, at: np.ndarray, model: ErrorModel) -> FloatArray:
-    """Covariance from reference and white noise, (6 k, 6 k)."""
+    """Compute the covariance from reference and white noise, (6 k, 6 k)."""
     k = len(at)
     total = np.zeros((6 * k, 6 * k))
     gravity = float(gravity_n(windows.lla[i, 0], windows.lla[i, 2])[2])

@@ -1,14 +1,14 @@
-"""Which curve an error follows: t of a wrong velocity, t^2 of a tilt or a bias, t^3 of a drift.
+"""Growth curve of an error: t for a wrong velocity, t^2 for a tilt or a bias, t^3 for a drift.
 
-Over a minute or two, on a vehicle that is about level and does not turn, the horizontal error is
-``p0 + v t + a t^2 / 2 + j t^3 / 6``: `v` the velocity error at the start, ``a = g phi`` of a tilt or the bias of a
-level accelerometer, ``j = g w`` of the drift of a level gyro (Titterton and Weston, "Strapdown Inertial Navigation
+Over a minute or two, a nearly level vehicle without turns has the horizontal error
+``p0 + v t + a t^2 / 2 + j t^3 / 6``. Here `v` is the velocity error at the start. ``a = g phi`` is a tilt or the bias
+of a level accelerometer. ``j = g w`` is the drift of a level gyro (Titterton and Weston, "Strapdown Inertial Navigation
 Technology", 2nd ed., 2004, chapter 12). The velocity error is its derivative.
 
-The fit is weighted: white noise of the sensors, integrated two and three times, makes neighbouring errors alike, and
-the uncertainty of the coefficients would be far too small without it.
+The fit is weighted: sensor white noise, integrated two and three times, correlates neighbouring errors. Without the
+weights, the coefficients would seem far too certain.
 
-From the two errors at the end of a run alone, the fewest terms that explain them are found (`explain_end`).
+`explain_end` finds the fewest terms that explain both errors at the end of a run.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ from insnav.sample_statistics import chi_square
 from insnav.types import FloatArray
 
 TERMS = ("t", "t²", "t³")
-FITS = 0.95  # a curve fits if its misfit is not larger than that of so many true ones
+FITS = 0.95  # a curve fits if its misfit is below this quantile of true curves
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)  # exact for the polynomials of the kernels
 
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """Error of one axis as a curve."""
+    """Growth curve of the error of one axis."""
 
-    # (3,) velocity [m/s], acceleration [m/s^2], jerk [m/s^3], all three fitted together; of fewer than three numbers
-    # those of the fewest terms, the others zero
+    # (3,) velocity [m/s], acceleration [m/s^2], jerk [m/s^3], fitted jointly; with fewer than three values only the
+    # fewest terms, the others zero
     value: FloatArray
-    covariance: FloatArray  # (3, 3) of these from noise and reference; infinite where not observable
+    covariance: FloatArray  # (3, 3) from noise and reference; infinite where not observable
     terms: tuple[str, ...]  # the fewest of `TERMS` that fit
-    # what is left by all three terms, squared, by its expectation [-]: about one if the error is such a curve and its
-    # noise is known; ``NaN`` if three terms go through all points
+    # squared residual of all three terms over its expectation [-]: about 1 for such a curve and correct noise; ``NaN``
+    # without degrees of freedom
     roughness: float
 
     @property
@@ -51,8 +51,8 @@ class Curve:
 def fit_curve(elapsed: FloatArray, position: FloatArray, velocity: FloatArray, covariance: FloatArray) -> Curve:
     """Fit position and velocity errors of one axis by generalised least squares.
 
-    `elapsed` (k,): time since the start [s]; `position` (k,): error [m]; `velocity` (k,): error [m/s]; ``NaN`` where
-    not known; `covariance` (2 k, 2 k): of all positions, then all velocities, about the curve; see `about_the_curve`.
+    `elapsed` (k,): time since the start [s]. `position` (k,): error [m]. `velocity` (k,): error [m/s]; ``NaN`` if
+    unknown. `covariance` (2 k, 2 k): of all positions, then all velocities, about the curve; see `about_the_curve`.
     """
     observed = np.concatenate([position, velocity])
     known = np.isfinite(observed)
@@ -74,12 +74,12 @@ def fit_curve(elapsed: FloatArray, position: FloatArray, velocity: FloatArray, c
 
 
 def position_terms(elapsed: FloatArray) -> FloatArray:
-    """Position by velocity, acceleration and jerk, (k, 3)."""
+    """Compute position derivatives by velocity, acceleration and jerk, (k, 3)."""
     return np.column_stack([elapsed, elapsed**2 / 2.0, elapsed**3 / 6.0])
 
 
 def velocity_terms(elapsed: FloatArray) -> FloatArray:
-    """Velocity by velocity, acceleration and jerk, (k, 3)."""
+    """Compute velocity derivatives by velocity, acceleration and jerk, (k, 3)."""
     return np.column_stack([np.ones_like(elapsed), elapsed, elapsed**2 / 2.0])
 
 
@@ -91,17 +91,17 @@ def about_the_curve(
     gyro_noise: float,
     gravity: float,
 ) -> FloatArray:
-    """Covariance of positions and velocities about their curve.
+    """Compute the covariance of positions and velocities about their curve.
 
-    `elapsed` (k,): time since the start [s]; `reference_variance` (2 k,): of the reference positions, then velocities;
-    anything where not known [m^2], [m^2/s^2]; `start_variance`: of the position at the start, common to all positions
-    [m^2]; `accel_noise`, `gyro_noise`: spectral densities of the white noise [m^2/s^3], [rad^2/s]; `gravity` [m/s^2].
+    `elapsed` (k,): time since the start [s]. `reference_variance` (2 k,): of the reference positions, then velocities;
+    ignored if unknown [m^2], [m^2/s^2]. `start_variance`: of the position at the start, common to all positions [m^2].
+    `accel_noise`, `gyro_noise`: spectral densities of the white noise [m^2/s^3], [rad^2/s]. `gravity` [m/s^2].
     Returns: (2 k, 2 k).
 
     Notes
     -----
-    Acceleration noise that enters at s has made ``t - s`` times itself of position and itself of velocity at t; a turn
-    that enters at s, ``g (t - s)^2 / 2`` and ``g (t - s)``. Products of these, integrated over s, are the covariances
+    Acceleration noise at s contributes ``t - s`` times itself to position at t, and itself to velocity. A rotation at s
+    contributes ``g (t - s)^2 / 2`` and ``g (t - s)``. Integrals over s of products of these are the covariances
     (Maybeck, "Stochastic Models, Estimation, and Control", vol. 1, 1979, section 4.9).
     """
     common = np.minimum(elapsed[:, None], elapsed)
@@ -125,9 +125,9 @@ def about_the_curve(
 def _solve(
     design: FloatArray, observed: FloatArray, factor: tuple[FloatArray, bool]
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Estimate, its covariance, and the weighted sum of squared residuals."""
+    """Solve for the estimate, its covariance, and the weighted sum of squared residuals."""
     weighted = cho_solve(factor, design)
-    # terms of very different size: scaled to one, so that the normal matrix can be inverted
+    # terms of very different size: scaled to one for a well-conditioned normal matrix
     scale = np.linalg.norm(design, axis=0)
     normal = (weighted / scale).T @ (design / scale)
     inverse = np.linalg.pinv(normal, hermitian=True)
@@ -137,26 +137,26 @@ def _solve(
 
 
 AXES = ("north", "east")
-SHORTEST = 5.0  # without fixes, before an error has grown out of that of the last fix [s]
+SHORTEST = 5.0  # without fixes; before, the error of the last fix dominates [s]
 
 
 @dataclass(frozen=True, slots=True)
 class EndAxis:
-    """One horizontal axis at the end of a run."""
+    """Errors of one horizontal axis at the end of a run."""
 
     axis: str  # ``north`` or ``east``
     position: float  # error [m]
     velocity: float  # error [m/s]
-    power: float  # of the time with which both grow, ``v t / p``; NaN without a position error
-    # (3,) velocity at the start [m/s], acceleration [m/s^2], jerk [m/s^3], each taken alone; and one sd of each
+    power: float  # exponent of time of both errors, ``v t / p``; NaN without a position error
+    # (3,) initial velocity [m/s], acceleration [m/s^2], jerk [m/s^3], each as the only cause; and their sd
     alone: FloatArray
     sd: FloatArray
-    left: FloatArray  # (3,) what each alone leaves unexplained, in standard deviations of the reference
-    terms: tuple[str, ...]  # the fewest of t, t², t³ that explain it; two of them: any two do
+    left: FloatArray  # (3,) unexplained remainder of each cause, in standard deviations of the reference
+    terms: tuple[str, ...]  # the fewest of t, t², t³ that explain both errors; if two, any two do
 
     @property
     def fits(self) -> tuple[bool, ...]:
-        """Whether each alone explains it, at 95 %."""
+        """True for each cause that alone explains the errors, at 95 %."""
         return tuple(bool(each**2 <= chi_square(1, FITS)) for each in self.left)
 
 
@@ -165,7 +165,7 @@ def explain_end(
 ) -> tuple[EndAxis, ...]:
     """Explain the errors at the end of a run that began without error.
 
-    `time`: length of the run [s]; `position`, `velocity` (2,): errors North, East [m], [m/s]; `position_sd`,
+    `time`: length of the run [s]. `position`, `velocity` (2,): errors North, East [m], [m/s]. `position_sd`,
     `velocity_sd`: standard deviations of the reference [m], [m/s].
     """
     at = np.array([time])
@@ -184,9 +184,9 @@ def explain_end(
 
 
 def end_of_run(found: EvaluatedRun) -> tuple[float, FloatArray, FloatArray]:
-    """Time since the last fix of a run [s], what its position error grew by, and its velocity error, (2,) North, East.
+    """Return the time since the last fix [s], the growth of the position error, and the velocity error, (2,) N, E.
 
-    Raises: InputError: a run without a reference of position and velocity, or that ends with fixes.
+    Raises: InputError: a run without reference of position and velocity, or with fixes up to its end.
     """
     errors, fixes = found.errors, found.run.innovations
     if errors is None or not np.isfinite(errors.velocity[-1, :2]).all():

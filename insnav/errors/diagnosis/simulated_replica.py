@@ -1,7 +1,7 @@
-"""The simulated replica of a drive: its track, the specified IMU and GPS errors, the same filter, the same windows.
+"""Simulated replica of a drive: its track, the specified IMU and GPS errors, the same filter and windows.
 
-If the specification of the IMU and the reported standard deviations of the fixes are right, the recorded drive is one
-more of its replicas.
+If IMU specification and reported standard deviations are right, the recorded drive is statistically equal to its
+replicas.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy  # its parts load themselves when they are used
+import scipy  # its parts are loaded on first use
 
 from insnav.attitude import quat_from_rotvec, quat_from_rph, quat_multiply, rph_from_quat
 from insnav.earth import lla_offset
@@ -32,66 +32,66 @@ from insnav.simulate.truth import LevelTruth, Truth
 from insnav.simulate.truth_from_track import Residual, track_residual, truth_from_track
 from insnav.types import FloatArray, GpsData
 
-FEWEST = 3  # replicas that make a band
+FEWEST = 3  # replicas for a band
 _EDGE = 0.05  # at both ends of the track there are no fixes [s]
 _IMU, _FIXES, _START, _REFERENCE = 1, 2, 3, 4  # streams of random numbers
 
 
 @dataclass(frozen=True, slots=True)
 class Replicas:
-    """Errors of the windows of several replicas, and where the recorded ones lie among them."""
+    """Window errors of several replicas, and the position of the recorded ones among them."""
 
     times: FloatArray  # (k,) [s]
     # (s, k, 6) RMS error of each replica, reference errors included, `insnav.errors.outage.statistics.COMPONENTS` [m]
     rms: FloatArray
-    # (k, 6) 95 % prediction band of one more replica, all three axes of it together [m]
+    # (k, 6) 95 % prediction band of a further replica, joint over three axes [m]
     low: FloatArray
     high: FloatArray
     recorded: FloatArray  # (k, 6) RMS error of the recorded windows, reference errors included [m]
     reference: FloatArray  # (k, 6) RMS standard deviation of the reference [m]
-    apart: Residual  # how far the motion of the replica is from the recorded track
+    apart: Residual  # distance between the motion of the replica and the recorded track
     failures: tuple[Failure, ...]  # replicas that could not be navigated
 
     @property
     def inside(self) -> np.ndarray:
-        """(k, 6) array: whether the recorded RMS lies in the band; false where it is not known."""
+        """True if the recorded RMS is in the band, (k, 6); false if unknown."""
         return np.asarray((self.recorded >= self.low) & (self.recorded <= self.high))
 
     @property
     def band(self) -> tuple[FloatArray, FloatArray]:
-        """(k, 6) arrays: `low` and `high`, reference variance subtracted [m]."""
+        """Band with the reference variance subtracted: `low` and `high` (k, 6) [m]."""
         low, high = (np.sqrt(np.maximum(each**2 - self.reference**2, 0.0)) for each in (self.low, self.high))
         return np.asarray(low), np.asarray(high)
 
     @property
     def agree(self) -> bool:
-        """Recorded North, East and Down are in the band at the end of the windows."""
+        """True if recorded North, East and Down are in the band at the end of the windows."""
         return bool(self.inside[-1, :3].all())
 
 
 @dataclass(frozen=True, slots=True)
 class ReplicaTask:
-    """One replica, given its seed: the task of a Monte Carlo."""
+    """Task of a Monte Carlo: one replica for a seed."""
 
     ready: Prepared  # the recorded drive with perfect samples
     spec: ImuSpec
     truth: LevelTruth  # the motion
-    fixes: GpsData  # perfect fixes at the recorded epochs, with the standard deviations reported there
-    reference: WindowReference  # the same of the reference
-    starts: FloatArray  # (n,) where windows begin [s]
+    fixes: GpsData  # perfect fixes at the recorded epochs, with the reported standard deviations
+    reference: WindowReference  # perfect reference
+    starts: FloatArray  # (n,) start times of windows [s]
     # of the windows [s]
     length: float
     spacing: float
-    kinds: tuple[bool, ...]  # for each kind of windows whether it is uncalibrated
+    kinds: tuple[bool, ...]  # True for each kind of uncalibrated windows
     times: FloatArray  # (k,) of the tables [s]
 
     def __call__(self, seed: int) -> Sample:
-        """RMS of its windows of each kind at the times of the tables, one after the other."""
+        """Return the RMS of its windows of each kind at the times of the tables, concatenated."""
         found = [growth(windows, self.times).rms for windows in self.windows(seed)]
         return Sample(np.concatenate([each.ravel() for each in found]), np.zeros(1))
 
     def windows(self, seed: int) -> tuple[Windows, ...]:
-        """Simulate, navigate and cut into windows."""
+        """Simulate, navigate and divide into windows."""
         sensors = corrupt_imu(self.ready.imu, self.spec, (seed, _IMU))
         fixes = _with_errors(self.fixes, (seed, _FIXES), self.ready.settings.correlated)
         ready = replace(
@@ -116,14 +116,14 @@ class ReplicaTask:
 def replica_task(
     drive: NavigatedDrive, reference: WindowReference, spec: ImuSpec, windows: Sequence[Windows], times: FloatArray
 ) -> ReplicaTask:
-    """Make the motion of the replica from the smoothed drive, and what perfect sensors measure of it.
+    """Build the motion of the replica from the smoothed drive, with perfect measurements.
 
     `times` (k,): of the tables [s].
     """
     ready = drive.ready
     assert drive.run.smoothed is not None
     track = drive.run.smoothed.solution
-    # without rows at the same time, as a reset or the end of a block may leave them
+    # without duplicate times, which a reset or the end of a block may produce
     truth = truth_from_track(track.rows(np.concatenate([[True], np.diff(track.time) > 1e-6])))
     antenna = drive.run.lever_b
     point = antenna if reference.lever_b is None else reference.lever_b
@@ -151,15 +151,15 @@ def replicas(
     workers: Workers = 1,
     progress: Callable[[float], None] | None = None,
 ) -> tuple[Replicas, ...]:
-    """Simulate replicas and find where the recorded windows of each kind lie among them.
+    """Simulate replicas and locate the recorded windows of each kind among them.
 
-    `count`: how many, three or more.
+    `count`: number of replicas, three or more.
     Raises: InputError: fewer than three replicas could be navigated.
 
     Notes
     -----
-    The band is the prediction interval of one more number from a log-normal distribution whose mean and deviation are
-    those of the replicas (Hahn and Meeker, "Statistical Intervals", 1991, section 4.7).
+    The band is the prediction interval of a further sample of a log-normal distribution, with mean and deviation from
+    the replicas (Hahn and Meeker, "Statistical Intervals", 1991, section 4.7).
     """
     assert drive.run.smoothed is not None
     runs = monte_carlo(task, count, seed, workers=workers, progress=progress)
@@ -175,10 +175,10 @@ def replicas(
 def _among(
     windows: Windows, rms: FloatArray, times: FloatArray, far: Residual, failures: tuple[Failure, ...]
 ) -> Replicas:
-    """Recorded windows among those of their replicas."""
+    """Locate recorded windows among their replicas."""
     n = len(rms)
     size = np.log(np.maximum(rms, 1e-12))
-    # a third of the probability of a miss for each axis, so that together they miss no more often
+    # a third of the miss probability per axis, for a joint probability
     certain = 1.0 - 0.5 * (1.0 - CONFIDENCE) / 3.0
     half = float(scipy.special.stdtrit(n - 1, certain)) * np.std(size, axis=0, ddof=1) * np.sqrt(1.0 + 1.0 / n)
     middle, summed = size.mean(axis=0), growth(windows, times)
@@ -187,7 +187,7 @@ def _among(
 
 
 def _perfect_fixes(truth: Truth, gps: GpsData, lever_b: FloatArray) -> GpsData:
-    """Fixes at the recorded epochs within the motion, without errors; what was not measured is not."""
+    """Build error-free fixes at the recorded epochs within the motion, with the same missing values."""
     end = truth.start + truth.duration
     inside = (gps.time >= truth.start + _EDGE) & (gps.time <= end - _EDGE)
     like = replace(gps.rows(inside), heading=None)
@@ -196,7 +196,7 @@ def _perfect_fixes(truth: Truth, gps: GpsData, lever_b: FloatArray) -> GpsData:
 
 
 def _with_errors(gps: GpsData, seed: tuple[int, int], correlated: CorrelatedNoise | None) -> GpsData:
-    """Add errors of the reported standard deviation to each fix, a share of their variance time-correlated."""
+    """Add errors of the reported standard deviation to each fix, with the given time-correlated share."""
     rng = np.random.default_rng(seed)
     share = 0.0 if correlated is None else correlated.share
     error = rng.standard_normal(gps.lla.shape) * np.sqrt(1.0 - share)
@@ -209,7 +209,7 @@ def _with_errors(gps: GpsData, seed: tuple[int, int], correlated: CorrelatedNois
 
 
 def _started(initial: InitialState, truth: Truth, sensors: ImuSimulation, rng: np.random.Generator) -> InitialState:
-    """An initial state with errors of its covariance, given the errors of the sensors."""
+    """Sample an initial state from its covariance, conditional on the sensor errors."""
     begin = max(initial.time, truth.start)
     at = truth.evaluate(np.array([begin]))
     p = initial.covariance

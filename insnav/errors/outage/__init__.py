@@ -1,1 +1,1 @@
-"""Free-inertial windows and GNSS outages of a recorded drive: one study of how its errors grow."""
+"""Error growth in free-inertial windows and GNSS outages of a recorded drive."""

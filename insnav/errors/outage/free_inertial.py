@@ -1,4 +1,4 @@
-"""Free-inertial windows along a drive: from the state of the filter or a reference, without fixes and aiding."""
+"""Free-inertial windows of a drive: from a filter or reference state, without fixes and aiding."""
 
 from __future__ import annotations
 
@@ -40,35 +40,35 @@ Motion = Literal["static", "straight", "turning"]
 MOTIONS: tuple[Motion, ...] = ("static", "straight", "turning")
 
 SHORTEST, LONGEST = 10.0, 300.0  # windows [s]
-LEAST = 0.1  # shortest spacing that may be asked for [s]
-TURNED = np.deg2rad(15.0)  # a window whose heading stays within this is straight [rad]
-REFERENCE_GAP = 10.0  # a longer time without the reference, and than three of its intervals, is a gap [s]
-IMU_GAP = 6  # so many lost samples in a row are a gap of the IMU record
+LEAST = 0.1  # least spacing [s]
+TURNED = np.deg2rad(15.0)  # largest heading change of a straight window [rad]
+REFERENCE_GAP = 10.0  # a longer interval of the reference, also than three usual intervals, is a gap [s]
+IMU_GAP = 6  # successive lost samples that make a gap of the IMU record
 _UNDER_WAY = 1.0  # course is the direction of the velocity above this [m/s]
-_SHARED = ("length", "spacing", "grid", "dropped", "uncalibrated")  # fields of `Windows` that all windows share
+_SHARED = ("length", "spacing", "grid", "dropped", "uncalibrated")  # common fields of all `Windows`
 
 
 @dataclass(frozen=True, slots=True)
 class Windows:
-    """n windows of one length, compared at k times since their start."""
+    """Set of n windows of one length, compared at k times since their start."""
 
-    # of each, and from one to the next as asked for [s]
+    # of each window, and between their starts as requested [s]
     length: float
     spacing: float
-    start: FloatArray  # (n,) timestamp of the last fix that each has used [s]
+    start: FloatArray  # (n,) timestamp of the last fix used [s]
     grid: FloatArray  # (k,) nominal times since the start [s]
-    elapsed: FloatArray  # (n, k) times since the start of the epochs nearest to these [s]
-    # (n, k, 6) of position North, East, Down [m] and velocity [m/s]; ``NaN`` where there is no reference
+    elapsed: FloatArray  # (n, k) times since the start of the nearest epochs [s]
+    # (n, k, 6) of position North, East, Down [m] and velocity [m/s]; ``NaN`` without reference
     error: FloatArray
     covariance: FloatArray  # (n, k, 6, 6) predicted, of position and velocity
     reference_sd: FloatArray  # (n, k, 6) standard deviation of the reference
     course: FloatArray  # (n, k) direction of travel [rad]; ``NaN`` in stationary windows
-    q_nb: FloatArray  # (n, k + 1, 4) navigated attitude, the first at the start
-    v_n: FloatArray  # (n, k + 1, 3) navigated velocity, the first at the start [m/s]
-    lla: FloatArray  # (n, 3) where it starts [rad], [rad], [m]
+    q_nb: FloatArray  # (n, k + 1, 4) navigated attitude, starting with the initial one
+    v_n: FloatArray  # (n, k + 1, 3) navigated velocity, starting with the initial one [m/s]
+    lla: FloatArray  # (n, 3) initial position [rad], [rad], [m]
     start_covariance: FloatArray  # (n, 21, 21) of the errors at the start
     motion: np.ndarray  # (n,) ``static``, ``straight`` or ``turning``
-    dropped: dict[str, int]  # number of windows left out, by the reason
+    dropped: dict[str, int]  # number of excluded windows by reason
     uncalibrated: bool  # the filter's estimates of sensor errors were not corrected
 
     @property
@@ -77,7 +77,7 @@ class Windows:
         return len(self.start)
 
     def only(self, chosen: BoolArray | np.ndarray) -> Windows:
-        """Some of the windows."""
+        """Select windows."""
         own = [name for name in self.__slots__ if name not in _SHARED]
         return replace(self, **{name: getattr(self, name)[chosen] for name in own})
 
@@ -85,12 +85,12 @@ class Windows:
 def free_window_starts(
     ready: Prepared, length: float, first: float | None = None, spacing: float | None = None
 ) -> FloatArray:
-    """Timestamps of the fixes at which windows may begin, evenly along the drive.
+    """Find timestamps of fixes at which windows may begin, evenly along the drive.
 
-    `length`: of the windows [s]; `first`: where the first begins, after the start of navigation [s]; a minute, or less
-    if the drive is short; `spacing`: from one to the next [s]; by default so that about sixty fit.
+    `length`: of the windows [s]. `first`: start of the first, after the start of navigation [s]; by default a minute,
+    or less if the drive is short. `spacing`: between starts [s]; by default about sixty fit.
     Returns: (n,) [s].
-    Raises: ConfigError: a length outside 10 to 300 s, a spacing of less than 0.1 s, or a negative `first`; InputError:
+    Raises: ConfigError: a length outside 10 to 300 s, a spacing of less than 0.1 s, or a negative `first`. InputError:
     the drive is too short.
     """
     if not SHORTEST <= length <= LONGEST:
@@ -117,15 +117,14 @@ def free_windows(
     times: FloatArray | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Windows:
-    """Navigate windows without any fix.
+    """Navigate windows without fixes.
 
-    `length`, `spacing`: of the windows, as in `free_window_starts` [s]; `uncalibrated`: do not correct the sensor
-    errors that the filter has estimated; the prediction then comes from the specified turn-on errors of the IMU;
-    `start` {"forward", "smoothed"}: a smoothed start uses the fixes in and after the window: it is not independent of
-    them; `times` (k,): since the start, at which to compare [s]; by default every second, or as often as there is a
-    reference.
-    Returns: without those that touch a gap; `Windows.dropped` counts these.
-    Raises: InputError: no window is left.
+    `length`, `spacing`: of the windows, as in `free_window_starts` [s]. `uncalibrated`: do not correct the estimated
+    sensor errors; the prediction then uses the specified turn-on errors of the IMU. `start` {"forward", "smoothed"}: a
+    smoothed start is not independent of the fixes in and after the window. `times` (k,): comparison times since the
+    start [s]; by default every second, or every epoch of the reference.
+    Returns: windows without gaps; `Windows.dropped` counts the others.
+    Raises: InputError: no window remains.
     """
     ready, delay = drive.ready, drive.ready.settings.delay
     settings = free_inertial_settings(ready.settings, own_fixes=reference.own_fixes)
@@ -169,14 +168,14 @@ def _navigated(
     settings: FilterSettings,
     course: tuple[FloatArray, FloatArray, FloatArray],
 ) -> dict[str, Any]:
-    """Navigate one window from its first state to the last of its epochs: its row of each field of `Windows`."""
+    """Navigate one window from its first state to its last epoch; return its row of each field of `Windows`."""
     delay = part.settings.delay
     navigator = Navigator(first, part.model, compared, part.alignment, part.nominal, settings)
     run = feed(navigator, part.imu).finish()
     seen, at = run.innovations, run.epochs
     reference_sd = np.column_stack([compared.position_sd, compared.velocity_sd])
     covariance = at.covariance[:, :6, :6].copy()
-    # the filter's own uncertainty of what is compared: lever arm and clock are in it, the reference is not
+    # the filter's own uncertainty, including lever arm and clock, without the reference
     own = seen.sd**2 - reference_sd**2
     axis = np.arange(6)
     covariance[:, axis, axis] = np.where(np.isfinite(own) & (own > 0.0), own, covariance[:, axis, axis])
@@ -206,17 +205,17 @@ def _motion(speed: FloatArray, heading: FloatArray) -> Motion:
 
 
 def _compared(reference: GpsData, wanted: FloatArray, close: float) -> tuple[GpsData, BoolArray]:
-    """What a window is compared with at the times of the grid, and whether there is anything so close to each."""
+    """Select the reference at the times of the grid, and mark times with an epoch close enough."""
     at = nearest_rows(reference.time, wanted)
     nearest = reference.time[at]
     known: BoolArray = np.asarray(np.abs(nearest - wanted) <= close + 1e-6)
     known[1:] &= nearest[1:] > nearest[:-1]
-    # the filter gives its state at all of them
+    # the filter outputs its state at all of them
     return comparison_only(replace(reference.rows(at), time=np.where(known, nearest, wanted))), known
 
 
 def _gaps(ready: Prepared, reference: WindowReference) -> list[tuple[FloatArray, FloatArray, str]]:
-    """Starts and ends of the gaps of the IMU record and of the reference, on the clock of the fixes [s]."""
+    """Find starts and ends of gaps in IMU record and reference, on the clock of the fixes [s]."""
     time, delay = ready.imu.time, ready.settings.delay
     lost = np.flatnonzero(np.diff(time) > (IMU_GAP + 0.5) * ready.nominal)
     stamps = reference.fixes.time
@@ -228,7 +227,7 @@ def _gaps(ready: Prepared, reference: WindowReference) -> list[tuple[FloatArray,
 
 
 def _course(drive: NavigatedDrive) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Time in that of the fixes, speed and direction of travel of the whole drive, straight across the stops."""
+    """Return fix time, speed and direction of travel of the whole drive, interpolated across stops."""
     solution = drive.run.solution
     time = solution.time - drive.clock + drive.ready.settings.delay
     v_north, v_east = solution.v_n[:, 0], solution.v_n[:, 1]
@@ -254,13 +253,13 @@ def end_errors(
     run_clock: float = 0.0,
     reference_clock: float = 0.0,
 ) -> FloatArray:
-    """Horizontal error at the end of windows navigated by the IMU alone.
+    """Compute the horizontal error at the end of windows navigated by the IMU alone.
 
-    Position and velocity at the start are those of the reference, attitude and sensor errors those of the filter.
+    Initial position and velocity come from the reference, attitude and sensor errors from the filter.
 
-    `length`: of the windows [s]; `most`: how many windows at most, evenly along the drive and without overlap;
-    `settle`: the first begins so long after the start [s]; `run_clock`, `reference_clock`: times of the run and of the
-    reference minus those of the samples [s].
+    `length`: of the windows [s]. `most`: largest number of windows, evenly along the drive without overlap. `settle`:
+    start of the first window after the start [s]. `run_clock`, `reference_clock`: times of the run and of the reference
+    minus sample times [s].
     Returns: (n,) [m]; empty if the drive is too short.
     """
     filtered = run.solution
@@ -286,7 +285,7 @@ def end_errors(
 
 
 def _state(trajectory: Trajectory, time: float) -> tuple[FloatArray, FloatArray]:
-    """Position and velocity between two rows: by the velocity from the nearer one, and on a straight line."""
+    """Interpolate between two rows: position by the velocity of the nearer row, velocity linearly."""
     at = int(strapdown.nearest_rows(trajectory.time, time))
     after = min(at + 1, len(trajectory.time) - 1)
     first = after - 1
@@ -297,7 +296,7 @@ def _state(trajectory: Trajectory, time: float) -> tuple[FloatArray, FloatArray]
 
 
 def _estimated(errors: SensorErrors, time: float) -> ImuErrors:
-    """Sensor errors as estimated until a time."""
+    """Return the sensor errors as estimated until a time."""
     value = errors.value[max(int(np.searchsorted(errors.time, time, side="right")) - 1, 0)]
     return ImuErrors(
         gyro_bias=value[0:3],

@@ -1,7 +1,7 @@
-"""What happens without GPS: outages simulated all over a drive, by taking its fixes away in windows.
+"""GNSS outage test: windows of a drive navigated without its fixes.
 
-Every window goes on from the state the filter had at its first epoch, with all fixes before it and none within; other
-aiding goes on. The fixes after it are given back for a while, so that the smoother has both ends.
+Every window continues from the filter's state at its first epoch, after all earlier fixes and without fixes inside;
+other aiding continues. Later fixes return for a while, so that the smoother has both ends.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from insnav.types import FloatArray, GpsData
 if TYPE_CHECKING:
     from insnav.errors.evaluated_run import EvaluatedRun
 
-RECOVERY = 60.0  # time after the window whose fixes the smoother gets [s]
+RECOVERY = 60.0  # time after the window with fixes for the smoother [s]
 _STATES = ("north_m", "east_m", "down_m", "v_north_m_s", "v_east_m_s", "v_down_m_s")
-_COMPARED = 0.25  # a reference that comes more often is thinned to this interval [s]
+_COMPARED = 0.25  # interval to which a reference is thinned [s]
 
 
 def outages(
@@ -44,14 +44,14 @@ def outages(
     workers: Workers = 1,
     progress: Callable[[float], None] | None = None,
 ) -> list[Outage]:
-    """Simulate GNSS outages all over a drive.
+    """Simulate GNSS outages throughout a drive.
 
-    `lengths`: lengths of the windows [s]; `first`: where the first window begins, after the start of navigation [s]; a
-    minute, or less if the drive is short; `spacing`: from the start of one window to that of the next of the same
-    length [s]; by default so that about sixty fit. Windows overlap if it is less than their length: each goes on from
-    the filter that had all fixes before it; `reference`: better positions of the antenna to compare with, instead of
-    the fixes taken away, or how to have them by the lever arm that the filter ends with, (3,) [m].
-    Raises: ConfigError: lengths or spacing that are not above zero; InputError: the drive is too short for any window.
+    `lengths`: lengths of the windows [s]. `first`: start of the first window, after the start of navigation [s]; by
+    default a minute, or less if the drive is short. `spacing`: between starts of windows of one length [s]; by default
+    about sixty fit. Windows overlap if it is less than their length: each continues from the filter with all earlier
+    fixes. `reference`: better antenna positions for the comparison, or a function of the final lever arm (3,) [m]; by
+    default the removed fixes.
+    Raises: ConfigError: lengths or spacing not above zero. InputError: the drive is too short for any window.
     """
     lengths = sorted(set(lengths))
     wrong = [value for value in (*lengths, *([] if spacing is None else [spacing])) if not 0.0 < value < np.inf]
@@ -60,7 +60,7 @@ def outages(
     fixes = ready.gps.time - ready.settings.delay
     begin, end = ready.initial.time, float(min(ready.imu.time[-1], fixes[-1]))
     rows = window_starts(fixes, begin, end, lengths[0], first=first, spacing=spacing, rule="quarter of drive")
-    share = 0.3  # of the work is the drive itself
+    share = 0.3  # share of the drive itself in the work
     drive = navigated_drive(ready, ready.gps.time[rows], share_of(progress, 0.0, share))
     assert drive.run.smoothed is not None
     if callable(reference):
@@ -73,14 +73,14 @@ def outages(
         for state in drive.states
         if state.time + length <= min(end, ready.unbroken_until(state.time)) + 1e-6
     ]
-    # what a window needs of the drive, for its process
+    # input of a window for its process
     jobs = [(part_of(ready, state, length + RECOVERY), state, length) for state, length in tasks]
     results = every(_window, jobs, workers, (reference, course), share_of(progress, share, 1.0 - share))
     return [window for window in results if window is not None and window.elapsed.size]
 
 
 def _window(reference: GpsData | None, course: FloatArray, job: tuple[Prepared, FilterState, float]) -> Outage | None:
-    """Navigate one window and what follows it, on its part of the drive."""
+    """Navigate one window and its recovery, on its part of the drive."""
     ready, state, length = job
     delay = ready.settings.delay
     start, stop = state.time + delay, state.time + delay + length
@@ -88,7 +88,7 @@ def _window(reference: GpsData | None, course: FloatArray, job: tuple[Prepared, 
     inside = (gps.time > start + 1e-6) & (gps.time <= stop + 1e-6)
     if not inside.any():
         return None
-    # no longer output than needed: only the epochs count
+    # minimal output: only the epochs count
     settings = replace(ready.settings, output_interval=1.0, smooth=True)
     navigator = Navigator(state, ready.model, gps, ready.alignment, ready.nominal, settings)
     found = feed(navigator, ready.imu).history().smooth()
@@ -113,7 +113,7 @@ def _window(reference: GpsData | None, course: FloatArray, job: tuple[Prepared, 
 
 
 def _fixes(gps: GpsData, reference: GpsData | None, start: float, stop: float, end: float) -> GpsData:
-    """Fixes from `start` to `end`; until `stop` only to compare with, and of the reference if there is one."""
+    """Select fixes from `start` to `end`; until `stop` for comparison only, from the reference if available."""
     later = (gps.time > start + 1e-6) & (gps.time <= end)
     inside = later & (gps.time <= stop + 1e-6)
     if reference is None:
@@ -123,13 +123,13 @@ def _fixes(gps: GpsData, reference: GpsData | None, start: float, stop: float, e
         chosen = (time > start + 1e-6) & (time <= stop + 1e-6)
         step = float(np.median(np.diff(time))) if time.shape[0] > 1 else _COMPARED
         stride = max(1, round(_COMPARED / step))
-        # counted from the end of the window, which is the epoch that matters
+        # counted back from the end of the window, the most important epoch
         chosen &= (np.arange(time.shape[0]) - int(np.searchsorted(time, stop + 1e-6)) + 1) % stride == 0
         compared = reference.rows(chosen)
     after = gps.rows(later & ~inside)
     if after.fix is None:
         after = replace(after, fix=np.ones(after.time.shape[0], dtype=np.int64))
-    # the headings of the receiver are lost with its fixes, and back with them
+    # receiver headings are removed and returned with the fixes
     unknown = None if gps.heading is None else np.full(compared.time.shape[0], np.nan)
     kind = 0 if reference is None else OF_REFERENCE
     return replace(comparison_only(compared, kind), heading=unknown).joined(after)
@@ -137,17 +137,17 @@ def _fixes(gps: GpsData, reference: GpsData | None, start: float, stop: float, e
 
 @dataclass(frozen=True, slots=True)
 class OutageStudy:
-    """Windows without fixes, and the run with all fixes."""
+    """Outage windows, and the run with all fixes."""
 
     windows: tuple[Outage, ...]  # in order of length, then of time
-    growth: tuple[Growth, ...]  # their errors, summed up by length
-    reference: str  # what errors are against, in words
-    run: EvaluatedRun | None = None  # not known of a study read from its folder ...
+    growth: tuple[Growth, ...]  # their error statistics by length
+    reference: str  # description of the reference
+    run: EvaluatedRun | None = None  # None if read from a folder ...
 
 
 @dataclass(frozen=True, slots=True)
 class OutageEpochs(Tabular):
-    """All epochs of all windows, one after the other; fields as in `Outage`, those of a window in each of its rows."""
+    """All epochs of all windows, concatenated; fields as in `Outage`, repeated in each row of a window."""
 
     COLUMNS: ClassVar = {
         "start": ("start_time_s",),
@@ -179,7 +179,7 @@ class OutageEpochs(Tabular):
 
     @classmethod
     def of(cls, windows: Sequence[Outage]) -> OutageEpochs:
-        """All epochs of some windows."""
+        """Concatenate the epochs of some windows."""
         columns = {}
         for name in cls.COLUMNS:
             parts = [(getattr(each, name), len(each.elapsed)) for each in windows]
@@ -187,7 +187,7 @@ class OutageEpochs(Tabular):
         return cls(**columns)
 
     def windows(self) -> tuple[Outage, ...]:
-        """The windows again, as they were in order."""
+        """Return the windows in their order."""
         begins = np.flatnonzero((np.diff(self.start) != 0.0) | (np.diff(self.length) != 0.0)) + 1
         edges = [0, *begins.tolist(), len(self.start)]
         found = []

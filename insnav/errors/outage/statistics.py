@@ -1,8 +1,8 @@
-"""How errors grow in windows: RMS, 95 % and largest error with intervals, and what was predicted.
+"""Error growth in windows: RMS, 95 % and largest error with intervals, and predicted errors.
 
-What is measured is the difference to a reference, whose own variance is in it: RMS, quantiles and largest errors are of
-that difference. Only `Growth.corrected` is without it; where nothing is left, the error is below the
-noise of the reference, and it is unknown, not zero.
+Measured errors are differences to a reference and include its variance: this applies to RMS, quantiles and largest
+errors. Only `Growth.corrected` excludes it. A nonpositive result means an error below the reference noise: unknown, not
+zero.
 """
 
 from __future__ import annotations
@@ -21,77 +21,76 @@ from insnav.types import BoolArray, FloatArray, IntArray
 COMPONENTS = ("north", "east", "down", "along", "cross", "horizontal")
 OUTAGE_COMPONENTS = ("horizontal", "vertical", "velocity", "heading", "smoothed horizontal", "smoothed vertical")
 _STEP = 10.0  # of the times of the tables, for windows up to a minute [s]
-_ROWS = 6  # times of a table of longer ones
-_SHARED = 0.25  # share of the mean square common to all windows, from which it is a finding [-]
+_ROWS = 6  # times in the table of longer windows
+_SHARED = 0.25  # least reported share of the mean square common to all windows [-]
 
 
 @dataclass(frozen=True, slots=True)
 class Growth:
-    """Errors of windows of one length at some times since their start, in SI units and radians."""
+    """Error statistics of windows of one length at some times since their start, in SI units and radians."""
 
     times: FloatArray  # (k,) [s]
-    components: tuple[str, ...]  # what the columns are of: `COMPONENTS` or `OUTAGE_COMPONENTS`
+    components: tuple[str, ...]  # names of the columns: `COMPONENTS` or `OUTAGE_COMPONENTS`
     count: int  # number of windows
-    known: IntArray  # (k, q) number of them whose error is known
-    effective: float  # effective sample size: so many windows without overlap are equivalent
-    rms: FloatArray  # (k, q) root mean square, reference errors in it; ``NaN`` where not known
-    # (k, q) the same with the reference variance subtracted; ``NaN`` also where it is below the noise of the reference,
-    # which has as large a mean square itself
+    known: IntArray  # (k, q) number of windows with known error
+    effective: float  # effective sample size: equivalent number of non-overlapping windows
+    rms: FloatArray  # (k, q) root mean square including reference errors; ``NaN`` if unknown
+    # (k, q) RMS with the reference variance subtracted; ``NaN`` also if below the noise of the reference
     corrected: FloatArray
     reference: FloatArray  # (k, q) RMS standard deviation of the reference
-    # (k, q) 95 % confidence interval of `corrected`, errors common to all windows counted as one; ``NaN`` if the
-    # effective sample size is too small, zero where it reaches below the noise of the reference
+    # (k, q) 95 % confidence interval of `corrected`; errors common to all windows count as one sample. ``NaN`` for a
+    # too small effective sample size, zero where it includes the reference noise
     low: FloatArray
     high: FloatArray
-    # (k, q) 95 % quantile and largest of the size of the errors, those of the reference in them
+    # (k, q) 95 % quantile and maximum of the absolute error, including reference errors
     p95: FloatArray
     largest: FloatArray
     predicted: FloatArray  # (k, q) RMS predicted standard deviation
-    # (k, q) share of the errors within 3 sd of prediction and reference together [-]; of several axes their mean
+    # (k, q) share of errors within 3 sd of prediction plus reference [-]; for several axes their mean
     inside: FloatArray
-    # (k, q) share of the mean square that is common to all windows, by the mean of their errors, beyond chance [-], of
-    # the horizontal error along north and east or along and across the track: another drive has another such error
+    # (k, q) significant share of the mean square common to all windows, from the mean error [-]. Horizontal errors:
+    # north and east, or along and across the track. Another drive has another common error
     common: FloatArray
 
     @property
     def length(self) -> float:
-        """Last of the times [s]."""
+        """Final time [s]."""
         return float(self.times[-1])
 
     @property
     def inside_at_end(self) -> float:
-        """Share of the North, East and Down errors at the last time within 3 sd [-]."""
+        """Share of North, East and Down errors within 3 sd at the final time [-]."""
         vertical = "vertical" if "vertical" in self.components else "down"
         inside = self.inside[-1]
         return float(2.0 * inside[self.column("horizontal")] + inside[self.column(vertical)]) / 3.0
 
     @property
     def below_noise(self) -> BoolArray:
-        """(k, q) whether the error is known, and below the noise of the reference."""
+        """True for a known error below the noise of the reference, (k, q)."""
         return np.asarray(np.isfinite(self.rms) & ~np.isfinite(self.corrected))
 
     def column(self, component: str) -> int:
-        """Column of a component."""
+        """Return the column of a component."""
         return self.components.index(component)
 
 
 def table_times(windows: Windows) -> FloatArray:
-    """Times for the tables: 10, 20, …, 60 s, or six of longer windows."""
+    """Return the times of the tables: 10, 20, …, 60 s, or six times of longer windows."""
     step = _STEP if windows.length <= _ROWS * _STEP else _STEP * np.ceil(windows.length / (_ROWS * _STEP))
     times: FloatArray = np.arange(step, windows.length + 1e-6, step)
     return times if len(times) else windows.grid[-1:]
 
 
 def columns_at(windows: Windows, times: FloatArray) -> IntArray:
-    """Columns of the grid nearest to some times."""
+    """Find the columns of the grid nearest to some times."""
     return np.array([int(np.argmin(np.abs(windows.grid - time))) for time in times], dtype=np.int64)
 
 
 def components(windows: Windows) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Errors, predicted variances and reference variances on every axis, and along and across the track.
+    """Compute errors, predicted and reference variances on every axis, and along and across the track.
 
-    Returns: `error`, `variance`, `reference` (n, k, 6): `COMPONENTS`; of the horizontal error its size, and the sum of
-    the variances on both axes.
+    Returns: `error`, `variance`, `reference` (n, k, 6): `COMPONENTS`. For the horizontal error its size, and the sum of
+    the variances of both axes.
     """
     c, s = np.cos(windows.course), np.sin(windows.course)
     north, east, down = np.moveaxis(windows.error[:, :, :3], -1, 0)
@@ -105,16 +104,16 @@ def components(windows: Windows) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def growth(windows: Windows, times: FloatArray | None = None) -> Growth:
-    """Sum up free-inertial windows at some times.
+    """Summarise free-inertial windows at some times.
 
-    `times` (k,) [s]; those of `table_times` by default.
+    `times` (k,) [s]; by default from `table_times`.
     """
     at = columns_at(windows, table_times(windows) if times is None else times)
     error, variance, reference = (values[:, at] for values in components(windows))
     inside = (error**2 <= 9.0 * (variance + reference)).astype(np.float64)
     inside[..., 5] = inside[..., :2].mean(axis=-1)
     axes = [error[..., [i]] for i in range(5)] + [error[..., :2]]
-    # turn-on errors are those of one sensor, whatever share of theirs the mean over changing headings shows
+    # turn-on errors belong to one sensor, even if changing headings average them out
     shared = 1.0 if windows.uncalibrated else 0.0
     return _summed(
         windows.grid[at], COMPONENTS, windows.start, windows.length, axes, variance, reference, inside, shared
@@ -122,7 +121,7 @@ def growth(windows: Windows, times: FloatArray | None = None) -> Growth:
 
 
 def outage_growth(windows: Sequence[Outage]) -> list[Growth]:
-    """Sum up GNSS outages at their end, by their length; smoothed errors where they are predicted to be largest."""
+    """Summarise GNSS outages at their end, by length; smoothed errors at their predicted maximum."""
     found = []
     for length in sorted({window.length for window in windows}):
         chosen = [window for window in windows if window.length == length]
@@ -140,17 +139,17 @@ def outage_growth(windows: Sequence[Outage]) -> list[Growth]:
 
 
 def common_error(found: Growth) -> tuple[Finding, ...]:
-    """How much of the horizontal error is common to all windows, if it is much."""
+    """Report the share of the horizontal error common to all windows, if it is large."""
     share = float(found.common[-1, found.column("horizontal")])
     finding = Finding.of(Code.OUTAGE_COMMON, share=share, limit_share=_SHARED, duration_s=found.length)
     return (finding,) if share >= _SHARED else ()
 
 
 def horizontal_at(windows: Sequence[Outage], times: Sequence[float], near: float) -> tuple[FloatArray, FloatArray]:
-    """Horizontal error and standard deviation of outages at the epochs nearest to some times.
+    """Compute horizontal error and sd of outages at the epochs nearest to some times.
 
-    `times`: since their start [s]; `near`: how near such an epoch must be [s].
-    Returns: `error`, `sd` (n, k) [m]; ``NaN`` where there is no epoch.
+    `times`: since their start [s]. `near`: largest distance of such an epoch [s].
+    Returns: `error`, `sd` (n, k) [m]; ``NaN`` without an epoch.
     """
     found = np.full((2, len(windows), len(times)), np.nan)
     for row, window in enumerate(windows):
@@ -162,7 +161,7 @@ def horizontal_at(windows: Sequence[Outage], times: Sequence[float], near: float
 
 
 def by_motion(windows: Windows, times: FloatArray | None = None) -> dict[str, Growth | None]:
-    """`growth` of stationary, straight and turning windows; None where there are none."""
+    """Compute `growth` of stationary, straight and turning windows; None without such windows."""
     found: dict[str, Growth | None] = {}
     for motion in MOTIONS:
         chosen = windows.motion == motion
@@ -171,10 +170,10 @@ def by_motion(windows: Windows, times: FloatArray | None = None) -> dict[str, Gr
 
 
 def _vectors(window: Outage) -> list[FloatArray]:
-    """Error, sd and reference sd, (3, axes), of each of `OUTAGE_COMPONENTS`."""
+    """Return error, sd and reference sd, (3, axes), of each of `OUTAGE_COMPONENTS`."""
     end = np.stack([window.error[-1], window.sd[-1], window.reference_sd[-1]])
     heading = np.array([[window.heading[-1]], [window.heading_sd[-1]], [0.0]])
-    # where the error is largest is seen by prediction, not by the noise of the reference
+    # the predicted maximum, independent of reference noise
     at = int(np.argmax(np.hypot(window.smoothed_sd[:, 0], window.smoothed_sd[:, 1])))
     smoothed = np.stack([window.smoothed[at], window.smoothed_sd[at], window.reference_sd[at]])
     return [end[:, :2], end[:, 2:3], end[:, 3:], heading, smoothed[:, :2], smoothed[:, 2:3]]
@@ -191,9 +190,9 @@ def _summed(
     inside: FloatArray,
     shared: float = 0.0,
 ) -> Growth:
-    """Sum up errors, (n, k, axes) of each component, their predicted and reference variances, and what is inside.
+    """Summarise errors, (n, k, axes) per component, with predicted and reference variances.
 
-    `shared`: share of the mean square that is known to be common to all windows, at least.
+    `shared`: known least share of the mean square common to all windows.
     """
     size = np.stack([np.linalg.norm(each, axis=-1) for each in error], axis=-1)
     known, once = np.isfinite(size), np.ones((1, len(start)))
@@ -203,7 +202,7 @@ def _summed(
         return np.asarray(means(np.where(known, values, np.nan), once)[0])
 
     square, taken_off = mean(size**2), mean(reference)
-    # numbers that make up a squared error, fewer than its axes if one of them is much larger (Satterthwaite 1946)
+    # degrees of freedom of a squared error, below the number of axes if one dominates (Satterthwaite 1946)
     per_axis = [means(each**2, once)[0] for each in error]
     axes = np.stack([each.sum(axis=-1) ** 2 / np.maximum((each**2).sum(axis=-1), 1e-300) for each in per_axis], -1)
     middle = [(means(each, once)[0] ** 2).sum(axis=-1) for each in error]
@@ -238,30 +237,30 @@ def _summed(
 
 
 def _quantile(values: FloatArray, share: float) -> FloatArray:
-    """Quantile over the windows of what is known; ``NaN`` where nothing is."""
+    """Compute a quantile of the known values over the windows; ``NaN`` without values."""
     none = ~np.isfinite(values).any(axis=0)
     found = np.nanquantile(np.where(none, 0.0, values), share, axis=0)
     return np.asarray(np.where(none, np.nan, found))
 
 
-_MEAN_SIZE = np.sqrt(2.0 / np.pi)  # of a normal number, by its standard deviation
-_ONE_SENSOR = 1.7  # numbers that the turn-on errors of two level axes are, unequal as they are (201 simulated drives)
+_MEAN_SIZE = np.sqrt(2.0 / np.pi)  # of a normal number with unit standard deviation
+_ONE_SENSOR = 1.7  # effective number of turn-on errors of two level axes, unequal as they are (201 simulated drives)
 
 
 @dataclass(frozen=True, slots=True)
 class Regression:
-    """Size of the recorded error by its predicted standard deviation."""
+    """Regression of recorded error sizes on predicted standard deviations."""
 
     slope: float  # one if the prediction is right, two if errors are twice as large
-    # 95 % confidence interval: the wider of a block bootstrap and of chi-square with two axes of as many windows as are
-    # independent, one if all have the same turn-on errors; ``NaN`` if the effective sample size is too small
+    # 95 % confidence interval: the wider of block bootstrap and chi-square (two axes per independent window, one window
+    # if all share turn-on errors); ``NaN`` for a too small effective sample size
     low: float
     high: float
-    # share of the variation of the sizes that the line explains [-]: at most about 0.6 for normal errors of very
-    # different predicted size, and less the more alike the predictions are
+    # share of the variation explained by the line [-]: at most about 0.6 for normal errors of very different predicted
+    # sizes, less for similar predictions
     r_squared: float
-    # (m,) the points: predicted standard deviation, reference included, and size of the error over the mean size of a
-    # standard normal number [m]
+    # (m,) points: predicted standard deviation including reference, and error size over the mean size of a standard
+    # normal number [m]
     predicted: FloatArray
     recorded: FloatArray
 

@@ -1,4 +1,4 @@
-"""Windows of a drive: where they lie, what the filter gets in one, what it starts from, what it is compared with."""
+"""Windows of a drive: their times, their filter input, initial states and references."""
 
 from __future__ import annotations
 
@@ -20,34 +20,33 @@ from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
 from insnav.types import BoolArray, FloatArray, GpsData, IntArray, Run, Trajectory
 
-LENGTHS = (5.0, 10.0, 15.0, 30.0, 60.0, 120.0)  # of GNSS outages, if none are chosen [s]
-SETTLED = 60.0  # no window begins earlier after the start of navigation, if the drive is long enough [s]
-COUNT = 60  # windows that fit with the default spacing
-CLOSEST = 2.0  # the default spacing is not less [s]
+LENGTHS = (5.0, 10.0, 15.0, 30.0, 60.0, 120.0)  # default lengths of GNSS outages [s]
+SETTLED = 60.0  # no window starts earlier after the start of navigation, in a long drive [s]
+COUNT = 60  # windows with the default spacing
+CLOSEST = 2.0  # lower limit of the default spacing [s]
 StartChoice = Literal["forward", "smoothed"]
 _SOLUTION = 0.1  # output interval of the whole drive: for speed, course and the simulated replica [s]
 FirstWindow = Literal["quarter of drive", "half of slack"]
 _LEAD = 2.0  # samples before the window, for the polynomials at its first interval [s]
-_SAME = 1e-6  # times that differ by less are the same [s]
+_SAME = 1e-6  # times closer than this are equal [s]
 
 
 @dataclass(frozen=True, slots=True)
 class Outage:
-    """One window without fixes, compared at the fixes (or the epochs of a reference) in it."""
+    """Window without fixes, compared with the fixes (or the epochs of a reference) in it."""
 
     # time of the last fix before it, and length [s]
     start: float
     length: float
     elapsed: FloatArray  # (k,) time since `start` [s]
-    # (k, 6) error of position North, East, Down [m] and velocity [m/s], filtered and smoothed; ``NaN`` where the fix
-    # has no such value
+    # (k, 6) error of position North, East, Down [m] and velocity [m/s], filtered and smoothed; ``NaN`` without a value
     error: FloatArray
-    # (k, 6) standard deviation that the filter states
+    # (k, 6) stated standard deviation of the filter
     sd: FloatArray
     smoothed: FloatArray
     smoothed_sd: FloatArray
     reference_sd: FloatArray  # (k, 6) standard deviation of the fix or reference
-    heading: FloatArray  # (k,) heading of the filter minus that of the drive smoothed with all fixes [rad]
+    heading: FloatArray  # (k,) heading of the filter minus smoothed heading with all fixes [rad]
     heading_sd: FloatArray  # (k,) standard deviation of the filter's heading [rad]
     speed: float  # mean speed in the window [m/s]
 
@@ -62,14 +61,13 @@ def window_starts(
     spacing: float | None,
     rule: FirstWindow,
 ) -> IntArray:
-    """Fixes at which windows begin, evenly along a drive.
+    """Choose the fixes at which windows begin, evenly along a drive.
 
-    `fixes` (n,): times of the fixes, on the clock of the IMU [s]; `begin`, `end`: of navigation [s]; `length`: of the
-    windows, of the shortest if there are several lengths [s]; `first`: where the first begins, after `begin` [s]; by
-    default a minute, or less by `rule` on a short drive; `spacing`: from the start of one window to the next [s]; by
-    default so that about sixty fit; `rule` {"quarter of drive", "half of slack"}: how much of a short drive the filter
-    gets to settle. A quarter of the drive, whatever the length: windows of several lengths then begin at the same
-    fixes. Half of what one window leaves: a single long one still fits.
+    `fixes` (n,): times of the fixes, on the IMU clock [s]. `begin`, `end`: of navigation [s]. `length`: of the windows,
+    or the shortest of several lengths [s]. `first`: start of the first, after `begin` [s]; by default a minute, or less
+    by `rule` on a short drive. `spacing`: between starts [s]; by default about sixty fit. `rule` {"quarter of drive",
+    "half of slack"}: settling time on a short drive. A quarter of the drive: windows of several lengths begin at the
+    same fixes. Half of the slack of one window: a single long window still fits.
     Returns: (m,): rows of the fixes, increasing.
     Raises: InputError: the drive is too short.
     """
@@ -89,7 +87,7 @@ def window_starts(
 
 
 def part_of(ready: Prepared, state: FilterState, length: float) -> Prepared:
-    """Only the samples that a filter needs to go on for so long.
+    """Cut the samples that a filter needs to continue for a time.
 
     `length` [s].
     """
@@ -99,31 +97,31 @@ def part_of(ready: Prepared, state: FilterState, length: float) -> Prepared:
 
 
 def valid(gps: GpsData) -> BoolArray:
-    """Fixes whose type says that they are one, (n,)."""
+    """Return whether each fix is valid by its type, (n,)."""
     return np.ones(gps.time.shape[0], dtype=np.bool_) if gps.fix is None else np.asarray(gps.fix != 0)
 
 
 def comparison_only(gps: GpsData, fix: int = 0) -> GpsData:
-    """The same fixes marked as none, or `OF_REFERENCE`: a filter compares itself with them and does not use them."""
+    """Mark fixes as invalid or `OF_REFERENCE`: a filter only compares itself with them."""
     return replace(gps, fix=np.full(gps.time.shape[0], fix), heading=None)
 
 
 @dataclass(frozen=True, slots=True)
 class NavigatedDrive:
-    """The whole drive, navigated with all fixes, and the filter's states where windows begin."""
+    """Drive navigated with all fixes, and the filter's states at the starts of windows."""
 
     ready: Prepared
     run: Run
     states: tuple[FilterState, ...]  # in order of time
-    clock: float  # time of the run minus that of the samples [s]
+    clock: float  # time of the run minus sample time [s]
 
 
 def navigated_drive(
     ready: Prepared, starts: FloatArray, progress: Callable[[float], None] | None = None, *, smooth: bool = True
 ) -> NavigatedDrive:
-    """Navigate the whole drive and keep the filter's state at some fixes.
+    """Navigate the whole drive and store the filter's state at some fixes.
 
-    `starts` (n,): timestamps of these fixes [s]; `smooth`: smooth as well, for smoothed starts and for a simulated
+    `starts` (n,): timestamps of these fixes [s]. `smooth`: smooth as well, for smoothed starts and for a simulated
     replica.
     """
     rows = np.searchsorted(ready.gps.time, starts - 1e-6)
@@ -136,9 +134,9 @@ def navigated_drive(
 
 
 def free_inertial_settings(settings: FilterSettings, *, own_fixes: bool) -> FilterSettings:
-    """Settings of a filter without fixes and without other aiding.
+    """Return the settings of a filter without fixes and other aiding.
 
-    `own_fixes`: the reference is the fixes of the drive, whose velocities may lag.
+    `own_fixes`: the reference is the drive's fixes, whose velocities may lag.
     """
     return replace(
         settings,
@@ -155,9 +153,9 @@ def free_inertial_settings(settings: FilterSettings, *, own_fixes: bool) -> Filt
 
 
 def forward_start(state: FilterState, settings: FilterSettings, lever_b: FloatArray | None) -> FilterState:
-    """State of the forward filter, with all fixes before it, as the start of a window.
+    """Return the forward filter's state, after all earlier fixes, as the start of a window.
 
-    `lever_b` (3,): point of the reference, seen from the IMU [m]; None for the antenna.
+    `lever_b` (3,): point of the reference seen from the IMU [m]; None for the antenna.
     """
     n = layout(settings).states
     return replace(
@@ -169,11 +167,11 @@ def forward_start(state: FilterState, settings: FilterSettings, lever_b: FloatAr
 
 
 def uncalibrated_start(start: FilterState, model: ErrorModel) -> FilterState:
-    """The same start without the filter's estimates of sensor errors: turn-on biases and scale factors in full.
+    """Remove the filter's estimates of sensor errors from a start: turn-on biases and scale factors in full.
 
-    Estimates and their errors are uncorrelated, as those of a least mean-square estimate are if its prior is right; so
-    the error of correcting nothing is as large as the specified turn-on errors, and correlates with position, velocity
-    and attitude as the error of the estimate did.
+    Estimates and their errors are uncorrelated, as in least mean-square estimation with a true prior. The error without
+    correction is then the specified turn-on error. It correlates with position, velocity and attitude as the estimation
+    error did.
     """
     covariance = start.covariance.copy()
     sensors = slice(NAV, STATES)
@@ -182,12 +180,12 @@ def uncalibrated_start(start: FilterState, model: ErrorModel) -> FilterState:
 
 
 def smoothed_start(start: FilterState, run: Run, clock: float) -> FilterState | None:
-    """The same start from the smoothed drive; None where no fix was used.
+    """Replace a start by the smoothed drive; None without a used fix.
 
-    Position, velocity and attitude keep their covariance, sensor errors their variances; the cross-covariance of the
-    two is not kept, so that the prediction is somewhat too large.
+    Position, velocity and attitude keep their covariance, sensor errors their variances. Cross-covariances are dropped,
+    which makes the prediction slightly too large.
 
-    `clock`: time of the run minus that of the samples [s].
+    `clock`: time of the run minus sample time [s].
     """
     assert run.smoothed is not None
     epochs, sensors = run.smoothed.epochs, run.smoothed.sensor_errors
@@ -204,12 +202,12 @@ def smoothed_start(start: FilterState, run: Run, clock: float) -> FilterState | 
 
 
 def growth_by_start_error(q_nb: FloatArray, lla: FloatArray) -> FloatArray:
-    """How errors at the start of a window show in the growth that follows.
+    """Compute the derivatives of error growth by errors at the start of a window.
 
-    A level vehicle that does not turn: velocity error, effective horizontal acceleration ``g x phi - C db`` and its
+    For a level vehicle without turns: velocity error, effective horizontal acceleration ``g x phi - C db`` and its
     change ``g x C dw``, for estimate minus truth with ``C_hat = (I - [phi x]) C`` (Groves 2013, section 5.7).
 
-    `q_nb` (4,): attitude at the start; `lla` (3,): where [rad], [rad], [m].
+    `q_nb` (4,): initial attitude. `lla` (3,): initial position [rad], [rad], [m].
     Returns: (2, 3, 21): for North and East: velocity [m/s], acceleration [m/s^2], jerk [m/s^3] by the 21 errors of the
     filter.
     """
@@ -225,23 +223,23 @@ def growth_by_start_error(q_nb: FloatArray, lla: FloatArray) -> FloatArray:
 
 
 _AT_IMU = np.zeros(3)
-_LEAST_SD = 1e-4  # nothing is known better [m], [m/s]
-_WHOLE = 0.98  # part of the record that the rows of a stationary reference must span
+_LEAST_SD = 1e-4  # lower limits of the sd [m], [m/s]
+_WHOLE = 0.98  # least share of the record that a stationary reference must span
 
 
 @dataclass(frozen=True, slots=True)
 class WindowReference:
     """Reference positions, each with its own standard deviation."""
 
-    fixes: GpsData  # positions, and velocities where they are known, every value with a standard deviation
-    name: str  # in words, such as "the drive's own GPS fixes"
+    fixes: GpsData  # positions, and known velocities, every value with a standard deviation
+    name: str  # description, such as "the drive's own GPS fixes"
     # (3,) their point, seen from the IMU, body axes [m]; None for the antenna of the drive
     lever_b: FloatArray | None = None
-    own_fixes: bool = False  # they are the fixes of the drive itself
+    own_fixes: bool = False  # the reference is the drive's own fixes
 
 
 def reference_from_fixes(ready: Prepared) -> WindowReference:
-    """The fixes of the drive itself, which the filter does not get in a window."""
+    """Build the reference from the drive's fixes, which the filter does not use in a window."""
     usable = ready.gps.rows(valid(ready.gps) & np.isfinite(ready.gps.lla).all(axis=1))
     return WindowReference(usable, "the drive's own GPS fixes", own_fixes=True)
 
@@ -249,10 +247,10 @@ def reference_from_fixes(ready: Prepared) -> WindowReference:
 def reference_from_trajectory(
     reference: Trajectory, name: str, *, position_sd: float, velocity_sd: float, lever_b: FloatArray | None = _AT_IMU
 ) -> WindowReference:
-    """A reference trajectory.
+    """Build the reference from a trajectory.
 
-    `position_sd`, `velocity_sd`: its uncertainty on each axis elsewhere [m], [m/s]; `lever_b` (3,): the point of the
-    reference seen from the IMU, body axes [m]; None for the antenna.
+    `position_sd`, `velocity_sd`: its uncertainty on each axis [m], [m/s]. `lever_b` (3,): the point of the reference
+    seen from the IMU, body axes [m]; None for the antenna.
     Raises: InputError: fewer than two rows.
     """
     if len(reference.time) < 2:
@@ -267,10 +265,10 @@ def reference_from_trajectory(
 
 
 def stationary_fixes(lla: FloatArray, begin: float, end: float, position_sd: float, velocity_sd: float) -> GpsData:
-    """Fixes once a second of a stationary vehicle: what a bench knows without a receiver.
+    """Build fixes of a stationary vehicle, one per second: a bench without a receiver.
 
-    `lla` (3,): latitude, longitude [rad], height [m]; `begin`, `end`: first and last time [s]; `position_sd`,
-    `velocity_sd`: of place and zero velocity, each axis [m], [m/s].
+    `lla` (3,): latitude, longitude [rad], height [m]. `begin`, `end`: first and last time [s]. `position_sd`,
+    `velocity_sd`: of position and zero velocity, each axis [m], [m/s].
     """
     time: FloatArray = np.arange(begin, end + 1e-6, 1.0)
     shape = (len(time), 3)
@@ -280,7 +278,7 @@ def stationary_fixes(lla: FloatArray, begin: float, end: float, position_sd: flo
 
 
 def is_stationary(reference: Trajectory, begin: float, end: float) -> bool:
-    """Whether a reference of a few rows stays at one place for the whole record.
+    """Return whether a reference of a few rows is stationary over the whole record.
 
     `begin`, `end`: of the record [s].
     """

@@ -1,10 +1,10 @@
-"""Covariance of a filter with GPS before an outage and other aiding in it, for many IMUs on one motion at once.
+"""Covariance of a filter with GPS before an outage and other aiding in it, for many IMUs on one motion.
 
-The whole linear error model of the budget, second by second: what an error does in a second is the same for every
-IMU, only its size is not. The filter is that of Schmidt ("Application of state-space methods to navigation problems",
-Advances in Control Systems 3 (1966) 293-340): it estimates position, velocity, attitude, biases and scale factors. It
-considers the other constant errors of datasheets (misalignment, g-sensitivity) without estimating them, except for the
-accelerometer misalignment that gravity turns into a bias.
+The full linear error model of the budget, second by second: the propagation in a second is common to all IMUs, only the
+sizes differ. It is a Schmidt filter ("Application of state-space methods to navigation problems", Advances in Control
+Systems 3 (1966) 293-340): it estimates position, velocity, attitude, biases and scale factors. It considers other
+constant errors of datasheets (misalignment, g-sensitivity) without estimating them. Exception: accelerometer
+misalignment that gravity converts to a bias.
 """
 
 from __future__ import annotations
@@ -36,57 +36,57 @@ _TERMS = sorted(
     key=lambda term: term.key not in ("bias", "scale_factor"),
 )
 _UNITS = tuple(Source(term.sensor, term.name, axis, "constant", 1.0) for term in _TERMS for axis in term.axes)
-# states: navigation, constant bias, in-run bias, scale factor (each gyro, accel), then the errors not estimated; then
-# odometer scale, mounting pitch and yaw, offset of the barometer
+# states: navigation, constant bias, in-run bias, scale factor (each gyro, accel), considered errors. Then odometer
+# scale, mounting pitch and yaw, offset of the barometer
 BIAS, IN_RUN, SCALE, CONSIDERED = 9, 15, 21, 27
 SENSED = IN_RUN + len(_UNITS)
 ODOMETER, MOUNTING, BAROMETER, STATES = SENSED, SENSED + 1, SENSED + 3, SENSED + 4
-# a level accelerometer that is misaligned senses a part of gravity: a filter takes that for bias, and estimates it
+# a misaligned level accelerometer senses a part of gravity: the filter estimates it as bias
 _AS_BIAS = [IN_RUN + k for k, unit in enumerate(_UNITS) if unit.family == "accel misalignment" and unit.axis[1] == "z"]
 _CONSIDERED = np.setdiff1d(np.arange(CONSIDERED, SENSED), _AS_BIAS)
-# what is assumed of GPS before the outage, of the start, and of other aiding, one standard deviation
+# assumed GPS before the outage, initial state, and other aiding, one standard deviation
 POSITION_SD, VELOCITY_SD = 0.02, 0.03  # of fixes [m], [m/s]
 START_TILT, START_HEADING = 1.0 * DEG, 10.0 * DEG
 NHC_SD, ODOMETER_SD, ZUPT_SD, BAROMETER_SD = 0.05, 0.1, 0.02, 0.3  # [m/s], [m/s], [m/s], [m]
 HEADING_SD = 0.2 * DEG  # of two antennas
 _MOUNTING_SD, _ODOMETER_SCALE_SD, _BAROMETER_DRIFT = 1.0 * DEG, 0.02, 0.02  # [m/sqrt(s)]
-_MOVING, _STANDING = 2.0, 0.01  # speed from which on a vehicle has a direction of travel, up to which it stands [m/s]
+_MOVING, _STANDING = 2.0, 0.01  # speed above which travel has a direction; speed of a stationary vehicle [m/s]
 
 
 @dataclass(frozen=True, slots=True)
 class Aiding:
-    """Aiding besides the GPS before the outage."""
+    """Aiding in addition to GPS before the outage."""
 
-    nhc: bool = False  # non-holonomic constraint, and ZUPT where a vehicle that moves stands
+    nhc: bool = False  # non-holonomic constraint, and ZUPT during stops
     odometer: bool = False
     barometer: bool = False
-    zupt_every: float = math.inf  # a stop of a second every so many seconds of the outage
+    zupt_every: float = math.inf  # interval of one-second stops in the outage [s]
     dual_antenna: bool = False  # heading of two antennas with the fixes
-    before: float = math.inf  # GPS before the outage [s]; all there is if infinite
+    before: float = math.inf  # GPS before the outage [s]; infinite: all available
 
 
 @dataclass(frozen=True, slots=True)
 class Propagation:
-    """What errors do in each second of a motion, and the outages in it."""
+    """Error propagation in each second of a motion, and its outages."""
 
-    begins: tuple[int, ...]  # seconds in which GPS ends, one an outage
+    begins: tuple[int, ...]  # seconds in which GPS ends, one per outage
     length: int  # of every outage [s]
-    by_state: FloatArray  # (k, 9, 48) navigation errors at the end of a second by errors at its start
-    by_noise: FloatArray  # (k, 6, 9, 9) covariance by unit white noise of gyros and accelerometers
+    by_state: FloatArray  # (k, 9, 48) navigation errors at the end of a second per error at its start
+    by_noise: FloatArray  # (k, 6, 9, 9) covariance from unit white noise of gyros and accelerometers
     # attitude (k, 3, 3) and velocity (k, 3) [m/s] at the end of each second
     C_nb: FloatArray
     v_n: FloatArray
 
     @property
     def after(self) -> FloatArray:
-        """Times of an outage at which there are results, ``(m,)`` [s]; the first is zero."""
+        """Result times of an outage, ``(m,)`` [s]; the first is zero."""
         return np.arange(self.length + 1, dtype=np.float64)
 
 
 def propagation(truth: Truth, begins: Sequence[float], length: float) -> Propagation:
-    """Work out what errors do in each second of a motion, from its start to the end of the last outage.
+    """Compute the error propagation in each second of a motion, up to the end of the last outage.
 
-    `begins`: when GPS ends, after the start of the motion [s], increasing; `length`: of the outages [s].
+    `begins`: end of GPS after the start of the motion [s], increasing. `length`: of the outages [s].
     """
     seconds = [math.floor(begin) for begin in begins]
     later = min(math.ceil(length), math.floor(truth.duration + 1e-9) - seconds[-1])
@@ -119,7 +119,7 @@ def propagation(truth: Truth, begins: Sequence[float], length: float) -> Propaga
 
 
 def start_covariance(spec: ImuSpec) -> FloatArray:
-    """Covariance of all states before the first fix, ``(52, 52)``."""
+    """Build the covariance of all states before the first fix, ``(52, 52)``."""
     sd = np.zeros(STATES)
     sd[:3], sd[3:6], sd[6:8], sd[8] = 1.0, 1.0, START_TILT, START_HEADING
     constants = [getattr(getattr(spec, term.sensor), term.key)[i] for term in _TERMS for i, _ in term.elements]
@@ -132,10 +132,10 @@ def start_covariance(spec: ImuSpec) -> FloatArray:
 def aided_covariances(
     moved: Propagation, specs: Sequence[ImuSpec], aiding: Aiding = Aiding()
 ) -> tuple[FloatArray, FloatArray]:
-    """Run the filter for every IMU, with GPS through the motion and from each of its seconds `begins` without.
+    """Run the filter for every IMU, with GPS up to each of the seconds `begins` and without GPS afterwards.
 
-    Returns: (w, b, 52, 52) covariance when GPS ends; (w, b, m, 9, 9) that of the navigation errors through the outages,
-    the first when GPS ends.
+    Returns: (w, b, 52, 52) covariance when GPS ends. (w, b, m, 9, 9) covariance of navigation errors in the outages,
+    starting when GPS ends.
     """
     process = _process(specs)
     found, at_end = [], []
@@ -159,8 +159,8 @@ def aided_covariances(
 
 
 def error_curves(required: Requirement, moved: Propagation, specs: Sequence[ImuSpec], aiding: Aiding) -> FloatArray:
-    """Error of each IMU that is to be expected through an outage, ``(b, m)`` [m], at the probability required."""
-    # of the mean over the outages: the error that is to be expected in any of them
+    """Compute the expected error of each IMU in an outage, ``(b, m)`` [m], at the required probability."""
+    # of the mean over the outages: the expected error in any outage
     return required.sizes(np.mean(aided_covariances(moved, specs, aiding)[1], axis=0))
 
 
@@ -174,14 +174,14 @@ def _second(
     gps: bool,
     stop: bool = False,
 ) -> FloatArray:
-    """Covariance at the end of second k, from that at the end of the one before."""
+    """Propagate the covariance to the end of second k."""
     P = _predicted(P, moved.by_state[k - 1], moved.by_noise[k - 1], *process)
     H, R = _measured(moved, k, aiding, gps=gps, stop=stop)
     return _updated(P, H, R) if len(H) else P
 
 
 def _process(specs: Sequence[ImuSpec]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What is left of each state after a second (b, 52), white noise (b, 6), variance that enters (b, 52)."""
+    """Return decay of each state in a second (b, 52), white noise (b, 6), added variance (b, 52)."""
     keep, drive = np.ones((len(specs), STATES)), np.zeros((len(specs), STATES))
     white = np.stack([noise_of_both(spec, "white") ** 2 for spec in specs])
     for b, spec in enumerate(specs):
@@ -206,7 +206,7 @@ def _predicted(
 
 
 def _measured(moved: Propagation, k: int, aiding: Aiding, *, gps: bool, stop: bool) -> tuple[FloatArray, FloatArray]:
-    """Measurements at the end of second k: matrix ``(m, 52)`` and standard deviations ``(m,)``."""
+    """Return measurements at the end of second k: matrix ``(m, 52)`` and standard deviations ``(m,)``."""
     rows: list[FloatArray] = []
     sd: list[float] = []
 
@@ -226,7 +226,7 @@ def _measured(moved: Propagation, k: int, aiding: Aiding, *, gps: bool, stop: bo
             add(HEADING_SD, (8, 1.0))
     speed = float(np.linalg.norm(v_n))
     if speed > _MOVING:
-        # C_hat = (I - [phi x]) C: the velocity in body axes is off by C' (dv + phi x v)
+        # C_hat = (I - [phi x]) C: the body velocity error is C' (dv + phi x v)
         by_attitude = C_nb.T @ -skew(v_n)
         if aiding.nhc:
             add(NHC_SD, (slice(3, 6), C_nb[:, 1]), (slice(6, 9), by_attitude[1]), (MOUNTING + 1, speed))
@@ -243,7 +243,7 @@ def _measured(moved: Propagation, k: int, aiding: Aiding, *, gps: bool, stop: bo
 
 
 def _updated(P: FloatArray, H: FloatArray, sd: FloatArray) -> FloatArray:
-    """Update by a gain that leaves what is considered as it is; the covariance holds for any gain."""
+    """Update without changing the considered states; the covariance form is valid for any gain."""
     HP = H @ P
     S = HP @ H.T + np.diag(sd**2)
     K = np.linalg.solve(S, HP).swapaxes(1, 2).copy()

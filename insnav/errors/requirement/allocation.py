@@ -1,4 +1,4 @@
-"""How large each error may be: each alone, and all together with agreed shares of the limit."""
+"""Allowed size of errors: each alone, and jointly with agreed shares of the limit."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from insnav.imu.error_terms import SENSORS, terms_of
 from insnav.types import FloatArray
 from insnav.units import DEG, G0
 
-TAU = 3600.0  # correlation time of an in-run bias that is allocated [s]
-STEEP = 2.0 * DEG  # attitude error up to which the linear model holds well [rad]
+TAU = 3600.0  # correlation time of an allocated in-run bias [s]
+STEEP = 2.0 * DEG  # largest attitude error of the linear model [rad]
 _INITIAL_UNITS = {"initial tilt": "deg", "initial heading": "deg", "initial velocity": "m/s"}
 # families that share the limit, in the order of a report
 FAMILIES = (*(term.family for sensor in SENSORS for term in terms_of(sensor) if term.datasheet), *_INITIAL_UNITS)
@@ -28,16 +28,16 @@ FAMILIES = (*(term.family for sensor in SENSORS for term in terms_of(sensor) if 
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """One family of errors: what it may be alone, and in the set."""
+    """Allowed size of a family of errors, alone and in the set."""
 
     family: str  # see `insnav.errors.budget.sources.Source.family`
-    unit: str  # in which it is written
-    alone: float  # one standard deviation that meets the limit alone, SI; infinite if none is too large
-    # one standard deviation in the set, SI; where the family is given, that of the IMU, its largest axis
+    unit: str  # display unit
+    alone: float  # one standard deviation that meets the limit alone, SI; infinite if the effect is negligible
+    # one standard deviation in the set, SI; of the largest axis for a given IMU
     size: float
-    part: float  # of the variance of the set
-    given: bool  # it is that of the IMU
-    # no limit within the linear model: it hardly acts on this motion, and stands at the end of what the model covers
+    part: float  # share of the variance of the set
+    given: bool  # given by the IMU
+    # limited by the linear model: the family has little effect on this motion
     capped: bool
 
 
@@ -47,18 +47,18 @@ class Allocation:
 
     shares: tuple[Share, ...]
     spec: ImuSpec  # the set
-    given: float  # error that the given families make together [m]
+    given: float  # error from the given families alone [m]
     error: float  # error of the whole set by the covariance, at the probability [m]
-    feasible: bool  # the given families leave something for the others
+    feasible: bool  # the given families leave a margin for the others
 
 
 def unit_of(family: str) -> str:
-    """Unit in which a family of errors is written."""
+    """Return the display unit of a family of errors."""
     return _INITIAL_UNITS[family] if family in _INITIAL_UNITS else term_of(family).unit
 
 
 def spec_of(sizes: Mapping[str, float], base: ImuSpec | None = None) -> ImuSpec:
-    """IMU error specification of sizes by family, SI, the same for all axes; the others are those of `base`."""
+    """Build an IMU specification from sizes by family, SI, equal on all axes; other families from `base`."""
     base = base or ImuSpec("allocated set", SensorSpec(), SensorSpec())
     changed: dict[str, dict[str, object]] = {"initial": {}, "gyro": {}, "accel": {}}
     for family, size in sizes.items():
@@ -75,7 +75,7 @@ def spec_of(sizes: Mapping[str, float], base: ImuSpec | None = None) -> ImuSpec:
 def family_covariances(
     spec: ImuSpec, motion: SampledMotion, after: float, *, hold: bool = False
 ) -> dict[str, FloatArray]:
-    """Covariance ``(9, 9)`` that each family of errors makes alone after a time [s]."""
+    """Compute the covariance ``(9, 9)`` of each family alone after a time [s]."""
     sources = sources_of(spec)
     row = np.array([last_sample(motion, after)])
     parts = covariance(sources, motion, row, hold=hold)[0]
@@ -85,12 +85,12 @@ def family_covariances(
 
 
 def last_sample(motion: SampledMotion, after: float) -> int:
-    """Number of samples up to a time since the start of a motion [s]."""
+    """Return the number of samples up to a time since the start of a motion [s]."""
     return int(np.searchsorted(motion.elapsed, after - 1e-6)) + 1
 
 
 def largest(family: str, after: float) -> float:
-    """Size up to which the linear model covers a family, SI."""
+    """Return the largest size of a family within the linear model, SI."""
     rate = STEEP / after
     caps = {
         "rate": rate,
@@ -114,16 +114,16 @@ def allocate(
     cost: Mapping[str, float] | None = None,
     hold: bool = False,
 ) -> Allocation:
-    """Allocate the limit to the families of errors that `given` does not give.
+    """Allocate the limit to the families of errors that are not `given`.
 
-    `cost`: weight of a family, 1 where none is given; `hold`: see `insnav.errors.budget.covariance.covariance`.
+    `cost`: weight of a family, default 1. `hold`: see `insnav.errors.budget.covariance.covariance`.
 
     Notes
     -----
-    Family f of size s makes the covariance ``s^2 U_f``, and alone it may be L_f. Sizes of the set are ``k w_f^(1/3)
-    L_f`` with one k by which the whole covariance just meets the limit: the cheapest set if a family that is x times
-    its L costs ``w / x``, the reciprocal cost model of tolerance allocation (Chase and Greenwood, "Design issues in
-    mechanical tolerance analysis", Manufacturing Review 1 (1988) 50-59). Without weights shares are equal.
+    Family f of size s has the covariance ``s^2 U_f`` and the limit L_f alone. Sizes in the set are ``k w_f^(1/3) L_f``,
+    where k makes the total covariance just meet the limit. This is the cheapest set if a family of x times L costs
+    ``w / x``, the reciprocal cost model of tolerance allocation (Chase and Greenwood, "Design issues in mechanical
+    tolerance analysis", Manufacturing Review 1 (1988) 50-59). Without weights shares are equal.
     """
     weights = {**dict.fromkeys(FAMILIES, 1.0), **(cost or {})}
     unknown = [name for name in weights if name not in FAMILIES or not weights[name] > 0.0]
@@ -161,7 +161,7 @@ def _sizes(
     wanted: Mapping[str, float],
     caps: Mapping[str, float],
 ) -> tuple[dict[str, float], set[str]]:
-    """Sizes in proportion to `wanted` that just meet the requirement, those at their cap set apart."""
+    """Compute sizes proportional to `wanted` that just meet the requirement, apart from capped ones."""
     if required.size(fixed) >= required.error:
         return dict.fromkeys(wanted, 0.0), set()
     capped: set[str] = set()

@@ -1,4 +1,4 @@
-"""A limit on a position error, and the probability with which a Gaussian error stays within it."""
+"""Limit on a position error, and the probability that a Gaussian error stays within it."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from insnav.types import FloatArray
 Component = Literal["horizontal", "vertical", "3d"]
 COMPONENTS: dict[Component, tuple[int, ...]] = {"horizontal": (0, 1), "vertical": (2,), "3d": (0, 1, 2)}
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(96)
-_FAR = 8.0  # standard deviations beyond which nothing is left
+_FAR = 8.0  # standard deviations beyond which the probability is negligible
 
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
-    """What is required: with this probability the error is within the limit."""
+    """Requirement: the error is within the limit with this probability."""
 
     error: float  # limit of the position error [m]
     after: float  # time without aiding [s]
     probability: float = 0.95
-    component: Component = "horizontal"  # which part of the position error
+    component: Component = "horizontal"  # component of the position error
 
     def __post_init__(self) -> None:
         checks = (
@@ -43,16 +43,16 @@ class Requirement:
 
     @property
     def axes(self) -> tuple[int, ...]:
-        """North, East, Down that count."""
+        """Relevant axes of North, East, Down."""
         return COMPONENTS[self.component]
 
     def size(self, covariance: FloatArray) -> float:
-        """Error that is not exceeded with the probability, of a covariance ``(9, 9)`` or ``(3, 3)`` [m]."""
+        """Compute the error at the required probability, of a covariance ``(9, 9)`` or ``(3, 3)`` [m]."""
         chosen = np.asarray(covariance)[np.ix_(self.axes, self.axes)]
         return length_quantile(np.linalg.eigvalsh(chosen).astype(np.float64), self.probability)
 
     def sizes(self, covariances: FloatArray) -> FloatArray:
-        """As `size` of many covariances ``(..., n, n)``, by a table good to 1e-3."""
+        """Compute `size` of many covariances ``(..., n, n)``, by a table accurate to 1e-3."""
         chosen = np.asarray(covariances)[..., self.axes, :][..., :, self.axes]
         variances = np.maximum(np.linalg.eigvalsh(chosen)[..., ::-1], 0.0)
         sd = np.sqrt(np.maximum(variances, 1e-300))
@@ -65,7 +65,7 @@ class Requirement:
 
     @property
     def text(self) -> str:
-        """The requirement in words."""
+        """Requirement in words."""
         return (
             f"{self.component} error within {self.error:g} m after {self.after:g} s with probability "
             f"{self.probability:g}"
@@ -73,10 +73,10 @@ class Requirement:
 
 
 def length_probability(variances: FloatArray, length: float) -> float:
-    """Probability that a Gaussian vector is not longer than `length`.
+    """Compute the probability that a Gaussian vector is not longer than `length`.
 
-    `variances` (n,): along its principal axes, n up to 3. One after the other is integrated over,
-    ``P(l_1 z_1^2 + ... <= r^2)``, by Gauss-Legendre nodes in the angle t of ``z = z_max sin t``.
+    `variances` (n,): along its principal axes, n up to 3. They are integrated in turn, ``P(l_1 z_1^2 + ... <= r^2)``,
+    by Gauss-Legendre nodes in the angle t of ``z = z_max sin t``.
     """
     kept = np.sort(variances[variances > 1e-14 * max(float(np.max(variances)), 1e-300)])[::-1]
     return float(_inside(kept, np.array([length**2]))[0]) if len(kept) else 1.0
@@ -95,7 +95,7 @@ def _inside(variances: FloatArray, squares: FloatArray) -> FloatArray:
 
 
 def length_quantile(variances: FloatArray, probability: float) -> float:
-    """Length that a Gaussian vector does not exceed with a probability; zero if it has no spread.
+    """Compute the length of a Gaussian vector at a probability; zero without spread.
 
     `variances` (n,): along its principal axes, n up to 3.
     """
@@ -112,7 +112,7 @@ def length_quantile(variances: FloatArray, probability: float) -> float:
 
 @functools.cache
 def _table(axes: int, probability: float) -> tuple[FloatArray, FloatArray]:
-    """Quantile of the length by the ratios of the smaller standard deviations to the largest."""
+    """Tabulate the quantile of the length by ratios of smaller standard deviations to the largest."""
     grid = np.linspace(0.0, 1.0, 33 if axes == 2 else 17)
     ratios = np.stack(np.meshgrid(*(grid,) * (axes - 1), indexing="ij"), axis=-1).reshape(-1, axes - 1)
     found = [length_quantile(np.append(1.0, ratio**2), probability) for ratio in ratios]
@@ -120,7 +120,7 @@ def _table(axes: int, probability: float) -> tuple[FloatArray, FloatArray]:
 
 
 def binomial_interval(count: int, of: int) -> tuple[float, float]:
-    """95 % interval of a probability, `count` of `of` trials known (Clopper and Pearson, Biometrika 26 (1934) 404)."""
+    """Compute the 95 % interval of a probability, `count` of `of` (Clopper and Pearson, Biometrika 26 (1934) 404)."""
     tail = 0.5 * (1.0 - CONFIDENCE)
     low = float(betaincinv(count, of - count + 1, tail)) if count else 0.0
     high = float(betaincinv(count + 1, of - count, 1.0 - tail)) if count < of else 1.0

@@ -1,4 +1,4 @@
-"""Which real IMUs meet a requirement after GPS ends, and what helps one that does not."""
+"""Real IMUs that meet a requirement after GPS ends, and improvements for the others."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from insnav.units import PPM, UG
 
 Answer = Literal["yes", "likely", "open", "no"]
 LIMITS = (1.0, 10.0, 100.0)  # [m]
-# what a calibration leaves, one standard deviation: assumptions, as good benches reach them
+# errors after a calibration, one standard deviation: assumptions for good benches
 RATE_TABLE = {"scale_factor": 50.0 * PPM, "misalignment": 0.1e-3}  # of gyros
 NINE_POSITION = {"bias": 100.0 * UG, "scale_factor": 50.0 * PPM, "misalignment": 0.1e-3}  # of accelerometers
 STOPS = 10.0  # between zero-velocity updates [s]
@@ -29,29 +29,29 @@ SHORT, LONG = 60.0, 300.0  # GPS before the outage [s]
 
 @dataclass(frozen=True, slots=True)
 class Coasting:
-    """How the error of an IMU grows after GPS ends."""
+    """Error growth of an IMU after GPS ends."""
 
     error: float  # at the time of the requirement, at its probability [m]
-    least: float  # the same if what no document gives were zero [m]
+    least: float  # lower bound with undocumented figures as zero [m]
     answer: Answer
-    curve: FloatArray  # (m,) over the times of the study [m]
-    reaches: tuple[float, ...]  # when it exceeds each of `LIMITS` [s]; infinite if it does not
+    curve: FloatArray  # (m,) at the times of the study [m]
+    reaches: tuple[float, ...]  # times at which it exceeds each of `LIMITS` [s]; infinite if never
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A part and what its figures make of the requirement."""
+    """Real IMU evaluated for the requirement."""
 
     name: str
     grade: str
     provenance: str
-    missing: tuple[str, ...]  # figures that no document gives, taken from its class
+    missing: tuple[str, ...]  # undocumented figures, taken from its class
     alone: Coasting  # the IMU alone
     nhc: Coasting  # with the non-holonomic constraint
 
 
 def candidates(required: Requirement, moved: Propagation, parts: Sequence[Part]) -> tuple[Candidate, ...]:
-    """Evaluate parts: twice each, with what is missing as in their class, and as zero."""
+    """Evaluate parts twice: with undocumented figures from their class, and with zero."""
     grades = {grade: load_imu(grade) for grade in {part.grade for part in parts}}
     specs = [completed(part, grades[part.grade])[0] for part in parts] + [part.spec for part in parts]
     alone, aided = (error_curves(required, moved, specs, Aiding(nhc=nhc)) for nhc in (False, True))
@@ -68,7 +68,7 @@ def candidates(required: Requirement, moved: Propagation, parts: Sequence[Part])
 def coasting(
     required: Requirement, moved: Propagation, curve: FloatArray, least: FloatArray, *, known: bool
 ) -> Coasting:
-    """Evaluate one curve: yes and no where the figures are known or decide, likely by those of the class, else open."""
+    """Evaluate one curve: yes or no if documented figures decide, likely by class figures, else open."""
     time = moved.after
     error, smallest = (float(np.interp(required.after, time, values)) for values in (curve, least))
     smallest = error if known else smallest
@@ -80,7 +80,7 @@ def coasting(
 
 
 def _reaches(time: FloatArray, curve: FloatArray, limit: float) -> float:
-    """First time at which a curve exceeds a limit, between its points by a straight line; infinite if it does not."""
+    """Find the first time at which a curve exceeds a limit, by linear interpolation; infinite if never."""
     over = np.flatnonzero(curve > limit)
     if not over.size:
         return float("inf")
@@ -92,26 +92,26 @@ def _reaches(time: FloatArray, curve: FloatArray, limit: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Remedy:
-    """Something that changes the error."""
+    """Measure that changes the error."""
 
     name: str
     error: float  # at the time of the requirement, at its probability [m]
-    ratio: float  # to the error of the IMU as it is
+    ratio: float  # relative to the error of the unchanged IMU
 
 
 @dataclass(frozen=True, slots=True)
 class Elasticity:
-    """How the error follows the size of one family of errors of the IMU."""
+    """Sensitivity of the error to one family of errors of the IMU."""
 
     family: str
-    halved: float  # relative change of the error if this family were half as large
-    elasticity: float  # logarithm of the error by that of the size
+    halved: float  # relative change of the error if this family were halved
+    elasticity: float  # d log(error) / d log(size)
 
 
 def remedies(
     required: Requirement, moved: Propagation, spec: ImuSpec, part: Part | None = None
 ) -> tuple[tuple[Remedy, ...], tuple[Elasticity, ...]]:
-    """Work out every remedy for an IMU, and halve each of its errors. The first remedy is the IMU as it is."""
+    """Evaluate every remedy for an IMU, and halve each of its errors. The first remedy is the unchanged IMU."""
     aiding = {
         "as it is": Aiding(),
         "NHC": Aiding(nhc=True),
@@ -151,14 +151,14 @@ def _errors(required: Requirement, moved: Propagation, specs: Sequence[ImuSpec],
 
 
 def at_most(spec: ImuSpec, sensor: Sensor, sizes: dict[str, float]) -> ImuSpec:
-    """Specification whose errors of a sensor are what a calibration leaves, where they were larger."""
+    """Limit the errors of a sensor to the remainder after a calibration."""
     old = getattr(spec, sensor)
     new = replace(old, **{key: np.minimum(getattr(old, key), size) for key, size in sizes.items()})
     return replace(spec, **{sensor: new})
 
 
 def at_constant_temperature(spec: ImuSpec, part: Part) -> ImuSpec | None:
-    """Specification with the in-run bias of the Allan deviation; None where no document has it or it counts."""
+    """Use the in-run bias of the Allan deviation; None if undocumented or already used."""
     changed = {}
     for sensor in ("gyro", "accel"):
         old = getattr(spec, sensor)
@@ -174,7 +174,7 @@ def at_constant_temperature(spec: ImuSpec, part: Part) -> ImuSpec | None:
 
 
 def halved(spec: ImuSpec, family: str) -> ImuSpec:
-    """Specification with one family of errors half as large."""
+    """Halve one family of errors of a specification."""
     term = term_of(family)
     old = getattr(spec, term.sensor)
     return replace(spec, **{term.sensor: replace(old, **{term.key: 0.5 * getattr(old, term.key)})})

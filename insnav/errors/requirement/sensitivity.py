@@ -1,11 +1,11 @@
-"""Shares of correlated errors of the start in the error after an outage: Shapley effects.
+"""Shares of correlated initial errors in the error after an outage: Shapley effects.
 
-A filter leaves errors that are correlated: the tilt that compensates a bias. Their variances do not add up, and neither
-first-order nor total indices of a single error say how much of the whole it is. The Shapley effect shares the variance
-among the errors as the Shapley value shares a gain among players, the gain of a group being the variance that it
-explains (Owen, "Sobol' indices and Shapley value", SIAM/ASA Journal on Uncertainty Quantification 2 (2014) 245-251;
-Song, Nelson and Staum, "Shapley effects for global sensitivity analysis: theory and computation", the same 4 (2016)
-1060-1083). For a linear map of Gaussian errors that variance is in closed form, and all groups are enumerated.
+A filter leaves correlated errors, such as a tilt that compensates a bias. Their variances do not add up, and neither
+first-order nor total indices give the share of a single error. The Shapley effect shares the variance among the errors
+as the Shapley value shares a gain among players. The gain of a group is the variance that it explains (Owen, "Sobol'
+indices and Shapley value", SIAM/ASA Journal on Uncertainty Quantification 2 (2014) 245-251; Song, Nelson and Staum,
+"Shapley effects for global sensitivity analysis: theory and computation", the same 4 (2016) 1060-1083). For a linear
+map of Gaussian errors it has a closed form, and all groups are enumerated.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from insnav.errors.requirement import aided
 from insnav.errors.requirement.aided import Propagation
 from insnav.types import FloatArray
 
-# groups of states of the start
+# groups of initial states
 GROUPS: dict[str, list[int]] = {
     "position": [0, 1, 2],
     "velocity": [3, 4, 5],
@@ -34,14 +34,14 @@ GROUPS: dict[str, list[int]] = {
     "accelerometer misalignment": list(range(33, 39)),
     "g-sensitivity": list(range(39, 48)),
 }
-_RIDGE = 1e-10  # of correlations: errors without any spread, and such as are sums of others, do no harm
+_RIDGE = 1e-10  # of correlations: permits errors without spread, and linearly dependent errors
 NOISE = "noise of the outage"  # independent of the start
 
 
 def shapley_effects(gain: FloatArray, covariance: FloatArray, groups: Sequence[Sequence[int]]) -> FloatArray:
     """Share the trace of the variance of ``gain @ x`` among groups of correlated Gaussian inputs x.
 
-    `gain` (m, n); `covariance` (n, n) of x; `groups`: of numbers of inputs, which together are all of them.
+    `gain` (m, n). `covariance` (n, n) of x. `groups`: of input numbers, covering all inputs.
     Returns: variance of each group; their sum is the trace.
     """
     count = len(groups)
@@ -50,7 +50,7 @@ def shapley_effects(gain: FloatArray, covariance: FloatArray, groups: Sequence[S
         inside = [i for k in range(count) if subset >> k & 1 for i in groups[k]]
         across = gain @ covariance[:, inside]
         own = covariance[np.ix_(inside, inside)]
-        # scaled: the states have different units
+        # scaled, as the states have different units
         size = np.sqrt(np.maximum(np.diag(own), 1e-300))
         known = own / np.outer(size, size) + _RIDGE * np.eye(len(inside))
         explained[subset] = np.sum((across / size) * solve(known, (across / size).T, assume_a="pos").T)
@@ -67,10 +67,10 @@ def shapley_effects(gain: FloatArray, covariance: FloatArray, groups: Sequence[S
 def start_shares(
     moved: Propagation, at_end: FloatArray, through: FloatArray, axes: Sequence[int], after: int
 ) -> dict[str, float]:
-    """Shares of the errors at the start of outages, and of the noise in them, in the variance of the position.
+    """Compute the shares of initial errors and outage noise in the position variance of outages.
 
-    `at_end` (w, 52, 52): covariance when GPS ends; `through` (w, m, 9, 9): of the navigation errors in the outages;
-    `axes`: North, East, Down that count; `after`: time of the outage that counts [s].
+    `at_end` (w, 52, 52): covariance when GPS ends. `through` (w, m, 9, 9): of the navigation errors in the outages.
+    `axes`: relevant axes of North, East, Down. `after`: relevant time of the outage [s].
     """
     here = np.diagonal(at_end, axis1=1, axis2=2).max(axis=0)
     present = {name: states for name, states in GROUPS.items() if np.any(here[states] > 0.0)}

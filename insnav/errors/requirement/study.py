@@ -1,4 +1,4 @@
-"""A requirement on the position error, what meets it, and simulated runs that count whether it does."""
+"""Study of a requirement on the position error: its solutions, and simulated runs that verify it."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ from insnav.imu import ImuSpec, SensorSpec
 from insnav.imu.error_terms import Sensor, terms_of
 from insnav.types import FloatArray
 
-LARGER = 1.25  # factor on the set that must not meet the requirement any more
+LARGER = 1.25  # factor on the set that must fail the requirement
 
 
 @dataclass(frozen=True, slots=True)
 class Verified:
-    """Runs of a set of errors."""
+    """Simulated runs of a set of errors."""
 
     factor: float  # on the whole set
     runs: int
     within: int  # runs within the limit
-    error: float  # error of the runs that the share `probability` of them does not exceed [m]
-    interval: tuple[float, float]  # 95 % interval of the probability to be within
+    error: float  # error that the share `probability` of the runs does not exceed [m]
+    interval: tuple[float, float]  # 95 % interval of the probability of an error within the limit
 
     def meets(self, probability: float) -> bool:
-        """Whether the probability asked for is within the interval, or below it."""
+        """Return whether the interval reaches the requested probability."""
         return self.interval[1] >= probability
 
 
 def scaled(spec: ImuSpec, factor: float) -> ImuSpec:
-    """Make every error of a specification larger by a factor."""
+    """Scale every error of a specification by a factor."""
 
     def larger(sensor: SensorSpec, name: Sensor) -> SensorSpec:
         keys = [term.key for term in terms_of(name) if term.in_budget]
@@ -72,22 +72,22 @@ def verify(
 
 @dataclass(frozen=True, slots=True)
 class RequirementStudy:
-    """A requirement, on a motion, with the errors that just meet it and the IMUs that do."""
+    """Requirement on a motion, the errors that just meet it, and suitable IMUs."""
 
     required: Requirement
-    motion: str  # what motion it is
-    imu: str  # name of the IMU that some errors are given by; empty if none
+    motion: str  # description of the motion
+    imu: str  # name of the IMU with given errors; empty if none
     allocation: Allocation
     hold: bool  # the vertical channel was constrained to the reference height
     verified: tuple[Verified, ...] = ()  # the set, and a larger one, simulated
-    begins: tuple[int, ...] = ()  # when GPS ends in what follows, a mean over these outages [s]
+    begins: tuple[int, ...] = ()  # end of GPS in the following outages, whose mean is shown [s]
     time: FloatArray = field(default_factory=lambda: np.zeros(0))  # (m,) of the curves of the candidates [s]
-    candidates: tuple[Candidate, ...] = ()  # real IMUs, the best first; none for outages that are too long for it
-    # IMU that the rest is of: the one given, else the best that does not meet the requirement alone; and what helps it
+    candidates: tuple[Candidate, ...] = ()  # real IMUs, the best first; empty for too long outages
+    # IMU of the following fields: the given one, else the best that fails the requirement alone. Then its remedies
     example: str = ""
     remedies: tuple[Remedy, ...] = ()
     elasticities: tuple[Elasticity, ...] = ()
-    shares: Mapping[str, float] = field(default_factory=dict)  # of the errors at the start, and of the noise after it
+    shares: Mapping[str, float] = field(default_factory=dict)  # of initial errors, and of later noise
 
 
 TYPICAL = 1.6  # geometric mean of recorded over predicted error

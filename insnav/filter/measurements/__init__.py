@@ -1,4 +1,4 @@
-"""Aiding measurements besides GPS fixes: every module of this folder that defines one adds a kind."""
+"""Aiding measurements besides GPS fixes: each module of this folder may define one kind."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from insnav.findings import Finding
 
 @cache
 def kinds() -> tuple[type[Measurement], ...]:
-    """Classes of all measurements, in the order in which they are used."""
+    """Return the classes of all measurements, in the order of use."""
     modules = [importlib.import_module(f"{__name__}.{module.name}") for module in pkgutil.iter_modules(__path__)]
     found = {
         value
@@ -25,7 +25,7 @@ def kinds() -> tuple[type[Measurement], ...]:
 
 
 def measurements_from_drive(first: FirstPass) -> tuple[tuple[Measurement, ...], tuple[Finding, ...]]:
-    """Every kind that the drive supports, in the order of use, and findings on all, the most important first."""
+    """Build all kinds that the drive supports, in the order of use, with findings, the most important first."""
     found = [kind.from_drive(first) for kind in kinds()]
     notes = tuple(note for _, note in reversed(found) if note is not None)
     return tuple(each for each, _ in found if each is not None), notes

@@ -1,28 +1,27 @@
-"""The clock of a log against that of the IMU, from the speed that both have seen."""
+"""Clock offset between a log and the IMU, from the speed in both."""
 
 from __future__ import annotations
 
 import numpy as np
-import scipy  # its parts load themselves when they are used
+import scipy  # its parts are loaded on first use
 
 from insnav.types import BoolArray, FloatArray
 
-STEP = 0.2  # of the search; a fit follows that is finer [s]
-LEAST_OVERLAP = 60.0  # time that both must have in common [s]
-LEAST_CORRELATION = 0.9  # of two records of one motion; hills and corners alone make 0.5
-APART = 5.0  # offsets farther from each other are different ones [s]
-CLEARER = 2.0  # so many times the unexplained part must every other offset leave, ...
-LEAST_UNEXPLAINED = 0.02  # ... and at least this, however well two speeds agree [-]
-LONGEST_GAP = 1.0  # a speed is interpolated over no longer gap [s]
+STEP = 0.2  # step of the search, before a finer fit [s]
+LEAST_OVERLAP = 60.0  # least common time of both records [s]
+LEAST_CORRELATION = 0.9  # of two records of one motion; hills and corners alone give 0.5
+APART = 5.0  # offsets farther apart are different solutions [s]
+CLEARER = 2.0  # least ratio of unexplained parts, every other offset to the best, ...
+LEAST_UNEXPLAINED = 0.02  # ... whose unexplained part is at least this, however well two speeds agree [-]
+LONGEST_GAP = 1.0  # longest interval over which a speed is interpolated [s]
 
 
 def clock_offset(time: FloatArray, speed: FloatArray, log_time: FloatArray, log_speed: FloatArray) -> float | None:
-    """Offset of the clock of a log, whatever its epoch: the shift of the greatest correlation.
+    """Find the clock offset of a log, whatever its epoch: the shift of greatest correlation.
 
-    On a way that repeats itself several shifts are alike; clocks that agree within seconds then decide.
+    On a repetitive route several shifts are similar; clocks that agree within seconds then decide.
 
-    `time`, `speed` (n,): times [s] and speed known [m/s]; `log_time`, `log_speed` (m,): the same by the log; any unit
-    of speed.
+    `time`, `speed` (n,): times [s] and known speed [m/s]. `log_time`, `log_speed` (m,): of the log; any unit of speed.
     Returns: time by the log minus time [s]; None if no shift stands out.
     """
     a, known_a = _even(time, speed)
@@ -31,10 +30,10 @@ def clock_offset(time: FloatArray, speed: FloatArray, log_time: FloatArray, log_
         return None
 
     def sums(x: FloatArray, y: FloatArray) -> FloatArray:
-        """Sum of ``x[i] y[i + k]`` for every shift k, from ``1 - x.size`` on."""
+        """Compute the sum of ``x[i] y[i + k]`` for every shift k, from ``1 - x.size`` on."""
         return np.asarray(scipy.signal.fftconvolve(y, x[::-1]))
 
-    # centred correlation of the rows that both have, at every shift at once
+    # centred correlation of the common rows, at every shift at once
     n = sums(known_a, known_b)
     enough = n * STEP >= max(LEAST_OVERLAP, 0.5 * STEP * min(known_a.sum(), known_b.sum()))
     n = np.maximum(n, 1.0)
@@ -54,19 +53,19 @@ def clock_offset(time: FloatArray, speed: FloatArray, log_time: FloatArray, log_
         best = int(np.argmax(np.where(alike, correlation, -1.0)))
     before, peak, after = correlation[np.clip([best - 1, best, best + 1], 0, correlation.size - 1)]
     curvature = before - 2.0 * peak + after
-    between = 0.5 * (before - after) / curvature if curvature < 0.0 else 0.0  # the vertex of the parabola
+    between = 0.5 * (before - after) / curvature if curvature < 0.0 else 0.0  # vertex of the parabola
     return float(offset[best] + between * STEP)
 
 
 def near_values(time: FloatArray, at: FloatArray) -> BoolArray:
-    """Whether values at `time` lie close enough on both sides of `at` to be interpolated there, (n,)."""
+    """Find where values at `time` are close enough on both sides of `at` for interpolation, (n,)."""
     after = np.clip(np.searchsorted(time, at), 1, time.shape[0] - 1)
     inside = (at >= time[0]) & (at <= time[-1])
     return np.asarray(inside & (time[after] - time[after - 1] <= LONGEST_GAP))
 
 
 def _even(time: FloatArray, speed: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Speed at even times, zero in gaps, and 1 where it is known."""
+    """Resample speed at even times, zero in gaps; also return 1 where it is known."""
     at = np.arange(time[0], time[-1], STEP)
     known = near_values(time, at).astype(np.float64)
     return np.interp(at, time, speed) * known, known

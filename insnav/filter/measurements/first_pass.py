@@ -1,7 +1,7 @@
-"""The drive after a first pass of the filter: what aiding measurements are calibrated from.
+"""Drive after a first pass of the filter, from which aiding measurements are calibrated.
 
-How the IMU sits in its vehicle is one of it. A vehicle on wheels moves along one of its own axes: the direction of that
-axis in the IMU, and how well the velocity across it is zero, follow by least squares from a smoothed solution.
+It includes the mounting of the IMU. A wheeled vehicle moves along one of its own axes. Least squares from a smoothed
+solution gives the direction of that axis in the IMU, and the scatter of the velocity across it.
 """
 
 from __future__ import annotations
@@ -19,38 +19,38 @@ from insnav.imu.specification import ImuSpec
 from insnav.types import BoolArray, FloatArray, GpsData, ImuData, SensorLog, Trajectory
 from insnav.units import DEG
 
-FAST = 2.0  # below this speed the direction of the velocity is mostly its error [m/s]
-ENOUGH = 60.0  # time at such speeds from which mounting angles are good to a tenth of a degree [s]
-# A car on a road stays within centimetres per second; tracked, floating or flying vehicles do not.
-LARGEST_RMS = 0.3  # of the velocity across the direction of travel, for a non-holonomic constraint [m/s]
+FAST = 2.0  # below this speed the velocity error dominates its direction [m/s]
+ENOUGH = 60.0  # time at such speeds that determines mounting angles to a tenth of a degree [s]
+# A car on a road has cross-track velocities of centimetres per second; other vehicles do not.
+LARGEST_RMS = 0.3  # cross-track velocity for a non-holonomic constraint [m/s]
 WIDEST = 45.0 * DEG  # an IMU turned farther in its vehicle was not meant to point ahead
 
 
 @dataclass(frozen=True, slots=True)
 class Mounting:
-    """Axes of the vehicle seen from the IMU."""
+    """Vehicle axes seen from the IMU."""
 
     # (2,) pitch and yaw of the direction of travel in the axes of the IMU, and their standard deviations [rad]
     angles: FloatArray
     sd: FloatArray
-    to_vehicle: FloatArray  # (3, 3) from the axes of the IMU to those of the vehicle (forward, right, down)
-    lever_b: FloatArray  # (3,) A point on the axle that does not steer, seen from the IMU, body axes [m]
-    right: FloatArray  # (m,) velocity across the direction of travel at the fast rows [m/s]
+    to_vehicle: FloatArray  # (3, 3) rotation from IMU axes to vehicle axes (forward, right, down)
+    lever_b: FloatArray  # (3,) point on the unsteered axle, seen from the IMU, body axes [m]
+    right: FloatArray  # (m,) cross-track velocity at the fast rows [m/s]
     down: FloatArray
 
     @property
     def rms(self) -> tuple[float, float]:
-        """Root mean square of the velocity to the right and down [m/s]."""
+        """Compute the RMS velocity to the right and down [m/s]."""
         return float(np.sqrt(np.mean(self.right**2))), float(np.sqrt(np.mean(self.down**2)))
 
     @property
     def holds(self) -> bool:
-        """Whether the vehicle moves along one axis, and that near the forward axis of the IMU."""
+        """Return whether the vehicle moves along one axis near the forward axis of the IMU."""
         return max(self.rms) <= LARGEST_RMS and float(np.abs(self.angles).max()) <= WIDEST
 
 
 def mounting(v_b: FloatArray, rate: FloatArray, step: float) -> Mounting:
-    """Find the axes of a vehicle from velocity in IMU axes [m/s] and body rate [rad/s], (m, 3), every `step` [s].
+    """Estimate vehicle axes from velocity in IMU axes [m/s] and body rate [rad/s], (m, 3), every `step` [s].
 
     A point on the axle, x ahead of the IMU, has the lateral velocity ``v_y + x w_z = 0``: the same fit finds x.
     """
@@ -88,12 +88,12 @@ class FirstPass:
 
     @cached_property
     def v_b(self) -> FloatArray:
-        """Velocity in the axes of the IMU, (n, 3) [m/s]."""
+        """Velocity in IMU axes, (n, 3) [m/s]."""
         return np.asarray(np.einsum("nji,nj->ni", dcm_from_rph(self.solution.rph), self.solution.v_n))
 
     @cached_property
     def speed(self) -> Velocity:
-        """Velocity by the receiver, or where it gives none by the solution: of that by positions most is noise."""
+        """Velocity by the receiver, else by the solution: position changes are mostly noise."""
         at = self.solution
         if at.sd is None or gives_velocities(self.gps):
             return velocity(self.gps)
@@ -101,7 +101,7 @@ class FirstPass:
 
     @cached_property
     def fast(self) -> BoolArray:
-        """Rows at which the vehicle is faster than `FAST`, (n,)."""
+        """Rows with a speed above `FAST`, (n,)."""
         return np.asarray(np.linalg.norm(self.solution.v_n, axis=1) > FAST)
 
     @cached_property
@@ -111,7 +111,7 @@ class FirstPass:
 
     @cached_property
     def mounting(self) -> Mounting | None:
-        """How the IMU sits in its vehicle, as far as attitude is ever known; None if the drive is too short to tell."""
+        """Mounting of the IMU in its vehicle, to the attitude accuracy; None if the drive is too short."""
         if self.fast_time < ENOUGH:
             return None
         found = mounting(self.v_b[self.fast], self._rate()[self.fast], self.step)
@@ -125,7 +125,7 @@ class FirstPass:
         return np.asarray(self.v_b @ self.mounting.to_vehicle[0])
 
     def _rate(self) -> FloatArray:
-        """Angular rate at the rows of the solution, mean over a tenth of a second [rad/s]."""
+        """Angular rate at the rows of the solution, averaged over a tenth of a second [rad/s]."""
         time, imu = self.solution.time, self.imu
         step = np.gradient(imu.time)[:, None]
         angle = np.cumsum(imu.gyro if imu.sampling == "increment" else imu.gyro * step, axis=0)

@@ -1,4 +1,4 @@
-"""Heading of the body, of two antennas for one."""
+"""Heading of the body, for example of two antennas."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from insnav.types import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Heading:
-    """Heading that the fixes come with."""
+    """Heading measured with the fixes."""
 
-    time: FloatArray  # (n,) times [s] and heading [rad]; ``NaN`` where not known
+    time: FloatArray  # (n,) times [s] and heading [rad]; ``NaN`` where unknown
     heading: FloatArray
     sd: FloatArray  # (1,) standard deviation [rad]
 
@@ -39,5 +39,5 @@ class Heading:
 
     @classmethod
     def from_drive(cls, first: FirstPass) -> tuple[Self | None, Finding | None]:
-        """Nothing to find: the user says how good it is, and it is used in the first pass already."""
+        """Calibrate nothing: the user specifies the accuracy, and the first pass already uses the heading."""
         return None, None

@@ -1,4 +1,4 @@
-"""Height, of a barometer whose zero is found from the drive, or as assumed."""
+"""Height: of a barometer with a zero estimated from the drive, or assumed."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from insnav.filter.measurements.residual_noise import time_correlated_sd
 from insnav.findings import Code, Finding
 from insnav.types import FloatArray
 
-LARGEST_RMS = 20.0  # a barometer that misses the height by more is none, or in another unit [m]
+LARGEST_RMS = 20.0  # a larger error means no barometer, or another unit [m]
 LEAST_SD = 0.3  # wind and doors change the pressure by this much [m]
 
 
 @dataclass(frozen=True, slots=True)
 class HeightAiding:
-    """Height over time; before the first and after the last it stays as there."""
+    """Height over time, constant before the first and after the last value."""
 
     time: FloatArray  # (n,) times [s] and height above the ellipsoid [m]
     height: FloatArray
@@ -33,7 +33,7 @@ class HeightAiding:
     def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:
         """See `Measurement`."""
         h[0] = 0.0
-        h[0, 2] = -1.0  # the error of position is North, East, Down
+        h[0, 2] = -1.0  # the position error is North, East, Down
         z[0] = at.x[2] - float(np.interp(at.time, self.time, self.height))
         return slice(0, 1)
 

@@ -1,4 +1,4 @@
-"""Magnetometer: heading from the Earth's magnetic field, in the axes of the body, or as its own computer gives it."""
+"""Magnetometer: heading from the Earth's magnetic field in body axes, or from the sensor's own computer."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from insnav.findings import Code, Finding
 from insnav.types import BoolArray, FloatArray
 from insnav.units import DEG
 
-KNOWN_HEADING = 3.0 * DEG  # standard deviation of a heading of the first pass that calibrates [rad]
-LARGEST_RMS = 10.0 * DEG  # of a heading that is of use; steel nearby makes more [rad]
-LEAST_SD = 1.0 * DEG  # bridges, tram lines and other cars turn the field by this much [rad]
-FEWEST = 100  # rows to calibrate from
-# Vertical field and vertical hard iron differ only by the tilt of the body: smaller singular values are left out.
+KNOWN_HEADING = 3.0 * DEG  # largest heading sd of the first pass for calibration [rad]
+LARGEST_RMS = 10.0 * DEG  # of a useful heading; steel nearby makes more [rad]
+LEAST_SD = 1.0 * DEG  # bridges, tram lines and other cars rotate the field by this much [rad]
+FEWEST = 100  # rows for a calibration
+# Vertical field and vertical hard iron differ only by body tilt: smaller singular values are dropped.
 SINGULAR = 0.05
 
 
 class Magnetometer(Heading):
-    """Heading over time; hard iron and declination are found from the headings of the first pass."""
+    """Heading over time; hard iron and declination are calibrated by the headings of the first pass."""
 
     __slots__ = ()
     order: ClassVar[int] = 50
     name: ClassVar[str] = "magnetometer"
-    # at a stop the error of the field stays the same, and would be taken for many independent ones
+    # at a stop the field error is constant, not a series of independent errors
     excluded_by: ClassVar[frozenset[str]] = frozenset({"zupt"})
 
     @classmethod
@@ -67,7 +67,7 @@ class Magnetometer(Heading):
 
 
 def _from_field(field_b: FloatArray, rph: FloatArray, known: BoolArray) -> tuple[FloatArray, float]:
-    """Magnetic heading (n,) from the field in body axes (n, 3), less its hard iron; that as a share of the horizontal.
+    """Compute magnetic heading (n,) from the field in body axes (n, 3) minus hard iron, and its relative size.
 
     ``m_b = C_bn m_n + b`` with the constant field ``m_n`` and hard iron ``b`` is linear in both.
     """

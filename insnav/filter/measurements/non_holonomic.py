@@ -14,14 +14,14 @@ from insnav.findings import Code, Finding
 from insnav.kernels.aiding_measurements import vehicle_velocity
 from insnav.types import FloatArray
 
-LEAST_SD = 0.05  # suspension and tyre slip leave no vehicle straighter than this [m/s]
+LEAST_SD = 0.05  # suspension and tyre slip keep every vehicle above this [m/s]
 
 
 @dataclass(frozen=True, slots=True)
 class NonHolonomic:
-    """Velocity of a point on the axle that does not steer, across the direction of travel: zero."""
+    """Zero velocity across the direction of travel, at a point on the unsteered axle."""
 
-    to_vehicle: FloatArray  # (3, 3) from the axes of the IMU to those of the vehicle
+    to_vehicle: FloatArray  # (3, 3) rotation from IMU axes to vehicle axes
     lever_b: FloatArray  # (3,) the point seen from the IMU, body axes [m]
     sd: FloatArray  # (2,) standard deviation of the velocity to the right and down [m/s]
 
@@ -43,7 +43,7 @@ class NonHolonomic:
         found = first.mounting
         if found is None:
             return None, Finding.of(Code.NHC_SLOW, duration_s=first.fast_time, limit_s=ENOUGH, speed_m_s=FAST)
-        # of the IMU in the vehicle, as everywhere that mounting is told: the other way round than `angles`
+        # angles of the IMU in the vehicle, as everywhere: opposite in sign to `angles`
         (right, down), (pitch, yaw), (pitch_sd, yaw_sd) = found.rms, -found.angles, found.sd
         if max(found.rms) > LARGEST_RMS:
             return None, Finding.of(Code.NHC_LATERAL, lateral_m_s=right, vertical_m_s=down, limit_m_s=LARGEST_RMS)

@@ -1,4 +1,4 @@
-"""Odometer: speed along the forward axis of the vehicle, with its scale factor and lag found from the drive."""
+"""Odometer: speed along the vehicle's forward axis, with scale factor and lag calibrated from the drive."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from insnav.findings import Code, Finding
 from insnav.kernels.aiding_measurements import vehicle_velocity
 from insnav.types import BoolArray, FloatArray
 
-LEAST_SD = 0.05  # wheel slip and tyre pressure leave no speed better than this [m/s]
-LARGEST_RMS = 0.5  # of a speed that is of use: that of the free-inertial solution after tens of seconds [m/s]
-LAGS = np.arange(-0.2, 2.0, 0.02)  # of an odometer behind the motion; buses and filters delay it by up to a second [s]
-SCALES = (0.5, 2.0)  # of a speed in the unit that its header says
-FEWEST = 100  # values that scale factor and lag are found from
+LEAST_SD = 0.05  # lower limit by wheel slip and tyre pressure [m/s]
+LARGEST_RMS = 0.5  # of a useful speed: the free-inertial error after tens of seconds [m/s]
+LAGS = np.arange(-0.2, 2.0, 0.02)  # odometer lag; buses and filters delay it by up to a second [s]
+SCALES = (0.5, 2.0)  # plausible scale factors in the unit of the header
+FEWEST = 100  # values for the calibration
 LONGEST_GAP = 1.0  # speeds farther apart are not interpolated [s]
 
 
@@ -26,7 +26,7 @@ LONGEST_GAP = 1.0  # speeds farther apart are not interpolated [s]
 class Odometer:
     """Forward speed of the point on the axle, over time."""
 
-    time: FloatArray  # (n,) times [s] and speed with the scale factor taken off [m/s]
+    time: FloatArray  # (n,) times [s] and speed corrected by the scale factor [m/s]
     speed: FloatArray
     to_vehicle: FloatArray  # (3, 3) as in `insnav.filter.measurements.non_holonomic`
     lever_b: FloatArray
@@ -59,7 +59,7 @@ class Odometer:
     def fitted(
         cls, first: FirstPass, rows: BoolArray, time: FloatArray, speed: FloatArray, lags: FloatArray
     ) -> tuple[Self | None, Finding]:
-        """Find scale factor and lag of a speed at `rows` of the solution: of all `lags` [s] the one that fits best."""
+        """Fit scale factor and lag of a speed at `rows` of the solution: the best of all `lags` [s]."""
         if time.shape[0] < FEWEST:
             return None, Finding.of(Code.ODOMETER_FEW, subject=cls.name, count=time.shape[0], limit_count=FEWEST)
         assert first.mounting is not None

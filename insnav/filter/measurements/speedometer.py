@@ -1,4 +1,4 @@
-"""Speedometer: a log of speed with a clock of its own."""
+"""Speedometer: log of speed with its own clock."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from insnav.types import BoolArray, FloatArray
 
 # Between fixes far apart the first pass drifts, and would spoil scale factor and lag.
 KNOWN_SPEED = 0.3  # standard deviation of a velocity that is good enough for them [m/s]
-LAGS = np.arange(-1.0, 1.0, 0.02)  # about the offset found by correlation [s]
+LAGS = np.arange(-1.0, 1.0, 0.02)  # around the offset by correlation [s]
 
 
-MOST_OUTLIERS = 0.15  # a log with a larger share of speeds that contradict the drive is not believed
-OUTLIER, LEAST_OUTLIER = 4.0, 1.0  # standard deviations, and [m/s], from which a speed does not calibrate, only test
+MOST_OUTLIERS = 0.15  # a log with a larger share of speeds that contradict the drive is not used
+OUTLIER, LEAST_OUTLIER = 4.0, 1.0  # standard deviations, and [m/s], from which a speed is excluded from calibration
 
 
 class Speedometer(Odometer):
-    """Forward speed by a log; offset of its clock, lag and scale factor are found from the drive."""
+    """Forward speed from a log; clock offset, lag and scale factor are calibrated from the drive."""
 
     __slots__ = ()
     order: ClassVar[int] = 40
@@ -62,12 +62,12 @@ class Speedometer(Odometer):
 
 
 def _outliers(forward: FloatArray, shown: FloatArray, rows: BoolArray) -> BoolArray:
-    """Where a speed shown does not fit, up to one factor."""
+    """Find speeds that do not fit a common scale factor."""
     factor = float(np.median(forward[rows] / np.maximum(shown[rows], FAST)))
     residual = np.abs(forward - factor * shown)
     return np.asarray(rows & (residual > max(LEAST_OUTLIER, OUTLIER * 1.4826 * float(np.median(residual[rows])))))
 
 
 def _spread(wrong: BoolArray, rows: int) -> BoolArray:
-    """Outliers and up to half of `rows` rows beside them: any lag is tried."""
+    """Extend outliers by half of `rows` rows on both sides: any lag is tried."""
     return np.asarray(np.convolve(wrong, np.ones(rows + 1), mode="same") > 0.5)

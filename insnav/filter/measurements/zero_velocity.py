@@ -1,4 +1,4 @@
-"""Zero-velocity update (ZUPT): where the IMU alone shows that the vehicle is stationary."""
+"""Zero-velocity update (ZUPT) where the IMU alone detects that the vehicle is stationary."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from insnav.kernels.aiding_measurements import zero_velocity
 from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray, ImuData
 
-WINDOW = 0.5  # length of the windows that are classified: several periods of an idling engine [s]
-STATIONARY, MOVING = 0.15, 1.0  # speed below, or above, which there is no doubt [m/s]
-FALSE_STOPS = 0.002  # share of moving windows that may be taken for stationary: a false ZUPT costs metres
-FEWEST_STOPS = 0.5  # share of stationary windows that must be found for it to be worth while
-# Specific force against that of the rest: what comes to a stop softly, or sets off, shakes no more below 1 m/s [m/s^2]
+WINDOW = 0.5  # length of the classified windows: several periods of an idling engine [s]
+STATIONARY, MOVING = 0.15, 1.0  # certainly stationary below, certainly moving above [m/s]
+FALSE_STOPS = 0.002  # share of moving windows misclassified as stationary: a false ZUPT costs metres
+FEWEST_STOPS = 0.5  # least share of detected stationary windows for a useful ZUPT
+# Specific force relative to rest: a vehicle that stops or starts softly shakes less, below 1 m/s [m/s^2]
 STEADY = 0.05
-VELOCITY_SD = 0.02  # of a vehicle that stands with its engine running [m/s]
+VELOCITY_SD = 0.02  # of a stationary vehicle with a running engine [m/s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +31,8 @@ class ZeroVelocity:
     """Velocity and angular rate against the Earth are zero."""
 
     stops: FloatArray  # (k, 2) begin and end of the stationary intervals [s]
-    # (6,) standard deviation of the velocity [m/s] and of the mean gyro output over `INTERVAL` [rad/s]; infinite if
-    # the rate is not to be used
+    # (6,) standard deviation of the velocity [m/s] and of the mean gyro output over `INTERVAL` [rad/s]; infinite: rate
+    # unused
     sd: FloatArray
 
     order: ClassVar[int] = 20
@@ -56,12 +56,12 @@ class ZeroVelocity:
 
 
 def find_stops(imu: ImuData, speed: Velocity, spec: ImuSpec) -> tuple[FloatArray, FloatArray, Finding]:
-    """Stationary intervals by the IMU alone, with limits found where a speed shows that the vehicle stands, or moves.
+    """Detect stationary intervals by the IMU alone; a speed signal determines the limits.
 
-    It is in the time of the samples.
+    Times are sample times.
 
-    Returns: `stops` (k, 2): begin and end [s]; none if standing and moving cannot be told apart; `rate_sd` (3,):
-    standard deviation of the mean gyro output over `INTERVAL` at a stop [rad/s]; what became of it.
+    Returns: `stops` (k, 2): begin and end [s]; empty if standing and moving cannot be separated. `rate_sd` (3,):
+    standard deviation of the mean gyro output over `INTERVAL` at a stop [rad/s]. Then a finding.
     """
     none = np.empty((0, 2))
     no_sd = np.full(3, np.inf)
@@ -87,7 +87,7 @@ def find_stops(imu: ImuData, speed: Velocity, spec: ImuSpec) -> tuple[FloatArray
     force = blocks[1].mean(axis=1)
     for a, b in runs_of(stationary):
         stationary[a:b] = np.linalg.norm(force[a:b] - np.median(force[a:b], axis=0), axis=1) < STEADY
-    # the first and the last window of a stop may hold a moment of braking or starting
+    # the first and the last window of a stop may contain braking or starting
     stops = np.array([[begin[a] + 0.5 * WINDOW, end[b - 1] - 0.5 * WINDOW] for a, b in runs_of(stationary)])
     stops = stops[stops[:, 1] - stops[:, 0] >= WINDOW]
     if not stops.size:
@@ -95,9 +95,9 @@ def find_stops(imu: ImuData, speed: Velocity, spec: ImuSpec) -> tuple[FloatArray
     few = max(2, round(INTERVAL / step))
     quiet = blocks[0][still & stationary]
     means = quiet[:, : size // few * few].reshape(quiet.shape[0], -1, few, 3).mean(axis=2)
-    # two means a window: their scatter about the common mean is the smaller by the root of two
+    # two means per window: the scatter about their common mean is smaller by the root of two
     scatter = (means - means.mean(axis=1, keepdims=True)).std(axis=(0, 1)) * np.sqrt(2.0)
-    # doubled: at a stop people and wind move the vehicle now and then, which the scatter of most windows does not show
+    # doubled: people and wind sometimes move a stationary vehicle, which most windows do not contain
     rate_sd = 2.0 * np.hypot(scatter, spec.gyro.random_walk / np.sqrt(INTERVAL))
     total = float(np.sum(stops[:, 1] - stops[:, 0]))
     note = Finding.of(Code.ZUPT_USED, count=stops.shape[0], duration_s=total, share=right, false_share=wrong)
@@ -105,7 +105,7 @@ def find_stops(imu: ImuData, speed: Velocity, spec: ImuSpec) -> tuple[FloatArray
 
 
 def _seen(speed: Velocity, begin: FloatArray, end: FloatArray) -> tuple[BoolArray, BoolArray]:
-    """Windows in which the vehicle stands, and in which it moves, without doubt."""
+    """Find windows in which the vehicle is certainly stationary, and certainly moving."""
     fast = np.linalg.norm(speed.v_n, axis=1)
     margin = np.maximum(0.5, 0.6 * float(np.median(np.diff(speed.time))))
     first, last = np.searchsorted(speed.time, begin - margin), np.searchsorted(speed.time, end + margin)

@@ -1,1 +1,1 @@
-"""From the bytes of a file to a table, whatever the file is; what a file is, its first bytes tell."""
+"""Data formats: conversion of any supported file to a table, chosen by its first bytes."""

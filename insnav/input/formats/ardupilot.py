@@ -1,7 +1,7 @@
 """ArduPilot dataflash logs, binary and as text: IMU, GPS and its accuracy (GPA).
 
-A log says itself, in FMT messages, how each kind of message is written. None has a checksum: one counts if another
-begins where it ends.
+FMT messages in the log define the layout of each message kind. Messages have no checksum: a message is valid if another
+begins at its end.
 
 References
 ----------
@@ -31,7 +31,7 @@ _SYNC = b"\xa3\x95"
 _FMT = np.dtype(
     [("head", "S3"), ("type", "u1"), ("length", "u1"), ("name", "S4"), ("format", "S16"), ("columns", "S64")]
 )
-# letter of a format -> type, and what a unit of it is
+# letter of a format -> type, and unit factor
 _LETTERS: dict[str, tuple[str, float]] = {
     "b": ("i1", 1.0), "B": ("u1", 1.0), "M": ("u1", 1.0), "h": ("<i2", 1.0), "H": ("<u2", 1.0), "i": ("<i4", 1.0),
     "I": ("<u4", 1.0), "f": ("<f4", 1.0), "d": ("<f8", 1.0), "q": ("<i8", 1.0), "Q": ("<u8", 1.0), "c": ("<i2", 0.01),
@@ -70,7 +70,7 @@ def read(source: Source) -> Mapping[str, Table]:
 
 
 def _instances(messages: Mapping[str, _Columns], kind: str) -> dict[int, _Columns]:
-    """Messages of each sensor of a kind: numbered in a column of their own, or IMU, IMU2, IMU3 in older logs."""
+    """Return the messages of each sensor of a kind: by an instance column, or IMU, IMU2, IMU3 in older logs."""
     found: dict[int, _Columns] = {}
     for name, data in messages.items():
         if name.startswith(kind):
@@ -103,7 +103,7 @@ def _binary(source: Source) -> dict[str, _Columns]:
 
 
 def _whole(source: Source, kind: bytes, size: int) -> Any:
-    """Messages of a kind behind which another one begins, or the file ends; (n, size)."""
+    """Select messages of a kind that end at another message or at the file end; (n, size)."""
     data = source.data
     at = starts(data, _SYNC + kind)
     at = at[at <= len(data) - size]
@@ -127,14 +127,14 @@ def _text(source: Source) -> dict[str, _Columns]:
             except ValueError:
                 continue
             kept = rows.setdefault(words[0], [])
-            if not kept or len(kept[0]) == len(numbers):  # another FMT may come later
+            if not kept or len(kept[0]) == len(numbers):  # another FMT may follow
                 kept.append(numbers)
     found = {key: _scaled(dict(zip(columns[key], np.array(v).T, strict=False))) for key, v in rows.items()}
     return {key: data for key, data in found.items() if data}
 
 
 def _scaled(data: Mapping[str, Any]) -> _Columns:
-    """Columns as numbers, with the time in seconds as ``time``."""
+    """Convert columns to numbers, with the time in seconds as ``time``."""
     found = {key: np.asarray(column, dtype=np.float64) for key, column in data.items()}
     for key, unit in (("TimeUS", 1e-6), ("TimeMS", 1e-3)):
         if key in found:

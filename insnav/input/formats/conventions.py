@@ -1,4 +1,4 @@
-"""What formats have in common: axes by gravity, columns by name, libraries that fail on damaged files."""
+"""Common functions of formats: axes by gravity, columns by name, errors of libraries on damaged files."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ VELOCITY = ("vn_m_s", "ve_m_s", "vd_m_s")
 ATTITUDE = ("roll_deg", "pitch_deg", "heading_deg")
 # fix types of controllers and phones: 2D, 3D, DGPS, RTK float, RTK fixed
 FIX_TYPES = {2: 5.0, 3: 5.0, 4: 4.0, 5: 2.0, 6: 1.0}
-_LONGEST_SD = 1e4  # a larger standard deviation means that there is none [m], [m/s]
+_LONGEST_SD = 1e4  # a larger standard deviation means unknown [m], [m/s]
 
 
 def up_or_down(accel_z: FloatArray, up: str, down: str = "FRD") -> str:
-    """Axes of samples ``(n,)`` of a format whose z axis points up by definition and down in many a file."""
+    """Choose the axes of samples ``(n,)`` in a format that defines z up, while many files have z down."""
     known = accel_z[np.isfinite(accel_z)]
     return down if len(known) and float(np.median(known)) < -4.9 else up
 
 
 def number_in(text: str | bytes) -> float:
-    """Number of a text; ``NaN`` if it is none."""
+    """Parse a text as number; ``NaN`` if invalid."""
     try:
         return float(text)
     except ValueError:
@@ -47,12 +47,12 @@ def number_in(text: str | bytes) -> float:
 
 
 def triad(names: tuple[str, ...], values: FloatArray) -> dict[str, FloatArray]:
-    """Three columns of one array ``(n, 3)``."""
+    """Split an array ``(n, 3)`` into three columns."""
     return dict(zip(names, np.ascontiguousarray(values.T), strict=True))
 
 
 def deviations(sd: FloatArray, names: str) -> dict[str, FloatArray]:
-    """Columns of standard deviations North, East, Down ``(n, 3)``, ``NaN`` for what is none.
+    """Name columns of standard deviations North, East, Down ``(n, 3)``, ``NaN`` if invalid.
 
     `names`: such as ``sd_{}_m``.
     """
@@ -62,20 +62,20 @@ def deviations(sd: FloatArray, names: str) -> dict[str, FloatArray]:
 
 
 def by_accuracy(horizontal: FloatArray, vertical: FloatArray, speed: FloatArray | None = None) -> dict[str, FloatArray]:
-    """Columns of standard deviations by reported accuracies ``(n,)``; that of a distance is ``sqrt(2)`` of an axis."""
+    """Convert reported accuracies ``(n,)`` to standard deviation columns; a distance is ``sqrt(2)`` times an axis."""
     side = horizontal / np.sqrt(2.0)
     found = deviations(np.column_stack([side, side, vertical]), "sd_{}_m")
     return found if speed is None else found | deviations(np.column_stack([speed / np.sqrt(2.0)] * 3), "sd_v{}_m_s")
 
 
 def of_course(speed: FloatArray, course: FloatArray, down: FloatArray) -> dict[str, FloatArray]:
-    """Velocity columns by speed [m/s], course [deg] and velocity down [m/s], ``(n,)``."""
+    """Compute velocity columns from speed [m/s], course [deg] and velocity down [m/s], ``(n,)``."""
     angle = course * DEG
     return triad(VELOCITY, np.column_stack([speed * np.cos(angle), speed * np.sin(angle), down]))
 
 
 def with_force(columns: dict[str, FloatArray], time: FloatArray, force: FloatArray) -> dict[str, FloatArray]:
-    """Columns of gyros, and the accelerations ``(m, 3)`` of other times ``(m,)`` between which these lie."""
+    """Add accelerations ``(m, 3)`` at other times ``(m,)`` to gyro columns, by interpolation."""
     at = columns["time_s"]
     found = columns | {key: at_times(at, time, force[:, i]) for i, key in enumerate(ACCEL)}
     inside = (at >= np.nanmin(time)) & (at <= np.nanmax(time))
@@ -94,9 +94,9 @@ def fix_table(
     cut: Finding | None = None,
     week: float | None = None,
 ) -> Table:
-    """Table of fixes without those that are none.
+    """Build a table of fixes without invalid rows.
 
-    `kind` (n,): as the format has it; `types`: fix types of the kinds that are fixes; `good` (n,): those that are.
+    `kind` (n,): in the format's own codes. `types`: fix types of valid kinds. `good` (n,): valid rows.
     """
     fix = np.array([types.get(int(each), 0.0) if each == each else 0.0 for each in kind], dtype=np.float64)
     kept = (fix > 0.0) if good is None else (fix > 0.0) & good
@@ -105,14 +105,14 @@ def fix_table(
 
 
 def without_fix(kept: NDArray[np.bool_]) -> Finding | None:
-    """Finding of epochs ``(n,)`` that are left out because they have no fix, if there are any."""
+    """Report epochs ``(n,)`` dropped without fix, if any."""
     lost = int(np.count_nonzero(~kept))
     return Finding.of(Code.READ_ROWS_NO_FIX, count=lost, rows=len(kept)) if lost else None
 
 
 @contextmanager
 def damaged(code: str, source: Source, **values: Any) -> Iterator[None]:
-    """Make an `InputError` of whatever a library raises over a file."""
+    """Convert any error of a library on a file to an `InputError`."""
     try:
         yield
     except (InsnavError, ImportError):
@@ -124,19 +124,19 @@ def damaged(code: str, source: Source, **values: Any) -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True)
 class TextColumns:
-    """Columns of a text file, all read at once, so that all end with the same row."""
+    """Columns of a text file, read together so that all end at the same row."""
 
     columns: Mapping[str, FloatArray]  # (n,) by header in small letters
     headers: tuple[str, ...]  # of the file
-    cut: Finding | None  # why a last row was left out, if one was
+    cut: Finding | None  # reason for dropping the last row, if dropped
 
     def named(self, wanted: Mapping[str, str]) -> dict[str, FloatArray]:
-        """Columns by new names, as far as the file has their headers, whatever their case."""
+        """Rename columns, if present, ignoring the case of their headers."""
         return {key: self.columns[h.lower()] for key, h in wanted.items() if h.lower() in self.columns}
 
 
 def text_columns(table: Table, headers: Iterable[str]) -> TextColumns:
-    """Read those of some columns of numbers that a table has."""
+    """Read the requested numeric columns that a table has."""
     there = {header.strip().lower(): index for index, header in enumerate(table.headers)}
     found = {header.lower(): there[header.lower()] for header in headers if header.lower() in there}
     numbers = table.cells.read(sorted(set(found.values()))) if found else Numbers({}, 0)
@@ -145,7 +145,7 @@ def text_columns(table: Table, headers: Iterable[str]) -> TextColumns:
 
 
 def level_covariance(covariance: FloatArray, lla: FloatArray) -> FloatArray:
-    """Standard deviations North, East, Down ``(n, 3)`` of Earth-fixed covariances ``(n, 3, 3)``; zero if negative.
+    """Convert Earth-fixed covariances ``(n, 3, 3)`` to standard deviations North, East, Down; zero if negative.
 
     `lla` (n, 3): latitude, longitude [rad], height [m].
     """

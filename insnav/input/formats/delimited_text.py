@@ -1,4 +1,4 @@
-"""Tables of delimited text: read fast with Arrow, and slowly where an error must name its line and column."""
+"""Tables of delimited text: read fast with Arrow, and slowly to locate an error by line and column."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ _SAMPLE_BYTES = 1 << 16
 _TAIL_BYTES = 1 << 13
 _TAIL_ROWS = 20
 _FIRST_ROWS = 20
-_LONGEST_WAIT = 1.0  # for a thread that lets go of data [s]
+_LONGEST_WAIT = 1.0  # for a thread that still uses data [s]
 T = TypeVar("T")
 
 
 def recognise(source: Source) -> bool:
-    """Accept any text, and zeros alone, which `read` refuses: the registry asks this format last."""
+    """Accept any text, and files of zeros, which `read` refuses: the registry tries this format last."""
     text = bytes(decoded(source.head)).rstrip(b"\0")
     return not source.members and not unsupported(text)
 
@@ -56,7 +56,7 @@ def read(source: Source) -> Mapping[str, Table]:
 
 @dataclass(frozen=True, slots=True)
 class TextCells:
-    """Rows of delimited text, all of it in memory or mapped, and the number of zero bytes that followed it."""
+    """Rows of delimited text, in memory or mapped, and the number of zero bytes after it."""
 
     name: str
     text: bytes | mmap.mmap
@@ -76,7 +76,7 @@ class TextCells:
             return replace(self, text=text, dialect=replace(self.dialect, delimiter=";", offset=0)).read(indices)
         texts = self._texts(indices)
         plain = [i for i in indices if i not in texts]
-        # Arrow does not say where it stumbled, and knows neither comments nor cut rows, nor rows without a number.
+        # Arrow gives no error position, and handles no comments, truncated rows or rows without numbers.
         numbers = (_if_valid(_read_fast, self.text, self.dialect, plain) if plain else None) or self._scan(plain)
         if not numbers.cut and (cut := self._cut_number(plain, numbers.n_rows)):
             numbers = Numbers({i: c[:-1] for i, c in numbers.columns.items()}, numbers.n_rows - 1, cut)
@@ -87,13 +87,13 @@ class TextCells:
         return numbers
 
     def _texts(self, indices: Sequence[int]) -> list[int]:
-        """Columns whose first rows hold dates, times of day or angles in text."""
+        """Find columns whose first rows contain dates, times of day or angles in text."""
         lines = bytes(self.text[self.dialect.offset : self.dialect.offset + _SAMPLE_BYTES]).splitlines()[:_FIRST_ROWS]
         rows = [split_line(line.decode("utf-8", "replace"), self.dialect.delimiter) for line in lines]
         return [i for i in indices if any(len(row) > i and row[i] and form_of(row[i]) for row in rows)]
 
     def _with_texts(self, numbers: Numbers, texts: Sequence[int]) -> Numbers:
-        """Add columns of text as the numbers that they mean."""
+        """Convert columns of text to numbers."""
         read = _if_valid(_read_texts, self.text, self.dialect, texts)
         if read is None:
             rows = [split_line(text, self.dialect.delimiter) for _, text in self._rows()]
@@ -105,7 +105,7 @@ class TextCells:
         return replace(numbers, columns=columns, texts=forms)
 
     def _rows(self) -> Iterator[tuple[int, str]]:
-        """Line number and text of every row of numbers."""
+        """Yield line number and text of every numeric row."""
         for number, line in enumerate(self.text[self.dialect.offset :].splitlines(), self.dialect.first_line):
             if line.strip():
                 text = line.decode("utf-8", errors="replace")
@@ -113,7 +113,7 @@ class TextCells:
                     yield number, text
 
     def _scan(self, indices: Sequence[int]) -> Numbers:
-        """Read row by row; slow, but finds the first bad cell."""
+        """Read row by row; slow, but locates the first bad cell."""
         rows = list(self._rows())
         headers = self.dialect.headers
         width = len(headers)
@@ -132,7 +132,7 @@ class TextCells:
                     names=width,
                     text=plain_text(text)[:80],
                 )
-            if tuple(cells) == headers:  # once more, as between files that were joined
+            if tuple(cells) == headers:  # a repeated header, as in joined files
                 values.append([np.nan] * len(indices))
                 continue
             row: list[float] = []
@@ -147,16 +147,16 @@ class TextCells:
         return _as_numbers(values, indices, None)
 
     def _cut(self, **values: Any) -> Finding:
-        """Make the finding of a last row that is left out."""
+        """Report a dropped last row."""
         return Finding.of(Code.ROWS_CUT, file=PurePath(self.name).name, **values)
 
     def _ends_line(self) -> bool:
         return self.text[-1:] in (b"\n", b"\r")
 
     def _cut_number(self, indices: Sequence[int], n_rows: int) -> Finding | None:
-        """Find out whether the very last number of the file seems to be cut off.
+        """Detect a truncated last number.
 
-        Without a line end nobody can know; a last cell shorter than all those above it is taken for cut.
+        A missing line end is ambiguous: a last cell shorter than all cells above counts as truncated.
         """
         last = len(self.dialect.headers) - 1
         if last not in indices or n_rows < 4 or self._ends_line():
@@ -174,10 +174,10 @@ class TextCells:
 def _if_valid(
     read: Callable[[object, Dialect, Sequence[int]], T], data: object, dialect: Dialect, indices: Sequence[int]
 ) -> T | None:
-    """Read with Arrow; None if it stumbles.
+    """Read with Arrow; None if it fails.
 
-    Arrow reads ahead in a thread, which needs the interpreter to let go of the data: if that is just ending by then,
-    as after an error, the process aborts. So it is waited for.
+    Arrow reads ahead in a thread, which needs the interpreter to release the data. If the interpreter ends meanwhile,
+    as after an error, the process aborts. The function therefore waits for the thread.
     """
     held, found = sys.getrefcount(data), None
     with contextlib.suppress(pa.ArrowInvalid):
@@ -195,7 +195,7 @@ def _read_fast(data: object, dialect: Dialect, indices: Sequence[int]) -> Number
     how = {"null_values": [""], "decimal_point": dialect.decimal, "check_utf8": False}
     stream = csv.open_csv(pa.BufferReader(body), **_options(dialect, indices, pa.float64(), **how))
     start = bytes(body[:_SAMPLE_BYTES])
-    rows = int(1.1 * body.size / len(start) * (start.count(b"\n") + 1)) + 1  # memory is taken as it is filled
+    rows = int(1.1 * body.size / len(start) * (start.count(b"\n") + 1)) + 1  # memory is allocated on first use
     columns = [spill.empty((rows,)) for _ in indices]
     n = 0
     with stream:
@@ -211,19 +211,19 @@ def _read_fast(data: object, dialect: Dialect, indices: Sequence[int]) -> Number
 
 
 def _read_texts(data: object, dialect: Dialect, indices: Sequence[int]) -> dict[int, Any]:
-    """Columns of text as Arrow arrays."""
+    """Read columns of text as Arrow arrays."""
     body = pa.py_buffer(data).slice(dialect.offset)
     table = csv.read_csv(pa.BufferReader(body), **_options(dialect, indices, pa.string()))
     return {i: table.column(str(i)).combine_chunks() for i in indices}
 
 
 def _options(dialect: Dialect, indices: Sequence[int], kind: Any, **how: Any) -> dict[str, Any]:
-    """How Arrow reads some columns as values of a kind; columns go by their numbers."""
+    """Build the Arrow options to read some columns as one type; columns are named by number."""
     names = [str(i) for i in range(len(dialect.headers))]
     wanted = [names[i] for i in indices]
     types = dict.fromkeys(wanted, kind)
     return {
-        # One thread: two need more CPU time in all and gain a tenth of a second on an hour at 200 Hz.
+        # One thread: two use more total CPU time and save a tenth of a second per hour at 200 Hz.
         "read_options": csv.ReadOptions(use_threads=False, block_size=_BLOCK_BYTES, column_names=names),
         "parse_options": csv.ParseOptions(delimiter=dialect.delimiter),
         "convert_options": csv.ConvertOptions(column_types=types, include_columns=wanted, **how),
@@ -236,7 +236,7 @@ def _as_numbers(values: list[list[float]], indices: Sequence[int], cut: Finding 
 
 
 def _no_number(cell: str, where: str) -> InputError:
-    """Error of a cell, by what it looks like."""
+    """Build the error for an invalid cell, by its appearance."""
     text = plain_text(cell)[:40]
     if "\0" in cell:
         return InputError("format.cell_with_zeros", where=where, text=text)

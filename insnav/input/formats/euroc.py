@@ -31,7 +31,7 @@ def read(source: Source) -> Mapping[str, Table]:
 
 
 def _tables(source: Source) -> dict[str, str]:
-    """Folder of each IMU, and its file."""
+    """Return the file of each IMU folder."""
     parts = {path: path.split("/") for path in source.members}
     return {
         part[-2]: path

@@ -1,4 +1,4 @@
-"""Android GnssLogger files: ``Fix`` lines, and ``UncalAccel``, ``UncalGyro`` (``Accel``, ``Gyro``) if they were logged.
+"""Android GnssLogger files: ``Fix`` lines, and ``UncalAccel``, ``UncalGyro`` (``Accel``, ``Gyro``) if present.
 
 References
 ----------
@@ -24,7 +24,7 @@ name = "Android GnssLogger file"
 
 _HEADER = re.compile(rb"^#[ \t]*(Fix|UncalAccel|UncalGyro|Accel|Gyro),(.*?)[ \t]*\r?$", re.M)
 _LINE = re.compile(rb"^(Fix|UncalAccel|UncalGyro|Accel|Gyro),(.*?)\r?$", re.M)
-# columns by what they are, in the spellings of all versions
+# columns by meaning, in the spellings of all versions
 _FIX = {
     "lat_deg": ("LatitudeDegrees", "Latitude"),
     "lon_deg": ("LongitudeDegrees", "Longitude"),
@@ -79,7 +79,7 @@ def _numbers(rows: list[list[str]], index: int) -> FloatArray:
 def _sensor(
     columns: Mapping[str, list[str]], lines: Mapping[str, list[list[str]]], kinds: tuple[tuple[str, str], ...]
 ) -> FloatArray | None:
-    """Time [s] and values along x, y, z of a sensor, (n, 4); None if it was not logged."""
+    """Read time [s] and values along x, y, z of a sensor, (n, 4); None if absent."""
     for kind, template in kinds:
         names = columns.get(kind, [])
         wanted = [template.format(axis) for axis in "XYZ"]

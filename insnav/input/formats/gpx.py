@@ -2,7 +2,7 @@
 
 References
 ----------
-GPX 1.1 Schema Documentation, topografix.com/GPX/1/1. Elevation has no datum there; receivers write that of the sea.
+GPX 1.1 Schema Documentation, topografix.com/GPX/1/1. It defines no height datum; receivers write mean sea level.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ suffixes = (".gpx",)
 
 _POINT = re.compile(
     rb"<(?:\w+:)?trkpt\b([^>]*?)(?:/>|>(.*?)</(?:\w+:)?trkpt>)", re.S
-)  # xml.etree would need all in memory twice
+)  # xml.etree would need twice the memory
 _NUMBER = rb"""\s*=\s*["']\s*([-+0-9.eE]+)\s*["']"""
 _LAT, _LON = re.compile(rb"\blat" + _NUMBER), re.compile(rb"\blon" + _NUMBER)
 _ELEVATION = re.compile(rb"<(?:\w+:)?ele>\s*([-+0-9.eE]+)\s*<")
@@ -61,7 +61,7 @@ def _number(pattern: re.Pattern[bytes], text: bytes) -> float:
 
 
 def _instant(text: bytes) -> int | None:
-    """Unix time [ns]."""
+    """Parse a time as Unix time [ns]."""
     found = _TIME.search(text)
     if found is None:
         return None

@@ -1,6 +1,6 @@
-"""Text exports of Inertial Explorer and GrafNav: a solution, with attitude as reference, without as fixes.
+"""Text exports of Inertial Explorer and GrafNav: a reference if they contain attitude, otherwise fixes.
 
-The profile of an export chooses its columns; two lines name them and their units, below a header of free text.
+The export profile determines the columns. Two lines below a free-text header give names and units.
 
 References
 ----------
@@ -30,7 +30,7 @@ name = "Inertial Explorer export"
 _PROGRAM = re.compile(rb"^Program:[ \t]*(?:Inertial Explorer|GrafNav|GrafNet)", re.M)
 _HEADER = re.compile(rb"^([^\n]*\b(?:GPS|Corr|UTC)Time?\b[^\n]*)\n([^\n]*\([^\n]*)\n", re.M)
 _FIRST, _BEHIND = re.compile(rb"^[ \t]*[-+\d]", re.M), re.compile(rb"^[ \t]*(?:[^-+\d\s]|\r?$)", re.M)
-# columns by what they are, in small letters without signs
+# columns by meaning, in lower case without symbols
 _NAMES: dict[str, tuple[str, ...]] = {
     "week": ("week",), "tow": ("gpstime", "gpstim", "corrtime", "corrtim"), "utc": ("utctime", "utctim"),
     "lat_deg": ("latitude",), "lon_deg": ("longitude",), "height_m": ("hell",), "height_msl_m": ("hmsl", "hort"),
@@ -65,7 +65,7 @@ def read(source: Source) -> Mapping[str, Table]:
 
 
 def _columns(source: Source) -> tuple[dict[str, FloatArray], Finding | None]:
-    """Columns of the export by what they are, and why a last row was left out."""
+    """Read the columns of the export by meaning; report a dropped last row."""
     text, zeros = text_of(source)
     header = _HEADER.search(text)
     first = None if header is None else _FIRST.search(text, header.end())

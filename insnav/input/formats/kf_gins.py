@@ -1,8 +1,8 @@
-"""Text files of KF-GINS and PSINS-like programs: numbers between blanks, no header.
+"""Text files of KF-GINS and PSINS-like programs: numbers separated by blanks, no header.
 
-GNSS: seconds of the week, latitude, longitude [deg], height [m], standard deviations North, East, Down [m], and perhaps
-velocity and its standard deviations. IMU: seconds of the week, increments of angle [rad] and of velocity [m/s],
-Forward-Right-Down. A file is taken for one of these only if its numbers can be nothing else.
+GNSS: seconds of the week, latitude, longitude [deg], height [m], standard deviations North, East, Down [m], optionally
+velocity with standard deviations. IMU: seconds of the week, increments of angle [rad] and of velocity [m/s],
+Forward-Right-Down. A file is recognised only if its numbers have no other interpretation.
 
 References
 ----------
@@ -32,8 +32,8 @@ _SOLUTION = (
     "week", "time_s", "lat_deg", "lon_deg", "height_m", "vn_m_s", "ve_m_s", "vd_m_s", "roll_deg", "pitch_deg",
     "heading_deg",
 )  # fmt: skip
-_GRAVITY = (9.3, 10.3)  # what increments of velocity add up to each second [m/s^2]
-_ROWS = 20  # that are looked at
+_GRAVITY = (9.3, 10.3)  # sum of velocity increments per second [m/s^2]
+_ROWS = 20  # rows examined
 
 
 def recognise(source: Source) -> bool:
@@ -50,12 +50,12 @@ def read(source: Source) -> Mapping[str, Table]:
 
 
 def _layout(head: bytes) -> tuple[str, tuple[str, ...]]:
-    """Part and columns of a file by its first rows; no columns if it is something else."""
+    """Identify a file and its columns by the first rows; no columns if unknown."""
     lines = bytes(decoded(head)).splitlines()[: _ROWS + 1]
     rows = [line.split() for line in (lines[:-1] if len(lines) > 2 else lines) if line.strip()]
     try:
         numbers = np.array([[float(word) for word in row] for row in rows])
-    except ValueError:  # words, or rows of different lengths
+    except ValueError:  # words, or rows of different length
         return "", ()
     if numbers.ndim != 2 or len(numbers) < 2 or not np.isfinite(numbers).all():
         return "", ()
@@ -79,6 +79,6 @@ def _layout(head: bytes) -> tuple[str, tuple[str, ...]]:
 
 
 def _is_place(lla: FloatArray) -> bool:
-    """Latitude and longitude [deg] and height [m] that hardly change, and are no small numbers of something else."""
+    """Test for nearly constant latitude, longitude [deg] and height [m], not small numbers of another kind."""
     inside = (np.abs(lla) <= [90.0, 180.0, 1e4]).all()
     return bool(inside and np.ptp(lla[:, :2], axis=0).max() < 0.1 and np.abs(lla[:, :2]).max() > 1.0)

@@ -26,7 +26,7 @@ name = "KITTI oxts folder"
 _EPOCH = re.compile(r"^(?P<folder>(?:.*/)?)data/\d{10}\.txt$")
 _TIME = re.compile(rb"^(\d{4}-\d\d-\d\d) (\d\d:\d\d:\d\d(?:\.\d{1,9})?)\s*$", re.M)
 _NUMBERS = 30
-_VERTICAL = np.array([1.0, 1.0, 2.0])  # the accuracy in the file is that of North and East
+_VERTICAL = np.array([1.0, 1.0, 2.0])  # the file's accuracy is for North and East
 
 
 def recognise(source: Source) -> bool:
@@ -59,7 +59,7 @@ def read(source: Source) -> Mapping[str, Table]:
 
 
 def _folder(source: Source) -> str | None:
-    """Folder of the epochs within the source; other sensors of the data set lie beside it."""
+    """Find the folder of epochs in the source; other sensors of the data set may be next to it."""
     found = {match["folder"] for each in source.members if (match := _EPOCH.match(each))}
     good = [each for each in found if f"{each}timestamps.txt" in source.members and "velodyne" not in each]
     return min(good, key=len) if good else None
@@ -77,7 +77,7 @@ def _numbers(epoch: Source) -> list[float]:
 
 
 def _times(stamps: Source) -> FloatArray:
-    """Seconds since 1970 in the time zone in which they are written."""
+    """Read seconds since 1970 in the file's own time zone."""
     found = [match.groups() for match in _TIME.finditer(stamps.data)]
     try:
         instants = np.array([f"{day.decode()}T{clock.decode()}" for day, clock in found], dtype="datetime64[ns]")

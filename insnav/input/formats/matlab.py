@@ -1,8 +1,9 @@
-"""MATLAB ``.mat`` files, version 5 and 7.3: structures as NaveGo has them, arrays as PSINS has them.
+"""MATLAB ``.mat`` files, version 5 and 7.3: NaveGo structures and PSINS arrays.
 
 NaveGo: ``imu.t, imu.wb [rad/s], imu.fb [m/s^2]``; ``gnss.t, lat, lon [rad], h, vel, stdm, stdv``; ``ref`` with roll,
-pitch, yaw [rad]. PSINS: ``imu`` (n, 7): increments of angle [rad] and velocity [m/s] and time, axes Right, Forward, Up;
-``gps`` (n, 4): latitude, longitude [rad], height, time, or (n, 7) with velocity East, North, Up before them; ``avp``.
+pitch, yaw [rad]. PSINS: ``imu`` (n, 7): increments of angle [rad] and velocity [m/s] and time, axes Right, Forward, Up.
+``gps`` (n, 4): latitude, longitude [rad], height, time. ``gps`` (n, 7): with velocity East, North, Up before them. Also
+``avp``.
 
 References
 ----------
@@ -48,9 +49,9 @@ extra = "mat"
 
 _INT32, _MATRIX, _COMPRESSED = 5, 14, 15  # kinds of elements (MAT-File Format, table 1-1)
 _PIECE = 1 << 22
-_OBJECT = 1 << 10  # bytes of an array or a structure beside its numbers: one may stand in many places of a file
+_OBJECT = 1 << 10  # bytes of overhead per array or structure; a small file may reference an array many times
 _HDF5 = b"\x89HDF\r\n\x1a\n"
-_Tree = dict[str, Any]  # arrays of numbers by name, and structures of them
+_Tree = dict[str, Any]  # arrays of numbers by name, and nested structures
 
 
 def recognise(source: Source) -> bool:
@@ -63,8 +64,8 @@ def read(source: Source) -> Mapping[str, Table]:
     with damaged("format.matlab_damaged", source, version="" if old else "7.3 / HDF5"):
         tree = _version_5(source) if old else _version_7(source)
     tables: dict[str, Table] = {}
-    with damaged("format.matlab_fields", source), np.errstate(all="ignore"):  # what is too large is refused when used
-        # variables by name; those of the file itself come as one structure, too
+    with damaged("format.matlab_fields", source), np.errstate(all="ignore"):  # too large values are refused when used
+        # variables by name; top-level variables together form a further structure
         whole = {key: value for key, value in tree.items() if not isinstance(value, dict)}
         for key, value in [*tree.items(), ("", whole)]:
             part, table = _table(source, key, value)
@@ -85,7 +86,7 @@ def _version_5(source: Source) -> _Tree:
 
 
 def _inflated(source: Source) -> bytes:
-    """Content of a file with its arrays decompressed."""
+    """Decompress the arrays of a file."""
     data, start, pieces = source.data, 128, [source.data[:128]]
     size = len(data)
     while start + 8 <= len(data):
@@ -105,14 +106,14 @@ def _inflated(source: Source) -> bytes:
 
 
 def _size(data: bytes, start: int, end: int, name: str) -> int:
-    """Bytes that the arrays in a part of a file take in memory.
+    """Compute the memory size of the arrays in a part of a file.
 
-    Raises: InputError: an array does not fit into the file: scipy does not come back from some that do not.
+    Raises: InputError: an array does not fit into the file: scipy hangs on some of these.
     """
     size = 0
     while start + 8 <= end:
         kind, length = struct.unpack("<II", data[start : start + 8])
-        if kind >> 16:  # a small element, with its content in its head
+        if kind >> 16:  # a small element, with its content in the tag
             start += 8
             continue
         first, last = start + 8, start + 8 + length
@@ -191,7 +192,7 @@ def _navego(source: Source, key: str, data: Mapping[str, FloatArray]) -> tuple[s
 
 
 def _psins(source: Source, key: str, rows: FloatArray) -> tuple[str, Table | None]:
-    """Arrays by their names, time in the last column."""
+    """Read arrays by name, with time in the last column."""
     width, time = rows.shape[1], rows[:, -1]
     note = [Finding.of(Code.READ_CONVENTION, subject=plain_text(key), convention="PSINS", unit="rad", axes="RFU")]
     if re.match(r"imu", key, re.I) and width == 7:
@@ -206,7 +207,7 @@ def _psins(source: Source, key: str, rows: FloatArray) -> tuple[str, Table | Non
     if re.match(r"avp", key, re.I) and width == 10:
         columns = {"time_s": time, **triad(PLACE, rows[:, 6:9] / [DEG, DEG, 1.0])}
         columns |= triad(VELOCITY, rows[:, [4, 3, 5]] * [1.0, 1.0, -1.0])
-        pitch, roll, yaw = rows[:, :3].T / DEG  # yaw there turns from North to West
+        pitch, roll, yaw = rows[:, :3].T / DEG  # yaw there is positive from North to West
         columns |= triad(ATTITUDE, np.column_stack([roll, pitch, -yaw % 360.0]))
         return "reference", column_table(source, columns, note)
     return "", None

@@ -1,4 +1,4 @@
-"""Messages in a stream of bytes, found by their first bytes: whatever lies between them is passed over."""
+"""Binary messages in a stream of bytes, found by their sync bytes; other bytes are skipped."""
 
 from __future__ import annotations
 
@@ -14,42 +14,42 @@ from numpy.typing import NDArray
 from insnav.types import FloatArray
 
 Bytes = NDArray[np.uint8]
-_BLOCK = 1 << 25  # of messages looked at together [bytes]
+_BLOCK = 1 << 25  # messages processed together [bytes]
 
 
 def starts(data: bytes | mmap.mmap, first: bytes) -> NDArray[np.int64]:
-    """Where given bytes stand in a stream, ``(n,)``."""
+    """Find the positions of given bytes in a stream, ``(n,)``."""
     return np.array([found.start() for found in re.finditer(re.escape(first), data)], dtype=np.int64)
 
 
 def gathered(data: bytes | mmap.mmap, at: NDArray[np.int64], size: int) -> Bytes:
-    """Messages of one size, a row each, ``(n, size)``; those that go beyond the end are left out."""
+    """Gather messages of one size as rows, ``(n, size)``, except those beyond the end."""
     stream = np.frombuffer(data, dtype=np.uint8)
     at = at[at <= len(stream) - size]
     return stream[at[:, None] + np.arange(size)] if len(at) else np.empty((0, size), dtype=np.uint8)
 
 
 def layout(text: str, kind: str = "") -> np.dtype[Any]:
-    """Layout of a record, little-endian: ``name:type`` of each field between blanks; `kind` where it has no type."""
+    """Build a little-endian record layout from ``name:type`` fields; `kind` is the default type."""
     fields = (field.partition(":") for field in text.split())
     return np.dtype([(name, f"<{own or kind}") for name, _, own in fields])
 
 
 def as_records(rows: Bytes, layout: np.dtype[Any]) -> NDArray[Any]:
-    """Rows of bytes as records ``(n,)`` of a layout, which may be shorter than a row."""
+    """View rows of bytes as records ``(n,)`` of a layout, which may be shorter than a row."""
     return np.ascontiguousarray(rows[:, : layout.itemsize]).view(layout)[:, 0]
 
 
 @dataclass(slots=True)
 class Messages:
-    """Sound messages of a kind."""
+    """Valid messages of one kind."""
 
     rows: list[Bytes] = field(default_factory=list)  # (n, size) each, by their size
-    at: list[NDArray[np.int64]] = field(default_factory=list)  # where they stand in the stream
+    at: list[NDArray[np.int64]] = field(default_factory=list)  # their positions in the stream
     damaged: int = 0
 
     def records(self, layout: np.dtype[Any], skip: int = 0) -> tuple[NDArray[Any], NDArray[np.int64]]:
-        """Records ``(n,)`` behind a header of `skip` bytes, and their places, in the order of the stream."""
+        """Return records ``(n,)`` after a header of `skip` bytes, and their positions, in stream order."""
         long = [i for i, rows in enumerate(self.rows) if rows.shape[1] >= layout.itemsize + skip]
         found = [np.empty(0, dtype=layout), *(as_records(self.rows[i][:, skip:], layout) for i in long)]
         at = np.concatenate([np.empty(0, dtype=np.int64), *(self.at[i] for i in long)])
@@ -59,18 +59,18 @@ class Messages:
 
 @dataclass(frozen=True, slots=True)
 class Framing:
-    """How a protocol frames its messages: first bytes, number and size in the header, a checksum."""
+    """Message framing of a protocol: sync bytes, number and size in the header, checksum."""
 
     sync: bytes
-    # where number and size stand, two bytes each, and which of their bits count
+    # positions of number and size, two bytes each, and their bit masks
     number: tuple[int, int]
     size: tuple[int, int]
-    around: int  # what a whole message has besides that size
+    around: int  # size of a message beyond its size field
     least: int  # size of the smallest message
-    sound: Callable[[Bytes], NDArray[np.bool_]]  # whether the checksum of whole messages (n, size) is right
+    sound: Callable[[Bytes], NDArray[np.bool_]]  # tests the checksums of whole messages (n, size)
 
     def recognise(self, head: bytes) -> bool:
-        """Whether a sound message begins in the first bytes of a file."""
+        """Return whether a valid message starts in the first bytes of a file."""
         at = starts(head, self.sync)[:64]
         sizes = self._word(np.frombuffer(head + bytes(8), dtype=np.uint8), at, self.size) + self.around
         good = (sizes >= self.least) & (at + sizes <= len(head))
@@ -78,7 +78,7 @@ class Framing:
         return any(bool(self.sound(each)[0]) for each in messages)
 
     def find(self, data: bytes | mmap.mmap, numbers: Collection[int]) -> dict[int, Messages]:
-        """Messages of these numbers."""
+        """Find the valid messages of these numbers."""
         stream = np.frombuffer(data, dtype=np.uint8)
         at = starts(data, self.sync)
         at = at[at <= len(stream) - self.least]
@@ -89,7 +89,7 @@ class Framing:
             for size in np.unique(sizes[mine]).tolist():
                 some = at[mine & (sizes == size)]
                 messages.damaged += len(some)
-                step = max(1, _BLOCK // max(size, 1))  # in blocks, so that memory is bounded
+                step = max(1, _BLOCK // max(size, 1))  # in blocks, to limit memory
                 for first in range(0, len(some) if size >= self.least else 0, step):
                     block = some[first : first + step]
                     rows = gathered(data, block, size)
@@ -104,9 +104,9 @@ class Framing:
 
 
 def joined(key: FloatArray, other: FloatArray, values: FloatArray) -> FloatArray:
-    """Values of messages with the key of another one, ``NaN`` where there is none; of several, the last.
+    """Look up values by key; ``NaN`` without a match, the last of several matches.
 
-    `key` (n,): that of the rows wanted; `other` (m,), `values` (m, ...).
+    `key` (n,): of the requested rows. `other` (m,), `values` (m, ...).
     """
     found = np.full((len(key), *values.shape[1:]), np.nan)
     if len(other):
@@ -118,9 +118,9 @@ def joined(key: FloatArray, other: FloatArray, values: FloatArray) -> FloatArray
 
 
 def at_times(wanted: FloatArray, time: FloatArray, values: FloatArray) -> FloatArray:
-    """Values of a sensor ``(m,)`` between whose samples those of another are, at its times ``(n,)``.
+    """Interpolate values ``(m,)`` of one sensor at the times ``(n,)`` of another.
 
-    Interpolated; ``NaN`` outside the record, and in gaps of more than five intervals.
+    ``NaN`` outside the record, and in gaps of more than five intervals.
     """
     order = np.argsort(time, kind="stable")
     time, values = time[order], values[order]

@@ -1,7 +1,7 @@
 """NMEA 0183 logs: fixes from GGA, GNS, RMC, VTG, GST, HDT, and the date from RMC or ZDA.
 
-Anything between the sentences, such as binary messages or a banner, is passed over; a sentence with a wrong checksum
-is left out and counted.
+Other content between the sentences, such as binary messages, is skipped. Sentences with a wrong checksum are dropped
+and counted.
 
 References
 ----------
@@ -42,7 +42,7 @@ _OTHERS = ("sd_n_m", "sd_e_m", "sd_d_m", "heading_deg")
 
 def recognise(source: Source) -> bool:
     first = source.head.split(b"\n", 1)[0].decode("latin-1")
-    in_table = any(is_header(first, schema) for schema in (IMU_SCHEMA, GPS_SCHEMA))  # sentences in a column of it
+    in_table = any(is_header(first, schema) for schema in (IMU_SCHEMA, GPS_SCHEMA))  # sentences in a table column
     return _ANY.search(source.head) is not None and not in_table
 
 
@@ -77,7 +77,7 @@ def _sentences(source: Source, log: _Log) -> Iterator[list[str]]:
 
 @dataclass(slots=True)
 class _Log:
-    """Sentences put together to epochs, which are those of one time of day after another."""
+    """Collector of sentences into epochs, separated by their time of day."""
 
     epochs: list[dict[str, float]] = field(default_factory=list)
     sound: int = 0
@@ -85,7 +85,7 @@ class _Log:
     from_vtg: bool = False
 
     def take(self, words: list[str]) -> None:
-        """Add one sentence; a field that is no number is as an empty one."""
+        """Add one sentence; an invalid field counts as empty."""
         kind = words[0][2:]
         if len(words) < _LENGTHS[kind]:
             return
@@ -107,7 +107,7 @@ class _Log:
         epoch["fix"] = _QUALITY.get(int(_number(words[6], 0.0)), 0.0)
 
     def _gns(self, epoch: dict[str, float], words: list[str]) -> None:
-        if "fix" not in epoch:  # GGA says more
+        if "fix" not in epoch:  # GGA has more detail
             epoch |= _place(words[2:6])
             epoch |= {"alt": _number(words[9]), "separation": _number(words[10])}
             epoch["fix"] = max((_MODES.get(mode, 0.0) for mode in words[6]), default=0.0)
@@ -134,27 +134,27 @@ class _Log:
 
     def _zda(self, epoch: dict[str, float], words: list[str]) -> None:
         day, month, year = (int(_number(word, 0.0)) for word in words[2:5])
-        late = _time_of_day(words[1]) - epoch["time"]  # it may come after midnight, the fix from before it
+        late = _time_of_day(words[1]) - epoch["time"]  # the date may follow midnight, the fix precede it
         epoch["date"] = _day(year, month, day) - (late < -_HALF_DAY)
 
     def _hdt(self, epoch: dict[str, float], words: list[str]) -> None:
         epoch["heading_deg"] = _number(words[1])
 
     def times(self) -> GpsTime:
-        """Times of the epochs [s], and what they are."""
+        """Convert the times of the epochs [s], with their time scale."""
         clock = np.array([epoch["time"] for epoch in self.epochs])
         date = np.array([epoch.get("date", np.nan) for epoch in self.epochs])
         turns = np.concatenate(([0.0], np.cumsum(np.diff(clock) < -_HALF_DAY)))
         known = np.isfinite(date)
         if not known.any():
             return GpsTime(clock + 86_400.0 * turns, Finding.of(Code.READ_TIME_OF_DAY, scale="UTC"), None)
-        # days of epochs without a date: counted on from the last one that has one, back from the first
+        # dates of undated epochs: counted on from the last dated epoch, or back from the first
         last = np.maximum.accumulate(np.where(known, np.arange(len(clock)), -1))
         last[last < 0] = int(np.flatnonzero(known)[0])
         return seconds_of_week(date[last] + turns - turns[last], clock, "UTC")
 
 
-# fewest words of a sentence of each kind
+# least number of words of each sentence type
 _LENGTHS = {"GGA": 12, "GNS": 11, "RMC": 10, "VTG": 6, "GST": 9, "ZDA": 5, "HDT": 2}
 
 
@@ -164,7 +164,7 @@ def _number(word: str, default: float = np.nan) -> float:
 
 
 def _time_of_day(word: str) -> float:
-    """Seconds of the day of hhmmss.ss; NaN for anything else."""
+    """Parse hhmmss.ss to seconds of the day; NaN if invalid."""
     if len(word) < 6 or not word[:6].isdigit():
         return float("nan")
     hour, minute, second = int(word[:2]), int(word[2:4]), _number(word[4:])
@@ -178,7 +178,7 @@ def _day(year: int, month: int, day: int) -> float:
 
 
 def _place(words: list[str]) -> dict[str, float]:
-    """Latitude and longitude from ddmm.mmm, N or S, dddmm.mmm, E or W."""
+    """Parse ddmm.mmm, N or S, dddmm.mmm, E or W to latitude and longitude."""
     found = {}
     for key, word, side, signs in (
         ("lat_deg", words[0], words[1], {"N": 1.0, "S": -1.0}),
@@ -193,14 +193,14 @@ def _place(words: list[str]) -> dict[str, float]:
 
 
 def _velocity(knots: float, course: float) -> dict[str, float]:
-    """Speed, and course as far as it is known: receivers leave it empty at rest."""
+    """Convert speed and known course; receivers leave the course empty at rest."""
     return {"speed_m_s": knots * _KNOT, "course_deg": course} if np.isfinite(knots) else {}
 
 
 def _height(altitude: FloatArray, separation: FloatArray) -> tuple[dict[str, FloatArray], Finding | None]:
-    """Height column, ellipsoidal if the separation of the geoid is known."""
+    """Build the height column, ellipsoidal if the geoid separation is known."""
     known = np.isfinite(separation)
-    if not np.isfinite(altitude).any():  # of RMC alone
+    if not np.isfinite(altitude).any():  # only RMC sentences
         return {}, None
     if known.any() and (separation[known] != 0.0).any():
         filled = np.where(known, separation, np.median(separation[known]))

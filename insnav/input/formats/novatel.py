@@ -1,4 +1,4 @@
-"""NovAtel OEM logs, binary and ASCII: BESTPOS and BESTVEL (those of GNSS alone first), RAWIMUX, INSPVA as reference.
+"""NovAtel OEM logs, binary and ASCII: BESTPOS and BESTVEL (GNSS-only logs first), RAWIMUX, INSPVA as reference.
 
 References
 ----------
@@ -51,7 +51,7 @@ _INSPVAX = layout(f"status:u4 kind:u4 lat:f8 lon:f8 height:f8 undulation:f4 {_PV
 _COUNTS = "flags:u4 az:i4 ay:i4 ax:i4 gz:i4 gy:i4 gx:i4"
 _RAWIMU = layout(f"week:u4 second:f8 {_COUNTS}")
 _RAWIMUX = layout(f"info:u1 type:u1 week:u2 second:f8 {_COUNTS}")
-# number -> name, what is read of it
+# number -> name, fields used
 _LOGS: dict[int, tuple[str, np.dtype[Any]]] = {
     1429: ("BESTGNSSPOS", _BESTPOS),
     42: ("BESTPOS", _BESTPOS),
@@ -66,7 +66,7 @@ _LOGS: dict[int, tuple[str, np.dtype[Any]]] = {
     1462: ("RAWIMUSX", _RAWIMUX),
 }
 _ASCII_LOGS = {f"{name}A": number for number, (name, _) in _LOGS.items() if name != "INSPVAX"}
-# logs of samples that cannot be used
+# logs of unusable samples
 _CORRECTED = {812: "CORRIMUDATA", 813: "CORRIMUDATAS", 1362: "IMURATECORRIMUS", 2264: "CORRIMUS"}
 _FT = 0.3048
 # type of IMU -> name, scale of increments of angle [rad] and of velocity [m/s]; table "Raw IMU Scale Factors"
@@ -79,7 +79,7 @@ _SCALES = {
     32: ("STIM300", 2.0**-21 * DEG, 2.0**-22),
     58: ("HG4930 AN01", 2.0**-33, 2.0**-29),
 }
-# position type -> fix type; those with INS in their name are fused with an IMU
+# position type -> fix type; types with INS in their name are fused with an IMU
 _KINDS = {
     16: 5.0, 17: 4.0, 18: 4.0, 32: 2.0, 33: 2.0, 34: 2.0, 48: 1.0, 49: 1.0, 50: 1.0, 52: 4.0, 53: 5.0, 54: 4.0,
     55: 2.0, 56: 1.0, 68: 4.0, 69: 4.0, 73: 4.0, 74: 4.0, 77: 4.0, 78: 4.0,
@@ -95,7 +95,7 @@ _INS_GOOD = (3, 6, 7)
 _BAD = 255.0
 
 
-_GRAVITY, _TOLERANCE = 9.8, 0.05  # what increments of velocity add up to each second [m/s^2], and how closely
+_GRAVITY, _TOLERANCE = 9.8, 0.05  # sum of velocity increments per second [m/s^2], and tolerance
 
 
 def recognise(source: Source) -> bool:
@@ -132,12 +132,12 @@ def _crc32(body: bytes) -> int:
 
 
 def _sound(rows: Bytes) -> NDArray[np.bool_]:
-    """Whether the last four bytes of whole messages (n, size) are the CRC of those before."""
+    """Test the CRC in the last four bytes of whole messages (n, size)."""
     messages = (row.tobytes() for row in rows)
     return np.array([_crc32(each[:-4]) == int.from_bytes(each[-4:], "little") for each in messages], dtype=np.bool_)
 
 
-# how messages with long and short header are framed, size of the header, and where the time stands in it
+# framing of messages with long and short header, header size, and position of the time
 _FRAMINGS = (
     (Framing(_LONG, number=(4, 0xFFFF), size=(8, 0xFFFF), around=32, least=32, sound=_sound), 28, 14),
     (Framing(_SHORT, number=(4, 0xFFFF), size=(3, 0xFF), around=16, least=16, sound=_sound), 12, 6),
@@ -146,7 +146,7 @@ _WHEN = layout("week:u2 ms:u4")
 
 
 def _messages(source: Source) -> tuple[dict[str, Any], float, int, list[str]]:
-    """Times and contents of each log; week from whose start times count; how many are damaged; samples without use."""
+    """Return times and contents of each log, base week, number of damaged messages, and unused sample logs."""
     parts: dict[str, list[tuple[Any, Any, Any]]] = {}
     damaged, useless = 0, set[str]()
     for framing, header, when_at in _FRAMINGS:
@@ -184,7 +184,7 @@ def _ascii(source: Source) -> Iterator[tuple[int, tuple[float, float], NDArray[A
         week, second = head[:2] if match[0].startswith(b"%") else head[4:6]
         names = layout.names or ()
         if number in (42, 1429):
-            words = [*words[:6], "0", *words[7:]]  # the datum is a word
+            words = [*words[:6], "0", *words[7:]]  # the datum is text
         try:
             row = tuple(_word(key, word) for key, word in zip(names, words, strict=False))
             if len(row) == len(names):
@@ -202,7 +202,7 @@ def _word(key: str, word: str) -> float:
 
 
 def _own_time(time: FloatArray, rows: NDArray[Any]) -> FloatArray:
-    """Time in the messages themselves, which is finer than that of their headers."""
+    """Return the time inside the messages, finer than the header time."""
     return np.asarray(rows["second"] + np.round((time - rows["second"]) / WEEK) * WEEK, dtype=np.float64)
 
 
@@ -216,7 +216,7 @@ def _fixes(source: Source, position: Any, velocity: Any, notes: list[Finding]) -
     v_time, v_rows = v_time[sure], v_rows[sure]
     if len(v_time):
         v = of_course(v_rows["speed"], v_rows["course"], -v_rows["up"])
-        # of the same epoch, which is written a little before the log of the other
+        # of the same epoch, logged slightly earlier than the other
         columns |= {key: joined(np.round(time, 3), np.round(v_time, 3), each) for key, each in v.items()}
         latency = float(np.median(v_rows["latency"]))
         if latency > 0.0:
@@ -230,7 +230,7 @@ def _reference(source: Source, log: Any, notes: list[Finding]) -> Table:
     time, rows = log
     good = np.isin(rows["status"], _INS_GOOD)
     names = rows.dtype.names or ()
-    # the height of INSPVA is ellipsoidal, that of INSPVAX above the geoid
+    # height of INSPVA: ellipsoidal, height of INSPVAX: above the geoid
     height = rows["height"] + (rows["undulation"].astype(np.float64) if "undulation" in names else 0.0)
     columns = {"time_s": _own_time(time, rows) if "second" in names else time}
     columns |= triad(PLACE, np.column_stack([rows["lat"], rows["lon"], height]))
@@ -244,12 +244,12 @@ def _samples(source: Source, log: Any, name: str, notes: list[Finding]) -> Table
     time, rows = log
     time = _own_time(time, rows)
     counts = np.column_stack([rows[key].astype(np.float64) for key in ("gx", "gy", "gz", "ax", "ay", "az")])
-    counts *= [1.0, -1.0, 1.0, 1.0, -1.0, 1.0]  # y is written with the other sign
+    counts *= [1.0, -1.0, 1.0, 1.0, -1.0, 1.0]  # y has the opposite sign
     stated = "type" in (rows.dtype.names or ())
     if stated:
         types, per_second = np.unique(rows["type"]).tolist(), np.nan
         found = [_SCALES.get(each, each) for each in types]
-    else:  # only one kind of IMU reads gravity at rest, turns and brakes of a drive do not change that
+    else:  # gravity identifies the IMU type, also during turns and braking
         types, span = [], float(np.ptp(time)) if len(time) > 1 else 0.0
         per_second = np.linalg.norm(counts[1:, 3:], axis=1).sum() / span if span > 0.0 else np.nan
         found = [each for each in _SCALES.values() if abs(per_second * each[2] / _GRAVITY - 1.0) < _TOLERANCE]
@@ -265,8 +265,8 @@ def _samples(source: Source, log: Any, name: str, notes: list[Finding]) -> Table
     kind, angle, speed = found[0]
     columns = {"time_s": time, **triad(DTHETA, counts[:, :3] * angle), **triad(DVEL, counts[:, 3:] * speed)}
     note = Finding.of(Code.READ_IMU_MODEL, subject=name, model=kind)
-    if not stated:  # gravity tells the scale of the accelerometers alone
+    if not stated:  # gravity determines the accelerometer scale only
         others = {each[0]: each[1] / angle for each in _SCALES.values() if each[1] != angle}
-        told: dict[str, Any] = {"model": kind, "others": tuple(others), "ratios": tuple(others.values())}
-        note = Finding.of(Code.READ_IMU_MODEL_BY_GRAVITY, subject=name, **told)
+        values: dict[str, Any] = {"model": kind, "others": tuple(others), "ratios": tuple(others.values())}
+        note = Finding.of(Code.READ_IMU_MODEL_BY_GRAVITY, subject=name, **values)
     return column_table(source, columns, [note, *notes], row=name, axes="RFU")

@@ -16,7 +16,7 @@ from insnav.input.formats.unpack import refuse_bomb
 from insnav.plain_text import plain_text
 
 pa = library("pyarrow")
-parquet = library("pyarrow.parquet")  # it costs as much as reading a small file
+parquet = library("pyarrow.parquet")  # its import takes as long as reading a small file
 
 name = "parquet"
 suffixes = (".parquet", ".pq")
@@ -35,7 +35,7 @@ def read(source: Source) -> Mapping[str, Table]:
 
 @dataclass(frozen=True, slots=True)
 class _ParquetCells:
-    """Rows of a file, read by columns."""
+    """Rows of a file, read column by column."""
 
     source: Source
     headers: tuple[str, ...]

@@ -43,7 +43,7 @@ _SAMPLES = {
 _NEEDED = ("timestamp", "fix_type", "eph", "epv", "s_variance_m_s", "vel_n_m_s", "vel_e_m_s", "vel_d_m_s")
 _DATA, _FORMAT, _SUBSCRIBE, _DROPOUT = b"DFAO"
 _KINDS = frozenset(b"BFIMPQACLRDSO")
-_SYNC = b"\x08\x00S\x2f\x73\x13\x20\x25\x0c\xbb\x12"  # a message to find the next one by
+_SYNC = b"\x08\x00S\x2f\x73\x13\x20\x25\x0c\xbb\x12"  # sync message after damage
 _TYPES = {
     "int8_t": "i1", "uint8_t": "u1", "bool": "u1", "char": "S1", "int16_t": "<i2", "uint16_t": "<u2",
     "int32_t": "<i4", "uint32_t": "<u4", "int64_t": "<i8", "uint64_t": "<u8", "float": "<f4", "double": "<f8",
@@ -78,14 +78,14 @@ def read(source: Source) -> Mapping[str, Table]:
 
 @dataclass(slots=True)
 class _Log:
-    """Where the messages of each topic stand."""
+    """Index of the messages of each topic."""
 
     formats: dict[str, str] = field(default_factory=dict)  # fields by the name of the message
     subscribed: dict[int, tuple[str, int]] = field(default_factory=dict)  # name and instance by number
-    at: dict[int, list[int]] = field(default_factory=dict)  # places of the data by number
+    at: dict[int, list[int]] = field(default_factory=dict)  # positions of the data by number
 
     def walk(self, data: bytes | mmap.mmap) -> list[Finding]:
-        """Go from message to message; findings of what was damaged."""
+        """Walk through the messages; report damage."""
         place, end, lost = 16, len(data), 0
         dropouts: list[int] = []
         while place + 3 <= end:
@@ -118,13 +118,13 @@ class _Log:
         return [name for name, _ in self.subscribed.values()]
 
     def topics(self) -> list[tuple[tuple[str, int], np.dtype[Any]]]:
-        """Topics that are read, with their layouts."""
+        """Return the supported topics with their layouts."""
         wanted = [each for each in self.subscribed.values() if each[0] in ("sensor_combined", *_GPS)]
         layouts = [(each, _layout(self.formats.get(each[0], ""))) for each in wanted]
         return [(each, layout) for each, layout in layouts if layout is not None]
 
     def columns(self, data: bytes | mmap.mmap, topic: tuple[str, int], layout: np.dtype[Any]) -> dict[str, FloatArray]:
-        """Numbers of a topic by name, (n,)."""
+        """Read the numeric fields of a topic by name, (n,)."""
         numbers = [number for number, each in self.subscribed.items() if each == topic]
         at = np.array([place for number in numbers for place in self.at.get(number, [])], dtype=np.int64)
         rows = as_records(gathered(data, at, layout.itemsize), layout)
@@ -133,7 +133,7 @@ class _Log:
 
 
 def _layout(fields: str) -> np.dtype[Any] | None:
-    """Layout of a message; None if it holds others, or is damaged. Padding at the end is not written."""
+    """Build the layout of a message, without trailing padding; None if nested or damaged."""
     parts: list[tuple[str, str]] = []
     for each in filter(None, fields.split(";")):
         kind, _, name = each.partition(" ")
@@ -151,13 +151,13 @@ def _layout(fields: str) -> np.dtype[Any] | None:
 
 def _fixes(source: Source, data: Mapping[str, FloatArray], notes: list[Finding]) -> Table:
     columns = {"time_s": 1e-6 * data.get("timestamp_sample", data["timestamp"])}
-    if not (columns["time_s"] > 0.0).all():  # an early driver does not fill it
+    if not (columns["time_s"] > 0.0).all():  # an early driver leaves it zero
         columns["time_s"] = 1e-6 * data["timestamp"]
     for key, names in _PLACE.items():
         found = next((factor * data[name] for name, factor in names if name in data), None)
         if found is not None:
             columns[key] = found
-    if "height_m" in columns and not columns["height_m"].any():  # not filled by every driver
+    if "height_m" in columns and not columns["height_m"].any():  # some drivers leave it zero
         del columns["height_m"]
     elif "height_m" in columns:
         columns.pop("height_msl_m", None)

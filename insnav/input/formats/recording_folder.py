@@ -1,4 +1,4 @@
-"""Folders and archives with one file a part of a recording, by their names: ``imu``, ``gps`` and ``ref``."""
+"""Folders and archives with one file per part of a recording, named ``imu``, ``gps`` and ``ref``."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from insnav.input.formats.table import Table
 name = "folder of a recording"
 
 NAMES = {"imu": "imu", "gps": "gps", "gnss": "gps", "ref": "reference", "reference": "reference"}
-# what says in the name of a file which part it is
+# words in a file name that identify its part
 ROLE = re.compile(r"(^|[-_. ])(imu|gps|gnss|gnns|ref|reference|truth|fixes|samples)\d*(?=$|[-_. ])", re.IGNORECASE)
-# endings of files that are no data
+# file endings without data
 NO_DATA = {".toml", ".json", ".md", ".yaml", ".html", ".pdf", ".png", ".svg", ".jpg", ".kml", ".tag", ".py", ".ipynb"}
 
 
@@ -41,13 +41,13 @@ def read(source: Source) -> Mapping[str, Table]:
 
 
 def unused(paths: Iterable[str]) -> list[str]:
-    """Files of a folder that has a recording by the names which by theirs could be parts of it, too."""
+    """List further files of a recording folder whose names fit a part."""
     taken = _files(paths)
     return [path for path in paths if "imu" in taken and path not in taken.values() and ROLE.search(_stem(path))]
 
 
 def _files(paths: Iterable[str]) -> dict[str, str]:
-    """File of each part, as far as one stands alone in the folder itself."""
+    """Find the file of each part, if unique in the folder itself."""
     found: dict[str, list[str]] = {}
     for path in paths:
         part = NAMES.get(_stem(path).lower())
@@ -57,5 +57,5 @@ def _files(paths: Iterable[str]) -> dict[str, str]:
 
 
 def _stem(path: str) -> str:
-    """Name of a file of data in the folder itself, without its endings; empty for others."""
+    """Return the name of a data file in the folder itself without endings; empty for others."""
     return "" if "/" in path or PurePosixPath(path).suffix.lower() in NO_DATA else path.split(".")[0]

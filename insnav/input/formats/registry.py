@@ -1,4 +1,4 @@
-"""The data formats: found as modules of this package, chosen by the content of a file."""
+"""Registry of data formats: modules of this package, selected by file content."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from insnav.plain_text import plain_text
 
 
 class Format(Protocol):
-    """What a module of this package is if it reads a format: a new format is one file."""
+    """Interface of a format module: a new format is one file."""
 
-    name: str  # of the format, for people
-    # where it has them: usual endings of file names, for help and messages, as content decides; and the optional
-    # dependencies it needs, as in ``pip install insnav[extra]``
+    name: str  # display name of the format
+    # optional attributes: usual file endings, for help and messages only, and the extra dependencies, as in
+    # ``pip install insnav[extra]``
     suffixes: tuple[str, ...]
     extra: str
 
     def recognise(self, source: Source) -> bool:
-        """Whether a file is of this format, by its first 16 KiB (`head`); a folder, by the names of its `members`."""
+        """Return whether a file has this format, by its first 16 KiB (`head`), or a folder by its `members`."""
         ...
 
     def read(self, source: Source) -> Mapping[str, Table]:
-        """Tables of a file: ``{"": table}``, or ``imu``, ``gps``, ``reference`` where it says which it holds.
+        """Return the tables of a file: ``{"": table}``, or ``imu``, ``gps``, ``reference`` if the file identifies them.
 
-        Of several sensors of a kind each has its own: ``imu:/camera/imu``, which ``--topic`` chooses by that name.
+        Each of several sensors has its own table, such as ``imu:/camera/imu``, which ``--topic`` selects by that name.
         """
         ...
 
@@ -45,7 +45,7 @@ _LAST: dict[object, int] = {nmea: 1, delimited_text: 2}
 
 @cache
 def formats() -> tuple[Format, ...]:
-    """Formats in the order in which they are asked: NMEA stands within others, and delimited text takes any text."""
+    """List the formats in the order of recognition: NMEA may be embedded, delimited text accepts any text."""
     package = importlib.import_module("insnav.input.formats")
     names = [found.name for found in pkgutil.iter_modules(package.__path__)]
     modules = [importlib.import_module(f"{package.__name__}.{name}") for name in names]
@@ -56,19 +56,19 @@ def formats() -> tuple[Format, ...]:
 def open_table(path: str | Path | Table, part: str = "") -> Table:
     """Open a data file of any format, or standard input (``-``), and read its header.
 
-    `part` {"", "imu", "gps", "reference"}: which table is wanted if the file holds several.
+    `part` {"", "imu", "gps", "reference"}: requested table if the file contains several.
     Raises: InputError: the file cannot be read, is of no supported format, or does not hold that part.
     """
     return composed(path) if isinstance(path, Table) else choose_table(open_tables(path), part, (), plain_text(path))
 
 
 def open_tables(path: str | Path) -> Mapping[str, Table]:
-    """Tables of a data file of any format, by part; see `Format.read` and `choose_table`."""
+    """Open the tables of a data file of any format, by part; see `Format.read` and `choose_table`."""
     return tables_of(open_source(path))
 
 
 def tables_of(source: Source) -> Mapping[str, Table]:
-    """Tables of a file that was opened."""
+    """Read the tables of an opened file."""
     chosen = next((each for each in formats() if each.recognise(source)), None)
     if chosen is None:
         if source.members or not source.data:
@@ -87,9 +87,9 @@ def tables_of(source: Source) -> Mapping[str, Table]:
 
 
 def choose_table(tables: Mapping[str, Table], part: str, topics: Collection[str], where: str) -> Table:
-    """Table of a part: the only one of its kind, or that of the sensor that was named.
+    """Choose the table of a part: the only one of its kind, or the named sensor's table.
 
-    Raises: InputError: there is none; ConfigError: there are several, and none was named.
+    Raises: InputError: there is none. ConfigError: there are several, and none was named.
     """
     kinds = (part, "") if part in ("imu", "gps") else (part, "gps", "")
     for kind in kinds:
@@ -125,12 +125,12 @@ def choose_table(tables: Mapping[str, Table], part: str, topics: Collection[str]
 
 
 def suffixes() -> tuple[str, ...]:
-    """Usual endings of the names of the files that can be read, without compression."""
+    """List the usual endings of supported files, without compression."""
     return tuple(sorted(suffix for each in formats() for suffix in getattr(each, "suffixes", ())))
 
 
 def _folder(folder: Source) -> InputError:
-    """Error of a folder or an archive that is no recording."""
+    """Build the error for a folder or an archive without a recording."""
     names = [name for name in folder.members if set(PurePosixPath(name.lower()).suffixes) & set(suffixes())]
     shown = tuple(map(plain_text, (names or [*folder.members])[:8]))
     if not shown:

@@ -1,4 +1,4 @@
-"""ROS 1 bags, ROS 2 bags (sqlite3, MCAP) and MCAP files: Imu, NavSatFix, and the velocity that goes with it.
+"""ROS 1 bags, ROS 2 bags (sqlite3, MCAP) and MCAP files: Imu, NavSatFix, and velocity topics.
 
 References
 ----------
@@ -46,13 +46,13 @@ extra = "ros"
 _MAGIC = {b"#ROSBAG V2.0": ".bag", b"SQLite format 3": ".db3", b"\x89MCAP0\r\n": ".mcap"}
 _BLOCK = 20_000  # messages decoded together
 _FLU = np.array([1.0, -1.0, -1.0])
-_FEW, _APART = 10, 1.0  # fixes that place odometry on Earth, and how far it may be from them [m]
-_STATUS = {0: 5.0, 1: 4.0, 2: 4.0}  # NavSatStatus -> fix type; covariances tell how good a differential fix is
+_FEW, _APART = 10, 1.0  # fixes that locate odometry on Earth, and their largest distance [m]
+_STATUS = {0: 5.0, 1: 4.0, 2: 4.0}  # NavSatStatus -> fix type; covariances describe the quality of a differential fix
 
 
 @dataclass(frozen=True, slots=True)
 class _Kind:
-    """Message behind its header: how many numbers, and whether the status of a fix, or a name, stands before them."""
+    """Message layout after the header: count of numbers, preceded by a fix status or a name."""
 
     numbers: int
     status: bool = False
@@ -70,13 +70,13 @@ _KINDS = {
 
 @dataclass(slots=True)
 class _Topic:
-    """Messages of a topic, decoded block by block."""
+    """Decoded messages of a topic, in blocks."""
 
     kind: str
     ros2: bool
     pending: list[tuple[int, bytes]] = field(default_factory=list)
-    blocks: list[FloatArray] = field(default_factory=list)  # time by the header, by the bag, status, type, numbers
-    listed: int = 0  # messages by the index of the bag
+    blocks: list[FloatArray] = field(default_factory=list)  # header time, bag time, status, type, numbers
+    listed: int = 0  # number of messages in the bag's index
 
     def add(self, time: int, raw: bytes) -> None:
         self.pending.append((time, raw))
@@ -96,7 +96,7 @@ class _Topic:
         self.pending.clear()
 
     def table(self) -> FloatArray:
-        """Time [s], time in the bag [s], status, covariance type, numbers of each message."""
+        """Concatenate time [s], bag time [s], status, covariance type and numbers of each message."""
         self.decode()
         return np.concatenate(self.blocks)
 
@@ -150,12 +150,12 @@ def _suffix(source: Source) -> str:
 
 
 def _bags(source: Source) -> list[str]:
-    """Bags in a folder."""
+    """List the bags in a folder."""
     return [each for each in source.members if PurePosixPath(each).suffix in suffixes and each.count("/") < 2]
 
 
 def _readers(source: Source) -> Iterator[tuple[Any, bool]]:
-    """Open readers of all bags, and whether each is of ROS 2."""
+    """Yield open readers of all bags, and whether each is a ROS 2 bag."""
     from rosbags import rosbag1, rosbag2
 
     with ExitStack() as stack:
@@ -171,17 +171,17 @@ def _readers(source: Source) -> Iterator[tuple[Any, bool]]:
 
 
 def _decoded(data: NDArray[np.uint8], kind: _Kind, ros2: bool) -> FloatArray:
-    """Messages of one size ``(n, size)`` as numbers; time ``NaN`` where they are not of this layout."""
+    """Decode messages of one size ``(n, size)``; time ``NaN`` for another layout."""
     found = np.full((len(data), 4 + kind.numbers), np.nan)
-    # four bytes come first: in CDR how it is written, in ROS 1 a sequence number
+    # first four bytes: encoding in CDR, sequence number in ROS 1
     if data.shape[1] < 24 or (ros2 and (data[:, :2] != [0, 1]).any()):
         return found
     words = np.ascontiguousarray(data[:, 4:16]).view("<u4").astype(np.int64)
     groups = _behind_text(data, [(np.arange(len(data)), 12)], ros2)
     for mine, status_at in _behind_text(data, groups, ros2) if kind.name else groups:
-        # a byte, and two for what satellites there are
+        # a status byte, and two bytes for the constellations
         numbers_at = status_at + (3 if kind.status else 0)
-        if ros2:  # aligned to the size of each number, counted from behind the first four bytes
+        if ros2:  # aligned to the size of each number, relative to byte four
             behind = status_at - 4
             behind = (behind + 2) // 2 * 2 + 2 if kind.status else behind
             numbers_at = 4 + (behind + 7) // 8 * 8
@@ -199,7 +199,7 @@ def _decoded(data: NDArray[np.uint8], kind: _Kind, ros2: bool) -> FloatArray:
 def _behind_text(
     data: NDArray[np.uint8], groups: list[tuple[NDArray[np.int64], int]], ros2: bool
 ) -> list[tuple[NDArray[np.int64], int]]:
-    """Rows of messages and where they go on behind a text that stands there, those of one length together."""
+    """Group rows by text length, with the position after the text."""
     found = []
     for rows, at in groups:
         at = 4 + (at - 1) // 4 * 4 if ros2 else at
@@ -246,9 +246,9 @@ def _fixes(source: Source, table: FloatArray, velocities: Mapping[str, FloatArra
 
 
 def _laid_on(source: Source, table: FloatArray, fixes: Table, topic: str) -> tuple[Table | None, Finding]:
-    """Odometry as a reference, and a finding: its plane is turned and moved to the fixes, as it has no place on Earth.
+    """Rotate and shift odometry onto the fixes as a reference without absolute position; report it.
 
-    None if it drifts away from them, as that of wheels does: then it is no reference.
+    None if it drifts away from them, like wheel odometry.
     """
     time, lat, lon, height = fixes.cells.read(range(4)).columns.values()
     origin = np.array([[lat[0] * DEG, lon[0] * DEG, height[0]]])
@@ -273,7 +273,7 @@ def _laid_on(source: Source, table: FloatArray, fixes: Table, topic: str) -> tup
     columns = {"time_s": stamp, **triad(PLACE, lla / [DEG, DEG, 1.0])}
     if (np.abs(np.linalg.norm(numbers[:, 3:7], axis=1) - 1.0) < 0.1).all():
         c, s = np.cos(turn), np.sin(turn)
-        to_ned = np.array([[s, c, 0.0], [c, -s, 0.0], [0.0, 0.0, -1.0]])  # turned; East, North, Up exchanged
+        to_ned = np.array([[s, c, 0.0], [c, -s, 0.0], [0.0, 0.0, -1.0]])  # rotation with East, North, Up converted
         level = level_from_earth(lla) @ to_earth
         c_nb = level @ to_ned @ dcm_from_quat(numbers[:, [6, 3, 4, 5]]) @ np.diag(_FLU)
         rph = rph_from_quat(quat_from_dcm(c_nb)) / DEG

@@ -1,7 +1,7 @@
 """RTKLIB solutions (``.pos``): fixes with quality, standard deviations and velocity.
 
-The line that names the columns decides: time as calendar or as week and seconds, in GPST, UTC or JST; latitude,
-longitude and height in degrees or in degrees, minutes, seconds; Earth-fixed position; or baseline from a reference.
+The header line determines the layout. Time: calendar, or week and seconds, in GPST, UTC or JST. Position: latitude,
+longitude in degrees or degrees, minutes, seconds, and height; Earth-fixed; or a baseline from a reference.
 
 References
 ----------
@@ -36,7 +36,7 @@ _HEADER = re.compile(rb"""^%[ \t]*(\w+)[ \t,;]+((?:latitude|x-ecef|e-baseline)\(
 _HEADERLESS = re.compile(rb"\A\s*\d{4}/\d\d/\d\d[ \t,;]+\d\d:\d\d:\d\d(\.\d+)?([ \t,;]+[-+.\d]+){13,}[ \t]*\r?$", re.M)
 _ROW = re.compile(rb"^[ \t]*[^%\s].*$", re.M)
 _REFERENCE = re.compile(rb"^% *ref pos *:(.*)$", re.M)
-_BLANKS = bytes.maketrans(b"/:,;\t", b"     ")  # one for one: bytes and lines stay where they are
+_BLANKS = bytes.maketrans(b"/:,;\t", b"     ")  # one for one: byte and line positions do not change
 
 # position columns -> axes of the standard deviations and velocities in the same header
 _LAYOUTS = {
@@ -51,7 +51,7 @@ _RANGES = {
     "week": (0, 10_000), "tow": (0, 604_800),
 }  # fmt: skip
 _ZONES = {"GPST": 0.0, "UTC": 0.0, "JST": 32_400.0}  # ahead of UTC, or GPS time itself [s]
-_EARTH_RADII = (6.33e6, 6.5e6)  # distances from the centre of what is near the ground [m]
+_EARTH_RADII = (6.33e6, 6.5e6)  # distances from the Earth's centre near the ground [m]
 _LONGEST_BASELINE = 2e6  # [m]
 
 
@@ -79,7 +79,7 @@ def read(source: Source) -> Mapping[str, Table]:
         found |= {"lat_deg": lla[:, 0] / DEG, "lon_deg": lla[:, 1] / DEG, "height_m": lla[:, 2]}
         turn = level_from_earth(lla) @ to_earth
     found["fix"] = data["Q"]
-    with np.errstate(over="ignore", invalid="ignore"):  # numbers out of all range are refused when they are used
+    with np.errstate(over="ignore", invalid="ignore"):  # numbers out of range are refused when used
         found |= _velocity(data, axes, turn)
         deviations = _deviations(data, axes, turn, "sd{}(m)", "sd_{}_m") | _deviations(
             data, axes, turn, "sdv{}", "sd_v{}_m_s"
@@ -92,7 +92,7 @@ def read(source: Source) -> Mapping[str, Table]:
 
 
 def _rows(text: bytes | mmap.mmap, zeros: int, where: str) -> tuple[str, tuple[str, ...], TextCells]:
-    """Time scale, names of the columns behind the time, and the rows as numbers between blanks."""
+    """Return time scale, column names after the time, and the rows as numbers separated by blanks."""
     headers = {
         tuple(re.split(r"[\s,;]+", b" ".join(found.groups()).decode("latin-1"))) for found in _HEADER.finditer(text)
     }
@@ -118,7 +118,7 @@ def _rows(text: bytes | mmap.mmap, zeros: int, where: str) -> tuple[str, tuple[s
 
 
 def _time(data: Mapping[str, FloatArray], scale: str, rows: TextCells) -> GpsTime:
-    """Seconds of the GPS week of the first row."""
+    """Convert times to seconds of the first row's GPS week."""
     keys = _CALENDAR if "year" in data else ("week", "tow")
     for key in keys:
         low, high = _RANGES[key]
@@ -141,13 +141,13 @@ def _degrees(data: Mapping[str, FloatArray], column: str) -> FloatArray:
     if f"{column} minute" not in data:
         return value
     part = data[f"{column} minute"] / 60.0 + data[f"{column} second"] / 3600.0
-    return value + np.copysign(part, value)  # -0 degrees has a sign too
+    return value + np.copysign(part, value)  # -0 degrees has a sign, too
 
 
 def _earth_fixed(
     data: Mapping[str, FloatArray], columns: tuple[str, ...], text: bytes | mmap.mmap, rows: TextCells
 ) -> tuple[FloatArray, FloatArray]:
-    """Earth-fixed positions ``(n, 3)`` [m], and the matrix from the axes of the file to Earth-fixed ones."""
+    """Return Earth-fixed positions ``(n, 3)`` [m], and the rotation from the file's axes to Earth-fixed axes."""
     position = np.column_stack([data[column] for column in columns[:3]])
     size = np.abs(position).max(axis=1)
     if columns[0] == "x-ecef(m)":
@@ -168,7 +168,7 @@ def _earth_fixed(
 def _deviations(
     data: Mapping[str, FloatArray], axes: str, turn: FloatArray | None, column: str, header: str
 ) -> dict[str, FloatArray]:
-    """Standard deviations North, East, Down, zero where a component of the file is; empty without such columns."""
+    """Return standard deviations North, East, Down, zero where the file has zeros; empty without such columns."""
     if not all(column.format(axis) in data for axis in axes):
         return {}
     sd = np.column_stack([data[column.format(axis)] for axis in axes])
@@ -176,7 +176,7 @@ def _deviations(
         covariance = sd[:, :, None] ** 2 * np.eye(3)
         for i, j in ((0, 1), (1, 2), (2, 0)):
             cross = data.get(column.format(axes[i] + axes[j]))
-            if cross is None:  # they cannot be turned without
+            if cross is None:  # covariances are needed for the rotation
                 return {}
             covariance[:, i, j] = covariance[:, j, i] = np.sign(cross) * cross**2
         variance: FloatArray = np.einsum("nij,njk,nik->ni", turn, covariance, turn)
@@ -185,7 +185,7 @@ def _deviations(
 
 
 def _velocity(data: Mapping[str, FloatArray], axes: str, turn: FloatArray | None) -> dict[str, FloatArray]:
-    """Velocity North, East, Down [m/s]; empty without such columns."""
+    """Return velocity North, East, Down [m/s]; empty without such columns."""
     if not all(f"v{axis}(m/s)" in data for axis in axes):
         return {}
     v = np.column_stack([data[f"v{axis}(m/s)"] for axis in axes])

@@ -39,7 +39,7 @@ from insnav.units import DEG
 name = "Septentrio SBF log"
 suffixes = (".sbf",)
 
-_UNKNOWN = -1e10  # a value that is not known is -2e10
+_UNKNOWN = -1e10  # below: unknown values are -2e10
 _HEADER = "sync:u2 crc:u2 id:u2 length:u2 tow:u4 week:u2"
 _PVT = f"{_HEADER} mode:u1 error:u1"
 _BLOCKS: dict[str, tuple[int, np.dtype[Any]]] = {
@@ -52,7 +52,7 @@ _BLOCKS: dict[str, tuple[int, np.dtype[Any]]] = {
 }
 _SENSORS = 4050
 _SENSOR = np.dtype([("source", "u1"), ("model", "u1"), ("type", "u1"), ("info", "u1"), ("value", "<f8", (3,))])
-# mode of PVT -> fix type; a place that is entered (3) is none
+# mode of PVT -> fix type; an entered position (3) is invalid
 _MODES = {1: 5.0, 2: 4.0, 4: 1.0, 5: 2.0, 6: 4.0, 7: 1.0, 8: 2.0, 10: 4.0}
 _Rows = NDArray[Any]
 _Notes = list[Finding]
@@ -81,7 +81,7 @@ def read(source: Source) -> Mapping[str, Table]:
 
 
 def _sound(rows: Bytes) -> NDArray[np.bool_]:
-    """Whether the CRC (CCITT) of whole blocks (n, size) is right."""
+    """Test the CRC (CCITT) of whole blocks (n, size)."""
     stated = rows[:, 2] + 256 * rows[:, 3].astype(np.int64)
     found = [binascii.crc_hqx(row[4:].tobytes(), 0) for row in rows]
     return np.asarray(stated == np.array(found, dtype=np.int64))
@@ -91,7 +91,7 @@ _FRAMING = Framing(b"$@", number=(4, 0x1FFF), size=(6, 0xFFFF), around=0, least=
 
 
 def _key(rows: _Rows) -> FloatArray:
-    """Time since 1980, to join blocks by [ms]."""
+    """Return the time since 1980, as key to join blocks [ms]."""
     return np.asarray(rows["week"] * (1e3 * WEEK) + rows["tow"], dtype=np.float64)
 
 
@@ -113,7 +113,7 @@ def _table(source: Source, rows: _Rows, columns: dict[str, FloatArray], good: An
 
 
 def _matrices(rows: _Rows, axes: str) -> FloatArray:
-    """Covariances (n, 3, 3)."""
+    """Build covariances (n, 3, 3)."""
     found = np.empty((len(rows), 3, 3))
     for i, first in enumerate(axes):
         for j, second in enumerate(axes):
@@ -154,7 +154,7 @@ def _cartesian(source: Source, blocks: Mapping[str, _Rows], notes: _Notes) -> Ta
 
 
 def _samples(source: Source, blocks: list[Bytes], week: float | None, notes: _Notes) -> Table | None:
-    """Accelerations (type 0) and angular rates (type 1) of ExtSensorMeas, at the times of the rates."""
+    """Read accelerations (type 0) and angular rates (type 1) of ExtSensorMeas, at the times of the rates."""
     parts: dict[int, list[tuple[FloatArray, FloatArray]]] = {0: [], 1: []}
     head = layout(f"{_HEADER} n:u1 size:u1")
     for rows in blocks:

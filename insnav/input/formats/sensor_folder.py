@@ -1,7 +1,7 @@
-"""Folders and archives with one text file a sensor, joined by time: of phones, cameras and simulators.
+"""Folders and archives with one text file per sensor, joined by time: phones, cameras and simulators.
 
-phyphox and Sensor Logger, GoPro telemetry as CSV, and gnss-ins-sim, whose times stand in files of their own. Axes of a
-phone are Right, Forward, Up when it lies on its back with its top to the front.
+phyphox and Sensor Logger, GoPro telemetry as CSV, and gnss-ins-sim with separate time files. Phone axes are Right,
+Forward, Up when it lies on its back with its top forward.
 
 References
 ----------
@@ -32,7 +32,7 @@ from insnav.types import FloatArray
 
 name = "folder of sensors"
 
-# what the name of a file, in small letters alone, says of it; the most useful first
+# kind by lower-case letters of the file name, the most useful first
 _KINDS = {
     "gyro": ("gyroscope", "gyroscopeuncalibrated", "(?!ref).*gyr.*"),
     "accel": (
@@ -48,29 +48,29 @@ _KINDS = {
     "reference": ("refpos",),
     "time": ("time", "gpstime"),
 }
-_PLAIN = {"gyro": GYRO, "accel": ACCEL, "linear": ACCEL, "gravity": ACCEL}  # columns x, y, z of a file without units
-_NATIVE = "seconds_elapsed"  # a column of Sensor Logger, whose accelerometer has no gravity
+_PLAIN = {"gyro": GYRO, "accel": ACCEL, "linear": ACCEL, "gravity": ACCEL}  # columns x, y, z of files without units
+_NATIVE = "seconds_elapsed"  # marks Sensor Logger, whose accelerometer excludes gravity
 _AXIS = re.compile(r"([xyz])( *[\[(].*)?", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
 class _File:
-    """A file of the folder."""
+    """File of the folder."""
 
     source: Source
     table: Table
-    found: Mapping[str, Found]  # its columns, as those of samples
-    numbers: Numbers  # of these
+    found: Mapping[str, Found]  # its columns, as sample columns
+    numbers: Numbers  # values of these
 
     def column(self, key: str) -> FloatArray:
-        """Values ``(n,)`` of a column, as in the file."""
+        """Return values ``(n,)`` of a column, as in the file."""
         return self.numbers.columns[self.found[key].index]
 
 
 def recognise(source: Source) -> bool:
     kinds = _paths(source)
     whole = "gyro" in kinds and bool({"accel", "linear"} & kinds.keys())
-    return whole or _stem(kinds.get("gps", "")) in _KINDS["gps"][:2]  # a file gps.csv may be of any folder
+    return whole or _stem(kinds.get("gps", "")) in _KINDS["gps"][:2]  # gps.csv may occur in any folder
 
 
 def read(source: Source) -> Mapping[str, Table]:
@@ -97,12 +97,12 @@ def read(source: Source) -> Mapping[str, Table]:
 
 
 def _stem(path: str) -> str:
-    """Name of a file in small letters alone, without its endings and the number of a run."""
+    """Return a file name in lower-case letters, without endings and run number."""
     return re.sub("[^a-z]", "", PurePosixPath(path).name.lower().split(".")[0])
 
 
 def _paths(source: Source) -> dict[str, str]:
-    """Best file of each kind by its name."""
+    """Find the best file of each kind by name."""
     there = sorted(path for path in source.members if path.lower().endswith((".csv", ".txt")))
     found: dict[str, str] = {}
     for kind, patterns in _KINDS.items():
@@ -112,8 +112,8 @@ def _paths(source: Source) -> dict[str, str]:
 
 
 def _open(source: Source, path: str, kind: str) -> _File:
-    """Open a file; columns x, y, z are those of the sensor that its name says."""
-    from insnav.input.interpret.composed import composed  # which takes conventions of formats
+    """Open a file; its name determines the sensor of columns x, y, z."""
+    from insnav.input.interpret.composed import composed  # imports conventions of formats
 
     file = source.members[path]()
     table = composed(delimited_text.read(file)[""])
@@ -128,7 +128,7 @@ def _open(source: Source, path: str, kind: str) -> _File:
 
 
 def _named(header: str, kind: str) -> str:
-    """Header of an axis of a sensor."""
+    """Return the header of a sensor axis."""
     if (axis := _AXIS.fullmatch(header)) is None:
         return header
     plain = _PLAIN[kind]["xyz".index(axis[1].lower())]
@@ -136,7 +136,7 @@ def _named(header: str, kind: str) -> str:
 
 
 def _with_times(file: _File, times: Sequence[_File]) -> _File:
-    """A file with its times, which may stand in a file of their own, row by row."""
+    """Add times to a file, if they are in a separate file, row by row."""
     if "time" in file.found or not times:
         return file
     table, stem = file.table, _stem(file.source.name)
@@ -153,7 +153,7 @@ def _with_times(file: _File, times: Sequence[_File]) -> _File:
 
 
 def _samples(source: Source, gyro: _File, force: _File, *gravity: _File) -> Table:
-    """Samples at the times of the gyros."""
+    """Join samples at the times of the gyros."""
     time, used = gyro.column("time"), (gyro, force, *gravity)
     keys = [f"{sensor}_{axis}" for sensor in ("gyro", "accel") for axis in "xyz"]
     forces = np.sum(

@@ -22,7 +22,7 @@ from insnav.exceptions import InputError, reason_of
 from insnav.input.formats.unpack import MAX_BYTES, MAX_DEPTH, MAX_FILES, archive_members, refuse_bomb, unpacked
 from insnav.plain_text import plain_text
 
-HEAD_BYTES = 1 << 14  # what formats are recognised by
+HEAD_BYTES = 1 << 14  # read to recognise a format
 _PIECE = 1 << 22
 _MAX_STREAM = 128 << 20  # bytes of a stream, which cannot be mapped: an hour at 400 Hz has 115 MB
 _ZIP = b"PK\x03\x04"
@@ -30,25 +30,25 @@ _ZIP = b"PK\x03\x04"
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A data file in memory, or mapped to it, or the files of a folder or of an archive."""
+    """Data file in memory or mapped, or the files of a folder or an archive."""
 
-    name: str  # as the user knows it, fit to be printed
-    sha256: str  # digest of the file as it is on the disk; empty for a folder, see `digest_of`
+    name: str  # printable name for the user
+    sha256: str  # digest of the file on disk; empty for a folder, see `digest_of`
     data: bytes | mmap.mmap = b""  # its bytes, decompressed; empty for a folder
     members: Mapping[str, Callable[[], Source]] = field(default_factory=dict)  # of a folder, by path within it
-    path: Path | None = None  # where it lies on the disk as it is here
+    path: Path | None = None  # location on disk, if stored unchanged
 
     @property
     def head(self) -> bytes:
-        """The first bytes, which formats are recognised by."""
+        """First bytes, to recognise formats."""
         return self.data[:HEAD_BYTES]
 
 
 def open_source(path: str | Path) -> Source:
-    """Get the bytes of a data file, also compressed, of standard input (``-``), or the files of a folder or archive.
+    """Open a data file, also compressed, standard input (``-``), or the files of a folder or archive.
 
-    An archive of one file is as that file.
-    Raises: InputError: it cannot be read, is empty, or decompresses to more than is sensible.
+    An archive of one file equals that file.
+    Raises: InputError: it cannot be read, is empty, or decompresses to an excessive size.
     """
     if str(path) == "-":
         return _source("standard input", _stream(sys.stdin.buffer, "standard input"))
@@ -61,15 +61,15 @@ def open_source(path: str | Path) -> Source:
 
 
 def digest_of(sources: Iterable[Source]) -> str:
-    """Digest of several files."""
+    """Compute the joint digest of several files."""
     return hashlib.sha256("".join(source.sha256 for source in sources).encode()).hexdigest()
 
 
 @contextmanager
 def on_disk(source: Source, suffix: str = "") -> Iterator[Path]:
-    """Path of a file, or folder, for libraries that open it themselves; what was packed lies in a temporary folder.
+    """Provide the path of a file or folder for libraries that open it; unpacked data use a temporary folder.
 
-    `suffix`: how its name must end for them.
+    `suffix`: required ending of its name.
     """
     if source.path is not None and source.path.name.endswith(suffix):
         yield source.path
@@ -92,7 +92,7 @@ def _source(name: str, raw: bytes | mmap.mmap, path: Path | None = None, depth: 
         raise InputError("format.nested_archives", where=name, limit_count=MAX_DEPTH)
     if len(raw) == 0:
         raise InputError("format.empty", where=name)
-    if not raw[:HEAD_BYTES].strip(b"\0"):  # before it is read: such a file may be sparse, and of any size
+    if not raw[:HEAD_BYTES].strip(b"\0"):  # before reading: such a file may be sparse, and of any size
         raise InputError("format.begins_with_zeros", where=name)
     digest = hashlib.sha256()
     for at in range(0, len(raw), _PIECE):
@@ -128,7 +128,7 @@ def _folder_members(folder: Path, name: str) -> dict[str, Callable[[], Source]]:
 
 
 def text_of(source: Source) -> tuple[bytes | mmap.mmap, int]:
-    """Text of a file in UTF-8 or Latin-1 with line feeds, and the number of zero bytes that followed it."""
+    """Return the text of a file in UTF-8 or Latin-1 with line feeds, and the number of zero bytes after it."""
     text, zeros = _without_zeros(decoded(source.data))
     if len(text) == 0:
         raise InputError("format.only_zeros", where=source.name, count=zeros)
@@ -144,7 +144,7 @@ def _read_file(path: Path, name: str) -> bytes | mmap.mmap:
             found = path.stat()
             if not stat.S_ISREG(mode) or found.st_size == 0:
                 return _stream(file, name)
-            if stored := 512 * getattr(found, "st_blocks", 0):  # where holes are known
+            if stored := 512 * getattr(found, "st_blocks", 0):  # if the file system reports sparse blocks
                 refuse_bomb(name, "sparse", stored, min(found.st_size, MAX_BYTES))
             return spill.watched(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
     except IsADirectoryError:
@@ -156,7 +156,7 @@ def _read_file(path: Path, name: str) -> bytes | mmap.mmap:
 
 
 def _stream(file: BinaryIO, name: str) -> bytes:
-    """Everything that comes, if it ends."""
+    """Read a stream to its end."""
     data = file.read(_MAX_STREAM + 1)
     if len(data) > _MAX_STREAM:
         raise InputError("format.endless_stream", where=name, limit_megabytes=_MAX_STREAM >> 20)
@@ -164,7 +164,7 @@ def _stream(file: BinaryIO, name: str) -> bytes:
 
 
 def _no_file(path: Path, name: str) -> InputError:
-    """Error of a file that is not there, with the name that was meant, if there is one like it."""
+    """Build the error for a missing file, with a similar existing name."""
     folder = path.parent
     try:
         names = [p.name for p in folder.iterdir()]
@@ -175,7 +175,7 @@ def _no_file(path: Path, name: str) -> InputError:
 
 
 def decoded(raw: bytes | mmap.mmap) -> bytes | mmap.mmap:
-    """UTF-16 as UTF-8, and carriage returns alone as line feeds."""
+    """Convert UTF-16 to UTF-8, and single carriage returns to line feeds."""
     head = raw[:HEAD_BYTES]
     encoding = ""
     if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
@@ -195,11 +195,11 @@ def decoded(raw: bytes | mmap.mmap) -> bytes | mmap.mmap:
 
 
 def _without_zeros(raw: bytes | mmap.mmap) -> tuple[bytes | mmap.mmap, int]:
-    """Take off the zeros that a logger leaves at the end when its power goes."""
+    """Remove zeros at the end, left by loggers at power loss."""
     if raw[-1:] != b"\0":
         return raw, 0
     end = len(raw)
-    while end > 0:  # piece by piece: such a file may be mostly zeros, and large
+    while end > 0:  # in pieces: such a file may be large and mostly zeros
         start = max(0, end - _PIECE)
         kept = len(raw[start:end].rstrip(b"\0"))
         end = start + kept

@@ -1,4 +1,4 @@
-"""A table of numbers: its header, and columns that are read when asked for."""
+"""Table of numbers: its header, and columns that are read on demand."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ class Numbers:
 
     columns: dict[int, FloatArray]  # (n,) by index of the column; NaN for an empty cell
     n_rows: int  # number of rows
-    cut: Finding | None = None  # why a last row was left out, if one was
-    texts: Mapping[int, TextValues] = field(default_factory=dict)  # columns that were text, by index
+    cut: Finding | None = None  # reason for dropping the last row, if dropped
+    texts: Mapping[int, TextValues] = field(default_factory=dict)  # converted text columns, by index
 
 
 class Cells(Protocol):
-    """The rows of a table, in any format."""
+    """Interface of the rows of a table, in any format."""
 
     def read(self, indices: Sequence[int]) -> Numbers:
-        """Read columns as numbers; a cell that is none, or damaged rows, are refused."""
+        """Read columns as numbers; refuse invalid cells and damaged rows."""
         ...
 
     def line(self, row: int) -> str:
-        """Where a row, counted from 0, is found in the file, such as a line number."""
+        """Return the location of a row, counted from 0, such as a line number."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class ArrayCells:
-    """Rows of a format that is converted as a whole: columns ``(n,)`` in the order of the headers; see `Cells`."""
+    """Rows of a fully converted format: columns ``(n,)`` in the order of the headers; see `Cells`."""
 
     columns: tuple[FloatArray, ...]
     line: Callable[[int], str]
@@ -53,22 +53,22 @@ class ArrayCells:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table whose header has been read."""
+    """Table with header read."""
 
-    name: str  # the file, fit to be printed
+    name: str  # printable file name
     sha256: str  # digest of the file
     headers: tuple[str, ...]  # names of the columns
     cells: Cells  # its rows
     units: tuple[str, ...] | None = None  # row of units under the header
-    notes: tuple[Finding, ...] = ()  # how the format was read, such as the time scale
-    format: str = ""  # name of the format it was read from
-    week: float | None = None  # GPS week from whose start the times count, if that is known
-    axes: str = ""  # where the sensor's x, y, z point by the definition of the format; empty if it has none
-    parts: Mapping[str, int] = field(default_factory=dict)  # columns by header of which others were made
-    unusable: tuple[str, ...] = ()  # messages of the file with samples that insnav cannot use
+    notes: tuple[Finding, ...] = ()  # findings on the format, such as the time scale
+    format: str = ""  # name of its format
+    week: float | None = None  # GPS week of the time origin, if known
+    axes: str = ""  # directions of the sensor's x, y, z in the format's definition; empty if undefined
+    parts: Mapping[str, int] = field(default_factory=dict)  # columns, by header, that were combined into others
+    unusable: tuple[str, ...] = ()  # messages of the file with unusable samples
 
     def place(self, row: int, index: int | None = None) -> str:
-        """``file:line:column`` of a cell; rows are counted from 0."""
+        """Format ``file:line:column`` of a cell; rows are counted from 0."""
         column = "" if index is None else f":{self.headers[index]}"
         return f"{self.name}:{self.cells.line(row)}{column}"
 
@@ -83,10 +83,10 @@ def column_table(
     axes: str = "",
     week: float | None = None,
 ) -> Table:
-    """Table of columns ``(n,)`` by canonical name, as formats make it that convert a file as a whole.
+    """Build a table of columns ``(n,)`` by canonical name, for formats that convert a whole file.
 
-    `row`: what stands in the file for a row, such as ``NAV-PVT``; `cut`: why a last one was left out; `axes`, `week`:
-    see `Table`.
+    `row`: unit of a row in the file, such as ``NAV-PVT``. `cut`: reason for dropping the last row. `axes`, `week`: see
+    `Table`.
     """
     cells = ArrayCells(tuple(columns.values()), lambda number: f"{row} {number + 1}", cut)
     given = tuple(note for note in notes if note)
@@ -94,7 +94,7 @@ def column_table(
 
 
 def arrow_floats(part: Any) -> FloatArray:
-    """Values ``(n,)`` of an Arrow array of doubles, NaN for null. Arrow's own `to_numpy` imports pandas (0.3 s)."""
+    """Convert an Arrow array of doubles to values ``(n,)``, NaN for null. Arrow's `to_numpy` imports pandas (0.3 s)."""
     validity, buffer = part.buffers()
     end = part.offset + len(part)
     values = np.frombuffer(buffer, dtype=np.float64, count=end)[part.offset :]

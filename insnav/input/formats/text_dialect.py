@@ -1,4 +1,4 @@
-"""How a table is written as text: delimiter, decimal sign, comments, header, row of units."""
+"""Text dialect of a table: delimiter, decimal sign, comments, header, row of units."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from insnav.plain_text import plain_text
 
 SNIFF_BYTES = 1 << 16
 _SAMPLE_ROWS = 20
-_FEWEST_NUMBERS = 4  # in a row of a table that lines of text may stand before
+_FEWEST_NUMBERS = 4  # in a table row, if lines of text may precede the table
 _COMMENT = ("#", "%", "//")
-# In order of preference where several would do; blank stands for any run of blanks and tabs.
+# In order of preference; blank means any run of blanks and tabs.
 _DELIMITERS = (",", ";", "\t", "|", " ")
 _WHOLE = re.compile(r"\s*[+-]?\d+\s*")
 _DECIMAL_COMMA = re.compile(r"^[-+]?\d+,\d+([eE][-+]?\d+)?$")
@@ -25,23 +25,23 @@ _UNITS = {word for table in UNIT_SPELLINGS.values() for word in table}
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """How a table is written."""
+    """Text dialect of a table."""
 
     delimiter: str  # one character; a blank means any run of blanks and tabs
     decimal: str  # ``.`` or ``,``
     headers: tuple[str, ...]  # names of the columns
-    units: tuple[str, ...] | None  # the row of units under the header, if there is one
-    offset: int  # where the numbers begin [bytes]
-    first_line: int  # line on which they begin, counted from 1
+    units: tuple[str, ...] | None  # row of units under the header, if any
+    offset: int  # start of the numbers [bytes]
+    first_line: int  # first line of numbers, counted from 1
 
 
 def is_comment(line: str) -> bool:
-    """Whether a line is a remark."""
+    """Return whether a line is a comment."""
     return line.lstrip().startswith(_COMMENT)
 
 
 def split_line(line: str, delimiter: str) -> list[str]:
-    """Cells of one line, without quotes and surrounding blanks; a blank as delimiter is any run of blanks and tabs."""
+    """Split a line into cells without quotes and surrounding blanks; delimiter blank: any run of blanks and tabs."""
     if delimiter == " ":
         return line.split()
     if '"' in line:
@@ -52,7 +52,7 @@ def split_line(line: str, delimiter: str) -> list[str]:
 
 
 def parse_number(cell: str, decimal: str) -> float:
-    """Parse a cell as a number, NaN for an empty one; a `ValueError` if it is none."""
+    """Parse a cell as a number, NaN if empty; raise `ValueError` if invalid."""
     cell = cell.strip()
     if not cell:
         return float("nan")
@@ -70,14 +70,14 @@ def _is_number(cell: str) -> bool:
 
 
 def _numbers(cells: Sequence[str]) -> int:
-    """How many of some cells are numbers, with either decimal sign."""
+    """Count the cells that are numbers, with either decimal sign."""
     return sum(_is_number(cell) or bool(_DECIMAL_COMMA.match(cell)) for cell in cells)
 
 
 def sniff(head: bytes, *, whole: bool, where: str) -> Dialect:
-    """Find out how a table is written.
+    """Detect the text dialect of a table.
 
-    `head` is the first `SNIFF_BYTES` of the text, UTF-8 or Latin-1, and `whole` says whether that is all of it.
+    `head`: the first `SNIFF_BYTES` of the text, UTF-8 or Latin-1. `whole`: this is the complete text.
 
     Raises: InputError: only one column, or a header that does not fit the rows.
     """
@@ -91,13 +91,13 @@ def sniff(head: bytes, *, whole: bool, where: str) -> Dialect:
     rows = _from_header(lines, rows)
     comments = [i for i, line in enumerate(lines[: rows[0]]) if is_comment(line)]
     body = rows[1:]
-    cut = whole and not head.endswith((b"\n", b"\r")) and len(body) > 1  # a last row without a line end may be
+    cut = whole and not head.endswith((b"\n", b"\r")) and len(body) > 1  # a last row without line end may be truncated
     sample = [lines[i] for i in (body[:-1] if cut else body)][:_SAMPLE_ROWS]
     header_line = rows[0]
     delimiter = _delimiter(lines[header_line], sample)
     names = split_line(lines[header_line], delimiter)
     if 2 * _numbers(names) >= sum(map(bool, names)):
-        # The header may be the last comment, as numpy.savetxt and ROS write it.
+        # The header may be the last comment, as in numpy.savetxt and ROS.
         sample = [lines[header_line], *sample]
         body = rows
         header_line = next((i for i in reversed(comments) if _fits(lines[i], sample)), -1)
@@ -121,7 +121,7 @@ def sniff(head: bytes, *, whole: bool, where: str) -> Dialect:
 
 
 def _from_header(lines: Sequence[str], rows: list[int]) -> list[int]:
-    """Rows without those before the header, such as name and version of a logger: of another width than the numbers."""
+    """Drop rows before the header, such as logger name and version, which have another width than the numbers."""
     for k, (row, after) in enumerate(itertools.pairwise(rows[: _SAMPLE_ROWS + 1])):
         for delimiter in _DELIMITERS[:-1]:
             cells, following = split_line(lines[row], delimiter), split_line(lines[after], delimiter)
@@ -135,7 +135,7 @@ def _from_header(lines: Sequence[str], rows: list[int]) -> list[int]:
 
 
 def _headerless(raw: Sequence[bytes], lines: Sequence[str], rows: Sequence[int], sample: Sequence[str]) -> Dialect:
-    """Table without a header: columns are called 1, 2, 3; a first row that is cut off is left out."""
+    """Describe a table without header: columns are 1, 2, 3; a truncated first row is dropped."""
     delimiter = _delimiter(lines[rows[1]] if len(rows) > 1 else lines[rows[0]], sample)
     widths = [len(split_line(row, delimiter)) for row in sample]
     width = max(set(widths), key=widths.count)
@@ -165,7 +165,7 @@ def _fits(comment: str, sample: Sequence[str]) -> bool:
 
 
 def _delimiter(header: str, sample: Sequence[str]) -> str:
-    """Delimiter with which the header fits most rows, and among those gives most columns."""
+    """Choose the delimiter that fits most rows, and among these gives most columns."""
 
     def merit(delimiter: str) -> tuple[bool, float, int]:
         width = len(split_line(header, delimiter))
@@ -174,14 +174,14 @@ def _delimiter(header: str, sample: Sequence[str]) -> str:
         return width > 1, fit, width
 
     best = max(_DELIMITERS, key=merit)
-    single = best == " " and sample and all(_is_number(row.strip()) for row in sample)  # a name of several words
+    single = best == " " and sample and all(_is_number(row.strip()) for row in sample)  # a header of several words
     return "," if single else best
 
 
 def _units_row(
     lines: Sequence[str], body: list[int], sample: list[str], delimiter: str, width: int
 ) -> tuple[tuple[str, ...] | None, list[int], list[str]]:
-    """Take off a row of units under the header: no numbers, and at least half of its words are units."""
+    """Extract a row of units under the header: no numbers, and at least half of its words are units."""
     if not sample or not body:
         return None, body, sample
     cells = split_line(lines[body[0]], delimiter)
@@ -194,7 +194,7 @@ def _units_row(
 
 
 def _trailing(names: list[str], sample: Sequence[str], delimiter: str) -> list[str]:
-    """Give rows that all end with a delimiter a nameless last column."""
+    """Add a nameless last column if all rows end with a delimiter."""
     if delimiter == " " or not sample:
         return names
     rows = [split_line(row, delimiter) for row in sample]

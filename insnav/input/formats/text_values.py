@@ -1,4 +1,4 @@
-"""Cells that are no plain numbers and yet mean one: dates, times of day, angles with a hemisphere.
+"""Text cells that represent numbers: dates, times of day, angles with a hemisphere.
 
 Dates become seconds of a GPS week, as in `insnav.input.formats.time_scales`; times of day seconds since midnight.
 """
@@ -45,16 +45,16 @@ _HEMISPHERES = {"N": 1.0, "E": 1.0, "S": -1.0, "W": -1.0}
 
 
 class TextValues(NamedTuple):
-    """A column of text as numbers."""
+    """Text column converted to numbers."""
 
     values: FloatArray  # (n,) seconds, days, degrees or signs; NaN for an empty cell
     form: str  # ``date and time``, ``time of day``, ``date``, ``angle`` or ``hemisphere``
-    note: Finding | None = None  # how times were read
-    week: float | None = None  # GPS week from whose start the seconds count
+    note: Finding | None = None  # finding on the times
+    week: float | None = None  # GPS week of the time origin
 
 
 def form_of(cell: str) -> str:
-    """Form of one cell, as in `TextValues`; empty if it means no number."""
+    """Classify one cell, as in `TextValues`; empty if it represents no number."""
     if any(pattern.match(cell) for pattern in _PATTERNS):
         has_time, has_date = ":" in cell, not re.match(r"^\d{1,2}:", cell)
         return {(True, True): "date and time", (True, False): "time of day", (False, True): "date"}[has_time, has_date]
@@ -64,9 +64,9 @@ def form_of(cell: str) -> str:
 
 
 def values_of(texts: Any, where: str) -> TextValues:
-    """Numbers that an Arrow array of texts means; the first cell decides what they are.
+    """Convert an Arrow array of texts to numbers; the first cell determines the form.
 
-    Raises: InputError: a cell is of another form, or a date may be read in two ways; `where` is the column.
+    Raises: InputError: a cell has another form, or a date is ambiguous; `where` is the column.
     """
     texts = pc.utf8_trim_whitespace(texts)
     first = next((cell for cell in texts.to_pylist() if cell), "")
@@ -101,7 +101,7 @@ def values_of(texts: Any, where: str) -> TextValues:
 
 
 def seconds_of_stamps(stamps: Any) -> TextValues:
-    """Seconds of the GPS week of an Arrow array of timestamps, UTC."""
+    """Convert an Arrow array of UTC timestamps to seconds of the GPS week."""
     known = np.asarray(stamps.is_valid().to_numpy(), dtype=np.bool_)
     whole = stamps.cast(pa.timestamp("ns", stamps.type.tz)).cast(pa.int64()).fill_null(0).to_numpy()
     time = np.full(len(known), np.nan)
@@ -110,7 +110,7 @@ def seconds_of_stamps(stamps: Any) -> TextValues:
 
 
 def with_date(day: FloatArray, second: FloatArray) -> GpsTime:
-    """Seconds of the GPS week of dates and times of day, UTC, that stand in two columns ``(n,)``."""
+    """Convert separate columns of UTC dates and times of day ``(n,)`` to seconds of the GPS week."""
     rows = np.isfinite(day) & np.isfinite(second)
     time = np.full(len(day), np.nan)
     time[rows], note, week = seconds_of_week(day[rows], second[rows], "UTC")
@@ -137,7 +137,7 @@ def _flags(part: Any, *words: str) -> Any:
 
 
 def _seconds(parts: dict[str, Any]) -> FloatArray:
-    """Seconds since midnight UTC, or of the clock that the texts are in."""
+    """Compute seconds since midnight UTC, or in the clock of the texts."""
     hour = _numbers(parts["hour"])
     hour = np.where(_flags(parts["half"], "AM", "PM"), hour % 12.0, hour) + 12.0 * _flags(parts["half"], "PM")
     second = 3600.0 * hour + 60.0 * _numbers(parts["minute"]) + _numbers(parts["second"])
@@ -149,7 +149,7 @@ def _seconds(parts: dict[str, Any]) -> FloatArray:
 
 
 def _days(parts: dict[str, Any], valid: Any, where: str) -> FloatArray:
-    """Days since 6 January 1980."""
+    """Compute days since 6 January 1980."""
     if "first" in parts:
         one, two = _numbers(parts["first"], "1"), _numbers(parts["then"], "1")
         if one.max() <= 12.0 and two.max() <= 12.0:
@@ -172,17 +172,17 @@ def _days(parts: dict[str, Any], valid: Any, where: str) -> FloatArray:
 
 
 def _has_zone(parts: dict[str, Any]) -> bool:
-    """Whether texts name their time zone."""
+    """Return whether texts contain a time zone."""
     return bool(pc.any(pc.not_equal(pc.fill_null(parts["zone"], ""), "")).as_py())
 
 
 def _utc_assumed(note: Finding | None) -> Finding | None:
-    """Turn the finding of times in UTC into that of times whose zone is not given."""
+    """Change the finding of UTC times to unknown time zone."""
     return None if note is None else replace(note, code=Code.READ_TIME_UTC_ASSUMED)
 
 
 def _degrees(text: str) -> float | None:
-    """Degrees of an angle such as ``48°07'02.3"N`` or ``4807.038N``; None if it is none."""
+    """Parse an angle such as ``48°07'02.3"N`` or ``4807.038N`` in degrees; None if invalid."""
     match = _ANGLE.match(text)
     if match is None:
         return None

@@ -1,4 +1,4 @@
-"""Times of receivers: GPS weeks, UTC with its leap seconds, Unix time, all brought to seconds of one GPS week."""
+"""Receiver times: GPS weeks, UTC with leap seconds, Unix time, all converted to seconds of one GPS week."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ DAY = 86_400.0
 WEEK = WEEK_DAYS * DAY
 EPOCH = np.datetime64("1980-01-06", "D")  # of GPS time
 UNIX_DAYS = float((EPOCH - np.datetime64("1970-01-01", "D")).astype(np.int64))  # from 1970 to the epoch of GPS
-# months that began with GPS time one more second ahead of UTC (IERS Bulletin C)
+# months that began with an additional GPS-UTC second (IERS Bulletin C)
 _LEAPS = """
 1981-07 1982-07 1983-07 1985-07 1988-01 1990-01 1991-01 1992-07 1993-07
 1994-07 1996-01 1997-07 1999-01 2006-01 2009-01 2012-07 2015-07 2017-01
@@ -26,7 +26,7 @@ _LEAP_DAYS = (np.array(_LEAPS.split(), dtype="datetime64[D]") - EPOCH).astype(np
 
 
 def gps_days(year: FloatArray, month: FloatArray, day: FloatArray) -> FloatArray:
-    """Days of calendar dates since 6 January 1980, ``(n,)``; NaN for dates that there are not, such as 31 February."""
+    """Convert calendar dates to days since 6 January 1980, ``(n,)``; NaN for invalid dates, such as 31 February."""
     months = ((year - 1970) * 12 + month - 1).astype("datetime64[M]")
     first, after = (each.astype("datetime64[D]") for each in (months, months + 1))
     there = (month >= 1) & (month <= 12) & (day >= 1) & (day <= (after - first).astype(np.float64))
@@ -34,30 +34,30 @@ def gps_days(year: FloatArray, month: FloatArray, day: FloatArray) -> FloatArray
 
 
 def unix_days(nanoseconds: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
-    """Days since 6 January 1980 and seconds of them, of Unix time, ``(n,)``."""
+    """Convert Unix time ``(n,)`` to days since 6 January 1980 and seconds of the day."""
     day, rest = np.divmod(nanoseconds, 86_400_000_000_000)
     return day - UNIX_DAYS, rest * 1e-9
 
 
 def leap_seconds(day: FloatArray, second: FloatArray) -> FloatArray:
-    """GPS minus UTC at days since 6 January 1980 and seconds of UTC, ``(n,)`` [s]."""
+    """Return GPS minus UTC at days since 6 January 1980 and seconds of UTC, ``(n,)`` [s]."""
     return np.searchsorted(_LEAP_DAYS, day + np.floor(second / DAY), side="right").astype(np.float64)
 
 
 class GpsTime(NamedTuple):
-    """Times of receivers."""
+    """Converted receiver times."""
 
     time: FloatArray  # (n,) since the start of a GPS week [s]
-    note: Finding | None  # how they were made
-    week: float | None  # that week, if it is known
+    note: Finding | None  # finding on the conversion
+    week: float | None  # this week, if known
 
 
 def seconds_of_week(
     day: FloatArray, second: FloatArray, scale: Scale = "GPST", *, week: float | None = None
 ) -> GpsTime:
-    """Seconds of the GPS week of the first row, or of a given one.
+    """Convert to seconds of the first row's GPS week, or of a given week.
 
-    `day`, `second` (n,): days since 6 January 1980, for weeks seven times their number, and seconds from there.
+    `day`, `second` (n,): days since 6 January 1980 (weeks: times seven), and seconds from there.
     """
     if not len(day):
         return GpsTime(day, None, week)

@@ -33,7 +33,7 @@ _PLACE = "lon:i4 lat:i4 height:i4 hMSL:i4 hAcc:u4 vAcc:u4"
 _SPEED = "velN:i4 velE:i4 velD:i4 gSpeed:i4"
 _STATE = "tAcc:u4 nano:i4 fixType:u1 flags:u1 flags2:u1 numSV:u1"
 _COVARIANCES = " ".join(f"{kind}{pair}:f4" for kind in ("pos", "vel") for pair in ("NN", "NE", "ND", "EE", "ED", "DD"))
-# class and number of the message as one number, and the parts of it that are read
+# class and number of the message as one number, and the fields used
 _LAYOUTS: dict[str, tuple[int, np.dtype[Any]]] = {
     "PVT": (0x0701, layout(f"iTOW:u4 {_DATE} valid:u1 {_STATE} {_PLACE} {_SPEED} headMot:i4 sAcc:u4")),
     "PVAT": (
@@ -59,10 +59,10 @@ _LAYOUTS: dict[str, tuple[int, np.dtype[Any]]] = {
 _MEAS, _RAW = 0x0210, 0x0310
 _GYRO_TYPES, _ACCEL_TYPES, _TEMPERATURE = (14, 13, 5), (16, 17, 18), 12  # x, y, z
 _SCALES = {**dict.fromkeys(_GYRO_TYPES, DEG / 4096.0), **dict.fromkeys(_ACCEL_TYPES, 1.0 / 1024.0), _TEMPERATURE: 0.01}
-_NO_FIX = (0, 1, 5)  # none, dead reckoning only, time only
-_RAW_TICK = 39.0625e-6  # of time tags in ESF-RAW [s]; the fixes tell it too
-_FEW = 10  # epochs by which the clock of the sensor is not tied to GPS time yet
-_ORDER_JITTER = 0.1  # to which the order of messages tells a time [s]
+_NO_FIX = (0, 1, 5)  # invalid, dead reckoning only, time only
+_RAW_TICK = 39.0625e-6  # of time tags in ESF-RAW [s]; fixes also determine it
+_FEW = 10  # epochs too few to tie the sensor clock to GPS time
+_ORDER_JITTER = 0.1  # timing uncertainty from the message order [s]
 
 
 @dataclass(slots=True)
@@ -70,7 +70,7 @@ class _Found:
     """Messages of one kind."""
 
     rows: NDArray[Any]  # (n,) records
-    at: NDArray[np.int64]  # (n,) where they stand in the stream
+    at: NDArray[np.int64]  # (n,) positions in the stream
 
     @property
     def key(self) -> FloatArray:
@@ -81,7 +81,7 @@ class _Found:
 def recognise(source: Source) -> bool:
     head = source.head
     return _FRAMING.recognise(head) or (
-        # a first message that is longer than what is looked at
+        # a first message longer than the examined bytes
         len(head) > 8 and head.startswith(b"\xb5b") and 8 + int.from_bytes(head[4:6], "little") > len(head)
     )
 
@@ -111,7 +111,7 @@ def read(source: Source) -> Mapping[str, Table]:
 
 @dataclass(frozen=True, slots=True)
 class _Clock:
-    """When each epoch was, and where in the stream it stands."""
+    """Time and stream position of each epoch."""
 
     time: FloatArray = field(default_factory=lambda: np.empty(0))
     at: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
@@ -119,7 +119,7 @@ class _Clock:
 
 
 def _sound(rows: NDArray[np.uint8]) -> BoolArray:
-    """Whether the Fletcher checksum of each whole message (n, size) is right."""
+    """Test the Fletcher checksum of whole messages (n, size)."""
     body = rows[:, 2:-2].astype(np.uint32)
     first = body.sum(axis=1) & 255
     second = (body * np.arange(body.shape[1], 0, -1, dtype=np.uint32)).sum(axis=1) & 255
@@ -160,13 +160,13 @@ def _fixes(source: Source, found: Mapping[str, _Found], base: str, notes: list[F
 
 
 def _week(rows: NDArray[Any]) -> FloatArray:
-    """Week of each epoch, from its date; ``NaN`` before the receiver knows it, filled from its neighbours."""
+    """Compute the week of each epoch from its date; fill unknown weeks from neighbours."""
     valid = (rows["valid"] & 1 == 1) & (rows["year"] > 1979) & (rows["month"] >= 1) & (rows["month"] <= 12)
     week = np.full(len(rows), np.nan)
     part = rows[valid]
     day = gps_days(*(part[key].astype(np.float64) for key in ("year", "month", "day")))
     second = 3600.0 * part["hour"] + 60.0 * part["min"] + part["sec"]
-    # from the time of the week, which the date only has to tell from the others: it is rounded near midnight
+    # time of the week is exact; the date, rounded near midnight, only identifies the week
     since = day * 86_400.0 + second + leap_seconds(day, second)
     week[valid] = np.round((since - 1e-3 * part["iTOW"]) / WEEK)
     return _filled(week, rows["iTOW"].astype(np.float64))
@@ -181,7 +181,7 @@ def _joined_week(key: FloatArray, found: Mapping[str, _Found]) -> FloatArray:
 
 
 def _filled(week: FloatArray, key: FloatArray) -> FloatArray:
-    """Weeks of all epochs from those known, counted on where the time of the week starts anew."""
+    """Extend known weeks to all epochs, across rollovers of the time of the week."""
     known = np.isfinite(week)
     if not known.any():
         return week
@@ -207,7 +207,7 @@ def _position(rows: NDArray[Any]) -> dict[str, FloatArray]:
 
 def _speed(rows: NDArray[Any], unit: float) -> dict[str, FloatArray]:
     found = {f"v{axis}_m_s": unit * rows[f"vel{axis.upper()}"] for axis in "ned"}
-    side = unit * rows["sAcc"] / np.sqrt(2.0)  # that of the speed over ground
+    side = unit * rows["sAcc"] / np.sqrt(2.0)  # accuracy of the ground speed
     return found | deviations(np.column_stack([side] * 3), "sd_v{}_m_s")
 
 
@@ -226,18 +226,18 @@ def _joined_columns(key: FloatArray, found: _Found, make: Any, *args: float) -> 
 
 
 def _quality(rows: NDArray[Any], key: FloatArray, found: Mapping[str, _Found]) -> tuple[FloatArray, NDArray[Any]]:
-    """Kind of each fix, and its flags."""
+    """Return kind and flags of each fix."""
     if "fixType" in (rows.dtype.names or ()):
         return rows["fixType"], rows["flags"]
     kind = joined(key, found["SOL"].key, found["SOL"].rows["fixType"].astype(np.float64))
     flags = joined(key, found["SOL"].key, found["SOL"].rows["flags"].astype(np.float64))
     usable = np.isfinite(kind)
-    # without any word on its quality, a position counts
+    # without quality information, a position is valid
     return np.where(usable, kind, 3.0), np.where(usable, flags, 1.0).astype(np.int64)
 
 
 def _samples(source: Source, messages: Mapping[int, Messages], clock: _Clock) -> Table | None:
-    """Samples of the IMU in ESF-MEAS, else ESF-RAW, on the clock of the fixes."""
+    """Read IMU samples in ESF-MEAS, else ESF-RAW, on the clock of the fixes."""
     for number, label in ((_MEAS, "ESF-MEAS"), (_RAW, "ESF-RAW")):
         tag, value, sensor, at = _measurements(messages[number], raw=label == "ESF-RAW")
         columns, tags, places = _sensors(tag, value, sensor, at)
@@ -249,7 +249,7 @@ def _samples(source: Source, messages: Mapping[int, Messages], clock: _Clock) ->
 
 
 def _measurements(messages: Messages, *, raw: bool) -> tuple[Any, Any, Any, Any]:
-    """Time tag, value, sensor and place of every measurement, (n,)."""
+    """Return time tag, value, sensor and position of every measurement, (n,)."""
     parts: list[tuple[Any, ...]] = []
     for where, block in zip(messages.at, messages.rows, strict=True):
         body = block[:, _HEAD:-2]
@@ -276,7 +276,7 @@ def _measurements(messages: Messages, *, raw: bool) -> tuple[Any, Any, Any, Any]
 
 
 def _sensors(tag: Any, value: Any, sensor: Any, at: Any) -> tuple[dict[str, FloatArray], FloatArray, Any]:
-    """Columns of the six sensors at the time tags of the first gyro; empty if one of them is missing."""
+    """Arrange the six sensors at the time tags of the first gyro; empty if one is missing."""
     names = dict(zip((*_GYRO_TYPES, *_ACCEL_TYPES), GYRO + ACCEL, strict=True))
     if not all((sensor == each).any() for each in names):
         return {}, np.empty(0), np.empty(0, dtype=np.int64)
@@ -295,10 +295,10 @@ def _sensors(tag: Any, value: Any, sensor: Any, at: Any) -> tuple[dict[str, Floa
 
 
 def _sensor_time(tags: FloatArray, places: Any, clock: _Clock, *, raw: bool) -> tuple[FloatArray, Finding]:
-    """Times of samples on the clock of the fixes, [s].
+    """Convert sample times to the clock of the fixes, [s].
 
-    An epoch is written a little after it was: the line through the latest samples before each epoch, moved so that
-    the soonest written one has no delay, ties the two clocks.
+    An epoch is logged slightly late. A line through the latest samples before each epoch, shifted to zero delay of the
+    earliest log entry, ties the two clocks.
     """
     before = np.searchsorted(places, clock.at) - 1
     known = before >= 0
@@ -310,7 +310,7 @@ def _sensor_time(tags: FloatArray, places: Any, clock: _Clock, *, raw: bool) -> 
         return 1e-3 * tags, Finding.of(code, count=len(x), limit_count=_FEW)
     rate = float(np.polyfit(x - x[0], y - y[0], 1)[0])
     nominal = _RAW_TICK if raw else 1e-3
-    if abs(rate / nominal - 1.0) * np.ptp(y) < _ORDER_JITTER:  # the order tells no better
+    if abs(rate / nominal - 1.0) * np.ptp(y) < _ORDER_JITTER:  # the order is no more accurate
         rate = nominal
     late = (y - y[0]) - rate * (x - x[0])
     time = rate * (tags - x[0]) + float(np.quantile(late, 0.98)) + y[0]

@@ -1,4 +1,4 @@
-"""Compressed files: gzip, xz, bzip2, zstd, and ZIP archives, none of which may unpack to more than is sensible."""
+"""Compressed files: gzip, xz, bzip2, zstd, and ZIP archives, with limits on the unpacked size."""
 
 from __future__ import annotations
 
@@ -25,26 +25,26 @@ _PIECE = 1 << 22
 
 
 def refuse_bomb(where: str, kind: str, packed: int, size: int) -> None:
-    """Refuse a file of so many bytes that becomes larger in memory than recordings do, before memory is taken."""
+    """Refuse a file that unpacks to more than recordings do, before allocating memory."""
     if size > MAX_BYTES or (size > RATIO_FROM and size > MAX_RATIO * packed):
         raise InputError("format.bomb", where=where, kind=kind, packed_bytes=packed, size_bytes=size)
 
 
-# first bytes -> name, and what reads such a file
+# first bytes -> name, and reader
 _KINDS: dict[bytes, tuple[str, Callable[[Any], Any]]] = {
     b"\x1f\x8b": ("gzip", lambda file: gzip.GzipFile(fileobj=file)),
     b"\xfd7zXZ": ("xz", lzma.LZMAFile),
     b"BZh": ("bzip2", bz2.BZ2File),
     b"\x28\xb5\x2f\xfd": ("zstd", lambda file: _zstd(file)),
 }
-# what the libraries raise over damaged data; RuntimeError: it is encrypted, or of an unknown method
+# errors of the libraries on damaged data; RuntimeError: encrypted, or of an unknown method
 _DAMAGE = (zlib.error, lzma.LZMAError, OSError, EOFError, RuntimeError, ValueError, struct.error)
 
 
 def unpacked(raw: bytes | mmap.mmap, name: str) -> bytes | mmap.mmap:
-    """Bytes of a file without its compression, if it has one.
+    """Decompress the bytes of a file, if compressed.
 
-    Raises: InputError: it is damaged, cut off, or unpacks to more than is sensible.
+    Raises: InputError: it is damaged, truncated, or unpacks to an excessive size.
     """
     found = next((each for magic, each in _KINDS.items() if raw[:6].startswith(magic)), None)
     if found is None:
@@ -76,7 +76,7 @@ def _zstd(file: Any) -> Any:
 
 
 def archive_members(raw: bytes | mmap.mmap, name: str) -> dict[str, Callable[[], bytes | mmap.mmap]]:
-    """Files of a ZIP archive, without those that systems add, each to be unpacked when asked for."""
+    """List files of a ZIP archive, without system files, each unpacked on demand."""
     try:
         archive = zipfile.ZipFile(io.BytesIO(raw[:]))
         entries = [entry for entry in archive.infolist() if not entry.is_dir()]

@@ -1,10 +1,10 @@
-"""Files in formats that are not read: named by their first bytes, with what to do about them."""
+"""Unsupported formats: identified by their first bytes, with advice."""
 
 from __future__ import annotations
 
 from insnav.exceptions import InputError
 
-# first bytes -> what it is
+# first bytes -> description
 _ARCHIVES = {b"Rar!": "a RAR archive", b"7z\xbc\xaf\x27\x1c": "a 7z archive"}
 _DATA = {
     b"ARROW1": "an Arrow / Feather file",
@@ -26,13 +26,13 @@ _CONTROL = bytes(set(range(32)) - {9, 10, 11, 12, 13, 26, 27}) + b"\x7f"
 
 
 def unsupported(head: bytes) -> str:
-    """Name a file that is no table by its first kilobytes; empty if it may be one."""
+    """Identify an unsupported file by its first kilobytes; empty if it may be a table."""
     binary = len(head.translate(None, delete=_CONTROL)) < 0.95 * len(head)
     return next((what for magic, what in _ALL.items() if head.startswith(magic)), "binary data" if binary else "")
 
 
 def refusal(head: bytes, name: str, suffixes: tuple[str, ...]) -> InputError:
-    """Make the error of a file that insnav cannot read; `suffixes`: of the formats that it reads."""
+    """Build the error for an unsupported file. `suffixes`: of the supported formats."""
     kind = unsupported(head)
     if kind in _ARCHIVES.values():
         return InputError("format.other_archive", where=name, kind=kind)

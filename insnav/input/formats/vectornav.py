@@ -1,4 +1,4 @@
-"""CSV files of VectorNav units, with the names of their binary outputs, as INSTINCT writes them.
+"""CSV files of VectorNav units, with the names of their binary outputs, as written by INSTINCT.
 
 References
 ----------
@@ -86,7 +86,7 @@ def read(source: Source) -> Mapping[str, Table]:
 
 
 def _time(clock: Mapping[str, FloatArray]) -> GpsTime:
-    """Seconds of the GPS week, else since the start of the unit."""
+    """Return seconds of the GPS week, else since power-up."""
     if "tow" in clock and "week" in clock and np.nanmax(clock["week"], initial=0.0) > 0.0:
         return _of_week(clock["week"], clock["tow"])
     if "tow_s" in clock and np.isfinite(clock["tow_s"]).any():
@@ -104,7 +104,7 @@ def _of_week(week: FloatArray, tow: FloatArray) -> GpsTime:
 
 
 def _fixes(source: Source, place: dict[str, FloatArray], text: TextColumns, clock: GpsTime) -> Table:
-    """Fixes at their own times; rows without a fix are left out, as are those that repeat one."""
+    """Select fixes at their own times, without invalid and repeated rows."""
     others = text.named(_OTHERS)
     if "fix_week" in others and "fix_tow" in others:
         clock = _of_week(others["fix_week"], others["fix_tow"])
@@ -115,7 +115,7 @@ def _fixes(source: Source, place: dict[str, FloatArray], text: TextColumns, cloc
     if "sd_v" in others:
         columns |= deviations(np.column_stack([others["sd_v"]] * 3), "sd_v{}_m_s")
     kind = others.get("kind", np.full(len(clock.time), 3.0))
-    fresh = np.concatenate(([True], np.diff(clock.time) != 0.0))[: len(kind)]  # rows between fixes repeat the last one
+    fresh = np.concatenate(([True], np.diff(clock.time) != 0.0))[: len(kind)]  # rows between fixes repeat the last fix
     good = np.isfinite(clock.time[fresh])
     columns = {key: column[fresh] for key, column in columns.items()}
     notes = [clock.note]

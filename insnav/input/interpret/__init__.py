@@ -1,1 +1,1 @@
-"""What the columns of a table mean: names, units, axes, order, overlap."""
+"""Interpretation of table columns: names, units, axes, order, overlap."""

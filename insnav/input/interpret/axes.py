@@ -1,4 +1,4 @@
-"""Directions of a sensor's axes in letters or as angles, and the way from there to Forward, Right, Down."""
+"""Sensor axis directions as letters or angles, and the rotation to Forward, Right, Down."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _DIRECTIONS = {
 
 
 def axes_matrix(axes: str) -> FloatArray:
-    """Matrix from sensor axes to Forward, Right, Down.
+    """Build the rotation from sensor axes to Forward, Right, Down.
 
-    `axes`: where the sensor's x, y and z point: three letters of F/B, R/L, D/U, such as ``FLU``; or roll, pitch and yaw
-    of the sensor in the vehicle [deg], such as ``0,0,30``.
+    `axes`: directions of the sensor's x, y and z: three letters of F/B, R/L, D/U, such as ``FLU``. Or roll, pitch and
+    yaw of the sensor in the vehicle [deg], such as ``0,0,30``.
     Returns: (3, 3): ``v_frd = axes_matrix(axes) @ v_sensor``; a rotation.
-    Raises: ConfigError: neither letters nor angles, one direction twice, or a left-handed set.
+    Raises: ConfigError: neither letters nor angles, one direction twice, or left-handed axes.
     """
     letters = axes.strip().upper()
     angles = _angles(letters)
@@ -43,7 +43,7 @@ def axes_matrix(axes: str) -> FloatArray:
 
 
 def _angles(text: str) -> FloatArray | None:
-    """Three angles between commas [deg]."""
+    """Parse three comma-separated angles [deg]."""
     try:
         angles = np.array([float(each) for each in text.split(",")])
     except ValueError:

@@ -1,4 +1,4 @@
-"""Rows put in order: unusable rows are left out, and a finding counts them."""
+"""Cleaning of rows: unusable rows are dropped, and a finding counts them."""
 
 from __future__ import annotations
 
@@ -14,33 +14,33 @@ from insnav.findings import Code, Finding, by_time
 from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray, IntArray
 
-MAX_UNSORTED = 0.01  # fraction of rows that may be out of order
-_BACKWARDS = 0.75  # more of the rows before the one before them: half are in a file that is shuffled
-_RESET_ROWS = 5  # so many rows at the end, all before what came earlier, are a clock that was set back
-_MAX_SHARED = 0.1  # fraction of rows that may differ and yet share their time with another one
+MAX_UNSORTED = 0.01  # largest share of rows out of order
+_BACKWARDS = 0.75  # limit for rows earlier than the previous one: a shuffled file has half
+_RESET_ROWS = 5  # this many final rows before all earlier ones mean a clock that was set back
+_MAX_SHARED = 0.1  # largest share of different rows with equal times
 _DAY, _FEW_STRAY = 86_400.0, 3  # [s], rows
-_MIN_INTERVAL = 1e-9  # shorter ones count as none [s]
-# Of a log that repeats: at least so many values, and of these at most so many once, as where a fifth of the rows of a
-# log that is written twice a fix are missing
+_MIN_INTERVAL = 1e-9  # shorter intervals count as zero [s]
+# Limits of a log with repetitions: least number of values, and largest share of single values. A fix-doubling log with
+# a fifth of its rows missing has fewer.
 _FEW_RUNS, _MAX_SINGLE = 10, 0.4
 
 
 @dataclass(frozen=True, slots=True)
 class Kinds:
-    """Rows of one kind of file: their word in the plural, and the input that they come from, such as ``imu``.
+    """Description of rows of one kind of file: plural word, and input name such as ``imu``.
 
-    More than `gap_rows` missing ones are a gap, and fewer than `min_rows` no data.
+    More than `gap_rows` missing rows are a gap; fewer than `min_rows` rows are no data.
     """
 
     rows: str
     source: str
     gap_rows: int
     min_rows: int
-    gaps: bool = True  # whether gaps are findings
-    held: tuple[str, ...] = ()  # columns by which a row repeats the one before it
+    gaps: bool = True  # report gaps
+    held: tuple[str, ...] = ()  # columns that identify repeated rows
 
     def finding(self, code: Code, time: float, **values: Any) -> Finding:
-        """Make a finding about rows of this kind of file at a time [s]."""
+        """Build a finding on rows of this kind at a time [s]."""
         return Finding.of(code, time, subject=self.source, **values)
 
 
@@ -52,10 +52,10 @@ REFERENCE_KINDS = Kinds("rows", "ref", 0, 2, gaps=False, held=_POSITION)
 
 @dataclass(frozen=True, slots=True)
 class Cleaned:
-    """Rows in order of time."""
+    """Rows in time order."""
 
     columns: dict[str, FloatArray]  # (n,) the columns, with ``time`` strictly increasing
-    events: tuple[Finding, ...]  # rows left out, sorted or missing, in order of time
+    events: tuple[Finding, ...]  # dropped, sorted or missing rows, in order of time
     n_gaps: int  # number of gaps
     longest_gap: float  # longest of them [s]
     interval: float  # median interval [s]
@@ -71,10 +71,10 @@ def clean(
     name: str,
     lacking: Code,
 ) -> Cleaned:
-    """Put rows in order, and leave out bad ones ``(n,)`` and those that cannot be used.
+    """Sort rows, and drop bad ones ``(n,)`` and unusable ones.
 
-    `columns` (n,): with ``time`` [s]; as read; `bad` (n,): rows to leave out; `lacking`: what they lack; `place`: from
-    the number of a row to ``file:line``.
+    `columns` (n,): with ``time`` [s], as read. `bad` (n,): rows to drop. `lacking`: finding code for these. `place`:
+    maps a row number to ``file:line``.
     Raises: InputError: too few rows, too many out of order, or a clock that was set back.
     """
     n = len(columns["time"])
@@ -123,9 +123,9 @@ def clean(
 
 
 def _repeats(columns: Mapping[str, FloatArray], keys: tuple[str, ...]) -> BoolArray:
-    """Rows ``(n,)`` with the values of the row before them, where nearly all values stand in several rows each.
+    """Find rows ``(n,)`` that repeat the previous row, in a file where nearly all values repeat.
 
-    Positions at rest or of few digits repeat, too, but those of motion stand once.
+    Positions at rest or with few digits repeat, too, but positions in motion do not.
     """
     again = np.zeros(len(columns["time"]), np.bool_)
     if columns.keys() >= set(keys):
@@ -136,19 +136,19 @@ def _repeats(columns: Mapping[str, FloatArray], keys: tuple[str, ...]) -> BoolAr
 
 
 def find_gaps(step: FloatArray, interval: float, kinds: Kinds) -> IntArray:
-    """Rows ``(n,)`` after which more are missing than happens by chance, by their steps and the median of these [s]."""
+    """Find rows ``(n,)`` before unusually long gaps, from their steps and the median step [s]."""
     return np.flatnonzero(step > _longest_step(interval, kinds)) if kinds.gaps else np.empty(0, np.int64)
 
 
 def _longest_step(interval: float, kinds: Kinds) -> float:
-    """Step between two rows that is no gap yet, by the median one [s]."""
+    """Return the longest step without a gap, from the median step [s]."""
     return (kinds.gap_rows + 1.5) * interval
 
 
 def _stray(time: FloatArray) -> BoolArray:
-    """Rows whose time is that of another day or week, where they are few and all others are of one day.
+    """Find rows of another day or week, if they are few and all others share one day.
 
-    A clock that starts anew with the week stays within it.
+    A weekly clock rollover stays within it.
     """
     none = np.zeros(len(time), dtype=np.bool_)
     known = np.isfinite(time)
@@ -168,7 +168,7 @@ def _too_few(used: int, read: int, kinds: Kinds, name: str, lacking: str = "") -
 
 
 def _run_events(time: FloatArray, bad: BoolArray, kinds: Kinds, code: Code) -> list[Finding]:
-    """Make one finding for each run of bad rows, at the first of them whose time is known."""
+    """Report each run of bad rows at its first known time."""
     known = np.flatnonzero(np.isfinite(time))
     if not len(known):
         return []
@@ -180,7 +180,7 @@ def _run_events(time: FloatArray, bad: BoolArray, kinds: Kinds, code: Code) -> l
 
 
 def _unwrapped(time: FloatArray) -> tuple[FloatArray, list[Finding]]:
-    """Time without the jumps back at the end of a week or of a day."""
+    """Remove jumps at the end of a week or a day from times."""
     for period in (7.0 * _DAY, _DAY):
         if time.min() < 0.0 or time.max() > period:
             continue
@@ -231,14 +231,14 @@ def _ordered(
 
 
 def _tolerated(n: int) -> float:
-    """Count the rows that may be out of order."""
+    """Return the tolerated number of rows out of order."""
     return max(1.0, MAX_UNSORTED * n)
 
 
 def _refuse_disorder(
     columns: Mapping[str, FloatArray], late: BoolArray, rows: IntArray, place: Callable[[int], str]
 ) -> None:
-    """Refuse a clock that was set back, and a file in disorder."""
+    """Refuse a clock that was set back, and a disordered file."""
     time, n_late = columns["time"], int(np.count_nonzero(late))
     back = np.flatnonzero(np.diff(time) < 0.0) + 1
     if len(back) > _BACKWARDS * len(time):
@@ -246,7 +246,7 @@ def _refuse_disorder(
     worst = int(back[np.argmin(time[back] - time[back - 1])])
     length = len(time) - worst if late[worst:].all() else int(np.argmin(late[worst:]))
     tail = worst + length == len(time)
-    # times that were there already, with other values: not rows that come late, and not the same rows again
+    # existing times with other values: neither late nor repeated rows
     again = time[:worst] >= time[worst]
     again[again] = time[:worst][again] <= time[worst + length - 1]
     twice = length > 1 and 2 * np.count_nonzero(again) >= length and bool((np.diff(time[worst:][:length]) > 0.0).all())

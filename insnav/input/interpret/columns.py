@@ -1,4 +1,4 @@
-"""Which column of a file is what: headers read by the schema, with their units, or an error that helps."""
+"""Identification of columns: headers matched with the schema, with units, or an error with suggestions."""
 
 from __future__ import annotations
 
@@ -22,40 +22,40 @@ _INDEXED = re.compile(r"^(?P<base>.+?)\[(?P<index>\d)\]$")
 _QUATERNION = re.compile(r"q(uat(ernion)?)?[ _.]?[wxyz0-3]", re.IGNORECASE)
 _COUNTED = re.compile(r"^(?P<base>.*?[A-Za-z_ ]\[?)(?P<index>[0-3])(?P<rest>(?:[\s_\[\](].*)?)$")
 _MEANT = {
-    "verticalaccuracydeg": "vertical accuracy (m)",  # phyphox writes degrees for metres
+    "verticalaccuracydeg": "vertical accuracy (m)",  # phyphox gives degrees instead of metres
     "millis": "time (ms)",
     "micros": "time (us)",
     "utcnano": "time (ns)",
 }
-_NO_UNIT = re.compile("wgs84|txt|x[0-9a-f]{4}")  # in brackets, something else, such as the number of a message
-_NAMED = 3  # quantities besides the time that make a line a header
-_LISTED = 12  # unused columns that a finding names
+_NO_UNIT = re.compile("wgs84|txt|x[0-9a-f]{4}")  # in brackets, but no unit, such as a message number
+_NAMED = 3  # quantities besides the time that identify a header line
+_LISTED = 12  # unused columns listed in a finding
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A column that was understood."""
+    """Identified column."""
 
-    quantity: Quantity  # what it holds
-    index: int  # which column of the file
+    quantity: Quantity  # its quantity
+    index: int  # column number in the file
     header: str  # its header as written
-    unit: str | None  # the unit that the file or the user states; ``None`` if nobody does
+    unit: str | None  # unit stated by file or user, or ``None``
 
     @property
     def factor(self) -> float:
-        """From the stated unit, or that of the canonical name, to SI."""
+        """Factor from the stated unit, or the unit of the canonical name, to SI."""
         unit = self.unit or self.quantity.unit
         return ALL_UNITS[unit][1] if unit else 1.0
 
     def describe(self, unit: str | None = None) -> str:
-        """Header and unit, for people."""
+        """Describe header and unit."""
         unit = unit or self.unit or self.quantity.unit
         return f"{self.header} [{unit}]" if unit else self.header
 
 
 def find_unit(text: str, dimension: str) -> str | None:
-    """Unit of a dimension (see `insnav.units.UNITS`) that a text names in any common spelling; None if it is none."""
-    if text in ALL_UNITS:  # "ms" is not "m/s" when written out in full
+    """Find the unit of a dimension (see `insnav.units.UNITS`) in a text, in common spellings; None if absent."""
+    if text in ALL_UNITS:  # "ms" is not "m/s"
         return text if ALL_UNITS[text][0] == dimension else None
     table = UNIT_SPELLINGS.get(dimension, {})
     word = compact(text)
@@ -65,11 +65,11 @@ def find_unit(text: str, dimension: str) -> str | None:
 def match_header(
     header: str, schema: Sequence[Quantity], unit_below: str = ""
 ) -> tuple[Quantity, str | None, int] | None:
-    """Find out what one header names.
+    """Match one header with a quantity.
 
     `header`: such as ``gyro_x[deg/s]``, ``gx_dps``, ``Latitude (deg)``.
-    Returns: the quantity, the stated unit, and a rank (0 is the most trustworthy spelling). A known name with an
-    unknown unit in brackets is refused.
+    Returns: the quantity, the stated unit, and a rank (0 is the most reliable spelling). A known name with an unknown
+    unit in brackets is refused.
     """
     if compact(header) in _MEANT:
         header = _MEANT[compact(header)]
@@ -94,10 +94,10 @@ def match_header(
 
 
 def is_header(line: str, schema: Sequence[Quantity]) -> bool:
-    """Whether a line names time and three other quantities of a schema."""
+    """Return whether a line names time and three other quantities of a schema."""
     keys = set()
     for header in re.split("[,;\t]", line.replace('"', "")):
-        with suppress(InputError):  # a unit that is none
+        with suppress(InputError):  # an invalid unit
             keys |= {match[0].key for match in (match_header(header, schema),) if match}
     return "time" in keys and len(keys) > _NAMED
 
@@ -141,11 +141,11 @@ def understand(
 ) -> tuple[dict[str, Found], tuple[Finding, ...]]:
     """Assign columns to quantities.
 
-    `headers`, `units_row`: as in the file, and the cells of the row of units under the header, if there is one;
-    `columns`: what the user says: name, with or without unit (``gyro_x``, ``gyro_x_dps``), to header; an empty header
-    says that the file has no such column; `parts`: columns by header that others were made of, which the user may name.
-    Raises: InputError: a duplicate header, or two columns for one quantity; ConfigError: `columns` names
-    something that does not exist, or in another unit than its header.
+    `headers`, `units_row`: from the file, and the row of units under the header, if any. `columns`: from the user:
+    name, with or without unit (``gyro_x``, ``gyro_x_dps``), to header; an empty header means no such column. `parts`:
+    columns, by header, that were combined; the user may name them.
+    Raises: InputError: a duplicate header, or two columns for one quantity. ConfigError: `columns` names a missing
+    column, or contradicts the unit of its header.
     """
     named = [h for h in headers if h]
     twice = sorted({h for h in named if named.count(h) > 1})
@@ -160,7 +160,7 @@ def understand(
         if not header or index in taken:
             continue
         match = None
-        with suppress(InputError):  # its unit is unknown: `require` says so if it is needed
+        with suppress(InputError):  # unknown unit: `require` reports it if the column is needed
             match = match_header(spelled, schema, units_row[index] if units_row else "")
         if match is not None and match[0].key not in given and match[0].key not in silent:
             ranked.setdefault(match[0].key, []).append((match[2], Found(match[0], index, header, match[1])))
@@ -186,13 +186,13 @@ def understand(
 
 
 def unused_columns(headers: Sequence[str]) -> Finding:
-    """Make the finding of columns that are not read."""
+    """Report columns that are not read."""
     more: dict[str, Any] = {"more": len(headers) - _LISTED} if len(headers) > _LISTED else {}
     return Finding.of(Code.COLUMNS_UNUSED, count=len(headers), columns=tuple(headers[:_LISTED]), **more)
 
 
 def from_zero(headers: Sequence[str]) -> list[str]:
-    """Headers of arrays that count 1, 2, 3 as if they counted 0, 1, 2, as the schema spells them."""
+    """Rename array headers 1, 2, 3 as counted from 0, in the schema's spelling."""
     parts = [_COUNTED.match(header) for header in headers]
     counts: dict[tuple[str, str], set[str]] = {}
     for part in parts:
@@ -213,7 +213,7 @@ def _given(
     parts: Mapping[str, int],
     where: str,
 ) -> tuple[dict[str, Found], set[str]]:
-    """Columns that the user names, and keys that the user says are not there."""
+    """Return columns named by the user, and keys that the user declared absent."""
     given: dict[str, Found] = {}
     silent: set[str] = set()
     for name, header in columns.items():
@@ -244,7 +244,7 @@ def _given(
 
 
 def _unit_in(header: str, unit_below: str, dimension: str) -> str | None:
-    """Unit that a header states whose name is not known: in brackets, below it, or as its last words."""
+    """Find the unit of an unknown header: in brackets, below it, or in its last words."""
     bracket = _BRACKETS.match(header)
     words = _WORDS.findall(header)
     for text in (bracket["unit"] if bracket else "", unit_below, *("_".join(words[i:]) for i in range(1, len(words)))):
@@ -262,9 +262,9 @@ def require(
     hint: str = "",
     gives: Mapping[str, Any] | None = None,
 ) -> None:
-    """Refuse a file without a column for one of the keys, naming what was found and what may have been meant.
+    """Refuse a file without a required column, with found and similar columns in the error.
 
-    `hint`: word of the catalogue for what the file seems to be; `gives`: the columns that fit by their values.
+    `hint`: catalogue word for the apparent content of the file. `gives`: columns that fit by their values.
     """
     keys = tuple(keys)
     missing = [q for key in keys if key not in found for q in schema if q.key == key]
@@ -309,7 +309,7 @@ def require(
 
 
 def agrees(columns: Mapping[str, str], found: Mapping[str, Found], schema: Sequence[Quantity]) -> bool:
-    """Whether columns, chosen by their values, contradict no name: neither of one found, nor of another schema."""
+    """Return whether columns chosen by values agree with all known names, in any schema."""
     named = {each.header: key for key, each in found.items()}
     others = [header for key, header in columns.items() if key != "time" and header not in named]
     with suppress(InputError):
@@ -319,12 +319,12 @@ def agrees(columns: Mapping[str, str], found: Mapping[str, Found], schema: Seque
 
 
 def quote_columns(columns: Mapping[str, str]) -> str:
-    """Quote names of columns for a shell, to follow an option."""
+    """Quote column names for a shell, as value of an option."""
     return shlex.quote(",".join(f"{key}={header}" for key, header in columns.items()))
 
 
 def suggest(quantity: Quantity, headers: Sequence[str]) -> str | None:
-    """Header most like the spellings of a quantity, or None if none is alike."""
+    """Find the header most similar to a quantity's spellings, or None."""
     best: tuple[float, str] | None = None
     names = (compact(quantity.name), compact(quantity.key), *(s for s in quantity.spellings if len(s) > 2))
     for header in headers:
@@ -336,10 +336,10 @@ def suggest(quantity: Quantity, headers: Sequence[str]) -> str | None:
 
 
 def _closest(word: str, choices: Iterable[str]) -> str:
-    """Word most like another one; empty if none is alike."""
+    """Find the most similar word; empty if none is similar."""
     return next(iter(difflib.get_close_matches(word, list(choices), n=1, cutoff=0.6)), "")
 
 
 def _listed(words: Sequence[str], limit: int = 40) -> dict[str, Any]:
-    """First words of a list, and how many more there are, as values of an error."""
+    """Return the first words of a list and the number of others, as values of an error."""
     return {"known": tuple(word or "—" for word in words[:limit]), "more": max(0, len(words) - limit) or None}

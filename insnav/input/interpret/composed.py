@@ -1,4 +1,4 @@
-"""Columns that are made of several others before the rest is understood: a time of its parts, a place on Earth.
+"""Columns composed of others before the interpretation: time from parts, Earth-fixed positions.
 
 References
 ----------
@@ -28,29 +28,29 @@ from insnav.units import DEG
 
 _DATE, _CLOCK, _NANO = ("year", "month", "day"), ("hour", "minute", "second"), "nano"
 _TICKS, _TICK, _SHORT_TICK = "sampletimefine", 1e-4, 1e-6  # [s]
-_LONGEST_STEP = 5000.0  # ticks of 0.1 ms: no IMU is slower than 2 Hz, and 120 Hz, the most of a DOT, are 8333 us
+_LONGEST_STEP = 5000.0  # ticks of 0.1 ms: no IMU is slower than 2 Hz; 120 Hz, the fastest DOT, has 8333 us
 _SECONDS = "(s|secs?|seconds?)"
 _FRACTION = re.compile(f"(?P<stem>.*?)(?P<size>n|nano|u|micro){_SECONDS}")
 _SIZES = {"n": 1e-9, "u": 1e-6, "m": 1e-6}  # by the first letter [s]
 _INSTANCES = {"i", "instance", "imu", "imuid", "sensor", "sensorid", "device", "deviceid", "id"}
-_MOST_INSTANCES, _TURNS = 8, 0.5  # sensors in one table, and the part of its rows that are of another than the last
+_MOST_INSTANCES, _TURNS = 8, 0.5  # sensors in one table, and share of rows from another sensor than the previous row
 _OF_TIME = re.compile(r"(utc|gps|time)*(year|month|day|hour|minute|min|second|sec|nano)s?(ns)?")
 _OF_PLACE = re.compile(r"(?:ecef|pos|position|field)*(v|vel|velocity)?(?:ecef)?([xyz])(?:ecef)?(?:[kcm]?m|[kcm]?ms)?")
 _VECTOR = re.compile(r"(?P<name>[A-Za-z ]+?) *(?:\((?P<axes>[xyz](?:,[xyz]){0,2})\))? *(?P<unit>\[[^\]]*\])")
-_EARTH = 6.33e6, 6.48e6  # distances of places from the centre of the Earth, up to 100 km of height [m]
-_SHARE = 0.9  # of the rows that must be such places
-_HIGH = 2e4  # no height above a map, whose northing may be as long as that: on a map at 57.5 deg it is [m]
+_EARTH = 6.33e6, 6.48e6  # distances from the Earth's centre, up to 100 km height [m]
+_SHARE = 0.9  # share of the rows with such positions
+_HIGH = 2e4  # no height above a map is larger, but northings are: at 57.5 deg on such a map [m]
 _TIME = tuple(each for each in IMU_SCHEMA if each.key == "time")
 
 
 @dataclass(frozen=True, slots=True)
 class _Composed:
-    """Rows of a table with further columns, made together of some of its own; see `Cells`."""
+    """Rows of a table with further columns composed of its own; see `Cells`."""
 
     cells: Cells
     width: int  # number of its own columns
-    parts: tuple[int, ...]  # those of which the others are made
-    make: Callable[..., FloatArray]  # of these, (n, number of the others)
+    parts: tuple[int, ...]  # source columns
+    make: Callable[..., FloatArray]  # function of these, (n, number of new columns)
 
     def read(self, indices: Sequence[int]) -> Numbers:
         """See `Cells`."""
@@ -68,7 +68,7 @@ class _Composed:
 
 
 def composed(table: Table) -> Table:
-    """A table with its time in one column, and latitude, longitude and height, where it has them otherwise."""
+    """Add composed columns: time, and latitude, longitude and height from other coordinates."""
     table = _vectors(table)
     words = [compact(header) for header in table.headers]
     table = _timed(_first_instance(table, words), words)
@@ -76,7 +76,7 @@ def composed(table: Table) -> Table:
 
 
 def _vectors(table: Table) -> Table:
-    """With a name for every axis of a sensor of which only the first has one: ``Gyroscope (z,x,y) [rad/s],1,2``."""
+    """Name every axis of a sensor whose first axis alone has a name: ``Gyroscope (z,x,y) [rad/s],1,2``."""
     headers = list(table.headers)
     for i, first in enumerate(map(_VECTOR.fullmatch, table.headers)):
         others = [header.strip("()") for header in table.headers[i + 1 : i + 3]]
@@ -99,7 +99,7 @@ def _added(
     *notes: Finding | None,
     week: float | None = None,
 ) -> Table:
-    """A table with columns made of others, whose own headers are none any more."""
+    """Add composed columns to a table, and remove the headers of their sources."""
     headers = tuple("" if i in parts else header for i, header in enumerate(table.headers))
     own = {table.headers[i]: i for i in parts}
     units = None if table.units is None else (*table.units, *[""] * len(names))
@@ -111,10 +111,10 @@ def _added(
 
 @dataclass(frozen=True, slots=True)
 class _Instance:
-    """Rows of one sensor of a table; see `Cells`."""
+    """Rows of one sensor in a table; see `Cells`."""
 
     cells: Cells
-    rows: IntArray  # (n,) which they are
+    rows: IntArray  # (n,) row numbers
 
     def read(self, indices: Sequence[int]) -> Numbers:
         """See `Cells`."""
@@ -128,7 +128,7 @@ class _Instance:
 
 
 def _first_instance(table: Table, words: Sequence[str]) -> Table:
-    """Rows of the first sensor of a table in which several write by turns."""
+    """Select the first sensor of a table with alternating sensors."""
     for i in (i for i, word in enumerate(words) if word in _INSTANCES):
         (number,) = _first(table, [i]) or [np.zeros(1)]
         numbers = np.unique(number)
@@ -140,7 +140,7 @@ def _first_instance(table: Table, words: Sequence[str]) -> Table:
 
 
 def _first(table: Table, parts: Sequence[int]) -> list[FloatArray] | None:
-    """Columns of a table; none if they are no numbers."""
+    """Read the first rows of columns; None if they are not numeric."""
     try:
         numbers = table.cells.read(parts)
     except InputError:
@@ -149,7 +149,7 @@ def _first(table: Table, parts: Sequence[int]) -> list[FloatArray] | None:
 
 
 def _timed(table: Table, words: Sequence[str]) -> Table:
-    """With seconds from the parts of date and clock, or from the counter of the samples."""
+    """Add seconds from date and clock parts, or from the sample counter."""
     found: dict[str, int] = {}
     for i, word in enumerate(words):
         if (named := _OF_TIME.fullmatch(word)) is not None:
@@ -183,10 +183,10 @@ def _timed(table: Table, words: Sequence[str]) -> Table:
 
 
 def _seconds_and_fraction(table: Table, words: Sequence[str]) -> tuple[int, int, float] | None:
-    """Columns of whole seconds and of the rest of them, and the unit of the rest [s]; None if there are none.
+    """Find columns of whole seconds and fraction, with the unit of the fraction [s]; None without.
 
-    Both have one name but for the unit, such as ``stamp.secs`` and ``stamp.nsecs``; a rest without a name of its own,
-    such as ``Microseconds``, goes with any time in whole seconds.
+    Their names differ in the unit only, such as ``stamp.secs`` and ``stamp.nsecs``. A fraction without its own name,
+    such as ``Microseconds``, belongs to any time in whole seconds.
     """
     for i, part in enumerate(map(_FRACTION.fullmatch, words)):
         if part is None:
@@ -209,19 +209,19 @@ def _seconds_and_fraction(table: Table, words: Sequence[str]) -> tuple[int, int,
 def _is_time(header: str) -> bool:
     try:
         return bool(header) and match_header(header, _TIME) is not None
-    except InputError:  # in a unit that is none
+    except InputError:  # an invalid unit
         return True
 
 
 def _moments(*by: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Days since 6 January 1980 and seconds, of year, month, day, hour, minute, second and nanoseconds."""
+    """Compute days since 6 January 1980 and seconds, from year, month, day, hour, minute, second and nanoseconds."""
     year = np.where(by[0] < 100.0, by[0] + 2000.0, by[0])
     nano = by[6] * 1e-9 if len(by) > 6 else 0.0
     return gps_days(year, by[1], by[2]), 3600.0 * by[3] + 60.0 * by[4] + by[5] + nano
 
 
 def _placed(table: Table, words: Sequence[str]) -> Table:
-    """With latitude, longitude, height, and velocity North, East, Down, from Earth-fixed x, y, z."""
+    """Add latitude, longitude, height, and velocity North, East, Down, from Earth-fixed x, y, z."""
     found: dict[str, int] = {}
     for i, word in enumerate(words):
         if part := _OF_PLACE.fullmatch(word):
@@ -231,10 +231,10 @@ def _placed(table: Table, words: Sequence[str]) -> Table:
     if values is None:
         return table
     size = np.linalg.norm(np.column_stack(values), axis=1)
-    said = all("ecef" in words[i] or "km" in words[i] for i in places)
-    units = (1.0, 1e-2, 1e-3, 1e3) if said else (1.0,)  # a plane some kilometres from its origin has those of a map
+    labelled = all("ecef" in words[i] or "km" in words[i] for i in places)
+    units = (1.0, 1e-2, 1e-3, 1e3) if labelled else (1.0,)  # a local plane may have coordinates like these units
     fitting = [unit for unit in units if _inside(unit * size).mean() > _SHARE]
-    if not fitting or not (said or float(np.nanmedian(np.abs(values[2]))) * fitting[0] > _HIGH):
+    if not fitting or not (labelled or float(np.nanmedian(np.abs(values[2]))) * fitting[0] > _HIGH):
         return table
     unit = fitting[0]
 

@@ -1,4 +1,4 @@
-"""Columns that say in another way what a fix is made of: brought to latitude, velocity N/E/D and their deviations.
+"""Alternative representations of fixes, converted to latitude, velocity N/E/D and standard deviations.
 
 References
 ----------
@@ -20,13 +20,13 @@ from insnav.types import FloatArray
 from insnav.units import DEG
 
 RADIUS = math.sqrt(-2.0 * math.log(0.32))  # of 68 % confidence, in standard deviations of one component
-_MOST = 0.9  # of the rows that must be no degrees
-_STILL = 0.3  # below such a speed a receiver gives no course [m/s]
-_CLIMB_SD = 2.0  # of a vertical speed that is taken from the heights, at least [m/s]
+_MOST = 0.9  # share of rows that cannot be degrees
+_STILL = 0.3  # below this speed a receiver gives no course [m/s]
+_CLIMB_SD = 2.0  # least sd of a vertical speed derived from heights [m/s]
 
 
 def derive(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Finding]:
-    """Put derived quantities into the columns ``(n,)`` [SI, rad], in place, and return findings about that."""
+    """Derive quantities in the columns ``(n,)`` [SI, rad], in place; return findings."""
     notes = _integers(raw, found)
     notes += _degrees_minutes(raw, found)
     notes += _signs(raw, found)
@@ -36,7 +36,7 @@ def derive(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Findi
 
 
 def _integers(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Finding]:
-    """Integers as u-blox and PX4 write them: degrees times 1e7, and millimetres beside them."""
+    """Convert u-blox and PX4 integers: degrees times 1e7, with millimetres."""
     written = {key: raw[key][np.isfinite(raw[key])] / found[key].factor for key in ("lat", "lon")}
     whole = (len(values) and (np.abs(values - np.round(values)) < 1e-3).all() for values in written.values())
     if found["lat"].unit or not all(whole):
@@ -55,7 +55,7 @@ def _integers(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Fi
 
 
 def _degrees_minutes(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Finding]:
-    """Degrees and minutes in one number, as NMEA writes them: 4807.038 is 48 deg 7.038 min."""
+    """Convert degrees and minutes in one number, as in NMEA: 4807.038 is 48 deg 7.038 min."""
     written = {key: raw[key] / found[key].factor for key in ("lat", "lon")}
     known = {key: values[np.isfinite(values)] for key, values in written.items()}
     if found["lat"].unit not in (None, "deg") or not all(len(values) for values in known.values()):
@@ -63,7 +63,7 @@ def _degrees_minutes(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> 
     whole = {key: np.abs(values) // 100.0 for key, values in known.items()}
     minutes = all(bool((np.abs(values) % 100.0 < 60.0).all()) for values in known.values())
     far = max(float(np.mean(np.abs(known["lat"]) > 90.0)), float(np.mean(np.abs(known["lon"]) > 360.0))) > _MOST
-    swapped = max(np.abs(known["lat"]).max() / 180.0, np.abs(known["lon"]).max() / 90.0) <= 1.0  # far likelier
+    swapped = max(np.abs(known["lat"]).max() / 180.0, np.abs(known["lon"]).max() / 90.0) <= 1.0  # far more likely
     if not (far and minutes and whole["lat"].max() < 90.0 and whole["lon"].max() <= 180.0) or swapped:
         return []
     for key, values in written.items():
@@ -73,7 +73,7 @@ def _degrees_minutes(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> 
 
 
 def _signs(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Finding]:
-    """South and west from columns of letters."""
+    """Apply south and west from columns of letters."""
     notes: list[Finding] = []
     for key in ("lat", "lon"):
         sign = raw.pop(f"{key}_sign", None)
@@ -85,13 +85,13 @@ def _signs(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Findi
 
 
 def _velocities(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Finding]:
-    """Velocity north and east from speed and course; vertical speed from the heights."""
+    """Convert speed and course to velocity north and east, and heights to vertical speed."""
     speed, course = raw.pop("speed", None), raw.pop("course", None)
     speed_sd, course_sd = raw.pop("accuracy_speed", None), raw.pop("accuracy_course", None)
     if "vn" in raw or "ve" in raw or speed is None or course is None:
         unused = [found[key].header for key, column in (("speed", speed), ("course", course)) if column is not None]
         return [unused_columns(unused)] if unused and "vn" not in raw else []
-    speed = np.where(speed >= 0.0, speed, np.nan)  # -1 stands for unknown
+    speed = np.where(speed >= 0.0, speed, np.nan)  # -1 means unknown
     known = np.isfinite(speed) & (np.isfinite(course) & (course >= 0.0) | (speed < _STILL))
     course = np.where(np.isfinite(course), course, 0.0)
     raw["vn"] = np.where(known, speed * np.cos(course), np.nan)
@@ -115,7 +115,7 @@ def _velocities(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[
 
 
 def _climb(raw: Mapping[str, FloatArray]) -> tuple[FloatArray, float]:
-    """Rate of the heights between the fixes around each [m/s], and its standard deviation by its own scatter."""
+    """Compute the height rate between neighbouring fixes [m/s], with its sd by its scatter."""
     time, height = raw["time"], raw["height"]
     rate = np.zeros(len(time))
     if len(time) > 2:
@@ -126,7 +126,7 @@ def _climb(raw: Mapping[str, FloatArray]) -> tuple[FloatArray, float]:
 
 
 def _deviations(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Finding]:
-    """Standard deviations from variances, and from radii of confidence."""
+    """Convert variances and confidence radii to standard deviations."""
     notes: list[Finding] = []
     radius, vertical = raw.pop("radius", None), raw.pop("accuracy_d", None)
     variances = {axis: raw.pop(f"var_{axis}", None) for axis in "ned"}

@@ -1,4 +1,4 @@
-"""Tables without a header, or with one that says nothing: what their columns are by what they hold."""
+"""Tables without a meaningful header: columns identified by their values."""
 
 from __future__ import annotations
 
@@ -12,22 +12,21 @@ from insnav.input.interpret.velocities import fit_velocities
 from insnav.types import FloatArray
 from insnav.units import DEG
 
-_ROWS = 50_000  # that are looked at
+_ROWS = 50_000  # rows examined
 _GRAVITIES = (9.8, 1.0, 1000.0)  # in m/s^2, g and mg
 _TOLERANCE = 0.05
 _LAT, _LON, _HEIGHT, _SPAN = 90.0, 360.0, 1e5, 20.0
 
 
 def is_headerless(headers: Sequence[str]) -> bool:
-    """Whether headers are the numbers of the columns, as for tables without a header."""
+    """Return whether headers are column numbers, as in tables without a header."""
     return tuple(headers) == tuple(str(i + 1) for i in range(len(headers)))
 
 
 def imu_columns(table: Table) -> dict[str, str]:
-    """Headers of the columns that hold time, gyros and accelerometers, by their content.
+    """Identify the columns of time, gyros and accelerometers by their values.
 
-    One advances with every row; three beside each other show gravity; three others are the gyros. Empty if others fit
-    as well.
+    Time increases with every row. Three adjacent columns show gravity, three others are the gyros. Empty if ambiguous.
     """
     columns = _columns(table)
     times = [i for i, values in enumerate(columns) if _advances(values)]
@@ -48,9 +47,9 @@ def imu_columns(table: Table) -> dict[str, str]:
 
 
 def position_columns(table: Table) -> dict[str, str]:
-    """Headers of the columns that may hold time, and latitude, longitude and height in this order.
+    """Identify columns of time, and of latitude, longitude and height in this order.
 
-    And of the first velocities North and East by which these positions move.
+    Also the first velocities North and East that agree with the position changes.
     """
     columns = _columns(table)
     times = [i for i, values in enumerate(columns) if _advances(values)]
@@ -75,7 +74,7 @@ def position_columns(table: Table) -> dict[str, str]:
 def _columns(table: Table) -> list[FloatArray]:
     try:
         numbers = table.cells.read(range(len(table.headers)))
-    except InputError:  # there is text in it
+    except InputError:  # it contains text
         return []
     return [numbers.columns[i][:_ROWS] for i in range(len(table.headers))]
 

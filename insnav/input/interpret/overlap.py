@@ -1,4 +1,4 @@
-"""Whether two recordings belong together in time, and what is wrong with their clocks if not."""
+"""Test for common time of two recordings, and diagnosis of their clocks."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from insnav.types import GpsData, ImuData
 GPS_EPOCH = UNIX_DAYS * DAY  # 6 January 1980 in Unix time [s]
 HOUR, ZONE = 3600.0, 1800.0
 LEAP = 18.0  # GPS minus UTC since 2017 [s]
-_MAX_OFFSET = 4e9  # between clocks that count seconds [s]
-_MIN_SHARE = 0.5  # of the shorter recording that a likely offset makes overlap
+_MAX_OFFSET = 4e9  # between clocks in seconds [s]
+_MIN_SHARE = 0.5  # of the shorter recording that must overlap at a likely offset
 
 
 def check_overlap(imu: ImuData, gps: GpsData) -> None:
-    """Refuse recordings that have no time in common, naming the likely offset of the clocks.
+    """Refuse recordings without common time, with the likely clock offset in the error.
 
     Raises: InputError: no fix lies within the samples.
     """
@@ -31,7 +31,7 @@ def check_overlap(imu: ImuData, gps: GpsData) -> None:
     if reason and offset is None:
         raise InputError("columns.clock_unit", **spans, **reason)
     interval = float(np.median(np.diff(gps.time))) if len(gps.time) > 1 else 0.0
-    if last - first < interval:  # which holds no two fixes, whatever the clocks are
+    if last - first < interval:  # it contains less than two fixes on any clock
         raise InputError("columns.short_record", length_s=last - first, interval_s=interval)
     if offset is not None:
         raise InputError("columns.clock_offset", gives={"time_offset": offset}, offset_s=offset, **spans, **reason)
@@ -41,24 +41,24 @@ def check_overlap(imu: ImuData, gps: GpsData) -> None:
 
 
 def overlap(imu: ImuData, gps: GpsData) -> float:
-    """Time that two recordings have in common [s]; zero if there is none."""
+    """Compute the common time of two recordings [s]; zero without."""
     (first, last), (start, end) = _spans(imu, gps)
     return max(0.0, min(last, end) - max(first, start))
 
 
 def epoch_offset(imu: ImuData, gps: GpsData) -> float | None:
-    """Offset [s] that brings Unix time to GPS time or back if that makes recordings overlap.
+    """Return the offset [s] between Unix time and GPS time, either way, if recordings then overlap.
 
-    Other offsets that calendars explain, of days or weeks, may be those of another recording.
+    Other calendar offsets, of days or weeks, may indicate another recording.
     """
     offset, _ = likely_offset(*_spans(imu, gps))
     return None if offset is None or abs(offset) < 0.9 * GPS_EPOCH else offset
 
 
 def named_offset(offset: float, sd: float) -> tuple[float, dict[str, Any]]:
-    """An offset of clocks [s] as leap seconds, zones and whole days have it, if it is that within its sd, and these.
+    """Decompose a clock offset [s] into leap seconds, time zone and days, if it agrees within its sd.
 
-    Time zones differ from UTC by halves of an hour, but for three small ones.
+    Time zones differ from UTC by half hours, with three small exceptions.
     Returns: the offset; its parts as values of an error: ``days_s`` or ``zone_s``, and ``leap_s``.
     """
     for leap in (0.0, LEAP, -LEAP):
@@ -75,9 +75,9 @@ def _spans(imu: ImuData, gps: GpsData) -> tuple[tuple[float, float], tuple[float
 
 
 def likely_offset(imu: tuple[float, float], gps: tuple[float, float]) -> tuple[float | None, dict[str, Any]]:
-    """Well-known offset that makes two spans of time, first and last [s], overlap, and its parts; None if none does.
+    """Find a well-known offset that makes two time spans, first and last [s], overlap; None without.
 
-    Where another unit would do so, the parts are that unit and the input.
+    If another unit explains the data, the parts are that unit and the input.
     """
     difference = 0.5 * (sum(gps) - sum(imu))
     for leap in (LEAP, -LEAP):
@@ -91,7 +91,7 @@ def likely_offset(imu: tuple[float, float], gps: tuple[float, float]) -> tuple[f
     if abs(difference) > _MAX_OFFSET:
         return None, {}
     for base, unix in ((GPS_EPOCH - LEAP, "gps"), (LEAP - GPS_EPOCH, "imu")):
-        # Within a week of the epoch's offset itself, or whole weeks later for seconds of the week.
+        # Within a week of the epoch offset itself, or whole weeks later for seconds of the week.
         if abs(difference) > 0.9 * GPS_EPOCH and np.sign(difference) == np.sign(base):
             weeks = round((difference - base) / WEEK)
             offset = base + weeks * WEEK
@@ -107,12 +107,12 @@ def likely_offset(imu: tuple[float, float], gps: tuple[float, float]) -> tuple[f
 
 
 def _share(imu: tuple[float, float], gps: tuple[float, float], offset: float) -> bool:
-    """Whether enough of the shorter span overlaps after adding an offset to the IMU's."""
+    """Return whether enough of the shorter span overlaps with an offset of the IMU."""
     common = min(imu[1] + offset, gps[1]) - max(imu[0] + offset, gps[0])
     return common > 0.0 and common >= _MIN_SHARE * min(imu[1] - imu[0], gps[1] - gps[0])
 
 
 def _same_span(imu: tuple[float, float], gps: tuple[float, float]) -> bool:
-    """Whether two spans overlap and are about as long."""
+    """Return whether two spans overlap and have similar length."""
     lengths = sorted((imu[1] - imu[0], gps[1] - gps[0]))
     return _share(imu, gps, 0.0) and lengths[0] > 0.1 * lengths[1]

@@ -1,4 +1,4 @@
-"""Units, signs and axes of an IMU found from physics: gravity, and how rotation moves it in the body."""
+"""Units, signs and axes of an IMU from physics: gravity, and its rotation in the body."""
 
 from __future__ import annotations
 
@@ -19,32 +19,32 @@ from insnav.units import DEG
 
 _GRAVITY = 9.8  # [m/s^2]; on Earth 9.76 .. 9.83
 _GRAVITY_TOLERANCE = 0.05
-_MIN_SHARE = 0.02  # of the quiet blocks that must show gravity
-_FAR_OFF = 0.5  # median that no accelerometer of a vehicle has
-_AIMLESS = 0.5  # length of the mean of accelerations by the mean of their lengths, without gravity less
-_UNCALIBRATED = 0.2  # the error of a sensor may be so large before it is calibrated
-_MAX_RATE = 12.0  # no vehicle turns faster for long [rad/s]
-_MAX_SENSOR_RATE = 70.0  # and no usual sensor has more [rad/s]
-_MAX_TURN_RATIO = 4.0  # a lever arm or a swaying vehicle may falsify the comparison with gravity by so much
+_MIN_SHARE = 0.02  # share of quiet blocks that must show gravity
+_FAR_OFF = 0.5  # median that no vehicle accelerometer has
+_AIMLESS = 0.5  # least norm of mean acceleration over mean norm, with gravity
+_UNCALIBRATED = 0.2  # largest relative error of an uncalibrated sensor
+_MAX_RATE = 12.0  # no vehicle turns faster persistently [rad/s]
+_MAX_SENSOR_RATE = 70.0  # largest rate of usual sensors [rad/s]
+_MAX_TURN_RATIO = 4.0  # factor by which a lever arm or a swaying vehicle may disturb the comparison with gravity
 _MAX_BLOCKS = 1000
 _MIN_STEPS = 10
-_REPEATED = 0.5  # part of the rows with the time of the one before, of a clock without digits
+_REPEATED = 0.5  # share of rows with the previous time, in a clock without enough digits
 _MAX_SAMPLES = 50_000
 _MAX_GROUPS = 2000
 _MIN_GROUPS = 10
-_TURN_BLOCK = 0.2  # length over which rotation and gravity are compared [s]
+_TURN_BLOCK = 0.2  # interval for comparing rotation and gravity [s]
 _MIN_CORRELATION = 0.15
-# Correlation of turns with those of the course from which they have its sign, and Fisher's z of it in standard
-# deviations: of pure chance that is 1 in 2000
+# Least correlation of gyro turns with course turns to determine their sign, and its significance (Fisher's z in
+# standard deviations): 1 in 2000 by chance
 _SAME_TURNS, _SURE_TURNS = 0.5, 3.5
-_ALONG, _SLIP = 0.9, 20.0 * DEG  # mean length of directions that are one, and what slip and wind make of a course
-_COURSE_LAGS = np.arange(0.0, 2.1, 0.25)  # receivers of phones filter their course [s]
-_COURSE_SPEED, _LONGEST_TURN = 3.0, 2.5  # above this speed velocities give a course [m/s]; and for steps so long [s]
-# changes of two gyros from sample to sample are alike within that factor, and those of one in deg/s differ by so much
+_ALONG, _SLIP = 0.9, 20.0 * DEG  # least mean resultant of constant directions, and course error by slip and wind
+_COURSE_LAGS = np.arange(0.0, 2.1, 0.25)  # phone receivers filter their course [s]
+_COURSE_SPEED, _LONGEST_TURN = 3.0, 2.5  # least speed for a course [m/s], and longest step [s]
+# largest ratio of sample-to-sample changes of two gyros in one unit; least ratio if one is in deg/s
 _LIKE, _OTHER = 8.0, 20.0
 # The zero-rate output of the MPU-6050 is within 20 deg/s (InvenSense, PS-MPU-6000A, rev. 3.4, section 6.1).
 LARGEST_BIAS = 20.0 * DEG  # [rad/s]
-_LEVEL = 0.8  # cosine of the angle within which an axis counts as vertical
+_LEVEL = 0.8  # cosine limit for a vertical axis
 
 _ACCEL_UNITS = ("m/s^2", "g", "mg", "ug", "mm/s^2", "ft/s^2")
 _DVEL_UNITS = ("m/s", "g*s")
@@ -53,26 +53,26 @@ _TIME_UNITS = ("s", "ms", "us", "ns")
 
 @dataclass(frozen=True, slots=True)
 class Quiet:
-    """Specific force in the quieter half of a record, in blocks of a second."""
+    """Statistics of specific force in the quieter half of a record, in blocks of a second."""
 
     mean: FloatArray  # (m, 3) mean of each block, in units of the file
-    rate: FloatArray  # (3,) larger turning rates than these are rare (1 in 1000), in units of the file
-    # medians over the blocks: rate about horizontal axes, in units of the file, and turn of the force [rad/s]
+    rate: FloatArray  # (3,) 99.9 % quantile of turn rates, in units of the file
+    # medians over the blocks: rate about horizontal axes, in units of the file, and rotation of the force [rad/s]
     level_rate: float = 0.0
     force_rate: float = 0.0
 
 
 def quiet_part(gyro: FloatArray, accel: FloatArray, *, interval: float, scale: float) -> Quiet:
-    """Find the quieter half of a record ``(n, 3)``, as in the file and in order of time.
+    """Select the quieter half of a record ``(n, 3)``, as in the file and in order of time.
 
-    `interval` is the median one [s]; `scale` makes rates of the numbers: one, or its inverse for increments.
+    `interval`: median [s]. `scale`: factor to rates: one, or its inverse for increments.
     """
     width = min(max(3, round(1.0 / interval)), len(accel))
     n = len(accel) // width
     step = -(-n // _MAX_BLOCKS)
     turns = np.einsum("ijk->ik", spill.every(gyro[: n * width].reshape(n, width, 3), step)) / width
     blocks = spill.every(accel[: n * width].reshape(n, width, 3), step)
-    mean = np.einsum("ijk->ik", blocks) / width  # `mean` over a middle axis takes five times as long
+    mean = np.einsum("ijk->ik", blocks) / width  # `mean` over a middle axis is five times slower
     away = blocks - mean[:, None]
     shake = np.sqrt(np.einsum("ijk,ijk->ik", away, away) / width).sum(axis=1)
     sample = np.abs(spill.every(gyro, -(-len(gyro) // _MAX_SAMPLES)))
@@ -88,10 +88,10 @@ def quiet_part(gyro: FloatArray, accel: FloatArray, *, interval: float, scale: f
 def find_accel_unit(
     quiet: Quiet, stated: str | None, *, interval: float, increments: bool, where: str
 ) -> tuple[str, Finding]:
-    """Find the unit of the accelerometers, by gravity.
+    """Find the unit of the accelerometers by gravity.
 
-    `quiet` is of the record as in the file, divided by the interval [s] if it holds increments; `stated` is the unit in
-    the header or from the user.
+    `quiet`: from the record as in the file, divided by the interval [s] for increments. `stated`: unit from header or
+    user.
 
     Raises: InputError: the stated unit contradicts gravity, or no unit fits.
     """
@@ -126,7 +126,7 @@ def find_accel_unit(
             interval_s=interval,
             gives=gives,
         )
-    exchanged = abs(float(np.linalg.norm(quiet.rate)) / _GRAVITY - 1.0) < 0.5  # the largest, of motion too
+    exchanged = abs(float(np.linalg.norm(quiet.rate)) / _GRAVITY - 1.0) < 0.5  # the largest rate, including motion
     if not exchanged and float(np.linalg.norm(quiet.mean.mean(axis=0))) < _AIMLESS * float(norms.mean()):
         raise InputError("columns.gravity_removed", where=where, shown=middle)
     values = {"shown": middle, "unit": stated or "", "option": "--columns"}
@@ -134,14 +134,13 @@ def find_accel_unit(
 
 
 def turn_ratio(time: FloatArray, gyro: FloatArray, accel: FloatArray) -> tuple[float, float]:
-    """Compare how specific force changes in the body with how the gyros say it should: ratio and correlation.
+    """Compare the change of specific force in the body with its rotation by the gyros: ratio and correlation.
 
-    A vector that is fixed in space changes in the body by ``df/dt = -w x f = f x w`` (Goldstein 2002,
-    eq. 4.86, with zero on the left). The ratio of the two is 1 if the gyros are in rad/s, whatever the unit of the
-    force; both are zero if there is not enough motion to tell.
+    A vector fixed in space changes in the body by ``df/dt = -w x f = f x w`` (Goldstein 2002, eq. 4.86, with zero on
+    the left). The ratio is 1 if the gyros are in rad/s, for any unit of the force. Both are zero without enough motion.
     """
     width = max(1, round(_TURN_BLOCK / float(np.median(np.diff(time[:_MAX_SAMPLES])))))
-    n = len(time) // (3 * width)  # groups of three blocks, so that the middle one has a slope
+    n = len(time) // (3 * width)  # groups of three blocks: the middle block has a slope
     if n < _MIN_GROUPS:
         return 0.0, 0.0
     step = -(-n // _MAX_GROUPS)
@@ -153,7 +152,7 @@ def turn_ratio(time: FloatArray, gyro: FloatArray, accel: FloatArray) -> tuple[f
     if expected2 == 0.0 or seen2 == 0.0:
         return 0.0, 0.0
     correlation = both / math.sqrt(seen2 * expected2)
-    if abs(correlation) < max(_MIN_CORRELATION, 4.0 / math.sqrt(seen.size)):  # chance makes 1 / sqrt(size)
+    if abs(correlation) < max(_MIN_CORRELATION, 4.0 / math.sqrt(seen.size)):  # the chance level is 1 / sqrt(size)
         return 0.0, 0.0
     return both / expected2, correlation
 
@@ -167,11 +166,11 @@ def course_of(v_n: FloatArray) -> FloatArray:
 def turns_with_course(
     time: FloatArray, gyro: FloatArray, accel: FloatArray, fixes: FloatArray, course: FloatArray
 ) -> float:
-    """Compare turns about the vertical, by gyros and specific force, with those of the course: their correlation.
+    """Correlate turns about the vertical, from gyros and specific force, with course turns.
 
-    `fixes` ``(m,)``: times of courses, or headings, ``(m,)`` [rad], NaN where unknown. Their clockwise turns have the
-    rate ``-w . f / |f|``, as specific force points up: a negative correlation means that gyros or accelerometers have
-    the opposite sign. Zero if that is not sure. The course may be late by two seconds.
+    `fixes` ``(m,)``: times of courses, or headings, ``(m,)`` [rad], NaN if unknown. Specific force points up, so
+    clockwise turns have the rate ``-w . f / |f|``. A negative correlation means opposite signs of gyros or
+    accelerometers. Zero if not significant. The course may be late by two seconds.
     """
     known = np.flatnonzero(np.isfinite(course) & (fixes >= time[0] + _COURSE_LAGS[-1]) & (fixes <= time[-1]))
     step = np.diff(fixes[known])
@@ -198,11 +197,11 @@ def turns_with_course(
 
 
 def heading_convention(turns: float, heading: FloatArray, v_n: FloatArray) -> tuple[float, float]:
-    """Find the sense of headings ``(m,)``, 1 or -1, and by how much they then exceed that of the vehicle [rad].
+    """Find the sense of headings ``(m,)``, 1 or -1, and their offset from the vehicle heading [rad].
 
-    `turns`: their correlation with turns of the vehicle, as of `turns_with_course`; `v_n` (m, 3): velocities, whose
-    course is the heading but for slip. Headings counted from east, and across the vehicle, are quarters of a turn off;
-    a sense that no course completes is that from east.
+    `turns`: their correlation with vehicle turns, from `turns_with_course`. `v_n` (m, 3): velocities, with course equal
+    to heading except for slip. Headings from east, or across the vehicle, are offset by quarter turns. A sense that no
+    course can complete is counted from east.
     """
     sense = -1.0 if turns < 0.0 else 1.0
     offset = sense * heading - course_of(v_n)
@@ -216,7 +215,7 @@ def heading_convention(turns: float, heading: FloatArray, v_n: FloatArray) -> tu
 
 
 def odd_one(gyros: Sequence[FloatArray]) -> int | None:
-    """Which of three gyros, each ``(n,)``, changes from sample to sample as if in another unit than the others."""
+    """Find the one of three gyros, each ``(n,)``, whose sample changes indicate another unit."""
     step = [float(np.median(np.abs(np.diff(gyro[:_MAX_SAMPLES])))) for gyro in gyros]
     low, middle, high = sorted(step)
     for odd, other, one in ((high, middle, low), (low, middle, high)):
@@ -228,13 +227,13 @@ def odd_one(gyros: Sequence[FloatArray]) -> int | None:
 def find_gyro_unit(
     quiet: Quiet, ratio: float, correlation: float, stated: str | None, *, increments: bool, where: str, odd: str = ""
 ) -> tuple[str, Finding]:
-    """Find the unit of the gyros, by the rates of vehicles and by how gravity turns.
+    """Find the unit of the gyros, by vehicle rates and by the rotation of gravity.
 
-    `ratio` and `correlation` are from `turn_ratio`, for the numbers as in the file; `odd`: column by `odd_one`.
+    `ratio` and `correlation` are from `turn_ratio`, for the numbers as in the file. `odd`: column by `odd_one`.
 
     Raises: InputError: the stated unit contradicts the evidence.
     """
-    usual = ("rad", "deg") if increments else ("rad/s", "deg/s", "mrad/s", "mdeg/s")  # far apart, by 17 and more
+    usual = ("rad", "deg") if increments else ("rad/s", "deg/s", "mrad/s", "mdeg/s")  # ratios of 17 and more
     fastest = float(quiet.rate.max())
     shown, reason = None, dict[str, Any]()
     finding = Finding.of(Code.UNITS_GYRO_ASSUMED, largest=fastest, unit=usual[0], other=usual[1], factor=1.0 / DEG)
@@ -257,7 +256,7 @@ def find_gyro_unit(
         elif stated is None:
             finding = Finding.of(Code.UNITS_GYRO_BY_RATE, largest=fastest, tried=tried, unit=shown)
     if stated is None and shown is None:
-        # a rate about a horizontal axis turns the specific force, and is a bias where that stays
+        # a rate about a horizontal axis rotates the specific force, or else is bias
         biases = {unit: quiet.level_rate * ALL_UNITS[unit][1] - quiet.force_rate for unit in usual}
         likely = next((unit for unit in usual if biases[unit] < LARGEST_BIAS), usual[-1])
         if likely != usual[0]:
@@ -272,21 +271,21 @@ def find_gyro_unit(
 
 
 def stated_unit(quantity: str, unit: str) -> Finding:
-    """Make the finding of a unit that the file or the user states, and nothing contradicts."""
+    """Report a unit stated by file or user, without contradiction."""
     return Finding.of(Code.UNITS_STATED, quantity=quantity, unit=unit)
 
 
 def check_axes(
     quiet: Quiet, axes: str | None, *, where: str, any_way: bool = False, by_format: bool = False
 ) -> Finding:
-    """Find which way is up in body axes, after `axes` (None: not given) were applied, and whether that fits FRD.
+    """Find the upward body axis, after applying `axes` (None: unspecified), and compare it with FRD.
 
-    `by_format`: `axes` are those of the format, not given by the user.
+    `by_format`: `axes` come from the format, not the user.
 
-    Raises: InputError: no axes were given, and z points up, unless it may point `any_way`.
+    Raises: InputError: no axes were specified, and z points up without `any_way`.
     """
     norms = np.linalg.norm(quiet.mean, axis=1)[:, None]
-    direction = np.mean(quiet.mean / np.where(norms > 0.0, norms, 1.0), axis=0)  # zeros: a sensor that was off
+    direction = np.mean(quiet.mean / np.where(norms > 0.0, norms, 1.0), axis=0)  # zeros: a sensor without power
     if direction[2] > _LEVEL and axes is None and not any_way:
         raise InputError("columns.axes_flu", where=where, direction=tuple(direction.tolist()), gives={"axes": "FLU"})
     code = Code.AXES_ASSUMED if axes is None else Code.AXES_BY_FORMAT if by_format else Code.AXES_GIVEN
@@ -301,10 +300,10 @@ def check_axes(
 
 
 def clock_digits(time: FloatArray) -> FloatArray | None:
-    """Seconds since midnight of times ``(n,)`` written as hhmmss.s; None if they are not.
+    """Convert times ``(n,)`` written as hhmmss.s to seconds since midnight; None for other times.
 
-    They are if minutes and seconds stay below 60 and most steps of 41 or more are as long as all others, as one from
-    :59 to :00 is: plain seconds with gaps may stay below :60, too.
+    Such times have minutes and seconds below 60, and after conversion steps of 41 or more equal the others, such as
+    from :59 to :00. Plain seconds with gaps may also stay below :60.
     """
     known = np.isfinite(time)
     known = time if known.all() else time[known]
@@ -325,21 +324,21 @@ def clock_digits(time: FloatArray) -> FloatArray | None:
 
 
 def find_time_unit(time: FloatArray, stated: str | None, *, slowest: float, where: str) -> tuple[str, Finding]:
-    """Find the unit of the time column, by its steps.
+    """Find the unit of the time column by its steps.
 
-    `time` ``(n,)`` is as in the file; no such file has steps longer than `slowest` [s].
+    `time` ``(n,)`` is as in the file. `slowest`: longest step of such files [s].
 
-    Raises: InputError: the stated unit, or none at all, fits the steps.
+    Raises: InputError: the steps contradict the stated unit, or fit no unit.
     """
     steps = np.diff(time[:_MAX_SAMPLES])
-    if not (steps > 0.0).all():  # out of order, or not all known
+    if not (steps > 0.0).all():  # out of order, or partly unknown
         steps = np.diff(np.sort(time[np.isfinite(time)]))
     steps = steps[steps > 0.0]
     step = float(np.median(steps)) if len(steps) else 0.0
     if step == 0.0:
         raise InputError("columns.constant_time", where=where)
     fitting = [unit for unit in _TIME_UNITS if slowest * 1e-4 <= step * ALL_UNITS[unit][1] < slowest]
-    # too few rows to say that the steps are too long, or too few digits: that is told of the rows
+    # too few rows, or digits, to reject long steps: the rows are reported instead
     few = len(time) < _MIN_STEPS or float(np.mean(np.diff(time[:_MAX_SAMPLES]) == 0.0)) > _REPEATED
     guess = "s" if step < slowest or few else (fitting[0] if fitting else None)
     if stated is not None:

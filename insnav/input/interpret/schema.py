@@ -1,7 +1,7 @@
-"""What the columns of data files are called: canonical names, common spellings, and spellings of units.
+"""Schema of data columns: canonical names, common spellings, and spellings of units.
 
-They stand in ``columns.toml``. Spellings are compared in compact form (see `compact`): ``gyro_x``, ``GyroX`` and
-``gyro.x`` are one.
+``columns.toml`` contains them. Spellings are compared in compact form (see `compact`): ``gyro_x``, ``GyroX`` and
+``gyro.x`` are equal.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _LETTERS = str.maketrans({"²": "2", "³": "3", "°": "deg", "µ": "u", "μ": "u
 
 
 def compact(text: str) -> str:
-    """Lower-case letters and digits of a text: what two spellings of one name have in common.
+    """Reduce a text to lower-case letters and digits, common to all spellings of a name.
 
     Examples
     --------
@@ -30,13 +30,13 @@ def compact(text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """One thing that a column can hold."""
+    """Quantity that a column can contain."""
 
     key: str  # name without unit, such as ``gyro_x``
     name: str  # canonical column name, such as ``gyro_x_rad_s``
     dimension: str  # dimension of its unit as in `insnav.units.UNITS`, ``temperature``, or empty for a plain number
     unit: str  # unit of the canonical name
-    spellings: tuple[str, ...]  # compact spellings, the most trustworthy first
+    spellings: tuple[str, ...]  # compact spellings, the most reliable first
 
 
 _NAMES = tomllib.loads(Path(__file__).with_name("columns.toml").read_text(encoding="utf-8"))
@@ -47,12 +47,12 @@ def _spread(spellings: str, marks: Iterable[str]) -> tuple[str, ...]:
 
 
 def _named(text: str, table: str) -> str:
-    """A text with what its ``$names`` stand for."""
+    """Replace ``$names`` in a text by their definitions."""
     return re.sub(r"\$(\w+)", lambda found: str(_NAMES[table][found[1]]), text)
 
 
 def _quantities(name: str) -> Iterator[Quantity]:
-    """One quantity, or one for each of x, y, z."""
+    """Yield one quantity, or one for each of x, y, z."""
     key = name.partition("@")[0]
     called, dimension, unit, text, *more = _NAMES["quantities"][name]
     spellings = _named(text, "words")
@@ -66,12 +66,12 @@ def _quantities(name: str) -> Iterator[Quantity]:
 
 
 def schema(kind: str) -> tuple[Quantity, ...]:
-    """What a file of a kind may hold, as in ``columns.toml``."""
+    """Return the quantities of a kind of file, from ``columns.toml``."""
     return tuple(each for name in _named(_NAMES["files"][kind], "files").split() for each in _quantities(name))
 
 
 IMU_SCHEMA, GPS_SCHEMA, REFERENCE_SCHEMA = schema("imu"), schema("gps"), schema("reference")
-# Logs of further sensors: what each may hold, and the alternatives of columns of which it must hold one.
+# Logs of further sensors: their quantities, and the alternative sets of required columns.
 LOG_SCHEMAS: dict[str, tuple[tuple[Quantity, ...], tuple[tuple[str, ...], ...]]] = {
     name: (schema(name), tuple(tuple(each.split()) for each in needed)) for name, needed in _NAMES["logs"].items()
 }

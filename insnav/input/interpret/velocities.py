@@ -1,4 +1,4 @@
-"""Whether velocities fit the positions beside them: unit, order and signs, by what the positions move."""
+"""Test of velocities against positions in a file: unit, order and signs, by the position changes."""
 
 from __future__ import annotations
 
@@ -10,56 +10,56 @@ from insnav.earth import ned_offset
 from insnav.input.interpret.schema import ALL_UNITS
 from insnav.types import FloatArray, IntArray
 
-SPAN = 2.0  # moves are taken over so long: the noise of positions counts less, turns little [s]
-_FEWEST = 5  # moves that can tell
-_FIRM = 3.0  # a move is firm if it is so many times the scatter of the positions
-_SLOWEST = 1.0  # slower ones tell nothing [m/s]
-# relative difference of move and velocity, median, that fits and that does not; another reading leaves far less of it
+SPAN = 2.0  # interval of position changes: less position noise, little turn [s]
+_FEWEST = 5  # changes needed
+_FIRM = 3.0  # a change is significant beyond this multiple of the position scatter
+_SLOWEST = 1.0  # lower speeds are not used [m/s]
+# median relative difference of position change and velocity: acceptable, wrong; ratio required of another reading
 _FITS, _WRONG, _BETTER = 0.2, 0.35, 0.35
 _UNITS = {unit: ALL_UNITS[unit][1] for unit in ("m/s", "km/h", "knot", "cm/s", "mm/s", "ft/s", "mph")}
-_LEAST_CLIMB = 0.01  # moves in height that tell which way is up [m]
-_CLIMBS = (2.0, 8.0, 32.0)  # lengths of moves in height: noise of heights hides short ones [s]
-_OUTSIDE = 5.0  # times the median difference from any of these, beyond which a move is that of a false velocity
-_RISES = 5.0  # standard deviations by which the slope of climb by vertical velocity is not one; good drives: 2.7
-_FALLS = 3.0  # and by which it is negative: heights wander, and a flight before its start had -2.5
-_UP, _FEET = -1.0, 1.0 / 0.3048  # that slope for a velocity up, and for heights in feet
-_NEAR, _CLEAR = 0.25, 4.0  # part of the latter that it may differ by, and standard deviations from one of good drives
-# moves whose scale is compared [s], how large they are [m], and how often without those of false fixes
+_LEAST_CLIMB = 0.01  # height changes that determine the sign [m]
+_CLIMBS = (2.0, 8.0, 32.0)  # intervals of height changes: noise hides short ones [s]
+_OUTSIDE = 5.0  # multiple of the median difference beyond which a velocity is false
+_RISES = 5.0  # significance of a slope other than one between climb and vertical velocity; good drives: 2.7
+_FALLS = 3.0  # and of a negative slope: heights drift, and a flight before its start had -2.5
+_UP, _FEET = -1.0, 1.0 / 0.3048  # slope for a velocity up, and for heights in feet
+_NEAR, _CLEAR = 0.25, 4.0  # tolerance of the latter, and significance relative to good drives
+# interval of changes for scales [s], their least size [m], and passes of outlier removal
 _MOVE, _LEAST_MOVE, _TRIMMED = 8.0, 1.0, 3
-_LONG_ENOUGH = 60.0  # velocities that lag move less far in a start alone [s]
-# least scale error that is said, the same in standard deviations, and times its variance by errors that last
+_LONG_ENOUGH = 60.0  # in a short start, lagging velocities show less motion [s]
+# least reported scale error, its significance, and variance factor for time-correlated errors
 _SCALED, _SURE, _LASTING = 0.03, 6.0, 4.0
-_SIDE = 0.1  # sideways by forward speed, median: a vehicle on wheels slips by less than 6 deg
+_SIDE = 0.1  # median of lateral over forward speed: a wheeled vehicle slips less than 6 deg
 _RADIANS = 180.0 / np.pi
-_EARTH_RADIUS = 6.37e6  # a rough one will do [m]
+_EARTH_RADIUS = 6.37e6  # approximate [m]
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """How velocity columns are to be read so that they fit the positions."""
+    """Interpretation of velocity columns that agrees with the positions."""
 
-    order: tuple[int, int]  # column that is north, and that which is east
+    order: tuple[int, int]  # columns of north and east
     signs: tuple[float, float]
     unit: str  # unit of all three
-    ratio: float  # how many times as far as in m/s the positions move
-    climb: float = 1.0  # how many times as far as it falls by the third column, read as m/s down, in what is read as m
-    radians: str = ""  # what is in radians, not degrees: "positions", "latitudes" or "longitudes"; empty if nothing is
-    exchanged: bool = False  # latitudes are longitudes
-    in_vehicle: bool = False  # the velocities are forward and sideways, in the axes of the vehicle
+    ratio: float  # position change over velocity in m/s
+    climb: float = 1.0  # climb over the negative third column, read as m/s down and m
+    radians: str = ""  # quantity in radians: "positions", "latitudes" or "longitudes"; empty without
+    exchanged: bool = False  # latitudes and longitudes are exchanged
+    in_vehicle: bool = False  # the velocities are forward and lateral, in vehicle axes
 
     @property
     def upward(self) -> bool:
-        """Whether the third column is a velocity up, not down."""
+        """True if the third column is a velocity up."""
         return self.climb == _UP
 
     @property
     def as_named(self) -> bool:
-        """Whether the columns are north and east in this order, with these signs."""
+        """True if the columns are north and east in this order, with these signs."""
         return self.order == (0, 1) and self.signs == (1.0, 1.0) and not self.in_vehicle
 
     @property
     def confusion(self) -> str:
-        """Name of what is confused in data taken as they are named; empty if nothing is."""
+        """Name of the confusion in data as labelled; empty without."""
         if self.radians:
             return f"{self.radians}_radians"
         if self.exchanged:
@@ -74,21 +74,21 @@ class Fit:
 
     @property
     def misplaced(self) -> bool:
-        """Whether it is the positions that are confused."""
+        """True if the positions are confused, not the velocities."""
         return bool(self.radians) or self.exchanged or self.climb == _FEET
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """What is north and what is east by the names of the columns: ``vn``, ``-ve``."""
+        """North and east in terms of the column names: ``vn``, ``-ve``."""
         signed = zip(self.order, self.signs, strict=True)
         return tuple("-" * (sign < 0.0) + ("vn", "ve")[column] for column, sign in signed)
 
 
 def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | None:
-    """Compare positions ``(n, 3)`` [rad], [rad], [m] with velocity columns ``(n, 3)`` as in the file; None: no telling.
+    """Compare positions ``(n, 3)`` [rad], [rad], [m] with velocity columns ``(n, 3)`` as in the file; None if unclear.
 
-    Each order, sign and unit of the horizontal columns is compared with the moves; another than that of the names is
-    taken only where it fits and the names do not.
+    Each order, sign and unit of the horizontal columns is compared with the position changes. An interpretation other
+    than the column names is chosen only if it fits and the names do not.
     """
     known = np.flatnonzero(np.isfinite(v_n[:, :2]).all(axis=1))
     if known.size < 2 * _FEWEST:
@@ -102,10 +102,10 @@ def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | 
     if start.size < _FEWEST:
         return None
     span = t[stop] - t[start]
-    moved, said = path[stop] - path[start], gone[stop] - gone[start]
-    level = np.linalg.norm(said[:, :2], axis=1)
+    moved, sums = path[stop] - path[start], gone[stop] - gone[start]
+    level = np.linalg.norm(sums[:, :2], axis=1)
     firm = np.linalg.norm(moved[:, :2], axis=1) > np.maximum(_SLOWEST * span, _FIRM * _scatter(path[:, :2]))
-    sizes = (level, *np.abs(said[:, :2].T)), (np.linalg.norm(moved[:, :2], axis=1), *np.abs(moved[:, :2].T))
+    sizes = (level, *np.abs(sums[:, :2].T)), (np.linalg.norm(moved[:, :2], axis=1), *np.abs(moved[:, :2].T))
     for name, should, does in zip(("positions", "latitudes", "longitudes"), *sizes, strict=True):
         fast = should > _SLOWEST * span
         if fast.sum() >= _FEWEST:
@@ -114,14 +114,14 @@ def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | 
                 return Fit((0, 1), (1.0, 1.0), "m/s", 1.0, radians=name)
     if np.count_nonzero(firm) < _FEWEST:
         return None
-    moved, said = moved[firm], said[firm]
+    moved, sums = moved[firm], sums[firm]
     size = np.linalg.norm(moved[:, :2], axis=1)
 
     def difference(order: tuple[int, int], signs: tuple[float, float], factor: float) -> float:
-        apart = moved[:, :2] - said[:, order] * signs * factor
+        apart = moved[:, :2] - sums[:, order] * signs * factor
         return float(np.median(np.linalg.norm(apart, axis=1) / size))
 
-    ratio = float(np.median(size / np.maximum(np.linalg.norm(said[:, :2], axis=1), 1e-9)))
+    ratio = float(np.median(size / np.maximum(np.linalg.norm(sums[:, :2], axis=1), 1e-9)))
     given = difference((0, 1), (1.0, 1.0), 1.0)
     if given < _WRONG:
         return Fit((0, 1), (1.0, 1.0), "m/s", ratio, _climb(t, lla[known, 2], gone[:, 2]))
@@ -135,7 +135,7 @@ def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | 
         for unit, factor in _UNITS.items()
     )
     size_other = np.maximum(np.linalg.norm(other, axis=1), 1e-9)
-    exchanged = float(np.median(np.linalg.norm(other - said[:, :2], axis=1) / size_other))
+    exchanged = float(np.median(np.linalg.norm(other - sums[:, :2], axis=1) / size_other))
     if exchanged < min(_FITS, best[0]):
         return Fit((0, 1), (1.0, 1.0), "m/s", ratio, exchanged=True)
     if best[0] > min(_FITS, _BETTER * given):
@@ -149,11 +149,11 @@ def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | 
 
 
 def scales(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> list[tuple[str, float, float]]:
-    """Axes along which positions surely move otherwise than velocities say: name, how many times as far, and its sd.
+    """Find axes with a significant scale error between positions and velocities: name, scale, and its sd.
 
-    Both have noise, which makes the slope of moves by velocities too small, and that of velocities by moves: the true
-    one lies between the first and the inverse of the second (W. A. Fuller, "Measurement Error Models", Wiley 1987,
-    section 1.1), and both must tell another scale than one.
+    Both are noisy, which biases the slope of changes by velocities, and of velocities by changes, towards zero. The
+    true slope is between the first and the inverse of the second (W. A. Fuller, "Measurement Error Models", Wiley 1987,
+    section 1.1). Both must differ from one.
     """
     known = np.flatnonzero(np.isfinite(v_n).all(axis=1))
     if known.size < 2 * _FEWEST or np.ptp(time[known]) < _LONG_ENOUGH:
@@ -162,36 +162,36 @@ def scales(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> list[tuple[str
     start, stop = _moves(time[known], _MOVE, 1.5 * _MOVE)
     by_velocity, by_position = gone[stop] - gone[start], ned_offset(at[stop], at[start])
     found = []
-    for name, said, moved in zip(("north", "east", "up and down"), by_velocity.T, by_position.T, strict=True):
-        if name == "up and down" and said.size:  # receivers climb by centimetres a second at rest
-            said, moved = said - said.mean(), moved - moved.mean()
-        for _ in range(_TRIMMED):  # false fixes do not count
-            both = float(said @ moved)
-            if said.size < _FEWEST or both <= 0.0:
+    for name, sums, moved in zip(("north", "east", "up and down"), by_velocity.T, by_position.T, strict=True):
+        if name == "up and down" and sums.size:  # receivers climb by centimetres a second at rest
+            sums, moved = sums - sums.mean(), moved - moved.mean()
+        for _ in range(_TRIMMED):  # exclude false fixes
+            both = float(sums @ moved)
+            if sums.size < _FEWEST or both <= 0.0:
                 break
-            slope = float(np.sqrt((moved @ moved) / (said @ said)))
-            apart = np.abs(moved - slope * said)
+            slope = float(np.sqrt((moved @ moved) / (sums @ sums)))
+            apart = np.abs(moved - slope * sums)
             kept = apart <= _OUTSIDE * np.median(apart)
-            said, moved = said[kept], moved[kept]
-        if min(moved @ moved, said @ said) < said.size * _LEAST_MOVE**2 or (both := float(said @ moved)) <= 0.0:
+            sums, moved = sums[kept], moved[kept]
+        if min(moved @ moved, sums @ sums) < sums.size * _LEAST_MOVE**2 or (both := float(sums @ moved)) <= 0.0:
             continue
-        low, high = both / float(said @ said), float(moved @ moved) / both
+        low, high = both / float(sums @ sums), float(moved @ moved) / both
         size = low if low > 1.0 else min(high, 1.0)
-        # moves overlap, and errors of fixes last
-        scatter = float(np.std(moved - size * said)) * np.sqrt(max(float(np.median(stop - start)), 1.0) * _LASTING)
-        sd = scatter / float(np.linalg.norm(said))
+        # changes overlap, and errors of fixes are time-correlated
+        scatter = float(np.std(moved - size * sums)) * np.sqrt(max(float(np.median(stop - start)), 1.0) * _LASTING)
+        sd = scatter / float(np.linalg.norm(sums))
         if abs(size - 1.0) > max(_SCALED, _SURE * sd):
             found.append((name, size, sd))
     return found
 
 
 def _gone(time: FloatArray, v_n: FloatArray) -> FloatArray:
-    """Velocities (n, k), integrated from the first on [m]."""
+    """Integrate velocities (n, k) from the first on [m]."""
     return np.vstack([np.zeros(v_n.shape[1]), np.cumsum(0.5 * (v_n[1:] + v_n[:-1]) * np.diff(time)[:, None], axis=0)])
 
 
 def _moves(time: FloatArray, least: float, most: float) -> tuple[IntArray, IntArray]:
-    """First and last row of each move that lasts so long [s]."""
+    """Return first and last row of each position change over this time [s]."""
     stop = np.searchsorted(time, time + least)
     start = np.flatnonzero(stop < len(time))
     stop = stop[start]
@@ -200,25 +200,25 @@ def _moves(time: FloatArray, least: float, most: float) -> tuple[IntArray, IntAr
 
 
 def _scatter(path: FloatArray) -> float:
-    """Noise of a smooth track, by third differences (variance 20 times that of the noise) [m]."""
+    """Estimate the noise of a smooth track by third differences (variance 20 times the noise) [m]."""
     if len(path) < 8:
         return 0.0
     return float(1.4826 * np.median(np.abs(np.diff(path, n=3, axis=0))) / np.sqrt(20.0))
 
 
 def _climb(time: FloatArray, height: FloatArray, fallen: FloatArray) -> float:
-    """How far heights fall by the third velocity, over moves of some length, if not as far; `fallen`: its integral."""
+    """Estimate the ratio of climb to the third velocity over intervals, if not one. `fallen`: its integral."""
     for span in _CLIMBS:
         start, stop = _moves(time, span, 2.0 * span)
-        said, moved = fallen[stop] - fallen[start], height[start] - height[stop]
-        apart = np.min([np.abs(moved - by * said) for by in (1.0, _UP, _FEET)], axis=0)  # false velocities are none
+        sums, moved = fallen[stop] - fallen[start], height[start] - height[stop]
+        apart = np.min([np.abs(moved - by * sums) for by in (1.0, _UP, _FEET)], axis=0)  # without false velocities
         kept = apart <= _OUTSIDE * np.median(apart) if len(apart) else apart < 0.0
-        said, moved = said[kept], moved[kept]
-        power = float(np.sum(said**2))
-        if len(said) < _FEWEST or not power > len(said) * _LEAST_CLIMB**2:  # nor where one is not known
+        sums, moved = sums[kept], moved[kept]
+        power = float(np.sum(sums**2))
+        if len(sums) < _FEWEST or not power > len(sums) * _LEAST_CLIMB**2:  # or one is unknown
             continue
-        slope = float(np.sum(moved * said)) / power
-        scatter = float(np.std(moved - slope * said)) * np.sqrt(float(np.median(stop - start)))  # they overlap
+        slope = float(np.sum(moved * sums)) / power
+        scatter = float(np.std(moved - slope * sums)) * np.sqrt(float(np.median(stop - start)))  # they overlap
         sd = scatter / np.sqrt(power)
         if slope < -0.5 and slope < min(1.0 - _RISES * sd, -_FALLS * sd):
             return _UP

@@ -1,1 +1,1 @@
-"""Recordings from files: IMU, receiver, reference, positions, raw outputs."""
+"""Readers of recordings: IMU, receiver, reference, positions, raw outputs."""

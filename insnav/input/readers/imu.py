@@ -1,4 +1,4 @@
-"""Inertial data from a file: columns, units, axes and order found out, and said; or raw counts and volts."""
+"""Inertial data from a file: columns, units, axes and order are detected and reported; also raw counts and volts."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def read_imu(
     path : str, Path or Table
         A data file of any supported format, or ``-`` for standard input.
     axes : str, optional
-        Where the sensor's x, y, z point, such as ``FLU``; default ``FRD``, refused if gravity says otherwise.
+        Directions of the sensor's x, y, z, such as ``FLU``; default ``FRD``, refused if gravity contradicts it.
     columns : mapping of str to str, optional
         Quantity, with or without unit, to header: ``{"gyro_x_dps": "Gx"}``.
     units : mapping or str, optional
@@ -80,14 +80,14 @@ def read_imu(
     stamp : {"start", "mid", "end"}, optional
         Default ``end``.
     raw_scales : mapping of str to RawScale, optional
-        For ``gyro``, ``accel`` or both: the file holds volts or counts, and how they become rates and forces.
+        For ``gyro``, ``accel`` or both: the file contains volts or counts, with this conversion to rates and forces.
     any_way : bool, optional
-        Axes that were not given may point anywhere: a drive tells where.
+        Unspecified axes may have any direction: a drive determines them.
     accel_sign : {"force", "minus-force"}, optional
         Accelerometers have the sign of the specific force (default), or the opposite one, as in apps for iOS.
     bench : {"noise", "counts"}, optional
-        For a noise analysis, sensors may be missing, with NaN in their columns, and axes may point anywhere. Counts or
-        volts whose sensitivity is to be found are only brought to body axes.
+        For a noise analysis, sensors may be missing, with NaN in their columns, and axes may have any direction. Counts
+        or volts of unknown sensitivity are only rotated to body axes.
 
     Returns
     -------
@@ -98,7 +98,7 @@ def read_imu(
     InputError
         The file cannot be used.
     ConfigError
-        An option cannot be meant as given.
+        An option is invalid.
     """
     some, counts = bench == "noise", bench == "counts"
     given = parse_units(units)
@@ -132,7 +132,7 @@ def read_imu(
     raw_notes, raw_units = _from_outputs(rows.columns, found, scales, given, increments=increments, where=name)
     stated |= {key: _SI_UNITS[key] for key in scales}
     cleaned = rows.clean(_damaged(rows.columns, ["time", *there], found, name))
-    rows.columns.clear()  # a day of samples is there only once
+    rows.columns.clear()  # keeps only one copy of a day of samples
     time = cleaned.columns["time"]
     for key in {*gyro_keys, *accel_keys} - {*there}:
         cleaned.columns[key] = np.full(len(time), np.nan)
@@ -194,7 +194,7 @@ def read_imu(
 
 
 def parse_units(units: Mapping[str, str] | str | None) -> dict[str, str]:
-    """Units of ``gyro``, ``accel`` and ``time`` given by the user, as far as given.
+    """Parse the user's units of ``gyro``, ``accel`` and ``time``.
 
     Written as ``{"gyro": "deg/s"}``, ``"gyro=deg/s,accel=g,time=ms"``, or ``"deg/s,g"``; anything else is a
     `ConfigError`.
@@ -214,7 +214,7 @@ def parse_units(units: Mapping[str, str] | str | None) -> dict[str, str]:
 
 
 def _pairs(units: Mapping[str, str] | str | None) -> list[tuple[str, str]]:
-    """What units are given for, and the units; an empty word for units alone."""
+    """Split specified units into targets and units; an empty target for units alone."""
     if not isinstance(units, str):
         return [*(units or {}).items()]
     parts = [part.split("=", 1) for part in re.split(r"[,;]", units) if part.strip()]
@@ -222,7 +222,7 @@ def _pairs(units: Mapping[str, str] | str | None) -> list[tuple[str, str]]:
 
 
 def _count_scales(units: Mapping[str, str] | str | None) -> dict[str, RawScale]:
-    """Scale of counts given in place of a unit, such as ``counts/(deg/s)=131,counts/g=16384``."""
+    """Parse a scale of counts instead of a unit, such as ``counts/(deg/s)=131,counts/g=16384``."""
     scales = {}
     for key, text in _pairs(units):
         if (per := _COUNTS_PER.fullmatch(key)) is None:
@@ -236,7 +236,7 @@ def _count_scales(units: Mapping[str, str] | str | None) -> dict[str, RawScale]:
 
 
 def _raw_schema(scales: Mapping[str, RawScale]) -> tuple[Quantity, ...]:
-    """Columns of an IMU file, those of the named triads in volts or counts."""
+    """Return the IMU schema with the named triads in volts or counts."""
     if not scales:
         return IMU_SCHEMA
     schema = []
@@ -258,10 +258,10 @@ def _from_outputs(
     increments: bool,
     where: str,
 ) -> tuple[tuple[Finding, ...], dict[str, str]]:
-    """Replace outputs by rates [rad/s] and specific forces [m/s^2], in place.
+    """Convert outputs to rates [rad/s] and specific forces [m/s^2], in place.
 
-    Raises: ConfigError: a unit that is not one of volts or counts was given; InputError: the file holds increments, or
-    counts where volts are needed.
+    Raises: ConfigError: a specified unit is neither volts nor counts. InputError: the file contains increments, or
+    counts instead of volts.
     """
     notes, units = [], {}
     for triad, scale in scales.items():
@@ -296,7 +296,7 @@ def _units_of_some(
     increments: bool,
     where: str,
 ) -> tuple[str, str, tuple[Finding, ...]]:
-    """Units of gyros and accelerometers ``(n, 3)`` some of which are NaN, and what decided them."""
+    """Find units of gyros and accelerometers ``(n, 3)`` with NaN columns, with findings."""
     usual, other = ("rad", "deg") if increments else ("rad/s", "deg/s")
     accel_unit, gyro_unit = stated["accel"] or ("m/s" if increments else "m/s^2"), stated["gyro"] or usual
     scale = 1.0 / interval if increments else 1.0
@@ -321,13 +321,13 @@ def _choose(
     *,
     some: bool = False,
 ) -> bool:
-    """Whether to read increments; makes sure that all columns are there, or `some`."""
+    """Return whether to read increments, after checking that all columns exist, or `some`."""
     dims = {ALL_UNITS[given[key]][0] for key in ("gyro", "accel") if key in given}
     if sampling == "increment" or dims & {"angle", "velocity"}:
         if dims & {"rate", "acceleration"} or sampling in ("mean", "instant"):
             units = tuple(f"{key}={unit}" for key, unit in given.items())
             raise ConfigError("input.units_against_sampling", where="imu-units", units=units, sampling=sampling or "")
-        # Columns with the plain names and no unit hold increments because the user says so.
+        # Columns with plain names and no unit contain increments if the user specifies that.
         for rate, increment in zip(_RATES + _FORCES, _ANGLES + _VELOCITIES, strict=True):
             old = found.get(rate)
             if old is not None and increment not in found and (old.unit is None or dims):
@@ -367,7 +367,7 @@ def _choose(
 
 
 def _common_unit(found: dict[str, Found], keys: tuple[str, ...], name: str) -> str | None:
-    """Find the unit that the headers of three axes state; None if they do not."""
+    """Find the unit stated by the headers of three axes; None without."""
     there = [key for key in keys if key in found]
     stated = {found[key].unit for key in there} - {None}
     if len(stated) > 1:
@@ -378,14 +378,14 @@ def _common_unit(found: dict[str, Found], keys: tuple[str, ...], name: str) -> s
 def _damaged(
     columns: Mapping[str, FloatArray], keys: Sequence[str], found: Mapping[str, Found], name: str
 ) -> BoolArray:
-    """Rows with a cell that is not a sensible number, or zero in all; a column without any number is refused."""
+    """Find rows with an implausible cell, or all zeros; refuse a column without numbers."""
     bad = np.zeros(len(columns["time"]), dtype=np.bool_)
     for key in keys:
         column = columns[key]
         if not (len(column) and column.min() > -_SENSIBLE and column.max() < _SENSIBLE):  # NaN fails both
             bad |= ~(np.abs(column) < _SENSIBLE)
         spill.release()
-    early = np.flatnonzero(columns["time"] == 0.0)  # written before there was anything
+    early = np.flatnonzero(columns["time"] == 0.0)  # written before the first sample
     empty = np.logical_and.reduce([columns[key][early] == 0.0 for key in keys])
     if np.count_nonzero(empty) < len(bad) / 2:
         bad[early[empty]] = True
@@ -403,14 +403,14 @@ def _damaged(
 
 
 def _in_body(columns: dict[str, FloatArray], keys: tuple[str, ...], matrix: FloatArray) -> FloatArray:
-    """Three columns as one array in body axes; they are taken away."""
+    """Combine three columns in body axes, and remove them."""
     if np.count_nonzero(matrix) > 3:
         return spill.by_blocks(lambda *some: np.column_stack(some) @ matrix.T, *(columns[key] for key in keys))
     sources = [int(np.flatnonzero(row)[0]) for row in matrix]
     signs = [float(row[j]) for row, j in zip(matrix, sources, strict=True)]
     body = spill.empty((len(columns["time"]), 3))
     for block in spill.blocks(len(body)):
-        for start in range(block.start, block.stop, _BLOCK_ROWS):  # these stay in the cache: six times faster
+        for start in range(block.start, block.stop, _BLOCK_ROWS):  # these fit in the cache: six times faster
             rows = slice(start, start + _BLOCK_ROWS)
             for i in range(3):
                 np.multiply(columns[keys[sources[i]]][rows], signs[i], out=body[rows, i])
@@ -420,7 +420,7 @@ def _in_body(columns: dict[str, FloatArray], keys: tuple[str, ...], matrix: Floa
 
 
 def _temperature(time: FloatArray, column: FloatArray | None) -> tuple[FloatArray | None, tuple[Finding, ...]]:
-    """Temperature without gaps: it changes slowly, and loggers write it less often."""
+    """Interpolate temperature, which changes slowly and is logged less often."""
     if column is None:
         return None, ()
     known = np.isfinite(column)
@@ -433,7 +433,7 @@ def _temperature(time: FloatArray, column: FloatArray | None) -> tuple[FloatArra
 
 
 def _sampling_finding(data: ImuData, sampling: Sampling | None, stamp: Stamp | None) -> Finding:
-    """Make the finding of what a sample is; the names of columns tell increments."""
+    """Report the sample type; column names identify increments."""
     options = ("--imu-sampling",) * (sampling is None and data.sampling != "increment")
     options += ("--imu-stamp",) * (stamp is None and data.sampling != "instant")
     code = Code.READ_IMU_SAMPLING_ASSUMED if options else Code.READ_IMU_SAMPLING

@@ -1,4 +1,4 @@
-"""Which kind of recording a file is, by its format, its headers, or its numbers."""
+"""Kind of recording in a file, by format, headers or numbers."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from insnav.input.interpret.columns import agrees, match_header
 from insnav.input.interpret.headerless import imu_columns, is_headerless, position_columns
 from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA, REFERENCE_SCHEMA, Quantity
 
-_LOOKED_AT = 100  # files, to say which could be meant
+_LOOKED_AT = 100  # files examined to suggest candidates
 
 
 def kinds_of(tables: Mapping[str, Table], *, imu_known: bool = False) -> set[str]:
-    """What a file holds, of ``imu``, ``gps`` and ``reference``: as its format says, by its headers, by its numbers."""
+    """Return the content of a file, of ``imu``, ``gps`` and ``reference``: by format, headers or numbers."""
     kinds = {key.partition(":")[0] for key in tables}
     if "" not in kinds:
         return kinds
@@ -36,18 +36,18 @@ def kinds_of(tables: Mapping[str, Table], *, imu_known: bool = False) -> set[str
 
 
 def data_files(folder: str | Path) -> list[Path]:
-    """Files in a folder that may hold data."""
+    """List files in a folder that may contain data."""
     files = sorted(each for each in Path(folder).iterdir() if each.is_file() and each.suffix.lower() not in NO_DATA)
     return [each for each in files if not each.name.startswith(".")]
 
 
 def files_with(kind: str, folder: Path) -> list[str]:
-    """Names of files in a folder, of the first hundred, that hold data of one kind only; see `kinds_of`."""
+    """List files in a folder, of the first hundred, that contain one kind of data only; see `kinds_of`."""
     return [file.name for file, _, kinds in _opened(data_files(folder)[:_LOOKED_AT]) if kinds == {kind}]
 
 
 def _opened(files: Iterable[Path]) -> Iterator[tuple[Path, Mapping[str, Table], set[str]]]:
-    """Files that can be read, their tables and what they hold."""
+    """Yield readable files, their tables and kinds."""
     for file in files:
         with suppress(InsnavError):
             tables = open_tables(file)
@@ -55,9 +55,9 @@ def _opened(files: Iterable[Path]) -> Iterator[tuple[Path, Mapping[str, Table], 
 
 
 def open_parts(path: str | Path) -> Mapping[str, Table]:
-    """Tables of a file by part; of a folder that has no recording, or no fixes, by its names, by what its files hold.
+    """Return tables of a file by part; in a folder without recording names or fixes, by the content of its files.
 
-    Of several files of a kind that is taken whose name says so; if none does, or several, nothing is.
+    Of several files of a kind, the one so named is chosen; otherwise none.
     """
     folder = Path(path).is_dir() and os.access(path, os.R_OK | os.X_OK)
     try:
@@ -71,12 +71,12 @@ def open_parts(path: str | Path) -> Mapping[str, Table]:
 
 
 def _by_content(folder: Path) -> Mapping[str, Table]:
-    """Tables of the one file with samples and the one with fixes, if there are such."""
-    held: dict[tuple[str, bool], list[Table]] = {}  # by kind, and whether the name says it
+    """Return tables of the single files with samples and with fixes, if any."""
+    held: dict[tuple[str, bool], list[Table]] = {}  # by kind, and whether the name confirms it
     for file, tables, kinds in _opened(data_files(folder)):
-        said = NAMES.get(file.name.split(".")[0].lower())
+        by_name = NAMES.get(file.name.split(".")[0].lower())
         if len(kinds) == len(tables) == 1:
-            held.setdefault((said or kinds.pop(), said is not None), []).extend(tables.values())
+            held.setdefault((by_name or kinds.pop(), by_name is not None), []).extend(tables.values())
     chosen = {kind: held.get((kind, True)) or held[kind, False] for kind, _ in held}
     whole = {"imu", "gps"} <= chosen.keys() and all(len(own) == 1 for own in chosen.values())
     return {kind: own[0] for kind, own in chosen.items()} if whole else {}
@@ -88,7 +88,7 @@ def _known(headers: Sequence[str], schema: Sequence[Quantity], words: str) -> bo
 
 
 def _key(header: str, schema: Sequence[Quantity]) -> str:
-    """Quantity that a header means; empty for none."""
+    """Return the quantity of a header; empty without."""
     try:
         match = match_header(header, schema)
     except InsnavError:

@@ -34,9 +34,9 @@ _SLOWEST = 45.0  # longest interval between fixes that is taken for seconds [s]
 _MAX_HEIGHT = 1e5  # [m]
 _MIN_HEIGHT = -1e4
 _FAR = 0.1 * DEG  # a fix at (0, 0) is a placeholder if all others are farther than this
-_MOVES, _CLIMBS = 100.0, 5.0  # ways of a reference along North or East, and up, in which nothing stays zero [m]
+_MOVES, _CLIMBS = 100.0, 5.0  # travel of a reference along North or East, and up, that excludes zero columns [m]
 _ROOM = {"px", "prsrx", "posx", "positionx"}  # headers of EuRoC, TUM-VI, and programs like them
-# formats that do not define what heights are above; an empty name is that of data in memory
+# formats that define no height datum; the empty name means data in memory
 _ANY_HEIGHT = {"", *(each.name for each in (delimited_text, kf_gins, matlab, parquet, sensor_folder))}
 # columns of ArduPilot, PX4 and GoPro (GPMF: MSLV), whose documents define ``Alt`` as above mean sea level
 _OF_SEA_LEVEL = {"timeus", "epv", "altitudesystem"}
@@ -53,7 +53,7 @@ class Positions:
     v_n: FloatArray
 
     def stacked(self, keys: Sequence[str]) -> FloatArray:
-        """Columns side by side, NaN for those that the file does not have; (n, len(keys))."""
+        """Stack columns, NaN for missing ones; (n, len(keys))."""
         unknown = np.full(len(self.lla), np.nan)
         return np.column_stack([self.columns.get(key, unknown) for key in keys])
 
@@ -70,7 +70,7 @@ def read_gps(
     columns : mapping of str to str, optional
         Quantity, with or without unit, to header: ``{"sd_n_m": "sigma"}``; an empty header leaves it out.
     height : {"ellipsoidal", "msl"}, optional
-        What the heights are; default: by the header, else ellipsoidal, and reported so.
+        Type of the heights; by default from the header, else ellipsoidal, with a finding.
 
     Returns
     -------
@@ -81,7 +81,7 @@ def read_gps(
     InputError
         The file cannot be used.
     ConfigError
-        A column is named that does not exist.
+        A named column does not exist.
     """
     reading = read_positions(path, "GPS", GPS_SCHEMA, GPS_KINDS, columns=columns, height=height)
     read = reading.data
@@ -93,7 +93,7 @@ def read_gps(
 
 
 def read_reference(path: str | Path | Table, *, columns: Mapping[str, str] | None = None) -> Reading[Trajectory]:
-    """Read a reference: position, and velocity and attitude as far as the file has them; see `read_gps`.
+    """Read a reference: position, and velocity and attitude if present; see `read_gps`.
 
     Returns
     -------
@@ -120,7 +120,7 @@ def read_reference(path: str | Path | Table, *, columns: Mapping[str, str] | Non
 
 
 def _zeros_in_motion(lla: FloatArray, v_n: FloatArray, rph: FloatArray) -> list[str]:
-    """Columns that are zero in all rows of a moving reference: unknown, so set to NaN, in place."""
+    """Set columns that are zero throughout a moving reference to NaN, in place; return their names."""
     moved = np.ptp(ned_offset(lla, lla[0]), axis=0) if len(lla) else np.zeros(3)
     climbs, turns = float(moved[2]) > _CLIMBS, bool((moved[:2] > _MOVES).all())  # straight north, the heading is zero
     found: list[str] = []
@@ -193,7 +193,7 @@ def read_positions(
         v_n[:] = np.nan
         data |= {key: np.full(len(lla), np.nan) for key in _STANDARD_DEVIATIONS[3:] if key in data}
     if unit != 1.0:
-        measured = 2 + bool({"vd", "vu"} & found.keys())  # a vertical speed from the heights has their unit
+        measured = 2 + bool({"vd", "vu"} & found.keys())  # a vertical speed from heights has their unit
         v_n[:, :measured] *= unit
         for key in ("sd_vn", "sd_ve", "sd_vd")[:measured]:
             if key in data:
@@ -212,7 +212,7 @@ def read_positions(
 
 
 def _height(found: Mapping[str, Found], height: Height | None, table: Table) -> tuple[str, str, Finding]:
-    """Key of the height column, what it is, and what decided that."""
+    """Return the key of the height column, its type, and the evidence."""
     words = {compact(header) for header in table.headers}
     stated = compact(found["height"].header) if "height" in found else ""
     by_program = "alt" in stated and "ellipsoid" not in stated and bool(words & _OF_SEA_LEVEL)
@@ -231,27 +231,27 @@ def _height(found: Mapping[str, Found], height: Height | None, table: Table) -> 
 
 
 def _no_position(raw: dict[str, FloatArray]) -> BoolArray:
-    """Rows without a position: empty cells, and the placeholder (0, 0) of a receiver without a fix."""
+    """Find rows without a position: empty cells, and the placeholder (0, 0) of a receiver without a fix."""
     lat, lon = raw["lat"], raw["lon"]
     bad: BoolArray = ~(np.isfinite(lat) & np.isfinite(lon) & np.isfinite(raw["height"]))
     if "status" in raw:
-        bad |= raw.pop("status") < 0.0  # of ROS: no fix
+        bad |= raw.pop("status") < 0.0  # ROS: no fix
     origin = ~bad & (lat == 0.0) & (lon == 0.0)
     if not origin.any():
         return bad
     others = ~bad & ~origin
     nearest = float(np.min(np.abs(lat[others]) + np.abs(lon[others]), initial=np.inf))
-    far = nearest > _FAR and bool(others.any() or np.count_nonzero(origin) > 1)  # no receiver is twice exactly there
+    far = nearest > _FAR and bool(others.any() or np.count_nonzero(origin) > 1)  # exact repetition is implausible
     no_fix = raw["fix"] == 0.0 if "fix" in raw else np.zeros_like(bad)
     bad |= origin & (no_fix | far)
     return bad
 
 
 def _raise_rounded(raw: dict[str, FloatArray], bad: BoolArray, found: Mapping[str, Found]) -> list[Finding]:
-    """Raise standard deviations that were rounded to zero to the smallest one of their column that was not."""
+    """Replace standard deviations rounded to zero by the smallest nonzero one of their column."""
     notes = []
     for key in _STANDARD_DEVIATIONS:
-        if key not in raw or key not in found:  # those derived from other columns are above zero
+        if key not in raw or key not in found:  # derived ones are above zero
             continue
         zero, positive = ~bad & (raw[key] == 0.0), ~bad & (raw[key] > 0.0)
         if zero.any() and positive.any():
@@ -268,7 +268,7 @@ def _raise_rounded(raw: dict[str, FloatArray], bad: BoolArray, found: Mapping[st
 def _refuse_impossible(
     raw: Mapping[str, FloatArray], bad: BoolArray, found: Mapping[str, Found], table: Table, height_key: str
 ) -> None:
-    """Refuse values that no place on Earth and no receiver has, naming the first."""
+    """Refuse impossible positions or receiver values, with the first one in the error."""
     limits = {
         "lat": (-90.0 * DEG, 90.0 * DEG, "latitude"),
         "lon": (-180.0 * DEG, 360.0 * DEG, "longitude"),
@@ -313,9 +313,9 @@ def _refuse_impossible(
 
 
 def _angles(lla: FloatArray, fit: Fit | None, found: Mapping[str, Found], name: str) -> tuple[float, Finding]:
-    """Factor by which angles taken as degrees are to be multiplied, and what decided it.
+    """Return the factor on angles read as degrees, and the evidence.
 
-    Raises: InputError: they may be degrees or radians, or are not what the header says.
+    Raises: InputError: degrees or radians are ambiguous, or the header is wrong.
     """
     stated = found["lat"].unit
     if fit is not None and fit.radians in ("latitudes", "longitudes"):
@@ -340,9 +340,9 @@ def _angles(lla: FloatArray, fit: Fit | None, found: Mapping[str, Found], name: 
 
 
 def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tuple[float, list[Finding]]:
-    """Factor from the velocities as read to m/s, and what decided it.
+    """Return the factor from velocities as read to m/s, and the evidence.
 
-    Raises: InputError: the positions move otherwise than the columns say by name or unit.
+    Raises: InputError: the positions contradict the columns' names or units.
     """
     if fit is None or fit.radians:
         return 1.0, []
@@ -379,21 +379,21 @@ def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tu
 
 
 def _mirrored(fit: Fit, found: Mapping[str, Found]) -> dict[str, Any]:
-    """Which columns are to change their sign: velocities, or the positions they are compared with."""
+    """Return the columns with inverted sign: velocities, or the positions compared."""
     wrong = [pair for pair, sign in zip((("vn", "lat"), ("ve", "lon")), fit.signs, strict=True) if sign < 0.0]
     headers = [tuple(found[key].header if key in found else key for key in keys) for keys in zip(*wrong, strict=True)]
     return dict(zip(("velocities", "positions"), headers, strict=True))
 
 
 def _exchanged(code: str, found: Mapping[str, Found], where: str, **values: Any) -> InputError:
-    """Error of latitudes in the column of longitudes and the reverse."""
+    """Build the error for exchanged latitudes and longitudes."""
     right = {"lat": found["lon"].header, "lon": found["lat"].header}
     columns, gives = quote_columns(right), {"columns": right}
     return InputError(code, where=where, gives=gives, option="--columns", columns=columns, **values)
 
 
 def _attitude_findings(found: Mapping[str, Found]) -> list[Finding]:
-    """Make the findings of how attitude columns were understood."""
+    """Report the interpretation of attitude columns."""
     notes = []
     if "heading" in found and "yaw" in found["heading"].header.lower():
         notes.append(Finding.of(Code.READ_ANGLES_YAW, subject=found["heading"].header))

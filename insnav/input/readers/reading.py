@@ -1,4 +1,4 @@
-"""What was read and how it was understood."""
+"""Data as read, with their interpretation."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from insnav.messages import phrase, sentence
 from insnav.types import IntArray, Sampling, Stamp
 
 T = TypeVar("T")
-LOST, LOST_SHARE = 10.0, 0.1  # least time that only one of two files covers [s], and its share, that is a finding
-# Codes for a file that lacks the beginning, or the end, of the time of the other
+LOST, LOST_SHARE = 10.0, 0.1  # least uncovered time of a file [s], and its share, that is reported
+# Codes for a file that misses the beginning, or the end, of the other
 _SHORT_IMU = Code.FILES_IMU_BEGINS_LATE, Code.FILES_IMU_ENDS_EARLY
 _SHORT_GPS = Code.FILES_GPS_BEGINS_LATE, Code.FILES_GPS_ENDS_EARLY
 
@@ -32,19 +32,19 @@ class ReadingFacts:
     start_s: float
     end_s: float
     rate_hz: float  # inverse of the median interval [Hz]
-    n_gaps: int  # number of gaps that have an event
-    longest_gap_s: float  # longest interval between two rows if there is a gap, else zero [s]
+    n_gaps: int  # number of reported gaps
+    longest_gap_s: float  # longest interval between two rows with a gap, else zero [s]
     columns: Mapping[str, str]  # canonical name to header and unit
-    evidence: tuple[Finding, ...] = ()  # how units, axes and signs were found, and what was assumed
+    evidence: tuple[Finding, ...] = ()  # evidence for units, axes and signs, and assumptions
     axes: str = ""  # directions of the sensor's x, y, z, such as ``FRD`` (IMU only)
     # as in `insnav.types.ImuData` (IMU only)
     sampling: Sampling | None = None
     stamp: Stamp | None = None
     height: str = ""  # ``ellipsoidal`` or ``msl`` (GPS and reference)
-    gps_week: int | None = None  # from whose start the times count, if that is known
+    gps_week: int | None = None  # week of the time origin, if known
 
     def as_dict(self) -> dict[str, Any]:
-        """Give the facts in a form ready for JSON."""
+        """Convert the facts for JSON."""
         facts = {each.name: getattr(self, each.name) for each in fields(self)}
         facts |= {"columns": dict(self.columns), "evidence": [each.as_dict() for each in self.evidence]}
         optional = ("axes", "sampling", "stamp", "height", "gps_week")
@@ -52,13 +52,13 @@ class ReadingFacts:
 
     @classmethod
     def from_dict(cls, facts: Mapping[str, Any]) -> ReadingFacts:
-        """Take the facts back from JSON."""
+        """Restore the facts from JSON."""
         known = {each.name for each in fields(cls)}
         evidence = tuple(map(Finding.from_dict, facts["evidence"]))
         return cls(**{name: value for name, value in facts.items() if name in known} | {"evidence": evidence})
 
     def lines(self) -> list[str]:
-        """Give the facts in words, one a line."""
+        """Return the facts in words, one per line."""
         values: dict[str, Any] = {"length_s": self.end_s - self.start_s} | {
             each.name: getattr(self, each.name) for each in fields(self)
         }
@@ -71,13 +71,13 @@ class ReadingFacts:
 
 
 def not_covered(imu: ReadingFacts, gps: ReadingFacts) -> list[Finding]:
-    """Find long parts of the time of one file that the other lacks."""
+    """Report long parts of one file's time that the other does not cover."""
     found = []
     for subject, whole, part, codes in (("imu", gps, imu, _SHORT_IMU), ("gps", imu, gps, _SHORT_GPS)):
         length = whole.end_s - whole.start_s
         for code, lost in zip(codes, (part.start_s - whole.start_s, whole.end_s - part.end_s), strict=True):
             limit = max(LOST, LOST_SHARE * length)
-            if limit < lost < length:  # without any time in common it is the clocks
+            if limit < lost < length:  # without common time the clocks are reported
                 values: dict[str, Any] = {"lost_s": lost, "limit_s": limit, "share": lost / length}
                 values |= {"file": Path(part.path).name, "other": Path(whole.path).name}
                 empty = part.n_rows - part.n_used
@@ -88,10 +88,10 @@ def not_covered(imu: ReadingFacts, gps: ReadingFacts) -> list[Finding]:
 
 @dataclass(frozen=True, slots=True)
 class Reading(Generic[T]):
-    """Data from a file, with everything that happened on the way."""
+    """Data from a file, with events and interpretation."""
 
     data: T  # the data
-    events: tuple[Finding, ...]  # rows dropped, sorted or missing, in order of time
-    facts: ReadingFacts  # what was understood
-    # (n,) fix type of each row of a reference, if the file has it; -1 where the cell is empty
+    events: tuple[Finding, ...]  # dropped, sorted or missing rows, in order of time
+    facts: ReadingFacts  # interpretation
+    # (n,) fix type of each row of a reference, if present; -1 for an empty cell
     fix: IntArray | None = field(default=None)

@@ -1,4 +1,4 @@
-"""What all readers do: columns with time in seconds, rows cleaned, and what was understood kept beside the data."""
+"""Common part of all readers: time in seconds, cleaned rows, and their interpretation."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """Columns of a file on their way to data."""
+    """Columns of a file during conversion."""
 
     table: Table  # the file
-    kinds: Kinds  # what sort of rows it has
+    kinds: Kinds  # description of its rows
     columns: dict[str, FloatArray]  # (n,) by key, as in the file, but time in seconds
     n_rows: int  # number of rows
-    cut: Finding | None  # why a last row was left out, if one was
-    # unit of the time in the file, and how it was found
+    cut: Finding | None  # reason for dropping the last row, if dropped
+    # unit of the time in the file, and its evidence
     time_unit: str
     time_evidence: Finding | None
-    week: float | None = None  # GPS week from whose start the times count
+    week: float | None = None  # GPS week of the time origin
 
     def clean(self, bad: BoolArray | None = None, lacking: Code = Code.ROWS_NAN) -> Cleaned:
-        """Put rows in order without the bad ones ``(n,)``: by default those with a value that is not finite."""
+        """Sort rows and drop bad ones ``(n,)``: by default rows with a value that is not finite."""
         if bad is None:
             bad = np.asarray(~np.isfinite(np.column_stack(list(self.columns.values()))).all(axis=1), dtype=np.bool_)
         return clean(self.columns, bad, self.kinds, place=self.table.place, name=self.table.name, lacking=lacking)
@@ -57,7 +57,7 @@ class Rows:
         stamp: Stamp | None = None,
         height: str = "",
     ) -> Reading[T]:
-        """Data with what happened to the rows and what was understood; see `ReadingFacts`."""
+        """Combine data, events and interpretation; see `ReadingFacts`."""
         time = cleaned.columns["time"]
         events = cleaned.events
         if self.cut:
@@ -86,7 +86,7 @@ class Rows:
         return Reading(data, events, facts)
 
     def _of_file(self, note: Finding) -> Finding:
-        """Give a finding about the file as a whole the name of the input."""
+        """Add the input name to a finding on the whole file."""
         return replace(note, subject=self.kinds.source) if not note.subject else note
 
 
@@ -99,12 +99,12 @@ def read_rows(
     slowest: float,
     time_unit: str | None = None,
 ) -> Rows:
-    """Read columns, the time in seconds.
+    """Read columns, with time in seconds.
 
-    `slowest` is the longest step of time that such a file has [s]; the unit of the time is that of the user, else of
-    the header, else found by the steps.
+    `slowest`: longest time step of such files [s]. The unit of the time comes from the user, else from the header, else
+    from the steps.
 
-    Raises: InputError: a cell is not a number, or the unit of the time is unclear.
+    Raises: InputError: a cell is not a number, or the unit of the time is ambiguous.
     """
     if "time" in found and found["time"].header != "time_s":  # the user named another column
         table = replace(table, notes=tuple(note for note in table.notes if note.code not in _MADE_TIMES))
@@ -112,7 +112,7 @@ def read_rows(
     numbers = table.cells.read([found[key].index for key in keys])
     columns = {key: numbers.columns[found[key].index] for key in keys}
     forms = {key: numbers.texts[found[key].index] for key in columns if found[key].index in numbers.texts}
-    if "date" in forms and forms["date"].form != "date":  # beside a time of its own
+    if "date" in forms and forms["date"].form != "date":  # in addition to a time column
         del columns["date"], forms["date"]
     _refuse_texts(forms, found, table)
     _refuse_marks(columns, found, table)
@@ -136,7 +136,7 @@ def read_rows(
 
 
 def _refuse_marks(columns: Mapping[str, FloatArray], found: Mapping[str, Found], table: Table) -> None:
-    """Refuse numbers that programs write for what is not known: some rows have exactly one, far from all others."""
+    """Refuse placeholder numbers for unknown values: some rows have exactly one number, far from all others."""
     for key, values in columns.items():
         ends = [(np.fmin.reduce(values[rows]), np.fmax.reduce(values[rows])) for rows in spill.blocks(len(values))]
         for mark in _MARKS.intersection(np.ravel(ends).tolist()):
@@ -153,8 +153,8 @@ def _refuse_marks(columns: Mapping[str, FloatArray], found: Mapping[str, Found],
 _MADE_TIMES = {Code.TIME_TWO_COLUMNS, Code.TIME_FROM_PARTS, Code.TIME_FROM_TICKS}
 # -999, 9999, ..., and -99: 99 may be a standard deviation
 _MARKS = {sign * 10.0**digits - sign for sign in (-1.0, 1.0) for digits in (3, 4, 5, 6)} | {-99.0}
-_FAR = 0.2  # part of such a number beyond which others may be, too
-_LEAST_ALONE = 100.0  # larger ones are none by chance in a single row either, but for a time
+_FAR = 0.2  # relative distance within which other values may occur
+_LEAST_ALONE = 100.0  # larger placeholders count in a single row, too, except in times
 _FORMS = {
     "time": ("date and time", "time of day"),
     "date": ("date",),
@@ -164,7 +164,7 @@ _FORMS = {
 
 
 def _refuse_texts(forms: Mapping[str, TextValues], found: Mapping[str, Found], table: Table) -> None:
-    """Refuse texts where they cannot stand: a date in a column of rates."""
+    """Refuse text in the wrong place: a date in a column of rates."""
     for key, (_, form, *_) in forms.items():
         if form not in _FORMS.get(key, ()):
             values: dict[str, Any] = {"column": found[key].header, "form": form, "quantity": key, "option": "--columns"}

@@ -1,4 +1,4 @@
-"""Logs of further sensors from a file: what each holds is in `insnav.input.interpret.schema.LOG_SCHEMAS`."""
+"""Logs of further sensors from a file: `insnav.input.interpret.schema.LOG_SCHEMAS` defines their content."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from insnav.input.readers.reading import Reading
 from insnav.input.readers.rows import read_rows
 from insnav.types import SensorLog
 
-_SLOWEST = 45.0  # longest interval that is taken for seconds [s]
+_SLOWEST = 45.0  # longest interval in seconds [s]
 
 
 def read_sensor_log(path: str | Path | Table, name: str) -> Reading[SensorLog]:
     """Read the log of a further sensor.
 
-    `path`: a data file of any supported format; that of the IMU may hold the columns of another sensor, too; `name`:
-    the sensor, one of `LOG_SCHEMAS`, such as ``speedometer`` with columns ``time_s, speed_m_s`` and perhaps ``sd_m_s``.
+    `path`: a data file of any supported format; the IMU file may contain columns of another sensor, too. `name`: the
+    sensor, one of `LOG_SCHEMAS`, such as ``speedometer`` with columns ``time_s, speed_m_s`` and optionally ``sd_m_s``.
     Raises: InputError: the file cannot be used.
     """
     schema, alternatives = LOG_SCHEMAS[name]

@@ -1,4 +1,4 @@
-"""What a north-pointing platform measures, from files: specific force along level axes, and heights over time."""
+"""Measurements of a north-pointing platform from files: specific force along level axes, and heights over time."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ LevelAxes = Literal["ENU", "NED"]
 
 _SLOWEST = 10.0  # longest interval between samples [s]
 _SENSIBLE = 1e3  # larger specific force is damage [m/s^2]
-_GRAVITY = (9.0, 10.6)  # what the vertical axis shows in the middle of a record, in flight too [m/s^2]
+_GRAVITY = (9.0, 10.6)  # vertical axis in the middle of a record, also in flight [m/s^2]
 SPECIFIC_FORCE_SCHEMA = schema("specific_force")
 _SLOWEST_HEIGHTS = 1000.0  # longest interval between heights [s]
-_HEIGHTS = ("height", "baro", "height_msl")  # the first there is counts
+_HEIGHTS = ("height", "baro", "height_msl")  # in order of preference
 _HEIGHT_SCHEMA = tuple({q.key: q for q in (*REFERENCE_SCHEMA, *IMU_SCHEMA) if q.key in ("time", *_HEIGHTS)}.values())
 _ORDER = {"ENU": ("f_east", "f_north", "f_up"), "NED": ("f_north", "f_east", "f_down")}
 
@@ -44,7 +44,7 @@ class SpecificForce:
 
 @dataclass(frozen=True, slots=True)
 class Heights:
-    """Heights over time, as a barometer or a surveyed profile gives them."""
+    """Heights over time, from a barometer or a surveyed profile."""
 
     time: FloatArray  # (n,) [s], strictly increasing
     height: FloatArray  # (n,) as in the file [m]
@@ -59,13 +59,12 @@ def read_specific_force(
 ) -> Reading[SpecificForce]:
     """Read specific force along the axes of a north-pointing platform.
 
-    `path`: a data file of any supported format, or ``-`` for standard input; `axes` {"ENU", "NED"}: what columns x, y,
-    z are; columns whose names state their direction (``f_east_m_s2``, ``fe``) need none; `columns`: quantity, with or
-    without unit, to header; `sample_rate`: samples per second [Hz] of a file without a time column; the first is at 0
+    `path`: a data file of any supported format, or ``-`` for standard input. `axes` {"ENU", "NED"}: directions of
+    columns x, y, z; columns named by direction (``f_east_m_s2``, ``fe``) need none. `columns`: quantity, with or
+    without unit, to header. `sample_rate`: samples per second [Hz] of a file without a time column; the first is at 0
     s.
     Raises: InputError: the file cannot be used: columns missing, not along level axes, or a gap of more than five
-    samples, in which the motion is unknown; ConfigError: `columns` cannot be meant as given, or `sample_rate` is given
-    for a file that has times.
+    samples with unknown motion. ConfigError: `columns` is invalid, or `sample_rate` is given for a file with times.
     """
     table = open_table(path)
     name = table.name
@@ -105,7 +104,7 @@ def read_specific_force(
 
 
 def _check_clock(found: Mapping[str, Found], sample_rate: float | None, table: Table) -> None:
-    """Refuse a file without times, and one with times if the rate of the samples is given too."""
+    """Refuse a file without times, and one with times if the sample rate is specified, too."""
     if sample_rate is None:
         require(found, ("time",), table, SPECIFIC_FORCE_SCHEMA, hint="without_times")
     elif "time" in found:
@@ -114,7 +113,7 @@ def _check_clock(found: Mapping[str, Found], sample_rate: float | None, table: T
 
 
 def _chosen(found: Mapping[str, Found], axes: LevelAxes | None, table: Table) -> dict[str, str]:
-    """Direction to the key of its column."""
+    """Map each direction to the key of its column."""
     plain = ("accel_x", "accel_y", "accel_z")
     if not any(key.startswith("f_") for key in found) and all(key in found for key in plain):
         if axes is None:
@@ -138,7 +137,7 @@ def _refuse_gaps(cleaned: Cleaned, name: str) -> None:
 
 
 def _unit(cleaned: Cleaned, found: list[Found], name: str) -> tuple[str, Finding]:
-    """Unit of the specific force, and what decided it."""
+    """Find the unit of the specific force, with evidence."""
     stated = {each.unit for each in found} - {None}
     if len(stated) > 1:
         raise InputError("input.mixed_units", where=name, columns=tuple(each.describe() for each in found))
@@ -177,7 +176,7 @@ def _refuse_impossible(time: FloatArray, f_n: FloatArray, name: str) -> None:
 
 
 def read_heights(path: str | Path | Table) -> Reading[Heights]:
-    """Read a time and a height from a data file; whatever else it holds is not looked at.
+    """Read time and height from a data file, ignoring other columns.
 
     Raises: InputError: the file cannot be used.
     """

@@ -1,7 +1,7 @@
-"""Tables from the bench, a few named columns, each with its unit in the header; and dwells in them.
+"""Bench tables: a few named columns with units in the header, and dwells in them.
 
-A dwell is many samples at one rate or one position, cleaned and reduced to one value each. A polynomial over its
-samples follows warm-up and drift; what lies far from it is a spike, not the sensor.
+A dwell is many samples at one rate or one position, cleaned and reduced to one value. A polynomial over its samples
+follows warm-up and drift; samples far from it are spikes.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ TEMPERATURE = Quantity("temperature", "temperature_c", "temperature", "degC", ("
 
 @dataclass(frozen=True, slots=True)
 class BenchFile:
-    """Which file a result is from."""
+    """Source file of a result."""
 
     name: str  # the file and its digest
     sha256: str
@@ -45,15 +45,15 @@ class BenchTable(BenchFile):
 
     @property
     def file(self) -> BenchFile:
-        """Its file, without the columns."""
+        """File information without the columns."""
         return BenchFile(self.name, self.sha256, self.units)
 
     def stack(self, *keys: str) -> FloatArray:
-        """Columns side by side, (n, k)."""
+        """Stack columns, (n, k)."""
         return np.column_stack([self.columns[key] for key in keys])
 
     def get(self, key: str) -> FloatArray | None:
-        """Column if the file has it."""
+        """Return a column if the file has it."""
         return self.columns.get(key)
 
 
@@ -67,9 +67,9 @@ def read_bench(
 ) -> BenchTable:
     """Read a table of the bench.
 
-    schema: what it may hold; time and temperature always; needed: keys that it must hold; columns: quantity to
-    header, for headers that are not understood by themselves; alternatives: key that does instead of a needed one.
-    Raises InputError: A column is missing or has no unit, or a cell is empty.
+    `schema`: possible quantities; time and temperature always. `needed`: keys of required columns. `columns`: quantity
+    to header, for unusual headers. `alternatives`: key that may replace a required one.
+    Raises: InputError: a column is missing or has no unit, or a cell is empty.
     """
     table = open_table(path)
     schema = (*schema, TIME, TEMPERATURE)
@@ -106,15 +106,15 @@ def read_bench(
 
 ORDER = 7  # of the polynomial
 LIMIT_V = 0.005  # samples further from it are dropped [V]
-MAX_ROUNDS = 10  # spikes bend the polynomial: it is fitted again without them until nothing changes
-LARGEST_LOSS = 0.5  # a dwell that loses more of its samples has no value
-MANY_SPIKES = 0.05  # share of the samples of a dwell that is pointed out
-LARGEST_DRIFT_C = 2.0  # temperature may change so much within a calibration [deg C]
+MAX_ROUNDS = 10  # spikes bend the polynomial: it is fitted again without them until convergence
+LARGEST_LOSS = 0.5  # a dwell that loses a larger share of its samples has no value
+MANY_SPIKES = 0.05  # share of spikes in a dwell that is reported
+LARGEST_DRIFT_C = 2.0  # largest temperature change within a calibration [deg C]
 
 
 @dataclass(frozen=True, slots=True)
 class Dwells:
-    """One value a dwell."""
+    """Reduced dwells, one value each."""
 
     setting: FloatArray  # (n, k) rate or angle of each dwell, in the unit of the table it came from
     value: FloatArray  # (n, m) mean of the samples kept, for each of m sensors
@@ -125,14 +125,14 @@ class Dwells:
 
     @property
     def raw(self) -> bool:
-        """Whether there were samples to clean, not one mean a dwell."""
+        """True if there were samples to clean, not one mean per dwell."""
         return bool((self.count > 1).any())
 
 
 def default_limit(unit: str) -> float:
     """Distance from the polynomial beyond which samples are dropped, in their unit: none but of volts.
 
-    unit: of the samples.
+    `unit`: of the samples.
     """
     dimension, factor = UNITS[unit]
     return LIMIT_V / factor if dimension == "signal" and unit != "LSB" else float("inf")
@@ -141,11 +141,12 @@ def default_limit(unit: str) -> float:
 def clean_mean(
     time: FloatArray, samples: FloatArray, limit: float, *, where: str = "", row: int = 0
 ) -> tuple[float, float, int]:
-    """Mean of the samples of a dwell without its spikes.
+    """Compute the mean of the samples of a dwell without its spikes.
 
-    time (n,): time of each sample, in any unit; samples (n,): samples; limit: largest distance from the polynomial,
-    in the unit of the samples; row: first row of the dwell, from 0. Returns mean, sd: mean of the samples kept and its
-    standard deviation; dropped: how many were not kept. Raises InputError: more than half of them lie beyond the limit.
+    `time` (n,): time of each sample, in any unit. `samples` (n,): samples. `limit`: largest distance from the
+    polynomial, in the unit of the samples. `row`: first row of the dwell, from 0. Returns mean, sd: mean of the samples
+    kept and its standard deviation; dropped: how many were not kept. Raises: InputError: more than half of them lie
+    beyond the limit.
     """
     order = min(ORDER, max(0, samples.size // 10))  # a short dwell does not carry seven bends
     good = np.ones(samples.size, dtype=np.bool_)
@@ -173,12 +174,11 @@ def clean_mean(
 def reduce_dwells(
     settings: FloatArray, samples: FloatArray, limit: float, time: FloatArray | None = None, *, where: str = ""
 ) -> Dwells:
-    """Reduce a record to one value for each stretch of equal settings.
+    """Reduce a record to one value for each interval of equal settings.
 
-    settings (n, k): commanded rates or angles of each row. Rows of one dwell follow one another; a setting that
-    comes back later is a dwell of its own; samples (n, m): outputs of m sensors; limit: as in `clean_mean`; time
-    (n,): times of the rows; default their number. Raises InputError: A value that is not a number, or a dwell of
-    spikes.
+    `settings` (n, k): commanded rates or angles of each row. Rows of one dwell follow one another; a setting that comes
+    back later is a dwell of its own. `samples` (n, m): outputs of m sensors. `limit`: as in `clean_mean`. `time` (n,):
+    times of the rows; default their number. Raises: InputError: A value that is not a number, or a dwell of spikes.
     """
     bad = ~(np.isfinite(settings).all(axis=1) & np.isfinite(samples).all(axis=1))
     if bad.any():
@@ -201,9 +201,9 @@ def reduce_dwells(
 
 
 def dwell_warnings(dwells: Dwells, names: Sequence[str], temperature: FloatArray | None) -> tuple[Finding, ...]:
-    """Find dwells that lost many samples, and changes of the temperature.
+    """Report dwells that lost many samples, and temperature changes.
 
-    dwells: from `reduce_dwells`; names: of the sensors; temperature (n,): temperature of the rows [deg C].
+    `dwells`: from `reduce_dwells`. `names`: of the sensors. `temperature` (n,): temperature of the rows [deg C].
     """
     warnings = []
     for name, lost in zip(names, dwells.dropped.T, strict=True):

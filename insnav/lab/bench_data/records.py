@@ -1,7 +1,7 @@
-"""Files of acceptance and drift tests: what was set and what sensors put out, in named columns with units.
+"""Files of acceptance and drift tests: settings and sensor outputs, in named columns with units.
 
-A file holds as many of the sensors gyro x, y, z, accelerometer x, y, z as were measured. Outputs are rates or specific
-forces (``gyro_x_deg_s``, ``accel_x_g``), volts or counts (``gyro_x_v``, ``accel_x_lsb``).
+A file contains any of the sensors gyro x, y, z, accelerometer x, y, z. Outputs are rates or specific forces
+(``gyro_x_deg_s``, ``accel_x_g``), volts or counts (``gyro_x_v``, ``accel_x_lsb``).
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Channel:
     axis: str  # such as ``gyro x``
     setting: FloatArray  # (n,) rate [rad/s] or specific force [m/s^2] that was set; empty at rest
     output: FloatArray  # (n,) in `unit`
-    unit: str  # rad/s or m/s^2 for whatever senses in such a unit, else that of the file: V, mV, uV, LSB
+    unit: str  # rad/s or m/s^2 if convertible, else the unit of the file: V, mV, uV, LSB
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +69,8 @@ class BenchRecord:
 def read_static(path: str | Path | Table, columns: Mapping[str, str] | None = None) -> BenchRecord:
     """Read a record at rest: ``time_s`` and outputs.
 
-    columns: quantity to header, for headers that are not understood by themselves; those of other files are passed
-    over. Raises InputError: no outputs, times that do not grow, or whatever `read_bench` finds.
+    `columns`: quantity to header, for unusual headers; others are ignored. Raises: InputError: no outputs, times that
+    do not increase, or an error of `read_bench`.
     """
     table = _read(path, ("raw", "sensed"), ("time",), columns)
     time = table.columns["time"]
@@ -86,9 +86,9 @@ def read_steps(
 
     Successive rows with the same settings are the samples of one dwell, reduced to their mean without spikes.
 
-    columns: as in `read_static`; spike_limit: samples further from a polynomial through their dwell are dropped, in
-    the unit of the output; default 0.005 V, and none in other units. Raises InputError: an output without its
-    setting, or whatever `read_bench` finds.
+    `columns`: as in `read_static`. `spike_limit`: samples further from a polynomial through their dwell are dropped, in
+    the unit of the output; default 0.005 V, and none in other units. Raises: InputError: an output without its setting,
+    or whatever `read_bench` finds.
     """
     table = _read(path, ("setting", "raw", "sensed"), (), columns)
     channels = _channels(table, settings=True)
@@ -115,7 +115,7 @@ def read_steps(
 def read_powerups(path: str | Path | Table, columns: Mapping[str, str] | None = None) -> BenchRecord:
     """Read power-ups: ``powerup``, settings and outputs; or biases already computed, ``gyro_x_bias_deg_s``.
 
-    columns: as in `read_static`. Raises InputError: no column of power-ups, or whatever `read_bench` finds.
+    `columns`: as in `read_static`. Raises: InputError: no column of power-ups, or whatever `read_bench` finds.
     """
     table = _read(path, ("setting", "raw", "sensed", "bias"), ("powerup",), columns, (POWERUP,))
     channels = {}
@@ -132,7 +132,7 @@ def read_drift(path: str | Path | Table, columns: Mapping[str, str] | None = Non
 
     That is ``rate_x_deg_s`` … (true rates; without them everything is at rest), ``temperature_c``, ``accel_x_g`` ….
 
-    columns: as in `read_static`. Raises InputError: no gyro, outputs in volts, or whatever `read_bench` finds.
+    `columns`: as in `read_static`. Raises: InputError: no gyro, outputs in volts, or whatever `read_bench` finds.
     """
     table = _read(path, ("setting", "raw", "sensed"), ("time",), columns)
     values: dict[str, dict[str, FloatArray]] = {"sensed": {}, "setting": {}}

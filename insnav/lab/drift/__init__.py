@@ -1,1 +1,1 @@
-"""Drift of MEMS gyros: model, smoothing, and the noise before and after."""
+"""Drift of MEMS gyros: model, smoothing, and noise before and after."""

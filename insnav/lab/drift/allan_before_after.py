@@ -1,4 +1,4 @@
-"""What correction and smoothing do to the noise of a gyro: Allan deviations before and after, their coefficients."""
+"""Effect of correction and smoothing on gyro noise: Allan deviations and coefficients before and after."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ SAME = 0.9  # a deviation of more than this part of the one before is no longer 
 
 @dataclass(frozen=True, slots=True)
 class PowerCoefficient:
-    """One coefficient of ``sigma^2(tau) = sum A_m tau^m`` and the noise it stands for."""
+    """Coefficient of ``sigma^2(tau) = sum A_m tau^m`` and its noise parameter."""
 
     power: float  # A_m [unit^2 s^-m]
     value: float  # Q, N, B, K or R; zero if A_m is negative
-    low: float  # its 95 % interval, from that of A_m; zero where that of A_m goes below zero
+    low: float  # its 95 % interval, from the interval of A_m; zero if A_m may be negative
     high: float
 
 
@@ -60,7 +60,7 @@ class GyroDrift:
     measured_rate: FloatArray  # (n,) rate as it came, without the modelled drift, and of the filter [rad/s]
     corrected_rate: FloatArray
     smoothed_rate: FloatArray
-    measured: Curve  # of the drift as it came, of what the model leaves of it, and of that smoothed, at rest
+    measured: Curve  # of the drift as measured, after the model, and after smoothing, at rest
     corrected: Curve
     smoothed: Curve
     computed: RampAnswer  # the filter on a ramp without noise
@@ -82,7 +82,7 @@ class DriftStudy:
     errors: ImuErrors  # the drift, to correct other records
     warnings: tuple[Finding, ...]
     notes: tuple[Finding, ...]
-    file: BenchFile | None = None  # what the record was read from
+    file: BenchFile | None = None  # source file of the record
 
 
 def drift_study(record: DriftRecord) -> DriftStudy:
@@ -154,7 +154,7 @@ def _curve(values: FloatArray, interval: float, factors: IntArray, squares: Floa
 def power_fit(allan: AllanDeviation, own: FloatArray) -> dict[str, PowerCoefficient]:
     """Coefficients of ``sigma^2(tau) = sum A_m tau^m``, m = -2 .. 2, by generalised least squares.
 
-    allan: one column; own (k, k): covariance of its variances. Returns by Q, N, B, K, R (IEEE Std 952-1997, annex
+    `allan`: one column. `own` (k, k): covariance of its variances. Returns by Q, N, B, K, R (IEEE Std 952-1997, annex
     C); empty with fewer than five times.
     """
     if allan.tau.size < len(POWERS):
@@ -168,10 +168,10 @@ def power_fit(allan: AllanDeviation, own: FloatArray) -> dict[str, PowerCoeffici
     squares = (pseudo @ (inverse @ seen)) / scale
     left = inverse @ (seen - unit @ squares)
     spare = seen.size - len(POWERS)
-    # where no sum of powers follows the curve, the intervals allow for what it misses
+    # if no sum of powers fits the curve, the intervals include the misfit
     misfit = max(1.0, math.sqrt(float(left @ left) / spare)) if spare else 1.0
     sd = misfit * np.linalg.norm(pseudo, axis=1) / scale
-    # A_m: what multiplies tau^m, taken at tau = 1
+    # A_m: factor of tau^m, from tau = 1
     factors = basis(np.ones(1), 1.0)[0, [NAMES.index(name) for name in POWERS]]
     found = {}
     for name, square, spread, factor in zip(POWERS, squares, sd, factors, strict=True):

@@ -1,7 +1,7 @@
-"""Drift of gyros that depends on something: rate, temperature, specific force; and its removal.
+"""Gyro drift by its causes, rate, temperature and specific force, and its correction.
 
-N = A + B W + c_T (T - 25 C) + c_g a for each axis, N the output less the true rate W, a the specific force along the
-axis: bias, what is left of the scale factor error, and the sensitivities to temperature and to g. All terms add up.
+N = A + B W + c_T (T - 25 C) + c_g a for each axis: N is the output minus the true rate W, a the specific force along
+the axis. The terms are bias, remaining scale factor error, and the sensitivities to temperature and to g.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from insnav.lab.least_squares import Fit, coverage_factor, linear_fit
 from insnav.types import BoolArray, FloatArray, ImuData
 from insnav.units import DEG, G0
 
-# a term shows only if its cause changes by so much (standard deviation) apart from the causes before it
+# least standard deviation of a cause, independent of the earlier causes, for its term
 SHOWS = {"B": 1.0 * DEG, "c_T": 0.5, "c_g": 0.05 * G0}
 _CAUSES = {"B": "rate", "c_T": "temperature", "c_g": "specific_force"}
 _UNITS = {"B": "rad_s", "c_T": "k", "c_g": "m_s2"}
 FEWEST = 100  # samples
-PARTS = (12, 24, 48, 96, 192)  # of a record, whose means show how long residuals stay correlated
+PARTS = (12, 24, 48, 96, 192)  # of a record, whose means reveal correlation of the residuals
 LARGEST_B = 0.5  # of a gyro in the unit of its header
 
 
 @dataclass(frozen=True, slots=True)
 class DriftRecord:
-    """Gyros with what their drift may depend on."""
+    """Gyro record with possible causes of drift."""
 
     name: str  # the file
     time: FloatArray  # (n,) even steps [s]
-    axes: tuple[str, ...]  # letters of the gyros that there are
+    axes: tuple[str, ...]  # letters of the gyros present
     gyro: Mapping[str, FloatArray]  # (n,) output, and true rate where it is known, by letter [rad/s]
     rate: Mapping[str, FloatArray]
     force: Mapping[str, FloatArray]  # (n,) specific force along the axis, where it is known [m/s^2]
@@ -63,13 +63,13 @@ class DriftModel:
     """Drift of one gyro."""
 
     axis: str  # its letter
-    # terms found: A [rad/s], B [-], c_T [rad/s/K], c_g [rad/s/(m/s^2)], and their standard deviations, with what the
-    # residuals have in common from sample to sample (`variance_inflation`)
+    # fitted terms: A [rad/s], B [-], c_T [rad/s/K], c_g [rad/s/(m/s^2)], and their standard deviations, with the
+    # correlation of the residuals (`variance_inflation`)
     value: Mapping[str, float]
     sd: Mapping[str, float]
-    left_out: Mapping[str, Finding]  # terms that the record does not show, and why
+    left_out: Mapping[str, Finding]  # terms that the record does not determine, with reason
     fit: Fit
-    freedom: float  # degrees of freedom with which these standard deviations are known
+    freedom: float  # degrees of freedom of these standard deviations
 
     def half_width(self, term: str) -> float:
         """Half width of the 95 % interval of a term."""
@@ -79,7 +79,7 @@ class DriftModel:
 def drift_model(record: DriftRecord, axis: str) -> DriftModel:
     """Fit the drift of one gyro.
 
-    axis: letter of the gyro. Raises InputError: fewer than 100 samples.
+    `axis`: letter of the gyro. Raises: InputError: fewer than 100 samples.
     """
     if record.time.size < FEWEST:
         raise InputError("lab.drift_short", where=record.name, count=record.time.size, limit=FEWEST)
@@ -109,7 +109,7 @@ def drift_model(record: DriftRecord, axis: str) -> DriftModel:
 
 
 def _left_out(term: str, cause: FloatArray | None, columns: list[FloatArray], subject: str) -> Finding | None:
-    """Find why a term cannot be separated from those before it; None if it can."""
+    """Find why a term cannot be separated from the earlier ones; None if it can."""
     if cause is None:
         return Finding.of(Code.DRIFT_NO_COLUMN, subject=subject, term=term, cause=_CAUSES[term])
     known = np.column_stack(columns)
@@ -122,14 +122,14 @@ def _left_out(term: str, cause: FloatArray | None, columns: list[FloatArray], su
 
 
 def variance_inflation(residual: FloatArray, fitted: int) -> tuple[float, float]:
-    """How much more the means of residuals scatter than those of independent ones.
+    """Compute the variance inflation of residual means by correlation.
 
-    The variance of the means of equal parts, times their length, is that of a sample if samples are independent. It is
-    taken for several lengths up to a twelfth of the record, and the largest counts: what lasts longer than the parts
-    does not show in them (method of batch means; J. M. Flegal and G. L. Jones, Annals of Statistics 38 (2010) 1034).
+    For independent samples, the variance of the means of equal parts times their length equals the sample variance. The
+    largest ratio over several lengths up to a twelfth of the record counts. Correlation beyond the parts is not
+    detected (method of batch means; J. M. Flegal and G. L. Jones, Annals of Statistics 38 (2010) 1034).
 
-    residual (n,): of a fit; fitted: number of its parameters, which take as many degrees of freedom from the means.
-    Returns inflation: of the variance of a mean, at least 1; freedom: degrees of freedom with which it is known.
+    `residual` (n,): of a fit. `fitted`: number of its parameters, which reduce the degrees of freedom of the means.
+    Returns inflation of the variance of a mean, at least 1, and its degrees of freedom.
     """
     n = residual.size
     variance = float(residual @ residual) / max(1, n - fitted)
@@ -146,9 +146,9 @@ def variance_inflation(residual: FloatArray, fitted: int) -> tuple[float, float]
 
 
 def drift_errors(models: Mapping[str, DriftModel], name: str = "") -> ImuErrors:
-    """Known errors for `insnav.imu.correct`: bias at 25 deg C, scale factor, sensitivities.
+    """Build errors for `insnav.imu.correct`: bias at 25 deg C, scale factor, sensitivities.
 
-    models: by letter of the axis; other axes are left as they are; name: what was measured.
+    `models`: by letter of the axis; other axes have no errors. `name`: of the sensor.
     """
 
     def three(term: str) -> FloatArray:
@@ -159,9 +159,9 @@ def drift_errors(models: Mapping[str, DriftModel], name: str = "") -> ImuErrors:
 
 
 def corrected_rates(record: DriftRecord, errors: ImuErrors) -> dict[str, FloatArray]:
-    """Rates without the modelled drift, by letter of the axis, (n,) each [rad/s].
+    """Remove the modelled drift from the rates, by letter of the axis, (n,) each [rad/s].
 
-    errors: from `drift_errors`.
+    `errors`: from `drift_errors`.
     """
     nothing = np.zeros(record.time.size)
     gyro = np.column_stack([record.gyro.get(axis, nothing) for axis in "xyz"])

@@ -1,9 +1,9 @@
-"""The scalar Kalman filter that smooths a rate: a random walk seen through white noise.
+"""Scalar Kalman filter that smooths a rate: a random walk observed in white noise.
 
-x[k] = x[k-1] + w, z[k] = x[k] + v with variances Q and R. Q and R are those that make the record likeliest (the local
-level model; A. C. Harvey, Forecasting, Structural Time Series Models and the Kalman Filter (1989), random walk plus
-noise). Differences of z have the tridiagonal covariance Q + 2 R, -R, whose eigenvectors are sines: the likelihood is
-exact and costs one sine transform.
+x[k] = x[k-1] + w, z[k] = x[k] + v with variances Q and R. Q and R maximise the likelihood of the record (local level
+model; A. C. Harvey, Forecasting, Structural Time Series Models and the Kalman Filter (1989), random walk plus noise).
+Differences of z have the tridiagonal covariance Q + 2 R, -R, whose eigenvectors are sines. The likelihood is therefore
+exact, at the cost of one sine transform.
 """
 
 from __future__ import annotations
@@ -22,44 +22,44 @@ from insnav.types import FloatArray
 from insnav.units import DEG
 
 P0 = DEG**2  # variance of the initial state: 1 (deg/s)^2
-SLOWEST_PART = 10  # the time constant of the filter is at most this part of the record that Q and R are taken from
-SETTLED = 1e-13  # relative change of the gain that counts as none
+SLOWEST_PART = 10  # largest time constant of the filter, relative to the record that determines Q and R
+SETTLED = 1e-13  # relative change of the gain that counts as zero
 STILL, UNSTEADY, SHORTEST_RAMP = 0.05, 0.2, 5.0  # of a ramp: part of the largest slope, of its own; and [s]
 RAMP_RATE, RAMP_TIME = 60.0 * DEG, 100.0  # 10 r/min, reached in 100 s
 
 
 @dataclass(frozen=True, slots=True)
 class Smoother:
-    """A scalar Kalman filter in its steady state."""
+    """Scalar Kalman filter in its steady state."""
 
     q: float  # variance of the step and of the noise of a sample [(rad/s)^2]
     r: float
     interval: float  # sampling interval [s]
-    bounded: bool  # whether Q is the smallest that was allowed: the record shows no walk
+    bounded: bool  # Q is at its lower limit: the record has no random walk
 
     @property
     def gain(self) -> float:
-        """Gain of the steady state: P (P + R)^-1 with P = Q / 2 + sqrt(Q^2 / 4 + Q R) before the update."""
+        """Steady-state gain: P (P + R)^-1 with P = Q / 2 + sqrt(Q^2 / 4 + Q R) before the update."""
         p = 0.5 * self.q + math.sqrt(0.25 * self.q**2 + self.q * self.r)
         return p / (p + self.r)
 
     @property
     def time_constant(self) -> float:
-        """Time in which the answer to a step comes to within 1/e [s]."""
+        """Time after a step at which the remainder is 1/e [s]."""
         return -self.interval / math.log1p(-self.gain)
 
     @property
     def lag(self) -> float:
-        """How late a ramp comes out, (1 - gain) / gain intervals [s]."""
+        """Delay on a ramp, (1 - gain) / gain intervals [s]."""
         return self.interval * (1.0 - self.gain) / self.gain
 
 
 def choose_smoother(values: FloatArray, interval: float) -> Smoother:
-    """Q and R of greatest likelihood.
+    """Find Q and R of maximum likelihood.
 
-    values (n,): random part of a rate at rest [rad/s]; interval: sampling interval [s]. Q is at least so large
-    that the time constant is a tenth of the record: slower walks are not observable. Raises InputError:
-    values that do not change.
+    `values` (n,): random part of a rate at rest [rad/s]. `interval`: sampling interval [s]. Q is at least so large that
+    the time constant is a tenth of the record: slower walks are not observable. Raises: InputError: values that do not
+    change.
     """
     step = np.diff(values)
     if not np.any(step):
@@ -74,7 +74,7 @@ def choose_smoother(values: FloatArray, interval: float) -> Smoother:
 
     smallest = 2.0 * math.log(SLOWEST_PART / n)
     found = minimize_scalar(unlikely, bounds=(smallest, 0.0), method="bounded", options={"xatol": 1e-6})
-    # the end of an interval is only approached: take it if it is no worse
+    # the end of an interval is only approached: take it if equal
     bounded = unlikely(smallest) <= float(found.fun) + 1e-3
     ratio = math.exp(smallest if bounded else float(found.x))
     r = float(np.mean(power / (ratio + shape)))
@@ -86,7 +86,7 @@ def smooth(values: FloatArray, smoother: Smoother) -> FloatArray:
 
     The steps are filterpy's until the gain has settled; from there on they are a recursion of constant gain.
 
-    values (n,): [rad/s], finite. Returns (n,): [rad/s]. Raises InputError: A value that is not finite: one would
+    `values` (n,): [rad/s], finite. Returns (n,): [rad/s]. Raises: InputError: A value that is not finite: one would
     stay in the filter for ever.
     """
     if not np.isfinite(values).all():
@@ -111,33 +111,33 @@ def smooth(values: FloatArray, smoother: Smoother) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class RampAnswer:
-    """What a smoother makes of a rate ramp."""
+    """Response of a smoother to a rate ramp."""
 
-    time: FloatArray  # (n,) time [s], true rate and that of the filter [rad/s]
+    time: FloatArray  # (n,) time [s], true rate and filtered rate [rad/s]
     rate: FloatArray
     smoothed: FloatArray
     slope: float  # of the ramp [rad/s^2]
-    lag: float  # how late the filter is in the second half of the ramp, and its standard deviation [s]
+    lag: float  # delay of the filter in the second half of the ramp, and its standard deviation [s]
     lag_sd: float
-    worst: float  # largest error of the second half of the ramp and after it [rad/s]
-    measured: bool  # whether the rates are of the record, or computed without noise
+    worst: float  # largest error from the second half of the ramp on [rad/s]
+    measured: bool  # the rates are recorded, not computed without noise
 
 
 def computed_ramp(smoother: Smoother) -> RampAnswer:
-    """Answer to 0 to 10 r/min in 100 s and 100 s of constant rate, without noise."""
+    """Compute the response to 0 to 10 r/min in 100 s and 100 s of constant rate, without noise."""
     time = smoother.interval * np.arange(round(2.0 * RAMP_TIME / smoother.interval) + 1, dtype=np.float64)
     rate = np.asarray(RAMP_RATE * np.minimum(time / RAMP_TIME, 1.0), dtype=np.float64)
     keep = 1.0 - smoother.gain
-    settled = np.asarray(lfilter([smoother.gain], [1.0, -keep], rate))  # has stood at zero for long
+    settled = np.asarray(lfilter([smoother.gain], [1.0, -keep], rate))  # zero for a long time before
     return _answer(np.asarray(time), rate, settled, slice(0, round(RAMP_TIME / smoother.interval) + 1), measured=False)
 
 
 def recorded_ramp(time: FloatArray, rate: FloatArray, smoothed: FloatArray) -> RampAnswer | None:
-    """Lag in the longest steady ramp of a record; None if it has none of 5 s.
+    """Measure the lag in the longest steady ramp of a record; None without a ramp of 5 s.
 
-    time (n,): [s]; rate, smoothed (n,): true rate, and the smoothed one [rad/s].
+    `time` (n,): [s]. `rate`, `smoothed` (n,): true rate, and the smoothed one [rad/s].
     """
-    over = max(1, round(1.0 / float(np.median(np.diff(time)))))  # about a second: steps of the table do not matter
+    over = max(1, round(1.0 / float(np.median(np.diff(time)))))  # about a second: steps of the table are irrelevant
     change = (rate[over:] - rate[:-over]) / (time[over:] - time[:-over])
     best = slice(0, 1)
     for sign in (1.0, -1.0):
@@ -159,7 +159,7 @@ def _answer(time: FloatArray, rate: FloatArray, smoothed: FloatArray, ramp: slic
     slope = float((rate[ramp.stop - 1] - rate[ramp.start]) / (time[ramp.stop - 1] - time[ramp.start]))
     half = slice((ramp.start + ramp.stop) // 2, ramp.stop)
     late = (rate[half] - smoothed[half]) / slope
-    # a filter forgets slowly: its errors are correlated, and ten parts show how much the mean scatters
+    # errors of the filter are correlated: ten parts give the scatter of the mean
     parts = np.array([part.mean() for part in np.array_split(late, 10)]) if late.size >= 20 else late
     sd = float(np.std(parts, ddof=1) / math.sqrt(parts.size))
     worst = float(np.max(np.abs(rate[half.start :] - smoothed[half.start :])))

@@ -1,11 +1,11 @@
-"""Accelerometers calibrated by the length of gravity, the same in every pose.
+"""Accelerometer calibration by the magnitude of gravity, equal in every pose.
 
 References
 ----------
 D. Tedaldi, A. Pretto, E. Menegatti, "A robust and easy to implement method for IMU calibration without external
-equipments", ICRA 2014, the section on the calibration of the accelerometers: nine parameters from the squared
-difference of the corrected specific force and gravity over all poses. Here the difference itself is minimised, not
-that of the squares, and the sensitivity is parametrised, not its inverse; both have the same solution.
+equipments", ICRA 2014, section on accelerometers: nine parameters from the squared difference of corrected specific
+force and gravity over all poses. This module minimises the difference of magnitudes, not of squares, and parametrises
+the sensitivity, not its inverse. Both have the same solution.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ _ROW, _COLUMN = np.tril_indices(3)
 NAMES = tuple(f"bias {a}" for a in AXES) + tuple(
     f"scale {AXES[i]}" if i == j else f"misalignment {AXES[i]}{AXES[j]}" for i, j in zip(_ROW, _COLUMN, strict=True)
 )
-WORST_CONDITION = 150.0  # beyond it a pose moved by a degree changes the result by as much as what is sought
+WORST_CONDITION = 150.0  # beyond it, moving a pose by a degree changes the result by as much as its uncertainty
 
 
 @dataclass(frozen=True, slots=True)
 class GravityFit:
-    """Accelerometers and how well they show the length of gravity."""
+    """Calibrated accelerometers with their gravity errors."""
 
-    # lower triangular sensitivity: x of the body is the sensitive axis of accelerometer x, and y lies in the plane of
-    # those of x and y
+    # lower triangular sensitivity: body x is the sensitive axis of accelerometer x, body y is in the plane of both
+    # sensitive axes
     triad: Triad
     covariance: FloatArray  # (9, 9) of bias x, y, z and the lower triangle of the matrix by rows
     error: FloatArray  # (n,) length of the corrected specific force minus gravity in each pose [m/s^2]
     sd: float  # standard deviation of one such error, from their scatter [m/s^2]
-    normal: Normal  # what the poses determine
+    normal: Normal  # analysis of the determination by the poses
 
 
 def sphere(force: FloatArray, g: float) -> Triad:
@@ -45,7 +45,7 @@ def sphere(force: FloatArray, g: float) -> Triad:
 
     ``|c|^2 = 2 b.c + (k^2 g^2 - |b|^2)``, linear in the bias b and the term in brackets.
 
-    force (n, 3): mean of each pose in the unit of the record; g: gravity [m/s^2]. Raises InputError: the poses do
+    `force` (n, 3): mean of each pose in the unit of the record. `g`: gravity [m/s^2]. Raises: InputError: the poses do
     not lie around a sphere.
     """
     middle = force.mean(axis=0)
@@ -97,8 +97,8 @@ def norm_jacobian(parameters: FloatArray, force: FloatArray) -> FloatArray:
 def fit_gravity_norm(force: FloatArray, g: float, start: Triad) -> GravityFit:
     """Calibrate accelerometers by the length of gravity.
 
-    force (n, 3): mean of each pose in the unit of the record; g: gravity [m/s^2]; start: first guess: `Triad()` for
-    SI, `sphere` for counts. Raises InputError: too few poses, or poses that leave a parameter undetermined.
+    `force` (n, 3): mean of each pose in the unit of the record. `g`: gravity [m/s^2]. `start`: first guess: `Triad()`
+    for SI, `sphere` for counts. Raises: InputError: too few poses, or poses that leave a parameter undetermined.
     """
     n = force.shape[0]
     if n <= PARAMETERS:
@@ -142,7 +142,7 @@ def _refuse_singular(determined: Normal, g: float) -> None:
 def missing_pose(determined: Normal, g: float) -> tuple[str, ...]:
     """Name the pose that would show most of the least determined combination of parameters.
 
-    determined: by the poses so far; g: gravity [m/s^2].
+    `determined`: by the poses so far. `g`: gravity [m/s^2].
     """
     candidates = directions()
     # as if the sensors were perfect: a few percent do not change which pose is missing

@@ -1,11 +1,11 @@
-"""Gyros calibrated by the turns between poses: integrated, they must bring gravity from one to the next.
+"""Gyro calibration by the turns between poses: integrated rates must rotate gravity from pose to pose.
 
 References
 ----------
 D. Tedaldi, A. Pretto, E. Menegatti, "A robust and easy to implement method for IMU calibration without external
-equipments", ICRA 2014, the section on the calibration of the gyroscopes: nine parameters from the difference of the
-direction of gravity by the accelerometers and by integrated rates over all turns. Here the difference is taken in the
-plane across gravity (along it there is no information), and rates are integrated with `insnav.strapdown.increments`.
+equipments", ICRA 2014, section on gyroscopes: nine parameters from the direction of gravity by accelerometers and by
+integrated rates over all turns. This module takes the difference in the plane across gravity (along it there is no
+information), and integrates rates with `insnav.strapdown.increments`.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ PARAMETERS = 9
 NAMES = tuple(f"scale {a}" if a == b else f"misalignment {a}{b}" for a in AXES for b in AXES)
 WORST_CONDITION = 150.0
 FEWEST = 6  # turns: twelve components against nine parameters
-_COARSE = 10  # samples put together where only a first guess is sought
+_COARSE = 10  # samples joined for the initial guess
 _TRIED = 60  # sensitivities tried
 _SMALLEST, _LARGEST = 0.1, 15.0  # plausible turn of the largest movement of a hand calibration [rad]
-MISFIT = 20.0 * DEG  # of turns that are understood, before they are fitted
+MISFIT = 20.0 * DEG  # of plausible turns, before the fit
 _STEP = 1e-6  # of a relative change of the sensitivity, for slopes
 _NO_EARTH = np.zeros(3)
 _START = np.array([1.0, 0.0, 0.0, 0.0])
@@ -46,13 +46,13 @@ class Turns:
     parts: Intervals  # gyros and accelerometers in the unit of the record
     start: IntArray  # (m,) intervals from which and up to which each turn lasts
     end: IntArray
-    moving: IntArray  # (k,) intervals that belong to a turn: rest need not be integrated
-    use: BoolArray  # (m,) turns during which every sample is there and inside the range
+    moving: IntArray  # (k,) intervals that belong to a turn: rest is not integrated
+    use: BoolArray  # (m,) turns with all samples present and in range
 
 
 @dataclass(frozen=True, slots=True)
 class TurnFit:
-    """Sensitivity of the gyros and how well it closes the turns."""
+    """Calibrated gyro sensitivity with its turn errors."""
 
     matrix: FloatArray  # (3, 3) unit of the record per rad/s
     covariance: FloatArray  # (9, 9) of E, by rows, in ``matrix = start (I + E)``, from the scatter of the residuals
@@ -60,13 +60,13 @@ class TurnFit:
     # (m,) angle between the directions of gravity after each turn, by gyros and by accelerometers [rad]
     error: FloatArray
     sd: float  # standard deviation of one component of it, from the scatter [rad]
-    normal: Normal  # what the turns determine
+    normal: Normal  # analysis of the determination by the turns
 
 
 def prepare(imu: ImuData, poses: Sequence[Pose], damaged: BoolArray) -> Turns:
     """Find the turns of a record.
 
-    poses: at least two; damaged (n,): samples at the end of the range.
+    `poses`: at least two. `damaged` (n,): samples at the end of the range.
     """
     parts = intervals(imu)
     begin = np.array([pose.end for pose in poses[:-1]])
@@ -98,7 +98,7 @@ def _between(quaternion: FloatArray, start: IntArray, end: IntArray) -> FloatArr
 def rotations(turns: Turns, bias: FloatArray, matrix: FloatArray) -> FloatArray:
     """Rotation of each turn by the corrected gyros.
 
-    bias (3,): in the unit of the record; matrix (3, 3): unit of the record per rad/s. Returns (m, 3, 3): takes a
+    `bias` (3,): in the unit of the record. `matrix` (3, 3): unit of the record per rad/s. Returns (m, 3, 3): takes a
     vector that stands still from body coordinates before the turn to those after it.
     """
     parts = turns.parts
@@ -121,7 +121,7 @@ def across(up: FloatArray) -> FloatArray:
 def residuals(rotation: FloatArray, up: FloatArray) -> FloatArray:
     """Direction of gravity by the gyros across that by the accelerometers after each turn.
 
-    rotation (m, 3, 3): from `rotations`; up (m + 1, 3): unit vectors along the specific force in the poses. Returns
+    `rotation` (m, 3, 3): from `rotations`. `up` (m + 1, 3): unit vectors along the specific force in the poses. Returns
     (m, 2): components [rad]; their length is the angle between the two even if it is large.
     """
     carried = np.einsum("mij,mj->mi", rotation, up[:-1])
@@ -132,11 +132,11 @@ def residuals(rotation: FloatArray, up: FloatArray) -> FloatArray:
 
 
 def first_guess(turns: Turns, bias: FloatArray, up: FloatArray, counts: bool) -> FloatArray:
-    """Sensitivity to start from, the same for all axes; refuses exchanged axes.
+    """Find an initial sensitivity, equal for all axes; refuse exchanged axes.
 
-    bias (3,): in the unit of the record; up (m + 1, 3): unit vectors along the specific force in the poses; counts:
-    the sensitivity is not known; else it is about 1. Returns (3, 3). Raises InputError: gyros whose axes or signs
-    are not those of the accelerometers, or that show nothing of the turns.
+    `bias` (3,): in the unit of the record. `up` (m + 1, 3): unit vectors along the specific force in the poses.
+    `counts`: the sensitivity is unknown; else it is about 1. Returns (3, 3). Raises: InputError: gyros with other axes
+    or signs than the accelerometers, or without signal in the turns.
     """
     parts = turns.parts
     step = parts.dt[:, None]
@@ -176,9 +176,9 @@ def first_guess(turns: Turns, bias: FloatArray, up: FloatArray, counts: bool) ->
 def fit_turns(turns: Turns, bias: FloatArray, start: FloatArray, up: FloatArray, use: BoolArray) -> TurnFit:
     """Calibrate gyros by the turns between poses.
 
-    bias (3,): in the unit of the record; start (3, 3): first guess of the sensitivity; up (m + 1, 3): unit vectors
-    along the specific force in the poses, by calibrated accelerometers; use (m,): turns to use. Raises InputError:
-    too few turns, or turns that leave a parameter undetermined.
+    `bias` (3,): in the unit of the record. `start` (3, 3): first guess of the sensitivity. `up` (m + 1, 3): unit
+    vectors along the specific force in the poses, by calibrated accelerometers. `use` (m,): turns to use. Raises:
+    InputError: too few turns, or turns that leave a parameter undetermined.
     """
     count = int(np.count_nonzero(use))
     if count < FEWEST:

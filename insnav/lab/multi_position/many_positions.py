@@ -1,10 +1,10 @@
-"""Multi-position calibration: a sensor put down in many poses and turned between them, without a table.
+"""Multi-position calibration without a table: a sensor in many poses, with turns between them.
 
 References
 ----------
 D. Tedaldi, A. Pretto, E. Menegatti, "A robust and easy to implement method for IMU calibration without external
-equipments", ICRA 2014. Beyond it, the part of the gyros' output that goes with the specific force is estimated from
-the poses and subtracted before the turns are integrated: in a MEMS gyro it is the larger part of what remains.
+equipments", ICRA 2014. In addition, the poses give the g-sensitivity of the gyros, which is removed before the
+integration of the turns. In a MEMS gyro it is the largest remaining error.
 """
 
 from __future__ import annotations
@@ -22,44 +22,44 @@ from insnav.lab.multi_position.stationary_spans import Activity, Pose, clipped, 
 from insnav.lab.multi_position.triad import MultiPosition, Triad, corrected
 from insnav.types import BoolArray, FloatArray, ImuData
 
-FACTORS = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # standard deviations at rest that are tried as the limit of rest
-ALIKE = 1.0  # logarithm of the determinant of two covariances that are about alike: 6 % a standard deviation
-LEAST_OWN = 0.1  # of the scatter of the turns that is their own at least
+FACTORS = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # candidate limits of rest, in standard deviations at rest
+ALIKE = 1.0  # log determinant difference of nearly equal covariances: 6 % per standard deviation
+LEAST_OWN = 0.1  # least share of the turns' scatter that is their own
 FOLDS = 5
-WRONG_NORM = 0.02  # scatter of gravity over its length that no pose at rest leaves
+WRONG_NORM = 0.02  # relative scatter of gravity beyond any set of poses at rest
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PosesCalibration(MultiPosition):
-    """Result of a calibration by poses.
+    """Result of a multi-pose calibration.
 
-    The gyros refer to the axes of the accelerometers; their bias is that without specific force.
+    The gyros refer to the accelerometer axes; their bias excludes g-sensitivity.
     """
 
     poses: tuple[Pose, ...]  # stretches at rest, in order of time
     factor: float  # limit of rest that was chosen, in standard deviations at rest
-    norm_left_out: FloatArray  # (n,) as `norm_after`, each pose by a calibration that has not seen it [m/s^2]
+    norm_left_out: FloatArray  # (n,) as `norm_after`, each pose by a calibration without it [m/s^2]
     # (n - 1,) angle by which each turn misses the next pose [rad]: with the first guess, calibrated without the
     # g-sensitivity, and calibrated
     turn_before: FloatArray
     turn_plain: FloatArray
     turn_after: FloatArray
-    turn_left_out: FloatArray  # (n - 1,) calibrated, each turn by a calibration that has not seen it [rad]
-    turn_used: BoolArray  # (n - 1,) false where samples are missing or at the end of the range
-    # (n,) leverage of each pose: of the nine parameters of the accelerometers, so many are its own [-]
+    turn_left_out: FloatArray  # (n - 1,) calibrated, each turn by a calibration without it [rad]
+    turn_used: BoolArray  # (n - 1,) false if samples are missing or out of range
+    # (n,) leverage of each pose on the nine accelerometer parameters [-]
     accel_share: FloatArray
-    # (n - 1,) the same for each turn and the nine parameters of the gyros; zero where not used [-]
+    # (n - 1,) leverage of each turn on the nine gyro parameters; zero if unused [-]
     gyro_share: FloatArray
-    # (3,) change of the gyros at rest from the first to the last third of the record, without that which goes with
-    # the specific force [rad/s]
+    # (3,) change of the gyro outputs at rest from the first to the last third of the record, without g-sensitivity
+    # [rad/s]
     gyro_drift: FloatArray
 
 
 def calibrate_poses(imu: ImuData, g: float, *, counts: bool = False) -> PosesCalibration:
     """Calibrate accelerometers and gyros by poses and the turns between them.
 
-    `imu`: record of at least ten poses, in SI units, or in any units if `counts`; `g`: gravity where it was made
-    [m/s^2]; `counts`: sensitivities are not known, not even roughly.
+    `imu`: record of at least ten poses, in SI units, or in any units if `counts`. `g`: gravity where it was made
+    [m/s^2]. `counts`: sensitivities are not known, not even roughly.
     Raises: InputError: no poses, too few, or such as leave a parameter undetermined; units, axes or signs that cannot
     be.
     """
@@ -128,13 +128,13 @@ def calibrate_poses(imu: ImuData, g: float, *, counts: bool = False) -> PosesCal
 def _best_poses(
     imu: ImuData, activity: Activity, g: float, counts: bool
 ) -> tuple[float, tuple[Pose, ...], gravity_norm.GravityFit, Triad]:
-    """Search the tightest limit of rest by which the accelerometers become about least uncertain."""
+    """Find the smallest limit of rest with nearly the least uncertain accelerometers."""
     found = [(factor, find_poses(imu, activity, factor)) for factor in FACTORS]
     most = max(len(poses) for _, poses in found)
     tried: list[tuple[float, float, tuple[Pose, ...], gravity_norm.GravityFit, Triad]] = []
     refused: InputError | None = None
     for factor, poses in found:
-        if 2 * len(poses) < most or not poses:  # a few that fit well by chance are no better
+        if 2 * len(poses) < most or not poses:  # a few poses fit well by chance
             continue
         force = np.array([pose.force for pose in poses])
         if not counts:
@@ -148,16 +148,16 @@ def _best_poses(
         tried.append((float(np.linalg.slogdet(fit.covariance)[1]), factor, poses, fit, start))
     if not tried:
         raise refused or InputError("lab.never_calm")
-    # a looser limit that wins by chance lets the ends of motions in, which the turns then lack
+    # a looser limit that is better by chance includes motion, which the turns then lack
     least = min(item[0] for item in tried)
     _, factor, poses, fit, start = next(item for item in tried if item[0] < least + ALIKE)
     return factor, poses, fit, start
 
 
 def refuse_force_units(force: FloatArray, g: float) -> None:
-    """Refuse accelerometers whose length at rest is not near that of gravity.
+    """Refuse accelerometers whose magnitude at rest differs from gravity.
 
-    force (n, 3): mean of each pose [m/s^2]; g: gravity [m/s^2].
+    `force` (n, 3): mean of each pose [m/s^2]. `g`: gravity [m/s^2].
     """
     length = float(np.median(np.linalg.norm(force, axis=1)))
     if abs(length / g - 1.0) > WRONG_UNIT:
@@ -171,7 +171,7 @@ def _directions(triad: Triad, force: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class _Rest:
-    """Gyros at rest: mean; bias and g-sensitivity, covariance of (bias, row of it) per axis, (3, 4, 4); drift."""
+    """Gyro outputs at rest: mean, bias and g-sensitivity with covariance per axis, (3, 4, 4), and drift."""
 
     mean: FloatArray
     bias: FloatArray
@@ -181,11 +181,11 @@ class _Rest:
 
 
 def _rest(poses: Sequence[Pose], accel: Triad) -> _Rest:
-    """Split the output of the gyros at rest into bias and what goes with the specific force.
+    """Split the output of the gyros at rest into bias and g-sensitivity.
 
-    A straight line over the poses, weighted by their lengths. The scatter about it, which holds noise, bias
-    instability and the Earth's rotation, gives the uncertainty. The paper takes the bias from the rest at the
-    beginning; all rests together are longer and average the Earth's rotation.
+    A straight line over the poses is weighted by their lengths. The scatter about it contains noise, bias instability
+    and the Earth's rotation, and gives the uncertainty. The paper uses the bias of the initial rest only. All rests
+    together are longer and average the Earth's rotation.
     """
     weight = np.array([pose.count for pose in poses], dtype=float)
     weight /= weight.mean()
@@ -212,10 +212,10 @@ def _whole_covariance(
     fit: gravity_norm.GravityFit,
     rest: _Rest,
 ) -> FloatArray:
-    """Covariance of the gyros' matrix with what it has from the accelerometers, the bias and the g-sensitivity, (9, 9).
+    """Compute the covariance of the gyro matrix including accelerometer, bias and g-sensitivity errors, (9, 9).
 
-    Each of these is moved along the directions of its covariance by one standard deviation. What they add to the
-    scatter of the residuals is subtracted there: it must not count twice.
+    Each of these is perturbed along its covariance by one standard deviation. Their contribution to the residual
+    scatter is subtracted, to count once.
     """
     force = np.array([pose.force for pose in poses])
     felt = corrected(fit.triad, imu.accel)
@@ -250,9 +250,9 @@ def _steps(covariance: FloatArray) -> FloatArray:
 
 
 def _left_out(error: FloatArray, without: Callable[[BoolArray], FloatArray]) -> FloatArray:
-    """Errors by calibrations that have not seen them, every fifth at a time; that of all where the rest gives none.
+    """Compute errors by calibrations without these data, a fifth at a time; by all data if the rest is too small.
 
-    `error` (n,): by the calibration of all; `without`: errors (n,) by one of those that are kept (n,).
+    `error` (n,): by the calibration of all. `without`: function from kept rows (n,) to errors (n,).
     """
     error = error.copy()
     for fold in range(FOLDS):

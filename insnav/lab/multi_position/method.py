@@ -30,16 +30,16 @@ from insnav.units import G0
 Found = PosesCalibration | SixPositions
 RAW_UNIT = "LSB"  # of a record whose headers state none
 FEW_POSES = 20  # below, the uncertainty is itself uncertain
-ALONE = 0.9  # a pose that determines so much of a parameter alone is not checked by any other
-WARM = 2.0  # change of temperature that is pointed out [K]
-OVERFIT = 2.0  # a left-out error so many times the fitted one
-DRIFT = 6.0  # standard deviations of its bias by which a gyro that drifted has changed
+ALONE = 0.9  # leverage of a pose that no other pose can check
+WARM = 2.0  # reported change of temperature [K]
+OVERFIT = 2.0  # ratio of left-out to fitted error
+DRIFT = 6.0  # significance of a gyro drift in standard deviations of its bias
 
 
 def read(files: Sequence[str | Path | Table], how: BenchOptions) -> Reading[ImuData]:
     """Read a record that is stationary in many positions.
 
-    In SI units, or of raw counts as in the file; in body axes. Raises ConfigError: options that contradict each other.
+    In SI units, or of raw counts as in the file; in body axes. Raises: ConfigError: options that contradict each other.
     """
     if not how.six and how.sections is not None:
         raise ConfigError("lab.sections_need_six", where="--sections")
@@ -61,8 +61,8 @@ def read(files: Sequence[str | Path | Table], how: BenchOptions) -> Reading[ImuD
 def fit(record: Reading[ImuData], how: BenchOptions) -> Calibration[ReadingFacts, Found]:
     """Calibrate by `calibrate_poses` or `calibrate_six_positions`.
 
-    Its errors carry the axes of the file, a name and the mean temperature; uncertainty and impact are those in SI
-    units, of raw units against one zero and one scale factor for three sensors.
+    The errors have the axes of the file, a name and the mean temperature. Uncertainty and impact are in SI units; raw
+    units use one zero and one scale factor for three sensors.
     """
     data, sections = record.data, how.sections
     if isinstance(sections, str | Path):
@@ -86,10 +86,10 @@ def fit(record: Reading[ImuData], how: BenchOptions) -> Calibration[ReadingFacts
 def file_errors(
     found: Found, *, axes: FloatArray | None = None, name: str = "", temperature: float | None = None
 ) -> ImuErrors:
-    """Errors for the calibration file: bias, matrix and g-sensitivity, of raw units also zero and scale of each sensor.
+    """Build errors for the calibration file: bias, matrix and g-sensitivity; for raw units zero and scale, too.
 
-    axes (3, 3): from the axes of the file to those of the body, as it was read; zero and scale are for the sensors
-    of the file; name: what was calibrated; temperature: at which mean temperature [deg C].
+    `axes` (3, 3): from file axes to body axes, as read; zero and scale belong to the sensors of the file. `name`: of
+    the sensor. `temperature`: mean temperature [deg C].
     """
     if not found.counts:
         return ImuErrors(

@@ -1,4 +1,4 @@
-"""Six positions and three full turns: every axis up and down at rest, then a turn about each.
+"""Six positions and three full turns: each axis up and down at rest, then a turn about each.
 
 References
 ----------
@@ -28,9 +28,9 @@ from insnav.types import FloatArray, ImuData
 POSITIONS = tuple(f"{axis}_{way}" for axis in AXES for way in ("p", "a"))
 TURNS = tuple(f"{axis}_rot" for axis in AXES)
 SECTIONS = POSITIONS + TURNS
-TURN_SD = np.deg2rad(1.0)  # how well a hand ends a turn where it began [rad]
-OFF_AXIS = 0.5  # share of gravity, or of the turn, across the axis that is not that position or turn
-SHORT_TURN = 0.2  # a turn that lacks more of its angle is not the turn that was asked for
+TURN_SD = np.deg2rad(1.0)  # accuracy of a manual turn [rad]
+OFF_AXIS = 0.5  # share of gravity, or of the turn, across the axis that excludes that position or turn
+SHORT_TURN = 0.2  # a turn that misses a larger share of its angle is rejected
 _SAME_POSE = np.deg2rad(20.0)  # between the poses around a turn about the vertical [rad]
 
 
@@ -41,10 +41,10 @@ class SixPositions(MultiPosition):
     # samples ``first`` up to, not including, ``last`` of ``x_p`` (x up), ``x_a`` (x down), …, ``x_rot``, …
     sections: dict[str, tuple[int, int]]
     angle: float  # angle of each turn [rad]
-    # (3,) what the gyros made of it before calibration, with the sign of the turn [unit of the record times s]
+    # (3,) integrated gyro outputs before calibration, with the sign of the turn [unit of the record times s]
     turned: FloatArray
     force_after: FloatArray  # (6, 3) corrected specific force in each position minus the ideal one [m/s^2]
-    # how far the positions are off, one standard deviation, from what the opposite positions disagree [rad]
+    # tilt of the positions, one standard deviation, from the disagreement of opposite positions [rad]
     tilt: float
 
 
@@ -58,11 +58,11 @@ def calibrate_six_positions(
 ) -> SixPositions:
     """Calibrate by six positions and three turns.
 
-    `imu`: record in SI units, or in any units if `counts`; `g`: gravity where it was made [m/s^2]; `sections`: first
-    and last plus one sample of all `SECTIONS`; found by `find_sections` by default; `turn`: angle of each turn [rad];
-    its sense is taken from the gyros; `counts`: sensitivities are not known, not even roughly.
-    Raises: InputError: sections that are not what they are called, turns that fall short, units that cannot be;
-    ConfigError: sections that are missing or outside the record.
+    `imu`: record in SI units, or in any units if `counts`. `g`: local gravity [m/s^2]. `sections`: first and last plus
+    one sample of all `SECTIONS`; by default from `find_sections`. `turn`: angle of each turn [rad]; the gyros give its
+    sense. `counts`: sensitivities are unknown.
+    Raises: InputError: sections with wrong content, short turns, impossible units. ConfigError: sections that are
+    missing or outside the record.
     """
     if imu.sampling == "increment":
         raise InputError("lab.increments")
@@ -74,7 +74,7 @@ def calibrate_six_positions(
     accel, tilt = _accelerometers(force, poses, g)
     _refuse_positions(force, accel, g)
     sensitivity = (rate[0::2] - rate[1::2]).T / (2.0 * g)
-    bias = rate.mean(axis=0)  # each position alike, however long: what goes with the specific force then cancels
+    bias = rate.mean(axis=0)  # equal weight of positions of any length: g-sensitivity then cancels
     bias_sd = ((rate[0::2] + rate[1::2]) / 2.0).std(axis=0, ddof=1) / np.sqrt(3.0)
     integral = np.empty((3, 3))
     for column, name in enumerate(TURNS):
@@ -122,10 +122,10 @@ def _ideal(g: float) -> FloatArray:
 
 
 def _accelerometers(force: FloatArray, poses: list[Pose], g: float) -> tuple[Triad, float]:
-    """Accelerometers from opposite positions, and how far these were off.
+    """Estimate accelerometers from opposite positions, and the tilt of the positions.
 
-    The bias of an axis comes from the two positions in which it is vertical: a tilt changes these in second order
-    only. What the other axes show there beyond their bias is the tilt, which is first order off the diagonal.
+    The bias of an axis comes from its two vertical positions: a tilt changes these in second order only. Other axes
+    then measure the tilt beyond their bias, which is first order off the diagonal.
     """
     up, down = force[0::2], force[1::2]
     half = (up + down) / 2.0
@@ -136,7 +136,7 @@ def _accelerometers(force: FloatArray, poses: list[Pose], g: float) -> tuple[Tri
     tilt = float(np.sqrt(2.0 * np.mean(((half - bias) / scale)[off] ** 2)) / g)
     noise = np.array([pose.force_sd / np.sqrt(pose.count) for pose in poses])
     pair = np.sqrt(np.diag(noise[0::2] ** 2 + noise[1::2] ** 2)) / 2.0
-    # a tilt of t lowers what a vertical axis feels by 1 - cos t
+    # a tilt of t lowers the specific force of a vertical axis by 1 - cos t
     second = np.abs(scale) * g * tilt**2 / np.sqrt(2.0)
     matrix_sd = np.where(off, np.abs(scale)[:, None] * tilt / np.sqrt(2.0), np.diag(np.hypot(pair, second) / g))
     condition = float(np.linalg.cond(matrix / scale[:, None]))
@@ -180,7 +180,7 @@ def _refuse_turns(integral: FloatArray, turn: float, counts: bool) -> None:
 def check_sections(sections: Mapping[str, tuple[int, int]], n: int) -> dict[str, tuple[int, int]]:
     """Make sure that all sections are there and inside the record.
 
-    sections: first and last plus one sample; n: samples of the record. Raises ConfigError: all that is wrong at
+    `sections`: first and last plus one sample. `n`: samples of the record. Raises: ConfigError: all that is wrong at
     once.
     """
     missing = tuple(name for name in SECTIONS if name not in sections)
@@ -196,10 +196,10 @@ def check_sections(sections: Mapping[str, tuple[int, int]], n: int) -> dict[str,
 def find_sections(imu: ImuData) -> dict[str, tuple[int, int]]:
     """Find six positions and three turns in a record.
 
-    Positions are the longest stationary spans with each axis up and down; turns lie between two such spans of one
-    pose, the axis of the turn vertical, and are the largest about each axis.
+    Positions are the longest stationary spans with each axis up and down. Turns are between two such spans of one pose,
+    with vertical axis, and are the largest about each axis.
 
-    Raises InputError: some are not there.
+    Raises: InputError: positions or turns are missing.
     """
     activity = measure_activity(imu)
     poses = find_poses(imu, activity, FACTORS[2])
@@ -237,8 +237,8 @@ def find_sections(imu: ImuData) -> dict[str, tuple[int, int]]:
 def read_sections(path: Path) -> dict[str, tuple[int, int]]:
     """Sections of a record from a JSON or TOML file.
 
-    path: ``{"x_p": {"start": 0, "end": 500}, …}`` or ``{"x_p": [0, 500], …}``. Returns first sample and last plus
-    one. Raises ConfigError: it cannot be read or understood.
+    `path`: ``{"x_p": {"start": 0, "end": 500}, …}`` or ``{"x_p": [0, 500], …}``. Returns first sample and last plus
+    one. Raises: ConfigError: it cannot be read or understood.
     """
     if path.suffix.lower() == ".toml":
         content = read_toml(path)

@@ -1,13 +1,13 @@
-"""A bench record cut into poses: stretches at rest, in units that need not be known.
+"""Division of a bench record into poses: intervals at rest, in any units.
 
-Everything goes by ratios (of variances, of directions), so raw counts serve as well as m/s^2.
+All criteria are ratios (of variances, of directions): raw counts work like m/s^2.
 
 References
 ----------
 D. Tedaldi, A. Pretto, E. Menegatti, "A robust and easy to implement method for IMU calibration without external
-equipments", ICRA 2014, the section on the static detector: the variance of the specific force in a moving window
-against a multiple of the variance at rest. The variance at rest is here that of the quietest tenth of the record, so
-that the record need not begin with a rest.
+equipments", ICRA 2014, section on the static detector: variance of the specific force in a moving window against a
+multiple of the variance at rest. Here the quietest tenth of the record defines the variance at rest, so the record may
+begin in motion.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from insnav.sample_statistics import moving_variance
 from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray, ImuData
 
-WINDOW = 1.0  # over which the variance is taken [s]
-SHORTEST = 0.5  # rest between two windows that saw motion, at least [s]: 1.5 s of rest altogether
+WINDOW = 1.0  # window of the variance [s]
+SHORTEST = 0.5  # least rest between two windows with motion [s]: 1.5 s of rest altogether
 FEWEST = 10  # samples of a pose
-QUIET_SHARE = 0.1  # quantile of the variance that is that of rest
-CONTRAST = 25.0  # variance of the most active tenth against that, at least, in a record of positions and motions
-KNOCK = 1.5 * WINDOW  # a break of rest so short, without change of pose, was a knock [s]
-SAME_POSE = 0.01  # change of specific force, over its spread in the record, that is no change of pose
-CLIPPED = 3  # samples in a row with the largest value of the channel that are the end of its range
+QUIET_SHARE = 0.1  # quantile of the variance that represents rest
+CONTRAST = 25.0  # least variance ratio of the most active tenth to rest, in a record of positions and motions
+KNOCK = 1.5 * WINDOW  # a shorter break of rest, without change of pose, is a knock [s]
+SAME_POSE = 0.01  # change of specific force, over its spread in the record, within one pose
+CLIPPED = 3  # successive extreme samples that mark the end of the range
 
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Means over one stretch at rest."""
+    """Means over one interval at rest."""
 
     first: int  # samples ``first`` up to, not including, ``last``
     last: int
@@ -52,7 +52,7 @@ class Pose:
 def pose_between(imu: ImuData, first: int, last: int) -> Pose:
     """Means over samples ``first`` up to, not including, ``last``.
 
-    first, last: at least two samples inside the record.
+    `first`, `last`: at least two samples inside the record.
     """
     force, rate = imu.accel[first:last], imu.gyro[first:last]
     start, end = float(imu.time[first]), float(imu.time[last - 1])
@@ -61,7 +61,7 @@ def pose_between(imu: ImuData, first: int, last: int) -> Pose:
 
 @dataclass(frozen=True, slots=True)
 class Activity:
-    """How much the specific force varies over a record, against what it does at rest."""
+    """Variance of the specific force along a record, relative to rest."""
 
     ratio: FloatArray  # (n,) variance in a moving window over that at rest [-]
     interval: float  # sampling interval [s]
@@ -70,7 +70,7 @@ class Activity:
 def measure_activity(imu: ImuData) -> Activity:
     """Measure the activity of a record.
 
-    Raises InputError: the record is too short, or rest and motion do not differ.
+    Raises: InputError: the record is too short, or rest and motion do not differ.
     """
     interval = float(np.median(np.diff(imu.time))) if imu.time.size > 1 else np.inf
     window = 2 * round(0.5 * WINDOW / interval) + 1 if np.isfinite(interval) else 0
@@ -88,11 +88,11 @@ def measure_activity(imu: ImuData) -> Activity:
 
 
 def find_poses(imu: ImuData, activity: Activity, factor: float) -> tuple[Pose, ...]:
-    """Cut the stretches at rest out of a record.
+    """Find the intervals at rest in a record.
 
-    activity: of this record; factor: rest is where the standard deviation is below so many times that of the quietest
-    tenth. Poses are in order of time. The window keeps half its length between a pose and any motion. Of a pose
-    broken by a knock the longer part is kept: twice the same pose would count as two.
+    `activity`: of this record. `factor`: largest standard deviation at rest, relative to the quietest tenth. Poses are
+    in order of time. The window keeps half its length between a pose and any motion. Of a pose interrupted by a knock
+    the longer part is kept, to count the pose once.
     """
     still: BoolArray = activity.ratio < factor * factor
     shortest = max(FEWEST, round(SHORTEST / activity.interval))
@@ -112,9 +112,9 @@ def find_poses(imu: ImuData, activity: Activity, factor: float) -> tuple[Pose, .
 
 
 def clipped(values: FloatArray, moving: BoolArray) -> BoolArray:
-    """Samples in which some channel stays at the largest or smallest value it ever shows.
+    """Find samples in which a channel stays at its largest or smallest value.
 
-    values (n, 3): samples in any unit; moving (n,): where to look: at rest the same value in a row is no wonder.
+    `values` (n, 3): samples in any unit. `moving` (n,): rows to test: repeated values at rest are normal.
     Returns (n,).
     """
     found = np.zeros(values.shape[0], dtype=np.bool_)

@@ -1,4 +1,4 @@
-"""Three sensors calibrated by least squares: the result with its uncertainty, and what poses are missing."""
+"""Calibration of three sensors by least squares: result with uncertainty, and missing poses."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from insnav.imu.higher_order import zero_matrix, zeros
 from insnav.types import FloatArray
 
 AXES = ("x", "y", "z")
-WEAK = 0.35  # share of a parameter in the weakest direction from which it is named
+WEAK = 0.35  # share of a parameter in the weakest direction from which it is reported
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class Triad:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MultiPosition:
-    """What every calibration without a table finds."""
+    """Common results of all calibrations without a table."""
 
     accel: Triad  # in the unit of the record per SI unit
     gyro: Triad
@@ -40,8 +40,8 @@ class MultiPosition:
     g_sensitivity: FloatArray
     g_sensitivity_sd: FloatArray
     g: float  # gravity used [m/s^2]
-    # (n,) length of the specific force minus gravity in each position, calibrated, and before: as recorded or, of raw
-    # units, with one bias and sensitivity for all axes [m/s^2]
+    # (n,) magnitude of specific force minus gravity in each position [m/s^2], calibrated and before. Raw units: before
+    # is with one bias and sensitivity for all axes
     norm_before: FloatArray
     norm_after: FloatArray
     clipped: int  # samples at the end of the range
@@ -51,14 +51,14 @@ class MultiPosition:
 def corrected(triad: Triad, measured: FloatArray) -> FloatArray:
     """True values of measured ones: ``inverse(matrix) @ (measured - bias)``.
 
-    measured (n, 3): in the unit of the record. Returns (n, 3): in SI units.
+    `measured` (n, 3): in the unit of the record. Returns (n, 3): in SI units.
     """
     return np.ascontiguousarray(np.linalg.solve(triad.matrix, (measured - triad.bias).T).T)
 
 
 @dataclass(frozen=True, slots=True)
 class Normal:
-    """What the Jacobian of a least-squares problem says."""
+    """Analysis of the Jacobian of a least-squares problem."""
 
     # (p, p) inverse of the normal matrix; the covariance of the parameters for residuals of unit variance
     inverse: FloatArray
@@ -72,7 +72,7 @@ class Normal:
 def normal(jacobian: FloatArray) -> Normal:
     """Analyse a least-squares problem by the singular values of its scaled Jacobian.
 
-    jacobian (m, p): derivative of the residuals by the parameters.
+    `jacobian` (m, p): derivative of the residuals by the parameters.
     """
     scale = np.linalg.norm(jacobian, axis=0)
     scale = np.where(scale > 0.0, scale, 1.0)
@@ -95,7 +95,7 @@ def directions() -> FloatArray:
 def pose_words(direction: FloatArray) -> tuple[str, ...]:
     """Name the axes that point up or down in the pose in which the specific force points along a direction.
 
-    direction (3,): one of `directions`.
+    `direction` (3,): one of `directions`.
 
     Examples
     --------

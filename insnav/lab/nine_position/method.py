@@ -1,14 +1,14 @@
-"""Nine positions: three dual-axis modules calibrated on a position table, gyros without any rotation.
+"""Nine-position method: three dual-axis modules calibrated on a position table, gyros without rotation.
 
-Each module holds one gyro and the two accelerometers across its axis: x module (y, z), y module (z, x), z module
-(x, y). The product of its two accelerometers is the component along the gyro's axis of a cross product of specific
-forces, and so shows where that axis points. With ideal values L and measured m, one column a position,
+Each module contains one gyro and the two accelerometers across its axis: x module (y, z), y module (z, x), z module (x,
+y). The product of its two accelerometers is the component along the gyro's axis of a cross product of specific forces.
+It thus determines the direction of that axis. With ideal values L and measured m, one column per position,
 
     M_A = L_A A_m^+                  corrects the accelerometers,
     M_G = Omega_L Omega_m^+          is the sensitivity of the gyros, corrected by its inverse.
 
-For a small turn of a module its product loses exactly what its gyro gains, so M_G holds to first order; what is left of
-that order, the difference of two squares, cancels over positions that are symmetric in roll and pitch.
+For a small rotation of a module, errors of its product and of its gyro cancel, so M_G is valid to first order. The
+second-order remainder, a difference of two squares, cancels over positions symmetric in roll and pitch.
 """
 
 from __future__ import annotations
@@ -47,14 +47,14 @@ AXIS = np.array([1, 2, 2, 0, 0, 1])  # of each sensor
 MODULES = np.array([[0, 1], [2, 3], [4, 5]])  # the two sensors of each: their product is a component along its gyro
 TRIAD = np.array([[3, 4], [0, 5], [1, 2]])  # the two sensors of each axis, whose mean counts
 SECOND_ORDER = 2.0  # covers 95 % of the errors of second order in simulations of three common sets of positions
-WEAKEST = 0.01  # of the largest scale factor of six accelerometers, what a dead one stays below
-_MISFIT = 0.05  # of gravity, RMS, that sensors in their positions do not leave: a table set to a degree leaves 0.017
-MOST_SENSITIVE, MOST_CROSSED = 0.2, 0.2  # farther from 1, or from 0, the columns are not what they are stated to be
+WEAKEST = 0.01  # of the largest scale factor of six accelerometers; a dead one is below
+_MISFIT = 0.05  # of gravity, RMS, larger than of sensors in their positions: a table set to a degree leaves 0.017
+MOST_SENSITIVE, MOST_CROSSED = 0.2, 0.2  # farther from 1, or from 0, the columns contradict their names
 
 
 @dataclass(frozen=True, slots=True)
 class NineRecord:
-    """The table of positions as read, and one mean a position: roll and pitch [rad], outputs."""
+    """Table of positions as read, with one mean per position: roll and pitch [rad], outputs."""
 
     table: BenchTable
     dwells: Dwells  # accelerometers in `unit`, then gyros, if there are any, in `gyro_unit`
@@ -64,10 +64,10 @@ class NineRecord:
 
 @dataclass(frozen=True, slots=True)
 class NinePositions:
-    """What nine positions show."""
+    """Results of nine positions."""
 
     bias: FloatArray  # (6,) of each accelerometer, in the order of `SENSORS` [m/s^2]
-    bias_opposite: tuple[bool, ...]  # whether two opposite positions give it, or least squares over all
+    bias_opposite: tuple[bool, ...]  # from two opposite positions; otherwise by least squares over all
     accel_bias: FloatArray  # (3,) of the triad, each axis the mean of its two accelerometers [m/s^2]
     accel_matrix: FloatArray  # (3, 3) sensitivity of that triad, the inverse of M_A [-]
     # (3, 3) M_G, each row divided by its diagonal, which holds scale of accelerometers and not of gyros [-]
@@ -77,8 +77,7 @@ class NinePositions:
     accel_bias_sd: FloatArray
     accel_matrix_sd: FloatArray
     gyro_matrix_sd: FloatArray
-    # allowance for what the first order leaves out: `SECOND_ORDER` times the square of the largest misalignment of
-    # any accelerometer [-]
+    # allowance for second-order effects: `SECOND_ORDER` times the square of the largest accelerometer misalignment [-]
     second_order: float
     sigma: float  # standard deviation of one value of one accelerometer [m/s^2]
     dof: int  # its degrees of freedom
@@ -88,10 +87,10 @@ class NinePositions:
     warnings: tuple[Finding, ...]
 
     def half_width(self, sd: FloatArray, *, first_order: bool) -> FloatArray:
-        """Half width of 95 % intervals.
+        """Compute the half width of 95 % intervals.
 
-        sd: one of the standard deviations; first_order: whether to allow for what the first order leaves out, as for
-        the gyros.
+        `sd`: one of the standard deviations. `first_order`: include the allowance for second-order effects, as for the
+        gyros.
         """
         return sd * coverage_factor(self.dof, LEVEL) + (self.second_order if first_order else 0.0)
 
@@ -101,8 +100,8 @@ def calibrate_nine(
 ) -> NinePositions:
     """Calibrate three dual-axis modules.
 
-    `roll`, `pitch` (n,): positions of the table [rad], Forward-Right-Down axes; `measured` (n, 6): accelerometers in
-    the order of `SENSORS` [m/s^2]; `gravity`: local gravity [m/s^2].
+    `roll`, `pitch` (n,): positions of the table [rad], Forward-Right-Down axes. `measured` (n, 6): accelerometers in
+    the order of `SENSORS` [m/s^2]. `gravity`: local gravity [m/s^2].
     Raises: InputError: positions that leave something undetermined, with the one to add; or columns that do not belong
     to their names.
     """
@@ -156,7 +155,7 @@ def calibrate_nine(
 def _estimate(
     measured: FloatArray, force: FloatArray, pairs: tuple[tuple[int, int] | None, ...], gyro_rows: IntArray
 ) -> FloatArray:
-    """Biases, accelerometer triad, M_G and M_G by rows of diagonal 1, one after another."""
+    """Estimate biases, accelerometer triad, M_G, and M_G by rows of diagonal 1, in order."""
     design = np.column_stack((force, np.ones(len(force))))
     bias = np.linalg.lstsq(design, measured, rcond=None)[0][3]
     for sensor, axis in enumerate(AXIS):
@@ -172,7 +171,7 @@ def _estimate(
 
 
 def _crossed(fit: Fit, axis: int) -> FloatArray:
-    """What an accelerometer senses of the other two axes, (2,) [-]."""
+    """Return the cross-axis sensitivities of an accelerometer, (2,) [-]."""
     return np.delete(fit.value[:3], axis)
 
 
@@ -188,9 +187,9 @@ def _refuse_exchanged(fits: tuple[Fit, ...], where: str) -> None:
 def read(files: Sequence[str | Path | Table], how: BenchOptions) -> NineRecord:
     """Read the table of positions.
 
-    files: one, with ``roll_deg``, ``pitch_deg`` and, in any unit of acceleration or in volts, ``x_ay`` to ``z_ay``:
-    module, then axis; and gyros at rest, ``gyro_x`` to ``gyro_z``, if they were recorded. One row a position, or all
-    its samples in successive rows; how: columns. Raises InputError: the file cannot be used.
+    `files`: one, with ``roll_deg``, ``pitch_deg`` and ``x_ay`` to ``z_ay`` (module, then axis) in any unit of
+    acceleration or in volts. Optional gyros at rest, ``gyro_x`` to ``gyro_z``. One row per position, or all its samples
+    in successive rows. `how`: columns. Raises: InputError: the file cannot be used.
     """
     raw = {sensor: f"{sensor}_raw" for sensor in SENSORS}
     table = read_bench(files[0], SCHEMA, ("roll", "pitch", *SENSORS), columns=how.columns, alternatives=raw)
@@ -207,7 +206,7 @@ def read(files: Sequence[str | Path | Table], how: BenchOptions) -> NineRecord:
 
 
 def _outputs(table: BenchTable, names: Sequence[str], unit: str) -> tuple[str, FloatArray]:
-    """Unit of some outputs, that given or a raw one, and their columns, (n, k)."""
+    """Return the unit of some outputs, `unit` or a raw one, and their columns, (n, k)."""
     keys = [name if name in table.columns else f"{name}_raw" for name in names]
     missing = [name for name, key in zip(names, keys, strict=True) if key not in table.columns]
     if missing:
@@ -223,7 +222,7 @@ def fit(record: NineRecord, how: BenchOptions) -> Calibration[NineRecord, NinePo
     output, rates = dwells.value[:, :6], dwells.value[:, 6:]
     force = ideal_force(roll, pitch, how.gravity)
     scale, zero = np.ones(6), np.zeros(6)
-    if record.unit != "m/s^2":  # each output first becomes a force by its own line; what is left is as of any sensor
+    if record.unit != "m/s^2":  # each raw output is first converted by its own line, then calibrated like any sensor
         lines = affine_fits(force, output, [f"{table.name}, {sensor}" for sensor in SENSORS])
         scale = np.array([line.value[axis] for line, axis in zip(lines, AXIS, strict=True)])
         zero = np.array([line.value[3] for line in lines])
@@ -253,7 +252,7 @@ def fit(record: NineRecord, how: BenchOptions) -> Calibration[NineRecord, NinePo
 
 
 def _gyros_at_rest(force: FloatArray, rates: FloatArray, where: str) -> dict[str, Fit]:
-    """Output of each gyro at rest against the specific force: its bias, and what goes with x, y, z."""
+    """Fit the output of each gyro at rest against specific force: bias and g-sensitivity."""
     design = np.column_stack((np.ones(len(force)), force))
     names = ("bias", "g-sensitivity to x", "to y", "to z")
     return {
@@ -275,10 +274,10 @@ def _gyro_parameters(gyros: Mapping[str, Fit], unit: str) -> tuple[Quantity, ...
 
 
 def _parameters(found: NinePositions, unit: str, zero: FloatArray, scale: FloatArray) -> tuple[Quantity, ...]:
-    """Bias of each accelerometer, scale factors and misalignments of their triad, misalignments of the gyros.
+    """Build bias of each accelerometer, scale factors and misalignments of the triad, gyro misalignments.
 
-    `unit`: of the outputs, `zero`, `scale` (6,) of each, [unit], [unit/(m/s^2)]. Raw ones have a scale factor of their
-    own beside their bias.
+    `unit`: of the outputs. `zero`, `scale` (6,) of each, [unit], [unit/(m/s^2)]. Raw outputs have their own scale
+    factor with their bias.
     """
     items = []
     half = found.half_width(found.bias_sd, first_order=False)

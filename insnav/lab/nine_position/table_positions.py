@@ -1,4 +1,4 @@
-"""Positions of a table for the nine-position method: which there must be, and which one to add."""
+"""Table positions for the nine-position method: required positions, and the one to add."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from insnav.types import FloatArray
 from insnav.units import DEG
 
 STANDARD = ((0, 0), (45, 0), (-45, 0), (0, 45), (0, -45), (35, 35), (35, -35), (-35, 35), (-35, -35))  # [deg]
-SMALLEST, LARGEST = 20.0 * DEG, 75.0 * DEG  # of the angles that are not zero
-SAME = 0.5 * DEG  # angles closer than this are the same
-OPPOSITE = 1e-3  # forces this close to opposite, in g, are
+SMALLEST, LARGEST = 20.0 * DEG, 75.0 * DEG  # range of nonzero angles
+SAME = 0.5 * DEG  # angles closer than this are equal
+OPPOSITE = 1e-3  # forces this close to opposite, in g, are opposite
 WORST_CONDITION = 50.0
 
 
@@ -25,21 +25,21 @@ def ideal_force(roll: FloatArray, pitch: FloatArray, gravity: float) -> FloatArr
     ``g [sin(pitch), -cos(pitch) sin(roll), -cos(pitch) cos(roll)]``: minus the third column of the transposed attitude
     matrix times g; Groves (2013), section 5.6.2.
 
-    roll, pitch (n,): [rad]; gravity: [m/s^2].
+    `roll`, `pitch` (n,): [rad]. `gravity`: [m/s^2].
     """
     cos = np.cos(pitch)
     return gravity * np.column_stack((np.sin(pitch), -cos * np.sin(roll), -cos * np.cos(roll)))
 
 
 def products(force: FloatArray) -> FloatArray:
-    """Products of the forces across x, y, z, (n, 3): what the gyro of each module is compared with."""
+    """Compute products of the forces across x, y, z, (n, 3), for comparison with the gyro of each module."""
     return np.column_stack((force[:, 1] * force[:, 2], force[:, 2] * force[:, 0], force[:, 0] * force[:, 1]))
 
 
 def opposite_pairs(force: FloatArray, gravity: float) -> tuple[tuple[int, int] | None, ...]:
     """Two positions with x, y, z along the vertical, up and down; None for an axis that has no such two.
 
-    force (n, 3): ideal forces [m/s^2]; gravity: [m/s^2].
+    `force` (n, 3): ideal forces [m/s^2]. `gravity`: [m/s^2].
     """
     pairs: list[tuple[int, int] | None] = []
     for axis in range(3):
@@ -50,9 +50,9 @@ def opposite_pairs(force: FloatArray, gravity: float) -> tuple[tuple[int, int] |
 
 
 def check_positions(roll: FloatArray, pitch: FloatArray, where: str) -> tuple[Finding, ...]:
-    """Refuse positions that leave something undetermined or unbalanced, and name the one to add.
+    """Refuse an undetermined or unbalanced set of positions, naming the one to add.
 
-    roll, pitch (n,): [rad]. Returns what is unusual but can be used.
+    `roll`, `pitch` (n,): [rad]. Returns findings on unusual but usable positions.
     """
     here = {_key(r, p) for r, p in zip(roll, pitch, strict=True)}
     force = ideal_force(roll, pitch, 1.0)
@@ -94,13 +94,13 @@ def _written(keys: Sequence[tuple[float, float]]) -> tuple[str, ...]:
 
 
 def _designs(roll: FloatArray, pitch: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """What the positions show of an accelerometer, and of the gyros."""
+    """Build the design matrices of an accelerometer, and of the gyros."""
     force = ideal_force(roll, pitch, 1.0)
     return np.column_stack((force, np.ones(len(force)))), products(force)
 
 
 def _conditions(roll: FloatArray, pitch: FloatArray) -> tuple[float, float]:
-    """Condition numbers of `_designs` with columns of length 1; infinite where one is of zeros."""
+    """Compute condition numbers of `_designs` with columns of length 1; infinite with a zero column."""
 
     def of(design: FloatArray) -> float:
         lengths = np.linalg.norm(design, axis=0)
@@ -115,7 +115,7 @@ def _determined(roll: FloatArray, pitch: FloatArray) -> bool:
 
 
 def _to_add(roll: FloatArray, pitch: FloatArray) -> list[tuple[float, float]]:
-    """Standard positions that together make everything determined: groups of mirror images, the best first."""
+    """List standard positions that complete the set: groups of mirror images, the best first."""
     groups = [STANDARD[5:], STANDARD[1:3], STANDARD[3:5], STANDARD[:1]]
     added: list[tuple[float, float]] = []
 
@@ -123,7 +123,7 @@ def _to_add(roll: FloatArray, pitch: FloatArray) -> list[tuple[float, float]]:
         both = [
             np.concatenate((angle, more)) for angle, more in zip((roll, pitch), np.array(group).T * DEG, strict=True)
         ]
-        # infinite as long as one of the two is singular: count each by its rank first
+        # infinite while one of the two is singular: use the ranks first
         lack = 7 - sum(int(np.linalg.matrix_rank(design)) for design in _designs(*both))
         return 1e6 * lack + sum(min(each, 1e5) for each in _conditions(*both))
 

@@ -1,12 +1,12 @@
-"""Overlapping Allan deviation of a static record, all axes at once, and how sure it is.
+"""Overlapping Allan deviation of a static record, all axes at once, with its uncertainty.
 
 ``sigma^2(tau) = < (x[k + 2m] - 2 x[k + m] + x[k])^2 > / (2 tau^2)`` with x the integral of the signal and tau = m tau0
 (W. J. Riley, Handbook of Frequency Stability Analysis, NIST Special Publication 1065 (2008), section 5.2.4).
 
-Second differences of a Gaussian signal are Gaussian, so the covariance of two Allan variances is twice the mean of the
-squared covariances of their second differences, which the noise model gives (C. A. Greenhall and W. J. Riley,
-Uncertainty of stability variances based on finite differences, Proc. 35th PTTI Meeting (2003)). Nothing of the record
-is needed for it but its length.
+Second differences of a Gaussian signal are Gaussian. The covariance of two Allan variances is therefore twice the mean
+of the squared covariances of their second differences, which follow from the noise model (C. A. Greenhall and W. J.
+Riley, Uncertainty of stability variances based on finite differences, Proc. 35th PTTI Meeting (2003)). Of the record,
+only its length is needed.
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ from insnav.types import FloatArray, ImuData, IntArray
 
 AXES = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accel") for axis in "xyz")
 TAUS = 90
-LONGEST_PART = 3  # the longest averaging time is this part of the record: beyond it hardly a degree of freedom is left
-FEWEST = 100  # samples that make a record
+LONGEST_PART = 3  # longest averaging time, relative to the record: beyond it almost no degree of freedom remains
+FEWEST = 100  # least number of samples
 GAP = 1.5  # a step longer than this many intervals lacks samples
 FILLED = 10  # gaps of up to so many samples are filled ...
 FILLED_PART = 1e-3  # ... if they are not more than this part of all
-JITTER = 0.1  # timestamp jitter beyond which it is pointed out [intervals]
+JITTER = 0.1  # reported timestamp jitter [intervals]
 
 
 @dataclass(frozen=True, slots=True)
 class EvenRecord:
-    """Rates and specific forces at even steps, and how they became even."""
+    """Rates and specific forces at even steps, with findings on their preparation."""
 
     values: FloatArray  # (n, 6) gyro x, y, z [rad/s], accelerometer x, y, z [m/s^2]
     interval: float  # step [s]
     start: float  # time of the first sample [s]
-    notes: tuple[Finding, ...]  # what was left out, filled or taken as even
+    notes: tuple[Finding, ...]  # removed, filled or approximated parts
 
     @property
     def length(self) -> float:
@@ -70,7 +70,7 @@ class AllanDeviation:
 def between(imu: ImuData, start: float, end: float) -> ImuData:
     """Cut a part out of a record.
 
-    start, end: both included [s]. Raises InputError: hardly a sample in it.
+    `start`, `end`: both included [s]. Raises: InputError: hardly a sample in it.
     """
     kept = (imu.time >= start) & (imu.time <= end)
     if np.count_nonzero(kept) < 2:
@@ -84,7 +84,7 @@ def even_record(imu: ImuData) -> EvenRecord:
     Short gaps are filled by straight lines if there are few of them, else the longest stretch without one is taken.
     Within it the samples are taken as even, at the mean step: late timestamps are more frequent than late samples.
 
-    Raises InputError: fewer than 100 samples, or no stretch of them.
+    Raises: InputError: fewer than 100 samples, or no stretch of them.
     """
     _refuse_short("lab.allan_short", imu.time.size)
     step = np.diff(imu.time, prepend=2.0 * imu.time[0] - imu.time[1])
@@ -132,9 +132,9 @@ def _filled(values: FloatArray, time: FloatArray, after: IntArray, lost: IntArra
 def averaging_factors(n: int, interval: float, taus: Sequence[float] | Literal["log", "octave"] = "log") -> IntArray:
     """Averaging times in samples.
 
-    n: number of samples; interval: between them [s]; taus: averaging times [s], rounded to samples; about 90 evenly
-    on the logarithmic axis; or powers of two. The last two end at a third of the record. Raises ConfigError: A time
-    that is not positive, shorter than the interval, or longer than half of the record.
+    `n`: number of samples. `interval`: between them [s]. `taus`: averaging times [s], rounded to samples. "log": about
+    90 evenly on the logarithmic axis. "octave": powers of two. These two end at a third of the record. Raises:
+    ConfigError: a time that is not positive, shorter than the interval, or longer than half of the record.
     """
     if isinstance(taus, str):
         largest = max(1, n // LONGEST_PART)
@@ -156,8 +156,8 @@ def allan_deviation(
 ) -> AllanDeviation:
     """Compute the overlapping Allan deviation of each column.
 
-    `values` (n, c): rates or specific forces at even steps; constant parts do not matter; `interval`: step [s];
-    `factors` (k,): averaging times in samples, at most n / 2; `workers`: threads; one for each column at most, by
+    `values` (n, c): rates or specific forces at even steps; constant parts do not matter. `interval`: step [s].
+    `factors` (k,): averaging times in samples, at most n / 2. `workers`: threads; one for each column at most, by
     default as many as there are processors.
     """
     n, count = values.shape
@@ -176,14 +176,14 @@ def allan_deviation(
 
 
 def smallest_step(values: FloatArray) -> FloatArray:
-    """Resolution of each column: the smallest difference between values that occur, zero if there is none to see.
+    """Find the resolution of each column: the smallest difference between its values, or zero.
 
     values (n, c).
     """
     steps = np.zeros(values.shape[1])
     for column in range(values.shape[1]):
         different = np.unique(values[: 1 << 17, column])
-        if 1 < different.size < 0.5 * min(len(values), 1 << 17):  # else every sample is another: no steps
+        if 1 < different.size < 0.5 * min(len(values), 1 << 17):  # otherwise all samples differ: no steps
             gaps = np.diff(different)
             steps[column] = float(np.min(gaps[gaps > 1e-6 * gaps.max()]))
     return steps
@@ -194,9 +194,10 @@ def covariance(
 ) -> FloatArray:
     """Covariance of the Allan variances of one record.
 
-    factors (k,): averaging times [samples]; n: number of samples; interval: sampling interval [s]; squares (5,):
-    q^2 [unit^2 s^2], N^2 [unit^2 s], B^2 [unit^2], K^2 [unit^2/s] and variance of a Gauss-Markov process [unit^2];
-    correlation_time: of that process [s]; diagonal: only the variances are filled. Returns (k, k): [unit^4].
+    `factors` (k,): averaging times [samples]. `n`: number of samples. `interval`: sampling interval [s]. `squares`
+    (5,): q^2 [unit^2 s^2], N^2 [unit^2 s], B^2 [unit^2], K^2 [unit^2/s] and variance of a Gauss-Markov process
+    [unit^2]. `correlation_time`: of that process [s]. `diagonal`: only the variances are filled. Returns (k, k):
+    [unit^4].
     """
     out = np.zeros((factors.size, factors.size))
     scaled = squares * interval ** np.array([-2.0, -1.0, 0.0, 1.0, 0.0])
@@ -209,7 +210,7 @@ def covariance(
 def freedom(variance: FloatArray, estimate_variance: FloatArray) -> FloatArray:
     """Equivalent degrees of freedom ``2 E^2 / var`` (NIST SP 1065, section 5.4.1).
 
-    variance (k,): Allan variances of the model; estimate_variance (k,): variances of their estimates.
+    `variance` (k,): Allan variances of the model. `estimate_variance` (k,): variances of their estimates.
     """
     return np.asarray(2.0 * variance**2 / estimate_variance)
 
@@ -219,8 +220,8 @@ def chi_square_interval(
 ) -> tuple[FloatArray, FloatArray]:
     """Confidence interval of a standard deviation from an estimate with chi-square distributed square.
 
-    value (k,): estimated standard deviations; degrees (k,): their degrees of freedom; confidence: such as 0.95, the
-    same part left out on both sides. Returns low, high (k,): ``value sqrt(degrees / chi^2)`` (NIST SP 1065, section
+    `value` (k,): estimated standard deviations. `degrees` (k,): their degrees of freedom. `confidence`: such as 0.95,
+    the same part left out on both sides. Returns low, high (k,): ``value sqrt(degrees / chi^2)`` (NIST SP 1065, section
     5.3).
     """
     tail = 0.5 * (1.0 - confidence)

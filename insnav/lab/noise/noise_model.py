@@ -1,13 +1,13 @@
-"""Noise coefficients from Allan deviations: which noises a record shows, how large, how sure.
+"""Noise coefficients from Allan deviations: significant noise types, their size and uncertainty.
 
 ``sigma^2 = 3 Q^2 / tau^2 + N^2 / tau + (2 ln 2 / pi) B^2 + K^2 tau / 3 + R^2 tau^2 / 2`` (IEEE Std 952-1997, annex C).
-A first-order Gauss-Markov process may stand in the place of the bias instability B: most bias models of filters and
-simulations are one, and its Allan variance rises and falls again where B's is flat. Sinusoidal noise is found in the
-samples and taken off before (`insnav.lab.noise.sinusoids`).
+A first-order Gauss-Markov process may replace the bias instability B. Most bias models of filters and simulations are
+such processes, whose Allan variance has a peak where B is flat. Sinusoidal noise is first removed from the samples
+(`insnav.lab.noise.sinusoids`).
 
-The variances at different times come from the same samples and are strongly correlated: the squares of the
-coefficients are fitted by generalised least squares, with the covariance that the model itself gives
-(`insnav.lab.noise.allan`), repeated until both agree. No square is negative.
+The variances at different times come from the same samples and are strongly correlated. Generalised least squares fits
+the squares of the coefficients, with the covariance of the model itself (`insnav.lab.noise.allan`), repeated until both
+agree. No square is negative.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from insnav.types import BoolArray, FloatArray, IntArray
 
 NAMES = ("Q", "N", "B", "K", "GM", "R")  # Gauss-Markov before R: the first five are random
 B_FACTOR = math.sqrt(2.0 * math.log(2.0) / math.pi)  # floor of the Allan deviation by B: 0.664
-FITTED_PART = 6  # the fit ends at this part of the record: beyond it variances are too few squares to be near Gaussian
-PER_DECADE = 4  # points of the fit: more add nothing, as neighbours share their samples
+FITTED_PART = 6  # the fit ends at this part of the record: later variances have too few squares to be nearly Gaussian
+PER_DECADE = 4  # points of the fit: more add nothing, as neighbours share samples
 SIGNIFICANT = 6.63  # chi-square of one coefficient at 1 %
 ROUNDS, FEW_ROUNDS = 4, 2
-FEWEST_FREEDOM = 0.5  # with fewer nothing is known
+FEWEST_FREEDOM = 0.5  # fewer give no information
 LARGEST_MISFIT = 1.0
-NEGLIGIBLE = 1e-4  # relative error of a variance that cannot matter
-SINGULAR = 1e-4  # smallest eigenvalue of a correlation matrix that is taken seriously
-SHORTEST = 10.0  # correlation time of a bias, at least [samples]
+NEGLIGIBLE = 1e-4  # negligible relative error of a variance
+SINGULAR = 1e-4  # smallest eigenvalue of a correlation matrix beyond rounding
+SHORTEST = 10.0  # least correlation time of a bias [samples]
 TIMES_PER_DECADE = 5  # correlation times tried
 
 
@@ -51,22 +51,21 @@ class Coefficient:
 class NoiseModel:
     """Noise of one axis."""
 
-    coefficients: dict[str, Coefficient]  # those of Q, N, B, K, GM, R that the data support
+    coefficients: dict[str, Coefficient]  # of Q, N, B, K, GM, R: significant ones
     correlation_time: float  # of the Gauss-Markov process [s]; infinite without one
     correlation_time_sd: float  # its standard deviation [s]
-    # relative standard deviation by which the model misses the Allan variances beyond their own uncertainty; zero if
-    # it describes them
+    # relative standard deviation of the model error beyond the uncertainty of the Allan variances; zero without
     misfit: float
     variance: FloatArray  # (k,) Allan variance of the model at the times of the record
     freedom: FloatArray  # (k,) equivalent degrees of freedom of each estimate
     low: FloatArray  # (k,) 95 % intervals of the measured Allan deviations
     high: FloatArray
-    sinusoids: tuple[Sinusoid, ...] = ()  # steady lines, strongest first; they are part of `variance`
+    sinusoids: tuple[Sinusoid, ...] = ()  # steady lines, strongest first; included in `variance`
 
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """A model, and how well it fits."""
+    """Model with its quality of fit."""
 
     squares: FloatArray  # (6,)
     time: float
@@ -76,14 +75,14 @@ class _Fit:
 
 
 def basis(tau: FloatArray, correlation_time: float) -> FloatArray:
-    """Allan variance of each noise of unit size.
+    """Compute the Allan variance of each noise of unit size.
 
-    tau (k,): [s]; correlation_time: [s]. Returns (k, 6): for Q^2, N^2, B^2, K^2, the variance of the Gauss-Markov
+    `tau` (k,): [s]. `correlation_time`: [s]. Returns (k, 6): for Q^2, N^2, B^2, K^2, the variance of the Gauss-Markov
     process, and R^2.
     """
     u = tau / correlation_time
-    # (2 T / tau) (1 - T / (2 tau) (3 - 4 exp(-tau / T) + exp(-2 tau / T))), IEEE Std 952-1997, annex C; by its
-    # leading terms where they cancel
+    # (2 T / tau) (1 - T / (2 tau) (3 - 4 exp(-tau / T) + exp(-2 tau / T))), IEEE Std 952-1997, annex C; leading terms
+    # where it cancels
     with np.errstate(divide="ignore", invalid="ignore"):
         exact = (2.0 * u - 3.0 + 4.0 * np.exp(-u) - np.exp(-2.0 * u)) / u**2
     markov = np.where(u < 1e-3, 2.0 / 3.0 * u * (1.0 - 0.75 * u), exact)
@@ -93,13 +92,13 @@ def basis(tau: FloatArray, correlation_time: float) -> FloatArray:
 def fit_noise(allan: AllanDeviation, column: int = 0) -> NoiseModel:
     """Fit the noise coefficients of one axis.
 
-    `allan`: from `insnav.lab.noise.allan.allan_deviation`; the column must not be all zero. Of a floor
-    B and a Gauss-Markov process the likelier is taken, by Akaike's criterion; then every term is dropped that lowers
-    chi-square by less than 6.63 (significant at 1 %).
+    `allan`: from `insnav.lab.noise.allan.allan_deviation`; the column must not be all zero. Akaike's criterion chooses
+    between a floor B and a Gauss-Markov process. Then every term is dropped that lowers chi-square by less than 6.63
+    (significant at 1 %).
     """
     rows = _chosen(allan)
     floor, markov = (_Fitter(allan, column, rows).fit(np.array([n != out for n in NAMES])) for out in ("GM", "B"))
-    # a bump must earn its two parameters: short of that a flat floor, or a walk, describes it as well
+    # a bump needs significant improvement for its two parameters over a flat floor or a walk
     best = markov if markov.likelihood + SIGNIFICANT < floor.likelihood else floor
     time = best.time
     sd = math.sqrt(best.spread[-1, -1]) * time if math.isfinite(time) else 0.0
@@ -111,7 +110,7 @@ def fit_noise(allan: AllanDeviation, column: int = 0) -> NoiseModel:
 def evaluated(model: NoiseModel, allan: AllanDeviation, column: int) -> NoiseModel:
     """Evaluate a model at the averaging times of a record, with the intervals of the deviations there.
 
-    allan: of the record the model is of, at any times; column: which axis.
+    `allan`: of the record the model is of, at any times. `column`: which axis.
     """
     squares = np.array([model.coefficients[n].value ** 2 if n in model.coefficients else 0.0 for n in NAMES])
     time = model.correlation_time
@@ -153,19 +152,19 @@ class Weights:
 
     @classmethod
     def of(cls, own: FloatArray, misfit: FloatArray) -> Weights:
-        """Of a covariance and the standard deviations of a misfit."""
+        """Compute weights from a covariance and the standard deviations of a misfit."""
         size = np.sqrt(np.diag(own) + misfit**2)
         value, vector = np.linalg.eigh((own + np.diag(misfit**2)) / np.outer(size, size))
-        value = np.maximum(value, SINGULAR)  # what is left of rounding and quadrature
-        # any root will do: here that of the eigenvectors
+        value = np.maximum(value, SINGULAR)  # remainder of rounding and quadrature
+        # any root is valid: here from the eigenvectors
         return cls((vector / np.sqrt(value)).T / size, float(np.log(value).sum() + 2.0 * np.log(size).sum()))
 
     def chi(self, left: FloatArray) -> float:
-        """Chi-square of what is left over."""
+        """Compute chi-square of residuals."""
         return float(np.sum((self.inverse @ left) ** 2))
 
     def likelihood(self, seen: FloatArray, model: FloatArray) -> float:
-        """Minus twice the logarithm of the likelihood, up to a constant."""
+        """Compute minus twice the log-likelihood, up to a constant."""
         return self.chi(seen - model) + self.logarithm
 
 
@@ -186,9 +185,9 @@ class _Fitter:
         self.misfit = 0.0
 
     def fit(self, allowed: BoolArray) -> _Fit:
-        """Fit, find the misfit, drop what is not significant."""
+        """Fit, estimate the misfit, drop insignificant terms."""
         squares, time = self._again(allowed, *self._start(allowed), ROUNDS)
-        for _ in range(ROUNDS):  # the weights change with the misfit, and the fit with the weights
+        for _ in range(ROUNDS):  # the weights depend on the misfit, and the fit on the weights
             if not self._find_misfit(squares, time):
                 break
             squares, time = self._again(allowed, squares, time, 1)
@@ -210,13 +209,13 @@ class _Fitter:
         return self._result(squares, time if squares[4] > 0.0 else math.inf)
 
     def _again(self, allowed: BoolArray, squares: FloatArray, time: float, rounds: int) -> tuple[FloatArray, float]:
-        """Fit with the weights of the fit before."""
+        """Repeat the fit with the weights of the previous fit."""
         for _ in range(rounds):
             squares, time = self._solve(allowed, self._weights(squares, time), time)
         return squares, time
 
     def _find_misfit(self, squares: FloatArray, time: float) -> bool:
-        """Set the misfit so that chi-square is what chance explains; whether there is any."""
+        """Set the misfit that gives the expected chi-square; return whether it is positive."""
         spare = self.tau.size - np.count_nonzero(squares) - (squares[4] > 0.0)
         own, model = self._own(squares, time), self._basis(time) @ squares
 
@@ -234,7 +233,7 @@ class _Fitter:
     def _result(self, squares: FloatArray, time: float) -> _Fit:
         weights = self._weights(squares, time)
         columns = self._basis(time)[:, squares > 0.0]
-        if squares[4] > 0.0:  # and how the curve changes with the logarithm of the correlation time
+        if squares[4] > 0.0:  # and the derivative of the curve by the logarithm of the correlation time
             step = 1e-3
             slope = (self._basis(time * (1 + step)) - self._basis(time * (1 - step)))[:, 4] / (2.0 * step) * squares[4]
             columns = np.column_stack([columns, slope])
@@ -252,17 +251,17 @@ class _Fitter:
         return basis(self.tau, time if math.isfinite(time) else 1.0)
 
     def _start(self, allowed: BoolArray) -> tuple[FloatArray, float]:
-        """With errors as large as the values, which lets every part of the curve speak."""
+        """Fit with errors as large as the values, so that every part of the curve has weight."""
         middle = float(self.times[self.times.size // 2])
         return self._solve(allowed, Weights(np.diag(1.0 / self.seen), 0.0), middle)
 
     def _own(self, squares: FloatArray, time: float) -> FloatArray:
-        """Covariance of what was seen, if the model holds."""
+        """Compute the covariance of the measured variances under the model."""
         own = covariance(self.factors, self.allan.n, self.allan.interval, squares[:5], time)
         each = self._basis(time) * squares
         model = each.sum(axis=1)
-        # Noise looks like a ramp, as much as the means of the two halves of the record differ by it: an error common
-        # to all times.
+        # Noise resembles a ramp by the difference between the means of both halves of the record: a common error at all
+        # times.
         half = 0.5 * self.allan.n * self.allan.interval
         random = float((basis(np.array([half]), time if math.isfinite(time) else 1.0)[0] * squares)[:5].sum())
         slope = math.sqrt(2.0 * squares[5] * random) / half * self.tau**2

@@ -1,12 +1,12 @@
-"""Sinusoidal noise: vibration, mains, a control loop. Lines that stand out of the spectrum of a record at rest.
+"""Sinusoidal noise (vibration, mains, a control loop): lines in the spectrum of a record at rest.
 
-``sigma^2(tau) = W0^2 (sin^2(pi f0 tau) / (pi f0 tau))^2`` (IEEE Std 952-1997, annex C, sinusoidal noise), W0 the
-amplitude. With samples every dt, ``pi f0 tau`` of the denominator is ``m sin(pi f0 dt)``, tau = m dt: the same for
-frequencies far below the sampling rate, and exact for those near half of it.
+``sigma^2(tau) = W0^2 (sin^2(pi f0 tau) / (pi f0 tau))^2`` (IEEE Std 952-1997, annex C, sinusoidal noise), with
+amplitude W0. With samples every dt, ``pi f0 tau`` in the denominator becomes ``m sin(pi f0 dt)``, tau = m dt. This is
+equal far below the sampling rate, and exact near half of it.
 
-The few points of an Allan deviation hardly tell a frequency, so lines are found in the spectrum (Hann window): a bin
-that noise of the power around it would exceed once in `FALSE_ALARM` records is a line, and a steady sinusoid only if
-the bins around it show the window's own shape. Else it is vibration of a changing frequency, and no coefficient.
+A few points of an Allan deviation hardly determine a frequency, so the lines come from the spectrum (Hann window). A
+line is a bin that the surrounding noise would exceed once in `FALSE_ALARM` records. It is a steady sinusoid only if the
+neighbouring bins have the shape of the window. Otherwise it is vibration of changing frequency, without coefficient.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from scipy.signal.windows import hann
 from insnav.types import FloatArray
 
 MOST = 8  # lines of one signal
-FALSE_ALARM = 1e-4  # records of noise alone in which a line is found
-FEWEST_CYCLES = 50  # in the record: below, drift has its power
+FALSE_ALARM = 1e-4  # share of pure noise records with a line
+FEWEST_CYCLES = 50  # in the record: drift dominates below
 FEWEST_SAMPLES = 1000
-LONGEST = 1 << 24  # samples: a steady line is in every part of a longer record
-NEAR, BAND_STEP = 1.25, 1.05  # the power around a frequency is a median up to this factor away, taken at such steps
+LONGEST = 1 << 24  # samples: every part of a longer record contains a steady line
+NEAR, BAND_STEP = 1.25, 1.05  # median power up to this factor in frequency, at such steps
 MOST_OF_BAND = 2000  # bins of such a median
-MAIN_LOBE = 3  # bins to each side of a line that show its shape
-REST = 0.1  # part of the power of a line that its shape may leave over
-WIDE = 4096  # bins to each side from which a line is taken off
-FAINT = 1e-6  # power next to that of the strongest line which may be its rounding
-SEEN = 0.05  # part of an Allan variance that a line makes somewhere: less changes no coefficient
+MAIN_LOBE = 3  # bins on each side of a line that reveal its shape
+REST = 0.1  # largest remaining share of a line's power after the shape
+WIDE = 4096  # bins on each side corrected for a line
+FAINT = 1e-6  # relative power that may be rounding of the strongest line
+SEEN = 0.05  # least share of a line in some Allan variance: smaller lines change no coefficient
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class Sinusoid:
         return np.asarray(self.amplitude * np.cos(2.0 * np.pi * self.frequency * time + self.phase))
 
     def variance(self, tau: FloatArray, interval: float) -> FloatArray:
-        """Allan variance of the line; tau (k,): averaging times [s]; interval: of sampling [s]. Returns (k,)."""
+        """Compute the Allan variance of the line, (k,), at averaging times tau (k,) [s] and sampling interval [s]."""
         slow = tau / interval * math.sin(math.pi * self.frequency * interval)
         return np.asarray((self.amplitude * np.sin(np.pi * self.frequency * tau) ** 2 / slow) ** 2)
 
@@ -58,7 +58,7 @@ class Sinusoid:
 def find_sinusoids(values: FloatArray, interval: float) -> tuple[Sinusoid, ...]:
     """Find steady lines, strongest first.
 
-    values (n,): signal at even steps, not constant; interval: step [s].
+    `values` (n,): signal at even steps, not constant. `interval`: step [s].
     """
     n = prev_fast_len(min(values.size, LONGEST), real=True)
     if n < FEWEST_SAMPLES:
@@ -91,7 +91,7 @@ def find_sinusoids(values: FloatArray, interval: float) -> tuple[Sinusoid, ...]:
 
 
 def _around(power: FloatArray) -> FloatArray:
-    """Mean power of the noise around each bin, from medians: a line does not raise it."""
+    """Estimate the noise power around each bin by medians, robust against lines."""
     centres = np.geomspace(0.8 * FEWEST_CYCLES, power.size - 1.0, 2 + int(math.log(power.size, BAND_STEP)))
     level = []
     for centre in centres:
@@ -104,14 +104,14 @@ def _around(power: FloatArray) -> FloatArray:
 
 
 def _shape(bins: FloatArray) -> FloatArray:
-    """Spectrum of the Hann window at these distances, 1 in the middle."""
+    """Compute the spectrum of the Hann window at these distances, 1 in the middle."""
     return np.asarray(np.sinc(bins) + 0.5 * (np.sinc(bins - 1.0) + np.sinc(bins + 1.0)))
 
 
 def _offset(size: FloatArray, noise: float) -> tuple[float, float]:
-    """Distance of a line from the highest bin, by the larger neighbour, and its standard deviation [bins].
+    """Estimate the distance of a line from the highest bin by its larger neighbour, with sd [bins].
 
-    size (3,): of the spectrum about it; noise: mean power of the noise. The ratio r of two bins of a Hann window is
+    `size` (3,): of the spectrum about it. `noise`: mean power of the noise. The ratio r of two bins of a Hann window is
     (1 + d) / (2 - d); noise of neighbours has the correlation 2/3.
     """
     right = size[2] > size[0]
@@ -122,7 +122,7 @@ def _offset(size: FloatArray, noise: float) -> tuple[float, float]:
 
 
 def _line(windowed: FloatArray, cycles: float, cycles_sd: float, noise: float, interval: float) -> Sinusoid:
-    """A line of known frequency [cycles per sample] in a windowed signal."""
+    """Fit a line of known frequency [cycles per sample] in a windowed signal."""
     n = windowed.size
     turned = windowed @ np.exp(-2j * np.pi * cycles * np.arange(n)) * 4.0 / n  # the window has the mean 1/2
     sd = 4.0 / n * math.sqrt(0.5 * noise)

@@ -1,10 +1,10 @@
 """Noise of an IMU from a stationary record: Allan deviations, models, floors, figures for a filter, and warnings.
 
-A filter cannot hold flicker noise, so a first-order Gauss-Markov process stands for the bias instability. Its Allan
-deviation peaks at 1.89 correlation times with 0.617 of its standard deviation (0.437 q sqrt(T) with
-sd = q sqrt(T / 2); IEEE Std 952-1997, annex C, exponentially correlated noise). Where the fit found such a process its
-own figures are taken; where it found a flat floor the peak is put upon the floor. The floor itself is not written as
-flicker noise as well: a simulation from the file would have the bias instability twice.
+A filter cannot represent flicker noise: a first-order Gauss-Markov process replaces the bias instability. Its Allan
+deviation peaks at 1.89 correlation times with 0.617 of its standard deviation (0.437 q sqrt(T) with sd = q sqrt(T / 2);
+IEEE Std 952-1997, annex C, exponentially correlated noise). If the fit contains such a process, its values are used. If
+the fit has a flat floor, the peak is placed on the floor. The file does not contain the floor as flicker noise, too:
+simulations would have the bias instability twice.
 
 Quantisation and rate ramp go into the file for simulations; filters ignore them.
 """
@@ -42,22 +42,22 @@ from insnav.units import DEG
 PEAK_TIME = 1.8926  # of the Gauss-Markov Allan deviation, in correlation times
 PEAK = 0.61736  # its height, in standard deviations
 KEYS = {term.allan: term.key for term in terms_of("gyro") if term.allan}  # of the IMU file, by coefficient
-FLOOR_FREEDOM = 10.0  # degrees of freedom of a deviation that counts as the floor
+FLOOR_FREEDOM = 10.0  # least degrees of freedom of a floor
 
 
 @dataclass(frozen=True, slots=True)
 class Floor:
-    """Lowest point of an Allan deviation that is still well known."""
+    """Lowest reliable point of an Allan deviation."""
 
     value: float  # in the unit of the signal
-    tau: float  # where [s]
-    reached: bool  # whether the curve goes on at or above it for longer times, or was still falling
+    tau: float  # averaging time [s]
+    reached: bool  # the curve rises for longer times, or is still falling
 
 
 def floor_of(allan: AllanDeviation, column: int, model: NoiseModel) -> Floor:
     """Find the lowest point with at least ten degrees of freedom.
 
-    column: which axis; model: for the degrees of freedom, and whether anything but falling terms was found.
+    `column`: which axis. `model`: for the degrees of freedom, and whether anything but falling terms was found.
     """
     known = np.flatnonzero(model.freedom >= FLOOR_FREEDOM)
     rows = known if known.size else np.arange(1)
@@ -69,12 +69,12 @@ def floor_of(allan: AllanDeviation, column: int, model: NoiseModel) -> Floor:
 def imu_spec(
     allan: AllanDeviation, models: tuple[NoiseModel | None, ...], name: str, source: str
 ) -> tuple[ImuSpec, tuple[Finding, ...]]:
-    """Figures for a filter from the noise of six axes.
+    """Build the IMU specification for a filter from the noise of six axes.
 
-    allan: columns gyro x, y, z, accelerometer x, y, z; models: one for each; None for an axis without any noise;
-    name, source: for the file. Returns spec: random walk, bias instability with its correlation time, rate random
-    walk, and to simulate quantisation and rate ramp. Turn-on bias, scale factor and misalignment are absent: one
-    record at rest does not show them; notes: how each figure came about.
+    `allan`: columns gyro x, y, z, accelerometer x, y, z. `models`: one for each; None for an axis without any noise.
+    `name`, `source`: for the file. Returns spec: random walk, bias instability with its correlation time, rate random
+    walk, and to simulate quantisation and rate ramp. Turn-on bias, scale factor and misalignment are absent: one record
+    at rest does not show them; notes: how each figure came about.
     """
     notes: list[Finding] = []
     absent: list[str] = []
@@ -113,7 +113,7 @@ def _sensor(
 
 
 def _process(allan: AllanDeviation, column: int, model: NoiseModel) -> tuple[float, float, Finding]:
-    """Standard deviation and correlation time of the process that represents the bias instability, and why."""
+    """Compute sd and correlation time of the process for the bias instability, with the reason."""
     if "GM" in model.coefficients:
         time = model.correlation_time
         return (model.coefficients["GM"].value, time, Finding.of(Code.ALLAN_BIAS_PROCESS, correlation_time_s=time))
@@ -127,14 +127,14 @@ def _process(allan: AllanDeviation, column: int, model: NoiseModel) -> tuple[flo
 
 
 def _values(models: tuple[NoiseModel | None, ...], name: str) -> FloatArray:
-    """A coefficient of three axes, zero where it was not found."""
+    """Return a coefficient of three axes, zero if absent."""
     return np.array([m.coefficients[name].value if m is not None and name in m.coefficients else 0.0 for m in models])
 
 
 def temperature_correlation(values: FloatArray, temperature: FloatArray) -> FloatArray:
     """Correlation of each column with temperature over means of sixty equal parts of the record.
 
-    values (n, c); temperature (n,): [deg C]. Returns (c,): zero where nothing varies.
+    values (n, c). `temperature` (n,): [deg C]. Returns (c,): zero where nothing varies.
     """
     bins = 60
     length = len(values) // bins
@@ -146,11 +146,11 @@ def temperature_correlation(values: FloatArray, temperature: FloatArray) -> Floa
     return np.asarray(np.nan_to_num(correlation))
 
 
-COARSE = 0.5  # steps larger than this part of the scatter of the samples are pointed out
-MISFIT = 0.1  # relative misfit of the variance that is pointed out
+COARSE = 0.5  # reported step size relative to the scatter of the samples
+MISFIT = 0.1  # reported relative misfit of the variance
 WARMING = 1.0  # [deg C]
-TURNS, PUSHES = 3.0 * DEG, 0.5  # changes of the mean over a second that are motion and no drift [rad/s], [m/s^2]
-FOLLOWS = 0.5  # correlation with temperature that is pointed out
+TURNS, PUSHES = 3.0 * DEG, 0.5  # changes of the mean over a second beyond drift: motion [rad/s], [m/s^2]
+FOLLOWS = 0.5  # reported correlation with temperature
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +159,7 @@ class SignalNoise:
 
     allan: AllanDeviation  # a column for each signal
     models: tuple[NoiseModel | None, ...]  # one for each, at the times of `allan`; None for one that never changes
-    # without the sinusoids, at the times to which the models are fitted: they do not depend on those of `allan`
+    # without the sinusoids, at the times of the model fit, independent of the times of `allan`
     fitted: AllanDeviation
 
 
@@ -171,8 +171,8 @@ class StaticNoise:
     models: tuple[NoiseModel | None, ...]  # one for each axis; None for one without any noise
     floors: tuple[Floor | None, ...]  # likewise
     spec: ImuSpec  # for filters and simulations
-    notes: tuple[Finding, ...]  # how the figures of `spec` came about
-    warnings: tuple[Finding, ...]  # what may be wrong with the record or the models
+    notes: tuple[Finding, ...]  # findings on the origin of the figures of `spec`
+    warnings: tuple[Finding, ...]  # possible problems of the record or the models
 
 
 def signal_noise(
@@ -185,8 +185,8 @@ def signal_noise(
 ) -> SignalNoise:
     """Allan deviation and noise coefficients of signals.
 
-    `values` (n, c): at even steps, a column for each signal, such as rates [rad/s] or specific forces [m/s^2];
-    `interval`: step [s]; `taus`: averaging times [s], see `averaging_factors`.
+    `values` (n, c): at even steps, a column for each signal, such as rates [rad/s] or specific forces [m/s^2].
+    `interval`: step [s]. `taus`: averaging times [s], see `averaging_factors`.
     Raises: ConfigError: averaging times that the signals do not hold.
     """
     factors, every = averaging_factors(len(values), interval, taus), averaging_factors(len(values), interval)
@@ -204,7 +204,7 @@ def signal_noise(
 
 
 def _seen(values: FloatArray, allan: AllanDeviation, column: int) -> tuple[Sinusoid, ...]:
-    """Lines of a signal that its Allan deviation shows."""
+    """Find the lines of a signal that affect its Allan deviation."""
     variance = SEEN * allan.deviation[:, column] ** 2
     found = find_sinusoids(values, allan.interval)
     return tuple(line for line in found if np.any(line.variance(allan.tau, allan.interval) > variance))
@@ -213,7 +213,7 @@ def _seen(values: FloatArray, allan: AllanDeviation, column: int) -> tuple[Sinus
 def _without(
     values: FloatArray, lines: Sequence[tuple[Sinusoid, ...]], allan: AllanDeviation, workers: int | None
 ) -> AllanDeviation:
-    """Deviations of what the lines of each signal leave."""
+    """Compute deviations after removal of each signal's lines."""
     shaken = [column for column, each in enumerate(lines) if each]
     if not shaken:
         return allan
@@ -240,7 +240,7 @@ def static_noise(
     Raises: InputError: the record is too short, or not at rest; ConfigError: averaging times that it does not hold.
     """
     values = np.hstack([imu.gyro, imu.accel])
-    absent: BoolArray = np.asarray(np.isnan(values).all(axis=0))  # sensors that the record does not have
+    absent: BoolArray = np.asarray(np.isnan(values).all(axis=0))  # sensors absent from the record
     there = np.flatnonzero(~absent)
     stand_in = [next((k for k in (i, *there) if not absent[k] and k // 3 == i // 3), i) for i in range(6)]
     still, filled = (
@@ -267,13 +267,13 @@ def static_noise(
 
 
 def _refuse_motion(record: EvenRecord) -> None:
-    """Refuse what no sensor at rest would show: motion is not noise."""
+    """Refuse motion, which is not noise."""
     size = max(1, round(1.0 / record.interval))
     count = len(record.values) // size
     if count < 2:
         return
     seconds = record.values[: count * size].reshape(count, size, -1).mean(axis=1)
-    # single knocks are left to the reader of the figure
+    # single knocks remain visible in the figure
     span = np.quantile(seconds, 0.95, axis=0) - np.quantile(seconds, 0.05, axis=0)
     moved = [AXES[i] for i in range(len(AXES)) if span[i] > (TURNS if i < 3 else PUSHES)]
     if moved:
@@ -281,14 +281,14 @@ def _refuse_motion(record: EvenRecord) -> None:
 
 
 def _of_record(imu: ImuData, record: EvenRecord) -> list[Finding]:
-    """Find what is unusual about the samples."""
+    """Report unusual properties of the samples."""
     damaged = Counter((event.code, event.subject) for event in inspect(imu)[1])
     warnings = [
         Finding.of(Code.ALLAN_DAMAGED, subject=subject, count=count, what=code.value)
         for (code, subject), count in damaged.items()
     ]
     steps, scatter = smallest_step(record.values), record.values.std(axis=0)
-    white = steps * math.sqrt(record.interval / 12.0)  # random walk that rounding samples to steps makes
+    white = steps * math.sqrt(record.interval / 12.0)  # random walk from rounding samples to steps
     for columns, unit in ((range(3), "rad_sqrt_s"), (range(3, 6), "m_s_sqrt_s")):
         coarse = [i for i in columns if steps[i] > COARSE * scatter[i]]
         sizes = {f"random_walk_{unit}": white[coarse], "step_sigma": steps[coarse] / scatter[coarse]}
@@ -306,7 +306,7 @@ def _of_record(imu: ImuData, record: EvenRecord) -> list[Finding]:
 def _of_models(
     models: tuple[NoiseModel | None, ...], floors: tuple[Floor | None, ...], record: EvenRecord, missing: Container[str]
 ) -> list[Finding]:
-    """Find what the models do not describe, or the record does not show of the sensors that are not `missing`."""
+    """Report model errors, and missing noise terms of the sensors that are not `missing`."""
     short = [AXES[i] for i, floor in enumerate(floors) if floor is not None and not floor.reached]
     known = {axis: model for axis, model in zip(AXES, models, strict=True) if model is not None}
     misfit = {axis: 0.5 * model.misfit for axis, model in known.items() if model.misfit > MISFIT}
@@ -325,6 +325,6 @@ def _of_models(
 
 
 def _of_axes(code: Code, axes: Iterable[str], **values: Any) -> tuple[Finding, ...]:
-    """Make one finding for all axes that it concerns, its values in their order; none without any."""
+    """Make one finding for all affected axes, with their values in order; empty without axes."""
     names = ", ".join(axes)
     return (Finding.of(code, subject=names, **values),) if names else ()

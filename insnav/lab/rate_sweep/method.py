@@ -1,8 +1,8 @@
-"""Three gyros swept over rates about each axis: the full matrix and bias, then what is left over the rate.
+"""Three gyros swept over rates about each axis: full matrix and bias, then the remaining error over rate.
 
 First ``gyro = B w + b`` by least squares, nine coefficients and three biases; the rate is ``inverse(B) (gyro - b)``.
-Then the error of that rate, as a line of straight pieces over it (`piecewise_fit`): ``err = k rate + b`` in each, to be
-taken off. The pieces meet, so the whole is continuous, and every k is far below 1, so it can be undone.
+Then the error of that rate is fitted by straight pieces (`piecewise_fit`), ``err = k rate + b`` in each, and
+subtracted. The pieces meet, so the correction is continuous. Every k is far below 1, so it is invertible.
 """
 
 from __future__ import annotations
@@ -37,16 +37,16 @@ from insnav.quantity import Quantity
 from insnav.types import BoolArray, FloatArray, IntArray
 from insnav.units import DEG
 
-ROUNDING = 1e-9  # errors of such a share of the largest rate are those of arithmetic
+ROUNDING = 1e-9  # errors of such a share of the largest rate are rounding
 
 
 @dataclass(frozen=True, slots=True)
 class Adjusted:
-    """One piece whose intercept was set by hand."""
+    """Piece with a manual intercept."""
 
     gyro: int
     piece: int  # from 0
-    # intercept as fitted and as set [rad/s]
+    # fitted and manual intercept [rad/s]
     found: float
     given: float
     # root mean square error of the dwells in the piece with each of them; NaN without a dwell [rad/s]
@@ -56,7 +56,7 @@ class Adjusted:
 
 @dataclass(frozen=True, slots=True)
 class SweepCalibration:
-    """What sweeps about three axes show."""
+    """Results of sweeps about three axes."""
 
     rate: FloatArray  # (n, 3) rate of the table in each dwell [rad/s]
     output: FloatArray  # (n, 3) mean output of each gyro [unit of the output]
@@ -65,17 +65,17 @@ class SweepCalibration:
     matrix: FloatArray  # (3, 3) B [unit of the output per rad/s]
     bias: FloatArray  # (3,) b [unit of the output]
     fits: tuple[Fit, ...]  # of each gyro: three sensitivities and the bias
-    used: BoolArray  # (n, 3) which dwells each gyro's fit used
-    dropped: tuple[tuple[int, Dropped], ...]  # gyro and rate [deg/s] left out as saturated
-    # error of the corrected rate of each gyro over that rate [rad/s], None where it is noise about zero
+    used: BoolArray  # (n, 3) dwells in each gyro's fit
+    dropped: tuple[tuple[int, Dropped], ...]  # saturated: gyro and rate [deg/s]
+    # error of the corrected rate of each gyro over that rate [rad/s], None if it is noise about zero
     pieces: tuple[Pieces | None, ...]
-    # (n, 3) rate minus that of the table [rad/s]: each gyro by its own bias and scale factor alone, by the full
-    # matrix, and with the pieces subtracted; NaN where a gyro is saturated
+    # (n, 3) rate minus table rate [rad/s]: by bias and scale factor alone, by the full matrix, and with the pieces
+    # subtracted; NaN for a saturated gyro
     error_line: FloatArray
     error_matrix: FloatArray
     error_map: FloatArray
     warnings: tuple[Finding, ...]
-    adjusted: tuple[Adjusted, ...] = ()  # by hand
+    adjusted: tuple[Adjusted, ...] = ()  # manual changes
 
 
 def calibrate_sweeps(
@@ -89,15 +89,14 @@ def calibrate_sweeps(
 ) -> SweepCalibration:
     """Calibrate three gyros.
 
-    `rate` (n, 3): rates of the table about x, y, z [rad/s]; one row a dwell; `output` (n, 3): mean outputs of gyros x,
-    y, z [rad/s, or volts or counts]; `sd` (n, 3): standard deviations of these means, zero where not known; `raw`:
-    whether the outputs are in volts or counts; `intercepts`: of pieces, instead of those found, ``{"x2": 0.01}`` the
-    second of gyro x [deg/s].
-    Raises: ConfigError: an intercept of no piece, or one that takes it past its neighbours; InputError: an axis without
-    a sweep, too few rates, gyros that do not follow the rate about their axis or are not in the unit of their columns,
-    or an error so steep that it cannot be undone.
+    `rate` (n, 3): rates of the table about x, y, z [rad/s]; one row per dwell. `output` (n, 3): mean outputs of gyros
+    x, y, z [rad/s, or volts or counts]. `sd` (n, 3): standard deviations of these means, zero if unknown. `raw`: the
+    outputs are in volts or counts. `intercepts`: manual values for pieces, ``{"x2": 0.01}`` for the second of gyro x
+    [deg/s].
+    Raises: ConfigError: an intercept of a missing piece, or beyond its neighbours. InputError: an axis without a sweep,
+    too few rates, or gyros with wrong axis or unit. Also an error too steep for inversion.
     """
-    # dwells about one axis alone; at rest counts for all
+    # dwells about one axis alone; rest counts for all
     own = tuple(np.flatnonzero(~np.delete(rate, axis, axis=1).any(axis=1)) for axis in range(3))
     warnings = check_rates(rate, own, where)
     used: BoolArray = np.ones(rate.shape, dtype=np.bool_)
@@ -114,7 +113,7 @@ def calibrate_sweeps(
     refuse_crossed(fits, raw, where)
     pieces = _all_pieces(rate, output, used, fits, names)
     if any(item is not None for item in pieces):
-        # a gyro of this shape shows B times the bent rate: its matrix is then found without the shape as scatter
+        # a gyro of this shape gives B times the bent rate: the matrix is then fitted without the shape as scatter
         bent = np.column_stack(
             [r if p is None else AxisMap(p.knot, p.value).inverse(r) for r, p in zip(rate.T, pieces, strict=True)]
         )
@@ -153,10 +152,10 @@ def calibrate_sweeps(
 def _adjust(
     pieces: tuple[Pieces | None, ...], name: str, value: float, rate: FloatArray, error: FloatArray
 ) -> tuple[tuple[Pieces | None, ...], Adjusted]:
-    """Set one intercept, and what this changes.
+    """Set one intercept, and record its effect.
 
-    name: gyro and number of the piece; value: intercept [rad/s]; rate (n, 3): of the table; error (n, 3): of the rate
-    by the matrix, NaN where not used [rad/s].
+    `name`: gyro and number of the piece. `value`: intercept [rad/s]. `rate` (n, 3): of the table. `error` (n, 3): of
+    the rate by the matrix, NaN if unused [rad/s].
     """
     parts = re.fullmatch(r"([xyz])([1-9][0-9]?)", name)
     count = [0 if item is None else item.slope.size for item in pieces]
@@ -201,7 +200,7 @@ def fit(record: SweepRecord, how: BenchOptions) -> Calibration[SweepRecord, Swee
 
 
 def _worse(found: SweepCalibration) -> tuple[Finding, ...]:
-    """Intercepts set by hand that do harm."""
+    """Report harmful manual intercepts."""
     return tuple(
         Finding.of(
             Code.BENCH_INTERCEPT,
@@ -215,7 +214,7 @@ def _worse(found: SweepCalibration) -> tuple[Finding, ...]:
 
 
 def sweep_errors(found: SweepCalibration, unit: str, name: str = "") -> tuple[ImuErrors, CalibrationSd]:
-    """Errors for the calibration file, outputs in `unit`, and their uncertainty."""
+    """Build errors for the calibration file, outputs in `unit`, and their uncertainty."""
     maps = tuple(None if item is None else AxisMap(item.knot, item.value) for item in found.pieces)
     gyro_map = DynamicMap(maps) if any(item is not None for item in maps) else None
     bias_sd = np.array([fit.sd[3] for fit in found.fits])
@@ -237,7 +236,7 @@ def sweep_errors(found: SweepCalibration, unit: str, name: str = "") -> tuple[Im
 
 
 def _parameters(found: SweepCalibration, unit: str) -> tuple[Quantity, ...]:
-    """Bias, own scale factor and misalignments of each gyro."""
+    """Build bias, own scale factor and misalignments of each gyro."""
     items = []
     for i, (axis, each) in enumerate(zip("xyz", found.fits, strict=True)):
         half, own = each.half_width(), float(each.value[i])
@@ -259,7 +258,7 @@ def _parameters(found: SweepCalibration, unit: str) -> tuple[Quantity, ...]:
 def _matrix_errors(
     rate: FloatArray, output: FloatArray, used: BoolArray, fits: Sequence[Fit]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Matrix, bias, and the error of the rate by these, NaN where a gyro is saturated."""
+    """Return matrix, bias, and the error of the rate by these, NaN for a saturated gyro."""
     matrix, bias = np.array([fit.value[:3] for fit in fits]), np.array([fit.value[3] for fit in fits])
     free = np.where(used.all(axis=1, keepdims=True), output - bias, np.nan)
     return matrix, bias, np.asarray(np.linalg.solve(matrix, free.T).T - rate)
@@ -274,9 +273,9 @@ def _all_pieces(
 
 
 def _pieces(rate: FloatArray, error: FloatArray, where: str) -> Pieces | None:
-    """Straight pieces through the mean error at each rate, if there is more than noise about a straight line.
+    """Fit straight pieces through the mean error at each rate, if significantly better than a straight line.
 
-    The dwells of the other sweeps all are at zero, so the error at rest weighs most.
+    The dwells of the other sweeps are all at zero, so the error at rest has most weight.
     """
     different, mean, count = _means(rate, error)
     if different.size < FEWEST_FOR_MAP or np.abs(error).max() < ROUNDING * np.abs(rate).max():

@@ -1,8 +1,8 @@
-"""A line of straight pieces through points, borders and their number found from the points.
+"""Continuous line of straight pieces through points, with borders and their number from the points.
 
-A border is put where it lowers the sum of squares most, then all are moved in turn until none moves any more: the
-forward selection of hinges of J. H. Friedman, Multivariate Adaptive Regression Splines, Annals of Statistics 19
-(1991), section 3. How many there are is decided by an information criterion.
+A border is added where it lowers the sum of squares most; then all borders are moved in turn until convergence. This is
+the forward selection of hinges by J. H. Friedman, Multivariate Adaptive Regression Splines, Annals of Statistics 19
+(1991), section 3. An information criterion decides their number.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from insnav.types import FloatArray, IntArray
 
 MOST = 12  # pieces
 FEWEST_POINTS = 3  # in a piece
-PENALTY = 3.0  # times log n for a border: in noise alone fewer than 1 in 100 records get one
+PENALTY = 3.0  # factor on log n for a border: in pure noise fewer than 1 in 100 records get a border
 _ROUNDS = 20  # of moving borders
 _EXACT = 1e-9  # share of the spread of the points that counts as no misfit
 
@@ -29,12 +29,12 @@ class Pieces:
     value: FloatArray  # (k,) of the line at the knots
     covariance: FloatArray  # (k, k) of these, borders taken as known
     residual: FloatArray  # (n,) points minus line
-    left_out: FloatArray  # (n,) the same, each by a line fitted without that point, borders kept
+    left_out: FloatArray  # (n,) residual of each point from a line fitted without it, with the same borders
     sigma: float  # standard deviation of a point of weight 1 about the line
 
     @property
     def straight(self) -> bool:
-        """Whether there is no border."""
+        """True without a border."""
         return self.knot.size == 2
 
     @property
@@ -46,17 +46,17 @@ class Pieces:
 
     @property
     def slope(self) -> FloatArray:
-        """Of each piece, (k - 1,)."""
+        """Slope of each piece, (k - 1,)."""
         return np.diff(self.value) / np.diff(self.knot)
 
     @property
     def intercept(self) -> FloatArray:
-        """Of each piece, (k - 1,)."""
+        """Intercept of each piece, (k - 1,)."""
         return np.asarray(self.value[:-1] - self.slope * self.knot[:-1])
 
     def room(self, piece: int) -> tuple[float, float]:
-        """Intercepts between which a piece, from 0, meets its neighbours in order."""
-        move = np.zeros(self.knot.size)  # of the borders for a unit of the intercept
+        """Return the range of intercepts for which a piece, from 0, meets its neighbours in order."""
+        move = np.zeros(self.knot.size)  # of the borders per unit of the intercept
         for border, other in ((piece, piece - 1), (piece + 1, piece + 1)):
             if 0 < border < self.knot.size - 1:
                 move[border] = -1.0 / (self.slope[piece] - self.slope[other])
@@ -67,9 +67,10 @@ class Pieces:
         return own + max(room[room < 0.0], default=-np.inf), own + min(room[room > 0.0], default=np.inf)
 
     def with_intercept(self, piece: int, intercept: float, x: FloatArray) -> Pieces:
-        """Move one piece up or down; its neighbours stay the lines they are and meet it at other borders.
+        """Move one piece up or down; its neighbours keep their lines and meet it at other borders.
 
-        piece: from 0; intercept: new one; x (n,): of the points. Raises ConfigError: it meets them nowhere between.
+        `piece`: from 0. `intercept`: new one. `x` (n,): of the points. Raises: ConfigError: it meets them nowhere
+        between.
         """
         shift = intercept - self.intercept[piece]
         last = self.knot.size - 1
@@ -94,16 +95,16 @@ class Pieces:
         return replace(moved, residual=self.residual - change, left_out=self.left_out - change)
 
     def at(self, x: FloatArray) -> FloatArray:
-        """Line at x (n,), the outer pieces continued."""
+        """Evaluate the line at x (n,), with extended outer pieces."""
         piece = np.searchsorted(self.knot[1:-1], x)
         return np.asarray(self.intercept[piece] + self.slope[piece] * x)
 
 
 def fit_pieces(x: FloatArray, y: FloatArray, weight: FloatArray | None = None) -> Pieces:
-    """Fit as many straight pieces as the points bear.
+    """Fit as many straight pieces as the points support.
 
-    x, y (n,): points, in any order; at least six different x; weight (n,): how many points each stands for; default
-    one. Its ends are the outermost points.
+    `x`, `y` (n,): points, in any order; at least six different x. `weight` (n,): how many points each stands for;
+    default one. Its ends are the outermost points.
     """
     order = np.argsort(x, kind="stable")
     root = np.ones(x.size) if weight is None else np.sqrt(weight[order])
@@ -127,7 +128,7 @@ def fit_pieces(x: FloatArray, y: FloatArray, weight: FloatArray | None = None) -
 
 @dataclass(frozen=True, slots=True)
 class _Points:
-    """Increasing x, roots of the weights, and y times these."""
+    """Points: increasing x, roots of the weights, and y times these."""
 
     x: FloatArray
     root: FloatArray
@@ -135,12 +136,12 @@ class _Points:
 
 
 def _hinges(points: _Points, borders: FloatArray) -> FloatArray:
-    """Functions that are zero up to a border and rise beyond it, weighted, (n, borders)."""
+    """Build functions that are zero up to a border and rise beyond it, weighted, (n, borders)."""
     return np.asarray(np.maximum(points.x[:, None] - borders, 0.0) * points.root[:, None])
 
 
 def _rest(points: _Points, borders: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Orthonormal columns that span all lines with these borders, and what the best of these leaves."""
+    """Return orthonormal columns of all lines with these borders, and the residual of the best line."""
     straight = np.column_stack((points.root, points.root * points.x))
     q = np.linalg.qr(np.hstack((straight, _hinges(points, borders))))[0]
     return q, np.asarray(points.y - q @ (q.T @ points.y))
@@ -153,7 +154,7 @@ def _criterion(points: _Points, borders: FloatArray, floor: float) -> float:
 
 
 def _best_border(points: _Points, borders: FloatArray, candidates: FloatArray) -> float | None:
-    """Candidate that lowers the sum of squares most, with enough points between it and its neighbours."""
+    """Find the candidate that lowers the sum of squares most, with enough points to its neighbours."""
     place = np.searchsorted(points.x, candidates)
     free = np.ones(candidates.size, dtype=np.bool_)
     for other in np.searchsorted(points.x, borders):
@@ -170,7 +171,7 @@ def _best_border(points: _Points, borders: FloatArray, candidates: FloatArray) -
 
 
 def _moved(points: _Points, borders: FloatArray, candidates: FloatArray) -> FloatArray:
-    """Each border in turn to where it is best given the others, until none moves."""
+    """Move each border in turn to its best position given the others, until convergence."""
     for _ in range(_ROUNDS):
         before = borders
         for i in range(borders.size):
@@ -184,7 +185,7 @@ def _moved(points: _Points, borders: FloatArray, candidates: FloatArray) -> Floa
 
 
 def _fitted(points: _Points, knot: FloatArray, back: IntArray) -> Pieces:
-    """Values at the knots; residuals in the order in which the points were given."""
+    """Compute values at the knots, and residuals in the original order of the points."""
     line = np.column_stack([np.interp(points.x, knot, row) for row in np.eye(knot.size)])
     design = line * points.root[:, None]
     value = np.asarray(np.linalg.lstsq(design, points.y, rcond=None)[0], dtype=np.float64)

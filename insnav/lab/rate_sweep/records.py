@@ -1,6 +1,6 @@
-"""Files of rate sweeps about three axes, one for each axis or one with the rates about all; whether they can be used.
+"""Files of rate sweeps about three axes, one per axis or one with the rates about all, and tests of their use.
 
-That is which rates there are, where a gyro is saturated, and whether columns are exchanged.
+The tests concern the rates present, saturation of a gyro, and exchanged columns.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ SCHEMA = schema("rate_sweep")
 
 @dataclass(frozen=True, slots=True)
 class SweepRecord:
-    """Sweeps reduced to one output a dwell."""
+    """Sweeps reduced to one output per dwell."""
 
     tables: tuple[BenchTable, ...]  # as read
     dwells: Dwells  # of all: setting is the rate about x, y, z [rad/s], value the outputs of gyros x, y, z
-    unit: str  # of the outputs; values are in it if it is one of volts or counts, else in rad/s
+    unit: str  # of the outputs; values are in volts or counts if this is such a unit, else in rad/s
     warnings: tuple[Finding, ...]
 
     @property
     def raw(self) -> bool:
-        """Whether the outputs are in volts or counts."""
+        """True if the outputs are in volts or counts."""
         return UNITS[self.unit][0] == "signal"
 
     @property
@@ -57,10 +57,10 @@ class SweepRecord:
 def read_sweeps(paths: Sequence[str | Path | Table], how: BenchOptions = STANDARD) -> SweepRecord:
     """Read the sweeps.
 
-    paths: three files with ``rate_deg_s``, the table turned about x, about y, about z; or one with
-    ``rate_x_deg_s``, ``rate_y_deg_s``, ``rate_z_deg_s``. Each with ``gyro_x_deg_s`` to ``gyro_z_deg_s``, or in
-    volts or counts. Successive rows of one rate are the samples of a dwell; how: columns and limit of spikes.
-    Raises InputError: the files cannot be used, or are neither one nor three.
+    `paths`: three files with ``rate_deg_s``, the table turned about x, about y, about z; or one with ``rate_x_deg_s``,
+    ``rate_y_deg_s``, ``rate_z_deg_s``. Each with ``gyro_x_deg_s`` to ``gyro_z_deg_s``, or in volts or counts.
+    Successive rows of one rate are the samples of a dwell. `how`: columns and limit of spikes. Raises: InputError: the
+    files cannot be used, or are neither one nor three.
     """
     if len(paths) not in (1, 3):
         raise InputError("lab.not_three_sweeps", count=len(paths))
@@ -99,17 +99,17 @@ def read_sweeps(paths: Sequence[str | Path | Table], how: BenchOptions = STANDAR
 
 
 USUAL = 31  # rates about an axis, from which pieces are distinguishable from noise
-FEWEST_FOR_MAP = 12  # with fewer no pieces are sought
+FEWEST_FOR_MAP = 12  # with fewer rates no pieces are fitted
 MOST_CROSSED = 0.3  # of the rate about another axis, over that about its own
-FLAT = 0.5  # of its usual slope: a gyro that grows less with the rate is saturated
+FLAT = 0.5  # of its usual slope: below, a gyro is saturated
 _SURE = 4.0  # standard deviations
-_AT_STOP = 0.05  # of its usual growth: an output that grows less stands at its stop
+_AT_STOP = 0.05  # of its usual growth: below, the output is at its limit
 
 
 def check_rates(rate: FloatArray, own: Sequence[IntArray], where: str) -> tuple[Finding, ...]:
-    """Refuse sweeps that leave an axis out, and find what is unusual.
+    """Refuse sweeps without an axis, and report unusual rates.
 
-    rate (n, 3): rates of the table [rad/s]; own (k,): dwells about each axis alone.
+    `rate` (n, 3): rates of the table [rad/s]. `own` (k,): dwells about each axis alone.
     """
     warnings: list[Finding] = []
     for axis, rows in zip("xyz", own, strict=True):
@@ -138,12 +138,12 @@ def check_rates(rate: FloatArray, own: Sequence[IntArray], where: str) -> tuple[
 
 
 def saturated(rate: FloatArray, output: FloatArray, sd: FloatArray) -> tuple[BoolArray, tuple[Dropped, ...]]:
-    """Find the ends of a sweep where the output hardly grows with the rate any more.
+    """Find the ends of a sweep where the output hardly grows with the rate.
 
-    A non-linear gyro leaves a straight line long before its range ends; saturated it is where its slope falls below
-    half of the usual, and beyond.
+    A non-linear gyro leaves a straight line long before its range ends. It is saturated from the rate at which its
+    slope falls below half of the usual.
 
-    rate (n,): about the gyro's own axis [deg/s]; output (n,): mean outputs; sd (n,): their standard deviations.
+    `rate` (n,): about the gyro's own axis [deg/s]. `output` (n,): mean outputs. `sd` (n,): their standard deviations.
     Returns lost (n,).
     """
     different, which = np.unique(rate, return_inverse=True)
@@ -160,12 +160,12 @@ def saturated(rate: FloatArray, output: FloatArray, sd: FloatArray) -> tuple[Boo
     lost = np.zeros(rate.size, dtype=np.bool_)
     dropped = []
     for sense in (1.0, -1.0):
-        outer = different[1:] if sense > 0.0 else -different[:-1]  # of each step, the end farther out in this sense
+        outer = different[1:] if sense > 0.0 else -different[:-1]  # of each step, the outer end in this sense
         ends = outer[flat & (outer > 0.0)]
         if ends.size == 0:
             continue
         first = float(ends.min())
-        # the rate before it may stand at the stop already, on the way to which the output still grew
+        # the previous rate may already be at the limit, though the output still grew up to it
         at = int(np.flatnonzero(different == sense * first)[0])
         before = at - int(sense)
         if abs(mean[at] - mean[before]) < max(
@@ -182,7 +182,7 @@ def saturated(rate: FloatArray, output: FloatArray, sd: FloatArray) -> tuple[Boo
 
 
 def _extended(rate: FloatArray, output: FloatArray, first: float, sense: float, at: float) -> float:
-    """Straight line through the rates within, at a rate beyond."""
+    """Extrapolate the straight line through the inner rates to an outer rate."""
     inside = sense * rate < sense * first
     if np.count_nonzero(inside) < 2:
         return float("nan")
@@ -190,9 +190,9 @@ def _extended(rate: FloatArray, output: FloatArray, first: float, sense: float, 
 
 
 def refuse_crossed(fits: Sequence[Fit], raw: bool, where: str) -> None:
-    """Refuse gyros that follow another axis than their own, or are not in their unit.
+    """Refuse gyros that respond to another axis, or have another unit.
 
-    fits: sensitivities to x, y, z and bias of each gyro; raw: whether the outputs are in volts or counts.
+    `fits`: sensitivities to x, y, z and bias of each gyro. `raw`: whether the outputs are in volts or counts.
     """
     for i, (axis, fit) in enumerate(zip("xyz", fits, strict=True)):
         own, others = float(fit.value[i]), np.delete(fit.value[:3], i)
@@ -209,7 +209,7 @@ def refuse_crossed(fits: Sequence[Fit], raw: bool, where: str) -> None:
 def shifted_zeros(error: FloatArray, own: Sequence[IntArray]) -> tuple[Finding, ...]:
     """Find gyros whose zero differs between the sweeps about the other two axes.
 
-    error (n, 3): of the corrected rates [rad/s]; NaN where not known; own (k,): dwells about each axis alone.
+    `error` (n, 3): of the corrected rates [rad/s]; NaN where not known. `own` (k,): dwells about each axis alone.
     """
     warnings = []
     for i, axis in enumerate("xyz"):

@@ -1,1 +1,1 @@
-"""One sensor at a time: the rate table and the tumble test."""
+"""Calibration of single sensors: the rate table and the tumble test."""

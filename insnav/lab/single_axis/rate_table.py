@@ -1,9 +1,9 @@
-"""Scale factor and zero of a gyro on a rate table: a straight line through its output, saturated rates left out.
+"""Scale factor and zero of a gyro on a rate table: a straight line through its output without saturated rates.
 
-U = U0 + K w + v, U the output, w the rate of the table. A sensor leaves the line at the ends of its range first, so the
-line grows from the middle outwards: a rate is taken in while it agrees with the line through those before, and once one
-does not, nothing beyond it on that side counts. What then still bends at an end, each rate by less than its noise
-shows, is found by a line with a corner.
+U = U0 + K w + v, with output U and table rate w. A sensor leaves the line at the ends of its range first, so the line
+grows from the middle outwards. A rate is included if it agrees with the line through the previous rates. After the
+first disagreement, all rates beyond on that side are dropped. A line with a corner detects a remaining bend at an end,
+where each rate deviates by less than its noise.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from insnav.lab.single_axis.records import Record, read_records, refuse_unit, tr
 from insnav.types import BoolArray, FloatArray, IntArray
 from insnav.units import DEG
 
-FALSE_ALARM = 0.01  # probability that detection drops anything from a record without saturation
-SOFT = 0.05  # the same of an end that only bends; with less, the interval of K seldom holds where one does
-BENT = 3  # so many outermost rates of a side may be bent
-FEWEST = 5  # rates that make a line and show how good it is
+FALSE_ALARM = 0.01  # probability of dropping anything from a record without saturation
+SOFT = 0.05  # the same for a bend at an end; with less, the interval of K seldom contains the truth at a bend
+BENT = 3  # largest number of bent outer rates on a side
+FEWEST = 5  # rates for a line with uncertainty
 NAMES = ("zero U0", "scale factor K")
 USUAL_RATES = 10  # ± 10, 20, 40, 60, 80 deg/s
 SCHEMA = schema("rate_table")
@@ -36,32 +36,32 @@ SCHEMA = schema("rate_table")
 
 @dataclass(frozen=True, slots=True)
 class Dropped:
-    """A rate that was left out, and why."""
+    """Dropped rate, with the reason."""
 
     rate: float  # rate of the table
-    residual: float  # output minus that of the line
-    limit: float  # largest residual that chance explains
+    residual: float  # output minus line
+    limit: float  # largest residual by chance
     reason: Finding
 
 
 @dataclass(frozen=True, slots=True)
 class RateTable:
-    """Scale factor and zero of one gyro. Rates are in the unit they were given in."""
+    """Scale factor and zero of one gyro. Rates have their input unit."""
 
-    rate: FloatArray  # (n,) what was measured
+    rate: FloatArray  # (n,) measured rates and outputs
     output: FloatArray
-    used: BoolArray  # (n,) which of it the fit used
+    used: BoolArray  # (n,) rates in the fit
     fit: Fit  # zero and scale factor over all used rates
-    # the same of positive and of negative rates alone, zero in both; None where there are fewer than three
+    # fits of positive and of negative rates alone, zero in both; None with fewer than three
     forward: Fit | None
     reverse: Fit | None
-    dropped: tuple[Dropped, ...]  # rates left out
+    dropped: tuple[Dropped, ...]  # dropped rates
 
     @property
     def average(self) -> tuple[FloatArray, FloatArray] | None:
-        """Mean of the zero and scale factor of both senses of rotation and its standard deviation, (2,) each.
+        """Mean zero and scale factor of both senses of rotation, with standard deviation, (2,) each.
 
-        Dwells at rest are in both senses, so that the two are not independent.
+        Dwells at rest belong to both senses, so that the two are not independent.
         """
         if self.forward is None or self.reverse is None:
             return None
@@ -87,7 +87,7 @@ def calibrate_rate_table(
 ) -> RateTable:
     """Fit zero and scale factor.
 
-    `rate` (n,): rates of the table, in any unit; `output` (n,): output at each, in volts or counts; `keep`: smallest
+    `rate` (n,): rates of the table, in any unit. `output` (n,): output at each, in volts or counts. `keep`: smallest
     and largest rate to use; by default saturated rates are found and left out.
     Raises: InputError: too few rates, columns that seem to be exchanged, or a sensor that does not respond.
     """
@@ -115,9 +115,9 @@ def calibrate_rate_table(
 
 
 def prediction_limit(fit: Fit, rate: float, probability: float) -> float:
-    """How far a further measurement may lie from the line by chance.
+    """Compute the largest distance of a further measurement from the line by chance.
 
-    fit: A line, from `calibrate_rate_table`; rate: rate of the measurement; probability: of lying further,
+    `fit`: a line, from `calibrate_rate_table`. `rate`: rate of the measurement. `probability`: of a larger distance,
     two-sided. Seber and Lee, Linear Regression Analysis, section 5.3.1.
     """
     row = np.array([1.0, rate])
@@ -133,13 +133,13 @@ def _one_sense(rate: FloatArray, output: FloatArray, chosen: BoolArray, where: s
 
 
 def _linear_part(rate: FloatArray, output: FloatArray, where: str) -> tuple[BoolArray, tuple[Dropped, ...]]:
-    """Grow the line from the inner half of the rates outwards; what leaves it, and all beyond, is dropped."""
+    """Grow the line from the inner half of the rates outwards; drop rates from the first disagreement on."""
     order = np.argsort(np.abs(rate), kind="stable")
     core = max(FEWEST, order.size // 2)
     used = np.zeros(rate.size, dtype=np.bool_)
     used[order[:core]] = True
     dropped: list[Dropped] = []
-    closed: dict[bool, float] = {}  # sense of rotation: the rate at which the line was left
+    closed: dict[bool, float] = {}  # sense of rotation: the rate of the first disagreement
     outer = order[core:]
     for i in outer:
         sense = bool(rate[i] > 0.0)
@@ -165,10 +165,10 @@ def _linear_part(rate: FloatArray, output: FloatArray, where: str) -> tuple[Bool
 
 
 def _bent(rate: FloatArray, output: FloatArray, used: BoolArray) -> IntArray:
-    """Rows of the outermost rates of one side beyond which the output falls short of the line; none if by chance.
+    """Find outermost rates of one side at which the output falls short of the line; none if by chance.
 
-    A corner at the last rate before them is fitted along, and its slope tested by Student's t, one-sided; the least
-    probable of both sides and of 1 to `BENT` rates counts (Seber and Lee, section 4.3; four independent tests, about).
+    A corner at the last rate before them is fitted, and its slope tested by Student's t, one-sided. The least probable
+    of both sides and of 1 to `BENT` rates counts (Seber and Lee, section 4.3; about four independent tests).
     """
     rows = np.flatnonzero(used)
     r, u = rate[rows], output[rows]
@@ -203,7 +203,7 @@ def _refuse_nonsense(rate: FloatArray, output: FloatArray, where: str) -> None:
 
 
 def _commanded(values: FloatArray) -> bool:
-    """Whether all values are multiples of a hundredth of a degree, as somebody types them in."""
+    """Return whether all values are multiples of a hundredth of a degree, as commanded rates are."""
     return bool(np.allclose(np.round(values, 2), values, rtol=0.0, atol=1e-9))
 
 
@@ -220,12 +220,12 @@ def fit(record: tuple[Record, ...], how: BenchOptions) -> Calibration[tuple[Reco
 
 
 def calibrate_gyro(record: Record, keep: tuple[float, float] | None = None) -> RateTable:
-    """Zero and scale factor of a gyro; rates in deg/s as rate tables show them.
+    """Fit zero and scale factor of a gyro, with rates in deg/s as rate tables display them.
 
-    keep: smallest and largest rate to use [deg/s]. Raises InputError: see `calibrate_rate_table`; or a digital output
-    in another unit than its column states.
+    `keep`: smallest and largest rate to use [deg/s]. Raises: InputError: see `calibrate_rate_table`; or a digital
+    output in another unit than its column states.
     """
-    # the table's rates are round numbers in deg/s: keep them so
+    # the table's rates are round numbers in deg/s
     rate = np.round(record.setting / DEG, 9)
     found = calibrate_rate_table(rate, record.output, keep, where=record.table.name)
     refuse_unit(record, float(found.fit.value[1]))
@@ -233,7 +233,7 @@ def calibrate_gyro(record: Record, keep: tuple[float, float] | None = None) -> R
 
 
 def rate_table_warnings(found: RateTable) -> tuple[Finding, ...]:
-    """Find what is wrong with a rate table that could still be used."""
+    """Report problems of a usable rate table."""
     used = np.unique(found.rate[found.used])
     left = sum(np.isfinite(item.limit) and item.reason.code != Code.BENCH_RATE_EXCLUDED for item in found.dropped)
     one_sense = bool(used[0] >= 0.0 or used[-1] <= 0.0)

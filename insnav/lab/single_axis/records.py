@@ -1,7 +1,7 @@
-"""Files of benches with one sensor at a time, and what the calibrations of such sensors have in common.
+"""Bench files of one sensor at a time, and common parts of their calibrations.
 
-The output is in volts, counts, or already in the unit of what is sensed. Volts and counts become a line in the
-calibration file (`insnav.imu.raw_outputs`), anything else a bias and a scale factor.
+The output is in volts, counts, or in the unit of the input. For volts and counts the calibration file contains a line
+(`insnav.imu.raw_outputs`), otherwise a bias and a scale factor.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from insnav.units import UNITS
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """One sensor's bench file, reduced to one output a dwell."""
+    """Bench file of one sensor, reduced to one output per dwell."""
 
     table: BenchTable  # as read
     dwells: Dwells  # setting [rad/s] or [rad], output in `unit`
@@ -64,7 +64,7 @@ class Record:
 
     @property
     def raw(self) -> bool:
-        """Whether the output is in volts or counts."""
+        """True if the output is in volts or counts."""
         return UNITS[self.unit][0] == "signal"
 
 
@@ -73,7 +73,7 @@ def read_records(
 ) -> tuple[Record, ...]:
     """Read the files of x, y, z, or of one sensor that stands for all three; see `read_record`.
 
-    Raises InputError: there are not one or three, or their outputs have different units.
+    Raises: InputError: there are not one or three, or their outputs have different units.
     """
     records = tuple(read_record(file, schema, how) for file in files)
     if len(records) not in (1, 3):
@@ -85,9 +85,9 @@ def read_records(
 def read_record(path: str | Path | Table, schema: Sequence[Quantity], how: BenchOptions = STANDARD) -> Record:
     """Read the file of one sensor.
 
-    path: columns of setting and output; several successive rows of one setting are the samples of a dwell; schema:
-    setting, raw output, output in the unit of what is sensed; how: columns and limit of spikes. Raises InputError:
-    the file cannot be used.
+    `path`: columns of setting and output; several successive rows of one setting are the samples of a dwell. `schema`:
+    setting, raw output, output in the unit of the input. `how`: columns and limit of spikes. Raises: InputError: the
+    file cannot be used.
     """
     setting = schema[0].key
     table = read_bench(path, schema, (setting, "output"), columns=how.columns, alternatives={"output": "sensed"})
@@ -111,11 +111,11 @@ def refuse_unit(record: Record, scale: float) -> None:
 
 
 class Fitted(Protocol):
-    """What a method finds of one sensor: zero and scale factor first."""
+    """Common part of a method's results for one sensor: zero and scale factor first."""
 
     @property
     def fit(self) -> Fit:
-        """Its parameters."""
+        """Fit of its parameters."""
 
 
 F = TypeVar("F", bound=Fitted)
@@ -130,10 +130,10 @@ def triad_calibration(
     how: BenchOptions,
     by_sensor: Sequence[tuple[Finding, ...]],
 ) -> Calibration[tuple[Record, ...], tuple[F, ...]]:
-    """Zero and scale factor of sensors x, y, z, or of one that stands for all.
+    """Build the calibration of zero and scale factor of sensors x, y, z, or of one sensor for all.
 
-    `found`: of each, scale factors for a setting of `per` [rad/s] or [m/s^2]; `per_units`: what follows the unit of the
-    output in that of each parameter; `by_sensor`: warnings of the method.
+    `found`: of each, scale factors for a setting of `per` [rad/s] or [m/s^2]. `per_units`: denominator of each
+    parameter's unit after the output unit. `by_sensor`: warnings of the method.
     """
     names = ("x", "y", "z") if len(record) == 3 else ("sensor",)
     fits = {name: item.fit for name, item in zip(names, found, strict=True)}

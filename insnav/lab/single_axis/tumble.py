@@ -1,7 +1,7 @@
-"""An accelerometer tumbled in gravity: bias, scale factor, second-order term and cross-coupling.
+"""Tumble test of an accelerometer in gravity: bias, scale factor, second-order term and cross-coupling.
 
 U = K0 + K1 ai + K2 ai^2 + K3 ai ao with ai = sin(theta) along and ao = cos(theta) across the input axis, in units of
-local gravity; the model of IEEE Std 1293, section on the multipoint tumble test, without its third-order terms.
+local gravity. This is the model of IEEE Std 1293, section on the multipoint tumble test, without third-order terms.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from insnav.types import FloatArray, IntArray
 from insnav.units import DEG, G0
 
 NAMES = ("bias K0", "scale factor K1", "second order K2", "cross-coupling K3")
-FEWEST = 6  # positions: four unknowns, and some to spare that show how good these are
+FEWEST = 6  # positions: four unknowns, and redundancy for their uncertainty
 USUAL = 12
 HIGHEST = 4  # order of the harmonics
-EVEN = 0.25  # positions may be off even spacing by this share of it
+EVEN = 0.25  # largest deviation from even spacing, relative to it
 SCHEMA = schema("tumble")
 
 
@@ -37,13 +37,13 @@ class Tumble:
     angle: FloatArray  # (n,) angle of the input axis above the horizontal [rad]
     output: FloatArray  # (n,) output at each position, in volts or counts
     fit: Fit  # k0, K1, K2, K3 in the unit of the output over powers of g
-    suspicious: tuple[int, ...]  # rows whose residual chance does not explain
+    suspicious: tuple[int, ...]  # rows with an improbably large residual
 
 
 def calibrate_tumble(angle: FloatArray, output: FloatArray, *, where: str = "") -> Tumble:
     """Fit the model.
 
-    `angle` (n,): angle of the input axis above the horizontal [rad], evenly spaced over the circle; `output` (n,):
+    `angle` (n,): angle of the input axis above the horizontal [rad], evenly spaced over the circle. `output` (n,):
     output at each, in volts or counts.
     Raises: InputError: a position is missing, the angles look like another unit, or the output does not follow gravity.
     """
@@ -60,27 +60,27 @@ def calibrate_tumble(angle: FloatArray, output: FloatArray, *, where: str = "") 
 class Harmonics:
     """Fourier series of the output over the angle, ``a0 + sum a_n cos(n theta) + b_n sin(n theta)``."""
 
-    order: IntArray  # (m,) 0, 1, 2 and as far as the positions allow, to `HIGHEST`
+    order: IntArray  # (m,) 0, 1, 2 and further as the positions allow, to `HIGHEST`
     cosine: FloatArray  # (m,) a_n and their sd; in the unit of the output
     sine: FloatArray  # (m,) b_n, zero of order 0
-    sd: float  # of each of these but a0, from what the series leaves; NaN if nothing is left
+    sd: float  # of each of these but a0, from the residual; NaN without one
     model: FloatArray  # (4,) K0, K1, K2, K3 by the harmonics alone
 
     @property
     def misalignment(self) -> float:
-        """Angle by which the zero of the table or the input axis is off, ``a1 / b1`` [rad]."""
+        """Misalignment between table zero and input axis, ``a1 / b1`` [rad]."""
         return float(self.cosine[1] / self.sine[1])
 
 
 def harmonics(angle: FloatArray, output: FloatArray) -> Harmonics:
-    """Fourier coefficients of a tumble test, by least squares: for even positions the discrete Fourier transform.
+    """Compute Fourier coefficients of a tumble test by least squares; for even positions a discrete Fourier transform.
 
     `angle` (n,): [rad], evenly spaced over the circle; `output` (n,).
 
     Notes
     -----
-    Of the model ``a0 = K0 + K2 / 2``, ``b1 = K1``, ``a2 = -K2 / 2``, ``b2 = K3 / 2`` and nothing else: `a1` is an
-    angle, orders from 3 on are non-linearity and errors of position (IEEE Std 1293, multipoint tumble test).
+    The model implies ``a0 = K0 + K2 / 2``, ``b1 = K1``, ``a2 = -K2 / 2``, ``b2 = K3 / 2`` only. `a1` is an angle;
+    orders from 3 on are non-linearity and position errors (IEEE Std 1293, multipoint tumble test).
     """
     places = np.unique(np.round(np.mod(angle, 2.0 * np.pi), 9)).size
     order = np.arange(min(HIGHEST, (places - 1) // 2) + 1)
@@ -130,9 +130,9 @@ def fit(record: tuple[Record, ...], how: BenchOptions) -> Calibration[tuple[Reco
 
 
 def calibrate_accel(record: Record) -> Tumble:
-    """Model of an accelerometer.
+    """Fit the model of an accelerometer.
 
-    Raises InputError: see `calibrate_tumble`; or a digital output in another unit than its column states.
+    Raises: InputError: see `calibrate_tumble`; or a digital output in another unit than its column states.
     """
     found = calibrate_tumble(record.setting, record.output, where=record.table.name)
     refuse_unit(record, float(found.fit.value[1]) / G0)
@@ -140,6 +140,6 @@ def calibrate_accel(record: Record) -> Tumble:
 
 
 def tumble_warnings(found: Tumble) -> tuple[Finding, ...]:
-    """Find what is wrong with a tumble test that could still be used."""
+    """Report problems of a usable tumble test."""
     suspicious = (outlier(found.fit, row, angle_rad=float(found.angle[row])) for row in found.suspicious)
     return (*few("positions", found.angle.size, USUAL), *suspicious)

@@ -19,9 +19,9 @@ from insnav.report.panels import Clock, Curve, Kind, Panel
 from insnav.result import Result
 from insnav.units import DEG, G0, UNITS
 
-FINE = 0.01 * DEG  # a gyro whose biases are all below is shown in deg/h [rad/s]
+FINE = 0.01 * DEG  # if all gyro biases are smaller, they are shown in deg/h [rad/s]
 _SENSORS = {"gyro": "gyros", "accel": "accelerometers"}
-_JSON_UNIT = {"gyro": "deg/s", "accel": "ug"}  # in run.json whatever the size
+_JSON_UNIT = {"gyro": "deg/s", "accel": "ug"}  # in run.json at any size
 
 
 def page(result: Result[Acceptance]) -> Page:
@@ -63,7 +63,7 @@ def page(result: Result[Acceptance]) -> Page:
 
 
 def frame(result: Result[Acceptance]) -> DataFrame:
-    """Give the figures as a table, one row for each sensor."""
+    """Build a table of the figures, one row per sensor."""
     return rows_frame(_figures(item) for item in result.found.sensors)
 
 
@@ -94,12 +94,12 @@ def _quality(item: Accepted) -> tuple[dict[str, Fit], str, dict[str, list[str]]]
     assert item.scale is not None
     table = item.scale.table
     settings = [f"{value:+g} {_bench(item)}" for value in table.rate[table.used]]
-    # in the unit of the output: a fit of outputs in the unit sensed is in that of the bench
+    # in the unit of the output: the fit used the unit of the bench
     return {item.axis: table.fit}, _output_unit(item), {item.axis: settings}
 
 
 def _sensor(item: Accepted, shown: str) -> tuple[Section, ...]:
-    """Figures of one sensor in the unit that suits their size, and in JSON in the one that is always there."""
+    """Lay out one sensor, in units by size; JSON always has the fixed unit."""
     key, fixed = item.axis.replace(" ", "_"), _JSON_UNIT[item.axis.split()[0]]
     title = f"{item.axis[0].upper()}{item.axis[1:]}"
     sections = (
@@ -149,7 +149,7 @@ def _spreads(item: Accepted, unit: str) -> Iterator[Section]:
 
 
 def _spread(spread: Spread, unit: str) -> tuple[Quantity, ...]:
-    # the square of a unit is no unit of its own: the variance is given in that of the standard deviation
+    # units have no squares: the variance has the unit of the standard deviation
     factor = UNITS[unit][1]
     return (
         Quantity("sd", spread.sd, unit, interval=(spread.low, spread.high), meaning="standard deviation"),
@@ -159,7 +159,7 @@ def _spread(spread: Spread, unit: str) -> tuple[Quantity, ...]:
 
 
 def _merits(items: Sequence[Accepted], units: Mapping[str, str]) -> Iterator[Quantity]:
-    """Largest bias, stability and repeatability of all gyros, of all accelerometers."""
+    """Yield the largest bias, stability and repeatability of all gyros, and of all accelerometers."""
     for sensor, unit in units.items():
         own = [item for item in items if item.axis.startswith(sensor)]
         sizes = {
@@ -173,7 +173,7 @@ def _merits(items: Sequence[Accepted], units: Mapping[str, str]) -> Iterator[Qua
 
 
 def _units(items: Sequence[Accepted]) -> dict[str, str]:
-    """Units that suit the largest figure of all gyros, of all accelerometers."""
+    """Choose units for the largest figure of all gyros, and of all accelerometers."""
     largest = dict.fromkeys(_SENSORS, 0.0)
     for item in items:
         sensor = item.axis.split()[0]
@@ -202,7 +202,7 @@ def _drawn(found: Acceptance, units: Mapping[str, str]) -> Iterator[Section]:
 
 
 def stability_panels(sensors: Sequence[tuple[str, Sequence[Stability], str]]) -> Iterator[Panel]:
-    """Draw the means of the parts, less the mean of all.
+    """Draw the means of the parts minus the overall mean.
 
     `sensors`: name, stabilities from the shortest parts to the longest, and unit.
     """

@@ -1,4 +1,4 @@
-"""The report of an alignment on its own."""
+"""Report of a separate alignment."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from insnav.result import Result
 from insnav.types import Alignment
 from insnav.units import DEG
 
-_USEFUL = 10.0 * DEG  # a latitude from the sensors with a larger sd is of no use
+_USEFUL = 10.0 * DEG  # a latitude from the sensors with a larger sd is not shown
 
 
 def page(result: Result[FineAlignment]) -> Page:
@@ -53,13 +53,13 @@ def page(result: Result[FineAlignment]) -> Page:
 
 
 def text(result: Result[FineAlignment], width: int | None = None) -> str:
-    """Give an alignment for the terminal: its summary and warnings."""
+    """Write an alignment for the terminal: summary and warnings."""
     warnings = (entry("warning", each) for each in result.page().warnings)
     return "\n".join(hanging([*result.page().summary, *warnings], width))
 
 
 def _warnings(found: FineAlignment, sd: float | None) -> Iterator[Finding]:
-    """Give a contradiction between gyros and latitude; `sd`: of the latitude from the gyros [rad]."""
+    """Yield a contradiction between gyros and latitude. `sd`: of the latitude from the gyros [rad]."""
     off = abs(found.sensor_latitude - found.latitude)
     if sd is not None and off >= CONTRADICTED * sd:
         limit = CONTRADICTED * sd
@@ -67,7 +67,7 @@ def _warnings(found: FineAlignment, sd: float | None) -> Iterator[Finding]:
 
 
 def _summary(found: FineAlignment, sd: float | None) -> tuple[str, ...]:
-    """Stationary interval, attitude and latitude, a line each."""
+    """Write stationary interval, attitude and latitude, one per line."""
     lines = []
     if found.coarse.static is not None:
         start, end = (round(time, 1) + 0.0 for time in found.coarse.static)
@@ -94,14 +94,14 @@ def _heading(found: Alignment) -> str:
 
 
 def _named(method: str) -> str:
-    """Name of an alignment method."""
+    """Return the name of an alignment method."""
     return render(Finding.of(Code(method))).title
 
 
 def frame(result: Result[FineAlignment]) -> DataFrame:
-    """Give coarse and fine attitude as a table.
+    """Build a table of coarse and fine attitude.
 
-    Returns: one row a step: ``time_s``, ``roll_deg``, ``heading_deg``, ….
+    Returns: one row per step: ``time_s``, ``roll_deg``, ``heading_deg``, ….
     """
     steps = {"coarse": result.found.coarse, "fine": result.found.fine}
     return rows_frame(

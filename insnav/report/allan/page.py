@@ -1,4 +1,4 @@
-"""The noise of a static record or of plain signals as a page with its Allan deviations, and as a table."""
+"""Noise of a static record or of plain signals: page with Allan deviations, and table."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from insnav.units import M_S_PER_SQRT_H, UG, UNITS
 
 IMU_TOML, IMU_YAML, DEVIATIONS = "imu.toml", "imu.yaml", "allan.csv"
 _TIMES = (0.01, 0.1, 1.0, 10.0, 100.0, 1000.0, 10000.0)  # of the table of deviations [s]
-_NEAR = 1.3  # a table entry stands for times this near
+_NEAR = 1.3  # largest ratio between a table time and its entry
 
 # coefficient -> label, unit shown and unit in SI of gyros, of accelerometers
 _TERMS = {
@@ -40,7 +40,7 @@ _KEYS = KEYS | {"B": "bias_instability", "GM": "gauss_markov"}
 _IN_FILE = ("N", "GM", "K", "Q", "R")
 NOTE = "points: overlapping Allan deviation; band: 95 %; lines: fitted model; grey: slopes of Q, N, B, K, R"
 _GUIDES = ((-1.0, "Q −1"), (-0.5, "N −½"), (0.0, "B 0"), (0.5, "K +½"), (1.0, "R +1"))
-_TALL = 2.4  # the lines reach up and down by this factor at most
+_TALL = 2.4  # vertical range of the guide lines, as a factor
 
 
 def noise_quantity(
@@ -52,9 +52,9 @@ def noise_quantity(
     gyro: bool = True,
     si: bool = False,
 ) -> Quantity:
-    """One noise coefficient of a gyro or an accelerometer.
+    """Build the quantity of one noise coefficient of a gyro or an accelerometer.
 
-    `term` {"Q", "N", "B", "K", "GM", "R"}; `si`: shown in SI, not in the unit usual for it.
+    `term` {"Q", "N", "B", "K", "GM", "R"}. `si`: in SI units instead of usual units.
     """
     label, *units = _TERMS[term]
     return Quantity(_KEYS[term], value, units[0 if gyro else 1][1 if si else 0], sd, interval, label)
@@ -97,7 +97,7 @@ def _extent(allan: AllanDeviation) -> str:
 
 
 def _signal_page(found: SignalNoise) -> Page:
-    """Report the noise of signals, in whatever unit they have."""
+    """Lay out the noise of signals of any unit."""
     allan, sections = found.allan, []
     for i, (model, (key, _)) in enumerate(zip(found.models, _columns(found), strict=True), start=1):
         if model is None:
@@ -121,7 +121,7 @@ def _signal_page(found: SignalNoise) -> Page:
 
 
 def texts(result: Result[StaticNoise | SignalNoise]) -> dict[str, str]:
-    """Give the deviations, and the IMU model, as texts of files."""
+    """Return the file texts of deviations and IMU model."""
     found = result.found
     model = {}
     if isinstance(found, StaticNoise):
@@ -130,14 +130,14 @@ def texts(result: Result[StaticNoise | SignalNoise]) -> dict[str, str]:
 
 
 def frame(result: Result[StaticNoise | SignalNoise]) -> DataFrame:
-    """Give the deviations with their intervals as a table, one row for each averaging time."""
+    """Build a table of deviations with intervals, one row per averaging time."""
     import pandas as pd
 
     return pd.DataFrame(_table(result.found))
 
 
 def _sizes(found: StaticNoise, term: str, *, gyro: bool) -> Quantity | None:
-    """One coefficient of the three axes of a sensor; None where no axis shows it."""
+    """Build the quantity of a coefficient on three axes; None if no axis determines it."""
     models = found.models[:3] if gyro else found.models[3:]
     values = [model.coefficients[term].value for model in models if model is not None and term in model.coefficients]
     if not values:
@@ -148,17 +148,17 @@ def _sizes(found: StaticNoise, term: str, *, gyro: bool) -> Quantity | None:
 
 
 def _sentence(found: StaticNoise) -> str:
-    """Random walk and bias instability of gyros and accelerometers in one sentence."""
+    """Write random walk and bias instability of gyros and accelerometers in one sentence."""
     texts = []
     for sensor, gyro in (("gyros", True), ("accelerometers", False)):
         known = [each for each in (_sizes(found, term, gyro=gyro) for term in ("N", "B")) if each is not None]
         words = " and ".join(f"{each.label.split(', ')[1]} {cell(each)} {each.shown_unit}" for each in known)
         texts += [f"{sensor}: {words}"] if known else []
-    return f"{'; '.join(texts).capitalize()}." if texts else "No axis shows noise that can be told."
+    return f"{'; '.join(texts).capitalize()}." if texts else "No axis has an identifiable noise."
 
 
 def _axis(found: StaticNoise, column: int) -> tuple[Section, ...]:
-    """Coefficients of one axis in their usual units, and in SI."""
+    """Lay out the coefficients of one axis in usual units, and in SI."""
     model, floor, gyro = found.models[column], found.floors[column], column < 3
     size = "deg/h" if gyro else "ug"
     key = AXES[column].replace(" ", "_")
@@ -179,7 +179,7 @@ def _axis(found: StaticNoise, column: int) -> tuple[Section, ...]:
 
 
 def _of_model(model: NoiseModel, unit: str) -> Iterator[Quantity]:
-    """What a model has besides its coefficients: correlation time and sinusoids, their amplitudes in `unit`."""
+    """Yield further parameters of a model: correlation time and sinusoids, with amplitudes in `unit`."""
     if np.isfinite(model.correlation_time):
         yield Quantity("correlation_time", model.correlation_time, "s", model.correlation_time_sd)
     for i, line in enumerate(model.sinusoids, start=1):
@@ -219,14 +219,14 @@ def _filter_figures(found: StaticNoise) -> Section:
 
 
 def _columns(found: StaticNoise | SignalNoise) -> list[tuple[str, str]]:
-    """Name and unit of every column of deviations."""
+    """List name and unit of every column of deviations."""
     if isinstance(found, StaticNoise):
         return [(axis.replace(" ", "_"), "deg/h" if i < 3 else "ug") for i, axis in enumerate(AXES)]
     return [(f"signal_{i + 1}", "") for i in range(len(found.models))]
 
 
 def _table(found: StaticNoise | SignalNoise) -> dict[str, FloatArray]:
-    """Deviations with their intervals, units in the names."""
+    """Build columns of deviations with intervals, units in the names."""
     columns = {"tau_s": found.allan.tau}
     for i, ((name, unit), model) in enumerate(zip(_columns(found), found.models, strict=True)):
         end, factor = key_suffix(unit), UNITS[unit][1] if unit else 1.0
@@ -242,7 +242,7 @@ def _table(found: StaticNoise | SignalNoise) -> dict[str, FloatArray]:
 
 
 def allan_panels(found: StaticNoise | SignalNoise) -> Iterator[Panel]:
-    """Draw deviations with 95 % intervals, their models, and guides of every slope; gyros and accelerometers apart."""
+    """Draw deviations with 95 % intervals, models, and slope guides; separate panels for gyros and accelerometers."""
     panels = {"gyros": range(3), "accelerometers": range(3, 6)}
     if isinstance(found, SignalNoise):
         panels = {"signals": range(len(found.models))}
@@ -280,7 +280,7 @@ def allan_panels(found: StaticNoise | SignalNoise) -> Iterator[Panel]:
 
 
 def _guides(tau: FloatArray, high: float) -> Iterator[Curve]:
-    """Short lines of every slope through one point, in the corner that the curves leave free."""
+    """Draw short guide lines of every slope through one point, in an empty corner."""
     half = (float(tau[-1]) / float(tau[0])) ** 0.1
     x, y = float(tau[-1]) / half, 1.8 * high
     for slope, text in _GUIDES:

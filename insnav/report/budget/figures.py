@@ -23,9 +23,9 @@ _NOTE_WIDTH = 150  # characters in a line of the notes
 
 
 def draw_front(panels: Sequence[Panel], motion: str, title: str, verdict: Verdict, estimates: Table) -> Figure:
-    """Draw the first page: the result, the four estimates, growth, sources, contributions.
+    """Draw the first page: result, four estimates, growth, sources, contributions.
 
-    `panels`: those of the page.
+    `panels`: of the page.
     """
     short = textwrap.shorten(title, _TITLE, placeholder="…")
     figure = blank(WIDTH, HEIGHT, short, textwrap.fill(f"Motion: {motion}.", 115))
@@ -49,7 +49,7 @@ def draw_front(panels: Sequence[Panel], motion: str, title: str, verdict: Verdic
 
 
 def draw_back(title: str, tables: Sequence[Table], widths: Sequence[Sequence[float]], notes: Sequence[str]) -> Figure:
-    """Draw the second page: tables with the widths of their columns, and how to read them as far as there is room."""
+    """Draw the second page: tables with given column widths, and notes as space permits."""
     figure = blank(WIDTH, HEIGHT, title, "")
     place, low = partial(_place, figure), HEIGHT - 0.5
     for table, wide in zip(tables, widths, strict=True):
@@ -65,7 +65,7 @@ def draw_back(title: str, tables: Sequence[Table], widths: Sequence[Sequence[flo
     axes.set_axis_off()
     axes.set_xlim(0.0, 1.0)
     axes.set_ylim(len(lines) + 2, 0.0)
-    axes.text(0.0, 0.5, "How to read it, and what was assumed", fontsize=9.0, fontweight="bold", va="center")
+    axes.text(0.0, 0.5, "Reading guide and assumptions", fontsize=9.0, fontweight="bold", va="center")
     for row_number, line in enumerate(lines):
         axes.text(0.0, 1.6 + row_number, line, fontsize=7.2, va="center")
     return figure
@@ -77,7 +77,7 @@ def _place(figure: Figure, left: float, wide: float, bottom: float, high: float)
 
 
 def _write_table(axes: Axes, table: Table, widths: Sequence[float]) -> None:
-    """Write a table into a panel: title, headings, rows; numbers to the right, the first column to the left."""
+    """Write a table into a panel: title, headings, rows; numbers right-aligned, the first column left-aligned."""
     axes.set_axis_off()
     count = len(table.rows) + 3
     axes.set_xlim(0.0, 1.0)

@@ -1,4 +1,4 @@
-"""The pages of an error budget: from sources to an error, and from the error at the end of a run to its causes."""
+"""Pages of an error budget: from sources to errors, and from final errors of a run to their causes."""
 
 from __future__ import annotations
 
@@ -83,16 +83,16 @@ def page(result: Result[BudgetStudy]) -> Page:
 
 
 def _windows(windows: RecordedBudget) -> tuple[Section, ...]:
-    """Everything about the recorded windows, folded; their sentences stand first."""
+    """Lay out the recorded windows, folded, with sentences first."""
     lines = recorded.windows_sentences(windows)
     sentences = only_json("", Quantity("recorded_summary", lines))
     rows = tuple((Quantity("finding", line, meaning=" "),) for line in lines)
-    said = Section("", "Recorded windows: findings", rows=rows)
+    section = Section("", "Recorded windows: findings", rows=rows)
     tables = tuple(
         replace(each, title="Recorded windows: tables", folded=True) for each in recorded.windows_sections(windows)
     )
     figures = Section("", "Recorded windows: figures", parts=windows_drawings(windows), show="page", folded=True)
-    return (sentences, said, *tables, figures)
+    return (sentences, section, *tables, figures)
 
 
 def _title(budget: Budget) -> str:
@@ -100,7 +100,7 @@ def _title(budget: Budget) -> str:
 
 
 def _origin(result: Result[BudgetStudy]) -> str:
-    """Where the sizes of the sources come from."""
+    """Return the origin of the source sizes."""
     name = result.found.budget.imu if result.imu_model is None else result.imu_model[0].name
     given = result.imu_model is None or result.imu_model[1] == Finding.of(Code.IMU_MODEL_GIVEN)
     how = "" if result.imu_model is None or given else f": {sentence(result.imu_model[1])}"
@@ -109,7 +109,7 @@ def _origin(result: Result[BudgetStudy]) -> str:
 
 def _front(result: Result[BudgetStudy]) -> Figure:
     """Draw the first page of the PDF."""
-    from insnav.report.budget.figures import draw_front  # matplotlib is imported only where a figure is asked for
+    from insnav.report.budget.figures import draw_front  # matplotlib is imported only for a requested figure
 
     budget, windows = result.found.budget, result.found.windows
     (estimates,) = section_tables(quantities.estimates_section(budget))
@@ -135,9 +135,9 @@ def _back(result: Result[BudgetStudy]) -> Figure:
 
 
 def write_files(result: Result[BudgetStudy], folder: RunFolder, table_format: TableFormat) -> None:
-    """Write ``budget.pdf``, two pages, the IMU model, and everything that was found, to be read again.
+    """Write ``budget.pdf``, two pages, the IMU model, and the complete result for later reading.
 
-    `folder`: entered, not committed; `table_format` {"csv", "parquet"}: not used: a budget has no tables of its own.
+    `folder`: entered, not committed. `table_format` {"csv", "parquet"}: unused, as a budget has no tables of its own.
     """
     from insnav.report.figures import drawing, save_pages
 
@@ -149,7 +149,7 @@ def write_files(result: Result[BudgetStudy], folder: RunFolder, table_format: Ta
 
 
 def read_found(folder: Path, findings: Sequence[Finding]) -> BudgetStudy:
-    """Read a budget from its folder; notes on its windows were texts in version 0.2."""
+    """Read a budget from its folder; in version 0.2 notes on its windows were texts."""
     found: BudgetStudy = read_stored(folder)
     if found.windows is None:
         return found
@@ -158,7 +158,7 @@ def read_found(folder: Path, findings: Sequence[Finding]) -> BudgetStudy:
 
 
 def frame(result: Result[BudgetStudy]) -> DataFrame:
-    """Give the contributions to the horizontal error as a table, in numbers."""
+    """Build a numeric table of contributions to the horizontal error."""
     budget, rows = result.found.budget, []
     for row in quantities.contributions_rows(budget):
         least, most, unit = extent(budget, str(row[0].value))
@@ -170,7 +170,7 @@ def frame(result: Result[BudgetStudy]) -> DataFrame:
 
 
 def summary(budget: Budget) -> tuple[str, ...]:
-    """Say what the sentence of the verdict leaves out."""
+    """Return summary sentences beyond the verdict."""
     last = budget.chosen[-1]
     total = budget.headline[last]
     part, order = shares(budget), ranked(budget)
@@ -183,7 +183,7 @@ def summary(budget: Budget) -> tuple[str, ...]:
 
 
 def warnings(budget: Budget, windows: RecordedBudget | None = None) -> tuple[Finding, ...]:
-    """Give what the reader must not overlook."""
+    """Return warnings."""
     found = []
     if not budget.linear:
         attitude = float(budget.covariance.total[budget.chosen[-1], 6:].max())
@@ -199,7 +199,7 @@ def warnings(budget: Budget, windows: RecordedBudget | None = None) -> tuple[Fin
 
 
 def assumptions(budget: Budget) -> Iterator[Finding]:
-    """Give what explains the budget, and what it takes for granted."""
+    """Yield explanations and assumptions of the budget."""
     last = float(budget.time[budget.chosen[-1]])
     at = min(last, SHORT)
     bias, drift = budget.short_form_error(at)
@@ -223,14 +223,14 @@ def assumptions(budget: Budget) -> Iterator[Finding]:
 
 
 def simulated_matches(budget: Budget, simulated: SimulatedColumn) -> bool:
-    """Whether the squared errors at the chosen times have the size that the covariance says."""
+    """Return whether the squared errors at the chosen times agree with the covariance."""
     # nine states at each time, whose errors are independent once normalised: 4 sd of their mean
     limit = 4.0 * np.sqrt(2.0 / (simulated.runs * (6.0 if budget.hold else 9.0)))
     return bool(np.all(np.abs(simulated.nees[budget.chosen] - 1.0) < limit))
 
 
 def _verdict(budget: Budget, windows: RecordedBudget | None, warnings: Sequence[Finding]) -> Verdict:
-    """Say the result, and whether it can be relied on; `warnings` of the page."""
+    """Return the result and its reliability; `warnings` of the page."""
     return by_warnings(headline(budget), warnings, _light(budget, windows))
 
 
@@ -264,7 +264,7 @@ def _light(budget: Budget, windows: RecordedBudget | None) -> tuple[Light, str]:
 
 
 def headline(budget: Budget) -> str:
-    """Give the horizontal error at the last time, by all ways to it, and its largest source."""
+    """Write the horizontal error at the last time, by all methods, and its largest source."""
     last = budget.chosen[-1]
     beyond = "" if budget.linear else " (beyond the linear model)"
     both = {"analytic": budget.analytic, "covariance": budget.covariance}
@@ -283,14 +283,14 @@ def headline(budget: Budget) -> str:
 def end_page(
     axes: Sequence[EndAxis], time: float, gravity: float, sd: tuple[float, float], spec: ImuSpec | None
 ) -> Page:
-    """Lay out the explanations of each axis, beside what the specification of the IMU says, if there is one.
+    """Lay out the explanations of each axis, with the IMU specification if available.
 
-    `gravity` [m/s^2]; `sd`: of the reference [m], [m/s].
+    `gravity` [m/s^2]. `sd`: of the reference [m], [m/s].
     """
     given = _specified(spec)
     rows = []
     for axis in axes:
-        # a velocity, a tilt, a bias, a drift: the second and third are one acceleration
+        # a velocity, a tilt, a bias, a drift: tilt and bias are the same acceleration
         for term, name, value, spread, unit, k in (
             ("t", "velocity at the start", axis.alone[0], axis.sd[0], "m/s", 0),
             ("t²", "tilt", axis.alone[1] / gravity, axis.sd[1] / gravity, "mrad", 1),
@@ -327,7 +327,7 @@ def end_page(
 
 
 def _specified(spec: ImuSpec | None) -> dict[str, float]:
-    """One standard deviation of each cause by the specification, the largest axis."""
+    """Return one standard deviation of each cause by the specification, on the largest axis."""
     if spec is None:
         return {}
     found = {"accelerometer bias": float(np.max(spec.accel.bias)), "gyro drift": float(np.max(spec.gyro.bias))}

@@ -1,4 +1,4 @@
-"""The interactive drawings of an error budget: growth, contributions, each source, recorded windows."""
+"""Interactive drawings of an error budget: growth, contributions, sources, recorded windows."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from insnav.report.page import Section, drawn
 from insnav.report.panels import Curve, Panel, bars
 from insnav.units import UNITS
 
-_WINDOWS, _POINTS = 80, 120  # drawn one by one, and points of each; in the smaller drawings of all windows
+_WINDOWS, _POINTS = 80, 120  # windows drawn individually, and points of each in the smaller drawings
 _SMALL_WINDOWS, _SMALL_POINTS = 40, 60
-_SHOWN = 10  # sources with a bar of their own
-_LEAST = 1e-3  # share of the variance of such
+_SHOWN = 10  # sources with a separate bar
+_LEAST = 1e-3  # least share of the variance for a separate bar
 _GROUPS = {
     "initial": ("start", ORANGE),
     "gyro": ("gyros", BLUE),
@@ -35,7 +35,7 @@ _LINES = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILLION)
 
 
 def budget_panels(budget: Budget, windows: RecordedBudget | None, origin: str) -> tuple[Panel, ...]:
-    """Draw everything of the first screens."""
+    """Draw all panels of the first screens."""
     part = None if windows is None else windows.shown
     panels = [_growth(budget, part), _contributions(budget, origin)]
     if part is not None:
@@ -44,7 +44,7 @@ def budget_panels(budget: Budget, windows: RecordedBudget | None, origin: str) -
 
 
 def _growth(budget: Budget, part: RecordedPart | None) -> Panel:
-    """Horizontal error over time by all ways, recorded windows as thin lines behind."""
+    """Draw the horizontal error over time by all methods, with recorded windows as thin lines."""
     time, whole, zero = budget.time, budget.covariance, np.zeros(len(budget.time))
     note = "thin: recorded windows, errors of the reference in them; band: 95 % interval of their RMS"
     curves = [] if part is None else _recorded(part)
@@ -86,7 +86,7 @@ def _growth(budget: Budget, part: RecordedPart | None) -> Panel:
 
 
 def _recorded(part: RecordedPart) -> list[Curve]:
-    """Every window, their RMS with its interval, and what the filter predicted for them."""
+    """Draw every window, their RMS with interval, and their predicted error."""
     i, windows, curve = COMPONENTS.index("horizontal"), part.windows, part.curve
     error = components(windows)[0][:, :, i]
     which = f"each of {windows.count}" if windows.count <= _WINDOWS else f"{_WINDOWS} of {windows.count}"
@@ -98,7 +98,7 @@ def _recorded(part: RecordedPart) -> list[Curve]:
 
 
 def _contributions(budget: Budget, origin: str) -> Panel:
-    """Waterfall of the variance: each family begins where the one before ends."""
+    """Draw a waterfall of the variance: each family begins at the end of the previous one."""
     order, part = ranked(budget), shares(budget)
     shown = [k for k in order[:_SHOWN] if part[k] > _LEAST] or order[:1]
     end = 100.0 * np.cumsum(part[shown])
@@ -115,11 +115,11 @@ def _contributions(budget: Budget, origin: str) -> Panel:
     gain = saved(budget)[shown[0]]
     return Panel(
         "contributions",
-        "What it is made of",
+        "Contributions to the error",
         "",
         f"share of the variance of the horizontal error after {budget.time[budget.chosen[-1]]:g} s [%]",
         tuple(curves),
-        note=f"point at a source: size, law, origin, what halving it saves ({budget.families[shown[0]]}: "
+        note=f"point at a source: size, law, origin, decrease by halving it ({budget.families[shown[0]]}: "
         f"{number(float(gain))} m)",
         rows=tuple(rows),
         height=80 + 24 * len(rows),
@@ -127,7 +127,7 @@ def _contributions(budget: Budget, origin: str) -> Panel:
 
 
 def _explained(part: RecordedPart) -> Panel:
-    """Recorded over predicted error at the end, in colour whether it is explained."""
+    """Draw recorded over predicted error at the end, coloured by agreement."""
     rows = [each for each in part.verdicts if each.predicted > 0.0]
     kinds = [_kind(each) for each in rows]
     colours = {"explained": GREEN, "less than predicted": SKY, "not explained": VERMILLION}
@@ -158,14 +158,14 @@ def _kind(each: Verdict) -> str:
 
 
 def _ratios(each: Verdict) -> tuple[float, float]:
-    """Interval of recorded over predicted; the value itself without one."""
+    """Return the interval of recorded over predicted error; the value itself without an interval."""
     low, high = (each.low, each.high) if np.isfinite(each.low) else (each.recorded, each.recorded)
     low, high = (0.0 if not np.isfinite(value) else value / each.predicted for value in (low, high))
     return low, max(high, low + 0.02)
 
 
 def _reason(each: Verdict, part: RecordedPart) -> str:
-    """Say why an error counts as explained or not."""
+    """Return the reason why an error counts as explained or not."""
     value = f"{number(each.recorded)} m" if np.isfinite(each.recorded) else below_noise(each.high, " m")
     known = np.isfinite(each.low) and np.isfinite(each.recorded)
     interval = f" ({number(each.low)} … {number(each.high)} m)" if known else ""
@@ -175,11 +175,11 @@ def _reason(each: Verdict, part: RecordedPart) -> str:
     if each.cautious:
         return f"{head}: the stated errors are cautious"
     windows = part.growth.effective
-    return f"{head}: {number(windows, 2)} independent windows cannot tell it from the prediction"
+    return f"{head}: {number(windows, 2)} independent windows show no significant difference to the prediction"
 
 
 def _sources(budget: Budget) -> Panel:
-    """Growth of the largest families alone, on logarithmic axes."""
+    """Draw the growth of the largest families alone, on logarithmic axes."""
     time, shown = budget.time, ranked(budget)[: len(_LINES)]
     total = horizontal(budget.covariance.total)
     curves = []
@@ -203,7 +203,7 @@ def _sources(budget: Budget) -> Panel:
 
 
 def windows_drawings(budget: RecordedBudget) -> tuple[Section, ...]:
-    """Growth, equivalent errors and regression of the recorded windows, calibrated and not."""
+    """Lay out growth, equivalent errors and regression of the recorded windows, calibrated and uncalibrated."""
     sections = []
     for kind, part in parts_of(budget):
         name = "uncalibrated" if part.windows.uncalibrated else "recorded"
@@ -250,7 +250,7 @@ def _growth_panels(part: RecordedPart, key: str) -> Iterator[Panel]:
 
 
 def _sums(part: RecordedPart, i: int, sign: float) -> list[Curve]:
-    """RMS with its interval, predicted sd, and the band of the replicas, to one side of zero."""
+    """Draw RMS with interval, predicted sd, and replica band, on one side of zero."""
     curve, curves = part.curve, []
     if part.replicas is not None:
         low, high = (sign * each[:, i] for each in part.replicas.band)
@@ -263,7 +263,7 @@ def _sums(part: RecordedPart, i: int, sign: float) -> list[Curve]:
 
 
 def _causes_panels(part: RecordedPart, key: str) -> Iterator[Panel]:
-    """Draw velocity, effective acceleration and drift of each window that was fitted, with the filter's sd."""
+    """Draw velocity, effective acceleration and drift of each fitted window, with the filter's sd."""
     diagnosis = part.diagnosis
     windows = diagnosis.windows
     since = windows.start - windows.start[0]
@@ -296,7 +296,7 @@ def _causes_panels(part: RecordedPart, key: str) -> Iterator[Panel]:
 
 
 def _regression_panel(part: RecordedPart, key: str) -> Panel:
-    """Draw the size of North and East errors over what was predicted for them."""
+    """Draw the size of North and East errors over their predicted sd."""
     line = part.regression
     interval = f" ({line.low:.2f} to {line.high:.2f})" if np.isfinite(line.low) else ""
     small = 1e-2 * float(np.median(line.recorded)) if len(line.recorded) else 1e-3

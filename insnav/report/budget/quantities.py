@@ -1,4 +1,4 @@
-"""The quantities of an error budget, made once for page, figure, table and ``run.json``."""
+"""Quantities of an error budget, built once for page, figure, table and ``run.json``."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from insnav.report.page import Section, one_each, only_json
 from insnav.types import FloatArray
 from insnav.units import UNITS
 
-_SHOWN = 3  # times of the first screen
+_SHOWN = 3  # number of times on the first screen
 _AXES = ("N", "E", "D")
 _RECORDED = ("north", "east", "down", "horizontal")
 _SHORT = {"analytic": "anal.", "covariance": "cov.", "simulated": "sim.", "recorded": "rec.", "filter": "filt."}
 _LONG = {"covariance": "covar.", "simulated": "simul."}
-# of what is no error of a sensor, by family: unit, how often it is integrated to position, what it does
+# other errors by family: unit, number of integrations to position, effect
 _OTHERS = {
-    "initial position": ("m", 0, "stays what it is"),
-    "initial velocity": ("m/s", 1, "goes on: v t"),
-    "initial tilt": ("deg", 2, "gravity shows in the level axes and is taken for motion: g φ t² / 2"),
-    "initial heading": ("deg", 2, "turns every change of velocity: ψ Δv across, and nothing at constant velocity"),
+    "initial position": ("m", 0, "constant"),
+    "initial velocity": ("m/s", 1, "grows: v t"),
+    "initial tilt": ("deg", 2, "a component of gravity appears as acceleration: g φ t² / 2"),
+    "initial heading": ("deg", 2, "rotates every change of velocity: ψ Δv across, no effect at constant velocity"),
     "gravity model": ("mGal", 2, "gravity that the model does not have is taken for motion: Δg t² / 2"),
     "timing offset": ("ms", 0, "late samples: τ times the change of velocity"),
     "timing drift": ("ppm", 0, "samples that come later and later"),
@@ -35,12 +35,12 @@ _POWERS = {0.0: "stays", 0.5: "t⁰·⁵", 1.0: "t", 1.5: "t¹·⁵", 2.0: "t²"
 
 
 def horizontal(parts: FloatArray) -> FloatArray:
-    """Horizontal position error, the root of N^2 + E^2, of ``(..., 9)`` [m]."""
+    """Compute the horizontal position error, the root of N^2 + E^2, of ``(..., 9)`` [m]."""
     return np.hypot(parts[..., 0], parts[..., 1])
 
 
 def ranked(budget: Budget) -> list[int]:
-    """Families by what they make of the horizontal error in the end, the largest first."""
+    """Rank families by their final horizontal error, the largest first."""
     last = budget.chosen[-1]
     size = horizontal(budget.covariance.parts[last])
     vertical = budget.covariance.parts[last, :, 2]
@@ -48,22 +48,22 @@ def ranked(budget: Budget) -> list[int]:
 
 
 def shares(budget: Budget) -> FloatArray:
-    """Part of each family in the variance of the horizontal error in the end, ``(f,)``."""
+    """Compute the share of each family in the final horizontal error variance, ``(f,)``."""
     square = horizontal(budget.covariance.parts[budget.chosen[-1]]) ** 2
     whole = float(square.sum())
     return np.asarray(square / whole if whole > 0.0 else square)
 
 
 def saved(budget: Budget) -> FloatArray:
-    """How much smaller the horizontal error in the end would be with half of each family, ``(f,)`` [m]."""
+    """Compute the reduction of the final horizontal error by halving each family, ``(f,)`` [m]."""
     whole = float(horizontal(budget.covariance.total[budget.chosen[-1]]))
     return np.asarray(whole * (1.0 - np.sqrt(1.0 - 0.75 * shares(budget))))
 
 
 def source_texts(budget: Budget, chosen: Sequence[int], origin: str) -> tuple[str, ...]:
-    """Say of some families how large they are and where that is from, what they do, and what half of them saves.
+    """Describe size, origin, effect and halving benefit of some families.
 
-    `origin`: of the sizes that are of no start covariance.
+    `origin`: of the sizes that do not come from a start covariance.
     """
     last = budget.chosen[-1]
     whole, less = float(horizontal(budget.covariance.total[last])), saved(budget)
@@ -81,26 +81,26 @@ def source_texts(budget: Budget, chosen: Sequence[int], origin: str) -> tuple[st
 
 
 def effect(family: str) -> str:
-    """What a family of errors does to navigation, in words."""
+    """Return the effect of a family of errors on navigation, in words."""
     return _OTHERS[family][2] if family in _OTHERS else term_of(family).text
 
 
 def extent(budget: Budget, family: str) -> tuple[float, float, str]:
-    """Least and largest axis of a family in its field unit, and that unit."""
+    """Return least and largest axis of a family in its display unit, and that unit."""
     values = [source.sd for source in budget.sources if source.family == family and source.sd > 0.0]
     unit = _OTHERS[family][0] if family in _OTHERS else term_of(family).unit
     return min(values) / UNITS[unit][1], max(values) / UNITS[unit][1], unit
 
 
 def size(budget: Budget, family: str) -> str:
-    """Size of a family in a field unit, from the least to the largest axis if they differ."""
+    """Write the size of a family in its display unit, as a range if axes differ."""
     *ends, unit = extent(budget, family)
     shown = dict.fromkeys(f"{float(f'{value:.3g}'):g}" for value in ends)
     return f"{' to '.join(shown)} {unit}"
 
 
 def growth(budget: Budget, family: str) -> str:
-    """Power of the time with which a family makes position errors, at rest and within minutes."""
+    """Return the power of time of a family's position error, at rest over minutes."""
     source = next(each for each in budget.sources if each.family == family)
     if source.group == "timing":
         return "motion"
@@ -110,7 +110,7 @@ def growth(budget: Budget, family: str) -> str:
 
 
 def shown_times(budget: Budget) -> list[int]:
-    """Which of the chosen times the first screen shows: the first, the last, one between."""
+    """Select the times of the first screen: first, last, and one between."""
     count = len(budget.chosen)
     return list(dict.fromkeys(np.linspace(0, count - 1, min(count, _SHOWN)).round().astype(int).tolist()))
 
@@ -129,13 +129,13 @@ def recorded_text(budget: Budget, row: int) -> str:
 
 
 def _ways(budget: Budget) -> dict[str, Column | SimulatedColumn]:
-    """Ways to the errors, by name."""
+    """Return the estimates by method name."""
     ways: dict[str, Column | SimulatedColumn] = {"analytic": budget.analytic, "covariance": budget.covariance}
     return ways if budget.simulated is None else ways | {"simulated": budget.simulated}
 
 
 def budget_sections(budget: Budget) -> tuple[Section, ...]:
-    """Everything of a budget for JSON: what it is of, its sources, its errors at the chosen times."""
+    """Build all budget quantities for JSON: subject, sources, errors at the chosen times."""
     last = float(budget.time[budget.chosen[-1]])
     bias, drift = budget.short_form_error(last)
     sources = tuple(
@@ -237,7 +237,7 @@ def _states(sd: FloatArray) -> tuple[Quantity, ...]:
 
 
 def positions_section(budget: Budget) -> Section:
-    """Tabulate position errors at the chosen times, one group of columns a way to them."""
+    """Tabulate position errors at the chosen times, with columns grouped by method."""
     at, recorded = budget.chosen, budget.recorded
     names, note = _LONG, "1 sd; worst: sum of all sources"
     groups = {name: way.total[at, :3] for name, way in _ways(budget).items()}
@@ -264,7 +264,7 @@ def positions_section(budget: Budget) -> Section:
 
 
 def _at(time: FloatArray, values: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Rows of values at wanted times, NaN where there is none."""
+    """Select rows of values at some times, NaN if missing."""
     found = np.full((len(wanted), values.shape[1]), np.nan)
     for row, moment in enumerate(wanted):
         match = np.flatnonzero(np.abs(time - moment) < 1e-3)
@@ -274,7 +274,7 @@ def _at(time: FloatArray, values: FloatArray, wanted: FloatArray) -> FloatArray:
 
 
 def contributions_rows(budget: Budget) -> list[tuple[Quantity, ...]]:
-    """What each family contributes to the error at the last time, the largest first."""
+    """List the contribution of each family to the error at the last time, the largest first."""
     last, part, gain, ways = budget.chosen[-1], shares(budget), saved(budget), _ways(budget)
     return [
         (
@@ -311,7 +311,7 @@ def contributions_section(budget: Budget) -> Section:
 
 
 def states_section(budget: Budget) -> Section:
-    """Velocity and attitude by family."""
+    """Tabulate velocity and attitude by family."""
     last, whole = budget.chosen[-1], budget.covariance
     units = {"v N": "m/s", "v E": "m/s", "v D": "m/s", "tilt N": "deg", "tilt E": "deg", "heading": "deg"}
     sizes = {budget.families[k]: whole.parts[last, k] for k in ranked(budget)} | {"together (RSS)": whole.total[last]}
@@ -327,14 +327,14 @@ def states_section(budget: Budget) -> Section:
 
 
 def impact_section(budget: Budget) -> Section:
-    """The impact of the families, in words."""
+    """Describe the impact of the families."""
     families = [budget.families[k] for k in ranked(budget)]
     rows = tuple((Quantity("source", each), Quantity("impact", effect(each))) for each in families)
     return Section("", "Impact of the sources", rows=rows, show="page", folded=True)
 
 
 def estimates_section(budget: Budget) -> Section:
-    """Tabulate the horizontal error by all four ways, with their intervals, at a few times."""
+    """Tabulate the horizontal error by all four methods, with intervals, at a few times."""
     rows = []
     for row in shown_times(budget):
         k = budget.chosen[row]
@@ -362,7 +362,7 @@ def estimates_section(budget: Budget) -> Section:
 
 
 def merits(budget: Budget, windows: RecordedBudget | None) -> tuple[Quantity, ...]:
-    """Give the figures of merit."""
+    """Return the figures of merit."""
     found = []
     for k in (budget.chosen[row] for row in shown_times(budget)):
         value, text = float(horizontal(budget.covariance.total[k])), f"horizontal after {budget.time[k]:g} s"

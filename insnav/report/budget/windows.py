@@ -1,4 +1,4 @@
-"""The recorded windows of an error budget: sentences, warnings, quantities for page and ``run.json``."""
+"""Recorded windows of an error budget: sentences, warnings, quantities for page and ``run.json``."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ CALIBRATED, UNCALIBRATED = "calibrated", "uncalibrated"
 CAUSE_UNITS = {"velocity": "mm/s", "acceleration": "mg", "drift": "deg/h"}
 GROWS = {"velocity": "t", "acceleration": "t²", "drift": "t³"}
 _MRAD = 1e-3
-_ENOUGH_REPLICAS = 10  # whose band is narrow enough to prove something
+_ENOUGH_REPLICAS = 10  # number of replicas with a conclusive band
 
 
 def windows_sentences(budget: RecordedBudget) -> tuple[str, ...]:
-    """Say the result: explained or not, by what, and what the simulated replicas say."""
+    """Summarise the result: explained errors, their causes, and agreement with the simulated replicas."""
     lines = []
     for kind, part in parts_of(budget):
         windows = part.windows
@@ -44,7 +44,7 @@ def windows_sentences(budget: RecordedBudget) -> tuple[str, ...]:
 
 
 def windows_warnings(budget: RecordedBudget) -> tuple[Finding, ...]:
-    """Give what the reader must not overlook."""
+    """Return warnings."""
     found = [each for each in budget.notes if each.severity is Severity.UNUSABLE]
     found += of_code(budget.notes, Code.BUDGET_SMOOTHED_START)
     for kind, part in parts_of(budget):
@@ -62,7 +62,7 @@ def windows_warnings(budget: RecordedBudget) -> tuple[Finding, ...]:
 
 
 def windows_assumptions(budget: RecordedBudget) -> tuple[Finding, ...]:
-    """Give what was taken for granted."""
+    """Return assumptions."""
     return (
         Finding.of(Code.WINDOWS_START, state="filtered" if budget.settings.start == "forward" else "smoothed"),
         Finding.of(Code.WINDOWS_REFERENCE, reference=budget.reference),
@@ -86,7 +86,7 @@ def _verdict(each: Verdict, length: float) -> str:
 
 
 def _diagnosed(axis: AxisDiagnosis, diagnosis: Diagnosis) -> str:
-    """Words such as: east error is t²: 0.42 mrad of tilt or 0.41 mg of bias."""
+    """Describe an axis, such as: east error is t²: 0.42 mrad of tilt or 0.41 mg of bias."""
     name, cause = CAUSES[axis.leading], axis.causes[axis.leading]
     unit = CAUSE_UNITS[name]
     if cause.rms == 0.0:
@@ -134,13 +134,13 @@ def _against_replicas(made: Replicas) -> str:
 
 
 def parts_of(budget: RecordedBudget) -> list[tuple[str, RecordedPart]]:
-    """Windows of both kinds, with their names; uncalibrated ones only if they were asked for."""
+    """Return windows of both kinds with names; uncalibrated windows only if requested."""
     parts = [(CALIBRATED, budget.calibrated)]
     return parts if budget.uncalibrated is None else [*parts, (UNCALIBRATED, budget.uncalibrated)]
 
 
 def windows_sections(budget: RecordedBudget) -> tuple[Section, ...]:
-    """Give the quantities and tables of all windows."""
+    """Build the quantities and tables of all windows."""
     about = (
         Quantity("reference", budget.reference),
         Quantity("start", budget.settings.start),
@@ -191,7 +191,7 @@ def _sections(kind: str, part: RecordedPart) -> tuple[Section, ...]:
 
 
 def _named(key: str, values: FloatArray, unit: str = "") -> Quantity:
-    """A figure of every component."""
+    """Build a quantity for every component."""
     return Quantity(key, {name: values[:, i] for i, name in enumerate(COMPONENTS)}, unit)
 
 
@@ -215,7 +215,7 @@ def _growth(found: Growth) -> tuple[Quantity, ...]:
 
 
 def _components(found: Growth) -> list[tuple[int, str]]:
-    """Components of which something is known; along and across there is nothing at rest."""
+    """Select known components; at rest, along and across are undefined."""
     return [(i, name) for i, name in enumerate(COMPONENTS) if np.isfinite(found.rms[:, i]).any()]
 
 
@@ -231,7 +231,7 @@ def _over_time(kind: str, found: Growth) -> Section:
 
 
 def _rms(found: Growth, i: int) -> tuple[Quantity, ...]:
-    """RMS as measured and without the reference, with its interval, and prediction, at the end of the windows."""
+    """Build RMS as measured and without the reference, with interval, and prediction, at the end of the windows."""
     return (
         Quantity("rms", float(found.rms[-1, i]), "m", meaning="RMS"),
         Quantity("reference", float(found.reference[-1, i]), "m", meaning="reference sd"),
@@ -264,7 +264,7 @@ def interval_text(low: float, high: float) -> str:
 
 
 def regression_text(part: RecordedPart) -> str:
-    """Say how recorded and predicted errors compare over all times."""
+    """Compare recorded and predicted errors over all times in a sentence."""
     line = part.regression
     times = f"{number(line.slope)} times predicted ({interval_text(line.low, line.high)})"
     return f"Over all times recorded errors are {times}, R² {line.r_squared:.2f}."
@@ -339,7 +339,7 @@ def _cause(name: str, cause: Cause) -> tuple[Quantity, ...]:
 
 
 def explained_text(cause: Cause) -> str:
-    """Say whether a cause is explained."""
+    """Return whether a cause is explained, in words."""
     return "explained" if cause.explained else f"unexplained, {number(float(np.sqrt(cause.ratio)), 2)} times"
 
 
@@ -350,7 +350,7 @@ def _sensors(kind: str, fit: SensorFit) -> Section:
         else "headings hardly differ: of the level accelerometers this is bias and tilt together"
     )
     if fit.spread > 2.0:
-        note += f"; misfit {number(float(np.sqrt(fit.spread)), 2)} times what noise and filter allow"
+        note += f"; misfit {number(float(np.sqrt(fit.spread)), 2)} times the expectation by noise and filter"
     items = (
         Quantity("accel_bias", fit.accel, "mg", sd=fit.accel_sd, meaning="accelerometer bias x, y, z"),
         Quantity("gyro_bias", fit.gyro, "deg/h", sd=fit.gyro_sd, meaning="gyro bias x, y, z"),

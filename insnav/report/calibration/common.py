@@ -1,4 +1,4 @@
-"""What the pages of the calibrations have in common: fits, residuals, impact on navigation."""
+"""Common parts of the calibration pages: fits, residuals, impact on navigation."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from insnav.units import DEG, G0
 
 
 def quality_section(*sets: tuple[Mapping[str, Fit], str, Mapping[str, Sequence[str]]], factor: float = 1.0) -> Section:
-    """How well each fit holds: scatter, worst residual, condition; fits, their unit and settings."""
+    """Tabulate the quality of each fit: scatter, worst residual, condition; fits, their unit and settings."""
     rows = tuple(
         (
             Quantity("name", name, meaning="fit"),
@@ -45,7 +45,7 @@ def quality_section(*sets: tuple[Mapping[str, Fit], str, Mapping[str, Sequence[s
 
 
 def impact_section(calibration: Calibration[Any, Any], note: str = "") -> Section:
-    """Position error in one minute of navigation without and with the calibration."""
+    """Tabulate the position error in a minute of navigation without and with the calibration."""
     rows = tuple(
         (
             Quantity("motion", item.motion, meaning="one minute, free inertial"),
@@ -56,10 +56,10 @@ def impact_section(calibration: Calibration[Any, Any], note: str = "") -> Sectio
         for item in calibration.impact
     )
     method = (
-        "Horizontal position error after 60 s, RMS, simulated: true errors sampled about the calibrated ones with "
-        "their uncertainty, no other errors, exact initial state, height held. "
+        "Simulated horizontal position error after 60 s, RMS. True errors are sampled about the calibrated ones by "
+        "their uncertainty. No other errors, exact initial state, constant height. "
     )
-    # what "without" means where the output is in volts or counts
+    # without calibration, if the output is in volts or counts
     errors, sd = calibration.errors or ImuErrors(), calibration.sd
     raw = (errors.gyro_raw and sd.gyro_bias.any()) or (errors.accel_raw and sd.accel_bias.any())
     note = note or "Without: zero output taken as 0, scale factor known." * bool(raw)
@@ -67,7 +67,7 @@ def impact_section(calibration: Calibration[Any, Any], note: str = "") -> Sectio
 
 
 def corrected_section(calibration: Calibration[Any, Any]) -> Section:
-    """Uncertainty of corrected rates and specific forces that comes from the calibration."""
+    """Tabulate the uncertainty of corrected rates and specific forces by the calibration."""
     errors, spread = calibration.sensed or calibration.errors or ImuErrors(), calibration.sd
     still, diagonal, g = np.zeros((1, 3)), np.full((1, 3), 1.0 / np.sqrt(3.0)), np.array([[0.0, 0.0, -G0]])
     at_rest, up = spread.corrected(errors, still, g)
@@ -90,7 +90,7 @@ def corrected_section(calibration: Calibration[Any, Any]) -> Section:
 
 
 def bench_input(tables: Sequence[BenchTable | BenchFile]) -> Any:
-    """Files of the bench, for ``run.json``."""
+    """Return the bench files, for ``run.json``."""
     return [{"path": table.name, "sha256": table.sha256, "units": dict(table.units)} for table in tables]
 
 
@@ -100,22 +100,22 @@ class Series:
 
     name: str  # of the sensor
     unit: str
-    # (n,) where, and how far from the model
+    # (n,) settings, and deviations from the model
     setting: FloatArray
     residual: FloatArray
-    used: BoolArray  # (n,) whether the fit used it; others are drawn as crosses
-    sd: float = 0.0  # standard deviation to draw as a band, zero for none
+    used: BoolArray  # (n,) used in the fit; unused points are drawn as crosses
+    sd: float = 0.0  # standard deviation drawn as a band; zero: none
 
     @classmethod
     def of(cls, name: str, unit: str, table: RateTable) -> Series:
-        """Outputs of a rate table minus its line; output in `unit`."""
+        """Build the series of outputs minus the line of a rate table; output in `unit`."""
         zero, slope = table.fit.value[:2]
         residual = table.output - (zero + slope * table.rate)
         return cls(name, unit, table.rate, residual, table.used, table.fit.sigma)
 
 
 def residual_panels(series: Iterable[Series], setting: str, key: str = "residuals") -> Iterator[Panel]:
-    """Draw residuals over what was set, one panel a sensor; those left out may lie beyond the limits."""
+    """Draw residuals over settings, one panel per sensor; unused points may exceed the limits."""
     for row, item in enumerate(series):
         colour, ends = AXIS_COLOURS[row % 3], np.array([item.setting.min(), item.setting.max()])
         largest = 1.2 * max(float(np.abs(item.residual[item.used]).max()), 1.5 * item.sd) or 1.0

@@ -1,4 +1,4 @@
-"""Pages of many positions: poses and turns, six positions and three turns, nine positions of modules."""
+"""Calibration pages with many positions: poses and turns, six positions and three turns, nine positions of modules."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def multi_position_page(calibration: Calibration[ReadingFacts, Found]) -> Page:
 
 
 def _of_poses(found: PosesCalibration) -> Page:
-    """What poses have of their own; all positions are too long for a terminal."""
+    """Lay out a calibration from poses; all positions are too long for a terminal."""
     turns = only_json(
         "turn_error",
         Quantity("before", found.turn_before, "deg"),
@@ -107,8 +107,8 @@ def _of_six_positions(found: SixPositions) -> Page:
     return Page(
         "",
         (
-            f"{_gravity_text(found)}, worst {number(worst / _MG)} mg in position {POSITIONS[place]}; positions are "
-            f"off by {number(found.tilt / _MRAD)} mrad (1 sd).",
+            f"{_gravity_text(found)}, worst {number(worst / _MG)} mg in position {POSITIONS[place]}; position "
+            f"errors are {number(found.tilt / _MRAD)} mrad (1 sd).",
             f"Six positions and three turns by {found.angle / DEG:g} deg.",
         ),
         (drawing, _turns(found), every, more),
@@ -197,7 +197,7 @@ def _positions(found: SixPositions) -> Section:
 
 
 def _triad(key: str, title: str, triad: Triad, counts: bool) -> Section:
-    """Bias, scale factor and misalignment of three sensors with their standard deviations; matrices in JSON."""
+    """Tabulate bias, scale factor and misalignment of three sensors with standard deviations; matrices in JSON."""
     accel = key == "accel"
     si, shown = ("m/s^2", "mg") if accel else ("rad/s", "deg/s")
     bias_unit, matrix_unit = ("counts", f"counts/({si})") if counts else (si, "")
@@ -248,7 +248,7 @@ def _g_sensitivity(found: Found) -> Section:
 def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
     """Report three dual-axis modules."""
     found, fits = calibration.detail, calibration.fits
-    # in the order of the method: each accelerometer, the triad, misalignments of the gyros, and the gyros at rest
+    # in the order of the method: accelerometers, triad, gyro misalignments, stationary gyros
     raw = calibration.record.unit != "m/s^2"
     own = 12 if raw else 6
     ends = itertools.pairwise((0, own, own + 9, own + 15, None))
@@ -256,7 +256,7 @@ def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
     scales = " and scale factor" * raw
     across = "position, in the order of the file"
     panels = residual_panels(_residuals(found, len(calibration.record.dwells.setting)), across)
-    intervals = "1 sd of noise; the interval adds what the first order leaves out"
+    intervals = "1 sd of noise; the interval includes errors of second order"
     diagonal, second_order = ", ".join(f"{v:.5f}" for v in found.gyro_diagonal), number(1e3 * found.second_order, 2)
     places = [f"roll {roll:.4g}, pitch {pitch:.4g} deg" for roll, pitch in calibration.record.dwells.setting / DEG]
     largest = 1e3 * float(np.abs(found.gyro_matrix - np.eye(3)).max())
@@ -287,7 +287,7 @@ def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
             Section("parameters", f"Bias{scales} of each accelerometer", biases, note=_methods(found)),
             Section("parameters", "Accelerometer triad, each axis the mean of its two accelerometers", accel),
             Section("parameters", "Gyro misalignment", gyro, note=intervals),
-            Section("parameters", "Gyros at rest: bias, and what they feel of the specific force", at_rest),
+            Section("parameters", "Gyros at rest: bias and g-sensitivity", at_rest),
             Section("", "Pseudo-inverses", rows=inverses),
             quality_section((fits, "m/s^2", dict.fromkeys(SENSORS, places))),
             corrected_section(calibration),
@@ -318,7 +318,7 @@ def _methods(found: NinePositions) -> str:
 
 
 def poses_panels(found: PosesCalibration) -> tuple[Panel, ...]:
-    """Draw the error of gravity in each pose and of each turn to the next."""
+    """Draw the gravity error in each pose, and the error of each turn to the next."""
     number = np.arange(1.0, len(found.poses) + 1.0)
     first = "one scale for all axes" if found.counts else "as recorded"
     used = found.turn_used
@@ -343,12 +343,12 @@ def poses_panels(found: PosesCalibration) -> tuple[Panel, ...]:
 
 
 def _size(name: str, x: FloatArray, y: FloatArray, colour: str, kind: Kind = "points") -> Curve:
-    """Points of a logarithmic axis; a simulated error may be exactly zero."""
+    """Draw points on a logarithmic axis; a simulated error may be exactly zero."""
     return Curve(name, x, np.maximum(np.abs(y), 1e-4), colour, kind)
 
 
 def positions_panels(found: SixPositions) -> tuple[Panel, ...]:
-    """Draw the error of gravity in the six positions, and what is left across."""
+    """Draw the gravity error in the six positions, and the cross-axis remainder."""
     row = np.arange(len(POSITIONS), dtype=np.float64)
     names = tuple(f"{name[0]} {'up' if name.endswith('p') else 'down'}" for name in POSITIONS)
     first = "one scale for all axes" if found.counts else "as recorded"

@@ -1,4 +1,4 @@
-"""The report of a calibration, by whatever method."""
+"""Report of a calibration by any method."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from insnav.report.calibration.single_axis import accel_page, gyro_page, rotor_p
 from insnav.report.page import DataFrame, Page, by_warnings, only_json, rows_frame
 from insnav.result import Result
 
-# what reports each method, and what it was read from
+# page of each method, and its input
 _METHODS: Mapping[str, tuple[Callable[[Calibration[Any, Any]], Page], Callable[[Any], Any]]] = {
     "gyro": (gyro_page, lambda records: bench_input([each.table for each in records])),
     "accel": (accel_page, lambda records: bench_input([each.table for each in records])),
@@ -46,18 +46,18 @@ def page(result: Result[Calibration[Any, Any]]) -> Page:
 
 
 def texts(result: Result[Calibration[Any, Any]]) -> dict[str, str]:
-    """Give the calibration file, if the method is of an IMU."""
+    """Return the calibration file, if the method calibrates an IMU."""
     errors = result.found.errors
     return {} if errors is None else {"calibration.toml": calibration_to_toml(errors)}
 
 
 def frame(result: Result[Calibration[Any, Any]]) -> DataFrame:
-    """Give the parameters as a table: one row for each number, with its unit and its standard deviation."""
+    """Build a table of the parameters: one row per number, with unit and standard deviation."""
     return rows_frame(row for each in result.found.parameters for row in _numbers(each))
 
 
 def _numbers(each: Quantity) -> list[tuple[Quantity, ...]]:
-    """One parameter, or the elements of a vector or matrix by their axes."""
+    """Split a parameter into the elements of its vector or matrix."""
     values, sds = np.broadcast_arrays(each.scaled(each.value), each.scaled(each.sd))
     return [
         (

@@ -42,7 +42,7 @@ def gyro_page(calibration: Calibration[tuple[Record, ...], tuple[RateTable, ...]
     left_out = tuple(
         (
             Quantity("sensor", name),
-            Quantity("rate_deg_s", drop.rate),  # a round number, as on the table
+            Quantity("rate_deg_s", drop.rate),  # a round number, as set on the table
             measured("residual", drop.residual, unit),
             measured("limit", drop.limit, unit),
             Quantity("code", drop.reason.code.value),
@@ -93,7 +93,7 @@ def accel_page(calibration: Calibration[tuple[Record, ...], tuple[Tumble, ...]])
 
 
 def _harmonics(found: dict[str, Tumble], unit: str) -> tuple[Section, Section]:
-    """Fourier coefficients of each sensor, and the model that follows from them."""
+    """Tabulate Fourier coefficients of each sensor, and the derived model."""
     rows, models = [], []
     for name, item in found.items():
         series = harmonics(item.angle, item.output)
@@ -119,8 +119,8 @@ def _harmonics(found: dict[str, Tumble], unit: str) -> tuple[Section, Section]:
         )
     difference = "largest difference: from least squares, zero for evenly spaced positions"
     note = (
-        "Orders 0 to 2 are the model: a0 = K0 + K2/2, b1 = K1, a2 = -K2/2, b2 = K3/2. a1 / b1 is the angle by which "
-        "the table or the input axis is off; orders from 3 on are non-linearity and errors of position."
+        "Orders 0 to 2 are the model: a0 = K0 + K2/2, b1 = K1, a2 = -K2/2, b2 = K3/2. The ratio a1 / b1 is the "
+        "misalignment of the table or the input axis. Orders from 3 on are non-linearity and errors of position."
     )
     return (
         Section("harmonics", "Output = Σ a cos(n angle) + b sin(n angle)", rows=tuple(rows), note=note),
@@ -132,20 +132,20 @@ _IN_BRACKETS = "± 1 sd; in brackets the 95 % interval"
 
 
 def _summary(items: Sequence[Quantity], sensors: int) -> tuple[str, ...]:
-    """Parameters in words, a line a sensor."""
+    """Describe the parameters, one line per sensor."""
     texts = [f"{p.label} {_short(p.scaled(p.value))} ± {number(p.scaled(p.sd), 2)} {p.shown_unit}" for p in items]
     own = len(texts) // sensors
     return tuple("; ".join(texts[i : i + own]) for i in range(0, len(texts), own))
 
 
 def _short(value: float) -> str:
-    """Four digits, and four decimals as such calibrations are published."""
+    """Format four digits, and four decimals as usual in publications."""
     size = abs(value)
     return number(value, 4) if size < 0.1 or size >= 1000.0 else f"{value:.4f}"
 
 
 def _senses(found: dict[str, RateTable], unit: str) -> Section:
-    """Forward, reverse and their average, where both senses of rotation were measured."""
+    """Tabulate forward, reverse and average, if both senses of rotation were measured."""
     rows = []
     for name, item in found.items():
         if item.average is None or item.forward is None or item.reverse is None or item.asymmetry is None:
@@ -167,7 +167,7 @@ def _senses(found: dict[str, RateTable], unit: str) -> Section:
 
 
 def _dwells(records: Sequence[Record], names: Sequence[str]) -> Section:
-    """What cleaning dropped, where there were samples to clean."""
+    """Tabulate the samples dropped in cleaning, if any."""
     rows = tuple(
         (
             Quantity("sensor", name),
@@ -220,7 +220,7 @@ def sweep_page(calibration: Calibration[SweepRecord, SweepCalibration]) -> Page:
 
 
 def _dropped(found: SweepCalibration) -> Iterator[str]:
-    """What was left out, gyro by gyro and end by end."""
+    """Describe the dropped samples, by gyro and end."""
     for i, axis in enumerate("xyz"):
         for sense in (-1.0, 1.0):
             rates = [item.rate for gyro, item in found.dropped if gyro == i and sense * item.rate > 0.0]
@@ -273,7 +273,7 @@ def _errors(found: SweepCalibration, stages: Sequence[float]) -> Section:
 
 
 def _adjusted(found: SweepCalibration) -> tuple[Section, ...]:
-    """Intercepts set by hand, and what they change."""
+    """Tabulate manually adjusted intercepts, and their effect."""
     rows = tuple(
         (
             Quantity("piece", f"{'xyz'[each.gyro]}{each.piece + 1}"),
@@ -289,7 +289,7 @@ def _adjusted(found: SweepCalibration) -> tuple[Section, ...]:
 
 
 def _pieces(found: SweepCalibration) -> tuple[Section, ...]:
-    """Pieces of the compensation as lines, and in JSON the errors at their ends."""
+    """Tabulate pieces of the compensation; JSON also has the errors at their ends."""
     known = {axis: item for axis, item in zip("xyz", found.pieces, strict=True) if item is not None}
     rows = tuple(
         (
@@ -320,7 +320,7 @@ def _pieces(found: SweepCalibration) -> tuple[Section, ...]:
 
 
 def sweep_panels(found: SweepCalibration) -> Iterator[Panel]:
-    """Draw the error of each gyro over the rate about its axis: left by the matrix, and by the pieces too."""
+    """Draw the error of each gyro over the rate about its axis: after the matrix, and after the pieces."""
     for axis, (rows, item) in enumerate(zip(found.own, found.pieces, strict=True)):
         colour, rate, name = AXIS_COLOURS[axis], found.rate[rows, axis] / DEG, "xyz"[axis]
         ends = np.array([rate.min(), rate.max()])
@@ -341,7 +341,7 @@ def sweep_panels(found: SweepCalibration) -> Iterator[Panel]:
 
 
 def rotor_page(calibration: Calibration[tuple[BenchTable, BenchTable], Inertias]) -> Page:
-    """Report both methods and whether they agree."""
+    """Lay out both methods and their agreement."""
     fall, precession, both = calibration.detail.fall, calibration.detail.precession, calibration.detail.agreement
     how = calibration.options
     taken = {"fall_mass_kg": how.fall_mass, "radius_m": how.radius, "arm_m": how.arm, "gravity_m_s2": how.gravity}
@@ -374,10 +374,10 @@ def rotor_page(calibration: Calibration[tuple[BenchTable, BenchTable], Inertias]
         ("squared time of fall [s²]", "height [m]", fall),
         ("rotor rate [rad/s]", "precession period [s]", precession),
     )
-    # by theory the precession is as the torque over the spin; known where several of both were measured
+    # in theory precession equals torque over spin; testable if several of both were measured
     powers = () if precession.powers is None else fitted(precession.powers, ("", "", ""))[1:]
     title, note = "Precession rate as a power of torque and spin", "by theory 1 and -1"
-    caption = "Measured points, the lines fitted to them, and what these leave"
+    caption = "Measured points, fitted lines, and residuals"
     return Page(
         "Moment of inertia of a gyroscope's rotor",
         (
@@ -399,7 +399,7 @@ def rotor_page(calibration: Calibration[tuple[BenchTable, BenchTable], Inertias]
 
 
 def _line_panels(lines: Sequence[tuple[str, str, Inertia]]) -> tuple[Panel, ...]:
-    """Draw points and the lines through the origin fitted to them, then residuals; with labels of both axes."""
+    """Draw points and fitted lines through the origin, then residuals; with labels of both axes."""
     upper, lower = [], []
     for i, ((name, label, each), colour) in enumerate(zip(lines, AXIS_COLOURS, strict=False)):
         x, y, slope = each.x, each.y, float(each.fit.value[0])

@@ -1,4 +1,4 @@
-"""The numerical certificate as a page, with a row for every check, and as Markdown."""
+"""Numerical certificate as a page, with a row for every check, and as Markdown."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from insnav.report.page import DataFrame, Page, Section, Verdict, cell, drawn, o
 from insnav.report.panels import Curve, Kind, Panel
 from insnav.result import Result
 
-_EXCEEDS = "!"  # behind an error that exceeds the limit
-_LEAST, _MOST = 1e-7, 1e7  # parts of the limit; beyond, figures stand at the edge
+_EXCEEDS = "!"  # after an error that exceeds the limit
+_LEAST, _MOST = 1e-7, 1e7  # range of error over limit; beyond, points are at the edge
 _READ = f"shaded: within the limit; points: insnav as it navigates; at the edges {_LEAST:g} or less, {_MOST:g} or more"
 _PASSED, _FAILED = "insnav: passed", "insnav: FAILED"
 _OTHERS = (ORANGE, GREY, PURPLE, SKY, BLACK)
@@ -27,13 +27,13 @@ def page(result: Result[Certificate]) -> Page:
     """Lay out all checks, a table for every topic."""
     certificate = result.found
     checks, failed = certificate.checks, certificate.failed
-    said = f"{len(checks) - len(failed)} of {len(checks)} checks passed in {certificate.seconds:.1f} s"
+    summary = f"{len(checks) - len(failed)} of {len(checks)} checks passed in {certificate.seconds:.1f} s"
     return Page(
         "Numerical certificate: " + ("all checks passed" if not failed else f"{len(failed)} FAILED"),
         (
-            "Every figure is an error against a closed form or a published value. The limit applies to the first of "
-            f"them, the others are there to compare (orders of convergence: to all); {_EXCEEDS} marks what "
-            "exceeds the limit, – what is no number.",
+            "Every figure is an error against a closed form or a published value. The limit applies to the first "
+            f"figure of a row, the others are for comparison (orders of convergence: to all). {_EXCEEDS} marks a "
+            "figure beyond the limit, – a missing figure.",
         ),
         (
             only_json(
@@ -53,13 +53,13 @@ def page(result: Result[Certificate]) -> Page:
         verdict=Verdict(
             "bad" if failed else "good",
             "errors exceed their limits" if failed else "every error is within its limit",
-            f"insnav {certificate.version} on {certificate.machine}: {said}.",
+            f"insnav {certificate.version} on {certificate.machine}: {summary}.",
         ),
     )
 
 
 def frame(result: Result[Certificate]) -> DataFrame:
-    """Give a table with one row for each check, whose errors and limit are in its unit."""
+    """Build a table with one row per check, errors and limit in its unit."""
     return rows_frame(map(_facts, result.found.checks))
 
 
@@ -73,7 +73,7 @@ def _facts(check: Check) -> tuple[Quantity, ...]:
 
 
 def certificate_markdown(certificate: Certificate) -> str:
-    """Write all checks as one Markdown table, as for a README."""
+    """Write all checks as one Markdown table for a README."""
     others = [name for name in _names(certificate.checks) if name not in {c.values[0][0] for c in certificate.checks}]
     rows = [("check", "limit", "insnav", *others)]
     for check in certificate.checks:
@@ -109,7 +109,7 @@ def _names(checks: Sequence[Check]) -> tuple[str, ...]:
 
 
 def certificate_panel(checks: Sequence[Check]) -> Panel:
-    """Draw one row for every check on a logarithmic axis: the figure that counts as a point, others as crosses."""
+    """Draw one row per check on a logarithmic axis: the decisive error as a point, others as crosses."""
     others = dict.fromkeys(name for check in checks for name, _ in check.values[1:])
     found: dict[str, list[tuple[int, Check, float]]] = {name: [] for name in (*others, _PASSED, _FAILED)}
     for row, check in enumerate(checks):
@@ -144,7 +144,7 @@ def certificate_panel(checks: Sequence[Check]) -> Panel:
 
 
 def _part(check: Check, value: float) -> float:
-    """Error in parts of the limit, within the axis; what is no number is as bad as can be."""
+    """Return error over limit, within the axis; NaN counts as largest."""
     if not np.isfinite(value):
         return _MOST
     if check.limit == 0.0:

@@ -1,4 +1,4 @@
-"""The report of the doctor: what the files are, what is to be mended, the line to run them with."""
+"""Report of a file check: content of the files, problems, and the command to run."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ def page(result: Result[Checked]) -> Page:
 def _run_line(found: Checked, before: str) -> str:
     if found.runs:
         return f"run:  {found.command}"
-    known = f"; what is known of the line: {found.command}" if found.command.count(" --") else ""
+    known = f"; command so far: {found.command}" if found.command.count(" --") else ""
     return f"run:  nothing to copy before {before}{known}"
 
 
 def text(result: Result[Checked], width: int | None = None) -> str:
-    """Give the report for the terminal: what is to be mended, and the line to run, stand last."""
+    """Write the report for the terminal, with problems and command last."""
     laid_out, at = page(result), _from_start(result)
     left = [each for each in result.found.problems if each.severity > Severity.NOTE][:TO_MEND]
     mend = [f"mend {i}: {sentence(each, at=at)}" for i, each in enumerate(left, 1)] or ["nothing to mend was found"]
@@ -47,12 +47,12 @@ def text(result: Result[Checked], width: int | None = None) -> str:
     lines = hanging(["", *understood, "", *mend], width)
     listed = {*result.found.problems, *(each for each in result.findings if each.timed)}
     shown = replace(laid_out, summary=(), findings=tuple(each for each in result.findings if each not in listed))
-    # the line to run is to be copied
+    # the command is to be copied
     return "\n".join([page_text(shown, width), *lines, plain_text(_run_line(result.found, "mend 1"))])
 
 
 def _from_start(result: Result[Checked]) -> At:
-    """Write times of findings from the start of the samples; figures, as files, have those of the files."""
+    """Format finding times from the start of the samples; the tables use file times, as the files do."""
     if "imu" not in result.inputs:
         return moment
     clock = Clock(result.inputs["imu"].start_s, 1.0, "s", "")
@@ -178,7 +178,7 @@ def _both(found: Checked) -> tuple[Section, ...]:
 
 
 def frame(result: Result[Checked]) -> DataFrame:
-    """Give what is to be mended as a table: one row a problem, ``what``, ``why``, ``fix``."""
+    """Build a table of the problems: one row each, ``what``, ``why``, ``fix``."""
     return rows_frame(
         (
             Quantity("what", each.title),

@@ -1,4 +1,4 @@
-"""The report of runs against one reference: one line a solution."""
+"""Report of runs against one reference: one line per solution."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ from insnav.sample_statistics import rms
 from insnav.types import FloatArray
 from insnav.units import UNITS
 
-_MERITS = 6  # solutions that are named before the table
-_INSIDE = 0.95  # share of the errors inside 3 sd from which the stated sd holds
+_MERITS = 6  # solutions listed before the table
+_INSIDE = 0.95  # share of the errors inside 3 sd that confirms the stated sd
 # key, heading, unit, quantity and statistic of `insnav.errors.metrics.accuracy`
 _COLUMNS = (
     ("north", "N", "m", "north_m", "rms"),
@@ -73,13 +73,13 @@ def page(result: Result[Comparison]) -> Page:
 
 
 def _warnings(found: Comparison) -> tuple[Finding, ...]:
-    """What makes errors of the last solution of each run larger than stated, as the report of a run has it."""
+    """Return warnings on large errors of each run's last solution, as in a run report."""
     last = {each.run: named for each, named in zip(found.compared, found.named().items(), strict=True)}
     return tuple(each for name, errors in last.values() for each in overconfident(name, errors, same_data=False))
 
 
 def _verdict(found: Comparison, findings: Sequence[Finding]) -> Verdict:
-    """Which solution has the smallest horizontal error, and whether its stated sd holds."""
+    """Return the solution with the smallest horizontal error, and whether its stated sd is confirmed."""
     sizes = {name: rms(errors.horizontal) for name, errors in found.named().items()}
     order = sorted(sizes, key=lambda name: sizes[name] if np.isfinite(sizes[name]) else np.inf)
     best = order[0]
@@ -107,7 +107,7 @@ def write_files(result: Result[Comparison], folder: RunFolder, table_format: Tab
 
 
 def frame(result: Result[Comparison]) -> DataFrame:
-    """Give the accuracy of every solution as a table, one row a solution.
+    """Build a table of accuracy, one row per solution.
 
     Returns: ``run``, ``solution``, and RMS errors with their unit in the name.
     """
@@ -115,10 +115,10 @@ def frame(result: Result[Comparison]) -> DataFrame:
 
 
 def text(result: Result[Comparison], width: int | None = None) -> str:
-    """Give a comparison for the terminal: a heading, one line a solution, what the columns are, and findings."""
+    """Write a comparison for the terminal: heading, one line per solution, explanation of columns, findings."""
     found = result.found
     (table,) = section_tables(_section(found))
-    units = {" [deg]": " °", " [": " ", "]": ""}  # 110 columns are no room for brackets
+    units = {" [deg]": " °", " [": " ", "]": ""}  # 110 columns leave no space for brackets
     headings = [reduce(lambda head, unit: head.replace(unit, units[unit]), units, name) for name in table.columns]
     rows = [("  smoothed" if solution == "smoothed" else run, *cells) for run, solution, *cells in table.rows]
     columns = (headings[0], *headings[2:])
@@ -135,7 +135,7 @@ def _section(found: Comparison) -> Section:
 
 
 def _row(of: Compared) -> tuple[Quantity, ...]:
-    """RMS errors of one solution; the name of a smoothed one is that of its run, set in."""
+    """Build the row of RMS errors of a solution; the name of a smoothed solution is indented."""
     errors, consistency = accuracy(of.errors) or {}, nees(of.errors)
     position = None if consistency is None else consistency["position"]
     row = [Quantity("run", of.run), Quantity("solution", of.solution)]
@@ -148,7 +148,7 @@ def _row(of: Compared) -> tuple[Quantity, ...]:
 
 
 def comparison_panels(found: Comparison) -> tuple[Panel, Panel]:
-    """Draw the errors of every solution over time, and how they are distributed; smoothed ones dashed."""
+    """Draw the errors of every solution over time, and their distribution; smoothed solutions dashed."""
     clock = Clock.of(found.compared[0].errors.time)
     runs = list(dict.fromkeys(each.run for each in found.compared))
     over_time, shares = [], []

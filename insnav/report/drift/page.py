@@ -62,12 +62,12 @@ def page(result: Result[DriftStudy]) -> Page:
 
 
 def texts(result: Result[DriftStudy]) -> dict[str, str]:
-    """Give the rates and the calibration file as texts of files."""
+    """Return the file texts of rates and calibration."""
     return {"calibration.toml": calibration_to_toml(result.found.errors), "rates.csv": rates_csv(result.found)}
 
 
 def frame(result: Result[DriftStudy]) -> DataFrame:
-    """Give the Allan deviations of every gyro, before and after, as a table."""
+    """Build a table of the Allan deviations of every gyro, before and after."""
     return rows_frame(
         (Quantity("gyro", each.model.axis), *row) for each in result.found.gyros for row in _curves(each, "").rows
     )
@@ -165,8 +165,8 @@ def _coefficients(each: GyroDrift, name: str) -> Section:
             found = (noise_quantity(term, one.value, interval=(one.low, one.high)) for term, one in known.items())
             rows.append((Quantity("rate", state), *found))
     note = (
-        "sigma²(tau) = sum of A_m tau^m. An interval from 0: not significant. Intervals allow for what the sum misses "
-        "of the curve; drift that follows something and a smoothed gyro are no sums of these noises, see the deviations"
+        "sigma²(tau) = sum of A_m tau^m. An interval from 0: not significant. Intervals include the misfit of the sum. "
+        "Systematic drift and a smoothed gyro are no sums of these noises, see the deviations"
     )
     return Section("coefficients", f"Noise coefficients of {name}", rows=tuple(rows), note=note)
 
@@ -202,7 +202,7 @@ def drift_panels(found: DriftStudy) -> tuple[Panel, ...]:
 
 
 def rate_panels(found: DriftStudy) -> tuple[Panel, ...]:
-    """Draw for each gyro the rate on a ramp and at the constant rate after it, before and after the filter."""
+    """Draw for each gyro the rate on a ramp and the following constant rate, before and after the filter."""
     return tuple(panel for each in found.gyros for panel in _rates(each))
 
 
@@ -222,7 +222,7 @@ def _panels(time: FloatArray, each: GyroDrift) -> tuple[Panel, Panel, Panel]:
         allan += [Curve(name, tau, high, shade, "band", low), Curve(name, tau, value, shade, line)]
         allan.append(Curve(name, tau, value, shade, "points"))
     allan.append(Curve("corrected", tau, each.corrected.deviation / DEG_PER_H, BLACK))
-    # an interval of one degree of freedom has no end: it would push everything else together
+    # an interval of one degree of freedom is unbounded and would compress the plot
     values = [x.deviation / DEG_PER_H for x in (each.measured, each.smoothed, each.corrected)]
     limits = 0.4 * min(float(x[x > 0.0].min(initial=1.0)) for x in values), 3.0 * max(float(x.max()) for x in values)
     answer = each.recorded or each.computed

@@ -1,4 +1,4 @@
-"""A fleet on one page: its drives, outliers first, what failed and why, and the noise found in each vehicle."""
+"""Fleet report on one page: drives with outliers first, failures, and the noise estimated in each vehicle."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from insnav.report.panels import Curve, Panel
 from insnav.result import Result
 from insnav.types import FloatArray
 
-OUTLIER, FEWEST = 3.5, 8  # modified z-score beyond which a drive is one, and drives that make a median
-_LEAST = 0.1  # relative scatter of a fleet below which nothing stands out
+OUTLIER, FEWEST = 3.5, 8  # modified z-score of an outlier, and least number of drives
+_LEAST = 0.1  # relative scatter of a fleet below which no drive is an outlier
 _ORDER = ("failed", "bad", "attention", "unknown", "good")
-# key, where it is in ``run.json``, unit of the table, label
+# key, path in ``run.json``, unit of the table, label
 _FIGURES = (
     ("duration", ("solution", "duration_s"), "s", ""),
     ("distance", ("solution", "distance_m"), "m", ""),
@@ -36,7 +36,7 @@ _FIGURES = (
     ("rejected", ("fixes", "position", "share_rejected"), "%", "fixes rejected"),
 )
 _COMPARED = ("horizontal_error", "horizontal_sd", "nis_position", "nis_velocity", "rejected")
-_NONE_REJECTED = 0.01  # a share below which one is as good as another
+_NONE_REJECTED = 0.01  # shares below this count as equal
 _NOISE = (
     *("gyro_random_walk", "gyro_bias_instability", "accel_random_walk", "accel_bias_instability"),
     *("gps_horizontal", "gps_vertical", "gps_velocity"),
@@ -45,18 +45,18 @@ _NOISE = (
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One drive in the table of a fleet."""
+    """Table row of one drive."""
 
     drive: Navigated
-    light: str  # of its run, or ``failed``
+    light: str  # rating of its run, or ``failed``
     reason: str
-    figures: Mapping[str, float] = field(default_factory=dict)  # SI, by key; what is not known is absent
-    noise: tuple[Quantity, ...] = ()  # found in it, with 95 % intervals
+    figures: Mapping[str, float] = field(default_factory=dict)  # SI, by key; unknown values are absent
+    noise: tuple[Quantity, ...] = ()  # estimates with 95 % intervals
     score: float = 0.0  # largest modified z-score of its figures
-    stands_out: str = ""  # the figure it is of, beyond `OUTLIER`
+    stands_out: str = ""  # figure of the largest score, beyond `OUTLIER`
 
     def quantities(self) -> tuple[Quantity, ...]:
-        """Cells of the table."""
+        """Return the cells of the table."""
         reason = "; ".join(
             text for text in (f"{self.stands_out} stands out" * bool(self.stands_out), self.reason) if text
         )
@@ -71,7 +71,7 @@ class Row:
 
 
 def rows_of(drives: Sequence[Navigated]) -> list[Row]:
-    """Rows of drives, those that failed and outliers first."""
+    """Build the rows of drives, failures and outliers first."""
     rows = [_row(each) for each in drives]
     scores: list[dict[str, float]] = [{} for _ in rows]
     for key in _COMPARED:
@@ -86,7 +86,7 @@ def rows_of(drives: Sequence[Navigated]) -> list[Row]:
 
 
 def modified_z(values: FloatArray) -> FloatArray:
-    """How far each value (n,) lies from the median, by the median deviation; none of a few.
+    """Compute the distance of each value (n,) from the median, over the median deviation; NaN for few values.
 
     Iglewicz and Hoaglin, How to Detect and Handle Outliers, 1993: beyond 3.5 a value is an outlier.
     """
@@ -131,12 +131,12 @@ def _at(facts: Any, path: Iterable[str]) -> Any:
 
 
 def _noise(facts: Mapping[str, Any]) -> Iterable[Quantity]:
-    """Noise figures of a drive that have an interval."""
+    """Yield noise parameters of a drive that have an interval."""
     for key, ends in facts.items():
         name = key.replace("_interval", "")
         found = quantity_of(name, facts.get(name))
         if name != key and found.key in _NOISE and min(ends) > 0.0:
-            size = np.asarray(found.value) / facts[name]  # of the unit, in SI
+            size = np.asarray(found.value) / facts[name]  # unit size in SI
             yield Quantity(found.key, found.value, found.unit, interval=(float(ends[0] * size), float(ends[1] * size)))
 
 
@@ -148,10 +148,10 @@ def _scored(row: Row, scores: Mapping[str, float]) -> Row:
 
 
 def vehicle_noise(rows: Iterable[Row]) -> dict[str, list[Quantity]]:
-    """Noise found in each vehicle: means of the logarithms over its drives, weighted by their intervals.
+    """Combine the noise estimates of each vehicle: log means over its drives, weighted by intervals.
 
-    Where drives differ more than their intervals say, the interval of the mean is as much wider (Birge, The calculation
-    of errors by the method of least squares, Physical Review 40, 1932).
+    If drives differ more than their intervals imply, the interval of the mean is widened by that factor (Birge, The
+    calculation of errors by the method of least squares, Physical Review 40, 1932).
     """
     found: dict[str, list[Quantity]] = {}
     for row in rows:
@@ -166,7 +166,7 @@ def vehicle_noise(rows: Iterable[Row]) -> dict[str, list[Quantity]]:
 
 
 def _mean(values: list[Quantity]) -> Quantity:
-    """Mean of one noise figure over drives, with the interval of the mean."""
+    """Compute the mean of one noise parameter over drives, with its interval."""
     size = np.log([np.asarray(each.value, dtype=np.float64) for each in values])
     sd = np.ptp(np.log([each.interval or (1.0, 1.0) for each in values]), axis=1) / (2.0 * 1.96)
     weight = 1.0 / np.maximum(sd, 1e-6) ** 2
@@ -183,8 +183,8 @@ def page(result: Result[tuple[Navigated, ...]]) -> Page:
     total = len(rows)
     count = {light: sum(row.light == light for row in rows) for light in _ORDER}
     out = max((row for row in rows if row.stands_out), key=lambda row: row.score, default=None)
-    said = ", ".join(f"{phrase(f'light.{light}')}: {n}" for light, n in count.items() if n)
-    outcome = f"{said}." if out is None else f"{said}; {out.drive.name} stands out most."
+    lights = ", ".join(f"{phrase(f'light.{light}')}: {n}" for light, n in count.items() if n)
+    outcome = f"{lights}." if out is None else f"{lights}; {out.drive.name} stands out most."
     wrong = count["failed"] + count["bad"]
     light: Light = (
         "bad" if wrong else "attention" if count["attention"] or out else "unknown" if count["unknown"] else "good"
@@ -203,14 +203,14 @@ def page(result: Result[tuple[Navigated, ...]]) -> Page:
         f"outliers first; z-score: largest of error, sd, NIS and rejected fixes, against the fleet; ! beyond {OUTLIER}"
     )
     note *= any(row.score for row in rows)
-    noise = "with 95 % interval; a drive of no named vehicle stands alone; those of GPS are factors on the stated sd"
+    noise = "with 95 % interval; drives of unnamed vehicles are separate; values of GPS are factors of the stated sd"
     cells = tuple(map(Row.quantities, rows))
     return Page(
         f"Fleet of {total} drives",
         (f"Each drive has its run folder in {DRIVES}/; {kept} of {total} were finished already.",),
         (
             Section("drives", rows=cells, show="json"),
-            Section("", "Drives", rows=told(cells), panels=_panels(rows), note=note),
+            Section("", "Drives", rows=nonempty_columns(cells), panels=_panels(rows), note=note),
             Section("failures", "Drives that failed", rows=failures, show="page"),
             one_each("vehicles", "Noise found in each vehicle", vehicle_noise(rows), "vehicle", noise),
         ),
@@ -223,14 +223,14 @@ def page(result: Result[tuple[Navigated, ...]]) -> Page:
     )
 
 
-def told(rows: Sequence[Sequence[Quantity]]) -> tuple[tuple[Quantity, ...], ...]:
-    """Rows without the columns in which nothing stands."""
+def nonempty_columns(rows: Sequence[Sequence[Quantity]]) -> tuple[tuple[Quantity, ...], ...]:
+    """Remove empty columns from rows."""
     known = {each.key for row in rows for each in row if each.value not in (None, "")}
     return tuple(tuple(each for each in row if each.key in known) for row in rows)
 
 
 def _panels(rows: Sequence[Row]) -> tuple[Panel, ...]:
-    """NIS of every drive, in the order of the table."""
+    """Draw the NIS of every drive, in table order."""
     curves = []
     for key, colour in (("nis_position", BLUE), ("nis_velocity", GREEN)):
         known = [(place, row.figures[key], row.drive.name) for place, row in enumerate(rows, 1) if key in row.figures]
@@ -240,14 +240,14 @@ def _panels(rows: Sequence[Row]) -> tuple[Panel, ...]:
                 Curve(key.removeprefix("nis_"), np.array(x, float), np.array(y), colour, "crosses", text=names)
             )
     title, axis = "Normalised innovations (NIS)", "place in the table"
-    edges = np.array([0.5, len(rows) + 0.5])  # room for the first and the last
+    edges = np.array([0.5, len(rows) + 0.5])  # margin for the first and the last
     curves.append(Curve("", edges, np.ones(2), VERMILLION, "thin"))
     panel = Panel("fleet", title, "NIS per axis", axis, tuple(curves), log="y", levels=((1.0, "ideal"),), height=240)
     return (panel,) if curves[1:] else ()
 
 
 def texts(result: Result[tuple[Navigated, ...]]) -> dict[str, str]:
-    """Give the table of the drives as the text of a file."""
+    """Return the file text of the drives' table."""
     table, text = [_csv_row(row) for row in rows_of(result.found)], io.StringIO()
     writer = csv.DictWriter(text, list(dict.fromkeys(name for row in table for name in row)), lineterminator="\n")
     writer.writeheader()
@@ -256,14 +256,14 @@ def texts(result: Result[tuple[Navigated, ...]]) -> dict[str, str]:
 
 
 def frame(result: Result[tuple[Navigated, ...]]) -> DataFrame:
-    """Give the drives as a table, those that failed and outliers first."""
+    """Build a table of the drives, failures and outliers first."""
     return rows_frame(map(Row.quantities, rows_of(result.found)))
 
 
 def write_fleet(folder: Path, result: Result[tuple[Navigated, ...]]) -> None:
-    """Write page, table and ``run.json`` of a fleet beside its drives, each complete or as it was."""
+    """Write page, table and ``run.json`` of a fleet next to its drives; each file is complete or unchanged."""
     made = result.save(folder / ".summary", force=True)
-    for name in FILES:  # the last says that they are complete
+    for name in FILES:  # the last file marks completeness
         (made / name).replace(folder / name)
     made.rmdir()
 

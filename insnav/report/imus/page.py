@@ -1,4 +1,4 @@
-"""Real IMUs: all of them in a table, or one with every figure and the document it stands in."""
+"""Real IMUs: a table of all, or one IMU with every figure and its source document."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ RULES = (
 
 
 def page(result: Result[tuple[Part, ...]]) -> Page:
-    """Lay out all parts, or the one that was asked for."""
+    """Lay out all parts, or the requested one."""
     return _part_page(result.found[0]) if result.options.get("name") else _parts_page(result.found)
 
 
 def frame(result: Result[tuple[Part, ...]]) -> DataFrame:
-    """Give the figures that count as a table, one row a part."""
+    """Build a table of the effective figures, one row per part."""
     return rows_frame(map(_part_row, result.found))
 
 
@@ -66,13 +66,13 @@ def _parts_page(parts: Sequence[Part]) -> Page:
 
 
 def _shown(part: Part, key: str) -> Quantity:
-    """Largest axis of a figure that counts; nothing where there is none."""
+    """Return the largest axis of an effective figure; empty without a figure."""
     found = [float(figure.sd.max()) for figure in part.figures if figure.used and figure.key == key]
     return Quantity(key.replace(".", "_"), found[0] if found else None, _UNITS[key], meaning=_HEADINGS[key])
 
 
 def _part_page(part: Part) -> Page:
-    """Show a part: every figure, what it is read as, and the document it stands in."""
+    """Lay out a part: every figure, its interpretation, and its source document."""
     rows = tuple(_row(figure) for figure in part.figures if not figure.key.endswith("correlation_time"))
     missing = ", ".join(part.missing) or "none of the usual figures"
     about = (

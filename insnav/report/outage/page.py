@@ -1,4 +1,4 @@
-"""The report of a GNSS outage test; and windows without GPS as quantities and lines, which budgets show too."""
+"""Report of a GNSS outage test; quantities and lines of windows without GPS, also for budgets."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ from insnav.sample_statistics import rms
 from insnav.types import FloatArray
 from insnav.units import UNITS
 
-_INSIDE, _FEW_INSIDE = 0.95, 0.8  # shares inside 3 sd from which the stated sd is right, or at least not far off
-_LARGER = 1.25  # times the predicted RMS error from which on it is said, whatever share is inside 3 sd
+_INSIDE, _FEW_INSIDE = 0.95, 0.8  # shares inside 3 sd: stated sd confirmed, or roughly right
+_LARGER = 1.25  # reported ratio of RMS to predicted error, at any share inside 3 sd
 _MODES = ("", "smoothed ")
-_SAME = 0.98  # of an RMS error: so much of it left without the reference is the same in words
+_SAME = 0.98  # of an RMS error: a larger remainder without the reference is not mentioned
 STATISTICS = {  # of `Growth`: key and attribute
     "rms": "rms",
     "p95": "p95",
@@ -51,9 +51,9 @@ _COMPONENTS = {
     "smoothed vertical": "m",
 }
 _UNFOLDED = ("horizontal", "smoothed horizontal")
-_POINTS = 24  # times at which the windows are summed up
+_POINTS = 24  # times of the statistics
 NOTE = "errors of the reference in all lines"
-_WINDOWS = 80  # drawn one by one
+_WINDOWS = 80  # drawn individually
 BELOW = "below reference noise"
 
 
@@ -94,18 +94,18 @@ def page(result: Result[OutageStudy]) -> Page:
 
 
 def judged(laid_out: Page) -> Page:
-    """The page with its verdict among the sentences, for the terminal."""
+    """Add the verdict to the sentences, for the terminal."""
     assert laid_out.verdict is not None
     return replace(laid_out, summary=(laid_out.verdict.rating, *laid_out.summary))
 
 
 def text(result: Result[OutageStudy], width: int | None = None) -> str:
-    """Give the report for the terminal."""
+    """Write the report for the terminal."""
     return page_text(judged(page(result)), width)
 
 
-def _verdict(study: OutageStudy, told: tuple[Finding, ...]) -> Verdict:
-    """Say how large errors become in the longest outages, and whether the stated sd can be relied on in all."""
+def _verdict(study: OutageStudy, notes: tuple[Finding, ...]) -> Verdict:
+    """Return the size of the errors in the longest outages, and whether the stated sd is reliable in all."""
     found = study.growth[-1]
     i, smoothed = found.column("horizontal"), found.column("smoothed horizontal")
     both = [(each, lead) for each in study.growth for lead in _MODES]
@@ -129,26 +129,26 @@ def _verdict(study: OutageStudy, told: tuple[Finding, ...]) -> Verdict:
     )
     if np.isfinite(found.rms[-1, smoothed]):
         text += f"; smoothed {number(float(found.rms[-1, smoothed]))} m RMS{_less_reference(found, smoothed)}"
-    return by_warnings(f"{text}.", told, (cast(Light, light), reason))
+    return by_warnings(f"{text}.", notes, (cast(Light, light), reason))
 
 
 def _less_reference(found: Growth, column: int) -> str:
-    """Say what is left of an RMS error at the end without that of the reference, if that is less."""
+    """Describe the final RMS error without the reference error, if smaller."""
     left, low, high = (float(each[-1, column]) for each in (found.corrected, found.low, found.high))
     if left > _SAME * found.rms[-1, column]:
         return ""
-    return f" as measured, {corrected_text(left, low, high)} without that of the reference"
+    return f" as measured, {corrected_text(left, low, high)} without the error of the reference"
 
 
 def _inside(found: Growth, mode: str) -> float:
-    """Share of the errors of a mode inside 3 sd, all of them where it is not known."""
+    """Return the share of a mode's errors inside 3 sd; 1 if unknown."""
     shares = [float(found.inside[-1, found.column(f"{mode}{name}")]) for name in ("horizontal", "vertical")]
     share = (2.0 * shares[0] + shares[1]) / 3.0
     return share if np.isfinite(share) else 1.0
 
 
 def _ratios(found: Growth) -> list[tuple[float, str]]:
-    """RMS errors at the end of windows of one length over the predicted, that of the reference in both, and of what."""
+    """Return final RMS errors of one length over predicted errors, both including the reference, with names."""
     names = [f"{mode}{name}" for mode in _MODES for name in ("horizontal", "vertical")]
     rms, predicted = found.rms[-1], np.hypot(found.predicted[-1], found.reference[-1])
     ratio = np.divide(rms, predicted, out=np.zeros_like(rms), where=np.isfinite(rms) & (predicted > 0.0))
@@ -156,7 +156,7 @@ def _ratios(found: Growth) -> list[tuple[float, str]]:
 
 
 def _merits(found: Growth) -> tuple[Quantity, ...]:
-    """Figures of merit of the longest windows, as measured."""
+    """Build the figures of merit of the longest windows, as measured."""
     wanted = (
         ("horizontal", found.rms, "horizontal, RMS"),
         ("horizontal", found.p95, "horizontal, 95 %"),
@@ -174,7 +174,7 @@ def _merits(found: Growth) -> tuple[Quantity, ...]:
 
 
 def _row(found: Growth) -> tuple[Quantity, ...]:
-    """Errors at the end of the windows of one length."""
+    """Build the row of final errors for one window length."""
     return (
         Quantity("length", found.length, "s", meaning="without GPS"),
         Quantity("windows", found.count),
@@ -186,13 +186,13 @@ def _row(found: Growth) -> tuple[Quantity, ...]:
 
 
 def _statistics(found: Growth, name: str) -> dict[str, float]:
-    """Everything about a component at the end of the windows."""
+    """Return all statistics of a component at the end of the windows."""
     column = found.column(name)
     return {key: float(getattr(found, attribute)[-1, column]) for key, attribute in STATISTICS.items()}
 
 
 def _table(component: str, growth: Sequence[Growth]) -> Section:
-    """Table of one component, with a row a length; without rows if nothing is known of it."""
+    """Build the table of one component, with a row per length; no rows if unknown."""
     unit, at_end = _COMPONENTS[component], [_statistics(found, component) for found in growth]
     rows = tuple(
         (
@@ -215,14 +215,14 @@ def _table(component: str, growth: Sequence[Growth]) -> Section:
 def write_files(result: Result[OutageStudy], folder: RunFolder, table_format: TableFormat) -> None:
     """Write every epoch of every window.
 
-    `folder`: entered, not committed; `table_format` {"csv", "parquet"}.
+    `folder`: entered, not committed. `table_format` {"csv", "parquet"}.
     """
     write_run_table(folder.directory, OutageEpochs.of(result.found.windows), table_format, "windows")
     write_events(folder.directory, result.findings)
 
 
 def read_found(folder: Path, findings: Sequence[Finding]) -> OutageStudy:
-    """Read an outage test from its folder; sums are formed again.
+    """Read an outage test from its folder and recompute the statistics.
 
     Raises: InputError: the table of windows is missing or damaged.
     """
@@ -231,14 +231,14 @@ def read_found(folder: Path, findings: Sequence[Finding]) -> OutageStudy:
 
 
 def frame(result: Result[OutageStudy]) -> DataFrame:
-    """Give the errors at the end of the windows as a table."""
+    """Build a table of the errors at the end of the windows."""
     return rows_frame(_row(each) for each in result.found.growth)
 
 
 def thin_lines(name: str, windows: Sequence[tuple[FloatArray, FloatArray]], most: int, points: int = 0) -> list[Curve]:
-    """Draw the error of each window behind everything else.
+    """Draw the error of each window in the background.
 
-    `windows`: time without GPS (n,) and error (n,) of each; `most`: of them, `points`: about so many of each, all if 0.
+    `windows`: time without GPS (n,) and error (n,) of each. `most`: number of windows. `points`: of each, 0 for all.
     """
     shown = np.linspace(0, len(windows) - 1, min(most, len(windows))).astype(int)
     step = max(1, len(windows[0][0]) // points) if points else 1
@@ -246,7 +246,7 @@ def thin_lines(name: str, windows: Sequence[tuple[FloatArray, FloatArray]], most
 
 
 def power_lines(time: FloatArray, end: float, colour: str, least: float = 0.0) -> list[Curve]:
-    """Lines of pure t, t² and t³ to one end, as far as they are above the least error that is in view."""
+    """Draw lines of pure t, t² and t³ to one end point, above the least visible error."""
     lines = []
     for label, power in (("t", 1.0), ("t²", 2.0), ("t³", 3.0)):
         line = end * (time / time[-1]) ** power
@@ -296,7 +296,7 @@ def _panel(chosen: Sequence[Outage], sums: Sequence[Growth], name: str, columns:
 def over_time(
     windows: Sequence[Outage], columns: tuple[int, ...]
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """RMS, 95 % quantile and predicted sd of the error, reference errors in all, at logarithmically spaced times."""
+    """Compute RMS, 95 % quantile and predicted sd of the error, with reference errors, at log-spaced times."""
     first = max(float(window.elapsed[0]) for window in windows)
     time = np.geomspace(max(first, 0.2), windows[0].length, _POINTS)
     size, sd = np.empty((len(windows), _POINTS)), np.empty((len(windows), _POINTS))
@@ -309,26 +309,26 @@ def over_time(
 
 
 def corrected(found: Growth, i: int, unit: str = "m") -> Quantity:
-    """RMS error without the reference at the last time, with its interval; in words where nothing is left."""
+    """Build the RMS error without the reference at the last time, with interval; in words if below noise."""
     low, high, meaning = float(found.low[-1, i]), float(found.high[-1, i]), "corrected (95 %)"
     if found.below_noise[-1, i]:
-        text = below_noise(high / UNITS[unit][1]).replace(" reference", "")  # in a table of 80 columns
+        text = below_noise(high / UNITS[unit][1]).replace(" reference", "")  # for a table of 80 columns
         return Quantity("rms_corrected", text, unit, meaning=meaning)
     return Quantity("rms_corrected", float(found.corrected[-1, i]), unit, interval=(low, high), meaning=meaning)
 
 
 def below_noise(high: float, unit: str = "") -> str:
-    """Say that an error is below the noise of the reference, and how large it may be, in the unit shown."""
+    """Write that an error is below the noise of the reference, with its upper limit in the display unit."""
     return f"{BELOW} (< {number(high)}{unit})" if np.isfinite(high) and high > 0.0 else BELOW
 
 
 def corrected_text(value: float, low: float, high: float) -> str:
-    """Write an RMS error without the reference, which may be below its noise, with its interval [m]."""
+    """Write an RMS error without the reference, possibly below its noise, with interval [m]."""
     if not np.isfinite(value):
         return below_noise(high, " m")
     return f"{number(value)} m RMS" + (f" ({number(low)} … {number(high)} m)" if np.isfinite(low) else "")
 
 
 def common_text(found: Growth) -> str:
-    """Say how much of the horizontal error is common to all windows, if it is much."""
+    """Describe the share of the horizontal error common to all windows, if large."""
     return "".join(map(sentence, common_error(found)))

@@ -1,4 +1,4 @@
-"""A north-pointing platform as a page: where it went, how its gyros are torqued, its errors, how integrators differ."""
+"""North-pointing platform report: track, gyro torquing rates, errors, and differences of integrators."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ _ERRORS_TEXT = "heading error 1 arcmin, drifts of 0.01 deg/h, accelerometer bias
 _MOTION = f"circles at {platform_errors.SPEED:g} m/s, {platform_errors.ROUND / 60:g} min a turn, latitude 45°"
 COLOURS: Mapping[Integrator, str] = {"forward": VERMILLION, "backward": ORANGE, "mean": BLUE, "fourth": GREEN}
 _NED = ("north", "east", "down")
-_STEPS = 6  # of the straight line: few enough to be seen
-_SMALLEST = 1e-9  # of a logarithmic axis [m]: what lies below is rounding
+_STEPS = 6  # of the straight line: few and visible
+_SMALLEST = 1e-9  # of a logarithmic axis [m]: smaller values are rounding
 _HOUR = 3600.0
 
 
 def write_files(result: Result[PlatformStudy | Demonstration], folder: RunFolder, table_format: TableFormat) -> None:
     """Write solution, torquing rates, events and track of a record.
 
-    `folder`: entered, not committed; `table_format` {"csv", "parquet"}: of the solution.
+    `folder`: entered, not committed. `table_format` {"csv", "parquet"}: of the solution.
     """
     study, place = result.found, folder.directory
     if isinstance(study, PlatformStudy):
@@ -50,7 +50,7 @@ def write_files(result: Result[PlatformStudy | Demonstration], folder: RunFolder
 
 
 def frame(result: Result[PlatformStudy | Demonstration]) -> DataFrame:
-    """Give the solution as a table; of the demonstration, the integrators on known functions."""
+    """Build a table of the solution; for the demonstration, of the integrators on known functions."""
     found = result.found
     return found.run.solution.to_frame() if isinstance(found, PlatformStudy) else rows_frame(_known(found.orders).rows)
 
@@ -60,7 +60,7 @@ def _name(result: Result[PlatformStudy | Demonstration]) -> str:
 
 
 def _torquing_columns(study: PlatformStudy) -> dict[str, FloatArray]:
-    """Columns of the time, the torquing rates and the platform's attitude error, by name with unit."""
+    """Return columns of time, torquing rates and platform attitude error, by name with unit."""
     run = study.run
     rates, tilt = torquing_rates(run.solution) / DEG_PER_H, run.tilt / DEG
     named = {"time_s": run.solution.time}
@@ -146,7 +146,7 @@ def _differences(differences: Mapping[Integrator, TrajectoryErrors], *, to_refer
 
 
 def _errors(study: PlatformStudy, theory: StaticErrors | None) -> tuple[Section, ...]:
-    """What the errors of the platform do, and the closed form where there is one."""
+    """Lay out the effect of platform errors, with the closed form if available."""
     run, given = study.run, study.errors
     off = ned_offset(run.solution.lla, run.undisturbed.lla)[:, :2]
     speed = (run.solution.v_n - run.undisturbed.v_n)[:, :2]
@@ -201,8 +201,8 @@ def _demonstration(found: Demonstration) -> Page:
     return Page(
         "The north-pointing platform: integrators and errors",
         (
-            f"In {platform_errors.DAY / 3600:g} h at rest both with the same errors come to the same, as theory says. "
-            "In a turning vehicle they do not: the strapdown sensors turn with it, and their errors average out.",
+            f"In {platform_errors.DAY / 3600:g} h at rest both have the same error growth, as in theory. "
+            "In a turning vehicle they differ: the strapdown sensors turn with it, and their errors average out.",
         ),
         (
             *drawings,
@@ -224,13 +224,13 @@ def _demonstration(found: Demonstration) -> Page:
             "good" if apart < _NEAR else "bad",
             f"at rest the platform is within {100.0 * apart:.2g} % of the closed form",
             f"After {platform_errors.PATTERN / 3600:g} h of circles the position error of the platform is "
-            f"{ends['platform'] / 1000:.2f} km, that of the strapdown navigator {ends['strapdown'] / 1000:.2f} km.",
+            f"{ends['platform'] / 1000:.2f} km, of the strapdown navigator {ends['strapdown'] / 1000:.2f} km.",
         ),
     )
 
 
 def _periods(records: Mapping[str, FloatArray], time: FloatArray, lat: float, height: float) -> Section:
-    """Periods found in records (n, 2) of errors North, East [m] at rest, and those of theory."""
+    """Tabulate periods measured in records (n, 2) of errors North, East [m] at rest, and theoretical periods."""
     expected = periods(lat, height)
     found = {name: measured_periods(time, position, lat, height) for name, position in records.items()}
     rows = []
@@ -295,7 +295,7 @@ def _day(rest: PlatformComparison, theory: StaticErrors) -> tuple[Section, ...]:
 
 
 def platform_track(study: PlatformStudy) -> Track:
-    """Draw the track of the platform, without its errors and of a reference where there are such, from above."""
+    """Draw the track of the platform, without its errors, and the reference if available, from above."""
     solution, ref = study.run.solution, study.reference
     others = [] if ref is None else [("reference", ref, GREY)]
     if study.errors.any:
@@ -335,7 +335,7 @@ def torquing_panels(run: PlatformRun) -> tuple[Panel, ...]:
 
 
 def platform_error_panels(run: PlatformRun, theory: StaticErrors | None) -> Iterator[Panel]:
-    """Draw what the platform's errors do to position, velocity and to its own attitude."""
+    """Draw the effect of platform errors on position, velocity and platform attitude."""
     position = ned_offset(run.solution.lla, run.undisturbed.lla)[:, :2]
     velocity = (run.solution.v_n - run.undisturbed.v_n)[:, :2]
     arcmin = DEG / 60.0
@@ -373,7 +373,7 @@ def both_panels(found: PlatformComparison, theory: StaticErrors | None, key: str
 
 
 def straight_panels() -> tuple[Panel, Panel]:
-    """Draw how forward, backward and mean integrate y = 2x, and what each makes of it."""
+    """Draw how forward, backward and mean integrate y = 2x, and their results."""
     x = np.linspace(0.0, 3.0, _STEPS + 1)
     y = 2.0 * x
     steps = np.repeat(x, 2)[1:-1]
@@ -388,13 +388,13 @@ def straight_panels() -> tuple[Panel, Panel]:
         total = integral(x, y, name)
         curves.append(Curve(f"{name}: {total[-1]:.4g} at the end", x, total, COLOURS[name], "points"))
     return (
-        Panel("summed", "What is summed up, y = 2x", "y", "x", summed, "line", height=260),
+        Panel("summed", "Summed areas, y = 2x", "y", "x", summed, "line", height=260),
         Panel("sums", "Integral from 0", "integral", "x", tuple(curves), "line", "truth: 9 at the end", height=260),
     )
 
 
 def convergence_panel(found: Sequence[Convergence]) -> Panel:
-    """Draw the error of each integrator on y = sin t over the length of its steps."""
+    """Draw the error of each integrator on y = sin t over its step size."""
     curves = []
     for each in found:
         name, colour = f"{each.integrator}: order {each.order:.2f}", COLOURS[each.integrator]
@@ -424,7 +424,7 @@ def flight_panels(found: Mapping[float, Sequence[TrajectoryErrors]], motion: str
 
 
 def difference_panels(differences: Mapping[Integrator, TrajectoryErrors], against: str) -> Iterator[Panel]:
-    """Draw how far the integrators are from one of them, or from a reference."""
+    """Draw the difference of the integrators from one of them, or from a reference."""
     time = next(iter(differences.values())).time
     for what, unit, size in (("Position", "m", lambda each: each.horizontal), ("Velocity", "m/s", speed_of)):
         lines = {name: size(each) for name, each in differences.items()}
@@ -434,7 +434,7 @@ def difference_panels(differences: Mapping[Integrator, TrajectoryErrors], agains
 
 
 def speed_of(errors: TrajectoryErrors) -> FloatArray:
-    """Size of the horizontal velocity error, (n,) [m/s]."""
+    """Compute the horizontal velocity error, (n,) [m/s]."""
     return np.hypot(errors.velocity[:, 0], errors.velocity[:, 1])
 
 
@@ -447,7 +447,7 @@ def _differing(
     limits: tuple[float, float],
     note: str = "",
 ) -> Panel:
-    """One logarithmic panel with a line for each integrator; backward, which may lie on forward, is dashed."""
+    """Build a logarithmic panel with a line per integrator; backward, which may coincide with forward, is dashed."""
     clock = Clock.of(time)
     curves = tuple(
         Curve(name, clock(time), np.maximum(y, limits[0]), COLOURS[name], "dashed" if name == "backward" else "line")
@@ -457,9 +457,9 @@ def _differing(
 
 
 def _decades(lines: Sequence[FloatArray]) -> tuple[float, float]:
-    """Whole powers of ten that hold what the lines come to, not the zero they start from."""
+    """Compute the powers of ten that contain the final values of lines, not their initial zero."""
     tops = [float(line.max()) for line in lines if line.size and line.max() > 0.0]
     if not tops:
-        tops = [_SMALLEST]  # they do the same to the last bit, as at rest
+        tops = [_SMALLEST]  # they agree to the last bit, as at rest
     low = 10.0 ** np.floor(np.log10(max(min(tops) / 100.0, _SMALLEST)))
     return low, max(100.0 * low, 10.0 ** np.ceil(np.log10(max(tops))))

@@ -1,4 +1,4 @@
-"""The accuracy of this version against the last: as a page, for the terminal, and as the section for the README."""
+"""Accuracy of this version against the last: page, terminal text, and README section."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ from insnav.sample_statistics import rms
 
 PAGE, SECTION, FILE = "accuracy.html", "accuracy.md", "published.md"
 OVER_VERSIONS = ("cep50_m", "down_rms_m", "roll_pitch_rms_deg", "heading_rms_deg", "outage_60s_m", "nees_position")
-_WARNED = 3  # failing figures that are said before the matrix
-_MADE = "Version "  # how the line begins that says with what figures were made
+_WARNED = 3  # failing figures listed before the matrix
+_MADE = "Version "  # start of the line that names the version of the figures
 _IN_SECTION = ("accuracy_cep50_m", "accuracy_growth")
 _PEER_NOTE = (
-    f"RMS over the first {LONGEST:g} s of the first drive of each case (more where the heading needs it), from "
-    f"{LATEST:g} s on at the latest; same samples, fixes, start and sensor figures; gtsam at the fixes alone"
+    f"RMS over the first {LONGEST:g} s of the first drive of each case (longer for the heading), from {LATEST:g} s on "
+    "at the latest. Samples, fixes, start and sensor figures are equal. gtsam: at the fixes only"
 )
 PEERS = "The same drives by other programs"
-UNDETECTABLE = 10.0  # a change beyond this is no statement
-OVERCONFIDENT = 1.25  # NEES / 3 whose 95 % interval begins above this
+UNDETECTABLE = 10.0  # a larger detectable change is meaningless
+OVERCONFIDENT = 1.25  # lower limit of the 95 % interval of NEES / 3 for over-confidence
 _POWER = {
     "north_rms_m": "N",
     "velocity_rms_m_s": "velocity",
@@ -60,7 +60,7 @@ HEADLINES = {
     "outage_60s_m": "60 s without GPS [m]",
 }
 
-# by which figures are compared
+# comparison rules of the figures
 RULES = (
     Finding.of(Code.REGRESSION_PAIRED),
     Finding.of(Code.REGRESSION_HOLM, level=ALPHA),
@@ -71,7 +71,7 @@ RULES = (
 
 
 def page(result: Result[Regression]) -> Page:
-    """Lay out the accuracy of this version, and what changed since the baseline."""
+    """Lay out the accuracy of this version, and changes since the baseline."""
     found = result.found
     accuracy, baseline, comparison = found.accuracy, found.baseline, found.comparison
     first = []
@@ -84,7 +84,7 @@ def page(result: Result[Regression]) -> Page:
         changed = (Section("", "Figures that changed", rows=change_rows([x for x in changes if x.verdict != "same"])),)
     others = panels.peer_matrix(found.peers)
     if others is not None:
-        title = "Errors of other programs over those of insnav, one drive each, smoothers over its smoother"
+        title = "Errors of other programs over errors of insnav, one drive each, smoothers over its smoother"
         first.append(Section("", title, matrix=others, show="page"))
     origins = {"origin": found.origin, "baseline": None if baseline is None else baseline.origin}
     figures = tuple(each for section in _drawings(found) for each in section.figures)
@@ -116,12 +116,12 @@ def page(result: Result[Regression]) -> Page:
 
 
 def frame(result: Result[Regression]) -> DataFrame:
-    """Give the headline figures of every case as a table, and how many of its figures are better, the same, worse."""
+    """Build a table of headline figures of every case, with counts of better, equal, worse figures."""
     return rows_frame(case_section(result.found).rows)
 
 
 def text(result: Result[Regression], width: int | None = None) -> str:
-    """Give the accuracy for the terminal: cases, changes, and the verdict."""
+    """Write the accuracy for the terminal: cases, changes, and the verdict."""
     found = result.found
     comparison, baseline = found.comparison, found.baseline
     below = ["", *_text(peer_section(found.peers))] if found.peers else []
@@ -143,11 +143,11 @@ def _text(section: Section) -> list[str]:
 
 
 def _drawings(found: Regression) -> tuple[Section, ...]:
-    """Sections of figures: over the versions, error growth, predicted against actual error; empty ones without data."""
+    """Build figure sections: over versions, error growth, predicted against actual error; empty without data."""
     history, baseline, cases = found.history, found.baseline, found.accuracy.cases
     note = (
-        f"with 95 % intervals; grey: the baseline and {100 * FAILS_FROM:g} % about it; crosses: from here on better "
-        "(green) or worse (red) than the baseline of its time; breaks: the case had changed"
+        f"with 95 % intervals. Grey: the baseline and {100 * FAILS_FROM:g} % about it. Crosses: from here on better "
+        "(green) or worse (red) than the baseline of that time. Breaks: the case had changed"
     )
     over_versions = []
     for key in OVER_VERSIONS if history else ():
@@ -167,7 +167,7 @@ def _drawings(found: Regression) -> tuple[Section, ...]:
 
 
 def _warnings(found: Regression) -> Iterator[Finding]:
-    """Give what fails, first the changes, and what was not compared."""
+    """Yield failures, changes first, and figures without comparison."""
     comparison = found.comparison
     if comparison is not None:
         yield from map(_failing, comparison.failing[:_WARNED])
@@ -190,13 +190,13 @@ def _sentences(findings: Mapping[str, Finding]) -> dict[str, str]:
 
 
 def _verdict(found: Regression) -> Verdict:
-    """Whether this version is as good as the baseline, as far as the corpus can tell."""
+    """Return whether this version equals the baseline, as far as the corpus can detect."""
     comparison, baseline = found.comparison, found.baseline
     if comparison is None or baseline is None:
         return Verdict("unknown", "there is no baseline", "Nothing to compare with: --update-baseline makes one.")
     text = verdict_text(comparison, baseline.origin)
     unclear = panels.unclear_changes(comparison)
-    outcome = f"{text[0].upper()}{text[1:]}; of {unclear} it cannot be told whether they changed by 5 %."
+    outcome = f"{text[0].upper()}{text[1:]}; for {unclear} a change of 5 % is neither shown nor excluded."
     if not comparison.passed:
         return Verdict("bad", f"{len(comparison.failing) + len(comparison.broken)} figures or cases fail", outcome)
     if comparison.apart:
@@ -205,7 +205,7 @@ def _verdict(found: Regression) -> Verdict:
 
 
 def verdict_text(comparison: Comparison, then: Origin) -> str:
-    """Sum up a comparison in a sentence."""
+    """Summarise a comparison in a sentence."""
     better, worse = (sum(change.verdict == name for change in comparison.changes) for name in ("better", "worse"))
     which = f"version {then.version} ({then.commit or 'no commit'}, {then.date})"
     outcome = "passed" if comparison.passed else f"FAILED: {len(comparison.failing) + len(comparison.broken)}"
@@ -213,7 +213,7 @@ def verdict_text(comparison: Comparison, then: Origin) -> str:
 
 
 def _merits(found: Regression) -> tuple[Quantity, ...]:
-    """How many cases, figures, changes."""
+    """Return the numbers of cases, figures and changes."""
     cases, comparison = Quantity("cases", len(found.accuracy.cases)), found.comparison
     if comparison is None:
         return (cases,)
@@ -223,7 +223,7 @@ def _merits(found: Regression) -> tuple[Quantity, ...]:
         Quantity("figures", panels.figures_tested(comparison), meaning="figures compared"),
         *(Quantity(name, verdicts.count(name)) for name in ("better", "worse")),
         Quantity("failing", len(comparison.failing) + len(comparison.broken), meaning="fail"),
-        Quantity("unclear", panels.unclear_changes(comparison), meaning="cannot be told"),
+        Quantity("unclear", panels.unclear_changes(comparison), meaning="undecided"),
     )
 
 
@@ -237,7 +237,7 @@ def _case(name: str, case: CaseResult) -> tuple[Quantity, ...]:
 
 
 def case_section(found: Regression) -> Section:
-    """One row a case: headline figures, and how many figures are better, the same, worse."""
+    """Tabulate the cases: headline figures, and counts of better, equal, worse figures."""
     rows, changes = [], found.comparison.changes if found.comparison else ()
     for name, case in found.accuracy.cases.items():
         values = case.measured.values
@@ -249,21 +249,21 @@ def case_section(found: Regression) -> Section:
         counts = (Quantity(each, verdicts.count(each) if verdicts else None) for each in ("better", "same", "worse"))
         rows.append((Quantity("case", name), *cells, *counts))
     note = (
-        "RMS over all drives (seeds) of a case, all pieces or outages of a recorded drive, as in the plots; whether a "
-        "figure has changed is tested by logarithms, so that one bad drive does not decide it"
+        "RMS over all drives (seeds) of a case, all pieces or outages of a recorded drive, as in the plots. The test "
+        "of a change uses logarithms, so one bad drive does not dominate"
     )
     return Section("", "Accuracy, and figures that changed", rows=tuple(rows), note=note)
 
 
 def change_text(change: Change) -> str:
-    """Say one change in a line, with its size and significance."""
+    """Write one change in a line, with size and significance."""
     if change.metric.kind == "cpu":
         return f"{panels.change_head(change)} ({change.shift.change + 1.0:.1f} times)"
     return f"{panels.change_head(change)} ({100.0 * change.shift.change:+.1f} %, p {change.adjusted:.1g})"
 
 
 def change_rows(changes: Sequence[Change]) -> tuple[tuple[Quantity, ...], ...]:
-    """One row a change."""
+    """Build one row per change."""
     return tuple(
         (
             Quantity("case", change.case),
@@ -280,7 +280,7 @@ def change_rows(changes: Sequence[Change]) -> tuple[tuple[Quantity, ...], ...]:
 
 
 def peer_section(peers: Sequence[PeerRow]) -> Section:
-    """Other programs on the same drives, in one table."""
+    """Tabulate other programs on the same drives."""
     rows = tuple(
         (
             Quantity("case", row.case),
@@ -297,7 +297,7 @@ def peer_section(peers: Sequence[PeerRow]) -> Section:
 
 
 def power_section(baseline: Baseline) -> Section:
-    """Smallest change of each figure that is found in `POWER` of all cases, by the scatter of the drives."""
+    """Tabulate the smallest change of each figure detectable in `POWER` of all cases, by the drives' scatter."""
     tests = sum(key != "cpu_ratio" for case in baseline.cases.values() for key in case.measured.values)
     rows = []
     for name, case in baseline.cases.items():
@@ -313,13 +313,13 @@ def power_section(baseline: Baseline) -> Section:
         "power",
         f"Smallest change of each figure that is found in {100 * POWER:g} % of all cases",
         rows=tuple(rows),
-        note="by the scatter of the drives, as if both versions erred independently on them: an upper limit, as the "
-        f"same seeds make most errors alike; –: more than tenfold; level {ALPHA:g} over all figures together",
+        note="by the scatter of the drives, with independent errors of both versions. This is an upper limit, since "
+        f"equal seeds make most errors alike. –: more than tenfold. Level {ALPHA:g} over all figures together",
     )
 
 
 def power_lines(baseline: Baseline) -> list[str]:
-    """The power of every case in a few columns, and where the baseline itself is over-confident."""
+    """Write the power of every case in a few columns, and cases with over-confident baseline."""
     section = power_section(baseline)
     found: dict[str, dict[str, Any]] = {}
     for case, metric, _, least in section.rows:
@@ -332,7 +332,7 @@ def power_lines(baseline: Baseline) -> list[str]:
 
 
 def overconfident(baseline: Baseline) -> Iterator[Finding]:
-    """Give the cases of the baseline whose errors exceed what it states: what is compared with them is no standard."""
+    """Yield baseline cases whose errors exceed their stated sd: they are no standard for comparison."""
     for name, case in baseline.cases.items():
         for key in ("nees_position", "nees_velocity", "nees_attitude"):
             if key not in case.measured.values:
@@ -348,7 +348,7 @@ def _notes(baseline: Baseline) -> list[str]:
 
 
 def write_pages(folder: Path, result: Result[Regression]) -> list[Path]:
-    """Draw everything into a folder; files of the same names are replaced."""
+    """Draw everything into a folder; files of equal names are replaced."""
     shown = page(result)
     with writing("output.file_unwritable", folder), drawing():
         folder.mkdir(parents=True, exist_ok=True)
@@ -362,7 +362,7 @@ def write_pages(folder: Path, result: Result[Regression]) -> list[Path]:
 
 
 def markdown(found: Regression, pictures: Sequence[tuple[str, str]], kept: Sequence[str] = ()) -> str:
-    """Write the section for the README: plots and tables in Markdown; `kept`: other programs if none were run now."""
+    """Write the README section: plots and tables in Markdown. `kept`: earlier lines of other programs."""
     made = _where(found.origin)
     lines = ["# Accuracy on the corpus", "", made, ""]
     for caption, name in pictures:
@@ -380,7 +380,7 @@ def _table(section: Section, made: str = "") -> list[str]:
 
 
 def peers_of(text: str) -> list[str]:
-    """Lines about other programs as they stand in such a section, with the version they are of."""
+    """Return the lines about other programs in such a section, with their version."""
     lines = text.splitlines()
     head = f"## {PEERS}"
     if head not in lines:
@@ -400,7 +400,7 @@ def _where(now: Origin) -> str:
 def write_published(
     folder: Path, found: Regression, recorded: Collection[str], progress: Callable[[float], None]
 ) -> Path:
-    """Simulate published outage tests, and write them with the factor between them and the cases `recorded`."""
+    """Simulate published outage tests; write them with the ratio to the `recorded` cases."""
     compared = compare_published(read_cases(), progress=progress)
     cases = {} if found.baseline is None else dict(found.baseline.cases)
     cases |= {name: case for name, case in found.accuracy.cases.items() if case.measured.values}

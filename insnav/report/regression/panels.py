@@ -1,4 +1,4 @@
-"""Matrices of a regression run, and panels: accuracy over versions, error growth, predicted against actual error."""
+"""Matrices and panels of a regression run: accuracy over versions, error growth, predicted against actual error."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from insnav.report.run.panels import GROUPS
 from insnav.types import BoolArray, FloatArray
 
 COLUMNS = 4  # of panels side by side
-_TICKS = 5  # versions named below a panel, at most
-_VERSIONS, _DRIVES = 8, 40  # shown of a history, and of the drives behind a cell
-_STEPS = (0.05, 0.2)  # relative changes from which a colour is stronger
-_TIE = 0.1  # a peer within this share of insnav is as good
+_TICKS = 5  # version labels below a panel, at most
+_VERSIONS, _DRIVES = 8, 40  # shown of a history, and of the drives in a cell's details
+_STEPS = (0.05, 0.2)  # relative changes with stronger colours
+_TIE = 0.1  # relative difference of a peer that counts as equal
 _PEER_AXES = ("north", "east", "down", "tilt", "heading")
 TONES = (
     ("better3", "better by 20 %"),
@@ -42,30 +42,30 @@ TONES = (
 
 
 def change_head(change: Change) -> str:
-    """Say of one change case, metric, old and new value."""
+    """Write case, metric, old and new value of one change."""
     unit = f" {change.metric.unit}" if change.metric.unit else ""
     return f"{change.case}: {change.metric.label}: {number(change.old)} -> {number(change.new)}{unit}"
 
 
 def figures_tested(comparison: Comparison) -> int:
-    """How many figures are tested at once."""
+    """Count the simultaneous tests."""
     return sum(change.metric.kind != "cpu" for change in comparison.changes)
 
 
 def is_unclear(change: Change, tests: int) -> bool:
-    """Whether a change that would fail may have been missed: neither found, nor likely to be found."""
+    """Return whether a relevant change may be undetected: neither found nor likely to be found."""
     if change.verdict != "same" or change.metric.kind == "cpu":
         return False
     return detectable(change.shift, tests) > FAILS_FROM
 
 
 def unclear_changes(comparison: Comparison) -> int:
-    """How many figures may have changed without being found."""
+    """Count the possibly undetected changes."""
     return sum(is_unclear(change, figures_tested(comparison)) for change in comparison.changes)
 
 
 def change_matrix(result: Accuracy, comparison: Comparison, baseline: Baseline, history: Sequence[Entry]) -> Matrix:
-    """Every case by every figure of merit: its change since the baseline, its history and drives behind each cell."""
+    """Build the matrix of cases and figures: change since the baseline, with history and drives as details."""
     tests, found = figures_tested(comparison), {(each.case, each.metric.key): each for each in comparison.changes}
     metrics = [metric for metric in METRICS if any(key == metric.key for _, key in found)]
     names = [name for name in result.cases if any(case == name for case, _ in found)]
@@ -100,7 +100,7 @@ def _tone(change: Change, tests: int) -> str:
 
 
 def _behind(change: Change, result: Accuracy, baseline: Baseline, history: Sequence[Entry]) -> tuple[Table, ...]:
-    """History over the versions, and the drives, of one figure of one case."""
+    """Tabulate history over versions, and drives, of one figure of one case."""
     name, metric = change.case, change.metric
     rows = []
     for each in list(history)[-_VERSIONS:]:
@@ -124,9 +124,9 @@ def _behind(change: Change, result: Accuracy, baseline: Baseline, history: Seque
 
 
 def peer_matrix(peers: Sequence[PeerRow]) -> Matrix | None:
-    """Errors of other programs over those of insnav on the same drive, smoothers over its smoother; None without any.
+    """Build the matrix of other programs' errors over insnav's on the same drive; None without any.
 
-    One drive a case: there is no significance.
+    Smoothers are compared with the smoother. One drive per case permits no significance test.
     """
     programs = list(dict.fromkeys(row.program for row in peers if not row.program.startswith("insnav")))
     figures = {(row.case, row.program): (*row.rms, *row.attitude_deg) for row in peers}
@@ -162,7 +162,7 @@ def _peer_cell(case: str, program: str, axis: str, own: float | None, other: flo
 
 
 def history_panels(history: Sequence[Entry], baseline: Baseline | None, metric: Metric) -> list[Panel]:
-    """Draw one figure of merit over the versions, with its interval and the baseline."""
+    """Draw one figure of merit over the versions, with interval and baseline."""
     last, place = history[-1], np.arange(len(history), dtype=np.float64)
     versions = [each.origin.version for each in history]
     first = [i for i, name in enumerate(versions) if i == 0 or name != versions[i - 1]]
@@ -189,7 +189,7 @@ def history_panels(history: Sequence[Entry], baseline: Baseline | None, metric: 
 
 
 def _versions(history: Sequence[Entry], place: FloatArray, name: str, metric: Metric) -> list[Curve]:
-    """One case over the versions, broken where it had changed; where it became better or worse than the baseline."""
+    """Draw one case over the versions, interrupted at case changes; mark significant changes."""
     unknown = (np.nan, np.nan, np.nan)
     value = np.array([each.metrics.get(name, {}).get(metric.key, unknown) for each in history], dtype=np.float64)
     digests = [each.digests.get(name) for each in history]
@@ -233,11 +233,11 @@ def _grown(growth: FloatArray, column: int) -> FloatArray:
 
 
 def fitted(predicted: FloatArray, actual: FloatArray) -> tuple[Any, float] | None:
-    """Regress the logarithm of the actual error on that of the predicted one: the line, half the interval of its slope.
+    """Regress log actual error on log predicted error; return the line and half the interval of its slope.
 
     `predicted`, `actual` (n,): above zero.
     """
-    from scipy.stats import linregress  # which takes long to import
+    from scipy.stats import linregress  # slow import
 
     if len(predicted) < 3 or np.ptp(predicted) == 0.0:
         return None
@@ -248,7 +248,7 @@ def fitted(predicted: FloatArray, actual: FloatArray) -> tuple[Any, float] | Non
 def predicted_panels(cases: Mapping[str, CaseResult]) -> Iterator[Panel]:
     """Draw the actual error over the predicted standard deviation, with the regression line.
 
-    `cases`: each gives eight points, one a part of its drives, for every axis.
+    `cases`: each gives eight points per axis, one per part of its drives.
     """
     known = [case.measured.spread for case in cases.values() if case.measured.values]
     for i, (title, unit, _, names) in enumerate(GROUPS if known else ()):

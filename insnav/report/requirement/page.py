@@ -1,4 +1,4 @@
-"""The report of a requirement: how large each error may be, and which IMUs meet it."""
+"""Report of a requirement: allowed size of each error, and IMUs that meet it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from insnav.units import UNITS
 
 GRADES = {"consumer": VERMILLION, "automotive": ORANGE, "industrial": BLUE, "tactical": GREEN, "navigation": PURPLE}
 SMALLEST = 0.01  # end of the error axis [m]
-NAMED = 6  # parts with an entry of their own: those nearest to the limit
+NAMED = 6  # parts with separate entries: nearest to the limit
 _NEAR = 10  # parts of the short table, and its columns
 _BRIEF = ("part", "class", "alone_error", "alone_meets", "nhc_error", "nhc_meets")
 
@@ -33,7 +33,7 @@ def page(result: Result[RequirementStudy]) -> Page:
     study = result.found
     title = f"Allocation: {study.required.text}"
     how = "alone: this error and no other; in the set: all at once"
-    how += f", those of {study.imu} as given" if study.imu else ""
+    how += f", errors of {study.imu} as given" if study.imu else ""
     sections = (
         only_json("requirement", *_requirement(study)),
         *_parts(study),
@@ -53,14 +53,14 @@ def page(result: Result[RequirementStudy]) -> Page:
 
 
 def frame(result: Result[RequirementStudy]) -> DataFrame:
-    """Give the real IMUs as a table, or the allocation where none were evaluated."""
+    """Build a table of the real IMUs, or of the allocation without them."""
     study = result.found
     parts = tuple(_part(study, each) for each in study.candidates)
     return rows_frame(parts or _rows(study))
 
 
 def _met(study: RequirementStudy, kind: str, *answers: str) -> list[str]:
-    """Parts that meet the requirement with one of these answers, by default any, the least accurate first."""
+    """List the parts with these answers to the requirement, by default any, the least accurate first."""
     wanted = answers or ("yes", "likely")
     return [each.name for each in study.candidates if getattr(each, kind).answer in wanted][::-1]
 
@@ -94,19 +94,19 @@ def _merits(study: RequirementStudy) -> tuple[Quantity, ...]:
 
 
 def _answer(study: RequirementStudy) -> str:
-    """Which parts meet the requirement, in a sentence; likely ones are no more than that."""
+    """Write the parts that meet the requirement in a sentence, with likely ones marked as such."""
     alone, aided = _met(study, "alone"), _met(study, "nhc")
     more = [name for name in aided if name not in alone]
     count, required = len(study.candidates), study.required
-    said = f"{len(_met(study, 'alone', 'yes'))} of {count} IMUs stay within {required.error:g} m for "
-    said += f"{required.after:g} s alone{_likely(study, 'alone')}"
-    said += f", the least accurate of them {', '.join(alone[:3])}" if alone else ""
-    said += f"; {len(_met(study, 'nhc', 'yes'))} with NHC{_likely(study, 'nhc')}"
-    return said + (f", the least accurate {', '.join(more[:3])}." if more else ".")
+    text = f"{len(_met(study, 'alone', 'yes'))} of {count} IMUs stay within {required.error:g} m for "
+    text += f"{required.after:g} s alone{_likely(study, 'alone')}"
+    text += f", the least accurate of them {', '.join(alone[:3])}" if alone else ""
+    text += f"; {len(_met(study, 'nhc', 'yes'))} with NHC{_likely(study, 'nhc')}"
+    return text + (f", the least accurate {', '.join(more[:3])}." if more else ".")
 
 
 def _likely(study: RequirementStudy, kind: str) -> str:
-    """How many more do if what no document gives is as in their class."""
+    """Write the number of parts that also meet it with class figures for undocumented ones."""
     count = len(_met(study, kind, "likely"))
     return f" and {count} more likely do (figures of their class where no document gives any)" if count else ""
 
@@ -115,8 +115,8 @@ def _parts(study: RequirementStudy) -> tuple[Section, ...]:
     if not study.candidates:
         return ()
     note = (
-        "meets: yes, no by figures that documents give; likely, by those of the class for what is missing; open, if "
-        "what is missing were better than the class. Times: when the error exceeds 1, 10, 100 m"
+        "meets: yes or no by documented figures; likely with class figures for missing ones. open: if missing figures "
+        "must be better than their class. Times: when the error exceeds 1, 10, 100 m"
         + f" (– : not within {study.time[-1]:g} s). Missing: usual figures without a document, see insnav imus PART."
     )
     near, every = nearest(study, _NEAR), tuple(_part(study, each) for each in study.candidates)
@@ -146,7 +146,7 @@ def _part(study: RequirementStudy, each: Candidate) -> tuple[Quantity, ...]:
 
 
 def _example(study: RequirementStudy) -> tuple[Section, ...]:
-    """What helps one IMU, and which of its errors counts."""
+    """Lay out improvements of one IMU, and its dominant errors."""
     if not study.remedies:
         return ()
     limit = study.required.error
@@ -171,11 +171,11 @@ def _example(study: RequirementStudy) -> tuple[Section, ...]:
         (Quantity("source", name, meaning="error when GPS ends"), Quantity("share", value, "%"))
         for name, value in sorted(study.shares.items(), key=lambda item: -item[1])
     )
-    title = f"What is left when GPS ends, {study.example}: Shapley effects"
+    title = f"Errors at the end of GPS, {study.example}: Shapley effects"
     note = "share of the variance with correlations shared fairly (Owen 2014; Song, Nelson and Staum 2016)"
     return (
-        Section("remedies", f"What helps {study.example}", rows=helps),
-        Section("elasticity", f"Which figure of {study.example} counts", rows=halves, show="page", folded=True),
+        Section("remedies", f"Measures that help {study.example}", rows=helps),
+        Section("elasticity", f"Effect of each figure of {study.example}", rows=halves, show="page", folded=True),
         Section("shapley", title, rows=shares, show="page", folded=True, note=note),
     )
 
@@ -225,12 +225,12 @@ def _verification(study: RequirementStudy) -> tuple[tuple[Quantity, ...], ...]:
 
 
 def summary(study: RequirementStudy) -> tuple[str, ...]:
-    """Say the result in a few sentences."""
+    """Write the result in a few sentences."""
     found, required = study.allocation, study.required
     lines = [f"Motion: {study.motion}."]
     if study.imu:
-        left = f"{number(found.given / required.error)} times the limit, so nothing is left for other errors."
-        left = "the other errors share what is left." if found.feasible else left
+        left = f"{number(found.given / required.error)} times the limit, with no share for other errors."
+        left = "the other errors share the rest." if found.feasible else left
         lines.append(f"The figures of {study.imu} alone make {number(found.given)} m: {left}")
     if found.feasible:
         tight = sorted((share for share in found.shares if not share.given and not share.capped), key=lambda s: -s.part)
@@ -248,14 +248,14 @@ def summary(study: RequirementStudy) -> tuple[str, ...]:
 
 
 def warnings(study: RequirementStudy) -> tuple[Finding, ...]:
-    """Give what the reader must not overlook."""
+    """Return warnings."""
     error, limit = study.allocation.given, study.required.error
     finding = Finding.of(Code.REQUIREMENT_INFEASIBLE, subject=study.imu, error_m=error, limit_m=limit)
     return () if study.allocation.feasible else (finding,)
 
 
 def assumptions(study: RequirementStudy) -> tuple[Finding, ...]:
-    """Give what explains the requirement, and what it takes for granted."""
+    """Return explanations and assumptions."""
     return (
         Finding.of(Code.REQUIREMENT_COVARIANCE),
         Finding.of(Code.REQUIREMENT_IN_RUN_BIAS, correlation_time_s=TAU),
@@ -285,7 +285,7 @@ def _aided_assumptions(study: RequirementStudy) -> Iterator[Finding]:
 
 
 def outages_text(study: RequirementStudy) -> str:
-    """How much GPS there was before the outages."""
+    """Describe the GPS time before the outages."""
     first, last = study.begins[0], study.begins[-1]
     if first == last:
         return f"after {first} s of GPS"
@@ -293,16 +293,16 @@ def outages_text(study: RequirementStudy) -> str:
 
 
 def nearest(study: RequirementStudy, count: int) -> list[Candidate]:
-    """The parts whose errors are nearest to the limit, the most accurate first."""
+    """Select the parts with errors nearest to the limit, the most accurate first."""
     limit = study.required.error
     order = sorted(study.candidates, key=lambda each: abs(np.log(each.alone.error / limit)))[:count]
     return [each for each in study.candidates if any(each is one for one in order)]
 
 
 def part_panels(study: RequirementStudy) -> Iterator[Panel]:
-    """Draw the error of every part over time, the IMU alone and with the NHC, with the limit.
+    """Draw the error of every part over time, alone and with the NHC, with the limit.
 
-    Parts near the limit have names of their own, the others that of their class.
+    Parts near the limit are named, the others share their class name.
     """
     required, named = study.required, nearest(study, NAMED)
     kinds: tuple[Kind, ...] = ("line", "dashed") * NAMED
@@ -338,7 +338,7 @@ def _error(each: Candidate, kind: str) -> FloatArray:
 
 
 def allocation_panel(study: RequirementStudy) -> Panel:
-    """Draw what each error may be in the set, as a part of what it may be alone."""
+    """Draw the allowed size of each error in the set, relative to its size alone."""
     shares = [share for share in study.allocation.shares if np.isfinite(share.alone)]
     kinds = ["given" if share.given else "hardly acts" if share.capped else "of the set" for share in shares]
     texts = [

@@ -1,4 +1,4 @@
-"""Figures of a run for papers, as panels: a component each, filtered and smoothed over one another."""
+"""Figures of a run for papers, as panels: one component each, with filtered and smoothed solution."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from insnav.units import DEG, DEG_PER_H, G0, PPM
 
 _COLOURS = {"filtered": (BLUE, SKY), "smoothed": (VERMILLION, ORANGE)}  # line and band
 _FASTER = f"moving: faster than {MOVING_M_S:g} m/s"
-_BEYOND = 90.0  # a heading that goes further beyond 0..360 deg is drawn within [deg]
-_SETTLED = 0.2  # of the run: bands of estimates are shown as they are after it
+_BEYOND = 90.0  # a heading farther beyond 0..360 deg is wrapped [deg]
+_SETTLED = 0.2  # share of the run after which estimate bands are shown fully
 _SENSORS = (
     ("gyro bias", "deg/h", DEG_PER_H),
     ("accelerometer bias", "mg", 1e-3 * G0),
@@ -30,9 +30,9 @@ _SENSORS = (
 
 
 def figure_drawings(name: str, found: EvaluatedRun) -> tuple[str, str, tuple[Drawing, ...], int]:
-    """Give one figure of a run by its name: title, how to read it, drawings, columns.
+    """Build one figure of a run by name: title, explanation, drawings, columns.
 
-    Where one solution is drawn it is the better one, as on the page.
+    A single solution is the better one, as on the page.
     """
     solution, fixes = found.run.solution, found.run.innovations
     if name.endswith("_error"):
@@ -69,7 +69,7 @@ def _panel(found: EvaluatedRun, label: str, curves: Sequence[Curve], *, title: s
 def _lines(
     found: EvaluatedRun, time: FloatArray, value: FloatArray, half: FloatArray, mode: str, name: str = ""
 ) -> list[Curve]:
-    """A line and, about it, or about zero where it is an error, its band; `value`, `half` (n,)."""
+    """Draw a line with a band around it, or around zero for an error; `value`, `half` (n,)."""
     colour, shade = _COLOURS[mode]
     at, columns = broken_at_gaps(Clock.of(found.run.solution.time)(time), np.column_stack((value, half)))
     middle = columns[:, 0] if name else 0.0
@@ -93,7 +93,7 @@ def _errors(found: EvaluatedRun, group: str) -> tuple[Panel, ...]:
 
 
 def _distribution(found: EvaluatedRun) -> tuple[Panel, ...]:
-    """Share of horizontal errors below a given one, with CEP50 and R95."""
+    """Draw the share of horizontal errors below a value, with CEP50 and R95."""
     errors = next(iter(found.known_errors.values()))
     size = errors.horizontal
     parts: list[tuple[str, BoolArray, str]] = [("all", np.ones(len(size), dtype=np.bool_), BLUE)]
@@ -110,7 +110,7 @@ def _distribution(found: EvaluatedRun) -> tuple[Panel, ...]:
 def _state(
     found: EvaluatedRun, label: str, value: FloatArray, column: int, fixes: FloatArray | None = None, **how: Any
 ) -> Panel:
-    """One state of the solution over the fixes that measure it; `column` of its standard deviation."""
+    """Draw one state of the solution with its measured fixes; `column` of its standard deviation."""
     (mode, solution), gps = next(iter(found.solutions.items())), found.gps
     size = 1.0 / DEG if label.endswith("[deg]") else 1.0
     half = np.full_like(value, np.nan) if solution.sd is None else 3.0 * size * solution.sd[:, column]
@@ -144,7 +144,7 @@ def _attitude(found: EvaluatedRun) -> tuple[Panel, ...]:
 
 
 def readable_heading(heading: FloatArray) -> tuple[FloatArray, bool]:
-    """Heading in degrees without jumps if it turns little, else within 0..360 with breaks at north."""
+    """Unwrap a heading in degrees if it turns little, else wrap to 0..360 with breaks at north."""
     smooth = np.degrees(np.unwrap(heading))
     if smooth.min() > -_BEYOND and smooth.max() < 360.0 + _BEYOND:
         return smooth, True
@@ -168,7 +168,7 @@ def _uncertainty(found: EvaluatedRun) -> tuple[Panel, ...]:
 
 
 def _innovations(found: EvaluatedRun) -> tuple[tuple[Panel, ...], int]:
-    """Innovations of each component and the NIS, a column for positions and one for velocities that were measured."""
+    """Draw innovations of each component and NIS, with columns for measured positions and velocities."""
     fixes = found.run.innovations
     time = Clock.of(found.run.solution.time)(fixes.time)
     groups = [i for i in (0, 1) if np.isfinite(fixes.innovation[:, 3 * i : 3 * i + 3]).any()]

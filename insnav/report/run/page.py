@@ -1,4 +1,4 @@
-"""The report of a navigated drive: accuracy, figures, tables; its files, its main table, and a saved run read again."""
+"""Report of a navigated drive: accuracy, figures, tables; its files, main table, and reading of a saved run."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ from insnav.result import Result
 from insnav.types import AidingUse, Alignment, Epochs, FloatArray, GpsData, Innovations, Run, SensorErrors, Smoothed
 from insnav.units import DEG, DEG_PER_H
 
-_panels = library("insnav.report.run.panels")  # needed by no run without a page
+_panels = library("insnav.report.run.panels")  # used only for a page
 PDF_PAGES = {
     "summary": ("track",),
     "accuracy": ("position_error", "attitude_error", "uncertainty", "attitude"),
     "filter": ("innovations", "biases"),
 }
 BACKDROP = "backdrop.geojson"
-MOST_POINTS = 50_000  # points that a page takes
-_DEPTH = {"LineString": 0, "MultiLineString": 1, "Polygon": 1, "MultiPolygon": 2}  # lists of lists of points
+MOST_POINTS = 50_000  # points on a page
+_DEPTH = {"LineString": 0, "MultiLineString": 1, "Polygon": 1, "MultiPolygon": 2}  # nesting of lists of points
 
 
 def page(result: Result[EvaluatedRun], *, sections: bool = True) -> Page:
-    """Lay out a run, or only what is said of it before all sections."""
+    """Lay out a run, optionally without sections."""
     found = result.found
     reference = result.inputs["reference"].path if "reference" in result.inputs else ""
     name = result.inputs["imu"].path if "imu" in result.inputs else "a drive"
@@ -49,7 +49,7 @@ def page(result: Result[EvaluatedRun], *, sections: bool = True) -> Page:
     clock = Clock.of(found.run.solution.time)
     shown = tuple(each for each in result.findings if is_shown(each))
     return Page(
-        str(Path(*Path(name).parts[-2:])),  # files of many drives have one name
+        str(Path(*Path(name).parts[-2:])),  # files of many drives have the same name
         (run_line(result), *run_circles(found, Path(reference).name)),
         _sections(found, reference) if sections else (),
         shown,
@@ -71,12 +71,12 @@ def _sections(found: EvaluatedRun, reference: str) -> tuple[Section, ...]:
 
 
 def text(result: Result[EvaluatedRun], width: int | None = None) -> str:
-    """Sum up a run in a few lines."""
+    """Summarise a run in a few lines."""
     return "\n".join(brief_lines(result.laid_out or page(result, sections=False), result.found, width))
 
 
 def run_figures(found: EvaluatedRun) -> tuple[FigureSpec, ...]:
-    """Give every figure that there is something to show in."""
+    """List the figures that have data."""
     run, errors = found.run, found.errors
     if len(run.solution.time) == 0:
         return ()
@@ -99,7 +99,7 @@ def run_figures(found: EvaluatedRun) -> tuple[FigureSpec, ...]:
 
 
 def _draw(name: str, found: EvaluatedRun) -> Figure:
-    from insnav.report.figures import draw_drawings  # matplotlib is imported only where a figure is asked for
+    from insnav.report.figures import draw_drawings  # matplotlib is imported only for a requested figure
     from insnav.report.run.figures import figure_drawings
 
     title, note, drawings, columns = figure_drawings(name, found)
@@ -109,7 +109,7 @@ def _draw(name: str, found: EvaluatedRun) -> Figure:
 def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: solution_tables.TableFormat) -> None:
     """Write solution, fixes, innovations, errors, sensor errors, IMU model, events and track.
 
-    `folder`: entered, not committed; `table_format` {"csv", "parquet"}.
+    `folder`: entered, not committed. `table_format` {"csv", "parquet"}.
     """
     found, run, place = result.found, result.found.run, folder.directory
     tables = [("", run.solution), ("", run.innovations), ("", run.sensor_errors), ("", found.gps)]
@@ -132,12 +132,12 @@ def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: s
 
 
 def frame(result: Result[EvaluatedRun]) -> DataFrame:
-    """Give the better solution as a table, with the columns of ``solution.csv``."""
+    """Build a table of the better solution, with the columns of ``solution.csv``."""
     return result.found.best.to_frame()
 
 
 def accuracy(found: EvaluatedRun) -> dict[str, dict[str, float]]:
-    """Give the figures of merit of each solution, the unit in the name; those that are stated begin with ``sd_``."""
+    """Return the figures of merit of each solution, unit in the name; stated values begin with ``sd_``."""
     merits = {mode: [each for each in run_merits(found, mode) if each.value is not None] for mode in rated(found)}
     lead = "" if found.known_errors else "sd_"
 
@@ -148,7 +148,7 @@ def accuracy(found: EvaluatedRun) -> dict[str, dict[str, float]]:
 
 
 def read_found(folder: Path, findings: Sequence[Finding]) -> EvaluatedRun:
-    """Read a run from its folder; covariances between filter epochs and the short-duration windows are not kept.
+    """Read a run from its folder, without covariances between epochs and short-duration windows.
 
     Raises: InputError: a table is missing or damaged.
     """
@@ -190,7 +190,7 @@ def read_found(folder: Path, findings: Sequence[Finding]) -> EvaluatedRun:
 
 
 def _is_event(finding: Finding) -> bool:
-    """Whether it is an event of a run: it has a time, or is a warning without one, such as that of a reference."""
+    """Return whether a finding is an event: with a time, or a warning without, for example on a reference."""
     known = finding.severity >= Severity.WARNING and finding.get("text") is None
     return finding.code not in OF_RESULTS and (finding.timed or known)
 
@@ -227,8 +227,8 @@ def _aiding(facts: Mapping[str, Any]) -> AidingUse:
 def read_backdrop(file: Path) -> FloatArray:
     """Read the lines of a GeoJSON file (RFC 7946) on WGS-84.
 
-    Returns: (n, 2) latitude and longitude [rad], a row of NaN behind each line.
-    Raises: InputError: no GeoJSON, no line in it, places off the Earth, or too many points.
+    Returns: (n, 2) latitude and longitude [rad], with a row of NaN after each line.
+    Raises: InputError: no GeoJSON, no line in it, positions off the Earth, or too many points.
     """
     try:
         lines = list(_lines(json.loads(file.read_text(encoding="utf-8"))))
@@ -246,14 +246,14 @@ def read_backdrop(file: Path) -> FloatArray:
 
 
 def write_backdrop(lines: FloatArray, file: Path) -> None:
-    """Write such lines again."""
+    """Write such lines as GeoJSON."""
     parts = np.split(lines, np.flatnonzero(np.isnan(lines[:, 0])) + 1)
     coordinates = [np.round(each[:-1, ::-1] / DEG, 9).tolist() for each in parts if len(each) > 1]
     file.write_text(json.dumps({"type": "MultiLineString", "coordinates": coordinates}), encoding="utf-8")
 
 
 def _lines(value: Any) -> Iterator[Any]:
-    """Give every line and ring of an object and what it holds."""
+    """Yield every line and ring of an object and its members."""
     kind = value["type"]
     own = [value["geometry"]] if value.get("geometry") else []
     for part in value.get("features") or value.get("geometries") or own:

@@ -1,4 +1,4 @@
-"""Interactive drawings of a run: the track, and everything over one time axis."""
+"""Interactive drawings of a run: the track, and panels over one time axis."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ CHI2_95 = 7.815 / 3.0  # 95 % point of chi-square with 3 degrees of freedom, per
 MAP_POINTS = 2000
 DRAWN = 200_000  # rows of a solution at most
 T = TypeVar("T", Trajectory, TrajectoryErrors | None)
-_VARIES = 1.5  # times its least value, that a colour shows
-EVENTS = 150  # most of a kind that are marked
+_VARIES = 1.5  # least ratio of values for a colour scale
+EVENTS = 150  # largest number of marks per kind
 _NED, _RPH, _XYZ = ("north", "east", "down"), ("roll", "pitch", "heading"), ("x", "y", "z")
 GROUPS = (("position", "m", 1.0, _NED), ("velocity", "m/s", 1.0, _NED), ("attitude", "deg", DEG, _RPH))
 _FIX_TYPES = ((1.0, "fixed"), (2.0, "float"), (4.0, "DGPS"), (5.0, "single"), (0.0, "none"))
@@ -38,25 +38,25 @@ _GATES[""] = (*_GATES["position"], *_GATES["velocity"])
 
 @dataclass(frozen=True, slots=True)
 class RunAxis:
-    """The time axis that all panels of a run share."""
+    """Common time axis of all panels of a run."""
 
     clock: Clock
     spans: tuple[tuple[float, float], ...]  # outages, on the axis
 
     @classmethod
     def of(cls, run: Run) -> RunAxis:
-        """From the start of the solution."""
+        """Build the axis from the start of the solution."""
         clock = Clock.of(run.solution.time)
         return cls(clock, tuple((float(clock(a)), float(clock(b))) for a, b, _ in outages(run)))
 
     def panel(self, key: str, title: str, y_label: str, curves: Iterable[Curve], **how: object) -> Panel:
-        """One panel over it, outages shaded, of the curves of which something is known."""
+        """Build a panel over the axis, outages shaded, with the known curves."""
         drawn = tuple(each for each in curves if np.isfinite(each.y).any())
         return Panel(key, title, y_label, self.clock.label, drawn, LINK, spans=self.spans, **how)  # type: ignore[arg-type]
 
 
 def run_panels(found: EvaluatedRun) -> tuple[Track | Panel, ...]:
-    """Give the map and every panel that there is something to show in."""
+    """Build the map and every panel with data."""
     if len(found.run.solution.time) < 2:
         return ()
     found = _drawn(found)
@@ -74,7 +74,7 @@ def run_panels(found: EvaluatedRun) -> tuple[Track | Panel, ...]:
 
 
 def _drawn(found: EvaluatedRun) -> EvaluatedRun:
-    """What of a long run is drawn: every so-manieth row, more of which no screen shows."""
+    """Decimate a long run to the resolution of a screen."""
     step = -(-len(found.run.solution.time) // DRAWN)
     if step == 1:
         return found
@@ -89,7 +89,7 @@ def _drawn(found: EvaluatedRun) -> EvaluatedRun:
 
 
 def _state_panels(found: EvaluatedRun, axis: RunAxis) -> Iterator[Panel]:
-    """Errors with three standard deviations where there is a reference, else the standard deviations."""
+    """Draw errors with three standard deviations if there is a reference, else the standard deviations."""
     errors = found.known_errors
     for i, (group, unit, size, names) in enumerate(GROUPS):
         columns = slice(3 * i, 3 * i + 3)
@@ -120,9 +120,9 @@ def _banded(
     *,
     around: float | None = None,
 ) -> list[Curve]:
-    """Three lines with their bands.
+    """Draw three lines with their bands.
 
-    `time` (n,) [s]; `value`, `half` (n, 3): middle and half width; `around`: middle of the band; the line if none.
+    `time` (n,) [s]. `value`, `half` (n, 3): middle and half width. `around`: middle of the band; None: the line.
     """
     at, columns = broken_at_gaps(axis.clock(time), np.column_stack((value, half)))
     curves = []
@@ -161,13 +161,13 @@ def _innovation_panels(run: Run, axis: RunAxis) -> Iterator[Panel]:
 
 
 def nis_levels(run: Run, group: str = "") -> tuple[tuple[float, str], ...]:
-    """95 % of the NIS per axis, and the gates that rejected or de-weighted; `group`: of positions or velocities."""
+    """Return 95 % NIS per axis, and the reject and de-weight gates. `group`: of positions or velocities."""
     limits = sorted({each.limit / 3.0 for each in of_code(run.events, *_GATES[group]) if np.isfinite(each.limit)})
     return (CHI2_95, f"95 % ({CHI2_95:.1f})"), *((limit, f"gate ({limit:.1f})") for limit in limits)
 
 
 def sensor_errors(run: Run) -> dict[str, SensorErrors]:
-    """Estimated sensor errors by their solutions, the better one first."""
+    """Return estimated sensor errors by solution, the better one first."""
     both = {} if run.smoothed is None else {"smoothed": run.smoothed.sensor_errors}
     return {mode: each for mode, each in (both | {"filtered": run.sensor_errors}).items() if len(each.time)}
 
@@ -187,7 +187,7 @@ def _bias_panels(run: Run, axis: RunAxis) -> Iterator[Panel]:
 
 
 def _separation(run: Run, axis: RunAxis) -> list[Panel]:
-    """How far the filter is from the smoother, which knows the later fixes too.
+    """Draw the difference between filter and smoother, which also uses later fixes.
 
     For an optimal filter the covariance of the difference is the difference of the covariances (Rauch, Tung and
     Striebel 1965).
@@ -227,7 +227,7 @@ def _motion(found: EvaluatedRun, axis: RunAxis) -> list[Panel]:
 
 
 def _events(run: Run, axis: RunAxis) -> list[Panel]:
-    """Marks of findings that have a time, a row a code; of many of a code only some are marked."""
+    """Draw marks of findings with a time, a row per code; of many per code only some are marked."""
     timed = [each for each in run.events if each.timed]
     rows, curves = {each.code: render(each).title for each in timed}, []
     for row, code in enumerate(rows):
@@ -281,13 +281,13 @@ def run_track(found: EvaluatedRun) -> Track:
 
 
 def _even(shade: Shade) -> bool:
-    """Whether a quantity is the same along the whole track."""
+    """Return whether a quantity is constant along the whole track."""
     low, high = np.nanpercentile(shade.values, (2.0, 98.0)) if np.isfinite(shade.values).any() else (0.0, 0.0)
     return bool(high < _VARIES * low or high == 0.0)
 
 
 def _rejected(run: Run, time: FloatArray, position: FloatArray) -> tuple[Curve, ...]:
-    """Mark fixes whose position was refused where they were measured: solution plus innovation."""
+    """Mark rejected fixes at their measured position: solution plus innovation."""
     fixes = run.innovations
     refused = np.isfinite(fixes.innovation[:, :2]).all(axis=1) & ~fixes.used_position
     if not refused.any():

@@ -1,4 +1,4 @@
-"""The quantities of a run, said once for page, summary and ``run.json``."""
+"""Quantities of a run, built once for page, summary and ``run.json``."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ _REASONS = {
 
 
 def run_sections(found: EvaluatedRun, reference: str = "") -> tuple[Section, ...]:
-    """Give the quantities of a run, in the order of the page.
+    """Build the quantities of a run, in page order.
 
     Returns: accuracy, smoothed, solution, fixes, aiding, outages, sensor errors, noise, alignment, short-duration
-    mechanization, events; without figures.
+    mechanization and events, without figures.
     """
     run = found.run
     events = Quantity("events", dict(sorted(Counter(event.code.value for event in run.events).items())))
@@ -81,11 +81,11 @@ def _short_duration(found: EvaluatedRun) -> tuple[Section, ...]:
 
 
 def noise_section(found: NoiseEstimate | Tuned) -> Section:
-    """Give the noise of IMU and fixes as found in innovations."""
+    """Build the noise estimates of IMU and fixes from innovations."""
     items = []
     for figure in found.figures:
         name, interval = figure.key.replace(".", " ").replace("_", " "), (figure.low, figure.high)
-        if figure.key.startswith("gps.") and not figure.unit:  # of the sd that came with the fixes, or of a variance
+        if figure.key.startswith("gps.") and not figure.unit:  # relative to the reported sd, or a share of variance
             name += " of the variance that lasts" if figure.key == "gps.share" else ", factor of sd"
         name += "" if figure.observable else ", not observable: the prior"
         items.append(Quantity(figure.key.replace(".", "_"), figure.value, figure.unit, None, interval, name))
@@ -95,14 +95,14 @@ def noise_section(found: NoiseEstimate | Tuned) -> Section:
         Quantity("mean_square", found.mean_after, meaning="mean square of normalised innovations, as found"),
     ]
     note = (
-        "imu.toml has the IMU for --imu; gps: factors of sd; prior: the preset, and of white noise of gyros what a "
-        "minute of rest shows between 0.1 and 0.5 Hz"
+        "imu.toml is the IMU for --imu. gps: factors of sd. prior: the preset. Prior of white gyro noise: "
+        "the noise of a minute at rest (0.1 to 0.5 Hz)"
     )
     return Section("noise", "Noise from the innovations", tuple(items), note=note)
 
 
 def alignment_items(alignment: Alignment) -> tuple[Quantity, ...]:
-    """Give an alignment as quantities."""
+    """Build the quantities of an alignment."""
     roll, pitch, heading = alignment.rph
     sd_north, sd_east, sd_down = alignment.sd
     return (
@@ -189,10 +189,10 @@ def _fixes(run: Run) -> Section:
 
 
 def mean_nis(run: Run, *halves: str) -> float | None:
-    """Mean NIS per axis of the accepted fixes, as they were used: one if the stated sd is right.
+    """Compute the mean NIS per axis of the accepted fixes, as used: one if the stated sd is right.
 
-    `halves`: position, velocity, or both if none is given. A fix that was de-weighted was used with the covariance by
-    which its NIS is the limit of the gate.
+    `halves`: position, velocity, or both by default. A de-weighted fix counts with the covariance that reduces its NIS
+    to the gate limit.
     """
     fixes, deweighted = run.innovations, of_code(run.events, Code.DEWEIGHTED_POSITION, Code.DEWEIGHTED_VELOCITY)
     limit = min((event.limit for event in deweighted), default=np.inf)
@@ -263,7 +263,7 @@ def _accuracy(title: str, errors: TrajectoryErrors | None, reference: str) -> Se
 
 
 def _reference_offset(found: ReferenceOffset) -> Section:
-    """Give what of the difference to the reference is constant."""
+    """Build the constant parts of the difference to the reference."""
     items = (
         Quantity("forward", found.body[0], "m", sd=found.body_sd[0], meaning="point of the reference, forward"),
         Quantity("right", found.body[1], "m", sd=found.body_sd[1], meaning="point of the reference, right"),
@@ -276,9 +276,9 @@ def _reference_offset(found: ReferenceOffset) -> Section:
 
 
 def _accuracy_table(title: str, parts: Mapping[str, tuple[Quantity, ...]]) -> Section:
-    """One row an error; RMS, 95 % and largest of each part of the drive in turn."""
+    """Tabulate errors in rows; RMS, 95 % and largest of each part of the drive in turn."""
     named = {part: {each.key: each for each in items} for part, items in parts.items() if items}
-    if len(named) == 2:  # the run is all static or all moving
+    if len(named) == 2:  # the run is entirely static or moving
         named = {"all": named["all"]}
     rows = [
         (
@@ -292,7 +292,7 @@ def _accuracy_table(title: str, parts: Mapping[str, tuple[Quantity, ...]]) -> Se
 
 
 def _shown(part: str, error: Quantity) -> Quantity:
-    """Statistics of an error in its unit, which is in the name of the row."""
+    """Build statistics of an error in its unit, which is in the row name."""
     found = error.scaled(error.value) or {}
     return Quantity(part, {name: found.get(name) for name in SHOWN_STATISTICS})
 
@@ -308,7 +308,7 @@ def _consistency(found: Mapping[str, Any] | None) -> Section:
 
 
 def _smoothed(found: EvaluatedRun, reference: str) -> Section:
-    """What smoothing brought: uncertainty, and error where there is a reference, compared with the filter's."""
+    """Build the effect of smoothing: uncertainty, and error with a reference, compared with the filter's."""
     run = found.run
     if run.smoothed is None:
         return only_json("", Quantity("smoothed", None))

@@ -25,7 +25,7 @@ _ROWS = (
 
 
 def short_section(windows: Sequence[ShortWindow]) -> Section:
-    """Give RMS and largest horizontal difference after some times."""
+    """Build RMS and largest horizontal difference after some times."""
     after = {}
     for time in TIMES:
         sizes = {key: size_at(windows, name, time) for name, key, _, _ in _ROWS}
@@ -47,7 +47,7 @@ def short_section(windows: Sequence[ShortWindow]) -> Section:
 
 
 def short_panels(windows: Sequence[ShortWindow]) -> Iterator[Panel]:
-    """Draw how far the short form is from the full one in every window, and what the dropped terms explain."""
+    """Draw the difference of short and full form in every window, and the share of the dropped terms."""
     elapsed = windows[0].elapsed
 
     def sizes(name: str) -> FloatArray:
@@ -73,7 +73,7 @@ def short_panels(windows: Sequence[ShortWindow]) -> Iterator[Panel]:
 
 
 def short_columns(windows: Sequence[ShortWindow]) -> dict[str, FloatArray]:
-    """Columns of ``short.csv``: time, and every difference of every window."""
+    """Return the columns of ``short.csv``: time, and every difference of every window."""
     columns = {
         "time_s": np.round(np.concatenate([w.start + w.elapsed for w in windows]), 9),
         "window_start_s": np.concatenate([np.full(len(w.elapsed), w.start) for w in windows]),

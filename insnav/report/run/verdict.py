@@ -1,4 +1,4 @@
-"""A run in one sentence, how accurate or how sure and whether what it states is true, and in a few lines."""
+"""Verdict on a run: accuracy or stated uncertainty, their agreement, and a brief summary."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from insnav.result import Result
 from insnav.sample_statistics import rms, rms_length
 from insnav.types import FloatArray, Run
 
-_IN_WORDS = ("nis_mean_per_axis", "horizontal_sd", "inside_3_sd")  # figures of merit that the verdict says already
-SCATTER = 2.0  # mean NIS per axis from which on fixes and solution contradict each other
-CAREFUL = 3.0  # times the errors of positions from which on what is stated is much more
-FEW = 10  # epochs of a reference, fewer of which tell nothing of a whole drive
-MOST = 0.5  # of the drive that the reference must cover to say something of the whole
+_IN_WORDS = ("nis_mean_per_axis", "horizontal_sd", "inside_3_sd")  # figures of merit that the verdict contains
+SCATTER = 2.0  # mean NIS per axis from which fixes and solution contradict each other
+CAREFUL = 3.0  # ratio of stated sd to position errors that is reported as cautious
+FEW = 10  # least number of epochs for a reference
+MOST = 0.5  # least share of the drive that a reference must cover
 _PARTS = (
     ("horizontal", "m", slice(0, 2)),
     ("vertical", "m", slice(2, 3)),
@@ -36,12 +36,12 @@ _PARTS = (
     ("tilt", "deg", slice(6, 8)),
     ("heading", "deg", slice(8, 9)),
 )
-_WARNINGS, _ASSUMED = 3, 6  # of each at most; the others are on the page
-_HARDLY, _UNKNOWN = 0.1, 0.7  # from which a delay [s] and an arm [m] that are found are hardly known
+_WARNINGS, _ASSUMED = 3, 6  # most lines of each; the page has the others
+_HARDLY, _UNKNOWN = 0.1, 0.7  # delay [s] and arm [m] sd of hardly known estimates
 
 
 def run_verdict(found: EvaluatedRun, warnings: int) -> Verdict:
-    """Rate a run by its errors and its number of warnings, or by its innovations where there is no reference."""
+    """Rate a run by errors and number of warnings, or by innovations without a reference."""
     light, reason = _light(found, warnings)
     if found.errors is not None:
         sizes = tuple(_error_size(mode, each.horizontal) for mode, each in found.errors_on_clock.items())
@@ -56,20 +56,20 @@ def run_verdict(found: EvaluatedRun, warnings: int) -> Verdict:
 
 
 def _unmoved(found: EvaluatedRun) -> str:
-    """How the clock of a reference was corrected, and the RMS error of the better solution without."""
+    """Describe the correction of a reference clock, with the better solution's RMS error before it."""
     size = rms(next(iter(found.known_errors.values())).horizontal)
     return phrase("run.unmoved", shift_s=-found.reference_late, size=number(size))
 
 
 def _error_size(mode: str, horizontal: FloatArray) -> str:
-    """RMS, and the 95 % error where a few epochs make nearly all of the RMS."""
+    """Write the RMS error, and the 95 % error if a few epochs dominate the RMS."""
     size, most = rms(horizontal), float(np.percentile(horizontal, 95.0))
     most_m = number(most) if most < 0.5 * size else ""
     return phrase("run.error_size", size=number(size), mode=phrase(f"run.{mode}"), most=most_m)
 
 
 def run_line(result: Result[EvaluatedRun]) -> str:
-    """What was navigated: length, distance, rates, outages."""
+    """Describe the drive: length, distance, rates, outages."""
     run = result.found.run
     if len(run.solution.time) == 0:
         return phrase("run.empty")
@@ -90,7 +90,7 @@ def run_line(result: Result[EvaluatedRun]) -> str:
 
 
 def run_circles(found: EvaluatedRun, reference: str) -> tuple[str, ...]:
-    """Say how the horizontal errors of the better solution are distributed."""
+    """Describe the distribution of the better solution's horizontal errors."""
     for mode, errors in found.known_errors.items():
         size = errors.horizontal
         cep50, r95 = (number(float(np.percentile(size, share))) for share in (50.0, 95.0))
@@ -100,14 +100,14 @@ def run_circles(found: EvaluatedRun, reference: str) -> tuple[str, ...]:
 
 
 def rated(found: EvaluatedRun) -> list[str]:
-    """Solutions that have figures of merit, the better one first."""
+    """List the solutions with figures of merit, the better one first."""
     return [*found.known_errors] or [mode for mode, each in found.solutions.items() if each.sd is not None]
 
 
 def run_merits(found: EvaluatedRun, mode: str) -> tuple[Quantity, ...]:
-    """Figures of merit of a solution.
+    """Build the figures of merit of a solution.
 
-    RMS errors, or standard deviations where there is no reference; and whether they agree with what is stated.
+    RMS errors, or standard deviations without a reference, and their agreement with the stated values.
     """
     errors, sd = found.known_errors.get(mode), found.solutions[mode].sd
     if errors is not None:
@@ -124,7 +124,7 @@ def run_merits(found: EvaluatedRun, mode: str) -> tuple[Quantity, ...]:
 
 
 def _sizes(values: FloatArray, what: str) -> list[Quantity]:
-    """RMS of position, velocity and attitude errors or sds ``(n, 9)`` by groups that are known."""
+    """Build RMS of position, velocity and attitude errors or sds ``(n, 9)`` by known groups."""
     sizes = [
         Quantity(part, rms_length(values[:, columns]), unit, meaning=phrase(f"run.{what}_of", part=word(part)))
         for part, unit, columns in _PARTS
@@ -133,13 +133,13 @@ def _sizes(values: FloatArray, what: str) -> list[Quantity]:
 
 
 def inside(errors: TrajectoryErrors, group: str = "position") -> float | None:
-    """Share of the errors of a group inside three stated standard deviations."""
+    """Compute the share of a group's errors inside three stated standard deviations."""
     stated: dict[str, Any] = (nees(errors) or {}).get(group) or {}
     return stated.get("inside_3_sd")
 
 
 def _too_sure(found: EvaluatedRun) -> tuple[str, ...]:
-    """What besides the position errs more than stated."""
+    """List further quantities with errors above their stated sd."""
     groups = ("velocity", "attitude")
     shares = [(group, inside(each, group)) for group in groups for each in found.known_errors.values()]
     return tuple(dict.fromkeys(group for group, share in shares if share is not None and share < HOLDS))
@@ -179,7 +179,7 @@ def _light(found: EvaluatedRun, warnings: int) -> tuple[Light, str]:
 
 
 def _careful(found: EvaluatedRun) -> str:
-    """How many times as large as the errors of positions is what is stated, where it is much."""
+    """Write the ratio of stated sd to position errors, if large."""
     errors = next(iter(found.errors_on_clock.values()))
     assert errors.sd is not None
     times = rms_length(errors.sd[:, :3]) / max(rms_length(errors.position), 1e-9)
@@ -187,7 +187,7 @@ def _careful(found: EvaluatedRun) -> str:
 
 
 def _covered(found: EvaluatedRun) -> float:
-    """Share of the drive that the reference covers, gaps left out."""
+    """Compute the share of the drive that the reference covers, without gaps."""
     if found.errors is None or len(found.errors.time) < 2:
         return 0.0
     time = found.errors.time
@@ -206,9 +206,9 @@ def _rate(name: str, facts: ReadingFacts) -> str:
 
 
 def brief_lines(page: Page, found: EvaluatedRun, width: int | None = None) -> list[str]:
-    """Sum up a run: verdict, figures of merit of both solutions, warnings, what was assumed.
+    """Summarise a run: verdict, figures of merit of both solutions, warnings, assumptions.
 
-    `page`: that of the run; `width`: of the lines; none: nothing is wrapped.
+    `page`: of the run. `width`: of the lines; None: no wrapping.
     """
     title = phrase("terminal.line", name=page.title, text=page.summary[0]) if page.summary else page.title
     verdict = [] if page.verdict is None else [page.verdict.rating]
@@ -222,7 +222,7 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = None) -> li
     name = phrase("run.doubtful_estimates" if doubtful else "run.estimates")
     shown = [phrase("terminal.line", name=name, text=estimates)] if estimates else []
     shown += _listed("corrected", corrections, len(CORRECTIONS))
-    # one for what is assumed of several files
+    # one entry for an assumption on several files
     taken = {
         each.get("text") or each.code: each for each in page.findings[::-1] if each.severity is Severity.ASSUMPTION
     }
@@ -232,12 +232,12 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = None) -> li
 
 
 def _wrong_reference(run: Run) -> bool:
-    """Whether the reference is contradicted, so that errors against it need not be those of the run."""
+    """Return whether findings contradict the reference, so that its errors may not be the run's."""
     return any(event.subject == "ref" and event.severity >= Severity.WARNING for event in run.events)
 
 
 def _estimates(found: EvaluatedRun) -> Iterator[str]:
-    """What gates rejected, and what the drive shows of what was not given."""
+    """Yield gate rejections, and estimates of unspecified inputs."""
     run, heights = found.run, found.gps is None or heights_measured(found.gps.lla)
     yield from _rejected(run, 3 if heights else 2)
     if 0.0 < run.gps_delay_sd < np.inf:
@@ -253,7 +253,7 @@ def _estimates(found: EvaluatedRun) -> Iterator[str]:
 
 
 def _rejected(run: Run, measured: int) -> Iterator[str]:
-    """Fixes that gates rejected one by one, and how far off they were at most, in so many components of positions."""
+    """Yield fixes that gates rejected individually, with the largest deviation in measured components."""
     fixes = run.innovations
     for name, unit, part, kinds in (
         ("rejected_positions", "m", slice(0, measured), {Code.GATE_POSITION, Code.GATE_PHYSICAL_POSITION}),
@@ -267,7 +267,7 @@ def _rejected(run: Run, measured: int) -> Iterator[str]:
 
 
 def _table(merits: dict[str, list[Quantity]]) -> list[str]:
-    """One row a figure, one column a solution."""
+    """Build the table with a row per figure, a column per solution."""
     first = next(iter(merits.values()))
     if not first:
         return []
@@ -277,7 +277,7 @@ def _table(merits: dict[str, list[Quantity]]) -> list[str]:
 
 
 def _listed(name: str, texts: Sequence[str], most: int, count: int = 0) -> list[str]:
-    """The first texts of some, one row each, and how many there are: `count` if a text joins several."""
+    """List the first texts, one row each, and the total: `count` if a text joins several."""
     name, count = phrase(f"run.{name}"), count or len(texts)
     first = phrase("terminal.first_of", name=name, most=most, count=count) if count > most else name
     return [phrase("terminal.line", name=name if i else first, text=text) for i, text in enumerate(texts[:most])]

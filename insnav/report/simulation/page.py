@@ -1,4 +1,4 @@
-"""Simulated recordings, one or many, as a folder: data or a row for each run, the models behind them, and a page."""
+"""Simulated recordings, one or many: data or a row for each run, their models, and a page."""
 
 from __future__ import annotations
 
@@ -45,17 +45,17 @@ from insnav.types import FloatArray, IntArray
 from insnav.units import DEG
 
 _AT_REST = 0.01  # largest speed of a motion whose sketch shows rates instead [m/s]
-_DRAWN = 20_000  # most instants of the motion that reports look at
-_DRAWN_RATE = 97.0  # no multiple of what people make motions of, whose peaks would all be missed [Hz]
+_DRAWN = 20_000  # largest number of instants of the motion in reports
+_DRAWN_RATE = 97.0  # no multiple of usual motion rates, to avoid missing their peaks [Hz]
 _GRAVITY = {
     "plumb": "without its north component: for comparison with packages that leave it out",
     "linear": "without its north component, and linear in height: for comparison with packages that have it so",
 }
 _SAMPLES = {"mean": "means over their interval", "instant": "values at an instant", "increment": "increments"}
 _FACTORS = np.array([1.0] * 6 + [1.0 / DEG] * 3)
-_MUCH, _TOO_GOOD = 0.3, 2.0  # share of time-correlated errors, and NEES, for one to explain the other
+_MUCH, _TOO_GOOD = 0.3, 2.0  # share of time-correlated errors, and NEES, that explain each other
 _MATTERS = 1.25  # NEES up to which the stated sd is right to an eighth
-_SHOWN = 5  # failures that are named one by one
+_SHOWN = 5  # failures listed individually
 _COUNTS = ("positions", "rejected", "resets")
 _COMPONENTS = tuple(
     (axis if group == "attitude" else f"{axis} {group}", unit) for group, unit, _, axes in ERRORS for axis in axes
@@ -64,7 +64,7 @@ _UNITS = tuple(unit for _, unit in _COMPONENTS)
 
 
 def write_recording(folder: RunFolder, plan: Plan, made: Recording) -> tuple[Path, Page]:
-    """Write a simulated recording and put its folder in its place.
+    """Write a simulated recording and commit its folder.
 
     `folder`: entered, not committed.
     """
@@ -79,7 +79,7 @@ def write_recording(folder: RunFolder, plan: Plan, made: Recording) -> tuple[Pat
 
 
 def recording_page(plan: Plan, made: Recording) -> Page:
-    """Report a simulated recording; its last line is the command that navigates it."""
+    """Lay out a simulated recording; its last line is the command that navigates it."""
     time, motion = seen(plan.truth)
     command = run_command(plan, made.lever_b, motion)
     samples = f"{len(made.imu.time)} samples at {plan.rate:g} Hz, {_SAMPLES[plan.sampling]}"
@@ -114,21 +114,21 @@ def recording_page(plan: Plan, made: Recording) -> Page:
 
 
 def model_texts(plan: Plan) -> dict[str, str]:
-    """Text files with what was simulated: motion profile, IMU and receiver."""
+    """Return text files of the simulated motion profile, IMU and receiver."""
     texts = {}
     if plan.motion.profile:
         texts["profile.toml"] = plan.motion.profile
     if plan.imu is not None:
         texts["imu.toml"] = to_toml(plan.imu)
     if plan.gps is not None:
-        from insnav.simulate import gps_file as gps_config  # needs pydantic
+        from insnav.simulate import gps_file as gps_config  # imports pydantic
 
         texts["gps.toml"] = gps_config.to_toml(plan.gps)
     return texts
 
 
 def plan_metadata(plan: Plan) -> dict[str, Any]:
-    """Give what every simulation has first in ``run.json``: releases, options, seed and IMU model."""
+    """Return the first part of every simulation's ``run.json``: versions, options, seed and IMU model."""
     model = (
         {"name": IDEAL}
         if plan.imu is None
@@ -139,12 +139,12 @@ def plan_metadata(plan: Plan) -> dict[str, Any]:
 
 
 def model_name(model: ImuSpec | GpsSpec | None) -> str:
-    """Name of a sensor model."""
+    """Return the name of a sensor model."""
     return IDEAL if model is None else model.name
 
 
 def sensor_section(plan: Plan, *more: Quantity) -> Section:
-    """Rate, sampling and receiver of a simulation, and more, for ``run.json``."""
+    """Build rate, sampling and receiver of a simulation, and further quantities, for ``run.json``."""
     items = (
         Quantity("imu_rate", plan.rate, "Hz"),
         Quantity("imu_sampling", plan.sampling),
@@ -159,13 +159,13 @@ def sensor_section(plan: Plan, *more: Quantity) -> Section:
 
 
 def correlated_share(gps: GpsSpec) -> float:
-    """Time-correlated share of the variance of the horizontal errors of a receiver [-]."""
+    """Compute the time-correlated share of a receiver's horizontal error variance [-]."""
     errors = gps.errors
     return float(np.sum(np.array(errors.position_drift[:2]) ** 2) / np.sum(errors.position_sd[:2] ** 2))
 
 
 def plan_key(plan: Plan) -> str:
-    """Digest of everything the runs of a plan depend on: what was simulated, and the releases that do it."""
+    """Compute a digest of everything that determines the runs: simulation and software versions."""
     content = {
         "versions": versions(),
         "configuration": plan.configuration,
@@ -177,7 +177,7 @@ def plan_key(plan: Plan) -> str:
 
 
 def write_sketches(folder: RunFolder, profiles: Sequence[MotionProfile]) -> Path:
-    """Draw a sketch of every profile into a folder and put it in its place.
+    """Draw a sketch of every profile into a folder and commit it.
 
     `folder`: entered, not committed.
     """
@@ -194,7 +194,7 @@ def write_sketches(folder: RunFolder, profiles: Sequence[MotionProfile]) -> Path
 
 
 def _sketch(profile: MotionProfile) -> Section:
-    """Track and speed of a profile."""
+    """Draw track and speed of a profile."""
     time, motion = seen(profile.truth(0))
     track = drawn(profile.name, profile.purpose, (simulated_track(time, motion, f"track_{profile.name}"),))
     both = (*track.panels, sketch_panel(time, motion, profile.name))
@@ -203,13 +203,13 @@ def _sketch(profile: MotionProfile) -> Section:
 
 
 def seen(truth: Truth) -> tuple[FloatArray, Kinematics]:
-    """Instants at which reports look at a motion, and the motion there."""
+    """Return the instants of reports, and the motion there."""
     time = times(truth, min(_DRAWN_RATE, _DRAWN / truth.duration))
     return time, truth.evaluate(time)
 
 
 def _realisation(errors: ImuErrors) -> Section:
-    """Constant errors of the IMU that was sampled from its specification."""
+    """Build the constant errors of the sampled IMU."""
     items = (
         Quantity("gyro_bias", errors.gyro_bias, "deg/h"),
         Quantity("gyro_scale", np.diag(errors.gyro_matrix) - 1.0, "ppm", meaning="gyro scale factor"),
@@ -221,23 +221,23 @@ def _realisation(errors: ImuErrors) -> Section:
 
 
 def run_command(plan: Plan, lever_b: FloatArray, motion: Kinematics) -> str:
-    """Command that navigates the recording, from inside its folder.
+    """Write the command that navigates the recording, from inside its folder.
 
     `lever_b` (3,): antenna seen from the IMU, body axes [m].
     """
     words = ["insnav", "run", "imu.csv", "--gps", "gps.csv", "--ref", "ref.csv"]
-    words += ["--lever-arm", ",".join(f"{length:g}" for length in lever_b)]  # zero too: not given is unknown
+    words += ["--lever-arm", ",".join(f"{length:g}" for length in lever_b)]  # also zero: unspecified means unknown
     if plan.sampling == "instant":
         words += ["--imu-sampling", "instant"]
     if _hides_heading(plan, motion):
         words += ["--heading", f"{motion.rph[0, 2] / DEG:.1f}"]
-    # a filter needs some idea of noise, also for an IMU that has none
+    # a filter needs some noise, also for an ideal IMU
     return " ".join([*words, "--imu", "navigation" if plan.imu is None else "imu.toml"])
 
 
 def _hides_heading(plan: Plan, motion: Kinematics) -> bool:
-    """Whether neither the course nor a gyrocompass can tell the heading."""
-    # twice that speed: a course over moments only is no heading
+    """Return whether neither course nor gyrocompass can determine the heading."""
+    # twice that speed: a course of moments is no heading
     moves = float(np.linalg.norm(motion.v_n[:, :2], axis=1).max()) > 2.0 * SLOWEST
     if moves or plan.imu is None:
         return False
@@ -246,20 +246,20 @@ def _hides_heading(plan: Plan, motion: Kinematics) -> bool:
 
 
 def in_folder(command: str, folder: Path) -> str:
-    """Command of `run_command`, from outside its folder."""
+    """Adapt the command of `run_command` for use outside its folder."""
     names = {"imu.csv", "gps.csv", "ref.csv", "imu.toml"}
     return shlex.join(str(folder / word) if word in names else word for word in command.split())
 
 
 def shown_lines(page: Page, out: Path) -> list[str]:
-    """What the terminal shows of a simulated recording: its summary, its files, and the command as from here."""
+    """Return the terminal lines of a simulated recording: summary, files, and command."""
     *lines, last = page.summary
     files = entry("files", f"{out}: imu.csv, gps.csv, ref.csv, report.html, run.json and others")
     return [*lines, files, entry("next", in_folder(last.removeprefix("next").strip(), out))]
 
 
 def motion_lines(plan: Plan, time: FloatArray, motion: Kinematics) -> list[str]:
-    """Sum up the motion in lines of text."""
+    """Summarise the motion in lines of text."""
     top = float(np.linalg.norm(motion.v_n, axis=1).max())
     extent = f"{plan.truth.duration:.1f} s, {number(track_length(time, motion))} m, up to {number(top)} m/s"
     lines = [entry("motion", f"{plan.motion.name}: {extent}")]
@@ -274,7 +274,7 @@ def motion_lines(plan: Plan, time: FloatArray, motion: Kinematics) -> list[str]:
 
 
 def motion_section(plan: Plan, time: FloatArray, motion: Kinematics) -> Section:
-    """Extent and dynamics of the motion, and how far a simulated replica is from its track."""
+    """Build extent and dynamics of the motion, and the deviation of a simulated replica from its track."""
     lat, lon, height = plan.truth.evaluate(np.array([plan.truth.start])).lla[0]
     heights = np.array([motion.lla[:, 2].min(), motion.lla[:, 2].max()])
     rate, force = (np.abs(values).max(axis=0) for values in (motion.w_ib_b, motion.f_b))
@@ -320,13 +320,13 @@ def motion_drawings(plan: Plan, time: FloatArray, motion: Kinematics) -> tuple[S
     name = plan.motion.name
     return (
         drawn("track", f"Simulated motion {name}", (simulated_track(time, motion),)),
-        drawn("motion", f"Simulated motion {name}: what ideal sensors measure", motion_panels(time, motion)),
+        drawn("motion", f"Simulated motion {name}: output of ideal sensors", motion_panels(time, motion)),
     )
 
 
 def simulated_track(time: FloatArray, motion: Kinematics, key: str = "track") -> Track:
     """Draw the track at times (n,) [s] seen from above, coloured by speed."""
-    r_e = earth_from_lla(motion.lla)  # on the plane that touches the Earth at the first place: no pole is special on it
+    r_e = earth_from_lla(motion.lla)  # on the tangent plane at the first position: poles are not special
     north, east, _ = dcm_from_quat(quat_earth_from_level(motion.lla[:1]))[0].T @ (r_e - r_e[0]).T
     shade = Shade("speed [m/s]", np.linalg.norm(motion.v_n, axis=1))
     lat, lon = np.degrees(motion.lla[0, :2])
@@ -349,7 +349,7 @@ def motion_panels(time: FloatArray, motion: Kinematics) -> tuple[Panel, ...]:
 
 
 def sketch_panel(time: FloatArray, motion: Kinematics, key: str) -> Panel:
-    """Draw the speed over times (n,) [s], of a motion at rest the rate: enough with the track to choose a profile."""
+    """Draw the speed over times (n,) [s], or the rate at rest: with the track enough to choose a profile."""
     speed = np.linalg.norm(motion.v_n, axis=1)
     if speed.max() > _AT_REST:
         row = ("Speed", "speed [m/s]", [("speed", speed, ORANGE)], 0.1)
@@ -360,16 +360,15 @@ def sketch_panel(time: FloatArray, motion: Kinematics, key: str) -> Panel:
 
 
 def track_length(time: FloatArray, motion: Kinematics) -> float:
-    """Length of the track [m], by the trapezoidal rule."""
+    """Compute the length of the track [m], by the trapezoidal rule."""
     speed = np.linalg.norm(motion.v_n, axis=1)
     return float(np.sum(0.5 * (speed[1:] + speed[:-1]) * np.diff(time)))
 
 
 def write_runs(folder: RunFolder, plan: Plan, runs: Runs) -> tuple[Path, Page]:
-    """Write an ensemble of runs and put its folder in its place.
+    """Write an ensemble of runs and commit its folder.
 
-    `folder`: entered, not committed; `runs`: what the runs came to, as `insnav.errors.ensemble.NavigatedRecording`
-    makes them.
+    `folder`: entered, not committed. `runs`: results of `insnav.errors.ensemble.NavigatedRecording`.
     Raises: InputError: every run failed.
     """
     found = ensemble(runs, plan.truth)
@@ -380,7 +379,7 @@ def write_runs(folder: RunFolder, plan: Plan, runs: Runs) -> tuple[Path, Page]:
 
 
 def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
-    """Report an ensemble of simulated runs."""
+    """Lay out an ensemble of simulated runs."""
     time, motion = seen(plan.truth)
     columns = dict(zip(FIGURES, runs.figures.T, strict=True))
     share = inside(found).mean(axis=0) if len(found.nees) else ()
@@ -443,7 +442,7 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
 
 
 def _verdict(plan: Plan, horizontal: FloatArray, nees: Mapping[str, float], failed: Sequence[Finding]) -> Verdict:
-    """Say how large the errors are, and whether the stated sd explains them."""
+    """Return the size of the errors, and whether the stated sd explains them."""
     text = (
         f"{len(horizontal)} runs of {plan.motion.name} with {model_name(plan.imu)} IMU: horizontal error "
         f"{number(float(horizontal.mean()))} m RMS in the mean, {number(float(horizontal.max()))} m in the worst."
@@ -453,7 +452,7 @@ def _verdict(plan: Plan, horizontal: FloatArray, nees: Mapping[str, float], fail
     if not nees:
         return Verdict("unknown", "there was no fix to hold the stated sd against", text)
     name, worst = max(nees.items(), key=lambda each: each[1])
-    # of errors that last the whole run, a mean over time scatters as at one fix
+    # for errors as long as the run, a mean over time scatters like one fix
     chance = float(band(np.array([3 * len(horizontal)]))[1][0])
     light: Light = "attention" if worst > max(chance, _MATTERS) else "good"
     words = "the stated sd is too small" if light == "attention" else "the stated sd holds"
@@ -462,12 +461,12 @@ def _verdict(plan: Plan, horizontal: FloatArray, nees: Mapping[str, float], fail
 
 
 def ensemble_lines(page: Page, out: Path) -> list[str]:
-    """What the terminal shows of an ensemble: its summary and its files."""
+    """Return the terminal lines of an ensemble: summary and files."""
     return [*page.summary, entry("files", f"{out}: runs.csv, ensemble.csv, report.html, run.json, …")]
 
 
 def failures_of(runs: Runs) -> Iterator[Finding]:
-    """Give the first runs that failed, and how many more did."""
+    """Yield the first failed runs, and the number of others."""
     for each in runs.failures[:_SHOWN]:
         yield Finding.of(Code.SIMULATION_RUN_FAILED, run=each.number, seed=each.seed, cause=each.error)
     more = len(runs.failures) - _SHOWN
@@ -476,7 +475,7 @@ def failures_of(runs: Runs) -> Iterator[Finding]:
 
 
 def correlation_notes(gps: GpsSpec | None, nees: Mapping[str, float]) -> tuple[Finding, ...]:
-    """Say why the stated position is too good, if it is and the errors of the receiver explain it.
+    """Explain a too accurate position by time-correlated receiver errors, if these are the cause.
 
     `nees`: mean per axis, by group.
     """
@@ -510,7 +509,7 @@ def _rows(runs: Runs) -> dict[str, FloatArray | IntArray]:
             table[f"{name}_per_axis"] = np.round(values, 6)
         else:
             component = name.split("_", 1)[1]
-            # what is none of the components is a length
+            # others are lengths
             at = COMPONENTS.index(component) if component in COMPONENTS else 0
             table[f"{name}{key_suffix(_UNITS[at])}"] = np.round(values * _FACTORS[at], 6)
     return table
@@ -531,7 +530,7 @@ def _epochs(found: Ensemble) -> dict[str, FloatArray | IntArray]:
 
 
 def ensemble_panels(found: Ensemble) -> tuple[Panel, ...]:
-    """Draw root mean square error and stated standard deviation of all nine components over time, axis by axis."""
+    """Draw RMS error and stated standard deviation of all nine components over time, axis by axis."""
     clock = Clock.of(found.time)
     low, high = (np.sqrt(limit)[:, None] for limit in band(found.count))
     time, columns = broken_at_gaps(
@@ -548,7 +547,7 @@ def ensemble_panels(found: Ensemble) -> tuple[Panel, ...]:
             Curve("stated sd", time, sd, BLUE),
             Curve("RMS error", time, error, VERMILLION),
         )
-        # by the stated sd: at rest before the start an error may be as good as none
+        # by the stated sd: at rest before the start an error may be almost zero
         limits = 0.5 * float(np.nanmin(least)), 1.5 * float(max(np.nanmax(most), np.nanmax(error)))
         key, title, label = f"ensemble_{name.replace(' ', '_')}", name.capitalize(), f"error [{unit}]"
         panels.append(Panel(key, title, label, clock.label, curves, "time", note, log="y", limits=limits))
@@ -557,7 +556,7 @@ def ensemble_panels(found: Ensemble) -> tuple[Panel, ...]:
 
 
 def nees_panels(found: Ensemble) -> tuple[Panel, ...]:
-    """Draw the mean normalised error squared of position, velocity and attitude over time."""
+    """Draw the mean normalised squared error of position, velocity and attitude over time."""
     clock = Clock.of(found.nees_time)
     low, high = band(3 * found.nees_count)
     share = inside(found).mean(axis=0)

@@ -1,4 +1,4 @@
-"""The noise of an IMU from its drives, as a page."""
+"""Report of IMU noise from its drives."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from insnav.units import UNITS
 def page(result: Result[Tuned]) -> Page:
     """Lay out the noise of an IMU."""
     found = result.found
-    summary = f"The log-likelihood is {found.gain:.0f} above that of the prior; drives: {found.drives}."
+    summary = f"The log-likelihood is {found.gain:.0f} above the prior; drives: {found.drives}."
     return Page(f"Noise of an IMU: {found.spec.name}", (summary,), (noise_section(found),))
 
 
 def texts(result: Result[Tuned]) -> dict[str, str]:
-    """Give the IMU error specification as the text of a file."""
+    """Return the IMU error specification as file text."""
     return {"imu.toml": to_toml(result.found.spec)}
 
 
 def frame(result: Result[Tuned]) -> DataFrame:
-    """Give the noise figures as a table, one row a figure, with its prior and the interval of 95 %."""
+    """Build a table of noise parameters, one row each, with prior and 95 % interval."""
     sizes = ((each, UNITS[each.unit][1] if each.unit else 1.0) for each in result.found.figures)
     return rows_frame(
         (

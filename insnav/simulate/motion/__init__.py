@@ -1,4 +1,4 @@
-"""Motion profiles: a file that says what a vehicle does becomes an exact motion.
+"""Motion profiles: conversion of a profile file to an exact motion.
 
 profile.toml -> segments -> moves -> commands -> Truth
                 waypoints -> way  -> commands

@@ -1,4 +1,4 @@
-"""From moves or waypoints to commanded speed, heading and grade, and to the exact motion of a body in either axes."""
+"""Conversion of moves or waypoints to commanded speed, heading and grade, and to the exact motion of a body."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from insnav.simulate.truth import LevelTruth, Truth
 from insnav.types import FloatArray
 from insnav.units import G0
 
-_SPACINGS = (0.04, 0.02, 0.01, 0.005, 0.0025, 0.002, 0.001)  # of knots: round, so that samples fall on them [s]
+_SPACINGS = (0.04, 0.02, 0.01, 0.005, 0.0025, 0.002, 0.001)  # of knots: round, to coincide with samples [s]
 _PER_PERIOD = 20.0  # knots in the shortest period of a coning or sculling motion
-_POLAR = math.radians(80.0)  # from this latitude on, axes fixed to the Earth [rad]
+_POLAR = math.radians(80.0)  # latitude beyond which Earth-fixed axes are used [rad]
 _DEGREE = 7
 _PASSES = 4
 
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Where a motion starts."""
+    """Initial state of a motion."""
 
     lla: FloatArray  # (3,) latitude [rad], longitude [rad], height [m]
     # [rad], [m/s]
@@ -46,7 +46,7 @@ class Start:
 
 @dataclass(frozen=True, slots=True)
 class Commands:
-    """What the vehicle is to do, at evenly spaced instants."""
+    """Commanded motion of the vehicle, at evenly spaced instants."""
 
     time: FloatArray  # (n,) since the start [s]
     # (n,) Forward [m/s], [rad], [rad], to the right [m/s]
@@ -58,16 +58,16 @@ class Commands:
 
 
 def spacing_of(moves: Sequence[Move], vibration: Vibration) -> float:
-    """Distance of knots that follows the fastest of all these motions [s]."""
+    """Choose the knot spacing for the fastest of all these motions [s]."""
     fastest = max((move.frequency for move in moves), default=0.0)
     needed = min(1.0 / (_PER_PERIOD * fastest) if fastest else 1.0, 0.25 / vibration.highest)
     return next((spacing for spacing in _SPACINGS if spacing <= needed * (1.0 + 1e-9)), _SPACINGS[-1])
 
 
 def commands_of(moves: Sequence[Move], spacing: float) -> Commands:
-    """Put the moves one after the other."""
+    """Concatenate the moves."""
     edges = np.concatenate([[0.0], np.cumsum([move.duration for move in moves])])
-    # knots on round times: those of the samples fall on them and quadrature has no slivers to do
+    # knots at round times coincide with samples, which avoids slivers in the quadrature
     t: FloatArray = spacing * np.arange(math.ceil(edges[-1] / spacing - 1e-9) + 1.0)
     held = np.minimum(t, edges[-1])
     first = np.searchsorted(held, edges, side="left")
@@ -85,14 +85,14 @@ def commands_of(moves: Sequence[Move], spacing: float) -> Commands:
 def truth_of(
     commands: Commands, moves: Sequence[Move], start: Start, vehicle: Kind, vibration: Vibration, seed: Seed
 ) -> Truth:
-    """Make the exact motion of a vehicle from its commands, with those moves that turn the body in it.
+    """Build the exact motion of a vehicle from its commands, with moves that rotate its body.
 
-    The rates of position are splines through the commanded ones, integrated as polynomials; attitude is a spline too.
-    What the truth hands out are derivatives of these, so the knots decide how closely the commands are followed,
-    never how consistent the motion is.
+    The rates of position are splines through the commanded ones, integrated as polynomials; attitude is a spline, too.
+    All outputs of the truth are derivatives of these. The knots determine how closely commands are followed, not the
+    consistency of the motion.
 
-    Returns: in latitude, longitude, height and roll, pitch, heading; beyond 80 deg of latitude, or where the body turns
-    by itself, in Earth-fixed axes, and then the heading counts from the great circle that went North at the start.
+    Returns: truth in latitude, longitude, height and roll, pitch, heading. Beyond 80 deg of latitude, or with body
+    rotation, it uses Earth-fixed axes, and the heading counts from the great circle that starts northward.
     """
     t = commands.time
     rates = spline_through(t, np.column_stack([commands.speed, commands.heading, commands.grade]))(t, 1)
@@ -117,13 +117,13 @@ def truth_of(
 
 
 def position_curve(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> Spline:
-    """Integral of a velocity North, East, up ``(n, 3)`` [m/s] over the ellipsoid: position minus its start `lla`.
+    """Integrate a velocity North, East, up ``(n, 3)`` [m/s] over the ellipsoid: position minus its start `lla`.
 
     Latitude [rad], longitude [rad], height [m].
     """
     here = np.tile(np.asarray(lla, dtype=np.float64), (len(t), 1))
-    # The rates need the position only for the radii and the parallel, which change by parts in 1e7 per metre:
-    # trapezoids are good enough to find it, and each pass gains digits, five on 100 km.
+    # The rates depend on position only through radii and parallel, which change by parts in 1e7 per metre. Trapezoids
+    # are accurate enough, and each pass gains five digits on 100 km.
     for _ in range(3):
         rates = velocity / metres_per_unit(here)
         here = lla + cumulative_trapezoid(rates, t, axis=0, initial=0.0)
@@ -131,31 +131,32 @@ def position_curve(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> Spli
 
 
 def earth_path(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> tuple[Spline, FloatArray]:
-    """Integral of a velocity over the ellipsoid, in Earth-fixed axes, also over a pole.
+    """Integrate a velocity over the ellipsoid, in Earth-fixed axes, also across a pole.
 
-    `t` (n,): times [s]; `velocity` (n, 3): along two level axes that are North and East at the start and turn with the
-    vertical but not about it, and up [m/s]; `lla` (3,): start: latitude [rad], longitude [rad], height [m].
-    Returns: `position`: Earth-fixed position since the start [m]; `axes` (n, 4): quaternion of the level axes and down
-    in Earth-fixed ones.
+    `t` (n,): times [s]. `velocity` (n, 3): along two level axes, initially North and East, that rotate with the
+    vertical but not about it, and up [m/s]. `lla` (3,): start: latitude [rad], longitude [rad], height [m].
+    Returns: `position`: Earth-fixed position since the start [m]. `axes` (n, 4): quaternion of the level axes and down
+    in Earth-fixed axes.
     """
     start = quat_earth_from_level(lla[None])[0]
     axes = np.tile(start, (len(t), 1))
     height = lla[2] + cumulative_trapezoid(velocity[:, 2], t, initial=0.0)
-    # In the moving axes the turn hangs on the place by the radii of curvature only: each pass gains two digits or more.
+    # In the moving axes the rotation depends on position only by the radii of curvature: each pass gains two digits or
+    # more.
     for _ in range(_PASSES):
         north_axis, east_axis, down = _columns(axes)
         sine = -down[:, 2]
         meridian, transverse = radii(np.arcsin(np.clip(sine, -1.0, 1.0)))
-        # the ellipsoid is rounder along the parallel: radius of curvature by Euler's theorem
+        # the ellipsoid is more curved along the parallel: radius of curvature by Euler's theorem
         away = np.column_stack([-sine * -down[:, 0], -sine * -down[:, 1], 1.0 - sine**2])
         away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)
         across = np.cross(down, away)
         v_e = velocity[:, :1] * north_axis + velocity[:, 1:2] * east_axis
         along = np.einsum("ij,ij->i", v_e, away) / (meridian + height)
         aside = np.einsum("ij,ij->i", v_e, across) / (transverse + height)
-        tilt = along[:, None] * away + aside[:, None] * across  # of the upward normal a second
+        tilt = along[:, None] * away + aside[:, None] * across  # rotation of the upward normal per second
         turn_e = np.cross(-down, tilt)
-        # the same in the moving axes: a rotation from the right, summed up as small turns
+        # the same in the moving axes: a rotation from the right, summed as small rotations
         turn = np.column_stack([np.einsum("ij,ij->i", turn_e, axis) for axis in (north_axis, east_axis, down)])
         angle = cumulative_trapezoid(turn, t, axis=0, initial=0.0)
         axes = quat_multiply(np.tile(start, (len(t), 1)), _wound(angle))
@@ -165,7 +166,7 @@ def earth_path(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> tuple[Sp
 
 
 def _wound(angle: FloatArray) -> FloatArray:
-    """Quaternions after successive small turns, from their sums ``(n, 3)`` [rad]: a running product by doubling."""
+    """Compute quaternions after successive small rotations, from their sums ``(n, 3)`` [rad], by doubling."""
     steps = quat_from_rotvec(np.diff(angle, axis=0, prepend=angle[:1]))
     reach = 1
     while reach < len(steps):
@@ -180,7 +181,7 @@ def _columns(q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def turns_of(moves: Sequence[Move], spacing: float) -> Turns:
-    """Turns of the body in the vehicle, one stretch a move."""
+    """Build the body rotations in the vehicle, one section per move."""
     edges, base = [0.0], [np.array([1.0, 0.0, 0.0, 0.0])]
     pieces, breaks = [], [np.zeros(1)]
     for move in moves:
@@ -209,16 +210,15 @@ _FINE = 4001
 def way_through(
     lla: FloatArray, speed: FloatArray, spacing: float, vehicle: Kind
 ) -> tuple[Commands | None, list[ConfigError]]:
-    """Make the way through points at even instants `spacing` apart [s], or say what keeps it from being driven.
+    """Build the path through points at even instants `spacing` apart [s], or report why it cannot be driven.
 
-    Speeds of zero at the first and the last of the points `lla` make a drive from rest to rest. The problems name
-    their points.
+    Zero speed at the first and the last of the points `lla` gives a drive from rest to rest. Errors name their points.
 
     Notes
     -----
-    The line is a cubic spline through the points over the length of the chords, without curvature at its ends; between
-    two points the square of the speed changes evenly with the way, that is at constant acceleration, and the speed over
-    time is then smoothed. Heights follow a monotone interpolation: no hill where there is none.
+    The line is a cubic spline through the points over chord length, without curvature at its ends. Between two points
+    the squared speed changes linearly with distance, that is at constant acceleration. The speed over time is then
+    smoothed. Heights follow a monotone interpolation, without new hills.
     """
     offset = ned_offset(lla, lla[0])
     chords = np.linalg.norm(np.diff(offset[:, :2], axis=0), axis=1)
@@ -269,13 +269,13 @@ def way_through(
             limit_m_s2=vehicle.sideways,
         )
         return None, [bent]
-    # along the line: its length, and the time, exact for constant acceleration between neighbouring instants
+    # along the line: length, and time, exact for constant acceleration between neighbouring instants
     length = np.concatenate([[0.0], np.cumsum(0.5 * (stretch[1:] + stretch[:-1]) * np.diff(fine))])
     v = np.sqrt(square)
     when = np.concatenate([[0.0], np.cumsum(np.diff(length) * 2.0 / np.maximum(v[1:] + v[:-1], 1e-9))])
     count = int(np.ceil((when[-1] + 2.0 * _SMOOTHING) / spacing)) + 1
     t: FloatArray = spacing * np.arange(count, dtype=np.float64)
-    # the smoothed speed is even about each instant: the whole way stays as long as it was
+    # symmetric smoothing preserves the total length
     half = max(1, round(0.5 * _SMOOTHING / spacing))
     x = np.arange(-half, half + 1) / (half + 1.0)
     kernel = (1.0 - x**2) ** 4

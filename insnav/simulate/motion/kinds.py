@@ -1,4 +1,4 @@
-"""Kinds of vehicles: what they can do, what they do by default, how they lean and vibrate."""
+"""Vehicle kinds: their limits, defaults, lean and vibration."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from insnav.units import G0
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """How a car body moves on its wheels."""
+    """Motion of a car body on its wheels."""
 
     lean: float = 0.009  # roll per acceleration to the right [rad/(m/s^2)]; a car leans out of the turn
     squat: float = 0.006  # pitch per forward acceleration [rad/(m/s^2)]
@@ -30,26 +30,26 @@ _RIGID = Vehicle(lean=0.0, squat=0.0, velocity_shake=(0.0, 0.0, 0.0), angle_shak
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """What a kind of vehicle can do."""
+    """Limits and defaults of a vehicle kind."""
 
     name: str
-    # largest speed [m/s] and accelerations along and across the way [m/s^2]
+    # largest speed [m/s] and accelerations along and across the path [m/s^2]
     speed: float
     forward: float
     sideways: float
     grade: float  # steepest climb [rad]
-    # defaults: along the way [m/s^2], of any force [m/s^3], of the path upwards [m/s^2]
+    # defaults: along the path [m/s^2], jerk [m/s^3], upward path acceleration [m/s^2]
     acceleration: float
     jerk: float
     bend: float
-    banks: bool = False  # whether it banks into its turns so that nothing pulls sideways
-    on_the_spot: bool = False  # whether it can turn without moving
-    body: Vehicle = _RIGID  # how the body leans and shakes
+    banks: bool = False  # the vehicle banks into turns, without lateral force
+    on_the_spot: bool = False  # the vehicle can turn without moving
+    body: Vehicle = _RIGID  # lean and vibration of the body
 
 
-HIGHEST = 100.0 * G0  # of a laboratory device; beyond it a motion is a slip of the pen
+HIGHEST = 100.0 * G0  # of a laboratory device; beyond it the input is an error
 FASTEST_SPIN = math.radians(4000.0)
-_STEEPEST_BANK = G0 * math.tan(math.radians(75))  # as acceleration across the way [m/s^2]
+_STEEPEST_BANK = G0 * math.tan(math.radians(75))  # as acceleration across the path [m/s^2]
 
 KINDS = {
     kind.name: kind
@@ -62,15 +62,15 @@ KINDS = {
 
 
 _TONES = 24  # of a band, or of the suspension, on each axis
-_REFERENCE_SPEED = 20.0  # at which a vehicle shakes as much as its figures say [m/s]
+_REFERENCE_SPEED = 20.0  # speed of the specified vibration [m/s]
 _STREAM = 1
 
 
 @dataclass(frozen=True, slots=True)
 class Vibration:
-    """What shakes."""
+    """Vibration of a vehicle."""
 
-    # size of the suspension's vibration by that of the vehicle; it is in proportion to the speed
+    # suspension vibration relative to the vehicle's; proportional to speed
     suspension: float = 1.0
     # frequency [Hz] and amplitude [m/s^2] of each engine line, along all three axes, in phases drawn at random
     lines: tuple[tuple[float, float], ...] = ()
@@ -79,20 +79,20 @@ class Vibration:
 
     @property
     def highest(self) -> float:
-        """Highest frequency in it [Hz]."""
+        """Highest frequency of the vibration [Hz]."""
         return max([6.25, *(line[0] for line in self.lines), *(band[1] for band in self.bands)])
 
 
 def shaken(
     t: FloatArray, speed: FloatArray, body: Vehicle, vibration: Vibration, seed: Seed
 ) -> tuple[FloatArray, FloatArray]:
-    """Vibration of velocity forward, right, down [m/s] and of roll, pitch, heading [rad], each ``(n, 3)``."""
+    """Simulate vibration of velocity forward, right, down [m/s] and of roll, pitch, heading [rad], each ``(n, 3)``."""
     velocity, angle = _suspension(t, speed, body, vibration.suspension, seed)
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
     for frequency, size in vibration.lines:
         velocity += _tones(t, np.full((1, 3), frequency), size, rng)
     for low, high, density in vibration.bands:
-        # tones drawn one to each slice of the band: each has its share of the power
+        # one tone per slice of the band, with an equal share of the power
         slices = low + (high - low) * (np.arange(_TONES)[:, None] + rng.uniform(size=(_TONES, 3))) / _TONES
         velocity += _tones(t, slices, math.sqrt(2.0 * density * (high - low) / _TONES), rng)
     return velocity, angle
@@ -101,7 +101,7 @@ def shaken(
 def _suspension(
     t: FloatArray, speed: FloatArray, vehicle: Vehicle, factor: float, seed: Seed
 ) -> tuple[FloatArray, FloatArray]:
-    """`factor` times the vibration of the vehicle: tones in proportion to the speed ``(n,)`` [m/s], none at rest."""
+    """Simulate `factor` times the vehicle's vibration: tones proportional to speed ``(n,)`` [m/s], none at rest."""
     rng = np.random.default_rng(seed)
     result = np.empty((len(t), 6))
     for i, sd in enumerate(vehicle.velocity_shake + vehicle.angle_shake):
@@ -115,7 +115,7 @@ def _suspension(
 
 
 def _tones(t: FloatArray, frequency: FloatArray, size: float, rng: np.random.Generator) -> FloatArray:
-    """Velocity of tones whose acceleration has amplitude `size` ``(n, 3)``; frequencies ``(m, 3)`` [Hz]."""
+    """Sum velocity tones of acceleration amplitude `size` ``(n, 3)``; frequencies ``(m, 3)`` [Hz]."""
     phase = rng.uniform(0.0, 2.0 * np.pi, frequency.shape)
     total = np.zeros((len(t), 3))
     for f, p in zip(frequency, phase, strict=True):

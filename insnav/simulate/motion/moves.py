@@ -1,6 +1,6 @@
-"""Moves of a vehicle: how speed, heading and grade go on, how it sways to the side, how the body turns in it.
+"""Moves of a vehicle: changes of speed, heading, grade and lateral position, and body rotation.
 
-Everything changes smoothly: four derivatives of every quantity are continuous from one move to the next.
+All changes are smooth: four derivatives of every quantity are continuous between moves.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from scipy.optimize import brentq
 from insnav.attitude import quat_conjugate, quat_from_rph, quat_multiply, rotvec_from_quat
 from insnav.types import FloatArray
 
-# x^5 … x^9 of the polynomial that rises from 0 to 1 on [0, 1] with four derivatives zero at both ends: the
-# integral of x^4 (1 - x)^4, made 1 at x = 1.
+# x^5 … x^9 of the polynomial from 0 to 1 on [0, 1] with four zero derivatives at both ends: the normalised integral of
+# x^4 (1 - x)^4
 STEP = (126.0, -420.0, 540.0, -315.0, 70.0)
 STEEPEST = 315.0 / 128.0  # slope in its middle
 BUMP_AREA = 128.0 / 315.0  # integral of `bump`
@@ -48,9 +48,9 @@ def bump(x: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Rise:
-    """Change by `total` whose rate rises smoothly to `rate`, stays, and falls: the area under a rounded trapezoid.
+    """Change by `total` at a rate that rises smoothly to `rate`, stays, and falls: a rounded trapezoid.
 
-    Where `total` is too small for that the rate stays lower, and rises and falls with the same slope.
+    If `total` is too small the rate remains lower, and rises and falls with the same slope.
     """
 
     total: float  # change, of either sign
@@ -59,13 +59,13 @@ class Rise:
 
     @cached_property
     def rate(self) -> float:
-        """Largest rate that is reached, with the sign of `total`."""
+        """Largest rate reached, with the sign of `total`."""
         share = min(1.0, math.sqrt(abs(self.total) / (self.limit * self.ramp_limit))) if self.ramp_limit else 1.0
         return math.copysign(self.limit * share, self.total)
 
     @cached_property
     def ramp(self) -> float:
-        """Time in which it is reached [s]."""
+        """Time to reach this rate [s]."""
         return self.ramp_limit * abs(self.rate) / self.limit
 
     @cached_property
@@ -75,17 +75,17 @@ class Rise:
 
     @property
     def frequency(self) -> float:
-        """Of an oscillation as sharp as the ramps, each three quarters of its period; 0 if there are none [Hz]."""
+        """Frequency of an oscillation as sharp as the ramps, each three quarters of its period; 0 without [Hz]."""
         return 0.75 / self.ramp if self.total and self.ramp else 0.0
 
     def slope(self, t: FloatArray) -> FloatArray:
-        """Rate of change at times ``(n,)`` since the beginning [s]."""
+        """Evaluate the rate of change at times ``(n,)`` since the beginning [s]."""
         if not self.total:
             return np.zeros_like(t)
         return np.asarray(self.rate * (step(t / self.ramp) - step((t - self.duration + self.ramp) / self.ramp)))
 
     def __call__(self, t: FloatArray) -> FloatArray:
-        """Change since the beginning at times ``(n,)`` since then [s]."""
+        """Evaluate the change at times ``(n,)`` since the beginning [s]."""
         if not self.total:
             return np.zeros_like(t)
         begin, end = step_area(t / self.ramp), step_area((t - self.duration + self.ramp) / self.ramp)
@@ -94,40 +94,40 @@ class Rise:
 
 Course = Callable[[FloatArray], FloatArray]  # over the time since the beginning of the move [s]
 
-_FINE = 2001  # instants at which a height is summed up
-_TRANSITION = 0.5  # shortest time in which a turn begins or ends [s]
+_FINE = 2001  # instants for the integration of a height
+_TRANSITION = 0.5  # shortest time to begin or end a turn [s]
 
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """How a vehicle goes between two moves."""
+    """State of a vehicle between two moves."""
 
     speed: float = 0.0  # Forward [m/s]
     heading: float = 0.0  # not wrapped [rad]
-    # of a table on a slide: roll, pitch, yaw, each axis carried by the next [rad]; None where a spin took the body away
+    # of a table on a slide: roll, pitch, yaw, each axis carried by the next [rad]; None after a free spin
     table: tuple[float, float, float] | None = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """One move."""
+    """Move of a vehicle."""
 
     duration: float  # [s]
-    # how it begins and how it leaves the vehicle
+    # initial and final state of the vehicle
     begin: State
     end: State
-    # Forward speed [m/s], heading [rad], climb angle [rad]; None where they stay
+    # Forward speed [m/s], heading [rad], climb angle [rad]; None if constant
     speed: Course | None = None
     heading: Course | None = None
     grade: Course | None = None
     right: Course | None = None  # velocity to the right [m/s]
     body: Course | None = None  # rotation vector ``(n, 3)`` of the body in the vehicle since the beginning [rad]
-    # highest frequency in it, of an oscillation or one as sharp as its changes, 0 if it has none [Hz]
+    # highest frequency of the move, by oscillation or sharpness of changes, or 0 [Hz]
     frequency: float = 0.0
 
 
 def stay(state: State, duration: float) -> Move:
-    """Go on as before for a time [s]."""
+    """Continue unchanged for a time [s]."""
     return Move(duration, state, state)
 
 
@@ -139,7 +139,7 @@ def change_speed(state: State, to: float, acceleration: float, jerk: float) -> M
 
 
 def turn(state: State, angle: float, rate: float, jerk: float) -> Move:
-    """Turn by an angle [rad] with a largest rate [rad/s]; `jerk` limits how fast the sideways force comes [m/s^3]."""
+    """Turn by an angle [rad] with a largest rate [rad/s]; `jerk` limits the growth of lateral force [m/s^3]."""
     rise = _turning(state, angle, rate, jerk)
     end = replace(state, heading=state.heading + angle)
     return Move(rise.duration, state, end, heading=lambda t: state.heading + rise(t), frequency=rise.frequency)
@@ -150,7 +150,7 @@ def _turning(state: State, angle: float, rate: float, jerk: float) -> Rise:
 
 
 def climb(state: State, height: float, angle: float, acceleration: float, jerk: float) -> Move:
-    """Climb by a height [m], or descend, at an angle [rad]; the path bends with this acceleration [m/s^2] and jerk."""
+    """Climb or descend by a height [m] at an angle [rad]; the path bends with this acceleration [m/s^2] and jerk."""
     sign = math.copysign(1.0, height)
 
     def bend(gamma: float) -> Rise:
@@ -162,7 +162,7 @@ def climb(state: State, height: float, angle: float, acceleration: float, jerk: 
         t = np.linspace(0.0, rise.duration, _FINE)
         return 2.0 * state.speed * float(np.trapezoid(np.sin(rise(t)), t))
 
-    if abs(gained(angle)) > abs(height):  # the bends alone are more than that: a flatter way
+    if abs(gained(angle)) > abs(height):  # the bends alone exceed the height: use a flatter path
         angle = float(brentq(lambda gamma: abs(gained(gamma)) - abs(height), 0.0, angle, xtol=1e-12))
     rise = bend(angle)
     held = rise.duration + max(0.0, (abs(height) - abs(gained(angle))) / (state.speed * math.sin(angle)))
@@ -170,7 +170,7 @@ def climb(state: State, height: float, angle: float, acceleration: float, jerk: 
 
 
 def helix(state: State, angle: float, rate: float, height: float, jerk: float) -> Move:
-    """Turn by an angle [rad] and climb by a height [m] meanwhile."""
+    """Turn by an angle [rad] and climb by a height [m] at the same time."""
     rise = _turning(state, angle, rate, jerk)
     edge = min(0.25 * rise.duration, 5.0)
 
@@ -192,7 +192,7 @@ def helix(state: State, angle: float, rate: float, height: float, jerk: float) -
 
 
 def lane_change(state: State, offset: float, duration: float) -> Move:
-    """Drive to a lane `offset` [m] to the right, in a time [s], and on in the direction of before."""
+    """Drive to a lane `offset` [m] to the right, in a time [s], and continue in the original direction."""
     size = offset / (duration * BUMP_AREA) / state.speed
 
     def heading(t: FloatArray) -> FloatArray:
@@ -219,7 +219,7 @@ def slide(state: State, length: float, speed: float, acceleration: float, jerk: 
 
 
 def spin(state: State, axis: FloatArray, angle: float, rate: float, acceleration: float) -> Move:
-    """Turn the body about an axis of its own by an angle [rad], at a rate [rad/s] reached with [rad/s^2]."""
+    """Rotate the body about a body axis by an angle [rad], at a rate [rad/s] reached with [rad/s^2]."""
     rise = Rise(angle, rate, STEEPEST * rate / acceleration)
 
     def body(t: FloatArray) -> FloatArray:
@@ -229,12 +229,12 @@ def spin(state: State, axis: FloatArray, angle: float, rate: float, acceleration
 
 
 AXES = ("x", "y", "roll", "pitch", "yaw")  # of a slide, forward and to the right [m], and of the table on it [rad]
-_SMALL_TURN = 0.01  # of an axis of a table, to see how it stands in the body [rad]
-_BOTH = 0.96  # along and across a circle at once, so much of the largest acceleration each stays within it
+_SMALL_TURN = 0.01  # of a table axis, to find its direction in the body [rad]
+_BOTH = 0.96  # share of the largest acceleration for each of the components along and across a circle
 
 
 def linear(state: State, change: FloatArray, rate: FloatArray, acceleration: FloatArray) -> Move:
-    """Move all axes by `change` in a straight line, so that the slowest of them sets the pace.
+    """Move all axes by `change` in a straight line, at the pace of the slowest axis.
 
     `change`, `rate`, `acceleration` (5,): by `AXES`, with the largest rate and acceleration of each.
     """
@@ -247,10 +247,10 @@ def linear(state: State, change: FloatArray, rate: FloatArray, acceleration: Flo
 def circular(
     state: State, pair: tuple[int, int], radius: float, angles: tuple[float, float], limits: tuple[float, float]
 ) -> Move:
-    """Move two axes round a circle.
+    """Move two axes around a circle.
 
-    `pair`: which of `AXES`; `radius`: in their unit; `angles`: direction of the start seen from the middle, and angle
-    to go [rad]; `limits`: largest rate and acceleration along the circle and to its middle.
+    `pair`: two of `AXES`. `radius`: in their unit. `angles`: direction of the start seen from the centre, and angle of
+    the arc [rad]. `limits`: largest rate and acceleration along the circle and towards its centre.
     """
     start, angle = angles
     gain = _BOTH * limits[1] / radius
@@ -268,7 +268,7 @@ def circular(
 
 
 def _carried(state: State, rise: Rise, way: Course, slope: Course) -> Move:
-    """Move slide and table along a way over a parameter that rises: its offsets and their derivative, (n, 5)."""
+    """Move slide and table along a path over a rising parameter: offsets and their derivative, (n, 5)."""
     turned = np.abs(way(np.linspace(0.0, rise.total, _FINE))[:, 2:]).max(axis=0)
     table = np.array(state.table or (0.0, 0.0, 0.0))
     back = quat_conjugate(quat_from_rph(table[None]))
@@ -280,7 +280,7 @@ def _carried(state: State, rise: Rise, way: Course, slope: Course) -> Move:
         angles = way(rise(t))[:, 2:]
         if np.count_nonzero(turned) > 1:
             return rotation(angles)
-        axes = rotation(_SMALL_TURN * np.eye(3)) / _SMALL_TURN  # one alone keeps its direction, also round and round
+        axes = rotation(_SMALL_TURN * np.eye(3)) / _SMALL_TURN  # a single axis keeps its direction, for any angle
         return np.asarray(angles @ axes)
 
     def along(axis: int) -> Course:
@@ -292,7 +292,7 @@ def _carried(state: State, rise: Rise, way: Course, slope: Course) -> Move:
 
 
 def coning(state: State, angle: float, frequency: float, duration: float) -> Move:
-    """Let the x axis go round a cone of a half-angle [rad], for a time [s]; it comes and goes smoothly."""
+    """Move the x axis around a cone of a half-angle [rad], for a time [s], with smooth start and end."""
     omega = 2.0 * math.pi * frequency
 
     def body(t: FloatArray) -> FloatArray:
@@ -303,7 +303,7 @@ def coning(state: State, angle: float, frequency: float, duration: float) -> Mov
 
 
 def sculling(state: State, angle: float, acceleration: float, frequency: float, duration: float) -> Move:
-    """Roll by an angle [rad] and be pushed to the right with an acceleration [m/s^2], in phase, for a time [s]."""
+    """Roll by an angle [rad] with a rightward acceleration [m/s^2] in phase, for a time [s]."""
     omega = 2.0 * math.pi * frequency
 
     def body(t: FloatArray) -> FloatArray:
@@ -317,7 +317,7 @@ def sculling(state: State, angle: float, acceleration: float, frequency: float, 
 
 
 def _up_and_down(rise: Rise, held: float) -> Course:
-    """Go up, and from `held` [s] on down again."""
+    """Rise, and from `held` [s] on fall again."""
     return lambda t: np.asarray(rise(np.minimum(t, held)) - rise(t - held))
 
 
@@ -326,5 +326,5 @@ def _swell(t: FloatArray, duration: float, frequency: float) -> FloatArray:
 
 
 def _envelope(t: FloatArray, duration: float, edge: float) -> FloatArray:
-    """From 0 to 1 within `edge` [s], and back to 0 at the end."""
+    """Build an envelope from 0 to 1 within `edge` [s], and back to 0 at the end."""
     return step(t / edge) - step((t - duration + edge) / edge)

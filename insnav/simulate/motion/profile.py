@@ -1,4 +1,4 @@
-"""The motion profile (``*.toml``): where a drive starts and what it does, one segment after the other."""
+"""Motion profile (``*.toml``): start and segments of a drive, in order."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class _ProfileFile(Table):
 
 @dataclass(frozen=True)
 class MotionProfile:
-    """A motion that can be driven: its name, its purpose in one line, how long it takes [s], and its file."""
+    """Feasible motion: name, purpose in one line, duration [s], and file."""
 
     name: str
     purpose: str
@@ -92,16 +92,16 @@ class MotionProfile:
     _way: Commands | None
 
     def truth(self, seed: Seed) -> Truth:
-        """Make the exact motion; only its vibration is random."""
+        """Build the exact motion; only its vibration is random."""
         commands = self._way or commands_of(self._moves, spacing_of(self._moves, self._vibration))
         return truth_of(commands, self._moves, self._start, self._vehicle, self._vibration, seed)
 
 
 def load_profile(name_or_path: str | Path, library: Path | None = None) -> MotionProfile:
-    """Read a motion profile, by its name in the library or as a file, and check that it can be driven.
+    """Read a motion profile, by library name or file, and check its feasibility.
 
-    Raises: ConfigError: no such profile, no TOML, unknown or wrong keys, or a motion that cannot be driven: everything
-    at once, each with the number and kind of its segment.
+    Raises: ConfigError: no such profile, invalid TOML, wrong keys, or an infeasible motion: all errors at once, each
+    with the number and kind of its segment.
     """
     path = _find(name_or_path, library)
     data = read_toml(path)
@@ -129,7 +129,7 @@ def load_profile(name_or_path: str | Path, library: Path | None = None) -> Motio
     if duration > _LONGEST:
         raise ConfigError("sim.too_long", where=str(path), duration_s=duration, limit_s=_LONGEST)
     name = path.stem if file.name is None else file.name
-    # the name goes with the text, so that a copy of it under another name is the same profile
+    # the name is part of the text: a copy under another name is the same profile
     text = path.read_text(encoding="utf-8-sig")
     if file.name is None:
         text = f'name = "{name}"\n{text}'
@@ -137,7 +137,7 @@ def load_profile(name_or_path: str | Path, library: Path | None = None) -> Motio
 
 
 def _read(listed: list[Any], path: str) -> tuple[list[tuple[str, Segment]], list[ConfigError]]:
-    """Segments with their names, such as ``segment 3 (turn)``, and what is wrong with them."""
+    """Read segments with names, such as ``segment 3 (turn)``, and their errors."""
     segments: list[tuple[str, Segment]] = []
     problems: list[ConfigError] = []
     for number, data in enumerate(listed, start=1):
@@ -185,9 +185,9 @@ def _segments(
             made = segment.moves(state, vehicle)
         except ConfigError as problem:
             problem.where = name
-            if problem.as_dict() not in [each.as_dict() for each in problems]:  # not again in each repetition
+            if problem.as_dict() not in [each.as_dict() for each in problems]:  # reported once, not in each repetition
                 problems.append(problem)
-            # where it was meant to end, so that those after it are judged fairly
+            # continue from the intended end, to judge later segments fairly
             state = State(float(getattr(segment, "to", state.speed)), state.heading)
             continue
         moves += made

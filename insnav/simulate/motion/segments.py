@@ -1,4 +1,4 @@
-"""The segments of a motion profile as they stand in its file, and the moves they mean."""
+"""Segments of a motion profile as in its file, and their moves."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ def _axis(value: object) -> Axes:
 
 
 class Segment(Table):
-    """What all segments have in common."""
+    """Common interface of all segments."""
 
     kind: str
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
-        """Moves of the segment of a vehicle in this state.
+        """Build the moves of the segment for a vehicle in this state.
 
-        Raises: ConfigError: the vehicle cannot do that.
+        Raises: ConfigError: the move exceeds the limits of the vehicle.
         """
         raise NotImplementedError
 
@@ -64,7 +64,7 @@ def _bearable(code: str, acceleration: float, limit: float, vehicle: Kind) -> No
 
 
 class Static(Segment):
-    """Rest."""
+    """Stationary time."""
 
     duration: Duration
 
@@ -75,7 +75,7 @@ class Static(Segment):
 
 
 class ChangeSpeed(Segment):
-    """Accelerate or brake to a speed."""
+    """Acceleration or braking to a speed."""
 
     to: Speed
     acceleration: Acceleration = None
@@ -98,7 +98,7 @@ class ChangeSpeed(Segment):
 
 
 class Stop(ChangeSpeed):
-    """Brake to rest, and wait."""
+    """Braking to rest, and waiting."""
 
     to: Annotated[float, Field(ge=0.0, le=0.0)] = 0.0
     wait: Duration = 0.0
@@ -111,7 +111,7 @@ class Stop(ChangeSpeed):
 
 
 class Cruise(Segment):
-    """Go on, for a time or a distance."""
+    """Continuation for a time or a distance."""
 
     duration: Annotated[float | None, scalar("time")] = None
     distance: Annotated[float | None, scalar("length")] = None
@@ -152,13 +152,13 @@ class Turn(Segment):
 
 
 class Arc(Turn):
-    """A circular arc: a turn on a radius."""
+    """Circular arc: a turn on a radius."""
 
     radius: Length
 
 
 class Climb(Segment):
-    """Climb or descend by a height."""
+    """Climb or descent by a height."""
 
     height: Length
     angle: Annotated[float | None, scalar("angle")] = None
@@ -175,7 +175,7 @@ class Climb(Segment):
 
 
 class Helix(Segment):
-    """Turns with a climb: round and round on a radius, to another height."""
+    """Turns with a climb, on a radius, to another height."""
 
     radius: Length
     turns: float
@@ -204,7 +204,7 @@ class Helix(Segment):
 
 
 class LaneChange(Segment):
-    """Change to a lane at the side."""
+    """Change to another lane."""
 
     offset: SignedLength
     duration: Duration
@@ -219,7 +219,7 @@ class LaneChange(Segment):
 
 
 class Slide(Segment):
-    """A linear slide: a length from rest to rest, at a trapezoid of speed."""
+    """Linear slide: a length from rest to rest, with a trapezoidal speed."""
 
     length: Length
     acceleration: Acceleration = None
@@ -239,7 +239,7 @@ class Slide(Segment):
 
 
 class Spin(Segment):
-    """Turn the body about an axis of its own."""
+    """Rotation of the body about a body axis."""
 
     axis: Annotated[Axes, PlainValidator(_axis)]
     angle: Annotated[float | None, signed_scalar("angle")] = None
@@ -259,7 +259,7 @@ class Spin(Segment):
 
 
 class Coning(Segment):
-    """Coning: one axis goes round a cone."""
+    """Coning: one axis moves around a cone."""
 
     angle: Angle
     frequency: Frequency
@@ -276,7 +276,7 @@ class Coning(Segment):
 
 
 class Sculling(Coning):
-    """Sculling: roll, and a push to the right in phase with it."""
+    """Sculling: roll, with a rightward acceleration in phase."""
 
     acceleration: Annotated[float, scalar("acceleration")]
 
@@ -287,7 +287,7 @@ class Sculling(Coning):
 
 
 class _Planned(Segment):
-    """Moves of a slide (m) and of the table on it (deg), with the largest speed and acceleration of their axes."""
+    """Moves of a slide (m) and its table (deg), with the largest speed and acceleration of each axis."""
 
     speed: Speed = 1.0
     acceleration: Acceleration = None
@@ -297,7 +297,7 @@ class _Planned(Segment):
     above_zero = ("speed", "acceleration", "rate", "ramp")
 
     def limits(self, state: State, vehicle: Kind, turned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Largest rates and accelerations, (5,) by `moves.AXES`; `turned` (3,): by how much the table turns [rad]."""
+        """Return largest rates and accelerations, (5,) by `moves.AXES`. `turned` (3,): rotation of the table [rad]."""
         _still(state, vehicle)
         acceleration = vehicle.acceleration if self.acceleration is None else self.acceleration
         if state.speed != 0.0:
@@ -318,7 +318,7 @@ class _Planned(Segment):
 
 
 class Linear(_Planned):
-    """All axes in a straight line, together from rest to rest."""
+    """All axes in a straight line, from rest to rest."""
 
     x: SignedLength = 0.0
     y: SignedLength = 0.0
@@ -338,7 +338,7 @@ class Linear(_Planned):
 
 
 class Circular(_Planned):
-    """Two axes round a circle, from rest to rest."""
+    """Two axes around a circle, from rest to rest."""
 
     axes: Annotated[list[Literal["x", "y", "roll", "pitch", "yaw"]], Field(min_length=2, max_length=2)]
     radius: str
@@ -357,7 +357,7 @@ class Circular(_Planned):
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
         first, second = (moves.AXES.index(name) for name in self.axes)
         radius = quantity(self.radius, "length" if first < 2 else "angle", signed=False)
-        reach = 2.0 * radius * np.isin(np.arange(2, 5), (first, second))  # no farther from the start than that
+        reach = 2.0 * radius * np.isin(np.arange(2, 5), (first, second))  # the largest distance from the start
         rate, acceleration = (float(each[first]) for each in self.limits(state, vehicle, reach))
         return [moves.circular(state, (first, second), radius, (self.start, self.angle), (rate, acceleration))]
 
@@ -368,7 +368,7 @@ def _still(state: State, vehicle: Kind) -> None:
 
 
 class Repeat(Segment):
-    """The same segments several times."""
+    """Repetition of segments."""
 
     count: Annotated[int, Field(ge=1, le=10_000)]
     segment: list[dict[str, Any]]
