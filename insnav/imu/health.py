@@ -243,7 +243,7 @@ def _longest(count: IntArray) -> IntArray:
 
 
 def _chance(same: BoolArray, first: IntArray, count: IntArray, suspects: IntArray) -> FloatArray:
-    """Compute the probability of runs of equal samples by chance, from the continuation frequency outside `suspects`."""
+    """Compute the probability of equal samples in a row by chance, from the repeats outside `suspects`."""
     elsewhere = np.array(same)
     for row in suspects:
         elsewhere[first[row] : first[row] + count[row] - 1] = False
