@@ -149,6 +149,7 @@ class Page:
     verdict: Verdict | None = None  # the first thing on the page
     merits: tuple[Quantity, ...] = ()  # figures of merit, about six; they stand in the sections too
     merits_note: str = ""  # what they are of
+    merits_by: Mapping[str, tuple[Quantity, ...]] | None = None  # those of each position of the switch
 
     @property
     def warnings(self) -> tuple[str, ...]:

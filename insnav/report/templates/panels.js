@@ -43,6 +43,7 @@ const decades = (start, end, most) => { // ticks of a logarithmic axis: 1, 2, 5 
   }
   return ticks.filter(inside);
 };
+const unitOf = label => { const unit = /\[([^\]]*)\]\s*$/.exec(label)?.[1] ?? ""; return unit && unit !== "-" ? ` ${unit}` : ""; };
 const plain = value => value >= 1e5 || value < 1e-4 ? value.toExponential(0) : String(value);
 const nearest = (values, wanted) => { // of sorted values
   let a = 0, b = values.length - 1;
@@ -99,9 +100,12 @@ class Drawing { // what panels and maps have in common
   async show() {
     this.view = await Bokeh.Plotting.show(this.figure, this.place);
     const canvas = this.place.querySelector(".bk-Figure")?.shadowRoot?.querySelector(".bk-Canvas")?.shadowRoot;
-    canvas?.querySelector(".bk-events")?.style.setProperty("touch-action", "pan-y"); // a finger scrolls the page
-    this.place.addEventListener("pointermove", event => { const at = this.inside(event); if (at) this.pointed(at); });
+    const events = canvas?.querySelector(".bk-events");
+    if (events) Object.assign(events.style, {touchAction: "pan-y", outline: "none"}); // a finger scrolls the page; no box about what is clicked
+    this.place.addEventListener("pointermove", event => { const at = this.inside(event); if (at) this.pointed(at); else this.left(); });
+    this.place.addEventListener("pointerleave", event => { if (event.pointerType !== "touch") this.left(); });
   }
+  left() { if (this.linked) follow(this.linked, NaN); else this.follow(NaN); } // the pointer went away
   pointed() {}
   follow() {}
   switched() {}
@@ -124,8 +128,16 @@ class Panel extends Drawing {
     });
     if (this.rows.length) {
       const axis = [...figure.yaxis][0];
-      axis.ticker = new Bokeh.FixedTicker({ticks: this.rows.map((_, i) => i)});
+      axis.ticker = [...figure.ygrid][0].ticker = new Bokeh.FixedTicker({ticks: this.rows.map((_, i) => i)});
       axis.major_label_overrides = new Map(this.rows.map((name, i) => [i, name]));
+      if (this.linked) { // names stand inside: the margin is that of the other panels
+        axis.visible = false;
+        this.rows.forEach((text, i) => {
+          const label = new Bokeh.Label({x: 4, x_units: "screen", y: i - 0.12, text, text_font_size: "12px", text_baseline: "bottom"});
+          this.paint(label, "text_color", "--ink");
+          figure.add_layout(label);
+        });
+      }
     }
     this.logs = [[this.logX, [...figure.xaxis][0], [...figure.xgrid][0], this.x], [this.logY, [...figure.yaxis][0], [...figure.ygrid][0], this.y]]
       .filter(([log]) => log).map(([, axis, grid, range]) => ({axis, range, ticker: axis.ticker = grid.ticker = new Bokeh.FixedTicker({ticks: []})}));
@@ -144,6 +156,8 @@ class Panel extends Drawing {
     this.beyond = new Bokeh.ColumnDataSource({data: {x: [], y: [], a: [], c: []}});
     figure.scatter({field: "x"}, {field: "y"}, {source: this.beyond, marker: "triangle", angle: {field: "a"}, size: 7, line_color: null, fill_color: {field: "c"}});
     this.cursor = element("div", "cursor", this.place);
+    this.stamp = element("span", "", this.cursor);
+    this.units = [unitOf(this.xLabel), unitOf(this.yLabel)];
     this.tip = element("div", "tip", this.place);
     this.place.addEventListener("click", () => {
       if (!this.linked || !Number.isFinite(this.at)) return; // an event: go there
@@ -152,7 +166,7 @@ class Panel extends Drawing {
       follow(this.linked, this.at);
     });
     for (const side of ["start", "end"]) this.x.properties[side].change.connect(() => this.zoomed());
-    figure.properties.inner_width.change.connect(() => this.ticks());
+    figure.properties.inner_width.change.connect(() => { this.ticks(); level(); });
   }
   glyph(figure, curve) {
     const source = new Bokeh.ColumnDataSource({data: {x: curve.x, y: curve.y, ...(curve.low ? {low: curve.low} : {})}});
@@ -161,7 +175,7 @@ class Panel extends Drawing {
       line: () => figure.line(x, y, {source, line_width: 1.3}),
       dashed: () => figure.line(x, y, {source, line_width: 1.2, line_dash: [4, 3]}),
       thin: () => figure.line(x, y, {source, line_width: 0.6, line_alpha: 0.55}),
-      points: () => figure.scatter(x, y, {source, size: 3.5, line_color: null}),
+      points: () => figure.scatter(x, y, {source, ...(this.rows.length ? {size: 10, line_color: "white"} : {size: 3.5, line_color: null})}),
       crosses: () => figure.scatter(x, y, {source, size: 7, marker: "x", line_width: 1.5}),
       band: () => figure.varea({field: "x"}, {field: "low"}, {field: "y"}, {source, fill_alpha: 0.12}),
       bars: () => figure.hbar({y, left: {field: "low"}, right: x, height: 0.7, source, line_color: null}),
@@ -174,20 +188,21 @@ class Panel extends Drawing {
       this.paint(label, "text_color", curve.colour);
       figure.add_layout(label);
     }
-    curve.entry = curve.name ? this.entry(curve.name, curve.colour, true) : {off: false, value: null};
+    curve.entry = curve.name ? this.entry(curve.name, curve.colour, curve.kind) : {off: false, value: null};
+    if (curve.name && !curve.entry.value && !this.rows.length && !curve.text && ["line", "dashed", "points"].includes(curve.kind)) curve.entry.value = element("output", "", curve.entry.label);
   }
-  entry(name, colour, toggles = false) { // one for all curves of a name
+  entry(name, colour, kind = "") { // one for all curves of a name; without a kind it does not hide them
     this.entries ??= new Map();
-    if (this.entries.has(name)) return this.entries.get(name);
-    const label = element("label", "", this.legend), entry = {label, off: false, value: null};
-    const swatch = element("i", "", label);
+    if (this.entries.has(name)) {
+      const known = this.entries.get(name);
+      if (known.swatch.className === "band") known.swatch.className = kind;
+      return known;
+    }
+    const label = element("label", "", this.legend), swatch = element("i", kind || "dashed", label), entry = {label, swatch, off: false, value: null};
     swatch.dataset.colour = colour;
     swatch.style.setProperty("--swatch", shown(colour));
     element("span", "", label, name);
-    if (toggles) {
-      entry.value = element("output", "", label);
-      label.addEventListener("click", () => { entry.off = !entry.off; label.dataset.off = entry.off; this.switched(); });
-    }
+    if (kind) label.addEventListener("click", () => { entry.off = !entry.off; label.dataset.off = entry.off; this.switched(); });
     this.entries.set(name, entry);
     return entry;
   }
@@ -250,6 +265,10 @@ class Panel extends Drawing {
         marks.x.push(curve.x[i]); marks.y.push(limits[up ? 1 : 0]); marks.a.push(up ? 0 : Math.PI); marks.c.push(shown(curve.colour));
       }
     }
+    const edges = this.curves.filter(each => each.kind === "band" && this.visible(each)).map(each => extent([...each.y, ...each.low].filter((_, i) => each.x[i % each.x.length] >= start && each.x[i % each.x.length] <= end)));
+    const [lowest, highest] = extent(edges.flat());
+    this.cut ??= element("span", "note", this.legend);
+    this.cut.textContent = lowest < limits[0] || highest > limits[1] ? `band cut: ${short(lowest)} to ${short(highest)}${this.units[1]}` : "";
     this.beyond.data = marks;
     this.root.dataset.outliers = marks.x.length;
   }
@@ -258,6 +277,7 @@ class Panel extends Drawing {
     if (this.linked) follow(this.linked, at); else this.follow(at);
     this.hover(x, y);
   }
+  left() { super.left(); this.tip.style.display = "none"; this.at = NaN; }
   hover(x, y) { // text of the point or bar nearest to the pointer
     const f = this.frame;
     let best = null, distance = 14 ** 2;
@@ -283,10 +303,12 @@ class Panel extends Drawing {
   follow(at) {
     const [x] = this.pixel(at, 1), f = this.frame, inside = x >= 0 && x <= f.width;
     Object.assign(this.cursor.style, {display: inside ? "block" : "none", left: `${f.left + x}px`, top: `${f.top}px`, height: `${f.height}px`});
-    if (!Number.isFinite(at)) return;
+    const decimals = Math.max(0, Math.ceil(-Math.log10((this.x.end - this.x.start) / f.width))); // a pixel
+    this.stamp.textContent = inside ? (this.logX ? short(at) : at.toFixed(Math.min(decimals, 9))) + this.units[0] : "";
+    this.stamp.style.transform = x > 0.7 * f.width ? "translateX(-100%)" : "";
     for (const curve of this.curves) {
-      if (!this.visible(curve) || !curve.entry.value || ["band", "bars", "crosses", "thin"].includes(curve.kind)) continue;
-      curve.entry.value.textContent = short(curve.y[nearest(curve.x, at)]);
+      if (!this.visible(curve) || !curve.entry.value || !["line", "dashed", "points"].includes(curve.kind)) continue;
+      curve.entry.value.textContent = inside ? short(curve.y[nearest(curve.x, at)]) + this.units[1] : "";
     }
   }
 }
@@ -399,10 +421,9 @@ class Track extends Drawing {
     if (this.linked) follow(this.linked, this.time[best]);
   }
   follow(at) {
-    if (!Number.isFinite(at)) return;
     const row = nearest(this.time, at), f = this.frame;
     const x = (this.east[row] - this.x.start) / (this.x.end - this.x.start), y = (this.y.end - this.north[row]) / (this.y.end - this.y.start);
-    const inside = x >= 0 && x <= 1 && y >= 0 && y <= 1;
+    const inside = Number.isFinite(at) && x >= 0 && x <= 1 && y >= 0 && y <= 1;
     Object.assign(this.here.style, {display: inside ? "block" : "none", left: `${f.left + x * f.width}px`, top: `${f.top + y * f.height}px`});
   }
   repaint() { super.repaint(); this.switched(); }
@@ -420,18 +441,36 @@ const zoom = (link, start, end) => {
   for (const each of link.members) if (each instanceof Panel) each.x.setv({start, end});
   link.busy = false;
 };
+let levelling = 0;
+const level = () => { // equal margins of linked panels: their cursors stand over one another
+  cancelAnimationFrame(levelling);
+  levelling = requestAnimationFrame(() => {
+    for (const link of links.values()) {
+      const own = link.members.filter(each => each instanceof Panel && each.frame.width > 0), left = Math.ceil(Math.max(...own.map(each => each.frame.left)));
+      for (const each of own) if (each.figure.min_border_left !== left) each.figure.min_border_left = left;
+    }
+  });
+};
 const whole = drawing => {
   const link = drawing.linked;
   if (link) zoom(link, ...link.whole);
   if (drawing instanceof Track) { drawing.touched = false; drawing.all(); } else if (!link) drawing.x.setv({start: drawing.whole[0], end: drawing.whole[1]});
 };
 
+for (const line of document.querySelectorAll(".command")) {
+  const button = element("button", "", line, "copy");
+  button.type = "button";
+  button.addEventListener("click", async () => { await navigator.clipboard.writeText(line.querySelector("code").textContent); button.textContent = "copied"; });
+}
+
 (async () => {
+  Bokeh.logger.set_level("off"); // the console stays empty
   const specs = JSON.parse(document.getElementById("panels-data").textContent);
   const drawings = specs.map(spec => new (spec.curves ? Panel : Track)(spec));
   const choose = chosen => {
     mode = chosen;
     for (const button of document.querySelectorAll(".switch button")) button.setAttribute("aria-pressed", button.dataset.mode === mode);
+    for (const each of document.querySelectorAll("[data-of]")) each.hidden = each.dataset.of !== mode;
     for (const each of drawings) each.switched();
   };
   const repaint = () => { for (const each of drawings) each.repaint(); };
