@@ -230,6 +230,12 @@ def drawn(name: str, caption: str, drawings: Iterable[Drawing], note: str = "", 
     return Section("", panels=panels, figures=figures, columns=columns)
 
 
+def beside(*sections: Section) -> Section:
+    """Join drawings of which the first is a map: on a wide page it stays in view beside the others."""
+    panels, figures = (tuple(one for each in sections for one in getattr(each, k)) for k in ("panels", "figures"))
+    return Section("", panels=panels, figures=figures)
+
+
 def only_json(key: str, *items: Quantity, parts: tuple[Section, ...] = ()) -> Section:
     """Quantities for ``run.json`` alone."""
     return Section(key, items=items, parts=parts, show="json")

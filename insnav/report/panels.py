@@ -145,7 +145,8 @@ class Curve:
     kind: Kind = "line"
     low: FloatArray | None = None  # (n,) lower edge of a band, left ends of bars
     mode: str = ""  # of the switch of the page under which it is shown, such as "filtered"; empty: always
-    # of points and bars: what is shown when they are pointed at; of a thin line: what stands beside its start
+    # of points and bars: what is shown when they are pointed at; of a thin line: what stands beside its start; of a
+    # line: its name, which stands on it
     text: tuple[str, ...] = ()
 
 

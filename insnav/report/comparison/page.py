@@ -18,6 +18,7 @@ from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder
 from insnav.output.solution_tables import TableFormat
 from insnav.quantity import Quantity
+from insnav.report import page as room
 from insnav.report.colours import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from insnav.report.numbers import number
 from insnav.report.page import DataFrame, Light, Page, Section, Verdict, by_warnings, drawn, rows_frame, section_tables
@@ -54,14 +55,13 @@ _COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY)
 def page(result: Result[Comparison]) -> Page:
     """Lay out a comparison."""
     found, findings = result.found, (*_warnings(result.found), *result.findings)
-    drawings = comparison_panels(found)
-    figures = (figure for each in drawings for figure in drawn(each.key, each.title, (each,), each.note).figures)
+    drawings = (drawn(each.key, each.title, (each,), each.note) for each in comparison_panels(found))
     runs = {each.run for each in found.compared}
     count = len(found.compared[0].errors.time)
     return Page(
         f"{len(runs)} run{'s' * (len(runs) > 1)} against {result.inputs['reference'].path}",
         (f"{count} epochs of the reference that every run covers are compared.",),
-        (_section(found), Section("", panels=drawings, figures=tuple(figures), show="page")),
+        (_section(found), room.beside(*drawings)),
         findings,
         verdict=_verdict(found, findings),
         merits=tuple(

@@ -124,7 +124,7 @@ class Panel extends Drawing {
     this.y = new Bokeh.Range1d(y);
     const figure = this.base(this.xLabel, {
       x_range: this.x, y_range: this.y, x_axis_type: this.logX ? "log" : "linear", y_axis_type: this.logY ? "log" : "linear",
-      y_axis_label: this.yLabel, tools: [new Bokeh.BoxZoomTool({dimensions: "width"})],
+      y_axis_label: this.yLabel.replace("[ug", "[µg"), tools: [new Bokeh.BoxZoomTool({dimensions: "width"})],
     });
     if (this.rows.length) {
       const axis = [...figure.yaxis][0];
@@ -153,11 +153,19 @@ class Panel extends Drawing {
       this.entry(name, "#D55E00");
     }
     for (const curve of this.curves) this.glyph(figure, curve);
+    const named = this.curves.filter(each => ["line", "dashed"].includes(each.kind) && each.text);
+    named.forEach((curve, i) => { // one beside the other, so that near lines do not cover the names
+      const row = Math.floor(curve.x.length * (i + 0.6) / (named.length + 0.2));
+      const label = new Bokeh.Label({x: curve.x[row], y: curve.y[row], text: curve.text[0], text_font_size: "11px", text_font_style: "bold", text_align: "center", text_baseline: "bottom", y_offset: 3, background_fill_alpha: 0.75});
+      this.paint(label, "text_color", curve.colour);
+      this.paint(label, "background_fill_color", "--paper");
+      figure.add_layout(label);
+    });
     this.beyond = new Bokeh.ColumnDataSource({data: {x: [], y: [], a: [], c: []}});
     figure.scatter({field: "x"}, {field: "y"}, {source: this.beyond, marker: "triangle", angle: {field: "a"}, size: 7, line_color: null, fill_color: {field: "c"}});
     this.cursor = element("div", "cursor", this.place);
     this.stamp = element("span", "", this.cursor);
-    this.units = [unitOf(this.xLabel), unitOf(this.yLabel)];
+    this.units = [unitOf(this.xLabel), unitOf(this.yLabel).replace("ug", "µg")];
     this.tip = element("div", "tip", this.place);
     this.place.addEventListener("click", () => {
       if (!this.linked || !Number.isFinite(this.at)) return; // an event: go there
@@ -189,7 +197,7 @@ class Panel extends Drawing {
       figure.add_layout(label);
     }
     curve.entry = curve.name ? this.entry(curve.name, curve.colour, curve.kind) : {off: false, value: null};
-    if (curve.name && !curve.entry.value && !this.rows.length && !curve.text && ["line", "dashed", "points"].includes(curve.kind)) curve.entry.value = element("output", "", curve.entry.label);
+    if (curve.name && !curve.entry.value && !this.rows.length && (curve.kind !== "points" || !curve.text) && ["line", "dashed", "points"].includes(curve.kind)) curve.entry.value = element("output", "", curve.entry.label);
   }
   entry(name, colour, kind = "") { // one for all curves of a name; without a kind it does not hide them
     this.entries ??= new Map();
@@ -281,7 +289,7 @@ class Panel extends Drawing {
   hover(x, y) { // text of the point or bar nearest to the pointer
     const f = this.frame;
     let best = null, distance = 14 ** 2;
-    for (const curve of this.curves.filter(each => each.text && this.visible(each))) {
+    for (const curve of this.curves.filter(each => each.text && !["line", "dashed"].includes(each.kind) && this.visible(each))) {
       for (let i = 0; i < curve.x.length; i++) {
         const [px, py] = this.pixel(curve.x[i], curve.y[i]), bar = curve.kind === "bars";
         const left = bar ? this.pixel(curve.low[i], 0)[0] : px;
