@@ -14,7 +14,7 @@ from insnav.report.numbers import number
 from insnav.report.outage.page import BELOW, below_noise
 from insnav.report.page import Section, one_each, only_json
 from insnav.types import FloatArray
-from insnav.units import UNITS
+from insnav.units import UNITS, shown_unit
 
 _SHOWN = 3  # times of the first screen
 _AXES = ("N", "E", "D")
@@ -96,7 +96,7 @@ def size(budget: Budget, family: str) -> str:
     """Size of a family in a field unit, from the least to the largest axis if they differ."""
     *ends, unit = extent(budget, family)
     shown = dict.fromkeys(f"{float(f'{value:.3g}'):g}" for value in ends)
-    return f"{' to '.join(shown)} {unit}"
+    return f"{' to '.join(shown)} {shown_unit(unit)}"
 
 
 def growth(budget: Budget, family: str) -> str:

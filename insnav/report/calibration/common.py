@@ -100,38 +100,40 @@ class Series:
 
     name: str  # of the sensor
     unit: str
-    # (n,) where, how much, and how far from the model
+    # (n,) where, and how far from the model
     setting: FloatArray
-    output: FloatArray
     residual: FloatArray
     used: BoolArray  # (n,) whether the fit used it; others are drawn as crosses
     sd: float = 0.0  # standard deviation to draw as a band, zero for none
+    output: FloatArray | None = None  # (n,) drawn above with the fitted model
 
     @classmethod
     def of(cls, name: str, unit: str, table: RateTable) -> Series:
         """Outputs of a rate table minus its line; output in `unit`."""
         zero, slope = table.fit.value[:2]
         residual = table.output - (zero + slope * table.rate)
-        return cls(name, unit, table.rate, table.output, residual, table.used, table.fit.sigma)
+        return cls(name, unit, table.rate, residual, table.used, table.fit.sigma, table.output)
+
+    def points(self, values: FloatArray, colour: str) -> list[Curve]:
+        """Draw values of the points, those left out as crosses."""
+        rest = ~self.used
+        left_out = [Curve("left out", self.setting[rest], values[rest], BLACK, "crosses")] if rest.any() else []
+        return [Curve("used", self.setting[self.used], values[self.used], colour, "points"), *left_out]
 
 
 def residual_panels(series: Iterable[Series], setting: str, key: str = "residuals") -> Iterator[Panel]:
-    """Draw outputs with the fitted model over what was set, then residuals, two panels a sensor.
-
-    Residuals of points left out may lie beyond the limits.
-    """
+    """Draw outputs with the fitted model over what was set, and residuals; those left out may lie beyond the limits."""
     for row, item in enumerate(series):
-        order, rest = np.argsort(item.setting), ~item.used
+        order = np.argsort(item.setting)
         colour, ends = AXIS_COLOURS[row % 3], np.array([item.setting.min(), item.setting.max()])
         largest = 1.2 * max(float(np.abs(item.residual[item.used]).max()), 1.5 * item.sd) or 1.0
-        measured = [Curve("fitted", item.setting[order], (item.output - item.residual)[order], GREY)]
-        curves = [Curve("", ends, np.zeros(2), GREY)]
+        output, curves = item.output, [Curve("", ends, np.zeros(2), GREY)]
         if item.sd > 0.0:
             curves.append(Curve("± 1 sd of the fit", ends, np.full(2, item.sd), colour, "band", np.full(2, -item.sd)))
-        for drawn, values in ((measured, item.output), (curves, item.residual)):
-            drawn.append(Curve("used", item.setting[item.used], values[item.used], colour, "points"))
-            drawn += [Curve("left out", item.setting[rest], values[rest], BLACK, "crosses")] if rest.any() else []
-        output = f"Output of {item.name}", f"output [{item.unit}]", setting, tuple(measured), key
-        yield Panel(f"{key}_output_{row}", *output, height=240)
+        curves += item.points(item.residual, colour)
+        if output is not None:
+            line = Curve("fitted", item.setting[order], (output - item.residual)[order], GREY)
+            labels = f"Output of {item.name}", f"output [{item.unit}]", setting
+            yield Panel(f"{key}_output_{row}", *labels, (line, *item.points(output, colour)), key, height=240)
         title, label, note = f"Residuals of {item.name}", f"residual [{item.unit}]", "measured minus fitted"
         yield Panel(f"{key}_{row}", title, label, setting, tuple(curves), key, note, limits=(-largest, largest))

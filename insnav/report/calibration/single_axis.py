@@ -71,7 +71,7 @@ def accel_page(calibration: Calibration[tuple[Record, ...], tuple[Tumble, ...]])
     unit, gravity = calibration.record[0].unit, calibration.options.gravity
     settings = {name: [f"{angle / DEG:.4g} deg" for angle in item.angle] for name, item in found.items()}
     series = (
-        Series(name, unit, item.angle / DEG, item.output, item.fit.residual, item.angle >= -np.inf, item.fit.sigma)
+        Series(name, unit, item.angle / DEG, item.fit.residual, item.angle < np.inf, item.fit.sigma, item.output)
         for name, item in found.items()
     )
     panels = residual_panels(series, "angle of the input axis [deg]")

@@ -111,9 +111,8 @@ def _drawn(
         drawn("torquing", "Commanded torquing rates", torquing_panels(run)),
         drawn("integrators", "Difference between the integrators", difference_panels(differences, against)),
     )
-    if study.errors.any:
-        sections += (drawn("errors", "Impact of the platform's errors", platform_error_panels(run, theory)),)
-    return beside(*sections)
+    errors = platform_error_panels(run, theory) if study.errors.any else ()
+    return beside(*sections, drawn("errors", "Impact of the platform's errors", errors))
 
 
 def _state(name: Integrator, run: PlatformRun) -> tuple[Quantity, ...]:
@@ -357,10 +356,10 @@ def platform_error_panels(run: PlatformRun, theory: StaticErrors | None) -> Iter
 def both_panel(found: PlatformComparison, theory: StaticErrors | None, key: str, title: str, note: str) -> Panel:
     """Draw the horizontal position error of a platform and of a strapdown navigator with the same errors."""
     hours, known = (found.time - found.time[0]) / _HOUR, [] if theory is None else [theory.position]
-    named = (("platform", BLUE, "line"), ("strapdown", VERMILLION, "line"), ("closed form", BLACK, "dashed"))
+    named = (("platform", BLUE), ("strapdown", VERMILLION), ("closed form", BLACK))
     curves = tuple(
-        Curve(name, hours, np.hypot(*error[:, :2].T) / 1000.0, colour, kind)
-        for (name, colour, kind), error in zip(named, (found.platform, found.strapdown, *known), strict=False)
+        Curve(name, hours, np.hypot(*error[:, :2].T) / 1000.0, colour, "dashed" if colour == BLACK else "line")
+        for (name, colour), error in zip(named, (found.platform, found.strapdown, *known), strict=False)
     )
     return Panel(key, title, "horizontal error [km]", "time since start [h]", curves, key, note)
 

@@ -345,7 +345,7 @@ def allocation_panel(study: RequirementStudy) -> Panel:
     if study.elasticities:
         order = sorted(study.elasticities, key=lambda each: each.halved)
         kinds, rows, part = ["halved"] * len(order), [each.family for each in order], [-100 * e.halved for e in order]
-        title, label = f"What halving each error of {study.example} saves", "change of the error [%]"
+        title, label = f"What halving each error of {study.example} saves", "reduction of the error [%]"
         texts = [f"{name}: {number(value)} % less error" for name, value in zip(rows, part, strict=True)]
     else:
         shares = [share for share in study.allocation.shares if np.isfinite(share.alone)]

@@ -64,7 +64,7 @@ def run_panels(found: EvaluatedRun) -> tuple[Track | Panel, ...]:
     run = found.run
     axis = RunAxis.of(run)
     panels = [
-        *_state_panels(found, axis),
+        *sorted(_state_panels(found, axis), key=lambda each: each.key.endswith("_sd")),
         *error_distribution(found),
         *_innovation_panels(run, axis),
         *_bias_panels(run, axis),
