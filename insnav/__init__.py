@@ -50,8 +50,10 @@ if TYPE_CHECKING:
     from insnav.filter import FilterSettings
     from insnav.filter.navigate import navigate_recording
     from insnav.fleet.tuning import tune
+    from insnav.gimbal import PlatformErrors
     from insnav.imu import load_imu
     from insnav.input import read_gps, read_imu, read_reference
+    from insnav.library import sample_drive
     from insnav.regression.regress import regress
     from insnav.result import Result, open_result
     from insnav.session.bench import acceptance, allan, calibrate, drift
@@ -72,8 +74,10 @@ _NAMES = {
     "insnav.filter": "FilterSettings",
     "insnav.filter.navigate": "navigate_recording",
     "insnav.fleet.tuning": "tune",
+    "insnav.gimbal": "PlatformErrors",
     "insnav.imu": "load_imu",
     "insnav.input": "read_gps read_imu read_reference",
+    "insnav.library": "sample_drive",
     "insnav.regression.regress": "regress",
     "insnav.result": "Result open_result",
     "insnav.session.bench": "acceptance allan calibrate drift",
@@ -95,6 +99,7 @@ __all__ = [
     "ImuData",
     "Increments",
     "InsnavError",
+    "PlatformErrors",
     "Result",
     "Run",
     "Trajectory",
@@ -120,6 +125,7 @@ __all__ = [
     "read_reference",
     "regress",
     "require",
+    "sample_drive",
     "simulate",
     "tune",
     "verify",
