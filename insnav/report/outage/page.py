@@ -134,10 +134,10 @@ def _verdict(study: OutageStudy, told: tuple[Finding, ...]) -> Verdict:
 
 def _less_reference(found: Growth, column: int) -> str:
     """Say what is left of an RMS error at the end without that of the reference, if that is less."""
-    left, low, high = (float(each[-1, column]) for each in (found.corrected, found.low, found.high))
+    left, high = (float(each[-1, column]) for each in (found.corrected, found.high))
     if left > _SAME * found.rms[-1, column]:
         return ""
-    return f" Without the error of the reference, it is {corrected_text(left, low, high)}."
+    return f" Without the error of the reference, it is {corrected_text(left, np.nan, high)}."
 
 
 def _inside(found: Growth, mode: str) -> float:

@@ -468,7 +468,11 @@ const whole = drawing => {
 for (const line of document.querySelectorAll(".command")) {
   const button = element("button", "", line, "copy");
   button.type = "button";
-  button.addEventListener("click", async () => { await navigator.clipboard.writeText(line.querySelector("code").textContent); button.textContent = "copied"; });
+  button.addEventListener("click", () => {
+    const code = line.querySelector("code");
+    getSelection().selectAllChildren(code); // to be copied by hand where the browser does not let pages copy
+    button.textContent = document.execCommand("copy") ? "copied" : "selected";
+  });
 }
 
 (async () => {
