@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from insnav.findings import Code, Severity, of_code
+from insnav.findings import Code, Finding, Severity, of_code
 from insnav.input.readers.reading import ReadingFacts
 from insnav.messages import At, form, moment, render, sentence
 from insnav.plain_text import plain_text
@@ -29,7 +29,7 @@ def page(result: Result[Checked]) -> Page:
     sections = _files(found, result.inputs), *_imu(found), *_gps(found), *_both(found)
     line = Quantity("command", found.command if found.runs else None), Quantity("runs_as_given", found.runs_as_given)
     run = _run_line(found, "the first problem is solved")
-    left = [each for each in found.problems if each.severity > Severity.NOTE]
+    left = _to_mend(found)
     files = ", ".join(f"{each.kind} {each.n_used} rows" for each in result.inputs.values())
     counted = {"good": "nothing to mend was found", "attention": f"{len(left)} to mend", "bad": "the files do not run"}
     light: Light = "bad" if not found.runs else "attention" if left else "good"
@@ -39,6 +39,11 @@ def page(result: Result[Checked]) -> Page:
         (*_timeline(result), *sections, only_json("mend", *line)),
         verdict=Verdict(light, counted[light], f"{files or 'No file was read'}."),
     )
+
+
+def _to_mend(found: Checked) -> list[Finding]:
+    """Problems that can be mended, the worst first."""
+    return [each for each in found.problems if each.severity > Severity.NOTE and render(each).advice]
 
 
 def _timeline(result: Result[Checked]) -> tuple[Section, ...]:
@@ -75,7 +80,7 @@ def _run_line(found: Checked, before: str) -> str:
 def text(result: Result[Checked], width: int | None = None) -> str:
     """Give the report for the terminal: what is to be mended, and the line to run, stand last."""
     laid_out, at = page(result), _from_start(result)
-    left = [each for each in result.found.problems if each.severity > Severity.NOTE and render(each).advice][:TO_MEND]
+    left = _to_mend(result.found)[:TO_MEND]
     mend = [f"mend {i}: {sentence(each, at=at)}" for i, each in enumerate(left, 1)] or ["nothing to mend was found"]
     understood = [f"  {name}: {sentence(each)}" for name, facts in result.inputs.items() for each in facts.evidence]
     lines = hanging(["", *understood, "", *mend], width)
