@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.figure import Figure
 
 from insnav.earth import ned_offset
 from insnav.findings import Code, of_code
@@ -12,13 +11,9 @@ from insnav.report.colours import AXIS_COLOURS
 from insnav.report.figures import draw_drawings, drawing
 from insnav.report.numbers import duration_text
 from insnav.report.panels import Clock, Curve, Kind, Panel
+from insnav.steps import Recording
 from insnav.types import FloatArray
 from insnav.units import DEG
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from insnav.steps import Recording
 
 _NED = ("north", "east", "down")
 

@@ -89,6 +89,7 @@ def extent(budget: Budget, family: str) -> tuple[float, float, str]:
     """Least and largest axis of a family in its field unit, and that unit."""
     values = [source.sd for source in budget.sources if source.family == family and source.sd > 0.0]
     unit = _OTHERS[family][0] if family in _OTHERS else term_of(family).unit
+    unit = {"ug": "mg", "mrad": "deg"}.get(unit, unit)  # as the IMU error specification on the same page
     return min(values) / UNITS[unit][1], max(values) / UNITS[unit][1], unit
 
 

@@ -449,8 +449,9 @@ const zoom = (link, start, end) => {
   for (const each of link.members) if (each instanceof Panel) each.x.setv({start, end});
   link.busy = false;
 };
-let levelling = 0;
+let levelling = 0, complete = false;
 const level = () => { // equal margins of linked panels: their cursors stand over one another
+  if (!complete) return;
   cancelAnimationFrame(levelling);
   levelling = requestAnimationFrame(() => {
     for (const link of links.values()) {
@@ -491,9 +492,13 @@ for (const line of document.querySelectorAll(".command")) {
   for (const button of document.querySelectorAll(".switch button")) button.addEventListener("click", () => choose(button.dataset.mode));
   choose(specs.flatMap(spec => spec.curves ?? spec.shades).find(each => each.mode)?.mode ?? "");
   for (const each of drawings) {
+    if (!document.body.dataset.seen && each.root.getBoundingClientRect().top > innerHeight) document.body.dataset.seen = Math.round(performance.now());
     await each.show();
+    await new Promise(done => setTimeout(done)); // the page answers meanwhile
     each.place.addEventListener("dblclick", () => whole(each));
   }
+  complete = true;
+  level();
   for (const media of [dark, print]) media.addEventListener("change", repaint);
   globalThis.insnav = {drawings, links, follow, zoom, whole}; // for tests, and for the curious
   document.body.dataset.drawn = Math.round(performance.now());
