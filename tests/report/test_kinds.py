@@ -15,8 +15,9 @@ from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import position_errors
 from insnav.findings import Code, Severity
 from insnav.library import sample_drive
+from insnav.messages import speaking
 from insnav.quantity import Quantity
-from insnav.report.html import page_html
+from insnav.report.html import page_html, said
 from insnav.report.page import Page, Section
 from insnav.report.simulation.page import recording_page
 from insnav.result import Result
@@ -176,3 +177,23 @@ def test_a_drive_is_drawn_before_it_is_navigated() -> None:
     again = insnav.load(increments, gps=gps).plot()
     drawn = (np.sort(figure.lines[2].get_ydata()) for figure in (again.axes[1], force))
     np.testing.assert_allclose(*drawn, rtol=1e-3)
+
+
+def test_a_page_in_chinese_has_no_english_titles_headings_or_labels(navigated: Result) -> None:
+    names = {"NIS", "NEES", "GPS", "IMU", "", "gps", "imu", "CEP"}
+    with speaking("zh"):
+        html = page_html(navigated.page(), {})
+        labels = [said(text) for panel in navigated.page().panels[1:] for text in (panel.x_label, panel.y_label)]
+    assert '<html lang="zh">' in html
+    titles = re.findall(r"<figcaption><b>(.*?)</b>", html) + re.findall(r"<summary>(.*?)</summary>", html)
+    headings = re.findall(r"<th[^>]*>([^<]*)</th>", html)
+    assert len(titles) > 15
+    for text in (*titles, *headings, *labels):
+        assert text.partition(" [")[0] in names or re.search("[\u4e00-\u9fff]", text), text
+    assert speak_zh("CEP50 0.487 m, R95 0.884 m") == "CEP50 为 0.487 m，R95 为 0.884 m"
+    assert said("CEP50 0.487 m, R95 0.884 m") == "CEP50 0.487 m, R95 0.884 m"
+
+
+def speak_zh(text: str) -> str:
+    with speaking("zh"):
+        return said(text)

@@ -10,10 +10,10 @@ from typing import cast
 import numpy as np
 
 from insnav.errors.outage.gnss_outage import OutageEpochs, OutageStudy
-from insnav.errors.outage.statistics import Growth, common_error, outage_growth
+from insnav.errors.outage.statistics import Growth, outage_growth
 from insnav.errors.outage.windows import Outage
 from insnav.findings import Code, Finding, Severity, is_shown
-from insnav.messages import phrase, sentence
+from insnav.messages import phrase
 from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_run_table, write_events, write_run_table
 from insnav.quantity import Quantity
@@ -70,7 +70,9 @@ def page(result: Result[OutageStudy]) -> Page:
         np.array([each.start for each in study.windows]) if study.run is None else study.run.run.solution.time
     )
     title = f"Error without GPS against {study.reference}"
-    growing = drawn("outages", title, outage_panels(study.windows, study.growth), NOTE)
+    most, parts = max(each.length for each in study.windows), (("horizontal", (0, 1)), ("vertical", (2,)))
+    longest = [each for each in study.windows if each.length == most]
+    growing = drawn("outages", title, (_panel(longest, study.growth, *part) for part in parts), NOTE)
     return Page(
         f"GNSS outage test: {name}, {len(study.windows)} windows",
         (
@@ -254,13 +256,6 @@ def power_lines(time: FloatArray, end: float, colour: str, least: float = 0.0) -
     return lines
 
 
-def outage_panels(windows: Sequence[Outage], sums: Sequence[Growth]) -> tuple[Panel, ...]:
-    """Draw horizontal and vertical errors of the longest windows."""
-    longest = max(window.length for window in windows)
-    chosen = [window for window in windows if window.length == longest]
-    return tuple(_panel(chosen, sums, name, columns) for name, columns in (("horizontal", (0, 1)), ("vertical", (2,))))
-
-
 def _panel(chosen: Sequence[Outage], sums: Sequence[Growth], name: str, columns: tuple[int, ...]) -> Panel:
     time, size, predicted = over_time(chosen, columns)
     rms = np.sqrt(np.mean(size**2, axis=0))
@@ -319,8 +314,3 @@ def corrected_text(value: float, low: float, high: float) -> str:
     if not np.isfinite(value):
         return below_noise(high, " m")
     return f"{number(value)} m RMS" + (f" ({number(low)} … {number(high)} m)" if np.isfinite(low) else "")
-
-
-def common_text(found: Growth) -> str:
-    """Say how much of the horizontal error is common to all windows, if it is much."""
-    return "".join(map(sentence, common_error(found)))

@@ -9,6 +9,11 @@ const dark = matchMedia("(prefers-color-scheme: dark)"), print = matchMedia("pri
 const links = new Map(); // name of a link: its range, its panels, its cursor
 let mode = "";
 
+const words = JSON.parse(document.getElementById("words")?.textContent ?? "{}");
+const say = text => { // in the language of the page, its unit as it is
+  const [name, ...unit] = text.split(" ["), number = /\d+(?:\.\d+)?/g, found = words[name.replace(number, "#")];
+  return found ? [(name.match(number) ?? []).reduce((said, each) => said.replace("#", each), found), ...unit].join(" [") : text;
+};
 const floats = text => {
   const bytes = Uint8Array.from(atob(text), sign => sign.charCodeAt(0));
   return new Float32Array(bytes.buffer);
@@ -71,7 +76,7 @@ class Drawing { // what panels and maps have in common
       min_border_right: EDGE, min_border_left: AXIS, min_border_top: 6, outline_line_color: null, ...options,
     });
     this.figure.toolbar.autohide = true;
-    element("p", "below", this.root, label); // Bokeh paints the ends of long ones twice
+    element("p", "below", this.root, say(label)); // Bokeh paints the ends of long ones twice
     this.paint(this.figure, "background_fill_color", "--paper");
     this.paint(this.figure, "border_fill_color", "--paper");
     for (const axis of [...this.figure.xaxis, ...this.figure.yaxis]) {
@@ -124,7 +129,7 @@ class Panel extends Drawing {
     this.y = new Bokeh.Range1d(y);
     const figure = this.base(this.xLabel, {
       x_range: this.x, y_range: this.y, x_axis_type: this.logX ? "log" : "linear", y_axis_type: this.logY ? "log" : "linear",
-      y_axis_label: this.yLabel.replace("[ug", "[µg"), tools: [new Bokeh.BoxZoomTool({dimensions: "width"})],
+      y_axis_label: say(this.yLabel).replace("[ug", "[µg"), tools: [new Bokeh.BoxZoomTool({dimensions: "width"})],
     });
     if (this.rows.length) {
       const axis = [...figure.yaxis][0];
@@ -209,7 +214,7 @@ class Panel extends Drawing {
     const label = element("label", "", this.legend), swatch = element("i", kind || "dashed", label), entry = {label, swatch, off: false, value: null};
     swatch.dataset.colour = colour;
     swatch.style.setProperty("--swatch", shown(colour));
-    element("span", "", label, name);
+    element("span", "", label, say(name));
     if (kind) label.addEventListener("click", () => { entry.off = !entry.off; label.dataset.off = entry.off; this.switched(); });
     this.entries.set(name, entry);
     return entry;
@@ -276,7 +281,7 @@ class Panel extends Drawing {
     const edges = this.curves.filter(each => each.kind === "band" && this.visible(each)).map(each => extent([...each.y, ...each.low].filter((_, i) => each.x[i % each.x.length] >= start && each.x[i % each.x.length] <= end)));
     const [lowest, highest] = extent(edges.flat());
     this.cut ??= element("span", "note", this.legend);
-    this.cut.textContent = lowest < limits[0] || highest > limits[1] ? `band cut: ${short(lowest)} to ${short(highest)}${this.units[1]}` : "";
+    this.cut.textContent = lowest < limits[0] || highest > limits[1] ? `${say("band cut")}: ${short(lowest)} … ${short(highest)}${this.units[1]}` : "";
     this.beyond.data = marks;
     this.root.dataset.outliers = marks.x.length;
   }
@@ -329,7 +334,7 @@ class Track extends Drawing {
     this.x = new Bokeh.Range1d({start: -1, end: 1});
     this.y = new Bokeh.Range1d({start: -1, end: 1});
     const figure = this.base("East of start [m]", {
-      x_range: this.x, y_range: this.y, y_axis_label: "North of start [m]", min_border_left: AXIS + 14, // room for kilometres: where it grows, Bokeh leaves a part of the label
+      x_range: this.x, y_range: this.y, y_axis_label: say("North of start [m]"), min_border_left: AXIS + 14, // room for kilometres: where it grows, Bokeh leaves a part of the label
       tools: [new Bokeh.BoxZoomTool({match_aspect: true})],
     });
     const x = {field: "x"}, y = {field: "y"};
@@ -390,13 +395,13 @@ class Track extends Drawing {
     const shades = this.shades.filter(each => !each.mode || each.mode === mode);
     this.shade = Math.min(this.shade, shades.length - 1);
     shades.forEach((each, i) => {
-      const button = element("button", "", this.legend, each.name);
+      const button = element("button", "", this.legend, say(each.name));
       button.type = "button";
       button.setAttribute("aria-pressed", i === this.shade);
       button.addEventListener("click", () => { this.shade = i; this.switched(); });
     });
     if (shades.length) this.colour(shades[this.shade]);
-    const key = (colour, text) => { const label = element("label", "", this.legend); element("i", "", label).style.setProperty("--swatch", shown(colour)); element("span", "", label, text); };
+    const key = (colour, text) => { const label = element("label", "", this.legend); element("i", "", label).style.setProperty("--swatch", shown(colour)); element("span", "", label, say(text)); };
     key("#009E73", "start"); key("#000000", "end");
     for (const [name, colour] of new Map(this.behind.filter(each => each.name).map(each => [each.name, each.colour]))) key(colour, name);
     if (this.fixes[0].length) key("#8A8A8A", "GPS fix");
@@ -407,7 +412,7 @@ class Track extends Drawing {
     let colours;
     if (given.size) {
       colours = [...shade.values].map(value => given.get(value)?.[0] ?? "#8A8A8A");
-      for (const [colour, name] of given.values()) { const label = element("label", "", this.legend); element("i", "", label).style.setProperty("--swatch", colour); element("span", "", label, name); }
+      for (const [colour, name] of given.values()) { const label = element("label", "", this.legend); element("i", "", label).style.setProperty("--swatch", colour); element("span", "", label, say(name)); }
     } else {
       const sorted = [...shade.values].filter(Number.isFinite).sort((a, b) => a - b);
       const low = sorted[Math.floor(0.02 * (sorted.length - 1))], high = sorted[Math.ceil(0.98 * (sorted.length - 1))];
@@ -467,12 +472,12 @@ const whole = drawing => {
 };
 
 for (const line of document.querySelectorAll(".command")) {
-  const button = element("button", "", line, "copy");
+  const button = element("button", "", line, say("copy"));
   button.type = "button";
   button.addEventListener("click", () => {
     const code = line.querySelector("code");
     getSelection().selectAllChildren(code); // to be copied by hand where the browser does not let pages copy
-    button.textContent = document.execCommand("copy") ? "copied" : "selected";
+    button.textContent = document.execCommand("copy") ? say("copied") : say("selected");
   });
 }
 
