@@ -80,7 +80,7 @@ def page(result: Result[StaticNoise | SignalNoise]) -> Page:
             only_json("", Quantity("command", "allan"), Quantity("imu", facts.as_dict())),
             drawn("allan", f"Allan deviation of {name}", allan_panels(found), NOTE),
             only_json("", Quantity("length", allan.length, "s"), Quantity("interval", allan.interval, "s")),
-            *(Section("", f"Noise of the {name}", rows=own) for name, own in sensors.items()),
+            *(Section("", f"Noise coefficients of the {name}", rows=own) for name, own in sensors.items()),
             Section("axes", parts=tuple(part for parts in axes for part in parts)),
             Section("deviations", "Allan deviation", rows=_deviations(found)),
             _filter_figures(found),
