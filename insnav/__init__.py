@@ -50,7 +50,6 @@ if TYPE_CHECKING:
     from insnav.filter import FilterSettings
     from insnav.filter.navigate import navigate_recording
     from insnav.fleet.tuning import tune
-    from insnav.gimbal import PlatformErrors
     from insnav.imu import load_imu
     from insnav.input import read_gps, read_imu, read_reference
     from insnav.library import sample_drive
@@ -74,7 +73,6 @@ _NAMES = {
     "insnav.filter": "FilterSettings",
     "insnav.filter.navigate": "navigate_recording",
     "insnav.fleet.tuning": "tune",
-    "insnav.gimbal": "PlatformErrors",
     "insnav.imu": "load_imu",
     "insnav.input": "read_gps read_imu read_reference",
     "insnav.library": "sample_drive",
@@ -99,7 +97,6 @@ __all__ = [
     "ImuData",
     "Increments",
     "InsnavError",
-    "PlatformErrors",
     "Result",
     "Run",
     "Trajectory",

@@ -13,7 +13,7 @@ import insnav
 
 time = np.arange(0.0, 86401.0, 2.0)
 force = pd.DataFrame({"time_s": time, "f_east_m_s2": 0.0, "f_north_m_s2": 0.0, "f_up_m_s2": 9.806})
-drift = insnav.PlatformErrors(drift=np.radians([0.01, 0.0, 0.0]) / 3600.0)
+drift = {"drift": np.radians([0.01, 0.0, 0.0]) / 3600.0}
 day = insnav.platform(force, np.radians(45.0), 0.0, errors=drift, interval=60.0)
 figure = day.plot("errors")
 
