@@ -53,5 +53,7 @@ html_sidebars = {"index": []}
 html_math_renderer = "mathml"
 html_static_path = ["_static"]
 html_css_files = ["manual.css"]
+html_js_files = ["messages.js"]
+html_context = {"default_mode": "auto"}
 smartquotes = False  # options begin with two hyphens
 suppress_warnings = ["config.cache"]  # the scraper is a function

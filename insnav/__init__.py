@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from insnav.fleet.tuning import tune
     from insnav.imu import load_imu
     from insnav.input import read_gps, read_imu, read_reference
+    from insnav.library import sample_drive
     from insnav.regression.regress import regress
     from insnav.result import Result, open_result
     from insnav.session.bench import acceptance, allan, calibrate, drift
@@ -74,6 +75,7 @@ _NAMES = {
     "insnav.fleet.tuning": "tune",
     "insnav.imu": "load_imu",
     "insnav.input": "read_gps read_imu read_reference",
+    "insnav.library": "sample_drive",
     "insnav.regression.regress": "regress",
     "insnav.result": "Result open_result",
     "insnav.session.bench": "acceptance allan calibrate drift",
@@ -120,6 +122,7 @@ __all__ = [
     "read_reference",
     "regress",
     "require",
+    "sample_drive",
     "simulate",
     "tune",
     "verify",

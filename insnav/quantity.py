@@ -16,6 +16,9 @@ _One: TypeAlias = "float | int | bool | str | FloatArray | Sequence[float] | Seq
 Value: TypeAlias = "_One | Mapping[str, _One]"
 
 
+ABBREVIATIONS = re.compile(r"\b(cdf|cep|dop|gnss|gps|imu|nees|nhc|nis|ned|rms|zaru|zupt)\b")  # in labels
+
+
 @dataclass(frozen=True, slots=True)
 class Quantity:
     """Figure of a result."""
@@ -37,7 +40,7 @@ class Quantity:
     @property
     def label(self) -> str:
         """Name in words, without the unit."""
-        return self.meaning or self.key.replace("_", " ")
+        return ABBREVIATIONS.sub(lambda each: each[0].upper(), self.meaning or self.key.replace("_", " "))
 
     @property
     def shown_unit(self) -> str:

@@ -69,7 +69,7 @@ UNITS |= {
     for time, seconds in (("s", 1.0), ("h", HOUR))
 }
 
-_PRETTY = (("sqrt(Hz)", "√Hz"), ("sqrt(h)", "√h"), ("sqrt(s)", "√s"), ("^2", "²"), ("^3", "³"))
+_PRETTY = (("ug", "µg"), ("sqrt(Hz)", "√Hz"), ("sqrt(h)", "√h"), ("sqrt(s)", "√s"), ("^2", "²"), ("^3", "³"))
 
 
 def shown_unit(unit: str) -> str:

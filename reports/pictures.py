@@ -54,7 +54,7 @@ def _budget() -> Figure:
     imu, gps, ref = sample_drive()
     known = {"lever_arm": (0.8, -0.3, -1.2), "imu": str(Path(imu).parent / "imu.toml"), "ref_sd": (0.01, 0.005)}
     drive = insnav.load(imu, gps=gps, ref=ref, **known)  # type: ignore[arg-type]
-    return drive.budget(runs=300, windows=WindowSettings(replicas=0)).plot("budget")
+    return drive.budget(runs=300, windows=WindowSettings(replicas=0)).plot("growth")
 
 
 FIGURES: dict[str, Callable[[], Figure]] = {

@@ -1,9 +1,9 @@
 """Parts of the manual that are made from the code, so that they cannot disagree with it.
 
 ``equation``: a numbered equation with its source and the tests that check it; a test that is not there is a warning,
-and so an error of the build. ``equation-table``: all of them. ``commands``: the help of every command. ``errors``:
-every error that insnav can raise, with cause and remedy. ``findings``: everything that insnav detects. ``run-json``:
-the keys of ``run.json``, by its schema.
+and so an error of the build. ``equation-table``: all of them. ``commands``: the help of every command. ``messages``:
+every error and everything that insnav detects, with cause and remedy. ``run-json``: the keys of ``run.json``, by its
+schema.
 """
 
 from __future__ import annotations
@@ -144,57 +144,59 @@ def _commands(group: Any, name: str) -> Iterator[tuple[str, Any]]:
             yield f"{name} {key}", command
 
 
-class Errors(SphinxDirective):
-    """Every error that insnav raises: its code, kind, words and remedy, from the catalogues."""
+KINDS = {  # of errors and findings, in the order in which they matter to who sees them
+    "ConfigError": "Errors: an option or a configuration file is wrong",
+    "InputError": "Errors: a data file cannot be used",
+    "AlignmentError": "Errors: the start cannot be aligned",
+    "DivergenceError": "Errors: the solution diverges",
+    "OutputError": "Errors: a result cannot be written",
+    "CheckError": "Errors: a result is not as good as you asked for",
+    "unusable": "Findings: the solution is not to be relied on",
+    "warning": "Findings: warnings",
+    "assumption": "Findings: assumptions",
+    "note": "Findings: notes",
+}
+
+
+class Messages(SphinxDirective):
+    """Everything that insnav says: errors by what is wrong, findings by severity; each by its first words."""
 
     def run(self) -> list[nodes.Node]:
-        """Read the catalogues, family by family."""
-        kinds: dict[str, set[str]] = {}
+        """Read the catalogues; a field of search stands first."""
+        found: dict[str, dict[tuple[str, str], list[str]]] = {}
         for site in error_sites():
-            kinds.setdefault(site.code, set()).add(site.kind)
-        found: list[nodes.Node] = []
-        for family in sorted({code.partition(".")[0] for code in kinds}):
-            section = nodes.section(ids=[f"errors-{family}"])
-            section += nodes.title("", family)
-            rows = [
-                (
-                    nodes.paragraph("", "", nodes.literal("", code)),
-                    *(nodes.paragraph("", _readable(entry.get(part, ""))) for part in ("what", "why", "fix")),
-                    nodes.paragraph("", ", ".join(sorted(kinds[code]))),
-                )
-                for code, entry in catalogue(f"errors/{family}.en").items()
-                if code in kinds
-            ]
-            section += table(("code", "message", "why", "what to do", "error"), rows, (16, 28, 23, 23, 10))
-            found.append(section)
-        return found
-
-
-class Findings(SphinxDirective):
-    """Everything that insnav detects: its code, severity, words and remedy, from the catalogue."""
-
-    def run(self) -> list[nodes.Node]:
-        """Read the catalogue, in the order of the codes."""
-        groups: dict[str, list[tuple[nodes.Node, ...]]] = {}
+            entry = catalogue(f"errors/{site.code.partition('.')[0]}.en")[site.code]
+            what, *others = (_readable(entry.get(part, "")) for part in ("what", "why", "fix"))
+            found.setdefault(site.kind, {})[what, site.code] = others
         for code in Code:
             entry = catalogue("en")[code.value]
             text = " ".join(entry[part] for part in ("text", "done") if part in entry)
-            row = (
-                nodes.paragraph("", "", nodes.literal("", code.value)),
-                nodes.paragraph("", code.severity.name.lower()),
-                nodes.paragraph("", "", nodes.strong("", entry["title"]), nodes.Text(f". {_readable(text)}")),
-                nodes.paragraph("", _readable(entry.get("advice", ""))),
-            )
-            groups.setdefault(code.value.partition(".")[0], []).append(row)
-        sections: list[nodes.Node] = []
-        for group, rows in groups.items():
-            section = nodes.section(ids=[f"findings-{group}"])
-            section += nodes.title("", group)
-            section += table(
-                ("code", "severity", "what was detected, and what insnav does", "what to do"), rows, (16, 8, 48, 28)
-            )
+            others = [_readable(text), _readable(entry.get("advice", ""))]
+            found.setdefault(code.severity.name.lower(), {})[entry["title"], code.value] = others
+        sections: list[nodes.Node] = [
+            raw('<input type="search" id="find-message" placeholder="Words of the message, or its code">')
+        ]
+        for kind in sorted(found, key=[*KINDS, *sorted({*found} - {*KINDS})].index):
+            section = nodes.section(ids=[nodes.make_id(f"messages-{kind}")])
+            section += nodes.title("", KINDS.get(kind, kind))
+            section += raw(f"<details class='messages'><summary>All {len(found[kind])}</summary>")
+            for (what, code), others in sorted(found[kind].items(), key=lambda each: each[0][0].lstrip("… ").lower()):
+                section += [
+                    raw('<details class="message"><summary>'),
+                    nodes.inline("", f"{what} "),
+                    nodes.literal("", code),
+                ]
+                section += raw("</summary>")
+                section += [nodes.paragraph("", each) for each in others if each]
+                section += raw("</details>")
+            section += raw("</details>")
             sections.append(section)
         return sections
+
+
+def raw(text: str) -> nodes.raw:
+    """HTML as it is."""
+    return nodes.raw("", text, format="html")
 
 
 def _readable(text: str) -> str:
@@ -274,8 +276,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.add_directive("equation", Equation)
     app.add_directive("equation-table", EquationTable)
     app.add_directive("commands", Commands)
-    app.add_directive("errors", Errors)
-    app.add_directive("findings", Findings)
+    app.add_directive("messages", Messages)
     app.add_directive("run-json", RunJson)
     app.connect("doctree-resolved", fill_tables)
     return {"parallel_read_safe": False, "parallel_write_safe": True}

@@ -10,8 +10,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 from insnav import allan
-from insnav.units import DEG_PER_H, DEG_PER_SQRT_H
 
+DEG_PER_H, DEG_PER_SQRT_H = np.radians(1.0) / 3600.0, np.radians(1.0) / 60.0  # [rad/s], [rad/sqrt(s)]
 rate, hours = 50.0, 2.0
 rng = np.random.default_rng(7)
 n = int(hours * 3600 * rate)

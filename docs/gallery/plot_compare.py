@@ -7,9 +7,8 @@ Two versions of insnav, or another program's trajectory, are compared in the sam
 """
 
 import insnav
-from insnav.library import sample_drive
 
-imu, gps, ref = sample_drive()
+imu, gps, ref = insnav.sample_drive()
 found = insnav.load(imu, gps=gps, ref=ref).navigate()
 preset = insnav.load(imu, gps=gps, ref=ref, imu="consumer", noise="model", lever_arm=(0.0, 0.0, 0.0)).navigate()
 both = insnav.compare(found, preset, ref=ref)

@@ -6,11 +6,15 @@ The sample drive: a car in a town, with GPS outages and an exact reference. Noth
 """
 
 import insnav
-from insnav.library import sample_drive
 
-imu, gps, ref = sample_drive()
+imu, gps, ref = insnav.sample_drive()
 drive = insnav.load(imu, gps=gps, ref=ref)
 print(drive)
+
+# %%
+# What is in the data, before anything is navigated.
+
+figure = drive.plot()
 
 # %%
 # What was understood is printed; the result says how accurate it is.

@@ -10,11 +10,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import insnav
-from insnav.session.budget import BudgetSettings, budget_of_motion, motion_of
 
-settings = BudgetSettings(times=(10.0, 20.0, 30.0, 40.0, 50.0, 60.0), runs=200, seed=1)
-result = budget_of_motion(insnav.load_imu("tactical"), motion_of("city", None, settings), settings)
-figure = result.plot("budget")
+made = insnav.simulate("city", imu="tactical", gps="rtk", seed=1)
+result = made.budget(times=(10.0, 20.0, 30.0, 40.0, 50.0, 60.0), runs=200, seed=1)
+figure = result.plot("growth")
 
 # %%
 # All sources together, and the 95 % band that 200 runs have around the truth.

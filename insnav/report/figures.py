@@ -12,7 +12,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
@@ -68,14 +67,6 @@ def save(figure: Figure, path: Path, file_format: Literal["png", "svg"]) -> Path
     else:
         # Light compression: files grow by a fifth and are written in half the time.
         figure.savefig(file, dpi=DOTS_PER_INCH, metadata={"Software": None}, pil_kwargs={"compress_level": 3})
-    return file
-
-
-def save_pages(figures: Sequence[Figure], file: Path) -> Path:
-    """Write figures into one PDF, a page each; equal figures give equal bytes."""
-    with PdfPages(file, metadata={"CreationDate": None, "Creator": None, "Producer": None}) as pages:
-        for figure in figures:
-            pages.savefig(figure)
     return file
 
 

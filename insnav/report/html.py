@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from importlib.util import find_spec
@@ -14,7 +15,8 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from insnav.messages import phrase
+from insnav.catalogues import catalogue
+from insnav.messages import language, phrase
 from insnav.plain_text import plain_text
 from insnav.report.page import Page, Section, Show, Table, cell, section_tables
 from insnav.report.panels import modes, panel_data
@@ -22,6 +24,7 @@ from insnav.version import __version__
 
 _MEDIA = {".png": "image/png", ".svg": "image/svg+xml"}
 _TEMPLATES = Path(__file__).parent / "templates"
+_NUMBER = re.compile(r"\d+(?:\.\d+)?")  # it stands as # in the catalogue of words
 _BOKEH = ("bokeh.min.js", "bokeh-api.min.js")
 
 
@@ -37,13 +40,18 @@ def filled(template: str, **values: Any) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["plain"] = plain_text
+    environment.filters["plain"] = said
     return environment.get_template(template).render(**values, value=cell, phrase=phrase, modes=modes)
 
 
-def data_uri(file: Path) -> str:
-    """Encode a PNG or SVG file as a data URI, for self-contained pages."""
-    return f"data:{_MEDIA[file.suffix]};base64,{base64.b64encode(file.read_bytes()).decode('ascii')}"
+def said(text: str) -> str:
+    """Translate a text of a page, if the catalogue contains it; units stay."""
+    text = plain_text(text)
+    name, bracket, unit = text.partition(" [")
+    wanted = catalogue(f"page.{language()}")["words"].get(_NUMBER.sub("#", name))
+    for number in _NUMBER.findall(name) if wanted else ():
+        wanted = wanted and wanted.replace("#", number, 1)
+    return f"{wanted}{bracket}{unit}" if wanted else text
 
 
 def page_html(page: Page, files: Mapping[str, Path]) -> str:
@@ -55,7 +63,12 @@ def page_html(page: Page, files: Mapping[str, Path]) -> str:
     return filled(
         "page.html.j2",
         page=page,
-        images={name: data_uri(file) for name, file in files.items()},
+        images={
+            name: f"data:{_MEDIA[file.suffix]};base64,{base64.b64encode(file.read_bytes()).decode('ascii')}"
+            for name, file in files.items()
+        },
+        words=_json_script(catalogue(f"page.{language()}")["words"]),
+        lang=language(),
         tables=_tables_of("all", "page"),
         version=__version__,
         data=_json_script([panel_data(each) for each in page.panels]),
@@ -97,7 +110,7 @@ def _policy(scripts: tuple[str, ...]) -> str:
     return f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src {allowed}"
 
 
-def _json_script(value: list[Any]) -> Markup:
+def _json_script(value: Any) -> Markup:
     """Encode JSON for a script element."""
     text = json.dumps(value, separators=(",", ":"), allow_nan=False)
     for sign in "<>&":

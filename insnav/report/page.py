@@ -148,6 +148,7 @@ class Page:
     verdict: Verdict | None = None  # the first thing on the page
     merits: tuple[Quantity, ...] = ()  # figures of merit, about six; also in the sections
     merits_note: str = ""  # subject of the merits
+    merits_by: Mapping[str, tuple[Quantity, ...]] | None = None  # merits at each position of the switch
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -226,6 +227,12 @@ def drawn(name: str, caption: str, drawings: Iterable[Drawing], note: str = "", 
 
     figures = (FigureSpec(name, caption, draw),) if panels else ()
     return Section("", panels=panels, figures=figures, columns=columns)
+
+
+def beside(*sections: Section) -> Section:
+    """Join drawings of which the first is a map: on a wide page it stays in view beside the others."""
+    panels, figures = (tuple(one for each in sections for one in getattr(each, k)) for k in ("panels", "figures"))
+    return Section("", panels=panels, figures=figures)
 
 
 def only_json(key: str, *items: Quantity, parts: tuple[Section, ...] = ()) -> Section:

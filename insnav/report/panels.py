@@ -21,6 +21,7 @@ from insnav.types import FloatArray
 BINS = 1200  # about one per pixel: the visible resolution
 _TAIL = 0.5  # share on either side that may exceed the limits [%]
 _WORTH = 1.5  # full limits are used up to this multiple of the robust ones
+LEAST_ERROR = 1e-4  # begin of error distributions: their axes are logarithmic [m]
 LINE_BINS = 1000  # a line keeps the smallest and largest value of so many intervals
 BAND_BINS = 500
 MARKERS = 2000  # largest number of points of a cloud, including extremes
@@ -144,7 +145,7 @@ class Curve:
     kind: Kind = "line"
     low: FloatArray | None = None  # (n,) lower edge of a band, left ends of bars
     mode: str = ""  # switch position of the page that shows it, such as "filtered"; empty: always
-    # of points and bars: hover text; of a thin line: label at its start
+    # of points and bars: hover text; of a thin line: label at its start; of a line: its name on it
     text: tuple[str, ...] = ()
 
 
@@ -280,8 +281,9 @@ def limits_of(panel: Panel, mode: str) -> tuple[float, float] | None:
 def _robust(curves: Sequence[Curve], logarithmic: bool, least: float) -> tuple[float, float] | None:
     values = [each.y for each in curves if each.kind != "band"]
     bands = [edge for each in curves if each.kind == "band" for edge in (each.y, each.low) if edge is not None]
-    # a band that is wide for a short time, such as at the start, does not set the limits
-    values += [np.percentile(known, (5.0, 95.0)) for each in bands if (known := each[np.isfinite(each)]).size]
+    # 99 % of a band is in view; the page names the range of what is cut
+    most = (_TAIL, 100.0 - _TAIL)
+    values += [np.percentile(known, most) for each in bands if (known := each[np.isfinite(each)]).size]
     if not logarithmic:
         return robust_limits(values, least)
     found = robust_limits([np.log10(each[each > 0.0]) for each in values], least=1.0)

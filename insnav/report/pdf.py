@@ -21,27 +21,33 @@ WIDTH, HEIGHT, _MARGIN = 8.27, 11.69, 0.6  # A4 [inch]
 _DPI = 200
 _LINE = 0.19  # of text [inch]
 _LETTERS = 92  # a line
+_ROWS = 95  # of tables on a page
 LIGHT_COLOURS = {"good": GREEN, "attention": ORANGE, "bad": VERMILLION, "unknown": GREY}
 
 
-def write_pdf(page: Page, file: Path, pages: Mapping[str, Sequence[str]]) -> None:
+def write_pdf(page: Page, file: Path, pages: Mapping[str, Sequence[str]], lines: Sequence[str] = ()) -> None:
     """Write a report as PDF.
 
-    `pages`: page titles with figure names: of each, the first two that the report has.
+    `pages`: page titles with figure names: of each, the first two that the report has. `lines`: table rows after the
+    figures.
     """
+    head = (HEIGHT - _MARGIN) / HEIGHT
     known = {each.name: each for each in page.figures}
     with drawing(), PdfPages(file, metadata={"CreationDate": None, "Creator": None, "Producer": None}) as pdf:
         for number, (title, names) in enumerate(pages.items(), 1):
             sheet = Figure(figsize=(WIDTH, HEIGHT))
             short = textwrap.shorten(plain_text(f"{page.title}: {title}"), 70, placeholder="…")
-            head = (HEIGHT - _MARGIN) / HEIGHT
             sheet.text(_MARGIN / WIDTH, head, short, va="top", fontsize=14.0, fontweight="bold")
             top = HEIGHT - _MARGIN - 0.4
             if number == 1:
                 top = _first(sheet, page, top)
             _figures(sheet, [known[name] for name in names if name in known][:2], top)
-            foot = f"insnav {__version__}   page {number} of {len(pages)}"
+            foot = f"insnav {__version__}   page {number} of {len(pages) + -(-len(lines) // _ROWS)}"
             sheet.text(0.5, 0.35 / HEIGHT, foot, ha="center", fontsize=8.0, color="#555555")
+            pdf.savefig(sheet)
+        for first in range(0, len(lines), _ROWS):
+            sheet, text = Figure(figsize=(WIDTH, HEIGHT)), "\n".join(lines[first : first + _ROWS])
+            sheet.text(_MARGIN / WIDTH, head, text, va="top", fontsize=6.5, family="monospace")
             pdf.savefig(sheet)
 
 

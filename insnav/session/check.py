@@ -141,7 +141,8 @@ def check(
     line = _command(patient) if "imu" in given else ""
     as_given = found.run is not None and not patient.refusals
     found = replace(found, command=line, runs=found.run is not None, runs_as_given=as_given, problems=problems)
-    events: tuple[Finding, ...] = () if data is None else data.imu.events
+    given_events = {} if data is None else {name: each.events for name, each in data.given().items()}
+    events = (e for name, some in given_events.items() for e in some if name == "imu" or e.code is Code.ROWS_GAP)
     notes: tuple[Finding, ...] = () if drive is None else drive.notes
     return Result("check", found, facts, options_of(known), None, (*problems, *notes, *events))
 

@@ -9,11 +9,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Unpack, get_args
+from typing import TYPE_CHECKING, Any, Literal, Unpack, cast, get_args
 
 import numpy as np
 
 from insnav.alignment import find_stationary
+from insnav.deferred import library
 from insnav.engine import Workers, share_of
 from insnav.errors.evaluated_run import EvaluatedRun, fixed_epochs
 from insnav.errors.metrics import at_point
@@ -38,6 +39,8 @@ from insnav.strapdown import intervals
 from insnav.types import FloatArray, GpsData, ImuData, Trajectory
 
 if TYPE_CHECKING:  # slow imports happen where they are used: a run needs no budget
+    from matplotlib.figure import Figure
+
     from insnav.errors.budget.from_windows import BudgetStudy, WindowSettings
     from insnav.errors.outage.gnss_outage import OutageStudy
     from insnav.errors.requirement.study import RequirementStudy
@@ -46,6 +49,7 @@ if TYPE_CHECKING:  # slow imports happen where they are used: a run needs no bud
     from insnav.session.read import Given
     from insnav.session.requirement import RequirementOptions
 
+_report = library("insnav.report.drive")  # which imports matplotlib
 SHORT_REST = 10.0  # steady motion may resemble a stop for this long [s]
 STAGES = {  # description of the work, by step
     **dict.fromkeys(("clean", "one_clock", "receiver_noise", "imu_noise", "mounting"), "checking the data"),
@@ -198,6 +202,15 @@ class Drive:
         lines = [each.lines()[0] for each in self.recording.facts.values()]
         model = f"IMU model: {self.imu_spec.name}: {sentence(self.imu_chosen)}"
         return as_keywords("\n".join(["Drive", *lines, model]))
+
+    def plot(self) -> Figure:
+        """Draw what is in the data before anything is navigated: rates, forces, fixes and gaps.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+        """
+        return cast("Figure", _report.drive_figure(self.recording))
 
     def beginning(self, length: float) -> Drive:
         """Return the drive with the samples of its first `length` [s] only."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -32,7 +32,7 @@ def platform(
     height: float = 0.0,
     v_n: Sequence[float] = (0.0, 0.0, 0.0),
     *,
-    errors: PlatformErrors | None = None,
+    errors: PlatformErrors | Mapping[str, FloatArray] | None = None,
     integrator: Integrator = "fourth",
     vertical: Vertical = "off",
     gravity: float | None = None,
@@ -49,8 +49,8 @@ def platform(
         Position at the start [rad], [rad], [m].
     v_n : sequence of float
         Velocity North, East, Down at the start [m/s].
-    errors : insnav.gimbal.PlatformErrors, optional
-        Errors of the platform and its sensors; by default none.
+    errors : mapping or insnav.gimbal.PlatformErrors, optional
+        Errors of the platform and its sensors: ``tilt``, ``drift``, ``bias``, each North, East, Down; by default none.
     integrator : {"forward", "backward", "mean", "fourth"}
         Integrator of the returned solution; all are compared.
     vertical : {"off", "free", "damped"}
@@ -89,7 +89,8 @@ def platform(
     time, f_n = samples.data.time, samples.data.f_n
     if vertical != "off" and np.isnan(f_n[:, 2]).all():
         raise InputError("platform.no_vertical_axis", where=samples.facts.path, option=vertical)
-    errors, start = errors or PlatformErrors(), np.array([lat, (lon + np.pi) % (2.0 * np.pi) - np.pi, height])
+    errors = errors if isinstance(errors, PlatformErrors) else PlatformErrors(**errors or {})
+    start = np.array([lat, (lon + np.pi) % (2.0 * np.pi) - np.pi, height])
     how: dict[str, Any] = {"vertical": vertical, "gravity": gravity, "errors": errors}
     how |= {"height": None if given is None else _heights(given.data, time)}
     how |= {"every": max(1, round(interval / float(np.median(np.diff(time)))))}

@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import json
 import shutil
+import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from insnav.errors.budget.error_budget import budget
 from insnav.errors.budget.from_windows import BudgetStudy
 from insnav.errors.budget.sampled_motion import at_rest
+from insnav.quantity import Quantity
+from insnav.report.colours import BLACK
 from insnav.report.html import page_html
+from insnav.report.page import Page, Section
+from insnav.report.panels import Curve, Panel
 from insnav.result import Result
 from tests.errors.budget.imus import plain
 from tests.report import drawn
@@ -58,8 +65,8 @@ class Browser:
         return list(self.driver.get_log(kind))
 
     def errors(self) -> list[str]:
-        """What the console complained of."""
-        return [each["message"] for each in self.logs("browser") if each["level"] in ("SEVERE", "WARNING")]
+        """What the console says: nothing, whatever its level."""
+        return [each["message"] for each in self.logs("browser")]
 
     def requests(self) -> list[str]:
         """Everything that was fetched, the page apart."""
@@ -117,6 +124,124 @@ def test_zoom_and_cursor_are_linked_and_the_switch_shows_the_outlier(opened: Bro
     assert opened.run("return insnav.drawings[1].root.dataset.outliers") == "1"
 
 
+def pointer(kind: str, x: float = 0.5, drawing: int = 1) -> str:
+    """Script: an event of the pointer in the frame of a drawing, `x` of its width."""
+    return (
+        f"const d = insnav.drawings[{drawing}], b = d.place.getBoundingClientRect(), f = d.frame;"
+        f"d.place.dispatchEvent(new PointerEvent('{kind}', {{clientX: b.left + f.left + {x} * f.width, "
+        "clientY: b.top + f.top + 0.5 * f.height, pointerType: 'mouse', bubbles: true}))"
+    )
+
+
+def test_the_cursor_shows_the_time_and_values_with_units_and_leaves_with_the_pointer(opened: Browser) -> None:
+    def texts(part: str) -> list[str]:
+        script = f"return [...document.querySelectorAll('{part}')].map(each => each.textContent).filter(Boolean)"
+        return list(opened.run(script))
+
+    assert texts(".legend output") == []
+    opened.run(pointer("pointermove"))
+    stamps = texts(".cursor span")
+    assert len(stamps) == 2  # of the linked panels
+    for stamp in stamps:
+        number, unit = stamp.split(" ")
+        assert float(number) == pytest.approx(1800.0, abs=20.0)
+        assert unit == "s"
+    assert [text.split(" ")[1] for text in texts(".legend output") if " " in text] == ["m"]  # NIS has no unit
+    opened.run(pointer("pointerleave"))
+    assert texts(".legend output") == []
+    shown = "return insnav.drawings.slice(1, 3).map(each => each.cursor.style.display)"
+    assert opened.run(shown) == ["none", "none"]
+    assert opened.run("return insnav.drawings[0].here.style.display") == "none"
+
+
+def test_no_box_stands_about_what_is_clicked(opened: Browser) -> None:
+    script = """
+    const inside = (root, part) => root.querySelector(part).shadowRoot;
+    const events = inside(inside(insnav.drawings[1].place, ".bk-Figure"), ".bk-Canvas").querySelector(".bk-events");
+    events.tabIndex = 0; events.focus();
+    return getComputedStyle(events).outlineStyle;
+    """
+    assert opened.run(script) == "none"
+
+
+def test_the_switch_changes_the_figures_of_merit(browser: Browser, tmp_path: Path) -> None:
+    sizes = {"smoothed": 0.25, "filtered": 0.75}
+    merits = {mode: (Quantity("horizontal", size, "m"),) for mode, size in sizes.items()}
+    page = replace(drawn.page(), merits=merits["smoothed"], merits_by=merits, merits_note="RMS, solution:")
+    file = tmp_path / "page.html"
+    file.write_text(page_html(page, {}), encoding="utf-8")
+    browser.open(file)
+    seen = (
+        "return [...document.querySelectorAll('.merits dd, .merits + .note')].filter(each => each.offsetParent)"
+        ".map(each => each.textContent.trim())"
+    )
+    for mode, text in (("smoothed", "0.250 m"), ("filtered", "0.750 m"), ("smoothed", "0.250 m")):
+        browser.run(f"document.querySelector('[data-mode={mode}]').click()")
+        assert browser.run(seen) == [text, f"RMS, solution: {mode}"]
+    assert browser.run("return document.querySelectorAll('.switch').length") == 1
+
+
+def test_margins_are_equal_and_rows_of_events_name_themselves_inside(browser: Browser, tmp_path: Path) -> None:
+    names = ("a finding with a name that is much longer than any margin", "short")
+    mark = Curve("event", np.array([600.0, 900.0]), np.arange(2.0), BLACK, "points", text=("a", "b"))
+    events = Panel("events", "Events", "", "time [s]", (mark,), "time", rows=names, height=140)
+    small = Curve("north", np.linspace(0.0, 3600.0, 50), np.linspace(0.0, 2e-4, 50), BLACK)
+    fine = Panel("fine", "Fine", "error [m]", "time [s]", (small,), "time")
+    page = replace(drawn.page(), sections=(Section("drawn", panels=(*drawn.panels(), fine, events)),))
+    file = tmp_path / "page.html"
+    file.write_text(page_html(page, {}), encoding="utf-8")
+    for width in (390, 1280, 1920):
+        browser.open(file, width)
+        time.sleep(0.3)  # margins are levelled in the next frames
+        lefts = browser.run("return insnav.drawings.filter(d => d.curves && d.link === 'time').map(d => d.frame.left)")
+        assert len(lefts) == 4
+        assert max(lefts) - min(lefts) <= 0.5
+        assert max(lefts) < 120.0
+    browser.run("insnav.follow(insnav.links.get('time'), 1800)")
+    assert browser.run("return document.querySelectorAll('#events output').length") == 0  # no "event 0.00"
+
+
+def test_the_map_stays_in_view_beside_the_panels(browser: Browser, tmp_path: Path) -> None:
+    more = tuple(replace(each, key=f"{each.key}_{i}") for i in range(3) for each in drawn.panels()[1:3])
+    file = tmp_path / "page.html"
+    file.write_text(
+        page_html(replace(drawn.page(), sections=(Section("drawn", panels=(*drawn.panels(), *more)),)), {}),
+        encoding="utf-8",
+    )
+    where = "const b = document.getElementById('{}').getBoundingClientRect(); return [b.left, b.top, b.right, b.bottom]"
+    for width, columns in ((1280, 1), (1920, 2), (390, 0)):
+        browser.open(file, width)
+        browser.run("document.getElementById('nis_1').scrollIntoView({block: 'center'})")
+        _, top, right, bottom = browser.run(where.format("map"))
+        (left, upper, *_), (second, lower, *_) = (browser.run(where.format(name)) for name in ("error", "nis"))
+        assert (top >= 0.0 and bottom <= 900.0) == (columns > 0)
+        assert (left >= right) == (columns > 0)
+        assert (abs(upper - lower) < 1.0 and second > left) == (columns == 2)
+
+
+def test_dashed_lines_and_points_have_swatches_of_their_own(browser: Browser, tmp_path: Path) -> None:
+    x = np.arange(3.0)
+    kinds = ("line", "dashed", "points", "crosses", "band")
+    curves = tuple(Curve(kind, x, x, BLACK, kind, x - 1.0 if kind == "band" else None) for kind in kinds)
+    both = Curve("band and line", x, x, BLACK, "band", x - 1.0), Curve("band and line", x, x, BLACK)
+    page = Page("p", (), (Section("s", panels=(Panel("a", "A", "y [m]", "x [s]", (*curves, *both)),)),))
+    file = tmp_path / "page.html"
+    file.write_text(page_html(page, {}), encoding="utf-8")
+    browser.open(file)
+    assert browser.run("return [...document.querySelectorAll('.legend i')].map(e => e.className)") == [*kinds, "line"]
+
+
+def test_a_command_can_be_copied(browser: Browser, tmp_path: Path) -> None:
+    line = "insnav run imu.csv --gps gps.csv"
+    page = replace(drawn.page(), summary=(f"next        {line}", "about insnav run and others"))
+    file = tmp_path / "page.html"
+    file.write_text(page_html(page, {}), encoding="utf-8")
+    browser.open(file)
+    assert browser.run("return [...document.querySelectorAll('.command code')].map(e => e.textContent)") == [line]
+    browser.driver.find_element("css selector", ".command button").click()
+    assert browser.run("return document.querySelector('.command button').textContent") == "copied"
+
+
 def test_pointing_at_the_map_moves_the_cursor(opened: Browser) -> None:
     opened.run("insnav.drawings[0].pointed([0.5, 0.5])")
     at = opened.run("return insnav.links.get('time').at")
@@ -124,7 +249,7 @@ def test_pointing_at_the_map_moves_the_cursor(opened: Browser) -> None:
     assert opened.run("return insnav.drawings[1].cursor.style.display") == "block"
 
 
-@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.parametrize("width", [1920, 1280, 390])
 def test_no_text_is_cut_and_a_metre_is_a_metre(browser: Browser, tmp_path: Path, width: int) -> None:
     file = tmp_path / "page.html"
     file.write_text(page_html(drawn.page(), {}), encoding="utf-8")
@@ -138,7 +263,7 @@ def test_no_text_is_cut_and_a_metre_is_a_metre(browser: Browser, tmp_path: Path,
     assert ratio == pytest.approx(1.0, abs=0.01)
 
 
-@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.parametrize("width", [1920, 1280, 390])
 def test_the_page_of_a_run(browser: Browser, navigated: Any, tmp_path: Path, width: int) -> None:
     file = tmp_path / "report.html"
     file.write_text(page_html(navigated.page(), {}), encoding="utf-8")
@@ -163,7 +288,7 @@ def test_the_page_of_a_run(browser: Browser, navigated: Any, tmp_path: Path, wid
     )
 
 
-@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.parametrize("width", [1920, 1280, 390])
 def test_a_budget_is_drawn_and_its_sources_can_be_pointed_at(browser: Browser, tmp_path: Path, width: int) -> None:
     found = budget(plain(), at_rest(20.0), (5.0, 10.0, 20.0), runs=10)
     file = tmp_path / "budget.html"

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
+from matplotlib.axes import Axes
 
 from insnav.errors.budget.error_budget import Budget, RecordedColumn, budget
 from insnav.errors.budget.from_windows import BudgetStudy
@@ -48,18 +48,14 @@ def page_of(found: Budget):
     return page(Result("budget", BudgetStudy(found)))
 
 
-def drawn(found: Budget, page_number: int = 0) -> Figure:
+def drawn(found: Budget, name: str) -> Axes:
     with drawing():
-        return page_of(found).figures[page_number].draw()
+        return next(each for each in page_of(found).figures if each.name == name).draw().axes[0]
 
 
 def cells(table, name: str) -> dict[str, str]:
     row = next(row for row in table.rows if row[0] == name)
     return dict(zip(table.columns, row, strict=True))
-
-
-def texts(figure: Figure) -> list[str]:
-    return [text.get_text() for axes in figure.axes for text in axes.texts]
 
 
 def test_the_frame_is_of_numbers_with_their_units(found):
@@ -127,13 +123,13 @@ def test_facts_are_complete_and_json(found):
 
 
 def test_page_shows_curves_tables_and_assumptions(found):
-    sheet, figure = page_of(found), drawn(found)
-    written = texts(drawn(found, 1))
+    sheet = page_of(found)
+    written = page_text(sheet, 108)
     for family in found.families:
         assert family in written
     (short,) = of_code(assumptions(found), Code.BUDGET_SHORT_FORMS)
-    assert " ".join(sentence(short).split()) in " ".join(" ".join(written).split())
-    _, linear, growth_axes, bars = figure.axes
+    assert " ".join(sentence(short).split()) in " ".join(written.split())
+    linear, growth_axes, bars = (drawn(found, name) for name in ("growth", "sources", "contributions"))
     assert bars.get_yticklabels()[0].get_text() == found.families[ranked(found)[0]]
     labels = [text.get_text() for text in linear.get_legend().get_texts()]
     assert labels == ["up to the worst-case sum", "covariance, 1 sd", "analytic", "simulated, 30 runs"]
@@ -194,7 +190,7 @@ def test_a_recorded_column_has_its_place(found):
     table = section_tables(positions_section(joined))[0]
     assert cells(table, "20")["rec. N"] == "6.25"
     assert cells(table, "5")["rec. N"] == "–"
-    labels = [t.get_text() for t in drawn(joined).axes[1].get_legend().get_texts()]
+    labels = [t.get_text() for t in drawn(joined, "growth").get_legend().get_texts()]
     assert "recorded, 12 windows" in labels
     assert page_facts(page_of(joined))["recorded"]["windows"] == 12
 
@@ -209,9 +205,9 @@ def test_what_is_missing_or_too_large_is_said(found):
     (mismatch,) = warnings(wrong)
     assert mismatch.code is Code.BUDGET_SIMULATED_MISMATCH
     assert mismatch["nees"] == pytest.approx(2.0, abs=0.5)
-    shown = " ".join(" ".join(texts(drawn(bare, 1))).split())
+    shown = " ".join(page_text(page_of(bare), 108).split())
     for warning in (absent, ignored):
-        assert " ".join(f"Warning: {sentence(warning)}".split()) in shown
+        assert " ".join(sentence(warning).split()) in shown
     consumer = budget(load_imu("consumer"), at_rest(60.0), (60.0,))
     (steep,) = of_code(warnings(consumer), Code.BUDGET_NONLINEAR)
     assert steep["attitude_rad"] == consumer.covariance.total[consumer.chosen[-1], 6:].max()

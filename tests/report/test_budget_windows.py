@@ -20,6 +20,7 @@ from insnav.report.budget.panels import windows_drawings
 from insnav.report.budget.windows import windows_assumptions, windows_sections, windows_sentences, windows_warnings
 from insnav.report.figures import drawing
 from insnav.report.page import Page, section_tables
+from insnav.report.panels import limits_of
 from insnav.report.run_json import section_facts
 from insnav.report.terminal import page_text
 from insnav.result import Result, open_result
@@ -177,5 +178,6 @@ def test_the_light_is_that_of_what_is_explained(budget: RecordedBudget):
     kinds = {curve.name: curve for curve in explained.curves}
     assert "the stated errors of IMU and fixes do not make it" in kinds["not explained"].text[0]
     growth = next(panel for panel in sheet.panels if panel.key == "growth")
-    thin = [curve for curve in growth.curves if curve.kind == "thin"]
-    assert len(thin) == budget.shown.windows.count
+    assert growth.curves[0].name == f"middle 90 % of {budget.shown.windows.count} windows"
+    worst = next(curve for curve in growth.curves if curve.name == "up to the worst-case sum")
+    assert limits_of(growth, "")[1] >= worst.y.max()  # the band is not cut

@@ -10,6 +10,7 @@ import pytest
 from insnav.earth import lla_offset
 from insnav.exceptions import InputError
 from insnav.output.solution_tables import write_run_table
+from insnav.report.comparison.page import comparison_panels
 from insnav.result import Result
 from insnav.session.comparison import compare
 
@@ -61,6 +62,20 @@ def test_runs_of_different_recordings_cannot_be_compared(driven, tmp_path):
     ]
     with pytest.raises(InputError, match=r"compare.no_common_time"):
         compare(*paths, ref=true)
+
+
+def test_every_solution_has_its_own_line_on_a_map_and_no_run_squeezes_the_distribution(driven, tmp_path):
+    _, _, true = driven
+    off = {name: lla_offset(true.lla, np.array([size, 0.0, 0.0])) for name, size in (("good", 0.5), ("bad", 5000.0))}
+    folders = [folder(tmp_path, name, replace(true, lla=lla)) for name, lla in off.items()]
+    track, _, shares = comparison_panels(compare(*folders, ref=true).found)
+    for line, size in zip(track.behind, (0.5, 5000.0), strict=True):
+        assert np.median(line.y - track.north) == pytest.approx(size, rel=1e-3)
+    assert [shade.name for shade in track.shades] == ["error of good [m]", "error of bad [m]"]
+    assert shares.log == "x"
+    good = shares.curves[0].x
+    assert good.min() > 0.0
+    assert np.log(good.max() / good.min()) < np.log(10.0)
 
 
 def test_what_the_reference_does_not_know_has_no_column(driven, tmp_path):

@@ -129,8 +129,8 @@ def test_cep50_and_r95_are_named_on_the_distribution(driven):
     run, _, true = driven
     errors = position_errors(run.solution, true)
     named = labels(drawn("error_distribution", run, errors=errors).axes[0])
-    assert f"CEP50 {number(float(np.percentile(errors.horizontal, 50.0)))} m" in named
-    assert f"R95 {number(float(np.percentile(errors.horizontal, 95.0)))} m" in named
+    cep50, r95 = (number(float(np.percentile(errors.horizontal, share))) for share in (50.0, 95.0))
+    assert f"CEP50 {cep50} m, R95 {r95} m" in named
 
 
 def test_thinning_keeps_every_extreme_and_every_break():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -34,8 +35,10 @@ def page_of(sd: float = 3.0, reference_sd: float = 0.1) -> Page:
 def test_the_light_is_that_of_the_stated_sd(sd: float, light: str):
     said = page_of(sd).verdict
     assert said.light == light
-    assert said.sentence.startswith("After 10 s without GPS: horizontal error ")
-    assert f"predicted {number(sd * np.sqrt(2.0))} m" in said.sentence
+    assert said.sentence.startswith("After 10 s without GPS, the horizontal error is ")
+    assert f"The filter predicts {number(sd * np.sqrt(2.0))} m." in said.sentence
+    for sentence_of_it in said.sentence.replace("GPS, ", "GPS ").split(". "):
+        assert len(re.findall(r"[\d.]+ m\b", sentence_of_it)) == 1
 
 
 def test_windows_of_every_length_are_judged():
@@ -63,18 +66,22 @@ def test_raw_and_corrected_stand_side_by_side():
     assert table.title == "Vertical error [m]; reference 2.00 m, 1 sd"
     row = dict(zip(table.columns, table.rows[-1], strict=True))
     assert float(row["RMS"]) ** 2 - 2.0**2 == pytest.approx(float(row["corrected (95 %)"].split()[0]) ** 2, rel=0.02)
-    assert "as measured" in page.verdict.sentence
-    assert "without the error of the reference" in page.verdict.sentence
+    assert "Without the error of the reference, it is" in page.verdict.sentence
     assert all(len(line) <= 80 for table in section_tables(page.sections[3]) for line in table_text(table).splitlines())
     facts = page_facts(page_of(reference_sd=2.0))["outages"][-1]["vertical_m"]
     assert facts["rms"] > facts["rms_corrected"] > facts["rms_corrected_low"]
 
 
-def test_every_window_is_drawn_behind_the_sums():
+def test_the_spread_of_the_windows_is_drawn_behind_the_sums():
     panels = page_of().panels
     assert [panel.key for panel in panels] == ["outage_horizontal", "outage_vertical"]
     kinds = [curve.kind for curve in panels[0].curves]
-    assert kinds.count("thin") == 60
+    assert kinds[:3] == ["band", "band", "line"]
+    # the errors of 60 windows are Rayleigh with 3 m: their median is 3 sqrt(2 ln 2)
+    wide, narrow, median = panels[0].curves[:3]
+    assert median.y[-1] == pytest.approx(3.0 * np.sqrt(2.0 * np.log(2.0)), rel=0.25)
+    for band, share in ((wide, 0.95), (narrow, 0.75)):
+        assert band.y[-1] == pytest.approx(3.0 * np.sqrt(-2.0 * np.log(1.0 - share)), rel=0.25)
     assert panels[0].curves[-1].text[-1].startswith("smoothed, 10 s: ")
 
 
@@ -101,6 +108,16 @@ def test_smoothed_errors_larger_than_stated_are_no_green_light():
     said = Result("outage", OutageStudy(tuple(windows), tuple(outage_growth(windows)), "the truth")).page().verdict
     assert said.light != "good"
     assert "smoothed errors" in said.reason
+
+
+def test_aiding_that_continues_without_gps_is_named():
+    made = page_of()
+    assert not [line for line in made.summary if "continue" in line]
+    error = np.random.default_rng(1).standard_normal((60, 6))
+    windows = outage_windows(error, 1.0, 0.1, 60)
+    study, used = OutageStudy(tuple(windows), tuple(outage_growth(windows)), "it"), (Code.NHC_USED, Code.ZUPT_USED)
+    notes = tuple(Finding(each, Severity.NOTE) for each in used)
+    assert "Without GPS, NHC and ZUPT continue to aid." in Result("outage", study, findings=notes).page().summary
 
 
 def test_what_a_run_warns_of_is_said(tmp_path: Path, bare):

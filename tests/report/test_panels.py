@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 from insnav.messages import phrase
+from insnav.report.colours import AXIS_COLOURS
 from insnav.report.figures import draw_drawings, drawing
 from insnav.report.html import page_fragment, page_html
-from insnav.report.panels import LINE_BINS, modes, panel_data, robust_limits
+from insnav.report.panels import LINE_BINS, Curve, Panel, limits_of, modes, panel_data, robust_limits
 from tests.report import drawn
 
 
@@ -43,6 +44,18 @@ def test_one_spike_does_not_set_the_axis() -> None:
     low, high = robust_limits([np.full(5, 3.0)], least=2.0)
     assert (low, high) == (2.0, 4.0)
     assert robust_limits([np.array([np.nan])]) is None
+
+
+@pytest.mark.parametrize("log", ["", "y"])
+def test_the_axis_holds_99_percent_of_a_band(log: str) -> None:
+    half = np.geomspace(50.0, 0.1, 1000)  # as at the start of a drive
+    half[:4] = 1e6
+    line = Curve("north", np.arange(1000.0), np.full(1000, 0.2), AXIS_COLOURS[0])
+    band = Curve("north", np.arange(1000.0), half, AXIS_COLOURS[0], "band", -half if not log else 0.1 * half)
+    low, high = limits_of(Panel("error", "", "", "", (line, band), log=log), "")
+    inside = (half <= high) & (band.low >= low)
+    assert inside.mean() >= 0.99
+    assert high < 1e3
 
 
 def test_the_switch_knows_its_positions() -> None:

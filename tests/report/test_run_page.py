@@ -84,6 +84,7 @@ def test_the_page_shows_accuracy_figures_and_every_section(navigated, tmp_path):
     assert not [attrs for tag, attrs in dom.elements if tag == "img"]  # figures for papers are no part of it
     drawn = [attrs["id"] for tag, attrs in dom.elements if tag == "figure"]
     assert drawn[:4] == ["track", "position_error", "velocity_error", "attitude_error"]
+    assert {"position_sd", "velocity_sd", "attitude_sd", "error_distribution"} <= set(drawn)
     assert {"innovations_position", "nis", "gyro_bias", "speed", "height", "heading", "events"} <= set(drawn)
     first = " ".join(navigated.page().verdict.sentence.split())
     order = [text.index(words) for words in (first, "Track", "all RMS", "GPS fixes", "Inputs", "Options")]

@@ -14,7 +14,7 @@ from insnav.imu.specification import gyro_bias_sd
 from insnav.messages import render
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
-from insnav.report.page import DataFrame, Page, Section, only_json, rows_frame
+from insnav.report.page import DataFrame, Light, Page, Section, by_warnings, only_json, rows_frame
 from insnav.report.run.quantities import alignment_items
 from insnav.report.terminal import entry, hanging
 from insnav.result import Result
@@ -31,7 +31,9 @@ def page(result: Result[FineAlignment]) -> Page:
     if result.imu_model is not None:
         # tilt of the measured Earth rate by the gyro bias, at most a right angle [rad]
         sd = min(float(np.max(gyro_bias_sd(result.imu_model[0].gyro))) / OMEGA_EARTH, 0.5 * np.pi)
-    steps = {"coarse": found.coarse, "fine": found.fine}
+    steps, warnings = {"coarse": found.coarse, "fine": found.fine}, tuple(_warnings(found, sd))
+    known = np.isfinite((found.fine or found.coarse).sd[2])
+    light: tuple[Light, str] = ("good", "the heading is known") if known else ("attention", "the heading is not known")
     latitude = (
         Quantity("latitude_given", found.latitude, "deg", decimals=4),
         Quantity("latitude_from_sensors", found.sensor_latitude, "deg", sd=sd),
@@ -48,8 +50,16 @@ def page(result: Result[FineAlignment]) -> Page:
             ),
             Section("", "Latitude", latitude, show="page"),
         ),
-        tuple(_warnings(found, sd)),
+        warnings,
+        verdict=by_warnings(_sentence(found.fine or found.coarse), warnings, light),
     )
+
+
+def _sentence(found: Alignment) -> str:
+    """Attitude in one sentence."""
+    (roll, pitch, heading), sd = found.rph / DEG, found.sd[2] / DEG
+    known = f"heading {heading % 360.0:.2f} ± {number(sd, 2)} deg" if np.isfinite(sd) else "no heading"
+    return f"Roll {roll:.3f} deg, pitch {pitch:.3f} deg, {known}."
 
 
 def text(result: Result[FineAlignment], width: int | None = None) -> str:

@@ -68,6 +68,10 @@ def page(result: Result[StaticNoise | SignalNoise]) -> Page:
     allan, facts = found.allan, result.inputs["imu"]
     name = Path(facts.path).name
     axes = [_axis(found, column) for column in range(6)]
+    sensors = {
+        name: tuple((Quantity("axis", AXES[k][-1]), *axes[k][0].items) for k in own if len(axes[k]) > 1)
+        for name, own in (("gyros", range(3)), ("accelerometers", range(3, 6)))
+    }
     named = (_sizes(found, term, gyro=gyro) for gyro in (True, False) for term in ("N", "B", "K"))
     return Page(
         f"Noise of {name}",
@@ -76,6 +80,7 @@ def page(result: Result[StaticNoise | SignalNoise]) -> Page:
             only_json("", Quantity("command", "allan"), Quantity("imu", facts.as_dict())),
             drawn("allan", f"Allan deviation of {name}", allan_panels(found), NOTE),
             only_json("", Quantity("length", allan.length, "s"), Quantity("interval", allan.interval, "s")),
+            *(Section("", f"Noise coefficients of the {name}", rows=own) for name, own in sensors.items()),
             Section("axes", parts=tuple(part for parts in axes for part in parts)),
             Section("deviations", "Allan deviation", rows=_deviations(found)),
             _filter_figures(found),
@@ -154,7 +159,8 @@ def _sentence(found: StaticNoise) -> str:
         known = [each for each in (_sizes(found, term, gyro=gyro) for term in ("N", "B")) if each is not None]
         words = " and ".join(f"{each.label.split(', ')[1]} {cell(each)} {each.shown_unit}" for each in known)
         texts += [f"{sensor}: {words}"] if known else []
-    return f"{'; '.join(texts).capitalize()}." if texts else "No axis has an identifiable noise."
+    text = "; ".join(texts) or "no axis has an identifiable noise"
+    return f"{text[0].upper()}{text[1:]}."
 
 
 def _axis(found: StaticNoise, column: int) -> tuple[Section, ...]:
@@ -175,7 +181,7 @@ def _axis(found: StaticNoise, column: int) -> tuple[Section, ...]:
         Quantity("misfit", model.misfit, meaning="relative misfit of the model"),
     ]
     si = (noise_quantity(term, each.value, gyro=gyro, si=True) for term, each in model.coefficients.items())
-    return Section(key, f"Noise coefficients of {AXES[column]}", tuple(items)), only_json(key, *si)
+    return only_json(key, *items), only_json(key, *si)
 
 
 def _of_model(model: NoiseModel, unit: str) -> Iterator[Quantity]:
@@ -213,7 +219,7 @@ def _filter_figures(found: StaticNoise) -> Section:
         "imu_model",
         "IMU model for filters and simulations (imu.toml)",
         rows=tuple(rows),
-        note=f"1 m/s/√h is {M_S_PER_SQRT_H / UG:.0f} ug/√Hz, 1 deg/√h is 60 deg/h/√Hz. Quantisation and rate ramp: "
+        note=f"1 m/s/√h is {M_S_PER_SQRT_H / UG:.0f} µg/√Hz, 1 deg/√h is 60 deg/h/√Hz. Quantisation and rate ramp: "
         "in simulations only. Use it with insnav run --imu imu.toml.",
     )
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -31,21 +30,22 @@ from insnav.report.budget.quantities import extent, horizontal, ranked, recorded
 from insnav.report.numbers import number
 from insnav.report.page import (
     DataFrame,
-    Figure,
-    FigureSpec,
     Light,
     Page,
     Section,
     Verdict,
+    beside,
     by_warnings,
+    drawn,
     only_json,
     rows_frame,
-    section_tables,
 )
+from insnav.report.terminal import page_text
 from insnav.result import Result
 from insnav.units import DEG, DEG_PER_H, G0, UNITS
 
-__all__ = ["end_page", "frame", "page", "read_found", "write_files"]
+PDF_PAGES = {"result": ("growth", "sources")}
+__all__ = ["PDF_PAGES", "end_page", "frame", "page", "read_found", "write_files"]
 
 
 def page(result: Result[BudgetStudy]) -> Page:
@@ -56,15 +56,7 @@ def page(result: Result[BudgetStudy]) -> Page:
     sections = (
         *quantities.budget_sections(budget),
         quantities.estimates_section(budget),
-        Section(
-            "",
-            panels=budget_panels(budget, windows, _origin(result)),
-            figures=(
-                FigureSpec("budget", "The budget, first page of budget.pdf", partial(_front, result)),
-                FigureSpec("budget_tables", "The budget, second page of budget.pdf", partial(_back, result)),
-            ),
-            show="page",
-        ),
+        beside(*(drawn(each.key, each.title, (each,)) for each in budget_panels(budget, windows, _origin(result)))),
         quantities.contributions_section(budget),
         quantities.positions_section(budget),
         *(_windows(windows) if windows is not None else ()),
@@ -107,45 +99,21 @@ def _origin(result: Result[BudgetStudy]) -> str:
     return f"IMU model {name}{how}"
 
 
-def _front(result: Result[BudgetStudy]) -> Figure:
-    """Draw the first page of the PDF."""
-    from insnav.report.budget.figures import draw_front  # matplotlib is imported only for a requested figure
-
-    budget, windows = result.found.budget, result.found.windows
-    (estimates,) = section_tables(quantities.estimates_section(budget))
-    panels = budget_panels(budget, windows, _origin(result))
-    verdict = _verdict(budget, windows, warnings(budget, windows))
-    return draw_front(panels, budget.motion, _title(budget), verdict, estimates)
-
-
-def _back(result: Result[BudgetStudy]) -> Figure:
-    """Draw the second page of the PDF."""
-    from insnav.report.budget.figures import draw_back
-
-    budget, windows = result.found.budget, result.found.windows
-    (sources,), (columns,) = (
-        section_tables(each(budget)) for each in (quantities.contributions_section, quantities.positions_section)
-    )
-    widths = ((3.2, 2.6, *(1.4,) * (len(sources.columns) - 4), 1.9, 1.8), (1.0,) + (1.15,) * (len(columns.columns) - 1))
-    wrong = (f"Warning: {sentence(each)}" for each in warnings(budget, windows))
-    texts = [*wrong, *map(sentence, assumptions(budget))]
-    if windows is not None:
-        texts = [*recorded.windows_sentences(windows), *texts]
-    return draw_back(f"{_title(budget)}, 2", (sources, columns), widths, texts)
-
-
 def write_files(result: Result[BudgetStudy], folder: RunFolder, table_format: TableFormat) -> None:
-    """Write ``budget.pdf``, two pages, the IMU model, and the complete result for later reading.
+    """Write ``budget.pdf``, the IMU model, and the complete result for later reading.
 
     `folder`: entered, not committed. `table_format` {"csv", "parquet"}: unused, as a budget has no tables of its own.
     """
-    from insnav.report.figures import drawing, save_pages
+    from insnav.report.figures import drawing  # matplotlib is imported only where a figure is asked for
+    from insnav.report.pdf import write_pdf
 
     store(result.found, folder.path(FOUND))
     if result.imu_model is not None:
         folder.path("imu.toml").write_text(to_toml(result.imu_model[0]), encoding="utf-8", newline="\n")
     with drawing():
-        save_pages((_front(result), _back(result)), folder.path("budget.pdf"))
+        laid_out = page(result)
+        lines = page_text(replace(laid_out, summary=()), 108).splitlines()
+        write_pdf(laid_out, folder.path("budget.pdf"), PDF_PAGES, lines)
 
 
 def read_found(folder: Path, findings: Sequence[Finding]) -> BudgetStudy:

@@ -14,13 +14,11 @@ from insnav.report.budget.quantities import horizontal, ranked, saved, shares, s
 from insnav.report.budget.windows import CAUSE_UNITS, GROWS, parts_of
 from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION
 from insnav.report.numbers import number
-from insnav.report.outage.page import below_noise, power_lines, thin_lines
+from insnav.report.outage.page import below_noise, power_lines, spread
 from insnav.report.page import Section, drawn
 from insnav.report.panels import Curve, Panel, bars
 from insnav.units import UNITS
 
-_WINDOWS, _POINTS = 80, 120  # windows drawn individually, and points of each in the smaller drawings
-_SMALL_WINDOWS, _SMALL_POINTS = 40, 60
 _SHOWN = 10  # sources with a separate bar
 _LEAST = 1e-3  # least share of the variance for a separate bar
 _GROUPS = {
@@ -44,20 +42,15 @@ def budget_panels(budget: Budget, windows: RecordedBudget | None, origin: str) -
 
 
 def _growth(budget: Budget, part: RecordedPart | None) -> Panel:
-    """Draw the horizontal error over time by all methods, with recorded windows as thin lines."""
+    """Draw the horizontal error over time by all methods, with the spread of recorded windows."""
     time, whole, zero = budget.time, budget.covariance, np.zeros(len(budget.time))
-    note = "thin: recorded windows, errors of the reference in them; band: 95 % interval of their RMS"
+    note = "grey: recorded windows, errors of the reference in them; purple: 95 % interval of their RMS"
     curves = [] if part is None else _recorded(part)
     curves += [
         Curve("up to the worst-case sum", time, budget.worst[:, 3], SKY, "band", zero),
         Curve("covariance, 1 sd", time, horizontal(whole.total), BLACK),
         Curve("analytic", time, horizontal(budget.analytic.total), BLUE, "dashed"),
     ]
-    top = 1.15 * float(horizontal(whole.total[-1]))
-    if part is not None:
-        i = COMPONENTS.index("horizontal")
-        known = [part.curve.p95[:, i], part.curve.predicted[:, i], part.curve.corrected[:, i]]
-        top = max(top, 1.15 * float(np.nanmax(np.concatenate(known))))
     if budget.simulated is not None:
         at, (low, high) = budget.chosen, budget.simulated.band
         value = horizontal(budget.simulated.total[at])
@@ -68,7 +61,6 @@ def _growth(budget: Budget, part: RecordedPart | None) -> Panel:
         )
         name = f"simulated, {budget.simulated.runs} runs"
         curves.append(Curve(name, time[at], value, VERMILLION, "crosses", text=texts))
-        top = max(top, 1.15 * float(value[-1]))
     if part is None and budget.recorded is not None:
         found = budget.recorded
         curves.append(Curve(f"recorded, {found.windows} windows", found.time, found.corrected[:, 3], PURPLE, "crosses"))
@@ -80,17 +72,15 @@ def _growth(budget: Budget, part: RecordedPart | None) -> Panel:
         tuple(curves),
         link="growth",
         note="" if part is None else note,
-        limits=(0.0, top),
         height=300,
     )
 
 
 def _recorded(part: RecordedPart) -> list[Curve]:
-    """Draw every window, their RMS with interval, and their predicted error."""
+    """Draw the spread of the windows, their RMS with interval, and their predicted error."""
     i, windows, curve = COMPONENTS.index("horizontal"), part.windows, part.curve
     error = components(windows)[0][:, :, i]
-    which = f"each of {windows.count}" if windows.count <= _WINDOWS else f"{_WINDOWS} of {windows.count}"
-    found = thin_lines(f"{which} windows", list(zip(windows.elapsed, error, strict=True)), _WINDOWS, _POINTS)
+    found = spread(np.median(windows.elapsed, axis=0), error)
     if np.isfinite(curve.low[:, i]).any():
         found.append(Curve("recorded RMS, corrected", curve.times, curve.high[:, i], PURPLE, "band", curve.low[:, i]))
     found.append(Curve("recorded RMS, corrected", curve.times, curve.corrected[:, i], PURPLE))
@@ -222,9 +212,7 @@ def _growth_panels(part: RecordedPart, key: str) -> Iterator[Panel]:
     error = components(windows)[0]
     for name in ("north", "east", "horizontal"):
         i, both = COMPONENTS.index(name), name != "horizontal"
-        curves = thin_lines(
-            "each window", list(zip(windows.elapsed, error[:, :, i], strict=True)), _SMALL_WINDOWS, _SMALL_POINTS
-        )
+        curves = spread(np.median(windows.elapsed, axis=0), error[:, :, i])
         for sign in (1.0, -1.0) if both else (1.0,):
             curves += _sums(part, i, sign)
         largest = 1.1 * float(np.nanmax([np.nanmax(np.abs(error[:, :, i])), np.nanmax(curve.predicted[:, i])]))

@@ -14,7 +14,7 @@ from insnav.report.numbers import number
 from insnav.report.outage.page import BELOW, below_noise
 from insnav.report.page import Section, one_each, only_json
 from insnav.types import FloatArray
-from insnav.units import UNITS
+from insnav.units import UNITS, shown_unit
 
 _SHOWN = 3  # number of times on the first screen
 _AXES = ("N", "E", "D")
@@ -89,6 +89,7 @@ def extent(budget: Budget, family: str) -> tuple[float, float, str]:
     """Return least and largest axis of a family in its display unit, and that unit."""
     values = [source.sd for source in budget.sources if source.family == family and source.sd > 0.0]
     unit = _OTHERS[family][0] if family in _OTHERS else term_of(family).unit
+    unit = {"ug": "mg", "mrad": "deg"}.get(unit, unit)  # as the IMU error specification on the same page
     return min(values) / UNITS[unit][1], max(values) / UNITS[unit][1], unit
 
 
@@ -96,7 +97,7 @@ def size(budget: Budget, family: str) -> str:
     """Write the size of a family in its display unit, as a range if axes differ."""
     *ends, unit = extent(budget, family)
     shown = dict.fromkeys(f"{float(f'{value:.3g}'):g}" for value in ends)
-    return f"{' to '.join(shown)} {unit}"
+    return f"{' to '.join(shown)} {shown_unit(unit)}"
 
 
 def growth(budget: Budget, family: str) -> str:

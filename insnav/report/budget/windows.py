@@ -8,12 +8,12 @@ from insnav.errors.budget.from_windows import RecordedBudget, RecordedPart, Verd
 from insnav.errors.diagnosis.causes import CAUSES, AxisDiagnosis, Cause, Diagnosis
 from insnav.errors.diagnosis.equivalent_sensor_errors import SensorFit
 from insnav.errors.diagnosis.simulated_replica import Replicas
-from insnav.errors.outage.statistics import COMPONENTS, Growth
+from insnav.errors.outage.statistics import COMPONENTS, Growth, common_error
 from insnav.findings import Code, Finding, Severity, of_code
 from insnav.messages import sentence, word
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
-from insnav.report.outage.page import common_text, corrected, corrected_text
+from insnav.report.outage.page import corrected, corrected_text
 from insnav.report.page import Section, one_each, only_json
 from insnav.types import FloatArray
 from insnav.units import UNITS
@@ -37,7 +37,7 @@ def windows_sentences(budget: RecordedBudget) -> tuple[str, ...]:
         )
         lines += [_verdict(each, windows.length) for each in part.verdicts]
         lines += [_diagnosed(axis, part.diagnosis) for axis in part.diagnosis.axes]
-        lines += [line for line in (common_text(part.growth), regression_text(part)) if line]
+        lines += [*map(sentence, common_error(part.growth)), *filter(None, [regression_text(part)])]
         if part.replicas is not None:
             lines.append(_against_replicas(part.replicas))
     return tuple(lines)

@@ -105,26 +105,35 @@ class Series:
     residual: FloatArray
     used: BoolArray  # (n,) used in the fit; unused points are drawn as crosses
     sd: float = 0.0  # standard deviation drawn as a band; zero: none
+    output: FloatArray | None = None  # (n,) drawn above with the fitted model
 
     @classmethod
     def of(cls, name: str, unit: str, table: RateTable) -> Series:
         """Build the series of outputs minus the line of a rate table; output in `unit`."""
         zero, slope = table.fit.value[:2]
         residual = table.output - (zero + slope * table.rate)
-        return cls(name, unit, table.rate, residual, table.used, table.fit.sigma)
+        return cls(name, unit, table.rate, residual, table.used, table.fit.sigma, table.output)
+
+    def points(self, values: FloatArray, colour: str) -> list[Curve]:
+        """Draw values of the points, those left out as crosses."""
+        rest = ~self.used
+        left_out = [Curve("left out", self.setting[rest], values[rest], BLACK, "crosses")] if rest.any() else []
+        return [Curve("used", self.setting[self.used], values[self.used], colour, "points"), *left_out]
 
 
 def residual_panels(series: Iterable[Series], setting: str, key: str = "residuals") -> Iterator[Panel]:
-    """Draw residuals over settings, one panel per sensor; unused points may exceed the limits."""
+    """Draw outputs with the fitted model, and residuals, over the settings; unused points may exceed the limits."""
     for row, item in enumerate(series):
+        order = np.argsort(item.setting)
         colour, ends = AXIS_COLOURS[row % 3], np.array([item.setting.min(), item.setting.max()])
         largest = 1.2 * max(float(np.abs(item.residual[item.used]).max()), 1.5 * item.sd) or 1.0
-        curves = [Curve("", ends, np.zeros(2), GREY)]
+        output, curves = item.output, [Curve("", ends, np.zeros(2), GREY)]
         if item.sd > 0.0:
             curves.append(Curve("± 1 sd of the fit", ends, np.full(2, item.sd), colour, "band", np.full(2, -item.sd)))
-        curves.append(Curve("used", item.setting[item.used], item.residual[item.used], colour, "points"))
-        if not item.used.all():
-            rest = ~item.used
-            curves.append(Curve("left out", item.setting[rest], item.residual[rest], BLACK, "crosses"))
+        curves += item.points(item.residual, colour)
+        if output is not None:
+            line = Curve("fitted", item.setting[order], (output - item.residual)[order], GREY)
+            labels = f"Output of {item.name}", f"output [{item.unit}]", setting
+            yield Panel(f"{key}_output_{row}", *labels, (line, *item.points(output, colour)), key, height=240)
         title, label, note = f"Residuals of {item.name}", f"residual [{item.unit}]", "measured minus fitted"
         yield Panel(f"{key}_{row}", title, label, setting, tuple(curves), key, note, limits=(-largest, largest))

@@ -53,7 +53,7 @@ def gyro_page(calibration: Calibration[tuple[Record, ...], tuple[RateTable, ...]
         "Gyros on a rate table",
         (*_summary(calibration.parameters, len(fits)), *lines),
         (
-            drawn("residuals", "Rate table: output minus the straight line", residual_panels(series, "rate [deg/s]")),
+            drawn("residuals", "Rate table: output and residuals", residual_panels(series, "rate [deg/s]")),
             Section("parameters", "Output = U0 + K rate", calibration.parameters, note=_IN_BRACKETS),
             _senses(found, unit),
             quality_section((fits, unit, settings)),
@@ -71,7 +71,7 @@ def accel_page(calibration: Calibration[tuple[Record, ...], tuple[Tumble, ...]])
     unit, gravity = calibration.record[0].unit, calibration.options.gravity
     settings = {name: [f"{angle / DEG:.4g} deg" for angle in item.angle] for name, item in found.items()}
     series = (
-        Series(name, unit, item.angle / DEG, item.fit.residual, np.ones(item.angle.size, np.bool_), item.fit.sigma)
+        Series(name, unit, item.angle / DEG, item.fit.residual, item.angle < np.inf, item.fit.sigma, item.output)
         for name, item in found.items()
     )
     panels = residual_panels(series, "angle of the input axis [deg]")
@@ -80,7 +80,7 @@ def accel_page(calibration: Calibration[tuple[Record, ...], tuple[Tumble, ...]])
         "Accelerometers tumbled in gravity",
         _summary(calibration.parameters, len(fits)),
         (
-            drawn("residuals", "Tumble test: output minus the model", panels),
+            drawn("residuals", "Tumble test: output and residuals", panels),
             Section("parameters", "Output = K0 + K1 ai + K2 ai² + K3 ai ao", calibration.parameters, note=note),
             *_harmonics(found, unit),
             quality_section((fits, unit, settings)),

@@ -7,13 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from insnav.findings import Severity
+from insnav.findings import Code, Finding, Severity, of_code
 from insnav.input.readers.reading import ReadingFacts
 from insnav.messages import At, form, moment, render, sentence
 from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
-from insnav.report.page import DataFrame, Page, Section, only_json, rows_frame
-from insnav.report.panels import Clock
+from insnav.report.colours import BLUE, VERMILLION
+from insnav.report.page import DataFrame, Light, Page, Section, Verdict, drawn, only_json, rows_frame
+from insnav.report.panels import Clock, Curve, Panel, bars
 from insnav.report.terminal import hanging, page_text
 from insnav.result import Result
 from insnav.session.check import TO_MEND, Checked
@@ -28,7 +29,45 @@ def page(result: Result[Checked]) -> Page:
     sections = _files(found, result.inputs), *_imu(found), *_gps(found), *_both(found)
     line = Quantity("command", found.command if found.runs else None), Quantity("runs_as_given", found.runs_as_given)
     run = _run_line(found, "the first problem is solved")
-    return Page("Check of a recording", (run,), (*sections, only_json("mend", *line)))
+    left = _to_mend(found)
+    files = ", ".join(f"{each.kind} {each.n_used} rows" for each in result.inputs.values())
+    counted = {"good": "nothing to mend was found", "attention": f"{len(left)} to mend", "bad": "the files do not run"}
+    light: Light = "bad" if not found.runs else "attention" if left else "good"
+    return Page(
+        "Check of a recording",
+        (run,),
+        (*_timeline(result), *sections, only_json("mend", *line)),
+        verdict=Verdict(light, counted[light], f"{files or 'No file was read'}."),
+    )
+
+
+def _to_mend(found: Checked) -> list[Finding]:
+    """Problems that can be mended, the worst first."""
+    return [each for each in found.problems if each.severity > Severity.NOTE and render(each).advice]
+
+
+def _timeline(result: Result[Checked]) -> tuple[Section, ...]:
+    """Draw what each file covers, with its gaps."""
+    inputs = list(result.inputs.values())
+    if not inputs:
+        return ()
+    clock = Clock.of(np.array([min(each.start_s for each in inputs), max(each.end_s for each in inputs)]))
+    names = [f"{each.kind}, {each.rate_hz:.4g} Hz" for each in inputs]
+    spans = clock([each.start_s for each in inputs]), clock([each.end_s for each in inputs])
+    curves = bars(["recorded"] * len(names), {"recorded": BLUE}, *spans, [each.path for each in inputs])
+    gaps = [
+        (row, each.begin, each.begin + each["gap_s"])
+        for row, facts in enumerate(inputs)
+        for each in of_code(result.findings, Code.ROWS_GAP)
+        if each.subject == facts.kind.lower()
+    ]
+    if gaps:
+        row, begin, end = np.array(gaps).T
+        texts = tuple(f"gap of {b - a:.3g} s" for _, a, b in gaps)
+        curves.append(Curve("gap", clock(end), row, VERMILLION, "bars", clock(begin), text=texts))
+    height = 80 + 24 * len(names)
+    panel = Panel("timeline", "Timeline", "", clock.label, tuple(curves), rows=tuple(names), height=height)
+    return (drawn("timeline", "What the files cover", (panel,)),)
 
 
 def _run_line(found: Checked, before: str) -> str:
@@ -41,7 +80,7 @@ def _run_line(found: Checked, before: str) -> str:
 def text(result: Result[Checked], width: int | None = None) -> str:
     """Write the report for the terminal, with problems and command last."""
     laid_out, at = page(result), _from_start(result)
-    left = [each for each in result.found.problems if each.severity > Severity.NOTE][:TO_MEND]
+    left = _to_mend(result.found)[:TO_MEND]
     mend = [f"mend {i}: {sentence(each, at=at)}" for i, each in enumerate(left, 1)] or ["nothing to mend was found"]
     understood = [f"  {name}: {sentence(each)}" for name, facts in result.inputs.items() for each in facts.evidence]
     lines = hanging(["", *understood, "", *mend], width)

@@ -8,6 +8,7 @@ from functools import reduce
 
 import numpy as np
 
+from insnav.earth import ned_offset
 from insnav.errors.comparison import Compared, Comparison
 from insnav.errors.metrics import accuracy, nees
 from insnav.errors.run_findings import overconfident
@@ -17,13 +18,15 @@ from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder
 from insnav.output.solution_tables import TableFormat
 from insnav.quantity import Quantity
+from insnav.report import page as room
 from insnav.report.colours import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from insnav.report.numbers import number
 from insnav.report.page import DataFrame, Light, Page, Section, Verdict, by_warnings, drawn, rows_frame, section_tables
-from insnav.report.panels import Clock, Curve, Kind, Panel, broken_at_gaps
+from insnav.report.panels import LEAST_ERROR, Clock, Curve, Kind, Panel, Shade, Track, broken_at_gaps
 from insnav.report.terminal import hanging, table_text
 from insnav.result import Result
 from insnav.sample_statistics import rms
+from insnav.strapdown import nearest_rows
 from insnav.types import FloatArray
 from insnav.units import UNITS
 
@@ -52,17 +55,13 @@ _COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY)
 def page(result: Result[Comparison]) -> Page:
     """Lay out a comparison."""
     found, findings = result.found, (*_warnings(result.found), *result.findings)
-    over_time, shares = comparison_panels(found)
-    drawings = (
-        drawn("horizontal_error", "Horizontal error over time", (over_time,), "dashed: smoothed"),
-        drawn("error_distribution", "Distribution of the horizontal error", (shares,), "dashed: smoothed"),
-    )
+    drawings = (drawn(each.key, each.title, (each,), each.note) for each in comparison_panels(found))
     runs = {each.run for each in found.compared}
     count = len(found.compared[0].errors.time)
     return Page(
         f"{len(runs)} run{'s' * (len(runs) > 1)} against {result.inputs['reference'].path}",
         (f"{count} epochs of the reference that every run covers are compared.",),
-        (_section(found), Section("", parts=drawings, show="page")),
+        (_section(found), room.beside(*drawings)),
         findings,
         verdict=_verdict(found, findings),
         merits=tuple(
@@ -147,20 +146,28 @@ def _row(of: Compared) -> tuple[Quantity, ...]:
     return (*row, Quantity("inside_3_sd", inside, "%", meaning="in 3 sd"))
 
 
-def comparison_panels(found: Comparison) -> tuple[Panel, Panel]:
-    """Draw the errors of every solution over time, and their distribution; smoothed solutions dashed."""
-    clock = Clock.of(found.compared[0].errors.time)
+def comparison_panels(found: Comparison) -> tuple[Track, Panel, Panel]:
+    """Draw the tracks, the errors of every solution over time and their distribution; smoothed ones dashed."""
+    time = found.compared[0].errors.time
+    clock, lla = Clock.of(time), found.reference.lla[nearest_rows(found.reference.time, time)]
+    place = ned_offset(lla, lla[0])
+    tracks, shades = [], []
     runs = list(dict.fromkeys(each.run for each in found.compared))
     over_time, shares = [], []
     for (name, errors), each in zip(found.named().items(), found.compared, strict=True):
         colour = _COLOURS[runs.index(each.run) % len(_COLOURS)]
         kind: Kind = "dashed" if each.solution == "smoothed" else "line"
         over_time.append(Curve(name, *broken_at_gaps(clock(errors.time), errors.horizontal), colour, kind))
-        known = np.sort(errors.horizontal[np.isfinite(errors.horizontal)])
-        shares.append(Curve(name, known, 100.0 * np.arange(1, len(known) + 1) / max(len(known), 1), colour, kind))
-    x, dashed = clock.label, "dashed: smoothed"
+        share = np.linspace(1.0, 100.0, 500)
+        known = np.maximum(np.nanpercentile(errors.horizontal, share), LEAST_ERROR)
+        shares.append(Curve(name, known, share, colour, kind))
+        north, east, _ = (place + errors.position).T
+        tracks.append(Curve(name, east, north, colour, kind))
+        shades.append(Shade(f"error of {name} [m]", errors.horizontal))
+    x, dashed, points = clock.label, "dashed: smoothed", (place[:, 1], place[:, 0], clock(time), tuple(shades))
     title, across, note = "Distribution of the horizontal error", "horizontal error [m]", "further left is better"
     return (
-        Panel("compared_error", "Horizontal error", "error [m]", x, tuple(over_time), "time", dashed, height=260),
-        Panel("compared_share", title, "epochs below [%]", across, tuple(shares), "share", note, limits=(0.0, 101.0)),
+        Track("track", "Tracks", *points, "time", note="points: the reference", behind=tuple(tracks)),
+        Panel("horizontal_error", "Horizontal error", "error [m]", x, tuple(over_time), "time", dashed, height=260),
+        Panel("error_distribution", title, "epochs below [%]", across, tuple(shares), "share", note, "x", (0.0, 101.0)),
     )

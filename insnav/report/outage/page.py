@@ -10,14 +10,14 @@ from typing import cast
 import numpy as np
 
 from insnav.errors.outage.gnss_outage import OutageEpochs, OutageStudy
-from insnav.errors.outage.statistics import Growth, common_error, outage_growth
+from insnav.errors.outage.statistics import Growth, outage_growth
 from insnav.errors.outage.windows import Outage
 from insnav.findings import Code, Finding, Severity, is_shown
-from insnav.messages import phrase, sentence
+from insnav.messages import phrase
 from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_run_table, write_events, write_run_table
 from insnav.quantity import Quantity
-from insnav.report.colours import BLACK, BLUE, GREY, ORANGE, VERMILLION
+from insnav.report.colours import BLACK, BLUE, GREY, VERMILLION
 from insnav.report.numbers import number
 from insnav.report.page import STATISTICS as SHOWN
 from insnav.report.page import DataFrame, Light, Page, Section, Verdict, by_warnings, drawn, only_json, rows_frame
@@ -53,7 +53,6 @@ _COMPONENTS = {
 _UNFOLDED = ("horizontal", "smoothed horizontal")
 _POINTS = 24  # times of the statistics
 NOTE = "errors of the reference in all lines"
-_WINDOWS = 80  # drawn individually
 BELOW = "below reference noise"
 
 
@@ -65,17 +64,21 @@ def page(result: Result[OutageStudy]) -> Page:
     tables = [(key, each) for key in _COMPONENTS if (each := _table(key, study.growth)).rows]
     inside = sorted({round(100.0 * each.inside_at_end) for each in study.growth})
     lengths = ", ".join(f"{each.length:g}" for each in study.growth)
+    aids = [each.code.split(".")[0].upper() for each in result.findings if each.code in (Code.NHC_USED, Code.ZUPT_USED)]
     shown = tuple(each for each in result.findings if is_shown(each) and each.severity >= Severity.WARNING)
     clock = Clock.of(
         np.array([each.start for each in study.windows]) if study.run is None else study.run.run.solution.time
     )
     title = f"Error without GPS against {study.reference}"
-    growing = drawn("outages", title, outage_panels(study.windows, study.growth), NOTE)
+    most, parts = max(each.length for each in study.windows), (("horizontal", (0, 1)), ("vertical", (2,)))
+    longest = [each for each in study.windows if each.length == most]
+    growing = drawn("outages", title, (_panel(longest, study.growth, *part) for part in parts), NOTE)
     return Page(
         f"GNSS outage test: {name}, {len(study.windows)} windows",
         (
             f"Inside 3 sd (north, east, down): {' to '.join(map(str, inside[:: max(len(inside) - 1, 1)]))} % after "
             f"{lengths} s.",
+            *((f"Without GPS, {' and '.join(aids)} continue{'s' * (len(aids) == 1)} to aid.",) if aids else ()),
         ),
         (
             only_json("", Quantity("reference", study.reference)),
@@ -123,21 +126,20 @@ def _verdict(study: OutageStudy, notes: tuple[Finding, ...]) -> Verdict:
         reason = f"after {longer:g} s the {larger} errors are {ratio:.2f} times as large as predicted; "
         reason += f"{share} are inside 3 sd"
     text = (
-        f"After {found.length:g} s without GPS: horizontal error {number(float(found.rms[-1, i]))} m RMS, "
-        f"95 % {number(found.p95[-1, i])} m{_less_reference(found, i)}; "
-        f"predicted {number(float(found.predicted[-1, i]))} m"
+        f"After {found.length:g} s without GPS, the horizontal error is {number(float(found.rms[-1, i]))} m RMS."
+        f"{_less_reference(found, i)} The filter predicts {number(float(found.predicted[-1, i]))} m."
     )
     if np.isfinite(found.rms[-1, smoothed]):
-        text += f"; smoothed {number(float(found.rms[-1, smoothed]))} m RMS{_less_reference(found, smoothed)}"
-    return by_warnings(f"{text}.", notes, (cast(Light, light), reason))
+        text += f" Smoothing leaves {number(float(found.rms[-1, smoothed]))} m.{_less_reference(found, smoothed)}"
+    return by_warnings(text, notes, (cast(Light, light), reason))
 
 
 def _less_reference(found: Growth, column: int) -> str:
     """Describe the final RMS error without the reference error, if smaller."""
-    left, low, high = (float(each[-1, column]) for each in (found.corrected, found.low, found.high))
+    left, high = (float(each[-1, column]) for each in (found.corrected, found.high))
     if left > _SAME * found.rms[-1, column]:
         return ""
-    return f" as measured, {corrected_text(left, low, high)} without the error of the reference"
+    return f" Without the error of the reference, it is {corrected_text(left, np.nan, high)}."
 
 
 def _inside(found: Growth, mode: str) -> float:
@@ -235,14 +237,12 @@ def frame(result: Result[OutageStudy]) -> DataFrame:
     return rows_frame(_row(each) for each in result.found.growth)
 
 
-def thin_lines(name: str, windows: Sequence[tuple[FloatArray, FloatArray]], most: int, points: int = 0) -> list[Curve]:
-    """Draw the error of each window in the background.
-
-    `windows`: time without GPS (n,) and error (n,) of each. `most`: number of windows. `points`: of each, 0 for all.
-    """
-    shown = np.linspace(0, len(windows) - 1, min(most, len(windows))).astype(int)
-    step = max(1, len(windows[0][0]) // points) if points else 1
-    return [Curve(name, windows[row][0][::step], windows[row][1][::step], GREY, "thin") for row in shown]
+def spread(time: FloatArray, errors: FloatArray) -> list[Curve]:
+    """Draw the median and the middle half and nine tenths of the errors ``(windows, n)`` without GPS."""
+    low, first, middle, third, high = np.nanquantile(errors, (0.05, 0.25, 0.5, 0.75, 0.95), axis=0)
+    wide, narrow = (f"middle {share} % of {len(errors)} windows" for share in (90, 50))
+    bands = Curve(wide, time, high, GREY, "band", low), Curve(narrow, time, third, GREY, "band", first)
+    return [*bands, Curve("median", time, middle, GREY)]
 
 
 def power_lines(time: FloatArray, end: float, colour: str, least: float = 0.0) -> list[Curve]:
@@ -256,19 +256,11 @@ def power_lines(time: FloatArray, end: float, colour: str, least: float = 0.0) -
     return lines
 
 
-def outage_panels(windows: Sequence[Outage], sums: Sequence[Growth]) -> tuple[Panel, ...]:
-    """Draw horizontal and vertical errors of the longest windows."""
-    longest = max(window.length for window in windows)
-    chosen = [window for window in windows if window.length == longest]
-    return tuple(_panel(chosen, sums, name, columns) for name, columns in (("horizontal", (0, 1)), ("vertical", (2,))))
-
-
 def _panel(chosen: Sequence[Outage], sums: Sequence[Growth], name: str, columns: tuple[int, ...]) -> Panel:
-    sizes = [(each.elapsed, np.linalg.norm(each.error[:, columns], axis=1)) for each in chosen]
-    curves = thin_lines(f"each window of {chosen[0].length:g} s", sizes, _WINDOWS)
-    time, rms, high, predicted = over_time(chosen, columns)
-    curves += [
-        Curve("95 %", time, high, ORANGE),
+    time, size, predicted = over_time(chosen, columns)
+    rms = np.sqrt(np.mean(size**2, axis=0))
+    curves = [
+        *spread(time, size),
         Curve("RMS", time, rms, BLUE),
         Curve("predicted sd, solution and reference", time, predicted, BLACK, "dashed"),
     ]
@@ -277,8 +269,6 @@ def _panel(chosen: Sequence[Outage], sums: Sequence[Growth], name: str, columns:
     if len(known):
         texts = tuple(f"smoothed, {length:g} s: {number(value)} m RMS" for length, value in known)
         curves.append(Curve("smoothed, RMS", known[:, 0], known[:, 1], VERMILLION, "crosses", text=texts))
-    values = np.concatenate([rms, predicted, known[:, 1]] if len(known) else [rms, predicted])
-    least = float(np.nanmin(values[values > 0.0])) if (values > 0.0).any() else 1e-3
     return Panel(
         f"outage_{name}",
         f"{name.capitalize()} error without GPS",
@@ -288,15 +278,12 @@ def _panel(chosen: Sequence[Outage], sums: Sequence[Growth], name: str, columns:
         link="outage",
         note=NOTE,
         log="xy",
-        limits=(max(0.3 * least, 1e-4), 2.0 * float(np.nanmax(high))),
         height=280,
     )
 
 
-def over_time(
-    windows: Sequence[Outage], columns: tuple[int, ...]
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Compute RMS, 95 % quantile and predicted sd of the error, with reference errors, at log-spaced times."""
+def over_time(windows: Sequence[Outage], columns: tuple[int, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Compute errors of all windows and their predicted sd, with reference errors, at log-spaced times."""
     first = max(float(window.elapsed[0]) for window in windows)
     time = np.geomspace(max(first, 0.2), windows[0].length, _POINTS)
     size, sd = np.empty((len(windows), _POINTS)), np.empty((len(windows), _POINTS))
@@ -305,7 +292,7 @@ def over_time(
         sd[row] = np.interp(
             time, window.elapsed, np.linalg.norm(np.hypot(window.sd, window.reference_sd)[:, columns], axis=1)
         )
-    return time, np.sqrt(np.mean(size**2, axis=0)), np.quantile(size, 0.95, axis=0), np.sqrt(np.mean(sd**2, axis=0))
+    return time, size, np.sqrt(np.mean(sd**2, axis=0))
 
 
 def corrected(found: Growth, i: int, unit: str = "m") -> Quantity:
@@ -327,8 +314,3 @@ def corrected_text(value: float, low: float, high: float) -> str:
     if not np.isfinite(value):
         return below_noise(high, " m")
     return f"{number(value)} m RMS" + (f" ({number(low)} … {number(high)} m)" if np.isfinite(low) else "")
-
-
-def common_text(found: Growth) -> str:
-    """Describe the share of the horizontal error common to all windows, if large."""
-    return "".join(map(sentence, common_error(found)))

@@ -19,17 +19,17 @@ from insnav.output.folder import RunFolder
 from insnav.output.solution_tables import TableFormat, write_events, write_run_table
 from insnav.output.track_files import write_kml
 from insnav.quantity import Quantity
-from insnav.report.colours import AXIS_COLOURS, BLACK, BLUE, GREEN, GREY, ORANGE, VERMILLION
-from insnav.report.page import DataFrame, Page, Section, Verdict, drawn, only_json, rows_frame
-from insnav.report.panels import Clock, Curve, Panel, Shade, Track, over_time
+from insnav.report.colours import AXIS_COLOURS, BLACK, BLUE, GREEN, GREY, PURPLE, VERMILLION
+from insnav.report.page import DataFrame, Page, Section, Verdict, beside, drawn, only_json, rows_frame
+from insnav.report.panels import Clock, Curve, Kind, Panel, Shade, Track, over_time
 from insnav.result import Result
 from insnav.types import FloatArray
 from insnav.units import DEG, DEG_PER_H, UNITS
 
 _NEAR = 0.01  # of the closed form
-_ERRORS_TEXT = "heading error 1 arcmin, drifts of 0.01 deg/h, accelerometer biases of 50 ug"
+_ERRORS_TEXT = "heading error 1 arcmin, drifts of 0.01 deg/h, accelerometer biases of 50 µg"
 _MOTION = f"circles at {platform_errors.SPEED:g} m/s, {platform_errors.ROUND / 60:g} min a turn, latitude 45°"
-COLOURS: Mapping[Integrator, str] = {"forward": VERMILLION, "backward": ORANGE, "mean": BLUE, "fourth": GREEN}
+COLOURS: Mapping[Integrator, str] = {"forward": VERMILLION, "backward": PURPLE, "mean": BLUE, "fourth": GREEN}
 _NED = ("north", "east", "down")
 _STEPS = 6  # of the straight line: few and visible
 _SMALLEST = 1e-9  # of a logarithmic axis [m]: smaller values are rounding
@@ -82,7 +82,7 @@ def page(result: Result[PlatformStudy | Demonstration]) -> Page:
         f"North-pointing platform: {_name(result)}",
         (f"Integrator {study.chosen}, vertical channel {run.vertical}.",),
         (
-            *_drawn(study, theory, differences),
+            _drawn(study, theory, differences),
             only_json("", Quantity("integrator", study.chosen), Quantity("vertical", run.vertical)),
             Section("end", "At the end", rows=tuple(_state(*each) for each in study.runs.items()), keyed=True),
             _differences(differences, to_reference=study.reference is not None),
@@ -102,7 +102,7 @@ def page(result: Result[PlatformStudy | Demonstration]) -> Page:
 
 def _drawn(
     study: PlatformStudy, theory: StaticErrors | None, differences: Mapping[Integrator, TrajectoryErrors]
-) -> tuple[Section, ...]:
+) -> Section:
     run = study.run
     against = "the reference" if study.reference is not None else "fourth order"
     sections = (
@@ -111,9 +111,8 @@ def _drawn(
         drawn("torquing", "Commanded torquing rates", torquing_panels(run)),
         drawn("integrators", "Difference between the integrators", difference_panels(differences, against)),
     )
-    if not study.errors.any:
-        return sections
-    return (*sections, drawn("errors", "Impact of the platform's errors", platform_error_panels(run, theory)))
+    errors = platform_error_panels(run, theory) if study.errors.any else ()
+    return beside(*sections, drawn("errors", "Impact of the platform's errors", errors))
 
 
 def _state(name: Integrator, run: PlatformRun) -> tuple[Quantity, ...]:
@@ -191,9 +190,9 @@ def _demonstration(found: Demonstration) -> Page:
     apart = float(np.abs(rest.platform[:, :2] - theory.position).max() / np.abs(theory.position).max())
     at_rest, in_turns = "A day at rest, latitude 45°", "The same errors in a turning vehicle"
     drawings = (
-        drawn("pattern", in_turns, both_panels(turning, None, "pattern", _MOTION), _ERRORS_TEXT),
-        drawn("day", at_rest, both_panels(rest, theory, "day", "a day at rest"), _ERRORS_TEXT),
-        drawn("flight", "Integrators against truth on a flight", flight_panels(flight, _MOTION)),
+        drawn("pattern", in_turns, (both_panel(turning, None, "pattern", in_turns, _MOTION),), _ERRORS_TEXT),
+        drawn("day", at_rest, (both_panel(rest, theory, "day", at_rest, ""),), _ERRORS_TEXT),
+        drawn("flight", "Integrators against truth on a flight", (flight_panel(flight, _MOTION),)),
         drawn("line", "Integrating y = 2x in six steps", straight_panels(), columns=2),
         drawn("sine", "Order of convergence on y = sin t", (convergence_panel(orders),)),
     )
@@ -354,22 +353,15 @@ def platform_error_panels(run: PlatformRun, theory: StaticErrors | None) -> Iter
         yield replace(panel, curves=(*panel.curves, *more))
 
 
-def both_panels(found: PlatformComparison, theory: StaticErrors | None, key: str, note: str) -> Iterator[Panel]:
-    """Draw the position error of a platform and of a strapdown navigator with the same errors."""
-    hours = (found.time - found.time[0]) / _HOUR
-    both = (("platform", found.platform, BLUE), ("strapdown", found.strapdown, VERMILLION))
-    label = "time since start [h]"
-    for column, axis in enumerate(("north", "east")):
-        curves = [Curve(name, hours, error[:, column] / 1000.0, colour) for name, error, colour in both]
-        if theory is not None:
-            curves.append(Curve("closed form", hours, theory.position[:, column] / 1000.0, BLACK, "dashed"))
-        title = f"Position error {axis}"
-        yield Panel(f"{key}_{axis}", title, "error [km]", label, tuple(curves), key, "" if column else note)
-    if theory is not None:
-        off = tuple(
-            Curve(name, hours, np.hypot(*(error[:, :2] - theory.position).T), colour) for name, error, colour in both
-        )
-        yield Panel(f"{key}_off", "Difference to the closed form", "difference [m]", label, off, key)
+def both_panel(found: PlatformComparison, theory: StaticErrors | None, key: str, title: str, note: str) -> Panel:
+    """Draw the horizontal position error of a platform and of a strapdown navigator with the same errors."""
+    hours, known = (found.time - found.time[0]) / _HOUR, [] if theory is None else [theory.position]
+    named = (("platform", BLUE), ("strapdown", VERMILLION), ("closed form", BLACK))
+    curves = tuple(
+        Curve(name, hours, np.hypot(*error[:, :2].T) / 1000.0, colour, "dashed" if colour == BLACK else "line")
+        for (name, colour), error in zip(named, (found.platform, found.strapdown, *known), strict=False)
+    )
+    return Panel(key, title, "horizontal error [km]", "time since start [h]", curves, key, note)
 
 
 def straight_panels() -> tuple[Panel, Panel]:
@@ -379,7 +371,7 @@ def straight_panels() -> tuple[Panel, Panel]:
     steps = np.repeat(x, 2)[1:-1]
     summed = (
         Curve("y = 2x", x, y, BLACK),
-        Curve("summed up by backward", steps, np.repeat(y[1:], 2), ORANGE),
+        Curve("summed up by backward", steps, np.repeat(y[1:], 2), COLOURS["backward"]),
         Curve("summed up by forward", steps, np.repeat(y[:-1], 2), VERMILLION),
     )
     fine = np.linspace(0.0, 3.0, 200)
@@ -398,7 +390,8 @@ def convergence_panel(found: Sequence[Convergence]) -> Panel:
     curves = []
     for each in found:
         name, colour = f"{each.integrator}: order {each.order:.2f}", COLOURS[each.integrator]
-        curves += [Curve(name, each.step, each.error, colour), Curve(name, each.step, each.error, colour, "points")]
+        kind: Kind = "dashed" if each.integrator == "backward" else "line"  # on the line of forward
+        curves += [Curve(name, each.step, each.error, colour, how) for how in (kind, "points")]
     return Panel(
         "sine",
         "Order of convergence on y = sin t",
@@ -411,16 +404,16 @@ def convergence_panel(found: Sequence[Convergence]) -> Panel:
     )
 
 
-def flight_panels(found: Mapping[float, Sequence[TrajectoryErrors]], motion: str) -> Iterator[Panel]:
-    """Draw the position error of each integrator against truth, a panel for each sampling rate.
+def flight_panel(found: Mapping[float, Sequence[TrajectoryErrors]], motion: str) -> Panel:
+    """Draw the position error of each integrator against truth at the middle one of the sampling rates.
 
     `found`: by sampling rate [Hz], in the order of `INTEGRATORS`.
     """
-    limits = _decades([each.horizontal for errors in found.values() for each in errors])
-    for rate, errors in found.items():
-        lines = {name: each.horizontal for name, each in zip(INTEGRATORS, errors, strict=True)}
-        title = f"Sampled at {rate:g} Hz"
-        yield _differing(f"flight_{rate:g}", title, "error [m]", errors[0].time, lines, limits, motion)
+    rate = sorted(found)[len(found) // 2]
+    lines = {name: each.horizontal for name, each in zip(INTEGRATORS, found[rate], strict=True)}
+    clock = Clock(float(found[rate][0].time[0]), _HOUR, "h", "time since start [h]")
+    title, limits = f"Integrators sampled at {rate:g} Hz", _decades(list(lines.values()))
+    return _differing("flight", title, "error [m]", clock, found[rate][0].time, lines, limits, motion)
 
 
 def difference_panels(differences: Mapping[Integrator, TrajectoryErrors], against: str) -> Iterator[Panel]:
@@ -430,7 +423,8 @@ def difference_panels(differences: Mapping[Integrator, TrajectoryErrors], agains
         lines = {name: size(each) for name, each in differences.items()}
         title = f"{what} of the integrators against {against}"
         limits = _decades(list(lines.values()))
-        yield _differing(f"difference_{what}".lower(), title, f"horizontal [{unit}]", time, lines, limits)
+        label = f"horizontal [{unit}]"
+        yield _differing(f"difference_{what}".lower(), title, label, Clock.of(time), time, lines, limits)
 
 
 def speed_of(errors: TrajectoryErrors) -> FloatArray:
@@ -442,13 +436,13 @@ def _differing(
     key: str,
     title: str,
     label: str,
+    clock: Clock,
     time: FloatArray,
     lines: Mapping[Integrator, FloatArray],
     limits: tuple[float, float],
     note: str = "",
 ) -> Panel:
     """Build a logarithmic panel with a line per integrator; backward, which may coincide with forward, is dashed."""
-    clock = Clock.of(time)
     curves = tuple(
         Curve(name, clock(time), np.maximum(y, limits[0]), COLOURS[name], "dashed" if name == "backward" else "line")
         for name, y in lines.items()

@@ -107,7 +107,7 @@ def page(result: Result[Regression]) -> Page:
             ),
             Section("cases", rows=tuple(starmap(_case, accuracy.cases.items())), show="json", keyed=True),
             Section("changes", rows=change_rows(changes), show="json"),
-            Section("", "Figures", figures=figures, folded=True),
+            Section("", "Figures", figures=figures),
         ),
         (*_warnings(found), *RULES),
         verdict=_verdict(found),

@@ -8,20 +8,21 @@ from typing import Any
 import numpy as np
 
 from insnav.errors.requirement import aided as aiding
-from insnav.errors.requirement.allocation import STEEP, TAU
+from insnav.errors.requirement.allocation import STEEP, TAU, Share
 from insnav.errors.requirement.parts import LIMITS, NINE_POSITION, Candidate
 from insnav.errors.requirement.study import FIELD_FACTOR, RequirementStudy
 from insnav.findings import Code, Finding
 from insnav.quantity import Quantity
-from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION
+from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION
 from insnav.report.numbers import number
 from insnav.report.page import DataFrame, Page, Section, Verdict, by_warnings, drawn, only_json, rows_frame
-from insnav.report.panels import Curve, Kind, Panel, bars
+from insnav.report.panels import Curve, Panel, bars
 from insnav.result import Result
 from insnav.types import FloatArray
-from insnav.units import UNITS
+from insnav.units import UNITS, shown_unit
 
 GRADES = {"consumer": VERMILLION, "automotive": ORANGE, "industrial": BLUE, "tactical": GREEN, "navigation": PURPLE}
+LINES = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)  # of parts with an entry of their own
 SMALLEST = 0.01  # end of the error axis [m]
 NAMED = 6  # parts with separate entries: nearest to the limit
 _NEAR = 10  # parts of the short table, and its columns
@@ -234,7 +235,7 @@ def summary(study: RequirementStudy) -> tuple[str, ...]:
         lines.append(f"The figures of {study.imu} alone make {number(found.given)} m: {left}")
     if found.feasible:
         tight = sorted((share for share in found.shares if not share.given and not share.capped), key=lambda s: -s.part)
-        sizes = (f"{each.family} {number(each.size / UNITS[each.unit][1])} {each.unit}" for each in tight[:6])
+        sizes = (f"{each.family} {_size(each.size, each)}" for each in tight[:6])
         lines.append(f"A balanced set: {', '.join(sizes)}; see the table.")
     for each in study.verified:
         low, high = each.interval
@@ -305,7 +306,6 @@ def part_panels(study: RequirementStudy) -> Iterator[Panel]:
     Parts near the limit are named, the others share their class name.
     """
     required, named = study.required, nearest(study, NAMED)
-    kinds: tuple[Kind, ...] = ("line", "dashed") * NAMED
     x, y = np.array([required.after]), np.array([required.error])
     label = f"{required.component} error, {100 * required.probability:g} % [m]"
     for title, kind in (("the IMU alone", "alone"), ("with non-holonomic constraint (NHC)", "nhc")):
@@ -315,8 +315,8 @@ def part_panels(study: RequirementStudy) -> Iterator[Panel]:
             if not any(each is one for one in named)
         ]
         curves += [
-            Curve(f"{each.name} ({each.grade})", study.time, _error(each, kind), GRADES[each.grade], how)
-            for each, how in zip(named, kinds, strict=False)
+            Curve(f"{each.name} ({each.grade})", study.time, _error(each, kind), colour, text=(each.name,))
+            for each, colour in zip(named, LINES, strict=False)
         ]
         text = (f"required: {required.error:g} m after {required.after:g} s",)
         curves.append(Curve("requirement", x, y, BLACK, "points", text=text))
@@ -338,24 +338,25 @@ def _error(each: Candidate, kind: str) -> FloatArray:
 
 
 def allocation_panel(study: RequirementStudy) -> Panel:
-    """Draw the allowed size of each error in the set, relative to its size alone."""
-    shares = [share for share in study.allocation.shares if np.isfinite(share.alone)]
-    kinds = ["given" if share.given else "hardly acts" if share.capped else "of the set" for share in shares]
-    texts = [
-        f"{share.family}: {number(share.size / UNITS[share.unit][1])} {share.unit} in the set, "
-        f"{number(share.alone / UNITS[share.unit][1])} alone"
-        for share in shares
-    ]
-    part = np.array([min(share.size / share.alone, 1.2) for share in shares])
-    colours = {"of the set": BLUE, "given": ORANGE, "hardly acts": GREY}
-    curves = bars(kinds, colours, np.zeros(len(shares)), part, texts)
-    return Panel(
-        "allocation",
-        "How large each error may be",
-        "",
-        "size in the set / size that meets the limit alone [-]",
-        tuple(curves),
-        note="point at one to read both",
-        rows=tuple(share.family for share in shares),
-        height=80 + 24 * len(shares),
-    )
+    """Draw what halving each error of the example changes, or what each error may be in the set.
+
+    Errors of a balanced set are equal parts of what they may be alone: bars of these would not differ.
+    """
+    if study.elasticities:
+        order = sorted(study.elasticities, key=lambda each: each.halved)
+        kinds, rows, part = ["halved"] * len(order), [each.family for each in order], [-100 * e.halved for e in order]
+        title, label = f"What halving each error of {study.example} saves", "reduction of the error [%]"
+        texts = [f"{name}: {number(value)} % less error" for name, value in zip(rows, part, strict=True)]
+    else:
+        shares = [share for share in study.allocation.shares if np.isfinite(share.alone)]
+        kinds = ["given" if share.given else "hardly acts" if share.capped else "of the set" for share in shares]
+        rows, part = [share.family for share in shares], [min(share.size / share.alone, 1.2) for share in shares]
+        title, label = "How large each error may be", "size in the set / size that meets the limit alone [-]"
+        texts = [f"{e.family}: {_size(e.size, e)} in the set, {_size(e.alone, e)} alone" for e in shares]
+    colours = {"halved": BLUE, "of the set": BLUE, "given": ORANGE, "hardly acts": GREY}
+    curves = bars(kinds, colours, np.zeros(len(rows)), np.array(part), texts)
+    return Panel("allocation", title, "", label, tuple(curves), rows=tuple(rows), height=80 + 24 * len(rows))
+
+
+def _size(value: float, share: Share) -> str:
+    return f"{number(value / UNITS[share.unit][1])} {shown_unit(share.unit)}"

@@ -8,17 +8,16 @@ from typing import Any
 import numpy as np
 
 from insnav.errors.evaluated_run import EvaluatedRun
-from insnav.errors.metrics import MOVING_M_S, travelled
-from insnav.report.colours import AXIS_COLOURS, BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION
+from insnav.errors.metrics import travelled
+from insnav.report.colours import AXIS_COLOURS, BLUE, GREY, ORANGE, SKY, VERMILLION
 from insnav.report.numbers import distance_text, duration_text, number
 from insnav.report.panels import Clock, Curve, Drawing, Panel, broken_at_gaps
-from insnav.report.run.panels import GROUPS, RunAxis, nis_levels, run_track, sensor_errors
+from insnav.report.run.panels import GROUPS, RunAxis, error_distribution, nis_levels, run_track, sensor_errors
 from insnav.sample_statistics import rms
 from insnav.types import BoolArray, FloatArray
 from insnav.units import DEG, DEG_PER_H, G0, PPM
 
 _COLOURS = {"filtered": (BLUE, SKY), "smoothed": (VERMILLION, ORANGE)}  # line and band
-_FASTER = f"moving: faster than {MOVING_M_S:g} m/s"
 _BEYOND = 90.0  # a heading farther beyond 0..360 deg is wrapped [deg]
 _SETTLED = 0.2  # share of the run after which estimate bands are shown fully
 _SENSORS = (
@@ -51,7 +50,7 @@ def figure_drawings(name: str, found: EvaluatedRun) -> tuple[str, str, tuple[Dra
         return "Innovations: measured minus predicted", f"accepted: {', '.join(shares)}", panels, columns
     best = next(iter(found.solutions))
     whole = {
-        "error_distribution": (f"Distribution of the horizontal error, {best}", _FASTER, _distribution),
+        "error_distribution": (f"Distribution of the horizontal error, {best}", "", error_distribution),
         "height": ("Height, counted as the heights of the fixes", "band: ±3 sd; fixes at the antenna", _height),
         "velocity": ("Velocity of the solution", "band: ±3 sd; fixes at the antenna", _velocity),
         "attitude": ("Attitude of the solution", "band: ±3 sd", _attitude),
@@ -90,21 +89,6 @@ def _errors(found: EvaluatedRun, group: str) -> tuple[Panel, ...]:
             sizes.append(f"{number(rms(value))} {unit} {mode}")
         panels.append(_panel(found, f"{name} [{unit}]", curves, title=f"RMS {', '.join(sizes)}"))
     return tuple(panels)
-
-
-def _distribution(found: EvaluatedRun) -> tuple[Panel, ...]:
-    """Draw the share of horizontal errors below a value, with CEP50 and R95."""
-    errors = next(iter(found.known_errors.values()))
-    size = errors.horizontal
-    parts: list[tuple[str, BoolArray, str]] = [("all", np.ones(len(size), dtype=np.bool_), BLUE)]
-    if errors.moving.any() and not errors.moving.all():
-        parts += [("static", ~errors.moving, GREEN), ("moving", errors.moving, ORANGE)]
-    share = np.linspace(0.0, 1.0, 501)
-    curves = tuple(Curve(name, np.quantile(size[rows], share), 100.0 * share, colour) for name, rows, colour in parts)
-    circles = (("CEP50", 50.0), ("R95", 95.0))
-    levels = tuple((at, f"{name} {number(float(np.percentile(size, at)))} m") for name, at in circles)
-    label = "share of epochs below [%]"
-    return (Panel("figure", "", label, "horizontal error [m]", curves, levels=levels, limits=(0.0, 101.0), height=320),)
 
 
 def _state(

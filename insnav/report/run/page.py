@@ -57,7 +57,8 @@ def page(result: Result[EvaluatedRun], *, sections: bool = True) -> Page:
         starts_at=clock.start,
         verdict=run_verdict(found, sum(each.severity >= Severity.WARNING for each in shown)),
         merits=run_merits(found, best) if best else (),
-        merits_note=f"Root mean square over the drive, of the {best} solution." if best else "",
+        merits_note="Root mean square over the drive, solution:" if best else "",
+        merits_by={mode: run_merits(found, mode) for mode in rated(found)},
     )
 
 

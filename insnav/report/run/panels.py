@@ -10,11 +10,12 @@ import numpy as np
 
 from insnav.earth import ned_offset
 from insnav.errors.evaluated_run import EvaluatedRun, outages
-from insnav.errors.metrics import TrajectoryErrors
+from insnav.errors.metrics import MOVING_M_S, TrajectoryErrors
 from insnav.findings import Code, of_code
 from insnav.messages import render
-from insnav.report.colours import AXIS_COLOURS, BLUE, GREY, ORANGE, VERMILLION
-from insnav.report.panels import Clock, Curve, Panel, Shade, Track, broken_at_gaps, wrapped
+from insnav.report.colours import AXIS_COLOURS, BLUE, GREEN, GREY, ORANGE, VERMILLION
+from insnav.report.numbers import number
+from insnav.report.panels import LEAST_ERROR, Clock, Curve, Panel, Shade, Track, broken_at_gaps, wrapped
 from insnav.strapdown import nearest_rows
 from insnav.types import BoolArray, FloatArray, Run, SensorErrors, Trajectory
 from insnav.units import DEG, DEG_PER_H, G0
@@ -63,7 +64,8 @@ def run_panels(found: EvaluatedRun) -> tuple[Track | Panel, ...]:
     run = found.run
     axis = RunAxis.of(run)
     panels = [
-        *_state_panels(found, axis),
+        *sorted(_state_panels(found, axis), key=lambda each: each.key.endswith("_sd")),
+        *error_distribution(found),
         *_innovation_panels(run, axis),
         *_bias_panels(run, axis),
         *_separation(run, axis),
@@ -89,7 +91,7 @@ def _drawn(found: EvaluatedRun) -> EvaluatedRun:
 
 
 def _state_panels(found: EvaluatedRun, axis: RunAxis) -> Iterator[Panel]:
-    """Draw errors with three standard deviations if there is a reference, else the standard deviations."""
+    """Draw errors with three standard deviations if there is a reference, and the standard deviations."""
     errors = found.known_errors
     for i, (group, unit, size, names) in enumerate(GROUPS):
         columns = slice(3 * i, 3 * i + 3)
@@ -101,13 +103,30 @@ def _state_panels(found: EvaluatedRun, axis: RunAxis) -> Iterator[Panel]:
                 curves += _banded(axis, names, each.time, value, half, mode, around=0.0)
             title, note = f"{group.capitalize()} error", "solution minus reference; band: ±3 sd as stated"
             yield axis.panel(f"{group}_error", title, f"error [{unit}]", curves, note=note)
-            continue
+            curves = []
         for mode, solution in found.solutions.items():
             if solution.sd is not None:
                 time, sd = broken_at_gaps(axis.clock(solution.time), solution.sd[:, columns] / size)
                 curves += [Curve(n, time, sd[:, k], AXIS_COLOURS[k], mode=mode) for k, n in enumerate(names)]
         title, note = f"Stated uncertainty of {group}", "one standard deviation"
         yield axis.panel(f"{group}_sd", title, f"sd [{unit}]", curves, note=note, log="y")
+
+
+def error_distribution(found: EvaluatedRun) -> tuple[Panel, ...]:
+    """Draw the share of horizontal errors below a given one, with CEP50 and R95; at rest and in motion, too."""
+    curves, share = [], np.linspace(1.0, 100.0, 500)
+    for mode, errors in found.known_errors.items():
+        size, moving = np.maximum(errors.horizontal, LEAST_ERROR), errors.moving
+        parts = ("all", ~np.isnan(size), BLUE), ("static", ~moving, GREEN), ("moving", moving, ORANGE)
+        for name, rows, colour in parts[: 3 if moving.any() and not moving.all() else 1]:
+            curves.append(Curve(name, np.percentile(size[rows], share), share, colour, mode=mode))
+        circles = np.percentile(size, (50.0, 95.0))
+        name = f"CEP50 {number(circles[0])} m, R95 {number(circles[1])} m"
+        curves.append(Curve(name, circles, np.array([50.0, 95.0]), VERMILLION, "crosses", mode=mode))
+    title, labels = "Distribution of the horizontal error", ("epochs below [%]", "horizontal error [m]")
+    note = f"moving: faster than {MOVING_M_S:g} m/s"
+    limits = (0.0, 101.0)
+    return (Panel("error_distribution", title, *labels, tuple(curves), note=note, log="x", limits=limits),)
 
 
 def _banded(
@@ -238,7 +257,7 @@ def _events(run: Run, axis: RunAxis) -> list[Panel]:
         curves.append(Curve("event", at, np.full(len(some), float(row)), VERMILLION, "points", text=texts))
     if not curves:
         return []
-    height = 70 + 22 * len(rows)
+    height = 70 + 34 * len(rows)
     note = "point at one to read it, click to go there"
     return [axis.panel("events", "Events", "", curves, note=note, rows=tuple(rows.values()), height=height)]
 

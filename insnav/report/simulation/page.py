@@ -28,7 +28,7 @@ from insnav.output.folder import RunFolder
 from insnav.quantity import Quantity, key_suffix
 from insnav.report.colours import AXIS_COLOURS, BLUE, GREEN, GREY, ORANGE, VERMILLION
 from insnav.report.numbers import number
-from insnav.report.page import Light, Page, Section, Verdict, drawn, only_json
+from insnav.report.page import Light, Page, Section, Verdict, beside, drawn, only_json
 from insnav.report.panels import Clock, Curve, Panel, Shade, Track, broken_at_gaps, over_time, wrapped
 from insnav.report.run.panels import GROUPS as ERRORS
 from insnav.report.run_json import json_ready, section_facts, versions
@@ -101,7 +101,7 @@ def recording_page(plan: Plan, made: Recording) -> Page:
             *(entry("fault", text) for text in plan.configuration.get("fault", [])),
             entry("next", command),
         ),
-        (*motion_drawings(plan, time, motion), moved, *realisation, sensor_section(plan, *counts)),
+        (motion_drawings(plan, time, motion), moved, *realisation, sensor_section(plan, *counts)),
         findings=(Finding.of(Code.SIMULATION_ABSENT, terms=absent),) if absent else (),
         merits=(*moved.items[:3], *counts[:2], sensor_section(plan).items[0]),
         verdict=Verdict(
@@ -315,10 +315,10 @@ def _replica(apart: Residual) -> Section:
     return Section("replica", "Simulated replica minus its track", items, parts=parts)
 
 
-def motion_drawings(plan: Plan, time: FloatArray, motion: Kinematics) -> tuple[Section, Section]:
+def motion_drawings(plan: Plan, time: FloatArray, motion: Kinematics) -> Section:
     """Draw the motion: from above, and over time."""
     name = plan.motion.name
-    return (
+    return beside(
         drawn("track", f"Simulated motion {name}", (simulated_track(time, motion),)),
         drawn("motion", f"Simulated motion {name}: output of ideal sensors", motion_panels(time, motion)),
     )
@@ -428,7 +428,7 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
             Section("ensemble", "Consistency and rejections", items, parts=parts),
             motion_section(plan, time, motion),
             sensor_section(plan),
-            *motion_drawings(plan, time, motion),
+            motion_drawings(plan, time, motion),
         ),
         (*failed, Finding.of(Code.SIMULATION_RUNS)),
         verdict=_verdict(plan, horizontal, nees, failed),

@@ -9,6 +9,11 @@ const dark = matchMedia("(prefers-color-scheme: dark)"), print = matchMedia("pri
 const links = new Map(); // name of a link: its range, its panels, its cursor
 let mode = "";
 
+const words = JSON.parse(document.getElementById("words")?.textContent ?? "{}");
+const say = text => { // in the language of the page, its unit as it is
+  const [name, ...unit] = text.split(" ["), number = /\d+(?:\.\d+)?/g, found = words[name.replace(number, "#")];
+  return found ? [(name.match(number) ?? []).reduce((said, each) => said.replace("#", each), found), ...unit].join(" [") : text;
+};
 const floats = text => {
   const bytes = Uint8Array.from(atob(text), sign => sign.charCodeAt(0));
   return new Float32Array(bytes.buffer);
@@ -43,6 +48,7 @@ const decades = (start, end, most) => { // ticks of a logarithmic axis: 1, 2, 5 
   }
   return ticks.filter(inside);
 };
+const unitOf = label => { const unit = /\[([^\]]*)\]\s*$/.exec(label)?.[1] ?? ""; return unit && unit !== "-" ? ` ${unit}` : ""; };
 const plain = value => value >= 1e5 || value < 1e-4 ? value.toExponential(0) : String(value);
 const nearest = (values, wanted) => { // of sorted values
   let a = 0, b = values.length - 1;
@@ -70,7 +76,7 @@ class Drawing { // what panels and maps have in common
       min_border_right: EDGE, min_border_left: AXIS, min_border_top: 6, outline_line_color: null, ...options,
     });
     this.figure.toolbar.autohide = true;
-    element("p", "below", this.root, label); // Bokeh paints the ends of long ones twice
+    element("p", "below", this.root, say(label)); // Bokeh paints the ends of long ones twice
     this.paint(this.figure, "background_fill_color", "--paper");
     this.paint(this.figure, "border_fill_color", "--paper");
     for (const axis of [...this.figure.xaxis, ...this.figure.yaxis]) {
@@ -99,9 +105,12 @@ class Drawing { // what panels and maps have in common
   async show() {
     this.view = await Bokeh.Plotting.show(this.figure, this.place);
     const canvas = this.place.querySelector(".bk-Figure")?.shadowRoot?.querySelector(".bk-Canvas")?.shadowRoot;
-    canvas?.querySelector(".bk-events")?.style.setProperty("touch-action", "pan-y"); // a finger scrolls the page
-    this.place.addEventListener("pointermove", event => { const at = this.inside(event); if (at) this.pointed(at); });
+    const events = canvas?.querySelector(".bk-events");
+    if (events) Object.assign(events.style, {touchAction: "pan-y", outline: "none"}); // a finger scrolls the page; no box about what is clicked
+    this.place.addEventListener("pointermove", event => { const at = this.inside(event); if (at) this.pointed(at); else this.left(); });
+    this.place.addEventListener("pointerleave", event => { if (event.pointerType !== "touch") this.left(); });
   }
+  left() { if (this.linked) follow(this.linked, NaN); else this.follow(NaN); } // the pointer went away
   pointed() {}
   follow() {}
   switched() {}
@@ -120,12 +129,20 @@ class Panel extends Drawing {
     this.y = new Bokeh.Range1d(y);
     const figure = this.base(this.xLabel, {
       x_range: this.x, y_range: this.y, x_axis_type: this.logX ? "log" : "linear", y_axis_type: this.logY ? "log" : "linear",
-      y_axis_label: this.yLabel, tools: [new Bokeh.BoxZoomTool({dimensions: "width"})],
+      y_axis_label: say(this.yLabel).replace("[ug", "[µg"), tools: [new Bokeh.BoxZoomTool({dimensions: "width"})],
     });
     if (this.rows.length) {
       const axis = [...figure.yaxis][0];
-      axis.ticker = new Bokeh.FixedTicker({ticks: this.rows.map((_, i) => i)});
+      axis.ticker = [...figure.ygrid][0].ticker = new Bokeh.FixedTicker({ticks: this.rows.map((_, i) => i)});
       axis.major_label_overrides = new Map(this.rows.map((name, i) => [i, name]));
+      if (this.linked) { // names stand inside: the margin is that of the other panels
+        axis.visible = false;
+        this.rows.forEach((text, i) => {
+          const label = new Bokeh.Label({x: 4, x_units: "screen", y: i - 0.12, text, text_font_size: "12px", text_baseline: "bottom"});
+          this.paint(label, "text_color", "--ink");
+          figure.add_layout(label);
+        });
+      }
     }
     this.logs = [[this.logX, [...figure.xaxis][0], [...figure.xgrid][0], this.x], [this.logY, [...figure.yaxis][0], [...figure.ygrid][0], this.y]]
       .filter(([log]) => log).map(([, axis, grid, range]) => ({axis, range, ticker: axis.ticker = grid.ticker = new Bokeh.FixedTicker({ticks: []})}));
@@ -141,9 +158,19 @@ class Panel extends Drawing {
       this.entry(name, "#D55E00");
     }
     for (const curve of this.curves) this.glyph(figure, curve);
+    const named = this.curves.filter(each => ["line", "dashed"].includes(each.kind) && each.text);
+    named.forEach((curve, i) => { // one beside the other, so that near lines do not cover the names
+      const row = Math.floor(curve.x.length * (i + 0.6) / (named.length + 0.2));
+      const label = new Bokeh.Label({x: curve.x[row], y: curve.y[row], text: curve.text[0], text_font_size: "11px", text_font_style: "bold", text_align: "center", text_baseline: "bottom", y_offset: 3, background_fill_alpha: 0.75});
+      this.paint(label, "text_color", curve.colour);
+      this.paint(label, "background_fill_color", "--paper");
+      figure.add_layout(label);
+    });
     this.beyond = new Bokeh.ColumnDataSource({data: {x: [], y: [], a: [], c: []}});
     figure.scatter({field: "x"}, {field: "y"}, {source: this.beyond, marker: "triangle", angle: {field: "a"}, size: 7, line_color: null, fill_color: {field: "c"}});
     this.cursor = element("div", "cursor", this.place);
+    this.stamp = element("span", "", this.cursor);
+    this.units = [unitOf(this.xLabel), unitOf(this.yLabel).replace("ug", "µg")];
     this.tip = element("div", "tip", this.place);
     this.place.addEventListener("click", () => {
       if (!this.linked || !Number.isFinite(this.at)) return; // an event: go there
@@ -152,7 +179,7 @@ class Panel extends Drawing {
       follow(this.linked, this.at);
     });
     for (const side of ["start", "end"]) this.x.properties[side].change.connect(() => this.zoomed());
-    figure.properties.inner_width.change.connect(() => this.ticks());
+    figure.properties.inner_width.change.connect(() => { this.ticks(); level(); });
   }
   glyph(figure, curve) {
     const source = new Bokeh.ColumnDataSource({data: {x: curve.x, y: curve.y, ...(curve.low ? {low: curve.low} : {})}});
@@ -161,7 +188,7 @@ class Panel extends Drawing {
       line: () => figure.line(x, y, {source, line_width: 1.3}),
       dashed: () => figure.line(x, y, {source, line_width: 1.2, line_dash: [4, 3]}),
       thin: () => figure.line(x, y, {source, line_width: 0.6, line_alpha: 0.55}),
-      points: () => figure.scatter(x, y, {source, size: 3.5, line_color: null}),
+      points: () => figure.scatter(x, y, {source, ...(this.rows.length ? {size: 10, line_color: "white"} : {size: 3.5, line_color: null})}),
       crosses: () => figure.scatter(x, y, {source, size: 7, marker: "x", line_width: 1.5}),
       band: () => figure.varea({field: "x"}, {field: "low"}, {field: "y"}, {source, fill_alpha: 0.12}),
       bars: () => figure.hbar({y, left: {field: "low"}, right: x, height: 0.7, source, line_color: null}),
@@ -174,20 +201,21 @@ class Panel extends Drawing {
       this.paint(label, "text_color", curve.colour);
       figure.add_layout(label);
     }
-    curve.entry = curve.name ? this.entry(curve.name, curve.colour, true) : {off: false, value: null};
+    curve.entry = curve.name ? this.entry(curve.name, curve.colour, curve.kind) : {off: false, value: null};
+    if (curve.name && !curve.entry.value && !this.rows.length && (curve.kind !== "points" || !curve.text) && ["line", "dashed", "points"].includes(curve.kind)) curve.entry.value = element("output", "", curve.entry.label);
   }
-  entry(name, colour, toggles = false) { // one for all curves of a name
+  entry(name, colour, kind = "") { // one for all curves of a name; without a kind it does not hide them
     this.entries ??= new Map();
-    if (this.entries.has(name)) return this.entries.get(name);
-    const label = element("label", "", this.legend), entry = {label, off: false, value: null};
-    const swatch = element("i", "", label);
+    if (this.entries.has(name)) {
+      const known = this.entries.get(name);
+      if (known.swatch.className === "band") known.swatch.className = kind;
+      return known;
+    }
+    const label = element("label", "", this.legend), swatch = element("i", kind || "dashed", label), entry = {label, swatch, off: false, value: null};
     swatch.dataset.colour = colour;
     swatch.style.setProperty("--swatch", shown(colour));
-    element("span", "", label, name);
-    if (toggles) {
-      entry.value = element("output", "", label);
-      label.addEventListener("click", () => { entry.off = !entry.off; label.dataset.off = entry.off; this.switched(); });
-    }
+    element("span", "", label, say(name));
+    if (kind) label.addEventListener("click", () => { entry.off = !entry.off; label.dataset.off = entry.off; this.switched(); });
     this.entries.set(name, entry);
     return entry;
   }
@@ -250,6 +278,10 @@ class Panel extends Drawing {
         marks.x.push(curve.x[i]); marks.y.push(limits[up ? 1 : 0]); marks.a.push(up ? 0 : Math.PI); marks.c.push(shown(curve.colour));
       }
     }
+    const edges = this.curves.filter(each => each.kind === "band" && this.visible(each)).map(each => extent([...each.y, ...each.low].filter((_, i) => each.x[i % each.x.length] >= start && each.x[i % each.x.length] <= end)));
+    const [lowest, highest] = extent(edges.flat());
+    this.cut ??= element("span", "note", this.legend);
+    this.cut.textContent = lowest < limits[0] || highest > limits[1] ? `${say("band cut")}: ${short(lowest)} … ${short(highest)}${this.units[1]}` : "";
     this.beyond.data = marks;
     this.root.dataset.outliers = marks.x.length;
   }
@@ -258,10 +290,11 @@ class Panel extends Drawing {
     if (this.linked) follow(this.linked, at); else this.follow(at);
     this.hover(x, y);
   }
+  left() { super.left(); this.tip.style.display = "none"; this.at = NaN; }
   hover(x, y) { // text of the point or bar nearest to the pointer
     const f = this.frame;
     let best = null, distance = 14 ** 2;
-    for (const curve of this.curves.filter(each => each.text && this.visible(each))) {
+    for (const curve of this.curves.filter(each => each.text && !["line", "dashed"].includes(each.kind) && this.visible(each))) {
       for (let i = 0; i < curve.x.length; i++) {
         const [px, py] = this.pixel(curve.x[i], curve.y[i]), bar = curve.kind === "bars";
         const left = bar ? this.pixel(curve.low[i], 0)[0] : px;
@@ -283,10 +316,12 @@ class Panel extends Drawing {
   follow(at) {
     const [x] = this.pixel(at, 1), f = this.frame, inside = x >= 0 && x <= f.width;
     Object.assign(this.cursor.style, {display: inside ? "block" : "none", left: `${f.left + x}px`, top: `${f.top}px`, height: `${f.height}px`});
-    if (!Number.isFinite(at)) return;
+    const decimals = Math.max(0, Math.ceil(-Math.log10((this.x.end - this.x.start) / f.width))); // a pixel
+    this.stamp.textContent = inside ? (this.logX ? short(at) : at.toFixed(Math.min(decimals, 9))) + this.units[0] : "";
+    this.stamp.style.transform = x > 0.7 * f.width ? "translateX(-100%)" : "";
     for (const curve of this.curves) {
-      if (!this.visible(curve) || !curve.entry.value || ["band", "bars", "crosses", "thin"].includes(curve.kind)) continue;
-      curve.entry.value.textContent = short(curve.y[nearest(curve.x, at)]);
+      if (!this.visible(curve) || !curve.entry.value || !["line", "dashed", "points"].includes(curve.kind)) continue;
+      curve.entry.value.textContent = inside ? short(curve.y[nearest(curve.x, at)]) + this.units[1] : "";
     }
   }
 }
@@ -299,7 +334,7 @@ class Track extends Drawing {
     this.x = new Bokeh.Range1d({start: -1, end: 1});
     this.y = new Bokeh.Range1d({start: -1, end: 1});
     const figure = this.base("East of start [m]", {
-      x_range: this.x, y_range: this.y, y_axis_label: "North of start [m]", min_border_left: AXIS + 14, // room for kilometres: where it grows, Bokeh leaves a part of the label
+      x_range: this.x, y_range: this.y, y_axis_label: say("North of start [m]"), min_border_left: AXIS + 14, // room for kilometres: where it grows, Bokeh leaves a part of the label
       tools: [new Bokeh.BoxZoomTool({match_aspect: true})],
     });
     const x = {field: "x"}, y = {field: "y"};
@@ -360,13 +395,13 @@ class Track extends Drawing {
     const shades = this.shades.filter(each => !each.mode || each.mode === mode);
     this.shade = Math.min(this.shade, shades.length - 1);
     shades.forEach((each, i) => {
-      const button = element("button", "", this.legend, each.name);
+      const button = element("button", "", this.legend, say(each.name));
       button.type = "button";
       button.setAttribute("aria-pressed", i === this.shade);
       button.addEventListener("click", () => { this.shade = i; this.switched(); });
     });
     if (shades.length) this.colour(shades[this.shade]);
-    const key = (colour, text) => { const label = element("label", "", this.legend); element("i", "", label).style.setProperty("--swatch", shown(colour)); element("span", "", label, text); };
+    const key = (colour, text) => { const label = element("label", "", this.legend); element("i", "", label).style.setProperty("--swatch", shown(colour)); element("span", "", label, say(text)); };
     key("#009E73", "start"); key("#000000", "end");
     for (const [name, colour] of new Map(this.behind.filter(each => each.name).map(each => [each.name, each.colour]))) key(colour, name);
     if (this.fixes[0].length) key("#8A8A8A", "GPS fix");
@@ -377,7 +412,7 @@ class Track extends Drawing {
     let colours;
     if (given.size) {
       colours = [...shade.values].map(value => given.get(value)?.[0] ?? "#8A8A8A");
-      for (const [colour, name] of given.values()) { const label = element("label", "", this.legend); element("i", "", label).style.setProperty("--swatch", colour); element("span", "", label, name); }
+      for (const [colour, name] of given.values()) { const label = element("label", "", this.legend); element("i", "", label).style.setProperty("--swatch", colour); element("span", "", label, say(name)); }
     } else {
       const sorted = [...shade.values].filter(Number.isFinite).sort((a, b) => a - b);
       const low = sorted[Math.floor(0.02 * (sorted.length - 1))], high = sorted[Math.ceil(0.98 * (sorted.length - 1))];
@@ -399,10 +434,9 @@ class Track extends Drawing {
     if (this.linked) follow(this.linked, this.time[best]);
   }
   follow(at) {
-    if (!Number.isFinite(at)) return;
     const row = nearest(this.time, at), f = this.frame;
     const x = (this.east[row] - this.x.start) / (this.x.end - this.x.start), y = (this.y.end - this.north[row]) / (this.y.end - this.y.start);
-    const inside = x >= 0 && x <= 1 && y >= 0 && y <= 1;
+    const inside = Number.isFinite(at) && x >= 0 && x <= 1 && y >= 0 && y <= 1;
     Object.assign(this.here.style, {display: inside ? "block" : "none", left: `${f.left + x * f.width}px`, top: `${f.top + y * f.height}px`});
   }
   repaint() { super.repaint(); this.switched(); }
@@ -420,18 +454,41 @@ const zoom = (link, start, end) => {
   for (const each of link.members) if (each instanceof Panel) each.x.setv({start, end});
   link.busy = false;
 };
+let levelling = 0, complete = false;
+const level = () => { // equal margins of linked panels: their cursors stand over one another
+  if (!complete) return;
+  cancelAnimationFrame(levelling);
+  levelling = requestAnimationFrame(() => {
+    for (const link of links.values()) {
+      const own = link.members.filter(each => each instanceof Panel && each.frame.width > 0), left = Math.ceil(Math.max(...own.map(each => each.frame.left)));
+      for (const each of own) if (each.figure.min_border_left !== left) each.figure.min_border_left = left;
+    }
+  });
+};
 const whole = drawing => {
   const link = drawing.linked;
   if (link) zoom(link, ...link.whole);
   if (drawing instanceof Track) { drawing.touched = false; drawing.all(); } else if (!link) drawing.x.setv({start: drawing.whole[0], end: drawing.whole[1]});
 };
 
+for (const line of document.querySelectorAll(".command")) {
+  const button = element("button", "", line, say("copy"));
+  button.type = "button";
+  button.addEventListener("click", () => {
+    const code = line.querySelector("code");
+    getSelection().selectAllChildren(code); // to be copied by hand where the browser does not let pages copy
+    button.textContent = document.execCommand("copy") ? say("copied") : say("selected");
+  });
+}
+
 (async () => {
+  Bokeh.logger.set_level("off"); // the console stays empty
   const specs = JSON.parse(document.getElementById("panels-data").textContent);
   const drawings = specs.map(spec => new (spec.curves ? Panel : Track)(spec));
   const choose = chosen => {
     mode = chosen;
     for (const button of document.querySelectorAll(".switch button")) button.setAttribute("aria-pressed", button.dataset.mode === mode);
+    for (const each of document.querySelectorAll("[data-of]")) each.hidden = each.dataset.of !== mode;
     for (const each of drawings) each.switched();
   };
   const repaint = () => { for (const each of drawings) each.repaint(); };
@@ -440,9 +497,13 @@ const whole = drawing => {
   for (const button of document.querySelectorAll(".switch button")) button.addEventListener("click", () => choose(button.dataset.mode));
   choose(specs.flatMap(spec => spec.curves ?? spec.shades).find(each => each.mode)?.mode ?? "");
   for (const each of drawings) {
+    if (!document.body.dataset.seen && each.root.getBoundingClientRect().top > innerHeight) document.body.dataset.seen = Math.round(performance.now());
     await each.show();
+    await new Promise(done => setTimeout(done)); // the page answers meanwhile
     each.place.addEventListener("dblclick", () => whole(each));
   }
+  complete = true;
+  level();
   for (const media of [dark, print]) media.addEventListener("change", repaint);
   globalThis.insnav = {drawings, links, follow, zoom, whole}; // for tests, and for the curious
   document.body.dataset.drawn = Math.round(performance.now());
