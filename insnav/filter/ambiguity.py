@@ -11,7 +11,7 @@ import numpy as np
 from insnav.findings import Code, of_code
 from insnav.types import FloatArray, Run, Trajectory
 
-LEAST = 0.2  # least probability of either explanation: half of three standard deviations then covers the other
+LEAST = 0.2  # least probability of either explanation: the jump is then at most 2.24 standard deviations [-]
 
 
 class Jump(NamedTuple):

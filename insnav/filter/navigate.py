@@ -132,7 +132,7 @@ def _first_pass(ready: Prepared, progress: Callable[[float], None] | None) -> Ru
 def _add_aiding(ready: Prepared, run: Run, spec: ImuSpec) -> Prepared:
     """Add the aiding that the first pass calibrates."""
     assert run.smoothed is not None
-    # the solution is in fix time, by the estimated minus the specified delay; the samples are not
+    # the solution is in fix time, shifted by the estimated minus the specified delay; the samples are not
     clock = run.gps_delay - ready.settings.delay
     solution = run.smoothed.solution
     first = FirstPass(
