@@ -113,7 +113,7 @@ def stationary_of(parts: Intervals, gps: GpsData) -> tuple[float, float] | None:
 
 
 def still_of(parts: Intervals, gps: GpsData, rest: tuple[float, float]) -> FloatArray:
-    """Find the stationary intervals until the vehicle leaves by GPS, despite boarding, (m, 2) [s]."""
+    """Find the stationary intervals until GPS shows a departure, with boarding in between, (m, 2) [s]."""
     here = gps.rows(np.flatnonzero(gps.time >= rest[0]))
     way = np.linalg.norm(ned_offset(here.lla, here.lla[:1])[:, :2], axis=1)
     away = here.time[way > SWUNG + MOVED * np.linalg.norm(here.position_sd[:, :2] + here.position_sd[:1, :2], axis=1)]

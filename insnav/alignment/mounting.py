@@ -201,7 +201,7 @@ def _mixed_up(
 ) -> Mounting:
     """Test other gyro orders and units; return the mounting that fits, or `found`.
 
-    `left`: residual of `found`. `rates` (n, 3): of the gyros [rad/s]. `refined`: estimates others and their residuals.
+    `left`: residual of `found`. `rates` (n, 3): of the gyros [rad/s]. `refined`: fits other axes; also residuals.
     """
     fits = left <= FITS
     if fits and not found.right_handed:
