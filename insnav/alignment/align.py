@@ -21,7 +21,7 @@ GYROCOMPASS_SD = np.deg2rad(15.0)  # beyond it the filter's small-angle approxim
 SURE_SD = np.deg2rad(3.0)  # a gyrocompass as accurate as the course of a car needs no course
 GIVEN_HEADING_SD = np.deg2rad(2.0)  # of a heading that the user specifies: from a map or a compass
 STATIC_SPEED = 0.5  # GPS speed of a stationary vehicle, including the noise of a poor receiver [m/s]
-SWUNG = 10.0  # distance from its stop, plus so many sd of the fixes, beyond which a vehicle has left [m]
+SWUNG = 10.0  # distance from its stop, plus MOVED sd of the fixes, beyond which a vehicle has left [m]
 MOVED = 3.0  # standard deviations of a displacement between two positions that prove motion
 # Fixes may detect a departure this much too late [s]. Steady acceleration or speed then resembles a stop. A later stop
 # is rejected if the velocity has changed by more than STATIC_SPEED and this rate [m/s^2]

@@ -67,7 +67,7 @@ OTHER_UNITS: list[Units] = [
     for x, y, z in itertools.product((1.0, factor), repeat=3)
     if (x, y, z) != ALL_ALIKE
 ]
-# no vehicle turns faster in a thousandth of its samples; with smaller roll and pitch rates, radians may be degrees
+# no vehicle turns faster in a thousandth of its samples; smaller roll and pitch rates may be radians read as degrees
 # [rad/s]
 FASTEST, HARDLY = 12.0, np.deg2rad(1.0)
 MISSED = 1.2  # factor on the residuals without one gyro: below it, that gyro may have a temporary fault

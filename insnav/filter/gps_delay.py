@@ -47,7 +47,7 @@ FIXES = 600  # used at most, in addition to a long stationary start
 # permanently [s]
 WORTH = 0.003
 DOUBTFUL = 0.03  # larger delays and standard deviations are estimated again [s]
-WIDEST = 0.5  # initial sd of the filter's delay if the drive hardly determines it [s]
+WIDEST = 0.5  # largest initial sd of the filter's delay, if the drive hardly determines it [s]
 SURE, REFINED = 4.0, 2.0  # significance of a delay in standard deviations; with other evidence
 ROUNDS = 3  # of moving the clock
 BACK = 0.5  # reject a move and the next if that reverses more than this part of it, within the filter's reach
@@ -217,7 +217,7 @@ def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Foun
     likelihood = _likelihood(seen)
     if likelihood is not None and (likelihood.accepted >= TRUE_FIXES or not likelihood.moves):
         found = _found(seen, likelihood, alone)
-        if not found.surest:  # perhaps all fixes were rejected
+        if not found.surest:  # perhaps without any fix
             return found
         there = [found.delay + found.drift * likelihood.half, found.drift, found.lag]
         cost, least = likelihood.mean_costs(*np.array([[0.0, 0.0, likelihood.lag], there]).T)

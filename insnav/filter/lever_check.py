@@ -135,7 +135,7 @@ def lever_contradicted(arm: FloatArray, run: Run) -> Finding:
 def delay_contradicted(ready: Prepared) -> tuple[Finding, ...]:
     """Navigate the first part of a drive with the delay as a state, and report a wrong specified delay.
 
-    The finding gives no difference: noise identified with the error in it biases the estimate.
+    Its message shows no difference: noise identified with the error in it biases the estimate.
     """
     given, run = ready.settings.delay, looked(ready, delay_sd=OPENED_DELAY)
     off, limit = abs(run.gps_delay - given), max(LATE, LATE_SURE * run.gps_delay_sd)

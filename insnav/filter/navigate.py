@@ -27,7 +27,7 @@ from insnav.types import FloatArray, GpsData, ImuData, Run, Trajectory
 
 AidingChoice = Literal["auto", "on", "off"]
 GAP_WORTH = 3.0  # shortest GPS gap for a second pass with other aiding: shorter gaps drift by centimetres [s]
-CREEPS = 10.0  # least increase of twice the log-likelihood for dropping stops that no fix confirms
+CREEPS = 10.0  # least increase of twice the log-likelihood for dropping unconfirmed stops or weakening assumptions
 ASSUMED = NonHolonomic, ZeroVelocity  # assumptions on vehicle motion, not sensors
 WEAKER = 5.0  # factor on the sd of doubtful motion assumptions, which gaps still need [-]
 UNKNOWN_HEIGHT = 1000.0  # standard deviation if fixes have no heights [m]

@@ -285,7 +285,7 @@ def end_errors(
 
 
 def _state(trajectory: Trajectory, time: float) -> tuple[FloatArray, FloatArray]:
-    """Interpolate between two rows: position by the velocity of the nearer row, velocity linearly."""
+    """Interpolate velocity linearly between two rows, and position from the nearer row by the mean velocity since."""
     at = int(strapdown.nearest_rows(trajectory.time, time))
     after = min(at + 1, len(trajectory.time) - 1)
     first = after - 1
