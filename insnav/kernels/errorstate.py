@@ -31,7 +31,7 @@ class Samples(NamedTuple):
     dvel: np.ndarray  # (n, 3) [m/s]
     coning: np.ndarray  # (n, 3) [rad]
     sculling: np.ndarray  # (n, 3) [m/s]
-    gap: np.ndarray  # (n,) length of the data gap that the interval bridges [s]; 0: measured
+    gap: np.ndarray  # (n,) length of the data gap that the interval helps to bridge [s]; 0: measured
 
 
 class Carried(NamedTuple):
