@@ -47,7 +47,7 @@ def batch(
         from insnav.fleet.batch import check_folder, moved_aside
         from insnav.fleet.recordings import find_drives
         from insnav.output.folder import resolved
-        from insnav.report.fleet.page import told, write_fleet
+        from insnav.report.fleet.page import nonempty_columns, write_fleet
         from insnav.result import Result
 
         quiet_figures()
@@ -77,7 +77,7 @@ def batch(
     page = outcome.page()
     more = max(len(made) - _SHOWN, 0)
     names = ("drives", f"fleet.csv ({more} drives more)" if more else "fleet.csv")
-    rows = told([[each for each in row if each.key in _COLUMNS] for row in page.sections[1].rows[:_SHOWN]])
+    rows = nonempty_columns([[each for each in row if each.key in _COLUMNS] for row in page.sections[1].rows[:_SHOWN]])
     shown = replace(page.sections[1], rows=rows)
     result_page(folder, replace(page, sections=(shown,)), out, as_json=as_json, more=names)
     unwritten = [each.failed for each in made if isinstance(each.failed, OutputError)]

@@ -45,7 +45,7 @@ def budget(
     profile: Profile = None,
     gravity: Annotated[float | None, option(MOTION, "M/S2", "Gravity of the stationary IMU. [by latitude]")] = None,
     begin: Annotated[
-        float | None, option(MOTION, "S", "Start, s after that of the profile. [1 s before it sets off]")
+        float | None, option(MOTION, "S", "Start, s after the start of the profile. [1 s before departure]")
     ] = None,
     times: Annotated[str, option(MOTION, "S,S,…", "Report times, s.")] = "10,20,30,40,50,60",
     height: Annotated[
@@ -57,9 +57,9 @@ def budget(
         option(
             RESULT,
             "N,E,VN,VE|run",
-            "Instead of a budget: which tilt, bias or drift explains these errors at the end of a run that "
-            "lasted the last of --times, m and m/s; run: those of the run folder RUN since its last fix; --ref-sd of "
-            "the reference. [0.1,0.005]",
+            "Instead of a budget: tilt, bias or drift that explains these errors at the end of a run, m and m/s. The "
+            "run lasts the last of --times. run: errors of the run folder RUN since its last fix. --ref-sd: of the "
+            "reference. [0.1,0.005]",
         ),
     ] = None,
     runs: Annotated[int, option(RESULT, "N", "Simulate so many runs, and so many of each source.", min=0)] = 0,

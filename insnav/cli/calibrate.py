@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 OUT = Path("calibration")
 Gravity = Annotated[float, option(METHOD, "M/S2", "Local gravity.")]
-Name = Annotated[str, option(RESULT, "TEXT", "What was calibrated.")]
+Name = Annotated[str, option(RESULT, "TEXT", "Name of the calibrated sensor.")]
 Add = Annotated[
-    Path | None, option(RESULT, "FILE", "A calibration.toml whose other triad is carried over into the new file.")
+    Path | None, option(RESULT, "FILE", "A calibration.toml with the other triad, to copy into the new file.")
 ]
 _KEYWORD = inspect.Parameter.KEYWORD_ONLY
 _KINDS: tuple[tuple[str, Any, Any], ...] = (

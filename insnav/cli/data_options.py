@@ -34,10 +34,10 @@ _explanation = library("insnav.report.explanation")
 
 READING = ("axes", "units", "columns", "sampling", "stamp")  # inputs for reading samples
 _IMU_HELP = "IMU data, or a log with IMU and GPS: a file of any supported format, a folder, or - for standard input."
-_SECOND_HELP = "GPS fixes, as with --gps; of two files the content says which has the IMU data."
+_SECOND_HELP = "GPS fixes, as with --gps; the content of two files determines which has the IMU data."
 _FILE_HELP = {
     "gps": "GPS fixes. [those in the IMU file]",
-    "ref": "Reference trajectory, of position and as much else as it has.",
+    "ref": "Reference trajectory: position, and velocity and attitude if available.",
 }
 _FIRST_WORD = re.compile(r"^[a-z_-]+(?=[:,]|$)")
 _READER_OPTION = re.compile(r"imu-[a-z]+")

@@ -26,10 +26,10 @@ def platform(
         argument("FORCE_FILE", "Specific force: a data file of any supported format, or - for standard input."),
     ] = None,
     columns: Annotated[
-        str | None, option(FILES, "NAME=HEADER,…", "Headers that are not understood by themselves: f_east=Fe,time_s=t.")
+        str | None, option(FILES, "NAME=HEADER,…", "Names of unrecognised columns: f_east=Fe,time_s=t.")
     ] = None,
     axes: Annotated[
-        Literal["ENU", "NED"] | None, option(FILES, "AXES", "What columns x, y, z are: ENU or NED. [by the names]")
+        Literal["ENU", "NED"] | None, option(FILES, "AXES", "Axes of columns x, y, z: ENU or NED. [by the names]")
     ] = None,
     sample_rate: Annotated[float | None, option(FILES, "HZ", "Samples per second of a file without times.")] = None,
     height_input: Annotated[
@@ -61,7 +61,7 @@ def platform(
     misalignment: Annotated[str, option(ERRORS, "N,E,D", "Turn of its axes at the start, deg.")] = "0,0,0",
     gyro_drift: Annotated[str, option(ERRORS, "N,E,D", "Rate at which it turns away, deg/h.")] = "0,0,0",
     accel_bias: Annotated[str, option(ERRORS, "N,E,D", "Accelerometer biases, ug.")] = "0,0,0",
-    demo: Annotated[bool, flag(RESULT, "--demo", "Show what is known by closed form instead.")] = False,
+    demo: Annotated[bool, flag(RESULT, "--demo", "Show examples with closed forms instead.")] = False,
     rate: Rate = "10",
     out: Out = Path("platform"),
     force: Force = False,

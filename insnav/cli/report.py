@@ -18,9 +18,9 @@ def report(
     run: Annotated[Path, argument("RUN", "Folder of a run, outage test or budget.")],
     figures: Annotated[Literal["png", "svg"], option(RESULT, "FORMAT", "Figures as png or svg.")] = "png",
     backdrop: Backdrop = None,
-    out: Annotated[Path | None, option(RESULT, "FOLDER", "Folder to make; default RUN_report beside RUN.")] = None,
+    out: Annotated[Path | None, option(RESULT, "FOLDER", "Folder to make; default RUN_report next to RUN.")] = None,
     force: Force = False,
-    pdf: Annotated[bool, flag(RESULT, "--pdf", "Only a PDF of three pages, RUN.pdf beside the folder.")] = False,
+    pdf: Annotated[bool, flag(RESULT, "--pdf", "Only a PDF of three pages, RUN.pdf next to the folder.")] = False,
     as_json: Json = False,
 ) -> None:
     """Draw a run again."""

@@ -23,8 +23,8 @@ def run(
         option(
             RESULT,
             "FORM",
-            "full, or short: also compare the short-duration form (no Earth and transport rate, Euler) with "
-            "the full one in windows of 60 s; the filter keeps the full one.",
+            "full or short. short: also compare the short-duration form (no Earth and transport rate, Euler) with the "
+            "full one in windows of 60 s. The filter uses the full one.",
         ),
     ] = "full",
     smooth: Annotated[

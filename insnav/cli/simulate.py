@@ -38,7 +38,7 @@ def simulate(
     ] = "consumer",
     rate: Annotated[float, option(IMU, "HZ", "Samples per second.")] = 100.0,
     sampling: Annotated[
-        Literal["instant", "mean", "increment"], option(IMU, "HOW", "What a sample is: mean, instant, increment.")
+        Literal["instant", "mean", "increment"], option(IMU, "HOW", "Meaning of a sample: mean, instant, increment.")
     ] = "mean",
     temperature: Annotated[
         str | None, option(IMU, "FROM:TO", "Temperature of the IMU, from start to end, deg C.")

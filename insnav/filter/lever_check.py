@@ -32,22 +32,22 @@ WRONG_HEADING = 3.0  # error of a specified heading in sd, from which the headin
 
 def with_right_heading(given: Prepared, found: Prepared) -> Prepared:
     """Return a recording prepared with or without the specified heading, whichever makes the fixes more likely."""
-    said, shown = given.alignment, found.alignment
-    off = abs(float(wrap_pi(shown.rph[2] - said.rph[2])))
-    limit = WRONG_HEADING * float(said.sd[2])
+    assumed, shown = given.alignment, found.alignment
+    off = abs(float(wrap_pi(shown.rph[2] - assumed.rph[2])))
+    limit = WRONG_HEADING * float(assumed.sd[2])
     if off < limit:
         return given
     ready, code = found, Code.GIVEN_HEADING_REJECTED
     if filtered(given).misfit <= filtered(found).misfit:
         ready, code = given, Code.GIVEN_HEADING_KEPT
-        if off < WRONG_HEADING * np.hypot(said.sd[2], shown.sd[2]):
+        if off < WRONG_HEADING * np.hypot(assumed.sd[2], shown.sd[2]):
             return given
     heading = Finding.of(
         code,
         ready.initial.time,
         difference_rad=off,
         limit_rad=limit,
-        given_rad=said.rph[2],
+        given_rad=assumed.rph[2],
         estimate_rad=shown.rph[2],
         estimate_sd_rad=shown.sd[2],
     )

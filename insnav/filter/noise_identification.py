@@ -168,8 +168,8 @@ def with_known_noise(ready: Prepared, spec: ImuSpec, *, lasting: bool, sizes: bo
     position, _, correlated = posterior.drives[0].fixes_of(plausible[0])
     if sizes:
         ready = ready.scale_sds(ready.model, position, np.ones(3))
-    told = posterior.figures(plausible, spec)
-    more = *_report_factor(Code.ESTIMATE_POSITION_SD, position), _report_correlated(correlated, told)
+    estimates = posterior.figures(plausible, spec)
+    more = *_report_factor(Code.ESTIMATE_POSITION_SD, position), _report_correlated(correlated, estimates)
     settings, notes = replace(ready.settings, correlated=correlated), (*_without_correlated(ready.notes), *more)
     return replace(ready, settings=settings, notes=notes)
 

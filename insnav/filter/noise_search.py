@@ -265,9 +265,9 @@ def _figure(parameter: Parameter, x: FloatArray, spec: ImuSpec) -> NoiseFigure:
         of_axes = getattr(spec.gyro if sensor == "gyro" else spec.accel, key)
         values = np.exp(values) * float(np.sqrt(np.mean(of_axes**2)))
         unit = UNITS_SHOWN.get(key, ("deg/h", "ug"))[sensor == "accel"]
-    told = bool(np.isfinite(x[0]) and np.ptp(x[1:]) < OBSERVABLE * parameter.sd * np.ptp(INTERVAL))
+    observable = bool(np.isfinite(x[0]) and np.ptp(x[1:]) < OBSERVABLE * parameter.sd * np.ptp(INTERVAL))
     prior, value, low, high = values.tolist()
-    return NoiseFigure(parameter.key, unit, prior, value, low, high, told)
+    return NoiseFigure(parameter.key, unit, prior, value, low, high, observable)
 
 
 def kind_of(found: DriveNoise, kinds: Sequence[ImuSpec]) -> ImuSpec:
@@ -283,9 +283,9 @@ def kind_of(found: DriveNoise, kinds: Sequence[ImuSpec]) -> ImuSpec:
         if not figure.observable or sensor == "gps" or key == "misalignment":
             continue
         error = 1.0 / ((np.ptp(INTERVAL) / np.log(figure.high / figure.low)) ** 2 - p.sd**-2.0)
-        told = np.log(figure.value) + np.log(figure.value / figure.prior) * error / p.sd**2
+        measured = np.log(figure.value) + np.log(figure.value / figure.prior) * error / p.sd**2
         usual = [0.5 * np.log(np.mean(getattr(getattr(kind, sensor), key) ** 2)) for kind in kinds]
-        worth -= 0.5 * (told - usual) ** 2 / (IMU_PRIOR[key] ** 2 + error)
+        worth -= 0.5 * (measured - usual) ** 2 / (IMU_PRIOR[key] ** 2 + error)
     best = int(np.argmax(worth))
     return kinds[best if worth[best] > worth[0] + OTHER_KIND else 0]
 

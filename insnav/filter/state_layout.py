@@ -19,13 +19,13 @@ class Layout(NamedTuple):
     states: int
     delay: int
     correlated: int
-    """Those of the time-correlated GPS error: three of position, and three of velocity where it has one."""
+    """States of the time-correlated GPS error: three of position, and three of velocity if modelled."""
     lever: int
-    """The three of the lever arm, body axes."""
+    """Three states of the lever arm, body axes."""
     shaken: int
-    """The three of the lever arm by which vibration moves the antenna for the receiver.
+    """Three states of the lever arm by which vibration moves the antenna for the receiver.
 
-    A receiver measures velocity over its own 20 to 200 ms, and what shakes an IMU need not move the antenna.
+    A receiver measures velocity over its own 20 to 200 ms, and vibration of the IMU need not move the antenna.
     """
     lag: int
     """Of the velocities of fixes behind their positions."""

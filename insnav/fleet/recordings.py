@@ -135,13 +135,13 @@ def _with_broken(roles: _Roles) -> _Roles:
     """
     unread = [path for path, role in roles.items() if role not in _PARTS and set(path.suffixes) & set(suffixes())]
     parts = {path: _named(path) or "imu" * (len(unread) == 1) for path in unread}
-    said = {**roles, **parts}
+    content = {**roles, **parts}
     found = dict(roles)
     for path in unread if "both" not in roles.values() else ():
         other = {"imu": "gps", "gps": "imu"}.get(parts[path], "none")
         own = [each for each in roles if _key(each) == _key(path)]
-        lacking = other in said.values() and parts[path] not in roles.values()
-        if parts[path] not in map(roles.get, own) and (lacking or other in map(said.get, own)):
+        lacking = other in content.values() and parts[path] not in roles.values()
+        if parts[path] not in map(roles.get, own) and (lacking or other in map(content.get, own)):
             found[path] = parts[path]
     return found
 

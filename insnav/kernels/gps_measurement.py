@@ -223,10 +223,10 @@ def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_a
         # (an instrumental variable, section 1.4). The remaining rate counts where it is far above noise.
         turning = motion[0] ** 2 + motion[1] ** 2 + motion[2] ** 2
         beyond = motion[6] ** 2 + motion[7] ** 2 + motion[8] ** 2
-        told = turning**2 / max(turning**2 + motion[9] ** 2, 1e-30)
+        steady = turning**2 / max(turning**2 + motion[9] ** 2, 1e-30)
         also = beyond / max(beyond + motion[10], 1e-30) if shaken_at < 0 else 0.0
         for i in range(3):  # element by element: products of arrays take long to compile
-            whole[i] = motion[i] * told + motion[6 + i] * also**2
+            whole[i] = motion[i] * steady + motion[6 + i] * also**2
         crossed(earlier, whole, 3, lever_at, h)
     if shaken_at >= 0:
         crossed(earlier, motion[6:], 3, shaken_at, h)

@@ -69,8 +69,8 @@ def tape(history: np.ndarray, n: int, noise: np.ndarray, bridged: np.ndarray) ->
     noise_of = np.where(both, history[:, NOISE : NOISE + 36].reshape(m, 6, 6), np.eye(6))
     s = hp @ np.swapaxes(of_used, 1, 2) + noise_of
     gain = np.linalg.inv(s) @ hp
-    told = np.swapaxes(gain[:, :, :STATES], 1, 2) @ hp[:, :, :STATES]
-    after = np.roll(before[:, :STATES, :STATES] - told, 1, axis=0)  # previous epoch
+    reduction = np.swapaxes(gain[:, :, :STATES], 1, 2) @ hp[:, :, :STATES]
+    after = np.roll(before[:, :STATES, :STATES] - reduction, 1, axis=0)  # previous epoch
     gyro, accel = _white(phi, span, 6), _white(phi, span, 3)
     still = held(phi)
     gyro[still] = 0.0

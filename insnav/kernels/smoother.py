@@ -263,14 +263,14 @@ def _compare(row, n, p, information, error, hp, by, out):  # type: ignore[no-unt
                     hp[i, j] += share * p[a, j]
     _product(hp, information, hp.shape[0], by)  # a constant size would compile a separate function for each
     for i in range(6):
-        shift, before, told = 0.0, 0.0, 0.0
+        shift, before, explained = 0.0, 0.0, 0.0
         for j in range(n):
             h = row[JACOBIAN + n * i + j]
             shift += h * error[j]
             before += h * hp[i, j]
-            told += by[i, j] * hp[i, j]
+            explained += by[i, j] * hp[i, j]
         out[i], out[6 + i] = row[RESIDUAL + i], before
-        out[12 + i], out[18 + i] = row[RESIDUAL + i] - shift, before - told
+        out[12 + i], out[18 + i] = row[RESIDUAL + i] - shift, before - explained
     out[24] = p[8, 8]
 
 

@@ -20,7 +20,7 @@ def explanation_section(found: Explanation) -> Section:
         Quantity("runs", found.runs, meaning="runs of the filter"),
     )
     rows = tuple(_row(row) for row in found.tried[:MOST])
-    table = Section("rows", "What insnav considered", rows=rows, note=phrase("explanation.note"), show="page")
+    table = Section("rows", "Considered faults", rows=rows, note=phrase("explanation.note"), show="page")
     folded = not any(row.accepted for row in found.tried)
     return Section("explanation", "Explanation", items, parts=(table,), show="page", folded=folded)
 

@@ -64,7 +64,7 @@ def test_raw_and_corrected_stand_side_by_side():
     row = dict(zip(table.columns, table.rows[-1], strict=True))
     assert float(row["RMS"]) ** 2 - 2.0**2 == pytest.approx(float(row["corrected (95 %)"].split()[0]) ** 2, rel=0.02)
     assert "as measured" in page.verdict.sentence
-    assert "without that of the reference" in page.verdict.sentence
+    assert "without the error of the reference" in page.verdict.sentence
     assert all(len(line) <= 80 for table in section_tables(page.sections[3]) for line in table_text(table).splitlines())
     facts = page_facts(page_of(reference_sd=2.0))["outages"][-1]["vertical_m"]
     assert facts["rms"] > facts["rms_corrected"] > facts["rms_corrected_low"]

@@ -265,7 +265,7 @@ def window_motion(budget: RecordedBudget, duration: float) -> SampledMotion:
     first = max(0, first - 1)
     truth = truth_from_track(track.rows(slice(first, last + 1)))
     begin = min(max(start - truth.start, 0.0), truth.duration - duration)
-    text = f"that of the drive from {start:.1f} s, the window nearest the mean prediction"
+    text = f"motion of the drive from {start:.1f} s, the window closest to the mean prediction"
     return sampled(truth, begin, duration, text)
 
 

@@ -267,6 +267,6 @@ def _samples(source: Source, log: Any, name: str, notes: list[Finding]) -> Table
     note = Finding.of(Code.READ_IMU_MODEL, subject=name, model=kind)
     if not stated:  # gravity determines the accelerometer scale only
         others = {each[0]: each[1] / angle for each in _SCALES.values() if each[1] != angle}
-        told: dict[str, Any] = {"model": kind, "others": tuple(others), "ratios": tuple(others.values())}
-        note = Finding.of(Code.READ_IMU_MODEL_BY_GRAVITY, subject=name, **told)
+        values: dict[str, Any] = {"model": kind, "others": tuple(others), "ratios": tuple(others.values())}
+        note = Finding.of(Code.READ_IMU_MODEL_BY_GRAVITY, subject=name, **values)
     return column_table(source, columns, [note, *notes], row=name, axes="RFU")

@@ -231,10 +231,10 @@ def _placed(table: Table, words: Sequence[str]) -> Table:
     if values is None:
         return table
     size = np.linalg.norm(np.column_stack(values), axis=1)
-    said = all("ecef" in words[i] or "km" in words[i] for i in places)
-    units = (1.0, 1e-2, 1e-3, 1e3) if said else (1.0,)  # unstated, a local plane may fit other units
+    labelled = all("ecef" in words[i] or "km" in words[i] for i in places)
+    units = (1.0, 1e-2, 1e-3, 1e3) if labelled else (1.0,)  # unstated, a local plane may fit other units
     fitting = [unit for unit in units if _inside(unit * size).mean() > _SHARE]
-    if not fitting or not (said or float(np.nanmedian(np.abs(values[2]))) * fitting[0] > _HIGH):
+    if not fitting or not (labelled or float(np.nanmedian(np.abs(values[2]))) * fitting[0] > _HIGH):
         return table
     unit = fitting[0]
 

@@ -102,10 +102,10 @@ def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | 
     if start.size < _FEWEST:
         return None
     span = t[stop] - t[start]
-    moved, said = path[stop] - path[start], gone[stop] - gone[start]
-    level = np.linalg.norm(said[:, :2], axis=1)
+    moved, sums = path[stop] - path[start], gone[stop] - gone[start]
+    level = np.linalg.norm(sums[:, :2], axis=1)
     firm = np.linalg.norm(moved[:, :2], axis=1) > np.maximum(_SLOWEST * span, _FIRM * _scatter(path[:, :2]))
-    sizes = (level, *np.abs(said[:, :2].T)), (np.linalg.norm(moved[:, :2], axis=1), *np.abs(moved[:, :2].T))
+    sizes = (level, *np.abs(sums[:, :2].T)), (np.linalg.norm(moved[:, :2], axis=1), *np.abs(moved[:, :2].T))
     for name, should, does in zip(("positions", "latitudes", "longitudes"), *sizes, strict=True):
         fast = should > _SLOWEST * span
         if fast.sum() >= _FEWEST:
@@ -114,14 +114,14 @@ def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | 
                 return Fit((0, 1), (1.0, 1.0), "m/s", 1.0, radians=name)
     if np.count_nonzero(firm) < _FEWEST:
         return None
-    moved, said = moved[firm], said[firm]
+    moved, sums = moved[firm], sums[firm]
     size = np.linalg.norm(moved[:, :2], axis=1)
 
     def difference(order: tuple[int, int], signs: tuple[float, float], factor: float) -> float:
-        apart = moved[:, :2] - said[:, order] * signs * factor
+        apart = moved[:, :2] - sums[:, order] * signs * factor
         return float(np.median(np.linalg.norm(apart, axis=1) / size))
 
-    ratio = float(np.median(size / np.maximum(np.linalg.norm(said[:, :2], axis=1), 1e-9)))
+    ratio = float(np.median(size / np.maximum(np.linalg.norm(sums[:, :2], axis=1), 1e-9)))
     given = difference((0, 1), (1.0, 1.0), 1.0)
     if given < _WRONG:
         return Fit((0, 1), (1.0, 1.0), "m/s", ratio, _climb(t, lla[known, 2], gone[:, 2]))
@@ -135,7 +135,7 @@ def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | 
         for unit, factor in _UNITS.items()
     )
     size_other = np.maximum(np.linalg.norm(other, axis=1), 1e-9)
-    exchanged = float(np.median(np.linalg.norm(other - said[:, :2], axis=1) / size_other))
+    exchanged = float(np.median(np.linalg.norm(other - sums[:, :2], axis=1) / size_other))
     if exchanged < min(_FITS, best[0]):
         return Fit((0, 1), (1.0, 1.0), "m/s", ratio, exchanged=True)
     if best[0] > min(_FITS, _BETTER * given):
@@ -162,24 +162,24 @@ def scales(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> list[tuple[str
     start, stop = _moves(time[known], _MOVE, 1.5 * _MOVE)
     by_velocity, by_position = gone[stop] - gone[start], ned_offset(at[stop], at[start])
     found = []
-    for name, said, moved in zip(("north", "east", "up and down"), by_velocity.T, by_position.T, strict=True):
-        if name == "up and down" and said.size:  # receivers climb by centimetres a second at rest
-            said, moved = said - said.mean(), moved - moved.mean()
+    for name, sums, moved in zip(("north", "east", "up and down"), by_velocity.T, by_position.T, strict=True):
+        if name == "up and down" and sums.size:  # receivers climb by centimetres a second at rest
+            sums, moved = sums - sums.mean(), moved - moved.mean()
         for _ in range(_TRIMMED):  # exclude false fixes
-            both = float(said @ moved)
-            if said.size < _FEWEST or both <= 0.0:
+            both = float(sums @ moved)
+            if sums.size < _FEWEST or both <= 0.0:
                 break
-            slope = float(np.sqrt((moved @ moved) / (said @ said)))
-            apart = np.abs(moved - slope * said)
+            slope = float(np.sqrt((moved @ moved) / (sums @ sums)))
+            apart = np.abs(moved - slope * sums)
             kept = apart <= _OUTSIDE * np.median(apart)
-            said, moved = said[kept], moved[kept]
-        if min(moved @ moved, said @ said) < said.size * _LEAST_MOVE**2 or (both := float(said @ moved)) <= 0.0:
+            sums, moved = sums[kept], moved[kept]
+        if min(moved @ moved, sums @ sums) < sums.size * _LEAST_MOVE**2 or (both := float(sums @ moved)) <= 0.0:
             continue
-        low, high = both / float(said @ said), float(moved @ moved) / both
+        low, high = both / float(sums @ sums), float(moved @ moved) / both
         size = low if low > 1.0 else min(high, 1.0)
         # changes overlap, and errors of fixes are time-correlated
-        scatter = float(np.std(moved - size * said)) * np.sqrt(max(float(np.median(stop - start)), 1.0) * _LASTING)
-        sd = scatter / float(np.linalg.norm(said))
+        scatter = float(np.std(moved - size * sums)) * np.sqrt(max(float(np.median(stop - start)), 1.0) * _LASTING)
+        sd = scatter / float(np.linalg.norm(sums))
         if abs(size - 1.0) > max(_SCALED, _SURE * sd):
             found.append((name, size, sd))
     return found
@@ -210,15 +210,15 @@ def _climb(time: FloatArray, height: FloatArray, fallen: FloatArray) -> float:
     """Find the ratio of descent to the integrated third velocity `fallen` [m]: 1, or a clear `_UP` or `_FEET`."""
     for span in _CLIMBS:
         start, stop = _moves(time, span, 2.0 * span)
-        said, moved = fallen[stop] - fallen[start], height[start] - height[stop]
-        apart = np.min([np.abs(moved - by * said) for by in (1.0, _UP, _FEET)], axis=0)  # without false velocities
+        sums, moved = fallen[stop] - fallen[start], height[start] - height[stop]
+        apart = np.min([np.abs(moved - by * sums) for by in (1.0, _UP, _FEET)], axis=0)  # without false velocities
         kept = apart <= _OUTSIDE * np.median(apart) if len(apart) else apart < 0.0
-        said, moved = said[kept], moved[kept]
-        power = float(np.sum(said**2))
-        if len(said) < _FEWEST or not power > len(said) * _LEAST_CLIMB**2:  # or one is unknown
+        sums, moved = sums[kept], moved[kept]
+        power = float(np.sum(sums**2))
+        if len(sums) < _FEWEST or not power > len(sums) * _LEAST_CLIMB**2:  # or one is unknown
             continue
-        slope = float(np.sum(moved * said)) / power
-        scatter = float(np.std(moved - slope * said)) * np.sqrt(float(np.median(stop - start)))  # they overlap
+        slope = float(np.sum(moved * sums)) / power
+        scatter = float(np.std(moved - slope * sums)) * np.sqrt(float(np.median(stop - start)))  # they overlap
         sd = scatter / np.sqrt(power)
         if slope < -0.5 and slope < min(1.0 - _RISES * sd, -_FALLS * sd):
             return _UP

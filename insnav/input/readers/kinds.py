@@ -74,9 +74,9 @@ def _by_content(folder: Path) -> Mapping[str, Table]:
     """Return tables of the single files with samples and with fixes, if any."""
     held: dict[tuple[str, bool], list[Table]] = {}  # by kind, and whether the name confirms it
     for file, tables, kinds in _opened(data_files(folder)):
-        said = NAMES.get(file.name.split(".")[0].lower())
+        by_name = NAMES.get(file.name.split(".")[0].lower())
         if len(kinds) == len(tables) == 1:
-            held.setdefault((said or kinds.pop(), said is not None), []).extend(tables.values())
+            held.setdefault((by_name or kinds.pop(), by_name is not None), []).extend(tables.values())
     chosen = {kind: held.get((kind, True)) or held[kind, False] for kind, _ in held}
     whole = {"imu", "gps"} <= chosen.keys() and all(len(own) == 1 for own in chosen.values())
     return {kind: own[0] for kind, own in chosen.items()} if whole else {}

@@ -154,7 +154,7 @@ def _sentence(found: StaticNoise) -> str:
         known = [each for each in (_sizes(found, term, gyro=gyro) for term in ("N", "B")) if each is not None]
         words = " and ".join(f"{each.label.split(', ')[1]} {cell(each)} {each.shown_unit}" for each in known)
         texts += [f"{sensor}: {words}"] if known else []
-    return f"{'; '.join(texts).capitalize()}." if texts else "No axis shows noise that can be told."
+    return f"{'; '.join(texts).capitalize()}." if texts else "No axis has an identifiable noise."
 
 
 def _axis(found: StaticNoise, column: int) -> tuple[Section, ...]:

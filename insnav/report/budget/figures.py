@@ -65,7 +65,7 @@ def draw_back(title: str, tables: Sequence[Table], widths: Sequence[Sequence[flo
     axes.set_axis_off()
     axes.set_xlim(0.0, 1.0)
     axes.set_ylim(len(lines) + 2, 0.0)
-    axes.text(0.0, 0.5, "How to read it, and what was assumed", fontsize=9.0, fontweight="bold", va="center")
+    axes.text(0.0, 0.5, "Reading guide and assumptions", fontsize=9.0, fontweight="bold", va="center")
     for row_number, line in enumerate(lines):
         axes.text(0.0, 1.6 + row_number, line, fontsize=7.2, va="center")
     return figure

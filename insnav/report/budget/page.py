@@ -87,12 +87,12 @@ def _windows(windows: RecordedBudget) -> tuple[Section, ...]:
     lines = recorded.windows_sentences(windows)
     sentences = only_json("", Quantity("recorded_summary", lines))
     rows = tuple((Quantity("finding", line, meaning=" "),) for line in lines)
-    said = Section("", "Recorded windows: findings", rows=rows)
+    section = Section("", "Recorded windows: findings", rows=rows)
     tables = tuple(
         replace(each, title="Recorded windows: tables", folded=True) for each in recorded.windows_sections(windows)
     )
     figures = Section("", "Recorded windows: figures", parts=windows_drawings(windows), show="page", folded=True)
-    return (sentences, said, *tables, figures)
+    return (sentences, section, *tables, figures)
 
 
 def _title(budget: Budget) -> str:

@@ -115,11 +115,11 @@ def _contributions(budget: Budget, origin: str) -> Panel:
     gain = saved(budget)[shown[0]]
     return Panel(
         "contributions",
-        "What it is made of",
+        "Contributions to the error",
         "",
         f"share of the variance of the horizontal error after {budget.time[budget.chosen[-1]]:g} s [%]",
         tuple(curves),
-        note=f"point at a source: size, law, origin, what halving it saves ({budget.families[shown[0]]}: "
+        note=f"point at a source: size, law, origin, decrease by halving it ({budget.families[shown[0]]}: "
         f"{number(float(gain))} m)",
         rows=tuple(rows),
         height=80 + 24 * len(rows),
@@ -175,7 +175,7 @@ def _reason(each: Verdict, part: RecordedPart) -> str:
     if each.cautious:
         return f"{head}: the stated errors are cautious"
     windows = part.growth.effective
-    return f"{head}: {number(windows, 2)} independent windows cannot tell it from the prediction"
+    return f"{head}: {number(windows, 2)} independent windows show no significant difference to the prediction"
 
 
 def _sources(budget: Budget) -> Panel:

@@ -23,10 +23,10 @@ _SHORT = {"analytic": "anal.", "covariance": "cov.", "simulated": "sim.", "recor
 _LONG = {"covariance": "covar.", "simulated": "simul."}
 # other errors by family: unit, number of integrations to position, effect
 _OTHERS = {
-    "initial position": ("m", 0, "stays what it is"),
-    "initial velocity": ("m/s", 1, "goes on: v t"),
-    "initial tilt": ("deg", 2, "gravity shows in the level axes and is taken for motion: g φ t² / 2"),
-    "initial heading": ("deg", 2, "turns every change of velocity: ψ Δv across, and nothing at constant velocity"),
+    "initial position": ("m", 0, "constant"),
+    "initial velocity": ("m/s", 1, "grows: v t"),
+    "initial tilt": ("deg", 2, "a component of gravity appears as acceleration: g φ t² / 2"),
+    "initial heading": ("deg", 2, "rotates every change of velocity: ψ Δv across, no effect at constant velocity"),
     "gravity model": ("mGal", 2, "gravity that the model does not have is taken for motion: Δg t² / 2"),
     "timing offset": ("ms", 0, "late samples: τ times the change of velocity"),
     "timing drift": ("ppm", 0, "samples that come later and later"),

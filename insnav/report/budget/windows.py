@@ -350,7 +350,7 @@ def _sensors(kind: str, fit: SensorFit) -> Section:
         else "headings hardly differ: of the level accelerometers this is bias and tilt together"
     )
     if fit.spread > 2.0:
-        note += f"; misfit {number(float(np.sqrt(fit.spread)), 2)} times what noise and filter allow"
+        note += f"; misfit {number(float(np.sqrt(fit.spread)), 2)} times the expectation by noise and filter"
     items = (
         Quantity("accel_bias", fit.accel, "mg", sd=fit.accel_sd, meaning="accelerometer bias x, y, z"),
         Quantity("gyro_bias", fit.gyro, "deg/h", sd=fit.gyro_sd, meaning="gyro bias x, y, z"),

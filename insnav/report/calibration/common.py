@@ -56,8 +56,8 @@ def impact_section(calibration: Calibration[Any, Any], note: str = "") -> Sectio
         for item in calibration.impact
     )
     method = (
-        "Horizontal position error after 60 s, RMS, simulated: true errors sampled about the calibrated ones with "
-        "their uncertainty, no other errors, exact initial state, height held. "
+        "Simulated horizontal position error after 60 s, RMS. True errors are sampled about the calibrated ones by "
+        "their uncertainty. No other errors, exact initial state, constant height. "
     )
     # without calibration, if the output is in volts or counts
     errors, sd = calibration.errors or ImuErrors(), calibration.sd

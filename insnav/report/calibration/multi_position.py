@@ -107,8 +107,8 @@ def _of_six_positions(found: SixPositions) -> Page:
     return Page(
         "",
         (
-            f"{_gravity_text(found)}, worst {number(worst / _MG)} mg in position {POSITIONS[place]}; positions are "
-            f"off by {number(found.tilt / _MRAD)} mrad (1 sd).",
+            f"{_gravity_text(found)}, worst {number(worst / _MG)} mg in position {POSITIONS[place]}; position "
+            f"errors are {number(found.tilt / _MRAD)} mrad (1 sd).",
             f"Six positions and three turns by {found.angle / DEG:g} deg.",
         ),
         (drawing, _turns(found), every, more),
@@ -256,7 +256,7 @@ def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
     scales = " and scale factor" * raw
     across = "position, in the order of the file"
     panels = residual_panels(_residuals(found, len(calibration.record.dwells.setting)), across)
-    intervals = "1 sd of noise; the interval adds what the first order leaves out"
+    intervals = "1 sd of noise; the interval includes errors of second order"
     diagonal, second_order = ", ".join(f"{v:.5f}" for v in found.gyro_diagonal), number(1e3 * found.second_order, 2)
     places = [f"roll {roll:.4g}, pitch {pitch:.4g} deg" for roll, pitch in calibration.record.dwells.setting / DEG]
     largest = 1e3 * float(np.abs(found.gyro_matrix - np.eye(3)).max())
@@ -287,7 +287,7 @@ def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
             Section("parameters", f"Bias{scales} of each accelerometer", biases, note=_methods(found)),
             Section("parameters", "Accelerometer triad, each axis the mean of its two accelerometers", accel),
             Section("parameters", "Gyro misalignment", gyro, note=intervals),
-            Section("parameters", "Gyros at rest: bias, and what they feel of the specific force", at_rest),
+            Section("parameters", "Gyros at rest: bias and g-sensitivity", at_rest),
             Section("", "Pseudo-inverses", rows=inverses),
             quality_section((fits, "m/s^2", dict.fromkeys(SENSORS, places))),
             corrected_section(calibration),

@@ -119,8 +119,8 @@ def _harmonics(found: dict[str, Tumble], unit: str) -> tuple[Section, Section]:
         )
     difference = "largest difference: from least squares, zero for evenly spaced positions"
     note = (
-        "Orders 0 to 2 are the model: a0 = K0 + K2/2, b1 = K1, a2 = -K2/2, b2 = K3/2. a1 / b1 is the angle by which "
-        "the table or the input axis is off; orders from 3 on are non-linearity and errors of position."
+        "Orders 0 to 2 are the model: a0 = K0 + K2/2, b1 = K1, a2 = -K2/2, b2 = K3/2. The ratio a1 / b1 is the "
+        "misalignment of the table or the input axis. Orders from 3 on are non-linearity and errors of position."
     )
     return (
         Section("harmonics", "Output = Σ a cos(n angle) + b sin(n angle)", rows=tuple(rows), note=note),
@@ -377,7 +377,7 @@ def rotor_page(calibration: Calibration[tuple[BenchTable, BenchTable], Inertias]
     # in theory precession is proportional to torque over spin; testable if several of both were measured
     powers = () if precession.powers is None else fitted(precession.powers, ("", "", ""))[1:]
     title, note = "Precession rate as a power of torque and spin", "by theory 1 and -1"
-    caption = "Measured points, the lines fitted to them, and what these leave"
+    caption = "Measured points, fitted lines, and residuals"
     return Page(
         "Moment of inertia of a gyroscope's rotor",
         (

@@ -27,13 +27,13 @@ def page(result: Result[Certificate]) -> Page:
     """Lay out all checks, a table for every topic."""
     certificate = result.found
     checks, failed = certificate.checks, certificate.failed
-    said = f"{len(checks) - len(failed)} of {len(checks)} checks passed in {certificate.seconds:.1f} s"
+    summary = f"{len(checks) - len(failed)} of {len(checks)} checks passed in {certificate.seconds:.1f} s"
     return Page(
         "Numerical certificate: " + ("all checks passed" if not failed else f"{len(failed)} FAILED"),
         (
-            "Every figure is an error against a closed form or a published value. The limit applies to the first of "
-            f"them, the others are there to compare (orders of convergence: to all); {_EXCEEDS} marks what "
-            "exceeds the limit, – what is no number.",
+            "Every figure is an error against a closed form or a published value. The limit applies to the first "
+            f"figure of a row, the others are for comparison (orders of convergence: to all). {_EXCEEDS} marks a "
+            "figure beyond the limit, – a missing figure.",
         ),
         (
             only_json(
@@ -53,7 +53,7 @@ def page(result: Result[Certificate]) -> Page:
         verdict=Verdict(
             "bad" if failed else "good",
             "errors exceed their limits" if failed else "every error is within its limit",
-            f"insnav {certificate.version} on {certificate.machine}: {said}.",
+            f"insnav {certificate.version} on {certificate.machine}: {summary}.",
         ),
     )
 

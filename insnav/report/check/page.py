@@ -34,7 +34,7 @@ def page(result: Result[Checked]) -> Page:
 def _run_line(found: Checked, before: str) -> str:
     if found.runs:
         return f"run:  {found.command}"
-    known = f"; what is known of the line: {found.command}" if found.command.count(" --") else ""
+    known = f"; command so far: {found.command}" if found.command.count(" --") else ""
     return f"run:  nothing to copy before {before}{known}"
 
 

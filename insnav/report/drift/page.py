@@ -165,8 +165,8 @@ def _coefficients(each: GyroDrift, name: str) -> Section:
             found = (noise_quantity(term, one.value, interval=(one.low, one.high)) for term, one in known.items())
             rows.append((Quantity("rate", state), *found))
     note = (
-        "sigma²(tau) = sum of A_m tau^m. An interval from 0: not significant. Intervals allow for what the sum misses "
-        "of the curve; drift that follows something and a smoothed gyro are no sums of these noises, see the deviations"
+        "sigma²(tau) = sum of A_m tau^m. An interval from 0: not significant. Intervals include the misfit of the sum. "
+        "Systematic drift and a smoothed gyro are no sums of these noises, see the deviations"
     )
     return Section("coefficients", f"Noise coefficients of {name}", rows=tuple(rows), note=note)
 

@@ -183,8 +183,8 @@ def page(result: Result[tuple[Navigated, ...]]) -> Page:
     total = len(rows)
     count = {light: sum(row.light == light for row in rows) for light in _ORDER}
     out = max((row for row in rows if row.stands_out), key=lambda row: row.score, default=None)
-    said = ", ".join(f"{phrase(f'light.{light}')}: {n}" for light, n in count.items() if n)
-    outcome = f"{said}." if out is None else f"{said}; {out.drive.name} stands out most."
+    lights = ", ".join(f"{phrase(f'light.{light}')}: {n}" for light, n in count.items() if n)
+    outcome = f"{lights}." if out is None else f"{lights}; {out.drive.name} stands out most."
     wrong = count["failed"] + count["bad"]
     light: Light = (
         "bad" if wrong else "attention" if count["attention"] or out else "unknown" if count["unknown"] else "good"
@@ -203,14 +203,14 @@ def page(result: Result[tuple[Navigated, ...]]) -> Page:
         f"outliers first; z-score: largest of error, sd, NIS and rejected fixes, against the fleet; ! beyond {OUTLIER}"
     )
     note *= any(row.score for row in rows)
-    noise = "with 95 % interval; a drive of no named vehicle stands alone; those of GPS are factors on the stated sd"
+    noise = "with 95 % interval; drives of unnamed vehicles are separate; values of GPS are factors of the stated sd"
     cells = tuple(map(Row.quantities, rows))
     return Page(
         f"Fleet of {total} drives",
         (f"Each drive has its run folder in {DRIVES}/; {kept} of {total} were finished already.",),
         (
             Section("drives", rows=cells, show="json"),
-            Section("", "Drives", rows=told(cells), panels=_panels(rows), note=note),
+            Section("", "Drives", rows=nonempty_columns(cells), panels=_panels(rows), note=note),
             Section("failures", "Drives that failed", rows=failures, show="page"),
             one_each("vehicles", "Noise found in each vehicle", vehicle_noise(rows), "vehicle", noise),
         ),
@@ -223,7 +223,7 @@ def page(result: Result[tuple[Navigated, ...]]) -> Page:
     )
 
 
-def told(rows: Sequence[Sequence[Quantity]]) -> tuple[tuple[Quantity, ...], ...]:
+def nonempty_columns(rows: Sequence[Sequence[Quantity]]) -> tuple[tuple[Quantity, ...], ...]:
     """Remove empty columns from rows."""
     known = {each.key for row in rows for each in row if each.value not in (None, "")}
     return tuple(tuple(each for each in row if each.key in known) for row in rows)

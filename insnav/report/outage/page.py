@@ -104,7 +104,7 @@ def text(result: Result[OutageStudy], width: int | None = None) -> str:
     return page_text(judged(page(result)), width)
 
 
-def _verdict(study: OutageStudy, told: tuple[Finding, ...]) -> Verdict:
+def _verdict(study: OutageStudy, notes: tuple[Finding, ...]) -> Verdict:
     """Return the size of the errors in the longest outages, and whether the stated sd is reliable in all."""
     found = study.growth[-1]
     i, smoothed = found.column("horizontal"), found.column("smoothed horizontal")
@@ -129,7 +129,7 @@ def _verdict(study: OutageStudy, told: tuple[Finding, ...]) -> Verdict:
     )
     if np.isfinite(found.rms[-1, smoothed]):
         text += f"; smoothed {number(float(found.rms[-1, smoothed]))} m RMS{_less_reference(found, smoothed)}"
-    return by_warnings(f"{text}.", told, (cast(Light, light), reason))
+    return by_warnings(f"{text}.", notes, (cast(Light, light), reason))
 
 
 def _less_reference(found: Growth, column: int) -> str:
@@ -137,7 +137,7 @@ def _less_reference(found: Growth, column: int) -> str:
     left, low, high = (float(each[-1, column]) for each in (found.corrected, found.low, found.high))
     if left > _SAME * found.rms[-1, column]:
         return ""
-    return f" as measured, {corrected_text(left, low, high)} without that of the reference"
+    return f" as measured, {corrected_text(left, low, high)} without the error of the reference"
 
 
 def _inside(found: Growth, mode: str) -> float:

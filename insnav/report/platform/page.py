@@ -201,8 +201,8 @@ def _demonstration(found: Demonstration) -> Page:
     return Page(
         "The north-pointing platform: integrators and errors",
         (
-            f"In {platform_errors.DAY / 3600:g} h at rest both with the same errors come to the same, as theory says. "
-            "In a turning vehicle they do not: the strapdown sensors turn with it, and their errors average out.",
+            f"In {platform_errors.DAY / 3600:g} h at rest both have the same error growth, as in theory. "
+            "In a turning vehicle they differ: the strapdown sensors turn with it, and their errors average out.",
         ),
         (
             *drawings,
@@ -224,7 +224,7 @@ def _demonstration(found: Demonstration) -> Page:
             "good" if apart < _NEAR else "bad",
             f"at rest the platform is within {100.0 * apart:.2g} % of the closed form",
             f"After {platform_errors.PATTERN / 3600:g} h of circles the position error of the platform is "
-            f"{ends['platform'] / 1000:.2f} km, that of the strapdown navigator {ends['strapdown'] / 1000:.2f} km.",
+            f"{ends['platform'] / 1000:.2f} km, of the strapdown navigator {ends['strapdown'] / 1000:.2f} km.",
         ),
     )
 
@@ -388,7 +388,7 @@ def straight_panels() -> tuple[Panel, Panel]:
         total = integral(x, y, name)
         curves.append(Curve(f"{name}: {total[-1]:.4g} at the end", x, total, COLOURS[name], "points"))
     return (
-        Panel("summed", "What is summed up, y = 2x", "y", "x", summed, "line", height=260),
+        Panel("summed", "Summed areas, y = 2x", "y", "x", summed, "line", height=260),
         Panel("sums", "Integral from 0", "integral", "x", tuple(curves), "line", "truth: 9 at the end", height=260),
     )
 

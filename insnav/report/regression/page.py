@@ -37,8 +37,8 @@ _WARNED = 3  # failing figures listed before the matrix
 _MADE = "Version "  # start of the line that names the version of the figures
 _IN_SECTION = ("accuracy_cep50_m", "accuracy_growth")
 _PEER_NOTE = (
-    f"RMS over the first {LONGEST:g} s of the first drive of each case (more where the heading needs it), from "
-    f"{LATEST:g} s on at the latest; same samples, fixes, start and sensor figures; gtsam at the fixes alone"
+    f"RMS over the first {LONGEST:g} s of the first drive of each case (longer for the heading), from {LATEST:g} s on "
+    "at the latest. Samples, fixes, start and sensor figures are equal. gtsam: at the fixes only"
 )
 PEERS = "The same drives by other programs"
 UNDETECTABLE = 10.0  # a larger detectable change is meaningless
@@ -84,7 +84,7 @@ def page(result: Result[Regression]) -> Page:
         changed = (Section("", "Figures that changed", rows=change_rows([x for x in changes if x.verdict != "same"])),)
     others = panels.peer_matrix(found.peers)
     if others is not None:
-        title = "Errors of other programs over those of insnav, one drive each, smoothers over its smoother"
+        title = "Errors of other programs over errors of insnav, one drive each, smoothers over its smoother"
         first.append(Section("", title, matrix=others, show="page"))
     origins = {"origin": found.origin, "baseline": None if baseline is None else baseline.origin}
     figures = tuple(each for section in _drawings(found) for each in section.figures)
@@ -146,8 +146,8 @@ def _drawings(found: Regression) -> tuple[Section, ...]:
     """Build figure sections: over versions, error growth, predicted against actual error; empty without data."""
     history, baseline, cases = found.history, found.baseline, found.accuracy.cases
     note = (
-        f"with 95 % intervals; grey: the baseline and {100 * FAILS_FROM:g} % about it; crosses: from here on better "
-        "(green) or worse (red) than the baseline of its time; breaks: the case had changed"
+        f"with 95 % intervals. Grey: the baseline and {100 * FAILS_FROM:g} % about it. Crosses: from here on better "
+        "(green) or worse (red) than the baseline of that time. Breaks: the case had changed"
     )
     over_versions = []
     for key in OVER_VERSIONS if history else ():
@@ -196,7 +196,7 @@ def _verdict(found: Regression) -> Verdict:
         return Verdict("unknown", "there is no baseline", "Nothing to compare with: --update-baseline makes one.")
     text = verdict_text(comparison, baseline.origin)
     unclear = panels.unclear_changes(comparison)
-    outcome = f"{text[0].upper()}{text[1:]}; of {unclear} it cannot be told whether they changed by 5 %."
+    outcome = f"{text[0].upper()}{text[1:]}; for {unclear} a change of 5 % is neither shown nor excluded."
     if not comparison.passed:
         return Verdict("bad", f"{len(comparison.failing) + len(comparison.broken)} figures or cases fail", outcome)
     if comparison.apart:
@@ -223,7 +223,7 @@ def _merits(found: Regression) -> tuple[Quantity, ...]:
         Quantity("figures", panels.figures_tested(comparison), meaning="figures compared"),
         *(Quantity(name, verdicts.count(name)) for name in ("better", "worse")),
         Quantity("failing", len(comparison.failing) + len(comparison.broken), meaning="fail"),
-        Quantity("unclear", panels.unclear_changes(comparison), meaning="cannot be told"),
+        Quantity("unclear", panels.unclear_changes(comparison), meaning="undecided"),
     )
 
 
@@ -249,8 +249,8 @@ def case_section(found: Regression) -> Section:
         counts = (Quantity(each, verdicts.count(each) if verdicts else None) for each in ("better", "same", "worse"))
         rows.append((Quantity("case", name), *cells, *counts))
     note = (
-        "RMS over all drives (seeds) of a case, all pieces or outages of a recorded drive, as in the plots; whether a "
-        "figure has changed is tested by logarithms, so that one bad drive does not decide it"
+        "RMS over all drives (seeds) of a case, all pieces or outages of a recorded drive, as in the plots. The test "
+        "of a change uses logarithms, so one bad drive does not dominate"
     )
     return Section("", "Accuracy, and figures that changed", rows=tuple(rows), note=note)
 
@@ -313,8 +313,8 @@ def power_section(baseline: Baseline) -> Section:
         "power",
         f"Smallest change of each figure that is found in {100 * POWER:g} % of all cases",
         rows=tuple(rows),
-        note="by the scatter of the drives, as if both versions erred independently on them: an upper limit, as the "
-        f"same seeds make most errors alike; –: more than tenfold; level {ALPHA:g} over all figures together",
+        note="by the scatter of the drives, with independent errors of both versions. This is an upper limit, since "
+        f"equal seeds make most errors alike. –: more than tenfold. Level {ALPHA:g} over all figures together",
     )
 
 

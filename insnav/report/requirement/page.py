@@ -33,7 +33,7 @@ def page(result: Result[RequirementStudy]) -> Page:
     study = result.found
     title = f"Allocation: {study.required.text}"
     how = "alone: this error and no other; in the set: all at once"
-    how += f", those of {study.imu} as given" if study.imu else ""
+    how += f", errors of {study.imu} as given" if study.imu else ""
     sections = (
         only_json("requirement", *_requirement(study)),
         *_parts(study),
@@ -98,11 +98,11 @@ def _answer(study: RequirementStudy) -> str:
     alone, aided = _met(study, "alone"), _met(study, "nhc")
     more = [name for name in aided if name not in alone]
     count, required = len(study.candidates), study.required
-    said = f"{len(_met(study, 'alone', 'yes'))} of {count} IMUs stay within {required.error:g} m for "
-    said += f"{required.after:g} s alone{_likely(study, 'alone')}"
-    said += f", the least accurate of them {', '.join(alone[:3])}" if alone else ""
-    said += f"; {len(_met(study, 'nhc', 'yes'))} with NHC{_likely(study, 'nhc')}"
-    return said + (f", the least accurate {', '.join(more[:3])}." if more else ".")
+    text = f"{len(_met(study, 'alone', 'yes'))} of {count} IMUs stay within {required.error:g} m for "
+    text += f"{required.after:g} s alone{_likely(study, 'alone')}"
+    text += f", the least accurate of them {', '.join(alone[:3])}" if alone else ""
+    text += f"; {len(_met(study, 'nhc', 'yes'))} with NHC{_likely(study, 'nhc')}"
+    return text + (f", the least accurate {', '.join(more[:3])}." if more else ".")
 
 
 def _likely(study: RequirementStudy, kind: str) -> str:
@@ -115,8 +115,8 @@ def _parts(study: RequirementStudy) -> tuple[Section, ...]:
     if not study.candidates:
         return ()
     note = (
-        "meets: yes, no by figures that documents give; likely, by those of the class for what is missing; open, if "
-        "what is missing were better than the class. Times: when the error exceeds 1, 10, 100 m"
+        "meets: yes or no by documented figures; likely with class figures for missing ones. open: if missing figures "
+        "must be better than their class. Times: when the error exceeds 1, 10, 100 m"
         + f" (– : not within {study.time[-1]:g} s). Missing: usual figures without a document, see insnav imus PART."
     )
     near, every = nearest(study, _NEAR), tuple(_part(study, each) for each in study.candidates)
@@ -171,11 +171,11 @@ def _example(study: RequirementStudy) -> tuple[Section, ...]:
         (Quantity("source", name, meaning="error when GPS ends"), Quantity("share", value, "%"))
         for name, value in sorted(study.shares.items(), key=lambda item: -item[1])
     )
-    title = f"What is left when GPS ends, {study.example}: Shapley effects"
+    title = f"Errors at the end of GPS, {study.example}: Shapley effects"
     note = "share of the variance with correlations shared fairly (Owen 2014; Song, Nelson and Staum 2016)"
     return (
-        Section("remedies", f"What helps {study.example}", rows=helps),
-        Section("elasticity", f"Which figure of {study.example} counts", rows=halves, show="page", folded=True),
+        Section("remedies", f"Measures that help {study.example}", rows=helps),
+        Section("elasticity", f"Effect of each figure of {study.example}", rows=halves, show="page", folded=True),
         Section("shapley", title, rows=shares, show="page", folded=True, note=note),
     )
 
@@ -229,8 +229,8 @@ def summary(study: RequirementStudy) -> tuple[str, ...]:
     found, required = study.allocation, study.required
     lines = [f"Motion: {study.motion}."]
     if study.imu:
-        left = f"{number(found.given / required.error)} times the limit, so nothing is left for other errors."
-        left = "the other errors share what is left." if found.feasible else left
+        left = f"{number(found.given / required.error)} times the limit, with no share for other errors."
+        left = "the other errors share the rest." if found.feasible else left
         lines.append(f"The figures of {study.imu} alone make {number(found.given)} m: {left}")
     if found.feasible:
         tight = sorted((share for share in found.shares if not share.given and not share.capped), key=lambda s: -s.part)

@@ -95,8 +95,8 @@ def noise_section(found: NoiseEstimate | Tuned) -> Section:
         Quantity("mean_square", found.mean_after, meaning="mean square of normalised innovations, as found"),
     ]
     note = (
-        "imu.toml has the IMU for --imu; gps: factors of sd; prior: the preset, and of white noise of gyros what a "
-        "minute of rest shows between 0.1 and 0.5 Hz"
+        "imu.toml is the IMU for --imu. gps: factors of sd. prior: the preset. Prior of white gyro noise: "
+        "the noise of a minute at rest (0.1 to 0.5 Hz)"
     )
     return Section("noise", "Noise from the innovations", tuple(items), note=note)
 

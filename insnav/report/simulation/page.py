@@ -320,7 +320,7 @@ def motion_drawings(plan: Plan, time: FloatArray, motion: Kinematics) -> tuple[S
     name = plan.motion.name
     return (
         drawn("track", f"Simulated motion {name}", (simulated_track(time, motion),)),
-        drawn("motion", f"Simulated motion {name}: what ideal sensors measure", motion_panels(time, motion)),
+        drawn("motion", f"Simulated motion {name}: output of ideal sensors", motion_panels(time, motion)),
     )
 
 

@@ -14,7 +14,7 @@ from insnav.units import UNITS
 def page(result: Result[Tuned]) -> Page:
     """Lay out the noise of an IMU."""
     found = result.found
-    summary = f"The log-likelihood is {found.gain:.0f} above that of the prior; drives: {found.drives}."
+    summary = f"The log-likelihood is {found.gain:.0f} above the prior; drives: {found.drives}."
     return Page(f"Noise of an IMU: {found.spec.name}", (summary,), (noise_section(found),))
 
 
