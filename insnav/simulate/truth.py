@@ -49,8 +49,8 @@ class Truth(ABC):
 
     duration: float  # length [s]
     start: float  # time of the first instant [s]
-    # normal gravity: full, without its north component above the ellipsoid (0.7 ug at 1 km), or also linear in height
-    # (error 0.5 ug at 1 km). The latter two serve comparisons with other packages
+    # normal gravity: full, or without its north component above the ellipsoid (0.7 ug at 1 km). The third form is also
+    # linear in height (error 0.5 ug at 1 km). The latter two serve comparisons with other packages
     gravity: Gravity
 
     @property
