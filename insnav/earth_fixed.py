@@ -48,7 +48,7 @@ def earth_from_lla(lla: FloatArray) -> FloatArray:
 
 
 def quat_earth_from_level(lla: FloatArray) -> FloatArray:
-    """Compute the quaternion ``q_en`` ``(n, 4)`` of North, East, Down at positions (Groves 2013, eq. 2.150)."""
+    """Compute the quaternion ``q_en`` ``(n, 4)`` of North, East, Down at positions [rad] (Groves 2013, eq. 2.150)."""
     half_lat, half_lon = 0.5 * lla[:, 0], 0.5 * lla[:, 1]
     zero = np.zeros_like(half_lat)
     about_axis = np.column_stack([np.cos(half_lon), zero, zero, np.sin(half_lon)])

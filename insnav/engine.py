@@ -32,7 +32,7 @@ Workers = int | str  # number of processes, or an engine: ``processes:4``, ``das
 
 IDLE = 10.0  # idle workers end after this [s]
 _LOOPBACK = "127.0.0.1"
-CONNECT = 10.0  # response time of a scheduler and its workers [s]
+CONNECT = 10.0  # longest response time of a scheduler and its workers [s]
 _FORM = re.compile(r"processes(?::(?P<count>\d+))?|dask(?::(?P<address>.+))?|(?P<number>\d+)")
 _LEFT_BEHIND = "ignore:resource_tracker:UserWarning"
 _log = logging.getLogger(__name__)

@@ -58,7 +58,7 @@ def _weights(instant: bool) -> tuple[FloatArray, FloatArray]:
 
 
 def nominal_interval(time: FloatArray) -> float:
-    """Return the median sample interval without gaps [s]; InputError for fewer than two samples."""
+    """Return the mean sample interval without gaps [s]; InputError for fewer than two samples."""
     if time.shape[0] < 2:
         raise InputError("data.few_samples", count=time.shape[0])
     step = np.diff(time[: 1 << 16])

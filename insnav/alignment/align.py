@@ -21,7 +21,7 @@ GYROCOMPASS_SD = np.deg2rad(15.0)  # beyond it the filter's small-angle approxim
 SURE_SD = np.deg2rad(3.0)  # a gyrocompass as accurate as the course of a car needs no course
 GIVEN_HEADING_SD = np.deg2rad(2.0)  # of a heading that the user specifies: from a map or a compass
 STATIC_SPEED = 0.5  # GPS speed of a stationary vehicle, including the noise of a poor receiver [m/s]
-SWUNG = 10.0  # distance from its stop, plus so many sd of the fixes, beyond which a vehicle has left [m]
+SWUNG = 10.0  # distance from its stop, plus MOVED sd of the fixes, beyond which a vehicle has left [m]
 MOVED = 3.0  # standard deviations of a displacement between two positions that prove motion
 # Fixes may detect a departure this much too late [s]. Steady acceleration or speed then resembles a stop. A later stop
 # is rejected if the velocity has changed by more than STATIC_SPEED and this rate [m/s^2]
@@ -113,7 +113,7 @@ def stationary_of(parts: Intervals, gps: GpsData) -> tuple[float, float] | None:
 
 
 def still_of(parts: Intervals, gps: GpsData, rest: tuple[float, float]) -> FloatArray:
-    """Find the stationary intervals until the vehicle leaves by GPS, despite boarding, (m, 2) [s]."""
+    """Find the stationary intervals until GPS shows a departure, with boarding in between, (m, 2) [s]."""
     here = gps.rows(np.flatnonzero(gps.time >= rest[0]))
     way = np.linalg.norm(ned_offset(here.lla, here.lla[:1])[:, :2], axis=1)
     away = here.time[way > SWUNG + MOVED * np.linalg.norm(here.position_sd[:, :2] + here.position_sd[:1, :2], axis=1)]

@@ -314,9 +314,9 @@ def level_in_motion(
 ) -> tuple[FloatArray, float, float] | None:
     """Estimate attitude at `start` [s] in motion: heading from the course, level from GPS velocity until `end`.
 
-    The mean specific force, in the navigation frame by the gyros, must equal GPS acceleration minus gravity (compare Wu
-    and Pan, "Velocity/position integration formula part I: application to in-flight coarse alignment", IEEE Trans. AES
-    49 (2013) 1006-1023, eq. 12).
+    The mean specific force between the ends, rotated into n by the gyros, must equal mean GPS acceleration minus
+    gravity (compare Wu and Pan, "Velocity/position integration formula part I: application to in-flight coarse
+    alignment", IEEE Trans. AES 49 (2013) 1006-1023, eq. 12).
 
     Returns: `rph` (3,): roll, pitch, heading [rad]. `tilt_sd`: standard deviation of the level by velocity noise and by
     the difference to the first half of the span [rad], without sensor and heading errors. `acceleration`: mean
@@ -342,7 +342,7 @@ def _level(
         return None
     t0, v0 = speed.time[first].mean(), speed.v_n[first].mean(axis=0)
     t1, v1 = speed.time[last].mean(), speed.v_n[last].mean(axis=0)
-    if t1 - t0 < APART * (end - start):  # too sparse fixes: both ends use the same
+    if t1 - t0 < APART * (end - start):  # too sparse fixes: both ends use the same velocities
         return None
     slope = (v1 - v0) / (t1 - t0)
     heading = course = float(np.arctan2(v0[1], v0[0])) + yaw

@@ -67,7 +67,7 @@ OTHER_UNITS: list[Units] = [
     for x, y, z in itertools.product((1.0, factor), repeat=3)
     if (x, y, z) != ALL_ALIKE
 ]
-# no vehicle turns faster in a thousandth of its samples; with smaller roll and pitch rates, radians may be degrees
+# no vehicle turns faster in a thousandth of its samples; smaller roll and pitch rates may be radians read as degrees
 # [rad/s]
 FASTEST, HARDLY = 12.0, np.deg2rad(1.0)
 MISSED = 1.2  # factor on the residuals without one gyro: below it, that gyro may have a temporary fault
@@ -201,7 +201,7 @@ def _mixed_up(
 ) -> Mounting:
     """Test other gyro orders and units; return the mounting that fits, or `found`.
 
-    `left`: residual of `found`. `rates` (n, 3): of the gyros [rad/s]. `refined`: estimates others and their residuals.
+    `left`: residual of `found`. `rates` (n, 3): of the gyros [rad/s]. `refined`: fits other axes; also residuals.
     """
     fits = left <= FITS
     if fits and not found.right_handed:

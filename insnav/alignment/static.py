@@ -126,9 +126,9 @@ def find_stationary(parts: Intervals, slow: BoolArray | None = None) -> tuple[fl
 def stationary(parts: Intervals, slow: BoolArray | None = None, shortest: float = 0.0) -> Iterator[tuple[float, float]]:
     """Yield stationary intervals of some length in order: start and end [s].
 
-    A window of half a second is stationary if its mean rate is usual, its mean specific force is constant, and `slow`
-    is true. Without `slow`, specific force and rate must also scatter little, or little more than in the quietest tenth
-    of the record. With it, an idling engine does no harm.
+    A window of half a second is stationary if `slow` is true and its mean specific force is constant. Its mean rate
+    must equal the rate of the other quiet windows. Without `slow`, specific force and rate must also scatter little, or
+    little more than in the quietest tenth of the record. With it, an idling engine does no harm.
 
     `slow` (n,): false where another sensor detects motion.
     """

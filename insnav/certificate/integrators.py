@@ -116,7 +116,7 @@ def attitude_after(rotation: FloatArray) -> FloatArray:
 
 
 def pyins() -> Integrator:
-    """Build the strapdown integrator of python-ins: increments with the previous term, local-level mechanization.
+    """Build the integrator of python-ins: increments with a term of the previous one, local-level mechanization.
 
     Its normal gravity has no north component, which causes metres after an hour at a height of 500 m. Without
     python-ins a `ConfigError` names the option.

@@ -211,7 +211,7 @@ def _rates(time: FloatArray, value: FloatArray) -> FloatArray:
     weight = np.where(_gaps(step), 0.0, 1.0 / step)
     before, after = np.append(0.0, weight), np.append(weight, 0.0)
     total = before + after
-    alone = total == 0.0  # a sample between two gaps has zero slope
+    alone = total == 0.0  # a sample between two gaps has zero slope: better than a slope across a gap
     total[alone] = 1.0
     first, last = np.concatenate((slope[:1], slope)), np.concatenate((slope, slope[-1:]))
     return np.asarray((before[:, None] * first + after[:, None] * last) / total[:, None])

@@ -37,14 +37,14 @@ from insnav.units import DEG
 HOLDS = 0.95  # share of errors inside 3 sd without a finding
 _LARGEST_SCALE = LARGEST["scale_factor"]["accel"]
 _MANY = 0.1  # share of rejected fixes that requires an explanation
-_MOST, _ONE_ROW = 0.5, 0.8  # limits if this share of the rejected fixes is one run: a fault that ended
+_MOST, _ONE_ROW = 0.5, 0.8  # the same, if this share of the rejected fixes is one run: a fault that ended
 _ROW, _ROW_TIME = 3, 1.9  # length of a run of rejected fixes, and its duration [s], beyond chance
 _LONG_GAP = 1.0  # of samples [s]: a car may turn and brake in it
 _EXPLAINED = 0.5  # largest remaining share of epochs outside 3 sd, if a constant difference is their cause
 _AT_THE_LIMIT = 0.99  # share of the search limit of scale factors, if fixes and IMU disagree
 _ACROSS = 0.02  # share of the signal about other axes that such sensors sense [-]
 _TURN_ON = 2.0  # multiple of the turn-on bias beyond plausibility: clean drives have 1.4, of navigation grade 4 [-]
-_ALONG, _MOVING = 0.5, 3.0  # resultant of a heading unrelated to the course, clean drives have 0.84 [-]; above [m/s]
+_ALONG, _MOVING = 0.5, 3.0  # resultant of a heading unrelated to the course (clean drives: 0.84), from a speed [m/s]
 _UNUSED = 0.3  # share of the fixes before the start of navigation without a finding
 _TURNED = 5.0 * DEG  # unnoticed heading error at rest [rad]
 _PACE = 1.0  # averaging time of turns and accelerations, against vibration [s]

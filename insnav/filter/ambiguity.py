@@ -11,7 +11,7 @@ import numpy as np
 from insnav.findings import Code, of_code
 from insnav.types import FloatArray, Run, Trajectory
 
-LEAST = 0.2  # least probability of either explanation: half of three standard deviations then covers the other
+LEAST = 0.2  # least probability of either explanation: the jump is then at most 2.24 standard deviations [-]
 
 
 class Jump(NamedTuple):
@@ -29,7 +29,7 @@ def widen_by_jumps(run: Run, jumps: Sequence[Jump]) -> Run:
     early = float(np.clip(before / (before + after), LEAST, 1.0 - LEAST))  # probability that the fixes after are false
 
     def wider(solution: Trajectory, sd: FloatArray) -> FloatArray:
-        off = (solution.time[:, None] >= begin) @ np.array([each.moved for each in jumps])  # relative to the first jump
+        off = (solution.time[:, None] >= begin) @ np.array([each.moved for each in jumps])  # relative to the start
         sd[:, :3] = np.sqrt(sd[:, :3] ** 2 + early * off**2 + (1.0 - early) * (off[-1] - off) ** 2)
         return sd
 

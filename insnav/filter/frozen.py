@@ -14,8 +14,8 @@ from insnav.tabular import runs_of
 from insnav.types import FloatArray, GpsData, ImuData
 
 UNUSABLE = 1e4  # standard deviation of invalid positions [m]
-# Distance by the velocities at one repeated position, with jitter (its largest share) and without: total [m], multiples
-# of the resolution, least speed [m/s]
+# Least distance by velocities at a repeated position. With jitter: [m], and its largest share of a step. Without: [m],
+# multiples of the resolution. Last, the largest speed at rest [m/s]
 FROZEN, HARDLY, SAME, STEPS, AT_REST = 30.0, 0.01, 3.0, 10.0, 0.5
 KEPT = 0.9  # share of the steps by velocities that must cover the distance
 PARKED = 0.2  # of their sd: positions of a stationary vehicle with false velocities scatter more
@@ -70,7 +70,7 @@ def _without_frozen_positions(gps: GpsData, imu: ImuData) -> tuple[GpsData, list
 
 
 def _way(steps: FloatArray) -> float:
-    """Sum the length of steps (n, 2) [m] without the few largest: velocities may be false, too."""
+    """Return the length of the sum of steps (n, 2) [m] without the few largest: velocities may be false, too."""
     length = np.linalg.norm(steps, axis=1)
     return float(np.linalg.norm(steps[np.argsort(length)[: max(1, int(KEPT * length.size))]].sum(axis=0)))
 

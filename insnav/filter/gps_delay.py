@@ -47,10 +47,10 @@ FIXES = 600  # used at most, in addition to a long stationary start
 # permanently [s]
 WORTH = 0.003
 DOUBTFUL = 0.03  # larger delays and standard deviations are estimated again [s]
-WIDEST = 0.5  # initial sd of the filter's delay if the drive hardly determines it [s]
+WIDEST = 0.5  # largest initial sd of the filter's delay, if the drive hardly determines it [s]
 SURE, REFINED = 4.0, 2.0  # significance of a delay in standard deviations; with other evidence
 ROUNDS = 3  # of moving the clock
-BACK = 0.5  # reject a delay if the next move reverses more than this part of it, within the filter's reach
+BACK = 0.5  # reject a move and the next if that reverses more than this part of it, within the filter's reach
 LEAST_OTHER, OTHER_WORTH = 0.03, 0.45  # vibration lever arm: smallest, and size from which it becomes states [m]
 # Sampling instants averaged into a velocity, in lags before the fix: one, many since the previous fix, or a low-pass
 # filter
@@ -91,7 +91,7 @@ class Filtered:
     epochs: FloatArray | None  # see `insnav.kernels.smoother.keep`; none if the filter diverged
     delay: float  # final delay state, and its standard deviation [s]
     delay_sd: float
-    # sd of each component: vibration lever arm, and lever arm [m]
+    # sd of each component: vibration lever arm, and prior of the lever arm [m]
     shaken: float
     lever_sd: float
     # misfit of the fixes, and mean normalised squared innovation [-], see `Record.misfit`
@@ -121,7 +121,7 @@ def filtered(ready: Prepared, *, starts: int | None = None, gates: Gates | None 
         history = navigator.history()
         epochs = history.rows()
         again = with_surer_start(ready, history) if starts else None
-        if starts and again is None and ready.alignment.static is None:  # the gates rejected fixes
+        if starts and again is None and ready.alignment.static is None:  # gates reject fixes after a bad start
             other_run = replace(_doubted(ready), settings=replace(settings, gates=_open_gates(ready))).navigator()
             feed(other_run, ready.imu)
             again = with_surer_start(ready, other_run.history())
@@ -217,7 +217,7 @@ def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Foun
     likelihood = _likelihood(seen)
     if likelihood is not None and (likelihood.accepted >= TRUE_FIXES or not likelihood.moves):
         found = _found(seen, likelihood, alone)
-        if not found.surest:  # perhaps all fixes were rejected
+        if not found.surest:  # perhaps without any fix
             return found
         there = [found.delay + found.drift * likelihood.half, found.drift, found.lag]
         cost, least = likelihood.mean_costs(*np.array([[0.0, 0.0, likelihood.lag], there]).T)
@@ -309,7 +309,7 @@ def _with_lag(
     """Find the most likely delay and velocity lag jointly, with the prior of the lag, by Gauss-Newton.
 
     `delay`: with the assumed lag [s].
-    Returns: delay and lag (2,) [s], their covariance, and the log odds against zero lag (Laplace).
+    Returns: delay and lag (2,) [s], their covariance, and the log odds of this lag against none (Laplace).
     """
     start = np.array([(delay - by * lag, likelihood.lag + lag) for by in (0.0, 1.0) for lag in LAGS])
     shown, weight = alone[0], float(np.hypot(ALONE * alone[1], ALONE_LEAST)) ** -2.0
@@ -443,7 +443,7 @@ def with_surer_start(ready: Prepared, history: History) -> Prepared | None:
 
 
 def _with_course(ready: Prepared, alignment: Alignment) -> Alignment:
-    """Refine the vertical gyro bias of an alignment by the later course: a straight road offers nothing else.
+    """Refine the vertical gyro bias of an alignment by the later course: a straight road has no other evidence.
 
     Remaining errors of the other biases tilt the gyro frame and leak into the vertical.
     """

@@ -56,9 +56,9 @@ def name_lag(lag: float, sd: float) -> Finding:
 def velocity_lag(gps: GpsData) -> tuple[float, float]:
     """Estimate the lag of velocities behind positions from the fixes alone.
 
-    Some receivers combine the current position with the mean velocity since the previous fix. Velocity minus the slope
-    of a spline through the positions is then the lag times the acceleration. A robust straight line through the
-    horizontal components estimates it.
+    Some receivers combine the current position with the mean velocity since the previous fix. The slope of a spline
+    through the positions, minus this velocity, is then the lag times the acceleration. A robust straight line through
+    the horizontal components estimates it.
 
     Returns: `lag`, `sd` [s]. The sd is infinite with too few or too sparse fixes, or without accelerations.
     """

@@ -35,7 +35,7 @@ HUBER = 3.0  # innovations beyond so many standard deviations are de-weighted, t
 # remaining variance of clean innovations: 1 - 2 Q(3), the expectation of psi(u) u for standard normal u
 CLEAN = 0.9973
 FAR_OFF, FAR_OFF_SHARE = np.deg2rad(5.0), 0.1  # attitude error whose square matters [rad], in this share of a drive [-]
-SETTLING = 4  # the attitude of a filter settles in one part in so many of a drive [-]
+SETTLING = 4  # the attitude of a filter settles in the first of so many parts of a drive [-]
 SENSELESS = 1e6  # implausibly large innovation by misalignment [m], [m/s]
 # Upper limits, unless the preset is larger. Consumer sensors have scale factors up to 0.03, biases up to 3 deg/s and
 # 0.5 m/s^2. Larger values would explain noise or faults by themselves.
@@ -134,7 +134,7 @@ class InnovationLikelihood:
         return InnovationLikelihood(self._ready, self.prior, found)
 
     def doubted(self, found: NoiseEstimate) -> InnovationLikelihood:
-        """Copy without weight of the reported position sds, if these are far below `found`."""
+        """Copy with the prior of position sds at the values of `found`, if the reported sds are far too small."""
         part, larger = copy(self), np.clip(found.white, 1.0, ALIKE)
         middle = dict(zip(LEVELS, np.log(found.position_factor[1:] * larger), strict=True))
         part.parameters = tuple(replace(p, middle=float(middle.get(p.key, p.middle))) for p in self.parameters)
@@ -158,7 +158,7 @@ class InnovationLikelihood:
         return part
 
     def of_positions(self, *, sizes: bool) -> InnovationLikelihood:
-        """Copy with only these parameters: time-correlated share of position errors, its time, and `sizes`."""
+        """Copy with the time-correlated share of position errors and its time only; with `sizes` also their sds."""
         same = copy(self)
         same.parameters = (*(p for p in self.parameters if sizes and p.key in LEVELS), *self.parameters[-2:])
         return same

@@ -37,7 +37,7 @@ EDGE = REACH + 1.0  # fixes nearer to the ends of the record may belong to a tim
 # A candidate worse by this cost after this share of the fixes is dropped
 SOON, UNLIKELY = 0.3, 50.0
 GAP = 100.0  # limit of the velocity variance after a gap of fixes, over the usual one
-BLOCK, BLOCKS = (10.0, 20.0), 3  # parts with independent errors: length, and number in a short record [s]
+BLOCK, BLOCKS = (10.0, 20.0), 3  # parts with independent errors: limits of their length [s], number in a short record
 OPEN_START = 20.0, 2.0, 5.0 * DEG  # sd of position [m], velocity [m/s], attitude at the start, whose fix is late, too
 
 

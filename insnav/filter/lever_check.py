@@ -82,9 +82,9 @@ def with_right_lever(given: Prepared, alone: Callable[[], Prepared]) -> Prepared
 def pretended(ready: Prepared, run: Run) -> float:
     """Compute the share of the lever-arm information, on its weakest axis, that may come from gyro noise.
 
-    Rotation by gyro noise is no rotation, but acts as evidence for a lever arm of zero length, as the antenna does not
-    move (errors in variables: W. A. Fuller, Measurement Error Models, Wiley 1987, section 1.1). Per fix and axis, this
-    is twice the attitude variance by that noise over the innovation variance.
+    Apparent rotation by gyro noise acts as evidence for a lever arm of zero length, as the antenna does not move
+    (errors in variables: W. A. Fuller, Measurement Error Models, Wiley 1987, section 1.1). Per fix and axis, this is
+    twice the attitude variance by that noise over the innovation variance.
     """
     row = np.searchsorted(run.epochs.time, run.innovations.time).clip(max=run.epochs.time.size - 1)
     attitude = np.diagonal(run.epochs.covariance, axis1=1, axis2=2)[row, 6:]
@@ -135,7 +135,7 @@ def lever_contradicted(arm: FloatArray, run: Run) -> Finding:
 def delay_contradicted(ready: Prepared) -> tuple[Finding, ...]:
     """Navigate the first part of a drive with the delay as a state, and report a wrong specified delay.
 
-    The finding gives no difference: noise identified with the error in it biases the estimate.
+    Its message shows no difference: noise identified with the error in it biases the estimate.
     """
     given, run = ready.settings.delay, looked(ready, delay_sd=OPENED_DELAY)
     off, limit = abs(run.gps_delay - given), max(LATE, LATE_SURE * run.gps_delay_sd)

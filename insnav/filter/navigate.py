@@ -27,7 +27,7 @@ from insnav.types import FloatArray, GpsData, ImuData, Run, Trajectory
 
 AidingChoice = Literal["auto", "on", "off"]
 GAP_WORTH = 3.0  # shortest GPS gap for a second pass with other aiding: shorter gaps drift by centimetres [s]
-CREEPS = 10.0  # least increase of twice the log-likelihood for dropping stops that no fix confirms
+CREEPS = 10.0  # least increase of twice the log-likelihood for dropping unconfirmed stops or weakening assumptions
 ASSUMED = NonHolonomic, ZeroVelocity  # assumptions on vehicle motion, not sensors
 WEAKER = 5.0  # factor on the sd of doubtful motion assumptions, which gaps still need [-]
 UNKNOWN_HEIGHT = 1000.0  # standard deviation if fixes have no heights [m]
@@ -132,7 +132,7 @@ def _first_pass(ready: Prepared, progress: Callable[[float], None] | None) -> Ru
 def _add_aiding(ready: Prepared, run: Run, spec: ImuSpec) -> Prepared:
     """Add the aiding that the first pass calibrates."""
     assert run.smoothed is not None
-    # the solution is in fix time, by the estimated minus the specified delay; the samples are not
+    # the solution is in fix time, shifted by the estimated minus the specified delay; the samples are not
     clock = run.gps_delay - ready.settings.delay
     solution = run.smoothed.solution
     first = FirstPass(

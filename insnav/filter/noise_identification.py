@@ -42,7 +42,7 @@ ENOUGH_FOR_AXES = 900.0  # of the record, if only misalignments are estimated [s
 WORTH_TURNING = 0.5  # of the attitude uncertainty: larger known effects of misalignment correct the samples
 UNDERSTATED = 2.0  # factor on reported standard deviations from which they are reported as too small [-]
 NO_NOISE = 10.0  # factor from which this is more than a note on the receiver [-]
-FEET, ALIKE_IN_METRES = (2.7, 4.0), 2.0  # factor of heights in feet (3.28), relative to horizontal positions [-]
+FEET, ALIKE_IN_METRES = (2.7, 4.0), 2.0  # range of the height factor for feet (3.28), least ratio to horizontal
 FACTOR_WORTH = 0.1  # a smaller change of a standard deviation is not reported
 # suffix of SI names, by display unit
 SUFFIXES = {

@@ -37,15 +37,15 @@ FEWEST = 30  # fixes needed: fewer add little to the prior
 SHORT = 600.0  # length of the record for the first steps, which end near the solution [s]
 ROUNDS = 12  # of Fisher scoring at most
 STEP = 0.01  # of numerical derivatives, in logarithms
-DIGITS = 6  # significant digits of these logarithms: far coarser than the rounding of sums
+DIGITS = 6  # decimals of these logarithms: far coarser than the rounding of sums
 LARGEST_STEP = 1.5  # per iteration, in logarithms
 ENOUGH = 0.6  # smaller gains of the log-likelihood end the search: a 95 % interval spans two
 NEAR = 3.0  # smaller gains end the first steps
 FAR = 5.0  # after a larger gain the derivatives serve another step
 OBSERVABLE = 0.8  # largest ratio of a parameter's interval to the prior interval, if observable
 INTERVAL = np.array([-1.96, 1.96])  # ends of 95 % of a normal distribution, in its sd
-KINK = 3.0  # prior sd of the steeper side from its middle: the limit of plausible values there
-# Mean over mode of a parameter in units of its variance. A correlation time is log-normal. A size has twice that: the
+KINK = 3.0  # up to so many sd of a prior's steeper side from its middle, the other side gives the plausible range
+# Logarithm of mean over mode, per variance of the logarithm: 0.5 for a correlation time (log-normal), 2 for a size. The
 # mean variance from n errors, n = 1 / (2 sd^2), is n / (n - 2) times the mode (inverse gamma).
 AVERAGED = {"gps.horizontal": 2.0, "gps.vertical": 2.0, "gps.correlation_time": 0.5}
 # Misalignments as constants: datasheets of one kind differ by a factor of two. With a wider prior, two or three

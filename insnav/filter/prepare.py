@@ -39,7 +39,7 @@ SHORTEST = 10.0  # shorter parts are not navigated: they are too short for an al
 FEWEST_FIXES = 5  # for a separately aligned part of the record
 ROUNDS = 3  # of alignment, and of fixes minus the lever arm in its attitude
 AFTER = 2.0 * motion.SPAN + LEVEL_SPAN  # the first motion, or the start: alignment uses no later data [s]
-LONGEST_REST = 3600.0  # searches skip longer stationary time [s]
+LONGEST_REST = 3600.0  # longest initial stationary time that is looked for [s]
 START_VELOCITY_SD = 0.1  # lever arm and rotation between antenna and IMU at the start, added to the fix [m/s]
 
 
@@ -158,7 +158,7 @@ class Prepared:
         )
 
     def first(self, length: float) -> ImuData:
-        """Return the first `length` seconds after any long stationary time, which hardly determines delay or noise."""
+        """Return a long initial stationary time, which hardly determines delay or noise, and `length` seconds more."""
         until = self.initial.time + self._rest() + length
         return self.imu.rows(slice(int(np.searchsorted(self.imu.time, until, side="right"))))  # a view
 

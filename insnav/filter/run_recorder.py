@@ -54,7 +54,7 @@ class Record:
         self._fixes = spill.empty((fixes, epoch.FIX_WIDTH))
 
     def reserve(self, rows: int, grid: FloatArray) -> Outputs:
-        """Allocate at most `rows` more outputs at the times of a `grid`, see there."""
+        """Provide space for `rows` more outputs at the times of a `grid`, see there."""
         if not self._rooms or self._rooms[-1].time.shape[0] < self._rooms[-1].used[0] + rows:
             size = max(ROOM, rows)
             time, state, motion = np.split(spill.empty((17 * size,)), [size, 11 * size])

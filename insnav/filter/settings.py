@@ -46,5 +46,5 @@ class FilterSettings:
     aided_every: float = INTERVAL  # interval of aiding whose noise is white every `INTERVAL` [s]
     smooth: bool = True  # backward over the recording at its end; see `insnav.filter.smoother`
     changes: tuple[StateChange, ...] = ()  # in order of time; see `insnav.explain.explanation`
-    false: BoolArray | None = None  # (2, n) positions and velocities to exclude, see `changes`
-    rough: tuple[Rough, ...] = ()  # intervals with larger time-correlated position errors, see `changes`
+    false: BoolArray | None = None  # (2, n) positions and velocities to exclude, by the same module
+    rough: tuple[Rough, ...] = ()  # intervals with larger time-correlated position errors, by the same module

@@ -23,7 +23,7 @@ _SPARE = {"imu": Code.BATCH_SPARE_SAMPLES, "gps": Code.BATCH_SPARE_FIXES, "ref":
 _MANY = 200  # number of files from which several processes examine them
 
 _Parts = dict[str, Path]  # file of each part
-_Roles = Mapping[Path, str | Finding]  # role of each file: ``imu``, ``gps``, ``ref``, ``both``; else the reason
+_Roles = Mapping[Path, str | Finding]  # role of each file: ``imu``, ``gps``, ``ref``, ``both``; else why none
 
 
 def find_drives(folder: Path, without: Path | None, workers: Workers) -> tuple[list[Drive], list[Finding]]:

@@ -36,7 +36,7 @@ class ErrorTerms:
     Raises ConfigError: a value that is not finite, or terms too large for an inverse.
     """
 
-    # (3,) half the difference of scale factors for positive and negative values [-]
+    # (3,) half of the difference: scale factor of positive minus scale factor of negative values [-]
     asymmetry: FloatArray = field(default_factory=zeros)
     quadratic: FloatArray = field(default_factory=zeros)  # (3,) second-order non-linearity [1/(rad/s)] or [1/(m/s^2)]
     bias_slope: FloatArray = field(default_factory=zeros)  # (3,) bias by temperature [rad/s/K] or [m/s^2/K]

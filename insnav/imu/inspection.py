@@ -133,7 +133,7 @@ def _jolt(time: FloatArray, force: FloatArray, interval: float) -> tuple[float, 
 
 
 def _gravity_step(time: FloatArray, force: FloatArray, still: BoolArray) -> tuple[float, float]:
-    """Find the largest change of specific force between stops [m/s^2], and its time [s]."""
+    """Find the largest change of the specific force's magnitude between stops [m/s^2], and its time [s]."""
     rests = [(a, b) for a, b in runs_of(still) if time[b - 1] - time[a] > 2.0]
     sizes = np.array([float(np.linalg.norm(force[a:b].mean(axis=0))) for a, b in rests])
     if sizes.size < 2:

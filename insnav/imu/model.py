@@ -97,7 +97,7 @@ def sample_intervals(imu: ImuData) -> FloatArray:
 
 
 def per_sample(imu: ImuData) -> FloatArray | float:
-    """Return the factor from a rate or a specific force to the unit of the samples: the interval for increments."""
+    """Return the factor from rate or specific force to the unit of the samples: for increments the interval, (n, 1)."""
     return sample_intervals(imu)[:, None] if imu.sampling == "increment" else 1.0
 
 

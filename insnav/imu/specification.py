@@ -67,7 +67,7 @@ def level_bias_sd(accel: SensorSpec) -> FloatArray:
 
 
 def level_bias(accel: SensorSpec) -> FloatArray:
-    """Compute the turn-on bias of nearly level accelerometers, including misaligned gravity, (3,) [m/s^2]."""
+    """Compute the turn-on bias of nearly level accelerometers, including gravity by misalignment, (3,) [m/s^2]."""
     return np.hypot(accel.bias, G0 * accel.misalignment)
 
 

@@ -9,7 +9,7 @@ from insnav.kernels import njit
 WIDEST = 26  # bytes of a cell including its separator
 LARGEST = 1e10  # from here on, and below `SMALLEST`, the shortest text has an exponent
 SMALLEST = 1e-6
-_EXACT = 1e15  # largest number with unique digits
+_EXACT = 1e15  # up to 15 digits: no two such decimals are the same double
 _PAIRS = np.frombuffer(b"".join(b"%02d" % i for i in range(100)), np.uint8).copy()  # all numbers of two digits
 
 

@@ -81,9 +81,9 @@ def beyond_linear(squares, heading, accel):  # type: ignore[no-untyped-def]
     """Compute the variances of velocity and accelerometer bias that an extended filter neglects (second order).
 
     A normally distributed heading error also changes the velocity along its change, by ``(1 - cos error) change``. At
-    rest, accelerometer bias is observed only in combination with the tilt. When corrections tilt the IMU, the observed
-    combination changes, as if another axis had been measured (A. H. Jazwinski, "Stochastic Processes and Filtering
-    Theory" (1970), section 9.3).
+    rest, horizontal accelerometer bias is observed only in combination with the tilt, the vertical bias directly. When
+    corrections tilt the IMU, another axis becomes vertical, as if it had been measured (A. H. Jazwinski, "Stochastic
+    Processes and Filtering Theory" (1970), section 9.3).
 
     `squares` (3,): squared change of horizontal velocity in the span [m^2/s^2]; squared tilt corrections before it
     [rad^2]; these times squared bias corrections [m^2/s^4]. `heading`, `accel`: variances of heading and of all biases

@@ -31,7 +31,7 @@ class Samples(NamedTuple):
     dvel: np.ndarray  # (n, 3) [m/s]
     coning: np.ndarray  # (n, 3) [rad]
     sculling: np.ndarray  # (n, 3) [m/s]
-    gap: np.ndarray  # (n,) length of the data gap that the interval bridges [s]; 0: measured
+    gap: np.ndarray  # (n,) length of the data gap that the interval helps to bridge [s]; 0: measured
 
 
 class Carried(NamedTuple):
@@ -55,7 +55,7 @@ class Model(NamedTuple):
     # (20,) spectral densities: gyro, accelerometer white noise, driving noise of the twelve sensor errors. Then squared
     # misalignment of gyros and accelerometers times the length of a manoeuvre [rad^2 s]
     noise: np.ndarray
-    # (4,) largest unseen change of rate [rad/s^2] and specific force [m/s^3]: linear interpolation across a gap of
+    # (4,) largest unseen time derivative of rate [rad/s^2] and specific force [m/s^3]. A straight line across a gap of
     # length T leaves about that times T^2. Then the largest angle [rad] and velocity [m/s] error assumed, as a linear
     # filter is invalid beyond
     gap: np.ndarray

@@ -185,7 +185,7 @@ def navigate(method, time, f, mid, vertical, gains, disturbed, errors, y, every,
     Returns
     -------
     int
-        Number of steps: one less than samples, or fewer if a state leaves the validity of the equations.
+        Number of steps: one less than samples, or fewer if a state leaves the range in which the equations hold.
     """
     work = np.zeros((5, STATES))
     last = 2 if disturbed else 1

@@ -43,9 +43,9 @@ def antenna(x, motion, older, lever, delay, lag, lla, v_n, z, h):  # type: ignor
 
     `x` (10,): state. `motion` (6,): body rate [rad/s] and acceleration in n [m/s^2] at the time of the velocity.
     `older` (7,): rotation since then [rad] and velocity gained by specific force [m/s], body axes, and age of the
-    velocity [s]. `lever` (3,): antenna seen from the IMU, body axes [m]. `delay`: age of the fix beyond its timestamp
-    [s]. `lag`: further age of its velocity [s]. `lla` (3,), `v_n` (3,): measured; the velocity may be ``NaN``.
-    Filled: `z` (6,), position N, E, D [m], velocity N, E, D [m/s]; `h` (6, n), where state 22 is the delay [s].
+    velocity [s]. `lever` (3,): antenna seen from the IMU, body axes [m]. `delay`: age of the fix beyond the delay
+    in its time [s]. `lag`: further age of its velocity [s]. `lla` (3,), `v_n` (3,): measured; velocity may be ``NaN``.
+    Filled: `z` (6,), position N, E, D [m], velocity N, E, D [m/s]; `h` (6, n), whose column 21 is the delay [s].
     Lever arm: Groves (2013), section 14.3.1, with errors as estimate minus truth.
     """
     c, earlier, turning = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))

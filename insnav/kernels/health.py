@@ -9,7 +9,7 @@ from insnav.kernels import njit
 
 @njit(cache=True)
 def glance(gyro, accel, scale, limit):  # type: ignore[no-untyped-def]
-    """Return largest value and change of each axis, (6,), and whether two successive changes exceed `limit` or repeat.
+    """Return largest value and change of each axis, (6,); whether two changes in a row exceed `limit` or values repeat.
 
     `gyro`, `accel` (n, 3) are divided by `scale` (n,) for values and changes. Repeat: the same raw value three times.
     """

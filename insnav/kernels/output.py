@@ -12,9 +12,9 @@ TWO_PI = 2.0 * np.pi
 
 @njit(cache=True)
 def sides(state, opposite, adjacent):  # type: ignore[no-untyped-def]
-    """Compute the sides of the triangles whose angles are roll, pitch, heading, states (n, 10), (n, 3).
+    """Compute the sides (n, 3) of the triangles whose angles are roll, pitch, heading of states (n, 10).
 
-    Groves (2013), eq. 2.25. Numpy takes the arctangent of many values at once.
+    Groves (2013), eq. 2.25. The caller takes the arctangent with numpy, of many values at once.
     """
     for k in range(state.shape[0]):
         a, b, c, d = state[k, 6], state[k, 7], state[k, 8], state[k, 9]

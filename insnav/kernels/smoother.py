@@ -172,7 +172,7 @@ def backward(  # type: ignore[no-untyped-def]
         for j in range(n):
             for i in range(m):
                 adjoint[j] += weight[i, j] * z[i]
-        # (I - K H)' information (I - K H) + H' S^-1 H, with the symmetric part written as u w' + w u', where w = S^-1 H
+        # (I - K H)' information (I - K H) + H' S^-1 H = information + u w' + w u', symmetric, where w = S^-1 H
         # and u = (w H P information P H' + H) / 2 - H P information
         _product(hp, information, m, by)
         for a in range(m):

@@ -293,7 +293,7 @@ def _attitude(turn: FloatArray, rph: FloatArray) -> FloatArray:
 
 
 def tangent_poses(track: Trajectory) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return positions East, North, Up of the first epoch ``(n, 3)`` [m], scalar-first quaternions, velocities."""
+    """Return positions East, North, Up of the first epoch ``(n, 3)`` [m], scalar-first quaternions, velocity [m/s]."""
     place, turn = _in_tangent(track.lla)
     return place, _attitude(turn, track.rph), np.einsum("nij,nj->ni", turn, track.v_n)
 

@@ -81,7 +81,7 @@ def calibrate(
     Raises
     ------
     ConfigError
-        No such method, or an option that cannot be.
+        Unknown method, or an invalid option.
     InputError
         A file cannot be used, or does not determine the result.
     """
@@ -179,7 +179,7 @@ def allan(
     Raises
     ------
     ConfigError
-        Averaging times that the record does not hold, or an array without a rate.
+        Averaging times too long or too short for the record, or an array without a rate.
     InputError
         The record is too short, or not stationary.
 
@@ -256,7 +256,7 @@ def acceptance(
     columns : mapping of str to str, optional
         Quantity to header, for headers that are not understood by themselves.
     spike_limit : float, optional
-        Samples of a dwell further than this from a polynomial through it are dropped, in the unit of the output.
+        Samples of a dwell farther than this from a polynomial through it are dropped, in the unit of the output.
 
     Returns
     -------

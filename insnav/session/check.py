@@ -157,7 +157,7 @@ def _sorted(files: Sequence[str | Path], patient: _Patient, roles: Mapping[Path,
             patient.roles[str(each)] = "not readable"
             patient.refused(error)
     given: dict[str, str | Path] = {}
-    # first fixes with more content, then specified roles, then the longest
+    # IMU samples first, then files of known role, then files with content, fixes before references, then the largest
     order = {
         path: (
             "imu" not in kinds,

@@ -91,7 +91,7 @@ def parse_fault(text: str) -> Fault:
 
 
 def gps_spike(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
-    """Move the first fix from the start of `span` on by `size` [m]."""
+    """Move the first fix at or after the start of `span` by `size` [m]."""
     rows = np.arange(gps.time.shape[0]) == int(np.searchsorted(gps.time, span[0] - 1e-6))
     return _moved(gps, rows * float(size))
 

@@ -49,8 +49,8 @@ class Truth(ABC):
 
     duration: float  # length [s]
     start: float  # time of the first instant [s]
-    # normal gravity: full, without its north component above the ellipsoid (0.7 ug at 1 km), or also linear in height
-    # (0.5 ug). The latter two serve comparisons with other packages
+    # normal gravity: full, or without its north component above the ellipsoid (0.7 ug at 1 km). The third form is also
+    # linear in height (error 0.5 ug at 1 km). The latter two serve comparisons with other packages
     gravity: Gravity
 
     @property
@@ -216,8 +216,8 @@ def circle(
 ) -> LevelTruth:
     """Build a constant turn at constant height, banked so that a plumb line stays in the plane of symmetry.
 
-    Latitude and longitude are harmonic: a circle of radius ``speed / turn_rate``, to the flatness of its part of the
-    Earth. The heading rotates uniformly and equals the course to the same order.
+    Latitude and longitude are harmonic: a circle of radius ``speed / turn_rate``, as far as its part of the Earth is
+    flat. The heading rotates uniformly and equals the course to the same order.
 
     `lla` (3,): centre: latitude [rad], longitude [rad], height [m]. `speed` [m/s]. `turn_rate`: rate of heading
     [rad/s], positive to the right, not zero. `duration`, `start`: length, and time of the first instant [s]. `heading`:

@@ -187,8 +187,8 @@ def _part(windows: Windows, model: ErrorModel, made: Replicas | None) -> Recorde
 def verdicts(found: Growth, *, one_sensor: bool = False) -> tuple[Verdict, ...]:
     """Compare recorded and predicted error at the last time.
 
-    Errors are explained if their confidence interval includes the prediction, or if their square is plausible for as
-    many normal errors. An error common to all windows is one sample. If it makes up the share c of the mean square, n
+    Errors are explained unless their confidence interval lies above the prediction, or if their square is plausible for
+    as many normal errors. An error common to all windows is one sample. If it is the share c of the mean square, n
     windows are equivalent to ``1 / (c^2 + (1 - c)^2 / n)`` samples (Satterthwaite 1946).
 
     `one_sensor`: the errors of all windows come from the turn-on errors of one IMU. Their RMS may differ from the

@@ -42,7 +42,7 @@ MOTIONS: tuple[Motion, ...] = ("static", "straight", "turning")
 SHORTEST, LONGEST = 10.0, 300.0  # windows [s]
 LEAST = 0.1  # least spacing [s]
 TURNED = np.deg2rad(15.0)  # largest heading change of a straight window [rad]
-REFERENCE_GAP = 10.0  # a longer interval of the reference, also than three usual intervals, is a gap [s]
+REFERENCE_GAP = 10.0  # a reference interval longer than this and than three usual ones is a gap [s]
 IMU_GAP = 6  # successive lost samples that make a gap of the IMU record
 _UNDER_WAY = 1.0  # course is the direction of the velocity above this [m/s]
 _SHARED = ("length", "spacing", "grid", "dropped", "uncalibrated")  # common fields of all `Windows`
@@ -285,7 +285,7 @@ def end_errors(
 
 
 def _state(trajectory: Trajectory, time: float) -> tuple[FloatArray, FloatArray]:
-    """Interpolate between two rows: position by the velocity of the nearer row, velocity linearly."""
+    """Interpolate velocity linearly between two rows, and position from the nearer row by the mean velocity since."""
     at = int(strapdown.nearest_rows(trajectory.time, time))
     after = min(at + 1, len(trajectory.time) - 1)
     first = after - 1

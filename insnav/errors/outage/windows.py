@@ -249,8 +249,8 @@ def reference_from_trajectory(
 ) -> WindowReference:
     """Build the reference from a trajectory.
 
-    `position_sd`, `velocity_sd`: its uncertainty on each axis [m], [m/s]. `lever_b` (3,): the point of the reference
-    seen from the IMU, body axes [m]; None for the antenna.
+    `position_sd`, `velocity_sd`: its uncertainty on each axis where it states none [m], [m/s]. `lever_b` (3,): the
+    point of the reference seen from the IMU, body axes [m]; None for the antenna.
     Raises: InputError: fewer than two rows.
     """
     if len(reference.time) < 2:

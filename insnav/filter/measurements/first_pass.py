@@ -21,8 +21,8 @@ from insnav.units import DEG
 
 FAST = 2.0  # below this speed the velocity error dominates its direction [m/s]
 ENOUGH = 60.0  # time at such speeds that determines mounting angles to a tenth of a degree [s]
-# A car on a road has cross-track velocities of centimetres per second; other vehicles do not.
-LARGEST_RMS = 0.3  # cross-track velocity for a non-holonomic constraint [m/s]
+# A car on a road stays within centimetres per second; tracked, floating or flying vehicles do not.
+LARGEST_RMS = 0.3  # of the velocity across the direction of travel, for a non-holonomic constraint [m/s]
 WIDEST = 45.0 * DEG  # an IMU turned farther in its vehicle was not meant to point ahead
 
 

@@ -67,7 +67,7 @@ class Magnetometer(Heading):
 
 
 def _from_field(field_b: FloatArray, rph: FloatArray, known: BoolArray) -> tuple[FloatArray, float]:
-    """Compute magnetic heading (n,) from the field in body axes (n, 3) minus hard iron, and its relative size.
+    """Return magnetic heading (n,) from the field in body axes (n, 3), and hard iron relative to the horizontal field.
 
     ``m_b = C_bn m_n + b`` with the constant field ``m_n`` and hard iron ``b`` is linear in both.
     """

@@ -21,7 +21,7 @@ WINDOW = 0.5  # length of the classified windows: several periods of an idling e
 STATIONARY, MOVING = 0.15, 1.0  # certainly stationary below, certainly moving above [m/s]
 FALSE_STOPS = 0.002  # share of moving windows misclassified as stationary: a false ZUPT costs metres
 FEWEST_STOPS = 0.5  # least share of detected stationary windows for a useful ZUPT
-# Specific force relative to rest: a vehicle that stops or starts softly shakes less, below 1 m/s [m/s^2]
+# Largest deviation of specific force from its median at rest [m/s^2]: a soft stop or start shakes no more below 1 m/s
 STEADY = 0.05
 VELOCITY_SD = 0.02  # of a stationary vehicle with a running engine [m/s]
 

@@ -39,7 +39,7 @@ _OF_PLACE = re.compile(r"(?:ecef|pos|position|field)*(v|vel|velocity)?(?:ecef)?(
 _VECTOR = re.compile(r"(?P<name>[A-Za-z ]+?) *(?:\((?P<axes>[xyz](?:,[xyz]){0,2})\))? *(?P<unit>\[[^\]]*\])")
 _EARTH = 6.33e6, 6.48e6  # distances from the Earth's centre, up to 100 km height [m]
 _SHARE = 0.9  # share of the rows with such positions
-_HIGH = 2e4  # no height above a map is larger, but northings are: at 57.5 deg on such a map [m]
+_HIGH = 2e4  # larger than map heights [m]; a northing may equal the Earth's radius, at 57.5 deg
 _TIME = tuple(each for each in IMU_SCHEMA if each.key == "time")
 
 
@@ -232,7 +232,7 @@ def _placed(table: Table, words: Sequence[str]) -> Table:
         return table
     size = np.linalg.norm(np.column_stack(values), axis=1)
     labelled = all("ecef" in words[i] or "km" in words[i] for i in places)
-    units = (1.0, 1e-2, 1e-3, 1e3) if labelled else (1.0,)  # a local plane may have coordinates like these units
+    units = (1.0, 1e-2, 1e-3, 1e3) if labelled else (1.0,)  # unstated, a local plane may fit other units
     fitting = [unit for unit in units if _inside(unit * size).mean() > _SHARE]
     if not fitting or not (labelled or float(np.nanmedian(np.abs(values[2]))) * fitting[0] > _HIGH):
         return table

@@ -20,7 +20,7 @@ from insnav.units import DEG
 _GRAVITY = 9.8  # [m/s^2]; on Earth 9.76 .. 9.83
 _GRAVITY_TOLERANCE = 0.05
 _MIN_SHARE = 0.02  # share of quiet blocks that must show gravity
-_FAR_OFF = 0.5  # median that no vehicle accelerometer has
+_FAR_OFF = 0.5  # relative deviation of the median from gravity that no vehicle accelerometer has
 _AIMLESS = 0.5  # least norm of mean acceleration over mean norm, with gravity
 _UNCALIBRATED = 0.2  # largest relative error of an uncalibrated sensor
 _MAX_RATE = 12.0  # no vehicle turns faster persistently [rad/s]
@@ -200,8 +200,8 @@ def heading_convention(turns: float, heading: FloatArray, v_n: FloatArray) -> tu
     """Find the sense of headings ``(m,)``, 1 or -1, and their offset from the vehicle heading [rad].
 
     `turns`: their correlation with vehicle turns, from `turns_with_course`. `v_n` (m, 3): velocities, with course equal
-    to heading except for slip. Headings from east, or across the vehicle, are offset by quarter turns. A sense that no
-    course can complete is counted from east.
+    to heading except for slip. Headings from east, or across the vehicle, are offset by quarter turns. If no course
+    determines the offset, counter-clockwise headings count from east.
     """
     sense = -1.0 if turns < 0.0 else 1.0
     offset = sense * heading - course_of(v_n)

@@ -23,7 +23,7 @@ _OUTSIDE = 5.0  # multiple of the median difference beyond which a velocity is f
 _RISES = 5.0  # significance of a slope other than one between climb and vertical velocity; good drives: 2.7
 _FALLS = 3.0  # and of a negative slope: heights drift, and a flight before its start had -2.5
 _UP, _FEET = -1.0, 1.0 / 0.3048  # slope for a velocity up, and for heights in feet
-_NEAR, _CLEAR = 0.25, 4.0  # tolerance of the latter, and significance relative to good drives
+_NEAR, _CLEAR = 0.25, 4.0  # relative tolerance of the latter, and its significance above one, the slope of good drives
 # interval of changes for scales [s], their least size [m], and passes of outlier removal
 _MOVE, _LEAST_MOVE, _TRIMMED = 8.0, 1.0, 3
 _LONG_ENOUGH = 60.0  # in a short start, lagging velocities show less motion [s]
@@ -207,7 +207,7 @@ def _scatter(path: FloatArray) -> float:
 
 
 def _climb(time: FloatArray, height: FloatArray, fallen: FloatArray) -> float:
-    """Estimate the ratio of climb to the third velocity over intervals, if not one. `fallen`: its integral."""
+    """Find the ratio of descent to the integrated third velocity `fallen` [m]: 1, or a clear `_UP` or `_FEET`."""
     for span in _CLIMBS:
         start, stop = _moves(time, span, 2.0 * span)
         sums, moved = fallen[stop] - fallen[start], height[start] - height[stop]

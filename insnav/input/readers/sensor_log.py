@@ -16,7 +16,7 @@ from insnav.input.readers.reading import Reading
 from insnav.input.readers.rows import read_rows
 from insnav.types import SensorLog
 
-_SLOWEST = 45.0  # longest interval in seconds [s]
+_SLOWEST = 45.0  # a longer interval means another unit than seconds [s]
 
 
 def read_sensor_log(path: str | Path | Table, name: str) -> Reading[SensorLog]:

@@ -24,7 +24,7 @@ _ROW, _COLUMN = np.tril_indices(3)
 NAMES = tuple(f"bias {a}" for a in AXES) + tuple(
     f"scale {AXES[i]}" if i == j else f"misalignment {AXES[i]}{AXES[j]}" for i, j in zip(_ROW, _COLUMN, strict=True)
 )
-WORST_CONDITION = 150.0  # beyond it, moving a pose by a degree changes the result by as much as its uncertainty
+WORST_CONDITION = 150.0  # beyond it, moving a pose by a degree changes the result by as much as the errors sought
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,7 +48,7 @@ MODULES = np.array([[0, 1], [2, 3], [4, 5]])  # the two sensors of each: their p
 TRIAD = np.array([[3, 4], [0, 5], [1, 2]])  # the two sensors of each axis, whose mean counts
 SECOND_ORDER = 2.0  # covers 95 % of the errors of second order in simulations of three common sets of positions
 WEAKEST = 0.01  # of the largest scale factor of six accelerometers; a dead one is below
-_MISFIT = 0.05  # of gravity, RMS, larger than of sensors in their positions: a table set to a degree leaves 0.017
+_MISFIT = 0.05  # of gravity, RMS, beyond sensors in their positions: a table set to a degree leaves 0.017
 MOST_SENSITIVE, MOST_CROSSED = 0.2, 0.2  # farther from 1, or from 0, the columns contradict their names
 
 

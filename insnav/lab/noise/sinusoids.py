@@ -5,8 +5,8 @@ amplitude W0. With samples every dt, ``pi f0 tau`` in the denominator becomes ``
 equal far below the sampling rate, and exact near half of it.
 
 A few points of an Allan deviation hardly determine a frequency, so the lines come from the spectrum (Hann window). A
-line is a bin that the surrounding noise would exceed once in `FALSE_ALARM` records. It is a steady sinusoid only if the
-neighbouring bins have the shape of the window. Otherwise it is vibration of changing frequency, without coefficient.
+line is a bin that the surrounding noise would exceed in a share `FALSE_ALARM` of records. It is a steady sinusoid only
+if neighbouring bins have the shape of the window. Otherwise it is vibration of changing frequency, without coefficient.
 """
 
 from __future__ import annotations

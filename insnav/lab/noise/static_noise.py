@@ -51,7 +51,7 @@ class Floor:
 
     value: float  # in the unit of the signal
     tau: float  # averaging time [s]
-    reached: bool  # the curve rises for longer times, or is still falling
+    reached: bool  # the curve stays at or above it for longer times; False: it is still falling
 
 
 def floor_of(allan: AllanDeviation, column: int, model: NoiseModel) -> Floor:

@@ -165,7 +165,7 @@ def _reason(each: Verdict, part: RecordedPart) -> str:
     if each.cautious:
         return f"{head}: the stated errors are cautious"
     windows = part.growth.effective
-    return f"{head}: {number(windows, 2)} independent windows show no significant difference to the prediction"
+    return f"{head}: {number(windows, 2)} independent windows show no significant difference from the prediction"
 
 
 def _sources(budget: Budget) -> Panel:

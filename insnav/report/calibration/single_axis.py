@@ -374,7 +374,7 @@ def rotor_page(calibration: Calibration[tuple[BenchTable, BenchTable], Inertias]
         ("squared time of fall [s²]", "height [m]", fall),
         ("rotor rate [rad/s]", "precession period [s]", precession),
     )
-    # in theory precession equals torque over spin; testable if several of both were measured
+    # in theory precession is proportional to torque over spin; testable if several of both were measured
     powers = () if precession.powers is None else fitted(precession.powers, ("", "", ""))[1:]
     title, note = "Precession rate as a power of torque and spin", "by theory 1 and -1"
     caption = "Measured points, fitted lines, and residuals"

@@ -37,8 +37,8 @@ _WARNED = 3  # failing figures listed before the matrix
 _MADE = "Version "  # start of the line that names the version of the figures
 _IN_SECTION = ("accuracy_cep50_m", "accuracy_growth")
 _PEER_NOTE = (
-    f"RMS over the first {LONGEST:g} s of the first drive of each case (longer for the heading), from {LATEST:g} s on "
-    "at the latest. Samples, fixes, start and sensor figures are equal. gtsam: at the fixes only"
+    f"RMS over the first {LONGEST:g} s of the first drive of each case, longer if the heading needs it. From "
+    f"{LATEST:g} s on at the latest. Samples, fixes, start and sensor figures are equal. gtsam: at the fixes only"
 )
 PEERS = "The same drives by other programs"
 UNDETECTABLE = 10.0  # a larger detectable change is meaningless

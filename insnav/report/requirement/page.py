@@ -116,8 +116,8 @@ def _parts(study: RequirementStudy) -> tuple[Section, ...]:
     if not study.candidates:
         return ()
     note = (
-        "meets: yes or no by documented figures; likely with class figures for missing ones. open: if missing figures "
-        "must be better than their class. Times: when the error exceeds 1, 10, 100 m"
+        "meets: yes or no by documented figures; likely with class figures for missing ones. open: only with missing "
+        "figures better than their class. Times: when the error exceeds 1, 10, 100 m"
         + f" (– : not within {study.time[-1]:g} s). Missing: usual figures without a document, see insnav imus PART."
     )
     near, every = nearest(study, _NEAR), tuple(_part(study, each) for each in study.candidates)

@@ -147,7 +147,7 @@ def earth_path(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> tuple[Sp
         north_axis, east_axis, down = _columns(axes)
         sine = -down[:, 2]
         meridian, transverse = radii(np.arcsin(np.clip(sine, -1.0, 1.0)))
-        # the ellipsoid is more curved along the parallel: radius of curvature by Euler's theorem
+        # the ellipsoid has a larger radius of curvature along the parallel: Euler's theorem
         away = np.column_stack([-sine * -down[:, 0], -sine * -down[:, 1], 1.0 - sine**2])
         away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)
         across = np.cross(down, away)
