@@ -1,6 +1,5 @@
-"""Which faults of fixes, clock and IMU a recording contains: one linear record, one search, one criterion.
+"""Explanation of faults of fixes, clock and IMU: one linear record, one search, one criterion.
 
-`record` makes the linear error model of one filter run at epoch rate; `kinds` lists what can go wrong, with a rate and
-a size each; `proposals` reads from the scores of the smoother what would explain the record; `search` accepts what the
-evidence supports; `mixture` keeps what the record cannot tell apart; `explanation` hands the result to the filter.
+Data flow: `record` builds the linear error model of a filter run, and `kinds` defines the kinds of faults. `proposals`
+predicts gains, and `search` selects faults by the evidence. `explanation` passes the faults to the filter.
 """

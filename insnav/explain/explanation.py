@@ -1,7 +1,7 @@
-"""What a recording contains, handed to the filter: fixes to leave out, changes of the IMU, and what stays ambiguous.
+"""Faults of a recording, as instructions for the filter: excluded fixes, state changes and larger standard deviations.
 
-Attitude errors of many degrees are no linear function of a gyro fault: where the IMU has one, the linear record is made
-again about a run with it, until it stays the same (Gauss-Newton).
+Attitude errors of many degrees are not a linear function of a gyro fault. The filter therefore runs again with each
+fault of the IMU. The search repeats on the new linear record until the fault is unchanged (Gauss-Newton).
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from insnav.filter.prepare import Prepared
 from insnav.findings import Code, Finding
 from insnav.types import BoolArray, FloatArray, GpsData, Run, StateChange, Trajectory
 
-ROUNDS = 5  # runs of the filter, each about the faults of the IMU found before
-CHANGE_KNOWN = 0.3  # part of a change of the IMU by which it may be another [-]
-SAME = 0.1  # part of its size by which a fault may change in the last of them [-]
-FEWEST = 20  # epochs with a fix, below which a record shows no fault
-MINUTE, PLACES, NEARLY_ALL = 60.0, 20, 0.9  # drag whose least size is stated [s]; where it is looked for; part of these
+ROUNDS = 5  # filter runs, each with the IMU faults of the previous search
+CHANGE_KNOWN = 0.3  # standard deviation of a change of the IMU, relative to the change [-]
+SAME = 0.1  # largest relative change of a fault's size in the last round [-]
+FEWEST = 20  # epochs with a fix that a search needs
+MINUTE, PLACES, NEARLY_ALL = 60.0, 20, 0.9  # duration of the reported drag [s]; epochs tested for it; detected share
 NINE_IN_TEN = 1.28  # standard deviations by which a fault exceeds the limit to be found nine times in ten [-]
-UNSEEN = 1e3  # times the typical size from which nothing is seen [-]
+UNSEEN = 1e3  # largest tested size, relative to the typical size [-]
 OFFSET = next(kind for kind in KINDS if kind.name == "offset")
-EITHER = 0.5  # probability of either side of a lasting change: a record is the same read backwards [-]
-LATE = 0.2  # that fixes on the larger of two delays are on time, at least [-]
-# what a finding of a kind says: its code where the fault passes and where it stays, and the name of its size
+EITHER = 0.5  # probability of each side of a lasting change: the likelihood is symmetric in time [-]
+LATE = 0.2  # least probability that the fixes with the larger of two delays are on time [-]
+# codes of the finding of each kind, for a fault that ends and for one that stays, and the name of its size
 CODES = {
     "offset": (Code.RECORD_FALSE_POSITIONS, Code.RECORD_JUMP, "distance_m"),
     "drag": (Code.RECORD_DRIFT, Code.RECORD_DRIFT, "distance_m"),
@@ -50,55 +50,55 @@ CODES = {
     "delay": (Code.CHANGE_DELAY, Code.CHANGE_DELAY, "delay_s"),
 }
 SIGNED = Code.CHANGE_GYRO_FAULT, Code.CHANGE_DELAY
-SUBJECTS = {"turned": "imu", "heading": "imu", "velocity": ""}  # beside sensors; else the fixes
+SUBJECTS = {"turned": "imu", "heading": "imu", "velocity": ""}  # except sensors; the default is the fixes
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A fault that the record contains."""
+    """Accepted fault of a recording."""
 
     kind: Kind
     begin: float  # [s], in the time of the samples
-    end: float  # infinite for one that stays [s]
+    end: float  # infinity for a fault that stays [s]
     size: FloatArray  # (d,) of each column of the kind
-    sd: FloatArray  # (d,) of that
-    gain: float  # of the evidence by it [-]
-    back: float = np.inf  # from when on positions are again where they were before [s]
+    sd: FloatArray  # (d,) standard deviation of the size
+    gain: float  # decrease of the cost by this fault [-]
+    back: float = np.inf  # time at which displaced positions return [s]
 
     @property
     def family(self) -> str:
-        """Name of the kind without an axis."""
+        """Name of the kind without the axis."""
         return self.kind.name.removesuffix("_x").removesuffix("_y").removesuffix("_z")
 
     def inside(self, time: FloatArray) -> BoolArray:
-        """Times between begin and end."""
+        """Return which times are between begin and end."""
         return np.asarray((time >= self.begin) & (time < self.end))
 
     def displaces(self, time: FloatArray) -> BoolArray:
-        """Times at which positions are off by a constant: from a jump that stays or the end of a drag to a return."""
+        """Return at which times the fixes have a constant offset: after a lasting jump or a drag, until they return."""
         begin = self.begin if self.family == "offset" and np.isinf(self.end) else self.end
         return np.asarray((time >= begin) & (time < self.back) & (self.family in MOVING))
 
 
 @dataclass(frozen=True, slots=True)
 class Tried:
-    """A fault that the search has tried, as a row of the table of the explanation."""
+    """Fault that the search has tested: a row of the table of the explanation."""
 
     name: str  # of its kind
     begin: float  # [s]
-    end: float  # infinite for one that stays [s]
-    gain: float  # of the evidence [-]
-    prior: float  # what of that its prior has cost [-]
+    end: float  # infinity for a fault that stays [s]
+    gain: float  # decrease of the cost, prior included [-]
+    prior: float  # cost of its prior [-]
     unit: str  # in which its size is shown
     accepted: bool
-    size: float | None = None  # [SI]; of one that was accepted
+    size: float | None = None  # of an accepted fault [SI]
     left_out: int = 0  # fixes
     moved: int = 0  # fixes moved back
 
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """The faults of a recording, and how they were found."""
+    """Faults of a recording, tested faults, and the work of the search."""
 
     faults: tuple[Fault, ...] = ()
     tried: tuple[Tried, ...] = ()
@@ -109,17 +109,17 @@ class Explanation:
     between: tuple[FloatArray, FloatArray] = (np.zeros(0), np.zeros((0, 9)))
 
     def after(self, earlier: Sequence[Explanation]) -> Explanation:
-        """The same with the work of explanations whose delays the fixes are free of, and with these delays."""
+        """Add the work and the delay steps of earlier explanations, whose delays the fixes no longer have."""
         tried = (row for each in earlier for row in each.tried if row.accepted and row.name == "delay")
         passes, runs = (sum(getattr(each, name) for each in (*earlier, self)) for name in ("passes", "runs"))
         return replace(self, tried=(*tried, *self.tried), passes=passes, runs=runs)
 
     def of_delay(self) -> tuple[Fault, ...]:
-        """Steps of the delay of the fixes, which no run takes into account: whoever aligns puts them on one delay."""
+        """Return the steps of the GPS delay. The caller corrects the fixes for them and aligns again."""
         return tuple(fault for fault in self.faults if fault.family == "delay")
 
     def widen(self, run: Run) -> Run:
-        """Standard deviations that hold what the record cannot tell: which side of a lasting change is true."""
+        """Enlarge the standard deviations for ambiguities, such as the true side of a lasting change."""
 
         def wider(solution: Trajectory, sd: FloatArray) -> FloatArray:
             variance = sd[:, :3] ** 2
@@ -139,7 +139,7 @@ class Explanation:
 
 
 def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Explanation]:
-    """Find the faults of a recording, and prepare it for the filter with them."""
+    """Find the faults of a recording, and prepare the recording for the filter with these faults."""
     parts, tried, passes, runs = list[Part](), list[Tried](), 0, 0
     for _ in range(ROUNDS):
         records: list[LinearRecord] = []
@@ -180,7 +180,7 @@ def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Ex
 
 
 class Part(NamedTuple):
-    """A part of a recording, and what was found in it."""
+    """Part of a recording, with its search and its faults."""
 
     record: LinearRecord
     found: Search
@@ -188,12 +188,12 @@ class Part(NamedTuple):
 
 
 def faults_of(parts: Iterable[Part]) -> list[Fault]:
-    """Faults of all parts, in order of time."""
+    """Return the faults of all parts in order of time."""
     return [fault for part in parts for fault in part.faults]
 
 
 def mix(record: LinearRecord, found: Search) -> tuple[FloatArray, FloatArray]:
-    """Variance of the mean between explanations by their probability, at the epochs (m,) [s], (m, 9)."""
+    """Compute the variance between explanations, weighted by their probability: epochs (m,) [s], variances (m, 9)."""
     every = [found.best, *found.others]
     part = np.exp(-0.5 * (np.array([each.cost for each in every]) - found.best.cost))
     off = np.array([each.seen.nav - found.best.seen.nav for each in every])
@@ -202,12 +202,12 @@ def mix(record: LinearRecord, found: Search) -> tuple[FloatArray, FloatArray]:
 
 
 def of_imu(faults: Sequence[Fault]) -> list[Fault]:
-    """Faults about which the error model is made anew: of many degrees, they are not linear."""
+    """Return the faults of the IMU, with which the filter must run again."""
     return [fault for fault in faults if not fault.kind.of_fixes]
 
 
 def alike(some: Sequence[Fault], others: Sequence[Fault]) -> bool:
-    """Whether the faults are the same, up to a tenth of their size: what is left then is linear."""
+    """Compare two lists of faults: equal kinds and times, and sizes within `SAME`."""
     return len(some) == len(others) and all(
         (one.kind.name, one.begin, one.end) == (two.kind.name, two.begin, two.end)
         and np.linalg.norm(one.size - two.size) <= SAME * np.linalg.norm(two.size)
@@ -216,7 +216,7 @@ def alike(some: Sequence[Fault], others: Sequence[Fault]) -> bool:
 
 
 def faults_in(record: LinearRecord, found: Search) -> list[Fault]:
-    """The accepted steps of a search as faults in time; a return ends what has moved the fixes before it."""
+    """Convert the accepted steps of a search to faults in time. A return ends earlier displacements of the fixes."""
     faults: list[Fault] = []
     for step, gain in zip(found.best.steps, found.gains, strict=True):
         begin = float(record.time[step.begin])
@@ -238,7 +238,7 @@ def faults_in(record: LinearRecord, found: Search) -> list[Fault]:
 
 
 def considered_of(record: LinearRecord, found: Search) -> list[Tried]:
-    """Rows of the table of the explanation, of faults that the search has not accepted."""
+    """Return the table rows of the faults that the search has rejected."""
     rows = []
     for each in found.considered:
         if not each.accepted:
@@ -251,7 +251,7 @@ def considered_of(record: LinearRecord, found: Search) -> list[Tried]:
 
 
 def accepted_as(ready: Prepared, fault: Fault, step: Step, interval: float) -> Tried:
-    """Row of a fault that explains the record."""
+    """Return the table row of an accepted fault."""
     false, time = apply_faults(ready, [fault]).settings.false, ready.gps.time - ready.settings.delay
     left_out = 0 if false is None else int(np.count_nonzero(false.any(axis=0)))
     moved = int(np.count_nonzero(fault.displaces(time)))
@@ -260,10 +260,10 @@ def accepted_as(ready: Prepared, fault: Fault, step: Step, interval: float) -> T
 
 
 def state_detectable(record: LinearRecord, of: Pass, kinds: Sequence[Kind]) -> Finding:
-    """The least faults of the fixes that are found nine times in ten in nearly all of the record.
+    """Compute the smallest faults of the fixes that the search detects with probability 0.9 in most of the record.
 
     Minimal detectable bias: W. Baarda, "A testing procedure for use in geodetic networks", Netherlands Geodetic
-    Commission 2/5 (1968), with the gain that the search asks for as the critical value.
+    Commission 2/5 (1968). The critical value is the gain that the search requires.
     """
     values: dict[str, Any] = {}
     length = max(int(MINUTE / record.interval), 2)
@@ -285,7 +285,10 @@ def state_detectable(record: LinearRecord, of: Pass, kinds: Sequence[Kind]) -> F
 
 
 def _least_found(known: FloatArray, kind: Kind, interval: float, ends: float, misfit: float) -> float:
-    """Least size of a step with some information (d, d) that gains enough nine times in ten, where it is seen least."""
+    """Compute the smallest detectable size of a step in its weakest horizontal direction.
+
+    `known`: information (d, d) of the step. The detection probability is 0.9.
+    """
     value, vectors = np.linalg.eigh(known[:2, :2])
     sizes, variances = kind.size * np.geomspace(1.0 / UNSEEN, UNSEEN, 121), kind.size**2 * SIZES
     score = sizes[:, None] * (known[:, :2] @ vectors[:, 0])
@@ -296,7 +299,7 @@ def _least_found(known: FloatArray, kind: Kind, interval: float, ends: float, mi
 
 
 def apply_faults(ready: Prepared, faults: Sequence[Fault]) -> Prepared:
-    """The recording with some faults: what the filter leaves out, takes off its state, and doubts."""
+    """Apply faults to a recording: exclude false fixes, change the filter state, and increase the noise."""
     gps, changes, rough = ready.gps, [*ready.settings.changes], list[Rough]()
     time = ready.gps.time - ready.settings.delay
     false = np.zeros((2, time.size), dtype=np.bool_)
@@ -312,7 +315,7 @@ def apply_faults(ready: Prepared, faults: Sequence[Fault]) -> Prepared:
             false[1] |= inside
         elif fault.kind.fills:
             rough.append(Rough(fault.begin, fault.end, float(fault.size[0]), FADES))
-            # larger than an offset usually is, they are worth nothing, and need not be random at all
+            # errors larger than a typical offset carry no information and may not be random
             false[0] |= inside & (rough[-1].sd > OFFSET.size)
         elif fault.family != "delay":
             changes += _changes_of(fault)
@@ -325,7 +328,7 @@ def apply_faults(ready: Prepared, faults: Sequence[Fault]) -> Prepared:
 
 
 def _changes_of(fault: Fault) -> list[StateChange]:
-    """A fault of the IMU as changes of the state."""
+    """Convert a fault of the IMU to changes of the filter state."""
     name, axis = fault.kind.steps[0][0].rsplit(" ", 1)
     change = np.zeros(3)
     change[int(axis) :][: fault.size.size] = fault.size
@@ -337,14 +340,14 @@ def _changes_of(fault: Fault) -> list[StateChange]:
 
 
 def _moved(fault: Fault) -> FloatArray:
-    """By how much positions are off after a fault, North, East, Down (3,) [m]."""
+    """Compute the displacement of the positions by a fault, North, East, Down (3,) [m]."""
     if fault.family == "offset":
         return fault.size
     return np.asarray(fault.size * (fault.end - fault.begin))
 
 
 def find(fault: Fault, gps: GpsData) -> Finding:
-    """Report a fault."""
+    """Build the finding of a fault."""
     passes, stays, name = CODES[fault.family]
     size = _moved(fault) if name == "distance_m" and np.isfinite(fault.end) else fault.size
     code = passes if np.isfinite(fault.end) else stays

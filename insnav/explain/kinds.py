@@ -1,4 +1,4 @@
-"""What can go wrong in a recording, as a step of a few states, with its rate and its typical size.
+"""Kinds of faults: each is a step of a few states, with a rate and a typical size.
 
 A fault is a step of unknown size in the state of the linear record (P. de Jong, J. Penzer, "Diagnosing shocks in time
 series", J. Am. Stat. Assoc. 93 (1998) 796-806). Rate and size are the priors of a kind and its only figures: how often
@@ -19,9 +19,9 @@ from insnav.types import FloatArray
 from insnav.units import DEG, UNITS
 
 HOUR = 3600.0  # [s]
-SPREAD = 1.2  # of the logarithm of a size, one standard deviation: a factor of 3.3 either way [-]
-ENDS = 60.0  # rate at which what has begun ends: faults last a minute on average [1/h]
-UNITS_OF = {  # in which sizes are shown, by the state that steps
+SPREAD = 1.2  # standard deviation of the logarithm of a size: a factor of 3.3 [-]
+ENDS = 60.0  # rate of the end of a fault: faults last a minute on average [1/h]
+UNITS_OF = {  # unit of the displayed size, by the state that steps
     **{"offset": "m", "drift": "m/s", "velocity": "m/s", "velocity offset": "m/s", "attitude": "deg"},
     **{"gyro": "deg/s", "accel": "m/s^2", "delay": "s"},
 }
@@ -30,23 +30,23 @@ FADES = 45.0  # correlation time of multipath: half a minute to a minute for a v
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """A class of faults."""
+    """Kind of faults."""
 
     name: str
-    steps: tuple[tuple[str, ...], ...]  # states that step, by name: each column is the sum of a few of them
-    rate: float  # how often it begins [1/h]
+    steps: tuple[tuple[str, ...], ...]  # names of the states that step: one tuple for each column
+    rate: float  # of its begin [1/h]
     size: float  # typical size, in the unit of the states
-    of_fixes: bool  # whether the fixes are wrong, not the IMU
-    passes: bool = True  # whether it may end by a step back
+    of_fixes: bool  # true for a fault of the fixes, false for a fault of the IMU
+    passes: bool = True  # it may end by a step back
     fills: bool = False  # noise at every epoch of an interval, instead of one step
 
     @property
     def unit(self) -> str:
-        """Unit in which its size is shown."""
+        """Unit of the displayed size."""
         return UNITS_OF[self.steps[0][0].rsplit(" ", 1)[0]] if self.steps else ""
 
     def cost(self, variance: FloatArray | float, interval: float) -> FloatArray:
-        """Twice the negative logarithm of the prior of a step of some variance at one epoch [-].
+        """Compute -2 ln of the prior of a step at one epoch, by the variance of its size [-].
 
         `interval`: between epochs [s]. The constant of the normal density and the width of its peak nearly cancel.
         """
@@ -57,7 +57,7 @@ class Kind:
 
 
 def cost_of_end(interval: float) -> float:
-    """Twice the negative logarithm of the prior of the end of a fault at one epoch [-]."""
+    """Compute -2 ln of the prior of the end of a fault at one epoch [-]."""
     return float(-2.0 * np.log(ENDS * interval / HOUR))
 
 
@@ -79,7 +79,7 @@ KINDS: tuple[Kind, ...] = (
     *(Kind(f"accel_{'xyz'[i]}", ((f"accel {i}",),), 0.03, 0.2, False) for i in range(3)),
     Kind("delay", (("delay 0",),), 0.1, 0.2, True, passes=False),
 )
-# fixes that were off are back: the end of whatever moved them, at its own epoch
+# end of an earlier displacement of the fixes, at a separate epoch
 RETURN = Kind("return", (), ENDS, 1.0, True, passes=False)
 
 
@@ -90,7 +90,7 @@ class _Priors(Table):
 
 
 def with_priors(given: str | Path | Mapping[str, Any]) -> tuple[Kind, ...]:
-    """Kinds with the rates and sizes that a user gives: tables by name, quantities with their units.
+    """Apply rates and sizes of the user to the kinds: tables by name, quantities with units.
 
     `given`: ``{"offset": {"rate": "0.2 1/h", "size": "30 m"}}``, or a TOML file with the table ``faults`` of that.
     Raises: ConfigError: the file cannot be read; no kind has this name; a figure is not positive, or no quantity.

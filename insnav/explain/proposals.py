@@ -1,7 +1,7 @@
-"""Which faults would explain a record best, by the scores of one pass alone.
+"""Proposals: faults with the largest predicted gain, by the scores of one pass.
 
-The gain of a step of variance t with score r and information N of its columns is twice the gain of the log-likelihood,
-r' (I/t + N)^-1 r - log det(I + t N), less the prior of the kind (M. E. Tipping, A. C. Faul, "Fast marginal likelihood
+A step of variance t has score r and information N. Its gain is r' (I/t + N)^-1 r - log det(I + t N), less the cost of
+its prior. This is twice the gain of the log-likelihood (M. E. Tipping, A. C. Faul, "Fast marginal likelihood
 maximisation for sparse Bayesian models", AISTATS 2003). An episode is a pair of opposite steps.
 """
 
@@ -16,26 +16,26 @@ from insnav.explain.kinds import HOUR, RETURN, Kind, cost_of_end
 from insnav.explain.record import LinearRecord, Pass, Step
 from insnav.types import FloatArray
 
-SIZES = 10.0 ** np.arange(-2.0, 4.1, 0.5)  # variances looked at, by the square of the typical size [-]
-REACH = 150.0  # longest episode that a pair is looked for [s]
-SETTLES = 2.0  # an episode is longer than so many epochs [-]
-TOPS, APART = 5, 8.0  # so many summits of a gain are looked at, so far from each other [s]
+SIZES = 10.0 ** np.arange(-2.0, 4.1, 0.5)  # tested variances, relative to the square of the typical size [-]
+REACH = 150.0  # longest tested episode [s]
+SETTLES = 2.0  # least length of an episode, in epochs [-]
+TOPS, APART = 5, 8.0  # number of tested maxima of a gain, and their least distance [s]
 SHORTEST = 5  # interval of noise, in epochs
-BLOCK = 60.0  # length of the parts of a drive whose largest gains tell what misfit of the model does [s]
-MOVING = "offset", "drag", "followed_drag"  # kinds after which fixes may come back
-FEWEST = 4  # parts of a drive that have a median and a quartile
-FALSE_ALARMS = 0.01  # of a kind, by misfit of the model [1/h]
+BLOCK = 60.0  # length of the parts of a drive whose largest gains measure the misfit of the model [s]
+MOVING = "offset", "drag", "followed_drag"  # kinds after which the fixes may return
+FEWEST = 4  # least number of parts for quartiles
+FALSE_ALARMS = 0.01  # rate of false alarms of a kind by misfit of the model [1/h]
 
 
 class Proposal(NamedTuple):
-    """Faults that would explain the record better."""
+    """Faults that may explain the record better."""
 
     gain: float  # predicted, priors included [-]
     steps: tuple[Step, ...]
 
 
 class Scores(NamedTuple):
-    """Score and information of a kind at each epoch, and the gain of its likeliest step there."""
+    """Score and information of a kind at each epoch, and the gain of the best step there."""
 
     score: FloatArray  # (m, d)
     information: FloatArray  # (m, d, d)
@@ -44,7 +44,7 @@ class Scores(NamedTuple):
 
 
 def score_kind(record: LinearRecord, of: Pass, kind: Kind) -> Scores:
-    """Score a step of one kind at every epoch."""
+    """Compute the scores of one kind at every epoch."""
     score, information = record.project(of, kind)
     variances = kind.size**2 * SIZES
     gains = gains_of(score, information, variances) - kind.cost(variances, record.interval)[:, None]
@@ -54,9 +54,9 @@ def score_kind(record: LinearRecord, of: Pass, kind: Kind) -> Scores:
 
 
 def gains_of(score: FloatArray, information: FloatArray, variances: FloatArray) -> FloatArray:
-    """Twice the gain of the log-likelihood by steps of some variances (k,), without priors, (k, m).
+    """Compute twice the gain of the log-likelihood by steps of variances (k,), without priors, (k, m).
 
-    An infinite variance stands for the largest likelihood, r' N^-1 r.
+    An infinite variance gives the largest likelihood, r' N^-1 r.
     """
     size, vectors = np.linalg.eigh(information)
     square = np.einsum("mab,ma->mb", vectors, score) ** 2
@@ -67,12 +67,12 @@ def gains_of(score: FloatArray, information: FloatArray, variances: FloatArray) 
 
 
 def misfit_of(record: LinearRecord, of: Pass, kind: Kind, beside: Sequence[int] = ()) -> float:
-    """Gain without priors that misfit of the model reaches `FALSE_ALARMS` times an hour, by the drive itself.
+    """Estimate from the drive the gain without priors that misfit of the model reaches `FALSE_ALARMS` times an hour.
 
-    `beside`: epochs of faults, whose parts of the drive tell nothing of misfit.
+    `beside`: epochs of faults. Their parts of the drive are not used.
 
-    The largest r' N^-1 r of parts of the drive follow a Gumbel distribution (E. J. Gumbel, "Statistics of Extremes",
-    1958), whose scale is the wider one of the two by quartiles of these.
+    The largest r' N^-1 r of each part follow a Gumbel distribution (E. J. Gumbel, "Statistics of Extremes", 1958). The
+    quartiles give two scales, and the larger scale is used.
     """
     gain = gains_of(*record.project(of, kind), np.array([np.inf]))[0]
     block = np.floor((record.time - record.time[0]) / BLOCK).astype(int)
@@ -95,9 +95,9 @@ def propose(
     near: Sequence[int] = (),
     edges: Sequence[int] = (),
 ) -> list[Proposal]:
-    """What would gain most beside what is known: steps, episodes, intervals of noise and ends, best first.
+    """Propose steps, episodes, intervals of noise and ends in addition to the known faults, the best first.
 
-    `near`: epochs from which episodes are looked for, instead of the summits of each kind; `edges`: beside these.
+    `near`: epochs at which episodes begin or end, instead of the maxima of each kind. `edges`: additional such epochs.
     """
     found: list[Proposal] = []
     ends = cost_of_end(record.interval)
@@ -129,7 +129,7 @@ def propose(
 
 
 def _end(record: LinearRecord, of: Pass, known: tuple[Step, ...], number: int, prior: float) -> list[Proposal]:
-    """The end of a fault that is known to have begun."""
+    """Propose the end of a known fault without an end."""
     step = known[number]
     scores = score_kind(record, of, step.kind)
     gain = gains_of(scores.score, scores.information, np.array([step.variance]))[0] - prior
@@ -139,7 +139,7 @@ def _end(record: LinearRecord, of: Pass, known: tuple[Step, ...], number: int, p
 
 
 def _pair(record: LinearRecord, of: Pass, kind: Kind, scores: Scores, top: int) -> list[tuple[int, int, float, float]]:
-    """An episode with one end near an epoch: alternately the best end and the best begin; gain without prior."""
+    """Find the best episode from an epoch, by alternating between its end and its begin; gain without prior."""
     columns, m = record.columns(kind), record.time.size
     score, information, *_ = scores
     reach, at = max(int(REACH / record.interval), 3), top
@@ -167,9 +167,9 @@ def _pair(record: LinearRecord, of: Pass, kind: Kind, scores: Scores, top: int) 
 
 
 def _interval(record: LinearRecord, of: Pass, kind: Kind) -> list[Proposal]:
-    """Intervals in which the state is driven by noise: of each size the best sum of the gains of its epochs.
+    """Propose an interval of noise: for each size, the interval with the largest sum of gains.
 
-    The sum takes the steps of all epochs as if each were alone. It only chooses where to try.
+    The sum treats the steps of all epochs as independent. It only selects the interval to test.
     """
     variances, found = kind.size**2 * SIZES, []
     for variance, gain in zip(variances, gains_of(*record.project(of, kind), variances), strict=True):
@@ -184,7 +184,7 @@ def _interval(record: LinearRecord, of: Pass, kind: Kind) -> list[Proposal]:
 
 
 def _tops(record: LinearRecord, gain: FloatArray) -> list[int]:
-    """Epochs of the largest gains, apart from each other."""
+    """Find the epochs of the largest gains, at least `APART` from each other."""
     left, found = gain.copy(), []
     for _ in range(TOPS):
         row = int(left.argmax())

@@ -1,9 +1,9 @@
-"""The linear record: the error model of one filter run at its epochs, on which every fault is searched.
+"""Linear record: error model of one filter run at its epochs, for the search of faults.
 
-The filter runs once over the samples, with gates that weaken fixes instead of rejecting them. Its history has the
-transition of the errors between epochs, their covariance and each measurement. Errors are estimate minus truth; to
-first order they follow a linear model with the noise of the run. Steps of states, weights of fixes and factors of the
-noise then cost one pass of covariance algebra over the epochs, and no sample is read again.
+The filter runs once over the samples, with gates that reduce the weight of fixes instead of rejecting them. Its history
+contains the transition of the errors between epochs, their covariance and each measurement. Errors are estimate minus
+truth. To first order they follow a linear model with the noise of the run. A test of faults, weights or noise then
+costs one pass of covariance algebra over the epochs, without the samples.
 """
 
 from __future__ import annotations
@@ -29,52 +29,52 @@ from insnav.kernels.errorstate import STATES
 from insnav.kernels.smoother import COAST, JACOBIAN, KIND, NOISE, RESIDUAL, TIME
 from insnav.types import BoolArray, FloatArray, GpsData, ImuData, IntArray
 
-LONGEST, SHORTEST = 1024, 256  # epochs of a part of a long record; a shorter one at the end belongs to the one before
+LONGEST, SHORTEST = 1024, 256  # largest and smallest number of epochs in a part of a long record
 FAULTS = 9  # states of faults: offset of positions, its drift, offset of velocities
 TAILS = 4.0  # degrees of freedom of the errors of fixes and of the noise of the IMU, Student's t [-]
-WEIGHTED = np.array([3.0, 3.0, NAV])  # values under one weight: a position, a velocity, the noise of a span between [-]
-LEAST = (TAILS + WEIGHTED) / (TAILS + 0.6 * WEIGHTED)  # weight of values with squares of 0.6 each, at most [-]
-# Figures of the noise, as logarithms, with the sd of their priors upwards and downwards: factors of the sd of positions
-# and of velocities, and of the noise of the IMU; odds of the time-correlated share of the variance of positions;
-# factor of its correlation time. Innovations cannot show that fixes are better than stated, for lasting errors hide;
-# vibration may make an IMU far noisier than its kind.
+WEIGHTED = np.array([3.0, 3.0, NAV])  # number of values with a common weight: position, velocity, noise of a span [-]
+LEAST = (TAILS + WEIGHTED) / (TAILS + 0.6 * WEIGHTED)  # largest weight, for values with squares of 0.6 each [-]
+# Prior sd of the logarithms of the noise figures, upwards and downwards. Factors: sd of positions, sd of velocities,
+# noise of the IMU. Then the odds of the time-correlated share of the position variance, and its correlation time.
+# Innovations cannot show that fixes are better than stated, as lasting errors are invisible in them. Vibration may make
+# an IMU far noisier than its specification.
 FIGURES = (0.6, 0.03), (0.6, 0.03), (1.5, 0.8), (1.5, 1.5), (1.0, 1.0)
-FAR = 2.0  # a figure of the noise is at most so many sd of its prior away: beyond, the model is wrong, not precise [-]
+FAR = 2.0  # largest deviation of a noise figure, in sd of its prior: beyond, the model is wrong [-]
 POSITION, VELOCITY, IMU, SHARE, TIME_OF_SHARE = range(5)
-# at the end, by kind; what is not here ends by a step back, after which what a drag has moved stays off
+# states cleared at the end of a fault; other kinds end by a step back, and positions stay displaced after a drag
 CLEARED = {"offset": linear.NO_POSITION, "rough": linear.NO_POSITION, "velocity_offset": linear.NO_VELOCITY}
 NAMES = {"position": 0, "velocity": 3, "attitude": 6, "gyro": 9, "accel": 12, "delay": STATES}
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A fault: a step of some states just before an epoch, perhaps taken back at another."""
+    """Fault in a record: a step of states just before an epoch, and perhaps the opposite step later."""
 
     kind: Kind
     begin: int  # epoch
     variance: float  # of its size, in each column
-    end: int = 0  # epoch before which it is over; 0: it stays
+    end: int = 0  # epoch of the opposite step; 0: the fault stays
 
     def moved(self, begin: int, end: int) -> Step:
-        """The same between other epochs."""
+        """Move the step to other epochs."""
         return replace(self, begin=begin, end=end)
 
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Figures of the noise, as logarithms by those of the run; see `FIGURES`."""
+    """Noise figures as logarithms, relative to the noise of the run; see `FIGURES`."""
 
     figures: tuple[float, ...] = (0.0,) * len(FIGURES)
 
     @property
     def cost(self) -> float:
-        """Twice the negative logarithm of their prior [-]."""
+        """Value of -2 ln of their prior [-]."""
         return float(
             sum((x / (up if x > 0.0 else down)) ** 2 for x, (up, down) in zip(self.figures, FIGURES, strict=True))
         )
 
     def changed(self, number: int, by: float) -> Noise:
-        """The same with one of the figures changed, as far as its prior allows."""
+        """Change one of the figures, within `FAR`."""
         up, down = FIGURES[number]
         figure = float(np.clip(self.figures[number] + by, -FAR * down, FAR * up))
         return Noise((*self.figures[:number], figure, *self.figures[number + 1 :]))
@@ -86,18 +86,18 @@ class Noise:
 
 
 def usual_correlated(position_sd: FloatArray) -> CorrelatedNoise:
-    """Time-correlated errors of positions with standard deviations (n, 3) [m], as receivers usually have them."""
+    """Return typical time-correlated errors of a receiver, for position standard deviations (n, 3) [m]."""
     return CorrelatedNoise(Noise().share, FADES, np.sqrt(Noise().share) * np.median(position_sd, axis=0))
 
 
 @dataclass(frozen=True, slots=True)
 class Pass:
-    """What a forward and a backward pass over the record tell."""
+    """Result of a forward and a backward pass over the record."""
 
     cost: float  # twice the negative log-likelihood of the fixes [-]
     score: FloatArray  # (m, n) of a step of the state before each epoch
-    information: FloatArray  # (m, n, n) of it
-    # (m, 3) expected squares by the variance at full weight: residuals of position, of velocity, noise of the IMU [-]
+    information: FloatArray  # (m, n, n) of such a step
+    # (m, 3) expected squares, relative to the variance at weight one: position and velocity residuals, IMU noise [-]
     squares: FloatArray
     nav: FloatArray  # (m, 9) smoothed error of position, velocity and attitude
     nav_variance: FloatArray  # (m, 9)
@@ -105,7 +105,7 @@ class Pass:
 
     @property
     def is_finite(self) -> bool:
-        """Whether all is finite: what overflows on the way back is so at the first epoch, too."""
+        """True if all values are finite: an overflow of the backward pass reaches the first epoch."""
         return bool(np.isfinite([self.cost, *self.score[0], *self.information[0].ravel()]).all())
 
 
@@ -113,19 +113,19 @@ class Pass:
 class LinearRecord:
     """Linear error model of one run at its epochs."""
 
-    time: FloatArray  # (m,) of the epochs, in the time of the samples [s]
+    time: FloatArray  # (m,) epochs in sample time [s]
     interval: float  # usual time between epochs [s]
     system: tuple[FloatArray, ...]  # spans, transitions, fading, noise; see `insnav.kernels.linear`
-    measured: tuple[FloatArray, ...]  # predicted minus measured, derivatives, errors taken off the state
-    variance: FloatArray  # (m, 6) of the white noise of the fixes, 0 where nothing was measured
+    measured: tuple[FloatArray, ...]  # predicted minus measured, derivatives, corrections of the state
+    variance: FloatArray  # (m, 6) of the white noise of the fixes, 0 without a measurement
     start: FloatArray  # (n, n) covariance
     states: dict[str, int]  # first index, by name
-    correlated_sd: FloatArray  # (3,) standard deviation of a position, of which a share is time-correlated [m]
-    from_fix: bool  # whether the first position is that of a fix, with its time-correlated error
+    correlated_sd: FloatArray  # (3,) standard deviation of a position, including its time-correlated share [m]
+    from_fix: bool  # the first position comes from a fix and has its time-correlated error
 
     @classmethod
     def of(cls, ready: Prepared) -> list[LinearRecord]:
-        """Run the filter over the longest part of a recording, and take its epochs, in parts of bounded length.
+        """Run the filter over the longest part of a recording, and divide its epochs into parts of bounded length.
 
         Raises: DivergenceError: the filter lost consistency.
         """
@@ -152,7 +152,7 @@ class LinearRecord:
 
     @classmethod
     def _from_history(cls, history: FloatArray, from_fix: bool, gps: GpsData, settings: FilterSettings) -> LinearRecord:
-        """Take transitions, noise, measurements and what was taken off the state from the history of a run."""
+        """Build a record from the history of a run: transitions, noise, measurements and state corrections."""
         at, m = layout(settings), history.shape[0]
         n, time = at.states, history[:, TIME].copy()
         span = np.diff(time, prepend=time[:1])
@@ -169,7 +169,7 @@ class LinearRecord:
         s = hp @ np.swapaxes(h, 1, 2) + np.where(both, history[:, NOISE : NOISE + 36].reshape(m, 6, 6), np.eye(6))
         gain = np.linalg.solve(s, hp)
         after = np.roll(before - np.swapaxes(hp, 1, 2) @ gain, 1, axis=0)  # the epoch before
-        # the noise of a span is what the covariance has more than the transition has carried on
+        # noise of a span: predicted covariance minus the propagated covariance
         q = before[:, :NAV, :NAV] - phi @ after[:, :STATES, :STATES] @ np.swapaxes(phi, 1, 2)
         own, old = (np.diagonal(each, axis1=1, axis2=2)[:, NAV:] for each in (before, after))
         qd = np.zeros((m, n + FAULTS))
@@ -207,10 +207,10 @@ class LinearRecord:
         )
 
     def with_axes(self, imu: ImuData, sd: FloatArray) -> LinearRecord:
-        """The same with misalignments of the sensors as states, after the sensor errors.
+        """Add misalignments of the sensors as constant states, after the sensor errors.
 
-        They are constants, of which the share of each axis in another shows by the mean rate or force of a span.
-        `sd`: (2,) of gyros and accelerometers [rad].
+        Each acts on its axis by the mean rate or specific force of another axis. `sd`: (2,) of gyros and accelerometers
+        [rad].
         """
         last = NAV + 12
         rows = slice(*np.searchsorted(imu.time, [self.time[0] - 1.0, self.time[-1] + 1.0]))
@@ -241,16 +241,16 @@ class LinearRecord:
 
     @property
     def known(self) -> BoolArray:
-        """Whether a position and a velocity were measured at each epoch, (m, 2)."""
+        """Availability of position and velocity at each epoch, (m, 2)."""
         return np.asarray(self.variance[:, ::3] > 0.0)
 
     def project(self, of: Pass, kind: Kind) -> tuple[FloatArray, FloatArray]:
-        """Score (m, d) and information (m, d, d) of a step of one kind before each epoch."""
+        """Compute score (m, d) and information (m, d, d) of a step of one kind before each epoch."""
         columns = self.columns(kind)
         return of.score @ columns, np.asarray(columns.T @ of.information @ columns)
 
     def columns(self, kind: Kind) -> FloatArray:
-        """What one unit of each column of a kind adds to the states, (n, d); (n, 0) if the record lacks them."""
+        """Build the effect of each column of a kind on the states, (n, d); (n, 0) if the record lacks the states."""
         found = np.zeros((self.start.shape[0], len(kind.steps)))
         for column, names in enumerate(kind.steps):
             for name, axis in (each.rsplit(" ", 1) for each in names):
@@ -260,7 +260,7 @@ class LinearRecord:
         return found
 
     def run(self, steps: tuple[Step, ...], weights: FloatArray, noise: Noise) -> Pass:
-        """Likelihood, scores and residuals with some faults, weights (m, 3) and noise; see `WEIGHTED`."""
+        """Compute likelihood, scores and residuals with faults, weights (m, 3) and noise; see `WEIGHTED`."""
         cost, inner = self._forward(steps, weights, noise)
         system, measured, out = inner
         m, n = self.time.size, self.start.shape[0]
@@ -277,7 +277,7 @@ class LinearRecord:
         return Pass(cost, score, information, squares, smoothed, np.maximum(spread, 0.0), inner)
 
     def cost(self, steps: tuple[Step, ...], weights: FloatArray, noise: Noise) -> float:
-        """Twice the negative log-likelihood alone, by the forward pass [-]."""
+        """Compute -2 ln of the likelihood by the forward pass alone [-]."""
         return self._forward(steps, weights, noise)[0]
 
     def _forward(
@@ -294,9 +294,9 @@ class LinearRecord:
         return cost, (system, measured, out)
 
     def cross(self, of: Pass, columns: FloatArray, at: int, reach: int) -> FloatArray:
-        """Cross information of steps of some columns at an epoch and at each other one, (m, d, d).
+        """Compute the cross information of steps at one epoch and at each other epoch, (m, d, d).
 
-        `reach`: so many epochs later, or earlier if it is negative; others are zero.
+        `reach`: number of later epochs, or of earlier epochs if negative. Other epochs are zero.
         """
         m, d = self.time.size, columns.shape[1]
         if reach > 0:
@@ -308,7 +308,7 @@ class LinearRecord:
     def _with(
         self, steps: tuple[Step, ...], noise: Noise
     ) -> tuple[tuple[NDArray[Any], ...], tuple[NDArray[Any], ...], FloatArray]:
-        """The system with some noise and faults, where the covariance is opened, and the first covariance."""
+        """Apply noise and faults: system, epochs and sizes of covariance increases, and first covariance."""
         span, phi, fade, q, qd = self.system
         by, at = float(np.exp(2.0 * noise.figures[IMU])), self.states["correlated"]
         lasting = noise.share * np.exp(2.0 * noise.figures[POSITION]) * self.correlated_sd**2

@@ -1,10 +1,10 @@
-"""The one search: score, try, accept, prune, within a budget of passes over the record.
+"""Search of faults: score, test, accept and prune, within a budget of passes over the record.
 
-The criterion is the evidence: twice the negative log-likelihood of the fixes, whose errors have Student's t, with the
-priors of weights, faults and noise. Sizes of steps follow by their fixed point (D. J. C. MacKay, "Bayesian
-interpolation", Neural Computation 4 (1992) 415-447, eq. 4.5 ff.). Weights begin nearly alike and become strict step by
-step (H. Yang et al., "Graduated non-convexity for robust spatial perception", IEEE Robotics and Automation Letters 5
-(2020) 1127-1134; Agamennoni et al., IEEE Transactions on Signal Processing 60 (2012) 5024-5037).
+The cost is -2 ln of the evidence: the likelihood of the fixes with Student's t errors, and the priors of weights,
+faults and noise. A fixed point gives the size of a step (D. J. C. MacKay, "Bayesian interpolation", Neural Computation
+4 (1992) 415-447, eq. 4.5 ff.). Weights start nearly equal and become strict gradually (H. Yang et al., "Graduated
+non-convexity for robust spatial perception", IEEE Robotics and Automation Letters 5 (2020) 1127-1134; Agamennoni et
+al., IEEE Transactions on Signal Processing 60 (2012) 5024-5037).
 """
 
 from __future__ import annotations
@@ -20,56 +20,56 @@ from insnav.explain.record import IMU, LEAST, TAILS, WEIGHTED, LinearRecord, Noi
 from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray
 
-ACCEPT = 6.0  # gain below which two explanations are alike: an approximate evidence may be wrong by that [-]
-GRADUATED = (300.0, 100.0, 30.0, 10.0, 3.0, 1.0)  # squares of residuals are divided by these, from first to last pass
-AGAIN = (1.0,) * 4  # the same where a fit changes little
-QUIET = -0.7  # logarithm of the factor of the noise of the IMU at which faults are looked for, too: noise hides them
-WIDTHS = 0.3, 0.3, 0.4, 0.8, 0.6  # of the parabolas by which each figure of the noise is found, about half a prior
-TRIED = 4  # proposals tried in a round
+ACCEPT = 6.0  # gain below which two explanations count as equal: the error of the approximate evidence [-]
+GRADUATED = (300.0, 100.0, 30.0, 10.0, 3.0, 1.0)  # divisors of the squared residuals, from first to last pass
+AGAIN = (1.0,) * 4  # divisors for a fit that changes little
+QUIET = -0.7  # logarithm of a reduced noise factor of the IMU for additional proposals: its noise may mask faults
+WIDTHS = 0.3, 0.3, 0.4, 0.8, 0.6  # widths of the parabolas for the noise figures, about half a prior sd
+TRIED = 4  # proposals tested in a round
 SOON = 60.0  # steps within a minute may be begin and end of one fault, see `insnav.explain.kinds.ENDS` [s]
-ALONE = 2  # so many false fixes in a row are no fault of another kind
+ALONE = 2  # largest number of successive false fixes that need no fault
 WEAK = 0.3  # weight below which a fix counts as false [-]
-ROUNDS = 6  # of weights and noise without a fault
-MOVES = 3  # of a figure of the noise at a time, by its width
-SIZE_RANGE = np.array([1e-6, 1e6])  # of a variance by the square of the typical size: prior 33 worse at either end [-]
+ROUNDS = 6  # fits of weights and noise without a fault
+MOVES = 3  # moves of one noise figure in a fit, by its width
+SIZE_RANGE = np.array([1e-6, 1e6])  # limits of a variance, relative to the typical one: the prior costs 33 there [-]
 BUDGET = 600  # passes
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """One explanation, fitted to the record."""
+    """Explanation that is fitted to the record."""
 
     steps: tuple[Step, ...]
     weights: FloatArray  # (m, 3) of positions, velocities and the noise of the IMU; see `WEIGHTED`
     noise: Noise
-    cost: float  # twice the negative logarithm of the evidence [-]
+    cost: float  # -2 ln of the evidence [-]
     seen: Pass
 
 
 @dataclass(frozen=True, slots=True)
 class Considered:
-    """A fault that was tried."""
+    """Fault that was tested."""
 
-    steps: tuple[Step, ...]  # those that the fit before did not have
+    steps: tuple[Step, ...]  # new steps, relative to the previous fit
     predicted: float  # gain by the scores alone [-]
-    gain: float  # found [-]
+    gain: float  # gain of the fit [-]
     accepted: bool
 
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """The likeliest explanation of a record, others that are nearly as likely, and what was tried."""
+    """Best explanation of a record, alternatives of similar cost, and all tested faults."""
 
     best: Fit
     others: tuple[Fit, ...]
     considered: tuple[Considered, ...]
     passes: int
     plain: Fit  # without a fault
-    gains: tuple[float, ...]  # of the evidence by each step of the best fit, beside the others [-]
+    gains: tuple[float, ...]  # cost increase of the best fit without each of its steps [-]
 
 
 class _Searcher:
-    """Counts the passes, and keeps every fit."""
+    """Count of passes and record of all fits."""
 
     def __init__(self, record: LinearRecord, kinds: Sequence[Kind]) -> None:
         self.record, self.kinds, self.passes = record, kinds, 0
@@ -80,17 +80,17 @@ class _Searcher:
         return self.record.run(steps, weights, noise)
 
     def cost(self, seen: Pass, steps: tuple[Step, ...], weights: FloatArray, noise: Noise) -> float:
-        """Twice the negative logarithm of the evidence [-]."""
+        """Compute -2 ln of the evidence [-]."""
         return self.other_cost(steps, weights, noise) + seen.cost if seen.is_finite else np.inf
 
     def other_cost(self, steps: tuple[Step, ...], weights: FloatArray, noise: Noise) -> float:
-        """Twice the negative logarithm of the priors of weights, noise and faults [-]."""
+        """Compute -2 ln of the priors of weights, noise and faults [-]."""
         of_tails = TAILS * (weights - 1.0 - np.log(weights))
         of_weights = of_tails[:, :2][self.record.known].sum() + of_tails[:, 2].sum()
         return float(of_weights) + noise.cost + prior_of(steps, self.record.interval)
 
     def settle(self, start: Fit, steps: tuple[Step, ...], strictness: Sequence[float] = AGAIN) -> Fit:
-        """Fit weights and sizes of some faults, from another fit."""
+        """Fit the weights and the sizes of faults, starting from another fit."""
         weights, noise = start.weights, start.noise
         seen = start.seen if steps == start.steps else self.look(steps, weights, noise)
         for divided in strictness:
@@ -104,7 +104,7 @@ class _Searcher:
         return fit
 
     def tune(self, fit: Fit, numbers: Sequence[int]) -> Fit:
-        """Find the likeliest figures of the noise, one after the other, by parabolas of the cost."""
+        """Find the best noise figures, one after the other, by parabolas of the cost."""
         steps, weights, noise, cost = fit.steps, fit.weights, fit.noise, fit.cost
 
         def at(other: Noise) -> float:
@@ -132,7 +132,7 @@ class _Searcher:
         return Fit(steps, weights, noise, self.cost(seen, steps, weights, noise), seen)
 
     def proposals(self, fit: Fit) -> list[tuple[Proposal, Fit]]:
-        """What would gain most at the weights as they are, with weak ones made strong, and with a quiet IMU."""
+        """Propose faults with the present weights, with weak weights set to one, and with a quiet IMU."""
         quiet = fit.noise.changed(IMU, min(0.0, QUIET - fit.noise.figures[IMU]))
         ways = [(fit.weights, fit.noise), (believed(fit.weights, self.record.known), fit.noise), (fit.weights, quiet)]
         rows = runs_of(np.asarray(false_for_long(fit.weights, self.record.known).any(axis=1)))
@@ -145,7 +145,7 @@ class _Searcher:
             if not seen.is_finite:
                 continue
             here = Fit(fit.steps, weights, fit.noise, self.cost(seen, fit.steps, weights, noise), seen)
-            less = here.cost - fit.cost  # what this way of looking has lost
+            less = here.cost - fit.cost  # loss by the changed weights or noise
             found += [
                 (each._replace(gain=each.gain - less), here)
                 for each in propose(self.record, seen, self.kinds, fit.steps, edges=edges.tolist())
@@ -153,7 +153,7 @@ class _Searcher:
         return sorted(found, key=lambda each: -each[0].gain)
 
     def improve(self, fit: Fit, considered: list[Considered]) -> Fit:
-        """Try the best proposal of each form; the likeliest fit of a fault that is real, or else the same faults."""
+        """Test the best proposal of each form. Return the best fit with a real fault, or a fit of the same faults."""
         trials: dict[int, Fit] = {}
         forms = set[tuple[str, bool]]()
         for proposal, start in self.proposals(fit):
@@ -179,18 +179,18 @@ class _Searcher:
         return fit
 
     def is_real(self, before: Fit, trial: Fit, new: Sequence[Step]) -> bool:
-        """Whether faults gain more than misfit of the model does, and change the solution."""
+        """Test whether faults gain more than the misfit of the model, and change the solution."""
         return trial.cost < before.cost - self.least(trial, new) and matters(before, trial, self.record.known)
 
     def least(self, trial: Fit, new: Sequence[Step]) -> float:
-        """Gain that faults must have: misfit of the model, as the explained drive shows it, is no evidence."""
+        """Compute the gain that faults need: more than the misfit of the model in the explained drive."""
         kinds = {step.kind.name: step.kind for step in new if step.kind.steps and not step.kind.fills}
         prior = prior_of(new, self.record.interval)
         rows = [row for step in new for row in (step.begin, step.end) if row]
         return max([ACCEPT, *(misfit_of(self.record, trial.seen, kind, rows) - prior for kind in kinds.values())])
 
     def relocate(self, fit: Fit) -> Fit:
-        """Move each step to where the others leave it likeliest, or to another kind; drop what gains too little."""
+        """Move each step to its best epoch or kind, given the other steps, and remove steps of small gain."""
         for number in reversed(range(len(fit.steps))):
             if self.passes > BUDGET:
                 break
@@ -208,7 +208,7 @@ class _Searcher:
         return self.join(fit)
 
     def join(self, fit: Fit) -> Fit:
-        """Replace steps soon after one another by one fault, if that is likelier: they may only have stood for it."""
+        """Replace steps within `SOON` of each other by one fault, if its cost is lower."""
         time = self.record.time
         for first, last in clusters([(time[step.begin], time[step.end or step.begin]) for step in fit.steps]):
             members = fit.steps[first:last]
@@ -222,7 +222,7 @@ class _Searcher:
         return fit
 
     def _elsewhere(self, bare: Fit, step: Step, count: int = TRIED) -> list[tuple[Step, ...]]:
-        """The likeliest steps of each form that a fault may be instead, near its time; one end of it alone."""
+        """Propose the best alternatives of each form near the time of a fault, and each of its ends alone."""
         margin = max(30.0, self.record.time[step.end or step.begin] - self.record.time[step.begin])
         first, last = self.record.time[step.begin] - margin, self.record.time[step.end or step.begin] + margin
         found: dict[tuple[str, bool], Proposal] = {}
@@ -236,14 +236,14 @@ class _Searcher:
 
 
 def search(record: LinearRecord, kinds: Sequence[Kind], known: tuple[Step, ...] = ()) -> Search:
-    """Find which faults a record contains; `known`: where to begin."""
+    """Search the faults of a record, starting from `known` faults."""
     searcher = _Searcher(record, kinds)
     m, none = record.time.size, Noise()
     weights = np.ones((m, WEIGHTED.size))
     seen = searcher.look((), weights, none)
     start = Fit((), weights, none, np.inf, seen)
     plain = searcher.settle(start, (), GRADUATED)
-    for _ in range(ROUNDS):  # what the noise gains is no gain of a fault
+    for _ in range(ROUNDS):  # a gain by the noise must not count as a gain of a fault
         before = plain.cost
         plain = searcher.settle(searcher.tune(plain, range(len(WIDTHS))), (), AGAIN[:2])
         if plain.cost > before - ACCEPT:
@@ -269,7 +269,7 @@ def search(record: LinearRecord, kinds: Sequence[Kind], known: tuple[Step, ...] 
 
 
 def top_of(places: Sequence[float], costs: Sequence[float]) -> float | None:
-    """Where the parabola through three costs is least, if that is between the outer places."""
+    """Compute the minimum of the parabola through three costs, if it is between the outer places."""
     if len(set(np.round(places, 6))) < 3 or not np.isfinite(costs).all():
         return None
     curve, slope, _ = np.polyfit(places, costs, 2)
@@ -278,7 +278,7 @@ def top_of(places: Sequence[float], costs: Sequence[float]) -> float | None:
 
 
 def clusters(spans: Sequence[tuple[float, float]]) -> list[tuple[int, int]]:
-    """First and last but one of faults, in order of time, that follow each other within `SOON`."""
+    """Find groups of faults within `SOON` of each other: index of the first, and index after the last."""
     found, first = [], 0
     for number in range(1, len(spans) + 1):
         if number == len(spans) or spans[number][0] - max(end for _, end in spans[first:number]) > SOON:
@@ -288,7 +288,7 @@ def clusters(spans: Sequence[tuple[float, float]]) -> list[tuple[int, int]]:
 
 
 def matters(before: Fit, after: Fit, known: BoolArray) -> bool:
-    """Whether a fault moves the solution by its sd somewhere, doubles its variance, or explains weak fixes."""
+    """Test whether a fault moves the solution by its sd anywhere, doubles its variance, or explains weak weights."""
     moved = (after.seen.nav - before.seen.nav) ** 2 > before.seen.nav_variance
     doubled = after.seen.nav_variance > 2.0 * before.seen.nav_variance
     explained = false_for_long(before.weights, known) & (after.weights > WEAK)
@@ -296,7 +296,7 @@ def matters(before: Fit, after: Fit, known: BoolArray) -> bool:
 
 
 def sized(record: LinearRecord, seen: Pass, step: Step) -> Step:
-    """A step with the variance that its score and information ask for."""
+    """Set the variance of a step by the fixed point of its score and information."""
     if not step.kind.steps:
         return step
     columns = record.columns(step.kind)
@@ -307,13 +307,13 @@ def sized(record: LinearRecord, seen: Pass, step: Step) -> Step:
 
 
 def prior_of(steps: Sequence[Step], interval: float) -> float:
-    """Twice the negative logarithm of the prior of some faults [-]."""
+    """Compute -2 ln of the prior of faults [-]."""
     ends = sum(step.end > 0 for step in steps)
     return sum(float(step.kind.cost(step.variance, interval)) for step in steps) + ends * cost_of_end(interval)
 
 
 def believed(weights: FloatArray, known: BoolArray) -> FloatArray:
-    """Weights (m, 3), of which weak ones become one; except of fixes that are false alone among those `known`."""
+    """Set weak weights (m, 3) to one, except for up to `ALONE` successive false fixes among the `known` fixes."""
     found = np.where(weights < WEAK, 1.0, weights)
     for column in range(2):
         rows = np.flatnonzero(known[:, column])
@@ -324,12 +324,12 @@ def believed(weights: FloatArray, known: BoolArray) -> FloatArray:
 
 
 def false_for_long(weights: FloatArray, known: BoolArray) -> BoolArray:
-    """Which weights (m, 3) are weak, except those of fixes that are false alone."""
+    """Find the weak weights (m, 3), except for up to `ALONE` successive false fixes."""
     return np.asarray((weights < WEAK) & (believed(weights, known) > WEAK))
 
 
 def most_are_weak(record: LinearRecord, weights: FloatArray) -> bool:
-    """Whether most positions, or most velocities, are weak in each part of 20 epochs: noise, for no fault is always."""
+    """Test whether most positions or velocities are weak in each part of 20 epochs: noise, as no fault is permanent."""
     parts = np.array_split(np.arange(record.time.size), max(2, record.time.size // 20))
     weak, known = (weights[:, :2] < WEAK) & record.known, record.known
     few = [2 * weak[rows].sum(axis=0) <= known[rows].sum(axis=0) for rows in parts if known[rows].any()]
@@ -337,13 +337,13 @@ def most_are_weak(record: LinearRecord, weights: FloatArray) -> bool:
 
 
 def form_of(proposal: Proposal, known: tuple[Step, ...]) -> tuple[str, bool]:
-    """Kind and whether it passes, of what a proposal has that is not known."""
+    """Return the kind of the new fault of a proposal, and whether it ends."""
     step = next((each for each in proposal.steps if each not in known), proposal.steps[0])
     return step.kind.name, step.end > 0
 
 
 def with_known(proposal: Proposal, known: tuple[Step, ...]) -> tuple[Step, ...]:
-    """Steps of a proposal, and those known that it does not change."""
+    """Combine the steps of a proposal with the known steps that it does not replace."""
     begins = {(each.kind.name, each.begin) for each in proposal.steps}
     rest = (each for each in known if (each.kind.name, each.begin) not in begins)
     return tuple(sorted((*rest, *proposal.steps), key=lambda each: each.begin))

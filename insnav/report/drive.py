@@ -1,4 +1,4 @@
-"""What is in the data of a drive before it is navigated, as a figure."""
+"""Figure of the data of a drive before navigation."""
 
 from __future__ import annotations
 

@@ -230,7 +230,7 @@ def drawn(name: str, caption: str, drawings: Iterable[Drawing], note: str = "", 
 
 
 def beside(*sections: Section) -> Section:
-    """Join drawings of which the first is a map: on a wide page it stays in view beside the others."""
+    """Join drawings with a map first. On a wide page the map stays in view next to the others."""
     panels, figures = (tuple(one for each in sections for one in getattr(each, k)) for k in ("panels", "figures"))
     return Section("", panels=panels, figures=figures)
 

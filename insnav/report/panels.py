@@ -145,7 +145,7 @@ class Curve:
     kind: Kind = "line"
     low: FloatArray | None = None  # (n,) lower edge of a band, left ends of bars
     mode: str = ""  # switch position of the page that shows it, such as "filtered"; empty: always
-    # of points and bars: hover text; of a thin line: label at its start; of a line: its name on it
+    # hover text of points and bars, label at the start of a thin line, or name on a line
     text: tuple[str, ...] = ()
 
 
@@ -281,7 +281,7 @@ def limits_of(panel: Panel, mode: str) -> tuple[float, float] | None:
 def _robust(curves: Sequence[Curve], logarithmic: bool, least: float) -> tuple[float, float] | None:
     values = [each.y for each in curves if each.kind != "band"]
     bands = [edge for each in curves if each.kind == "band" for edge in (each.y, each.low) if edge is not None]
-    # 99 % of a band is in view; the page names the range of what is cut
+    # 99 % of a band is in view, and the page names the cut range
     most = (_TAIL, 100.0 - _TAIL)
     values += [np.percentile(known, most) for each in bands if (known := each[np.isfinite(each)]).size]
     if not logarithmic:

@@ -204,7 +204,7 @@ class Drive:
         return as_keywords("\n".join(["Drive", *lines, model]))
 
     def plot(self) -> Figure:
-        """Draw what is in the data before anything is navigated: rates, forces, fixes and gaps.
+        """Draw the data before navigation: rates, forces, fixes and gaps.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""Step 7: find the faults of fixes, clock and IMU in the record, so that noise and solution are those of the rest."""
+"""Step 7: find the faults of fixes, clock and IMU, so that noise and solution do not depend on faulty data."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ROUNDS = 3  # of fixes put on one delay
 
 
 def explain(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
-    """Find the faults of a recording; where the delay of the fixes changes, put them on one delay and align again."""
+    """Find the faults of a recording. If the delay of the fixes changes, correct the fixes and align again."""
     if recording.inputs.get("explain") == "off":
         return recording, model, ()
     assert model.ready is not None
@@ -45,10 +45,10 @@ def explain(recording: Recording, model: Model) -> tuple[Recording, Model, tuple
 
 
 def put_on_one_delay(fixes: GpsData, ready: Prepared, steps: Sequence[Fault]) -> GpsData:
-    """Move fixes whose delay changes by some steps onto the least of their delays: receivers begin to lag."""
-    # errors are estimate minus truth: a delay that is larger than before makes a negative one
+    """Correct the times of fixes for steps of their delay, to the smallest delay: receivers begin to lag."""
+    # errors are estimate minus truth: an increase of the delay makes a negative error
     late = -np.sum([step.size[0] * step.inside(fixes.time - ready.settings.delay) for step in steps], axis=0)
-    every = ready.clock + late - late.mean()  # the delay found before is that of the mean
+    every = ready.clock + late - late.mean()  # the earlier estimate is the mean delay
     right = late[int(np.argmin(np.abs(every)))]
     time = fixes.time - (late - right)
     kept = time > np.maximum.accumulate(np.concatenate([[-np.inf], time[:-1]]))

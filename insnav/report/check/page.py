@@ -42,12 +42,12 @@ def page(result: Result[Checked]) -> Page:
 
 
 def _to_mend(found: Checked) -> list[Finding]:
-    """Problems that can be mended, the worst first."""
+    """Problems that can be corrected, the worst first."""
     return [each for each in found.problems if each.severity > Severity.NOTE and render(each).advice]
 
 
 def _timeline(result: Result[Checked]) -> tuple[Section, ...]:
-    """Draw what each file covers, with its gaps."""
+    """Draw the time span of each file, with its gaps."""
     inputs = list(result.inputs.values())
     if not inputs:
         return ()
@@ -67,7 +67,7 @@ def _timeline(result: Result[Checked]) -> tuple[Section, ...]:
         curves.append(Curve("gap", clock(end), row, VERMILLION, "bars", clock(begin), text=texts))
     height = 80 + 24 * len(names)
     panel = Panel("timeline", "Timeline", "", clock.label, tuple(curves), rows=tuple(names), height=height)
-    return (drawn("timeline", "What the files cover", (panel,)),)
+    return (drawn("timeline", "Time span of the files", (panel,)),)
 
 
 def _run_line(found: Checked, before: str) -> str:

@@ -338,14 +338,14 @@ def _error(each: Candidate, kind: str) -> FloatArray:
 
 
 def allocation_panel(study: RequirementStudy) -> Panel:
-    """Draw what halving each error of the example changes, or what each error may be in the set.
+    """Draw the effect of halving each error of the example, or the allowed size of each error in the set.
 
-    Errors of a balanced set are equal parts of what they may be alone: bars of these would not differ.
+    Errors of a balanced set are equal shares of their sizes alone, and their bars would not differ.
     """
     if study.elasticities:
         order = sorted(study.elasticities, key=lambda each: each.halved)
         kinds, rows, part = ["halved"] * len(order), [each.family for each in order], [-100 * e.halved for e in order]
-        title, label = f"What halving each error of {study.example} saves", "reduction of the error [%]"
+        title, label = f"Effect of halving each error of {study.example}", "reduction of the error [%]"
         texts = [f"{name}: {number(value)} % less error" for name, value in zip(rows, part, strict=True)]
     else:
         shares = [share for share in study.allocation.shares if np.isfinite(share.alone)]
