@@ -221,9 +221,9 @@ def faults_in(record: LinearRecord, found: Search) -> list[Fault]:
     for step, gain in zip(found.best.steps, found.gains, strict=True):
         begin = float(record.time[step.begin])
         if step.kind is RETURN:
-            faults = [
-                replace(each, end=min(each.end, begin), back=begin) if np.isinf(each.back) else each for each in faults
-            ]
+            for row, each in enumerate(faults):
+                if each.family in MOVING and np.isinf(each.back):
+                    faults[row] = replace(each, end=min(each.end, begin), back=begin)
             continue
         columns = record.columns(step.kind)
         size = step.variance * found.best.seen.score[step.begin] @ columns
@@ -232,7 +232,7 @@ def faults_in(record: LinearRecord, found: Search) -> list[Fault]:
         known = np.diagonal(columns.T @ found.best.seen.information[step.begin] @ columns)
         sd = np.sqrt(np.maximum(step.variance - step.variance**2 * known, 0.0))
         end = float(record.time[step.end]) if step.end else np.inf
-        back = end if step.kind.name not in MOVING or step.kind.name in CLEARED else np.inf
+        back = end if step.kind.name in CLEARED else np.inf
         faults.append(Fault(step.kind, begin, end, size, sd, gain, back))
     return faults
 

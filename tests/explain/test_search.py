@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import insnav
-from insnav.explain.kinds import KINDS
+from insnav.explain.explanation import faults_in
+from insnav.explain.kinds import KINDS, RETURN
 from insnav.explain.record import FAULTS, TAILS, WEIGHTED, LinearRecord, Noise, Step
-from insnav.explain.search import Search, search
+from insnav.explain.search import Fit, Search, search
 from insnav.kernels.dynamics import NAV
 from insnav.steps import PREPARE, run_steps
 
@@ -81,6 +82,26 @@ def test_a_single_false_fix_is_weak_and_no_fault() -> None:
     white = nominal().variance[100, :3] * (1.0 - found.best.noise.share)
     distance = (300.0**2 / white).sum()
     assert found.best.weights[100, 0] == pytest.approx((TAILS + 3.0) / (TAILS + distance), rel=0.1)
+
+
+def test_a_return_ends_displacements_of_the_fixes_alone() -> None:
+    record = nominal()
+    steps = (
+        Step(OF["gyro_z"], 40, 1e-4),
+        Step(OF["drag"], 60, 0.25, 80),
+        Step(OF["offset"], 90, 100.0, 95),
+        Step(OF["offset"], 100, 100.0),
+        Step(RETURN, 150, 0.0),
+    )
+    weights = np.ones((record.time.size, WEIGHTED.size))
+    best = Fit(steps, weights, Noise(), 0.0, record.run(steps, weights, Noise()))
+    gyro, drag, passing, jump = faults_in(record, Search(best, (), (), 0, best, (1.0,) * len(steps)))
+    assert np.isinf(gyro.end)
+    assert (drag.end, drag.back) == (record.time[80], record.time[150])
+    assert (passing.end, passing.back) == (record.time[95], record.time[95])
+    assert (jump.end, jump.back) == (record.time[150], record.time[150])
+    seen = [fault.displaces(record.time).sum() for fault in (gyro, drag, passing, jump)]
+    assert seen == [0, 70, 0, 0]  # fixes inside a passing jump are left out instead
 
 
 @pytest.mark.parametrize("column", range(3))
