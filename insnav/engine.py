@@ -129,7 +129,7 @@ def every(
 
 
 def share_of(progress: Callable[[float], None] | None, begin: float, part: float) -> Callable[[float], None] | None:
-    """Scale the progress of a part of the work that begins at share `begin`."""
+    """Convert the progress of one part, which begins at fraction `begin` of the work, to that of all the work."""
     return None if progress is None else lambda done: progress(begin + part * done)
 
 

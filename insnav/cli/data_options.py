@@ -55,7 +55,7 @@ class Data:
     options: dict[str, Any]  # all specified options of the command, ready for JSON
 
     def read_imu(self, stage: Stages, **how: Any) -> Reading[ImuData]:
-        """Read the samples alone, and log their interpretation. `how`: as of `insnav.session.read.read_samples`."""
+        """Read IMU samples without fixes, and log their interpretation. `how`: as for `session.read.read_samples`."""
         stage("reading")
         from insnav.session.read import read_samples
 

@@ -115,7 +115,7 @@ class Explanation:
         return replace(self, tried=(*tried, *self.tried), passes=passes, runs=runs)
 
     def of_delay(self) -> tuple[Fault, ...]:
-        """Return the steps of the GPS delay. The caller corrects the fixes for them and aligns again."""
+        """Return the jumps of the GPS delay. The caller corrects the fix times and repeats the initial alignment."""
         return tuple(fault for fault in self.faults if fault.family == "delay")
 
     def widen(self, run: Run) -> Run:

@@ -63,7 +63,7 @@ WHOLE_SD = 3.0  # plausible step of a fix in standard deviations, whatever their
 MOST_ACCELERATION = 30.0  # of a vehicle between fixes [m/s^2]
 IN_A_ROW, ROUNDS = 3, 5  # false fixes in a row that can be found, and passes without those found before
 ON_LINE = 0.25  # the neighbouring fixes are collinear within this share of the deviation; at a jump it is two thirds
-OF_REFERENCE = -99  # fix type of reference positions: compared with only, without errors of fixes
+OF_REFERENCE = -99  # fix type of reference positions, which are compared with the solution and have no receiver errors
 
 
 def quality(gates: Gates, time: float, fix: int | None, position_sd: FloatArray) -> Finding | None:

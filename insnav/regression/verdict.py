@@ -29,7 +29,7 @@ from insnav.sample_statistics import CONFIDENCE, block_rows
 from insnav.types import FloatArray
 
 ALPHA = 0.01  # probability of any false change in the whole corpus
-POWER = 0.8  # probability of finding a change that counts as excluded
+POWER = 0.8  # a change is excluded if the test would find it with this probability
 FEWEST = 5  # fewer pairs give no change
 SMALLEST = 0.01  # a smaller change is ignored, however significant
 MOST_ALIKE = 0.9  # correlation of successive pieces

@@ -117,7 +117,7 @@ def write_files(result: Result[BudgetStudy], folder: RunFolder, table_format: Ta
 
 
 def read_found(folder: Path, findings: Sequence[Finding]) -> BudgetStudy:
-    """Read a budget from its folder; in version 0.2 notes on its windows were texts."""
+    """Read a budget from its folder. Version 0.2 stored the notes on windows as plain text."""
     found: BudgetStudy = read_stored(folder)
     if found.windows is None:
         return found

@@ -135,7 +135,7 @@ def _verdict(study: OutageStudy, notes: tuple[Finding, ...]) -> Verdict:
 
 
 def _less_reference(found: Growth, column: int) -> str:
-    """Describe the final RMS error without the reference error, if smaller."""
+    """Describe the final RMS error after the reference variance is subtracted, if that changes it clearly."""
     left, high = (float(each[-1, column]) for each in (found.corrected, found.high))
     if left > _SAME * found.rms[-1, column]:
         return ""

@@ -41,7 +41,7 @@ _PEER_NOTE = (
     f"{LATEST:g} s on at the latest. Samples, fixes, start and sensor figures are equal. gtsam: at the fixes only"
 )
 PEERS = "The same drives by other programs"
-UNDETECTABLE = 10.0  # a larger detectable change is meaningless
+UNDETECTABLE = 10.0  # above this detectable change, the test shows nothing useful [%]
 OVERCONFIDENT = 1.25  # lower limit of the 95 % interval of NEES / 3 for over-confidence
 _POWER = {
     "north_rms_m": "N",
