@@ -47,7 +47,7 @@ def test_modules_are_recovered(
     for words in (
         "first order",
         "symmetric",
-        "carries the scale of the accelerometers",
+        "contains the scale of the accelerometers",
         "itself it would double",
         "Uncertainty of corrected data",
     ):

@@ -138,7 +138,7 @@ def test_six_positions_with_sections_and_without(bench: Path, cli: Cli) -> None:
         shown = cli("calibrate", "poses", "six.csv", "--method", "six", *G, *options, "--force")
         assert shown.code == 0, shown.err
         texts.append(Path("calibration/calibration.toml").read_text())
-        assert "positions are off by" in shown.out
+        assert "position errors are" in shown.out
     assert texts[0] == texts[1] == texts[2]
 
 
