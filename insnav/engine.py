@@ -129,7 +129,7 @@ def every(
 
 
 def share_of(progress: Callable[[float], None] | None, begin: float, part: float) -> Callable[[float], None] | None:
-    """Convert the progress of one part, which begins at fraction `begin` of the work, to that of all the work."""
+    """Convert the progress of one part, which begins at fraction `begin` of the work, to the overall progress."""
     return None if progress is None else lambda done: progress(begin + part * done)
 
 
