@@ -48,7 +48,7 @@ def test_modules_are_recovered(
         "first order",
         "symmetric",
         "contains the scale of the accelerometers",
-        "itself it would double",
+        "itself would double",
         "Uncertainty of corrected data",
     ):
         assert words in " ".join(shown.out.split())
