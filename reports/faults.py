@@ -17,6 +17,8 @@ from insnav.earth import lla_offset
 from insnav.exceptions import InsnavError
 from insnav.findings import Severity
 from insnav.library import sample_drive
+from insnav.messages import phrase
+from insnav.report.save import page_of
 from insnav.types import GpsData
 
 PAGE = Path(__file__).parents[1] / "docs" / "accuracy" / "faults.md"
@@ -47,7 +49,9 @@ def navigate(imu: Any, gps: Any, ref: Any) -> tuple[dict[str, float], set[str], 
     """Return the figures of the smoothed solution, the codes of its warnings, and its rating."""
     result = insnav.load(imu, gps=gps, ref=ref).navigate()
     codes = {each.code.value for each in result.findings if each.severity >= Severity.WARNING}
-    return result.accuracy["smoothed"], codes, result.summary().split("\n")[1].partition(":")[0]
+    verdict = page_of(result).verdict
+    assert verdict is not None
+    return result.accuracy["smoothed"], codes, phrase(f"light.{verdict.light}")
 
 
 def of_simulated() -> list[str]:

@@ -17,7 +17,7 @@ import numpy as np
 from insnav import spill
 from insnav.earth import OMEGA_EARTH
 from insnav.exceptions import InputError
-from insnav.imu.model import sample_intervals
+from insnav.imu.model import per_sample, sample_intervals
 from insnav.imu.specification import PRESETS, ImuSpec
 from insnav.kernels.dynamics import NAV
 from insnav.types import FloatArray, ImuData, StateChange
@@ -148,9 +148,8 @@ def rounding_changes(imu: ImuData) -> tuple[StateChange, ...]:
     seconds = np.split(imu.gyro, first[1:])
     same = [(np.abs(each - np.median(each, axis=0)) < 0.5 * step).mean(axis=0) > HELD for each in seconds]
     changed = np.diff(same, axis=0)
-    unit = float(np.median(np.diff(imu.time[: spill.ROWS]))) if imu.sampling == "increment" else 1.0
     rows = np.flatnonzero(changed.any(axis=1))
-    variance = changed * (step / unit) ** 2 / 12.0
+    variance = changed * (step / np.median(per_sample(imu))) ** 2 / 12.0
     return tuple(StateChange(float(imu.time[first[i + 1]]), NAV, np.zeros(3), variance[i]) for i in rows)
 
 

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from insnav.earth import ned_offset
 from insnav.findings import Code, of_code
+from insnav.imu.model import per_sample
 from insnav.report.colours import AXIS_COLOURS
 from insnav.report.figures import draw_drawings, drawing
 from insnav.report.numbers import duration_text
@@ -21,7 +22,7 @@ _NED = ("north", "east", "down")
 def drive_figure(recording: Recording) -> Figure:
     """Draw angular rates, specific forces, fixes and their velocities over one time axis; gaps are shaded."""
     imu, gps = recording.imu.data, recording.gps
-    clock, step = Clock.of(imu.time), np.gradient(imu.time)[:, None] if imu.sampling == "increment" else 1.0
+    clock, step = Clock.of(imu.time), per_sample(imu)
     rows: list[tuple[str, str, FloatArray, FloatArray, tuple[str, ...], Kind]] = [
         ("Angular rate", "rate [deg/s]", imu.time, imu.gyro / step / DEG, ("x", "y", "z"), "line"),
         ("Specific force", "force [m/s²]", imu.time, imu.accel / step, ("x", "y", "z"), "line"),

@@ -40,11 +40,11 @@ def filled(template: str, **values: Any) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["plain"] = said
+    environment.filters["plain"] = translated
     return environment.get_template(template).render(**values, value=cell, phrase=phrase, modes=modes)
 
 
-def said(text: str) -> str:
+def translated(text: str) -> str:
     """Translate a text of a page, if the catalogue contains it; units stay."""
     text = plain_text(text)
     name, bracket, unit = text.partition(" [")
