@@ -58,8 +58,8 @@ def budget(
             RESULT,
             "N,E,VN,VE|run",
             "Instead of a budget: tilt, bias or drift that explains these errors at the end of a run, m and m/s. The "
-            "run lasts the last of --times. run: errors of the run folder RUN since its last fix. --ref-sd: of the "
-            "reference. [0.1,0.005]",
+            "last of --times is the length of the run. run: errors of the folder RUN since its last fix. --ref-sd: sd "
+            "of the reference. [0.1,0.005]",
         ),
     ] = None,
     runs: Annotated[int, option(RESULT, "N", "Simulate so many runs, and so many of each source.", min=0)] = 0,

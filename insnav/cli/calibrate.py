@@ -39,7 +39,7 @@ app = typer.Typer(
 
 
 def _command(method: str, *shared: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Build the command of a method, with help; its ``**how`` stands for `shared` and result options."""
+    """Build the command of a method, with help. Its ``**how`` is replaced by the `shared` and result options."""
 
     def decorate(function: Callable[..., None]) -> Callable[..., None]:
         own = dict(inspect.signature(function, eval_str=True).parameters)

@@ -91,7 +91,7 @@ class Estimate:
         self.history = History(n) if settings.smooth else None
         self._engine = Engine(start.covariance)
         self._note, self._lever_given, self._gps_noise = note, settings.lever_b, settings.correlated
-        self._settled, self.doubt = settings.settled, np.array([settings.surest, settings.shown])
+        self._settled, self.doubt = settings.settled, np.array([settings.least_delay_sd, settings.shown])
         self._lasting_sd = self._lasting_time = np.empty(0)
         if self._gps_noise is not None:
             self._lasting_sd, self._lasting_time = self._gps_noise.sds, self._gps_noise.times
@@ -142,14 +142,14 @@ class Estimate:
         return k
 
     @property
-    def surest(self) -> float:
+    def least_delay_sd(self) -> float:
         """Least plausible standard deviation of the delay [s]: search and filter may disagree."""
-        found: float = epoch.surest(self.all, self.doubt)
+        found: float = epoch.least_delay_sd(self.all, self.doubt)
         return found
 
     def stated(self) -> FloatArray:
         """Covariance with a plausible standard deviation of the delay; gains use the filter's own covariance."""
-        found: FloatArray = errorstate.less_sure(self.covariance, self.surest)
+        found: FloatArray = errorstate.less_sure(self.covariance, self.least_delay_sd)
         return found
 
     def predict(self, time: float) -> None:

@@ -13,7 +13,7 @@ from insnav.filter.gps_noise import velocity_lag
 from insnav.types import BoolArray, FloatArray, GpsData
 
 FALSE = 1.0  # velocities differing by more from the position change may be false [m/s] ...
-SIGMAS = 8.0  # ... if also by so many times the usual difference
+SIGMAS = 8.0  # ... if the difference also exceeds this multiple of the usual difference
 MEDIANS = 5.0  # a jump exceeds so many medians: exceeded by one in 3e7 of normal errors in two directions
 BEND = 0.35  # of the slope change between fixes: largest deviation of a straight line in a bend
 REPORTED = 5.0  # least size of a contradiction in reported standard deviations of the positions

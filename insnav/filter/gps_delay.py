@@ -200,7 +200,7 @@ class Found(NamedTuple):
     least: float = np.nan
 
     @property
-    def surest(self) -> float:
+    def least_delay_sd(self) -> float:
         """Least plausible standard deviation of the delay, or 0 if unobservable [s]."""
         return self.sd if self.sd < np.inf else 0.0
 
@@ -217,7 +217,7 @@ def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Foun
     likelihood = _likelihood(seen)
     if likelihood is not None and (likelihood.accepted >= TRUE_FIXES or not likelihood.moves):
         found = _found(seen, likelihood, alone)
-        if not found.surest:  # perhaps without any fix
+        if not found.least_delay_sd:  # perhaps without any fix
             return found
         there = [found.delay + found.drift * likelihood.half, found.drift, found.lag]
         cost, least = likelihood.mean_costs(*np.array([[0.0, 0.0, likelihood.lag], there]).T)
@@ -347,7 +347,7 @@ def on_time(
         return ready
     seen = filtered(ready)
     further, width, lags = seen, settings.delay_sd, (ready.settings.velocity_lag, 0.0, ready.settings.moments)
-    before, last, surest, shown = (ready, seen, at_first), 0.0, 0.0, 0.0
+    before, last, least_delay_sd, shown = (ready, seen, at_first), 0.0, 0.0, 0.0
     half = 0.5 * min(float(np.ptp(ready.imu.time)), LONGEST)  # half of the used part of the record [s]
     alone = velocity_lag(ready.gps) if settings.delay_sd > 0.0 else (0.0, np.inf)
     tried, misfit, cost = before, np.nan, np.nan
@@ -357,7 +357,7 @@ def on_time(
             ready, seen, own = tried
         misfit, cost = found.misfit, found.cost if further is seen else cost
         delay, sd, drift = found[:3]
-        surest, shown = found.surest, clock + delay + half * (rate + drift)
+        least_delay_sd, shown = found.least_delay_sd, clock + delay + half * (rate + drift)
         was, lags = further.settings, found[3:6]
         lagging = abs(found.lag - was.velocity_lag) >= LAG_WORTH or found.moments != was.moments
         # velocities determine the sum of delay and lag: a negligible lag leaves both to the clock
@@ -393,7 +393,7 @@ def on_time(
     arm = replace(
         arm,
         delay_sd=width,
-        surest=surest,
+        least_delay_sd=least_delay_sd,
         shown=shown - own[0] - half * own[1],
         velocity_lag=lags[0],
         lag_sd=lag_sd,

@@ -146,6 +146,6 @@ def delay_contradicted(ready: Prepared) -> tuple[Finding, ...]:
 
 def looked(ready: Prepared, **opened: float) -> Run:
     """Navigate the first part of a drive with other settings."""
-    settings = replace(ready.settings, smooth=False, surest=0.0, **opened)  # type: ignore[arg-type]
+    settings = replace(ready.settings, smooth=False, least_delay_sd=0.0, **opened)  # type: ignore[arg-type]
     some = replace(ready.beginning(SHORT), settings=settings)
     return feed(some.navigator(), some.imu).finish()

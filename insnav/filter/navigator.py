@@ -175,7 +175,7 @@ class Navigator:
             estimate.delay,
             estimate.stated(),
             estimate.covariance,
-            estimate.history.smooth(estimate.surest) if estimate.history is not None else None,
+            estimate.history.smooth(estimate.least_delay_sd) if estimate.history is not None else None,
         )
 
     def misfit(self) -> tuple[float, float]:

@@ -25,9 +25,9 @@ class FilterSettings:
     shaken: float = 0.0  # sd of the additional arm by which vibration moves the antenna, for the receiver [m]
     delay: float = 0.0  # how much older the fixes are than their timestamps [s]
     delay_sd: float = 0.0  # sd of the delay [s]; if estimated, the solution is in the time of the fixes
-    # least plausible standard deviation of the delay, and the delay found by the search, in addition to the specified
-    # delay [s]; see `Estimate.surest`
-    surest: float = 0.0
+    # lower limit of the standard deviation of the delay, and the delay by the search in addition to the specified
+    # delay [s]; see `Estimate.least_delay_sd`
+    least_delay_sd: float = 0.0
     shown: float = 0.0
     velocity_lag: float = 0.0  # of the velocity of a fix behind its position [s]; see `gps_delay.delay_of`
     lag_sd: float = 0.0  # sd of this lag [s]

@@ -84,8 +84,8 @@ class History:
         """Return all epochs in one array."""
         return np.concatenate(self.blocks())
 
-    def smooth(self, surest: float = 0.0) -> SmoothedErrors:
-        """Run the backward pass over all epochs. `surest`: least plausible standard deviation of the delay [s]."""
+    def smooth(self, least_delay_sd: float = 0.0) -> SmoothedErrors:
+        """Run the backward pass over all epochs. `least_delay_sd`: lower limit of the standard deviation [s]."""
         count = (len(self._blocks) - 1) * ROWS + self._used
         n, m = self._states, STATES
         adjoint, information = np.zeros(n), np.zeros((n, n))
@@ -101,7 +101,7 @@ class History:
             kernel.backward(
                 block,
                 n,
-                surest,
+                least_delay_sd,
                 adjoint,
                 information,
                 after[part],

@@ -121,7 +121,7 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
         (
             (smoother.backward, d2, i, d, d1, d2, d2, d2, d3, d2, d2),
             (aiding_measurements.innovation, d2, d1, d2, d1, i, i, d2),
-            *((gps_measurement.inverse, d2), (errorstate.less_sure, d2, d), (epoch.surest, d1, d1)),
+            *((gps_measurement.inverse, d2), (errorstate.less_sure, d2, d), (epoch.least_delay_sd, d1, d1)),
             (epoch.note_fix, d1, d, d1, d1, d, d, flag, flag, d1, d1, d2),
         ),
         (

@@ -28,7 +28,7 @@ TURNED = 57  # heading change by corrections since the last epoch [rad]
 BEGAN = slice(58, 60)  # horizontal velocity at the start of the span since the last epoch [m/s]
 SQUARES = slice(60, 63)  # see `beyond_linear`
 TILTED = slice(63, 67)  # sum of tilt corrections N, E [rad]; its largest square, and the squares counted [rad^2]
-TO_AND_FRO = 5.0  # squared tilt corrections count up to so many times the largest squared sum: the rest is noise [-]
+TO_AND_FRO = 5.0  # limit of the squared tilt corrections, relative to the largest squared sum: more is noise [-]
 ESTIMATED = 67
 # Columns of a row for each fix: time, delay [s], NIS of position and velocity, use flags, innovation (predicted minus
 # measured) [m], [m/s]. Then: its standard deviation, state and motion, sensor errors, their variances, and covariance
@@ -39,7 +39,7 @@ FIX_COVARIANCE, FIX_WIDTH = slice(58, 139), 139
 
 
 @njit(cache=True)
-def surest(estimated, doubt):  # type: ignore[no-untyped-def]
+def least_delay_sd(estimated, doubt):  # type: ignore[no-untyped-def]
     """Return the smallest plausible standard deviation of the delay [s].
 
     `doubt` (2,): lower limit from the scatter between parts of the record, 0 for the filter's own value. Then the delay
@@ -138,10 +138,10 @@ def fade(estimated, at, times, sds, phi, q, span):  # type: ignore[no-untyped-de
 def predicted(row, time, estimated, doubt, p, phi, q, span, before):  # type: ignore[no-untyped-def]
     """Store the epoch in `row` of the history, unless empty, and begin a new epoch, after a predict to `time` [s].
 
-    `estimated` (67,). `doubt`: see `surest`. `p` (n, n): covariance. `phi`, `q`, `span`: see `fade`. `before` (12,) is
-    filled with the variances, see `insnav.kernels.errorstate.variances`.
+    `estimated` (67,). `doubt`: see `least_delay_sd`. `p` (n, n): covariance. `phi`, `q`, `span`: see `fade`. The
+    variances fill `before` (12,), see `insnav.kernels.errorstate.variances`.
     """
-    variances(less_sure(p, surest(estimated, doubt)), estimated[STATE], before)
+    variances(less_sure(p, least_delay_sd(estimated, doubt)), estimated[STATE], before)
     if row.shape[0] > 0:
         keep(row, time, estimated[STATE], estimated[CORRECTION], estimated[ARM], phi, p)
     reset_transition(phi, q, span)
@@ -254,7 +254,7 @@ def note_epoch(row, time, before, estimated, doubt, p):  # type: ignore[no-untyp
     row[0], row[25] = time, estimated[CLOCK][0]
     for i in range(12):
         row[1 + i] = before[i]
-    variances(less_sure(p, surest(estimated, doubt)), estimated[STATE], row[13:25])
+    variances(less_sure(p, least_delay_sd(estimated, doubt)), estimated[STATE], row[13:25])
 
 
 @njit(cache=True)
@@ -271,4 +271,4 @@ def note_fix(row, time, z, sd, nis_position, nis_velocity, position, velocity, e
         state[k] = x[k]
     for k in range(SENSOR):
         sensor[k], variance[k] = correction[k], p[NAV + k, NAV + k]
-    at_fix_time(less_sure(p, surest(estimated, doubt)), x, row[FIX_COVARIANCE].reshape(NAV, NAV))
+    at_fix_time(less_sure(p, least_delay_sd(estimated, doubt)), x, row[FIX_COVARIANCE].reshape(NAV, NAV))

@@ -186,16 +186,16 @@ def _substep(x, sums, noise, phi, q, work, stays, sway):  # type: ignore[no-unty
 
 
 @njit(cache=True)
-def less_sure(p, surest):  # type: ignore[no-untyped-def]
-    """Raise the standard deviation of the delay in a covariance (n, n) to `surest` [s], with its correlations.
+def less_sure(p, least_delay_sd):  # type: ignore[no-untyped-def]
+    """Raise the standard deviation of the delay in a covariance (n, n) to `least_delay_sd` [s], with its correlations.
 
     The covariance conditional on the delay is unchanged (law of total covariance):
     ``P + (s^2 - P_dd) P_d P_d' / P_dd^2``.
     """
     n = p.shape[0]
-    if n <= STATES or p[STATES, STATES] >= surest * surest:
+    if n <= STATES or p[STATES, STATES] >= least_delay_sd * least_delay_sd:
         return p
-    out, more = p.copy(), (surest / p[STATES, STATES]) ** 2 - 1.0 / p[STATES, STATES]
+    out, more = p.copy(), (least_delay_sd / p[STATES, STATES]) ** 2 - 1.0 / p[STATES, STATES]
     for i in range(n):
         for j in range(n):
             out[i, j] += more * p[i, STATES] * p[STATES, j]

@@ -158,8 +158,8 @@ def test_what_parts_of_the_drive_disagree_on_leaves_the_lever_arm_of_the_filter(
     drive = insnav.simulate("round_trip", imu="automotive", gps="rtk", seed=3)
     ready = insnav.load(drive.imu.data, drive.gps.data).until("align").ready
     runs = []
-    for surest in (0.0, 0.3):
-        some = replace(ready, settings=replace(ready.settings, surest=surest, smooth=False))
+    for least_delay_sd in (0.0, 0.3):
+        some = replace(ready, settings=replace(ready.settings, least_delay_sd=least_delay_sd, smooth=False))
         runs.append(feed(some.navigator(), some.imu).finish())
     assert (runs[1].lever_sd > 1.2 * runs[0].lever_sd).any()
     np.testing.assert_array_equal(runs[1].lever_sd_alone, runs[0].lever_sd)
