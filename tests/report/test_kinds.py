@@ -17,7 +17,7 @@ from insnav.findings import Code, Severity
 from insnav.library import sample_drive
 from insnav.messages import speaking
 from insnav.quantity import Quantity
-from insnav.report.html import page_html, said
+from insnav.report.html import page_html, translated
 from insnav.report.page import Page, Section
 from insnav.report.simulation.page import recording_page
 from insnav.result import Result
@@ -184,7 +184,7 @@ def test_a_page_in_chinese_has_no_english_titles_headings_or_labels(navigated: R
     names = {"NIS", "NEES", "GPS", "IMU", "", "gps", "imu", "CEP"}
     with speaking("zh"):
         html = page_html(navigated.page(), {})
-        labels = [said(text) for panel in navigated.page().panels[1:] for text in (panel.x_label, panel.y_label)]
+        labels = [translated(text) for panel in navigated.page().panels[1:] for text in (panel.x_label, panel.y_label)]
     assert '<html lang="zh">' in html
     titles = re.findall(r"<figcaption><b>(.*?)</b>", html) + re.findall(r"<summary>(.*?)</summary>", html)
     headings = re.findall(r"<th[^>]*>([^<]*)</th>", html)
@@ -192,9 +192,9 @@ def test_a_page_in_chinese_has_no_english_titles_headings_or_labels(navigated: R
     for text in (*titles, *headings, *labels):
         assert text.partition(" [")[0] in names or re.search("[\u4e00-\u9fff]", text), text
     assert speak_zh("CEP50 0.487 m, R95 0.884 m") == "CEP50 为 0.487 m，R95 为 0.884 m"
-    assert said("CEP50 0.487 m, R95 0.884 m") == "CEP50 0.487 m, R95 0.884 m"
+    assert translated("CEP50 0.487 m, R95 0.884 m") == "CEP50 0.487 m, R95 0.884 m"
 
 
 def speak_zh(text: str) -> str:
     with speaking("zh"):
-        return said(text)
+        return translated(text)
