@@ -21,7 +21,6 @@ from insnav.exceptions import ConfigError, InputError
 from insnav.kernels import alignment as _alignment
 from insnav.kernels import increments as _increments
 from insnav.kernels import mechanization as _mechanization
-from insnav.kernels import short_duration as _short
 from insnav.kernels import simple_integrators as _study
 from insnav.types import BoolArray, FloatArray, ImuData, Increments, IntArray, Trajectory
 
@@ -384,6 +383,6 @@ def navigate_short(
     """
     x = np.concatenate([lla, v_n, quat_from_rph(rph)])
     out = np.empty((inc.time.shape[0] // every, 10))
-    _short.navigate(x, turning, inc.dt, inc.dtheta, inc.dvel, inc.coning, every, out)
+    _study.navigate(x, turning, inc.dt, inc.dtheta, inc.dvel, inc.coning, every, out)
     time = inc.time[every - 1 :: every][: out.shape[0]]
     return Trajectory(time, out[:, :3], out[:, 3:6], rph_from_quat(out[:, 6:]))

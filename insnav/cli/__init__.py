@@ -1,4 +1,4 @@
-"""Command line: one thin file per command, its help in ``texts``; heavy imports in the command, no mathematics."""
+"""Command line: thin commands, their help in ``texts``; heavy imports in the command, no mathematics."""
 
 from __future__ import annotations
 
@@ -21,11 +21,17 @@ from insnav.cli.help import GroupedCommand, LightGroup, help_of
 from insnav.cli.parse import usage_error
 from insnav.exceptions import ConfigError, InputError, InsnavError
 
-# each is the function of its name in a file of its name, in help order
+# each is the function of its name, in help order; in a file of its name unless in one of `SHARED`
 COMMANDS = (
     *("run", "batch", "check", "demo", "align", "compare", "report", "export", "outage", "budget", "require"),
     *("simulate", "imus", "allan", "tune", "acceptance", "drift", "platform", "verify", "regress"),
 )
+SHARED = {
+    "bench": ("acceptance", "allan", "drift", "imus", "platform", "tune"),
+    "drives": ("align", "check", "compare", "demo", "outage", "report", "require"),
+    "trials": ("regress", "simulate", "verify"),
+}
+_FILES = {name: file for file, names in SHARED.items() for name in names}
 
 
 def commands(*names: str) -> Any:
@@ -42,13 +48,13 @@ def commands(*names: str) -> Any:
     app.callback()(_common)
     chosen = [name for name in COMMANDS if name in names]
     for name in chosen or COMMANDS:
-        about = vars(import_module(f"insnav.cli.{name}"))
+        about = vars(import_module(f"insnav.cli.{_FILES.get(name, name)}"))
         how = {"cls": GroupedCommand, "context_settings": about.get("SETTINGS"), **help_of(name)}
         app.command(name, **how)(about[name])
     if not chosen:
-        from insnav.cli import calibrate
+        from insnav.cli import bench
 
-        app.add_typer(calibrate.app, name="calibrate", **help_of("calibrate"))
+        app.add_typer(bench.app, name="calibrate", **help_of("calibrate"))
     return get_command(app)
 
 

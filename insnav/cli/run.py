@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 from insnav.cli import console, parse
 from insnav.cli.console import working
 from insnav.cli.data_options import Data, check_usable, takes_data
+from insnav.cli.drives import with_backdrop
 from insnav.cli.options import RESULT, START, Aiding, Backdrop, Force, Json, Out, Rate, flag, option
-from insnav.cli.report import with_backdrop
 from insnav.exceptions import CheckError, ConfigError
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from insnav.errors.metrics import TrajectoryErrors, on_clock, position_errors
 from insnav.errors.reference_check import check_reference, known_delay
 from insnav.errors.reference_offset import ReferenceOffset, reference_offset
-from insnav.filter.frozen import UNUSABLE
+from insnav.filter.gates import UNUSABLE
 from insnav.filter.navigate import Navigated
 from insnav.filter.noise_estimate import NoiseEstimate
 from insnav.findings import Code, Finding, by_time, of_code

@@ -15,14 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insnav.explain.kinds import FADES, RETURN, Kind
-from insnav.filter.error_model import MANOEUVRE
+from insnav.filter.error_model import MANOEUVRE, cross_covariance, layout, reset_correlated
 from insnav.filter.gates import Gates
 from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.innovation_likelihood import thinned
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import Prepared
 from insnav.filter.settings import FilterSettings
-from insnav.filter.state_layout import cross_covariance, layout, reset_correlated
 from insnav.kernels import linear
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES

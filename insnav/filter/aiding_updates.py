@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from insnav.filter.estimate import Estimate
-from insnav.filter.measurements.heading import Heading
-from insnav.filter.measurements.measurement import FilterView, Measurement
-from insnav.filter.measurements.residual_noise import INTERVAL
+from insnav.filter.measurements.heading_height import Heading
+from insnav.filter.measurements.measurement import INTERVAL, FilterView, Measurement
 from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
 from insnav.findings import Code, Finding
-from insnav.kernels.aiding_measurements import innovation
 from insnav.kernels.errorstate import Samples
+from insnav.kernels.measurements import innovation
 from insnav.types import FloatArray, GpsData
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from insnav.deferred import deferred
 from insnav.exceptions import DivergenceError
-from insnav.kernels.gps_measurement import NOT_FINITE, fault_of, inverse, measurement_fault
+from insnav.kernels.measurements import NOT_FINITE, fault_of, inverse, measurement_fault
 from insnav.types import FloatArray
 
 MAX_REPAIRS = 10  # rounding causes one or two in hours; more indicate a defect of model or data

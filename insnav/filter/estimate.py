@@ -12,15 +12,22 @@ from insnav.alignment.static import LONG_REST
 from insnav.attitude import dcm_from_quat, dcm_from_rph, quat_from_rph
 from insnav.exceptions import InputError
 from insnav.filter.engine import Engine
-from insnav.filter.error_model import ErrorModel, FilterState, InitialState
+from insnav.filter.error_model import (
+    ErrorModel,
+    FilterState,
+    InitialState,
+    cross_covariance,
+    layout,
+    reset_correlated,
+    set_to_fix,
+)
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import History
-from insnav.filter.state_layout import cross_covariance, layout, reset_correlated, set_to_fix
 from insnav.findings import Code, Finding
 from insnav.kernels import epoch, errorstate
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
-from insnav.kernels.gps_measurement import swing
+from insnav.kernels.measurements import swing
 from insnav.strapdown import TIME_TOLERANCE
 from insnav.types import Alignment, FloatArray, StateChange
 

@@ -13,14 +13,12 @@ import numpy as np
 
 from insnav.attitude import rph_by_turn
 from insnav.exceptions import DivergenceError
-from insnav.filter.error_model import error_model
+from insnav.filter.error_model import error_model, first_state, layout
 from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.gps_noise import ALIKE, OPEN_VELOCITY
 from insnav.filter.navigator import Navigator
-from insnav.filter.noise_estimate import NoiseEstimate, start_by
+from insnav.filter.noise_estimate import NoiseEstimate, errors_of_axes, informed, start_by
 from insnav.filter.prepare import Prepared
-from insnav.filter.sensor_axes import errors_of_axes, informed
-from insnav.filter.state_layout import first_state, layout
 from insnav.imu.noise_density import SLOW, white_noise
 from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.kernels import noise_likelihood as kernel

@@ -18,15 +18,15 @@ from insnav import strapdown
 from insnav.alignment import in_motion
 from insnav.attitude import dcm_from_quat, rph_from_quat, skew
 from insnav.earth import gravity_n, ned_offset
+from insnav.filter.error_model import first_state, layout
 from insnav.filter.gates import impossible, pass_quality
 from insnav.filter.innovation_likelihood import HUBER, bridged, costs_of, weights_of
 from insnav.filter.navigator import SEEN, rates_at, turned
 from insnav.filter.prepare import Prepared
 from insnav.filter.settings import FilterSettings
-from insnav.filter.state_layout import first_state, layout
 from insnav.kernels import noise_likelihood
 from insnav.kernels.dynamics import NAV
-from insnav.kernels.gps_measurement import STILL
+from insnav.kernels.measurements import STILL
 from insnav.kernels.smoother import ARM, COAST, CORRECTION, KIND, POSITION, STATE, TIME, VELOCITY
 from insnav.strapdown import TIME_TOLERANCE
 from insnav.types import FloatArray
@@ -204,7 +204,7 @@ class LateFixes:
         span = -(delay + drift * seen.away)
         since = v, p, c = self._since(span)
         arm, s = _times(c, seen.lever), span[:, None]
-        # errors are estimate minus truth; see `insnav.kernels.gps_measurement`
+        # errors are estimate minus truth; see `insnav.kernels.measurements`
         z, h = self._z, self._h
         z[rows, :3] = seen.off + seen.v * s + p + 0.5 * self._gravity * s**2 + arm + seen.lasting[:, :3]
         h[rows, :3, 3:6] = s[..., None] * np.eye(3)

@@ -11,7 +11,7 @@ from insnav.attitude import dcm_from_quat, quat_from_rph, wrap_pi
 from insnav.filter.ambiguity import with_wider_sd
 from insnav.filter.gps_delay import filtered
 from insnav.filter.navigate import feed
-from insnav.filter.noise_search import SHORT
+from insnav.filter.noise_identification import SHORT
 from insnav.filter.prepare import Prepared
 from insnav.findings import Code, Finding
 from insnav.types import FloatArray, Run, Trajectory

@@ -17,13 +17,12 @@ from insnav.alignment.static import stays
 from insnav.exceptions import ConfigError
 from insnav.filter import gates as gate
 from insnav.filter.aiding_updates import AidingUpdates
-from insnav.filter.error_model import ErrorModel, FilterState, InitialState, Part
+from insnav.filter.error_model import ErrorModel, FilterState, InitialState, Part, first_state
 from insnav.filter.estimate import Estimate
 from insnav.filter.gps_noise import LAG_WORTH
 from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import History
-from insnav.filter.state_layout import first_state
 from insnav.findings import Code, Finding
 from insnav.kernels.epoch import assess_fix, felt
 from insnav.kernels.errorstate import Outputs, Samples

@@ -1,4 +1,14 @@
-"""Noise estimate from the innovations of a drive; alignment and initial state for this noise."""
+"""Noise estimate from the innovations of a drive, and misalignment of the sensor axes from twelve constants.
+
+A misalignment is a constant, which the filter treats as noise. Each of the twelve off-diagonal terms shifts the
+innovations proportionally: a linear regression outside the filter (B. Friedland, "Treatment of bias in recursive
+filtering", IEEE Trans. Autom. Control 14 (1969) 359-367). A drive determines some terms, and never a common rotation of
+all sensors. The IMU error specification has one size for all terms, and the observed terms are evidence of it. With so
+few terms the size is averaged over plausible values: the most likely one would be over-confident (D. J. C. MacKay,
+"Bayesian interpolation", Neural Computation 4 (1992) 415-447, gives the evidence). The mean of each term corrects the
+samples. The remaining uncertainty adds to the attitude error outside the filter (its "consider" covariance: S. F.
+Schmidt, "Application of state-space methods to navigation problems", Advances in Control Systems 3 (1966) 293-340).
+"""
 
 from __future__ import annotations
 
@@ -6,12 +16,142 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from insnav import spill, strapdown
 from insnav.alignment.static import LONG_REST
+from insnav.attitude import dcm_from_quat
 from insnav.filter.error_model import ErrorModel, InitialState, initial_state
 from insnav.filter.gps_correlation import CorrelatedNoise
-from insnav.filter.sensor_axes import Misalignment
 from insnav.imu.specification import ImuSpec
-from insnav.types import Alignment, FloatArray
+from insnav.kernels.noise_likelihood import held
+from insnav.kernels.smoother import STATE, TIME
+from insnav.types import Alignment, FloatArray, ImuData
+
+TERMS = tuple((i, j) for i in range(3) for j in range(3) if i != j)  # axis i senses a part of the signal about axis j
+# parts of a drive, and normalised scatter between their estimates from which a term is inconsistent
+BLOCKS, BY_CHANCE = 20, 2.5
+GRID = np.linspace(-7.0, 4.0, 221)  # logarithm of the size relative to the prior
+
+
+def errors_of_axes(
+    epochs: FloatArray, transition: FloatArray, imu: ImuData, nominal: float
+) -> tuple[FloatArray, FloatArray]:
+    """Compute the filter error from epoch to epoch per radian of each misalignment, gyros first.
+
+    `epochs` (m, width): history of the filter; `transition` (m, 9, 21). `imu`, `nominal`: samples, interval [s].
+    Returns: (12, m, 9) errors of position, velocity and attitude; (m, 3, 3) attitude matrices between the epochs.
+    """
+    time, q = epochs[:, TIME], epochs[:, STATE + 6 : STATE + 10].copy()
+    q[1:] += np.sign(np.sum(q[1:] * q[:-1], axis=1))[:, None] * q[:-1]  # halfway from the previous epoch
+    c = dcm_from_quat(q / np.linalg.norm(q, axis=1)[:, None])
+    parts = strapdown.intervals(imu, nominal)
+    edges = np.concatenate([parts.end[:1] - parts.dt[:1], parts.end])
+
+    def between(values: FloatArray) -> FloatArray:
+        """Integrate a triad from epoch to epoch, (m, 3)."""
+        whole = np.cumsum(values * parts.dt[:, None] if parts.instant else values, axis=0)
+        at = np.column_stack([np.interp(time, edges, np.concatenate([[0.0], column])) for column in whole.T])
+        return np.diff(at, axis=0, prepend=at[:1])
+
+    turned, pushed = between(parts.gyro), between(parts.accel)
+    # The effect on gravity is a bias and is estimated as such: see `level_bias`. The effect on a mean rate is not: good
+    # gyros have far smaller biases.
+    pushed[1:] -= pushed.sum(axis=0) * (np.diff(time) / (time[-1] - time[0]))[:, None]
+    found = np.zeros((2 * len(TERMS), time.size, 9))
+    for number, (i, j) in enumerate(TERMS):
+        speed, accel = c[:, :, i] * pushed[:, j, None], found[len(TERMS) + number]
+        found[number], accel[:, 3:6] = by_turn(-c[:, :, i] * turned[:, j, None], transition), speed
+        accel[:, :3] = np.einsum("kij,kj->ki", transition[:, :3, 3:6], speed) / 2.0
+    return found, c
+
+
+def by_turn(tilt: FloatArray, transition: FloatArray) -> FloatArray:
+    """Compute errors of position, velocity and attitude, (m, 9), by a `tilt` (m, 3) [rad] that grows over epochs.
+
+    Zero while the filter holds the attitude.
+    """
+    tilt = np.where(held(transition)[:, None], 0.0, tilt)
+    # an error spread evenly over the span acts on the next integral for half of it, on the second for a third
+    parts = (transition[:, :3, 6:9] / 3.0, transition[:, 3:6, 6:9] / 2.0)
+    return np.hstack([*(np.einsum("kij,kj->ki", part, tilt) for part in parts), tilt])
+
+
+def informed(
+    innovation: FloatArray, by: FloatArray, weight: FloatArray, sd: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Compute curvature (k, k) and slope (k,) of the log-likelihood by terms with the effect `by` (k, n).
+
+    Correlated innovations, as in multipath, carry less information than independent ones. The slopes of parts of the
+    drive then scatter more than their curvature implies, which reduces their weight (the "sandwich" covariance: P. J.
+    Huber, "The behavior of maximum likelihood estimates under nonstandard conditions", 5th Berkeley Symp. 1 (1967)
+    221-233; by blocks: K.-Y. Liang, S. L. Zeger, Biometrika 73 (1986) 13-22).
+
+    `innovation`, `weight` (n,): innovations and their inverse variances. `sd` (k,): prior of the terms.
+    """
+    scale = np.where(sd > 0.0, sd, 1.0)
+    by = by * scale[:, None]
+    fisher, slope = (by * weight) @ by.T, -(by * weight) @ innovation
+    left = weight * (innovation + np.linalg.solve(fisher + np.eye(sd.size), slope) @ by)
+    parts = np.array([by[:, part] @ left[part] for part in np.array_split(np.arange(left.size), BLOCKS)])
+    scatter = BLOCKS * np.var(parts, axis=0, ddof=1) / np.maximum(np.diag(fisher), 1e-9)
+    less = 1.0 / np.sqrt(np.where(scatter > BY_CHANCE, scatter, 1.0))
+    if (less < 1.0).any():
+        part = fisher @ (less[:, None] * np.linalg.inv(fisher + 1e-6 * np.eye(sd.size)) * less)
+        fisher, slope = part @ fisher, part @ slope
+    return fisher / np.outer(scale, scale), slope / scale
+
+
+@dataclass(frozen=True, slots=True)
+class Misalignment:
+    """Misalignments as determined by a drive."""
+
+    size: tuple[float, float, float]  # root mean square relative to the specification, and its 95 % interval
+    terms: FloatArray  # (12,) mean of each [rad]
+    attitude: FloatArray  # (3,) mean effect on roll, pitch, heading [rad]
+    attitude_sd: FloatArray  # (3,) standard deviation of this effect [rad]
+    evidence: float  # log odds of misalignments, with averaged size, against none
+
+    def corrected(self, imu: ImuData) -> ImuData:
+        """Correct samples for the terms, except their accelerometer bias."""
+
+        def of(values: FloatArray, terms: FloatArray, mean: FloatArray) -> FloatArray:
+            askew = np.zeros((3, 3))
+            askew[tuple(np.transpose(TERMS))] = terms
+            return spill.by_blocks(lambda rows: rows - (rows - mean) @ askew.T, values)
+
+        gyro, accel = np.split(self.terms, 2)
+        return replace(imu, gyro=of(imu.gyro, gyro, np.zeros(3)), accel=of(imu.accel, accel, spill.mean(imu.accel)))
+
+
+def misalignment(
+    fisher: FloatArray, slope: FloatArray, turned: FloatArray, sd: FloatArray, prior_sd: float
+) -> Misalignment:
+    """Estimate misalignments from their likelihood.
+
+    `fisher` (12, 12), `slope` (12,): curvature and slope of the log-likelihood by the terms. `turned` (12, k, 3): error
+    of roll, pitch, heading at some epochs by each term [-]. `sd` (12,): of the specification [rad]. `prior_sd`: of the
+    logarithm of the size, zero if the specification belongs to this IMU.
+    """
+    grid = GRID if prior_sd > 0.0 else np.zeros(1)
+    scaled, log = fisher * np.outer(sd, sd), -0.5 * (grid / max(prior_sd, 1e-9)) ** 2
+    means, spreads = np.empty((grid.size, sd.size)), np.empty((grid.size, sd.size, sd.size))
+    for k, x in enumerate(grid):
+        spreads[k] = np.linalg.inv(scaled + np.exp(-2.0 * x) * np.eye(sd.size))
+        means[k] = spreads[k] @ (slope * sd)
+        log[k] += 0.5 * (slope * sd @ means[k] + np.linalg.slogdet(spreads[k])[1]) - x * sd.size
+    weight = np.exp(log - log.max())
+    evidence = float(log.max() + np.log(weight.sum() / np.sum(np.exp(-0.5 * (grid / max(prior_sd, 1e-9)) ** 2))))
+    weight /= weight.sum()
+    low, high = np.exp(np.interp([0.025, 0.975], np.cumsum(weight), grid)).tolist()
+    terms = weight @ means
+    spread = np.einsum("k,kij->ij", weight, spreads) + (means - terms).T @ (weight[:, None] * (means - terms))
+    turned = turned * sd[:, None, None]
+    return Misalignment(
+        (float(np.sqrt(weight @ np.exp(2.0 * grid))), low, high),
+        sd * terms,
+        np.einsum("a,akx->x", terms, turned) / turned.shape[1],
+        np.sqrt(np.einsum("akx,ab,bkx->x", turned, spread, turned) / turned.shape[1]),
+        evidence,
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,17 +1,21 @@
-"""Noise of IMU and fixes by maximum likelihood from the drive: estimated, applied and reported.
+"""Noise of IMU and fixes by maximum likelihood from drives and a prior: estimated, applied and reported.
 
-`insnav.filter.innovation_likelihood` evaluates the innovations of a run. `insnav.filter.noise_search` finds the most
-likely noise.
+Fisher scoring finds the largest posterior density; the curvature gives intervals. Noise from innovations: R. K. Mehra,
+"On the identification of variances and adaptive Kalman filtering", IEEE Trans. Autom. Control 15 (1970) 175-184; from
+measurements instead of truth: P. Abbeel, A. Coates, M. Montemerlo, A. Y. Ng, S. Thrun, "Discriminative training of
+Kalman filters", Robotics: Science and Systems (2005).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numba.core.config import NUMBA_NUM_THREADS  # type: ignore[attr-defined]
 
 from insnav.exceptions import DivergenceError
 from insnav.filter.error_model import error_model
@@ -20,20 +24,331 @@ from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.gps_noise import CARRIER
 from insnav.filter.innovation_likelihood import (
     ALL,
+    CLEAN,
     CORRELATION_TIME,
     HUBER,
+    IMU_PRIOR,
+    LEVELS,
     LONGEST,
     SHARE,
     InnovationLikelihood,
+    Parameter,
+    cost_of,
     thinned,
 )
-from insnav.filter.noise_estimate import NoiseEstimate, NoiseFigure, after_rest
-from insnav.filter.noise_search import AVERAGED, FEWEST, NEAR, STARTS, DriveNoise, Posterior, identify, misalignments
+from insnav.filter.noise_estimate import Misalignment, NoiseEstimate, NoiseFigure, after_rest, misalignment
 from insnav.filter.prepare import Prepared
-from insnav.filter.sensor_axes import Misalignment
 from insnav.findings import CORRELATED_POSITIONS, Code, Finding
-from insnav.imu.specification import ImuSpec
+from insnav.imu.specification import ImuSpec, level_bias
+from insnav.sample_statistics import chi2_limit
 from insnav.types import FloatArray, GpsData
+from insnav.units import G0
+
+FEWEST = 30  # fixes needed: fewer add little to the prior
+SHORT = 600.0  # length of the record for the first steps, which end near the solution [s]
+ROUNDS = 12  # of Fisher scoring at most
+STEP = 0.01  # of numerical derivatives, in logarithms
+DIGITS = 6  # decimals of these logarithms: far coarser than the rounding of sums
+LARGEST_STEP = 1.5  # per iteration, in logarithms
+ENOUGH = 0.6  # smaller gains of the log-likelihood end the search: a 95 % interval spans two
+NEAR = 3.0  # smaller gains end the first steps
+FAR = 5.0  # after a larger gain the derivatives serve another step
+OBSERVABLE = 0.8  # largest ratio of a parameter's interval to the prior interval, if observable
+INTERVAL = np.array([-1.96, 1.96])  # ends of 95 % of a normal distribution, in its sd
+KINK = 3.0  # up to so many sd of a prior's steeper side from its middle, the other side gives the plausible range
+# Logarithm of mean over mode, per variance of the logarithm: 0.5 for a correlation time (log-normal), 2 for a size. The
+# mean variance from n errors, n = 1 / (2 sd^2), is n / (n - 2) times the mode (inverse gamma).
+AVERAGED = {"gps.horizontal": 2.0, "gps.vertical": 2.0, "gps.correlation_time": 0.5}
+# Misalignments as constants: datasheets of one kind differ by a factor of two. With a wider prior, two or three
+# observed misalignments, small by chance, made all others small.
+SIZE_PRIOR = 0.7
+UNITS_SHOWN = {
+    "random_walk": ("deg/sqrt(h)", "m/s/sqrt(h)"),
+    "scale_factor": ("ppm", "ppm"),
+    "misalignment": ("mrad", "mrad"),
+}
+# log odds of the share of time-correlated errors of positions and logarithm of their correlation time [s]
+STARTS = [np.log([share / (1.0 - share), time]) for time in (8.0, 40.0, 150.0) for share in (0.1, 0.5, 0.85)]
+# From these starts, a time-correlated velocity error is estimated. It is accepted for this gain of log-likelihood: half
+# the logarithm of their number for each of its two parameters, 10, plus 10. A minute of drifting positions gains 15.
+VELOCITY_STARTS = np.log([(share, time) for time in (30.0, 150.0) for share in (0.1, 0.3)])
+VELOCITY_WORTH = 20.0
+# If the white part alone of the fix errors exceeds the reported sd by this factor, the poorly observed time-correlated
+# part is too small, too. The whole sd is then scaled by the excess of the white part, up to `ALIKE`.
+DOUBTED = 1.15
+UNDERSTATED_STARTS = 1.0, 5.0, 50.0  # initial factors: most fixes may have been rejected
+# a drive has another IMU below this chance probability of its innovations, with parameters beyond this factor and
+# number of sd from the common ones
+CHANCE, UNLIKE, UNLIKE_SD = 1e-4, 2.0, 3.0
+# gain that assigns a drive to another kind of IMU [-]; number of attempts
+OTHER_KIND, KINDS_TRIED = 2.0, 2
+
+_Seen = tuple[FloatArray, FloatArray, float]  # innovations, their variances, and the cost of a parameter set
+
+
+@dataclass(frozen=True, slots=True)
+class DriveNoise(NoiseEstimate):
+    """Noise of drives, with the innovations of its estimate."""
+
+    seen: tuple[InnovationLikelihood, FloatArray]  # of the first drive, and logarithms of the parameters
+
+
+class Posterior:
+    """Innovation likelihood of drives that share one IMU, with the prior."""
+
+    def __init__(self, drives: Sequence[InnovationLikelihood]) -> None:
+        self.drives, self.parameters = drives, drives[0].parameters
+        self.middle = np.array([p.middle for p in self.parameters])
+        self._sd = np.array([[p.sd, p.sd_below] for p in self.parameters]).T
+
+    def weight(self, at: FloatArray) -> FloatArray:
+        """Compute the curvature of the prior."""
+        curvature: FloatArray = np.where(at >= self.middle, self._sd[0], self._sd[1]) ** -2.0
+        return curvature
+
+    def plausible(self, top: FloatArray, covariance: FloatArray) -> FloatArray:
+        """Compute mean variances and mean correlation time over plausible values, and the ends of the interval: (3, k).
+
+        Time-correlated errors as long as the drive are known to a factor only, and their most likely values are too
+        small.
+        """
+        wide = top + np.diag(covariance) * [AVERAGED.get(p.key, 0.0) for p in self.parameters]
+        return np.array([wide, *(top + end * np.sqrt(np.diag(covariance)) for end in INTERVAL)])
+
+    def figures(self, plausible: FloatArray, spec: ImuSpec) -> list[NoiseFigure]:
+        """Convert `plausible` values to parameters."""
+        return [_figure(p, x, spec) for p, x in zip(self.parameters, plausible.T, strict=True)]
+
+    def innovations(self, at: FloatArray) -> _Seen:
+        """Compute innovations, their variances, and the cost of a parameter set."""
+        parts = [drive.normalised(at) for drive in self.drives]
+        e, s = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
+        return e, s, cost_of(e, s) + self._before(at)
+
+    def _side_by_side(self, cases: FloatArray) -> list[_Seen]:
+        """Evaluate several sets, in as many threads as numba may use: its kernel releases the lock."""
+        with ThreadPoolExecutor(min(len(cases), NUMBA_NUM_THREADS)) as pool:
+            return list(pool.map(self.innovations, cases))
+
+    def _before(self, at: FloatArray) -> float:
+        """Compute the cost of a parameter set by the prior alone."""
+        off = np.where(np.isfinite(at), at - self.middle, 0.0)
+        return 0.5 * float(np.sum(self.weight(at) * off**2)) + sum(drive.bias_seen(at) for drive in self.drives)
+
+    def climb(self, at: FloatArray, settled: float = ENOUGH) -> tuple[FloatArray, FloatArray, _Seen]:
+        """Find the maximum of the posterior density, with covariance and innovations: damped Fisher scoring.
+
+        The last step replaces the curvature along it by the observed change of slope. On a ridge, as with
+        time-correlated errors, scoring alone oscillates and ends up to 80 nats too low. An iteration keeps the
+        derivatives of the innovations while steps with them gain enough.
+        """
+        e, s, cost = self.innovations(at)
+        damping, steps, last, moved = 1e-3, STEP * np.eye(at.size), np.zeros(at.size), np.zeros(at.size)
+        for _ in range(ROUNDS):
+            by_e, by_s, slope = np.empty((at.size, e.size)), np.empty((at.size, e.size)), np.empty(at.size)
+            for i, (e1, s1, cost1) in enumerate(self._side_by_side(at + steps)):
+                by_e[i], by_s[i], slope[i] = (e1 - e) / STEP, (s1 - s) / STEP / s, (cost1 - cost) / STEP
+            clean = by_e / np.sqrt(s * np.maximum(np.abs(e) / np.sqrt(s) / HUBER, 1.0))
+            weight = self.weight(at)
+            fisher = clean @ clean.T + 0.5 * by_s @ by_s.T + np.diag(weight)
+            curvature, last, moved = _bent(fisher, moved, slope - last), slope, np.zeros(at.size)
+            start, gained = cost, np.inf
+            while gained > FAR and damping < 1e4:
+                if start != cost:
+                    u, before = e / np.sqrt(s), self._before(at)
+                    pull = np.clip(u, -HUBER, HUBER)
+                    slope = by_e @ (pull / np.sqrt(s)) + 0.5 * by_s @ (CLEAN - pull * u)
+                    slope += np.array([self._before(at + step) - before for step in steps]) / STEP
+                move = -np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), slope)
+                move *= min(1.0, LARGEST_STEP / float(np.max(np.abs(move))))
+                there = np.asarray(np.round(at + move, DIGITS), dtype=np.float64)
+                e1, s1, cost1 = self.innovations(there)
+                if cost1 < cost:
+                    gained = cost - cost1
+                    at, e, s, cost, moved = there, e1, s1, cost1, moved + move
+                    damping = max(1e-6, 0.1 * damping)
+                elif start == cost:
+                    damping = 10.0 * max(damping, 1e-3)
+                else:
+                    break
+            if start - cost < settled:
+                break
+        fisher += np.diag(self.weight(at + KINK * self._sd[1]) - weight)
+        return at, np.linalg.inv(fisher).astype(np.float64), (e, s, cost)
+
+
+def _bent(curvature: FloatArray, step: FloatArray, change: FloatArray) -> FloatArray:
+    """Update a curvature to the observed change of slope along a step, as in BFGS.
+
+    J. Nocedal, S. J. Wright, Numerical Optimization, 2nd ed., Springer 2006, eq. (6.19).
+    """
+    if step @ change <= 0.0:
+        return curvature
+    along = curvature @ step
+    return curvature + np.outer(change, change) / (step @ change) - np.outer(along, along) / (step @ along)
+
+
+def _begun(posterior: Posterior) -> FloatArray:
+    """Find initial parameters: the most likely of several starts, by the first part of the record."""
+    level = np.array([p.key in LEVELS for p in posterior.parameters[:-2]])
+    starts = [
+        np.concatenate([posterior.middle[:-2] + np.log(factor) * level, each])
+        for factor in UNDERSTATED_STARTS
+        for each in STARTS
+    ]
+    short = Posterior([drive.beginning(SHORT) for drive in posterior.drives])
+    return short.climb(min(starts, key=lambda at: short.innovations(at)[2]), NEAR)[0]
+
+
+def maximise(drives: Sequence[InnovationLikelihood]) -> DriveNoise:
+    """Find the parameters of largest posterior density; several drives share one set."""
+    posterior = Posterior(drives)
+    white = posterior.middle.copy()
+    white[-2] = -np.inf
+    before = posterior.innovations(white)
+    top, covariance, (e, s, cost) = posterior.climb(_begun(posterior))
+    if any(p.key == "gps.velocity" for p in posterior.parameters):  # velocities may have a time-correlated error, too
+        wider = Posterior([drive.with_correlated_velocities() for drive in drives])
+        starts = [np.concatenate([top[:-2], each, top[-2:]]) for each in VELOCITY_STARTS]
+        costs = [wider.innovations(at)[2] for at in starts]
+        if min(costs) < cost:
+            at, of_at, found = wider.climb(starts[int(np.argmin(costs))])
+            if found[2] < cost - VELOCITY_WORTH:
+                posterior, top, covariance, (e, s, cost) = wider, at, of_at, found
+    drive = posterior.drives[0]
+    plausible = posterior.plausible(top, covariance)
+    position, velocity, correlated = drive.fixes_of(plausible[0])
+    filter_spec = drive.spec(top)
+    # on a straight road only one axis is observable, and all get its value: mean variance, see `AVERAGED`
+    larger = np.where([p.key == "accel.bias" for p in posterior.parameters], 2.0 * np.diag(covariance), 0.0)
+    axes, far_off = misalignments(posterior.drives, top, SIZE_PRIOR)
+    return DriveNoise(
+        _turned(drive.prior, filter_spec, axes.size[0]),
+        filter_spec,
+        drive.spec(top + larger).accel.bias,
+        axes,
+        position,
+        velocity,
+        correlated,
+        tuple(
+            _figure(p, np.log(axes.size) if p.key.endswith("misalignment") else x, drive.prior)
+            for p, x in zip(posterior.parameters, plausible.T, strict=True)
+        ),
+        before[2] - cost,
+        float(np.mean(before[0] ** 2 / before[1])),
+        float(np.mean(e**2 / s)),
+        far_off,
+        (drive, top),
+    )
+
+
+def misalignments(drives: Sequence[InnovationLikelihood], at: FloatArray, prior_sd: float) -> tuple[Misalignment, bool]:
+    """Estimate the common misalignments of all drives, attitude of the first; whether a run was nonlinear."""
+    fisher, slope, turned, far_off = zip(*(drive.by_axes(at) for drive in drives), strict=True)
+    fisher, slope = np.sum(fisher, axis=0), np.sum(slope, axis=0)
+    return misalignment(fisher, slope, turned[0], drives[0].misalignment_sd, prior_sd), any(far_off)
+
+
+def _turned(prior: ImuSpec, found: ImuSpec, size: float) -> ImuSpec:
+    """Build the estimated IMU with scaled prior misalignments; their effect on gravity remains a bias."""
+    gyro, accel = (size * sensor.misalignment for sensor in (prior.gyro, prior.accel))
+    bias = np.sqrt(np.maximum(level_bias(found.accel) ** 2 - (G0 * accel) ** 2, (0.1 * found.accel.bias) ** 2))
+    return replace(
+        found,
+        name=f"{prior.name}, as found",
+        source=f"By maximum likelihood from the innovations of a drive (insnav), prior: {prior.name}. {prior.source}",
+        gyro=replace(found.gyro, misalignment=gyro),
+        accel=replace(found.accel, misalignment=accel, bias=bias),
+    )
+
+
+def _figure(parameter: Parameter, x: FloatArray, spec: ImuSpec) -> NoiseFigure:
+    """Convert a parameter and the ends of its 95 % interval, `x` (3,)."""
+    sensor, key = parameter.key.split(".")
+    values = np.concatenate([[parameter.middle], x])
+    unit = ""
+    if key == "share":
+        values = parameter.most / (1.0 + np.exp(-values))
+    elif sensor == "gps":
+        values = np.exp(values)
+        unit = "s" if key.endswith("_time") else ""
+    else:
+        of_axes = getattr(spec.gyro if sensor == "gyro" else spec.accel, key)
+        values = np.exp(values) * float(np.sqrt(np.mean(of_axes**2)))
+        unit = UNITS_SHOWN.get(key, ("deg/h", "ug"))[sensor == "accel"]
+    observable = bool(np.isfinite(x[0]) and np.ptp(x[1:]) < OBSERVABLE * parameter.sd * np.ptp(INTERVAL))
+    prior, value, low, high = values.tolist()
+    return NoiseFigure(parameter.key, unit, prior, value, low, high, observable)
+
+
+def kind_of(found: DriveNoise, kinds: Sequence[ImuSpec]) -> ImuSpec:
+    """Select the kind of IMU with the largest evidence for the estimates, among some and the prior's kind.
+
+    Innovations determine the logarithm of a parameter with a normal error: the posterior density without the prior.
+    IMUs of one kind are normally distributed about the values of the kind.
+    """
+    drive, kinds = found.seen[0], [found.seen[0].prior, *kinds]
+    worth = np.zeros(len(kinds))
+    for figure, p in zip(found.figures, drive.parameters, strict=True):
+        sensor, key = figure.key.split(".")
+        if not figure.observable or sensor == "gps" or key == "misalignment":
+            continue
+        error = 1.0 / ((np.ptp(INTERVAL) / np.log(figure.high / figure.low)) ** 2 - p.sd**-2.0)
+        measured = np.log(figure.value) + np.log(figure.value / figure.prior) * error / p.sd**2
+        usual = [0.5 * np.log(np.mean(getattr(getattr(kind, sensor), key) ** 2)) for kind in kinds]
+        worth -= 0.5 * (measured - usual) ** 2 / (IMU_PRIOR[key] ** 2 + error)
+    best = int(np.argmax(worth))
+    return kinds[best if worth[best] > worth[0] + OTHER_KIND else 0]
+
+
+def identify(drives: Sequence[InnovationLikelihood], kinds: Sequence[ImuSpec] = ()) -> DriveNoise:
+    """Estimate the noise of drives of one IMU; repeat the runs with it if the first are inaccurate or reject fixes.
+
+    `kinds`: alternative kinds of IMU, if the estimates favour them.
+    """
+    found = maximise(drives)
+    doubtful = bool(np.min(found.white) > DOUBTED)
+    if found.far_off or doubtful:
+        with suppress(DivergenceError):
+            again = [drive.again(found) for drive in drives]
+            if min(drive.fixes for drive in again) >= FEWEST:  # gates may reject all fixes with this noise
+                drives, found = again, maximise(again)
+    if doubtful:
+        drives = [drive.doubted(found) for drive in drives]
+        found = maximise(drives)
+    for _ in range(KINDS_TRIED):
+        kind = kind_of(found, kinds)
+        if kind is found.seen[0].prior:
+            break
+        try:
+            found = maximise([drive.of(kind) for drive in drives])
+        except DivergenceError:
+            break
+    return found
+
+
+def unlike(drives: Sequence[InnovationLikelihood], found: DriveNoise) -> list[list[NoiseFigure]]:
+    """Find drives with other IMU parameters than the rest, each with its parameters; see `identify`.
+
+    `found`: common estimate. Drives of one IMU share its parameters, but not the parameters of their fixes. A drive has
+    another IMU if its own parameters raise the likelihood beyond chance, and differ much from the common ones.
+    """
+    shared, figures, far = found.seen[1], [], np.zeros(found.seen[1].size, dtype=np.bool_)
+    for drive in drives:
+        one = drive if len(drive.parameters) == shared.size else drive.with_correlated_velocities()
+        of_imu = np.array([not p.key.startswith("gps.") and not p.key.endswith("misalignment") for p in one.parameters])
+        at, covariance, _ = Posterior([one]).climb(shared)
+        gain, sd = _cost(one, np.where(of_imu, shared, at)) - _cost(one, at), np.sqrt(np.diag(covariance))
+        off = of_imu & (np.abs(at - shared) > np.maximum(np.log(UNLIKE), UNLIKE_SD * sd))
+        far |= off & (2.0 * gain > chi2_limit(int(of_imu.sum()), CHANCE))
+        values = at[:, None] + np.outer(sd, [0.0, *INTERVAL])
+        figures.append([_figure(p, x, drive.prior) for p, x in zip(one.parameters, values, strict=True)])
+    return [[each[i] for each in figures] for i in np.flatnonzero(far)]
+
+
+def _cost(drive: InnovationLikelihood, at: FloatArray) -> float:
+    return cost_of(*drive.normalised(at)) + drive.bias_seen(at)
+
 
 NOT_LOST = 0.95  # least share of accepted fixes, compared with a run with resets; otherwise the run is lost
 MOST_REJECTED = 0.3  # least share of accepted fixes; otherwise the gates are wrong

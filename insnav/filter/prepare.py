@@ -12,16 +12,14 @@ import numpy as np
 from insnav import spill, strapdown
 from insnav.alignment import align, stationary_of
 from insnav.alignment import in_motion as motion
-from insnav.alignment.align import LEVEL_SPAN
-from insnav.alignment.false_fixes import away, count_false_start, without_false_motion
+from insnav.alignment.align import LEVEL_SPAN, away, count_false_start, without_false_motion
 from insnav.alignment.static import LONG_REST
 from insnav.exceptions import AlignmentError, InputError
 from insnav.filter.error_model import ErrorModel, InitialState, Part, error_model, initial_state
-from insnav.filter.frozen import without_frozen
-from insnav.filter.gates import Gates, pass_quality
+from insnav.filter.gates import Gates, pass_quality, without_frozen
 from insnav.filter.gps_correlation import correlated_noise
 from insnav.filter.gps_noise import LAG_WORTH, OPEN_HEIGHT, name_lag, velocity_lag, with_sd
-from insnav.filter.measurements.height import HeightAiding
+from insnav.filter.measurements.heading_height import HeightAiding
 from insnav.filter.navigator import Navigator
 from insnav.filter.noise_estimate import NoiseEstimate, start_by
 from insnav.filter.settings import FilterSettings

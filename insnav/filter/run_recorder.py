@@ -8,11 +8,11 @@ import numpy as np
 
 from insnav import spill
 from insnav.exceptions import InputError
+from insnav.filter.error_model import Layout, layout
 from insnav.filter.estimate import Estimate
 from insnav.filter.measurements.measurement import Measurement
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import SmoothedErrors
-from insnav.filter.state_layout import Layout, layout
 from insnav.findings import Code, Finding, by_time
 from insnav.kernels import epoch
 from insnav.kernels.dynamics import NAV

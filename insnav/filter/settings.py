@@ -8,8 +8,7 @@ import numpy as np
 
 from insnav.filter.gates import Gates
 from insnav.filter.gps_correlation import CorrelatedNoise, Rough
-from insnav.filter.measurements.measurement import Measurement
-from insnav.filter.measurements.residual_noise import INTERVAL
+from insnav.filter.measurements.measurement import INTERVAL, Measurement
 from insnav.types import BoolArray, FloatArray, SensorLog, StateChange
 
 
@@ -34,7 +33,7 @@ class FilterSettings:
     moments: tuple[float, ...] = (1.0,)  # sampling instants averaged into a velocity, in lags before the fix [-]
     # of sample timestamps relative to fixes [s]; times speed and acceleration it adds to the noise of every fix
     jitter: float = 0.0
-    settled: bool = True  # the delay of the fixes is known; see `insnav.kernels.gps_measurement.correct_with_arm`
+    settled: bool = True  # the delay of the fixes is known; see `insnav.kernels.measurements.correct_with_arm`
     correlated: CorrelatedNoise | None = None  # time-correlated part of the position error; three more states
     mounting_yaw: float = 0.0  # of the IMU in the vehicle, to the right [rad]; see `insnav.alignment.mounting`
     output_interval: float = 0.1  # of the solution [s]; 0 for every sample

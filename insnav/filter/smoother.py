@@ -137,7 +137,7 @@ def _place(
     The product of lever-arm and attitude errors is centimetres, far above the uncertainty of the antenna.
 
     `head` (m, RESIDUAL): of the epochs. `arms` (m + 1, 12): before and after them, see
-    `insnav.kernels.gps_measurement.correct_with_arm`. `arm` (3,): smoothed [m]. The others change, see
+    `insnav.kernels.measurements.correct_with_arm`. `arm` (3,): smoothed [m]. The others change, see
     `SmoothedErrors`.
     """
     off, turned = arms[:, :3] - arm, arms[:, 3:].reshape(-1, 3, 3)

@@ -10,7 +10,7 @@ from typing import TypeAlias, Unpack
 from insnav.exceptions import ConfigError, InputError
 from insnav.filter.innovation_likelihood import InnovationLikelihood
 from insnav.filter.noise_estimate import NoiseEstimate, NoiseFigure
-from insnav.filter.noise_search import FEWEST, identify, unlike
+from insnav.filter.noise_identification import FEWEST, identify, unlike
 from insnav.findings import Code, Finding
 from insnav.fleet.recordings import find_drives
 from insnav.imu.specification import ImuSpec

@@ -14,7 +14,7 @@ from insnav import spill
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
 from insnav.imu.model import per_sample
-from insnav.kernels.health import glance
+from insnav.kernels.increments import glance
 from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray, ImuData, IntArray
 

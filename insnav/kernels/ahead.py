@@ -19,15 +19,12 @@ from numba import types
 
 from insnav.kernels import (
     CONTENT,
-    aiding_measurements,
     alignment,
-    csv_rows,
     epoch,
     errorstate,
-    gps_measurement,
-    health,
     increments,
     linear,
+    measurements,
     output,
     smoother,
 )
@@ -120,8 +117,8 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
         ),
         (
             (smoother.backward, d2, i, d, d1, d2, d2, d2, d3, d2, d2),
-            (aiding_measurements.innovation, d2, d1, d2, d1, i, i, d2),
-            *((gps_measurement.inverse, d2), (errorstate.less_sure, d2, d), (epoch.least_delay_sd, d1, d1)),
+            (measurements.innovation, d2, d1, d2, d1, i, i, d2),
+            *((measurements.inverse, d2), (errorstate.less_sure, d2, d), (epoch.least_delay_sd, d1, d1)),
             (epoch.note_fix, d1, d, d1, d1, d, d, flag, flag, d1, d1, d2),
         ),
         (
@@ -131,8 +128,8 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
         ((likelihood.innovations, run, *4 * [d1], i, d1, d1, d2, (d1, d2), d3, d, d2),),
         (
             (epoch.assess_fix, *assessment),
-            (aiding_measurements.zero_velocity, d1, d1, d1, d1, d2),
-            (aiding_measurements.vehicle_velocity, d1, d1, d2, d1, d, d1, d2),
+            (measurements.zero_velocity, d1, d1, d1, d1, d2),
+            (measurements.vehicle_velocity, d1, d1, d2, d1, d, d1, d2),
         ),
         (
             (linear.forward, system, measured, (d1, d2), (i1, d3), kept),
@@ -141,15 +138,15 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
             (linear.cross_backward, system, measured, kept, d2, i, d2, i),
         ),
         ((alignment.level_history, d1, d2, d2, d1, d, d1, d2),),
-        ((csv_rows.rows_as_text, d2, d1, types.uint64[::1], types.uint8[::1]),),
+        ((output.rows_as_text, d2, d1, types.uint64[::1], types.uint8[::1]),),
         ((output.deviations, d1, i1, d2, d1, d2, d2), (output.sides, d2, d2, d2)),
         ((smoother.keep, d1, d, *3 * [d1], d2, d2), (epoch.predicted, d1, d, d1, d1, d2, d2, d2, d1, d1)),
         ((alignment.joined, d1, d1, d2, d2, d1, flag, i, i, d2),),
         ((alignment.mean_rotation, d3, d3, d1, d, d3, d2, d1),),
-        ((health.glance, d2, d2, d1, d1),),
+        ((increments.glance, d2, d2, d1, d1),),
         ((errorstate.move_along, d2, d1), (alignment.window_scatter, d1, d2, d2, flag, *4 * [i], d3, d2)),
         ((smoother.keep_measurement, d1, i, i, d1, d2, d2),),
-        ((gps_measurement.measurement_fault, d1, d2, d2), (gps_measurement.fault_of, d2, d1)),
+        ((measurements.measurement_fault, d1, d2, d2), (measurements.fault_of, d2, d1)),
         ((epoch.fade, d1, i, d1, d1, d2, d2, d1), (epoch.note_epoch, d1, d, *3 * [d1], d2)),
         ((epoch.felt, d1, *4 * [d2], i, d, flag, flag, d1), (epoch.turn, d2, d1), (epoch.not_linear, d2, d1, d2)),
         ((epoch.beyond_linear, d1, d, d), (epoch.count_tilt, d1, d, d)),

@@ -7,7 +7,7 @@ import numpy as np
 from insnav.kernels import njit
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import SENSOR, at_fix_time, feed_back, less_sure, reset_transition, variances
-from insnav.kernels.gps_measurement import Assessment, Fix, Predicted, assess, correct_with_arm, swing
+from insnav.kernels.measurements import Assessment, Fix, Predicted, assess, correct_with_arm, swing
 from insnav.kernels.smoother import keep, keep_state
 
 # At constant speed, a delay and a forward lever arm move the antenna alike, so velocity noise could separate them
@@ -21,7 +21,7 @@ MOST_CORRECTED = 0.3  # velocity noise does not exceed this [m/s]
 # A call with one array takes a tenth of the time of a call with an equivalent tuple.
 STATE, CORRECTION, MOTION = slice(0, 10), slice(10, 22), slice(22, 28)
 CORRECTED = slice(28, 31)  # velocity corrections within `SHOWN_BY_IMU` [m/s]
-ARM, SWUNG = slice(31, 43), slice(43, 46)  # see `insnav.kernels.gps_measurement.correct_with_arm`
+ARM, SWUNG = slice(31, 43), slice(43, 46)  # see `insnav.kernels.measurements.correct_with_arm`
 SHAKEN, CLOCK = slice(46, 49), slice(49, 51)  # [m]; delay, and lag of velocities behind positions [s]
 LASTING = slice(51, 57)  # time-correlated errors of fixes [m], [m/s]
 TURNED = 57  # heading change by corrections since the last epoch [rad]
@@ -150,7 +150,7 @@ def predicted(row, time, estimated, doubt, p, phi, q, span, before):  # type: ig
 
 @njit(cache=True)
 def felt(estimated, rates, forces, swings, older, number, late, has_arm, stays, motion):  # type: ignore[no-untyped-def]
-    """Fill `motion` (25,) of `insnav.kernels.gps_measurement.Predicted` for a fix, except its noise limits.
+    """Fill `motion` (25,) of `insnav.kernels.measurements.Predicted` for a fix, except its noise limits.
 
     `estimated` (67,). For each of the next fixes, including sensor errors: `rates` (k, 3): mean body rate [rad/s].
     `forces` (k, 3): mean specific force [m/s^2]. `swings` (k, 3): rate at the time of the velocity. `older` (k, 6):
@@ -184,10 +184,10 @@ def felt(estimated, rates, forces, swings, older, number, late, has_arm, stays, 
 def assess_fix(  # type: ignore[no-untyped-def]
     estimated, p, motion, lla, v_n, position_sd, velocity_sd, row, own, late, jitter, share, at, z, h, r, s, sd
 ):
-    """Assess row `row` of the fixes: `insnav.kernels.gps_measurement.assess` with plain arrays.
+    """Assess row `row` of the fixes: `insnav.kernels.measurements.assess` with plain arrays.
 
     `own`: the fix has its own time-correlated errors. `late`: age of its velocity [s]. `at` (7,):
-    `insnav.filter.state_layout.Layout`, and the number of time-correlated errors.
+    `insnav.filter.error_model.Layout`, and the number of time-correlated errors.
     """
     clock, lasting = estimated[CLOCK], estimated[LASTING][: at[6]]
     correlated, lever, shaken, lag = at[2], at[3], at[4], at[5]
@@ -210,7 +210,7 @@ def take(row, estimated, error, at, settled):  # type: ignore[no-untyped-def]
     """Subtract the estimated error (n,) from the state (closed loop), after an update, and store the state in `row`.
 
     `estimated` (67,). `at`: see `assess_fix`. `settled`: the delay of the fixes is known, see
-    `insnav.kernels.gps_measurement.correct_with_arm`.
+    `insnav.kernels.measurements.correct_with_arm`.
     """
     x, correction, arm, corrected = estimated[STATE], estimated[CORRECTION], estimated[ARM], estimated[CORRECTED]
     vibrating, clock, lasting = estimated[SHAKEN], estimated[CLOCK], estimated[LASTING]

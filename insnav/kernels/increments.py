@@ -2,7 +2,7 @@
 
 Inside an interval, a polynomial through the neighbouring samples represents angular rate and specific force. The
 classical Runge-Kutta method integrates the quaternion from it, and Simpson's rule the velocity from the rotated
-specific force.
+specific force. One pass finds out whether samples are plausible.
 """
 
 from __future__ import annotations
@@ -299,3 +299,25 @@ def increments(  # type: ignore[no-untyped-def]
         sculling[m, 0] = (4.0 * ux + wx) / 6.0 - f1 * kx - f2 * (ty * kz - tz * ky)
         sculling[m, 1] = (4.0 * uy + wy) / 6.0 - f1 * ky - f2 * (tz * kx - tx * kz)
         sculling[m, 2] = (4.0 * uz + wz) / 6.0 - f1 * kz - f2 * (tx * ky - ty * kx)
+
+
+@njit(cache=True)
+def glance(gyro, accel, scale, limit):  # type: ignore[no-untyped-def]
+    """Return largest value and change of each axis, (6,); whether two changes in a row exceed `limit` or values repeat.
+
+    `gyro`, `accel` (n, 3) are divided by `scale` (n,) for values and changes. Repeat: the same raw value three times.
+    """
+    largest, change, value, step = np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(6)
+    before, older, odd = np.zeros(6), np.zeros(6), False
+    for k in range(gyro.shape[0]):
+        inverse = 1.0 / scale[k]
+        for axis in range(6):
+            now = gyro[k, axis] if axis < 3 else accel[k, axis - 3]
+            here, earlier = now * inverse, step[axis]
+            largest[axis] = max(largest[axis], abs(here))
+            if k > 0:
+                step[axis] = abs(here - value[axis])
+                change[axis] = max(change[axis], step[axis])
+                odd |= earlier > limit[axis] < step[axis] or (k > 1 and before[axis] == now == older[axis])
+            value[axis], older[axis], before[axis] = here, before[axis], now
+    return largest, change, odd

@@ -13,7 +13,7 @@ import numpy as np
 from insnav.kernels import inner, njit
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import SENSOR, STATES, at_fix_time, feed_back, less_sure
-from insnav.kernels.gps_measurement import inverse
+from insnav.kernels.measurements import inverse
 
 # columns of a row of the history
 TIME, KIND, SOURCE, STATE, CORRECTION, ARM, RESIDUAL, NOISE = 0, 1, 2, 3, 13, 25, 37, 43
@@ -32,7 +32,7 @@ def width(n: int) -> int:
 def keep(row, time, x, correction, arm, phi, p):  # type: ignore[no-untyped-def]
     """Store a filter epoch: state (10,), sensor errors (12,) and covariance before its measurement, at `time` [s].
 
-    `arm` (12,): see `insnav.kernels.gps_measurement.correct_with_arm`. `phi`: transition from the previous epoch. `row`
+    `arm` (12,): see `insnav.kernels.measurements.correct_with_arm`. `phi`: transition from the previous epoch. `row`
     (width(n),): filled.
     """
     n = p.shape[0]

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from insnav import spill
 from insnav.exceptions import writing
-from insnav.kernels.csv_rows import WIDEST, rows_as_text
+from insnav.kernels.output import WIDEST, rows_as_text
 from insnav.types import FloatArray, GpsData, ImuData, IntArray, Trajectory
 
 # pattern of a column name, and its decimals; the first match counts

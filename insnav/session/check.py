@@ -15,7 +15,7 @@ from insnav.alignment import Mounting, find_mounting
 from insnav.alignment.clock_offset import ClockOffset
 from insnav.errors.evaluated_run import failure, same_positions
 from insnav.exceptions import DivergenceError, InputError, InsnavError
-from insnav.filter.fix_figures import FixFigures, look_at_fixes
+from insnav.filter.agreement import FixFigures, look_at_fixes
 from insnav.filter.gps_noise import with_sd
 from insnav.filter.lever_check import looked
 from insnav.findings import Code, Finding, of_code

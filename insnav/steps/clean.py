@@ -6,8 +6,7 @@ from dataclasses import replace
 
 from insnav.alignment.in_motion import first_motion, velocity
 from insnav.exceptions import AlignmentError, InputError
-from insnav.filter.frozen import UNUSABLE, without_frozen
-from insnav.filter.gates import Gates, pass_quality
+from insnav.filter.gates import UNUSABLE, Gates, pass_quality, without_frozen
 from insnav.filter.gps_noise import with_sd
 from insnav.findings import Finding
 from insnav.input import Reading

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import insnav
-from insnav.alignment.false_fixes import without_false_motion
+from insnav.alignment.align import without_false_motion
 from insnav.alignment.static import departure
 from insnav.earth import lla_offset, ned_offset
 from insnav.simulate import corrupt_gps, gps_from_truth

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import insnav
-from insnav.alignment.false_fixes import count_false_start
+from insnav.alignment.align import count_false_start
 from insnav.earth import lla_offset
 from insnav.findings import Code, of_code
 from insnav.types import GpsData

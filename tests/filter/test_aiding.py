@@ -14,14 +14,12 @@ from insnav.earth import lla_offset, ned_offset
 from insnav.filter import FilterSettings, Navigator
 from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.measurements import measurements_from_drive
-from insnav.filter.measurements.first_pass import FirstPass
-from insnav.filter.measurements.measurement import Measurement
-from insnav.filter.measurements.non_holonomic import NonHolonomic
-from insnav.filter.measurements.zero_velocity import ZeroVelocity, find_stops
+from insnav.filter.measurements.measurement import FirstPass, Measurement
+from insnav.filter.measurements.vehicle import NonHolonomic, ZeroVelocity, find_stops
 from insnav.filter.navigate import aided, feed, navigate_recording
 from insnav.filter.prepare import DELAY_SD, Prepared, Start
 from insnav.findings import CONTRADICTIONS, Code, of_code
-from insnav.kernels import aiding_measurements as kernel
+from insnav.kernels import measurements as kernel
 from insnav.kernels.errorstate import STATES
 from insnav.simulate import GpsErrors, Truth, reference, without_fixes
 from insnav.types import GpsData, ImuData

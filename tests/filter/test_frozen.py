@@ -11,7 +11,7 @@ from insnav.earth import lla_offset
 from insnav.errors.evaluated_run import failure
 from insnav.errors.metrics import position_errors
 from insnav.filter import FilterSettings
-from insnav.filter.frozen import without_frozen
+from insnav.filter.gates import without_frozen
 from insnav.filter.navigate import navigate_recording
 from insnav.filter.prepare import DELAY_SD
 from insnav.findings import NOT_MEASURED, Code, Severity, of_code

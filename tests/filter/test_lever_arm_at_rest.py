@@ -10,7 +10,7 @@ import pytest
 import insnav
 from insnav.errors.metrics import position_errors
 from insnav.findings import Code, Severity, of_code
-from insnav.kernels.gps_measurement import antenna, correct_with_arm
+from insnav.kernels.measurements import antenna, correct_with_arm
 from insnav.session.simulation import plan_of, profiled
 from insnav.simulate.gps_file import load_gps
 from insnav.units import DEG

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from insnav.filter.navigator import forces_about, rates_at, since, turned
-from insnav.kernels.gps_measurement import Assessment, Fix, Predicted, antenna, assess
+from insnav.kernels.measurements import Assessment, Fix, Predicted, antenna, assess
 from insnav.strapdown import Intervals
 from tests.physics import equations as eq
 

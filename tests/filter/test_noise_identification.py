@@ -9,13 +9,12 @@ import pytest
 
 import insnav
 from insnav.earth import lla_offset, ned_offset
-from insnav.filter import FilterSettings, error_model, sensor_axes
+from insnav.filter import FilterSettings, error_model, noise_estimate
 from insnav.filter.gates import Gates
 from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.innovation_likelihood import LARGEST, InnovationLikelihood, thinned
 from insnav.filter.noise_estimate import NoiseEstimate
-from insnav.filter.noise_identification import NO_NOISE, identify_noise, known_likelihood, with_noise
-from insnav.filter.noise_search import maximise
+from insnav.filter.noise_identification import NO_NOISE, identify_noise, known_likelihood, maximise, with_noise
 from insnav.filter.prepare import Prepared
 from insnav.findings import Code, Severity, of_code
 from insnav.imu.specification import ImuSpec, SensorSpec, level_bias
@@ -371,7 +370,7 @@ def test_what_a_misalignment_does_is_what_the_regression_says():
         fisher, slope, does, _ = drive.by_axes(np.array([p.middle for p in drive.parameters]))
         slopes.append(slope)
         attitudes.append(settled_attitude(ready))
-    row = sensor_axes.TERMS.index((1, 2))
+    row = noise_estimate.TERMS.index((1, 2))
     # the regression says what the filter itself does: an attitude that is off by most of the term
     np.testing.assert_allclose(attitudes[1] - attitudes[0], 5e-3 * does[row].mean(axis=0), atol=0.1 * 5e-3)
     assert np.abs(does[row].mean(axis=0)).max() > 0.5
@@ -389,7 +388,7 @@ def test_false_fixes_that_reset_the_filter_do_not_make_it_forget_the_axes():
     drive, at = known_likelihood(ready, drives.SPEC)
     assert not drive.reset
     does = drive.by_axes(at)[2]
-    assert np.abs(does[sensor_axes.TERMS.index((1, 2))].mean(axis=0)).max() > 0.5
+    assert np.abs(does[noise_estimate.TERMS.index((1, 2))].mean(axis=0)).max() > 0.5
 
 
 @pytest.mark.parametrize(("together", "plain"), [(1, 1.0), (12, 12.0)])
@@ -402,7 +401,7 @@ def test_innovations_that_err_together_say_less_of_the_axes(together, plain):
         error = np.repeat(rng.standard_normal(n // together), together)
         truth = sd * rng.standard_normal(4)
         innovation, before = error - truth @ by, np.diag(sd**-2.0)
-        said = sensor_axes.informed(innovation, by, np.ones(n), sd)
+        said = noise_estimate.informed(innovation, by, np.ones(n), sd)
         squares.append([])
         for fisher, slope in (said, (by @ by.T, -by @ innovation)):
             off = np.linalg.solve(fisher + before, slope) - truth
@@ -418,7 +417,7 @@ def test_the_size_is_averaged_over_what_is_plausible(prior_sd):
     """Exact: terms seen without error; the posterior of one size is an integral that is done here by quadrature."""
     x = np.array([0.3, -1.2, 0.5])
     fisher, slope = np.diag(np.full(3, 1e8)), 1e8 * x
-    found = sensor_axes.misalignment(fisher, slope, np.ones((3, 1, 3)), np.ones(3), prior_sd)
+    found = noise_estimate.misalignment(fisher, slope, np.ones((3, 1, 3)), np.ones(3), prior_sd)
     np.testing.assert_allclose(found.terms, x, rtol=1e-6)
     np.testing.assert_allclose(found.attitude, x.sum(), rtol=1e-6)
     assert (found.attitude_sd < 1e-3).all()
@@ -437,7 +436,7 @@ def test_the_size_is_averaged_over_what_is_plausible(prior_sd):
 
 def test_what_no_drive_tells_stays_as_specified():
     """Each term turns all three angles by as much: their variances add up."""
-    found = sensor_axes.misalignment(np.zeros((4, 4)), np.zeros(4), np.ones((4, 5, 3)), np.full(4, 2e-3), 0.0)
+    found = noise_estimate.misalignment(np.zeros((4, 4)), np.zeros(4), np.ones((4, 5, 3)), np.full(4, 2e-3), 0.0)
     np.testing.assert_allclose(found.attitude_sd, 2e-3 * np.sqrt(4.0))
     assert not found.terms.any()
 
@@ -449,9 +448,9 @@ def test_samples_lose_what_misalignments_make_of_them_beside_a_bias():
     turned = []
     for k, values in enumerate((imu.gyro, imu.accel)):
         askew = np.zeros((3, 3))
-        askew[tuple(np.transpose(sensor_axes.TERMS))] = terms[6 * k : 6 * k + 6]
+        askew[tuple(np.transpose(noise_estimate.TERMS))] = terms[6 * k : 6 * k + 6]
         turned.append(values + values @ askew.T)
-    found = sensor_axes.Misalignment((1.0, 1.0, 1.0), terms, np.zeros(3), np.zeros(3), 1.0)
+    found = noise_estimate.Misalignment((1.0, 1.0, 1.0), terms, np.zeros(3), np.zeros(3), 1.0)
     mended = found.corrected(replace(imu, gyro=turned[0], accel=turned[1]))
     for each, true, askew in ((mended.gyro, imu.gyro, turned[0]), (mended.accel, imu.accel, turned[1])):
         assert np.std(each - true, axis=0).max() < 0.02 * np.std(askew - true, axis=0).max()

@@ -11,10 +11,10 @@ from insnav.attitude import dcm_from_quat, dcm_from_rph, wrap_pi
 from insnav.earth import gravity_n, ned_offset
 from insnav.exceptions import AlignmentError
 from insnav.filter import FilterSettings, initial_state
+from insnav.filter.error_model import first_state
 from insnav.filter.estimate import Across, Estimate
 from insnav.filter.navigate import Navigated, navigate_prepared, navigate_recording
 from insnav.filter.prepare import Prepared, Start, prepare
-from insnav.filter.state_layout import first_state
 from insnav.findings import Code, of_code
 from insnav.kernels.dynamics import NAV
 from insnav.simulate import reference

@@ -16,7 +16,7 @@ from insnav.filter.engine import Engine
 from insnav.filter.navigate import navigate_recording
 from insnav.filter.prepare import Start
 from insnav.findings import Code
-from insnav.kernels.gps_measurement import antenna
+from insnav.kernels.measurements import antenna
 from insnav.simulate import Truth, gps_from_truth, imu_from_truth, reference
 from insnav.types import GpsData, Run
 from insnav.units import DEG, DEG_PER_H

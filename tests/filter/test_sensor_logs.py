@@ -13,8 +13,7 @@ from insnav.earth import ned_offset
 from insnav.exceptions import ConfigError, InputError
 from insnav.filter import error_model
 from insnav.filter.measurements import kinds, measurements_from_drive
-from insnav.filter.measurements.clock import clock_offset
-from insnav.filter.measurements.first_pass import FirstPass
+from insnav.filter.measurements.measurement import FirstPass, clock_offset
 from insnav.findings import Code, Finding, of_code
 from insnav.imu.specification import ImuSpec
 from insnav.input.readers.sensor_log import read_sensor_log

@@ -13,7 +13,7 @@ import insnav
 from insnav.errors.evaluated_run import _held
 from insnav.errors.run_findings import run_warnings
 from insnav.exceptions import InputError
-from insnav.filter.fix_figures import look_at_fixes
+from insnav.filter.agreement import look_at_fixes
 from insnav.findings import Code, Finding, Severity, of_code
 from insnav.imu.inspection import inspect_samples
 from insnav.messages import sentence

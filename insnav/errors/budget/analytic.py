@@ -25,7 +25,7 @@ from insnav.errors.budget.covariance import (
 )
 from insnav.errors.budget.sampled_motion import SampledMotion
 from insnav.errors.budget.sources import Source
-from insnav.kernels.noise_along_motion import noise_variances
+from insnav.kernels.error_propagation import noise_variances
 from insnav.types import FloatArray, IntArray
 
 _STEPS = 1500  # of the integrals of noise

@@ -11,11 +11,10 @@ import numpy as np
 from insnav.attitude import dcm_from_quat
 from insnav.earth import gravity_n
 from insnav.exceptions import InputError
-from insnav.filter.error_model import ErrorModel, FilterState
+from insnav.filter.error_model import ErrorModel, FilterState, layout
 from insnav.filter.navigate import feed
 from insnav.filter.prepare import Prepared
 from insnav.filter.settings import FilterSettings
-from insnav.filter.state_layout import layout
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
 from insnav.types import BoolArray, FloatArray, GpsData, IntArray, Run, Trajectory

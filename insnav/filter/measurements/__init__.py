@@ -6,8 +6,7 @@ import importlib
 import pkgutil
 from functools import cache
 
-from insnav.filter.measurements.first_pass import FirstPass
-from insnav.filter.measurements.measurement import Measurement
+from insnav.filter.measurements.measurement import FirstPass, Measurement
 from insnav.findings import Finding
 
 

@@ -1,13 +1,136 @@
-"""Interface of all aiding measurements."""
+"""Aiding measurements as the filter uses them, and what a first pass over the drive tells about their noise."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import ClassVar, Protocol, Self
 
-from insnav.filter.measurements.first_pass import FirstPass
+import numpy as np
+import scipy  # its parts are loaded on first use
+
+from insnav.alignment.in_motion import Velocity, gives_velocities, velocity
+from insnav.attitude import dcm_from_rph
 from insnav.findings import Finding
-from insnav.types import FloatArray
+from insnav.imu.specification import ImuSpec
+from insnav.types import BoolArray, FloatArray, GpsData, ImuData, SensorLog, Trajectory
+from insnav.units import DEG
+
+FAST = 2.0  # below this speed the velocity error dominates its direction [m/s]
+ENOUGH = 60.0  # time at such speeds that determines mounting angles to a tenth of a degree [s]
+# A car on a road stays within centimetres per second; tracked, floating or flying vehicles do not.
+LARGEST_RMS = 0.3  # of the velocity across the direction of travel, for a non-holonomic constraint [m/s]
+WIDEST = 45.0 * DEG  # an IMU turned farther in its vehicle was not meant to point ahead
+
+
+@dataclass(frozen=True, slots=True)
+class Mounting:
+    """Vehicle axes seen from the IMU."""
+
+    # (2,) pitch and yaw of the direction of travel in the axes of the IMU, and their standard deviations [rad]
+    angles: FloatArray
+    sd: FloatArray
+    to_vehicle: FloatArray  # (3, 3) rotation from IMU axes to vehicle axes (forward, right, down)
+    lever_b: FloatArray  # (3,) point on the unsteered axle, seen from the IMU, body axes [m]
+    right: FloatArray  # (m,) cross-track velocity at the fast rows [m/s]
+    down: FloatArray
+
+    @property
+    def rms(self) -> tuple[float, float]:
+        """Compute the RMS velocity to the right and down [m/s]."""
+        return float(np.sqrt(np.mean(self.right**2))), float(np.sqrt(np.mean(self.down**2)))
+
+    @property
+    def holds(self) -> bool:
+        """Return whether the vehicle moves along one axis near the forward axis of the IMU."""
+        return max(self.rms) <= LARGEST_RMS and float(np.abs(self.angles).max()) <= WIDEST
+
+
+def mounting(v_b: FloatArray, rate: FloatArray, step: float) -> Mounting:
+    """Estimate vehicle axes from velocity in IMU axes [m/s] and body rate [rad/s], (m, 3), every `step` [s].
+
+    A point on the axle, x ahead of the IMU, has the lateral velocity ``v_y + x w_z = 0``: the same fit finds x.
+    """
+    ahead = v_b[:, 0]
+    right, right_rest, right_sd = robust_fit(np.column_stack([ahead, -rate[:, 2], rate[:, 0]]), v_b[:, 1], step)
+    down, down_rest, down_sd = robust_fit(np.column_stack([ahead, rate[:, 1], -rate[:, 0]]), v_b[:, 2], step)
+    forward = np.array([1.0, right[0], down[0]])
+    forward /= np.linalg.norm(forward)
+    side = np.cross([0.0, 0.0, 1.0], forward)
+    side /= np.linalg.norm(side)
+    return Mounting(
+        np.array([-np.arctan(down[0]), np.arctan(right[0])]),
+        np.array([down_sd, right_sd]),
+        np.array([forward, side, np.cross(forward, side)]),
+        np.array([right[1], 0.0, 0.0]),
+        right_rest,
+        down_rest,
+    )
+
+
+@dataclass(frozen=True)
+class FirstPass:
+    """A drive and its smoothed solution, all in the time of the IMU samples."""
+
+    solution: Trajectory  # smoothed, at several rows a second
+    imu: ImuData  # samples
+    gps: GpsData  # fixes
+    spec: ImuSpec  # IMU error specification
+    logs: Mapping[str, SensorLog] = field(default_factory=dict)  # logs of further sensors, by name
+
+    @cached_property
+    def step(self) -> float:
+        """Time between rows of the solution [s]."""
+        return float(np.median(np.diff(self.solution.time))) if self.solution.time.shape[0] > 1 else INTERVAL
+
+    @cached_property
+    def v_b(self) -> FloatArray:
+        """Velocity in IMU axes, (n, 3) [m/s]."""
+        return np.asarray(np.einsum("nji,nj->ni", dcm_from_rph(self.solution.rph), self.solution.v_n))
+
+    @cached_property
+    def speed(self) -> Velocity:
+        """Velocity by the receiver, else by the solution: position changes are mostly noise."""
+        at = self.solution
+        if at.sd is None or gives_velocities(self.gps):
+            return velocity(self.gps)
+        return Velocity(at.time, at.v_n, at.sd[:, 3:5].max(axis=1))
+
+    @cached_property
+    def fast(self) -> BoolArray:
+        """Rows with a speed above `FAST`, (n,)."""
+        return np.asarray(np.linalg.norm(self.solution.v_n, axis=1) > FAST)
+
+    @cached_property
+    def fast_time(self) -> float:
+        """Time spent at such speeds [s]."""
+        return float(self.fast.sum() * self.step)
+
+    @cached_property
+    def mounting(self) -> Mounting | None:
+        """Mounting of the IMU in its vehicle, to the attitude accuracy; None if the drive is too short."""
+        if self.fast_time < ENOUGH:
+            return None
+        found = mounting(self.v_b[self.fast], self._rate()[self.fast], self.step)
+        sd = self.solution.sd
+        return found if sd is None else replace(found, sd=np.hypot(found.sd, sd[self.fast, 7:].min(axis=0)))
+
+    @cached_property
+    def forward(self) -> FloatArray:
+        """Speed along the forward axis of the vehicle, (n,) [m/s]; needs the `mounting`."""
+        assert self.mounting is not None
+        return np.asarray(self.v_b @ self.mounting.to_vehicle[0])
+
+    def _rate(self) -> FloatArray:
+        """Angular rate at the rows of the solution, averaged over a tenth of a second [rad/s]."""
+        time, imu = self.solution.time, self.imu
+        step = np.gradient(imu.time)[:, None]
+        angle = np.cumsum(imu.gyro if imu.sampling == "increment" else imu.gyro * step, axis=0)
+        half = 0.05
+        at = [np.column_stack([np.interp(time + s * half, imu.time, angle[:, i]) for i in range(3)]) for s in (-1, 1)]
+        return np.asarray((at[1] - at[0]) / (2.0 * half))
+
 
 NOTHING = slice(0, 0)  # rows of a measurement without data now
 
@@ -50,3 +173,118 @@ class Measurement(Protocol):
 
         Returns: the measurement, or None without sensor or if the drive does not support it; and a finding.
         """
+
+
+INTERVAL = 0.25  # between aiding measurements of a kind [s]
+# A residual that persists for minutes is systematic: white noise cannot represent it. Beyond this inflation the
+# measurement would have no weight.
+LARGEST_INFLATION = 3.0
+UNCORRELATED = 0.05  # a smaller autocorrelation is chance [-]
+
+
+def robust_fit(design: FloatArray, values: FloatArray, step: float) -> tuple[FloatArray, FloatArray, float]:
+    """Least squares with Huber's weights (P. J. Huber, Robust Statistics, 1981, chapter 7).
+
+    `design`, `values` (n,). `step`: time between rows [s].
+    Returns: `found`, `residual` (n,). `sd`: standard deviation of the first parameter, with the effective sample size
+    of time-correlated residuals.
+    """
+    weight = np.ones(values.shape[0])
+    found: FloatArray = np.zeros(design.shape[1])
+    residual: FloatArray = values.copy()
+    for _ in range(10):
+        found[:] = np.linalg.lstsq(design * weight[:, None], values * weight, rcond=None)[0]
+        residual[:] = values - design @ found
+        # 1.4826 median |r| is the standard deviation of a normal distribution; 1.5 of it is Huber's usual limit
+        scale = 1.4826 * float(np.median(np.abs(residual))) or 1.0
+        weight = np.sqrt(np.minimum(1.0, 1.5 * scale / np.maximum(np.abs(residual), 1e-12)))
+    covariance = np.linalg.inv((design * weight[:, None] ** 2).T @ design) * float(np.mean((weight * residual) ** 2))
+    alike = _sum_of_correlations(residual, max(1, round(INTERVAL / step))) * max(1, round(INTERVAL / step))
+    return found, residual, float(np.sqrt(covariance[0, 0] * alike))
+
+
+def time_correlated_sd(residual: FloatArray, step: float) -> float:
+    """Compute the sd of noise, white every `INTERVAL`, that averages out like a residual of rows `step` [s].
+
+    The mean of m values has the variance ``sd^2 / m (1 + 2 sum rho_k)`` for m far beyond the correlation time.
+    """
+    rms = float(np.sqrt(np.mean(residual**2)))
+    alike = _sum_of_correlations(residual, max(1, round(INTERVAL / step)))
+    return rms * min(LARGEST_INFLATION, float(np.sqrt(alike)))
+
+
+def _sum_of_correlations(residual: FloatArray, stride: int) -> float:
+    """Compute ``1 + 2 sum rho_k`` over lags of `stride` rows, up to the first that is not positive."""
+    r = residual[::stride]
+    power = float(np.mean(r * r)) or 1.0
+    total = 1.0
+    for lag in range(1, min(r.shape[0] // 3, 400)):
+        rho = float(np.mean(r[lag:] * r[:-lag])) / power
+        if rho <= UNCORRELATED:
+            break
+        total += 2.0 * rho
+    return total
+
+
+STEP = 0.2  # step of the search, before a finer fit [s]
+LEAST_OVERLAP = 60.0  # least common time of both records [s]
+LEAST_CORRELATION = 0.9  # of two records of one motion; hills and corners alone give 0.5
+APART = 5.0  # offsets farther apart are different solutions [s]
+CLEARER = 2.0  # least ratio of unexplained parts, every other offset to the best, ...
+LEAST_UNEXPLAINED = 0.02  # ... whose unexplained part is at least this, however well two speeds agree [-]
+LONGEST_GAP = 1.0  # longest interval over which a speed is interpolated [s]
+
+
+def clock_offset(time: FloatArray, speed: FloatArray, log_time: FloatArray, log_speed: FloatArray) -> float | None:
+    """Find the clock offset of a log, whatever its epoch: the shift of greatest correlation.
+
+    On a repetitive route several shifts are similar; clocks that agree within seconds then decide.
+
+    `time`, `speed` (n,): times [s] and known speed [m/s]. `log_time`, `log_speed` (m,): of the log; any unit of speed.
+    Returns: time by the log minus time [s]; None if no shift stands out.
+    """
+    a, known_a = _even(time, speed)
+    b, known_b = _even(log_time, log_speed)
+    if min(a.size, b.size) * STEP < LEAST_OVERLAP:
+        return None
+
+    def sums(x: FloatArray, y: FloatArray) -> FloatArray:
+        """Compute the sum of ``x[i] y[i + k]`` for every shift k, from ``1 - x.size`` on."""
+        return np.asarray(scipy.signal.fftconvolve(y, x[::-1]))
+
+    # centred correlation of the common rows, at every shift at once
+    n = sums(known_a, known_b)
+    enough = n * STEP >= max(LEAST_OVERLAP, 0.5 * STEP * min(known_a.sum(), known_b.sum()))
+    n = np.maximum(n, 1.0)
+    mean_a, mean_b = sums(a, known_b) / n, sums(known_a, b) / n
+    power = (sums(a * a, known_b) / n - mean_a**2) * (sums(known_a, b * b) / n - mean_b**2)
+    correlation = (sums(a, b) / n - mean_a * mean_b) / np.sqrt(np.maximum(power, 1e-6))
+    correlation = np.where(enough, correlation, -1.0)
+    offset = (np.arange(correlation.size) - (a.size - 1)) * STEP + log_time[0] - time[0]
+    best = int(np.argmax(correlation))
+    if correlation[best] < LEAST_CORRELATION:
+        return None
+    alike = 1.0 - correlation < max(CLEARER * (1.0 - correlation[best]), LEAST_UNEXPLAINED)
+    if np.ptp(offset[alike]) > 2.0 * APART:
+        alike &= np.abs(offset) <= APART
+        if not alike.any():
+            return None
+        best = int(np.argmax(np.where(alike, correlation, -1.0)))
+    before, peak, after = correlation[np.clip([best - 1, best, best + 1], 0, correlation.size - 1)]
+    curvature = before - 2.0 * peak + after
+    between = 0.5 * (before - after) / curvature if curvature < 0.0 else 0.0  # vertex of the parabola
+    return float(offset[best] + between * STEP)
+
+
+def near_values(time: FloatArray, at: FloatArray) -> BoolArray:
+    """Find where values at `time` are close enough on both sides of `at` for interpolation, (n,)."""
+    after = np.clip(np.searchsorted(time, at), 1, time.shape[0] - 1)
+    inside = (at >= time[0]) & (at <= time[-1])
+    return np.asarray(inside & (time[after] - time[after - 1] <= LONGEST_GAP))
+
+
+def _even(time: FloatArray, speed: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Resample speed at even times, zero in gaps; also return 1 where it is known."""
+    at = np.arange(time[0], time[-1], STEP)
+    known = near_values(time, at).astype(np.float64)
+    return np.interp(at, time, speed) * known, known

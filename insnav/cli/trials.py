@@ -1,21 +1,104 @@
-"""``insnav simulate``: simulated recordings of a known motion, one or many."""
+"""Commands that need no recorded data: regress, simulate, verify."""
 
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import typer
+
 from insnav.cli import parse
-from insnav.cli.console import Stages, note, quiet_figures, result, result_facts, working
+from insnav.cli.console import Stages, note, quiet_figures, result, result_facts, result_page, working, write_result
 from insnav.cli.data_options import say_reading
-from insnav.cli.options import IMU, MOTION, RESULT, Engine, Force, Json, Seed, argument, flag, option
+from insnav.cli.options import FILES, IMU, MOTION, RESULT, START, Engine, Force, Json, Out, Seed, argument, flag, option
 from insnav.exceptions import ConfigError
 
 if TYPE_CHECKING:
     from insnav.output.folder import RunFolder
     from insnav.report.page import Page
     from insnav.session.simulation import Plan, SimulationOptions
+
+
+def regress(
+    corpus: Annotated[Path | None, option(FILES, "FILE", "The drives. [trajectories/corpus.toml of insnav]")] = None,
+    data: Annotated[Path | None, option(FILES, "FOLDER", "Recorded drives. [shared/data next to the project]")] = None,
+    quick: Annotated[bool, flag(START, "--quick", "Only some cases.")] = False,
+    engine: Engine = "processes",
+    power: Annotated[
+        bool,
+        flag(
+            RESULT,
+            "--power",
+            "Run nothing: the smallest change that each figure of the baseline can show with 80 % power.",
+        ),
+    ] = False,
+    update_baseline: Annotated[bool, flag(RESULT, "--update-baseline", "Make this version the baseline.")] = False,
+    plot: Annotated[bool, flag(RESULT, "--plot", "Draw plots, accuracy.html and accuracy.md.")] = False,
+    peers: Annotated[bool, flag(RESULT, "--peers", "Also run pyins and GTSAM, where installed; minutes.")] = False,
+    published: Annotated[
+        bool, flag(RESULT, "--published", "Also simulate published GNSS outage tests; writes published.md; minutes.")
+    ] = False,
+    out: Annotated[
+        Path | None, option(RESULT, "FOLDER", "Folder of baseline and reports. [reports next to the corpus' folder]")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Compare with the baseline."""
+    from insnav.regression.baseline import BASELINE_FILE, renewed, write_baseline
+    from insnav.regression.corpus import default_corpus, load_corpus
+
+    if quick and update_baseline:
+        raise ConfigError("cli.quick_baseline", where="--quick, --update-baseline")
+    file = (corpus or default_corpus()).resolve()
+    folder = out or file.parent.parent / "reports"
+    if power:
+        _power(folder, as_json)
+        return
+    with Stages() as stage:
+        from insnav.messages import sentence
+        from insnav.regression.regress import HISTORY_FILE, write_history
+        from insnav.regression.regress import regress as compared
+        from insnav.report.regression import page as room
+
+        outcome = compared(file, data, reports=folder, quick=quick, peers=peers, workers=engine, stage=stage)
+        found = outcome.found
+        for skipped in found.accuracy.skipped.values() if not quick else ():
+            note(sentence(skipped))
+        if not quick and folder != Path(__file__).parents[1] / "reports":  # an installed package is read-only
+            write_history(folder / HISTORY_FILE, found.history)
+        if published:
+            stage("published")
+            names = {each.name for each in load_corpus(file).recorded}
+            written = room.write_published(folder, found, names, lambda fraction: stage("published", fraction))
+            note(f"written: {written}")
+        if plot:
+            stage("drawing")
+            note(f"drawn: {len(room.write_pages(folder, outcome))} files in {folder}")
+        if update_baseline:
+            write_baseline(folder / BASELINE_FILE, renewed(found.baseline, found.accuracy, found.origin))
+            note(f"baseline: {folder / BASELINE_FILE}")
+    from insnav.report.save import facts_of
+
+    result(json.dumps(facts_of(outcome), indent=1, ensure_ascii=False) if as_json else room.text(outcome))
+    if found.comparison is not None and not found.comparison.passed and not update_baseline:
+        raise typer.Exit(1)
+
+
+def _power(folder: Path, as_json: bool) -> None:
+    """Print the changes that the baseline figures can detect."""
+    from insnav.regression.baseline import BASELINE_FILE, read_baseline
+    from insnav.report.page import Page
+    from insnav.report.regression.page import power_lines, power_section
+    from insnav.report.run_json import page_facts
+
+    baseline = read_baseline(folder / BASELINE_FILE)
+    if baseline is None:
+        raise ConfigError("cli.no_baseline", where=str(folder))
+    facts = page_facts(Page("Power of the regression", (), (power_section(baseline),)))
+    result(json.dumps(facts, indent=1, ensure_ascii=False) if as_json else "\n".join(power_lines(baseline)))
+
 
 RUNS = "Many runs"
 
@@ -179,3 +262,41 @@ def _list(out: Path | None, force: bool, as_json: bool) -> None:
         return
     width = max(len(str(each["name"])) for each in shown)
     result("\n".join(f"{each['name']:<{width}}  {each['duration_s']:6.0f} s  {each['purpose']}" for each in shown))
+
+
+def verify(
+    peer: Annotated[bool, flag(START, "--peer", "Compare with python-ins, if it is installed.")] = False,
+    faults: Annotated[bool, flag(START, "--faults", "Print the fault matrix instead.")] = False,
+    out: Out = Path("certificate"),
+    force: Force = False,
+    as_json: Json = False,
+    markdown: Annotated[bool, flag(RESULT, "--markdown", "Print one Markdown table instead.")] = False,
+) -> None:
+    """Certify."""
+    if as_json and markdown:
+        raise ConfigError("cli.json_or_markdown", where="--json --markdown")
+    if faults:
+        _print_faults(as_json=as_json)
+        return
+    with working(out, force) as (folder, stage):
+        stage("certifying")
+        from insnav.certificate.certify import verify as verified
+
+        outcome = verified(peer=peer, progress=lambda fraction: stage("certifying", fraction))
+        where = write_result(outcome, folder, stage, figures="png")
+    if markdown:
+        from insnav.report.certificate.page import certificate_markdown
+
+        result(certificate_markdown(outcome.found))
+    else:
+        result_page(where, outcome.page(), out, as_json=as_json)
+    if failed := outcome.found.failed:
+        note(f"{len(failed)} of {len(outcome.found.checks)} checks failed")
+        raise typer.Exit(1)
+
+
+def _print_faults(*, as_json: bool) -> None:
+    from insnav.certificate.faults import fault_matrix, matrix_lines
+
+    rows = fault_matrix()
+    result(json.dumps([asdict(row) for row in rows], indent=1) if as_json else "\n".join(matrix_lines(rows)))

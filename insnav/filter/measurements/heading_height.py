@@ -1,19 +1,95 @@
-"""Magnetometer: heading from the Earth's magnetic field in body axes, or from the sensor's own computer."""
+"""Measurements of heading and height: from the receiver, a magnetometer, a height that changes slowly."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
 
 from insnav.attitude import dcm_from_rph, wrap_pi
-from insnav.filter.measurements.clock import near_values
-from insnav.filter.measurements.first_pass import FirstPass
-from insnav.filter.measurements.heading import Heading
-from insnav.filter.measurements.residual_noise import time_correlated_sd
+from insnav.filter.measurements.measurement import (
+    INTERVAL,
+    NOTHING,
+    FilterView,
+    FirstPass,
+    near_values,
+    time_correlated_sd,
+)
 from insnav.findings import Code, Finding
+from insnav.kernels.measurements import body_heading
+from insnav.strapdown import nearest_rows
 from insnav.types import BoolArray, FloatArray
 from insnav.units import DEG
+
+
+@dataclass(frozen=True, slots=True)
+class Heading:
+    """Heading measured with the fixes."""
+
+    time: FloatArray  # (n,) times [s] and heading [rad]; ``NaN`` where unknown
+    heading: FloatArray
+    sd: FloatArray  # (1,) standard deviation [rad]
+
+    order: ClassVar[int] = 0
+    name: ClassVar[str] = "heading"
+    unit: ClassVar[str] = "rad"
+    excluded_by: ClassVar[frozenset[str]] = frozenset()
+
+    def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:
+        """See `Measurement`."""
+        row = int(nearest_rows(self.time, at.time))
+        if not abs(self.time[row] - at.time) < 0.5 * INTERVAL or not np.isfinite(self.heading[row]):
+            return NOTHING
+        body_heading(at.x, float(self.heading[row]), z, h)
+        return slice(0, 1)
+
+    @classmethod
+    def from_drive(cls, first: FirstPass) -> tuple[Self | None, Finding | None]:
+        """Calibrate nothing: the user specifies the accuracy, and the first pass already uses the heading."""
+        return None, None
+
+
+LARGEST_HEIGHT_RMS = 20.0  # a larger error means no barometer, or another unit [m]
+LEAST_HEIGHT_SD = 0.3  # wind and doors change the pressure by this much [m]
+
+
+@dataclass(frozen=True, slots=True)
+class HeightAiding:
+    """Height over time, constant before the first and after the last value."""
+
+    time: FloatArray  # (n,) times [s] and height above the ellipsoid [m]
+    height: FloatArray
+    sd: FloatArray  # (1,) standard deviation [m]
+
+    order: ClassVar[int] = 10
+    name: ClassVar[str] = "height"
+    unit: ClassVar[str] = "m"
+    excluded_by: ClassVar[frozenset[str]] = frozenset()
+
+    def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:
+        """See `Measurement`."""
+        h[0] = 0.0
+        h[0, 2] = -1.0  # the position error is North, East, Down
+        z[0] = at.x[2] - float(np.interp(at.time, self.time, self.height))
+        return slice(0, 1)
+
+    @classmethod
+    def from_drive(cls, first: FirstPass) -> tuple[Self | None, Finding | None]:
+        """See `Measurement`."""
+        imu, solution = first.imu, first.solution
+        if imu.baro is None or not np.isfinite(imu.baro).any():
+            return None, None
+        known = np.isfinite(imu.baro)
+        offset = solution.lla[:, 2] - np.interp(solution.time, imu.time[known], imu.baro[known])
+        zero = float(np.median(offset))
+        residual = offset - zero
+        rms = float(np.sqrt(np.mean(residual**2)))
+        if rms > LARGEST_HEIGHT_RMS:
+            return None, Finding.of(Code.BAROMETER_POOR, rms_m=rms, limit_m=LARGEST_HEIGHT_RMS, zero_m=zero)
+        sd = np.array([max(LEAST_HEIGHT_SD, time_correlated_sd(residual, first.step))])
+        return cls(imu.time[known], imu.baro[known] + zero, sd), Finding.of(Code.BAROMETER_USED, rms_m=rms, zero_m=zero)
+
 
 KNOWN_HEADING = 3.0 * DEG  # largest heading sd of the first pass for calibration [rad]
 LARGEST_RMS = 10.0 * DEG  # of a useful heading; steel nearby makes more [rad]

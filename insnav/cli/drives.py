@@ -1,0 +1,274 @@
+"""Commands on one drive and on its results: align, check, compare, demo, outage, report, require."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from insnav.cli import console, parse
+from insnav.cli.data_options import READING, Data, check_usable, compile_at_first, takes_data
+from insnav.cli.options import (
+    MOTION,
+    RESULT,
+    START,
+    Aiding,
+    Backdrop,
+    Engine,
+    Force,
+    Json,
+    Out,
+    Profile,
+    Seed,
+    argument,
+    flag,
+    option,
+)
+from insnav.exceptions import ConfigError
+
+if TYPE_CHECKING:
+    from insnav.result import Result
+
+
+@takes_data(without=("logs", "explain", "faults"))
+def align(data: Data, out: Out = Path("alignment"), force: Force = False, as_json: Json = False) -> None:
+    """Align a static record."""
+    if data.gps is None and data.inputs.get("lat") is None:
+        raise ConfigError("session.no_latitude", where="--lat")
+    with console.working(out, force) as (folder, stage):
+        from insnav.messages import sentence
+
+        drive = data.load(stage)
+        outcome = drive.align()
+        read = {event for reading in drive.recording.given().values() for event in reading.events}
+        for finding in outcome.findings:
+            if finding not in read and finding is not drive.imu_chosen:  # the table and -v already contain these
+                console.note(sentence(finding))
+        outcome, where = data.save(outcome, folder, stage)
+    if as_json:
+        console.result_facts(where)
+    else:
+        from insnav.report.terminal import entry
+
+        console.result(f"{console.brief_text(outcome)}\n{entry('files', f'{out}: report.html, run.json')}")
+
+
+@takes_data(None, only=(*READING, "time_offset", "topic", "lever_arm", "gps_height", "gps_columns"))
+def check(
+    data: Data,
+    files: Annotated[list[Path], argument("FILES", "Files.")],
+    out: Annotated[Path | None, option(RESULT, "FOLDER", "Also write a page and run.json there.")] = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Examine files."""
+    with console.Stages() as stage:
+        from insnav.session.check import check as checked
+
+        compile_at_first(*files, *filter(None, (data.gps, data.ref)))
+        stage("reading")
+        found = replace(checked(*files, gps=data.gps, ref=data.ref, **data.inputs), options=data.options)
+    where = None
+    if out is not None:
+        where = found.save(out, force=force, figures="page")
+    if as_json:
+        if where is not None:
+            console.result_facts(where)
+        else:
+            from insnav.report.run_json import versions
+            from insnav.report.save import facts_of
+
+            console.result(json.dumps({"kind": "check", "versions": versions(), **facts_of(found)}, indent=2))
+    else:
+        console.result(console.brief_text(found))
+    if not found.found.runs_as_given:
+        raise typer.Exit(1)
+
+
+@takes_data(None, files={"ref": True}, only=("ref_lever_arm", "ref_columns"))
+def compare(
+    data: Data,
+    runs: Annotated[list[Path], argument("RUN", "Run folders.")],
+    tum: Annotated[
+        Path | None,
+        option(
+            RESULT, "FOLDER", "Also write the compared epochs for evo: a .tum file of each run, and of the reference."
+        ),
+    ] = None,
+    out: Annotated[Path | None, option(RESULT, "FOLDER", "Also write figure and page into this folder.")] = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Compare runs."""
+    from insnav.output.folder import RunFolder
+    from insnav.session.comparison import compare as compared
+
+    assert data.ref is not None
+    outcome = replace(compared(*runs, ref=data.ref, **data.inputs), options=data.options)
+    if out is not None:
+        console.quiet_figures()
+        outcome.save(out, force=force)
+    found = outcome.found
+    if tum is not None:
+        from insnav.output.track_files import tum_files
+
+        errors = {name: (each.position, each.attitude) for name, each in found.named().items()}
+        with RunFolder(tum, force=force) as folder:
+            for name, text in tum_files(found.reference, found.compared[0].errors.time, errors).items():
+                folder.path(name).write_text(text, encoding="utf-8", newline="\n")
+            folder.commit({"runs": [str(run) for run in runs]})
+    if as_json:
+        from insnav.report.run_json import json_ready
+
+        console.result(json.dumps(json_ready(found.rows()), indent=1, ensure_ascii=False))
+    else:
+        console.result(console.brief_text(outcome))
+
+
+def demo(context: typer.Context, out: Out = Path("demo"), force: Force = False) -> None:
+    """Navigate the sample drive."""
+    from insnav.cli import commands
+    from insnav.library import sample_drive
+
+    imu, gps, reference = (str(path) for path in sample_drive())
+    arguments = [imu, "--gps", gps, "--ref", reference, "--lever-arm", "0.8,-0.3,-1.2", "--out", str(out)]
+    typer.echo("$ " + shlex.join(["insnav", "run", *arguments]), err=True)  # not wrapped, for copying
+    run = commands("run").commands["run"]
+    with run.make_context("run", arguments, parent=context.find_root()) as inner:
+        inner.params["force"] = force
+        run.invoke(inner)
+
+
+@takes_data(without=("lat", "height"))
+def outage(
+    data: Data,
+    aiding: Aiding = "auto",
+    lengths: Annotated[str, option(START, "S,S,…", "Lengths of the windows, s.")] = "5,10,15,30,60,120",
+    first: Annotated[float | None, option(START, "S", "First window, s after the start. [60, or less]")] = None,
+    spacing: Annotated[float | None, option(START, "S", "From one window to the next, s. [so that 60 fit]")] = None,
+    engine: Engine = "processes",
+    out: Out = Path("outage"),
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Simulate outages."""
+    wanted = parse.positive_numbers(lengths, "--lengths")
+    for value, name in ((first, "--first"), (spacing, "--spacing")):
+        if value is not None:
+            parse.finite(value, name, largest=1e5)
+    from insnav.report.outage.page import judged
+
+    with console.working(out, force) as (folder, stage):
+        outcome = data.load(stage).outage(
+            lengths=wanted, first=first, spacing=spacing, aiding=aiding, workers=engine, progress=stage.advance
+        )
+        outcome, where = data.save(outcome, folder, stage)
+    console.result_page(where, judged(outcome.page()), out, as_json=as_json)
+    check_usable(outcome)
+
+
+def report(
+    run: Annotated[Path, argument("RUN", "Folder of a run, outage test or budget.")],
+    figures: Annotated[Literal["png", "svg"], option(RESULT, "FORMAT", "Figures as png or svg.")] = "png",
+    backdrop: Backdrop = None,
+    out: Annotated[Path | None, option(RESULT, "FOLDER", "Folder to make; default RUN_report next to RUN.")] = None,
+    force: Force = False,
+    pdf: Annotated[bool, flag(RESULT, "--pdf", "Only a PDF of three pages, RUN.pdf next to the folder.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Draw a run again."""
+    from insnav.result import open_result
+
+    opened, whole = open_result(run), run.resolve()
+    console.quiet_figures()
+    opened = with_backdrop(opened, backdrop)
+    if pdf:
+        from insnav.report.save import write_result_pdf
+
+        file = whole.with_name(f"{whole.name}.pdf")
+        write_result_pdf(opened, file)
+        console.result(f"files: {file}")
+        return
+    out = out or whole.with_name(f"{whole.name}_report")
+    where = opened.save(out, force=force, figures=figures)
+    if as_json:
+        console.result_facts(where)
+    else:
+        console.result(f"{console.brief_text(opened)}\n{console.files_line(where, out)}")
+
+
+def with_backdrop(opened: Result[Any], file: Path | None) -> Result[Any]:
+    """Add the lines of a file to the background of a run's map, if any."""
+    if file is None:
+        return opened
+    from insnav.report.run.page import read_backdrop
+
+    if opened.kind != "run":
+        raise ConfigError("cli.no_map", where="--backdrop", kind=opened.kind)
+    return replace(opened, found=replace(opened.found, backdrop=read_backdrop(file)))
+
+
+REQUIREMENT = "Requirement"
+
+
+@takes_data("DRIVE", optional=True, without=("lat", "height"))
+def require(
+    data: Data,
+    error: Annotated[str, option(REQUIREMENT, "LIMIT", 'Limit of the error, such as "5 m".')],
+    after: Annotated[str, option(REQUIREMENT, "TIME", 'Time without GPS, such as "30 s".')],
+    probability: Annotated[float, option(REQUIREMENT, "P", "Of being within the limit.")] = 0.95,
+    component: Annotated[
+        Literal["horizontal", "vertical", "3d"], option(REQUIREMENT, "WHICH", "Error: horizontal, vertical, 3d.")
+    ] = "horizontal",
+    cost: Annotated[
+        str | None,
+        option(REQUIREMENT, "ERROR=W,…", "Weights of errors in the set: with 8 one gets four times the share. [all 1]"),
+    ] = None,
+    profile: Profile = None,
+    begin: Annotated[float | None, option(MOTION, "S", "When GPS ends, s after the start. [300]")] = None,
+    runs: Annotated[int, option(RESULT, "N", "Simulated runs that verify the set.", min=0)] = 500,
+    seed: Seed = 1,
+    engine: Engine = "processes",
+    out: Out = Path("require"),
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Compute a requirement."""
+    if data.imu is not None and profile is not None:
+        raise ConfigError("cli.drive_and_profile", where="--profile")
+    if data.imu is None and (data.gps is not None or data.ref is not None):
+        raise ConfigError("cli.fixes_without_drive", where="DRIVE")
+    if begin is not None:
+        parse.finite(begin, "--begin", largest=1e6)
+    options: dict[str, Any] = {
+        "workers": engine,
+        "probability": probability,
+        "component": component,
+        "begin": begin,
+        "runs": runs,
+        "seed": seed,
+    }
+    options |= {"cost": parse.weights(cost, "--cost")}
+    with console.working(out, force) as (folder, stage):
+        from insnav.session.requirement import require as required
+
+        if data.imu is not None:
+            outcome = data.load(stage).require(error, after, progress=stage.advance, **options)
+        else:
+            stage("motion")
+            model = data.inputs.get("imu_model")
+            outcome = required(
+                error,
+                after,
+                profile=profile,
+                imu=None if model is None else str(model),
+                progress=partial(stage, "simulating"),
+                **options,
+            )
+        outcome, where = data.save(outcome, folder, stage, figures="png")
+    console.result_page(where, outcome.page(), out, as_json=as_json)
