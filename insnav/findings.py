@@ -6,12 +6,19 @@
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from enum import EnumType, IntEnum, StrEnum
+from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
-from insnav.catalogues import catalogue
+
+@cache
+def catalogue(lang: str) -> Mapping[str, Any]:
+    """Read the catalogue of a language."""
+    return tomllib.loads((Path(__file__).parent / "messages" / f"{lang}.toml").read_text(encoding="utf-8"))
 
 
 @dataclass(frozen=True, slots=True)

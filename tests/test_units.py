@@ -6,8 +6,8 @@ import math
 
 import pytest
 
+from insnav.config_file import parse_quantity
 from insnav.exceptions import ConfigError
-from insnav.quantity_text import parse_quantity
 from insnav.units import UNITS, units_of
 from tests.refusals import refused
 

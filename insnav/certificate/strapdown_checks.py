@@ -9,8 +9,7 @@ import numpy as np
 from insnav import attitude
 from insnav.certificate.integrators import Check, Integrator, attitude_after
 from insnav.certificate.motions import Cone, Scull, around_pole, even, over_pole, start_of, swell, uneven
-from insnav.earth import earth_rate_n, gravity_n, near_pole, ned_offset, radii
-from insnav.earth_fixed import earth_from_lla
+from insnav.earth import earth_from_lla, earth_rate_n, gravity_n, near_pole, ned_offset, radii
 from insnav.errors.schuler import measured_periods, periods, static_errors
 from insnav.gimbal import PlatformErrors
 from insnav.simulate import LevelTruth, Truth, circle, imu_from_truth, straight

@@ -12,26 +12,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import typer
 
+from insnav.cli import options as common
 from insnav.cli import parse
 from insnav.cli.console import brief_text, note, note_warnings, result, result_page, working, write_result
 from insnav.cli.data_options import READING, Data, say_reading, takes_data
 from insnav.cli.help import GroupedCommand, help_of
-from insnav.cli.options import (
-    FILES,
-    IMU,
-    METHOD,
-    RESULT,
-    START,
-    Columns,
-    Force,
-    Json,
-    Out,
-    Rate,
-    SpikeLimit,
-    argument,
-    flag,
-    option,
-)
+from insnav.cli.options import IMU, METHOD, RESULT, START, Columns, Force, Json, Out, argument, flag, option
 from insnav.exceptions import ConfigError
 from insnav.steps.inputs import Inputs
 from insnav.units import DEG, DEG_PER_H, UG
@@ -43,15 +29,19 @@ if TYPE_CHECKING:
 
 
 def acceptance(
-    rates: Annotated[list[Path] | None, option(FILES, "FILE", "Rate table of the gyros; may be given again.")] = None,
-    positions: Annotated[
-        list[Path] | None, option(FILES, "FILE", "Positions of the accelerometers in gravity; again too.")
+    rates: Annotated[
+        list[Path] | None, option(common.FILES, "FILE", "Rate table of the gyros; may be given again.")
     ] = None,
-    static: Annotated[Path | None, option(FILES, "FILE", "Record at rest.")] = None,
-    powerups: Annotated[list[Path] | None, option(FILES, "FILE", "Outputs at +w and -w after each power-up.")] = None,
+    positions: Annotated[
+        list[Path] | None, option(common.FILES, "FILE", "Positions of the accelerometers in gravity; again too.")
+    ] = None,
+    static: Annotated[Path | None, option(common.FILES, "FILE", "Record at rest.")] = None,
+    powerups: Annotated[
+        list[Path] | None, option(common.FILES, "FILE", "Outputs at +w and -w after each power-up.")
+    ] = None,
     columns: Columns = None,
     lengths: Annotated[str, option(METHOD, "S,S,…", "Averaging times of the bias stability, s.")] = "1,10,100",
-    spike_limit: SpikeLimit = None,
+    spike_limit: common.SpikeLimit = None,
     out: Out = Path("acceptance"),
     force: Force = False,
     as_json: Json = False,
@@ -114,7 +104,7 @@ Add = Annotated[
 ]
 _KEYWORD = inspect.Parameter.KEYWORD_ONLY
 _KINDS: tuple[tuple[str, Any, Any], ...] = (
-    *(("columns", Columns, None), ("gravity", Gravity, 9.80665), ("spike_limit", SpikeLimit, None)),
+    *(("columns", Columns, None), ("gravity", Gravity, 9.80665), ("spike_limit", common.SpikeLimit, None)),
     *(("add", Add, None), ("name", Name, ""), ("out", Out, OUT), ("force", Force, False), ("as_json", Json, False)),
 )
 _SHARED = {name: inspect.Parameter(name, _KEYWORD, default=value, annotation=kind) for name, kind, value in _KINDS}
@@ -295,16 +285,19 @@ def platform(
         argument("FORCE_FILE", "Specific force: a data file of any supported format, or - for standard input."),
     ] = None,
     columns: Annotated[
-        str | None, option(FILES, "NAME=HEADER,…", "Names of unrecognised columns: f_east=Fe,time_s=t.")
+        str | None, option(common.FILES, "NAME=HEADER,…", "Names of unrecognised columns: f_east=Fe,time_s=t.")
     ] = None,
     axes: Annotated[
-        Literal["ENU", "NED"] | None, option(FILES, "AXES", "Axes of columns x, y, z: ENU or NED. [by the names]")
+        Literal["ENU", "NED"] | None,
+        option(common.FILES, "AXES", "Axes of columns x, y, z: ENU or NED. [by the names]"),
     ] = None,
-    sample_rate: Annotated[float | None, option(FILES, "HZ", "Samples per second of a file without times.")] = None,
+    sample_rate: Annotated[
+        float | None, option(common.FILES, "HZ", "Samples per second of a file without times.")
+    ] = None,
     height_input: Annotated[
-        Path | None, option(FILES, "FILE", "Heights to damp the vertical channel with: time_s, height_m.")
+        Path | None, option(common.FILES, "FILE", "Heights to damp the vertical channel with: time_s, height_m.")
     ] = None,
-    ref: Annotated[Path | None, option(FILES, "FILE", "Reference to evaluate the integrators against.")] = None,
+    ref: Annotated[Path | None, option(common.FILES, "FILE", "Reference to evaluate the integrators against.")] = None,
     lat: Annotated[float | None, option(START, "DEG", "Latitude, north positive.")] = None,
     lon: Annotated[float | None, option(START, "DEG", "Longitude, east positive.")] = None,
     height: Annotated[float, option(START, "M", "Height above the ellipsoid.")] = 0.0,
@@ -331,7 +324,7 @@ def platform(
     gyro_drift: Annotated[str, option(ERRORS, "N,E,D", "Rate at which it turns away, deg/h.")] = "0,0,0",
     accel_bias: Annotated[str, option(ERRORS, "N,E,D", "Accelerometer biases, ug.")] = "0,0,0",
     demo: Annotated[bool, flag(RESULT, "--demo", "Show examples with closed forms instead.")] = False,
-    rate: Rate = "10",
+    rate: common.Rate = "10",
     out: Out = Path("platform"),
     force: Force = False,
     as_json: Json = False,

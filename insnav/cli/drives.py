@@ -12,23 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from insnav.cli import console, parse
+from insnav.cli import options as common
 from insnav.cli.data_options import READING, Data, check_usable, compile_at_first, takes_data
-from insnav.cli.options import (
-    MOTION,
-    RESULT,
-    START,
-    Aiding,
-    Backdrop,
-    Engine,
-    Force,
-    Json,
-    Out,
-    Profile,
-    Seed,
-    argument,
-    flag,
-    option,
-)
+from insnav.cli.options import RESULT, START, Force, Json, Out, argument, flag, option
 from insnav.exceptions import ConfigError
 
 if TYPE_CHECKING:
@@ -147,11 +133,11 @@ def demo(context: typer.Context, out: Out = Path("demo"), force: Force = False) 
 @takes_data(without=("lat", "height"))
 def outage(
     data: Data,
-    aiding: Aiding = "auto",
+    aiding: common.Aiding = "auto",
     lengths: Annotated[str, option(START, "S,S,…", "Lengths of the windows, s.")] = "5,10,15,30,60,120",
     first: Annotated[float | None, option(START, "S", "First window, s after the start. [60, or less]")] = None,
     spacing: Annotated[float | None, option(START, "S", "From one window to the next, s. [so that 60 fit]")] = None,
-    engine: Engine = "processes",
+    engine: common.Engine = "processes",
     out: Out = Path("outage"),
     force: Force = False,
     as_json: Json = False,
@@ -175,7 +161,7 @@ def outage(
 def report(
     run: Annotated[Path, argument("RUN", "Folder of a run, outage test or budget.")],
     figures: Annotated[Literal["png", "svg"], option(RESULT, "FORMAT", "Figures as png or svg.")] = "png",
-    backdrop: Backdrop = None,
+    backdrop: common.Backdrop = None,
     out: Annotated[Path | None, option(RESULT, "FOLDER", "Folder to make; default RUN_report next to RUN.")] = None,
     force: Force = False,
     pdf: Annotated[bool, flag(RESULT, "--pdf", "Only a PDF of three pages, RUN.pdf next to the folder.")] = False,
@@ -229,11 +215,11 @@ def require(
         str | None,
         option(REQUIREMENT, "ERROR=W,…", "Weights of errors in the set: with 8 one gets four times the share. [all 1]"),
     ] = None,
-    profile: Profile = None,
-    begin: Annotated[float | None, option(MOTION, "S", "When GPS ends, s after the start. [300]")] = None,
+    profile: common.Profile = None,
+    begin: Annotated[float | None, option(common.MOTION, "S", "When GPS ends, s after the start. [300]")] = None,
     runs: Annotated[int, option(RESULT, "N", "Simulated runs that verify the set.", min=0)] = 500,
-    seed: Seed = 1,
-    engine: Engine = "processes",
+    seed: common.Seed = 1,
+    engine: common.Engine = "processes",
     out: Out = Path("require"),
     force: Force = False,
     as_json: Json = False,

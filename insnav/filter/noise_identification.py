@@ -18,24 +18,12 @@ import numpy as np
 from numba.core.config import NUMBA_NUM_THREADS  # type: ignore[attr-defined]
 
 from insnav.exceptions import DivergenceError
+from insnav.filter import innovation_likelihood as likelihood
 from insnav.filter.error_model import error_model
 from insnav.filter.gates import Gates
 from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.gps_noise import CARRIER
-from insnav.filter.innovation_likelihood import (
-    ALL,
-    CLEAN,
-    CORRELATION_TIME,
-    HUBER,
-    IMU_PRIOR,
-    LEVELS,
-    LONGEST,
-    SHARE,
-    InnovationLikelihood,
-    Parameter,
-    cost_of,
-    thinned,
-)
+from insnav.filter.innovation_likelihood import InnovationLikelihood, Parameter
 from insnav.filter.noise_estimate import Misalignment, NoiseEstimate, NoiseFigure, after_rest, misalignment
 from insnav.filter.prepare import Prepared
 from insnav.findings import CORRELATED_POSITIONS, Code, Finding
@@ -123,7 +111,7 @@ class Posterior:
         """Compute innovations, their variances, and the cost of a parameter set."""
         parts = [drive.normalised(at) for drive in self.drives]
         e, s = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
-        return e, s, cost_of(e, s) + self._before(at)
+        return e, s, likelihood.cost_of(e, s) + self._before(at)
 
     def _side_by_side(self, cases: FloatArray) -> list[_Seen]:
         """Evaluate several sets, in as many threads as numba may use: its kernel releases the lock."""
@@ -148,7 +136,7 @@ class Posterior:
             by_e, by_s, slope = np.empty((at.size, e.size)), np.empty((at.size, e.size)), np.empty(at.size)
             for i, (e1, s1, cost1) in enumerate(self._side_by_side(at + steps)):
                 by_e[i], by_s[i], slope[i] = (e1 - e) / STEP, (s1 - s) / STEP / s, (cost1 - cost) / STEP
-            clean = by_e / np.sqrt(s * np.maximum(np.abs(e) / np.sqrt(s) / HUBER, 1.0))
+            clean = by_e / np.sqrt(s * np.maximum(np.abs(e) / np.sqrt(s) / likelihood.HUBER, 1.0))
             weight = self.weight(at)
             fisher = clean @ clean.T + 0.5 * by_s @ by_s.T + np.diag(weight)
             curvature, last, moved = _bent(fisher, moved, slope - last), slope, np.zeros(at.size)
@@ -156,8 +144,8 @@ class Posterior:
             while gained > FAR and damping < 1e4:
                 if start != cost:
                     u, before = e / np.sqrt(s), self._before(at)
-                    pull = np.clip(u, -HUBER, HUBER)
-                    slope = by_e @ (pull / np.sqrt(s)) + 0.5 * by_s @ (CLEAN - pull * u)
+                    pull = np.clip(u, -likelihood.HUBER, likelihood.HUBER)
+                    slope = by_e @ (pull / np.sqrt(s)) + 0.5 * by_s @ (likelihood.CLEAN - pull * u)
                     slope += np.array([self._before(at + step) - before for step in steps]) / STEP
                 move = -np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), slope)
                 move *= min(1.0, LARGEST_STEP / float(np.max(np.abs(move))))
@@ -190,7 +178,7 @@ def _bent(curvature: FloatArray, step: FloatArray, change: FloatArray) -> FloatA
 
 def _begun(posterior: Posterior) -> FloatArray:
     """Find initial parameters: the most likely of several starts, by the first part of the record."""
-    level = np.array([p.key in LEVELS for p in posterior.parameters[:-2]])
+    level = np.array([p.key in likelihood.LEVELS for p in posterior.parameters[:-2]])
     starts = [
         np.concatenate([posterior.middle[:-2] + np.log(factor) * level, each])
         for factor in UNDERSTATED_STARTS
@@ -296,7 +284,7 @@ def kind_of(found: DriveNoise, kinds: Sequence[ImuSpec]) -> ImuSpec:
         error = 1.0 / ((np.ptp(INTERVAL) / np.log(figure.high / figure.low)) ** 2 - p.sd**-2.0)
         measured = np.log(figure.value) + np.log(figure.value / figure.prior) * error / p.sd**2
         usual = [0.5 * np.log(np.mean(getattr(getattr(kind, sensor), key) ** 2)) for kind in kinds]
-        worth -= 0.5 * (measured - usual) ** 2 / (IMU_PRIOR[key] ** 2 + error)
+        worth -= 0.5 * (measured - usual) ** 2 / (likelihood.IMU_PRIOR[key] ** 2 + error)
     best = int(np.argmax(worth))
     return kinds[best if worth[best] > worth[0] + OTHER_KIND else 0]
 
@@ -347,7 +335,7 @@ def unlike(drives: Sequence[InnovationLikelihood], found: DriveNoise) -> list[li
 
 
 def _cost(drive: InnovationLikelihood, at: FloatArray) -> float:
-    return cost_of(*drive.normalised(at)) + drive.bias_seen(at)
+    return likelihood.cost_of(*drive.normalised(at)) + drive.bias_seen(at)
 
 
 NOT_LOST = 0.95  # least share of accepted fixes, compared with a run with resets; otherwise the run is lost
@@ -389,14 +377,14 @@ def known_likelihood(ready: Prepared, spec: ImuSpec) -> tuple[InnovationLikeliho
     at, correlated = np.array([p.middle for p in drive.parameters]), ready.settings.correlated
     at[-2] = -np.inf
     if correlated is not None:
-        part = min(correlated.share / drive.parameters[-2].most, ALL)
+        part = min(correlated.share / drive.parameters[-2].most, likelihood.ALL)
         at[-2:] = np.log([part / (1.0 - part), correlated.time])
     return drive, at
 
 
 def _likelihood(ready: Prepared, spec: ImuSpec) -> InnovationLikelihood | None:
     """Compute the innovations of a drive; None if it is too short, or the filter diverges."""
-    if thinned(ready.gps).time.shape[0] < FEWEST:
+    if likelihood.thinned(ready.gps).time.shape[0] < FEWEST:
         return None
     # where gates reject most fixes by their reported sd, accept all
     for gates in (ready.settings.gates, ready.settings.gates.believing()):
@@ -442,7 +430,7 @@ def with_careful_biases(ready: Prepared, assumed: ImuSpec) -> Prepared:
 
 def usual_time() -> float:
     """Return the usual correlation time of positions, for drives that do not determine it [s]."""
-    middle, sd = CORRELATION_TIME
+    middle, sd = likelihood.CORRELATION_TIME
     return float(np.exp(middle + AVERAGED["gps.correlation_time"] * sd**2))
 
 
@@ -450,7 +438,7 @@ def with_usual_noise(ready: Prepared) -> Prepared:
     """Apply the usual time-correlated position errors, for a drive that does not determine them."""
     if ready.settings.correlated is not None:
         return ready
-    time, share = usual_time(), 1.0 / (1.0 + np.exp(-SHARE[0]))
+    time, share = usual_time(), 1.0 / (1.0 + np.exp(-likelihood.SHARE[0]))
     usual = CorrelatedNoise(share, time, np.sqrt(share) * np.median(ready.gps.position_sd, axis=0))
     note = Finding.of(Code.ESTIMATE_CORRELATED_USUAL, share=share, time_s=time)
     return replace(ready, settings=replace(ready.settings, correlated=usual), notes=(*ready.notes, note))
@@ -491,7 +479,7 @@ def with_known_noise(ready: Prepared, spec: ImuSpec, *, lasting: bool, sizes: bo
 
 def _too_small(ready: Prepared, innovation: FloatArray, variance: FloatArray) -> tuple[Finding, ...]:
     """Report innovations larger than the specified noise allows, robust against false fixes."""
-    size = float(np.mean(np.minimum(innovation**2 / variance, HUBER**2)))
+    size = float(np.mean(np.minimum(innovation**2 / variance, likelihood.HUBER**2)))
     given = Finding.of(Code.GIVEN_NOISE, ready.initial.time, mean_square=size, limit_mean_square=TOO_SMALL)
     return (given,) * bool(size > TOO_SMALL)
 
@@ -562,6 +550,6 @@ def _report_factor(code: Code, factor: FloatArray) -> list[Finding]:
 def _report_correlated(found: CorrelatedNoise, figures: Sequence[NoiseFigure]) -> Finding:
     hardly = {"gps.share", "gps.correlation_time"} & {figure.key for figure in figures if not figure.observable}
     code = Code.ESTIMATE_CORRELATED_PLAUSIBLE if hardly else Code.ESTIMATE_CORRELATED
-    if found.time < LONGEST:
+    if found.time < likelihood.LONGEST:
         return Finding.of(code, share=found.share, time_s=found.time)
-    return Finding.of(code, share=found.share, longer_than_s=LONGEST)
+    return Finding.of(code, share=found.share, longer_than_s=likelihood.LONGEST)

@@ -40,8 +40,7 @@ from string import Formatter
 from typing import Any, NamedTuple
 
 from insnav import plain_text
-from insnav.catalogues import catalogue
-from insnav.findings import ErrorFacts, Finding
+from insnav.findings import ErrorFacts, Finding, catalogue
 from insnav.units import UNITS, shown_unit
 
 LANGUAGES = ("en", "zh")

@@ -27,7 +27,7 @@ import pymap3d
 from numpy.typing import NDArray
 
 from insnav.attitude import dcm_from_quat, quat_from_dcm, quat_from_rph, quat_multiply
-from insnav.earth_fixed import quat_earth_from_level
+from insnav.earth import quat_earth_from_level
 from insnav.exceptions import ConfigError
 from insnav.plain_text import plain_text
 from insnav.types import FloatArray, Trajectory

@@ -15,7 +15,7 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from insnav.catalogues import catalogue
+from insnav.findings import catalogue
 from insnav.messages import language, phrase
 from insnav.plain_text import plain_text
 from insnav.report.page import Page, Section, Show, Table, cell, section_tables

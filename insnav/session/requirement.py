@@ -8,6 +8,7 @@ from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
+from insnav.config_file import parse_quantity
 from insnav.engine import Workers
 from insnav.errors.budget.sampled_motion import REST, first_movement, sampled
 from insnav.errors.requirement.aided import aided_covariances, propagation
@@ -20,7 +21,6 @@ from insnav.exceptions import ConfigError
 from insnav.findings import Code, Finding
 from insnav.imu import ImuSpec, load_imu
 from insnav.imu.library import completed, find_part, parts
-from insnav.quantity_text import parse_quantity
 from insnav.result import Result
 from insnav.session.budget import LONGEST_FREE
 from insnav.simulate.motion import load_profile

@@ -14,10 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from insnav.config_file import similar
+from insnav.config_file import parse_quantity, similar
 from insnav.earth import lla_offset
 from insnav.exceptions import ConfigError
-from insnav.quantity_text import parse_quantity
 from insnav.simulate.gps_errors import without_fixes
 from insnav.types import BoolArray, FloatArray, GpsData, ImuData
 from insnav.units import DEG, G0, UNITS

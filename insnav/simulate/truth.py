@@ -21,8 +21,7 @@ from typing import Literal
 import numpy as np
 
 from insnav.attitude import wrap_pi, wrap_two_pi
-from insnav.earth import E2, OMEGA_EARTH, A, gravity_n, metres_per_unit, radii
-from insnav.earth_fixed import components
+from insnav.earth import E2, OMEGA_EARTH, A, components, gravity_n, metres_per_unit, radii
 from insnav.exceptions import ConfigError
 from insnav.simulate.curves import Curve, Harmonic
 from insnav.types import FloatArray

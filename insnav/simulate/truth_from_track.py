@@ -14,8 +14,7 @@ from scipy.interpolate import BSpline, PchipInterpolator
 from scipy.linalg import solveh_banded
 from scipy.sparse import csr_array, diags_array
 
-from insnav.earth import metres_per_unit, ned_offset
-from insnav.earth_fixed import components
+from insnav.earth import components, metres_per_unit, ned_offset
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
 from insnav.simulate.curves import Spline, spline_of

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 import insnav
+from insnav.config_file import parse_quantity
 from insnav.exceptions import ConfigError
 from insnav.explain.explanation import Explanation, Tried
 from insnav.explain.kinds import KINDS, Kind, with_priors
 from insnav.findings import Code, of_code
 from insnav.messages import LANGUAGES, phrase, speaking
 from insnav.output.folder import read_facts
-from insnav.quantity_text import parse_quantity
 from insnav.report.explanation import MOST, explanation_line, explanation_section
 from insnav.report.page import section_tables
 from insnav.report.save import facts_of

@@ -11,8 +11,7 @@ import pyins.util
 import pytest
 
 from insnav import strapdown
-from insnav.earth import ned_offset
-from insnav.earth_fixed import earth_from_lla
+from insnav.earth import earth_from_lla, ned_offset
 from insnav.input import read_imu
 from insnav.output.data_files import write_data
 from insnav.simulate import Truth, imu_from_truth, reference

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from insnav.earth_fixed import level_from_earth
+from insnav.earth import level_from_earth
 from insnav.exceptions import InputError, InsnavError
 from insnav.findings import Code, Finding
 from insnav.input.formats.messages import at_times

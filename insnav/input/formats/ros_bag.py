@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insnav.attitude import dcm_from_quat, quat_from_dcm, rph_from_quat
-from insnav.earth_fixed import earth_from_lla, level_from_earth, lla_from_earth
+from insnav.earth import earth_from_lla, level_from_earth, lla_from_earth
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
 from insnav.input.formats.conventions import (

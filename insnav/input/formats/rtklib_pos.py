@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from insnav.earth_fixed import earth_from_lla, level_from_earth, lla_from_earth
+from insnav.earth import earth_from_lla, level_from_earth, lla_from_earth
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
 from insnav.input.formats.delimited_text import TextCells

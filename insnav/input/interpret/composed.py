@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from insnav.earth_fixed import level_from_earth, lla_from_earth
+from insnav.earth import level_from_earth, lla_from_earth
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
 from insnav.input.formats.conventions import PLACE, VELOCITY

@@ -16,8 +16,7 @@ import numpy as np
 from insnav.alignment.align import GYROCOMPASS_SD
 from insnav.alignment.in_motion import SLOWEST
 from insnav.attitude import dcm_from_quat
-from insnav.earth import OMEGA_EARTH
-from insnav.earth_fixed import earth_from_lla, quat_earth_from_level
+from insnav.earth import OMEGA_EARTH, earth_from_lla, quat_earth_from_level
 from insnav.errors.ensemble import BAND, COMPONENTS, FIGURES, GROUPS, Ensemble, band, ensemble, inside
 from insnav.findings import Code, Finding
 from insnav.imu import ImuErrors, ImuSpec, calibration_to_toml, to_toml

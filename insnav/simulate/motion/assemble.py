@@ -11,8 +11,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import PchipInterpolator, PPoly, make_interp_spline
 
 from insnav.attitude import dcm_from_quat, quat_from_rotvec, quat_from_rph, quat_multiply
-from insnav.earth import metres_per_unit, ned_offset, radii
-from insnav.earth_fixed import earth_from_lla, quat_earth_from_level
+from insnav.earth import earth_from_lla, metres_per_unit, ned_offset, quat_earth_from_level, radii
 from insnav.exceptions import ConfigError
 from insnav.simulate.curves import Spline, spline_through
 from insnav.simulate.earthfixed import EarthTruth, Turns
