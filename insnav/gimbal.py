@@ -115,19 +115,9 @@ def navigate_platform(
     start = np.concatenate([lla, v_n, [0.0]])
     y = np.concatenate([start, start, quat_from_rotvec(errors.tilt)])
     out = np.empty((1 + (len(time) - 1) // every, _kernel.STATES))
-    done = _kernel.navigate(
-        _METHOD[integrator],
-        time,
-        samples,
-        mid,
-        _VERTICAL[vertical],
-        np.append(damping_gains(lla), np.nan if gravity is None else gravity),
-        errors.any,
-        np.concatenate([errors.drift, errors.bias]),
-        y,
-        every,
-        out,
-    )
+    channel = _VERTICAL[vertical], np.append(damping_gains(lla), np.nan if gravity is None else gravity)
+    disturbance = errors.any, np.concatenate([errors.drift, errors.bias])
+    done = _kernel.navigate(_METHOD[integrator], time, samples, mid, *channel, *disturbance, y, every, out)
     if done < len(time) - 1:
         raise _left(time[done], y, vertical, errors.any)
     at = time[::every]

@@ -61,9 +61,8 @@ def nominal_interval(time: FloatArray) -> float:
     if time.shape[0] < 2:
         raise InputError("data.few_samples", count=time.shape[0])
     step = np.diff(time[: 1 << 16])
-    return float(
-        np.mean(step[step <= GAP * np.median(step)])
-    )  # the median of timestamps in full milliseconds is one of them
+    # the median of timestamps in full milliseconds is one of them
+    return float(np.mean(step[step <= GAP * np.median(step)]))
 
 
 def _lost(time: FloatArray, nominal: float) -> BoolArray:
@@ -250,26 +249,12 @@ def increments(
         n = parts.end.shape[0]
         pieces = np.arange(n, dtype=np.int64), np.zeros(n), np.ones(n)
     parent, s0, s1 = pieces
-    dtheta, dvel, coning, sculling = (np.empty((parent.shape[0], 3)) for _ in range(4))
-    _increments.increments(
-        parts.instant,
-        parts.end,
-        parts.dt,
-        parts.gyro,
-        parts.accel,
-        parts.segment,
-        *_weights(parts.instant),
-        parent,
-        s0,
-        s1,
-        dtheta,
-        dvel,
-        coning,
-        sculling,
-    )
+    samples = parts.end, parts.dt, parts.gyro, parts.accel, parts.segment
+    out = tuple(np.empty((parent.shape[0], 3)) for _ in range(4))
+    _increments.increments(parts.instant, *samples, *_weights(parts.instant), *pieces, *out)
     end, dt = parts.end[parent], parts.dt[parent]
     time = np.where(s1 == 1.0, end, end - (1.0 - s1) * dt)
-    return Increments(time, (s1 - s0) * dt, dtheta, dvel, coning, sculling)
+    return Increments(time, (s1 - s0) * dt, *out)
 
 
 def _plain_increments(
@@ -327,22 +312,9 @@ def navigate(
     """
     x = np.concatenate([lla, v_n, quat_from_rph(rph)])
     out = np.empty((inc.time.shape[0] // every, 10))
-    none = np.empty(0)
-    height, v_down = vertical if vertical is not None else (none, none)
-    _mechanization.free_inertial(
-        x,
-        inc.dt,
-        inc.dtheta,
-        inc.dvel,
-        inc.coning,
-        inc.sculling,
-        1.0 if north_gravity else 0.0,
-        vertical is not None,
-        height,
-        v_down,
-        every,
-        out,
-    )
+    channel = vertical is not None, *(vertical or (np.empty(0), np.empty(0)))
+    given = inc.dt, inc.dtheta, inc.dvel, inc.coning, inc.sculling
+    _mechanization.free_inertial(x, *given, 1.0 if north_gravity else 0.0, *channel, every, out)
     time = inc.time[every - 1 :: every][: out.shape[0]]
     rph_n = rph_from_quat(out[:, 6:])
     rph_n[near_pole(out[:, 0]), 2] = np.nan

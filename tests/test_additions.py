@@ -90,7 +90,7 @@ def read(source):
 STEP = '''
 """A kind of measurement that only looks at the drive."""
 
-from insnav.filter.measurements.heading_height import Heading
+from insnav.filter.measurements.sensors import Heading
 from insnav.findings import Code, Finding
 
 
@@ -112,7 +112,7 @@ SENSOR = '''
 
 import numpy as np
 
-from insnav.filter.measurements.heading_height import Heading
+from insnav.filter.measurements.sensors import Heading
 
 
 class Compass(Heading):

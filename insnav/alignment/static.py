@@ -39,8 +39,8 @@ DEPARTED, DEPARTED_ACCEL, DEPARTED_GYRO, DEPARTED_TIME = 6.0, 1e-3, 1e-5, 2.0
 COMPARED, LOUDER, FEWEST_WINDOWS = 60.0, 2.0, 6
 # In a longer initial stop the attitude is constant. Drifting gyros would rotate an unknown lever arm and make it
 # observable. Horizontal noise would reduce the heading sd, 25 -> 5 deg in 15 min, by linearisation (see
-# `insnav.filter.gps_delay.with_surer_start`). Attitude changes are measured in means of this length. A stop without
-# departure soon after it starts no drive [s].
+# `insnav.filter.delay_and_lever.with_surer_start`). Attitude changes are measured in means of this length. A stop
+# without departure soon after it starts no drive [s].
 LONG_REST, SWAYED, LEFT = 300.0, 10.0, 1.0
 ROCKS = np.deg2rad(0.5)  # level change between parts, beyond the effect of boarding passengers [rad]
 CONTRADICTED = 5.0  # beyond so many sd from the Earth's rotation, the bias exceeds the IMU model

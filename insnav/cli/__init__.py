@@ -15,7 +15,7 @@ from typing import Any
 import typer
 from typer.main import get_command
 
-from insnav.cli import console, signals
+from insnav.cli import console
 from insnav.cli.console import discard_output, error_block, result
 from insnav.cli.help import GroupedCommand, LightGroup, help_of
 from insnav.cli.parse import usage_error
@@ -102,15 +102,15 @@ def main() -> None:
             stream.reconfigure(errors="replace")  # a terminal without ± prints a question mark
     if COMPLETE in os.environ:  # the shell requests completions
         commands()(prog_name="insnav")
-    signals.listen()
+    console.listen()
     try:
         for wanted in languages:
             _set_language(wanted)
         code = _run(arguments)
-        signals.over()
+        console.over()
     except BaseException as error:
-        signals.arrived()
-        signals.over()
+        console.arrived()
+        console.over()
         if debug and not isinstance(error, SystemExit):
             import traceback
 
@@ -171,7 +171,7 @@ def _explain(error: BaseException) -> int:
     """Print an error as one block; return its exit code."""
     if isinstance(error, SystemExit):
         return error.code if isinstance(error.code, int) else 0
-    if isinstance(error, signals.Stopped):
+    if isinstance(error, console.Stopped):
         error_block(InsnavError("cli.interrupted" if error.number == signal.SIGINT else "cli.terminated"))
         return 128 + error.number
     if isinstance(error, BrokenPipeError):

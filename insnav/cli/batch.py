@@ -35,7 +35,7 @@ def batch(
     as_json: Json = False,
 ) -> None:
     """Navigate many drives."""
-    from insnav.cli.signals import Stopped
+    from insnav.cli.console import Stopped
 
     if str(drives).startswith("-"):
         raise ConfigError("cli.drives_first", where=str(drives))

@@ -6,7 +6,6 @@ import inspect
 import json
 from collections.abc import Callable
 from dataclasses import replace
-from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
@@ -333,7 +332,7 @@ def platform(
     configuration = parse.configuration(locals())
 
     if demo:
-        defaults = signature(platform).parameters
+        defaults = inspect.signature(platform).parameters
         stray = [name for name, value in configuration.items() if name != "demo" and value != defaults[name].default]
         if stray:
             names = ("FORCE_FILE" if name == "force_file" else f"--{name.replace('_', '-')}" for name in stray)

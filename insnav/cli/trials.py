@@ -208,7 +208,7 @@ def _temperatures(text: str) -> tuple[float, float]:
 
 
 def _many(folder: RunFolder, plan: Plan, runs: int, engine: str, resume: bool, stage: Stages) -> tuple[Path, Page]:
-    from insnav.cli.signals import Stopped
+    from insnav.cli.console import Stopped
     from insnav.errors.ensemble import NavigatedRecording
     from insnav.report.simulation.page import plan_key, write_runs
     from insnav.simulate.montecarlo import Checkpoint, monte_carlo

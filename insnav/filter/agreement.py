@@ -59,7 +59,7 @@ def look_at_fixes(gps: GpsData) -> FixFigures:
     third = path[3:] - 3.0 * path[2:-1] + 3.0 * path[1:-2] - path[:-3]
     whole = even[2:] & even[1:-1] & even[:-2]
     scatter = 1.4826 * np.median(np.abs(third[whole]), axis=0) / np.sqrt(20.0) if whole.any() else np.full(3, np.nan)
-    false, worst, jumps, largest = _contradictions(gps, gone, step, even, lag if lag_sd < 0.02 else 0.0)
+    contradictions = _contradictions(gps, gone, step, even, lag if lag_sd < 0.02 else 0.0)
     reported = np.isfinite(gps.position_sd).all(axis=1)
     speed = np.linalg.norm(gps.v_n[known, :2], axis=1) if known.any() else np.linalg.norm(gone[:, :2], axis=1) / step
     return FixFigures(
@@ -70,12 +70,8 @@ def look_at_fixes(gps: GpsData) -> FixFigures:
         float(reported.mean()),
         np.median(gps.position_sd[reported], axis=0) if reported.any() else np.full(3, np.nan),
         scatter,
-        lag if lag_sd < np.inf else np.nan,
-        lag_sd if lag_sd < np.inf else np.nan,
-        false,
-        worst,
-        jumps,
-        largest,
+        *((lag, lag_sd) if lag_sd < np.inf else (np.nan, np.nan)),
+        *contradictions,
         dict(Counter(int(each) for each in gps.fix)) if gps.fix is not None else {},
     )
 

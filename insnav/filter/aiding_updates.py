@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from insnav.filter.estimate import Estimate
-from insnav.filter.measurements.heading_height import Heading
 from insnav.filter.measurements.measurement import INTERVAL, FilterView, Measurement
+from insnav.filter.measurements.sensors import Heading
 from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
 from insnav.findings import Code, Finding

@@ -10,9 +10,9 @@ import numpy as np
 from insnav import spill
 from insnav.earth import ned_offset
 from insnav.filter.gates import Gates, aside
+from insnav.filter.gps_correlation import Spline
 from insnav.findings import Code, Finding
 from insnav.kernels.earth import A
-from insnav.spline import Spline
 from insnav.types import BoolArray, FloatArray, GpsData
 from insnav.units import DEG
 

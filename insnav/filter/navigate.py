@@ -16,7 +16,7 @@ from insnav.filter.ambiguity import resets_of, widen_by_jumps, with_wider_sd
 from insnav.filter.gps_noise import heights_measured
 from insnav.filter.measurements import measurements_from_drive
 from insnav.filter.measurements.measurement import FirstPass
-from insnav.filter.measurements.vehicle import NonHolonomic, ZeroVelocity
+from insnav.filter.measurements.sensors import NonHolonomic, ZeroVelocity
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import Prepared, Start, prepare
 from insnav.filter.settings import FilterSettings

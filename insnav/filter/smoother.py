@@ -92,24 +92,14 @@ class History:
         head = spill.empty((count, kernel.RESIDUAL))
         after, before, variance = spill.empty((count, m)), spill.empty((count, m)), np.empty((count, SENSOR))
         covariance, innovations = spill.empty((count, NAV, NAV)), spill.empty((count, 25))
+        found = after, before, covariance, variance, innovations
         arm = self.last[kernel.ARM : kernel.ARM + 3].copy()
         for number in range(len(self._blocks) - 1, -1, -1):
             last = min(count, (number + 1) * ROWS)
             part = slice(number * ROWS, last)
             block = self._blocks[number][: last - number * ROWS]
             earlier = self._blocks[number - 1][-1] if number else block[0]
-            kernel.backward(
-                block,
-                n,
-                least_delay_sd,
-                adjoint,
-                information,
-                after[part],
-                before[part],
-                covariance[part],
-                variance[part],
-                innovations[part],
-            )
+            kernel.backward(block, n, least_delay_sd, adjoint, information, *(each[part] for each in found))
             head[part] = block[:, : kernel.RESIDUAL]
             arms = np.vstack([earlier, block])[:, kernel.ARM : kernel.RESIDUAL]
             _place(head[part], arms, arm, after[part], before[part], covariance[part])
@@ -121,11 +111,7 @@ class History:
             head[:, kernel.STATE : kernel.CORRECTION].copy(),
             head[:, kernel.CORRECTION : kernel.ARM].copy(),
             (kind > kernel.COAST) & (head[:, kernel.SOURCE] == kernel.FIX),
-            after,
-            before,
-            covariance,
-            variance,
-            innovations,
+            *found,
         )
 
 

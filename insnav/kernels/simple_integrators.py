@@ -1,6 +1,6 @@
-"""Attitude and velocity integrators for study: plain algorithms on the same samples.
+"""Attitude and velocity integrators for study: plain algorithms on the same samples, and the short-duration form.
 
-All of them join neighbouring samples by straight lines. To navigate, use `insnav.kernels.increments`.
+The former join neighbouring samples by straight lines. To navigate, use `insnav.kernels.increments`.
 """
 
 from __future__ import annotations

@@ -16,8 +16,8 @@ from insnav.alignment.clock_offset import ClockOffset
 from insnav.errors.evaluated_run import failure, same_positions
 from insnav.exceptions import DivergenceError, InputError, InsnavError
 from insnav.filter.agreement import FixFigures, look_at_fixes
+from insnav.filter.delay_and_lever import looked
 from insnav.filter.gps_noise import with_sd
-from insnav.filter.lever_check import looked
 from insnav.findings import Code, Finding, of_code
 from insnav.imu.health import inspect
 from insnav.imu.inspection import JOLT, ImuFigures, inspect_samples

@@ -7,8 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from insnav.exceptions import AlignmentError, ConfigError
-from insnav.filter.gps_delay import on_time
-from insnav.filter.lever_check import with_right_heading
+from insnav.filter.delay_and_lever import on_time, with_right_heading
 from insnav.filter.prepare import Prepared
 from insnav.findings import Finding
 from insnav.input.readers.kinds import files_with

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from insnav.filter.lever_check import delay_contradicted, lever_contradicted, with_hidden_lever
+from insnav.filter.delay_and_lever import delay_contradicted, lever_contradicted, with_hidden_lever
 from insnav.filter.noise_identification import understated
 from insnav.findings import OF_THE_IMU, Code, Finding, added, by_time, of_code
 from insnav.steps import Model, Recording

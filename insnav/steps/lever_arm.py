@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from insnav.filter.lever_check import with_right_lever
+from insnav.filter.delay_and_lever import with_right_lever
 from insnav.filter.prepare import Prepared
 from insnav.findings import Finding, added
 from insnav.steps import PREPARE, Model, Recording, run_steps

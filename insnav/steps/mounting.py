@@ -13,7 +13,7 @@ from insnav.alignment.in_motion import sure_motion
 from insnav.alignment.mounting import letters_of
 from insnav.attitude import rph_from_quat, wrap_pi
 from insnav.exceptions import AlignmentError, InputError
-from insnav.filter.gps_delay import Filtered, filtered
+from insnav.filter.delay_and_lever import Filtered, filtered
 from insnav.filter.innovation_likelihood import LONGEST
 from insnav.findings import Code, Finding
 from insnav.input import Reading

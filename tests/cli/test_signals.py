@@ -11,7 +11,7 @@ from tests.cli.conftest import ROOT
 
 HALF_MADE = """
 import os, signal, sys
-from insnav.cli import signals
+from insnav.cli import console
 
 class Half:
     def __init__(self):
@@ -21,52 +21,52 @@ class Half:
     def __del__(self):
         self.whole  # what the request interrupted has no such attribute
 
-signals.listen()
+console.listen()
 try:
     Half()
-except signals.Stopped as stopped:
+except console.Stopped as stopped:
     del stopped
     print("stopped")
 """
 LATE = """
 import os, signal, time
-from insnav.cli import signals
+from insnav.cli import console
 
-signals.listen()
+console.listen()
 try:
     os.kill(os.getpid(), signal.SIGTERM)
     time.sleep(1.0)
-except signals.Stopped:
-    signals.arrived()
+except console.Stopped:
+    console.arrived()
     os.kill(os.getpid(), signal.SIGTERM)  # the repetition that was on its way
     print("tidied up")
 """
 BEFORE = """
 import os, signal
-from insnav.cli import signals
+from insnav.cli import console
 
 class Broken:
     def __del__(self):
         raise ValueError("a defect")
 
-signals.listen()
-signals.arrived()  # nobody has asked for anything yet
+console.listen()
+console.arrived()  # nobody has asked for anything yet
 Broken()
 try:
     os.kill(os.getpid(), signal.SIGINT)
-except signals.Stopped as stopped:
+except console.Stopped as stopped:
     print(stopped.number == signal.SIGINT)
 """
 LIMITED = """
 import resource
-from insnav.cli import signals
+from insnav.cli import console
 
-signals.listen()
+console.listen()
 resource.setrlimit(resource.RLIMIT_CPU, (1, 60))
 try:
     while True:
         pass
-except signals.Stopped as stopped:
+except console.Stopped as stopped:
     print(stopped)
 """
 

@@ -368,7 +368,7 @@ def test_a_series_that_ended_early_is_gone_on_with(here: Path, cli: Cli, monkeyp
 
 
 def test_a_series_stopped_while_it_is_written_is_kept_too(here: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch):
-    from insnav.cli.signals import Stopped
+    from insnav.cli.console import Stopped
     from insnav.report.simulation import page
 
     def stopped(*_: object) -> None:

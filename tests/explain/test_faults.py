@@ -16,7 +16,7 @@ from insnav.explain.explanation import Explanation, Fault, explain_faults
 from insnav.explain.kinds import KINDS
 from insnav.filter import FilterSettings
 from insnav.filter.measurements.measurement import NOTHING, FilterView
-from insnav.filter.measurements.vehicle import NonHolonomic
+from insnav.filter.measurements.sensors import NonHolonomic
 from insnav.filter.navigate import Navigated, feed, navigate_prepared
 from insnav.filter.prepare import DELAY_SD, Prepared, prepare
 from insnav.findings import CONTRADICTIONS, NOT_MEASURED, Code, Finding, Severity, of_code

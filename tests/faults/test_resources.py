@@ -228,7 +228,7 @@ def test_n30_the_same_numbers_with_and_without_a_compiler(tmp_path: Path):
 
 
 def test_p4_a_signal_after_the_end_is_ignored():
-    text = "import os, signal; from insnav.cli import signals; signals.listen(); signals.over(); "
+    text = "import os, signal; from insnav.cli import console; console.listen(); console.over(); "
     text += "os.kill(os.getpid(), signal.SIGINT); print('all done')"
     done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout.strip(), done.stderr) == (0, "all done", "")

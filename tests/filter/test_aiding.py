@@ -15,7 +15,7 @@ from insnav.filter import FilterSettings, Navigator
 from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.measurements import measurements_from_drive
 from insnav.filter.measurements.measurement import FirstPass, Measurement
-from insnav.filter.measurements.vehicle import NonHolonomic, ZeroVelocity, find_stops
+from insnav.filter.measurements.sensors import NonHolonomic, ZeroVelocity, find_stops
 from insnav.filter.navigate import aided, feed, navigate_recording
 from insnav.filter.prepare import DELAY_SD, Prepared, Start
 from insnav.findings import CONTRADICTIONS, Code, of_code

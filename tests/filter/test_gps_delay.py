@@ -18,9 +18,9 @@ from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.run_findings import run_warnings
 from insnav.exceptions import InputError
 from insnav.filter import FilterSettings, error_model, gps_delay
+from insnav.filter.delay_and_lever import Found, delay_of, filtered, on_time, scale_of
 from insnav.filter.error_model import layout
 from insnav.filter.gates import impossible
-from insnav.filter.gps_delay import Found, delay_of, filtered, on_time, scale_of
 from insnav.filter.late_fixes import REACH, LateFixes
 from insnav.filter.navigate import feed
 from insnav.filter.prepare import DELAY_SD, Prepared, prepare

@@ -12,7 +12,7 @@ import pytest
 import insnav
 from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.earth import lla_offset, ned_offset
-from insnav.filter.lever_check import with_hidden_lever
+from insnav.filter.delay_and_lever import with_hidden_lever
 from insnav.filter.navigate import feed
 from insnav.findings import Code, Severity, of_code
 from insnav.input import read_gps, read_imu

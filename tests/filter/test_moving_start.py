@@ -14,7 +14,7 @@ from insnav.alignment.in_motion import sure_motion
 from insnav.attitude import wrap_pi
 from insnav.earth import A, ned_offset
 from insnav.filter import FilterSettings
-from insnav.filter.gps_delay import filtered
+from insnav.filter.delay_and_lever import filtered
 from insnav.filter.navigate import navigate_recording
 from insnav.filter.prepare import DELAY_SD, prepare
 from insnav.findings import Code, of_code
