@@ -12,8 +12,7 @@ import numpy as np
 
 from insnav import spill
 from insnav.attitude import dcm_from_rph, wrap_pi
-from insnav.errors.metrics import TrajectoryErrors, position_errors
-from insnav.errors.reference_identity import EPOCHS, apart, no_time_in_common, other_drive
+from insnav.errors.metrics import EPOCHS, TrajectoryErrors, apart, no_time_in_common, other_drive, position_errors
 from insnav.errors.reference_offset import (
     FEWEST,
     HORIZONTAL,

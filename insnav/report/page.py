@@ -1,6 +1,6 @@
 """Structure of every report: sections of quantities and figures, written as text, as a page and as JSON.
 
-A report contains each quantity once. `insnav.report.terminal`, `insnav.report.html` and `insnav.report.run_json` are
+A report contains each quantity once. `insnav.report.terminal`, `insnav.report.html` and `insnav.report.save` are
 the three writers; they are independent of the subject of a report.
 """
 

@@ -287,7 +287,7 @@ class Drive:
         done = self.until("evaluate", Task(states, aiding, smooth, output_interval, progress))
         ready, found = done.ready, done.evaluated
         if mechanization == "short":
-            from insnav.errors.short_duration_errors import short_windows
+            from insnav.errors.evaluated_run import short_windows
 
             windows = short_windows(ready.imu, found.run.solution, found.run.sensor_errors)
             found = replace(found, short_duration=tuple(windows))

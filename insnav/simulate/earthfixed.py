@@ -17,8 +17,7 @@ import numpy as np
 from insnav.attitude import quat_conjugate, quat_from_rotvec, quat_multiply, rph_from_quat
 from insnav.earth import OMEGA_EARTH
 from insnav.earth_fixed import components, geodetic, lla_from_earth, quat_earth_from_level
-from insnav.simulate.curves import Curve, Spline
-from insnav.simulate.truth import Gravity, Kinematics, Truth, Vector, gravity_of
+from insnav.simulate.truth import Curve, Gravity, Kinematics, Spline, Truth, Vector, gravity_of
 from insnav.types import FloatArray
 
 _SMALL = 1e-3  # squared angle below which the series of the factors are exact to rounding [rad^2]

@@ -8,9 +8,8 @@ import numpy as np
 
 from insnav.earth import lla_offset
 from insnav.exceptions import ConfigError
-from insnav.simulate.ideal_sensors import gps_from_truth
 from insnav.simulate.imu_errors import RandomSpells, Seed, gauss_markov, within
-from insnav.simulate.truth import Truth
+from insnav.simulate.truth import Truth, gps_from_truth
 from insnav.types import BoolArray, FloatArray, GpsData
 
 Triple = tuple[float, float, float]

@@ -13,9 +13,8 @@ from insnav.imu import ImuErrors, ImuSpec
 from insnav.simulate import gps_errors as receiver
 from insnav.simulate.faults import Fault
 from insnav.simulate.gps_errors import GpsSpec
-from insnav.simulate.ideal_sensors import gps_from_truth, imu_from_truth, reference
 from insnav.simulate.imu_errors import corrupt_imu
-from insnav.simulate.truth import Truth
+from insnav.simulate.truth import Truth, gps_from_truth, imu_from_truth, reference
 from insnav.types import FloatArray, GpsData, ImuData, Sampling, Trajectory
 
 REFERENCE_RATE = 10.0  # [Hz]

@@ -1,10 +1,11 @@
 """Exact motion over the rotating Earth: analytic functions of position and attitude curves.
 
 Nothing is integrated between motion and sensors: velocity, angular rate and specific force are derivatives of the same
-curves. They agree to rounding at every instant. `Truth` is the interface of every motion. `LevelTruth` has curves of
-latitude, longitude, height and of roll, pitch, heading, for use with formulas. `straight` and `circle` use one formula,
-for tests and for certifying integrators. `insnav.simulate.earthfixed.EarthTruth` has no singularity at poles or at a
-pitch of 90 deg.
+curves, which are smooth functions of time. They agree to rounding at every instant. `Truth` is the interface of every
+motion. `LevelTruth` has curves of latitude, longitude, height and of roll, pitch, heading, for use with formulas.
+`straight` and `circle` use one formula, for tests and for certifying integrators.
+`insnav.simulate.earthfixed.EarthTruth` has no singularity at poles or at a pitch of 90 deg.
+Perfect sensors and a reference measure it without errors.
 
 References
 ----------
@@ -16,19 +17,117 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Literal
+from math import factorial
+from typing import Literal, Protocol
 
 import numpy as np
+from scipy.interpolate import BSpline, PPoly, make_interp_spline
 
-from insnav.attitude import wrap_pi, wrap_two_pi
-from insnav.earth import E2, OMEGA_EARTH, A, gravity_n, metres_per_unit, radii
+from insnav.attitude import dcm_from_rph, wrap_pi, wrap_two_pi
+from insnav.earth import E2, OMEGA_EARTH, A, earth_rate_n, gravity_n, lla_offset, metres_per_unit, radii
 from insnav.earth_fixed import components
 from insnav.exceptions import ConfigError
-from insnav.simulate.curves import Curve, Harmonic
-from insnav.types import FloatArray
+from insnav.spill import by_blocks
+from insnav.types import FloatArray, GpsData, ImuData, Sampling, Trajectory
 
 Gravity = Literal["full", "plumb", "linear"]  # see `Truth`
 Vector = tuple[FloatArray, FloatArray, FloatArray]  # separate components: numpy is twice as fast on contiguous arrays
+_LONGEST_PIECE = 0.02  # [s]; five nodes a piece leave less than 1e-13 of an increment up to 15 Hz
+_FINE = 4.2  # pieces between two knots from which four nodes suffice: the motion is slower than the knots
+_CHUNK = 1024  # pieces at a time: the arrays of one chunk fit in the cache
+_SLIVER = 1e-9  # [s]; a knot closer to a sample time needs no separate piece
+
+
+class Curve(Protocol):
+    """Interface of three functions of time.
+
+    Attributes
+    ----------
+    knots : (m,) array
+        Times at which some high derivative jumps [s]; empty if there is none. Quadrature stops there.
+    """
+
+    @property
+    def knots(self) -> FloatArray:
+        """See above."""
+        ...
+
+    def __call__(self, t: FloatArray, order: int = 0) -> FloatArray:
+        """Values ``(n, 3)`` of derivative number `order` (0, 1 or 2) at times `t` ``(n,)`` [s]."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Harmonic:
+    """Straight line plus one harmonic: ``offset + rate t + cosine cos(w t) + sine sin(w t)``."""
+
+    # (3,) coefficients, in the unit of the curve (`rate` per second)
+    offset: FloatArray
+    rate: FloatArray
+    cosine: FloatArray
+    sine: FloatArray
+    omega: float = 0.0  # angular frequency w [rad/s]
+
+    @property
+    def knots(self) -> FloatArray:
+        """Knots: none, as all derivatives are continuous."""
+        return np.empty(0)
+
+    def __call__(self, t: FloatArray, order: int = 0) -> FloatArray:
+        """Evaluate derivative number `order`, ``(n, 3)``, at times `t` ``(n,)`` [s]."""
+        t = t[:, None]
+        phase = self.omega * t + order * (np.pi / 2)
+        value: FloatArray = self.omega**order * (self.cosine * np.cos(phase) + self.sine * np.sin(phase))
+        if order == 0:
+            value += self.offset + self.rate * t
+        elif order == 1:
+            value += self.rate
+        return value
+
+
+@dataclass(frozen=True, slots=True)
+class Spline:
+    """Piecewise polynomial, with coefficients of shape ``(degree + 1, pieces, m)``."""
+
+    polynomials: PPoly
+
+    @property
+    def knots(self) -> FloatArray:
+        """Times at which the polynomials meet [s]."""
+        breaks: FloatArray = self.polynomials.x
+        return breaks
+
+    def __call__(self, t: FloatArray, order: int = 0) -> FloatArray:
+        """Evaluate derivative number `order`, ``(n, m)``, at times `t` ``(n,)`` [s]."""
+        return by_blocks(lambda part: self._values(part, order), t)
+
+    def _values(self, t: FloatArray, order: int) -> FloatArray:
+        """Differentiate only the pieces that contain `t`: storing whole derivatives takes more memory than samples."""
+        c, x = self.polynomials.c, self.polynomials.x
+        first, last = np.searchsorted(x[1:-1], (t.min(), t.max()), side="right")
+        part = PPoly.construct_fast(c[:, first : last + 1], x[first : last + 2])
+        for _ in range(order):
+            part = part.derivative()
+        values: FloatArray = part(t)
+        return values
+
+    def integral(self) -> Spline:
+        """Integrate; the result is zero at the first knot."""
+        return Spline(self.polynomials.antiderivative())
+
+
+def spline_of(basis: BSpline) -> Spline:
+    """Convert a B-spline to the polynomials between its knots."""
+    breaks = np.unique(basis.t)
+    taylor = np.empty((basis.k + 1, breaks.size - 1, *basis.c.shape[1:]))
+    for k in range(basis.k + 1):
+        taylor[basis.k - k] = basis(breaks[:-1], nu=k) / factorial(k)
+    return Spline(PPoly(taylor, breaks))
+
+
+def spline_through(t: FloatArray, values: FloatArray, degree: int = 7) -> Spline:
+    """Interpolate values ``(m, 3)`` by a spline of odd degree, continuous in ``degree - 1`` derivatives."""
+    return spline_of(make_interp_spline(t, values, k=degree))
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,3 +332,95 @@ def circle(
     position = Harmonic(_ZERO, _ZERO, cosine / metres_per_unit(lla), sine / metres_per_unit(lla), turn_rate)
     attitude = Harmonic(np.array([bank, 0.0, heading]), np.array([0.0, 0.0, turn_rate]), _ZERO, _ZERO)
     return LevelTruth(np.asarray(lla, dtype=np.float64), position, attitude, duration, start)
+
+
+def imu_from_truth(truth: Truth, time: FloatArray, sampling: Sampling = "increment") -> ImuData:
+    """Measure with a perfect IMU.
+
+    `time` (n + 1,): edges of the sampling intervals [s], strictly increasing: sample i covers ``time[i]`` to
+    ``time[i + 1]`` and is stamped with its end. ``instant`` has no intervals: (n,) times. `sampling` {"increment",
+    "mean", "instant"}: integral over the interval, mean over it, or value at the instant. Returns: n samples, each
+    integrated over its exact floating-point interval. Raises: ConfigError: times outside the motion, not increasing, or
+    too few.
+    """
+    time = np.asarray(time, dtype=np.float64)
+    if sampling == "instant":
+        at = truth.evaluate(time)
+        return ImuData(time, at.w_ib_b, at.f_b, sampling="instant")
+    if len(time) < 2 or not np.all(np.diff(time) > 0.0):
+        raise ConfigError("sim.no_increasing_times", where="time", count=len(time))
+    tau = truth.elapsed(time)
+    total = integrate(truth, tau)
+    if sampling == "mean":
+        total /= np.diff(tau)[:, None]
+    return ImuData(time[1:], total[:, :3].copy(), total[:, 3:].copy(), sampling=sampling, stamp="end")
+
+
+def integrate(truth: Truth, edges: FloatArray) -> FloatArray:
+    """Integrate angular rate [rad] and specific force [m/s] between successive edges ``(n + 1,)`` [s], ``(n, 6)``.
+
+    Gauss-Legendre quadrature on pieces that end at every edge and every knot, so that derivatives are continuous within
+    each. The edges count from the start of the motion.
+    """
+    knots = truth.knots
+    breaks = pieces(edges, knots)
+    half = 0.5 * np.diff(breaks)
+    fine = len(knots) > 1 and 2.0 * half.max() * _FINE < np.median(np.diff(np.unique(knots)))
+    abscissae, weights = np.polynomial.legendre.leggauss(4 if fine else 5)
+    middle = breaks[:-1] + half
+    parts = np.empty((len(half), 6))
+    for i in range(0, len(half), _CHUNK):
+        part = slice(i, i + _CHUNK)
+        nodes = middle[part, None] + half[part, None] * abscissae
+        w_ib_b, f_b = truth.sensed(nodes.ravel())
+        for column, values in enumerate(w_ib_b + f_b):
+            parts[part, column] = half[part] * (values.reshape(nodes.shape) @ weights)
+    if len(breaks) == len(edges):
+        return parts
+    total: FloatArray = np.add.reduceat(parts, np.searchsorted(breaks, edges[:-1]), axis=0)
+    return total
+
+
+def pieces(edges: FloatArray, knots: FloatArray) -> FloatArray:
+    """Return edges, the knots between them, and further points that limit pieces to `_LONGEST_PIECE`."""
+    knots = np.unique(knots[(knots > edges[0]) & (knots < edges[-1])])
+    after = np.searchsorted(edges, knots)
+    clear = np.minimum(edges[after] - knots, knots - edges[after - 1]) > _SLIVER
+    breaks = np.union1d(edges, knots[clear])
+    count = np.ceil(np.diff(breaks) / _LONGEST_PIECE - 1e-6).astype(np.int64)
+    if np.all(count <= 1):
+        return breaks
+    count = np.maximum(count, 1)
+    step = np.repeat(np.diff(breaks) / count, count)
+    number = np.arange(len(step)) - np.repeat(np.cumsum(count) - count, count)
+    return np.append(np.repeat(breaks[:-1], count) + number * step, breaks[-1])
+
+
+def reference(truth: Truth, time: FloatArray) -> Trajectory:
+    """Sample position, velocity and attitude of the IMU at times ``(n,)`` [s], strictly increasing.
+
+    Raises: ConfigError: times outside the motion.
+    """
+    at = truth.evaluate(time)
+    return Trajectory(np.asarray(time, dtype=np.float64), at.lla, at.v_n, at.rph)
+
+
+def gps_from_truth(truth: Truth, time: FloatArray, lever_b: FloatArray) -> GpsData:
+    """Measure with a perfect receiver at times ``(n,)`` [s], its antenna at `lever_b` ``(3,)`` from the IMU [m].
+
+    Returns: position and velocity of the antenna, v + C_nb (w_eb_b x lever) (Groves 2013, section 14.3.1). The lever
+    arm is projected on the tangent plane, with an error of 1e-7 m per metre. Standard deviations are unknown.
+    Raises: ConfigError: times outside the motion.
+    """
+    at = truth.evaluate(time)
+    C_nb = dcm_from_rph(at.rph)
+    w_eb_n = (C_nb @ at.w_ib_b[:, :, None])[:, :, 0] - earth_rate_n(at.lla[:, 0])
+    lever_n = C_nb @ np.asarray(lever_b, dtype=np.float64)
+    unknown = np.full((len(at.lla), 3), np.nan)
+    return GpsData(
+        time=np.asarray(time, dtype=np.float64),
+        lla=lla_offset(at.lla, lever_n),
+        v_n=at.v_n + np.cross(w_eb_n, lever_n),
+        position_sd=unknown,
+        velocity_sd=unknown.copy(),
+    )

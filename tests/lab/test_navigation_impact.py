@@ -8,8 +8,7 @@ import pytest
 from insnav.imu import ImuErrors
 from insnav.imu.higher_order import AxisMap, DynamicMap, ErrorTerms
 from insnav.imu.raw_outputs import RawScale
-from insnav.lab.calibration import CalibrationSd
-from insnav.lab.navigation_impact import MINUTE, navigation_impact
+from insnav.lab.calibration import MINUTE, CalibrationSd, navigation_impact
 from insnav.units import DEG, G0, UG
 
 B, EPS = 50.0 * UG, 10.0 * DEG / 3600.0

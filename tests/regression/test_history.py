@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from insnav.exceptions import InputError
-from insnav.regression.accuracy_metrics import BY_KEY
 from insnav.regression.baseline import Baseline, origin
-from insnav.regression.evaluate import Accuracy
+from insnav.regression.evaluate import BY_KEY, Accuracy
 from insnav.regression.peers import PeerRow
 from insnav.regression.regress import Entry, Regression, entry, read_history, with_entry, write_history
 from insnav.regression.verdict import compare

@@ -15,7 +15,7 @@ import pytest
 
 from insnav.errors.budget.error_budget import budget
 from insnav.errors.budget.from_windows import BudgetStudy
-from insnav.errors.budget.sampled_motion import at_rest
+from insnav.errors.budget.sources import at_rest
 from insnav.quantity import Quantity
 from insnav.report.colours import BLACK
 from insnav.report.html import page_html

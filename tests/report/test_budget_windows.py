@@ -21,7 +21,7 @@ from insnav.report.budget.windows import windows_assumptions, windows_sections, 
 from insnav.report.figures import drawing
 from insnav.report.page import Page, section_tables
 from insnav.report.panels import limits_of
-from insnav.report.run_json import section_facts
+from insnav.report.save import section_facts
 from insnav.report.terminal import page_text
 from insnav.result import Result, open_result
 from insnav.session.budget import BudgetSettings, budget_of_windows

@@ -17,7 +17,7 @@ from insnav.findings import Code, Finding, Severity
 from insnav.messages import phrase, render, sentence
 from insnav.report.numbers import number
 from insnav.report.page import Page, section_tables
-from insnav.report.run_json import page_facts
+from insnav.report.save import page_facts
 from insnav.report.terminal import table_text
 from insnav.result import Result, open_result
 from tests.errors.outage.test_statistics import outage_windows

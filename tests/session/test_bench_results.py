@@ -14,7 +14,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import insnav
-from insnav.certificate import certify, gravity, strapdown_checks
+from insnav.certificate import certify, platform_checks, strapdown_checks
 from insnav.errors import platform_errors
 from insnav.gimbal import PlatformErrors
 from insnav.lab.multi_position.six_positions import find_sections
@@ -60,7 +60,7 @@ def of_acceptance() -> Result[Any]:
 def of_the_numerics() -> Result[Any]:
     with pytest.MonkeyPatch.context() as patch:  # only what takes no time
         patch.setattr(certify, "TOPICS", (strapdown_checks.coning,))
-        patch.setattr(certify, "OTHERS", (gravity.gravity,))
+        patch.setattr(certify, "OTHERS", (platform_checks.gravity,))
         return insnav.verify()
 
 

@@ -1,8 +1,19 @@
-"""Analytic budget: the short-time laws for a list of sources, with integrals along the motion.
+"""Analytic budget: closed short-time laws of inertial error, and the same integrals along a motion.
 
-Constant errors are integrated along attitude and specific force of the motion. At rest this equals ``1/2 B t^2`` and
-similar laws to the last digit. Turns and accelerations add scale factor, misalignment and heading errors. Noise is
-integrated likewise, pulse by pulse, and gives the laws of `insnav.errors.budget.laws` at rest.
+An accelerometer error is integrated once to velocity and twice to position: ``B t^2 / 2`` for a bias,
+``N t^1.5 / sqrt(3)`` for white noise. A gyro error is integrated once to a tilt, which couples gravity g into the level
+axes. Velocity and position are ``g`` times its second and third integral: ``g eps t^3 / 6`` for a bias,
+``g N sqrt(t^5 / 20)`` for white noise. Each law is the standard deviation of an n-fold integral of a unit error
+(`integral`), without Earth rate and curvature. Compare Groves (2013), section 14.2 and chapter 5 (short-term error
+propagation); Titterton and Weston, "Strapdown Inertial Navigation Technology", 2nd ed. (2004), chapter 12. For
+integrals of white noise: Papoulis, "Probability, Random Variables, and Stochastic Processes" (1991), chapter 10.
+
+Beyond two minutes the feedback through the Earth's curvature matters: a position error tilts the level. The closed
+Schuler loop (`schuler`), ``w_s^2 = g / R``, then replaces every n-fold integral.
+
+For a list of sources, constant errors are integrated along attitude and specific force of the motion. At rest this
+equals ``1/2 B t^2`` and similar laws to the last digit. Turns and accelerations add scale factor, misalignment and
+heading errors. Noise is integrated likewise, pulse by pulse, and gives the laws at rest.
 """
 
 from __future__ import annotations
@@ -10,9 +21,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from insnav.earth import earth_rate_n, gravity_n, radii, transport_rate_n
-from insnav.errors.budget import laws
 from insnav.errors.budget.covariance import (
     Steps,
     at_start,
@@ -23,11 +34,12 @@ from insnav.errors.budget.covariance import (
     steps_of,
     unit_of,
 )
-from insnav.errors.budget.sampled_motion import SampledMotion
-from insnav.errors.budget.sources import Source
+from insnav.errors.budget.sources import SampledMotion, Source
+from insnav.imu.error_terms import Process
 from insnav.kernels.noise_along_motion import noise_variances
 from insnav.types import FloatArray, IntArray
 
+SHORT = 120.0  # up to here the short forms, beyond it the closed Schuler forms [s]
 _STEPS = 1500  # of the integrals of noise
 # number of integrations of a constant up to tilt, velocity and position; None: the Schuler loop has no effect
 _ORDERS = {
@@ -38,6 +50,57 @@ _ORDERS = {
     "accel": (None, 1, 2),
     "gravity": (None, 1, 2),
 }
+
+
+def integral(kind: Process, order: int, time: ArrayLike) -> FloatArray:
+    """Compute the standard deviation of the n-fold integral of a unit error that begins at time zero.
+
+    `kind`: process of the error, ``constant``, ``ramp``, ``white`` or ``random walk``; see
+    `insnav.imu.error_terms.ErrorTerm`. `order`: n; `time` [s].
+    Returns: [s^n], [s^(n + 1)] for a ramp, [s^(n - 1/2)] for white noise, [s^(n + 1/2)] for a random walk.
+
+    Notes
+    -----
+    A constant: ``t^n / n!``. A ramp is the integral of a constant, n + 1. The n-fold integral of white noise w is
+    ``int (t - u)^(n-1) / (n-1)! w(u) du``, so its variance is ``t^(2n-1) / ((2n-1) (n-1)!^2)``: t, t^3/3, t^5/20,
+    t^7/252. A random walk is the integral of white noise, n + 1.
+    """
+    t = np.asarray(time, dtype=np.float64)
+    if kind in ("ramp", "random walk"):
+        return integral("constant" if kind == "ramp" else "white", order + 1, t)
+    if kind == "constant":
+        return np.asarray(t**order / math.factorial(order))
+    return np.asarray(t ** (order - 0.5) / (math.sqrt(2 * order - 1) * math.factorial(order - 1)))
+
+
+def schuler(kind: Process, order: int, time: ArrayLike, rate: float) -> FloatArray:
+    """Compute the factor of the closed Schuler loop on the short form of an n-fold integral.
+
+    `kind`: process of the error; slow processes (Gauss-Markov, flicker) count as constant. `time` [s], above zero.
+    `rate`: Schuler rate ``sqrt(g / R)`` [rad/s].
+    Returns: one for short times.
+
+    Notes
+    -----
+    The loop ``dv' = -g phi + B``, ``phi' = dv / R - eps`` multiplies the short form of a constant, with x = w_s t, by
+    cos x, sin x / x, 2 (1 - cos x) / x^2, 6 (x - sin x) / x^3 for n = 0 to 3 (Groves 2013, section 5.7; Titterton and
+    Weston 2004, chapter 12), and by 24 (x^2 / 2 - 1 + cos x) / x^4 for n = 4. White noise sums squared pulse responses:
+    the integral of the squared response of one order less.
+    """
+    x = rate * np.asarray(time, dtype=np.float64)
+    if kind in ("ramp", "random walk"):
+        return schuler("constant" if kind == "ramp" else "white", order + 1, time, rate)
+    s, c = np.sin(x), np.cos(x)
+    if kind == "white":
+        squares = (
+            x / 2 + s * c / 2,
+            x / 2 - s * c / 2,
+            1.5 * x - 2 * s + s * c / 2,
+            x**3 / 3 + 2 * x * c - 2 * s + x / 2 - s * c / 2,
+        )
+        return np.asarray(np.sqrt(squares[order - 1]) / integral("white", order, x))
+    answers = (c, s, 1 - c, x - s, x * x / 2 - 1 + c)
+    return np.asarray(answers[order] / integral("constant", order, x))
 
 
 def gravity_of(motion: SampledMotion) -> float:
@@ -56,7 +119,7 @@ def analytic(sources: tuple[Source, ...], motion: SampledMotion, rows: IntArray,
     """Compute the standard deviation from each source, by closed forms.
 
     `rows` (m,): samples after which results are returned, increasing.
-    Returns: (m, s, 9): of position N, E, D [m], velocity [m/s], attitude [rad]. Short forms apply up to `laws.SHORT`,
+    Returns: (m, s, 9): of position N, E, D [m], velocity [m/s], attitude [rad]. Short forms apply up to `SHORT`,
     then the closed Schuler forms in the level axes. The vertical channel uses the short forms at all times.
     """
     time, rate = motion.elapsed[rows - 1], schuler_rate(motion)
@@ -69,7 +132,7 @@ def analytic(sources: tuple[Source, ...], motion: SampledMotion, rows: IntArray,
         if source.kind in ("constant", "ramp"):
             out[:, k] = source.sd * np.abs(_constant(source, motion)[rows]) * _in_the_loop(source, time, rate)
         else:
-            out[:, k] = _noise(source, motion, steps, at, np.where(time > laws.SHORT, rate, 0.0))
+            out[:, k] = _noise(source, motion, steps, at, np.where(time > SHORT, rate, 0.0))
     if hold:
         out[..., [2, 5]] = 0.0
     return out
@@ -105,7 +168,7 @@ def _noise(source: Source, motion: SampledMotion, steps: Steps, at: IntArray, lo
     Pulse responses at u: a velocity error ``c`` becomes ``(t - u) c`` of position. An attitude error ``a`` couples the
     specific force into the velocity, ``(F(t) - F(u)) x a`` with its integral F, and so on. Their squares, or products
     with the autocorrelation of the noise, are integrated over u (Papoulis 1991, chapter 10). At rest this gives the
-    laws of `insnav.errors.budget.laws`.
+    laws of `integral`.
     """
     dt = steps.dt
     given = integrated(disturbance(unit_of(source), motion), motion, steps) / dt[:, None]
@@ -140,13 +203,13 @@ def _noise(source: Source, motion: SampledMotion, steps: Steps, at: IntArray, lo
 
 
 def _in_the_loop(source: Source, time: FloatArray, rate: float) -> FloatArray:
-    """Compute the factor of the Schuler loop on the level errors beyond `laws.SHORT`, ``(m, 9)``."""
+    """Compute the factor of the Schuler loop on the level errors beyond `SHORT`, ``(m, 9)``."""
     factor = np.ones((len(time), 9))
     orders = _ORDERS.get(source.family) or _ORDERS.get(source.group)
-    late = time > laws.SHORT
+    late = time > SHORT
     if orders is None or not late.any():
         return factor
     for order, columns in zip(orders, (slice(6, 8), slice(3, 5), slice(0, 2)), strict=True):
         if order is not None:
-            factor[late, columns] = np.abs(laws.schuler(source.kind, order, time[late], rate))[:, None]
+            factor[late, columns] = np.abs(schuler(source.kind, order, time[late], rate))[:, None]
     return factor

@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from insnav.earth import earth_rate_n, transport_rate_n
-from insnav.errors.budget.sampled_motion import SampledMotion
-from insnav.errors.budget.sources import BODY, LOCAL, Source
+from insnav.errors.budget.sources import BODY, LOCAL, SampledMotion, Source
 from insnav.kernels import error_propagation as _kernel
 from insnav.simulate.imu_errors import flicker_processes
 from insnav.types import FloatArray, IntArray

@@ -11,12 +11,10 @@ from functools import partial
 import numpy as np
 
 from insnav.engine import share_of
-from insnav.errors.budget import laws
-from insnav.errors.budget.analytic import analytic, gravity_of, schuler_rate
+from insnav.errors.budget.analytic import analytic, gravity_of, schuler, schuler_rate
 from insnav.errors.budget.covariance import covariance, processes, worst_case
-from insnav.errors.budget.sampled_motion import SampledMotion
 from insnav.errors.budget.simulated import free_runs
-from insnav.errors.budget.sources import Source, families, left_out, not_given, only, sources_of
+from insnav.errors.budget.sources import SampledMotion, Source, families, left_out, not_given, only, sources_of
 from insnav.exceptions import ConfigError
 from insnav.imu import ImuSpec
 from insnav.sample_statistics import chi_square
@@ -120,7 +118,7 @@ class Budget:
 
     def short_form_error(self, time: float) -> tuple[float, float]:
         """Compute the relative error of the short forms, for a bias or tilt and for a gyro bias: true / form - 1."""
-        bias, drift = (float(laws.schuler("constant", order, time, self.schuler_rate)) for order in (2, 3))
+        bias, drift = (float(schuler("constant", order, time, self.schuler_rate)) for order in (2, 3))
         return bias - 1.0, drift - 1.0
 
 

@@ -13,10 +13,8 @@ import numpy as np
 
 from insnav.engine import Workers, share_of
 from insnav.errors.budget.error_budget import Budget, RecordedColumn
-from insnav.errors.budget.sampled_motion import SampledMotion, sampled
-from insnav.errors.budget.sources import Source, start_sources
-from insnav.errors.diagnosis.causes import Diagnosis, diagnose
-from insnav.errors.diagnosis.equivalent_sensor_errors import SensorFit, fit_sensors
+from insnav.errors.budget.sources import SampledMotion, Source, sampled, start_sources
+from insnav.errors.diagnosis.causes import Diagnosis, SensorFit, diagnose, fit_sensors
 from insnav.errors.diagnosis.simulated_replica import FEWEST, Replicas, replica_task, replicas
 from insnav.errors.evaluated_run import failure
 from insnav.errors.outage.free_inertial import Windows, free_window_starts, free_windows

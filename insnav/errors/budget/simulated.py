@@ -15,8 +15,7 @@ import numpy as np
 from insnav.attitude import quat_conjugate, quat_from_rotvec, quat_from_rph, quat_multiply, rotvec_from_quat
 from insnav.earth import lla_offset, ned_offset
 from insnav.engine import Workers, every
-from insnav.errors.budget.sampled_motion import SampledMotion
-from insnav.errors.budget.sources import STATES, Source
+from insnav.errors.budget.sources import STATES, SampledMotion, Source
 from insnav.imu import ErrorTerms, ImuErrors, ImuSpec, InitialSpec, SensorSpec, sample_errors
 from insnav.imu.error_terms import SENSORS, TERMS, Process
 from insnav.imu.model import SAMPLED

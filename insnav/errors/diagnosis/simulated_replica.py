@@ -24,11 +24,10 @@ from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.prepare import Prepared
 from insnav.imu import ImuSpec
 from insnav.sample_statistics import CONFIDENCE
-from insnav.simulate.ideal_sensors import gps_from_truth
 from insnav.simulate.imu_errors import ImuSimulation, corrupt_imu, gauss_markov
 from insnav.simulate.montecarlo import Failure, Sample, monte_carlo
 from insnav.simulate.recording import perfect_imu
-from insnav.simulate.truth import LevelTruth, Truth
+from insnav.simulate.truth import LevelTruth, Truth, gps_from_truth
 from insnav.simulate.truth_from_track import Residual, track_residual, truth_from_track
 from insnav.types import FloatArray, GpsData
 

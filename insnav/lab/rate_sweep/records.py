@@ -15,7 +15,7 @@ from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import schema
-from insnav.lab.bench_data.bench_tables import (
+from insnav.lab.bench_data import (
     BenchTable,
     Dwells,
     default_limit,

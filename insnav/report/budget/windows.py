@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from insnav.errors.budget.from_windows import RecordedBudget, RecordedPart, Verdict
-from insnav.errors.diagnosis.causes import CAUSES, AxisDiagnosis, Cause, Diagnosis
-from insnav.errors.diagnosis.equivalent_sensor_errors import SensorFit
+from insnav.errors.diagnosis.causes import CAUSES, AxisDiagnosis, Cause, Diagnosis, SensorFit
 from insnav.errors.diagnosis.simulated_replica import Replicas
 from insnav.errors.outage.statistics import COMPONENTS, Growth, common_error
 from insnav.findings import Code, Finding, Severity, of_code

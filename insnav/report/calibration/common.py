@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from insnav.imu.model import ImuErrors
-from insnav.lab.bench_data.bench_tables import BenchFile, BenchTable
+from insnav.lab.bench_data import BenchFile, BenchTable
 from insnav.lab.calibration import Calibration, measured
 from insnav.lab.least_squares import Fit
 from insnav.lab.single_axis.rate_table import RateTable

@@ -14,7 +14,7 @@ from insnav.lab.multi_position.many_positions import PosesCalibration
 from insnav.lab.multi_position.method import Found
 from insnav.lab.multi_position.six_positions import POSITIONS, TURN_SD, TURNS, SixPositions
 from insnav.lab.multi_position.triad import AXES, Triad
-from insnav.lab.nine_position.method import AXIS, SENSORS, NinePositions, NineRecord
+from insnav.lab.nine_position import AXIS, SENSORS, NinePositions, NineRecord
 from insnav.messages import phrase
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import Series, corrected_section, impact_section, quality_section, residual_panels

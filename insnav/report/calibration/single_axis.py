@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from insnav.findings import Code, of_code
-from insnav.lab.bench_data.bench_tables import BenchTable
+from insnav.lab.bench_data import BenchTable
 from insnav.lab.calibration import Calibration, fitted, measured
 from insnav.lab.rate_sweep.method import SweepCalibration
 from insnav.lab.rate_sweep.records import SweepRecord

@@ -11,8 +11,18 @@ import numpy as np
 from insnav.earth import ned_offset
 from insnav.errors import platform_errors
 from insnav.errors.metrics import TrajectoryErrors
-from insnav.errors.platform_errors import AGAINST, Convergence, Demonstration, PlatformComparison, PlatformStudy
-from insnav.errors.schuler import SHORTEST_RECORD, StaticErrors, measured_periods, periods, static_errors
+from insnav.errors.platform_errors import (
+    AGAINST,
+    SHORTEST_RECORD,
+    Convergence,
+    Demonstration,
+    PlatformComparison,
+    PlatformStudy,
+    StaticErrors,
+    measured_periods,
+    periods,
+    static_errors,
+)
 from insnav.gimbal import INTEGRATORS, Integrator, PlatformRun, integral, torquing_rates
 from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder

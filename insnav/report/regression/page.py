@@ -15,9 +15,8 @@ from insnav.findings import Code, Finding
 from insnav.messages import sentence
 from insnav.output.folder import write_text
 from insnav.quantity import Quantity
-from insnav.regression.accuracy_metrics import BY_KEY, FAILS_FROM, LIKELY
 from insnav.regression.baseline import Baseline, Origin
-from insnav.regression.evaluate import CaseResult
+from insnav.regression.evaluate import BY_KEY, FAILS_FROM, LIKELY, CaseResult
 from insnav.regression.peers import LATEST, LONGEST, PeerRow
 from insnav.regression.published import compare_published, field_factor, read_cases, recorded_ratios
 from insnav.regression.regress import Regression

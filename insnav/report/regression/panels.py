@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from scipy.special import stdtrit
 
-from insnav.regression.accuracy_metrics import FAILS_FROM, METRICS, Metric
 from insnav.regression.baseline import Baseline
-from insnav.regression.evaluate import GROWTH, Accuracy, CaseResult
+from insnav.regression.evaluate import FAILS_FROM, GROWTH, METRICS, Accuracy, CaseResult, Metric
 from insnav.regression.peers import PeerRow
 from insnav.regression.regress import Entry
 from insnav.regression.verdict import Change, Comparison, detectable

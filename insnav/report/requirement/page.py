@@ -9,8 +9,7 @@ import numpy as np
 
 from insnav.errors.requirement import aided as aiding
 from insnav.errors.requirement.allocation import STEEP, TAU, Share
-from insnav.errors.requirement.parts import LIMITS, NINE_POSITION, Candidate
-from insnav.errors.requirement.study import FIELD_FACTOR, RequirementStudy
+from insnav.errors.requirement.study import FIELD_FACTOR, LIMITS, NINE_POSITION, Candidate, RequirementStudy
 from insnav.findings import Code, Finding
 from insnav.quantity import Quantity
 from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION

@@ -127,7 +127,7 @@ def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: s
     if found.backdrop is not None:
         write_backdrop(found.backdrop, folder.path(BACKDROP))
     if found.short_duration:
-        from insnav.report.run.short_duration import short_columns
+        from insnav.report.run.quantities import short_columns
 
         write_table(folder.path("short.csv"), short_columns(found.short_duration))
 

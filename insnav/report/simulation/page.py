@@ -31,8 +31,7 @@ from insnav.report.numbers import number
 from insnav.report.page import Light, Page, Section, Verdict, beside, drawn, only_json
 from insnav.report.panels import Clock, Curve, Panel, Shade, Track, broken_at_gaps, over_time, wrapped
 from insnav.report.run.panels import GROUPS as ERRORS
-from insnav.report.run_json import json_ready, section_facts, versions
-from insnav.report.save import imu_model, write_page
+from insnav.report.save import imu_model, json_ready, section_facts, versions, write_page
 from insnav.report.terminal import entry
 from insnav.session.simulation import IDEAL, Plan
 from insnav.simulate.gps_errors import GpsSpec

@@ -14,12 +14,11 @@ from insnav.attitude import dcm_from_quat, quat_from_rotvec, quat_from_rph, quat
 from insnav.earth import metres_per_unit, ned_offset, radii
 from insnav.earth_fixed import earth_from_lla, quat_earth_from_level
 from insnav.exceptions import ConfigError
-from insnav.simulate.curves import Spline, spline_through
 from insnav.simulate.earthfixed import EarthTruth, Turns
 from insnav.simulate.imu_errors import Seed
 from insnav.simulate.motion.kinds import Kind, Vibration, shaken
 from insnav.simulate.motion.moves import Move
-from insnav.simulate.truth import LevelTruth, Truth
+from insnav.simulate.truth import LevelTruth, Spline, Truth, spline_through
 from insnav.types import FloatArray
 from insnav.units import G0
 

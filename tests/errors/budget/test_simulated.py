@@ -13,9 +13,8 @@ from insnav.earth import ned_offset
 from insnav.errors.budget import simulated
 from insnav.errors.budget.covariance import covariance
 from insnav.errors.budget.error_budget import budget
-from insnav.errors.budget.sampled_motion import SampledMotion, at_rest, sampled
 from insnav.errors.budget.simulated import free_runs
-from insnav.errors.budget.sources import families, only, sources_of
+from insnav.errors.budget.sources import SampledMotion, at_rest, families, only, sampled, sources_of
 from insnav.exceptions import ConfigError
 from insnav.imu import ImuSpec, SensorSpec, corrupt, load_imu, sample_errors
 from insnav.simulate import corrupt_imu
