@@ -13,8 +13,7 @@ import numpy as np
 from insnav import strapdown
 from insnav.earth import earth_rate_n, ned_offset, transport_rate_n
 from insnav.errors.metrics import TrajectoryErrors, on_clock, position_errors
-from insnav.errors.reference_check import check_reference, known_delay
-from insnav.errors.reference_offset import ReferenceOffset, reference_offset
+from insnav.errors.reference_check import ReferenceOffset, check_reference, known_delay, reference_offset
 from insnav.exceptions import InputError
 from insnav.filter.frozen import UNUSABLE
 from insnav.filter.navigate import Navigated

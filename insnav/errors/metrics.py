@@ -1,15 +1,17 @@
-"""Errors of a trajectory against a reference of its drive and time, and summary statistics.
+"""Errors of a trajectory against a reference of its drive and time, summary statistics, comparison of several runs.
 
 Error is estimate minus truth, at the epochs of the reference. Cubic Hermite interpolation of position brings the
-estimate to those epochs, with errors below a millimetre at 10 Hz.
+estimate to those epochs, with errors below a millimetre at 10 Hz. Several runs are compared at their common epochs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
+from itertools import chain, count
 from operator import itemgetter
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -337,3 +339,86 @@ def travelled(solution: Trajectory) -> tuple[float, float, float]:
     speed = np.sqrt(north**2 + east**2 + down**2)  # numpy's norm of rows is four times slower
     step = np.where(speed[1:] > MOVING_M_S, np.diff(solution.time), 0.0)
     return float(np.sum(speed[1:] * step)), float(np.sum(step)), float(speed.max(initial=0.0))
+
+
+class Solution(NamedTuple):
+    """Solution of a run."""
+
+    run: str  # name of the run
+    solution: str  # filtered or smoothed
+    trajectory: Trajectory
+    lever_b: FloatArray  # (3,) its antenna seen from the IMU, body axes [m]
+
+
+@dataclass(frozen=True, slots=True)
+class Compared:
+    """Errors of a solution of a run."""
+
+    run: str  # name of the run
+    solution: str  # filtered or smoothed
+    errors: TrajectoryErrors  # at the common epochs of all runs
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Comparison of runs with one reference."""
+
+    reference: Trajectory  # at the common epochs and possibly others
+    compared: tuple[Compared, ...]  # in input order, the smoothed solution after the filtered one of a run
+
+    def rows(self) -> list[dict[str, Any]]:
+        """List the accuracy of each solution.
+
+        Returns: ``run``, ``solution``, ``accuracy`` from `insnav.errors.metrics.accuracy`, ``consistency`` from
+        `insnav.errors.metrics.nees`.
+        """
+        return [
+            {
+                "run": each.run,
+                "solution": each.solution,
+                "accuracy": accuracy(each.errors),
+                "consistency": nees(each.errors),
+            }
+            for each in self.compared
+        ]
+
+    def named(self) -> dict[str, TrajectoryErrors]:
+        """Return the errors of each solution under a unique name."""
+        named: dict[str, TrajectoryErrors] = {}
+        for each in self.compared:
+            name = f"{each.run}-smoothed" if each.solution == "smoothed" else each.run
+            numbered = chain([name], (f"{name}-{number}" for number in count(2)))
+            named[next(free for free in numbered if free not in named and free != "reference")] = each.errors
+        return named
+
+
+def compare_solutions(
+    solutions: Sequence[Solution], reference: Trajectory, lever_b: FloatArray | None = None
+) -> Comparison:
+    """Compare solutions with a reference, at their common epochs.
+
+    `lever_b` (3,): the point of the reference seen from the IMU, body axes [m]; None for the antenna of each.
+    Raises: InputError: no epoch common to all solutions and the reference.
+    """
+    errors = []
+    for each in solutions:
+        try:
+            point = each.lever_b if lever_b is None else lever_b
+            errors.append(position_errors(each.trajectory, reference, lever_b=point))
+        except InputError as error:
+            error.where = error.where or each.run
+            raise
+    shared = reduce(np.intersect1d, [each.time for each in errors])
+    if len(shared) == 0:
+        raise InputError(
+            "compare.no_common_time",
+            spans=tuple(
+                f"{of.run}: {each.time[0]:.1f} … {each.time[-1]:.1f} s"
+                for of, each in zip(solutions, errors, strict=True)
+            ),
+        )
+    compared = (
+        Compared(of.run, of.solution, each.rows(np.isin(each.time, shared)))
+        for of, each in zip(solutions, errors, strict=True)
+    )
+    return Comparison(reference, tuple(compared))

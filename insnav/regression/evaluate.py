@@ -18,8 +18,7 @@ import numpy as np
 from insnav.engine import Workers, every
 from insnav.errors.metrics import TrajectoryErrors, nees, position_errors
 from insnav.errors.outage.free_inertial import end_errors
-from insnav.errors.outage.gnss_outage import outages
-from insnav.errors.outage.statistics import horizontal_at
+from insnav.errors.outage.gnss_outage import horizontal_at, outages
 from insnav.exceptions import InputError, InsnavError
 from insnav.filter.navigate import Navigated, aided, navigate_recording
 from insnav.filter.prepare import prepare

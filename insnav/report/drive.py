@@ -8,10 +8,9 @@ from matplotlib.figure import Figure
 from insnav.earth import ned_offset
 from insnav.findings import Code, of_code
 from insnav.imu.model import per_sample
-from insnav.report.colours import AXIS_COLOURS
 from insnav.report.figures import draw_drawings, drawing
-from insnav.report.numbers import duration_text
 from insnav.report.panels import Clock, Curve, Kind, Panel
+from insnav.report.style import AXIS_COLOURS, duration_text
 from insnav.steps import Recording
 from insnav.types import FloatArray
 from insnav.units import DEG

@@ -17,7 +17,7 @@ from insnav.findings import Code, Finding, Severity
 from insnav.messages import At, form, moment, phrase, render, sentence, shows_time
 from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
-from insnav.report.numbers import number, rounded
+from insnav.report.style import number, rounded
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Figure

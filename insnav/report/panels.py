@@ -141,7 +141,7 @@ class Curve:
     name: str  # empty: not in the legend
     x: FloatArray  # (n,); of bars: their right ends
     y: FloatArray  # (n,); of a band: its upper edge; of bars: the row, 0 at the top
-    colour: str  # "#RRGGBB", from `insnav.report.colours`; the dark page lightens it
+    colour: str  # "#RRGGBB", from `insnav.report.style`; the dark page lightens it
     kind: Kind = "line"
     low: FloatArray | None = None  # (n,) lower edge of a band, left ends of bars
     mode: str = ""  # switch position of the page that shows it, such as "filtered"; empty: always

@@ -1,4 +1,6 @@
-"""Saving and reading of results: tables, figures, page, ``run.json``, with their provenance last on every page.
+"""Table of the explanation of a record: faults considered, their gain, and their effect.
+
+Saving and reading of results: tables, figures, page, ``run.json``, with their provenance last on every page.
 
 A kind of result is a subpackage, found by its name: ``insnav.report.<kind>.page`` has ``page(result)``, which returns a
 `Page`, and ``frame(result)`` for its main table. Optional functions: ``texts(result)`` for text files by name,
@@ -25,23 +27,24 @@ from typing import Any, Literal, cast
 import numpy as np
 
 from insnav.exceptions import ConfigError, InputError, writing
+from insnav.explain.explanation import Explanation, Tried
 from insnav.findings import MODEL_CHOICES, Code, Finding, Severity, is_shown, of_code
 from insnav.imu.imu_file import load_imu
 from insnav.imu.specification import ImuSpec
 from insnav.input.readers.reading import ReadingFacts
-from insnav.messages import language, render, sentence, speaking
+from insnav.messages import language, phrase, render, sentence, speaking
 from insnav.output.folder import FACTS_FILE, RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_events
 from insnav.output.stored import FILE as STORED_FILE
 from insnav.output.stored import read_stored, store
 from insnav.plain_text import NOT_UTF8
 from insnav.quantity import Quantity, quantity_of
-from insnav.report.explanation import explanation_section
 from insnav.report.page import DataFrame, Figure, FigureSpec, Page, Section, cell, only_json
 from insnav.report.terminal import page_text
 from insnav.result import Result
 from insnav.version import __version__
 
+MOST = 8  # rows
 # of ``run.schema.json``: major version for removed or changed keys, minor version for new keys
 SCHEMA = "2.0"
 _VERSIONS_OF = ("numpy", "scipy", "numba", "filterpy", "pyarrow", "matplotlib")
@@ -50,6 +53,46 @@ FigureFiles = Literal["page", "png", "svg", "none"]
 _TABLE = ("path", "n_used", "start", "end", "rate", "n_gaps", "longest_gap", "axes", "sampling", "stamp", "height")
 _TIMES = ("start", "end")
 _SENSORS = {"gyro": ("Gyros", "deg/h", "deg/sqrt(h)"), "accel": ("Accelerometers", "mg", "m/s/sqrt(h)")}
+
+
+def explanation_section(found: Explanation) -> Section:
+    """Build the table, best first; folded if no fault was accepted."""
+    items = (
+        Quantity("considered", len(found.tried), meaning="faults considered"),
+        Quantity("passes", found.passes, meaning="passes over the linear record"),
+        Quantity("runs", found.runs, meaning="runs of the filter"),
+    )
+    rows = tuple(_row(row) for row in found.tried[:MOST])
+    table = Section("rows", "Considered faults", rows=rows, note=phrase("explanation.note"), show="page")
+    folded = not any(row.accepted for row in found.tried)
+    return Section("explanation", "Explanation", items, parts=(table,), show="page", folded=folded)
+
+
+def explanation_line(found: Explanation) -> str:
+    """Summarise the explanation in one line."""
+    values = {"count": len(found.tried), "accepted": sum(row.accepted for row in found.tried), "passes": found.passes}
+    return phrase("explanation.some" if values["accepted"] else "explanation.none", **values)
+
+
+def _row(row: Tried) -> tuple[Quantity, ...]:
+    return (
+        Quantity("fault", phrase(f"fault.{row.name}")),
+        Quantity("begin", row.begin, "s", decimals=1),
+        Quantity("end", row.end if np.isfinite(row.end) else None, "s", decimals=1),
+        Quantity("gain", row.gain),
+        Quantity("prior", row.prior, meaning="prior cost"),
+        Quantity("accepted", row.accepted),
+        Quantity("size", row.size, row.unit),
+        Quantity("changed", _changed(row)),
+    )
+
+
+def _changed(row: Tried) -> tuple[str, ...]:
+    """Describe the effect of a fault."""
+    fixes = {"left_out": row.left_out, "moved": row.moved}
+    words = tuple(phrase(f"explanation.{how}", count=count) for how, count in fixes.items() if count)
+    how = row.name if row.name in ("rough", "delay") else "corrected"
+    return words if words or not row.accepted else (phrase(f"explanation.{how}"),)
 
 
 def page_facts(page: Page) -> dict[str, Any]:

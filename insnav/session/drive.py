@@ -351,8 +351,7 @@ class Drive:
         ConfigError, InputError, AlignmentError
             Invalid windows, or data that cannot be navigated.
         """
-        from insnav.errors.outage.gnss_outage import OutageStudy, outages
-        from insnav.errors.outage.statistics import common_error, outage_growth
+        from insnav.errors.outage.gnss_outage import OutageStudy, common_error, outage_growth, outages
 
         lengths = [float(length) for length in np.ravel(lengths)]
         share = 0.4  # share of the run in the work

@@ -29,9 +29,9 @@ from insnav.report.budget.quantities import (
     size,
 )
 from insnav.report.figures import drawing
-from insnav.report.numbers import number
 from insnav.report.page import section_tables
 from insnav.report.save import page_facts
+from insnav.report.style import number
 from insnav.report.terminal import page_text
 from insnav.result import Result
 from insnav.units import UNITS

@@ -12,7 +12,7 @@ import pytest
 
 from insnav.errors.budget.from_windows import RecordedBudget, WindowSettings, recorded_budget
 from insnav.errors.diagnosis.simulated_replica import Replicas
-from insnav.errors.outage.statistics import COMPONENTS
+from insnav.errors.outage.gnss_outage import COMPONENTS
 from insnav.findings import Code, Finding, Severity, of_code
 from insnav.output.stored import FILE, store
 from insnav.report.budget.page import read_found

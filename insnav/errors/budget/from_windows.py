@@ -18,7 +18,7 @@ from insnav.errors.diagnosis.causes import Diagnosis, SensorFit, diagnose, fit_s
 from insnav.errors.diagnosis.simulated_replica import FEWEST, Replicas, replica_task, replicas
 from insnav.errors.evaluated_run import failure
 from insnav.errors.outage.free_inertial import Windows, free_window_starts, free_windows
-from insnav.errors.outage.statistics import Growth, Regression, by_motion, growth, regression, table_times
+from insnav.errors.outage.gnss_outage import Growth, Regression, by_motion, growth, regression, table_times
 from insnav.errors.outage.windows import StartChoice, WindowReference, navigated_drive, reference_from_fixes
 from insnav.exceptions import ConfigError
 from insnav.filter.error_model import ErrorModel

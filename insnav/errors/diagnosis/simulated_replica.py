@@ -16,7 +16,7 @@ from insnav.attitude import quat_from_rotvec, quat_from_rph, quat_multiply, rph_
 from insnav.earth import lla_offset
 from insnav.engine import Workers
 from insnav.errors.outage.free_inertial import Windows, free_windows
-from insnav.errors.outage.statistics import growth
+from insnav.errors.outage.gnss_outage import growth
 from insnav.errors.outage.windows import NavigatedDrive, WindowReference, navigated_drive
 from insnav.exceptions import InputError
 from insnav.filter.error_model import InitialState
@@ -41,7 +41,7 @@ class Replicas:
     """Window errors of several replicas, and the position of the recorded ones among them."""
 
     times: FloatArray  # (k,) [s]
-    # (s, k, 6) RMS error of each replica, reference errors included, `insnav.errors.outage.statistics.COMPONENTS` [m]
+    # (s, k, 6) RMS error of each replica, reference errors included, `insnav.errors.outage.gnss_outage.COMPONENTS` [m]
     rms: FloatArray
     # (k, 6) 95 % prediction band of a further replica, joint over three axes [m]
     low: FloatArray

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from insnav.engine import Workers
-from insnav.errors.budget.simulated import free_runs
+from insnav.errors.budget.error_budget import free_runs
 from insnav.errors.budget.sources import SampledMotion, families, sources_of, term_of
 from insnav.errors.requirement.aided import Aiding, Propagation, error_curves
 from insnav.errors.requirement.allocation import Allocation, Requirement, binomial_interval, last_sample

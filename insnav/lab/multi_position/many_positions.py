@@ -17,7 +17,8 @@ import numpy as np
 
 from insnav.exceptions import InputError
 from insnav.lab.calibration import WRONG_UNIT
-from insnav.lab.multi_position import gravity_norm, gyro_rotations
+from insnav.lab.multi_position import gyro_rotations
+from insnav.lab.multi_position import triad as gravity
 from insnav.lab.multi_position.stationary_spans import Activity, Pose, clipped, find_poses, measure_activity
 from insnav.lab.multi_position.triad import MultiPosition, Triad, corrected
 from insnav.types import BoolArray, FloatArray, ImuData
@@ -100,13 +101,11 @@ def calibrate_poses(imu: ImuData, g: float, *, counts: bool = False) -> PosesCal
         g_sensitivity=rest.g_sensitivity,
         g_sensitivity_sd=np.sqrt(np.array([np.diag(c)[1:] for c in rest.covariance])),
         g=g,
-        norm_before=gravity_norm.norm_error(start, force, g),
+        norm_before=gravity.norm_error(start, force, g),
         norm_after=fit.error,
         norm_left_out=_left_out(
             fit.error,
-            lambda keep: gravity_norm.norm_error(
-                gravity_norm.fit_gravity_norm(force[keep], g, fit.triad).triad, force, g
-            ),
+            lambda keep: gravity.norm_error(gravity.fit_gravity_norm(force[keep], g, fit.triad).triad, force, g),
         ),
         turn_before=np.linalg.norm(
             gyro_rotations.residuals(gyro_rotations.rotations(plain, nominal, guess), _directions(start, force)), axis=1
@@ -127,11 +126,11 @@ def calibrate_poses(imu: ImuData, g: float, *, counts: bool = False) -> PosesCal
 
 def _best_poses(
     imu: ImuData, activity: Activity, g: float, counts: bool
-) -> tuple[float, tuple[Pose, ...], gravity_norm.GravityFit, Triad]:
+) -> tuple[float, tuple[Pose, ...], gravity.GravityFit, Triad]:
     """Find the smallest limit of rest with nearly the least uncertain accelerometers."""
     found = [(factor, find_poses(imu, activity, factor)) for factor in FACTORS]
     most = max(len(poses) for _, poses in found)
-    tried: list[tuple[float, float, tuple[Pose, ...], gravity_norm.GravityFit, Triad]] = []
+    tried: list[tuple[float, float, tuple[Pose, ...], gravity.GravityFit, Triad]] = []
     refused: InputError | None = None
     for factor, poses in found:
         if 2 * len(poses) < most or not poses:  # a few poses fit well by chance
@@ -140,8 +139,8 @@ def _best_poses(
         if not counts:
             refuse_force_units(force, g)
         try:
-            start = gravity_norm.sphere(force, g) if counts else Triad()
-            fit = gravity_norm.fit_gravity_norm(force, g, start)
+            start = gravity.sphere(force, g) if counts else Triad()
+            fit = gravity.fit_gravity_norm(force, g, start)
         except InputError as error:
             refused = error
             continue
@@ -209,7 +208,7 @@ def _whole_covariance(
     poses: Sequence[Pose],
     damaged: BoolArray,
     fine: gyro_rotations.TurnFit,
-    fit: gravity_norm.GravityFit,
+    fit: gravity.GravityFit,
     rest: _Rest,
 ) -> FloatArray:
     """Compute the covariance of the gyro matrix including accelerometer, bias and g-sensitivity errors, (9, 9).
@@ -227,7 +226,7 @@ def _whole_covariance(
 
     here = misfit(fit.triad, rest.bias, rest.g_sensitivity)
     moved = [
-        misfit(gravity_norm.unpacked(gravity_norm.packed(fit.triad) + step), rest.bias, rest.g_sensitivity)
+        misfit(gravity.unpacked(gravity.packed(fit.triad) + step), rest.bias, rest.g_sensitivity)
         for step in _steps(fit.covariance)
     ]
     for axis in range(3):

@@ -27,7 +27,6 @@ from insnav.report.budget import quantities
 from insnav.report.budget import windows as recorded
 from insnav.report.budget.panels import budget_panels, windows_drawings
 from insnav.report.budget.quantities import extent, horizontal, ranked, recorded_text, shares, size
-from insnav.report.numbers import number
 from insnav.report.page import (
     DataFrame,
     Light,
@@ -40,6 +39,7 @@ from insnav.report.page import (
     only_json,
     rows_frame,
 )
+from insnav.report.style import number
 from insnav.report.terminal import page_text
 from insnav.result import Result
 from insnav.units import DEG, DEG_PER_H, G0, UNITS

@@ -10,9 +10,9 @@ from insnav.errors.budget.error_budget import Budget, Column, RecordedColumn, Si
 from insnav.errors.budget.from_windows import RecordedBudget
 from insnav.errors.budget.sources import term_of
 from insnav.quantity import Quantity
-from insnav.report.numbers import number
 from insnav.report.outage.page import BELOW, below_noise
 from insnav.report.page import Section, one_each, only_json
+from insnav.report.style import number
 from insnav.types import FloatArray
 from insnav.units import UNITS, shown_unit
 

@@ -7,13 +7,13 @@ import numpy as np
 from insnav.errors.budget.from_windows import RecordedBudget, RecordedPart, Verdict
 from insnav.errors.diagnosis.causes import CAUSES, AxisDiagnosis, Cause, Diagnosis, SensorFit
 from insnav.errors.diagnosis.simulated_replica import Replicas
-from insnav.errors.outage.statistics import COMPONENTS, Growth, common_error
+from insnav.errors.outage.gnss_outage import COMPONENTS, Growth, common_error
 from insnav.findings import Code, Finding, Severity, of_code
 from insnav.messages import sentence, word
 from insnav.quantity import Quantity
-from insnav.report.numbers import number
 from insnav.report.outage.page import corrected, corrected_text
 from insnav.report.page import Section, one_each, only_json
+from insnav.report.style import number
 from insnav.types import FloatArray
 from insnav.units import UNITS
 

@@ -14,9 +14,9 @@ from insnav.lab.calibration import Calibration, measured
 from insnav.lab.least_squares import Fit
 from insnav.lab.single_axis.rate_table import RateTable
 from insnav.quantity import Quantity
-from insnav.report.colours import AXIS_COLOURS, BLACK, GREY
 from insnav.report.page import Section
 from insnav.report.panels import Curve, Panel
+from insnav.report.style import AXIS_COLOURS, BLACK, GREY
 from insnav.types import BoolArray, FloatArray
 from insnav.units import DEG, G0
 

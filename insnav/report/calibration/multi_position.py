@@ -18,10 +18,9 @@ from insnav.lab.nine_position import AXIS, SENSORS, NinePositions, NineRecord
 from insnav.messages import phrase
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import Series, corrected_section, impact_section, quality_section, residual_panels
-from insnav.report.colours import AXIS_COLOURS, BLUE, GREY, ORANGE, VERMILLION
-from insnav.report.numbers import number
 from insnav.report.page import Page, Section, drawn, only_json
 from insnav.report.panels import Curve, Kind, Panel
+from insnav.report.style import AXIS_COLOURS, BLUE, GREY, ORANGE, VERMILLION, number
 from insnav.sample_statistics import rms
 from insnav.types import FloatArray
 from insnav.units import DEG, G0

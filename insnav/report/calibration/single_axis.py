@@ -18,10 +18,9 @@ from insnav.lab.single_axis.tumble import Tumble, harmonics
 from insnav.messages import phrase, sentence
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import Series, corrected_section, impact_section, quality_section, residual_panels
-from insnav.report.colours import AXIS_COLOURS, BLACK, GREY
-from insnav.report.numbers import number
 from insnav.report.page import Page, Section, drawn, only_json
 from insnav.report.panels import Curve, Panel
+from insnav.report.style import AXIS_COLOURS, BLACK, GREY, number
 from insnav.sample_statistics import rms
 from insnav.types import FloatArray
 from insnav.units import DEG

@@ -12,9 +12,9 @@ from insnav.input.readers.reading import ReadingFacts
 from insnav.messages import At, form, moment, render, sentence
 from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
-from insnav.report.colours import BLUE, VERMILLION
 from insnav.report.page import DataFrame, Light, Page, Section, Verdict, drawn, only_json, rows_frame
 from insnav.report.panels import Clock, Curve, Panel, bars
+from insnav.report.style import BLUE, VERMILLION
 from insnav.report.terminal import hanging, page_text
 from insnav.result import Result
 from insnav.session.check import TO_MEND, Checked

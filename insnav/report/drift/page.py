@@ -15,10 +15,9 @@ from insnav.output.data_files import csv_text
 from insnav.quantity import Quantity
 from insnav.report.allan.page import noise_quantity
 from insnav.report.calibration.common import bench_input, quality_section
-from insnav.report.colours import AXIS_COLOURS, BLACK, GREY
-from insnav.report.numbers import number
 from insnav.report.page import DataFrame, Page, Section, by_warnings, drawn, only_json, rows_frame
 from insnav.report.panels import Curve, Kind, Panel
+from insnav.report.style import AXIS_COLOURS, BLACK, GREY, number
 from insnav.result import Result
 from insnav.types import FloatArray
 from insnav.units import DEG, DEG_PER_H

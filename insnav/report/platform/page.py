@@ -29,9 +29,9 @@ from insnav.output.folder import RunFolder
 from insnav.output.solution_tables import TableFormat, write_events, write_run_table
 from insnav.output.track_files import write_kml
 from insnav.quantity import Quantity
-from insnav.report.colours import AXIS_COLOURS, BLACK, BLUE, GREEN, GREY, PURPLE, VERMILLION
 from insnav.report.page import DataFrame, Page, Section, Verdict, beside, drawn, only_json, rows_frame
 from insnav.report.panels import Clock, Curve, Kind, Panel, Shade, Track, over_time
+from insnav.report.style import AXIS_COLOURS, BLACK, BLUE, GREEN, GREY, PURPLE, VERMILLION
 from insnav.result import Result
 from insnav.types import FloatArray
 from insnav.units import DEG, DEG_PER_H, UNITS

@@ -23,9 +23,9 @@ from insnav.regression.regress import Regression
 from insnav.regression.verdict import ALPHA, CPU_FAILS_FROM, POWER, Change, Comparison, detectable_apart, interval
 from insnav.report.figures import drawing, save
 from insnav.report.html import filled, page_html
-from insnav.report.numbers import number
 from insnav.report.page import DataFrame, Page, Section, Verdict, drawn, only_json, rows_frame, section_tables
 from insnav.report.regression import panels
+from insnav.report.style import number
 from insnav.report.terminal import hanging, table_text
 from insnav.result import Result
 from insnav.sample_statistics import rms

@@ -12,10 +12,9 @@ from insnav.errors.requirement.allocation import STEEP, TAU, Share
 from insnav.errors.requirement.study import FIELD_FACTOR, LIMITS, NINE_POSITION, Candidate, RequirementStudy
 from insnav.findings import Code, Finding
 from insnav.quantity import Quantity
-from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION
-from insnav.report.numbers import number
 from insnav.report.page import DataFrame, Page, Section, Verdict, by_warnings, drawn, only_json, rows_frame
 from insnav.report.panels import Curve, Panel, bars
+from insnav.report.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, number
 from insnav.result import Result
 from insnav.types import FloatArray
 from insnav.units import UNITS, shown_unit

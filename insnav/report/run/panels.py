@@ -13,9 +13,8 @@ from insnav.errors.evaluated_run import EvaluatedRun, outages
 from insnav.errors.metrics import MOVING_M_S, TrajectoryErrors
 from insnav.findings import Code, of_code
 from insnav.messages import render
-from insnav.report.colours import AXIS_COLOURS, BLUE, GREEN, GREY, ORANGE, VERMILLION
-from insnav.report.numbers import number
 from insnav.report.panels import LEAST_ERROR, Clock, Curve, Panel, Shade, Track, broken_at_gaps, wrapped
+from insnav.report.style import AXIS_COLOURS, BLUE, GREEN, GREY, ORANGE, VERMILLION, number
 from insnav.strapdown import nearest_rows
 from insnav.types import BoolArray, FloatArray, Run, SensorErrors, Trajectory
 from insnav.units import DEG, DEG_PER_H, G0

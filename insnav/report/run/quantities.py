@@ -10,13 +10,13 @@ import numpy as np
 
 from insnav.errors.evaluated_run import LENGTH, EvaluatedRun, ShortWindow, outages, size_at
 from insnav.errors.metrics import MOVING_M_S, TrajectoryErrors, accuracy_by_motion, nees, travelled
-from insnav.errors.reference_offset import ReferenceOffset
+from insnav.errors.reference_check import ReferenceOffset
 from insnav.filter.noise_estimate import NoiseEstimate
 from insnav.findings import Code, of_code
 from insnav.quantity import Quantity, quantity_of
-from insnav.report.colours import BLACK, BLUE, GREY, ORANGE, VERMILLION
 from insnav.report.page import Section, drawn, one_each, only_json
 from insnav.report.panels import Curve, Panel
+from insnav.report.style import BLACK, BLUE, GREY, ORANGE, VERMILLION
 from insnav.sample_statistics import rms, rms_length
 from insnav.types import Alignment, BoolArray, FloatArray, Run, SensorErrors, Trajectory
 

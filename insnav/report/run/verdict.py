@@ -16,9 +16,9 @@ from insnav.findings import CORRECTIONS, Code, Severity, of_code
 from insnav.input.readers.reading import ReadingFacts
 from insnav.messages import form, phrase, sentence, word
 from insnav.quantity import Quantity
-from insnav.report.numbers import distance_text, duration_text, number
 from insnav.report.page import Light, Page, Table, Verdict, cell
 from insnav.report.run.quantities import mean_nis
+from insnav.report.style import distance_text, duration_text, number
 from insnav.report.terminal import hanging, table_text
 from insnav.result import Result
 from insnav.sample_statistics import rms, rms_length

@@ -16,8 +16,7 @@ from insnav.earth_fixed import earth_from_lla, quat_earth_from_level
 from insnav.exceptions import ConfigError
 from insnav.simulate.earthfixed import EarthTruth, Turns
 from insnav.simulate.imu_errors import Seed
-from insnav.simulate.motion.kinds import Kind, Vibration, shaken
-from insnav.simulate.motion.moves import Move
+from insnav.simulate.motion.moves import Kind, Move, Vibration, shaken
 from insnav.simulate.truth import LevelTruth, Spline, Truth, spline_through
 from insnav.types import FloatArray
 from insnav.units import G0

@@ -14,8 +14,7 @@ from insnav.config_file import Table, checked, quantity, read_toml, refuse, scal
 from insnav.exceptions import ConfigError
 from insnav.simulate.imu_errors import Seed
 from insnav.simulate.motion.assemble import Commands, Start, commands_of, spacing_of, truth_of, way_through
-from insnav.simulate.motion.kinds import KINDS, Kind, Vibration
-from insnav.simulate.motion.moves import Move, State
+from insnav.simulate.motion.moves import KINDS, Kind, Move, State, Vibration
 from insnav.simulate.motion.segments import SEGMENTS, Repeat, Segment
 from insnav.simulate.truth import Truth
 from insnav.types import FloatArray

@@ -10,7 +10,7 @@ import pytest
 from insnav.errors.budget.from_windows import WindowSettings, recorded_budget, verdicts
 from insnav.errors.diagnosis.simulated_replica import replica_task
 from insnav.errors.outage.free_inertial import free_window_starts, free_windows
-from insnav.errors.outage.statistics import COMPONENTS, components, growth
+from insnav.errors.outage.gnss_outage import COMPONENTS, components, growth
 from insnav.errors.outage.windows import navigated_drive, reference_from_fixes, reference_from_trajectory
 from insnav.exceptions import ConfigError
 from insnav.findings import Code, Severity

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from insnav.errors.outage.statistics import growth, outage_growth, regression
+from insnav.errors.outage.gnss_outage import growth, outage_growth, regression
 from insnav.errors.outage.windows import Outage
 from tests.errors.outage import drives
 

@@ -11,8 +11,7 @@ from insnav import strapdown
 from insnav.attitude import dcm_from_rph, quat_from_rph, rph_from_quat
 from insnav.earth import lla_offset, ned_offset
 from insnav.errors.outage.free_inertial import Windows, free_window_starts, free_windows
-from insnav.errors.outage.gnss_outage import outages
-from insnav.errors.outage.statistics import COMPONENTS, components, growth, table_times
+from insnav.errors.outage.gnss_outage import COMPONENTS, components, growth, outages, table_times
 from insnav.errors.outage.windows import (
     WindowReference,
     forward_start,
