@@ -21,9 +21,9 @@ from insnav.filter.settings import FilterSettings
 from insnav.findings import Code
 from insnav.imu import ImuSpec
 from insnav.sample_statistics import chi_square
-from insnav.simulate.gps_errors import GpsSpec
 from insnav.simulate.montecarlo import Runs, Sample
 from insnav.simulate.recording import Fault, simulate_recording
+from insnav.simulate.sensor_errors import GpsSpec
 from insnav.simulate.truth import Truth, reference
 from insnav.types import BoolArray, Epochs, FloatArray, ImuData, IntArray, Run
 

@@ -14,7 +14,6 @@ from insnav.imu.specification import ImuSpec
 from insnav.input import Reading, read_reference
 from insnav.session.drive import Drive, drive_of
 from insnav.session.read import in_memory
-from insnav.simulate.gps_errors import GpsSpec
 from insnav.simulate.gps_file import load_gps
 from insnav.simulate.montecarlo import run_seed
 from insnav.simulate.motion import load_profile
@@ -27,6 +26,7 @@ from insnav.simulate.recording import (
     simulate_recording,
     temperature_ramp,
 )
+from insnav.simulate.sensor_errors import GpsSpec
 from insnav.simulate.truth import Truth
 from insnav.simulate.truth_from_track import Residual, track_residual, truth_from_track
 from insnav.steps.given import one_of

@@ -17,8 +17,7 @@ import sys
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from insnav.simulate.gps_errors import GpsErrors, corrupt_gps, without_fixes
-from insnav.simulate.imu_errors import ImuSimulation, corrupt_imu
+from insnav.simulate.sensor_errors import GpsErrors, ImuSimulation, corrupt_gps, corrupt_imu, without_fixes
 from insnav.simulate.truth import (
     Kinematics,
     LevelTruth,

@@ -20,9 +20,7 @@ from insnav.earth import lla_offset
 from insnav.exceptions import ConfigError
 from insnav.imu import ImuErrors, ImuSpec
 from insnav.quantity_text import parse_quantity
-from insnav.simulate import gps_errors as receiver
-from insnav.simulate.gps_errors import GpsSpec, without_fixes
-from insnav.simulate.imu_errors import corrupt_imu
+from insnav.simulate.sensor_errors import GpsSpec, corrupt_imu, measure_gps, without_fixes
 from insnav.simulate.truth import Truth, gps_from_truth, imu_from_truth, reference
 from insnav.types import BoolArray, FloatArray, GpsData, ImuData, Sampling, Trajectory
 from insnav.units import DEG, G0, UNITS
@@ -343,7 +341,7 @@ def simulate_recording(
         samples, errors = shown.imu, shown.errors
         del shown  # its biases are as large as the samples
     if gps_spec is not None:
-        fixes, lever_b = receiver.measure_gps(truth, gps_spec, (seed, _GPS_STREAM)), np.asarray(gps_spec.lever_b)
+        fixes, lever_b = measure_gps(truth, gps_spec, (seed, _GPS_STREAM)), np.asarray(gps_spec.lever_b)
     else:
         lever_b = np.zeros(3)
         fixes = gps_from_truth(truth, times(truth, IDEAL_GPS_RATE)[1:], lever_b)

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from insnav.errors.budget.from_windows import RecordedBudget, WindowSettings, recorded_budget
-from insnav.errors.diagnosis.simulated_replica import Replicas
+from insnav.errors.budget.from_windows import RecordedBudget, Replicas, WindowSettings, recorded_budget
 from insnav.errors.outage.gnss_outage import COMPONENTS
 from insnav.findings import Code, Finding, Severity, of_code
 from insnav.output.stored import FILE, store

@@ -17,7 +17,7 @@ import insnav
 from insnav.certificate import certify, platform_checks, strapdown_checks
 from insnav.errors import platform_errors
 from insnav.gimbal import PlatformErrors
-from insnav.lab.multi_position.six_positions import find_sections
+from insnav.lab.multi_position.method import find_sections
 from insnav.output.folder import read_facts
 from insnav.result import Result
 from insnav.session.platform_run import demonstrate

@@ -19,8 +19,15 @@ import numpy as np
 from insnav.attitude import quat_conjugate, quat_from_rotvec, quat_from_rph, quat_multiply, rotvec_from_quat
 from insnav.earth import lla_offset, ned_offset
 from insnav.engine import Workers, every, share_of
-from insnav.errors.budget.analytic import analytic, gravity_of, schuler, schuler_rate
-from insnav.errors.budget.covariance import covariance, processes, worst_case
+from insnav.errors.budget.predicted import (
+    analytic,
+    covariance,
+    gravity_of,
+    processes,
+    schuler,
+    schuler_rate,
+    worst_case,
+)
 from insnav.errors.budget.sources import STATES, SampledMotion, Source, families, left_out, not_given, only, sources_of
 from insnav.exceptions import ConfigError
 from insnav.imu import ErrorTerms, ImuErrors, ImuSpec, InitialSpec, SensorSpec, sample_errors
@@ -29,7 +36,7 @@ from insnav.imu.model import SAMPLED
 from insnav.imu.specification import noise_of, noise_of_both
 from insnav.kernels import error_propagation as _kernel
 from insnav.sample_statistics import chi_square
-from insnav.simulate.imu_errors import flicker, further_errors
+from insnav.simulate.sensor_errors import flicker, further_errors
 from insnav.types import FloatArray, IntArray
 from insnav.units import DEG, G0
 
@@ -302,7 +309,7 @@ def budget(
 
     `times`: of the results, since the start [s]. `runs`: number of simulated runs; 0 for analytic and covariance alone.
     `deflection`: deflection of the vertical [rad]; see `insnav.errors.budget.sources.sources_of`. `hold`: constrain the
-    vertical channel to the reference height; see `insnav.errors.budget.covariance.covariance`. `known`: correlated
+    vertical channel to the reference height; see `insnav.errors.budget.predicted.covariance`. `known`: correlated
     errors of start and sensors in addition to `spec`; see `start_sources`. `progress`: called with the completed
     fraction of the simulation.
     Raises: ConfigError: an IMU without errors, or times outside the motion.

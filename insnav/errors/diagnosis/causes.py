@@ -27,8 +27,7 @@ from scipy.linalg import cho_factor, cho_solve
 from insnav.attitude import dcm_from_quat
 from insnav.earth import gravity_n
 from insnav.errors.evaluated_run import EvaluatedRun
-from insnav.errors.outage.free_inertial import Windows
-from insnav.errors.outage.windows import growth_by_start_error
+from insnav.errors.outage.free_inertial import Windows, growth_by_start_error
 from insnav.exceptions import InputError
 from insnav.filter.error_model import ErrorModel
 from insnav.sample_statistics import CONFIDENCE, FEWEST, chi_square, effective_count, rms

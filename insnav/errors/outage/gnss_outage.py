@@ -19,8 +19,16 @@ import numpy as np
 
 from insnav.attitude import rph_from_quat, wrap_pi
 from insnav.engine import Workers, every, share_of
-from insnav.errors.outage.free_inertial import MOTIONS, Windows
-from insnav.errors.outage.windows import Outage, comparison_only, navigated_drive, part_of, valid, window_starts
+from insnav.errors.outage.free_inertial import (
+    MOTIONS,
+    Outage,
+    Windows,
+    comparison_only,
+    navigated_drive,
+    part_of,
+    valid,
+    window_starts,
+)
 from insnav.exceptions import ConfigError
 from insnav.filter.error_model import FilterState
 from insnav.filter.gates import OF_REFERENCE

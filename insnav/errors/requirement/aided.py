@@ -24,9 +24,8 @@ import numpy as np
 from scipy.linalg import solve
 
 from insnav.attitude import skew
-from insnav.errors.budget.covariance import disturbance, integrated, steps_of
+from insnav.errors.budget.predicted import disturbance, integrated, steps_of
 from insnav.errors.budget.sources import Source, sampled
-from insnav.errors.requirement import aided
 from insnav.errors.requirement.allocation import Requirement
 from insnav.imu import ImuSpec
 from insnav.imu.error_terms import TERMS
@@ -314,12 +313,12 @@ def start_shares(
     here = np.diagonal(at_end, axis1=1, axis2=2).max(axis=0)
     present = {name: states for name, states in GROUPS.items() if np.any(here[states] > 0.0)}
     values, total = np.zeros(len(present)), 0.0
-    below = np.eye(aided.SENSED)[aided.NAV :]
+    below = np.eye(SENSED)[NAV:]
     for begin, start, errors in zip(moved.begins, at_end, through, strict=True):
-        gain = np.eye(aided.SENSED)
+        gain = np.eye(SENSED)
         for by_state in moved.by_state[begin : begin + after]:
             gain = np.vstack([by_state @ gain, below])
-        covariance = start[: aided.SENSED, : aided.SENSED]
+        covariance = start[:SENSED, :SENSED]
         values += shapley_effects(gain[list(axes)], covariance, list(present.values()))
         total += float(np.trace(errors[after][np.ix_(axes, axes)]))
     shares = {name: float(value) / total for name, value in zip(present, values, strict=True)}

@@ -13,7 +13,7 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.optimize import brentq
 from scipy.special import betaincinv, erf
 
-from insnav.errors.budget.covariance import covariance
+from insnav.errors.budget.predicted import covariance
 from insnav.errors.budget.sources import SampledMotion, families, sources_of, term_of
 from insnav.exceptions import ConfigError
 from insnav.imu import ImuSpec, InitialSpec, SensorSpec
@@ -229,7 +229,7 @@ def allocate(
 ) -> Allocation:
     """Allocate the limit to the families of errors that are not `given`.
 
-    `cost`: weight of a family, default 1. `hold`: see `insnav.errors.budget.covariance.covariance`.
+    `cost`: weight of a family, default 1. `hold`: see `insnav.errors.budget.predicted.covariance`.
 
     Notes
     -----

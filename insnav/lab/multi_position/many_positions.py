@@ -19,7 +19,7 @@ from insnav.exceptions import InputError
 from insnav.lab.calibration import WRONG_UNIT
 from insnav.lab.multi_position import gyro_rotations
 from insnav.lab.multi_position import triad as gravity
-from insnav.lab.multi_position.stationary_spans import Activity, Pose, clipped, find_poses, measure_activity
+from insnav.lab.multi_position.gyro_rotations import Activity, Pose, clipped, find_poses, measure_activity
 from insnav.lab.multi_position.triad import MultiPosition, Triad, corrected
 from insnav.types import BoolArray, FloatArray, ImuData
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from insnav.errors.budget.analytic import SHORT
 from insnav.errors.budget.error_budget import BAND, Budget, SimulatedColumn
 from insnav.errors.budget.from_windows import BudgetStudy, RecordedBudget
+from insnav.errors.budget.predicted import SHORT
 from insnav.errors.diagnosis.causes import EndAxis
 from insnav.errors.requirement.study import FIELD_FACTOR
 from insnav.findings import Code, Finding

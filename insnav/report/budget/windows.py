@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from insnav.errors.budget.from_windows import RecordedBudget, RecordedPart, Verdict
+from insnav.errors.budget.from_windows import RecordedBudget, RecordedPart, Replicas, Verdict
 from insnav.errors.diagnosis.causes import CAUSES, AxisDiagnosis, Cause, Diagnosis, SensorFit
-from insnav.errors.diagnosis.simulated_replica import Replicas
 from insnav.errors.outage.gnss_outage import COMPONENTS, Growth, common_error
 from insnav.findings import Code, Finding, Severity, of_code
 from insnav.messages import sentence, word

@@ -11,8 +11,7 @@ import numpy as np
 from insnav.input.readers.reading import ReadingFacts
 from insnav.lab.calibration import Calibration, measured
 from insnav.lab.multi_position.many_positions import PosesCalibration
-from insnav.lab.multi_position.method import Found
-from insnav.lab.multi_position.six_positions import POSITIONS, TURN_SD, TURNS, SixPositions
+from insnav.lab.multi_position.method import POSITIONS, TURN_SD, TURNS, Found, SixPositions
 from insnav.lab.multi_position.triad import AXES, Triad
 from insnav.lab.nine_position import AXIS, SENSORS, NinePositions, NineRecord
 from insnav.messages import phrase

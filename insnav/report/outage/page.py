@@ -9,8 +9,8 @@ from typing import cast
 
 import numpy as np
 
+from insnav.errors.outage.free_inertial import Outage
 from insnav.errors.outage.gnss_outage import Growth, OutageEpochs, OutageStudy, outage_growth
-from insnav.errors.outage.windows import Outage
 from insnav.findings import Code, Finding, Severity, is_shown
 from insnav.messages import phrase
 from insnav.output.folder import RunFolder, read_facts

@@ -17,8 +17,15 @@ from insnav.output.folder import write_text
 from insnav.quantity import Quantity
 from insnav.regression.baseline import Baseline, Origin
 from insnav.regression.evaluate import BY_KEY, FAILS_FROM, LIKELY, CaseResult
-from insnav.regression.peers import LATEST, LONGEST, PeerRow
-from insnav.regression.published import compare_published, field_factor, read_cases, recorded_ratios
+from insnav.regression.peers import (
+    LATEST,
+    LONGEST,
+    PeerRow,
+    compare_published,
+    field_factor,
+    read_cases,
+    recorded_ratios,
+)
 from insnav.regression.regress import Regression
 from insnav.regression.verdict import ALPHA, CPU_FAILS_FROM, POWER, Change, Comparison, detectable_apart, interval
 from insnav.report.figures import drawing, save

@@ -139,17 +139,9 @@ def run_sections(found: EvaluatedRun, reference: str = "") -> tuple[Section, ...
         Section("sensor_errors", "Estimated sensor errors at the end", _sensor_errors(run.sensor_errors)),
         *((noise_section(found.noise),) if found.noise is not None else ()),
         Section("alignment", "Initial alignment", alignment_items(run.alignment), show="page"),
-        *_short_duration(found),
+        *((short_section(found.short_duration),) if found.short_duration else ()),
         Section("", "Events", (events,), note="events.csv has each of them", show="page"),
     )
-
-
-def _short_duration(found: EvaluatedRun) -> tuple[Section, ...]:
-    if not found.short_duration:
-        return ()
-    from insnav.report.run.quantities import short_section
-
-    return (short_section(found.short_duration),)
 
 
 def noise_section(found: NoiseEstimate | Tuned) -> Section:

@@ -33,10 +33,10 @@ from insnav.report.save import imu_model, json_ready, section_facts, versions, w
 from insnav.report.style import AXIS_COLOURS, BLUE, GREEN, GREY, ORANGE, VERMILLION, number
 from insnav.report.terminal import entry
 from insnav.session.simulation import IDEAL, Plan
-from insnav.simulate.gps_errors import GpsSpec
 from insnav.simulate.montecarlo import Runs
 from insnav.simulate.motion import MotionProfile
 from insnav.simulate.recording import Recording, times
+from insnav.simulate.sensor_errors import GpsSpec
 from insnav.simulate.truth import Kinematics, Truth
 from insnav.simulate.truth_from_track import Residual
 from insnav.types import FloatArray, IntArray

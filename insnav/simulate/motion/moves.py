@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from insnav.attitude import quat_conjugate, quat_from_rph, quat_multiply, rotvec_from_quat
-from insnav.simulate.imu_errors import Seed
+from insnav.simulate.sensor_errors import Seed
 from insnav.types import FloatArray
 from insnav.units import G0
 

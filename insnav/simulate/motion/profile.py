@@ -12,10 +12,10 @@ from pydantic import Field, PlainValidator
 
 from insnav.config_file import Table, checked, quantity, read_toml, refuse, scalar, signed_scalar, similar, wrong
 from insnav.exceptions import ConfigError
-from insnav.simulate.imu_errors import Seed
 from insnav.simulate.motion.assemble import Commands, Start, commands_of, spacing_of, truth_of, way_through
 from insnav.simulate.motion.moves import KINDS, Kind, Move, State, Vibration
 from insnav.simulate.motion.segments import SEGMENTS, Repeat, Segment
+from insnav.simulate.sensor_errors import Seed
 from insnav.simulate.truth import Truth
 from insnav.types import FloatArray
 

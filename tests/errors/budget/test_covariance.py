@@ -10,8 +10,8 @@ import pytest
 from scipy.linalg import expm
 
 from insnav.earth import ned_offset
-from insnav.errors.budget.analytic import analytic
-from insnav.errors.budget.covariance import (
+from insnav.errors.budget.predicted import (
+    analytic,
     at_start,
     covariance,
     disturbance,

@@ -11,8 +11,8 @@ from scipy.stats import chi2, f
 from insnav.attitude import quat_conjugate, quat_from_rph, quat_multiply, rotvec_from_quat
 from insnav.earth import ned_offset
 from insnav.errors.budget import error_budget
-from insnav.errors.budget.covariance import covariance
 from insnav.errors.budget.error_budget import budget, free_runs
+from insnav.errors.budget.predicted import covariance
 from insnav.errors.budget.sources import SampledMotion, at_rest, families, only, sampled, sources_of
 from insnav.exceptions import ConfigError
 from insnav.imu import ImuSpec, SensorSpec, corrupt, load_imu, sample_errors

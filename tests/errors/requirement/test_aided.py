@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import insnav
-from insnav.errors.budget.covariance import covariance
+from insnav.errors.budget.predicted import covariance
 from insnav.errors.budget.sources import sampled, sources_of
 from insnav.errors.requirement import aided
 from insnav.errors.requirement.aided import Aiding, Propagation, aided_covariances, propagation
@@ -17,8 +17,8 @@ from insnav.errors.requirement.allocation import Requirement
 from insnav.errors.requirement.study import STOPS, candidates, coasting, remedies
 from insnav.imu import ImuSpec, SensorSpec, load_imu
 from insnav.imu.library import find_part, parts
-from insnav.simulate.gps_errors import GpsErrors, GpsSpec
 from insnav.simulate.motion import load_profile
+from insnav.simulate.sensor_errors import GpsErrors, GpsSpec
 from insnav.simulate.truth import Truth
 
 BARE = ImuSpec("none", SensorSpec(), SensorSpec())
