@@ -25,14 +25,7 @@ from insnav.imu.higher_order import ErrorTerms
 from insnav.imu.model import ImuErrors
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import schema
-from insnav.lab.bench_data import (
-    BenchTable,
-    Dwells,
-    default_limit,
-    dwell_warnings,
-    read_bench,
-    reduce_dwells,
-)
+from insnav.lab.bench_data import BenchTable, Dwells, default_limit, dwell_warnings, read_bench, reduce_dwells
 from insnav.lab.calibration import (
     BenchOptions,
     Calibration,

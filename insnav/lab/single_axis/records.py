@@ -19,14 +19,7 @@ from insnav.imu.model import ImuErrors
 from insnav.imu.raw_outputs import RawScale
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import Quantity
-from insnav.lab.bench_data import (
-    BenchTable,
-    Dwells,
-    default_limit,
-    dwell_warnings,
-    read_bench,
-    reduce_dwells,
-)
+from insnav.lab.bench_data import BenchTable, Dwells, default_limit, dwell_warnings, read_bench, reduce_dwells
 from insnav.lab.calibration import (
     STANDARD,
     WRONG_UNIT,
