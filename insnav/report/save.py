@@ -39,7 +39,7 @@ from insnav.output.stored import FILE as STORED_FILE
 from insnav.output.stored import read_stored, store
 from insnav.plain_text import NOT_UTF8
 from insnav.quantity import Quantity, quantity_of
-from insnav.report.page import DataFrame, Figure, FigureSpec, Page, Section, cell, only_json
+from insnav.report.page import DataFrame, Figure, FigureSpec, Page, Section, cell, of_table, only_json
 from insnav.report.terminal import page_text
 from insnav.result import Result
 from insnav.version import __version__
@@ -57,11 +57,7 @@ _SENSORS = {"gyro": ("Gyros", "deg/h", "deg/sqrt(h)"), "accel": ("Accelerometers
 
 def explanation_section(found: Explanation) -> Section:
     """Build the table, best first; folded if no fault was accepted."""
-    items = (
-        Quantity("considered", len(found.tried), meaning="faults considered"),
-        Quantity("passes", found.passes, meaning="passes over the linear record"),
-        Quantity("runs", found.runs, meaning="runs of the filter"),
-    )
+    items = of_table("explanation.search", found, considered=len(found.tried))
     rows = tuple(_row(row) for row in found.tried[:MOST])
     table = Section("rows", "Considered faults", rows=rows, note=phrase("explanation.note"), show="page")
     folded = not any(row.accepted for row in found.tried)

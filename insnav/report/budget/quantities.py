@@ -11,7 +11,7 @@ from insnav.errors.budget.from_windows import RecordedBudget
 from insnav.errors.budget.sources import term_of
 from insnav.quantity import Quantity
 from insnav.report.outage.page import BELOW, below_noise
-from insnav.report.page import Section, one_each, only_json
+from insnav.report.page import Section, of_table, one_each, only_json
 from insnav.report.style import number
 from insnav.types import FloatArray
 from insnav.units import UNITS, shown_unit
@@ -139,15 +139,7 @@ def budget_sections(budget: Budget) -> tuple[Section, ...]:
     """Build all budget quantities for JSON: subject, sources, errors at the chosen times."""
     last = float(budget.time[budget.chosen[-1]])
     bias, drift = budget.short_form_error(last)
-    sources = tuple(
-        (
-            Quantity("name", each.name),
-            Quantity("kind", each.kind),
-            Quantity("sd_si", each.sd),
-            Quantity("correlation_time", each.correlation_time, "s"),
-        )
-        for each in budget.sources
-    )
+    sources = tuple(of_table("budget.source", each) for each in budget.sources)
     share = dict(zip(budget.families, map(float, shares(budget)), strict=True))
     return (
         only_json(

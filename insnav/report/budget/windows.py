@@ -11,7 +11,7 @@ from insnav.findings import Code, Finding, Severity, of_code
 from insnav.messages import sentence, word
 from insnav.quantity import Quantity
 from insnav.report.outage.page import corrected, corrected_text
-from insnav.report.page import Section, one_each, only_json
+from insnav.report.page import Section, of_table, one_each, only_json
 from insnav.report.style import number
 from insnav.types import FloatArray
 from insnav.units import UNITS
@@ -287,11 +287,7 @@ def _by_motion(kind: str, part: RecordedPart) -> Section:
 
 
 def _causes(kind: str, diagnosis: Diagnosis) -> Section:
-    about = (
-        Quantity("windows", diagnosis.windows.count),
-        Quantity("set_aside", diagnosis.rough),
-        Quantity("steady", diagnosis.steady),
-    )
+    about = of_table("budget.diagnosis", diagnosis)
     which = "windows at rest or straight" if diagnosis.steady else "windows, turns included"
     note = (
         "1 mg of acceleration is the effect of 1 mrad of tilt; in a straight window only their sum is observable"

@@ -18,7 +18,7 @@ from insnav.lab.single_axis.tumble import Tumble, harmonics
 from insnav.messages import phrase, sentence
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import Series, corrected_section, impact_section, quality_section, residual_panels
-from insnav.report.page import Page, Section, drawn, only_json
+from insnav.report.page import Page, Section, drawn, of_table, only_json
 from insnav.report.panels import Curve, Panel
 from insnav.report.style import AXIS_COLOURS, BLACK, GREY, number
 from insnav.sample_statistics import rms
@@ -274,14 +274,7 @@ def _errors(found: SweepCalibration, stages: Sequence[float]) -> Section:
 def _adjusted(found: SweepCalibration) -> tuple[Section, ...]:
     """Tabulate manually adjusted intercepts, and their effect."""
     rows = tuple(
-        (
-            Quantity("piece", f"{'xyz'[each.gyro]}{each.piece + 1}"),
-            Quantity("found", each.found, "deg/s", meaning="b' found", decimals=4),
-            Quantity("given", each.given, "deg/s", meaning="b' given", decimals=4),
-            Quantity("before", each.before, "deg/s", meaning="error in the piece, RMS, before"),
-            Quantity("after", each.after, "deg/s"),
-        )
-        for each in found.adjusted
+        of_table("calibration.adjusted", each, piece=f"{'xyz'[each.gyro]}{each.piece + 1}") for each in found.adjusted
     )
     note = "the piece is moved, its neighbours stay and meet it at other borders; every other table is with it"
     return (Section("adjusted", "Set by hand", rows=rows, note=note, keyed=True),) if rows else ()
@@ -303,12 +296,7 @@ def _pieces(found: SweepCalibration) -> tuple[Section, ...]:
         for i, slope in enumerate(item.slope)
     )
     knots = tuple(
-        (
-            Quantity("gyro", axis),
-            Quantity("rate", item.knot, "deg/s"),
-            Quantity("error", item.value, "deg/s"),
-            Quantity("sd", np.sqrt(np.diag(item.covariance)), "deg/s"),
-        )
+        of_table("calibration.knots", item, gyro=axis, sd=np.sqrt(np.diag(item.covariance)))
         for axis, item in known.items()
     )
     note = "corrected rate from and to; they meet at the borders; beyond the outer ones the last piece goes on"

@@ -15,7 +15,7 @@ from insnav.output.data_files import csv_text
 from insnav.quantity import Quantity
 from insnav.report.allan.page import noise_quantity
 from insnav.report.calibration.common import bench_input, quality_section
-from insnav.report.page import DataFrame, Page, Section, by_warnings, drawn, only_json, rows_frame
+from insnav.report.page import DataFrame, Page, Section, by_warnings, drawn, of_table, only_json, rows_frame
 from insnav.report.panels import Curve, Kind, Panel
 from insnav.report.style import AXIS_COLOURS, BLACK, GREY, number
 from insnav.result import Result
@@ -115,15 +115,7 @@ def _parameters(model: DriftModel) -> Iterator[Quantity]:
 
 def _filter(each: GyroDrift, name: str) -> Section:
     chosen = each.smoother
-    items = (
-        Quantity("q", chosen.q / DEG**2, "deg^2/s^2", meaning="Q"),
-        Quantity("r", chosen.r / DEG**2, "deg^2/s^2", meaning="R"),
-        Quantity("p0", P0 / DEG**2, "deg^2/s^2", meaning="P0"),
-        Quantity("gain", chosen.gain, meaning="settled gain"),
-        Quantity("time_constant", chosen.time_constant, "s"),
-        Quantity("lag", chosen.lag, "s", meaning="lag of a ramp"),
-        Quantity("smallest_q", chosen.bounded, meaning="Q is the smallest allowed"),
-    )
+    items = of_table("drift.filter", chosen, q=chosen.q / DEG**2, r=chosen.r / DEG**2, p0=P0 / DEG**2)
     return Section("filter", f"Scalar Kalman filter of {name}", items, note="F = H = 1")
 
 

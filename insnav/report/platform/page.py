@@ -29,7 +29,7 @@ from insnav.output.folder import RunFolder
 from insnav.output.solution_tables import TableFormat, write_events, write_run_table
 from insnav.output.track_files import write_kml
 from insnav.quantity import Quantity
-from insnav.report.page import DataFrame, Page, Section, Verdict, beside, drawn, only_json, rows_frame
+from insnav.report.page import DataFrame, Page, Section, Verdict, beside, drawn, of_table, only_json, rows_frame
 from insnav.report.panels import Clock, Curve, Kind, Panel, Shade, Track, over_time
 from insnav.report.style import AXIS_COLOURS, BLACK, BLUE, GREEN, GREY, PURPLE, VERMILLION
 from insnav.result import Result
@@ -258,14 +258,7 @@ def _periods(records: Mapping[str, FloatArray], time: FloatArray, lat: float, he
 def _known(orders: Sequence[Convergence]) -> Section:
     x = np.linspace(0.0, 3.0, 31)
     on_line = {each.integrator: float(integral(x, 2.0 * x, each.integrator)[-1] - 9.0) for each in orders}
-    rows = tuple(
-        (
-            Quantity("integrator", each.integrator),
-            Quantity("error_on_line", on_line[each.integrator], meaning="y = 2x, 30 steps, error at 3"),
-            Quantity("order_on_sine", each.order, meaning="y = sin t, measured order", decimals=3),
-        )
-        for each in orders
-    )
+    rows = tuple(of_table("platform.known_function", each, error_on_line=on_line[each.integrator]) for each in orders)
     return Section("known_functions", "Integrators on known functions", rows=rows, keyed=True)
 
 

@@ -30,7 +30,7 @@ from insnav.regression.regress import Regression
 from insnav.regression.verdict import ALPHA, CPU_FAILS_FROM, POWER, Change, Comparison, detectable_apart, interval
 from insnav.report.figures import drawing, save
 from insnav.report.html import filled, page_html
-from insnav.report.page import DataFrame, Page, Section, Verdict, drawn, only_json, rows_frame, section_tables
+from insnav.report.page import DataFrame, Page, Section, Verdict, drawn, of_table, only_json, rows_frame, section_tables
 from insnav.report.regression import panels
 from insnav.report.style import number
 from insnav.report.terminal import hanging, table_text
@@ -270,19 +270,7 @@ def change_text(change: Change) -> str:
 
 def change_rows(changes: Sequence[Change]) -> tuple[tuple[Quantity, ...], ...]:
     """Build one row per change."""
-    return tuple(
-        (
-            Quantity("case", change.case),
-            Quantity("metric", change.metric.key),
-            Quantity("old", change.old),
-            Quantity("new", change.new),
-            Quantity("change", change.shift.change),
-            Quantity("p", change.adjusted, meaning="p, corrected", digits=1),
-            Quantity("verdict", change.verdict),
-            Quantity("fails", change.fails),
-        )
-        for change in changes
-    )
+    return tuple(of_table("regression.change", change) for change in changes)
 
 
 def peer_section(peers: Sequence[PeerRow]) -> Section:

@@ -12,7 +12,7 @@ from insnav.errors.requirement.allocation import STEEP, TAU, Share
 from insnav.errors.requirement.study import FIELD_FACTOR, LIMITS, NINE_POSITION, Candidate, RequirementStudy
 from insnav.findings import Code, Finding
 from insnav.quantity import Quantity
-from insnav.report.page import DataFrame, Page, Section, Verdict, by_warnings, drawn, only_json, rows_frame
+from insnav.report.page import DataFrame, Page, Section, Verdict, by_warnings, drawn, of_table, only_json, rows_frame
 from insnav.report.panels import Curve, Panel, bars
 from insnav.report.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, number
 from insnav.result import Result
@@ -150,21 +150,11 @@ def _example(study: RequirementStudy) -> tuple[Section, ...]:
         return ()
     limit = study.required.error
     helps = tuple(
-        (
-            Quantity("remedy", each.name, meaning="instead of a better IMU"),
-            Quantity("error", each.error, "m"),
-            Quantity("change", each.ratio - 1.0, "%"),
-            Quantity("meets", each.error <= limit),
-        )
+        of_table("requirement.remedy", each, change=each.ratio - 1.0, meets=each.error <= limit)
         for each in study.remedies
     )
     halves = tuple(
-        (
-            Quantity("family", each.family, meaning="error"),
-            Quantity("halved", each.halved, "%", meaning="change if it were half as large"),
-            Quantity("elasticity", each.elasticity, digits=2),
-        )
-        for each in sorted(study.elasticities, key=lambda each: each.halved)
+        of_table("requirement.elasticity", each) for each in sorted(study.elasticities, key=lambda each: each.halved)
     )
     shares = tuple(
         (Quantity("source", name, meaning="error when GPS ends"), Quantity("share", value, "%"))

@@ -14,7 +14,7 @@ from insnav.errors.reference_check import ReferenceOffset
 from insnav.filter.noise_estimate import NoiseEstimate
 from insnav.findings import Code, of_code
 from insnav.quantity import Quantity, quantity_of
-from insnav.report.page import Section, drawn, one_each, only_json
+from insnav.report.page import Section, drawn, of_table, one_each, only_json
 from insnav.report.panels import Curve, Panel
 from insnav.report.style import BLACK, BLUE, GREY, ORANGE, VERMILLION
 from insnav.sample_statistics import rms, rms_length
@@ -120,13 +120,7 @@ def run_sections(found: EvaluatedRun, reference: str = "") -> tuple[Section, ...
     run = found.run
     events = Quantity("events", dict(sorted(Counter(event.code.value for event in run.events).items())))
     spans = [
-        (
-            Quantity("start", a, "s", decimals=1),
-            Quantity("end", b, "s", decimals=1),
-            Quantity("duration", b - a, "s"),
-            Quantity("rejected", rejected, meaning="fixes rejected"),
-        )
-        for a, b, rejected in outages(run)
+        of_table("run.outage", start=a, end=b, duration=b - a, rejected=rejected) for a, b, rejected in outages(run)
     ]
     return (
         _accuracy("Accuracy of the filtered solution", found.errors, reference),
@@ -153,11 +147,7 @@ def noise_section(found: NoiseEstimate | Tuned) -> Section:
             name += " of the variance that lasts" if figure.key == "gps.share" else ", factor of sd"
         name += "" if figure.observable else ", not observable: the prior"
         items.append(Quantity(figure.key.replace(".", "_"), figure.value, figure.unit, None, interval, name))
-    items += [
-        Quantity("log_likelihood_gain", found.gain),
-        Quantity("mean_square_before", found.mean_before, meaning="mean square of normalised innovations, prior"),
-        Quantity("mean_square", found.mean_after, meaning="mean square of normalised innovations, as found"),
-    ]
+    items += [*of_table("run.likelihood", found)]
     note = (
         "imu.toml is the IMU for --imu. gps: factors of sd. prior: the preset. Prior of white gyro noise: "
         "the noise of a minute at rest (0.1 to 0.5 Hz)"
@@ -316,11 +306,7 @@ def _accuracy(title: str, errors: TrajectoryErrors | None, reference: str) -> Se
         part: () if figures is None else tuple(quantity_of(key, value) for key, value in figures.items())
         for part, figures in accuracy_by_motion(errors).items()
     }
-    counted = (
-        Quantity("reference", reference),
-        Quantity("epochs", len(errors.time)),
-        Quantity("moving_is_faster_than", MOVING_M_S, "m/s"),
-    )
+    counted = of_table("run.compared", reference=reference, epochs=len(errors.time), moving_is_faster_than=MOVING_M_S)
     each = (only_json(part, *items) if items else only_json("", Quantity(part, None)) for part, items in parts.items())
     table = _accuracy_table(title, parts)
     return Section("accuracy", parts=(only_json("", *counted), *each, table, _consistency(nees(errors))))

@@ -26,7 +26,7 @@ from insnav.messages import sentence
 from insnav.output.data_files import write_data, write_table
 from insnav.output.folder import RunFolder
 from insnav.quantity import Quantity, key_suffix
-from insnav.report.page import Light, Page, Section, Verdict, beside, drawn, only_json
+from insnav.report.page import Light, Page, Section, Verdict, beside, drawn, of_table, only_json
 from insnav.report.panels import Clock, Curve, Panel, Shade, Track, broken_at_gaps, over_time, wrapped
 from insnav.report.run.panels import GROUPS as ERRORS
 from insnav.report.save import imu_model, json_ready, section_facts, versions, write_page
@@ -179,14 +179,7 @@ def write_sketches(folder: RunFolder, profiles: Sequence[MotionProfile]) -> Path
 
     `folder`: entered, not committed.
     """
-    rows = tuple(
-        (
-            Quantity("name", each.name),
-            Quantity("duration", each.duration, "s", decimals=0),
-            Quantity("purpose", each.purpose),
-        )
-        for each in profiles
-    )
+    rows = tuple(of_table("simulation.profile", each) for each in profiles)
     sketches = tuple(_sketch(each) for each in profiles)
     return write_page(folder, Page("Motion profiles", (), (Section("profiles", rows=rows), *sketches)))
 
@@ -300,15 +293,7 @@ def motion_section(plan: Plan, time: FloatArray, motion: Kinematics) -> Section:
 
 
 def _replica(apart: Residual) -> Section:
-    items = (
-        Quantity("position_rms", apart.position, "m"),
-        Quantity("velocity_rms", apart.velocity, "m/s"),
-        Quantity("farthest", apart.farthest, "m", meaning="largest difference of position"),
-        Quantity("farthest_time", apart.farthest_time, "s", meaning="at", decimals=1),
-        Quantity("max_acceleration", apart.acceleration, "m/s^2", meaning="largest acceleration"),
-        Quantity("max_acceleration_time", apart.acceleration_time, "s", meaning="at", decimals=1),
-        Quantity("longest_gap", apart.gap, "s", meaning="longest data gap of the track"),
-    )
+    items = of_table("simulation.replica", apart)
     parts = (only_json("", Quantity("doubts", tuple(sentence(each, "en") for each in apart.doubts))),)
     return Section("replica", "Simulated replica minus its track", items, parts=parts)
 
