@@ -407,13 +407,11 @@ def run_corpus(
     drives: dict[str, list[CaseResult]] = {}
     for (case, _), drive in zip(jobs, every(_attempt, jobs, workers, (data,), progress), strict=True):
         drives.setdefault(case.name, []).append(drive)
-    return Accuracy({name: _together(each) for name, each in drives.items()}, skipped, quick)
-
-
-def _together(drives: list[CaseResult]) -> CaseResult:
-    """Combine the drives of one case."""
-    failures = {number: error for each in drives for number, error in each.failures.items()}
-    return replace(drives[0], measured=joined([each.measured for each in drives]), failures=failures)
+    cases = {}
+    for name, own in drives.items():
+        failures = {number: error for each in own for number, error in each.failures.items()}
+        cases[name] = replace(own[0], measured=joined([each.measured for each in own]), failures=failures)
+    return Accuracy(cases, skipped, quick)
 
 
 def _attempt(data: Path, job: tuple[AnyCase, int]) -> CaseResult:

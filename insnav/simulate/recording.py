@@ -94,9 +94,6 @@ def parse_fault(text: str) -> Fault:
     return Fault(name, size, begin, length)
 
 
-# --- receivers ---------------------------------------------------------------------------------------------
-
-
 def gps_spike(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
     """Move the first fix at or after the start of `span` by `size` [m]."""
     rows = np.arange(gps.time.shape[0]) == int(np.searchsorted(gps.time, span[0] - 1e-6))
@@ -153,9 +150,6 @@ def gps_shuffle(gps: GpsData, size: None, span: tuple[float, float]) -> GpsData:
     return gps.rows(order)
 
 
-# --- sensors -----------------------------------------------------------------------------------------------
-
-
 def imu_clip(imu: ImuData, size: str, span: tuple[float, float]) -> ImuData:
     """Clip gyros or accelerometers in `span` to a range; increments to its share of an interval."""
     dimension, limit = _sensor_quantity(str(size))
@@ -184,9 +178,6 @@ def imu_spike(imu: ImuData, size: str, span: tuple[float, float]) -> ImuData:
     else:
         accel[row, 0] += value * _scale(imu)
     return replace(imu, gyro=gyro, accel=accel)
-
-
-# --- the table ---------------------------------------------------------------------------------------------
 
 
 def _seconds(text: str) -> float:

@@ -12,7 +12,9 @@ from insnav.exceptions import InputError
 from insnav.imu import ImuErrors, correct, corrupt
 from insnav.imu.higher_order import ErrorTerms
 from insnav.input.readers.imu import read_imu
-from insnav.lab.multi_position.gyro_rotations import (
+from insnav.lab.multi_position.many_positions import (
+    PosesCalibration,
+    calibrate_poses,
     clipped,
     find_poses,
     measure_activity,
@@ -20,7 +22,6 @@ from insnav.lab.multi_position.gyro_rotations import (
     prepare,
     rotations,
 )
-from insnav.lab.multi_position.many_positions import PosesCalibration, calibrate_poses
 from insnav.lab.multi_position.method import errors_in_si, file_errors
 from insnav.lab.multi_position.triad import Triad, corrected, directions, fit_gravity_norm, norm_error, sphere
 from insnav.types import FloatArray, ImuData

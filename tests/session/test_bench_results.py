@@ -16,7 +16,6 @@ from matplotlib.figure import Figure
 import insnav
 from insnav.certificate import certify, platform_checks, strapdown_checks
 from insnav.errors import platform_errors
-from insnav.gimbal import PlatformErrors
 from insnav.lab.multi_position.method import find_sections
 from insnav.output.folder import read_facts
 from insnav.result import Result
@@ -70,7 +69,7 @@ def of_a_platform(**more: Any) -> Result[Any]:
 
 
 def of_a_platform_with_errors() -> Result[Any]:
-    return of_a_platform(errors=PlatformErrors(drift=np.array([1e-7, 0.0, 0.0])), integrator="mean")
+    return of_a_platform(errors={"drift": np.array([1e-7, 0.0, 0.0])}, integrator="mean")
 
 
 def of_the_demonstration() -> Result[Any]:

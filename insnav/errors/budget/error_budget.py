@@ -95,7 +95,10 @@ def _states(
     states = np.empty((len(numbers), len(rows), 10))
     base = (motion.rate[:n], motion.force[:n], inc.coning[:n], inc.sculling[:n])
     carried = np.array([source.sd * np.array(source.joint) for source in known]).reshape(len(known), STATES)
-    dt, changes = motion.dt[:n], _changes(motion, n) if spec.clock.offset or spec.clock.drift else None
+    dt, changes = motion.dt[:n], None  # (n, 6) change rate of the true samples: times a clock delay, its effect
+    if spec.clock.offset or spec.clock.drift:
+        samples, middle = np.concatenate([motion.rate, motion.force], axis=1), motion.elapsed - 0.5 * motion.dt
+        changes = np.asarray(np.gradient(samples, middle, axis=0)[:n])
     some = changes is not None or any(
         np.any(getattr(getattr(spec, term.sensor), term.key))
         for term in TERMS
@@ -161,12 +164,6 @@ def _starts(
         error[:, [2, 5]] = 0.0
     q_hat = quat_multiply(quat_from_rotvec(-error[:, 6:]), quat_from_rph(motion.truth.rph[0]))
     return np.hstack([lla_offset(motion.truth.lla[0], error[:, :3]), motion.truth.v_n[0] + error[:, 3:6], q_hat])
-
-
-def _changes(motion: SampledMotion, n: int) -> FloatArray:
-    """Compute the change rate of the true samples, ``(n, 6)``: times a clock delay, it is the delay's effect."""
-    middle = motion.elapsed - 0.5 * motion.dt
-    return np.asarray(np.gradient(np.concatenate([motion.rate, motion.force], axis=1), middle, axis=0)[:n])
 
 
 def _more(

@@ -31,8 +31,17 @@ from insnav.input.interpret.axes import axes_matrix
 from insnav.input.readers.imu import read_imu
 from insnav.input.readers.reading import Reading, ReadingFacts
 from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, badly_conditioned, few, warming
-from insnav.lab.multi_position.gyro_rotations import Pose, clipped, find_poses, measure_activity, pose_between
-from insnav.lab.multi_position.many_positions import FACTORS, PosesCalibration, calibrate_poses, refuse_force_units
+from insnav.lab.multi_position.many_positions import (
+    FACTORS,
+    Pose,
+    PosesCalibration,
+    calibrate_poses,
+    clipped,
+    find_poses,
+    measure_activity,
+    pose_between,
+    refuse_force_units,
+)
 from insnav.lab.multi_position.triad import AXES, MultiPosition, Triad, corrected
 from insnav.plain_text import plain_text
 from insnav.quantity import Quantity

@@ -103,7 +103,9 @@ def find_sinusoids(values: FloatArray, interval: float) -> tuple[Sinusoid, ...]:
         strongest = max(strongest, float(power[peak]))
         offset, sd = _offset(np.abs(spectrum[peak - 1 : peak + 2]), float(around[peak]))
         first, last = max(0, peak - WIDE), min(spectrum.size, peak + WIDE + 1)
-        shape = _shape(offset + peak - bins[first:last]) * (-1.0) ** (bins[first:last] - peak)
+        away = offset + peak - bins[first:last]
+        line = np.sinc(away) + 0.5 * (np.sinc(away - 1.0) + np.sinc(away + 1.0))  # of the Hann window, 1 in the middle
+        shape = line * (-1.0) ** (bins[first:last] - peak)
         spectrum[first:last] -= spectrum[peak] / shape[peak - first] * shape
         lobe = slice(peak - MAIN_LOBE, peak + MAIN_LOBE + 1)
         rest = float(np.sum(np.abs(spectrum[lobe]) ** 2)) - (2 * MAIN_LOBE + 1) * float(around[peak])
@@ -124,11 +126,6 @@ def _around(power: FloatArray) -> FloatArray:
     tiny = np.finfo(np.float64).tiny
     logs = np.interp(np.log(np.arange(1.0, power.size)), np.log(centres), np.log(np.maximum(level, tiny)))
     return np.concatenate([[0.0], np.exp(logs)])
-
-
-def _shape(bins: FloatArray) -> FloatArray:
-    """Compute the spectrum of the Hann window at these distances, 1 in the middle."""
-    return np.asarray(np.sinc(bins) + 0.5 * (np.sinc(bins - 1.0) + np.sinc(bins + 1.0)))
 
 
 def _offset(size: FloatArray, noise: float) -> tuple[float, float]:

@@ -12,8 +12,7 @@ from insnav.lab.calibration import Calibration, fitted, measured
 from insnav.lab.rate_sweep.method import SweepCalibration
 from insnav.lab.rate_sweep.records import SweepRecord
 from insnav.lab.rotor_inertia import Inertia, Inertias
-from insnav.lab.single_axis.rate_table import RateTable
-from insnav.lab.single_axis.records import Record
+from insnav.lab.single_axis.rate_table import RateTable, Record
 from insnav.lab.single_axis.tumble import Tumble, harmonics
 from insnav.messages import phrase, sentence
 from insnav.quantity import Quantity

@@ -13,7 +13,6 @@ from insnav.errors.reference_check import fixes_are_late, known_delay
 from insnav.errors.run_findings import HOLDS
 from insnav.filter.gps_noise import heights_measured
 from insnav.findings import CORRECTIONS, Code, Severity, of_code
-from insnav.input.readers.reading import ReadingFacts
 from insnav.messages import form, phrase, sentence, word
 from insnav.quantity import Quantity
 from insnav.report.page import Light, Page, Table, Verdict, cell
@@ -79,7 +78,8 @@ def run_line(result: Result[EvaluatedRun]) -> str:
     since = time[0] if abs(time[0]) > 1.0 else None
     length = duration_text(float(np.ptp(time)))
     parts = [phrase("run.drive", duration=length, start_s=since, distance=distance_text(distance))]
-    parts += [_rate(name, result.inputs[name]) for name in ("imu", "gps") if name in result.inputs]
+    rates = {name: result.inputs[name].rate_hz for name in ("imu", "gps") if name in result.inputs}
+    parts += [phrase("run.rate", sensor=name.upper(), rate=number(hz) if hz else "") for name, hz in rates.items()]
     for name, refused in (("outages", False), ("rejected", True)):
         if lost := [length for length, rejected in inside if bool(rejected) is refused]:
             parts.append(phrase(f"run.{name}", count=len(lost), longest=duration_text(max(lost))))
@@ -199,10 +199,6 @@ def _holds(found: EvaluatedRun) -> str:
     if share is None:
         return phrase("run.states_no_sd")
     return phrase("run.sd_holds" if share >= HOLDS else "run.sd_fails", share=share)
-
-
-def _rate(name: str, facts: ReadingFacts) -> str:
-    return phrase("run.rate", sensor=name.upper(), rate=number(facts.rate_hz) if facts.rate_hz else "")
 
 
 def brief_lines(page: Page, found: EvaluatedRun, width: int | None = None) -> list[str]:

@@ -14,10 +14,9 @@ from insnav.attitude import dcm_from_quat, quat_from_rotvec, quat_from_rph, quat
 from insnav.earth import metres_per_unit, ned_offset, radii
 from insnav.earth_fixed import earth_from_lla, quat_earth_from_level
 from insnav.exceptions import ConfigError
-from insnav.simulate.earthfixed import EarthTruth, Turns
 from insnav.simulate.motion.moves import Kind, Move, Vibration, shaken
 from insnav.simulate.sensor_errors import Seed
-from insnav.simulate.truth import LevelTruth, Spline, Truth, spline_through
+from insnav.simulate.truth import EarthTruth, LevelTruth, Spline, Truth, Turns, spline_through
 from insnav.types import FloatArray
 from insnav.units import G0
 
