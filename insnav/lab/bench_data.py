@@ -24,9 +24,8 @@ from insnav.input.formats.table import Table
 from insnav.input.interpret.columns import require, understand
 from insnav.input.interpret.schema import Quantity
 from insnav.lab.calibration import warming
-from insnav.lab.drift.drift_model import DriftRecord
 from insnav.lab.noise.allan import AXES
-from insnav.types import FloatArray
+from insnav.types import BoolArray, FloatArray
 from insnav.units import UNITS
 
 TIME = Quantity("time", "time_s", "time", "s", ("time", "t", "timestamp"))
@@ -260,6 +259,35 @@ class BenchRecord:
     powerup: FloatArray | None  # (n,) which power-up a row belongs to
     channels: Mapping[str, Channel]  # by axis
     warnings: tuple[Finding, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class DriftRecord:
+    """Gyro record with possible causes of drift."""
+
+    name: str  # the file
+    time: FloatArray  # (n,) even steps [s]
+    axes: tuple[str, ...]  # letters of the gyros present
+    gyro: Mapping[str, FloatArray]  # (n,) output, and true rate where it is known, by letter [rad/s]
+    rate: Mapping[str, FloatArray]
+    force: Mapping[str, FloatArray]  # (n,) specific force along the axis, where it is known [m/s^2]
+    temperature: FloatArray | None  # (n,) [deg C]
+
+    @property
+    def interval(self) -> float:
+        """Sampling interval [s]."""
+        return float((self.time[-1] - self.time[0]) / (self.time.size - 1))
+
+    def true_rate(self, axis: str) -> FloatArray:
+        """True rate about an axis: at rest if nothing is known, (n,) [rad/s]."""
+        return self.rate.get(axis, np.zeros(self.time.size))
+
+    def at_rest(self) -> BoolArray:
+        """Rows before anything turns, (n,)."""
+        turning = np.zeros(self.time.size, dtype=np.bool_)
+        for rate in self.rate.values():
+            turning |= rate != 0.0
+        return np.asarray(np.cumsum(turning) == 0)
 
 
 def read_static(path: str | Path | Table, columns: Mapping[str, str] | None = None) -> BenchRecord:

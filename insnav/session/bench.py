@@ -33,7 +33,7 @@ from insnav.lab.calibration import (
     method_named,
     navigation_impact,
 )
-from insnav.lab.drift.smoothing import DriftStudy, drift_study
+from insnav.lab.drift import DriftStudy, drift_study
 from insnav.lab.noise.allan import between
 from insnav.lab.noise.static_noise import SignalNoise, StaticNoise, signal_noise, static_noise
 from insnav.result import Result

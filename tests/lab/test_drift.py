@@ -11,16 +11,20 @@ from insnav.exceptions import InputError
 from insnav.findings import Code
 from insnav.imu import ImuErrors, calibration_to_toml, load_calibration
 from insnav.imu.higher_order import ErrorTerms
-from insnav.lab.drift.drift_model import DriftRecord, corrected_rates, drift_errors, drift_model, variance_inflation
-from insnav.lab.drift.smoothing import (
+from insnav.lab.bench_data import DriftRecord
+from insnav.lab.drift import (
     P0,
     TAUS,
     Smoother,
     choose_smoother,
     computed_ramp,
+    corrected_rates,
+    drift_errors,
+    drift_model,
     drift_study,
     power_fit,
     smooth,
+    variance_inflation,
 )
 from insnav.lab.noise.allan import AllanDeviation, allan_deviation
 from insnav.report.drift.page import drift_panels, rate_panels

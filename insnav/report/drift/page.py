@@ -7,9 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from insnav.imu import calibration_to_toml
-from insnav.lab.drift.drift_model import DriftModel
-from insnav.lab.drift.smoothing import P0, POWERS, DriftStudy, GyroDrift
-from insnav.lab.drift.smoothing import Curve as Deviations
+from insnav.lab.drift import P0, POWERS, DriftModel, DriftStudy, GyroDrift
+from insnav.lab.drift import Curve as Deviations
 from insnav.messages import phrase
 from insnav.output.data_files import csv_text
 from insnav.quantity import Quantity

@@ -1,11 +1,13 @@
-"""Scalar Kalman filter that smooths a rate, and the effect of correction and smoothing on gyro noise.
+"""Gyro drift by its causes, rate, temperature and specific force, its correction, and a smoother for the rest.
 
-A random walk is observed in white noise: x[k] = x[k-1] + w, z[k] = x[k] + v with variances Q and R. Q and R maximise
-the likelihood of the record (local level model; A. C. Harvey, Forecasting, Structural Time Series Models and the Kalman
-Filter (1989), random walk plus noise). Differences of z have the tridiagonal covariance Q + 2 R, -R, whose eigenvectors
-are sines. The likelihood is therefore exact, at the cost of one sine transform.
+N = A + B W + c_T (T - 25 C) + c_g a for each axis: N is the output minus the true rate W, a the specific force along
+the axis. The terms are bias, remaining scale factor error, and the sensitivities to temperature and to g.
 
-Allan deviations and coefficients show the noise before and after.
+A scalar Kalman filter smooths the rate as a random walk observed in white noise: x[k] = x[k-1] + w, z[k] = x[k] + v
+with variances Q and R. Q and R maximise the likelihood of the record (local level model; A. C. Harvey, Forecasting,
+Structural Time Series Models and the Kalman Filter (1989), random walk plus noise). Differences of z have the
+tridiagonal covariance Q + 2 R, -R, whose eigenvectors are sines. The likelihood is therefore exact, at the cost of one
+sine transform. Allan deviations and coefficients show the noise before and after.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
@@ -22,14 +25,22 @@ from scipy.signal import lfilter
 
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
-from insnav.imu.model import ImuErrors
-from insnav.lab.bench_data import BenchFile
-from insnav.lab.drift.drift_model import FEWEST, DriftModel, DriftRecord, corrected_rates, drift_errors, drift_model
+from insnav.imu.higher_order import REFERENCE_TEMPERATURE, ErrorTerms
+from insnav.imu.model import ImuErrors, correct
+from insnav.lab.bench_data import BenchFile, DriftRecord
+from insnav.lab.least_squares import Fit, coverage_factor, linear_fit
 from insnav.lab.noise.allan import GAP, AllanDeviation, allan_deviation, chi_square_interval, covariance, freedom
 from insnav.lab.noise.noise_model import FEWEST_FREEDOM, NAMES, Weights, basis
-from insnav.types import FloatArray, IntArray
-from insnav.units import DEG
+from insnav.types import FloatArray, ImuData, IntArray
+from insnav.units import DEG, G0
 
+# least standard deviation of a cause, independent of the earlier causes, for its term
+SHOWS = {"B": 1.0 * DEG, "c_T": 0.5, "c_g": 0.05 * G0}
+_CAUSES = {"B": "rate", "c_T": "temperature", "c_g": "specific_force"}
+_UNITS = {"B": "rad_s", "c_T": "k", "c_g": "m_s2"}
+FEWEST = 100  # samples
+PARTS = (12, 24, 48, 96, 192)  # of a record, whose means reveal correlation of the residuals
+LARGEST_B = 0.5  # of a gyro in the unit of its header
 P0 = DEG**2  # variance of the initial state: 1 (deg/s)^2
 SLOWEST_PART = 10  # largest time constant of the filter, relative to the record that determines Q and R
 SETTLED = 1e-13  # relative change of the gain that counts as zero
@@ -39,6 +50,118 @@ TAUS = (0.1, 0.2, 0.4, 1.0, 2.0, 4.0, 10.0, 50.0)  # averaging times [s]
 POWERS = ("Q", "N", "B", "K", "R")  # of tau: -2, -1, 0, 1, 2
 NORMAL = 1.959964  # half width of a 95 % interval in standard deviations
 SAME = 0.9  # a deviation of more than this part of the one before is no longer lower
+
+
+@dataclass(frozen=True, slots=True)
+class DriftModel:
+    """Drift of one gyro."""
+
+    axis: str  # its letter
+    # fitted terms: A [rad/s], B [-], c_T [rad/s/K], c_g [rad/s/(m/s^2)], and their standard deviations, with the
+    # correlation of the residuals (`variance_inflation`)
+    value: Mapping[str, float]
+    sd: Mapping[str, float]
+    left_out: Mapping[str, Finding]  # terms that the record does not determine, with reason
+    fit: Fit
+    freedom: float  # degrees of freedom of these standard deviations
+
+    def half_width(self, term: str) -> float:
+        """Half width of the 95 % interval of a term."""
+        return self.sd[term] * coverage_factor(self.freedom)
+
+
+def drift_model(record: DriftRecord, axis: str) -> DriftModel:
+    """Fit the drift of one gyro.
+
+    `axis`: letter of the gyro. Raises: InputError: fewer than 100 samples.
+    """
+    if record.time.size < FEWEST:
+        raise InputError("lab.drift_short", where=record.name, count=record.time.size, limit=FEWEST)
+    columns = [np.ones(record.time.size)]
+    causes = {
+        "B": record.rate.get(axis),
+        "c_T": None if record.temperature is None else record.temperature - REFERENCE_TEMPERATURE,
+        "c_g": record.force.get(axis),
+    }
+    names = ["A"]
+    left_out: dict[str, Finding] = {}
+    for term, cause in causes.items():
+        why = _left_out(term, cause, columns, f"gyro {axis}")
+        if why is not None:
+            left_out[term] = why
+        elif cause is not None:
+            names.append(term)
+            columns.append(cause)
+    drift = record.gyro[axis] - record.true_rate(axis)
+    fit = linear_fit(np.column_stack(columns), drift, names, where=f"{record.name}, gyro {axis}")
+    value = dict(zip(names, fit.value.tolist(), strict=True))
+    if abs(value.get("B", 0.0)) > LARGEST_B:
+        raise InputError("lab.rate_scale", where=record.name, sensor=f"gyro {axis}", ratio=1.0 + value["B"])
+    inflation, freedom = variance_inflation(fit.residual, len(names))
+    sd = fit.sd * np.sqrt(inflation)
+    return DriftModel(axis, value, dict(zip(names, sd.tolist(), strict=True)), left_out, fit, freedom)
+
+
+def _left_out(term: str, cause: FloatArray | None, columns: list[FloatArray], subject: str) -> Finding | None:
+    """Find why a term cannot be separated from the earlier ones; None if it can."""
+    if cause is None:
+        return Finding.of(Code.DRIFT_NO_COLUMN, subject=subject, term=term, cause=_CAUSES[term])
+    known = np.column_stack(columns)
+    alone = np.std(cause - known @ np.linalg.lstsq(known, cause, rcond=None)[0])
+    for code, spread in ((Code.DRIFT_CONSTANT, np.std(cause)), (Code.DRIFT_CONFOUNDED, alone)):
+        if spread < SHOWS[term]:
+            size: dict[str, Any] = {f"spread_{_UNITS[term]}": spread, f"limit_{_UNITS[term]}": SHOWS[term]}
+            return Finding.of(code, subject=subject, **size, term=term, cause=_CAUSES[term])
+    return None
+
+
+def variance_inflation(residual: FloatArray, fitted: int) -> tuple[float, float]:
+    """Compute the variance inflation of residual means by correlation.
+
+    For independent samples, the variance of the means of equal parts times their length equals the sample variance. The
+    largest ratio over several lengths up to a twelfth of the record counts. Correlation beyond the parts is not
+    detected (method of batch means; J. M. Flegal and G. L. Jones, Annals of Statistics 38 (2010) 1034).
+
+    `residual` (n,): of a fit. `fitted`: number of its parameters, which reduce the degrees of freedom of the means.
+    Returns inflation of the variance of a mean, at least 1, and its degrees of freedom.
+    """
+    n = residual.size
+    variance = float(residual @ residual) / max(1, n - fitted)
+    best = (1.0, float(max(1, n - fitted)))
+    for parts in PARTS:
+        length = n // parts
+        if length < 2 or not variance > 0.0:
+            continue
+        means = residual[: parts * length].reshape(parts, length).mean(axis=1)
+        inflation = length * float(means @ means) / (parts - fitted) / variance
+        if inflation > best[0]:
+            best = inflation, float(parts - fitted)
+    return best
+
+
+def drift_errors(models: Mapping[str, DriftModel], name: str = "") -> ImuErrors:
+    """Build errors for `insnav.imu.correct`: bias at 25 deg C, scale factor, sensitivities.
+
+    `models`: by letter of the axis; other axes have no errors. `name`: of the sensor.
+    """
+
+    def three(term: str) -> FloatArray:
+        return np.array([models[axis].value.get(term, 0.0) if axis in models else 0.0 for axis in "xyz"])
+
+    terms = ErrorTerms(bias_slope=three("c_T"), g_sensitivity=np.diag(three("c_g")))
+    return ImuErrors(gyro_bias=three("A"), gyro_matrix=np.diag(1.0 + three("B")), gyro_terms=terms, name=name)
+
+
+def corrected_rates(record: DriftRecord, errors: ImuErrors) -> dict[str, FloatArray]:
+    """Remove the modelled drift from the rates, by letter of the axis, (n,) each [rad/s].
+
+    `errors`: from `drift_errors`.
+    """
+    nothing = np.zeros(record.time.size)
+    gyro = np.column_stack([record.gyro.get(axis, nothing) for axis in "xyz"])
+    force = np.column_stack([record.force.get(axis, nothing) for axis in "xyz"])
+    found = correct(ImuData(record.time, gyro, force, temperature=record.temperature), errors).gyro
+    return {axis: found[:, "xyz".index(axis)] for axis in record.axes}
 
 
 @dataclass(frozen=True, slots=True)
