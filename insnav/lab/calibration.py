@@ -18,8 +18,8 @@ import numpy as np
 from insnav.earth import radii
 from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, Finding
-from insnav.imu.higher_order import AxisMap, DynamicMap, zero_matrix, zeros
-from insnav.imu.model import ImuErrors, correct, corrupt
+from insnav.imu.model import AxisMap, DynamicMap, ImuErrors, correct, corrupt
+from insnav.imu.specification import zero_matrix, zeros
 from insnav.input.formats.table import Table
 from insnav.lab.least_squares import Fit
 from insnav.lab.multi_position.triad import Triad

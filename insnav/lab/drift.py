@@ -25,8 +25,7 @@ from scipy.signal import lfilter
 
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
-from insnav.imu.higher_order import REFERENCE_TEMPERATURE, ErrorTerms
-from insnav.imu.model import ImuErrors, correct
+from insnav.imu.model import REFERENCE_TEMPERATURE, ErrorTerms, ImuErrors, correct
 from insnav.lab.bench_data import BenchFile, DriftRecord
 from insnav.lab.least_squares import Fit, coverage_factor, linear_fit
 from insnav.lab.noise.allan import GAP, AllanDeviation, allan_deviation, chi_square_interval, covariance, freedom

@@ -21,8 +21,7 @@ import numpy as np
 
 from insnav.exceptions import InputError
 from insnav.findings import Finding
-from insnav.imu.higher_order import ErrorTerms
-from insnav.imu.model import ImuErrors
+from insnav.imu.model import ErrorTerms, ImuErrors
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import schema
 from insnav.lab.bench_data import BenchTable, Dwells, default_limit, dwell_warnings, read_bench, reduce_dwells

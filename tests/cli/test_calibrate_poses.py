@@ -11,7 +11,7 @@ import pytest
 
 from insnav.findings import Code
 from insnav.imu import correct, load_calibration
-from insnav.imu.higher_order import ErrorTerms
+from insnav.imu.model import ErrorTerms
 from insnav.input import read_imu
 from insnav.input.interpret.axes import axes_matrix
 from insnav.output.folder import read_facts

@@ -10,7 +10,7 @@ from scipy.stats import multivariate_normal
 from insnav.exceptions import InputError
 from insnav.findings import Code
 from insnav.imu import ImuErrors, calibration_to_toml, load_calibration
-from insnav.imu.higher_order import ErrorTerms
+from insnav.imu.model import ErrorTerms
 from insnav.lab.bench_data import DriftRecord
 from insnav.lab.drift import (
     P0,

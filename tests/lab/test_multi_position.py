@@ -10,7 +10,7 @@ from scipy import stats
 
 from insnav.exceptions import InputError
 from insnav.imu import ImuErrors, correct, corrupt
-from insnav.imu.higher_order import ErrorTerms
+from insnav.imu.model import ErrorTerms
 from insnav.input.readers.imu import read_imu
 from insnav.lab.multi_position.many_positions import (
     PosesCalibration,

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from insnav.imu import ImuErrors
-from insnav.imu.higher_order import AxisMap, DynamicMap, ErrorTerms
-from insnav.imu.raw_outputs import RawScale
+from insnav.imu.model import AxisMap, DynamicMap, ErrorTerms, RawScale
 from insnav.lab.calibration import MINUTE, CalibrationSd, navigation_impact
 from insnav.units import DEG, G0, UG
 

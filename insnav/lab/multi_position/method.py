@@ -23,9 +23,7 @@ import numpy as np
 from insnav.config_file import read_toml
 from insnav.exceptions import ConfigError, InputError, reason_of
 from insnav.findings import Code, Finding
-from insnav.imu.higher_order import ErrorTerms
-from insnav.imu.model import ImuErrors
-from insnav.imu.raw_outputs import RawScale
+from insnav.imu.model import ErrorTerms, ImuErrors, RawScale
 from insnav.input.formats.table import Table
 from insnav.input.interpret.axes import axes_matrix
 from insnav.input.readers.imu import read_imu

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from insnav.exceptions import InputError
-from insnav.imu.higher_order import zero_matrix, zeros
+from insnav.imu.specification import zero_matrix, zeros
 from insnav.types import FloatArray
 
 AXES = ("x", "y", "z")

@@ -20,9 +20,7 @@ import numpy as np
 
 from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, Finding
-from insnav.imu.higher_order import AxisMap, DynamicMap
-from insnav.imu.model import ImuErrors
-from insnav.imu.raw_outputs import RawScale
+from insnav.imu.model import AxisMap, DynamicMap, ImuErrors, RawScale
 from insnav.input.formats.table import Table
 from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, badly_conditioned, measured
 from insnav.lab.least_squares import Fit, affine_fits

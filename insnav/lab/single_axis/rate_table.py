@@ -1,7 +1,7 @@
 """Bench files of one sensor at a time, and scale factor and zero of a gyro on a rate table.
 
 The output is in volts, counts, or in the unit of the input. For volts and counts the calibration file contains a line
-(`insnav.imu.raw_outputs`), otherwise a bias and a scale factor.
+(`insnav.imu.model`), otherwise a bias and a scale factor.
 
 The line through the output excludes saturated rates: U = U0 + K w + v, with output U and table rate w. A sensor leaves
 the line at the ends of its range first, so the line grows from the middle outwards. A rate is included if it agrees
@@ -21,8 +21,7 @@ from scipy.special import stdtr
 
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
-from insnav.imu.model import ImuErrors
-from insnav.imu.raw_outputs import RawScale
+from insnav.imu.model import ImuErrors, RawScale
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import Quantity, schema
 from insnav.lab.bench_data import BenchTable, Dwells, default_limit, dwell_warnings, read_bench, reduce_dwells
