@@ -81,6 +81,7 @@ def run_warnings(found: EvaluatedRun) -> tuple[Finding, ...]:
     modes = "filtered", "smoothed"
     too_sure = [each for mode in modes for each in overconfident(mode, stated.get(mode), same_data=same)]
     unusable, lost = failure(found.run), tuple(_lost_heading(found))
+    delay = delay_shown(found.run)  # beyond it, the clocks of samples and fixes leave no definite solution time
     of_drive, of_reference = event_warnings(found.run)
     return (
         *([unusable] if unusable else []),
@@ -88,7 +89,7 @@ def run_warnings(found: EvaluatedRun) -> tuple[Finding, ...]:
         *(() if lost else _impossible_scale(found.run)),
         *([Finding.of(Code.REF_SAME_AS_GPS, subject="ref")] if same else []),
         *of_drive,
-        *_late(found.run),
+        *([Finding.of(Code.RUN_LATE_FIXES, subject="gps", delay_s=delay)] if delay else []),
         *of_reference,
         *_many_rejected(found.run),
         *(() if found.other_drive else too_sure[:1]),
@@ -179,12 +180,6 @@ def _many_rejected(run: Run) -> Iterator[Finding]:
         _, name, start, stop = max(rows, key=lambda row: row[3] - row[2])
         others: dict[str, Any] = {"count": len(rows) - 1} if rows[1:] else {}
         yield Finding.of(Code.RUN_ROW_REJECTED, start, stop, subject=name, **others)
-
-
-def _late(run: Run) -> Iterator[Finding]:
-    """Report clocks of samples and fixes that differ too much for a definite solution time."""
-    if delay := delay_shown(run):
-        yield Finding.of(Code.RUN_LATE_FIXES, subject="gps", delay_s=delay)
 
 
 def overconfident(name: str, errors: TrajectoryErrors | None, *, same_data: bool) -> list[Finding]:

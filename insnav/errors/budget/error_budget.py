@@ -91,11 +91,11 @@ def _states(
 ) -> FloatArray:
     """Compute the states of some runs after the samples `rows`, (runs, m, 10)."""
     truth, inc, n = motion.truth, motion.increments, int(rows[-1])
-    height, v_down = truth.lla[1 : n + 1, 2].copy(), truth.v_n[1 : n + 1, 2].copy()
+    vertical = (hold, truth.lla[1 : n + 1, 2].copy(), truth.v_n[1 : n + 1, 2].copy())
     states = np.empty((len(numbers), len(rows), 10))
-    base = (motion.rate[:n], motion.force[:n], inc.coning[:n], inc.sculling[:n])
+    base = (motion.dt[:n], motion.rate[:n], motion.force[:n], inc.coning[:n], inc.sculling[:n])
     carried = np.array([source.sd * np.array(source.joint) for source in known]).reshape(len(known), STATES)
-    dt, changes = motion.dt[:n], None  # (n, 6) change rate of the true samples: times a clock delay, its effect
+    changes = None  # (n, 6) change rate of the true samples: times a clock delay, its effect
     if spec.clock.offset or spec.clock.drift:
         samples, middle = np.concatenate([motion.rate, motion.force], axis=1), motion.elapsed - 0.5 * motion.dt
         changes = np.asarray(np.gradient(samples, middle, axis=0)[:n])
@@ -106,7 +106,7 @@ def _states(
     )
     more = np.zeros((0, 6))
     white, drift, walk = (noise_of_both(spec, process) for process in _IN_KERNEL)
-    decay = 1.0 / np.array([spec.gyro.correlation_time, spec.accel.correlation_time])
+    noise = (white, drift, 1.0 / np.array([spec.gyro.correlation_time, spec.accel.correlation_time]), walk)
     rngs = [np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(run,))) for run in numbers]
     sampled, together, drawn = [], np.zeros((len(rngs), STATES)), np.empty((len(rngs), 9))
     for place, rng in enumerate(rngs):
@@ -122,24 +122,8 @@ def _states(
         if some:
             more = _more(spec, motion, n, rng, changes)
         gravity = -deflection * G0 * rng.standard_normal(3)
-        _kernel.corrupted_run(
-            rng,
-            starts[place],
-            dt,
-            *base,
-            more,
-            *sampled[place],
-            white,
-            drift,
-            decay,
-            walk,
-            gravity,
-            hold,
-            height,
-            v_down,
-            rows,
-            states[place],
-        )
+        errors = *sampled[place], *noise, gravity
+        _kernel.corrupted_run(rng, starts[place], *base, more, *errors, *vertical, rows, states[place])
     return states
 
 

@@ -31,7 +31,7 @@ from insnav.output.track_files import write_kml
 from insnav.quantity import Quantity
 from insnav.report.page import DataFrame, Page, Section, Verdict, beside, drawn, of_table, only_json, rows_frame
 from insnav.report.panels import Clock, Curve, Kind, Panel, Shade, Track, over_time
-from insnav.report.style import AXIS_COLOURS, BLACK, BLUE, GREEN, GREY, PURPLE, VERMILLION
+from insnav.report.style import AXIS_COLOURS, BLACK, BLUE, GREEN, GREY, NED, PURPLE, VERMILLION
 from insnav.result import Result
 from insnav.types import FloatArray
 from insnav.units import DEG, DEG_PER_H, UNITS
@@ -40,7 +40,6 @@ _NEAR = 0.01  # of the closed form
 _ERRORS_TEXT = "heading error 1 arcmin, drifts of 0.01 deg/h, accelerometer biases of 50 µg"
 _MOTION = f"circles at {platform_errors.SPEED:g} m/s, {platform_errors.ROUND / 60:g} min a turn, latitude 45°"
 COLOURS: Mapping[Integrator, str] = {"forward": VERMILLION, "backward": PURPLE, "mean": BLUE, "fourth": GREEN}
-_NED = ("north", "east", "down")
 _STEPS = 6  # of the straight line: few and visible
 _SMALLEST = 1e-9  # of a logarithmic axis [m]: smaller values are rounding
 _HOUR = 3600.0
@@ -347,7 +346,7 @@ def platform_error_panels(run: PlatformRun, theory: StaticErrors | None) -> Iter
         ("Tilt", "tilt [arcmin]", run.tilt / arcmin, theory.tilt / arcmin if theory else None),
     )
     rows = [
-        (title, label, list(zip(_NED, values.T, AXIS_COLOURS, strict=False)), 0.0) for title, label, values, _ in blocks
+        (title, label, list(zip(NED, values.T, AXIS_COLOURS, strict=False)), 0.0) for title, label, values, _ in blocks
     ]
     note = f"solution minus the same without the platform's errors{'; dashed: closed form' if theory else ''}"
     for panel, (*_, expected) in zip(over_time(run.solution.time, rows, note), blocks, strict=True):
@@ -415,8 +414,8 @@ def flight_panel(found: Mapping[float, Sequence[TrajectoryErrors]], motion: str)
     rate = sorted(found)[len(found) // 2]
     lines = {name: each.horizontal for name, each in zip(INTEGRATORS, found[rate], strict=True)}
     clock = Clock(float(found[rate][0].time[0]), _HOUR, "h", "time since start [h]")
-    title, limits = f"Integrators sampled at {rate:g} Hz", _decades(list(lines.values()))
-    return _differing("flight", title, "error [m]", clock, found[rate][0].time, lines, limits, motion)
+    title = f"Integrators sampled at {rate:g} Hz"
+    return _differing("flight", title, "error [m]", clock, found[rate][0].time, lines, motion)
 
 
 def difference_panels(differences: Mapping[Integrator, TrajectoryErrors], against: str) -> Iterator[Panel]:
@@ -425,9 +424,7 @@ def difference_panels(differences: Mapping[Integrator, TrajectoryErrors], agains
     for what, unit, size in (("Position", "m", lambda each: each.horizontal), ("Velocity", "m/s", speed_of)):
         lines = {name: size(each) for name, each in differences.items()}
         title = f"{what} of the integrators against {against}"
-        limits = _decades(list(lines.values()))
-        label = f"horizontal [{unit}]"
-        yield _differing(f"difference_{what}".lower(), title, label, Clock.of(time), time, lines, limits)
+        yield _differing(f"difference_{what}".lower(), title, f"horizontal [{unit}]", Clock.of(time), time, lines)
 
 
 def speed_of(errors: TrajectoryErrors) -> FloatArray:
@@ -442,10 +439,10 @@ def _differing(
     clock: Clock,
     time: FloatArray,
     lines: Mapping[Integrator, FloatArray],
-    limits: tuple[float, float],
     note: str = "",
 ) -> Panel:
     """Build a logarithmic panel with a line per integrator; backward, which may coincide with forward, is dashed."""
+    limits = _decades(list(lines.values()))
     curves = tuple(
         Curve(name, clock(time), np.maximum(y, limits[0]), COLOURS[name], "dashed" if name == "backward" else "line")
         for name, y in lines.items()
