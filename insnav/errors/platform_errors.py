@@ -1,4 +1,4 @@
-"""Errors of a platform: integrators on a known motion, oscillations at rest over a day, beside strapdown errors.
+"""Errors of a platform: integrators on a known motion, oscillations at rest, comparison with strapdown errors.
 
 The error of a level, north-pointing navigator without vertical channel has two parts. The axes of the computed inertial
 frame, with the error ``psi``, rotate with the Earth once a day and with the gyro drift. The horizontal position

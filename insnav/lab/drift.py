@@ -3,8 +3,8 @@
 N = A + B W + c_T (T - 25 C) + c_g a for each axis: N is the output minus the true rate W, a the specific force along
 the axis. The terms are bias, remaining scale factor error, and the sensitivities to temperature and to g.
 
-A scalar Kalman filter smooths the rate as a random walk observed in white noise: x[k] = x[k-1] + w, z[k] = x[k] + v
-with variances Q and R. Q and R maximise the likelihood of the record (local level model; A. C. Harvey, Forecasting,
+A scalar Kalman filter smooths the rate, a random walk observed in white noise. x[k] = x[k-1] + w, z[k] = x[k] + v with
+variances Q and R. Q and R maximise the likelihood of the record (local level model; A. C. Harvey, Forecasting,
 Structural Time Series Models and the Kalman Filter (1989), random walk plus noise). Differences of z have the
 tridiagonal covariance Q + 2 R, -R, whose eigenvectors are sines. The likelihood is therefore exact, at the cost of one
 sine transform. Allan deviations and coefficients show the noise before and after.
