@@ -15,16 +15,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from insnav.attitude import (
-    dcm_from_rph,
-    quat_conjugate,
-    quat_from_rotvec,
-    quat_from_rph,
-    quat_multiply,
-    rotvec_from_quat,
-    rph_from_quat,
-    wrap_pi,
-)
+from insnav import attitude
 from insnav.earth import lla_offset, ned_offset
 from insnav.exceptions import InputError
 from insnav.input.interpret.overlap import LEAP, ZONE, named_offset
@@ -162,7 +153,7 @@ def position_errors(
         time=reference.time[truth],
         position=ned_offset(lla, reference.lla[truth]),
         velocity=v_n - reference.v_n[truth],
-        attitude=wrap_pi(rph - reference.rph[truth]),
+        attitude=attitude.wrap_pi(rph - reference.rph[truth]),
         sd=sd,
         speed=np.where(np.isfinite(speed), speed, np.linalg.norm(v_n, axis=1)),
     )
@@ -188,7 +179,7 @@ def at_point(trajectory: Trajectory, lever_b: FloatArray) -> Trajectory:
     Groves (2013), section 14.3.1. The rotation rate comes from the attitude, by differencing the lever arm in local
     axes.
     """
-    lever_n = dcm_from_rph(trajectory.rph) @ np.asarray(lever_b, dtype=np.float64)
+    lever_n = attitude.dcm_from_rph(trajectory.rph) @ np.asarray(lever_b, dtype=np.float64)
     v_n = trajectory.v_n + _rates(trajectory.time, lever_n)
     return replace(trajectory, lla=lla_offset(trajectory.lla, lever_n), v_n=v_n)
 
@@ -324,10 +315,10 @@ def _known_velocity(trajectory: Trajectory) -> FloatArray:
 
 def _attitude(rph: FloatArray, index: IntArray, share: FloatArray) -> FloatArray:
     """Interpolate attitude along the shortest rotation between neighbouring samples (Shoemake 1985)."""
-    q = quat_from_rph(rph)
+    q = attitude.quat_from_rph(rph)
     first, second = q[index], q[index + 1]
-    turn = rotvec_from_quat(quat_multiply(quat_conjugate(first), second))
-    return rph_from_quat(quat_multiply(first, quat_from_rotvec(share * turn)))
+    turn = attitude.rotvec_from_quat(attitude.quat_multiply(attitude.quat_conjugate(first), second))
+    return attitude.rph_from_quat(attitude.quat_multiply(first, attitude.quat_from_rotvec(share * turn)))
 
 
 def travelled(solution: Trajectory) -> tuple[float, float, float]:

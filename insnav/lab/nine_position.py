@@ -24,16 +24,9 @@ from insnav.findings import Finding
 from insnav.imu.model import ErrorTerms, ImuErrors
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import schema
+from insnav.lab import calibration
 from insnav.lab.bench_data import BenchTable, Dwells, default_limit, dwell_warnings, read_bench, reduce_dwells
-from insnav.lab.calibration import (
-    BenchOptions,
-    Calibration,
-    CalibrationSd,
-    badly_conditioned,
-    common_unit,
-    few,
-    measured,
-)
+from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, measured
 from insnav.lab.least_squares import LEVEL, Fit, affine_fits, coverage_factor, linear_fit
 from insnav.quantity import Quantity
 from insnav.types import FloatArray, IntArray
@@ -113,7 +106,7 @@ def check_positions(roll: FloatArray, pitch: FloatArray, where: str) -> tuple[Fi
             gyro=gyro,
             positions=_written(_to_add(roll, pitch)),
         )
-    return few("positions", len(here), len(STANDARD))
+    return calibration.few("positions", len(here), len(STANDARD))
 
 
 def _key(roll: float, pitch: float) -> tuple[float, float]:
@@ -333,7 +326,7 @@ def _outputs(table: BenchTable, names: Sequence[str], unit: str) -> tuple[str, F
     if missing:
         raise InputError("lab.gyro_column_missing", where=table.name, columns=tuple(missing))
     raw = [(key, table.units[key] if key.endswith("_raw") else unit) for key in keys]
-    return common_unit(raw), table.stack(*keys)
+    return calibration.common_unit(raw), table.stack(*keys)
 
 
 def fit(record: NineRecord, how: BenchOptions) -> Calibration[NineRecord, NinePositions]:
@@ -368,7 +361,7 @@ def fit(record: NineRecord, how: BenchOptions) -> Calibration[NineRecord, NinePo
         sd = replace(sd, gyro_bias=spread[:, 0], g_sensitivity=spread[:, 1:])
     parameters = (*_parameters(found, record.unit, zero, scale), *_gyro_parameters(gyros, record.gyro_unit))
     spiky = dwell_warnings(dwells, (*SENSORS, *GYROS)[: dwells.value.shape[1]], table.get("temperature"))
-    warnings = (*found.warnings, *spiky, *badly_conditioned(fits))
+    warnings = (*found.warnings, *spiky, *calibration.badly_conditioned(fits))
     return Calibration("nine", errors, sd, parameters, fits, record, found, how, warnings)
 
 

@@ -19,15 +19,8 @@ import numpy as np
 from insnav.attitude import quat_conjugate, quat_from_rotvec, quat_from_rph, quat_multiply, rotvec_from_quat
 from insnav.earth import lla_offset, ned_offset
 from insnav.engine import Workers, every, share_of
-from insnav.errors.budget.predicted import (
-    analytic,
-    covariance,
-    gravity_of,
-    processes,
-    schuler,
-    schuler_rate,
-    worst_case,
-)
+from insnav.errors.budget import predicted
+from insnav.errors.budget.predicted import analytic, covariance, schuler_rate
 from insnav.errors.budget.sources import STATES, SampledMotion, Source, families, left_out, not_given, only, sources_of
 from insnav.exceptions import ConfigError
 from insnav.imu import ErrorTerms, ImuErrors, ImuSpec, InitialSpec, SensorSpec, sample_errors
@@ -270,7 +263,7 @@ class Budget:
 
     def short_form_error(self, time: float) -> tuple[float, float]:
         """Compute the relative error of the short forms, for a bias or tilt and for a gyro bias: true / form - 1."""
-        bias, drift = (float(schuler("constant", order, time, self.schuler_rate)) for order in (2, 3))
+        bias, drift = (float(predicted.schuler("constant", order, time, self.schuler_rate)) for order in (2, 3))
         return bias - 1.0, drift - 1.0
 
 
@@ -303,7 +296,9 @@ def budget(
     analytic_sd = analytic(sources, motion, rows, hold=hold)
     parts = covariance(sources, motion, rows, hold=hold)
     variance = np.einsum("msii->msi", parts)
-    decays = [process[2] for s in sources if s.kind == "flicker" and s.sd > 0.0 for process in processes(s, motion)]
+    decays = [
+        process[2] for s in sources if s.kind == "flicker" and s.sd > 0.0 for process in predicted.processes(s, motion)
+    ]
     found = Budget(
         imu=spec.name,
         motion=motion.description,
@@ -313,9 +308,9 @@ def budget(
         sources=sources,
         analytic=Column(_by_family(analytic_sd**2, sources, names)),
         covariance=Column(_by_family(variance, sources, names)),
-        worst=worst_case(parts),
+        worst=predicted.worst_case(parts),
         hold=hold,
-        gravity=gravity_of(motion),
+        gravity=predicted.gravity_of(motion),
         schuler_rate=schuler_rate(motion),
         absent=tuple(key for key in not_given(spec) if not (known and _AT_START.match(key))),
         ignored=left_out(spec),

@@ -21,16 +21,8 @@ from insnav.errors.budget.error_budget import Budget, RecordedColumn
 from insnav.errors.budget.sources import SampledMotion, Source, sampled, start_sources
 from insnav.errors.diagnosis.causes import Diagnosis, SensorFit, diagnose, fit_sensors
 from insnav.errors.evaluated_run import failure
-from insnav.errors.outage.free_inertial import (
-    NavigatedDrive,
-    StartChoice,
-    WindowReference,
-    Windows,
-    free_window_starts,
-    free_windows,
-    navigated_drive,
-    reference_from_fixes,
-)
+from insnav.errors.outage import free_inertial
+from insnav.errors.outage.free_inertial import NavigatedDrive, StartChoice, WindowReference, Windows
 from insnav.errors.outage.gnss_outage import Growth, Regression, by_motion, growth, regression, table_times
 from insnav.exceptions import ConfigError, InputError
 from insnav.filter.error_model import ErrorModel, InitialState
@@ -122,9 +114,9 @@ class ReplicaTask:
         else:
             compared = _with_errors(self.reference.fixes, (seed, _REFERENCE), None)
         reference = replace(self.reference, fixes=compared)
-        drive = navigated_drive(ready, self.starts, smooth=False)
+        drive = free_inertial.navigated_drive(ready, self.starts, smooth=False)
         return tuple(
-            free_windows(drive, reference, self.length, self.spacing, uncalibrated=each, times=self.times)
+            free_inertial.free_windows(drive, reference, self.length, self.spacing, uncalibrated=each, times=self.times)
             for each in self.kinds
         )
 
@@ -338,14 +330,14 @@ def recorded_budget(
     settings = settings or WindowSettings()
     if settings.replicas < 0 or 0 < settings.replicas < FEWEST:
         raise ConfigError("budget.few_replicas", count=settings.replicas, limit=FEWEST)
-    reference = reference or reference_from_fixes(ready)
-    starts = free_window_starts(ready, settings.length, settings.first, settings.spacing)
-    drive = navigated_drive(ready, starts, share_of(progress, 0.0, 0.15))
+    reference = reference or free_inertial.reference_from_fixes(ready)
+    starts = free_inertial.free_window_starts(ready, settings.length, settings.first, settings.spacing)
+    drive = free_inertial.navigated_drive(ready, starts, share_of(progress, 0.0, 0.15))
     spacing = float(np.median(np.diff(starts))) if len(starts) > 1 else settings.length
     kinds = (False, True) if settings.uncalibrated else (False,)
     share = 0.1 if settings.replicas else 0.8
     windows = [
-        free_windows(
+        free_inertial.free_windows(
             drive,
             reference,
             settings.length,

@@ -19,16 +19,8 @@ import numpy as np
 
 from insnav.attitude import rph_from_quat, wrap_pi
 from insnav.engine import Workers, every, share_of
-from insnav.errors.outage.free_inertial import (
-    MOTIONS,
-    Outage,
-    Windows,
-    comparison_only,
-    navigated_drive,
-    part_of,
-    valid,
-    window_starts,
-)
+from insnav.errors.outage import free_inertial
+from insnav.errors.outage.free_inertial import Outage, Windows
 from insnav.exceptions import ConfigError
 from insnav.filter.error_model import FilterState
 from insnav.filter.gates import OF_REFERENCE
@@ -188,7 +180,7 @@ def horizontal_at(windows: Sequence[Outage], times: Sequence[float], near: float
 def by_motion(windows: Windows, times: FloatArray | None = None) -> dict[str, Growth | None]:
     """Compute `growth` of stationary, straight and turning windows; None without such windows."""
     found: dict[str, Growth | None] = {}
-    for motion in MOTIONS:
+    for motion in free_inertial.MOTIONS:
         chosen = windows.motion == motion
         found[motion] = growth(windows.only(chosen), times) if chosen.any() else None
     return found
@@ -349,9 +341,11 @@ def outages(
         raise ConfigError("outage.bad_windows", given_s=tuple(wrong))
     fixes = ready.gps.time - ready.settings.delay
     begin, end = ready.initial.time, float(min(ready.imu.time[-1], fixes[-1]))
-    rows = window_starts(fixes, begin, end, lengths[0], first=first, spacing=spacing, rule="quarter of drive")
+    rows = free_inertial.window_starts(
+        fixes, begin, end, lengths[0], first=first, spacing=spacing, rule="quarter of drive"
+    )
     share = 0.3  # share of the drive itself in the work
-    drive = navigated_drive(ready, ready.gps.time[rows], share_of(progress, 0.0, share))
+    drive = free_inertial.navigated_drive(ready, ready.gps.time[rows], share_of(progress, 0.0, share))
     assert drive.run.smoothed is not None
     if callable(reference):
         reference = reference(drive.run.lever_b)
@@ -364,7 +358,7 @@ def outages(
         if state.time + length <= min(end, ready.unbroken_until(state.time)) + 1e-6
     ]
     # input of a window for its process
-    jobs = [(part_of(ready, state, length + RECOVERY), state, length) for state, length in tasks]
+    jobs = [(free_inertial.part_of(ready, state, length + RECOVERY), state, length) for state, length in tasks]
     results = every(_window, jobs, workers, (reference, course), share_of(progress, share, 1.0 - share))
     return [window for window in results if window is not None and window.elapsed.size]
 
@@ -407,7 +401,7 @@ def _fixes(gps: GpsData, reference: GpsData | None, start: float, stop: float, e
     later = (gps.time > start + 1e-6) & (gps.time <= end)
     inside = later & (gps.time <= stop + 1e-6)
     if reference is None:
-        compared = gps.rows(inside & valid(gps))
+        compared = gps.rows(inside & free_inertial.valid(gps))
     else:
         time = reference.time
         chosen = (time > start + 1e-6) & (time <= stop + 1e-6)
@@ -422,7 +416,7 @@ def _fixes(gps: GpsData, reference: GpsData | None, start: float, stop: float, e
     # receiver headings are removed and returned with the fixes
     unknown = None if gps.heading is None else np.full(compared.time.shape[0], np.nan)
     kind = 0 if reference is None else OF_REFERENCE
-    return replace(comparison_only(compared, kind), heading=unknown).joined(after)
+    return replace(free_inertial.comparison_only(compared, kind), heading=unknown).joined(after)
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,17 +29,8 @@ from insnav.input.interpret.axes import axes_matrix
 from insnav.input.readers.imu import read_imu
 from insnav.input.readers.reading import Reading, ReadingFacts
 from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, badly_conditioned, few, warming
-from insnav.lab.multi_position.many_positions import (
-    FACTORS,
-    Pose,
-    PosesCalibration,
-    calibrate_poses,
-    clipped,
-    find_poses,
-    measure_activity,
-    pose_between,
-    refuse_force_units,
-)
+from insnav.lab.multi_position import many_positions
+from insnav.lab.multi_position.many_positions import Pose, PosesCalibration
 from insnav.lab.multi_position.triad import AXES, MultiPosition, Triad, corrected
 from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
@@ -90,10 +81,10 @@ def calibrate_six_positions(
     if imu.sampling == "increment":
         raise InputError("lab.increments")
     chosen = find_sections(imu) if sections is None else check_sections(sections, imu.time.shape[0])
-    poses = [pose_between(imu, *chosen[name]) for name in POSITIONS]
+    poses = [many_positions.pose_between(imu, *chosen[name]) for name in POSITIONS]
     force, rate = np.array([p.force for p in poses]), np.array([p.rate for p in poses])
     if not counts:
-        refuse_force_units(force, g)
+        many_positions.refuse_force_units(force, g)
     accel, tilt = _accelerometers(force, poses, g)
     _refuse_positions(force, accel, g)
     sensitivity = (rate[0::2] - rate[1::2]).T / (2.0 * g)
@@ -133,7 +124,7 @@ def calibrate_six_positions(
         norm_before=np.linalg.norm(nominal, axis=1) - g,
         norm_after=np.linalg.norm(after, axis=1) - g,
         tilt=tilt,
-        clipped=int(np.count_nonzero(clipped(imu.gyro, moving))),
+        clipped=int(np.count_nonzero(many_positions.clipped(imu.gyro, moving))),
         g=g,
         counts=counts,
     )
@@ -224,8 +215,8 @@ def find_sections(imu: ImuData) -> dict[str, tuple[int, int]]:
 
     Raises: InputError: positions or turns are missing.
     """
-    activity = measure_activity(imu)
-    poses = find_poses(imu, activity, FACTORS[2])
+    activity = many_positions.measure_activity(imu)
+    poses = many_positions.find_poses(imu, activity, many_positions.FACTORS[2])
     if len(poses) < len(POSITIONS):
         raise InputError("lab.few_spans", count=len(poses))
     force = np.array([pose.force for pose in poses])
@@ -325,7 +316,7 @@ def fit(record: Reading[ImuData], how: BenchOptions) -> Calibration[ReadingFacts
     found: Found = (
         calibrate_six_positions(data, how.gravity, sections, turn=how.turn, counts=how.counts)
         if how.six
-        else calibrate_poses(data, how.gravity, counts=how.counts)
+        else many_positions.calibrate_poses(data, how.gravity, counts=how.counts)
     )
     sensed, sd = errors_in_si(found)
     errors = file_errors(

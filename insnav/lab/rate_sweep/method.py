@@ -24,15 +24,8 @@ from insnav.imu.model import AxisMap, DynamicMap, ImuErrors, RawScale
 from insnav.input.formats.table import Table
 from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, badly_conditioned, measured
 from insnav.lab.least_squares import Fit, affine_fits
-from insnav.lab.rate_sweep.records import (
-    FEWEST_FOR_MAP,
-    SweepRecord,
-    check_rates,
-    read_sweeps,
-    refuse_crossed,
-    saturated,
-    shifted_zeros,
-)
+from insnav.lab.rate_sweep import records
+from insnav.lab.rate_sweep.records import SweepRecord
 from insnav.lab.single_axis.rate_table import FEWEST, Dropped
 from insnav.quantity import Quantity
 from insnav.types import BoolArray, FloatArray, IntArray
@@ -281,11 +274,11 @@ def calibrate_sweeps(
     """
     # dwells about one axis alone; rest counts for all
     own = tuple(np.flatnonzero(~np.delete(rate, axis, axis=1).any(axis=1)) for axis in range(3))
-    warnings = check_rates(rate, own, where)
+    warnings = records.check_rates(rate, own, where)
     used: BoolArray = np.ones(rate.shape, dtype=np.bool_)
     dropped: list[tuple[int, Dropped]] = []
     for axis, rows in enumerate(own):
-        lost, items = saturated(np.round(rate[rows, axis] / DEG, 9), output[rows, axis], sd[rows, axis])
+        lost, items = records.saturated(np.round(rate[rows, axis] / DEG, 9), output[rows, axis], sd[rows, axis])
         used[rows[lost], axis] = False
         dropped += [(axis, item) for item in items]
         left = np.unique(rate[rows[~lost], axis]).size
@@ -293,7 +286,7 @@ def calibrate_sweeps(
             raise InputError("lab.saturated_sweep", where=where, axis="xyz"[axis], count=left, limit=FEWEST)
     names = tuple(f"{where}, gyro {axis}" for axis in "xyz")
     fits = affine_fits(rate, output, names, used)
-    refuse_crossed(fits, raw, where)
+    records.refuse_crossed(fits, raw, where)
     pieces = _all_pieces(rate, output, used, fits, names)
     if any(item is not None for item in pieces):
         # a gyro of this shape gives B times the bent rate: the matrix is then fitted without the shape as scatter
@@ -327,7 +320,7 @@ def calibrate_sweeps(
         error_line=np.asarray(free / np.diag(matrix) - rate),
         error_matrix=after,
         error_map=final,
-        warnings=(*warnings, *shifted_zeros(after, own)),
+        warnings=(*warnings, *records.shifted_zeros(after, own)),
         adjusted=tuple(adjusted),
     )
 
@@ -367,7 +360,7 @@ def _adjust(
 
 def read(files: Sequence[str | Path | Table], how: BenchOptions) -> SweepRecord:
     """Read three sweeps about x, y, z, or one file of all; see `read_sweeps`."""
-    return read_sweeps(files, how)
+    return records.read_sweeps(files, how)
 
 
 def fit(record: SweepRecord, how: BenchOptions) -> Calibration[SweepRecord, SweepCalibration]:
@@ -461,7 +454,7 @@ def _pieces(rate: FloatArray, error: FloatArray, where: str) -> Pieces | None:
     The dwells of the other sweeps are all at zero, so the error at rest has most weight.
     """
     different, mean, count = _means(rate, error)
-    if different.size < FEWEST_FOR_MAP or np.abs(error).max() < ROUNDING * np.abs(rate).max():
+    if different.size < records.FEWEST_FOR_MAP or np.abs(error).max() < ROUNDING * np.abs(rate).max():
         return None
     found = fit_pieces(different + mean, mean, count)
     if found.straight:

@@ -24,19 +24,9 @@ from insnav.findings import Code, Finding
 from insnav.imu.model import ImuErrors, RawScale
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import Quantity, schema
+from insnav.lab import calibration
 from insnav.lab.bench_data import BenchTable, Dwells, default_limit, dwell_warnings, read_bench, reduce_dwells
-from insnav.lab.calibration import (
-    STANDARD,
-    WRONG_UNIT,
-    BenchOptions,
-    Calibration,
-    CalibrationSd,
-    about,
-    badly_conditioned,
-    common_unit,
-    few,
-    fitted,
-)
+from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd
 from insnav.lab.least_squares import Fit, coverage_factor, linear_fit
 from insnav.types import BoolArray, FloatArray, IntArray
 from insnav.units import DEG, UNITS
@@ -76,7 +66,7 @@ class Record:
 
 
 def read_records(
-    files: Sequence[str | Path | Table], schema: Sequence[Quantity], how: BenchOptions = STANDARD
+    files: Sequence[str | Path | Table], schema: Sequence[Quantity], how: BenchOptions = calibration.STANDARD
 ) -> tuple[Record, ...]:
     """Read the files of x, y, z, or of one sensor that stands for all three; see `read_record`.
 
@@ -85,11 +75,13 @@ def read_records(
     records = tuple(read_record(file, schema, how) for file in files)
     if len(records) not in (1, 3):
         raise InputError("lab.not_three_sensors", count=len(records))
-    common_unit([(item.table.name, item.unit) for item in records])
+    calibration.common_unit([(item.table.name, item.unit) for item in records])
     return records
 
 
-def read_record(path: str | Path | Table, schema: Sequence[Quantity], how: BenchOptions = STANDARD) -> Record:
+def read_record(
+    path: str | Path | Table, schema: Sequence[Quantity], how: BenchOptions = calibration.STANDARD
+) -> Record:
     """Read the file of one sensor.
 
     `path`: columns of setting and output; several successive rows of one setting are the samples of a dwell. `schema`:
@@ -108,7 +100,7 @@ def read_record(path: str | Path | Table, schema: Sequence[Quantity], how: Bench
 
 def refuse_unit(record: Record, scale: float) -> None:
     """Refuse a digital output that is not in the unit of its column; volts and counts may have any scale."""
-    if not record.raw and abs(scale - 1.0) > WRONG_UNIT:
+    if not record.raw and abs(scale - 1.0) > calibration.WRONG_UNIT:
         raise InputError(
             "lab.output_reversed" if scale < 0.0 else "lab.output_unit",
             where=record.table.name,
@@ -156,11 +148,11 @@ def triad_calibration(
     spread: dict[str, Any] = {f"{sensor}_bias": zero_sd / size * per, f"{sensor}_matrix": np.diag(scale_sd / size)}
     full = {name: f"{sensor} {name}" if len(record) == 3 else sensor for name in names}
     both = zip(full.values(), record, by_sensor, strict=True)
-    own = [each for name, item, more in both for each in about(name, (*item.warnings, *more))]
+    own = [each for name, item, more in both for each in calibration.about(name, (*item.warnings, *more))]
     one = (Finding.of(Code.BENCH_ONE_SENSOR, subject=sensor),) * (len(record) == 1)
-    warnings = (*own, *badly_conditioned({full[name]: fit for name, fit in fits.items()}), *one)
+    warnings = (*own, *calibration.badly_conditioned({full[name]: fit for name, fit in fits.items()}), *one)
     units = [f"{unit}{each}" for each in per_units]
-    parameters = tuple(each for name, fit in fits.items() for each in fitted(fit, units, name))
+    parameters = tuple(each for name, fit in fits.items() for each in calibration.fitted(fit, units, name))
     errors, sd_of = ImuErrors(**known, name=how.name), CalibrationSd(**spread)
     return Calibration(sensor, errors, sd_of, parameters, fits, record, found, how, warnings)
 
@@ -370,6 +362,6 @@ def rate_table_warnings(found: RateTable) -> tuple[Finding, ...]:
     one_sense = bool(used[0] >= 0.0 or used[-1] <= 0.0)
     return (
         *(Finding.of(Code.BENCH_LEFT_OUT, count=left, total=found.rate.size),) * bool(left),
-        *few("rates", used.size, USUAL_RATES),
+        *calibration.few("rates", used.size, USUAL_RATES),
         *(Finding.of(Code.BENCH_ONE_SENSE),) * one_sense,
     )

@@ -27,17 +27,7 @@ from insnav.report.budget import quantities
 from insnav.report.budget import windows as recorded
 from insnav.report.budget.panels import budget_panels, windows_drawings
 from insnav.report.budget.quantities import extent, horizontal, ranked, recorded_text, shares, size
-from insnav.report.page import (
-    DataFrame,
-    Light,
-    Page,
-    Section,
-    beside,
-    by_warnings,
-    drawn,
-    only_json,
-    rows_frame,
-)
+from insnav.report.page import DataFrame, Light, Page, Section, beside, by_warnings, drawn, only_json, rows_frame
 from insnav.report.style import number
 from insnav.report.terminal import page_text
 from insnav.result import Result

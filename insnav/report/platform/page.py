@@ -11,18 +11,7 @@ import numpy as np
 from insnav.earth import ned_offset
 from insnav.errors import platform_errors
 from insnav.errors.metrics import TrajectoryErrors
-from insnav.errors.platform_errors import (
-    AGAINST,
-    SHORTEST_RECORD,
-    Convergence,
-    Demonstration,
-    PlatformComparison,
-    PlatformStudy,
-    StaticErrors,
-    measured_periods,
-    periods,
-    static_errors,
-)
+from insnav.errors.platform_errors import Convergence, Demonstration, PlatformComparison, PlatformStudy, StaticErrors
 from insnav.gimbal import INTEGRATORS, Integrator, PlatformRun, integral, torquing_rates
 from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder
@@ -148,7 +137,7 @@ def _differences(differences: Mapping[Integrator, TrajectoryErrors], *, to_refer
         for name, each in differences.items()
     )
     which = "the reference" if to_reference else "fourth order"
-    key = f"largest_difference_to_{'reference' if to_reference else AGAINST}"
+    key = f"largest_difference_to_{'reference' if to_reference else platform_errors.AGAINST}"
     note = "on a platform without errors" if to_reference else ""
     return Section(key, f"Horizontal difference to {which}", rows=rows, note=note, keyed=True)
 
@@ -185,7 +174,7 @@ def _errors(study: PlatformStudy, theory: StaticErrors | None) -> tuple[Section,
     sections = (only_json("platform_errors", *items), Section("", "Impact of the platform's errors", rows=tuple(rows)))
     lat, _, height = run.undisturbed.lla[0]
     time = run.solution.time - run.solution.time[0]
-    if theory is None or time[-1] < SHORTEST_RECORD * 86400.0 or lat == 0.0:
+    if theory is None or time[-1] < platform_errors.SHORTEST_RECORD * 86400.0 or lat == 0.0:
         return sections
     return (*sections, _periods({"platform": off}, time, float(lat), float(height)))
 
@@ -193,7 +182,7 @@ def _errors(study: PlatformStudy, theory: StaticErrors | None) -> tuple[Section,
 def _demonstration(found: Demonstration) -> Page:
     """Lay out the integrators against closed forms, and a platform against a strapdown navigator."""
     orders, flight, rest, turning = found.orders, found.flight, found.rest, found.turning
-    theory = static_errors(rest.time, platform_errors.LAT, 0.0, platform_errors.ERRORS)
+    theory = platform_errors.static_errors(rest.time, platform_errors.LAT, 0.0, platform_errors.ERRORS)
     both = {"platform": turning.platform, "strapdown": turning.strapdown}
     ends = {name: float(np.hypot(*error[-1, :2])) for name, error in both.items()}
     apart = float(np.abs(rest.platform[:, :2] - theory.position).max() / np.abs(theory.position).max())
@@ -239,8 +228,8 @@ def _demonstration(found: Demonstration) -> Page:
 
 def _periods(records: Mapping[str, FloatArray], time: FloatArray, lat: float, height: float) -> Section:
     """Tabulate periods measured in records (n, 2) of errors North, East [m] at rest, and theoretical periods."""
-    expected = periods(lat, height)
-    found = {name: measured_periods(time, position, lat, height) for name, position in records.items()}
+    expected = platform_errors.periods(lat, height)
+    found = {name: platform_errors.measured_periods(time, position, lat, height) for name, position in records.items()}
     rows = []
     for period, unit in (("Schuler", "min"), ("Foucault", "h"), ("Earth", "h")):
         theory = getattr(expected, period.lower())
