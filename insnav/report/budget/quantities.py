@@ -144,11 +144,7 @@ def budget_sections(budget: Budget) -> tuple[Section, ...]:
     return (
         only_json(
             "",
-            Quantity("imu", budget.imu),
-            Quantity("motion", budget.motion),
-            Quantity("vertical_held", budget.hold),
-            Quantity("gravity", budget.gravity, "m/s^2"),
-            Quantity("schuler_period", 2.0 * np.pi / budget.schuler_rate, "s"),
+            *of_table("budget.subject", budget, schuler_period=2.0 * np.pi / budget.schuler_rate),
         ),
         only_json(
             "short_form_error",
@@ -221,11 +217,8 @@ def _at_time(budget: Budget, k: int) -> Section:
 
 
 def _states(sd: FloatArray) -> tuple[Quantity, ...]:
-    return (
-        Quantity("position", sd[:3], "m"),
-        Quantity("horizontal", float(horizontal(sd)), "m"),
-        Quantity("velocity", sd[3:6], "m/s"),
-        Quantity("attitude", sd[6:9], "deg"),
+    return of_table(
+        "budget.states", position=sd[:3], horizontal=float(horizontal(sd)), velocity=sd[3:6], attitude=sd[6:9]
     )
 
 

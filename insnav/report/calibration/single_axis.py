@@ -191,10 +191,7 @@ def sweep_page(calibration: Calibration[SweepRecord, SweepCalibration]) -> Page:
     settings = {name: _settings(found.rate[found.used[:, i]]) for i, name in enumerate(fits)}
     note = "given the pieces below, whose shape is not in the 1 sd" * any(item is not None for item in found.pieces)
     condition = Quantity("condition_matrix", float(np.linalg.cond(found.matrix / np.diag(found.matrix)[:, None])))
-    dropped = tuple(
-        (Quantity("sensor", "xyz"[axis]), Quantity("rate_deg_s", item.rate), Quantity("code", item.reason.code.value))
-        for axis, item in found.dropped
-    )
+    dropped = tuple(of_table("calibration.dropped", item, sensor="xyz"[axis]) for axis, item in found.dropped)
     return Page(
         "Three gyros swept over rates about three axes",
         (
@@ -346,11 +343,7 @@ def rotor_page(calibration: Calibration[tuple[BenchTable, BenchTable], Inertias]
     weight = " and ".join(f"{each:g}" for each in masses) + " kg"
     given = only_json(
         "given",
-        Quantity("fall_mass", how.fall_mass, "kg"),
-        Quantity("radius", how.radius, "m"),
-        Quantity("mass", masses, "kg"),
-        Quantity("arm", how.arm, "m"),
-        Quantity("gravity", how.gravity, "m/s^2"),
+        *of_table("calibration.rotor_given", how, mass=masses),
     )
     names = ("difference", "limit", "mean", "mean_sd")
     sizes = [getattr(both, name) if both.agree or "mean" not in name else None for name in names]

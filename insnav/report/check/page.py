@@ -134,10 +134,7 @@ def _imu(found: Checked) -> tuple[Section, ...]:
             if each.name.startswith(sensor)
         )
         parts.append(Section(sensor, {"gyro": "Gyros", "accel": "Accelerometers"}[sensor], rows=rows))
-    peaks = tuple(
-        (Quantity("axis", each.axis), Quantity("frequency", each.frequency, "Hz"), Quantity("rms", each.rms, "m/s^2"))
-        for each in found.imu.peaks
-    )
+    peaks = tuple(of_table("check.peak", each) for each in found.imu.peaks)
     step, time = found.imu.gravity_steps
     items = of_table(
         "check.imu",

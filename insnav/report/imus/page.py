@@ -90,12 +90,9 @@ def _part_page(part: Part) -> Page:
 
 
 def _row(figure: Figure) -> tuple[Quantity, ...]:
-    return (
-        Quantity("figure", figure.key),
-        Quantity("as_written", ", ".join(figure.text), meaning="as written"),
-        Quantity("statistic", figure.statistic),
-        Quantity("sd", f"{figure.sd.max() / UNITS[_UNITS[figure.key]][1]:.3g} {_UNITS[figure.key]}", meaning="read as"),
-        Quantity("used", figure.used),
-        Quantity("document", figure.document),
-        Quantity("stated", figure.stated),
+    return of_table(
+        "imus.figure",
+        figure,
+        as_written=", ".join(figure.text),
+        sd=f"{figure.sd.max() / UNITS[_UNITS[figure.key]][1]:.3g} {_UNITS[figure.key]}",
     )

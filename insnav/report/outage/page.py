@@ -17,7 +17,18 @@ from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_run_table, write_events, write_run_table
 from insnav.quantity import Quantity
 from insnav.report.page import STATISTICS as SHOWN
-from insnav.report.page import DataFrame, Light, Page, Section, Verdict, by_warnings, drawn, only_json, rows_frame
+from insnav.report.page import (
+    DataFrame,
+    Light,
+    Page,
+    Section,
+    Verdict,
+    by_warnings,
+    drawn,
+    of_table,
+    only_json,
+    rows_frame,
+)
 from insnav.report.panels import Clock, Curve, Panel
 from insnav.report.style import BLACK, BLUE, GREY, VERMILLION, number
 from insnav.report.terminal import page_text
@@ -176,11 +187,7 @@ def _merits(found: Growth) -> tuple[Quantity, ...]:
 def _row(found: Growth) -> tuple[Quantity, ...]:
     """Build the row of final errors for one window length."""
     return (
-        Quantity("length", found.length, "s", meaning="without GPS"),
-        Quantity("windows", found.count),
-        Quantity("effective", found.effective),
-        Quantity("inside_3_sd", found.inside_at_end),
-        Quantity("common_to_all_windows", float(found.common[-1, found.column("horizontal")])),
+        *of_table("outage.window", found, common_to_all_windows=float(found.common[-1, found.column("horizontal")])),
         *(Quantity(name.replace(" ", "_"), _statistics(found, name), unit) for name, unit in _COMPONENTS.items()),
     )
 

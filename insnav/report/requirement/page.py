@@ -171,16 +171,14 @@ def _example(study: RequirementStudy) -> tuple[Section, ...]:
 
 def _requirement(study: RequirementStudy) -> tuple[Quantity, ...]:
     required = study.required
-    return (
-        Quantity("error", required.error, "m"),
-        Quantity("after", required.after, "s"),
-        Quantity("probability", required.probability),
-        Quantity("component", required.component),
-        Quantity("motion", study.motion),
-        Quantity("imu", study.imu or None),
-        Quantity("feasible", study.allocation.feasible),
-        Quantity("given_error", study.allocation.given, "m"),
-        Quantity("set_error", study.allocation.error, "m"),
+    return of_table(
+        "requirement.required",
+        required,
+        motion=study.motion,
+        imu=study.imu or None,
+        feasible=study.allocation.feasible,
+        given_error=study.allocation.given,
+        set_error=study.allocation.error,
     )
 
 

@@ -81,11 +81,8 @@ def recording_page(plan: Plan, made: Recording) -> Page:
     time, motion = seen(plan.truth)
     command = run_command(plan, made.lever_b, motion)
     samples = f"{len(made.imu.time)} samples at {plan.rate:g} Hz, {_SAMPLES[plan.sampling]}"
-    counts = (
-        Quantity("imu_samples", len(made.imu.time)),
-        Quantity("gps_fixes", len(made.gps.time)),
-        Quantity("lever_arm", made.lever_b, "m"),
-        Quantity("command", command),
+    counts = of_table(
+        "simulation.counts", made, imu_samples=len(made.imu.time), gps_fixes=len(made.gps.time), command=command
     )
     moved = motion_section(plan, time, motion)
     absent = () if plan.imu is None else plan.imu.absent
@@ -372,10 +369,7 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
     mean, worst = float(horizontal.mean()), float(horizontal.max())
     positions, rejected, resets = (int(columns[name].sum()) for name in _COUNTS)
     failed = tuple(failures_of(runs))
-    failures = tuple(
-        (Quantity("run", each.number), Quantity("seed", each.seed), Quantity("code", each.error.code))
-        for each in runs.failures
-    )
+    failures = tuple(of_table("simulation.failure", each) for each in runs.failures)
     parts = (Section("failed", rows=failures, show="json"), _errors(found))
     items = (
         Quantity("runs", len(runs.number)),
