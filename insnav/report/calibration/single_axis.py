@@ -131,15 +131,13 @@ _IN_BRACKETS = "± 1 sd; in brackets the 95 % interval"
 
 def _summary(items: Sequence[Quantity], sensors: int) -> tuple[str, ...]:
     """Describe the parameters, one line per sensor."""
-    texts = [f"{p.label} {_short(p.scaled(p.value))} ± {number(p.scaled(p.sd), 2)} {p.shown_unit}" for p in items]
+    texts = []
+    for p in items:
+        value = p.scaled(p.value)  # in four digits, or four decimals as usual in publications
+        short = number(value, 4) if abs(value) < 0.1 or abs(value) >= 1000.0 else f"{value:.4f}"
+        texts.append(f"{p.label} {short} ± {number(p.scaled(p.sd), 2)} {p.shown_unit}")
     own = len(texts) // sensors
     return tuple("; ".join(texts[i : i + own]) for i in range(0, len(texts), own))
-
-
-def _short(value: float) -> str:
-    """Format four digits, and four decimals as usual in publications."""
-    size = abs(value)
-    return number(value, 4) if size < 0.1 or size >= 1000.0 else f"{value:.4f}"
 
 
 def _senses(found: dict[str, RateTable], unit: str) -> Section:

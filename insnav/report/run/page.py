@@ -238,7 +238,9 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = None) -> li
     warnings = _listed("warning", page.warnings, _WARNINGS)
     estimates = form("parts").join(_estimates(found))
     corrections = tuple(sentence(each, at=page.at) for each in of_code(page.findings, *CORRECTIONS))
-    doubtful = page.verdict is not None and page.verdict.light == "bad" and not _wrong_reference(found.run)
+    # the errors may be those of a reference that findings contradict
+    wrong = any(event.subject == "ref" and event.severity >= Severity.WARNING for event in found.run.events)
+    doubtful = page.verdict is not None and page.verdict.light == "bad" and not wrong
     name = phrase("run.doubtful_estimates" if doubtful else "run.estimates")
     shown = [phrase("terminal.line", name=name, text=estimates)] if estimates else []
     shown += _listed("corrected", corrections, len(CORRECTIONS))
@@ -249,11 +251,6 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = None) -> li
     assumed = [sentence(each, at=page.at) for each in reversed(taken.values())]
     shown += _listed("assumed", [form("joint").join(assumed[:_ASSUMED])] * bool(assumed), _ASSUMED, len(assumed))
     return [*hanging([title, *verdict], width), *table, *hanging([*warnings, *shown], width)]
-
-
-def _wrong_reference(run: Run) -> bool:
-    """Return whether findings contradict the reference, so that its errors may not be the run's."""
-    return any(event.subject == "ref" and event.severity >= Severity.WARNING for event in run.events)
 
 
 def _estimates(found: EvaluatedRun) -> Iterator[str]:
