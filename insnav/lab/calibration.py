@@ -42,12 +42,12 @@ METHODS = {
     "rotor": "rotor_inertia",
 }
 WRONG_UNIT = 0.25  # scale factor error beyond every digital sensor in SI units
-MINUTE = 60.0  # [s]
-RATE = 50  # samples a second
-PLACE = np.array([45.0 * DEG, 0.0, 0.0])
-SAMPLES, SEED = 24, 1
-TURN = 10.0 * DEG  # [rad/s]
-SPEED = 10.0  # [m/s]
+MINUTE = 60.0  # of navigation, for the impact of a calibration [s]
+RATE = 50  # of its samples [Hz]
+PLACE = np.array([45.0 * DEG, 0.0, 0.0])  # its start: latitude [rad], longitude [rad], height [m]
+SAMPLES, SEED = 24, 1  # of the true errors
+TURN = 10.0 * DEG  # rate of its circle [rad/s]
+SPEED = 10.0  # on its circle [m/s]
 
 
 @dataclass(frozen=True, slots=True)

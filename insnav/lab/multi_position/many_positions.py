@@ -45,7 +45,7 @@ CONTRAST = 25.0  # least variance ratio of the most active tenth to rest, in a r
 KNOCK = 1.5 * WINDOW  # a shorter break of rest, without change of pose, is a knock [s]
 SAME_POSE = 0.01  # change of specific force, over its spread in the record, within one pose
 CLIPPED = 3  # successive extreme samples that mark the end of the range
-PARAMETERS = 9
+PARAMETERS = 9  # of three gyros
 NAMES = tuple(f"scale {a}" if a == b else f"misalignment {a}{b}" for a in AXES for b in AXES)
 WORST_CONDITION = 150.0
 FEWEST_TURNS = 6  # turns: twelve components against nine parameters
