@@ -66,8 +66,7 @@ def check(
         if where is not None:
             console.result_facts(where)
         else:
-            from insnav.report.run_json import versions
-            from insnav.report.save import facts_of
+            from insnav.report.save import facts_of, versions
 
             console.result(json.dumps({"kind": "check", "versions": versions(), **facts_of(found)}, indent=2))
     else:
@@ -109,7 +108,7 @@ def compare(
                 folder.path(name).write_text(text, encoding="utf-8", newline="\n")
             folder.commit({"runs": [str(run) for run in runs]})
     if as_json:
-        from insnav.report.run_json import json_ready
+        from insnav.report.save import json_ready
 
         console.result(json.dumps(json_ready(found.rows()), indent=1, ensure_ascii=False))
     else:

@@ -70,7 +70,8 @@ def look_at_fixes(gps: GpsData) -> FixFigures:
         float(reported.mean()),
         np.median(gps.position_sd[reported], axis=0) if reported.any() else np.full(3, np.nan),
         scatter,
-        *((lag, lag_sd) if lag_sd < np.inf else (np.nan, np.nan)),
+        lag if lag_sd < np.inf else np.nan,
+        lag_sd if lag_sd < np.inf else np.nan,
         *contradictions,
         dict(Counter(int(each) for each in gps.fix)) if gps.fix is not None else {},
     )

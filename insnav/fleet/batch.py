@@ -1,4 +1,7 @@
-"""Navigation of many drives: recordings below a folder, each in its own run folder, independent and resumable."""
+"""Navigation of many drives, each in its own run folder, independent of the others, and resumable.
+
+The recordings below a folder are identified as IMU data, fixes and references, and grouped.
+"""
 
 from __future__ import annotations
 
@@ -31,6 +34,13 @@ _OWN = {DRIVES, *FILES}
 _UNSAFE = re.compile(r"[^\w.+-]+")
 _ASIDE = ".aside-"  # in the new name of a folder at the place of a result
 _LONGEST = 100  # bytes of a name
+_PARTS = ("imu", "gps", "ref")
+_NAMED = {"samples": "imu", "gnss": "gps", "gnns": "gps", "fixes": "gps", "reference": "ref", "truth": "ref"}
+_SPARE = {"imu": Code.BATCH_SPARE_SAMPLES, "gps": Code.BATCH_SPARE_FIXES, "ref": Code.BATCH_SPARE_REFERENCE}
+_MANY = 200  # number of files from which several processes examine them
+
+_Parts = dict[str, Path]  # file of each part
+_Roles = Mapping[Path, str | Finding]  # role of each file: ``imu``, ``gps``, ``ref``, ``both``; else why none
 
 
 def name_of(text: str) -> str:
@@ -213,15 +223,6 @@ def _with_facts(found: Navigated, place: Path) -> Navigated:
         return found
     facts = attempt(read_facts, place / found.name)
     return replace(found, failed=facts) if isinstance(facts, InsnavError) else replace(found, facts=facts)
-
-
-_PARTS = ("imu", "gps", "ref")
-_NAMED = {"samples": "imu", "gnss": "gps", "gnns": "gps", "fixes": "gps", "reference": "ref", "truth": "ref"}
-_SPARE = {"imu": Code.BATCH_SPARE_SAMPLES, "gps": Code.BATCH_SPARE_FIXES, "ref": Code.BATCH_SPARE_REFERENCE}
-_MANY = 200  # number of files from which several processes examine them
-
-_Parts = dict[str, Path]  # file of each part
-_Roles = Mapping[Path, str | Finding]  # role of each file: ``imu``, ``gps``, ``ref``, ``both``; else why none
 
 
 def find_drives(folder: Path, without: Path | None, workers: Workers) -> tuple[list[Drive], list[Finding]]:

@@ -17,8 +17,7 @@ from scipy.sparse import csr_array, diags_array
 from insnav.earth import components, metres_per_unit, ned_offset
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
-from insnav.simulate.curves import Spline, spline_of
-from insnav.simulate.truth import LevelTruth, Truth
+from insnav.simulate.truth import LevelTruth, Spline, Truth, spline_of
 from insnav.types import FloatArray, Trajectory
 
 _SPACING = 0.2  # of knots, unless the track has fewer than two rows in that [s]

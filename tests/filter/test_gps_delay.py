@@ -17,7 +17,7 @@ from insnav.errors.ensemble import normalised
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.run_findings import run_warnings
 from insnav.exceptions import InputError
-from insnav.filter import FilterSettings, error_model, gps_delay
+from insnav.filter import FilterSettings, delay_and_lever, error_model
 from insnav.filter.delay_and_lever import Found, delay_of, filtered, on_time, scale_of
 from insnav.filter.error_model import layout
 from insnav.filter.gates import impossible
@@ -543,7 +543,7 @@ def test_a_start_that_most_fixes_contradict_is_looked_at_with_doubted_ones():
 def test_a_clock_to_which_the_next_look_goes_back_is_not_moved(monkeypatch: pytest.MonkeyPatch):
     """A flight by RTK, no delay: looks at it asked for -32, +34 and -34 ms, each 4 sd sure; it ended 19 ms off."""
     looks = iter((-0.032, 0.034, -0.034))
-    monkeypatch.setattr(gps_delay, "delay_of", lambda *_: Found(next(looks), 0.006, 0.0, 0.0, 0.0, (1.0,), 0.006))
+    monkeypatch.setattr(delay_and_lever, "delay_of", lambda *_: Found(next(looks), 0.006, 0.0, 0.0, 0.0, (1.0,), 0.006))
     ready = recorded()
     moved = list[float]()
 
