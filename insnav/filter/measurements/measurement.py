@@ -1,4 +1,4 @@
-"""Aiding measurements as the filter uses them, and what a first pass over the drive tells about their noise."""
+"""Aiding measurements of the filter, and their noise from a first pass over the drive."""
 
 from __future__ import annotations
 
