@@ -143,13 +143,8 @@ def takes_data(
             } or None
             if (second := options.pop("gps_file", None)) is not None:
                 options["imu_file"], options["gps"] = _told_apart(options["imu_file"], second, options["gps"])
-            data = Data(
-                options.get("imu_file"),
-                options.get("gps"),
-                options.get("ref"),
-                cast(Inputs, inputs),
-                parse.configuration(options),
-            )
+            paths = (options.get(name) for name in ("imu_file", "gps", "ref"))
+            data = Data(*paths, cast(Inputs, inputs), parse.configuration(options))
             try:
                 function(data, **{each.name: options[each.name] for each in own})
             except OutputError:

@@ -237,8 +237,8 @@ def require(
         "begin": begin,
         "runs": runs,
         "seed": seed,
+        "cost": parse.weights(cost, "--cost"),
     }
-    options |= {"cost": parse.weights(cost, "--cost")}
     with console.working(out, force) as (folder, stage):
         from insnav.session.requirement import require as required
 
@@ -247,13 +247,7 @@ def require(
         else:
             stage("motion")
             model = data.inputs.get("imu_model")
-            outcome = required(
-                error,
-                after,
-                profile=profile,
-                imu=None if model is None else str(model),
-                progress=partial(stage, "simulating"),
-                **options,
-            )
+            options |= {"profile": profile, "imu": None if model is None else str(model)}
+            outcome = required(error, after, progress=partial(stage, "simulating"), **options)
         outcome, where = data.save(outcome, folder, stage, figures="png")
     console.result_page(where, outcome.page(), out, as_json=as_json)
