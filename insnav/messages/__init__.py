@@ -14,11 +14,15 @@ An error has its code as key in ``errors/<family>.<language>.toml``; the family 
 - ``why``: the evidence, with the decisive numbers;
 - ``fix``: recommended action of the user.
 
-A text holds values by name in braces, with a format: ``{delay_s:.3f s}`` (format, then the unit to convert to from SI),
-``{count:count fix|fixes}`` (number and noun), ``{count:plural fix|fixes}`` (noun alone), ``{delay_s:sign late|early}``
-(first word unless negative), ``{delay_s:abs .3f s}`` (without the sign), ``{axis:word}`` (a word of the table
-``[words]`` of either file, or several), ``{problems:lines}`` (each on a line of its own), ``{begin:moment}`` and
-``{span}`` (times of the record). ``{subject}`` is the subject. A part in double square brackets is left out where one
+A text holds values by name in braces, with a format:
+
+- ``{delay_s:.3f s}``: format, then the unit to convert to from SI;
+- ``{count:count fix|fixes}``: number and noun; ``{count:plural fix|fixes}``: noun alone;
+- ``{delay_s:sign late|early}``: first word unless negative; ``{delay_s:abs .3f s}``: without the sign;
+- ``{axis:word}``: a word of the table ``[words]`` of either file, or several;
+- ``{problems:lines}``: each on a line of its own; ``{begin:moment}``, ``{span}``: times of the record.
+
+``{subject}`` is the subject. A part in double square brackets is left out where one
 of its values is missing or not finite: ``[[ ± {delay_sd_s:.3f s}]]``. An error among the values, ``{cause}``, follows
 its location: ``what`` and ``why`` alone by ``{cause:reason}``, ``fix`` alone by ``{cause:fix}``. The table ``[form]``
 defines the punctuation of sentences, lists and spans in a language.

@@ -1,8 +1,8 @@
 """Sources of free-inertial errors: a list of independent scalar sources with their sizes.
 
 `insnav.imu.error_terms.TERMS` defines the sensor terms; errors of initial state, gravity and timing are added. The list
-contains all 39 sources of the covariance budget of the PSINS toolbox (attitude, velocity, position, gyro and
-accelerometer bias, white noise of both, the nine elements of both sensor matrices) and more.
+contains all 39 sources of the covariance budget of the PSINS toolbox, and more. The 39 are attitude, velocity,
+position, bias and white noise of both sensor triads, and the nine elements of both sensor matrices.
 """
 
 from __future__ import annotations

@@ -5,9 +5,9 @@ All criteria are ratios (of variances, of directions): raw counts work like m/s^
 References
 ----------
 D. Tedaldi, A. Pretto, E. Menegatti, "A robust and easy to implement method for IMU calibration without external
-equipments", ICRA 2014, section on the static detector: variance of the specific force in a moving window against a
-multiple of the variance at rest. Here the quietest tenth of the record defines the variance at rest, so the record may
-begin in motion.
+equipments", ICRA 2014, section on the static detector. It compares the variance of the specific force in a moving
+window with a multiple of the variance at rest. Here the quietest tenth of the record defines the variance at rest, so
+the record may begin in motion.
 """
 
 from __future__ import annotations
