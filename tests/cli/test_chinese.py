@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -22,6 +23,7 @@ from tests.cli.test_calibrate_poses import bench as poses
 from tests.cli.test_calibrate_rotor import bench as rotor
 from tests.cli.test_lab_noise import bench as noise
 
+pytestmark = pytest.mark.skipif("INSNAV_REVERSED" in os.environ, reason="names would be reversed, too")
 __all__ = ["noise", "poses", "rotor", "sweeps", "volts"]  # fixtures
 DRIVE = "imu.csv --gps gps.csv --imu automotive"
 WORK = [
