@@ -102,11 +102,11 @@ def write_result(outcome: Result[Any], folder: RunFolder, stage: Stages, **how: 
     return save_result(outcome, folder, **how)
 
 
-def brief_text(found: Result[Any]) -> str:
+def brief_text(outcome: Result[Any]) -> str:
     """Summarise a result in lines of the terminal width, without wrapping elsewhere."""
     from insnav.report.save import text_of
 
-    return text_of(found, terminal_width())
+    return text_of(outcome, terminal_width())
 
 
 def terminal_width() -> int | None:
@@ -161,12 +161,12 @@ def note(text: str) -> None:
         _log(translated(text), "insnav: ")
 
 
-def note_warnings(found: Result[Any]) -> None:
+def note_warnings(outcome: Result[Any]) -> None:
     """Print the warnings of a result in the log."""
     from insnav.findings import Severity
     from insnav.messages import sentence
 
-    for each in found.findings:
+    for each in outcome.findings:
         if each.severity >= Severity.WARNING:
             note(sentence(each))
 

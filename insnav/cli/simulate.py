@@ -179,7 +179,5 @@ def _list(out: Path | None, force: bool, as_json: bool) -> None:
         result(json.dumps(shown, indent=1, ensure_ascii=False))
         return
     width = max(len(str(each["name"])) for each in shown)
-    lines = (
-        f"{each['name']:<{width}}  {each['duration_s']:6.0f} s  {translated(str(each['purpose']))}" for each in shown
-    )
+    lines = (f"{each.name:<{width}}  {each.duration:6.0f} s  {translated(each.purpose)}" for each in profiles)
     result("\n".join(lines))

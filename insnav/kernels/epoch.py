@@ -1,4 +1,7 @@
-"""Filter epoch: the operations before and after the predict and the update of the filter, one call each."""
+"""Filter epoch: the operations before and after the predict and the update of the filter, one call each.
+
+`estimated` (67,) is the state of the filter besides its covariance: the slices `STATE` to `TILTED`.
+"""
 
 from __future__ import annotations
 
