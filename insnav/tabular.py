@@ -82,8 +82,8 @@ class Tabular:
         return columns
 
     def _arrays(self) -> dict[str, NDArray[Any]]:
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
-        return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+        names = self.__dataclass_fields__  # faster than `fields`, for every block of samples
+        return {name: value for name in names if isinstance(value := getattr(self, name), np.ndarray)}
 
 
 @dataclass(frozen=True, slots=True)
