@@ -240,7 +240,7 @@ class Navigator:
             cuts = np.concatenate([[self._start], self._fix_time[self._next :]])
             pieces = strapdown.split(parts, cuts, first, stop)
             inc = strapdown.increments(parts, pieces)
-            last_fix = int(np.searchsorted(self._fix_time, parts.end[-1] + strapdown.TIME_TOLERANCE, side="right"))
+            last_fix = int(np.searchsorted(self._fix_time, parts.end[stop - 1] + strapdown.TIME_TOLERANCE, side="right"))
             times = self._fix_time[self._next : last_fix]
             if times.size:
                 self._sense(times, self._late[self._next : last_fix], parts)
@@ -260,8 +260,9 @@ class Navigator:
             swings = np.mean([rates_at(each - half, parts.end, angles, reach) for each in several], axis=0)
             older = np.mean([since(times, times - each, parts) for each in several], axis=0)
         # an acceleration of another shape than the velocity would bias the delay towards zero
-        forces = np.mean([forces_about(each, parts, max(1, number)) for each in several], axis=0)
-        rates = np.mean([rates_at(each, parts.end, angles, slow) for each in several], axis=0)
+        forces = [forces_about(each, parts, max(1, number)) for each in several]
+        rates = [rates_at(each, parts.end, angles, slow) for each in several]
+        forces, rates = (each[0] if len(each) == 1 else np.mean(each, axis=0) for each in (forces, rates))
         self._sensed = rates, forces, swings, older
 
     def _process(self, inc: Increments, gap: FloatArray) -> None:

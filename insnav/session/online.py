@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -235,10 +236,10 @@ class OnlineFilter:
         lla : (3,) array_like
             Latitude, longitude [rad], ellipsoidal height [m] of the antenna.
         v_n : (3,) array_like, optional
-            Velocity North, East, Down [m/s].
+            Velocity North, East, Down [m/s]; ``NaN`` where not known.
         sd : (3,) or (6,) array_like, optional
-            Standard deviation of the position North, East, Down [m], and of the velocity [m/s]. By default that of a
-            stand-alone receiver: 1.5, 1.5, 3 m and 0.2, 0.2, 0.3 m/s.
+            Standard deviation of the position North, East, Down [m], and of the velocity [m/s]; ``NaN`` where not
+            known. By default that of a stand-alone receiver: 1.5, 1.5, 3 m and 0.2, 0.2, 0.3 m/s.
         fix : int, optional
             Fix type: 1 fixed, 2 float, 4 DGPS, 5 single, 0 none.
 
@@ -253,10 +254,10 @@ class OnlineFilter:
         given = np.full(6, np.nan)
         if sd is not None:
             size = 6 if np.size(sd) == 6 else 3
-            given[:size] = _array("sd", sd, (size,))
-            if (given <= 0.0).any():
+            given[:size] = _array("sd", sd, (size,), known=False)
+            if not (given[~np.isnan(given)] > 0.0).all():
                 raise InputError("online.not_an_sd", where="gps", sd=tuple(given[:size]))
-        velocity = np.full(3, np.nan) if v_n is None else _array("v_n", v_n, (3,))
+        velocity = np.full(3, np.nan) if v_n is None else _array("v_n", v_n, (3,), known=False)
         rows = [np.array(each, ndmin=2) for each in (place, velocity, given[:3], given[3:])]
         kind = None if fix is None else np.array([fix])
         found = with_sd(GpsData(np.array([at]), *rows, kind))[0]
@@ -338,7 +339,9 @@ class OnlineFilter:
                 self._held = [held.rows(held.time > until)]
             return
         self._aligning, self._held, self._nominal = False, [], ready.nominal
-        for each in ready.findings:
+        start, sd = ready.initial.time, ready.alignment.sd
+        methods = (ready.alignment.level_method, sd[:2].max()), (ready.alignment.heading_method, sd[2])
+        for each in (*ready.findings, *(Finding.of(Code(how), start, sd_rad=size) for how, size in methods)):
             self._record.event(each)
         if self._nav is None:
             self._nav, self._axes_sd = ready.navigator(record=self._record), ready.model.axes_sd
@@ -360,9 +363,11 @@ class OnlineFilter:
     def _process(self, some: ImuData) -> None:
         """Navigate samples, and keep states to go back to."""
         assert self._nav is not None
-        nav, part = self._nav, np.floor(some.time / APART)
-        for rows in np.split(np.arange(part.size), np.flatnonzero(np.diff(part)) + 1):
-            block = some.rows(slice(rows[0], rows[-1] + 1))
+        nav, blocks = self._nav, [some]
+        if some.time[-1] - some.time[0] > APART:
+            edges = [0, *(np.flatnonzero(np.diff(some.time // APART)) + 1).tolist(), None]
+            blocks = [some.rows(slice(*each)) for each in pairwise(edges)]
+        for block in blocks:
             nav.feed(block)
             self._recent.append(block)
             if not self._saved or nav.done >= self._saved[-1][0] + APART:
@@ -390,14 +395,14 @@ def _joined(blocks: list[ImuData]) -> ImuData:
     return replace(blocks[0], time=time, gyro=gyro, accel=accel)
 
 
-def _array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    """Copy finite numbers of a given shape; one row may be without its first dimension."""
+def _array(name: str, values: ArrayLike, shape: tuple[int, ...], *, known: bool = True) -> FloatArray:
+    """Copy finite numbers, or all if not `known`, of a given shape; one row may be without its first dimension."""
     try:
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError("online.not_numbers", where=name, reason=str(error)) from error
     if array.shape != shape and (array.shape != shape[1:] or shape[:1] != (1,)):
         raise InputError("online.shape", where=name, shape=array.shape, wanted=shape)
-    if not np.isfinite(array).all():
+    if known and not np.isfinite(array).all():
         raise InputError("online.not_finite", where=name, count=int((~np.isfinite(array)).sum()))
     return array.reshape(shape)
