@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterator
 from contextlib import nullcontext
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from insnav.cli import console, parse
@@ -17,7 +19,7 @@ if TYPE_CHECKING:
     from insnav.types import FloatArray
 
 PIECE = 1 << 16  # most bytes taken at a time
-INPUTS = "lever_arm lever_arm_sd gps_delay heading static initial sampling stamp".split()
+INPUTS = ["lever_arm", "lever_arm_sd", "gps_delay", "heading", "static", "initial", "sampling", "stamp"]
 
 
 @takes_data("LOG", files={}, only=("imu_model", "axes", "time_offset", *INPUTS))
@@ -92,8 +94,8 @@ def _pieces(data: Data) -> Iterator[bytes]:
     """Yield what a file or a pipe has, without waiting for more."""
     name = str(data.imu)
     try:
-        with nullcontext(sys.stdin.buffer) if name == "-" else open(name, "rb") as file:
-            while piece := file.read1(PIECE):
+        with nullcontext(sys.stdin.buffer) if name == "-" else Path(name).open("rb") as file:
+            while piece := os.read(file.fileno(), PIECE):
                 yield piece
     except OSError as error:
         raise InputError("format.unreadable", where=name, reason=reason_of(error)) from error

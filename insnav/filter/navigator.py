@@ -240,7 +240,9 @@ class Navigator:
             cuts = np.concatenate([[self._start], self._fix_time[self._next :]])
             pieces = strapdown.split(parts, cuts, first, stop)
             inc = strapdown.increments(parts, pieces)
-            last_fix = int(np.searchsorted(self._fix_time, parts.end[stop - 1] + strapdown.TIME_TOLERANCE, side="right"))
+            last_fix = int(
+                np.searchsorted(self._fix_time, parts.end[stop - 1] + strapdown.TIME_TOLERANCE, side="right")
+            )
             times = self._fix_time[self._next : last_fix]
             if times.size:
                 self._sense(times, self._late[self._next : last_fix], parts)
@@ -262,8 +264,8 @@ class Navigator:
         # an acceleration of another shape than the velocity would bias the delay towards zero
         forces = [forces_about(each, parts, max(1, number)) for each in several]
         rates = [rates_at(each, parts.end, angles, slow) for each in several]
-        forces, rates = (each[0] if len(each) == 1 else np.mean(each, axis=0) for each in (forces, rates))
-        self._sensed = rates, forces, swings, older
+        mean = [each[0] if len(each) == 1 else np.mean(each, axis=0) for each in (rates, forces)]
+        self._sensed = mean[0], mean[1], swings, older
 
     def _process(self, inc: Increments, gap: FloatArray) -> None:
         begin = int(np.searchsorted(inc.time, self._start + strapdown.TIME_TOLERANCE))

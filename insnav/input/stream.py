@@ -7,15 +7,15 @@ word. The times of samples and fixes have one clock.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from insnav.exceptions import InputError
 from insnav.input.formats import nmea, ubx
-from insnav.input.formats.registry import Format
 from insnav.input.formats.source import Source
+from insnav.input.formats.table import Table
 from insnav.input.interpret.columns import Found, is_header, understand
 from insnav.input.interpret.derived import derive
 from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA
@@ -52,7 +52,7 @@ class Stream:
                 if len(log) < at + max(size, 8):
                     break
                 after = at + size
-                found = self._read(ubx, log[at:after]) if log[at + 2 : at + 4] in _FIXES else None
+                found = self._read(ubx.read, log[at:after]) if log[at + 2 : at + 4] in _FIXES else None
             elif frame >= 0 and not 0 <= end < frame:
                 found, after = self._line(log[at:frame]), frame
             elif end < 0 and len(log) - at < LONGEST:
@@ -72,10 +72,10 @@ class Stream:
             yield np.array(self._samples)
             self._samples.clear()
 
-    def _read(self, reader: Format, data: bytes) -> GpsData | None:
+    def _read(self, reader: Callable[[Source], Mapping[str, Table]], data: bytes) -> GpsData | None:
         """Read one fix; None without a position, or if it is damaged."""
         try:
-            table = reader.read(Source(NAME, "", data))["gps"]
+            table = reader(Source(NAME, "", data))["gps"]
         except InputError:
             self.skipped += 1
             return None
@@ -94,7 +94,8 @@ class Stream:
         if known is None:
             for schema in (IMU_SCHEMA, GPS_SCHEMA):
                 if is_header(text, schema):
-                    return self._header(words, schema is IMU_SCHEMA, understand(words, None, schema, where=NAME)[0])
+                    self._header(words, schema is IMU_SCHEMA, understand(words, None, schema, where=NAME)[0])
+                    return None
             if not self._columns and len(words) > len(_SAMPLE) - 1 and np.isfinite(numbers).all():
                 raise InputError("online.no_header", where=NAME, line=text[:80])
         values = {} if known is None else {key: numbers[each.index] for key, each in known[1].items()}
@@ -131,7 +132,7 @@ class Stream:
         else:
             ended, self._epoch = [], [*self._epoch, line] if timed or self._epoch else []
         self._time = time if timed else self._time
-        return self._read(nmea, b"\n".join([*ended, b""])) if ended else None
+        return self._read(nmea.read, b"\n".join([*ended, b""])) if ended else None
 
 
 def _fix(found: Mapping[str, Found], columns: Sequence[FloatArray] | Mapping[int, FloatArray]) -> GpsData:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -14,14 +14,14 @@ from numpy.typing import ArrayLike
 from insnav import strapdown
 from insnav.alignment.in_motion import sure_motion
 from insnav.attitude import rph_from_quat
-from insnav.exceptions import AlignmentError, InputError, InsnavError
+from insnav.exceptions import AlignmentError, InputError
 from insnav.filter.error_model import Part
 from insnav.filter.gps_noise import with_sd
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import AFTER, DELAY_SD, LONGEST_GAP, SHORTEST, Start, prepare, spans
 from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
-from insnav.findings import Code, Finding
+from insnav.findings import Code, ErrorFacts, Finding
 from insnav.imu.specification import ImuSpec
 from insnav.kernels.errorstate import STATES, Outputs, variances
 from insnav.kernels.output import deviations
@@ -67,40 +67,40 @@ class OnlineState:
         The newest thousand findings, in the order of their detection.
     """
 
-    aligned: bool = False
-    time: float = np.nan
-    lla: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
-    v_n: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
-    rph: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
-    gyro_bias: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
-    accel_bias: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
-    covariance: FloatArray = field(default_factory=lambda: np.full((STATES, STATES), np.nan))
-    sd: FloatArray = field(default_factory=lambda: np.full(9, np.nan))
-    lever_arm: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
-    gps_delay: float = np.nan
-    findings: tuple[Finding, ...] = ()
+    aligned: bool
+    time: float
+    lla: FloatArray
+    v_n: FloatArray
+    rph: FloatArray
+    gyro_bias: FloatArray
+    accel_bias: FloatArray
+    covariance: FloatArray
+    sd: FloatArray
+    lever_arm: FloatArray
+    gps_delay: float
+    findings: tuple[Finding, ...]
 
 
 class _Findings(Record):
-    """Record of a run that has no end: it keeps the findings alone."""
+    """Record of a run that has no end: it keeps the newest findings alone."""
 
     def __init__(self) -> None:
         super().__init__(0)
         self.found: list[Finding] = []
-        self._row: Outputs | None = None
+        self._outputs = super().reserve(0, np.full(3, np.inf))
 
     def event(self, event: Finding) -> None:
         self.found = [*self.found[1 - MOST :], event]
 
     def reserve(self, rows: int, grid: FloatArray) -> Outputs:
-        self._row = self._row or super().reserve(rows, grid)
-        self._row.used[:] = 0
-        return self._row
+        self._outputs.used[:] = 0
+        return self._outputs
 
     def epoch(self, *_: Any) -> None:
         pass
 
-    fix = aiding = epoch
+    def fix(self, *_: Any) -> None:
+        pass
 
 
 class OnlineFilter:
@@ -164,12 +164,11 @@ class OnlineFilter:
     ) -> None:
         inputs: Inputs = {"imu_model": imu, "lever_arm": lever_arm, "lever_arm_sd": lever_arm_sd, "rate": rate}
         inputs |= {"gps_delay": gps_delay, "heading": heading, "static": static, "initial": initial}
-        inputs |= {"sampling": sampling, "stamp": stamp}
-        inputs = checked(inputs)
-        given, arm = given_imu(imu), vector(inputs, "lever_arm")
+        inputs = checked({**inputs, "sampling": sampling, "stamp": stamp})
+        given, arm, start = given_imu(imu), vector(inputs, "lever_arm"), inputs.get("initial")
         assert given is not None
-        start = inputs.get("initial")
-        self._spec, self._start, self._heading, self._static = given[0], start, heading, static
+        self._start = start if isinstance(start, Start) else None
+        self._spec, self._heading, self._static = given[0], heading, static
         self._settings = FilterSettings(
             lever_b=np.zeros(3) if arm is None else arm,
             lever_sd=(LEVER_SD if arm is None else 0.0) if lever_arm_sd is None else lever_arm_sd,
@@ -178,16 +177,20 @@ class OnlineFilter:
             smooth=False,
             output_interval=NO_ROWS,
         )
-        self._how, self._states, self._nominal = (sampling, stamp), states, None if rate is None else 1.0 / rate
+        none, three = np.empty(0), np.empty((0, 3))
+        self._nothing = ImuData(none, three, three, sampling, stamp)
+        self._states, self._nominal = states, None if rate is None else 1.0 / rate
         self._record = _Findings()
         self._record.event(given[1])
         self._nav: Navigator | None = None
         self._last, self._ended, self._retry = -np.inf, -np.inf, -np.inf  # newest sample, the one before a gap [s]
-        self._aligning, self._held = True, list[ImuData]()  # samples for the next alignment
-        self._fixes: list[tuple[float, GpsData]] = []  # by time in the clock of the samples [s]
+        self._aligning, self._held = True, self._nothing  # samples for the next alignment
+        # fixes that may be needed again
+        self._gps = GpsData(none, three, three, three, three, np.empty(0, np.int64))
         self._recent: list[ImuData] = []  # samples after the oldest state to go back to
         self._saved: list[tuple[float, float, tuple[Any, ...]]] = []  # time, newest sample, the state
-        self._axes_sd, self._cause = np.zeros(3), None
+        self._axes_sd = np.zeros(3)
+        self._cause: ErrorFacts | None = None
 
     def imu(self, time: ArrayLike, gyro: ArrayLike, accel: ArrayLike) -> None:
         """Take the next samples.
@@ -206,18 +209,18 @@ class OnlineFilter:
         DivergenceError
             The filter lost consistency.
         """
-        times = np.array(time, dtype=np.float64, ndmin=1)
-        arrays = [_array(name, each, (times.size, 3)) for name, each in (("gyro", gyro), ("accel", accel))]
-        _array("time", times, (times.size,))
+        times = _array("time", np.atleast_1d(time), None)
+        rates, forces = _array("gyro", gyro, (times.size, 3)), _array("accel", accel, (times.size, 3))
         back = np.flatnonzero(np.diff(times, prepend=self._last) <= 0.0)
         if back.size:
             before = times[back[0] - 1] if back[0] else self._last
             raise InputError("online.time_back", where="imu", time_s=times[back[0]], before_s=before)
-        if not times.size:
-            return
-        block = ImuData(times, *arrays, *self._how)
-        for rows in spans(block) if times[-1] - times[0] > LONGEST_GAP else [slice(None)]:
-            self._take(block.rows(rows))
+        block = ImuData(times, rates, forces, self._nothing.sampling, self._nothing.stamp)
+        if times.size and times[-1] - times[0] <= LONGEST_GAP:
+            self._take(block)
+        elif times.size:
+            for rows in spans(block):
+                self._take(block.rows(rows))
 
     def gps(
         self,
@@ -248,49 +251,57 @@ class OnlineFilter:
         InputError
             The fix has another shape, is not finite, or is not in radians. It is not used.
         """
-        at, place = float(_array("time", time, ())), _array("lla", lla, (3,))
+        at, place = _array("time", np.atleast_1d(time), (1,)), _array("lla", lla, (3,))
         if abs(place[0]) > 0.5 * np.pi or abs(place[1]) > 2.0 * np.pi:
             raise InputError("online.not_radians", where="gps", lla=tuple(place))
-        given = np.full(6, np.nan)
+        sds, velocity = np.full(6, np.nan), np.full(3, np.nan)
         if sd is not None:
             size = 6 if np.size(sd) == 6 else 3
-            given[:size] = _array("sd", sd, (size,), known=False)
-            if not (given[~np.isnan(given)] > 0.0).all():
-                raise InputError("online.not_an_sd", where="gps", sd=tuple(given[:size]))
-        velocity = np.full(3, np.nan) if v_n is None else _array("v_n", v_n, (3,), known=False)
-        rows = [np.array(each, ndmin=2) for each in (place, velocity, given[:3], given[3:])]
-        kind = None if fix is None else np.array([fix])
-        found = with_sd(GpsData(np.array([at]), *rows, kind))[0]
-        at -= self._settings.delay
-        number = sum(each <= at + strapdown.TIME_TOLERANCE for each, _ in self._fixes)
-        repeated = number and self._fixes[number - 1][0] >= at - strapdown.TIME_TOLERANCE
-        late = self._last - at
-        if repeated or (self._saved and (late > WINDOW or at <= self._saved[0][0] + strapdown.TIME_TOLERANCE)):
-            code = Code.ONLINE_FIX_REPEATED if repeated else Code.ONLINE_FIX_LATE
-            self._record.event(Finding.of(code, at, subject="gps", late_s=late, limit_s=WINDOW))
+            sds[:size] = _array("sd", sd, (size,), known=False)
+            if (sds <= 0.0).any():
+                raise InputError("online.not_an_sd", where="gps", sd=tuple(sds[:size]))
+        if v_n is not None:
+            velocity = _array("v_n", v_n, (3,), known=False)
+        kind = np.array([5 if fix is None else fix])
+        found = with_sd(GpsData(at, place[None], velocity[None], sds[None, :3], sds[None, 3:], kind))[0]
+        near, moment, gps = strapdown.TIME_TOLERANCE, float(at[0]) - self._settings.delay, self._gps
+        first, after = np.searchsorted(gps.time, [at[0] - near, at[0] + near])
+        late = self._last - moment
+        if first < after or (self._saved and (late > WINDOW or moment <= self._saved[0][0] + near)):
+            code = Code.ONLINE_FIX_REPEATED if first < after else Code.ONLINE_FIX_LATE
+            self._record.event(Finding.of(code, moment, subject="gps", late_s=late, limit_s=WINDOW))
             return
-        self._fixes.insert(number, (at, found))
+        self._gps = gps.rows(slice(first)).joined(found).joined(gps.rows(slice(first, None)))
         if self._aligning or self._nav is None:
             return
-        if at <= self._nav.done + strapdown.TIME_TOLERANCE:
-            self._repeat(at)
+        if moment <= self._nav.done + near:
+            self._repeat(moment)
         else:
-            self._nav.take_fixes(self._gps())
+            self._nav.take_fixes(self._gps)
 
     @property
     def state(self) -> OnlineState:
         """State at the newest sample that the filter has processed."""
-        nav, findings = self._nav, self._record.found
+        nav, findings = self._nav, tuple(self._record.found)
         if nav is None or self._aligning:
-            aligning = Finding.of(Code.ONLINE_ALIGNING, self._last, cause=self._cause or "")
-            return OnlineState(findings=(*findings, aligning))
-        now, p = nav.estimate, nav.estimate.covariance_now
+            cause: dict[str, Any] = {} if self._cause is None else {"cause": self._cause}
+            aligning = Finding.of(Code.ONLINE_ALIGNING, self._last, **cause)
+            unknown = np.full(9, np.nan)
+            three = (unknown[:3],) * 5
+            covariance = np.full((STATES, STATES), np.nan)
+            return OnlineState(False, np.nan, *three, covariance, unknown, unknown[:3], np.nan, (*findings, aligning))
+        now, p = nav.estimate, nav.estimate.covariance_now[:STATES, :STATES]
         rph, variance, sd = rph_from_quat(now.x[6:])[None], np.empty((1, 12)), np.empty((1, 9))
-        variances(p, now.x, variance[0])
+        variances(nav.estimate.covariance_now, now.x, variance[0])
         deviations(np.array([nav.done]), np.zeros(1, np.int64), variance, self._axes_sd, rph, sd)
-        parts = (now.x[:3], now.x[3:6], rph[0], now.correction[:3], now.correction[3:6], p[:STATES, :STATES], sd[0])
-        delay = self._settings.delay + now.delay
-        return OnlineState(True, nav.done, *(each.copy() for each in (*parts, now.lever)), delay, tuple(findings))
+        lla, v_n, gyro_bias, accel_bias = np.split(np.concatenate([now.x[:6], now.correction[:6]]), 4)
+        return OnlineState(
+            True,
+            nav.done,
+            *(lla, v_n, rph[0], gyro_bias, accel_bias, p.copy(), sd[0], now.lever.copy()),
+            self._settings.delay + now.delay,
+            findings,
+        )
 
     def _take(self, some: ImuData) -> None:
         """Take samples without a long gap between them."""
@@ -299,33 +310,32 @@ class OnlineFilter:
         if np.inf > gap > LONGEST_GAP:
             if not self._aligning:
                 self._ended = before
-            self._aligning, self._held, self._saved, self._recent = True, [], [], []
-            self._fixes = [each for each in self._fixes if each[0] > before]
+            self._aligning, self._held, self._saved, self._recent = True, self._nothing, [], []
+            self._gps = self._gps.rows(self._gps.time - self._settings.delay > before)
             self._record.event(Finding.of(Code.ONLINE_GAP, before, before + gap, gap_s=gap, limit_s=LONGEST_GAP))
         if not self._aligning:
             self._process(some)
             return
-        self._held.append(some)
-        if self._last >= self._retry and self._fixes:
+        self._recent.append(some)
+        if self._last >= self._retry and self._gps.time.size:
             self._retry = self._last + RETRY
-            self._held = [_joined(self._held)]
-            self._align(self._held[0])
+            held, self._recent = _joined([self._held, *self._recent]), []
+            self._held = self._align(held)
 
-    def _align(self, held: ImuData) -> None:
-        """Align with the samples since the start, or since a gap, if they are sufficient; navigate them."""
-        gps, begin, first = self._gps(), float(held.time[0]), self._nav is None
-        start = self._start if first and isinstance(self._start, Start) else None
+    def _align(self, held: ImuData) -> ImuData:
+        """Align with samples since the start, or since a gap, if they are sufficient; return those still needed."""
+        begin, first = float(held.time[0]), self._nav is None
+        start, moving = self._start if first else None, None
         until = np.inf if self._static is None else self._static[1]
-        moving = None if start is not None else sure_motion(gps, begin)[1]
         if start is not None:
             until = start.time + APART
-        elif moving is not None:
+        elif (moving := sure_motion(self._gps, begin)[1]) is not None:
             until = moving - self._settings.delay + AFTER
         if self._last < until or (self._nominal is None and self._last - begin < SHORTEST):
-            return
+            return held
         try:
             ready = prepare(
-                *(held, gps, self._spec, self._settings),
+                *(held, self._gps, self._spec, self._settings),
                 states=self._states,
                 start=start,
                 static_span=self._static,
@@ -335,30 +345,19 @@ class OnlineFilter:
             )
         except AlignmentError as error:
             self._cause = error.facts
-            if moving is not None:  # begin again with later data
-                self._held = [held.rows(held.time > until)]
-            return
-        self._aligning, self._held, self._nominal = False, [], ready.nominal
-        start, sd = ready.initial.time, ready.alignment.sd
-        methods = (ready.alignment.level_method, sd[:2].max()), (ready.alignment.heading_method, sd[2])
-        for each in (*ready.findings, *(Finding.of(Code(how), start, sd_rad=size) for how, size in methods)):
+            return held if moving is None else held.rows(held.time > until)  # begin again with later data
+        self._aligning, self._nominal, at = False, ready.nominal, ready.alignment
+        methods = (at.level_method, at.sd[:2].max()), (at.heading_method, at.sd[2])
+        for each in (*ready.findings, *(Finding.of(Code(how), ready.initial.time, sd_rad=sd) for how, sd in methods)):
             self._record.event(each)
         if self._nav is None:
             self._nav, self._axes_sd = ready.navigator(record=self._record), ready.model.axes_sd
             self._saved = [(self._nav.done, -np.inf, self._nav.saved())]
         else:
-            self._nav.restart_at(Part(self._ended, ready.alignment, ready.initial))
-            self._nav.take_fixes(gps)
+            self._nav.restart_at(Part(self._ended, at, ready.initial))
+            self._nav.take_fixes(self._gps)
         self._process(ready.imu)
-
-    def _gps(self) -> GpsData:
-        """Return the fixes in order of time."""
-        rows = [fix for _, fix in self._fixes] or [
-            GpsData(np.empty(0), *(np.empty((0, 3)) for _ in range(4)))
-        ]
-        kinds = [np.array([5]) if each.fix is None else each.fix for each in rows]
-        fields = zip(*((each.time, each.lla, each.v_n, each.position_sd, each.velocity_sd) for each in rows), strict=True)
-        return GpsData(*map(np.concatenate, fields), np.concatenate(kinds))
+        return self._nothing
 
     def _process(self, some: ImuData) -> None:
         """Navigate samples, and keep states to go back to."""
@@ -375,7 +374,9 @@ class OnlineFilter:
                 while len(self._saved) > 1 and self._saved[1][0] < self._last - WINDOW:
                     del self._saved[0]
                 self._recent = [each for each in self._recent if each.time[-1] > self._saved[0][1]]
-                self._fixes = [each for each in self._fixes if each[0] > self._saved[0][0]]
+                self._gps = self._gps.rows(
+                    slice(np.searchsorted(self._gps.time, self._saved[0][0] + self._settings.delay), None)
+                )
 
     def _repeat(self, time: float) -> None:
         """Go back to before a time [s], and navigate the samples since with all fixes."""
@@ -384,7 +385,7 @@ class OnlineFilter:
             del self._saved[-1]
         done, newest, state = self._saved[-1]
         self._record.found = [each for each in self._record.found if not each.begin > done]
-        self._nav.go_back(state, self._gps())
+        self._nav.go_back(state, self._gps)
         after = [each for each in self._recent if each.time[-1] > newest]
         self._recent = self._recent[: -len(after)]
         self._process(_joined(after))
@@ -395,14 +396,15 @@ def _joined(blocks: list[ImuData]) -> ImuData:
     return replace(blocks[0], time=time, gyro=gyro, accel=accel)
 
 
-def _array(name: str, values: ArrayLike, shape: tuple[int, ...], *, known: bool = True) -> FloatArray:
-    """Copy finite numbers, or all if not `known`, of a given shape; one row may be without its first dimension."""
+def _array(name: str, values: ArrayLike, shape: tuple[int, ...] | None, *, known: bool = True) -> FloatArray:
+    """Copy numbers, finite ones if `known`, of a shape, by default (n,); one row may be one-dimensional."""
     try:
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError("online.not_numbers", where=name, reason=str(error)) from error
-    if array.shape != shape and (array.shape != shape[1:] or shape[:1] != (1,)):
-        raise InputError("online.shape", where=name, shape=array.shape, wanted=shape)
+    wanted = array.shape[:1] if shape is None else shape
+    if array.shape != wanted and (array.shape != wanted[1:] or wanted[0] != 1):
+        raise InputError("online.shape", where=name, shape=str(array.shape), wanted=str(wanted))
     if known and not np.isfinite(array).all():
         raise InputError("online.not_finite", where=name, count=int((~np.isfinite(array)).sum()))
-    return array.reshape(shape)
+    return array.reshape(wanted)
