@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from insnav import strapdown
-from insnav.alignment.in_motion import sure_motion
+from insnav.alignment.in_motion import first_motion, velocity
 from insnav.attitude import rph_from_quat
 from insnav.exceptions import AlignmentError, InputError
 from insnav.filter.error_model import Part
@@ -324,18 +324,20 @@ class OnlineFilter:
 
     def _align(self, held: ImuData) -> ImuData:
         """Align with samples since the start, or since a gap, if they are sufficient; return those still needed."""
-        begin, first = float(held.time[0]), self._nav is None
+        begin, first, gps = float(held.time[0]), self._nav is None, self._gps
+        if self._nominal is not None and not first:  # of the same part
+            gps = gps.rows(gps.time - self._settings.delay >= begin - self._nominal)
         start, moving = self._start if first else None, None
         until = np.inf if self._static is None else self._static[1]
         if start is not None:
             until = start.time + APART
-        elif (moving := sure_motion(self._gps, begin)[1]) is not None:
+        elif (moving := first_motion(velocity(gps), begin)) is not None:
             until = moving - self._settings.delay + AFTER
         if self._last < until or (self._nominal is None and self._last - begin < SHORTEST):
             return held
         try:
             ready = prepare(
-                *(held, self._gps, self._spec, self._settings),
+                *(held, gps, self._spec, self._settings),
                 states=self._states,
                 start=start,
                 static_span=self._static,
@@ -384,7 +386,8 @@ class OnlineFilter:
         while self._saved[-1][0] + strapdown.TIME_TOLERANCE >= time:
             del self._saved[-1]
         done, newest, state = self._saved[-1]
-        self._record.found = [each for each in self._record.found if not each.begin > done]
+        found = self._record.found
+        self._record.found = [each for each in found if each.code.startswith("online.") or not each.begin > done]
         self._nav.go_back(state, self._gps)
         after = [each for each in self._recent if each.time[-1] > newest]
         self._recent = self._recent[: -len(after)]
