@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import nullcontext
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -75,13 +76,16 @@ class _Rows:
 
         from insnav.types import Trajectory
 
-        edges = np.flatnonzero(np.diff(time // max(self._interval, 1e-9), prepend=-np.inf))
-        for first, last in zip(edges, [*edges[1:], time.size], strict=True):
+        number = np.floor(time / self._interval + 1e-6) if self._interval else time
+        edges = np.flatnonzero(np.diff(number, prepend=-np.inf))
+        for first, last in pairwise([*edges, time.size]):
             nav.imu(time[first:last], gyro[first:last], accel[first:last])
             state = nav.state
             if not state.aligned or not state.time >= self._next - 1e-6:
                 continue
-            self._next = (state.time // self._interval + 1.0) * self._interval if self._interval else state.time + 1e-6
+            self._next = (
+                (np.floor(state.time / self._interval + 1e-6) + 1.0) * self._interval if self._interval else 0.0
+            )
             values = (np.atleast_1d(state.time), *(each[None] for each in (state.lla, state.v_n, state.rph, state.sd)))
             columns = Trajectory(*values).columns()
             if not self.header:

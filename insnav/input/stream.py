@@ -36,6 +36,7 @@ class Stream:
     _columns: dict[tuple[str, int], tuple[bool, dict[str, Found]]] = field(default_factory=dict)
     _samples: list[list[float]] = field(default_factory=list)
     _epoch: list[bytes] = field(default_factory=list)  # sentences of one time
+    _better: bool = False  # u-blox gives the fixes of the sentences, with more
     _time: bytes = b""
     _last_kind: bytes = b""
 
@@ -53,6 +54,7 @@ class Stream:
                     break
                 after = at + size
                 found = self._read(ubx.read, log[at:after]) if log[at + 2 : at + 4] in _FIXES else None
+                self._better |= found is not None
             elif frame >= 0 and not 0 <= end < frame:
                 found, after = self._line(log[at:frame]), frame
             elif end < 0 and len(log) - at < LONGEST:
@@ -132,7 +134,7 @@ class Stream:
         else:
             ended, self._epoch = [], [*self._epoch, line] if timed or self._epoch else []
         self._time = time if timed else self._time
-        return self._read(nmea.read, b"\n".join([*ended, b""])) if ended else None
+        return self._read(nmea.read, b"\n".join([*ended, b""])) if ended and not self._better else None
 
 
 def _fix(found: Mapping[str, Found], columns: Sequence[FloatArray] | Mapping[int, FloatArray]) -> GpsData:

@@ -89,8 +89,10 @@ def test_fixes_of_a_receiver_are_those_of_the_whole_file(file: str, size: int) -
     time = np.array([each.time[0] for each in fixes])
     row = np.searchsorted(whole.time, time - 1e-4).clip(max=whole.time.size - 1)
     same = np.abs(whole.time[row] - time) < 1e-4
-    assert same.sum() >= whole.time.size - 2  # the last epoch of a log has no end
-    for fix, of_file in zip(np.array(fixes, dtype=object)[same], row[same], strict=True):
+    assert np.unique(row[same]).size >= whole.time.size - 2  # the last epoch of a log has no end
+    # sentences before the first message of u-blox have no velocities
+    last = {int(row[k]): fixes[k] for k in np.flatnonzero(same)}
+    for of_file, fix in last.items():
         # a whole file adds the tenths of a millimetre of NAV-HPPOSLLH, and its accuracy
         assert fix.lla[0, :2] == pytest.approx(whole.lla[of_file, :2], abs=1e-9)
         assert fix.v_n[0, :2] == pytest.approx(whole.v_n[of_file, :2], abs=1e-9, nan_ok=True)
