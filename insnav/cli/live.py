@@ -95,7 +95,7 @@ class _Rows:
 
 
 def _pieces(data: Data) -> Iterator[bytes]:
-    """Yield what a file or a pipe has, without waiting for more."""
+    """Yield the content of a file, or of a pipe as it comes."""
     name = str(data.imu)
     try:
         with nullcontext(sys.stdin.buffer) if name == "-" else Path(name).open("rb") as file:

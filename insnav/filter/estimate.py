@@ -138,7 +138,7 @@ class Estimate:
         return arrays, self._engine.covariance, self._engine.repairs, tuple(self._changes), self._noise
 
     def go_back(self, saved: tuple[Any, ...]) -> None:
-        """Restore what `saved` returned."""
+        """Restore a state from `saved`."""
         arrays, covariance, self._engine.repairs, changes, self._noise = saved
         for each, values in zip(self._changing, arrays, strict=True):
             each[:] = values

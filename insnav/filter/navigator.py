@@ -104,7 +104,7 @@ class Navigator:
         self._parts = [part for part in parts if part.initial.time > start.time]
 
     def take_fixes(self, gps: GpsData) -> None:
-        """Replace the fixes, before any that are due; those that are processed already have no further effect."""
+        """Replace all fixes; processed ones have no further effect."""
         settings = self._settings
         later = gps.time - settings.delay > self._first + strapdown.TIME_TOLERANCE
         self._gps, self._fix, self._fix_time = gps, np.flatnonzero(later), gps.time[later] - settings.delay

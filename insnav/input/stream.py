@@ -1,7 +1,7 @@
 """Mixed log that is read while it is written: lines of samples and fixes, NMEA sentences, u-blox NAV-PVT and NAV-PVAT.
 
-A line with names of columns says what the lines with as many columns contain, of any origin or after the same first
-word. The times of samples and fixes have one clock.
+A line with names of columns describes the following lines with as many columns, and with the same first word if that
+is no column. The times of samples and fixes have one clock.
 """
 
 from __future__ import annotations

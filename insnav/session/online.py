@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,23 +16,20 @@ from insnav.attitude import rph_from_quat
 from insnav.exceptions import AlignmentError, InputError
 from insnav.filter.error_model import Part
 from insnav.filter.gps_noise import with_sd
-from insnav.filter.navigator import Navigator
+from insnav.filter.navigator import COAST, Navigator
 from insnav.filter.prepare import AFTER, DELAY_SD, LONGEST_GAP, SHORTEST, Start, prepare, spans
-from insnav.filter.run_recorder import Record
+from insnav.filter.run_recorder import ROOM, Record
 from insnav.filter.settings import FilterSettings
 from insnav.findings import Code, ErrorFacts, Finding
 from insnav.imu.specification import ImuSpec
 from insnav.kernels.errorstate import STATES, Outputs, variances
 from insnav.kernels.output import deviations
-from insnav.steps.given import LEVER_SD, checked, given_imu, vector
+from insnav.steps.given import LEVER_SD, checked, given_imu, one_of, vector
 from insnav.steps.inputs import Inputs
-from insnav.types import FloatArray, GpsData, ImuData, Sampling, Stamp
+from insnav.types import FloatArray, GpsData, ImuData
 
 WINDOW = 2.0  # fixes older than this, relative to the newest sample, are refused [s]
-APART = 0.25  # time between states to go back to [s]
-RETRY = 1.0  # time between attempts of an alignment [s]
-NO_ROWS = 1e9  # interval of a solution that is never written [s]
-MOST = 1000  # newest findings that are kept
+INPUTS = ("lever_arm", "lever_arm_sd", "gps_delay", "heading", "static", "initial", "sampling", "stamp", "rate")
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +51,7 @@ class OnlineState:
     gyro_bias, accel_bias : (3,) array
         Estimated biases [rad/s], [m/s^2].
     covariance : (21, 21) array
-        Of the errors, estimate minus truth: position N, E, D [m], velocity N, E, D [m/s], attitude ``phi`` [rad], gyro
+        Of the errors, estimate minus truth. Position N, E, D [m], velocity N, E, D [m/s], attitude ``phi`` [rad]. Gyro
         bias [rad/s], accelerometer bias [m/s^2], gyro and accelerometer scale factor [-].
     sd : (9,) array
         Standard deviation of position N, E, D [m], velocity N, E, D [m/s], roll, pitch, heading [rad].
@@ -64,7 +60,7 @@ class OnlineState:
     gps_delay : float
         Age of the fixes relative to their timestamps, specified or estimated [s].
     findings : tuple of Finding
-        The newest thousand findings, in the order of their detection.
+        The newest findings, at most 4096, in the order of their detection.
     """
 
     aligned: bool
@@ -90,7 +86,7 @@ class _Findings(Record):
         self._outputs = super().reserve(0, np.full(3, np.inf))
 
     def event(self, event: Finding) -> None:
-        self.found = [*self.found[1 - MOST :], event]
+        self.found = [*self.found[1 - ROOM :], event]
 
     def reserve(self, rows: int, grid: FloatArray) -> Outputs:
         self._outputs.used[:] = 0
@@ -107,7 +103,7 @@ class OnlineFilter:
     """Loosely coupled INS/GPS filter that is fed as data arrive.
 
     It collects data until they determine an attitude: until the end of `static`, or 50 s after the first motion. It
-    then navigates what it has collected, and each further block at once. Without motion it needs `static` and a
+    then navigates the collected data, and each further block at once. Without motion it needs `static` and a
     heading, or gyros that measure the Earth's rotation. Fixes may arrive in any order within 2 s: the filter goes back
     and repeats the samples since.
 
@@ -115,24 +111,12 @@ class OnlineFilter:
     ----------
     imu : str, path or ImuSpec
         IMU error specification: a grade, a part, a file.
-    lever_arm : (3,) array_like, optional
-        Antenna seen from the IMU, forward, right, down [m]; estimated if absent.
-    lever_arm_sd : float, optional
-        Standard deviation of each component, which is estimated if above 0 [m]. By default 0, or 1 without `lever_arm`.
-    gps_delay : float, optional
-        Age of the fixes at their timestamps [s]; estimated if absent, up to a tenth of a second.
-    heading : float, optional
-        Heading at the start [rad].
-    static : (float, float), optional
-        Stationary interval for the alignment, in the time of the data [s].
-    initial : str, path or Start, optional
-        Initial state instead of an alignment; its file is as for ``insnav run --initial``.
-    sampling, stamp : str
-        Meaning of the samples and of their times, as in `insnav.ImuData`.
-    rate : float, optional
-        Samples per second [Hz]; by default their mean rate until the alignment.
     states : {21, 15}
         With or without scale factor errors.
+    **inputs
+        As for `insnav.load`: ``lever_arm`` and ``gps_delay`` (estimated if absent), ``lever_arm_sd``, ``heading``,
+        ``static``, ``initial``, ``sampling``, ``stamp``. ``rate``: samples per second, by default their mean rate until
+        the alignment [Hz].
 
     Raises
     ------
@@ -147,38 +131,24 @@ class OnlineFilter:
     >>> nav.state.lla, nav.state.sd  # doctest: +SKIP
     """
 
-    def __init__(
-        self,
-        imu: str | Path | ImuSpec,
-        lever_arm: Sequence[float] | FloatArray | None = None,
-        *,
-        lever_arm_sd: float | None = None,
-        gps_delay: float | None = None,
-        heading: float | None = None,
-        static: tuple[float, float] | None = None,
-        initial: str | Path | Start | None = None,
-        sampling: Sampling = "mean",
-        stamp: Stamp = "end",
-        rate: float | None = None,
-        states: int = 21,
-    ) -> None:
-        inputs: Inputs = {"imu_model": imu, "lever_arm": lever_arm, "lever_arm_sd": lever_arm_sd, "rate": rate}
-        inputs |= {"gps_delay": gps_delay, "heading": heading, "static": static, "initial": initial}
-        inputs = checked({**inputs, "sampling": sampling, "stamp": stamp})
-        given, arm, start = given_imu(imu), vector(inputs, "lever_arm"), inputs.get("initial")
+    def __init__(self, imu: str | Path | ImuSpec, *, states: int = 21, **inputs: Unpack[Inputs]) -> None:
+        for name in inputs:
+            one_of("OnlineFilter", name, INPUTS)
+        inputs = checked(inputs)
+        given, arm, delay = given_imu(imu), vector(inputs, "lever_arm"), inputs.get("gps_delay")
+        arm_sd, start, rate = inputs.get("lever_arm_sd"), inputs.get("initial"), inputs.get("rate")
         assert given is not None
         self._start = start if isinstance(start, Start) else None
-        self._spec, self._heading, self._static = given[0], heading, static
+        self._spec, self._heading, self._static = given[0], inputs.get("heading"), inputs.get("static")
         self._settings = FilterSettings(
             lever_b=np.zeros(3) if arm is None else arm,
-            lever_sd=(LEVER_SD if arm is None else 0.0) if lever_arm_sd is None else lever_arm_sd,
-            delay=gps_delay or 0.0,
-            delay_sd=DELAY_SD if gps_delay is None else 0.0,
+            lever_sd=(LEVER_SD if arm is None else 0.0) if arm_sd is None else arm_sd,
+            delay=delay or 0.0,
+            delay_sd=DELAY_SD if delay is None else 0.0,
             smooth=False,
-            output_interval=NO_ROWS,
         )
         none, three = np.empty(0), np.empty((0, 3))
-        self._nothing = ImuData(none, three, three, sampling, stamp)
+        self._nothing = ImuData(none, three, three, inputs.get("sampling") or "mean", inputs.get("stamp") or "end")
         self._states, self._nominal = states, None if rate is None else 1.0 / rate
         self._record = _Findings()
         self._record.event(given[1])
@@ -242,7 +212,7 @@ class OnlineFilter:
             Velocity North, East, Down [m/s]; ``NaN`` where not known.
         sd : (3,) or (6,) array_like, optional
             Standard deviation of the position North, East, Down [m], and of the velocity [m/s]; ``NaN`` where not
-            known. By default that of a stand-alone receiver: 1.5, 1.5, 3 m and 0.2, 0.2, 0.3 m/s.
+            known. By default a stand-alone receiver is assumed: 1.5, 1.5, 3 m and 0.2, 0.2, 0.3 m/s.
         fix : int, optional
             Fix type: 1 fixed, 2 float, 4 DGPS, 5 single, 0 none.
 
@@ -318,7 +288,7 @@ class OnlineFilter:
             return
         self._recent.append(some)
         if self._last >= self._retry and self._gps.time.size:
-            self._retry = self._last + RETRY
+            self._retry = self._last + COAST
             held, self._recent = _joined([self._held, *self._recent]), []
             self._held = self._align(held)
 
@@ -330,7 +300,7 @@ class OnlineFilter:
         start, moving = self._start if first else None, None
         until = np.inf if self._static is None else self._static[1]
         if start is not None:
-            until = start.time + APART
+            until = start.time + COAST
         elif (moving := first_motion(velocity(gps), begin)) is not None:
             until = moving - self._settings.delay + AFTER
         if self._last < until or (self._nominal is None and self._last - begin < SHORTEST):
@@ -365,13 +335,13 @@ class OnlineFilter:
         """Navigate samples, and keep states to go back to."""
         assert self._nav is not None
         nav, blocks = self._nav, [some]
-        if some.time[-1] - some.time[0] > APART:
-            edges = [0, *(np.flatnonzero(np.diff(some.time // APART)) + 1).tolist(), None]
+        if some.time[-1] - some.time[0] > COAST:
+            edges = [0, *(np.flatnonzero(np.diff(some.time // COAST)) + 1).tolist(), None]
             blocks = [some.rows(slice(*each)) for each in pairwise(edges)]
         for block in blocks:
             nav.feed(block)
             self._recent.append(block)
-            if not self._saved or nav.done >= self._saved[-1][0] + APART:
+            if not self._saved or nav.done >= self._saved[-1][0] + COAST:
                 self._saved.append((nav.done, float(block.time[-1]), nav.saved()))
                 while len(self._saved) > 1 and self._saved[1][0] < self._last - WINDOW:
                     del self._saved[0]
