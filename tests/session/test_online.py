@@ -111,6 +111,16 @@ def test_equals_it_on_a_recording(name: str, length: float, imu_model: str) -> N
     assert_alike(states, causal(imu, gps, **given))
 
 
+@pytest.mark.parametrize("given", [{}, {"heading": 28.0 * DEG, "lever_arm": (2.0, 0.5, 0.0)}], ids=["right", "wrong"])
+def test_a_run_with_these_options_does_not_depend_on_later_data(given: dict[str, Any]) -> None:
+    """Not even if the drive contradicts what is given: lever arm, heading, misalignments."""
+    imu, gps, _ = city(3, "rtk")
+    whole, half = (causal(each, gps, **(GIVEN | given)).solution for each in (imu, imu.beginning(300.0)))
+    rows = slice(half.time.size - 100)  # the newest samples have other neighbours
+    for name in ("time", "lla", "v_n", "rph"):
+        assert (getattr(half, name)[rows] == getattr(whole, name)[rows]).all()
+
+
 def test_late_fixes_equal_fixes_on_time() -> None:
     imu, gps, _ = city(3)
     run = causal(imu, gps, **GIVEN)
