@@ -68,14 +68,21 @@ class _Rows:
     """Rows of the solution at most every `interval` [s]."""
 
     def __init__(self, interval: float) -> None:
-        self._interval, self._next, self.header = interval, -float("inf"), ""
+        self._interval, self._next, self._last, self.header = interval, -float("inf"), -float("inf"), ""
 
     def write(self, nav: OnlineFilter, time: FloatArray, gyro: FloatArray, accel: FloatArray) -> None:
-        """Feed the filter, and write a row for each interval that it has navigated."""
+        """Feed the filter, and write a row for each interval that it has navigated.
+
+        Raises: InputError: samples went back in time; the others are used.
+        """
         import numpy as np
 
         from insnav.types import Trajectory
 
+        before = np.maximum.accumulate(np.concatenate([[self._last], time]))
+        back = np.flatnonzero(time <= before[:-1])
+        self._last, given = float(before[-1]), time
+        time, gyro, accel = (np.delete(each, back, axis=0) for each in (time, gyro, accel))
         number = np.floor(time / self._interval + 1e-6) if self._interval else time
         edges = np.flatnonzero(np.diff(number, prepend=-np.inf))
         for first, last in pairwise([*edges, time.size]):
@@ -92,6 +99,8 @@ class _Rows:
                 self.header = ",".join(columns)
                 console.result(self.header, always=True)
             console.result(",".join(f"{column[0]:.13g}" for column in columns.values()), always=True)
+        if back.size:
+            raise InputError("online.time_back", where="imu", time_s=given[back[0]], before_s=before[back[0]])
 
 
 def _pieces(data: Data) -> Iterator[bytes]:

@@ -92,11 +92,9 @@ class _Findings(Record):
         self._outputs.used[:] = 0
         return self._outputs
 
-    def epoch(self, *_: Any) -> None:
-        pass
+    def epoch(self, *_: Any) -> None: ...
 
-    def fix(self, *_: Any) -> None:
-        pass
+    def fix(self, *_: Any) -> None: ...
 
 
 class OnlineFilter:
@@ -256,22 +254,16 @@ class OnlineFilter:
         if nav is None or self._aligning:
             cause: dict[str, Any] = {} if self._cause is None else {"cause": self._cause}
             aligning = Finding.of(Code.ONLINE_ALIGNING, self._last, **cause)
-            unknown = np.full(9, np.nan)
-            three = (unknown[:3],) * 5
-            covariance = np.full((STATES, STATES), np.nan)
-            return OnlineState(False, np.nan, *three, covariance, unknown, unknown[:3], np.nan, (*findings, aligning))
-        now, p = nav.estimate, nav.estimate.covariance_now[:STATES, :STATES]
+            nine, covariance = np.full(9, np.nan), np.full((STATES, STATES), np.nan)
+            three = (nine[:3],) * 5
+            return OnlineState(False, np.nan, *three, covariance, nine, nine[:3], np.nan, (*findings, aligning))
+        now, p = nav.estimate, nav.estimate.covariance_now
         rph, variance, sd = rph_from_quat(now.x[6:])[None], np.empty((1, 12)), np.empty((1, 9))
-        variances(nav.estimate.covariance_now, now.x, variance[0])
+        variances(p, now.x, variance[0])
         deviations(np.array([nav.done]), np.zeros(1, np.int64), variance, self._axes_sd, rph, sd)
         lla, v_n, gyro_bias, accel_bias = np.split(np.concatenate([now.x[:6], now.correction[:6]]), 4)
-        return OnlineState(
-            True,
-            nav.done,
-            *(lla, v_n, rph[0], gyro_bias, accel_bias, p.copy(), sd[0], now.lever.copy()),
-            self._settings.delay + now.delay,
-            findings,
-        )
+        found = lla, v_n, rph[0], gyro_bias, accel_bias, p[:STATES, :STATES].copy(), sd[0], now.lever.copy()
+        return OnlineState(True, nav.done, *found, self._settings.delay + now.delay, findings)
 
     def _take(self, some: ImuData) -> None:
         """Take samples without a long gap between them."""
@@ -301,9 +293,9 @@ class OnlineFilter:
         until = np.inf if self._static is None else self._static[1]
         if start is not None:
             until = start.time + COAST
-        elif (moving := first_motion(velocity(gps), begin)) is not None:
+        elif gps.time.size and (moving := first_motion(velocity(gps), begin)) is not None:
             until = moving - self._settings.delay + AFTER
-        if self._last < until or (self._nominal is None and self._last - begin < SHORTEST):
+        if self._last < until or (self._nominal is None and self._last - begin < SHORTEST) or not gps.time.size:
             return held
         try:
             ready = prepare(
@@ -346,9 +338,7 @@ class OnlineFilter:
                 while len(self._saved) > 1 and self._saved[1][0] < self._last - WINDOW:
                     del self._saved[0]
                 self._recent = [each for each in self._recent if each.time[-1] > self._saved[0][1]]
-                self._gps = self._gps.rows(
-                    slice(np.searchsorted(self._gps.time, self._saved[0][0] + self._settings.delay), None)
-                )
+                self._gps = self._gps.rows(self._gps.time - self._settings.delay >= self._saved[0][0])
 
     def _repeat(self, time: float) -> None:
         """Go back to before a time [s], and navigate the samples since with all fixes."""
@@ -376,7 +366,7 @@ def _array(name: str, values: ArrayLike, shape: tuple[int, ...] | None, *, known
     except (TypeError, ValueError) as error:
         raise InputError("online.not_numbers", where=name, reason=str(error)) from error
     wanted = array.shape[:1] if shape is None else shape
-    if array.shape != wanted and (array.shape != wanted[1:] or wanted[0] != 1):
+    if array.shape != wanted and (1, *array.shape) != wanted:
         raise InputError("online.shape", where=name, shape=str(array.shape), wanted=str(wanted))
     if known and not np.isfinite(array).all():
         raise InputError("online.not_finite", where=name, count=int((~np.isfinite(array)).sum()))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -118,7 +117,10 @@ def test_a_log_without_motion_ends_with_the_reason(folder: Path, cli: Cli) -> No
 
 def test_times_that_go_back_are_told_and_left_out(folder: Path, cli: Cli) -> None:
     lines = mixed(folder)
-    Path("log.csv").write_text("\n".join([*lines[:5000], lines[4000], *lines[5000:]]) + os.linesep)
-    live = cli("live", "log.csv", *GIVEN)
+    Path("right.csv").write_text("\n".join(lines))
+    Path("log.csv").write_text("\n".join([*lines[:12000], *lines[4000:4003], *lines[12000:]]))
+    right, live = (cli("live", name, *GIVEN) for name in ("right.csv", "log.csv"))
     assert live.code == 0
     assert "does not increase" in live.err
+    assert "does not increase" not in right.err
+    assert live.out.splitlines()[-1] == right.out.splitlines()[-1]
