@@ -11,8 +11,8 @@ import insnav
 from insnav.filter.engine import Engine
 from insnav.types import GpsData, ImuData
 
-# Twenty microseconds a sample are two hundred a block, where a predict of 21 states by filterpy takes five. A block cost
-# 31 predicts when this was written.
+# Twenty microseconds a sample are two hundred a block, where a predict of 21 states by filterpy takes five. A block
+# cost 31 predicts when this was written.
 BLOCK, PREDICTS, LATE = 10, 40.0, 3.0
 REPEATS = 5
 
