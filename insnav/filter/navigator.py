@@ -79,7 +79,9 @@ class Navigator:
         self._settings, self._model, self._nominal, self._alignment = settings, model, nominal, alignment
         self._marks, self.kept = marks, dict[int, FilterState]()
         self._coast = COAST if settings.aiding is None else settings.aided_every
-        self._record = Record(self._fix.shape[0])
+        self._record = Record(
+            self._fix.shape[0], np.sqrt(model.noise[:3] / nominal) if settings.with_poses else None
+        )
         self._estimate = Estimate(start, model, settings, self._record.event, self._coast, alignment)
         self._record.epoch(start.time, self._estimate)
         self._aiding = AidingUpdates(self._estimate, settings, self._record, gps, start.time)
@@ -87,7 +89,8 @@ class Navigator:
         self._z, self._h, self._sd = np.zeros(6), np.zeros((6, n)), np.zeros(6)
         self._r, self._s = np.zeros((6, 6)), np.zeros((6, 6))
         every = settings.output_interval
-        self._grid = np.array([start.time if every > 0 else np.inf, every, start.time])
+        self._grid = np.array([np.inf, every if every > 0.0 or not settings.with_poses else -1.0, 0.0])
+        self._begin_grid(start.time)
         self._start, self._done = start.time, -np.inf
         self._next = 0  # first unprocessed fix
         none = np.empty((0, 3))
@@ -132,11 +135,16 @@ class Navigator:
         self._next = int(np.searchsorted(self._fix_time, start.time + strapdown.TIME_TOLERANCE, side="right"))
         self._last_good = start.time
         self._rejections.clear()
-        if self._grid[1] > 0.0:
-            self._grid[:] = start.time, self._grid[1], start.time
+        self._begin_grid(start.time)
         estimate.go_on(start, span)
         self._record.epoch(start.time, estimate)
         self._aiding.restart(start.time)
+
+    def _begin_grid(self, time: float) -> None:
+        """Set the next epochs of the solution: whole multiples of the interval, and those wanted."""
+        begin, every = time - strapdown.TIME_TOLERANCE, self._grid[1]
+        self._grid[0] = every * np.ceil(begin / every) if every > 0.0 else np.inf
+        self._grid[2] = np.searchsorted(self._settings.epochs, begin)
 
     def _close(self) -> None:
         """End with an epoch, so that every row lies between two epochs."""
@@ -233,7 +241,9 @@ class Navigator:
         at = np.searchsorted(inc.time, fixes - strapdown.TIME_TOLERANCE)
         at = at[at < inc.time.shape[0]]
         rows = 3 + int((inc.time[-1] - inc.time[0]) / self._grid[1]) if self._grid[1] > 0.0 else inc.time.shape[0]
-        out = self._record.reserve(rows, self._grid)
+        wanted = self._settings.epochs
+        rows += int(np.searchsorted(wanted, inc.time[-1] + 1.0)) - int(self._grid[2])
+        out = self._record.reserve(rows, self._grid, wanted)
         samples = Samples(inc.time, inc.dt, inc.dtheta, inc.dvel, inc.coning, inc.sculling, gap)
         k = begin
         for i in at:
@@ -307,10 +317,12 @@ class Navigator:
         self._note_fix(time, nis, use)
 
     def _show(self, time: float, out: Outputs) -> None:
-        """Store the state after an epoch in the row of the solution at its time, if any."""
+        """Store the state after an epoch in the rows of the solution at its time, if any."""
         self._record.epoch(time, self._estimate)
-        if out.used[0] and out.time[out.used[0] - 1] >= time - strapdown.TIME_TOLERANCE:
-            out.state[out.used[0] - 1] = self._estimate.x
+        row = int(out.used[0]) - 1
+        while row >= 0 and out.time[row] >= time - strapdown.TIME_TOLERANCE:
+            out.state[row] = self._estimate.x
+            row -= 1
 
     def _note_fix(self, time: float, nis: tuple[float, float], use: list[bool]) -> None:
         self._record.fix(time, self._z, self._sd, nis, use, self._estimate)
