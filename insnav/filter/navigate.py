@@ -119,7 +119,9 @@ def thinned(run: Run, every: float) -> Run:
         return track.rows(rows if rows.size else slice(0, 1))
 
     smoothed = run.smoothed and replace(run.smoothed, solution=few(run.smoothed.solution))
-    poses = run.poses and (few(run.poses) if len(run.poses.time) == len(run.solution.time) else run.poses)
+    poses = run.poses
+    if poses is not None and np.array_equal(poses.time, run.solution.time):
+        poses = few(poses)
     return replace(run, solution=few(run.solution), smoothed=smoothed, poses=poses)
 
 

@@ -39,6 +39,7 @@ QUANTUM = 2.0**-40  # of angles, far below gyro resolution [rad]
 COAST = 1.0  # longest time between filter epochs: the transition is of second order [s]
 BROKEN = 3.0  # a longer time without a rejected fix ends a run of rejections, if fixes come more often [s]
 NOISY, FAR_BEYOND = 3.0, 10.0  # factors on the RMS of the gyros' white noise: smaller rates, or parts, may be noise
+INSTANT = 0.01  # share of a sampling interval whose mean rate is the rate at its end [-]
 FEWEST_REJECTIONS = 5  # before a reset: at low rates a second or two of multipath must not cause a reset
 
 
@@ -79,9 +80,7 @@ class Navigator:
         self._settings, self._model, self._nominal, self._alignment = settings, model, nominal, alignment
         self._marks, self.kept = marks, dict[int, FilterState]()
         self._coast = COAST if settings.aiding is None else settings.aided_every
-        self._record = Record(
-            self._fix.shape[0], np.sqrt(model.noise[:3] / nominal) if settings.with_poses else None
-        )
+        self._record = Record(self._fix.shape[0], np.sqrt(model.noise[:3] / nominal) if settings.with_poses else None)
         self._estimate = Estimate(start, model, settings, self._record.event, self._coast, alignment)
         self._record.epoch(start.time, self._estimate)
         self._aiding = AidingUpdates(self._estimate, settings, self._record, gps, start.time)
@@ -139,6 +138,21 @@ class Navigator:
         estimate.go_on(start, span)
         self._record.epoch(start.time, estimate)
         self._aiding.restart(start.time)
+
+    def _cuts(self, begin: float, end: float) -> FloatArray:
+        """Return the times at which intervals from `begin` to `end` are cut: start, fixes and rows of the solution.
+
+        Before a pose of another point a short piece is cut off: the velocity needs the rate at the epoch, not its mean.
+        """
+        every, settings = self._grid[1], self._settings
+        grid = every * np.arange(np.floor(begin / every), np.ceil(end / every) + 1.0) if every > 0.0 else np.empty(0)
+        fixes, wanted = (
+            some[slice(*np.searchsorted(some, [begin, end + strapdown.TIME_TOLERANCE]))]
+            for some in (self._fix_time[self._next :], settings.epochs)
+        )
+        poses = np.empty(0) if settings.point_b is None else wanted if settings.epochs.size else grid
+        cuts = np.sort(np.concatenate([[self._start], fixes, grid, wanted, poses - INSTANT * self._nominal]))
+        return np.asarray(cuts[np.diff(cuts, prepend=-np.inf) > strapdown.TIME_TOLERANCE])
 
     def _begin_grid(self, time: float) -> None:
         """Set the next epochs of the solution: whole multiples of the interval, and those wanted."""
@@ -212,7 +226,7 @@ class Navigator:
         stop = parts.end.shape[0] if last else stop
         first = int(np.searchsorted(parts.end, max(self._done, self._start + strapdown.TIME_TOLERANCE), side="right"))
         if stop > first:
-            cuts = np.concatenate([[self._start], self._fix_time[self._next :]])
+            cuts = self._cuts(parts.end[first] - parts.dt[first], parts.end[stop - 1])
             pieces = strapdown.split(parts, cuts, first, stop)
             inc = strapdown.increments(parts, pieces)
             last_fix = int(np.searchsorted(self._fix_time, parts.end[-1] + strapdown.TIME_TOLERANCE, side="right"))

@@ -124,7 +124,7 @@ class Record:
         (3,) common to all attitudes [rad]. Misalignment is filter noise, not a state, but does not average out. These
         sds describe the rotation between sensor axes and IMU. `last`: outputs are not needed again.
 
-        A row for an epoch inside an interval is moved back from its end at the interval's mean rate and acceleration.
+        Rows for epochs are moved there, by the clock shift found meanwhile, at constant rate and acceleration.
         """
         clock, delay_sd, axes_sd = common
         (rows, some), begin, first = np.sum([room.used for room in self._rooms], axis=0).tolist(), 0, 0

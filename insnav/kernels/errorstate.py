@@ -75,7 +75,7 @@ class Outputs(NamedTuple):
     wanted: np.ndarray  # (k,) further epochs, increasing [s]
     used: np.ndarray  # (2,) rows filled in the first three arrays and in the last two
     time: np.ndarray  # (m,) [s]
-    aim: np.ndarray  # (m,) epoch of the row, at most an interval before its time; NaN: its time [s]
+    aim: np.ndarray  # (m,) epoch for which the row was made; NaN: its time [s]
     state: np.ndarray  # (m, 10)
     known: np.ndarray  # (m,) number of the row
     motion: np.ndarray  # (m, 6) motion at these rows, as in `Carried`

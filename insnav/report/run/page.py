@@ -117,6 +117,7 @@ def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: s
     tables += [("errors", found.errors), ("smoothed_errors", found.smoothed_errors)]
     if run.smoothed is not None:
         tables += [("smoothed", run.smoothed.solution), ("smoothed_biases", run.smoothed.sensor_errors)]
+    tables.append(("poses", run.poses))
     for name, table in tables:
         if table is not None:
             solution_tables.write_run_table(place, table, table_format, name)
