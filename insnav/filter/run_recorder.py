@@ -117,7 +117,7 @@ class Record:
         common: tuple[float, float, FloatArray],
         last: bool,
     ) -> tuple[Trajectory, FloatArray]:
-        """Build a trajectory of the outputs with roll, pitch, heading and standard deviations; and rates (n, 3) [rad/s].
+        """Build a trajectory of the outputs with roll, pitch, heading and standard deviations. Also rates (n, 3).
 
         `epochs` (m,) [s]. `variance`: before and after these, see `variances`. `change`: modifies states (n, 10) at
         times (n,) in place. `common`: clock shift of the times and its standard deviation [s], and standard deviations

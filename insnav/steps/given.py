@@ -47,8 +47,8 @@ def checked(inputs: Inputs) -> Inputs:
         if value is not None and what.choices:
             one_of(key, value, what.choices)
     with_priors(inputs.get("faults") or {})
-    for name in ("lever_arm", "ref_lever_arm"):
-        vector(name, inputs.get(name))
+    vector("lever_arm", inputs.get("lever_arm"))
+    vector("ref_lever_arm", inputs.get("ref_lever_arm"))
     span = inputs.get("static")
     if span is not None and not span[1] > span[0]:
         raise ConfigError("input.bad_span", where="static", span_s=(float(span[0]), float(span[1])))
