@@ -38,7 +38,7 @@ def covariance_at(time: FloatArray, epochs: Epochs) -> FloatArray:
 
 
 def move_to_point(
-    track: Trajectory, w_ib_b: FloatArray, point_b: FloatArray, covariance: FloatArray, rate_sd: FloatArray
+    track: Trajectory, w_eb_b: FloatArray, point_b: FloatArray, covariance: FloatArray, rate_sd: FloatArray
 ) -> Trajectory:
     """Move a trajectory to another point of the rigid vehicle, with its standard deviations.
 
@@ -46,8 +46,8 @@ def move_to_point(
     ----------
     track : Trajectory
         At the IMU, ``(n,)`` rows.
-    w_ib_b : (n, 3) array
-        Angular rate [rad/s].
+    w_eb_b : (n, 3) array
+        Angular rate relative to the Earth [rad/s].
     point_b : (3,) array
         The point seen from the IMU, body axes [m].
     covariance : (n, 9, 9) array
@@ -62,7 +62,6 @@ def move_to_point(
     the error of ``C r`` is ``(C r) x phi``.
     """
     c = dcm_from_rph(track.rph)
-    w_eb_b = w_ib_b - np.einsum("nij,ni->nj", c, earth_rate_n(track.lla[:, 0]))
     lever_n, slip_n = c @ point_b, np.einsum("nij,nj->ni", c, np.cross(w_eb_b, point_b))
     sd = track.sd
     if sd is not None:
@@ -98,4 +97,5 @@ def poses_of(
     poses = track.rows(rows)
     if point_b is None:
         return poses
-    return move_to_point(poses, w_ib_b[rows], point_b, covariance_at(poses.time, known), rate_sd)
+    earth = np.einsum("nij,ni->nj", dcm_from_rph(poses.rph), earth_rate_n(poses.lla[:, 0]))
+    return move_to_point(poses, w_ib_b[rows] - earth, point_b, covariance_at(poses.time, known), rate_sd)

@@ -10,8 +10,9 @@ import numpy as np
 from insnav.exceptions import InputError
 from insnav.input.formats.source import open_source
 from insnav.input.formats.text_dialect import is_comment
-from insnav.strapdown import TIME_TOLERANCE
 from insnav.types import FloatArray
+
+_CLOSEST = 4e-6  # closer epochs are one row of a solution [s]
 
 
 def read_epochs(path: str | Path) -> FloatArray:
@@ -43,7 +44,7 @@ def as_epochs(times: object, where: str) -> FloatArray:
     if epochs.ndim != 1 or not epochs.size:
         raise InputError("input.no_epochs", where=where)
     wrong = ~np.isfinite(epochs)
-    wrong[1:] |= ~(np.diff(epochs) > 4.0 * TIME_TOLERANCE)
+    wrong[1:] |= ~(np.diff(epochs) > _CLOSEST)
     if wrong.any():
         row = int(np.argmax(wrong))
         raise InputError("input.epochs_backward", where=where, row=row + 1, time_s=float(epochs[row]))
