@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar, cast
+from typing import Any, Generic, Protocol, TypedDict, TypeVar, cast
 
 import numpy as np
 
@@ -38,6 +38,30 @@ METHODS = {
     "rotor": "rotor_inertia",
 }
 WRONG_UNIT = 0.25  # scale factor error beyond every digital sensor in SI units
+
+
+class BenchInputs(TypedDict, total=False):
+    """Keywords of `BenchOptions`."""
+
+    columns: Mapping[str, str] | None
+    spike_limit: float | None
+    gravity: float
+    gravity_source: str
+    name: str
+    keep: tuple[float, float] | None
+    intercepts: Mapping[str, float] | None
+    counts: bool
+    six: bool
+    sections: Mapping[str, tuple[int, int]] | str | Path | None
+    turn: float
+    axes: str | None
+    units: str | None
+    sampling: str | None
+    stamp: str | None
+    fall_mass: float
+    radius: float
+    mass: float
+    arm: float
 
 
 @dataclass(frozen=True, slots=True)
