@@ -106,14 +106,10 @@ def _resampled(track: Trajectory, interval: float, epochs: FloatArray | None) ->
         other = interpolated(track.rows(slice(None, None, 2)), track.time[1::2])
         true = track.rows(np.flatnonzero(np.isin(track.time, other.time)))
         if len(other.time):
-            off = (
-                ned_offset(other.lla, true.lla) / 16.0,
-                (other.v_n - true.v_n) / 4.0,
-                wrap_pi(other.rph - true.rph) / 4,
-            )
-            sizes = (float(np.nanmax(np.abs(each))) for each in off)
-            names = "position_m", "velocity_m_s", "attitude_rad"
-            found.append(Finding.of(Code.EXPORT_INTERPOLATED, **dict(zip(names, sizes, strict=True))))
+            off = ned_offset(other.lla, true.lla) / 16.0, other.v_n - true.v_n, wrap_pi(other.rph - true.rph)
+            place, velocity, attitude = (float(np.nanmax(np.abs(each))) for each in off)
+            sizes: dict[str, Any] = {"velocity_m_s": velocity / 4.0, "attitude_rad": attitude / 4.0}
+            found.append(Finding.of(Code.EXPORT_INTERPOLATED, position_m=place, **sizes))
     return out, tuple(found)
 
 
