@@ -31,7 +31,7 @@ def export(
         bool, flag(RESULT, "--filtered", "The filtered solution, even if there is a smoothed one.")
     ] = False,
     poses: Annotated[bool, flag(RESULT, "--poses", "The poses of run --epochs or --point.")] = False,
-    rate: Annotated[str, option(RESULT, "HZ", "Rows per second, interpolated, or full: those of the run.")] = "full",
+    rate: Annotated[str, option(RESULT, "HZ", "Rows per second, interpolated, or full: the rows of the run.")] = "full",
     epochs: EpochsFile = None,
     point: Point = None,
     week: Annotated[int | None, option(RESULT, "N", "GPS week. [as the fixes say]", min=0, max=10_000)] = None,

@@ -91,7 +91,7 @@ class EvaluatedRun:
 
     @property
     def useless_reference(self) -> bool:
-        """True if the errors say nothing on the solution: another drive, the fixes themselves, or a noisier file."""
+        """True if the errors do not describe the solution: another drive, the fixes themselves, or a noisier file."""
         return self.other_drive or self.reference_is_gps or self.noisy_reference
 
     @cached_property
@@ -141,8 +141,8 @@ def _held(reference: Trajectory, time: FloatArray) -> Trajectory:
 def noisier_reference(run: Run, errors: TrajectoryErrors) -> Finding | None:
     """Find that most of the error is noise of the reference, and more than that of the fixes: they may be exchanged.
 
-    The solution is smooth, so the white noise of errors is that of the reference, of innovations at most that of the
-    fixes and the prediction. The sd of a scale estimate by medians of n third differences is about 2 / sqrt(n) of it.
+    The solution is smooth, so the white noise of its errors comes from the reference. White noise of innovations comes
+    from fixes and prediction. The sd of a scale estimate by medians of n third differences is about 2 / sqrt(n) of it.
     """
     used = run.innovations.used_position
     fixes, count = white_noise(run.innovations.time[used], run.innovations.innovation[used, :2])

@@ -20,7 +20,7 @@ def on_grid(time: FloatArray, every: float) -> BoolArray:
 
 
 def rows_of(time: FloatArray, epochs: FloatArray) -> IntArray:
-    """Return the rows of `time` (n,) at those of `epochs` (m,) that it has [s]."""
+    """Return the rows of `time` (n,) at `epochs` (m,) [s]; epochs without a row are left out."""
     row = np.searchsorted(time, epochs - 2.0 * TIME_TOLERANCE)
     row = row[row < time.size]
     return np.asarray(row[np.abs(time[row] - epochs[: row.size]) < 4.0 * TIME_TOLERANCE], dtype=np.int64)
@@ -51,8 +51,8 @@ def move_to_point(
     point_b : (3,) array
         The point seen from the IMU, body axes [m].
     covariance : (n, 9, 9) array
-        Of position [m], velocity [m/s], attitude [rad]: its correlations, and its attitude. The standard deviations of
-        position and velocity are those of `track`, and roll, pitch and heading have at least theirs.
+        Of position [m], velocity [m/s], attitude [rad]: only correlations and attitude are used. `track` has the
+        standard deviations of position and velocity, and the least ones of roll, pitch and heading.
     rate_sd : (3,) array
         Standard deviation of the rates [rad/s].
 

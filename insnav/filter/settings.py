@@ -53,5 +53,5 @@ class FilterSettings:
 
     @property
     def with_poses(self) -> bool:
-        """Whether poses are wanted: the solution at `epochs`, of `point_b`."""
+        """Return whether poses are wanted: the solution at `epochs`, of `point_b`."""
         return self.epochs.size > 0 or self.point_b is not None

@@ -203,9 +203,9 @@ def nmea(track: Track) -> str:
 
 
 def sbet(track: Track) -> bytes:
-    """Write SBET: seconds of the GPS week if known, position, velocity, attitude, wander angle, acceleration, rate.
+    """Write SBET: seconds of the GPS week if known, position, velocity, attitude, frame angle, acceleration, rate.
 
-    The wander angle is zero, so that velocities are North, East, Down and the platform heading is the heading.
+    The angle of the level frame from North is zero: velocities are North, East, Down.
     Accelerations are over ground and rates relative to the Earth, in body axes.
     """
     way = track.trajectory
@@ -224,7 +224,7 @@ def smrmsg(track: Track) -> bytes:
 
 
 def utm(track: Track) -> str:
-    """Write CSV with UTM coordinates of one zone, that of the middle row, and its grid convergence.
+    """Write CSV with UTM coordinates in the zone of the middle row, and the grid convergence.
 
     Raises: ConfigError: beyond 84 deg North or 80 deg South, where UTM ends.
     """

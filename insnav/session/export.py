@@ -57,7 +57,7 @@ def track_of(
     """Read the track of a run.
 
     `solution`: by default smoothed, if present. `week`: GPS week of the first epoch, if neither fixes nor times
-    determine it. `interval`: rows at whole multiples of it [s]; 0: those of the run. `epochs` (m,): rows there [s].
+    determine it. `interval`: rows at whole multiples of it [s]; 0: rows of the run. `epochs` (m,): rows there [s].
     `point` (3,): forward, right, down of the IMU [m]; its standard deviations neglect correlations of position,
     velocity and attitude, which a folder does not have.
     Returns: the track, and findings on its interpolation.

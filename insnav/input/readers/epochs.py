@@ -1,4 +1,4 @@
-"""Epochs at which a pose is wanted, such as those of camera triggers."""
+"""Epochs at which a pose is wanted, such as camera triggers."""
 
 from __future__ import annotations
 
